@@ -4,11 +4,8 @@ use std::path::Path;
 use std::{env, fs, io};
 
 /// Boards by their features, and their maps.
-const MAPS: [(&str, &str); 3] = [
-    ("CARGO_FEATURE_EMULATED", "emulated.x"),
-    ("CARGO_FEATURE_SKINPROC", "skinproc.x"),
-    ("CARGO_FEATURE_NUCLEO_G491RE", "nucleo-g491re.x"),
-];
+const MAPS: [(&str, &str); 2] =
+    [("CARGO_FEATURE_SKINPROC", "skinproc.x"), ("CARGO_FEATURE_NUCLEO_G491RE", "nucleo-g491re.x")];
 
 /// What the maps of boards with an STM32 include.
 const COMMON: &str = "stm32.x";

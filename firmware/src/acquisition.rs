@@ -1,8 +1,14 @@
 //! One frame: ambient and lit light of every channel.
 //!
 //! Ambient light adds to what the emitter sends back, so each channel is converted with its
-//! emitter off and then on, and the difference of the two means is the reading. An emitter is lit
-//! only while its own channel is converted: neighbours do not see it, and it stays cool.
+//! emitter off, on and off again; the reading is the lit mean less the mean of both dark ones. What rises
+//! or falls steadily cancels. Of light of amplitude A that flickers with f the reading keeps, at most,
+//!
+//! ```text
+//! A · (1 − cos 2πfΔ)        Δ = settling + conversions of one mean
+//! ```
+//!
+//! An emitter is lit only while its own channel is converted: neighbours do not see it, and it stays cool.
 
 use crate::board::{Clock, FrontEnd};
 use crate::settings::Settings;
@@ -36,11 +42,12 @@ pub struct Frame {
     pub timing: Timing,
 }
 
-/// Takes a frame. The emitters are off before and after.
+/// Takes a frame with conversions of so many ns. The emitters are off before and after.
 pub async fn acquire<F: FrontEnd, C: Clock>(
     front_end: &mut F,
     clock: &C,
     settings: &Settings,
+    conversion_ns: u32,
 ) -> Frame {
     let conversions = settings.conversions.clamp(1, MAX_CONVERSIONS);
     let settling_us = settings.settling_us;
@@ -51,24 +58,21 @@ pub async fn acquire<F: FrontEnd, C: Clock>(
         timing: Timing::default(),
     };
     let start_us = clock.now_us();
+    // From the middle of the lit conversions to the end of those after them.
+    let burst_us = (u32::from(conversions) * conversion_ns).div_ceil(1000);
+    let ago_us = u64::from(u32::from(settling_us) + burst_us + burst_us / 2);
     let (mut first_us, mut last_us) = (start_us, start_us);
     let readings = frame.readings.iter_mut().zip(&mut frame.dark).enumerate();
     for (channel, (reading, dark_reading)) in readings {
-        // The emitter of the channel before has just gone out.
-        let after_us = if channel > 0 { settling_us } else { 0 };
-        let dark = front_end.settle_and_sum(clock, after_us, channel, conversions).await;
-        front_end.light(Some(channel));
-        let lit_us = clock.now_us() + u64::from(settling_us);
-        let lit = front_end.settle_and_sum(clock, settling_us, channel, conversions).await;
-        front_end.light(None);
-        // The middle of the lit conversions.
-        last_us = u64::midpoint(lit_us, clock.now_us());
+        let sums = front_end.expose(clock, settling_us, channel, conversions).await;
+        let [before, lit, after] = sums;
+        last_us = clock.now_us().saturating_sub(ago_us);
         if channel == 0 {
             first_us = last_us;
         }
-        *reading = difference(dark, lit, conversions);
-        *dark_reading = difference(0, dark, conversions);
-        frame.saturated |= u8::from(is_saturated(dark, lit, conversions)) << channel;
+        *reading = difference(before + after, 2 * lit, conversions);
+        *dark_reading = difference(0, before + after, conversions);
+        frame.saturated |= u8::from(is_saturated(before.max(after), lit, conversions)) << channel;
     }
     frame.timing = timing(start_us, first_us, last_us);
     frame
@@ -84,10 +88,10 @@ fn timing(start_us: u64, first_us: u64, last_us: u64) -> Timing {
     }
 }
 
-/// Mean lit code less mean dark code, in counts, rounded, by the sums of so many conversions; zero if it
-/// is darker with light.
+/// Mean lit code less mean dark code, in counts, rounded, by the sums of so many conversions twice over;
+/// zero if it is darker with light.
 fn difference(dark: u32, lit: u32, conversions: u8) -> u16 {
-    let conversions = u32::from(conversions);
+    let conversions = 2 * u32::from(conversions);
     let counts = lit.saturating_sub(dark) * u32::from(COUNTS_PER_LSB);
     // At most 4095 steps of 16 counts, which fit; there is at least one conversion.
     ((counts + conversions / 2) / conversions.max(1)) as u16
@@ -124,7 +128,7 @@ pub async fn illuminate<F: FrontEnd, C: Clock>(
 /// Longest time that a frame with these settings takes, in µs.
 pub fn duration_us(settings: &Settings, conversion_ns: u32) -> u32 {
     let conversions_us = (u32::from(settings.conversions) * conversion_ns).div_ceil(1000);
-    CHANNELS as u32 * (2 * (u32::from(settings.settling_us) + conversions_us) + OVERHEAD_US)
+    CHANNELS as u32 * (2 * u32::from(settings.settling_us) + 3 * conversions_us + OVERHEAD_US)
 }
 
 #[cfg(test)]
@@ -133,10 +137,11 @@ mod tests {
 
     #[test]
     fn readings_are_differences_of_means_in_sixteenths_of_a_step() {
-        assert_eq!(difference(100, 2_100, 1), 32_000);
-        assert_eq!(difference(402, 8_403, 4), 32_004);
-        assert_eq!(difference(0, 1, 3), 5);
-        assert_eq!(difference(0, 64 * u32::from(FULL_SCALE), 64), 65_520);
+        assert_eq!(difference(200, 4_200, 1), 32_000);
+        assert_eq!(difference(804, 16_806, 4), 32_004);
+        assert_eq!(difference(201, 4_200, 1), 31_992);
+        assert_eq!(difference(0, 2, 3), 5);
+        assert_eq!(difference(0, 2 * 64 * u32::from(FULL_SCALE), 64), 65_520);
     }
 
     #[test]
@@ -155,8 +160,8 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_takes_two_settlings_and_two_bursts_per_channel() {
+    fn a_frame_takes_two_settlings_and_three_bursts_per_channel() {
         let settings = Settings { conversions: 16, settling_us: 50, ..Settings::DEFAULT };
-        assert_eq!(duration_us(&settings, 1_500), 8 * (2 * (50 + 24) + 30));
+        assert_eq!(duration_us(&settings, 1_500), 8 * (2 * 50 + 3 * 24 + 30));
     }
 }

@@ -6,9 +6,6 @@ use shared_proto::Vitals;
 
 /// The emitters and the converter behind the eight photointerrupters.
 pub trait FrontEnd {
-    /// Time of one conversion in ns, rounded up: what the host is told fits into a period.
-    const CONVERSION_NS: u32;
-
     /// Lights the emitter of one channel and no other, or none.
     fn light(&mut self, channel: Option<usize>);
 
@@ -28,6 +25,22 @@ pub trait FrontEnd {
     ) -> u32 {
         clock.wait_until_us(clock.now_us() + u64::from(settling_us)).await;
         self.sum(channel, conversions).await
+    }
+
+    /// The sums of so many conversions of a channel with its emitter off, on after `settling_us`, and off again
+    /// after as long; no emitter is lit before and after. As it is here, for a board that does not do it by itself.
+    async fn expose<C: Clock>(
+        &mut self,
+        clock: &C,
+        settling_us: u16,
+        channel: usize,
+        conversions: u8,
+    ) -> [u32; 3] {
+        let before = self.sum(channel, conversions).await;
+        self.light(Some(channel));
+        let lit = self.settle_and_sum(clock, settling_us, channel, conversions).await;
+        self.light(None);
+        [before, lit, self.settle_and_sum(clock, settling_us, channel, conversions).await]
     }
 
     /// Measures temperature and supply, within [`VITALS_US`]. As it is here, for a board that cannot.
@@ -97,17 +110,11 @@ impl SyncInput for NoSyncInput {
 
 /// The rate of the serial line, and a bootloader in ROM. The defaults are those of a board with a fixed rate and
 /// no bootloader.
-pub trait Chip {
-    /// Rates that the line to the host can be set to.
-    const RATES: &'static [Baud] = &[];
+pub trait Chip<W> {
+    /// Sets the line to a rate; the last byte that was written has left.
+    async fn set_baud(&mut self, _sender: &mut W, _rate: Baud) {}
 
-    /// Whether it has a bootloader of its own that listens on that line.
-    const HAS_BOOTLOADER: bool = false;
-
-    /// Sets the line to one of [`Self::RATES`] once the last byte that was written has left.
-    async fn set_baud(&mut self, _rate: Baud) {}
-
-    /// Starts the bootloader once the last byte that was written has left, and does not come back.
+    /// Starts the bootloader and does not come back; the last byte that was written has left.
     async fn start_bootloader(&mut self) {}
 }
 
@@ -115,7 +122,7 @@ pub trait Chip {
 #[derive(Clone, Copy, Debug)]
 pub struct NoChip;
 
-impl Chip for NoChip {}
+impl<W> Chip<W> for NoChip {}
 
 /// Resets the board unless fed at least once a second.
 pub trait Watchdog {

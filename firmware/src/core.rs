@@ -3,28 +3,27 @@
 use crate::acquisition::Frame;
 use crate::baud::Baud;
 use crate::board::{SeenEdge, Storage, VITALS_US};
-use crate::guard::{Guard, Verdict};
 use crate::last_words::LastWords;
 use crate::limits::Limits;
 use crate::line::{Change, LineState};
 use crate::outbox::Outbox;
 use crate::session::Session;
 use crate::settings::Settings;
+use crate::upload::Record;
 use shared_proto::{
-    Answer, BoardId, Boot, CHANNELS, Command, Frame as WireFrame, Identity, Refusal, ResetCause,
-    Signature, Status, Stream, Values, Vitals,
+    Answer, BoardId, Boot, CHANNELS, Command, Frame as WireFrame, Identity, PacketOrigin, Refusal,
+    ResetCause, Status, Stream, Values, Vitals,
 };
 
 /// Time between two words of the board's health, in µs.
 const HEALTH_US: u64 = 1_000_000;
 
 /// Session, outbox and counts.
-#[derive(Clone, Debug)]
-pub(crate) struct Core {
+#[derive(Debug)]
+pub(crate) struct Core<'a> {
     identity: Identity,
     reset_cause: ResetCause,
-    session: Session,
-    guard: Guard,
+    session: Session<'a>,
     self_test: Option<SelfTest>,
     line: LineState,
     outbox: Outbox,
@@ -46,7 +45,6 @@ pub(crate) struct SelfTest {
     /// Which emitter.
     pub(crate) emitter: u8,
     number: u16,
-    signature: Option<Signature>,
 }
 
 /// The next action on the serial line.
@@ -67,26 +65,24 @@ pub(crate) enum HealthDue {
     InHaste,
 }
 
-impl Core {
-    /// The state after a reset, with word of it in the outbox.
-    pub(crate) fn new<S: Storage>(
+impl<'a> Core<'a> {
+    /// The state after a reset, with word of it in the outbox. `record` is where uploads are put together,
+    /// `start` the number of this run of the board.
+    pub(crate) fn new(
         identity: Identity,
-        reset_cause: ResetCause,
-        last_words: LastWords,
+        start: u16,
+        (reset_cause, last_words): (ResetCause, LastWords),
         limits: Limits,
         rate: Option<Baud>,
-        nonce: Option<[u8; 8]>,
-        storage: &mut S,
+        record: &'a mut Record,
     ) -> Self {
-        let session = Session::new(limits, storage);
-        let mut outbox = Outbox::new();
+        let mut outbox = Outbox::new(PacketOrigin { board: identity.id().short(), start });
         let Identity { board, firmware, .. } = identity;
         outbox.push_boot(Boot { board, firmware, cause: reset_cause });
         Self {
             identity,
             reset_cause,
-            guard: Guard::new(session.key(), nonce),
-            session,
+            session: Session::new(limits, record),
             self_test: None,
             line: LineState::new(rate),
             outbox,
@@ -99,6 +95,11 @@ impl Core {
             health_at_us: 0,
             described: None,
         }
+    }
+
+    /// Uses what is in storage.
+    pub(crate) fn load<S: Storage>(&mut self, storage: &mut S) {
+        self.session.load(storage);
     }
 
     /// When the next frame is due, `None` when not streaming. Slots that cannot be kept any more
@@ -174,7 +175,6 @@ impl Core {
         number: u16,
         to: Option<BoardId>,
         command: &Command,
-        signature: Option<&Signature>,
         now_us: u64,
         storage: &mut S,
     ) {
@@ -182,14 +182,6 @@ impl Core {
         if !is_ours {
             self.foreign = self.foreign.wrapping_add(1);
             return;
-        }
-        match self.guard.judge(number, to, command, signature) {
-            Verdict::Pass => {}
-            Verdict::Wait => return,
-            Verdict::Again(answer) => return self.outbox.push_answer(number, answer),
-            Verdict::Refuse(refusal) => {
-                return self.outbox.push_answer(number, Answer::Refused(refusal));
-            }
         }
         if let Command::Start = command {
             self.described = None; // whoever asks wants to know
@@ -200,10 +192,8 @@ impl Core {
                 Command::Identify => Answer::Identity(self.identity),
                 Command::Status => Answer::Status(self.status(now_us)),
                 Command::LastWords { offset } => self.last_words.answer(*offset),
-                Command::Challenge => Answer::Challenge(self.guard.challenge()),
                 Command::SelfTest { emitter } => {
-                    let (emitter, signature) = (*emitter, signature.copied());
-                    self.self_test = Some(SelfTest { emitter, number, signature });
+                    self.self_test = Some(SelfTest { emitter: *emitter, number });
                     return; // the answer comes when it is done
                 }
                 Command::SetBaud { baud } => {
@@ -218,8 +208,6 @@ impl Core {
                 _ => Answer::Done,
             },
         };
-        self.guard.set_key(self.session.key());
-        self.guard.answered(signature, answer);
         self.outbox.push_answer(number, answer);
     }
 
@@ -227,7 +215,7 @@ impl Core {
     pub(crate) fn take_self_test(&mut self) -> Option<SelfTest> {
         let test = self.self_test.take()?;
         if self.session.is_streaming() {
-            self.answer_self_test(&test, Answer::Refused(Refusal::Streaming));
+            self.outbox.push_answer(test.number, Answer::Refused(Refusal::Streaming));
             return None;
         }
         Some(test)
@@ -235,11 +223,7 @@ impl Core {
 
     /// A self-test is done: by how much its emitter raises each channel, in steps.
     pub(crate) fn finish_self_test(&mut self, test: &SelfTest, rise: [i16; CHANNELS]) {
-        self.answer_self_test(test, Answer::SelfTest { emitter: test.emitter, rise });
-    }
-
-    fn answer_self_test(&mut self, test: &SelfTest, answer: Answer) {
-        self.guard.answered(test.signature.as_ref(), answer);
+        let answer = Answer::SelfTest { emitter: test.emitter, rise };
         self.outbox.push_answer(test.number, answer);
     }
 

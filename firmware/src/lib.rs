@@ -1,16 +1,8 @@
 //! What the SkinProc board does, whatever it runs on.
 //!
-//! ```text
-//! FrontEnd ─ acquisition ─ Core ─ Outbox ─ link ─▶ host
-//!            at the slots    │ ▲
-//!            of Schedule     ▼ │
-//!            Converter ── Session ◀─ link ◀─ host
-//! ```
-//!
-//! At every slot of a schedule, [`acquisition`] reads the eight channels through a [`FrontEnd`];
-//! the core makes a sample of the frame, on request through the [`Converter`], and puts it into the
-//! outbox. Commands go to the session and their answers into the same outbox. [`run()`] ties the
-//! parts to a link, a clock and a watchdog.
+//! At every slot of a schedule, [`acquisition`] reads the eight channels through a [`FrontEnd`]; the core makes a
+//! sample of the frame, on request through the [`Converter`], and puts it into the outbox. Commands go to the session
+//! and their answers into the same outbox. The tasks that do this are those of [`Station`].
 //!
 //! Nothing here names a pin or a register: a board is a binary that implements the traits of
 //! [`board`]. There is no heap, and every queue is bounded.
@@ -23,17 +15,15 @@ pub mod baud;
 pub mod board;
 mod core;
 mod factory;
-mod guard;
 mod last_words;
 mod limits;
 mod line;
-mod link;
 mod outbox;
-mod run;
 mod schedule;
 mod session;
 mod settings;
 mod slots;
+mod station;
 mod upload;
 mod wrench;
 
@@ -44,10 +34,9 @@ pub use board::{
 };
 pub use factory::Factory;
 pub use last_words::LastWords;
-pub use link::Link;
-pub use run::{Parts, run};
 pub use settings::Settings;
 pub use slots::Slots;
+pub use station::{BoardSetup, Station};
 pub use upload::{RECORD, Record};
 pub use wrench::Converter;
 

@@ -2,7 +2,6 @@
 
 use crate::acquisition::{self, MAX_CONVERSIONS};
 use crate::baud::Baud;
-use crate::link::Link;
 use crate::settings::Settings;
 use shared_proto::{READINGS_FRAME, Refusal, Stream, WRENCH_FRAME};
 
@@ -10,40 +9,17 @@ use shared_proto::{READINGS_FRAME, Refusal, Stream, WRENCH_FRAME};
 /// differ by up to 2 % or so.
 const SHARE_PERCENT: u64 = 95;
 
-/// The serial line that samples go out on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Line {
-    /// What it carries, in bytes per second; `None` if it is never the bottleneck.
-    pub(crate) bytes_per_s: Option<u32>,
-    /// How frames travel on it.
-    pub(crate) link: Link,
-}
-
-impl Line {
-    /// Time that a sample takes, in µs, with room for the rest.
-    fn sample_us(self, stream: Stream) -> u32 {
-        let Some(bytes_per_s) = self.bytes_per_s.filter(|&rate| rate > 0) else { return 0 };
-        let frame = match stream {
-            Stream::Wrench => WRENCH_FRAME,
-            _ => READINGS_FRAME,
-        };
-        let bytes = self.link.bytes_on_line(frame) as u64;
-        let us = (bytes * 100 * 1_000_000).div_ceil(u64::from(bytes_per_s) * SHARE_PERCENT);
-        u32::try_from(us).unwrap_or(u32::MAX)
-    }
-}
-
 /// What a board can do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Limits {
     /// Shortest period in µs.
     pub(crate) min_period_us: u32,
-    /// Time of a conversion in ns, see [`crate::FrontEnd::CONVERSION_NS`].
+    /// Time of a conversion in ns, rounded up.
     pub(crate) conversion_ns: u32,
     /// How late a frame may start in µs, see [`crate::Clock::TOLERANCE_US`].
     pub(crate) tolerance_us: u32,
-    /// Where samples go.
-    pub(crate) line: Line,
+    /// What the serial line carries, in bytes per second; `None` if it is never the bottleneck.
+    pub(crate) bytes_per_s: Option<u32>,
     /// Rates that the line can be set to, see [`crate::Chip::RATES`].
     pub(crate) rates: &'static [Baud],
     /// See [`crate::Chip::HAS_BOOTLOADER`].
@@ -59,8 +35,18 @@ impl Limits {
 
     /// The same where the line has this rate.
     pub(crate) fn with_rate(self, rate: Baud) -> Self {
-        let line = Line { bytes_per_s: Some(rate.bytes_per_s()), ..self.line };
-        Self { line, ..self }
+        Self { bytes_per_s: Some(rate.bytes_per_s()), ..self }
+    }
+
+    /// Time that a sample takes on the line, in µs, with room for the rest.
+    fn sample_us(self, stream: Stream) -> u32 {
+        let Some(bytes_per_s) = self.bytes_per_s.filter(|&rate| rate > 0) else { return 0 };
+        let bytes = match stream {
+            Stream::Wrench => WRENCH_FRAME as u64,
+            _ => READINGS_FRAME as u64,
+        };
+        let us = (bytes * 100 * 1_000_000).div_ceil(u64::from(bytes_per_s) * SHARE_PERCENT);
+        u32::try_from(us).unwrap_or(u32::MAX)
     }
 
     /// Whether frames can be taken with these settings.
@@ -75,7 +61,7 @@ impl Limits {
             return Err(Refusal::OutOfRange);
         }
         let frame_us = acquisition::duration_us(settings, self.conversion_ns);
-        let sample_us = self.line.sample_us(settings.stream);
+        let sample_us = self.sample_us(settings.stream);
         let shortest_us = frame_us.max(sample_us).max(self.min_period_us);
         if frame_us > settings.period_us {
             Err(Refusal::PeriodTooShort { shortest_us })
@@ -90,20 +76,16 @@ impl Limits {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_proto::xbee::{Address, Mode};
 
     /// 57,600 baud with ten bits to a byte.
-    fn limits(link: Link) -> Limits {
-        let line = Line { bytes_per_s: Some(5_760), link };
-        Limits {
-            min_period_us: 1_000,
-            conversion_ns: 3_250,
-            tolerance_us: 100,
-            line,
-            rates: &[],
-            has_bootloader: false,
-        }
-    }
+    const LIMITS: Limits = Limits {
+        min_period_us: 1_000,
+        conversion_ns: 3_250,
+        tolerance_us: 100,
+        bytes_per_s: Some(5_760),
+        rates: &[],
+        has_bootloader: false,
+    };
 
     fn settings(stream: Stream, period_us: u32) -> Settings {
         Settings { stream, period_us, conversions: 4, settling_us: 30 }
@@ -111,18 +93,12 @@ mod tests {
 
     #[test]
     fn a_rate_that_the_line_cannot_carry_is_refused_and_what_fits_is_said() {
-        let api = Link::Api { mode: Mode::Escaped, to: Address::Short(0) };
-        // Bytes of a sample by the protocol's table (AP=2 at the most), at 95 % of 5,760 per second.
-        let cases = [
-            (Link::Transparent, Stream::Raw, 30.0),
-            (Link::Transparent, Stream::Wrench, 38.0),
-            (api, Stream::Raw, 44.0),
-            (api, Stream::Wrench, 52.0),
-        ];
-        for (link, stream, bytes) in cases {
+        // Bytes of a sample by the protocol's table, at 95 % of 5,760 per second.
+        for (stream, bytes) in [(Stream::Raw, 34.0), (Stream::Wrench, 42.0)] {
             let shortest_us = (bytes * 1e6 / (0.95 * 5_760.0_f64)).ceil() as u32;
-            let check = |period_us| limits(link).check(&settings(stream, period_us));
-            assert_eq!(check(1_000), Err(Refusal::LineTooSlow { shortest_us }));
+            let check = |period_us| LIMITS.check(&settings(stream, period_us));
+            assert_eq!(check(1_000), Err(Refusal::PeriodTooShort { shortest_us }));
+            assert_eq!(check(2_000), Err(Refusal::LineTooSlow { shortest_us }));
             assert_eq!(check(shortest_us - 1), Err(Refusal::LineTooSlow { shortest_us }));
             assert_eq!(check(shortest_us), Ok(()));
         }
@@ -130,14 +106,12 @@ mod tests {
 
     #[test]
     fn the_longer_of_frame_and_sample_is_said_to_fit() {
-        let slow = Settings { settling_us: 1_000, ..settings(Stream::Raw, 6_000) };
-        let refused = limits(Link::Transparent).check(&slow);
-        // 8 · (2 · (1,000 + 13) + 30)
-        assert_eq!(refused, Err(Refusal::PeriodTooShort { shortest_us: 16_448 }));
+        let slow = Settings { settling_us: 1_000, ..settings(Stream::Raw, 6_500) };
+        // 8 · (2 · 1,000 + 3 · 13 + 30)
+        assert_eq!(LIMITS.check(&slow), Err(Refusal::PeriodTooShort { shortest_us: 16_552 }));
         let quick = Settings { period_us: 400, ..settings(Stream::Raw, 0) };
-        let fast_line = Line { bytes_per_s: None, link: Link::Transparent };
-        let limits = Limits { min_period_us: 100, line: fast_line, ..limits(Link::Transparent) };
-        // 8 · (2 · (30 + 13) + 30)
-        assert_eq!(limits.check(&quick), Err(Refusal::PeriodTooShort { shortest_us: 928 }));
+        let limits = Limits { min_period_us: 100, bytes_per_s: None, ..LIMITS };
+        // 8 · (2 · 30 + 3 · 13 + 30)
+        assert_eq!(limits.check(&quick), Err(Refusal::PeriodTooShort { shortest_us: 1_032 }));
     }
 }

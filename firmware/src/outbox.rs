@@ -3,7 +3,8 @@
 use crate::board::SeenEdge;
 use heapless::Deque;
 use shared_proto::{
-    Answer, Boot, CHANNELS, Edge, Frame, Health, Packet, Sample, Timing, Values, Vitals,
+    Answer, Boot, CHANNELS, Edge, Frame, Health, Packet, PacketOrigin, Sample, Timing, Values,
+    Vitals,
 };
 
 /// Samples that can wait: 160 ms at 100 Hz. Word of the board's health takes the place of one.
@@ -35,8 +36,10 @@ enum Waiting {
 /// goes out, so a gap in the sequence is a loss on the way, and a step of `dropped` one on the board. Edges take
 /// the room that samples leave; those that do not fit are counted, so that the number of the next
 /// one tells.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(crate) struct Outbox {
+    /// What all packets say where they come from.
+    origin: PacketOrigin,
     answers: Deque<Frame, ANSWERS>,
     stream: Deque<Waiting, SAMPLES>,
     edges: Deque<Edge, EDGES>,
@@ -48,8 +51,9 @@ pub(crate) struct Outbox {
 
 impl Outbox {
     /// Nothing waits.
-    pub(crate) const fn new() -> Self {
+    pub(crate) const fn new(origin: PacketOrigin) -> Self {
         Self {
+            origin,
             answers: Deque::new(),
             stream: Deque::new(),
             edges: Deque::new(),
@@ -101,12 +105,12 @@ impl Outbox {
 
     /// An answer for the host. If too many wait it is lost, and the host will ask again.
     pub(crate) fn push_answer(&mut self, number: u16, answer: Answer) {
-        _ = self.answers.push_back(Packet::Answer { number, answer }.encode());
+        _ = self.answers.push_back(Packet::Answer { number, answer }.encode_from(self.origin));
     }
 
     /// Word that the board has started.
     pub(crate) fn push_boot(&mut self, boot: Boot) {
-        _ = self.answers.push_back(Packet::Boot(boot).encode());
+        _ = self.answers.push_back(Packet::Boot(boot).encode_from(self.origin));
     }
 
     /// The answer that goes out next.
@@ -116,7 +120,8 @@ impl Outbox {
 
     /// What goes out next where there is no answer.
     pub(crate) fn pop(&mut self) -> Option<Frame> {
-        let edge = |edge| Packet::Edge(edge).encode();
+        let origin = self.origin;
+        let edge = |edge| Packet::Edge(edge).encode_from(origin);
         self.pop_stream().or_else(|| self.edges.pop_front().map(edge))
     }
 
@@ -131,7 +136,7 @@ impl Outbox {
                 Packet::Sample(Sample { sequence, clock_us, values, saturated, dropped })
             }
         };
-        Some(packet.encode())
+        Some(packet.encode_from(self.origin))
     }
 }
 
@@ -142,9 +147,16 @@ mod tests {
     use super::*;
     use std::vec::Vec;
 
+    const ORIGIN: PacketOrigin = PacketOrigin { board: 7, start: 9 };
+
     fn sent(outbox: &mut Outbox) -> Vec<Packet> {
         let frames = core::iter::from_fn(|| outbox.pop_answer().or_else(|| outbox.pop()));
-        frames.map(|frame| Packet::decode(&frame[..frame.len() - 1]).unwrap()).collect()
+        let packet = |frame: Frame| {
+            let received = Packet::decode(&frame[..frame.len() - 1]).unwrap();
+            assert_eq!(received.origin, Some(ORIGIN));
+            received.packet
+        };
+        frames.map(packet).collect()
     }
 
     fn push(outbox: &mut Outbox, count: u16, late: u32) {
@@ -164,7 +176,7 @@ mod tests {
 
     #[test]
     fn the_oldest_is_dropped_and_counted_and_leaves_no_gap_in_the_sequence() {
-        let mut outbox = Outbox::new();
+        let mut outbox = Outbox::new(ORIGIN);
         push(&mut outbox, SAMPLES as u16 + 3, 0);
         assert_eq!(outbox.overflowed(), 3);
         let expected: Vec<_> = (0..SAMPLES as u16).map(|i| (i, u32::from(i) + 3, 3)).collect();
@@ -175,7 +187,7 @@ mod tests {
 
     #[test]
     fn a_frame_that_was_late_is_counted_from_the_sample_after_it() {
-        let mut outbox = Outbox::new();
+        let mut outbox = Outbox::new(ORIGIN);
         push(&mut outbox, 1, 0);
         push(&mut outbox, 1, 4);
         assert_eq!(samples(&sent(&mut outbox)), [(0, 0, 0), (1, 0, 4)]);
@@ -183,7 +195,7 @@ mod tests {
 
     #[test]
     fn health_keeps_its_place_among_the_samples_and_costs_none_of_the_counts() {
-        let mut outbox = Outbox::new();
+        let mut outbox = Outbox::new(ORIGIN);
         push(&mut outbox, 2, 0);
         let vitals = Vitals { temperature_cdeg: Some(2_512), ..Vitals::default() };
         let timing = Timing { first_us: 300, step_us: 500 };
@@ -201,7 +213,7 @@ mod tests {
 
     #[test]
     fn edges_go_after_samples_and_those_without_room_leave_a_gap_in_the_numbers() {
-        let mut outbox = Outbox::new();
+        let mut outbox = Outbox::new(ORIGIN);
         let edge = |at_us, missed| SeenEdge { at_us, missed };
         outbox.push_edge(edge(1, 0));
         push(&mut outbox, 2, 0);
@@ -223,7 +235,7 @@ mod tests {
 
     #[test]
     fn answers_go_before_samples_and_are_not_kept_out_by_them() {
-        let mut outbox = Outbox::new();
+        let mut outbox = Outbox::new(ORIGIN);
         push(&mut outbox, SAMPLES as u16, 0);
         outbox.push_answer(9, Answer::Done);
         assert_eq!(sent(&mut outbox)[0], Packet::Answer { number: 9, answer: Answer::Done });

@@ -5,13 +5,13 @@ use crate::board::Storage;
 use crate::limits::Limits;
 use crate::schedule::Schedule;
 use crate::settings::Settings;
-use crate::upload::{self, RECORD, Upload};
+use crate::upload::{self, Record, Upload};
 use crate::wrench::Converter;
-use shared_proto::{CHANNELS, Calibration, Command, Key, Refusal, Stream};
+use shared_proto::{CHANNELS, Command, Refusal, Stream};
 
 /// Settings, schedule and calibration. Every command leaves all as it was or does all it asks.
-#[derive(Clone, Debug)]
-pub(crate) struct Session {
+#[derive(Debug)]
+pub(crate) struct Session<'a> {
     limits: Limits,
     settings: Settings,
     /// While streaming.
@@ -19,32 +19,30 @@ pub(crate) struct Session {
     converter: Option<Converter>,
     calibration_crc32: u32,
     upload: Option<Upload>,
-    key: Option<Key>,
+    /// What is being uploaded; at the start, what is in storage.
+    record: &'a mut Record,
 }
 
-impl Session {
-    /// The session after a reset, with the calibration that is in storage.
-    pub(crate) fn new<S: Storage>(limits: Limits, storage: &mut S) -> Self {
-        let mut record = [0; RECORD];
-        storage.load(&mut record);
-        let mut session = Self {
+impl<'a> Session<'a> {
+    /// The session after a reset, without a calibration.
+    pub(crate) fn new(limits: Limits, record: &'a mut Record) -> Self {
+        Self {
             limits,
             settings: Settings::DEFAULT,
             schedule: None,
             converter: None,
             calibration_crc32: 0,
             upload: None,
-            key: upload::key(&record),
-        };
-        if let Some((calibration, crc)) = upload::open(&record) {
-            session.use_calibration(&calibration, crc);
+            record,
         }
-        session
     }
 
-    /// What commands have to be signed with.
-    pub(crate) fn key(&self) -> Option<Key> {
-        self.key
+    /// Uses the calibration that is in storage, if there is one.
+    pub(crate) fn load<S: Storage>(&mut self, storage: &mut S) {
+        storage.load(self.record);
+        if let Some(crc) = upload::kept_crc(self.record) {
+            self.use_record(crc);
+        }
     }
 
     /// How frames are taken.
@@ -93,17 +91,13 @@ impl Session {
         storage: &mut S,
     ) -> Result<(), Refusal> {
         match *command {
-            Command::Identify
-            | Command::Status
-            | Command::LastWords { .. }
-            | Command::Challenge => Ok(()),
+            Command::Identify | Command::Status | Command::LastWords { .. } => Ok(()),
             Command::SetBaud { baud } => self.set_baud(baud),
             Command::Bootloader if !self.limits.has_bootloader => Err(Refusal::NotOnThisBoard),
             Command::Bootloader => {
                 self.schedule = None;
                 Ok(())
             }
-            Command::SetKey(key) => self.set_key(key, storage),
             Command::SelfTest { emitter } if usize::from(emitter) >= CHANNELS => {
                 Err(Refusal::OutOfRange)
             }
@@ -130,12 +124,14 @@ impl Session {
                 self.change(Settings { stream, ..self.settings }, now_us)
             }
             Command::BeginCalibration { size, crc32 } => {
-                self.upload = Some(Upload::begin(size, crc32)?);
+                self.upload = Some(Upload::begin(size, crc32, self.record)?);
                 Ok(())
             }
             Command::CalibrationPiece { offset, ref data } => {
-                self.upload.as_mut().ok_or(Refusal::NoUpload)?.piece(offset, data)
+                self.upload.as_mut().ok_or(Refusal::NoUpload)?.piece(offset, data, self.record)
             }
+            // The core stands still while pages are erased, and frames would be lost.
+            Command::CommitCalibration if self.is_streaming() => Err(Refusal::Streaming),
             Command::CommitCalibration => self.commit(storage),
             Command::Zero { frames } => {
                 self.converter.as_mut().ok_or(Refusal::NoCalibration)?.start_zero(frames);
@@ -190,33 +186,20 @@ impl Session {
 
     /// The upload is kept, so that a commit whose answer was lost can be sent again.
     fn commit<S: Storage>(&mut self, storage: &mut S) -> Result<(), Refusal> {
-        let upload = self.upload.as_ref().ok_or(Refusal::NoUpload)?;
-        let (record, calibration, crc) = upload.finish()?;
+        let crc = self.upload.ok_or(Refusal::NoUpload)?.finish(self.record)?;
         let in_use = self.is_calibrated() && self.calibration_crc32 == crc;
         if !in_use {
-            let mut record = *record;
-            upload::keep_key(&mut record, self.key);
-            storage.store(&record).map_err(|_| Refusal::StorageFailed)?;
-            self.use_calibration(&calibration, crc);
+            storage.store(self.record).map_err(|_| Refusal::StorageFailed)?;
+            self.use_record(crc);
         }
         Ok(())
     }
 
-    /// The calibration stays.
-    fn set_key<S: Storage>(&mut self, key: Option<Key>, storage: &mut S) -> Result<(), Refusal> {
-        if key != self.key {
-            let mut record = [0; RECORD];
-            storage.load(&mut record);
-            upload::keep_key(&mut record, key);
-            storage.store(&record).map_err(|_| Refusal::StorageFailed)?;
-            self.key = key;
+    fn use_record(&mut self, crc: u32) {
+        if let Some(calibration) = upload::open(self.record) {
+            self.converter = Some(Converter::new(&calibration));
+            self.calibration_crc32 = crc;
         }
-        Ok(())
-    }
-
-    fn use_calibration(&mut self, calibration: &Calibration, crc: u32) {
-        self.converter = Some(Converter::new(calibration));
-        self.calibration_crc32 = crc;
     }
 }
 
@@ -226,10 +209,8 @@ mod tests {
 
     use super::*;
     use crate::board::StorageError;
-    use crate::limits::Line;
-    use crate::link::Link;
     use crate::slots::{FakeFlash, Outcome, Slots};
-    use crate::upload::Record;
+    use crate::upload::RECORD;
     use shared_proto::{AXES, CHANNELS, Cubic, FEATURES, MAX_PIECE, Physics, PhysicsSensor, Piece};
     use std::vec::Vec;
 
@@ -258,7 +239,7 @@ mod tests {
         min_period_us: 1_000,
         conversion_ns: 1_500,
         tolerance_us: 100,
-        line: Line { bytes_per_s: None, link: Link::Transparent },
+        bytes_per_s: None,
         rates: &[],
         has_bootloader: false,
     };
@@ -308,14 +289,22 @@ mod tests {
     }
 
     struct Bench {
-        session: Session,
+        session: Session<'static>,
         memory: Memory,
+    }
+
+    /// The session after a reset.
+    fn session<S: Storage>(storage: &mut S) -> Session<'static> {
+        let record = std::boxed::Box::leak(std::boxed::Box::new([0; RECORD]));
+        let mut session = Session::new(LIMITS, record);
+        session.load(storage);
+        session
     }
 
     impl Bench {
         fn new() -> Self {
             let mut memory = erased();
-            Self { session: Session::new(LIMITS, &mut memory), memory }
+            Self { session: session(&mut memory), memory }
         }
 
         fn run(&mut self, command: &Command) -> Result<(), Refusal> {
@@ -330,17 +319,17 @@ mod tests {
     #[test]
     fn settings_outside_their_range_are_refused_and_nothing_changes() {
         let mut bench = Bench::new();
-        // 8 · (2 · (settling + 16 · 1.5 µs) + 30 µs)
+        // 8 · (2 · settling + 3 · 8 · 1.5 µs + 30 µs)
         let too_short = |shortest_us| Refusal::PeriodTooShort { shortest_us };
         let refused = [
             (Command::SetPeriod { period_us: 0 }, Refusal::OutOfRange),
             (Command::SetPeriod { period_us: 999 }, Refusal::OutOfRange),
             (Command::SetPeriod { period_us: 10_000_001 }, Refusal::OutOfRange),
-            (Command::SetPeriod { period_us: 1_000 }, too_short(3_824)),
+            (Command::SetPeriod { period_us: 1_000 }, too_short(2_128)),
             (Command::SetOversampling { conversions: 0 }, Refusal::OutOfRange),
             (Command::SetOversampling { conversions: 65 }, Refusal::OutOfRange),
             (Command::SetSettling { settling_us: 10_001 }, Refusal::OutOfRange),
-            (Command::SetSettling { settling_us: 1_000 }, too_short(16_624)),
+            (Command::SetSettling { settling_us: 1_000 }, too_short(16_528)),
             (Command::SetStream(Stream::Other(7)), Refusal::UnknownCommand),
             (Command::Unknown { code: 77 }, Refusal::UnknownCommand),
         ];
@@ -354,7 +343,7 @@ mod tests {
     fn a_thousand_hertz_fits_once_settling_and_oversampling_are_lower() {
         let mut bench = Bench::new();
         let commands = [
-            Command::SetSettling { settling_us: 30 },
+            Command::SetSettling { settling_us: 25 },
             Command::SetOversampling { conversions: 8 },
             Command::SetPeriod { period_us: 1_000 },
         ];
@@ -380,7 +369,7 @@ mod tests {
         let crc = shared_proto::crc32(&calibration().to_bytes());
         assert_eq!(bench.session.calibration_crc32(), crc);
 
-        let mut after = Session::new(LIMITS, &mut bench.memory);
+        let mut after = session(&mut bench.memory);
         assert_eq!((after.is_calibrated(), after.calibration_crc32()), (true, crc));
         assert!(after.converter().is_some());
     }
@@ -393,30 +382,20 @@ mod tests {
             let crc = shared_proto::crc32(&bytes);
             assert_eq!(bench.run_all(&upload(&bytes, crc)), Ok(()));
             assert_eq!(bench.session.calibration_crc32(), crc);
-            assert_eq!(Session::new(LIMITS, &mut bench.memory).calibration_crc32(), crc);
+            assert_eq!(session(&mut bench.memory).calibration_crc32(), crc);
         }
     }
 
     #[test]
-    fn key_and_calibration_are_kept_side_by_side() {
+    fn a_commit_while_streaming_is_refused_and_done_after_it() {
         let mut bench = Bench::new();
-        let [first, second] = [1, 2].map(|byte| Key::new([byte; Key::LEN]));
-        // A key before there is a calibration.
-        bench.run(&Command::SetKey(first)).unwrap();
-        let mut after = Session::new(LIMITS, &mut bench.memory);
-        assert_eq!((after.key(), after.is_calibrated()), (first, false));
-        bench.run_all(&good_upload()).unwrap();
-        after = Session::new(LIMITS, &mut bench.memory);
-        assert_eq!((after.key(), after.is_calibrated()), (first, true));
-        bench.run(&Command::SetKey(second)).unwrap();
-        after = Session::new(LIMITS, &mut bench.memory);
-        assert_eq!((after.key(), after.is_calibrated()), (second, true));
-        bench.run(&Command::SetKey(None)).unwrap();
-        after = Session::new(LIMITS, &mut bench.memory);
-        assert_eq!((after.key(), after.is_calibrated()), (None, true));
-        bench.memory.works = false;
-        assert_eq!(bench.run(&Command::SetKey(first)), Err(Refusal::StorageFailed));
-        assert_eq!(bench.session.key(), None);
+        let [pieces @ .., commit] = &good_upload()[..] else { panic!() };
+        bench.run(&Command::Start).unwrap();
+        bench.run_all(pieces).unwrap();
+        assert_eq!(bench.run(commit), Err(Refusal::Streaming));
+        assert_eq!(bench.memory.stored, 0);
+        bench.run_all(&[Command::Stop, *commit]).unwrap();
+        assert!(bench.session.is_calibrated());
     }
 
     #[test]
@@ -424,7 +403,7 @@ mod tests {
         let mut bench = Bench::new();
         bench.run_all(&good_upload()).unwrap();
         bench.memory.record[100] ^= 1;
-        assert!(!Session::new(LIMITS, &mut bench.memory).is_calibrated());
+        assert!(!session(&mut bench.memory).is_calibrated());
     }
 
     #[test]
@@ -470,7 +449,7 @@ mod tests {
         assert_eq!(bench.run_all(&upload(&other, other_crc)), Err(Refusal::StorageFailed));
 
         assert_eq!(bench.session.calibration_crc32(), crc);
-        assert_eq!(Session::new(LIMITS, &mut bench.memory).calibration_crc32(), crc);
+        assert_eq!(session(&mut bench.memory).calibration_crc32(), crc);
     }
 
     #[test]
@@ -480,7 +459,7 @@ mod tests {
         let [old_crc, new_crc] = [&old, &new].map(|it| shared_proto::crc32(&it.to_bytes()));
         for outcome in Outcome::ALL {
             let mut slots = Slots::new(FakeFlash::new());
-            let mut session = Session::new(LIMITS, &mut slots);
+            let mut session = session(&mut slots);
             for command in upload(&old.to_bytes(), old_crc) {
                 assert_eq!(session.execute(&command, 0, &mut slots), Ok(()));
             }
@@ -495,10 +474,10 @@ mod tests {
             assert_eq!(session.calibration_crc32(), old_crc);
 
             slots.flash_mut().restore_power();
-            assert_eq!(Session::new(LIMITS, &mut slots).calibration_crc32(), old_crc);
+            assert_eq!(session(&mut slots).calibration_crc32(), old_crc);
             // The upload is still there: the commit can be tried again.
             assert_eq!(session.execute(commit, 0, &mut slots), Ok(()));
-            assert_eq!(Session::new(LIMITS, &mut slots).calibration_crc32(), new_crc);
+            assert_eq!(session(&mut slots).calibration_crc32(), new_crc);
         }
     }
 

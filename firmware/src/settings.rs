@@ -16,9 +16,9 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// After a reset: readings at 100 Hz, means of 16 conversions, 200 µs to settle, which is twice
-    /// the longest response time that Sharp's data sheets give for photointerrupters of this kind
-    /// into 1 kΩ (GP1S560: 90 and 100 µs).
+    /// After a reset: readings at 100 Hz, means of 8 conversions, which are one burst of the converter's, 100 µs to settle: the longest response time
+    /// that Sharp's data sheets give for photointerrupters of this kind into 1 kΩ (GP1S560: 90 and 100 µs).
+    /// A longer one lets more flicker through (docs/board.md).
     pub const DEFAULT: Self =
-        Self { stream: Stream::Raw, period_us: 10_000, conversions: 16, settling_us: 200 };
+        Self { stream: Stream::Raw, period_us: 10_000, conversions: 8, settling_us: 100 };
 }

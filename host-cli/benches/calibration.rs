@@ -34,7 +34,7 @@ fn blocks() -> Vec<Block> {
 }
 
 fn problem(basis: Basis, blocks: &[Block]) -> FitProblem {
-    let model = Model { basis, intercept: true, channels: 8 };
+    let model = Model { basis, intercept: true, channels: 8, memory: 0 };
     let scaling = Scaling::of_sample(&blocks[0].readings, true);
     FitProblem { model, scaling, ridge: 0.0 }
 }

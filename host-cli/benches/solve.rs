@@ -50,7 +50,7 @@ fn sum(rows: &Rows, basis: Basis) -> Moments {
 }
 
 fn with_intercept(basis: Basis) -> Model {
-    Model { basis, intercept: true, channels: 8 }
+    Model { basis, intercept: true, channels: 8, memory: 0 }
 }
 
 #[divan::bench(args = BASES, consts = [1400, 3600])]

@@ -20,6 +20,8 @@ pub(crate) struct Arrays<'a, 'w> {
     pub(crate) wrench: ArrayView2<'a, f64>,
     /// For each row the place of its label, and the labels.
     pub(crate) groups: Option<(ArrayView1<'a, u32>, &'a [String])>,
+    /// The time of each row, s.
+    pub(crate) time: Option<ArrayView1<'a, f64>>,
     /// How much each row counts.
     pub(crate) weights: Weights<'a>,
     pub(crate) watch: &'w Watch,
@@ -90,6 +92,10 @@ impl Arrays<'_, '_> {
         for axis in &mut block.wrench[self.wrench.ncols()..] {
             axis.clear();
             axis.resize(rows.len(), 0.0);
+        }
+        block.time_s.clear();
+        if let Some(time) = self.time {
+            block.time_s.extend(rows.iter().map(|row| time[row]));
         }
         block.weights.clear();
         if let Weights::Numbers(weights) = self.weights {

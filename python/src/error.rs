@@ -136,6 +136,12 @@ fn placed(told: PythonMessage, problem: &Problem) -> PythonMessage {
             hint: Some("use the version of shellcal that wrote it, or a later one"),
             ..told
         },
+        Problem::Checksum(_) => PythonMessage {
+            hint: Some(
+                "copy it again from where it was made; if you have edited it, say so with edited=True",
+            ),
+            ..told
+        },
         _ => told,
     }
 }

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use calibration::Kind;
+use calibration::dynamics::{DynamicsRule, LagRule, MemoryRule};
 use calibration::fit::{FitOptions, HeldOut, Outlier, RowName, Workers};
 use calibration_file::{CalibrationFile, CalibrationFileError, Role, SourceFile};
 use figures::{FitPlot, Size, fit_figure};
@@ -25,19 +26,20 @@ pub(crate) struct Fitted(pub(crate) CalibrationFile);
 type Predicted<'py> = (Bound<'py, PyArray2<f64>>, Option<Bound<'py, PyArray2<f64>>>);
 
 /// Arrays as Python gives them: readings, wrench, for each row the place of its label with the labels,
-/// how often each row is there, and how much it counts.
+/// how often each row is there, how much it counts, and its time.
 type Rows<'py> = (
     PyReadonlyArray2<'py, f64>,
     PyReadonlyArray2<'py, f64>,
     Option<(PyReadonlyArray1<'py, u32>, Vec<String>)>,
     Option<PyReadonlyArray1<'py, u32>>,
     Option<PyReadonlyArray1<'py, f64>>,
+    Option<PyReadonlyArray1<'py, f64>>,
 );
 
 /// Passes the rows to `fit` without the interpreter's lock.
 fn over_rows<T: Send>(
     py: Python<'_>,
-    (x, y, groups, repeats, weights): Rows<'_>,
+    (x, y, groups, repeats, weights, time): Rows<'_>,
     progress: Option<Py<PyAny>>,
     fit: impl FnOnce(&Arrays<'_, '_>) -> Result<T, Failure> + Send,
 ) -> Result<T, Failure> {
@@ -48,8 +50,9 @@ fn over_rows<T: Send>(
         (None, Some(weights)) => Weights::Numbers(weights.as_array()),
         (None, None) => Weights::Equal,
     };
+    let time = time.as_ref().map(|time| time.as_array());
     without_lock(py, progress.as_ref(), |watch| {
-        fit(&Arrays { readings, wrench, groups, weights, watch })
+        fit(&Arrays { readings, wrench, groups, time, weights, watch })
     })
 }
 
@@ -59,14 +62,15 @@ fn source(rows: &Arrays<'_, '_>) -> Vec<SourceFile> {
         role: Role::Train,
         path: "<array>".into(),
         checksum: Some(rows.checksum()),
+        digest: None,
         rows: rows.rows() as u64,
     }]
 }
 
 /// Fits a calibration. Returns it with what is to be known of it.
 #[pyfunction]
-#[pyo3(signature = (rows, *, model, intercept, ridge, solver, truncate, cross_validation, seed, covariance,
-    threads, made_by, serial, progress))]
+#[pyo3(signature = (rows, *, model, intercept, ridge, solver, truncate, lag, memory_terms, cross_validation, seed,
+    covariance, threads, made_by, serial, progress))]
 #[expect(clippy::too_many_arguments, reason = "each has a name in Python")]
 pub(crate) fn fit(
     py: Python<'_>,
@@ -76,6 +80,8 @@ pub(crate) fn fit(
     ridge: f64,
     solver: &str,
     truncate: Option<f64>,
+    lag: Option<f64>,
+    memory_terms: Option<Vec<f64>>,
     cross_validation: Option<(Option<usize>,)>,
     seed: u64,
     covariance: &str,
@@ -90,6 +96,11 @@ pub(crate) fn fit(
         ridge,
         solver: options::solver(solver)?,
         truncate,
+        // What is not given is searched for.
+        dynamics: DynamicsRule {
+            lag: lag.map_or(LagRule::Auto, LagRule::Given),
+            memory: memory_terms.as_deref().map_or(MemoryRule::Auto, MemoryRule::Given),
+        },
         cross_validation: cross_validation.map(|(folds,)| HeldOut::from(folds)),
         seed,
         covariance: options::covariance(covariance)?,
@@ -107,6 +118,9 @@ pub(crate) fn fit(
         let fitted =
             calibration::fit(&data, &Dataset::default(), &FitOptions { workers, ..options })?;
         let mut warnings: Vec<String> = fitted.warnings.iter().map(ToString::to_string).collect();
+        if let Some(Err(reason)) = &fitted.dynamics {
+            warnings.push(format!("lag and memory were not searched for: {reason}"));
+        }
         if let Some(Ok(found)) = &fitted.outliers {
             let name = |row: &Outlier| row_name(row, data.channels());
             let names: Vec<RowName> = found.rows.iter().map(name).collect();
@@ -138,15 +152,29 @@ fn row_name(row: &Outlier, channels: usize) -> RowName {
 impl Fitted {
     /// Reads a calibration file.
     #[staticmethod]
-    fn load(py: Python<'_>, path: PathBuf) -> Result<Self, Failure> {
-        py.detach(|| Ok(Self(CalibrationFile::read(&path)?)))
+    fn load(py: Python<'_>, path: PathBuf, edited: bool) -> Result<Self, Failure> {
+        py.detach(|| match edited {
+            true => Ok(Self(CalibrationFile::read_edited(&path)?)),
+            false => Ok(Self(CalibrationFile::read(&path)?)),
+        })
     }
 
     /// Reads a document.
     #[staticmethod]
-    fn parse(py: Python<'_>, document: &[u8], name: PathBuf) -> Result<Self, Failure> {
+    fn parse(
+        py: Python<'_>,
+        document: &[u8],
+        name: PathBuf,
+        edited: bool,
+    ) -> Result<Self, Failure> {
         let named = |problem| CalibrationFileError { path: name.clone(), problem };
-        py.detach(|| Ok(Self(CalibrationFile::parse(document).map_err(named)?)))
+        py.detach(|| {
+            let file = match edited {
+                true => CalibrationFile::parse_edited(document),
+                false => CalibrationFile::parse(document),
+            };
+            Ok(Self(file.map_err(named)?))
+        })
     }
 
     /// The document.
@@ -193,25 +221,46 @@ impl Fitted {
         }
     }
 
-    /// The wrench of every row, and its standard errors if they are asked for.
+    /// Whether it has memory terms, and whether these need times.
+    fn memory(&self) -> (bool, bool) {
+        let calibration = &self.0.calibration;
+        (calibration.memory.is_some(), calibration.needs_time())
+    }
+
+    /// The wrench of every row, and its standard errors if they are asked for. With memory terms rows are those of
+    /// one recording, in order, at `time`.
     fn predict<'py>(
         &self,
         py: Python<'py>,
         x: PyReadonlyArray2<'py, f64>,
         errors: bool,
+        time: Option<PyReadonlyArray1<'py, f64>>,
     ) -> Result<Predicted<'py>, Failure> {
         let (readings, calibration) = (x.as_array(), &self.0.calibration);
+        let time = time.as_ref().map(|time| time.as_array());
         let rows = readings.nrows();
         let (wrench, deviations) = without_lock(py, None, |watch| {
             let axes = calibration.axes;
             let new = || Array2::<f64>::zeros((rows, axes.count()));
             let (mut wrench, mut deviations) = (new(), errors.then(new));
             let (mut block, mut of_block) = (Vec::new(), PerAxis::default());
+            let mut memory = calibration.start_memory();
             for start in (0..rows).step_by(BLOCK_ROWS) {
                 if watch.is_stopped() {
                     break;
                 }
-                range_of_columns(&readings, start..rows.min(start + BLOCK_ROWS), &mut block);
+                let range = start..rows.min(start + BLOCK_ROWS);
+                range_of_columns(&readings, range.clone(), &mut block);
+                if let Some(memory) = &mut memory {
+                    let times_s: Vec<f64> =
+                        time.map_or_else(Vec::new, |time| range.map(|row| time[row]).collect());
+                    let terms = memory.terms(&times_s, &block).map_err(|error| PythonMessage {
+                        class: "OptionError",
+                        message: error.to_string(),
+                        ..PythonMessage::default()
+                    })?;
+                    block.extend(terms);
+                }
                 calibration.wrench(&block, &mut of_block);
                 copy(&axes.of(&of_block), start, &mut wrench);
                 if let Some(deviations) = &mut deviations {

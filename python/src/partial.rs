@@ -55,7 +55,8 @@ impl Partial {
         let (readings, wrench) = (x.as_array(), y.as_array());
         let places = groups.as_ref().map(|(places, labels)| (places.as_array(), labels.as_slice()));
         without_lock(py, None, |watch| {
-            let rows = Arrays { readings, wrench, groups: places, weights: Weights::Equal, watch };
+            let (groups, weights) = (places, Weights::Equal);
+            let rows = Arrays { readings, wrench, groups, time: None, weights, watch };
             let split = match kept {
                 Some(_) => random_split(RANDOM_FOLDS, seed),
                 None => RandomSplit::default(),
@@ -65,13 +66,14 @@ impl Partial {
             let workers = Workers { threads: 0, watch: Some(&watch) };
             let sums = sum_groups(&data, basis, apart, workers)?;
             let total = sums.total().ok_or(FitError::NoRows)?.clone();
-            let model = Model { basis, intercept, channels: total.channels() };
+            let model = Model { basis, intercept, channels: total.channels(), memory: 0 };
             let mut partial = PartialFit::new(model, Sums::Exact(total));
             (partial.made_by, partial.date) = made;
             partial.sources = vec![SourceFile {
                 role: Role::Train,
                 path: name,
                 checksum: Some(rows.checksum()),
+                digest: Some(data.fingerprint().to_string()),
                 rows: readings.nrows() as u64,
             }];
             if kept.is_some() {
@@ -122,6 +124,7 @@ impl Partial {
             seed,
             triangles: false,
             fresh,
+            mapping: &mapping,
             read: ReadOptions { threads, skip_bad_rows, ..ReadOptions::default() },
         };
         without_lock(py, None, |_| {
@@ -218,7 +221,8 @@ impl Partial {
         without_lock(py, None, |_| {
             partial.put_in_order();
             let fitted = merge::fit(partial, model, &options)?;
-            let mut file = merge::file(&fitted, partial, serial);
+            let mut file = merge::file(&fitted, partial);
+            file.origin.sensor_serial = serial.or(file.origin.sensor_serial);
             (file.origin.made_by, file.origin.date) = made;
             Ok(Fitted(file))
         })

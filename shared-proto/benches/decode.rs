@@ -3,7 +3,9 @@
 
 use divan::{Bencher, black_box, counter::BytesCount};
 use shared_proto::xbee::{Address, ApiFrame};
-use shared_proto::{Decoder, Event, Framing, Packet, Sample, Values};
+use shared_proto::{
+    Decoder, Event, Framing, Packet, READINGS_FRAME, ReceivedPacket, Sample, Values,
+};
 
 /// Pieces as a serial port hands them over.
 const PIECE: usize = 4096;
@@ -44,7 +46,8 @@ fn samples(bencher: Bencher<'_, '_>, framing: Framing) {
         let mut sum = 0_u64;
         for piece in black_box(&stream).chunks(PIECE) {
             decoder.feed(piece, |event| {
-                if let Event::Sample { sample, .. } = event {
+                if let Event::Packet(ReceivedPacket { packet: Packet::Sample(sample), .. }) = event
+                {
                     sum += u64::from(sample.clock_us);
                 }
             });
@@ -80,7 +83,7 @@ fn encode(bencher: Bencher<'_, '_>) {
             dropped: 0,
         })
         .collect();
-    bencher.counter(BytesCount::new(30 * samples.len())).bench_local(|| {
+    bencher.counter(BytesCount::new(READINGS_FRAME * samples.len())).bench_local(|| {
         black_box(&samples)
             .iter()
             .map(|&sample| Packet::Sample(sample).encode().len())

@@ -36,8 +36,6 @@ macro_rules! codes {
 pub enum Board {
     /// STM32L432KC.
     SkinProc,
-    /// A Cortex-M4F in emulation.
-    Emulated,
     /// A process on the host.
     Simulated,
     /// The Nucleo-G491RE: STM32G491RE.
@@ -46,7 +44,7 @@ pub enum Board {
     Other(u8),
 }
 
-codes!(Board { SkinProc = 1, Emulated = 2, Simulated = 3, NucleoG491re = 4 });
+codes!(Board { SkinProc = 1, Simulated = 3, NucleoG491re = 4 });
 
 /// What the samples of the stream hold.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -95,6 +93,11 @@ impl BoardId {
     /// The name of the board with a serial number.
     pub fn of_serial(serial: &[u8; 12]) -> Self {
         Self(crc32(serial).max(1)) // 0 stands for every board
+    }
+
+    /// What the board's own packets call it: the lower half.
+    pub const fn short(self) -> u16 {
+        self.0 as u16
     }
 
     pub(crate) fn code(id: Option<Self>) -> u32 {

@@ -37,6 +37,11 @@ impl<const N: usize> Bytes<N> {
         true
     }
 
+    /// Keeps the first `len` bytes.
+    pub(crate) fn truncate(&mut self, len: usize) {
+        self.len = self.len.min(len as u8);
+    }
+
     pub(crate) fn clear(&mut self) {
         self.len = 0;
     }

@@ -6,7 +6,6 @@
 use crate::CHANNELS;
 use crate::board::{Identity, Status, Stream};
 use crate::bytes::{Bytes, Reader};
-use crate::key::{Challenge, Key};
 
 /// Most bytes of a calibration in one command, or of last words in one answer.
 pub const MAX_PIECE: usize = 32;
@@ -69,10 +68,6 @@ pub enum Command {
         /// The first byte wanted.
         offset: u16,
     },
-    /// Say what signatures are to be made with: [`Answer::Challenge`].
-    Challenge,
-    /// From now on want signatures by this key for all that changes the board, or no signatures.
-    SetKey(Option<Key>),
     /// Light one emitter and say what every channel sees of it: [`Answer::SelfTest`].
     SelfTest {
         /// The emitter, from 0.
@@ -99,12 +94,7 @@ impl Command {
     pub const fn is_for_all(&self) -> bool {
         matches!(
             self,
-            Self::Identify
-                | Self::Status
-                | Self::Start
-                | Self::Stop
-                | Self::LastWords { .. }
-                | Self::Challenge
+            Self::Identify | Self::Status | Self::Start | Self::Stop | Self::LastWords { .. }
         )
     }
 
@@ -124,8 +114,6 @@ impl Command {
             Self::CommitCalibration => 0x0B,
             Self::Zero { .. } => 0x0C,
             Self::LastWords { .. } => 0x0D,
-            Self::Challenge => 0x0E,
-            Self::SetKey(_) => 0x0F,
             Self::SelfTest { .. } => 0x10,
             Self::SetBaud { .. } => 0x11,
             Self::Bootloader => 0x12,
@@ -137,8 +125,7 @@ impl Command {
         out.push(self.code());
         match self {
             Self::Identify | Self::Status | Self::Start | Self::Stop => {}
-            Self::CommitCalibration | Self::Challenge => {}
-            Self::Bootloader | Self::Unknown { .. } => {}
+            Self::CommitCalibration | Self::Bootloader | Self::Unknown { .. } => {}
             Self::SetPeriod { period_us } => {
                 out.extend(&period_us.to_le_bytes());
             }
@@ -164,9 +151,6 @@ impl Command {
             }
             Self::LastWords { offset } => {
                 out.extend(&offset.to_le_bytes());
-            }
-            Self::SetKey(key) => {
-                out.extend(&key.map_or([0; Key::LEN], |key| *key.bytes()));
             }
             Self::SelfTest { emitter } => {
                 out.push(*emitter);
@@ -201,8 +185,6 @@ impl Command {
             0x0B => Self::CommitCalibration,
             0x0C => Self::Zero { frames: body.u16()? },
             0x0D => Self::LastWords { offset: body.u16()? },
-            0x0E => Self::Challenge,
-            0x0F => Self::SetKey(Key::new(body.array()?)),
             0x10 => Self::SelfTest { emitter: body.u8()? },
             0x11 => Self::SetBaud { baud: body.u32()? },
             0x12 => Self::Bootloader,
@@ -231,8 +213,6 @@ pub enum Answer {
         /// Its bytes from the offset on; none at the end.
         text: Piece,
     },
-    /// To [`Command::Challenge`].
-    Challenge(Challenge),
     /// To [`Command::SelfTest`].
     SelfTest {
         /// The emitter.
@@ -253,7 +233,6 @@ impl Answer {
     const STATUS: u8 = 0x02;
     const REFUSED: u8 = 0x03;
     const LAST_WORDS: u8 = 0x04;
-    const CHALLENGE: u8 = 0x05;
     const SELF_TEST: u8 = 0x06;
 
     pub(crate) fn write<const N: usize>(&self, out: &mut Bytes<N>) {
@@ -278,10 +257,6 @@ impl Answer {
                 out.extend(&len.to_le_bytes());
                 out.extend(text);
             }
-            Self::Challenge(challenge) => {
-                out.push(Self::CHALLENGE);
-                challenge.write(out);
-            }
             Self::SelfTest { emitter, rise } => {
                 out.push(Self::SELF_TEST);
                 out.push(*emitter);
@@ -304,7 +279,6 @@ impl Answer {
                 let len = body.u16()?;
                 return Some(Self::LastWords { len, text: Piece::copy_of(body.rest())? });
             }
-            Self::CHALLENGE => Self::Challenge(Challenge::read(&mut body)?),
             Self::SELF_TEST => {
                 let emitter = body.u8()?;
                 let mut rise = [0; CHANNELS];
@@ -353,12 +327,6 @@ pub enum Refusal {
         /// The shortest period that would do, in µs.
         shortest_us: u32,
     },
-    /// The board has a key, and the command is not signed.
-    Unsigned,
-    /// The signature is not that of the command by the board's key and on this run.
-    BadSignature,
-    /// A signed command that is not newer than one before it.
-    Replayed,
     /// Not while it streams.
     Streaming,
     /// This board has nothing that could do it.
@@ -383,9 +351,6 @@ impl Refusal {
             Self::BadCalibration => 10,
             Self::StorageFailed => 11,
             Self::LineTooSlow { .. } => 12,
-            Self::Unsigned => 13,
-            Self::BadSignature => 14,
-            Self::Replayed => 15,
             Self::Streaming => 16,
             Self::NotOnThisBoard => 17,
             Self::Other(code) => code,
@@ -413,9 +378,6 @@ impl Refusal {
             10 => Self::BadCalibration,
             11 => Self::StorageFailed,
             12 => Self::LineTooSlow { shortest_us: body.u32()? },
-            13 => Self::Unsigned,
-            14 => Self::BadSignature,
-            15 => Self::Replayed,
             16 => Self::Streaming,
             17 => Self::NotOnThisBoard,
             code => Self::Other(code),

@@ -5,10 +5,11 @@
 //! marks the end of a frame and nothing else.
 //!
 //! Escaped XBee API mode spends a second byte on each of four byte values. The first byte of a
-//! packet is a mask, to which all others are exclusive-ored, chosen so that the frame holds none
-//! of the four: the length on the wire does not depend on the readings. Such a mask exists: of its
-//! 256 values each byte of a packet rules out five at most (those that turn it into one of the
-//! four, or into zero), which leaves one for packets of up to 51 bytes.
+//! packet is a mask, to which all others but the CRC are exclusive-ored, chosen so that the frame holds
+//! none of the four: the length on the wire does not depend on the readings. The CRC is that of the bytes
+//! as they are sent, so it covers the mask and differs with it. Of 256 masks each byte rules out five
+//! at most (those that turn it into one of the four, or into zero), so one is left for packets of up to
+//! 51 bytes; in a sample a hundred are, of which the two bytes of the CRC rule out one in thirty.
 
 use crate::bytes::Bytes;
 use crate::error::DecodeError;
@@ -30,25 +31,45 @@ pub(crate) const fn is_escaped(byte: u8) -> bool {
     matches!(byte, 0x7E | 0x7D | 0x11 | 0x13)
 }
 
-/// Masks and frames a plain packet.
-pub(crate) fn encode(mut packet: Plain) -> Frame {
-    // A length of 16 or 18 bytes can be left without a mask, for its COBS code can be one of the
-    // four; no sample has such a length, and an escape more does no harm elsewhere.
-    let mask = (0..=255).find(|&mask| is_free_of_escapes(&packet, mask)).unwrap_or(0);
-    packet.as_mut_slice().iter_mut().for_each(|byte| *byte ^= mask);
+/// Masks a plain packet, appends the CRC of what goes out, and frames both.
+pub(crate) fn encode(mut packet: Plain, crc: impl Fn(&[u8]) -> u16) -> Frame {
+    let len = packet.len();
+    for mask in 0..=255 {
+        if last_code(&packet, mask).is_none() {
+            continue;
+        }
+        mask_and_check(&mut packet, mask, &crc);
+        if last_code(&packet, 0).is_some_and(|code| !is_escaped(code)) {
+            return cobs(&packet);
+        }
+        packet.truncate(len);
+        packet.as_mut_slice().iter_mut().for_each(|byte| *byte ^= mask);
+    }
+    // A length of 16 or 18 bytes is left without a mask where its COBS code is one of the four; no
+    // sample has such a length, and an escape more does no harm elsewhere.
+    let mask = (0..=255).find(|&mask| last_code(&packet, mask).is_some()).unwrap_or(0);
+    mask_and_check(&mut packet, mask, &crc);
     cobs(&packet)
 }
 
-fn is_free_of_escapes(packet: &[u8], mask: u8) -> bool {
+fn mask_and_check(packet: &mut Plain, mask: u8, crc: impl Fn(&[u8]) -> u16) {
+    packet.as_mut_slice().iter_mut().for_each(|byte| *byte ^= mask);
+    let crc = crc(packet);
+    packet.extend(&crc.to_le_bytes());
+}
+
+/// The COBS code that is open at the end of a packet with this mask; `None` if a byte before it is
+/// escaped.
+fn last_code(packet: &[u8], mask: u8) -> Option<u8> {
     let mut code = 1;
     for byte in packet {
         let byte = byte ^ mask;
         if is_escaped(if byte == 0 { code } else { byte }) {
-            return false;
+            return None;
         }
         code = if byte == 0 { 1 } else { code + 1 };
     }
-    !is_escaped(code)
+    Some(code)
 }
 
 fn cobs(packet: &[u8]) -> Frame {
@@ -63,7 +84,7 @@ fn cobs(packet: &[u8]) -> Frame {
     frame
 }
 
-/// The plain packet in a frame, which is given without its delimiter.
+/// The packet in a frame, which is given without its delimiter; it is still masked.
 pub(crate) fn decode(frame: &[u8]) -> Result<Plain, DecodeError> {
     // Every byte but the first code stands where it belongs; the other codes stand for zeros.
     let (&code, bytes) = frame.split_first().ok_or(DecodeError::Framing)?;
@@ -80,8 +101,6 @@ pub(crate) fn decode(frame: &[u8]) -> Result<Plain, DecodeError> {
     if next != bytes.len() + 1 {
         return Err(DecodeError::Framing);
     }
-    let mask = *packet.first().ok_or(DecodeError::Framing)?;
-    packet.as_mut_slice().iter_mut().for_each(|byte| *byte ^= mask);
     Ok(packet)
 }
 
@@ -104,6 +123,11 @@ mod tests {
     use proptest::prelude::*;
     use std::vec::Vec;
 
+    /// Any function of all bytes.
+    fn crc(bytes: &[u8]) -> u16 {
+        bytes.iter().fold(0xFFFF, |sum, &byte| sum.rotate_left(3) ^ u16::from(byte))
+    }
+
     fn plain(content: &[u8]) -> Plain {
         let mut packet = Plain::new();
         assert!(packet.push(0) && packet.extend(content));
@@ -112,13 +136,17 @@ mod tests {
 
     proptest! {
         #[test]
-        fn decoding_undoes_encoding(content in prop::collection::vec(any::<u8>(), 0..MAX_PACKET)) {
+        fn decoding_undoes_encoding(content in prop::collection::vec(any::<u8>(), 0..MAX_PACKET - 2)) {
             let packet = plain(&content);
-            let frame = encode(packet);
+            let frame = encode(packet, crc);
             let (&end, body) = frame.split_last().unwrap();
             prop_assert_eq!(end, 0);
             prop_assert!(!body.contains(&0));
-            prop_assert_eq!(decode(body), Ok(packet));
+            let wire = decode(body).unwrap();
+            let (sent, check) = wire.split_last_chunk().unwrap();
+            prop_assert_eq!(crc(sent).to_le_bytes(), *check);
+            let unmasked: Vec<u8> = sent.iter().map(|byte| byte ^ sent[0]).collect();
+            prop_assert_eq!(&unmasked[..], &packet[..]);
         }
 
         #[test]
@@ -126,7 +154,7 @@ mod tests {
             header in 1_u8..,
             content in prop::collection::vec(any::<u8>(), 2..30),
         ) {
-            let frame = encode(plain(&[&[header][..], &content].concat()));
+            let frame = encode(plain(&[&[header][..], &content].concat()), crc);
             prop_assert_eq!(super::header(&frame), Some(header));
         }
 
@@ -143,8 +171,7 @@ mod tests {
         fn what_is_no_cobs_is_refused(frame in prop::collection::vec(1..9_u8, 2..40)) {
             let mut theirs = [0; 64];
             let theirs = ::cobs::decode(&frame, &mut theirs).ok().map(|report| {
-                let packet = &theirs[..report.frame_size()];
-                packet.iter().map(|byte| byte ^ packet[0]).collect::<Vec<_>>()
+                theirs[..report.frame_size()].to_vec()
             });
             prop_assert_eq!(decode(&frame).ok().map(|packet| packet.to_vec()), theirs);
         }
@@ -153,9 +180,9 @@ mod tests {
     #[test]
     fn packets_whose_bytes_all_need_escapes_get_a_mask_that_needs_none() {
         let awkward = [0x7E, 0x7D, 0x11, 0x13, 0x00];
-        for len in (1..MAX_PACKET).filter(|len| ![16, 18].contains(&(len + 1))) {
+        for len in (1..MAX_PACKET - 2).filter(|len| ![16, 18].contains(&(len + 3))) {
             let content: Vec<u8> = awkward.iter().copied().cycle().take(len).collect();
-            assert!(!encode(plain(&content)).iter().any(|&byte| is_escaped(byte)), "{len}");
+            assert!(!encode(plain(&content), crc).iter().any(|&byte| is_escaped(byte)), "{len}");
         }
     }
 

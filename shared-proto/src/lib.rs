@@ -2,12 +2,12 @@
 //!
 //! A [`Packet`] travels as a [`Frame`]: COBS with a zero delimiter. Over a transparent XBee the
 //! frames are the byte stream; in API mode they are the data of [`xbee`] frames. Either way a
-//! [`Decoder`] turns bytes, in slices of any size, back into packets and counts what was lost.
+//! [`Decoder`] turns bytes, in slices of any size, back into packets and counts what was damaged.
 //! The layout, byte by byte, is in this crate's README; the literal bytes in `tests/golden.rs`
 //! keep it.
 //!
 //! ```
-//! use shared_proto::{Decoder, Event, Framing, Packet, Sample, Values};
+//! use shared_proto::{Decoder, Event, Framing, PacketOrigin, Packet, ReceivedPacket, Sample, Values};
 //!
 //! let sample = Sample {
 //!     sequence: 7,
@@ -16,19 +16,16 @@
 //!     saturated: 0,
 //!     dropped: 0,
 //! };
-//! let frame = Packet::Sample(sample).encode();
+//! let origin = PacketOrigin { board: 0x2052, start: 1 };
+//! let frame = Packet::Sample(sample).encode_from(origin);
 //!
 //! let mut decoder = Decoder::new(Framing::Cobs);
-//! let mut samples = Vec::new();
+//! let mut packets = Vec::new();
 //! for piece in frame.chunks(3) {
-//!     decoder.feed(piece, |event| {
-//!         if let Event::Sample { sample, .. } = event {
-//!             samples.push(sample);
-//!         }
-//!     });
+//!     decoder.feed(piece, |event| packets.push(event));
 //! }
-//! assert_eq!(samples, [sample]);
-//! assert_eq!(decoder.counters().missing, 0);
+//! let received = ReceivedPacket { origin: Some(origin), packet: Packet::Sample(sample) };
+//! assert_eq!(packets, [Event::Packet(received)]);
 //! ```
 //!
 //! The crate does no input or output, allocates nothing and never panics on what it is fed. What
@@ -38,7 +35,6 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
-mod authentication;
 mod board;
 mod bytes;
 mod calibration;
@@ -49,14 +45,10 @@ mod edge;
 mod error;
 mod frame;
 mod health;
-mod key;
-mod outage;
 mod packet;
-mod sequence;
 pub mod skinproc;
 pub mod xbee;
 
-pub use authentication::{MAX_SIGNED_PIECE, Signature};
 pub use board::{Board, BoardId, Identity, ResetCause, Status, Stream};
 pub use bytes::Bytes;
 pub use calibration::{
@@ -69,12 +61,10 @@ pub use edge::Edge;
 pub use error::DecodeError;
 pub use frame::{Frame, MAX_FRAME, MAX_PACKET};
 pub use health::{Health, Timing, Vitals};
-pub use key::{Challenge, Key};
-pub use outage::Silence;
 pub use packet::{
-    Boot, COUNTS_PER_LSB, Packet, READINGS_FRAME, Sample, VERSION, Values, WRENCH_FRAME,
+    Boot, COUNTS_PER_LSB, Packet, PacketOrigin, READINGS_FRAME, ReceivedPacket, Sample, VERSION,
+    Values, WRENCH_FRAME,
 };
-pub use sequence::{Arrival, Clock, Tracker, WINDOW};
 
 /// Photointerrupters on the board.
 pub const CHANNELS: usize = 8;

@@ -1,6 +1,5 @@
 //! The packets: what each kind holds and where.
 
-use crate::authentication::Signature;
 use crate::board::{Board, BoardId, ResetCause};
 use crate::bytes::Reader;
 use crate::command::{Answer, Command};
@@ -12,7 +11,11 @@ use crate::{AXES, CHANNELS};
 use crc::{CRC_16_M17, Crc};
 
 /// Version of the protocol: the upper four bits of every header.
-pub const VERSION: u8 = 2;
+pub const VERSION: u8 = 3;
+
+/// The version before, which is still read: its packets do not say where they come from, and their CRC
+/// leaves the mask out.
+const VERSION_2: u8 = 2;
 
 /// Steps of a reading per step of the board's 12-bit converter.
 ///
@@ -21,7 +24,7 @@ pub const VERSION: u8 = 2;
 pub const COUNTS_PER_LSB: u16 = 16;
 
 /// CRC-16/M17, polynomial 0x5935: finds every error of up to four bits in up to 241 bits of
-/// content (P. Koopman, "Best CRC Polynomials", 16 bits, HD=5), and a packet of readings has 200.
+/// content (P. Koopman, "Best CRC Polynomials", 16 bits, HD=5), and a packet of readings has 240.
 /// The common 0x1021 finds three.
 static CRC: Crc<u16, Tables> = Crc::<u16, Tables>::new(&CRC_16_M17);
 
@@ -40,7 +43,6 @@ const EDGE: u8 = 0x7;
 pub(crate) const COMMAND: u8 = 0x8;
 const ANSWER: u8 = 0x9;
 const BOOT: u8 = 0xA;
-const SIGNED: u8 = 0xB;
 
 /// Everything that travels between board and host.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -60,17 +62,6 @@ pub enum Packet {
         /// What to do.
         command: Command,
     },
-    /// From a host that has the board's key.
-    Signed {
-        /// Number that the answer repeats.
-        number: u16,
-        /// The board that it is for, `None` for every board.
-        to: Option<BoardId>,
-        /// By the key.
-        signature: Signature,
-        /// What to do; a piece has at most [`MAX_SIGNED_PIECE`](crate::MAX_SIGNED_PIECE) bytes.
-        command: Command,
-    },
     /// From the board.
     Answer {
         /// Number of the command that is answered.
@@ -80,6 +71,24 @@ pub enum Packet {
     },
     /// The board has started.
     Boot(Boot),
+}
+
+/// The board that a packet comes from, and which of its runs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct PacketOrigin {
+    /// See [`BoardId::short`].
+    pub board: u16,
+    /// A number that is new at every start of the board.
+    pub start: u16,
+}
+
+/// A packet as it arrives.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReceivedPacket {
+    /// Where it comes from; commands and packets of version 2 do not say.
+    pub origin: Option<PacketOrigin>,
+    /// The packet.
+    pub packet: Packet,
 }
 
 /// One frame of the stream.
@@ -117,16 +126,21 @@ pub struct Boot {
     pub cause: ResetCause,
 }
 
-/// Bytes of a sample of readings on the wire, whatever it holds: mask, header, sequence number,
+/// Bytes of a sample of readings on the wire, whatever it holds: mask, header, sequence number, origin,
 /// clock, readings, saturation, dropped and CRC, with a code of COBS and the delimiter.
-pub const READINGS_FRAME: usize = 12 + 2 * CHANNELS + 2;
+pub const READINGS_FRAME: usize = 16 + 2 * CHANNELS + 2;
 
 /// Bytes of a sample with a wrench on the wire.
-pub const WRENCH_FRAME: usize = 12 + 4 * AXES + 2;
+pub const WRENCH_FRAME: usize = 16 + 4 * AXES + 2;
 
 impl Packet {
-    /// The packet as a frame, delimiter included.
+    /// The packet as a frame, delimiter included, of no board in particular.
     pub fn encode(&self) -> Frame {
+        self.encode_from(PacketOrigin::default())
+    }
+
+    /// The packet as a frame of a board, delimiter included. A command has no origin.
+    pub fn encode_from(&self, origin: PacketOrigin) -> Frame {
         let (kind, number) = match self {
             Self::Sample(Sample { sequence, values: Values::Readings(_), .. }) => {
                 (SAMPLE_READINGS, *sequence)
@@ -135,7 +149,6 @@ impl Packet {
             Self::Health(health) => (HEALTH, health.sequence),
             Self::Edge(edge) => (EDGE, edge.number),
             Self::Command { number, .. } => (COMMAND, *number),
-            Self::Signed { number, .. } => (SIGNED, *number),
             Self::Answer { number, .. } => (ANSWER, *number),
             Self::Boot(_) => (BOOT, 0),
         };
@@ -143,6 +156,10 @@ impl Packet {
         packet.push(0);
         packet.push(VERSION << 4 | kind);
         packet.extend(&number.to_le_bytes());
+        if kind != COMMAND {
+            packet.extend(&origin.board.to_le_bytes());
+            packet.extend(&origin.start.to_le_bytes());
+        }
         match self {
             Self::Sample(sample) => sample.write(&mut packet),
             Self::Health(health) => health.write(&mut packet),
@@ -151,49 +168,59 @@ impl Packet {
                 packet.extend(&BoardId::code(*to).to_le_bytes());
                 command.write(&mut packet);
             }
-            Self::Signed { to, signature, command, .. } => {
-                packet.extend(&BoardId::code(*to).to_le_bytes());
-                signature.write(&mut packet);
-                command.write(&mut packet);
-            }
             Self::Answer { answer, .. } => answer.write(&mut packet),
             Self::Boot(boot) => boot.write(&mut packet),
         }
-        let crc = CRC.checksum(packet.get(1..).unwrap_or_default());
-        packet.extend(&crc.to_le_bytes());
-        frame::encode(packet)
+        frame::encode(packet, |masked| CRC.checksum(masked))
     }
 
     /// The packet in a frame that is given without its delimiter.
     ///
     /// # Errors
     /// [`DecodeError`]: the bytes are not a frame, are damaged, or are of another version.
-    pub fn decode(frame: &[u8]) -> Result<Self, DecodeError> {
-        let plain = frame::decode(frame)?;
-        let Some((content, crc)) = plain.get(1..).and_then(|rest| rest.split_last_chunk()) else {
-            return Err(DecodeError::Framing);
+    pub fn decode(frame: &[u8]) -> Result<ReceivedPacket, DecodeError> {
+        let wire = frame::decode(frame)?;
+        let Some((masked, crc)) = wire.split_last_chunk() else { return Err(DecodeError::Framing) };
+        let &[mask, header, ..] = masked else { return Err(DecodeError::Framing) };
+        let header = header ^ mask;
+        let mut plain = Plain::copy_of(masked).ok_or(DecodeError::Framing)?;
+        plain.as_mut_slice().iter_mut().for_each(|byte| *byte ^= mask);
+        let mut body = Reader(plain.get(2..).unwrap_or_default());
+        let version = header >> 4;
+        let (computed, crc) = if version <= VERSION_2 {
+            let content = plain.get(1..).unwrap_or_default();
+            (CRC.checksum(content), crc.map(|byte| byte ^ mask))
+        } else {
+            (CRC.checksum(masked), *crc)
         };
-        let mut body = Reader(content);
-        let Some(header) = body.u8() else { return Err(DecodeError::Framing) };
-        if CRC.checksum(content) != u16::from_le_bytes(*crc) {
+        if computed != u16::from_le_bytes(crc) {
             return Err(DecodeError::Crc);
         }
-        if header >> 4 != VERSION {
-            return Err(DecodeError::UnknownVersion { version: header >> 4, kind: header & 0xF });
+        let kind = header & 0xF;
+        if !matches!(version, VERSION | VERSION_2) || (version == VERSION_2 && kind == COMMAND) {
+            return Err(DecodeError::UnknownVersion { version, kind });
         }
-        let Some(number) = body.u16() else { return Err(DecodeError::Body) };
-        match header & 0xF {
+        Self::read(version, kind, &mut body)
+    }
+
+    fn read(version: u8, kind: u8, body: &mut Reader<'_>) -> Result<ReceivedPacket, DecodeError> {
+        let number = body.u16().ok_or(DecodeError::Body)?;
+        let origin = match version == VERSION && kind != COMMAND {
+            true => Some(PacketOrigin::read(body).ok_or(DecodeError::Body)?),
+            false => None,
+        };
+        let body = Reader(body.0);
+        let packet = match kind {
             SAMPLE_READINGS => Sample::read_readings(number, body).map(Self::Sample),
             SAMPLE_WRENCH => Sample::read_wrench(number, body).map(Self::Sample),
             HEALTH => Health::read(number, body).map(Self::Health),
             EDGE => Edge::read(number, body).map(Self::Edge),
             COMMAND => Self::read_command(number, body),
-            SIGNED => Self::read_signed(number, body),
             ANSWER => Answer::read(body).map(|answer| Self::Answer { number, answer }),
             BOOT => Boot::read(body).map(Self::Boot),
             kind => return Err(DecodeError::UnknownKind(kind)),
-        }
-        .ok_or(DecodeError::Body)
+        };
+        Ok(ReceivedPacket { origin, packet: packet.ok_or(DecodeError::Body)? })
     }
 
     fn read_command(number: u16, mut body: Reader<'_>) -> Option<Self> {
@@ -201,28 +228,18 @@ impl Packet {
         Some(Self::Command { number, to, command: Command::read(body)? })
     }
 
-    fn read_signed(number: u16, mut body: Reader<'_>) -> Option<Self> {
-        let to = BoardId::from_code(body.u32()?);
-        let signature = Signature::read(&mut body)?;
-        Some(Self::Signed { number, to, signature, command: Command::read(body)? })
-    }
-
-    /// Whether a header is one of this version.
+    /// Whether a header is one of a version that is read.
     pub(crate) fn has_known_header(frame: &[u8]) -> bool {
         frame::header(frame).is_some_and(|header| {
-            header >> 4 == VERSION
-                && matches!(
-                    header & 0xF,
-                    SAMPLE_READINGS
-                        | SAMPLE_WRENCH
-                        | HEALTH
-                        | EDGE
-                        | COMMAND
-                        | ANSWER
-                        | BOOT
-                        | SIGNED
-                )
+            matches!(header >> 4, VERSION | VERSION_2)
+                && matches!(header & 0xF, SAMPLE_READINGS..=BOOT)
         })
+    }
+}
+
+impl PacketOrigin {
+    fn read(body: &mut Reader<'_>) -> Option<Self> {
+        Some(Self { board: body.u16()?, start: body.u16()? })
     }
 }
 

@@ -12,8 +12,10 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
 use serde_json::{Value, json};
+use shared_proto::CHANNELS;
 
-use crate::emulation::PlayedFrame;
+/// Dark and lit code of every channel.
+pub type PlayedFrame = [(u16, u16); CHANNELS];
 
 /// Names the image that tests run.
 pub const IMAGE: &str = "SHELLCAL_FLASHED_IMAGE";
@@ -195,6 +197,11 @@ impl FlashedBoard {
     /// The rate of the other end of the line, baud; where the board has another, neither understands the other.
     pub fn set_rate(&mut self, baud: f64) {
         self.order(&json!({ "rate": baud }));
+    }
+
+    /// Ambient light flickers with this amplitude, in steps, and frequency.
+    pub fn set_flicker(&mut self, steps: f64, hz: f64) {
+        self.order(&json!({ "flicker": [steps, hz] }));
     }
 
     /// The stack pointer is at an address, as after so many calls.

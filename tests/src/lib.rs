@@ -1,9 +1,8 @@
-//! What tests across the crates share: the emulated board, a browser, running `shellcal`, packets as a host
+//! What tests across the crates share: the modelled board, a browser, running `shellcal`, packets as a host
 //! receives them, and where the real recordings are.
 
 pub mod browser;
 pub mod chromium;
-pub mod emulation;
 pub mod flashed;
 pub mod program;
 pub mod random;

@@ -4,7 +4,7 @@ use shared_proto::{
     AXES, CHANNELS, COUNTS_PER_LSB, Calibration, Cubic, FEATURES, Physics, PhysicsSensor,
 };
 
-use crate::emulation::PlayedFrame;
+use crate::flashed::PlayedFrame;
 use crate::random::Random;
 
 /// Steps of the converter between the plateaus of the modelled sensors, and at the lower one.

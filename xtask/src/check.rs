@@ -7,9 +7,10 @@ use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
 
 use crate::compiler::Compiler;
+use crate::image::Board;
 use crate::need::{Need, Way};
 use crate::steps::{self, PROFILE, cargo, installed, run as step, scratch, workspace};
-use crate::{book, dependencies, pictures, python};
+use crate::{book, dependencies, pictures, python, toolchain};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
@@ -29,6 +30,8 @@ enum CheckPart {
     Format,
     /// Lints, all of which are errors
     Lints,
+    /// Lints of the firmware for the boards' own target
+    Firmware,
     /// Licences, duplicates and sources of the dependencies, by deny.toml
     Dependencies,
     /// That the program compiles for Windows and for Linux on aarch64
@@ -93,6 +96,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         let done = match part {
             CheckPart::Format => format(),
             CheckPart::Lints => lints(),
+            CheckPart::Firmware => firmware(),
             CheckPart::Dependencies => dependencies::check(),
             CheckPart::Systems => systems(),
             CheckPart::Fuzz => fuzz(args.fuzz_seconds),
@@ -128,6 +132,12 @@ fn lints() -> Result<()> {
     // What is not in the program unless it is asked for.
     let optional = ["clippy", "--package", "shellcal", "--bins", "--features", "foxglove"];
     step("lints of features", &mut cargo(&[&optional[..], &PROFILE, &deny].concat()))
+}
+
+fn firmware() -> Result<()> {
+    LINTER.meet()?;
+    let toolchain = toolchain::set_up()?;
+    Board::ALL.into_iter().try_for_each(|board| board.lint(&toolchain))
 }
 
 fn docs() -> Result<()> {

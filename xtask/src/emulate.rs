@@ -1,23 +1,24 @@
-//! `cargo xtask emulate`: the emulated board on a pty, in real time, for anyone to play with.
+//! `cargo xtask emulate`: the flashed image on the model of its microcontroller, on a pty, for anyone to play with.
 
-use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::Stdio;
 
 use anyhow::{Context, Result, bail};
 use shared_proto::CHANNELS;
-use system_tests::emulation::{Memory, PlayedFrame, QEMU};
+use system_tests::flashed::PlayedFrame;
 
-use crate::emulator;
-use crate::image::Image;
+use crate::image::Board;
 use crate::steps::{self, workspace};
-use crate::toolchain;
+use crate::{firmware, model};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     /// Recording to play, over and over: CSV with columns s1 to s8, in steps of the 12-bit converter
     #[arg(long, value_name = "CSV", default_value = "calibration-data/synthetic-test.csv")]
     play: PathBuf,
+
+    /// Board whose image runs
+    #[arg(long, value_enum, default_value = "skinproc")]
+    board: Board,
 }
 
 /// What the converter sees with the emitter off, in steps.
@@ -25,34 +26,11 @@ const DARK: u16 = 100;
 
 pub(crate) fn run(args: &Args) -> Result<()> {
     let frames = read(&workspace().join(&args.play))?;
-    let toolchain = toolchain::set_up()?;
-    emulator::set_up()?;
-    let image = Image::Emulated.build(&toolchain)?;
-    let dir = steps::scratch("emulation")?;
-    let mut qemu = Memory::new().play(&frames).start(&image, &dir)?;
-    qemu.args(["-serial", "pty"]).stdin(Stdio::null()).stdout(Stdio::piped());
-    let mut board = qemu.spawn().with_context(|| format!("cannot start {QEMU}"))?;
-    let output = board.stdout.take().context("no word from QEMU")?;
-    // QEMU says where the serial port is; the rest is what the firmware says.
-    for line in BufReader::new(output).lines() {
-        let line = line?;
-        match line.strip_prefix("char device redirected to ").and_then(|it| it.split(' ').next()) {
-            Some(port) => introduce(port, frames.len(), &args.play),
-            None => println!("{line}"),
-        }
-    }
-    let status = board.wait()?;
-    if !status.success() {
-        bail!("the emulated board has ended: {status}");
-    }
-    Ok(())
-}
-
-fn introduce(port: &str, frames: usize, play: &Path) {
-    println!("the emulated board is on {port}, playing {frames} frames of {}", play.display());
-    println!("ask it:     shellcal board {port} identify");
-    println!("record it:  shellcal record {port} --start --duration 10 --output log.csv");
-    println!("Ctrl-C ends it");
+    firmware::build(args.board)?;
+    let model = model::find(args.board)?;
+    println!("it plays {} frames of {}", frames.len(), args.play.display());
+    let mut command = model.command(&frames, &steps::scratch("emulation")?);
+    steps::run("the modelled board", command.arg("--pty"))
 }
 
 /// The frames of a recording.

@@ -9,16 +9,7 @@ use crate::steps::{self, workspace};
 use crate::toolchain::{TARGET, Toolchain};
 
 /// Where the RAM of all boards begins.
-pub(crate) const RAM: u32 = 0x2000_0000;
-
-/// A binary of the firmware.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Image {
-    /// For a board that can be flashed.
-    Board(Board),
-    /// For QEMU.
-    Emulated,
-}
+const RAM: u32 = 0x2000_0000;
 
 /// A board that can be flashed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -58,33 +49,40 @@ impl Board {
         }
     }
 
-    pub(crate) fn image(self) -> Image {
-        Image::Board(self)
-    }
-}
-
-impl Image {
-    fn name(self) -> &'static str {
+    /// Flash for code, without the pages of the calibration.
+    pub(crate) fn flash_size(self) -> u64 {
         match self {
-            Self::Board(board) => board.name(),
-            Self::Emulated => "skinproc-emulated",
+            Self::SkinProc => 248 * 1024,
+            Self::NucleoG491re => 504 * 1024,
         }
     }
 
-    /// Builds it and returns where it is.
-    pub(crate) fn build(self, toolchain: &Toolchain) -> Result<PathBuf> {
-        let (feature, link): (_, &[&str]) = match self {
-            Self::Board(board) => (board.name(), &["-Tlink.x", "--nmagic", "-Tdefmt.x"]),
-            Self::Emulated => ("emulated", &["-Tlink.x", "--nmagic"]),
-        };
-        let mut cargo = toolchain.build(link);
-        cargo.args(["--features", feature, "--bin", self.name(), "--target-dir"]).arg(target_dir());
-        steps::run(&format!("build {} ({})", self.name(), toolchain.version), &mut cargo)?;
-        Ok(self.path())
+    /// What its linker script gives to variables: all of SRAM2.
+    pub(crate) fn ram_size(self) -> u64 {
+        16 * 1024
     }
 
-    /// Where it is once it has been built.
-    pub(crate) fn path(self) -> PathBuf {
+    /// Lints what only the board's target compiles; warnings are errors.
+    pub(crate) fn lint(self, toolchain: &Toolchain) -> Result<()> {
+        let mut cargo = toolchain.command("clippy");
+        cargo.args(["--features", self.name(), "--bin", self.name(), "--target-dir"]);
+        cargo.arg(target_dir()).args(["--", "-D", "warnings"]);
+        steps::run(&format!("lints of {}", self.name()), &mut cargo)
+    }
+
+    /// Builds its image and returns where it is.
+    pub(crate) fn build(self, toolchain: &Toolchain) -> Result<PathBuf> {
+        let mut cargo = toolchain.command("build");
+        cargo.args(["--features", self.name(), "--bin", self.name(), "--target-dir"]);
+        steps::run(
+            &format!("build {} ({})", self.name(), toolchain.version),
+            cargo.arg(target_dir()),
+        )?;
+        Ok(self.image())
+    }
+
+    /// Where its image is once it has been built.
+    pub(crate) fn image(self) -> PathBuf {
         target_dir().join(TARGET).join("firmware").join(self.name())
     }
 }
@@ -101,8 +99,6 @@ pub(crate) struct Footprint {
     pub(crate) flash: u64,
     /// Variables, the futures of all tasks among them; not the stack.
     pub(crate) ram: u64,
-    /// The first address behind the variables.
-    pub(crate) ram_end: u64,
 }
 
 /// What the image in a file takes.
@@ -110,7 +106,7 @@ pub(crate) fn footprint(path: &Path) -> Result<Footprint> {
     let bytes = std::fs::read(path).with_context(|| format!("cannot read `{}`", path.display()))?;
     let file = object::File::parse(&*bytes)
         .with_context(|| format!("`{}` is not an image", path.display()))?;
-    let mut footprint = Footprint { ram_end: RAM.into(), ..Footprint::default() };
+    let mut footprint = Footprint::default();
     for section in file.sections() {
         let SectionFlags::Elf { sh_flags, .. } = section.flags() else { continue };
         if !sh_flags.contains(elf::SHF_ALLOC) {
@@ -121,7 +117,6 @@ pub(crate) fn footprint(path: &Path) -> Result<Footprint> {
         }
         if section.address() >= RAM.into() {
             footprint.ram += section.size();
-            footprint.ram_end = footprint.ram_end.max(section.address() + section.size());
         }
     }
     Ok(footprint)

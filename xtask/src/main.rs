@@ -5,7 +5,6 @@ mod check;
 mod compiler;
 mod dependencies;
 mod emulate;
-mod emulator;
 mod firmware;
 mod flash;
 mod image;
@@ -34,7 +33,7 @@ struct Args {
 
 #[derive(Debug, Subcommand)]
 enum Task {
-    /// Test that the program works on this machine: Rust, board in emulation, Python, browser
+    /// Test that the program works on this machine: Rust, flashed images, Python, browser
     Test(test::Args),
     /// Check what a change has to pass beside the tests; exit code 1 if anything fails
     Check(check::Args),
@@ -44,11 +43,11 @@ enum Task {
     Licences,
     /// Make the pictures of README anew
     Pictures,
-    /// Build the boards' images and print what they take; exit code 1 above their limits
+    /// Lint and build the boards' images and print what they take; exit code 1 if they do not fit
     Firmware(firmware::Args),
     /// Build a board's image and flash it, with probe-rs
     Flash(flash::Args),
-    /// Run the emulated board on a pty until Ctrl-C
+    /// Run a board's image on the model of its microcontroller, on a pty, until Ctrl-C
     Emulate(emulate::Args),
 }
 

@@ -9,8 +9,7 @@ use anyhow::{Context, Result, ensure};
 use shared_proto::{
     BoardId, Calibration, Command as Order, MAX_PIECE, Packet, Piece, Stream, crc32,
 };
-use system_tests::emulation::PlayedFrame;
-use system_tests::flashed::{FlashedBoard, Model, SERIAL};
+use system_tests::flashed::{FlashedBoard, Model, PlayedFrame, SERIAL};
 
 use crate::image::Board;
 use crate::python;
@@ -35,7 +34,7 @@ pub(crate) fn set_up() -> Result<PathBuf> {
 /// # Errors
 /// Why the model cannot run.
 pub(crate) fn find(board: Board) -> Result<Model> {
-    let image = board.image().path();
+    let image = board.image();
     ensure!(image.exists(), "the board's image has not been built");
     let python = set_up().context("no Python with `unicorn`")?;
     Ok(Model { board: board.name(), image, python })

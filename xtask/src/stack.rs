@@ -151,7 +151,7 @@ impl Code {
         };
         if path.contains(&start) {
             if function.name.contains(PANIC) {
-                return Ok(0); // a panic while one is told of: the emulated board's business
+                return Ok(0); // a panic while one is told of resets the board
             }
             bail!("`{}` calls itself: no bound on the stack", function.name);
         }

@@ -11,13 +11,13 @@ use std::thread;
 
 use anyhow::{Context, Result, bail, ensure};
 use serde_json::Value;
-use system_tests::{emulation, flashed};
+use system_tests::flashed;
 
-use crate::image::{Board, Image};
+use crate::image::Board;
 use crate::jobs::{self, EndedJob, Job};
 use crate::need::Need;
 use crate::steps::{self, PROFILE, REAL_DATA, cargo, real_data, target};
-use crate::{emulator, model, python, setup, toolchain};
+use crate::{model, python, setup, toolchain};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
@@ -29,7 +29,7 @@ pub(crate) struct Args {
 /// What needs more than a compiler.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Part {
-    /// The firmware in emulation
+    /// The flashed images on a model of their microcontrollers
     Board,
     /// Pages in Chromium
     Browser,
@@ -44,7 +44,7 @@ impl Part {
 
     fn needs(self) -> &'static [Need] {
         match self {
-            Self::Board => &[toolchain::NEED, emulator::NEED, python::NEED],
+            Self::Board => &[toolchain::NEED, python::NEED],
             Self::Browser => &[setup::BROWSER],
             Self::Python => &[python::NEED],
             Self::Shells => &[setup::SHELLS],
@@ -110,9 +110,7 @@ fn set_up_and_build(parts: &[Part]) -> Result<(TestEquipment, Vec<Program>)> {
         let python = scope.spawn(|| has(Part::Python).then(python::set_up).transpose());
         if has(Part::Board) {
             let toolchain = toolchain::set_up()?;
-            let emulated = Image::Emulated.build(&toolchain)?;
-            let [board, ..] = Board::ALL.map(|board| board.image().build(&toolchain));
-            equipment.give("needs the emulated board", emulation::IMAGE, emulated);
+            let [board, ..] = Board::ALL.map(|board| board.build(&toolchain));
             equipment.give("needs the flashed image", flashed::IMAGE, board?);
         }
         let programs = programs()?;

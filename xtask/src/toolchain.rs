@@ -54,13 +54,14 @@ impl Toolchain {
         has_linker.then_some(Self { compiler, version, linker })
     }
 
-    /// A build of the package `firmware` for the board, with the linker told `link`.
-    pub(crate) fn build(&self, link: &[&str]) -> Command {
-        let arguments = ["build", "--profile", "firmware", "--package", "firmware"];
+    /// A command of cargo on the package `firmware` for the board.
+    pub(crate) fn command(&self, name: &str) -> Command {
+        let arguments = [name, "--profile", "firmware", "--package", "firmware"];
         let mut cargo = self.compiler.cargo(&arguments, "core");
         if let Some(linker) = self.linker {
             cargo.env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER", linker);
         }
+        let link = ["-Tlink.x", "--nmagic", "-Tdefmt.x"];
         let flags: Vec<_> = link.iter().map(|argument| format!("-C link-arg={argument}")).collect();
         cargo.env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_RUSTFLAGS", flags.join(" "));
         cargo

@@ -10,9 +10,7 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-use crate::recording::address_text;
 use output_file::OutputError;
-use shared_proto::xbee::Address;
 
 /// A growing file.
 #[derive(Debug)]
@@ -137,16 +135,16 @@ pub(super) struct LogFolder {
 }
 
 impl LogFolder {
-    /// A log whose name has the board's address in it: `log-2052.csv` beside `log.csv`; where there is
-    /// one already, `log-2052-2.csv` and so on, for a recording that runs cannot ask.
-    pub(super) fn beside(&self, address: Address) -> Result<AppendWriter, OutputError> {
+    /// A log whose name has that of the board in it: `log-2052.csv` beside `log.csv`; where there is one
+    /// already, `log-2052-2.csv` and so on, for a recording that runs cannot ask.
+    pub(super) fn beside(&self, board: &str) -> Result<AppendWriter, OutputError> {
         let stem = self.path.file_stem().unwrap_or_default().to_string_lossy();
         let dot = self.path.extension().map(|it| format!(".{}", it.to_string_lossy()));
-        let (address, dot) = (address_text(address), dot.unwrap_or_default());
+        let dot = dot.unwrap_or_default();
         let mut number = 1;
         loop {
             let number_text = if number == 1 { String::new() } else { format!("-{number}") };
-            let path = self.path.with_file_name(format!("{stem}-{address}{number_text}{dot}"));
+            let path = self.path.with_file_name(format!("{stem}-{board}{number_text}{dot}"));
             if number == MOST_NAMES || !path.exists() {
                 return AppendWriter::create(&path, false);
             }

@@ -3,17 +3,21 @@
 use std::path::PathBuf;
 
 use serde::Serialize;
-use shared_proto::xbee::Address;
 
 use super::AppendWriter;
+use super::record::RecordOptions;
 use super::record_error::RecordError;
-use crate::recording::{BoardFrame, HeardBoard, LiveForces, Losses, RowWriter, address_text};
+use crate::recording::{BoardFrame, BoardSource, FrameLabel, LiveForces, Losses, RowWriter};
 use shell_data::wrench::AxisValues;
+
+/// How long frames wait for a label, µs of the board's time: longer than a load is held until it is found, and than
+/// commands wait to be followed.
+const LABEL_WAIT_US: i64 = 4_000_000;
 
 /// What came of one board of several.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RecordedBoard {
-    /// Address of its module.
+    /// Address of its module, or what its packets call it.
     pub address: String,
     /// Its log, if one is written.
     pub log: Option<PathBuf>,
@@ -26,13 +30,16 @@ pub struct RecordedBoard {
 
 /// Frames of a board on their way into its log.
 pub(super) struct BoardLog {
-    /// Of its module, behind a base station in API mode.
-    pub(super) address: Option<Address>,
+    pub(super) sender: BoardSource,
     pub(super) log: Option<AppendWriter>,
     /// Made for the first frame, which tells the columns.
     rows: Option<RowWriter>,
     /// Marks that are not among the rows yet.
     marks: Vec<(i64, u32)>,
+    /// Frames that wait for a label.
+    waiting: Vec<BoardFrame>,
+    /// Labels that are not known to the rows yet.
+    labels: Vec<FrameLabel>,
     /// Frames that logs before this one had no columns for.
     other_content: u64,
     pub(super) frames: u64,
@@ -41,41 +48,60 @@ pub(super) struct BoardLog {
 }
 
 impl BoardLog {
-    pub(super) fn new(address: Option<Address>, log: Option<AppendWriter>) -> Self {
+    pub(super) fn new(sender: BoardSource, log: Option<AppendWriter>) -> Self {
         Self {
-            address,
+            sender,
             log,
             rows: None,
             marks: Vec::new(),
+            waiting: Vec::new(),
+            labels: Vec::new(),
             other_content: 0,
             frames: 0,
             extent_us: None,
         }
     }
 
-    /// Writes frames, and empties them.
+    /// Writes frames, and empties them; those that may be labelled wait.
     pub(super) fn write(
         &mut self,
         frames: &mut Vec<BoardFrame>,
         numbered: bool,
-        forces: Option<&LiveForces>,
-        as_sampled: bool,
+        options: &RecordOptions,
     ) -> Result<(), RecordError> {
         self.count(frames);
         let (Some(log), Some(first)) = (&mut self.log, frames.first()) else {
             frames.clear();
             // What nobody records is marked on the screen only.
             self.marks.clear();
+            self.labels.clear();
             return Ok(());
         };
-        let rows = match &mut self.rows {
-            Some(rows) => rows,
-            None => {
-                let rows = RowWriter::new(first, numbered, forces.cloned(), as_sampled)?;
-                log.pending().extend_from_slice(rows.header().as_bytes());
-                self.rows.insert(rows)
+        if self.rows.is_none() {
+            let (forces, as_sampled) = (options.forces.clone(), options.as_sampled);
+            let rows = RowWriter::new(first, numbered, forces, as_sampled)?;
+            let rows = if options.labels { rows.with_labels() } else { rows };
+            log.pending().extend_from_slice(rows.header().as_bytes());
+            self.rows = Some(rows);
+        }
+        match options.labels {
+            false => self.write_rows(frames),
+            true => {
+                self.waiting.append(frames);
+                let newest_us = self.extent_us.map_or(0, |(_, newest_us)| newest_us);
+                let may_wait = |frame: &BoardFrame| frame.time_us > newest_us - LABEL_WAIT_US;
+                let (waiting, mut due): (Vec<_>, Vec<_>) =
+                    std::mem::take(&mut self.waiting).into_iter().partition(may_wait);
+                self.waiting = waiting;
+                self.write_rows(&mut due)
             }
-        };
+        }
+    }
+
+    /// Writes frames to the log, if there are both.
+    fn write_rows(&mut self, frames: &mut Vec<BoardFrame>) -> Result<(), RecordError> {
+        let (Some(rows), Some(log)) = (&mut self.rows, &mut self.log) else { return Ok(()) };
+        self.labels.drain(..).for_each(|label| rows.label(label));
         self.marks.drain(..).for_each(|(index, number)| rows.mark(index, number));
         rows.write(frames, log.pending())?;
         log.flush()?;
@@ -85,6 +111,11 @@ impl BoardLog {
     /// Marks rows, by the index of a frame: the first from it on that is written after this.
     pub(super) fn mark(&mut self, marks: impl Iterator<Item = (i64, u32)>) {
         self.marks.extend(marks);
+    }
+
+    /// Labels rows of frames that have not been written.
+    pub(super) fn label(&mut self, labels: impl Iterator<Item = FrameLabel>) {
+        self.labels.extend(labels);
     }
 
     /// Ends the log, which may be followed by another.
@@ -98,6 +129,8 @@ impl BoardLog {
 
     /// Writes the frames that wait for those after them.
     pub(super) fn finish(&mut self) -> Result<(), RecordError> {
+        let mut waiting = std::mem::take(&mut self.waiting);
+        self.write_rows(&mut waiting)?;
         if let (Some(rows), Some(log)) = (&mut self.rows, &mut self.log) {
             rows.finish(log.pending())?;
             log.flush()?;
@@ -126,14 +159,13 @@ impl BoardLog {
         self.rows.as_ref().and_then(RowWriter::newest_wrench)
     }
 
-    /// What came of it, with the books of the board of its address.
-    pub(super) fn recorded(&self, heard: &[HeardBoard]) -> RecordedBoard {
-        let board = heard.iter().find(|board| board.address == self.address);
+    /// What came of it, with the books of its board.
+    pub(super) fn recorded(&self, losses: Losses) -> RecordedBoard {
         RecordedBoard {
-            address: self.address.map(address_text).unwrap_or_default(),
+            address: self.sender.text(),
             log: self.log.as_ref().map(|log| log.path().to_path_buf()),
             frames: self.frames,
-            losses: board.map(|board| board.reception().losses()).unwrap_or_default(),
+            losses,
         }
     }
 }

@@ -5,8 +5,8 @@ use std::time::{Duration, Instant};
 
 use shared_proto::xbee::{Address, ApiFrame, Deframer};
 use shared_proto::{
-    Answer, BoardId, CHANNELS, Calibration, Challenge, Command, Decoder, Event, Framing, Identity,
-    Key, MAX_PIECE, MAX_SIGNED_PIECE, Packet, Piece, Refusal, Status, crc32,
+    Answer, BoardId, CHANNELS, Calibration, Command, Decoder, Event, Framing, Identity, MAX_PIECE,
+    Packet, Piece, ReceivedPacket, Refusal, Status, VERSION, crc32,
 };
 
 use super::LinkError;
@@ -35,11 +35,7 @@ impl Uplink {
     ///
     /// `board` is the one that it is for, `None` for every board.
     pub fn encode(&self, number: u16, board: Option<BoardId>, command: Command) -> Vec<u8> {
-        self.frame(&Packet::Command { number, to: board, command })
-    }
-
-    fn frame(&self, packet: &Packet) -> Vec<u8> {
-        let frame = packet.encode();
+        let frame = Packet::Command { number, to: board, command }.encode();
         match self.framing {
             Framing::Cobs => frame.to_vec(),
             Framing::Xbee(mode) => {
@@ -97,10 +93,6 @@ pub struct Client<P> {
     board: Option<BoardId>,
     /// Serial numbers in the answers to the last command.
     serials: Vec<[u8; 12]>,
-    /// What commands that change the board are signed with.
-    key: Option<Key>,
-    /// What signatures are made with, once the board has said it.
-    challenge: Option<Challenge>,
 }
 
 impl<P: Read + Write> Client<P> {
@@ -116,8 +108,6 @@ impl<P: Read + Write> Client<P> {
             number,
             board: None,
             serials: Vec::new(),
-            key: None,
-            challenge: None,
         }
     }
 
@@ -125,12 +115,6 @@ impl<P: Read + Write> Client<P> {
     #[must_use]
     pub fn with_board(self, board: BoardId) -> Self {
         Self { board: Some(board), ..self }
-    }
-
-    /// Signs what changes the board.
-    #[must_use]
-    pub fn with_key(self, key: Key) -> Self {
-        Self { key: Some(key), challenge: None, ..self }
     }
 
     /// Sends a command until its answer comes.
@@ -144,48 +128,9 @@ impl<P: Read + Write> Client<P> {
         if self.board.is_none() && !command.is_for_all() {
             self.board = Some(self.identify()?.id());
         }
-        match self.key.filter(|_| !command.is_for_all()) {
-            None => self.send(command, None),
-            Some(key) => {
-                let known = self.challenge.is_some();
-                match self.send_signed(command, &key) {
-                    // The board has started anew since it said what to sign with.
-                    Err(LinkError::Refused { refusal: Refusal::BadSignature, .. }) if known => {
-                        self.challenge = None;
-                        self.send_signed(command, &key)
-                    }
-                    answer => answer,
-                }
-            }
-        }
-    }
-
-    fn send_signed(&mut self, command: Command, key: &Key) -> Result<Answer, LinkError> {
-        let mut challenge = match self.challenge {
-            Some(challenge) => challenge,
-            None => self.challenge()?,
-        };
-        challenge.counter = challenge.counter.saturating_add(1);
-        self.challenge = Some(challenge);
-        self.send(command, Some((key, challenge)))
-    }
-
-    fn send(
-        &mut self,
-        command: Command,
-        signing: Option<(&Key, Challenge)>,
-    ) -> Result<Answer, LinkError> {
         self.number = self.number.wrapping_add(1);
         self.serials.clear();
-        let (number, to) = (self.number, self.board);
-        let packet = match signing {
-            None => Packet::Command { number, to, command },
-            Some((key, Challenge { nonce, counter, .. })) => {
-                let signature = key.sign(&nonce, counter, number, to, &command);
-                Packet::Signed { number, to, signature, command }
-            }
-        };
-        let bytes = self.uplink.frame(&packet);
+        let bytes = self.uplink.encode(self.number, self.board, command);
         let mut silent = true;
         for _ in 0..ATTEMPTS {
             match self.port.write_all(&bytes) {
@@ -223,16 +168,20 @@ impl<P: Read + Write> Client<P> {
             *silent &= count == 0;
             let (mut found, mut other) = (None, None);
             self.downlink.feed(&buffer[..count], |event| match event {
-                Event::Answer { number, answer } if number == self.number => {
-                    if let Answer::Identity(identity) = answer {
+                Event::Packet(ReceivedPacket {
+                    packet: Packet::Answer { number, answer }, ..
+                }) => {
+                    let is_ours = number == self.number;
+                    if let (true, Answer::Identity(identity)) = (is_ours, &answer) {
                         self.serials.push(identity.serial);
                     }
-                    found = Some(answer);
+                    if is_ours || answer == Answer::Refused(Refusal::OtherVersion) {
+                        found = Some(answer);
+                    }
                 }
-                Event::Answer {
-                    answer: answer @ Answer::Refused(Refusal::OtherVersion), ..
-                } => {
-                    found = Some(answer);
+                // Version 2, whose samples are read but which takes other commands.
+                Event::Packet(ReceivedPacket { origin: None, packet: Packet::Sample(_) }) => {
+                    other = Some(VERSION - 1);
                 }
                 Event::OtherVersion { version, .. } => other = Some(version),
                 _ => {}
@@ -302,50 +251,6 @@ impl<P: Read + Write> Client<P> {
         Ok(String::from_utf8_lossy(&words).into_owned())
     }
 
-    /// What the board wants signatures to be made with, and whether it wants them.
-    ///
-    /// # Errors
-    /// As [`ask`](Self::ask).
-    pub fn challenge(&mut self) -> Result<Challenge, LinkError> {
-        match self.send(Command::Challenge, None)? {
-            Answer::Challenge(challenge) => Ok(challenge),
-            _ => Err(LinkError::WrongAnswer { command: name_of(&Command::Challenge) }),
-        }
-    }
-
-    /// Gives the board a key, or takes it away, and goes on with that.
-    ///
-    /// # Errors
-    /// As [`ask`](Self::ask); [`LinkError::KeyNotKept`] if the board then wants another.
-    pub fn set_key(&mut self, key: Option<Key>) -> Result<(), LinkError> {
-        let set = self.order(Command::SetKey(key));
-        let was_unsigned = self.key.is_none();
-        (self.key, self.challenge) = (key, None);
-        match set {
-            // Where the answer was lost the board has the key by now, and wanted the command signed when
-            // it came again.
-            Err(refused @ LinkError::Refused { refusal: Refusal::Unsigned, .. })
-                if was_unsigned =>
-            {
-                self.check_key().map_err(|_| refused)
-            }
-            set => set.and_then(|()| self.check_key()),
-        }
-    }
-
-    /// Whether the board has the key that commands are signed with.
-    fn check_key(&mut self) -> Result<(), LinkError> {
-        if self.challenge()?.is_keyed != self.key.is_some() {
-            return Err(LinkError::KeyNotKept);
-        }
-        // A signature is looked at whatever it signs.
-        match self.key.map(|key| self.send_signed(Command::Status, &key)) {
-            None | Some(Ok(_)) => Ok(()),
-            Some(Err(LinkError::Refused { .. })) => Err(LinkError::KeyNotKept),
-            Some(Err(error)) => Err(error),
-        }
-    }
-
     /// By how many steps of the converter an emitter raises each channel.
     ///
     /// # Errors
@@ -384,10 +289,9 @@ impl<P: Read + Write> Client<P> {
             }
             error => error,
         })?;
-        let most = if self.key.is_some() { MAX_SIGNED_PIECE } else { MAX_PIECE };
-        for (i, piece) in bytes.chunks(most).enumerate() {
+        for (i, piece) in bytes.chunks(MAX_PIECE).enumerate() {
             let data = Piece::copy_of(piece).expect("a piece is at most as long as one can be");
-            let offset = (i * most) as u16;
+            let offset = (i * MAX_PIECE) as u16;
             self.order(Command::CalibrationPiece { offset, data })?;
         }
         // The board keeps the upload, so a commit whose answer was lost is done once more. The status
@@ -435,9 +339,6 @@ fn name_of(command: &Command) -> String {
         Command::CommitCalibration => "commit calibration".to_owned(),
         Command::Zero { frames } => format!("zero over {frames} frames"),
         Command::LastWords { .. } => "last words".to_owned(),
-        Command::Challenge => "challenge".to_owned(),
-        Command::SetKey(Some(_)) => "set key".to_owned(),
-        Command::SetKey(None) => "take away key".to_owned(),
         Command::SelfTest { emitter } => format!("self-test of emitter {}", emitter + 1),
         Command::SetBaud { baud } => format!("baud {baud}"),
         Command::Bootloader => "bootloader".to_owned(),

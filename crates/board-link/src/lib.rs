@@ -15,6 +15,7 @@ mod port_state;
 mod record;
 mod record_error;
 pub mod recording;
+mod resume;
 mod self_test;
 mod source;
 mod upload;
@@ -136,9 +137,6 @@ pub enum LinkError {
         /// What was asked.
         command: String,
     },
-    /// After it was given a key the board does not take commands that are signed with it.
-    #[error("the board has not taken the key")]
-    KeyNotKept,
     /// The board has firmware from before calibrations of this kind.
     #[error("the board's firmware does not know calibrations of kind `{kind}`")]
     UnknownKind {
@@ -188,9 +186,6 @@ impl Hint for LinkError {
             Self::Refused { refusal: Refusal::LineTooSlow { .. }, .. } => {
                 "choose a lower rate, or stream readings in place of wrenches"
             }
-            Self::Refused { refusal: Refusal::Unsigned | Refusal::BadSignature, .. } => {
-                "name the file with the board's key by `--key KEY`"
-            }
             Self::Refused { refusal: Refusal::Streaming, .. } => {
                 "stop it first: `shellcal board PORT stop`"
             }
@@ -227,9 +222,6 @@ fn refusal_text(refusal: Refusal) -> String {
         Refusal::WrongCrc => "the CRC does not match",
         Refusal::BadCalibration => "that is not a calibration it can use",
         Refusal::StorageFailed => "its flash did not keep the calibration",
-        Refusal::Unsigned => "it has a key, and the command is not signed",
-        Refusal::BadSignature => "the command is signed with another key than the board's",
-        Refusal::Replayed => "another program has signed commands meanwhile",
         Refusal::Streaming => "not while it streams",
         Refusal::NotOnThisBoard => "there is nothing on this board that could do it",
         Refusal::Other(code) => {

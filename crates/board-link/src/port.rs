@@ -112,6 +112,8 @@ impl PortOptions {
             .timeout(READ_TIMEOUT)
             .open()
             .map_err(|error| self.explain(&error))?;
+        // What the system has kept from before is old.
+        port.clear(serialport::ClearBuffer::Input).map_err(|error| self.explain(&error))?;
         Ok(Box::new(port))
     }
 

@@ -4,17 +4,18 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use serde::Serialize;
-use shared_proto::xbee::Address;
 use shared_proto::{Boot, Command, Protocol};
 
 use super::append_writer::LogFolder;
 use super::board_log::{BoardLog, RecordedBoard};
 use super::record_error::RecordError;
+use super::resume::StartedBoards;
 use super::source::SourceInput;
 use super::{AppendWriter, Source, Uplink};
 use crate::recording::{
-    BoardFrame, Boards, HeardBoard, LiveForces, Losses, NoFrame, RecognisedProtocol, Recognition,
-    protocol_name,
+    BoardFrame, BoardSource, Boards, FrameLabel, HeardBoard, LiveForces, Losses, NoFrame,
+    RecognisedProtocol,
+    Recognition, protocol_name,
 };
 use shell_data::wrench::AxisValues;
 
@@ -34,10 +35,13 @@ pub struct RecordOptions {
     pub forces: Option<LiveForces>,
     /// When to end.
     pub duration: Option<Duration>,
-    /// Tells the board to start streaming, and to stop at the end.
+    /// Tells the board to start streaming, again as before if it restarts, and to stop at the end.
     pub start: Option<Uplink>,
     /// Channels are not brought to one time.
     pub as_sampled: bool,
+    /// Stretches are labelled while they are recorded ([`RecordCommand::Label`]): there is a column for the labels,
+    /// and rows wait for four seconds of the board's time, so that a stretch may have begun when it is found.
+    pub labels: bool,
 }
 
 /// Where a recording goes.
@@ -76,6 +80,8 @@ pub enum RecordCommand {
         /// The number of the mark.
         number: u32,
     },
+    /// A label for the rows of a stretch of the first board that have not been written.
+    Label(FrameLabel),
 }
 
 /// How a recording is going.
@@ -153,7 +159,9 @@ pub fn record(
         watcher: sinks.watcher,
         shown: 0,
         marks: Vec::new(),
+        labels: Vec::new(),
         logs: Vec::new(),
+        started: StartedBoards::default(),
         bytes: 0,
     };
     let ran = session.run(source, stop, observe);
@@ -187,12 +195,12 @@ fn is_about_files(error: &RecordError) -> bool {
 fn log_of(
     first: &mut Option<AppendWriter>,
     place: Option<&LogFolder>,
-    address: Option<Address>,
+    sender: BoardSource,
 ) -> Result<Option<AppendWriter>, RecordError> {
-    match (first.take(), place, address) {
-        (Some(log), ..) => Ok(Some(log)),
-        (None, Some(place), Some(address)) => Ok(Some(place.beside(address)?)),
-        (None, ..) => Ok(None),
+    match (first.take(), place) {
+        (Some(log), _) => Ok(Some(log)),
+        (None, Some(place)) => Ok(Some(place.beside(&sender.text())?)),
+        (None, None) => Ok(None),
     }
 }
 
@@ -210,8 +218,11 @@ struct RecordSession<'a> {
     shown: usize,
     /// Marks that the first board's log has not got yet.
     marks: Vec<(i64, u32)>,
+    /// Labels that it has not got yet.
+    labels: Vec<FrameLabel>,
     /// One for each board that has sent frames, in the order in which they began.
     logs: Vec<BoardLog>,
+    started: StartedBoards,
     bytes: u64,
 }
 
@@ -229,7 +240,7 @@ impl RecordSession<'_> {
     ) -> Result<(), RecordError> {
         let mut buffer = vec![0; 1 << 14];
         let (mut flushed_at, mut observed) = (Duration::ZERO, 0);
-        self.start_board(source);
+        self.keep_streaming(source);
         loop {
             let elapsed = source.elapsed();
             if stop.load(Ordering::Relaxed)
@@ -250,9 +261,7 @@ impl RecordSession<'_> {
                 self.follow()?;
                 self.flush()?;
                 let frames = self.frames();
-                if frames == 0 {
-                    self.start_board(source);
-                }
+                self.keep_streaming(source);
                 let rate_hz = (frames - observed) as f64 / since.as_secs_f64();
                 observed = frames;
                 observe(&self.progress(source, rate_hz));
@@ -262,10 +271,14 @@ impl RecordSession<'_> {
         }
     }
 
-    fn start_board(&self, source: &mut Source) {
-        if let Some(uplink) = &self.options.start {
-            source.send(&uplink.encode(0, None, Command::Start));
-        }
+    fn keep_streaming(&mut self, source: &mut Source) {
+        let Some(uplink) = &self.options.start else { return };
+        let heard = match &self.stage {
+            RecordStage::Recognising(_) => &[],
+            RecordStage::Receiving(_, boards) => boards.heard(),
+        };
+        let now = source.arrival().unwrap_or_default();
+        source.send(&self.started.commands(uplink, heard, now));
     }
 
     fn raw_waiting(&mut self) -> usize {
@@ -316,7 +329,12 @@ impl RecordSession<'_> {
         else {
             return;
         };
-        let waiting = boards.heard().first().map_or(&[][..], |board| &board.frames);
+        let first = self.logs.first().map(|log| log.sender);
+        let is_first = |board: &&HeardBoard| match first {
+            Some(sender) => board.sender == sender,
+            None => !board.frames.is_empty(),
+        };
+        let waiting = boards.heard().iter().find(is_first).map_or(&[][..], |board| &board.frames);
         if let new @ [_, ..] = &waiting[self.shown..] {
             watcher.see(new);
         }
@@ -333,20 +351,20 @@ impl RecordSession<'_> {
         let RecordStage::Receiving(protocol, boards) = &mut self.stage else { return Ok(()) };
         let numbered = matches!(protocol, Protocol::Packets(_));
         for board in boards.heard_mut().iter_mut().filter(|board| !board.frames.is_empty()) {
-            let found = self.logs.iter().position(|log| log.address == board.address);
+            let found = self.logs.iter().position(|log| log.sender == board.sender);
             let at = match found {
                 Some(at) => at,
                 None => {
-                    let log = log_of(&mut self.log, self.log_place.as_ref(), board.address)?;
-                    self.logs.push(BoardLog::new(board.address, log));
+                    let log = log_of(&mut self.log, self.log_place.as_ref(), board.sender)?;
+                    self.logs.push(BoardLog::new(board.sender, log));
                     self.logs.len() - 1
                 }
             };
             if at == 0 {
                 self.logs[0].mark(self.marks.drain(..));
+                self.logs[0].label(self.labels.drain(..));
             }
-            let RecordOptions { forces, as_sampled, .. } = self.options;
-            self.logs[at].write(&mut board.frames, numbered, forces.as_ref(), *as_sampled)?;
+            self.logs[at].write(&mut board.frames, numbered, self.options)?;
         }
         Ok(())
     }
@@ -357,6 +375,10 @@ impl RecordSession<'_> {
             let next = match command {
                 RecordCommand::Mark { index, number } => {
                     self.marks.push((index, number));
+                    continue;
+                }
+                RecordCommand::Label(label) => {
+                    self.labels.push(label);
                     continue;
                 }
                 RecordCommand::Record(writer) => Some(writer),
@@ -370,7 +392,7 @@ impl RecordSession<'_> {
             self.log_place = next.as_ref().map(AppendWriter::place);
             self.log = next;
             for board in &mut self.logs {
-                board.log = log_of(&mut self.log, self.log_place.as_ref(), board.address)?;
+                board.log = log_of(&mut self.log, self.log_place.as_ref(), board.sender)?;
             }
         }
         Ok(())
@@ -442,6 +464,13 @@ impl RecordSession<'_> {
         }
     }
 
+    fn losses_of(&self, sender: BoardSource) -> Losses {
+        match &self.stage {
+            RecordStage::Recognising(_) => Losses::default(),
+            RecordStage::Receiving(_, boards) => boards.losses_of(sender),
+        }
+    }
+
     fn recorded(&self, source: &Source) -> Recorded {
         let (protocol, losses) = self.state();
         let longest_us = self.logs.iter().map(BoardLog::board_time_us).max().unwrap_or(0);
@@ -457,7 +486,9 @@ impl RecordSession<'_> {
             boot: self.heard().iter().find_map(|board| board.reception().boot()),
             boards: match &self.logs[..] {
                 [] | [_] => Vec::new(),
-                several => several.iter().map(|log| log.recorded(self.heard())).collect(),
+                several => {
+                    several.iter().map(|log| log.recorded(self.losses_of(log.sender))).collect()
+                }
             },
         }
     }

@@ -57,6 +57,9 @@ impl Hint for RecordError {
             Self::Silence { .. } | Self::NotStreaming { .. } => {
                 "a board streams once it is started: `--start`, or `shellcal board PORT start`"
             }
+            Self::Calibration(UnsuitableCalibration::Wrenches) => {
+                "leave out `--calibration`, or have it stream readings: `shellcal board PORT mode raw`"
+            }
             _ => return None,
         };
         Some(text.to_owned())

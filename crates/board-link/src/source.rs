@@ -60,7 +60,12 @@ impl Source {
     /// # Errors
     /// [`LinkError::Replay`] if it cannot be opened.
     pub fn replay(path: &Path) -> Result<Self, LinkError> {
-        let file = File::open(path).map_err(|error| replay_error(path.display(), &error))?;
+        let refused = |error: io::Error| replay_error(path.display(), &error);
+        // Before it is opened: whoever opens a pipe waits for its writer.
+        if !std::fs::metadata(path).map_err(refused)?.is_file() {
+            return Err(refused(io::Error::other("it is not a regular file")));
+        }
+        let file = File::open(path).map_err(refused)?;
         Ok(Self::new(Inner::Replay { file, path: path.display().to_string() }))
     }
 

@@ -2,10 +2,13 @@
 //!
 //! A file is a head of constants and a fixed body (`assets/export`), which computes what
 //! [`Calibration::wrench`](calibration::Calibration::wrench) does: of polynomials on standardised readings,
-//! in the order of [`Model::terms`](calibration::Model::terms); of the physics model by the same steps.
+//! in the order of [`Model::terms`](calibration::Model::terms); of the physics model by the same steps. Memory terms
+//! take the times of the frames, and a state that is passed on from call to call.
 
+use calibration::memory::{MemoryTerms, TimeBase};
 use calibration::physics::PhysicsModel;
 use calibration::{Kind, Polynomial};
+use shell_data::escape;
 use shell_data::wrench::Axes;
 
 use super::CalibrationFile;
@@ -36,7 +39,8 @@ impl Constant {
 /// of the file.
 pub fn to_code(file: &CalibrationFile, language: Language, name: &str) -> String {
     let axes = file.calibration.axes;
-    let (constants, body) = match (file.calibration.kind(), language) {
+    let memory = file.calibration.memory.as_ref();
+    let (mut constants, body) = match (file.calibration.kind(), language) {
         (Kind::Polynomial(polynomial), language) => (
             polynomial_constants(polynomial, axes),
             match language {
@@ -53,17 +57,50 @@ pub fn to_code(file: &CalibrationFile, language: Language, name: &str) -> String
         ),
     };
     let columns = axes.columns();
-    match language {
-        Language::Python => python(&constants, &head(file), &columns, name) + body,
-        Language::Matlab => matlab(&constants, &head(file), &columns, name) + body,
+    constants.extend(memory.into_iter().flat_map(memory_constants));
+    let head = head(file);
+    let head = match language {
+        Language::Python => escape::python(&head),
+        Language::Matlab => escape::matlab_comment(&head),
+    };
+    match (language, memory) {
+        (Language::Python, None) => python(&constants, &head, &columns, (name, "readings")) + body,
+        (Language::Python, Some(_)) => {
+            let arguments = "readings, times, state";
+            let head = python(&constants, &head, &columns, (name, arguments));
+            head + body + include_str!("../assets/export/memory.py")
+        }
+        (Language::Matlab, None) => {
+            let signature = format!("w = {name}(readings)");
+            matlab(&constants, &head, &columns, (name, &signature)) + body
+        }
+        (Language::Matlab, Some(_)) => {
+            let signature = format!("[w, state] = {name}(readings, times, state)");
+            let head = matlab(&constants, &head, &columns, (name, &signature));
+            head + include_str!("../assets/export/memory.m") + body
+        }
     }
 }
 
-/// What the function is, in a line.
+fn memory_constants(memory: &MemoryTerms) -> [Constant; 3] {
+    let by_time = memory.time_base == TimeBase::Seconds;
+    let unit = if by_time { "s" } else { "rows" };
+    [
+        Constant::row("TIME_CONSTANTS", unit, memory.time_constants.clone()),
+        Constant::row("GAP", unit, vec![memory.gap.unwrap_or(f64::MAX)]),
+        Constant::row(
+            "BY_TIME",
+            "whether these are by time, not by row",
+            vec![f64::from(u8::from(by_time))],
+        ),
+    ]
+}
+
+/// What the function is, in a line; whatever the file says, as it says it.
 fn head(file: &CalibrationFile) -> String {
     let model = file.calibration.name();
     let serial = file.origin.sensor_serial.as_ref();
-    let of = serial.map_or(String::new(), |serial| format!(" of the sensor {serial:?}"));
+    let of = serial.map_or(String::new(), |serial| format!(" of the sensor `{serial}`"));
     format!(
         "{model} calibration{of}, exported by {}, fitted on {}",
         file.origin.made_by, file.origin.date
@@ -72,7 +109,7 @@ fn head(file: &CalibrationFile) -> String {
 
 fn polynomial_constants(polynomial: &Polynomial, axes: Axes) -> Vec<Constant> {
     let model = polynomial.model();
-    let none = model.channels as f64;
+    let none = model.columns() as f64;
     let places = |term: &calibration::model::Term| {
         let mut places: Vec<f64> =
             term.factors().iter().map(|&channel| f64::from(channel)).collect();
@@ -99,7 +136,16 @@ fn polynomial_constants(polynomial: &Polynomial, axes: Axes) -> Vec<Constant> {
 fn physics_constants(model: &PhysicsModel) -> Vec<Constant> {
     let of =
         |value: fn(&calibration::physics::Sensor) -> f64| model.sensors.iter().map(value).collect();
-    let precision = model.load_precision.iter();
+    let factors = model.factor_count();
+    let gains = model.sensors.iter().map(|sensor| {
+        sensor.parameters[1..7].iter().chain(&sensor.loadings[..factors]).copied().collect()
+    });
+    // Loads, and then factors of variance one.
+    let prior = |i: usize, j: usize| match model.load_precision.get(i).and_then(|row| row.get(j)) {
+        Some(x) => model.lambda * x,
+        None => f64::from(u8::from(i == j)),
+    };
+    let unknowns = 6 + factors;
     let covariances = model.sensors.iter().flat_map(|sensor| &sensor.covariance);
     vec![
         Constant::row("CHANNELS", "of a frame", vec![model.channels as f64]),
@@ -110,7 +156,7 @@ fn physics_constants(model: &PhysicsModel) -> Vec<Constant> {
         Constant {
             name: "PRIOR",
             comment: "P",
-            rows: precision.map(|row| row.iter().map(|x| model.lambda * x).collect()).collect(),
+            rows: (0..unknowns).map(|i| (0..unknowns).map(|j| prior(i, j)).collect()).collect(),
         },
         Constant::row(
             "NOISE",
@@ -123,6 +169,11 @@ fn physics_constants(model: &PhysicsModel) -> Vec<Constant> {
             rows: model.sensors.iter().map(|sensor| sensor.parameters.to_vec()).collect(),
         },
         Constant {
+            name: "GAINS",
+            comment: "a row for each sensor: a, then what each factor that the sensors share displaces",
+            rows: gains.collect(),
+        },
+        Constant {
             name: "COVARIANCE",
             comment: "of the parameters, ten rows for each sensor",
             rows: covariances.map(|row| row.to_vec()).collect(),
@@ -130,9 +181,15 @@ fn physics_constants(model: &PhysicsModel) -> Vec<Constant> {
     ]
 }
 
-fn python(constants: &[Constant], head: &str, columns: &[&str], name: &str) -> String {
+/// A module of Python; `head` is [escaped](escape::python).
+fn python(
+    constants: &[Constant],
+    head: &str,
+    columns: &[&str],
+    (name, arguments): (&str, &str),
+) -> String {
     let mut text = format!(
-        "\"\"\"{head}.\n\n    from {name} import wrench\n    forces = wrench(readings)\n\nNeeds numpy.\n\"\"\"\n\n\
+        "\"\"\"{head}.\n\n    from {name} import wrench\n    forces = wrench({arguments})\n\nNeeds numpy.\n\"\"\"\n\n\
          import numpy as np\n\nAXES = {columns:?}\n"
     );
     for Constant { name, comment, rows } in constants {
@@ -150,10 +207,16 @@ fn python(constants: &[Constant], head: &str, columns: &[&str], name: &str) -> S
     text + "\n\n"
 }
 
-fn matlab(constants: &[Constant], head: &str, columns: &[&str], name: &str) -> String {
+/// A function of MATLAB; `head` is [escaped](escape::matlab_comment).
+fn matlab(
+    constants: &[Constant],
+    head: &str,
+    columns: &[&str],
+    (name, signature): (&str, &str),
+) -> String {
     let columns = columns.join(", ");
     let mut text = format!(
-        "function w = {name}(readings)\n%{}  {head}.\n%\n%   w = {name}(readings): a row for each frame; {columns}, N and \
+        "function {signature}\n%{}  {head}.\n%\n%   {signature}: a row for each frame; {columns}, N and \
          N*m. readings\n%   has a column for each channel, in counts.\n\n",
         name.to_uppercase()
     );

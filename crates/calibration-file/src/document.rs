@@ -5,11 +5,13 @@ use serde::{Deserialize, Serialize};
 use super::LARGEST;
 use super::layout::to_json;
 use super::stored::{
-    OfAxes, Stored, StoredCovariance, StoredModel, StoredOrigin, StoredReadingRange, StoredScaling,
-    axes_of, check_intervals,
+    OfAxes, Stored, StoredCovariance, StoredLag, StoredMemory, StoredModel, StoredOrigin,
+    StoredReadingRange, StoredScaling, axes_of, check_intervals, check_memory,
 };
-use super::{CalibrationFile, FEWER_AXES_SCHEMA_VERSION, Problem, SCHEMA_VERSION};
-use calibration::model::Term;
+use super::{
+    CalibrationFile, FEWER_AXES_SCHEMA_VERSION, Problem, SCHEMA_VERSION, SIX_AXES_SCHEMA_VERSION,
+};
+use calibration::model::Model;
 use calibration::uncertainty::{CoefficientCovariance, ErrorShape};
 use calibration::{Calibration, Polynomial, model};
 use shell_data::wrench::Axes;
@@ -26,6 +28,10 @@ struct PolynomialDocument {
     coefficients: Vec<OfAxes<f64>>,
     covariance: Option<StoredCovariance>,
     valid_range: Option<Vec<StoredReadingRange>>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    memory: Option<StoredMemory>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    lag: Option<StoredLag>,
 }
 
 /// Of a polynomial.
@@ -33,23 +39,27 @@ pub(super) fn format(file: &CalibrationFile, polynomial: &Polynomial) -> String 
     let calibration = &file.calibration;
     let axes = calibration.axes;
     let document = PolynomialDocument {
-        schema_version: match axes.are_all() {
-            true => SCHEMA_VERSION,
-            false => FEWER_AXES_SCHEMA_VERSION,
-        },
+        schema_version: SCHEMA_VERSION,
         origin: Stored::of(&file.origin, axes),
         model: Stored::of(&polynomial.model(), axes),
-        terms: polynomial.model().terms().iter().map(Term::name).collect(),
+        terms: term_names(&polynomial.model()),
         scaling: Stored::of(polynomial.scaling(), axes),
         axes: axes.iter().map(|axis| axis.column().to_owned()).collect(),
         coefficients: Stored::of(&polynomial.coefficients().to_vec(), axes),
         covariance: Stored::of(&calibration.covariance, axes),
         valid_range: Stored::of(&calibration.valid_range, axes),
+        memory: Stored::of(&calibration.memory, axes),
+        lag: Stored::of(&calibration.lag, axes),
     };
     to_json(&document)
 }
 
-/// Parses a document whose version is known to be [`SCHEMA_VERSION`] or `FEWER_AXES_SCHEMA_VERSION`.
+/// The names of the terms of a model.
+fn term_names(model: &Model) -> Vec<String> {
+    model.terms().iter().map(|term| model.term_name(term)).collect()
+}
+
+/// Parses the document of a polynomial, of a known version.
 pub(super) fn parse(text: &[u8]) -> Result<CalibrationFile, Problem> {
     let document: PolynomialDocument = serde_json::from_slice(text)?;
     document.value().map_err(Problem::Inconsistent)
@@ -67,17 +77,24 @@ impl PolynomialDocument {
         calibration.axes = axes;
         calibration.covariance = named("covariance", self.covariance.value(axes))?;
         calibration.valid_range = self.valid_range.value(axes)?;
+        calibration.memory = self.memory.value(axes)?;
+        calibration.lag = self.lag.value(axes)?;
         Ok(CalibrationFile { calibration, origin: named("diagnostics", self.origin.value(axes))? })
     }
 
     /// Which axes it is for.
     fn axes(&self) -> Result<Axes, String> {
         let axes = axes_of(Some(&self.axes))?;
-        match axes.are_all() == (self.schema_version == SCHEMA_VERSION) {
+        let is_allowed = match self.schema_version {
+            SIX_AXES_SCHEMA_VERSION => axes.are_all(),
+            FEWER_AXES_SCHEMA_VERSION => !axes.are_all(),
+            _ => true,
+        };
+        match is_allowed {
             true => Ok(axes),
             false => Err(format!(
-                "`axes` has {axes}: all six belong to version {SCHEMA_VERSION}, fewer to version \
-                 {FEWER_AXES_SCHEMA_VERSION}"
+                "`axes` has {axes}: all six belong to version {SIX_AXES_SCHEMA_VERSION}, fewer to \
+                 version {FEWER_AXES_SCHEMA_VERSION}"
             )),
         }
     }
@@ -85,11 +102,18 @@ impl PolynomialDocument {
     /// Whether the parts fit together, as the rest of the program takes for granted.
     fn check(&self, axes: Axes) -> Result<(), String> {
         let channels = self.model.channels;
-        if !(1..=model::MAX_CHANNELS).contains(&channels) {
-            let most = model::MAX_CHANNELS;
+        let most = model::MAX_CHANNELS;
+        if !(1..=most).contains(&channels) {
             return Err(format!("`model.channels` is `{channels}`, expected 1 to {most}"));
         }
         let model = self.model.clone().value(axes)?;
+        if model.memory > most || model.columns() > most {
+            return Err(format!("`model.memory` is `{}`, too many for its channels", model.memory));
+        }
+        check_memory(self.memory.as_ref(), model.memory)?;
+        if self.lag.as_ref().is_some_and(|lag| lag.by.abs() > LARGEST) {
+            return Err(format!("`lag` has a number beyond {LARGEST:e}"));
+        }
         let count = |name: &str, found: usize, expected: usize| match found == expected {
             true => Ok(()),
             false => Err(format!("`{name}` has `{found}` entries, the model needs `{expected}`")),
@@ -98,17 +122,16 @@ impl PolynomialDocument {
         count("terms", self.terms.len(), model.term_count())?;
         let terms = model.terms();
         count("coefficients", self.coefficients.len(), terms.len())?;
-        count("scaling.centre", self.scaling.centre.len(), channels)?;
-        count("scaling.scale", self.scaling.scale.len(), channels)?;
+        count("scaling.centre", self.scaling.centre.len(), model.columns())?;
+        count("scaling.scale", self.scaling.scale.len(), model.columns())?;
         if let Some(range) = &self.valid_range {
             count("valid_range", range.len(), channels)?;
             if range.iter().any(|range| range.min > range.max) {
                 return Err("`valid_range` has a `min` above its `max`".to_owned());
             }
         }
-        for (found, term) in self.terms.iter().zip(&terms) {
-            if *found != term.name() {
-                let expected = term.name();
+        for (found, expected) in self.terms.iter().zip(term_names(&model)) {
+            if *found != expected {
                 return Err(format!("`terms` has `{found}` where the model has `{expected}`"));
             }
         }
@@ -190,7 +213,7 @@ fn is_power_of_two(value: f64) -> bool {
 mod tests {
     use super::super::{Diagnostics, Origin, Role, SolverRecord, SourceFile};
     use super::*;
-    use calibration::model::{Basis, Model};
+    use calibration::model::Basis;
     use calibration::quality::AxisQuality;
     use calibration::reading_ranges::ReadingRange;
     use calibration::scaling::Scaling;
@@ -199,7 +222,7 @@ mod tests {
     use shell_data::{Axis, ColumnNames, MomentUnit, TimeUnit};
 
     fn file() -> CalibrationFile {
-        let model = Model { basis: Basis::Linear, intercept: true, channels: 2 };
+        let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
         let scaling = Scaling { centre: vec![1500.0, 1700.0], scale: vec![512.0, 1024.0] };
         let thirds = |j: usize| std::array::from_fn(|axis| (j * 6 + axis + 1) as f64 / 3.0);
         let mut calibration = Calibration::new(model, scaling, (0..3).map(thirds).collect());
@@ -236,6 +259,7 @@ mod tests {
                 role: Role::Train,
                 path: "train.csv".into(),
                 checksum: Some("xxh128:00".into()),
+                digest: None,
                 rows: 12,
             }],
             columns: Some(ColumnNames {
@@ -275,14 +299,14 @@ mod tests {
         let axes: Axes = [Axis::Fx, Axis::Fz].into_iter().collect();
         file.calibration.axes = axes;
         let text = file.to_json();
-        assert!(text.contains("\"schema_version\": 3"), "{text}");
+        assert!(text.contains("\"schema_version\": 4"), "{text}");
         assert!(!text.contains("fy_n") && text.contains("[0.3333333333333333, 1.0]"), "{text}");
         let read = parse(text.as_bytes()).unwrap();
         assert_eq!((read.to_json(), read.calibration.axes), (text.clone(), axes));
         let coefficients = read.calibration.polynomial().unwrap().coefficients();
         assert_eq!(coefficients[0], [1.0 / 3.0, 0.0, 1.0, 0.0, 0.0, 0.0]);
         let cases = [
-            ("\"schema_version\": 3", "\"schema_version\": 1", "`axes` has Fx, Fz: all six belong"),
+            ("\"schema_version\": 4", "\"schema_version\": 1", "`axes` has Fx, Fz: all six belong"),
             ("\"fx_n\"", "\"mz_nm\"", "`axes` has `mz_nm`, `fz_n`, expected"),
             ("[0.3333333333333333, 1.0]", "[1.0]", "`coefficients`: `1` values for `2` axes"),
         ];

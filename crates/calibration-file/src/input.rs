@@ -7,6 +7,8 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
+use super::{CalibrationFileError, Problem};
+
 /// What a document is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DocumentKind {
@@ -47,6 +49,11 @@ impl DocumentKind {
 /// What the system says; `InvalidData` if it is too long or begins as no such document does.
 pub fn read(path: &Path, document: DocumentKind) -> io::Result<Vec<u8>> {
     let refuse = |why: String| Err(io::Error::new(io::ErrorKind::InvalidData, why));
+    // Before it is opened: whoever opens a pipe waits for its writer.
+    let metadata = std::fs::metadata(path)?;
+    if !metadata.is_file() && !metadata.is_dir() {
+        return refuse("it is not a regular file".to_owned());
+    }
     let file = File::open(path)?;
     let (length, budget) = (file.metadata()?.len(), document.budget());
     let too_long = format!("it is longer than the {} MB that are read", budget >> 20);
@@ -69,6 +76,16 @@ pub fn read(path: &Path, document: DocumentKind) -> io::Result<Vec<u8>> {
         return refuse(too_long);
     }
     Ok(bytes)
+}
+
+/// What `parse` makes of the JSON document at `path`.
+pub(crate) fn document<T>(
+    path: &Path,
+    parse: impl Fn(&[u8]) -> Result<T, Problem>,
+) -> Result<T, CalibrationFileError> {
+    let problem = |problem| CalibrationFileError { path: path.to_path_buf(), problem };
+    let text = read(path, DocumentKind::Json).map_err(|error| problem(Problem::Io(error)))?;
+    parse(&text).map_err(problem)
 }
 
 /// The text of a document.

@@ -5,29 +5,31 @@
 //!
 //! | field | content |
 //! |---|---|
-//! | `schema_version` | [`SCHEMA_VERSION`] |
+//! | `schema_version` | [`SCHEMA_VERSION`]; versions 1 (six axes), 2 (physics) and 3 (fewer axes) had no checksum |
 //! | `made_by`, `date`, `sensor_serial` | program and version, UTC, the label of the sensor |
 //! | `model`, `terms` | features and intercept; the name of each term |
 //! | `scaling` | `z = (s − centre) / scale` for each channel, counts |
-//! | `axes`, `coefficients` | one row per term of `z`, one column per axis, N and N·m; documents of fewer than six axes have `FEWER_AXES_SCHEMA_VERSION`, and whatever is given by axis has these alone |
+//! | `axes`, `coefficients` | one row per term of `z`, one column per axis, N and N·m; of fewer than six axes, whatever is given by axis has these alone |
 //! | `solver` | its name and the ridge parameter; absent for an imported matrix |
 //! | `diagnostics` | rows, condition number, rank, errors on training and test data; optional: held-out errors, model selection, excitation |
 //! | `covariance` | see [`calibration::uncertainty`] |
 //! | `valid_range` | the smallest and largest reading of each channel in the training data |
 //! | `sources` | files, their checksums and rows |
 //! | `columns` | optional: the columns of the training logs that were specified, by name, and their units; taken of other logs that have them |
+//! | `checksum` | last: XXH3 of 128 bits of all bytes before it |
 //!
-//! That of a physics model has `PHYSICS_SCHEMA_VERSION` and instead of terms, scaling, coefficients and
-//! covariance:
+//! That of a physics model has instead of terms, scaling, coefficients and covariance:
 //!
 //! | field | content |
 //! |---|---|
 //! | `model` | `physics` |
-//! | `physics` | see [`calibration::physics::PhysicsModel`]; parameters in the order of [`calibration::physics::response`] |
+//! | `physics` | see [`calibration::physics::PhysicsModel`]; parameters in the order of [`calibration::physics::response`]; a sensor without `loadings` has none |
+//! | `standard_error_scale` | what the model's standard errors are multiplied by on each axis; 1 if absent |
 //! | `intervals` | standard errors of an interval by level and axis, see [`calibration::physics::intervals`] |
 
 #![allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "reads files")]
 
+mod checksum;
 pub mod code;
 mod document;
 pub mod input;
@@ -47,10 +49,14 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
+use serde::de::IgnoredAny;
 
+pub use self::checksum::ChecksumError;
 use self::matrix::MatrixError;
 pub use self::origin::{Diagnostics, Origin, Role, SolverRecord, SourceFile};
 pub use self::partial::{MergeError, PartialFit, PartialGroup, PartialGroups, PartialStream, Sums};
+use calibration::plausibility::Implausible;
+use calibration::validation::excitation::AxisExcitation;
 use calibration::{Calibration, Kind};
 use input::DocumentKind;
 use shell_data::wrench::{Axis, PerAxis};
@@ -58,13 +64,16 @@ use shell_data::wrench::{Axis, PerAxis};
 /// The largest number that a document may have: squares and products of such are still numbers.
 pub const LARGEST: f64 = 1e100;
 
-/// The version of the documents of polynomials that this program writes and reads.
-pub const SCHEMA_VERSION: u64 = 1;
+/// The version of the documents that this program writes: of any model, with a checksum.
+pub const SCHEMA_VERSION: u64 = 4;
 
-/// The version of the documents of physics models.
+/// The version of the documents of polynomials of six axes before there was a checksum.
+pub(crate) const SIX_AXES_SCHEMA_VERSION: u64 = 1;
+
+/// The version of the documents of physics models before there was a checksum.
 pub(crate) const PHYSICS_SCHEMA_VERSION: u64 = 2;
 
-/// The version of the documents of polynomials of fewer than six axes.
+/// The version of the documents of polynomials of fewer than six axes before there was a checksum.
 pub(crate) const FEWER_AXES_SCHEMA_VERSION: u64 = 3;
 
 /// A calibration with its origin.
@@ -97,6 +106,9 @@ impl Hint for CalibrationFileError {
                 "use the version of shellcal that wrote it, or a later one"
             }
             Problem::SchemaVersion { .. } => "make it again with `shellcal fit`",
+            Problem::Checksum(_) => {
+                "copy it again from where it was made; if you have edited it, say so with `--edited`"
+            }
             Problem::Matrix(MatrixError::Variable { .. }) => "choose one with `--variable`",
             _ => return None,
         };
@@ -131,10 +143,7 @@ pub enum Problem {
         message: String,
     },
     /// Written by a program of another time.
-    #[error(
-        "its schema version is `{found}`, this program reads `{SCHEMA_VERSION}`, \
-         `{PHYSICS_SCHEMA_VERSION}` and `{FEWER_AXES_SCHEMA_VERSION}`"
-    )]
+    #[error("its schema version is `{found}`, this program reads up to `{SCHEMA_VERSION}`")]
     SchemaVersion {
         /// The version of the file.
         found: u64,
@@ -142,6 +151,12 @@ pub enum Problem {
     /// Parts that do not fit together.
     #[error("{0}")]
     Inconsistent(String),
+    /// It was damaged or edited.
+    #[error(transparent)]
+    Checksum(#[from] ChecksumError),
+    /// Numbers that no calibration has.
+    #[error("it cannot be a calibration: {0}")]
+    Implausible(Implausible),
     /// A coefficient matrix that cannot be read as one.
     #[error("{0}")]
     Matrix(matrix::MatrixError),
@@ -177,8 +192,12 @@ impl From<serde_json::Error> for Problem {
 
 /// What is read of a document before all else.
 #[derive(Deserialize)]
-struct Version {
+struct Header {
     schema_version: u64,
+    /// The name of a model, or what a polynomial is made of.
+    model: Option<serde_json::Value>,
+    /// Whether there is one, wherever it stands.
+    checksum: Option<IgnoredAny>,
 }
 
 impl CalibrationFile {
@@ -194,34 +213,66 @@ impl CalibrationFile {
     /// Reads the JSON document at `path`.
     ///
     /// # Errors
-    /// [`CalibrationFileError`] if it cannot be read or is no calibration of this version.
+    /// [`CalibrationFileError`] if it cannot be read, or as [`Self::parse`].
     pub fn read(path: &Path) -> Result<Self, CalibrationFileError> {
-        let problem = |problem| CalibrationFileError { path: path.to_path_buf(), problem };
-        let text =
-            input::read(path, DocumentKind::Json).map_err(|error| problem(Problem::Io(error)))?;
-        Self::parse(&text).map_err(problem)
+        input::document(path, Self::parse)
+    }
+
+    /// Reads the JSON document at `path`, which somebody has edited.
+    ///
+    /// # Errors
+    /// Those of [`Self::read`] but for the checksum.
+    pub fn read_edited(path: &Path) -> Result<Self, CalibrationFileError> {
+        input::document(path, Self::parse_edited)
     }
 
     /// Reads a JSON document.
     ///
     /// # Errors
-    /// [`Problem`] if it is no calibration of this version.
+    /// [`Problem`] if it is no calibration of a known version, is not what was written, or cannot be one.
     pub fn parse(text: &[u8]) -> Result<Self, Problem> {
-        // The version first: a document of another version may differ in any other field.
-        let Version { schema_version } = serde_json::from_slice(text)?;
-        match schema_version {
-            SCHEMA_VERSION | FEWER_AXES_SCHEMA_VERSION => document::parse(text),
-            PHYSICS_SCHEMA_VERSION => physics_document::parse(text),
-            found => Err(Problem::SchemaVersion { found }),
+        let file = Self::parse_edited(text)?;
+        let Header { schema_version, checksum, .. } = serde_json::from_slice(text)?;
+        // After the parts: what can be named says more.
+        if schema_version == SCHEMA_VERSION || checksum.is_some() {
+            checksum::check(text)?;
         }
+        Ok(file)
+    }
+
+    /// Reads a JSON document that somebody has edited.
+    ///
+    /// # Errors
+    /// Those of [`Self::parse`] but for the checksum.
+    pub fn parse_edited(text: &[u8]) -> Result<Self, Problem> {
+        // The version first: a document of another version may differ in any other field.
+        let Header { schema_version, model, .. } = serde_json::from_slice(text)?;
+        let is_physics = model.is_some_and(|model| model.is_string());
+        let file = match schema_version {
+            SIX_AXES_SCHEMA_VERSION | FEWER_AXES_SCHEMA_VERSION => document::parse(text),
+            PHYSICS_SCHEMA_VERSION => physics_document::parse(text),
+            SCHEMA_VERSION if is_physics => physics_document::parse(text),
+            SCHEMA_VERSION => document::parse(text),
+            found => Err(Problem::SchemaVersion { found }),
+        }?;
+        let check = file.calibration.check_plausible(file.largest_load());
+        check.map_err(Problem::Implausible)?;
+        Ok(file)
+    }
+
+    /// The largest magnitude of the training loads, N or N·m, if it is known.
+    fn largest_load(&self) -> Option<f64> {
+        let excitation = self.origin.diagnostics.as_ref()?.excitation.as_ref()?;
+        let largest = |axis: &AxisExcitation| axis.max.abs().max(axis.min.abs());
+        excitation.axes.iter().map(largest).reduce(f64::max)
     }
 
     /// The JSON document.
     pub fn to_json(&self) -> String {
-        match self.calibration.kind() {
+        checksum::add(&match self.calibration.kind() {
             Kind::Polynomial(polynomial) => document::format(self, polynomial),
             Kind::Physics(physics) => physics_document::format(self, physics),
-        }
+        })
     }
 
     /// Makes a calibration from the coefficient matrix at `path`: CSV, or MATLAB 5 if the file
@@ -247,7 +298,8 @@ impl CalibrationFile {
         };
         let calibration = calibration.map_err(|error| problem(Problem::Matrix(error)))?;
         let rows = calibration.polynomial().map_or(0, |p| p.coefficients().len()) as u64;
-        let source = SourceFile { role: Role::Matrix, path: path.into(), checksum: None, rows };
+        let (role, path) = (Role::Matrix, path.into());
+        let source = SourceFile { role, path, checksum: None, digest: None, rows };
         let origin = Origin { sources: vec![source], ..Origin::default() };
         Ok(Self { calibration, origin })
     }
@@ -259,9 +311,8 @@ mod tests {
 
     #[test]
     fn another_schema_version_is_told_whatever_else_the_file_holds() {
-        let text = b"{\"schema_version\": 4}";
-        let Err(Problem::SchemaVersion { found: 4 }) = CalibrationFile::parse(text) else {
-            panic!()
-        };
+        let text = b"{\"schema_version\": 5}";
+        let found = CalibrationFile::parse(text);
+        assert!(matches!(found, Err(Problem::SchemaVersion { found: 5 })), "{found:?}");
     }
 }

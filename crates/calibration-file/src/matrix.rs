@@ -216,7 +216,12 @@ pub(super) fn from_values(
     options: &ImportOptions,
 ) -> Result<Calibration, MatrixError> {
     let models = Basis::ALL.into_iter().flat_map(|basis| {
-        [false, true].map(|intercept| Model { basis, intercept, channels: BARE_CHANNELS })
+        [false, true].map(|intercept| Model {
+            basis,
+            intercept,
+            channels: BARE_CHANNELS,
+            memory: 0,
+        })
     });
     let (features, transposed) = match (rows, columns) {
         (features, 6) => (features, false),
@@ -253,7 +258,8 @@ fn model_of(coefficients: &HashMap<Term, PerAxis<f64>>) -> Option<Model> {
     let intercept = coefficients.contains_key(&Term::INTERCEPT);
     let last = coefficients.keys().flat_map(|term| term.factors()).max()?;
     let channels = usize::from(*last) + 1;
-    let models = Basis::ALL.into_iter().map(|basis| Model { basis, intercept, channels });
+    let models =
+        Basis::ALL.into_iter().map(|basis| Model { basis, intercept, channels, memory: 0 });
     models.into_iter().find(|model| {
         // Counted first: a file that names one channel 200 must not make a million terms.
         model.term_count() == coefficients.len()
@@ -303,7 +309,7 @@ mod tests {
     use super::*;
 
     fn calibration(basis: Basis, intercept: bool, channels: usize) -> Calibration {
-        let model = Model { basis, intercept, channels };
+        let model = Model { basis, intercept, channels, memory: 0 };
         let value = |j: usize, axis: usize| (1 + j * 6 + axis) as f64 / 8.0;
         let rows = (0..model.terms().len()).map(|j| std::array::from_fn(|axis| value(j, axis)));
         Calibration::new(model, Scaling::identity(channels), rows.collect())

@@ -75,6 +75,9 @@ pub struct SourceFile {
     pub path: PathBuf,
     /// As `log_file::checksum` gives it.
     pub checksum: Option<String>,
+    /// What tells its rows from others, as [`Fingerprint`](shell_data::fingerprint::Fingerprint) is written: of the
+    /// values that were parsed, whatever the file looks like.
+    pub digest: Option<String>,
     /// Rows used.
     pub rows: u64,
 }

@@ -4,10 +4,10 @@ use serde::{Deserialize, Serialize};
 
 use super::layout::to_json;
 use super::stored::{
-    Stored, StoredGroupIntervals, StoredOrigin, StoredPhysicsModel, StoredReadingRange,
+    Stored, StoredGroupIntervals, StoredLag, StoredOrigin, StoredPhysicsModel, StoredReadingRange,
     check_intervals,
 };
-use super::{CalibrationFile, PHYSICS_SCHEMA_VERSION, Problem};
+use super::{CalibrationFile, Problem, SCHEMA_VERSION};
 use calibration::physics::PhysicsCalibration;
 use calibration::physics::observations::MOST_CHANNELS;
 use calibration::{Calibration, Kind};
@@ -24,23 +24,34 @@ struct PhysicsDocument {
     model: String,
     axes: PerAxis<String>,
     physics: StoredPhysicsModel,
+    #[serde(default = "as_they_are")]
+    standard_error_scale: PerAxis<f64>,
     intervals: Option<StoredGroupIntervals>,
     valid_range: Option<Vec<StoredReadingRange>>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    lag: Option<StoredLag>,
+}
+
+/// The scale of standard errors in a document that has none.
+fn as_they_are() -> PerAxis<f64> {
+    [1.0; 6]
 }
 
 pub(super) fn format(file: &CalibrationFile, physics: &PhysicsCalibration) -> String {
     to_json(&PhysicsDocument {
-        schema_version: PHYSICS_SCHEMA_VERSION,
+        schema_version: SCHEMA_VERSION,
         origin: Stored::of(&file.origin, Axes::ALL),
         model: NAME.to_owned(),
         axes: Axis::ALL.map(|axis| axis.column().to_owned()),
         physics: Stored::of(physics.model(), Axes::ALL),
+        standard_error_scale: *physics.error_scale(),
         intervals: Stored::of(&physics.intervals, Axes::ALL),
         valid_range: Stored::of(&file.calibration.valid_range, Axes::ALL),
+        lag: Stored::of(&file.calibration.lag, Axes::ALL),
     })
 }
 
-/// Parses a document whose version is known to be `PHYSICS_SCHEMA_VERSION`.
+/// Parses the document of a physics model, of a known version.
 pub(super) fn parse(text: &[u8]) -> Result<CalibrationFile, Problem> {
     let document: PhysicsDocument = serde_json::from_slice(text)?;
     document.value().map_err(Problem::Inconsistent)
@@ -51,13 +62,15 @@ impl PhysicsDocument {
     /// What does not fit together.
     fn value(self) -> Result<CalibrationFile, String> {
         self.check()?;
-        let mut physics = PhysicsCalibration::new(self.physics.value(Axes::ALL)?);
+        let model = self.physics.value(Axes::ALL)?;
+        let mut physics = PhysicsCalibration::new(model, self.standard_error_scale);
         physics.intervals = self.intervals.value(Axes::ALL)?;
         if let Some(intervals) = &physics.intervals {
             check_intervals("intervals", intervals)?;
         }
         let mut calibration = Calibration::of(Kind::Physics(Box::new(physics)));
         calibration.valid_range = self.valid_range.value(Axes::ALL)?;
+        calibration.lag = self.lag.value(Axes::ALL)?;
         Ok(CalibrationFile { calibration, origin: self.origin.value(Axes::ALL)? })
     }
 
@@ -96,6 +109,9 @@ impl PhysicsDocument {
             }
             next = sensor.channel + 1;
         }
+        if !self.standard_error_scale.iter().all(|&scale| scale > 0.0 && scale < f64::INFINITY) {
+            return Err("`standard_error_scale` is not above zero".to_owned());
+        }
         if self.physics.wrench_scale.iter().any(|&scale| scale <= 0.0) {
             return Err("`physics.wrench_scale` is not above zero".to_owned());
         }
@@ -119,6 +135,7 @@ mod tests {
             covariance: std::array::from_fn(|i| {
                 std::array::from_fn(|j| if i == j { 1e-3 / 7.0 } else { 1e-300 })
             }),
+            loadings: [0.1 / 3.0, 0.0],
         };
         let model = PhysicsModel {
             channels: 8,
@@ -129,7 +146,8 @@ mod tests {
             noise: Noise { reading: 1e-4, displacement: 0.01 },
             sensors: (1..8).map(sensor).collect(),
         };
-        let mut physics = PhysicsCalibration::new(model);
+        let scale = std::array::from_fn(|axis| 0.7 + axis as f64 / 7.0);
+        let mut physics = PhysicsCalibration::new(model, scale);
         let factors = std::array::from_fn(|axis| vec![0.7, 1.9 + axis as f64 / 3.0]);
         physics.intervals = Some(GroupIntervals { groups: 12, levels: vec![0.5, 0.9], factors });
         let calibration = Calibration::of(Kind::Physics(Box::new(physics)));
@@ -140,6 +158,19 @@ mod tests {
     fn a_file_reads_back_to_the_last_bit() {
         let file = file();
         assert_eq!(parse(file.to_json().as_bytes()).unwrap(), file);
+    }
+
+    #[test]
+    fn a_document_of_the_version_before_has_no_factors_and_unscaled_standard_errors() {
+        let mut document: serde_json::Value = serde_json::from_str(&file().to_json()).unwrap();
+        document["schema_version"] = 2.into();
+        document.as_object_mut().unwrap().remove("standard_error_scale");
+        for sensor in document["physics"]["sensors"].as_array_mut().unwrap() {
+            sensor.as_object_mut().unwrap().remove("loadings");
+        }
+        let read = CalibrationFile::parse(document.to_string().as_bytes()).unwrap();
+        let Kind::Physics(physics) = read.calibration.kind() else { panic!("no physics model") };
+        assert_eq!((physics.model().factor_count(), *physics.error_scale()), (0, [1.0; 6]));
     }
 
     #[test]

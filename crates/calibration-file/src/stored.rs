@@ -7,9 +7,11 @@
 
 use std::path::PathBuf;
 
+use calibration::dynamics::ReferenceLag;
+use calibration::memory::{MemoryTerms, TimeBase};
 use calibration::model::{Basis, Model};
 use calibration::physics::response::{PARAMETERS, Parameters};
-use calibration::physics::{GroupIntervals, Noise, PhysicsModel, Sensor};
+use calibration::physics::{GroupIntervals, Loadings, Noise, PhysicsModel, Sensor};
 use calibration::quality::AxisQuality;
 use calibration::reading_ranges::ReadingRange;
 use calibration::scaling::Scaling;
@@ -57,7 +59,7 @@ macro_rules! as_it_is {
     )*};
 }
 
-as_it_is!(bool, f64, u64, usize, String, Role, Parameters, [Parameters; PARAMETERS]);
+as_it_is!(bool, f64, u64, usize, String, Role, Parameters, [Parameters; PARAMETERS], Loadings);
 
 /// A path in a document. Names that are not Unicode, which JSON cannot hold, are written with
 /// replacement characters.
@@ -249,10 +251,25 @@ stored!(StoredSource of SourceFile {
     role: Role,
     path: StoredPath,
     checksum: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    digest: Option<String>,
     rows: u64,
 });
 
-stored!(StoredModel of Model { basis: Name<Basis>, intercept: bool, channels: usize });
+stored!(StoredModel of Model {
+    basis: Name<Basis>,
+    intercept: bool,
+    channels: usize,
+    #[serde(default, skip_serializing_if = "is_none")]
+    memory: usize,
+});
+stored!(StoredMemory of MemoryTerms {
+    time_base: Name<TimeBase>,
+    time_constants: Vec<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    gap: Option<f64>,
+});
+stored!(StoredLag of ReferenceLag { time_base: Name<TimeBase>, by: f64 });
 stored!(StoredScaling of Scaling { centre: Vec<f64>, scale: Vec<f64> });
 stored!(StoredReadingRange of ReadingRange { min: f64, max: f64 });
 
@@ -285,12 +302,32 @@ stored!(StoredSensor of Sensor {
     range: f64,
     parameters: Parameters,
     covariance: [Parameters; PARAMETERS],
+    #[serde(default)]
+    loadings: Loadings,
 });
 stored!(StoredGroupIntervals of GroupIntervals {
     groups: usize,
     levels: Vec<f64>,
     factors: OfAxes<Vec<f64>>,
 });
+
+fn is_none(memory_terms: &usize) -> bool {
+    *memory_terms == 0
+}
+
+/// Whether memory terms fit to a model of so many time constants, and are any.
+pub(super) fn check_memory(memory: Option<&StoredMemory>, expected: usize) -> Result<(), String> {
+    let found = memory.map_or(0, |memory| memory.time_constants.len());
+    if found != expected {
+        return Err(format!("`memory` has `{found}` time constants, the model needs `{expected}`"));
+    }
+    let is_wrong = |time: &f64| !(*time > 0.0 && *time <= super::LARGEST);
+    let times = memory.into_iter().flat_map(|of| of.time_constants.iter().chain(&of.gap));
+    match times.copied().find(is_wrong) {
+        Some(time) => Err(format!("`memory` has the time `{time}`, which is not positive")),
+        None => Ok(()),
+    }
+}
 
 /// Whether the parts of intervals, in the field of this name, fit together.
 pub(super) fn check_intervals(name: &str, intervals: &GroupIntervals) -> Result<(), String> {
@@ -397,6 +434,14 @@ impl Named for Basis {
 
     fn name(self) -> &'static str {
         Basis::name(self)
+    }
+}
+
+impl Named for TimeBase {
+    const ALL: &'static [Self] = &TimeBase::ALL;
+
+    fn name(self) -> &'static str {
+        self.unit()
     }
 }
 

@@ -43,7 +43,7 @@ impl TriangleDocument {
         if centre.len() != count || scale.len() != count || !(1..=MAX_CHANNELS).contains(&count) {
             return Err(named("`scaling` and `channels` are not of as many channels"));
         }
-        let model = Model { basis, intercept: true, channels: count };
+        let model = Model { basis, intercept: true, channels: count, memory: 0 };
         model.check_size().map_err(|error| named(&error.to_string()))?;
         let is_power_of_two = |scale: &f64| scale.is_normal() && scale.to_bits() << 12 == 0;
         if !scale.iter().all(|scale| *scale > 0.0 && is_power_of_two(scale)) {
@@ -59,7 +59,7 @@ impl TriangleDocument {
         }
         let ranges = ReadingRanges { rows: self.rows, channels };
         let rows =
-            FactoredRows::of_parts((basis, scaling), ranges, &self.columns).ok_or_else(|| {
+            FactoredRows::of_parts((model, scaling), ranges, &self.columns).ok_or_else(|| {
                 named("`columns` are not those of an upper triangular matrix of its size")
             })?;
         match rows.counts_its_rows() {

@@ -1,7 +1,12 @@
 //! Applying a calibration: from readings to wrenches.
 
+use std::borrow::Cow;
+
 use pulp::NullaryFnOnce;
 
+use super::dynamics::{ReferenceLag, prepared};
+use super::error::FitError;
+use super::memory::{MemoryState, MemoryTerms, TimeBase};
 use super::model::Model;
 use super::physics::PhysicsCalibration;
 use super::polynomial::Polynomial;
@@ -9,6 +14,7 @@ use super::reading_ranges::{ReadingRange, ReadingRanges};
 use super::scaling::Scaling;
 use super::solver::Solution;
 use super::uncertainty::Covariance;
+use shell_data::dataset::Dataset;
 use shell_data::instructions::arch;
 use shell_data::wrench::{Axes, PerAxis};
 
@@ -23,6 +29,11 @@ pub struct Calibration {
     pub covariance: Option<Covariance>,
     /// The range of each channel in the training data, where that is known.
     pub valid_range: Option<Vec<ReadingRange>>,
+    /// The memory terms that the readings have to have beside them.
+    pub memory: Option<MemoryTerms>,
+    /// How much later than the readings the reference of the training logs was, which has been made up for: forces
+    /// are those at the time of the reading.
+    pub lag: Option<ReferenceLag>,
 }
 
 /// How a calibration gets from readings to wrenches.
@@ -47,7 +58,7 @@ impl Calibration {
 
     /// A calibration of this kind, of all six axes, without a covariance and valid for any reading.
     pub fn of(kind: Kind) -> Self {
-        Self { kind, axes: Axes::ALL, covariance: None, valid_range: None }
+        Self { kind, axes: Axes::ALL, covariance: None, valid_range: None, memory: None, lag: None }
     }
 
     /// The calibration of all six axes that a solver has found, valid over the ranges of its training data, without
@@ -56,7 +67,7 @@ impl Calibration {
         let c = &solution.coefficients;
         let rows = (0..c.nrows()).map(|j| std::array::from_fn(|axis| c[(j, axis)])).collect();
         Self {
-            valid_range: Some(ranges.channels.clone()),
+            valid_range: Some(ranges.channels[..solution.model.channels].to_vec()),
             ..Self::new(solution.model, solution.scaling.clone(), rows)
         }
     }
@@ -82,6 +93,44 @@ impl Calibration {
         }
     }
 
+    /// The memory terms before the first row of a log, if there are any.
+    pub fn start_memory(&self) -> Option<MemoryState> {
+        self.memory.as_ref().map(MemoryTerms::start)
+    }
+
+    /// Whether it needs the time of each row.
+    pub fn needs_time(&self) -> bool {
+        self.memory.as_ref().is_some_and(|memory| memory.time_base == TimeBase::Seconds)
+    }
+
+    /// Rows to compare it with: memory terms beside their readings, the wrench at the time of the readings.
+    ///
+    /// # Errors
+    /// [`FitError::NoTime`] if a log has not the time that these take.
+    pub fn prepared(&self, data: &Dataset) -> Result<Dataset, FitError> {
+        prepared(data, self.memory.as_ref(), self.lag)
+    }
+
+    /// Readings of the channels alone, with memory terms of zero; others as they are.
+    pub(super) fn with_terms<'a>(&self, readings: &'a [Vec<f64>]) -> Cow<'a, [Vec<f64>]> {
+        let columns = self.columns();
+        if readings.len() != self.channels() || readings.len() == columns {
+            return Cow::Borrowed(readings);
+        }
+        let rows = readings.first().map_or(0, Vec::len);
+        let mut all = readings.to_vec();
+        all.resize(columns, vec![0.0; rows]);
+        Cow::Owned(all)
+    }
+
+    /// Columns of readings that it takes: one per channel, then its memory terms.
+    pub fn columns(&self) -> usize {
+        match &self.kind {
+            Kind::Polynomial(polynomial) => polynomial.model().columns(),
+            Kind::Physics(physics) => physics.model().channels,
+        }
+    }
+
     /// Number of channels of a frame.
     pub fn channels(&self) -> usize {
         match &self.kind {
@@ -92,13 +141,15 @@ impl Calibration {
 
     /// The wrench of every row, untared: N and N·m.
     ///
-    /// `readings` has one column per channel, in counts; `wrench` is made as long as they are, zeros for what
+    /// `readings` has one column per channel, in counts, and its [memory terms](Self::memory) after them; without
+    /// these the sensor is taken to have rested. `wrench` is made as long as they are, zeros for what
     /// is not among [`Self::axes`]. The
     /// bits are the same on any machine, and those of a row do not depend on the rows beside it.
     ///
     /// # Panics
     /// If `readings` are not the model's channels, or of different lengths.
     pub fn wrench(&self, readings: &[Vec<f64>], wrench: &mut PerAxis<Vec<f64>>) {
+        let readings = &self.with_terms(readings);
         let rows = self.rows_of(readings);
         match &self.kind {
             Kind::Polynomial(polynomial) => polynomial.wrench(readings, rows, wrench),
@@ -113,7 +164,7 @@ impl Calibration {
     /// `i` for channel `i` from 0, all channels from 63 up sharing the last bit. Zero where the
     /// range is not known.
     pub fn out_of_range(&self, readings: &[Vec<f64>]) -> Vec<u64> {
-        let mut flags = vec![0; self.rows_of(readings)];
+        let mut flags = vec![0; readings.first().map_or(0, Vec::len)];
         for (channel, range) in self.valid_range.iter().flatten().enumerate() {
             let bit = 1 << channel.min(63);
             for (flags, &reading) in flags.iter_mut().zip(&readings[channel]) {
@@ -124,11 +175,8 @@ impl Calibration {
     }
 
     /// The number of rows with a reading outside the range of the training data.
-    ///
-    /// # Panics
-    /// If `readings` are not the model's channels, or of different lengths.
     pub fn rows_out_of_range(&self, readings: &[Vec<f64>]) -> u64 {
-        let rows = self.rows_of(readings);
+        let rows = readings.first().map_or(0, Vec::len);
         let columns = readings.iter().zip(self.valid_range.iter().flatten());
         // Where a calibration is used as it should be, there is no such column.
         let arch = arch();
@@ -144,7 +192,7 @@ impl Calibration {
 
     /// Number of rows, after a check of the shape that callers promise.
     pub(super) fn rows_of(&self, readings: &[Vec<f64>]) -> usize {
-        assert_eq!(readings.len(), self.channels(), "one column per channel");
+        assert_eq!(readings.len(), self.columns(), "one column per channel, and its memory terms");
         let rows = readings.first().map_or(0, Vec::len);
         assert!(readings.iter().all(|column| column.len() == rows), "columns of one length");
         rows
@@ -174,7 +222,7 @@ mod tests {
     use super::*;
 
     fn calibration(basis: Basis, channels: usize) -> Calibration {
-        let model = Model { basis, intercept: true, channels };
+        let model = Model { basis, intercept: true, channels, memory: 0 };
         let scaling = Scaling { centre: vec![50.0; channels], scale: vec![64.0; channels] };
         let coefficients = (0..model.terms().len())
             .map(|j| std::array::from_fn(|axis| (1 + j * 7 + axis * 3) as f64 / 8.0))

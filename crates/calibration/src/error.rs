@@ -57,6 +57,18 @@ pub enum FitError {
     /// The rows cannot be summed exactly; another solver can do with them.
     #[error("the exact solver cannot take these rows: {0}")]
     NotExact(#[from] ExactError),
+    /// A time constant that is none.
+    #[error("a time constant of `{0}` is not positive")]
+    TimeConstant(f64),
+    /// Memory terms or a lag by time, of a log that has no clock.
+    #[error("`{}` has no time, which memory terms and lag of the calibration are by", log.display())]
+    NoTime {
+        /// The log.
+        log: PathBuf,
+    },
+    /// Memory terms or a lag were asked for of rows that are reduced to means.
+    #[error("memory terms and a lag are of single rows, not of means")]
+    DynamicsOfMeans,
     /// A model of other features than were kept.
     #[error("the triangles are for `{kept}` features, not for `{asked}`")]
     OtherFeatures {
@@ -188,6 +200,8 @@ impl FitError {
                 | Self::NoGroupSums
                 | Self::NoGroupCovariance(_)
                 | Self::Weights { .. }
+                | Self::TimeConstant(_)
+                | Self::DynamicsOfMeans
                 | Self::Copy { .. }
                 | Self::NoRows
                 | Self::Interrupted

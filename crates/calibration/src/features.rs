@@ -40,9 +40,9 @@ impl Features {
     /// The features of `model` over readings standardised by `scaling`.
     ///
     /// # Panics
-    /// If `scaling` is not for as many channels as `model`.
+    /// If `scaling` is not for as many columns as `model`.
     pub fn new(model: Model, scaling: Scaling) -> Self {
-        assert_eq!(model.channels, scaling.channels(), "one scaling per channel");
+        assert_eq!(model.columns(), scaling.channels(), "one scaling per column");
         let recipe = recipe(&model.terms());
         Self { model, scaling, recipe }
     }
@@ -190,7 +190,7 @@ mod tests {
         let readings = [vec![0.0, 3.0, 8.0, -2.0], vec![0.0, 10.0, 2.0, 6.0]];
         let scaling = Scaling { centre: vec![1.0, 4.0], scale: vec![2.0, 1.0] };
         for basis in Basis::ALL {
-            let model = Model { basis, intercept: true, channels: 2 };
+            let model = Model { basis, intercept: true, channels: 2, memory: 0 };
             let features = Features::new(model, scaling.clone());
             let (stride, rows) = (5, 1..4);
             let mut columns = vec![f64::NAN; stride * features.len()];

@@ -20,7 +20,7 @@
 //! wrench[0] = vec![0.0, 1.0, 2.0, 3.0];
 //! let block = Block { rows: 4, readings, wrench, ..Block::default() };
 //!
-//! let model = Model { basis: Basis::Linear, intercept: true, channels: 1 };
+//! let model = Model { basis: Basis::Linear, intercept: true, channels: 1, memory: 0 };
 //! let problem = FitProblem { model, scaling: calibration::scaling::Scaling::identity(1), ridge: 0.0 };
 //! let (solution, ranges) = solver::fit(SolverKind::Exact, problem, &(&block).into())?;
 //! let calibration = Calibration::of_solution(&solution, &ranges);
@@ -37,6 +37,7 @@
 mod conversion;
 mod decimal_step;
 pub mod double_double;
+pub mod dynamics;
 mod error;
 pub mod exact;
 mod factor;
@@ -44,10 +45,13 @@ pub mod factored;
 pub mod features;
 pub mod fit;
 pub mod least_squares;
+pub mod load_plan;
 pub mod magnitudes;
+pub mod memory;
 pub mod model;
 pub mod passes;
 pub mod physics;
+pub mod plausibility;
 pub mod polynomial;
 pub mod quality;
 pub mod rank_loss;

@@ -3,7 +3,9 @@
 //! A feature is a product of up to three readings. The order is that of the lab's own tools, so
 //! that coefficients can be exchanged with them: `cubic` goes channel by channel (s1, s1², s1³,
 //! s2, …); the models with cross terms go degree by degree, each degree in lexicographic order
-//! (s1, …, s8, s1², s1·s2, …). The intercept, the empty product, comes last.
+//! (s1, …, s8, s1², s1·s2, …); `cubic+products` has the terms of `cubic`, then the products of two channels. After
+//! them come [memory terms](crate::memory), linear, one of each channel by time constant. The intercept, the empty
+//! product, comes last.
 
 /// A family of features.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -14,13 +16,16 @@ pub enum Basis {
     Cubic,
     /// All products of up to two readings: 44 features for 8 channels.
     Quadratic,
+    /// Those of `Cubic`, and the products of two different readings: 52 features for 8 channels.
+    CubicProducts,
     /// All products of up to three readings: 164 features for 8 channels.
     Poly3,
 }
 
 impl Basis {
     /// All bases, from the smallest to the largest.
-    pub const ALL: [Basis; 4] = [Basis::Linear, Basis::Cubic, Basis::Quadratic, Basis::Poly3];
+    pub const ALL: [Basis; 5] =
+        [Basis::Linear, Basis::Cubic, Basis::Quadratic, Basis::CubicProducts, Basis::Poly3];
 
     /// The name in files and on the command line.
     pub const fn name(self) -> &'static str {
@@ -28,6 +33,7 @@ impl Basis {
             Basis::Linear => "linear",
             Basis::Cubic => "cubic",
             Basis::Quadratic => "quadratic",
+            Basis::CubicProducts => "cubic+products",
             Basis::Poly3 => "poly3",
         }
     }
@@ -38,6 +44,7 @@ impl Basis {
             Basis::Linear => "Each reading",
             Basis::Cubic => "Each reading, its square and its cube",
             Basis::Quadratic => "Products of up to two readings",
+            Basis::CubicProducts => "As `cubic`, and products of two readings",
             Basis::Poly3 => "Products of up to three readings",
         }
     }
@@ -47,7 +54,7 @@ impl Basis {
         match self {
             Basis::Linear => 1,
             Basis::Quadratic => 2,
-            Basis::Cubic | Basis::Poly3 => 3,
+            Basis::Cubic | Basis::CubicProducts | Basis::Poly3 => 3,
         }
     }
 }
@@ -87,8 +94,10 @@ pub struct Model {
     pub basis: Basis,
     /// Whether a constant is fitted beside them.
     pub intercept: bool,
-    /// Number of channels, at most 255.
+    /// Number of channels; with their memory terms at most 255.
     pub channels: usize,
+    /// Number of time constants, for each of which every channel has a memory term. 0 for none.
+    pub memory: usize,
 }
 
 /// A product of up to three channels, named by their indices from 0 in ascending order.
@@ -132,13 +141,23 @@ impl Term {
 }
 
 impl Model {
+    /// Columns that features are made of: the channels, then their memory terms.
+    pub fn columns(&self) -> usize {
+        self.channels * (1 + self.memory)
+    }
+
     /// The terms in the order of the coefficients.
     pub fn terms(&self) -> Vec<Term> {
-        let channels = u8::try_from(self.channels).expect("at most 255 channels");
+        let index = |column: usize| u8::try_from(column).expect("at most 255 columns");
+        let channels = index(self.channels);
         let mut terms = Vec::new();
-        if self.basis == Basis::Cubic {
+        if matches!(self.basis, Basis::Cubic | Basis::CubicProducts) {
             for i in 0..channels {
                 terms.extend((1..=3).map(|power| Term::product(&[i; 3][..power])));
+            }
+            if self.basis == Basis::CubicProducts {
+                let different = pairs(channels).filter(|(i, j)| i != j);
+                terms.extend(different.map(|(i, j)| Term::product(&[i, j])));
             }
         } else {
             terms.extend((0..channels).map(|i| Term::product(&[i])));
@@ -152,6 +171,7 @@ impl Model {
                 );
             }
         }
+        terms.extend((channels..index(self.columns())).map(|i| Term::product(&[i])));
         if self.intercept {
             terms.push(Term::INTERCEPT);
         }
@@ -166,9 +186,23 @@ impl Model {
             Basis::Linear => n,
             Basis::Cubic => 3 * n,
             Basis::Quadratic => n + pairs,
+            Basis::CubicProducts => 2 * n + pairs,
             Basis::Poly3 => n + pairs + n * (n + 1) * (n + 2) / 6,
         };
-        features + usize::from(self.intercept)
+        features + self.memory * n + usize::from(self.intercept)
+    }
+
+    /// The name of a term that people read, as [`Term::name`]; of a memory term `s2-EMA3(s2)`, where 3 is the
+    /// number of the time constant.
+    pub fn term_name(&self, term: &Term) -> String {
+        match term.factors() {
+            &[column] if usize::from(column) >= self.channels => {
+                let (time, channel) =
+                    (usize::from(column) / self.channels, usize::from(column) % self.channels + 1);
+                format!("s{channel}-EMA{time}(s{channel})")
+            }
+            _ => term.name(),
+        }
     }
 
     /// Whether its coefficients are few enough to be fitted. Found without listing them.
@@ -179,9 +213,10 @@ impl Model {
         if self.term_count() > MAX_TERMS { Err(TooLarge { model: *self }) } else { Ok(()) }
     }
 
-    /// The name people read: `cubic`, or `cubic+1` with an intercept.
+    /// The name people read: `cubic`, `cubic+1` with an intercept, `cubic+memory+1` with memory terms.
     pub fn name(&self) -> String {
-        format!("{}{}", self.basis.name(), if self.intercept { "+1" } else { "" })
+        let memory = if self.memory > 0 { "+memory" } else { "" };
+        format!("{}{memory}{}", self.basis.name(), if self.intercept { "+1" } else { "" })
     }
 }
 
@@ -194,25 +229,27 @@ mod tests {
     use super::*;
 
     fn names(basis: Basis, channels: usize, intercept: bool) -> Vec<String> {
-        Model { basis, intercept, channels }.terms().iter().map(Term::name).collect()
+        Model { basis, intercept, channels, memory: 0 }.terms().iter().map(Term::name).collect()
     }
 
     #[test]
     fn eight_channels_give_the_published_numbers_of_features() {
         let counts = Basis::ALL.map(|basis| names(basis, 8, false).len());
-        assert_eq!(counts, [8, 24, 44, 164]);
-        let counted =
-            Basis::ALL.map(|basis| Model { basis, intercept: true, channels: 8 }.term_count());
-        assert_eq!(counted, [9, 25, 45, 165]);
+        assert_eq!(counts, [8, 24, 44, 52, 164]);
+        let counted = Basis::ALL
+            .map(|basis| Model { basis, intercept: true, channels: 8, memory: 0 }.term_count());
+        assert_eq!(counted, [9, 25, 45, 53, 165]);
     }
 
     #[test]
     fn a_model_that_is_too_large_is_told_with_what_would_do() {
-        let model = Model { basis: Basis::Poly3, intercept: true, channels: 64 };
+        let model = Model { basis: Basis::Poly3, intercept: true, channels: 64, memory: 0 };
         let error = model.check_size().unwrap_err().to_string();
         assert!(error.contains("`47905` coefficients"), "{error}");
         assert!(
-            error.ends_with("`linear`, `cubic`, `quadratic` would do, or `21` channels"),
+            error.ends_with(
+                "`linear`, `cubic`, `quadratic`, `cubic+products` would do, or `21` channels"
+            ),
             "{error}"
         );
         assert!(Model { channels: 21, ..model }.check_size().is_ok());
@@ -230,5 +267,15 @@ mod tests {
             names(Basis::Poly3, 2, false),
             ["s1", "s2", "s1^2", "s1*s2", "s2^2", "s1^3", "s1^2*s2", "s1*s2^2", "s2^3"]
         );
+    }
+
+    #[test]
+    fn products_of_two_channels_follow_the_powers_and_memory_terms_follow_both() {
+        let model = Model { basis: Basis::CubicProducts, intercept: true, channels: 2, memory: 2 };
+        let names: Vec<_> = model.terms().iter().map(|term| model.term_name(term)).collect();
+        let powers = ["s1", "s1^2", "s1^3", "s2", "s2^2", "s2^3", "s1*s2"];
+        let memory = ["s1-EMA1(s1)", "s2-EMA1(s2)", "s1-EMA2(s1)", "s2-EMA2(s2)", "1"];
+        assert_eq!(names, [&powers[..], &memory].concat());
+        assert_eq!((model.term_count(), model.columns()), (12, 6));
     }
 }

@@ -150,6 +150,41 @@ pub(crate) fn each<I: Sync, S: Send, T: Send>(
     let numbers = |item: &I| rows_of(item).rows * (rows_of(item).readings.len() + 6);
     let threads = match workers.threads {
         0 if items.iter().map(numbers).sum::<usize>() < WORTH_A_THREAD => 1,
+        threads => threads,
+    };
+    let workers = Workers { threads, ..workers };
+    on_threads(items, |item| rows_of(item).rows, workers, init, work, fold)
+}
+
+/// What `work` makes of every item, on any thread, in the order of the items. Whoever watches is told of `rows` for
+/// each.
+///
+/// # Errors
+/// As [`each`].
+pub(crate) fn map<I: Sync, T: Send>(
+    items: &[I],
+    rows: usize,
+    workers: Workers<'_>,
+    work: impl Fn(&I) -> Result<T, FitError> + Sync,
+) -> Result<Vec<T>, FitError> {
+    let mut results = Vec::with_capacity(items.len());
+    let fold = |result| {
+        results.push(result);
+        Ok(())
+    };
+    on_threads(items, |_| rows, workers, || (), |(), item| work(item), fold)?;
+    Ok(results)
+}
+
+fn on_threads<I: Sync, S: Send, T: Send>(
+    items: &[I],
+    rows_of: impl Fn(&I) -> usize + Sync,
+    workers: Workers<'_>,
+    init: impl Fn() -> S + Sync,
+    work: impl Fn(&mut S, &I) -> Result<T, FitError> + Sync,
+    fold: impl FnMut(T) -> Result<(), FitError> + Send,
+) -> Result<Vec<S>, FitError> {
+    let threads = match workers.threads {
         0 => *AVAILABLE_THREADS,
         threads => threads,
     };
@@ -162,7 +197,7 @@ pub(crate) fn each<I: Sync, S: Send, T: Send>(
             let place = next.fetch_add(1, Ordering::Relaxed);
             let Some(item) = items.get(place) else { return state };
             let result = work(&mut state, item).and_then(|value| {
-                let goes_on = workers.watch.is_none_or(|watch| watch(rows_of(item).rows));
+                let goes_on = workers.watch.is_none_or(|watch| watch(rows_of(item)));
                 if goes_on { Ok(value) } else { Err(FitError::Interrupted) }
             });
             // A poisoned lock means that a thread has panicked, and the panic will be passed on.

@@ -75,7 +75,7 @@ impl RankLoss {
             .map(|&channel| Dependence::Constant { channel, value: ranges.channels[channel].min })
             .collect();
         let moving: Vec<usize> =
-            (0..features.model().channels).filter(|i| !constant.contains(i)).collect();
+            (0..features.model().columns()).filter(|i| !constant.contains(i)).collect();
         dependences.extend(lines(features, r, &moving));
         if dependences.is_empty() {
             let terms = features.model().terms();

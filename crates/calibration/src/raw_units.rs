@@ -55,7 +55,7 @@ mod tests {
     #[test]
     fn raw_coefficients_give_the_same_wrench_to_rounding_of_the_largest_term() {
         for basis in Basis::ALL {
-            let model = Model { basis, intercept: true, channels: 8 };
+            let model = Model { basis, intercept: true, channels: 8, memory: 0 };
             let terms = model.terms();
             let scaling = Scaling {
                 centre: (0..8).map(|i| f64::from(1200 + 100 * i)).collect(),
@@ -89,7 +89,7 @@ mod tests {
 
     #[test]
     fn a_calibration_that_is_raw_already_stays_as_it_is() {
-        let model = Model { basis: Basis::Cubic, intercept: false, channels: 2 };
+        let model = Model { basis: Basis::Cubic, intercept: false, channels: 2, memory: 0 };
         let coefficients: Vec<PerAxis<f64>> = (1..=6).map(|j| [0.1 * f64::from(j); 6]).collect();
         let polynomial = Polynomial::new(model, Scaling::identity(2), coefficients.clone());
         assert_eq!(super::coefficients(&polynomial), coefficients);

@@ -91,7 +91,7 @@ mod tests {
     fn features_of_readings_in_volts_have_twice_the_digits() {
         let readings = [vec![2.501_234, 2.7, 0.1], vec![1.0 / 3.0, 0.123, 7.77]];
         let scaling = Scaling { centre: vec![2.625, 1.0 / 7.0], scale: vec![0.25, 8.0] };
-        let model = Model { basis: Basis::Poly3, intercept: true, channels: 2 };
+        let model = Model { basis: Basis::Poly3, intercept: true, channels: 2, memory: 0 };
         let features = Features::new(model, scaling.clone());
         let (n, p) = (3, features.len());
         let (mut heads, mut tails) = (vec![0.0; n * p], vec![0.0; n * p]);
@@ -115,7 +115,7 @@ mod tests {
     fn features_of_integer_readings_leave_nothing_out() {
         let readings = [vec![4095.0, 0.0, 1234.0], vec![1.0, 65535.0, 17.0]];
         let scaling = Scaling::of_sample(&readings, true);
-        let model = Model { basis: Basis::Poly3, intercept: true, channels: 2 };
+        let model = Model { basis: Basis::Poly3, intercept: true, channels: 2, memory: 0 };
         let features = Features::new(model, scaling);
         let p = features.len();
         let (mut heads, mut tails) = (vec![0.0; 3 * p], vec![f64::NAN; 3 * p]);

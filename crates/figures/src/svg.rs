@@ -5,6 +5,7 @@ use std::fmt::Write;
 
 use super::palette;
 use super::size::Size;
+use shell_data::escape;
 
 /// What figures draw on.
 #[derive(Debug)]
@@ -249,7 +250,7 @@ impl Canvas {
         let _ = writeln!(
             self.body,
             r#"<text x="{x}" y="{y}" font-size="{size}"{anchor}{weight}{turn}>{}</text>"#,
-            escape(text)
+            escape::markup(text)
         );
     }
 
@@ -311,21 +312,6 @@ pub(super) fn polyline(points: impl IntoIterator<Item = (f64, f64)>) -> String {
     path
 }
 
-/// Text as XML content; characters that XML cannot hold are replaced.
-fn escape(text: &str) -> String {
-    let mut escaped = String::with_capacity(text.len());
-    for character in text.chars() {
-        match character {
-            '&' => escaped.push_str("&amp;"),
-            '<' => escaped.push_str("&lt;"),
-            '>' => escaped.push_str("&gt;"),
-            c if c.is_control() || matches!(c, '\u{fffe}' | '\u{ffff}') => escaped.push('\u{fffd}'),
-            c => escaped.push(c),
-        }
-    }
-    escaped
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -334,10 +320,5 @@ mod tests {
     fn numbers_are_short_and_zero_has_no_sign() {
         let written = [1.0, 10.0, 0.5, -0.001, 12.345678, -3.10].map(number);
         assert_eq!(written, ["1", "10", "0.5", "0", "12.35", "-3.1"]);
-    }
-
-    #[test]
-    fn text_cannot_break_out_of_its_element() {
-        assert_eq!(escape("a<b> & \u{1}c"), "a&lt;b&gt; &amp; \u{fffd}c");
     }
 }

@@ -171,7 +171,9 @@ impl TareSearch {
                 .map(|(value, _)| *value)
                 .collect()
         };
-        let readings: Vec<Vec<f64>> = rows.readings.iter().map(|column| pick(column)).collect();
+        // At rest there is nothing to remember.
+        let channels = rows.readings.iter().take(calibration.channels());
+        let readings: Vec<Vec<f64>> = channels.map(|column| pick(column)).collect();
         finder.look_at(&pick(rows.times_s), &readings, &mut |rest| zeros.add(calibration, rest));
     }
 
@@ -295,7 +297,7 @@ mod tests {
 
     /// Fx is the reading.
     fn identity() -> Calibration {
-        let model = Model { basis: Basis::Linear, intercept: false, channels: 1 };
+        let model = Model { basis: Basis::Linear, intercept: false, channels: 1, memory: 0 };
         Calibration::new(model, Scaling::identity(1), vec![[1.0, 0.0, 0.0, 0.0, 0.0, 0.0]])
     }
 

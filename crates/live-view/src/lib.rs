@@ -11,6 +11,7 @@
 //!
 //! Pure: no ports, no files, no clock but that of the rows.
 
+mod guide;
 mod history;
 mod model;
 mod picture;
@@ -18,6 +19,7 @@ mod scale;
 #[allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "serves a page")]
 pub mod web;
 
+pub use guide::{Guide, GuidePhase, GuideView, GuidedLoad, HOLD_S, HeldLoad};
 pub use history::History;
 pub use model::{ChannelState, ChannelView, LiveModel, LiveRow, LiveSetup, Mark, TraceView};
 pub use picture::{Picture, TracePicture};

@@ -332,15 +332,16 @@ pub enum RowProblem {
         /// Its content.
         found: String,
     },
-    /// A reading is beyond what any converter gives: damage, or another quantity.
-    #[error("{field}: expected a reading of at most {largest} counts, found `{found}`")]
+    /// A reading is beyond what any converter gives, or a load beyond what any sensor measures: damage, or
+    /// another quantity.
+    #[error("{field}: expected {expected}, found `{found}`")]
     Unbelievable {
         /// Which.
         field: Field,
         /// Its content.
         found: String,
-        /// The largest magnitude that there is.
-        largest: String,
+        /// What there may be.
+        expected: String,
     },
     /// A field is empty.
     #[error("{field}: expected a number, found nothing")]

@@ -130,6 +130,37 @@ impl Log {
         places.map(|&place| self.layout.columns[place].name.as_str()).collect()
     }
 
+    /// The columns of the sensors in channel order, then those of the wrench that there are: by their names in the
+    /// log, or places where they have none, if `mapping` specifies them; by their usual names if they were
+    /// recognised. A unit that `mapping` specifies stands beside moments.
+    pub fn specified_values(&self, mapping: &Mapping) -> Vec<String> {
+        let FileLayout { columns, roles, .. } = &self.layout;
+        let mapping = mapping.for_columns(&self.column_names());
+        let name = |place: usize| match columns[place].name.as_str() {
+            "" => ColumnRef::Position(place + 1).to_string(),
+            name => name.to_owned(),
+        };
+        let sensor = |(channel, &place): (usize, &usize)| match mapping.sensors {
+            Some(_) => name(place),
+            None => format!("s{}", channel + 1),
+        };
+        let load =
+            |axis: Axis| {
+                let place = roles.wrench[axis.index()]?;
+                let column = match mapping.wrench {
+                    Some(_) => name(place),
+                    None => axis.column().to_owned(),
+                };
+                let unit = mapping.moment_unit.filter(|_| axis.is_moment());
+                Some(unit.map_or_else(
+                    || column.clone(),
+                    |unit| format!("{column} in {}", unit.symbol()),
+                ))
+            };
+        let sensors = roles.sensors.iter().enumerate().map(sensor);
+        sensors.chain(Axis::ALL.into_iter().filter_map(load)).collect()
+    }
+
     /// What `mapping` specifies of this log's columns, by their names: what other logs of the same kind
     /// may be read by. Columns whose names others have, too, are left out.
     pub fn specified(&self, mapping: &Mapping) -> ColumnNames {

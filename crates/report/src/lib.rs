@@ -17,10 +17,10 @@ mod units;
 use content::MOST_TRACES;
 pub use content::{CalibrationFacts, CalibrationSource, Heading, Input, Report};
 pub use markup::figure;
-use markup::script_json;
 pub use of_calibration::{CalibrationReport, FewGroups, GroupRow, Intervals};
 pub use outliers::{OutlierRow, OutlierTable};
 use page::ReportPage;
+use shell_data::escape;
 
 const SCRIPT: &str = include_str!("../assets/report.js");
 const PLOTLY: &[u8] = include_bytes!("../assets/plotly-cartesian.min.js.zst");
@@ -30,7 +30,8 @@ impl Report<'_> {
     /// The report as the content of an HTML file.
     pub fn html(&self) -> String {
         let numbers = numbers::ReportNumbers::new(self);
-        let data = script_json(&numbers);
+        let data = serde_json::to_string(&numbers).expect("numbers and text are always JSON");
+        let data = escape::script_json(&data);
         let plotly = String::from_utf8(figures::decompressed(PLOTLY)).expect("an asset of text");
         let script = format!(
             r#"<script id="data" type="application/json">{data}</script>

@@ -1,32 +1,8 @@
-//! Text as HTML, and numbers as people read them.
+//! Tables as HTML, and numbers as people read them.
 
 use std::fmt::Write;
 
-use serde::Serialize;
-
-/// Text as the content of an element or of a quoted attribute.
-pub(super) fn escape(text: &str) -> String {
-    let mut escaped = String::with_capacity(text.len());
-    for character in text.chars() {
-        match character {
-            '&' => escaped.push_str("&amp;"),
-            '<' => escaped.push_str("&lt;"),
-            '>' => escaped.push_str("&gt;"),
-            '"' => escaped.push_str("&quot;"),
-            '\'' => escaped.push_str("&#39;"),
-            '\n' | '\t' => escaped.push(character),
-            c if c.is_control() => escaped.push('\u{fffd}'),
-            c => escaped.push(c),
-        }
-    }
-    escaped
-}
-
-/// A value as JSON in a script element, which it cannot end.
-pub(super) fn script_json(value: &impl Serialize) -> String {
-    let json = serde_json::to_string(value).expect("numbers and text are always JSON");
-    json.replace('<', "\\u003c").replace('\u{2028}', "\\u2028").replace('\u{2029}', "\\u2029")
-}
+pub(super) use shell_data::escape::markup as escape;
 
 /// A number in four significant digits, with a true minus sign; a dash for none.
 pub fn figure(value: impl Into<Option<f64>>) -> String {
@@ -116,25 +92,6 @@ pub(super) fn table(caption: &str, header: &[(&str, bool)], rows: &[Vec<TableCel
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn text_cannot_become_markup() {
-        let nasty = "\"><script>alert('1')</script>&\u{1}";
-        assert_eq!(
-            escape(nasty),
-            "&quot;&gt;&lt;script&gt;alert(&#39;1&#39;)&lt;/script&gt;&amp;\u{fffd}"
-        );
-        let json = script_json(&["</script><!--", "\u{2028}"]);
-        assert!(!json.contains('<') && !json.contains('\u{2028}'));
-        let back: [String; 2] = serde_json::from_str(&json).unwrap();
-        assert_eq!(back, ["</script><!--", "\u{2028}"]);
-        let table = table(
-            nasty,
-            &[(nasty, true)],
-            &[vec![TableCell::from(nasty), TableCell::Long(nasty.into())]],
-        );
-        assert!(!table.contains("<script"));
-    }
 
     #[test]
     fn numbers_have_four_digits() {

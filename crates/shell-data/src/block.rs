@@ -15,8 +15,11 @@ pub struct Block {
     pub place: u64,
     /// Time in s.
     pub time_s: Vec<f64>,
-    /// Readings in counts, one column per channel.
+    /// Readings in counts, one column per channel; the last [`memory_columns`](Self::memory_columns) are terms that a
+    /// calibration adds to them.
     pub readings: Vec<Vec<f64>>,
+    /// How many columns follow those of the channels.
+    pub memory_columns: usize,
     /// Wrench in N and N·m, six columns in the order of [`crate::wrench::Axis::ALL`]; those of axes that the
     /// log has not are zero.
     pub wrench: Vec<Vec<f64>>,
@@ -33,6 +36,17 @@ pub struct Block {
 }
 
 impl Block {
+    /// The readings as they were recorded.
+    pub fn channels(&self) -> &[Vec<f64>] {
+        &self.readings[..self.readings.len() - self.memory_columns]
+    }
+
+    /// Leaves the readings as they were recorded.
+    pub fn drop_memory(&mut self) {
+        self.readings.truncate(self.readings.len() - self.memory_columns);
+        self.memory_columns = 0;
+    }
+
     /// For every row, whether its readings differ from those of the row before it.
     ///
     /// A repeat in a log that runs faster than its sensor is not a new frame. The first row of a
@@ -40,9 +54,9 @@ impl Block {
     pub fn fresh_rows(&self) -> Vec<bool> {
         let mut fresh = vec![false; self.rows];
         let Some((first, others)) = fresh.split_first_mut() else { return fresh };
-        let firsts = self.readings.iter().filter_map(|column| column.first());
+        let firsts = self.channels().iter().filter_map(|column| column.first());
         *first = self.readings_before.as_ref().is_none_or(|before| !firsts.eq(before));
-        for column in &self.readings {
+        for column in self.channels() {
             for ((fresh, before), reading) in others.iter_mut().zip(column).zip(&column[1..]) {
                 *fresh |= reading != before;
             }
@@ -57,9 +71,9 @@ impl Block {
         if self.rows == 0 || self.readings.is_empty() {
             return 0;
         }
-        let firsts = self.readings.iter().map(|column| &column[0]);
+        let firsts = self.channels().iter().map(|column| &column[0]);
         let repeats_before = self.readings_before.as_ref().is_some_and(|b| firsts.eq(b));
-        usize::from(repeats_before) + arch().dispatch(RepeatedRows(&self.readings))
+        usize::from(repeats_before) + arch().dispatch(RepeatedRows(self.channels()))
     }
 
     /// Keeps the rows for which `keep` is true, in every column.

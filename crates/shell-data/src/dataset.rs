@@ -10,6 +10,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use crate::block::Block;
+use crate::fingerprint::Fingerprint;
 use crate::wrench::Axes;
 
 /// Rows of arrays in a block.
@@ -102,6 +103,13 @@ impl RowSet {
 }
 
 impl Dataset {
+    /// What tells the rows of all logs from others.
+    pub fn fingerprint(&self) -> Fingerprint {
+        let mut fingerprint = Fingerprint::default();
+        self.blocks().for_each(|(_, block)| fingerprint.merge(Fingerprint::of(&block.rows)));
+        fingerprint
+    }
+
     /// The rows of arrays, in blocks of [`BLOCK_ROWS`] but for the last: readings, six columns of wrench and,
     /// where there are any, labels and weights.
     pub fn from_blocks(name: impl Into<PathBuf>, axes: Axes, mut blocks: Vec<Block>) -> Self {
@@ -129,6 +137,12 @@ impl Dataset {
         self.logs.first().map_or(0, |log| log.channels)
     }
 
+    /// Number of memory terms that each channel has.
+    pub fn memory_terms(&self) -> usize {
+        let columns = self.blocks().next().map_or(0, |(_, block)| block.rows.memory_columns);
+        columns / self.channels().max(1)
+    }
+
     /// Number of rows.
     pub fn rows(&self) -> u64 {
         self.logs.iter().map(LogRows::rows).sum()
@@ -143,6 +157,21 @@ impl Dataset {
     /// Whether rows count more or less than one another.
     pub fn has_weights(&self) -> bool {
         self.blocks().any(|(_, block)| !block.rows.weights.is_empty())
+    }
+
+    /// The same with the readings of the channels alone.
+    #[must_use]
+    pub fn without_memory(&self) -> Self {
+        let mut data = self.clone();
+        for log in &mut data.logs {
+            log.sample.drop_memory();
+            for block in log.blocks.iter_mut().filter(|block| block.rows.memory_columns > 0) {
+                let mut rows = Block::clone(&block.rows);
+                rows.drop_memory();
+                block.rows = Arc::new(rows);
+            }
+        }
+        data
     }
 
     /// The rows that are used: if `fresh`, those whose readings differ from those of the row before, and none of
@@ -225,6 +254,7 @@ impl Block {
                 to.extend_from_slice(&from[rows.clone()]);
             });
         }
+        self.memory_columns = other.memory_columns;
         self.rows += rows.len();
     }
 }

@@ -3,6 +3,8 @@
 //! A copy of a log among the training logs counts its rows twice; held out against its original, or
 //! tested on, it makes errors look far smaller than they are.
 
+use std::fmt;
+
 use pulp::NullaryFnOnce;
 
 use crate::Block;
@@ -17,10 +19,22 @@ pub struct Fingerprint {
     squares: u64,
 }
 
+/// As documents hold it.
+impl fmt::Display for Fingerprint {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "rows:{}:{:016x}{:016x}", self.rows, self.sum, self.squares)
+    }
+}
+
 impl Fingerprint {
     /// Of readings and wrench of the rows of a block.
     pub fn of(block: &Block) -> Self {
         arch().dispatch(OfBlock(block))
+    }
+
+    /// How many rows it is of.
+    pub fn rows(&self) -> u64 {
+        self.rows
     }
 
     /// Counts the rows of `other` in: of the same log, in any order.

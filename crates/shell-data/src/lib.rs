@@ -2,6 +2,7 @@
 //!
 //! - [`wrench`]: the six axes, their order, names and units;
 //! - [`block`]: a run of consecutive log rows, column by column;
+//! - [`escape`]: text that enters another language;
 //! - [`fingerprint`]: whether two logs hold the same rows;
 //! - [`hint`]: what to do about an error;
 //! - [`instructions`]: which vectors of the processor are worked with;
@@ -29,6 +30,7 @@
 pub mod block;
 pub mod columns;
 pub mod dataset;
+pub mod escape;
 pub mod fingerprint;
 pub mod hint;
 pub mod instructions;

@@ -37,6 +37,8 @@ pub enum Purpose {
     Controller = 12,
     /// Noise of its telemetry.
     Telemetry = 13,
+    /// Which poses of a session are held out, and in which order the others come.
+    Replay = 14,
     /// What the parameters of a beam channel may be.
     BeamChannel = 20,
 }

@@ -5,6 +5,8 @@
 
 use std::io;
 
+use shell_data::escape;
+
 use crate::write::{Cells, parquet_file};
 
 /// Columns of one length, each with a name that carries its unit.
@@ -77,7 +79,9 @@ impl NamedTable {
                     text.push(b',');
                 }
                 match column {
-                    NamedColumn::Text(values) => write_text(&values[row], &mut text),
+                    NamedColumn::Text(values) => {
+                        text.extend_from_slice(escape::csv_field(&values[row]).as_bytes())
+                    }
                     NamedColumn::Full(values) => {
                         text.extend_from_slice(digits.format(values[row]).as_bytes());
                     }
@@ -103,17 +107,6 @@ impl NamedTable {
     pub fn to_parquet(&self) -> io::Result<Vec<u8>> {
         let columns = self.columns.iter().map(|(name, column)| (name.as_str(), column.cells()));
         parquet_file(&columns.collect::<Vec<_>>())
-    }
-}
-
-/// A field, in quotes where it has to be (RFC 4180).
-pub fn write_text(value: &str, text: &mut Vec<u8>) {
-    if value.contains([',', '"', '\n', '\r']) {
-        text.push(b'"');
-        text.extend_from_slice(value.replace('"', "\"\"").as_bytes());
-        text.push(b'"');
-    } else {
-        text.extend_from_slice(value.as_bytes());
     }
 }
 

@@ -82,7 +82,8 @@ pub(super) fn diagnose_frames(
     let (Some(&first), Some(&last)) = (of_rows.first(), of_rows.last()) else { return };
     let of = (last - first + 1) as u64;
     let cut = |column: &Vec<f64>| column[first..=last].to_vec();
-    let frames: Vec<Vec<f64>> = forces.frames.iter().map(cut).collect();
+    let channels = forces.frames.iter().take(calibration.channels());
+    let frames: Vec<Vec<f64>> = channels.map(cut).collect();
     let out = calibration.rows_out_of_range(&frames);
     if out > 0 {
         diagnostics.push(Diagnostic::OutOfRange { frames: out, of });

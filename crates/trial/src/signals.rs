@@ -94,7 +94,7 @@ fn find_forces(
         diagnostics.push(Diagnostic::NoCalibration);
         return Ok(None);
     };
-    let expected = calibration.channels();
+    let expected = calibration.columns();
     if found > 0 && found != expected {
         return Err(TrialError::Channels { expected, found });
     }

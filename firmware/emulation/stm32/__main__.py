@@ -5,7 +5,7 @@ import sys
 
 from .board import Board
 from .boards import BOARDS
-from .live import serve
+from .live import serve, serve_pty
 from .orders import obey
 
 
@@ -17,6 +17,8 @@ def main():
                         " and lit code of eight channels for each frame")
     parser.add_argument("--connect", metavar="HOST:PORT", help="serial line over TCP, in place of"
                         " orders on standard input")
+    parser.add_argument("--pty", action="store_true", help="serial line on a pseudoterminal, at the"
+                        " pace of the wall, in place of orders on standard input")
     args = parser.parse_args()
     script = b""
     if args.script:
@@ -27,6 +29,8 @@ def main():
         if args.connect:
             host, port = args.connect.rsplit(":", 1)
             serve(board, host, int(port))
+        elif args.pty:
+            serve_pty(board)
         else:
             obey(board, sys.stdin, sys.stdout)
     except (BrokenPipeError, ConnectionError, KeyboardInterrupt):

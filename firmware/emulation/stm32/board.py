@@ -3,6 +3,7 @@
 from .clocks import Rcc
 from .converter import Converter
 from .core import RAM, Core
+from .dma import Dma
 from .elf import Elf
 from .exti import Exti
 from .flash import FlashInterface, Pages, PowerCut
@@ -15,8 +16,8 @@ from .timer import PulseTimer, Timer
 from .usart import Usart
 from .watchdog import Watchdog
 
-#: Peripherals that hold what is written and no more: power control, and the debug port.
-PLAIN = [0x4000_7000, 0xE004_2000]
+#: Peripherals that hold what is written and no more: power control, requests of DMA, and the debug port.
+PLAIN = [0x4000_7000, 0x4002_0800, 0xE004_2000]
 
 
 def port_address(name):
@@ -40,7 +41,7 @@ class Board:
         self.rcc, self.flash = Rcc(self), FlashInterface(self)
         self.ports = {name: Port(self) for name in wiring.ports}
         self.timer, self.watchdog = Timer(self), Watchdog(self)
-        self.usart = Usart(self)
+        self.dma, self.usart = Dma(self), Usart(self)
         self.system, self.exti = Peripheral(self), Exti(self)
         self.pulse_timer, self.converter = PulseTimer(self), Converter(self)
         self.places = {
@@ -50,6 +51,7 @@ class Board:
             0x4001_0000: self.system,
             0x4001_0400: self.exti,
             0x4001_3800: self.usart,
+            0x4002_0000: self.dma,
             0x4002_1000: self.rcc,
             0x4002_2000: self.flash,
             wiring.converter: self.converter,
@@ -107,7 +109,7 @@ class Board:
             peripheral.advance(now)
 
     def raise_lines(self):
-        for peripheral in (self.timer, self.pulse_timer, self.usart, self.converter, self.exti):
+        for peripheral in (self.timer, self.usart, self.dma, self.converter, self.exti):
             peripheral.lines()
 
     def request_reset(self, cause):

@@ -23,6 +23,8 @@ class Wiring:
     reference: int
     thermometer: int
     inputs: list
+    #: What CFGR's EXTSEL and EXTEN are for a rising edge of TIM6's trigger output.
+    trigger: int
     #: Port and pin of each emitter.
     emitters: list
 
@@ -42,6 +44,7 @@ BOARDS = {
         reference=0,
         thermometer=17,
         inputs=[5, 6, 7, 8, 9, 10, 11, 12],
+        trigger=13 << 6 | 1 << 10,
         emitters=pins("B0 B1 B3 B4 B5 B6 B7 A8"),
     ),
     "nucleo-g491re": Wiring(
@@ -54,6 +57,7 @@ BOARDS = {
         reference=18,
         thermometer=16,
         inputs=[1, 2, 15, 7, 6, 8, 9, 12],
+        trigger=13 << 5 | 1 << 10,
         emitters=pins("B5 B10 A8 C7 B6 A7 A6 A5"),
     ),
 }

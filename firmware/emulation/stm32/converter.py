@@ -17,6 +17,8 @@ ADRDY, EOC, EOS, OVR = 1 << 0, 1 << 2, 1 << 3, 1 << 4
 ADEN, ADSTART, ADSTP, ADCAL = 1 << 0, 1 << 2, 1 << 4, 1 << 31
 #: In CFGR2; the ratio is in bits 2 to 4, the shift in bits 5 to 8.
 ROVSE = 1 << 0
+#: In CFGR: what starts conversions, and at which of its edges.
+EXTSEL, EXTEN, RISING = 0x1F << 5, 3 << 10, 1 << 10
 #: Cycles of sampling by SMPR, and of conversion with 12 bits.
 SAMPLING = [2.5, 6.5, 12.5, 24.5, 47.5, 92.5, 247.5, 640.5]
 CONVERSION = 12.5
@@ -29,7 +31,7 @@ CHANNELS = 8
 
 
 class Converter(Peripheral):
-    """Single conversions of one input, started by software, and bursts that the oversampler adds up."""
+    """Single conversions of one input, started by software or by TIM6, and bursts that the oversampler adds up."""
 
     def reset(self):
         super().reset()
@@ -51,7 +53,7 @@ class Converter(Peripheral):
             value &= ~ADCAL  # calibrated at once
             if value & ADEN and not before & ADEN:
                 self.registers[ISR] = self.load(ISR) | ADRDY
-            if value & ADSTART and not running:
+            if value & ADSTART and not running and not self.load(CFGR) & EXTEN:
                 self._start()
             if value & ADSTP:
                 value &= ~(ADSTP | ADSTART)
@@ -59,7 +61,8 @@ class Converter(Peripheral):
         elif offset in (CFGR, CFGR2, SQR1) or SMPR1 <= offset < SMPR1 + 8:
             if running:
                 raise AssertionError("the converter is set up while it converts")
-            if offset == CFGR and value & ~(1 << 31):
+            is_trigger = value & (EXTSEL | EXTEN) in (0, self.board.wiring.trigger)
+            if offset == CFGR and (value & ~(1 << 31 | EXTSEL | EXTEN) or not is_trigger):
                 raise AssertionError(f"CFGR {value:#010x} is not modelled")
             if offset == SQR1 and value & 0xF:
                 raise AssertionError("sequences are not modelled")
@@ -92,6 +95,11 @@ class Converter(Peripheral):
             self.begin = self.board.core.now
             self.end = self.begin + self._ratio() * self._conversion_cycles()
 
+    def trigger(self):
+        """TIM6's trigger output rises."""
+        if self.load(CR) & ADSTART and self.load(CFGR) & EXTEN and self.end == NEVER:
+            self._start()
+
     def next_event(self):
         return self.end
 
@@ -114,7 +122,8 @@ class Converter(Peripheral):
         else:
             self.registers[DR] = self._result(codes)
         self.registers[ISR] = flags | EOC | EOS
-        self.registers[CR] &= ~ADSTART
+        if not self.load(CFGR) & EXTEN:
+            self.registers[CR] &= ~ADSTART  # else it waits for the next trigger
         self.lines()
 
     def lines(self):

@@ -13,6 +13,7 @@
 | {"jump": address} | the core goes on there, as after a damaged return address |
 | {"stack": address} | the stack pointer is there, as after so many calls |
 | {"edges": [s, ...]} | the sync input rises after each of these times |
+| {"flicker": [steps, hz]} | ambient light of this amplitude and frequency |
 | {"rate": baud} | the rate of the other end; what is off by more than 4 % is not understood |
 """
 
@@ -55,6 +56,8 @@ def obey(board, requests, answers):
             board.core.wanted_sp = value
         elif order == "edges":
             board.exti.drive(value)
+        elif order == "flicker":
+            board.scene.flicker = tuple(value)
         elif order == "rate":
             board.usart.other_end = value
         elif order == "jump":

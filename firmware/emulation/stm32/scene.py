@@ -1,5 +1,6 @@
 """What the photointerrupters see: a script of frames, dark and lit code of each channel."""
 
+import math
 import struct
 
 from .converter import CHANNELS
@@ -11,8 +12,11 @@ class Scene:
     """Plays the frames of a script over and over, one for each that the firmware takes.
 
     A frame begins when the first channel is converted in the dark after the last was lit. Without a
-    script every channel has a code of its own.
+    script every channel has a code of its own. Ambient light may flicker: `flicker` is its amplitude in steps and its
+    frequency in Hz.
     """
+
+    flicker = (0, 0)
 
     def __init__(self, script=b""):
         self.frames = list(FRAME.iter_unpack(script[: len(script) // FRAME.size * FRAME.size]))
@@ -22,7 +26,7 @@ class Scene:
         self.number = -1
         self.last_was_lit = True
 
-    def code(self, channel, lit, _time_us):
+    def code(self, channel, lit, time_us):
         if channel == 0 and lit is None and self.last_was_lit:
             self.number += 1
             self.last_was_lit = False
@@ -30,5 +34,8 @@ class Scene:
             self.last_was_lit = True
         is_lit = lit == channel
         if not self.frames:
-            return 100 + (1000 + 200 * channel if is_lit else 0)
-        return self.frames[self.number % len(self.frames)][2 * channel + is_lit]
+            code = 100 + (1000 + 200 * channel if is_lit else 0)
+        else:
+            code = self.frames[self.number % len(self.frames)][2 * channel + is_lit]
+        amplitude, hz = self.flicker
+        return code + round(amplitude + amplitude * math.sin(2e-6 * math.pi * hz * time_us))

@@ -2,10 +2,12 @@
 
 from .peripheral import NEVER, Peripheral
 
-TIM2_IRQ, TIM6_IRQ = 28, 54
-CR1, DIER, SR, EGR, CNT, PSC, ARR, CCR1 = 0x00, 0x0C, 0x10, 0x14, 0x24, 0x28, 0x2C, 0x34
+TIM2_IRQ = 28
+CR1, CR2, DIER, SR, EGR, CNT, PSC, ARR, CCR1 = 0x00, 0x04, 0x0C, 0x10, 0x14, 0x24, 0x28, 0x2C, 0x34
 CEN, URS, OPM = 1, 4, 8
 UIF, UG = 1, 1
+#: In CR2: an update is the trigger output.
+MMS, MMS_UPDATE = 7 << 4, 2 << 4
 
 
 class Timer(Peripheral):
@@ -81,7 +83,8 @@ class Timer(Peripheral):
 
 
 class PulseTimer(Peripheral):
-    """Counts once from 0 to ARR and stops: TIM6 in one-pulse mode, the only one that is modelled."""
+    """Counts once from 0 to ARR and stops: TIM6 in one-pulse mode, the only one that is modelled, whose update starts
+    conversions by the trigger output."""
 
     def reset(self):
         super().reset()
@@ -95,8 +98,7 @@ class PulseTimer(Peripheral):
         elif offset == EGR:
             if value & UG:
                 self.prescaler = self.load(PSC)
-                if not self.load(CR1) & URS:
-                    self.registers[SR] = self.load(SR) | UIF
+                self._update(is_counted=False)
             value = 0
         elif offset == CR1 and value & CEN and not self.load(CR1) & CEN:
             if not value & OPM:
@@ -104,8 +106,15 @@ class PulseTimer(Peripheral):
             if self.load(ARR):  # a counter that goes to 0 stands still
                 ticks = self.load(ARR) + 1
                 self.end = self.board.core.now + ticks * (self.prescaler + 1)
+        elif offset == CR1 and not value & CEN:
+            self.end = NEVER
         self.registers[offset] = value
-        self.lines()
+
+    def _update(self, is_counted):
+        if is_counted or not self.load(CR1) & URS:
+            self.registers[SR] = self.load(SR) | UIF
+        if self.load(CR2) & MMS == MMS_UPDATE:
+            self.board.converter.trigger()
 
     def next_event(self):
         return self.end
@@ -114,9 +123,4 @@ class PulseTimer(Peripheral):
         if now >= self.end:
             self.end = NEVER
             self.registers[CR1] &= ~CEN
-            self.registers[SR] = self.load(SR) | UIF
-            self.lines()
-
-    def lines(self):
-        if self.load(SR) & self.load(DIER) & UIF:
-            self.board.nvic.pend(TIM6_IRQ)
+            self._update(is_counted=True)

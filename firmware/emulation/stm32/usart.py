@@ -9,7 +9,9 @@ CR1, CR3, BRR, ISR, ICR, RDR, TDR = 0x00, 0x08, 0x0C, 0x1C, 0x20, 0x24, 0x28
 UE, RE, TE = 1 << 0, 1 << 2, 1 << 3
 ORE, IDLE, RXNE, TC, TXE = 1 << 3, 1 << 4, 1 << 5, 1 << 6, 1 << 7
 TEACK, REACK = 1 << 21, 1 << 22
-CTSE = 1 << 9
+DMAR, DMAT, CTSE = 1 << 6, 1 << 7, 1 << 9
+#: Of the registers, as DMA knows them.
+BASE = 0x4001_3800
 #: Flags that ICR clears; RXNE and TXE are none of them.
 CLEARABLE = 0x0012_1B5F
 BITS_PER_BYTE = 10
@@ -32,6 +34,7 @@ class Usart(Peripheral):
         self.waiting = None
         self.incoming = deque()  # earliest cycle and byte
         self.receiver_free = 0
+        self.idle_at = NEVER  # when the line will have been idle for a byte
 
     def byte_cycles(self):
         return BITS_PER_BYTE * max(self.load(BRR), 1)
@@ -58,16 +61,28 @@ class Usart(Peripheral):
         if offset == ICR:
             self.registers[ISR] &= ~(value & CLEARABLE)
         elif offset == TDR:
-            self.waiting = value & 0xFF
-            self.registers[ISR] &= ~(TXE | TC)
-            self._shift(self.board.core.now)
+            self._send(value & 0xFF)
         elif offset != ISR:
             self.registers[offset] = value
             if offset == CR1:
                 on = value & UE
                 flags = (TEACK if on and value & TE else 0) | (REACK if on and value & RE else 0)
                 self.registers[ISR] = self.registers[ISR] & ~(TEACK | REACK) | flags
+            self.refill()
         self.lines()
+
+    def _send(self, byte):
+        self.waiting = byte
+        self.registers[ISR] &= ~(TXE | TC)
+        self._shift(self.board.core.now)
+
+    def refill(self):
+        """Asks DMA for bytes while there is room for one."""
+        while self.load(CR3) & DMAT and self.waiting is None:
+            byte = self.board.dma.take(BASE + TDR)
+            if byte is None:
+                return
+            self._send(byte)
 
     def is_clear_to_send(self):
         if not self.load(CR3) & CTSE:
@@ -95,7 +110,7 @@ class Usart(Peripheral):
 
     def next_event(self):
         end = self.shifting[1] if self.shifting else NEVER
-        return min(end, self._next_arrival())
+        return min(end, self._next_arrival(), self.idle_at)
 
     def advance(self, now):
         while self.shifting and self.shifting[1] <= now:
@@ -103,15 +118,24 @@ class Usart(Peripheral):
             self.sent.append((end, self.on_wire(byte)))
             self.shifting = None
             self._shift(end)
-            if self.shifting is None:
+            self.refill()
+            if self.shifting is None and self.waiting is None:
                 self.registers[ISR] |= TC
         self._shift(now)
+        self.refill()
+        if self.idle_at <= now:
+            self.idle_at = NEVER
+            self.registers[ISR] |= IDLE
         while self._next_arrival() <= now:
             at, byte = self._next_arrival(), self.incoming.popleft()[1]
             self.receiver_free = at + self.byte_cycles()
+            self.idle_at = self.receiver_free + self.byte_cycles()
+            byte = self.on_wire(byte)
+            if self.load(CR3) & DMAR and self.board.dma.give(BASE + RDR, byte):
+                continue
             if self.registers[ISR] & RXNE:
                 self.registers[ISR] |= ORE
             else:
-                self.registers[RDR] = self.on_wire(byte)
+                self.registers[RDR] = byte
                 self.registers[ISR] |= RXNE
         self.lines()

@@ -2,9 +2,9 @@
 //!
 //! | offset in the slot | bytes | field |
 //! |---:|---:|---|
-//! | 0 | 2,296 | record |
-//! | 2,296 | 4 | generation, little-endian: one more than that of the other slot when it was written |
-//! | 2,300 | 4 | CRC-32 of all before it, little-endian |
+//! | 0 | 2,272 | record |
+//! | 2,272 | 4 | generation, little-endian: one more than that of the other slot when it was written |
+//! | 2,276 | 4 | CRC-32 of all before it, little-endian |
 //!
 //! A slot counts if its CRC is right, and of two that count the newer generation is in use. A new
 //! record goes into the other slot, so until its last byte is written the old one is in use. A slot
@@ -16,26 +16,27 @@ mod fake_flash;
 
 use crate::board::{Storage, StorageError};
 use crate::upload::{RECORD, Record};
+use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
 use embedded_storage::nor_flash::NorFlash;
 #[cfg(test)]
 pub(crate) use fake_flash::{FakeFlash, Outcome};
-use shared_proto::crc32;
 
-/// Length of a slot in bytes: record, generation, CRC-32.
-const SLOT: usize = RECORD + 8;
+/// Generation and CRC-32, in bytes.
+const TAIL: usize = 8;
+
+/// Length of a slot in bytes.
+const SLOT: usize = RECORD + TAIL;
+
+/// Bytes that are read at a time: a record is not copied onto the stack.
+const PIECE: usize = 128;
+
+static CRC32: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
 
 /// Calibrations in memory that is erased in sectors: at its start are the slots, of as many whole sectors as one
 /// takes.
 #[derive(Clone, Debug)]
 pub struct Slots<F> {
     flash: F,
-}
-
-/// What is in a slot that counts.
-struct Kept {
-    slot: u32,
-    generation: u32,
-    record: Record,
 }
 
 impl<F: NorFlash> Slots<F> {
@@ -55,56 +56,79 @@ impl<F: NorFlash> Slots<F> {
         slot * SLOT.next_multiple_of(F::ERASE_SIZE) as u32
     }
 
-    /// What is in a slot, `None` if it does not count.
-    fn read(&mut self, slot: u32) -> Option<Kept> {
-        let mut bytes = [0; SLOT];
-        self.flash.read(Self::offset(slot), &mut bytes).ok()?;
-        let (content, crc) = bytes.split_last_chunk()?;
-        let (record, generation) = content.split_first_chunk()?;
-        let generation = u32::from_le_bytes(*generation.first_chunk()?);
-        let counts = crc32(content) == u32::from_le_bytes(*crc);
-        counts.then_some(Kept { slot, generation, record: *record })
+    /// The generation of a slot, `None` if it does not count.
+    fn generation(&mut self, slot: u32) -> Option<u32> {
+        let digest = &mut CRC32.digest();
+        let mut tail = [0; TAIL];
+        self.read_record(slot, |_, piece| digest.update(piece))?;
+        self.flash.read(Self::offset(slot) + RECORD as u32, &mut tail).ok()?;
+        let (generation, crc) = tail.split_first_chunk()?;
+        digest.update(generation);
+        let counts = digest.clone().finalize() == u32::from_le_bytes(*crc.first_chunk()?);
+        counts.then_some(u32::from_le_bytes(*generation))
     }
 
-    /// What is in use.
-    fn newest(&mut self) -> Option<Kept> {
-        match (self.read(0), self.read(1)) {
+    /// Reads the record of a slot, piece by piece, with the place of each.
+    fn read_record(&mut self, slot: u32, mut take: impl FnMut(usize, &[u8])) -> Option<()> {
+        let mut piece = [0; PIECE];
+        for at in (0..RECORD).step_by(PIECE) {
+            let piece = piece.get_mut(..PIECE.min(RECORD - at))?;
+            self.flash.read(Self::offset(slot) + at as u32, piece).ok()?;
+            take(at, piece);
+        }
+        Some(())
+    }
+
+    /// The slot in use and its generation.
+    fn newest(&mut self) -> Option<(u32, u32)> {
+        match (self.generation(0), self.generation(1)) {
             (Some(first), Some(second)) => {
-                let ahead = second.generation.wrapping_sub(first.generation).cast_signed();
-                Some(if ahead > 0 { second } else { first })
+                let ahead = second.wrapping_sub(first).cast_signed();
+                Some(if ahead > 0 { (1, second) } else { (0, first) })
             }
-            (first, second) => first.or(second),
+            (Some(first), None) => Some((0, first)),
+            (None, second) => second.map(|second| (1, second)),
         }
     }
 
     /// Erases a slot and writes it.
     fn replace(&mut self, slot: u32, generation: u32, record: &Record) -> Result<(), F::Error> {
-        let mut bytes = [0; SLOT];
-        bytes[..RECORD].copy_from_slice(record);
-        bytes[RECORD..RECORD + 4].copy_from_slice(&generation.to_le_bytes());
-        let crc = crc32(&bytes[..RECORD + 4]);
-        bytes[RECORD + 4..].copy_from_slice(&crc.to_le_bytes());
+        let mut digest = CRC32.digest();
+        digest.update(record);
+        digest.update(&generation.to_le_bytes());
+        let mut tail = [0; TAIL];
+        tail[..4].copy_from_slice(&generation.to_le_bytes());
+        tail[4..].copy_from_slice(&digest.finalize().to_le_bytes());
         self.flash.erase(Self::offset(slot), Self::offset(slot + 1))?;
-        self.flash.write(Self::offset(slot), &bytes)
+        self.flash.write(Self::offset(slot), record)?;
+        self.flash.write(Self::offset(slot) + RECORD as u32, &tail)
     }
 }
 
 impl<F: NorFlash> Storage for Slots<F> {
     fn load(&mut self, record: &mut Record) {
-        *record = self.newest().map_or([0xFF; RECORD], |kept| kept.record);
+        let read = self.newest().and_then(|(slot, _)| {
+            self.read_record(slot, |at, piece| {
+                record[at..at + piece.len()].copy_from_slice(piece);
+            })
+        });
+        if read.is_none() {
+            record.fill(0xFF);
+        }
     }
 
     /// What was stored before stays in its slot, so it is still there after an error.
     fn store(&mut self, record: &Record) -> Result<(), StorageError> {
         let (slot, generation) = match self.newest() {
-            Some(Kept { slot, generation, .. }) => (1 - slot, generation.wrapping_add(1)),
+            Some((slot, generation)) => (1 - slot, generation.wrapping_add(1)),
             None => (0, 0),
         };
         self.replace(slot, generation, record).map_err(|_| StorageError)?;
-        match self.read(slot) {
-            Some(kept) if kept.record == *record => Ok(()),
-            _ => Err(StorageError),
-        }
+        let mut is_kept = self.generation(slot) == Some(generation);
+        let read = self.read_record(slot, |at, piece| {
+            is_kept &= record.get(at..at + piece.len()) == Some(piece);
+        });
+        if is_kept && read.is_some() { Ok(()) } else { Err(StorageError) }
     }
 }
 
@@ -144,7 +168,7 @@ mod tests {
         }
     }
 
-    /// Two sectors, and 288 double words.
+    /// Two sectors, and 285 double words.
     const OPERATIONS: usize = 2 + SLOT / 8;
 
     #[test]

@@ -136,12 +136,30 @@ const drawArrow = (canvas, right, up, reach, names) => {
   line(context, colours.force, 3, barb(0.5), tip, barb(-0.5));
 };
 
+// The next planned load, what to do, and how much is done.
+const WHAT = { rest: "leave the sensor unloaded", hang: "hang it", hold: "hold still", release: "recorded: hang the next", done: "" };
+const drawGuide = (guide, traces) => {
+  byId("guide").hidden = !guide;
+  for (const order of ["skip", "back"]) document.querySelector(`[data-order=${order}]`).hidden = !guide;
+  if (!guide) return;
+  const isDone = guide.phase === "done";
+  put(byId("load"), isDone ? `all ${guide.count} loads are recorded` : guide.text);
+  put(byId("what"), WHAT[guide.phase]);
+  byId("held").hidden = guide.phase !== "hold";
+  byId("held").value = guide.held;
+  const forces = traces.filter(({ unit }) => unit).filter((_, at) => guide.wrench[at] !== 0);
+  put(byId("current"), forces.map(({ name, value, unit, range }) => `${name} ${signed(value, decimals(range[1] - range[0]))} ${unit}`).join(", "));
+  const place = isDone ? "" : `load ${guide.number} of ${guide.count}, “${guide.group}”; `;
+  put(byId("done"), `${place}${guide.recorded} recorded; ${Math.round(100 * guide.remaining_gain)} % of the gain to come`);
+};
+
 let shown = null, isDue = false;
 const draw = () => {
   isDue = false;
   if (!shown) return;
-  const { picture, source, state, recording, can_record: canRecord, message } = shown;
+  const { picture, source, state, recording, can_record: canRecord, message, guide } = shown;
   build(picture);
+  drawGuide(guide, picture.traces);
   put(byId("source"), source);
   put(byId("state"), state);
   const flags = [picture.is_paused && "PAUSED", picture.is_taring && "TARING", recording && `REC ${recording}`];

@@ -75,7 +75,7 @@ pub fn walk<'a>(
 ) -> impl Iterator<Item = (Model, Result<ModelBench, FitError>)> + 'a {
     let channels = blocks.first().map_or(0, |block| block.readings.len());
     bases.iter().map(move |&basis| {
-        let model = Model { basis, intercept, channels };
+        let model = Model { basis, intercept, channels, memory: 0 };
         (model, bench(blocks, model, kinds))
     })
 }
@@ -376,7 +376,7 @@ mod tests {
         };
         let block =
             Block { rows: 700, readings: columns(3), wrench: columns(6), ..Block::default() };
-        let model = Model { basis: Basis::Poly3, intercept: true, channels: 3 };
+        let model = Model { basis: Basis::Poly3, intercept: true, channels: 3, memory: 0 };
         let bench = bench(&[block], model, &SolverKind::ALL).unwrap();
         for m in &bench.solvers {
             assert_eq!(m.refused, None);

@@ -29,15 +29,16 @@ impl FitData {
     pub fn read(
         train: &[Log],
         test: &[Log],
-        (asked, labels_tests): (GroupsAsked, bool),
+        (options, labels_tests): (&FitOptions<'_>, bool),
         read: &ReadOptions<'_>,
     ) -> Result<Self, WorkflowError> {
         check_logs(train, test, &rows_wanted())?;
         let axes = agree_on_axes(train, &mut [])?;
         test.iter().try_for_each(|log| log.require_axes(axes))?;
         let asked_of_tests = if labels_tests { GroupsAsked::IfAny } else { GroupsAsked::Nothing };
-        let of_train = wanted_for(train, asked)?;
-        let of_test = wanted_for(test, asked_of_tests)?;
+        let in_time = !options.dynamics.is_nothing();
+        let of_train = wanted_for(train, options.groups_asked(), in_time)?;
+        let of_test = wanted_for(test, asked_of_tests, in_time)?;
         let logs: Vec<(&Log, Wanted)> = (train.iter().map(|log| (log, of_train.clone())))
             .chain(test.iter().map(|log| (log, of_test.clone())))
             .collect();
@@ -56,8 +57,8 @@ fn rows_wanted() -> Wanted {
     Wanted { readings: true, wrench: true, ..Wanted::default() }
 }
 
-/// What has to be read of `logs` for their groups.
-fn wanted_for(logs: &[Log], asked: GroupsAsked) -> Result<Wanted, WorkflowError> {
+/// What has to be read of `logs` for their groups, and of their clocks if rows are worked on `in_time`.
+fn wanted_for(logs: &[Log], asked: GroupsAsked, in_time: bool) -> Result<Wanted, WorkflowError> {
     let are_given = !logs.is_empty() && logs.iter().all(Log::has_groups);
     let is_given = are_given || logs.len() > 1;
     let may_be_found = |log: &Log| -> Result<bool, WorkflowError> {
@@ -74,7 +75,7 @@ fn wanted_for(logs: &[Log], asked: GroupsAsked) -> Result<Wanted, WorkflowError>
         GroupsAsked::HeldOut(HeldOut::Plateaus) => (are_given, true),
         GroupsAsked::HeldOut(_) => (are_given, !is_given),
     };
-    let time = finds && logs.iter().all(Log::has_time);
+    let time = (finds || in_time) && logs.iter().all(Log::has_time);
     Ok(Wanted { groups, time, ..rows_wanted() })
 }
 
@@ -101,7 +102,7 @@ fn logs_of<'a>(logs: &[(&'a Log, Wanted)]) -> Vec<&'a Log> {
 /// [`WorkflowError`] as [`FitData::read`] and [`calibration::fit()`].
 pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit, WorkflowError> {
     let read = ReadOptions { threads: options.workers.threads, ..ReadOptions::default() };
-    let data = FitData::read(train, test, (options.groups_asked(), false), &read)?;
+    let data = FitData::read(train, test, (options, false), &read)?;
     Ok(calibration::fit(&data.train, &data.test, options)?)
 }
 
@@ -181,10 +182,16 @@ pub fn sources(
         for ((log, read), &rows) in logs.iter().zip(read).zip(rows) {
             let checksum = read.summary.checksum.clone();
             let has_checksum = checksum.is_some();
-            files.push(SourceFile { role, path: log.path().into(), checksum, rows });
+            files.push(SourceFile { role, path: log.path().into(), checksum, digest: None, rows });
             if let Some(path) = log.beside() {
                 let checksum = if has_checksum { log.checksum_beside()? } else { None };
-                files.push(SourceFile { role: Role::Wrench, path: path.into(), checksum, rows });
+                files.push(SourceFile {
+                    role: Role::Wrench,
+                    path: path.into(),
+                    checksum,
+                    digest: None,
+                    rows,
+                });
             }
         }
     }

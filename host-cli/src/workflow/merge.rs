@@ -36,11 +36,11 @@ pub fn fit(
 }
 
 /// The calibration file of a fit to `merged`.
-pub fn file(fit: &Fit, merged: &PartialFit, sensor_serial: Option<String>) -> CalibrationFile {
+pub fn file(fit: &Fit, merged: &PartialFit) -> CalibrationFile {
     let facts = FileFacts {
         made_by: merged.made_by.clone(),
         date: merged.date.clone(),
-        sensor_serial,
+        sensor_serial: merged.sensor_serial.clone(),
         sources: merged.sources.clone(),
         columns: merged.columns.clone(),
     };

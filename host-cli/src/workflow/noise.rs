@@ -3,7 +3,7 @@
 //! RMS about the mean, so that no tare is needed; the mean is the offset that a tare would remove. The
 //! forces are those of the [pipeline](forces) without a low-pass, which would hide the noise.
 
-use super::selection::{RowFilter, TimeWindow, by_column};
+use super::selection::{RowFilter, TimeWindow, by_column, read_with_memory};
 use super::{ChannelMismatch, check_channels};
 use calibration::Calibration;
 use forces::ForcePipeline;
@@ -99,7 +99,7 @@ pub fn noise(
     read: &ReadOptions<'_>,
 ) -> Result<NoiseSummary, NoiseError> {
     let path = || log.path().display().to_string();
-    let time = options.window.is_some() || log.has_time();
+    let time = options.window.is_some() || log.has_time() || calibration.needs_time();
     let wanted = Wanted { readings: true, time, ..Wanted::default() };
     log.require(&wanted)?;
     check_channels(log, calibration.channels())?;
@@ -107,9 +107,10 @@ pub fn noise(
     let mut axes = PerAxis::<ColumnStatistics>::default();
     let mut channels = vec![ColumnStatistics::default(); log.channels()];
     let mut watch = ZeroWatch::default();
-    let summary = log.read(
-        &wanted,
-        read,
+    let summary = read_with_memory(
+        log,
+        (&wanted, read),
+        calibration,
         |block| {
             options.rows.select(block);
             if let Some(window) = options.window {
@@ -117,6 +118,7 @@ pub fn noise(
                 block.retain_rows(&keep);
             }
             let wrench = pipeline.wrench(calibration, &block.time_s, &block.readings);
+            block.drop_memory();
             let channels: Vec<_> = block.readings.iter().map(|c| ColumnStatistics::of(c)).collect();
             let frames = (std::mem::take(&mut block.time_s), std::mem::take(&mut block.readings));
             (wrench.map(|column| ColumnStatistics::of(&column)), channels, frames)

@@ -12,8 +12,9 @@ use calibration::validation::grouped::{
 };
 use calibration::{Basis, FitError, Model};
 use calibration_file::{PartialFit, PartialGroups, Role, SourceFile, Sums};
-use log_file::{Log, ReadOptions, ReadSummary, Wanted};
+use log_file::{Log, Mapping, ReadOptions, ReadSummary, Wanted};
 use shell_data::block::Block;
+use shell_data::fingerprint::Fingerprint;
 
 /// What is summed, and how.
 #[derive(Clone, Copy)]
@@ -30,6 +31,8 @@ pub struct PartialOptions<'a> {
     pub triangles: bool,
     /// Use only rows whose readings differ from those of the row before.
     pub fresh: bool,
+    /// What was specified of the logs.
+    pub mapping: &'a Mapping,
     /// How logs are read.
     pub read: ReadOptions<'a>,
 }
@@ -51,6 +54,8 @@ struct KeptLogs {
     /// For each group, the log that has its first row.
     first_in: Vec<usize>,
     summaries: Vec<ReadSummary>,
+    /// What tells the rows of each log.
+    digests: Vec<Fingerprint>,
 }
 
 /// Sums the rows of `logs`, exactly where that can be, which are put into the order of their names where
@@ -86,30 +91,32 @@ pub fn sum(logs: &mut [Log], options: &PartialOptions<'_>) -> Result<PartialFit,
             sums => sums,
         },
     };
-    let KeptLogs { total, groups, random, first_in, summaries } = kept?;
-    let model =
-        Model { basis: options.basis, intercept: options.intercept, channels: total.channels() };
+    let KeptLogs { total, groups, random, first_in, summaries, digests } = kept?;
+    let model = Model {
+        basis: options.basis,
+        intercept: options.intercept,
+        channels: total.channels(),
+        memory: 0,
+    };
     let mut partial = PartialFit::new(model, total);
     partial.axes = axes;
+    partial.summed = logs.first().map(|log| log.specified_values(options.mapping));
     partial.groups = group_by.map(|by| PartialGroups::new(by, random, groups, &first_in));
-    for (log, summary) in logs.iter().zip(&summaries) {
+    for ((log, summary), digest) in logs.iter().zip(&summaries).zip(&digests) {
         partial.skipped_rows += summary.skipped_rows;
         partial.repeated_rows += summary.repeated_rows;
         let rows = if options.fresh { summary.rows - summary.repeated_rows } else { summary.rows };
         let checksum = summary.checksum.clone();
         let path = log.path().into();
-        partial.sources.push(SourceFile { role: Role::Train, path, checksum, rows });
+        let digest = (digest.rows() > 0).then(|| digest.to_string());
+        partial.sources.push(SourceFile { role: Role::Train, path, checksum, digest, rows });
     }
     // After the logs, which groups name by their places.
     for (log, summary) in logs.iter().zip(&summaries) {
         if let Some(path) = log.beside() {
             let (path, checksum) = (path.into(), log.checksum_beside()?);
-            partial.sources.push(SourceFile {
-                role: Role::Wrench,
-                path,
-                checksum,
-                rows: summary.rows,
-            });
+            let (role, digest, rows) = (Role::Wrench, None, summary.rows);
+            partial.sources.push(SourceFile { role, path, checksum, digest, rows });
         }
     }
     Ok(partial)
@@ -128,7 +135,7 @@ impl BlockStream<'_> {
     /// The number of channels, if all logs have as many, and features are not too many.
     fn channels(&self) -> Result<usize, WorkflowError> {
         let channels = check_logs(self.logs, &[], &self.wanted())?.channels();
-        let model = Model { basis: self.basis, intercept: true, channels };
+        let model = Model { basis: self.basis, intercept: true, channels, memory: 0 };
         model.check_size().map_err(FitError::from)?;
         Ok(channels)
     }
@@ -154,14 +161,19 @@ impl BlockStream<'_> {
         let mut sums = GroupSums::new(self.basis, channels, Apart::Groups, split);
         let empty = sums.worker();
         let map = |worker: &mut GroupWorker, log: usize, block: &mut Block| {
+            let digest = Fingerprint::of(block);
             self.select(log, block);
             // Names what is not finite, as every fit does.
             ReadingRanges::of_block(block, channels)?;
-            Ok::<_, FitError>(worker.add(block, &block.groups)?)
+            Ok::<_, FitError>((digest, worker.add(block, &block.groups)?))
         };
         let mut first_in = Vec::new();
-        let fold = |log, groups: Result<BlockGroups, FitError>| -> Result<(), WorkflowError> {
-            sums.add(groups?).map_err(FitError::from)?;
+        let mut digests = vec![Fingerprint::default(); self.logs.len()];
+        type Mapped = Result<(Fingerprint, BlockGroups), FitError>;
+        let fold = |log: usize, mapped: Mapped| -> Result<(), WorkflowError> {
+            let (digest, groups) = mapped?;
+            digests[log].merge(digest);
+            sums.add(groups).map_err(FitError::from)?;
             first_in.resize(sums.group_count(), log);
             Ok(())
         };
@@ -179,21 +191,26 @@ impl BlockStream<'_> {
             random: (split, random),
             first_in,
             summaries,
+            digests,
         })
     }
 
     /// Triangles by group.
     fn factor(&self) -> Result<KeptLogs, WorkflowError> {
-        self.channels()?;
+        let channels = self.channels()?;
+        let model = Model { basis: self.basis, intercept: true, channels, memory: 0 };
         let sample = Wanted { readings: true, ..Wanted::default() };
         let sample = self.logs.first().ok_or(WorkflowError::NoLogs)?.sample(&sample)?;
-        let mut groups = GroupFactors::new(self.basis, Scaling::of_sample(&sample.readings, true));
+        let mut groups = GroupFactors::new(model, Scaling::of_sample(&sample.readings, true));
         let mut first_in = Vec::new();
+        let mut digests = vec![Fingerprint::default(); self.logs.len()];
         let map = |(): &mut (), log: usize, block: &mut Block| {
+            let digest = Fingerprint::of(block);
             self.select(log, block);
-            std::mem::take(block)
+            (digest, std::mem::take(block))
         };
-        let fold = |log: usize, block: Block| -> Result<(), WorkflowError> {
+        let fold = |log: usize, (digest, block): (_, Block)| -> Result<(), WorkflowError> {
+            digests[log].merge(digest);
             groups.add(&block, &block.groups).map_err(FitError::from)?;
             first_in.resize(groups.group_count(), log);
             Ok(())
@@ -212,6 +229,7 @@ impl BlockStream<'_> {
             random: (RandomSplit::default(), Vec::new()),
             first_in,
             summaries,
+            digests,
         })
     }
 }

@@ -1,6 +1,7 @@
 //! Which rows of a log are used, and how results are laid out, for all jobs alike.
 
-use log_file::{Log, LogError};
+use calibration::Calibration;
+use log_file::{Log, LogError, ReadOptions, ReadSummary, Wanted};
 use shell_data::block::Block;
 use shell_data::wrench::AxisValues;
 
@@ -47,6 +48,27 @@ impl TimeWindow {
     pub fn contains(&self, time_s: f64) -> bool {
         self.start_s <= time_s && time_s <= self.end_s
     }
+}
+
+/// Reads a log as [`Log::read`] does, for a calibration: where that has memory terms, `work` gets the blocks with
+/// these, in order; otherwise on any thread.
+///
+/// # Errors
+/// As [`Log::read`]; `wanted` has to have the time if the calibration needs it.
+pub(super) fn read_with_memory<T: Send, E: From<LogError>>(
+    log: &Log,
+    (wanted, read): (&Wanted, &ReadOptions<'_>),
+    calibration: &Calibration,
+    work: impl Fn(&mut Block) -> T + Sync,
+    mut fold: impl FnMut(T) -> Result<(), E>,
+) -> Result<ReadSummary, E> {
+    let Some(mut memory) = calibration.start_memory() else {
+        return log.read(wanted, read, work, fold);
+    };
+    log.read(wanted, read, std::mem::take, |mut block| {
+        memory.extend(&mut block).expect("times, which were wanted");
+        fold(work(&mut block))
+    })
 }
 
 /// Why a reading of a log ends before its end.

@@ -121,7 +121,7 @@ fn merged_triangles_are_the_fit_over_all_files() {
             let (_, said) =
                 ended(dir, &format!("fit {file}.csv {features} --groups --partial {file}.json"), 0);
             assert!(!said.contains("warning"), "{said}");
-            assert_eq!(document(dir, &format!("{file}.json"))["partial_schema_version"], 3);
+            assert_eq!(document(dir, &format!("{file}.json"))["partial_schema_version"], 4);
         }
         succeed(dir, &format!("merge a.json b.json c.json {ridge} -o merged.json"));
         succeed(dir, "merge c.json a.json --partial late.json");
@@ -209,7 +209,6 @@ fn exact_sums_and_triangles_are_not_merged_and_damaged_triangles_are_refused() {
     };
     assert_eq!(sealed(&text), text);
     let cases = [
-        ("\"partial_schema_version\": 3", "\"partial_schema_version\": 2", "belongs to version 3"),
         ("\"triangle\"", "\"square\"", "missing field `moments` or `triangle`"),
         ("\"rows\": 833,\n    \"scaling\"", "\"rows\": 834,\n    \"scaling\"", "the sum of ones"),
         ("\"channels\": 8", "\"channels\": 7", "`triangle` are not those of `model`"),

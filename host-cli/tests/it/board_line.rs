@@ -50,7 +50,8 @@ impl RatedBoard {
                 }
                 let mut answers = Vec::new();
                 decoder.feed(&buffer[..count], |event| {
-                    let Event::Command { number, command, .. } = event else { return };
+                    let Event::Packet(received) = event else { return };
+                    let Packet::Command { number, command, .. } = received.packet else { return };
                     trial = None;
                     answers.push((number, command));
                 });

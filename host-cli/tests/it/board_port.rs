@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use serialport::TTYPort;
 use shared_proto::{
     Answer, Board, BoardId, Calibration, Command, Decoder, Event, Framing, Identity, Packet,
-    Refusal, ResetCause, Status, Stream, crc32,
+    ReceivedPacket, Refusal, ResetCause, Status, Stream, crc32,
 };
 use system_tests::program::{refused, succeed};
 
@@ -40,7 +40,11 @@ impl FakeBoard {
                 };
                 let mut asked = Vec::new();
                 decoder.feed(&buffer[..count], |event| {
-                    if let Event::Command { number, to, command, .. } = event {
+                    if let Event::Packet(ReceivedPacket {
+                        packet: Packet::Command { number, to, command },
+                        ..
+                    }) = event
+                    {
                         let ours = to.map_or(command.is_for_all(), |to| to == id());
                         assert!(ours, "{command:?} does not name the board");
                         asked.push((number, command));
@@ -229,7 +233,8 @@ fn of_two_boards_one_has_to_be_named() {
             };
             let mut replies = Vec::new();
             decoder.feed(&buffer[..count], |event| {
-                let Event::Command { number, to, command, .. } = event else { return };
+                let Event::Packet(received) = event else { return };
+                let Packet::Command { number, to, command } = received.packet else { return };
                 for serial in [SERIAL, other] {
                     let is_ours = to.is_none_or(|to| to == BoardId::of_serial(&serial));
                     if !is_ours {

@@ -183,7 +183,7 @@ fn calibrations_that_do_not_fit_are_refused() {
     succeed(&dir, "fit train.csv -o cal.json");
     let calibration = fs::read_to_string(dir.path().join("cal.json")).unwrap();
     let write = |name: &str, text: &str| fs::write(dir.path().join(name), text).unwrap();
-    write("later.json", &calibration.replace("\"schema_version\": 1", "\"schema_version\": 9"));
+    write("later.json", &calibration.replace("\"schema_version\": 4", "\"schema_version\": 9"));
     write("field.json", &calibration.replace("\"scaling\"", "\"scalling\""));
     write("cut.json", &calibration[..calibration.len() / 2]);
     write("not.json", "s1,s2\n1,2\n");
@@ -207,6 +207,79 @@ fn calibrations_that_do_not_fit_are_refused() {
     write("matrix.csv", "1,2\n3,4\n");
     let error = refused(&dir, "import matrix.csv -o imported.json");
     assert!(error.contains("`matrix.csv`: it is `2` by `2`"), "{error}");
+}
+
+#[test]
+fn an_edited_calibration_is_refused_unless_that_is_said_and_an_impossible_one_always() {
+    let train = log(400, 0.01, |_| ());
+    let dir = with_files(&[("train.csv", &train)]);
+    succeed(&dir, "fit train.csv --model linear -o cal.json");
+    let text = fs::read_to_string(dir.path().join("cal.json")).unwrap();
+    let write = |name: &str, text: &str| fs::write(dir.path().join(name), text).unwrap();
+    let document: serde_json::Value = serde_json::from_str(&text).unwrap();
+    // Version control of Windows changes line ends, and nothing else.
+    write("crlf.json", &text.replace('\n', "\r\n"));
+    succeed(&dir, "convert crlf.json train.csv -o out.csv");
+
+    let edited = |change: &dyn Fn(&mut serde_json::Value)| {
+        let mut document = document.clone();
+        change(&mut document);
+        serde_json::to_string_pretty(&document).unwrap() + "\n"
+    };
+    let slightly = edited(&|it| it["coefficients"][1][0] = 0.125.into());
+    let unsealed = edited(&|it| drop(it.as_object_mut().unwrap().remove("checksum")));
+    let old = edited(&|it| {
+        it["schema_version"] = 1.into();
+        it["coefficients"][1][0] = 0.125.into();
+    });
+    for (name, text) in
+        [("slightly.json", slightly), ("unsealed.json", unsealed), ("old.json", old)]
+    {
+        write(name, &text);
+        for command in [
+            "convert CAL train.csv -o out.csv",
+            "eval CAL train.csv",
+            "noise CAL train.csv",
+            "drift train.csv --calibration CAL",
+            "export CAL out.py",
+        ] {
+            let error = refused(&dir, &command.replace("CAL", name));
+            assert!(error.contains("it is not what was written"), "{error}");
+            assert!(error.contains("if you have edited it, say so with `--edited`"), "{error}");
+        }
+        succeed(&dir, &format!("convert {name} train.csv --edited -o out.csv"));
+        let found = program::run(dir.path(), &format!("doctor {name}"), 1);
+        assert!(found.contains("it is not what was written"), "{found}");
+    }
+
+    type Change = fn(&mut serde_json::Value);
+    let impossible: [(Change, &str); 4] = [
+        (|it| it["scaling"]["centre"][0] = 1e300.into(), "the centre of channel 1 is `1e300`"),
+        (|it| it["coefficients"][1][0] = 1e99.into(), "`Fx` reaches"),
+        (|it| it["coefficients"][0][5] = (-1e60).into(), "`Mz` reaches `-1e60` N·m"),
+        (|it| it["valid_range"][2]["max"] = 1e300.into(), "reaches"),
+    ];
+    for (change, expected) in impossible {
+        for version in [1, 4] {
+            write(
+                "bad.json",
+                &edited(&|it| {
+                    change(it);
+                    it["schema_version"] = version.into();
+                }),
+            );
+            for command in [
+                "convert bad.json train.csv --edited -o out.csv",
+                "noise bad.json train.csv --edited",
+            ] {
+                let error = refused(&dir, command);
+                assert!(error.contains("it cannot be a calibration: "), "{error}");
+                assert!(error.contains(expected), "{error}");
+            }
+            let found = program::run(dir.path(), "doctor bad.json", 1);
+            assert!(found.contains("cannot be"), "{found}");
+        }
+    }
 }
 
 #[test]

@@ -19,7 +19,7 @@ use system_tests::real_recording;
 
 /// Coefficients without any pattern, in N per count.
 fn linear(channels: usize) -> Calibration {
-    let model = Model { basis: Basis::Linear, intercept: false, channels };
+    let model = Model { basis: Basis::Linear, intercept: false, channels, memory: 0 };
     let row = |channel: usize| {
         std::array::from_fn(|axis| ((channel * 6 + axis) as f64 * 0.7).sin() / 100.0)
     };
@@ -332,7 +332,7 @@ fn what_cannot_be_done_is_said_by_name() {
 }
 
 fn calibration_that_overflows() -> Calibration {
-    let model = Model { basis: Basis::Linear, intercept: false, channels: 3 };
+    let model = Model { basis: Basis::Linear, intercept: false, channels: 3, memory: 0 };
     Calibration::new(model, Scaling::identity(3), vec![[1e300; 6]; 3])
 }
 
@@ -377,7 +377,7 @@ fn the_labs_trial_is_converted_as_by_direct_evaluation() {
         (sum, largest)
     };
 
-    let model = Model { basis: Basis::Cubic, intercept: false, channels: 8 };
+    let model = Model { basis: Basis::Cubic, intercept: false, channels: 8, memory: 0 };
     let si = |row: &[f64; 6]| std::array::from_fn(|i| row[i] * if i < 3 { 1.0 } else { 1e-3 });
     let rows = matrix.iter().map(si).collect();
     let calibration = Calibration::new(model, Scaling::identity(8), rows);

@@ -102,7 +102,7 @@ fn leaving_out_each_group_equals_refitting_without_its_rows() {
         (Basis::Quadratic, false),
         (Basis::Poly3, true),
     ] {
-        let model = Model { basis, intercept, channels: 4 };
+        let model = Model { basis, intercept, channels: 4, memory: 0 };
         let found = cross_validate(&sums(&block, basis, 0), &model, 0.0, None).unwrap();
         assert_eq!((found.groups, found.folds, found.rows), (14, 14, 840));
         let mut expected = [(0.0, 0.0); 6];
@@ -126,7 +126,7 @@ fn leaving_out_each_group_equals_refitting_without_its_rows() {
 fn folds_of_groups_equal_refits_and_sums_of_a_larger_basis_serve_a_smaller_one() {
     let block = poses(4, 9, 80, 300.0, 0.02, curved);
     let sums = sums(&block, Basis::Poly3, 0);
-    let model = Model { basis: Basis::Quadratic, intercept: true, channels: 4 };
+    let model = Model { basis: Basis::Quadratic, intercept: true, channels: 4, memory: 0 };
     let found = cross_validate(&sums, &model, 0.0, Some(3)).unwrap();
     // Groups of one size are dealt in turns.
     let mut squares = 0.0;
@@ -158,7 +158,7 @@ fn errors_keep_their_digits_where_almost_nothing_is_left_of_large_squares() {
     // An exact law under offsets a million times larger than what it leaves: 1e-6 of noise on
     // wrenches near 1, that is 12 digits of the squares cancel.
     let block = poses(6, 12, 100, 900.0, 1e-6, |z, axis| z[axis % 4] + 1.0);
-    let model = Model { basis: Basis::Poly3, intercept: true, channels: 4 };
+    let model = Model { basis: Basis::Poly3, intercept: true, channels: 4, memory: 0 };
     let found = cross_validate(&sums(&block, Basis::Poly3, 0), &model, 0.0, None).unwrap();
     let mut squares = 0.0;
     for group in 0..12 {
@@ -178,7 +178,7 @@ fn errors_keep_their_digits_where_almost_nothing_is_left_of_large_squares() {
 fn a_ridge_with_readings_that_hardly_move_still_answers() {
     let block = poses(7, 6, 50, 0.0, 0.01, curved);
     let sums = sums(&block, Basis::Quadratic, 0);
-    let model = Model { basis: Basis::Quadratic, intercept: true, channels: 4 };
+    let model = Model { basis: Basis::Quadratic, intercept: true, channels: 4, memory: 0 };
     let error = cross_validate(&sums, &model, 0.0, None).unwrap_err();
     assert!(matches!(error, ValidationError::Undetermined(SolveError::RankDeficient(_))));
     let found = cross_validate(&sums, &model, 1e-3, None).unwrap();
@@ -194,7 +194,7 @@ fn a_group_that_alone_moves_a_channel_is_named_and_not_counted() {
             *reading = 1500.0;
         }
     }
-    let model = Model { basis: Basis::Linear, intercept: true, channels: 4 };
+    let model = Model { basis: Basis::Linear, intercept: true, channels: 4, memory: 0 };
     let found = cross_validate(&sums(&block, Basis::Linear, 4), &model, 0.0, None).unwrap();
     assert_eq!(found.undetermined, ["pose 2"]);
     assert!(found.random.is_some());
@@ -211,7 +211,7 @@ fn a_group_with_large_readings_alone_goes_the_slow_way_to_the_same_answer() {
             *reading = first + f64::from(u8::from(row % 150 == 7));
         }
     }
-    let model = Model { basis: Basis::Cubic, intercept: true, channels: 4 };
+    let model = Model { basis: Basis::Cubic, intercept: true, channels: 4, memory: 0 };
     let whole = moments(&block, Basis::Cubic);
     let parts = PartitionedMoments::new(&whole, &model).unwrap();
     let left_out = rows_of(&block, |g| g == 0);
@@ -256,7 +256,7 @@ fn the_smallest_model_that_holds_is_chosen() {
 #[test]
 fn too_few_groups_and_impossible_folds_are_refused() {
     let block = poses(11, 3, 60, 400.0, 0.01, curved);
-    let model = Model { basis: Basis::Linear, intercept: true, channels: 4 };
+    let model = Model { basis: Basis::Linear, intercept: true, channels: 4, memory: 0 };
     let one = sums(&rows_of(&block, |g| g == 0), Basis::Linear, 0);
     let error = cross_validate(&one, &model, 0.0, None).unwrap_err();
     assert_eq!(error, ValidationError::TooFewGroups { found: 1 });

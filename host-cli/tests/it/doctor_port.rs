@@ -116,18 +116,24 @@ impl Plan {
 /// (shared-proto/README.md).
 fn other_version(version: u8) -> Vec<u8> {
     let content = [version << 4 | 9, 0, 0, 3, 2];
-    let crc = content.iter().fold(0xFFFF_u16, |crc, &byte| {
-        (0..8).fold(crc ^ u16::from(byte) << 8, |crc, _| {
-            if crc & 0x8000 != 0 { crc << 1 ^ 0x5935 } else { crc << 1 }
+    let crc = |bytes: &[u8]| {
+        bytes.iter().fold(0xFFFF_u16, |crc, &byte| {
+            (0..8).fold(crc ^ u16::from(byte) << 8, |crc, _| {
+                if crc & 0x8000 != 0 { crc << 1 ^ 0x5935 } else { crc << 1 }
+            })
         })
-    });
-    let plain = content.into_iter().chain(crc.to_le_bytes());
-    let plain: Vec<u8> = plain.collect();
-    // The mask is one that no byte equals, so that COBS is a length in front.
-    let mask = (1..=255).find(|mask| !plain.contains(mask)).unwrap();
-    let masked = plain.iter().map(|byte| byte ^ mask);
-    let length = plain.len() as u8 + 2;
-    [length, mask].into_iter().chain(masked).chain([0]).collect()
+    };
+    // The mask is one with which no byte is zero, so that COBS is a length in front.
+    let packet = |mask: u8| {
+        let masked: Vec<u8> = [0].iter().chain(&content).map(|byte| byte ^ mask).collect();
+        let crc = match version {
+            0..=2 => crc(&content).to_le_bytes().map(|byte| byte ^ mask),
+            _ => crc(&masked).to_le_bytes(),
+        };
+        [masked, crc.to_vec()].concat()
+    };
+    let packet = (1..=255).map(packet).find(|packet| !packet.contains(&0)).unwrap();
+    [&[packet.len() as u8 + 1], &packet[..], &[0]].concat()
 }
 
 /// The board of a plan, on a pty, as long as this lives.
@@ -167,7 +173,8 @@ fn run(plan: &Plan, board: &mut TTYPort, stop: &AtomicBool) {
         let is_heard = plan.baud.is_none_or(|baud| board.baud_rate().unwrap() == baud);
         let mut replies = Vec::new();
         decoder.feed(&buffer[..count], |event| {
-            let Event::Command { number, to, command, .. } = event else { return };
+            let Event::Packet(received) = event else { return };
+            let Packet::Command { number, to, command } = received.packet else { return };
             for &serial in &plan.serials {
                 if to.is_none_or(|to| to == BoardId::of_serial(&serial)) {
                     let answer = plan.answer(&command, serial);
@@ -227,7 +234,7 @@ fn planted_faults_of_boards_are_found() {
         ("silent", sends(Sends::Nothing), "", fault("silent")),
         ("noise", sends(Sends::Noise), "", fault("noise")),
         ("an older protocol", sends(Sends::Version(1)), "", fault("protocol-version")),
-        ("a newer protocol", sends(Sends::Version(3)), "", fault("protocol-version")),
+        ("a newer protocol", sends(Sends::Version(4)), "", fault("protocol-version")),
         ("baud", Plan { baud: Some(115_200), ..Plan::sound() }, "", fault("baud")),
         (
             "framing, and no way to the board",

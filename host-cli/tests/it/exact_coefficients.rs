@@ -29,7 +29,7 @@ fn worst(rows: &Rows, model: &Model, fit: &ExactFit) -> f64 {
 }
 
 fn worst_of(rows: &Rows, basis: Basis, intercept: bool) -> f64 {
-    let model = Model { basis, intercept, channels: rows.readings.len() };
+    let model = Model { basis, intercept, channels: rows.readings.len(), memory: 0 };
     let fit = moments(rows, basis).solve(&model, 0.0).unwrap();
     worst(rows, &model, &fit)
 }
@@ -74,7 +74,7 @@ fn readings_in_sixteenths_of_a_count_are_as_exact_as_whole_ones() {
         let mut rows = whole.clone();
         rows.readings.iter_mut().flatten().for_each(|s| *s /= 16.0);
         for basis in Basis::ALL {
-            let model = Model { basis, intercept, channels: 4 };
+            let model = Model { basis, intercept, channels: 4, memory: 0 };
             let mut fit = moments(&rows, basis).solve(&model, 0.0).unwrap();
             // The rational solution works in integers: sixteen times readings, centre and scale are
             // the same features.
@@ -101,7 +101,7 @@ fn nearly_equal_channels_are_no_obstacle() {
 #[test]
 fn residuals_and_variance_agree_with_exact_arithmetic() {
     let rows = Rows::synthetic(9, 400, 3, 10, 0.7);
-    let model = Model { basis: Basis::Quadratic, intercept: true, channels: 3 };
+    let model = Model { basis: Basis::Quadratic, intercept: true, channels: 3, memory: 0 };
     let fit = moments(&rows, Basis::Quadratic).solve(&model, 0.0).unwrap();
     let (residuals, total) = solve(&rows, &model, &fit.centre, &fit.scale).residuals();
     for a in 0..6 {
@@ -123,7 +123,7 @@ fn random_problems_are_solved_to_the_last_place() {
     let case = |(seed, channels, bits, spread, intercept)| {
         let rows = Rows::synthetic(seed, 150, channels, bits, spread);
         for basis in Basis::ALL {
-            let model = Model { basis, intercept, channels };
+            let model = Model { basis, intercept, channels, memory: 0 };
             posed.update(|count| count + 1);
             let Ok(fit) = moments(&rows, basis).solve(&model, 0.0) else { continue };
             solved.update(|count| count + 1);

@@ -46,7 +46,7 @@ fn pick(columns: &Columns, order: &[usize]) -> Columns {
 
 fn solve(moments: &Moments, basis: Basis, intercept: bool) -> Result<ExactFit, SolveError> {
     let channels = (0..).take_while(|&i| moments.range(i).is_some()).count();
-    moments.solve(&Model { basis, intercept, channels }, 0.0)
+    moments.solve(&Model { basis, intercept, channels, memory: 0 }, 0.0)
 }
 
 fn bits(fit: &ExactFit) -> Vec<[(u64, u64); 6]> {
@@ -156,7 +156,7 @@ fn one_two_and_seven_threads_give_the_same_solution() {
     }
     let ranges = ReadingRanges::of_block(&block(&readings, &wrench, 0..9000), 8).unwrap();
     for basis in [Basis::Cubic, Basis::Quadratic, Basis::Poly3] {
-        let model = Model { basis, intercept: true, channels: 8 };
+        let model = Model { basis, intercept: true, channels: 8, memory: 0 };
         let blocks_of = |rows: usize| -> Vec<Block> {
             let starts = (0..9000).step_by(rows);
             starts.map(|start| block(&readings, &wrench, start..(start + rows).min(9000))).collect()
@@ -369,7 +369,7 @@ fn a_ridge_is_that_of_householder_qr_and_answers_where_rank_is_lost() {
     readings[3] = readings[2].clone();
     let rows = block(&readings, &wrench, 0..500);
     let ranges = ReadingRanges::of_block(&rows, 8).unwrap();
-    let model = Model { basis: Basis::Linear, intercept: true, channels: 8 };
+    let model = Model { basis: Basis::Linear, intercept: true, channels: 8, memory: 0 };
     let scaling = Scaling::of_sample(&readings, true);
     let problem = FitProblem { model, scaling, ridge: 1e-3 };
     let moments = exact_moments(model, &(&rows).into(), None).unwrap();

@@ -230,6 +230,65 @@ fn calibrate(dir: &Path) {
 }
 
 #[test]
+fn a_plan_leads_through_its_loads_and_labels_their_rows() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    calibrate(dir);
+    // Rest, then both loads, over and over: a machine that is late has another chance.
+    let rows = [
+        (0.0, 0.0),
+        (6.0, 0.0),
+        (6.1, 1.5),
+        (10.0, 1.5),
+        (10.1, 0.0),
+        (11.0, 0.0),
+        (11.1, -1.5),
+        (15.0, -1.5),
+        (15.1, 0.0),
+        (16.0, 0.0),
+    ];
+    let rows: String = rows.iter().map(|(t, fx)| format!("{t},{fx},0,0,0,0,0\n")).collect();
+    fs::write(dir.join("load.csv"), format!("t_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm\n{rows}"))
+        .unwrap();
+    fs::write(dir.join("plan.csv"), "group,force_n,direction\nahead,1.5,+x\nastern,1.5,-x\n")
+        .unwrap();
+    let _board =
+        Board(program::start(dir, "board --simulate --load load.csv --symlink board --seed 2"));
+    let deadline = Instant::now() + Duration::from_secs(60);
+    while !dir.join("board").exists() {
+        assert!(Instant::now() < deadline, "there is no board");
+        thread::sleep(Duration::from_millis(10));
+    }
+    let said = program::refused(dir, "live board --plan plan.csv");
+    assert!(said.contains("name one with `--output`"), "{said}");
+    let arguments = "board --start --calibration cal.json --output log.csv --plan plan.csv";
+    let mut view = Terminal::start(dir, arguments, &[]);
+    view.wait_for("1/2 `ahead`");
+    view.press("n");
+    view.wait_for("next: `astern`");
+    view.press("b");
+    view.wait_for("next: `ahead`");
+    view.wait_for("hold still");
+    view.wait_for("recorded `ahead`");
+    view.wait_for("2/2 `astern`");
+    view.wait_for("recorded `astern`");
+    view.press("q");
+    let (code, said, _) = view.end();
+    assert_eq!(code, Some(0), "{said}");
+    assert!(said.contains("2 of 2 loads recorded"), "{said}");
+    let log = Recording::read(&dir.join("log.csv"));
+    for (group, fx) in [("ahead", 1.5), ("astern", -1.5)] {
+        let labels = log.text("group");
+        let rows = labels.iter().zip(log.numbers("fx_n")).filter(|(label, _)| **label == group);
+        let forces: Vec<f64> = rows.map(|(_, fx)| fx).collect();
+        // Two seconds at 100 Hz, less what was written before the hold was found on a busy machine.
+        assert!((50..=260).contains(&forces.len()), "{group}: {} rows", forces.len());
+        // The calibration's error, and creep.
+        assert!(forces.iter().all(|found| (found - fx).abs() < 0.5), "{group}: {forces:?}");
+    }
+}
+
+#[test]
 fn a_kilohertz_is_shown_and_recorded_whole_whatever_the_user_does() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();

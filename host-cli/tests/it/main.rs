@@ -37,12 +37,14 @@ mod exact_optimum;
 mod exact_sums;
 mod fit_report;
 mod found_groups;
+mod gates;
 mod golden;
 mod hostile;
 #[cfg(target_os = "linux")]
 mod install_script;
 mod instruction_sets;
 mod kept_columns;
+mod lag_and_memory;
 #[cfg(all(unix, feature = "live"))]
 mod live;
 #[cfg(all(unix, feature = "live"))]
@@ -59,11 +61,14 @@ mod outliers;
 mod partial_fits;
 mod payload;
 mod physics_command;
+mod plan_command;
 mod prediction_intervals;
 mod readme;
 #[cfg(unix)]
 mod record_port;
 mod record_replay;
+#[cfg(unix)]
+mod record_restart;
 mod refits;
 mod settings;
 mod shell_integration;

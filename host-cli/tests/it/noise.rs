@@ -9,7 +9,7 @@ use shellcal::workflow::noise::{NoiseError, NoiseOptions, NoiseSummary, noise};
 use shellcal::workflow::selection::{RowFilter, TimeWindow};
 
 fn calibration(channels: usize) -> Calibration {
-    let model = Model { basis: Basis::Linear, intercept: false, channels };
+    let model = Model { basis: Basis::Linear, intercept: false, channels, memory: 0 };
     let rows = (0..channels).map(|c| std::array::from_fn(|axis| (axis + c) as f64 / 4.0));
     Calibration::new(model, Scaling::identity(channels), rows.collect())
 }

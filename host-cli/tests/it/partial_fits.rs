@@ -97,14 +97,58 @@ fn parts_of_different_fits_are_refused() {
     assert!(!dir.path().join("cal.json").exists());
 }
 
+/// The same rows by another name, and other rows by the same.
+#[test]
+fn parts_of_other_columns_or_of_the_same_rows_are_refused() {
+    let dir = recordings();
+    succeed(&dir, "fit 1.csv --model linear --partial 1.json --serial A7");
+    let fit = |log: &str, flags: &str| {
+        succeed(&dir, &format!("fit {log} --model linear --partial other.json {flags}"));
+    };
+    let text = fs::read_to_string(dir.path().join("1.csv")).unwrap();
+    let write = |name: &str, text: &[u8]| fs::write(dir.path().join(name), text).unwrap();
+    let mut gzip = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+    std::io::Write::write_all(&mut gzip, text.as_bytes()).unwrap();
+    write("1b.csv.gz", &gzip.finish().unwrap());
+    write("line.csv", format!("{text}\n").as_bytes());
+    write("quoted.csv", text.replacen("t_s", "\"t_s\"", 1).as_bytes());
+    let mut lines: Vec<&str> = text.lines().collect();
+    lines[1..].reverse();
+    write("reversed.csv", (lines.join("\n") + "\n").as_bytes());
+    for copy in ["1b.csv.gz", "line.csv", "quoted.csv", "reversed.csv"] {
+        fit(copy, "");
+        let error = refused(&dir, "merge 1.json other.json -o cal.json");
+        assert!(
+            error.contains(&format!("its rows of `{copy}` have been counted already")),
+            "{error}"
+        );
+    }
+    for (flags, expected) in [
+        ("--sensors s5,s2,s3,s4,s1,s6,s7,s8", "its column 1 is `s5`, expected `s1`"),
+        ("--wrench fx_n,fz_n,fy_n,mx_nm,my_nm,mz_nm", "its column 10 is `fz_n`, expected `fy_n`"),
+        ("--moment-unit mNm", "its column 12 is `mx_nm in mN·m`, expected `mx_nm`"),
+        ("--serial B2", "it is of the sensor `B2`, expected `A7`"),
+    ] {
+        fit("2.csv", flags);
+        let error = refused(&dir, "merge 1.json other.json -o cal.json");
+        assert!(error.contains(expected), "{flags}: {error}");
+    }
+    // The same columns, however they are named on the command line.
+    for flags in ["--sensors s1,s2,s3,s4,s5,s6,s7,s8", "--serial A7", ""] {
+        fit("2.csv", flags);
+        succeed(&dir, "merge 1.json other.json -o cal.json");
+        assert_eq!(document(&dir, "cal.json")["sensor_serial"], "A7");
+    }
+    assert!(refused(&dir, "merge 1.json --serial C3").contains("of the sensor `A7`"));
+}
+
 #[test]
 fn a_damaged_or_foreign_part_is_refused() {
     let dir = recordings();
     succeed(&dir, "fit 1.csv --model linear --partial 1.json");
     let text = fs::read_to_string(dir.path().join("1.json")).unwrap();
     let cases = [
-        ("\"partial_schema_version\": 1", "\"partial_schema_version\": 4", "schema version is `4`"),
-        ("\"partial_schema_version\": 1", "\"partial_schema_version\": 2", "`groups` belongs to"),
+        ("\"partial_schema_version\": 4", "\"partial_schema_version\": 5", "schema version is `5`"),
         ("\"channels\": 8", "\"channels\": 7", "`moments` are not those of `model`"),
         ("\"rows\": 900,\n    \"channels\"", "\"rows\": 901,\n    \"channels\"", "sum of ones"),
         ("\"moments\"", "\"sums\"", "missing field `moments`"),
@@ -244,7 +288,6 @@ fn groups_that_were_tampered_with_are_refused() {
         ("\"held_out_folds\": 2", "\"held_out_folds\": 3", "that are held out"),
         (&format!("{label}{second}\""), &format!("{label}{first}\""), "label or place is taken"),
         (&format!("\"rows\": {of_random}"), &format!("\"rows\": {more}"), "the sum of ones"),
-        ("\"partial_schema_version\": 2", "\"partial_schema_version\": 1", "belongs to version 2"),
     ];
     for (from, to, expected) in cases {
         assert!(text.contains(from), "{from}");

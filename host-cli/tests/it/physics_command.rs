@@ -3,8 +3,8 @@
 use std::fs;
 use std::path::Path;
 
-use calibration::fit::{GroupsAsked, HeldOut};
-use calibration::physics::{PhysicsValidation, TrainingRows};
+use calibration::fit::{GroupsAsked, HeldOut, Workers};
+use calibration::physics::{PhysicsCalibration, PhysicsValidation, TrainingRows};
 use log_file::{ColumnRef, Log, Mapping, ReadOptions};
 use shellcal::workflow::fit::FitData;
 use system_tests::program::{ended, json, refused, succeed};
@@ -126,7 +126,10 @@ fn poses_of_a_real_sensor_that_were_left_out_are_found_again() {
     let asked = (GroupsAsked::HeldOut(HeldOut::Column), false);
     let data = FitData::read(&[log], &[], asked, &ReadOptions::default()).unwrap();
     let (rows, _) = TrainingRows::from_dataset(&data.train);
-    let validation = PhysicsValidation::of(&rows, &rows.folds(usize::MAX)).unwrap();
+    let workers = Workers::default();
+    let (_, whole) = PhysicsCalibration::fit(&rows, workers).unwrap();
+    let folds = rows.folds(usize::MAX);
+    let validation = PhysicsValidation::of(&rows, &folds, &whole, workers).unwrap();
     let (total, median) = (validation.total(), validation.median());
     let limits = [(1.20, 0.45), (1.30, 0.48), (1.05, 0.43)];
     for (axis, (rms, of_group)) in limits.into_iter().enumerate() {

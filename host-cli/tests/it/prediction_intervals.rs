@@ -132,7 +132,7 @@ fn standard_errors_of_a_fit_hold_where_errors_are_those_of_poses_and_naive_ones_
     // Thirty poses of forty rows: an error of its own for every pose, and a smaller one for every
     // row. What is asked for is the wrench at one set of readings, without its own error.
     const SIMULATIONS: usize = 2000;
-    let model = Model { basis: Basis::Linear, intercept: true, channels: 2 };
+    let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
     let truth = |s: [f64; 2]| 0.01 * s[0] - 0.02 * s[1] + 3.0;
     let mut random = Random(1);
     let mut held = [0, 0];
@@ -235,7 +235,7 @@ fn intervals_hold_poses_of_a_real_sensor_that_were_held_out() {
         (0..6).for_each(|axis| halves[axis].push(sd[axis] * factors[axis]));
     }
     for basis in [Basis::Cubic, Basis::Quadratic, Basis::Poly3] {
-        let model = Model { basis, intercept: true, channels: 8 };
+        let model = Model { basis, intercept: true, channels: 8, memory: 0 };
         assert!(FewGroups::new(model.term_count(), 24).is_some(), "{basis:?}");
     }
     for axis in 0..6 {

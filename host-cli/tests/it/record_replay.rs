@@ -4,7 +4,9 @@ use std::fs;
 use std::path::Path;
 
 use calibration_file::CalibrationFile;
-use shared_proto::{Board, Boot, Framing, Packet, ResetCause, Sample, Values, skinproc};
+use shared_proto::{
+    Board, Boot, Framing, Packet, PacketOrigin, ResetCause, Sample, Values, skinproc,
+};
 use shell_data::wrench::PerAxis;
 use system_tests::on_the_wire;
 use system_tests::program::{self, refused, succeed};
@@ -100,10 +102,11 @@ fn a_restart_is_marked_and_time_goes_on() {
     let dir = tempfile::tempdir().unwrap();
     let mut bytes = stream(0..100);
     let boot = Boot { board: Board::SkinProc, firmware: [0, 1, 0], cause: ResetCause::Watchdog };
-    bytes.extend(on_the_wire(&Packet::Boot(boot), Framing::Cobs));
+    let second = PacketOrigin { start: 1, ..PacketOrigin::default() };
+    bytes.extend(Packet::Boot(boot).encode_from(second).iter());
     let fresh = |index: u64| Sample { clock_us: (index * 10_000) as u32, ..sample(index) };
     for index in 0..50 {
-        bytes.extend(on_the_wire(&Packet::Sample(fresh(index)), Framing::Cobs));
+        bytes.extend(Packet::Sample(fresh(index)).encode_from(second).iter());
     }
     let said = replay(dir.path(), &bytes, "");
     assert!(said.ends_with("; 1 restarts\n"), "{said}");
@@ -115,6 +118,51 @@ fn a_restart_is_marked_and_time_goes_on() {
     let restarts: Vec<_> = (0..150).filter(|&row| flags[row] == "restart").collect();
     assert_eq!(restarts, [100]);
     assert!(column(&path, "index").iter().enumerate().all(|(row, i)| *i == row.to_string()));
+}
+
+/// A CRC of 16 bits lets one damaged frame in 65,536 pass.
+#[test]
+fn one_frame_that_its_neighbours_contradict_moves_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    let wrong = Sample { clock_us: 36_400_000, ..sample(50) };
+    let other_run = PacketOrigin { start: 9, ..PacketOrigin::default() };
+    let mut bytes = stream(0..50);
+    bytes.extend(on_the_wire(&Packet::Sample(wrong), Framing::Cobs));
+    bytes.extend(stream(50..80));
+    bytes.extend(Packet::Sample(sample(80)).encode_from(other_run).iter());
+    bytes.extend(stream(80..100));
+    let said = replay(dir.path(), &bytes, "");
+    assert!(said.ends_with("; 2 damaged\n"), "{said}");
+    assert_rows_are(&read_log(&dir.path().join("log.csv")).unwrap(), 0..100);
+}
+
+/// Two boards on one channel, each frame of a radio packet of its own.
+#[test]
+fn two_boards_behind_a_transparent_base_station_are_two_logs() {
+    let dir = tempfile::tempdir().unwrap();
+    let frame = |index: u64, board: u16| {
+        let clock_us = sample(index).clock_us + 1_826_000_000 * u32::from(board % 2);
+        let sample = Sample { clock_us, values: Values::Readings([board; 8]), ..sample(index) };
+        Packet::Sample(sample).encode_from(PacketOrigin { board, start: board }).to_vec()
+    };
+    let bytes: Vec<u8> = (0..500)
+        .flat_map(|index| [0x2052, 0xA7C1].map(|board| frame(index, board)))
+        .flatten()
+        .collect();
+    let said = replay(dir.path(), &bytes, "");
+    assert!(
+        said.contains("board 2052: 500 frames") && said.contains("board a7c1: 500 frames"),
+        "{said}"
+    );
+    assert!(!said.contains("restarts") && !said.contains("missing"), "{said}");
+    for (name, board) in [("log.csv", 0x2052_u16), ("log-a7c1.csv", 0xA7C1)] {
+        let log = read_log(&dir.path().join(name)).unwrap();
+        assert_eq!(log.rows, 500, "{name}");
+        assert!(
+            log.readings[0].iter().all(|&reading| reading == f64::from(board) / 16.0),
+            "{name}"
+        );
+    }
 }
 
 #[test]
@@ -147,7 +195,7 @@ fn wrenches_of_the_board_are_a_log_of_wrenches() {
     }
     calibration(dir.path());
     let error = refused(dir.path(), "record --replay raw -o f.csv --calibration cal.json");
-    assert!(error.contains("the board streams wrenches"), "{error}");
+    assert!(error.contains("the board streams wrenches") && error.contains("mode raw"), "{error}");
 }
 
 #[test]

@@ -29,7 +29,7 @@ fn block(rows: usize) -> Block {
 }
 
 fn problem(basis: Basis, intercept: bool, block: &Block) -> FitProblem {
-    let model = Model { basis, intercept, channels: block.readings.len() };
+    let model = Model { basis, intercept, channels: block.readings.len(), memory: 0 };
     let scaling = Scaling::of_sample(&block.readings, intercept);
     FitProblem { model, scaling, ridge: 0.0 }
 }

@@ -45,7 +45,7 @@ fn calibrate(seed: u64, rows: usize, elastic: bool) -> (Calibration, [f64; 6]) {
     sums.add(worker.add(&block, &block.groups).unwrap()).unwrap();
     let sums = sums.finish([worker]).unwrap();
     let total = sums.total().unwrap();
-    let model = Model { basis: Basis::Cubic, intercept: true, channels: 8 };
+    let model = Model { basis: Basis::Cubic, intercept: true, channels: 8, memory: 0 };
     let solution = solve_moments(total, &model, 0.0, &total.reading_ranges()).unwrap();
     let mut calibration = Calibration::of_solution(&solution, &total.reading_ranges());
     let covariance = Covariance::of_groups(&sums, &model, 0.0).unwrap();

@@ -88,6 +88,19 @@ def labels(value: Any, rows: int) -> Labels | None:
     return places.astype(np.uint32).reshape(-1), [str(name) for name in names]
 
 
+def times(value: Any, rows: int) -> Matrix | None:
+    """The time of each row, s."""
+    if value is None:
+        return None
+    array = np.asarray(value)
+    if array.dtype.kind not in "iuf" or array.shape != (rows,):
+        raise ArrayError(
+            f"time has the shape {array.shape} and the type {array.dtype}, X has {rows} rows",
+            hint="one number for each row, in s",
+        )
+    return np.ascontiguousarray(array, dtype=np.float64)
+
+
 def weights(value: Any, rows: int) -> Weights:
     """`sample_weight`: whole numbers are numbers of rows, others weights of squares."""
     if value is None:

@@ -26,6 +26,7 @@ Rows = tuple[
     _arrays.Labels | None,
     npt.NDArray[np.uint32] | None,
     _arrays.Matrix | None,
+    _arrays.Matrix | None,
 ]
 
 
@@ -34,7 +35,7 @@ class Calibration:
 
     Parameters
     ----------
-    model : {"linear", "cubic", "quadratic", "poly3", "auto", "physics"}
+    model : {"linear", "cubic", "quadratic", "cubic+products", "poly3", "auto", "physics"}
         Features of the readings. ``"auto"`` takes the smallest that predicts new groups as well as the
         best, and its ridge; it needs `groups`. ``"physics"`` is what photointerrupters answer to a wrench,
         inverted: for few poses, and for loads beyond them. It holds all rows in memory, takes some seconds,
@@ -50,6 +51,11 @@ class Calibration:
     truncate : float, optional
         With ``solver="svd"``: leaves out directions whose singular value is below this share of the
         largest.
+    lag : float or "auto"
+        How much later than the readings the reference shows a load, s; rows, without `time`. ``"auto"`` finds it.
+    memory_terms : sequence of float or "auto"
+        Time constants, s, of the terms ``s - EMA(s)`` that each channel gets; rows, without `time`. ``"auto"`` takes
+        those that lower the errors on rows that were held out. Rows have to be in the order of time.
     cv : bool or int
         Whether `fit` finds the errors on held-out groups, too: each group alone, or in so many folds.
     covariance : {"auto", "groups", "rows", "none"}
@@ -91,6 +97,8 @@ class Calibration:
         ridge: float = 0.0,
         solver: str = "exact",
         truncate: float | None = None,
+        lag: float | str = 0.0,
+        memory_terms: Any = (),
         cv: bool | int = False,
         covariance: str = "auto",
         seed: int = 1,
@@ -102,6 +110,8 @@ class Calibration:
         self.ridge = ridge
         self.solver = solver
         self.truncate = truncate
+        self.lag = lag
+        self.memory_terms = memory_terms
         self.cv = cv
         self.covariance = covariance
         self.seed = seed
@@ -143,7 +153,13 @@ class Calibration:
     # From rows to a calibration.
 
     def fit(
-        self, X: Any, y: Any = None, sample_weight: Any = None, *, groups: Any = None
+        self,
+        X: Any,
+        y: Any = None,
+        sample_weight: Any = None,
+        *,
+        groups: Any = None,
+        time: Any = None,
     ) -> Calibration:
         """Fits the model.
 
@@ -182,17 +198,20 @@ class Calibration:
         wrench = _arrays.wrench(y, count)
         repeats, weights, kept = _arrays.weights(sample_weight, count)
         labels = _arrays.labels(groups, count)
+        times = _arrays.times(time, count)
         if kept is not None and weights is not None:
             readings, wrench, weights = readings[kept], wrench[kept], weights[kept]
             labels = None if labels is None else (labels[0][kept], labels[1])
-        rows = (readings, wrench, labels, repeats, weights)
+            times = None if times is None else times[kept]
+        rows = (readings, wrench, labels, repeats, weights, times)
         with _progress.shown("fit", "row") as progress:
             fitted, messages = self._fit_rows(rows, progress)
         for message in messages:
             warnings.warn(message, ShellcalWarning, stacklevel=2)
         self._take(fitted)
         self._outputs = None if np.asarray(y).ndim == 1 else wrench.shape[1]
-        self._shown = _some_rows(readings, wrench)
+        # Of rows that are not one after the other nothing is remembered.
+        self._shown = None if fitted.memory()[0] else _some_rows(readings, wrench)
         if names is not None:
             self.feature_names_in_ = names
         elif hasattr(self, "feature_names_in_"):
@@ -216,6 +235,8 @@ class Calibration:
             ridge=_options.number("ridge", self.ridge),
             solver=_options.text("solver", self.solver),
             truncate=None if self.truncate is None else _options.number("truncate", self.truncate),
+            lag=None if self.lag == "auto" else _options.number("lag", self.lag),
+            memory_terms=_options.time_constants(self.memory_terms),
             cross_validation=_options.folds(self.cv),
             seed=_options.count("seed", self.seed),
             covariance=_options.text("covariance", self.covariance),
@@ -245,7 +266,12 @@ class Calibration:
     # From readings to wrenches.
 
     def predict(
-        self, X: Any, return_std: bool = False, interval: float | None = None
+        self,
+        X: Any,
+        return_std: bool = False,
+        interval: float | None = None,
+        *,
+        time: Any = None,
     ) -> Any:
         """The wrench of every row, without a tare.
 
@@ -257,6 +283,8 @@ class Calibration:
             Also give standard errors.
         interval : float, optional
             Also give the bounds of the interval that holds this share of new samples, such as 0.95.
+        time : array of shape (n,), optional
+            The time of each row, s, which memory terms take; rows are then those of one recording, in order.
 
         Returns
         -------
@@ -278,7 +306,13 @@ class Calibration:
                 "this calibration has no standard errors",
                 hint="fit with covariance=\"auto\", and with twice as many groups as features",
             )
-        wrench, std = fitted.predict(readings, wants_errors)
+        times = _arrays.times(time, readings.shape[0])
+        if fitted.memory()[1] and times is None:
+            raise OptionError(
+                "this calibration remembers, and needs to know when the readings were taken",
+                hint="give `time`, in s",
+            )
+        wrench, std = fitted.predict(readings, wants_errors, times)
         found = [wrench]
         if return_std and std is not None:
             found.append(std)
@@ -298,10 +332,10 @@ class Calibration:
         fitted = self._known()
         return np.asarray(fitted.out_of_range(_arrays.readings(X, fitted.channels())))
 
-    def score(self, X: Any, y: Any, sample_weight: Any = None) -> float:
+    def score(self, X: Any, y: Any, sample_weight: Any = None, *, time: Any = None) -> float:
         """R², the mean of the axes: 1 is perfect, 0 no better than the mean load. Squares are weighted by
         `sample_weight`."""
-        predicted = np.asarray(self.predict(X))
+        predicted = np.asarray(self.predict(X, time=time))
         predicted = predicted.reshape(predicted.shape[0], -1)
         measured = _arrays.wrench(y, predicted.shape[0])
         if measured.shape[1] != predicted.shape[1]:
@@ -321,15 +355,15 @@ class Calibration:
     # The file.
 
     @classmethod
-    def load(cls, path: PathLike) -> Calibration:
-        """The calibration in a file of ``shellcal fit`` or of `save`."""
-        return cls._of(Fitted.load(os.fspath(path)))
+    def load(cls, path: PathLike, *, edited: bool = False) -> Calibration:
+        """The calibration in a file of ``shellcal fit`` or of `save`; with `edited`, one that was changed since."""
+        return cls._of(Fitted.load(os.fspath(path), edited))
 
     @classmethod
-    def from_json(cls, document: str | bytes, name: str = "<json>") -> Calibration:
-        """The calibration in a document."""
+    def from_json(cls, document: str | bytes, name: str = "<json>", *, edited: bool = False) -> Calibration:
+        """The calibration in a document; with `edited`, in one that was changed since it was written."""
         data = document.encode() if isinstance(document, str) else document
-        return cls._of(Fitted.parse(data, name))
+        return cls._of(Fitted.parse(data, name, edited))
 
     @classmethod
     def _of(cls, fitted: Fitted) -> Calibration:
@@ -343,6 +377,8 @@ class Calibration:
         solver = new.document_.get("solver")
         if solver is not None:
             new.solver, new.ridge = solver["name"], solver["ridge"]
+        new.lag = (new.document_.get("lag") or {"by": 0.0})["by"]
+        new.memory_terms = tuple((new.document_.get("memory") or {"time_constants": ()})["time_constants"])
         new.serial = new.document_.get("sensor_serial")
         return new
 
@@ -366,7 +402,7 @@ class Calibration:
         self.__dict__.update(state)
         self._shown = None
         if "_fitted" in state:
-            self._fitted = Fitted.parse(state["_fitted"].encode(), "<pickle>")
+            self._fitted = Fitted.parse(state["_fitted"].encode(), "<pickle>", False)
 
     # What it says of itself.
 

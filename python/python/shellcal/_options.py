@@ -48,3 +48,12 @@ def count(name: str, value: Any, most: int = 2**64 - 1) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 0 <= value <= most:
         raise OptionError(f"{name} is {value!r}, expected an integer from 0 to {most}")
     return int(value)
+
+
+def time_constants(value: Any) -> list[float] | None:
+    """Times of memory terms; `None` where they are searched for."""
+    if isinstance(value, str):
+        if value == "auto":
+            return None
+        raise OptionError(f"memory_terms is {value!r}, expected times or \"auto\"")
+    return [number("memory_terms", time) for time in value]

@@ -6,7 +6,7 @@
 
 use libfuzzer_sys::fuzz_target;
 use shared_proto::xbee::Mode;
-use shared_proto::{Decoder, Event, Framing, Packet, skinproc};
+use shared_proto::{Decoder, Event, Framing, Packet, ReceivedPacket, skinproc};
 
 fn decode(framing: Framing, bytes: &[u8], piece: usize) -> Vec<Event> {
     let (mut decoder, mut events) = (Decoder::new(framing), Vec::new());
@@ -24,14 +24,15 @@ fuzz_target!(|bytes: &[u8]| {
         let whole = decode(framing, bytes, bytes.len().max(1));
         assert_eq!(format!("{events:?}"), format!("{whole:?}"));
         for event in events {
-            let packet = match event {
-                Event::Sample { sample, .. } => Packet::Sample(sample),
-                Event::Edge(edge) => Packet::Edge(edge),
-                _ => continue,
+            let Event::Packet(received @ ReceivedPacket { origin: Some(origin), packet }) = event else {
+                continue;
             };
-            let frame = packet.encode();
+            if !matches!(packet, Packet::Sample(_) | Packet::Edge(_)) {
+                continue;
+            }
+            let frame = packet.encode_from(origin);
             let again = Packet::decode(&frame[..frame.len() - 1]);
-            assert_eq!(format!("{again:?}"), format!("{:?}", Ok::<_, ()>(packet)));
+            assert_eq!(format!("{again:?}"), format!("{:?}", Ok::<_, ()>(received)));
         }
     }
     let mut original = skinproc::Decoder::new();

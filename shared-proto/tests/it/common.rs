@@ -3,9 +3,8 @@
 use proptest::prelude::*;
 use shared_proto::xbee::{Address, ApiFrame};
 use shared_proto::{
-    Answer, Board, BoardId, Boot, Challenge, Command, Decoder, Edge, Event, Framing, Health,
-    Identity, Key, MAX_PIECE, MAX_SIGNED_PIECE, Packet, Piece, Refusal, ResetCause, Sample, Status,
-    Stream, Timing, Values, Vitals,
+    Answer, Board, BoardId, Boot, Command, Decoder, Edge, Event, Framing, Health, Identity,
+    MAX_PIECE, Packet, Piece, Refusal, ResetCause, Sample, Status, Stream, Timing, Values, Vitals,
 };
 
 /// The bytes of a packet as the host receives them.
@@ -62,31 +61,11 @@ fn any_command() -> impl Strategy<Value = Command> {
         ),
         any::<u16>().prop_map(|frames| Command::Zero { frames }),
         any::<u16>().prop_map(|offset| Command::LastWords { offset }),
-        Just(Command::Challenge),
-        any::<[u8; 16]>().prop_map(|key| Command::SetKey(Key::new(key))),
         any::<u8>().prop_map(|emitter| Command::SelfTest { emitter }),
         any::<u32>().prop_map(|baud| Command::SetBaud { baud }),
         Just(Command::Bootloader),
         (0x13_u8..).prop_map(|code| Command::Unknown { code }),
     ]
-}
-
-/// By any key, on any run; longer pieces than fit are cut.
-fn any_signed() -> impl Strategy<Value = Packet> {
-    let signed_by = any::<([u8; 16], [u8; 8], u32, u16)>();
-    (signed_by, any_to(), any_command()).prop_map(|((key, nonce, counter, number), to, command)| {
-        let command = match command {
-            Command::CalibrationPiece { offset, data } => {
-                let cut = &data[..data.len().min(MAX_SIGNED_PIECE)];
-                let data = Piece::copy_of(cut).expect("it fits");
-                Command::CalibrationPiece { offset, data }
-            }
-            other => other,
-        };
-        let key = Key::new(key).unwrap_or(Key::new([1; 16]).expect("a key"));
-        let signature = key.sign(&nonce, counter, number, to, &command);
-        Packet::Signed { number, to, signature, command }
-    })
 }
 
 fn any_stream() -> impl Strategy<Value = Stream> {
@@ -129,9 +108,6 @@ fn any_answer() -> impl Strategy<Value = Answer> {
                 Answer::LastWords { len, text: Piece::copy_of(&text).expect("it fits") }
             }
         ),
-        any::<(bool, [u8; 8], u32, u32)>().prop_map(|(is_keyed, nonce, counter, refused)| {
-            Answer::Challenge(Challenge { is_keyed, nonce, counter, refused })
-        }),
         any::<(u8, [i16; 8])>().prop_map(|(emitter, rise)| Answer::SelfTest { emitter, rise }),
         (0x07_u8..).prop_map(|code| Answer::Other { code }),
     ]
@@ -157,9 +133,6 @@ fn any_refusal() -> impl Strategy<Value = Refusal> {
         Refusal::WrongCrc,
         Refusal::BadCalibration,
         Refusal::StorageFailed,
-        Refusal::Unsigned,
-        Refusal::BadSignature,
-        Refusal::Replayed,
         Refusal::Streaming,
         Refusal::NotOnThisBoard,
     ];
@@ -198,7 +171,6 @@ pub fn any_packet() -> impl Strategy<Value = Packet> {
             .prop_map(|(number, clock_us)| Packet::Edge(Edge { number, clock_us })),
         2 => (any::<u16>(), any_to(), any_command())
             .prop_map(|(number, to, command)| Packet::Command { number, to, command }),
-        1 => any_signed(),
         2 => (any::<u16>(), any_answer())
             .prop_map(|(number, answer)| Packet::Answer { number, answer }),
         1 => (any_board(), any::<[u8; 3]>(), any_cause())

@@ -43,7 +43,7 @@ fn a_stream_in_api_mode_that_never_needed_an_escape_is_taken_as_plain() {
     let mut random = Random(2);
     let framing = Framing::Xbee(Mode::Escaped);
     let stream = on_the_wire(&packet(0, &mut random), framing);
-    assert_eq!(stream.len(), 39, "this frame has no escape");
+    assert_eq!(stream.len(), 43, "this frame has no escape");
     assert_eq!(detect(&stream), Some(Protocol::Packets(Framing::Xbee(Mode::Plain))));
 }
 

@@ -2,24 +2,14 @@
 //! what it hits.
 
 use proptest::prelude::*;
-use shared_proto::{Decoder, Event, Framing, MAX_FRAME, Packet};
+use shared_proto::{Decoder, Event, Framing, MAX_FRAME, Packet, ReceivedPacket};
 
 use crate::common::{any_packet, any_sample, decode, on_the_wire};
 
 /// The packet that an event came from.
 fn packet(event: &Event) -> Packet {
     match *event {
-        Event::Sample { sample, .. } => Packet::Sample(sample),
-        Event::Command { number, to, command, signature: None } => {
-            Packet::Command { number, to, command }
-        }
-        Event::Command { number, to, command, signature: Some(signature) } => {
-            Packet::Signed { number, to, signature, command }
-        }
-        Event::Answer { number, answer } => Packet::Answer { number, answer },
-        Event::Boot(boot) => Packet::Boot(boot),
-        Event::Health(health) => Packet::Health(health),
-        Event::Edge(edge) => Packet::Edge(edge),
+        Event::Packet(ReceivedPacket { packet, .. }) => packet,
         ref other => panic!("not a packet of this version: {other:?}"),
     }
 }
@@ -146,42 +136,4 @@ fn a_packet_right_after_endless_noise_without_a_delimiter_is_found() {
     }
     assert_eq!(packets(&mut decoder, &packet.encode()), [packet]);
     assert_eq!(decoder.counters().malformed, 1);
-}
-
-#[test]
-fn a_restart_shows_in_a_clock_that_goes_back_while_the_numbers_go_on() {
-    use shared_proto::{Sample, Values};
-    let sample = |sequence, clock_us| {
-        let values = Values::Readings([0; 8]);
-        Packet::Sample(Sample { sequence, clock_us, values, saturated: 0, dropped: 0 }).encode()
-    };
-    let mut decoder = Decoder::new(Framing::Cobs);
-    // Late samples and a clock that wraps are no restarts; the numbers wrap as well.
-    let run =
-        [(65_533, u32::MAX - 20_000), (65_535, u32::MAX), (65_534, u32::MAX - 10_000), (0, 9)];
-    for (sequence, clock_us) in run {
-        decode(&mut decoder, &sample(sequence, clock_us));
-    }
-    assert_eq!((decoder.counters().restarts, decoder.counters().missing), (0, 0));
-    decode(&mut decoder, &sample(1, 20_000_000));
-    decode(&mut decoder, &sample(20_000, 500));
-    decode(&mut decoder, &sample(20_001, 10_500));
-    let counters = decoder.counters();
-    assert_eq!((counters.restarts, counters.missing, counters.gaps), (1, 0, 1));
-}
-
-#[test]
-fn a_boot_announces_that_the_numbering_begins_anew() {
-    use shared_proto::{Board, Boot, ResetCause, Sample, Values};
-    let sample = |sequence| {
-        let values = Values::Readings([0; 8]);
-        Packet::Sample(Sample { sequence, clock_us: 0, values, saturated: 0, dropped: 0 }).encode()
-    };
-    let boot = Boot { board: Board::SkinProc, firmware: [0, 1, 0], cause: ResetCause::Watchdog };
-    let mut decoder = Decoder::new(Framing::Cobs);
-    for bytes in [sample(40_000), Packet::Boot(boot).encode(), sample(0), sample(1)] {
-        decode(&mut decoder, &bytes);
-    }
-    let counters = decoder.counters();
-    assert_eq!((counters.missing, counters.gaps, counters.restarts), (0, 0, 1));
 }

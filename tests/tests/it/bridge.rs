@@ -1,6 +1,6 @@
-//! Between the serial port of the emulated board and a pty for `shellcal`.
+//! Between the serial port of the modelled board and a pty for `shellcal`.
 //!
-//! The emulator counts time in instructions and waits for nobody: it gives minutes of samples in
+//! The model counts time in instructions and waits for nobody: it gives minutes of samples in
 //! seconds. So what the board sends is taken at once and kept until `shellcal` has read it, and
 //! while too much is kept the emulator is stopped, which the board cannot notice. Nothing is lost
 //! here, however long the host stalls.
@@ -8,7 +8,6 @@
 use std::collections::VecDeque;
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
-use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Condvar, Mutex};
 use std::thread;
@@ -18,7 +17,6 @@ use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use serialport::{SerialPort, TTYPort};
 use shared_proto::xbee::{Address, ApiFrame, Deframer, Mode};
-use system_tests::emulation::{COUNTED_TIME, Memory};
 
 /// Bytes that are kept before the emulator is stopped, and until it goes on.
 const HIGH_WATER: usize = 1 << 14;
@@ -50,17 +48,8 @@ struct Shared {
 }
 
 impl EmulatedBoard {
-    /// Starts an image in QEMU; `dir` is for what lies in its memory.
-    pub fn start(image: &Path, memory: &Memory, base: BaseStation, dir: &Path) -> Self {
-        Self::start_with(base, |address| {
-            let mut qemu = memory.start(image, dir).unwrap();
-            qemu.args(COUNTED_TIME).args(["-serial", &format!("tcp:{address},nodelay=on")]);
-            qemu
-        })
-    }
-
     /// Starts an emulator by the command that connects its serial line to an address.
-    pub fn start_with(base: BaseStation, command: impl FnOnce(SocketAddr) -> Command) -> Self {
+    pub fn start(base: BaseStation, command: impl FnOnce(SocketAddr) -> Command) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let mut command = command(listener.local_addr().unwrap());
         let emulator = command.stdin(Stdio::null()).spawn().expect("the emulator is installed");

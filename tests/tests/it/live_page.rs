@@ -190,3 +190,88 @@ fn the_page_follows_the_board() {
     }
     assert_eq!(server.child.wait().unwrap().code(), Some(0));
 }
+
+/// A sensor at rest for 8 s, then three loads, each held for 4 s and taken off for 1 s; over and over, so that a
+/// machine that is late has another chance.
+fn write_loads(dir: &Path) {
+    let mut log = "t_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm\n0,0,0,0,0,0,0\n".to_owned();
+    for (at, fx) in [1.5, -1.5, 1.0].into_iter().enumerate() {
+        let from_s = 8.0 + 5.0 * at as f64;
+        for (time_s, fx) in [(0.0, 0.0), (0.1, fx), (4.0, fx), (4.1, 0.0)] {
+            log += &format!("{},{fx},0,0,0,0,0\n", from_s + time_s);
+        }
+    }
+    std::fs::write(dir.join("load.csv"), log + "23,0,0,0,0,0,0\n").unwrap();
+    let plan =
+        "group,force_n,direction,plan_gain_nats\nahead,1.5,+x,3\nastern,1.5,-x,2\nless,1,+x,1\n";
+    std::fs::write(dir.join("plan.csv"), plan).unwrap();
+}
+
+#[test]
+#[ignore = "needs Chromium"]
+fn a_plan_is_followed_load_by_load() {
+    let chromium = chromium::find().unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    run(dir, "synth train --rows 5000 --output train.csv", 0);
+    run(dir, "fit train.csv --model cubic --output cal.json", 0);
+    write_loads(dir);
+    let board = system_tests::program::start(
+        dir,
+        "board --simulate --load load.csv --symlink board --seed 2",
+    );
+    let mut board = Running(board);
+    let deadline = SystemTime::now() + Duration::from_secs(60);
+    while !dir.join("board").exists() {
+        assert!(SystemTime::now() < deadline, "there is no board: {:?}", board.0.try_wait());
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let arguments =
+        "live board --start --calibration cal.json --output log.csv --plan plan.csv --serve";
+    let server = Server::start(dir, arguments);
+    let mut browser = Browser::start(&chromium, [1024, 800], false);
+    browser.visit(&server.address);
+    browser.wait_for("!document.getElementById('guide').hidden");
+    let load = "document.getElementById('load').textContent";
+    browser.wait_for(&format!("{load} === '1.5 N at (0, 0, 0) mm, towards +x'"));
+    let size =
+        browser.evaluate("parseFloat(getComputedStyle(document.getElementById('load')).fontSize)");
+    assert!(size.as_f64().unwrap() > 40.0, "large type: {size}");
+    browser.click("document.querySelector('[data-order=skip]')");
+    browser.wait_for("document.getElementById('message').textContent === 'next: `astern`'");
+    browser.click("document.querySelector('[data-order=back]')");
+    browser.wait_for("document.getElementById('message').textContent === 'next: `ahead`'");
+    browser.wait_for("document.getElementById('what').textContent === 'hold still'");
+    browser.wait_for("document.getElementById('current').textContent.startsWith('Fx +1.')");
+    keep(&browser.screenshot(), "live-plan-1024.png.base64");
+    browser.wait_for("document.getElementById('message').textContent === 'recorded `ahead`'");
+    browser.wait_for(&format!("{load}.endsWith('towards −x')"));
+    browser.wait_for("document.getElementById('done').textContent.includes('1 recorded; 50 %')");
+    check_rules(&mut browser);
+    browser.wait_for(&format!("{load} === 'all 3 loads are recorded'"));
+    browser.click("document.querySelector('[data-order=record]')");
+    browser.wait_for("document.getElementById('message').textContent === 'recorded `log.csv`'");
+    assert_eq!(browser.complaints(), Vec::<String>::new());
+    let log = Recording::read(&dir.join("log.csv"));
+    let index = log.numbers("index");
+    assert!(index.windows(2).all(|pair| pair[1] == pair[0] + 1.0), "a frame is lost");
+    for (group, fx) in [("ahead", 1.5), ("astern", -1.5), ("less", 1.0)] {
+        let labels = log.text("group");
+        let rows = labels.iter().zip(log.numbers("fx_n")).filter(|(label, _)| **label == group);
+        let forces: Vec<f64> = rows.map(|(_, fx)| fx).collect();
+        // Two seconds at the board's 100 Hz, less what was written before the hold was found on a busy machine.
+        assert!((50..=260).contains(&forces.len()), "{group}: {} rows", forces.len());
+        // The calibration's error, and creep.
+        assert!(forces.iter().all(|found| (found - fx).abs() < 0.5), "{group}: {forces:?}");
+    }
+}
+
+/// A program that is ended.
+struct Running(Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        _ = self.0.kill();
+        _ = self.0.wait();
+    }
+}

@@ -13,8 +13,6 @@ mod beam_reference;
 #[cfg(unix)]
 mod bridge;
 #[cfg(unix)]
-mod emulated_board;
-#[cfg(unix)]
 mod flashed_image;
 #[cfg(unix)]
 mod live_page;

@@ -3,7 +3,7 @@
 use std::io::{ErrorKind, Read, Write};
 use std::path::Path;
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use serialport::{SerialPort, TTYPort};
 use shared_proto::xbee::{Address, ApiFrame, Deframer, Mode};
@@ -14,6 +14,9 @@ use system_tests::program::{Recording, finish, interrupt, run, start, wait_for_r
 
 const ADDRESSES: [u16; 2] = [0x2052, 0x2053];
 const BROADCAST: u16 = 0xFFFF;
+
+/// Of the base station's line. At 57,600 baud it does not carry both.
+const BAUD: u32 = 115_200;
 const READINGS: [&str; 8] = ["s1", "s2", "s3", "s4", "s5", "s6", "s7", "s8"];
 
 /// A board under a force that never changes, without noise: all its frames are alike.
@@ -75,11 +78,16 @@ fn coordinator(mode: Mode, boards: [TTYPort; 2]) -> String {
     });
     thread::spawn(move || {
         let _kept_open = host;
+        let mut free_at = Instant::now();
         for (address, payload) in packets {
             let rssi = Some(40 + (address - ADDRESSES[0]) as u8);
             let from = Address::Short(address);
             let frame = ApiFrame::Receive { from, rssi, payload: &payload };
             let bytes = frame.encode(mode).unwrap();
+            // At the pace of the line, ten bits to a byte.
+            thread::sleep(free_at.saturating_duration_since(Instant::now()));
+            free_at =
+                free_at.max(Instant::now()) + Duration::from_secs(10) * bytes.len() as u32 / BAUD;
             let mut rest = &bytes[..];
             while !rest.is_empty() {
                 match station.write(rest) {

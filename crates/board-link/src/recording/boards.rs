@@ -1,66 +1,77 @@
-//! The boards that a port leads to: one, or all that a base station in API mode hears.
+//! The boards that a port leads to: several on one radio channel, each with a stream of its own.
 //!
-//! Boards number their samples and cut their frames each for itself, so every address has a stream of
-//! its own.
+//! A base station in API mode says which module a packet comes from, and the frames of each module are cut
+//! by themselves. What arrives through a transparent one says which board it is of, from version 3 of the
+//! protocol on.
 
 use std::time::Duration;
 
-use shared_proto::xbee::{Address, ApiFrame, Deframer};
-use shared_proto::{Framing, Protocol};
-
 use super::reception::{BoardFrame, Losses, Reception};
+use shared_proto::xbee::{Address, ApiFrame, Deframer};
+use shared_proto::{Decoder, Event, Framing, Protocol, skinproc};
 
 /// Most boards that are told apart: more than a channel has room for.
 const MOST: usize = 256;
 
+/// What tells a board from others.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct BoardSource {
+    /// Of its module, where the base station is in API mode.
+    pub address: Option<Address>,
+    /// What its packets call it, where the base station is transparent and they do.
+    pub board: Option<u16>,
+}
+
 /// A board that is heard.
 #[derive(Clone, Debug)]
 pub struct HeardBoard {
-    /// Of its module, where the base station is in API mode.
-    pub address: Option<Address>,
+    /// Which it is.
+    pub sender: BoardSource,
     /// Frames that nobody has taken yet.
     pub frames: Vec<BoardFrame>,
     reception: Reception,
+    /// When its newest packet arrived.
+    pub(crate) heard_at: Option<Duration>,
 }
 
 /// Turns the bytes of a port into the frames of each board.
 #[derive(Clone, Debug)]
 pub struct Boards {
-    /// Of a base station in API mode.
-    deframer: Option<Deframer>,
+    wire: Wire,
     heard: Vec<HeardBoard>,
     arrival: Option<Duration>,
     /// Packets of boards beyond [`MOST`].
     beyond: u64,
 }
 
-impl HeardBoard {
-    fn new(address: Option<Address>, protocol: Protocol) -> Self {
-        Self { address, frames: Vec::new(), reception: Reception::new(protocol) }
-    }
+/// What cuts the bytes into packets.
+#[derive(Clone, Debug)]
+enum Wire {
+    Transparent(Box<Decoder>),
+    BaseStation { deframer: Deframer, modules: Vec<(Address, Decoder)> },
+    Original(skinproc::Decoder),
+}
 
+impl HeardBoard {
     /// Its books.
     pub fn reception(&self) -> &Reception {
         &self.reception
-    }
-
-    fn feed(&mut self, bytes: &[u8], rssi: Option<u8>, arrival: Option<Duration>) {
-        if let Some(arrival) = arrival {
-            self.reception.arrived_at(arrival);
-        }
-        self.reception.received_with(rssi);
-        self.reception.feed(bytes, &mut self.frames);
     }
 }
 
 impl Boards {
     /// Nothing has arrived.
     pub fn new(protocol: Protocol) -> Self {
-        let (deframer, heard) = match protocol {
-            Protocol::Packets(Framing::Xbee(mode)) => (Some(Deframer::new(mode)), Vec::new()),
-            wire => (None, vec![HeardBoard::new(None, wire)]),
+        let wire = match protocol {
+            Protocol::Packets(framing @ Framing::Cobs) => {
+                Wire::Transparent(Box::new(Decoder::new(framing)))
+            }
+            Protocol::Packets(Framing::Xbee(mode)) => {
+                Wire::BaseStation { deframer: Deframer::new(mode), modules: Vec::new() }
+            }
+            Protocol::Original => Wire::Original(skinproc::Decoder::new()),
         };
-        Self { deframer, heard, arrival: None, beyond: 0 }
+        Self { wire, heard: Vec::new(), arrival: None, beyond: 0 }
     }
 
     /// Says when the bytes arrive that are fed from now on, see [`Reception::arrived_at`].
@@ -70,28 +81,62 @@ impl Boards {
 
     /// Takes bytes, in slices of any size.
     pub fn feed(&mut self, bytes: &[u8]) {
-        let Self { deframer, heard, arrival, beyond } = self;
-        let Some(deframer) = deframer else {
-            return heard.iter_mut().for_each(|board| board.feed(bytes, None, *arrival));
-        };
-        deframer.feed(bytes, |frame| {
-            let ApiFrame::Receive { from, rssi, payload } = frame else { return };
-            let known = heard.iter().position(|board| board.address == Some(from));
-            if known.is_none() && heard.len() >= MOST {
-                *beyond += 1;
-                return;
+        let Self { wire, heard, arrival, beyond } = self;
+        let arrival = *arrival;
+        let mut take = |address: Option<Address>, rssi, event: Event| {
+            let Event::Packet(received) = event else { return };
+            // A module has one board.
+            let board = received.origin.map(|origin| origin.board).filter(|_| address.is_none());
+            match board_of(heard, BoardSource { address, board }) {
+                None => *beyond += 1,
+                Some(HeardBoard { frames, reception, heard_at, .. }) => {
+                    *heard_at = arrival;
+                    arrival.into_iter().for_each(|now| reception.arrived_at(now));
+                    reception.take(received, rssi, frames);
+                }
             }
-            let at = known.unwrap_or_else(|| {
-                heard.push(HeardBoard::new(Some(from), Protocol::Packets(Framing::Cobs)));
-                heard.len() - 1
-            });
-            heard[at].feed(payload, rssi, *arrival);
-        });
+        };
+        match wire {
+            Wire::Transparent(decoder) => decoder.feed(bytes, |event| take(None, None, event)),
+            Wire::BaseStation { deframer, modules } => deframer.feed(bytes, |frame| {
+                let ApiFrame::Receive { from, rssi, payload } = frame else { return };
+                let known = modules.iter().position(|(address, _)| *address == from);
+                let at = known.unwrap_or_else(|| {
+                    modules.truncate(MOST);
+                    modules.push((from, Decoder::new(Framing::Cobs)));
+                    modules.len() - 1
+                });
+                modules[at].1.feed(payload, |event| take(Some(from), rssi, event));
+            }),
+            Wire::Original(decoder) => {
+                let mut index = decoder.scans.cast_signed();
+                let Some(HeardBoard { frames, reception, .. }) =
+                    board_of(heard, BoardSource::default())
+                else {
+                    return;
+                };
+                decoder.feed(bytes, |scan| {
+                    reception.take_scan(&scan, index, frames);
+                    index += 1;
+                });
+            }
+        }
     }
 
-    /// Ends the stream, see [`Reception::finish`].
+    /// Ends the stream: the last scan of the original board waits for a next one until then, see also
+    /// [`Reception::finish`].
     pub fn finish(&mut self) {
-        self.heard.iter_mut().for_each(|board| board.reception.finish(&mut board.frames));
+        if let (Wire::Original(decoder), [board]) = (&mut self.wire, &mut self.heard[..]) {
+            let index = decoder.scans.cast_signed();
+            decoder.finish(|scan| board.reception.take_scan(&scan, index, &mut board.frames));
+        }
+        // One frame is no board where others are heard: it may be damage.
+        let is_alone = self.heard.len() == 1;
+        for board in &mut self.heard {
+            if is_alone || board.reception.has_begun() {
+                board.reception.finish(&mut board.frames);
+            }
+        }
     }
 
     /// The boards, in the order in which they were first heard.
@@ -104,18 +149,73 @@ impl Boards {
         &mut self.heard
     }
 
+    /// What a board has lost so far; of damage that of its module, for on a wire nobody knows whose it was.
+    pub fn losses_of(&self, sender: BoardSource) -> Losses {
+        let board = self.heard.iter().find(|board| board.sender == sender);
+        let mut losses = board.map(|board| board.reception.losses()).unwrap_or_default();
+        if let (Wire::BaseStation { modules, .. }, Some(address)) = (&self.wire, sender.address) {
+            let module = modules.iter().find(|(module, _)| *module == address);
+            module.into_iter().for_each(|(_, decoder)| losses += damage(decoder));
+        }
+        losses
+    }
+
     /// What all of them have lost so far.
     pub fn losses(&self) -> Losses {
-        let mut losses = Losses::default();
-        self.heard.iter().for_each(|board| losses += board.reception.losses());
-        losses.damaged += self.deframer.as_ref().map_or(0, |deframer| deframer.damaged);
-        losses.unknown += self.beyond;
+        let mut losses = Losses { unknown: self.beyond, ..Losses::default() };
+        self.heard.iter().for_each(|board| losses += self.losses_of(board.sender));
+        match &self.wire {
+            Wire::Transparent(decoder) => losses += damage(decoder),
+            Wire::BaseStation { deframer, modules } => {
+                losses.damaged += deframer.damaged;
+                let is_heard =
+                    |address| self.heard.iter().any(|board| board.sender.address == Some(address));
+                let others = modules.iter().filter(|(address, _)| !is_heard(*address));
+                others.for_each(|(_, decoder)| losses += damage(decoder));
+            }
+            Wire::Original(decoder) => {
+                let Losses { restarts, .. } = losses;
+                return Losses { restarts, skipped_bytes: decoder.skipped, ..Losses::default() };
+            }
+        }
         losses
     }
 }
 
+/// The board, which may be a new one; `None` if there are too many.
+fn board_of(heard: &mut Vec<HeardBoard>, sender: BoardSource) -> Option<&mut HeardBoard> {
+    let known = heard.iter().position(|board| board.sender == sender);
+    if known.is_none() && heard.len() < MOST {
+        let (frames, reception) = (Vec::new(), Reception::default());
+        heard.push(HeardBoard { sender, frames, reception, heard_at: None });
+    }
+    let at = known.unwrap_or(heard.len() - 1);
+    heard.get_mut(at).filter(|board| board.sender == sender)
+}
+
+/// What a decoder could make nothing of.
+fn damage(decoder: &Decoder) -> Losses {
+    let counters = decoder.counters();
+    Losses {
+        bad_crc: counters.bad_crc,
+        damaged: counters.malformed,
+        unknown: counters.unknown_version + counters.unknown_kind,
+        ..Losses::default()
+    }
+}
+
+impl BoardSource {
+    /// What a log is named by.
+    pub(crate) fn text(self) -> String {
+        match self {
+            Self { address: Some(address), .. } => address_text(address),
+            Self { board, .. } => board.map_or_else(String::new, |board| format!("{board:04x}")),
+        }
+    }
+}
+
 /// An address in hexadecimal digits, as `X-CTU` and the manuals write them.
-pub(crate) fn address_text(address: Address) -> String {
+fn address_text(address: Address) -> String {
     match address {
         Address::Short(short) => format!("{short:04x}"),
         Address::Long(long) | Address::Zigbee { long, .. } => format!("{long:016x}"),
@@ -126,7 +226,7 @@ pub(crate) fn address_text(address: Address) -> String {
 mod tests {
     use super::*;
     use shared_proto::xbee::Mode;
-    use shared_proto::{Packet, Sample, Values};
+    use shared_proto::{Packet, PacketOrigin, Sample, Values};
 
     fn bytes_of(board: u16, frames: std::ops::Range<u16>) -> Vec<u8> {
         let packets = frames.map(|sequence| {
@@ -165,17 +265,19 @@ mod tests {
             for cut in [1, 13, 30, 37, 100] {
                 let sent: Vec<_> = addresses
                     .iter()
-                    .zip([0..50, 20..90, 7..8])
+                    .zip([0..50, 20..90, 7..9])
                     .zip(1..)
                     .map(|((&from, frames), board)| (from, bytes_of(board, frames)))
                     .collect();
                 let bytes = on_the_air(mode, &sent, cut);
                 let mut boards = Boards::new(Protocol::Packets(Framing::Xbee(mode)));
                 bytes.chunks(11).for_each(|bytes| boards.feed(bytes));
-                let found: Vec<_> = boards.heard().iter().map(|board| board.address).collect();
+                boards.finish();
+                let found: Vec<_> =
+                    boards.heard().iter().map(|board| board.sender.address).collect();
                 assert_eq!(found, addresses.map(Some));
                 for (board, (number, frames)) in
-                    boards.heard().iter().zip([(1, 0..50), (2, 20..90), (3, 7..8)])
+                    boards.heard().iter().zip([(1, 0..50), (2, 20..90), (3, 7..9)])
                 {
                     let indices: Vec<i64> = board.frames.iter().map(|frame| frame.index).collect();
                     assert_eq!(indices, frames.collect::<Vec<_>>());
@@ -188,6 +290,31 @@ mod tests {
                 assert_eq!(boards.losses(), Losses::default());
             }
         }
+    }
+
+    #[test]
+    fn boards_on_one_transparent_link_have_a_stream_each_and_damage_makes_no_board() {
+        let packet = |sequence: u16, board| {
+            let sample = Sample {
+                sequence,
+                clock_us: u32::from(sequence) * 10_000 + u32::from(board),
+                values: Values::Readings([board; 8]),
+                saturated: 0,
+                dropped: 0,
+            };
+            Packet::Sample(sample).encode_from(PacketOrigin { board, start: board }).to_vec()
+        };
+        let mut boards = Boards::new(Protocol::Packets(Framing::Cobs));
+        for sequence in 0..50 {
+            [7, 9].into_iter().for_each(|board| boards.feed(&packet(sequence, board)));
+            if sequence == 20 {
+                boards.feed(&packet(21, 11));
+            }
+        }
+        boards.finish();
+        let frames: Vec<_> = boards.heard().iter().map(|board| board.frames.len()).collect();
+        assert_eq!(frames, [50, 50, 0]);
+        assert_eq!(boards.losses(), Losses::default());
     }
 
     #[test]

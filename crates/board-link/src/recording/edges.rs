@@ -2,7 +2,8 @@
 
 use std::collections::VecDeque;
 
-use shared_proto::{Arrival, Edge, Tracker};
+use super::sequence::{Arrival, Tracker};
+use shared_proto::Edge;
 
 /// Most edges that wait for a row. A board sends at most some hundred in a second, and has a row in ten.
 const MOST_WAITING: usize = 4096;
@@ -42,7 +43,7 @@ impl EdgeTracker {
 
     /// The board has started: its numbers begin anew, and what it has said before has no frame after it.
     pub(super) fn restart(&mut self) {
-        self.tracker.restart();
+        self.tracker.restart(0);
         self.left_out += self.waiting.drain(..).count() as u64;
     }
 

@@ -2,6 +2,7 @@
 
 use super::reception::{BoardFrame, Measured};
 use calibration::Calibration;
+use calibration::memory::MemoryState;
 use forces::stationary::StationaryFinder;
 use forces::{FirstRows, ForceError, ForceOptions, ForcePipeline, ForceStream, PipelineSetup};
 use shared_proto::CHANNELS;
@@ -22,6 +23,7 @@ pub struct RunningForces {
     calibration: Calibration,
     options: ForceOptions,
     stage: ForceStage,
+    memory: Option<MemoryState>,
     /// The rests, where the tare follows them.
     rests: Option<StationaryFinder>,
     newest: Option<PerAxis<f64>>,
@@ -60,9 +62,10 @@ impl RunningForces {
         let options = live.options.causal();
         let rests = options.tare.follows_rests().then(StationaryFinder::default);
         let setup = Box::new(PipelineSetup::while_recording(options));
-        let stage =
-            ForceStage::Setup { setup, times_s: Vec::new(), readings: vec![Vec::new(); CHANNELS] };
-        Self { calibration: live.calibration, options, stage, rests, newest: None }
+        let (times_s, readings) = (Vec::new(), vec![Vec::new(); live.calibration.columns()]);
+        let stage = ForceStage::Setup { setup, times_s, readings };
+        let memory = live.calibration.start_memory();
+        Self { calibration: live.calibration, options, stage, memory, rests, newest: None }
     }
 
     /// Forces of frames that hold readings.
@@ -71,7 +74,10 @@ impl RunningForces {
     /// [`ForceError`] if the low-pass that was asked for is impossible at the rate of the frames.
     pub fn of(&mut self, frames: &[BoardFrame]) -> Result<Vec<Force>, ForceError> {
         let times_s: Vec<f64> = frames.iter().map(|frame| frame.time_us as f64 / 1e6).collect();
-        let readings = columns(frames);
+        let mut readings = columns(frames);
+        if let Some(memory) = &mut self.memory {
+            readings.extend(memory.terms(&times_s, &readings).expect("a time for every frame"));
+        }
         let out_of_range = self.calibration.out_of_range(&readings);
         let first = self.set_up(&times_s, &readings)?;
         let mut wrench = PerAxis::default();
@@ -148,7 +154,10 @@ fn follow(
     readings: impl FnOnce() -> Vec<Vec<f64>>,
 ) {
     if let Some(finder) = rests {
-        finder.look_at(times_s, &readings(), &mut |rest| pipeline.follow(calibration, rest));
+        // At rest there is nothing to remember.
+        let readings = readings();
+        let channels = &readings[..calibration.channels()];
+        finder.look_at(times_s, channels, &mut |rest| pipeline.follow(calibration, rest));
     }
 }
 

@@ -4,8 +4,9 @@
 //! bytes ─ recognition ─▶ protocol ─ Boards ─ Reception ─▶ BoardFrame ─ RowWriter ─▶ CSV lines
 //! ```
 //!
-//! [`Boards`] has a [`Reception`] for every board that a base station hears.
-//! [`Reception`] unwraps sequence and clock and finds restarts of the board; [`RowWriter`] puts the
+//! [`Boards`] cuts packets and has a [`Reception`] for every board that is heard.
+//! [`Reception`] unwraps sequence and clock, finds restarts of the board and leaves out frames that those
+//! around them contradict; [`RowWriter`] puts the
 //! frames of a batch in order, marks gaps and adds forces where there is a calibration. The channels of
 //! a frame are brought to one time; nothing else is interpolated: a frame that did
 //! not arrive has no row, and the row after it says how many are missing.
@@ -21,15 +22,16 @@ mod forces;
 mod reception;
 mod recognition;
 mod rows;
+mod sequence;
 mod simultaneous;
+mod timeline;
 
-pub(crate) use boards::address_text;
-pub use boards::{Boards, HeardBoard};
+pub use boards::{BoardSource, Boards, HeardBoard};
 pub use edges::BoardEdge;
 pub use forces::{Force, LiveForces, RunningForces};
 pub use reception::{BoardFrame, Content, Losses, Measured, Reception};
 pub use recognition::{NoFrame, RecognisedProtocol, Recognition};
-pub use rows::{RowWriter, UnsuitableCalibration};
+pub use rows::{FrameLabel, RowWriter, UnsuitableCalibration};
 
 /// What the bytes of a stream are, [`shared_proto::Protocol`] with names for people.
 pub fn protocol_name(protocol: shared_proto::Protocol) -> &'static str {

@@ -1,12 +1,14 @@
-//! Bytes to frames with unwrapped index and clock, and the books of what was lost.
+//! Packets to frames with unwrapped index and clock, and the books of what was lost.
 
 use std::time::Duration;
 
 use super::edges::{BoardEdge, EdgeTracker};
+use super::sequence::Arrival;
+use super::timeline::{FramePlace, Stamp, Timeline};
 use serde::Serialize;
 use shared_proto::{
-    AXES, Arrival, Boot, CHANNELS, COUNTS_PER_LSB, Clock, Counters, Decoder, Event, Health,
-    Protocol, Sample, Silence, Timing, Values, skinproc,
+    AXES, Answer, Boot, CHANNELS, COUNTS_PER_LSB, Health, Identity, Packet, ReceivedPacket, Sample,
+    Status, Timing, Values, skinproc,
 };
 
 /// Largest code of the original board's 12-bit converter.
@@ -73,7 +75,7 @@ pub struct Losses {
     pub reordered: u64,
     /// Packets whose CRC did not match.
     pub bad_crc: u64,
-    /// Other damage: pieces that are no packet, bad API frames.
+    /// Other damage: pieces that are no packet, bad API frames, frames that those around them contradict.
     pub damaged: u64,
     /// Bytes that belonged to nothing (original board only).
     pub skipped_bytes: u64,
@@ -132,171 +134,208 @@ fn is_zero(count: &u64) -> bool {
     *count == 0
 }
 
-/// Turns the bytes of one protocol into frames.
-#[derive(Clone, Debug)]
+/// Turns the packets of one board into frames.
+#[derive(Clone, Debug, Default)]
 pub struct Reception {
-    decoder: AnyDecoder,
     timeline: Timeline,
+    /// A frame that does not follow on those before it, until the next one tells what it is.
+    held: Option<Held>,
+    contradicted: u64,
     last_dropped: Option<u8>,
     dropped_on_board: u64,
+    /// Of the newest packet.
+    start: Option<u16>,
     boot: Option<Boot>,
+    identity: Option<Identity>,
+    status: Option<Status>,
     timing: Option<Timing>,
     /// Not given to a frame yet.
     health: Option<Health>,
     edges: EdgeTracker,
+    host_us: Option<u64>,
+}
+
+/// A sample, and what was known when it arrived.
+#[derive(Clone, Copy, Debug)]
+struct Held {
+    sample: Sample,
+    stamp: Stamp,
+    timing: Option<Timing>,
+    health: Option<Health>,
     rssi_dbm: Option<i16>,
 }
 
-#[derive(Clone, Debug)]
-enum AnyDecoder {
-    Packets(Box<Decoder>),
-    Original(skinproc::Decoder),
-}
-
 impl Reception {
-    /// Nothing has arrived.
-    pub fn new(protocol: Protocol) -> Self {
-        let decoder = match protocol {
-            Protocol::Packets(framing) => AnyDecoder::Packets(Box::new(Decoder::new(framing))),
-            Protocol::Original => AnyDecoder::Original(skinproc::Decoder::new()),
-        };
-        Self {
-            decoder,
-            timeline: Timeline::default(),
-            last_dropped: None,
-            dropped_on_board: 0,
-            boot: None,
-            timing: None,
-            health: None,
-            edges: EdgeTracker::default(),
-            rssi_dbm: None,
-        }
-    }
-
-    /// Says when the bytes arrive that are fed from now on, by a clock of the host that does not go
+    /// Says when the packets arrive that are taken from now on, by a clock of the host that does not go
     /// back: the length of long silences follows from it.
     pub fn arrived_at(&mut self, now: Duration) {
-        if let AnyDecoder::Packets(decoder) = &mut self.decoder {
-            decoder.arrived_at(u64::try_from(now.as_micros()).unwrap_or(u64::MAX));
+        self.host_us = Some(u64::try_from(now.as_micros()).unwrap_or(u64::MAX));
+    }
+
+    /// Takes a packet that arrived with a strength in −dBm, where that is known, and appends the frames that it
+    /// gives, duplicates left out.
+    pub fn take(
+        &mut self,
+        received: ReceivedPacket,
+        rssi: Option<u8>,
+        frames: &mut Vec<BoardFrame>,
+    ) {
+        let start = received.origin.map(|origin| origin.start);
+        let is_boot = matches!(received.packet, Packet::Boot(_));
+        if is_boot {
+            self.timeline.boot();
+        }
+        if start != self.start || (is_boot && start.is_none()) {
+            self.run_begins(start);
+        }
+        match received.packet {
+            Packet::Sample(sample) => {
+                self.take_sample(sample, rssi.map(|rssi| -i16::from(rssi)), frames)
+            }
+            Packet::Health(word) => {
+                self.timing = Some(word.timing);
+                self.health = Some(word);
+            }
+            Packet::Edge(edge) => self.edges.take(edge),
+            Packet::Boot(word) => self.boot = Some(word),
+            Packet::Answer { answer: Answer::Status(status), .. } => self.status = Some(status),
+            Packet::Answer { answer: Answer::Identity(identity), .. } => {
+                self.identity = Some(identity);
+            }
+            Packet::Answer { .. } | Packet::Command { .. } => {}
         }
     }
 
-    /// Says how strongly the bytes arrive that are fed from now on, in −dBm, where the base station tells.
-    pub(crate) fn received_with(&mut self, rssi: Option<u8>) {
-        self.rssi_dbm = rssi.map(|rssi| -i16::from(rssi));
+    /// The packet is of another run than those before it.
+    fn run_begins(&mut self, start: Option<u16>) {
+        if self.start.is_some() || start.is_none() {
+            self.edges.restart();
+        }
+        (self.timing, self.status) = (None, None);
+        self.start = start;
     }
 
-    /// Takes bytes, in slices of any size, and appends the frames in them, duplicates left out.
-    pub fn feed(&mut self, bytes: &[u8], frames: &mut Vec<BoardFrame>) {
-        let Self {
-            decoder,
-            timeline,
-            last_dropped,
-            dropped_on_board,
-            boot,
-            timing,
-            health,
-            edges,
-            rssi_dbm,
-        } = self;
-        match decoder {
-            AnyDecoder::Packets(decoder) => decoder.feed(bytes, |event| match event {
-                Event::Sample { arrival: Arrival::Duplicate, .. } => {}
-                Event::Sample { sample, index, arrival, silence } => {
-                    let (time_us, restarted) = timeline.place(sample.clock_us, arrival, silence);
-                    if restarted {
-                        *last_dropped = None;
-                    }
-                    if arrival != Arrival::Late {
-                        let before = last_dropped.replace(sample.dropped);
-                        let step = before.map_or(0, |before| sample.dropped.wrapping_sub(before));
-                        *dropped_on_board += u64::from(step);
-                    }
-                    let mut frame = BoardFrame::from_sample(&sample, index, time_us, restarted);
-                    frame.timing = *timing;
-                    frame.health = health.take();
-                    frame.edge = edges.give(sample.clock_us, time_us);
-                    frame.rssi_dbm = *rssi_dbm;
-                    frames.push(frame);
-                }
-                Event::Health(word) => {
-                    *timing = Some(word.timing);
-                    *health = Some(word);
-                }
-                Event::Edge(edge) => edges.take(edge),
-                Event::Boot(word) => {
-                    edges.restart();
-                    *boot = Some(word);
-                    *timing = None;
-                    timeline.restart();
-                }
-                _ => {}
-            }),
-            AnyDecoder::Original(decoder) => {
-                let mut index = decoder.scans.cast_signed();
-                decoder.feed(bytes, |scan| {
-                    frames.push(BoardFrame::from_scan(&scan, index, timeline));
-                    index += 1;
-                });
+    fn take_sample(&mut self, sample: Sample, rssi_dbm: Option<i16>, frames: &mut Vec<BoardFrame>) {
+        let Sample { sequence, clock_us, dropped, .. } = sample;
+        let stamp = Stamp { sequence, clock_us, dropped, start: self.start, host_us: self.host_us };
+        let (timing, health) = (self.timing, self.health.take());
+        let arrived = Held { sample, stamp, timing, health, rssi_dbm };
+        let held = self.held.take();
+        if self.timeline.is_followed_by(&stamp) {
+            self.contradicted += u64::from(held.is_some());
+            let placed = self.timeline.follow(stamp);
+            return self.give(arrived, placed, frames);
+        }
+        match held {
+            Some(held) if held.stamp.precedes(&stamp) => {
+                let placed = self.timeline.jump(held.stamp);
+                self.give(held, placed, frames);
+                // It follows now, or the rate has changed once more.
+                let placed = match self.timeline.is_followed_by(&stamp) {
+                    true => self.timeline.follow(stamp),
+                    false => self.timeline.jump(stamp),
+                };
+                self.give(arrived, placed, frames);
+            }
+            held => {
+                self.contradicted += u64::from(held.is_some());
+                self.held = Some(arrived);
             }
         }
     }
 
-    /// Ends the stream: the last scan of the original board waits for a next one until then.
-    pub fn finish(&mut self, frames: &mut Vec<BoardFrame>) {
-        if let AnyDecoder::Original(decoder) = &mut self.decoder {
-            let index = decoder.scans.cast_signed();
-            decoder.finish(|scan| {
-                frames.push(BoardFrame::from_scan(&scan, index, &mut self.timeline))
-            });
+    fn give(&mut self, arrived: Held, placed: FramePlace, frames: &mut Vec<BoardFrame>) {
+        let FramePlace { index, time_us, arrival, restarted } = placed;
+        if arrival == Arrival::Duplicate {
+            return;
         }
+        let Held { sample, timing, health, rssi_dbm, .. } = arrived;
+        if restarted {
+            self.last_dropped = None;
+        }
+        if arrival != Arrival::Late {
+            let before = self.last_dropped.replace(sample.dropped);
+            let step = before.map_or(0, |before| sample.dropped.wrapping_sub(before));
+            self.dropped_on_board += u64::from(step);
+        }
+        let mut frame = BoardFrame::from_sample(&sample, index, time_us, restarted);
+        (frame.timing, frame.health, frame.rssi_dbm) = (timing, health, rssi_dbm);
+        frame.edge = self.edges.give(sample.clock_us, time_us);
+        frames.push(frame);
     }
 
-    /// What a board said of itself when it last started, if it did.
+    /// Takes a scan of the original board, which has no numbers; its clock went back where it has restarted.
+    pub(crate) fn take_scan(
+        &mut self,
+        scan: &skinproc::Scan,
+        index: i64,
+        frames: &mut Vec<BoardFrame>,
+    ) {
+        let stamp = Stamp {
+            sequence: index as u16,
+            clock_us: scan.clock_us,
+            dropped: 0,
+            start: None,
+            host_us: None,
+        };
+        let placed = match self.timeline.is_forward(&stamp) {
+            true => self.timeline.follow(stamp),
+            false => self.timeline.jump(stamp),
+        };
+        frames.push(BoardFrame::from_scan(scan, FramePlace { index, ..placed }));
+    }
+
+    /// Ends the stream: what is held then is the only frame, or one that those before it contradict.
+    pub fn finish(&mut self, frames: &mut Vec<BoardFrame>) {
+        let Some(held) = self.held.take() else { return };
+        if self.timeline.has_begun() {
+            self.contradicted += 1;
+            return;
+        }
+        let placed = self.timeline.follow(held.stamp);
+        self.give(held, placed, frames);
+    }
+
+    /// Whether there was a frame.
+    pub(crate) fn has_begun(&self) -> bool {
+        self.timeline.has_begun()
+    }
+
+    /// What the board said of itself when it last started, if it did.
     pub fn boot(&self) -> Option<Boot> {
         self.boot
     }
 
-    /// What has been lost so far.
+    /// What the board has said that it is.
+    pub(crate) fn identity(&self) -> Option<Identity> {
+        self.identity
+    }
+
+    /// What the board has said since its last start of how it does.
+    pub(crate) fn status(&self) -> Option<Status> {
+        self.status
+    }
+
+    /// The run that the newest packet is of, where the board says so.
+    pub(crate) fn start(&self) -> Option<u16> {
+        self.start
+    }
+
+    /// What has been lost so far, apart from damage.
     pub fn losses(&self) -> Losses {
-        let dropped_on_board = self.dropped_on_board;
-        match &self.decoder {
-            AnyDecoder::Packets(decoder) => {
-                let Counters {
-                    bad_crc,
-                    malformed,
-                    bad_api_frames,
-                    unknown_version,
-                    unknown_kind,
-                    missing,
-                    gaps,
-                    duplicates,
-                    reordered,
-                    restarts,
-                    uncertain,
-                    ..
-                } = decoder.counters();
-                Losses {
-                    missing,
-                    gaps,
-                    duplicates,
-                    reordered,
-                    bad_crc,
-                    damaged: malformed + bad_api_frames,
-                    skipped_bytes: 0,
-                    unknown: unknown_version + unknown_kind,
-                    dropped_on_board,
-                    restarts,
-                    missing_edges: self.edges.missing(),
-                    edges_left_out: self.edges.left_out(),
-                    uncertain,
-                }
-            }
-            AnyDecoder::Original(decoder) => Losses {
-                skipped_bytes: decoder.skipped,
-                restarts: self.timeline.restarts,
-                ..Losses::default()
-            },
+        let Timeline { tracker, uncertain, .. } = &self.timeline;
+        Losses {
+            missing: tracker.missing(),
+            gaps: tracker.gaps,
+            duplicates: tracker.duplicates,
+            reordered: tracker.reordered,
+            damaged: self.contradicted,
+            dropped_on_board: self.dropped_on_board,
+            restarts: tracker.restarts,
+            missing_edges: self.edges.missing(),
+            edges_left_out: self.edges.left_out(),
+            uncertain: *uncertain,
+            ..Losses::default()
         }
     }
 }
@@ -338,58 +377,12 @@ impl BoardFrame {
         Self { saturated, dropped, restarted, ..Self::new(time_us, index, measured) }
     }
 
-    fn from_scan(scan: &skinproc::Scan, index: i64, timeline: &mut Timeline) -> Self {
-        let (time_us, restarted) =
-            timeline.place(scan.clock_us, Arrival::InOrder { missing: 0 }, Silence::Short);
+    fn from_scan(scan: &skinproc::Scan, placed: FramePlace) -> Self {
         let saturated = (0..CHANNELS)
             .filter(|&channel| matches!(scan.readings[channel], 0 | FULL_SCALE))
             .fold(0, |mask, channel| mask | 1 << channel);
         let measured = Measured::Readings(scan.readings.map(f64::from));
+        let FramePlace { index, time_us, restarted, .. } = placed;
         Self { saturated, restarted, ..Self::new(time_us, index, measured) }
-    }
-}
-
-/// The board's time, over wraps of its clock and over restarts.
-///
-/// How long a board was off nobody knows. Its time goes on from the last frame by the time since
-/// its reset, which is the least it can have been; the frame is marked.
-#[derive(Clone, Debug, Default)]
-struct Timeline {
-    clock: Clock,
-    offset_us: i64,
-    newest: Option<(u32, i64)>,
-    pending_restart: bool,
-    restarts: u64,
-}
-
-impl Timeline {
-    fn restart(&mut self) {
-        self.pending_restart = self.newest.is_some();
-    }
-
-    /// The time of a frame, and whether the board has restarted before it.
-    fn place(&mut self, clock_us: u32, arrival: Arrival, silence: Silence) -> (i64, bool) {
-        if let (Silence::Long { elapsed_us }, Some((_, newest_us))) = (silence, self.newest) {
-            let time_us = newest_us.saturating_add_unsigned(elapsed_us);
-            self.clock = Clock::at(time_us - self.offset_us);
-            self.newest = Some((clock_us, time_us));
-            return (time_us, false);
-        }
-        let is_late = arrival == Arrival::Late;
-        let went_back = self
-            .newest
-            .is_some_and(|(newest, _)| !is_late && clock_us.wrapping_sub(newest).cast_signed() < 0);
-        let restarted = went_back || self.pending_restart || silence == Silence::Restart;
-        if restarted {
-            self.pending_restart = false;
-            self.restarts += 1;
-            self.clock = Clock::new();
-            self.offset_us = self.newest.map_or(0, |(_, time_us)| time_us);
-        }
-        let time_us = self.offset_us + self.clock.unwrap_us(clock_us);
-        if !is_late {
-            self.newest = Some((clock_us, time_us));
-        }
-        (time_us, restarted)
     }
 }

@@ -21,6 +21,9 @@
 //! has restarted, `untared` and `unfiltered` where tare and clock of the forces were still being found:
 //! such a row is not held back, so its forces are those of the calibration alone. From then on they are
 //! those of `convert` with a causal low-pass. `mark1`, `mark2`, … are moments that somebody has marked.
+//!
+//! Where stretches are labelled while they are recorded, as planned loads are, `group` stands before the flags; it is
+//! empty in rows of no stretch.
 
 use std::collections::VecDeque;
 
@@ -46,6 +49,17 @@ pub enum UnsuitableCalibration {
     Wrenches,
 }
 
+/// Frames that belong together: all from one to another.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FrameLabel {
+    /// The first.
+    pub from: i64,
+    /// The last.
+    pub until: i64,
+    /// The label of the group.
+    pub group: String,
+}
+
 /// Writes frames as CSV lines.
 #[derive(Clone, Debug)]
 pub struct RowWriter {
@@ -54,6 +68,8 @@ pub struct RowWriter {
     last_index: Option<i64>,
     /// Marks that are to be set, with the frames from which on.
     marks: VecDeque<(i64, u32)>,
+    /// Labels of stretches; `None` where there is no column for them.
+    labels: Option<Vec<FrameLabel>>,
     simultaneous: Simultaneous,
     has_rssi: bool,
     /// What the board has said last, °C.
@@ -92,9 +108,16 @@ impl RowWriter {
             has_rssi: first.rssi_dbm.is_some(),
             simultaneous: Simultaneous::new(as_sampled),
             marks: VecDeque::new(),
+            labels: None,
             other_content: 0,
             temperature_c: None,
         })
+    }
+
+    /// With a column for the labels of groups.
+    #[must_use]
+    pub fn with_labels(self) -> Self {
+        Self { labels: Some(Vec::new()), ..self }
     }
 
     /// The line that names the columns.
@@ -113,6 +136,9 @@ impl RowWriter {
         }
         if self.has_rssi {
             names.push("rssi_dbm".to_owned());
+        }
+        if self.labels.is_some() {
+            names.push("group".to_owned());
         }
         names.push("flags".to_owned());
         names.join(",") + "\n"
@@ -192,6 +218,11 @@ impl RowWriter {
                 let rssi = frame.rssi_dbm.map_or_else(String::new, |dbm| dbm.to_string());
                 text.extend_from_slice(format!(",{rssi}").as_bytes());
             }
+            if let Some(labels) = &self.labels {
+                let is_in = |of: &&FrameLabel| (of.from..=of.until).contains(&frame.index);
+                text.push(b',');
+                write_label(labels.iter().find(is_in).map_or("", |of| &of.group), text);
+            }
             text.push(b',');
             let mut flags = flags(&frame, force, is_late);
             while let Some(&(index, number)) = self.marks.front()
@@ -210,6 +241,13 @@ impl RowWriter {
     /// Flags the first row from the frame `index` on, that has not been written, with a mark.
     pub fn mark(&mut self, index: i64, number: u32) {
         self.marks.push_back((index, number));
+    }
+
+    /// Labels the frames of a stretch that have not been written.
+    pub fn label(&mut self, label: FrameLabel) {
+        if let Some(labels) = &mut self.labels {
+            labels.push(label);
+        }
     }
 
     /// The newest wrench, where there are forces.
@@ -236,6 +274,14 @@ fn write_numbers(values: &[f64], text: &mut Vec<u8>) {
         text.push(b',');
         let digits = digits.format(value);
         text.extend_from_slice(digits.strip_suffix(".0").unwrap_or(digits).as_bytes());
+    }
+}
+
+/// A label as a field of CSV (RFC 4180): one that would be more is quoted.
+fn write_label(label: &str, text: &mut Vec<u8>) {
+    match label.contains([',', '"', '\n', '\r']) {
+        true => text.extend(format!("\"{}\"", label.replace('"', "\"\"")).into_bytes()),
+        false => text.extend_from_slice(label.as_bytes()),
     }
 }
 

@@ -34,6 +34,9 @@ pub enum NotForBoard {
         /// Its axes.
         axes: Axes,
     },
+    /// The board keeps no memory of past readings.
+    #[error("the board computes no memory terms: stream readings, and convert them on the host")]
+    MemoryTerms,
     /// A number is not one that the board can compute with.
     #[error("a number of the calibration is too large for the board's single precision")]
     Overflow,
@@ -63,6 +66,9 @@ pub fn for_board(calibration: &Calibration) -> Result<shared_proto::Calibration,
     }
     if !calibration.axes.are_all() {
         return Err(NotForBoard::Axes { axes: calibration.axes });
+    }
+    if calibration.memory.is_some() {
+        return Err(NotForBoard::MemoryTerms);
     }
     let board = match calibration.kind() {
         Kind::Polynomial(polynomial) => shared_proto::Calibration::Cubic(cubic(polynomial)?),
@@ -111,7 +117,7 @@ mod tests {
     use shell_data::wrench::{Axis, PerAxis};
 
     fn calibration(basis: Basis, intercept: bool) -> Calibration {
-        let model = Model { basis, intercept, channels: 8 };
+        let model = Model { basis, intercept, channels: 8, memory: 0 };
         let scaling = Scaling {
             centre: (0..8).map(|i| 1900.0 + 37.0 * f64::from(i)).collect(),
             scale: vec![512.0; 8],
@@ -164,7 +170,7 @@ mod tests {
             let refused = for_board(&calibration(basis, true)).unwrap_err();
             assert_eq!(refused, NotForBoard::Basis { basis: basis.name() });
         }
-        let model = Model { basis: Basis::Linear, intercept: false, channels: 7 };
+        let model = Model { basis: Basis::Linear, intercept: false, channels: 7, memory: 0 };
         let seven = Calibration::new(model, Scaling::identity(7), vec![[1.0; 6]; 7]);
         assert_eq!(for_board(&seven), Err(NotForBoard::Channels { channels: 7 }));
         let mut flat = calibration(Basis::Linear, true);

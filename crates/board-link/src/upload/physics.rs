@@ -5,8 +5,9 @@ use shared_proto::{AXES, CHANNELS, COUNTS_PER_LSB, FACTOR, PRIOR, Physics, Physi
 use calibration::physics::{PhysicsModel, Sensor};
 
 /// The same model in single precision, for readings in counts of which [`COUNTS_PER_LSB`] are a step of the
-/// converter.
+/// converter. The board solves for the wrench alone: factors that the sensors share are noise of each.
 pub(super) fn for_board(model: &PhysicsModel) -> Physics {
+    let model = model.without_factors();
     let mut sensors = [PhysicsSensor::NONE; CHANNELS];
     for sensor in &model.sensors {
         if let Some(place) = sensors.get_mut(sensor.channel) {

@@ -1,12 +1,13 @@
     % Every sensor answers y = lo + h*sigma(q)^nu to a displacement q = b + a*x, with y and x in the scales of the
     % training data. A frame is inverted by Gauss's and Newton's steps on
     %     sum((y - f(x)).^2 ./ v) + x'*P*x,    v = sigma^2 + tau^2*(df/dq)^2 + g'*C*g
+    % where x is the wrench and then the factors that all sensors share.
     % The same steps as those of `shellcal convert`, but that a sensor which has died is not looked for: give NaN
     % for it.
     if size(readings, 2) ~= CHANNELS
         error('%d channels are expected, found %d', CHANNELS, size(readings, 2));
     end
-    m.a = PARAMETERS(:, 2:7);
+    m.a = GAINS;
     m.b = PARAMETERS(:, 1);
     m.lo = PARAMETERS(:, 8);
     m.h = exp(PARAMETERS(:, 9));
@@ -19,7 +20,8 @@
         y = ((readings(frame, CHANNEL + 1) - LEAST) ./ RANGE)';
         used = isfinite(y);
         y(~used) = 0;
-        w(frame, :) = descend(m, y, used)' .* WRENCH_SCALE;
+        x = descend(m, y, used);
+        w(frame, :) = x(1:6)' .* WRENCH_SCALE;
     end
 end
 
@@ -71,7 +73,7 @@ function state = at(m, x, y, used)
     above = ones(size(q));
     above(q >= 0) = e(q >= 0);
     slope = m.nu .* height .* above ./ (1 + e);
-    gradient = [slope, slope * x', ones(size(q)), height, m.nu .* height .* ln_sigma];
+    gradient = [slope, slope * x(1:6)', ones(size(q)), height, m.nu .* height .* ln_sigma];
     unsure = zeros(size(q));
     for k = 1:numel(q)
         g = gradient(k, :);

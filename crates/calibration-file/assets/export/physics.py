@@ -1,9 +1,10 @@
 # Every sensor answers y = lo + h*sigma(q)**nu to a displacement q = b + a.x, with y and x in the scales of the
 # training data. A frame is inverted by Gauss's and Newton's steps on
 #     sum((y - f(x))**2 / v) + x.P.x,    v = sigma**2 + tau**2*(df/dq)**2 + g.C.g
+# where x is the wrench and then the factors that all sensors share.
 # The same steps as those of `shellcal convert`, but that a sensor which has died is not looked for: give nan for it.
 
-_B, _A, _LO = PARAMETERS[:, 0], PARAMETERS[:, 1:7], PARAMETERS[:, 7]
+_B, _A, _LO = PARAMETERS[:, 0], GAINS, PARAMETERS[:, 7]
 _H, _NU = np.exp(PARAMETERS[:, 8]), np.exp(PARAMETERS[:, 9])
 _C = COVARIANCE.reshape(-1, 10, 10)
 
@@ -19,7 +20,7 @@ def wrench(readings):
     y = (frames - LEAST) / RANGE
     used = np.isfinite(y)
     x = _descend(np.where(used, y, 0.0), used)
-    return (x * WRENCH_SCALE).reshape(readings.shape[:-1] + (6,))
+    return (x[:, :6] * WRENCH_SCALE).reshape(readings.shape[:-1] + (6,))
 
 
 def _descend(y, used):

@@ -2,27 +2,22 @@
 //!
 //! | field | content |
 //! |---|---|
-//! | `partial_schema_version` | `PARTIAL_SCHEMA_VERSION`, with groups `GROUPED_PARTIAL_SCHEMA_VERSION`; `FACTORED_PARTIAL_SCHEMA_VERSION` of triangles |
+//! | `partial_schema_version` | `PARTIAL_SCHEMA_VERSION`; earlier ones had 1, with groups 2, triangles 3, and did not say what was summed |
 //! | `made_by`, `date` | program and version, UTC |
 //! | `model` | features and intercept |
 //! | `skipped_rows`, `repeated_rows` | wrong rows left out, rows that repeat their readings |
-//! | `sources` | files, their checksums and rows |
+//! | `sources` | files, their checksums, digests of their rows and how many |
 //! | `columns` | optional: their columns that were specified, by name, as in a calibration's document |
 //! | `axes` | optional: the axes of the wrench that there are sums of, where these are not all six |
+//! | `summed` | the columns of the sensors and of the wrench, in order |
+//! | `sensor_serial` | optional: the label of the sensor |
 //! | `moments` | rows, the range of each channel, and the sums, as decimal integers |
-//! | `triangle` | version 3, in place of `moments`: rows, centre and scale, the range of each channel, and the columns of the triangle |
-//! | `groups` | version 2 and 3: the same for each group and for rows that were dealt at random |
-//! | `checksum` | XXH3 of 128 bits of all bytes before it; absent in files of earlier programs |
+//! | `triangle` | in place of `moments`: rows, centre and scale, the range of each channel, and the columns of the triangle |
+//! | `groups` | optional: the same for each group and for rows that were dealt at random |
+//! | `checksum` | XXH3 of 128 bits of all bytes before it |
 
 use std::collections::HashSet;
 use std::path::Path;
-
-use calibration::model::Model;
-use calibration::validation::grouped::{GroupKind, GroupedMoments, MAX_GROUPS, RandomSplit};
-use serde::de::IgnoredAny;
-use serde::{Deserialize, Serialize};
-use shell_data::wrench::Axes;
-use twox_hash::XxHash3_128;
 
 use super::super::layout::to_json;
 use super::super::moments::MomentsDocument;
@@ -30,16 +25,14 @@ use super::super::stored::{Name, Stored, StoredColumnNames, StoredModel, StoredS
 use super::super::triangle::TriangleDocument;
 use super::super::{CalibrationFileError, Problem, Role};
 use super::{PartialFit, PartialGroup, PartialGroups, Sums};
-use crate::input;
+use crate::{checksum, input};
+use calibration::model::Model;
+use calibration::validation::grouped::{GroupKind, GroupedMoments, MAX_GROUPS, RandomSplit};
+use serde::{Deserialize, Serialize};
+use shell_data::wrench::Axes;
 
-/// The version of the documents without groups.
-pub(crate) const PARTIAL_SCHEMA_VERSION: u64 = 1;
-
-/// The version of the documents with groups.
-pub(crate) const GROUPED_PARTIAL_SCHEMA_VERSION: u64 = 2;
-
-/// The version of the documents of triangles, with groups or without.
-pub(crate) const FACTORED_PARTIAL_SCHEMA_VERSION: u64 = 3;
+/// The version of the documents that this program writes.
+pub(crate) const PARTIAL_SCHEMA_VERSION: u64 = 4;
 
 #[derive(Serialize, Deserialize)]
 struct PartialDocument {
@@ -55,6 +48,10 @@ struct PartialDocument {
     /// Absent where there are all six.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     axes: Option<Vec<String>>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    summed: Option<Vec<String>>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    sensor_serial: Option<String>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     moments: Option<MomentsDocument>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -88,44 +85,53 @@ struct GroupDocument {
 #[derive(Deserialize)]
 struct PartialHeader {
     partial_schema_version: u64,
-    /// Whether there is one, wherever it stands.
-    checksum: Option<IgnoredAny>,
 }
 
 impl PartialFit {
     /// Reads the JSON document at `path`.
     ///
     /// # Errors
-    /// [`CalibrationFileError`] if it cannot be read or is no partial fit of a known version.
+    /// [`CalibrationFileError`] if it cannot be read, or as [`Self::parse`].
     pub fn read(path: &Path) -> Result<Self, CalibrationFileError> {
-        let problem = |problem| CalibrationFileError { path: path.to_path_buf(), problem };
-        let text = input::read(path, input::DocumentKind::Json)
-            .map_err(|error| problem(Problem::Io(error)))?;
-        Self::parse(&text).map_err(problem)
+        input::document(path, Self::parse)
+    }
+
+    /// Reads the JSON document at `path`, which somebody has edited, or a program that wrote no checksums has written.
+    ///
+    /// # Errors
+    /// Those of [`Self::read`] but for the checksum.
+    pub fn read_edited(path: &Path) -> Result<Self, CalibrationFileError> {
+        input::document(path, Self::parse_edited)
     }
 
     /// Reads a JSON document.
     ///
     /// # Errors
-    /// [`Problem`] if it is no partial fit of a known version.
+    /// [`Problem`] if it is no partial fit of a known version, or not what was written.
     pub fn parse(text: &[u8]) -> Result<Self, Problem> {
-        let header: PartialHeader = serde_json::from_slice(text)?;
-        let found = header.partial_schema_version;
-        if !(PARTIAL_SCHEMA_VERSION..=FACTORED_PARTIAL_SCHEMA_VERSION).contains(&found) {
+        let partial = Self::parse_edited(text)?;
+        // Last: what can be named says more.
+        checksum::check(text)?;
+        Ok(partial)
+    }
+
+    /// Reads a JSON document whatever its checksum is.
+    ///
+    /// # Errors
+    /// [`Problem`] if it is no partial fit of a known version.
+    pub fn parse_edited(text: &[u8]) -> Result<Self, Problem> {
+        let found = serde_json::from_slice::<PartialHeader>(text)?.partial_schema_version;
+        if !(1..=PARTIAL_SCHEMA_VERSION).contains(&found) {
             return Err(Problem::SchemaVersion { found });
         }
         let document: PartialDocument = serde_json::from_slice(text)?;
-        let has_groups = document.groups.is_some() || document.triangle.is_some();
-        let partial = document.value().map_err(Problem::Inconsistent)?;
-        // Last: what can be named says more.
-        check(text, header.checksum.is_some(), has_groups).map_err(Problem::Inconsistent)?;
-        Ok(partial)
+        document.value().map_err(Problem::Inconsistent)
     }
 
     /// The JSON document.
     pub fn to_json(&self) -> String {
-        with_checksum(to_json(&PartialDocument {
-            partial_schema_version: version(&self.sums, self.groups.is_some()),
+        checksum::add(&to_json(&PartialDocument {
+            partial_schema_version: PARTIAL_SCHEMA_VERSION,
             made_by: self.made_by.clone(),
             date: self.date.clone(),
             model: Stored::of(&self.model, self.axes),
@@ -135,6 +141,8 @@ impl PartialFit {
             columns: Stored::of(&self.columns, self.axes),
             axes: (!self.axes.are_all())
                 .then(|| self.axes.iter().map(|axis| axis.column().to_owned()).collect()),
+            summed: self.summed.clone(),
+            sensor_serial: self.sensor_serial.clone(),
             moments: moments(&self.sums, self.axes),
             triangle: triangle(&self.sums, self.axes),
             groups: self.groups.as_ref().map(|groups| GroupsDocument::new(groups, self.axes)),
@@ -148,18 +156,12 @@ impl PartialDocument {
     fn value(self) -> Result<PartialFit, String> {
         let axes = axes_of(self.axes.as_deref())?;
         let (model, sums) = (self.model.value(axes)?, sums(self.moments, self.triangle, axes)?);
-        let (expected, found) =
-            (version(&sums, self.groups.is_some()), self.partial_schema_version);
-        if found != expected {
-            return Err(match sums {
-                Sums::Exact(_) => format!("`groups` belongs to version 2, this is version {found}"),
-                Sums::Factored(_) => {
-                    format!("`triangle` belongs to version {expected}, this is version {found}")
-                }
-            });
-        }
         if !suits(&sums, &model) {
             return Err(format!("`{}` are not those of `model`", field(&sums)));
+        }
+        let columns = model.channels + axes.count();
+        if let Some(found) = self.summed.as_ref().map(Vec::len).filter(|&found| found != columns) {
+            return Err(format!("`summed` has {found} columns, expected {columns}"));
         }
         let logs = self.sources.iter().filter(|source| source.role != Role::Wrench);
         let rows = logs.fold(0, |rows: u64, source| rows.saturating_add(source.rows));
@@ -178,6 +180,8 @@ impl PartialDocument {
             repeated_rows: self.repeated_rows,
             sources: self.sources.value(axes)?,
             axes,
+            summed: self.summed,
+            sensor_serial: self.sensor_serial,
             columns: self.columns.value(axes)?,
             sums,
             groups,
@@ -282,14 +286,6 @@ fn suits(sums: &Sums, model: &Model) -> bool {
     (sums.channels(), sums.basis()) == (model.channels, model.basis)
 }
 
-fn version(sums: &Sums, has_groups: bool) -> u64 {
-    match (sums, has_groups) {
-        (Sums::Factored(_), _) => FACTORED_PARTIAL_SCHEMA_VERSION,
-        (Sums::Exact(_), true) => GROUPED_PARTIAL_SCHEMA_VERSION,
-        (Sums::Exact(_), false) => PARTIAL_SCHEMA_VERSION,
-    }
-}
-
 /// The field that has them.
 fn field(sums: &Sums) -> &'static str {
     match sums {
@@ -323,36 +319,5 @@ fn sums(
         (None, Some(triangle)) => Ok(Sums::Factored(triangle.value(axes)?)),
         (None, None) => Err("missing field `moments` or `triangle`".to_owned()),
         (Some(_), Some(_)) => Err("it has both `moments` and `triangle`".to_owned()),
-    }
-}
-
-/// How every document ends.
-pub(super) const END: &str = "\n}\n";
-
-/// What stands before the checksum, which is of all that stands before this.
-const CHECKSUM: &str = ",\n  \"checksum\": \"xxh128:";
-
-/// The document with a checksum as its last field.
-fn with_checksum(document: String) -> String {
-    let content = document.strip_suffix(END).unwrap_or(&document);
-    format!("{content}{CHECKSUM}{:032x}\"{END}", XxHash3_128::oneshot(content.as_bytes()))
-}
-
-/// Whether the document is what its checksum is of, where it has one or must have.
-fn check(document: &[u8], has_checksum: bool, must_have: bool) -> Result<(), String> {
-    let Some(at) = memchr::memmem::rfind(document, CHECKSUM.as_bytes()) else {
-        return match (has_checksum, must_have) {
-            (true, _) => {
-                Err("it is not what was written: its checksum is not its last line".into())
-            }
-            (false, true) => Err("it is not what was written: it has no checksum".into()),
-            (false, false) => Ok(()),
-        };
-    };
-    let (content, end) = document.split_at(at);
-    let expected = format!("{CHECKSUM}{:032x}\"{END}", XxHash3_128::oneshot(content));
-    match expected.as_bytes() == end {
-        true => Ok(()),
-        false => Err("it is not what was written: the checksum does not match".to_owned()),
     }
 }

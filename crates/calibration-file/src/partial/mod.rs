@@ -40,6 +40,11 @@ pub struct PartialFit {
     pub columns: Option<ColumnNames>,
     /// The axes of the wrench that were summed.
     pub axes: Axes,
+    /// What was summed: the columns of the sensors in channel order, then those of the wrench, by the names they are
+    /// recognised by or were specified by. Unknown in documents of earlier versions.
+    pub summed: Option<Vec<String>>,
+    /// The label of the sensor.
+    pub sensor_serial: Option<String>,
     /// The sums.
     pub sums: Sums,
     /// The same apart by group, where that was asked for.
@@ -72,6 +77,24 @@ pub enum MergeError {
         expected: Axes,
         /// Axes of the other.
         found: Axes,
+    },
+    /// They are of different columns, or of the same in another order or unit.
+    #[error("its column {place} is `{found}`, expected `{expected}`")]
+    Columns {
+        /// The place among sensors and wrench, from 1.
+        place: usize,
+        /// The column of the first.
+        expected: String,
+        /// The column of the other.
+        found: String,
+    },
+    /// They are of different sensors by their labels.
+    #[error("it is of the sensor `{found}`, expected `{expected}`")]
+    Serial {
+        /// The sensor of the first.
+        expected: String,
+        /// The sensor of the other.
+        found: String,
     },
     /// A file would be counted twice.
     #[error("its rows of `{0}` have been counted already")]
@@ -125,6 +148,10 @@ impl Hint for MergeError {
         let text = match self {
             Self::Model { .. } => "make both with the same `--model` and `--no-intercept`",
             Self::Channels { .. } => "name the same sensor columns with `--sensors`",
+            Self::Columns { .. } => {
+                "make both with the same `--sensors`, `--wrench` and `--moment-unit`; nothing was merged"
+            }
+            Self::Serial { .. } => "fit each sensor alone",
             Self::Twice(_) => {
                 "leave one of them out; `--skip-counted` leaves out partial fits that were delivered twice"
             }
@@ -158,6 +185,8 @@ impl PartialFit {
             sources: Vec::new(),
             columns: None,
             axes: Axes::ALL,
+            summed: None,
+            sensor_serial: None,
             sums,
             groups: None,
         }
@@ -179,6 +208,7 @@ impl PartialFit {
         if self.axes != other.axes {
             return Err(MergeError::Axes { expected: self.axes, found: other.axes });
         }
+        self.check_columns(other)?;
         // Two logs may well have one wrench.
         let mut logs = other.sources.iter().filter(|source| source.role != Role::Wrench);
         if let Some(source) = logs.find(|source| self.has_counted(source)) {
@@ -203,9 +233,30 @@ impl PartialFit {
         if self.columns != other.columns {
             self.columns = None;
         }
+        // What one does not know, those after it are held against.
+        self.summed = self.summed.take().or_else(|| other.summed.clone());
+        self.sensor_serial = self.sensor_serial.take().or_else(|| other.sensor_serial.clone());
         self.skipped_rows += other.skipped_rows;
         self.repeated_rows += other.repeated_rows;
         Ok(())
+    }
+
+    /// Whether both are sums of the same columns of one sensor, as far as both know.
+    fn check_columns(&self, other: &PartialFit) -> Result<(), MergeError> {
+        if let (Some(own), Some(others)) = (&self.summed, &other.summed) {
+            let mut pairs = own.iter().zip(others).enumerate();
+            if let Some((at, (expected, found))) = pairs.find(|(_, (a, b))| a != b) {
+                let (expected, found) = (expected.clone(), found.clone());
+                return Err(MergeError::Columns { place: at + 1, expected, found });
+            }
+        }
+        match (&self.sensor_serial, &other.sensor_serial) {
+            (Some(expected), Some(found)) if expected != found => {
+                let (expected, found) = (expected.clone(), found.clone());
+                Err(MergeError::Serial { expected, found })
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Whether the rows of all files of `other` are among these.
@@ -213,9 +264,13 @@ impl PartialFit {
         !other.sources.is_empty() && other.sources.iter().all(|source| self.has_counted(source))
     }
 
+    /// By the rows, whatever their files look like, or by the files.
     fn has_counted(&self, source: &SourceFile) -> bool {
-        let is_same = |known: &SourceFile| known.checksum == source.checksum;
-        source.checksum.is_some() && self.sources.iter().any(is_same)
+        let is_same = |known: &SourceFile| {
+            let is_equal = |a: &Option<String>, b: &Option<String>| a.is_some() && a == b;
+            is_equal(&known.digest, &source.digest) || is_equal(&known.checksum, &source.checksum)
+        };
+        self.sources.iter().any(is_same)
     }
 }
 

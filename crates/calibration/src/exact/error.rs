@@ -35,6 +35,9 @@ pub enum ExactError {
         /// The axis.
         axis: Axis,
     },
+    /// There are memory terms, which are no integers.
+    #[error("memory terms are not integers")]
+    MemoryTerms,
     /// More than [`MAX_ROWS`] rows.
     #[error("more than `{MAX_ROWS}` rows")]
     TooManyRows,

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use super::rows::FactoredRows;
-use crate::model::Basis;
+use crate::model::Model;
 use crate::scaling::Scaling;
 use crate::triangle::Workspace;
 use crate::validation::ValidationError;
@@ -40,8 +40,8 @@ struct Group {
 
 impl GroupFactors {
     /// No groups; features as in [`FactoredRows::new`].
-    pub fn new(basis: Basis, scaling: Scaling) -> Self {
-        let empty = FactoredRows::new(basis, scaling);
+    pub fn new(model: Model, scaling: Scaling) -> Self {
+        let empty = FactoredRows::new(model, scaling);
         let workspace = empty.workspace();
         Self { empty, workspace, groups: Vec::new(), places: HashMap::new() }
     }

@@ -25,22 +25,25 @@ pub struct FactoredRows {
 }
 
 impl FactoredRows {
-    /// No rows; features of readings standardised by `scaling`, which is best that of a sample.
-    pub fn new(basis: Basis, scaling: Scaling) -> Self {
-        let model = Model { basis, intercept: true, channels: scaling.channels() };
+    /// No rows; features, and a constant, of readings standardised by `scaling`, which is best that of a sample.
+    ///
+    /// # Panics
+    /// If `scaling` is not for as many columns as `model`.
+    pub fn new(model: Model, scaling: Scaling) -> Self {
+        let model = Model { intercept: true, ..model };
         let triangle = RFactor::new(model.term_count(), Axis::ALL.len());
-        let ranges = ReadingRanges::new(model.channels);
+        let ranges = ReadingRanges::new(model.columns());
         Self { features: Features::new(model, scaling), ranges, triangle }
     }
 
     /// What was kept: ranges of the readings, and the upper triangular matrix by its columns. `None` if it is not
     /// of that size.
     pub fn of_parts(
-        (basis, scaling): (Basis, Scaling),
+        (model, scaling): (Model, Scaling),
         ranges: ReadingRanges,
         columns: &[Vec<f64>],
     ) -> Option<Self> {
-        let mut empty = Self::new(basis, scaling);
+        let mut empty = Self::new(model, scaling);
         let order = empty.triangle.whole().ncols();
         let is_upper = columns.iter().enumerate().all(|(j, column)| column.len() == j + 1);
         if columns.len() != order || !is_upper {
@@ -67,6 +70,11 @@ impl FactoredRows {
     /// Number of channels.
     pub fn channels(&self) -> usize {
         self.features.model().channels
+    }
+
+    /// The features that were kept.
+    pub fn model(&self) -> Model {
+        self.features.model()
     }
 
     /// The family of features.
@@ -106,7 +114,7 @@ impl FactoredRows {
     /// # Errors
     /// [`FitError`] if a reading or a wrench is not finite, or so large that its products are not.
     pub fn absorb(&mut self, block: &Block, workspace: &mut Workspace) -> Result<(), FitError> {
-        self.ranges.merge(&ReadingRanges::of_block(block, self.channels())?);
+        self.ranges.merge(&ReadingRanges::of_block(block, self.model().columns())?);
         let p = self.features.len();
         for start in (0..block.rows).step_by(workspace.rows()) {
             let rows = start..block.rows.min(start + workspace.rows());
@@ -142,7 +150,8 @@ impl FactoredRows {
     /// The features of `model` about the centre of `scaling`, as sums of these; `None` if some are not among
     /// them.
     pub(super) fn change(&self, model: &Model, scaling: &Scaling) -> Option<Mat<f64>> {
-        (model.channels == self.channels()).then(|| change(&self.features, model, scaling))?
+        (model.columns() == self.model().columns())
+            .then(|| change(&self.features, model, scaling))?
     }
 
     /// Centre and scale of these rows: about their mean, unless there is no constant to take it up.
@@ -157,7 +166,7 @@ impl FactoredRows {
             let range = self.ranges.channels[i];
             ChannelSample { min: range.min, max: range.max, mean, integers: false }
         };
-        Scaling::of_channels((0..self.channels()).map(channel), intercept)
+        Scaling::of_channels((0..self.model().columns()).map(channel), intercept)
     }
 
     /// Fits `model`. `ridge` is λ, on powers of readings about the mean of these rows.
@@ -241,7 +250,7 @@ impl FactoredRows {
 
     /// Whether `model` can be fitted to what was kept.
     pub fn has_features_of(&self, model: &Model) -> bool {
-        let scaling = Scaling::identity(model.channels);
+        let scaling = Scaling::identity(model.columns());
         self.change(model, &scaling).is_some()
     }
 

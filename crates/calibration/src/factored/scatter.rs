@@ -106,12 +106,16 @@ mod tests {
         Block { rows, readings, wrench, groups, ..Block::default() }
     }
 
+    fn model_of(basis: Basis) -> Model {
+        Model { basis, intercept: true, channels: 2, memory: 0 }
+    }
+
     fn fitted(block: &Block, model: Model) -> (Solution, FactoredGroups) {
         let scaling = Scaling::of_sample(&block.readings, model.intercept);
         let problem = FitProblem { model, scaling, ridge: 0.0 };
         let (solution, _) = solver::fit(SolverKind::RefinedTsqr, problem, &block.into()).unwrap();
         let scaling = Scaling::of_sample(&block.readings, true);
-        let mut groups = GroupFactors::new(model.basis, scaling);
+        let mut groups = GroupFactors::new(model, scaling);
         groups.add(block, &block.groups).unwrap();
         (solution, groups.finish().unwrap())
     }
@@ -155,7 +159,7 @@ mod tests {
             (Basis::Linear, true, 1e-10),
         ] {
             let block = block(apart);
-            let model = Model { basis, intercept, channels: 2 };
+            let model = Model { basis, intercept, channels: 2, memory: 0 };
             let (solution, groups) = fitted(&block, model);
             let features = Features::new(model, solution.scaling.clone());
             let (n, p) = (block.rows, features.len());
@@ -192,7 +196,7 @@ mod tests {
             let mut part = block.clone();
             part.retain_rows(&(0..block.rows).map(|row| (row < half) == first).collect::<Vec<_>>());
             let scaling = Scaling { centre: vec![centre; 2], scale: vec![0.5; 2] };
-            let mut rows = FactoredRows::new(Basis::Poly3, scaling);
+            let mut rows = FactoredRows::new(model_of(Basis::Poly3), scaling);
             let mut workspace = rows.workspace();
             rows.absorb(&part, &mut workspace).unwrap();
             rows
@@ -206,7 +210,7 @@ mod tests {
             (Basis::Linear, true),
             (Basis::Linear, false),
         ] {
-            let model = Model { basis, intercept, channels: 2 };
+            let model = Model { basis, intercept, channels: 2, memory: 0 };
             let (expected, _) = fitted(&block, model);
             let found = merged.solve(&model, 0.0).unwrap();
             assert_eq!(found.scaling, expected.scaling, "about the mean of all rows");
@@ -227,7 +231,7 @@ mod tests {
                 assert!((found.r_squared.unwrap() - r_squared).abs() < 1e-11);
             }
         }
-        let larger = Model { basis: Basis::Poly3, intercept: true, channels: 3 };
+        let larger = Model { basis: Basis::Poly3, intercept: true, channels: 3, memory: 0 };
         assert!(merged.solve(&larger, 0.0).is_err());
     }
 
@@ -240,7 +244,7 @@ mod tests {
         for (reading, alone) in block.readings[1].iter_mut().zip(alone) {
             *reading = if alone { *reading } else { 1.0 };
         }
-        let model = Model { basis: Basis::Linear, intercept: true, channels: 2 };
+        let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
         let (solution, mut groups) = fitted(&block, model);
         let found = Covariance::of_factored(&groups, &solution, Method::Tsqr, 0.0).unwrap_err();
         assert_eq!(found, ValidationError::Alone { groups: vec!["4".to_owned()] });
@@ -253,8 +257,8 @@ mod tests {
     #[test]
     fn blocks_of_any_length_give_the_same_bits() {
         let all = block(0.5);
-        let mut scattered = GroupFactors::new(Basis::Cubic, Scaling::identity(2));
-        let mut whole = GroupFactors::new(Basis::Cubic, Scaling::identity(2));
+        let mut scattered = GroupFactors::new(model_of(Basis::Cubic), Scaling::identity(2));
+        let mut whole = GroupFactors::new(model_of(Basis::Cubic), Scaling::identity(2));
         for _ in 0..40 {
             whole.add(&all, &all.groups).unwrap();
             for start in (0..all.rows).step_by(11) {

@@ -2,9 +2,11 @@
 
 use super::FitOptions;
 use super::groups::{FoundGroups, GroupBy, HeldOut, label_groups, label_poses};
-use super::refits::{Refit, cross_validate_by_refits, select_by_triangles};
+use super::refits::{
+    Refit, cross_validate_by_normal_equations, cross_validate_by_refits, select_by_normal_equations,
+};
 use crate::error::FitError;
-use crate::exact::Moments;
+use crate::exact::{ExactError, Moments};
 use crate::factored::{FactoredGroups, GroupFactors};
 use crate::model::{Basis, Model};
 use crate::passes::{Workers, each};
@@ -160,7 +162,7 @@ pub(super) fn choose(
     let (basis, ridge, selection) = match options.basis() {
         Some(basis) => (basis, options.ridge, None),
         None => {
-            let selection = select_by_triangles(&labelled, options)?;
+            let selection = select_by_normal_equations(&labelled, options)?;
             let chosen = &selection.candidates[selection.chosen];
             (chosen.basis, chosen.ridge, Some(selection))
         }
@@ -169,7 +171,11 @@ pub(super) fn choose(
     let mut choice = choose_by_sums(training, &known)?;
     if options.cross_validation.is_some() {
         let refit = Refit { basis, ridge, options };
-        choice.cross_validation = Some(cross_validate_by_refits(&labelled, held_out, &refit)?);
+        let validate = match labelled.memory_terms() {
+            0 => cross_validate_by_refits,
+            _ => cross_validate_by_normal_equations,
+        };
+        choice.cross_validation = Some(validate(&labelled, held_out, &refit)?);
     }
     Ok(ModelChoice { selection, group_by: Some(group_by), labelled: Some(labelled), ..choice })
 }
@@ -248,7 +254,10 @@ pub fn sum_groups(
         return Err(FitError::Weights { what: "a partial fit" });
     }
     let channels = data.channels();
-    Model { basis, intercept: true, channels }.check_size()?;
+    if data.memory_terms() > 0 {
+        return Err(FitError::NotExact(ExactError::MemoryTerms));
+    }
+    Model { basis, intercept: true, channels, memory: 0 }.check_size()?;
     let mut sums = GroupSums::new(basis, channels, apart, random);
     let empty = sums.worker();
     let work = |worker: &mut GroupWorker, (_, block): &(usize, &LabelledBlock)| {
@@ -265,9 +274,11 @@ pub fn sum_groups(
 
 /// The triangles of labelled rows by group.
 fn factor_groups(data: &Dataset, basis: Basis) -> Result<FactoredGroups, FitError> {
-    Model { basis, intercept: true, channels: data.channels() }.check_size()?;
+    let (channels, memory) = (data.channels(), data.memory_terms());
+    let model = Model { basis, intercept: true, channels, memory };
+    model.check_size()?;
     let sample = data.logs.first().map_or(&[][..], |log| &log.sample.readings);
-    let mut groups = GroupFactors::new(basis, Scaling::of_sample(sample, true));
+    let mut groups = GroupFactors::new(model, Scaling::of_sample(sample, true));
     data.blocks().try_for_each(|(_, block)| groups.add(&block.rows, &block.labels))?;
     Ok(groups.finish()?)
 }
@@ -342,7 +353,7 @@ impl FitOptions<'_> {
             choice.selection = Some(selection);
         }
         let channels = sums.total().map_or(0, Moments::channels);
-        let model = Model { basis: choice.basis, intercept: self.intercept, channels };
+        let model = Model { basis: choice.basis, intercept: self.intercept, channels, memory: 0 };
         self.test_group_count(&mut choice, &model, sums.groups.len());
         if self.cross_validation.is_some() {
             let found = cross_validate(&sums, &model, choice.ridge, self.folds())?;
@@ -353,6 +364,12 @@ impl FitOptions<'_> {
         }
         choice.sums = Some(sums);
         Ok(choice)
+    }
+
+    /// A model of the rows of a data set.
+    pub(super) fn model_of(&self, data: &Dataset, basis: Basis) -> Model {
+        let (channels, memory) = (data.channels(), data.memory_terms());
+        Model { basis, intercept: self.intercept, channels, memory }
     }
 
     /// The ridges that are tried.
@@ -374,8 +391,9 @@ impl FitOptions<'_> {
             }
             rows => rows?,
         };
-        let channels = rows.groups.first().map_or(0, |(_, rows)| rows.channels());
-        let model = Model { basis: choice.basis, intercept: self.intercept, channels };
+        let first = rows.groups.first().map(|(_, rows)| rows.model());
+        let (channels, memory) = first.map_or((0, 0), |of| (of.channels, of.memory));
+        let model = Model { basis: choice.basis, intercept: self.intercept, channels, memory };
         self.test_group_count(&mut choice, &model, rows.groups.len());
         choice.clusters = Some(Clusters::Triangles(rows));
         Ok(choice)
@@ -391,8 +409,12 @@ impl FitOptions<'_> {
         let mut labels: Vec<&str> = all.groups.iter().map(|(label, _)| label.as_str()).collect();
         labels.sort_unstable();
         labels.dedup();
-        let model =
-            Model { basis: choice.basis, intercept: self.intercept, channels: rows.channels() };
+        let model = Model {
+            basis: choice.basis,
+            intercept: self.intercept,
+            channels: rows.channels(),
+            memory: 0,
+        };
         self.test_group_count(&mut choice, &model, labels.len());
         choice.clusters = Some(Clusters::Rows(all));
         Ok(choice)

@@ -1,5 +1,6 @@
 //! Which rows belong together: by a column, by file, or as found in the rows themselves.
 
+use std::collections::HashMap;
 use std::fmt;
 use std::sync::Arc;
 
@@ -7,6 +8,8 @@ use crate::validation::grouped::GroupKind;
 use crate::validation::plateaus::{PlateauFinder, Steps, Stretches};
 use shell_data::block::Block;
 use shell_data::dataset::{Dataset, LogRows};
+use shell_data::statistics::RunningVariance;
+use shell_data::wrench::PerAxis;
 
 /// What is held out together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -131,6 +134,38 @@ pub(super) fn label_poses(data: &Dataset) -> Option<(GroupBy, Dataset)> {
         None if data.logs.iter().all(may_have) => label_groups(data, HeldOut::Plateaus),
         given => given,
     }
+}
+
+/// Most of the variance of the loads that is within the groups of a column if these are poses.
+const WITHIN_POSES: f64 = 0.1;
+
+/// Whether rows are in poses: the groups of a column in which loads hardly change, or plateaus in all logs.
+pub(crate) fn has_poses(data: &Dataset) -> bool {
+    let may_have = |log: &LogRows| may_have_plateaus(&log.sample, log.is_sampled_at_start);
+    match data.logs.iter().all(|log| log.has_groups) {
+        true => loads_are_constant_in_groups(data),
+        false => data.logs.iter().all(may_have) && label_groups(data, HeldOut::Plateaus).is_some(),
+    }
+}
+
+fn loads_are_constant_in_groups(data: &Dataset) -> bool {
+    let (mut all, mut groups) = (PerAxis::<RunningVariance>::default(), HashMap::new());
+    for (_, block) in data.blocks() {
+        let mut start = 0;
+        for (label, rows) in &*block.labels {
+            let of =
+                |axis: usize| RunningVariance::of(&block.rows.wrench[axis][start..start + rows]);
+            let own =
+                groups.entry(label.clone()).or_insert_with(PerAxis::<RunningVariance>::default);
+            for axis in 0..6 {
+                own[axis].merge(&of(axis));
+                all[axis].merge(&of(axis));
+            }
+            start += rows;
+        }
+    }
+    let within = |axis: usize| groups.values().map(|own| own[axis].squares).sum::<f64>();
+    (0..6).all(|axis| within(axis) <= WITHIN_POSES * all[axis].squares)
 }
 
 /// Whether a log may have plateaus, going by a sample of its rows; one of the first rows only does not tell.

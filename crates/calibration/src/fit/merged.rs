@@ -63,8 +63,12 @@ fn solve_exactly(
         Some((by, sums)) => options.decide(options.open(Some(by.into())), sums)?,
         None => options.without_groups()?,
     };
-    let model =
-        Model { basis: choice.basis, intercept: options.intercept, channels: total.channels() };
+    let model = Model {
+        basis: choice.basis,
+        intercept: options.intercept,
+        channels: total.channels(),
+        memory: 0,
+    };
     let parts = PartitionedMoments::new(total, &model);
     if let Err(error @ SolveError::OtherFeatures { .. }) = parts {
         return Err(ValidationError::from(error).into());
@@ -86,8 +90,12 @@ fn solve_triangle(
         Some((by, groups)) => choose_triangles(by, groups, options)?,
         None => options.without_groups()?,
     };
-    let model =
-        Model { basis: choice.basis, intercept: options.intercept, channels: total.channels() };
+    let model = Model {
+        basis: choice.basis,
+        intercept: options.intercept,
+        channels: total.channels(),
+        memory: 0,
+    };
     let solution = total.solve(&model, choice.ridge)?;
     let train = total.quality(&solution).ok_or(FitError::NoRows)?;
     let ranges = total.reading_ranges().clone();
@@ -109,7 +117,8 @@ fn choose_triangles(
     }
     if let Some(held_out) = options.cross_validation {
         let channels = groups.groups.first().map_or(0, |(_, rows)| rows.channels());
-        let model = Model { basis: choice.basis, intercept: options.intercept, channels };
+        let model =
+            Model { basis: choice.basis, intercept: options.intercept, channels, memory: 0 };
         let folds = match held_out {
             HeldOut::Folds(folds) => Some(folds),
             _ => None,

@@ -27,6 +27,7 @@
 //! ```
 
 mod choice;
+mod dynamics;
 mod evaluation;
 mod group_errors;
 mod groups;
@@ -41,6 +42,7 @@ mod warning;
 pub use self::choice::{CovarianceRule, FewGroups, RANDOM_FOLDS, random_split, sum_groups};
 pub use self::evaluation::{Evaluation, evaluate};
 pub use self::group_errors::{GroupErrors, GroupedErrors, group_errors};
+pub(crate) use self::groups::has_poses;
 pub use self::groups::{
     FoundGroups, FoundKind, GroupBy, HeldOut, label_poses_or_files, may_have_plateaus,
 };
@@ -55,6 +57,7 @@ use self::choice::{ModelChoice, Training, choose};
 use self::polynomial::{PolynomialFit, Solved};
 use self::warning::MUCH_SHARED;
 use crate::conversion::{Calibration, Kind};
+use crate::dynamics::{Dynamics, DynamicsRule, NotSearched};
 use crate::error::FitError;
 use crate::model::Basis;
 use crate::physics::COVERAGE_LEVEL;
@@ -122,6 +125,8 @@ pub struct FitOptions<'a> {
     pub covariance: CovarianceRule,
     /// Fit to the mean of each group of rows, each counted once.
     pub means: bool,
+    /// What is done about lag and memory.
+    pub dynamics: DynamicsRule<'a>,
     /// Use only rows whose readings differ from those of the row before.
     pub fresh: bool,
     /// Readings outside are wrong: rows with any are left out.
@@ -158,6 +163,7 @@ impl Default for FitOptions<'_> {
             seed: 1,
             covariance: CovarianceRule::Auto,
             means: false,
+            dynamics: DynamicsRule::NOTHING,
             fresh: false,
             valid_range: None,
             outliers: OutlierRule::Report,
@@ -278,6 +284,8 @@ pub struct Fit {
     pub dropped: Outliers,
     /// Outliers that were used, where some were looked for, or why they could not be.
     pub outliers: Option<Result<Outliers, FitError>>,
+    /// What was found of lag and memory, or why they were not searched for; `None` where that was not asked for.
+    pub dynamics: Option<Result<Dynamics, NotSearched>>,
     /// What is to be said of it.
     pub warnings: Vec<Warning>,
 }
@@ -372,6 +380,7 @@ impl Fit {
             means: None,
             dropped: Outliers::default(),
             outliers: None,
+            dynamics: None,
             warnings: Vec::new(),
         }
     }
@@ -433,6 +442,8 @@ pub fn fit(train: &Dataset, test: &Dataset, options: &FitOptions<'_>) -> Result<
     if train.has_weights() {
         options.check_weighted()?;
     }
+    let prepared = options.prepare(train, test)?;
+    let (train, test) = (&prepared.train, &prepared.test);
     let dropped = drop_outliers(train, options)?;
     let excluded = dropped.excluded();
     let training = Training { data: train, excluded: &excluded, fresh: options.fresh };
@@ -442,6 +453,7 @@ pub fn fit(train: &Dataset, test: &Dataset, options: &FitOptions<'_>) -> Result<
         false => fit_rows(training, test, options)?,
     };
     fitted.dropped = dropped;
+    prepared.complete(&mut fitted);
     Ok(fitted)
 }
 
@@ -563,6 +575,9 @@ fn fit_physics(
     test: &Dataset,
     options: &FitOptions<'_>,
 ) -> Result<Fit, FitError> {
+    // The physics model has no memory terms.
+    let (data, test) = (training.data.without_memory(), &test.without_memory());
+    let training = Training { data: &data, ..training };
     let physics::Fitted { calibration, used, physics, errors } =
         physics::fit(training, test, options)?;
     let train = Evaluation::total(&errors.train);
@@ -594,6 +609,7 @@ fn fit_physics(
         means: None,
         dropped: Outliers::default(),
         outliers,
+        dynamics: None,
         warnings: Vec::new(),
         method: FitMethod::Physics(Box::new(physics)),
     };

@@ -251,7 +251,8 @@ pub fn find_outliers(data: &Dataset, test: &OutlierTest<'_>) -> Result<Outliers,
         .filter(|of| of.judged.is_outlier() && !never.contains(of.log, of.place, of.judged.row))
         .collect();
     let excluded: RowSet = keys(&named).chain(keys(&out_of_range)).collect();
-    let name = |suspect: &Suspect, range| suspect.name(data.channels(), &spread, range);
+    let columns = (data.channels(), data.channels() * data.memory_terms());
+    let name = |suspect: &Suspect, range| suspect.name(columns, &spread, range);
     let named = named.iter().filter_map(|suspect| name(suspect, None));
     let outside = out_of_range.iter().filter_map(|suspect| name(suspect, test.valid_range));
     let mut found = Outliers { rows: named.chain(outside).collect(), ..Outliers::default() };
@@ -291,6 +292,7 @@ impl Search<'_> {
                 basis: self.test.basis,
                 intercept: self.test.intercept,
                 channels: self.data.channels(),
+                memory: self.data.memory_terms(),
             },
             solver: SolverKind::Exact,
             ridge: self.test.ridge,
@@ -397,7 +399,12 @@ fn outside(block: &Block, [least, most]: [f64; 2]) -> Vec<Judged> {
 impl Suspect {
     /// Names the row and what in it differs most from its neighbours; of a row `outside` a range, the readings that
     /// are outside.
-    fn name(&self, channels: usize, spread: &Spread, outside: Option<[f64; 2]>) -> Option<Outlier> {
+    fn name(
+        &self,
+        (channels, terms): (usize, usize),
+        spread: &Spread,
+        outside: Option<[f64; 2]>,
+    ) -> Option<Outlier> {
         let [before, Some(values), after] = &self.values else { return None };
         let beside =
             |column: usize| [before, after].map(|row| row.as_ref().map(|values| values[column]));
@@ -408,7 +415,10 @@ impl Suspect {
             let nearest = apart.fold(f64::INFINITY, f64::min);
             (column, if nearest.is_finite() { nearest } else { 0.0 })
         };
-        let mut columns: Vec<(usize, f64)> = (0..values.len()).map(apart).collect();
+        // Logs have no memory terms.
+        let is_in_log = |column: &usize| !(channels..channels + terms).contains(column);
+        let mut columns: Vec<(usize, f64)> =
+            (0..values.len()).filter(is_in_log).map(apart).collect();
         if let Some([least, most]) = outside {
             columns.retain(|&(column, _)| {
                 column < channels && !(least..=most).contains(&values[column])
@@ -419,7 +429,9 @@ impl Suspect {
         columns.truncate(far.max(1));
         let column = |&(column, _): &(usize, f64)| {
             let [before, after] = beside(column);
-            OutlierColumn { column, value: values[column], before, after }
+            let value = values[column];
+            let column = if column < channels { column } else { column - terms };
+            OutlierColumn { column, value, before, after }
         };
         let Judged { row, error, size, axis, .. } = self.judged;
         let axis = Axis::ALL[axis];

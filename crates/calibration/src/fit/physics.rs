@@ -12,6 +12,7 @@ use super::refits::{FOLDS, MOST_ALONE};
 use crate::conversion::{Calibration, Kind};
 use crate::error::FitError;
 use crate::model::Model;
+use crate::passes::Workers;
 use crate::physics::{Choice, PhysicsCalibration, PhysicsValidation, TrainingRows};
 use crate::quality::significant;
 use crate::reading_ranges::ReadingRange;
@@ -101,8 +102,8 @@ pub(super) fn fit(
     if held_out == HeldOutGroups::Stretches {
         rows.group_by_time();
     }
-    let (physics, choice) = PhysicsCalibration::fit(&rows)?;
-    let validate = |held_out| validate(&rows, held_out, options);
+    let (physics, choice) = PhysicsCalibration::fit(&rows, options.workers)?;
+    let validate = |held_out| validate(&rows, held_out, &choice, options);
     let validation = options.cross_validation.map(validate).transpose()?;
     let mut calibration = Calibration::of(Kind::Physics(Box::new(physics)));
     calibration.valid_range = Some(rows.readings.iter().map(|column| range(column)).collect());
@@ -122,6 +123,7 @@ pub(super) fn fit(
 fn validate(
     rows: &TrainingRows,
     held_out: HeldOut,
+    whole: &Choice,
     options: &FitOptions<'_>,
 ) -> Result<PhysicsValidation, FitError> {
     let groups = rows.group_count();
@@ -130,14 +132,7 @@ fn validate(
         _ if groups <= MOST_ALONE => groups,
         _ => FOLDS,
     };
-    let mut validation = PhysicsValidation { folds: Vec::new() };
-    for fold in rows.folds(folds) {
-        if options.workers.watch.is_some_and(|watch| !watch(0)) {
-            return Err(FitError::Interrupted);
-        }
-        validation.folds.append(&mut PhysicsValidation::of(rows, &[fold])?.folds);
-    }
-    Ok(validation)
+    PhysicsValidation::of(rows, &rows.folds(folds), whole, options.workers)
 }
 
 fn range(column: &[f64]) -> ReadingRange {
@@ -177,15 +172,15 @@ impl ModelComparison {
         let (sums, _) = choice.sums.as_ref().zip(choice.selection.as_ref())?;
         let held_out = options.held_out().unwrap_or(HeldOut::Auto);
         let (_, labelled) = training.labelled(held_out)?;
-        let channels = labelled.channels();
-        let model = Model { basis: choice.basis, intercept: options.intercept, channels };
-        Some(Self::new(&labelled, sums, (model, choice.ridge)))
+        let model = options.model_of(&labelled, choice.basis);
+        Some(Self::new(&labelled, sums, (model, choice.ridge), options.workers))
     }
 
     fn new(
         labelled: &Dataset,
         sums: &GroupedMoments,
         (model, ridge): (Model, f64),
+        workers: Workers<'_>,
     ) -> Result<Self, FitError> {
         let (rows, labels) = TrainingRows::from_dataset(labelled);
         let places: HashMap<&str, u64> = labels.iter().map(String::as_str).zip(0..).collect();
@@ -194,7 +189,8 @@ impl ModelComparison {
             selection::folds(sums)?.iter().map(|fold| fold.iter().map(group).collect()).collect();
         let polynomial = selection::errors_by_fold(sums, &model, ridge)?;
         let polynomial = polynomial.expect("a model that was chosen by its errors on these folds");
-        let physics = PhysicsValidation::of(&rows, &folds)?.by_fold();
+        let (_, whole) = PhysicsCalibration::fit(&rows, workers)?;
+        let physics = PhysicsValidation::of(&rows, &folds, &whole, workers)?.by_fold();
         let whole = sums.total().expect("sums of two groups or more");
         let variances = Axis::ALL.map(|axis| whole.variance(axis));
         let comparison = Comparison::of(&physics, &polynomial, &variances);

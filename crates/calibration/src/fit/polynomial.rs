@@ -95,7 +95,7 @@ fn solve_by(
     let scaling = match sample.filter(|_| !is_penalised) {
         Some(sample) => Scaling::of_sample(&sample.readings, model.intercept),
         None => {
-            let centring = Centring { channels: model.channels, intercept: model.intercept };
+            let centring = Centring { channels: model.columns(), intercept: model.intercept };
             centring.scaling(&rows.reduce(&centring)?)
         }
     };
@@ -161,14 +161,11 @@ pub(super) fn fit(
     options: &FitOptions<'_>,
 ) -> Result<PolynomialFit, FitError> {
     let problem = Problem {
-        model: Model {
-            basis: choice.basis,
-            intercept: options.intercept,
-            channels: train.channels(),
-        },
+        model: options.model_of(train, choice.basis),
         solver: match options.solver {
-            // What the exact solver leaves to it.
+            // What the exact solver leaves to others; memory terms are rounded themselves.
             SolverKind::Exact if train.has_weights() => SolverKind::RefinedTsqr,
+            SolverKind::Exact if train.memory_terms() > 0 => SolverKind::Tsqr,
             solver => solver,
         },
         ridge: choice.ridge,

@@ -16,12 +16,13 @@ use crate::physics::TrainingRows;
 use crate::validation::ValidationError;
 use crate::validation::cross_validation::{CrossValidation, HeldOutQuality, deal_groups};
 use crate::validation::grouped::deal;
+use crate::validation::normal_equations::HeldOutFolds;
 use crate::validation::selection::{self, Selection};
-use crate::validation::triangles;
 use shell_data::block::Block;
 use shell_data::dataset::{BLOCK_ROWS, Dataset, sample};
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::PerAxis;
+use std::collections::HashMap;
 
 /// Up to this many groups each is held out alone.
 pub(super) const MOST_ALONE: usize = 40;
@@ -37,22 +38,72 @@ pub(super) struct Refit<'a> {
 }
 
 /// Chooses the family of features, and its ridge if that is zero, by folds of groups of labelled rows.
-pub(super) fn select_by_triangles(
+pub(super) fn select_by_normal_equations(
     data: &Dataset,
     options: &FitOptions<'_>,
 ) -> Result<Selection, FitError> {
-    let (rows, labels) = TrainingRows::from_dataset(data);
-    let groups = labels.len();
-    if groups < 2 {
-        return Err(ValidationError::TooFewGroups { found: groups }.into());
-    }
-    let folds = deal_groups(&sizes(&rows, groups), groups.min(selection::FOLDS))?;
-    let block = |fold: &Vec<usize>| {
-        let is_in = |row: &usize| fold.contains(&(rows.groups[*row] as usize));
-        rows.block(&(0..rows.groups.len()).filter(is_in).collect::<Vec<_>>())
+    let groups = LabelGroups::new(data);
+    let blocks = groups.folds(data, groups.sizes.len().min(selection::FOLDS))?;
+    let folds = HeldOutFolds::new(&blocks, options.model_of(data, Basis::Linear))?;
+    Ok(folds.select(options.ridges())?)
+}
+
+/// The errors of a model on each group, or on folds of them, by normal equations: for models of many features.
+pub(super) fn cross_validate_by_normal_equations(
+    data: &Dataset,
+    held_out: HeldOut,
+    refit: &Refit<'_>,
+) -> Result<CrossValidation, FitError> {
+    let groups = LabelGroups::new(data);
+    let count = groups.sizes.len();
+    let folds = match held_out {
+        HeldOut::Folds(folds) => folds,
+        _ if count <= MOST_ALONE => count,
+        _ => FOLDS,
     };
-    let blocks: Vec<Block> = folds.iter().map(block).collect();
-    Ok(triangles::select(&blocks, options.intercept, options.ridges())?)
+    let blocks = groups.folds(data, folds)?;
+    let folds = HeldOutFolds::new(&blocks, refit.options.model_of(data, refit.basis))?;
+    Ok(folds.cross_validate(refit.ridge, count)?)
+}
+
+/// The groups of labelled rows.
+struct LabelGroups {
+    places: HashMap<String, usize>,
+    sizes: Vec<u64>,
+}
+
+impl LabelGroups {
+    fn new(data: &Dataset) -> Self {
+        let (mut places, mut sizes) = (HashMap::new(), Vec::new());
+        for (label, rows) in data.blocks().flat_map(|(_, block)| &*block.labels) {
+            let place = *places.entry(label.clone()).or_insert(sizes.len());
+            sizes.resize(sizes.len().max(place + 1), 0);
+            sizes[place] += *rows as u64;
+        }
+        Self { places, sizes }
+    }
+
+    /// The rows of so many folds of groups.
+    fn folds(&self, data: &Dataset, folds: usize) -> Result<Vec<Block>, ValidationError> {
+        let found = self.sizes.len();
+        if found < 2 {
+            return Err(ValidationError::TooFewGroups { found });
+        }
+        let dealt = deal_groups(&self.sizes, folds)?;
+        let mut fold_of = vec![0; found];
+        for (fold, groups) in dealt.iter().enumerate() {
+            groups.iter().for_each(|&group| fold_of[group] = fold);
+        }
+        let mut blocks = vec![Block::default(); dealt.len()];
+        for (_, block) in data.blocks() {
+            let mut start = 0;
+            for (label, rows) in &*block.labels {
+                blocks[fold_of[self.places[label]]].append(&block.rows, start..start + rows);
+                start += rows;
+            }
+        }
+        Ok(blocks)
+    }
 }
 
 /// The number of rows of each group.
@@ -137,7 +188,7 @@ impl Refit<'_> {
         let FitOptions { intercept, solver, truncate, workers, .. } = *self.options;
         let channels = rows.readings.len();
         let problem = Problem {
-            model: Model { basis: self.basis, intercept, channels },
+            model: Model { basis: self.basis, intercept, channels, memory: 0 },
             solver,
             ridge: self.ridge,
             truncate,

@@ -40,5 +40,5 @@ pub(crate) use self::huber::clip_of_sizes;
 pub use self::method::Method;
 pub use self::rows::{Reduction, RowChunk, Rows, Shape};
 pub use self::solve::solve;
-pub(crate) use self::solve::{ridge_by_gcv, solve_triangle, triangle};
+pub(crate) use self::solve::{ridge_by_gcv, solve_triangle};
 pub use super::triangle::{LeastSquares, LeastSquaresError, Ridge};

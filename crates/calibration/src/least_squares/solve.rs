@@ -46,7 +46,8 @@ pub(crate) fn ridge_by_gcv<R: Rows>(
     free_column: Option<usize>,
 ) -> Result<(LeastSquares, f64), R::Error> {
     let ridge = Ridge { lambda: 0.0, free_column };
-    Ok(solve_triangle(&triangle(rows)?, Method::RidgeGcv, ridge)?)
+    let triangle = rows.pass(&FormTriangle { shape: rows.shape() })?;
+    Ok(solve_triangle(&triangle, Method::RidgeGcv, ridge)?)
 }
 
 /// Solves for rows of which the triangle is known, and says which λ it was. Singular values and a ridge by GCV
@@ -68,13 +69,4 @@ pub(crate) fn solve_triangle(
         }
         _ => (triangle.solve(ridge)?, ridge.lambda),
     })
-}
-
-/// The triangle of all rows.
-///
-/// # Errors
-/// If rows cannot be read.
-pub(crate) fn triangle<R: Rows>(rows: &mut R) -> Result<RFactor, R::Error> {
-    let shape = rows.shape();
-    rows.pass(&FormTriangle { shape })
 }

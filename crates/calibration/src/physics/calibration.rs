@@ -2,46 +2,64 @@
 
 use std::collections::BTreeSet;
 
-use super::PhysicsError;
 use super::choice::Choice;
 use super::intervals::{GroupIntervals, Scores};
 use super::inversion::{Estimates, Inversion};
 use super::model::PhysicsModel;
 use super::rows::TrainingRows;
+use crate::error::FitError;
+use crate::passes::Workers;
+use shell_data::wrench::PerAxis;
+
+/// Groups that the model's own standard errors count as, when held-out groups correct them.
+const MODEL_GROUPS: f64 = 4.0;
 
 /// A physics model, ready to convert readings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PhysicsCalibration {
     model: PhysicsModel,
     inversion: Inversion,
+    error_scale: PerAxis<f64>,
     /// Intervals from groups that were held out, where those are known.
     pub intervals: Option<GroupIntervals>,
 }
 
 impl PhysicsCalibration {
-    /// Makes a model ready, without intervals.
-    pub fn new(model: PhysicsModel) -> Self {
-        Self { inversion: Inversion::new(&model), model, intervals: None }
+    /// Makes a model ready, without intervals. Its standard errors are multiplied by `error_scale`.
+    pub fn new(model: PhysicsModel, error_scale: PerAxis<f64>) -> Self {
+        Self { inversion: Inversion::new(&model), model, error_scale, intervals: None }
     }
 
-    /// Fits to rows: chooses λ and the width of the priors by groups that are held out, whose errors
-    /// give the intervals. λ and width were chosen on these groups, too: two numbers, for all of them.
+    /// Fits to rows: chooses λ, the width of the priors and shared factors by groups that are held out, whose
+    /// errors scale the standard errors and give the intervals. They were chosen on these groups, too: three
+    /// numbers, for all of them.
     ///
     /// # Errors
-    /// [`PhysicsError`].
-    pub fn fit(rows: &TrainingRows) -> Result<(Self, Choice), PhysicsError> {
-        let choice = Choice::fit(&rows.observations()?)?;
+    /// [`FitError::Physics`], [`FitError::Interrupted`].
+    pub fn fit(rows: &TrainingRows, workers: Workers<'_>) -> Result<(Self, Choice), FitError> {
+        Self::fit_from(rows, None, workers)
+    }
+
+    /// The same, started from the choice for more rows, these among them.
+    pub(super) fn fit_from(
+        rows: &TrainingRows,
+        before: Option<&Choice>,
+        workers: Workers<'_>,
+    ) -> Result<(Self, Choice), FitError> {
+        let choice = Choice::fit_from(&rows.observations()?, before, workers)?;
         let mut scores = Scores::default();
         for fold in &choice.fold_models {
             let groups: BTreeSet<u64> = fold.groups.iter().copied().collect();
-            let held_out = rows.convert(&groups, &fold.model);
+            let inversion = Inversion::new(&fold.model);
+            let held_out = rows.convert(&groups, |readings| inversion.estimates(readings));
             for (row, &group) in held_out.groups.iter().enumerate() {
                 let error = held_out.errors.each_ref().map(|column| column[row]);
                 scores.add(group, &error, &held_out.estimates.row(row).standard_errors);
             }
         }
+        let error_scale = scores.rescale(MODEL_GROUPS);
         let intervals = Some(scores.intervals());
-        Ok((Self { intervals, ..Self::new(choice.model.clone()) }, choice))
+        Ok((Self { intervals, ..Self::new(choice.model.clone(), error_scale) }, choice))
     }
 
     /// The model.
@@ -49,11 +67,21 @@ impl PhysicsCalibration {
         &self.model
     }
 
-    /// The wrenches of all rows; see [`Inversion::estimates`].
+    /// What the model's standard errors are multiplied by on each axis: the root mean square of held-out errors
+    /// in them.
+    pub fn error_scale(&self) -> &PerAxis<f64> {
+        &self.error_scale
+    }
+
+    /// The wrenches of all rows, with standard errors as held-out groups have them; see [`Inversion::estimates`].
     ///
     /// # Panics
     /// If `readings` are not the model's channels, or of different lengths.
     pub fn estimates(&self, readings: &[Vec<f64>]) -> Estimates {
-        self.inversion.estimates(readings)
+        let mut estimates = self.inversion.estimates(readings);
+        for (errors, scale) in estimates.standard_errors.iter_mut().zip(self.error_scale) {
+            errors.iter_mut().for_each(|error| *error *= scale);
+        }
+        estimates
     }
 }

@@ -1,19 +1,25 @@
-//! λ and the width of the priors, by groups that were held out.
+//! λ, the width of the priors and the number of shared factors, by groups that were held out.
 //!
-//! Each candidate is fitted without a fold of whole groups and scored by its squared error on them,
-//! relative to the mean square of each axis, averaged over the axes. The candidate of the least
-//! score is chosen and fitted to all. Fits without a fold start from the fit to all, which is near.
+//! Each candidate is fitted without a fold of whole groups and judged on them. λ and width are those of the least
+//! squared error, relative to the mean square of each axis, averaged over the axes. A factor more is taken where
+//! the readings of the held-out groups become more probable, by more than a standard error of the mean gain over the
+//! folds: that sees all sensors and how they err together, of which errors of a wrench show little. Then λ is
+//! chosen once more. Fits without a fold start from the fit to all, which is near.
 
 use std::collections::BTreeMap;
 
 use super::PhysicsError;
-use super::fit::{fit, fit_from};
+use super::factors::{FACTORS, fit_factors, fit_factors_from};
+use super::fit::{Fitted, Scaled, Scales, fit, fit_from};
 use super::inversion::Inversion;
 use super::model::{PhysicsModel, check};
 use super::observations::Observation;
+use crate::error::FitError;
+use crate::passes::{Workers, map};
 
-/// The λ that are tried: half decades around a tenth of what Bayes' rule would take for normal loads.
-pub const LAMBDAS: [f64; 5] = [0.01, 0.03, 0.1, 0.3, 1.0];
+/// The λ that are tried: half decades below what Bayes' rule would take for normal loads. That itself, 1, pulls a
+/// load at the edge of the range to a minimum far off, which other loads do not show.
+pub const LAMBDAS: [f64; 4] = [0.01, 0.03, 0.1, 0.3];
 
 /// The widths that are tried.
 pub const WIDTHS: [f64; 3] = [0.25, 0.5, 1.0];
@@ -21,6 +27,9 @@ pub const WIDTHS: [f64; 3] = [0.25, 0.5, 1.0];
 /// Up to this many groups each is held out alone; more are dealt into [`FOLDS`] folds.
 const MOST_ALONE: usize = 40;
 const FOLDS: usize = 10;
+
+/// Fewest folds that tell whether factors are shared: a standard error of fewer gains says little.
+const FEWEST_FOLDS: usize = 8;
 
 /// Most observations that candidates are tried on.
 const MOST_TRIED: usize = 600;
@@ -36,6 +45,24 @@ pub struct Trial {
     pub score: f64,
 }
 
+/// A number of shared factors beside the best of fewer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FactorTrial {
+    /// Factors.
+    pub factors: usize,
+    /// Mean gain of the log density of a held-out fold's readings.
+    pub gain: f64,
+    /// Its standard error.
+    pub standard_error: f64,
+}
+
+impl FactorTrial {
+    /// Whether the gain is more than a standard error.
+    pub fn is_taken(&self) -> bool {
+        self.gain > self.standard_error
+    }
+}
+
 /// The chosen model and what it was chosen from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Choice {
@@ -43,8 +70,11 @@ pub struct Choice {
     pub model: PhysicsModel,
     /// All candidates, widths ascending, then λ.
     pub trials: Vec<Trial>,
+    /// The numbers of factors that were tried.
+    pub factor_trials: Vec<FactorTrial>,
     /// The chosen candidate without each fold of groups.
     pub fold_models: Vec<FoldModel>,
+    start: Start,
 }
 
 /// The chosen candidate without one of the folds.
@@ -56,65 +86,188 @@ pub struct FoldModel {
     pub model: PhysicsModel,
 }
 
+/// Fits to all observations, from which those to most of them start.
+#[derive(Clone, Debug, PartialEq)]
+struct Start {
+    scales: Scales,
+    /// Of each width, without factors.
+    widths: Vec<Fitted>,
+    /// With one factor, two, as far as those were tried.
+    factors: Vec<Fitted>,
+}
+
+/// What all candidates are fitted to.
+struct Trials<'a> {
+    channels: usize,
+    scales: Scales,
+    folds: Vec<Fold<'a>>,
+    /// The observations of all folds but one.
+    rest: Vec<Scaled>,
+    workers: Workers<'a>,
+}
+
+/// Fits without one fold and their squared errors on it for each λ.
+type Fits = (Fitted, [f64; LAMBDAS.len()]);
+
 impl Choice {
-    /// Fits a model whose λ and prior width are chosen by cross-validation.
+    /// Fits a model whose λ, prior width and number of factors are chosen by cross-validation.
     ///
     /// # Errors
-    /// [`PhysicsError`] if there are too few observations, groups or channels.
-    pub fn fit(observations: &[Observation]) -> Result<Self, PhysicsError> {
-        Self::of(&observations.iter().collect::<Vec<_>>())
+    /// [`PhysicsError`] if there are too few observations, groups or channels; [`FitError::Interrupted`].
+    pub fn fit(observations: &[Observation], workers: Workers<'_>) -> Result<Self, FitError> {
+        Self::fit_from(observations, None, workers)
     }
 
-    fn of(observations: &[&Observation]) -> Result<Self, PhysicsError> {
-        let (scales, channels) = check(observations)?;
+    /// The same, started from the choice for more observations, these among them.
+    pub(super) fn fit_from(
+        observations: &[Observation],
+        before: Option<&Self>,
+        workers: Workers<'_>,
+    ) -> Result<Self, FitError> {
+        let observations: Vec<&Observation> = observations.iter().collect();
+        let (scales, channels) = check(&observations)?;
         // Few enough to try all candidates on; neighbours in the order of cells resemble each other.
         let few = |every: usize| observations.iter().copied().step_by(every).collect::<Vec<_>>();
         let tried = few(observations.len().div_ceil(MOST_TRIED));
         let data = scales.apply(&tried);
         let folds = folds(&tried, MOST_ALONE);
         if folds.len() < 2 {
-            return Err(PhysicsError::TooFewGroups { found: folds.len() });
+            return Err(PhysicsError::TooFewGroups { found: folds.len() }.into());
         }
-        let mut trials = Vec::with_capacity(WIDTHS.len() * LAMBDAS.len());
-        let mut fits = Vec::with_capacity(WIDTHS.len());
-        // One model for each candidate and fold.
-        let mut models = vec![Vec::with_capacity(folds.len()); WIDTHS.len() * LAMBDAS.len()];
-        for (width, models) in WIDTHS.into_iter().zip(models.chunks_mut(LAMBDAS.len())) {
-            let whole = fit(&data, width);
-            let mut squares = [0.0; LAMBDAS.len()];
-            for fold in &folds {
-                let rest = scales.apply(&fold.rest);
-                let fitted = fit_from(&rest, width, &whole);
-                let candidates = squares.iter_mut().zip(LAMBDAS).zip(&mut *models);
-                for ((square, lambda), models) in candidates {
-                    let at = (lambda, width);
-                    let model = PhysicsModel::of_fit(channels, &scales, &rest, &fitted, at);
-                    *square += relative_square(&model, &fold.held_out);
-                    models.push(model);
-                }
-            }
-            let count = 6.0 * tried.len() as f64;
-            let trial = |(square, lambda)| Trial { lambda, width, score: square / count };
-            trials.extend(squares.into_iter().zip(LAMBDAS).map(trial));
-            fits.push(whole);
-        }
-        let scores = || trials.iter().enumerate();
-        let best = scores().min_by(|a, b| a.1.score.total_cmp(&b.1.score)).map_or(0, |(i, _)| i);
-        let Trial { lambda, width, .. } = trials[best];
-        let fitted = &fits[best / LAMBDAS.len()];
-        let at = (lambda, width);
-        let model = if tried.len() < observations.len() {
-            let all = scales.apply(observations);
-            let fitted = fit_from(&all, width, fitted);
-            PhysicsModel::of_fit(channels, &scales, &all, &fitted, at)
-        } else {
-            PhysicsModel::of_fit(channels, &scales, &data, fitted, at)
+        let rest = folds.iter().map(|fold| scales.apply(&fold.rest)).collect();
+        let before = before.and_then(|of| of.start.rescaled(&scales));
+        let of_width = |(place, &width): (usize, &f64)| match &before {
+            Some(before) => fit_from(&data, width, &before.widths[place]),
+            None => fit(&data, width),
         };
-        let held_out = folds.iter().map(|fold| fold.groups.clone());
-        let fold_models = held_out.zip(models.swap_remove(best));
-        let fold_models = fold_models.map(|(groups, model)| FoldModel { groups, model }).collect();
-        Ok(Self { model, trials, fold_models })
+        let widths: Vec<Fitted> = WIDTHS.iter().enumerate().map(of_width).collect();
+        let tries = Trials { channels, scales, folds, rest, workers };
+
+        let of_folds: Vec<Vec<Fits>> = tries.map(|fold| {
+            let pairs = WIDTHS.into_iter().zip(&widths);
+            pairs
+                .map(|(width, whole)| {
+                    tries.fits(fold, width, fit_from(&tries.rest[fold], width, whole))
+                })
+                .collect()
+        })?;
+        let trials: Vec<Trial> = (WIDTHS.iter().enumerate())
+            .flat_map(|(place, &width)| tries.scores(of_folds.iter().map(|of| &of[place]), width))
+            .collect();
+        let best = best(&trials);
+        let (width, place) = (trials[best].width, best / LAMBDAS.len());
+        let of_width = of_folds.into_iter().map(|mut of| of.swap_remove(place));
+        let mut chosen = (widths[place].clone(), of_width.collect::<Vec<Fits>>());
+        let mut lambda = trials[best].lambda;
+
+        let (mut factor_trials, mut factors) = (Vec::new(), Vec::new());
+        let counts = if tries.folds.len() < FEWEST_FOLDS { 0..0 } else { 1..FACTORS + 1 };
+        for count in counts {
+            let whole = match before.as_ref().and_then(|of| of.factors.get(count - 1)) {
+                Some(before) => fit_factors_from(&data, width, before),
+                None => fit_factors(&data, width, &widths[place], count),
+            };
+            let fits: Vec<Fits> = tries.map(|fold| {
+                tries.fits(fold, width, fit_factors_from(&tries.rest[fold], width, &whole))
+            })?;
+            let trial = tries.compare(count, width, &fits, &chosen.1);
+            factor_trials.push(trial);
+            factors.push(whole.clone());
+            if !trial.is_taken() {
+                break;
+            }
+            let scores = tries.scores(fits.iter(), width);
+            lambda = scores[self::best(&scores)].lambda;
+            chosen = (whole, fits);
+        }
+
+        let at = (lambda, width);
+        let (mut fitted, of_folds) = chosen;
+        let scales = &tries.scales;
+        let model = if tried.len() < observations.len() {
+            let all = scales.apply(&observations);
+            fitted = match factor_trials.iter().any(FactorTrial::is_taken) {
+                true => fit_factors_from(&all, width, &fitted),
+                false => fit_from(&all, width, &fitted),
+            };
+            PhysicsModel::of_fit(channels, scales, &all, &fitted, at)
+        } else {
+            PhysicsModel::of_fit(channels, scales, &data, &fitted, at)
+        };
+        let fold_model = |(fold, (fitted, _)): (usize, &Fits)| FoldModel {
+            groups: tries.folds[fold].groups.clone(),
+            model: tries.model(fold, fitted, at),
+        };
+        let fold_models = of_folds.iter().enumerate().map(fold_model).collect();
+        let start = Start { scales: tries.scales.clone(), widths, factors };
+        Ok(Self { model, trials, factor_trials, fold_models, start })
     }
+}
+
+impl Start {
+    fn rescaled(&self, scales: &Scales) -> Option<Self> {
+        let all = |of: &[Fitted]| -> Option<Vec<Fitted>> {
+            of.iter().map(|fit| fit.rescaled(&self.scales, scales)).collect()
+        };
+        let (widths, factors) = (all(&self.widths)?, all(&self.factors)?);
+        Some(Self { scales: scales.clone(), widths, factors })
+    }
+}
+
+impl Trials<'_> {
+    /// What `work` makes of every fold, on all threads.
+    fn map<T: Send>(&self, work: impl Fn(usize) -> T + Sync) -> Result<Vec<T>, FitError> {
+        let folds: Vec<usize> = (0..self.folds.len()).collect();
+        map(&folds, 0, self.workers, |&fold| Ok(work(fold)))
+    }
+
+    fn model(&self, fold: usize, fitted: &Fitted, at: (f64, f64)) -> PhysicsModel {
+        PhysicsModel::of_fit(self.channels, &self.scales, &self.rest[fold], fitted, at)
+    }
+
+    /// A fit without a fold, with its squared errors there.
+    fn fits(&self, fold: usize, width: f64, fitted: Fitted) -> Fits {
+        let mut model = self.model(fold, &fitted, (LAMBDAS[0], width));
+        let mut inversion = Inversion::new(&model);
+        let square = |lambda| {
+            model.lambda = lambda;
+            inversion.set_prior(&model);
+            relative_square(&model, &inversion, &self.folds[fold].held_out)
+        };
+        let squares = LAMBDAS.map(square);
+        (fitted, squares)
+    }
+
+    fn scores<'b>(&self, fits: impl Iterator<Item = &'b Fits>, width: f64) -> Vec<Trial> {
+        let count = 6.0 * self.folds.iter().map(|fold| fold.held_out.len()).sum::<usize>() as f64;
+        let mut sums = [0.0; LAMBDAS.len()];
+        fits.for_each(|(_, squares)| sums.iter_mut().zip(squares).for_each(|(sum, s)| *sum += s));
+        let trial = |(sum, lambda)| Trial { lambda, width, score: sum / count };
+        sums.into_iter().zip(LAMBDAS).map(trial).collect()
+    }
+
+    /// How much more probable the readings of each fold are by the first of two fits without it.
+    fn compare(&self, factors: usize, width: f64, fits: &[Fits], best: &[Fits]) -> FactorTrial {
+        let gains: Vec<f64> = (fits.iter().zip(best).enumerate())
+            .map(|(fold, (fit, best))| {
+                let density = |fitted| {
+                    let model = self.model(fold, fitted, (LAMBDAS[0], width));
+                    self.folds[fold].held_out.iter().map(|o| model.ln_density(o)).sum::<f64>()
+                };
+                density(&fit.0) - density(&best.0)
+            })
+            .collect();
+        let count = gains.len() as f64;
+        let gain = gains.iter().sum::<f64>() / count;
+        let squares: f64 = gains.iter().map(|of| (of - gain).powi(2)).sum();
+        FactorTrial { factors, gain, standard_error: (squares / (count * (count - 1.0))).sqrt() }
+    }
+}
+
+/// The place of the least score.
+fn best(trials: &[Trial]) -> usize {
+    let scores = trials.iter().enumerate();
+    scores.min_by(|a, b| a.1.score.total_cmp(&b.1.score)).map_or(0, |(place, _)| place)
 }
 
 struct Fold<'a> {
@@ -138,10 +291,14 @@ fn folds<'a>(observations: &[&'a Observation], most_alone: usize) -> Vec<Fold<'a
 }
 
 /// The sum over observations and axes of squared errors in the model's scales.
-fn relative_square(model: &PhysicsModel, observations: &[&Observation]) -> f64 {
+fn relative_square(
+    model: &PhysicsModel,
+    inversion: &Inversion,
+    observations: &[&Observation],
+) -> f64 {
     let columns = |channel: usize| observations.iter().map(|o| o.readings[channel]).collect();
     let readings: Vec<Vec<f64>> = (0..model.channels).map(columns).collect();
-    let estimates = Inversion::new(model).estimates(&readings);
+    let estimates = inversion.estimates(&readings);
     let square = |(row, o): (usize, &&Observation)| {
         let relative =
             |axis: usize| (estimates.wrench[axis][row] - o.wrench[axis]) / model.wrench_scale[axis];

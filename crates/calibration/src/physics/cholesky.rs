@@ -5,7 +5,7 @@
 
 /// The lower factor of `A = L·Lᵀ`.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Cholesky<const N: usize> {
+pub(crate) struct Cholesky<const N: usize> {
     l: [[f64; N]; N],
     /// `1/L[j][j]`.
     inverse: [f64; N],
@@ -15,7 +15,7 @@ impl<const N: usize> Cholesky<N> {
     /// `None` if `a` is not positive definite in floating point.
     #[inline]
     #[expect(clippy::needless_range_loop, reason = "indices as in the formulas")]
-    pub(super) fn new(a: &[[f64; N]; N]) -> Option<Self> {
+    pub(crate) fn new(a: &[[f64; N]; N]) -> Option<Self> {
         let (mut l, mut inverse) = (*a, [0.0; N]);
         for j in 0..N {
             let mut pivot = l[j][j];
@@ -40,7 +40,7 @@ impl<const N: usize> Cholesky<N> {
 
     /// `A⁻¹·b`.
     #[inline]
-    pub(super) fn solve(&self, b: &[f64; N]) -> [f64; N] {
+    pub(crate) fn solve(&self, b: &[f64; N]) -> [f64; N] {
         let mut x = self.forward(b);
         for i in (0..N).rev() {
             for k in i + 1..N {
@@ -51,8 +51,13 @@ impl<const N: usize> Cholesky<N> {
         x
     }
 
+    /// `ln det A`.
+    pub(super) fn ln_determinant(&self) -> f64 {
+        -2.0 * self.inverse.iter().map(|&x| libm::log(x)).sum::<f64>()
+    }
+
     /// `A⁻¹`.
-    pub(super) fn inverse(&self) -> [[f64; N]; N] {
+    pub(crate) fn inverse(&self) -> [[f64; N]; N] {
         std::array::from_fn(|j| {
             self.solve(&std::array::from_fn(|i| if i == j { 1.0 } else { 0.0 }))
         })
@@ -60,7 +65,7 @@ impl<const N: usize> Cholesky<N> {
 
     /// `L⁻¹·b`.
     #[inline]
-    fn forward(&self, b: &[f64; N]) -> [f64; N] {
+    pub(super) fn forward(&self, b: &[f64; N]) -> [f64; N] {
         let mut x = *b;
         for i in 0..N {
             for k in 0..i {
@@ -88,6 +93,8 @@ mod tests {
             assert!((product - b).abs() < 1e-14);
         }
         assert!((factor.inverse()[0][1] - factor.inverse()[1][0]).abs() < 1e-16);
+        // 4·(5·3 − 0.25) − 2·(2·3 + 0.5) − (1 + 5).
+        assert!((factor.ln_determinant() - 40.0_f64.ln()).abs() < 1e-14);
     }
 
     #[test]

@@ -8,6 +8,7 @@
 
 use super::cholesky::Cholesky;
 use super::data::Data;
+use super::factors::{FACTORS, Loadings};
 use super::lanes::MOST_LANES;
 use super::noise::{Noise, Residual};
 use super::observations::Observation;
@@ -51,11 +52,13 @@ pub(super) struct Scaled {
 }
 
 /// The parameters of all sensors.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct Fitted {
     pub(super) parameters: Vec<Parameters>,
     /// The covariance of each sensor's parameters.
     pub(super) covariance: Vec<[Parameters; PARAMETERS]>,
+    /// How far each shared factor moves a sensor's displacement.
+    pub(super) loadings: Vec<Loadings>,
     pub(super) noise: Noise,
 }
 
@@ -97,6 +100,27 @@ impl Scales {
     }
 }
 
+impl Fitted {
+    /// The same curves in the scales of nearly the same observations; `None` if other channels vary there.
+    pub(super) fn rescaled(&self, from: &Scales, to: &Scales) -> Option<Self> {
+        let pairs = || from.channels.iter().zip(&to.channels);
+        if from.channels.len() != to.channels.len() || pairs().any(|(a, b)| a.0 != b.0) {
+            return None;
+        }
+        let mut fitted = self.clone();
+        for (p, (from_channel, to_channel)) in fitted.parameters.iter_mut().zip(pairs()) {
+            let stretch = from_channel.2 / to_channel.2;
+            let shift = (from_channel.1 - to_channel.1) / to_channel.2;
+            for axis in 0..6 {
+                p[1 + axis] *= to.wrench[axis] / from.wrench[axis];
+            }
+            p[SHAPE] = p[SHAPE].mul_add(stretch, shift);
+            p[SHAPE + 1] += libm::log(stretch);
+        }
+        Some(fitted)
+    }
+}
+
 /// Fits all sensors, from the start.
 pub(super) fn fit(data: &Scaled, width: f64) -> Fitted {
     let prior = Prior::weak(width);
@@ -116,7 +140,7 @@ pub(super) fn fit_from(data: &Scaled, width: f64, start: &Fitted) -> Fitted {
     rounds(&mut sensors, estimates, start.noise, width, WARM_ROUNDS)
 }
 
-fn sensors(data: &Scaled) -> Vec<Data<'_>> {
+pub(super) fn sensors(data: &Scaled) -> Vec<Data<'_>> {
     // The slope of a curve that runs through its range over some six units of q.
     let weight = Noise::START.variance(0.15).recip();
     let sensor = |readings: &'_ Vec<f64>| {
@@ -161,23 +185,26 @@ fn rounds(
         for (sensor, residuals) in sensors.iter_mut().zip(&all) {
             weigh(sensor, residuals, noise);
         }
-        prior.mean = common_means(&estimates, width);
+        prior.mean = common_means(estimates.iter().map(|of| &of.parameters), width);
         for (sensor, estimate) in sensors.iter().zip(&mut estimates) {
             sensor.refine(estimate, &prior, STEPS);
         }
         covariance = covariances(sensors, &estimates, &prior);
     }
-    let parameters = estimates.iter().map(|estimate| estimate.parameters).collect();
-    Fitted { parameters, covariance, noise }
+    let parameters: Vec<Parameters> = estimates.iter().map(|of| of.parameters).collect();
+    Fitted { loadings: vec![[0.0; FACTORS]; parameters.len()], parameters, covariance, noise }
 }
 
 /// The most likely common means, given the sensors.
-fn common_means(estimates: &[Estimate], width: f64) -> Parameters {
+pub(super) fn common_means<'a>(
+    sensors: impl Iterator<Item = &'a Parameters> + Clone,
+    width: f64,
+) -> Parameters {
     let mut mean = Prior::weak(width).mean;
-    let own = MEAN_VARIANCE.recip();
+    let (own, count) = (MEAN_VARIANCE.recip(), sensors.clone().count() as f64);
     for (place, mean) in mean.iter_mut().enumerate().skip(SHAPE) {
-        let sum: f64 = estimates.iter().map(|estimate| estimate.parameters[place]).sum();
-        *mean = own.mul_add(*mean, sum) / (estimates.len() as f64 + own);
+        let sum: f64 = sensors.clone().map(|p| p[place]).sum();
+        *mean = own.mul_add(*mean, sum) / (count + own);
     }
     mean
 }

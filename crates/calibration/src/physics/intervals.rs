@@ -56,6 +56,22 @@ impl Scores {
         }
     }
 
+    /// Divides the scores of each axis by their root mean square, each group with the same weight, where the
+    /// standard errors as they are count as `prior` groups of mean square one. Returns what they were divided by.
+    pub(super) fn rescale(&mut self, prior: f64) -> PerAxis<f64> {
+        let count = prior + self.0.len() as f64;
+        let mean_square = |scores: &Vec<f64>| {
+            scores.iter().map(|score| score * score).sum::<f64>() / scores.len() as f64
+        };
+        std::array::from_fn(|axis| {
+            let squares = self.0.values().map(|of| mean_square(&of[axis]));
+            let sum: f64 = squares.filter(|square| square.is_finite()).sum();
+            let scale = ((prior + sum) / count).sqrt();
+            self.0.values_mut().flat_map(|of| &mut of[axis]).for_each(|score| *score /= scale);
+            scale
+        })
+    }
+
     /// The intervals.
     pub(super) fn intervals(&self) -> GroupIntervals {
         let groups = self.0.len();

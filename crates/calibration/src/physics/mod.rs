@@ -6,18 +6,20 @@
 //! inverts all sensors at once ([`Inversion`]).
 //!
 //! ```text
-//! rows → one mean per pose → sensors (priors, noise) → λ and prior width by held-out poses → model
+//! rows → one mean per pose → sensors (priors, noise) → shared factors → model
+//!                            └── λ, prior width and number of factors by held-out poses ──┘
 //! ```
 //!
 //! Polynomials in the readings need a coefficient per power and axis and go astray between poses;
 //! this has 80 numbers for eight sensors, all with a meaning, and flattens where sensors saturate.
 //!
-//! Left out: play and creep as states (they are in the noise), and temperature.
+//! Left out: play and creep as states (they are in the noise and in the [`factors`]), and temperature.
 
 mod calibration;
 mod choice;
-mod cholesky;
+pub(crate) mod cholesky;
 mod data;
+mod factors;
 mod fit;
 pub mod intervals;
 mod inversion;
@@ -32,7 +34,8 @@ mod sums;
 mod validation;
 
 pub use self::calibration::PhysicsCalibration;
-pub use self::choice::{Choice, FoldModel, LAMBDAS, Trial, WIDTHS};
+pub use self::choice::{Choice, FactorTrial, FoldModel, LAMBDAS, Trial, WIDTHS};
+pub use self::factors::{FACTORS, Loadings};
 pub use self::intervals::{GroupIntervals, TooFewGroups};
 pub use self::inversion::{Estimate, Estimates, Flags, Inversion};
 pub use self::model::{PhysicsModel, Sensor};

@@ -2,10 +2,11 @@
 
 use super::PhysicsError;
 use super::cholesky::Cholesky;
+use super::factors::{FACTORS, Loadings, add_factors, factor_count};
 use super::fit::{Fitted, Scaled, Scales};
 use super::noise::Noise;
 use super::observations::Observation;
-use super::response::{PARAMETERS, Parameters};
+use super::response::{Answer, PARAMETERS, Parameters};
 use shell_data::wrench::PerAxis;
 
 /// A share of the identity that keeps the prior of an axis that is never loaded finite.
@@ -43,6 +44,8 @@ pub struct Sensor {
     pub parameters: Parameters,
     /// Their covariance.
     pub covariance: [Parameters; PARAMETERS],
+    /// c: how far each shared factor of variance one moves its displacement; zero for none.
+    pub loadings: Loadings,
 }
 
 impl PhysicsModel {
@@ -57,6 +60,51 @@ impl PhysicsModel {
         (0..self.channels).filter(is_dead).collect()
     }
 
+    /// Factors that the sensors share.
+    pub fn factor_count(&self) -> usize {
+        factor_count(self.sensors.iter().map(|sensor| &sensor.loadings))
+    }
+
+    /// The same curves without shared factors: what those add to the displacements' variance, on average over
+    /// the sensors, counts as noise of each by itself.
+    #[must_use]
+    pub fn without_factors(&self) -> Self {
+        let mut model = self.clone();
+        let shared: f64 = self.sensors.iter().flat_map(|of| of.loadings).map(|c| c * c).sum();
+        model.noise.displacement += shared / self.sensors.len().max(1) as f64;
+        model.sensors.iter_mut().for_each(|sensor| sensor.loadings = [0.0; FACTORS]);
+        model
+    }
+
+    /// The logarithm of the probability density of an observation's readings at its wrench, up to a constant
+    /// that all models in the same scales have.
+    pub(super) fn ln_density(&self, o: &Observation) -> f64 {
+        let x = std::array::from_fn(|axis| o.wrench[axis] / self.wrench_scale[axis]);
+        // V = diag(v) + LLᵀ, so r·V⁻¹·r = Σr²/v − |M^(−½)·Lᵀr/v|² and det V = Πv·det M, M = I + LᵀL/v.
+        let mut m = std::array::from_fn(|i| std::array::from_fn(|j| f64::from(u8::from(i == j))));
+        let (mut pull, mut sum) = ([0.0; FACTORS], 0.0);
+        for sensor in &self.sensors {
+            let answer = Answer::at(&sensor.parameters, &x);
+            let residual =
+                (o.readings[sensor.channel] - sensor.least) / sensor.range - answer.value;
+            let g = answer.gradient(&x);
+            let product = |row: &Parameters| g.iter().zip(row).map(|(g, c)| g * c).sum::<f64>();
+            let unsure: f64 =
+                g.iter().zip(&sensor.covariance).map(|(g, row)| g * product(row)).sum();
+            let variance = self.noise.variance(answer.slope) + unsure.max(0.0);
+            sum += residual * residual / variance + libm::log(variance);
+            add_factors(
+                &mut m,
+                &mut pull,
+                sensor.loadings.map(|c| c * answer.slope),
+                (residual, variance),
+            );
+        }
+        let factor = Cholesky::new(&m).expect("the identity and squares");
+        let explained: f64 = factor.forward(&pull).iter().map(|x| x * x).sum();
+        -0.5 * (sum - explained + factor.ln_determinant())
+    }
+
     /// What a fit has found, with the λ and width that it was asked for.
     pub(super) fn of_fit(
         channels: usize,
@@ -67,8 +115,14 @@ impl PhysicsModel {
     ) -> Self {
         let sensor = |i: usize| {
             let (channel, least, range) = scales.channels[i];
-            let (parameters, covariance) = (fitted.parameters[i], fitted.covariance[i]);
-            Sensor { channel, least, range, parameters, covariance }
+            Sensor {
+                channel,
+                least,
+                range,
+                parameters: fitted.parameters[i],
+                covariance: fitted.covariance[i],
+                loadings: fitted.loadings[i],
+            }
         };
         Self {
             channels,

@@ -46,7 +46,7 @@ impl Noise {
 
     /// The variance of an answer where the curve has this slope.
     #[inline]
-    pub(super) fn variance(&self, slope: f64) -> f64 {
+    pub(crate) fn variance(&self, slope: f64) -> f64 {
         self.variance_at(slope * slope)
     }
 

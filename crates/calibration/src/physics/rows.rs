@@ -2,9 +2,9 @@
 
 use std::collections::{BTreeSet, HashMap};
 
+use super::PhysicsError;
+use super::inversion::Estimates;
 use super::observations::{Observation, group_means};
-use super::{PhysicsError, PhysicsModel};
-use crate::physics::inversion::{Estimates, Inversion};
 use shell_data::block::Block;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::PerAxis;
@@ -116,13 +116,17 @@ impl TrainingRows {
         dealt
     }
 
-    /// Converts the rows of some groups.
-    pub(super) fn convert(&self, groups: &BTreeSet<u64>, model: &PhysicsModel) -> HeldOutRows {
+    /// The rows of some groups, converted.
+    pub(super) fn convert(
+        &self,
+        groups: &BTreeSet<u64>,
+        estimates: impl Fn(&[Vec<f64>]) -> Estimates,
+    ) -> HeldOutRows {
         let rows = 0..self.groups.len();
         let rows: Vec<usize> = rows.filter(|&row| groups.contains(&self.groups[row])).collect();
         let pick = |column: &Vec<f64>| rows.iter().map(|&row| column[row]).collect::<Vec<_>>();
         let readings: Vec<Vec<f64>> = self.readings.iter().map(pick).collect();
-        let estimates = Inversion::new(model).estimates(&readings);
+        let estimates = estimates(&readings);
         let error = |axis: usize| {
             let pairs = rows.iter().zip(&estimates.wrench[axis]);
             pairs.map(|(&row, predicted)| predicted - self.wrench[axis][row]).collect()

@@ -50,11 +50,11 @@ pub(super) struct Estimate {
 
 /// The sum that is minimised at some parameters, and where it falls.
 pub(super) struct Cost {
-    value: f64,
+    pub(super) value: f64,
     /// The inverse of the parameters' covariance: Gauss's and Newton's curvature of half the cost.
     pub(super) information: [Parameters; PARAMETERS],
     /// The steepest descent of half the cost.
-    descent: Parameters,
+    pub(super) descent: Parameters,
 }
 
 impl Estimate {

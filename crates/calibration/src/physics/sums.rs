@@ -41,6 +41,34 @@ pub(super) fn residuals(
     arch().dispatch(ResidualsOf { p, covariance, data })
 }
 
+/// The residuals and gradients of a sensor along its rows, columns as long as those of the data.
+#[derive(Clone, Debug)]
+pub(super) struct Curve {
+    /// `y − f`.
+    pub(super) residual: Vec<f64>,
+    /// `df/dp`, of which the first is the slope `df/dq`.
+    pub(super) gradient: [Vec<f64>; PARAMETERS],
+}
+
+impl Curve {
+    /// At the parameters `p`.
+    pub(super) fn of(p: &Parameters, data: &Data<'_>) -> Self {
+        arch().dispatch(CurveOf { p, data })
+    }
+
+    /// `gᵀCg` in a row.
+    pub(super) fn parameter_variance(&self, c: &[Parameters; PARAMETERS], row: usize) -> f64 {
+        let g = self.gradient.each_ref().map(|column| column[row]);
+        let product = |row: &Parameters| g.iter().zip(row).map(|(g, c)| g * c).sum::<f64>();
+        g.iter().zip(c).map(|(g, row)| g * product(row)).sum::<f64>().max(0.0)
+    }
+}
+
+struct CurveOf<'a> {
+    p: &'a Parameters,
+    data: &'a Data<'a>,
+}
+
 struct SumsOf<'a> {
     p: &'a Parameters,
     data: &'a Data<'a>,
@@ -155,6 +183,27 @@ impl WithSimd for ResidualsOf<'_> {
         }
         residuals.truncate(data.rows);
         residuals
+    }
+}
+
+impl WithSimd for CurveOf<'_> {
+    type Output = Curve;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Curve {
+        let Self { p, data } = self;
+        let shape = (libm::exp(p[SHAPE + 1]), libm::exp(p[SHAPE + 2]));
+        let column = || vec![0.0; data.readings.len()];
+        let mut curve = Curve { residual: column(), gradient: std::array::from_fn(|_| column()) };
+        for first in (0..data.readings.len()).step_by(S::F64_LANES) {
+            let rows = Rows::<S>::at(simd, p, shape, data, first);
+            let put = |column: &mut Vec<f64>, values: S::f64s| {
+                S::as_mut_simd_f64s(&mut column[first..first + S::F64_LANES]).0[0] = values;
+            };
+            put(&mut curve.residual, rows.residual);
+            curve.gradient.iter_mut().zip(rows.gradient).for_each(|(column, g)| put(column, g));
+        }
+        curve
     }
 }
 

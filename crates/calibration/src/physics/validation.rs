@@ -2,10 +2,12 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::PhysicsError;
 use super::calibration::PhysicsCalibration;
+use super::choice::Choice;
 use super::rows::TrainingRows;
+use crate::error::FitError;
 use crate::exact::HeldOutErrors;
+use crate::passes::{Workers, map};
 use shell_data::wrench::PerAxis;
 
 /// The level of the intervals whose coverage is counted.
@@ -30,20 +32,29 @@ pub struct GroupErrors {
     pub covered: Option<PerAxis<u64>>,
     /// Sum over the rows of half the width of those, N and N·m.
     pub half_widths: PerAxis<f64>,
+    /// Sum over the rows of the squares of their errors in standard errors.
+    pub scores: PerAxis<f64>,
 }
 
 impl PhysicsValidation {
-    /// Fits without each of `folds` of groups, and converts their rows.
+    /// Fits without each of `folds` of groups, started from the choice for all `rows`, and converts their rows.
+    /// Folds are fitted on several threads.
     ///
     /// # Errors
-    /// [`PhysicsError`], of any part that is left.
-    pub fn of(rows: &TrainingRows, folds: &[Vec<u64>]) -> Result<Self, PhysicsError> {
+    /// [`FitError::Physics`], of any part that is left; [`FitError::Interrupted`].
+    pub fn of(
+        rows: &TrainingRows,
+        folds: &[Vec<u64>],
+        whole: &Choice,
+        workers: Workers<'_>,
+    ) -> Result<Self, FitError> {
         let of_fold = |fold: &Vec<u64>| {
             let held_out: BTreeSet<u64> = fold.iter().copied().collect();
-            let (fitted, _) = PhysicsCalibration::fit(&rows.without(&held_out))?;
+            let rest = rows.without(&held_out);
+            let (fitted, _) = PhysicsCalibration::fit_from(&rest, Some(whole), Workers::ONE)?;
             Ok(errors(rows, &held_out, &fitted))
         };
-        Ok(Self { folds: folds.iter().map(of_fold).collect::<Result<_, _>>()? })
+        Ok(Self { folds: map(folds, 0, workers, of_fold)? })
     }
 
     /// All groups.
@@ -76,6 +87,15 @@ impl PhysicsValidation {
         })
     }
 
+    /// The root mean square over the rows of their errors in standard errors: 1 where those are right.
+    pub fn scores(&self) -> PerAxis<f64> {
+        let rows: u64 = self.groups().map(|group| group.errors[0].rows).sum();
+        std::array::from_fn(|axis| {
+            let squares: f64 = self.groups().map(|group| group.scores[axis]).sum();
+            (squares / rows as f64).sqrt()
+        })
+    }
+
     /// The share of rows within their intervals of [`COVERAGE_LEVEL`], each group with the same
     /// weight, and half the mean width of those; `None` if they could not be given.
     pub fn coverage(&self) -> Option<PerAxis<(f64, f64)>> {
@@ -98,7 +118,7 @@ fn errors(
     held_out: &BTreeSet<u64>,
     fitted: &PhysicsCalibration,
 ) -> Vec<GroupErrors> {
-    let found = rows.convert(held_out, fitted.model());
+    let found = rows.convert(held_out, |readings| fitted.estimates(readings));
     let factors = fitted.intervals.as_ref().and_then(|of| of.factors(COVERAGE_LEVEL).ok());
     let mut groups = BTreeMap::<u64, GroupErrors>::new();
     for (row, &group) in found.groups.iter().enumerate() {
@@ -111,8 +131,10 @@ fn errors(
             let error = found.errors[axis][row];
             let one = HeldOutErrors { rows: 1, sum: error, squares: error * error };
             of.errors[axis].merge(&one);
+            let standard_error = found.estimates.standard_errors[axis][row];
+            of.scores[axis] += (error / standard_error).powi(2);
             if let (Some(covered), Some(factors)) = (&mut of.covered, &factors) {
-                let half = factors[axis] * found.estimates.standard_errors[axis][row];
+                let half = factors[axis] * standard_error;
                 covered[axis] += u64::from(error.abs() <= half);
                 of.half_widths[axis] += half;
             }

@@ -4,12 +4,11 @@ use super::exact::{Exact, solve_moments};
 use super::kind::SolverKind;
 use super::problem::FitProblem;
 use super::solution::Solution;
-use crate::exact::Moments;
+use crate::exact::{ExactError, Moments};
 use crate::features::Features;
 use crate::least_squares::{self, LeastSquaresError, Method, Reduction, Ridge, RowChunk, Shape};
 use crate::passes::{Pass, Rows};
 use crate::reading_ranges::ReadingRanges;
-use crate::triangle::RFactor;
 use crate::{FitError, Model};
 use shell_data::block::Block;
 use shell_data::wrench::Axis;
@@ -50,6 +49,9 @@ pub fn exact_moments(
     sample: Option<&Block>,
 ) -> Result<Moments, FitError> {
     model.check_size()?;
+    if model.memory > 0 {
+        return Err(FitError::NotExact(ExactError::MemoryTerms));
+    }
     let mut exact = Exact::new(model);
     if let Some(sample) = sample.filter(|sample| sample.rows > 0) {
         exact.expect(sample);
@@ -115,24 +117,12 @@ pub fn fit_by(
         Method::RidgeGcv => least_squares::ridge_by_gcv(&mut rows, free_column),
         _ => least_squares::solve(&mut rows, method, ridge).map(|solved| (solved, lambda)),
     };
-    let ranges = rows.ranges.unwrap_or_else(|| ReadingRanges::new(model.channels));
+    let ranges = rows.ranges.unwrap_or_else(|| ReadingRanges::new(model.columns()));
     match solved {
         Ok((solved, lambda)) => Ok((Solution::new(&features, solved, lambda), ranges)),
         Err(Stopped::Solving(error)) => Err(FitError::of_least_squares(error, &features, &ranges)),
         Err(Stopped::Reading(error)) => Err(error),
     }
-}
-
-/// The triangle of the QR factorisation of features and wrench of the rows of a block.
-///
-/// # Errors
-/// [`FitError`] if a reading or a wrench is not finite.
-pub(crate) fn triangle(features: &Features, block: &Block) -> Result<RFactor, FitError> {
-    let mut rows = FeatureRows { rows: &block.into(), features, ranges: None };
-    least_squares::triangle(&mut rows).map_err(|stopped| match stopped {
-        Stopped::Reading(error) => error,
-        Stopped::Solving(_) => FitError::Overflow,
-    })
 }
 
 /// Blocks as rows of features and wrench.
@@ -163,7 +153,7 @@ impl least_squares::Rows for FeatureRows<'_> {
 
     fn pass<R: Reduction>(&mut self, reduction: &R) -> Result<R::Partial, Self::Error> {
         let pass = OverFeatures { features: self.features, shape: self.shape(), reduction };
-        let pass = WithRanges { channels: self.features.model().channels, pass: &pass };
+        let pass = WithRanges { channels: self.features.model().columns(), pass: &pass };
         let (ranges, partial) = self.rows.reduce(&pass).map_err(Stopped::Reading)?;
         self.ranges.get_or_insert(ranges);
         Ok(partial)
@@ -252,7 +242,7 @@ mod tests {
         };
         let weighted =
             Block { rows: 200, readings, wrench, weights: weights.clone(), ..Block::default() };
-        let model = Model { basis: Basis::Cubic, intercept: true, channels: 2 };
+        let model = Model { basis: Basis::Cubic, intercept: true, channels: 2, memory: 0 };
         let scaling = Scaling::of_sample(&repeated.readings, true);
         for kind in
             [SolverKind::Tsqr, SolverKind::RefinedTsqr, SolverKind::WideTsqr, SolverKind::Gram]

@@ -13,7 +13,6 @@ mod solution;
 
 pub use self::centring::{Centring, ReadingSums};
 pub use self::exact::{Exact, ExactPartial, solve_moments};
-pub(crate) use self::family::triangle;
 pub use self::family::{exact_moments, fit, fit_by};
 pub use self::kind::SolverKind;
 pub use self::problem::FitProblem;

@@ -54,14 +54,14 @@ impl Covariance {
 /// The rows by group, about the centre of all.
 fn factored(block: &Block, solution: &Solution) -> Result<FactoredGroups, ValidationError> {
     let scaling = Scaling::of_sample(&block.readings, true);
-    let mut groups = GroupFactors::new(solution.model.basis, scaling);
+    let mut groups = GroupFactors::new(solution.model, scaling);
     groups.add(block, &block.groups)?;
     groups.finish()
 }
 
 /// The rows with pseudo-responses in place of the wrench.
 fn clipped(block: &Block, solution: &Solution) -> Result<Block, FitError> {
-    let ranges = ReadingRanges::of_block(block, solution.model.channels)?;
+    let ranges = ReadingRanges::of_block(block, solution.model.columns())?;
     let mut predicted: PerAxis<Vec<f64>> = PerAxis::default();
     Calibration::of_solution(solution, &ranges).wrench(&block.readings, &mut predicted);
     let mut pseudo = block.clone();
@@ -120,7 +120,7 @@ mod tests {
     }
 
     fn fit(kind: SolverKind, block: &Block) -> Solution {
-        let model = Model { basis: Basis::Linear, intercept: true, channels: 2 };
+        let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
         let scaling = Scaling::of_sample(&block.readings, true);
         let problem = FitProblem { model, scaling, ridge: 0.0 };
         solver::fit(kind, problem, &block.into()).unwrap().0

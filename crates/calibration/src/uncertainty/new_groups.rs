@@ -135,7 +135,7 @@ mod tests {
     /// Fits and standard errors of the rows without each group, by the ordinary ways of the crate.
     #[test]
     fn scores_are_those_of_fits_to_the_other_rows() {
-        let model = Model { basis: Basis::Linear, intercept: true, channels: 2 };
+        let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
         let block = block(12);
         let grouped = sums(&block);
         for group in [0, 7] {
@@ -171,7 +171,7 @@ mod tests {
 
     #[test]
     fn many_groups_need_no_intervals_of_their_own_and_few_tell_low_levels_only() {
-        let model = Model { basis: Basis::Linear, intercept: true, channels: 2 };
+        let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
         let of = |groups| held_out_intervals(&sums(&block(groups)), &model, 0.0);
         assert_eq!(of(MOST_GROUPS + 1), None);
         assert!(of(MOST_GROUPS).unwrap().factors(0.95).is_ok());

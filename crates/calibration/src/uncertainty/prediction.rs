@@ -29,6 +29,7 @@ impl Calibration {
     /// # Panics
     /// If `readings` are not the model's channels, or of different lengths.
     pub fn tare(&self, readings: &[Vec<f64>]) -> Option<Tare> {
+        let readings = &*self.with_terms(readings);
         let frames = self.rows_of(readings);
         if frames == 0 {
             return None;
@@ -94,6 +95,7 @@ impl Calibration {
         tare: Option<&Tare>,
         errors: &mut PerAxis<Vec<f64>>,
     ) -> bool {
+        let readings = &*self.with_terms(readings);
         let rows = self.rows_of(readings);
         errors.iter_mut().for_each(Vec::clear);
         let polynomial = match self.kind() {
@@ -232,7 +234,7 @@ mod tests {
             vec![(1.0 / squares - (mean / squares) * (mean / squares) / corner).sqrt()],
             vec![-mean / squares / corner.sqrt(), corner.sqrt()],
         ];
-        let model = Model { basis: Basis::Linear, intercept: true, channels: 1 };
+        let model = Model { basis: Basis::Linear, intercept: true, channels: 1, memory: 0 };
         let mut calibration =
             Calibration::new(model, Scaling::identity(1), vec![[2.0; 6], [1.0; 6]]);
         let mut residual = PerAxis::<PerAxis<f64>>::default();

@@ -45,7 +45,8 @@ impl Advice {
         let variances = Axis::ALL.map(|axis| whole.variance(axis));
         let errors = |at: usize| {
             let candidate = &selection.candidates[at];
-            let model = Model { basis: candidate.basis, intercept, channels: whole.channels() };
+            let model =
+                Model { basis: candidate.basis, intercept, channels: whole.channels(), memory: 0 };
             errors_by_fold(sums, &model, candidate.ridge)?.ok_or(ValidationError::NoModel)
         };
         let compare = |first: usize, second: usize| -> Result<_, ValidationError> {

@@ -74,7 +74,7 @@ pub fn select(
     let dealt = deal_groups(&sizes(rows), rows.groups.len().clamp(1, FOLDS));
     let folds = parted(rows, dealt.map_err(|_| too_few(rows))?)?;
     let total = rows.total().ok_or_else(|| too_few(rows))?;
-    let model = |basis| Model { basis, intercept, channels: total.channels() };
+    let model = |basis| Model { basis, intercept, channels: total.channels(), memory: 0 };
     let errors_of = |basis: Basis| -> Result<Option<ErrorsByRidge<'_>>, ValidationError> {
         if !total.has_features_of(&model(basis)) {
             return Ok(None);

@@ -7,7 +7,7 @@
 //! named, [`excitation`] says how well the training loads cover the six axes.
 //!
 //! Without exact sums, taking a group away from the whole would cancel: for readings that the exact solver
-//! cannot take, [`triangles`] puts the other groups together instead.
+//! cannot take, [`normal_equations`] adds the other groups up instead.
 
 pub mod advice;
 pub mod comparison;
@@ -15,11 +15,11 @@ pub mod cross_validation;
 pub mod excitation;
 pub mod factored;
 pub mod grouped;
+pub(crate) mod normal_equations;
 pub mod outliers;
 pub mod plateaus;
 pub mod selection;
 pub mod shared_loads;
-pub mod triangles;
 
 use super::exact::{ExactError, SolveError};
 use crate::FitError;

@@ -184,7 +184,7 @@ impl Judge {
     pub fn new(solution: &Solution, ranges: &ReadingRanges, spread: &Spread) -> Option<Self> {
         let features = Features::new(solution.model, solution.scaling.clone());
         let free = solution.rows.checked_sub(features.len() as u64).filter(|&free| free > 0)?;
-        let channels = solution.model.channels;
+        let channels = solution.model.columns();
         let noise = std::array::from_fn(|axis| {
             let variance = solution.residual_products[(axis, axis)] / free as f64;
             let load =

@@ -3,12 +3,15 @@
 //!
 //! The score of a candidate is its squared error on groups that it was not trained on, relative to
 //! the variance of each axis, averaged over the axes and over all rows. Its standard error is that
-//! of a mean over folds. Of all candidates within one standard error of the best, the one with the
-//! fewest features is chosen (Breiman et al., Classification and Regression Trees, 1984, §3.4.3);
-//! of several ridges on these, the one with the smallest error: a ridge stronger than need be would
-//! bias every prediction and make no model smaller.
+//! of a mean over folds. Of all candidates that err no more than the best, within one standard error of
+//! the difference on the same folds, the one with the fewest features is chosen (after Breiman et al.,
+//! Classification and Regression Trees, 1984, §3.4.3, whose standard error is that of the best: folds
+//! differ far more from each other than two models on one of them); of several ridges on these, the one
+//! with the smallest error: a ridge stronger than need be would bias every prediction and make no model
+//! smaller.
 
 use super::ValidationError;
+use super::comparison::Comparison;
 use super::cross_validation::{errors_on, fold_groups};
 use super::grouped::GroupedMoments;
 use crate::exact::{HeldOutErrors, PartitionedMoments};
@@ -80,7 +83,7 @@ pub fn select(
     let whole = whole.ok_or(ValidationError::TooFewGroups { found: groups })?;
     let folds = fold_groups(sums, groups.min(FOLDS))?;
     let variances = Axis::ALL.map(|axis| whole.variance(axis));
-    let model = |basis| Model { basis, intercept, channels: whole.channels() };
+    let model = |basis| Model { basis, intercept, channels: whole.channels(), memory: 0 };
     let errors_of = |basis: Basis| -> Result<Option<ErrorsByRidge<'_>>, ValidationError> {
         let Ok(parts) = PartitionedMoments::new(whole, &model(basis)) else { return Ok(None) };
         let folds = &folds;
@@ -107,12 +110,12 @@ pub(super) fn choose<'a>(
     errors_of: impl Fn(Basis) -> Result<Option<ErrorsByRidge<'a>>, ValidationError>,
 ) -> Result<Selection, ValidationError> {
     let mut candidates = Vec::new();
-    let mut folds = 0;
+    let mut of_folds: Vec<Vec<PerAxis<HeldOutErrors>>> = Vec::new();
     for basis in Basis::ALL {
         let Some(errors) = errors_of(basis)? else { continue };
         let mut try_ridge = |ridge: f64| -> Result<Candidate, ValidationError> {
             let errors = errors(ridge)?;
-            folds = errors.as_ref().map_or(folds, Vec::len);
+            of_folds.push(errors.clone().unwrap_or_default());
             Ok(Candidate {
                 basis,
                 ridge,
@@ -134,13 +137,17 @@ pub(super) fn choose<'a>(
         }
     }
     let scored = || candidates.iter().enumerate().filter_map(|(i, c)| Some((i, c, c.errors?)));
-    let (best, _, least) =
+    let (best, ..) =
         scored().min_by(|a, b| a.2.score.total_cmp(&b.2.score)).ok_or(ValidationError::NoModel)?;
-    let limit = least.score + least.standard_error;
+    let is_as_good = |i: usize| {
+        let difference = Comparison::of(&of_folds[i], &of_folds[best], variances).all;
+        difference.value <= difference.standard_error
+    };
     let chosen = scored()
-        .filter(|(_, _, errors)| errors.score <= limit)
+        .filter(|&(i, ..)| is_as_good(i))
         .min_by(|a, b| a.1.features.cmp(&b.1.features).then(a.2.score.total_cmp(&b.2.score)))
         .map_or(best, |(i, ..)| i);
+    let folds = of_folds[best].len();
     Ok(Selection { folds, candidates, best, chosen })
 }
 

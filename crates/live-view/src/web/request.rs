@@ -40,7 +40,7 @@ impl HttpRefusal {
             HttpRefusal::TooLong => {
                 ("431 Request Header Fields Too Large", "the request is too long")
             }
-            HttpRefusal::Busy => ("503 Service Unavailable", "too many orders wait"),
+            HttpRefusal::Busy => ("503 Service Unavailable", "too many connections or orders wait"),
             HttpRefusal::Version => ("505 HTTP Version Not Supported", "only HTTP 1.1 is spoken"),
         }
     }

@@ -11,8 +11,12 @@ use std::time::{Duration, Instant};
 use super::access::{is_host_ours, is_same};
 use super::request::{HttpRefusal, LONGEST, Request, RequestMethod, end_of_head, parse};
 
-/// Connections at a time; a page needs one, and a second for a moment.
+/// Connections that may see something, at a time; a page needs one, and a second for a moment.
 const CONNECTIONS: usize = 16;
+
+/// Connections that have not yet sent a request with the token, at a time. One more takes the place of the oldest:
+/// who has the token sends it at once, so that others cannot lock the page out.
+const STRANGERS: usize = 32;
 
 /// Orders that wait.
 const ORDERS: usize = 64;
@@ -62,6 +66,9 @@ struct ServerState {
     event: Arc<str>,
     number: u64,
     connections: usize,
+    /// Connections without a request yet, the oldest first, by their numbers.
+    strangers: VecDeque<(u64, TcpStream)>,
+    strangers_seen: u64,
     listeners: usize,
     orders: VecDeque<&'static str>,
     ended: bool,
@@ -142,36 +149,42 @@ impl ServerShared {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Gives a connection a thread, if there is room for it.
+    /// Gives a connection a thread.
     fn admit(self: &Arc<Self>, mut stream: TcpStream) {
-        // A connection without limits of time is none. Where there is no room, it is closed at once.
+        // A connection without limits of time is none.
         if stream.set_write_timeout(Some(PATIENCE)).is_err() || stream.set_nodelay(true).is_err() {
             return;
         }
-        let Some(seat) = Seat::take(self) else { return };
+        let Ok(stranger) = Stranger::admit(self, &stream) else { return };
         let serve = move || {
+            let shared = Arc::clone(&stranger.shared);
             // A browser that has gone, as a rule: nobody is left to tell.
-            let _ = seat.0.serve(&mut stream);
+            let _ = shared.serve(&mut stream, stranger);
         };
         // Where there is no thread, the connection is closed, and the browser tries again.
         let _ = thread::Builder::new().name("browser".to_owned()).stack_size(STACK).spawn(serve);
     }
 
-    fn serve(&self, stream: &mut TcpStream) -> io::Result<()> {
+    /// Reads the request of a stranger, who is one until it is allowed, and answers it.
+    fn serve(self: &Arc<Self>, stream: &mut TcpStream, stranger: Stranger) -> io::Result<()> {
         let mut buffer = [0; LONGEST];
         let answered = match read_head(stream, &mut buffer) {
             Ok(None) => return Ok(()),
             Ok(Some(head)) => match parse(head).and_then(|request| self.allow(request)) {
-                Ok(request) => self.answer(stream, &request)?,
+                Ok(request) => match Seat::take(self) {
+                    Some(_seat) => {
+                        drop(stranger);
+                        let answered = self.answer(stream, &request)?;
+                        return finish(stream, answered, &mut buffer);
+                    }
+                    None => Err(HttpRefusal::Busy),
+                },
                 Err(refusal) => Err(refusal),
             },
             Err(Some(refusal)) => Err(refusal),
             Err(None) => return Ok(()),
         };
-        if let Err(refusal) = answered {
-            refuse(stream, refusal)?;
-        }
-        close(stream, &mut buffer)
+        finish(stream, answered, &mut buffer)
     }
 
     fn allow<'a>(&self, request: Request<'a>) -> Result<Request<'a>, HttpRefusal> {
@@ -257,6 +270,48 @@ enum Next {
     Event(Arc<str>),
     Nothing,
     End,
+}
+
+/// Says what was refused, and ends a connection.
+fn finish(
+    stream: &mut TcpStream,
+    answered: Result<(), HttpRefusal>,
+    buffer: &mut [u8; LONGEST],
+) -> io::Result<()> {
+    if let Err(refusal) = answered {
+        refuse(stream, refusal)?;
+    }
+    close(stream, buffer)
+}
+
+/// A connection that has not yet shown that it may see anything.
+struct Stranger {
+    shared: Arc<ServerShared>,
+    number: u64,
+}
+
+impl Stranger {
+    /// Takes a connection in; where there are too many, the oldest is closed, and its thread ends.
+    fn admit(shared: &Arc<ServerShared>, stream: &TcpStream) -> io::Result<Self> {
+        let stream = stream.try_clone()?;
+        let mut state = shared.state();
+        if state.strangers.len() >= STRANGERS
+            && let Some((_, oldest)) = state.strangers.pop_front()
+        {
+            // Where it is closed already, so much the better.
+            let _ = oldest.shutdown(Shutdown::Both);
+        }
+        state.strangers_seen += 1;
+        let number = state.strangers_seen;
+        state.strangers.push_back((number, stream));
+        Ok(Self { shared: Arc::clone(shared), number })
+    }
+}
+
+impl Drop for Stranger {
+    fn drop(&mut self) {
+        self.shared.state().strangers.retain(|(number, _)| *number != self.number);
+    }
 }
 
 /// A connection that is counted.
@@ -395,6 +450,22 @@ mod tests {
             assert!(Instant::now() < deadline, "never {wanted} listeners");
             thread::sleep(Duration::from_millis(5));
         }
+    }
+
+    /// Each would keep a place for [`PATIENCE`].
+    #[test]
+    fn who_says_nothing_locks_nobody_out() {
+        let server = server();
+        let silent: Vec<TcpStream> =
+            (0..40).map(|_| TcpStream::connect(server.address()).unwrap()).collect();
+        for _ in 0..3 {
+            let mut stream = TcpStream::connect(server.address()).unwrap();
+            stream.write_all(b"GET /?token=secret HTTP/1.1\r\nHost: localhost\r\n\r\n").unwrap();
+            let mut answer = String::new();
+            stream.read_to_string(&mut answer).unwrap();
+            assert!(answer.starts_with("HTTP/1.1 200 OK"), "{answer}");
+        }
+        drop(silent);
     }
 
     /// A publisher that waited for one that reads nothing would wait for [`PATIENCE`] each of ten times.

@@ -112,6 +112,7 @@ impl ReadPlan {
                         layout.columns.len(),
                         &places,
                         if wanted.readings { &roles.sensors } else { &[] },
+                        roles.wrench.iter().flatten().filter(|_| wanted.wrench),
                         roles.time.filter(|_| layout.has_dates),
                     ),
                     group: roles.group.filter(|_| wanted.groups),
@@ -213,10 +214,11 @@ impl ReadPlan {
 }
 
 /// The use of each column.
-fn column_uses(
+fn column_uses<'a>(
     columns: usize,
     places: &[usize],
     readings: &[usize],
+    loads: impl Iterator<Item = &'a usize>,
     dates: Option<usize>,
 ) -> Vec<ColumnUse> {
     let mut column_uses = vec![ColumnUse::Skip; columns];
@@ -225,6 +227,9 @@ fn column_uses(
     }
     for &place in readings {
         column_uses[place] = ColumnUse::Reading;
+    }
+    for &place in loads {
+        column_uses[place] = ColumnUse::Load;
     }
     if let Some(dates) = dates.filter(|at| places.contains(at)) {
         column_uses[dates] = ColumnUse::Date;

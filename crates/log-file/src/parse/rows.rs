@@ -43,15 +43,20 @@ pub(crate) enum ColumnUse {
     Number,
     /// The same, and refuse what no converter gives.
     Reading,
+    /// The same, and refuse what no sensor measures.
+    Load,
     /// Parse it into the next column of the result, as a date and time.
     Date,
 }
 
 impl ColumnUse {
     fn is_number(self) -> bool {
-        matches!(self, Self::Number | Self::Reading | Self::Date)
+        self != Self::Skip
     }
 }
+
+/// The largest load anywhere, in the units of the log: its square is far from the largest number.
+const LARGEST_LOAD: f64 = 1e15;
 
 /// A bad row.
 #[derive(Debug, PartialEq)]
@@ -207,8 +212,8 @@ impl RowPlan {
                 ),
             };
             right = wrong.unwrap_or(right);
-            if *step == ColumnUse::Reading {
-                right = self.believable(&values[..right]);
+            if let Some(largest) = self.largest(*step) {
+                right = believable(&values[..right], largest);
             }
         }
         if let Some(group) = self.group {
@@ -228,13 +233,12 @@ impl RowPlan {
         right
     }
 
-    /// How many readings there are before the first that no converter gives.
-    fn believable(&self, readings: &[f64]) -> usize {
-        let is_believable = |reading: &f64| reading.abs() <= self.largest_reading;
-        // As a rule all of them, which is found without a branch for each.
-        match readings.iter().fold(true, |all, reading| all & is_believable(reading)) {
-            true => readings.len(),
-            false => readings.iter().take_while(|reading| is_believable(reading)).count(),
+    /// The largest magnitude of a column that is believed.
+    fn largest(&self, step: ColumnUse) -> Option<f64> {
+        match step {
+            ColumnUse::Reading => Some(self.largest_reading),
+            ColumnUse::Load => Some(LARGEST_LOAD),
+            ColumnUse::Skip | ColumnUse::Number | ColumnUse::Date => None,
         }
     }
 
@@ -289,14 +293,14 @@ impl RowPlan {
         for (column, field) in fields.enumerate() {
             found += 1;
             match self.uses.get(column) {
-                Some(step @ (ColumnUse::Number | ColumnUse::Reading | ColumnUse::Date)) => {
-                    let is_reading = *step == ColumnUse::Reading;
+                Some(step) if step.is_number() => {
+                    let largest = self.largest(*step);
                     let parsed_field = match step {
                         ColumnUse::Date => parse_date(field),
                         _ => parse_field(field),
                     };
                     match parsed_field {
-                        Ok(value) if is_reading && self.believable(&[value]) == 0 => {
+                        Ok(value) if largest.is_some_and(|largest| value.abs() > largest) => {
                             let error = NumberError::Unbelievable;
                             problem = problem.or_else(|| Some(self.problem(error, column, field)));
                         }
@@ -307,7 +311,7 @@ impl RowPlan {
                     }
                     slot += 1;
                 }
-                Some(ColumnUse::Skip) | None => {}
+                _ => {}
             }
             if self.group == Some(column) {
                 parsed.push_group(field.trim_ascii());
@@ -348,9 +352,22 @@ impl RowPlan {
             NumberError::Unbelievable => RowProblem::Unbelievable {
                 field: field_at,
                 found: found(),
-                largest: self.largest_reading.to_string(),
+                expected: match self.uses[column] {
+                    ColumnUse::Load => format!("a load of at most {LARGEST_LOAD:e} N or N·m"),
+                    _ => format!("a reading of at most {} counts", self.largest_reading),
+                },
             },
         }
+    }
+}
+
+/// How many values there are before the first of a larger magnitude.
+fn believable(values: &[f64], largest: f64) -> usize {
+    let is_believable = |value: &f64| value.abs() <= largest;
+    // As a rule all of them, which is found without a branch for each.
+    match values.iter().fold(true, |all, value| all & is_believable(value)) {
+        true => values.len(),
+        false => values.iter().take_while(|value| is_believable(value)).count(),
     }
 }
 
@@ -578,22 +595,22 @@ mod tests {
     }
 
     #[test]
-    fn readings_that_no_converter_gives_are_wrong() {
-        let uses = vec![ColumnUse::Number, ColumnUse::Reading];
-        let names = ["t", "s1"].map(str::to_owned).to_vec();
+    fn readings_that_no_converter_gives_and_loads_that_no_sensor_measures_are_wrong() {
+        let uses = vec![ColumnUse::Number, ColumnUse::Reading, ColumnUse::Load];
+        let names = ["t", "s1", "fx"].map(str::to_owned).to_vec();
         let (group, texts) = (Some(1), Vec::new());
         let plan =
             RowPlan { separator: b',', uses, group, texts, names, largest_reading: 65_535.0 };
-        let right = "1e63,1063\n";
+        let right = "1e63,1063,-1e15\n";
         for place in [0, 1, 40, 300] {
-            for wrong in ["1,1e63", "1,-65536", "1,65535.1"] {
+            for wrong in ["1,1e63,0", "1,-65536,0", "1,65535.1,0", "1,0,1e200", "1,0,-1.1e15"] {
                 let lines = format!("{}{wrong}\n{right}", right.repeat(place));
                 let mut parsed = ParsedRows::default();
-                parsed.clear(2, 0);
+                parsed.clear(3, 0);
                 let error = plan.parse_lines(lines.as_bytes(), false, &mut parsed).unwrap_err();
                 assert!(matches!(error.problem, RowProblem::Unbelievable { .. }), "{error:?}");
                 assert_eq!(error.offset, place * right.len());
-                parsed.clear(2, 0);
+                parsed.clear(3, 0);
                 plan.parse_lines(lines.as_bytes(), true, &mut parsed).unwrap();
                 assert_eq!((parsed.rows, parsed.skipped), (place + 1, 1));
             }

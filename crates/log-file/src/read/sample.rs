@@ -2,7 +2,7 @@
 
 use std::io::{Read, Seek, SeekFrom};
 
-use super::request::Wanted;
+use super::request::{ReadOptions, Wanted};
 use crate::error::LogError;
 use crate::format::mapping::LogFormat;
 use crate::log::Log;
@@ -36,20 +36,34 @@ impl Log {
         Ok(block)
     }
 
-    /// Which of some columns hold text rather than numbers, by a [sample](Self::sample) of their rows.
+    /// Which of some columns hold text rather than numbers: those with text in a [sample](Self::sample) of their
+    /// rows, and those with an empty field in any row, which no number stands for.
     ///
     /// # Errors
     /// [`LogError`] if the file cannot be read.
-    pub fn are_texts(&self, places: &[usize]) -> Result<Vec<bool>, LogError> {
+    pub fn are_texts(
+        &self,
+        places: &[usize],
+        options: &ReadOptions<'_>,
+    ) -> Result<Vec<bool>, LogError> {
         // A console has numbers alone.
-        if self.format() == LogFormat::Console {
+        if places.is_empty() || self.format() == LogFormat::Console {
             return Ok(vec![false; places.len()]);
         }
-        let sample = self.sample(&Wanted { texts: places.to_vec(), ..Wanted::default() })?;
-        let is_text = |runs: &Vec<(String, usize)>| {
-            runs.iter().any(|(text, _)| parse_field(text.as_bytes()).is_err())
+        let wanted = Wanted { texts: places.to_vec(), ..Wanted::default() };
+        let has = |is: fn(&str) -> bool| {
+            move |runs: &Vec<(String, usize)>| runs.iter().any(|(text, _)| is(text))
         };
-        Ok(sample.texts.iter().map(is_text).collect())
+        let is_text = has(|text| parse_field(text.as_bytes()).is_err());
+        let mut texts: Vec<bool> = self.sample(&wanted)?.texts.iter().map(is_text).collect();
+        let are_empty = |block: &mut Block| -> Vec<bool> {
+            block.texts.iter().map(has(str::is_empty)).collect()
+        };
+        self.read(&wanted, options, are_empty, |of_block| {
+            texts.iter_mut().zip(of_block).for_each(|(all, of_block)| *all |= of_block);
+            Ok::<_, LogError>(())
+        })?;
+        Ok(texts)
     }
 
     fn bytes_of_rows(&self) -> u64 {

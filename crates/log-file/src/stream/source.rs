@@ -242,10 +242,14 @@ impl LogSource {
         let buffered = |file| BufReader::with_capacity(1 << 16, file);
         let stream = match &self.container {
             Container::Plain => ByteStream::Plain(file(bytes)?),
-            Container::Gzip => {
-                ByteStream::Gzip(Box::new(MultiGzDecoder::new(buffered(file(bytes)?))))
-            }
-            Container::Zstd => ByteStream::Zstd(Box::new(Zstd::new(buffered(file(bytes)?)))),
+            Container::Gzip => ByteStream::Gzip(
+                Box::new(MultiGzDecoder::new(buffered(file(bytes)?))),
+                most_unpacked(self.bytes),
+            ),
+            Container::Zstd => ByteStream::Zstd(
+                Box::new(Zstd::new(buffered(file(bytes)?))),
+                most_unpacked(self.bytes),
+            ),
             Container::Table(table) => {
                 // Tables are not read from start to end, checksums are.
                 let mut whole = file(&Arc::default())?;
@@ -338,12 +342,36 @@ impl LogSource {
     }
 }
 
+/// How many bytes may be unpacked of a file of so many. A log of numbers that were measured takes a third to a
+/// twentieth of its text when compressed; what unpacks to a thousand times its size costs time and says nothing.
+fn most_unpacked(bytes: u64) -> u64 {
+    bytes.saturating_mul(UNPACKED_RATIO).saturating_add(64 << 20)
+}
+
+/// How many times its size a compressed log may unpack to, beyond 64 MB.
+const UNPACKED_RATIO: u64 = 128;
+
+/// Reads from a decoder that may give `left` more bytes.
+fn unpack(decoder: &mut impl Read, left: &mut u64, buffer: &mut [u8]) -> io::Result<usize> {
+    let read = decoder.read(buffer)?;
+    *left = left.checked_sub(read as u64).ok_or_else(|| {
+        let text = format!(
+            "it unpacks to more than {UNPACKED_RATIO} times its size and 64 MB; if it is a log, unpack it \
+             first: a file as it is may be of any size"
+        );
+        io::Error::new(io::ErrorKind::FileTooLarge, text)
+    })?;
+    Ok(read)
+}
+
 /// The text of a log from its start.
 #[derive(Debug)]
 pub(crate) enum ByteStream {
     Plain(CountingFile),
-    Gzip(Box<MultiGzDecoder<BufReader<CountingFile>>>),
-    Zstd(Box<Zstd<BufReader<CountingFile>>>),
+    /// With how many more bytes may be unpacked.
+    Gzip(Box<MultiGzDecoder<BufReader<CountingFile>>>, u64),
+    /// Likewise.
+    Zstd(Box<Zstd<BufReader<CountingFile>>>, u64),
     Table(Box<TableStream>),
     Utf16(Box<TextStream<Utf16<ByteStream>>>),
     Joined(Box<TextStream<Joined<ByteStream>>>),
@@ -358,8 +386,8 @@ impl ByteStream {
     fn file(&self) -> &CountingFile {
         match self {
             ByteStream::Plain(file) => file,
-            ByteStream::Gzip(decoder) => decoder.get_ref().get_ref(),
-            ByteStream::Zstd(decoder) => decoder.get_ref().get_ref(),
+            ByteStream::Gzip(decoder, _) => decoder.get_ref().get_ref(),
+            ByteStream::Zstd(decoder, _) => decoder.get_ref().get_ref(),
             ByteStream::Table(table) => &table.whole,
             ByteStream::Utf16(decoder) => decoder.source().get_ref().file(),
             ByteStream::Joined(joined) => joined.source().get_ref().file(),
@@ -371,8 +399,8 @@ impl Read for ByteStream {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         match self {
             ByteStream::Plain(file) => file.read(buffer),
-            ByteStream::Gzip(decoder) => decoder.read(buffer),
-            ByteStream::Zstd(decoder) => decoder.read(buffer),
+            ByteStream::Gzip(decoder, left) => unpack(decoder, left, buffer),
+            ByteStream::Zstd(decoder, left) => unpack(decoder, left, buffer),
             ByteStream::Table(table) => table.read(buffer),
             ByteStream::Utf16(decoder) => decoder.read(buffer),
             ByteStream::Joined(joined) => joined.read(buffer),

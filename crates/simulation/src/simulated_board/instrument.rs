@@ -72,17 +72,17 @@ impl SimulatedInstrument {
     }
 }
 
-impl FrontEnd for SimulatedInstrument {
-    /// As on the SkinProc board.
-    const CONVERSION_NS: u32 = 3_250;
+/// Time of a conversion in ns, as on the SkinProc board.
+pub(super) const CONVERSION_NS: u32 = 3_250;
 
+impl FrontEnd for SimulatedInstrument {
     fn light(&mut self, channel: Option<usize>) {
         self.lit = channel;
     }
 
     async fn sum(&mut self, channel: usize, conversions: u8) -> u32 {
         let now_us = self.clock.now_us();
-        let burst_us = (u64::from(conversions) * u64::from(Self::CONVERSION_NS)).div_ceil(1000);
+        let burst_us = (u64::from(conversions) * u64::from(CONVERSION_NS)).div_ceil(1000);
         let seen = match self.lit {
             // The load moves on while the channels are converted: a burst is one moment, its middle.
             Some(lit) => {

@@ -26,7 +26,8 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 
 use firmware::{
-    LastWords, Link, NoChip, Parts, RECORD, Record, Storage, StorageError, VERSION, Watchdog,
+    BoardSetup, LastWords, NoChip, RECORD, Record, Station, Storage, StorageError, VERSION,
+    Watchdog,
 };
 use shared_proto::{Board, Identity, ResetCause};
 
@@ -155,34 +156,31 @@ async fn board(
     receiver: LineReceiver,
     sender: LineSender,
 ) {
-    firmware::run(Parts {
-        front_end,
-        clock,
-        receiver,
-        sender,
-        storage: SlotMemory(None),
-        watchdog: NoWatchdog,
-        sync_input,
-        // Its line has no rate, and there is nothing below it that could be flashed.
-        chip: NoChip,
-        link: Link::Transparent,
+    let setup = BoardSetup {
         identity: Identity {
             board: Board::Simulated,
             firmware: VERSION,
             serial: serial(unit_seed),
             min_period_us: 1_000,
         },
+        start: start_number(),
         reset_cause: ResetCause::Power,
         last_words: LastWords::new(),
-        nonce: Some(nonce()),
+        conversion_ns: instrument::CONVERSION_NS,
+        // Its line has no rate, and there is nothing below it that could be flashed.
         rate: None,
-    })
-    .await;
+        rates: &[],
+        has_bootloader: false,
+    };
+    let mut record = [0; RECORD];
+    let station = Station::new(setup, clock, &mut record);
+    let storage = SlotMemory(None);
+    station.run(front_end, (sender, NoChip), (receiver, storage), sync_input, NoWatchdog).await;
 }
 
-/// Bytes from the system's source of randomness, which the standard library draws keys of hashes from.
-fn nonce() -> [u8; 8] {
-    RandomState::new().build_hasher().finish().to_le_bytes()
+/// From the system's source of randomness, which the standard library draws keys of hashes from.
+fn start_number() -> u16 {
+    RandomState::new().build_hasher().finish() as u16
 }
 
 struct SlotMemory(Option<Record>);

@@ -5,6 +5,8 @@ mod parts;
 use std::fmt;
 use std::io::{self, Read};
 
+use shell_data::escape;
+
 use self::parts::TextOfParts;
 use crate::error::TableError;
 use crate::rows::{Cell, RowBatch, RowParts, RowStream};
@@ -165,13 +167,7 @@ fn write_text(value: &str, text: &mut Vec<u8>) {
     // What no text file has would make the whole file one that is none.
     let plain = |c: char| if c.is_control() { ' ' } else { c };
     let value: String = value.chars().map(plain).collect();
-    if value.contains([',', '"', ';', '|']) {
-        text.push(b'"');
-        text.extend_from_slice(value.replace('"', "\"\"").as_bytes());
-        text.push(b'"');
-    } else {
-        text.extend_from_slice(value.as_bytes());
-    }
+    text.extend_from_slice(escape::csv_field(&value).as_bytes());
 }
 
 #[cfg(test)]

@@ -1,31 +1,36 @@
 //! Pins, clocks and interrupts of the Nucleo-G491RE.
 
-use crate::stm32::converter::{Converter, EndOfBurst, Settled};
-use crate::stm32::front_end::{Inputs, Photointerrupters};
-use crate::stm32::start::{self, Independent, Lines, Past};
-use crate::stm32::sync_input::Stamp;
+use crate::stm32::converter::{Converter, EndOfBurst};
+use crate::stm32::front_end::{Inputs, Photointerrupters, emitters};
+use crate::stm32::start::{self, Common, Independent, Past};
 use embassy_executor::Spawner;
 use embassy_stm32::adc::{Adc, AdcChannel, AdcConfig, SampleTime};
 use embassy_stm32::interrupt::typelevel;
-use embassy_stm32::{Config, bind_interrupts, pac, peripherals, rcc, usart};
+use embassy_stm32::{Config, bind_interrupts, dma, exti, pac, peripherals, rcc, rng, usart};
 use shared_proto::Board;
 
 bind_interrupts!(struct Irqs {
-    USART1 => usart::BufferedInterruptHandler<peripherals::USART1>;
-    EXTI15_10 => Stamp;
+    USART1 => usart::InterruptHandler<peripherals::USART1>;
+    DMA1_CHANNEL4 => dma::InterruptHandler<peripherals::DMA1_CH4>;
+    DMA1_CHANNEL5 => dma::InterruptHandler<peripherals::DMA1_CH5>;
+    EXTI15_10 => exti::InterruptHandler<typelevel::EXTI15_10>;
+    RNG => rng::InterruptHandler<peripherals::RNG>;
     ADC1_2 => EndOfBurst;
-    TIM6_DAC => Settled;
 });
 
-/// As on the SkinProc board, at half its clock: 6.2 µs.
-const SAMPLE_TIME: SampleTime = SampleTime::CYCLES247_5;
+/// 2.3 µs, for Δ of the flicker to be that of the SkinProc board. A source of 10 kΩ into the converter's 5 pF and
+/// 10 pF of wires needs (10 kΩ + 1 kΩ) · 15 pF · ln 2¹⁴ = 1.6 µs (AN2834, "Analog signal source resistance").
+const SAMPLE_TIME: SampleTime = SampleTime::CYCLES92_5;
 
-/// 247.5 cycles of sampling and 12.5 of conversion at 40 MHz.
-const CONVERSION_NS: u32 = 6_500;
+/// 92.5 cycles of sampling and 12.5 of conversion at 40 MHz.
+const CONVERSION_NS: u32 = 2_625;
 
 /// The reference takes 4 µs to sample, the thermometer 5 (DS13122, tables "Embedded internal voltage
 /// reference" and "TS characteristics"); this is 16 µs.
 const SLOW_SAMPLE_TIME: SampleTime = SampleTime::CYCLES640_5;
+
+/// A rising edge of TIM6's trigger output starts conversions: CFGR's EXTEN, and 13 in EXTSEL (RM0440, table "ADC1/2 external triggers for regular channels").
+const TRIGGER: u32 = 1 << 10 | 13 << 5;
 
 /// 80 MHz from the internal 16 MHz oscillator, as on the SkinProc board, so that the rates of the line are the
 /// same. The chip could do 170 MHz, of which a frame has no need.
@@ -58,10 +63,12 @@ fn set_sample_time(input: u8, time: SampleTime) {
 }
 
 #[embassy_executor::main]
-async fn main(_spawner: Spawner) {
+async fn main(spawner: Spawner) {
     let past = Past::take();
     let p = embassy_stm32::init(clocks());
     past.log();
+    // A debugger that halts the core is no reason for a reset.
+    pac::DBGMCU.apb1lfzr().modify(|frozen| frozen.set_iwdg(true));
     let watchdog = Independent::start(p.IWDG);
 
     let adc = Adc::new(p.ADC1, AdcConfig::default());
@@ -82,7 +89,7 @@ async fn main(_spawner: Spawner) {
     inputs.channels.iter().for_each(|&input| set_sample_time(input, SAMPLE_TIME));
     set_sample_time(inputs.reference, SLOW_SAMPLE_TIME);
     set_sample_time(inputs.thermometer, SLOW_SAMPLE_TIME);
-    let emitters = [
+    let emitters = emitters([
         p.PB5.into(),
         p.PB10.into(),
         p.PA8.into(),
@@ -91,19 +98,22 @@ async fn main(_spawner: Spawner) {
         p.PA7.into(),
         p.PA6.into(),
         p.PA5.into(),
-    ];
-    let converter = Converter::new::<typelevel::ADC1_2>(adc, p.TIM6, Irqs);
-    let front_end = Photointerrupters::<CONVERSION_NS>::new(converter, inputs, emitters);
-    let lines =
-        Lines { usart: p.USART1, tx: p.PA9, rx: p.PA10, cts: p.PA11, rts: p.PA12, sync: p.PA15 };
-    firmware::run(start::parts(
-        Board::NucleoG491re,
-        past,
-        watchdog,
-        front_end,
-        lines,
-        p.FLASH,
-        Irqs,
-    ))
-    .await;
+    ]);
+    let converter = Converter::new::<typelevel::ADC1_2>(adc, p.TIM6, TRIGGER, emitters, Irqs);
+    let front_end = Photointerrupters::new(converter, inputs);
+    let common = Common {
+        usart: p.USART1,
+        tx: p.PA9,
+        rx: p.PA10,
+        cts: p.PA11,
+        rts: p.PA12,
+        tx_dma: p.DMA1_CH4,
+        rx_dma: p.DMA1_CH5,
+        sync: p.PA15,
+        sync_line: p.EXTI15,
+        rng: p.RNG,
+        flash: p.FLASH,
+    };
+    let front_end = (front_end, CONVERSION_NS);
+    start::tasks(spawner, (Board::NucleoG491re, past), watchdog, front_end, common, Irqs).await;
 }

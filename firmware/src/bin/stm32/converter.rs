@@ -1,28 +1,30 @@
-//! ADC1: sums of conversions that the core has no part in.
+//! ADC1: sums of conversions that the core has little part in (RM0394, chapter 16; RM0440, chapter 21).
 //!
-//! The oversampler adds conversions up, 2, 4, 8 or 16 of them, before it interrupts the core (RM0394,
-//! chapter 16, "Oversampler"). Sixteen codes of 12 bits are the most that fit in its 16 bits without a shift,
-//! and so without rounding. Any other number is made of such bursts, the largest first; the interrupt
-//! at the end of one starts the next. The time in which an emitter settles is TIM6's, whose interrupt starts
-//! the first: the task sleeps from switching an emitter to the end of its conversions.
-#![expect(unsafe_code, reason = "interrupts are handled and enabled here")]
+//! The oversampler adds conversions up, 2, 4, 8 or 16 of them, before it interrupts the core ("Oversampler").
+//! Sixteen codes of 12 bits are the most that fit in its 16 bits without a shift, and so without rounding. Any
+//! other number is made of such bursts, the largest first; the interrupt at the end of one starts the next. Where an
+//! emitter is switched, the interrupt does that, too, and TIM6 starts the next burst once it has settled: the task
+//! sleeps from the first conversion of a channel to the last.
+#![expect(unsafe_code, reason = "an interrupt is handled and enabled here")]
 
+use core::cell::RefCell;
 use core::future::poll_fn;
-use core::sync::atomic::{AtomicU8, AtomicU32, Ordering, compiler_fence};
+use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering, compiler_fence};
 use core::task::Poll;
 
+use super::settling::{self, SettlingTimer};
 use embassy_stm32::Peri;
 use embassy_stm32::adc::Adc;
-use embassy_stm32::interrupt::typelevel::{self, Binding, Handler, Interrupt};
+use embassy_stm32::gpio::Output;
+use embassy_stm32::interrupt::typelevel::{Binding, Handler, Interrupt};
 use embassy_stm32::pac;
 use embassy_stm32::pac::adc::regs::{Cfgr2, Sqr1};
-use embassy_stm32::pac::timer::regs::SrCore;
-use embassy_stm32::pac::timer::vals::Urs;
 use embassy_stm32::peripherals::{ADC1, TIM6};
-use embassy_stm32::time::Hertz;
-use embassy_stm32::timer::low_level::Timer;
+use embassy_sync::blocking_mutex::Mutex;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::waitqueue::AtomicWaker;
 use embassy_time::Instant;
+use shared_proto::CHANNELS;
 
 /// A conversion later than 1 ms after the one before may be wrong, and is to be thrown away
 /// (STM32L432xx/442xx errata, "Wrong ADC result if conversion done late after calibration or previous
@@ -32,28 +34,61 @@ const LONGEST_PAUSE_US: u64 = 900;
 /// The longest burst, as a power of two: 16 · 4095 is below 2¹⁶.
 const LONGEST_BURST: u32 = 4;
 
-/// What is being summed. The task writes it while the converter rests, the interrupts while it does not.
+/// Bits of registers that the library has other types for in each family: CR.ADSTP; CFGR.EXTEN and EXTSEL.
+const ADSTP: u32 = 1 << 4;
+const TRIGGER: u32 = 0b11 << 10 | 0b1_1111 << 5;
+
+/// The emitters, which the interrupt switches.
+static EMITTERS: Mutex<CriticalSectionRawMutex, RefCell<Option<[Output<'static>; CHANNELS]>>> =
+    Mutex::new(RefCell::new(None));
+
+/// Switches an emitter.
+pub(crate) fn light(emitter: u8, on: bool) {
+    EMITTERS.lock(|emitters| {
+        let mut emitters = emitters.borrow_mut();
+        let emitter = emitters.as_mut().and_then(|all| all.get_mut(usize::from(emitter)));
+        emitter.into_iter().for_each(|emitter| emitter.set_level(on.into()));
+    });
+}
+
+/// What is being summed. The task writes it while the converter rests, the interrupt while it does not.
 static STATE: State = State {
+    sums: [AtomicU32::new(0), AtomicU32::new(0), AtomicU32::new(0)],
+    at: AtomicU8::new(0),
+    last: AtomicU8::new(0),
+    conversions: AtomicU8::new(0),
     left: AtomicU8::new(0),
     burst: AtomicU8::new(0),
-    sum: AtomicU32::new(0),
+    stays_fresh: AtomicBool::new(false),
+    emitter: AtomicU8::new(0),
+    trigger: AtomicU32::new(0),
     done: AtomicWaker::new(),
 };
 
 struct State {
+    sums: [AtomicU32; 3],
+    /// The sum that is being taken, and the last one; beyond that all is done.
+    at: AtomicU8,
+    last: AtomicU8,
+    /// Of each sum.
+    conversions: AtomicU8,
     /// Conversions that are not in the sum yet.
     left: AtomicU8,
     /// How many of them the burst under way has; none where it is to be thrown away.
     burst: AtomicU8,
-    sum: AtomicU32,
+    /// Whether the converter rests for less than [`LONGEST_PAUSE_US`] from one sum to the next.
+    stays_fresh: AtomicBool,
+    /// Lit for the second of three sums.
+    emitter: AtomicU8,
+    /// CFGR's fields for a start by the timer.
+    trigger: AtomicU32,
     done: AtomicWaker,
 }
 
 impl State {
-    /// A sum of so many conversions begins, with one that is thrown away before them if the converter has
-    /// rested for long.
-    fn begin(&self, conversions: u8, is_fresh: bool) {
-        self.sum.store(0, Ordering::Relaxed);
+    /// A sum begins, with a conversion that is thrown away before it if the converter has rested for long.
+    fn begin(&self, is_fresh: bool) {
+        let conversions = self.conversions.load(Ordering::Relaxed);
         self.left.store(conversions, Ordering::Relaxed);
         let (exponent, burst) = if is_fresh { longest_burst(conversions) } else { (0, 0) };
         self.burst.store(burst, Ordering::Relaxed);
@@ -61,25 +96,40 @@ impl State {
     }
 
     fn is_done(&self) -> bool {
-        self.left.load(Ordering::Acquire) == 0
+        self.at.load(Ordering::Acquire) > self.last.load(Ordering::Relaxed)
     }
 
     /// The burst has ended with this sum.
     fn end_burst(&self, codes: u16) {
+        let at = self.at.load(Ordering::Relaxed);
         let burst = self.burst.load(Ordering::Relaxed);
         let left = self.left.load(Ordering::Relaxed).saturating_sub(burst);
-        if burst > 0 {
-            let sum = self.sum.load(Ordering::Relaxed) + u32::from(codes);
-            self.sum.store(sum, Ordering::Relaxed);
+        if let (Some(sum), true) = (self.sums.get(usize::from(at)), burst > 0) {
+            sum.store(sum.load(Ordering::Relaxed) + u32::from(codes), Ordering::Relaxed);
         }
-        self.left.store(left, Ordering::Release);
-        if left == 0 {
+        stop();
+        if left > 0 {
+            self.left.store(left, Ordering::Relaxed);
+            let (exponent, burst) = longest_burst(left);
+            self.burst.store(burst, Ordering::Relaxed);
+            set_oversampling(exponent);
+            return start_burst();
+        }
+        self.at.store(at + 1, Ordering::Release);
+        if self.is_done() {
             return self.done.wake();
         }
-        let (exponent, burst) = longest_burst(left);
-        self.burst.store(burst, Ordering::Relaxed);
-        set_oversampling(exponent);
-        start_burst();
+        light(self.emitter.load(Ordering::Relaxed), at == 0);
+        self.begin(self.stays_fresh.load(Ordering::Relaxed));
+        self.start_settled();
+    }
+
+    /// The timer starts the burst.
+    fn start_settled(&self) {
+        let trigger = self.trigger.load(Ordering::Relaxed);
+        pac::ADC1.cfgr().modify(|config| config.0 |= trigger);
+        start_burst(); // at the trigger
+        settling::start();
     }
 }
 
@@ -101,6 +151,16 @@ fn start_burst() {
     pac::ADC1.cr().modify(|control| control.set_adstart(true));
 }
 
+/// Ends what is under way: after a trigger the converter waits for the next one, and cannot be set up until it is
+/// told to stop ("Stopping an ongoing conversion").
+fn stop() {
+    if pac::ADC1.cr().read().adstart() {
+        pac::ADC1.cr().modify(|control| control.0 |= ADSTP);
+        while pac::ADC1.cr().read().adstart() {}
+    }
+    pac::ADC1.cfgr().modify(|config| config.0 &= !TRIGGER);
+}
+
 /// At the end of a burst.
 pub(crate) struct EndOfBurst;
 
@@ -113,67 +173,95 @@ impl<I: Interrupt> Handler<I> for EndOfBurst {
     }
 }
 
-/// When an emitter has settled.
-pub(crate) struct Settled;
+/// Sums that are being taken. Dropped before their end they leave converter and emitter at rest.
+struct Summing<'a>(&'a SettlingTimer);
 
-impl Handler<typelevel::TIM6_DAC> for Settled {
-    unsafe fn on_interrupt() {
-        if pac::TIM6.sr().read().uif() {
-            pac::TIM6.sr().write_value(SrCore::default()); // a zero clears
-            start_burst();
+impl Drop for Summing<'_> {
+    fn drop(&mut self) {
+        if !STATE.is_done() {
+            self.0.stop();
+            stop();
+            _ = pac::ADC1.dr().read(); // takes the interrupt's cause away
+            light(STATE.emitter.load(Ordering::Relaxed), false);
+            STATE.at.store(u8::MAX, Ordering::Release);
         }
     }
 }
 
-/// The converter and the timer of settling.
+/// The converter, the emitters and the timer of settling.
 pub(crate) struct Converter {
     _adc: Adc<'static, ADC1>,
-    settling: Timer<'static, TIM6>,
+    timer: SettlingTimer,
     /// When the last conversion ended, in µs; `None` before the first.
     last_us: Option<u64>,
 }
 
 impl Converter {
-    /// Switches both on; `I` is the converter's interrupt. Inputs have their sample times.
+    /// Switches both on; `I` is the converter's interrupt, and `trigger` says by CFGR's EXTSEL and EXTEN that
+    /// TIM6 starts conversions. Inputs have their sample times, and the emitters are off.
     pub(crate) fn new<I: Interrupt>(
         adc: Adc<'static, ADC1>,
         timer: Peri<'static, TIM6>,
-        _irqs: impl Binding<I, EndOfBurst> + Binding<typelevel::TIM6_DAC, Settled>,
+        trigger: u32,
+        emitters: [Output<'static>; CHANNELS],
+        _irqs: impl Binding<I, EndOfBurst>,
     ) -> Self {
+        EMITTERS.lock(|place| _ = place.borrow_mut().replace(emitters));
+        STATE.trigger.store(trigger, Ordering::Relaxed);
         pac::ADC1.cr().modify(|control| control.set_aden(true));
         while !pac::ADC1.isr().read().adrdy() {}
         pac::ADC1.ier().modify(|enabled| enabled.set_eocie(true));
-
-        let mut settling = Timer::new(timer);
-        settling.set_tick_freq(Hertz::mhz(1));
-        // One pulse; restarting the count is no interrupt.
-        settling.regs_core().cr1().modify(|control| {
-            control.set_opm(true);
-            control.set_urs(Urs::COUNTER_ONLY);
-        });
-        settling.clear_update_interrupt();
-        settling.enable_update_interrupt(true);
-
-        // SAFETY: the handlers above are bound, and all that they touch is there.
-        unsafe {
-            I::enable();
-            typelevel::TIM6_DAC::enable();
-        }
-        Self { _adc: adc, settling, last_us: None }
+        // SAFETY: the handler above is bound, and all that it touches is there.
+        unsafe { I::enable() };
+        Self { _adc: adc, timer: SettlingTimer::new(timer), last_us: None }
     }
 
     /// The sum of at least one conversion of an input, the first after so many µs.
     pub(crate) async fn sum(&mut self, input: u8, conversions: u8, settling_us: u16) -> u32 {
-        let start_us = Instant::now().as_micros() + u64::from(settling_us);
+        self.take(input, conversions, 1, settling_us, settling_us > 0).await;
+        STATE.sums[0].load(Ordering::Relaxed)
+    }
+
+    /// The sums of an input with an emitter off, on and off, with so many µs after it was switched.
+    pub(crate) async fn expose(
+        &mut self,
+        input: u8,
+        emitter: u8,
+        conversions: u8,
+        settling_us: u16,
+    ) -> [u32; 3] {
+        STATE.emitter.store(emitter, Ordering::Relaxed);
+        self.take(input, conversions, 3, settling_us, false).await;
+        STATE.sums.each_ref().map(|sum| sum.load(Ordering::Relaxed))
+    }
+
+    async fn take(
+        &mut self,
+        input: u8,
+        conversions: u8,
+        sums: u8,
+        settling_us: u16,
+        settles_first: bool,
+    ) {
+        let pause_us = u64::from(settling_us);
+        let start_us = Instant::now().as_micros() + if settles_first { pause_us } else { 0 };
         let is_fresh =
             self.last_us.is_some_and(|last_us| start_us.wrapping_sub(last_us) < LONGEST_PAUSE_US);
-        STATE.begin(conversions.max(1), is_fresh);
+        STATE.sums.iter().for_each(|sum| sum.store(0, Ordering::Relaxed));
+        STATE.at.store(0, Ordering::Relaxed);
+        STATE.last.store(sums.saturating_sub(1), Ordering::Relaxed);
+        STATE.conversions.store(conversions.max(1), Ordering::Relaxed);
+        STATE.stays_fresh.store(pause_us < LONGEST_PAUSE_US, Ordering::Relaxed);
         let mut sequence = Sqr1::default(); // of one
         sequence.set_sq(0, input);
         pac::ADC1.sqr1().write_value(sequence);
-        match settling_us {
-            0 => start_burst(),
-            _ => self.start_in(settling_us),
+        self.timer.set(settling_us);
+        let summing = Summing(&self.timer);
+        STATE.begin(is_fresh);
+        if settles_first {
+            STATE.start_settled()
+        } else {
+            start_burst()
         }
         poll_fn(|context| {
             if STATE.is_done() {
@@ -184,16 +272,7 @@ impl Converter {
             if STATE.is_done() { Poll::Ready(()) } else { Poll::Pending }
         })
         .await;
+        drop(summing);
         self.last_us = Some(Instant::now().as_micros());
-        STATE.sum.load(Ordering::Relaxed)
-    }
-
-    /// Starts the first burst in so many µs, at least two: the timer does not count to zero.
-    fn start_in(&mut self, us: u16) {
-        let timer = self.settling.regs_core();
-        timer.arr().write(|reload| reload.set_arr(us.saturating_sub(1).max(1)));
-        timer.egr().write(|event| event.set_ug(true));
-        compiler_fence(Ordering::SeqCst);
-        timer.cr1().modify(|control| control.set_cen(true));
     }
 }

@@ -1,6 +1,6 @@
 //! Eight emitters, and the inputs of the converter that look at them.
 
-use super::converter::Converter;
+use super::converter::{Converter, light};
 use super::factory;
 use embassy_stm32::Peri;
 use embassy_stm32::adc::AnyAdcChannel;
@@ -34,24 +34,18 @@ impl Inputs {
     }
 }
 
-/// Photointerrupters on ADC1, of which a conversion takes so many ns.
-pub(crate) struct Photointerrupters<const CONVERSION_NS: u32> {
+/// Photointerrupters on ADC1.
+pub(crate) struct Photointerrupters {
     converter: Converter,
     inputs: Inputs,
-    emitters: [Output<'static>; CHANNELS],
-    lit: Option<usize>,
+    lit: Option<u8>,
     factory: Factory,
 }
 
-impl<const CONVERSION_NS: u32> Photointerrupters<CONVERSION_NS> {
+impl Photointerrupters {
     /// With emitters that are off.
-    pub(crate) fn new(
-        converter: Converter,
-        inputs: Inputs,
-        emitters: [Peri<'static, AnyPin>; CHANNELS],
-    ) -> Self {
-        let emitters = emitters.map(|pin| Output::new(pin, Level::Low, Speed::Low));
-        Self { converter, inputs, emitters, lit: None, factory: factory::codes() }
+    pub(crate) fn new(converter: Converter, inputs: Inputs) -> Self {
+        Self { converter, inputs, lit: None, factory: factory::codes() }
     }
 
     async fn sum_after(&mut self, settling_us: u16, channel: usize, conversions: u8) -> u32 {
@@ -62,17 +56,20 @@ impl<const CONVERSION_NS: u32> Photointerrupters<CONVERSION_NS> {
     }
 }
 
-impl<const CONVERSION_NS: u32> FrontEnd for Photointerrupters<CONVERSION_NS> {
-    const CONVERSION_NS: u32 = CONVERSION_NS;
+/// Emitters at these pins, which are off.
+pub(crate) fn emitters(pins: [Peri<'static, AnyPin>; CHANNELS]) -> [Output<'static>; CHANNELS] {
+    pins.map(|pin| Output::new(pin, Level::Low, Speed::Low))
+}
 
+impl FrontEnd for Photointerrupters {
     fn light(&mut self, channel: Option<usize>) {
-        if let Some(emitter) = self.lit.and_then(|lit| self.emitters.get_mut(lit)) {
-            emitter.set_low();
+        if let Some(emitter) = self.lit.take() {
+            light(emitter, false);
         }
-        if let Some(emitter) = channel.and_then(|channel| self.emitters.get_mut(channel)) {
-            emitter.set_high();
+        self.lit = channel.and_then(|channel| u8::try_from(channel).ok());
+        if let Some(emitter) = self.lit {
+            light(emitter, true);
         }
-        self.lit = channel;
     }
 
     async fn sum(&mut self, channel: usize, conversions: u8) -> u32 {
@@ -87,6 +84,18 @@ impl<const CONVERSION_NS: u32> FrontEnd for Photointerrupters<CONVERSION_NS> {
         conversions: u8,
     ) -> u32 {
         self.sum_after(settling_us, channel, conversions).await
+    }
+
+    async fn expose<C: Clock>(
+        &mut self,
+        _clock: &C,
+        settling_us: u16,
+        channel: usize,
+        conversions: u8,
+    ) -> [u32; 3] {
+        let input = self.inputs.channels.get(channel).copied().zip(u8::try_from(channel).ok());
+        let Some((input, emitter)) = input else { return [0; 3] };
+        self.converter.expose(input, emitter, conversions, settling_us).await
     }
 
     /// The first conversion comes right after those of a frame, so that none is thrown away.

@@ -5,15 +5,16 @@
 //! converters differ in their clocks, in inputs, in the name of an interrupt, and in how two registers are called.
 
 mod bootloader;
-mod chip;
 pub(crate) mod converter;
 mod ecc;
 mod factory;
 mod faults;
 pub(crate) mod front_end;
 mod last_words;
+mod line;
 mod pages;
-mod randomness;
+mod settling;
 pub(crate) mod start;
 mod storage;
-pub(crate) mod sync_input;
+mod sync_input;
+mod tasks;

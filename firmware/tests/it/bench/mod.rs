@@ -3,13 +3,12 @@
 #![allow(unreachable_pub, reason = "a module of a test has no outside")]
 
 use firmware::{
-    Baud, Chip, Clock, FrontEnd, LastWords, Link, Parts, RECORD, Record, SeenEdge, Storage,
-    StorageError, SyncInput, Watchdog, baud, run,
+    Baud, BoardSetup, Chip, Clock, FrontEnd, LastWords, RECORD, Record, SeenEdge, Station, Storage,
+    StorageError, SyncInput, Watchdog, baud,
 };
-use shared_proto::xbee::ApiFrame;
 use shared_proto::{
-    Answer, Board, BoardId, Calibration, Command, Decoder, Event, Framing, Health, Identity, Key,
-    MAX_PIECE, Packet, Piece, ResetCause, Sample, Values, Vitals, crc32,
+    Answer, Board, BoardId, Calibration, Command, Decoder, Event, Framing, Health, Identity,
+    MAX_PIECE, Packet, PacketOrigin, Piece, ResetCause, Sample, Values, Vitals, crc32,
 };
 use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
@@ -82,9 +81,10 @@ impl Clock for Shared {
     }
 }
 
-impl FrontEnd for Shared {
-    const CONVERSION_NS: u32 = 1_500;
+/// Time of a conversion in ns.
+const CONVERSION_NS: u32 = 1_500;
 
+impl FrontEnd for Shared {
     fn light(&mut self, channel: Option<usize>) {
         self.0.lit.set((channel, self.0.now_us.get()));
     }
@@ -107,7 +107,7 @@ impl FrontEnd for Shared {
         // The emitters of channels 6 and 7 reach each other's channel where the bridges are closed.
         let is_bridged = world.is_bridged.get() && (lit, channel) == (Some(5), 6);
         let is_lit = lit == Some(channel) || is_bridged;
-        let burst_us = (u64::from(conversions) * u64::from(Self::CONVERSION_NS)).div_ceil(1_000);
+        let burst_us = (u64::from(conversions) * u64::from(CONVERSION_NS)).div_ceil(1_000);
         world.wait(now_us + burst_us + world.stall_us.take()).await;
         u32::from(if is_lit { bright } else { dark }) * u32::from(conversions)
     }
@@ -172,11 +172,8 @@ impl SyncInput for Shared {
     }
 }
 
-impl Chip for Shared {
-    const RATES: &'static [Baud] = &baud::RATES;
-    const HAS_BOOTLOADER: bool = true;
-
-    async fn set_baud(&mut self, rate: Baud) {
+impl Chip<Shared> for Shared {
+    async fn set_baud(&mut self, _sender: &mut Shared, rate: Baud) {
         self.0.rates.borrow_mut().push(rate);
     }
 
@@ -208,16 +205,15 @@ impl Watchdog for Shared {
 /// What the board said before its reset.
 pub const LAST_WORDS: &[u8] = b"panicked at a line that has a bug";
 
-/// What signatures are made with.
-pub const NONCE: [u8; 8] = *b"bench-no";
-
 pub const SERIAL: [u8; 12] = *b"bench-serial";
+
+/// The number of the board's run.
+pub const START: u16 = 77;
 
 /// A board and the host's end of its link.
 pub struct Bench {
     pub world: Rc<World>,
     board: Pin<Box<dyn Future<Output = ()>>>,
-    link: Link,
     pub decoder: Decoder,
     /// The board that commands name.
     pub to: Option<BoardId>,
@@ -226,53 +222,51 @@ pub struct Bench {
 
 impl Bench {
     pub fn new() -> Self {
-        Self::with(Link::Transparent, ResetCause::Power, None)
+        Self::with(ResetCause::Power, None)
     }
 
     /// A board on a line that has a rate, which is that after a reset.
     pub fn on_a_line() -> Self {
-        Self::build(Link::Transparent, ResetCause::Power, None, Some(baud::FIRST))
+        Self::build(ResetCause::Power, None, Some(baud::FIRST))
     }
 
-    pub fn with(link: Link, reset_cause: ResetCause, record: Option<Record>) -> Self {
-        Self::build(link, reset_cause, record, None)
+    pub fn with(reset_cause: ResetCause, record: Option<Record>) -> Self {
+        Self::build(reset_cause, record, None)
     }
 
-    fn build(
-        link: Link,
-        reset_cause: ResetCause,
-        record: Option<Record>,
-        rate: Option<Baud>,
-    ) -> Self {
+    fn build(reset_cause: ResetCause, record: Option<Record>, rate: Option<Baud>) -> Self {
         let world = Rc::new(World { record: RefCell::new(record), ..World::default() });
-        world.settling_us.set(200);
-        let shared = || Shared(Rc::clone(&world));
+        world.settling_us.set(100);
+        let shared = {
+            let world = Rc::clone(&world);
+            move || Shared(Rc::clone(&world))
+        };
         let identity = Identity {
             board: Board::Simulated,
             firmware: firmware::VERSION,
             serial: SERIAL,
             min_period_us: 1_000,
         };
-        let board = Box::pin(run(Parts {
-            front_end: shared(),
-            clock: shared(),
-            receiver: shared(),
-            sender: shared(),
-            storage: shared(),
-            watchdog: shared(),
-            sync_input: shared(),
-            chip: shared(),
-            link,
+        let setup = BoardSetup {
             identity,
+            start: START,
             reset_cause,
             last_words: LastWords::from_bytes(LAST_WORDS),
-            nonce: Some(NONCE),
+            conversion_ns: CONVERSION_NS,
             rate,
-        }));
-        // The base station is a wire, or an XBee that hands over what the other one was given.
+            rates: &baud::RATES,
+            has_bootloader: true,
+        };
+        let board = Box::pin(async move {
+            let mut record = [0; RECORD];
+            let station = Station::new(setup, shared(), &mut record);
+            station
+                .run(shared(), (shared(), shared()), (shared(), shared()), shared(), shared())
+                .await;
+        });
         let decoder = Decoder::new(Framing::Cobs);
         let to = Some(BoardId::of_serial(&SERIAL));
-        Self { world, board, link, decoder, to, number: 0 }
+        Self { world, board, decoder, to, number: 0 }
     }
 
     /// What the photointerrupters see: dark and lit codes of a channel at a time in µs.
@@ -304,10 +298,10 @@ impl Bench {
     /// What the board has said of its health, and the samples, in their order.
     pub fn healths(&mut self) -> Vec<(Health, Option<Sample>)> {
         let mut healths: Vec<(Health, Option<Sample>)> = Vec::new();
-        for event in self.events() {
-            match (event, healths.last_mut()) {
-                (Event::Health(health), _) => healths.push((health, None)),
-                (Event::Sample { sample, .. }, Some((_, after @ None))) => *after = Some(sample),
+        for packet in self.packets() {
+            match (packet, healths.last_mut()) {
+                (Packet::Health(health), _) => healths.push((health, None)),
+                (Packet::Sample(sample), Some((_, after @ None))) => *after = Some(sample),
                 _ => {}
             }
         }
@@ -315,29 +309,25 @@ impl Bench {
     }
 
     /// What the board has sent, by the host's decoder.
-    pub fn events(&mut self) -> Vec<Event> {
+    pub fn packets(&mut self) -> Vec<Packet> {
         let bytes = std::mem::take(&mut *self.world.from_board.borrow_mut());
-        let mut events = Vec::new();
-        match self.link {
-            Link::Transparent => self.decoder.feed(&bytes, |event| events.push(event)),
-            Link::Api { mode, .. } => {
-                let mut deframer = shared_proto::xbee::Deframer::new(mode);
-                deframer.feed(&bytes, |frame| match frame {
-                    ApiFrame::Transmit { payload, .. } => {
-                        self.decoder.feed(payload, |event| events.push(event));
-                    }
-                    other => panic!("{other:?}"),
-                });
+        let mut packets = Vec::new();
+        self.decoder.feed(&bytes, |event| match event {
+            Event::Packet(received) => {
+                let board = BoardId::of_serial(&SERIAL).short();
+                assert_eq!(received.origin, Some(PacketOrigin { board, start: START }));
+                packets.push(received.packet);
             }
-        }
-        events
+            other => panic!("{other:?}"),
+        });
+        packets
     }
 
     pub fn samples(&mut self) -> Vec<Sample> {
-        let events = self.events().into_iter();
-        events
-            .filter_map(|event| match event {
-                Event::Sample { sample, .. } => Some(sample),
+        let packets = self.packets().into_iter();
+        packets
+            .filter_map(|packet| match packet {
+                Packet::Sample(sample) => Some(sample),
                 _ => None,
             })
             .collect()
@@ -350,53 +340,21 @@ impl Bench {
     /// Sends a command and does not look for an answer.
     pub fn tell(&mut self, command: Command) {
         self.number += 1;
-        let frame = Packet::Command { number: self.number, to: self.to, command }.encode();
-        match self.link {
-            Link::Transparent => self.send(&frame),
-            Link::Api { mode, to } => {
-                let received = ApiFrame::Receive { from: to, rssi: Some(40), payload: &frame };
-                let bytes = received.encode(mode).expect("a short payload");
-                self.send(&bytes);
-            }
-        }
+        self.send(&Packet::Command { number: self.number, to: self.to, command }.encode());
         self.run_for(4_000);
-    }
-
-    /// Sends a command signed with a key under a counter; its answer.
-    pub fn ask_signed(&mut self, key: &Key, counter: u32, command: Command) -> Answer {
-        self.number += 1;
-        let (number, to) = (self.number, self.to);
-        let signature = key.sign(&NONCE, counter, number, to, &command);
-        self.ask_packet(&Packet::Signed { number, to, signature, command })
-    }
-
-    /// Answers to this number are looked for.
-    pub fn set_number(&mut self, number: u16) {
-        self.number = number;
-    }
-
-    /// Sends a packet to a wire; the answer to the last number.
-    pub fn ask_packet(&mut self, packet: &Packet) -> Answer {
-        self.send(&packet.encode());
-        self.run_for(4_000);
-        let mut answers = self.events().into_iter().filter_map(|event| match event {
-            Event::Answer { number, answer } if number == self.number => Some(answer),
-            _ => None,
-        });
-        answers.next_back().expect("every command is answered")
     }
 
     /// Sends a command; its answer, and the samples that came meanwhile.
     pub fn ask(&mut self, command: Command) -> (Answer, Vec<Sample>) {
         self.tell(command);
         let (mut answer, mut samples) = (None, Vec::new());
-        for event in self.events() {
-            match event {
-                Event::Answer { number, answer: got } if number == self.number => {
+        for packet in self.packets() {
+            match packet {
+                Packet::Answer { number, answer: got } if number == self.number => {
                     assert_eq!(answer.replace(got), None);
                 }
-                Event::Sample { sample, .. } => samples.push(sample),
-                Event::Boot(_) | Event::Health(_) => {}
+                Packet::Sample(sample) => samples.push(sample),
+                Packet::Boot(_) | Packet::Health(_) => {}
                 other => panic!("{other:?}"),
             }
         }

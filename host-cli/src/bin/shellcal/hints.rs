@@ -14,6 +14,7 @@ use shell_data::hint::Hint;
 use shellcal::workflow::align::AlignLogsError;
 use shellcal::workflow::convert::ConvertError;
 use shellcal::workflow::drift::DriftError;
+use shellcal::workflow::gates::GateError;
 use shellcal::workflow::noise::NoiseError;
 use shellcal::workflow::payload::PayloadLogError;
 use shellcal::workflow::trial::TrialLogError;
@@ -28,13 +29,14 @@ pub(crate) fn for_error(error: &anyhow::Error) -> Option<String> {
 }
 
 /// An error in a chain does not say which hints it has: every type that has some is tried.
-const HINTS: [fn(&(dyn Error + 'static)) -> Option<String>; 17] = [
+const HINTS: [fn(&(dyn Error + 'static)) -> Option<String>; 18] = [
     hint::<AlignLogsError>,
     hint::<CalibrationFileError>,
     hint::<ChannelMismatch>,
     hint::<ConvertError>,
     hint::<DriftError>,
     hint::<FitError>,
+    hint::<GateError>,
     hint::<LinkError>,
     hint::<LogError>,
     hint::<MergeError>,

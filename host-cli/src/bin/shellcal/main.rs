@@ -10,11 +10,12 @@ mod printer;
 mod signals;
 mod tables;
 
+use std::borrow::Cow;
 use std::io::{self, Write};
 use std::process::ExitCode;
 
 use clap::{ArgMatches, CommandFactory, FromArgMatches};
-use shell_data::instructions;
+use shell_data::{escape, instructions};
 
 fn main() -> ExitCode {
     if std::env::args_os().len() < 2 {
@@ -22,7 +23,8 @@ fn main() -> ExitCode {
         return ExitCode::from(2);
     }
     let mut command = args::Args::command().color(args::color_of(std::env::args_os()));
-    let matches = command.get_matches_mut();
+    let matches = command.try_get_matches_from_mut(std::env::args_os());
+    let matches = matches.unwrap_or_else(|error| refuse(&error));
     let said = parsed(&mut command, &matches);
     output_file::before_unfinished(signals::listen);
     let mut printer = printer::Printer::new(said.output);
@@ -38,7 +40,18 @@ fn main() -> ExitCode {
 
 /// Ends the program where the command line cannot be.
 fn parsed(command: &mut clap::Command, matches: &ArgMatches) -> args::Args {
-    args::Args::from_arg_matches(matches).unwrap_or_else(|error| error.format(command).exit())
+    args::Args::from_arg_matches(matches).unwrap_or_else(|error| refuse(&error.format(command)))
+}
+
+/// Prints help, or what is wrong with the command line, and ends the program. Arguments may hold anything.
+fn refuse(error: &clap::Error) -> ! {
+    let text = error.render().to_string();
+    let lines: Vec<_> = text.lines().map(escape::terminal).collect();
+    if error.use_stderr() && lines.iter().any(|line| matches!(line, Cow::Owned(_))) {
+        let _ = writeln!(io::stderr(), "{}", lines.join("\n"));
+        std::process::exit(error.exit_code());
+    }
+    error.exit()
 }
 
 /// Runs a command, with the settings of its data.

@@ -7,6 +7,7 @@ use std::time::Duration;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle, TermLike};
 use log_file::{Log, ReadOptions};
 use serde::Serialize;
+use shell_data::escape;
 
 use crate::outcome::Outcome;
 use crate::tables::{self, TableForm};
@@ -117,9 +118,8 @@ impl Printer {
     /// Prints the result of a command as one JSON document, every figure at full precision.
     pub(crate) fn document(&mut self, value: &impl Serialize) -> anyhow::Result<()> {
         // At one go: stdout would pass it on line by line.
-        let mut text = serde_json::to_vec_pretty(value).map_err(io::Error::from)?;
-        text.push(b'\n');
-        io::stdout().lock().write_all(&text)?;
+        let text = serde_json::to_string_pretty(value).map_err(io::Error::from)? + "\n";
+        io::stdout().lock().write_all(escape::json(&text).as_bytes())?;
         Ok(())
     }
 
@@ -149,7 +149,7 @@ impl Printer {
         tint: Tint,
         text: impl AsRef<str>,
     ) -> anyhow::Result<()> {
-        let text = harmless(text.as_ref());
+        let text = escape::terminal(text.as_ref());
         match self.options.form {
             TableForm::Csv => {
                 self.note(format!("{word}{text}"));
@@ -177,7 +177,7 @@ impl Printer {
             text.push('\n');
         }
         for line in tables::lines(form, header, rows) {
-            text += &harmless(&line);
+            text += &escape::terminal(&line);
             text.push('\n');
         }
         if form == TableForm::Markdown {
@@ -258,7 +258,7 @@ impl Printer {
             bar.set_draw_target(ProgressDrawTarget::term_like_with_hz(lines, LINES_A_SECOND));
         } else if !self.options.quiet && io::stderr().is_terminal() {
             bar.set_style(ProgressStyle::with_template(style).expect("a template that parses"));
-            bar.set_message(label.to_owned());
+            bar.set_message(escape::terminal(label).into_owned());
             bar.set_draw_target(ProgressDrawTarget::stderr());
             bar.enable_steady_tick(Duration::from_millis(200));
         }
@@ -290,7 +290,7 @@ impl Printer {
     /// A closed stderr leaves nobody to tell.
     fn talk(&self, word: &str, tint: Tint, text: &str) {
         let word = tint.paint(word, self.options.color.is_on(io::stderr().is_terminal()));
-        let _ = writeln!(io::stderr().lock(), "{word}{}", harmless(text));
+        let _ = writeln!(io::stderr().lock(), "{word}{}", escape::terminal(text));
     }
 }
 
@@ -352,28 +352,4 @@ impl TermLike for ProgressLines {
 fn wants_color() -> bool {
     let is_set = |name: &str| std::env::var_os(name).is_some_and(|value| !value.is_empty());
     !is_set("NO_COLOR") && std::env::var_os("TERM").is_none_or(|terminal| terminal != "dumb")
-}
-
-/// A text whose control characters do nothing to a terminal: names of files and columns may hold any.
-fn harmless(text: &str) -> Cow<'_, str> {
-    let is_harmful = |c: char| c.is_control() && !matches!(c, '\n' | '\t');
-    if !text.contains(is_harmful) {
-        return Cow::Borrowed(text);
-    }
-    let escaped = text.chars().map(|c| match is_harmful(c) {
-        true => c.escape_default().to_string(),
-        false => c.to_string(),
-    });
-    Cow::Owned(escaped.collect())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn control_characters_are_shown_and_do_nothing() {
-        assert_eq!(harmless("a\tµ\n"), "a\tµ\n");
-        assert_eq!(harmless("\u{1b}[2J\u{9b}1m\r"), "\\u{1b}[2J\\u{9b}1m\\r");
-    }
 }

@@ -1,6 +1,7 @@
 //! Tables as text, as Markdown or as CSV.
 
 use comfy_table::{CellAlignment, ContentArrangement, LineStyle, Table, TableStyle};
+use shell_data::escape::csv_field;
 
 /// As papers set them: a rule below the header and no other lines.
 const PLAIN: TableStyle =
@@ -58,7 +59,7 @@ fn markdown(header: &[&str], rows: &[Vec<String>]) -> Vec<String> {
 
 fn csv(header: &[&str], rows: &[Vec<String>]) -> Vec<String> {
     let line = |cells: &mut dyn Iterator<Item = &str>| {
-        let cells: Vec<String> = cells.map(quoted).collect();
+        let cells: Vec<String> = cells.map(|cell| csv_field(cell).into_owned()).collect();
         cells.join(",")
     };
     let mut lines = vec![line(&mut header.iter().copied())];
@@ -67,14 +68,6 @@ fn csv(header: &[&str], rows: &[Vec<String>]) -> Vec<String> {
         lines.push(line(&mut row.iter().map(String::as_str).chain(missing)));
     }
     lines
-}
-
-/// A field by RFC 4180.
-fn quoted(field: &str) -> String {
-    match field.contains([',', '"', '\n', '\r']) {
-        true => format!("\"{}\"", field.replace('"', "\"\"")),
-        false => field.to_owned(),
-    }
 }
 
 #[cfg(test)]

@@ -146,7 +146,7 @@ impl FrameConverter<'_> {
         let watched = self.watch.map(|_| {
             let readings = match self.keeps_readings {
                 true => frames.readings.clone(),
-                false => std::mem::take(&mut block.readings),
+                false => channels_of(block),
             };
             let mut watched = WatchedFrames { times_s: frames.time_s.clone(), readings };
             if let Some(is_fresh) = is_fresh {
@@ -178,8 +178,10 @@ impl FrameConverter<'_> {
         self.pipeline.tare_off(&time_s, &mut wrench);
         let without_motion = self.take_off_load(&time_s, &mut wrench);
         let watched = self.watch.map(|repeats_are_frames| match repeats_are_frames {
-            true => WatchedFrames { times_s: time_s.clone(), readings: block.readings.clone() },
+            true => WatchedFrames { times_s: time_s.clone(), readings: block.channels().to_vec() },
             false => {
+                let mut readings = readings;
+                readings.truncate(block.channels().len());
                 let mut watched = WatchedFrames { times_s: pick(&time_s), readings };
                 // The first row is converted even if it repeats the block before.
                 if fresh.first() == Some(&false) {
@@ -218,17 +220,23 @@ impl FrameConverter<'_> {
         // Flagged frames are counted, whether or not the flags are written.
         frames.out_of_range = calibration.out_of_range(&block.readings);
         frames.saturated = match options.full_scale {
-            Some(full_scale) => saturated(&block.readings, full_scale),
+            Some(full_scale) => saturated(block.channels(), full_scale),
             None => vec![0; block.rows],
         };
         for (flags, plateau) in frames.saturated.iter_mut().zip(trust.saturated) {
             *flags |= plateau;
         }
         if self.keeps_readings {
-            frames.readings = std::mem::take(&mut block.readings);
+            frames.readings = channels_of(block);
         }
         frames
     }
+}
+
+/// Takes the readings of a block, without memory terms.
+fn channels_of(block: &mut Block) -> Vec<Vec<f64>> {
+    block.drop_memory();
+    std::mem::take(&mut block.readings)
 }
 
 /// The text of every row, from runs of equal ones.

@@ -29,7 +29,7 @@ use summary::Totals;
 pub use summary::{AxisSummary, ConvertSummary, LoadSummary};
 
 use super::check_channels;
-use super::selection::RowFilter;
+use super::selection::{RowFilter, read_with_memory};
 use calibration::{Calibration, Kind};
 use encode::{EncodedOutput, Encoder};
 use figures::WrenchTrace;
@@ -93,6 +93,7 @@ pub fn convert(
     }
     let (pipeline, zero) = survey(conversion)?;
     let time = options.columns.time
+        || calibration.needs_time()
         || options.forces.tare.follows_rests()
         || trace.is_some()
         || pipeline.low_pass().is_some()
@@ -120,9 +121,10 @@ pub fn convert(
     let mut writer =
         Writer::new(log.path(), &encoder, &pipeline, output, trace, calibration.axes, totals);
     let mut rows_without_motion = 0;
-    let summary = log.read(
-        &wanted,
-        &read,
+    let summary = read_with_memory(
+        log,
+        (&wanted, &read),
+        calibration,
         |block| {
             let rows = converter.convert(block);
             // What is not filtered is encoded by the workers.

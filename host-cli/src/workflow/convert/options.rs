@@ -92,7 +92,7 @@ pub enum OutputFormat {
 pub struct OutputPlan {
     /// The kind of file.
     pub format: OutputFormat,
-    /// Columns of the log, by place from 0, that are carried along as they stand.
+    /// Columns of numbers of the log, by place from 0, that are carried along.
     pub keep: Vec<usize>,
     /// Columns of text likewise, each once.
     pub keep_texts: Vec<usize>,

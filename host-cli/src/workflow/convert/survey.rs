@@ -3,7 +3,7 @@
 
 use super::error::ConvertError;
 use super::options::Conversion;
-use crate::workflow::selection::{Stop, fresh_rows};
+use crate::workflow::selection::{Stop, fresh_rows, read_with_memory};
 use forces::{FirstRows, ForcePipeline, PipelineSetup, TareRule};
 use log_file::Wanted;
 use shell_data::wrench::PerAxis;
@@ -33,15 +33,17 @@ pub(super) fn survey(
     };
     if !setup.is_done() {
         let by_time = matches!(forces.tare, TareRule::Between(..));
+        let by_time = by_time || calibration.needs_time();
         let time = log.has_time() || by_time || forces.low_pass.is_some() || options.load.is_some();
         if forces.low_pass.is_some() && !log.has_time() {
             let (path, reason) = (log.path().display().to_string(), "it has no time column");
             return Err(ConvertError::NoRate { path, reason });
         }
         let wanted = Wanted { readings: true, time, ..Wanted::default() };
-        let read = log.read(
-            &wanted,
-            read,
+        let read = read_with_memory(
+            log,
+            (&wanted, read),
+            calibration,
             |block| (fresh_rows(log, options.rows, block), std::mem::take(block)),
             |(fresh, block)| {
                 let (times_s, readings) = (&*block.time_s, &*block.readings);

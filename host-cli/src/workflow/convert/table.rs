@@ -2,6 +2,7 @@
 
 use super::frames::ConvertedFrames;
 use super::options::TableColumns;
+use shell_data::escape;
 use shell_data::wrench::{Axis, PerAxis};
 
 /// The writer of a table.
@@ -95,7 +96,7 @@ impl WrenchTable {
             if place > 0 {
                 text.push(b',');
             }
-            table_file::named_table::write_text(name, text);
+            text.extend_from_slice(escape::csv_field(name).as_bytes());
         }
         text.push(b'\n');
     }
@@ -174,7 +175,7 @@ impl WrenchTable {
                 if place > 0 || !columns.is_empty() {
                     text.push(b',');
                 }
-                table_file::named_table::write_text(&column[row], text);
+                text.extend_from_slice(escape::csv_field(&column[row]).as_bytes());
             }
             if flags {
                 if !columns.is_empty() || !frames.texts.is_empty() {

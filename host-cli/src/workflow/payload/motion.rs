@@ -2,7 +2,7 @@
 
 use super::PayloadLogError;
 use super::columns::{MotionColumns, require};
-use crate::workflow::selection::Stop;
+use crate::workflow::selection::{Stop, read_with_memory};
 use calibration::Calibration;
 use forces::payload::{Accelerometer, Lag, Motion, Payload, Vector, find_lag};
 use log_file::{Log, LogError, ReadOptions, Wanted};
@@ -73,9 +73,10 @@ pub fn find_motion_lag(
     let wanted = Wanted { time: true, readings: true, ..Wanted::default() };
     let mut times_s: Vec<f64> = Vec::new();
     let mut forces: [Vec<f64>; 3] = Default::default();
-    let result = log.read(
-        &wanted,
-        read,
+    let result = read_with_memory(
+        log,
+        (&wanted, read),
+        calibration,
         |block| {
             let mut wrench = Default::default();
             calibration.wrench(&block.readings, &mut wrench);

@@ -2,6 +2,7 @@
 
 use super::job::{TrialJob, TrialLogError};
 use calibration::Calibration;
+use calibration::memory::MemoryState;
 use forces::sampling::Sampling;
 use forces::stationary::{ZeroMove, ZeroWatch};
 use forces::{FirstRows, ForcePipeline, PipelineSetup, TareFrames, TareRule};
@@ -69,6 +70,8 @@ struct Reading<'a> {
     kinds: Vec<Telemetry>,
     /// The calibration and the search for tare and clock, where there are forces.
     setup: Option<(&'a Calibration, PipelineSetup)>,
+    /// The memory terms of the calibration, which take every row from the first on.
+    memory: Option<MemoryState>,
     /// Looks at the zero of the whole log: a drift can only be followed from rest to rest.
     watch: Option<ZeroWatch>,
     takes_all: bool,
@@ -114,6 +117,7 @@ impl<'a> Reading<'a> {
             exit_s: window.1,
             wanted: Wanted { time: true, readings, others, ..Wanted::default() },
             setup: calibration.map(setup),
+            memory: calibration.and_then(Calibration::start_memory),
             watch: watches.then(ZeroWatch::default),
             takes_all: options.trace == TraceExtent::Log,
             needed_s: None,
@@ -188,7 +192,8 @@ impl RowSelection for Reading<'_> {
         }
         let (low, high) = self.needed_s()?;
         let (first, last) = (times[0], times[times.len() - 1]);
-        Ok(self.wants_tare(last) || self.watch.is_some() || (last >= low && first <= high))
+        let takes_all = self.watch.is_some() || self.memory.is_some();
+        Ok(self.wants_tare(last) || takes_all || (last >= low && first <= high))
     }
 
     fn take(&mut self, block: &mut Block) -> Result<(), TrialLogError> {
@@ -196,6 +201,10 @@ impl RowSelection for Reading<'_> {
             true => block.fresh_rows(),
             false => vec![true; block.rows],
         };
+        self.watch_zero(block, &fresh);
+        if let Some(memory) = &mut self.memory {
+            memory.extend(block).expect("times, which are wanted");
+        }
         if self.wants_tare(block.time_s[block.rows - 1]) {
             let leg = self.kinds.iter().position(|kind| *kind == Telemetry::RightLeg);
             let leg = leg.map(|at| &*block.others[at]);
@@ -206,7 +215,6 @@ impl RowSelection for Reading<'_> {
             }
         }
         let (low, high) = self.needed_s()?;
-        self.watch_zero(block, &fresh);
         let times = &block.time_s;
         let rows = times.partition_point(|&t| t < low)..times.partition_point(|&t| t <= high);
         if rows.is_empty() {

@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::Path;
 
+use shell_data::wrench::{Axes, Axis};
 use system_tests::program;
 use system_tests::random::Random;
 
@@ -32,6 +33,56 @@ pub(super) fn make(dir: &Path) {
     ] {
         program::succeed(dir, arguments);
     }
+}
+
+/// Logs in binary files, of other programs: nulls, lists and decimals in the first.
+const BINARY: [&str; 14] = [
+    "table-file/tests/nested.parquet",
+    "log-file/fuzz/seeds/parquet/delta.parquet",
+    "log-file/fuzz/seeds/parquet/groups.parquet",
+    "log-file/fuzz/seeds/parquet/pages_v2.parquet",
+    "log-file/fuzz/seeds/parquet/polars_gzip.parquet",
+    "log-file/fuzz/seeds/parquet/polars_lz4.parquet",
+    "log-file/fuzz/seeds/parquet/polars_zstd.parquet",
+    "log-file/fuzz/seeds/numpy/records.npy",
+    "log-file/fuzz/seeds/numpy/by_column.npy",
+    "log-file/fuzz/seeds/matlab/matrix_compressed.mat",
+    "log-file/fuzz/seeds/matlab/vectors.mat",
+    "log-file/fuzz/seeds/mcap/lz4.mcap",
+    "log-file/fuzz/seeds/packed/plain.csv.gz",
+    "log-file/fuzz/seeds/xlsx/workbook.xlsx",
+];
+
+/// A log in a binary file, as a rule whole.
+pub(super) fn binary(random: &mut Random) -> Vec<u8> {
+    let name = BINARY[random.below(BINARY.len() as u64) as usize];
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../crates").join(name);
+    let mut bytes = fs::read(path).unwrap();
+    if random.percent(40) {
+        damage(&mut bytes, random);
+    }
+    bytes
+}
+
+/// A log with some of the axes of the wrench, and which these are. Others are gone, or misspelt.
+pub(super) fn of_some_axes(seeds: &Path, name: &str, random: &mut Random) -> (String, Axes) {
+    let text = fs::read_to_string(seeds.join(name)).unwrap();
+    let axes: Axes = Axis::ALL.into_iter().filter(|_| random.percent(70)).collect();
+    let absent = Axes::ALL.without(axes);
+    let is_misspelt = random.percent(30);
+    let header: Vec<&str> = text.lines().next().unwrap_or_default().split(',').collect();
+    let is_absent = |name: &str| absent.iter().any(|axis| axis.column() == name);
+    let line = |(at, line): (usize, &str)| {
+        let fields = line.split(',').zip(&header);
+        let fields = fields.filter(|(_, name)| is_misspelt || !is_absent(name)).map(
+            |(field, name)| match at == 0 && is_absent(name) {
+                true => format!("q{field}"),
+                false => field.to_owned(),
+            },
+        );
+        fields.collect::<Vec<_>>().join(",") + "\n"
+    };
+    (text.lines().enumerate().map(line).collect(), axes)
 }
 
 /// Bytes of a good file, or what is left of them.

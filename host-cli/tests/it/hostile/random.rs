@@ -6,6 +6,8 @@ use std::os::unix::ffi::OsStringExt;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use shell_data::wrench::{Axes, Axis};
+use system_tests::program;
 use system_tests::random::Random;
 
 use super::files;
@@ -15,7 +17,7 @@ use super::run::{Blow, run};
 const AMONG_TESTS: u64 = 300;
 
 /// Commands; capitals are files of that kind, `O.x` an output, `?` any number.
-const COMMANDS: [&str; 46] = [
+const COMMANDS: [&str; 56] = [
     "info T",
     "info R Z",
     "doctor T R C",
@@ -62,6 +64,16 @@ const COMMANDS: [&str; 46] = [
     "synth zero --rows ? --adc-bits ? --noise-scale ? -o O.csv",
     "record --replay Z -o O.csv --calibration C",
     "record --replay P --raw O.raw --framing cobs",
+    "info B --json",
+    "doctor B",
+    "fit B --model linear -o O.json",
+    "fit B --model linear --partial O.json",
+    "convert C B --keep all -o O.csv",
+    "convert C B --keep all -o O.parquet --skip-bad-rows",
+    "convert C B --keep all -o O.npy",
+    "eval C B --edited",
+    "export C O.py --edited",
+    "synth pair O.csv O.csv --duration ? --rate ? --margin ? --max-rows 1000",
 ];
 
 const NUMBERS: [&str; 14] =
@@ -111,7 +123,12 @@ fn draw(seeds: &Path, dir: &Path, random: &mut Random) -> Vec<OsString> {
             "S" => Some(("results/strides.csv", ".csv")),
             _ => None,
         };
-        if let Some((seed, extension)) = kind(word) {
+        if word == "B" {
+            let name = name(random, pick(&["", ".parquet", ".csv"], random));
+            fs::write(dir.join(&name), files::binary(random)).unwrap();
+            inputs.push(name.clone());
+            arguments.push(name);
+        } else if let Some((seed, extension)) = kind(word) {
             // Now and then a file of another kind.
             let seed = if random.percent(5) { pick(&files::SEEDS, random) } else { seed };
             let name = name(random, extension);
@@ -140,10 +157,66 @@ fn blow(random: &mut Random) -> Option<Blow> {
     random.percent(10).then_some(Blow { name, number, after })
 }
 
+/// A gate on logs and a calibration of some axes: exit 0 only if all that was asked for is in both.
+fn gate(seeds: &Path, dir: &Path, random: &mut Random) -> Result<(), String> {
+    let (train, calibrated) = files::of_some_axes(seeds, "train.csv", random);
+    let mut measured = Vec::new();
+    let mut arguments: Vec<OsString> = ["eval", "cal.json"].map(Into::into).to_vec();
+    fs::write(dir.join("train.csv"), train).unwrap();
+    for log in 0..=random.below(2) {
+        let (text, axes) = files::of_some_axes(seeds, "test.csv", random);
+        let name = format!("{log}.csv");
+        fs::write(dir.join(&name), text).unwrap();
+        arguments.push(name.into());
+        measured.push(axes);
+    }
+    if calibrated.is_empty() {
+        return Ok(());
+    }
+    program::succeed(dir, "fit train.csv --model linear --no-covariance -o cal.json");
+    let (forces, moments) = (random.percent(60), random.percent(60));
+    let limits = [(forces, "--max-rms"), (moments, "--max-rms-moment")];
+    // No error of these logs is as large as some limits, or as small as others.
+    let limit = pick(&["1e9", "1e-12"], random);
+    for (_, option) in limits.into_iter().filter(|(is_set, _)| *is_set) {
+        arguments.extend([option.into(), limit.into()]);
+    }
+    let is_limited = |axis: Axis| if axis.is_moment() { moments } else { forces };
+    let mut asked: Axes = Axis::ALL.into_iter().filter(|&axis| is_limited(axis)).collect();
+    if random.percent(40) {
+        let named: Axes = Axis::ALL.into_iter().filter(|_| random.percent(50)).collect();
+        let names: Vec<String> = named.iter().map(|axis| axis.name().to_lowercase()).collect();
+        if !named.is_empty() {
+            arguments.extend(["--axes".into(), names.join(",").into()]);
+            asked = named;
+        }
+    }
+    let line: Vec<_> = arguments.iter().map(|word| word.to_string_lossy()).collect();
+    let line = line.join(" ");
+    let passed = program::output(dir, &line).status.code() == Some(0);
+    let are_compared = calibrated.contain(asked) && measured.iter().all(|axes| axes.contain(asked));
+    let is_within = limit == "1e9" || !asked.iter().any(is_limited);
+    // Where nothing is left to compare the run ends before any gate.
+    let says_nothing = measured.iter().fold(calibrated, |all, axes| all.and(*axes)).is_empty();
+    let limits_nothing = (forces || moments) && !asked.iter().any(is_limited)
+        || [false, true].into_iter().any(|moment| {
+            let is_set = if moment { moments } else { forces };
+            is_set && !asked.iter().any(|axis| axis.is_moment() == moment)
+        });
+    match passed == (are_compared && is_within && !says_nothing && !limits_nothing) {
+        true => Ok(()),
+        false => Err(format!("{line}: passed: {passed}; {calibrated}; {measured:?}")),
+    }
+}
+
 /// What goes wrong with one seed.
 fn violation(seeds: &Path, seed: u64) -> Option<String> {
     let mut random = Random(seed);
     let dir = tempfile::tempdir().unwrap();
+    if random.percent(4) {
+        let problem = gate(seeds, dir.path(), &mut random).err()?;
+        return Some(format!("seed {seed}: a gate: {problem}"));
+    }
     let arguments = draw(seeds, dir.path(), &mut random);
     let problem = run(dir.path(), &arguments, blow(&mut random)).err()?;
     Some(format!("seed {seed}: {arguments:?}: {problem}"))

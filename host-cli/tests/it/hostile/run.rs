@@ -9,6 +9,8 @@ use std::process::{Child, Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use shell_data::escape;
+
 /// What a command takes at most.
 const PATIENCE: Duration = Duration::from_secs(30);
 
@@ -45,12 +47,20 @@ pub(super) fn run(dir: &Path, arguments: &[OsString], blow: Option<Blow>) -> Res
         let bytes = fs::read(path).unwrap_or_default();
         fs::remove_file(path).map(|()| bytes).map_err(|error| error.to_string())
     };
-    take(&stdout)?;
-    let stderr = take(&stderr)?;
-    let stderr = String::from_utf8_lossy(&stderr).into_owned();
+    let stdout = String::from_utf8_lossy(&take(&stdout)?).into_owned();
+    let stderr = String::from_utf8_lossy(&take(&stderr)?).into_owned();
     let is_ours = blow.is_some_and(|blow| status.signal() == Some(blow.number));
     if !is_ours && !matches!(status.code(), Some(0..=2)) {
         return Err(format!("it ended with {status}: {stderr}"));
+    }
+    // A recording that goes to the standard output is no text for a terminal.
+    let is_invisible = |c: char| c != '\n' && c != '\t' && escape::is_invisible(c);
+    let is_data =
+        arguments.iter().any(|word| word == "convert" || word == "align" || word == "synth");
+    for (name, text) in [("stdout", &stdout), ("stderr", &stderr)] {
+        if text.contains(is_invisible) && !(name == "stdout" && is_data) {
+            return Err(format!("{name} steers the terminal: {text:?}"));
+        }
     }
     if stderr.contains("panicked at") {
         return Err(format!("it panicked: {stderr}"));

@@ -2,10 +2,9 @@
 
 use shared_proto::{
     Answer, Board, BoardId, Boot, Calibration, Command, Cubic, Decoder, Edge, Event, Framing,
-    Health, MAX_PIECE, Packet, Piece, Sample, Status, crc32,
+    Health, MAX_PIECE, Packet, PacketOrigin, Piece, Sample, Status, crc32,
 };
-use system_tests::emulation::PlayedFrame;
-use system_tests::flashed::{FlashedBoard, Model, Report, SERIAL};
+use system_tests::flashed::{FlashedBoard, Model, PlayedFrame, Report, SERIAL};
 pub use system_tests::random::Random;
 
 /// How long an answer may take: two frames on the line, and samples that are on their way.
@@ -25,7 +24,7 @@ pub fn boards() -> [Modelled; 2] {
     let (skinproc, nucleo) = (Model::find(), Model::find_nucleo());
     [
         Modelled { model: skinproc, board: Board::SkinProc, conversion_ns: 3_250 },
-        Modelled { model: nucleo, board: Board::NucleoG491re, conversion_ns: 6_500 },
+        Modelled { model: nucleo, board: Board::NucleoG491re, conversion_ns: 2_625 },
     ]
 }
 
@@ -37,6 +36,8 @@ pub struct Host {
     pub boots: Vec<Boot>,
     pub healths: Vec<Health>,
     pub edges: Vec<Edge>,
+    /// What the newest packet says it comes from.
+    pub origin: Option<PacketOrigin>,
     pub resets: Vec<String>,
     pub last: Report,
     number: u16,
@@ -56,6 +57,7 @@ impl Host {
             boots: Vec::new(),
             healths: Vec::new(),
             edges: Vec::new(),
+            origin: None,
             resets: Vec::new(),
             last: last.clone(),
             number: 0,
@@ -78,15 +80,19 @@ impl Host {
     }
 
     fn take_bytes(&mut self, bytes: &[u8]) -> Vec<(u16, Answer)> {
-        let Self { decoder, samples, boots, healths, edges, .. } = self;
+        let Self { decoder, samples, boots, healths, edges, origin, .. } = self;
         let mut answers = Vec::new();
-        decoder.feed(bytes, |event| match event {
-            Event::Sample { sample, .. } => samples.push(sample),
-            Event::Boot(boot) => boots.push(boot),
-            Event::Health(health) => healths.push(health),
-            Event::Edge(edge) => edges.push(edge),
-            Event::Answer { number, answer } => answers.push((number, answer)),
-            other => panic!("{other:?}"),
+        decoder.feed(bytes, |event| {
+            let Event::Packet(received) = event else { panic!("{event:?}") };
+            *origin = received.origin;
+            match received.packet {
+                Packet::Sample(sample) => samples.push(sample),
+                Packet::Boot(boot) => boots.push(boot),
+                Packet::Health(health) => healths.push(health),
+                Packet::Edge(edge) => edges.push(edge),
+                Packet::Answer { number, answer } => answers.push((number, answer)),
+                Packet::Command { .. } => panic!("{received:?}"),
+            }
         });
         answers
     }

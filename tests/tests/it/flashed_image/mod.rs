@@ -5,7 +5,6 @@
 
 mod host;
 mod line;
-mod measures;
 mod power;
 mod program;
 mod wires;

@@ -5,8 +5,8 @@ use system_tests::flashed::Model;
 
 use super::host::{Host, Modelled, boards, calibration, crc_of};
 
-/// Two pages erased, and a slot of 2,304 bytes in double words.
-const OPERATIONS: u64 = 2 + 2_304 / 8;
+/// Two pages erased, and a slot of 2,280 bytes in double words.
+const OPERATIONS: u64 = 2 + 2_280 / 8;
 
 /// Operations that the power is cut during: the first ones, the last ones, and one in so many between. All of them,
 /// in the slots' own tests, leave a calibration.

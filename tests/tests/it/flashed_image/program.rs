@@ -3,10 +3,11 @@
 use board_link::for_board;
 use calibration_file::CalibrationFile;
 use shared_proto::xbee::Mode;
+use shell_data::wrench::PerAxis;
 use std::path::Path;
 use system_tests::flashed::Model;
 use system_tests::program::{
-    Recording, finish, interrupt, run, run_patiently, start, wait_for_rows,
+    Recording, finish, interrupt, number, run, run_patiently, start, wait_for_rows,
 };
 
 use super::host::{crc_of, played};
@@ -14,11 +15,12 @@ use super::wires::{code, expected};
 use crate::bridge::{BaseStation, EmulatedBoard};
 
 const READINGS: [&str; 8] = ["s1", "s2", "s3", "s4", "s5", "s6", "s7", "s8"];
+const WRENCH: [&str; 6] = ["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"];
 
 /// Starts a board behind a base station; it plays a script of 53 frames.
 fn start_board(model: &Model, base: BaseStation, dir: &Path) -> EmulatedBoard {
     let script = played(53, code);
-    EmulatedBoard::start_with(base, |address| {
+    EmulatedBoard::start(base, |address| {
         let mut command = model.command(&script, dir);
         command.args(["--connect", &address.to_string()]);
         command
@@ -41,7 +43,7 @@ fn shellcal_sets_the_board_up_and_records_it_whole() {
     assert!(command("identify", 0).contains("skinproc"));
     command("sampling --settling 100", 0);
     command("rate 150", 0);
-    // 5,820 bytes per second do not carry 30 of each of 400 samples.
+    // 5,820 bytes per second do not carry 34 of each of 400 samples.
     command("sampling --conversions 4 --settling 30", 0);
     assert!(command("rate 400", 2).contains("Hz would do"));
 
@@ -65,4 +67,31 @@ fn shellcal_sets_the_board_up_and_records_it_whole() {
     let calibration = CalibrationFile::read(&dir.join("cal.json")).unwrap().calibration;
     let crc = crc_of(&for_board(&calibration).unwrap());
     assert!(command("--json status", 0).contains(&format!("{crc:#010x}")));
+
+    // Wrenches of the board, beside those of the host from the same readings.
+    command("mode wrench", 0);
+    let frames: usize = number(&command("--json status", 0), "frames").try_into().unwrap();
+    let arguments = format!("record {} --start -o wrench.csv", board.port);
+    let child = start(dir, &arguments);
+    wait_for_rows(&dir.join("wrench.csv"), 200);
+    interrupt(&child);
+    finish(child, &arguments, 0);
+    let log = Recording::read(&dir.join("wrench.csv"));
+    let readings: Vec<Vec<f64>> = (0..8)
+        .map(|channel| {
+            let reading = |row| f64::from(expected((frames + row) % 53)[channel]) / 16.0;
+            (0..log.rows()).map(reading).collect()
+        })
+        .collect();
+    let mut by_the_host = PerAxis::default();
+    calibration.wrench(&readings, &mut by_the_host);
+    for (name, by_the_host) in WRENCH.into_iter().zip(&by_the_host) {
+        for (row, (wrench, by_the_host)) in log.numbers(name).iter().zip(by_the_host).enumerate() {
+            // Single precision: sums of terms up to some 100 N that round at 2⁻²⁴ of it, 25 times.
+            assert!(
+                (wrench - by_the_host).abs() < 1e-3,
+                "{name}, row {row}: {wrench} {by_the_host}"
+            );
+        }
+    }
 }

@@ -127,12 +127,12 @@ pub(crate) struct MomentLayout {
 impl MomentLayout {
     /// The layout for a basis over `channels` channels.
     pub(crate) fn new(basis: Basis, channels: usize) -> Self {
-        let model = Model { basis, intercept: false, channels };
+        let model = Model { basis, intercept: false, channels, memory: 0 };
         let features = model.terms();
-        let groups = if basis == Basis::Cubic {
-            powers(channels)
-        } else {
-            mixed(&features, channels, basis.degree())
+        let groups = match basis {
+            Basis::Cubic => powers(channels),
+            Basis::CubicProducts => powers_and_products(channels),
+            _ => mixed(&features, channels, basis.degree()),
         };
         let mut monomials = vec![Monomial::ONE];
         monomials.extend(features.iter().map(|&f| Monomial::product(f, Term::INTERCEPT)));
@@ -240,6 +240,41 @@ fn powers(channels: usize) -> Vec<ProductGroup> {
         .collect()
 }
 
+/// Powers up to the third of each channel and products of two channels: what [`powers`] has but for the products of
+/// two channels, which are features; and the products of these with powers and with each other.
+fn powers_and_products(channels: usize) -> Vec<ProductGroup> {
+    let n = channels;
+    let power = |channel: usize, exponent: usize| 3 * channel + exponent - 1;
+    // Of channels j < k, in lexicographic order after the powers; `pair(j, j + 1)..pair(j + 1, j + 2)` are those of j.
+    let pair = |j: usize, k: usize| 3 * n + j * (2 * n - j - 1) / 2 + k - j - 1;
+    let end = pair(n, n + 1);
+    let mut groups = Vec::new();
+    for i in 0..n {
+        let (first, square, cube) = (power(i, 1), power(i, 2), power(i, 3));
+        let later_pairs = pair(i + 1, i + 2)..end;
+        groups.push(ProductGroup { left: vec![cube], right: first..cube + 1 });
+        groups.push(ProductGroup { left: vec![square, cube], right: cube + 1..3 * n });
+        groups.extend(
+            (i + 1..n)
+                .map(|j| ProductGroup { left: vec![first], right: power(j, 2)..power(j, 3) + 1 }),
+        );
+        // Pairs that do not begin with this channel, and those that have it: its own first.
+        groups.push(ProductGroup { left: vec![cube], right: pair(i, i + 1)..later_pairs.start });
+        groups.push(ProductGroup { left: vec![first, square, cube], right: later_pairs.clone() });
+        for j in 0..i {
+            groups
+                .push(ProductGroup { left: vec![square, cube], right: pair(j, j + 1)..pair(j, i) });
+            groups.push(ProductGroup { left: vec![cube], right: pair(j, i)..pair(j, i) + 1 });
+            let after = pair(j, i) + 1..pair(j + 1, j + 2);
+            groups.push(ProductGroup { left: vec![square, cube], right: after });
+        }
+        let ends_here = (0..i).map(|j| pair(j, i)).collect();
+        groups.push(ProductGroup { left: ends_here, right: later_pairs });
+    }
+    groups.retain(|group| !group.left.is_empty() && !group.right.is_empty());
+    groups
+}
+
 /// All products up to `degree`, see the module.
 fn mixed(features: &[Term], channels: usize, degree: usize) -> Vec<ProductGroup> {
     let whole = |term: &Term| term.factors().len() == degree;
@@ -271,7 +306,7 @@ mod tests {
             for channels in 1..=8 {
                 let layout = MomentLayout::new(basis, channels);
                 let mut used = vec![false; layout.sums()];
-                let terms = Model { basis, intercept: true, channels }.terms();
+                let terms = Model { basis, intercept: true, channels, memory: 0 }.terms();
                 for &a in &terms {
                     for &b in &terms {
                         used[layout.position(a, b)] = true;
@@ -284,9 +319,10 @@ mod tests {
 
     #[test]
     fn eight_channels_need_as_many_sums_as_there_are_monomials() {
-        // C(8 + 2d, 8) monomials of degree up to 2d; for powers 28 pairs × 9 + 8 × 6 + 1.
+        // C(8 + 2d, 8) monomials of degree up to 2d; for powers 28 pairs × 9 + 8 × 6 + 1; with products also 56 of a
+        // fourth power and another channel, 56 of three channels, 168 × 2 with a square or cube, 70 of four.
         let sums = Basis::ALL.map(|basis| MomentLayout::new(basis, 8).sums());
-        assert_eq!(sums, [45, 301, 495, 3003]);
+        assert_eq!(sums, [45, 301, 495, 819, 3003]);
     }
 
     #[test]

@@ -78,6 +78,17 @@ impl From<&Moments> for StoredMoments {
     }
 }
 
+/// The most digits of an integer. Products of two loads, which are doubles between 10⁻³⁰⁸ and 10¹⁵, take some 700.
+const MAX_DIGITS: usize = 2_000;
+
+/// The text of an integer that is not too long: reading one takes time by the square of its length.
+fn of_digits(text: &str) -> Result<&str, String> {
+    match text.len() {
+        0..=MAX_DIGITS => Ok(text),
+        found => Err(format!("an integer has `{found}` digits, at most `{MAX_DIGITS}` are read")),
+    }
+}
+
 /// The places of the pairs of some axes among those of all, in their order.
 fn pairs(axes: Axes) -> Vec<usize> {
     let of = |first: Axis| {
@@ -121,7 +132,12 @@ impl Moments {
         if stored.channels.is_empty() || stored.channels.len() > 255 {
             return Err(format!("`{}` channels, expected 1 to 255", stored.channels.len()));
         }
-        let model = Model { basis: stored.basis, intercept: true, channels: stored.channels.len() };
+        let model = Model {
+            basis: stored.basis,
+            intercept: true,
+            channels: stored.channels.len(),
+            memory: 0,
+        };
         model.check_size().map_err(|error| error.to_string())?;
         let mut moments = Moments::new(stored.basis, stored.channels.len());
         let sane = |c: &ChannelRange| c.fits() && c.unit.is_sane();
@@ -138,6 +154,7 @@ impl Moments {
         expect("axes", stored.wrench.len(), stored.axes.count())?;
         expect("products of axes", stored.squares.len(), squares.len())?;
         for (sum, text) in moments.readings.iter_mut().zip(&stored.readings) {
+            let text = of_digits(text)?;
             *sum = text.parse().map_err(|_| format!("`{text}` is not an integer of 128 bits"))?;
         }
         if moments.readings[0] != i128::from(stored.rows) {
@@ -146,6 +163,7 @@ impl Moments {
         let parse = |sums: &mut ScaledIntegers, stored: &StoredIntegers| {
             expect("sums of an axis", stored.values.len(), sums.values.len())?;
             for (value, text) in sums.values.iter_mut().zip(&stored.values) {
+                let text = of_digits(text)?;
                 *value = text.parse().map_err(|_| format!("`{text}` is not an integer"))?;
             }
             if !(-4000..=4000).contains(&stored.exponent) {

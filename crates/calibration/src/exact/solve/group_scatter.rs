@@ -120,7 +120,7 @@ mod tests {
         let total = moments(&readings, &wrench, |_| true);
         let parts: Vec<Moments> =
             (0..7).map(|g| moments(&readings, &wrench, |row| groups[row] == g)).collect();
-        let model = Model { basis: Basis::Quadratic, intercept: true, channels: 2 };
+        let model = Model { basis: Basis::Quadratic, intercept: true, channels: 2, memory: 0 };
         let found = PartitionedMoments::new(&total, &model).unwrap();
         let found = found.by_group(&parts.iter().collect::<Vec<_>>(), 0.0).unwrap();
 
@@ -191,7 +191,7 @@ mod tests {
         let total = moments(&readings, &wrench, |_| true);
         let parts: Vec<Moments> =
             (0..7).map(|g| moments(&readings, &wrench, |row| groups[row] == g)).collect();
-        let model = Model { basis: Basis::Linear, intercept: true, channels: 2 };
+        let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
         let found = PartitionedMoments::new(&total, &model).unwrap();
         let found = found.by_group(&parts.iter().collect::<Vec<_>>(), 0.0);
         assert_eq!(found.unwrap_err(), ScatterError::Alone(vec![3]).into());

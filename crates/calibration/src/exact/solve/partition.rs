@@ -53,8 +53,12 @@ impl<'a> PartitionedMoments<'a> {
     pub fn new(total: &'a Moments, model: &Model) -> Result<Self, SolveError> {
         let terms = model.terms();
         if model.channels != total.channels() || !contains(total, &terms) {
-            let summed =
-                Model { basis: total.basis(), intercept: true, channels: total.channels() };
+            let summed = Model {
+                basis: total.basis(),
+                intercept: true,
+                channels: total.channels(),
+                memory: 0,
+            };
             return Err(SolveError::OtherFeatures { summed: summed.name(), asked: model.name() });
         }
         if total.rows() == 0 {

@@ -33,8 +33,12 @@ impl Moments {
             return Err(SolveError::Ridge(ridge));
         }
         if model.channels != self.channels.len() || !contains(self, &terms) {
-            let summed =
-                Model { basis: self.basis, intercept: true, channels: self.channels.len() };
+            let summed = Model {
+                basis: self.basis,
+                intercept: true,
+                channels: self.channels.len(),
+                memory: 0,
+            };
             return Err(SolveError::OtherFeatures { summed: summed.name(), asked: model.name() });
         }
         if self.rows < terms.len() as u64 && ridge == 0.0 || self.rows == 0 {

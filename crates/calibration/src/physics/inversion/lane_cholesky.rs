@@ -1,25 +1,23 @@
-//! [Cholesky factors](crate::physics::cholesky) of one 6×6 matrix per lane.
+//! [Cholesky factors](crate::physics::cholesky) of one small matrix per lane.
 
 use pulp::Simd;
 
-use shell_data::wrench::PerAxis;
-
 /// The lower factor of `A = L·Lᵀ`; not numbers in a lane whose `A` is not positive definite.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct LaneCholesky<S: Simd> {
-    l: PerAxis<PerAxis<S::f64s>>,
+pub(super) struct LaneCholesky<S: Simd, const N: usize> {
+    l: [[S::f64s; N]; N],
     /// `1/L[j][j]`.
-    inverse: PerAxis<S::f64s>,
+    inverse: [S::f64s; N],
 }
 
-impl<S: Simd> LaneCholesky<S> {
+impl<S: Simd, const N: usize> LaneCholesky<S, N> {
     /// Reads the lower triangle of `a`.
     #[inline(always)]
-    pub(super) fn new(simd: S, a: &PerAxis<PerAxis<S::f64s>>) -> Self {
+    pub(super) fn new(simd: S, a: &[[S::f64s; N]; N]) -> Self {
         let one = simd.splat_f64s(1.0);
-        let (mut l, mut inverse) = (*a, [one; 6]);
-        for j in 0..6 {
-            for i in j..6 {
+        let (mut l, mut inverse) = (*a, [one; N]);
+        for j in 0..N {
+            for i in j..N {
                 for k in 0..j {
                     l[i][j] = simd.negate_mul_add_f64s(l[i][k], l[j][k], l[i][j]);
                 }
@@ -34,16 +32,16 @@ impl<S: Simd> LaneCholesky<S> {
 
     /// `A⁻¹·b`.
     #[inline(always)]
-    pub(super) fn solve(&self, simd: S, b: &PerAxis<S::f64s>) -> PerAxis<S::f64s> {
+    pub(super) fn solve(&self, simd: S, b: &[S::f64s; N]) -> [S::f64s; N] {
         let mut x = *b;
-        for i in 0..6 {
+        for i in 0..N {
             for k in 0..i {
                 x[i] = simd.negate_mul_add_f64s(self.l[i][k], x[k], x[i]);
             }
             x[i] = simd.mul_f64s(x[i], self.inverse[i]);
         }
-        for i in (0..6).rev() {
-            for k in i + 1..6 {
+        for i in (0..N).rev() {
+            for k in i + 1..N {
                 x[i] = simd.negate_mul_add_f64s(self.l[k][i], x[k], x[i]);
             }
             x[i] = simd.mul_f64s(x[i], self.inverse[i]);
@@ -53,12 +51,12 @@ impl<S: Simd> LaneCholesky<S> {
 
     /// The diagonal of `A⁻¹`: the sums of the squares of the columns of `L⁻¹`.
     #[inline(always)]
-    pub(super) fn inverse_diagonal(&self, simd: S) -> PerAxis<S::f64s> {
+    pub(super) fn inverse_diagonal(&self, simd: S) -> [S::f64s; N] {
         let zero = simd.splat_f64s(0.0);
         std::array::from_fn(|j| {
-            let (mut column, mut sum) = ([zero; 6], zero);
+            let (mut column, mut sum) = ([zero; N], zero);
             column[j] = self.inverse[j];
-            for i in j..6 {
+            for i in j..N {
                 for k in j..i {
                     column[i] = simd.negate_mul_add_f64s(self.l[i][k], column[k], column[i]);
                 }
@@ -81,7 +79,7 @@ mod tests {
 
     #[test]
     fn agrees_with_the_factor_of_one_matrix() {
-        let a: PerAxis<PerAxis<f64>> = std::array::from_fn(|i| {
+        let a: [[f64; 6]; 6] = std::array::from_fn(|i| {
             std::array::from_fn(|j| if i == j { 9.0 + i as f64 } else { 1.0 / (1 + i + j) as f64 })
         });
         let b = [1.0, -2.0, 0.5, 3.0, 0.0, 7.0];

@@ -1,9 +1,12 @@
 //! From frames of readings to wrenches.
 //!
 //! ```text
-//! minimise  Σ (yᵢ − fᵢ(x))²/vᵢ + λ·xᵀΣ_w⁻¹x      vᵢ = σ² + τ²·(dfᵢ/dq)² + gᵢᵀCᵢgᵢ
+//! minimise  Σ (yᵢ − fᵢ(x, u))²/vᵢ + λ·xᵀΣ_w⁻¹x + uᵀu      vᵢ = σ² + τ²·(dfᵢ/dq)² + gᵢᵀCᵢgᵢ
 //! ```
 //!
+//! over the wrench `x` and the [factors](crate::physics::factors) `u` that the sensors share, which displace as
+//! the wrench does: `q = b + aᵀx + cᵀu`. To first order that is `u` integrated out, where the variance of the
+//! sensors' answers has `D·C·Cᵀ·D` beside `v`. The minimum is found
 //! by Gauss's and Newton's steps with `v` from the step before. `gᵀCg` is what the parameters of the
 //! sensor are unsure about there, so a sensor counts little where it was not trained; on a plateau
 //! `df/dx` is nothing, so a saturated sensor drops out by itself. The start inverts each curve for its
@@ -23,6 +26,7 @@ mod ready;
 
 use self::newton::Invert;
 use self::ready::Ready;
+use super::factors::FACTORS;
 use super::model::PhysicsModel;
 use super::noise::Noise;
 use shell_data::instructions::arch;
@@ -68,14 +72,18 @@ pub struct Estimates {
 /// the others agree.
 const LEAVE_OUT_OF: u32 = 8;
 
+/// Axes and factors.
+const MOST_UNKNOWNS: usize = 6 + FACTORS;
+
 /// A model made ready to convert frames.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Inversion {
     sensors: Vec<Ready>,
     channels: usize,
     scale: PerAxis<f64>,
-    /// `λ·Σ_w⁻¹`.
-    prior: PerAxis<PerAxis<f64>>,
+    /// `λ·Σ_w⁻¹`, and one for each factor.
+    prior: [[f64; MOST_UNKNOWNS]; MOST_UNKNOWNS],
+    factors: usize,
     noise: Noise,
     dead: u16,
 }
@@ -85,13 +93,26 @@ impl Inversion {
     pub fn new(model: &PhysicsModel) -> Self {
         let all = ((1_u32 << model.channels) - 1) as u16;
         let known = model.sensors.iter().fold(0, |mask, sensor| mask | 1 << sensor.channel);
-        Self {
+        let mut inversion = Self {
             sensors: model.sensors.iter().map(|s| Ready::new(s, &model.noise)).collect(),
             channels: model.channels,
             scale: model.wrench_scale,
-            prior: model.load_precision.map(|row| row.map(|x| model.lambda * x)),
+            prior: [[0.0; MOST_UNKNOWNS]; MOST_UNKNOWNS],
+            factors: model.factor_count(),
             noise: model.noise,
             dead: all & !known,
+        };
+        inversion.set_prior(model);
+        inversion
+    }
+
+    /// Takes λ and the loads of a model that is the same otherwise.
+    pub(super) fn set_prior(&mut self, model: &PhysicsModel) {
+        for (i, row) in self.prior.iter_mut().enumerate() {
+            row[i] = 1.0;
+            if let Some(loads) = model.load_precision.get(i) {
+                row.iter_mut().zip(loads).for_each(|(p, x)| *p = model.lambda * x);
+            }
         }
     }
 
@@ -127,9 +148,22 @@ impl Inversion {
             flags: vec![Flags::default(); rows],
         };
         let mut sums = column();
-        let invert = Invert { inversion: self, readings, out: &mut out, sums: &mut sums };
-        arch().dispatch(invert);
+        let (out_of, sums_of) = (&mut out, &mut sums);
+        match self.factors {
+            0 => self.dispatch::<6>(readings, out_of, sums_of),
+            1 => self.dispatch::<7>(readings, out_of, sums_of),
+            _ => self.dispatch::<MOST_UNKNOWNS>(readings, out_of, sums_of),
+        }
         (out, sums)
+    }
+
+    fn dispatch<const N: usize>(
+        &self,
+        readings: &[Vec<f64>],
+        out: &mut Estimates,
+        sums: &mut [f64],
+    ) {
+        arch().dispatch(Invert::<'_, N> { inversion: self, readings, out, sums });
     }
 
     /// Solves rows with a reading that does not fit again, without the sensor that leaves the least
@@ -209,6 +243,7 @@ mod tests {
             range: 700.0,
             parameters: parameters(place),
             covariance: [[0.0; PARAMETERS]; PARAMETERS],
+            loadings: [0.0; FACTORS],
         };
         PhysicsModel {
             channels: 9,

@@ -11,7 +11,6 @@ use super::{Estimates, Inversion};
 use crate::physics::lanes::{Answers, MOST_LANES, load, store};
 use crate::physics::observations::MOST_CHANNELS;
 use crate::physics::response::PARAMETERS;
-use shell_data::wrench::PerAxis;
 
 /// Most steps, halved ones among them; five or six are usual.
 const STEPS: usize = 16;
@@ -26,7 +25,7 @@ const HALVINGS: f64 = 4.0;
 pub(super) const FAR: f64 = 5.0;
 
 /// The rows of some columns, inlined whole into code for the widest vectors of the machine.
-pub(super) struct Invert<'a> {
+pub(super) struct Invert<'a, const N: usize> {
     pub(super) inversion: &'a Inversion,
     /// One column per channel, counts.
     pub(super) readings: &'a [Vec<f64>],
@@ -35,7 +34,7 @@ pub(super) struct Invert<'a> {
     pub(super) sums: &'a mut [f64],
 }
 
-impl WithSimd for Invert<'_> {
+impl<const N: usize> WithSimd for Invert<'_, N> {
     type Output = ();
 
     #[inline(always)]
@@ -44,7 +43,7 @@ impl WithSimd for Invert<'_> {
         for first in (0..rows).step_by(S::F64_LANES) {
             let count = S::F64_LANES.min(rows - first);
             let frames = Frames::<S>::new(simd, self.inversion, self.readings, first, count);
-            let found = self.inversion.descend(simd, &frames);
+            let found = self.inversion.descend::<S, N>(simd, &frames);
             self.inversion.write(simd, &frames, &found, (first, count), self.out);
             let sum = store::<S>(found.sum);
             self.sums[first..first + count].copy_from_slice(&sum[..count]);
@@ -64,8 +63,9 @@ struct Frames<S: Simd> {
 
 /// The curves at one wrench per lane, and the equations of the next step.
 #[derive(Clone, Copy)]
-struct State<S: Simd> {
-    x: PerAxis<S::f64s>,
+struct State<S: Simd, const N: usize> {
+    /// The wrench, then the factors.
+    x: [S::f64s; N],
     residual: [S::f64s; MOST_CHANNELS],
     slope: [S::f64s; MOST_CHANNELS],
     /// Inverse variances; zero of a sensor that is not in use.
@@ -75,10 +75,10 @@ struct State<S: Simd> {
 }
 
 /// Where the steps of each lane ended.
-struct Found<S: Simd> {
-    state: State<S>,
+struct Found<S: Simd, const N: usize> {
+    state: State<S, N>,
     /// The last step, too short for the curves to be looked at again.
-    rest: PerAxis<S::f64s>,
+    rest: [S::f64s; N],
     /// The sum at `state`.
     sum: S::f64s,
     /// One where the steps came to rest.
@@ -86,7 +86,7 @@ struct Found<S: Simd> {
 }
 
 /// The curvature of half the sum, lower triangle, and its descent.
-type Equations<S> = (PerAxis<PerAxis<<S as Simd>::f64s>>, PerAxis<<S as Simd>::f64s>);
+type Equations<S, const N: usize> = ([[<S as Simd>::f64s; N]; N], [<S as Simd>::f64s; N]);
 
 impl<S: Simd> Frames<S> {
     #[inline(always)]
@@ -123,7 +123,7 @@ impl<S: Simd> Frames<S> {
 impl Inversion {
     /// Steps from the start until each lane rests.
     #[inline(always)]
-    fn descend<S: Simd>(&self, simd: S, frames: &Frames<S>) -> Found<S> {
+    fn descend<S: Simd, const N: usize>(&self, simd: S, frames: &Frames<S>) -> Found<S, N> {
         let (zero, one, half) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0), simd.splat_f64s(0.5));
         let mut state = self.state(simd, frames, &self.start(simd, frames));
         let mut before = state.held_back;
@@ -131,7 +131,7 @@ impl Inversion {
             before = add_square(simd, before, state.residual[place], state.weight[place]);
         }
         let mut step = self.step(simd, &state).0;
-        let mut rest = [zero; 6];
+        let mut rest = [zero; N];
         let (mut active, mut converged, mut halvings) = (one, zero, zero);
         for _ in 0..STEPS {
             let at = std::array::from_fn(|axis| simd.add_f64s(state.x[axis], step[axis]));
@@ -153,7 +153,7 @@ impl Inversion {
             let is_short = simd.less_than_f64s(length, simd.splat_f64s(REST));
             let rests = simd.select_f64s(is_short, down, zero);
             let is_resting = simd.greater_than_f64s(rests, zero);
-            for axis in 0..6 {
+            for axis in 0..N {
                 rest[axis] = simd.select_f64s(is_resting, next_step[axis], rest[axis]);
                 let halved = simd.mul_f64s(half, step[axis]);
                 step[axis] = simd.select_f64s(taken, next_step[axis], halved);
@@ -171,17 +171,22 @@ impl Inversion {
 
     /// The wrench of the displacements that the readings alone say.
     #[inline(always)]
-    fn start<S: Simd>(&self, simd: S, frames: &Frames<S>) -> PerAxis<S::f64s> {
+    fn start<S: Simd, const N: usize>(&self, simd: S, frames: &Frames<S>) -> [S::f64s; N] {
         let zero = simd.splat_f64s(0.0);
-        let mut equations = (self.prior.map(|row| row.map(|p| simd.splat_f64s(p))), [zero; 6]);
+        let mut equations = (self.prior_lanes(simd), [zero; N]);
         for (sensor, &(q, weight)) in self.sensors.iter().zip(&frames.start) {
-            add::<S>(simd, &mut equations, sensor, weight, simd.mul_f64s(weight, q));
+            add::<S, N>(simd, &mut equations, sensor, weight, simd.mul_f64s(weight, q));
         }
         LaneCholesky::new(simd, &equations.0).solve(simd, &equations.1)
     }
 
     #[inline(always)]
-    fn state<S: Simd>(&self, simd: S, frames: &Frames<S>, x: &PerAxis<S::f64s>) -> State<S> {
+    fn state<S: Simd, const N: usize>(
+        &self,
+        simd: S,
+        frames: &Frames<S>,
+        x: &[S::f64s; N],
+    ) -> State<S, N> {
         let zeros = [simd.splat_f64s(0.0); MOST_CHANNELS];
         let mut state = State {
             x: *x,
@@ -214,23 +219,30 @@ impl Inversion {
     }
 
     #[inline(always)]
-    fn equations<S: Simd>(&self, simd: S, state: &State<S>) -> Equations<S> {
-        let mut equations = (
-            self.prior.map(|row| row.map(|p| simd.splat_f64s(p))),
-            self.prior.map(|row| simd.neg_f64s(inner(simd, &row, &state.x))),
-        );
+    fn prior_lanes<S: Simd, const N: usize>(&self, simd: S) -> [[S::f64s; N]; N] {
+        std::array::from_fn(|i| std::array::from_fn(|j| simd.splat_f64s(self.prior[i][j])))
+    }
+
+    #[inline(always)]
+    fn equations<S: Simd, const N: usize>(&self, simd: S, state: &State<S, N>) -> Equations<S, N> {
+        let held_back = |i: usize| simd.neg_f64s(inner(simd, &self.prior[i], &state.x));
+        let mut equations = (self.prior_lanes(simd), std::array::from_fn(held_back));
         for (place, sensor) in self.sensors.iter().enumerate() {
             let weighted = simd.mul_f64s(state.weight[place], state.slope[place]);
             let pull = simd.mul_f64s(weighted, state.residual[place]);
             let weight = simd.mul_f64s(weighted, state.slope[place]);
-            add::<S>(simd, &mut equations, sensor, weight, pull);
+            add::<S, N>(simd, &mut equations, sensor, weight, pull);
         }
         equations
     }
 
     /// The step to take from `state`, and its length in standard errors, squared.
     #[inline(always)]
-    fn step<S: Simd>(&self, simd: S, state: &State<S>) -> (PerAxis<S::f64s>, S::f64s) {
+    fn step<S: Simd, const N: usize>(
+        &self,
+        simd: S,
+        state: &State<S, N>,
+    ) -> ([S::f64s; N], S::f64s) {
         let (curvature, descent) = self.equations(simd, state);
         let step = LaneCholesky::new(simd, &curvature).solve(simd, &descent);
         let zero = simd.splat_f64s(0.0);
@@ -239,17 +251,17 @@ impl Inversion {
     }
 
     #[inline(always)]
-    fn write<S: Simd>(
+    fn write<S: Simd, const N: usize>(
         &self,
         simd: S,
         frames: &Frames<S>,
-        found: &Found<S>,
+        found: &Found<S, N>,
         (first, count): (usize, usize),
         out: &mut Estimates,
     ) {
         let (curvature, _) = self.equations(simd, &found.state);
         let variances = LaneCholesky::new(simd, &curvature).inverse_diagonal(simd);
-        for (axis, &variance) in variances.iter().enumerate() {
+        for (axis, &variance) in variances[..6].iter().enumerate() {
             let scale = simd.splat_f64s(self.scale[axis]);
             let x = simd.add_f64s(found.state.x[axis], found.rest[axis]);
             let wrench = store::<S>(simd.mul_f64s(x, scale));
@@ -280,11 +292,11 @@ impl Inversion {
     }
 }
 
-impl<S: Simd> State<S> {
+impl<S: Simd, const N: usize> State<S, N> {
     /// Becomes `next` in the lanes of `taken`.
     #[inline(always)]
     fn take(&mut self, simd: S, taken: S::m64s, next: &Self, sensors: usize) {
-        for axis in 0..6 {
+        for axis in 0..N {
             self.x[axis] = simd.select_f64s(taken, next.x[axis], self.x[axis]);
         }
         for place in 0..sensors {
@@ -302,7 +314,7 @@ fn parameter_variance<S: Simd>(
     simd: S,
     sensor: &Ready,
     answers: &Answers<S>,
-    x: &PerAxis<S::f64s>,
+    x: &[S::f64s],
 ) -> S::f64s {
     let (zero, slope) = (simd.splat_f64s(0.0), answers.slope);
     let mut g = [slope; PARAMETERS];
@@ -327,21 +339,21 @@ fn add_square<S: Simd>(simd: S, sum: S::f64s, residual: S::f64s, weight: S::f64s
 }
 
 #[inline(always)]
-fn inner<S: Simd>(simd: S, a: &PerAxis<f64>, b: &PerAxis<S::f64s>) -> S::f64s {
+fn inner<S: Simd>(simd: S, a: &[f64], b: &[S::f64s]) -> S::f64s {
     let zero = simd.splat_f64s(0.0);
     a.iter().zip(b).fold(zero, |sum, (&a, &b)| simd.mul_add_f64s(simd.splat_f64s(a), b, sum))
 }
 
 /// `A += weight·g·gᵀ` (lower triangle), `b += pull·g`.
 #[inline(always)]
-fn add<S: Simd>(
+fn add<S: Simd, const N: usize>(
     simd: S,
-    (a, b): &mut Equations<S>,
+    (a, b): &mut Equations<S, N>,
     sensor: &Ready,
     weight: S::f64s,
     pull: S::f64s,
 ) {
-    for i in 0..6 {
+    for i in 0..N {
         let gain = simd.splat_f64s(sensor.gains[i]);
         b[i] = simd.mul_add_f64s(pull, gain, b[i]);
         let weighted = simd.mul_f64s(weight, gain);

@@ -1,9 +1,9 @@
 //! A sensor made ready to be inverted.
 
+use super::MOST_UNKNOWNS;
 use crate::physics::model::Sensor;
 use crate::physics::noise::Noise;
 use crate::physics::response::{PARAMETERS, Parameters, SHAPE, displacement};
-use shell_data::wrench::PerAxis;
 
 /// How near the plateaus, in shares of h, the start takes a reading.
 const MARGIN: f64 = 0.01;
@@ -23,7 +23,8 @@ pub(super) struct Ready {
     pub(super) least: f64,
     pub(super) per_count: f64,
     pub(super) offset: f64,
-    pub(super) gains: PerAxis<f64>,
+    /// a, and then c.
+    pub(super) gains: [f64; MOST_UNKNOWNS],
     pub(super) lo: f64,
     pub(super) h: f64,
     pub(super) nu: f64,
@@ -56,7 +57,7 @@ impl Ready {
             least: sensor.least,
             per_count: sensor.range.recip(),
             offset: p[0],
-            gains: std::array::from_fn(|axis| p[1 + axis]),
+            gains: std::array::from_fn(|i| if i < 6 { p[1 + i] } else { sensor.loadings[i - 6] }),
             lo,
             h,
             nu,

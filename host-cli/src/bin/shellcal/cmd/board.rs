@@ -5,17 +5,15 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use anyhow::Context;
 use board_link::{Client, PortOptions, Uplink, for_board, judge, serial_text};
-use calibration_file::CalibrationFile;
 use clap::Subcommand;
-use output_file::Outputs;
 use serde_json::json;
 use shared_proto::{Board, BoardId, CHANNELS, Command, Identity, ResetCause, Stream};
 
 use super::board_line::{BoardClient, set_baud, start_bootloader};
 use super::choices::one_of;
-use super::key_file;
+use super::edited::EditedArg;
 use super::serial::{FramingArg, SerialArgs};
-use crate::files::{InputPath, OutputPath};
+use crate::files::InputPath;
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
@@ -26,7 +24,7 @@ pub(crate) struct BoardArgs {
     port: Option<String>,
 
     /// Be a board until Ctrl-C
-    #[arg(long, conflicts_with = "port")]
+    #[arg(long)]
     simulate: bool,
 
     /// How the base station frames bytes
@@ -36,10 +34,6 @@ pub(crate) struct BoardArgs {
     /// Serial number of the board, as `identify` prints it, where several hear
     #[arg(long, value_name = "SERIAL", value_parser = parse_serial, conflicts_with = "simulate")]
     board: Option<BoardId>,
-
-    /// Key that the board has been given, to sign what changes it
-    #[arg(long, value_name = "KEY", conflicts_with = "simulate")]
-    key: Option<InputPath>,
 
     #[command(flatten)]
     serial: SerialArgs,
@@ -90,12 +84,6 @@ enum BoardAction {
     },
     /// Light each emitter alone: it has to raise its own channel and no other; exit code 1 if not
     SelfTest,
-    /// Have the board want its commands signed; give it a key over a wire, as it is sent as it is
-    Key {
-        /// What to do
-        #[command(subcommand)]
-        action: KeyAction,
-    },
     /// Set the line to another rate until the board's next reset; back to the old one if that is not heard
     Baud {
         /// Bits per second: 9600 to 1000000, as the board's documentation lists them
@@ -106,28 +94,13 @@ enum BoardAction {
     Bootloader,
     /// Upload a calibration, which the board keeps
     Upload {
-        /// Calibration file, of model `cubic` or `linear`
+        /// Calibration file of model `physics`, `cubic` or `linear`
         #[arg(value_name = "CAL")]
         calibration: InputPath,
-    },
-}
 
-#[derive(Debug, Subcommand)]
-enum KeyAction {
-    /// Make a key, give it to the board, and write it to a file for `--key`
-    New {
-        /// File to write
-        #[arg(value_name = "KEY")]
-        file: OutputPath,
+        #[command(flatten)]
+        edited: EditedArg,
     },
-    /// Give the board the key in a file, which another board has
-    Share {
-        /// File with a key
-        #[arg(value_name = "KEY")]
-        file: InputPath,
-    },
-    /// Take the key away
-    Remove,
 }
 
 /// What a board streams.
@@ -135,8 +108,12 @@ const STREAMS: [(&str, &str, Stream); 2] =
     [("raw", "Readings", Stream::Raw), ("wrench", "Wrenches", Stream::Wrench)];
 
 impl BoardArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
         let (port, action) = match (&self.port, &self.action) {
+            (Some(port), _) if self.simulate => anyhow::bail!(
+                "`{port}` is too much: a simulated board makes its own port and prints its name; \
+                 `shellcal board --simulate` is all"
+            ),
             (Some(port), Some(action)) => (port, action),
             (None, None) if self.simulate => return self.simulation.run(printer),
             (None, _) => anyhow::bail!(
@@ -145,7 +122,7 @@ impl BoardArgs {
             ),
             (Some(_), None) => anyhow::bail!(
                 "nothing to do: `shellcal board PORT identify`, `status`, `start`, `stop`, `rate`, \
-                 `sampling`, `mode`, `zero`, `upload`, `self-test`, `key`, `baud` or `bootloader`"
+                 `sampling`, `mode`, `zero`, `upload`, `self-test`, `baud` or `bootloader`"
             ),
         };
         match action {
@@ -153,7 +130,7 @@ impl BoardArgs {
             BoardAction::Status => print_status(&mut self.client(port)?, printer),
             BoardAction::SelfTest => self_test(&mut self.client(port)?, printer),
             action => {
-                self.change(port, action, printer, outputs)?;
+                self.change(port, action, printer)?;
                 printer.finish(&json!({ "done": true }), |printer| {
                     printer.note("done");
                     Ok(())
@@ -168,12 +145,11 @@ impl BoardArgs {
         port: &str,
         action: &BoardAction,
         printer: &mut Printer,
-        outputs: &Outputs,
     ) -> anyhow::Result<()> {
         let calibration = match action {
             // Before the port is touched: a file that cannot be used changes nothing.
-            BoardAction::Upload { calibration } => {
-                Some(for_board(&CalibrationFile::read(calibration)?.calibration)?)
+            BoardAction::Upload { calibration, edited } => {
+                Some(for_board(&edited.read(calibration)?.calibration)?)
             }
             _ => None,
         };
@@ -187,7 +163,6 @@ impl BoardArgs {
                 set_baud(client, [self.serial.baud, *rate], connect, printer)?;
             }
             BoardAction::Bootloader => start_bootloader(&mut client, port, printer)?,
-            BoardAction::Key { action } => set_key(&mut client, action, outputs)?,
             BoardAction::Start => client.order(Command::Start)?,
             BoardAction::Stop => client.order(Command::Stop)?,
             BoardAction::Rate { hz } => {
@@ -232,32 +207,11 @@ impl BoardArgs {
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let number = (now.as_millis() / 10) as u16;
         let client = Client::new(port, name, Uplink { framing, to: self.serial.to }, number);
-        let client = match board {
+        Ok(match board {
             Some(board) => client.with_board(board),
-            None => client,
-        };
-        Ok(match &self.key {
-            Some(path) => client.with_key(key_file::read(path)?),
             None => client,
         })
     }
-}
-
-fn set_key<P: Read + Write>(
-    client: &mut Client<P>,
-    action: &KeyAction,
-    outputs: &Outputs,
-) -> anyhow::Result<()> {
-    match action {
-        KeyAction::New { file } => {
-            // On the disk before it is on the board: nobody could tell it afterwards.
-            let key = key_file::make(file, outputs)?;
-            client.set_key(Some(key))?;
-        }
-        KeyAction::Share { file } => client.set_key(Some(key_file::read(file)?))?,
-        KeyAction::Remove => client.set_key(None)?,
-    }
-    Ok(())
 }
 
 /// Lights the emitters one by one and says what they do.

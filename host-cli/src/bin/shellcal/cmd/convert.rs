@@ -19,6 +19,7 @@ use shellcal::workflow::convert::{
     OutputPlan, TableColumns, convert,
 };
 
+use super::edited::EditedArg;
 use super::figure_size::FigureSize;
 use super::frames::{ForceArgs, FrameArgs, note_rows, warn_of_zero};
 use super::mapping::{ColumnList, MappingArgs, parse_columns, tell_remembered};
@@ -42,6 +43,9 @@ pub(crate) struct ConvertArgs {
     #[arg(value_name = "CAL")]
     calibration: InputPath,
 
+    #[command(flatten)]
+    edited: EditedArg,
+
     /// Logs, of any format that is read; `-` for standard input
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<InputPath>,
@@ -55,8 +59,8 @@ pub(crate) struct ConvertArgs {
     #[arg(long, value_name = "DIR")]
     output_dir: Option<OutputPlace>,
 
-    /// Carry other columns of the log along as they stand, by name or place, or `all` that are not
-    /// time, readings or a group
+    /// Carry other columns of the log along, by name or place, or `all` that are not time, readings or a
+    /// group: numbers, and texts without blanks around them; a column with an empty field is text
     #[arg(long, value_name = "COLUMNS", value_parser = parse_columns)]
     keep: Option<ColumnList>,
 
@@ -132,7 +136,7 @@ enum ColumnArg {
 impl ConvertArgs {
     pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let targets = self.targets(printer.json(), outputs)?;
-        let file = CalibrationFile::read(&self.calibration)?;
+        let file = self.edited.read(&self.calibration)?;
         let mapping = self.mapping.mapping_for(&file)?;
         let (calibration, diagnostics) = (file.calibration, file.origin.diagnostics);
         let payload = self.payload.as_ref().map(|path| PayloadFile::read(path)).transpose()?;
@@ -283,7 +287,7 @@ impl ConvertArgs {
         let mut places = self.kept_places(log)?;
         let mut seen = HashSet::new();
         places.retain(|&place| seen.insert(place));
-        let are_texts = log.are_texts(&places)?;
+        let are_texts = log.are_texts(&places, &self.mapping.read_options())?;
         let (texts, numbers): (Vec<_>, Vec<_>) =
             places.into_iter().zip(are_texts).partition(|(_, is_text)| *is_text);
         let of = |columns: Vec<(usize, bool)>| columns.into_iter().map(|(at, _)| at).collect();

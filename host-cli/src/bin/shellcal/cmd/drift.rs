@@ -1,6 +1,5 @@
 //! `shellcal drift`: how the zero of an unloaded sensor moves.
 
-use calibration_file::CalibrationFile;
 use figures::{Chart, ChartMark, Figure, PlotAxis, Series, Size, Spacing, trace_figure};
 use forces::drift::{Drift, Trend};
 use forces::stationary::{FALSE_ALARMS, ZeroChange, largest_change};
@@ -9,6 +8,7 @@ use output_file::Outputs;
 use serde::Serialize;
 use shellcal::workflow::drift::{DriftOptions, DriftSummary, drift};
 
+use super::edited::EditedArg;
 use super::figure_size::FigureSize;
 use super::frames::FrameArgs;
 use super::mapping::{MappingArgs, parse_column, tell_remembered};
@@ -45,6 +45,9 @@ pub(crate) struct DriftArgs {
     figure_size: FigureSize,
 
     #[command(flatten)]
+    edited: EditedArg,
+
+    #[command(flatten)]
     frames: FrameArgs,
 
     #[command(flatten)]
@@ -69,7 +72,7 @@ impl DriftArgs {
             "`--plot` draws one log, `{several}` were given"
         );
         let mut plot = self.figure_size.create(self.plot.as_ref(), outputs)?;
-        let file = self.calibration.as_ref().map(|path| CalibrationFile::read(path)).transpose()?;
+        let file = self.calibration.as_ref().map(|path| self.edited.read(path)).transpose()?;
         let mapping = match &file {
             Some(file) => self.mapping.mapping_for(file)?,
             None => self.mapping.mapping()?,

@@ -1,11 +1,10 @@
 //! `shellcal eval`: the errors of a calibration against a measured wrench.
 
-use std::cmp::Ordering;
 use std::io::Write;
 
+use calibration::Calibration;
 use calibration::fit::{Evaluation, Workers, evaluate};
 use calibration::quality::{AxisQuality, significant};
-use calibration_file::CalibrationFile;
 use calibration_file::stored::{OfAxes, Stored, StoredQuality};
 use figures::{FitPlot, Format, fit_figure};
 use log_file::{Log, ReadOptions, Wanted, read_dataset};
@@ -15,7 +14,10 @@ use shell_data::dataset::{Dataset, RowSet};
 use shell_data::wrench::{Axes, Axis, PerAxis};
 use shellcal::workflow::check_channels;
 use shellcal::workflow::fit::add_to_plot;
+use shellcal::workflow::gates::{ComparedAxes, GateFailure, Gates};
 
+use super::choices::one_of;
+use super::edited::EditedArg;
 use super::figure_size::FigureSize;
 use super::mapping::{MappingArgs, open_logs, tell_remembered};
 use super::quality::table_row;
@@ -35,6 +37,9 @@ pub(crate) struct EvalArgs {
     #[arg(value_name = "CAL.json")]
     calibration: InputPath,
 
+    #[command(flatten)]
+    edited: EditedArg,
+
     /// Logs with readings and a measured wrench
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<InputPath>,
@@ -43,13 +48,17 @@ pub(crate) struct EvalArgs {
     #[arg(long, value_name = "FILE", num_args = 1.., help_heading = "Reading logs")]
     wrench_from: Vec<InputPath>,
 
-    /// Fail when the RMS error of Fx, Fy or Fz is above this many N
+    /// Fail when the RMS error of Fx, Fy or Fz is above this many N, or one of them is not compared
     #[arg(long, value_name = "N", value_parser = limit)]
     max_rms: Option<f64>,
 
-    /// Fail when the RMS error of Mx, My or Mz is above this many N·m
+    /// Fail when the RMS error of Mx, My or Mz is above this many N·m, or one of them is not compared
     #[arg(long, value_name = "N·m", value_parser = limit)]
     max_rms_moment: Option<f64>,
+
+    /// Compare these axes and no others, such as `fx,fz`; fail when a log does not have one of them
+    #[arg(long, value_name = "AXES", value_delimiter = ',', value_parser = one_of(&AXES))]
+    axes: Vec<Axis>,
 
     /// Leave out rows that repeat the readings of the row before
     #[arg(long)]
@@ -65,6 +74,15 @@ pub(crate) struct EvalArgs {
     #[command(flatten)]
     mapping: MappingArgs,
 }
+
+const AXES: [(&str, &str, Axis); 6] = [
+    ("fx", "", Axis::Fx),
+    ("fy", "", Axis::Fy),
+    ("fz", "", Axis::Fz),
+    ("mx", "", Axis::Mx),
+    ("my", "", Axis::My),
+    ("mz", "", Axis::Mz),
+];
 
 /// What `--json` prints of one log, or of all.
 #[derive(Serialize)]
@@ -86,16 +104,21 @@ struct Document {
     logs: Vec<Report>,
     all: Report,
     above_limit: Vec<&'static str>,
+    /// Axes that were asked for and are not in all logs.
+    not_compared: Vec<&'static str>,
 }
 
 impl EvalArgs {
     pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
-        let file = CalibrationFile::read(&self.calibration)?;
+        let file = self.edited.read(&self.calibration)?;
         let mapping = self.mapping.mapping_for(&file)?;
         let mut calibration = file.calibration;
         let mut logs = open_logs(&self.logs, ("--wrench-from", &self.wrench_from), &mapping)?;
         tell_remembered(printer, &self.calibration, &mapping, &logs);
-        let axes = compared_axes(calibration.axes, &mut logs, printer)?;
+        let gates = self.gates();
+        let compared = gates.compare(calibration.axes, &mut logs)?;
+        let axes = compared.axes;
+        note_axes(printer, &compared, gates.asked());
         calibration.axes = axes;
         let format = self.plot.as_ref().map(Format::from_path).transpose()?;
         let output = self.plot.as_ref().map(|path| outputs.create(path)).transpose()?.zip(format);
@@ -109,7 +132,7 @@ impl EvalArgs {
             let progress = |bytes| bar.set_position(read_before + bytes);
             let read = ReadOptions { progress: Some(&progress), ..self.mapping.read_options() };
             check_channels(log, calibration.channels())?;
-            let rows = self.rows(log, &read)?;
+            let rows = self.rows(log, &calibration, &read)?;
             let evaluation = Evaluation::total(&evaluate(&calibration, &rows, workers)?);
             if let Some(plot) = &mut plot {
                 add_to_plot(plot, &calibration, &rows);
@@ -128,72 +151,71 @@ impl EvalArgs {
         }
 
         let all = report(None, &all, axes)?;
-        let above_limit = self.above_limit(&all.quality, axes);
-        let failed = !above_limit.is_empty();
-        if printer.json() {
-            let names = above_limit.iter().map(|(axis, ..)| axis.column()).collect();
-            let axes = axes.columns();
-            printer.document(&Document { axes, logs: reports, all, above_limit: names })?;
-        } else {
-            for report in &reports {
-                print(printer, report, axes)?;
-            }
-            if reports.len() > 1 {
-                print(printer, &all, axes)?;
-            }
-            for (axis, rms, limit) in above_limit {
-                let (name, unit) = (axis.name(), axis.unit());
-                let (rms, limit) = (significant(rms, 4), significant(limit, 4));
-                printer.warning(format!(
-                    "the RMS error of `{name}` is {rms} {unit}, above the limit of {limit} {unit}"
-                ));
-            }
-        }
-        Ok(if failed { Outcome::CheckFailed } else { Outcome::Done })
+        let failures = gates.failures(&compared, &all.quality);
+        show(printer, (reports, all), axes, &failures)?;
+        Ok(if failures.is_empty() { Outcome::Done } else { Outcome::CheckFailed })
     }
 
     /// The rows of a log that are used.
-    fn rows(&self, log: &Log, read: &ReadOptions<'_>) -> anyhow::Result<Dataset> {
-        let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
-        Ok(read_dataset(&[(log, wanted)], read)?.select(self.fresh, &RowSet::default()))
+    fn rows(
+        &self,
+        log: &Log,
+        calibration: &Calibration,
+        read: &ReadOptions<'_>,
+    ) -> anyhow::Result<Dataset> {
+        let time = calibration.needs_time() || log.has_time() && calibration.lag.is_some();
+        let wanted = Wanted { readings: true, wrench: true, time, ..Wanted::default() };
+        let rows = calibration.prepared(&read_dataset(&[(log, wanted)], read)?)?;
+        Ok(rows.select(self.fresh, &RowSet::default()))
     }
 
-    /// The axes whose RMS error is above its limit, with both.
-    fn above_limit(&self, errors: &PerAxis<AxisQuality>, axes: Axes) -> Vec<(Axis, f64, f64)> {
-        let limit = |axis: Axis| if axis.is_moment() { self.max_rms_moment } else { self.max_rms };
-        axes.iter()
-            .filter_map(|axis| Some((axis, errors[axis.index()].rms, limit(axis)?)))
-            // What cannot be compared, such as NaN, is not below the limit.
-            .filter(|(_, rms, limit)| rms.partial_cmp(limit).is_none_or(Ordering::is_gt))
-            .collect()
+    fn gates(&self) -> Gates {
+        let axes = (!self.axes.is_empty()).then(|| self.axes.iter().copied().collect());
+        Gates { force_n: self.max_rms, moment_nm: self.max_rms_moment, axes }
     }
 }
 
-/// The axes that calibration and all logs have; the logs keep these alone. What is not compared is said.
-fn compared_axes(
-    calibrated: Axes,
-    logs: &mut [Log],
+/// Says what is not compared; what was `asked` for fails later.
+fn note_axes(printer: &mut Printer, compared: &ComparedAxes, asked: Axes) {
+    for (path, absent) in &compared.missing {
+        let (path, absent) = (path.display(), absent.without(asked));
+        if absent.is_empty() {
+            continue;
+        }
+        printer.note(format!("not compared: {absent}, which `{path}` does not have"));
+    }
+    if !compared.uncalibrated.is_empty() {
+        let others = compared.uncalibrated;
+        printer.note(format!("not compared: {others}, which the calibration does not give"));
+    }
+}
+
+fn show(
     printer: &mut Printer,
-) -> anyhow::Result<Axes> {
-    let mut compared = calibrated;
-    for log in &*logs {
-        let absent = compared.without(log.axes());
-        if absent == compared {
-            // None is left: says all that are missing.
-            log.require_axes(calibrated)?;
+    (logs, all): (Vec<Report>, Report),
+    axes: Axes,
+    failures: &[GateFailure],
+) -> anyhow::Result<()> {
+    if printer.json() {
+        let (mut above_limit, mut not_compared) = (Vec::new(), Axes::NONE);
+        for failure in failures {
+            match failure {
+                GateFailure::Above { axis, .. } => above_limit.push(axis.column()),
+                GateFailure::NotCompared { axes, .. } => {
+                    not_compared = not_compared.iter().chain(axes.iter()).collect();
+                }
+            }
         }
-        compared = compared.without(absent);
-        if !absent.is_empty() {
-            let path = log.path().display();
-            printer.note(format!("not compared: {absent}, which `{path}` has not"));
+        let (axes, not_compared) = (axes.columns(), not_compared.columns());
+        printer.document(&Document { axes, logs, all, above_limit, not_compared })?;
+    } else {
+        logs.iter().try_for_each(|report| print(printer, report, axes))?;
+        if logs.len() > 1 {
+            print(printer, &all, axes)?;
         }
     }
-    let others = logs.iter().fold(Axes::ALL, |all, log| all.and(log.axes())).without(calibrated);
-    if !others.is_empty() {
-        printer.note(format!("not compared: {others}, of which the calibration says nothing"));
-    }
-    logs.iter_mut().try_for_each(|log| log.keep_axes(compared))?;
-    Ok(compared)
+    failures.iter().for_each(|failure| printer.warning(failure.to_string()));
+    Ok(())
 }
 
 fn report(log: Option<String>, evaluation: &Evaluation, axes: Axes) -> anyhow::Result<Report> {
@@ -201,6 +223,10 @@ fn report(log: Option<String>, evaluation: &Evaluation, axes: Axes) -> anyhow::R
         let log = log.unwrap_or_default();
         anyhow::bail!("`{log}`: no rows are left to compare");
     };
+    if let Some(axis) = axes.iter().find(|axis| !quality[axis.index()].rms.is_finite()) {
+        let (log, name) = (log.unwrap_or_default(), axis.name());
+        anyhow::bail!("`{log}`: the error of {name} is too large for a number");
+    }
     Ok(Report {
         log,
         rows: evaluation.rows,
@@ -229,7 +255,7 @@ fn print(printer: &mut Printer, report: &Report, axes: Axes) -> anyhow::Result<(
 
 fn limit(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
-        Ok(limit) if limit >= 0.0 => Ok(limit),
-        _ => Err("expected a number that is not negative".to_owned()),
+        Ok(limit) if limit >= 0.0 && limit.is_finite() => Ok(limit),
+        _ => Err("expected a finite number that is not negative".to_owned()),
     }
 }

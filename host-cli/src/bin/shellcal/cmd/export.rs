@@ -6,9 +6,10 @@ use std::path::Path;
 
 use anyhow::{Context, bail, ensure};
 use calibration_file::code::{Language, to_code};
-use calibration_file::{CalibrationFile, matrix};
+use calibration_file::matrix;
 use output_file::Outputs;
 
+use super::edited::EditedArg;
 use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
@@ -30,11 +31,14 @@ pub(crate) struct ExportArgs {
     /// readings, moments in mN·m, as `fit --export-matrix` writes them
     #[arg(value_name = "FILE.py|m|csv")]
     output: OutputPath,
+
+    #[command(flatten)]
+    edited: EditedArg,
 }
 
 impl ExportArgs {
     pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
-        let file = CalibrationFile::read(&self.calibration)?;
+        let file = self.edited.read(&self.calibration)?;
         let text = match self.output.extension().and_then(OsStr::to_str) {
             Some("py") => to_code(&file, Language::Python, identifier(&self.output)?),
             Some("m") => to_code(&file, Language::Matlab, identifier(&self.output)?),
@@ -42,6 +46,10 @@ impl ExportArgs {
                 let polynomial = file.calibration.polynomial();
                 let polynomial = polynomial
                     .context("a physics model has no matrix; `.py` and `.m` have all of it")?;
+                ensure!(
+                    file.calibration.memory.is_none(),
+                    "a matrix cannot have memory terms; `.py` and `.m` have all of it"
+                );
                 matrix::to_csv(polynomial, file.calibration.axes)
             }
             _ => bail!("`{}` ends in none of `.py`, `.m` and `.csv`", self.output.display()),

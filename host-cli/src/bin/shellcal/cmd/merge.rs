@@ -8,13 +8,14 @@ use calibration::quality::significant;
 use calibration_file::stored::{
     OfAxes, Stored, StoredCrossValidation, StoredQuality, StoredSelection,
 };
-use calibration_file::{CalibrationFile, PartialFit, PartialStream, Sums};
+use calibration_file::{CalibrationFile, PartialFit, Sums};
 use output_file::Outputs;
 use serde::Serialize;
 use shellcal::workflow::merge;
 
 use super::choices::ModelArg;
 use super::covariance::CovarianceArg;
+use super::edited::EditedArg;
 use super::origin;
 use super::partial_output::Destination;
 use super::quality::table_row;
@@ -78,6 +79,9 @@ pub(crate) struct MergeArgs {
     /// The label of the sensor, for the calibration file
     #[arg(long, value_name = "SERIAL")]
     serial: Option<String>,
+
+    #[command(flatten)]
+    edited: EditedArg,
 }
 
 /// Each group alone, or so many folds of groups.
@@ -149,7 +153,7 @@ impl MergeArgs {
         }
         let fitted = merge::fit(sum, self.model.map(|model| model.0), &self.options()?)?;
         self.warn(&fitted, matches!(sum.sums, Sums::Exact(_)), printer);
-        let file = merge::file(&fitted, sum, self.serial.clone());
+        let file = merge::file(&fitted, sum);
         if let Some(mut output) = output {
             output.write_all(file.to_json().as_bytes())?;
             output.commit()?;
@@ -178,17 +182,24 @@ impl MergeArgs {
         let mut merged = Merged::default();
         for path in &self.partials {
             if path.is_stdin() {
-                for partial in PartialStream::new(io::stdin().lock(), path.as_path()) {
+                for partial in self.edited.partials(io::stdin().lock(), path) {
                     self.add(&mut merged, partial?, path, printer)?;
                 }
             } else {
-                self.add(&mut merged, PartialFit::read(path)?, path, printer)?;
+                self.add(&mut merged, self.edited.partial(path)?, path, printer)?;
             }
         }
         if let Some(sum) = &mut merged.sum {
             sum.put_in_order();
             sum.made_by = origin::program();
             sum.date = origin::date()?;
+            let known = sum.sensor_serial.as_ref().filter(|_| self.serial.is_some());
+            if let Some(serial) = known.filter(|known| Some(*known) != self.serial.as_ref()) {
+                anyhow::bail!(
+                    "the partial fits are of the sensor `{serial}`: leave out `--serial`"
+                );
+            }
+            sum.sensor_serial = sum.sensor_serial.take().or_else(|| self.serial.clone());
         }
         Ok(merged)
     }

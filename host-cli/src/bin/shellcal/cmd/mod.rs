@@ -11,6 +11,7 @@ mod covariance;
 mod deferred;
 mod doctor;
 mod drift;
+mod edited;
 mod eval;
 mod export;
 mod figure_size;
@@ -18,7 +19,6 @@ mod fit;
 mod frames;
 mod import;
 mod info;
-mod key_file;
 mod licences;
 #[cfg(feature = "live")]
 mod live;
@@ -31,9 +31,11 @@ mod outliers;
 mod partial_output;
 mod payload;
 mod place;
+mod plan;
 mod ports;
 mod quality;
 mod record;
+mod row_limit;
 mod serial;
 mod simulate;
 mod simulate_board;
@@ -98,6 +100,13 @@ pub(crate) enum Command {
     /// frames with the reference at the same times, low-passed below the board's Nyquist frequency.
     /// Where the match is not clear, nothing is written and the exit code is 1.
     Align(Deferred<align::AlignArgs>),
+
+    /// Say which loads to hang next, in which order, and when that is enough
+    ///
+    /// Of all loads that the rig can do, the one that tells most comes next: by a D-optimal design before anything is
+    /// recorded, and by what a model of the sensors does not know yet afterwards. A calibration then takes about half
+    /// the poses of a random order.
+    Plan(Deferred<plan::PlanArgs>),
 
     /// Fit a calibration to logs with readings and a measured wrench
     ///
@@ -221,13 +230,14 @@ impl Command {
     ) -> anyhow::Result<Outcome> {
         match self {
             Command::Ports(args) => args.run(printer),
-            Command::Board(args) => args.run(printer, outputs),
+            Command::Board(args) => args.run(printer),
             Command::Record(args) => args.run(printer),
             #[cfg(feature = "live")]
             Command::Live(args) => args.run(printer),
             Command::Doctor(args) => args.run(printer),
             Command::Info(args) => args.run(printer),
             Command::Align(args) => args.run(printer, outputs),
+            Command::Plan(args) => args.run(printer, outputs),
             Command::Fit(args) => args.run(printer, outputs),
             Command::Merge(args) => args.run(printer, outputs),
             Command::Eval(args) => args.run(printer, outputs),

@@ -1,11 +1,11 @@
 //! `shellcal noise`: how much an unloaded sensor scatters.
 
-use calibration_file::CalibrationFile;
 use log_file::Log;
 use serde::Serialize;
 use shellcal::workflow::noise::{NoiseOptions, NoiseSummary, Scatter, noise};
 use shellcal::workflow::selection::TimeWindow;
 
+use super::edited::EditedArg;
 use super::frames::{FrameArgs, note_rows, parse_window, warn_of_zero};
 use super::mapping::{MappingArgs, tell_remembered};
 use crate::files::InputPath;
@@ -33,6 +33,9 @@ pub(crate) struct NoiseArgs {
     window: Option<TimeWindow>,
 
     #[command(flatten)]
+    edited: EditedArg,
+
+    #[command(flatten)]
     frames: FrameArgs,
 
     #[command(flatten)]
@@ -49,7 +52,7 @@ struct LogNoise {
 
 impl NoiseArgs {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
-        let file = CalibrationFile::read(&self.calibration)?;
+        let file = self.edited.read(&self.calibration)?;
         let mapping = self.mapping.mapping_for(&file)?;
         let calibration = file.calibration;
         let mut noises = Vec::new();

@@ -7,10 +7,10 @@ use board_link::{
     AppendWriter, RecordOptions, Recorded, RecordedBoard, RecordingProgress, Sinks, Source, record,
 };
 use calibration::Calibration;
-use calibration_file::CalibrationFile;
 use forces::{ForceOptions, LowPass, TareRule};
 use shell_data::wrench::Axis;
 
+use super::edited::EditedArg;
 use super::frames::{describe_forces, parse_tare};
 use super::serial::{FramingArg, SerialArgs};
 use crate::files::{InputPath, OutputPath};
@@ -89,19 +89,23 @@ pub(crate) struct RecordArgs {
     start: bool,
 
     #[command(flatten)]
+    edited: EditedArg,
+
+    #[command(flatten)]
     serial: SerialArgs,
 }
 
 impl RecordArgs {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
         let calibration =
-            self.calibration.as_ref().map(|path| CalibrationFile::read(path)).transpose()?;
+            self.calibration.as_ref().map(|path| self.edited.read(path)).transpose()?;
         let options = RecordOptions {
             protocol: self.framing.map(FramingArg::protocol),
             forces: calibration.map(|file| self.forces(file.calibration)),
             duration: self.duration,
             start: self.start.then(|| self.serial.uplink(self.framing)).transpose()?,
             as_sampled: self.as_sampled,
+            labels: false,
         };
         if let Some(forces) = &options.forces {
             printer.note(describe_forces(&forces.options));

@@ -9,6 +9,7 @@ use simulation::sensor_model::{RecordingKind, RecordingSettings, SensorRecording
 use simulation::synthetic_log::SyntheticLayout;
 
 use super::choices::one_of;
+use super::row_limit::RowLimit;
 use super::synth_pair::PairArgs;
 use super::synth_trial::{SynthTrialArgs, TrialsArgs};
 use crate::files::OutputPath;
@@ -68,6 +69,9 @@ struct RecordingArgs {
     #[arg(long)]
     elastic: bool,
 
+    #[command(flatten)]
+    limit: RowLimit,
+
     /// Columns and their names
     #[arg(long, value_parser = one_of(&LAYOUTS), default_value = "shellcal")]
     layout: SyntheticLayout,
@@ -122,6 +126,7 @@ impl RecordingArgs {
         outputs: &Outputs,
     ) -> anyhow::Result<Outcome> {
         let rows = self.rows.unwrap_or(default_rows);
+        self.limit.check(rows as f64)?;
         let recording = SensorRecording::new(RecordingSettings {
             kind,
             rate_hz: self.rate,

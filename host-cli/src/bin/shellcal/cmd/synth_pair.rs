@@ -9,6 +9,7 @@ use simulation::synthetic_log::{
     write_frame, write_frame_header, write_wrench_header, write_wrench_row,
 };
 
+use super::row_limit::RowLimit;
 use crate::files::OutputPath;
 use crate::outcome::Outcome;
 use crate::printer::Printer;
@@ -68,6 +69,9 @@ pub(crate) struct PairArgs {
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     noise_scale: f64,
 
+    #[command(flatten)]
+    limit: RowLimit,
+
     /// Write offset, skew and all else that is known, as JSON
     #[arg(long, value_name = "FILE")]
     truth: Option<OutputPath>,
@@ -100,6 +104,8 @@ impl PairArgs {
             noise_scale: self.noise_scale,
         };
         let pair = Pair::new(settings)?;
+        let board = self.duration * self.rate;
+        self.limit.check(board.max((self.duration + 2.0 * self.margin) * self.reference_rate))?;
         let (mut reference, mut log) =
             (outputs.create(&self.reference)?, outputs.create(&self.log)?);
         let (mut reference_rows, mut log_rows) = (0, 0);

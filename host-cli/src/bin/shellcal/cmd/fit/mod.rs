@@ -1,5 +1,6 @@
 //! `shellcal fit`: from training logs to a calibration.
 
+mod dynamics;
 mod html;
 mod partial;
 mod physics;
@@ -70,6 +71,16 @@ pub(crate) struct FitArgs {
     #[arg(long, value_name = "SHARE", value_parser = parse_share)]
     truncate: Option<f64>,
 
+    /// How many ms later than the readings the reference shows a load (rows, where logs have no time); `auto`
+    /// finds it [default: `auto` with `--model auto`, otherwise 0]
+    #[arg(long, value_name = "auto|MS", value_parser = parse_lag, allow_hyphen_values = true)]
+    lag: Option<LagArg>,
+
+    /// Let each channel remember: terms `s - EMA(s)` with these time constants (rows, where logs have no time);
+    /// `auto` takes those that lower held-out errors [default: `auto` with `--model auto`, otherwise none]
+    #[arg(long, value_name = "auto|none|SECONDS,...", value_parser = parse_memory)]
+    memory_terms: Option<MemoryArg>,
+
     /// Leave out rows that repeat the readings of the row before
     #[arg(long)]
     fresh: bool,
@@ -104,7 +115,7 @@ pub(crate) struct FitArgs {
     #[arg(
         long,
         value_name = "FILE.json",
-        conflicts_with_all = ["test", "output", "export_matrix", "plot", "report", "ridge", "truncate", "cv", "dropped", "valid_range"]
+        conflicts_with_all = ["test", "output", "export_matrix", "plot", "report", "ridge", "truncate", "cv", "dropped", "valid_range", "lag", "memory_terms"]
     )]
     partial: Option<OutputOrStdout>,
 
@@ -173,6 +184,22 @@ enum GroupsArg {
     Column,
 }
 
+/// The lag of the reference.
+#[derive(Clone, Copy, Debug)]
+enum LagArg {
+    Auto,
+    /// In ms, or rows.
+    Given(f64),
+}
+
+/// Memory terms.
+#[derive(Clone, Debug)]
+enum MemoryArg {
+    Auto,
+    /// Time constants in s, or rows.
+    Given(Vec<f64>),
+}
+
 /// What is done about rows that do not belong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum OutliersArg {
@@ -216,6 +243,30 @@ impl FitArgs {
 fn parse_share(text: &str) -> Result<f64, String> {
     let share = text.parse().ok().filter(|share| (0.0..1.0).contains(share));
     share.ok_or_else(|| "a share from 0 to 1, such as 1e-8".to_owned())
+}
+
+fn parse_lag(text: &str) -> Result<LagArg, String> {
+    match text {
+        "auto" => Ok(LagArg::Auto),
+        _ => match text.parse() {
+            Ok(lag) if f64::is_finite(lag) => Ok(LagArg::Given(lag)),
+            _ => Err("expected `auto`, or a time in ms such as 3.1".to_owned()),
+        },
+    }
+}
+
+fn parse_memory(text: &str) -> Result<MemoryArg, String> {
+    let positive = |text: &str| text.trim().parse().ok().filter(|tau| *tau > 0.0 && *tau < 1e9);
+    match text {
+        "auto" => Ok(MemoryArg::Auto),
+        "none" => Ok(MemoryArg::Given(Vec::new())),
+        _ => text
+            .split(',')
+            .map(positive)
+            .collect::<Option<Vec<f64>>>()
+            .map(MemoryArg::Given)
+            .ok_or_else(|| "expected `auto`, `none`, or times in s such as 0.03,1.2".to_owned()),
+    }
 }
 
 /// `LO:HI`.

@@ -24,7 +24,8 @@ impl FitArgs {
         outputs: &Outputs,
     ) -> anyhow::Result<()> {
         let wrenches = ("--wrench-from", self.wrench_from.as_slice());
-        let mut train = open_logs(&self.train, wrenches, &self.mapping.mapping()?)?;
+        let mapping = self.mapping.mapping()?;
+        let mut train = open_logs(&self.train, wrenches, &mapping)?;
         self.check_dropped()?;
         let basis = match (self.model.0, self.groups) {
             (ModelRule::Given(basis), _) => basis,
@@ -45,12 +46,14 @@ impl FitArgs {
             seed: self.cv_seed,
             triangles: self.keeps_triangles()?,
             fresh: self.fresh,
+            mapping: &mapping,
             read: self.mapping.read_options(),
         };
         let mut partial = partial::sum(&mut train, &options)?;
         partial.made_by = origin::program();
         partial.date = origin::date()?;
         partial.columns = self.mapping.specified(&train)?;
+        partial.sensor_serial = self.serial.clone();
         note_axes(partial.axes, printer);
         destination.write(&partial, printer)?;
         let (rows, model) = (partial.sums.rows(), partial.model);

@@ -2,7 +2,7 @@
 
 use calibration::Kind;
 use calibration::fit::{Fit, PhysicsFit};
-use calibration::physics::{COVERAGE_LEVEL, PhysicsCalibration, PhysicsValidation};
+use calibration::physics::{COVERAGE_LEVEL, FactorTrial, PhysicsCalibration, PhysicsValidation};
 use calibration::quality::significant;
 use calibration_file::CalibrationFile;
 use calibration_file::stored::{
@@ -34,6 +34,11 @@ struct Report {
     parameters: usize,
     lambda: f64,
     prior_width: f64,
+    /// Factors that the sensors share.
+    factors: usize,
+    factors_tried: Vec<FactorsTried>,
+    /// What the model's standard errors are multiplied by, from held-out groups.
+    standard_error_scale: PerAxis<f64>,
     axes: Vec<&'static str>,
     train: OfAxes<StoredQuality>,
     test: Option<OfAxes<StoredQuality>>,
@@ -49,9 +54,26 @@ struct Report {
     /// Share of held-out rows within their 95 % intervals, each group with the same weight.
     #[serde(skip_serializing_if = "Option::is_none")]
     coverage_95: Option<PerAxis<f64>>,
+    /// Root mean square of held-out errors in their standard errors.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    held_out_in_standard_errors: Option<PerAxis<f64>>,
     intervals: Option<StoredGroupIntervals>,
     excitation: Option<StoredExcitation>,
     time_s: f64,
+}
+
+#[derive(Serialize)]
+struct FactorsTried {
+    factors: usize,
+    /// Mean gain of the log density of a held-out fold over the best of fewer.
+    gain: f64,
+    standard_error: f64,
+}
+
+impl From<&FactorTrial> for FactorsTried {
+    fn from(&FactorTrial { factors, gain, standard_error }: &FactorTrial) -> Self {
+        Self { factors, gain, standard_error }
+    }
 }
 
 pub(super) fn report(
@@ -83,6 +105,9 @@ pub(super) fn report(
             parameters: model.parameter_count(),
             lambda: model.lambda,
             prior_width: model.prior_width,
+            factors: model.factor_count(),
+            factors_tried: of_rows.choice.factor_trials.iter().map(FactorsTried::from).collect(),
+            standard_error_scale: *physics.error_scale(),
             axes: Axes::ALL.columns(),
             train: Stored::of(&diagnostics.train, Axes::ALL),
             test: Stored::of(&diagnostics.test, Axes::ALL),
@@ -91,6 +116,7 @@ pub(super) fn report(
             weighing: ComparisonReport::of(fitted),
             median_of_groups: of_rows.validation.as_ref().map(PhysicsValidation::median),
             coverage_95: coverage.map(|of| of.map(|(share, _)| share)),
+            held_out_in_standard_errors: of_rows.validation.as_ref().map(PhysicsValidation::scores),
             intervals: Stored::of(&physics.intervals, Axes::ALL),
             excitation: Stored::of(&diagnostics.excitation, Axes::ALL),
             time_s: seconds,
@@ -102,13 +128,14 @@ pub(super) fn report(
     print_errors(printer, diagnostics, Axes::ALL)?;
     printer.line(format!(
         "physics: {} parameters of {} sensors, fitted to {} means of {} groups; λ {}, prior width {}, \
-         both chosen by held-out groups",
+         shared factors {}, chosen by held-out groups",
         model.parameter_count(),
         model.sensors.len(),
         of_rows.observations,
         of_rows.groups,
         model.lambda,
         model.prior_width,
+        model.factor_count(),
     ))?;
     printer.line(format!(
         "{} rows used, {} skipped, {} repeated; {:.0} ms",
@@ -129,6 +156,13 @@ pub(super) fn report(
             format!("{} {} {}", axis.name(), significant(medians[axis.index()], 3), axis.unit())
         };
         printer.line(format!("median error of a group: {}", Axis::ALL.map(median).join(", ")))?;
+        let scores = validation.scores();
+        let score =
+            |axis: Axis| format!("{} {}", axis.name(), significant(scores[axis.index()], 3));
+        printer.line(format!(
+            "RMS of held-out errors in standard errors (1 where those are right): {}",
+            Axis::ALL.map(score).join(", ")
+        ))?;
     }
     print_intervals(printer, physics, coverage)
 }

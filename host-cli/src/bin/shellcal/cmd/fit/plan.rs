@@ -4,6 +4,7 @@ use std::cell::RefCell;
 use std::io::Write;
 
 use anyhow::Context;
+use calibration::dynamics::{DynamicsRule, LagRule, MemoryRule};
 use calibration::fit::{
     CovarianceRule, Fit, FitOptions, ModelRule, OutlierRule, Outliers, Warning, Workers,
 };
@@ -21,7 +22,7 @@ use super::super::mapping::open_logs;
 use super::super::origin;
 use super::super::outliers::NamedOutliers;
 use super::super::validation::note_found;
-use super::{FitArgs, OutliersArg};
+use super::{FitArgs, LagArg, MemoryArg, OutliersArg};
 use crate::files::OutputPath;
 use crate::printer::Printer;
 
@@ -72,7 +73,8 @@ impl<'a> FitPlan<'a> {
             plot: open(&args.plot)?.zip(format),
             report: open(&args.report)?,
         };
-        Ok(Self { args, train, test, axes, options: args.options(), opened: opened.into() })
+        let options = args.options(train.iter().all(Log::has_time));
+        Ok(Self { args, train, test, axes, options, opened: opened.into() })
     }
 
     /// Reads the logs and fits.
@@ -85,7 +87,7 @@ impl<'a> FitPlan<'a> {
             progress: Some(&progress),
             ..self.args.mapping.read_options()
         };
-        let asked = (self.options.groups_asked(), self.args.report.is_some());
+        let asked = (&self.options, self.args.report.is_some());
         let data = FitData::read(&self.train, &self.test, asked, &read)?;
         let fitted = calibration::fit(&data.train, &data.test, &self.options);
         bar.finish_and_clear();
@@ -134,6 +136,13 @@ impl<'a> FitPlan<'a> {
             };
             let (groups, rows) = (means.groups, means.rows);
             printer.note(format!("a row is the mean of a group: {groups} of {rows} rows{without}"));
+        }
+        match &fitted.dynamics {
+            Some(Ok(found)) => printer.note(found.to_string()),
+            Some(Err(reason)) => {
+                printer.note(format!("lag and memory were not searched for: {reason}"));
+            }
+            None => {}
         }
         match &fitted.comparison {
             Some(Ok(comparison)) => printer.note(comparison.to_string()),
@@ -272,8 +281,31 @@ impl FitArgs {
         asked.into_iter().find_map(|(given, option)| given.then_some(option))
     }
 
-    fn options(&self) -> FitOptions<'static> {
+    /// What is done about lag and memory: without a word of either, both are chosen where the model is.
+    fn dynamics(&self, has_time: bool) -> DynamicsRule<'_> {
+        let default = match self.model.0 {
+            ModelRule::Auto if !self.means => DynamicsRule::AUTO,
+            _ => DynamicsRule::NOTHING,
+        };
+        DynamicsRule {
+            lag: match self.lag {
+                None => default.lag,
+                Some(LagArg::Auto) => LagRule::Auto,
+                Some(LagArg::Given(by)) => LagRule::Given(if has_time { by / 1e3 } else { by }),
+            },
+            memory: match &self.memory_terms {
+                // A matrix has none.
+                None if self.export_matrix.is_some() => MemoryRule::Given(&[]),
+                None => default.memory,
+                Some(MemoryArg::Auto) => MemoryRule::Auto,
+                Some(MemoryArg::Given(times)) => MemoryRule::Given(times),
+            },
+        }
+    }
+
+    fn options(&self, has_time: bool) -> FitOptions<'_> {
         FitOptions {
+            dynamics: self.dynamics(has_time),
             model: self.model.0,
             intercept: !self.no_intercept,
             ridge: self.ridge,

@@ -18,6 +18,7 @@ use super::super::validation::{
     ComparisonReport, FoundReport, print_advice, print_cross_validation, print_excitation,
     print_selection,
 };
+use super::dynamics::DynamicsReport;
 use super::plan::Told;
 use crate::printer::Printer;
 
@@ -44,6 +45,8 @@ struct Report {
     cross_validation: Option<StoredCrossValidation>,
     #[serde(skip_serializing_if = "Option::is_none")]
     selection: Option<StoredSelection>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    dynamics: Option<DynamicsReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
     weighing: Option<ComparisonReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -202,6 +205,7 @@ pub(super) fn report(
             test: Stored::of(&diagnostics.test, axes),
             cross_validation: Stored::of(&diagnostics.cross_validation, axes),
             selection: Stored::of(&diagnostics.selection, axes),
+            dynamics: fitted.dynamics.as_ref().map(|found| DynamicsReport::new(found, axes)),
             weighing: ComparisonReport::of(fitted),
             advice: fitted.advice.as_ref().map(|advice| AdviceReport::of(advice, axes)),
             groups_found: fitted.found_groups.map(FoundReport::from),

@@ -5,8 +5,8 @@ use std::thread;
 use std::time::Instant;
 
 use anyhow::Context;
-use live_view::Picture;
 use live_view::web::{Server, Site};
+use live_view::{GuideView, Picture};
 use serde::Serialize;
 
 use super::session::{LiveAction, LiveSession, PERIOD, Until};
@@ -19,7 +19,8 @@ const SCRIPT: &str = include_str!("../../../../../assets/live/live.js");
 pub(super) const LOOPBACK: &str = "127.0.0.1:0";
 
 /// What the page can ask for.
-const ORDERS: [&str; 7] = ["tare", "untare", "pause", "zoom-in", "zoom-out", "mark", "record"];
+const ORDERS: [&str; 9] =
+    ["tare", "untare", "pause", "zoom-in", "zoom-out", "mark", "record", "skip", "back"];
 
 /// What a browser is told.
 #[derive(Serialize)]
@@ -29,6 +30,8 @@ struct Shown<'a> {
     recording: Option<&'a str>,
     can_record: bool,
     message: &'a str,
+    /// The next planned load.
+    guide: Option<GuideView>,
     picture: Picture,
 }
 
@@ -64,6 +67,7 @@ pub(super) fn run(
                 recording: session.recording(),
                 can_record: session.can_record(),
                 message: &session.message,
+                guide: session.guide(),
                 picture: session.model.picture(),
             };
             server.publish(&serde_json::to_string(&shown)?);
@@ -84,6 +88,8 @@ fn action(order: &str) -> LiveAction {
         "zoom-in" => LiveAction::ZoomIn,
         "zoom-out" => LiveAction::ZoomOut,
         "mark" => LiveAction::Mark,
+        "skip" => LiveAction::Skip,
+        "back" => LiveAction::Back,
         // The server takes no others.
         _ => LiveAction::Record,
     }

@@ -4,6 +4,7 @@ mod browser;
 mod canvas;
 #[cfg(feature = "foxglove")]
 mod foxglove;
+mod guide_screen;
 mod screen;
 mod session;
 mod view;
@@ -16,17 +17,18 @@ use std::time::Duration;
 
 use board_link::recording::LiveForces;
 use board_link::{AppendWriter, PortOptions, RecordOptions, Sinks, Source, record};
-use calibration_file::CalibrationFile;
 use forces::{ForceOptions, LowPass, TareRule};
 #[cfg(feature = "foxglove")]
 use foxglove_view::FoxgloveServer;
 use live_view::web::Server;
-use live_view::{LiveModel, LiveSetup};
+use live_view::{Guide, GuidedLoad, LiveModel, LiveSetup};
+use load_table::HungLoad;
 use log_file::Log;
 use serde_json::json;
 use shell_data::wrench::Axes;
 use shellcal::workflow::live::{Feed, LiveRows, play};
 
+use super::edited::EditedArg;
 use super::frames::describe_forces;
 use super::mapping::MappingArgs;
 use super::place::is_port;
@@ -44,9 +46,10 @@ Examples:
   shellcal live /dev/ttyUSB0 --start --calibration calibration.json
   shellcal live run3.csv --calibration calibration.json --speed 4
   shellcal live /dev/ttyUSB0 --start --calibration calibration.json --serve
+  shellcal live /dev/ttyUSB0 --start --plan plan.csv -o session.csv
 
 Keys: t and T tare and untare what is shown, space pauses, + and - zoom in time, m marks a moment,
-r starts and ends a recording, q ends";
+r starts and ends a recording, n goes on to the next planned load, b goes back, q ends";
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
@@ -58,6 +61,9 @@ pub(crate) struct LiveArgs {
     /// Calibration for forces; without one readings are shown
     #[arg(long, value_name = "CAL")]
     calibration: Option<InputPath>,
+
+    #[command(flatten)]
+    edited: EditedArg,
 
     /// Subtract nothing, rather than the mean wrench of the first 50 frames
     #[arg(long, requires = "calibration")]
@@ -79,6 +85,11 @@ pub(crate) struct LiveArgs {
     /// Replace the log if it is there
     #[arg(long, requires = "output")]
     overwrite: bool,
+
+    /// Guide through the loads of a table, as `shellcal plan --output` writes it: the next load in large type, whether
+    /// it is held still; rows of a load that was held for 2 s get its label in a column `group` of the log
+    #[arg(long, value_name = "PLAN.csv")]
+    plan: Option<InputPath>,
 
     /// Tell the board to start streaming, and to stop at the end
     #[arg(long)]
@@ -154,7 +165,7 @@ type SourceEnd = anyhow::Result<()>;
 impl LiveArgs {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
         let calibration =
-            self.calibration.as_ref().map(|path| CalibrationFile::read(path)).transpose()?;
+            self.calibration.as_ref().map(|path| self.edited.read(path)).transpose()?;
         let forces = calibration
             .map(|file| LiveForces { calibration: file.calibration, options: self.forces() });
         let ranges = forces.as_ref().and_then(|forces| forces.calibration.valid_range.clone());
@@ -167,6 +178,7 @@ impl LiveArgs {
         let name = self.name.display().to_string();
         let is_port = is_port(&self.name);
         let mut logs = self.logs(is_port)?;
+        let guide = self.guide(is_port)?;
         // What cannot work is said before the screen is taken.
         let display = self.display()?;
         let first =
@@ -179,7 +191,8 @@ impl LiveArgs {
         // Without a calibration a wrench is the board's or the log's own.
         let axes = calibrated.unwrap_or(recorded);
         let model = LiveModel::new(LiveSetup { ranges, window_s: self.window, axes });
-        let mut session = LiveSession::new(model, rows, feed, logs, name, self.duration);
+        let session = LiveSession::new(model, rows, feed, logs, name, self.duration);
+        let mut session = session.guided(guide);
         let until = Until {
             is_stopped: &|| stop.load(Ordering::Relaxed) || done.load(Ordering::Relaxed),
             is_over: &|| source.is_finished(),
@@ -231,6 +244,27 @@ impl LiveArgs {
         }
     }
 
+    /// The guide through a plan.
+    fn guide(&self, is_port: bool) -> anyhow::Result<Option<Guide>> {
+        let Some(path) = &self.plan else { return Ok(None) };
+        anyhow::ensure!(
+            !is_port || self.output.is_some(),
+            "`--plan` labels the rows of a log: name one with `--output`"
+        );
+        let table = super::plan::read_table(path)?;
+        let gains: Vec<f64> = match table.column("plan_gain_nats") {
+            Some(cells) => cells.map(|cell| cell.parse().unwrap_or(0.0)).collect(),
+            None => vec![0.0; table.loads().len()],
+        };
+        let guided = |(load, gain): (&HungLoad, f64)| GuidedLoad {
+            group: load.group.clone(),
+            text: load.to_string(),
+            wrench: load.wrench(),
+            gain,
+        };
+        Ok(Some(Guide::new(table.loads().iter().zip(gains).map(guided).collect())))
+    }
+
     /// Opens what it is shown in.
     fn display(&self) -> anyhow::Result<Display> {
         #[cfg(feature = "foxglove")]
@@ -272,6 +306,7 @@ impl LiveArgs {
             protocol: self.framing.map(FramingArg::protocol),
             forces,
             start: uplink,
+            labels: self.plan.is_some(),
             ..RecordOptions::default()
         };
         let mut source = Source::port(options, true)?;
@@ -313,7 +348,10 @@ fn announce(
     }
     match printer.json() {
         true => printer.document(&json!({ "address": address })),
-        false => printer.line(format!("live at {address}\nCtrl-C ends it")),
+        false => {
+            printer.line(format!("live at {address}"))?;
+            printer.line("Ctrl-C ends it")
+        }
     }
 }
 

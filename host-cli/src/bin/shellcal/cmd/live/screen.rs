@@ -1,9 +1,10 @@
 //! The screen of `shellcal live`: traces on the left, channels and arrows on the right.
 
-use live_view::{ChannelState, ChannelView, LiveModel, TraceView};
+use live_view::{ChannelState, ChannelView, GuideView, LiveModel, TraceView};
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 use ratatui::style::{Color, Modifier, Style};
+use shell_data::escape::is_invisible;
 
 use super::canvas::{ACROSS, CharacterCanvas, DOWN};
 
@@ -11,6 +12,8 @@ use super::canvas::{ACROSS, CharacterCanvas, DOWN};
 #[derive(Debug)]
 pub(super) struct LiveScreen<'a> {
     pub(super) model: &'a LiveModel,
+    /// The next planned load.
+    pub(super) guide: Option<&'a GuideView>,
     /// What it is of: the port, the log.
     pub(super) source: &'a str,
     /// Protocol, rate, losses.
@@ -34,6 +37,8 @@ const LEAST_NAME: usize = 8;
 const LABEL: u16 = 16;
 
 const KEYS: &str = "t tare  T untare  space pause  +/- zoom  m mark  r record  q quit";
+const KEYS_OF_GUIDE: &str =
+    "n next load  b back  t tare  space pause  +/- zoom  m mark  r record  q quit";
 
 impl LiveScreen<'_> {
     pub(super) fn draw(&self, buffer: &mut Buffer) {
@@ -46,12 +51,14 @@ impl LiveScreen<'_> {
         }
         self.draw_header(buffer, width);
         let panel = if width >= 120 { 44 } else { 27 };
-        let body = Rect { x: 0, y: 1, width: width - panel - 1, height: height - 3 };
+        let above = 1 + self.draw_guide(buffer, Rect { x: 0, y: 1, width, height: height - 3 });
+        let body = Rect { x: 0, y: above, width: width - panel - 1, height: height - 2 - above };
         self.draw_traces(buffer, body);
         let right = Rect { x: width - panel, width: panel, ..body };
         self.draw_panel(buffer, right);
         self.put(buffer, 0, height - 2, self.message, Style::new());
-        self.put(buffer, 0, height - 1, KEYS, self.style(None, Modifier::DIM));
+        let keys = if self.guide.is_some() { KEYS_OF_GUIDE } else { KEYS };
+        self.put(buffer, 0, height - 1, keys, self.style(None, Modifier::DIM));
     }
 
     /// The state and the flags are always there whole; names have what room they leave.
@@ -286,11 +293,11 @@ impl LiveScreen<'_> {
         self.put(buffer, end, area.y + (level as u16).saturating_sub(1), across, dim);
     }
 
-    fn put(&self, buffer: &mut Buffer, x: u16, y: u16, text: &str, style: Style) {
+    pub(super) fn put(&self, buffer: &mut Buffer, x: u16, y: u16, text: &str, style: Style) {
         let area = buffer.area;
         if x < area.width && y < area.height {
             // What names and errors hold must not steer the terminal.
-            let text: String = text.chars().filter(|c| !c.is_control()).collect();
+            let text: String = text.chars().filter(|&c| !is_invisible(c)).collect();
             let text = if self.ascii {
                 text.replace('±', "+-").replace('…', "..").replace('·', ".")
             } else {
@@ -300,7 +307,7 @@ impl LiveScreen<'_> {
         }
     }
 
-    fn style(&self, colour: Option<Color>, modifier: Modifier) -> Style {
+    pub(super) fn style(&self, colour: Option<Color>, modifier: Modifier) -> Style {
         match (self.color, colour) {
             (false, _) => Style::new(),
             (true, None) => Style::new().add_modifier(modifier),
@@ -320,7 +327,7 @@ fn end_of(name: &str, room: usize, ascii: bool) -> String {
     cut.chars().chain(name.chars().skip(length - kept)).collect()
 }
 
-fn put_char(buffer: &mut Buffer, at: (u16, u16), character: char, style: Style) {
+pub(super) fn put_char(buffer: &mut Buffer, at: (u16, u16), character: char, style: Style) {
     if let Some(cell) = buffer.cell_mut(at) {
         cell.set_char(character).set_style(style);
     }
@@ -333,7 +340,7 @@ fn colour(place: usize) -> Color {
 }
 
 /// Decimals that tell values apart on a scale of this length.
-fn decimals(length: f64) -> usize {
+pub(super) fn decimals(length: f64) -> usize {
     (2.0 - length.log10().floor()).clamp(0.0, 6.0) as usize
 }
 
@@ -351,7 +358,7 @@ fn short(value: f64) -> String {
 mod tests {
     use super::*;
     use calibration::reading_ranges::ReadingRange;
-    use live_view::{LiveRow, LiveSetup};
+    use live_view::{GuidePhase, LiveRow, LiveSetup};
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;
 
@@ -380,9 +387,19 @@ mod tests {
     }
 
     fn screen(model: &LiveModel, size: (u16, u16), ascii: bool, color: bool) -> String {
+        guided_screen((model, None), size, ascii, color)
+    }
+
+    fn guided_screen(
+        (model, guide): (&LiveModel, Option<&GuideView>),
+        size: (u16, u16),
+        ascii: bool,
+        color: bool,
+    ) -> String {
         let mut terminal = Terminal::new(TestBackend::new(size.0, size.1)).unwrap();
         let screen = LiveScreen {
             model,
+            guide,
             source: "/dev/ttyUSB0",
             state: "cobs  00:00:10  100.0 Hz  1000 frames  3 missing",
             recording: Some("log.csv"),
@@ -427,6 +444,34 @@ mod tests {
     }
 
     #[test]
+    fn a_planned_load_stands_above_the_traces_in_large_type() {
+        let guide = GuideView {
+            group: "bow".to_owned(),
+            text: "0.5 kg at (30, 0, 40) mm, down".to_owned(),
+            wrench: [0.0, 0.0, -4.903, 0.0, 0.147, 0.0],
+            number: 3,
+            count: 16,
+            recorded: 2,
+            phase: GuidePhase::Hold,
+            held: 0.5,
+            remaining_gain: 0.72,
+        };
+        let model = model(true);
+        let draw = |guide, size, ascii| guided_screen((&model, Some(guide)), size, ascii, false);
+        assert_golden("guide-80x24.txt", &draw(&guide, (80, 24), false));
+        assert!(draw(&guide, (80, 24), true).is_ascii());
+        for width in (1..220).step_by(7) {
+            for height in (1..70).step_by(3) {
+                draw(&guide, (width, height), false);
+            }
+        }
+        let small = draw(&guide, (80, 15), false);
+        assert!(small.contains("0.5 kg at (30, 0, 40) mm, down"), "{small}");
+        let done = GuideView { phase: GuidePhase::Done, recorded: 16, ..guide.clone() };
+        assert!(draw(&done, (80, 15), false).contains("all 16 loads are recorded"));
+    }
+
+    #[test]
     fn ascii_is_ascii_and_every_size_is_drawn() {
         let model = model(true);
         assert!(screen(&model, (80, 24), true, false).is_ascii());
@@ -451,6 +496,7 @@ mod tests {
                 let (message, color) = ("", false);
                 let screen = LiveScreen {
                     model: &model,
+                    guide: None,
                     source: path,
                     state,
                     recording,

@@ -4,9 +4,9 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use board_link::recording::protocol_name;
+use board_link::recording::{FrameLabel, protocol_name};
 use board_link::{AppendWriter, RecordCommand, RecordingProgress};
-use live_view::{LiveModel, LiveRow};
+use live_view::{Guide, GuidePhase, GuideView, HeldLoad, LiveModel, LiveRow};
 use output_file::OutputError;
 use shellcal::workflow::live::{Feed, LiveRows};
 
@@ -25,11 +25,16 @@ pub(super) enum LiveAction {
     ZoomOut,
     Mark,
     Record,
+    /// Goes on to the next planned load.
+    Skip,
+    /// Goes back to the one before.
+    Back,
 }
 
 /// A live view and what it is of.
 pub(super) struct LiveSession {
     pub(super) model: LiveModel,
+    guide: Option<Guide>,
     rows: LiveRows,
     feed: Feed,
     /// The logs that are written; `None` where nothing can be recorded.
@@ -119,6 +124,7 @@ impl LiveSession {
     ) -> Self {
         Self {
             model,
+            guide: None,
             rows,
             feed,
             logs,
@@ -134,12 +140,42 @@ impl LiveSession {
         }
     }
 
+    /// With a guide through planned loads.
+    pub(super) fn guided(self, guide: Option<Guide>) -> Self {
+        Self { guide, ..self }
+    }
+
+    /// The guide as it is shown.
+    pub(super) fn guide(&self) -> Option<GuideView> {
+        self.guide.as_ref().map(Guide::view)
+    }
+
+    /// Has the rows of a load that was held labelled.
+    fn label(&mut self, held: HeldLoad) {
+        let HeldLoad { from, until, group } = held;
+        let is_recorded = self.recording().is_some();
+        self.message = match is_recorded {
+            true => format!("recorded `{group}`"),
+            false if self.logs.is_some() => {
+                format!(
+                    "`{group}` was held, but no log is being recorded: r begins one, b goes back"
+                )
+            }
+            false => format!("`{group}` was held"),
+        };
+        self.feed.ask(RecordCommand::Label(FrameLabel { from, until, group }));
+    }
+
     /// Takes the frames that have come; whether to go on. A log that has been played to its end stays.
     pub(super) fn advance(&mut self, until: &Until<'_>) -> anyhow::Result<bool> {
         let mut frames = Vec::new();
         self.feed.fetch(&mut frames);
         self.news = self.rows.of(&frames)?;
         self.news.iter().for_each(|row| self.model.push(*row));
+        if let Some(guide) = &mut self.guide {
+            let held: Vec<HeldLoad> = self.news.iter().filter_map(|row| guide.push(row)).collect();
+            held.into_iter().for_each(|held| self.label(held));
+        }
         self.frames += frames.len() as u64;
         self.elapsed = self.started.elapsed();
         self.is_over = (until.is_over)() && self.feed.waiting() == 0;
@@ -194,6 +230,17 @@ impl LiveSession {
                 None => return,
             },
             LiveAction::Record => self.toggle_recording(),
+            LiveAction::Skip | LiveAction::Back => {
+                let Some(guide) = &mut self.guide else { return };
+                match action {
+                    LiveAction::Skip => guide.skip(),
+                    _ => guide.back(),
+                }
+                match guide.view() {
+                    GuideView { phase: GuidePhase::Done, .. } => String::new(),
+                    GuideView { group, .. } => format!("next: `{group}`"),
+                }
+            }
         };
     }
 
@@ -252,6 +299,10 @@ impl LiveSession {
         )];
         let logs = self.logs.iter().flat_map(|logs| &logs.written);
         lines.extend(logs.map(|log| format!("recorded `{log}`")));
+        lines.extend(
+            self.guide()
+                .map(|guide| format!("{} of {} loads recorded", guide.recorded, guide.count)),
+        );
         let marks = self.model.marks().iter();
         lines.extend(marks.map(|mark| format!("mark {} at {:.3} s", mark.number, mark.time_s)));
         lines

@@ -78,9 +78,10 @@ pub(super) fn run(
     let mut stage = RawTerminal::enter()?;
     let mut due = Instant::now();
     while session.advance(until)? {
-        let state = session.state();
+        let (state, guide) = (session.state(), session.guide());
         let screen = LiveScreen {
             model: &session.model,
+            guide: guide.as_ref(),
             source: &session.name,
             state: &state,
             recording: session.recording(),
@@ -117,6 +118,8 @@ fn action(key: &KeyEvent) -> Option<LiveAction> {
         KeyCode::Char('-') => LiveAction::ZoomOut,
         KeyCode::Char('m') => LiveAction::Mark,
         KeyCode::Char('r') => LiveAction::Record,
+        KeyCode::Char('n') => LiveAction::Skip,
+        KeyCode::Char('b') => LiveAction::Back,
         _ => return None,
     })
 }

@@ -119,7 +119,7 @@ fn wrench_log(path: &InputPath, mapping: Mapping) -> anyhow::Result<(Log, Calibr
     }
     let sensors = columns.map(|(place, _)| ColumnRef::Position(place + 1)).to_vec();
     let as_readings = Mapping { sensors: Some(sensors), wrench: None, ..mapping };
-    let model = Model { basis: Basis::Linear, intercept: false, channels: AXES };
+    let model = Model { basis: Basis::Linear, intercept: false, channels: AXES, memory: 0 };
     let row = |from: usize| -> PerAxis<f64> {
         std::array::from_fn(|to| if from == to { columns[from].1 } else { 0.0 })
     };

@@ -9,6 +9,7 @@ use forces::RowRule;
 use log_file::{Mapping, ReadOptions};
 use trial::{Instrument, Profile, TraceExtent, TrialOptions};
 
+use crate::cmd::edited::EditedArg;
 use crate::cmd::frames::{ForceArgs, describe_forces};
 use crate::cmd::mapping::MappingArgs;
 use crate::files::InputPath;
@@ -20,6 +21,9 @@ pub(crate) struct EvaluationArgs {
     /// Calibration file; without one there are energies but no forces
     #[arg(long, short, value_name = "CAL")]
     calibration: Option<InputPath>,
+
+    #[command(flatten)]
+    edited: EditedArg,
 
     /// Robot profile, in TOML [default: the built-in `velociroach`; see `shellcal profile`]
     #[arg(long, value_name = "FILE")]
@@ -59,7 +63,7 @@ impl Equipment {
 impl EvaluationArgs {
     pub(crate) fn equipment(&self) -> anyhow::Result<Equipment> {
         let calibration =
-            self.calibration.as_ref().map(|path| CalibrationFile::read(path)).transpose()?;
+            self.calibration.as_ref().map(|path| self.edited.read(path)).transpose()?;
         let profile = match &self.profile {
             None => Profile::velociroach(),
             Some(path) => read_profile(path)?,

@@ -38,6 +38,10 @@ pub(crate) struct StatsArgs {
     #[arg(long, value_name = "NAME")]
     reference: Option<String>,
 
+    /// Refuse a table of more conditions, each of which takes memory for its samples
+    #[arg(long, value_name = "N", default_value_t = 10_000)]
+    max_conditions: usize,
+
     /// What the bootstrap draws its samples from
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
@@ -51,6 +55,13 @@ impl StatsArgs {
         let (by, trial) = (self.by.as_deref(), self.trial.as_deref());
         let table = ValueTable::parse(&text, by, trial, self.of.as_deref())
             .map_err(|problem| anyhow::anyhow!("{path}:{problem}"))?;
+        let (found, most) = (table.conditions.len(), self.max_conditions);
+        anyhow::ensure!(
+            found <= most,
+            "{path}: `{}` names {found} conditions, at most {most} are compared; name the column of conditions \
+             with `--by`, or raise `--max-conditions`",
+            table.by
+        );
         if let Some(reference) = &self.reference {
             let names: Vec<&str> = table.conditions.iter().map(|(name, _)| &**name).collect();
             if !names.contains(&&**reference) {

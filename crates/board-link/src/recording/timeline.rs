@@ -1,0 +1,344 @@
+//! Where a frame belongs in the stream of its board: number and time without the wraps.
+//!
+//! A sequence number comes round after 65,536 frames, the board's clock after 71.6 min. A frame *follows*
+//! another if number and clock have gone on in step. One that does not follow the newest is held until the
+//! next arrives: if that follows the held one, there was a silence or a restart; if not, the held one was
+//! damage that the CRC has let pass, and neither time nor number move. How long a silence was:
+//!
+//! ```text
+//! elapsed = step of the clock + k · 2³² µs        the host's time tells k
+//! sent    = step of the number + m · 2¹⁶          elapsed / period, less what was dropped, tells m
+//! ```
+//!
+//! Without the host's time, as in a replay, k is taken to be 0. A restart shows in the start number of the
+//! packets. Version 2 of the protocol has none: there, a clock or a number that went back is one, unless the
+//! host's time says that the clock has come round.
+
+use super::sequence::{Arrival, Clock, Tracker, WINDOW};
+
+/// Frames in a silence that is short: number and clock tell by themselves.
+const SHORT: u64 = 1 << 14;
+
+/// How far the host's time of a frame and the board's may be apart, beside one in 64.
+const HOST_SLACK_US: u64 = 2_000_000;
+
+/// The clock comes round after so long.
+const TURN_US: u64 = 1 << 32;
+
+/// Numbers of frames come round after so many.
+const NUMBERS: u64 = 1 << 16;
+
+/// Longer than any period that a board can be set to.
+const LONGEST_PERIOD_US: u64 = 11_000_000;
+
+/// What a frame says of its place.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Stamp {
+    pub(super) sequence: u16,
+    pub(super) clock_us: u32,
+    pub(super) dropped: u8,
+    /// Of the run of the board, where it says so.
+    pub(super) start: Option<u16>,
+    /// The host's time, where it is known.
+    pub(super) host_us: Option<u64>,
+}
+
+/// What lies between two frames.
+#[derive(Clone, Copy, Debug)]
+struct FrameStep {
+    sequence: u16,
+    clock_us: u32,
+    dropped: u8,
+    /// Whether the board has started anew, where it says so.
+    is_new_run: Option<bool>,
+    host_us: Option<u64>,
+}
+
+impl Stamp {
+    fn step_to(&self, next: &Self) -> FrameStep {
+        FrameStep {
+            sequence: next.sequence.wrapping_sub(self.sequence),
+            clock_us: next.clock_us.wrapping_sub(self.clock_us),
+            dropped: next.dropped.wrapping_sub(self.dropped),
+            is_new_run: self.start.zip(next.start).map(|(before, now)| before != now),
+            host_us: next.host_us.zip(self.host_us).map(|(now, then)| now.saturating_sub(then)),
+        }
+    }
+
+    /// Whether the next frame may be one soon after this, at any rate.
+    pub(super) fn precedes(&self, next: &Self) -> bool {
+        Period::default().fits(&self.step_to(next))
+    }
+}
+
+/// Where a frame belongs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct FramePlace {
+    /// The sequence number, without the wraps.
+    pub(super) index: i64,
+    /// The board's time since its first start that was seen, µs.
+    pub(super) time_us: i64,
+    pub(super) arrival: Arrival,
+    /// The board has started anew before it.
+    pub(super) restarted: bool,
+}
+
+/// The frames of one board in their order.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Timeline {
+    pub(super) tracker: Tracker,
+    clock: Clock,
+    /// Time that the clock's zero stands for.
+    offset_us: i64,
+    newest: Option<(Stamp, i64)>,
+    period: Period,
+    /// Silences in which more may have been lost than is counted as missing.
+    pub(super) uncertain: u64,
+    /// The board has said that it has started, and there was no frame since.
+    has_booted: bool,
+}
+
+impl Timeline {
+    /// Whether a frame follows on those before it. Nothing follows on nothing.
+    pub(super) fn is_followed_by(&self, next: &Stamp) -> bool {
+        self.newest.is_some_and(|(newest, _)| {
+            let is_new_run = self.has_booted && newest.start.is_none();
+            !is_new_run && self.period.fits(&newest.step_to(next))
+        })
+    }
+
+    /// Whether the clock has gone on, which is all that the original board tells.
+    pub(super) fn is_forward(&self, next: &Stamp) -> bool {
+        self.newest.is_none_or(|(newest, _)| newest.step_to(next).clock_us.cast_signed() >= 0)
+    }
+
+    /// Whether there is a frame.
+    pub(super) fn has_begun(&self) -> bool {
+        self.newest.is_some()
+    }
+
+    /// The board says that it has started.
+    pub(super) fn boot(&mut self) {
+        self.has_booted = self.newest.is_some();
+    }
+
+    /// The place of a frame that follows on those before it.
+    pub(super) fn follow(&mut self, stamp: Stamp) -> FramePlace {
+        let (index, arrival) = self.tracker.place(stamp.sequence);
+        let time_us = self.offset_us + self.clock.unwrap_us(stamp.clock_us);
+        if matches!(arrival, Arrival::InOrder { .. }) {
+            if let Some((newest, _)) = self.newest {
+                self.period.observe(&newest.step_to(&stamp));
+            }
+            self.newest = Some((stamp, time_us));
+        }
+        FramePlace { index, time_us, arrival, restarted: false }
+    }
+
+    /// The place of a frame that does not follow on those before it, and that another follows.
+    pub(super) fn jump(&mut self, stamp: Stamp) -> FramePlace {
+        let Some((newest, newest_us)) = self.newest else { return self.follow(stamp) };
+        let step = newest.step_to(&stamp);
+        if self.has_booted || is_restart(&step) {
+            return self.restart(stamp, newest_us, step.host_us);
+        }
+        let elapsed_us = elapsed(&step);
+        let sent = self.period.sent(&step, elapsed_us);
+        // Number and clock do not agree where the board has paused, or takes frames at another rate.
+        let is_next = (1..16).contains(&step.sequence);
+        self.uncertain += u64::from(sent.is_none() && !is_next);
+        let sent = sent.unwrap_or_else(|| u64::from(step.sequence.max(1)));
+        let (index, arrival) = self.tracker.advance(sent);
+        let time_us = newest_us.saturating_add_unsigned(elapsed_us);
+        self.clock = Clock::at(time_us - self.offset_us);
+        self.newest = Some((stamp, time_us));
+        FramePlace { index, time_us, arrival, restarted: false }
+    }
+
+    /// The board was off for as long as the host's time says, at least for the time since its start.
+    fn restart(&mut self, stamp: Stamp, newest_us: i64, host_us: Option<u64>) -> FramePlace {
+        let gap_us = host_us.unwrap_or(0).max(u64::from(stamp.clock_us));
+        let lost = host_us.map_or(0, |_| self.period.count(gap_us).saturating_sub(1));
+        let is_known = host_us.is_some() && self.period.samples > 0;
+        self.uncertain += u64::from(!is_known && !self.has_booted);
+        self.tracker.restart(lost);
+        let (index, arrival) = self.tracker.place(stamp.sequence);
+        let time_us = newest_us.saturating_add_unsigned(gap_us);
+        self.offset_us = time_us - i64::from(stamp.clock_us);
+        self.clock = Clock::at(i64::from(stamp.clock_us));
+        self.newest = Some((stamp, time_us));
+        (self.period, self.has_booted) = (Period::default(), false);
+        FramePlace { index, time_us, arrival, restarted: true }
+    }
+}
+
+/// Whether a step that is none of one run is that from one run to the next.
+fn is_restart(step: &FrameStep) -> bool {
+    let is_back = step.clock_us.cast_signed() <= 0;
+    let is_soon = step.host_us.is_some_and(|host_us| host_us < TURN_US / 2);
+    match step.is_new_run {
+        Some(true) => true,
+        // Two runs of one number: a chance of one in 65,536.
+        Some(false) => is_soon && is_back,
+        None => {
+            let went_on = !is_back && step.sequence.cast_signed() > 0;
+            let agrees =
+                |host_us: u64| elapsed(step).abs_diff(host_us) <= HOST_SLACK_US + host_us / 64;
+            match step.host_us {
+                None => !went_on,
+                Some(host_us) => !(agrees(host_us) || went_on && is_soon),
+            }
+        }
+    }
+}
+
+/// Time of a step within one run, with the turns of the clock.
+fn elapsed(step: &FrameStep) -> u64 {
+    let clock_us = u64::from(step.clock_us);
+    let turns = step.host_us.map_or(0, |us| (us + TURN_US / 2).saturating_sub(clock_us) / TURN_US);
+    clock_us + turns * TURN_US
+}
+
+/// How far apart frames are, as a mean.
+#[derive(Clone, Copy, Debug, Default)]
+struct Period {
+    samples: u64,
+    span_us: u64,
+}
+
+impl Period {
+    /// Takes a step between two frames of one run of the board.
+    fn observe(&mut self, step: &FrameStep) {
+        /// A mean over so many is as good as it gets.
+        const ENOUGH: u64 = 1 << 20;
+        let (samples, span_us) = (u64::from(step.sequence), u64::from(step.clock_us));
+        if samples == 0 || step.dropped != 0 {
+            return;
+        }
+        // Another rate, by more than an eighth: what came before says nothing about it.
+        let expected = self.span_us.saturating_mul(samples);
+        if (span_us * self.samples).abs_diff(expected) > expected / 8 {
+            *self = Self::default();
+        }
+        self.samples += samples;
+        self.span_us += span_us;
+        if self.samples > ENOUGH {
+            self.samples /= 2;
+            self.span_us /= 2;
+        }
+    }
+
+    /// Whether number and clock of a step agree: forwards, or back to a frame that was overtaken or comes
+    /// twice.
+    fn fits(&self, step: &FrameStep) -> bool {
+        let mut frames = i64::from(step.sequence.cast_signed());
+        let mut us = i64::from(step.clock_us.cast_signed());
+        let mut dropped = step.dropped;
+        if frames <= 0 {
+            (frames, us, dropped) = (-frames, -us, dropped.wrapping_neg());
+            if frames >= i64::from(WINDOW) {
+                return false;
+            }
+        }
+        let is_recent = step.host_us.is_none_or(|host_us| host_us < TURN_US / 2);
+        let (Ok(frames), Ok(us), true) = (u64::try_from(frames), u64::try_from(us), is_recent)
+        else {
+            return false;
+        };
+        let with_dropped = frames + u64::from(dropped);
+        let is_in_step = match self.span_us.checked_div(self.samples) {
+            None => us <= (with_dropped + 1) * LONGEST_PERIOD_US,
+            Some(period_us) => {
+                let least = (frames * period_us / 8 * 7).saturating_sub(period_us);
+                (least..=with_dropped * period_us / 8 * 9 + period_us).contains(&us)
+            }
+        };
+        frames < SHORT && step.is_new_run != Some(true) && is_in_step
+    }
+
+    /// Periods in a time, to the nearest.
+    fn count(&self, us: u64) -> u64 {
+        let periods = us.saturating_mul(self.samples).saturating_add(self.span_us / 2);
+        periods.checked_div(self.span_us).unwrap_or(0)
+    }
+
+    /// How far a count of periods in a time may be off.
+    fn slack(&self, us: u64) -> u64 {
+        // A frame may start a sixteenth of a period late.
+        2 + self.count(us) / (16 * self.samples.max(1))
+    }
+
+    /// Frames that were sent in so much time, which are those that the number has gone on by and some of
+    /// its turns; `None` if no number of turns fits.
+    fn sent(&self, step: &FrameStep, elapsed_us: u64) -> Option<u64> {
+        let (expected, slack) = (self.count(elapsed_us), self.slack(elapsed_us));
+        if slack >= SHORT {
+            return None;
+        }
+        let most = expected + slack;
+        let sequence = u64::from(step.sequence);
+        let sent = most.checked_sub((most.checked_sub(sequence)?) % NUMBERS)?;
+        // What was not sent was dropped on the board, which counts it modulo 256.
+        let unsent = most - sent;
+        let dropped = unsent.wrapping_sub(u64::from(step.dropped)) % 256;
+        let fits = unsent <= 2 * slack + 256 && dropped <= 2 * slack;
+        (sent > 0 && fits).then_some(sent)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn stamp(sequence: u16, clock_us: u32, start: u16, host_us: Option<u64>) -> Stamp {
+        Stamp { sequence, clock_us, dropped: 0, start: Some(start), host_us }
+    }
+
+    /// After a hundred frames of 10 ms.
+    fn after_a_second() -> Timeline {
+        let mut timeline = Timeline::default();
+        for frame in 0..100 {
+            let stamp = stamp(frame, u32::from(frame) * 10_000, 1, Some(u64::from(frame) * 10_000));
+            assert_eq!(timeline.is_followed_by(&stamp), frame > 0);
+            timeline.follow(stamp);
+        }
+        timeline
+    }
+
+    #[test]
+    fn a_host_that_stood_still_has_seen_no_restart() {
+        let mut timeline = after_a_second();
+        // 15 s later the frames that the system has kept arrive, then those of now.
+        let stale = stamp(100, 1_000_000, 1, Some(16_000_000));
+        assert!(timeline.is_followed_by(&stale));
+        assert_eq!(timeline.follow(stale).time_us, 1_000_000);
+        let now = stamp(1_600, 16_000_000, 1, Some(16_000_100));
+        assert!(timeline.is_followed_by(&now));
+        let placed = timeline.follow(now);
+        assert_eq!((placed.time_us, placed.restarted), (16_000_000, false));
+        assert_eq!((timeline.tracker.missing(), timeline.tracker.restarts), (1_499, 0));
+    }
+
+    #[test]
+    fn the_time_that_a_board_was_off_is_counted() {
+        let mut timeline = after_a_second();
+        let first = stamp(0, 4_000, 2, Some(3_990_000));
+        assert!(!timeline.is_followed_by(&first));
+        let placed = timeline.jump(first);
+        assert_eq!((placed.index, placed.time_us, placed.restarted), (399, 3_990_000, true));
+        assert_eq!((timeline.tracker.missing(), timeline.uncertain), (299, 0));
+    }
+
+    #[test]
+    fn number_clock_and_start_each_tell_that_a_frame_is_out_of_step() {
+        let timeline = after_a_second();
+        let step = |sequence, clock_us, start| {
+            timeline.is_followed_by(&stamp(sequence, clock_us, start, Some(1_000_000)))
+        };
+        assert!(step(100, 1_000_000, 1) && step(99, 990_000, 1) && step(90, 900_000, 1));
+        assert!(!step(100, 1_000_000, 2));
+        assert!(!step(100, 36_400_000, 1));
+        assert!(!step(4_196, 1_000_000, 1));
+        assert!(!step(100, 1 << 31, 1));
+    }
+}

@@ -1,0 +1,88 @@
+//! Keeping a board at what it was started with: one that resets has lost its settings and does not stream.
+
+use std::time::Duration;
+
+use shared_proto::{Command, Identity, Status};
+
+use crate::Uplink;
+use crate::recording::{BoardSource, HeardBoard};
+
+/// How long nothing may be heard of a board before it is asked for its state.
+const SILENCE: Duration = Duration::from_secs(1);
+
+/// What the boards of a recording were started with.
+#[derive(Debug, Default)]
+pub(super) struct StartedBoards {
+    started: Vec<(BoardSource, Status)>,
+}
+
+impl StartedBoards {
+    /// What has to be sent now so that every board streams as it did at first; nothing as a rule.
+    pub(super) fn commands(
+        &mut self,
+        uplink: &Uplink,
+        heard: &[HeardBoard],
+        now: Duration,
+    ) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        if heard.is_empty() {
+            bytes.extend(to_all(uplink, &[Command::Start]));
+        }
+        for board in heard {
+            let reception = board.reception();
+            let (identity, status) = (reception.identity(), reception.status());
+            let known = self.started.iter().find(|(sender, _)| *sender == board.sender);
+            match (known, identity, status) {
+                (None, Some(_), Some(status)) if status.streaming => {
+                    self.started.push((board.sender, status));
+                }
+                // Version 2 says neither.
+                (None, ..) if reception.start().is_some() => {
+                    bytes.extend(to_all(
+                        uplink,
+                        &[Command::Identify, Command::Start, Command::Status],
+                    ));
+                }
+                (None, ..) if !reception.has_begun() => {
+                    bytes.extend(to_all(uplink, &[Command::Start]));
+                }
+                (Some((_, wanted)), Some(identity), None) => {
+                    bytes.extend(restart(uplink, &identity, wanted));
+                }
+                (Some((_, wanted)), Some(identity), Some(status)) if !is_as(wanted, &status) => {
+                    bytes.extend(restart(uplink, &identity, wanted));
+                }
+                (Some((_, wanted)), Some(identity), _) => {
+                    let patience = SILENCE + 3 * Duration::from_micros(wanted.period_us.into());
+                    let is_silent = board.heard_at.is_some_and(|at| now > at + patience);
+                    let ask = |()| uplink.encode(0, Some(identity.id()), Command::Status);
+                    bytes.extend(is_silent.then_some(()).map(ask).unwrap_or_default());
+                }
+                _ => {}
+            }
+        }
+        bytes
+    }
+}
+
+fn to_all(uplink: &Uplink, commands: &[Command]) -> Vec<u8> {
+    commands.iter().flat_map(|&command| uplink.encode(0, None, command)).collect()
+}
+
+fn is_as(wanted: &Status, status: &Status) -> bool {
+    let settings = |it: &Status| (it.period_us, it.conversions, it.settling_us, it.stream);
+    status.streaming && settings(status) == settings(wanted)
+}
+
+/// Settings and start. Which of two settings fits first depends on which is longer, so those of the
+/// conversions come before the period and after it.
+fn restart(uplink: &Uplink, identity: &Identity, wanted: &Status) -> Vec<u8> {
+    let Status { period_us, conversions, settling_us, stream, .. } = *wanted;
+    let settling = Command::SetSettling { settling_us };
+    let oversampling = Command::SetOversampling { conversions };
+    let period = Command::SetPeriod { period_us };
+    let settings = [settling, oversampling, period, settling, oversampling];
+    let rest = [Command::SetStream(stream), Command::Start, Command::Status];
+    let to = Some(identity.id());
+    settings.into_iter().chain(rest).flat_map(|command| uplink.encode(0, to, command)).collect()
+}

@@ -1,0 +1,80 @@
+//! The checksum of a document: its last field, XXH3 of 128 bits of all bytes before it.
+//!
+//! It tells what was damaged on the way and what somebody has edited. It keeps nobody from writing another one.
+
+use std::borrow::Cow;
+
+use memchr::memmem;
+use twox_hash::XxHash3_128;
+
+/// How every document ends.
+pub(super) const END: &str = "\n}\n";
+
+/// What stands before the checksum, which is of all that stands before this.
+const FIELD: &str = ",\n  \"checksum\": \"xxh128:";
+
+/// A document that is not what was written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ChecksumError {
+    /// It has none, or not where it was written.
+    #[error("it is not what was written: its last line but one is no checksum")]
+    Missing,
+    /// It has that of another text.
+    #[error("it is not what was written: its checksum does not match")]
+    Mismatch,
+}
+
+/// The document with a checksum as its last field.
+pub(super) fn add(document: &str) -> String {
+    let content = document.strip_suffix(END).unwrap_or(document);
+    format!("{content}{}", seal(content.as_bytes()))
+}
+
+/// Whether the document is what was written. Line ends of Windows, which version control makes, are none of its content.
+///
+/// # Errors
+/// [`ChecksumError`] if it is not.
+pub(super) fn check(document: &[u8]) -> Result<(), ChecksumError> {
+    let document = with_line_feeds(document);
+    let at = memmem::rfind(&document, FIELD.as_bytes()).ok_or(ChecksumError::Missing)?;
+    let (content, end) = document.split_at(at);
+    match seal(content).as_bytes() == end {
+        true => Ok(()),
+        false => Err(ChecksumError::Mismatch),
+    }
+}
+
+/// What stands after the content of a document.
+fn seal(content: &[u8]) -> String {
+    format!("{FIELD}{:032x}\"{END}", XxHash3_128::oneshot(content))
+}
+
+fn with_line_feeds(document: &[u8]) -> Cow<'_, [u8]> {
+    if memmem::find(document, b"\r\n").is_none() {
+        return document.into();
+    }
+    let is_part = |&at: &usize| document[at] != b'\r' || document.get(at + 1) != Some(&b'\n');
+    (0..document.len()).filter(is_part).map(|at| document[at]).collect::<Vec<u8>>().into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn any_byte_that_changes_is_told_but_for_line_ends() {
+        let document = add("{\n  \"a\": 1,\n  \"b\": [\n    2\n  ]\n}\n");
+        assert_eq!(check(document.as_bytes()), Ok(()));
+        assert_eq!(check(document.replace('\n', "\r\n").as_bytes()), Ok(()));
+        for at in 0..document.len() {
+            for bit in 0..8 {
+                let mut bytes = document.clone().into_bytes();
+                bytes[at] ^= 1 << bit;
+                assert!(check(&bytes).is_err(), "{}", String::from_utf8_lossy(&bytes));
+            }
+            assert!(check(&document.as_bytes()[..at]).is_err());
+        }
+        assert_eq!(check(b"{\n  \"a\": 1\n}\n"), Err(ChecksumError::Missing));
+        assert!(check(format!("{document} ").as_bytes()).is_err());
+    }
+}

@@ -1,0 +1,224 @@
+//! Normal equations of each fold, put together from those of features and of memory terms.
+
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, MatRef, Par};
+
+use super::samples::SearchRows;
+use crate::validation::normal_equations::NormalEquations;
+use shell_data::wrench::{Axis, PerAxis};
+
+/// λ on columns of norm one: what condition numbers of memory terms need.
+const RIDGE: f64 = 1e-10;
+
+/// `AᵀB` of the rows of each fold.
+fn products(samples: &SearchRows, a: &Mat<f64>, b: &Mat<f64>) -> Vec<Mat<f64>> {
+    let of = |rows: &std::ops::Range<usize>| {
+        let part = |m: &'_ Mat<f64>| -> Mat<f64> { m.subrows(rows.start, rows.len()).to_owned() };
+        let (a, b) = (part(a), part(b));
+        let mut product = Mat::zeros(a.ncols(), b.ncols());
+        matmul(product.as_mut(), Accum::Replace, a.transpose(), &b, 1.0, Par::Seq);
+        product
+    };
+    samples.folds.iter().map(of).collect()
+}
+
+/// The memory terms of one time constant.
+pub(super) struct MemoryColumns {
+    pub(super) time_constant: f64,
+    pub(super) columns: Mat<f64>,
+    with_features: Vec<Mat<f64>>,
+    with_each_other: Vec<Mat<f64>>,
+}
+
+impl MemoryColumns {
+    pub(super) fn new(samples: &SearchRows, time_constant: f64) -> Self {
+        let columns = samples.memory_terms(time_constant);
+        Self {
+            time_constant,
+            with_features: products(samples, &samples.features, &columns),
+            with_each_other: products(samples, &columns, &columns),
+            columns,
+        }
+    }
+}
+
+/// The loads at one lag.
+pub(super) struct LoadColumns {
+    pub(super) columns: Mat<f64>,
+    with_features: Vec<Mat<f64>>,
+    with_each_other: Vec<Mat<f64>>,
+}
+
+impl LoadColumns {
+    pub(super) fn new(samples: &SearchRows, by: f64) -> Self {
+        Self::of(samples, samples.loads(by))
+    }
+
+    pub(super) fn of(samples: &SearchRows, columns: Mat<f64>) -> Self {
+        Self {
+            with_features: products(samples, &samples.features, &columns),
+            with_each_other: products(samples, &columns, &columns),
+            columns,
+        }
+    }
+}
+
+/// The equations of features and some memory terms.
+pub(super) struct FoldEquations<'a> {
+    samples: &'a SearchRows,
+    /// `XᵀX` of the features of each fold.
+    features: Vec<Mat<f64>>,
+    /// The variance of each axis.
+    variances: PerAxis<f64>,
+}
+
+/// Squared errors on each fold that was held out, per axis.
+#[derive(Clone, Debug)]
+pub(super) struct FoldErrors {
+    rows: Vec<f64>,
+    squares: Vec<PerAxis<f64>>,
+    /// Relative to the variance of each axis, averaged over those that vary.
+    scores: Vec<f64>,
+}
+
+impl FoldErrors {
+    /// The score of all rows.
+    pub(super) fn score(&self) -> f64 {
+        let rows: f64 = self.rows.iter().sum();
+        self.rows.iter().zip(&self.scores).map(|(rows, score)| rows * score).sum::<f64>() / rows
+    }
+
+    /// By how much the score of `later` is lower, and the standard error of that, a mean over folds weighted by rows
+    /// (Cochran, Sampling Techniques, 3rd ed., §6.3, of a ratio).
+    pub(super) fn gain(&self, later: &Self) -> (f64, f64) {
+        let rows: f64 = self.rows.iter().sum();
+        let gains: Vec<(f64, f64)> = (self.rows.iter().zip(&self.scores).zip(&later.scores))
+            .map(|((own, before), after)| (own / rows, before - after))
+            .collect();
+        let mean: f64 = gains.iter().map(|(share, gain)| share * gain).sum();
+        let spread: f64 = gains.iter().map(|(share, gain)| (share * (gain - mean)).powi(2)).sum();
+        let n = gains.len() as f64;
+        (mean, (spread * n / (n - 1.0)).sqrt())
+    }
+
+    /// Root mean squares, N and N·m.
+    pub(super) fn rms(&self) -> PerAxis<f64> {
+        let rows: f64 = self.rows.iter().sum();
+        let of = |axis: usize| self.squares.iter().map(|squares| squares[axis]).sum::<f64>();
+        std::array::from_fn(|axis| (of(axis) / rows).sqrt())
+    }
+}
+
+impl<'a> FoldEquations<'a> {
+    pub(super) fn new(samples: &'a SearchRows) -> Self {
+        let loads = samples.loads(0.0);
+        let variance = |axis: usize| {
+            let column = loads.col(axis);
+            let mean = column.sum() / samples.rows() as f64;
+            column.iter().map(|load| (load - mean) * (load - mean)).sum::<f64>()
+                / samples.rows() as f64
+        };
+        Self {
+            samples,
+            features: products(samples, &samples.features, &samples.features),
+            variances: std::array::from_fn(variance),
+        }
+    }
+
+    pub(super) fn samples(&self) -> &'a SearchRows {
+        self.samples
+    }
+
+    /// Variances of the axes; 0 of those that do not vary.
+    pub(super) fn variances(&self) -> &PerAxis<f64> {
+        &self.variances
+    }
+
+    /// The place of the constant.
+    fn ones(&self) -> Option<usize> {
+        self.samples.has_intercept.then(|| self.samples.features.ncols() - 1)
+    }
+
+    fn of_folds(&self, terms: &[&MemoryColumns], loads: &LoadColumns) -> Vec<NormalEquations> {
+        let with_loads: Vec<_> =
+            terms.iter().map(|of| products(self.samples, &of.columns, &loads.columns)).collect();
+        let mut between = Vec::new();
+        for (i, a) in terms.iter().enumerate() {
+            for (j, b) in terms.iter().enumerate().skip(i + 1) {
+                between.push((i, j, products(self.samples, &a.columns, &b.columns)));
+            }
+        }
+        let p = self.samples.features.ncols();
+        let width = terms.first().map_or(0, |of| of.columns.ncols());
+        let start = |term: usize| p + term * width;
+        let all = start(terms.len());
+        let of_fold = |fold: usize| {
+            let mut whole = Mat::zeros(all + Axis::ALL.len(), all + Axis::ALL.len());
+            let mut put = |row: usize, column: usize, part: MatRef<'_, f64>| {
+                whole.submatrix_mut(row, column, part.nrows(), part.ncols()).copy_from(part);
+                let mut other = whole.submatrix_mut(column, row, part.ncols(), part.nrows());
+                other.copy_from(part.transpose());
+            };
+            put(0, 0, self.features[fold].as_ref());
+            put(0, all, loads.with_features[fold].as_ref());
+            put(all, all, loads.with_each_other[fold].as_ref());
+            for (term, of) in terms.iter().enumerate() {
+                put(0, start(term), of.with_features[fold].as_ref());
+                put(start(term), start(term), of.with_each_other[fold].as_ref());
+                put(start(term), all, with_loads[term][fold].as_ref());
+            }
+            for (a, b, product) in &between {
+                put(start(*a), start(*b), product[fold].as_ref());
+            }
+            let rows = self.samples.folds[fold].len() as u64;
+            NormalEquations::from_products(all, rows, whole)
+        };
+        (0..self.samples.folds.len()).map(of_fold).collect()
+    }
+
+    /// The errors on each fold of fits without it; `None` where one cannot be made.
+    pub(super) fn errors(
+        &self,
+        terms: &[&MemoryColumns],
+        loads: &LoadColumns,
+    ) -> Option<FoldErrors> {
+        let folds = self.of_folds(terms, loads);
+        let mut errors = FoldErrors { rows: Vec::new(), squares: Vec::new(), scores: Vec::new() };
+        let varying: Vec<usize> = (0..6).filter(|&axis| self.variances[axis] > 0.0).collect();
+        for (place, fold) in folds.iter().enumerate() {
+            let rest = NormalEquations::all_but(&folds, place)?.solve(RIDGE, self.ones())?;
+            let found = fold.errors(rest.as_ref(), self.ones());
+            let rows = self.samples.folds[place].len() as f64;
+            let relative = |&axis: &usize| found[axis].squares / rows / self.variances[axis];
+            let score = varying.iter().map(relative).sum::<f64>() / varying.len().max(1) as f64;
+            errors.rows.push(rows);
+            errors.squares.push(found.map(|of| of.squares));
+            errors.scores.push(score);
+        }
+        Some(errors)
+    }
+
+    /// What is left of columns, rows × 6, when all that features and memory terms explain is taken off.
+    pub(super) fn unexplained(
+        &self,
+        terms: &[&MemoryColumns],
+        columns: &LoadColumns,
+    ) -> Option<Mat<f64>> {
+        let folds = self.of_folds(terms, columns);
+        let (first, others) = folds.split_first()?;
+        let mut all = first.clone();
+        others.iter().for_each(|other| all.add(other));
+        let coefficients = all.solve(RIDGE, self.ones())?;
+        let p = self.samples.features.ncols();
+        let mut left = columns.columns.clone();
+        let mut take_off = |part: &Mat<f64>, start: usize| {
+            let own = coefficients.subrows(start, part.ncols());
+            matmul(left.as_mut(), Accum::Add, part, own, -1.0, Par::Seq);
+        };
+        take_off(&self.samples.features, 0);
+        for (term, of) in terms.iter().enumerate() {
+            take_off(&of.columns, p + term * of.columns.ncols());
+        }
+        Some(left)
+    }
+}

@@ -1,0 +1,131 @@
+//! Data sets with memory terms beside their readings and the wrench at the time of the readings.
+
+use std::sync::Arc;
+
+use super::lag::{ReferenceLag, segments, shifted};
+use super::{FitError, GAP_PERIODS};
+use crate::memory::{MemoryTerms, NoTime, TimeBase};
+use shell_data::block::Block;
+use shell_data::dataset::{Dataset, LabelledBlock, LogRows, sample};
+
+/// How time passes in some logs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct RowClock {
+    pub(super) time_base: TimeBase,
+    /// The usual time between rows, in units of the time base.
+    pub(super) period: f64,
+}
+
+impl RowClock {
+    /// By rows where a log has no time, or where it stands still.
+    pub(super) fn of(data: &Dataset) -> Self {
+        let by_rows = Self { time_base: TimeBase::Rows, period: 1.0 };
+        let mut steps = Vec::new();
+        for (_, block) in data.blocks() {
+            if block.rows.time_s.len() != block.rows.rows {
+                return by_rows;
+            }
+            steps.extend(block.rows.time_s.windows(2).map(|pair| pair[1] - pair[0]));
+        }
+        let Some(period) = median_step(steps) else { return by_rows };
+        Self { time_base: TimeBase::Seconds, period }
+    }
+
+    /// A longer step of the clock is a gap.
+    pub(super) fn gap(&self) -> Option<f64> {
+        (self.time_base == TimeBase::Seconds).then_some(GAP_PERIODS * self.period)
+    }
+
+    /// The memory of time constants.
+    ///
+    /// # FoldErrors
+    /// [`FitError::TimeConstant`] if one is not positive.
+    pub(super) fn memory(&self, time_constants: &[f64]) -> Result<MemoryTerms, FitError> {
+        let is_wrong = |tau: &&f64| !(**tau > 0.0 && tau.is_finite());
+        if let Some(&wrong) = time_constants.iter().find(is_wrong) {
+            return Err(FitError::TimeConstant(wrong));
+        }
+        let mut time_constants = time_constants.to_vec();
+        time_constants.sort_unstable_by(f64::total_cmp);
+        time_constants.dedup();
+        Ok(MemoryTerms { time_base: self.time_base, time_constants, gap: self.gap() })
+    }
+}
+
+/// The median of the steps that move on.
+fn median_step(mut steps: Vec<f64>) -> Option<f64> {
+    steps.retain(|&step| step > 0.0);
+    let middle = steps.len() / 2;
+    (!steps.is_empty()).then(|| *steps.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
+/// The rows as a calibration with this memory and lag takes them.
+///
+/// # FoldErrors
+/// [`FitError::NoTime`] if either is by time and a log has none.
+pub fn prepared(
+    data: &Dataset,
+    memory: Option<&MemoryTerms>,
+    lag: Option<ReferenceLag>,
+) -> Result<Dataset, FitError> {
+    if memory.is_none() && lag.is_none() {
+        return Ok(data.clone());
+    }
+    let logs = data.logs.iter().map(|log| {
+        let no_time = |_: NoTime| FitError::NoTime { log: log.name.clone() };
+        prepared_log(log, memory, lag).map_err(no_time)
+    });
+    Ok(Dataset { logs: logs.collect::<Result<_, _>>()? })
+}
+
+fn prepared_log(
+    log: &LogRows,
+    memory: Option<&MemoryTerms>,
+    lag: Option<ReferenceLag>,
+) -> Result<LogRows, NoTime> {
+    let mut blocks: Vec<Block> = log.blocks.iter().map(|block| Block::clone(&block.rows)).collect();
+    if let Some(lag) = lag {
+        move_wrench(&mut blocks, lag)?;
+    }
+    if let Some(memory) = memory {
+        let mut state = memory.start();
+        blocks.iter_mut().try_for_each(|block| state.extend(block))?;
+    }
+    let sample = sample(&blocks);
+    let labels = log.blocks.iter().map(|block| Arc::clone(&block.labels));
+    let blocks = blocks.into_iter().zip(labels);
+    let blocks =
+        blocks.map(|(rows, labels)| LabelledBlock { rows: Arc::new(rows), labels }).collect();
+    Ok(LogRows { sample, blocks, ..log.clone() })
+}
+
+/// Replaces the wrench of every row by that of the time when the reference shows what the readings do.
+fn move_wrench(blocks: &mut [Block], lag: ReferenceLag) -> Result<(), NoTime> {
+    let rows: usize = blocks.iter().map(|block| block.rows).sum();
+    let (times, gap) = match lag.time_base {
+        TimeBase::Rows => ((0..rows).map(|row| row as f64).collect(), None),
+        TimeBase::Seconds => {
+            let times: Vec<f64> =
+                blocks.iter().flat_map(|block| block.time_s.iter().copied()).collect();
+            if times.len() != rows {
+                return Err(NoTime);
+            }
+            let steps = times.windows(2).map(|pair| pair[1] - pair[0]);
+            let gap = median_step(steps.collect()).map(|period| GAP_PERIODS * period);
+            (times, gap)
+        }
+    };
+    let segments = segments(&times, gap);
+    for axis in 0..6 {
+        let column: Vec<f64> =
+            blocks.iter().flat_map(|block| block.wrench[axis].iter().copied()).collect();
+        let moved = shifted(&times, &segments, lag.by, &column);
+        let mut rest = &moved[..];
+        for block in &mut *blocks {
+            let (own, later) = rest.split_at(block.rows);
+            block.wrench[axis].copy_from_slice(own);
+            rest = later;
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,211 @@
+//! The rows that are searched on: some of the data set's, in order, each with all that came before it.
+
+use std::ops::Range;
+
+use faer::Mat;
+
+use super::lag::{segments, shifted};
+use super::prepared::RowClock;
+use crate::features::Features;
+use crate::memory::{MemoryTerms, TimeBase};
+use crate::model::{Basis, Model};
+use crate::scaling::Scaling;
+use shell_data::dataset::{Dataset, LogRows};
+use shell_data::wrench::{Axis, PerAxis};
+
+/// Rows that are looked at; the rest of longer recordings would tell little more.
+const MOST_ROWS: usize = 200_000;
+
+/// Rows of these that errors are found on.
+const MOST_USED: usize = 12_000;
+
+/// Rows that are held out for each feature, at the fewest.
+const ROWS_PER_FEATURE: usize = 10;
+
+/// Folds that logs are cut into where they are few.
+const FOLDS: usize = 10;
+
+/// Logs that are folds as they are.
+const ENOUGH_LOGS: usize = 4;
+
+/// Features of the family that is searched on, at most.
+const MOST_FEATURES: usize = 150;
+
+/// The part of a log that is looked at.
+struct LogPart {
+    times: Vec<f64>,
+    segments: Vec<usize>,
+    readings: Vec<Vec<f64>>,
+    wrench: PerAxis<Vec<f64>>,
+    /// The rows that errors are found on.
+    used: Vec<usize>,
+}
+
+/// Rows of several logs.
+pub(super) struct SearchRows {
+    logs: Vec<LogPart>,
+    clock: RowClock,
+    /// The used rows of each fold, numbered over all logs.
+    pub(super) folds: Vec<Range<usize>>,
+    /// Features of the used rows, the last of which is constant if there is an intercept.
+    pub(super) features: Mat<f64>,
+    pub(super) has_intercept: bool,
+}
+
+impl LogPart {
+    fn new(log: &LogRows, clock: &RowClock, most: usize, every: usize) -> Self {
+        let (mut times, mut readings) = (Vec::new(), vec![Vec::new(); log.channels]);
+        let mut wrench = PerAxis::<Vec<f64>>::default();
+        for block in &log.blocks {
+            let rows = block.rows.rows.min(most - readings.first().map_or(0, Vec::len));
+            times.extend(block.rows.time_s.iter().take(rows));
+            let columns = readings.iter_mut().chain(&mut wrench);
+            for (column, more) in
+                columns.zip(block.rows.channels().iter().chain(&block.rows.wrench))
+            {
+                column.extend_from_slice(&more[..rows]);
+            }
+        }
+        let rows = wrench[0].len();
+        if clock.time_base == TimeBase::Rows {
+            times = (0..rows).map(|row| row as f64).collect();
+        }
+        let segments = segments(&times, clock.gap());
+        Self { times, segments, readings, wrench, used: (0..rows).step_by(every).collect() }
+    }
+}
+
+impl SearchRows {
+    /// `None` if there are too few rows, or nothing moves.
+    pub(super) fn new(data: &Dataset, clock: &RowClock, intercept: bool) -> Option<Self> {
+        let channels = data.channels();
+        let rows = usize::try_from(data.rows()).ok()?;
+        let looked_at = rows.min(MOST_ROWS);
+        let every = looked_at.div_ceil(MOST_USED).max(1);
+        let most = |log: &LogRows| (log.rows() as usize * looked_at).div_ceil(rows.max(1));
+        let logs: Vec<LogPart> =
+            data.logs.iter().map(|log| LogPart::new(log, clock, most(log), every)).collect();
+        let used: usize = logs.iter().map(|log| log.used.len()).sum();
+        let model = [Basis::CubicProducts, Basis::Cubic, Basis::Linear]
+            .map(|basis| Model { basis, intercept, channels, memory: 0 })
+            .into_iter()
+            .find(|model| {
+                let features = model.term_count();
+                features <= MOST_FEATURES && features * ROWS_PER_FEATURE <= used
+            })?;
+        let pick = |channel: usize| -> Vec<f64> {
+            logs.iter()
+                .flat_map(|log| log.used.iter().map(|&row| log.readings[channel][row]))
+                .collect()
+        };
+        let readings: Vec<Vec<f64>> = (0..channels).map(pick).collect();
+        let of_model = Features::new(model, Scaling::of_sample(&readings, intercept));
+        let mut columns = vec![0.0; used * of_model.len()];
+        of_model.fill(&readings, 0..used, &mut columns, used);
+        let features = Mat::from_fn(used, of_model.len(), |i, j| columns[j * used + i]);
+        let folds = folds(&logs);
+        let is_finite = features.is_all_finite()
+            && logs.iter().flat_map(|log| &log.wrench).flatten().all(|load| load.is_finite());
+        (folds.len() > 2 && is_finite).then(|| Self {
+            logs,
+            clock: *clock,
+            folds,
+            features,
+            has_intercept: intercept,
+        })
+    }
+
+    /// Number of used rows.
+    pub(super) fn rows(&self) -> usize {
+        self.features.nrows()
+    }
+
+    /// The usual time between rows.
+    pub(super) fn period(&self) -> f64 {
+        self.clock.period
+    }
+
+    /// The longest stretch without a gap.
+    pub(super) fn longest(&self) -> f64 {
+        let of_log = |log: &LogPart| {
+            let ends = log.segments.iter().skip(1).copied().chain([log.times.len()]);
+            let spans = log.segments.iter().zip(ends);
+            spans.map(|(&start, end)| log.times[end - 1] - log.times[start]).fold(0.0, f64::max)
+        };
+        self.logs.iter().map(of_log).fold(0.0, f64::max)
+    }
+
+    /// The loads of the used rows, rows × 6, at times that are later `by` so much.
+    pub(super) fn loads(&self, by: f64) -> Mat<f64> {
+        self.per_axis(|log, axis| shifted(&log.times, &log.segments, by, &log.wrench[axis]))
+    }
+
+    /// How fast they change there: over one period either way, so that the noise of the loads between has no part in
+    /// it.
+    pub(super) fn slopes(&self, by: f64) -> Mat<f64> {
+        let step = self.clock.period;
+        (self.loads(by + step) - self.loads(by - step)) * faer::Scale(0.5 / step)
+    }
+
+    /// The memory terms of a time constant, rows × channels.
+    pub(super) fn memory_terms(&self, time_constant: f64) -> Mat<f64> {
+        let memory = MemoryTerms {
+            time_base: TimeBase::Seconds,
+            time_constants: vec![time_constant],
+            gap: self.clock.gap(),
+        };
+        let channels = self.logs[0].readings.len();
+        let mut columns = vec![Vec::with_capacity(self.rows()); channels];
+        for log in &self.logs {
+            let terms = memory.start().terms(&log.times, &log.readings);
+            let terms = terms.expect("a time for every row");
+            for (column, terms) in columns.iter_mut().zip(terms) {
+                column.extend(log.used.iter().map(|&row| terms[row]));
+            }
+        }
+        Mat::from_fn(self.rows(), channels, |i, j| columns[j][i])
+    }
+
+    fn per_axis(&self, of: impl Fn(&LogPart, usize) -> Vec<f64>) -> Mat<f64> {
+        let mut columns = vec![Vec::with_capacity(self.rows()); Axis::ALL.len()];
+        for log in &self.logs {
+            for (axis, column) in columns.iter_mut().enumerate() {
+                let all = of(log, axis);
+                column.extend(log.used.iter().map(|&row| all[row]));
+            }
+        }
+        Mat::from_fn(self.rows(), Axis::ALL.len(), |i, axis| columns[axis][i])
+    }
+}
+
+/// Logs, or the parts of equal length that few of them are cut into.
+fn folds(logs: &[LogPart]) -> Vec<Range<usize>> {
+    let parts = match logs.len() {
+        ENOUGH_LOGS.. => 1,
+        few => FOLDS.div_ceil(few.max(1)),
+    };
+    let (mut folds, mut start) = (Vec::new(), 0);
+    for log in logs {
+        let rows = log.used.len();
+        let ends = (1..=parts).map(|part| start + rows * part / parts);
+        let mut first = start;
+        for end in ends {
+            folds.push(first..end);
+            first = end;
+        }
+        start += rows;
+    }
+    folds.retain(|fold| !fold.is_empty());
+    merged(folds)
+}
+
+/// Neighbours together until there are no more than some folds.
+fn merged(folds: Vec<Range<usize>>) -> Vec<Range<usize>> {
+    let count = folds.len();
+    if count <= FOLDS {
+        return folds;
+    }
+    let chunk =
+        |part: usize| folds[part * count / FOLDS].start..folds[(part + 1) * count / FOLDS - 1].end;
+    (0..FOLDS).map(chunk).collect()
+}

@@ -1,0 +1,288 @@
+//! The search for lag and time constants.
+//!
+//! **Lag.** With `r` the residual of the fit at a lag and `D⊥` what features leave unexplained of the slope of the
+//! loads, the lag is where `Σ r·D⊥ = 0`, the minimum of the squared errors. The slope is taken over one row either
+//! way, so that noise of the loads is not in both: a minimum of the squared errors themselves is drawn to half rows,
+//! where interpolation averages noise away. Its standard error is from the scatter of that sum between folds.
+//!
+//! **Time constants** are added one at a time, first on a logarithmic grid, then moved, with those before, to where
+//! errors on rows that were held out are least.
+
+use super::equations::{FoldEquations, FoldErrors, LoadColumns, MemoryColumns};
+use super::prepared::RowClock;
+use super::samples::SearchRows;
+use super::{Dynamics, DynamicsRule, Gain, LagRule, MemoryRule, ReferenceLag};
+
+/// Time constants, at most.
+const MOST_TIMES: usize = 4;
+
+/// How much apart those of the grid are.
+const GRID: f64 = 2.0;
+
+/// Two time constants that are closer than this are one.
+const APART: f64 = 1.5;
+
+/// A memory term that lowers squared errors by less is not worth the state that it takes.
+const LEAST_GAIN: f64 = 0.02;
+
+/// FoldErrors relative to the loads below this are rounding.
+const NOTHING_LEFT: f64 = 1e-12;
+
+/// Lags that the search starts from, rows.
+const STARTS: [f64; 11] = [-32.0, -16.0, -8.0, -4.0, -2.0, 0.0, 2.0, 4.0, 8.0, 16.0, 32.0];
+
+/// Factors by which time constants are moved, one round after the other.
+const ROUNDS: [f64; 4] = [1.7, 1.4, 1.2, 1.08];
+
+/// A lag and what it leaves.
+struct LagEstimate {
+    lag: f64,
+    standard_error: f64,
+}
+
+/// Searches for what the rule asks for; what is given stands.
+pub(super) fn search(
+    samples: &SearchRows,
+    rule: &DynamicsRule<'_>,
+    given: &Dynamics,
+    clock: &RowClock,
+) -> Dynamics {
+    let search = DynamicsSearch { equations: FoldEquations::new(samples) };
+    search.run(rule, given, clock).unwrap_or_else(|| given.clone())
+}
+
+struct DynamicsSearch<'a> {
+    equations: FoldEquations<'a>,
+}
+
+impl DynamicsSearch<'_> {
+    fn samples(&self) -> &SearchRows {
+        self.equations.samples()
+    }
+
+    fn errors(&self, terms: &[MemoryColumns], lag: f64) -> Option<FoldErrors> {
+        let terms: Vec<&MemoryColumns> = terms.iter().collect();
+        self.equations.errors(&terms, &LoadColumns::new(self.samples(), lag))
+    }
+
+    /// `None` where nothing can be found.
+    fn run(&self, rule: &DynamicsRule<'_>, given: &Dynamics, clock: &RowClock) -> Option<Dynamics> {
+        let plain = self.errors(&[], 0.0)?;
+        if plain.score() < NOTHING_LEFT {
+            return None;
+        }
+        let mut lag = given.lag.map_or(0.0, |lag| lag.by);
+        if rule.lag == LagRule::Auto {
+            lag = self.significant_lag(&[], self.start()).map_or(0.0, |found| found.lag);
+        }
+        let with_lag = self.errors(&[], lag)?;
+        let mut terms: Vec<MemoryColumns> = Vec::new();
+        if let Some(memory) = &given.memory {
+            let times = memory.time_constants.iter();
+            terms = times.map(|&tau| MemoryColumns::new(self.samples(), tau)).collect();
+        }
+        let mut best = self.errors(&terms, lag)?;
+        if rule.memory == MemoryRule::Auto {
+            while terms.len() < MOST_TIMES {
+                let Some(more) = self.one_more(&terms, &mut lag, rule) else { break };
+                let errors = self.errors(&more, lag)?;
+                let (gain, standard_error) = best.gain(&errors);
+                if !(gain > standard_error && gain > LEAST_GAIN * best.score()) {
+                    break;
+                }
+                (terms, best) = (more, errors);
+            }
+            terms.sort_by(|a, b| a.time_constant.total_cmp(&b.time_constant));
+        }
+        let mut standard_error = None;
+        if rule.lag == LagRule::Auto {
+            let found = self.significant_lag(&terms, lag);
+            lag = found.as_ref().map_or(0.0, |found| found.lag);
+            standard_error = found.map(|found| found.standard_error);
+        }
+        let with_all = self.errors(&terms, lag)?;
+        let times: Vec<f64> = terms.iter().map(|of| of.time_constant).collect();
+        let memory = match rule.memory {
+            MemoryRule::Auto if times.is_empty() => None,
+            MemoryRule::Auto => Some(clock.memory(&times).ok()?),
+            MemoryRule::Given(_) => given.memory.clone(),
+        };
+        let time_base = clock.time_base;
+        Some(Dynamics {
+            time_base,
+            lag: (lag != 0.0).then_some(ReferenceLag { time_base, by: lag }),
+            lag_standard_error: standard_error,
+            memory,
+            gain: Some(Gain {
+                folds: self.samples().folds.len(),
+                plain: plain.rms(),
+                with_lag: with_lag.rms(),
+                with_all: with_all.rms(),
+            }),
+        })
+    }
+
+    /// The lag of least error among a few.
+    fn start(&self) -> f64 {
+        let period = self.samples().period();
+        let score = |rows: &&f64| {
+            self.errors(&[], **rows * period).map_or(f64::INFINITY, |errors| errors.score())
+        };
+        let scored = STARTS.iter().map(|rows| (rows * period, score(&rows)));
+        scored.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0.0, |(lag, _)| lag)
+    }
+
+    /// A lag that pays: more than two standard errors from none, and with less error by more than one.
+    fn significant_lag(&self, terms: &[MemoryColumns], start: f64) -> Option<LagEstimate> {
+        let found = self.lag(terms, start)?;
+        let (without, with) = (self.errors(terms, 0.0)?, self.errors(terms, found.lag)?);
+        let (gain, standard_error) = without.gain(&with);
+        let pays = gain > standard_error && found.lag.abs() > 2.0 * found.standard_error;
+        pays.then_some(found)
+    }
+
+    /// The lag by the method of the module, from a first guess.
+    fn lag(&self, terms: &[MemoryColumns], start: f64) -> Option<LagEstimate> {
+        let (samples, period) = (self.samples(), self.samples().period());
+        let terms: Vec<&MemoryColumns> = terms.iter().collect();
+        let mut weights = None;
+        // `Σ r·D⊥` of each fold, and `Σ D⊥²`, axes weighted by their residuals.
+        let mut moments = |lag: f64| -> Option<(Vec<f64>, f64)> {
+            let residual = self.equations.unexplained(&terms, &LoadColumns::new(samples, lag))?;
+            let slope = LoadColumns::of(samples, samples.slopes(lag));
+            let slope = self.equations.unexplained(&terms, &slope)?;
+            let weights = weights.get_or_insert_with(|| {
+                std::array::from_fn::<f64, 6, _>(|axis| {
+                    let square = residual.col(axis).squared_norm_l2();
+                    let varies = self.equations.variances()[axis] > 0.0 && square > 0.0;
+                    if varies { samples.rows() as f64 / square } else { 0.0 }
+                })
+            });
+            let of_fold = |rows: &std::ops::Range<usize>| {
+                let part = |axis: usize| {
+                    let r = residual.col(axis).subrows(rows.start, rows.len());
+                    let d = slope.col(axis).subrows(rows.start, rows.len());
+                    weights[axis] * (r.transpose() * d)
+                };
+                (0..6).map(part).sum::<f64>()
+            };
+            let folds: Vec<f64> = samples.folds.iter().map(of_fold).collect();
+            let squares = (0..6).map(|axis| weights[axis] * slope.col(axis).squared_norm_l2());
+            Some((folds, squares.sum()))
+        };
+        let (mut lag, mut at) = (start, moments(start)?);
+        let mut steepness = at.1;
+        for _ in 0..12 {
+            if steepness.is_nan() || steepness <= 0.0 {
+                return None;
+            }
+            let step = (-at.0.iter().sum::<f64>() / steepness).clamp(-2.0 * period, 2.0 * period);
+            let next = moments(lag + step)?;
+            let change = next.0.iter().sum::<f64>() - at.0.iter().sum::<f64>();
+            if step.abs() > 1e-6 * period {
+                steepness = change / step;
+            }
+            (lag, at) = (lag + step, next);
+            if step.abs() < 1e-3 * period {
+                break;
+            }
+        }
+        let n = at.0.len() as f64;
+        let spread: f64 = at.0.iter().map(|of| of * of).sum::<f64>() * n / (n - 1.0);
+        let standard_error = spread.sqrt() / steepness;
+        (steepness > 0.0 && standard_error.is_finite())
+            .then_some(LagEstimate { lag, standard_error })
+    }
+
+    /// The memory terms with one more time constant, all of them and the lag where errors are least.
+    fn one_more(
+        &self,
+        terms: &[MemoryColumns],
+        lag: &mut f64,
+        rule: &DynamicsRule<'_>,
+    ) -> Option<Vec<MemoryColumns>> {
+        let samples = self.samples();
+        let (least, most) = (samples.period(), samples.longest() / 4.0);
+        let loads = LoadColumns::new(samples, *lag);
+        let score = |new: &MemoryColumns| {
+            let all: Vec<&MemoryColumns> = terms.iter().chain([new]).collect();
+            self.equations.errors(&all, &loads).map_or(f64::INFINITY, |errors| errors.score())
+        };
+        let grid = std::iter::successors(Some(least), |tau| Some(tau * GRID));
+        let new: Vec<(f64, MemoryColumns)> = grid
+            .take_while(|tau| *tau <= most)
+            .filter(|tau| terms.iter().all(|of| is_apart(of.time_constant, *tau)))
+            .map(|tau| {
+                let new = MemoryColumns::new(samples, tau);
+                (score(&new), new)
+            })
+            .collect();
+        let (_, new) = new.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))?;
+        let known = terms.iter().map(|of| MemoryColumns::new(samples, of.time_constant));
+        let mut all: Vec<MemoryColumns> = known.chain([new]).collect();
+        for factor in ROUNDS {
+            let loads = LoadColumns::new(samples, *lag);
+            for place in 0..all.len() {
+                self.move_one(&mut all, place, factor, (least, most), &loads);
+            }
+            if rule.lag == LagRule::Auto {
+                *lag = self.lag(&all, *lag).map_or(*lag, |found| found.lag);
+            }
+        }
+        Some(all)
+    }
+
+    /// Moves a time constant by up to a factor to where the errors are least, by a parabola through three.
+    fn move_one(
+        &self,
+        all: &mut [MemoryColumns],
+        place: usize,
+        factor: f64,
+        (least, most): (f64, f64),
+        loads: &LoadColumns,
+    ) {
+        let samples = self.samples();
+        let centre = all[place].time_constant;
+        let score = |all: &[MemoryColumns], new: &MemoryColumns| {
+            let with = |(at, of)| if at == place { new } else { of };
+            let terms: Vec<&MemoryColumns> = all.iter().enumerate().map(with).collect();
+            self.equations.errors(&terms, loads).map_or(f64::INFINITY, |errors| errors.score())
+        };
+        let others: Vec<f64> = (all.iter().enumerate())
+            .filter(|(at, _)| *at != place)
+            .map(|(_, of)| of.time_constant)
+            .collect();
+        let is_allowed = |tau: f64| {
+            (least..=most).contains(&tau) && others.iter().all(|other| is_apart(*other, tau))
+        };
+        let middle = score(all, &all[place]);
+        let mut best = (middle, None);
+        let mut sides = [f64::INFINITY; 2];
+        let consider = |tau: f64, best: &mut (f64, Option<MemoryColumns>)| {
+            if !is_allowed(tau) {
+                return f64::INFINITY;
+            }
+            let new = MemoryColumns::new(samples, tau);
+            let found = score(all, &new);
+            if found < best.0 {
+                *best = (found, Some(new));
+            }
+            found
+        };
+        for (side, tau) in sides.iter_mut().zip([centre / factor, centre * factor]) {
+            *side = consider(tau, &mut best);
+        }
+        let curvature = sides[0] + sides[1] - 2.0 * middle;
+        if curvature.is_finite() && curvature > 0.0 {
+            let vertex = (0.5 * (sides[0] - sides[1]) / curvature).clamp(-1.5, 1.5);
+            consider(centre * factor.powf(vertex), &mut best);
+        }
+        if let (_, Some(new)) = best {
+            all[place] = new;
+        }
+    }
+}
+
+fn is_apart(a: f64, b: f64) -> bool {
+    a.max(b) >= APART * a.min(b)
+}

@@ -1,0 +1,165 @@
+//! Loads in the order in which they tell most.
+
+use super::sensors::{Answers, SensorKnowledge};
+use super::surface::Surface;
+use shell_data::wrench::PerAxis;
+
+/// Loads of the range over which variances are averaged, at most: more change no order.
+const MOST_OF_RANGE: usize = 120;
+
+/// What the next load is chosen by.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Criterion {
+    /// The gain of information.
+    #[default]
+    Gain,
+    /// The variance of a wrench, averaged over the range of loads.
+    AverageVariance,
+}
+
+/// What is known of the sensors.
+#[derive(Clone, Debug)]
+enum Knowledge {
+    Surface(Surface),
+    Sensors(SensorKnowledge),
+}
+
+/// Chooses loads one after the other.
+pub struct Planner<'a> {
+    candidates: &'a [PerAxis<f64>],
+    left: Vec<usize>,
+    range: Vec<PerAxis<f64>>,
+    knowledge: Knowledge,
+    criterion: Criterion,
+}
+
+/// A load that was chosen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlannedLoad {
+    /// Its place among the candidates.
+    pub candidate: usize,
+    /// The gain of information, in nats.
+    pub gain: f64,
+    /// The error after it.
+    pub error: PredictedError,
+}
+
+/// The error to expect, over the range of loads.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum PredictedError {
+    /// Of a wrench, root mean square, N and N·m.
+    Wrench(PerAxis<f64>),
+    /// Of the surface through the answers, in standard deviations of one pose: nothing was read yet.
+    Relative(f64),
+}
+
+impl PredictedError {
+    /// Whether every force is within `force_n`, and every moment within `moment_nm`, where these are given; no
+    /// statement in N where nothing was read.
+    pub fn is_within(&self, force_n: Option<f64>, moment_nm: Option<f64>) -> bool {
+        let Self::Wrench(errors) = self else { return false };
+        let within = |errors: &[f64], limit: Option<f64>| {
+            limit.is_none_or(|limit| errors.iter().all(|&error| error <= limit))
+        };
+        within(&errors[..3], force_n) && within(&errors[3..], moment_nm)
+    }
+}
+
+impl<'a> Planner<'a> {
+    /// With no model of the sensors, after `loads`.
+    pub fn from_loads(loads: &[PerAxis<f64>], candidates: &'a [PerAxis<f64>]) -> Self {
+        let knowledge = Knowledge::Surface(Surface::new(loads, candidates));
+        Self::new(loads, candidates, knowledge)
+    }
+
+    /// With a model, which knows the `loads` that it was fitted to.
+    pub fn from_sensors(
+        sensors: SensorKnowledge,
+        loads: &[PerAxis<f64>],
+        candidates: &'a [PerAxis<f64>],
+    ) -> Self {
+        Self::new(loads, candidates, Knowledge::Sensors(sensors))
+    }
+
+    fn new(loads: &[PerAxis<f64>], candidates: &'a [PerAxis<f64>], knowledge: Knowledge) -> Self {
+        let all: Vec<PerAxis<f64>> = loads.iter().chain(candidates).copied().collect();
+        let every = all.len().div_ceil(MOST_OF_RANGE).max(1);
+        Self {
+            candidates,
+            left: (0..candidates.len()).collect(),
+            range: all.into_iter().step_by(every).collect(),
+            knowledge,
+            criterion: Criterion::default(),
+        }
+    }
+
+    /// By another criterion.
+    #[must_use]
+    pub fn by(self, criterion: Criterion) -> Self {
+        Self { criterion, ..self }
+    }
+
+    /// The error to expect now.
+    pub fn error(&self) -> PredictedError {
+        match &self.knowledge {
+            Knowledge::Surface(surface) => PredictedError::Relative(surface.error(&self.range)),
+            Knowledge::Sensors(sensors) => {
+                PredictedError::Wrench(sensors.errors(&self.answers(sensors)))
+            }
+        }
+    }
+
+    fn answers(&self, sensors: &SensorKnowledge) -> Vec<Answers> {
+        self.range.iter().map(|load| sensors.answers(load)).collect()
+    }
+
+    /// How much each load that is left is worth, the more the better.
+    fn worths(&self) -> Vec<f64> {
+        let loads = self.left.iter().map(|&place| &self.candidates[place]);
+        match (&self.knowledge, self.criterion) {
+            (Knowledge::Surface(surface), Criterion::Gain) => {
+                loads.map(|load| surface.gain(load)).collect()
+            }
+            (Knowledge::Surface(surface), Criterion::AverageVariance) => {
+                loads.map(|load| surface.variance_gain(load, &self.range)).collect()
+            }
+            (Knowledge::Sensors(sensors), Criterion::Gain) => {
+                loads.map(|load| sensors.gain(&sensors.answers(load))).collect()
+            }
+            (Knowledge::Sensors(sensors), Criterion::AverageVariance) => {
+                let range = self.answers(sensors);
+                let after = |load| sensors.mean_variances(&range, Some(&sensors.answers(load)));
+                loads.map(|load| -after(load).iter().sum::<f64>()).collect()
+            }
+        }
+    }
+}
+
+impl Iterator for Planner<'_> {
+    type Item = PlannedLoad;
+
+    /// The load that is worth most of those that are left; the first of equals.
+    fn next(&mut self) -> Option<PlannedLoad> {
+        let worths = self.worths();
+        let best =
+            (1..worths.len()).fold(0, |best, at| if worths[at] > worths[best] { at } else { best });
+        if self.left.is_empty() {
+            return None;
+        }
+        let candidate = self.left.remove(best);
+        let load = &self.candidates[candidate];
+        let gain = match &mut self.knowledge {
+            Knowledge::Surface(surface) => {
+                let gain = surface.gain(load);
+                surface.observe(load);
+                gain
+            }
+            Knowledge::Sensors(sensors) => {
+                let gain = sensors.gain(&sensors.answers(load));
+                sensors.observe(load);
+                gain
+            }
+        };
+        Some(PlannedLoad { candidate, gain, error: self.error() })
+    }
+}

@@ -1,0 +1,268 @@
+//! What planning would have saved in a session that was recorded: its poses in random order, and in planned ones.
+//!
+//! ```text
+//! poses → some held out ─┬─ the first few, at random ─▶ the next by an order ─▶ model ─▶ error on those held out
+//!                        └───────────────────────────────▲──────────────────────┘
+//! ```
+//!
+//! Every order begins with the same poses and ends with all of them. The error is that of the physics model, with its
+//! priors chosen anew each time, relative to the root mean square of the loads of each axis, averaged in squares over
+//! the axes and the poses.
+
+use std::collections::BTreeMap;
+
+use super::planner::{Criterion, Planner};
+use super::sensors::SensorKnowledge;
+use crate::physics::response::PARAMETERS;
+use crate::physics::{Choice, Inversion, Observation, PhysicsError, PhysicsModel};
+use shell_data::random::{Purpose, RandomStream};
+use shell_data::wrench::PerAxis;
+
+/// From how many times the poses of a step on the model is fitted again: every pose at first, then fewer.
+const STEP_SHARE: usize = 16;
+
+/// An order in which poses are added.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Order {
+    /// Any.
+    Random,
+    /// D-optimal on 1, w and w·w: needs no reading.
+    DOptimal,
+    /// By the gain of information of the model so far.
+    Gain,
+    /// By the average variance of the model so far.
+    AverageVariance,
+}
+
+impl Order {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Random, Self::DOptimal, Self::Gain, Self::AverageVariance];
+
+    /// The name that people read.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Random => "random order",
+            Self::DOptimal => "D-optimal",
+            Self::Gain => "information gain",
+            Self::AverageVariance => "average variance (ALC)",
+        }
+    }
+}
+
+/// How a session is replayed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ReplayOptions {
+    /// Poses that are held out to judge by.
+    pub held_out: usize,
+    /// Poses at random that every order begins with.
+    pub start: usize,
+    /// Which way they are drawn.
+    pub seed: u64,
+}
+
+/// The errors of one random split of a session.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReplayedSplit {
+    /// Poses that the model was fitted to.
+    pub poses: Vec<usize>,
+    /// For each of [`Order::ALL`], the relative error with so many poses.
+    pub errors: [Vec<f64>; 4],
+}
+
+/// Splits of a session, averaged.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Replay {
+    /// Poses that models were fitted to.
+    pub poses: Vec<usize>,
+    /// For each of [`Order::ALL`], the mean over the splits of the relative error.
+    pub errors: [Vec<f64>; 4],
+}
+
+/// Why a session cannot be replayed.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ReplayError {
+    /// Too few poses for a model and for what is held out.
+    #[error(
+        "`{found}` poses are too few: with `{held_out}` held out at least `{needed}` are needed"
+    )]
+    TooFewPoses {
+        /// Poses.
+        found: usize,
+        /// Poses that are held out.
+        held_out: usize,
+        /// The fewest that serve.
+        needed: usize,
+    },
+    /// No model can be fitted to them.
+    #[error(transparent)]
+    Physics(#[from] PhysicsError),
+}
+
+/// One pose: all that was observed with one label.
+#[derive(Clone, Debug)]
+struct Pose<'a> {
+    observations: Vec<&'a Observation>,
+    load: PerAxis<f64>,
+}
+
+impl<'a> Pose<'a> {
+    fn new(observations: Vec<&'a Observation>) -> Self {
+        let mean = |axis: usize| {
+            observations.iter().map(|o| o.wrench[axis]).sum::<f64>() / observations.len() as f64
+        };
+        Self { load: std::array::from_fn(mean), observations }
+    }
+}
+
+impl ReplayedSplit {
+    /// Replays `observations` with the random numbers of this split.
+    ///
+    /// # Errors
+    /// [`ReplayError`] if what is left of the poses does not determine a model.
+    pub fn new(
+        observations: &[Observation],
+        options: ReplayOptions,
+        split: u64,
+    ) -> Result<Self, ReplayError> {
+        let mut poses = poses(observations);
+        shuffle(&mut poses, &mut RandomStream::new(options.seed, Purpose::Replay, split));
+        let (found, held_out) = (poses.len(), options.held_out);
+        let needed = PARAMETERS + held_out + 1;
+        if found < needed {
+            return Err(ReplayError::TooFewPoses { found, held_out, needed });
+        }
+        let training = poses.split_off(options.held_out);
+        let replay =
+            SplitReplay { training: &training, held_out: &poses, scale: scale(observations) };
+        let start = options.start.clamp(1, training.len());
+        let first = start.max(PARAMETERS);
+        let steps = std::iter::successors(Some(first), |&n| Some(n + (n / STEP_SHARE).max(1)));
+        let mut counts: Vec<usize> = steps.take_while(|&n| n < training.len()).collect();
+        counts.push(training.len());
+        let of = |order: Order| replay.errors(order, start, &counts);
+        let [random, design, gain, variance] = Order::ALL.map(of);
+        Ok(Self { errors: [random?, design?, gain?, variance?], poses: counts })
+    }
+}
+
+impl Replay {
+    /// The mean of splits of one session. `None` without any.
+    pub fn of(splits: &[ReplayedSplit]) -> Option<Self> {
+        let poses = splits.first()?.poses.clone();
+        let mean = |order: usize, at: usize| {
+            splits.iter().map(|split| split.errors[order][at]).sum::<f64>() / splits.len() as f64
+        };
+        let errors =
+            std::array::from_fn(|order| (0..poses.len()).map(|at| mean(order, at)).collect());
+        Some(Self { poses, errors })
+    }
+
+    /// The error with all poses.
+    pub fn error_of_all(&self) -> f64 {
+        self.errors[0].last().copied().unwrap_or(f64::NAN)
+    }
+
+    /// The fewest poses from which on an order stays within `share` of the error with all, such as 0.15.
+    pub fn poses_within(&self, order: Order, share: f64) -> usize {
+        let limit = (1.0 + share) * self.error_of_all();
+        let errors = &self.errors[order as usize];
+        let beyond = errors.iter().rposition(|&error| error > limit);
+        self.poses[beyond.map_or(0, |at| (at + 1).min(self.poses.len() - 1))]
+    }
+}
+
+/// One split.
+struct SplitReplay<'a> {
+    training: &'a [Pose<'a>],
+    held_out: &'a [Pose<'a>],
+    scale: PerAxis<f64>,
+}
+
+impl SplitReplay<'_> {
+    /// The errors with these numbers of poses, in an order that begins with the first `start`.
+    fn errors(
+        &self,
+        order: Order,
+        start: usize,
+        counts: &[usize],
+    ) -> Result<Vec<f64>, PhysicsError> {
+        let mut taken: Vec<usize> = (0..start).collect();
+        let mut errors = Vec::with_capacity(counts.len());
+        let mut model: Option<PhysicsModel> = None;
+        for &count in counts {
+            let more = count - taken.len();
+            let next = self.next(order, &taken, model.as_ref(), more);
+            taken.extend(next);
+            let observations: Vec<Observation> = taken
+                .iter()
+                .flat_map(|&at| self.training[at].observations.iter().map(|&o| o.clone()))
+                .collect();
+            let fitted = Choice::fit(&observations)?.model;
+            errors.push(self.error(&fitted));
+            model = Some(fitted);
+        }
+        Ok(errors)
+    }
+
+    /// The next poses of an order.
+    fn next(
+        &self,
+        order: Order,
+        taken: &[usize],
+        model: Option<&PhysicsModel>,
+        count: usize,
+    ) -> Vec<usize> {
+        let left: Vec<usize> = (0..self.training.len()).filter(|at| !taken.contains(at)).collect();
+        let load = |&at: &usize| self.training[at].load;
+        let candidates: Vec<PerAxis<f64>> = left.iter().map(load).collect();
+        let loads: Vec<PerAxis<f64>> = taken.iter().map(load).collect();
+        let planner = match (order, model) {
+            (Order::Random, _) => return left.into_iter().take(count).collect(),
+            (Order::DOptimal, _) | (_, None) => Planner::from_loads(&loads, &candidates),
+            (Order::Gain | Order::AverageVariance, Some(model)) => {
+                Planner::from_sensors(SensorKnowledge::from_model(model), &loads, &candidates)
+            }
+        };
+        let criterion = match order {
+            Order::AverageVariance => Criterion::AverageVariance,
+            _ => Criterion::Gain,
+        };
+        planner.by(criterion).take(count).map(|next| left[next.candidate]).collect()
+    }
+
+    fn error(&self, model: &PhysicsModel) -> f64 {
+        let held_out = || self.held_out.iter().flat_map(|pose| &pose.observations);
+        let column = |channel: usize| held_out().map(|o| o.readings[channel]).collect();
+        let readings: Vec<Vec<f64>> = (0..model.channels).map(column).collect();
+        let estimates = Inversion::new(model).estimates(&readings);
+        let squares = held_out().enumerate().map(|(row, o)| {
+            let of =
+                |axis: usize| (estimates.wrench[axis][row] - o.wrench[axis]) / self.scale[axis];
+            (0..6).map(|axis| of(axis).powi(2)).sum::<f64>() / 6.0
+        });
+        (squares.sum::<f64>() / held_out().count() as f64).sqrt()
+    }
+}
+
+fn poses(observations: &[Observation]) -> Vec<Pose<'_>> {
+    let mut groups = BTreeMap::<u64, Vec<&Observation>>::new();
+    observations.iter().for_each(|o| groups.entry(o.group).or_default().push(o));
+    groups.into_values().map(Pose::new).collect()
+}
+
+/// The root mean square of each axis; 1 for one that is never loaded.
+fn scale(observations: &[Observation]) -> PerAxis<f64> {
+    std::array::from_fn(|axis| {
+        let squares: f64 = observations.iter().map(|o| o.wrench[axis].powi(2)).sum();
+        if squares > 0.0 { (squares / observations.len() as f64).sqrt() } else { 1.0 }
+    })
+}
+
+/// Fisher's and Yates's shuffle (Knuth, The Art of Computer Programming, vol. 2, §3.4.2, algorithm P).
+fn shuffle<T>(values: &mut [T], random: &mut RandomStream) {
+    for last in (1..values.len()).rev() {
+        let other = (random.uniform() * (last + 1) as f64) as usize;
+        values.swap(last, other);
+    }
+}

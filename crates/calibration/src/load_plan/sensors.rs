@@ -1,0 +1,127 @@
+//! What is known of the sensors by a physics model: the parameters of each and their covariance.
+
+use super::covariance::{Covariance, dot};
+use crate::physics::cholesky::Cholesky;
+use crate::physics::response::{Answer, PARAMETERS, Parameters};
+use crate::physics::{Noise, PhysicsCalibration, PhysicsModel};
+use shell_data::wrench::PerAxis;
+
+/// The level of an interval of one standard error, of normal errors.
+const ONE_SIGMA: f64 = 0.683;
+
+/// A physics model whose covariances are those after some more loads, readings unknown.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SensorKnowledge {
+    sensors: Vec<(Parameters, Covariance<PARAMETERS>)>,
+    noise: Noise,
+    scale: PerAxis<f64>,
+    /// `λ·Σ_w⁻¹`.
+    prior: PerAxis<PerAxis<f64>>,
+    /// What standard errors are multiplied by.
+    inflation: PerAxis<f64>,
+}
+
+/// What each sensor answers to a load.
+pub(super) struct Answers(Vec<AnswerOf>);
+
+struct AnswerOf {
+    /// By the parameters.
+    gradient: Parameters,
+    /// By the wrench, in the model's scales.
+    slopes: PerAxis<f64>,
+    /// The variance of the answer when the parameters are known.
+    noise: f64,
+}
+
+impl SensorKnowledge {
+    /// What a calibration knows, with its standard errors multiplied by what made them those of errors on groups that
+    /// were held out.
+    pub fn from_calibration(calibration: &PhysicsCalibration) -> Self {
+        let factors = calibration.intervals.as_ref().and_then(|of| of.factors(ONE_SIGMA).ok());
+        let inflation = factors.unwrap_or([1.0; 6]);
+        Self { inflation, ..Self::from_model(calibration.model()) }
+    }
+
+    /// What a model says.
+    pub fn from_model(model: &PhysicsModel) -> Self {
+        let sensor = |sensor: &crate::physics::Sensor| {
+            (sensor.parameters, Covariance(Box::new(sensor.covariance)))
+        };
+        Self {
+            sensors: model.sensors.iter().map(sensor).collect(),
+            noise: model.noise,
+            scale: model.wrench_scale,
+            prior: model.load_precision.map(|row| row.map(|x| model.lambda * x)),
+            inflation: [1.0; 6],
+        }
+    }
+
+    pub(super) fn answers(&self, load: &PerAxis<f64>) -> Answers {
+        let x: PerAxis<f64> = std::array::from_fn(|axis| load[axis] / self.scale[axis]);
+        let of = |(parameters, _): &(Parameters, _)| {
+            let answer = Answer::at(parameters, &x);
+            AnswerOf {
+                gradient: answer.gradient(&x),
+                slopes: std::array::from_fn(|axis| answer.slope * parameters[1 + axis]),
+                noise: self.noise.variance(answer.slope),
+            }
+        };
+        Answers(self.sensors.iter().map(of).collect())
+    }
+
+    pub(super) fn observe(&mut self, load: &PerAxis<f64>) {
+        let Answers(answers) = self.answers(load);
+        for ((_, covariance), answer) in self.sensors.iter_mut().zip(&answers) {
+            covariance.observe(&answer.gradient, answer.noise);
+        }
+    }
+
+    /// `Σᵢ ln(1 + jᵢᵀCᵢjᵢ/vᵢ)`.
+    pub(super) fn gain(&self, Answers(answers): &Answers) -> f64 {
+        let of = |((_, covariance), answer): (&(Parameters, Covariance<PARAMETERS>), &AnswerOf)| {
+            (covariance.variance(&answer.gradient) / answer.noise).ln_1p()
+        };
+        self.sensors.iter().zip(answers).map(of).sum()
+    }
+
+    /// The mean variances of a wrench over some loads, in the model's scales; with `next`, after that load, too.
+    pub(super) fn mean_variances(&self, range: &[Answers], next: Option<&Answers>) -> PerAxis<f64> {
+        let known: Option<Vec<(Parameters, f64)>> = next.map(|Answers(next)| {
+            let of =
+                |((_, covariance), answer): (&(Parameters, Covariance<PARAMETERS>), &AnswerOf)| {
+                    let known = covariance.times(&answer.gradient);
+                    (known, answer.noise + dot(&known, &answer.gradient).max(0.0))
+                };
+            self.sensors.iter().zip(next).map(of).collect()
+        });
+        let mut sums = [0.0; 6];
+        for Answers(answers) in range {
+            let mut information = self.prior;
+            for (place, (answer, (_, covariance))) in answers.iter().zip(&self.sensors).enumerate()
+            {
+                let mut unsure = covariance.variance(&answer.gradient);
+                if let Some(known) = &known {
+                    let (known, divisor) = &known[place];
+                    unsure -= dot(known, &answer.gradient).powi(2) / divisor;
+                }
+                let weight = (answer.noise + unsure.max(0.0)).recip();
+                for i in 0..6 {
+                    let share = weight * answer.slopes[i];
+                    (0..6).for_each(|j| information[i][j] += share * answer.slopes[j]);
+                }
+            }
+            // The prior makes it positive definite; a load where rounding does not is left out of the mean.
+            if let Some(factor) = Cholesky::new(&information) {
+                let variances = factor.inverse();
+                sums.iter_mut().enumerate().for_each(|(axis, sum)| *sum += variances[axis][axis]);
+            }
+        }
+        sums.map(|sum| sum / range.len().max(1) as f64)
+    }
+
+    /// Those variances as errors, N and N·m.
+    pub(super) fn errors(&self, range: &[Answers]) -> PerAxis<f64> {
+        let variances = self.mean_variances(range, None);
+        std::array::from_fn(|axis| variances[axis].sqrt() * self.scale[axis] * self.inflation[axis])
+    }
+}

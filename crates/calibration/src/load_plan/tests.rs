@@ -1,0 +1,177 @@
+use faer::Mat;
+use system_tests::random::Random;
+
+use super::covariance::Covariance;
+use super::*;
+use crate::physics::response::{Answer, Parameters};
+use crate::physics::{Inversion, Observation, PhysicsModel};
+use shell_data::wrench::PerAxis;
+
+fn load(random: &mut Random) -> PerAxis<f64> {
+    std::array::from_fn(|axis| (2.0 * random.unit() - 1.0) * if axis < 3 { 5.0 } else { 0.2 })
+}
+
+fn loads(count: usize, seed: u64) -> Vec<PerAxis<f64>> {
+    let mut random = Random(seed);
+    (0..count).map(|_| load(&mut random)).collect()
+}
+
+/// Eight sensors that each see a direction of their own.
+fn parameters(sensor: usize) -> Parameters {
+    let mut random = Random(77 + sensor as u64);
+    let mut gain = || 2.4 * random.unit() - 1.2;
+    let [fx, fy, fz, mx, my, mz] = std::array::from_fn(|_| gain());
+    [0.15 * sensor as f64 - 0.5, fx, fy, fz, mx, my, mz, 0.0, 0.0, 0.1]
+}
+
+/// What they read, with noise of these many counts on 1000.
+fn observe(group: u64, wrench: PerAxis<f64>, noise: f64, random: &mut Random) -> Observation {
+    let scale = [2.9, 2.9, 2.9, 0.115, 0.115, 0.115];
+    let x: PerAxis<f64> = std::array::from_fn(|axis| wrench[axis] / scale[axis]);
+    let reading = |sensor: usize| 1000.0 * Answer::at(&parameters(sensor), &x).value;
+    let readings = (0..8).map(|sensor| reading(sensor) + noise * random.normal()).collect();
+    Observation { group, wrench, readings }
+}
+
+#[test]
+fn an_observation_adds_its_information() {
+    let mut covariance = Covariance::from_variances(&[2.0, 0.5]);
+    covariance.observe(&[1.0, 3.0], 4.0);
+    // The inverse of (1/2, 2) on the diagonal plus (1, 3)(1, 3)ᵀ/4, by hand.
+    let (a, b, c): (f64, f64, f64) = (0.5 + 0.25, 0.75, 2.0 + 2.25);
+    let determinant = a * c - b * b;
+    for (found, expected) in
+        covariance.0.as_flattened().iter().zip([c, -b, -b, a].map(|x| x / determinant))
+    {
+        assert!((found - expected).abs() < 1e-15, "{found} {expected}");
+    }
+}
+
+#[test]
+fn gains_of_a_design_without_readings_add_up_to_its_determinant() {
+    let candidates = loads(60, 1);
+    let planned: Vec<PlannedLoad> = Planner::from_loads(&[], &candidates).take(30).collect();
+    let surface = |loads: &[PerAxis<f64>]| Surface::new(loads, &candidates);
+    let chosen: Vec<PerAxis<f64>> = planned.iter().map(|of| candidates[of.candidate]).collect();
+    let ln_determinant = |of: &Surface| {
+        let covariance = of.covariance();
+        Mat::from_fn(28, 28, |i, j| covariance[i][j]).determinant().ln()
+    };
+    let gained = ln_determinant(&surface(&[])) - ln_determinant(&surface(&chosen));
+    let sum: f64 = planned.iter().map(|of| of.gain).sum();
+    // Thirty roundings of a matrix whose condition is 1e4.
+    assert!((sum / gained - 1.0).abs() < 1e-8, "{sum} {gained}");
+    // A design by chance has a smaller determinant.
+    for at in 0..30 {
+        let random = ln_determinant(&surface(&candidates[at..at + 30]));
+        assert!(ln_determinant(&surface(&chosen)) < random);
+    }
+}
+
+#[test]
+fn a_load_that_was_hung_tells_less_the_second_time() {
+    let candidates = loads(20, 2);
+    for criterion in [Criterion::Gain, Criterion::AverageVariance] {
+        let first = Planner::from_loads(&[], &candidates).by(criterion).next().unwrap();
+        let hung = [candidates[first.candidate]];
+        let again = Planner::from_loads(&hung, &candidates).by(criterion).next().unwrap();
+        assert_ne!(first.candidate, again.candidate, "{criterion:?}");
+    }
+}
+
+#[test]
+fn predicted_errors_are_those_that_are_found() {
+    let mut random = Random(5);
+    let training = loads(40, 3);
+    let fitted: Vec<Observation> =
+        (0..).zip(&training).map(|(i, &w)| observe(i, w, 4.0, &mut random)).collect();
+    let model = PhysicsModel::fit(&fitted, 0.1, 0.5).unwrap();
+    let tests = loads(400, 4);
+    let planner = Planner::from_sensors(SensorKnowledge::from_model(&model), &training, &tests);
+    let PredictedError::Wrench(predicted) = planner.error() else { panic!("a model of sensors") };
+    let inversion = Inversion::new(&model);
+    let mut squares = [0.0; 6];
+    for &wrench in &tests {
+        let found = inversion.invert(&observe(0, wrench, 4.0, &mut random).readings).wrench;
+        (0..6).for_each(|axis| squares[axis] += (found[axis] - wrench[axis]).powi(2) / 400.0);
+    }
+    for (axis, (predicted, square)) in predicted.iter().zip(squares).enumerate() {
+        let ratio = predicted / f64::sqrt(square);
+        // Laplace's approximation, and variances of noise from 320 numbers.
+        assert!((0.7..1.4).contains(&ratio), "axis {axis}: {ratio}");
+    }
+    // Each load that is planned lowers them.
+    let sizes = planner.take(5).map(|of| match of.error {
+        PredictedError::Wrench(errors) => errors[0] / 5.0 + errors[5] / 0.2,
+        PredictedError::Relative(_) => f64::NAN,
+    });
+    assert!(sizes.collect::<Vec<_>>().is_sorted_by(|before, after| before > after));
+}
+
+#[test]
+fn planned_orders_need_fewer_poses_than_random_ones() {
+    let mut random = Random(9);
+    let observations: Vec<Observation> =
+        (0..).zip(loads(60, 6)).map(|(i, w)| observe(i, w, 4.0, &mut random)).collect();
+    let options = ReplayOptions { held_out: 20, start: 10, seed: 1 };
+    let splits: Vec<ReplayedSplit> =
+        (0..3).map(|split| ReplayedSplit::new(&observations, options, split).unwrap()).collect();
+    let replay = Replay::of(&splits).unwrap();
+    assert_eq!((replay.poses[0], *replay.poses.last().unwrap()), (10, 40));
+    let needed = Order::ALL.map(|order| replay.poses_within(order, 0.25));
+    assert!(needed[1..].iter().all(|&poses| poses < needed[0]), "{needed:?} {replay:?}");
+    // All orders begin and end with the same poses.
+    let ends = |errors: &Vec<f64>| [errors[0], errors[errors.len() - 1]];
+    for errors in &replay.errors[1..] {
+        let (ends, random) = (ends(errors), ends(&replay.errors[0]));
+        // Another order of the same poses rounds otherwise.
+        assert!(ends[0] == random[0] && (ends[1] / random[1] - 1.0).abs() < 1e-3);
+    }
+    let few = ReplayedSplit::new(&observations[..25], options, 0);
+    let said = "`25` poses are too few: with `20` held out at least `31` are needed";
+    assert_eq!(few.unwrap_err().to_string(), said);
+}
+
+#[test]
+fn a_load_that_breaks_a_coupling_is_named() {
+    // Every push forward is made at a height of 40 mm.
+    let pushes: Vec<PerAxis<f64>> = (0..12)
+        .map(|i| {
+            let fx = f64::from(i) - 5.5;
+            [fx, f64::from(i % 3), 1.0 - f64::from(i % 2), 0.0, 0.04 * fx, 0.0]
+        })
+        .collect();
+    let candidates = [[4.0, 0.0, 0.0, 0.0, 0.16, 0.0], [6.0, 0.0, 0.0, 0.0, 0.0, 0.0]];
+    let found = couplings(&pushes, &candidates);
+    assert_eq!(found.len(), 1);
+    let Coupling { first, second, correlation, broken_by } = found[0];
+    assert_eq!((first.name(), second.name()), ("Fx", "My"));
+    assert!((correlation - 1.0).abs() < 1e-12);
+    let (candidate, after) = broken_by.unwrap();
+    assert!(candidate == 1 && after < 0.95, "{after}");
+    assert_eq!(couplings(&pushes, &candidates[..1])[0].broken_by, None);
+    assert_eq!(couplings(&[], &candidates), []);
+}
+
+#[test]
+fn the_pair_of_axes_that_was_never_loaded_together_is_the_most_useful() {
+    let mut seen = Vec::new();
+    for first in 0..6 {
+        for second in first..6 {
+            for signs in [[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]] {
+                let mut one = [0.0; 6];
+                one[second] = signs[1];
+                one[first] = signs[0];
+                seen.extend(((first, second) != (0, 5)).then_some(one));
+            }
+        }
+    }
+    let useful = most_useful_load(&seen, None).unwrap();
+    assert_eq!(useful.wrench.map(f64::abs), [1.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
+    assert!(useful.improvement > 0.0 && useful.to_string().starts_with("Fx"), "{useful}");
+    assert_eq!(most_useful_load(&[], None), None);
+    // What presses downwards only is not pulled upwards.
+    let down: Vec<PerAxis<f64>> =
+        (0..9).map(|i| [0.0, 0.0, -f64::from(i), 0.0, 0.0, 0.0]).collect();
+    assert_eq!(most_useful_load(&down, None).unwrap().to_string(), "Fz −8 N");
+}

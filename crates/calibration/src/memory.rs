@@ -1,0 +1,238 @@
+//! Memory terms: what a reading is away from where it has been.
+//!
+//! Flexures creep and gels relax, so a reading depends on the loads before. Beside its features a model may have, of
+//! each channel and for each time constant τ, the term
+//!
+//! ```text
+//! m(t) = s(t) − e(t),    τ·de/dt = s − e
+//! ```
+//!
+//! linear in it. A reading is held until the next, so `e` at a row comes from the row before by
+//! `e ← e + (1 − exp(−Δt/τ))·(s − e)`, exact however uneven the rows: repeating a row changes nothing, and a lost one
+//! is bridged by time. A row that comes late, after rows of later times, is compared with what `e` is by then and
+//! changes nothing. Where the clock jumps, the terms start anew at zero, as at the start of a log. They are causal.
+
+use std::borrow::Cow;
+
+use shell_data::block::Block;
+
+/// What time is counted in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TimeBase {
+    /// Seconds of the log's clock.
+    Seconds,
+    /// Rows, where logs have no clock.
+    Rows,
+}
+
+impl TimeBase {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::Seconds, Self::Rows];
+
+    /// The unit, as documents and people call it.
+    pub const fn unit(self) -> &'static str {
+        match self {
+            Self::Seconds => "s",
+            Self::Rows => "rows",
+        }
+    }
+}
+
+/// The memory terms of a model.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MemoryTerms {
+    /// What time is counted in.
+    pub time_base: TimeBase,
+    /// Time constants, ascending, in units of the time base.
+    pub time_constants: Vec<f64>,
+    /// A step of the clock beyond this, or back, starts the terms anew; `None` where rows are counted.
+    pub gap: Option<f64>,
+}
+
+/// Memory terms along the rows of a log.
+#[derive(Clone, Debug)]
+pub struct MemoryState {
+    memory: MemoryTerms,
+    /// Time and readings of the row before.
+    before: Option<(f64, Vec<f64>)>,
+    /// `e` of each channel, time constant by time constant.
+    averages: Vec<f64>,
+    rows: u64,
+}
+
+/// A log without the clock that memory terms are by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the calibration has memory terms by time, and there is no time")]
+pub struct NoTime;
+
+impl MemoryTerms {
+    /// The state before the first row of a log.
+    pub fn start(&self) -> MemoryState {
+        MemoryState { memory: self.clone(), before: None, averages: Vec::new(), rows: 0 }
+    }
+}
+
+impl MemoryState {
+    /// The terms of the next rows: columns as long as `readings`, channel by channel for each time constant.
+    ///
+    /// # Errors
+    /// [`NoTime`] if they are by time and `times_s` has not that of each row.
+    pub fn terms(
+        &mut self,
+        times_s: &[f64],
+        readings: &[Vec<f64>],
+    ) -> Result<Vec<Vec<f64>>, NoTime> {
+        let (channels, rows) = (readings.len(), readings.first().map_or(0, Vec::len));
+        let by_time = self.memory.time_base == TimeBase::Seconds;
+        if by_time && times_s.len() != rows {
+            return Err(NoTime);
+        }
+        let count = channels * self.memory.time_constants.len();
+        let mut terms = vec![Vec::with_capacity(rows); count];
+        let mut shares = vec![0.0; self.memory.time_constants.len()];
+        let mut last_step = f64::NAN;
+        for row in 0..rows {
+            let time = if by_time { times_s[row] } else { self.rows as f64 };
+            self.rows += 1;
+            let step = self.before.as_ref().map_or(f64::NAN, |(before, _)| time - before);
+            let (_, held) = self.before.get_or_insert_with(|| (time, vec![0.0; channels]));
+            let is_late = step < 0.0 && self.memory.gap.is_some_and(|gap| -step <= gap);
+            if is_late {
+                for (place, (term, average)) in terms.iter_mut().zip(&self.averages).enumerate() {
+                    term.push(readings[place % channels][row] - average);
+                }
+                continue;
+            }
+            if step >= 0.0 && self.memory.gap.is_none_or(|gap| step <= gap) {
+                if step != last_step {
+                    for (share, tau) in shares.iter_mut().zip(&self.memory.time_constants) {
+                        *share = -(-step / tau).exp_m1();
+                    }
+                    last_step = step;
+                }
+                for (averages, share) in self.averages.chunks_mut(channels).zip(&shares) {
+                    for (average, held) in averages.iter_mut().zip(&*held) {
+                        *average += share * (held - *average);
+                    }
+                }
+            } else {
+                let readings = readings.iter().map(|column| column[row]);
+                self.averages = readings.cycle().take(count).collect();
+            }
+            for (held, column) in held.iter_mut().zip(readings) {
+                *held = column[row];
+            }
+            for (place, (term, average)) in terms.iter_mut().zip(&self.averages).enumerate() {
+                term.push(held[place % channels] - average);
+            }
+            self.before = self.before.take().map(|(_, held)| (time, held));
+        }
+        Ok(terms)
+    }
+
+    /// Adds their terms to the readings of the next rows, which have none.
+    ///
+    /// # Errors
+    /// [`NoTime`].
+    pub fn extend(&mut self, block: &mut Block) -> Result<(), NoTime> {
+        let terms = self.terms(&block.time_s, &block.readings)?;
+        block.memory_columns = terms.len();
+        block.readings.extend(terms);
+        Ok(())
+    }
+}
+
+/// The readings of the next rows with their memory terms, if a calibration has any.
+///
+/// # Errors
+/// [`NoTime`].
+pub fn extended<'a>(
+    state: Option<&mut MemoryState>,
+    times_s: &[f64],
+    readings: &'a [Vec<f64>],
+) -> Result<Cow<'a, [Vec<f64>]>, NoTime> {
+    let Some(state) = state else { return Ok(Cow::Borrowed(readings)) };
+    let terms = state.terms(times_s, readings)?;
+    Ok(Cow::Owned(readings.iter().cloned().chain(terms).collect()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn memory(time_constants: Vec<f64>) -> MemoryTerms {
+        MemoryTerms { time_base: TimeBase::Seconds, time_constants, gap: Some(1.0) }
+    }
+
+    fn terms(memory: &MemoryTerms, times_s: &[f64], readings: &[f64]) -> Vec<f64> {
+        memory.start().terms(times_s, &[readings.to_vec()]).unwrap().remove(0)
+    }
+
+    #[test]
+    fn a_step_decays_with_the_time_constant_however_uneven_the_rows() {
+        let times_s = [0.0, 0.1, 0.13, 0.5, 0.52, 0.9];
+        let readings = [3.0, 5.0, 5.0, 5.0, 5.0, 5.0];
+        let found = terms(&memory(vec![0.2]), &times_s, &readings);
+        for (row, term) in found.iter().enumerate().skip(1) {
+            let expected = 2.0 * (-(times_s[row] - 0.1) / 0.2).exp();
+            // Some roundings of numbers up to 5.
+            assert!((term - expected).abs() < 1e-14, "{term} {expected}");
+        }
+        assert_eq!(found[0], 0.0);
+    }
+
+    #[test]
+    fn a_repeated_row_changes_nothing_that_follows() {
+        let memory = memory(vec![0.05, 0.7]);
+        let (times_s, readings) = ([0.0, 0.1, 0.2, 0.4, 0.5], [1.0, 4.0, -2.0, 3.0, 3.5]);
+        let (repeated_s, repeated) =
+            ([0.0, 0.1, 0.17, 0.2, 0.2, 0.4, 0.5], [1.0, 4.0, 4.0, -2.0, -2.0, 3.0, 3.5]);
+        let once = terms(&memory, &times_s, &readings);
+        let again = terms(&memory, &repeated_s, &repeated);
+        let kept = [0, 1, 3, 5, 6].map(|row| again[row]);
+        for (once, again) in once.iter().zip(kept) {
+            assert!((once - again).abs() < 1e-14);
+        }
+    }
+
+    #[test]
+    fn a_row_that_was_overtaken_changes_nothing_that_follows() {
+        let memory = memory(vec![0.3]);
+        let in_order = terms(&memory, &[0.0, 0.1, 0.3], &[1.0, 4.0, 2.0]);
+        let overtaken = terms(&memory, &[0.0, 0.1, 0.05, 0.3], &[1.0, 4.0, 9.0, 2.0]);
+        assert_eq!([overtaken[0], overtaken[1], overtaken[3]], in_order[..]);
+        assert!(overtaken[2].is_finite());
+    }
+
+    #[test]
+    fn terms_start_anew_where_the_clock_jumps() {
+        let memory = memory(vec![10.0]);
+        let found = terms(&memory, &[0.0, 0.5, 9.0, 9.5, 2.0], &[0.0, 6.0, 7.0, 7.0, 1.0]);
+        assert_eq!((found[0], found[2], found[4]), (0.0, 0.0, 0.0));
+        assert!(found[1] > 5.0);
+    }
+
+    #[test]
+    fn pieces_of_a_log_give_the_bits_of_the_whole() {
+        let memory = memory(vec![0.02, 0.3]);
+        let times_s: Vec<f64> = (0..50).map(|i| 0.01 * f64::from(i + i % 3)).collect();
+        let readings: Vec<Vec<f64>> =
+            (0..2).map(|c| (0..50).map(|i| f64::from(i * (7 + c) % 31)).collect()).collect();
+        let whole = memory.start().terms(&times_s, &readings).unwrap();
+        let (mut state, mut pieces) = (memory.start(), vec![Vec::new(); 4]);
+        for rows in [0..1, 1..17, 17..17, 17..50] {
+            let part: Vec<_> = readings.iter().map(|c| c[rows.clone()].to_vec()).collect();
+            let terms = state.terms(&times_s[rows], &part).unwrap();
+            pieces.iter_mut().zip(terms).for_each(|(all, part)| all.extend(part));
+        }
+        assert_eq!(pieces, whole);
+    }
+
+    #[test]
+    fn by_rows_no_clock_is_needed_and_by_time_it_is() {
+        let readings = [vec![1.0, 2.0]];
+        assert_eq!(memory(vec![1.0]).start().terms(&[], &readings), Err(NoTime));
+        let by_rows = MemoryTerms { time_base: TimeBase::Rows, ..memory(vec![1.0]) };
+        assert_eq!(by_rows.start().terms(&[], &readings).unwrap(), [[0.0, 1.0]]);
+    }
+}

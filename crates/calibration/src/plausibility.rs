@@ -1,0 +1,147 @@
+//! Whether a calibration can be one: its centre is among its readings, and its forces there are forces.
+//!
+//! This finds what was edited or damaged beyond belief, not a bad fit.
+
+use shell_data::wrench::{Axis, PerAxis};
+
+use super::conversion::Calibration;
+use super::reading_ranges::ReadingRange;
+
+/// The largest force that is believed, in N or N·m, where the training loads are not larger themselves.
+const LARGEST_FORCE: f64 = 1e15;
+
+/// How many times the largest training load a force may be at a corner of the training range. Channels that
+/// move together leave coefficients that cancel each other only near the training data.
+const TIMES_LOAD: f64 = 1e12;
+
+/// How many widths of the training range the centre may lie outside it: outliers that were dropped move it.
+const WIDTHS: f64 = 1e3;
+
+/// Channels whose corners are all looked at; of more, only those where all channels but one agree.
+const CORNER_CHANNELS: usize = 8;
+
+/// What cannot be in a calibration.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum Implausible {
+    /// Readings are centred where none were.
+    #[error(
+        "the centre of channel {channel} is `{centre:e}`, its training data reached from `{min}` to `{max}`"
+    )]
+    Centre {
+        /// The channel, from 1.
+        channel: usize,
+        /// Its centre, in counts.
+        centre: f64,
+        /// The smallest reading.
+        min: f64,
+        /// The largest.
+        max: f64,
+    },
+    /// A force that no sensor has measured.
+    #[error("within the range of its training data `{}` reaches `{force:e}` {}", axis.name(), axis.unit())]
+    Force {
+        /// The axis.
+        axis: Axis,
+        /// The force or moment.
+        force: f64,
+    },
+}
+
+impl Calibration {
+    /// Whether centres and forces are believable over the range of the training data, if that is known.
+    /// `largest_load` is the largest magnitude of the training loads, N or N·m.
+    ///
+    /// # Errors
+    /// The first [`Implausible`].
+    pub fn check_plausible(&self, largest_load: Option<f64>) -> Result<(), Implausible> {
+        let Some(ranges) = &self.valid_range else { return Ok(()) };
+        if let Some(polynomial) = self.polynomial().filter(|it| it.model().intercept) {
+            for (at, (&centre, range)) in polynomial.scaling().centre.iter().zip(ranges).enumerate()
+            {
+                let ReadingRange { min, max } = *range;
+                // Rounded to a count.
+                let reach = WIDTHS * (max - min).max(1.0);
+                if !(min - reach..=max + reach).contains(&centre) {
+                    return Err(Implausible::Centre { channel: at + 1, centre, min, max });
+                }
+            }
+        }
+        let limit = largest_load.map_or(LARGEST_FORCE, |it| LARGEST_FORCE.max(TIMES_LOAD * it));
+        let mut wrench = PerAxis::default();
+        self.wrench(&corners(ranges), &mut wrench);
+        for axis in self.axes.iter() {
+            let is_force = |force: &f64| force.abs() <= limit;
+            if let Some(&force) = wrench[axis.index()].iter().find(|force| !is_force(force)) {
+                return Err(Implausible::Force { axis, force });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Corners of the box that readings lay in, one column for each channel.
+fn corners(ranges: &[ReadingRange]) -> Vec<Vec<f64>> {
+    let channels = ranges.len();
+    let is_high: Box<dyn Fn(usize, usize) -> bool> = match channels <= CORNER_CHANNELS {
+        true => Box::new(|row, channel| row >> channel & 1 == 1),
+        // Rows of an even and an odd number are mirrored.
+        false => Box::new(|row, channel| (row / 2 == channel) != (row % 2 == 1)),
+    };
+    let rows = if channels <= CORNER_CHANNELS { 1 << channels } else { 2 * (channels + 1) };
+    let column = |(channel, range): (usize, &ReadingRange)| {
+        (0..rows).map(|row| if is_high(row, channel) { range.max } else { range.min }).collect()
+    };
+    ranges.iter().enumerate().map(column).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::{Basis, Model};
+    use crate::scaling::Scaling;
+
+    fn calibration(channels: usize, centre: f64, coefficient: f64) -> Calibration {
+        let model = Model { basis: Basis::Linear, intercept: true, channels, memory: 0 };
+        let scaling = Scaling { centre: vec![centre; channels], scale: vec![512.0; channels] };
+        let mut coefficients = vec![[1.0; 6]; channels + 1];
+        coefficients[channels][2] = coefficient;
+        let mut calibration = Calibration::new(model, scaling, coefficients);
+        calibration.valid_range = Some(vec![ReadingRange { min: 100.0, max: 900.0 }; channels]);
+        calibration
+    }
+
+    #[test]
+    fn a_calibration_beyond_belief_is_told_by_what_is_wrong() {
+        for channels in [1, 8, 9] {
+            let check = |centre, coefficient, load| {
+                calibration(channels, centre, coefficient).check_plausible(load)
+            };
+            assert_eq!(check(500.0, 1e6, Some(1.0)), Ok(()));
+            assert!(matches!(
+                check(1e300, 1.0, None),
+                Err(Implausible::Centre { channel: 1, centre: 1e300, .. })
+            ));
+            for coefficient in [1e99, f64::NAN, f64::INFINITY] {
+                let found = check(500.0, coefficient, Some(1.0));
+                assert!(
+                    matches!(found, Err(Implausible::Force { axis: Axis::Fz, .. })),
+                    "{found:?}"
+                );
+            }
+            // Who has loads of 1e50 has forces of that size.
+            assert_eq!(check(500.0, 1e50, Some(1e50)), Ok(()));
+        }
+    }
+
+    #[test]
+    fn corners_are_all_of_few_channels_and_each_once() {
+        for channels in 1..=10 {
+            let columns = corners(&vec![ReadingRange { min: 0.0, max: 1.0 }; channels]);
+            let rows = columns[0].len();
+            let row = |at: usize| columns.iter().map(|c| c[at] as u8).collect::<Vec<_>>();
+            let all: std::collections::HashSet<_> = (0..rows).map(row).collect();
+            assert_eq!(all.len(), rows);
+            assert!(all.contains(&vec![0; channels]) && all.contains(&vec![1; channels]));
+        }
+    }
+}

@@ -1,0 +1,287 @@
+//! Held-out errors where rows cannot be summed exactly: from the normal equations of each fold.
+//!
+//! Of the rows of every fold `[X | W]ᵀ[X | W]` is kept. Those of all other folds added up are the normal equations of
+//! a fit without the fold, whatever the ridge, and its errors on the fold come from the fold's own:
+//!
+//! ```text
+//! ‖X_f·C − W_f‖² = W_fᵀW_f − 2·Cᵀ·X_fᵀW_f + Cᵀ·X_fᵀX_f·C
+//! ```
+//!
+//! Errors of a choice need three digits: with columns scaled to norm one, condition numbers up to 10⁶ leave that many.
+//! A fit itself is never found in this way.
+
+use faer::linalg::matmul::matmul;
+use faer::linalg::solvers::Solve;
+use faer::{Accum, Mat, MatRef, Par, Side};
+
+use super::ValidationError;
+use super::cross_validation::{CrossValidation, HeldOutQuality};
+use super::selection::{ErrorsByRidge, Selection, choose};
+use crate::exact::HeldOutErrors;
+use crate::features::Features;
+use crate::model::{Basis, Model};
+use crate::passes::Rows;
+use crate::reading_ranges::ReadingRanges;
+use crate::scaling::Scaling;
+use crate::solver::Centring;
+use shell_data::block::Block;
+use shell_data::statistics::RunningVariance;
+use shell_data::wrench::{Axis, PerAxis};
+
+/// Families of more features than this are left out of a choice: their equations would take seconds each.
+const MOST_FEATURES: usize = 1000;
+
+/// Rows that are made into features at once.
+const CHUNK: usize = 1024;
+
+/// Squares of pivots below this, of columns of norm one, are rounding errors.
+const LEAST_PIVOT: f64 = 1e-13;
+
+/// `[X | W]ᵀ[X | W]` of some rows.
+#[derive(Clone, Debug)]
+pub(crate) struct NormalEquations {
+    features: usize,
+    rows: u64,
+    products: Mat<f64>,
+}
+
+impl NormalEquations {
+    /// Of products of so many features and six axes.
+    pub(crate) fn from_products(features: usize, rows: u64, products: Mat<f64>) -> Self {
+        Self { features, rows, products }
+    }
+
+    /// Of the rows of a block.
+    fn new(features: &Features, block: &Block) -> Self {
+        let columns = features.len() + Axis::ALL.len();
+        let mut chunk = Mat::<f64>::zeros(CHUNK, columns);
+        let mut products = Mat::zeros(columns, columns);
+        let mut flat = vec![0.0; CHUNK * columns];
+        for start in (0..block.rows).step_by(CHUNK) {
+            let rows = start..block.rows.min(start + CHUNK);
+            features.fill(&block.readings, rows.clone(), &mut flat, CHUNK);
+            let axes = flat.chunks_mut(CHUNK).skip(features.len());
+            for (column, axis) in axes.zip(&block.wrench) {
+                column[..rows.len()].copy_from_slice(&axis[rows.clone()]);
+            }
+            let view =
+                MatRef::from_column_major_slice_with_stride(&flat, rows.len(), columns, CHUNK);
+            chunk.subrows_mut(0, rows.len()).copy_from(view);
+            let part = chunk.subrows(0, rows.len());
+            matmul(products.as_mut(), Accum::Add, part.transpose(), part, 1.0, Par::Seq);
+        }
+        Self { features: features.len(), rows: block.rows as u64, products }
+    }
+
+    /// Adds the rows of `other`.
+    pub(crate) fn add(&mut self, other: &Self) {
+        self.products += &other.products;
+        self.rows += other.rows;
+    }
+
+    /// All of `all` but one; of one alone, nothing.
+    pub(crate) fn all_but(all: &[Self], place: usize) -> Option<Self> {
+        let mut others = all.iter().enumerate().filter(|(at, _)| *at != place).map(|(_, of)| of);
+        let mut rest = others.next()?.clone();
+        others.for_each(|other| rest.add(other));
+        Some(rest)
+    }
+
+    fn gram(&self) -> MatRef<'_, f64> {
+        self.products.submatrix(0, 0, self.features, self.features)
+    }
+
+    fn right(&self) -> MatRef<'_, f64> {
+        self.products.submatrix(0, self.features, self.features, Axis::ALL.len())
+    }
+
+    /// The coefficients, features × 6, with a ridge on columns of norm one, but for the one that is `free`; `None`
+    /// where the rows do not determine them.
+    pub(crate) fn solve(&self, ridge: f64, free: Option<usize>) -> Option<Mat<f64>> {
+        let p = self.features;
+        if self.rows < p as u64 && ridge == 0.0 || !self.products.is_all_finite() {
+            return None;
+        }
+        let norm = |j: usize| Some(self.products[(j, j)].sqrt()).filter(|norm| *norm > 0.0);
+        let norms: Vec<f64> = (0..p).map(|j| norm(j).unwrap_or(1.0)).collect();
+        let mut scaled = Mat::from_fn(p, p, |i, j| self.products[(i, j)] / norms[i] / norms[j]);
+        for j in (0..p).filter(|&j| free != Some(j)) {
+            scaled[(j, j)] += ridge;
+        }
+        let cholesky = scaled.llt(Side::Lower).ok()?;
+        let lower = cholesky.L();
+        if (0..p).any(|j| lower[(j, j)] * lower[(j, j)] < LEAST_PIVOT) {
+            return None;
+        }
+        let right = Mat::from_fn(p, Axis::ALL.len(), |i, axis| self.right()[(i, axis)] / norms[i]);
+        let mut solved = cholesky.solve(&right);
+        for (i, norm) in norms.iter().enumerate() {
+            solved.row_mut(i).iter_mut().for_each(|c| *c /= norm);
+        }
+        Some(solved)
+    }
+
+    /// The errors of coefficients on these rows. `ones` is the feature that is constant.
+    pub(crate) fn errors(
+        &self,
+        coefficients: MatRef<'_, f64>,
+        ones: Option<usize>,
+    ) -> PerAxis<HeldOutErrors> {
+        let (p, explained) = (self.features, self.gram() * coefficients);
+        std::array::from_fn(|axis| {
+            let (own, of) = (coefficients.col(axis), self.right().col(axis));
+            let square = self.products[(p + axis, p + axis)];
+            let squares =
+                square - 2.0 * (own.transpose() * of) + own.transpose() * explained.col(axis);
+            let sum = ones.map_or(0.0, |ones| explained[(ones, axis)] - of[ones]);
+            // What is left of a cancellation may be below zero, which a sum of squares is not.
+            HeldOutErrors { rows: self.rows, sum, squares: squares.max(0.0) }
+        })
+    }
+}
+
+/// HeldOutFolds of rows, to be held out in turn.
+pub(crate) struct HeldOutFolds<'a> {
+    blocks: &'a [Block],
+    model: Model,
+    scaling: Scaling,
+}
+
+impl<'a> HeldOutFolds<'a> {
+    /// The rows of each fold.
+    ///
+    /// # Errors
+    /// [`ValidationError`] if there are too few folds, or a row is not finite.
+    pub(crate) fn new(blocks: &'a [Block], model: Model) -> Result<Self, ValidationError> {
+        if blocks.len() < 2 {
+            return Err(ValidationError::TooFewGroups { found: blocks.len() });
+        }
+        let rows = |error| ValidationError::Rows(Box::new(error));
+        for block in blocks {
+            ReadingRanges::of_block(block, model.columns()).map_err(rows)?;
+        }
+        let centring = Centring { channels: model.columns(), intercept: model.intercept };
+        let scaling = centring.scaling(&Rows::from(blocks).reduce(&centring).map_err(rows)?);
+        Ok(Self { blocks, model, scaling })
+    }
+
+    /// What finds the errors on each fold by ridge.
+    fn errors_of(&self, basis: Basis) -> ErrorsByRidge<'static> {
+        let features = Features::new(Model { basis, ..self.model }, self.scaling.clone());
+        let ones = self.model.intercept.then(|| features.len() - 1);
+        let folds: Vec<_> =
+            self.blocks.iter().map(|block| NormalEquations::new(&features, block)).collect();
+        Box::new(move |ridge| {
+            let errors = |place: usize| {
+                let rest = NormalEquations::all_but(&folds, place)?.solve(ridge, ones)?;
+                Some(folds[place].errors(rest.as_ref(), ones))
+            };
+            Ok((0..folds.len()).map(errors).collect())
+        })
+    }
+
+    /// Compares the families of features, each with `ridges` (and larger ones, as
+    /// [`select`](super::selection::select) does).
+    ///
+    /// # Errors
+    /// [`ValidationError`] if no model can be fitted.
+    pub(crate) fn select(&self, ridges: &[f64]) -> Result<Selection, ValidationError> {
+        let model = |basis| Model { basis, ..self.model };
+        let errors_of = |basis: Basis| {
+            let is_small = model(basis).term_count() <= MOST_FEATURES;
+            Ok(is_small.then(|| self.errors_of(basis)))
+        };
+        choose(model, ridges, &variances(self.blocks), errors_of)
+    }
+
+    /// The errors of the model on the folds, of so many groups. None are dealt at random.
+    ///
+    /// # Errors
+    /// [`ValidationError`] if it cannot be fitted without one of them.
+    pub(crate) fn cross_validate(
+        &self,
+        ridge: f64,
+        groups: usize,
+    ) -> Result<CrossValidation, ValidationError> {
+        let folds = self.errors_of(self.model.basis)(ridge)?.ok_or(ValidationError::NoModel)?;
+        let mut all = PerAxis::<HeldOutErrors>::default();
+        for errors in &folds {
+            all.iter_mut().zip(errors).for_each(|(all, errors)| all.merge(errors));
+        }
+        Ok(CrossValidation {
+            groups,
+            folds: folds.len(),
+            rows: all[0].rows,
+            undetermined: Vec::new(),
+            grouped: all.map(|errors| HeldOutQuality { rms: errors.rms(), bias: errors.bias() }),
+            random_folds: 0,
+            random: None,
+        })
+    }
+}
+
+fn variances(folds: &[Block]) -> PerAxis<f64> {
+    Axis::ALL.map(|axis| {
+        let mut all = RunningVariance::default();
+        for fold in folds {
+            all.merge(&RunningVariance::of(&fold.wrench[axis.index()]));
+        }
+        all.squares / all.count.max(1) as f64
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::validation::grouped::{Apart, GroupSums, RandomSplit};
+    use crate::validation::selection;
+    use system_tests::random::Random;
+
+    /// Uniform numbers from −1 to 1.
+    fn noise(i: usize) -> f64 {
+        2.0 * Random(i as u64).unit() - 1.0
+    }
+
+    /// The same rows by exact sums: seven groups, which are the folds.
+    #[test]
+    fn errors_are_those_that_exact_sums_tell() {
+        let fold = |group: usize| -> Block {
+            let rows = 40 + group;
+            let of = |column: usize, row: usize| noise(group * 4000 + row * 31 + column);
+            let reading =
+                |c: usize| (0..rows).map(|row| (1500.0 + 700.0 * of(c, row)).round()).collect();
+            let readings: Vec<Vec<f64>> = (0..3).map(reading).collect();
+            let load = |axis: usize, row: usize| {
+                let s = |c: usize| (readings[c][row] - 1500.0) / 700.0;
+                s(axis % 3) + 0.3 * s(0) * s(2) - 0.2 * s(1).powi(3) + 0.1 * of(9 + axis, row)
+            };
+            let wrench =
+                (0..6).map(|axis| (0..rows).map(|row| load(axis, row)).collect()).collect();
+            let groups = vec![(group.to_string(), rows)];
+            Block { rows, wrench, readings, groups, ..Block::default() }
+        };
+        let folds: Vec<Block> = (0..7).map(fold).collect();
+        let mut sums = GroupSums::new(Basis::Poly3, 3, Apart::Groups, RandomSplit::default());
+        let mut worker = sums.worker();
+        for fold in &folds {
+            sums.add(worker.add(fold, &fold.groups).unwrap()).unwrap();
+        }
+        let sums = sums.finish([worker]).unwrap();
+        let ridges = [0.0, 1e-6, 1e-2];
+        let exact = selection::select(&sums, true, &ridges).unwrap();
+        let model = Model { basis: Basis::Poly3, intercept: true, channels: 3, memory: 0 };
+        let found = HeldOutFolds::new(&folds, model).unwrap().select(&ridges).unwrap();
+        assert_eq!((found.folds, found.best, found.chosen), (7, exact.best, exact.chosen));
+        assert_eq!(found.candidates.len(), exact.candidates.len());
+        for (found, exact) in found.candidates.iter().zip(&exact.candidates) {
+            let (found, exact) = (found.errors.unwrap(), exact.errors.unwrap());
+            // Squares of condition numbers below 100 in double precision.
+            assert!((found.score / exact.score - 1.0).abs() < 1e-9, "{found:?} {exact:?}");
+            assert!((found.standard_error / exact.standard_error - 1.0).abs() < 1e-7);
+            let pairs = found.rms.iter().zip(exact.rms);
+            assert!(pairs.clone().all(|(a, b)| (a / b - 1.0).abs() < 1e-9), "{found:?} {exact:?}");
+        }
+        let few = HeldOutFolds::new(&folds[..1], model).map(|_| ()).unwrap_err();
+        assert_eq!(few, ValidationError::TooFewGroups { found: 1 });
+    }
+}

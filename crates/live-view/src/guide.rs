@@ -1,0 +1,417 @@
+//! A guide through planned loads: which is next, whether it is held still, which have been recorded.
+//!
+//! ```text
+//! at rest, unloaded ─▶ hang ─▶ still and loaded ─▶ for two seconds: recorded ─▶ take off, or the next ─▶ …
+//!                        ▲                                                             │
+//!                        └──────────────────────── it moves ◀─────────────────────────┘
+//! ```
+//!
+//! *Still*: over a second no channel scatters by more than [`QUIET`] times its noise at the start, nor do the halves of
+//! that second differ by more in their means. *Loaded*: where forces are known, the wrench is nearer to the planned one
+//! than to none, axes measured by the largest load of the plan; else the readings are off their rest by many times their
+//! noise and by a tenth of the largest excursion so far.
+
+use std::collections::VecDeque;
+
+use serde::Serialize;
+
+use super::model::LiveRow;
+use shared_proto::CHANNELS;
+use shell_data::wrench::PerAxis;
+
+/// A stretch as long as this is looked at, s.
+const STRETCH_S: f64 = 1.0;
+
+/// A load is recorded when it was still for so long, s.
+pub const HOLD_S: f64 = 2.0;
+
+/// How much noisier than at the start a load that is held may be.
+const QUIET: f64 = 3.0;
+
+/// The least noise, counts and N: converters of few bits, and boards that send wrenches, have less than they move.
+const LEAST_NOISE: f64 = 0.5;
+const LEAST_FORCE_NOISE: f64 = 1e-3;
+
+/// By how many times its noise, and by which share of the largest excursion so far, a loaded channel is off its rest.
+const OFF_REST: f64 = 8.0;
+const OFF_SHARE: f64 = 0.1;
+
+/// A load that is to be hung.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GuidedLoad {
+    /// The label of its rows.
+    pub group: String,
+    /// What to do, in words.
+    pub text: String,
+    /// Its wrench, N and N·m.
+    pub wrench: PerAxis<f64>,
+    /// What it is expected to tell, in any unit.
+    pub gain: f64,
+}
+
+/// Rows of a load that was held: all from one frame to another.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct HeldLoad {
+    /// The first frame.
+    pub from: i64,
+    /// The last.
+    pub until: i64,
+    /// The label.
+    pub group: String,
+}
+
+/// What is being waited for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum GuidePhase {
+    /// A moment without a load, from which noise and rest are known.
+    Rest,
+    /// The load.
+    Hang,
+    /// That it stays still.
+    Hold,
+    /// That the load that was recorded is taken off.
+    Release,
+    /// Nothing: all are recorded.
+    Done,
+}
+
+/// A guide as it is shown.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct GuideView {
+    /// The label of the next load; empty if all are recorded.
+    pub group: String,
+    /// What to do.
+    pub text: String,
+    /// Its wrench, N and N·m.
+    pub wrench: PerAxis<f64>,
+    /// Which it is, from 1.
+    pub number: usize,
+    /// How many there are.
+    pub count: usize,
+    /// How many are recorded.
+    pub recorded: usize,
+    /// What is being waited for.
+    pub phase: GuidePhase,
+    /// How much of the time that it takes it was still, 0 to 1.
+    pub held: f64,
+    /// The share of the gain of the whole plan that is still to come, 0 to 1.
+    pub remaining_gain: f64,
+}
+
+/// Leads through loads.
+#[derive(Clone, Debug)]
+pub struct Guide {
+    loads: Vec<GuidedLoad>,
+    /// Which were recorded.
+    recorded: Vec<bool>,
+    next: usize,
+    phase: GuidePhase,
+    stretch: VecDeque<Moment>,
+    /// Mean and noise at rest, once they are known.
+    rest: Option<([f64; CHANNELS], [f64; CHANNELS])>,
+    /// How far each channel was off its rest.
+    excursion: [f64; CHANNELS],
+    /// The largest load on each axis of the plan.
+    largest: PerAxis<f64>,
+    /// Since when it is still and loaded: time and frame.
+    still_since: Option<(f64, i64)>,
+    newest_s: f64,
+}
+
+/// What a row says of stillness.
+#[derive(Clone, Copy, Debug)]
+struct Moment {
+    time_s: f64,
+    index: i64,
+    values: [f64; CHANNELS],
+    wrench: Option<PerAxis<f64>>,
+}
+
+impl Guide {
+    /// Through these loads, in this order.
+    pub fn new(loads: Vec<GuidedLoad>) -> Self {
+        let largest = std::array::from_fn(|axis| {
+            let sizes = loads.iter().map(|load| load.wrench[axis].abs());
+            sizes.fold(0.0, f64::max)
+        });
+        Self {
+            recorded: vec![false; loads.len()],
+            phase: if loads.is_empty() { GuidePhase::Done } else { GuidePhase::Rest },
+            loads,
+            next: 0,
+            stretch: VecDeque::new(),
+            rest: None,
+            excursion: [0.0; CHANNELS],
+            largest,
+            still_since: None,
+            newest_s: 0.0,
+        }
+    }
+
+    /// Takes the next row; the load, if it completes one.
+    pub fn push(&mut self, row: &LiveRow) -> Option<HeldLoad> {
+        let values = match (row.readings, row.wrench) {
+            (Some(readings), _) => readings,
+            (None, Some(wrench)) => std::array::from_fn(|at| wrench.get(at).map_or(0.0, |x| *x)),
+            (None, None) => return None,
+        };
+        let LiveRow { time_s, index, wrench, .. } = *row;
+        // A board that starts anew is another recording.
+        if self.stretch.back().is_some_and(|last| time_s < last.time_s) {
+            self.stretch.clear();
+            self.still_since = None;
+        }
+        self.newest_s = time_s;
+        self.stretch.push_back(Moment { time_s, index, values, wrench });
+        while self.stretch.get(1).is_some_and(|second| time_s - second.time_s >= STRETCH_S) {
+            self.stretch.pop_front();
+        }
+        let first = *self.stretch.front()?;
+        if time_s - first.time_s < STRETCH_S {
+            return None;
+        }
+        let (means, scatter, step) = self.statistics();
+        let Some((rest, noise)) = self.rest else {
+            let least = if row.readings.is_some() { LEAST_NOISE } else { LEAST_FORCE_NOISE };
+            self.rest = Some((means, scatter.map(|noise| noise.max(least))));
+            self.phase = GuidePhase::Hang;
+            return None;
+        };
+        let is_still =
+            (0..CHANNELS).all(|c| scatter[c] <= QUIET * noise[c] && step[c] <= QUIET * noise[c]);
+        if !is_still {
+            self.still_since = None;
+            if self.phase != GuidePhase::Done {
+                self.phase = GuidePhase::Hang;
+            }
+            return None;
+        }
+        let off: [f64; CHANNELS] = std::array::from_fn(|c| (means[c] - rest[c]).abs());
+        (0..CHANNELS).for_each(|c| self.excursion[c] = self.excursion[c].max(off[c]));
+        match self.phase {
+            GuidePhase::Hang if self.is_loaded(&off, &noise) => {
+                self.phase = GuidePhase::Hold;
+                self.still_since = Some((first.time_s, first.index));
+                None
+            }
+            GuidePhase::Hold => self.hold(time_s, index),
+            _ => None,
+        }
+    }
+
+    /// Goes on to the next load without this one.
+    pub fn skip(&mut self) {
+        self.go_on(1);
+    }
+
+    /// Goes back to the load before, to record it again.
+    pub fn back(&mut self) {
+        self.go_on(self.loads.len().saturating_sub(1));
+    }
+
+    /// What is shown.
+    pub fn view(&self) -> GuideView {
+        let next = self.loads.get(self.next).filter(|_| self.phase != GuidePhase::Done);
+        let held = self.still_since.map_or(0.0, |(since_s, _)| (self.newest_s - since_s) / HOLD_S);
+        let gain = |of: &dyn Fn(usize) -> bool| -> f64 {
+            let gains = self.loads.iter().enumerate().filter(|(at, _)| of(*at));
+            gains.map(|(_, load)| load.gain).sum()
+        };
+        let whole = gain(&|_| true);
+        let recorded = self.recorded.iter().filter(|is_recorded| **is_recorded).count();
+        let unrecorded = 1.0 - recorded as f64 / self.loads.len().max(1) as f64;
+        GuideView {
+            group: next.map_or_else(String::new, |load| load.group.clone()),
+            text: next.map_or_else(String::new, |load| load.text.clone()),
+            wrench: next.map_or([0.0; 6], |load| load.wrench),
+            number: self.next + 1,
+            count: self.loads.len(),
+            recorded,
+            phase: self.phase,
+            held: if self.phase == GuidePhase::Hold { held.clamp(0.0, 1.0) } else { 0.0 },
+            // A table that says nothing of gains counts loads.
+            remaining_gain: if whole > 0.0 {
+                gain(&|at| !self.recorded[at]) / whole
+            } else {
+                unrecorded
+            },
+        }
+    }
+
+    fn hold(&mut self, time_s: f64, index: i64) -> Option<HeldLoad> {
+        let (since_s, from) = self.still_since?;
+        if time_s - since_s < HOLD_S {
+            return None;
+        }
+        let group = self.loads[self.next].group.clone();
+        self.recorded[self.next] = true;
+        self.still_since = None;
+        self.go_on(1);
+        if self.phase != GuidePhase::Done {
+            self.phase = GuidePhase::Release;
+        }
+        Some(HeldLoad { from, until: index, group })
+    }
+
+    /// Goes on by some places, around the end, and past loads that are recorded if it goes forward.
+    fn go_on(&mut self, places: usize) {
+        let count = self.loads.len();
+        let place = |steps: usize| (self.next + steps) % count.max(1);
+        let is_left = |at: &usize| !self.recorded[*at];
+        self.next = match places {
+            1 => (1..=count).map(place).find(is_left).unwrap_or(self.next),
+            places => place(places),
+        };
+        let is_done = places == 1 && self.recorded.iter().all(|is_recorded| *is_recorded);
+        self.phase = match self.rest {
+            _ if is_done => GuidePhase::Done,
+            None => GuidePhase::Rest,
+            Some(_) => GuidePhase::Hang,
+        };
+        self.still_since = None;
+    }
+
+    /// Mean and scatter of each channel over the stretch, and how far its halves are apart.
+    fn statistics(&self) -> ([f64; CHANNELS], [f64; CHANNELS], [f64; CHANNELS]) {
+        let mean = |rows: std::ops::Range<usize>| -> [f64; CHANNELS] {
+            let count = rows.len().max(1) as f64;
+            let sum = |c: usize| self.stretch.range(rows.clone()).map(|m| m.values[c]).sum::<f64>();
+            std::array::from_fn(|c| sum(c) / count)
+        };
+        let (rows, half) = (self.stretch.len(), self.stretch.len() / 2);
+        let (means, first, second) = (mean(0..rows), mean(0..half), mean(half..rows));
+        let square = |c: usize| -> f64 {
+            self.stretch.iter().map(|moment| (moment.values[c] - means[c]).powi(2)).sum()
+        };
+        let scatter = std::array::from_fn(|c| (square(c) / (rows - 1).max(1) as f64).sqrt());
+        (means, scatter, std::array::from_fn(|c| (second[c] - first[c]).abs()))
+    }
+
+    /// Whether what is still is the load that is wanted, as far as one can tell.
+    fn is_loaded(&self, off: &[f64; CHANNELS], noise: &[f64; CHANNELS]) -> bool {
+        let planned = self.loads[self.next].wrench;
+        let wrenches = self.stretch.iter().filter_map(|moment| moment.wrench);
+        let (sum, count) = wrenches.fold(([0.0; 6], 0.0), |(sum, count), wrench| {
+            (std::array::from_fn(|axis| sum[axis] + wrench[axis]), count + 1.0)
+        });
+        let is_wanted_empty = planned.iter().all(|value| *value == 0.0);
+        if count > 0.0 && !is_wanted_empty {
+            let distance = |from: &PerAxis<f64>| -> f64 {
+                let of = |axis: usize| match self.largest[axis] > 0.0 {
+                    true => ((sum[axis] / count - from[axis]) / self.largest[axis]).powi(2),
+                    false => 0.0,
+                };
+                (0..6).map(of).sum()
+            };
+            return distance(&planned) < distance(&[0.0; 6]);
+        }
+        let is_off = (0..CHANNELS)
+            .any(|c| off[c] > (OFF_REST * noise[c]).max(OFF_SHARE * self.excursion[c]));
+        is_off || is_wanted_empty
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn guide(gains: [f64; 3]) -> Guide {
+        let load = |(at, gain): (usize, f64)| GuidedLoad {
+            group: ["a", "b", "c"][at].to_owned(),
+            text: format!("load {at}"),
+            wrench: [[1.0, 0.0, -2.0][at], 0.0, 0.0, 0.0, 0.0, 0.0],
+            gain,
+        };
+        Guide::new(gains.into_iter().enumerate().map(load).collect())
+    }
+
+    /// A board at 100 Hz.
+    struct Bench {
+        index: i64,
+        found: Vec<HeldLoad>,
+    }
+
+    impl Bench {
+        /// A force for so many seconds; `forces` says whether a calibration tells it.
+        fn apply(&mut self, guide: &mut Guide, fx: f64, seconds: f64, forces: bool) {
+            for _ in 0..(100.0 * seconds) as usize {
+                let noise = f64::from([3, -1, 0, -3, 1, 2, -2][(self.index % 7) as usize]);
+                let readings = std::array::from_fn(|c| 2000.0 + 100.0 * fx * c as f64 + noise);
+                let row = LiveRow {
+                    time_s: self.index as f64 / 100.0,
+                    index: self.index,
+                    readings: Some(readings),
+                    wrench: forces.then_some([fx + 0.01 * noise, 0.0, 0.0, 0.0, 0.0, 0.0]),
+                    ..LiveRow::default()
+                };
+                self.found.extend(guide.push(&row));
+                self.index += 1;
+            }
+        }
+    }
+
+    fn bench() -> Bench {
+        Bench { index: 0, found: Vec::new() }
+    }
+
+    #[test]
+    fn loads_that_are_held_are_recorded_one_after_the_other() {
+        let (mut guide, mut bench) = (guide([4.0, 3.0, 1.0]), bench());
+        assert_eq!(guide.view().phase, GuidePhase::Rest);
+        bench.apply(&mut guide, 0.0, 3.0, true);
+        let view = guide.view();
+        assert_eq!((view.phase, view.number, view.count), (GuidePhase::Hang, 1, 3));
+        assert_eq!((view.group.as_str(), view.remaining_gain), ("a", 1.0));
+        bench.apply(&mut guide, 1.02, 2.0, true);
+        assert_eq!(guide.view().phase, GuidePhase::Hold);
+        assert!(guide.view().held > 0.4, "{:?}", guide.view());
+        bench.apply(&mut guide, 1.02, 1.2, true);
+        let view = guide.view();
+        // 2 s of stillness, found when the last moving row is a second old.
+        assert_eq!(bench.found, [HeldLoad { from: 300, until: 500, group: "a".to_owned() }]);
+        assert_eq!((view.phase, view.number, view.recorded), (GuidePhase::Release, 2, 1));
+        assert!((view.remaining_gain - 0.5).abs() < 1e-12);
+        // It stays on: nothing more is recorded of it. The second load is none at all.
+        bench.apply(&mut guide, 1.02, 3.0, true);
+        assert_eq!(bench.found.len(), 1);
+        bench.apply(&mut guide, 0.0, 4.0, true);
+        assert_eq!(bench.found[1].group, "b");
+        bench.apply(&mut guide, -1.9, 4.0, true);
+        assert_eq!(guide.view().phase, GuidePhase::Done);
+        assert_eq!((bench.found.len(), guide.view().remaining_gain), (3, 0.0));
+        assert_eq!(guide.view().group, "");
+    }
+
+    #[test]
+    fn without_a_calibration_a_load_is_what_is_off_the_rest() {
+        let (mut guide, mut bench) = (guide([0.0; 3]), bench());
+        bench.apply(&mut guide, 0.0, 2.0, false);
+        bench.apply(&mut guide, 1.0, 4.0, false);
+        assert_eq!(bench.found.len(), 1);
+        assert!((guide.view().remaining_gain - 2.0 / 3.0).abs() < 1e-12);
+        guide.skip();
+        assert_eq!(guide.view().group, "c");
+        // Back at rest, nearly: no load.
+        bench.apply(&mut guide, 0.05, 4.0, false);
+        assert_eq!(bench.found.len(), 1);
+        bench.apply(&mut guide, -2.0, 4.0, false);
+        assert_eq!(bench.found.len(), 2);
+        assert_eq!(guide.view().group, "b", "the one that was skipped comes back");
+        guide.back();
+        assert_eq!(guide.view().group, "a");
+    }
+
+    #[test]
+    fn another_load_than_the_planned_one_and_one_that_moves_are_not_recorded() {
+        let (mut guide, mut bench) = (guide([1.0; 3]), bench());
+        bench.apply(&mut guide, 0.0, 2.0, true);
+        bench.apply(&mut guide, -1.0, 5.0, true);
+        for step in 0..100 {
+            bench.apply(&mut guide, 1.0 + 0.02 * f64::from(step), 0.1, true);
+        }
+        assert_eq!(bench.found, []);
+        bench.apply(&mut guide, 1.2, 4.0, true);
+        assert_eq!(bench.found.len(), 1);
+    }
+}

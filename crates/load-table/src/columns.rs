@@ -1,0 +1,168 @@
+//! What the columns of a table are, and the load that a line of them is.
+
+use super::load::{Pull, STANDARD_GRAVITY};
+use shell_data::hint::did_you_mean;
+use shell_data::wrench::Axis;
+
+/// A number that a column holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Quantity {
+    Mass,
+    Force,
+    /// A coordinate of the point.
+    Point(usize),
+    /// A coordinate of a vector along the force.
+    Along(usize),
+    Azimuth,
+    Elevation,
+    Roll,
+    Pitch,
+    Yaw,
+    /// An axis of an accelerometer at rest.
+    Accelerometer(usize),
+    /// An axis of the wrench.
+    Wrench(usize),
+}
+
+/// What a column is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Column {
+    Group,
+    Mounting,
+    Direction,
+    /// A number, and what it is multiplied by to be in SI units (angles: radians).
+    Number(Quantity, f64),
+    /// Carried along.
+    Other,
+}
+
+const DEGREE: f64 = std::f64::consts::PI / 180.0;
+
+/// Known names, with what they are.
+const NAMES: [(&str, Column); 35] = {
+    use Column::{Direction, Group, Mounting, Number, Other};
+    use Quantity as Q;
+    [
+        ("group", Group),
+        ("pose", Group),
+        ("label", Group),
+        ("mounting", Mounting),
+        ("direction", Direction),
+        ("notes", Other),
+        ("mass_kg", Number(Q::Mass, 1.0)),
+        ("mass_g", Number(Q::Mass, 1e-3)),
+        ("force_n", Number(Q::Force, 1.0)),
+        ("force_mn", Number(Q::Force, 1e-3)),
+        ("x_m", Number(Q::Point(0), 1.0)),
+        ("y_m", Number(Q::Point(1), 1.0)),
+        ("z_m", Number(Q::Point(2), 1.0)),
+        ("x_cm", Number(Q::Point(0), 1e-2)),
+        ("y_cm", Number(Q::Point(1), 1e-2)),
+        ("z_cm", Number(Q::Point(2), 1e-2)),
+        ("x_mm", Number(Q::Point(0), 1e-3)),
+        ("y_mm", Number(Q::Point(1), 1e-3)),
+        ("z_mm", Number(Q::Point(2), 1e-3)),
+        ("dx", Number(Q::Along(0), 1.0)),
+        ("dy", Number(Q::Along(1), 1.0)),
+        ("dz", Number(Q::Along(2), 1.0)),
+        ("azimuth_deg", Number(Q::Azimuth, DEGREE)),
+        ("elevation_deg", Number(Q::Elevation, DEGREE)),
+        ("roll_deg", Number(Q::Roll, DEGREE)),
+        ("pitch_deg", Number(Q::Pitch, DEGREE)),
+        ("yaw_deg", Number(Q::Yaw, DEGREE)),
+        ("roll_rad", Number(Q::Roll, 1.0)),
+        ("pitch_rad", Number(Q::Pitch, 1.0)),
+        ("yaw_rad", Number(Q::Yaw, 1.0)),
+        ("ax", Number(Q::Accelerometer(0), 1.0)),
+        ("ay", Number(Q::Accelerometer(1), 1.0)),
+        ("az", Number(Q::Accelerometer(2), 1.0)),
+        ("azimuth_rad", Number(Q::Azimuth, 1.0)),
+        ("elevation_rad", Number(Q::Elevation, 1.0)),
+    ]
+};
+
+impl Column {
+    /// What a column of this name is, or what is wrong with it.
+    pub(crate) fn from_name(name: &str) -> Result<Self, String> {
+        let plain = name.trim().to_lowercase().replace([' ', '-'], "_");
+        if plain.starts_with("plan_") {
+            return Ok(Self::Other);
+        }
+        if let Some(axis) = Axis::ALL.iter().find(|axis| axis.column() == plain) {
+            return Ok(Self::Number(Quantity::Wrench(axis.index()), 1.0));
+        }
+        let known = NAMES.iter().find(|(known, _)| *known == plain);
+        known.map(|(_, column)| *column).ok_or_else(|| {
+            let names = NAMES.iter().map(|(known, _)| *known);
+            let hint = did_you_mean(&plain, names.chain(Axis::ALL.map(Axis::column)));
+            format!("unknown column `{name}`{hint}")
+        })
+    }
+}
+
+/// The load of a line: `number` gives what a column of it holds, `word` its direction.
+pub(crate) fn pull(
+    number: impl Fn(Quantity) -> Option<f64>,
+    word: Option<&str>,
+) -> Result<Pull, String> {
+    let three = |of: fn(usize) -> Quantity| {
+        let found = [0, 1, 2].map(|axis| number(of(axis)));
+        found.iter().any(Option::is_some).then(|| found.map(|value| value.unwrap_or(0.0)))
+    };
+    let (mass_kg, force_n) = match (number(Quantity::Mass), number(Quantity::Force)) {
+        (Some(_), Some(_)) => return Err("both a mass and a force".to_owned()),
+        (Some(mass), None) => (Some(mass), mass * STANDARD_GRAVITY),
+        (None, Some(force)) => (None, force),
+        (None, None) => {
+            let found = [0, 1, 2, 3, 4, 5].map(|axis| number(Quantity::Wrench(axis)));
+            return match found.iter().any(Option::is_some) {
+                true => Ok(Pull::Wrench(found.map(|value| value.unwrap_or(0.0)))),
+                false => Err("no mass, no force and no wrench".to_owned()),
+            };
+        }
+    };
+    if force_n < 0.0 {
+        return Err("a load below zero: turn its direction around".to_owned());
+    }
+    let angles = |first, second| {
+        let found = [number(first), number(second)];
+        found.iter().any(Option::is_some).then(|| found.map(|value| value.unwrap_or(0.0)))
+    };
+    let turned = angles(Quantity::Roll, Quantity::Pitch)
+        .or_else(|| number(Quantity::Yaw).map(|_| [0.0, 0.0]));
+    let ways = [
+        word.map(direction_of_word).transpose()?,
+        three(Quantity::Along),
+        angles(Quantity::Azimuth, Quantity::Elevation)
+            .map(|[azimuth, up]| [up.cos() * azimuth.cos(), up.cos() * azimuth.sin(), up.sin()]),
+        // −Rᵀ·z with R = Rz(yaw)·Ry(pitch)·Rx(roll), the sensor's axes in the room; yaw turns about the load.
+        turned.map(|[roll, pitch]| {
+            [pitch.sin(), -pitch.cos() * roll.sin(), -pitch.cos() * roll.cos()]
+        }),
+        // At rest it reads what holds it up.
+        three(Quantity::Accelerometer).map(|read| read.map(|value| -value)),
+    ];
+    let mut given = ways.into_iter().flatten();
+    let along = given.next().unwrap_or([0.0, 0.0, -1.0]);
+    if given.next().is_some() {
+        return Err("more than one direction".to_owned());
+    }
+    let length = along.iter().map(|x| x * x).sum::<f64>().sqrt();
+    if length <= 0.0 {
+        return Err("a direction of length 0".to_owned());
+    }
+    let point_m = three(Quantity::Point).unwrap_or_default();
+    Ok(Pull::Force { force_n, mass_kg, point_m, direction: along.map(|x| x / length) })
+}
+
+fn direction_of_word(word: &str) -> Result<[f64; 3], String> {
+    match word.replace('−', "-").to_lowercase().as_str() {
+        "down" | "-z" => Ok([0.0, 0.0, -1.0]),
+        "up" | "+z" | "z" => Ok([0.0, 0.0, 1.0]),
+        "+x" | "x" => Ok([1.0, 0.0, 0.0]),
+        "-x" => Ok([-1.0, 0.0, 0.0]),
+        "+y" | "y" => Ok([0.0, 1.0, 0.0]),
+        "-y" => Ok([0.0, -1.0, 0.0]),
+        _ => Err(format!("direction `{word}`, expected down, up, +x, -x, +y, -y, +z or -z")),
+    }
+}

@@ -1,0 +1,42 @@
+//! Tables of loads: what hangs where, in which direction, and the wrench that this is.
+//!
+//! One line is one load that is held still: a pose. The same table says what a rig can do, in which order to do it,
+//! and what was done.
+//!
+//! | columns | what they say |
+//! |---|---|
+//! | `group` | the label of the pose, as in the group column of the log; else the number of the line |
+//! | `mass_kg`, `mass_g`, `force_n` or `force_mn` | the load: a mass that hangs, or a force |
+//! | `x_mm`, `y_mm`, `z_mm` (or `_cm`, `_m`) | the point that it pulls at, from the sensor's origin; 0 if absent |
+//! | `direction` | `down`, `up`, `+x`, `-x`, … `-z`, in the sensor's frame; `down` is −z, also if nothing is said |
+//! | `dx`, `dy`, `dz` | or a vector of any length along the force |
+//! | `azimuth_deg`, `elevation_deg` | or angles: from x towards y, and up from the plane of these |
+//! | `roll_deg`, `pitch_deg`, `yaw_deg` | or how the sensor is turned in the room, where the load pulls down |
+//! | `ax`, `ay`, `az` | or what an accelerometer on the sensor reads at rest, in any unit |
+//! | `fx_n` … `mz_nm` | or the wrench itself, where no mass and no force is given |
+//! | `mounting` | loads of one mounting of the lever have one label |
+//!
+//! `notes` and columns whose names begin with `plan_` are carried along. Frame: x forward, y left, z up.
+//!
+//! ```
+//! use load_table::HungLoads;
+//!
+//! let table = HungLoads::parse("group,mass_kg,x_mm,z_mm,direction\nbow,0.5,30,40,down\n")?;
+//! let wrench = table.loads()[0].wrench();
+//! assert!((wrench[2] + 0.5 * 9.80665).abs() < 1e-12);
+//! // r × F: x forward times a force down turns about +y.
+//! assert!((wrench[4] - 0.03 * 0.5 * 9.80665).abs() < 1e-12);
+//! # Ok::<_, load_table::HungLoadError>(())
+//! ```
+
+#![forbid(unsafe_code)]
+#![warn(missing_docs)]
+
+mod columns;
+mod load;
+mod rig;
+mod table;
+
+pub use self::load::{HungLoad, Pull, STANDARD_GRAVITY};
+pub use self::rig::{Combinations, RigError, WrenchBox};
+pub use self::table::{HungLoadError, HungLoads};

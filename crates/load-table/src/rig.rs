@@ -1,0 +1,169 @@
+//! What a rig can do, where nobody has written it down line by line.
+
+use std::fmt::Write as _;
+
+use super::table::{HungLoadError, HungLoads};
+use shell_data::wrench::{Axis, PerAxis};
+
+/// Most loads of a rig.
+const MOST: usize = 20_000;
+
+/// A rig that has no loads.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum RigError {
+    /// A part of a list that cannot be read.
+    #[error("`{found}` is not {expected}")]
+    Part {
+        /// What was found.
+        found: String,
+        /// What was expected.
+        expected: &'static str,
+    },
+    /// More loads than anyone hangs.
+    #[error("`{0}` loads are too many, at most `{MOST}`: give fewer masses, points or directions")]
+    TooMany(usize),
+    /// Loads that are none.
+    #[error(transparent)]
+    Table(#[from] HungLoadError),
+}
+
+/// Every mass at every point in every direction.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Combinations {
+    /// kg.
+    pub masses_kg: Vec<f64>,
+    /// From the sensor's origin, mm.
+    pub points_mm: Vec<[f64; 3]>,
+    /// As in the column `direction`, or an azimuth and an elevation in degrees: `30:-45`.
+    pub directions: Vec<String>,
+}
+
+impl Combinations {
+    /// The table of all of them.
+    ///
+    /// # Errors
+    /// [`RigError`].
+    pub fn table(&self) -> Result<HungLoads, RigError> {
+        let count = self.masses_kg.len() * self.points_mm.len() * self.directions.len();
+        if count > MOST {
+            return Err(RigError::TooMany(count));
+        }
+        let mut text = "mass_kg,x_mm,y_mm,z_mm,direction,azimuth_deg,elevation_deg\n".to_owned();
+        for mass in &self.masses_kg {
+            for [x, y, z] in &self.points_mm {
+                for direction in &self.directions {
+                    let how = match direction.split_once(':') {
+                        Some((azimuth, elevation)) => format!(",{azimuth},{elevation}"),
+                        None => format!("{direction},,"),
+                    };
+                    writeln!(text, "{mass},{x},{y},{z},{how}").expect("a string takes all");
+                }
+            }
+        }
+        Ok(HungLoads::parse(&labelled(&text))?)
+    }
+}
+
+/// The lines of a table with numbers from 1 for labels.
+fn labelled(text: &str) -> String {
+    let mut lines = text.lines();
+    let mut labelled = format!("group,{}\n", lines.next().unwrap_or_default());
+    for (number, line) in (1..).zip(lines) {
+        writeln!(labelled, "{number},{line}").expect("a string takes all");
+    }
+    labelled
+}
+
+/// Ranges of the axes: `fx=-5..5,fz=-10..0,my=-0.2..0.2`, in N and N·m.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WrenchBox(PerAxis<[f64; 2]>);
+
+impl WrenchBox {
+    /// Axes that are not named stay at 0.
+    ///
+    /// # Errors
+    /// [`RigError::Part`].
+    pub fn parse(text: &str) -> Result<Self, RigError> {
+        let mut ranges = [[0.0; 2]; 6];
+        for part in text.split(',') {
+            let fault = || RigError::Part {
+                found: part.to_owned(),
+                expected: "a range such as `fx=-5..5` (N) or `my=-0.2..0.2` (N·m)",
+            };
+            let (name, range) = part.split_once('=').ok_or_else(fault)?;
+            let (low, high) = range.split_once("..").ok_or_else(fault)?;
+            let name = name.trim().to_lowercase();
+            let is_named =
+                |axis: &&Axis| axis.name().to_lowercase() == name || axis.column() == name;
+            let axis = Axis::ALL.iter().find(is_named).ok_or_else(fault)?;
+            let number = |text: &str| text.trim().parse().ok().filter(|x: &f64| x.is_finite());
+            let (low, high): (f64, f64) =
+                number(low).zip(number(high)).filter(|(low, high)| low < high).ok_or_else(fault)?;
+            ranges[axis.index()] = [low, high];
+        }
+        Ok(Self(ranges))
+    }
+
+    /// Both ends and the middle of each axis with those of all others: what an optimal design of second order is
+    /// made of (a 3ᵏ factorial; Box & Draper, Response Surfaces, 2nd ed., §11.3).
+    ///
+    /// # Errors
+    /// [`RigError::Table`] never, in practice.
+    pub fn table(&self) -> Result<HungLoads, RigError> {
+        let Self(ranges) = self;
+        let mut rows = vec![[0.0; 6]];
+        for (axis, &[low, high]) in ranges.iter().enumerate().filter(|(_, [low, high])| low < high)
+        {
+            let middle = if low < 0.0 && high > 0.0 { 0.0 } else { f64::midpoint(low, high) };
+            let with = |row: &PerAxis<f64>| {
+                [low, middle, high].map(|value| {
+                    let mut row = *row;
+                    row[axis] = value;
+                    row
+                })
+            };
+            rows = rows.iter().flat_map(with).collect();
+        }
+        let mut text = Axis::ALL.map(Axis::column).join(",");
+        text.push('\n');
+        for row in rows {
+            writeln!(text, "{}", row.map(|value| value.to_string()).join(","))
+                .expect("a string takes all");
+        }
+        Ok(HungLoads::parse(&labelled(&text))?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn combinations_are_all_of_them() {
+        let rig = Combinations {
+            masses_kg: vec![0.1, 0.5],
+            points_mm: vec![[0.0, 0.0, 40.0], [30.0, 0.0, 40.0]],
+            directions: vec!["+x".to_owned(), "30:-45".to_owned(), "down".to_owned()],
+        };
+        let table = rig.table().unwrap();
+        assert_eq!(table.loads().len(), 12);
+        assert_eq!(table.loads()[11].to_string(), "0.5 kg at (30, 0, 40) mm, down");
+        assert_eq!(table.loads()[11].group, "12");
+        let many = Combinations { masses_kg: vec![1.0; 10_000], ..rig };
+        assert_eq!(many.table(), Err(RigError::TooMany(60_000)));
+    }
+
+    #[test]
+    fn a_box_has_its_corners_and_middles() {
+        let table = WrenchBox::parse("fx=-2..4, mz_nm=0.1..0.3").unwrap().table().unwrap();
+        assert_eq!(table.loads().len(), 9);
+        let first = table.loads()[0].wrench();
+        assert_eq!(first, [-2.0, 0.0, 0.0, 0.0, 0.0, 0.1]);
+        assert_eq!(table.loads()[4].wrench()[0], 0.0);
+        assert!((table.loads()[4].wrench()[5] - 0.2).abs() < 1e-15);
+        for wrong in ["fx=1", "fx=2..1", "gx=1..2", "fx=nan..2", ""] {
+            assert!(WrenchBox::parse(wrong).is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,262 @@
+//! Tables as CSV, with commas, semicolons or tabs.
+
+use std::collections::HashSet;
+
+use csv::{ReaderBuilder, StringRecord, Trim, WriterBuilder};
+
+use super::columns::{Column, Quantity, pull};
+use super::load::HungLoad;
+
+/// Loads, one a line, with the cells that they were read from.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct HungLoads {
+    header: Vec<String>,
+    cells: Vec<Vec<String>>,
+    loads: Vec<HungLoad>,
+}
+
+/// What is wrong with a table of loads.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("line {line}{}: {message}", column.as_ref().map_or_else(String::new, |name| format!(", column `{name}`")))]
+pub struct HungLoadError {
+    /// The line, from 1.
+    pub line: usize,
+    /// The name of the column, where one is at fault.
+    pub column: Option<String>,
+    /// What is wrong.
+    pub message: String,
+}
+
+impl HungLoads {
+    /// Parses a table with a header. Blank lines and lines that begin with `#` are skipped.
+    ///
+    /// # Errors
+    /// [`HungLoadError`] with the line and the column.
+    pub fn parse(text: &str) -> Result<Self, HungLoadError> {
+        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+        let mut lines = (1..).zip(text.lines()).filter(|(_, line)| {
+            let line = line.trim();
+            !line.is_empty() && !line.starts_with('#')
+        });
+        let fault = |line, column: Option<&str>, message: String| HungLoadError {
+            line,
+            column: column.map(str::to_owned),
+            message,
+        };
+        let Some((header_line, first)) = lines.next() else {
+            return Err(fault(1, None, "the table of loads is empty".to_owned()));
+        };
+        let separator = [b';', b'\t'].into_iter().find(|s| first.bytes().any(|byte| byte == *s));
+        let separator = separator.unwrap_or(b',');
+        let header = fields(first, separator).map_err(|why| fault(header_line, None, why))?;
+        let mut columns = Vec::new();
+        for name in &header {
+            let column = Column::from_name(name).map_err(|why| fault(header_line, None, why))?;
+            if columns.contains(&column) && column != Column::Other {
+                let message = "a second column for the same".to_owned();
+                return Err(fault(header_line, Some(name), message));
+            }
+            columns.push(column);
+        }
+        let mut table = Self { header, ..Self::default() };
+        let mut labels = HashSet::new();
+        for (line, text) in lines {
+            let mut cells = fields(text, separator).map_err(|why| fault(line, None, why))?;
+            if cells.len() > columns.len() {
+                let message = format!("{} fields, the header has {}", cells.len(), columns.len());
+                return Err(fault(line, None, message));
+            }
+            cells.resize(columns.len(), String::new());
+            let load = load(line, &columns, &cells).map_err(|(column, message)| {
+                fault(line, column.map(|at| table.header[at].as_str()), message)
+            })?;
+            if !labels.insert(load.group.clone()) {
+                let message = format!("a second load with the label `{}`", load.group);
+                return Err(fault(line, None, message));
+            }
+            table.cells.push(cells);
+            table.loads.push(load);
+        }
+        match table.loads.is_empty() {
+            true => Err(fault(header_line, None, "the table has no loads".to_owned())),
+            false => Ok(table),
+        }
+    }
+
+    /// The loads, in the order of the lines.
+    pub fn loads(&self) -> &[HungLoad] {
+        &self.loads
+    }
+
+    /// The cells of a column, line by line; `None` if there is no column of this name.
+    pub fn column(&self, name: &str) -> Option<impl Iterator<Item = &str>> {
+        let at = self.header.iter().position(|known| known.eq_ignore_ascii_case(name))?;
+        Some(self.cells.iter().map(move |cells| cells[at].as_str()))
+    }
+
+    /// Some of the lines, in this order, with further columns, as CSV that [`HungLoads::parse`] reads. The names of
+    /// further columns begin with `plan_`. A table without labels is given them, so that they stay.
+    ///
+    /// # Panics
+    /// If an index is not one of a line.
+    pub fn to_csv(&self, lines: &[usize], more: &[(String, Vec<String>)]) -> String {
+        let is_group = |name: &String| Column::from_name(name) == Ok(Column::Group);
+        let is_own = |at: &usize| !self.header[*at].to_lowercase().starts_with("plan_");
+        let kept: Vec<usize> = (0..self.header.len()).filter(is_own).collect();
+        let unlabelled = !self.header.iter().any(is_group);
+        let mut writer = WriterBuilder::new().from_writer(Vec::new());
+        let label = unlabelled.then_some("group").into_iter();
+        let header = label.chain(kept.iter().map(|&at| self.header[at].as_str()));
+        let header = header.chain(more.iter().map(|(name, _)| name.as_str()));
+        writer.write_record(header).expect("memory takes what is written");
+        for (row, &line) in lines.iter().enumerate() {
+            let label = unlabelled.then_some(self.loads[line].group.as_str()).into_iter();
+            let cells = label.chain(kept.iter().map(|&at| self.cells[line][at].as_str()));
+            let cells = cells.chain(more.iter().map(|(_, column)| column[row].as_str()));
+            writer.write_record(cells).expect("records of one length, into memory");
+        }
+        let bytes = writer.into_inner().expect("memory takes what is written");
+        String::from_utf8(bytes).expect("cells are text")
+    }
+}
+
+fn fields(line: &str, separator: u8) -> Result<Vec<String>, String> {
+    let mut reader = ReaderBuilder::new()
+        .has_headers(false)
+        .delimiter(separator)
+        .trim(Trim::All)
+        .from_reader(line.as_bytes());
+    let mut record = StringRecord::new();
+    reader.read_record(&mut record).map_err(|error| error.to_string())?;
+    Ok(record.iter().map(str::to_owned).collect())
+}
+
+/// The load of a line, or which column is wrong, and how.
+fn load(
+    line: usize,
+    columns: &[Column],
+    cells: &[String],
+) -> Result<HungLoad, (Option<usize>, String)> {
+    let mut numbers: Vec<(Quantity, f64)> = Vec::new();
+    let (mut group, mut mounting, mut word) = (None, None, None);
+    for (at, (column, cell)) in columns.iter().zip(cells).enumerate() {
+        if cell.is_empty() {
+            continue;
+        }
+        match column {
+            Column::Group => group = Some(cell.clone()),
+            Column::Mounting => mounting = Some(cell.clone()),
+            Column::Direction => word = Some(cell.as_str()),
+            Column::Other => {}
+            Column::Number(quantity, unit) => {
+                let value = cell.replace('−', "-").parse::<f64>().ok().filter(|x| x.is_finite());
+                let value = value.ok_or_else(|| (Some(at), format!("`{cell}` is not a number")))?;
+                // A point in m and one in mm are columns of one quantity.
+                if numbers.iter().any(|(known, _)| known == quantity) {
+                    return Err((Some(at), "given twice, in two units".to_owned()));
+                }
+                numbers.push((*quantity, unit * value));
+            }
+        }
+    }
+    let number =
+        |wanted| numbers.iter().find(|(quantity, _)| *quantity == wanted).map(|(_, value)| *value);
+    let pull = pull(number, word).map_err(|message| (None, message))?;
+    Ok(HungLoad { group: group.unwrap_or_else(|| line.to_string()), pull, mounting, line })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::load::Pull;
+    use super::*;
+
+    fn wrenches(text: &str) -> Vec<[f64; 6]> {
+        HungLoads::parse(text).unwrap().loads().iter().map(HungLoad::wrench).collect()
+    }
+
+    #[track_caller]
+    fn assert_close(found: &[f64], expected: &[f64]) {
+        for (found, expected) in found.iter().zip(expected) {
+            // A few roundings of numbers of order 1.
+            assert!((found - expected).abs() < 1e-14, "{found:?} {expected:?}");
+        }
+    }
+
+    #[test]
+    fn every_way_to_give_a_direction_gives_the_same_wrench() {
+        // Two newtons at (0, 30, 40) mm towards +x: Fx 2, My 0.08, Mz −0.06.
+        let expected = [2.0, 0.0, 0.0, 0.0, 0.08, -0.06];
+        for text in [
+            "force_n,y_mm,z_mm,direction\n2,30,40,+x",
+            "force_mn;y_cm;z_m;dx\n2000;3;0.04;17",
+            "# a rig\n\nforce_n,y_mm,z_mm,azimuth_deg,elevation_deg\n\n2,30,40,0,0\n",
+            // Nose down by 90°: gravity pulls along the sensor's x.
+            "force_n\ty_mm\tz_mm\tpitch_deg\n2\t30\t40\t90",
+            "force_n,y_mm,z_mm,ax,ay,az\n2,30,40,-9.81,0,0",
+            "fx_n,my_nm,mz_nm\n2,0.08,-0.06",
+        ] {
+            assert_close(&wrenches(text)[0], &expected);
+        }
+    }
+
+    #[test]
+    fn masses_hang_down_and_a_turned_sensor_sees_them_aside() {
+        let rows = wrenches("mass_g,roll_deg,pitch_deg\n1000,0,0\n1000,90,0\n1000,0,-90\n");
+        assert_close(&rows[0][..3], &[0.0, 0.0, -9.80665]);
+        assert_close(&rows[1][..3], &[0.0, -9.80665, 0.0]);
+        assert_close(&rows[2][..3], &[-9.80665, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn faults_name_line_and_column() {
+        for (text, message) in [
+            ("", "line 1: the table of loads is empty"),
+            ("mass_kg\n", "line 1: the table has no loads"),
+            ("mas_kg\n1", "line 1: unknown column `mas_kg`, did you mean `mass_kg`?"),
+            ("x_mm,x_mm\n1,1", "line 1, column `x_mm`: a second column for the same"),
+            ("mass_kg,x_m,x_mm\n1,1,1", "line 2, column `x_mm`: given twice, in two units"),
+            ("mass_kg\n1\n#\none", "line 4, column `mass_kg`: `one` is not a number"),
+            ("mass_kg,x_mm\n1,2,3", "line 2: 3 fields, the header has 2"),
+            ("mass_kg,force_n\n1,2", "line 2: both a mass and a force"),
+            ("x_mm\n2", "line 2: no mass, no force and no wrench"),
+            ("force_n\n-2", "line 2: a load below zero: turn its direction around"),
+            ("force_n,dx,roll_deg\n2,1,5", "line 2: more than one direction"),
+            ("force_n,dx\n2,0", "line 2: a direction of length 0"),
+            ("force_n,pose\n2,a\n3,a", "line 3: a second load with the label `a`"),
+        ] {
+            assert_eq!(HungLoads::parse(text).unwrap_err().to_string(), message, "{text}");
+        }
+    }
+
+    #[test]
+    fn what_is_written_is_read_again_in_the_new_order() {
+        let table = HungLoads::parse("mass_kg,notes,plan_gain\n1,\"a, b\",7\n2,,7\n").unwrap();
+        let text = table.to_csv(&[1, 0], &[("plan_gain".to_owned(), vec!["3".to_owned(); 2])]);
+        assert_eq!(text, "group,mass_kg,notes,plan_gain\n3,2,,3\n2,1,\"a, b\",3\n");
+        let again = HungLoads::parse(&text).unwrap();
+        let masses = again.loads().iter().map(|load| match load.pull {
+            Pull::Force { mass_kg, .. } => mass_kg,
+            Pull::Wrench(_) => None,
+        });
+        assert_eq!(masses.collect::<Vec<_>>(), [Some(2.0), Some(1.0)]);
+        assert_eq!(again.loads()[0].group, "3");
+    }
+
+    #[test]
+    fn loads_read_as_a_person_says_them() {
+        let table = "mass_kg,force_n,x_mm,direction,azimuth_deg,fx_n,my_nm\n0.5,,30,down,,,\n,2,,-x,,,\n\
+                     ,1.25,,,45,,\n,0,,,,,\n,,,,,-1.5,0.02\n";
+        let table = HungLoads::parse(table).unwrap();
+        let said: Vec<String> = table.loads().iter().map(HungLoad::to_string).collect();
+        assert_eq!(
+            said,
+            [
+                "0.5 kg at (30, 0, 0) mm, down",
+                "2 N at (0, 0, 0) mm, towards −x",
+                "1.25 N at (0, 0, 0) mm, azimuth 45.0°, elevation 0.0°",
+                "no load",
+                "Fx −1.5 N, My +0.02 N·m",
+            ]
+        );
+    }
+}

@@ -1,0 +1,222 @@
+//! The tasks of the firmware, and what joins them.
+//!
+//! ```text
+//! acquire ── samples, health ──▶ ┌──────┐ ── outgoing ──▶ send
+//! listen ─── edges ────────────▶ │ Core │
+//! receive ── commands ─────────▶ └──────┘ ── changed ───▶ acquire ── alive ──▶ watch
+//! ```
+//!
+//! Each is a task of its own on a board. They share the core's state, which is borrowed only between two waits, and
+//! wake each other by signals.
+
+use crate::acquisition::{acquire, illuminate};
+use crate::baud::Baud;
+use crate::board::{Chip, Clock, FrontEnd, Storage, SyncInput, Watchdog};
+use crate::core::{Core, HealthDue, OnLine};
+use crate::last_words::LastWords;
+use crate::limits::Limits;
+use crate::line::Change;
+use crate::upload::Record;
+use core::cell::RefCell;
+use embassy_futures::join::join5;
+use embassy_futures::select::select;
+use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use embassy_sync::signal::Signal;
+use embedded_io_async::{Read, Write};
+use shared_proto::{Decoder, Event, Framing, Identity, Packet, ReceivedPacket, ResetCause, Vitals};
+
+/// Longest time between two signs of life, in µs.
+const ALIVE_US: u64 = 250_000;
+
+/// Pause after an error of the receiver, so that a line that is stuck does not take all the time.
+const RETRY_US: u64 = 10_000;
+
+/// What a board is and how it has started.
+#[derive(Clone, Debug)]
+pub struct BoardSetup {
+    /// What the board says it is.
+    pub identity: Identity,
+    /// A number that is new at every start.
+    pub start: u16,
+    /// Why it has started.
+    pub reset_cause: ResetCause,
+    /// What it said before, if that is why.
+    pub last_words: LastWords,
+    /// Time of one conversion in ns, rounded up: what the host is told fits into a period.
+    pub conversion_ns: u32,
+    /// The rate of the serial line; `None` if it has none and is never the bottleneck.
+    pub rate: Option<Baud>,
+    /// Rates that the line to the host can be set to.
+    pub rates: &'static [Baud],
+    /// Whether the chip has a bootloader of its own that listens on that line.
+    pub has_bootloader: bool,
+}
+
+type Wake = Signal<NoopRawMutex, ()>;
+
+/// What the tasks share.
+pub struct Station<'a, C> {
+    core: RefCell<Core<'a>>,
+    clock: C,
+    conversion_ns: u32,
+    changed: Wake,
+    outgoing: Wake,
+    alive: Wake,
+}
+
+impl<'a, C: Clock> Station<'a, C> {
+    /// A board after its start. Uploads are put together in `record`.
+    pub fn new(setup: BoardSetup, clock: C, record: &'a mut Record) -> Self {
+        let limits = Limits {
+            min_period_us: setup.identity.min_period_us,
+            conversion_ns: setup.conversion_ns,
+            tolerance_us: C::TOLERANCE_US,
+            bytes_per_s: setup.rate.map(Baud::bytes_per_s),
+            rates: setup.rates,
+            has_bootloader: setup.has_bootloader,
+        };
+        let past = (setup.reset_cause, setup.last_words);
+        let core = Core::new(setup.identity, setup.start, past, limits, setup.rate, record);
+        let (changed, outgoing, alive) = (Wake::new(), Wake::new(), Wake::new());
+        let conversion_ns = setup.conversion_ns;
+        Self { core: RefCell::new(core), clock, conversion_ns, changed, outgoing, alive }
+    }
+
+    /// Takes frames at their slots while streaming. Only this gives signs of life: with a link that is
+    /// held up the board is well, but not with a converter that does not answer.
+    pub async fn acquire<F: FrontEnd>(&self, mut front_end: F) {
+        front_end.light(None);
+        loop {
+            self.alive.signal(());
+            let test = self.core.borrow_mut().take_self_test();
+            if let Some(test) = test {
+                let settings = self.core.borrow_mut().settings();
+                let emitter = usize::from(test.emitter);
+                let rise = illuminate(&mut front_end, &self.clock, &settings, emitter).await;
+                self.core.borrow_mut().finish_self_test(&test, rise);
+                self.outgoing.signal(());
+            } else if self.next_slot().await {
+                self.take_frame(&mut front_end).await;
+            }
+        }
+    }
+
+    /// Waits for the next slot, at most until a sign of life is due; whether it is time for a frame.
+    async fn next_slot(&self) -> bool {
+        let now_us = self.clock.now_us();
+        if self.core.borrow_mut().gives_up_rate(now_us) {
+            self.outgoing.signal(());
+        }
+        let slot_us = self.core.borrow_mut().next_slot(now_us);
+        let until_us = slot_us.unwrap_or(u64::MAX).min(now_us + ALIVE_US);
+        if until_us > now_us {
+            select(self.clock.wait_until_us(until_us), self.changed.wait()).await;
+        }
+        // Whatever woke us, the slot may have moved, or be late by now.
+        let now_us = self.clock.now_us();
+        let is_same = self.core.borrow_mut().next_slot(now_us) == slot_us;
+        is_same && slot_us.is_some_and(|slot_us| now_us >= slot_us)
+    }
+
+    async fn take_frame<F: FrontEnd>(&self, front_end: &mut F) {
+        let start_us = self.clock.now_us();
+        let settings = self.core.borrow_mut().begin_frame();
+        let frame = acquire(front_end, &self.clock, &settings, self.conversion_ns).await;
+        let end_us = self.clock.now_us();
+        let health = self.core.borrow_mut().health_due(end_us);
+        let vitals = match health {
+            Some(HealthDue::Measured) => Some(front_end.vitals().await),
+            Some(HealthDue::InHaste) => Some(Vitals::default()),
+            None => None,
+        };
+        self.core.borrow_mut().finish_frame(&frame, start_us, end_us, vitals);
+        self.outgoing.signal(());
+    }
+
+    /// Sends what is in the outbox. An error of the line costs the frame, and the host sees the gap.
+    pub async fn send<W: Write, H: Chip<W>>(&self, mut sender: W, mut chip: H) {
+        loop {
+            let next = self.core.borrow_mut().next_on_line();
+            match next {
+                Some(OnLine::Frame(frame)) => _ = sender.write_all(&frame).await,
+                Some(OnLine::Change(change)) => {
+                    _ = sender.flush().await;
+                    match change {
+                        Change::Rate(rate) => chip.set_baud(&mut sender, rate).await,
+                        Change::Bootloader => chip.start_bootloader().await,
+                    }
+                    self.core.borrow_mut().line_changed(self.clock.now_us());
+                }
+                None => self.outgoing.wait().await,
+            }
+        }
+    }
+
+    /// Does what arrives, with the calibration that is in storage.
+    pub async fn receive<R: Read, S: Storage>(&self, mut receiver: R, mut storage: S) {
+        self.core.borrow_mut().load(&mut storage);
+        let mut decoder = Decoder::new(Framing::Cobs);
+        let mut bytes = [0; 64];
+        loop {
+            let received = match receiver.read(&mut bytes).await {
+                Ok(count) if count > 0 => bytes.get(..count).unwrap_or_default(),
+                _ => {
+                    self.clock.wait_until_us(self.clock.now_us() + RETRY_US).await;
+                    continue;
+                }
+            };
+            let mut core = self.core.borrow_mut();
+            decoder.feed(received, |event| match event {
+                Event::Packet(ReceivedPacket {
+                    packet: Packet::Command { number, to, command },
+                    ..
+                }) => {
+                    core.heard();
+                    core.command(number, to, &command, self.clock.now_us(), &mut storage);
+                }
+                Event::OtherVersion { command: true, .. } => core.refuse_other_version(),
+                _ => {}
+            });
+            let counters = decoder.counters();
+            core.set_damaged(counters.bad_crc + counters.malformed);
+            self.changed.signal(());
+            self.outgoing.signal(());
+        }
+    }
+
+    /// Hands on the edges at the sync input.
+    pub async fn listen<I: SyncInput>(&self, mut sync_input: I) {
+        loop {
+            let edge = sync_input.next_edge().await;
+            self.core.borrow_mut().take_edge(edge);
+            self.outgoing.signal(());
+        }
+    }
+
+    /// Feeds the watchdog at every sign of life.
+    pub async fn watch<D: Watchdog>(&self, mut watchdog: D) {
+        loop {
+            watchdog.feed();
+            self.alive.wait().await;
+        }
+    }
+
+    /// All tasks as one, for a board without an executor.
+    pub async fn run<F: FrontEnd, W: Write, H: Chip<W>, R: Read, S: Storage>(
+        &self,
+        front_end: F,
+        (sender, chip): (W, H),
+        (receiver, storage): (R, S),
+        sync_input: impl SyncInput,
+        watchdog: impl Watchdog,
+    ) {
+        join5(
+            self.acquire(front_end),
+            self.send(sender, chip),
+            self.receive(receiver, storage),
+            self.listen(sync_input),
+            self.watch(watchdog),
+        )
+        .await;
+    }
+}

@@ -1,0 +1,236 @@
+//! `shellcal plan`: which load to hang next.
+
+mod replay;
+mod report;
+mod rig;
+
+use calibration::Kind;
+use calibration::load_plan::{
+    Coupling, Criterion, PlannedLoad, Planner, PredictedError, SensorKnowledge, couplings,
+};
+use calibration_file::CalibrationFile;
+use load_table::{HungLoad, HungLoads};
+use output_file::Outputs;
+use shell_data::wrench::PerAxis;
+use shellcal::workflow::plan::RecordedSession;
+
+use self::rig::RigArgs;
+pub(crate) use self::rig::read_table;
+use super::choices::one_of;
+use super::figure_size::FigureSize;
+use super::mapping::{MappingArgs, open_logs};
+use crate::files::{InputPath, OutputPath};
+use crate::outcome::Outcome;
+use crate::printer::Printer;
+
+const EXAMPLES: &str = "\
+Examples:
+  shellcal plan --masses 0.2kg,0.5kg --point 0,0,40 --point 30,0,40 --directions +x,-x,+y,-y,down -o plan.csv
+  shellcal plan --box fx=-5..5,fy=-5..5,fz=-10..0,mx=-0.2..0.2,my=-0.2..0.2,mz=-0.1..0.1
+  shellcal plan session1.csv --rig loads.csv --until 0.5N
+  shellcal plan session1.csv --replay 20 --held-out 8 --plot orders.svg";
+
+/// Loads of a plan that is given no end.
+const USUAL_COUNT: usize = 16;
+
+/// Loads of a plan that ends where an error is reached: nobody hangs more.
+const MOST_COUNT: usize = 200;
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+#[group(skip)]
+pub(crate) struct PlanArgs {
+    /// What was recorded so far: logs with readings and a measured wrench, or a calibration of the physics model
+    #[arg(value_name = "LOG|CAL.json")]
+    recorded: Vec<InputPath>,
+
+    #[command(flatten)]
+    rig: RigArgs,
+
+    /// What the next load is chosen by: `gain` of information, average variance over the range of loads (`alc`), or
+    /// `d-optimal` on 1, w and w·w, which needs no model of the sensors [default: gain where there is a model]
+    #[arg(long, value_name = "CRITERION", value_parser = one_of(&CRITERIA), hide_possible_values = true)]
+    by: Option<CriterionArg>,
+
+    /// How many loads to plan [default: 16; with `--until` as many as it takes, at most 200]
+    #[arg(long, short = 'n', value_name = "N", value_parser = clap::value_parser!(u32).range(1..=20_000))]
+    count: Option<u32>,
+
+    /// Stop when the predicted error of every force, or of every moment, is this small: 0.5N, 0.02Nm, or both with a
+    /// comma
+    #[arg(long, value_name = "ERROR", value_parser = parse_limits)]
+    until: Option<Limits>,
+
+    /// Write the loads in their order, for `live --plan` (CSV)
+    #[arg(long, short, value_name = "PLAN.csv", conflicts_with = "replay")]
+    output: Option<OutputPath>,
+
+    /// Draw the predicted error against the number of poses
+    #[arg(long, value_name = "FILE.svg|pdf|png")]
+    plot: Option<OutputPath>,
+
+    #[command(flatten)]
+    figure_size: FigureSize,
+
+    #[command(flatten)]
+    replay: replay::ReplayArgs,
+
+    #[command(flatten)]
+    mapping: MappingArgs,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum CriterionArg {
+    Gain,
+    AverageVariance,
+    DOptimal,
+}
+
+const CRITERIA: [(&str, &str, CriterionArg); 3] = [
+    ("gain", "", CriterionArg::Gain),
+    ("alc", "", CriterionArg::AverageVariance),
+    ("d-optimal", "", CriterionArg::DOptimal),
+];
+
+/// When a plan is long enough.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Limits {
+    force_n: Option<f64>,
+    moment_nm: Option<f64>,
+}
+
+/// Loads in their order, and what was known before.
+struct LoadPlan {
+    table: HungLoads,
+    /// Poses that were recorded.
+    recorded: usize,
+    criterion: &'static str,
+    before: PredictedError,
+    order: Vec<PlannedLoad>,
+    limits: Option<Limits>,
+    couplings: Vec<Coupling>,
+}
+
+impl PlanArgs {
+    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+        let figure = self.figure_size.create(self.plot.as_ref(), outputs)?;
+        if self.replay.is_asked() {
+            let logs = open_logs(&self.recorded, ("", &[]), &self.mapping.mapping()?)?;
+            let read = self.mapping.read_options();
+            return self.replay.run(&logs, &read, figure, printer);
+        }
+        let Some(table) = self.rig.table()? else {
+            anyhow::bail!(
+                "nothing is said of the rig: give its loads with `--rig`, `--masses`, or `--box`"
+            );
+        };
+        let output = self.output.as_ref().map(|path| outputs.create(path)).transpose()?;
+        let plan = self.plan(table, printer)?;
+        if let Some(mut output) = output {
+            std::io::Write::write_all(&mut output, plan.csv().as_bytes())?;
+            output.commit()?;
+        }
+        if let Some(figure) = figure {
+            let drawn = plan.figure(figure.size);
+            figure.write(&drawn)?;
+        }
+        printer.finish(&plan.document(), |printer| plan.print(printer))
+    }
+
+    fn plan(&self, table: HungLoads, printer: &mut Printer) -> anyhow::Result<LoadPlan> {
+        let candidates: Vec<PerAxis<f64>> = table.loads().iter().map(HungLoad::wrench).collect();
+        let session = self.session(printer)?;
+        let mut planner = match (session.sensors, self.by) {
+            (Ok(sensors), None | Some(CriterionArg::Gain | CriterionArg::AverageVariance)) => {
+                Planner::from_sensors(sensors, &session.loads, &candidates)
+            }
+            (Err(reason), _) if self.until.is_some() => {
+                anyhow::bail!("`--until` takes a model of the sensors, and there is none: {reason}")
+            }
+            (sensors, _) => {
+                if let Err(reason) = sensors
+                    && !self.recorded.is_empty()
+                {
+                    printer.note(format!("the plan takes no model of the sensors: {reason}"));
+                }
+                Planner::from_loads(&session.loads, &candidates)
+            }
+        };
+        if self.by == Some(CriterionArg::AverageVariance) {
+            planner = planner.by(Criterion::AverageVariance);
+        }
+        let before = planner.error();
+        let criterion = match (before, self.by) {
+            (_, Some(CriterionArg::AverageVariance)) => "average variance (ALC)",
+            (PredictedError::Wrench(_), _) => "information gain",
+            (PredictedError::Relative(_), _) => "D-optimal on 1, w and w·w",
+        };
+        let count = match (self.count, self.until) {
+            (Some(count), _) => count as usize,
+            (None, Some(_)) => MOST_COUNT,
+            (None, None) => USUAL_COUNT,
+        };
+        let (mut order, mut error) = (Vec::new(), before);
+        while order.len() < count && !self.until.is_some_and(|limits| limits.are_met(&error)) {
+            let Some(next) = planner.next() else { break };
+            error = next.error;
+            order.push(next);
+        }
+        let loads = if session.loads.is_empty() { &candidates } else { &session.loads };
+        let couplings = couplings(loads, &candidates);
+        let (recorded, limits) = (session.loads.len(), self.until);
+        Ok(LoadPlan { table, recorded, criterion, before, order, limits, couplings })
+    }
+
+    /// What was recorded.
+    fn session(&self, printer: &Printer) -> anyhow::Result<RecordedSession> {
+        let none = || RecordedSession {
+            loads: Vec::new(),
+            sensors: Err("nothing is recorded".to_owned()),
+        };
+        match self.recorded.as_slice() {
+            [] => Ok(none()),
+            [path] if path.extension().is_some_and(|extension| extension == "json") => {
+                let file = CalibrationFile::read(path)?;
+                match file.calibration.kind() {
+                    Kind::Physics(physics) => {
+                        let sensors = Ok(SensorKnowledge::from_calibration(physics));
+                        Ok(RecordedSession { sensors, ..none() })
+                    }
+                    Kind::Polynomial(_) => anyhow::bail!(
+                        "`{}` is a polynomial, which does not say what it was fitted to: give its logs",
+                        path.display()
+                    ),
+                }
+            }
+            paths => {
+                let logs = open_logs(paths, ("", &[]), &self.mapping.mapping()?)?;
+                let bar = printer.progress("plan", logs.iter().map(log_file::Log::bytes).sum());
+                let session = RecordedSession::read(&logs, &self.mapping.read_options())?;
+                bar.finish_and_clear();
+                Ok(session)
+            }
+        }
+    }
+}
+
+impl Limits {
+    fn are_met(&self, error: &PredictedError) -> bool {
+        error.is_within(self.force_n, self.moment_nm)
+    }
+}
+
+fn parse_limits(text: &str) -> Result<Limits, String> {
+    let mut limits = Limits { force_n: None, moment_nm: None };
+    for part in text.split(',') {
+        let part = part.trim().replace('·', "");
+        let (number, limit) = match part.strip_suffix("Nm") {
+            Some(number) => (number, &mut limits.moment_nm),
+            None => (part.strip_suffix('N').unwrap_or_default(), &mut limits.force_n),
+        };
+        let number = number.trim().parse::<f64>().ok().filter(|x| x.is_finite() && *x > 0.0);
+        let expected = || "expected an error with its unit, such as 0.5N or 0.02Nm".to_owned();
+        *limit = Some(number.ok_or_else(expected)?);
+    }
+    Ok(limits)
+}

@@ -1,0 +1,261 @@
+//! What is said of a plan: table, JSON, CSV, figure.
+
+use calibration::load_plan::PredictedError;
+use calibration::quality::significant;
+use figures::{Chart, ChartMark, Figure, PlotAxis, Series, Size, Spacing};
+use serde::Serialize;
+use shell_data::wrench::{Axis, PerAxis};
+
+use super::LoadPlan;
+use crate::printer::Printer;
+
+/// What `--json` prints.
+#[derive(Serialize)]
+pub(super) struct PlanDocument {
+    criterion: &'static str,
+    recorded_poses: usize,
+    error_before: StoredError,
+    loads: Vec<StoredLoad>,
+    /// Whether `--until` is reached; `null` without it.
+    reached: Option<bool>,
+    couplings: Vec<StoredCoupling>,
+}
+
+#[derive(Serialize)]
+struct StoredLoad {
+    step: usize,
+    group: String,
+    load: String,
+    wrench: PerAxis<f64>,
+    gain_nats: f64,
+    predicted_error: StoredError,
+}
+
+/// In N and N·m, or relative to one pose.
+#[derive(Serialize)]
+#[serde(rename_all = "snake_case")]
+enum StoredError {
+    Wrench(PerAxis<f64>),
+    RelativeToPose(f64),
+}
+
+#[derive(Serialize)]
+struct StoredCoupling {
+    axes: [&'static str; 2],
+    correlation: f64,
+    broken_by: Option<String>,
+    correlation_after: Option<f64>,
+}
+
+impl From<PredictedError> for StoredError {
+    fn from(error: PredictedError) -> Self {
+        match error {
+            PredictedError::Wrench(errors) => Self::Wrench(errors),
+            PredictedError::Relative(error) => Self::RelativeToPose(error),
+        }
+    }
+}
+
+impl LoadPlan {
+    pub(super) fn document(&self) -> PlanDocument {
+        let loads = self.table.loads();
+        let load = |(step, planned): (usize, &calibration::load_plan::PlannedLoad)| StoredLoad {
+            step,
+            group: loads[planned.candidate].group.clone(),
+            load: loads[planned.candidate].to_string(),
+            wrench: loads[planned.candidate].wrench(),
+            gain_nats: planned.gain,
+            predicted_error: planned.error.into(),
+        };
+        let coupling = |coupling: &calibration::load_plan::Coupling| StoredCoupling {
+            axes: [coupling.first.name(), coupling.second.name()],
+            correlation: coupling.correlation,
+            broken_by: coupling.broken_by.map(|(at, _)| loads[at].group.clone()),
+            correlation_after: coupling.broken_by.map(|(_, after)| after),
+        };
+        PlanDocument {
+            criterion: self.criterion,
+            recorded_poses: self.recorded,
+            error_before: self.before.into(),
+            loads: (1..).zip(&self.order).map(load).collect(),
+            reached: self.limits.map(|limits| limits.are_met(&self.error_after())),
+            couplings: self.couplings.iter().map(coupling).collect(),
+        }
+    }
+
+    /// The error after all loads of the plan.
+    fn error_after(&self) -> PredictedError {
+        self.order.last().map_or(self.before, |last| last.error)
+    }
+
+    /// The loads in their order, with what is expected of them.
+    pub(super) fn csv(&self) -> String {
+        let lines: Vec<usize> = self.order.iter().map(|planned| planned.candidate).collect();
+        let column = |name: &str, of: &dyn Fn(usize) -> String| {
+            (format!("plan_{name}"), (0..lines.len()).map(of).collect::<Vec<_>>())
+        };
+        let mut more = vec![
+            column("step", &|at| (at + 1).to_string()),
+            column("gain_nats", &|at| significant(self.order[at].gain, 4)),
+        ];
+        for axis in Axis::ALL {
+            if let PredictedError::Wrench(_) = self.before {
+                let error = |at: usize| match self.order[at].error {
+                    PredictedError::Wrench(errors) => significant(errors[axis.index()], 4),
+                    PredictedError::Relative(_) => String::new(),
+                };
+                more.push(column(&format!("error_{}", axis.column()), &error));
+            }
+        }
+        self.table.to_csv(&lines, &more)
+    }
+
+    pub(super) fn print(&self, printer: &mut Printer) -> anyhow::Result<()> {
+        let recorded = match self.recorded {
+            0 => String::new(),
+            poses => format!(" after {poses} poses"),
+        };
+        printer.line(format!(
+            "{} of {} loads{recorded}, by {}",
+            self.order.len(),
+            self.table.loads().len(),
+            self.criterion
+        ))?;
+        let header: &[&str] = match self.before {
+            PredictedError::Wrench(_) => &["step", "group", "load", "gain", "± N", "± N·m"],
+            PredictedError::Relative(_) => &["step", "group", "load", "gain", "± poses"],
+        };
+        let rows: Vec<Vec<String>> = (1..)
+            .zip(&self.order)
+            .map(|(step, planned): (usize, _)| {
+                let load = &self.table.loads()[planned.candidate];
+                let mut row = vec![step.to_string(), load.group.clone(), load.to_string()];
+                row.push(significant(planned.gain, 3));
+                row.extend(errors_of(planned.error));
+                row
+            })
+            .collect();
+        printer.table(header, &rows)?;
+        for line in self.conclusions() {
+            printer.line(line)?;
+        }
+        Ok(())
+    }
+
+    /// How far the plan goes, and which axes it tells apart.
+    fn conclusions(&self) -> Vec<String> {
+        let mut said = Vec::new();
+        let size = |error: PredictedError| {
+            let units: &[&str] = match error {
+                PredictedError::Wrench(_) => &[" N", " N·m"],
+                PredictedError::Relative(_) => &[" of a pose's"],
+            };
+            let values = errors_of(error);
+            let texts = values.iter().zip(units).map(|(value, unit)| format!("±{value}{unit}"));
+            texts.collect::<Vec<_>>().join(" and ")
+        };
+        let (before, after) = (size(self.before), size(self.error_after()));
+        let count = self.order.len();
+        match self.limits {
+            Some(limits) if count == 0 => {
+                debug_assert!(limits.are_met(&self.before), "a plan ends where it is good enough");
+                said.push(format!("no more loads are needed: predicted error {before}"));
+            }
+            Some(limits) if limits.are_met(&self.error_after()) => {
+                let loads = if count == 1 { "load" } else { "loads" };
+                said.push(format!("{count} more {loads} for {after}; now {before}"));
+            }
+            Some(_) => said.push(format!(
+                "not reached: after {count} more loads the predicted error is {after}, now it is {before}"
+            )),
+            None => said.push(format!("predicted error: now {before}, after these loads {after}")),
+        }
+        for coupling in &self.couplings {
+            let [first, second] = [coupling.first.name(), coupling.second.name()];
+            let whose = if self.recorded > 0 { "so far" } else { "in all loads of the rig" };
+            let correlation = coupling.correlation;
+            said.push(match coupling.broken_by {
+                Some((at, after)) => {
+                    let load = &self.table.loads()[at];
+                    format!(
+                        "{first} and {second} moved together {whose} (correlation {correlation:.2}): `{}` \
+                         ({load}) tells them apart best (then {after:.2})",
+                        load.group
+                    )
+                }
+                None => format!(
+                    "{first} and {second} move together {whose} (correlation {correlation:.2}), and no load of \
+                     the rig tells them apart: pull at another point"
+                ),
+            });
+        }
+        said
+    }
+
+    /// Predicted error against poses.
+    pub(super) fn figure(&self, size: Size) -> Figure {
+        let errors = std::iter::once(self.before).chain(self.order.iter().map(|of| of.error));
+        let errors: Vec<PredictedError> = errors.collect();
+        let largest = |axis: Axis| {
+            let loads = self.table.loads().iter().map(|load| load.wrench()[axis.index()].abs());
+            loads.fold(0.0, f64::max)
+        };
+        let points = |of: &dyn Fn(&PredictedError) -> f64| -> Vec<(f64, f64)> {
+            let numbered = (self.recorded..).zip(&errors);
+            numbered.map(|(poses, error)| (poses as f64, of(error))).collect()
+        };
+        let (name, series): (_, Vec<Series>) = match self.before {
+            PredictedError::Relative(_) => {
+                let of = |error: &PredictedError| match error {
+                    PredictedError::Relative(error) => *error,
+                    PredictedError::Wrench(_) => f64::NAN,
+                };
+                let series =
+                    Series { label: "all axes".into(), points: points(&of), mark: ChartMark::Both };
+                ("standard error, in those of one pose", vec![series])
+            }
+            PredictedError::Wrench(_) => {
+                let series = |axis: Axis| {
+                    let of = |error: &PredictedError| match error {
+                        PredictedError::Wrench(errors) => {
+                            100.0 * errors[axis.index()] / largest(axis)
+                        }
+                        PredictedError::Relative(_) => f64::NAN,
+                    };
+                    Series { label: axis.name().into(), points: points(&of), mark: ChartMark::Both }
+                };
+                let loaded = Axis::ALL.into_iter().filter(|&axis| largest(axis) > 0.0);
+                ("predicted error, % of the largest load", loaded.map(series).collect())
+            }
+        };
+        chart("Predicted error of a plan", name, Spacing::Log, series).figure(size)
+    }
+}
+
+/// Errors against poses.
+pub(super) fn chart(title: &str, quantity: &str, spacing: Spacing, series: Vec<Series>) -> Chart {
+    let range = |of: fn(&(f64, f64)) -> f64| {
+        let values = series.iter().flat_map(|series| series.points.iter().map(of));
+        let finite = values.filter(|value| value.is_finite());
+        finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)))
+    };
+    let ((first, last), (low, high)) = (range(|point| point.0), range(|point| point.1));
+    let low = if spacing == Spacing::Linear { 0.0 } else { low };
+    Chart {
+        title: title.to_owned(),
+        x: PlotAxis::new("poses", "", Spacing::Linear, first, last).padded(0.02),
+        y: PlotAxis::new(quantity, "", spacing, low, high).padded(0.05),
+        series,
+    }
+}
+
+/// The largest force and moment, or the one number.
+fn errors_of(error: PredictedError) -> Vec<String> {
+    match error {
+        PredictedError::Wrench(errors) => {
+            let largest = |errors: &[f64]| errors.iter().copied().fold(0.0, f64::max);
+            vec![significant(largest(&errors[..3]), 3), significant(largest(&errors[3..]), 3)]
+        }
+        PredictedError::Relative(error) => vec![significant(error, 3)],
+    }
+}

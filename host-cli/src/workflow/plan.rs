@@ -1,0 +1,112 @@
+//! What recorded sessions tell a plan of further loads.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use super::WorkflowError;
+use super::fit::FitData;
+use calibration::fit::{GroupsAsked, label_poses_or_files};
+use calibration::load_plan::{
+    Replay, ReplayError, ReplayOptions, ReplayedSplit, SensorKnowledge, loads_of_dataset,
+};
+use calibration::physics::{Observation, PhysicsCalibration, TrainingRows};
+use log_file::{Log, ReadOptions};
+use shell_data::dataset::Dataset;
+use shell_data::wrench::{Axes, PerAxis};
+
+/// What was recorded so far.
+#[derive(Debug)]
+pub struct RecordedSession {
+    /// The load of each pose, N and N·m.
+    pub loads: Vec<PerAxis<f64>>,
+    /// What a physics model knows after them, or why there is none.
+    pub sensors: Result<SensorKnowledge, String>,
+}
+
+impl RecordedSession {
+    /// Reads logs, and fits a physics model to them where they determine one.
+    ///
+    /// # Errors
+    /// [`WorkflowError`] if a log cannot be read, or the logs differ in their channels or axes.
+    pub fn read(logs: &[Log], read: &ReadOptions<'_>) -> Result<Self, WorkflowError> {
+        let data = labelled(logs, read)?;
+        let axes = data.logs.first().map_or(Axes::ALL, |log| log.axes);
+        let sensors = match axes.are_all() {
+            false => Err(format!("a model of the sensors takes all six axes, not {axes}")),
+            true => PhysicsCalibration::fit(&training_rows(&data))
+                .map(|(calibration, _)| SensorKnowledge::from_calibration(&calibration))
+                .map_err(|error| error.to_string()),
+        };
+        Ok(Self { loads: loads_of_dataset(&data), sensors })
+    }
+}
+
+/// The rows of logs, labelled by pose. One label for all says nothing, and is none.
+fn labelled(logs: &[Log], read: &ReadOptions<'_>) -> Result<Dataset, WorkflowError> {
+    let data = FitData::read(logs, &[], (GroupsAsked::IfAny, false), read)?.train;
+    let labelled = label_poses_or_files(&data);
+    let is_one = {
+        let mut labels = labelled.blocks().flat_map(|(_, block)| block.labels.iter());
+        let first = labels.next().map(|(label, _)| label);
+        labels.all(|(label, _)| Some(label) == first)
+    };
+    Ok(if is_one { data } else { labelled })
+}
+
+fn training_rows(data: &Dataset) -> TrainingRows {
+    let (mut rows, _) = TrainingRows::from_dataset(data);
+    if rows.groups.len() != rows.wrench[0].len() {
+        rows.group_by_time();
+    }
+    rows
+}
+
+/// What a session is replayed from: the means of its poses.
+///
+/// # Errors
+/// [`WorkflowError`] as [`RecordedSession::read`], and if readings or wrench are not finite.
+pub fn observations(
+    logs: &[Log],
+    read: &ReadOptions<'_>,
+) -> Result<Vec<Observation>, WorkflowError> {
+    let rows = training_rows(&labelled(logs, read)?);
+    rows.observations().map_err(|error| WorkflowError::Fit(error.into()))
+}
+
+/// Replays so many splits, on several threads; the result does not depend on how many. `progress` gets the number of
+/// splits that are done.
+///
+/// # Errors
+/// [`ReplayError`] if the poses do not determine a model.
+pub fn replay(
+    observations: &[Observation],
+    (splits, options): (u64, ReplayOptions),
+    threads: usize,
+    progress: &(dyn Fn(u64) + Sync),
+) -> Result<Option<Replay>, ReplayError> {
+    let threads = match threads {
+        0 => std::thread::available_parallelism().map_or(1, usize::from),
+        threads => threads,
+    };
+    let (next, done) = (AtomicU64::new(0), AtomicU64::new(0));
+    let work = || {
+        let mut replayed = Vec::new();
+        loop {
+            let split = next.fetch_add(1, Ordering::Relaxed);
+            if split >= splits {
+                return Ok::<_, ReplayError>(replayed);
+            }
+            replayed.push((split, ReplayedSplit::new(observations, options, split)?));
+            progress(done.fetch_add(1, Ordering::Relaxed) + 1);
+        }
+    };
+    let parts = std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
+        let join = |worker: std::thread::ScopedJoinHandle<'_, _>| {
+            worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+        };
+        workers.into_iter().map(join).collect::<Result<Vec<_>, _>>()
+    })?;
+    let mut all: Vec<(u64, ReplayedSplit)> = parts.into_iter().flatten().collect();
+    all.sort_by_key(|(split, _)| *split);
+    Ok(Replay::of(&all.into_iter().map(|(_, split)| split).collect::<Vec<_>>()))
+}
