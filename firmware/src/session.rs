@@ -211,7 +211,9 @@ mod tests {
     use crate::board::StorageError;
     use crate::slots::{FakeFlash, Outcome, Slots};
     use crate::upload::RECORD;
-    use shared_proto::{AXES, CHANNELS, Cubic, FEATURES, MAX_PIECE, Physics, PhysicsSensor, Piece};
+    use shared_proto::{
+        AXES, CHANNELS, Calibration, Cubic, FEATURES, MAX_PIECE, Physics, PhysicsSensor, Piece,
+    };
     use std::vec::Vec;
 
     struct Memory {
@@ -294,7 +296,7 @@ mod tests {
     }
 
     /// The session after a reset.
-    fn session<S: Storage>(storage: &mut S) -> Session<'static> {
+    fn started<S: Storage>(storage: &mut S) -> Session<'static> {
         let record = std::boxed::Box::leak(std::boxed::Box::new([0; RECORD]));
         let mut session = Session::new(LIMITS, record);
         session.load(storage);
@@ -304,7 +306,7 @@ mod tests {
     impl Bench {
         fn new() -> Self {
             let mut memory = erased();
-            Self { session: session(&mut memory), memory }
+            Self { session: started(&mut memory), memory }
         }
 
         fn run(&mut self, command: &Command) -> Result<(), Refusal> {
@@ -369,7 +371,7 @@ mod tests {
         let crc = shared_proto::crc32(&calibration().to_bytes());
         assert_eq!(bench.session.calibration_crc32(), crc);
 
-        let mut after = session(&mut bench.memory);
+        let mut after = started(&mut bench.memory);
         assert_eq!((after.is_calibrated(), after.calibration_crc32()), (true, crc));
         assert!(after.converter().is_some());
     }
@@ -382,7 +384,7 @@ mod tests {
             let crc = shared_proto::crc32(&bytes);
             assert_eq!(bench.run_all(&upload(&bytes, crc)), Ok(()));
             assert_eq!(bench.session.calibration_crc32(), crc);
-            assert_eq!(session(&mut bench.memory).calibration_crc32(), crc);
+            assert_eq!(started(&mut bench.memory).calibration_crc32(), crc);
         }
     }
 
@@ -403,7 +405,7 @@ mod tests {
         let mut bench = Bench::new();
         bench.run_all(&good_upload()).unwrap();
         bench.memory.record[100] ^= 1;
-        assert!(!session(&mut bench.memory).is_calibrated());
+        assert!(!started(&mut bench.memory).is_calibrated());
     }
 
     #[test]
@@ -449,7 +451,7 @@ mod tests {
         assert_eq!(bench.run_all(&upload(&other, other_crc)), Err(Refusal::StorageFailed));
 
         assert_eq!(bench.session.calibration_crc32(), crc);
-        assert_eq!(session(&mut bench.memory).calibration_crc32(), crc);
+        assert_eq!(started(&mut bench.memory).calibration_crc32(), crc);
     }
 
     #[test]
@@ -459,7 +461,7 @@ mod tests {
         let [old_crc, new_crc] = [&old, &new].map(|it| shared_proto::crc32(&it.to_bytes()));
         for outcome in Outcome::ALL {
             let mut slots = Slots::new(FakeFlash::new());
-            let mut session = session(&mut slots);
+            let mut session = started(&mut slots);
             for command in upload(&old.to_bytes(), old_crc) {
                 assert_eq!(session.execute(&command, 0, &mut slots), Ok(()));
             }
@@ -474,10 +476,10 @@ mod tests {
             assert_eq!(session.calibration_crc32(), old_crc);
 
             slots.flash_mut().restore_power();
-            assert_eq!(session(&mut slots).calibration_crc32(), old_crc);
+            assert_eq!(started(&mut slots).calibration_crc32(), old_crc);
             // The upload is still there: the commit can be tried again.
             assert_eq!(session.execute(commit, 0, &mut slots), Ok(()));
-            assert_eq!(session(&mut slots).calibration_crc32(), new_crc);
+            assert_eq!(started(&mut slots).calibration_crc32(), new_crc);
         }
     }
 

@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::AppendWriter;
 use super::record::RecordOptions;
 use super::record_error::RecordError;
-use crate::recording::{BoardFrame, BoardSource, FrameLabel, LiveForces, Losses, RowWriter};
+use crate::recording::{BoardFrame, BoardSource, FrameLabel, Losses, RowWriter};
 use shell_data::wrench::AxisValues;
 
 /// How long frames wait for a label, µs of the board's time: longer than a load is held until it is found, and than

@@ -14,8 +14,7 @@ use super::source::SourceInput;
 use super::{AppendWriter, Source, Uplink};
 use crate::recording::{
     BoardFrame, BoardSource, Boards, FrameLabel, HeardBoard, LiveForces, Losses, NoFrame,
-    RecognisedProtocol,
-    Recognition, protocol_name,
+    RecognisedProtocol, Recognition, protocol_name,
 };
 use shell_data::wrench::AxisValues;
 

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::WorkflowError;
 use super::fit::FitData;
-use calibration::fit::{GroupsAsked, label_poses_or_files};
+use calibration::fit::{FitOptions, Workers, label_poses_or_files};
 use calibration::load_plan::{
     Replay, ReplayError, ReplayOptions, ReplayedSplit, SensorKnowledge, loads_of_dataset,
 };
@@ -29,10 +29,11 @@ impl RecordedSession {
     /// [`WorkflowError`] if a log cannot be read, or the logs differ in their channels or axes.
     pub fn read(logs: &[Log], read: &ReadOptions<'_>) -> Result<Self, WorkflowError> {
         let data = labelled(logs, read)?;
+        let workers = Workers { threads: read.threads, watch: None };
         let axes = data.logs.first().map_or(Axes::ALL, |log| log.axes);
         let sensors = match axes.are_all() {
             false => Err(format!("a model of the sensors takes all six axes, not {axes}")),
-            true => PhysicsCalibration::fit(&training_rows(&data))
+            true => PhysicsCalibration::fit(&training_rows(&data), workers)
                 .map(|(calibration, _)| SensorKnowledge::from_calibration(&calibration))
                 .map_err(|error| error.to_string()),
         };
@@ -42,7 +43,7 @@ impl RecordedSession {
 
 /// The rows of logs, labelled by pose. One label for all says nothing, and is none.
 fn labelled(logs: &[Log], read: &ReadOptions<'_>) -> Result<Dataset, WorkflowError> {
-    let data = FitData::read(logs, &[], (GroupsAsked::IfAny, false), read)?.train;
+    let data = FitData::read(logs, &[], (&FitOptions::default(), false), read)?.train;
     let labelled = label_poses_or_files(&data);
     let is_one = {
         let mut labels = labelled.blocks().flat_map(|(_, block)| block.labels.iter());

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use calibration::fit::{GroupsAsked, Workers, group_errors, label_poses_or_files};
+use calibration::fit::{Workers, group_errors, label_poses_or_files};
 use calibration::quality::{self, AxisQuality};
 use calibration::{FitOptions, fit};
 use log_file::{Log, Mapping, ReadOptions};
@@ -97,7 +97,7 @@ fn errors_by_group_add_up_to_those_of_the_fit() {
     let path = data("synthetic-train.csv");
     let logs = [Log::open(Path::new(&path), &Mapping::default()).unwrap()];
     let read = ReadOptions::default();
-    let data = FitData::read(&logs, &[], (GroupsAsked::IfAny, false), &read).unwrap().train;
+    let data = FitData::read(&logs, &[], (&FitOptions::default(), false), &read).unwrap().train;
     let fitted = fit(&data, &Dataset::default(), &FitOptions::default()).unwrap();
     let labelled = label_poses_or_files(&data);
     let grouped = group_errors(&fitted.calibration, &labelled, 100, Workers::default()).unwrap();

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use calibration::fit::{GroupsAsked, HeldOut, Workers};
+use calibration::fit::{FitOptions, HeldOut, Workers};
 use calibration::physics::{PhysicsCalibration, PhysicsValidation, TrainingRows};
 use log_file::{ColumnRef, Log, Mapping, ReadOptions};
 use shellcal::workflow::fit::FitData;
@@ -123,8 +123,8 @@ fn poses_of_a_real_sensor_that_were_left_out_are_found_again() {
     let path = real_recording("others/photointerrupters/poses.csv");
     let mapping = Mapping { group: Some(ColumnRef::Name("pose".into())), ..Mapping::default() };
     let log = Log::open(&path, &mapping).unwrap();
-    let asked = (GroupsAsked::HeldOut(HeldOut::Column), false);
-    let data = FitData::read(&[log], &[], asked, &ReadOptions::default()).unwrap();
+    let options = FitOptions { cross_validation: Some(HeldOut::Column), ..FitOptions::default() };
+    let data = FitData::read(&[log], &[], (&options, false), &ReadOptions::default()).unwrap();
     let (rows, _) = TrainingRows::from_dataset(&data.train);
     let workers = Workers::default();
     let (_, whole) = PhysicsCalibration::fit(&rows, workers).unwrap();

@@ -13,8 +13,10 @@ use std::collections::BTreeMap;
 
 use super::planner::{Criterion, Planner};
 use super::sensors::SensorKnowledge;
+use crate::error::FitError;
+use crate::passes::Workers;
 use crate::physics::response::PARAMETERS;
-use crate::physics::{Choice, Inversion, Observation, PhysicsError, PhysicsModel};
+use crate::physics::{Choice, Inversion, Observation, PhysicsModel};
 use shell_data::random::{Purpose, RandomStream};
 use shell_data::wrench::PerAxis;
 
@@ -96,7 +98,7 @@ pub enum ReplayError {
     },
     /// No model can be fitted to them.
     #[error(transparent)]
-    Physics(#[from] PhysicsError),
+    Fit(#[from] FitError),
 }
 
 /// One pose: all that was observed with one label.
@@ -181,12 +183,7 @@ struct SplitReplay<'a> {
 
 impl SplitReplay<'_> {
     /// The errors with these numbers of poses, in an order that begins with the first `start`.
-    fn errors(
-        &self,
-        order: Order,
-        start: usize,
-        counts: &[usize],
-    ) -> Result<Vec<f64>, PhysicsError> {
+    fn errors(&self, order: Order, start: usize, counts: &[usize]) -> Result<Vec<f64>, FitError> {
         let mut taken: Vec<usize> = (0..start).collect();
         let mut errors = Vec::with_capacity(counts.len());
         let mut model: Option<PhysicsModel> = None;
@@ -198,7 +195,7 @@ impl SplitReplay<'_> {
                 .iter()
                 .flat_map(|&at| self.training[at].observations.iter().map(|&o| o.clone()))
                 .collect();
-            let fitted = Choice::fit(&observations)?.model;
+            let fitted = Choice::fit(&observations, Workers::ONE)?.model;
             errors.push(self.error(&fitted));
             model = Some(fitted);
         }

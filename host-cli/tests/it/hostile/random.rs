@@ -124,7 +124,8 @@ fn draw(seeds: &Path, dir: &Path, random: &mut Random) -> Vec<OsString> {
             _ => None,
         };
         if word == "B" {
-            let name = name(random, pick(&["", ".parquet", ".csv"], random));
+            let extension = pick(&["", ".parquet", ".csv"], random);
+            let name = name(random, extension);
             fs::write(dir.join(&name), files::binary(random)).unwrap();
             inputs.push(name.clone());
             arguments.push(name);
