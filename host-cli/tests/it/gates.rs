@@ -40,7 +40,7 @@ fn folder() -> (TempDir, String, String) {
     let (train, test) = (read("synthetic-train.csv"), read("synthetic-test.csv"));
     fs::write(dir.path().join("train.csv"), &train).unwrap();
     fs::write(dir.path().join("test.csv"), &test).unwrap();
-    succeed(dir.path(), "fit train.csv --model linear --no-covariance -o cal.json");
+    succeed(dir.path(), "fit train.csv --model linear --covariance none -o cal.json");
     (dir, train, test)
 }
 
@@ -60,7 +60,7 @@ fn a_limit_compares_every_axis_that_it_is_for_or_fails() {
     for (at, calibrated) in calibrations.into_iter().enumerate() {
         write_axes(dir, "some.csv", &train, calibrated);
         let name = format!("cal-{at}.json");
-        succeed(dir, &format!("fit some.csv --model linear --no-covariance -o {name}"));
+        succeed(dir, &format!("fit some.csv --model linear --covariance none -o {name}"));
         for (place, measured) in subsets().enumerate().filter(|(place, _)| place % 4 == at) {
             write_axes(dir, "log.csv", &test, measured);
             // Far above any error, so that what is missing alone decides.

@@ -174,7 +174,7 @@ fn gate(seeds: &Path, dir: &Path, random: &mut Random) -> Result<(), String> {
     if calibrated.is_empty() {
         return Ok(());
     }
-    program::succeed(dir, "fit train.csv --model linear --no-covariance -o cal.json");
+    program::succeed(dir, "fit train.csv --model linear --covariance none -o cal.json");
     let (forces, moments) = (random.percent(60), random.percent(60));
     let limits = [(forces, "--max-rms"), (moments, "--max-rms-moment")];
     // No error of these logs is as large as some limits, or as small as others.
