@@ -6,7 +6,7 @@ use calibration::Kind;
 use calibration::fit::{FitOptions, HeldOut, Outlier, RowName, Workers};
 use calibration_file::{CalibrationFile, CalibrationFileError, Role, SourceFile};
 use figures::{FitPlot, Size, fit_figure};
-use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2, ndarray::Array2};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, ndarray::Array2};
 use pyo3::prelude::*;
 use shell_data::dataset::{BLOCK_ROWS, Dataset};
 use shell_data::wrench::{Axes, Axis, PerAxis};
@@ -222,6 +222,26 @@ impl Fitted {
             Ok((wrench, deviations))
         })?;
         Ok((wrench.into_pyarray(py), deviations.map(|errors| errors.into_pyarray(py))))
+    }
+
+    /// The wrench of one frame.
+    fn convert<'py>(
+        &self,
+        py: Python<'py>,
+        readings: Vec<f64>,
+    ) -> Result<Bound<'py, PyArray1<f64>>, Failure> {
+        let calibration = &self.0.calibration;
+        let (found, expected) = (readings.len(), calibration.channels());
+        if found != expected {
+            let message =
+                format!("a frame has {found} readings, the calibration {expected} channels");
+            return Err(Told { class: "ArrayError", message, ..Told::default() }.into());
+        }
+        let columns: Vec<Vec<f64>> = readings.into_iter().map(|reading| vec![reading]).collect();
+        let mut wrench = PerAxis::default();
+        calibration.wrench(&columns, &mut wrench);
+        let wrench = calibration.axes.iter().map(|axis| wrench[axis.index()][0]);
+        Ok(PyArray1::from_iter(py, wrench))
     }
 
     /// The figure of `--plot`, of these rows, as SVG.

@@ -22,8 +22,8 @@ use std::io::Write;
 
 pub use error::ConvertError;
 pub use options::{
-    Conversion, ConvertOptions, DEFAULT_FRAME_ID, OutputFormat, OutputPlan, TableColumns,
-    UnknownExtension,
+    BadMount, Conversion, ConvertOptions, DEFAULT_FRAME_ID, FrameMount, OutputFormat, OutputPlan,
+    RecordingFrame, TableColumns, UnknownExtension,
 };
 use summary::Totals;
 pub use summary::{AxisSummary, ConvertSummary, LoadSummary};
@@ -81,7 +81,7 @@ pub fn convert(
     log.require(&Wanted { readings: true, time: options.columns.time, ..Wanted::default() })?;
     check_channels(log, calibration.channels())?;
     let is_whole = options.columns.time && options.columns.axes == [true; 6];
-    if matches!(plan.format, OutputFormat::Mcap { .. }) && !is_whole {
+    if matches!(plan.format, OutputFormat::Mcap(_)) && !is_whole {
         return Err(ConvertError::PartOfWrench);
     }
     let absent = options.columns.axes().without(calibration.axes);

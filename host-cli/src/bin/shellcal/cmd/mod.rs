@@ -22,6 +22,7 @@ mod key_file;
 mod licences;
 #[cfg(feature = "live")]
 mod live;
+mod live_forces;
 mod man;
 mod mapping;
 mod merge;
@@ -37,6 +38,8 @@ mod record;
 mod serial;
 mod simulate;
 mod simulate_board;
+mod stream;
+mod streaming;
 mod synth;
 mod synth_pair;
 mod synth_trial;
@@ -79,6 +82,14 @@ pub(crate) enum Command {
     /// for what is shown.
     #[cfg(feature = "live")]
     Live(Deferred<live::LiveArgs>),
+
+    /// Pass frames on to other programs as they arrive: JSON lines or CSV, over a pipe, UDP or TCP
+    ///
+    /// Each row has t_s (the board's clock), index (sequence number), host_s (when it arrived), the readings s1 to s8,
+    /// with a calibration the forces fx_n to mz_nm and their standard errors fx_se_n to mz_se_nm, flags, row (number of
+    /// the row), and lost (rows that this reader was too slow for). A slow reader loses rows and delays no other.
+    /// Lines on the standard input are commands: tare, untare, mark, rate HZ, rate all.
+    Stream(Deferred<stream::StreamArgs>),
 
     /// Say what is wrong with a port and its board, a log or a calibration, and what to do about it
     ///
@@ -225,6 +236,7 @@ impl Command {
             Command::Record(args) => args.run(printer),
             #[cfg(feature = "live")]
             Command::Live(args) => args.run(printer),
+            Command::Stream(args) => args.run(printer),
             Command::Doctor(args) => args.run(printer),
             Command::Info(args) => args.run(printer),
             Command::Align(args) => args.run(printer, outputs),

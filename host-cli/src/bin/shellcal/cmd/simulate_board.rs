@@ -1,8 +1,10 @@
 //! `shellcal board --simulate`: is a board, until Ctrl-C.
 
+use std::io::{self, BufRead};
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -14,7 +16,7 @@ use simulation::radio::{Books, Faults};
 use simulation::sensor_model::LoadTable;
 use simulation::simulated_board::{BoardSettings, Load, SimulatedBoard};
 
-use crate::files::{InputPath, OutputPlace};
+use crate::files::{InputOrStdin, OutputPlace};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 use crate::signals;
@@ -23,10 +25,11 @@ use crate::signals;
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Simulated board")]
 pub(crate) struct SimulationArgs {
-    /// Load over time, on straight lines between rows and over and over: a log with time and wrench
+    /// Load over time, on straight lines between rows and over and over: a log with time and wrench; or `-`: a line
+    /// on the standard input, FX,FY,FZ,MX,MY,MZ in N and N·m, is the load until the next
     /// [default: 5 s of rest, then hands]
-    #[arg(long, conflicts_with = "port", value_name = "LOG")]
-    load: Option<InputPath>,
+    #[arg(long, conflicts_with = "port", value_name = "LOG|-")]
+    load: Option<InputOrStdin>,
 
     /// Which recording: its noise, light, hands, and the faults of the radio
     #[arg(long, conflicts_with = "port", value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(..1 << 60))]
@@ -88,6 +91,7 @@ const HOLD_US: u64 = 80_000;
 impl SimulationArgs {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
         let load = match &self.load {
+            Some(path) if path.is_stdin() => Load::Commanded(commanded_load(printer)?),
             Some(path) => Load::Table(read_load(path)?),
             None => Load::hands(self.seed),
         };
@@ -154,6 +158,30 @@ fn describe(way: &str, books: &Books) -> String {
         "packets {way}: {sent} sent, {lost} lost, {lost_in_bursts} lost in bursts, {duplicated} \
          sent twice, {held_back} held back, {corrupted} corrupted"
     )
+}
+
+/// The load that the standard input says.
+fn commanded_load(printer: &Printer) -> anyhow::Result<Arc<Mutex<PerAxis<f64>>>> {
+    let load = Arc::new(Mutex::new(PerAxis::default()));
+    let (shared, mut printer) = (Arc::clone(&load), printer.clone());
+    let listen = move || {
+        for line in io::stdin().lock().lines().map_while(Result::ok) {
+            match parse_load(&line) {
+                Some(wrench) => *shared.lock().unwrap_or_else(PoisonError::into_inner) = wrench,
+                None => {
+                    printer.warning(format!("`{line}` is no load: FX,FY,FZ,MX,MY,MZ in N and N·m"))
+                }
+            }
+        }
+    };
+    thread::Builder::new().name("load".to_owned()).spawn(listen)?;
+    Ok(load)
+}
+
+fn parse_load(line: &str) -> Option<PerAxis<f64>> {
+    let number = |field: &str| field.trim().parse().ok().filter(|number: &f64| number.is_finite());
+    let numbers: Vec<f64> = line.split(',').map(number).collect::<Option<_>>()?;
+    numbers.try_into().ok()
 }
 
 /// The load in a log.
