@@ -235,7 +235,8 @@ impl Fitted {
         if found != expected {
             let message =
                 format!("a frame has {found} readings, the calibration {expected} channels");
-            return Err(Told { class: "ArrayError", message, ..Told::default() }.into());
+            let class = "ArrayError";
+            return Err(PythonMessage { class, message, ..PythonMessage::default() }.into());
         }
         let columns: Vec<Vec<f64>> = readings.into_iter().map(|reading| vec![reading]).collect();
         let mut wrench = PerAxis::default();

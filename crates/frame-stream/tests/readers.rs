@@ -1,5 +1,12 @@
 //! Several readers of one stream, one of which has stopped.
 
+#![allow(
+    clippy::disallowed_methods,
+    clippy::disallowed_types,
+    clippy::unwrap_used,
+    reason = "tests open sockets and read files"
+)]
+
 use std::io::{BufRead, BufReader, Read};
 use std::net::{Ipv4Addr, TcpStream, UdpSocket};
 use std::time::Duration;

@@ -70,7 +70,7 @@ impl TableColumns {
 }
 
 /// A kind of file.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub enum OutputFormat {
     /// Text.
     #[default]
