@@ -86,9 +86,9 @@ def stream(folder: Path, calibration: Path, seconds: float, rate: float) -> None
     readers, port = [Udp(), Udp()], free_port()
     for reader in readers:
         reader.start()
-    to = ["-", f"tcp:{port}", *(f"udp:127.0.0.1:{reader.port}" for reader in readers)]
+    output = ["-", f"tcp:{port}", *(f"udp:127.0.0.1:{reader.port}" for reader in readers)]
     with shellcal.simulated_board(rate=rate) as board:
-        frames = shellcal.stream(board.port, calibration, to=to, latency=True)
+        frames = shellcal.stream(board.port, calibration, output=output, latency=True)
         stopped = Stopped(port)
         stopped.start()
         pid, own = frames._process.pid, resource.getrusage(resource.RUSAGE_SELF)

@@ -16,8 +16,6 @@ Requests and replies begin with the client's number and that of the request, as 
 middlewares of ROS 2 have topics, not services, in common with it.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import signal
@@ -40,6 +38,9 @@ try:
     from cyclonedds.topic import Topic
 except ImportError as error:
     raise ImportError(f"{error}; `pip install shellcal[ros2]` installs it") from None
+
+
+# `cyclonedds` does not find the types of postponed annotations, so there are none in this file.
 
 
 @dataclass

@@ -80,7 +80,7 @@ fn a_log_streams_with_the_bits_of_convert() {
     calibration(dir);
     succeed(dir, "synth zero --rows 400 -o log.csv");
     succeed(dir, "convert cal.json log.csv --causal --all-rows -o wrench.csv");
-    succeed(dir, "stream log.csv --calibration cal.json --speed 1000 --format csv --to rows.csv");
+    succeed(dir, "stream log.csv --calibration cal.json --speed 1000 --encoding csv -o rows.csv");
     let (streamed, converted) =
         (Recording::read(&dir.join("rows.csv")), Recording::read(&dir.join("wrench.csv")));
     assert_eq!(streamed.rows(), 400);
@@ -150,8 +150,8 @@ fn what_cannot_be_streamed_is_told() {
     let said = refused(dir, "record board -o -");
     assert!(said.contains("shellcal stream"), "{said}");
     for (arguments, word) in [
-        ("stream log.csv --to udp:nowhere", "udp:HOST:PORT"),
-        ("stream log.csv --to log.csv", "--overwrite"),
+        ("stream log.csv -o udp:nowhere", "udp:HOST:PORT"),
+        ("stream log.csv -o log.csv", "--overwrite"),
         ("stream log.csv --rate 0", "a rate in Hz"),
         ("stream nothing.csv", "nothing.csv"),
         ("record board --calibration cal.json --raw raw", "--stream"),
@@ -181,7 +181,7 @@ fn a_board_that_goes_away_ends_the_stream_or_is_waited_for() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     let board = Board::start(dir, "--corruption 0.002");
-    let ending = start(dir, "stream board --start --to ending.jsonl");
+    let ending = start(dir, "stream board --start -o ending.jsonl");
     wait_for_rows(&dir.join("ending.jsonl"), 50);
     board.end();
     let said = finish(ending, "stream", 2);
@@ -189,7 +189,7 @@ fn a_board_that_goes_away_ends_the_stream_or_is_waited_for() {
     assert!(said.contains("bad CRC") || rows(&dir.join("ending.jsonl")).len() >= 50);
 
     let board = Board::start(dir, "");
-    let waiting = start(dir, "stream board --start --reconnect --to waiting.jsonl");
+    let waiting = start(dir, "stream board --start --reconnect -o waiting.jsonl");
     wait_for_rows(&dir.join("waiting.jsonl"), 50);
     board.end();
     let before = rows(&dir.join("waiting.jsonl")).len();

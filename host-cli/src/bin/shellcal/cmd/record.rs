@@ -30,7 +30,7 @@ pub(crate) struct RecordArgs {
 
     /// Log to write; where a base station hears several boards, that of the first of them, and beside it
     /// one for each other, with the address in its name
-    #[arg(long, short, value_name = "LOG", required_unless_present_any = ["raw", "to"])]
+    #[arg(long, short, value_name = "LOG", required_unless_present_any = ["raw", "stream"])]
     output: Option<OutputPath>,
 
     /// Write the bytes as they arrive, for `--replay`

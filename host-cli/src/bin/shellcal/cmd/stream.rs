@@ -26,8 +26,8 @@ use crate::signals;
 const EXAMPLES: &str = "\
 Examples:
   shellcal stream /dev/ttyUSB0 --start --calibration calibration.json | my-program
-  shellcal stream /dev/ttyUSB0 --start --calibration calibration.json --to udp:127.0.0.1:9870
-  shellcal stream run3.csv --calibration calibration.json --to tcp:9000 --to run3.jsonl --rate 50";
+  shellcal stream /dev/ttyUSB0 --start --calibration calibration.json -o udp:127.0.0.1:9870
+  shellcal stream run3.csv --calibration calibration.json -o tcp:9000 -o run3.jsonl --rate 50";
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
@@ -38,12 +38,12 @@ pub(crate) struct StreamArgs {
 
     /// Where rows go; may be given several times: `-` (standard output), `udp:HOST:PORT`, `tcp:PORT` (whoever
     /// connects on this machine), `tcp:IP:PORT`, or a file
-    #[arg(long, value_name = "DEST", default_value = "-")]
-    to: Vec<Destination>,
+    #[arg(long, short, value_name = "DEST", default_value = "-")]
+    output: Vec<Destination>,
 
     /// How rows are written
-    #[arg(long, value_name = "FORMAT", value_enum, default_value_t = FormatArg::Json)]
-    format: FormatArg,
+    #[arg(long, value_name = "ENCODING", value_enum, default_value_t = EncodingArg::Json)]
+    encoding: EncodingArg,
 
     /// Replace files that are there
     #[arg(long)]
@@ -98,7 +98,7 @@ pub(crate) struct StreamArgs {
 
 /// How rows are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum FormatArg {
+enum EncodingArg {
     /// An object of JSON a line
     Json,
     /// Comma-separated values after a line with their names
@@ -124,14 +124,14 @@ impl StreamArgs {
         let at_end = self.until_eof.then(|| Arc::clone(&stop));
         let options = StreamOptions {
             rows: FrameRows::new(RowOptions { forces, from_log, one_time: self.one_time })?,
-            format: match self.format {
-                FormatArg::Json => StreamFormat::JsonLines,
-                FormatArg::Csv => StreamFormat::Csv,
+            format: match self.encoding {
+                EncodingArg::Json => StreamFormat::JsonLines,
+                EncodingArg::Csv => StreamFormat::Csv,
             },
             rate_hz: self.rate,
             commands: Some(streaming::commands(printer, at_end)?),
         };
-        let readers = streaming::open(printer, &self.to, self.overwrite)?;
+        let readers = streaming::open(printer, &self.output, self.overwrite)?;
         let stream = FrameStream::new(options, readers);
         let (watcher, handle) =
             StreamWatcher::new(stream, Box::new(Unwatched), Some(Arc::clone(&stop)));

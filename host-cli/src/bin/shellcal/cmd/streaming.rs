@@ -19,13 +19,13 @@ use crate::printer::Printer;
 pub(crate) struct StreamToArgs {
     /// Pass rows on as they arrive, as `shellcal stream` does: to `udp:HOST:PORT`, `tcp:PORT` or a file; may be
     /// given several times
-    #[arg(long = "stream", value_name = "DEST")]
-    to: Vec<Destination>,
+    #[arg(long, value_name = "DEST")]
+    stream: Vec<Destination>,
 }
 
 impl StreamToArgs {
     pub(crate) fn is_given(&self) -> bool {
-        !self.to.is_empty()
+        !self.stream.is_empty()
     }
 
     /// Lets the stream look on beside another watcher. Its end does not end the recording.
@@ -39,11 +39,11 @@ impl StreamToArgs {
         if !self.is_given() {
             return Ok((beside, None));
         }
-        if self.to.contains(&Destination::Stdout) {
+        if self.stream.contains(&Destination::Stdout) {
             anyhow::bail!("only `shellcal stream` writes rows to the standard output");
         }
         let rows = FrameRows::new(rows)?;
-        let readers = open(printer, &self.to, false)?;
+        let readers = open(printer, &self.stream, false)?;
         let format = StreamFormat::JsonLines;
         let options = StreamOptions { rows, format, rate_hz: None, commands };
         let stream = FrameStream::new(options, readers);
