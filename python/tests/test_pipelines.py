@@ -95,7 +95,7 @@ def test_a_killed_task_is_repeated_to_the_same_bytes(folder: Path) -> None:
 
     start_over(folder, KILLED)
     run(folder, sys.executable, "-m", "dvc", "init", "--no-scm", "--quiet")
-    said = run(folder, sys.executable, "-m", "dvc", "repro", "--quiet", ok=False)
+    said = run(folder, sys.executable, "-m", "dvc", "repro", ok=False)
     assert "session-2" in said
     run(folder, sys.executable, "-m", "dvc", "repro", "--quiet")
     assert made(folder) == whole

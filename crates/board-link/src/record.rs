@@ -238,6 +238,8 @@ impl RecordSession<'_> {
         let mut buffer = vec![0; 1 << 14];
         let (mut flushed_at, mut observed) = (Duration::ZERO, 0);
         self.start_board(source);
+        // Port openings, and the frames until the last: a board that has sent none since is not started.
+        let (mut reconnections, mut frames_before) = (0, 0);
         loop {
             let elapsed = source.elapsed();
             if stop.load(Ordering::Relaxed)
@@ -251,6 +253,10 @@ impl RecordSession<'_> {
                 SourceInput::End => return Ok(()),
             };
             let now = source.elapsed();
+            if source.reconnections != reconnections {
+                (reconnections, frames_before) = (source.reconnections, self.frames());
+                self.start_board(source);
+            }
             self.take(bytes, now, source)?;
             let since = now.saturating_sub(flushed_at);
             if since >= FLUSH {
@@ -258,7 +264,7 @@ impl RecordSession<'_> {
                 self.follow()?;
                 self.flush()?;
                 let frames = self.frames();
-                if frames == 0 {
+                if frames == frames_before {
                     self.start_board(source);
                 }
                 let rate_hz = (frames - observed) as f64 / since.as_secs_f64();

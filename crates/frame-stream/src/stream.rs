@@ -93,17 +93,19 @@ impl FrameStream {
         if let Some(decimator) = &mut self.decimator {
             rows = decimator.push(rows);
         }
-        rows.iter().for_each(|row| self.send(row));
+        // Frames wait at the start, until it is known how they are sent.
+        let is_first = self.sent == 0;
+        rows.iter().for_each(|row| self.send(row, is_first));
         Ok(())
     }
 
-    fn send(&mut self, row: &StreamRow) {
+    fn send(&mut self, row: &StreamRow, is_first: bool) {
         let (format, axes) = (self.format, self.rows.axes());
         let encoder = self.encoder.get_or_insert_with(|| RowEncoder::new(format, axes, row));
         self.readers.send(&encoder.begin(row), encoder);
         self.sent += 1;
-        // Frames that waited at the start, and what the radio delayed, are not the stream's doing.
-        if self.newest.is_some_and(|newest| row.index > newest) {
+        // What the radio delayed is not the stream's doing.
+        if !is_first && self.newest.is_some_and(|newest| row.index > newest) {
             self.latency.push(row.time_us, now_us());
         }
         self.newest = self.newest.max(Some(row.index));

@@ -133,6 +133,8 @@ class _Lines:
     def _read(self, out: IO[bytes]) -> None:
         with out:
             for line in out:
+                if not line.endswith(b"\n"):
+                    break  # The program has ended in the middle of it, since nobody read.
                 with self.changed:
                     while len(self.lines) >= _WAITING and not self.is_closing:
                         self.changed.wait()
@@ -460,7 +462,7 @@ def simulated_board(rate: float | None = None, **options: Any) -> SimulatedBoard
     options
         Those of the program: ``seed=1``, ``loss=0.1``, ``load="load.csv"``, or ``load="-"`` for `SimulatedBoard.load`.
     """
-    arguments = [program(), "--json", "board", "--simulate"]
+    arguments = [program(), "--json", "board", "--simulate", "--until-eof"]
     for name, value in options.items():
         arguments += _option(name, value)
     board = SimulatedBoard(arguments)

@@ -82,16 +82,16 @@ class WrenchStamped(IdlStruct, typename="geometry_msgs::msg::dds_::WrenchStamped
 @dataclass
 @final
 class TriggerRequest(IdlStruct, typename="std_srvs::srv::dds_::Trigger_Request_"):
-    client: uint64
-    number: int64
+    guid: uint64
+    seq: int64
     structure_needs_at_least_one_member: uint8 = 0
 
 
 @dataclass
 @final
 class TriggerResponse(IdlStruct, typename="std_srvs::srv::dds_::Trigger_Response_"):
-    client: uint64
-    number: int64
+    guid: uint64
+    seq: int64
     success: bool
     message: str
 
@@ -161,7 +161,7 @@ class Node:
             frames.tare()
         if "tared" in frame.flags:
             for request in self._waiting:
-                self._reply.write(TriggerResponse(request.client, request.number, True, "tared"))
+                self._reply.write(TriggerResponse(request.guid, request.seq, True, "tared"))
             self._waiting.clear()
 
 

@@ -93,10 +93,10 @@ fn a_log_streams_with_the_bits_of_convert() {
     let errors = ["fx_se_n", "mz_se_nm"];
     let last = |recording: &Recording| recording.table(errors)[399];
     assert_eq!(last(&streamed), last(&converted));
-    // Without a calibration there are the readings.
+    // Without a calibration there are the forces of the log.
     let printed = succeed(dir, "stream log.csv --speed 1000");
     let first: Value = serde_json::from_str(printed.lines().next().unwrap()).unwrap();
-    assert!(first["s8"].is_number() && first.get("fx_n").is_none(), "{first}");
+    assert!(first["fx_n"].is_number() && first.get("s8").is_none(), "{first}");
     assert_eq!(printed.lines().count(), 400);
 }
 
@@ -147,13 +147,14 @@ fn what_cannot_be_streamed_is_told() {
     let dir = dir.path();
     calibration(dir);
     succeed(dir, "synth zero --rows 60 -o log.csv");
-    let said = refused(dir, "record board -o -");
+    let said = refused(dir, "record --replay log.csv -o -");
     assert!(said.contains("shellcal stream"), "{said}");
     for (arguments, word) in [
         ("stream log.csv -o udp:nowhere", "udp:HOST:PORT"),
         ("stream log.csv -o log.csv", "--overwrite"),
         ("stream log.csv --rate 0", "a rate in Hz"),
         ("stream nothing.csv", "nothing.csv"),
+        ("stream log.csv --latency", "is for a port"),
         ("record board --calibration cal.json --raw raw", "--stream"),
     ] {
         let said = refused(dir, arguments);

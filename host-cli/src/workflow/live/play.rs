@@ -12,6 +12,9 @@ use board_link::recording::{BoardFrame, Measured};
 /// How often the clock is looked at.
 const TICK: Duration = Duration::from_millis(10);
 
+/// A longer time between two looks, when the computer was asleep, is not caught up on.
+const LONGEST: Duration = Duration::from_secs(1);
+
 /// Why a log cannot be played.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -108,12 +111,13 @@ impl Player<'_> {
     fn now_s(&mut self, next_s: f64) -> f64 {
         let now = Instant::now();
         let (at, from_s) = *self.clock.get_or_insert((now, next_s));
-        let now_s = match (self.is_held)() {
-            true => from_s,
-            false => from_s + now.duration_since(at).as_secs_f64() * self.speed,
+        let now_s = if (self.is_held)() {
+            from_s
+        } else if next_s < from_s - 1.0 || next_s > from_s + 1.0 {
+            next_s
+        } else {
+            from_s + now.duration_since(at).min(LONGEST).as_secs_f64() * self.speed
         };
-        let jumps = next_s < now_s - 1.0 || next_s > now_s + 1.0;
-        let now_s = if jumps && !(self.is_held)() { next_s } else { now_s };
         self.clock = Some((now, now_s));
         now_s
     }

@@ -108,6 +108,9 @@ enum EncodingArg {
 impl StreamArgs {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
         let from_log = !is_port(&self.name);
+        if from_log && self.latency {
+            anyhow::bail!("`--latency` is for a port: what is in a log has long been measured");
+        }
         let forces = self.forces.read(printer)?;
         let log = match from_log {
             true => Some(Log::open(&self.name, &self.mapping.mapping()?)?),
