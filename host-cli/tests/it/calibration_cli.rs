@@ -157,7 +157,7 @@ fn a_rank_loss_names_the_channels_and_what_to_do() {
             "--ridge",
         ),
         ("fit --model cubic same.csv", "all `400` rows have the same readings", "cable"),
-        ("fit few.csv", "`24` rows are too few for the `25` coefficients", "--model"),
+        ("fit --model cubic few.csv", "`24` rows are too few for the `25` coefficients", "--model"),
         ("fit --model cubic coarse.csv", "`s4", "--ridge"),
     ];
     for (arguments, expected, hint) in cases {
@@ -284,7 +284,8 @@ fn an_error_that_is_not_a_number_fails_the_limit() {
 fn a_value_that_was_taken_for_a_file_is_told_apart() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
-    program::run(dir, "synth train --rows 500 -o train.csv", 0);
+    // Twenty poses or more tell an interval.
+    program::run(dir, "synth train --rows 5000 -o train.csv", 0);
     program::run(dir, "fit --model linear train.csv -o cal.json", 0);
     for (command, joined) in [
         ("convert cal.json train.csv --interval 95 -o out.csv", "`--interval=95`"),

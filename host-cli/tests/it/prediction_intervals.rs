@@ -114,8 +114,8 @@ fn ninety_five_percent_intervals_hold_ninety_five_percent_of_new_poses() {
             let shares = coverage_of_samples(&fitted.calibration, &test);
             found.iter_mut().zip(shares).for_each(|(all, share)| all.push(share));
         }
-        for axis in 0..6 {
-            let (share, error) = mean(&found[axis]);
+        for (axis, shares) in found.iter().enumerate() {
+            let (share, error) = mean(shares);
             println!("{basis:?}, {axis}: {share:.4} ± {error:.4}");
             // One percent either way is nearly four Monte-Carlo errors.
             assert!(error < 0.0027, "{basis:?}, {axis}: {error}");

@@ -18,8 +18,8 @@ use shell_data::wrench::{Axes, Axis, PerAxis};
 /// The share of an axis's sum of squares below which a sign counts as hardly loaded.
 const SMALL_SHARE: f64 = 0.1;
 
-/// A shell of 10 cm has levers of a few cm; moments of so many m are in another unit.
-pub const LONGEST_LEVER_M: f64 = 1.0;
+/// A shell of 10 cm has levers of a few cm, an arm of 1 m less than this; moments of a longer one are in another unit.
+pub const LONGEST_LEVER_M: f64 = 2.0;
 
 /// Correlation from which two axes count as moving together.
 const STRONG_CORRELATION: f64 = 0.9;

@@ -142,14 +142,14 @@ impl RowSample {
 
     /// The poses that the rows are made of; `None` if they are not.
     pub fn poses(self) -> Option<RecordedPoses> {
-        let range = std::array::from_fn(|axis| {
+        let range: PerAxis<f64> = std::array::from_fn(|axis| {
             let ends = (f64::INFINITY, f64::NEG_INFINITY);
             let (least, most) = self.column(axis).fold(ends, |(l, m), x| (l.min(x), m.max(x)));
             most - least
         });
         let mut of_one_load = vec![(0..self.rows.len()).collect::<Vec<usize>>()];
-        for axis in 0..6 {
-            let divide = |rows: Vec<usize>| self.divide(rows, axis, SAME * range[axis]);
+        for (axis, range) in range.iter().enumerate() {
+            let divide = |rows: Vec<usize>| self.divide(rows, axis, SAME * range);
             of_one_load = of_one_load.into_iter().flat_map(divide).collect();
             let held: usize = of_one_load.iter().map(Vec::len).sum();
             if 2 * held < self.rows.len() {

@@ -9,7 +9,7 @@ use shellcal::workflow::report::{calibration_facts, group_rows};
 
 use super::super::origin;
 use super::OutliersArg;
-use super::plan::{FitPlan, Told};
+use super::plan::{FitPlan, NamedRows};
 
 /// So many loads are drawn of the training rows, and as many of the test rows.
 const LOADS: u64 = 600;
@@ -20,7 +20,7 @@ impl FitPlan<'_> {
         &self,
         file: &CalibrationFile,
         fitted: &Fit,
-        told: &Told,
+        named: &NamedRows,
     ) -> anyhow::Result<String> {
         let (calibration, axes) = (&file.calibration, file.calibration.axes);
         let diagnostics = file.origin.diagnostics.as_ref();
@@ -61,7 +61,7 @@ impl FitPlan<'_> {
             test_rows: [tested.rows, tested.out_of_range_rows],
             train_groups: &group_rows(&train.groups),
             test_groups: &group_rows(&test.groups),
-            outliers: self.outlier_rows(told),
+            outliers: self.outlier_rows(named),
             figure: &fit_figure(Size::Screen, &title, axes, &of_train, of_test.as_ref()),
             coverage: &coverage_figure(&train.loads, &test.loads),
         };
@@ -69,15 +69,15 @@ impl FitPlan<'_> {
     }
 
     /// What a report says of outliers: those that were left out, or were named.
-    fn outlier_rows(&self, told: &Told) -> Option<OutlierTable> {
-        let Told { named, dropped } = told;
+    fn outlier_rows(&self, named: &NamedRows) -> Option<OutlierTable> {
+        let NamedRows { used, dropped } = named;
         let dropped = dropped.as_ref().map(|dropped| dropped.rows(true));
         match self.args.outliers.unwrap_or(OutliersArg::Report) {
             OutliersArg::Keep => None,
             OutliersArg::Drop => dropped,
             OutliersArg::Report => dropped
                 .filter(|dropped| dropped.count > 0)
-                .or_else(|| named.as_ref().map(|named| named.rows(false)))
+                .or_else(|| used.as_ref().map(|used| used.rows(false)))
                 .or_else(|| Some(OutlierTable::default())),
         }
     }

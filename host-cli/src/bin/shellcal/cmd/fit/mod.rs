@@ -14,6 +14,7 @@ use clap::ValueEnum;
 use output_file::Outputs;
 
 use self::plan::FitPlan;
+use self::verdict::print_verdict;
 use super::choices::{ModelArg, SolverArg};
 use super::covariance::CovarianceArg;
 use super::figure_size::FigureSize;
@@ -241,14 +242,18 @@ impl FitArgs {
         }
         let plan = FitPlan::from_args(self, outputs)?;
         let (data, fitted) = plan.fit(printer)?;
-        let told = plan.tell(&data, &fitted, printer)?;
+        let named = plan.name_rows(&data, &fitted)?;
         let file = plan.file(&data, &fitted)?;
-        let html = self.report.as_ref().map(|_| plan.html(&file, &fitted, &told)).transpose()?;
+        let html = self.report.as_ref().map(|_| plan.html(&file, &fitted, &named)).transpose()?;
         plan.write(&file, &fitted, html.as_deref())?;
+        if !printer.json() {
+            print_verdict(printer, &fitted.verdict())?;
+        }
+        plan.tell(&fitted, &named, printer);
         let seconds = start.elapsed().as_secs_f64();
         match &fitted.method {
             FitMethod::Polynomial { .. } => {
-                report::report(printer, &fitted, &file, &told, seconds)?;
+                report::report(printer, &fitted, &file, &named, seconds)?;
             }
             FitMethod::Physics(physics) => {
                 physics::report(printer, &fitted, physics, &file, seconds)?;

@@ -16,7 +16,7 @@ use super::super::validation::{
     ComparisonReport, FoundReport, print_cross_validation, print_excitation, print_selection,
 };
 use super::report::{compared, print_errors};
-use super::verdict::{VerdictReport, print_verdict};
+use super::verdict::VerdictReport;
 use crate::printer::Printer;
 
 /// What `--json` prints.
@@ -71,11 +71,10 @@ pub(super) fn report(
     };
     let model = physics.model();
     let coverage = of_rows.validation.as_ref().and_then(PhysicsValidation::coverage);
-    let verdict = fitted.verdict();
     if printer.json() {
         return printer.document(&Report {
             model: file.calibration.name(),
-            verdict: VerdictReport::from(&verdict),
+            verdict: VerdictReport::from(&fitted.verdict()),
             rows: diagnostics.rows,
             skipped_rows: diagnostics.skipped_rows,
             repeated_rows: diagnostics.repeated_rows,
@@ -100,7 +99,6 @@ pub(super) fn report(
             time_s: seconds,
         });
     }
-    print_verdict(printer, &verdict)?;
     print_errors(printer, diagnostics, Axes::ALL)?;
     printer.line(format!(
         "physics: {} parameters of {} sensors, fitted to {} means of {} groups; λ {}, prior width {}, \

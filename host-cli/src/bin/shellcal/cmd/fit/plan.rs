@@ -45,10 +45,10 @@ struct Opened {
     dropped: Option<AtomicFile>,
 }
 
-/// What was said of a fit before its tables.
-pub(super) struct Told {
+/// Rows of a fit with their files and lines.
+pub(super) struct NamedRows {
     /// Outliers that were used, where some were looked for.
-    pub(super) named: Option<NamedOutliers>,
+    pub(super) used: Option<NamedOutliers>,
     /// Rows that were left out.
     pub(super) dropped: Option<NamedOutliers>,
 }
@@ -103,26 +103,32 @@ impl<'a> FitPlan<'a> {
         error.context(logs.collect::<Vec<_>>().join(", "))
     }
 
-    /// Says what is to be known of a fit beside its figures, and lists the rows that were left out.
-    pub(super) fn tell(
-        &self,
-        data: &FitData,
-        fitted: &Fit,
-        printer: &mut Printer,
-    ) -> anyhow::Result<Told> {
+    /// Names the outliers, and lists the rows that were left out.
+    pub(super) fn name_rows(&self, data: &FitData, fitted: &Fit) -> anyhow::Result<NamedRows> {
         let name = |found: &Outliers| NamedOutliers::new(found.clone(), &self.train, &data.wanted);
-        let dropped = match (&self.args.dropped, self.opened.borrow_mut().dropped.take()) {
-            (Some(path), Some(mut output)) => {
+        let dropped = match self.opened.borrow_mut().dropped.take() {
+            Some(mut output) => {
                 let dropped = name(&fitted.dropped)?;
                 dropped.write(&mut output)?;
                 output.commit()?;
-                dropped.warn(printer);
-                let (rows, path) = (dropped.count(), path.display());
-                printer.note(format!("left out {rows} rows, listed in `{path}`"));
                 Some(dropped)
             }
+            None => None,
+        };
+        let used = match &fitted.outliers {
+            Some(Ok(found)) => Some(name(found)?),
             _ => None,
         };
+        Ok(NamedRows { used, dropped })
+    }
+
+    /// Says what is to be known of a fit beside its figures.
+    pub(super) fn tell(&self, fitted: &Fit, named: &NamedRows, printer: &mut Printer) {
+        if let (Some(dropped), Some(path)) = (&named.dropped, &self.args.dropped) {
+            dropped.warn(printer);
+            let (rows, path) = (dropped.count(), path.display());
+            printer.note(format!("left out {rows} rows, listed in `{path}`"));
+        }
         note_axes(self.axes, printer);
         if let Some(groups) = fitted.found_groups {
             note_found(printer, groups);
@@ -149,25 +155,18 @@ impl<'a> FitPlan<'a> {
                 false => printer.warning(warning.to_string()),
             }
         }
-        let named = match &fitted.outliers {
-            None => None,
-            Some(Err(reason)) => {
-                printer.note(format!("some rows stand out, and were not looked at: {reason}"));
-                None
+        if let Some(Err(reason)) = &fitted.outliers {
+            printer.note(format!("some rows stand out, and were not looked at: {reason}"));
+        }
+        if let Some(used) = &named.used {
+            used.warn(printer);
+            if used.count() > 0 {
+                printer.note(
+                    "`--outliers drop --dropped FILE.csv` fits without them, `--outliers keep` does \
+                     not look",
+                );
             }
-            Some(Ok(found)) => {
-                let named = name(found)?;
-                named.warn(printer);
-                if named.count() > 0 {
-                    printer.note(
-                        "`--outliers drop --dropped FILE.csv` fits without them, `--outliers keep` does \
-                         not look",
-                    );
-                }
-                Some(named)
-            }
-        };
-        Ok(Told { named, dropped })
+        }
     }
 
     /// The calibration file.

@@ -18,8 +18,8 @@ use super::super::validation::{
     ComparisonReport, FoundReport, print_advice, print_cross_validation, print_excitation,
     print_selection,
 };
-use super::plan::Told;
-use super::verdict::{VerdictReport, print_verdict};
+use super::plan::NamedRows;
+use super::verdict::VerdictReport;
 use crate::printer::Printer;
 
 /// What `--json` prints.
@@ -159,7 +159,7 @@ pub(super) fn report(
     printer: &mut Printer,
     fitted: &Fit,
     file: &CalibrationFile,
-    told: &Told,
+    named: &NamedRows,
     seconds: f64,
 ) -> anyhow::Result<()> {
     let (Some(diagnostics), Some(solver), Some(solution)) =
@@ -170,11 +170,10 @@ pub(super) fn report(
     let (model, test) = (solution.model, fitted.test());
     let covariance = fitted.calibration.covariance.as_ref();
     let axes = fitted.calibration.axes;
-    let verdict = fitted.verdict();
     if printer.json() {
         return printer.document(&Report {
             model: model.name(),
-            verdict: VerdictReport::from(&verdict),
+            verdict: VerdictReport::from(&fitted.verdict()),
             solver: Stored::of(&solver, axes),
             rows: diagnostics.rows,
             skipped_rows: diagnostics.skipped_rows,
@@ -193,14 +192,13 @@ pub(super) fn report(
             weighing: ComparisonReport::of(fitted),
             advice: fitted.advice.as_ref().map(|advice| AdviceReport::of(advice, axes)),
             groups_found: fitted.found_groups.map(FoundReport::from),
-            outliers: told.named.as_ref().map(NamedOutliers::report),
-            dropped: told.dropped.as_ref().map(NamedOutliers::report),
+            outliers: named.used.as_ref().map(NamedOutliers::report),
+            dropped: named.dropped.as_ref().map(NamedOutliers::report),
             excitation: Stored::of(&diagnostics.excitation, axes),
             covariance: covariance.map(|covariance| CovarianceReport::of(covariance, axes)),
             time_s: seconds,
         });
     }
-    print_verdict(printer, &verdict)?;
     print_errors(printer, diagnostics, axes)?;
     let condition = diagnostics.condition.map_or("infinite".into(), |c| significant(c, 3));
     printer.line(format!(
