@@ -56,8 +56,6 @@ def test_options_that_there_are_not_are_named() -> None:
         ({"cv": 1}, "from 2 up"),
         ({"threads": -1}, "expected an integer"),
         ({"covariance": "all"}, "covariance is `all`"),
-        ({"model": "auto"}, "give groups="),
-        ({"cv": True}, "give groups="),
     ]
     for options, expected in cases:
         with pytest.raises(shellcal.ShellcalError, match=expected):
@@ -88,7 +86,6 @@ def test_weights_that_cannot_be_used_are_named() -> None:
         (np.full(120, "much"), {}, "expected numbers"),
         (np.full(120, 1e9), {}, "adds up to 120000000000 rows"),
         (each, {"cv": True}, "cross-validation takes rows that all count the same"),
-        (each, {"model": "auto"}, "the choice of a model takes"),
         (each, {"model": "physics"}, "the physics model takes"),
         (each, {"ridge": 0.1}, "a ridge takes"),
         (each, {"covariance": "groups"}, "a covariance by group takes"),

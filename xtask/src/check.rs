@@ -128,10 +128,7 @@ fn lints() -> Result<()> {
     LINTER.meet()?;
     let deny = ["--", "-D", "warnings"];
     let clippy = ["clippy", "--workspace", "--all-targets"];
-    step("lints", &mut cargo(&[&clippy[..], &PROFILE, &deny].concat()))?;
-    // What is not in the program unless it is asked for.
-    let optional = ["clippy", "--package", "shellcal", "--bins", "--features", "foxglove"];
-    step("lints of features", &mut cargo(&[&optional[..], &PROFILE, &deny].concat()))
+    step("lints", &mut cargo(&[&clippy[..], &PROFILE, &deny].concat()))
 }
 
 fn firmware() -> Result<()> {

@@ -54,7 +54,8 @@ pub(crate) fn program(name: &str, package: &str) -> Result<PathBuf> {
 }
 
 /// What the tests of the package, and its examples, import.
-const TEST_PACKAGES: &str = "import sklearn, pyarrow, mypy, nbmake, distributed";
+const TEST_PACKAGES: &str =
+    "import sklearn, pyarrow, mypy, nbmake, distributed, cyclonedds, dvc, rosbags, snakemake";
 
 /// The Python of the tests.
 pub(crate) fn set_up() -> Result<PathBuf> {

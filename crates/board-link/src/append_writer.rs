@@ -31,6 +31,9 @@ impl AppendWriter {
     /// # Errors
     /// [`OutputError`] if it cannot be made; its source has kind `AlreadyExists` if it is there.
     pub fn create(path: &Path, overwrite: bool) -> Result<Self, OutputError> {
+        if path.as_os_str() == "-" {
+            return Err(OutputError::Stdout);
+        }
         let is_device = path.exists() && !path.is_file() && !path.is_dir();
         let mut options = OpenOptions::new();
         match (is_device, overwrite) {

@@ -27,7 +27,7 @@ pub use handshake::{Handshake, HandshakeOptions, Heard, Stretch, handshake};
 pub use port::{Connection, FlowControl, PortInfo, PortOptions, TCP, ports};
 pub use port_state::{PortState, SystemFiles};
 pub use record::{
-    RecordCommand, RecordOptions, Recorded, RecordingProgress, Sinks, Watcher, record,
+    RecordCommand, RecordOptions, Recorded, RecordingProgress, Sinks, Unwatched, Watcher, record,
 };
 pub use record_error::RecordError;
 pub use self_test::{EmitterFault, judge};

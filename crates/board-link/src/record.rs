@@ -55,7 +55,7 @@ pub struct Sinks {
 }
 
 /// Looks on while a recording is made. It is called on the thread that records, so it must not wait.
-pub trait Watcher: std::fmt::Debug {
+pub trait Watcher: std::fmt::Debug + Send {
     /// Frames that have just arrived, in the order in which they did; of several boards those of the first.
     fn see(&mut self, frames: &[BoardFrame]);
 
@@ -63,6 +63,14 @@ pub trait Watcher: std::fmt::Debug {
     fn next_command(&mut self) -> Option<RecordCommand> {
         None
     }
+}
+
+/// Nobody looks on.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Unwatched;
+
+impl Watcher for Unwatched {
+    fn see(&mut self, _: &[BoardFrame]) {}
 }
 
 /// What a watcher wants.

@@ -213,10 +213,10 @@ impl Model {
         if self.term_count() > MAX_TERMS { Err(TooLarge { model: *self }) } else { Ok(()) }
     }
 
-    /// The name people read: `cubic`, `cubic+1` with an intercept, `cubic+memory+1` with memory terms.
+    /// The name people read: `cubic`, `cubic + offset` with an intercept, `cubic + memory + offset` with memory terms.
     pub fn name(&self) -> String {
-        let memory = if self.memory > 0 { "+memory" } else { "" };
-        format!("{}{memory}{}", self.basis.name(), if self.intercept { "+1" } else { "" })
+        let memory = if self.memory > 0 { " + memory" } else { "" };
+        format!("{}{memory}{}", self.basis.name(), if self.intercept { " + offset" } else { "" })
     }
 }
 

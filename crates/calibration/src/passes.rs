@@ -133,8 +133,8 @@ pub trait Pass: Sync {
     }
 }
 
-/// Passes every item to `work`, on any thread, and what comes of it to `fold`, in the order of the items. `rows_of`
-/// is the block of an item. Returns the states of the threads, made by `init`.
+/// Passes every item to `work`, on as many threads as its rows are worth; see [`on_threads`]. `rows_of` is the block of
+/// an item.
 ///
 /// # Errors
 /// The first error in the order of the items, of `work` or `fold`; [`FitError::Interrupted`] if whoever watches wants
@@ -176,6 +176,8 @@ pub(crate) fn map<I: Sync, T: Send>(
     Ok(results)
 }
 
+/// Passes every item to `work`, on any thread, and what comes of it to `fold`, in the order of the items; whoever
+/// watches is told of the rows of each. Returns the states of the threads, made by `init`.
 fn on_threads<I: Sync, S: Send, T: Send>(
     items: &[I],
     rows_of: impl Fn(&I) -> usize + Sync,

@@ -1,6 +1,7 @@
 //! The state of a live view.
 
 use calibration::reading_ranges::ReadingRange;
+use forces::RunningTare;
 use serde::Serialize;
 use shared_proto::CHANNELS;
 use shell_data::wrench::{Axes, Axis, PerAxis};
@@ -10,9 +11,6 @@ use super::scale::{nice_bound, nice_range};
 
 /// The spans of time that can be shown, s.
 pub(crate) const WINDOWS_S: [f64; 6] = [1.0, 2.0, 5.0, 10.0, 20.0, LONGEST_S];
-
-/// Rows of which a tare takes the mean.
-pub(crate) const TARE_ROWS: usize = 50;
 
 /// Marks that are kept.
 pub(crate) const MARKS: usize = 1000;
@@ -120,9 +118,7 @@ pub struct LiveModel {
     frozen: Option<Box<History>>,
     window: usize,
     /// Subtracted from what is shown.
-    tare: PerAxis<f64>,
-    /// The rows of a tare that is being taken, and their sum.
-    taring: Option<(usize, PerAxis<f64>)>,
+    tare: RunningTare,
     marks: Vec<Mark>,
     marked: u32,
 }
@@ -137,8 +133,7 @@ impl LiveModel {
             history: History::default(),
             frozen: None,
             window: WINDOWS_S.iter().position(fits).unwrap_or(WINDOWS_S.len() - 1),
-            tare: [0.0; 6],
-            taring: None,
+            tare: RunningTare::default(),
             marks: Vec::new(),
             marked: 0,
         }
@@ -146,36 +141,30 @@ impl LiveModel {
 
     /// Takes the next row.
     pub fn push(&mut self, row: LiveRow) {
-        if let (Some((rows, sum)), Some(wrench)) = (&mut self.taring, row.wrench) {
-            *rows += 1;
-            sum.iter_mut().zip(wrench).for_each(|(sum, value)| *sum += value);
-            if *rows >= TARE_ROWS {
-                let (rows, sum) = (*rows as f64, *sum);
-                self.tare = sum.map(|sum| sum / rows);
-                self.taring = None;
-            }
+        if let Some(wrench) = row.wrench {
+            self.tare.push(wrench);
         }
         self.history.push(row);
     }
 
-    /// Takes the mean wrench of the next `TARE_ROWS` rows as the zero of what is shown.
+    /// Takes the mean wrench of the next rows ([`RunningTare`]) as the zero of what is shown.
     pub fn begin_tare(&mut self) {
-        self.taring = Some((0, [0.0; 6]));
+        self.tare.begin();
     }
 
     /// Shows what comes again.
     pub fn end_tare(&mut self) {
-        (self.taring, self.tare) = (None, [0.0; 6]);
+        self.tare.clear();
     }
 
     /// Whether a tare is being taken.
     pub fn is_taring(&self) -> bool {
-        self.taring.is_some()
+        self.tare.is_pending()
     }
 
     /// What is subtracted.
     pub fn tare(&self) -> PerAxis<f64> {
-        self.tare
+        self.tare.zero()
     }
 
     /// Lets the picture stand still, or go on. Rows are taken all the same.
@@ -248,7 +237,8 @@ impl LiveModel {
 
     fn axis(&self, axis: Axis, columns: usize) -> TraceView {
         let at = axis.index();
-        let value = |row: &LiveRow| row.wrench.map(|wrench| wrench[at] - self.tare[at]);
+        let zero = self.tare()[at];
+        let value = |row: &LiveRow| row.wrench.map(|wrench| wrench[at] - zero);
         let least = if axis.is_moment() { LEAST_MOMENT } else { LEAST_FORCE };
         let columns = self.shown().columns(self.window_s(), columns, value);
         let bound = nice_bound(largest(&columns), least);
@@ -314,7 +304,8 @@ impl LiveModel {
         if !self.axes.contain(forces) {
             return None;
         }
-        let value = |axis: usize| move |row: &LiveRow| Some(row.wrench?[axis] - self.tare[axis]);
+        let zero = self.tare();
+        let value = |axis: usize| move |row: &LiveRow| Some(row.wrench?[axis] - zero[axis]);
         let newest = self.shown().newest()?;
         newest.wrench?;
         let of = |axis| largest(&self.shown().columns(self.window_s(), 1, value(axis)));
@@ -376,7 +367,7 @@ mod tests {
     fn a_tare_takes_the_mean_of_the_next_rows_and_changes_only_what_is_shown() {
         let mut model = model();
         model.begin_tare();
-        for index in 1001..1001 + TARE_ROWS as i64 - 1 {
+        for index in 1001..1001 + forces::DEFAULT_TARE_FRAMES as i64 - 1 {
             model.push(row(index));
             assert!(model.is_taring());
         }

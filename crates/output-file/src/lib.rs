@@ -79,12 +79,18 @@ pub enum OutputError {
         /// The output that it is.
         other: PathBuf,
     },
+    /// It stands for the standard output, which a recording is not written to.
+    #[error("a recording is a file, and `-` stands for the standard output")]
+    Stdout,
 }
 
 impl Hint for OutputError {
     fn hint(&self) -> Option<String> {
         let text = match self {
             Self::IsInput { .. } | Self::Twice { .. } => "choose another name for it",
+            Self::Stdout => {
+                "`shellcal stream` writes frames to the standard output as they arrive; a file of that name is `./-`"
+            }
             Self::Failed { source, .. } => match source.kind() {
                 io::ErrorKind::AlreadyExists => "choose another name, or `--overwrite` it",
                 io::ErrorKind::StorageFull => "what was written until then is whole; make room",

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::path::PathBuf;
 
-use calibration::quality::{AxisQuality, significant};
+use calibration::quality::significant;
 use log_file::{Log, LogError};
 use shell_data::hint::Hint;
 use shell_data::wrench::{Axes, Axis, PerAxis};
@@ -155,19 +155,15 @@ impl Gates {
         Ok(measured.iter().fold(self.axes.unwrap_or(calibrated), |all, axes| all.and(*axes)))
     }
 
-    /// Why errors do not pass; nothing if they do.
-    pub fn failures(
-        &self,
-        compared: &ComparedAxes,
-        errors: &PerAxis<AxisQuality>,
-    ) -> Vec<GateFailure> {
+    /// Why RMS errors, in N and N·m, do not pass; nothing if they do.
+    pub fn failures(&self, compared: &ComparedAxes, rms: &PerAxis<f64>) -> Vec<GateFailure> {
         let asked = self.asked();
         let not_compared = compared.missing.iter().filter_map(|(path, axes)| {
             let axes = axes.and(asked);
             (!axes.is_empty()).then(|| GateFailure::NotCompared { path: path.clone(), axes })
         });
         let above = compared.axes.iter().filter_map(|axis| {
-            let (rms, limit) = (errors[axis.index()].rms, self.limit(axis)?);
+            let (rms, limit) = (rms[axis.index()], self.limit(axis)?);
             // What is no number is below no limit.
             let passes = rms <= limit;
             (!passes).then_some(GateFailure::Above { axis, rms, limit })
@@ -188,8 +184,7 @@ mod tests {
     /// Errors pass only where each axis that was asked for is in calibration and logs, and below its limit.
     #[test]
     fn over_all_subsets_of_axes_nothing_passes_that_was_not_compared() {
-        let quality = |rms| AxisQuality { rms, ..AxisQuality::default() };
-        let (good, bad, nan) = (quality(0.5), quality(2.0), quality(f64::NAN));
+        let (good, bad, nan) = (0.5, 2.0, f64::NAN);
         let limits = [(Some(1.0), None), (None, Some(1.0)), (Some(1.0), Some(1.0)), (None, None)];
         let mut passed = 0;
         for (force_n, moment_nm) in limits {
@@ -211,7 +206,7 @@ mod tests {
                             let limit = if axis.is_moment() { moment_nm } else { force_n };
                             let is_asked =
                                 gates.axes.map_or(limit.is_some(), |it| it.contains(axis));
-                            let rms = errors[axis.index()].rms;
+                            let rms = errors[axis.index()];
                             !is_asked
                                 || calibrated.contains(axis)
                                     && measured.contains(axis)

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::WorkflowError;
 use super::fit::FitData;
-use calibration::fit::{FitOptions, Workers, label_poses_or_files};
+use calibration::fit::{FitOptions, HeldOut, Workers, label_groups, label_poses_or_files};
 use calibration::load_plan::{
     Replay, ReplayError, ReplayOptions, ReplayedSplit, SensorKnowledge, loads_of_dataset,
 };
@@ -53,12 +53,15 @@ fn labelled(logs: &[Log], read: &ReadOptions<'_>) -> Result<Dataset, WorkflowErr
     Ok(if is_one { data } else { labelled })
 }
 
+/// The rows with the labels that they have; otherwise labelled by what can be held out.
 fn training_rows(data: &Dataset) -> TrainingRows {
-    let (mut rows, _) = TrainingRows::from_dataset(data);
-    if rows.groups.len() != rows.wrench[0].len() {
-        rows.group_by_time();
+    let (rows, _) = TrainingRows::from_dataset(data);
+    if rows.groups.len() == rows.wrench[0].len() {
+        return rows;
     }
-    rows
+    let labelled = label_groups(data, HeldOut::Auto);
+    let labelled = labelled.map_or_else(|| label_poses_or_files(data), |(_, labelled)| labelled);
+    TrainingRows::from_dataset(&labelled).0
 }
 
 /// What a session is replayed from: the means of its poses.

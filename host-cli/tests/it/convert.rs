@@ -248,8 +248,11 @@ fn standard_errors_are_those_of_the_calibration() {
     calibration.covariance = Some(Covariance {
         residual,
         degrees_of_freedom: 10,
-        coefficients: CoefficientCovariance::Rows {
-            factor: vec![vec![1e-4], vec![0.0, 2e-4], vec![0.0, 0.0, 3e-4]],
+        coefficients: CoefficientCovariance::Groups {
+            groups: 11,
+            factors: std::array::from_fn(|_| {
+                vec![vec![0.5e-4], vec![0.0, 1e-4], vec![0.0, 0.0, 1.5e-4]]
+            }),
         },
         shape: None,
         shared: None,

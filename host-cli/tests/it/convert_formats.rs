@@ -13,7 +13,9 @@ const EXTENSIONS: [&str; 4] = ["parquet", "mat", "npy", "mcap"];
 /// so through every worker.
 fn converted(dir: &Path, flags: &str) -> Vec<PathBuf> {
     program::run(dir, "synth train --rows 2100 --seed 5 -o log.csv", 0);
-    program::run(dir, "fit log.csv --model linear --covariance rows -o cal.json", 0);
+    // Forty poses tell an interval.
+    program::run(dir, "synth train --rows 8000 --seed 6 -o train.csv", 0);
+    program::run(dir, "fit train.csv --model linear -o cal.json", 0);
     let convert = |extension: &str| {
         program::run(dir, &format!("convert cal.json log.csv -o out.{extension} {flags}"), 0);
         dir.join(format!("out.{extension}"))

@@ -12,10 +12,10 @@ use system_tests::program::{self, document, json};
 const PLACES: [usize; 2] = [0, 2];
 const COLUMNS: [&str; 2] = ["fx_n", "fz_n"];
 
-/// A log of six axes and the same of two of them, `six.csv` and `two.csv`.
+/// A log of six axes and the same of two of them, `six.csv` and `two.csv`, of twenty poses, which tell an interval.
 fn logs(dir: &Path, seed: u32) -> [String; 2] {
     let [six, two] = ["six", "two"].map(|name| format!("{name}{seed}.csv"));
-    program::run(dir, &format!("synth train --rows 1200 --seed {seed} -o {six}"), 0);
+    program::run(dir, &format!("synth train --rows 4000 --seed {seed} -o {six}"), 0);
     let text = fs::read_to_string(dir.join(&six)).unwrap();
     let header: Vec<&str> = text.lines().next().unwrap().split(',').collect();
     let absent = ["fy_n", "mx_nm", "my_nm", "mz_nm"];
@@ -128,7 +128,9 @@ fn every_output_has_the_axes_that_there_are_and_no_more() {
     let [six_test, two_test] = logs(dir, 5);
     let said = program::run(
         dir,
-        &format!("fit {two} --test {two_test} --cv --covariance rows --plot fit.svg -o two.json"),
+        &format!(
+            "fit --model cubic {two} --test {two_test} --cv --covariance rows --plot fit.svg -o two.json"
+        ),
         0,
     );
     assert!(
@@ -137,8 +139,8 @@ fn every_output_has_the_axes_that_there_are_and_no_more() {
     );
     let rest = said.replace("the logs have no Fy, Mx, My, Mz", "");
     assert!([" Fy ", " Mx ", " My ", " Mz "].iter().all(|name| !rest.contains(name)), "{rest}");
-    let named = "--wrench fx=fx_n,fz=fz_n --covariance rows";
-    program::run(dir, &format!("fit {six} {named} -o cal.json"), 0);
+    let named = "--wrench fx=fx_n,fz=fz_n";
+    program::run(dir, &format!("fit --model linear {six} {named} -o cal.json"), 0);
     let figure = fs::read_to_string(dir.join("fit.svg")).unwrap();
     assert!(figure.contains(">Fz<") && !figure.contains(">Fy<"));
     let fitted = json(dir, &format!("fit {two} --test {two_test} --model auto --json"));
@@ -146,7 +148,7 @@ fn every_output_has_the_axes_that_there_are_and_no_more() {
         let values = fitted.pointer(path).and_then(Value::as_array).map(Vec::len);
         assert!(values.is_none_or(|count| count == 2), "{path}: {fitted}");
     }
-    program::run(dir, &format!("fit {six} --covariance rows -o whole.json"), 0);
+    program::run(dir, &format!("fit --model linear {six} -o whole.json"), 0);
     let [part, whole] = ["cal.json", "whole.json"]
         .map(|cal| json(dir, &format!("eval {cal} {two_test} --json"))["all"]["errors"].clone());
     assert_eq!((part.as_array().unwrap().len(), &part), (2, &whole));
@@ -202,17 +204,20 @@ fn what_takes_all_axes_says_so() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     let [six, two] = logs(dir, 6);
-    program::run(dir, &format!("fit {six} --wrench fx=fx_n,my=my_nm -o cal.json"), 0);
+    program::run(dir, &format!("fit --model cubic {six} --wrench fx=fx_n,my=my_nm -o cal.json"), 0);
     program::run(dir, "synth trials trials", 0);
     let cases = [
         (format!("fit {two} --model physics"), "the physics model takes all six axes"),
         (
-            format!("fit {six} {two}"),
+            format!("fit --model cubic {six} {two}"),
             "has the axes Fx, Fz of the wrench, the logs before it have Fx",
         ),
-        (format!("fit {six} --test {two}"), "no columns `Fy`, `Mx`, `My`, `Mz`"),
-        (format!("fit {six} --wrench fx=fx_n,fx=fy_n"), "`Fx` has two columns"),
-        (format!("fit {six} --wrench fx_n,fz_n"), "2 columns, expected all six (Fx to Mz)"),
+        (format!("fit --model cubic {six} --test {two}"), "no columns `Fy`, `Mx`, `My`, `Mz`"),
+        (format!("fit --model cubic {six} --wrench fx=fx_n,fx=fy_n"), "`Fx` has two columns"),
+        (
+            format!("fit --model cubic {six} --wrench fx_n,fz_n"),
+            "2 columns, expected all six (Fx to Mz)",
+        ),
         (format!("convert cal.json {six} -o out.mcap"), "all six axes of a wrench"),
         (format!("convert cal.json {six} --columns t,fy"), "the calibration gives Fx, My, not Fy"),
         (
@@ -237,7 +242,7 @@ fn the_report_of_forces_alone_is_silent_on_moments() {
     let dir = dir.path();
     let [six, two] = logs(dir, 4);
     for (log, has_moments) in [(six, true), (two, false)] {
-        program::run(dir, &format!("fit {log} --report fit.html"), 0);
+        program::run(dir, &format!("fit --model cubic {log} --report fit.html"), 0);
         let page = fs::read_to_string(dir.join("fit.html")).unwrap();
         assert_eq!(page.contains("Moments are about the origin"), has_moments, "{log}");
         assert_eq!(

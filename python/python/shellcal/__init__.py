@@ -40,6 +40,7 @@ _WHERE = {
         "synth",
         "trial",
     ),
+    "_stream": ("Frame", "FrameBlock", "FrameStream", "SimulatedBoard", "simulated_board", "stream"),
 }
 _MODULES = {name: module for module, names in _WHERE.items() for name in names}
 

@@ -28,5 +28,13 @@ from ._program import (
     synth as synth,
     trial as trial,
 )
+from ._stream import (
+    Frame as Frame,
+    FrameBlock as FrameBlock,
+    FrameStream as FrameStream,
+    SimulatedBoard as SimulatedBoard,
+    simulated_board as simulated_board,
+    stream as stream,
+)
 
 __all__: list[str]

@@ -36,8 +36,9 @@ class Calibration:
     Parameters
     ----------
     model : {"linear", "cubic", "quadratic", "cubic+products", "poly3", "auto", "physics"}
-        Features of the readings. ``"auto"`` takes the smallest that predicts new groups as well as the
-        best, and its ridge; it needs `groups`. ``"physics"`` is what photointerrupters answer to a wrench,
+        ``"auto"`` compares all on held-out groups (`groups`, or plateaus, or stretches of time) and takes the
+        smallest polynomial that predicts them as well as the best, with its ridge, or the physics model
+        where that predicts them better. ``"physics"`` is what photointerrupters answer to a wrench,
         inverted: for few poses, and for loads beyond them. It holds all rows in memory, takes some seconds,
         and has no use for `intercept`, `ridge`, `solver`, `truncate` and `covariance`.
     intercept : bool
@@ -57,7 +58,8 @@ class Calibration:
         Time constants, s, of the terms ``s - EMA(s)`` that each channel gets; rows, without `time`. ``"auto"`` takes
         those that lower the errors on rows that were held out. Rows have to be in the order of time.
     cv : bool or int
-        Whether `fit` finds the errors on held-out groups, too: each group alone, or in so many folds.
+        Whether `fit` finds the errors on held-out groups, too: each group alone, or in so many folds. With
+        ``model="auto"`` it does in any case.
     covariance : {"auto", "groups", "rows", "none"}
         What standard errors come from: ``"auto"`` takes groups where there are ten, rows otherwise.
     seed : int
@@ -79,10 +81,14 @@ class Calibration:
         The feature of each row of `coefficients_`.
     diagnostics_ : dict
         Rows, rank, condition and errors, also on held-out groups.
+    verdict_ : list of str
+        What the calibration is worth: the error on data that were not used for the fit, the 95 % interval of
+        a sample, what to use it for, what to record next.
     """
 
     document_: dict[str, Any]
     n_features_in_: int
+    verdict_: list[str]
     feature_names_in_: Any
     _fitted: Fitted
     _outputs: int | None
@@ -91,7 +97,7 @@ class Calibration:
 
     def __init__(
         self,
-        model: str = "cubic",
+        model: str = "auto",
         *,
         intercept: bool = True,
         ridge: float = 0.0,
@@ -174,8 +180,8 @@ class Calibration:
             Whole numbers say how often each row is there: everything is, to the last bit, that of a fit to
             rows repeated so often, and takes as long. Other numbers w weight the squares of errors, as if
             the variance of a row were divided by w; standard errors are those of a sample of weight 1.
-            No sum of such rows is exact: they are solved by refined QR, with a warning, without `cv`,
-            ``model="auto"``, `ridge` or errors by group. Diagnostics count every row once. 0 leaves a row out.
+            No sum of such rows is exact: they are solved by refined QR, with a warning, without `cv`, `ridge` or
+            errors by group, and ``"auto"`` takes the cubic model. Diagnostics count every row once. 0 leaves a row out.
         groups : array of shape (n,), optional
             A label per row of what resembles each other: pose, session, file. Standard errors, held-out
             errors and the choice of a model come from these.
@@ -205,7 +211,7 @@ class Calibration:
             times = None if times is None else times[kept]
         rows = (readings, wrench, labels, repeats, weights, times)
         with _progress.shown("fit", "row") as progress:
-            fitted, messages = self._fit_rows(rows, progress)
+            fitted, messages, self.verdict_ = self._fit_rows(rows, progress)
         for message in messages:
             warnings.warn(message, ShellcalWarning, stacklevel=2)
         self._take(fitted)
@@ -218,7 +224,7 @@ class Calibration:
             del self.feature_names_in_
         return self
 
-    def _fit_rows(self, rows: Rows, progress: Any) -> tuple[Fitted, list[str]]:
+    def _fit_rows(self, rows: Rows, progress: Any) -> tuple[Fitted, list[str], list[str]]:
         if self.model == "physics":
             _options.physics(
                 {
@@ -326,6 +332,16 @@ class Calibration:
         if self._outputs is None:
             return wrench[:, 0]
         return wrench[:, : self._outputs]
+
+    def convert(self, readings: Any) -> _arrays.Matrix:
+        """The wrench of one frame, with the bits of `predict`, at the cost of one: for loops that wait for it.
+
+        Parameters
+        ----------
+        readings : sequence of float
+            One for each channel.
+        """
+        return self._known().convert(readings)
 
     def out_of_range(self, X: Any) -> Any:
         """For each row, whether a reading is outside the range of the training data."""

@@ -1,4 +1,4 @@
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from os import PathLike
 from typing import Any
 
@@ -35,6 +35,7 @@ class Fitted:
     def predict(
         self, x: _Matrix, errors: bool, time: _Matrix | None
     ) -> tuple[_Matrix, _Matrix | None]: ...
+    def convert(self, readings: Sequence[float] | _Matrix) -> _Matrix: ...
     def figure(self, x: _Matrix, y: _Matrix, title: str) -> str: ...
     def out_of_range(self, x: _Matrix) -> list[bool]: ...
 
@@ -55,7 +56,7 @@ def fit(
     made_by: _Made,
     serial: str | None,
     progress: Callable[[int], None] | None,
-) -> tuple[Fitted, list[str]]: ...
+) -> tuple[Fitted, list[str], list[str]]: ...
 
 class Partial:
     @staticmethod

@@ -24,4 +24,6 @@ mod report;
 #[cfg(unix)]
 mod simulated_board;
 #[cfg(unix)]
+mod stream;
+#[cfg(unix)]
 mod two_boards;

@@ -27,13 +27,13 @@ const LOAD: &str = "t_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm
 const LIMIT_N: f64 = 0.02;
 
 /// A simulated board on the port `board` of a directory.
-struct Board<'a> {
+pub(crate) struct Board<'a> {
     dir: &'a Path,
     child: Option<Child>,
 }
 
 impl<'a> Board<'a> {
-    fn start(dir: &'a Path, arguments: &str) -> Self {
+    pub(crate) fn start(dir: &'a Path, arguments: &str) -> Self {
         let child = start(dir, &format!("board --simulate --symlink board {arguments}"));
         let deadline = Instant::now() + Duration::from_secs(60);
         while !dir.join("board").exists() {
@@ -48,7 +48,7 @@ impl<'a> Board<'a> {
     }
 
     /// Records until so many rows are in the log.
-    fn record(&self, log: &str, rows: usize, arguments: &str) -> (Recording, String) {
+    pub(crate) fn record(&self, log: &str, rows: usize, arguments: &str) -> (Recording, String) {
         let arguments = format!("--json record board --start -o {log} {arguments}");
         let child = start(self.dir, &arguments);
         wait_for_rows(&self.dir.join(log), rows);
@@ -58,7 +58,7 @@ impl<'a> Board<'a> {
     }
 
     /// Ctrl-C: what it says of its radio.
-    fn end(mut self) -> String {
+    pub(crate) fn end(mut self) -> String {
         let child = self.child.take().unwrap();
         interrupt(&child);
         let said = finish(child, "board --simulate", 0);
@@ -105,7 +105,7 @@ fn forces_of_a_recording_are_those_of_the_script() {
     let dir = tempfile::tempdir().unwrap();
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../calibration-data");
     let training = data.join("synthetic-train.csv");
-    run(dir.path(), &format!("fit {} --output cal.json", training.display()), 0);
+    run(dir.path(), &format!("fit --model cubic {} --output cal.json", training.display()), 0);
     fs::write(dir.path().join("load.csv"), LOAD).unwrap();
     let board = Board::start(dir.path(), "--load load.csv");
     let (log, _) = board.record("log.csv", 650, "--calibration cal.json --no-tare --no-lowpass");

@@ -1,6 +1,7 @@
 //! Forces beside the readings, by the [force pipeline](forces), as frames come.
 
 use super::reception::{BoardFrame, Measured};
+use super::rows::UnsuitableCalibration;
 use calibration::Calibration;
 use calibration::memory::MemoryState;
 use forces::stationary::StationaryFinder;
@@ -58,14 +59,21 @@ pub struct Force {
 
 impl RunningForces {
     /// Nothing has come yet.
-    pub fn new(live: LiveForces) -> Self {
+    ///
+    /// # Errors
+    /// [`UnsuitableCalibration`] if the calibration is for another number of channels.
+    pub fn new(live: LiveForces) -> Result<Self, UnsuitableCalibration> {
+        let found = live.calibration.channels();
+        if found != CHANNELS {
+            return Err(UnsuitableCalibration::Channels { found });
+        }
         let options = live.options.causal();
         let rests = options.tare.follows_rests().then(StationaryFinder::default);
         let setup = Box::new(PipelineSetup::while_recording(options));
         let (times_s, readings) = (Vec::new(), vec![Vec::new(); live.calibration.columns()]);
         let stage = ForceStage::Setup { setup, times_s, readings };
         let memory = live.calibration.start_memory();
-        Self { calibration: live.calibration, options, stage, memory, rests, newest: None }
+        Ok(Self { calibration: live.calibration, options, stage, memory, rests, newest: None })
     }
 
     /// Forces of frames that hold readings.
@@ -106,6 +114,21 @@ impl RunningForces {
         let forces: Vec<Force> = forces.collect();
         self.newest = forces.last().map(|force| force.wrench).or(self.newest);
         Ok(forces)
+    }
+
+    /// The standard errors of forces of such frames, without what the low-pass takes off them; `None` if the
+    /// calibration knows none. N and N·m.
+    pub fn standard_errors(&self, frames: &[BoardFrame]) -> Option<PerAxis<Vec<f64>>> {
+        if !self.calibration.has_standard_errors() {
+            return None;
+        }
+        let tare = match &self.stage {
+            ForceStage::Setup { .. } => None,
+            ForceStage::Running { pipeline, .. } => pipeline.tare(),
+        };
+        let mut errors = PerAxis::default();
+        self.calibration.standard_errors(&columns(frames), tare, &mut errors);
+        Some(errors)
     }
 
     /// The axes that there are forces of.

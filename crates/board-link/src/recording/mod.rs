@@ -31,7 +31,8 @@ pub use edges::BoardEdge;
 pub use forces::{Force, LiveForces, RunningForces};
 pub use reception::{BoardFrame, Content, Losses, Measured, Reception};
 pub use recognition::{NoFrame, RecognisedProtocol, Recognition};
-pub use rows::{FrameLabel, RowWriter, UnsuitableCalibration};
+pub use rows::{FrameLabel, RowWriter, UnsuitableCalibration, row_flags, write_time};
+pub use simultaneous::Simultaneous;
 
 /// What the bytes of a stream are, [`shared_proto::Protocol`] with names for people.
 pub fn protocol_name(protocol: shared_proto::Protocol) -> &'static str {

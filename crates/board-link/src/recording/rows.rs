@@ -91,16 +91,10 @@ impl RowWriter {
         as_sampled: bool,
     ) -> Result<Self, UnsuitableCalibration> {
         let content = first.content(numbered);
-        if let Some(forces) = &forces {
-            let found = forces.calibration.channels();
-            if found != CHANNELS {
-                return Err(UnsuitableCalibration::Channels { found });
-            }
-            if content == Content::Wrench {
-                return Err(UnsuitableCalibration::Wrenches);
-            }
+        let forces = forces.map(RunningForces::new).transpose()?;
+        if forces.is_some() && content == Content::Wrench {
+            return Err(UnsuitableCalibration::Wrenches);
         }
-        let forces = forces.map(RunningForces::new);
         Ok(Self {
             content,
             forces,
@@ -224,7 +218,7 @@ impl RowWriter {
                 write_label(labels.iter().find(is_in).map_or("", |of| &of.group), text);
             }
             text.push(b',');
-            let mut flags = flags(&frame, force, is_late);
+            let mut flags = row_flags(&frame, force, is_late);
             while let Some(&(index, number)) = self.marks.front()
                 && frame.index >= index
             {
@@ -261,7 +255,7 @@ impl RowWriter {
 }
 
 /// Time in s with all digits of the µs.
-fn write_time(time_us: i64, text: &mut Vec<u8>) {
+pub fn write_time(time_us: i64, text: &mut Vec<u8>) {
     let sign = if time_us < 0 { "-" } else { "" };
     let (whole, part) = (time_us.unsigned_abs() / 1_000_000, time_us.unsigned_abs() % 1_000_000);
     text.extend_from_slice(format!("{sign}{whole}.{part:06}").as_bytes());
@@ -310,7 +304,8 @@ fn write_edge(edge: Option<&BoardEdge>, text: &mut Vec<u8>) {
     write_time(*time_us, text);
 }
 
-fn flags(frame: &BoardFrame, force: Option<&Force>, is_late: bool) -> String {
+/// What is to be said of a frame, in words with spaces between; empty when all is well.
+pub fn row_flags(frame: &BoardFrame, force: Option<&Force>, is_late: bool) -> String {
     let mut flags = Vec::new();
     let out_of_range = force.map_or(0, |force| force.out_of_range);
     if force.is_some_and(|force| force.untared) {

@@ -32,7 +32,7 @@ const LARGEST: f64 = 4096.0 - 1.0 / COUNTS_PER_LSB as f64;
 
 /// Brings the channels of frames to one time.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Simultaneous {
+pub struct Simultaneous {
     /// Given out already, as they arrived: at most [`REACH`].
     before: Vec<BoardFrame>,
     /// In the order of their indices.
@@ -41,18 +41,25 @@ pub(super) struct Simultaneous {
     described: bool,
     /// Readings are left as they are.
     as_sampled: bool,
+    /// No frame waits for those after it.
+    immediate: bool,
 }
 
 impl Simultaneous {
     /// With `as_sampled` only the times of frames are made those of their middles.
-    pub(super) fn new(as_sampled: bool) -> Self {
+    pub fn new(as_sampled: bool) -> Self {
         Self { as_sampled, ..Self::default() }
+    }
+
+    /// As sampled, and without waiting for later frames, but for the board's word at the start.
+    pub fn immediate() -> Self {
+        Self { as_sampled: true, immediate: true, ..Self::default() }
     }
 
     /// Takes frames in the order of their indices; those whose turn it is, in the same order. The last
     /// ones wait for those after them, until `ended`. Frames behind one that was given out come first,
     /// as they were sampled.
-    pub(super) fn take(
+    pub fn take(
         &mut self,
         frames: impl Iterator<Item = BoardFrame>,
         ended: bool,
@@ -66,7 +73,7 @@ impl Simultaneous {
         if !(self.is_described() || ended) {
             return ready;
         }
-        let kept = if ended { 0 } else { REACH };
+        let kept = if ended || self.immediate { 0 } else { REACH };
         let count = self.waiting.len().saturating_sub(kept);
         let first = self.before.len();
         let mut all = std::mem::take(&mut self.before);

@@ -15,11 +15,11 @@ pub mod cross_validation;
 pub mod excitation;
 pub mod factored;
 pub mod grouped;
+pub mod leaks;
 pub(crate) mod normal_equations;
 pub mod outliers;
 pub mod plateaus;
 pub mod selection;
-pub mod shared_loads;
 
 use super::exact::{ExactError, SolveError};
 use crate::FitError;

@@ -1,6 +1,7 @@
 //! The sensor model as the front end of a board: conversions, dark and lit.
 
 use std::fmt;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use firmware::{Clock, FrontEnd};
 use shared_proto::{COUNTS_PER_LSB, Vitals};
@@ -33,6 +34,8 @@ pub enum Load {
     },
     /// What somebody has written down.
     Table(LoadTable),
+    /// What somebody says while it runs, N and N·m.
+    Commanded(Arc<Mutex<PerAxis<f64>>>),
 }
 
 impl Load {
@@ -47,6 +50,7 @@ impl Load {
             Self::Hands { rest_s, .. } if time_s < *rest_s => PerAxis::default(),
             Self::Hands { rest_s, script } => script.wrench_at(time_s - *rest_s),
             Self::Table(table) => table.wrench_at(time_s),
+            Self::Commanded(wrench) => *wrench.lock().unwrap_or_else(PoisonError::into_inner),
         }
     }
 }

@@ -29,6 +29,16 @@ impl McapChannel {
         }
     }
 
+    /// Transforms between frames of reference that do not move, as ROS 2 has them.
+    pub fn static_transforms() -> Self {
+        Self {
+            topic: "/tf_static".to_owned(),
+            schema: Some(["tf2_msgs/msg/TFMessage", "ros2msg", TRANSFORMS]),
+            encoding: "cdr",
+            metadata: vec![("offered_qos_profiles", LATCHED.to_owned())],
+        }
+    }
+
     /// Objects in JSON, described by a JSON schema. It stands in the metadata: `rosbags` opens no
     /// recording with a schema in a language that is not of ROS.
     pub fn json(topic: &str, schema: String) -> Self {
@@ -59,19 +69,102 @@ float64 y
 float64 z
 ";
 
+const TRANSFORMS: &str = "\
+geometry_msgs/TransformStamped[] transforms
+================================================================================
+MSG: geometry_msgs/TransformStamped
+std_msgs/Header header
+string child_frame_id
+geometry_msgs/Transform transform
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+================================================================================
+MSG: geometry_msgs/Transform
+geometry_msgs/Vector3 translation
+geometry_msgs/Quaternion rotation
+================================================================================
+MSG: geometry_msgs/Vector3
+float64 x
+float64 y
+float64 z
+================================================================================
+MSG: geometry_msgs/Quaternion
+float64 x
+float64 y
+float64 z
+float64 w
+";
+
+/// Who comes late gets them, too: reliable, transient local, as ROS 2's broadcaster of static transforms.
+const LATCHED: &str = "\
+- history: 1
+  depth: 1
+  reliability: 1
+  durability: 1
+  deadline:
+    sec: 2147483647
+    nsec: 4294967295
+  lifespan:
+    sec: 2147483647
+    nsec: 4294967295
+  liveliness: 1
+  liveliness_lease_duration:
+    sec: 2147483647
+    nsec: 4294967295
+  avoid_ros_namespace_conventions: false
+";
+
 /// Adds a wrench at a time to a message, as ROS 2 sends it (CDR, the lowest byte first).
 pub fn wrench_stamped(message: &mut Vec<u8>, time_ns: u64, frame_id: &str, wrench: [f64; 6]) {
-    let (seconds, nanoseconds) = (time_ns / 1_000_000_000, time_ns % 1_000_000_000);
     message.extend([0, 1, 0, 0]);
     let start = message.len();
+    stamp(message, time_ns);
+    string(message, frame_id);
+    doubles(message, start, &wrench);
+}
+
+/// Adds where the frame `child` is in the frame `parent` likewise: metres, and a unit quaternion (x, y, z, w).
+pub fn static_transform(
+    message: &mut Vec<u8>,
+    time_ns: u64,
+    [parent, child]: [&str; 2],
+    position_m: [f64; 3],
+    rotation: [f64; 4],
+) {
+    message.extend([0, 1, 0, 0]);
+    let start = message.len();
+    // One transform.
+    message.extend(1_u32.to_le_bytes());
+    stamp(message, time_ns);
+    string(message, parent);
+    message.resize(start + (message.len() - start).next_multiple_of(4), 0);
+    string(message, child);
+    doubles(message, start, &position_m);
+    doubles(message, start, &rotation);
+}
+
+fn stamp(message: &mut Vec<u8>, time_ns: u64) {
+    let (seconds, nanoseconds) = (time_ns / 1_000_000_000, time_ns % 1_000_000_000);
     message.extend((seconds as u32).to_le_bytes());
     message.extend((nanoseconds as u32).to_le_bytes());
-    message.extend((frame_id.len() as u32 + 1).to_le_bytes());
-    message.extend(frame_id.as_bytes());
+}
+
+fn string(message: &mut Vec<u8>, text: &str) {
+    message.extend((text.len() as u32 + 1).to_le_bytes());
+    message.extend(text.as_bytes());
     message.push(0);
-    // Doubles stand at multiples of eight bytes after the first four.
+}
+
+/// Doubles stand at multiples of eight bytes after the first four.
+fn doubles(message: &mut Vec<u8>, start: usize, values: &[f64]) {
     message.resize(start + (message.len() - start).next_multiple_of(8), 0);
-    wrench.iter().for_each(|value| message.extend(value.to_le_bytes()));
+    values.iter().for_each(|value| message.extend(value.to_le_bytes()));
 }
 
 /// Messages that are written together.
@@ -161,6 +254,11 @@ impl ChunkBuilder {
 }
 
 impl McapChunk {
+    /// The first time.
+    pub fn start_ns(&self) -> u64 {
+        self.times.0
+    }
+
     /// What stands before the messages.
     fn head(&self) -> Vec<u8> {
         let bytes = self.records.len() as u64;

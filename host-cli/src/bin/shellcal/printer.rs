@@ -93,7 +93,7 @@ impl Tint {
 }
 
 /// Where a command's results and remarks go.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Printer {
     options: OutputArgs,
     /// Whether a table was printed.

@@ -2,12 +2,14 @@
 
 use std::io::{self, Write};
 
-use table_file::write::mcap::{ChunkBuilder, McapChannel, McapChunk, McapWriter, wrench_stamped};
+use table_file::write::mcap::{
+    ChunkBuilder, McapChannel, McapChunk, McapWriter, static_transform, wrench_stamped,
+};
 use table_file::write::{ColumnValues, MatWriter, NpyWriter, ParquetWriter, TableWriter};
 
 use super::error::ConvertError;
 use super::frames::ConvertedFrames;
-use super::options::OutputFormat;
+use super::options::{OutputFormat, RecordingFrame};
 use super::table::WrenchTable;
 
 /// The topics of a recording.
@@ -42,7 +44,7 @@ pub(super) struct EncodedColumns {
 impl Encoder<'_> {
     /// Whether the readings are written, too.
     pub(super) fn needs_readings(&self) -> bool {
-        matches!(self.format, OutputFormat::Mcap { .. })
+        matches!(self.format, OutputFormat::Mcap(_))
     }
 
     pub(super) fn encode(&self, frames: &ConvertedFrames) -> Result<EncodedFrames, ConvertError> {
@@ -52,7 +54,7 @@ impl Encoder<'_> {
                 self.table.rows(frames, &mut text);
                 EncodedFrames::Text(text)
             }
-            OutputFormat::Mcap { frame_id } => EncodedFrames::Chunk(self.chunk(frames, frame_id)?),
+            OutputFormat::Mcap(frame) => EncodedFrames::Chunk(self.chunk(frames, &frame.id)?),
             _ => EncodedFrames::EncodedColumns(EncodedColumns {
                 numbers: self.table.numbers(frames),
                 texts: {
@@ -162,8 +164,12 @@ fn nanoseconds(time_s: f64) -> Option<u64> {
 /// Where encoded frames go, in order.
 pub(super) enum EncodedOutput<'a> {
     Text(&'a mut dyn Write),
-    Table { writer: Box<dyn TableWriter + 'a>, waiting: EncodedColumns },
-    Recording(McapWriter<&'a mut dyn Write>),
+    Table {
+        writer: Box<dyn TableWriter + 'a>,
+        waiting: EncodedColumns,
+    },
+    /// With the frame whose mount is still to be written.
+    Recording(McapWriter<&'a mut dyn Write>, Option<RecordingFrame>),
 }
 
 impl<'a> EncodedOutput<'a> {
@@ -182,14 +188,16 @@ impl<'a> EncodedOutput<'a> {
                 out.write_all(&text)?;
                 return Ok(Self::Text(out));
             }
-            OutputFormat::Mcap { .. } => {
+            OutputFormat::Mcap(frame) => {
                 let details = encoder.details_schema();
-                let channels = vec![
+                let mut channels = vec![
                     McapChannel::wrench(WRENCH_TOPIC),
                     McapChannel::json(DETAILS_TOPIC, details),
                 ];
+                channels.extend(frame.mount.as_ref().map(|_| McapChannel::static_transforms()));
                 let library = concat!("shellcal ", env!("CARGO_PKG_VERSION"));
-                return Ok(Self::Recording(McapWriter::new(out, library, channels)?));
+                let writer = McapWriter::new(out, library, channels)?;
+                return Ok(Self::Recording(writer, Some(frame.clone())));
             }
             OutputFormat::Parquet => Box::new(ParquetWriter::new(out, &columns())?),
             OutputFormat::Matlab => Box::new(MatWriter::new(out, &columns())),
@@ -201,9 +209,13 @@ impl<'a> EncodedOutput<'a> {
     pub(super) fn write(&mut self, encoded: EncodedFrames) -> io::Result<()> {
         match (self, encoded) {
             (Self::Text(out), EncodedFrames::Text(text)) => out.write_all(&text),
-            (Self::Recording(writer), EncodedFrames::Chunk(chunk)) => {
-                chunk.map_or(Ok(()), |chunk| writer.write(&chunk))
+            (Self::Recording(writer, frame), EncodedFrames::Chunk(Some(chunk))) => {
+                if let Some(transform) = frame.take().and_then(|it| transform(&it, &chunk)) {
+                    writer.write(&transform)?;
+                }
+                writer.write(&chunk)
             }
+            (Self::Recording(..), EncodedFrames::Chunk(None)) => Ok(()),
             (Self::Table { writer, waiting }, EncodedFrames::EncodedColumns(columns)) => {
                 waiting.append(columns);
                 if waiting.rows() >= PART_ROWS {
@@ -219,13 +231,24 @@ impl<'a> EncodedOutput<'a> {
     pub(super) fn finish(self) -> io::Result<()> {
         match self {
             Self::Text(_) => Ok(()),
-            Self::Recording(mut writer) => writer.finish(),
+            Self::Recording(mut writer, _) => writer.finish(),
             Self::Table { mut writer, waiting } => {
                 waiting.write(&mut *writer)?;
                 writer.finish()
             }
         }
     }
+}
+
+/// Where the frame of wrenches is, from the time of their first chunk on.
+fn transform(frame: &RecordingFrame, first: &McapChunk) -> Option<McapChunk> {
+    let mount = frame.mount.as_ref()?;
+    let (mut chunk, time_ns) = (ChunkBuilder::default(), first.start_ns());
+    let frames = [mount.parent.as_str(), frame.id.as_str()];
+    chunk.message(2, time_ns, |message| {
+        static_transform(message, time_ns, frames, mount.position_m, mount.quaternion());
+    });
+    chunk.finish()
 }
 
 impl EncodedColumns {

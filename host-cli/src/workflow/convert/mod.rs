@@ -22,14 +22,15 @@ use std::io::Write;
 
 pub use error::ConvertError;
 pub use options::{
-    Conversion, ConvertOptions, DEFAULT_FRAME_ID, OutputFormat, OutputPlan, TableColumns,
-    UnknownExtension,
+    BadMount, Conversion, ConvertOptions, DEFAULT_FRAME_ID, FrameMount, OutputFormat, OutputPlan,
+    RecordingFrame, TableColumns, UnknownExtension,
 };
 use summary::Totals;
 pub use summary::{AxisSummary, ConvertSummary, LoadSummary};
 
 use super::check_channels;
 use super::selection::{RowFilter, read_with_memory};
+use calibration::uncertainty::NoIntervals;
 use calibration::{Calibration, Kind};
 use encode::{EncodedOutput, Encoder};
 use figures::WrenchTrace;
@@ -50,7 +51,7 @@ fn interval_factors(calibration: &Calibration, level: f64) -> Result<PerAxis<f64
         }
         Kind::Physics(physics) => {
             let intervals = physics.intervals.as_ref().ok_or(ConvertError::NoCovariance)?;
-            Ok(intervals.factors(level)?)
+            Ok(intervals.factors(level).map_err(NoIntervals::from)?)
         }
     }
 }
@@ -81,7 +82,7 @@ pub fn convert(
     log.require(&Wanted { readings: true, time: options.columns.time, ..Wanted::default() })?;
     check_channels(log, calibration.channels())?;
     let is_whole = options.columns.time && options.columns.axes == [true; 6];
-    if matches!(plan.format, OutputFormat::Mcap { .. }) && !is_whole {
+    if matches!(plan.format, OutputFormat::Mcap(_)) && !is_whole {
         return Err(ConvertError::PartOfWrench);
     }
     let absent = options.columns.axes().without(calibration.axes);

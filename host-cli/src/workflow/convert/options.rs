@@ -1,6 +1,7 @@
 //! What is converted, how, and to which columns of which kind of file.
 
 use std::path::Path;
+use std::str::FromStr;
 
 use crate::workflow::selection::RowFilter;
 use calibration::Calibration;
@@ -69,7 +70,7 @@ impl TableColumns {
 }
 
 /// A kind of file.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub enum OutputFormat {
     /// Text.
     #[default]
@@ -81,10 +82,68 @@ pub enum OutputFormat {
     /// NumPy: an array of records.
     NumPy,
     /// MCAP for ROS 2: wrenches, and readings, errors and flags as JSON.
-    Mcap {
-        /// The frame of reference that the wrenches are in.
-        frame_id: String,
-    },
+    Mcap(RecordingFrame),
+}
+
+/// The frame of reference that wrenches are in.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RecordingFrame {
+    /// Its name.
+    pub id: String,
+    /// What it is fixed to, if that is to be said.
+    pub mount: Option<FrameMount>,
+}
+
+/// Where a frame of reference is in another.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameMount {
+    /// The other.
+    pub parent: String,
+    /// x, y, z, m.
+    pub position_m: [f64; 3],
+    /// Roll, pitch and yaw about the fixed axes x, y, z in this order, rad, as ROS has them.
+    pub angles_rad: [f64; 3],
+}
+
+/// A text that names no mount.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("expected `NAME` or `NAME:X,Y,Z,ROLL,PITCH,YAW` in m and rad")]
+pub struct BadMount;
+
+impl Default for RecordingFrame {
+    fn default() -> Self {
+        Self { id: DEFAULT_FRAME_ID.to_owned(), mount: None }
+    }
+}
+
+impl FrameMount {
+    /// The rotation as a unit quaternion x, y, z, w (J. Diebel, "Representing Attitude", 2006, eq. 290).
+    pub fn quaternion(&self) -> [f64; 4] {
+        let [(sr, cr), (sp, cp), (sy, cy)] = self.angles_rad.map(|angle| (angle / 2.0).sin_cos());
+        [
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+            cr * cp * cy + sr * sp * sy,
+        ]
+    }
+}
+
+impl FromStr for FrameMount {
+    type Err = BadMount;
+
+    fn from_str(text: &str) -> Result<Self, BadMount> {
+        let (parent, numbers) = text.split_once(':').unwrap_or((text, "0,0,0,0,0,0"));
+        let number = |field: &str| field.trim().parse().ok().filter(|it: &f64| it.is_finite());
+        let numbers: Vec<f64> =
+            numbers.split(',').map(number).collect::<Option<_>>().ok_or(BadMount)?;
+        let [x, y, z, roll, pitch, yaw] = numbers[..] else { return Err(BadMount) };
+        if parent.is_empty() {
+            return Err(BadMount);
+        }
+        let (position_m, angles_rad) = ([x, y, z], [roll, pitch, yaw]);
+        Ok(Self { parent: parent.to_owned(), position_m, angles_rad })
+    }
 }
 
 /// What is written besides wrenches, and as what.
@@ -115,7 +174,7 @@ const EXTENSIONS: [(&str, OutputFormat); 6] = [
     ("parquet", OutputFormat::Parquet),
     ("mat", OutputFormat::Matlab),
     ("npy", OutputFormat::NumPy),
-    ("mcap", OutputFormat::Mcap { frame_id: String::new() }),
+    ("mcap", OutputFormat::Mcap(RecordingFrame { id: String::new(), mount: None })),
 ];
 
 impl OutputFormat {
@@ -123,11 +182,11 @@ impl OutputFormat {
     ///
     /// # Errors
     /// [`UnknownExtension`].
-    pub fn from_path(path: &Path, frame_id: &str) -> Result<Self, UnknownExtension> {
+    pub fn from_path(path: &Path, frame: &RecordingFrame) -> Result<Self, UnknownExtension> {
         let extension = path.extension().map(|it| it.to_string_lossy().to_lowercase());
         let known = EXTENSIONS.into_iter().find(|(known, _)| extension.as_deref() == Some(known));
         match known {
-            Some((_, Self::Mcap { .. })) => Ok(Self::Mcap { frame_id: frame_id.to_owned() }),
+            Some((_, Self::Mcap(_))) => Ok(Self::Mcap(frame.clone())),
             Some((_, format)) => Ok(format),
             None if path.starts_with("/dev") => Ok(Self::Csv),
             None => Err(UnknownExtension { path: path.display().to_string() }),
@@ -140,11 +199,30 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_mount_is_a_name_with_or_without_a_place() {
+        let mount: FrameMount = "base_link".parse().unwrap();
+        assert_eq!(
+            (mount.parent.as_str(), mount.quaternion()),
+            ("base_link", [0.0, 0.0, 0.0, 1.0])
+        );
+        let mount: FrameMount = "foot:0.1,0,-0.02,0,0,1.5707963267948966".parse().unwrap();
+        assert_eq!(mount.position_m, [0.1, 0.0, -0.02]);
+        // A quarter turn about z: 1/√2 of z and w.
+        let expected = [0.0, 0.0, 0.5_f64.sqrt(), 0.5_f64.sqrt()];
+        let found = mount.quaternion();
+        assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-15), "{found:?}");
+        for text in ["", ":0,0,0,0,0,0", "base:1,2,3", "base:0,0,0,0,0,nan"] {
+            assert_eq!(text.parse::<FrameMount>(), Err(BadMount), "{text}");
+        }
+    }
+
+    #[test]
     fn files_are_what_their_names_say() {
-        let of = |path: &str| OutputFormat::from_path(Path::new(path), "base");
+        let frame = RecordingFrame { id: "base".to_owned(), mount: None };
+        let of = |path: &str| OutputFormat::from_path(Path::new(path), &frame);
         assert_eq!(of("a/b.CSV"), Ok(OutputFormat::Csv));
         assert_eq!(of("b.parquet"), Ok(OutputFormat::Parquet));
-        assert_eq!(of("b.mcap"), Ok(OutputFormat::Mcap { frame_id: "base".to_owned() }));
+        assert_eq!(of("b.mcap"), Ok(OutputFormat::Mcap(frame.clone())));
         assert_eq!(of("/dev/null"), Ok(OutputFormat::Csv));
         for path in ["b", "b.xlsx", "b.feather", ".csv"] {
             let said = of(path).unwrap_err().to_string();

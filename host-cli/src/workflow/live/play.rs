@@ -7,11 +7,13 @@ use log_file::{Log, LogError, ReadOptions, Wanted};
 use shared_proto::CHANNELS;
 use shell_data::block::Block;
 
-use super::Feed;
 use board_link::recording::{BoardFrame, Measured};
 
 /// How often the clock is looked at.
 const TICK: Duration = Duration::from_millis(10);
+
+/// A longer time between two looks, when the computer was asleep, is not caught up on.
+const LONGEST: Duration = Duration::from_secs(1);
 
 /// Why a log cannot be played.
 #[derive(Debug, thiserror::Error)]
@@ -30,8 +32,9 @@ pub enum PlayError {
     },
 }
 
-/// Plays a log into a feed at `speed` times its own pace, until its end or until `stop` is set. Where it has
-/// readings and a wrench, the readings are played if `readings` are wanted.
+/// Plays a log at `speed` times its own pace, until its end or until `stop` is set: hands its frames to `see`
+/// when they are due, and holds it while `is_held`. Where it has readings and a wrench, the readings are played if
+/// `readings` are wanted.
 ///
 /// # Errors
 /// [`PlayError`] if it cannot be read, or has neither eight channels nor a wrench.
@@ -40,8 +43,9 @@ pub fn play(
     read: &ReadOptions<'_>,
     readings: bool,
     speed: f64,
-    feed: &Feed,
+    is_held: &dyn Fn() -> bool,
     stop: &AtomicBool,
+    see: &mut dyn FnMut(&[BoardFrame]),
 ) -> Result<u64, PlayError> {
     let has_channels = log.channels() == CHANNELS;
     let is_readings = has_channels && (readings || !log.has_wrench());
@@ -51,7 +55,7 @@ pub fn play(
     }
     let wanted =
         Wanted { time: true, readings: is_readings, wrench: !is_readings, ..Wanted::default() };
-    let mut player = Player { feed, stop, speed, clock: None, index: 0 };
+    let mut player = Player { see, is_held, stop, speed, clock: None, index: 0 };
     let played = log.read(&wanted, read, std::mem::take, |block| player.play(&block));
     match played {
         Ok(_) | Err(Ended::Stopped) => Ok(player.index as u64),
@@ -72,7 +76,8 @@ impl From<LogError> for Ended {
 }
 
 struct Player<'a> {
-    feed: &'a Feed,
+    see: &'a mut dyn FnMut(&[BoardFrame]),
+    is_held: &'a dyn Fn() -> bool,
     stop: &'a AtomicBool,
     speed: f64,
     /// When the row of a time is due: a moment, and the time of the log then.
@@ -92,7 +97,7 @@ impl Player<'_> {
             let due = block.time_s[sent..].iter().take_while(|&&time_s| time_s <= now_s).count();
             let frames: Vec<BoardFrame> =
                 (sent..sent + due).map(|row| self.frame(block, row)).collect();
-            self.feed.send(&frames);
+            (self.see)(&frames);
             sent += due;
             if due == 0 {
                 std::thread::sleep(TICK);
@@ -106,12 +111,13 @@ impl Player<'_> {
     fn now_s(&mut self, next_s: f64) -> f64 {
         let now = Instant::now();
         let (at, from_s) = *self.clock.get_or_insert((now, next_s));
-        let now_s = match self.feed.is_held() {
-            true => from_s,
-            false => from_s + now.duration_since(at).as_secs_f64() * self.speed,
+        let now_s = if (self.is_held)() {
+            from_s
+        } else if next_s < from_s - 1.0 || next_s > from_s + 1.0 {
+            next_s
+        } else {
+            from_s + now.duration_since(at).min(LONGEST).as_secs_f64() * self.speed
         };
-        let jumps = next_s < now_s - 1.0 || next_s > now_s + 1.0;
-        let now_s = if jumps && !self.feed.is_held() { next_s } else { now_s };
         self.clock = Some((now, now_s));
         now_s
     }

@@ -5,7 +5,6 @@ use board_link::recording::{
 };
 use forces::ForceError;
 use live_view::LiveRow;
-use shared_proto::CHANNELS;
 
 /// Turns frames into rows, by the [pipeline](forces) of all commands that show forces.
 #[derive(Clone, Debug)]
@@ -19,13 +18,7 @@ impl LiveRows {
     /// # Errors
     /// [`UnsuitableCalibration`] if it is for another number of channels.
     pub fn new(forces: Option<LiveForces>) -> Result<Self, UnsuitableCalibration> {
-        if let Some(forces) = &forces {
-            let found = forces.calibration.channels();
-            if found != CHANNELS {
-                return Err(UnsuitableCalibration::Channels { found });
-            }
-        }
-        Ok(Self { forces: forces.map(RunningForces::new) })
+        Ok(Self { forces: forces.map(RunningForces::new).transpose()? })
     }
 
     /// The rows of some frames. A board that converts itself needs no calibration.

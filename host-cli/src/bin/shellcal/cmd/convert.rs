@@ -15,8 +15,8 @@ use output_file::Outputs;
 use serde::Serialize;
 use shell_data::wrench::Axis;
 use shellcal::workflow::convert::{
-    AxisSummary, Conversion, ConvertOptions, ConvertSummary, DEFAULT_FRAME_ID, OutputFormat,
-    OutputPlan, TableColumns, convert,
+    AxisSummary, Conversion, ConvertOptions, ConvertSummary, DEFAULT_FRAME_ID, FrameMount,
+    OutputFormat, OutputPlan, RecordingFrame, TableColumns, convert,
 };
 
 use super::edited::EditedArg;
@@ -67,6 +67,11 @@ pub(crate) struct ConvertArgs {
     /// The frame of reference that recordings in MCAP name
     #[arg(long, value_name = "NAME", default_value = DEFAULT_FRAME_ID)]
     frame_id: String,
+
+    /// What that frame is fixed to, and where it is there in m and rad, which recordings in MCAP say on
+    /// `/tf_static`
+    #[arg(long, value_name = "NAME[:X,Y,Z,ROLL,PITCH,YAW]")]
+    mount: Option<FrameMount>,
 
     /// What to write, of t, fx, fy, fz, mx, my, mz, se (standard errors), flags [default: all there
     /// is]
@@ -197,7 +202,7 @@ impl ConvertArgs {
         let mut out = match target {
             TableTarget::Stdout => Destination::Stdout,
             TableTarget::File(path) => {
-                plan.format = OutputFormat::from_path(path, &self.frame_id)?;
+                plan.format = OutputFormat::from_path(path, &self.frame())?;
                 Destination::File(outputs.create(path)?)
             }
         };
@@ -207,6 +212,10 @@ impl ConvertArgs {
         self.check_tare(log, &summary, diagnostics, printer)?;
         out.finish()?;
         Ok(summary)
+    }
+
+    fn frame(&self) -> RecordingFrame {
+        RecordingFrame { id: self.frame_id.clone(), mount: self.mount.clone() }
     }
 
     /// Warns of a tare that was not taken at rest, or refuses it.
@@ -242,7 +251,7 @@ impl ConvertArgs {
                 vec![TableTarget::Stdout]
             }
             (Some(file), _) if self.logs.len() == 1 => {
-                OutputFormat::from_path(file, &self.frame_id)?;
+                OutputFormat::from_path(file, &self.frame())?;
                 vec![TableTarget::File(file.to_path_buf())]
             }
             (None, None) if self.logs.len() == 1 => vec![TableTarget::Stdout],

@@ -6,6 +6,7 @@ use calibration::Calibration;
 use calibration::fit::{Evaluation, Workers, evaluate};
 use calibration::quality::{AxisQuality, significant};
 use calibration_file::stored::{OfAxes, Stored, StoredQuality};
+use calibration_file::{CalibrationFile, Role, SourceFile};
 use figures::{FitPlot, Format, fit_figure};
 use log_file::{Log, ReadOptions, Wanted, read_dataset};
 use output_file::Outputs;
@@ -14,13 +15,14 @@ use shell_data::dataset::{Dataset, RowSet};
 use shell_data::wrench::{Axes, Axis, PerAxis};
 use shellcal::workflow::check_channels;
 use shellcal::workflow::fit::add_to_plot;
-use shellcal::workflow::gates::{ComparedAxes, GateFailure, Gates};
+use shellcal::workflow::gates::{ComparedAxes, GateFailure};
 
 use super::choices::one_of;
 use super::edited::EditedArg;
 use super::figure_size::FigureSize;
 use super::mapping::{MappingArgs, open_logs, tell_remembered};
 use super::quality::table_row;
+use super::rms_limits::RmsLimits;
 use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
@@ -48,20 +50,15 @@ pub(crate) struct EvalArgs {
     #[arg(long, value_name = "FILE", num_args = 1.., help_heading = "Reading logs")]
     wrench_from: Vec<InputPath>,
 
-    /// Fail when the RMS error of Fx, Fy or Fz is above this many N, or one of them is not compared
-    #[arg(long, value_name = "N", value_parser = limit)]
-    max_rms: Option<f64>,
-
-    /// Fail when the RMS error of Mx, My or Mz is above this many N·m, or one of them is not compared
-    #[arg(long, value_name = "N·m", value_parser = limit)]
-    max_rms_moment: Option<f64>,
+    #[command(flatten)]
+    limits: RmsLimits,
 
     /// Compare these axes and no others, such as `fx,fz`; fail when a log does not have one of them
     #[arg(long, value_name = "AXES", value_delimiter = ',', value_parser = one_of(&AXES))]
     axes: Vec<Axis>,
 
     /// Leave out rows that repeat the readings of the row before
-    #[arg(long)]
+    #[arg(long = "skip-repeats", alias = "fresh")]
     fresh: bool,
 
     /// Draw predicted against measured, and the residuals, over all logs
@@ -111,11 +108,13 @@ struct Document {
 impl EvalArgs {
     pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let file = self.edited.read(&self.calibration)?;
+        self.check_logs()?;
         let mapping = self.mapping.mapping_for(&file)?;
-        let mut calibration = file.calibration;
+        let (mut calibration, sources) = (file.calibration, file.origin.sources);
         let mut logs = open_logs(&self.logs, ("--wrench-from", &self.wrench_from), &mapping)?;
         tell_remembered(printer, &self.calibration, &mapping, &logs);
-        let gates = self.gates();
+        let axes = (!self.axes.is_empty()).then(|| self.axes.iter().copied().collect());
+        let gates = self.limits.gates(axes);
         let compared = gates.compare(calibration.axes, &mut logs)?;
         let axes = compared.axes;
         note_axes(printer, &compared, gates.asked());
@@ -130,9 +129,19 @@ impl EvalArgs {
         let (mut reports, mut read_before) = (Vec::new(), 0);
         for log in &logs {
             let progress = |bytes| bar.set_position(read_before + bytes);
-            let read = ReadOptions { progress: Some(&progress), ..self.mapping.read_options() };
+            let read = ReadOptions {
+                progress: Some(&progress),
+                checksum: true,
+                ..self.mapping.read_options()
+            };
             check_channels(log, calibration.channels())?;
             let rows = self.rows(log, &calibration, &read)?;
+            if is_trained_on(&rows, &sources) {
+                printer.warning(format!(
+                    "`{}` was used for the fit: its errors are those of training, not of new loads",
+                    log.path().display()
+                ));
+            }
             let evaluation = Evaluation::total(&evaluate(&calibration, &rows, workers)?);
             if let Some(plot) = &mut plot {
                 add_to_plot(plot, &calibration, &rows);
@@ -151,9 +160,24 @@ impl EvalArgs {
         }
 
         let all = report(None, &all, axes)?;
-        let failures = gates.failures(&compared, &all.quality);
+        let failures = gates.failures(&compared, &all.quality.map(|axis| axis.rms));
         show(printer, (reports, all), axes, &failures)?;
         Ok(if failures.is_empty() { Outcome::Done } else { Outcome::CheckFailed })
+    }
+
+    /// Whether a log is another calibration, as where two are to be compared.
+    fn check_logs(&self) -> anyhow::Result<()> {
+        let is_calibration = |path: &&InputPath| {
+            path.extension().is_some_and(|extension| extension == "json")
+                && CalibrationFile::read(path).is_ok()
+        };
+        if let Some(path) = self.logs.iter().find(is_calibration) {
+            let (first, second) = (self.calibration.display(), path.display());
+            anyhow::bail!(
+                "`{second}` is a calibration, not a log: `shellcal compare {first} {second} --test LOG` compares two"
+            );
+        }
+        Ok(())
     }
 
     /// The rows of a log that are used.
@@ -168,11 +192,16 @@ impl EvalArgs {
         let rows = calibration.prepared(&read_dataset(&[(log, wanted)], read)?)?;
         Ok(rows.select(self.fresh, &RowSet::default()))
     }
+}
 
-    fn gates(&self) -> Gates {
-        let axes = (!self.axes.is_empty()).then(|| self.axes.iter().copied().collect());
-        Gates { force_n: self.max_rms, moment_nm: self.max_rms_moment, axes }
-    }
+/// Whether a log is one that the calibration was fitted to.
+fn is_trained_on(rows: &Dataset, sources: &[SourceFile]) -> bool {
+    let checksums = || rows.logs.iter().filter_map(|log| log.summary.checksum.as_ref());
+    let is_of = |source: &SourceFile| {
+        source.role == Role::Train
+            && checksums().any(|found| source.checksum.as_ref() == Some(found))
+    };
+    sources.iter().any(is_of)
 }
 
 /// Says what is not compared; what was `asked` for fails later.
@@ -251,11 +280,4 @@ fn print(printer: &mut Printer, report: &Report, axes: Axes) -> anyhow::Result<(
     };
     let rows: Vec<Vec<String>> = axes.iter().map(row).collect();
     printer.table(&["axis", "RMS", "max", "bias", "R²", "unit"], &rows)
-}
-
-fn limit(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(limit) if limit >= 0.0 && limit.is_finite() => Ok(limit),
-        _ => Err("expected a finite number that is not negative".to_owned()),
-    }
 }

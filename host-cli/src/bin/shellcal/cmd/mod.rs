@@ -5,6 +5,7 @@ mod bench;
 mod board;
 mod board_line;
 mod choices;
+mod compare;
 mod completions;
 mod convert;
 mod covariance;
@@ -22,6 +23,7 @@ mod info;
 mod licences;
 #[cfg(feature = "live")]
 mod live;
+mod live_forces;
 mod man;
 mod mapping;
 mod merge;
@@ -35,10 +37,13 @@ mod plan;
 mod ports;
 mod quality;
 mod record;
+mod rms_limits;
 mod row_limit;
 mod serial;
 mod simulate;
 mod simulate_board;
+mod stream;
+mod streaming;
 mod synth;
 mod synth_pair;
 mod synth_trial;
@@ -82,6 +87,14 @@ pub(crate) enum Command {
     #[cfg(feature = "live")]
     Live(Deferred<live::LiveArgs>),
 
+    /// Pass frames on to other programs as they arrive: JSON lines or CSV, over a pipe, UDP or TCP
+    ///
+    /// Each row has t_s (the board's clock), index (sequence number), host_s (when it arrived), the readings s1 to s8,
+    /// with a calibration the forces fx_n to mz_nm and their standard errors fx_se_n to mz_se_nm, flags, row (number of
+    /// the row), and lost (rows that this reader was too slow for). A slow reader loses rows and delays no other.
+    /// Lines on the standard input are commands: tare, untare, mark, rate HZ, rate all.
+    Stream(Deferred<stream::StreamArgs>),
+
     /// Say what is wrong with a port and its board, a log or a calibration, and what to do about it
     ///
     /// Each thing that is looked at is named with what was seen. The exit code is 1 where there is a
@@ -110,9 +123,10 @@ pub(crate) enum Command {
 
     /// Fit a calibration to logs with readings and a measured wrench
     ///
-    /// Prints the error of every axis, on the training logs and on test logs that the fit has not
-    /// seen. Logs are read once. Rows are kept in the memory of `--memory`; where they take more, the
-    /// errors come from sums, without the largest, unless `--residuals` asks for a second reading.
+    /// Compares models on groups of rows that are held out (a group column, files, poses that are found, or
+    /// stretches of time) and takes the best. The output starts with a verdict: the error on data that were not
+    /// used for the fit, the 95 % interval of a frame, what to use the calibration for, what to record next.
+    /// Exits with 1 when that error is above `--max-rms`.
     Fit(Deferred<fit::FitArgs>),
 
     /// Merge partial fits to a calibration
@@ -125,6 +139,12 @@ pub(crate) enum Command {
     ///
     /// Exits with 1 when the RMS error of an axis over all logs is above its limit.
     Eval(Deferred<eval::EvalArgs>),
+
+    /// Compare two calibrations on the same test logs
+    ///
+    /// Prints the errors of both, their paired difference with a 95 % interval over groups of rows (the group column,
+    /// files, poses that are found), and which errs less on each axis.
+    Compare(Deferred<compare::CompareArgs>),
 
     /// Convert logs of readings to forces and moments
     ///
@@ -234,6 +254,7 @@ impl Command {
             Command::Record(args) => args.run(printer),
             #[cfg(feature = "live")]
             Command::Live(args) => args.run(printer),
+            Command::Stream(args) => args.run(printer),
             Command::Doctor(args) => args.run(printer),
             Command::Info(args) => args.run(printer),
             Command::Align(args) => args.run(printer, outputs),
@@ -241,6 +262,7 @@ impl Command {
             Command::Fit(args) => args.run(printer, outputs),
             Command::Merge(args) => args.run(printer, outputs),
             Command::Eval(args) => args.run(printer, outputs),
+            Command::Compare(args) => args.run(printer),
             Command::Convert(args) => args.run(printer, outputs),
             Command::Payload(args) => args.run(printer, outputs),
             Command::Noise(args) => args.run(printer),

@@ -2,17 +2,17 @@
 
 use std::time::Duration;
 
-use board_link::recording::{LiveForces, Losses, protocol_name};
+use board_link::recording::{Losses, protocol_name};
 use board_link::{
-    AppendWriter, RecordOptions, Recorded, RecordedBoard, RecordingProgress, Sinks, Source, record,
+    AppendWriter, RecordOptions, Recorded, RecordedBoard, RecordingProgress, Sinks, Source,
+    Unwatched, Watcher, record,
 };
-use calibration::Calibration;
-use forces::{ForceOptions, LowPass, TareRule};
+use frame_stream::{RowOptions, StreamHandle};
 use shell_data::wrench::Axis;
 
-use super::edited::EditedArg;
-use super::frames::{describe_forces, parse_tare};
+use super::live_forces::LiveForceArgs;
 use super::serial::{FramingArg, SerialArgs};
+use super::streaming::{self, StreamToArgs};
 use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
@@ -30,7 +30,7 @@ pub(crate) struct RecordArgs {
 
     /// Log to write; where a base station hears several boards, that of the first of them, and beside it
     /// one for each other, with the address in its name
-    #[arg(long, short, value_name = "LOG", required_unless_present = "raw")]
+    #[arg(long, short, value_name = "LOG", required_unless_present_any = ["raw", "stream"])]
     output: Option<OutputPath>,
 
     /// Write the bytes as they arrive, for `--replay`
@@ -49,31 +49,11 @@ pub(crate) struct RecordArgs {
     #[arg(long, value_name = "FRAMING", value_enum)]
     framing: Option<FramingArg>,
 
-    /// Calibration for forces beside the readings
-    #[arg(long, value_name = "CAL", requires = "output")]
-    calibration: Option<InputPath>,
+    #[command(flatten)]
+    forces: LiveForceArgs,
 
-    /// Subtract the mean wrench of the first N frames from the forces after them [default: 50]; or,
-    /// with `rests`, that of the last stretch at rest
-    #[arg(long, value_name = "N|rests", requires = "calibration", value_parser = parse_tare)]
-    tare: Option<TareRule>,
-
-    /// Subtract nothing
-    #[arg(long, requires = "calibration", conflicts_with = "tare")]
-    no_tare: bool,
-
-    /// Cutoff of the Butterworth low-pass over the forces, in Hz; causal, as nothing later is known
-    /// [default: 10, where the rate is above 20 Hz]
-    #[arg(long, value_name = "HZ", requires = "calibration")]
-    lowpass: Option<f64>,
-
-    /// Do not filter the forces
-    #[arg(long, requires = "calibration", conflicts_with = "lowpass")]
-    no_lowpass: bool,
-
-    /// Number of poles of the low-pass
-    #[arg(long, value_name = "N", requires = "calibration", default_value_t = 4)]
-    order: usize,
+    #[command(flatten)]
+    stream: StreamToArgs,
 
     /// Leave readings as they were sampled, the channels of a row one after the other within some ms,
     /// instead of bringing them to one time
@@ -89,27 +69,24 @@ pub(crate) struct RecordArgs {
     start: bool,
 
     #[command(flatten)]
-    edited: EditedArg,
-
-    #[command(flatten)]
     serial: SerialArgs,
 }
 
 impl RecordArgs {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
-        let calibration =
-            self.calibration.as_ref().map(|path| self.edited.read(path)).transpose()?;
+        if self.forces.is_given() && self.output.is_none() && !self.stream.is_given() {
+            anyhow::bail!(
+                "`--calibration` is for a log or a stream: name `--output` or `--stream`"
+            );
+        }
         let options = RecordOptions {
             protocol: self.framing.map(FramingArg::protocol),
-            forces: calibration.map(|file| self.forces(file.calibration)),
+            forces: self.forces.read(printer)?,
             duration: self.duration,
             start: self.start.then(|| self.serial.uplink(self.framing)).transpose()?,
             as_sampled: self.as_sampled,
             labels: false,
         };
-        if let Some(forces) = &options.forces {
-            printer.note(describe_forces(&forces.options));
-        }
         let stop = signals::stop_flag()?;
         let mut source = match (&self.port, &self.replay) {
             (Some(port), _) => Source::port(self.serial.port(port), self.reconnect)?,
@@ -117,10 +94,11 @@ impl RecordArgs {
             (None, None) => anyhow::bail!("neither a port nor a file to replay"),
         };
         let writer = |path: &OutputPath| AppendWriter::create(path, self.overwrite);
+        let (watcher, streamed) = self.watcher(printer, &options)?;
         let sinks = Sinks {
             log: self.output.as_ref().map(writer).transpose()?,
             raw: self.raw.as_ref().map(writer).transpose()?,
-            watcher: None,
+            watcher: Some(watcher),
         };
         let status = printer.status();
         let mut show = |progress: &RecordingProgress| {
@@ -129,24 +107,21 @@ impl RecordArgs {
         };
         let recorded = record(&mut source, sinks, &options, &stop, &mut show);
         status.finish_and_clear();
+        streaming::finish(printer, streamed.as_ref())?;
         report(&recorded?, printer)?;
         Ok(Outcome::Done)
     }
 
-    fn forces(&self, calibration: Calibration) -> LiveForces {
-        let usual = ForceOptions::default();
-        let cutoff_hz = self.lowpass.unwrap_or(LowPass::default().cutoff_hz);
-        let low_pass = LowPass { cutoff_hz, order: self.order, zero_phase: false };
-        let options = ForceOptions {
-            tare: match self.tare {
-                _ if self.no_tare => TareRule::Untared,
-                tare => tare.unwrap_or(usual.tare),
-            },
-            low_pass: (!self.no_lowpass).then_some(low_pass),
-            low_pass_is_optional: self.lowpass.is_none(),
-            ..usual
-        };
-        LiveForces { calibration, options: options.causal() }
+    /// What looks on: a stream, if there is one, with commands from the standard input.
+    fn watcher(
+        &self,
+        printer: &mut Printer,
+        options: &RecordOptions,
+    ) -> anyhow::Result<(Box<dyn Watcher>, Option<StreamHandle>)> {
+        let one_time = !self.as_sampled;
+        let rows = RowOptions { forces: options.forces.clone(), from_log: false, one_time };
+        let commands = self.stream.is_given().then(|| streaming::commands(printer, None));
+        self.stream.watch(printer, rows, commands.transpose()?, Box::new(Unwatched))
     }
 }
 

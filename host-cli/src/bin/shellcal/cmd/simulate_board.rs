@@ -1,8 +1,10 @@
 //! `shellcal board --simulate`: is a board, until Ctrl-C.
 
+use std::io::{self, BufRead};
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -14,7 +16,7 @@ use simulation::radio::{Books, Faults};
 use simulation::sensor_model::LoadTable;
 use simulation::simulated_board::{BoardSettings, Load, SimulatedBoard};
 
-use crate::files::{InputPath, OutputPlace};
+use crate::files::{InputOrStdin, OutputPlace};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 use crate::signals;
@@ -23,10 +25,11 @@ use crate::signals;
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Simulated board")]
 pub(crate) struct SimulationArgs {
-    /// Load over time, on straight lines between rows and over and over: a log with time and wrench
+    /// Load over time, on straight lines between rows and over and over: a log with time and wrench; or `-`: a line
+    /// on the standard input, FX,FY,FZ,MX,MY,MZ in N and N·m, is the load until the next
     /// [default: 5 s of rest, then hands]
-    #[arg(long, conflicts_with = "port", value_name = "LOG")]
-    load: Option<InputPath>,
+    #[arg(long, conflicts_with = "port", value_name = "LOG|-")]
+    load: Option<InputOrStdin>,
 
     /// Which recording: its noise, light, hands, and the faults of the radio
     #[arg(long, conflicts_with = "port", value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(..1 << 60))]
@@ -80,6 +83,10 @@ pub(crate) struct SimulationArgs {
     /// End after so many seconds
     #[arg(long, conflicts_with = "port", value_name = "S", value_parser = super::record::parse_duration)]
     duration: Option<Duration>,
+
+    /// End when the standard input ends, for a program that runs this one
+    #[arg(long, conflicts_with = "port")]
+    until_eof: bool,
 }
 
 /// For how long the radio holds packets back, at most, in µs.
@@ -87,11 +94,16 @@ const HOLD_US: u64 = 80_000;
 
 impl SimulationArgs {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+        let stop = signals::stop_flag()?;
+        let commanded = Arc::default();
         let load = match &self.load {
+            Some(path) if path.is_stdin() => Load::Commanded(Arc::clone(&commanded)),
             Some(path) => Load::Table(read_load(path)?),
             None => Load::hands(self.seed),
         };
-        let stop = signals::stop_flag()?;
+        if self.until_eof || matches!(load, Load::Commanded(_)) {
+            self.listen(printer, commanded, Arc::clone(&stop))?;
+        }
         let settings = BoardSettings {
             load,
             seed: self.seed,
@@ -118,6 +130,29 @@ impl SimulationArgs {
             printer.note(describe(way, &books));
         }
         Ok(outcome)
+    }
+
+    /// Takes loads from the standard input, and ends with it if that is wanted.
+    fn listen(
+        &self,
+        printer: &Printer,
+        load: Arc<Mutex<PerAxis<f64>>>,
+        stop: Arc<AtomicBool>,
+    ) -> io::Result<()> {
+        let (mut printer, until_eof) = (printer.clone(), self.until_eof);
+        let listen = move || {
+            for line in io::stdin().lock().lines().map_while(Result::ok) {
+                match parse_load(&line) {
+                    Some(wrench) => *load.lock().unwrap_or_else(PoisonError::into_inner) = wrench,
+                    None => printer
+                        .warning(format!("`{line}` is no load: FX,FY,FZ,MX,MY,MZ in N and N·m")),
+                }
+            }
+            if until_eof {
+                stop.store(true, Ordering::Relaxed);
+            }
+        };
+        thread::Builder::new().name("load".to_owned()).spawn(listen).map(drop)
     }
 
     fn faults(&self) -> Faults {
@@ -154,6 +189,12 @@ fn describe(way: &str, books: &Books) -> String {
         "packets {way}: {sent} sent, {lost} lost, {lost_in_bursts} lost in bursts, {duplicated} \
          sent twice, {held_back} held back, {corrupted} corrupted"
     )
+}
+
+fn parse_load(line: &str) -> Option<PerAxis<f64>> {
+    let number = |field: &str| field.trim().parse().ok().filter(|number: &f64| number.is_finite());
+    let numbers: Vec<f64> = line.split(',').map(number).collect::<Option<_>>()?;
+    numbers.try_into().ok()
 }
 
 /// The load in a log.

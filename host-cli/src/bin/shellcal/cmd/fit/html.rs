@@ -1,24 +1,18 @@
 //! `shellcal fit --report`: a calibration as one HTML file.
 
-use calibration::Kind;
 use calibration::fit::{Fit, FitMethod, FoundKind, GroupBy, group_errors, label_poses_or_files};
-use calibration::physics::PhysicsValidation;
-use calibration::uncertainty::{CoefficientCovariance, Covariance};
 use calibration_file::CalibrationFile;
 use figures::{Size, coverage_figure, fit_figure};
-use report::{CalibrationReport, FewGroups, Heading, Intervals, OutlierTable};
+use report::{CalibrationReport, FewGroups, Heading, OutlierTable};
 use shell_data::dataset::Dataset;
 use shellcal::workflow::report::{calibration_facts, group_rows};
 
 use super::super::origin;
 use super::OutliersArg;
-use super::plan::{FitPlan, Told};
+use super::plan::{FitPlan, NamedRows};
 
 /// So many loads are drawn of the training rows, and as many of the test rows.
 const LOADS: u64 = 600;
-
-/// Intervals of this level are named.
-const LEVEL: f64 = 0.95;
 
 impl FitPlan<'_> {
     /// The report of a calibration.
@@ -26,7 +20,7 @@ impl FitPlan<'_> {
         &self,
         file: &CalibrationFile,
         fitted: &Fit,
-        told: &Told,
+        named: &NamedRows,
     ) -> anyhow::Result<String> {
         let (calibration, axes) = (&file.calibration, file.calibration.axes);
         let diagnostics = file.origin.diagnostics.as_ref();
@@ -56,7 +50,7 @@ impl FitPlan<'_> {
             features: fitted.parameter_count(),
             rank: fitted.rank(),
             has_standard_errors: calibration.has_standard_errors(),
-            intervals: intervals(fitted),
+            verdict: &fitted.verdict().lines(),
             few_groups: fitted
                 .few_groups
                 .map(|few| FewGroups { features: few.features, groups: few.groups }),
@@ -67,7 +61,7 @@ impl FitPlan<'_> {
             test_rows: [tested.rows, tested.out_of_range_rows],
             train_groups: &group_rows(&train.groups),
             test_groups: &group_rows(&test.groups),
-            outliers: self.outlier_rows(told),
+            outliers: self.outlier_rows(named),
             figure: &fit_figure(Size::Screen, &title, axes, &of_train, of_test.as_ref()),
             coverage: &coverage_figure(&train.loads, &test.loads),
         };
@@ -75,15 +69,15 @@ impl FitPlan<'_> {
     }
 
     /// What a report says of outliers: those that were left out, or were named.
-    fn outlier_rows(&self, told: &Told) -> Option<OutlierTable> {
-        let Told { named, dropped } = told;
+    fn outlier_rows(&self, named: &NamedRows) -> Option<OutlierTable> {
+        let NamedRows { used, dropped } = named;
         let dropped = dropped.as_ref().map(|dropped| dropped.rows(true));
         match self.args.outliers.unwrap_or(OutliersArg::Report) {
             OutliersArg::Keep => None,
             OutliersArg::Drop => dropped,
             OutliersArg::Report => dropped
                 .filter(|dropped| dropped.count > 0)
-                .or_else(|| named.as_ref().map(|named| named.rows(false)))
+                .or_else(|| used.as_ref().map(|used| used.rows(false)))
                 .or_else(|| Some(OutlierTable::default())),
         }
     }
@@ -101,42 +95,4 @@ fn labelled(fitted: &Fit) -> Dataset {
         Some(_) => fitted.used.clone(),
         None => label_poses_or_files(&fitted.used),
     }
-}
-
-fn intervals(fitted: &Fit) -> Option<Intervals> {
-    match (fitted.calibration.kind(), &fitted.method) {
-        (Kind::Polynomial(_), _) => {
-            fitted.calibration.covariance.as_ref().and_then(intervals_of_covariance)
-        }
-        (Kind::Physics(_), FitMethod::Physics(physics)) => {
-            physics.validation.as_ref().and_then(intervals_held_out)
-        }
-        _ => None,
-    }
-}
-
-/// The intervals of groups that were held out, and what they held.
-fn intervals_held_out(validation: &PhysicsValidation) -> Option<Intervals> {
-    let coverage = validation.coverage()?;
-    let least = coverage.iter().map(|(share, _)| *share).fold(f64::INFINITY, f64::min);
-    Some(Intervals {
-        half_widths: coverage.map(|(_, half)| half),
-        of: format!(
-            "groups that were held out, of which they held {:.0} % or more on every axis",
-            100.0 * least
-        ),
-        of_rows: false,
-    })
-}
-
-/// The intervals that a covariance gives, where it can.
-fn intervals_of_covariance(covariance: &Covariance) -> Option<Intervals> {
-    let factors = covariance.interval_factors(LEVEL).ok()?;
-    let sd = covariance.residual_sd();
-    let (of, of_rows) = match &covariance.coefficients {
-        CoefficientCovariance::Groups { groups, .. } => (format!("{groups} groups of rows"), false),
-        CoefficientCovariance::Rows { .. } => ("rows taken as independent".to_owned(), true),
-    };
-    let half_widths = std::array::from_fn(|axis| factors[axis] * sd[axis]);
-    Some(Intervals { half_widths, of, of_rows })
 }

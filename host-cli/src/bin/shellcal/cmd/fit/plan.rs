@@ -46,10 +46,10 @@ struct Opened {
     dropped: Option<AtomicFile>,
 }
 
-/// What was said of a fit before its tables.
-pub(super) struct Told {
+/// Rows of a fit with their files and lines.
+pub(super) struct NamedRows {
     /// Outliers that were used, where some were looked for.
-    pub(super) named: Option<NamedOutliers>,
+    pub(super) used: Option<NamedOutliers>,
     /// Rows that were left out.
     pub(super) dropped: Option<NamedOutliers>,
 }
@@ -105,26 +105,32 @@ impl<'a> FitPlan<'a> {
         error.context(logs.collect::<Vec<_>>().join(", "))
     }
 
-    /// Says what is to be known of a fit beside its figures, and lists the rows that were left out.
-    pub(super) fn tell(
-        &self,
-        data: &FitData,
-        fitted: &Fit,
-        printer: &mut Printer,
-    ) -> anyhow::Result<Told> {
+    /// Names the outliers, and lists the rows that were left out.
+    pub(super) fn name_rows(&self, data: &FitData, fitted: &Fit) -> anyhow::Result<NamedRows> {
         let name = |found: &Outliers| NamedOutliers::new(found.clone(), &self.train, &data.wanted);
-        let dropped = match (&self.args.dropped, self.opened.borrow_mut().dropped.take()) {
-            (Some(path), Some(mut output)) => {
+        let dropped = match self.opened.borrow_mut().dropped.take() {
+            Some(mut output) => {
                 let dropped = name(&fitted.dropped)?;
                 dropped.write(&mut output)?;
                 output.commit()?;
-                dropped.warn(printer);
-                let (rows, path) = (dropped.count(), path.display());
-                printer.note(format!("left out {rows} rows, listed in `{path}`"));
                 Some(dropped)
             }
+            None => None,
+        };
+        let used = match &fitted.outliers {
+            Some(Ok(found)) => Some(name(found)?),
             _ => None,
         };
+        Ok(NamedRows { used, dropped })
+    }
+
+    /// Says what is to be known of a fit beside its figures.
+    pub(super) fn tell(&self, fitted: &Fit, named: &NamedRows, printer: &mut Printer) {
+        if let (Some(dropped), Some(path)) = (&named.dropped, &self.args.dropped) {
+            dropped.warn(printer);
+            let (rows, path) = (dropped.count(), path.display());
+            printer.note(format!("left out {rows} rows, listed in `{path}`"));
+        }
         note_axes(self.axes, printer);
         if let Some(groups) = fitted.found_groups {
             note_found(printer, groups);
@@ -146,7 +152,9 @@ impl<'a> FitPlan<'a> {
         }
         match &fitted.comparison {
             Some(Ok(comparison)) => printer.note(comparison.to_string()),
-            Some(Err(reason)) => printer.note(format!("physics was not weighed: {reason}")),
+            Some(Err(reason)) => {
+                printer.note(format!("the physics model was not compared: {reason}"));
+            }
             None => {}
         }
         let is_early = |warning: &&Warning| !matches!(warning, Warning::OutOfRange { .. });
@@ -156,25 +164,18 @@ impl<'a> FitPlan<'a> {
                 false => printer.warning(warning.to_string()),
             }
         }
-        let named = match &fitted.outliers {
-            None => None,
-            Some(Err(reason)) => {
-                printer.note(format!("some rows stand out, and were not looked at: {reason}"));
-                None
+        if let Some(Err(reason)) = &fitted.outliers {
+            printer.note(format!("some rows stand out, and were not looked at: {reason}"));
+        }
+        if let Some(used) = &named.used {
+            used.warn(printer);
+            if used.count() > 0 {
+                printer.note(
+                    "`--outliers drop --dropped FILE.csv` fits without them, `--outliers keep` does \
+                     not look",
+                );
             }
-            Some(Ok(found)) => {
-                let named = name(found)?;
-                named.warn(printer);
-                if named.count() > 0 {
-                    printer.note(
-                        "`--outliers drop --dropped FILE.csv` fits without them, `--outliers keep` does \
-                         not look",
-                    );
-                }
-                Some(named)
-            }
-        };
-        Ok(Told { named, dropped })
+        }
     }
 
     /// The calibration file.
@@ -235,7 +236,7 @@ impl<'a> FitPlan<'a> {
 impl FitArgs {
     /// Whether the arguments go together.
     fn check(&self) -> anyhow::Result<()> {
-        let is_physics = self.model.0 == ModelRule::Physics;
+        let is_physics = self.model() == ModelRule::Physics;
         anyhow::ensure!(
             self.truncate.is_none() || self.solver.0 == SolverKind::Svd,
             "`--truncate` is for `--solver svd`"
@@ -270,6 +271,10 @@ impl FitArgs {
         Ok(())
     }
 
+    fn model(&self) -> ModelRule {
+        self.model.map_or(ModelRule::Auto, |model| model.0)
+    }
+
     /// What was asked for that polynomials alone have.
     fn polynomials_only(&self) -> Option<&'static str> {
         let asked = [
@@ -283,7 +288,7 @@ impl FitArgs {
 
     /// What is done about lag and memory: without a word of either, both are chosen where the model is.
     fn dynamics(&self, has_time: bool) -> DynamicsRule<'_> {
-        let default = match self.model.0 {
+        let default = match self.model() {
             ModelRule::Auto if !self.means => DynamicsRule::AUTO,
             _ => DynamicsRule::NOTHING,
         };
@@ -306,16 +311,16 @@ impl FitArgs {
     fn options(&self, has_time: bool) -> FitOptions<'_> {
         FitOptions {
             dynamics: self.dynamics(has_time),
-            model: self.model.0,
+            model: self.model(),
             intercept: !self.no_intercept,
             ridge: self.ridge,
             solver: self.solver.0,
             truncate: self.truncate,
             cross_validation: self.cv,
             seed: self.cv_seed,
-            // A covariance is of use in a calibration file; one by groups is found for whoever asks for it.
+            // A covariance is of use in a calibration file, and for the verdict on a model that is judged.
             covariance: match self.covariance {
-                CovarianceArg::Auto | CovarianceArg::Rows if !self.keeps() => {
+                CovarianceArg::Auto | CovarianceArg::Rows if !self.keeps() && !self.judges() => {
                     CovarianceRule::Nothing
                 }
                 asked => asked.rule(),
@@ -331,6 +336,11 @@ impl FitArgs {
             polynomials_only: self.polynomials_only(),
             workers: Workers { threads: self.mapping.threads.map_or(0, usize::from), watch: None },
         }
+    }
+
+    /// Whether errors on held-out groups are found.
+    fn judges(&self) -> bool {
+        self.cv.is_some() || self.model() == ModelRule::Auto
     }
 
     /// Whether what is found is kept, and not only printed.

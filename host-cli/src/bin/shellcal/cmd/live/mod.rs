@@ -1,9 +1,7 @@
-//! `shellcal live`: forces as they come, in the terminal, in a browser or in Foxglove.
+//! `shellcal live`: forces as they come, in the terminal or in a browser.
 
 mod browser;
 mod canvas;
-#[cfg(feature = "foxglove")]
-mod foxglove;
 mod guide_screen;
 mod screen;
 mod session;
@@ -16,10 +14,8 @@ use std::thread;
 use std::time::Duration;
 
 use board_link::recording::LiveForces;
-use board_link::{AppendWriter, PortOptions, RecordOptions, Sinks, Source, record};
-use forces::{ForceOptions, LowPass, TareRule};
-#[cfg(feature = "foxglove")]
-use foxglove_view::FoxgloveServer;
+use board_link::{AppendWriter, PortOptions, RecordOptions, Sinks, Source, Watcher, record};
+use frame_stream::{RowOptions, StreamHandle};
 use live_view::web::Server;
 use live_view::{Guide, GuidedLoad, LiveModel, LiveSetup};
 use load_table::HungLoad;
@@ -28,12 +24,13 @@ use serde_json::json;
 use shell_data::wrench::Axes;
 use shellcal::workflow::live::{Feed, LiveRows, play};
 
-use super::edited::EditedArg;
-use super::frames::describe_forces;
+use super::live_forces::LiveForceArgs;
 use super::mapping::MappingArgs;
 use super::place::is_port;
 use super::record::parse_duration;
 use super::serial::{FramingArg, SerialArgs};
+use super::stream::parse_speed;
+use super::streaming::{self, StreamToArgs};
 use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
@@ -58,25 +55,11 @@ pub(crate) struct LiveArgs {
     #[arg(value_name = "PORT|LOG")]
     name: InputPath,
 
-    /// Calibration for forces; without one readings are shown
-    #[arg(long, value_name = "CAL")]
-    calibration: Option<InputPath>,
+    #[command(flatten)]
+    forces: LiveForceArgs,
 
     #[command(flatten)]
-    edited: EditedArg,
-
-    /// Subtract nothing, rather than the mean wrench of the first 50 frames
-    #[arg(long, requires = "calibration")]
-    no_tare: bool,
-
-    /// Cutoff of the Butterworth low-pass over the forces, in Hz; causal
-    /// [default: 10, where the rate is above 20 Hz]
-    #[arg(long, value_name = "HZ", requires = "calibration")]
-    lowpass: Option<f64>,
-
-    /// Do not filter the forces
-    #[arg(long, requires = "calibration", conflicts_with = "lowpass")]
-    no_lowpass: bool,
+    stream: StreamToArgs,
 
     /// Record from the start; `r` ends it, and begins a next log with a number in its name
     #[arg(long, short, value_name = "LOG")]
@@ -118,23 +101,6 @@ pub(crate) struct LiveArgs {
     )]
     serve: Option<SocketAddr>,
 
-    /// Send every row to Foxglove, rather than to the terminal; at 127.0.0.1:8765 unless told otherwise
-    #[cfg(feature = "foxglove")]
-    #[arg(
-        long,
-        value_name = "IP:PORT",
-        num_args = 0..=1,
-        require_equals = true,
-        default_missing_value = foxglove::LOOPBACK,
-        conflicts_with_all = ["serve", "ascii", "window"]
-    )]
-    foxglove: Option<SocketAddr>,
-
-    /// Frame of the wrenches for Foxglove
-    #[cfg(feature = "foxglove")]
-    #[arg(long, value_name = "NAME", default_value = "shell", requires = "foxglove")]
-    frame_id: String,
-
     /// Draw with ASCII [default: where the locale is not UTF-8]
     #[arg(long, conflicts_with = "serve")]
     ascii: bool,
@@ -155,8 +121,6 @@ enum Display {
     Terminal,
     /// With the address to open.
     Browser(Server, String),
-    #[cfg(feature = "foxglove")]
-    Foxglove(FoxgloveServer),
 }
 
 /// How a source has ended.
@@ -164,15 +128,9 @@ type SourceEnd = anyhow::Result<()>;
 
 impl LiveArgs {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
-        let calibration =
-            self.calibration.as_ref().map(|path| self.edited.read(path)).transpose()?;
-        let forces = calibration
-            .map(|file| LiveForces { calibration: file.calibration, options: self.forces() });
+        let forces = self.forces.read(printer)?;
         let ranges = forces.as_ref().and_then(|forces| forces.calibration.valid_range.clone());
         let rows = LiveRows::new(forces.clone())?;
-        if let Some(forces) = &forces {
-            printer.note(describe_forces(&forces.options));
-        }
         let stop = signals::stop_flag()?;
         let (feed, done) = (Feed::default(), Arc::new(AtomicBool::new(false)));
         let name = self.name.display().to_string();
@@ -180,13 +138,14 @@ impl LiveArgs {
         let mut logs = self.logs(is_port)?;
         let guide = self.guide(is_port)?;
         // What cannot work is said before the screen is taken.
+        let (watcher, streamed) = self.watcher(printer, &forces, &feed, is_port)?;
         let display = self.display()?;
         let first =
             logs.as_mut().filter(|_| self.output.is_some()).map(LogSeries::next).transpose()?;
         let calibrated = forces.as_ref().map(|forces| forces.calibration.axes);
         let (source, recorded) = match is_port {
-            true => (self.record(&name, forces, first, &feed, &done)?, Axes::ALL),
-            false => self.play(&feed, &done)?,
+            true => (self.record(&name, forces, first, watcher, &feed, &done)?, Axes::ALL),
+            false => self.play(watcher, &feed, &done)?,
         };
         // Without a calibration a wrench is the board's or the log's own.
         let axes = calibrated.unwrap_or(recorded);
@@ -211,17 +170,12 @@ impl LiveArgs {
                 announce(printer, server.address(), &address, danger)
                     .and_then(|()| browser::run(&mut session, server, &until))
             }
-            #[cfg(feature = "foxglove")]
-            Display::Foxglove(server) => {
-                let address = format!("ws://{}", server.address());
-                announce(printer, server.address(), &address, "whoever reaches it can look on")
-                    .and_then(|()| foxglove::run(&mut session, server, axes, &until))
-            }
         };
         done.store(true, Ordering::Relaxed);
         let ended =
             source.join().unwrap_or_else(|_| Err(anyhow::anyhow!("the recording panicked")));
         shown?;
+        streaming::finish(printer, streamed.as_ref())?;
         for line in session.report() {
             match printer.json() {
                 true => printer.note(line),
@@ -265,29 +219,25 @@ impl LiveArgs {
         Ok(Some(Guide::new(table.loads().iter().zip(gains).map(guided).collect())))
     }
 
+    /// What looks on: the view, and the stream if there is one.
+    fn watcher(
+        &self,
+        printer: &mut Printer,
+        forces: &Option<LiveForces>,
+        feed: &Feed,
+        is_port: bool,
+    ) -> anyhow::Result<(Box<dyn Watcher>, Option<StreamHandle>)> {
+        let rows = RowOptions { forces: forces.clone(), from_log: !is_port, one_time: false };
+        self.stream.watch(printer, rows, None, feed.watcher())
+    }
+
     /// Opens what it is shown in.
     fn display(&self) -> anyhow::Result<Display> {
-        #[cfg(feature = "foxglove")]
-        if let Some(at) = self.foxglove {
-            return Ok(Display::Foxglove(FoxgloveServer::start(at, "shellcal", &self.frame_id)?));
-        }
         match self.serve {
             Some(at) => {
                 browser::start(at).map(|(server, address)| Display::Browser(server, address))
             }
             None => view::require_terminal().map(|()| Display::Terminal),
-        }
-    }
-
-    fn forces(&self) -> ForceOptions {
-        let cutoff_hz = self.lowpass.unwrap_or(LowPass::default().cutoff_hz);
-        let low_pass = LowPass { cutoff_hz, zero_phase: false, ..LowPass::default() };
-        let usual = ForceOptions::default();
-        ForceOptions {
-            tare: if self.no_tare { TareRule::Untared } else { usual.tare },
-            low_pass: (!self.no_lowpass).then_some(low_pass),
-            low_pass_is_optional: self.lowpass.is_none(),
-            ..usual
         }
     }
 
@@ -297,6 +247,7 @@ impl LiveArgs {
         port: &str,
         forces: Option<LiveForces>,
         log: Option<AppendWriter>,
+        watcher: Box<dyn Watcher>,
         feed: &Feed,
         done: &Arc<AtomicBool>,
     ) -> anyhow::Result<thread::JoinHandle<SourceEnd>> {
@@ -312,7 +263,7 @@ impl LiveArgs {
         let mut source = Source::port(options, true)?;
         let (feed, done) = (feed.clone(), Arc::clone(done));
         let run = move || {
-            let sinks = Sinks { log, raw: None, watcher: Some(feed.watcher()) };
+            let sinks = Sinks { log, raw: None, watcher: Some(watcher) };
             let mut tell = |progress: &_| feed.report(progress);
             let recorded = record(&mut source, sinks, &options_of_recording, &done, &mut tell);
             end_with(recorded, &done)
@@ -322,14 +273,20 @@ impl LiveArgs {
 
     fn play(
         &self,
+        mut watcher: Box<dyn Watcher>,
         feed: &Feed,
         done: &Arc<AtomicBool>,
     ) -> anyhow::Result<(thread::JoinHandle<SourceEnd>, Axes)> {
         let log = Log::open(&self.name, &self.mapping.mapping()?)?;
-        let (wants_readings, axes) = (self.calibration.is_some(), log.axes());
+        let (wants_readings, axes) = (self.forces.is_given(), log.axes());
         let read = self.mapping.read_options();
         let (feed, done, speed) = (feed.clone(), Arc::clone(done), self.speed);
-        let run = move || end_with(play(&log, &read, wants_readings, speed, &feed, &done), &done);
+        let run = move || {
+            let is_held = || feed.is_held();
+            let mut see = |frames: &_| watcher.see(frames);
+            let played = play(&log, &read, wants_readings, speed, &is_held, &done, &mut see);
+            end_with(played, &done)
+        };
         Ok((thread::Builder::new().name("play".to_owned()).spawn(run)?, axes))
     }
 }
@@ -363,13 +320,5 @@ fn end_with<T, E: Into<anyhow::Error>>(result: Result<T, E>, done: &AtomicBool) 
             done.store(true, Ordering::Relaxed);
             Err(error.into())
         }
-    }
-}
-
-fn parse_speed(text: &str) -> Result<f64, String> {
-    let speed: f64 = text.parse().map_err(|_| "a factor, such as 4".to_owned())?;
-    match (0.001..=1000.0).contains(&speed) {
-        true => Ok(speed),
-        false => Err("a factor from 0.001 to 1000".to_owned()),
     }
 }

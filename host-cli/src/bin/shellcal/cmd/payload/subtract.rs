@@ -10,7 +10,7 @@ use log_file::{ColumnRef, Log, Mapping, Meaning, MomentUnit, Wanted};
 use output_file::Outputs;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 use shellcal::workflow::convert::{
-    Conversion, ConvertOptions, DEFAULT_FRAME_ID, OutputFormat, OutputPlan, TableColumns, convert,
+    Conversion, ConvertOptions, OutputFormat, OutputPlan, RecordingFrame, TableColumns, convert,
 };
 use shellcal::workflow::selection::RowFilter;
 
@@ -62,7 +62,7 @@ impl SubtractArgs {
             anyhow::bail!("`--json` needs `--output`: the table would go to the same place");
         }
         let format = match &self.output {
-            Some(path) => OutputFormat::from_path(path, DEFAULT_FRAME_ID)?,
+            Some(path) => OutputFormat::from_path(path, &RecordingFrame::default())?,
             None => OutputFormat::Csv,
         };
         let file = PayloadFile::read(&self.payload)?;

@@ -1,0 +1,212 @@
+//! Fewer rows per second, without aliasing.
+//!
+//! Every number of a row passes a causal Butterworth low-pass of order 8 at 0.4 of the new rate, and every
+//! so-many-th row is passed on. What is above 0.6 of the new rate, which would appear below 0.4 of it, is
+//! attenuated by 1/√(1 + 1.5¹⁶) or more, 28 dB (S. Butterworth, 1930); what is above the new rate by 64 dB.
+//! The filter delays what passes it by some 1/rate.
+
+use forces::filter::{Butterworth, Filter};
+use forces::{Clock, ClockSearch, Grid, RowRule};
+use shared_proto::CHANNELS;
+use shell_data::wrench::Axis;
+
+use crate::rows::{StreamRow, add_flag};
+
+const ORDER: usize = 8;
+
+/// The cutoff, as a share of the new rate.
+const CUTOFF: f64 = 0.4;
+
+/// What is forgotten of the signal before a pause, as a share of it.
+const FORGOTTEN: f64 = 1e-6;
+
+/// Numbers of a row that are filtered.
+const COLUMNS: usize = CHANNELS + Axis::ALL.len();
+
+/// Lowers the rate of rows.
+#[derive(Clone, Debug)]
+pub struct Decimator {
+    rate_hz: f64,
+    stage: Stage,
+    /// Flags of rows since the last that was passed on.
+    flags: String,
+}
+
+#[derive(Clone, Debug)]
+enum Stage {
+    /// The clock is being found in the first rows, which wait.
+    Search(ClockSearch, Vec<StreamRow>),
+    /// The rows are not faster than wanted.
+    All,
+    Filtered(Box<Filtered>),
+}
+
+#[derive(Clone, Debug)]
+struct Filtered {
+    clock: Clock,
+    grid: Grid,
+    /// Slots after which the filter has forgotten.
+    memory: u64,
+    design: Butterworth,
+    filters: Vec<Option<(Filter, f64)>>,
+    slot: u64,
+    /// Periods of the new rate before the last row that was passed on.
+    period: Option<i64>,
+}
+
+impl Decimator {
+    /// Passes `rate_hz` rows per second on, all where they are fewer.
+    pub fn new(rate_hz: f64) -> Self {
+        let stage = Stage::Search(ClockSearch::default(), Vec::new());
+        Self { rate_hz, stage, flags: String::new() }
+    }
+
+    /// Takes the next rows; those to pass on. The first rows wait until their rate is known.
+    pub fn push(&mut self, rows: Vec<StreamRow>) -> Vec<StreamRow> {
+        let rows = match &mut self.stage {
+            Stage::All => return rows,
+            Stage::Filtered(_) => rows,
+            Stage::Search(search, waiting) => {
+                let times_s: Vec<f64> = rows.iter().map(time_s).collect();
+                search.look_at(&times_s);
+                waiting.extend(rows);
+                if !search.is_done() {
+                    return Vec::new();
+                }
+                let (clock, rows) = (search.finish(None), std::mem::take(waiting));
+                self.stage = stage(clock, self.rate_hz);
+                rows
+            }
+        };
+        let Stage::Filtered(filtered) = &mut self.stage else { return rows };
+        let (rate_hz, flags) = (self.rate_hz, &mut self.flags);
+        let mut passed = Vec::new();
+        for mut row in rows {
+            row.flags.split(' ').for_each(|flag| add_flag(flags, flag));
+            if filtered.take(&mut row, rate_hz) {
+                row.flags = std::mem::take(flags);
+                passed.push(row);
+            }
+        }
+        passed
+    }
+}
+
+fn time_s(row: &StreamRow) -> f64 {
+    row.time_us as f64 / 1e6
+}
+
+fn stage(clock: Option<Clock>, rate_hz: f64) -> Stage {
+    let found = clock.filter(|clock| clock.rate_hz > rate_hz).and_then(|clock| {
+        let design = Butterworth::low_pass(ORDER, CUTOFF * rate_hz, clock.rate_hz).ok()?;
+        Some((clock, design))
+    });
+    let Some((clock, design)) = found else { return Stage::All };
+    Stage::Filtered(Box::new(Filtered {
+        clock,
+        grid: Grid::new(clock, RowRule::Time),
+        memory: design.memory(FORGOTTEN) as u64,
+        design,
+        filters: vec![None; COLUMNS],
+        slot: 0,
+        period: None,
+    }))
+}
+
+impl Filtered {
+    /// Filters a row; whether it is to be passed on.
+    fn take(&mut self, row: &mut StreamRow, rate_hz: f64) -> bool {
+        let slot = self.grid.slots(&[time_s(row)])[0];
+        let steps = slot - self.slot;
+        self.slot = slot;
+        if steps > self.memory {
+            self.filters.fill(None);
+        }
+        let readings = row.readings.iter_mut().flatten().enumerate();
+        let wrench = row.wrench.iter_mut().flatten().enumerate();
+        let wrench = wrench.map(|(axis, value)| (CHANNELS + axis, value));
+        for (column, value) in readings.chain(wrench) {
+            *value = match &mut self.filters[column] {
+                Some((filter, last)) => {
+                    // A slot without a row holds the row before.
+                    (1..steps).for_each(|_| filter.process(&mut [*last]));
+                    *last = *value;
+                    if steps == 0 { filter.peek(*value) } else { filtered(filter, *value) }
+                }
+                none => {
+                    let mut filter = Filter::new(&self.design);
+                    filter.settle(*value);
+                    *none = Some((filter, *value));
+                    *value
+                }
+            };
+        }
+        // The middle of a slot, so that rounding does not move a row into the next period.
+        let periods = ((slot as f64 + 0.5) * rate_hz / self.clock.rate_hz).floor() as i64;
+        let is_due = self.period.is_none_or(|last| periods > last);
+        self.period = self.period.max(Some(periods));
+        is_due
+    }
+}
+
+fn filtered(filter: &mut Filter, value: f64) -> f64 {
+    let mut sample = [value];
+    filter.process(&mut sample);
+    sample[0]
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use super::*;
+
+    fn row(index: i64, period_us: i64, value: f64) -> StreamRow {
+        StreamRow {
+            time_us: index * period_us,
+            index,
+            host_us: 0,
+            readings: None,
+            wrench: Some([value; 6]),
+            standard_errors: None,
+            flags: if index == 777 { "mark1".to_owned() } else { String::new() },
+        }
+    }
+
+    /// Three seconds of a sine at 1 kHz, at another rate.
+    fn decimated(rate_hz: f64, sine_hz: f64) -> Vec<StreamRow> {
+        let mut decimator = Decimator::new(rate_hz);
+        let rows = (0..3000).map(|i| row(i, 1000, (TAU * sine_hz * i as f64 / 1000.0).sin()));
+        rows.flat_map(|row| decimator.push(vec![row])).collect()
+    }
+
+    fn amplitude(rows: &[StreamRow]) -> f64 {
+        let values = rows.iter().filter(|row| row.index > 1000).map(|row| row.wrench.unwrap()[0]);
+        values.fold(0.0, |most, value| f64::max(most, value.abs()))
+    }
+
+    #[test]
+    fn rows_come_evenly_and_flags_are_kept() {
+        let rows = decimated(100.0, 5.0);
+        assert_eq!(rows.len(), 300);
+        assert!(rows.windows(2).all(|pair| pair[1].index - pair[0].index == 10));
+        let marked: Vec<i64> =
+            rows.iter().filter(|row| row.flags == "mark1").map(|row| row.index).collect();
+        assert_eq!(marked, [780]);
+        // 1000/300 is no whole number: three or four rows apart, as many as were asked for.
+        assert_eq!(decimated(300.0, 5.0).len(), 900);
+        assert_eq!(decimated(1000.0, 5.0).len(), 3000);
+        assert_eq!(decimated(5000.0, 5.0).len(), 3000);
+    }
+
+    #[test]
+    fn what_would_be_an_alias_is_gone_and_what_is_below_passes() {
+        // The formula of Butterworth at 0.2, 0.65 and 1.05 of the new rate.
+        for (sine_hz, least, most) in
+            [(20.0, 0.99, 1.01), (65.0, 0.0, 1.0 / 1.5_f64.powi(8)), (105.0, 0.0, 1e-3)]
+        {
+            let found = amplitude(&decimated(100.0, sine_hz));
+            assert!((least..=most).contains(&found), "{sine_hz} Hz: {found}");
+        }
+    }
+}

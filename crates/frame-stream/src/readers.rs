@@ -1,0 +1,223 @@
+//! Whoever reads a stream. None is waited for.
+
+use std::fs::OpenOptions;
+use std::io;
+use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, TcpListener, UdpSocket};
+use std::time::{Duration, Instant};
+
+use output_file::OutputError;
+
+use crate::destination::Destination;
+use crate::encoding::RowEncoder;
+use crate::pipe::PipeReader;
+use crate::tcp::TcpReader;
+
+/// How often it is looked whether somebody connects.
+const ACCEPT: Duration = Duration::from_millis(10);
+
+/// How long each reader may take at the end for what is on its way.
+const PATIENCE: Duration = Duration::from_millis(500);
+
+/// All readers of a stream.
+#[derive(Debug)]
+pub struct Readers {
+    readers: Vec<Reader>,
+    listeners: Vec<TcpListener>,
+    looked: Option<Instant>,
+    /// Rows so far.
+    rows: u64,
+    /// Readers that have gone.
+    gone: Vec<ReaderSummary>,
+}
+
+#[derive(Debug)]
+struct Reader {
+    name: String,
+    way: Way,
+    /// Rows and lines of names that it was handed, and rows that it lost.
+    handed: u64,
+    names: u64,
+    lost: u64,
+}
+
+#[derive(Debug)]
+enum Way {
+    Pipe(PipeReader),
+    Udp(UdpSocket),
+    Tcp(TcpReader),
+}
+
+/// What came of a reader.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ReaderSummary {
+    /// Where it is.
+    pub name: String,
+    /// Rows that it has got; over UDP, that were sent to it.
+    pub rows: u64,
+    /// Rows that it was too slow for.
+    pub lost: u64,
+    /// Why it was left before the end.
+    pub problem: Option<String>,
+}
+
+impl Readers {
+    /// Opens all destinations; a file that exists is left alone unless `overwrite`.
+    ///
+    /// # Errors
+    /// [`OutputError`] of the first that cannot be opened.
+    pub fn open(destinations: &[Destination], overwrite: bool) -> Result<Self, OutputError> {
+        let mut readers = Self {
+            readers: Vec::new(),
+            listeners: Vec::new(),
+            looked: None,
+            rows: 0,
+            gone: Vec::new(),
+        };
+        for destination in destinations {
+            let failed = |source| OutputError::failed(destination.to_string(), source);
+            let way = match destination {
+                Destination::Tcp(address) => {
+                    let listener = TcpListener::bind(address).map_err(failed)?;
+                    listener.set_nonblocking(true).map_err(failed)?;
+                    readers.listeners.push(listener);
+                    continue;
+                }
+                Destination::Stdout => PipeReader::new("stdout", io::stdout()).map(Way::Pipe),
+                Destination::File(path) => {
+                    let mut options = OpenOptions::new();
+                    options.write(true).create(true).truncate(true);
+                    if !overwrite && !is_device(path) {
+                        options = OpenOptions::new();
+                        options.write(true).create_new(true);
+                    }
+                    let file = options.open(path).map_err(|it| OutputError::failed(path, it))?;
+                    PipeReader::new("file", file).map(Way::Pipe)
+                }
+                Destination::Udp(address) => datagrams(*address).map(Way::Udp),
+            };
+            let (name, way) = (destination.to_string(), way.map_err(failed)?);
+            readers.readers.push(Reader { name, way, handed: 0, names: 0, lost: 0 });
+        }
+        Ok(readers)
+    }
+
+    /// Where it waits for readers over TCP.
+    pub fn addresses(&self) -> Vec<SocketAddr> {
+        self.listeners.iter().filter_map(|listener| listener.local_addr().ok()).collect()
+    }
+
+    /// Whether nobody is left, nor can come.
+    pub fn are_gone(&self) -> bool {
+        self.readers.is_empty() && self.listeners.is_empty()
+    }
+
+    /// Passes a row on: what [`RowEncoder::begin`] has made of it, which gets an end for each reader.
+    pub fn send(&mut self, row: &[u8], encoder: &RowEncoder) {
+        self.accept();
+        let number = self.rows;
+        self.rows += 1;
+        let gone = &mut self.gone;
+        self.readers.retain_mut(|reader| match reader.send(row, number, encoder) {
+            Ok(()) => true,
+            Err(error) => {
+                gone.push(reader.summary(Some(error)));
+                false
+            }
+        });
+    }
+
+    /// Lets in whoever waits.
+    fn accept(&mut self) {
+        if self.listeners.is_empty() || self.looked.is_some_and(|at| at.elapsed() < ACCEPT) {
+            return;
+        }
+        self.looked = Some(Instant::now());
+        for listener in &self.listeners {
+            // One that has hung up already is no reader.
+            while let Ok((stream, peer)) = listener.accept() {
+                if let Ok(reader) = TcpReader::new(stream) {
+                    let (name, way) = (format!("tcp:{peer}"), Way::Tcp(reader));
+                    self.readers.push(Reader { name, way, handed: 0, names: 0, lost: 0 });
+                }
+            }
+        }
+    }
+
+    /// Ends all; what came of each.
+    pub fn finish(mut self) -> Vec<ReaderSummary> {
+        let rest = self.readers.iter_mut().map(|reader| reader.summary(None));
+        let rest: Vec<_> = rest.collect();
+        self.gone.into_iter().chain(rest).collect()
+    }
+}
+
+fn is_device(path: &std::path::Path) -> bool {
+    path.exists() && !path.is_file() && !path.is_dir()
+}
+
+fn datagrams(to: SocketAddr) -> io::Result<UdpSocket> {
+    let socket = match to {
+        SocketAddr::V4(_) => UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))?,
+        SocketAddr::V6(_) => UdpSocket::bind((Ipv6Addr::UNSPECIFIED, 0))?,
+    };
+    socket.connect(to)?;
+    socket.set_nonblocking(true)?;
+    Ok(socket)
+}
+
+impl Reader {
+    fn send(&mut self, row: &[u8], number: u64, encoder: &RowEncoder) -> io::Result<()> {
+        if self.names == 0
+            && let Some(header) = encoder.header()
+        {
+            self.names = 1;
+            self.hand(header)?;
+        }
+        let piece = [row, &encoder.end(number, self.lost)].concat();
+        match self.hand(piece)? {
+            true => self.handed += 1,
+            false => self.lost += 1,
+        }
+        Ok(())
+    }
+
+    fn hand(&mut self, piece: Vec<u8>) -> io::Result<bool> {
+        match &mut self.way {
+            Way::Pipe(pipe) => pipe.send(piece),
+            Way::Tcp(tcp) => tcp.send(piece),
+            Way::Udp(socket) => match socket.send(&piece) {
+                Ok(_) => Ok(true),
+                // Nobody listens there yet, or the network is down for now.
+                Err(_) => Ok(false),
+            },
+        }
+    }
+
+    fn summary(&mut self, error: Option<io::Error>) -> ReaderSummary {
+        let (taken, ended) = match &mut self.way {
+            Way::Udp(_) => (self.handed + self.names, Ok(())),
+            Way::Tcp(tcp) if error.is_some() => (tcp.taken, Ok(())),
+            Way::Tcp(tcp) => (tcp.finish(PATIENCE), Ok(())),
+            Way::Pipe(pipe) => pipe.finish(PATIENCE),
+        };
+        let error = error.or(ended.err());
+        let has_left = |error: &io::Error| {
+            matches!(
+                error.kind(),
+                io::ErrorKind::BrokenPipe
+                    | io::ErrorKind::ConnectionReset
+                    | io::ErrorKind::ConnectionAborted
+            )
+        };
+        let rows = taken.saturating_sub(self.names).min(self.handed);
+        let untaken = self.handed - rows;
+        let left = error.as_ref().is_some_and(has_left);
+        ReaderSummary {
+            name: self.name.clone(),
+            rows,
+            // Who leaves does not want what is on its way.
+            lost: self.lost + if left { 0 } else { untaken },
+            problem: error.filter(|error| !has_left(error)).map(|error| error.to_string()),
+        }
+    }
+}

@@ -1,0 +1,34 @@
+//! Limits of errors, above which a command fails: `fit` and `eval` have the same.
+
+use shell_data::wrench::Axes;
+use shellcal::workflow::gates::Gates;
+
+#[derive(Debug, clap::Args)]
+pub(super) struct RmsLimits {
+    /// Fail when the RMS error of Fx, Fy or Fz is above this many N, or one of them is not compared
+    #[arg(long, value_name = "N", value_parser = limit)]
+    max_rms: Option<f64>,
+
+    /// Fail when the RMS error of Mx, My or Mz is above this many N·m, or one of them is not compared
+    #[arg(long, value_name = "N·m", value_parser = limit)]
+    max_rms_moment: Option<f64>,
+}
+
+impl RmsLimits {
+    /// Whether there are any.
+    pub(super) fn are_given(&self) -> bool {
+        self.max_rms.is_some() || self.max_rms_moment.is_some()
+    }
+
+    /// The gates that they are, for these axes and no others.
+    pub(super) fn gates(&self, axes: Option<Axes>) -> Gates {
+        Gates { force_n: self.max_rms, moment_nm: self.max_rms_moment, axes }
+    }
+}
+
+fn limit(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(limit) if limit >= 0.0 && limit.is_finite() => Ok(limit),
+        _ => Err("expected a finite number that is not negative".to_owned()),
+    }
+}

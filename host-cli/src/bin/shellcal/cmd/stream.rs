@@ -1,0 +1,202 @@
+//! `shellcal stream`: frames to other programs, as they arrive.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+use board_link::{RecordOptions, Sinks, Source, Unwatched, Watcher, record};
+use frame_stream::{
+    Destination, FrameRows, FrameStream, RowOptions, StreamFormat, StreamHandle, StreamOptions,
+    StreamWatcher,
+};
+use log_file::Log;
+use shellcal::workflow::live::play;
+
+use super::live_forces::LiveForceArgs;
+use super::mapping::MappingArgs;
+use super::place::is_port;
+use super::record::{list_losses, parse_duration};
+use super::serial::{FramingArg, SerialArgs};
+use super::streaming;
+use crate::files::InputPath;
+use crate::outcome::Outcome;
+use crate::printer::Printer;
+use crate::signals;
+
+const EXAMPLES: &str = "\
+Examples:
+  shellcal stream /dev/ttyUSB0 --start --calibration calibration.json | my-program
+  shellcal stream /dev/ttyUSB0 --start --calibration calibration.json -o udp:127.0.0.1:9870
+  shellcal stream run3.csv --calibration calibration.json -o tcp:9000 -o run3.jsonl --rate 50";
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct StreamArgs {
+    /// Serial port, or a log to play; `shellcal ports` lists the ports
+    #[arg(value_name = "PORT|LOG")]
+    name: InputPath,
+
+    /// Where rows go; may be given several times: `-` (standard output), `udp:HOST:PORT`, `tcp:PORT` (whoever
+    /// connects on this machine), `tcp:IP:PORT`, or a file
+    #[arg(long, short, value_name = "DEST", default_value = "-")]
+    output: Vec<Destination>,
+
+    /// How rows are written
+    #[arg(long, value_name = "ENCODING", value_enum, default_value_t = EncodingArg::Json)]
+    encoding: EncodingArg,
+
+    /// Replace files that are there
+    #[arg(long)]
+    overwrite: bool,
+
+    #[command(flatten)]
+    forces: LiveForceArgs,
+
+    /// Rows per second, where frames are more: filtered against aliasing, which delays them by some 1/HZ
+    #[arg(long, value_name = "HZ", value_parser = parse_rate)]
+    rate: Option<f64>,
+
+    /// Bring the channels of a frame to one time, as `record` does; each frame waits for three after it
+    #[arg(long)]
+    one_time: bool,
+
+    /// Tell the board to start streaming, and to stop at the end
+    #[arg(long)]
+    start: bool,
+
+    /// Wait for a port that goes away, and go on when it is back
+    #[arg(long)]
+    reconnect: bool,
+
+    /// End after so many seconds
+    #[arg(long, value_name = "S", value_parser = parse_duration)]
+    duration: Option<Duration>,
+
+    /// End when the standard input ends, for a program that runs this one
+    #[arg(long)]
+    until_eof: bool,
+
+    /// How many times as fast a log is played
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = parse_speed)]
+    speed: f64,
+
+    /// Say at the end how late rows were: median and 99th percentile of the time from the board's clock to the
+    /// reader, beyond that of the fastest row of every ten seconds
+    #[arg(long)]
+    latency: bool,
+
+    /// How the bytes are framed; recognised unless given
+    #[arg(long, value_name = "FRAMING", value_enum)]
+    framing: Option<FramingArg>,
+
+    #[command(flatten)]
+    serial: SerialArgs,
+
+    #[command(flatten)]
+    mapping: MappingArgs,
+}
+
+/// How rows are written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum EncodingArg {
+    /// An object of JSON a line
+    Json,
+    /// Comma-separated values after a line with their names
+    Csv,
+}
+
+impl StreamArgs {
+    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+        let from_log = !is_port(&self.name);
+        if from_log && self.latency {
+            anyhow::bail!("`--latency` is for a port: what is in a log has long been measured");
+        }
+        let forces = self.forces.read(printer)?;
+        let log = match from_log {
+            true => Some(Log::open(&self.name, &self.mapping.mapping()?)?),
+            false => None,
+        };
+        let stop = signals::stop_flag()?;
+        let source = match from_log {
+            true => None,
+            false => {
+                let port = self.serial.port(&self.name.to_string_lossy());
+                Some(Source::port(port, self.reconnect)?)
+            }
+        };
+        let at_end = self.until_eof.then(|| Arc::clone(&stop));
+        let options = StreamOptions {
+            rows: FrameRows::new(RowOptions { forces, from_log, one_time: self.one_time })?,
+            format: match self.encoding {
+                EncodingArg::Json => StreamFormat::JsonLines,
+                EncodingArg::Csv => StreamFormat::Csv,
+            },
+            rate_hz: self.rate,
+            commands: Some(streaming::commands(printer, at_end)?),
+        };
+        let readers = streaming::open(printer, &self.output, self.overwrite)?;
+        let stream = FrameStream::new(options, readers);
+        let (watcher, handle) =
+            StreamWatcher::new(stream, Box::new(Unwatched), Some(Arc::clone(&stop)));
+        let ended = match (source, &log) {
+            (Some(source), _) => self.record(source, Box::new(watcher), &stop, printer),
+            (None, Some(log)) => self.play(log, watcher, &stop),
+            (None, None) => Ok(()),
+        };
+        self.report(printer, &handle)?;
+        ended?;
+        Ok(Outcome::Done)
+    }
+
+    fn record(
+        &self,
+        mut source: Source,
+        watcher: Box<dyn Watcher>,
+        stop: &AtomicBool,
+        printer: &mut Printer,
+    ) -> anyhow::Result<()> {
+        let options = RecordOptions {
+            protocol: self.framing.map(FramingArg::protocol),
+            duration: self.duration,
+            start: self.start.then(|| self.serial.uplink(self.framing)).transpose()?,
+            ..RecordOptions::default()
+        };
+        let sinks = Sinks { watcher: Some(watcher), ..Sinks::default() };
+        let recorded = record(&mut source, sinks, &options, stop, &mut |_| {})?;
+        let losses = list_losses(&recorded.losses);
+        let losses = if losses.is_empty() { "nothing lost" } else { &losses };
+        printer.note(format!("{} frames from the board; {losses}", recorded.frames));
+        Ok(())
+    }
+
+    fn play(&self, log: &Log, mut watcher: StreamWatcher, stop: &AtomicBool) -> anyhow::Result<()> {
+        let (read, readings) = (self.mapping.read_options(), self.forces.is_given());
+        let mut see = |frames: &_| watcher.see(frames);
+        play(log, &read, readings, self.speed, &|| false, stop, &mut see)?;
+        Ok(())
+    }
+
+    fn report(&self, printer: &mut Printer, handle: &StreamHandle) -> anyhow::Result<()> {
+        let summary = streaming::finish(printer, Some(handle))?;
+        if let Some(latency) = summary.and_then(|summary| summary.latency)
+            && self.latency
+        {
+            printer.note(latency.to_string());
+        }
+        Ok(())
+    }
+}
+
+/// A factor on the pace of a log.
+pub(super) fn parse_speed(text: &str) -> Result<f64, String> {
+    let speed: f64 = text.parse().map_err(|_| "a factor, such as 4".to_owned())?;
+    match (0.001..=1000.0).contains(&speed) {
+        true => Ok(speed),
+        false => Err("a factor from 0.001 to 1000".to_owned()),
+    }
+}
+
+fn parse_rate(text: &str) -> Result<f64, String> {
+    let rate = text.parse().ok().filter(|rate: &f64| rate.is_finite() && *rate > 0.0);
+    rate.ok_or_else(|| "a rate in Hz above 0, such as 50".to_owned())
+}

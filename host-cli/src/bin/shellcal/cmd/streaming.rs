@@ -1,0 +1,119 @@
+//! What `stream`, `record --stream` and `live --stream` have in common: readers, commands, what is said at the end.
+
+use std::io::{self, BufRead};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, channel};
+use std::thread;
+
+use board_link::Watcher;
+use frame_stream::{
+    Destination, FrameRows, FrameStream, Readers, RowOptions, StreamCommand, StreamFormat,
+    StreamHandle, StreamOptions, StreamSummary, StreamWatcher,
+};
+
+use crate::printer::Printer;
+
+/// Where rows go beside a log or a view, as JSON lines
+#[derive(Debug, clap::Args)]
+pub(crate) struct StreamToArgs {
+    /// Pass rows on as they arrive, as `shellcal stream` does: to `udp:HOST:PORT`, `tcp:PORT` or a file; may be
+    /// given several times
+    #[arg(long, value_name = "DEST")]
+    stream: Vec<Destination>,
+}
+
+impl StreamToArgs {
+    pub(crate) fn is_given(&self) -> bool {
+        !self.stream.is_empty()
+    }
+
+    /// Lets the stream look on beside another watcher. Its end does not end the recording.
+    pub(crate) fn watch(
+        &self,
+        printer: &mut Printer,
+        rows: RowOptions,
+        commands: Option<Receiver<StreamCommand>>,
+        beside: Box<dyn Watcher>,
+    ) -> anyhow::Result<(Box<dyn Watcher>, Option<StreamHandle>)> {
+        if !self.is_given() {
+            return Ok((beside, None));
+        }
+        if self.stream.contains(&Destination::Stdout) {
+            anyhow::bail!("only `shellcal stream` writes rows to the standard output");
+        }
+        let rows = FrameRows::new(rows)?;
+        let readers = open(printer, &self.stream, false)?;
+        let format = StreamFormat::JsonLines;
+        let options = StreamOptions { rows, format, rate_hz: None, commands };
+        let stream = FrameStream::new(options, readers);
+        let (watcher, handle) = StreamWatcher::new(stream, beside, None);
+        Ok((Box::new(watcher), Some(handle)))
+    }
+}
+
+/// Opens all destinations, and says where readers can come to.
+pub(crate) fn open(
+    printer: &mut Printer,
+    to: &[Destination],
+    overwrite: bool,
+) -> anyhow::Result<Readers> {
+    let readers = Readers::open(to, overwrite)?;
+    for address in readers.addresses() {
+        printer.note(format!("readers over TCP: {address}"));
+        if !address.ip().is_loopback() {
+            printer.warning(format!(
+                "other machines reach {address}, and what is sent is not encrypted: whoever connects can read on"
+            ));
+        }
+    }
+    Ok(readers)
+}
+
+/// Commands from the standard input, a line each. `at_end` is set when there are no more.
+pub(crate) fn commands(
+    printer: &mut Printer,
+    at_end: Option<Arc<AtomicBool>>,
+) -> io::Result<Receiver<StreamCommand>> {
+    let (sender, commands) = channel();
+    let mut printer = printer.clone();
+    let listen = move || {
+        for line in io::stdin().lock().lines() {
+            match line.map(|line| line.parse::<StreamCommand>()) {
+                Ok(Ok(command)) => {
+                    if sender.send(command).is_err() {
+                        return;
+                    }
+                }
+                Ok(Err(unknown)) => printer.warning(unknown.to_string()),
+                Err(_) => break,
+            }
+        }
+        if let Some(at_end) = at_end {
+            at_end.store(true, Ordering::Relaxed);
+        }
+    };
+    thread::Builder::new().name("commands".to_owned()).spawn(listen)?;
+    Ok(commands)
+}
+
+/// Ends a stream, and says what came of it.
+pub(crate) fn finish(
+    printer: &mut Printer,
+    handle: Option<&StreamHandle>,
+) -> anyhow::Result<Option<StreamSummary>> {
+    let Some(summary) = handle.map(StreamHandle::finish).transpose()?.flatten() else {
+        return Ok(None);
+    };
+    for reader in &summary.readers {
+        let lost = match reader.lost {
+            0 => "none lost".to_owned(),
+            lost => format!("{lost} lost"),
+        };
+        printer.note(format!("{}: {} rows, {lost}", reader.name, reader.rows));
+        if let Some(problem) = &reader.problem {
+            printer.warning(format!("{}: {problem}", reader.name));
+        }
+    }
+    Ok(Some(summary))
+}

@@ -1,0 +1,59 @@
+"""MCAP files of the program in `rosbags`, which is not of this project."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from conftest import program
+
+import shellcal
+
+pytest.importorskip("rosbags")
+
+
+def test_a_recording_opens_with_the_types_of_ros_2(logs: list[Path], tmp_path: Path) -> None:
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
+    calibration, log, bag = tmp_path / "cal.json", tmp_path / "zero.csv", tmp_path / "bag.mcap"
+    program("fit", logs[1], "--model", "cubic", "-o", calibration, "-q")
+    program("synth zero", "--rows", 200, "-o", log)
+    mount = "--mount=base_link:0.1,0,-0.02,0,0,1.5707963267948966"
+    program("convert", calibration, log, "-o", bag, mount, "--frame-id", "left_shell")
+    table = shellcal.convert(calibration, log)
+    standard = get_typestore(Stores.ROS2_HUMBLE)
+    with AnyReader([bag]) as reader:
+        topics = {connection.topic: connection for connection in reader.connections}
+        # The definitions in the file are those of ROS 2.
+        for topic, kind in (
+            ("/wrench", "geometry_msgs/msg/WrenchStamped"),
+            ("/tf_static", "tf2_msgs/msg/TFMessage"),
+        ):
+            assert topics[topic].msgtype == kind
+            own = reader.typestore.generate_msgdef(kind)
+            assert own == standard.generate_msgdef(kind)
+        wrenches = []
+        for connection, time_ns, data in reader.messages([topics["/wrench"]]):
+            message = standard.deserialize_cdr(data, connection.msgtype)
+            assert message.header.frame_id == "left_shell"
+            stamp = message.header.stamp
+            assert stamp.sec * 1_000_000_000 + stamp.nanosec == time_ns
+            force, torque = message.wrench.force, message.wrench.torque
+            wrenches.append([force.x, force.y, force.z, torque.x, torque.y, torque.z])
+        [(connection, time_ns, data)] = reader.messages([topics["/tf_static"]])
+        assert time_ns == 0
+        [found] = standard.deserialize_cdr(data, connection.msgtype).transforms
+        details = [json.loads(data) for _, _, data in reader.messages([topics["/wrench/details"]])]
+    names = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
+    assert np.array_equal(np.array(wrenches), np.stack([table[name] for name in names], axis=1))
+    assert (found.header.frame_id, found.child_frame_id) == ("base_link", "left_shell")
+    place, rotation = found.transform.translation, found.transform.rotation
+    assert (place.x, place.y, place.z) == (0.1, 0.0, -0.02)
+    # A quarter turn about z; cosine and sine of 45° as this machine rounds them.
+    turn = [rotation.x, rotation.y, rotation.z, rotation.w]
+    assert np.allclose(turn, [0, 0, 0.5**0.5, 0.5**0.5], rtol=0, atol=1e-15)
+    assert len(details) == 200 and "s8" in details[0] and "fx_se_n" in details[0]
