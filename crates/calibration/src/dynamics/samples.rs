@@ -5,6 +5,7 @@ use std::ops::Range;
 use faer::Mat;
 
 use super::lag::{segments, shifted};
+use super::noise::{ReadingNoise, variance};
 use super::prepared::RowClock;
 use crate::features::Features;
 use crate::memory::{MemoryTerms, TimeBase};
@@ -49,6 +50,7 @@ pub(super) struct SearchRows {
     pub(super) folds: Vec<Range<usize>>,
     /// Features of the used rows, the last of which is constant if there is an intercept.
     pub(super) features: Mat<f64>,
+    pub(super) noise: ReadingNoise,
     pub(super) has_intercept: bool,
 }
 
@@ -103,6 +105,13 @@ impl SearchRows {
         let mut columns = vec![0.0; used * of_model.len()];
         of_model.fill(&readings, 0..used, &mut columns, used);
         let features = Mat::from_fn(used, of_model.len(), |i, j| columns[j * used + i]);
+        let variances: Vec<f64> = (0..channels)
+            .map(|channel| {
+                let columns = logs.iter().map(|log| (&log.times[..], &log.readings[channel][..]));
+                variance(columns, clock.period)
+            })
+            .collect();
+        let noise = ReadingNoise::new(&of_model, &readings, &variances, clock.period);
         let folds = folds(&logs);
         let is_finite = features.is_all_finite()
             && logs.iter().flat_map(|log| &log.wrench).flatten().all(|load| load.is_finite());
@@ -111,6 +120,7 @@ impl SearchRows {
             clock: *clock,
             folds,
             features,
+            noise,
             has_intercept: intercept,
         })
     }

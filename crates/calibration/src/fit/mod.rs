@@ -523,6 +523,9 @@ fn compare_physics(
     if let Some(reason) = options.why_no_physics(training.data) {
         return Some(Err(reason));
     }
+    if training.data.memory_terms() > 0 {
+        return Some(Err("it has no memory terms, which pay here".to_owned()));
+    }
     // Physics is fitted to rows.
     let found = (!options.means).then(|| ModelComparison::of(training, choice, options))??;
     Some(found.map_err(|error| error.to_string()))

@@ -118,7 +118,8 @@ fn planned_orders_need_fewer_poses_than_random_ones() {
         (0..3).map(|split| ReplayedSplit::new(&observations, options, split).unwrap()).collect();
     let replay = Replay::of(&splits).unwrap();
     assert_eq!((replay.poses[0], *replay.poses.last().unwrap()), (10, 40));
-    let needed = Order::ALL.map(|order| replay.poses_within(order, 0.25));
+    // Twice the error of all: closer than that, the mean of three splits goes up and down by a third.
+    let needed = Order::ALL.map(|order| replay.poses_within(order, 1.0));
     assert!(needed[1..].iter().all(|&poses| poses < needed[0]), "{needed:?} {replay:?}");
     // All orders begin and end with the same poses.
     let ends = |errors: &Vec<f64>| [errors[0], errors[errors.len() - 1]];
@@ -173,5 +174,5 @@ fn the_pair_of_axes_that_was_never_loaded_together_is_the_most_useful() {
     // What presses downwards only is not pulled upwards.
     let down: Vec<PerAxis<f64>> =
         (0..9).map(|i| [0.0, 0.0, -f64::from(i), 0.0, 0.0, 0.0]).collect();
-    assert_eq!(most_useful_load(&down, None).unwrap().to_string(), "Fz −8 N");
+    assert_eq!(most_useful_load(&down, None).unwrap().to_string(), "Fz −8.0 N");
 }
