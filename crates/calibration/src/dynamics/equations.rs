@@ -45,17 +45,20 @@ impl MemoryColumns {
 /// The loads at one lag.
 pub(super) struct LoadColumns {
     pub(super) columns: Mat<f64>,
+    /// The variance of their noise, N² and (N·m)².
+    noise: PerAxis<f64>,
     with_features: Vec<Mat<f64>>,
     with_each_other: Vec<Mat<f64>>,
 }
 
 impl LoadColumns {
     pub(super) fn new(samples: &SearchRows, by: f64) -> Self {
-        Self::of(samples, samples.loads(by))
+        Self { noise: samples.noise_of_loads(by), ..Self::of(samples, samples.loads(by)) }
     }
 
     pub(super) fn of(samples: &SearchRows, columns: Mat<f64>) -> Self {
         Self {
+            noise: [0.0; 6],
             with_features: products(samples, &samples.features, &columns),
             with_each_other: products(samples, &columns, &columns),
             columns,
@@ -79,7 +82,7 @@ pub(super) struct FoldErrors {
     squares: Vec<PerAxis<f64>>,
     /// Relative to the variance of each axis, averaged over those that vary.
     scores: Vec<f64>,
-    /// The same less what noise of the readings makes of it.
+    /// The same less what noise of readings and loads makes of it.
     systematic: Vec<f64>,
 }
 
@@ -223,7 +226,7 @@ impl<'a> FoldEquations<'a> {
                 relative.sum::<f64>() / varying.len().max(1) as f64
             };
             let score = mean(&|axis| found[axis].squares / rows);
-            errors.systematic.push(score - mean(&|axis| noise[axis]));
+            errors.systematic.push(score - mean(&|axis| noise[axis] + loads.noise[axis]));
             errors.rows.push(rows);
             errors.squares.push(found.map(|of| of.squares));
             errors.scores.push(score);

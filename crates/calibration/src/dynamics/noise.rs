@@ -1,8 +1,8 @@
 //! What noise of the readings makes of the wrench.
 //!
 //! `s` and `s − EMA_τ(s)` of a few time constants add up to a filter. Where loads move slowly, one that averages noise
-//! lowers errors though the sensor remembers nothing, and its delay looks like a lag. So the part of noise is known
-//! apart: with `g` the gradient of a wrench by a reading, `d_k` the coefficients of its memory terms, and white noise of
+//! lowers errors though the sensor remembers nothing, and its delay looks like a lag; between rows, noise of the loads is
+//! averaged. So the part of noise is known apart: with `g` the gradient of a wrench by a reading, `d_k` the coefficients of its memory terms, and white noise of
 //! variance σ²,
 //!
 //! ```text
