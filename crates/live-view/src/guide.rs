@@ -192,7 +192,9 @@ impl Guide {
         match self.phase {
             GuidePhase::Hang if self.is_loaded(&off, &noise) => {
                 self.phase = GuidePhase::Hold;
-                self.still_since = Some((first.time_s, first.index));
+                // The stretch may begin with the last of the movement.
+                let middle = self.stretch[self.stretch.len() / 2];
+                self.still_since = Some((middle.time_s, middle.index));
                 None
             }
             GuidePhase::Hold => self.hold(time_s, index),

@@ -45,17 +45,20 @@ impl MemoryColumns {
 /// The loads at one lag.
 pub(super) struct LoadColumns {
     pub(super) columns: Mat<f64>,
+    /// The variance of their noise, N² and (N·m)².
+    noise: PerAxis<f64>,
     with_features: Vec<Mat<f64>>,
     with_each_other: Vec<Mat<f64>>,
 }
 
 impl LoadColumns {
     pub(super) fn new(samples: &SearchRows, by: f64) -> Self {
-        Self::of(samples, samples.loads(by))
+        Self { noise: samples.noise_of_loads(by), ..Self::of(samples, samples.loads(by)) }
     }
 
     pub(super) fn of(samples: &SearchRows, columns: Mat<f64>) -> Self {
         Self {
+            noise: [0.0; 6],
             with_features: products(samples, &samples.features, &columns),
             with_each_other: products(samples, &columns, &columns),
             columns,
@@ -79,20 +82,42 @@ pub(super) struct FoldErrors {
     squares: Vec<PerAxis<f64>>,
     /// Relative to the variance of each axis, averaged over those that vary.
     scores: Vec<f64>,
+    /// The same less what noise of readings and loads makes of it.
+    systematic: Vec<f64>,
 }
 
 impl FoldErrors {
     /// The score of all rows.
     pub(super) fn score(&self) -> f64 {
-        let rows: f64 = self.rows.iter().sum();
-        self.rows.iter().zip(&self.scores).map(|(rows, score)| rows * score).sum::<f64>() / rows
+        self.mean(&self.scores)
     }
 
-    /// By how much the score of `later` is lower, and the standard error of that, a mean over folds weighted by rows
-    /// (Cochran, Sampling Techniques, 3rd ed., §6.3, of a ratio).
-    pub(super) fn gain(&self, later: &Self) -> (f64, f64) {
+    /// The score less the part of noise: what a search is to lower. Terms that only average noise raise it.
+    pub(super) fn systematic(&self) -> f64 {
+        self.mean(&self.systematic)
+    }
+
+    fn mean(&self, of_folds: &[f64]) -> f64 {
         let rows: f64 = self.rows.iter().sum();
-        let gains: Vec<(f64, f64)> = (self.rows.iter().zip(&self.scores).zip(&later.scores))
+        self.rows.iter().zip(of_folds).map(|(rows, of)| rows * of).sum::<f64>() / rows
+    }
+
+    /// Whether errors of `later` are lower by more than a standard error and by this share, with the part of noise
+    /// and without.
+    pub(super) fn are_lowered_by(&self, later: &Self, share: f64) -> bool {
+        let least = share * self.score();
+        let of = [(&self.scores, &later.scores), (&self.systematic, &later.systematic)];
+        of.into_iter().all(|(before, after)| {
+            let (gain, standard_error) = self.gain(before, after);
+            gain > standard_error && gain > least
+        })
+    }
+
+    /// By how much a score is lower, and the standard error of that, a mean over folds weighted by rows
+    /// (Cochran, Sampling Techniques, 3rd ed., §6.3, of a ratio).
+    fn gain(&self, before: &[f64], after: &[f64]) -> (f64, f64) {
+        let rows: f64 = self.rows.iter().sum();
+        let gains: Vec<(f64, f64)> = (self.rows.iter().zip(before).zip(after))
             .map(|((own, before), after)| (own / rows, before - after))
             .collect();
         let mean: f64 = gains.iter().map(|(share, gain)| share * gain).sum();
@@ -183,14 +208,25 @@ impl<'a> FoldEquations<'a> {
         loads: &LoadColumns,
     ) -> Option<FoldErrors> {
         let folds = self.of_folds(terms, loads);
-        let mut errors = FoldErrors { rows: Vec::new(), squares: Vec::new(), scores: Vec::new() };
+        let time_constants: Vec<f64> = terms.iter().map(|of| of.time_constant).collect();
+        let mut errors = FoldErrors {
+            rows: Vec::new(),
+            squares: Vec::new(),
+            scores: Vec::new(),
+            systematic: Vec::new(),
+        };
         let varying: Vec<usize> = (0..6).filter(|&axis| self.variances[axis] > 0.0).collect();
         for (place, fold) in folds.iter().enumerate() {
             let rest = NormalEquations::all_but(&folds, place)?.solve(RIDGE, self.ones())?;
             let found = fold.errors(rest.as_ref(), self.ones());
             let rows = self.samples.folds[place].len() as f64;
-            let relative = |&axis: &usize| found[axis].squares / rows / self.variances[axis];
-            let score = varying.iter().map(relative).sum::<f64>() / varying.len().max(1) as f64;
+            let noise = self.samples.noise.of_wrench(rest.as_ref(), &time_constants);
+            let mean = |of: &dyn Fn(usize) -> f64| {
+                let relative = varying.iter().map(|&axis| of(axis) / self.variances[axis]);
+                relative.sum::<f64>() / varying.len().max(1) as f64
+            };
+            let score = mean(&|axis| found[axis].squares / rows);
+            errors.systematic.push(score - mean(&|axis| noise[axis] + loads.noise[axis]));
             errors.rows.push(rows);
             errors.squares.push(found.map(|of| of.squares));
             errors.scores.push(score);

@@ -8,11 +8,12 @@
 //! Everything after it, the choice of a model, its errors, intervals, takes the data set that comes of it as any other.
 //! Both are [searched](search) for on one family of features, the largest that the rows bear, by the errors on rows
 //! that were held out. A lag or a memory term is kept if it lowers these by more than one standard error of their
-//! difference between folds.
+//! difference between folds, and still does when the part of [noise] is taken off: a filter is no memory.
 
 mod description;
 mod equations;
 mod lag;
+mod noise;
 mod prepared;
 mod refusal;
 mod samples;

@@ -2,15 +2,8 @@
 
 use std::fmt;
 
-use crate::fit::has_poses;
+use crate::fit::{SHUFFLED_BELOW, has_poses, neighbour_correlation};
 use shell_data::dataset::Dataset;
-use shell_data::statistics::RunningVariance;
-
-/// Neighbouring loads of a recording in time resemble each other far more than this (correlation).
-const SHUFFLED_BELOW: f64 = 0.3;
-
-/// Rows whose order is looked at.
-const MOST_ROWS: usize = 20_000;
 
 /// Why neither lag nor memory was searched for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -51,25 +44,4 @@ pub(super) fn reason(data: &Dataset) -> Option<NotSearched> {
         return Some(NotSearched::Shuffled(correlation));
     }
     has_poses(data).then_some(NotSearched::Poses)
-}
-
-/// The correlation of the loads of neighbouring rows, on the axis where it is largest.
-fn neighbour_correlation(data: &Dataset) -> f64 {
-    let correlation = |axis: usize| {
-        let columns = || data.blocks().map(|(_, block)| &block.rows.wrench[axis][..]);
-        let mut rest = MOST_ROWS;
-        let columns: Vec<&[f64]> = columns()
-            .map(|column| {
-                let some = &column[..column.len().min(rest)];
-                rest -= some.len();
-                some
-            })
-            .collect();
-        let mut all = RunningVariance::default();
-        columns.iter().for_each(|column| all.merge(&RunningVariance::of(column)));
-        let of_pair = |pair: &[f64]| (pair[0] - all.mean) * (pair[1] - all.mean);
-        let products: f64 = columns.iter().flat_map(|column| column.windows(2)).map(of_pair).sum();
-        if all.squares > 0.0 { products / all.squares } else { 0.0 }
-    };
-    (0..6).map(correlation).fold(0.0, f64::max)
 }

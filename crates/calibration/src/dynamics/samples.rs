@@ -5,6 +5,7 @@ use std::ops::Range;
 use faer::Mat;
 
 use super::lag::{segments, shifted};
+use super::noise::{ReadingNoise, variance};
 use super::prepared::RowClock;
 use crate::features::Features;
 use crate::memory::{MemoryTerms, TimeBase};
@@ -49,6 +50,9 @@ pub(super) struct SearchRows {
     pub(super) folds: Vec<Range<usize>>,
     /// Features of the used rows, the last of which is constant if there is an intercept.
     pub(super) features: Mat<f64>,
+    pub(super) noise: ReadingNoise,
+    /// The variance of white noise on the loads, N² and (N·m)².
+    load_noise: PerAxis<f64>,
     pub(super) has_intercept: bool,
 }
 
@@ -103,6 +107,16 @@ impl SearchRows {
         let mut columns = vec![0.0; used * of_model.len()];
         of_model.fill(&readings, 0..used, &mut columns, used);
         let features = Mat::from_fn(used, of_model.len(), |i, j| columns[j * used + i]);
+        let variances: Vec<f64> = (0..channels)
+            .map(|channel| {
+                let columns = logs.iter().map(|log| (&log.times[..], &log.readings[channel][..]));
+                variance(columns, clock.period)
+            })
+            .collect();
+        let load_noise = std::array::from_fn(|axis| {
+            variance(logs.iter().map(|log| (&log.times[..], &log.wrench[axis][..])), clock.period)
+        });
+        let noise = ReadingNoise::new(&of_model, &readings, &variances, clock.period);
         let folds = folds(&logs);
         let is_finite = features.is_all_finite()
             && logs.iter().flat_map(|log| &log.wrench).flatten().all(|load| load.is_finite());
@@ -111,6 +125,8 @@ impl SearchRows {
             clock: *clock,
             folds,
             features,
+            noise,
+            load_noise,
             has_intercept: intercept,
         })
     }
@@ -138,6 +154,12 @@ impl SearchRows {
     /// The loads of the used rows, rows × 6, at times that are later `by` so much.
     pub(super) fn loads(&self, by: f64) -> Mat<f64> {
         self.per_axis(|log, axis| shifted(&log.times, &log.segments, by, &log.wrench[axis]))
+    }
+
+    /// The variance of their noise there: between rows two are averaged.
+    pub(super) fn noise_of_loads(&self, by: f64) -> PerAxis<f64> {
+        let share = (by / self.clock.period).rem_euclid(1.0);
+        self.load_noise.map(|variance| variance * (share * share + (1.0 - share) * (1.0 - share)))
     }
 
     /// How fast they change there: over one period either way, so that the noise of the loads between has no part in

@@ -5,8 +5,9 @@
 //! way, so that noise of the loads is not in both: a minimum of the squared errors themselves is drawn to half rows,
 //! where interpolation averages noise away. Its standard error is from the scatter of that sum between folds.
 //!
-//! **Time constants** are added one at a time, first on a logarithmic grid, then moved, with those before, to where
-//! errors on rows that were held out are least.
+//! **Time constants** are added one at a time, first on a logarithmic grid, each with a lag of its own (a short memory
+//! and a lag look alike while the longer memory is missing), then moved, with those before, to where errors on rows
+//! that were held out are least.
 
 use super::equations::{FoldEquations, FoldErrors, LoadColumns, MemoryColumns};
 use super::prepared::RowClock;
@@ -27,6 +28,12 @@ const LEAST_GAIN: f64 = 0.02;
 
 /// FoldErrors relative to the loads below this are rounding.
 const NOTHING_LEFT: f64 = 1e-12;
+
+/// Steps towards a lag, at most: they converge as a secant's do.
+const STEPS: usize = 12;
+
+/// Steps towards the lag of one of many time constants.
+const FIRST_STEPS: usize = 2;
 
 /// Lags that the search starts from, rows.
 const STARTS: [f64; 11] = [-32.0, -16.0, -8.0, -4.0, -2.0, 0.0, 2.0, 4.0, 8.0, 16.0, 32.0];
@@ -86,8 +93,7 @@ impl DynamicsSearch<'_> {
             while terms.len() < MOST_TIMES {
                 let Some(more) = self.one_more(&terms, &mut lag, rule) else { break };
                 let errors = self.errors(&more, lag)?;
-                let (gain, standard_error) = best.gain(&errors);
-                if !(gain > standard_error && gain > LEAST_GAIN * best.score()) {
+                if !best.are_lowered_by(&errors, LEAST_GAIN) {
                     break;
                 }
                 (terms, best) = (more, errors);
@@ -126,7 +132,7 @@ impl DynamicsSearch<'_> {
     fn start(&self) -> f64 {
         let period = self.samples().period();
         let score = |rows: &&f64| {
-            self.errors(&[], **rows * period).map_or(f64::INFINITY, |errors| errors.score())
+            self.errors(&[], **rows * period).map_or(f64::INFINITY, |errors| errors.systematic())
         };
         let scored = STARTS.iter().map(|rows| (rows * period, score(&rows)));
         scored.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0.0, |(lag, _)| lag)
@@ -134,23 +140,21 @@ impl DynamicsSearch<'_> {
 
     /// A lag that pays: more than two standard errors from none, and with less error by more than one.
     fn significant_lag(&self, terms: &[MemoryColumns], start: f64) -> Option<LagEstimate> {
-        let found = self.lag(terms, start)?;
+        let found = self.lag(&terms.iter().collect::<Vec<_>>(), start, STEPS)?;
         let (without, with) = (self.errors(terms, 0.0)?, self.errors(terms, found.lag)?);
-        let (gain, standard_error) = without.gain(&with);
-        let pays = gain > standard_error && found.lag.abs() > 2.0 * found.standard_error;
-        pays.then_some(found)
+        let pays = without.are_lowered_by(&with, 0.0);
+        (pays && found.lag.abs() > 2.0 * found.standard_error).then_some(found)
     }
 
-    /// The lag by the method of the module, from a first guess.
-    fn lag(&self, terms: &[MemoryColumns], start: f64) -> Option<LagEstimate> {
+    /// The lag by the method of the module, from a first guess, in so many steps at most.
+    fn lag(&self, terms: &[&MemoryColumns], start: f64, steps: usize) -> Option<LagEstimate> {
         let (samples, period) = (self.samples(), self.samples().period());
-        let terms: Vec<&MemoryColumns> = terms.iter().collect();
         let mut weights = None;
         // `Σ r·D⊥` of each fold, and `Σ D⊥²`, axes weighted by their residuals.
         let mut moments = |lag: f64| -> Option<(Vec<f64>, f64)> {
-            let residual = self.equations.unexplained(&terms, &LoadColumns::new(samples, lag))?;
+            let residual = self.equations.unexplained(terms, &LoadColumns::new(samples, lag))?;
             let slope = LoadColumns::of(samples, samples.slopes(lag));
-            let slope = self.equations.unexplained(&terms, &slope)?;
+            let slope = self.equations.unexplained(terms, &slope)?;
             let weights = weights.get_or_insert_with(|| {
                 std::array::from_fn::<f64, 6, _>(|axis| {
                     let square = residual.col(axis).squared_norm_l2();
@@ -172,7 +176,7 @@ impl DynamicsSearch<'_> {
         };
         let (mut lag, mut at) = (start, moments(start)?);
         let mut steepness = at.1;
-        for _ in 0..12 {
+        for _ in 0..steps {
             if steepness.is_nan() || steepness <= 0.0 {
                 return None;
             }
@@ -203,13 +207,17 @@ impl DynamicsSearch<'_> {
     ) -> Option<Vec<MemoryColumns>> {
         let samples = self.samples();
         let (least, most) = (samples.period(), samples.longest() / 4.0);
-        let loads = LoadColumns::new(samples, *lag);
         let score = |new: &MemoryColumns| {
             let all: Vec<&MemoryColumns> = terms.iter().chain([new]).collect();
-            self.equations.errors(&all, &loads).map_or(f64::INFINITY, |errors| errors.score())
+            let own = match rule.lag {
+                LagRule::Auto => self.lag(&all, *lag, FIRST_STEPS).map_or(*lag, |found| found.lag),
+                LagRule::Given(by) => by,
+            };
+            let errors = self.equations.errors(&all, &LoadColumns::new(samples, own));
+            (errors.map_or(f64::INFINITY, |errors| errors.systematic()), own)
         };
         let grid = std::iter::successors(Some(least), |tau| Some(tau * GRID));
-        let new: Vec<(f64, MemoryColumns)> = grid
+        let new: Vec<((f64, f64), MemoryColumns)> = grid
             .take_while(|tau| *tau <= most)
             .filter(|tau| terms.iter().all(|of| is_apart(of.time_constant, *tau)))
             .map(|tau| {
@@ -217,7 +225,8 @@ impl DynamicsSearch<'_> {
                 (score(&new), new)
             })
             .collect();
-        let (_, new) = new.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))?;
+        let ((_, own), new) = new.into_iter().min_by(|a, b| a.0.0.total_cmp(&b.0.0))?;
+        *lag = own;
         let known = terms.iter().map(|of| MemoryColumns::new(samples, of.time_constant));
         let mut all: Vec<MemoryColumns> = known.chain([new]).collect();
         for factor in ROUNDS {
@@ -226,7 +235,8 @@ impl DynamicsSearch<'_> {
                 self.move_one(&mut all, place, factor, (least, most), &loads);
             }
             if rule.lag == LagRule::Auto {
-                *lag = self.lag(&all, *lag).map_or(*lag, |found| found.lag);
+                let terms: Vec<&MemoryColumns> = all.iter().collect();
+                *lag = self.lag(&terms, *lag, STEPS).map_or(*lag, |found| found.lag);
             }
         }
         Some(all)
@@ -246,7 +256,7 @@ impl DynamicsSearch<'_> {
         let score = |all: &[MemoryColumns], new: &MemoryColumns| {
             let with = |(at, of)| if at == place { new } else { of };
             let terms: Vec<&MemoryColumns> = all.iter().enumerate().map(with).collect();
-            self.equations.errors(&terms, loads).map_or(f64::INFINITY, |errors| errors.score())
+            self.equations.errors(&terms, loads).map_or(f64::INFINITY, |errors| errors.systematic())
         };
         let others: Vec<f64> = (all.iter().enumerate())
             .filter(|(at, _)| *at != place)

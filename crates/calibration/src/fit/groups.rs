@@ -60,7 +60,10 @@ pub enum FoundKind {
 const STRETCHES: u64 = 40;
 
 /// Neighbouring loads of a recording in time resemble each other far more than this (correlation).
-const SHUFFLED_BELOW: f64 = 0.3;
+pub(crate) const SHUFFLED_BELOW: f64 = 0.3;
+
+/// Rows whose order is looked at.
+const MOST_ROWS: usize = 20_000;
 
 impl FoundKind {
     /// As documents call them.
@@ -262,14 +265,28 @@ fn stretches(data: &Dataset) -> Option<(GroupBy, Dataset)> {
 /// Whether the rows are in no order of time: neighbouring loads do not resemble each other on any axis, so that
 /// nothing can be held out by time.
 pub(super) fn rows_are_shuffled(data: &Dataset) -> bool {
+    data.rows() > STRETCHES && neighbour_correlation(data) < SHUFFLED_BELOW
+}
+
+/// The correlation of the loads of neighbouring rows, on the axis where it is largest.
+pub(crate) fn neighbour_correlation(data: &Dataset) -> f64 {
     let correlation = |axis: usize| {
-        let loads = data.blocks().flat_map(|(_, block)| block.rows.wrench[axis].iter().copied());
-        let loads: Vec<f64> = loads.collect();
-        let RunningVariance { mean, squares, .. } = RunningVariance::of(&loads);
-        let products = loads.windows(2).map(|pair| (pair[0] - mean) * (pair[1] - mean));
-        (squares > 0.0).then(|| products.sum::<f64>() / squares)
+        let columns = || data.blocks().map(|(_, block)| &block.rows.wrench[axis][..]);
+        let mut rest = MOST_ROWS;
+        let columns: Vec<&[f64]> = columns()
+            .map(|column| {
+                let some = &column[..column.len().min(rest)];
+                rest -= some.len();
+                some
+            })
+            .collect();
+        let mut all = RunningVariance::default();
+        columns.iter().for_each(|column| all.merge(&RunningVariance::of(column)));
+        let of_pair = |pair: &[f64]| (pair[0] - all.mean) * (pair[1] - all.mean);
+        let products: f64 = columns.iter().flat_map(|column| column.windows(2)).map(of_pair).sum();
+        if all.squares > 0.0 { products / all.squares } else { 0.0 }
     };
-    data.rows() > STRETCHES && (0..6).filter_map(correlation).all(|found| found < SHUFFLED_BELOW)
+    (0..6).map(correlation).fold(0.0, f64::max)
 }
 
 /// The rows of a data set labelled by groups of so many rows of each log.

@@ -44,10 +44,10 @@ mod warning;
 pub use self::choice::{CovarianceRule, FewGroups, RANDOM_FOLDS, random_split, sum_groups};
 pub use self::evaluation::{Evaluation, evaluate};
 pub use self::group_errors::{GroupErrors, GroupedErrors, group_errors};
-pub(crate) use self::groups::has_poses;
 pub use self::groups::{
     FoundGroups, FoundKind, GroupBy, HeldOut, label_groups, label_poses_or_files, may_have_plateaus,
 };
+pub(crate) use self::groups::{SHUFFLED_BELOW, has_poses, neighbour_correlation};
 pub use self::outliers::{
     Outlier, OutlierColumn, OutlierTest, Outliers, Reason, RowName, find_outliers,
 };
@@ -542,6 +542,9 @@ fn fit_best(
 ) -> Result<Fit, FitError> {
     let found = match options.why_no_physics(training.data) {
         Some(reason) => Some(Err(reason)),
+        None if training.data.memory_terms() > 0 => {
+            Some(Err("it has no memory terms, which pay here".to_owned()))
+        }
         // Physics is fitted to rows.
         None if options.means => None,
         None => match ModelComparison::of(training, &choice, options) {

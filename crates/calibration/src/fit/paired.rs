@@ -118,7 +118,7 @@ mod tests {
 
     /// A calibration of one channel that reads the load, and is off by so much.
     fn off_by(offset: f64) -> Calibration {
-        let model = Model { basis: Basis::Linear, intercept: true, channels: 1 };
+        let model = Model { basis: Basis::Linear, intercept: true, channels: 1, memory: 0 };
         let scaling = Scaling { centre: vec![0.0], scale: vec![1.0] };
         Calibration::new(model, scaling, vec![[1.0; 6], [offset; 6]])
     }

@@ -26,7 +26,7 @@ pub struct UsefulLoad {
 }
 
 impl fmt::Display for UsefulLoad {
-    /// `Fx +5 N with My −0.2 N·m`.
+    /// `Fx +5.0 N with My −0.20 N·m`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let loaded = Axis::ALL.iter().filter(|axis| self.wrench[axis.index()] != 0.0);
         let said: Vec<String> = loaded

@@ -40,7 +40,7 @@ impl LiveScreen<'_> {
         used + 1
     }
 
-    /// Which load it is, what to do, how long it was held, and what there is now.
+    /// Which load it is, what to do, how long it was held, what there is now, and which share of the gain is left.
     fn guide_line(&self, guide: &GuideView) -> String {
         let GuideView { number, count, recorded, ref group, phase, held, .. } = *guide;
         if phase == GuidePhase::Done {
@@ -63,9 +63,7 @@ impl LiveScreen<'_> {
             format!("  {} {:+.digits$} {}", trace.name, trace.value, trace.unit)
         });
         let now: String = now.take(3).collect();
-        format!(
-            "{number}/{count} `{group}`: {what}{now}  {recorded} done, {percent:.0} % of the gain to come"
-        )
+        format!("{number}/{count} `{group}`: {what}{now}  {recorded} done, {percent:.0} % left")
     }
 
     /// Lines of letters of eight by eight dots, broken between words; how many rows they took.
