@@ -603,8 +603,9 @@ fn fit_physics(
         physics::fit(training, test, validation, options)?;
     let train = Evaluation::total(&errors.train);
     let group_by = physics.group_by;
-    let outliers = (train.has_large_errors() && options.looks_for_outliers())
-        .then(|| name_outliers(training, options));
+    // They are told by a polynomial: what they do to that is not what they do to this model.
+    let looks = train.has_large_errors() && options.looks_for_outliers();
+    let outliers = looks.then(|| Ok(Outliers { rms: None, ..name_outliers(training, options)? }));
     let mut fitted = Fit {
         calibration,
         used,

@@ -138,6 +138,9 @@ fn validate(
         |(): &mut (), fold: &Vec<u64>| Ok(PhysicsValidation::of(rows, std::slice::from_ref(fold))?);
     let fold = |mut found: PhysicsValidation| {
         validation.folds.append(&mut found.folds);
+        if let Some(told) = workers.folds {
+            told(validation.folds.len(), folds.len());
+        }
         Ok(())
     };
     on_threads(folds, workers, |_| 0, || (), work, fold)?;

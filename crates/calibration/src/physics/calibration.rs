@@ -9,6 +9,9 @@ use super::inversion::{Estimates, Inversion};
 use super::model::PhysicsModel;
 use super::rows::TrainingRows;
 
+/// Rows of each group that tell its quantiles: rows of a group resemble each other.
+const MOST_SCORED: usize = 64;
+
 /// A physics model, ready to convert readings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PhysicsCalibration {
@@ -34,7 +37,7 @@ impl PhysicsCalibration {
         let mut scores = Scores::default();
         for fold in &choice.fold_models {
             let groups: BTreeSet<u64> = fold.groups.iter().copied().collect();
-            let held_out = rows.convert(&groups, &fold.model);
+            let held_out = rows.convert(&groups, &fold.model, MOST_SCORED);
             for (row, &group) in held_out.groups.iter().enumerate() {
                 let error = held_out.errors.each_ref().map(|column| column[row]);
                 scores.add(group, &error, &held_out.estimates.row(row).standard_errors);

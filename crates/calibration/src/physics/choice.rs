@@ -85,11 +85,15 @@ impl Choice {
             for fold in &folds {
                 let rest = scales.apply(&fold.rest);
                 let fitted = fit_from(&rest, width, &whole);
+                let at = (LAMBDAS[0], width);
+                let first = PhysicsModel::of_fit(channels, &scales, &rest, &fitted, at);
+                // What takes long to make ready does not depend on λ.
+                let mut inversion = Inversion::new(&first);
                 let candidates = squares.iter_mut().zip(LAMBDAS).zip(&mut *models);
                 for ((square, lambda), models) in candidates {
-                    let at = (lambda, width);
-                    let model = PhysicsModel::of_fit(channels, &scales, &rest, &fitted, at);
-                    *square += relative_square(&model, &fold.held_out);
+                    let model = PhysicsModel { lambda, ..first.clone() };
+                    inversion.change_lambda(&model);
+                    *square += relative_square(&inversion, &model, &fold.held_out);
                     models.push(model);
                 }
             }
@@ -138,10 +142,14 @@ fn folds<'a>(observations: &[&'a Observation], most_alone: usize) -> Vec<Fold<'a
 }
 
 /// The sum over observations and axes of squared errors in the model's scales.
-fn relative_square(model: &PhysicsModel, observations: &[&Observation]) -> f64 {
+fn relative_square(
+    inversion: &Inversion,
+    model: &PhysicsModel,
+    observations: &[&Observation],
+) -> f64 {
     let columns = |channel: usize| observations.iter().map(|o| o.readings[channel]).collect();
     let readings: Vec<Vec<f64>> = (0..model.channels).map(columns).collect();
-    let estimates = Inversion::new(model).estimates(&readings);
+    let estimates = inversion.estimates(&readings);
     let square = |(row, o): (usize, &&Observation)| {
         let relative =
             |axis: usize| (estimates.wrench[axis][row] - o.wrench[axis]) / model.wrench_scale[axis];

@@ -98,7 +98,7 @@ fn errors(
     held_out: &BTreeSet<u64>,
     fitted: &PhysicsCalibration,
 ) -> Vec<GroupErrors> {
-    let found = rows.convert(held_out, fitted.model());
+    let found = rows.convert(held_out, fitted.model(), usize::MAX);
     let factors = fitted.intervals.as_ref().and_then(|of| of.factors(COVERAGE_LEVEL).ok());
     let mut groups = BTreeMap::<u64, GroupErrors>::new();
     for (row, &group) in found.groups.iter().enumerate() {

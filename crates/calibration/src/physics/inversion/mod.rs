@@ -89,10 +89,15 @@ impl Inversion {
             sensors: model.sensors.iter().map(|s| Ready::new(s, &model.noise)).collect(),
             channels: model.channels,
             scale: model.wrench_scale,
-            prior: model.load_precision.map(|row| row.map(|x| model.lambda * x)),
+            prior: prior(model),
             noise: model.noise,
             dead: all & !known,
         }
+    }
+
+    /// Takes the λ of a model that is otherwise the one that this was made of.
+    pub(super) fn change_lambda(&mut self, model: &PhysicsModel) {
+        self.prior = prior(model);
     }
 
     /// The wrench of one frame of readings, in counts.
@@ -164,6 +169,10 @@ impl Inversion {
             }
         }
     }
+}
+
+fn prior(model: &PhysicsModel) -> PerAxis<PerAxis<f64>> {
+    model.load_precision.map(|row| row.map(|x| model.lambda * x))
 }
 
 impl Estimates {
