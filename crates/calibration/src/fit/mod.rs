@@ -406,7 +406,7 @@ impl Fit {
             if rows < 2 * coefficients as u64 {
                 self.warnings.push(Warning::FewRows { rows, coefficients });
             }
-            if test.rows > 0 && test.out_of_range_rows == test.rows {
+            if test.is_out_of_range() {
                 self.warnings.push(Warning::AllOutOfRange(test.rows));
             }
             let covariance = self.calibration.covariance.as_ref();

@@ -105,7 +105,7 @@ impl Verdict {
             axes,
             interval: interval(fit),
             leaks: fit.leaks,
-            test_is_out_of_range: test.rows > 0 && test.out_of_range_rows == test.rows,
+            test_is_out_of_range: test.is_out_of_range(),
             useless: axes.iter().filter(is_useless).collect(),
             gaps: fit.excitation.as_ref().map(|of| of.gaps(axes)).unwrap_or_default(),
             unseen,
