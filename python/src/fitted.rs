@@ -113,7 +113,7 @@ pub(crate) fn fit(
             rows.watch.note(count as u64);
             !rows.watch.is_stopped()
         };
-        let workers = Workers { threads, watch: Some(&watch) };
+        let workers = Workers { watch: Some(&watch), ..Workers::new(threads) };
         let data = rows.dataset(false)?;
         let fitted =
             calibration::fit(&data, &Dataset::default(), &FitOptions { workers, ..options })?;

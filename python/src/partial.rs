@@ -63,7 +63,7 @@ impl Partial {
             };
             let (data, apart) = (rows.dataset(true)?, (Apart::Groups, split));
             let watch = |_| !rows.watch.is_stopped();
-            let workers = Workers { threads: 0, watch: Some(&watch) };
+            let workers = Workers { watch: Some(&watch), ..Workers::default() };
             let sums = sum_groups(&data, basis, apart, workers)?;
             let total = sums.total().ok_or(FitError::NoRows)?.clone();
             let model = Model { basis, intercept, channels: total.channels(), memory: 0 };

@@ -20,11 +20,18 @@ pub struct Workers<'a> {
     pub threads: usize,
     /// Told how many more rows a pass has dealt with; says whether to go on.
     pub watch: Option<&'a (dyn Fn(usize) -> bool + Sync)>,
+    /// Told how many folds of the physics model are done, and of how many: that takes seconds.
+    pub folds: Option<&'a (dyn Fn(usize, usize) + Sync)>,
 }
 
 impl Workers<'_> {
+    /// So many threads, unwatched; 0 for one per core.
+    pub fn new(threads: usize) -> Self {
+        Self { threads, ..Self::default() }
+    }
+
     /// One thread, unwatched.
-    pub const ONE: Self = Self { threads: 1, watch: None };
+    pub const ONE: Self = Self { threads: 1, watch: None, folds: None };
 }
 
 impl std::fmt::Debug for Workers<'_> {
@@ -178,7 +185,7 @@ pub(crate) fn map<I: Sync, T: Send>(
 
 /// Passes every item to `work`, on any thread, and what comes of it to `fold`, in the order of the items; whoever
 /// watches is told of the rows of each. Returns the states of the threads, made by `init`.
-fn on_threads<I: Sync, S: Send, T: Send>(
+pub(crate) fn on_threads<I: Sync, S: Send, T: Send>(
     items: &[I],
     rows_of: impl Fn(&I) -> usize + Sync,
     workers: Workers<'_>,
@@ -263,7 +270,7 @@ mod tests {
     fn results_are_folded_in_order_and_the_first_error_in_order_is_returned() {
         let blocks = blocks(200);
         for threads in [1, 2, 5] {
-            let workers = Workers { threads, watch: None };
+            let workers = Workers::new(threads);
             let mut rows = Vec::new();
             let fold = |of_block: usize| {
                 rows.push(of_block);
@@ -291,7 +298,7 @@ mod tests {
         let (seen, most) = (AtomicUsize::new(0), AtomicUsize::new(usize::MAX));
         let watch =
             |rows: usize| seen.fetch_add(rows, Ordering::Relaxed) < most.load(Ordering::Relaxed);
-        let workers = Workers { threads: 2, watch: Some(&watch) };
+        let workers = Workers { watch: Some(&watch), ..Workers::new(2) };
         let pass = || each(&blocks, |block| block, workers, || (), |(), _| Ok(()), Ok);
         pass().unwrap();
         assert_eq!(seen.load(Ordering::Relaxed), blocks.iter().map(|b| b.rows).sum::<usize>());

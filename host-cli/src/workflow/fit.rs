@@ -134,10 +134,11 @@ pub struct FileFacts {
 /// The calibration file of a fit.
 pub fn calibration_file(fit: &Fit, facts: FileFacts) -> CalibrationFile {
     let FileFacts { made_by, date, sensor_serial, sources, columns } = facts;
-    // The R² of rows that the fit has all but seen is no result.
-    let as_a_result = |of: AxisQuality| match fit.leaks.in_test() {
-        Some(_) => AxisQuality { r_squared: None, ..of },
-        None => of,
+    // The R² of rows that the fit has all but seen is no result, nor is that of none within its range.
+    let is_no_result = fit.leaks.in_test().is_some() || fit.test().is_out_of_range();
+    let as_a_result = |of: AxisQuality| match is_no_result {
+        true => AxisQuality { r_squared: None, ..of },
+        false => of,
     };
     let solver = match &fit.method {
         FitMethod::Polynomial { solution, solver, truncate } => {

@@ -296,11 +296,11 @@ fn the_warning_compares_models_on_new_poses() {
     // better on new ones, and named.
     let (text, talk) = ended(&dir, "fit few.csv --model cubic --cv", 0);
     assert!(talk.contains("linear predicts new groups better than cubic"), "{talk}");
-    assert!(text.contains("12 groups held out each alone"), "{text}");
+    assert!(text.contains("leave-one-group-out cross-validation (12 groups"), "{text}");
     assert!(text.contains("best on new groups: linear, squared error"), "{text}");
     let (text, talk) = ended(&dir, "fit many.csv --model cubic --cv=10", 0);
     assert!(!talk.contains("new groups"), "{talk}");
-    assert!(text.contains("1440 groups held out in 10 folds"), "{text}");
+    assert!(text.contains("10-fold cross-validation (1440 groups"), "{text}");
     assert!(text.contains("best on new groups: cubic, squared error"), "{text}");
 }
 

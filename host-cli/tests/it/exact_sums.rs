@@ -141,7 +141,7 @@ fn solve_on_threads(
     ranges: &ReadingRanges,
     threads: usize,
 ) -> Solution {
-    let rows = Rows::from_blocks(blocks, Workers { threads, watch: None });
+    let rows = Rows::from_blocks(blocks, Workers::new(threads));
     let moments = exact_moments(model, &rows, blocks.first()).unwrap();
     solve_moments(&moments, &model, 0.0, ranges).unwrap()
 }

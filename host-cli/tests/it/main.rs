@@ -76,6 +76,7 @@ mod simulate_command;
 mod solver_identities;
 mod solver_intervals;
 mod some_axes;
+mod stated_intervals;
 mod support;
 mod synth_command;
 mod synth_physics;

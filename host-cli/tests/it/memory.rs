@@ -33,7 +33,7 @@ fn solvers_give_the_same_bits_on_any_number_of_threads() {
                 model: Basis::Cubic.into(),
                 solver,
                 covariance: CovarianceRule::Rows,
-                workers: Workers { threads, watch: None },
+                workers: Workers::new(threads),
                 ..FitOptions::default()
             };
             fit(&log(), &[], &options).unwrap().calibration

@@ -145,11 +145,38 @@ fn rows_that_belong_are_not_named_and_a_slip_deep_in_a_long_log_has_its_line() {
     let output = program::output(dir.path(), "fit --model cubic dirty.csv");
     let talk = String::from_utf8_lossy(&output.stderr);
     assert!(
-        talk.contains("`dirty.csv` line 60002 does not belong: `s3` is 30000 (beside it "),
+        talk.contains("suspicious reading: `dirty.csv` line 60002: `s3` is 30000 (neighbours "),
         "{talk}"
     );
-    assert!(talk.contains("1 row does not belong; on the other rows the RMS error is"), "{talk}");
+    assert!(talk.contains("1 suspicious row; RMS error on the other rows"), "{talk}");
     assert_eq!(report(&dir, "fit --model cubic dirty.csv --outliers keep").get("outliers"), None);
+}
+
+#[test]
+fn effects_are_told_of_the_model_that_is_written_and_impossible_predictions_are_not_quoted() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration-data/synthetic-train.csv");
+    let text = fs::read_to_string(path).unwrap();
+    let spoilt = |column: usize, value: &str| {
+        let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
+        let mut fields: Vec<&str> = lines[1000].split(',').collect();
+        fields[column] = value;
+        lines[1000] = fields.join(",");
+        lines.join("\n") + "\n"
+    };
+    fs::write(dir.path().join("load.csv"), spoilt(LOADS.start + 2, "250")).unwrap();
+    fs::write(dir.path().join("reading.csv"), spoilt(READINGS.start + 2, "30000")).unwrap();
+    let talk = |arguments: &str| program::ended(&dir, arguments, 0).1;
+    let said = talk("fit load.csv --model linear");
+    assert!(said.contains("1 suspicious row; RMS error on the other rows"), "{said}");
+    assert!(said.contains("Fz is predicted"), "{said}");
+    // The rows are found by a polynomial, which is not what is written.
+    let said = talk("fit load.csv --model physics");
+    assert!(said.contains("1 suspicious row\n"), "{said}");
+    // A cubic polynomial predicts kilonewtons from such a reading.
+    let said = talk("fit reading.csv --model cubic");
+    assert!(said.contains("cannot be predicted from such readings"), "{said}");
+    assert!(!said.contains("is predicted"), "{said}");
 }
 
 #[test]

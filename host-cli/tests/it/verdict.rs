@@ -74,6 +74,27 @@ fn shuffled_rows_without_groups_are_said_to_be_optimistic() {
 }
 
 #[test]
+fn a_test_set_beyond_the_calibrated_range_is_no_result() {
+    let dir = tempfile::tempdir().unwrap();
+    let moved = shipped(|lines| {
+        let zeroed_anew = |line: &String| {
+            let mut fields: Vec<String> = line.split(',').map(str::to_owned).collect();
+            fields[1] = (20_000 + fields[1].parse::<i32>().unwrap()).to_string();
+            fields.join(",")
+        };
+        lines.iter().map(zeroed_anew).collect()
+    });
+    fs::write(dir.path().join("moved.csv"), moved).unwrap();
+    let train = format!("{DATA}/synthetic-train.csv");
+    let fit = format!("fit {train} --test moved.csv --model linear --cv --json");
+    let found = json(&dir, &fit);
+    let said = found["verdict"]["text"][2].as_str().unwrap();
+    assert!(said.contains("ignore the test set, no row of it is within"), "{said}");
+    assert!(found["test"][0]["rms"].is_number() && !found["test"][0]["r_squared"].is_number());
+    assert!(found["train"][0]["r_squared"].is_number());
+}
+
+#[test]
 fn two_calibrations_are_compared_by_groups_and_eval_says_what_it_is_given() {
     let dir = tempfile::tempdir().unwrap();
     let (train, test) =

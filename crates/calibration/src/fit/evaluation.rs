@@ -51,6 +51,11 @@ impl Evaluation {
         quality::merge(&mut self.errors, &other.errors);
     }
 
+    /// Whether there are rows, and none is within the range of the training rows.
+    pub fn is_out_of_range(&self) -> bool {
+        self.rows > 0 && self.out_of_range_rows == self.rows
+    }
+
     /// Whether the largest error of an axis is far above the others.
     pub fn has_large_errors(&self) -> bool {
         let is_large =

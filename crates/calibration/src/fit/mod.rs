@@ -416,7 +416,7 @@ impl Fit {
             if rows < 2 * coefficients as u64 {
                 self.warnings.push(Warning::FewRows { rows, coefficients });
             }
-            if test.rows > 0 && test.out_of_range_rows == test.rows {
+            if test.is_out_of_range() {
                 self.warnings.push(Warning::AllOutOfRange(test.rows));
             }
             let covariance = self.calibration.covariance.as_ref();
@@ -622,8 +622,9 @@ fn fit_physics(
         physics::fit(training, test, tried, options)?;
     let train = Evaluation::total(&errors.train);
     let group_by = physics.group_by;
-    let outliers = (train.has_large_errors() && options.looks_for_outliers())
-        .then(|| name_outliers(training, options));
+    // They are told by a polynomial: what they do to that is not what they do to this model.
+    let looks = train.has_large_errors() && options.looks_for_outliers();
+    let outliers = looks.then(|| Ok(Outliers { rms: None, ..name_outliers(training, options)? }));
     let mut fitted = Fit {
         calibration,
         used,

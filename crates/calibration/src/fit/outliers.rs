@@ -24,6 +24,9 @@ const MANY: usize = 50;
 /// A column whose value is so many standard deviations from that of its neighbours is worth a word.
 const FAR_FROM_NEIGHBOURS: f64 = 2.0;
 
+/// A load of so many standard deviations is not possible.
+const FAR_BEYOND_LOADS: f64 = 10.0;
+
 /// What rows are judged by.
 #[derive(Clone, Copy, Debug)]
 pub struct OutlierTest<'a> {
@@ -68,10 +71,12 @@ pub enum Reason {
         size: f64,
         /// Predicted less measured, N or N·m.
         error: f64,
+        /// Whether such a load is possible; beyond all that were measured a model predicts nonsense.
+        is_possible: bool,
     },
 }
 
-/// A row that does not belong.
+/// A suspicious row.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outlier {
     /// The number of its log.
@@ -131,7 +136,7 @@ impl Outliers {
         const SHOWN: usize = 10;
         let in_words = |(row, name): (&Outlier, &RowName)| {
             let RowName { file, line, columns } = name;
-            format!("`{file}` line {line} does not belong: {}", row.why(columns))
+            format!("suspicious reading: `{file}` line {line}: {}", row.why(columns))
         };
         let rows = self.rows.iter().zip(names);
         let mut said: Vec<String> = rows.take(SHOWN).map(in_words).collect();
@@ -150,12 +155,12 @@ impl Outliers {
         };
         let count = self.rows.len();
         let others =
-            if count > SHOWN { format!(" ({SHOWN} of them above)") } else { String::new() };
+            if count > SHOWN { format!(" ({SHOWN} of them listed above)") } else { String::new() };
         let worth = self.rms.as_ref().map_or_else(String::new, |rms| {
-            format!("; on the other rows the RMS error is, with → without them, {}", errors(rms))
+            format!("; RMS error on the other rows, with → without them: {}", errors(rms))
         });
-        let s = if count == 1 { " does" } else { "s do" };
-        said.extend((count > 0).then(|| format!("{count} row{s} not belong{others}{worth}")));
+        let s = if count == 1 { "" } else { "s" };
+        said.extend((count > 0).then(|| format!("{count} suspicious row{s}{others}{worth}")));
         said
     }
 }
@@ -182,7 +187,7 @@ impl Outlier {
                 .collect();
             let beside = match beside.len() {
                 0 => String::new(),
-                _ => format!(" (beside it {})", beside.join(" and ")),
+                _ => format!(" (neighbours {})", beside.join(" and ")),
             };
             let name = names.get(column.column).map_or("", String::as_str);
             format!("`{name}` is {}{beside}", column.value)
@@ -193,7 +198,10 @@ impl Outlier {
         };
         let why = match self.reason {
             Reason::OutOfRange => "outside the valid range".to_owned(),
-            Reason::Error { axis, size, error } => format!(
+            Reason::Error { axis, is_possible: false, .. } => {
+                format!("{} cannot be predicted from such readings", axis.name())
+            }
+            Reason::Error { axis, size, error, .. } => format!(
                 "{} is predicted {} {} off, {} standard deviations",
                 axis.name(),
                 significant(error, 3),
@@ -441,7 +449,13 @@ impl Suspect {
             row,
             reason: match outside {
                 Some(_) => Reason::OutOfRange,
-                None => Reason::Error { axis, size, error: error[axis.index()] },
+                None => {
+                    let error = error[axis.index()];
+                    let column = channels + axis.index();
+                    let is_possible =
+                        spread.apart(column, error + values[column], 0.0) < FAR_BEYOND_LOADS;
+                    Reason::Error { axis, size, error, is_possible }
+                }
             },
             columns: columns.iter().map(column).collect(),
         })

@@ -13,6 +13,12 @@ use shell_data::wrench::{Axes, Axis, PerAxis};
 /// An axis whose error is a larger share of its loads (both root mean square) is not measured.
 const USELESS: f64 = 0.5;
 
+/// Rows whose standard errors tell how wide an interval is in the mean.
+const ROWS_OF_INTERVAL: u64 = 1024;
+
+/// Of a row with more leverage than this leaves, a fit without it says next to nothing.
+const LEAST_LEFT: f64 = 0.1;
+
 /// What a fit is worth on data that it has not seen.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Verdict {
@@ -26,6 +32,8 @@ pub struct Verdict {
     pub interval: Result<FrameInterval, String>,
     /// Rows on both sides of a split.
     pub leaks: Leaks,
+    /// Whether no test row is within the range of the training rows.
+    pub test_is_out_of_range: bool,
     /// Axes whose error is about as large as the loads.
     pub useless: Axes,
     /// What the training loads do not cover.
@@ -82,7 +90,7 @@ pub struct FrameInterval {
 impl Verdict {
     /// Of a fit.
     pub fn new(fit: &Fit) -> Self {
-        let axes = fit.calibration.axes;
+        let (axes, test) = (fit.calibration.axes, fit.test());
         let unseen = unseen_errors(fit).ok_or_else(|| match &fit.not_judged {
             Some(reason) => Unjudged::NotPossible(reason.clone()),
             None => Unjudged::NotAsked,
@@ -97,6 +105,7 @@ impl Verdict {
             axes,
             interval: interval(fit),
             leaks: fit.leaks,
+            test_is_out_of_range: test.is_out_of_range(),
             useless: axes.iter().filter(is_useless).collect(),
             gaps: fit.excitation.as_ref().map(|of| of.gaps(axes)).unwrap_or_default(),
             unseen,
@@ -197,6 +206,10 @@ impl Verdict {
         if !unloaded.is_empty() {
             said += &format!("; not for {unloaded}, which was never loaded");
         }
+        if self.test_is_out_of_range {
+            said +=
+                "; ignore the test set, no row of it is within the calibrated range of readings";
+        }
         if let Some(share) = self.leaks.in_test() {
             said += &format!(
                 "; ignore the test set, {} of it was recorded at poses of the training data",
@@ -269,6 +282,33 @@ fn unseen_errors(fit: &Fit) -> Option<UnseenErrors> {
     Some(UnseenErrors { rms, share_of_range, on })
 }
 
+/// The mean standard error of rows like those of training, N and N·m.
+///
+/// A row of leverage h has part in its own prediction, and a variance of s²·(1 + h); without it, that is s²/(1 − h)
+/// (Cook and Weisberg, Residuals and Influence in Regression, 1982, §2.2.1).
+fn mean_standard_errors(fit: &Fit, residual_sd: &PerAxis<f64>) -> PerAxis<f64> {
+    let every = fit.used.rows().div_ceil(ROWS_OF_INTERVAL).max(1) as usize;
+    let mut readings = vec![Vec::new(); fit.calibration.channels()];
+    for (_, block) in fit.used.blocks() {
+        for (all, column) in readings.iter_mut().zip(&block.rows.readings) {
+            all.extend(column.iter().step_by(every));
+        }
+    }
+    let mut errors = PerAxis::<Vec<f64>>::default();
+    fit.calibration.standard_errors(&readings, None, &mut errors);
+    std::array::from_fn(|axis| {
+        let (errors, sd) = (&errors[axis], residual_sd[axis]);
+        let unseen = |error: &f64| {
+            let leverage = (error / sd).powi(2) - 1.0;
+            sd / (1.0 - leverage).max(LEAST_LEFT).sqrt()
+        };
+        match sd > 0.0 {
+            true => errors.iter().map(unseen).sum::<f64>() / errors.len() as f64,
+            false => 0.0,
+        }
+    })
+}
+
 fn interval(fit: &Fit) -> Result<FrameInterval, String> {
     match (fit.calibration.kind(), &fit.method) {
         (Kind::Polynomial(_), _) => {
@@ -278,8 +318,8 @@ fn interval(fit: &Fit) -> Result<FrameInterval, String> {
                 None => "nothing was held out",
             })?;
             let factors = covariance.interval_factors(COVERAGE_LEVEL).map_err(|e| e.to_string())?;
-            let sd = covariance.residual_sd();
-            let half_width = std::array::from_fn(|axis| factors[axis] * sd[axis]);
+            let errors = mean_standard_errors(fit, &covariance.residual_sd());
+            let half_width = std::array::from_fn(|axis| factors[axis] * errors[axis]);
             Ok(FrameInterval { half_width, held: None })
         }
         (Kind::Physics(_), FitMethod::Physics(physics)) => {

@@ -14,6 +14,9 @@ use shell_data::wrench::PerAxis;
 /// Groups that the model's own standard errors count as, when held-out groups correct them.
 const MODEL_GROUPS: f64 = 4.0;
 
+/// Rows of each group that tell its quantiles: rows of a group resemble each other.
+const MOST_SCORED: usize = 64;
+
 /// A physics model, ready to convert readings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PhysicsCalibration {
@@ -51,7 +54,8 @@ impl PhysicsCalibration {
         for fold in &choice.fold_models {
             let groups: BTreeSet<u64> = fold.groups.iter().copied().collect();
             let inversion = Inversion::new(&fold.model);
-            let held_out = rows.convert(&groups, |readings| inversion.estimates(readings));
+            let held_out =
+                rows.convert(&groups, MOST_SCORED, |readings| inversion.estimates(readings));
             for (row, &group) in held_out.groups.iter().enumerate() {
                 let error = held_out.errors.each_ref().map(|column| column[row]);
                 scores.add(group, &error, &held_out.estimates.row(row).standard_errors);

@@ -1,6 +1,6 @@
 //! The rows that a model is trained on, in groups that are held out together.
 
-use std::collections::{BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use super::PhysicsError;
 use super::inversion::Estimates;
@@ -107,14 +107,22 @@ impl TrainingRows {
         dealt
     }
 
-    /// The rows of some groups, converted.
+    /// Converts the rows of some groups, of each group `most` that are spread over it.
     pub(super) fn convert(
         &self,
         groups: &BTreeSet<u64>,
+        most: usize,
         estimates: impl Fn(&[Vec<f64>]) -> Estimates,
     ) -> HeldOutRows {
         let rows = 0..self.groups.len();
-        let rows: Vec<usize> = rows.filter(|&row| groups.contains(&self.groups[row])).collect();
+        let rows = rows.filter(|&row| groups.contains(&self.groups[row]));
+        let mut of_groups = BTreeMap::<u64, Vec<usize>>::new();
+        rows.for_each(|row| of_groups.entry(self.groups[row]).or_default().push(row));
+        let spread = |rows: Vec<usize>| {
+            let step = rows.len().div_ceil(most);
+            rows.into_iter().step_by(step)
+        };
+        let rows: Vec<usize> = of_groups.into_values().flat_map(spread).collect();
         let pick = |column: &Vec<f64>| rows.iter().map(|&row| column[row]).collect::<Vec<_>>();
         let readings: Vec<Vec<f64>> = self.readings.iter().map(pick).collect();
         let estimates = estimates(&readings);

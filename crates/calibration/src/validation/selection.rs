@@ -13,7 +13,7 @@
 use super::ValidationError;
 use super::comparison::Comparison;
 use super::cross_validation::{errors_on, fold_groups};
-use super::grouped::GroupedMoments;
+use super::grouped::{GroupedMoments, total};
 use crate::exact::{HeldOutErrors, PartitionedMoments};
 use crate::model::{Basis, Model};
 use shell_data::wrench::{Axis, PerAxis};
@@ -86,11 +86,17 @@ pub fn select(
     let model = |basis| Model { basis, intercept, channels: whole.channels(), memory: 0 };
     let errors_of = |basis: Basis| -> Result<Option<ErrorsByRidge<'_>>, ValidationError> {
         let Ok(parts) = PartitionedMoments::new(whole, &model(basis)) else { return Ok(None) };
-        let folds = &folds;
+        // The sums of a fold are the same for every ridge.
+        let of_fold = |fold: &Vec<usize>| {
+            let moments = total(fold.iter().map(|&group| &sums.groups[group].1))?;
+            let moments = moments.expect("a fold of one group or more");
+            let part = parts.part(&moments);
+            Ok((moments, part))
+        };
+        let of_folds = folds.iter().map(of_fold).collect::<Result<Vec<_>, ValidationError>>()?;
         Ok(Some(Box::new(move |ridge| {
-            let errors = folds.iter().map(|fold| errors_on(&parts, &sums.groups, fold, ridge));
-            let errors: Vec<_> = errors.collect::<Result<_, _>>()?;
-            Ok(errors.into_iter().map(Result::ok).collect())
+            let errors = of_folds.iter().map(|(all, part)| parts.held_out(all, part, ridge));
+            Ok(errors.map(Result::ok).collect())
         })))
     };
     let mut selection = choose(model, ridges, &variances, errors_of)?;

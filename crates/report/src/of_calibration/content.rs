@@ -38,7 +38,7 @@ pub struct CalibrationReport<'a> {
     pub train_groups: &'a [GroupRow],
     /// Errors by group of the test logs.
     pub test_groups: &'a [GroupRow],
-    /// Rows that do not belong; `None` where nobody looked.
+    /// Suspicious rows; `None` where nobody looked.
     pub outliers: Option<OutlierTable>,
     /// Predicted against measured.
     pub figure: &'a Figure,

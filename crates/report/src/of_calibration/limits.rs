@@ -54,7 +54,7 @@ pub(super) fn limits(report: &CalibrationReport<'_>) -> Vec<String> {
         let condition = excitation.condition.unwrap_or(f64::INFINITY);
         if condition > POOR_CONDITION {
             limits.push(format!(
-                "Its loads came together (condition of their correlation {condition:.0}): a load on \
+                "Its loads came together (load coupling {condition:.0}): a load on \
                  one axis alone may show on another."
             ));
         }

@@ -38,7 +38,7 @@ impl CalibrationReport<'_> {
                 PageSection::new("coverage", "Which loads were calibrated", coverage(self)),
                 PageSection::new("groups", "By pose", groups),
                 PageSection::new("model", "Which model, and why", model(self)),
-                PageSection::new("outliers", "Rows that do not belong", outliers(self)),
+                PageSection::new("outliers", "Suspicious rows", outliers(self)),
                 PageSection::new("origin", "To make it again", origin(self)),
             ],
             script: None,
@@ -241,10 +241,8 @@ fn compared(selection: &Selection) -> String {
 fn outliers(report: &CalibrationReport<'_>) -> String {
     let Some(outliers) = &report.outliers else { return String::new() };
     let done = if outliers.left_out { "were left out" } else { "were used all the same" };
-    outliers.html(
-        &format!("{} rows do not belong, and {done}.", outliers.count),
-        "Rows that do not belong",
-    )
+    outliers
+        .html(&format!("{} rows are suspicious, and {done}.", outliers.count), "Suspicious rows")
 }
 
 fn origin(report: &CalibrationReport<'_>) -> String {

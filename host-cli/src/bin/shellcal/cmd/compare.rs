@@ -105,7 +105,7 @@ impl CompareArgs {
         for (rows, log) in data.logs.iter_mut().zip(logs) {
             rows.sample = log.sample(&sampled)?;
         }
-        let workers = Workers { threads: self.mapping.threads.map_or(0, usize::from), watch: None };
+        let workers = Workers::new(self.mapping.threads.map_or(0, usize::from));
         Ok(paired_errors(files.map(|file| &file.calibration), &data, workers)?)
     }
 

@@ -213,7 +213,7 @@ impl Diagnosis {
             _ => format!("{count} {what}s"),
         };
         printer.line(match self.sound {
-            true => "sound".to_owned(),
+            true => "no problems found".to_owned(),
             false => {
                 format!("{}, {}", count(self.faults, "fault"), count(self.warnings, "warning"))
             }

@@ -124,7 +124,7 @@ impl EvalArgs {
         let mut plot = output.is_some().then(FitPlot::new);
 
         let bar = printer.progress("eval", logs.iter().map(Log::bytes).sum());
-        let workers = Workers { threads: self.mapping.threads.map_or(0, usize::from), watch: None };
+        let workers = Workers::new(self.mapping.threads.map_or(0, usize::from));
         let mut all = Evaluation::default();
         let (mut reports, mut read_before) = (Vec::new(), 0);
         for log in &logs {

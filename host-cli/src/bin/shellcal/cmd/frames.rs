@@ -127,7 +127,10 @@ pub(crate) fn note_rows(
             rows - repeated
         ),
         RowFilter::All => {
-            format!("{}: {rows} rows used, {repeated} repeat the row before", log.display())
+            format!(
+                "{}: {rows} rows used, {repeated} duplicates of the previous frame",
+                log.display()
+            )
         }
     };
     if skipped > 0 {

@@ -109,11 +109,11 @@ fn summary(log: &Log, args: &MappingArgs, printer: &mut Printer) -> anyhow::Resu
     Ok(info)
 }
 
-/// Rows that do not belong, by the cubic model.
+/// Suspicious rows, by the cubic model.
 fn outliers(log: &Log, args: &MappingArgs) -> anyhow::Result<NamedOutliers> {
     let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
     let rows = read_dataset(&[(log, wanted.clone())], &args.read_options())?;
-    let workers = Workers { threads: args.threads.map_or(0, usize::from), watch: None };
+    let workers = Workers::new(args.threads.map_or(0, usize::from));
     let found = find_outliers(&rows, &OutlierTest { workers, ..OutlierTest::default() })?;
     Ok(NamedOutliers::new(found, std::slice::from_ref(log), &wanted)?)
 }
@@ -132,7 +132,7 @@ struct Info {
     fresh_rate_hz: Option<f64>,
     time: Option<TimeInfo>,
     columns: Vec<ColumnInfo>,
-    /// Rows that do not belong, by a fit to the others.
+    /// Suspicious rows, by a fit to the others.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     outliers: Vec<OutlierReport>,
     #[serde(skip)]

@@ -1,4 +1,4 @@
-//! How rows that do not belong are named, by `fit` and `info` alike.
+//! How suspicious rows are named, by `fit` and `info` alike.
 
 use calibration::fit::{Outlier, OutlierColumn, Outliers, Reason, RowName};
 use log_file::{Column, Log, LogError, Meaning, MomentUnit, Wanted};
@@ -155,8 +155,9 @@ impl OutlierReport {
     fn new(row: &Outlier, name: &RowName) -> Self {
         let (reason, axis, error, size) = match row.reason {
             Reason::OutOfRange => ("out_of_range", None, None, None),
-            Reason::Error { axis, size, error } => {
-                ("error", Some(axis.column()), Some(error), Some(size))
+            Reason::Error { axis, size, error, is_possible } => {
+                let error = is_possible.then_some(error);
+                ("error", Some(axis.column()), error, Some(size))
             }
         };
         let column = |of: &OutlierColumn| ColumnReport {

@@ -46,16 +46,16 @@ pub(super) fn print_cross_validation(
     printer.line("")?;
     let header = ["held out", "RMS new groups", "RMS random", "ratio", "bias new groups", "unit"];
     printer.table(&header, &rows)?;
-    let each = if cv.folds == cv.groups {
-        "each alone".to_owned()
-    } else {
-        format!("in {} folds", cv.folds)
+    let how = match cv.folds == cv.groups {
+        true => "leave-one-group-out".to_owned(),
+        false => format!("{}-fold", cv.folds),
     };
-    let beside = match cv.random_folds {
+    let random = match cv.random_folds {
         0 => String::new(),
-        folds => format!("; beside it {folds} random parts of the same rows"),
+        parts => format!("; for comparison, {parts} random parts of the same rows"),
     };
-    printer.line(format!("{} groups held out {each}, {} rows{beside}", cv.groups, cv.rows))?;
+    let (groups, rows) = (cv.groups, cv.rows);
+    printer.line(format!("{how} cross-validation ({groups} groups, {rows} rows){random}"))?;
     if !cv.undetermined.is_empty() {
         /// More names do not help to find the cause.
         const SHOWN: usize = 5;
@@ -224,7 +224,7 @@ pub(super) fn print_excitation(
         format!("{} {min} … {max} {}", axis.name(), axis.unit())
     };
     printer.line(format!(
-        "loads: {}; condition of their correlation {}",
+        "loads: {}; load coupling: {} (aim for less than 10)",
         axes.iter().map(range).collect::<Vec<_>>().join(", "),
         excitation.condition.map_or("infinite".to_owned(), |c| significant(c, 2)),
     ))?;

@@ -2,6 +2,7 @@
 
 use std::cell::RefCell;
 use std::io::Write;
+use std::sync::OnceLock;
 
 use anyhow::Context;
 use calibration::dynamics::{DynamicsRule, LagRule, MemoryRule};
@@ -11,6 +12,7 @@ use calibration::fit::{
 use calibration::solver::SolverKind;
 use calibration_file::{CalibrationFile, matrix};
 use figures::{FitPlot, Format, fit_figure};
+use indicatif::ProgressBar;
 use log_file::{Log, ReadOptions};
 use output_file::{AtomicFile, Outputs};
 use shell_data::wrench::Axes;
@@ -89,8 +91,19 @@ impl<'a> FitPlan<'a> {
         };
         let asked = (&self.options, self.args.report.is_some());
         let data = FitData::read(&self.train, &self.test, asked, &read)?;
-        let fitted = calibration::fit(&data.train, &data.test, &self.options);
         bar.finish_and_clear();
+        let folds = OnceLock::<ProgressBar>::new();
+        let told = |done: usize, of: usize| {
+            let bar =
+                folds.get_or_init(|| printer.progress_of("folds of the physics model", of as u64));
+            bar.set_position(done as u64);
+        };
+        let workers = Workers { folds: Some(&told), ..self.options.workers };
+        let options = FitOptions { workers, ..self.options };
+        let fitted = calibration::fit(&data.train, &data.test, &options);
+        if let Some(bar) = folds.get() {
+            bar.finish_and_clear();
+        }
         Ok((data, fitted.map_err(|error| self.name_logs(error.into()))?))
     }
 
@@ -334,7 +347,7 @@ impl FitArgs {
                 Some(OutliersArg::Keep) => OutlierRule::Keep,
             },
             polynomials_only: self.polynomials_only(),
-            workers: Workers { threads: self.mapping.threads.map_or(0, usize::from), watch: None },
+            workers: Workers::new(self.mapping.threads.map_or(0, usize::from)),
         }
     }
 

@@ -22,7 +22,7 @@ pub(super) fn read(path: &Path, outputs: &Outputs) -> anyhow::Result<Manifest> {
     Ok(manifest)
 }
 
-/// A manifest from its file: TOML if it is called so, else CSV.
+/// A manifest from its file: CSV or `.toml`.
 pub(super) fn parse(path: &Path) -> anyhow::Result<Manifest> {
     let shown = path.display();
     let text = input::read_text(path).with_context(|| format!("cannot read `{shown}`"))?;
