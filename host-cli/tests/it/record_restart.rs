@@ -138,7 +138,7 @@ fn a_board_that_resets_is_started_again_as_it_was() {
             let began = Instant::now();
             while began.elapsed() < Duration::from_secs(30) {
                 board.go_on();
-                // The host asks once a second or so how the board is set, and takes the answer the next time.
+                // The host asks how the board is set after 0.4 s and keeps the answer 0.4 s later.
                 if board.start == 1 && board.sent > 150 {
                     board.reset(is_announced);
                 }
