@@ -88,6 +88,9 @@ fn cobs(packet: &[u8]) -> Frame {
 pub(crate) fn decode(frame: &[u8]) -> Result<Plain, DecodeError> {
     // Every byte but the first code stands where it belongs; the other codes stand for zeros.
     let (&code, bytes) = frame.split_first().ok_or(DecodeError::Framing)?;
+    if bytes.is_empty() {
+        return Err(DecodeError::Framing); // not even a mask
+    }
     let mut packet = Plain::copy_of(bytes).ok_or(DecodeError::Framing)?;
     let packet_bytes = packet.as_mut_slice();
     let mut next = usize::from(code);

@@ -66,7 +66,8 @@ pub struct ColumnSummary {
     below_max: f64,
     /// How often the column got to its greatest value from below the next lower one: flicker does not count.
     rises_to_max: u64,
-    /// Whether all values are whole numbers from 0, as a converter gives them.
+    /// Whether all values are whole numbers or sixteenths from 0, as a converter and the boards' means of its
+    /// conversions give them.
     is_counts: bool,
     last: f64,
     /// The first values that occur, one more than those of a quiet column.
@@ -108,7 +109,7 @@ impl ColumnSummary {
             self.rows_at_zero += u64::from(value == 0.0);
             self.rows_at_12_bits += u64::from(value == 4095.0);
             self.rows_at_16_bits += u64::from(value == 65535.0);
-            self.is_counts &= value >= 0.0 && value.fract() == 0.0;
+            self.is_counts &= value >= 0.0 && (value * 16.0).fract() == 0.0;
             if value > self.max {
                 (self.below_max, self.rows_below_max) = (self.max, self.rows_at_max);
                 (self.max, self.rows_at_max) = (value, 1);
@@ -433,6 +434,7 @@ mod tests {
         assert_eq!(column(&[0.02, 0.0, -0.01, 0.0]).saturated_rows(), 0, "volts");
         assert_eq!(column(&[0.02, 0.0, 1.0, 0.5]).saturated_rows(), 0, "fractions");
         assert_eq!(column(&[20.0, 0.0, 1.0, 5.0]).saturated_rows(), 1, "counts");
+        assert_eq!(column(&[20.25, 4095.0, 1.0625]).saturated_rows(), 1, "means of counts");
     }
 
     #[test]

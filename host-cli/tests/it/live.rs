@@ -209,7 +209,7 @@ impl Board {
             assert!(Instant::now() < deadline, "there is no board");
             thread::sleep(Duration::from_millis(10));
         }
-        for order in ["sampling --settling 30 --conversions 4", "rate 1000"] {
+        for order in ["sampling --settling 25 --conversions 4", "rate 1000"] {
             program::run_patiently(dir, &format!("board board {order}"), 0);
         }
         board

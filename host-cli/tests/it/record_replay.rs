@@ -60,7 +60,8 @@ fn losses_are_marked_where_they_are_and_counted_by_kind() {
     // 3 and 4 are lost, 6 comes after 7, 8 comes twice; the CRC of 10 is damaged.
     let mut bytes = stream([0, 1, 2, 5, 7, 6, 8, 8, 9]);
     let mut damaged = stream([10]);
-    damaged[5] ^= 0x02;
+    // A byte of a reading, behind the zeros whose places COBS keeps.
+    damaged[20] ^= 0x02;
     bytes.extend(damaged);
     bytes.extend(stream([11, 12]));
     let said = replay(dir.path(), &bytes, "--json");
@@ -301,11 +302,11 @@ fn a_board_of_another_version_is_told_as_such() {
     let dir = tempfile::tempdir().unwrap();
     let mut bytes = Vec::new();
     for number in 1..100_u8 {
-        // Version 3, kind 4, no zeros, so COBS is a length in front; the mask is 0x80.
-        let plain = [&[0x34, number, 1][..], &[7; 22]].concat();
-        let crc = crc16(&plain).to_le_bytes();
-        let masked = plain.iter().chain(&crc).map(|byte| byte ^ 0x80);
-        let packet: Vec<u8> = std::iter::once(0x80).chain(masked).collect();
+        // Version 4, kind 4, no zeros, so COBS is a length in front; the mask is 0x80.
+        let plain = [&[0x44, number, 1][..], &[7; 22]].concat();
+        let masked = plain.iter().map(|byte| byte ^ 0x80);
+        let mut packet: Vec<u8> = std::iter::once(0x80).chain(masked).collect();
+        packet.extend(crc16(&packet).to_le_bytes());
         if packet.contains(&0) {
             continue;
         }
@@ -316,7 +317,7 @@ fn a_board_of_another_version_is_told_as_such() {
     fs::write(dir.path().join("raw"), bytes).unwrap();
     let error = refused(dir.path(), "record --replay raw -o log.csv");
     assert!(
-        error.contains("speaks version `3` of the protocol, this program version `2`"),
+        error.contains("speaks version `4` of the protocol, this program version `3`"),
         "{error}"
     );
 }

@@ -138,8 +138,8 @@ fn a_board_that_resets_is_started_again_as_it_was() {
             let began = Instant::now();
             while began.elapsed() < Duration::from_secs(30) {
                 board.go_on();
-                // After half a second of frames, once it was asked how it is set.
-                if board.start == 1 && board.sent > 40 {
+                // The host asks how the board is set after 0.4 s and keeps the answer 0.4 s later.
+                if board.start == 1 && board.sent > 150 {
                     board.reset(is_announced);
                 }
                 if board.start == 2 && board.sent > 50 {
