@@ -27,18 +27,21 @@ fn log(dir: &Path, name: &str, seed: u64) {
     let load = |axis: usize, t: f64| -> f64 {
         sines[axis * 8..][..8].iter().map(|(size, w, phase)| size * (w * t + phase).sin()).sum()
     };
-    let mut past = [0.0; CHANNELS];
+    let mixed = |channel: usize, t: f64| -> f64 {
+        let own = |axis: usize| {
+            let share = if axis == channel { 100.0 } else { ((channel * 6 + axis) as f64).sin() };
+            share * load(axis, t)
+        };
+        (0..6).map(own).sum()
+    };
+    // It has rested under the load that the log begins with.
+    let mut past: [f64; CHANNELS] = std::array::from_fn(|channel| mixed(channel, 0.0));
     let mut text = "t_s,s1,s2,s3,s4,s5,s6,".to_owned() + &AXES.join(",") + "\n";
     for row in 0..4000 {
         let t = f64::from(row) * PERIOD_S;
         let mut readings = [0.0; CHANNELS];
         for (channel, reading) in readings.iter_mut().enumerate() {
-            let mixed = |axis: usize| {
-                let own = if axis == channel { 100.0 } else { ((channel * 6 + axis) as f64).sin() };
-                own * load(axis, t)
-            };
-            let tends_to: f64 = (0..6).map(mixed).sum();
-            *reading = (tends_to + CREEP.0 * past[channel]) / (1.0 + CREEP.0);
+            *reading = (mixed(channel, t) + CREEP.0 * past[channel]) / (1.0 + CREEP.0);
         }
         for (past, reading) in past.iter_mut().zip(readings) {
             *past += (reading - *past) * -(-PERIOD_S / CREEP.1).exp_m1();
@@ -160,7 +163,11 @@ fn creep_of_the_simulated_sensor_is_found_and_of_elastic_springs_none() {
     for (elastic, file) in [("", "creeps"), (" --elastic", "elastic")] {
         let rows = "--rows 2500 --rate 10";
         program::run(dir, &format!("synth train {rows}{elastic} -o {file}.csv"), 0);
-        program::run(dir, &format!("synth test --rows 800 --rate 10{elastic} -o {file}-test.csv"), 0);
+        program::run(
+            dir,
+            &format!("synth test --rows 800 --rate 10{elastic} -o {file}-test.csv"),
+            0,
+        );
     }
     let fit = |of: &str, more: &str| {
         let command = format!("fit {of}.csv --test {of}-test.csv --model auto {more} --json");

@@ -62,9 +62,8 @@ impl ReadingNoise {
             };
             let (above, below) = (at(step), at(-step));
             some[channel] = middle;
-            let slope = |i: usize, j: usize| {
-                (above[j * count + i] - below[j * count + i]) / (2.0 * step)
-            };
+            let slope =
+                |i: usize, j: usize| (above[j * count + i] - below[j * count + i]) / (2.0 * step);
             let gradients = match variance > 0.0 {
                 true => Mat::from_fn(count, features.len(), slope),
                 false => Mat::zeros(count, features.len()),
@@ -109,16 +108,12 @@ impl ReadingNoise {
 
 /// The variance of white noise on the columns of several logs, each with its times: from fourth differences over rows
 /// at equal distances. 0 where there are none.
-pub(super) fn variance<'a>(
-    logs: impl Iterator<Item = (&'a [f64], &'a [f64])>,
-    period: f64,
-) -> f64 {
+pub(super) fn variance<'a>(logs: impl Iterator<Item = (&'a [f64], &'a [f64])>, period: f64) -> f64 {
     let mut differences = Vec::new();
     for (times, column) in logs {
         for (times, s) in times.windows(5).zip(column.windows(5)) {
-            let is_even = |pair: &[f64]| {
-                pair[1] > pair[0] && pair[1] - pair[0] < MISSING_PERIODS * period
-            };
+            let is_even =
+                |pair: &[f64]| pair[1] > pair[0] && pair[1] - pair[0] < MISSING_PERIODS * period;
             if times.windows(2).all(is_even) {
                 differences.push((s[0] - 4.0 * s[1] + 6.0 * s[2] - 4.0 * s[3] + s[4]).abs());
             }
