@@ -104,10 +104,9 @@ fn lag_and_both_time_constants_of_a_known_sensor_are_found() {
         for (found, (_, tau)) in memory.time_constants.iter().zip(sensor.creep) {
             assert!((found / tau - 1.0).abs() < 0.2, "{memory:?}");
         }
-        let Gain { plain, with_lag, with_all, .. } = found.gain.unwrap();
-        assert!(
-            (0..6).all(|axis| with_all[axis] < 0.5 * plain[axis] && with_lag[axis] < plain[axis])
-        );
+        // A late reference and creep look alike: a lag alone may gain nothing.
+        let Gain { plain, with_all, .. } = found.gain.unwrap();
+        assert!((0..6).all(|axis| with_all[axis] < 0.5 * plain[axis]), "{with_all:?} {plain:?}");
     }
 }
 
