@@ -26,7 +26,7 @@ const APART: f64 = 1.5;
 /// A memory term that lowers squared errors by less is not worth the state that it takes.
 const LEAST_GAIN: f64 = 0.02;
 
-/// FoldErrors relative to the loads below this are rounding.
+/// Errors relative to the loads below this are rounding.
 const NOTHING_LEFT: f64 = 1e-12;
 
 /// Steps towards a lag, at most: they converge as a secant's do.

@@ -93,12 +93,14 @@ const RIGID: Sensor = Sensor { lag_s: 0.0, creep: [(0.0, 1.0); 2], noise: 0.02 }
 
 #[test]
 fn lag_and_both_time_constants_of_a_known_sensor_are_found() {
-    for (lag_s, logs) in [(0.0031, 4), (-0.0074, 1)] {
+    // A reading is taken to be held until the next, 5 ms later, which moves the lag by 0.06 ms; half a minute alone tells
+    // it less exactly than two.
+    for (lag_s, logs, tolerance) in [(0.0031, 4, 1e-4), (-0.0074, 1, 1.5e-4)] {
         // A fifth of a per cent of the loads: with more, noise in the readings moves the lag by its tenth.
         let sensor = Sensor { lag_s, creep: [(0.08, 0.06), (0.1, 1.4)], noise: 0.005 };
         let found = find(&sensor.logs(logs), &DynamicsRule::AUTO, true).unwrap().unwrap();
         let lag = found.lag.unwrap();
-        assert!((lag.by - lag_s).abs() < 1e-4, "{lag:?}");
+        assert!((lag.by - lag_s).abs() < tolerance, "{lag:?}");
         let memory = found.memory.unwrap();
         assert_eq!(memory.time_constants.len(), 2, "{memory:?}");
         for (found, (_, tau)) in memory.time_constants.iter().zip(sensor.creep) {
