@@ -417,8 +417,11 @@ impl RecordSession<'_> {
         if let RecordStage::Receiving(_, boards) = &mut self.stage {
             boards.finish();
         }
+        // Marks and labels that were set just before the end.
+        let followed = self.follow();
         self.flush()?;
         self.logs.iter_mut().try_for_each(BoardLog::finish)?;
+        followed?;
         recognised?;
         let source_name = || source.name().to_owned();
         match (self.bytes, self.frames()) {

@@ -13,10 +13,9 @@ const RIDGE: f64 = 1e-10;
 /// `AᵀB` of the rows of each fold.
 fn products(samples: &SearchRows, a: &Mat<f64>, b: &Mat<f64>) -> Vec<Mat<f64>> {
     let of = |rows: &std::ops::Range<usize>| {
-        let part = |m: &'_ Mat<f64>| -> Mat<f64> { m.subrows(rows.start, rows.len()).to_owned() };
-        let (a, b) = (part(a), part(b));
+        let (a, b) = (a.subrows(rows.start, rows.len()), b.subrows(rows.start, rows.len()));
         let mut product = Mat::zeros(a.ncols(), b.ncols());
-        matmul(product.as_mut(), Accum::Replace, a.transpose(), &b, 1.0, Par::Seq);
+        matmul(product.as_mut(), Accum::Replace, a.transpose(), b, 1.0, Par::Seq);
         product
     };
     samples.folds.iter().map(of).collect()
@@ -102,9 +101,14 @@ impl FoldErrors {
         self.rows.iter().zip(of_folds).map(|(rows, of)| rows * of).sum::<f64>() / rows
     }
 
-    /// Whether errors of `later` are lower by more than a standard error and by this share, with the part of noise
-    /// and without.
-    pub(super) fn are_lowered_by(&self, later: &Self, share: f64) -> bool {
+    /// Whether errors of `later` are lower by more than a standard error.
+    pub(super) fn are_lowered_by(&self, later: &Self) -> bool {
+        let (gain, standard_error) = self.gain(&self.scores, &later.scores);
+        gain > standard_error
+    }
+
+    /// Whether they are lower by this share too, and still are without the part of noise.
+    pub(super) fn are_explained_by(&self, later: &Self, share: f64) -> bool {
         let least = share * self.score();
         let of = [(&self.scores, &later.scores), (&self.systematic, &later.systematic)];
         of.into_iter().all(|(before, after)| {

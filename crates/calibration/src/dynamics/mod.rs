@@ -108,7 +108,7 @@ pub struct Gain {
 
 /// Finds what is asked for. What a search is refused for is a value: the rows are then as good as they were.
 ///
-/// # FoldErrors
+/// # Errors
 /// [`FitError::Dynamics`] if something given does not suit the rows.
 pub fn find(
     data: &Dataset,

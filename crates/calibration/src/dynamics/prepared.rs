@@ -38,7 +38,7 @@ impl RowClock {
 
     /// The memory of time constants.
     ///
-    /// # FoldErrors
+    /// # Errors
     /// [`FitError::TimeConstant`] if one is not positive.
     pub(super) fn memory(&self, time_constants: &[f64]) -> Result<MemoryTerms, FitError> {
         let is_wrong = |tau: &&f64| !(**tau > 0.0 && tau.is_finite());
@@ -61,7 +61,7 @@ fn median_step(mut steps: Vec<f64>) -> Option<f64> {
 
 /// The rows as a calibration with this memory and lag takes them.
 ///
-/// # FoldErrors
+/// # Errors
 /// [`FitError::NoTime`] if either is by time and a log has none.
 pub fn prepared(
     data: &Dataset,

@@ -18,7 +18,7 @@ use shell_data::wrench::{Axis, PerAxis};
 const MOST_ROWS: usize = 200_000;
 
 /// Rows of these that errors are found on.
-const MOST_USED: usize = 12_000;
+const MOST_USED: usize = 8_000;
 
 /// Rows that are held out for each feature, at the fewest.
 const ROWS_PER_FEATURE: usize = 10;

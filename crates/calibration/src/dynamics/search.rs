@@ -26,7 +26,7 @@ const APART: f64 = 1.5;
 /// A memory term that lowers squared errors by less is not worth the state that it takes.
 const LEAST_GAIN: f64 = 0.02;
 
-/// FoldErrors relative to the loads below this are rounding.
+/// Errors relative to the loads below this are rounding.
 const NOTHING_LEFT: f64 = 1e-12;
 
 /// Steps towards a lag, at most: they converge as a secant's do.
@@ -93,7 +93,7 @@ impl DynamicsSearch<'_> {
             while terms.len() < MOST_TIMES {
                 let Some(more) = self.one_more(&terms, &mut lag, rule) else { break };
                 let errors = self.errors(&more, lag)?;
-                if !best.are_lowered_by(&errors, LEAST_GAIN) {
+                if !best.are_explained_by(&errors, LEAST_GAIN) {
                     break;
                 }
                 (terms, best) = (more, errors);
@@ -142,7 +142,7 @@ impl DynamicsSearch<'_> {
     fn significant_lag(&self, terms: &[MemoryColumns], start: f64) -> Option<LagEstimate> {
         let found = self.lag(&terms.iter().collect::<Vec<_>>(), start, STEPS)?;
         let (without, with) = (self.errors(terms, 0.0)?, self.errors(terms, found.lag)?);
-        let pays = without.are_lowered_by(&with, 0.0);
+        let pays = without.are_lowered_by(&with);
         (pays && found.lag.abs() > 2.0 * found.standard_error).then_some(found)
     }
 
@@ -209,12 +209,7 @@ impl DynamicsSearch<'_> {
         let (least, most) = (samples.period(), samples.longest() / 4.0);
         let score = |new: &MemoryColumns| {
             let all: Vec<&MemoryColumns> = terms.iter().chain([new]).collect();
-            let own = match rule.lag {
-                LagRule::Auto => self.lag(&all, *lag, FIRST_STEPS).map_or(*lag, |found| found.lag),
-                LagRule::Given(by) => by,
-            };
-            let errors = self.equations.errors(&all, &LoadColumns::new(samples, own));
-            (errors.map_or(f64::INFINITY, |errors| errors.systematic()), own)
+            self.score_at_own_lag(&all, *lag, FIRST_STEPS, rule)
         };
         let grid = std::iter::successors(Some(least), |tau| Some(tau * GRID));
         let new: Vec<((f64, f64), MemoryColumns)> = grid
@@ -230,33 +225,49 @@ impl DynamicsSearch<'_> {
         let known = terms.iter().map(|of| MemoryColumns::new(samples, of.time_constant));
         let mut all: Vec<MemoryColumns> = known.chain([new]).collect();
         for factor in ROUNDS {
-            let loads = LoadColumns::new(samples, *lag);
             for place in 0..all.len() {
-                self.move_one(&mut all, place, factor, (least, most), &loads);
+                *lag = self.move_one(&mut all, place, factor, (least, most), (*lag, rule));
             }
-            if rule.lag == LagRule::Auto {
-                let terms: Vec<&MemoryColumns> = all.iter().collect();
-                *lag = self.lag(&terms, *lag, STEPS).map_or(*lag, |found| found.lag);
-            }
+        }
+        if rule.lag == LagRule::Auto {
+            let terms: Vec<&MemoryColumns> = all.iter().collect();
+            *lag = self.lag(&terms, *lag, STEPS).map_or(*lag, |found| found.lag);
         }
         Some(all)
     }
 
-    /// Moves a time constant by up to a factor to where the errors are least, by a parabola through three.
+    /// The score with these terms at the lag that suits them, found in so many steps from another, and that lag.
+    fn score_at_own_lag(
+        &self,
+        terms: &[&MemoryColumns],
+        lag: f64,
+        steps: usize,
+        rule: &DynamicsRule<'_>,
+    ) -> (f64, f64) {
+        let own = match rule.lag {
+            LagRule::Auto => self.lag(terms, lag, steps).map_or(lag, |found| found.lag),
+            LagRule::Given(_) => lag,
+        };
+        let errors = self.equations.errors(terms, &LoadColumns::new(self.samples(), own));
+        (errors.map_or(f64::INFINITY, |errors| errors.systematic()), own)
+    }
+
+    /// Moves a time constant by up to a factor to where the errors are least, by a parabola through three; the lag
+    /// that goes with it.
     fn move_one(
         &self,
         all: &mut [MemoryColumns],
         place: usize,
         factor: f64,
         (least, most): (f64, f64),
-        loads: &LoadColumns,
-    ) {
+        (lag, rule): (f64, &DynamicsRule<'_>),
+    ) -> f64 {
         let samples = self.samples();
         let centre = all[place].time_constant;
         let score = |all: &[MemoryColumns], new: &MemoryColumns| {
             let with = |(at, of)| if at == place { new } else { of };
             let terms: Vec<&MemoryColumns> = all.iter().enumerate().map(with).collect();
-            self.equations.errors(&terms, loads).map_or(f64::INFINITY, |errors| errors.systematic())
+            self.score_at_own_lag(&terms, lag, 1, rule)
         };
         let others: Vec<f64> = (all.iter().enumerate())
             .filter(|(at, _)| *at != place)
@@ -268,28 +279,30 @@ impl DynamicsSearch<'_> {
         let middle = score(all, &all[place]);
         let mut best = (middle, None);
         let mut sides = [f64::INFINITY; 2];
-        let consider = |tau: f64, best: &mut (f64, Option<MemoryColumns>)| {
+        let consider = |tau: f64, best: &mut ((f64, f64), Option<MemoryColumns>)| {
             if !is_allowed(tau) {
                 return f64::INFINITY;
             }
             let new = MemoryColumns::new(samples, tau);
             let found = score(all, &new);
-            if found < best.0 {
+            if found.0 < best.0.0 {
                 *best = (found, Some(new));
             }
-            found
+            found.0
         };
         for (side, tau) in sides.iter_mut().zip([centre / factor, centre * factor]) {
             *side = consider(tau, &mut best);
         }
-        let curvature = sides[0] + sides[1] - 2.0 * middle;
+        let curvature = sides[0] + sides[1] - 2.0 * middle.0;
         if curvature.is_finite() && curvature > 0.0 {
             let vertex = (0.5 * (sides[0] - sides[1]) / curvature).clamp(-1.5, 1.5);
             consider(centre * factor.powf(vertex), &mut best);
         }
-        if let (_, Some(new)) = best {
+        let ((_, own), new) = best;
+        if let Some(new) = new {
             all[place] = new;
         }
+        own
     }
 }
 
