@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use calibration::Kind;
 use calibration::fit::{FitOptions, HeldOut, Outlier, RowName, Workers};
+use calibration::solver::SolverKind;
 use calibration_file::{CalibrationFile, CalibrationFileError, Role, SourceFile};
 use figures::{FitPlot, Size, fit_figure};
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2, ndarray::Array2};
@@ -63,7 +64,7 @@ fn source(rows: &Arrays<'_, '_>) -> Vec<SourceFile> {
     }]
 }
 
-/// Fits a calibration. Returns it with what is to be known of it.
+/// Fits a calibration. Returns it with what is to be known of it, and the verdict.
 #[pyfunction]
 #[pyo3(signature = (rows, *, model, intercept, ridge, solver, truncate, cross_validation, seed, covariance,
     threads, made_by, serial, progress))]
@@ -83,7 +84,7 @@ pub(crate) fn fit(
     made_by: (String, String),
     serial: Option<String>,
     progress: Option<Py<PyAny>>,
-) -> Result<(Fitted, Vec<String>), Failure> {
+) -> Result<(Fitted, Vec<String>, Vec<String>), Failure> {
     let options = FitOptions {
         model: options::model(model)?,
         intercept,
@@ -93,8 +94,7 @@ pub(crate) fn fit(
         cross_validation: cross_validation.map(|(folds,)| HeldOut::from(folds)),
         seed,
         covariance: options::covariance(covariance)?,
-        // The physics model is compared with others only where it is asked for.
-        polynomials_only: Some("model=\"auto\""),
+        polynomials_only: polynomials_only(&rows, intercept, ridge, solver),
         ..FitOptions::default()
     };
     over_rows(py, rows, progress, |rows| {
@@ -120,8 +120,25 @@ pub(crate) fn fit(
             sources: source(rows),
             columns: None,
         };
-        Ok((Fitted(calibration_file(&fitted, facts)), warnings))
+        let verdict = fitted.verdict().lines();
+        Ok((Fitted(calibration_file(&fitted, facts)), warnings, verdict))
     })
+}
+
+/// What was asked for that polynomials alone have.
+fn polynomials_only(
+    rows: &Rows<'_>,
+    intercept: bool,
+    ridge: f64,
+    solver: &str,
+) -> Option<&'static str> {
+    let asked = [
+        (ridge > 0.0, "ridge"),
+        (solver != SolverKind::Exact.name(), "solver"),
+        (!intercept, "intercept=False"),
+        (rows.1.as_array().ncols() < Axis::ALL.len(), "a wrench of fewer than six axes"),
+    ];
+    asked.into_iter().find_map(|(given, what)| given.then_some(what))
 }
 
 /// Where a row of arrays is, from 1 as the lines of a file.
@@ -154,7 +171,7 @@ impl Fitted {
         py.detach(|| self.0.to_json())
     }
 
-    /// The model, such as `cubic+1`.
+    /// The model, such as `cubic + offset`.
     fn name(&self) -> String {
         self.0.calibration.name()
     }

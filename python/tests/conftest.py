@@ -47,9 +47,10 @@ def program(command: str, *arguments: Any) -> str:
 
 
 def fitted(tmp_path: Path, *arguments: Any) -> dict[str, Any]:
-    """The calibration file of `shellcal fit`."""
+    """The calibration file of `shellcal fit`, of the cubic model unless another is given."""
     path = tmp_path / "fitted.json"
-    program("fit", *arguments, "-o", path, "-q")
+    model = () if "--model" in arguments else ("--model", "cubic")
+    program("fit", *arguments, *model, "-o", path, "-q")
     document: dict[str, Any] = json.loads(path.read_text())
     return document
 

@@ -39,7 +39,7 @@ class Archive:
         sums, merged, fitted = (folder / name for name in ("sums.json", "all.json", "fit.json"))
         program("fit", *self.paths, "--groups", "--partial", sums)
         program("merge", sums, "--cv", "-o", merged)
-        program("fit", *self.paths, "--cv", "-o", fitted)
+        program("fit", *self.paths, "--model", "cubic", "--cv", "-o", fitted)
         self.merged = merged.read_text()
         self.fitted: dict[str, Any] = json.loads(fitted.read_text())
         # The same rows under another name, as a queue or an operator delivers them twice.
@@ -127,7 +127,7 @@ def test_partitions_of_a_table_are_the_fit_of_the_whole_on_spark(logs: list[Path
     rows = [np.concatenate([table[name].to_numpy() for table in tables]) for name in tables[0].column_names]
     columns = dict(zip(tables[0].column_names, rows))
     everything = shellcal.Table(columns, {})
-    expected = shellcal.Calibration(cv=True).fit(everything.X, everything.Y, groups=everything.groups)
+    expected = shellcal.Calibration("cubic", cv=True).fit(everything.X, everything.Y, groups=everything.groups)
     found = shellcal.Partial.from_bytes(whole).solve(cv=True)
     assert (found.coefficients_ == expected.coefficients_).all()
     held_out = (of.diagnostics_["cross_validation"]["grouped"] for of in (found, expected))
@@ -161,7 +161,7 @@ def test_shares_of_a_manifest_are_one_data_set(tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     shellcal.synth("train", tmp_path / "train.csv", rows=2000, rate=10)
     calibration = tmp_path / "calibration.json"
-    shellcal.fit_logs(tmp_path / "train.csv").save(calibration)
+    shellcal.fit_logs(tmp_path / "train.csv", model="cubic").save(calibration)
     shellcal.synth("trials", tmp_path / "trials")
     manifest = tmp_path / "trials/manifest.csv"
     whole = shellcal.batch(manifest, calibration, parquet=tmp_path / "whole")

@@ -126,14 +126,14 @@ def figure(html: str) -> str:
 def test_the_figure_of_many_rows_is_of_some() -> None:
     X, Y = counts(50_000)
     html = Calibration("linear").fit(X, Y)._repr_html_()
-    assert "Calibration linear+1, 4000 of 50000 rows</text>" in figure(html)
+    assert "Calibration linear + offset, 4000 of 50000 rows</text>" in figure(html)
     # What a notebook keeps of each calibration that it shows.
     assert len(html) < 500_000
 
 
 def test_a_fit_of_logs_shows_the_figure_of_the_program(logs: list[Path], tmp_path: Path) -> None:
-    calibration = shellcal.fit_logs(logs[1], logs[2])
-    program("fit", logs[1], "--test", logs[2], "--plot", tmp_path / "fit.svg", "-q")
+    calibration = shellcal.fit_logs(logs[1], logs[2], model="cubic")
+    program("fit", logs[1], "--model", "cubic", "--test", logs[2], "--plot", tmp_path / "fit.svg", "-q")
     assert figure(calibration._repr_html_()) == (tmp_path / "fit.svg").read_text()
 
 
@@ -163,7 +163,7 @@ def test_what_takes_long_has_a_bar_where_somebody_looks(
     monkeypatch.setattr(_progress, "_DELAY", 0.0)
     shellcal.synth("trials", tmp_path / "trials")
     calibration = tmp_path / "calibration.json"
-    shellcal.fit_logs(logs[1]).save(calibration)
+    shellcal.fit_logs(logs[1], model="cubic").save(calibration)
     manifest = tmp_path / "trials/manifest.csv"
     unseen = shellcal.batch(manifest, calibration)
     assert not bars
@@ -188,9 +188,9 @@ def test_results_show_themselves() -> None:
     calibration = Calibration("linear", cv=True)
     assert "not fitted" in calibration._repr_html_()
     html = calibration.fit(X, Y, groups=groups)._repr_html_()
-    for text in ("linear+1", "RMS new groups", "<th>Mz</th>", "N·m"):
+    for text in ("linear + offset", "RMS new groups", "<th>Mz</th>", "N·m"):
         assert text in html
-    assert "Calibration linear+1</text>" in figure(html) and "400 training rows" in figure(html)
+    assert "Calibration linear + offset</text>" in figure(html) and "400 training rows" in figure(html)
     # The figure is of the rows, which neither files nor pickles have.
     again = pickle.loads(pickle.dumps(calibration))
     assert "<img" not in again._repr_html_() and "RMS new groups" in again._repr_html_()
@@ -292,7 +292,7 @@ def test_weights_are_those_of_scikit_learn() -> None:
 def test_other_weights_leave_rows_out_and_scale_standard_errors(table: shellcal.Table) -> None:
     weights = np.random.default_rng(5).random(table.rows) + 0.1
     kept = np.arange(table.rows) % 3 > 0
-    calibration = Calibration(solver="tsqr", covariance="rows")
+    calibration = Calibration("cubic", solver="tsqr", covariance="rows")
     whole = calibration.fit(table.X[kept], table.Y[kept], weights[kept]).document_
     found = calibration.fit(table.X, table.Y, np.where(kept, weights, 0.0)).document_
     assert found == whole
@@ -304,7 +304,7 @@ def test_other_weights_leave_rows_out_and_scale_standard_errors(table: shellcal.
 
 
 def test_trials_and_simulations(tmp_path: Path, logs: list[Path]) -> None:
-    calibration = shellcal.fit_logs(logs[1])
+    calibration = shellcal.fit_logs(logs[1], model="cubic")
     shellcal.synth("trials", tmp_path / "trials")
     found = shellcal.batch(tmp_path / "trials/manifest.csv", calibration, reference="free")
     assert len(found["trials"]) == 25
@@ -339,7 +339,7 @@ def test_scikit_learn_searches_and_pipes_it() -> None:
     X, Y = counts(600)
     groups = np.arange(600) // 20
     search = GridSearchCV(
-        Calibration(covariance="none"), {"model": ["linear", "cubic"]}, cv=GroupKFold(3)
+        Calibration("cubic", covariance="none"), {"model": ["linear", "cubic"]}, cv=GroupKFold(3)
     )
     search.fit(X, Y, groups=groups)
     assert search.best_params_ == {"model": "linear"}

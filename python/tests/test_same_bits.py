@@ -46,7 +46,7 @@ def test_held_out_errors_and_covariance_by_group(
 ) -> None:
     cv = "--cv" if folds is None else f"--cv={folds}"
     expected = fitted(tmp_path, logs[1], cv, "--covariance", "groups")
-    calibration = Calibration(cv=folds or True, covariance="groups")
+    calibration = Calibration("cubic", cv=folds or True, covariance="groups")
     found = of(calibration.fit(table.X, table.Y, groups=table.groups))
     ours, theirs = (of["diagnostics"]["cross_validation"] for of in (found, expected))
     for field in ("groups", "folds", "rows", "undetermined", "grouped", "random_folds", "random"):
@@ -120,7 +120,7 @@ def test_whole_weights_are_repeated_rows(table: shellcal.Table, options: dict[st
 
 def test_every_layout_of_an_array_gives_the_same_bits(table: shellcal.Table) -> None:
     X, Y = table.X, table.Y
-    expected = Calibration().fit(X, Y).coefficients_
+    expected = Calibration("cubic").fit(X, Y).coefficients_
     wide = np.zeros((X.shape[0], 2 * X.shape[1]))
     wide[:, ::2] = X
     views = [np.asfortranarray(X), wide[:, ::2], X[::-1][::-1], X.astype(np.float32), X.astype(int)]
@@ -134,16 +134,16 @@ def test_every_layout_of_an_array_gives_the_same_bits(table: shellcal.Table) -> 
     assert not odd.flags.aligned
     views.append(odd)
     for view in views:
-        assert (Calibration().fit(view, Y).coefficients_ == expected).all()
+        assert (Calibration("cubic").fit(view, Y).coefficients_ == expected).all()
     shuffled = np.random.default_rng(1).permutation(len(X))
-    assert (Calibration().fit(X[shuffled], Y[shuffled]).coefficients_ == expected).all()
-    assert (Calibration(threads=1).fit(X, Y).coefficients_ == expected).all()
+    assert (Calibration("cubic").fit(X[shuffled], Y[shuffled]).coefficients_ == expected).all()
+    assert (Calibration("cubic", threads=1).fit(X, Y).coefficients_ == expected).all()
 
 
 def test_predictions_are_those_of_convert(
     logs: list[Path], table: shellcal.Table, tmp_path: Path
 ) -> None:
-    calibration = shellcal.fit_logs(logs[1])
+    calibration = shellcal.fit_logs(logs[1], model="cubic")
     with pytest.warns(shellcal.ShellcalWarning, match="outside the calibrated range"):
         converted = shellcal.convert(
             calibration, logs[0], no_tare=True, no_lowpass=True, all_rows=True, interval=95
@@ -164,11 +164,11 @@ def test_predictions_are_those_of_convert(
 
 def test_a_fit_of_logs_is_the_file_of_the_program(logs: list[Path], tmp_path: Path) -> None:
     expected = fitted(tmp_path, logs[0], logs[1], "--test", logs[2], "--cv")
-    assert of(shellcal.fit_logs(logs[:2], logs[2], cv=True)) == expected
+    assert of(shellcal.fit_logs(logs[:2], logs[2], model="cubic", cv=True)) == expected
 
 
 def test_documents_pass_both_ways(logs: list[Path], table: shellcal.Table, tmp_path: Path) -> None:
-    calibration = Calibration(serial="shell 7").fit(table.X, table.Y)
+    calibration = Calibration("cubic", serial="shell 7").fit(table.X, table.Y)
     path = tmp_path / "calibration.json"
     calibration.save(path)
     assert path.read_text() == calibration.to_json()

@@ -231,6 +231,8 @@ mod tests {
                 cross_validation: None,
                 selection: None,
                 excitation: None,
+                test_leak: Some(0.5),
+                group_leak: None,
             }),
             sources: vec![SourceFile {
                 role: Role::Train,

@@ -108,7 +108,7 @@ mod tests {
     #[test]
     fn the_usual_names_are_found_among_others_and_any_on_request() {
         let bytes = file(&[matrix("x", 2, 2), matrix("C", 25, 6), matrix("late", 24, 6)]);
-        let intercept = |calibration: Calibration| calibration.name().ends_with("+1");
+        let intercept = |calibration: Calibration| calibration.name().ends_with(" + offset");
         assert!(intercept(parse(&bytes, None).unwrap()));
         assert!(!intercept(parse(&bytes, Some("late")).unwrap()));
         let error = parse(&bytes, Some("N")).unwrap_err();

@@ -369,7 +369,7 @@ mod tests {
         let tall: String = (0..25).map(|j| line((0..6).map(|a| value(j, a)).collect())).collect();
         let wide: String = (0..6).map(|a| line((0..25).map(|j| value(j, a)).collect())).collect();
         let calibration = import(&tall).unwrap();
-        assert_eq!(calibration.name(), "cubic+1");
+        assert_eq!(calibration.name(), "cubic + offset");
         assert_eq!(
             calibration.polynomial().unwrap().coefficients()[1],
             [6.0, 7.0, 8.0, 0.009, 0.01, 0.011]

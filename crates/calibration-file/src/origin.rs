@@ -64,6 +64,10 @@ pub struct Diagnostics {
     pub selection: Option<Selection>,
     /// How well the training loads cover the six axes.
     pub excitation: Option<Excitation>,
+    /// The share of test rows at poses of the training data, where the test says nothing of new poses.
+    pub test_leak: Option<f64>,
+    /// The share of training rows whose pose other groups have rows of, where held-out groups say nothing of new poses.
+    pub group_leak: Option<f64>,
 }
 
 /// A file that a calibration was made from.

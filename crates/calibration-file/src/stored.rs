@@ -244,6 +244,10 @@ stored!(StoredDiagnostics of Diagnostics {
     selection: Option<StoredSelection>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     excitation: Option<StoredExcitation>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    test_leak: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    group_leak: Option<f64>,
 });
 stored!(StoredSource of SourceFile {
     role: Role,

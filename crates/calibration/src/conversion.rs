@@ -74,7 +74,7 @@ impl Calibration {
         }
     }
 
-    /// The model that people read: `cubic+1`, `physics`.
+    /// The model that people read: `cubic + offset`, `physics`.
     pub fn name(&self) -> String {
         match &self.kind {
             Kind::Polynomial(polynomial) => polynomial.model().name(),

@@ -179,9 +179,9 @@ impl Model {
         if self.term_count() > MAX_TERMS { Err(TooLarge { model: *self }) } else { Ok(()) }
     }
 
-    /// The name people read: `cubic`, or `cubic+1` with an intercept.
+    /// The name people read: `cubic`, or `cubic + offset` with an intercept.
     pub fn name(&self) -> String {
-        format!("{}{}", self.basis.name(), if self.intercept { "+1" } else { "" })
+        format!("{}{}", self.basis.name(), if self.intercept { " + offset" } else { "" })
     }
 }
 

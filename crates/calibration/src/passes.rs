@@ -133,8 +133,8 @@ pub trait Pass: Sync {
     }
 }
 
-/// Passes every item to `work`, on any thread, and what comes of it to `fold`, in the order of the items. `rows_of`
-/// is the block of an item. Returns the states of the threads, made by `init`.
+/// Passes every item to `work`, on as many threads as its rows are worth; see [`on_threads`]. `rows_of` is the block of
+/// an item.
 ///
 /// # Errors
 /// The first error in the order of the items, of `work` or `fold`; [`FitError::Interrupted`] if whoever watches wants
@@ -148,11 +148,25 @@ pub(crate) fn each<I: Sync, S: Send, T: Send>(
     fold: impl FnMut(T) -> Result<(), FitError> + Send,
 ) -> Result<Vec<S>, FitError> {
     let numbers = |item: &I| rows_of(item).rows * (rows_of(item).readings.len() + 6);
-    let threads = match workers.threads {
-        0 if items.iter().map(numbers).sum::<usize>() < WORTH_A_THREAD => 1,
-        0 => *AVAILABLE_THREADS,
-        threads => threads,
-    };
+    let is_little = items.iter().map(numbers).sum::<usize>() < WORTH_A_THREAD;
+    let threads = if workers.threads == 0 && is_little { 1 } else { workers.threads };
+    on_threads(items, Workers { threads, ..workers }, |item| rows_of(item).rows, init, work, fold)
+}
+
+/// Passes every item to `work`, on any thread, and what comes of it to `fold`, in the order of the items; whoever
+/// watches is told of the rows of each. Returns the states of the threads, made by `init`.
+///
+/// # Errors
+/// As [`each`].
+pub(crate) fn on_threads<I: Sync, S: Send, T: Send>(
+    items: &[I],
+    workers: Workers<'_>,
+    rows_of: impl Fn(&I) -> usize + Sync,
+    init: impl Fn() -> S + Sync,
+    work: impl Fn(&mut S, &I) -> Result<T, FitError> + Sync,
+    fold: impl FnMut(T) -> Result<(), FitError> + Send,
+) -> Result<Vec<S>, FitError> {
+    let threads = if workers.threads == 0 { *AVAILABLE_THREADS } else { workers.threads };
     let next = AtomicUsize::new(0);
     let folded =
         Mutex::new(OrderedFold { next: 0, waiting: BTreeMap::new(), fold, outcome: Ok(()) });
@@ -162,7 +176,7 @@ pub(crate) fn each<I: Sync, S: Send, T: Send>(
             let place = next.fetch_add(1, Ordering::Relaxed);
             let Some(item) = items.get(place) else { return state };
             let result = work(&mut state, item).and_then(|value| {
-                let goes_on = workers.watch.is_none_or(|watch| watch(rows_of(item).rows));
+                let goes_on = workers.watch.is_none_or(|watch| watch(rows_of(item)));
                 if goes_on { Ok(value) } else { Err(FitError::Interrupted) }
             });
             // A poisoned lock means that a thread has panicked, and the panic will be passed on.

@@ -116,7 +116,7 @@ pub fn check_calibration(facts: &CalibrationObservations<'_>) -> Vec<Finding> {
         findings.push(Finding::warning(
             "no-covariance",
             "it has no covariance, so forces come without standard errors",
-            "fit it again with `--covariance rows` or `groups`",
+            "fit it again without `--model`: it then takes a model that its groups of rows can judge",
         ));
     }
     findings.extend(check_age(facts));
@@ -178,20 +178,46 @@ fn check_fit(known: &Diagnostics, calibration: &Calibration) -> Vec<Finding> {
     findings
 }
 
+/// Errors that were measured on rows which the fit has all but seen.
+fn check_leaks(known: &Diagnostics) -> Vec<Finding> {
+    let test = known.test_leak.map(|share| {
+        Finding::fault(
+            "test-leaks",
+            format!(
+                "{} of its test rows were recorded at poses of the training data",
+                percent(share)
+            ),
+            "test on other poses: whole poses have to be on one side of a split, not rows",
+        )
+    });
+    let groups = known.group_leak.map(|share| {
+        Finding::fault(
+            "groups-leak",
+            format!(
+                "{} of its training rows share their pose with rows of other groups",
+                percent(share)
+            ),
+            "fit again with one group label for each pose (`--group`)",
+        )
+    });
+    test.into_iter().chain(groups).collect()
+}
+
 /// Errors on new data beside those on the training data.
 fn check_errors(known: &Diagnostics, axes: Axes) -> Vec<Finding> {
-    let tested = known.test.map(|test| ("test data", test.map(|axis| axis.rms)));
-    let held_out = known.cross_validation.as_ref();
+    let mut findings = check_leaks(known);
+    let tested = known.test.filter(|_| known.test_leak.is_none());
+    let tested = tested.map(|test| ("test data", test.map(|axis| axis.rms)));
+    let held_out = known.cross_validation.as_ref().filter(|_| known.group_leak.is_none());
     let held_out = held_out.map(|cv| ("held-out groups", cv.grouped.map(|axis| axis.rms)));
     let sets: Vec<_> = tested.into_iter().chain(held_out).collect();
     if sets.is_empty() {
-        return vec![Finding::warning(
+        findings.push(Finding::warning(
             "untested",
             "it was not tested on data that it has not seen",
-            "fit with `--test` and a recording of another session, or with `--cv`",
-        )];
+            "fit without `--model`, or with `--test` and a recording of another session, or with `--cv`",
+        ));
     }
-    let mut findings = Vec::new();
     for (name, rms) in sets {
         let ratio = |axis: Axis| rms[axis.index()] / known.train[axis.index()].rms;
         let ratios = axes.iter().map(|axis| (axis, ratio(axis)));

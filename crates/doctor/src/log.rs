@@ -2,6 +2,7 @@
 
 use calibration::Calibration;
 use calibration::quality::{self, AxisErrors};
+use calibration::validation::excitation::LONGEST_LEVER_M;
 use log_file::{Log, LogError, Meaning, ReadOptions, Wanted};
 use shell_data::block::Block;
 use shell_data::statistics::RunningVariance;
@@ -22,9 +23,6 @@ const MISSING: [f64; 2] = [1e-3, 0.05];
 
 /// Frames that a tare takes.
 const TARE_FRAMES: u64 = 50;
-
-/// A shell of 10 cm has levers of a few cm; moments of so many m are in another unit.
-const LEVER_M: f64 = 1.0;
 
 /// How many times the error of the training data a log's error must be to look for the reason.
 const WORSE: f64 = 3.0;
@@ -349,7 +347,7 @@ pub fn check_log(facts: &LogObservations, calibration: Option<&Calibration>) -> 
     }
     findings.extend(check_length(facts));
     findings.extend(check_timing(facts));
-    if let Some(lever_m) = facts.lever_m.filter(|&lever_m| lever_m > LEVER_M) {
+    if let Some(lever_m) = facts.lever_m.filter(|&lever_m| lever_m > LONGEST_LEVER_M) {
         findings.push(Finding::fault(
             "moment-unit",
             format!("moments over forces make a lever of {lever_m:.1} m"),

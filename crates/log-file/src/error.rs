@@ -174,6 +174,16 @@ pub enum LogError {
         /// The columns of the log.
         found: Vec<String>,
     },
+    /// A column of the wrench is in a unit that is not read.
+    #[error("`{}`, {place}: the unit of column `{column}` is not known", path.display())]
+    UnknownUnit {
+        /// The file.
+        path: PathBuf,
+        /// Where the columns are named.
+        place: LogPosition,
+        /// The column.
+        column: String,
+    },
     /// Two columns are taken for the same thing.
     #[error(
         "`{}`, {place}: columns {} (`{}`) and {} (`{}`) are both {meaning}",
@@ -242,6 +252,9 @@ impl Hint for LogError {
             Self::LayoutMismatch { .. } => "leave out `--format` to have it recognised",
             Self::MissingColumns { .. } => {
                 "name the columns with `--sensors`, `--wrench`, `--time` or `--group`"
+            }
+            Self::UnknownUnit { .. } => {
+                "convert it to N or mN, moments to N·m, mN·m or N·mm, and name the column so (`fx_n`, `Mx [N*mm]`)"
             }
             Self::DuplicateColumn { .. } => {
                 "say which one is meant with `--sensors`, `--wrench` or `--time`"

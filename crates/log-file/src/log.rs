@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use crate::error::LogError;
-use crate::format::columns::{Column, ColumnsError, Meaning, positions};
+use crate::format::columns::{Column, ColumnsError, Meaning, axis_of_other_unit, positions};
 use crate::format::layout::{FileLayout, HEAD_BYTES, recognise_layout};
 use crate::format::mapping::{ColumnRef, LogFormat, Mapping};
 use crate::read::request::Wanted;
@@ -333,7 +333,27 @@ impl Log {
         let beyond = asked.filter(|&&at| at >= columns.len());
         missing.extend(beyond.map(|at| format!("column {}", at + 1)));
         self.check_missing(missing)?;
+        if wanted.wrench {
+            self.check_units()?;
+        }
         self.check_are_read(wanted)
+    }
+
+    /// Checks that no axis is missing because its column is in a unit that is not read.
+    fn check_units(&self) -> Result<(), LogError> {
+        let lost = |column: &&Column| {
+            let axis =
+                axis_of_other_unit(&column.name).filter(|_| column.meaning == Meaning::Other);
+            axis.is_some_and(|axis| !self.axes().contains(axis))
+        };
+        match self.layout.columns.iter().find(lost) {
+            None => Ok(()),
+            Some(column) => Err(LogError::UnknownUnit {
+                path: self.source.path.clone(),
+                place: self.source.place(self.layout.names_line),
+                column: column.name.clone(),
+            }),
+        }
     }
 
     /// Checks that a table in a binary file holds what can be read in all wanted columns.

@@ -18,7 +18,7 @@ use content::MOST_TRACES;
 pub use content::{CalibrationFacts, CalibrationSource, Heading, Input, Report};
 pub use markup::figure;
 use markup::script_json;
-pub use of_calibration::{CalibrationReport, FewGroups, GroupRow, Intervals};
+pub use of_calibration::{CalibrationReport, FewGroups, GroupRow};
 pub use outliers::{OutlierRow, OutlierTable};
 use page::ReportPage;
 

@@ -34,7 +34,7 @@ const MOST_REPETITIONS: usize = 9;
 /// What all solvers did with one model.
 #[derive(Clone, Debug, Serialize)]
 pub struct ModelBench {
-    /// The model, `cubic+1`.
+    /// The model, `cubic + offset`.
     pub model: String,
     /// Coefficients of each axis.
     pub features: usize,
@@ -392,8 +392,8 @@ mod tests {
                 assert!(coefficients <= 2.0 * f64::EPSILON, "{m:?}");
             }
         }
-        assert!(markdown(std::slice::from_ref(&bench)).contains("| poly3+1 (20) | error |"));
+        assert!(markdown(std::slice::from_ref(&bench)).contains("| poly3 + offset (20) | error |"));
         let svg = figure(Size::Screen, &[bench], ErrorKind::Coefficients);
-        assert!(svg.svg().contains("front of poly3+1"));
+        assert!(svg.svg().contains("front of poly3 + offset"));
     }
 }

@@ -3,6 +3,7 @@
 use super::{WorkflowError, agree_on_axes, check_logs};
 use calibration::Calibration;
 use calibration::fit::{Fit, FitMethod, FitOptions, GroupsAsked, HeldOut, may_have_plateaus};
+use calibration::quality::AxisQuality;
 use calibration_file::{CalibrationFile, Diagnostics, Origin, Role, SolverRecord, SourceFile};
 use figures::FitPlot;
 use log_file::{Log, ReadOptions, Wanted, read_dataset};
@@ -132,6 +133,11 @@ pub struct FileFacts {
 /// The calibration file of a fit.
 pub fn calibration_file(fit: &Fit, facts: FileFacts) -> CalibrationFile {
     let FileFacts { made_by, date, sensor_serial, sources, columns } = facts;
+    // The R² of rows that the fit has all but seen is no result.
+    let as_a_result = |of: AxisQuality| match fit.leaks.in_test() {
+        Some(_) => AxisQuality { r_squared: None, ..of },
+        None => of,
+    };
     let solver = match &fit.method {
         FitMethod::Polynomial { solution, solver, truncate } => {
             Some(SolverRecord { name: *solver, ridge: solution.ridge, truncate: *truncate })
@@ -152,10 +158,12 @@ pub fn calibration_file(fit: &Fit, facts: FileFacts) -> CalibrationFile {
                 rank: fit.rank(),
                 condition: fit.condition(),
                 train: fit.train,
-                test: fit.test().quality(),
+                test: fit.test().quality().map(|axes| axes.map(as_a_result)),
                 cross_validation: fit.cross_validation.clone(),
                 selection: fit.selection.clone(),
                 excitation: fit.excitation.clone(),
+                test_leak: fit.leaks.in_test(),
+                group_leak: fit.leaks.in_groups(),
             }),
             sources,
             columns,

@@ -36,7 +36,7 @@ fn a_pair_becomes_a_training_log_that_can_be_fitted() {
         assert_eq!(row[..9], frame);
     }
     assert!(std::fs::read_to_string(at.join("match.svg")).unwrap().ends_with("</svg>\n"));
-    succeed(at, "fit train.csv --output cal.json");
+    succeed(at, "fit --model cubic train.csv --output cal.json");
 }
 
 #[test]

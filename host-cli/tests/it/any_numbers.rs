@@ -200,7 +200,7 @@ fn exact_sums_and_triangles_are_not_merged_and_damaged_triangles_are_refused() {
     let said = refused(dir, "fit b.csv --model linear --solver huber --partial c.json");
     assert!(said.contains("leave out `--solver`"), "{said}");
     assert!(refused(dir, "merge b.json --cv").contains("keep no sums of groups"));
-    assert!(refused(dir, "merge b.json --model cubic").contains("not for `cubic+1`"));
+    assert!(refused(dir, "merge b.json --model cubic").contains("not for `cubic + offset`"));
     let text = fs::read_to_string(dir.join("a.json")).unwrap();
     let sealed = |text: &str| {
         let (content, _) = text.rsplit_once(",\n  \"checksum\"").unwrap();

@@ -32,7 +32,7 @@ fn folder(logs: u64) -> (tempfile::TempDir, Vec<[f64; 2]>) {
     let dir = tempfile::tempdir().unwrap();
     let train = fs::canonicalize(CALIBRATION).unwrap();
     fs::copy(train, dir.path().join("train.csv")).unwrap();
-    program::succeed(dir.path(), "fit train.csv --output cal.json");
+    program::succeed(dir.path(), "fit --model cubic train.csv --output cal.json");
     let windows = (1..=logs)
         .map(|seed| {
             let path = dir.path().join(format!("{seed}.txt"));
@@ -464,7 +464,7 @@ fn the_report_names_the_rows_whose_readings_cannot_be_trusted() {
     let dir = dir.path();
     program::run(dir, "synth trials trials --per-condition 1", 0);
     program::run(dir, "synth train --rows 5000 -o train.csv", 0);
-    program::run(dir, "fit train.csv -o cal.json", 0);
+    program::run(dir, "fit --model cubic train.csv -o cal.json", 0);
     // One reading of one row is at the end of the converter: at 3 s, in the window.
     let log = dir.join("trials/free-1.txt");
     let text = fs::read_to_string(&log).unwrap();

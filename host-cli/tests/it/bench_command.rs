@@ -9,7 +9,7 @@ fn solvers_are_compared_on_rows_of_the_sensor_model_and_drawn() {
     let benches = program::json(dir.path(), arguments);
     assert_eq!(
         (&benches[0]["model"], &benches[1]["model"]),
-        (&"linear+1".into(), &"cubic+1".into())
+        (&"linear + offset".into(), &"cubic + offset".into())
     );
     for bench in benches.as_array().unwrap() {
         let solvers = bench["solvers"].as_array().unwrap();
@@ -26,7 +26,7 @@ fn solvers_are_compared_on_rows_of_the_sensor_model_and_drawn() {
     }
     for name in ["bench.svg", "bench-prediction.svg"] {
         let svg = std::fs::read_to_string(dir.path().join(name)).unwrap();
-        assert!(svg.starts_with("<svg") && svg.contains("front of cubic+1"), "{name}");
+        assert!(svg.starts_with("<svg") && svg.contains("front of cubic + offset"), "{name}");
     }
 }
 
@@ -38,7 +38,10 @@ fn a_model_that_the_rows_do_not_determine_is_left_out_with_the_reason() {
     let (stdout, stderr) =
         (String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap());
     assert!(output.status.success());
-    assert!(stderr.contains("warning: poly3+1: `100` rows are too few for the `165` coefficients"));
-    assert!(stdout.contains("linear+1: 9 features, 100 rows") && !stdout.contains("poly3"));
+    assert!(
+        stderr
+            .contains("warning: poly3 + offset: `100` rows are too few for the `165` coefficients")
+    );
+    assert!(stdout.contains("linear + offset: 9 features, 100 rows") && !stdout.contains("poly3"));
     program::refused(dir.path(), "bench --rows 100 --model poly3");
 }

@@ -51,7 +51,7 @@ fn with_files(files: &[(&str, &str)]) -> TempDir {
 fn a_model_that_holds_exactly_is_found_exactly() {
     let dir =
         with_files(&[("train.csv", &log(400, 0.0, |_| ())), ("test.csv", &log(50, 0.0, |_| ()))]);
-    let report = json(&dir, "fit train.csv --test test.csv -o cal.json --json");
+    let report = json(&dir, "fit --model cubic train.csv --test test.csv -o cal.json --json");
     assert_eq!(report["rank"], 25);
     assert_eq!(report["rows"], 400);
     for set in ["train", "test"] {
@@ -70,11 +70,11 @@ fn the_table_names_axes_figures_and_rows() {
     let rows = log(400, 0.01, |_| ());
     let test: String = rows.lines().take(300).map(|line| format!("{line}\n")).collect();
     let dir = with_files(&[("train.csv", &rows), ("test.csv", &test)]);
-    let text = succeed(&dir, "fit train.csv --test test.csv");
+    let text = succeed(&dir, "fit --model cubic train.csv --test test.csv");
     for word in ["RMS train", "RMS test", "max train", "R² test", "Fx", "Mz", "N·m"] {
         assert!(text.contains(word), "{word} in {text}");
     }
-    assert!(text.contains("cubic+1, solver exact: rank 25 of 25"), "{text}");
+    assert!(text.contains("cubic + offset, solver exact: rank 25 of 25"), "{text}");
     assert!(text.contains("400 rows used, 0 skipped, 0 repeated"), "{text}");
 }
 
@@ -83,7 +83,8 @@ fn results_do_not_depend_on_the_number_of_threads() {
     let text = log(30_000, 0.01, |_| ());
     let dir = with_files(&[("train.csv", &text)]);
     let bytes = |threads: usize| {
-        let arguments = format!("fit train.csv --threads {threads} -o {threads}.json");
+        let arguments =
+            format!("fit --model cubic train.csv --threads {threads} -o {threads}.json");
         succeed(&dir, &arguments);
         fs::read(dir.path().join(format!("{threads}.json"))).unwrap()
     };
@@ -95,7 +96,7 @@ fn results_do_not_depend_on_the_number_of_threads() {
 #[test]
 fn an_exported_matrix_imports_to_the_same_wrench() {
     let dir = with_files(&[("train.csv", &log(400, 0.01, |_| ()))]);
-    let fitted = json(&dir, "fit train.csv -o cal.json --export-matrix m.csv --json");
+    let fitted = json(&dir, "fit --model cubic train.csv -o cal.json --export-matrix m.csv --json");
     succeed(&dir, "import m.csv -o imported.json");
     let evaluated = json(&dir, "eval imported.json train.csv --json");
     for axis in 0..6 {
@@ -109,7 +110,7 @@ fn an_exported_matrix_imports_to_the_same_wrench() {
 #[test]
 fn a_calibration_is_exported_as_the_matrix_of_its_fit_and_as_code() {
     let dir = with_files(&[("train.csv", &log(400, 0.01, |_| ()))]);
-    succeed(&dir, "fit train.csv -o cal.json --export-matrix m.csv");
+    succeed(&dir, "fit --model cubic train.csv -o cal.json --export-matrix m.csv");
     let export = |file: &str| {
         succeed(&dir, &format!("export cal.json {file}"));
         std::fs::read_to_string(dir.path().join(file)).unwrap()
@@ -125,7 +126,7 @@ fn a_calibration_is_exported_as_the_matrix_of_its_fit_and_as_code() {
 #[test]
 fn a_limit_that_is_exceeded_is_exit_code_1() {
     let dir = with_files(&[("train.csv", &log(400, 0.01, |_| ()))]);
-    succeed(&dir, "fit train.csv -o cal.json");
+    succeed(&dir, "fit --model cubic train.csv -o cal.json");
     succeed(&dir, "eval cal.json train.csv --max-rms 0.02 --max-rms-moment 0.02");
     ended(&dir, "eval cal.json train.csv --max-rms-moment 0.001", 1);
     let (_, error) = ended(&dir, "eval cal.json train.csv --max-rms 0.001", 1);
@@ -143,20 +144,28 @@ fn a_rank_loss_names_the_channels_and_what_to_do() {
         ("coarse.csv", &log(400, 0.01, |s| s[3] = f64::from(s[3] > 2000.0))),
     ]);
     let cases = [
-        ("fit constant.csv", "channel `s3` is constant (always `1234`)", "--ridge"),
-        ("fit twice.csv", "channels `s1` and `s2` are proportional (s2 = 2·s1)", "--ridge"),
-        ("fit twice.csv --no-intercept", "(s2 = 2·s1)", "--ridge"),
-        ("fit shifted.csv", "`s5` and `s8` move as one (s8 = 0.5·s5 + 100)", "--ridge"),
-        ("fit same.csv", "all `400` rows have the same readings", "cable"),
+        ("fit --model cubic constant.csv", "channel `s3` is constant (always `1234`)", "--ridge"),
+        (
+            "fit --model cubic twice.csv",
+            "channels `s1` and `s2` are proportional (s2 = 2·s1)",
+            "--ridge",
+        ),
+        ("fit --model cubic twice.csv --no-intercept", "(s2 = 2·s1)", "--ridge"),
+        (
+            "fit --model cubic shifted.csv",
+            "`s5` and `s8` move as one (s8 = 0.5·s5 + 100)",
+            "--ridge",
+        ),
+        ("fit --model cubic same.csv", "all `400` rows have the same readings", "cable"),
         ("fit few.csv", "`24` rows are too few for the `25` coefficients", "--model"),
-        ("fit coarse.csv", "`s4", "--ridge"),
+        ("fit --model cubic coarse.csv", "`s4", "--ridge"),
     ];
     for (arguments, expected, hint) in cases {
         let error = refused(&dir, &format!("{arguments} -o cal.json"));
         assert!(error.contains(expected), "{arguments}: {error}");
         assert!(error.contains("hint: ") && error.contains(hint), "{arguments}: {error}");
     }
-    let damped = json(&dir, "fit twice.csv --ridge 1e-9 --json");
+    let damped = json(&dir, "fit --model cubic twice.csv --ridge 1e-9 --json");
     assert_eq!(damped["rank"], 22);
     // What was noise of 0.01 N stays noise of 0.01 N.
     assert!((damped["train"][4]["rms"].as_f64().unwrap() - 0.01).abs() < 1e-3);
@@ -166,21 +175,21 @@ fn a_rank_loss_names_the_channels_and_what_to_do() {
 fn outputs_that_cannot_be_written_are_found_before_the_work() {
     let dir = with_files(&[("train.csv", &log(400, 0.01, |_| ()))]);
     for flag in ["--output", "--export-matrix"] {
-        let error = refused(&dir, &format!("fit train.csv {flag} missing/out"));
+        let error = refused(&dir, &format!("fit --model cubic train.csv {flag} missing/out"));
         assert!(error.contains("cannot write `missing/out`"), "{error}");
     }
-    let error = refused(&dir, "fit train.csv --plot figure.gif");
+    let error = refused(&dir, "fit --model cubic train.csv --plot figure.gif");
     assert!(error.contains("`figure.gif`"), "{error}");
-    let error = refused(&dir, "fit missing.csv -o cal.json");
+    let error = refused(&dir, "fit --model cubic missing.csv -o cal.json");
     assert!(error.contains("missing.csv"), "{error}");
-    let error = refused(&dir, "fit train.csv --ridge=-1");
+    let error = refused(&dir, "fit --model cubic train.csv --ridge=-1");
     assert!(error.contains("ridge parameter is `-1`"), "{error}");
 }
 
 #[test]
 fn calibrations_that_do_not_fit_are_refused() {
     let dir = with_files(&[("train.csv", &log(400, 0.01, |_| ()))]);
-    succeed(&dir, "fit train.csv -o cal.json");
+    succeed(&dir, "fit --model cubic train.csv -o cal.json");
     let calibration = fs::read_to_string(dir.path().join("cal.json")).unwrap();
     let write = |name: &str, text: &str| fs::write(dir.path().join(name), text).unwrap();
     write("later.json", &calibration.replace("\"schema_version\": 1", "\"schema_version\": 9"));
@@ -215,9 +224,9 @@ fn repeated_rows_are_counted_and_left_out_on_request() {
     let (header, rows) = text.split_once('\n').unwrap();
     let twice: String = rows.lines().map(|row| format!("{row}\n{row}\n")).collect();
     let dir = with_files(&[("train.csv", &format!("{header}\n{twice}"))]);
-    let all = json(&dir, "fit train.csv --json");
+    let all = json(&dir, "fit --model cubic train.csv --json");
     assert_eq!((&all["rows"], &all["repeated_rows"]), (&600.into(), &300.into()));
-    let fresh = json(&dir, "fit train.csv --fresh --json");
+    let fresh = json(&dir, "fit --model cubic train.csv --fresh --json");
     assert_eq!((&fresh["rows"], &fresh["repeated_rows"]), (&300.into(), &300.into()));
 }
 
@@ -253,9 +262,9 @@ fn truncation_answers_where_rank_is_lost_and_says_so() {
     assert!(said.contains("1 direction"), "{said}");
     let fitted: serde_json::Value = serde_json::from_str(&printed).unwrap();
     assert_eq!(fitted["rank"], 8);
-    let error = refused(&dir, "fit log.csv --truncate 1e-8");
+    let error = refused(&dir, "fit --model cubic log.csv --truncate 1e-8");
     assert!(error.contains("`--truncate` is for `--solver svd`"), "{error}");
-    let error = refused(&dir, "fit log.csv --solver svd --truncate 1");
+    let error = refused(&dir, "fit --model cubic log.csv --solver svd --truncate 1");
     assert!(error.contains("a share from 0 to 1"), "{error}");
 }
 
@@ -266,7 +275,7 @@ fn an_error_that_is_not_a_number_fails_the_limit() {
     let (rows, last) = train.trim_end().rsplit_once(',').unwrap();
     let corrupt = format!("{rows},{last}e300\n");
     let dir = with_files(&[("train.csv", &train), ("corrupt.csv", &corrupt)]);
-    succeed(&dir, "fit train.csv -o cal.json");
+    succeed(&dir, "fit --model cubic train.csv -o cal.json");
     ended(&dir, "eval cal.json corrupt.csv --max-rms-moment 1e9", 1);
 }
 
@@ -276,11 +285,11 @@ fn a_value_that_was_taken_for_a_file_is_told_apart() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     program::run(dir, "synth train --rows 500 -o train.csv", 0);
-    program::run(dir, "fit train.csv --covariance rows -o cal.json", 0);
+    program::run(dir, "fit --model linear train.csv -o cal.json", 0);
     for (command, joined) in [
         ("convert cal.json train.csv --interval 95 -o out.csv", "`--interval=95`"),
         ("convert cal.json --interval 95 train.csv -o out.csv", "`--interval=95`"),
-        ("fit train.csv --cv 5", "`--cv=5`"),
+        ("fit --model cubic train.csv --cv 5", "`--cv=5`"),
     ] {
         let said = program::run(dir, command, 2);
         assert!(said.contains("is no file") && said.contains(joined), "{command}: {said}");

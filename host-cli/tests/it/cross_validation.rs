@@ -337,9 +337,9 @@ fn the_ridges_reach_beyond_the_best_or_say_that_they_do_not() {
     let at_limit = text.contains("its ridge is the largest that was tried");
     assert_eq!(at_limit, text.contains("with ridge 1e4, squared"), "{text}");
     // The summary says what is penalised.
-    let text = succeed(&dir, "fit noise.csv --ridge 0.5");
-    assert!(text.contains("cubic+1, ridge 5e-1 on powers of centred readings"), "{text}");
-    let text = succeed(&dir, "fit noise.csv --ridge 0.5 --no-intercept");
+    let text = succeed(&dir, "fit noise.csv --model cubic --ridge 0.5");
+    assert!(text.contains("cubic + offset, ridge 5e-1 on powers of centred readings"), "{text}");
+    let text = succeed(&dir, "fit noise.csv --model cubic --ridge 0.5 --no-intercept");
     assert!(text.contains("ridge 5e-1 on powers of raw readings"), "{text}");
 }
 
@@ -357,23 +357,28 @@ fn files_can_be_the_groups_and_results_do_not_depend_on_threads() {
     assert_eq!(files["cross_validation"]["groups"], 4);
     assert_eq!(files["cross_validation"], report("--cv=file --threads 3")["cross_validation"]);
     assert_eq!(report("--cv")["cross_validation"]["groups"], 20);
-    assert!(report("")["cross_validation"].is_null());
-    let auto = report("--model auto -o cal.json");
-    assert!(auto["cross_validation"].is_null());
+    assert!(report("--model cubic")["cross_validation"].is_null());
+    let auto = report("-o cal.json");
+    // A model that is chosen is judged on the same groups.
+    assert_eq!(auto["cross_validation"]["groups"], 20);
+    assert_eq!(auto["model"], report("--model auto --cv")["model"]);
     let chosen = auto["selection"]["chosen"].as_u64().unwrap() as usize;
     let chosen = &auto["selection"]["candidates"][chosen];
-    assert_eq!(auto["model"], format!("{}+1", chosen["basis"].as_str().unwrap()));
+    assert_eq!(auto["model"], format!("{} + offset", chosen["basis"].as_str().unwrap()));
     assert_eq!(auto["solver"]["ridge"], chosen["ridge"]);
     // The calibration with these diagnostics reads back.
     succeed(&dir, "eval cal.json 0.csv");
 }
 
 #[test]
-fn without_groups_there_is_nothing_to_hold_out() {
+fn without_groups_stretches_of_time_are_held_out_and_means_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     let text = log(&poses(30, 5, 50, 400.0, 0.01, curved)).replace(",group", ",remark");
     fs::write(dir.path().join("one.csv"), text).unwrap();
-    assert!(refused(&dir, "fit one.csv --cv").contains("nothing to hold out"));
-    assert!(refused(&dir, "fit one.csv --cv=column").contains("group"));
-    refused(&dir, "fit one.csv --cv=0");
+    let report = json(&dir, "fit one.csv --model linear --cv --json");
+    assert_eq!(report["groups_found"]["found"], "stretches");
+    assert_eq!(report["cross_validation"]["groups"], 40);
+    assert!(refused(&dir, "fit --model cubic one.csv --means").contains("nothing to hold out"));
+    assert!(refused(&dir, "fit --model cubic one.csv --cv=column").contains("group"));
+    refused(&dir, "fit --model cubic one.csv --cv=0");
 }

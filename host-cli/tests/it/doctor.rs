@@ -111,7 +111,7 @@ const WRENCH: [&str; 6] = ["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"];
 fn calibrate(dir: &Path) {
     let (train, test) = (shipped("synthetic-train.csv"), shipped("synthetic-test.csv"));
     let files = format!("{} --test {}", train.display(), test.display());
-    succeed(dir, &format!("fit {files} --output cal.json"));
+    succeed(dir, &format!("fit --model cubic {files} --output cal.json"));
 }
 
 #[test]
@@ -275,7 +275,7 @@ fn planted_faults_of_calibrations_are_found() {
     // 30 An axis that was never loaded, 31 training data that were changed since.
     let flat = Table::shipped("synthetic-train.csv").change("mz_nm", |_, _| 0.0);
     flat.write(dir, "flat.csv");
-    succeed(dir, "fit flat.csv --output flat.json");
+    succeed(dir, "fit --model cubic flat.csv --output flat.json");
     let expected = [("untested", "warning"), ("axis-unloaded", "fault")];
     assert_found(dir, "flat.json", &expected);
     flat.change("t_s", |_, t| t + 1.0).write(dir, "flat.csv");

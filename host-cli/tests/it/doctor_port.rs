@@ -217,7 +217,7 @@ fn planted_faults_of_boards_are_found() {
     let dir = dir.path();
     calibration(dir);
     let label = "ff".repeat(12);
-    succeed(dir, &format!("fit training.csv --output other.json --serial {label}"));
+    succeed(dir, &format!("fit --model cubic training.csv --output other.json --serial {label}"));
     let fault = |check: &'static str| vec![(check, "fault")];
     let warning = |check: &'static str| vec![(check, "warning")];
     let stream = |sample: fn(u64) -> Option<Sample>| Plan { sample, ..Plan::sound() };
@@ -387,7 +387,7 @@ fn a_simulated_board_is_sound_and_a_lossy_radio_is_not() {
     let dir = tempfile::tempdir().unwrap();
     let train =
         Path::new(env!("CARGO_MANIFEST_DIR")).join("../calibration-data/synthetic-train.csv");
-    succeed(dir.path(), &format!("fit {} --output cal.json", train.display()));
+    succeed(dir.path(), &format!("fit --model cubic {} --output cal.json", train.display()));
     fs::write(
         dir.path().join("rest.csv"),
         "t_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm\n0,0,0,0,0,0,0\n60,0,0,0,0,0,0\n",

@@ -29,7 +29,7 @@ fn sensor(warm_up_k: f64, warm_up_s: f64, seed: u64) -> SensorModel {
 /// Calibrated on the same unit at rest temperature.
 fn calibration(folder: &Path) -> Calibration {
     program::run(folder, "synth train --rows 6000 --elastic -o train.csv", 0);
-    program::run(folder, "fit train.csv -o cal.json", 0);
+    program::run(folder, "fit --model cubic train.csv -o cal.json", 0);
     CalibrationFile::read(&folder.join("cal.json")).unwrap().calibration
 }
 

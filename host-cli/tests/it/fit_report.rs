@@ -5,7 +5,7 @@ use std::path::Path;
 
 use calibration::fit::{GroupsAsked, Workers, group_errors, label_poses_or_files};
 use calibration::quality::{self, AxisQuality};
-use calibration::{FitOptions, fit};
+use calibration::{Basis, FitOptions, fit};
 use log_file::{Log, Mapping, ReadOptions};
 use shell_data::dataset::Dataset;
 use shell_data::wrench::PerAxis;
@@ -31,11 +31,12 @@ fn the_report_says_how_far_and_what_for() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     let (train, test) = (data("synthetic-train.csv"), data("synthetic-test.csv"));
-    run(dir, &format!("fit {train} --test {test} --cv --report fit.html"), 0);
+    run(dir, &format!("fit {train} --model cubic --test {test} --cv --report fit.html"), 0);
     let page = text(dir);
-    // The errors that `fit` prints for the same logs (README.md), in units that suit.
-    assert!(page.contains("Error (RMS) on test data: Fx 131, Fy 130, Fz 137 mN"), "{page}");
-    assert!(page.contains("from 125 groups of rows"), "{page}");
+    // The verdict that `fit` prints.
+    let verdict = "cubic + offset: error on groups not used for the fit (125 in all, each held out once): Fx 0.116";
+    assert!(page.contains(verdict), "{page}");
+    assert!(page.contains("95 % of single frames are within Fx ±0.2"), "{page}");
     assert!(
         page.contains("Loads beyond these were never shown to it: Fx −2.83 … 2.86 N"),
         "{page}"
@@ -76,7 +77,7 @@ fn what_nobody_measured_is_said() {
     run(dir, "fit up.csv --model quadratic --report fit.html", 0);
     let page = text(dir);
     assert!(page.contains("must not be trusted with loads that it has not seen"), "{page}");
-    assert!(page.contains("on the training data alone, which flatters"), "{page}");
+    assert!(page.contains("the error on new loads is not known"), "{page}");
     assert!(page.contains("Fz is hardly loaded towards −Fz"), "{page}");
     assert!(page.contains("does") || page.contains("do not belong"), "{page}");
     assert!(page.contains("up.csv") && page.contains("standard deviations"), "{page}");
@@ -86,7 +87,7 @@ fn what_nobody_measured_is_said() {
     // A report is of rows, which a partial fit has not; and it never takes the place of an input.
     let said = run(dir, "fit up.csv --partial part.json --report other.html", 2);
     assert!(said.contains("--report"), "{said}");
-    let said = run(dir, "fit up.csv --report up.csv", 2);
+    let said = run(dir, "fit --model cubic up.csv --report up.csv", 2);
     assert!(said.contains("up.csv"), "{said}");
     assert!(fs::read_to_string(dir.join("up.csv")).unwrap().starts_with("t_s,"));
 }
@@ -98,7 +99,8 @@ fn errors_by_group_add_up_to_those_of_the_fit() {
     let logs = [Log::open(Path::new(&path), &Mapping::default()).unwrap()];
     let read = ReadOptions::default();
     let data = FitData::read(&logs, &[], (GroupsAsked::IfAny, false), &read).unwrap().train;
-    let fitted = fit(&data, &Dataset::default(), &FitOptions::default()).unwrap();
+    let options = FitOptions { model: Basis::Cubic.into(), ..FitOptions::default() };
+    let fitted = fit(&data, &Dataset::default(), &options).unwrap();
     let labelled = label_poses_or_files(&data);
     let grouped = group_errors(&fitted.calibration, &labelled, 100, Workers::default()).unwrap();
     assert_eq!(grouped.groups.len(), 125);

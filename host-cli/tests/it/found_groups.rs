@@ -47,7 +47,8 @@ fn text(rows: &[Row], last: &str) -> String {
 }
 
 fn fit(dir: &TempDir, arguments: &str) -> (Value, String) {
-    let (printed, said) = ended(dir, &format!("fit --json {arguments}"), 0);
+    let model = if arguments.contains("--model") { "" } else { "--model cubic" };
+    let (printed, said) = ended(dir, &format!("fit --json {arguments} {model}"), 0);
     (serde_json::from_str(&printed).unwrap(), said)
 }
 
@@ -113,7 +114,7 @@ fn groups_can_be_the_values_of_any_column() {
     assert_eq!(named["cross_validation"], by_load["cross_validation"]);
     assert_eq!(by_load["rows"], rows.len());
     // Nobody has asked for more than 2000 poses.
-    let said = refused(dir.path(), "fit plain.csv --cv --group t_s");
+    let said = refused(dir.path(), "fit --model cubic plain.csv --cv --group t_s");
     assert!(said.contains("more than `2000` groups"), "{said}");
 }
 
@@ -141,9 +142,12 @@ fn recordings_between_jumps_of_the_clock_are_held_out_where_there_are_no_plateau
         "{talk}"
     );
     assert_eq!(plain["cross_validation"], fit(&dir, "named.csv --cv").0["cross_validation"]);
-    // Motion in one go has no groups.
+    // Motion in one go is held out by time.
     fs::write(dir.path().join("one.csv"), text(&rows[..500], "")).unwrap();
-    let said = refused(dir.path(), "fit one.csv --cv");
+    let (one, talk) = fit(&dir, "one.csv --cv");
+    assert!(talk.contains("found 40 stretches of time, 12 to 13 rows"), "{talk}");
+    assert_eq!(one["verdict"]["unseen_rows"], "held_out");
+    let said = refused(dir.path(), "fit --model cubic one.csv --cv=plateau");
     assert!(said.contains("no plateaus of constant load"), "{said}");
 }
 
@@ -157,7 +161,7 @@ fn test_rows_of_plateaus_that_were_trained_on_earn_a_warning_in_any_order() {
     let share = |arguments: &str| {
         let (report, talk) = fit(&dir, arguments);
         let share = report["test_share_on_training_plateaus"].as_f64();
-        assert_eq!(share > Some(0.1), talk.contains("lie on plateaus of the training data"));
+        assert_eq!(share > Some(0.1), talk.contains("the test set leaks"));
         share
     };
     let split = |rows: &[Row]| -> (Vec<Row>, Vec<Row>) {

@@ -40,7 +40,7 @@ fn calibrations_and_forces_are_the_same_bits_with_any_instructions() {
     write_log(&dir.join("test.csv"), 2);
     program::run(dir, "synth train --rows 3000 --output short.csv", 0);
     let commands = [
-        "fit full.csv --test test.csv --quiet --output cubic.json",
+        "fit --model cubic full.csv --test test.csv --quiet --output cubic.json",
         "fit short.csv --model poly3 --covariance rows --quiet --output poly3.json",
         "fit short.csv full.csv --model quadratic --solver tsqr --covariance rows --quiet --output qr.json",
         "convert poly3.json test.csv --quiet --output forces.csv",

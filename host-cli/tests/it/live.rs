@@ -226,7 +226,7 @@ impl Drop for Board {
 fn calibrate(dir: &Path) {
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../calibration-data");
     let train = data.join("synthetic-train.csv");
-    succeed(dir, &format!("fit {} --output cal.json", train.display()));
+    succeed(dir, &format!("fit --model cubic {} --output cal.json", train.display()));
 }
 
 #[test]

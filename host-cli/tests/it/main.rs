@@ -82,5 +82,6 @@ mod trial_profiles;
 mod trial_real;
 #[cfg(unix)]
 mod tutorial;
+mod verdict;
 mod virtual_trials;
 mod wrench_beside;

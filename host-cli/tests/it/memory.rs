@@ -18,7 +18,7 @@ const NO_GROUPS: &str = "--layout peer";
 
 /// What a fit wrote and said.
 fn fitted(dir: &Path, arguments: &str) -> (String, String) {
-    let said = program::run(dir, &format!("fit {arguments} --output cal.json"), 0);
+    let said = program::run(dir, &format!("fit --model cubic {arguments} --output cal.json"), 0);
     (fs::read_to_string(dir.join("cal.json")).unwrap(), said)
 }
 
@@ -66,7 +66,7 @@ fn a_compressed_log_gives_what_its_text_gives_and_a_copy_is_told() {
     assert_eq!(plain["diagnostics"], compressed["diagnostics"]);
     assert_eq!(plain["diagnostics"]["rows"], 23_000);
     fs::copy(dir.join("train.csv"), dir.join("copy.csv")).unwrap();
-    let said = program::refused(dir, "fit train.csv copy.csv");
+    let said = program::refused(dir, "fit --model cubic train.csv copy.csv");
     assert!(said.contains("copy.csv"), "{said}");
 }
 

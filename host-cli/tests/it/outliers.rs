@@ -88,7 +88,7 @@ fn every_corrupt_row_that_moves_a_held_out_error_is_named_and_no_other() {
             }
         }
         write(&dir, "dirty.csv", &dirty);
-        let with = report(&dir, "fit dirty.csv --test test.csv");
+        let with = report(&dir, "fit --model cubic dirty.csv --test test.csv");
         let named = lines(&with, "outliers");
         wrong.extend(
             named.iter().filter(|line| !places.contains(&(*line - 1))).map(|line| (log, *line)),
@@ -97,7 +97,8 @@ fn every_corrupt_row_that_moves_a_held_out_error_is_named_and_no_other() {
             let mut without = dirty.clone();
             without.remove(place);
             write(&dir, "without.csv", &without);
-            let without = report(&dir, "fit without.csv --test test.csv --outliers keep");
+            let without =
+                report(&dir, "fit --model cubic without.csv --test test.csv --outliers keep");
             let pairs = rms(&with, "test").into_iter().zip(rms(&without, "test"));
             let moves =
                 pairs.map(|(with, without)| (with / without - 1.0).abs()).fold(0.0, f64::max);
@@ -136,19 +137,19 @@ fn rows_that_belong_are_not_named_and_a_slip_deep_in_a_long_log_has_its_line() {
     // A blank line is no row and still a line.
     dirty.insert(100, String::new());
     write(&dir, "dirty.csv", &dirty);
-    let found = report(&dir, "fit dirty.csv");
+    let found = report(&dir, "fit --model cubic dirty.csv");
     assert_eq!(lines(&found, "outliers"), [60_002]);
     let row = &found["outliers"][0]["columns"][0];
     assert_eq!((&row["name"], &row["value"]), (&"s3".into(), &30_000.0.into()));
     assert!(row["before"].as_f64() < Some(5000.0) && row["after"].as_f64() < Some(5000.0));
-    let output = program::output(dir.path(), "fit dirty.csv");
+    let output = program::output(dir.path(), "fit --model cubic dirty.csv");
     let talk = String::from_utf8_lossy(&output.stderr);
     assert!(
         talk.contains("`dirty.csv` line 60002 does not belong: `s3` is 30000 (beside it "),
         "{talk}"
     );
     assert!(talk.contains("1 row does not belong; on the other rows the RMS error is"), "{talk}");
-    assert_eq!(report(&dir, "fit dirty.csv --outliers keep").get("outliers"), None);
+    assert_eq!(report(&dir, "fit --model cubic dirty.csv --outliers keep").get("outliers"), None);
 }
 
 #[test]
@@ -191,15 +192,15 @@ fn dropped_rows_are_listed_and_the_rest_is_fitted_as_if_they_were_not_there() {
     assert!(list.contains("dirty.csv,701,error,"), "{list}");
     // Nothing is left out without a list, and nothing but what the range says.
     for arguments in ["--outliers drop", "--valid-range 0:4095", "--dropped d.csv"] {
-        let said = refused(dir.path(), &format!("fit dirty.csv {arguments}"));
+        let said = refused(dir.path(), &format!("fit --model cubic dirty.csv {arguments}"));
         assert!(said.contains("--dropped"), "{said}");
     }
-    let ranged = report(&dir, "fit dirty.csv --valid-range 0:4095 --dropped d.csv");
+    let ranged = report(&dir, "fit --model cubic dirty.csv --valid-range 0:4095 --dropped d.csv");
     assert_eq!(lines(&ranged, "dropped"), [701, 2001]);
     assert_eq!(ranged["dropped"][0]["reason"], "out_of_range");
     assert_eq!(lines(&ranged, "outliers"), [1501]);
     for arguments in ["--valid-range 5:1", "--valid-range x", "--outliers perhaps"] {
-        refused(dir.path(), &format!("fit dirty.csv --dropped d.csv {arguments}"));
+        refused(dir.path(), &format!("fit --model cubic dirty.csv --dropped d.csv {arguments}"));
     }
     // `info` names them, too.
     let info: Value = serde_json::from_str(&succeed(&dir, "info dirty.csv --json")).unwrap();
@@ -208,7 +209,7 @@ fn dropped_rows_are_listed_and_the_rest_is_fitted_as_if_they_were_not_there() {
     let mut mixed = clean.clone();
     (1..1250).for_each(|line| mixed[line] = corrupt(&clean[line], &mut random));
     write(&dir, "mixed.csv", &mixed);
-    let found = report(&dir, "fit mixed.csv");
+    let found = report(&dir, "fit --model cubic mixed.csv");
     assert!(lines(&found, "outliers").len() < 50);
 }
 
@@ -224,7 +225,7 @@ fn a_row_is_named_by_its_line_with_decimal_commas_too() {
     let rows: Vec<String> =
         rows.iter().map(|row| row.replace(',', ";").replace('.', ",")).collect();
     write(&dir, "german.csv", &rows);
-    assert_eq!(lines(&report(&dir, "fit german.csv"), "outliers"), [702]);
+    assert_eq!(lines(&report(&dir, "fit --model cubic german.csv"), "outliers"), [702]);
 }
 
 #[test]

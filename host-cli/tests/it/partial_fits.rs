@@ -67,7 +67,7 @@ fn merged_parts_are_the_fit_over_all_files_bit_for_bit_in_any_grouping() {
 fn a_part_that_could_not_be_fitted_alone_can_be_merged() {
     let dir = recordings();
     succeed(&dir, "synth train --rows 20 --seed 4 -o 4.csv");
-    assert!(refused(&dir, "fit 4.csv").contains("too few"));
+    assert!(refused(&dir, "fit --model cubic 4.csv").contains("too few"));
     succeed(&dir, "fit 4.csv --partial 4.json");
     succeed(&dir, "fit 1.csv --partial 1.json");
     assert!(refused(&dir, "merge 4.json -o cal.json").contains("too few"));
@@ -83,8 +83,8 @@ fn parts_of_different_fits_are_refused() {
     succeed(&dir, "fit 2.csv --no-intercept --partial bare.json");
     succeed(&dir, "fit 2.csv --sensors 2-8 --partial seven.json");
     let cases = [
-        ("linear.json", "`linear.json`: it is for `linear+1`, expected `cubic+1`"),
-        ("bare.json", "it is for `cubic`, expected `cubic+1`"),
+        ("linear.json", "`linear.json`: it is for `linear + offset`, expected `cubic + offset`"),
+        ("bare.json", "it is for `cubic`, expected `cubic + offset`"),
         ("seven.json", "it has `7` channels, expected `8`"),
         ("1.json", "counted already"),
         ("1.csv", "not valid JSON"),
@@ -172,14 +172,17 @@ fn merged_parts_with_groups_validate_as_one_fit_does_bit_for_bit_in_any_order() 
 #[test]
 fn a_smaller_model_is_fitted_to_the_sums_of_a_larger_one() {
     let dir = recordings();
-    succeed(&dir, "fit 1.csv 2.csv --cv -o whole.json");
+    succeed(&dir, "fit --model cubic 1.csv 2.csv --cv -o whole.json");
     succeed(&dir, "fit 1.csv 2.csv --model poly3 --groups --partial all.json");
     succeed(&dir, "merge all.json --model cubic --cv -o merged.json");
     let (whole, merged) = (document(&dir, "whole.json"), document(&dir, "merged.json"));
     assert_eq!(without_rows(&merged), without_rows(&whole));
     succeed(&dir, "fit 1.csv --model linear --partial linear.json");
     let error = refused(&dir, "merge linear.json --model cubic");
-    assert!(error.contains("the sums are for `linear+1` features, not for `cubic+1`"), "{error}");
+    assert!(
+        error.contains("the sums are for `linear + offset` features, not for `cubic + offset`"),
+        "{error}"
+    );
 }
 
 #[test]
@@ -291,7 +294,7 @@ fn partial_fits_pass_through_pipes() {
     let mut stream = Vec::new();
     for file in [2, 3, 1] {
         let (printed, said) = ended(&dir, &format!("fit {file}.csv --groups --partial -"), 0);
-        assert!(said.contains("cubic+1: sums over"), "{said}");
+        assert!(said.contains("cubic + offset: sums over"), "{said}");
         stream.extend(printed.into_bytes());
         succeed(&dir, &format!("fit {file}.csv --groups --partial {file}.json"));
     }

@@ -87,7 +87,7 @@ fn settings_beside_the_data_are_options_of_every_command() {
     let said = program::run(dir, "convert by_file.json data/test.csv -o out.csv --verbose", 0);
     assert!(said.contains("--lowpass 5: from `data/shellcal.toml`, line 6"), "{said}");
     assert!(said.contains("5 Hz"), "{said}");
-    program::run(dir, "fit data/train.csv --no-config -o x.json", 2);
+    program::run(dir, "fit --model cubic data/train.csv --no-config -o x.json", 2);
     fs::rename(dir.join("data/shellcal.toml"), dir.join("other.toml")).unwrap();
     program::run(dir, "fit data/train.csv --config other.toml --model linear -o moved.json", 0);
     assert_eq!(coefficients("moved.json"), coefficients("typed.json"));
@@ -179,7 +179,7 @@ fn what_is_wrong_with_settings_is_told_with_its_line() {
     assert!(said.contains("say which are meant with `--config`"), "{said}");
     let said = program::run(
         dir,
-        "fit data/train.csv --no-config --sensors 2-9 --wrench a1,a2,a3,b1,b2,b33 -o x.json",
+        "fit --model cubic data/train.csv --no-config --sensors 2-9 --wrench a1,a2,a3,b1,b2,b33 -o x.json",
         2,
     );
     assert!(said.contains("hint: did you mean `b3` for `b33`?"), "{said}");

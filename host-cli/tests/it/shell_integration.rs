@@ -164,7 +164,7 @@ fn fish_completes_commands_options_choices_and_files() {
 fn tables_are_printed_as_they_are_asked_for() {
     let dir = tempfile::tempdir().unwrap();
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../calibration-data");
-    let fit = format!("fit {}", data.join("synthetic-train.csv").display());
+    let fit = format!("fit --model cubic {}", data.join("synthetic-train.csv").display());
     let output = program::output(dir.path(), &format!("{fit} --as csv"));
     assert!(output.status.success());
     // Nothing but the table, by an independent reader; the rest is said elsewhere.

@@ -128,7 +128,9 @@ fn every_output_has_the_axes_that_there_are_and_no_more() {
     let [six_test, two_test] = logs(dir, 5);
     let said = program::run(
         dir,
-        &format!("fit {two} --test {two_test} --cv --covariance rows --plot fit.svg -o two.json"),
+        &format!(
+            "fit --model cubic {two} --test {two_test} --cv --covariance rows --plot fit.svg -o two.json"
+        ),
         0,
     );
     assert!(
@@ -138,7 +140,7 @@ fn every_output_has_the_axes_that_there_are_and_no_more() {
     let rest = said.replace("the logs have no Fy, Mx, My, Mz", "");
     assert!([" Fy ", " Mx ", " My ", " Mz "].iter().all(|name| !rest.contains(name)), "{rest}");
     let named = "--wrench fx=fx_n,fz=fz_n --covariance rows";
-    program::run(dir, &format!("fit {six} {named} -o cal.json"), 0);
+    program::run(dir, &format!("fit --model cubic {six} {named} -o cal.json"), 0);
     let figure = fs::read_to_string(dir.join("fit.svg")).unwrap();
     assert!(figure.contains(">Fz<") && !figure.contains(">Fy<"));
     let fitted = json(dir, &format!("fit {two} --test {two_test} --model auto --json"));
@@ -146,7 +148,7 @@ fn every_output_has_the_axes_that_there_are_and_no_more() {
         let values = fitted.pointer(path).and_then(Value::as_array).map(Vec::len);
         assert!(values.is_none_or(|count| count == 2), "{path}: {fitted}");
     }
-    program::run(dir, &format!("fit {six} --covariance rows -o whole.json"), 0);
+    program::run(dir, &format!("fit --model cubic {six} --covariance rows -o whole.json"), 0);
     let [part, whole] = ["cal.json", "whole.json"]
         .map(|cal| json(dir, &format!("eval {cal} {two_test} --json"))["all"]["errors"].clone());
     assert_eq!((part.as_array().unwrap().len(), &part), (2, &whole));
@@ -202,17 +204,20 @@ fn what_takes_all_axes_says_so() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     let [six, two] = logs(dir, 6);
-    program::run(dir, &format!("fit {six} --wrench fx=fx_n,my=my_nm -o cal.json"), 0);
+    program::run(dir, &format!("fit --model cubic {six} --wrench fx=fx_n,my=my_nm -o cal.json"), 0);
     program::run(dir, "synth trials trials", 0);
     let cases = [
         (format!("fit {two} --model physics"), "the physics model takes all six axes"),
         (
-            format!("fit {six} {two}"),
+            format!("fit --model cubic {six} {two}"),
             "has the axes Fx, Fz of the wrench, the logs before it have Fx",
         ),
-        (format!("fit {six} --test {two}"), "no columns `Fy`, `Mx`, `My`, `Mz`"),
-        (format!("fit {six} --wrench fx=fx_n,fx=fy_n"), "`Fx` has two columns"),
-        (format!("fit {six} --wrench fx_n,fz_n"), "2 columns, expected all six (Fx to Mz)"),
+        (format!("fit --model cubic {six} --test {two}"), "no columns `Fy`, `Mx`, `My`, `Mz`"),
+        (format!("fit --model cubic {six} --wrench fx=fx_n,fx=fy_n"), "`Fx` has two columns"),
+        (
+            format!("fit --model cubic {six} --wrench fx_n,fz_n"),
+            "2 columns, expected all six (Fx to Mz)",
+        ),
         (format!("convert cal.json {six} -o out.mcap"), "all six axes of a wrench"),
         (format!("convert cal.json {six} --columns t,fy"), "the calibration gives Fx, My, not Fy"),
         (
@@ -237,7 +242,7 @@ fn the_report_of_forces_alone_is_silent_on_moments() {
     let dir = dir.path();
     let [six, two] = logs(dir, 4);
     for (log, has_moments) in [(six, true), (two, false)] {
-        program::run(dir, &format!("fit {log} --report fit.html"), 0);
+        program::run(dir, &format!("fit --model cubic {log} --report fit.html"), 0);
         let page = fs::read_to_string(dir.join("fit.html")).unwrap();
         assert_eq!(page.contains("Moments are about the origin"), has_moments, "{log}");
         assert_eq!(

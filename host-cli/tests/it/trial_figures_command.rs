@@ -31,7 +31,7 @@ fn set() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
     run(path, &["synth", "train", "--rows", "4000", "--output", "train.csv"], 0);
-    run(path, &["fit", "train.csv", "--output", "calibration.json"], 0);
+    run(path, &["fit", "train.csv", "--model", "cubic", "--output", "calibration.json"], 0);
     run(path, &["synth", "trials", "set", "--per-condition", "2"], 0);
     folder
 }
@@ -296,7 +296,7 @@ fn figures_are_as_wide_as_the_columns_of_a_paper() {
     let dir = dir.path();
     program::run(dir, "synth trials trials --per-condition 2", 0);
     program::run(dir, "synth train --rows 5000 -o train.csv", 0);
-    program::run(dir, "fit train.csv -o cal.json", 0);
+    program::run(dir, "fit --model cubic train.csv -o cal.json", 0);
     let trials = "trials/manifest.csv --calibration cal.json";
     for (size, width_mm) in [("single", 89.0), ("double", 183.0)] {
         let size = format!("--size {size}");
@@ -304,7 +304,7 @@ fn figures_are_as_wide_as_the_columns_of_a_paper() {
             program::run(dir, &format!("plot boxes {trials} {size} -o boxes.{format}"), 0);
         }
         program::run(dir, &format!("plot phase {trials} {size} -o phase.svg"), 0);
-        program::run(dir, &format!("fit train.csv {size} --plot fit.svg"), 0);
+        program::run(dir, &format!("fit --model cubic train.csv {size} --plot fit.svg"), 0);
         program::run(dir, &format!("eval cal.json train.csv {size} --plot eval.svg"), 0);
         program::run(
             dir,

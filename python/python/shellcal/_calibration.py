@@ -35,8 +35,9 @@ class Calibration:
     Parameters
     ----------
     model : {"linear", "cubic", "quadratic", "poly3", "auto", "physics"}
-        Features of the readings. ``"auto"`` takes the smallest that predicts new groups as well as the
-        best, and its ridge; it needs `groups`. ``"physics"`` is what photointerrupters answer to a wrench,
+        ``"auto"`` compares all on held-out groups (`groups`, or plateaus, or stretches of time) and takes the
+        smallest polynomial that predicts them as well as the best, with its ridge, or the physics model
+        where that predicts them better. ``"physics"`` is what photointerrupters answer to a wrench,
         inverted: for few poses, and for loads beyond them. It holds all rows in memory, takes some seconds,
         and has no use for `intercept`, `ridge`, `solver`, `truncate` and `covariance`.
     intercept : bool
@@ -51,7 +52,8 @@ class Calibration:
         With ``solver="svd"``: leaves out directions whose singular value is below this share of the
         largest.
     cv : bool or int
-        Whether `fit` finds the errors on held-out groups, too: each group alone, or in so many folds.
+        Whether `fit` finds the errors on held-out groups, too: each group alone, or in so many folds. With
+        ``model="auto"`` it does in any case.
     covariance : {"auto", "groups", "rows", "none"}
         What standard errors come from: ``"auto"`` takes groups where there are ten, rows otherwise.
     seed : int
@@ -73,10 +75,14 @@ class Calibration:
         The feature of each row of `coefficients_`.
     diagnostics_ : dict
         Rows, rank, condition and errors, also on held-out groups.
+    verdict_ : list of str
+        What the calibration is worth: the error on data that were not used for the fit, the 95 % interval of
+        a sample, what to use it for, what to record next.
     """
 
     document_: dict[str, Any]
     n_features_in_: int
+    verdict_: list[str]
     feature_names_in_: Any
     _fitted: Fitted
     _outputs: int | None
@@ -85,7 +91,7 @@ class Calibration:
 
     def __init__(
         self,
-        model: str = "cubic",
+        model: str = "auto",
         *,
         intercept: bool = True,
         ridge: float = 0.0,
@@ -158,8 +164,8 @@ class Calibration:
             Whole numbers say how often each row is there: everything is, to the last bit, that of a fit to
             rows repeated so often, and takes as long. Other numbers w weight the squares of errors, as if
             the variance of a row were divided by w; standard errors are those of a sample of weight 1.
-            No sum of such rows is exact: they are solved by refined QR, with a warning, without `cv`,
-            ``model="auto"``, `ridge` or errors by group. Diagnostics count every row once. 0 leaves a row out.
+            No sum of such rows is exact: they are solved by refined QR, with a warning, without `cv`, `ridge` or
+            errors by group, and ``"auto"`` takes the cubic model. Diagnostics count every row once. 0 leaves a row out.
         groups : array of shape (n,), optional
             A label per row of what resembles each other: pose, session, file. Standard errors, held-out
             errors and the choice of a model come from these.
@@ -187,7 +193,7 @@ class Calibration:
             labels = None if labels is None else (labels[0][kept], labels[1])
         rows = (readings, wrench, labels, repeats, weights)
         with _progress.shown("fit", "row") as progress:
-            fitted, messages = self._fit_rows(rows, progress)
+            fitted, messages, self.verdict_ = self._fit_rows(rows, progress)
         for message in messages:
             warnings.warn(message, ShellcalWarning, stacklevel=2)
         self._take(fitted)
@@ -199,7 +205,7 @@ class Calibration:
             del self.feature_names_in_
         return self
 
-    def _fit_rows(self, rows: Rows, progress: Any) -> tuple[Fitted, list[str]]:
+    def _fit_rows(self, rows: Rows, progress: Any) -> tuple[Fitted, list[str], list[str]]:
         if self.model == "physics":
             _options.physics(
                 {

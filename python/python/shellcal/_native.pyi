@@ -45,7 +45,7 @@ def fit(
     made_by: _Made,
     serial: str | None,
     progress: Callable[[int], None] | None,
-) -> tuple[Fitted, list[str]]: ...
+) -> tuple[Fitted, list[str], list[str]]: ...
 
 class Partial:
     @staticmethod

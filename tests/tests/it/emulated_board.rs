@@ -63,7 +63,7 @@ fn assert_close(actual: &[[f64; 6]], expected: &[[f64; 6]], tolerance: f64) {
 fn calibration(dir: &Path) -> Calibration {
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../calibration-data");
     let training = data.join("synthetic-train.csv");
-    run(dir, &format!("fit {} --output cal.json", training.display()), 0);
+    run(dir, &format!("fit --model cubic {} --output cal.json", training.display()), 0);
     CalibrationFile::read(&dir.join("cal.json")).unwrap().calibration
 }
 

@@ -103,7 +103,7 @@ fn the_page_follows_the_board() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     run(dir, "synth train --rows 5000 --output train.csv", 0);
-    run(dir, "fit train.csv --output cal.json", 0);
+    run(dir, "fit --model cubic train.csv --output cal.json", 0);
     let board = Board::start(dir);
     let port = board.board.port();
     let arguments = format!("live {port} --start --calibration cal.json --output log.csv --serve");

@@ -17,7 +17,7 @@ const NASTY: &str = "<img src=x onerror=alert(1)></script><b>";
 fn report(dir: &Path) -> PathBuf {
     run(dir, "synth trials trials --per-condition 2", 0);
     run(dir, "synth train --rows 5000 --output train.csv", 0);
-    run(dir, "fit train.csv --output calibration.json", 0);
+    run(dir, "fit --model cubic train.csv --output calibration.json", 0);
     // One more trial, with a name, a condition and a note that are to be shown as they are, and one
     // whose log is not there.
     let log = format!("{}.txt", NASTY.replace('/', "_"));
@@ -131,7 +131,7 @@ fn a_report_answers_first_and_cuts_nothing_without_a_cue() {
     let dir = dir.path();
     run(dir, "synth trials trials", 0);
     run(dir, "synth train --rows 5000 --output train.csv", 0);
-    run(dir, "fit train.csv --output calibration.json", 0);
+    run(dir, "fit --model cubic train.csv --output calibration.json", 0);
     let report = "report trials/manifest.csv --calibration calibration.json --reference free --output report.html";
     run(dir, report, 0);
     let report = dir.join("report.html");

@@ -105,7 +105,7 @@ fn forces_of_a_recording_are_those_of_the_script() {
     let dir = tempfile::tempdir().unwrap();
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../calibration-data");
     let training = data.join("synthetic-train.csv");
-    run(dir.path(), &format!("fit {} --output cal.json", training.display()), 0);
+    run(dir.path(), &format!("fit --model cubic {} --output cal.json", training.display()), 0);
     fs::write(dir.path().join("load.csv"), LOAD).unwrap();
     let board = Board::start(dir.path(), "--load load.csv");
     let (log, _) = board.record("log.csv", 650, "--calibration cal.json --no-tare --no-lowpass");
@@ -280,7 +280,10 @@ fn a_board_with_a_key_is_set_up_by_who_has_it() {
     assert!(refused("--key key.txt key new other.txt").contains("is there"));
 
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../calibration-data");
-    let fit = format!("fit {} --output cal.json", data.join("synthetic-train.csv").display());
+    let fit = format!(
+        "fit --model cubic {} --output cal.json",
+        data.join("synthetic-train.csv").display()
+    );
     run(dir.path(), &fit, 0);
     board.order("--key key.txt upload cal.json");
     board.order("--key key.txt rate 50");

@@ -1,8 +1,10 @@
 //! What is known before a fit: the model, its held-out errors, and how rows err together.
 
-use super::FitOptions;
+use std::collections::HashMap;
+
 use super::groups::{FoundGroups, GroupBy, HeldOut, label_groups, label_poses};
 use super::refits::{Refit, cross_validate_by_refits, select_by_triangles};
+use super::{FitOptions, ModelRule};
 use crate::error::FitError;
 use crate::exact::Moments;
 use crate::factored::{FactoredGroups, GroupFactors};
@@ -13,9 +15,9 @@ use crate::scaling::Scaling;
 use crate::solver::SolverKind;
 use crate::validation::ValidationError;
 use crate::validation::advice::Advice;
-use crate::validation::cross_validation::{CrossValidation, cross_validate};
+use crate::validation::cross_validation::{CrossValidation, cross_validate, deal_groups};
 use crate::validation::grouped::{
-    Apart, BlockGroups, GroupSums, GroupWorker, GroupedMoments, RandomSplit,
+    Apart, BlockGroups, GroupSums, GroupWorker, GroupedMoments, MAX_GROUPS, RandomSplit,
 };
 use crate::validation::selection::{self, Selection};
 use shell_data::block::Block;
@@ -29,6 +31,10 @@ const HELD_OUT: usize = 2;
 
 /// The fewest groups that standard errors come from unless they are asked for by name.
 const FEWEST_GROUPS: usize = 10;
+
+/// Most rows that families of features are compared on: rows of a group resemble each other, and one in several
+/// says as much.
+const MOST_COMPARED: u64 = 16_384;
 
 /// The random split into so many folds, two of which are held out.
 pub fn random_split(folds: usize, seed: u64) -> RandomSplit {
@@ -155,7 +161,7 @@ pub(super) fn choose(
             choice => return choice,
         }
     }
-    let held_out = options.held_out().unwrap_or(HeldOut::Auto);
+    let held_out = options.held_out();
     let (group_by, labelled) = training.labelled(held_out).ok_or(FitError::NoGroups)?;
     let (basis, ridge, selection) = match options.basis() {
         Some(basis) => (basis, options.ridge, None),
@@ -166,8 +172,8 @@ pub(super) fn choose(
         }
     };
     let known = FitOptions { model: basis.into(), ridge, cross_validation: None, ..*options };
-    let mut choice = choose_by_sums(training, &known)?;
-    if options.cross_validation.is_some() {
+    let mut choice = choose_labelled(Some((group_by, labelled.clone())), &known)?;
+    if options.validation().is_some() {
         let refit = Refit { basis, ridge, options };
         choice.cross_validation = Some(cross_validate_by_refits(&labelled, held_out, &refit)?);
     }
@@ -178,22 +184,31 @@ fn choose_by_sums(
     training: Training<'_>,
     options: &FitOptions<'_>,
 ) -> Result<ModelChoice, FitError> {
-    let validates = options.validates();
-    let asks_for_groups = validates || options.covariance == CovarianceRule::Groups;
-    let labelled = match options.held_out() {
+    let asks_for_groups = options.validates() || options.covariance == CovarianceRule::Groups;
+    let labelled = match asks_for_groups {
         _ if training.data.has_weights() => None,
-        _ if !asks_for_groups && options.covariance != CovarianceRule::Auto => None,
-        Some(held_out) => training.labelled(held_out),
-        None if asks_for_groups => training.labelled(HeldOut::Auto),
-        None => training.select(label_poses(training.data)),
+        true => training.labelled(options.held_out()),
+        false if options.covariance != CovarianceRule::Auto => None,
+        false => training.select(label_poses(training.data)),
     };
+    choose_labelled(labelled, options)
+}
+
+fn choose_labelled(
+    labelled: Option<(GroupBy, Dataset)>,
+    options: &FitOptions<'_>,
+) -> Result<ModelChoice, FitError> {
+    let validates = options.validates();
     let mut choice = options.open(labelled.as_ref().map(|(by, _)| *by));
-    let rows = labelled.map(|(_, rows)| rows);
+    let rows = labelled.as_ref().map(|(_, rows)| rows.clone());
     choice.labelled.clone_from(&rows);
     if !validates && !choice.by_group {
         return Ok(choice);
     }
     let rows = rows.ok_or(FitError::NoGroups)?;
+    if options.basis().is_none() {
+        return choose_by_folds(labelled, &rows, options);
+    }
     if !validates && options.solver != SolverKind::Exact {
         return options.cluster(choice, &rows);
     }
@@ -215,13 +230,71 @@ fn choose_by_sums(
     }
 }
 
+/// Chooses the model by folds of groups, on some of the rows of each, and sums all of them for that.
+fn choose_by_folds(
+    labelled: Option<(GroupBy, Dataset)>,
+    rows: &Dataset,
+    options: &FitOptions<'_>,
+) -> Result<ModelChoice, FitError> {
+    let open = options.open(None);
+    let every = rows.rows().div_ceil(MOST_COMPARED).max(1) as usize;
+    let few = every_nth_by_fold(rows, every)?;
+    let sums =
+        sum_groups(&few, open.basis, (Apart::Groups, RandomSplit::default()), options.workers)?;
+    let ModelChoice { basis, ridge, selection, advice, .. } = options.select(open, &sums)?;
+    let mut labels: Vec<&String> =
+        rows.blocks().flat_map(|(_, block)| &*block.labels).map(|(label, _)| label).collect();
+    labels.sort_unstable();
+    labels.dedup();
+    let cross_validation = match options.cross_validation {
+        None if labels.len() > MAX_GROUPS => Some(HeldOut::Folds(selection::FOLDS)),
+        _ => options.validation(),
+    };
+    let known = FitOptions { model: basis.into(), ridge, cross_validation, ..*options };
+    Ok(ModelChoice { selection, advice, ..choose_labelled(labelled, &known)? })
+}
+
+/// Every so-manieth row of each group, and its first, labelled by the fold that the group is dealt into.
+fn every_nth_by_fold(data: &Dataset, every: usize) -> Result<Dataset, ValidationError> {
+    let (mut places, mut sizes) = (HashMap::<String, usize>::new(), Vec::<u64>::new());
+    for (label, rows) in data.blocks().flat_map(|(_, block)| &*block.labels) {
+        let place = *places.entry(label.clone()).or_insert(sizes.len());
+        sizes.resize(sizes.len().max(place + 1), 0);
+        sizes[place] += *rows as u64;
+    }
+    let groups = sizes.len();
+    if groups < 2 {
+        return Err(ValidationError::TooFewGroups { found: groups });
+    }
+    let mut fold_of = vec![0; groups];
+    let folds = deal_groups(&sizes, groups.min(selection::FOLDS))?;
+    for (fold, dealt) in folds.iter().enumerate() {
+        dealt.iter().for_each(|&group| fold_of[group] = fold);
+    }
+    let (mut data, mut seen) = (data.clone(), vec![0; groups]);
+    for block in data.logs.iter_mut().flat_map(|log| &mut log.blocks) {
+        let mut few = Block { groups: Vec::new(), ..Block::clone(&block.rows) };
+        let mut keep = Vec::with_capacity(few.rows);
+        for (label, rows) in &*block.labels {
+            let group = places[label];
+            let first = seen[group];
+            seen[group] += rows;
+            keep.extend((first..seen[group]).map(|row| row % every == 0));
+            few.groups.push((fold_of[group].to_string(), *rows));
+        }
+        few.retain_rows(&keep);
+        *block = few.into();
+    }
+    Ok(data)
+}
+
 /// Sums labelled rows by group; by sets of groups where there are too many and folds of them are asked for.
 fn sum_groups_or_sets(
     rows: &Dataset,
     basis: Basis,
     options: &FitOptions<'_>,
 ) -> Result<GroupedMoments, FitError> {
-    let random = options.cross_validation.map_or_else(RandomSplit::default, |_| {
+    let random = options.validation().map_or_else(RandomSplit::default, |_| {
         random_split(options.folds().unwrap_or(RANDOM_FOLDS), options.seed)
     });
     match sum_groups(rows, basis, (Apart::Groups, random), options.workers) {
@@ -288,17 +361,22 @@ impl FitOptions<'_> {
         self.basis().is_none() || self.cross_validation.is_some()
     }
 
+    /// What errors are found on, if they are: a model that is chosen is judged, too.
+    pub(super) fn validation(&self) -> Option<HeldOut> {
+        self.cross_validation.or_else(|| (self.model == ModelRule::Auto).then_some(HeldOut::Auto))
+    }
+
     /// What is held out: of means, that is always a column.
-    pub(super) fn held_out(&self) -> Option<HeldOut> {
-        self.cross_validation.map(|held_out| match held_out {
-            HeldOut::Folds(_) => held_out,
+    pub(super) fn held_out(&self) -> HeldOut {
+        match self.validation() {
+            Some(HeldOut::Folds(folds)) => HeldOut::Folds(folds),
             _ if self.means => HeldOut::Column,
-            _ => held_out,
-        })
+            held_out => held_out.unwrap_or(HeldOut::Auto),
+        }
     }
 
     /// How many folds errors are found on, where it is not each group.
-    fn folds(&self) -> Option<usize> {
+    pub(super) fn folds(&self) -> Option<usize> {
         match self.cross_validation {
             Some(HeldOut::Folds(folds)) => Some(folds),
             _ => None,
@@ -309,7 +387,7 @@ impl FitOptions<'_> {
     pub(super) fn open(&self, group_by: Option<GroupBy>) -> ModelChoice {
         let by_group = match self.covariance {
             CovarianceRule::Groups => true,
-            CovarianceRule::Auto => group_by.as_ref().is_some_and(GroupBy::is_poses),
+            CovarianceRule::Auto => group_by.as_ref().is_some_and(GroupBy::tells_scatter),
             CovarianceRule::Rows | CovarianceRule::Nothing => false,
         };
         ModelChoice {
@@ -335,16 +413,12 @@ impl FitOptions<'_> {
         sums: GroupedMoments,
     ) -> Result<ModelChoice, FitError> {
         if self.basis().is_none() {
-            let selection = selection::select(&sums, self.intercept, self.ridges())?;
-            let chosen = &selection.candidates[selection.chosen];
-            (choice.basis, choice.ridge) = (chosen.basis, chosen.ridge);
-            choice.advice = Some(Advice::of(&sums, self.intercept, &selection, None)?);
-            choice.selection = Some(selection);
+            choice = self.select(choice, &sums)?;
         }
         let channels = sums.total().map_or(0, Moments::channels);
         let model = Model { basis: choice.basis, intercept: self.intercept, channels };
         self.test_group_count(&mut choice, &model, sums.groups.len());
-        if self.cross_validation.is_some() {
+        if self.validation().is_some() {
             let found = cross_validate(&sums, &model, choice.ridge, self.folds())?;
             choice.cross_validation = Some(found);
             if choice.advice.is_none() {
@@ -353,6 +427,19 @@ impl FitOptions<'_> {
         }
         choice.sums = Some(sums);
         Ok(choice)
+    }
+
+    /// Chooses the family of features, and the ridge, by groups that are held out.
+    fn select(&self, choice: ModelChoice, sums: &GroupedMoments) -> Result<ModelChoice, FitError> {
+        let selection = selection::select(sums, self.intercept, self.ridges())?;
+        let chosen = &selection.candidates[selection.chosen];
+        Ok(ModelChoice {
+            basis: chosen.basis,
+            ridge: chosen.ridge,
+            advice: Some(Advice::of(sums, self.intercept, &selection, None)?),
+            selection: Some(selection),
+            ..choice
+        })
     }
 
     /// The ridges that are tried.

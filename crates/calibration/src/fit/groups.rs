@@ -7,11 +7,13 @@ use crate::validation::grouped::GroupKind;
 use crate::validation::plateaus::{PlateauFinder, Steps, Stretches};
 use shell_data::block::Block;
 use shell_data::dataset::{Dataset, LogRows};
+use shell_data::statistics::RunningVariance;
 
 /// What is held out together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HeldOut {
-    /// Each group of the logs' group column, or each file, or what is found in a log alone.
+    /// Each group of the logs' group column, or each file, or what is found in a log alone, or else stretches of
+    /// time.
     Auto,
     /// Each file.
     File,
@@ -48,7 +50,15 @@ pub enum FoundKind {
     Plateaus,
     /// The clock jumps between them.
     Recordings,
+    /// Nothing tells them apart but time.
+    Stretches,
 }
+
+/// Stretches of time that rows without any other group are held out in.
+const STRETCHES: u64 = 40;
+
+/// Neighbouring loads of a recording in time resemble each other far more than this (correlation).
+const SHUFFLED_BELOW: f64 = 0.3;
 
 impl FoundKind {
     /// As documents call them.
@@ -56,6 +66,7 @@ impl FoundKind {
         match self {
             Self::Plateaus => "plateaus",
             Self::Recordings => "recordings",
+            Self::Stretches => "stretches",
         }
     }
 }
@@ -76,13 +87,35 @@ pub struct FoundGroups {
 }
 
 impl GroupBy {
-    /// Whether groups are poses, as far as one can tell, so that the scatter of their errors says how
-    /// sure a calibration is.
+    /// Whether groups are poses, as far as one can tell.
     pub fn is_poses(&self) -> bool {
         match self {
             Self::File => false,
             Self::Column => true,
             Self::Found(groups) => groups.kind == FoundKind::Plateaus,
+        }
+    }
+
+    /// Whether the scatter of their errors says how sure a calibration is: poses, and stretches of one recording.
+    pub(super) fn tells_scatter(&self) -> bool {
+        self.is_poses() || self.is_stretches()
+    }
+
+    /// Whether nothing but time tells them apart.
+    pub fn is_stretches(&self) -> bool {
+        self.found().is_some_and(|groups| groups.kind == FoundKind::Stretches)
+    }
+
+    /// What several of them are called.
+    pub fn plural(&self) -> &'static str {
+        match self {
+            Self::File => "files",
+            Self::Column => "groups",
+            Self::Found(groups) => match groups.kind {
+                FoundKind::Plateaus => "poses",
+                FoundKind::Recordings => "recordings",
+                FoundKind::Stretches => "stretches of time",
+            },
         }
     }
 
@@ -106,16 +139,15 @@ impl From<GroupKind> for GroupBy {
 
 /// The rows of a data set labelled by what can be held out, as asked for or, for [`HeldOut::Auto`] and folds, the
 /// first there is: labels of a column that all logs have, files where there are several, plateaus of constant
-/// load, stretches between jumps of the clock. `None` where there are none.
+/// load, recordings between jumps of the clock, forty stretches of time. `None` where there are none.
 pub(super) fn label_groups(data: &Dataset, held_out: HeldOut) -> Option<(GroupBy, Dataset)> {
     match held_out {
         HeldOut::File => Some((GroupBy::File, label_by_file(data))),
         HeldOut::Column => Some((GroupBy::Column, data.clone())),
         HeldOut::Plateaus => find(data).filter(|(by, _)| by.is_poses()),
-        HeldOut::Auto | HeldOut::Folds(_) => match given(data) {
-            None => find(data),
-            given => given,
-        },
+        HeldOut::Auto | HeldOut::Folds(_) => {
+            given(data).or_else(|| find(data)).or_else(|| stretches(data))
+        }
     }
 }
 
@@ -175,13 +207,41 @@ fn find(data: &Dataset) -> Option<(GroupBy, Dataset)> {
         all if all.iter().all(|of| *of == Stretches::Nothing) => return None,
         _ => FoundKind::Recordings,
     };
+    let rows = data.logs.iter().zip(stretches).map(|(log, stretches)| match (stretches, kind) {
+        (Stretches::Plateaus(rows), _) | (Stretches::Recordings(rows), FoundKind::Recordings) => {
+            rows
+        }
+        _ => vec![log.rows()],
+    });
+    Some(label_found(data, kind, rows.collect()))
+}
+
+/// Divides the rows of a log into stretches of time, as evenly as they go. `None` for a single row.
+fn stretches(data: &Dataset) -> Option<(GroupBy, Dataset)> {
+    let [log] = &data.logs[..] else { return None };
+    let groups = log.rows().min(STRETCHES);
+    let start = |group: u64| (log.rows() * group).div_ceil(groups);
+    let rows = (0..groups).map(|group| start(group + 1) - start(group)).collect();
+    (groups > 1).then(|| label_found(data, FoundKind::Stretches, vec![rows]))
+}
+
+/// Whether the rows are in no order of time: neighbouring loads do not resemble each other on any axis, so that
+/// nothing can be held out by time.
+pub(super) fn rows_are_shuffled(data: &Dataset) -> bool {
+    let correlation = |axis: usize| {
+        let loads = data.blocks().flat_map(|(_, block)| block.rows.wrench[axis].iter().copied());
+        let loads: Vec<f64> = loads.collect();
+        let RunningVariance { mean, squares, .. } = RunningVariance::of(&loads);
+        let products = loads.windows(2).map(|pair| (pair[0] - mean) * (pair[1] - mean));
+        (squares > 0.0).then(|| products.sum::<f64>() / squares)
+    };
+    data.rows() > STRETCHES && (0..6).filter_map(correlation).all(|found| found < SHUFFLED_BELOW)
+}
+
+/// The rows of a data set labelled by groups of so many rows of each log.
+fn label_found(data: &Dataset, kind: FoundKind, rows: Vec<Vec<u64>>) -> (GroupBy, Dataset) {
     let (mut all, mut data) = (Vec::new(), data.clone());
-    for (log, stretches) in data.logs.iter_mut().zip(stretches) {
-        let rows = match (stretches, kind) {
-            (Stretches::Plateaus(rows), _)
-            | (Stretches::Recordings(rows), FoundKind::Recordings) => rows,
-            _ => vec![log.rows()],
-        };
+    for (log, rows) in data.logs.iter_mut().zip(rows) {
         label_stretches(log, kind, &rows, all.len() + 1);
         all.extend(rows);
     }
@@ -193,7 +253,7 @@ fn find(data: &Dataset) -> Option<(GroupBy, Dataset)> {
         rows_median: all.get(all.len() / 2).copied().unwrap_or(0),
         rows_max: all.last().copied().unwrap_or(0),
     };
-    Some((GroupBy::Found(found), data))
+    (GroupBy::Found(found), data)
 }
 
 /// Labels the rows of a log whose groups have so many rows, numbered from `first` on.
@@ -201,6 +261,7 @@ fn label_stretches(log: &mut LogRows, kind: FoundKind, rows: &[u64], first: usiz
     let name = match kind {
         FoundKind::Plateaus => "plateau",
         FoundKind::Recordings => "recording",
+        FoundKind::Stretches => "stretch",
     };
     let mut groups = rows.iter().copied().zip(first..);
     let (mut left, mut number) = (0, 0);
@@ -225,6 +286,7 @@ impl fmt::Display for FoundGroups {
         let what = match kind {
             FoundKind::Plateaus => "plateaus of constant load",
             FoundKind::Recordings => "recordings between jumps of the clock",
+            FoundKind::Stretches => "stretches of time",
         };
         match rows_min == rows_max {
             true => write!(f, "{groups} {what}, {rows_min} rows each"),

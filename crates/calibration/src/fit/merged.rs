@@ -107,7 +107,7 @@ fn choose_triangles(
         (choice.basis, choice.ridge) = (chosen.basis, chosen.ridge);
         choice.selection = Some(selection);
     }
-    if let Some(held_out) = options.cross_validation {
+    if let Some(held_out) = options.validation() {
         let channels = groups.groups.first().map_or(0, |(_, rows)| rows.channels());
         let model = Model { basis: choice.basis, intercept: options.intercept, channels };
         let folds = match held_out {

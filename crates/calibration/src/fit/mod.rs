@@ -33,9 +33,11 @@ mod groups;
 mod means;
 pub mod merged;
 mod outliers;
+mod paired;
 mod physics;
 mod polynomial;
 mod refits;
+mod verdict;
 mod warning;
 
 pub use self::choice::{CovarianceRule, FewGroups, RANDOM_FOLDS, random_split, sum_groups};
@@ -47,22 +49,25 @@ pub use self::groups::{
 pub use self::outliers::{
     Outlier, OutlierColumn, OutlierTest, Outliers, Reason, RowName, find_outliers,
 };
-pub use self::physics::{HeldOutGroups, ModelComparison, PhysicsFit};
+pub use self::paired::{Better, PairedError, PairedErrors, paired_errors};
+pub use self::physics::{ModelComparison, PhysicsFit};
+pub use self::verdict::{FrameInterval, Unjudged, UnseenErrors, UnseenRows, Verdict};
 pub use self::warning::Warning;
 pub use crate::passes::Workers;
 
 use self::choice::{ModelChoice, Training, choose};
+pub use self::polynomial::Leaks;
 use self::polynomial::{PolynomialFit, Solved};
-use self::warning::MUCH_SHARED;
 use crate::conversion::{Calibration, Kind};
 use crate::error::FitError;
 use crate::model::Basis;
-use crate::physics::COVERAGE_LEVEL;
+use crate::physics::{COVERAGE_LEVEL, PhysicsValidation};
 use crate::quality::AxisQuality;
 use crate::solver::{Solution, SolverKind};
+use crate::uncertainty::NoIntervals;
 use crate::validation::advice::Advice;
 use crate::validation::cross_validation::CrossValidation;
-use crate::validation::excitation::Excitation;
+use crate::validation::excitation::{Excitation, LONGEST_LEVER_M};
 use crate::validation::selection::Selection;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::PerAxis;
@@ -76,7 +81,7 @@ pub enum ModelRule {
     /// A polynomial of this family of features.
     Given(Basis),
     /// The smallest polynomial that predicts new groups as well as the best, or the physics model where that
-    /// predicts them better.
+    /// predicts them better. Where nothing can be held out, the cubic one.
     Auto,
     /// The physics model.
     Physics,
@@ -114,7 +119,7 @@ pub struct FitOptions<'a> {
     /// For [`SolverKind::Svd`]: leaves out directions whose singular value, of columns of norm one,
     /// is below this share of the largest.
     pub truncate: Option<f64>,
-    /// Find the errors on groups that were held out.
+    /// Find the errors on groups that were held out; those of a model that is chosen are found in any case.
     pub cross_validation: Option<HeldOut>,
     /// Which way rows are assigned to the random folds that those are compared with.
     pub seed: u64,
@@ -149,7 +154,7 @@ impl Default for FitOptions<'_> {
     /// The defaults of `shellcal fit`.
     fn default() -> Self {
         Self {
-            model: Basis::Cubic.into(),
+            model: ModelRule::Auto,
             intercept: true,
             ridge: 0.0,
             solver: SolverKind::Exact,
@@ -172,7 +177,7 @@ impl FitOptions<'_> {
     pub fn groups_asked(&self) -> GroupsAsked {
         match self.covariance {
             _ if self.means || self.validates() => {
-                GroupsAsked::HeldOut(self.cross_validation.unwrap_or(HeldOut::Auto))
+                GroupsAsked::HeldOut(self.validation().unwrap_or(HeldOut::Auto))
             }
             CovarianceRule::Groups => GroupsAsked::HeldOut(HeldOut::Auto),
             CovarianceRule::Auto => GroupsAsked::IfAny,
@@ -210,7 +215,6 @@ impl FitOptions<'_> {
     fn check_weighted(&self) -> Result<(), FitError> {
         let what = match self {
             Self { model: ModelRule::Physics, .. } => "the physics model",
-            Self { model: ModelRule::Auto, .. } => "the choice of a model",
             Self { cross_validation: Some(_), .. } => "cross-validation",
             Self { covariance: CovarianceRule::Groups, .. } => "a covariance by group",
             Self { means: true, .. } => "a fit to means",
@@ -256,8 +260,8 @@ pub struct Fit {
     pub tests: Vec<Evaluation>,
     /// How well the training loads cover the six axes.
     pub excitation: Option<Excitation>,
-    /// The share of test rows on plateaus of the training logs, where those are made of plateaus.
-    pub on_plateaus: Option<f64>,
+    /// Rows on both sides of a split.
+    pub leaks: Leaks,
     /// What the groups are that were taken.
     pub group_by: Option<GroupBy>,
     /// The groups that were found, where they are not given.
@@ -268,7 +272,9 @@ pub struct Fit {
     pub selection: Option<Selection>,
     /// Held-out errors, where they were asked for.
     pub cross_validation: Option<CrossValidation>,
-    /// What either says to do.
+    /// Why no model could be chosen on held-out groups, where one was to be.
+    pub not_judged: Option<FitError>,
+    /// What held-out errors say to do.
     pub advice: Option<Advice>,
     /// The physics model beside the polynomial that was chosen, or why it was not compared.
     pub comparison: Option<Result<ModelComparison, String>>,
@@ -336,6 +342,11 @@ impl Fit {
         Some(self.solution()?.condition).filter(|condition| condition.is_finite())
     }
 
+    /// What it is worth on data that it has not seen.
+    pub fn verdict(&self) -> Verdict {
+        Verdict::new(self)
+    }
+
     /// Errors on all test rows.
     pub fn test(&self) -> Evaluation {
         Evaluation::total(&self.tests)
@@ -361,12 +372,13 @@ impl Fit {
             train,
             tests: Vec::new(),
             excitation: None,
-            on_plateaus: None,
+            leaks: Leaks::default(),
             group_by: choice.group_by,
             found_groups,
             few_groups: choice.few_groups,
             selection: choice.selection,
             cross_validation: choice.cross_validation,
+            not_judged: None,
             advice: choice.advice,
             comparison: None,
             means: None,
@@ -379,6 +391,12 @@ impl Fit {
     /// What errors, groups and covariance have to say.
     fn warn(&mut self) {
         let test = self.test();
+        let lever_m = self.excitation.as_ref().and_then(Excitation::lever_m);
+        let lever_m = lever_m.filter(|_| self.calibration.axes.are_all());
+        let is_long = |lever_m: &f64| *lever_m > LONGEST_LEVER_M;
+        self.warnings.extend(lever_m.filter(is_long).map(Warning::MomentUnit));
+        self.warnings.extend(self.leaks.in_test().map(Warning::TestLeaks));
+        self.warnings.extend(self.leaks.in_groups().map(Warning::GroupsLeak));
         if let Some(solution) = self.solution() {
             let (rows, coefficients) = (solution.rows, solution.rank);
             let left_out = solution.model.term_count() - solution.rank;
@@ -388,25 +406,19 @@ impl Fit {
             if rows < 2 * coefficients as u64 {
                 self.warnings.push(Warning::FewRows { rows, coefficients });
             }
-            if let Some(share) = self.on_plateaus.filter(|&share| share >= MUCH_SHARED) {
-                self.warnings.push(Warning::OnPlateaus(share));
-            }
             if test.rows > 0 && test.out_of_range_rows == test.rows {
                 self.warnings.push(Warning::AllOutOfRange(test.rows));
             }
             let covariance = self.calibration.covariance.as_ref();
             let none = covariance.and_then(|of| of.interval_factors(COVERAGE_LEVEL).err());
+            // The verdict says so of rows that were taken as independent.
+            let none = none.filter(|reason| *reason != NoIntervals::IndependentRows);
             self.warnings.extend(none.map(Warning::NoIntervals));
         }
-        if let (Kind::Physics(physics), FitMethod::Physics(fit)) =
-            (self.calibration.kind(), &self.method)
-        {
+        if let Kind::Physics(physics) = self.calibration.kind() {
             let intervals = physics.intervals.as_ref();
             let none = intervals.and_then(|of| of.factors(COVERAGE_LEVEL).err());
             self.warnings.extend(none.map(Warning::NoIntervalsAtAll));
-            if fit.held_out == HeldOutGroups::Stretches {
-                self.warnings.push(Warning::Stretches(fit.groups));
-            }
             let dead = physics.model().dead_channels();
             if !dead.is_empty() {
                 self.warnings.push(Warning::DeadChannels(dead));
@@ -463,8 +475,9 @@ fn fit_to_means(
     test: &Dataset,
     options: &FitOptions<'_>,
 ) -> Result<Fit, FitError> {
-    let held_out = options.cross_validation.unwrap_or(HeldOut::Auto);
-    let (by, rows) = training.labelled(held_out).ok_or(FitError::NoGroups)?;
+    let held_out = options.validation().unwrap_or(HeldOut::Auto);
+    let labelled = training.labelled(held_out).filter(|(by, _)| !by.is_stretches());
+    let (by, rows) = labelled.ok_or(FitError::NoGroups)?;
     let means = means::group_means(&rows)?;
     let of_means = Training { data: &means, fresh: false, excluded: &Default::default() };
     let mut fitted = fit_rows(of_means, test, options)?;
@@ -483,37 +496,58 @@ fn fit_rows(
     test: &Dataset,
     options: &FitOptions<'_>,
 ) -> Result<Fit, FitError> {
-    if options.model == ModelRule::Physics {
-        return fit_physics(training, test, options);
+    match options.model {
+        ModelRule::Physics => fit_physics(training, test, None, options),
+        ModelRule::Given(_) => fit_polynomial(training, test, choose(training, options)?, options),
+        ModelRule::Auto => match choose_any(training, options) {
+            Ok(choice) => fit_best(training, test, choice, options),
+            Err(reason @ FitError::Interrupted) => Err(reason),
+            Err(reason) if options.cross_validation.is_some() => Err(reason),
+            Err(reason) => {
+                let given = FitOptions { model: Basis::Cubic.into(), ..*options };
+                let fitted = fit_rows(training, test, &given)?;
+                Ok(Fit { not_judged: Some(reason), ..fitted })
+            }
+        },
     }
-    let choice = choose(training, options)?;
-    let comparison = compare_physics(training, &choice, options);
-    if let Some(Ok(comparison)) = &comparison
-        && comparison.physics_is_better()
-    {
-        let fitted = fit_physics(training, test, options)?;
-        let comparison = Some(Ok(comparison.clone()));
-        return Ok(Fit { selection: choice.selection, comparison, ..fitted });
-    }
-    fit_polynomial(training, test, choice, options).map(|fitted| Fit { comparison, ..fitted })
 }
 
-/// The physics model beside the polynomial that was chosen, or why it is not compared; `None` where that was not
-/// asked for.
-fn compare_physics(
+/// Chooses a polynomial, of rows that count alike.
+fn choose_any(training: Training<'_>, options: &FitOptions<'_>) -> Result<ModelChoice, FitError> {
+    match training.data.has_weights() {
+        true => Err(FitError::Weights { what: "the choice of a model" }),
+        false => choose(training, options),
+    }
+}
+
+/// Fits the polynomial that was chosen or, where it errs less on held-out groups, the physics model.
+fn fit_best(
     training: Training<'_>,
-    choice: &ModelChoice,
+    test: &Dataset,
+    choice: ModelChoice,
     options: &FitOptions<'_>,
-) -> Option<Result<ModelComparison, String>> {
-    if options.model != ModelRule::Auto {
-        return None;
-    }
-    if let Some(reason) = options.why_no_physics(training.data) {
-        return Some(Err(reason));
-    }
-    // Physics is fitted to rows.
-    let found = (!options.means).then(|| ModelComparison::of(training, choice, options))??;
-    Some(found.map_err(|error| error.to_string()))
+) -> Result<Fit, FitError> {
+    let found = match options.why_no_physics(training.data) {
+        Some(reason) => Some(Err(reason)),
+        // Physics is fitted to rows.
+        None if options.means => None,
+        None => match ModelComparison::of(training, &choice, options) {
+            Err(FitError::Interrupted) => return Err(FitError::Interrupted),
+            found => found.map_err(|error| error.to_string()).transpose(),
+        },
+    };
+    let comparison = match found {
+        Some(Ok((comparison, validation))) if comparison.physics_is_better() => {
+            let fitted = fit_physics(training, test, Some(validation), options)?;
+            return Ok(Fit {
+                selection: choice.selection,
+                comparison: Some(Ok(comparison)),
+                ..fitted
+            });
+        }
+        found => found.map(|found| found.map(|(comparison, _)| comparison)),
+    };
+    fit_polynomial(training, test, choice, options).map(|fitted| Fit { comparison, ..fitted })
 }
 
 fn fit_polynomial(
@@ -540,7 +574,8 @@ fn fit_polynomial(
     let how = (solution, solver, options.truncate);
     // They are judged by a fit to rows that count alike.
     let looks = options.looks_for_outliers() && !used.has_weights();
-    let outliers = (errors.stands_out && looks).then(|| name_outliers(training, options));
+    let judged_by = FitOptions { model: choice.basis.into(), ridge: choice.ridge, ..*options };
+    let outliers = (errors.stands_out && looks).then(|| name_outliers(training, &judged_by));
     let mut fitted = Fit {
         used,
         tested: test.clone(),
@@ -548,7 +583,7 @@ fn fit_polynomial(
         skipped_rows: train.skipped_rows,
         repeated_rows: train.repeated_rows,
         excitation: errors.loads.excitation(),
-        on_plateaus: errors.on_plateaus,
+        leaks: errors.leaks,
         tests: errors.test,
         outliers,
         warnings,
@@ -561,15 +596,13 @@ fn fit_polynomial(
 fn fit_physics(
     training: Training<'_>,
     test: &Dataset,
+    validation: Option<PhysicsValidation>,
     options: &FitOptions<'_>,
 ) -> Result<Fit, FitError> {
     let physics::Fitted { calibration, used, physics, errors } =
-        physics::fit(training, test, options)?;
+        physics::fit(training, test, validation, options)?;
     let train = Evaluation::total(&errors.train);
-    let group_by = match physics.held_out {
-        HeldOutGroups::Groups(by) => Some(by),
-        HeldOutGroups::Stretches => None,
-    };
+    let group_by = physics.group_by;
     let outliers = (train.has_large_errors() && options.looks_for_outliers())
         .then(|| name_outliers(training, options));
     let mut fitted = Fit {
@@ -582,13 +615,14 @@ fn fit_physics(
         repeated_rows: train.repeated_rows,
         train: train.quality().ok_or(FitError::NoRows)?,
         excitation: errors.loads.excitation(),
-        on_plateaus: None,
+        leaks: errors.leaks,
         tests: errors.test,
-        group_by,
-        found_groups: group_by.and_then(|by| by.found()),
+        group_by: Some(group_by),
+        found_groups: group_by.found(),
         few_groups: None,
         selection: None,
         cross_validation: physics.cross_validation(),
+        not_judged: None,
         advice: None,
         comparison: None,
         means: None,

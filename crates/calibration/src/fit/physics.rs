@@ -1,6 +1,5 @@
 //! The physics model: fitted to rows, held against the polynomial that was chosen.
 
-use std::collections::HashMap;
 use std::fmt;
 
 use super::FitOptions;
@@ -11,26 +10,26 @@ use super::polynomial::Errors;
 use super::refits::{FOLDS, MOST_ALONE};
 use crate::conversion::{Calibration, Kind};
 use crate::error::FitError;
-use crate::model::Model;
+use crate::exact::PartitionedMoments;
+use crate::model::{Basis, Model};
+use crate::passes::{Workers, on_threads};
 use crate::physics::{Choice, PhysicsCalibration, PhysicsValidation, TrainingRows};
 use crate::quality::significant;
 use crate::reading_ranges::ReadingRange;
 use crate::validation::comparison::Comparison;
-use crate::validation::cross_validation::{CrossValidation, HeldOutQuality};
+use crate::validation::cross_validation::{CrossValidation, HeldOutQuality, deal_groups};
 use crate::validation::excitation::WrenchSums;
 use crate::validation::grouped::GroupedMoments;
-use crate::validation::selection;
+use crate::validation::{ValidationError, selection};
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, Axis};
 
-/// What rows were held out together.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum HeldOutGroups {
-    /// Groups of rows.
-    Groups(GroupBy),
-    /// The rows of a stretch of time, where there are none.
-    Stretches,
-}
+/// With fewer groups for each coefficient of the cubic model polynomials go astray between them.
+const GROUPS_PER_FEATURE: usize = 8;
+
+/// A polynomial whose squared error on held-out groups is so many times that on its own rows is no good model of
+/// them.
+const MUCH_WORSE: f64 = 2.0;
 
 /// What a physics fit knows beside the calibration.
 #[derive(Clone, Debug)]
@@ -42,7 +41,7 @@ pub struct PhysicsFit {
     /// Groups.
     pub groups: usize,
     /// What they are.
-    pub held_out: HeldOutGroups,
+    pub group_by: GroupBy,
     /// Errors on groups that were held out, where that was asked for.
     pub validation: Option<PhysicsValidation>,
 }
@@ -84,26 +83,26 @@ pub(super) struct Fitted {
     pub(super) errors: Errors,
 }
 
-/// Fits the physics model and finds its errors on the training rows and on those of tests.
+/// Fits the physics model and finds its errors on the training rows and on those of tests. `validation` are its errors
+/// on held-out groups, where they are known.
 pub(super) fn fit(
     training: Training<'_>,
     test: &Dataset,
+    validation: Option<PhysicsValidation>,
     options: &FitOptions<'_>,
 ) -> Result<Fitted, FitError> {
     check(training.data)?;
-    let labelled = training.labelled(options.held_out().unwrap_or(HeldOut::Auto));
-    let held_out = match &labelled {
-        Some((by, _)) => HeldOutGroups::Groups(*by),
-        None => HeldOutGroups::Stretches,
-    };
-    let used = labelled.map_or_else(|| training.used(), |(_, data)| data);
-    let (mut rows, _) = TrainingRows::from_dataset(&used);
-    if held_out == HeldOutGroups::Stretches {
-        rows.group_by_time();
-    }
+    let labelled = training.labelled(options.held_out());
+    let (group_by, used) = labelled.ok_or(FitError::NoGroups)?;
+    let (rows, labels) = TrainingRows::from_dataset(&used);
     let (physics, choice) = PhysicsCalibration::fit(&rows)?;
-    let validate = |held_out| validate(&rows, held_out, options);
-    let validation = options.cross_validation.map(validate).transpose()?;
+    let validation = match (validation, options.cross_validation) {
+        (None, Some(held_out)) => {
+            let folds = rows.folds(fold_count(held_out, labels.len()));
+            Some(validate(&rows, &folds, options.workers)?)
+        }
+        (validation, _) => validation,
+    };
     let mut calibration = Calibration::of(Kind::Physics(Box::new(physics)));
     calibration.valid_range = Some(rows.readings.iter().map(|column| range(column)).collect());
     let mut errors = Errors::of(&calibration, &used, test, &EvalOptions::default(), options)?;
@@ -113,30 +112,35 @@ pub(super) fn fit(
         choice,
         observations: rows.observations()?.len(),
         groups: rows.group_count(),
-        held_out,
+        group_by,
         validation,
     };
     Ok(Fitted { calibration, used, physics, errors })
 }
 
-fn validate(
-    rows: &TrainingRows,
-    held_out: HeldOut,
-    options: &FitOptions<'_>,
-) -> Result<PhysicsValidation, FitError> {
-    let groups = rows.group_count();
-    let folds = match held_out {
-        HeldOut::Folds(folds) => folds,
+/// Folds that so many groups are held out in.
+fn fold_count(held_out: HeldOut, groups: usize) -> usize {
+    match held_out {
+        HeldOut::Folds(folds) => folds.min(groups),
         _ if groups <= MOST_ALONE => groups,
         _ => FOLDS,
-    };
-    let mut validation = PhysicsValidation { folds: Vec::new() };
-    for fold in rows.folds(folds) {
-        if options.workers.watch.is_some_and(|watch| !watch(0)) {
-            return Err(FitError::Interrupted);
-        }
-        validation.folds.append(&mut PhysicsValidation::of(rows, &[fold])?.folds);
     }
+}
+
+/// Fits without each fold, on all threads.
+fn validate(
+    rows: &TrainingRows,
+    folds: &[Vec<u64>],
+    workers: Workers<'_>,
+) -> Result<PhysicsValidation, FitError> {
+    let mut validation = PhysicsValidation { folds: Vec::with_capacity(folds.len()) };
+    let work =
+        |(): &mut (), fold: &Vec<u64>| Ok(PhysicsValidation::of(rows, std::slice::from_ref(fold))?);
+    let fold = |mut found: PhysicsValidation| {
+        validation.folds.append(&mut found.folds);
+        Ok(())
+    };
+    on_threads(folds, workers, |_| 0, || (), work, fold)?;
     Ok(validation)
 }
 
@@ -168,38 +172,80 @@ impl ModelComparison {
     }
 
     /// Fits the physics model without each fold of the groups that a polynomial was chosen on, and compares its
-    /// errors there. `None` where none was chosen by sums.
+    /// errors there. `None` where none was chosen by sums, or where the polynomial leaves little to win: groups are
+    /// many, and it errs hardly more on those that are held out.
     pub(super) fn of(
         training: Training<'_>,
         choice: &ModelChoice,
         options: &FitOptions<'_>,
-    ) -> Option<Result<Self, FitError>> {
-        let (sums, _) = choice.sums.as_ref().zip(choice.selection.as_ref())?;
-        let held_out = options.held_out().unwrap_or(HeldOut::Auto);
-        let (_, labelled) = training.labelled(held_out)?;
+    ) -> Result<Option<(Self, PhysicsValidation)>, FitError> {
+        let Some((sums, _)) = choice.sums.as_ref().zip(choice.selection.as_ref()) else {
+            return Ok(None);
+        };
+        // Of sets of groups nobody knows which rows they have.
+        if sums.group_count != sums.groups.len() {
+            return Ok(None);
+        }
+        let Some((_, labelled)) = training.labelled(options.held_out()) else { return Ok(None) };
         let channels = labelled.channels();
         let model = Model { basis: choice.basis, intercept: options.intercept, channels };
-        Some(Self::new(&labelled, sums, (model, choice.ridge)))
+        match is_worth_trying(sums, &model, choice)? {
+            true => Self::new(&labelled, sums, (model, choice.ridge), options).map(Some),
+            false => Ok(None),
+        }
     }
 
     fn new(
         labelled: &Dataset,
         sums: &GroupedMoments,
         (model, ridge): (Model, f64),
-    ) -> Result<Self, FitError> {
+        options: &FitOptions<'_>,
+    ) -> Result<(Self, PhysicsValidation), FitError> {
         let (rows, labels) = TrainingRows::from_dataset(labelled);
-        let places: HashMap<&str, u64> = labels.iter().map(String::as_str).zip(0..).collect();
-        let group = |&group: &usize| places[sums.groups[group].0.as_str()];
-        let folds: Vec<Vec<u64>> =
-            selection::folds(sums)?.iter().map(|fold| fold.iter().map(group).collect()).collect();
-        let polynomial = selection::errors_by_fold(sums, &model, ridge)?;
+        let sizes: Vec<u64> = sums.groups.iter().map(|(_, moments)| moments.rows()).collect();
+        let held_out = options.validation().unwrap_or(HeldOut::Auto);
+        let mut folds = deal_groups(&sizes, fold_count(held_out, sizes.len()))?;
+        let mut polynomial = selection::errors_by_fold(sums, &model, ridge, &folds)?;
+        if polynomial.is_none() {
+            folds = selection::folds(sums)?;
+            polynomial = selection::errors_by_fold(sums, &model, ridge, &folds)?;
+        }
         let polynomial = polynomial.expect("a model that was chosen by its errors on these folds");
-        let physics = PhysicsValidation::of(&rows, &folds)?.by_fold();
+        let place = |group: &usize| {
+            let label = &sums.groups[*group].0;
+            labels.iter().position(|of_rows| of_rows == label).expect("rows of every group") as u64
+        };
+        let folds: Vec<Vec<u64>> =
+            folds.iter().map(|fold| fold.iter().map(place).collect()).collect();
+        let physics = validate(&rows, &folds, options.workers)?;
         let whole = sums.total().expect("sums of two groups or more");
         let variances = Axis::ALL.map(|axis| whole.variance(axis));
-        let comparison = Comparison::of(&physics, &polynomial, &variances);
-        Ok(Self { model, ridge, comparison, folds: folds.len() })
+        let comparison = Comparison::of(&physics.by_fold(), &polynomial, &variances);
+        Ok((Self { model, ridge, comparison, folds: folds.len() }, physics))
     }
+}
+
+/// Whether groups are few, or the polynomial errs much more on those that are held out than on its own rows.
+fn is_worth_trying(
+    sums: &GroupedMoments,
+    model: &Model,
+    choice: &ModelChoice,
+) -> Result<bool, FitError> {
+    let cubic = Model { basis: Basis::Cubic, ..*model };
+    if sums.groups.len() < GROUPS_PER_FEATURE * cubic.term_count() {
+        return Ok(true);
+    }
+    let (Some(whole), Some(held_out)) = (sums.total(), &choice.cross_validation) else {
+        return Ok(false);
+    };
+    let own = PartitionedMoments::new(whole, model).map_err(ValidationError::from)?;
+    let own = own.in_sample(choice.ridge).map_err(ValidationError::from)?;
+    let square = |rms: &dyn Fn(usize) -> f64| -> f64 {
+        let relative = |axis: usize| rms(axis).powi(2) / whole.variance(Axis::ALL[axis]);
+        (0..6).map(relative).filter(|square| square.is_finite()).sum()
+    };
+    let (new, own) = (square(&|axis| held_out.grouped[axis].rms), square(&|axis| own[axis].rms));
+    Ok(new > MUCH_WORSE * own)
 }
 
 impl fmt::Display for ModelComparison {

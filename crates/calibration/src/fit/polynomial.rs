@@ -21,8 +21,8 @@ use crate::uncertainty::{Covariance, ErrorShape};
 use crate::validation::ValidationError;
 use crate::validation::excitation::WrenchSums;
 use crate::validation::grouped::GroupedMoments;
+use crate::validation::leaks::{LEAKY, RowSample, share_in_several_groups};
 use crate::validation::outliers::{Judge, Spread};
-use crate::validation::shared_loads::{RowSample, SharedRows};
 use shell_data::block::Block;
 use shell_data::dataset::{Dataset, LabelledBlock};
 use shell_data::fingerprint::Fingerprint;
@@ -217,8 +217,28 @@ pub(super) struct Errors {
     pub(super) stands_out: bool,
     /// The wrench that the training rows have measured.
     pub(super) loads: WrenchSums,
-    /// The share of test rows on plateaus of the training rows, where those are made of plateaus.
-    pub(super) on_plateaus: Option<f64>,
+    pub(super) leaks: Leaks,
+}
+
+/// Rows on both sides of a split, as far as rows are made of poses.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Leaks {
+    /// The share of test rows at poses of the training rows.
+    pub test: Option<f64>,
+    /// The share of training rows whose pose other groups have rows of, too.
+    pub groups: Option<f64>,
+}
+
+impl Leaks {
+    /// Whether errors on test rows say nothing of new poses.
+    pub fn in_test(&self) -> Option<f64> {
+        self.test.filter(|&share| share >= LEAKY)
+    }
+
+    /// Whether errors on held-out groups say nothing of new poses.
+    pub fn in_groups(&self) -> Option<f64> {
+        self.groups.filter(|&share| share >= LEAKY)
+    }
 }
 
 /// What one block adds.
@@ -266,7 +286,7 @@ impl Errors {
             })
         };
         let (mut loads, mut stands_out) = (WrenchSums::default(), false);
-        let (mut train_rows, mut shared) = (RowSample::default(), None);
+        let (mut train_rows, mut test_rows) = (RowSample::default(), RowSample::default());
         let fold = |block: BlockFacts| {
             evaluations[block.log].add(&block.errors);
             stands_out |= block.errors.stands_out;
@@ -277,14 +297,8 @@ impl Errors {
                 fingerprints[block.log].merge(fingerprint);
             }
             match block.sample {
-                Some(sample) if block.log < logs => train_rows.add(&sample),
-                // All training rows have come before.
-                Some(sample) => {
-                    let found = || train_rows.plateaus().map(SharedRows::new);
-                    if let Some(shared) = shared.get_or_insert_with(found) {
-                        shared.add(&sample);
-                    }
-                }
+                Some(sample) if block.log < logs => train_rows.add(sample),
+                Some(sample) => test_rows.add(sample),
                 None => {}
             }
             Ok(())
@@ -304,7 +318,10 @@ impl Errors {
             sizes: BlockEvaluator::sizes(evaluators),
             stands_out,
             loads,
-            on_plateaus: shared.flatten().and_then(|shared: SharedRows| shared.share()),
+            leaks: Leaks {
+                test: train_rows.poses().and_then(|poses| poses.share_of(&test_rows)),
+                groups: options.validation().and_then(|_| share_in_several_groups(train)),
+            },
         })
     }
 }

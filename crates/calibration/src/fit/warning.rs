@@ -5,10 +5,8 @@ use std::fmt;
 use super::choice::FewGroups;
 use crate::exact::ExactError;
 use crate::physics::TooFewGroups;
+use crate::uncertainty::NoIntervals;
 use crate::validation::ValidationError;
-
-/// The share of test rows on plateaus of the training data that is worth a word.
-pub(super) const MUCH_SHARED: f64 = 0.1;
 
 /// What a user of a calibration should know of it.
 #[derive(Clone, Debug, PartialEq)]
@@ -30,16 +28,18 @@ pub enum Warning {
         /// Independent coefficients of an axis.
         coefficients: usize,
     },
-    /// The share of test rows on plateaus of the training data.
-    OnPlateaus(f64),
+    /// The share of test rows at poses of the training data.
+    TestLeaks(f64),
+    /// The share of training rows whose pose other groups have rows of, too.
+    GroupsLeak(f64),
     /// All test rows, so many, are outside the range of the training data.
     AllOutOfRange(u64),
     /// There are standard errors, and no intervals.
-    NoIntervals(TooFewGroups),
+    NoIntervals(NoIntervals),
     /// The same of a physics model, which has intervals of no other kind.
     NoIntervalsAtAll(TooFewGroups),
-    /// Rows without groups were held out in so many stretches of time.
-    Stretches(usize),
+    /// Moments over forces make so long a lever, m.
+    MomentUnit(f64),
     /// Channels that never change, from 0.
     DeadChannels(Vec<usize>),
     /// Some test rows are outside the range of the training data.
@@ -54,7 +54,7 @@ pub enum Warning {
 impl Warning {
     /// Whether it only says how something was done.
     pub fn is_note(&self) -> bool {
-        matches!(self, Self::Stretches(_) | Self::OutOfRange { .. })
+        matches!(self, Self::OutOfRange { .. })
     }
 }
 
@@ -91,11 +91,18 @@ impl fmt::Display for Warning {
                 "{rows} rows for {coefficients} coefficients: the errors on the training logs say little; \
                  record more poses or choose a smaller `--model`"
             ),
-            Self::OnPlateaus(share) => write!(
+            Self::TestLeaks(share) => write!(
                 f,
-                "{:.0} % of the test rows lie on plateaus of the training data, at the same loads with \
-                 the same readings: the error on them is that of training, and flatters. `--cv` holds \
-                 out whole plateaus",
+                "the test set leaks: {:.0} % of its rows were recorded at poses of the training data, with the \
+                 same loads and readings, as after a random split of rows. Its errors and R² are those of \
+                 training; test on other poses",
+                100.0 * share
+            ),
+            Self::GroupsLeak(share) => write!(
+                f,
+                "the groups leak: {:.0} % of the rows share their pose with rows of other groups, as where \
+                 labels were dealt at random. Errors on held-out groups are those of training; give one label \
+                 to each pose",
                 100.0 * share
             ),
             Self::AllOutOfRange(rows) => write!(
@@ -105,10 +112,10 @@ impl fmt::Display for Warning {
             ),
             Self::NoIntervals(reason) => reason.fmt(f),
             Self::NoIntervalsAtAll(reason) => write!(f, "{reason}: none will be given"),
-            Self::Stretches(stretches) => write!(
+            Self::MomentUnit(lever_m) => write!(
                 f,
-                "the logs have no groups: the rows were held out in {stretches} stretches of time; give groups \
-                 (`--group`) if poses last longer"
+                "moments over forces make a lever of {lever_m:.1} m: the moments are in mN·m, it seems; give \
+                 `--moment-unit mnm`, or name the columns so"
             ),
             Self::DeadChannels(channels) => {
                 let names: Vec<String> =

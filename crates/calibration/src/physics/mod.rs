@@ -38,7 +38,7 @@ pub use self::inversion::{Estimate, Estimates, Flags, Inversion};
 pub use self::model::{PhysicsModel, Sensor};
 pub use self::noise::Noise;
 pub use self::observations::{Observation, group_means};
-pub use self::rows::{STRETCHES, TrainingRows};
+pub use self::rows::TrainingRows;
 pub use self::validation::{COVERAGE_LEVEL, GroupErrors, PhysicsValidation};
 
 /// Why a physics model cannot be fitted.

@@ -9,9 +9,6 @@ use shell_data::block::Block;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::PerAxis;
 
-/// Stretches of time that rows without groups are held out in.
-pub const STRETCHES: usize = 40;
-
 /// Rows for training, all of them in memory: some 8 bytes for each number.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TrainingRows {
@@ -65,12 +62,6 @@ impl TrainingRows {
             wrench: self.wrench.iter().map(pick).collect(),
             ..Block::default()
         }
-    }
-
-    /// Makes [`STRETCHES`] stretches of time the groups, for rows that have none.
-    pub fn group_by_time(&mut self) {
-        let rows = self.wrench[0].len();
-        self.groups = (0..rows).map(|row| (row * STRETCHES / rows) as u64).collect();
     }
 
     /// Number of groups.

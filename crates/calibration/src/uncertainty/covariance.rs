@@ -2,13 +2,13 @@
 
 use faer::Mat;
 
-use super::interval::{ErrorShape, normal_quantile, student_quantile};
+use super::interval::{ErrorShape, NoIntervals, normal_quantile, student_quantile};
 use super::new_groups::{held_out_intervals, held_out_intervals_factored};
 use crate::exact::{GroupScatterError, PartitionedMoments, SolveError};
 use crate::factored::FactoredGroups;
 use crate::least_squares::Method;
 use crate::model::Model;
-use crate::physics::{GroupIntervals, TooFewGroups};
+use crate::physics::GroupIntervals;
 use crate::sandwich::{GroupScatter, ScatterError};
 use crate::solver::Solution;
 use crate::validation::ValidationError;
@@ -146,14 +146,17 @@ impl Covariance {
     /// How many standard errors either way a prediction interval of `level` reaches, per axis.
     ///
     /// # Errors
-    /// [`TooFewGroups`] where groups are too few to tell.
+    /// [`NoIntervals`] where rows are taken as independent, or groups are too few to tell.
     ///
     /// # Panics
     /// If `level` is not above 0 and below 1.
-    pub fn interval_factors(&self, level: f64) -> Result<PerAxis<f64>, TooFewGroups> {
+    pub fn interval_factors(&self, level: f64) -> Result<PerAxis<f64>, NoIntervals> {
         assert!(0.0 < level && level < 1.0, "a level between 0 and 1");
+        if matches!(self.coefficients, CoefficientCovariance::Rows { .. }) {
+            return Err(NoIntervals::IndependentRows);
+        }
         if let Some(intervals) = &self.intervals {
-            return intervals.factors(level);
+            return Ok(intervals.factors(level)?);
         }
         let z = normal_quantile(level);
         let t = student_quantile(level, self.degrees_of_freedom as f64);

@@ -16,6 +16,7 @@
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
 use crate::magnitudes::Magnitudes;
+use crate::physics::TooFewGroups;
 use shell_data::wrench::PerAxis;
 
 /// The levels at which the shape is kept.
@@ -23,6 +24,20 @@ const LEVELS: [f64; 12] = [0.1, 0.25, 0.5, 0.683, 0.8, 0.9, 0.95, 0.975, 0.99, 0
 
 /// The largest level that an interval can be given for: more would rest on a handful of rows.
 pub const HIGHEST_LEVEL: f64 = 0.999;
+
+/// Why no interval can be given.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum NoIntervals {
+    /// Rows of one pose are alike, and intervals that count each as an observation hold far less than they say.
+    #[error(
+        "the standard errors take every row as independent, and no groups of rows were held out: an interval from them \
+         would hold less than it says"
+    )]
+    IndependentRows,
+    /// The groups are too few.
+    #[error(transparent)]
+    TooFewGroups(#[from] TooFewGroups),
+}
 
 /// How large errors are compared with their root mean square.
 #[derive(Clone, Debug, PartialEq)]
@@ -128,7 +143,7 @@ mod tests {
         Covariance {
             residual: PerAxis::default(),
             degrees_of_freedom: 10,
-            coefficients: CoefficientCovariance::Rows { factor: Vec::new() },
+            coefficients: CoefficientCovariance::Groups { groups: 11, factors: PerAxis::default() },
             shape,
             shared: None,
             intervals: None,

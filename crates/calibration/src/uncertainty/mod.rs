@@ -33,5 +33,5 @@ mod new_groups;
 mod prediction;
 
 pub use self::covariance::{CoefficientCovariance, Covariance, TriangularColumns};
-pub use self::interval::{ErrorShape, HIGHEST_LEVEL, student_quantile};
+pub use self::interval::{ErrorShape, HIGHEST_LEVEL, NoIntervals, student_quantile};
 pub use self::prediction::{Tare, Trust};

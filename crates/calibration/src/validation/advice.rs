@@ -8,7 +8,7 @@
 use super::ValidationError;
 use super::comparison::Comparison;
 use super::grouped::GroupedMoments;
-use super::selection::{Candidate, LARGEST_RIDGE, Selection, errors_by_fold};
+use super::selection::{Candidate, LARGEST_RIDGE, Selection, errors_by_fold, folds};
 use crate::model::{Basis, Model};
 use crate::quality::significant;
 use shell_data::wrench::{Axes, Axis};
@@ -43,10 +43,12 @@ impl Advice {
     ) -> Result<Self, ValidationError> {
         let whole = sums.total().ok_or(ValidationError::NoModel)?;
         let variances = Axis::ALL.map(|axis| whole.variance(axis));
+        let held_out = folds(sums)?;
         let errors = |at: usize| {
             let candidate = &selection.candidates[at];
             let model = Model { basis: candidate.basis, intercept, channels: whole.channels() };
-            errors_by_fold(sums, &model, candidate.ridge)?.ok_or(ValidationError::NoModel)
+            errors_by_fold(sums, &model, candidate.ridge, &held_out)?
+                .ok_or(ValidationError::NoModel)
         };
         let compare = |first: usize, second: usize| -> Result<_, ValidationError> {
             match first == second {

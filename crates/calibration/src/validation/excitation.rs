@@ -18,6 +18,9 @@ use shell_data::wrench::{Axes, Axis, PerAxis};
 /// The share of an axis's sum of squares below which a sign counts as hardly loaded.
 const SMALL_SHARE: f64 = 0.1;
 
+/// A shell of 10 cm has levers of a few cm; moments of so many m are in another unit.
+pub const LONGEST_LEVER_M: f64 = 1.0;
+
 /// Correlation from which two axes count as moving together.
 const STRONG_CORRELATION: f64 = 0.9;
 
@@ -282,6 +285,14 @@ impl AxisSums {
 }
 
 impl Excitation {
+    /// The moments over the forces, m; `None` without forces.
+    pub fn lever_m(&self) -> Option<f64> {
+        let square =
+            |axes: &[AxisExcitation]| axes.iter().map(|axis| axis.rms.powi(2)).sum::<f64>();
+        let (forces, moments) = (square(&self.axes[..3]), square(&self.axes[3..]));
+        (forces > 0.0).then(|| (moments / forces).sqrt())
+    }
+
     /// The largest load of each axis, either way, N and N·m.
     pub fn largest_loads(&self) -> PerAxis<f64> {
         self.axes.map(|axis| axis.max.abs().max(axis.min.abs()))

@@ -15,10 +15,10 @@ pub mod cross_validation;
 pub mod excitation;
 pub mod factored;
 pub mod grouped;
+pub mod leaks;
 pub mod outliers;
 pub mod plateaus;
 pub mod selection;
-pub mod shared_loads;
 pub mod triangles;
 
 use super::exact::{ExactError, SolveError};

@@ -159,7 +159,8 @@ pub fn folds(sums: &GroupedMoments) -> Result<Vec<Vec<usize>>, ValidationError> 
     fold_groups(sums, sums.groups.len().min(FOLDS))
 }
 
-/// The errors of a model on each of [`folds`]; `None` if it cannot be fitted without one of them.
+/// The errors of a model on each of `folds`, places of groups in `sums`; `None` if it cannot be fitted without one
+/// of them.
 ///
 /// # Errors
 /// [`ValidationError`] if there are too few groups.
@@ -167,11 +168,12 @@ pub fn errors_by_fold(
     sums: &GroupedMoments,
     model: &Model,
     ridge: f64,
+    folds: &[Vec<usize>],
 ) -> Result<Option<Vec<PerAxis<HeldOutErrors>>>, ValidationError> {
     let whole = sums.total().filter(|_| sums.groups.len() > 1);
     let whole = whole.ok_or(ValidationError::TooFewGroups { found: sums.groups.len() })?;
     let parts = PartitionedMoments::new(whole, model)?;
-    let errors = folds(sums)?
+    let errors = folds
         .iter()
         .map(|fold| errors_on(&parts, &sums.groups, fold, ridge))
         .collect::<Result<Vec<_>, _>>()?;

@@ -318,10 +318,29 @@ fn recognise_other_readings(names: &[String], meanings: &mut [Meaning]) {
 /// An axis of the wrench by its usual name (`fx_n`, `Mx (mN·m)`), or by another: `Tx`, `force_x`,
 /// `wrench.torque.z`.
 fn wrench_of(name: &str) -> Option<Meaning> {
+    let (axis, unit) = axis_and_unit(name, &WRENCH_UNITS)?;
+    Some(match (axis.is_moment(), unit.as_str()) {
+        (_, "") | (false, "n") | (true, "nm") => wrench_meaning(axis, false),
+        (false, "mn") => Meaning::Force(axis, true),
+        (true, "mnm" | "nmm") => wrench_meaning(axis, true),
+        _ => Meaning::Other,
+    })
+}
+
+/// Which axis of the wrench a column has in a unit that is not read.
+pub(crate) fn axis_of_other_unit(name: &str) -> Option<Axis> {
+    let (axis, _) = axis_and_unit(name, &OTHER_UNITS)?;
+    (wrench_of(name).is_none_or(|meaning| meaning == Meaning::Other)).then_some(axis)
+}
+
+/// An axis and the unit of a name: whatever stands in brackets, or one of `units` at its end.
+fn axis_and_unit(name: &str, units: &[&str]) -> Option<(Axis, String)> {
     let (base, unit) = match name.split_once(['(', '[']) {
         Some((base, unit)) => (plain(base), plain(unit)),
         None => match name.trim().rsplit_once(|c: char| !c.is_alphanumeric()) {
-            Some((base, unit)) if is_wrench_unit(&plain(unit)) => (plain(base), plain(unit)),
+            Some((base, unit)) if units.contains(&plain(unit).as_str()) => {
+                (plain(base), plain(unit))
+            }
             _ => (plain(name), String::new()),
         },
     };
@@ -335,18 +354,17 @@ fn wrench_of(name: &str) -> Option<Meaning> {
         };
         kinds.iter().any(|kind| base.strip_prefix(kind) == Some(&letter))
     };
-    let axis = Axis::ALL.into_iter().find(is_named)?;
-    Some(match (axis.is_moment(), unit.as_str()) {
-        (_, "") | (false, "n") | (true, "nm") => wrench_meaning(axis, false),
-        (false, "mn") => Meaning::Force(axis, true),
-        (true, "mnm" | "nmm") => wrench_meaning(axis, true),
-        _ => Meaning::Other,
-    })
+    Some((Axis::ALL.into_iter().find(is_named)?, unit))
 }
 
-fn is_wrench_unit(unit: &str) -> bool {
-    ["n", "mn", "nm", "mnm", "nmm"].contains(&unit)
-}
+/// Units of forces and moments that are read.
+const WRENCH_UNITS: [&str; 5] = ["n", "mn", "nm", "mnm", "nmm"];
+
+/// Units that others write after a name, and that are not read.
+const OTHER_UNITS: [&str; 16] = [
+    "lbf", "lb", "lbs", "ozf", "kgf", "gf", "kg", "g", "kn", "lbfin", "lbin", "inlb", "ftlb",
+    "lbft", "kgcm", "ncm",
+];
 
 /// Where several columns are an axis and one has its usual name, the others are not needed.
 fn prefer_usual_names(names: &[String], meanings: &mut [Meaning]) {
@@ -494,6 +512,7 @@ mod tests {
             ("fz_n", Force(Axis::Fz, false)),
             ("Fy (mN)", Force(Axis::Fy, true)),
             ("fz_lbf", Other),
+            ("Fz (lbf)", Other),
             ("mx_nm", Moment(Axis::Mx, NewtonMetre)),
             ("My (N·m)", Moment(Axis::My, NewtonMetre)),
             ("Mz_mNm", Moment(Axis::Mz, MillinewtonMetre)),
@@ -504,6 +523,19 @@ mod tests {
             assert_eq!(meaning_of(name, LogFormat::Csv), meaning, "{name}");
         }
         assert_eq!(meaning_of("time", LogFormat::Telemetry), Time(TimeUnit::Microsecond));
+        for (name, axis) in [
+            ("fz_lbf", Some(Axis::Fz)),
+            ("Fz (lbf)", Some(Axis::Fz)),
+            ("Mx [in-lb]", Some(Axis::Mx)),
+            ("ty_kgcm", Some(Axis::My)),
+            ("fx_n", None),
+            ("Mz [N*mm]", None),
+            ("Fx", None),
+            ("fx_raw", None),
+            ("g", None),
+        ] {
+            assert_eq!(axis_of_other_unit(name), axis, "{name}");
+        }
     }
 
     #[test]

@@ -14,14 +14,14 @@ pub struct CalibrationReport<'a> {
     pub heading: Heading<'a>,
     /// The calibration, its errors and what it was made from.
     pub calibration: CalibrationFacts<'a>,
+    /// What it is worth on data that it has not seen, in sentences.
+    pub verdict: &'a [String],
     /// Features of the model, and how many of them the data determine.
     pub features: usize,
     /// See there.
     pub rank: usize,
     /// Whether converted frames have standard errors.
     pub has_standard_errors: bool,
-    /// Intervals of this level as they were found, where they were.
-    pub intervals: Option<Intervals>,
     /// Too few groups for the features, where that is so.
     pub few_groups: Option<FewGroups>,
     /// What models were compared, if they were.
@@ -44,17 +44,6 @@ pub struct CalibrationReport<'a> {
     pub figure: &'a Figure,
     /// The loads of training and test rows.
     pub coverage: &'a Figure,
-}
-
-/// Half the width of a 95 % interval of a single frame.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Intervals {
-    /// For each axis.
-    pub half_widths: PerAxis<f64>,
-    /// What they were found from.
-    pub of: String,
-    /// Whether errors of rows were taken as independent, which they hardly are.
-    pub of_rows: bool,
 }
 
 /// More than half as many features as groups.

@@ -74,17 +74,11 @@ pub(super) fn limits(report: &CalibrationReport<'_>) -> Vec<String> {
             100.0 * outside as f64 / rows as f64
         ));
     }
-    match &report.intervals {
-        _ if !report.has_standard_errors => limits.push(
+    if !report.has_standard_errors {
+        limits.push(
             "It has no standard errors: what a single number is worth cannot be told from it."
                 .to_owned(),
-        ),
-        Some(intervals) if intervals.of_rows => limits.push(
-            "Its intervals take the errors of rows as independent. Rows of one pose err alike: of a mean \
-             over many rows the interval is not smaller than that of one by the root of their number."
-                .to_owned(),
-        ),
-        _ => {}
+        );
     }
     limits.push(
         match facts.axes.iter().any(Axis::is_moment) {

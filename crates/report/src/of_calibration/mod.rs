@@ -5,14 +5,13 @@ mod limits;
 
 use std::fmt::Write;
 
-pub use content::{CalibrationReport, FewGroups, GroupRow, Intervals};
+pub use content::{CalibrationReport, FewGroups, GroupRow};
 use limits::limits;
 
 use super::markup::{TableCell, escape, figure, table};
 use super::page::{PageSection, ReportPage};
 use super::sections::calibration::{errors_table, scales, sources_table};
 use super::sections::parts::{drawing, facts_table, folded};
-use super::units::ColumnUnit;
 use calibration::validation::selection::{Candidate, Selection};
 use shell_data::wrench::{Axes, Axis};
 
@@ -54,44 +53,9 @@ fn list(sentences: &[String]) -> String {
     if items.is_empty() { items } else { format!("<ul>\n{items}</ul>\n") }
 }
 
-/// The error that counts: on what the fit has not seen.
+/// What it is worth, and the errors behind that.
 fn answer(report: &CalibrationReport<'_>) -> String {
-    let facts = &report.calibration;
-    let rms = |axis: Axis| match (facts.test, facts.cross_validation, facts.train) {
-        (Some(test), ..) => test[axis.index()].rms,
-        (_, Some(held_out), _) => held_out.grouped[axis.index()].rms,
-        (_, _, Some(train)) => train[axis.index()].rms,
-        _ => f64::NAN,
-    };
-    let on = match (facts.test, facts.cross_validation) {
-        (Some(_), _) => "test data",
-        (None, Some(_)) => "groups of rows that were held out of the fit",
-        (None, None) => "the training data alone, which flatters",
-    };
-    let each = |axes: &[Axis], value: &dyn Fn(Axis) -> f64, sign: &str| {
-        let scale = ColumnUnit::new(axes[0].unit(), axes.iter().map(|&axis| value(axis)));
-        let one = |axis: &Axis| {
-            let value = scale.value(Some(value(*axis)));
-            format!("{} {sign}<strong>{value}</strong>", axis.name())
-        };
-        format!("{} {}", axes.iter().map(one).collect::<Vec<_>>().join(", "), scale.unit)
-    };
-    let axes: Vec<Axis> = facts.axes.iter().collect();
-    // Forces and moments, each in one unit.
-    let both = |value: &dyn Fn(Axis) -> f64, sign: &str| {
-        let of_one_unit = axes.chunk_by(|a, b| a.unit() == b.unit());
-        of_one_unit.map(|axes| each(axes, value, sign)).collect::<Vec<_>>().join("; ")
-    };
-    let mut html = format!("<p>Error (RMS) on {on}: {}.</p>\n", both(&rms, ""));
-    if let Some(intervals) = &report.intervals {
-        let half = |axis: Axis| intervals.half_widths[axis.index()];
-        let _ = writeln!(
-            html,
-            "<p>95 % of single frames are within {} (from {}).</p>",
-            both(&half, "±"),
-            escape(&intervals.of)
-        );
-    }
+    let mut html = list(report.verdict);
     for warning in report.warnings {
         let _ = writeln!(
             html,
@@ -99,7 +63,7 @@ fn answer(report: &CalibrationReport<'_>) -> String {
             escape(warning)
         );
     }
-    html + &errors_table(facts)
+    html + &errors_table(&report.calibration)
 }
 
 fn predicted(report: &CalibrationReport<'_>) -> String {

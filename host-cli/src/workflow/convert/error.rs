@@ -6,7 +6,7 @@ use std::path::Path;
 
 use crate::workflow::ChannelMismatch;
 use crate::workflow::selection::TimeWindow;
-use calibration::physics::TooFewGroups;
+use calibration::uncertainty::NoIntervals;
 use forces::ForceError;
 use forces::filter::FilterError;
 use log_file::LogError;
@@ -110,7 +110,7 @@ pub enum ConvertError {
     NoCovariance,
     /// An interval was asked for that the calibration's groups cannot tell.
     #[error(transparent)]
-    TooFewGroups(#[from] TooFewGroups),
+    NoIntervals(#[from] NoIntervals),
     /// Readings so large that the wrench overflows.
     #[error("`{path}`: the wrench of frame `{frame}` is not finite")]
     NotFinite {
@@ -139,6 +139,9 @@ impl Hint for ConvertError {
                 "say how many rows there are in a second with `--rate`, or leave the filter out with `--no-lowpass`"
             }
             Self::Filter(error) => return error.hint(),
+            Self::NoIntervals(NoIntervals::IndependentRows) => {
+                "fit again without `--model` or with groups (`--group`), or ask for standard errors alone"
+            }
             Self::NoCovariance => {
                 "leave out `--interval`, and `se` of `--columns`; `shellcal fit` puts a covariance into the calibration unless there are fewer than twice as many groups as features, or `--covariance none`"
             }

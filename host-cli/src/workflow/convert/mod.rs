@@ -30,6 +30,7 @@ pub use summary::{AxisSummary, ConvertSummary, LoadSummary};
 
 use super::check_channels;
 use super::selection::RowFilter;
+use calibration::uncertainty::NoIntervals;
 use calibration::{Calibration, Kind};
 use encode::{EncodedOutput, Encoder};
 use figures::WrenchTrace;
@@ -50,7 +51,7 @@ fn interval_factors(calibration: &Calibration, level: f64) -> Result<PerAxis<f64
         }
         Kind::Physics(physics) => {
             let intervals = physics.intervals.as_ref().ok_or(ConvertError::NoCovariance)?;
-            Ok(intervals.factors(level)?)
+            Ok(intervals.factors(level).map_err(NoIntervals::from)?)
         }
     }
 }

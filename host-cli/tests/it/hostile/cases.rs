@@ -19,7 +19,7 @@ fn folder() -> TempDir {
     let dir = tempfile::tempdir().unwrap();
     says(&dir, "synth train --rows 2600 --seed 3 -o train.csv", 0);
     says(&dir, "synth test --rows 800 -o test.csv", 0);
-    says(&dir, "fit train.csv -o cal.json --covariance rows", 0);
+    says(&dir, "fit --model cubic train.csv -o cal.json --covariance rows", 0);
     dir
 }
 
@@ -41,7 +41,7 @@ fn hidden(dir: &Path) -> Vec<String> {
 fn inputs_are_never_replaced() {
     let dir = folder();
     says(&dir, "fit train.csv --partial partial.json", 0);
-    says(&dir, "fit train.csv --export-matrix matrix.csv", 0);
+    says(&dir, "fit --model cubic train.csv --export-matrix matrix.csv", 0);
     says(&dir, "synth trials trials --per-condition 1", 0);
     fs::copy(dir.path().join("trials/manifest.csv"), dir.path().join("trials/trials.csv")).unwrap();
     fs::hard_link(dir.path().join("train.csv"), dir.path().join("same.svg")).unwrap();
@@ -50,10 +50,10 @@ fn inputs_are_never_replaced() {
             .map(|name| read(&dir, name))
             .to_vec();
     for command in [
-        "fit train.csv --test test.csv -o test.csv",
+        "fit --model cubic train.csv --test test.csv -o test.csv",
         "fit train.csv --partial train.csv",
-        "fit train.csv --export-matrix ./train.csv",
-        "fit train.csv --plot same.svg",
+        "fit --model cubic train.csv --export-matrix ./train.csv",
+        "fit --model cubic train.csv --plot same.svg",
         "eval cal.json train.csv --plot same.svg",
         "convert cal.json test.csv -o trials/../test.csv",
         "convert cal.json train.csv -o x.csv --plot same.svg",
@@ -83,8 +83,8 @@ fn inputs_are_never_replaced() {
 fn two_outputs_are_never_one_file() {
     let dir = folder();
     for command in [
-        "fit train.csv -o x.json --export-matrix x.json",
-        "fit train.csv -o x.json --export-matrix ./x.json",
+        "fit --model cubic train.csv -o x.json --export-matrix x.json",
+        "fit --model cubic train.csv -o x.json --export-matrix ./x.json",
         "synth pair x.csv x.csv",
         "record --replay test.csv -o x --raw x",
     ] {
@@ -133,8 +133,8 @@ fn copies_do_not_leak_through_validation() {
     write(&dir, "h1b.csv", half.replace('\n', "\r\n"));
     for command in [
         "fit h1.csv h1b.csv --cv=file --model poly3",
-        "fit h1.csv h1.csv",
-        "fit h1.csv --test h1b.csv",
+        "fit --model cubic h1.csv h1.csv",
+        "fit --model cubic h1.csv --test h1b.csv",
     ] {
         let said = says(&dir, command, 2);
         assert!(said.contains("has the same rows as"), "{command}: {said}");
@@ -151,8 +151,9 @@ fn a_penalised_fit_is_the_same_in_any_order_of_rows() {
     write(&dir, "sorted.csv", format!("{header}\n{}\n", rows.join("\n")));
     for solver in ["tsqr", "refined-tsqr", "wide-tsqr", "gram", "pivoted-qr", "svd"] {
         let rms = |file: &str| {
-            let command =
-                format!("fit {file} --test test.csv --solver {solver} --ridge 1e-2 --json");
+            let command = format!(
+                "fit --model cubic {file} --test test.csv --solver {solver} --ridge 1e-2 --json"
+            );
             let report = program::json(dir.path(), &command);
             (0..6).map(|axis| report["test"][axis]["rms"].as_f64().unwrap()).collect::<Vec<_>>()
         };
@@ -161,7 +162,7 @@ fn a_penalised_fit_is_the_same_in_any_order_of_rows() {
             assert!((a - b).abs() < 1e-9 * b, "{solver}: {a} {b}");
         }
     }
-    let said = says(&dir, "fit train.csv --solver ridge-gcv --ridge 1", 2);
+    let said = says(&dir, "fit --model cubic train.csv --solver ridge-gcv --ridge 1", 2);
     assert!(said.contains("leave out `--ridge`"), "{said}");
 }
 
@@ -174,7 +175,7 @@ fn what_cannot_be_read_back_is_not_written() {
     fields[10] = "1e300";
     lines[20] = fields.join(",");
     write(&dir, "big.csv", lines.join("\n") + "\n");
-    let said = says(&dir, "fit big.csv -o big.json", 2);
+    let said = says(&dir, "fit --model cubic big.csv -o big.json", 2);
     assert!(said.contains("too large"), "{said}");
     assert!(!dir.path().join("big.json").exists());
 }
@@ -261,7 +262,7 @@ fn endless_and_enormous_files_are_told_at_once() {
             "batch F",
             "report F",
             "info F",
-            "fit F",
+            "fit --model cubic F",
             "convert cal.json F",
             "trial F",
             "trial test.csv --profile F",
@@ -423,9 +424,9 @@ fn standard_errors_by_group_that_were_asked_for_are_found_or_refused() {
     let header = text.lines().next().unwrap();
     let rows: String = text.lines().skip(1).enumerate().map(numbered).collect();
     write(&dir, "many.csv", format!("{header}\n{rows}"));
-    let said = says(&dir, "fit many.csv --covariance groups", 2);
+    let said = says(&dir, "fit --model cubic many.csv --covariance groups", 2);
     assert!(said.contains("more than `2000` groups"), "{said}");
-    says(&dir, "fit train.csv --covariance groups", 0);
+    says(&dir, "fit --model cubic train.csv --covariance groups", 0);
 }
 
 /// Rows that are not kept between the passes, and a file that is another one in the second.
@@ -440,9 +441,10 @@ fn folds_may_be_of_any_number_of_groups() {
         writeln!(labelled, "{line},{}", row / 2).unwrap();
     }
     write(&dir, "poses.csv", labelled);
-    let said = says(&dir, "fit poses.csv --group pose --cv", 2);
+    let said = says(&dir, "fit --model cubic poses.csv --group pose --cv", 2);
     assert!(said.contains("more than `2000` groups") && said.contains("--cv=K"), "{said}");
-    let document = program::json(dir.path(), "fit poses.csv --group pose --cv=10 --json");
+    let document =
+        program::json(dir.path(), "fit --model cubic poses.csv --group pose --cv=10 --json");
     let found = &document["cross_validation"];
     assert_eq!((&found["groups"], &found["folds"]), (&2600.into(), &10.into()), "{document}");
     assert_eq!(found["rows"], 5200, "{document}");

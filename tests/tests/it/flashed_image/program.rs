@@ -60,7 +60,14 @@ fn shellcal_sets_the_board_up_and_records_it_whole() {
     assert!(index.windows(2).all(|pair| pair[1] == pair[0] + 1.0));
 
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../calibration-data");
-    run(dir, &format!("fit {} --output cal.json", data.join("synthetic-train.csv").display()), 0);
+    run(
+        dir,
+        &format!(
+            "fit --model cubic {} --output cal.json",
+            data.join("synthetic-train.csv").display()
+        ),
+        0,
+    );
     command("upload cal.json", 0);
     let calibration = CalibrationFile::read(&dir.join("cal.json")).unwrap().calibration;
     let crc = crc_of(&for_board(&calibration).unwrap());

@@ -1,12 +1,11 @@
 //! `shellcal eval`: the errors of a calibration against a measured wrench.
 
-use std::cmp::Ordering;
 use std::io::Write;
 
 use calibration::fit::{Evaluation, Workers, evaluate};
 use calibration::quality::{AxisQuality, significant};
-use calibration_file::CalibrationFile;
 use calibration_file::stored::{OfAxes, Stored, StoredQuality};
+use calibration_file::{CalibrationFile, Role, SourceFile};
 use figures::{FitPlot, Format, fit_figure};
 use log_file::{Log, ReadOptions, Wanted, read_dataset};
 use output_file::Outputs;
@@ -19,6 +18,7 @@ use shellcal::workflow::fit::add_to_plot;
 use super::figure_size::FigureSize;
 use super::mapping::{MappingArgs, open_logs, tell_remembered};
 use super::quality::table_row;
+use super::rms_limits::RmsLimits;
 use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
@@ -43,16 +43,11 @@ pub(crate) struct EvalArgs {
     #[arg(long, value_name = "FILE", num_args = 1.., help_heading = "Reading logs")]
     wrench_from: Vec<InputPath>,
 
-    /// Fail when the RMS error of Fx, Fy or Fz is above this many N
-    #[arg(long, value_name = "N", value_parser = limit)]
-    max_rms: Option<f64>,
-
-    /// Fail when the RMS error of Mx, My or Mz is above this many N·m
-    #[arg(long, value_name = "N·m", value_parser = limit)]
-    max_rms_moment: Option<f64>,
+    #[command(flatten)]
+    limits: RmsLimits,
 
     /// Leave out rows that repeat the readings of the row before
-    #[arg(long)]
+    #[arg(long = "skip-repeats", alias = "fresh")]
     fresh: bool,
 
     /// Draw predicted against measured, and the residuals, over all logs
@@ -91,8 +86,9 @@ struct Document {
 impl EvalArgs {
     pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let file = CalibrationFile::read(&self.calibration)?;
+        self.check_logs()?;
         let mapping = self.mapping.mapping_for(&file)?;
-        let mut calibration = file.calibration;
+        let (mut calibration, sources) = (file.calibration, file.origin.sources);
         let mut logs = open_logs(&self.logs, ("--wrench-from", &self.wrench_from), &mapping)?;
         tell_remembered(printer, &self.calibration, &mapping, &logs);
         let axes = compared_axes(calibration.axes, &mut logs, printer)?;
@@ -107,9 +103,19 @@ impl EvalArgs {
         let (mut reports, mut read_before) = (Vec::new(), 0);
         for log in &logs {
             let progress = |bytes| bar.set_position(read_before + bytes);
-            let read = ReadOptions { progress: Some(&progress), ..self.mapping.read_options() };
+            let read = ReadOptions {
+                progress: Some(&progress),
+                checksum: true,
+                ..self.mapping.read_options()
+            };
             check_channels(log, calibration.channels())?;
             let rows = self.rows(log, &read)?;
+            if is_trained_on(&rows, &sources) {
+                printer.warning(format!(
+                    "`{}` was used for the fit: its errors are those of training, not of new loads",
+                    log.path().display()
+                ));
+            }
             let evaluation = Evaluation::total(&evaluate(&calibration, &rows, workers)?);
             if let Some(plot) = &mut plot {
                 add_to_plot(plot, &calibration, &rows);
@@ -128,10 +134,10 @@ impl EvalArgs {
         }
 
         let all = report(None, &all, axes)?;
-        let above_limit = self.above_limit(&all.quality, axes);
+        let above_limit = self.limits.above(&all.quality.map(|axis| axis.rms), axes);
         let failed = !above_limit.is_empty();
         if printer.json() {
-            let names = above_limit.iter().map(|(axis, ..)| axis.column()).collect();
+            let names = above_limit.iter().map(|of| of.axis.column()).collect();
             let axes = axes.columns();
             printer.document(&Document { axes, logs: reports, all, above_limit: names })?;
         } else {
@@ -141,15 +147,24 @@ impl EvalArgs {
             if reports.len() > 1 {
                 print(printer, &all, axes)?;
             }
-            for (axis, rms, limit) in above_limit {
-                let (name, unit) = (axis.name(), axis.unit());
-                let (rms, limit) = (significant(rms, 4), significant(limit, 4));
-                printer.warning(format!(
-                    "the RMS error of `{name}` is {rms} {unit}, above the limit of {limit} {unit}"
-                ));
-            }
+            above_limit.iter().for_each(|of| of.warn(printer));
         }
         Ok(if failed { Outcome::CheckFailed } else { Outcome::Done })
+    }
+
+    /// Whether a log is another calibration, as where two are to be compared.
+    fn check_logs(&self) -> anyhow::Result<()> {
+        let is_calibration = |path: &&InputPath| {
+            path.extension().is_some_and(|extension| extension == "json")
+                && CalibrationFile::read(path).is_ok()
+        };
+        if let Some(path) = self.logs.iter().find(is_calibration) {
+            let (first, second) = (self.calibration.display(), path.display());
+            anyhow::bail!(
+                "`{second}` is a calibration, not a log: `shellcal compare {first} {second} --test LOG` compares two"
+            );
+        }
+        Ok(())
     }
 
     /// The rows of a log that are used.
@@ -157,16 +172,16 @@ impl EvalArgs {
         let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
         Ok(read_dataset(&[(log, wanted)], read)?.select(self.fresh, &RowSet::default()))
     }
+}
 
-    /// The axes whose RMS error is above its limit, with both.
-    fn above_limit(&self, errors: &PerAxis<AxisQuality>, axes: Axes) -> Vec<(Axis, f64, f64)> {
-        let limit = |axis: Axis| if axis.is_moment() { self.max_rms_moment } else { self.max_rms };
-        axes.iter()
-            .filter_map(|axis| Some((axis, errors[axis.index()].rms, limit(axis)?)))
-            // What cannot be compared, such as NaN, is not below the limit.
-            .filter(|(_, rms, limit)| rms.partial_cmp(limit).is_none_or(Ordering::is_gt))
-            .collect()
-    }
+/// Whether a log is one that the calibration was fitted to.
+fn is_trained_on(rows: &Dataset, sources: &[SourceFile]) -> bool {
+    let checksums = || rows.logs.iter().filter_map(|log| log.summary.checksum.as_ref());
+    let is_of = |source: &SourceFile| {
+        source.role == Role::Train
+            && checksums().any(|found| source.checksum.as_ref() == Some(found))
+    };
+    sources.iter().any(is_of)
 }
 
 /// The axes that calibration and all logs have; the logs keep these alone. What is not compared is said.
@@ -225,11 +240,4 @@ fn print(printer: &mut Printer, report: &Report, axes: Axes) -> anyhow::Result<(
     };
     let rows: Vec<Vec<String>> = axes.iter().map(row).collect();
     printer.table(&["axis", "RMS", "max", "bias", "R²", "unit"], &rows)
-}
-
-fn limit(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(limit) if limit >= 0.0 => Ok(limit),
-        _ => Err("expected a number that is not negative".to_owned()),
-    }
 }

@@ -98,7 +98,7 @@ pub(crate) struct FrameArgs {
     all_rows: bool,
 
     /// Use only rows whose readings differ from those of the row before [default for telemetry]
-    #[arg(long)]
+    #[arg(long = "skip-repeats", alias = "fresh")]
     fresh: bool,
 }
 

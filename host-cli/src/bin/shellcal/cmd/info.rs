@@ -39,14 +39,49 @@ impl InfoArgs {
             infos.push(summary(&log, &self.mapping, printer)?);
         }
         printer.finish(&infos, |printer| {
+            if infos.len() > 1 {
+                print_overview(&infos, printer)?;
+            }
+            if infos.len() > FILES_IN_FULL && !printer.is_verbose() {
+                printer.note(
+                    "`--verbose` describes each of them, and so does `info` with fewer files",
+                );
+                return Ok(());
+            }
             infos.iter().enumerate().try_for_each(|(i, info)| {
-                if i > 0 {
+                if i > 0 || infos.len() > 1 {
                     printer.line("")?;
                 }
                 info.print(printer)
             })
         })
     }
+}
+
+/// Of more files than this only the overview is printed.
+const FILES_IN_FULL: usize = 5;
+
+/// A line for each log.
+fn print_overview(infos: &[Info], printer: &mut Printer) -> anyhow::Result<()> {
+    let none = || "–".to_owned();
+    let row = |info: &Info| {
+        let time = info.time.as_ref();
+        let notes: usize = info.columns.iter().filter(|column| column.has_note()).count();
+        vec![
+            info.file.clone(),
+            info.rows.to_string(),
+            info.skipped_rows.to_string(),
+            time.map_or_else(none, |time| format!("{:.1}", time.duration_s)),
+            time.and_then(|time| time.median_rate_hz)
+                .map_or_else(none, |rate| format!("{rate:.1}")),
+            time.map_or_else(none, |time| (time.gaps + time.backward_steps).to_string()),
+            notes.to_string(),
+            info.outliers.len().to_string(),
+        ]
+    };
+    let header =
+        ["file", "rows", "bad", "seconds", "Hz", "gaps", "columns with a note", "outliers"];
+    printer.table(&header, &infos.iter().map(row).collect::<Vec<_>>())
 }
 
 fn summary(log: &Log, args: &MappingArgs, printer: &mut Printer) -> anyhow::Result<Info> {
@@ -152,7 +187,7 @@ struct LimitInfo {
     rows_at_65535: u64,
     rows_at_max: u64,
     pinned_at_max: bool,
-    /// How many values there are, where they are so few that the channel carries next to nothing.
+    /// How many values there are, where the channel is almost constant.
     #[serde(skip_serializing_if = "Option::is_none")]
     quiet_values: Option<usize>,
 }
@@ -289,6 +324,10 @@ impl ColumnInfo {
         }
     }
 
+    fn has_note(&self) -> bool {
+        self.values.as_ref().is_some_and(|values| !values.note().is_empty())
+    }
+
     fn row(&self) -> Vec<String> {
         let meaning = self.meaning.clone().unwrap_or_default();
         let mut cells = vec![format!("{} {}", self.column, self.name), meaning];
@@ -354,9 +393,12 @@ fn meaning(meaning: Meaning) -> Option<String> {
         Meaning::Time(unit) => format!("time ({})", unit.symbol()),
         Meaning::Sensor(channel) => format!("sensor {}", channel + 1),
         Meaning::Force(axis, false) => format!("{} (N)", name(axis)),
-        Meaning::Force(axis, true) => format!("{} (mN)", name(axis)),
+        // Values are in SI units.
+        Meaning::Force(axis, true) => format!("{} (N, from mN)", name(axis)),
         Meaning::Moment(axis, MomentUnit::NewtonMetre) => format!("{} (N·m)", name(axis)),
-        Meaning::Moment(axis, MomentUnit::MillinewtonMetre) => format!("{} (mN·m)", name(axis)),
+        Meaning::Moment(axis, MomentUnit::MillinewtonMetre) => {
+            format!("{} (N·m, from mN·m)", name(axis))
+        }
         Meaning::Group => "group".to_owned(),
         Meaning::Telemetry(telemetry) => telemetry.name().to_owned(),
         Meaning::Other => return None,

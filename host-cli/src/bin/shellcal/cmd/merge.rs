@@ -281,7 +281,7 @@ impl MergeArgs {
             return printer.line(summary);
         };
         if let Some(selection) = &fit.selection {
-            print_selection(printer, selection, axes)?;
+            print_selection(printer, selection, None, axes)?;
         }
         let table: Vec<_> = axes.iter().map(|axis| table_row(axis, &[&fit.train])).collect();
         printer.table(&["axis", "RMS train", "max train", "R² train", "unit"], &table)?;

@@ -5,6 +5,7 @@ mod bench;
 mod board;
 mod board_line;
 mod choices;
+mod compare;
 mod completions;
 mod convert;
 mod covariance;
@@ -34,6 +35,7 @@ mod place;
 mod ports;
 mod quality;
 mod record;
+mod rms_limits;
 mod serial;
 mod simulate;
 mod simulate_board;
@@ -101,9 +103,10 @@ pub(crate) enum Command {
 
     /// Fit a calibration to logs with readings and a measured wrench
     ///
-    /// Prints the error of every axis, on the training logs and on test logs that the fit has not
-    /// seen. Logs are read once. Rows are kept in the memory of `--memory`; where they take more, the
-    /// errors come from sums, without the largest, unless `--residuals` asks for a second reading.
+    /// Compares models on groups of rows that are held out (a group column, files, poses that are found, or
+    /// stretches of time) and takes the best. The output starts with a verdict: the error on data that were not
+    /// used for the fit, the 95 % interval of a frame, what to use the calibration for, what to record next.
+    /// Exits with 1 when that error is above `--max-rms`.
     Fit(Deferred<fit::FitArgs>),
 
     /// Merge partial fits to a calibration
@@ -116,6 +119,12 @@ pub(crate) enum Command {
     ///
     /// Exits with 1 when the RMS error of an axis over all logs is above its limit.
     Eval(Deferred<eval::EvalArgs>),
+
+    /// Compare two calibrations on the same test logs
+    ///
+    /// Prints the errors of both, their paired difference with a 95 % interval over groups of rows (the group column,
+    /// files, poses that are found), and which errs less on each axis.
+    Compare(Deferred<compare::CompareArgs>),
 
     /// Convert logs of readings to forces and moments
     ///
@@ -231,6 +240,7 @@ impl Command {
             Command::Fit(args) => args.run(printer, outputs),
             Command::Merge(args) => args.run(printer, outputs),
             Command::Eval(args) => args.run(printer, outputs),
+            Command::Compare(args) => args.run(printer),
             Command::Convert(args) => args.run(printer, outputs),
             Command::Payload(args) => args.run(printer, outputs),
             Command::Noise(args) => args.run(printer),

@@ -1,7 +1,7 @@
 //! How rows that do not belong are named, by `fit` and `info` alike.
 
 use calibration::fit::{Outlier, OutlierColumn, Outliers, Reason, RowName};
-use log_file::{Log, LogError, Wanted};
+use log_file::{Column, Log, LogError, Meaning, MomentUnit, Wanted};
 use output_file::AtomicFile;
 use serde::Serialize;
 use shell_data::wrench::{Axes, Axis};
@@ -131,11 +131,24 @@ fn column_names(log: &Log) -> Vec<String> {
     let mut names = log.value_names().into_iter();
     let mut all: Vec<String> = names.by_ref().take(log.channels()).map(str::to_owned).collect();
     let axis = |axis: Axis| match log.axes().contains(axis) {
-        true => names.next().unwrap_or_default().to_owned(),
+        true => in_si_units(axis, names.next().unwrap_or_default(), log),
         false => String::new(),
     };
     all.extend(Axis::ALL.map(axis));
     all
+}
+
+/// The name of an axis's column, with the unit that its values were converted to.
+fn in_si_units(axis: Axis, name: &str, log: &Log) -> String {
+    let is_converted = |column: &Column| match column.meaning {
+        Meaning::Force(of, milli) => of == axis && milli,
+        Meaning::Moment(of, unit) => of == axis && unit != MomentUnit::NewtonMetre,
+        _ => false,
+    };
+    match log.columns().iter().any(is_converted) {
+        true => format!("{name} in {}", axis.unit()),
+        false => name.to_owned(),
+    }
 }
 
 impl OutlierReport {

@@ -1,12 +1,12 @@
 //! How held-out errors, the choice of a model and the coverage of the training loads are printed.
 
 use calibration::Basis;
-use calibration::fit::{Fit, FoundGroups, HeldOut};
+use calibration::fit::{Fit, FoundGroups, HeldOut, ModelComparison};
 use calibration::quality::significant;
 use calibration::validation::advice::Advice;
 use calibration::validation::cross_validation::CrossValidation;
 use calibration::validation::excitation::Excitation;
-use calibration::validation::selection::Selection;
+use calibration::validation::selection::{Candidate, Selection};
 use serde::Serialize;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
@@ -151,43 +151,66 @@ pub(super) fn print_advice(
     Ok(())
 }
 
+/// The models that were compared, each with its best ridge, and which was chosen; `physics` is what was held against
+/// the polynomial.
 pub(super) fn print_selection(
     printer: &mut Printer,
     selection: &Selection,
+    physics: Option<&ModelComparison>,
     axes: Axes,
 ) -> anyhow::Result<()> {
-    let rows: Vec<Vec<String>> = (selection.candidates.iter().enumerate())
-        .map(|(i, candidate)| {
-            let mark = match i {
-                i if i == selection.chosen => " ←",
-                i if i == selection.best => " *",
-                _ => "",
-            };
-            let mut row = vec![
-                format!("{}{mark}", candidate.basis.name()),
-                candidate.features.to_string(),
-                format!("{:e}", candidate.ridge),
-            ];
-            match candidate.errors {
-                None => row.extend(std::iter::repeat_n("–".to_owned(), 2 + axes.count())),
-                Some(errors) => {
-                    row.push(significant(errors.score, 3));
-                    row.push(significant(errors.standard_error, 2));
-                    row.extend(axes.of(&errors.rms).into_iter().map(|rms| significant(rms, 3)));
-                }
+    let mark = |is_chosen: bool| if is_chosen { " ←" } else { "" };
+    let takes_physics = physics.is_some_and(ModelComparison::physics_is_better);
+    let row = |candidate: &Candidate| {
+        let is_chosen = !takes_physics && *candidate == selection.candidates[selection.chosen];
+        let mut row = vec![
+            format!("{}{}", candidate.basis.name(), mark(is_chosen)),
+            candidate.features.to_string(),
+            format!("{:e}", candidate.ridge),
+        ];
+        match candidate.errors {
+            None => row.extend(std::iter::repeat_n("–".to_owned(), axes.count())),
+            Some(errors) => {
+                row.extend(axes.of(&errors.rms).into_iter().map(|rms| significant(rms, 3)));
             }
-            row
-        })
-        .collect();
-    let mut header = vec!["model", "features", "ridge", "score", "±"];
+        }
+        row
+    };
+    let mut rows: Vec<Vec<String>> = best_of_each(selection).into_iter().map(row).collect();
+    if let Some(found) = physics {
+        let mut row = vec![format!("physics{}", mark(takes_physics)), "–".into(), "–".into()];
+        row.extend(axes.of(&found.comparison.rms[0]).into_iter().map(|rms| significant(rms, 3)));
+        rows.push(row);
+    }
+    let mut header = vec!["model", "features", "ridge"];
     header.extend(axes.iter().map(Axis::name));
+    printer.line("")?;
     printer.table(&header, &rows)?;
     printer.line(format!(
-        "errors on groups held out in {} folds, score relative to the variance; ← chosen: fewest \
-         features within one standard error of the best (*)",
-        selection.folds
-    ))?;
-    printer.line("")
+        "RMS on groups that were held out in {} folds, each polynomial with its best ridge; ← chosen: the fewest \
+         features within one standard error of the best polynomial{}",
+        selection.folds,
+        match physics {
+            Some(found) => format!(", or physics if it errs less in {} folds", found.folds),
+            None => String::new(),
+        }
+    ))
+}
+
+/// The candidate of each family with the smallest error; the chosen one of its family.
+fn best_of_each(selection: &Selection) -> Vec<&Candidate> {
+    let chosen = &selection.candidates[selection.chosen];
+    let families = selection.candidates.chunk_by(|a, b| a.basis == b.basis);
+    let score = |candidate: &&Candidate| candidate.errors.map_or(f64::INFINITY, |of| of.score);
+    let best = |family: &'_ [Candidate]| -> usize {
+        let places = family.iter().enumerate().map(|(at, candidate)| (at, score(&candidate)));
+        places.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(at, _)| at)
+    };
+    let mut found = Vec::new();
+    for family in families {
+        found.push(if family[0].basis == chosen.basis { chosen } else { &family[best(family)] });
+    }
+    found
 }
 
 pub(super) fn print_excitation(

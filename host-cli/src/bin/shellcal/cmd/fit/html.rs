@@ -1,12 +1,9 @@
 //! `shellcal fit --report`: a calibration as one HTML file.
 
-use calibration::Kind;
 use calibration::fit::{Fit, FitMethod, FoundKind, GroupBy, group_errors, label_poses_or_files};
-use calibration::physics::PhysicsValidation;
-use calibration::uncertainty::{CoefficientCovariance, Covariance};
 use calibration_file::CalibrationFile;
 use figures::{Size, coverage_figure, fit_figure};
-use report::{CalibrationReport, FewGroups, Heading, Intervals, OutlierTable};
+use report::{CalibrationReport, FewGroups, Heading, OutlierTable};
 use shell_data::dataset::Dataset;
 use shellcal::workflow::report::{calibration_facts, group_rows};
 
@@ -16,9 +13,6 @@ use super::plan::{FitPlan, Told};
 
 /// So many loads are drawn of the training rows, and as many of the test rows.
 const LOADS: u64 = 600;
-
-/// Intervals of this level are named.
-const LEVEL: f64 = 0.95;
 
 impl FitPlan<'_> {
     /// The report of a calibration.
@@ -56,7 +50,7 @@ impl FitPlan<'_> {
             features: fitted.parameter_count(),
             rank: fitted.rank(),
             has_standard_errors: calibration.has_standard_errors(),
-            intervals: intervals(fitted),
+            verdict: &fitted.verdict().lines(),
             few_groups: fitted
                 .few_groups
                 .map(|few| FewGroups { features: few.features, groups: few.groups }),
@@ -101,42 +95,4 @@ fn labelled(fitted: &Fit) -> Dataset {
         Some(_) => fitted.used.clone(),
         None => label_poses_or_files(&fitted.used),
     }
-}
-
-fn intervals(fitted: &Fit) -> Option<Intervals> {
-    match (fitted.calibration.kind(), &fitted.method) {
-        (Kind::Polynomial(_), _) => {
-            fitted.calibration.covariance.as_ref().and_then(intervals_of_covariance)
-        }
-        (Kind::Physics(_), FitMethod::Physics(physics)) => {
-            physics.validation.as_ref().and_then(intervals_held_out)
-        }
-        _ => None,
-    }
-}
-
-/// The intervals of groups that were held out, and what they held.
-fn intervals_held_out(validation: &PhysicsValidation) -> Option<Intervals> {
-    let coverage = validation.coverage()?;
-    let least = coverage.iter().map(|(share, _)| *share).fold(f64::INFINITY, f64::min);
-    Some(Intervals {
-        half_widths: coverage.map(|(_, half)| half),
-        of: format!(
-            "groups that were held out, of which they held {:.0} % or more on every axis",
-            100.0 * least
-        ),
-        of_rows: false,
-    })
-}
-
-/// The intervals that a covariance gives, where it can.
-fn intervals_of_covariance(covariance: &Covariance) -> Option<Intervals> {
-    let factors = covariance.interval_factors(LEVEL).ok()?;
-    let sd = covariance.residual_sd();
-    let (of, of_rows) = match &covariance.coefficients {
-        CoefficientCovariance::Groups { groups, .. } => (format!("{groups} groups of rows"), false),
-        CoefficientCovariance::Rows { .. } => ("rows taken as independent".to_owned(), true),
-    };
-    let half_widths = std::array::from_fn(|axis| factors[axis] * sd[axis]);
-    Some(Intervals { half_widths, of, of_rows })
 }

@@ -5,10 +5,11 @@ mod partial;
 mod physics;
 mod plan;
 mod report;
+mod verdict;
 
 use std::time::Instant;
 
-use calibration::fit::{FitMethod, HeldOut, Warning};
+use calibration::fit::{Fit, FitMethod, HeldOut, Warning};
 use clap::ValueEnum;
 use output_file::Outputs;
 
@@ -17,6 +18,7 @@ use super::choices::{ModelArg, SolverArg};
 use super::covariance::CovarianceArg;
 use super::figure_size::FigureSize;
 use super::mapping::MappingArgs;
+use super::rms_limits::RmsLimits;
 use super::validation::parse_cv;
 use crate::files::{InputPath, OutputOrStdout, OutputPath};
 use crate::outcome::Outcome;
@@ -24,12 +26,13 @@ use crate::printer::Printer;
 
 const EXAMPLES: &str = "\
 Examples:
-  shellcal fit train.csv --test test.csv -o calibration.json --plot fit.svg
-  shellcal fit monday.csv tuesday.csv --model quadratic --json
+  shellcal fit poses.csv -o calibration.json
+  shellcal fit monday.csv tuesday.csv --test wednesday.csv --report fit.html
+  shellcal fit train.csv --model cubic -o calibration.json
   shellcal fit log.txt --sensors S1,S2,S3,S4 --wrench 10-15 --moment-unit mNm";
 
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
+#[command(before_help = EXAMPLES)]
 #[group(skip)]
 #[command(group = clap::ArgGroup::new("held_out").args(["cv", "groups"]).multiple(true))]
 pub(crate) struct FitArgs {
@@ -41,6 +44,122 @@ pub(crate) struct FitArgs {
     #[arg(long, value_name = "TEST", num_args = 1..)]
     test: Vec<InputPath>,
 
+    /// Write the calibration (JSON)
+    #[arg(long, short, value_name = "CAL.json")]
+    output: Option<OutputPath>,
+
+    /// Write a report: errors by axis and by pose, which loads were calibrated, which model and why, and what
+    /// the calibration must not be used for
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<OutputPath>,
+
+    /// Draw predicted against measured, and the residuals
+    #[arg(long, value_name = "FILE.svg|pdf|png")]
+    plot: Option<OutputPath>,
+
+    /// The model [default: auto; with `--partial`: cubic]
+    #[arg(long, value_name = "MODEL", help_heading = "Model")]
+    model: Option<ModelArg>,
+
+    /// Fit no constant: offsets are then left to the tare
+    #[arg(long, help_heading = "Model")]
+    no_intercept: bool,
+
+    /// Penalise large coefficients: λ, relative to features of norm one, such as 1e-6
+    #[arg(
+        long,
+        value_name = "LAMBDA",
+        default_value_t = 0.0,
+        hide_default_value = true,
+        help_heading = "Model"
+    )]
+    ridge: f64,
+
+    /// How to solve the least-squares problem
+    #[arg(
+        long,
+        value_name = "SOLVER",
+        default_value = "exact",
+        help_heading = "Model",
+        hide_short_help = true
+    )]
+    solver: SolverArg,
+
+    /// With `--solver svd`: leave out directions that the data hardly excite, those whose singular
+    /// value is below this share of the largest, such as 1e-8
+    #[arg(
+        long,
+        value_name = "SHARE",
+        value_parser = parse_share,
+        help_heading = "Model",
+        hide_short_help = true
+    )]
+    truncate: Option<f64>,
+
+    /// Hold out these groups of rows, with any model: each group of the group column, each file, or each pose
+    /// of constant load that is found; a number K deals the groups into K folds
+    #[arg(
+        long,
+        value_name = "file|column|plateau|K",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "auto",
+        value_parser = parse_cv,
+        help_heading = "Validation"
+    )]
+    cv: Option<HeldOut>,
+
+    /// Seed of the random split that errors on held-out groups are compared with
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 1,
+        requires = "held_out",
+        help_heading = "Validation",
+        hide_short_help = true
+    )]
+    cv_seed: u64,
+
+    #[command(flatten, next_help_heading = "Validation")]
+    limits: RmsLimits,
+
+    /// What standard errors and intervals of `convert` come from
+    #[arg(
+        long,
+        value_name = "OF",
+        default_value = "auto",
+        help_heading = "Validation",
+        hide_short_help = true
+    )]
+    covariance: CovarianceArg,
+
+    /// Leave out rows that repeat the readings of the row before
+    #[arg(long = "skip-repeats", alias = "fresh", help_heading = "Rows")]
+    fresh: bool,
+
+    /// Suspicious rows [default: report]
+    #[arg(long, value_name = "WHAT", help_heading = "Rows")]
+    outliers: Option<OutliersArg>,
+
+    /// Readings outside are wrong: leave out rows with any
+    #[arg(
+        long,
+        value_name = "LO:HI",
+        value_parser = parse_range,
+        allow_hyphen_values = true,
+        help_heading = "Rows"
+    )]
+    valid_range: Option<[f64; 2]>,
+
+    /// List the rows that `--outliers drop` and `--valid-range` leave out, and why (CSV)
+    #[arg(long, value_name = "FILE.csv", help_heading = "Rows")]
+    dropped: Option<OutputPath>,
+
+    /// Fit to the mean of each group of rows, each counted once: the group column, files, or poses that are
+    /// found. Test logs are compared row by row
+    #[arg(long, conflicts_with = "partial", help_heading = "Rows", hide_short_help = true)]
+    means: bool,
+
     /// Take the wrench from these files, one for each training log, row by row
     #[arg(long, value_name = "FILE", num_args = 1.., help_heading = "Reading logs")]
     wrench_from: Vec<InputPath>,
@@ -49,62 +168,14 @@ pub(crate) struct FitArgs {
     #[arg(long, value_name = "FILE", num_args = 1.., requires = "test", help_heading = "Reading logs")]
     test_wrench_from: Vec<InputPath>,
 
-    /// Features of the readings
-    #[arg(long, value_name = "MODEL", default_value = "cubic")]
-    model: ModelArg,
-
-    /// Fit no constant: offsets are then left to the tare
-    #[arg(long)]
-    no_intercept: bool,
-
-    /// Penalise large coefficients: λ, relative to features of norm one, such as 1e-6
-    #[arg(long, value_name = "LAMBDA", default_value_t = 0.0, hide_default_value = true)]
-    ridge: f64,
-
-    /// How to solve the least-squares problem
-    #[arg(long, value_name = "SOLVER", default_value = "exact")]
-    solver: SolverArg,
-
-    /// With `--solver svd`: leave out directions that the data hardly excite, those whose singular
-    /// value is below this share of the largest, such as 1e-8
-    #[arg(long, value_name = "SHARE", value_parser = parse_share)]
-    truncate: Option<f64>,
-
-    /// Leave out rows that repeat the readings of the row before
-    #[arg(long)]
-    fresh: bool,
-
-    /// Write the calibration (JSON)
-    #[arg(long, short, value_name = "CAL.json")]
-    output: Option<OutputPath>,
-
-    /// Find the errors on groups of rows that were held out: each group of the group column, or
-    /// each file, or each plateau of constant load; a number K deals the groups into K folds
-    #[arg(
-        long,
-        value_name = "file|column|plateau|K",
-        num_args = 0..=1,
-        require_equals = true,
-        default_missing_value = "auto",
-        value_parser = parse_cv
-    )]
-    cv: Option<HeldOut>,
-
-    /// Fit to the mean of each group of rows, each counted once: the group column, files, or plateaus that are
-    /// found. Test logs are compared row by row
-    #[arg(long, conflicts_with = "partial")]
-    means: bool,
-
-    /// Which way rows are dealt into the random folds that `--cv` compares with
-    #[arg(long, value_name = "N", default_value_t = 1, requires = "held_out")]
-    cv_seed: u64,
-
     /// Sum the rows, write the sums for `shellcal merge`, and fit nothing (JSON; `-` for the standard
     /// output)
     #[arg(
         long,
         value_name = "FILE.json",
-        conflicts_with_all = ["test", "output", "export_matrix", "plot", "report", "ridge", "truncate", "cv", "dropped", "valid_range"]
+        conflicts_with_all = ["test", "output", "export_matrix", "plot", "report", "ridge", "truncate", "cv", "dropped", "valid_range", "max_rms", "max_rms_moment"],
+        help_heading = "Partial fits",
+        hide_short_help = true
     )]
     partial: Option<OutputOrStdout>,
 
@@ -118,45 +189,22 @@ pub(crate) struct FitArgs {
         require_equals = true,
         default_missing_value = "auto",
         hide_possible_values = true,
-        requires = "partial"
+        requires = "partial",
+        help_heading = "Partial fits",
+        hide_short_help = true
     )]
     groups: Option<GroupsArg>,
 
     /// Write the coefficients for raw readings, one row per feature, moments in mN·m (CSV)
-    #[arg(long, value_name = "FILE.csv")]
+    #[arg(long, value_name = "FILE.csv", help_heading = "Other output", hide_short_help = true)]
     export_matrix: Option<OutputPath>,
 
-    /// Draw predicted against measured, and the residuals
-    #[arg(long, value_name = "FILE.svg|pdf|png")]
-    plot: Option<OutputPath>,
-
-    #[command(flatten)]
+    #[command(flatten, next_help_heading = "Other output")]
     figure_size: FigureSize,
 
-    /// Write a report: errors by axis and by pose, which loads were calibrated, which model and why, and what
-    /// the calibration must not be used for
-    #[arg(long, value_name = "FILE.html")]
-    report: Option<OutputPath>,
-
-    /// Which rows have errors of their own, for the standard errors and intervals of `convert`
-    #[arg(long, value_name = "OF", default_value = "auto")]
-    covariance: CovarianceArg,
-
     /// The label of the sensor, for the calibration file
-    #[arg(long, value_name = "SERIAL")]
+    #[arg(long, value_name = "SERIAL", help_heading = "Other output")]
     serial: Option<String>,
-
-    /// Rows that do not belong [default: report]
-    #[arg(long, value_name = "WHAT")]
-    outliers: Option<OutliersArg>,
-
-    /// Readings outside are wrong: leave out rows with any
-    #[arg(long, value_name = "LO:HI", value_parser = parse_range, allow_hyphen_values = true)]
-    valid_range: Option<[f64; 2]>,
-
-    /// List the rows that `--outliers drop` and `--valid-range` leave out, and why (CSV)
-    #[arg(long, value_name = "FILE.csv")]
-    dropped: Option<OutputPath>,
 
     #[command(flatten)]
     mapping: MappingArgs,
@@ -173,7 +221,7 @@ enum GroupsArg {
     Column,
 }
 
-/// What is done about rows that do not belong.
+/// What is done about suspicious rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum OutliersArg {
     /// Name them, with what they do to the fit, and use them
@@ -209,7 +257,21 @@ impl FitArgs {
         // It is about the table.
         let is_late = |warning: &&Warning| matches!(warning, Warning::OutOfRange { .. });
         fitted.warnings.iter().filter(is_late).for_each(|late| printer.note(late.to_string()));
-        Ok(Outcome::Done)
+        Ok(self.outcome(&fitted, printer))
+    }
+
+    /// Whether the errors on rows that were not used are within their limits.
+    fn outcome(&self, fitted: &Fit, printer: &mut Printer) -> Outcome {
+        if !self.limits.are_given() {
+            return Outcome::Done;
+        }
+        let Ok(unseen) = fitted.verdict().unseen else {
+            printer.warning("the error on new loads is not known, so it is not within the limit");
+            return Outcome::CheckFailed;
+        };
+        let above = self.limits.above(&unseen.rms, fitted.calibration.axes);
+        above.iter().for_each(|of| of.warn(printer));
+        if above.is_empty() { Outcome::Done } else { Outcome::CheckFailed }
     }
 }
 

@@ -26,7 +26,8 @@ impl FitArgs {
         let wrenches = ("--wrench-from", self.wrench_from.as_slice());
         let mut train = open_logs(&self.train, wrenches, &self.mapping.mapping()?)?;
         self.check_dropped()?;
-        let basis = match (self.model.0, self.groups) {
+        let model = self.model.map_or(Basis::Cubic.into(), |model| model.0);
+        let basis = match (model, self.groups) {
             (ModelRule::Given(basis), _) => basis,
             // Its sums serve every model that is compared.
             (ModelRule::Auto, Some(_)) => Basis::Poly3,

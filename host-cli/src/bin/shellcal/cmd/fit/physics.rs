@@ -15,13 +15,15 @@ use shell_data::wrench::{Axes, Axis, PerAxis};
 use super::super::validation::{
     ComparisonReport, FoundReport, print_cross_validation, print_excitation, print_selection,
 };
-use super::report::print_errors;
+use super::report::{compared, print_errors};
+use super::verdict::{VerdictReport, print_verdict};
 use crate::printer::Printer;
 
 /// What `--json` prints.
 #[derive(Serialize)]
 struct Report {
     model: String,
+    verdict: VerdictReport,
     rows: u64,
     skipped_rows: u64,
     repeated_rows: u64,
@@ -69,9 +71,11 @@ pub(super) fn report(
     };
     let model = physics.model();
     let coverage = of_rows.validation.as_ref().and_then(PhysicsValidation::coverage);
+    let verdict = fitted.verdict();
     if printer.json() {
         return printer.document(&Report {
             model: file.calibration.name(),
+            verdict: VerdictReport::from(&verdict),
             rows: diagnostics.rows,
             skipped_rows: diagnostics.skipped_rows,
             repeated_rows: diagnostics.repeated_rows,
@@ -96,9 +100,7 @@ pub(super) fn report(
             time_s: seconds,
         });
     }
-    if let Some(selection) = &diagnostics.selection {
-        print_selection(printer, selection, Axes::ALL)?;
-    }
+    print_verdict(printer, &verdict)?;
     print_errors(printer, diagnostics, Axes::ALL)?;
     printer.line(format!(
         "physics: {} parameters of {} sensors, fitted to {} means of {} groups; λ {}, prior width {}, \
@@ -130,35 +132,19 @@ pub(super) fn report(
         };
         printer.line(format!("median error of a group: {}", Axis::ALL.map(median).join(", ")))?;
     }
-    print_intervals(printer, physics, coverage)
+    if let Some(selection) = &diagnostics.selection {
+        print_selection(printer, selection, compared(fitted), Axes::ALL)?;
+    }
+    tell_factors(printer, physics);
+    Ok(())
 }
 
-/// Says what intervals `convert` will give.
-fn print_intervals(
-    printer: &mut Printer,
-    physics: &PhysicsCalibration,
-    coverage: Option<PerAxis<(f64, f64)>>,
-) -> anyhow::Result<()> {
-    let Some(intervals) = &physics.intervals else { return Ok(()) };
-    if let Ok(factors) = intervals.factors(COVERAGE_LEVEL) {
-        let factor =
-            |axis: Axis| format!("{} {}", axis.name(), significant(factors[axis.index()], 3));
-        printer.line(format!(
-            "95 % intervals, from {} groups held out, in standard errors of each frame: {}",
-            intervals.groups,
-            Axis::ALL.map(factor).join(", ")
-        ))?;
-    }
-    if let Some(coverage) = coverage {
-        let of = |axis: Axis| {
-            let (share, half) = coverage[axis.index()];
-            let (half, unit) = (significant(half, 3), axis.unit());
-            format!("{} {:.1} % within ±{half} {unit}", axis.name(), 100.0 * share)
-        };
-        printer.line(format!(
-            "what 95 % intervals held of groups that were held out: {}",
-            Axis::ALL.map(of).join(", ")
-        ))?;
-    }
-    Ok(())
+/// Says how wide the intervals of `convert` are, with `--verbose`.
+fn tell_factors(printer: &mut Printer, physics: &PhysicsCalibration) {
+    let Some(Ok(factors)) = physics.intervals.as_ref().map(|of| of.factors(COVERAGE_LEVEL)) else {
+        return;
+    };
+    let factor = |axis: Axis| format!("{} {}", axis.name(), significant(factors[axis.index()], 3));
+    let factors = Axis::ALL.map(factor).join(", ");
+    printer.detail(format!("95 % interval in standard errors of each frame: {factors}"));
 }

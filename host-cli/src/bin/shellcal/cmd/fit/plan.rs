@@ -137,7 +137,9 @@ impl<'a> FitPlan<'a> {
         }
         match &fitted.comparison {
             Some(Ok(comparison)) => printer.note(comparison.to_string()),
-            Some(Err(reason)) => printer.note(format!("physics was not weighed: {reason}")),
+            Some(Err(reason)) => {
+                printer.note(format!("the physics model was not compared: {reason}"));
+            }
             None => {}
         }
         let is_early = |warning: &&Warning| !matches!(warning, Warning::OutOfRange { .. });
@@ -226,7 +228,7 @@ impl<'a> FitPlan<'a> {
 impl FitArgs {
     /// Whether the arguments go together.
     fn check(&self) -> anyhow::Result<()> {
-        let is_physics = self.model.0 == ModelRule::Physics;
+        let is_physics = self.model() == ModelRule::Physics;
         anyhow::ensure!(
             self.truncate.is_none() || self.solver.0 == SolverKind::Svd,
             "`--truncate` is for `--solver svd`"
@@ -261,6 +263,10 @@ impl FitArgs {
         Ok(())
     }
 
+    fn model(&self) -> ModelRule {
+        self.model.map_or(ModelRule::Auto, |model| model.0)
+    }
+
     /// What was asked for that polynomials alone have.
     fn polynomials_only(&self) -> Option<&'static str> {
         let asked = [
@@ -274,16 +280,16 @@ impl FitArgs {
 
     fn options(&self) -> FitOptions<'static> {
         FitOptions {
-            model: self.model.0,
+            model: self.model(),
             intercept: !self.no_intercept,
             ridge: self.ridge,
             solver: self.solver.0,
             truncate: self.truncate,
             cross_validation: self.cv,
             seed: self.cv_seed,
-            // A covariance is of use in a calibration file; one by groups is found for whoever asks for it.
+            // A covariance is of use in a calibration file, and for the verdict on a model that is judged.
             covariance: match self.covariance {
-                CovarianceArg::Auto | CovarianceArg::Rows if !self.keeps() => {
+                CovarianceArg::Auto | CovarianceArg::Rows if !self.keeps() && !self.judges() => {
                     CovarianceRule::Nothing
                 }
                 asked => asked.rule(),
@@ -299,6 +305,11 @@ impl FitArgs {
             polynomials_only: self.polynomials_only(),
             workers: Workers { threads: self.mapping.threads.map_or(0, usize::from), watch: None },
         }
+    }
+
+    /// Whether errors on held-out groups are found.
+    fn judges(&self) -> bool {
+        self.cv.is_some() || self.model() == ModelRule::Auto
     }
 
     /// Whether what is found is kept, and not only printed.

@@ -1,6 +1,6 @@
 //! What `shellcal fit` prints.
 
-use calibration::fit::Fit;
+use calibration::fit::{Fit, ModelComparison};
 use calibration::quality::{AxisQuality, significant};
 use calibration::uncertainty::{CoefficientCovariance, Covariance};
 use calibration::validation::advice::Advice;
@@ -10,7 +10,7 @@ use calibration_file::stored::{
 };
 use calibration_file::{CalibrationFile, Diagnostics};
 use serde::Serialize;
-use shell_data::wrench::{Axes, Axis, PerAxis};
+use shell_data::wrench::{Axes, PerAxis};
 
 use super::super::outliers::{NamedOutliers, OutlierReport};
 use super::super::quality::table_row;
@@ -19,12 +19,14 @@ use super::super::validation::{
     print_selection,
 };
 use super::plan::Told;
+use super::verdict::{VerdictReport, print_verdict};
 use crate::printer::Printer;
 
 /// What `--json` prints.
 #[derive(Serialize)]
 struct Report {
     model: String,
+    verdict: VerdictReport,
     solver: StoredSolverRecord,
     rows: u64,
     skipped_rows: u64,
@@ -120,27 +122,6 @@ impl CovarianceReport {
     }
 }
 
-fn print_covariance(
-    printer: &mut Printer,
-    covariance: &Covariance,
-    axes: Axes,
-) -> anyhow::Result<()> {
-    let report = CovarianceReport::of(covariance, axes);
-    let of = match report.groups {
-        Some(groups) => format!("{groups} groups of rows"),
-        None => "rows taken as independent".to_owned(),
-    };
-    if report.interval_95.is_none() {
-        return Ok(());
-    }
-    let half = |(axis, half): (Axis, &f64)| {
-        format!("{} ±{} {}", axis.name(), significant(*half, 2), axis.unit())
-    };
-    let widths = report.interval_95.iter().flat_map(OfAxes::iter);
-    let halves: Vec<String> = axes.iter().zip(widths).map(half).collect();
-    printer.line(format!("95 % intervals, from {of}: {}", halves.join(", ")))
-}
-
 /// The table of errors on training and test rows.
 pub(super) fn print_errors(
     printer: &mut Printer,
@@ -158,6 +139,11 @@ pub(super) fn print_errors(
     header.push("unit");
     let rows: Vec<Vec<String>> = axes.iter().map(|axis| table_row(axis, &sets)).collect();
     printer.table(&header, &rows)
+}
+
+/// The physics model beside the polynomial, where they were compared.
+pub(super) fn compared(fitted: &Fit) -> Option<&ModelComparison> {
+    fitted.comparison.as_ref().and_then(|found| found.as_ref().ok())
 }
 
 /// The ridge, and what it penalises: with an intercept readings are centred before powers are taken.
@@ -184,16 +170,18 @@ pub(super) fn report(
     let (model, test) = (solution.model, fitted.test());
     let covariance = fitted.calibration.covariance.as_ref();
     let axes = fitted.calibration.axes;
+    let verdict = fitted.verdict();
     if printer.json() {
         return printer.document(&Report {
             model: model.name(),
+            verdict: VerdictReport::from(&verdict),
             solver: Stored::of(&solver, axes),
             rows: diagnostics.rows,
             skipped_rows: diagnostics.skipped_rows,
             repeated_rows: diagnostics.repeated_rows,
             test_rows: test.rows,
             test_rows_out_of_range: test.out_of_range_rows,
-            test_share_on_training_plateaus: fitted.on_plateaus,
+            test_share_on_training_plateaus: fitted.leaks.test,
             features: model.term_count(),
             rank: diagnostics.rank,
             condition: diagnostics.condition,
@@ -212,9 +200,7 @@ pub(super) fn report(
             time_s: seconds,
         });
     }
-    if let Some(selection) = &diagnostics.selection {
-        print_selection(printer, selection, axes)?;
-    }
+    print_verdict(printer, &verdict)?;
     print_errors(printer, diagnostics, axes)?;
     let condition = diagnostics.condition.map_or("infinite".into(), |c| significant(c, 3));
     printer.line(format!(
@@ -238,10 +224,9 @@ pub(super) fn report(
     if let Some(cross_validation) = &diagnostics.cross_validation {
         print_cross_validation(printer, cross_validation, axes)?;
     }
-    if let Some(covariance) = covariance {
-        print_covariance(printer, covariance, axes)?;
-    }
-    if let Some(advice) = &fitted.advice {
+    if let Some(selection) = &diagnostics.selection {
+        print_selection(printer, selection, compared(fitted), axes)?;
+    } else if let Some(advice) = &fitted.advice {
         print_advice(printer, advice, model.basis, diagnostics.cross_validation.as_ref(), axes)?;
     }
     Ok(())

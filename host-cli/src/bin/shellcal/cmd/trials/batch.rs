@@ -30,7 +30,7 @@ tables. Times are in s on the log's clock, or `auto`. Files are relative to the 
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct BatchArgs {
-    /// Which trials there are: CSV, or TOML if it is called so
+    /// Which trials there are: CSV or `.toml`
     #[arg(value_name = "MANIFEST")]
     manifest: InputPath,
 

@@ -84,7 +84,7 @@ struct OneArgs {
 
 #[derive(Debug, clap::Args)]
 struct ManyArgs {
-    /// Which trials there are: CSV, or TOML if it is called so
+    /// Which trials there are: CSV or `.toml`
     #[arg(value_name = "MANIFEST")]
     manifest: InputPath,
 

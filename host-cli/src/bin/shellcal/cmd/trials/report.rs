@@ -25,7 +25,7 @@ Examples:
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct ReportArgs {
-    /// Which trials there are: CSV, or TOML if it is called so
+    /// Which trials there are: CSV or `.toml`
     #[arg(value_name = "MANIFEST")]
     manifest: InputPath,
 

@@ -1,0 +1,297 @@
+//! What a fit is worth, in at most four lines: the error on data that it has not seen, the interval of a frame, what to
+//! use the calibration for, and what to record next.
+
+use super::groups::GroupBy;
+use super::{Fit, FitMethod, Leaks};
+use crate::conversion::Kind;
+use crate::error::FitError;
+use crate::physics::COVERAGE_LEVEL;
+use crate::quality::significant;
+use crate::validation::excitation::Gap;
+use shell_data::wrench::{Axes, Axis, PerAxis};
+
+/// An axis whose error is a larger share of its loads (both root mean square) is not measured.
+const USELESS: f64 = 0.5;
+
+/// What a fit is worth on data that it has not seen.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Verdict {
+    /// The model that was fitted.
+    pub model: String,
+    /// The axes of the calibration.
+    pub axes: Axes,
+    /// Errors on rows that were not used, or why they are not known.
+    pub unseen: Result<UnseenErrors, Unjudged>,
+    /// What 95 % of single frames are within, or why that is not known.
+    pub interval: Result<FrameInterval, String>,
+    /// Rows on both sides of a split.
+    pub leaks: Leaks,
+    /// Axes whose error is about as large as the loads.
+    pub useless: Axes,
+    /// What the training loads do not cover.
+    pub gaps: Vec<Gap>,
+}
+
+/// Errors on rows that were not used for the fit.
+#[derive(Clone, Debug, PartialEq)]
+pub struct UnseenErrors {
+    /// Root mean square, N and N·m.
+    pub rms: PerAxis<f64>,
+    /// The same over the range of the training loads; `None` of an axis without one.
+    pub share_of_range: PerAxis<Option<f64>>,
+    /// Which rows they are.
+    pub on: UnseenRows,
+}
+
+/// Rows that were not used for a fit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum UnseenRows {
+    /// Groups of the training rows, held out in folds.
+    HeldOut {
+        /// What the groups are.
+        by: GroupBy,
+        /// Groups.
+        groups: usize,
+        /// Folds.
+        folds: usize,
+        /// Whether the rows were in no order of time, and so are on both sides of every fold.
+        are_shuffled: bool,
+    },
+    /// So many test rows.
+    Test(u64),
+}
+
+/// Why nothing is known of errors on new data.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Unjudged {
+    /// The model was given, and nothing was held out.
+    NotAsked,
+    /// No model could be chosen on held-out groups.
+    NotPossible(FitError),
+}
+
+/// The interval that holds 95 % of single frames.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FrameInterval {
+    /// Half its width, N and N·m.
+    pub half_width: PerAxis<f64>,
+    /// The share of held-out rows within it, where rows were counted.
+    pub held: Option<PerAxis<f64>>,
+}
+
+impl Verdict {
+    /// Of a fit.
+    pub fn new(fit: &Fit) -> Self {
+        let axes = fit.calibration.axes;
+        let unseen = unseen_errors(fit).ok_or_else(|| match &fit.not_judged {
+            Some(reason) => Unjudged::NotPossible(reason.clone()),
+            None => Unjudged::NotAsked,
+        });
+        let load = |axis: Axis| fit.excitation.as_ref().map(|of| of.axes[axis.index()].rms);
+        let is_useless = |axis: &Axis| {
+            let errors = unseen.as_ref().map(|of| of.rms).unwrap_or(fit.train.map(|of| of.rms));
+            load(*axis).is_some_and(|load| load > 0.0 && errors[axis.index()] > USELESS * load)
+        };
+        Self {
+            model: fit.calibration.name(),
+            axes,
+            interval: interval(fit),
+            leaks: fit.leaks,
+            useless: axes.iter().filter(is_useless).collect(),
+            gaps: fit.excitation.as_ref().map(|of| of.gaps(axes)).unwrap_or_default(),
+            unseen,
+        }
+    }
+
+    /// Whether the calibration can be used for some axis.
+    pub fn is_usable(&self) -> bool {
+        self.useless != self.axes
+    }
+
+    /// What is to be said, most important first.
+    pub fn lines(&self) -> Vec<String> {
+        vec![self.error_words(), self.interval_words(), self.use_words(), self.next_words()]
+    }
+
+    fn error_words(&self) -> String {
+        let Self { model, axes, .. } = self;
+        let of = match &self.unseen {
+            Ok(of) => of,
+            Err(Unjudged::NotAsked) => {
+                return format!(
+                    "{model}: the error on new loads is not known, nothing was held out (`--model auto` or `--cv` \
+                     finds it)"
+                );
+            }
+            Err(Unjudged::NotPossible(reason)) => {
+                return format!("{model}: the error on new loads is not known: {reason}");
+            }
+        };
+        let percent = |axis: Axis| {
+            let share = of.share_of_range[axis.index()];
+            share.map_or("–".to_owned(), |share| significant(100.0 * share, 2))
+        };
+        let errors = each_unit(*axes, |axes| {
+            let rms = axes
+                .iter()
+                .map(|axis| format!("{} {}", axis.name(), significant(of.rms[axis.index()], 3)));
+            let shares = axes.iter().map(|axis| percent(*axis)).collect::<Vec<_>>().join(", ");
+            format!("{} {} ({shares} %)", rms.collect::<Vec<_>>().join(", "), axes[0].unit())
+        });
+        format!("{model}: error {}: {errors} (% of the calibrated range)", of.on.words())
+    }
+
+    fn interval_words(&self) -> String {
+        let interval = match &self.interval {
+            Ok(interval) => interval,
+            Err(reason) => return format!("no 95 % interval: {reason}"),
+        };
+        let halves = each_unit(self.axes, |axes| {
+            let half = |axis: &Axis| {
+                let half = significant(interval.half_width[axis.index()], 2);
+                format!("{} ±{half}", axis.name())
+            };
+            format!("{} {}", axes.iter().map(half).collect::<Vec<_>>().join(", "), axes[0].unit())
+        });
+        let held = interval.held.map_or_else(String::new, |held| {
+            let held = self.axes.of(&held);
+            let least = held.iter().copied().fold(f64::INFINITY, f64::min);
+            let most = held.iter().copied().fold(0.0, f64::max);
+            format!(" (held {:.0} to {:.0} % of the held-out frames)", 100.0 * least, 100.0 * most)
+        });
+        format!("95 % of single frames are within {halves}{held}")
+    }
+
+    fn use_words(&self) -> String {
+        let percent = |share: f64| format!("{:.0} %", 100.0 * share);
+        let is_tested_only = matches!(&self.unseen, Ok(of) if matches!(of.on, UnseenRows::Test(_)));
+        let leak = match is_tested_only {
+            true => self.leaks.in_test().map(|share| (percent(share), "test rows")),
+            false => self.leaks.in_groups().map(|share| (percent(share), "rows")),
+        };
+        if let Some((share, rows)) = leak {
+            return format!(
+                "do not rely on it: {share} of the {rows} were recorded at poses that the fit has seen, so the error on \
+                 new poses is not known"
+            );
+        }
+        if !self.is_usable() {
+            return "do not use it: its errors are about as large as the loads".to_owned();
+        }
+        if self.unseen.is_err() {
+            return "do not rely on it before it has been tested on loads that it has not seen"
+                .to_owned();
+        }
+        let mut said = "use it within the calibrated loads".to_owned();
+        if !self.useless.is_empty() {
+            said += &format!(
+                "; not for {}, where the error is about as large as the loads",
+                self.useless
+            );
+        }
+        let unloaded = self.gaps.iter().filter_map(|gap| match gap {
+            Gap::Unloaded(axis) => Some(*axis),
+            _ => None,
+        });
+        let unloaded: Axes = unloaded.collect();
+        if !unloaded.is_empty() {
+            said += &format!("; not for {unloaded}, which was never loaded");
+        }
+        if let Some(share) = self.leaks.in_test() {
+            said += &format!(
+                "; ignore the test set, {} of it was recorded at poses of the training data",
+                percent(share)
+            );
+        }
+        said
+    }
+
+    fn next_words(&self) -> String {
+        if let Some(gap) = self.gaps.first() {
+            return format!("next: {gap}");
+        }
+        let shares = self.unseen.as_ref().map(|of| of.share_of_range).unwrap_or_default();
+        let known = self.axes.iter().filter_map(|axis| Some((axis, shares[axis.index()]?)));
+        match known.max_by(|a, b| a.1.total_cmp(&b.1)) {
+            Some((axis, _)) => format!(
+                "next: record more poses with large loads on {}, the axis with the largest relative error",
+                axis.name()
+            ),
+            None => "next: record loads in several poses, with a column `group` that numbers them"
+                .to_owned(),
+        }
+    }
+}
+
+impl UnseenRows {
+    fn words(&self) -> String {
+        let (by, groups, folds, are_shuffled) = match *self {
+            Self::Test(rows) => return format!("on {rows} test rows"),
+            Self::HeldOut { by, groups, folds, are_shuffled } => (by, groups, folds, are_shuffled),
+        };
+        let how = match folds == groups {
+            true => format!("{groups} in all, each held out once"),
+            false => format!("{groups} in all, held out in {folds} folds"),
+        };
+        match are_shuffled {
+            true => "on rows that were held out at random, which is optimistic (the rows are shuffled: nothing in \
+                     them can be held out by time)"
+                .to_owned(),
+            false => format!("on {} not used for the fit ({how})", by.plural()),
+        }
+    }
+}
+
+/// What `words` says of the forces, then of the moments.
+fn each_unit(axes: Axes, words: impl Fn(&[Axis]) -> String) -> String {
+    let axes: Vec<Axis> = axes.iter().collect();
+    let of_one_unit = axes.chunk_by(|a, b| a.unit() == b.unit());
+    of_one_unit.map(words).collect::<Vec<_>>().join("; ")
+}
+
+fn unseen_errors(fit: &Fit) -> Option<UnseenErrors> {
+    let test = fit.test();
+    let (rms, on) = match (&fit.cross_validation, fit.group_by, test.quality()) {
+        (Some(found), Some(by), _) => {
+            let are_shuffled = by.is_stretches() && super::groups::rows_are_shuffled(&fit.used);
+            let (groups, folds) = (found.groups, found.folds);
+            let on = UnseenRows::HeldOut { by, groups, folds, are_shuffled };
+            (found.grouped.map(|of| of.rms), on)
+        }
+        (.., Some(tested)) => (tested.map(|of| of.rms), UnseenRows::Test(test.rows)),
+        _ => return None,
+    };
+    let share_of_range = std::array::from_fn(|axis| {
+        let loads = fit.excitation.as_ref()?.axes[axis];
+        let range = loads.max - loads.min;
+        (range > 0.0).then(|| rms[axis] / range)
+    });
+    Some(UnseenErrors { rms, share_of_range, on })
+}
+
+fn interval(fit: &Fit) -> Result<FrameInterval, String> {
+    match (fit.calibration.kind(), &fit.method) {
+        (Kind::Polynomial(_), _) => {
+            let covariance = fit.calibration.covariance.as_ref();
+            let covariance = covariance.ok_or(match fit.few_groups {
+                Some(_) => "the groups are too few for so many features",
+                None => "nothing was held out",
+            })?;
+            let factors = covariance.interval_factors(COVERAGE_LEVEL).map_err(|e| e.to_string())?;
+            let sd = covariance.residual_sd();
+            let half_width = std::array::from_fn(|axis| factors[axis] * sd[axis]);
+            Ok(FrameInterval { half_width, held: None })
+        }
+        (Kind::Physics(_), FitMethod::Physics(physics)) => {
+            let validation = physics.validation.as_ref().ok_or("nothing was held out")?;
+            let coverage = validation.coverage().ok_or("too few groups were held out")?;
+            Ok(FrameInterval {
+                half_width: coverage.map(|(_, half)| half),
+                held: Some(coverage.map(|(share, _)| share)),
+            })
+        }
+        (Kind::Physics(_), FitMethod::Polynomial { .. }) => {
+            unreachable!("a physics model was fitted")
+        }
+    }
+}

@@ -1,0 +1,389 @@
+//! Whether rows that errors are judged on were recorded at poses that a model was trained on.
+//!
+//! A random split of the rows of one recording leaves rows of every pose on both sides, and the error on the test rows
+//! is then that of training; so it is where the labels of groups are dealt to rows at random. A row counts as one of a
+//! pose if its load is that of training rows, and every reading is about where theirs are: a pose that is set up
+//! again, with the same weights, has other readings. Loads are equal within the last digit of the coarser file. Rows
+//! may be in any order. Where the reference flickers by more than its last digit this says nothing.
+
+use std::collections::HashMap;
+
+use shell_data::block::Block;
+use shell_data::dataset::Dataset;
+use shell_data::wrench::PerAxis;
+
+/// Rows that are kept.
+const KEPT: usize = 4096;
+
+/// Rows that tell how many digits loads have.
+const DIGIT_ROWS: usize = 256;
+
+/// Digits beyond which doubles tell nothing apart.
+const MOST_DIGITS: i32 = 12;
+
+/// Loads of one file are equal within this share of the range: sums in another order.
+const SAME: f64 = 1e-9;
+
+/// The fewest rows of a load that say where its readings are.
+const FEWEST_ROWS: usize = 4;
+
+/// The fewest loads that are poses rather than rest.
+const FEWEST_LOADS: usize = 3;
+
+/// The share of rows at poses of the training rows from which a test says nothing of new poses.
+pub const LEAKY: f64 = 0.1;
+
+/// Rows spread over some logs.
+#[derive(Clone, Debug, Default)]
+pub struct RowSample {
+    rows: Vec<SampledRow>,
+}
+
+#[derive(Clone, Debug)]
+struct SampledRow {
+    load: PerAxis<f64>,
+    readings: Vec<f64>,
+    /// Which group it is of, where that was asked.
+    group: usize,
+}
+
+/// The last digit of numbers that were rounded to some decimals, or to some significant digits.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct LastDigit {
+    /// The place of the last decimal, as a power of ten.
+    decimal: f64,
+    /// Significant digits.
+    digits: i32,
+}
+
+/// The poses that the rows of a sample were held at.
+#[derive(Clone, Debug)]
+pub struct RecordedPoses {
+    /// By the load on the first axis, ascending.
+    poses: Vec<RecordedPose>,
+    rows: Vec<SampledRow>,
+    digits: PerAxis<LastDigit>,
+    reading_step: f64,
+    range: PerAxis<f64>,
+}
+
+#[derive(Clone, Debug)]
+struct RecordedPose {
+    load: PerAxis<f64>,
+    readings: ReadingSpans,
+    /// The places of its rows.
+    rows: Vec<usize>,
+}
+
+impl RowSample {
+    /// Every so-manieth row of a block; see [`stride`](Self::stride).
+    pub fn of(block: &Block, stride: usize) -> Self {
+        let row = |row: usize| SampledRow {
+            load: std::array::from_fn(|axis| block.wrench[axis][row]),
+            readings: block.readings.iter().map(|column| column[row]).collect(),
+            group: 0,
+        };
+        Self { rows: (0..block.rows).step_by(stride).map(row).collect() }
+    }
+
+    /// Rows of a labelled data set, with their groups.
+    fn of_groups(data: &Dataset) -> Self {
+        let (stride, mut sample) = (Self::stride(data.rows()), Self::default());
+        let mut labels = HashMap::new();
+        for (_, block) in data.blocks() {
+            let mut groups = Vec::with_capacity(block.rows.rows);
+            for (label, rows) in &*block.labels {
+                let next = labels.len();
+                let group = *labels.entry(label.clone()).or_insert(next);
+                groups.extend(std::iter::repeat_n(group, *rows));
+            }
+            let mut of_block = Self::of(&block.rows, stride);
+            let places = groups.into_iter().step_by(stride);
+            of_block.rows.iter_mut().zip(places).for_each(|(row, group)| row.group = group);
+            sample.add(of_block);
+        }
+        sample
+    }
+
+    /// Which rows of logs to take, of some `rows` that they have: about as many as are kept.
+    pub fn stride(rows: u64) -> usize {
+        // Odd: rows often alternate in twos.
+        usize::try_from(rows / KEPT as u64).unwrap_or(usize::MAX) | 1
+    }
+
+    /// Adds the rows of a block after those before; every second is let go where they are too many.
+    pub fn add(&mut self, mut block: Self) {
+        self.rows.append(&mut block.rows);
+        while self.rows.len() > KEPT {
+            let mut row = 0_usize;
+            self.rows.retain(|_| {
+                row += 1;
+                row % 2 == 1
+            });
+        }
+    }
+
+    fn column(&self, axis: usize) -> impl Iterator<Item = f64> {
+        self.rows.iter().map(move |row| row.load[axis])
+    }
+
+    /// Some of the rows, from all over them.
+    fn some(&self) -> impl Iterator<Item = &SampledRow> {
+        self.rows.iter().step_by(self.rows.len().div_ceil(DIGIT_ROWS).max(1))
+    }
+
+    fn digits(&self) -> PerAxis<LastDigit> {
+        std::array::from_fn(|axis| LastDigit::of(self.some().map(|row| row.load[axis])))
+    }
+
+    fn reading_step(&self) -> f64 {
+        LastDigit::of(self.some().flat_map(|row| row.readings.iter().copied())).decimal
+    }
+
+    /// The poses that the rows are made of; `None` if they are not.
+    pub fn poses(self) -> Option<RecordedPoses> {
+        let range = std::array::from_fn(|axis| {
+            let ends = (f64::INFINITY, f64::NEG_INFINITY);
+            let (least, most) = self.column(axis).fold(ends, |(l, m), x| (l.min(x), m.max(x)));
+            most - least
+        });
+        let mut of_one_load = vec![(0..self.rows.len()).collect::<Vec<usize>>()];
+        for axis in 0..6 {
+            let divide = |rows: Vec<usize>| self.divide(rows, axis, SAME * range[axis]);
+            of_one_load = of_one_load.into_iter().flat_map(divide).collect();
+            let held: usize = of_one_load.iter().map(Vec::len).sum();
+            if 2 * held < self.rows.len() {
+                return None;
+            }
+        }
+        if of_one_load.len() < FEWEST_LOADS {
+            return None;
+        }
+        let pose = |rows: Vec<usize>| RecordedPose {
+            load: self.rows[rows[0]].load,
+            readings: ReadingSpans::of(rows.iter().map(|&row| &self.rows[row])),
+            rows,
+        };
+        // They were divided along the first axis first.
+        let poses = of_one_load.into_iter().map(pose).collect();
+        let (digits, reading_step) = (self.digits(), self.reading_step());
+        Some(RecordedPoses { poses, rows: self.rows, digits, reading_step, range })
+    }
+
+    /// Rows divided where the load on an axis steps by more than `step`, ascending; parts of a few rows are left out.
+    fn divide(&self, mut rows: Vec<usize>, axis: usize, step: f64) -> Vec<Vec<usize>> {
+        let load = |row: &usize| self.rows[*row].load[axis];
+        rows.sort_unstable_by(|a, b| load(a).total_cmp(&load(b)));
+        let parts = rows.chunk_by(|a, b| load(b) - load(a) <= step);
+        parts.filter(|part| part.len() >= FEWEST_ROWS).map(<[usize]>::to_vec).collect()
+    }
+}
+
+impl LastDigit {
+    /// The finest of some numbers.
+    fn of(values: impl Iterator<Item = f64>) -> Self {
+        let start = Self { decimal: 1.0, digits: 1 };
+        values.fold(start, |known, value| {
+            let Self { decimal, digits } = Self::of_one(value);
+            Self { decimal: known.decimal.min(decimal), digits: known.digits.max(digits) }
+        })
+    }
+
+    fn of_one(value: f64) -> Self {
+        // Units that were converted leave digits at the very end.
+        let text = format!("{value:.*e}", (MOST_DIGITS - 1) as usize);
+        let (mantissa, exponent) = text.split_once('e').unwrap_or((&text, "0"));
+        let mantissa = mantissa.trim_end_matches('0').trim_end_matches('.').trim_start_matches('-');
+        let digits = mantissa.chars().filter(char::is_ascii_digit).count() as i32;
+        let exponent: i32 = exponent.parse().unwrap_or(0);
+        let is_zero = mantissa == "0";
+        let decimal = if is_zero { 1.0 } else { 10_f64.powi((exponent - digits + 1).min(0)) };
+        Self { decimal, digits }
+    }
+
+    /// How far a number of this size is from what it was rounded from, at most.
+    fn rounding(&self, value: f64) -> f64 {
+        let leading = if value == 0.0 { f64::MIN } else { value.abs().log10().floor() };
+        let significant = 10_f64.powf(leading + 1.0 - f64::from(self.digits));
+        0.5 * self.decimal.max(significant)
+    }
+}
+
+impl RecordedPoses {
+    /// The share of `rows` that were recorded at these poses; `None` for zero rows.
+    pub fn share_of(&self, test: &RowSample) -> Option<f64> {
+        let digits = test.digits();
+        let slack = 0.5 * (self.reading_step + test.reading_step());
+        let is_at = |row: &&SampledRow| {
+            let near = |axis: usize| {
+                let load = row.load[axis];
+                let rounding = self.digits[axis].rounding(load) + digits[axis].rounding(load);
+                rounding + SAME * self.range[axis]
+            };
+            let tolerance: PerAxis<f64> = std::array::from_fn(near);
+            let first =
+                self.poses.partition_point(|pose| pose.load[0] < row.load[0] - tolerance[0]);
+            let near = self.poses[first..].iter();
+            near.take_while(|pose| pose.load[0] <= row.load[0] + tolerance[0]).any(|pose| {
+                let is_near =
+                    |axis: usize| (pose.load[axis] - row.load[axis]).abs() <= tolerance[axis];
+                (0..6).all(is_near) && pose.readings.have(row, slack)
+            })
+        };
+        let rows = test.rows.len();
+        (rows > 0).then(|| test.rows.iter().filter(is_at).count() as f64 / rows as f64)
+    }
+
+    /// The share of the rows whose pose other groups have rows of.
+    fn share_in_several_groups(&self) -> f64 {
+        let mut shared = 0;
+        for pose in &self.poses {
+            let mut rows: Vec<&SampledRow> = pose.rows.iter().map(|&row| &self.rows[row]).collect();
+            rows.sort_by_key(|row| row.group);
+            let groups: Vec<_> = rows.chunk_by(|a, b| a.group == b.group).collect();
+            let of_group = |rows: &&[&SampledRow]| ReadingSpans::of(rows.iter().copied());
+            let readings: Vec<ReadingSpans> = groups.iter().map(of_group).collect();
+            for (at, rows) in groups.iter().enumerate() {
+                let others = readings.iter().enumerate().filter(|(other, _)| *other != at);
+                let is_shared = |row: &&&SampledRow| {
+                    others.clone().any(|(_, readings)| readings.have(row, self.reading_step))
+                };
+                shared += rows.iter().filter(is_shared).count();
+            }
+        }
+        shared as f64 / self.rows.len() as f64
+    }
+}
+
+/// The range of the readings of some rows, channel by channel.
+#[derive(Clone, Debug)]
+struct ReadingSpans(Vec<[f64; 2]>);
+
+impl ReadingSpans {
+    fn of<'a>(rows: impl Iterator<Item = &'a SampledRow>) -> Self {
+        let none = [f64::INFINITY, f64::NEG_INFINITY];
+        let mut ranges = Vec::new();
+        for row in rows {
+            ranges.resize(row.readings.len(), none);
+            for (range, &reading) in ranges.iter_mut().zip(&row.readings) {
+                *range = [range[0].min(reading), range[1].max(reading)];
+            }
+        }
+        Self(ranges)
+    }
+
+    /// Whether every reading of a row is within its range, widened by its own width and by `slack`.
+    fn have(&self, row: &SampledRow, slack: f64) -> bool {
+        self.0.iter().zip(&row.readings).all(|(&[least, most], reading)| {
+            let width = most - least + slack;
+            (least - width..=most + width).contains(reading)
+        })
+    }
+}
+
+/// The share of the rows of a labelled data set whose pose is shared by several groups, where it is made of poses: of
+/// labels that were dealt at random, nearly all.
+pub fn share_in_several_groups(data: &Dataset) -> Option<f64> {
+    Some(RowSample::of_groups(data).poses()?.share_in_several_groups())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use system_tests::random::Random;
+
+    /// Rows of poses, each of a load and readings of its own, in a random order; noise of two counts.
+    fn poses(seed: u64, poses: usize, rows: usize) -> Vec<(PerAxis<f64>, Vec<f64>, usize)> {
+        let mut random = Random(seed);
+        let mut all = Vec::new();
+        for pose in 0..poses {
+            let load: PerAxis<f64> = std::array::from_fn(|_| 20.0 * random.unit() - 10.0);
+            let at: Vec<f64> = (0..8).map(|_| (500.0 * random.unit()).round()).collect();
+            for _ in 0..rows {
+                let readings = at.iter().map(|at| (at + random.normal()).round()).collect();
+                all.push((load, readings, pose));
+            }
+        }
+        for last in (1..all.len()).rev() {
+            all.swap(last, random.below(last as u64 + 1) as usize);
+        }
+        all
+    }
+
+    fn sample<'a>(
+        rows: impl IntoIterator<Item = &'a (PerAxis<f64>, Vec<f64>, usize)>,
+        rounded: impl Fn(f64) -> f64,
+    ) -> RowSample {
+        let mut sample = RowSample::default();
+        for (load, readings, group) in rows {
+            let row =
+                SampledRow { load: load.map(&rounded), readings: readings.clone(), group: *group };
+            sample.add(RowSample { rows: vec![row] });
+        }
+        sample
+    }
+
+    /// To this many significant digits.
+    fn significant(value: f64, digits: usize) -> f64 {
+        format!("{value:.*e}", digits - 1).parse().unwrap()
+    }
+
+    #[test]
+    fn rows_of_the_same_poses_are_found_whichever_file_was_rounded_and_those_of_others_are_not() {
+        let all = poses(1, 40, 100);
+        let part = |keep: &dyn Fn(usize, usize) -> bool| {
+            let kept = all.iter().enumerate().filter(|(row, (.., pose))| keep(*row, *pose));
+            kept.map(|(_, row)| row.clone()).collect::<Vec<_>>()
+        };
+        let (train, test) = (part(&|row, _| row % 5 > 0), part(&|row, _| row % 5 == 0));
+        let roundings: [fn(f64) -> f64; 5] = [
+            |x| x,
+            |x| (x * 1e9).round() / 1e9,
+            |x| (x * 1e2).round() / 1e2,
+            |x| significant(x, 4),
+            |x| significant(x, 15),
+        ];
+        for rounded in roundings {
+            for (of_train, of_test) in [(rounded, roundings[0]), (roundings[0], rounded)] {
+                let found = sample(&train, of_train).poses().unwrap();
+                let share = found.share_of(&sample(&test, of_test)).unwrap();
+                assert!(share > 0.99, "{share}");
+                let others = found.share_of(&sample(&poses(2, 20, 50), of_test));
+                assert_eq!(others, Some(0.0));
+            }
+        }
+        let grouped = sample(&part(&|_, pose| pose % 5 > 0), |x| x).poses().unwrap();
+        assert_eq!(grouped.share_of(&sample(&part(&|_, pose| pose % 5 == 0), |x| x)), Some(0.0));
+        // The same weights, set up again.
+        let again: Vec<_> = test
+            .iter()
+            .map(|(load, readings, pose)| {
+                (*load, readings.iter().map(|reading| reading + 30.0).collect(), *pose)
+            })
+            .collect();
+        assert_eq!(
+            sample(&train, |x| x).poses().unwrap().share_of(&sample(&again, |x| x)),
+            Some(0.0)
+        );
+    }
+
+    #[test]
+    fn labels_that_were_dealt_at_random_share_every_pose_and_those_of_poses_none() {
+        let mut all = poses(3, 40, 100);
+        assert_eq!(sample(&all, |x| x).poses().unwrap().share_in_several_groups(), 0.0);
+        let mut random = Random(4);
+        all.iter_mut().for_each(|row| row.2 = random.below(40) as usize);
+        assert!(sample(&all, |x| x).poses().unwrap().share_in_several_groups() > 0.95);
+    }
+
+    #[test]
+    fn loads_that_hardly_repeat_and_rest_are_no_poses() {
+        let mut moving = poses(5, 1000, 1);
+        assert!(sample(&moving, |x| x).poses().is_none());
+        moving.iter_mut().take(600).for_each(|row| row.0 = [0.0; 6]);
+        assert!(sample(&moving, |x| x).poses().is_none());
+        assert!(RowSample::default().poses().is_none());
+        let found = sample(&poses(6, 10, 10), |x| x).poses().unwrap();
+        assert_eq!(found.share_of(&RowSample::default()), None);
+    }
+}

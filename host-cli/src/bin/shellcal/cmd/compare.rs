@@ -1,0 +1,168 @@
+//! `shellcal compare`: which of two calibrations errs less.
+
+use calibration::fit::{Better, PairedError, PairedErrors, Workers, paired_errors};
+use calibration::quality::significant;
+use calibration_file::CalibrationFile;
+use log_file::{Log, Wanted, read_dataset};
+use serde::Serialize;
+use shell_data::wrench::{Axes, Axis};
+use shellcal::workflow::check_channels;
+
+use super::mapping::{MappingArgs, open_logs, tell_remembered};
+use super::validation::note_found;
+use crate::files::InputPath;
+use crate::outcome::Outcome;
+use crate::printer::Printer;
+
+const EXAMPLES: &str = "\
+Examples:
+  shellcal compare monday.json tuesday.json --test poses.csv
+  shellcal compare cubic.json physics.json --test test-*.csv --json";
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct CompareArgs {
+    /// One calibration
+    #[arg(value_name = "A.json")]
+    first: InputPath,
+
+    /// Another
+    #[arg(value_name = "B.json")]
+    second: InputPath,
+
+    /// Logs with readings and a measured wrench that neither was fitted to
+    #[arg(long, required = true, num_args = 1.., value_name = "LOG")]
+    test: Vec<InputPath>,
+
+    #[command(flatten)]
+    mapping: MappingArgs,
+}
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct CompareDocument {
+    rows: u64,
+    groups: usize,
+    axes: Vec<ComparedAxis>,
+}
+
+#[derive(Serialize)]
+struct ComparedAxis {
+    axis: &'static str,
+    /// Of both, N or N·m.
+    rms: [f64; 2],
+    /// The first less the second.
+    difference: f64,
+    /// The 95 % interval of the difference.
+    interval_95: [f64; 2],
+    /// `first`, `second` or null.
+    better: Option<&'static str>,
+}
+
+impl CompareArgs {
+    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+        let [first, second] = [&self.first, &self.second].map(|path| CalibrationFile::read(path));
+        let (first, second) = (first?, second?);
+        let mapping = self.mapping.mapping_for(&first)?;
+        let mut logs = open_logs(&self.test, ("--wrench-from", &[]), &mapping)?;
+        tell_remembered(printer, &self.first, &mapping, &logs);
+        let axes = first.calibration.axes.and(second.calibration.axes);
+        anyhow::ensure!(!axes.is_empty(), "the calibrations have no axis in common");
+        let channels = (first.calibration.channels(), second.calibration.channels());
+        anyhow::ensure!(
+            channels.0 == channels.1,
+            "`{}` is for {} channels, `{}` for {}",
+            self.first.display(),
+            channels.0,
+            self.second.display(),
+            channels.1
+        );
+        for log in &mut logs {
+            check_channels(log, channels.0)?;
+            log.require_axes(axes)?;
+            log.keep_axes(axes)?;
+        }
+        let found = self.compare([&first, &second], &logs)?;
+        if let Some(groups) = found.group_by.found() {
+            note_found(printer, groups);
+        }
+        self.report(&found, axes, printer)?;
+        Ok(Outcome::Done)
+    }
+
+    fn compare(&self, files: [&CalibrationFile; 2], logs: &[Log]) -> anyhow::Result<PairedErrors> {
+        let has_groups = logs.iter().all(Log::has_groups);
+        let wanted = Wanted {
+            readings: true,
+            wrench: true,
+            groups: has_groups,
+            time: !has_groups && logs.len() == 1 && logs[0].has_time(),
+            ..Wanted::default()
+        };
+        let read: Vec<_> = logs.iter().map(|log| (log, wanted.clone())).collect();
+        let mut data = read_dataset(&read, &self.mapping.read_options())?;
+        let sampled = Wanted { groups: false, ..wanted };
+        for (rows, log) in data.logs.iter_mut().zip(logs) {
+            rows.sample = log.sample(&sampled)?;
+        }
+        let workers = Workers { threads: self.mapping.threads.map_or(0, usize::from), watch: None };
+        Ok(paired_errors(files.map(|file| &file.calibration), &data, workers)?)
+    }
+
+    fn report(
+        &self,
+        found: &PairedErrors,
+        axes: Axes,
+        printer: &mut Printer,
+    ) -> anyhow::Result<()> {
+        if printer.json() {
+            let axes = axes.iter().map(|axis| ComparedAxis::new(axis, &found.axes[axis.index()]));
+            let (rows, groups) = (found.rows, found.groups);
+            return printer.document(&CompareDocument { rows, groups, axes: axes.collect() });
+        }
+        printer.line(format!(
+            "A = `{}`, B = `{}`, on {} rows of {} {}",
+            self.first.display(),
+            self.second.display(),
+            found.rows,
+            found.groups,
+            found.group_by.plural(),
+        ))?;
+        let row = |axis: Axis| {
+            let of = found.axes[axis.index()];
+            let digits = |value: f64| significant(value, 3);
+            let better = match of.better() {
+                Better::First => "A errs less",
+                Better::Second => "B errs less",
+                Better::Neither => "no significant difference",
+            };
+            vec![
+                axis.name().to_owned(),
+                digits(of.rms[0]),
+                digits(of.rms[1]),
+                digits(of.difference),
+                format!("{} … {}", digits(of.interval()[0]), digits(of.interval()[1])),
+                axis.unit().to_owned(),
+                better.to_owned(),
+            ]
+        };
+        let rows: Vec<Vec<String>> = axes.iter().map(row).collect();
+        printer.table(&["axis", "RMS A", "RMS B", "A − B", "95 % CI", "unit", "conclusion"], &rows)
+    }
+}
+
+impl ComparedAxis {
+    fn new(axis: Axis, of: &PairedError) -> Self {
+        Self {
+            axis: axis.column(),
+            rms: of.rms,
+            difference: of.difference,
+            interval_95: of.interval(),
+            better: match of.better() {
+                Better::First => Some("first"),
+                Better::Second => Some("second"),
+                Better::Neither => None,
+            },
+        }
+    }
+}
