@@ -87,6 +87,17 @@ pub enum ModelRule {
     Physics,
 }
 
+impl ModelRule {
+    /// The rule that users call so.
+    pub fn from_name(name: &str) -> Option<Self> {
+        match name {
+            "auto" => Some(Self::Auto),
+            "physics" => Some(Self::Physics),
+            _ => Basis::ALL.into_iter().find(|basis| basis.name() == name).map(Self::Given),
+        }
+    }
+}
+
 impl From<Basis> for ModelRule {
     fn from(basis: Basis) -> Self {
         Self::Given(basis)

@@ -187,7 +187,7 @@ impl MergeArgs {
         }
         if let Some(sum) = &mut merged.sum {
             sum.put_in_order();
-            sum.made_by = origin::program();
+            sum.made_by = shellcal::PROGRAM.to_owned();
             sum.date = origin::date()?;
         }
         Ok(merged)

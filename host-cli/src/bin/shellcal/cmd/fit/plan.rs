@@ -5,22 +5,23 @@ use std::io::Write;
 
 use anyhow::Context;
 use calibration::fit::{
-    CovarianceRule, Fit, FitOptions, ModelRule, OutlierRule, Outliers, Warning, Workers,
+    CovarianceRule, Fit, FitOptions, ModelRule, OutlierRule, Outliers, Workers,
 };
 use calibration::solver::SolverKind;
 use calibration_file::{CalibrationFile, matrix};
-use figures::{FitPlot, Format, fit_figure};
+use figures::{Format, fit_figure};
 use log_file::{Log, ReadOptions};
 use output_file::{AtomicFile, Outputs};
-use shell_data::wrench::Axes;
-use shellcal::workflow::fit::{FileFacts, FitData, add_to_plot, calibration_file, sources};
+use report::OutlierTable;
+use shellcal::workflow::fit::{FileFacts, FitData, calibration_file, sources};
+use shellcal::workflow::fit_report::{ReportFacts, html, plots};
+use shellcal::workflow::outliers::NamedOutliers;
+use shellcal::workflow::remark::about_fit;
 use shellcal::workflow::{WorkflowError, agree_on_axes};
 
 use super::super::covariance::CovarianceArg;
 use super::super::mapping::open_logs;
 use super::super::origin;
-use super::super::outliers::NamedOutliers;
-use super::super::validation::note_found;
 use super::{FitArgs, OutliersArg};
 use crate::files::OutputPath;
 use crate::printer::Printer;
@@ -30,7 +31,6 @@ pub(super) struct FitPlan<'a> {
     pub(super) args: &'a FitArgs,
     train: Vec<Log>,
     test: Vec<Log>,
-    axes: Axes,
     options: FitOptions<'a>,
     opened: RefCell<Opened>,
 }
@@ -61,7 +61,7 @@ impl<'a> FitPlan<'a> {
         let train = open_logs(&args.train, ("--wrench-from", &args.wrench_from), &mapping)?;
         let wrenches = ("--test-wrench-from", args.test_wrench_from.as_slice());
         let mut test = open_logs(&args.test, wrenches, &mapping)?;
-        let axes = agree_on_axes(&train, &mut test)?;
+        agree_on_axes(&train, &mut test)?;
         let open =
             |path: &Option<OutputPath>| path.as_ref().map(|path| outputs.create(path)).transpose();
         let format = args.plot.as_ref().map(Format::from_path).transpose()?;
@@ -72,7 +72,7 @@ impl<'a> FitPlan<'a> {
             plot: open(&args.plot)?.zip(format),
             report: open(&args.report)?,
         };
-        Ok(Self { args, train, test, axes, options: args.options(), opened: opened.into() })
+        Ok(Self { args, train, test, options: args.options(), opened: opened.into() })
     }
 
     /// Reads the logs and fits.
@@ -116,48 +116,19 @@ impl<'a> FitPlan<'a> {
                 let dropped = name(&fitted.dropped)?;
                 dropped.write(&mut output)?;
                 output.commit()?;
-                dropped.warn(printer);
+                printer.remarks(dropped.remarks());
                 let (rows, path) = (dropped.count(), path.display());
                 printer.note(format!("left out {rows} rows, listed in `{path}`"));
                 Some(dropped)
             }
             _ => None,
         };
-        note_axes(self.axes, printer);
-        if let Some(groups) = fitted.found_groups {
-            note_found(printer, groups);
-        }
-        if let Some(means) = fitted.means {
-            let without = match means.skipped_rows {
-                0 => String::new(),
-                skipped => format!(", {skipped} skipped"),
-            };
-            let (groups, rows) = (means.groups, means.rows);
-            printer.note(format!("a row is the mean of a group: {groups} of {rows} rows{without}"));
-        }
-        match &fitted.comparison {
-            Some(Ok(comparison)) => printer.note(comparison.to_string()),
-            Some(Err(reason)) => {
-                printer.note(format!("the physics model was not compared: {reason}"));
-            }
-            None => {}
-        }
-        let is_early = |warning: &&Warning| !matches!(warning, Warning::OutOfRange { .. });
-        for warning in fitted.warnings.iter().filter(is_early) {
-            match warning.is_note() {
-                true => printer.note(warning.to_string()),
-                false => printer.warning(warning.to_string()),
-            }
-        }
+        printer.remarks(about_fit(fitted));
         let named = match &fitted.outliers {
-            None => None,
-            Some(Err(reason)) => {
-                printer.note(format!("some rows stand out, and were not looked at: {reason}"));
-                None
-            }
+            None | Some(Err(_)) => None,
             Some(Ok(found)) => {
                 let named = name(found)?;
-                named.warn(printer);
+                printer.remarks(named.remarks());
                 if named.count() > 0 {
                     printer.note(
                         "`--outliers drop --dropped FILE.csv` fits without them, `--outliers keep` does \
@@ -173,7 +144,7 @@ impl<'a> FitPlan<'a> {
     /// The calibration file.
     pub(super) fn file(&self, data: &FitData, fitted: &Fit) -> anyhow::Result<CalibrationFile> {
         let facts = FileFacts {
-            made_by: origin::program(),
+            made_by: shellcal::PROGRAM.to_owned(),
             date: origin::date()?,
             sensor_serial: self.args.serial.clone(),
             sources: sources((&self.train, &self.test), data, fitted)?,
@@ -182,14 +153,32 @@ impl<'a> FitPlan<'a> {
         Ok(calibration_file(fitted, facts))
     }
 
-    /// Predictions and measurements of the rows that were used, for a figure.
-    pub(super) fn plots(&self, fitted: &Fit) -> (FitPlot, Option<FitPlot>) {
-        let plot = |data| {
-            let mut plot = FitPlot::new();
-            add_to_plot(&mut plot, &fitted.calibration, data);
-            plot
-        };
-        (plot(&fitted.used), (!self.test.is_empty()).then(|| plot(&fitted.tested)))
+    /// The report.
+    pub(super) fn html(
+        &self,
+        file: &CalibrationFile,
+        fitted: &Fit,
+        told: &Told,
+    ) -> anyhow::Result<String> {
+        let output = self.args.output.as_ref();
+        let name = output.map_or("not written", |path| path.to_str().unwrap_or("?"));
+        let outliers = self.outlier_rows(told);
+        let facts = ReportFacts { name, command: &origin::command_line(), outliers };
+        Ok(html(fitted, file, facts)?)
+    }
+
+    /// What a report says of outliers: those that were left out, or were named.
+    fn outlier_rows(&self, told: &Told) -> Option<OutlierTable> {
+        let Told { named, dropped } = told;
+        let dropped = dropped.as_ref().map(|dropped| dropped.rows(true));
+        match self.args.outliers.unwrap_or(OutliersArg::Report) {
+            OutliersArg::Keep => None,
+            OutliersArg::Drop => dropped,
+            OutliersArg::Report => dropped
+                .filter(|dropped| dropped.count > 0)
+                .or_else(|| named.as_ref().map(|named| named.rows(false)))
+                .or_else(|| Some(OutlierTable::default())),
+        }
     }
 
     /// Writes all files.
@@ -214,7 +203,7 @@ impl<'a> FitPlan<'a> {
             output.commit()?;
         }
         if let Some((mut output, format)) = opened.plot {
-            let (train, test) = self.plots(fitted);
+            let (train, test) = plots(fitted);
             let title = format!("Calibration {}", file.calibration.name());
             let (size, axes) = (self.args.figure_size.size(), file.calibration.axes);
             let figure = fit_figure(size, &title, axes, &train, test.as_ref());
@@ -315,13 +304,5 @@ impl FitArgs {
     /// Whether what is found is kept, and not only printed.
     fn keeps(&self) -> bool {
         self.output.is_some() || self.report.is_some()
-    }
-}
-
-/// Says which axes a calibration will not have.
-pub(super) fn note_axes(axes: Axes, printer: &mut Printer) {
-    if !axes.are_all() {
-        let absent = Axes::ALL.without(axes);
-        printer.note(format!("the logs have no {absent}: the calibration is of {axes}"));
     }
 }
