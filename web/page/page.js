@@ -55,6 +55,7 @@ const examine = async (which) => {
   which.forEach((log) => { log.answer = null; });
   draw();
   for (const log of which) {
+    if (!logs.includes(log)) continue;
     const request = { task: 'examine', log: { name: log.file.name, file: 0 }, columns };
     const { answer } = await ask(request, [log.file]);
     if (!logs.includes(log)) continue;
@@ -74,7 +75,7 @@ const drawFile = (log, at) => {
   if (!answer) return row;
   if (answer.error) return row.append(element('p', { className: 'fault' }, `error: ${answer.error}`)), row;
   if (answer.fits) {
-    const select = element('select', { id: `role-${at}`, onchange: () => { log.role = select.value; draw(); } },
+    const select = element('select', { id: `role-${at}`, onchange: () => { log.role = select.value; drawChoices(); } },
       ...Object.entries(roles).map(([value, text]) => element('option', { value, selected: value === role }, text)));
     row.append(element('p', {}, element('label', { htmlFor: select.id, className: 'quiet' }, 'Use: '), select));
   }
@@ -89,6 +90,10 @@ const options = (select, entries) => {
 
 const draw = () => {
   byId('list').replaceChildren(...logs.map(drawFile));
+  drawChoices();
+};
+
+const drawChoices = () => {
   byId('clear').hidden = logs.length === 0;
   byId('fit-section').hidden = wanted('fit').length === 0;
   const first = logs.find(({ answer }) => answer?.columns?.length > 0);
@@ -113,10 +118,14 @@ const drawColumns = ({ file, answer }) => {
     select.setAttribute('aria-label', `Column ${at + 1}, ${name || 'without a name'}, is`);
     return element('tr', {}, element('td', { className: 'text' }, `${at + 1} ${name}`), element('td', { className: 'text' }, select));
   };
+  const focused = assignments().indexOf(document.activeElement);
   byId('columns').replaceChildren(...answer.columns.map(row));
+  assignments()[focused]?.focus();
+  if (!answer.has_readings) byId('columns-details').open = true;
 };
+const assignments = () => [...byId('columns').querySelectorAll('select')];
 const assign = () => {
-  const chosen = [...byId('columns').querySelectorAll('select')].map((select) => select.value);
+  const chosen = assignments().map((select) => select.value);
   const place = (meaning) => (chosen.includes(meaning) ? chosen.indexOf(meaning) + 1 : null);
   const sensors = meanings.map(([value]) => (value.startsWith('sensor') ? place(value) : null)).filter((at) => at);
   const wrench = AXES.map(place);

@@ -27,3 +27,4 @@ mod report;
 mod simulated_board;
 #[cfg(unix)]
 mod two_boards;
+mod web_page;
