@@ -29,7 +29,7 @@ impl RecordedSession {
     /// [`WorkflowError`] if a log cannot be read, or the logs differ in their channels or axes.
     pub fn read(logs: &[Log], read: &ReadOptions<'_>) -> Result<Self, WorkflowError> {
         let data = labelled(logs, read)?;
-        let workers = Workers { threads: read.threads, watch: None };
+        let workers = Workers::new(read.threads);
         let axes = data.logs.first().map_or(Axes::ALL, |log| log.axes);
         let sensors = match axes.are_all() {
             false => Err(format!("a model of the sensors takes all six axes, not {axes}")),

@@ -5,7 +5,8 @@ use std::fmt::Write;
 use std::fs;
 use std::path::Path;
 
-use calibration::fit::GroupsAsked;
+use calibration::fit::{CovarianceRule, FitOptions, ModelRule};
+use calibration::model::Basis;
 use log_file::{ColumnRef, Log, Mapping, ReadOptions};
 use shellcal::workflow::fit::FitData;
 use system_tests::program::{json, succeed};
@@ -144,8 +145,12 @@ fn intervals_of_other_peoples_sensors_hold_on_rows_that_were_held_out() {
         ..Mapping::default()
     };
     let logs = [Log::open(&real_recording("others/fingertip/data.mat"), &mapping).unwrap()];
-    let asked = (GroupsAsked::Nothing, false);
-    let data = FitData::read(&logs, &[], asked, &ReadOptions::default()).unwrap().train;
+    let options = FitOptions {
+        model: ModelRule::Given(Basis::Cubic),
+        covariance: CovarianceRule::Nothing,
+        ..FitOptions::default()
+    };
+    let data = FitData::read(&logs, &[], (&options, false), &ReadOptions::default()).unwrap().train;
     let mut lines = Vec::new();
     for (_, block) in data.blocks() {
         let of_row = |row: usize| {
