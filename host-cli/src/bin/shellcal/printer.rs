@@ -137,6 +137,11 @@ impl Printer {
         Ok(Outcome::Done)
     }
 
+    /// Prints what would be a file of its own, as it stands.
+    pub(crate) fn file(&mut self, content: &[u8]) -> anyhow::Result<()> {
+        Ok(io::stdout().lock().write_all(content)?)
+    }
+
     /// Prints one line of a result that people read.
     pub(crate) fn line(&mut self, text: impl AsRef<str>) -> anyhow::Result<()> {
         self.tinted("", Tint::None, text)

@@ -30,7 +30,7 @@ impl CompletionsArgs {
         let name = command.get_name().to_owned();
         let mut script = Vec::new();
         clap_complete::generate(self.shell, &mut command, name, &mut script);
-        printer.line(String::from_utf8(script)?.trim_end())?;
+        printer.file(&script)?;
         Ok(Outcome::Done)
     }
 }

@@ -67,7 +67,7 @@ impl PayloadFitArgs {
             output.commit()?;
         }
         if printer.json() {
-            printer.line(file.to_json().trim_end())?;
+            printer.file(file.to_json().as_bytes())?;
         } else {
             print(printer, &found.fit)?;
         }
