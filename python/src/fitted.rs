@@ -101,6 +101,7 @@ pub(crate) fn fit(
         dynamics: DynamicsRule {
             lag: lag.map_or(LagRule::Auto, LagRule::Given),
             memory: memory_terms.as_deref().map_or(MemoryRule::Auto, MemoryRule::Given),
+            in_groups: false,
         },
         cross_validation: cross_validation.map(|(folds,)| HeldOut::from(folds)),
         seed,

@@ -180,9 +180,12 @@ mod tests {
         rows.flat_map(|row| decimator.push(vec![row])).collect()
     }
 
+    /// Of a sine, from its mean square over whole periods: few samples meet its crest.
     fn amplitude(rows: &[StreamRow]) -> f64 {
-        let values = rows.iter().filter(|row| row.index > 1000).map(|row| row.wrench.unwrap()[0]);
-        values.fold(0.0, |most, value| f64::max(most, value.abs()))
+        let rows = rows.iter().filter(|row| row.index >= 1000);
+        let values: Vec<f64> = rows.map(|row| row.wrench.unwrap()[0]).collect();
+        let squares: f64 = values.iter().map(|value| value * value).sum();
+        (2.0 * squares / values.len() as f64).sqrt()
     }
 
     #[test]

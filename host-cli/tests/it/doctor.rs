@@ -11,6 +11,8 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 use system_tests::program::{self, refused, succeed};
 
+use crate::support::sealed::sealed_value;
+
 /// What the doctor found: exit code, and checks with their severity, those that are fine left out.
 pub(crate) fn examine(dir: &Path, arguments: &str) -> (i32, Vec<(String, String)>, String) {
     let output = program::output(dir, &format!("--json doctor {arguments}"));
@@ -231,7 +233,7 @@ fn planted_faults_of_calibrations_are_found() {
     let found = |name: &str, change: &dyn Fn(&mut Value), expected: &[(&str, &str)]| {
         let mut document = sound.clone();
         change(&mut document);
-        fs::write(dir.join(name), document.to_string()).unwrap();
+        fs::write(dir.join(name), sealed_value(&document)).unwrap();
         assert_found(dir, name, expected);
     };
     // 19 A file that was cut short.

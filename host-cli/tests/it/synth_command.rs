@@ -118,6 +118,7 @@ fn what_cannot_be_made_is_refused_before_the_work_and_leaves_nothing() {
     let path = dir.path().join("rows.csv");
     let path_arg = path.to_str().unwrap();
     let missing = dir.path().join("missing/rows.csv");
+    let many = "1000000000000";
     let cases: [(&[&str], &str); 7] = [
         (&["train", "--rows", "0", "-o", path_arg], "0 is not in 1.."),
         (&["train", "--rate", "0", "-o", path_arg], "rate 0 Hz"),
@@ -126,7 +127,10 @@ fn what_cannot_be_made_is_refused_before_the_work_and_leaves_nothing() {
         (&["train", "--noise-scale", "-1", "-o", path_arg], "noise"),
         (&["train", "--json"], "`--json` needs `--output`"),
         // So many rows that the test would not end if the work were begun.
-        (&["train", "--rows", "1000000000000", "-o", missing.to_str().unwrap()], "cannot write"),
+        (
+            &["train", "--rows", many, "--max-rows", many, "-o", missing.to_str().unwrap()],
+            "cannot write",
+        ),
     ];
     for (args, expected) in cases {
         let output = synth(args);
@@ -140,7 +144,7 @@ fn what_cannot_be_made_is_refused_before_the_work_and_leaves_nothing() {
 #[test]
 fn a_reader_that_goes_away_is_no_error() {
     let mut command = program::command(Path::new("."));
-    command.args(["synth", "train", "--rows", "100000000"]);
+    command.args(["synth", "train", "--rows", "100000000", "--max-rows", "100000000"]);
     let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     drop(child.stdout.take());
     let output = child.wait_with_output().unwrap();

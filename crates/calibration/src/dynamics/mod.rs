@@ -59,13 +59,16 @@ pub struct DynamicsRule<'a> {
     pub lag: LagRule,
     /// The memory terms.
     pub memory: MemoryRule<'a>,
+    /// Whether a search goes over rows of labelled groups, too: see [`NotSearched::Groups`].
+    pub in_groups: bool,
 }
 
 impl DynamicsRule<'_> {
     /// Neither.
-    pub const NOTHING: Self = Self { lag: LagRule::Given(0.0), memory: MemoryRule::Given(&[]) };
-    /// Both are searched for.
-    pub const AUTO: Self = Self { lag: LagRule::Auto, memory: MemoryRule::Auto };
+    pub const NOTHING: Self =
+        Self { lag: LagRule::Given(0.0), memory: MemoryRule::Given(&[]), in_groups: false };
+    /// Both are searched for where rows are of one stretch of time.
+    pub const AUTO: Self = Self { lag: LagRule::Auto, memory: MemoryRule::Auto, in_groups: false };
 
     /// Whether rows stay as they are.
     pub fn is_nothing(&self) -> bool {
@@ -134,7 +137,7 @@ pub fn find(
     if !rule.searches() {
         return Ok(Ok(given));
     }
-    if let Some(reason) = refusal::reason(data) {
+    if let Some(reason) = refusal::reason(data, rule.in_groups) {
         // What was given is taken, whatever the rows are.
         let has_given = given.lag.is_some() || given.memory.is_some();
         return Ok(if has_given { Ok(given) } else { Err(reason) });

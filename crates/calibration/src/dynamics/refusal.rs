@@ -10,6 +10,9 @@ use shell_data::dataset::Dataset;
 pub enum NotSearched {
     /// Nothing moves within a pose.
     Poses,
+    /// Rows are labelled as contacts that were made one by one: what a sensor remembers from one to the next is of
+    /// their order, which is not that of its use, and lets neighbouring groups tell on each other.
+    Groups,
     /// Neighbouring rows have nothing to do with each other; this is their largest correlation.
     Shuffled(f64),
     /// There are too few rows to hold some out.
@@ -22,6 +25,10 @@ impl fmt::Display for NotSearched {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Poses => f.write_str("the loads are constant in each pose"),
+            Self::Groups => f.write_str(
+                "the rows are labelled as groups, whose order is not that of a sensor in use (`--memory-terms auto` \
+                 searches all the same)",
+            ),
             Self::Shuffled(correlation) => write!(
                 f,
                 "the rows are not in the order of time: neighbouring loads are not alike \
@@ -34,7 +41,7 @@ impl fmt::Display for NotSearched {
 }
 
 /// Why nothing should be searched for in these rows, if there is a reason.
-pub(super) fn reason(data: &Dataset) -> Option<NotSearched> {
+pub(super) fn reason(data: &Dataset, in_groups: bool) -> Option<NotSearched> {
     if data.has_weights() {
         return Some(NotSearched::Weights);
     }
@@ -43,5 +50,9 @@ pub(super) fn reason(data: &Dataset) -> Option<NotSearched> {
     if correlation < SHUFFLED_BELOW {
         return Some(NotSearched::Shuffled(correlation));
     }
-    has_poses(data).then_some(NotSearched::Poses)
+    if has_poses(data) {
+        return Some(NotSearched::Poses);
+    }
+    let is_labelled = data.logs.iter().all(|log| log.has_groups);
+    (is_labelled && !in_groups).then_some(NotSearched::Groups)
 }

@@ -28,8 +28,9 @@ use shell_data::block::Block;
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Families of more features than this are left out of a choice: their equations would take seconds each.
-const MOST_FEATURES: usize = 1000;
+/// Families of more features than this are left out of a choice: the covariance of one over groups of rows, an
+/// eigenvalue problem for each, takes minutes.
+const MOST_FEATURES: usize = 600;
 
 /// Rows that are made into features at once.
 const CHUNK: usize = 1024;

@@ -214,11 +214,21 @@ impl RowSelection for Reading<'_> {
                 setup.look_at_frames(calibration, rows);
             }
         }
-        let (low, high) = self.needed_s()?;
+        let needed_s = self.needed_s()?;
+        self.keep(block, &fresh, needed_s);
+        // The reader fills the block again.
+        block.drop_memory();
+        Ok(())
+    }
+}
+
+impl Reading<'_> {
+    /// Keeps the rows between two times, s.
+    fn keep(&mut self, block: &Block, fresh: &[bool], (low, high): (f64, f64)) {
         let times = &block.time_s;
         let rows = times.partition_point(|&t| t < low)..times.partition_point(|&t| t <= high);
         if rows.is_empty() {
-            return Ok(());
+            return;
         }
         let taken = &mut self.trial_rows;
         taken.times_s.extend_from_slice(&times[rows.clone()]);
@@ -229,6 +239,5 @@ impl RowSelection for Reading<'_> {
             column.extend_from_slice(&new[rows.clone()]);
         }
         taken.fresh.extend_from_slice(&fresh[rows]);
-        Ok(())
     }
 }

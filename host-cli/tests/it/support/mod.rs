@@ -6,3 +6,4 @@ pub(crate) mod board;
 pub(crate) mod foreign;
 pub(crate) mod rational;
 pub(crate) mod recording;
+pub(crate) mod sealed;

@@ -48,7 +48,8 @@ impl FeatureLimbs {
     pub(crate) fn new(distance: u32, layout: &MomentLayout) -> Self {
         let cheapest = |distance: u32| {
             let distance = distance.clamp(1, MAX_DISTANCE);
-            let degree = layout.features.last().map_or(1, |term| term.factors().len() as u32);
+            let degrees = layout.features.iter().map(|term| term.factors().len() as u32);
+            let degree = degrees.max().unwrap_or(1);
             let ways = [Self::whole_on_the_right(distance, degree), Some(Self::even(distance))];
             let ways = ways.into_iter().flatten();
             let costs = ways.map(|way| (way.cost(layout), way));

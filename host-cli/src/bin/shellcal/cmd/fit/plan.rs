@@ -318,6 +318,8 @@ impl FitArgs {
                 Some(MemoryArg::Auto) => MemoryRule::Auto,
                 Some(MemoryArg::Given(times)) => MemoryRule::Given(times),
             },
+            in_groups: matches!(self.lag, Some(LagArg::Auto))
+                || matches!(self.memory_terms, Some(MemoryArg::Auto)),
         }
     }
 
