@@ -471,7 +471,7 @@ def simulated_board(rate: float | None = None, **options: Any) -> SimulatedBoard
 
 def _set_rate(board: SimulatedBoard, rate: float) -> None:
     # Less averaging where eight channels would not fit into a period.
-    quick = [["sampling", "--settling", "30", "--conversions", "4"]] if rate > 200 else []
+    quick = [["sampling", "--settling", "25", "--conversions", "4"]] if rate > 200 else []
     for order in [*quick, ["rate", repr(float(rate))]]:
         deadline = time.monotonic() + _PATIENCE
         while True:
