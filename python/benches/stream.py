@@ -89,10 +89,10 @@ def stream(folder: Path, calibration: Path, seconds: float, rate: float) -> None
     output = ["-", f"tcp:{port}", *(f"udp:127.0.0.1:{reader.port}" for reader in readers)]
     with shellcal.simulated_board(rate=rate) as board:
         frames = shellcal.stream(board.port, calibration, output=output, latency=True)
-        stopped = Stopped(port)
+        first, stopped = next(frames), Stopped(port)
         stopped.start()
         pid, own = frames._process.pid, resource.getrusage(resource.RUSAGE_SELF)
-        board_s, host_s, rows = [], [], []
+        board_s, host_s, rows = [first.t], [time.time()], [first.row]
         for frame in frames:
             host_s.append(time.time())
             board_s.append(frame.t)
@@ -126,11 +126,11 @@ def convert(calibration: Path, log: Path) -> None:
     readings = shellcal.read_log(log).X[:1000]
     for frame in readings:
         known.convert(frame)
-    started = time.perf_counter()
+    started = time.process_time()
     for _ in range(20):
         for frame in readings:
             known.convert(frame)
-    print(f"convert, {known!r}: {(time.perf_counter() - started) / 20_000 * 1e6:.1f} µs a frame")
+    print(f"convert, {known!r}: {(time.process_time() - started) / 20_000 * 1e6:.1f} µs a frame")
 
 
 def main() -> None:

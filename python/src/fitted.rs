@@ -1,10 +1,12 @@
 //! Calibrations: fitted to arrays, read and written, applied.
 
 use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
 
 use calibration::Kind;
 use calibration::dynamics::{DynamicsRule, LagRule, MemoryRule};
 use calibration::fit::{FitOptions, HeldOut, Outlier, RowName, Workers};
+use calibration::memory::{MemoryState, NoTime};
 use calibration::solver::SolverKind;
 use calibration_file::{CalibrationFile, CalibrationFileError, Role, SourceFile};
 use figures::{FitPlot, Size, fit_figure};
@@ -19,9 +21,16 @@ use crate::error::{Failure, PythonMessage};
 use crate::interrupt::without_lock;
 use crate::options;
 
-/// A calibration with its origin.
+/// A calibration with its origin, and what its memory terms are after the frames that were converted one by one.
 #[pyclass(frozen, module = "shellcal._native")]
-pub(crate) struct Fitted(pub(crate) CalibrationFile);
+pub(crate) struct Fitted(pub(crate) CalibrationFile, Mutex<Option<MemoryState>>);
+
+impl From<CalibrationFile> for Fitted {
+    fn from(file: CalibrationFile) -> Self {
+        let memory = file.calibration.start_memory();
+        Self(file, Mutex::new(memory))
+    }
+}
 
 /// What a prediction gives: the wrench, and standard errors where they are asked for.
 type Predicted<'py> = (Bound<'py, PyArray2<f64>>, Option<Bound<'py, PyArray2<f64>>>);
@@ -36,6 +45,16 @@ type Rows<'py> = (
     Option<PyReadonlyArray1<'py, f64>>,
     Option<PyReadonlyArray1<'py, f64>>,
 );
+
+/// A calibration that remembers, without times.
+fn no_time(error: NoTime) -> PythonMessage {
+    PythonMessage {
+        class: "OptionError",
+        message: error.to_string(),
+        hint: Some("give `time`, in s"),
+        ..PythonMessage::default()
+    }
+}
 
 /// Passes the rows to `fit` without the interpreter's lock.
 fn over_rows<T: Send>(
@@ -136,7 +155,7 @@ pub(crate) fn fit(
             columns: None,
         };
         let verdict = fitted.verdict().lines();
-        Ok((Fitted(calibration_file(&fitted, facts)), warnings, verdict))
+        Ok((calibration_file(&fitted, facts).into(), warnings, verdict))
     })
 }
 
@@ -172,8 +191,8 @@ impl Fitted {
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf, edited: bool) -> Result<Self, Failure> {
         py.detach(|| match edited {
-            true => Ok(Self(CalibrationFile::read_edited(&path)?)),
-            false => Ok(Self(CalibrationFile::read(&path)?)),
+            true => Ok(CalibrationFile::read_edited(&path)?.into()),
+            false => Ok(CalibrationFile::read(&path)?.into()),
         })
     }
 
@@ -191,7 +210,7 @@ impl Fitted {
                 true => CalibrationFile::parse_edited(document),
                 false => CalibrationFile::parse(document),
             };
-            Ok(Self(file.map_err(named)?))
+            Ok(file.map_err(named)?.into())
         })
     }
 
@@ -239,10 +258,9 @@ impl Fitted {
         }
     }
 
-    /// Whether it has memory terms, and whether these need times.
-    fn memory(&self) -> (bool, bool) {
-        let calibration = &self.0.calibration;
-        (calibration.memory.is_some(), calibration.needs_time())
+    /// Whether it has memory terms.
+    fn has_memory(&self) -> bool {
+        self.0.calibration.memory.is_some()
     }
 
     /// The wrench of every row, and its standard errors if they are asked for. With memory terms rows are those of
@@ -272,12 +290,7 @@ impl Fitted {
                 if let Some(memory) = &mut memory {
                     let times_s: Vec<f64> =
                         time.map_or_else(Vec::new, |time| range.map(|row| time[row]).collect());
-                    let terms = memory.terms(&times_s, &block).map_err(|error| PythonMessage {
-                        class: "OptionError",
-                        message: error.to_string(),
-                        ..PythonMessage::default()
-                    })?;
-                    block.extend(terms);
+                    block.extend(memory.terms(&times_s, &block).map_err(no_time)?);
                 }
                 calibration.wrench(&block, &mut of_block);
                 copy(&axes.of(&of_block), start, &mut wrench);
@@ -291,11 +304,13 @@ impl Fitted {
         Ok((wrench.into_pyarray(py), deviations.map(|errors| errors.into_pyarray(py))))
     }
 
-    /// The wrench of one frame.
+    /// The wrench of one frame at `time_s`, after those before it.
+    #[pyo3(signature = (readings, time_s = None))]
     fn convert<'py>(
         &self,
         py: Python<'py>,
         readings: Vec<f64>,
+        time_s: Option<f64>,
     ) -> Result<Bound<'py, PyArray1<f64>>, Failure> {
         let calibration = &self.0.calibration;
         let (found, expected) = (readings.len(), calibration.channels());
@@ -305,7 +320,11 @@ impl Fitted {
             let class = "ArrayError";
             return Err(PythonMessage { class, message, ..PythonMessage::default() }.into());
         }
-        let columns: Vec<Vec<f64>> = readings.into_iter().map(|reading| vec![reading]).collect();
+        let mut columns: Vec<Vec<f64>> =
+            readings.into_iter().map(|reading| vec![reading]).collect();
+        if let Some(memory) = &mut *self.1.lock().unwrap_or_else(PoisonError::into_inner) {
+            columns.extend(memory.terms(time_s.as_slice(), &columns).map_err(no_time)?);
+        }
         let mut wrench = PerAxis::default();
         calibration.wrench(&columns, &mut wrench);
         let wrench = calibration.axes.iter().map(|axis| wrench[axis.index()][0]);

@@ -224,7 +224,7 @@ impl Partial {
             let mut file = merge::file(&fitted, partial);
             file.origin.sensor_serial = serial.or(file.origin.sensor_serial);
             (file.origin.made_by, file.origin.date) = made;
-            Ok(Fitted(file))
+            Ok(file.into())
         })
     }
 }

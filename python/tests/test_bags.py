@@ -1,8 +1,10 @@
-"""MCAP files of the program in `rosbags`, which is not of this project."""
+"""MCAP files of the program in `rosbags`, which is not of this project: of a log, and of a recording."""
 
 from __future__ import annotations
 
+import csv
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -57,3 +59,32 @@ def test_a_recording_opens_with_the_types_of_ros_2(logs: list[Path], tmp_path: P
     turn = [rotation.x, rotation.y, rotation.z, rotation.w]
     assert np.allclose(turn, [0, 0, 0.5**0.5, 0.5**0.5], rtol=0, atol=1e-15)
     assert len(details) == 200 and "s8" in details[0] and "fx_se_n" in details[0]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="ports that a program makes are not there")
+def test_a_recording_of_a_board_is_a_bag_with_the_same_bits(logs: list[Path], tmp_path: Path) -> None:
+    from rosbags.highlevel import AnyReader
+
+    calibration, log, bag = tmp_path / "cal.json", tmp_path / "run.csv", tmp_path / "run.mcap"
+    program("fit", logs[1], "--model", "cubic", "-o", calibration, "-q")
+    with shellcal.simulated_board(seed=8) as board:
+        program("record", board.port, "--start", "--duration", 3, "--calibration", calibration, "-o", log)
+    program("convert", calibration, log, "--causal", "--all-rows", "--mount", "base_link", "-o", bag)
+    with open(log, encoding="utf-8") as rows:
+        recorded = list(csv.DictReader(rows))
+    with AnyReader([bag]) as reader:
+        topics = {connection.topic: connection for connection in reader.connections}
+        assert len(list(reader.messages([topics["/tf_static"]]))) == 1
+        found = {}
+        for connection, time_ns, data in reader.messages([topics["/wrench"]]):
+            wrench = reader.deserialize(data, connection.msgtype).wrench
+            force, torque = wrench.force, wrench.torque
+            found[time_ns] = [force.x, force.y, force.z, torque.x, torque.y, torque.z]
+    assert len(recorded) == len(found) > 200
+    names = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
+    # Until tare and clock are known the log has the forces of the calibration alone.
+    known = [row for row in recorded if not {"untared", "unfiltered"} & set(row["flags"].split())]
+    assert len(known) > 150
+    for row in known:
+        time_ns = int(row["t_s"].replace(".", "")) * 1000
+        assert found[time_ns] == [float(row[name]) for name in names]

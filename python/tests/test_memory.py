@@ -47,10 +47,16 @@ def test_a_file_is_applied_along_the_rows_of_a_recording(remembering: tuple[Path
     assert calibration.memory_terms == (0.3, 4.0)
     readings, times = columns(log, CHANNELS), columns(log, ["t_s"])
     assert (calibration.predict(readings, time=times) == expected).all()
-    with pytest.raises(shellcal.OptionError, match="needs to know when"):
+    with pytest.raises(shellcal.OptionError, match="there is no time"):
         calibration.predict(readings)
     with pytest.raises(shellcal.ArrayError, match="time has the shape"):
         calibration.predict(readings, time=times[1:])
+    # Frame by frame as well, and anew where the clock goes back to its start.
+    for _ in range(2):
+        for frame, at, wrench in zip(readings, times, expected):
+            assert (calibration.convert(frame, at) == wrench).all()
+    with pytest.raises(shellcal.OptionError, match="there is no time"):
+        calibration.convert(readings[0])
 
 
 def test_a_fit_here_is_the_fit_of_the_program(

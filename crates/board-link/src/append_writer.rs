@@ -29,11 +29,12 @@ impl AppendWriter {
     /// written to.
     ///
     /// # Errors
-    /// [`OutputError`] if it cannot be made; its source has kind `AlreadyExists` if it is there.
+    /// [`OutputError`] if it cannot be made, or is named as a table in binary; its source has kind `AlreadyExists` if it is there.
     pub fn create(path: &Path, overwrite: bool) -> Result<Self, OutputError> {
         if path.as_os_str() == "-" {
             return Err(OutputError::Stdout);
         }
+        OutputError::check_text(path)?;
         let is_device = path.exists() && !path.is_file() && !path.is_dir();
         let mut options = OpenOptions::new();
         match (is_device, overwrite) {

@@ -84,6 +84,7 @@ impl Readers {
                 }
                 Destination::Stdout => PipeReader::new("stdout", io::stdout()).map(Way::Pipe),
                 Destination::File(path) => {
+                    OutputError::check_text(path)?;
                     let mut options = OpenOptions::new();
                     options.write(true).create(true).truncate(true);
                     if !overwrite && !is_device(path) {

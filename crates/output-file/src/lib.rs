@@ -82,12 +82,40 @@ pub enum OutputError {
     /// It stands for the standard output, which a recording is not written to.
     #[error("a recording is a file, and `-` stands for the standard output")]
     Stdout,
+    /// It is named as a table in binary, which cannot be read before its end is written.
+    #[error("what grows is text, and `{}` is named as something else", path.display())]
+    NotText {
+        /// The file that was to be written.
+        path: PathBuf,
+    },
+}
+
+impl OutputError {
+    /// Refuses a name of a file that frames are to be written to as text while they arrive.
+    ///
+    /// # Errors
+    /// [`OutputError::NotText`].
+    pub fn check_text(path: &Path) -> Result<(), Self> {
+        let extension = path.extension().map(|it| it.to_string_lossy().to_lowercase());
+        let is_binary = |extension: &str| ["mcap", "parquet", "mat", "npy"].contains(&extension);
+        match extension.as_deref().is_some_and(is_binary) {
+            true => Err(Self::NotText { path: path.to_path_buf() }),
+            false => Ok(()),
+        }
+    }
 }
 
 impl Hint for OutputError {
     fn hint(&self) -> Option<String> {
         let text = match self {
             Self::IsInput { .. } | Self::Twice { .. } => "choose another name for it",
+            Self::NotText { path } => {
+                let (path, log) = (path.display(), path.with_extension("csv"));
+                let log = log.display();
+                return Some(format!(
+                    "write `{log}`, and then `shellcal convert CAL {log} --causal --all-rows -o {path}`"
+                ));
+            }
             Self::Stdout => {
                 "`shellcal stream` writes frames to the standard output as they arrive; a file of that name is `./-`"
             }

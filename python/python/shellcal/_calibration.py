@@ -217,7 +217,7 @@ class Calibration:
         self._take(fitted)
         self._outputs = None if np.asarray(y).ndim == 1 else wrench.shape[1]
         # Of rows that are not one after the other nothing is remembered.
-        self._shown = None if fitted.memory()[0] else _some_rows(readings, wrench)
+        self._shown = None if fitted.has_memory() else _some_rows(readings, wrench)
         if names is not None:
             self.feature_names_in_ = names
         elif hasattr(self, "feature_names_in_"):
@@ -313,11 +313,6 @@ class Calibration:
                 hint="fit with covariance=\"auto\", and with twice as many groups as features",
             )
         times = _arrays.times(time, readings.shape[0])
-        if fitted.memory()[1] and times is None:
-            raise OptionError(
-                "this calibration remembers, and needs to know when the readings were taken",
-                hint="give `time`, in s",
-            )
         wrench, std = fitted.predict(readings, wants_errors, times)
         found = [wrench]
         if return_std and std is not None:
@@ -333,15 +328,20 @@ class Calibration:
             return wrench[:, 0]
         return wrench[:, : self._outputs]
 
-    def convert(self, readings: Any) -> _arrays.Matrix:
+    def convert(self, readings: Any, time: float | None = None) -> _arrays.Matrix:
         """The wrench of one frame, with the bits of `predict`, at the cost of one: for loops that wait for it.
+
+        Memory terms go on from the frame before, and start anew where time jumps, as at the start of a log: for two boards
+        load the calibration twice.
 
         Parameters
         ----------
         readings : sequence of float
             One for each channel.
+        time : float, optional
+            When it was taken, s; of a calibration with memory terms.
         """
-        return self._known().convert(readings)
+        return self._known().convert(readings, time)
 
     def out_of_range(self, X: Any) -> Any:
         """For each row, whether a reading is outside the range of the training data."""

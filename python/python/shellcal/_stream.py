@@ -190,6 +190,17 @@ class _Lines:
             await future
 
 
+def _start(arguments: list[str]) -> subprocess.Popen[bytes]:
+    # Ctrl-C is for this process, which ends the other one; so it is in notebooks.
+    return subprocess.Popen(
+        arguments,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        start_new_session=os.name != "nt",
+    )
+
+
 def _wake(future: asyncio.Future[None]) -> None:
     if not future.done():
         future.set_result(None)
@@ -200,14 +211,7 @@ class FrameStream:
 
     def __init__(self, arguments: list[str], calibrated: _Calibrated | None) -> None:
         self._calibrated = calibrated
-        # Ctrl-C is for this process, which ends the other one; so it is in notebooks.
-        self._process = subprocess.Popen(
-            arguments,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            start_new_session=os.name != "nt",
-        )
+        self._process = _start(arguments)
         self._lines = _Lines(self._process)
         self._latest: Frame | None = None
         self._is_closed = False
@@ -397,13 +401,7 @@ class SimulatedBoard:
     """A board without hardware, see `simulated_board`."""
 
     def __init__(self, arguments: list[str]) -> None:
-        self._process = subprocess.Popen(
-            arguments,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            start_new_session=os.name != "nt",
-        )
+        self._process = _start(arguments)
         self._end = weakref.finalize(self, _end_board, self._process)
         assert self._process.stdout is not None
         try:
@@ -473,7 +471,7 @@ def simulated_board(rate: float | None = None, **options: Any) -> SimulatedBoard
 
 def _set_rate(board: SimulatedBoard, rate: float) -> None:
     # Less averaging where eight channels would not fit into a period.
-    quick = [["sampling", "--settling", "30", "--conversions", "4"]] if rate > 200 else []
+    quick = [["sampling", "--settling", "25", "--conversions", "4"]] if rate > 200 else []
     for order in [*quick, ["rate", repr(float(rate))]]:
         deadline = time.monotonic() + _PATIENCE
         while True:

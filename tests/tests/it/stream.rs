@@ -149,6 +149,10 @@ fn what_cannot_be_streamed_is_told() {
     succeed(dir, "synth zero --rows 60 -o log.csv");
     let said = refused(dir, "record --replay log.csv -o -");
     assert!(said.contains("shellcal stream"), "{said}");
+    for name in ["record --replay log.csv -o run.mcap", "stream log.csv -o run.mcap"] {
+        let said = refused(dir, name);
+        assert!(said.contains("shellcal convert CAL run.csv"), "{said}");
+    }
     for (arguments, word) in [
         ("stream log.csv -o udp:nowhere", "udp:HOST:PORT"),
         ("stream log.csv -o log.csv", "--overwrite"),

@@ -10,6 +10,10 @@ use embassy_futures::yield_now;
 use embassy_time::{Duration, Instant, Timer};
 use firmware::Clock;
 
+/// A process that is waited for is woken so much later, and makes up for it without waiting: the forty waits of a frame
+/// are then a few, where each takes the system some tens of µs of processor time.
+const LATE: Duration = Duration::from_micros(250);
+
 /// A clock that stands still while the firmware computes, and shows exactly the time that was
 /// waited for.
 ///
@@ -44,16 +48,15 @@ impl Clock for PacedClock {
         yield_now().await;
         let far = Duration::from_secs(3600);
         let due = self.start.checked_add(Duration::from_micros(at_us));
+        let due = due.and_then(|due| due.checked_add(LATE));
         let mut timer = pin!(Timer::at(due.unwrap_or(Instant::now() + far)));
         poll_fn(|context| {
             // Whatever wakes the firmware, the time has gone on; but never past what is waited for.
-            self.advance(self.start.elapsed().as_micros().min(at_us));
-            match timer.as_mut().poll(context) {
-                Poll::Ready(()) => {
-                    self.advance(at_us);
-                    Poll::Ready(())
-                }
-                Poll::Pending => Poll::Pending,
+            let elapsed_us = self.start.elapsed().as_micros();
+            self.advance(elapsed_us.min(at_us));
+            match elapsed_us >= at_us {
+                true => Poll::Ready(()),
+                false => timer.as_mut().poll(context),
             }
         })
         .await;

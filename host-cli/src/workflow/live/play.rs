@@ -15,6 +15,9 @@ const TICK: Duration = Duration::from_millis(10);
 /// A longer time between two looks, when the computer was asleep, is not caught up on.
 const LONGEST: Duration = Duration::from_secs(1);
 
+/// What is not waited for between two rows, s of the log.
+const JUMP_S: f64 = 1.0;
+
 /// Why a log cannot be played.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -55,7 +58,7 @@ pub fn play(
     }
     let wanted =
         Wanted { time: true, readings: is_readings, wrench: !is_readings, ..Wanted::default() };
-    let mut player = Player { see, is_held, stop, speed, clock: None, index: 0 };
+    let mut player = Player { see, is_held, stop, clock: PlayClock::new(speed), index: 0 };
     let played = log.read(&wanted, read, std::mem::take, |block| player.play(&block));
     match played {
         Ok(_) | Err(Ended::Stopped) => Ok(player.index as u64),
@@ -79,10 +82,18 @@ struct Player<'a> {
     see: &'a mut dyn FnMut(&[BoardFrame]),
     is_held: &'a dyn Fn() -> bool,
     stop: &'a AtomicBool,
-    speed: f64,
-    /// When the row of a time is due: a moment, and the time of the log then.
-    clock: Option<(Instant, f64)>,
+    clock: PlayClock,
     index: i64,
+}
+
+/// Which rows are due. Where the log jumps, by a pause in the recording or back, it goes on at once.
+#[derive(Debug)]
+struct PlayClock {
+    speed: f64,
+    /// A moment, and the time of the log then.
+    set: Option<(Instant, f64)>,
+    /// The time of the last row that was due.
+    last_s: Option<f64>,
 }
 
 impl Player<'_> {
@@ -92,9 +103,7 @@ impl Player<'_> {
             if self.stop.load(Ordering::Relaxed) {
                 return Err(Ended::Stopped);
             }
-            let next_s = block.time_s[sent];
-            let now_s = self.now_s(next_s);
-            let due = block.time_s[sent..].iter().take_while(|&&time_s| time_s <= now_s).count();
+            let due = self.clock.due(Instant::now(), &block.time_s[sent..], (self.is_held)());
             let frames: Vec<BoardFrame> =
                 (sent..sent + due).map(|row| self.frame(block, row)).collect();
             (self.see)(&frames);
@@ -104,22 +113,6 @@ impl Player<'_> {
             }
         }
         Ok(())
-    }
-
-    /// The time of the log now. While it is held the clock stands still; where the log jumps, by a pause in
-    /// the recording or back, it goes on at once.
-    fn now_s(&mut self, next_s: f64) -> f64 {
-        let now = Instant::now();
-        let (at, from_s) = *self.clock.get_or_insert((now, next_s));
-        let now_s = if (self.is_held)() {
-            from_s
-        } else if next_s < from_s - 1.0 || next_s > from_s + 1.0 {
-            next_s
-        } else {
-            from_s + now.duration_since(at).min(LONGEST).as_secs_f64() * self.speed
-        };
-        self.clock = Some((now, now_s));
-        now_s
     }
 
     fn frame(&mut self, block: &Block, row: usize) -> BoardFrame {
@@ -137,5 +130,78 @@ impl Player<'_> {
         };
         let time_us = (block.time_s[row] * 1e6).round() as i64;
         BoardFrame { saturated, ..BoardFrame::new(time_us, index, measured) }
+    }
+}
+
+impl PlayClock {
+    fn new(speed: f64) -> Self {
+        Self { speed, set: None, last_s: None }
+    }
+
+    /// How many of the next rows, which have these times, are due. While it is held the clock stands still.
+    fn due(&mut self, now: Instant, next_s: &[f64], is_held: bool) -> usize {
+        let Some(&first_s) = next_s.first() else { return 0 };
+        let is_jump = |last_s: f64, time_s: f64| (time_s - last_s).abs() > JUMP_S;
+        let (at, from_s) = self.set.unwrap_or((now, first_s));
+        if is_held {
+            self.set = Some((now, from_s));
+            return 0;
+        }
+        let now_s = if is_jump(self.last_s.unwrap_or(first_s), first_s) {
+            first_s
+        } else {
+            from_s + now.duration_since(at).min(LONGEST).as_secs_f64() * self.speed
+        };
+        self.set = Some((now, now_s));
+        let mut due = 0;
+        for &time_s in next_s.iter().take_while(|&&time_s| time_s <= now_s) {
+            // Of what is behind a jump the clock knows nothing yet.
+            if due > 0 && self.last_s.is_some_and(|last_s| is_jump(last_s, time_s)) {
+                break;
+            }
+            self.last_s = Some(time_s);
+            due += 1;
+        }
+        due
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_are_due_at_the_speed_whatever_the_blocks() {
+        let (start, tick) = (Instant::now(), Duration::from_millis(10));
+        for rows_of_block in [1, 64, 5000] {
+            let mut clock = PlayClock::new(1000.0);
+            // 100 Hz for 40 s: four ticks and the first look.
+            let times: Vec<f64> = (0..4000).map(|row| f64::from(row) / 100.0).collect();
+            let mut ticks = 0;
+            for block in times.chunks(rows_of_block) {
+                let mut sent = 0;
+                while sent < block.len() {
+                    let due = clock.due(start + tick * ticks, &block[sent..], false);
+                    sent += due;
+                    ticks += u32::from(due == 0);
+                }
+            }
+            assert_eq!(ticks, 4, "{rows_of_block}");
+        }
+    }
+
+    #[test]
+    fn a_log_that_jumps_goes_on_at_once_and_one_that_is_held_stands() {
+        let (start, second) = (Instant::now(), Duration::from_secs(1));
+        let mut clock = PlayClock::new(1.0);
+        assert_eq!(clock.due(start, &[5.0, 5.4, 5.6], false), 1);
+        assert_eq!(clock.due(start + second / 2, &[5.4, 5.6], false), 1);
+        assert_eq!(clock.due(start + second, &[5.6], true), 0);
+        assert_eq!(clock.due(start + second * 2, &[5.6], true), 0);
+        assert_eq!(clock.due(start + second * 3, &[5.6], false), 1);
+        assert_eq!(clock.due(start + second * 3, &[90.0, 90.1], false), 1);
+        assert_eq!(clock.due(start + second * 4, &[90.1, 3.0, 3.5], false), 1);
+        assert_eq!(clock.due(start + second * 4, &[3.0, 3.5], false), 1);
+        assert_eq!(clock.due(start + second * 4, &[3.5], false), 0);
     }
 }

@@ -1,8 +1,8 @@
 //! `shellcal stream`: frames to other programs, as they arrive.
 
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
-use std::time::Duration;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 use board_link::{RecordOptions, Sinks, Source, Unwatched, Watcher, record};
 use frame_stream::{
@@ -171,7 +171,13 @@ impl StreamArgs {
 
     fn play(&self, log: &Log, mut watcher: StreamWatcher, stop: &AtomicBool) -> anyhow::Result<()> {
         let (read, readings) = (self.mapping.read_options(), self.forces.is_given());
-        let mut see = |frames: &_| watcher.see(frames);
+        let started = Instant::now();
+        let mut see = |frames: &_| {
+            watcher.see(frames);
+            if self.duration.is_some_and(|duration| started.elapsed() >= duration) {
+                stop.store(true, Ordering::Relaxed);
+            }
+        };
         play(log, &read, readings, self.speed, &|| false, stop, &mut see)?;
         Ok(())
     }
