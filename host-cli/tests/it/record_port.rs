@@ -214,6 +214,13 @@ fn an_unplugged_adapter_is_an_error_and_the_log_is_whole() {
     std::os::unix::fs::symlink(&port, dir.path().join("adapter")).unwrap();
     let sender = Sender::start(board, 0);
     sender.wait_for(80);
+    let path = dir.path().join("log.csv");
+    // Nothing is to be lost of a log once there is one.
+    let deadline = Instant::now() + Duration::from_secs(60);
+    while !path.exists() {
+        assert!(Instant::now() < deadline, "nothing is recorded");
+        thread::sleep(Duration::from_millis(2));
+    }
     let sent = sender.sent.clone();
     let board = sender.stop();
     thread::sleep(Duration::from_secs(1));
@@ -222,7 +229,7 @@ fn an_unplugged_adapter_is_an_error_and_the_log_is_whole() {
     let error = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(2), "{error}");
     assert!(error.contains("is gone") && error.contains("--reconnect"), "{error}");
-    let log = read_log(&dir.path().join("log.csv")).unwrap();
+    let log = read_log(&path).unwrap();
     assert_rows_are(&log, 0..sent.load(Ordering::Relaxed));
 }
 
