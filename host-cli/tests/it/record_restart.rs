@@ -1,6 +1,7 @@
 //! `record --start` at a board that resets while it is recorded.
 
 use std::io::{Read, Write};
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
@@ -125,12 +126,32 @@ impl ResettingBoard {
     }
 }
 
+/// How a board loses what it was told.
+#[derive(Clone, Copy, PartialEq)]
+enum Loss {
+    /// It resets and says so.
+    Announced,
+    /// Its word of that is lost.
+    Silent,
+    /// Its cable, by which it is powered, is pulled and put back.
+    Unplugged,
+}
+
+/// A pty that is the port of this name from now on.
+fn plug(link: &Path) -> TTYPort {
+    let (mut port, name) = pty();
+    port.set_timeout(Duration::from_millis(2)).unwrap();
+    _ = std::fs::remove_file(link);
+    std::os::unix::fs::symlink(name, link).unwrap();
+    port
+}
+
 #[test]
 fn a_board_that_resets_is_started_again_as_it_was() {
-    for is_announced in [true, false] {
+    for loss in [Loss::Announced, Loss::Silent, Loss::Unplugged] {
         let dir = tempfile::tempdir().unwrap();
-        let (mut port, name) = pty();
-        port.set_timeout(Duration::from_millis(2)).unwrap();
+        let link = dir.path().join("adapter");
+        let port = plug(&link);
         let end = Arc::new(AtomicBool::new(false));
         let ended = Arc::clone(&end);
         let board = thread::spawn(move || {
@@ -140,7 +161,10 @@ fn a_board_that_resets_is_started_again_as_it_was() {
                 board.go_on();
                 // The host asks how the board is set after 0.4 s and keeps the answer 0.4 s later.
                 if board.start == 1 && board.sent > 150 {
-                    board.reset(is_announced);
+                    if loss == Loss::Unplugged {
+                        board.port = plug(&link);
+                    }
+                    board.reset(loss == Loss::Announced);
                 }
                 if board.start == 2 && board.sent > 50 {
                     ended.store(true, Ordering::Relaxed);
@@ -151,7 +175,7 @@ fn a_board_that_resets_is_started_again_as_it_was() {
             }
             board.status
         });
-        let arguments = format!("--json record {name} --start -o log.csv");
+        let arguments = String::from("--json record adapter --start --reconnect -o log.csv");
         let child = start(dir.path(), &arguments);
         let began = Instant::now();
         while !end.load(Ordering::Relaxed) && began.elapsed() < Duration::from_secs(30) {
@@ -163,6 +187,7 @@ fn a_board_that_resets_is_started_again_as_it_was() {
         assert_eq!((status.period_us, status.settling_us), (20_000, 70), "{said}");
         let said: serde_json::Value = serde_json::from_str(&said).unwrap();
         assert_eq!(said["restarts"], 1, "{said}");
+        assert_eq!(said["reconnections"], u64::from(loss == Loss::Unplugged), "{said}");
         let path = dir.path().join("log.csv");
         let (flags, missing) = (column(&path, "flags"), column(&path, "missing"));
         let restarts: Vec<usize> =
