@@ -337,7 +337,7 @@ fn a_kilohertz_is_shown_and_recorded_whole_whatever_the_user_does() {
     view.press("r");
     view.wait_for("recorded `log.csv`");
     view.press("r");
-    view.wait_for("REC log-2.csv");
+    view.wait_for("recording to `log-2.csv`");
     view.press("m");
     view.wait_for("mark 2 at");
     wait_for_rows(&mut view, "log-2.csv", 1000);

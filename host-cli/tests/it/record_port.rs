@@ -2,7 +2,6 @@
 
 use std::fs;
 use std::io::{Read, Write};
-use std::path::Path;
 use std::process::{Child, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -15,23 +14,8 @@ use shared_proto::{Board, Boot, Framing, Packet, ResetCause};
 use system_tests::on_the_wire;
 use system_tests::program::{self, refused, start, succeed};
 
-use crate::support::board::pty;
+use crate::support::board::{pty, start_before_the_port};
 use crate::support::recording::{assert_rows_are, calibration, column, frame, read_log};
-
-/// Records from the port `adapter` once that is there. The program is started before the pty is made:
-/// what is started later inherits the board's end, and would keep it open.
-fn start_before_the_port(dir: &Path, arguments: &str) -> Child {
-    std::process::Command::new("sh")
-        .arg("-c")
-        .arg("while [ ! -e adapter ]; do sleep 0.02; done; exec \"$0\" \"$@\"")
-        .arg(program::command(dir).get_program())
-        .args(arguments.split_whitespace())
-        .current_dir(dir)
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap()
-}
 
 /// Sends frame after frame at 200 Hz; the first go out once somebody has opened the port.
 struct Sender {

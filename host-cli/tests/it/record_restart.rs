@@ -12,9 +12,9 @@ use shared_proto::{
     Answer, Board, BoardId, Boot, Command, Decoder, Event, Framing, Identity, Packet, PacketOrigin,
     ResetCause, Sample, Status, Stream, Values,
 };
-use system_tests::program::{finish, interrupt, start};
+use system_tests::program::{finish, interrupt};
 
-use crate::support::board::pty;
+use crate::support::board::{pty, start_before_the_port};
 use crate::support::recording::column;
 
 const SERIAL: [u8; 12] = *b"restart-test";
@@ -151,6 +151,8 @@ fn a_board_that_resets_is_started_again_as_it_was() {
     for loss in [Loss::Announced, Loss::Silent, Loss::Unplugged] {
         let dir = tempfile::tempdir().unwrap();
         let link = dir.path().join("adapter");
+        let arguments = "--json record adapter --start --reconnect -o log.csv";
+        let child = start_before_the_port(dir.path(), arguments);
         let port = plug(&link);
         let end = Arc::new(AtomicBool::new(false));
         let ended = Arc::clone(&end);
@@ -175,14 +177,12 @@ fn a_board_that_resets_is_started_again_as_it_was() {
             }
             board.status
         });
-        let arguments = String::from("--json record adapter --start --reconnect -o log.csv");
-        let child = start(dir.path(), &arguments);
         let began = Instant::now();
         while !end.load(Ordering::Relaxed) && began.elapsed() < Duration::from_secs(30) {
             thread::sleep(Duration::from_millis(20));
         }
         interrupt(&child);
-        let said = finish(child, &arguments, 0);
+        let said = finish(child, arguments, 0);
         let status = board.join().unwrap();
         assert_eq!((status.period_us, status.settling_us), (20_000, 70), "{said}");
         let said: serde_json::Value = serde_json::from_str(&said).unwrap();

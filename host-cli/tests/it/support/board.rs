@@ -1,9 +1,12 @@
-//! What planted boards share: a pty, and the status of a sound board.
+//! What planted boards share: a pty, a program that waits for it, and the status of a sound board.
 
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
 use serialport::{SerialPort, TTYPort};
 use shared_proto::{ResetCause, Status, Stream};
+use system_tests::program;
 
 /// The board's end of a pty, and the name of the other.
 pub(crate) fn pty() -> (TTYPort, String) {
@@ -11,6 +14,22 @@ pub(crate) fn pty() -> (TTYPort, String) {
     board.set_timeout(Duration::from_millis(10)).unwrap();
     (board, host.name().unwrap())
 }
+
+/// Records from the port `adapter` once that is there. The program is started before the pty is made:
+/// what is started later inherits the board's end, and would keep it open.
+pub(crate) fn start_before_the_port(dir: &Path, arguments: &str) -> Child {
+    Command::new("sh")
+        .arg("-c")
+        .arg("while [ ! -e adapter ]; do sleep 0.02; done; exec \"$0\" \"$@\"")
+        .arg(program::command(dir).get_program())
+        .args(arguments.split_whitespace())
+        .current_dir(dir)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap()
+}
+
 /// Its status after some frames at the settings after a reset.
 pub(crate) fn sound_status() -> Status {
     Status {
