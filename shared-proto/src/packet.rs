@@ -13,7 +13,7 @@ use crc::{CRC_16_M17, Crc};
 /// Version of the protocol: the upper four bits of every header.
 pub const VERSION: u8 = 3;
 
-/// The version before, which is still read: its packets do not say where they come from, and their CRC
+/// The version before, which is still read: its packets, as those of version 1, do not say where they come from, and their CRC
 /// leaves the mask out.
 const VERSION_2: u8 = 2;
 
@@ -187,7 +187,7 @@ impl Packet {
         plain.as_mut_slice().iter_mut().for_each(|byte| *byte ^= mask);
         let mut body = Reader(plain.get(2..).unwrap_or_default());
         let version = header >> 4;
-        let (computed, crc) = if version <= VERSION_2 {
+        let (computed, crc) = if (1..=VERSION_2).contains(&version) {
             let content = plain.get(1..).unwrap_or_default();
             (CRC.checksum(content), crc.map(|byte| byte ^ mask))
         } else {
