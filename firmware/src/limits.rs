@@ -20,9 +20,9 @@ pub(crate) struct Limits {
     pub(crate) tolerance_us: u32,
     /// What the serial line carries, in bytes per second; `None` if it is never the bottleneck.
     pub(crate) bytes_per_s: Option<u32>,
-    /// Rates that the line can be set to, see [`crate::Chip::RATES`].
+    /// Rates that the line can be set to.
     pub(crate) rates: &'static [Baud],
-    /// See [`crate::Chip::HAS_BOOTLOADER`].
+    /// Whether the chip has a bootloader in ROM.
     pub(crate) has_bootloader: bool,
 }
 

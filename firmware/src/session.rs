@@ -195,9 +195,10 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
+    #[inline(never)] // it takes some KiB of stack, which its callers need not take, too
     fn use_record(&mut self, crc: u32) {
         if let Some(calibration) = upload::open(self.record) {
-            self.converter = Some(Converter::new(&calibration));
+            self.converter = Some(Converter::new(calibration));
             self.calibration_crc32 = crc;
         }
     }

@@ -28,6 +28,10 @@ use shared_proto::{Decoder, Event, Framing, Identity, Packet, ReceivedPacket, Re
 /// Longest time between two signs of life, in µs.
 const ALIVE_US: u64 = 250_000;
 
+/// Longest wait for the last bytes to leave, in µs: a driver that takes no more has two, at 9,600 baud. The
+/// receiver of embassy-stm32 0.6 clears the flag that its `flush` waits for, and then there is no end.
+const DRAIN_US: u64 = 2_500;
+
 /// Pause after an error of the receiver, so that a line that is stuck does not take all the time.
 const RETRY_US: u64 = 10_000;
 
@@ -140,7 +144,8 @@ impl<'a, C: Clock> Station<'a, C> {
             match next {
                 Some(OnLine::Frame(frame)) => _ = sender.write_all(&frame).await,
                 Some(OnLine::Change(change)) => {
-                    _ = sender.flush().await;
+                    let end_us = self.clock.now_us() + DRAIN_US;
+                    select(sender.flush(), self.clock.wait_until_us(end_us)).await;
                     match change {
                         Change::Rate(rate) => chip.set_baud(&mut sender, rate).await,
                         Change::Bootloader => chip.start_bootloader().await,

@@ -187,7 +187,7 @@ impl Packet {
         plain.as_mut_slice().iter_mut().for_each(|byte| *byte ^= mask);
         let mut body = Reader(plain.get(2..).unwrap_or_default());
         let version = header >> 4;
-        let (computed, crc) = if version == VERSION_2 {
+        let (computed, crc) = if version <= VERSION_2 {
             let content = plain.get(1..).unwrap_or_default();
             (CRC.checksum(content), crc.map(|byte| byte ^ mask))
         } else {

@@ -134,7 +134,8 @@ impl Taken {
             (self.stack_bound > board.stack_size(), "stack"),
         ]
         .into_iter()
-        .filter_map(|(exceeds, what)| exceeds.then(|| what.to_owned()))
+        .filter(|(exceeds, _)| *exceeds)
+        .map(|(_, what)| what.to_owned())
         .collect();
         for (workload, instructions) in &self.instructions {
             let recorded = before.instructions.get(workload);

@@ -4,8 +4,9 @@
 //! function with several ways through is taken at more than it needs), and calls what its branches
 //! lead to. A call through a pointer can lead to every function whose address is somewhere in the
 //! image, other than a task of the executor, which the executor alone calls. Such calls are
-//! followed [`INDIRECT`] deep. On top comes the deepest interrupt, with the registers that the core
-//! saves; all interrupts of the firmware have one priority, so they do not nest.
+//! followed [`INDIRECT`] deep. On top comes the interrupt whose executor runs the urgent task, and on that the
+//! deepest of all others, with the registers that the core saves each time: the others have one priority, above
+//! that of the first, so they do not nest.
 //!
 //! Encodings: Arm DDI0403 (ARMv7-M), chapter A7.
 
@@ -23,8 +24,12 @@ const INDIRECT: usize = 3;
 /// alignment.
 const EXCEPTION_FRAME: u32 = 104 + 4;
 
-/// Part of the name of a function that runs a task.
+/// Part of the name of a function that runs a task, and of that of the urgent one (sync_input.rs).
 const TASK: &str = "TaskStorage";
+const URGENT_TASK: &str = "sync_input";
+
+/// The interrupt that runs the urgent task (start.rs).
+const URGENT_INTERRUPT: &str = "TIM7";
 
 /// Part of the name of the function that all panics lead to.
 const PANIC: &str = "panic_fmt";
@@ -53,12 +58,17 @@ pub(crate) fn bound(path: &Path) -> Result<u32> {
     let file = object::File::parse(&*bytes)
         .with_context(|| format!("`{}` is not an image", path.display()))?;
     let code = Code::read(&file)?;
-    let (tasks, others): (BTreeSet<u32>, BTreeSet<u32>) = code
-        .pointed_at
-        .difference(&code.interrupts)
-        .partition(|address| code.functions[address].name.contains(TASK));
-    if tasks.is_empty() {
-        bail!("`{}` has no task", path.display());
+    let is_called = |address: &u32, part| code.functions[address].name.contains(part);
+    let (tasks, others): (BTreeSet<u32>, BTreeSet<u32>) =
+        code.pointed_at.difference(&code.interrupts).partition(|address| is_called(address, TASK));
+    let (urgent_tasks, tasks): (BTreeSet<u32>, BTreeSet<u32>) =
+        tasks.iter().partition(|address| is_called(address, URGENT_TASK));
+    let (urgent, interrupts): (BTreeSet<u32>, BTreeSet<u32>) = code
+        .interrupts
+        .iter()
+        .partition(|address| code.functions[address].name == URGENT_INTERRUPT);
+    if tasks.is_empty() || urgent_tasks.is_empty() || urgent.is_empty() {
+        bail!("`{}` has not the tasks of a board", path.display());
     }
     let mut below = 0;
     for _ in 0..INDIRECT {
@@ -66,7 +76,8 @@ pub(crate) fn bound(path: &Path) -> Result<u32> {
     }
     // The executor calls tasks, and nothing that it calls itself is as deep.
     let thread = code.deepest(&BTreeSet::from([code.reset]), code.deepest(&tasks, below)?)?;
-    Ok(thread + EXCEPTION_FRAME + code.deepest(&code.interrupts, below)?)
+    let urgent = code.deepest(&urgent, below.max(code.deepest(&urgent_tasks, below)?))?;
+    Ok(thread + urgent + code.deepest(&interrupts, below)? + 2 * EXCEPTION_FRAME)
 }
 
 impl Code {

@@ -62,7 +62,9 @@ impl Toolchain {
             cargo.env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER", linker);
         }
         let link = ["-Tlink.x", "--nmagic", "-Tdefmt.x"];
-        let flags: Vec<_> = link.iter().map(|argument| format!("-C link-arg={argument}")).collect();
+        let flags = link.iter().map(|argument| format!("-C link-arg={argument}"));
+        // Names of functions that say of which types they are (stack.rs).
+        let flags: Vec<_> = flags.chain(["-C symbol-mangling-version=v0".to_owned()]).collect();
         cargo.env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_RUSTFLAGS", flags.join(" "));
         cargo
     }

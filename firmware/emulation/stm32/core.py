@@ -250,12 +250,17 @@ class Core:
         if self.nmi:
             self.nmi = False
             self._enter(NMI)
-        elif not self.contexts and not self.uc.reg_read(UC_ARM_REG_PRIMASK):
+        elif self._is_interruptible():
             irq = self.board.nvic.take()
             if irq is not None:
                 self.event = True
                 self._enter(FIRST_IRQ + irq)
         return SLICE
+
+    def _is_interruptible(self):
+        """Whether nothing goes before all interrupts: a fault, the non-maskable one, or a critical section."""
+        interrupts = len(self.board.nvic.active)
+        return len(self.contexts) == interrupts and not self.uc.reg_read(UC_ARM_REG_PRIMASK)
 
     def _enter(self, vector):
         """Saves the core's state, and pushes what a handler may look at."""
@@ -281,7 +286,7 @@ class Core:
         context, self.pc = self.contexts.pop()
         self.uc.context_restore(context)
         self.other_cycles += EXIT_CYCLES
-        if not self.contexts:
+        if len(self.contexts) < len(self.board.nvic.active):
             self.board.nvic.leave()
         self.board.raise_lines()  # an interrupt whose cause is left comes again
 

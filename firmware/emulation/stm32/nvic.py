@@ -2,7 +2,7 @@
 
 from .peripheral import Peripheral
 
-ISER, ICER, ISPR, ICPR = 0x100, 0x180, 0x200, 0x280
+ISER, ICER, ISPR, ICPR, IPR, STIR = 0x100, 0x180, 0x200, 0x280, 0x400, 0xF00
 ICSR, VTOR, AIRCR, CFSR = 0xD04, 0xD08, 0xD0C, 0xD28
 RESET = 0x05FA_0004
 
@@ -15,27 +15,33 @@ class Nvic(Peripheral):
         self.registers[0xD00] = 0x410F_C241  # CPUID of a Cortex-M4
         self.pending = set()
         self.enabled = set()
-        self.active = None
+        #: Interrupts whose handlers have begun, each in the middle of the one before.
+        self.active = []
 
     def pend(self, irq):
         """A peripheral raises its line. While its handler runs that is looked at once it has returned (DDI0403,
         B3.4.1)."""
-        if irq != self.active:
+        if irq not in self.active:
             self.pending.add(irq)
+
+    def _priority(self, irq):
+        return self.registers.get(IPR + (irq & ~3), 0) >> 8 * (irq % 4) & 0xFF
 
     def take(self):
         """The interrupt to serve next, no longer pending; `None` if there is none."""
         ready = self.pending & self.enabled
         if not ready:
             return None
-        irq = min(ready)
+        irq = min(ready, key=lambda irq: (self._priority(irq), irq))
+        if self.active and self._priority(irq) >= self._priority(self.active[-1]):
+            return None
         self.pending.discard(irq)
-        self.active = irq
+        self.active.append(irq)
         return irq
 
     def leave(self):
-        """The handler has returned."""
-        self.active = None
+        """The handler that has begun last has returned."""
+        self.active.pop()
 
     def is_waiting(self):
         return bool(self.pending & self.enabled)
@@ -63,6 +69,8 @@ class Nvic(Peripheral):
             self.pending |= irqs
         elif group == ICPR:
             self.pending -= irqs
+        elif offset == STIR:
+            self.pending.add(value & 0x1FF)
         elif offset == AIRCR:
             if value & 0xFFFF_0004 == RESET:
                 self.board.request_reset("software")

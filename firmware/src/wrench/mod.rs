@@ -34,10 +34,10 @@ struct Taring {
 
 impl Converter {
     /// A converter without a zero.
-    pub fn new(calibration: &Calibration) -> Self {
+    pub fn new(calibration: Calibration) -> Self {
         let model = match calibration {
-            Calibration::Cubic(cubic) => Model::Powers(Powers::new(cubic)),
-            Calibration::Physics(physics) => Model::Physics(physics.clone()),
+            Calibration::Cubic(cubic) => Model::Powers(Powers::new(&cubic)),
+            Calibration::Physics(physics) => Model::Physics(physics),
         };
         Self { model, zero: None, taring: None }
     }
@@ -105,7 +105,7 @@ mod tests {
     }
 
     fn converter() -> Converter {
-        Converter::new(&Calibration::Cubic(cubic()))
+        Converter::new(Calibration::Cubic(cubic()))
     }
 
     /// The formula, term by term, in double precision.

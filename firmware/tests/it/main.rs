@@ -143,7 +143,7 @@ fn wrenches_are_those_of_the_calibration_uploaded_less_the_zero() {
     let raw = bench.samples();
     bench.done(Command::SetStream(Stream::Wrench));
     bench.run_for(1_000_000);
-    let mut converter = Converter::new(&calibration());
+    let mut converter = Converter::new(calibration());
     let expected = |converter: &mut Converter, clock_us: u32| {
         let step = (clock_us / 10_000 % 50) as u16;
         converter.convert(&std::array::from_fn(|c| 16 * (100 + 100 * c as u16 + step)), 0)

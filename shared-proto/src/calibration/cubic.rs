@@ -28,6 +28,14 @@ impl Cubic {
     /// Length in bytes.
     pub(super) const SIZE: usize = 4 + 4 * (2 * CHANNELS + FEATURES * AXES + AXES);
 
+    /// Without numbers.
+    pub(super) const BLANK: Self = Self {
+        centre: [0.0; CHANNELS],
+        scale: [0.0; CHANNELS],
+        coefficients: [[0.0; AXES]; FEATURES],
+        intercept: [0.0; AXES],
+    };
+
     /// Its numbers in their order.
     pub(super) fn each(&self, mut number: impl FnMut(f32)) {
         let parts: [&[f32]; 4] =
@@ -35,23 +43,17 @@ impl Cubic {
         parts.into_iter().flatten().for_each(|&value| number(value));
     }
 
-    /// From its numbers in their order; `None` if one is missing.
-    pub(super) fn read(numbers: &mut impl FnMut() -> Option<f32>) -> Option<Self> {
-        let mut cubic = Self {
-            centre: [0.0; CHANNELS],
-            scale: [0.0; CHANNELS],
-            coefficients: [[0.0; AXES]; FEATURES],
-            intercept: [0.0; AXES],
-        };
+    /// Takes its numbers in their order; `None` if one is missing, and then it is of no use.
+    pub(super) fn fill(&mut self, numbers: &mut impl FnMut() -> Option<f32>) -> Option<()> {
         let parts: [&mut [f32]; 4] = [
-            &mut cubic.centre,
-            &mut cubic.scale,
-            cubic.coefficients.as_flattened_mut(),
-            &mut cubic.intercept,
+            &mut self.centre,
+            &mut self.scale,
+            self.coefficients.as_flattened_mut(),
+            &mut self.intercept,
         ];
         for number in parts.into_iter().flatten() {
             *number = numbers()?;
         }
-        Some(cubic)
+        Some(())
     }
 }

@@ -76,6 +76,15 @@ impl Physics {
     /// Length in bytes.
     pub(super) const SIZE: usize = 4 + 4 * (AXES + PRIOR + 2 + CHANNELS * PhysicsSensor::NUMBERS);
 
+    /// Without numbers.
+    pub(super) const BLANK: Self = Self {
+        wrench_scale: [0.0; AXES],
+        prior: [0.0; PRIOR],
+        reading_variance: 0.0,
+        displacement_variance: 0.0,
+        sensors: [PhysicsSensor::NONE; CHANNELS],
+    };
+
     /// Its numbers in their order.
     pub(super) fn each(&self, mut number: impl FnMut(f32)) {
         let mut all = |part: &[f32]| part.iter().for_each(|&value| number(value));
@@ -90,27 +99,20 @@ impl Physics {
         }
     }
 
-    /// From its numbers in their order; `None` if one is missing or outside its range.
-    pub(super) fn read(numbers: &mut impl FnMut() -> Option<f32>) -> Option<Self> {
+    /// Takes its numbers in their order; `None` if one is missing or outside its range, and then it is of no use.
+    pub(super) fn fill(&mut self, numbers: &mut impl FnMut() -> Option<f32>) -> Option<()> {
         let mut within = |range: core::ops::RangeInclusive<f32>| {
             numbers().filter(|number| range.contains(number))
         };
-        let mut physics = Self {
-            wrench_scale: [0.0; AXES],
-            prior: [0.0; PRIOR],
-            reading_variance: 0.0,
-            displacement_variance: 0.0,
-            sensors: [PhysicsSensor::NONE; CHANNELS],
-        };
-        for scale in &mut physics.wrench_scale {
+        for scale in &mut self.wrench_scale {
             *scale = within(range::WRENCH_SCALE)?;
         }
-        for precision in &mut physics.prior {
+        for precision in &mut self.prior {
             *precision = within(range::PRIOR)?;
         }
-        physics.reading_variance = within(range::READING_VARIANCE)?;
-        physics.displacement_variance = within(range::DISPLACEMENT_VARIANCE)?;
-        for sensor in &mut physics.sensors {
+        self.reading_variance = within(range::READING_VARIANCE)?;
+        self.displacement_variance = within(range::DISPLACEMENT_VARIANCE)?;
+        for sensor in &mut self.sensors {
             sensor.least = within(range::LEAST)?;
             sensor.per_count = within(range::PER_COUNT)?;
             sensor.offset = within(range::DISPLACEMENT)?;
@@ -124,7 +126,7 @@ impl Physics {
                 *number = within(range::FACTOR)?;
             }
         }
-        Some(physics)
+        Some(())
     }
 }
 

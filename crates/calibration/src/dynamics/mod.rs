@@ -6,9 +6,9 @@
 //! ```
 //!
 //! Everything after it, the choice of a model, its errors, intervals, takes the data set that comes of it as any other.
-//! Both are [searched](search) for on one family of features, the largest that the rows bear, by the errors on rows
+//! Both are searched for on one family of features, the largest that the rows bear, by the errors on rows
 //! that were held out. A lag or a memory term is kept if it lowers these by more than one standard error of their
-//! difference between folds, and still does when the part of [noise] is taken off: a filter is no memory.
+//! difference between folds, and still does when the part of noise is taken off: a filter is no memory.
 
 mod description;
 mod equations;
@@ -112,7 +112,7 @@ pub struct Gain {
 /// Finds what is asked for. What a search is refused for is a value: the rows are then as good as they were.
 ///
 /// # Errors
-/// [`FitError::Dynamics`] if something given does not suit the rows.
+/// [`FitError::TimeConstant`] if a time constant that is given is not positive.
 pub fn find(
     data: &Dataset,
     rule: &DynamicsRule<'_>,

@@ -21,7 +21,7 @@ pub enum Criterion {
 #[derive(Clone, Debug)]
 enum Knowledge {
     Surface(Surface),
-    Sensors(SensorKnowledge),
+    Sensors(Box<SensorKnowledge>),
 }
 
 /// Chooses loads one after the other.
@@ -78,7 +78,7 @@ impl<'a> Planner<'a> {
         loads: &[PerAxis<f64>],
         candidates: &'a [PerAxis<f64>],
     ) -> Self {
-        Self::new(loads, candidates, Knowledge::Sensors(sensors))
+        Self::new(loads, candidates, Knowledge::Sensors(Box::new(sensors)))
     }
 
     fn new(loads: &[PerAxis<f64>], candidates: &'a [PerAxis<f64>], knowledge: Knowledge) -> Self {

@@ -105,9 +105,11 @@ impl SensorKnowledge {
                     unsure -= dot(known, &answer.gradient).powi(2) / divisor;
                 }
                 let weight = (answer.noise + unsure.max(0.0)).recip();
-                for i in 0..6 {
-                    let share = weight * answer.slopes[i];
-                    (0..6).for_each(|j| information[i][j] += share * answer.slopes[j]);
+                for (row, slope) in information.iter_mut().zip(answer.slopes) {
+                    let share = weight * slope;
+                    row.iter_mut()
+                        .zip(answer.slopes)
+                        .for_each(|(sum, other)| *sum += share * other);
                 }
             }
             // The prior makes it positive definite; a load where rounding does not is left out of the mean.

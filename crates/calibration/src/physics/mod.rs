@@ -13,7 +13,7 @@
 //! Polynomials in the readings need a coefficient per power and axis and go astray between poses;
 //! this has 80 numbers for eight sensors, all with a meaning, and flattens where sensors saturate.
 //!
-//! Left out: play and creep as states (they are in the noise and in the [`factors`]), and temperature.
+//! Left out: play and creep as states (they are in the noise and in the factors), and temperature.
 
 mod calibration;
 mod choice;

@@ -7,7 +7,7 @@
 //! named, [`excitation`] says how well the training loads cover the six axes.
 //!
 //! Without exact sums, taking a group away from the whole would cancel: for readings that the exact solver
-//! cannot take, [`normal_equations`] adds the other groups up instead.
+//! cannot take, `normal_equations` adds the other groups up instead.
 
 pub mod advice;
 pub mod comparison;

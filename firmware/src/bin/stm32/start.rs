@@ -134,7 +134,6 @@ pub(crate) async fn tasks(
     + Binding<typelevel::DMA1_CHANNEL5, dma::InterruptHandler<DMA1_CH5>>
     + Binding<typelevel::EXTI15_10, exti::InterruptHandler<typelevel::EXTI15_10>>
     + Binding<typelevel::RNG, rng::InterruptHandler<RNG>>
-    + Copy
     + 'static,
 ) {
     static STATION: StaticCell<Stm32Station> = StaticCell::new();

@@ -1,6 +1,6 @@
 //! Edges at the sync input, with the time at which they are seen.
 //!
-//! A task of its own waits for them, on an executor whose interrupt goes before all others: an edge is stamped
+//! A task of its own waits for them, on an executor whose interrupt goes before all other tasks: an edge is stamped
 //! while frames are taken and converted. It is late by two interrupts and, where a critical section is under
 //! way, by that: some µs, and 25 ms while a page of the flash is erased. A test on the model holds it to 20 µs.
 

@@ -74,7 +74,7 @@ fn the_rate_of_the_line_is_set_and_taken_back() {
     host.order(Command::SetBaud { baud: 115_200 });
     host.run(0.01);
     // 80 MHz over 694.
-    assert!((host.last.rate - 80e6 / 694.0).abs() < 1e-6);
+    assert!((host.last.rate - 80e6 / 694.0).abs() < 1e-6, "{} baud", host.last.rate);
     host.board.set_rate(115_200.0);
     host.order(Command::Start);
     host.run(4.0);
@@ -86,7 +86,7 @@ fn the_rate_of_the_line_is_set_and_taken_back() {
     host.order(Command::SetBaud { baud: 921_600 });
     assert_eq!(host.ask(Command::Status), None);
     host.run(3.5);
-    assert!((host.last.rate - 80e6 / 694.0).abs() < 1e-6);
+    assert!((host.last.rate - 80e6 / 694.0).abs() < 1e-6, "{} baud", host.last.rate);
     host.status();
     // Nothing of it outlives a reset.
     host.board.jump(0x3000_0000);

@@ -42,8 +42,8 @@ fn shellcal_sets_the_board_up_and_records_it_whole() {
         |what: &str, code| run_patiently(dir, &format!("board {} {what}", board.port), code);
     assert!(command("identify", 0).contains("skinproc"));
     command("sampling --settling 100", 0);
-    command("rate 150", 0);
-    // 5,820 bytes per second do not carry 34 of each of 400 samples.
+    command("rate 125", 0);
+    // 5,818 bytes per second carry 162 samples of readings or 131 of wrenches.
     command("sampling --conversions 4 --settling 30", 0);
     assert!(command("rate 400", 2).contains("Hz would do"));
 

@@ -239,7 +239,8 @@ fn five_hundred_random_strings_do_no_harm() {
 fn rates_that_the_line_does_not_carry_are_refused() {
     let model = &Model::find();
     let mut host = Host::new(model);
-    host.order(Command::SetSettling { settling_us: 30 });
+    // Frames of 952 µs.
+    host.order(Command::SetSettling { settling_us: 25 });
     host.order(Command::SetOversampling { conversions: 4 });
     let answer = host.ask(Command::SetPeriod { period_us: 1_000 });
     let Some(Answer::Refused(Refusal::LineTooSlow { shortest_us })) = answer else {

@@ -1,6 +1,7 @@
 //! What `--json` says of lag and memory.
 
 use calibration::dynamics::{Dynamics, NotSearched};
+use calibration::fit::Fit;
 use calibration_file::stored::{OfAxes, Stored};
 use serde::Serialize;
 use shell_data::wrench::Axes;
@@ -32,7 +33,12 @@ struct GainReport {
 }
 
 impl DynamicsReport {
-    pub(super) fn new(found: &Result<Dynamics, NotSearched>, axes: Axes) -> Self {
+    /// What a fit found, if anything was to be searched for.
+    pub(super) fn of(fitted: &Fit, axes: Axes) -> Option<Self> {
+        fitted.dynamics.as_ref().map(|found| Self::new(found, axes))
+    }
+
+    fn new(found: &Result<Dynamics, NotSearched>, axes: Axes) -> Self {
         let reason = found.as_ref().err();
         let found = found.as_ref().ok();
         let gain = found.and_then(|found| found.gain);

@@ -15,6 +15,7 @@ use shell_data::wrench::{Axes, Axis, PerAxis};
 use super::super::validation::{
     ComparisonReport, FoundReport, print_cross_validation, print_excitation, print_selection,
 };
+use super::dynamics::DynamicsReport;
 use super::report::{compared, print_errors};
 use super::verdict::VerdictReport;
 use crate::printer::Printer;
@@ -48,6 +49,8 @@ struct Report {
     cross_validation: Option<StoredCrossValidation>,
     #[serde(skip_serializing_if = "Option::is_none")]
     selection: Option<StoredSelection>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    dynamics: Option<DynamicsReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
     weighing: Option<ComparisonReport>,
     /// Median over the groups of the size of their mean error, N and N·m.
@@ -116,6 +119,7 @@ pub(super) fn report(
             test: Stored::of(&diagnostics.test, Axes::ALL),
             cross_validation: Stored::of(&diagnostics.cross_validation, Axes::ALL),
             selection: Stored::of(&diagnostics.selection, Axes::ALL),
+            dynamics: DynamicsReport::of(fitted, Axes::ALL),
             weighing: ComparisonReport::of(fitted),
             median_of_groups: of_rows.validation.as_ref().map(PhysicsValidation::median),
             coverage_95: coverage.map(|of| of.map(|(share, _)| share)),

@@ -192,7 +192,7 @@ pub(super) fn report(
             test: Stored::of(&diagnostics.test, axes),
             cross_validation: Stored::of(&diagnostics.cross_validation, axes),
             selection: Stored::of(&diagnostics.selection, axes),
-            dynamics: fitted.dynamics.as_ref().map(|found| DynamicsReport::new(found, axes)),
+            dynamics: DynamicsReport::of(fitted, axes),
             weighing: ComparisonReport::of(fitted),
             advice: fitted.advice.as_ref().map(|advice| AdviceReport::of(advice, axes)),
             groups_found: fitted.found_groups.map(FoundReport::from),
