@@ -42,7 +42,7 @@ class Udp(threading.Thread):
 
 
 class Stopped(threading.Thread):
-    """Reads a second, and then nothing until `go` is set."""
+    """Reads a second, and then nothing until `go` is set, some seconds before the end."""
 
     def __init__(self, port: int) -> None:
         super().__init__(daemon=True)
@@ -97,11 +97,12 @@ def stream(folder: Path, calibration: Path, seconds: float, rate: float) -> None
             host_s.append(time.time())
             board_s.append(frame.t)
             rows.append(frame.row)
+            if frame.t - board_s[0] > seconds - 5:
+                stopped.go.set()
             if frame.t - board_s[0] > seconds:
                 break
         used = processor_s(pid)
         own_now = resource.getrusage(resource.RUSAGE_SELF)
-        stopped.go.set()
         time.sleep(2)
         frames.close()
         said = list(frames._lines.said)

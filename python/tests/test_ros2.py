@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import struct
@@ -128,17 +129,29 @@ def test_a_node_of_ros_2_gets_wrenches_and_can_tare(logs: list[Path], tmp_path: 
     assert all(abs(b - a - 0.01) < 2e-5 for a, b in zip(stamps, stamps[1:]))
 
 
-def test_wrenches_have_the_bits_of_the_stream(logs: list[Path], tmp_path: Path) -> None:
-    from shellcal.ros2 import Header, Time, Vector3, Wrench, WrenchStamped
+def test_a_frame_has_the_same_bits_in_log_stream_loop_and_message(
+    logs: list[Path], tmp_path: Path
+) -> None:
+    from shellcal._stream import Frame
+    from shellcal.ros2 import RELIABLE, Node
 
-    path, log = tmp_path / "cal.json", tmp_path / "zero.csv"
+    path, log, rows = (tmp_path / name for name in ("cal.json", "run.csv", "rows.jsonl"))
     program("fit", logs[1], "--model", "cubic", "-o", path, "-q")
-    program("synth zero", "--rows", 60, "-o", log)
-    with shellcal.stream(log, path, speed=1000) as frames:
-        for frame in frames:
-            numbers = [float(value) for value in frame.wrench]
-            wrench = Wrench(Vector3(*numbers[:3]), Vector3(*numbers[3:]))
-            message = WrenchStamped(Header(Time(1, 2), "shell"), wrench)
-            # CDR version 1, lowest byte first: header, stamp, length and text, padding to 8, six doubles.
-            expected = b"\x00\x01\x00\x00" + struct.pack("<iII6s6x", 1, 2, 6, b"shell\0")
-            assert message.serialize(use_version_2=False) == expected + struct.pack("<6d", *numbers)
+    with shellcal.simulated_board(seed=6) as board:
+        given = ["--start", "--duration", 3, "--calibration", path, "-o", log, "--stream", rows]
+        program("record", board.port, *given)
+    with open(log, encoding="utf-8") as file:
+        recorded = {int(row["index"]): row for row in csv.DictReader(file)}
+    node = Node("/forces/bits", "shell", 1 + os.getpid() % 200, RELIABLE)
+    node._start = 0.0
+    frames = [Frame(line) for line in rows.read_bytes().splitlines()]
+    assert len(frames) > 200
+    for frame in frames:
+        row = recorded[frame.index]
+        wrench = [float(row[name]) for name in ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")]
+        assert frame.wrench.tolist() == wrench
+        seconds, microseconds = map(int, row["t_s"].split("."))
+        message = node._stamped(frame, frame.wrench).serialize(use_version_2=False)
+        # CDR version 1, lowest byte first: header, stamp, length and text, padding to 8, six doubles.
+        head = struct.pack("<iII6s6x", seconds, microseconds * 1000, 6, b"shell\0")
+        assert message == b"\x00\x01\x00\x00" + head + struct.pack("<6d", *wrench)

@@ -165,7 +165,7 @@ impl Hint for LinkError {
                 "on Linux, join the group that owns the port, as a rule `dialout`, and log in again"
             }
             Self::Lost { .. } => {
-                "what arrived until then is kept; with `--reconnect` `record` waits for the port"
+                "what arrived until then is kept; with `--reconnect` the port is waited for"
             }
             Self::NoAnswer { silent: true, .. } => {
                 "is the board on, and are both radios in one network? Try another `--baud`, or \

@@ -2,13 +2,15 @@
 
 use std::io::{self, Write};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, OnceLock};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use crate::readers::Batch;
+
 /// Rows that wait, at most: four seconds at 1 kHz.
-const WAITING: usize = 4096;
+const WAITING: u64 = 4096;
 
 /// Most bytes of one write.
 const PIECE: usize = 1 << 16;
@@ -16,13 +18,15 @@ const PIECE: usize = 1 << 16;
 /// The end of the pipe that rows are put in.
 #[derive(Debug)]
 pub(crate) struct PipeReader {
-    rows: Option<SyncSender<Vec<u8>>>,
+    batches: Option<Sender<Batch>>,
+    /// Rows that were handed over.
+    handed: u64,
     shared: Arc<Shared>,
 }
 
 #[derive(Debug, Default)]
 struct Shared {
-    /// Pieces that have been written.
+    /// Rows that have been written.
     written: AtomicU64,
     /// How it has ended.
     ended: OnceLock<io::Result<()>>,
@@ -30,7 +34,7 @@ struct Shared {
 
 impl PipeReader {
     pub(crate) fn new(name: &str, out: impl Write + Send + 'static) -> io::Result<Self> {
-        let (rows, receiver) = sync_channel(WAITING);
+        let (batches, receiver) = channel();
         let shared = Arc::new(Shared::default());
         let of_thread = Arc::clone(&shared);
         let run = move || {
@@ -38,31 +42,35 @@ impl PipeReader {
             let _ = of_thread.ended.set(result);
         };
         thread::Builder::new().name(name.to_owned()).spawn(run)?;
-        Ok(Self { rows: Some(rows), shared })
+        Ok(Self { batches: Some(batches), handed: 0, shared })
     }
 
-    /// Hands a piece over; `false` if there is no room.
+    /// Hands a batch over; `false` if there is no room.
     ///
     /// # Errors
     /// That of the last write: the reader is gone.
-    pub(crate) fn send(&mut self, piece: Vec<u8>) -> io::Result<bool> {
-        let Some(rows) = &self.rows else { return Ok(false) };
-        match rows.try_send(piece) {
-            Ok(()) => Ok(true),
-            Err(TrySendError::Full(_)) => Ok(false),
-            Err(TrySendError::Disconnected(_)) => {
-                self.rows = None;
-                while self.shared.ended.get().is_none() {
-                    thread::yield_now();
-                }
-                self.result().map(|()| false)
-            }
+    pub(crate) fn send(&mut self, batch: Batch) -> io::Result<bool> {
+        let Some(batches) = &self.batches else { return Ok(false) };
+        let handed = self.handed + batch.rows;
+        if handed - self.shared.written.load(Ordering::Acquire) > WAITING
+            && self.shared.ended.get().is_none()
+        {
+            return Ok(false);
         }
+        if batches.send(batch).is_ok() {
+            self.handed = handed;
+            return Ok(true);
+        }
+        self.batches = None;
+        while self.shared.ended.get().is_none() {
+            thread::yield_now();
+        }
+        self.result().map(|()| false)
     }
 
-    /// Waits a little for what is on its way; how many pieces have been written in all.
+    /// Waits a little for what is on its way; how many rows have been written in all.
     pub(crate) fn finish(&mut self, patience: Duration) -> (u64, io::Result<()>) {
-        self.rows = None;
+        self.batches = None;
         let deadline = Instant::now() + patience;
         while self.shared.ended.get().is_none() && Instant::now() < deadline {
             thread::sleep(Duration::from_millis(1));
@@ -78,18 +86,21 @@ impl PipeReader {
     }
 }
 
-fn write_all(mut out: impl Write, rows: &Receiver<Vec<u8>>, written: &AtomicU64) -> io::Result<()> {
-    while let Ok(mut bytes) = rows.recv() {
-        let mut pieces = 1;
+fn write_all(
+    mut out: impl Write,
+    batches: &Receiver<Batch>,
+    written: &AtomicU64,
+) -> io::Result<()> {
+    while let Ok(Batch { mut bytes, mut rows }) = batches.recv() {
         while bytes.len() < PIECE
-            && let Ok(next) = rows.try_recv()
+            && let Ok(next) = batches.try_recv()
         {
-            bytes.extend_from_slice(&next);
-            pieces += 1;
+            bytes.extend_from_slice(&next.bytes);
+            rows += next.rows;
         }
         out.write_all(&bytes)?;
         out.flush()?;
-        written.fetch_add(pieces, Ordering::Release);
+        written.fetch_add(rows, Ordering::Release);
     }
     Ok(())
 }

@@ -18,6 +18,9 @@ const ACCEPT: Duration = Duration::from_millis(10);
 /// How long each reader may take at the end for what is on its way.
 const PATIENCE: Duration = Duration::from_millis(500);
 
+/// Rows that are handed over together, at most.
+const BATCH: u64 = 256;
+
 /// All readers of a stream.
 #[derive(Debug)]
 pub struct Readers {
@@ -34,10 +37,19 @@ pub struct Readers {
 struct Reader {
     name: String,
     way: Way,
-    /// Rows and lines of names that it was handed, and rows that it lost.
+    /// What waits for the next [`Readers::flush`].
+    batch: Batch,
+    has_names: bool,
+    /// Rows that it was handed, and that it lost.
     handed: u64,
-    names: u64,
     lost: u64,
+}
+
+/// Rows that are handed over together: whole, or lost together.
+#[derive(Debug, Default)]
+pub(crate) struct Batch {
+    pub(crate) bytes: Vec<u8>,
+    pub(crate) rows: u64,
 }
 
 #[derive(Debug)]
@@ -97,7 +109,7 @@ impl Readers {
                 Destination::Udp(address) => datagrams(*address).map(Way::Udp),
             };
             let (name, way) = (destination.to_string(), way.map_err(failed)?);
-            readers.readers.push(Reader { name, way, handed: 0, names: 0, lost: 0 });
+            readers.readers.push(Reader::new(name, way));
         }
         Ok(readers)
     }
@@ -112,13 +124,24 @@ impl Readers {
         self.readers.is_empty() && self.listeners.is_empty()
     }
 
-    /// Passes a row on: what [`RowEncoder::begin`] has made of it, which gets an end for each reader.
+    /// Passes a row on: what [`RowEncoder::begin`] has made of it, which gets an end for each reader. Some of them get
+    /// it with the next [`flush`](Self::flush).
     pub fn send(&mut self, row: &[u8], encoder: &RowEncoder) {
         self.accept();
         let number = self.rows;
         self.rows += 1;
+        self.each(|reader| reader.send(row, number, encoder));
+    }
+
+    /// Hands over what was sent.
+    pub fn flush(&mut self) {
+        self.each(Reader::flush);
+    }
+
+    /// Those with whom it fails are gone.
+    fn each(&mut self, mut act: impl FnMut(&mut Reader) -> io::Result<()>) {
         let gone = &mut self.gone;
-        self.readers.retain_mut(|reader| match reader.send(row, number, encoder) {
+        self.readers.retain_mut(|reader| match act(reader) {
             Ok(()) => true,
             Err(error) => {
                 gone.push(reader.summary(Some(error)));
@@ -138,7 +161,7 @@ impl Readers {
             while let Ok((stream, peer)) = listener.accept() {
                 if let Ok(reader) = TcpReader::new(stream) {
                     let (name, way) = (format!("tcp:{peer}"), Way::Tcp(reader));
-                    self.readers.push(Reader { name, way, handed: 0, names: 0, lost: 0 });
+                    self.readers.push(Reader::new(name, way));
                 }
             }
         }
@@ -146,6 +169,7 @@ impl Readers {
 
     /// Ends all; what came of each.
     pub fn finish(mut self) -> Vec<ReaderSummary> {
+        self.flush();
         let rest = self.readers.iter_mut().map(|reader| reader.summary(None));
         let rest: Vec<_> = rest.collect();
         self.gone.into_iter().chain(rest).collect()
@@ -167,36 +191,53 @@ fn datagrams(to: SocketAddr) -> io::Result<UdpSocket> {
 }
 
 impl Reader {
+    fn new(name: String, way: Way) -> Self {
+        Self { name, way, batch: Batch::default(), has_names: false, handed: 0, lost: 0 }
+    }
+
     fn send(&mut self, row: &[u8], number: u64, encoder: &RowEncoder) -> io::Result<()> {
-        if self.names == 0
+        let is_udp = matches!(self.way, Way::Udp(_));
+        if !self.has_names
             && let Some(header) = encoder.header()
         {
-            self.names = 1;
-            self.hand(header)?;
+            self.batch.bytes.extend(header);
+            if is_udp {
+                self.flush()?;
+            }
         }
-        let piece = [row, &encoder.end(number, self.lost)].concat();
-        match self.hand(piece)? {
-            true => self.handed += 1,
-            false => self.lost += 1,
+        self.has_names = true;
+        self.batch.bytes.extend_from_slice(row);
+        self.batch.bytes.extend(encoder.end(number, self.lost));
+        self.batch.rows += 1;
+        // A datagram is one row.
+        match is_udp || self.batch.rows >= BATCH {
+            true => self.flush(),
+            false => Ok(()),
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        if self.batch.bytes.is_empty() {
+            return Ok(());
+        }
+        let batch = std::mem::take(&mut self.batch);
+        let rows = batch.rows;
+        let is_taken = match &mut self.way {
+            Way::Pipe(pipe) => pipe.send(batch)?,
+            Way::Tcp(tcp) => tcp.send(batch)?,
+            // Where it fails nobody listens there yet, or the network is down for now.
+            Way::Udp(socket) => socket.send(&batch.bytes).is_ok(),
+        };
+        match is_taken {
+            true => self.handed += rows,
+            false => self.lost += rows,
         }
         Ok(())
     }
 
-    fn hand(&mut self, piece: Vec<u8>) -> io::Result<bool> {
-        match &mut self.way {
-            Way::Pipe(pipe) => pipe.send(piece),
-            Way::Tcp(tcp) => tcp.send(piece),
-            Way::Udp(socket) => match socket.send(&piece) {
-                Ok(_) => Ok(true),
-                // Nobody listens there yet, or the network is down for now.
-                Err(_) => Ok(false),
-            },
-        }
-    }
-
     fn summary(&mut self, error: Option<io::Error>) -> ReaderSummary {
-        let (taken, ended) = match &mut self.way {
-            Way::Udp(_) => (self.handed + self.names, Ok(())),
+        let (rows, ended) = match &mut self.way {
+            Way::Udp(_) => (self.handed, Ok(())),
             Way::Tcp(tcp) if error.is_some() => (tcp.taken, Ok(())),
             Way::Tcp(tcp) => (tcp.finish(PATIENCE), Ok(())),
             Way::Pipe(pipe) => pipe.finish(PATIENCE),
@@ -210,8 +251,7 @@ impl Reader {
                     | io::ErrorKind::ConnectionAborted
             )
         };
-        let rows = taken.saturating_sub(self.names).min(self.handed);
-        let untaken = self.handed - rows;
+        let untaken = self.handed.saturating_sub(rows);
         let left = error.as_ref().is_some_and(has_left);
         ReaderSummary {
             name: self.name.clone(),

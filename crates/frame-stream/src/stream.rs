@@ -96,6 +96,7 @@ impl FrameStream {
         // Frames wait at the start, until it is known how they are sent.
         let is_first = self.sent == 0;
         rows.iter().for_each(|row| self.send(row, is_first));
+        self.readers.flush();
         Ok(())
     }
 
