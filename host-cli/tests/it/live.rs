@@ -350,7 +350,13 @@ fn a_kilohertz_is_shown_and_recorded_whole_whatever_the_user_does() {
         let log = Recording::read(&dir.join(log));
         let index = log.numbers("index");
         assert!(index.len() > 500, "{} rows", index.len());
-        assert!(index.windows(2).all(|pair| pair[1] == pair[0] + 1.0), "a frame is lost");
+        // A board whose line stands still, as where the machine is busy with others, drops frames and counts them,
+        // modulo 256.
+        let dropped = log.numbers("dropped");
+        for (index, dropped) in index.windows(2).zip(dropped.windows(2)) {
+            let by_board = (dropped[1] - dropped[0]).rem_euclid(256.0);
+            assert_eq!(index[1] - index[0] - 1.0, by_board, "a frame is lost after {}", index[0]);
+        }
         let marked = log.text("flags").iter().filter(|flags| flags.contains("mark")).count();
         assert_eq!(marked, 1);
         let at = log.text("flags").iter().position(|flags| flags.contains(mark)).unwrap();
