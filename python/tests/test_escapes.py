@@ -27,7 +27,7 @@ CASES = 60
 PIECES = [
     *["\n", "\r", "\t", "\0", "\x1b[31m", "\x7f", "\x9b1m", "\u2028", "\u2029", "\u202e", "\u200b", "\ufeff"],
     *['"', "'", '"""', "'''", "\\", "\\u", "\\N{BELL}", "\\x", "%{", "%}", "...", "{}", "$(id)", "`id`", "#", ";"],
-    *["</script>", "<!--", "]]>", "&amp;", "<b>", "&", "a,b", "a|b", "=1+1", "x" * 300, "µ", "\U000e0041", "😀"],
+    *["</script>", "<!--", "]]>", "&amp;", "<blink>", "&", "a,b", "a|b", "=1+1", "x" * 300, "µ", "\U000e0041", "😀"],
     *['\nprint("OWNED")\n', '"""\nimport os\nos._exit(7)\n"""', "\nsystem('false')\n%", "\uffff", " ", "a"],
 ]
 
@@ -108,7 +108,7 @@ def test_a_log_of_any_name_is_named_in_every_output(text: str, logs: list[Path],
     assert json.loads((tmp_path / "c.json").read_text())["sources"][0]["path"] == log.name
     assert json.loads((tmp_path / "c.json").read_text())["sensor_serial"] == name
     content = Content(report.read_text())
-    assert "b" not in content.tags and "script" in content.tags
+    assert "blink" not in content.tags and {"table", "svg"} <= content.tags
     xml.fromstring(figure.read_text())
     # As CSV, by a reader of CSV.
     line = [shellcal.program(), "eval", "c.json", log.name, "--plot", figure.name, "--as", "csv"]
@@ -118,6 +118,8 @@ def test_a_log_of_any_name_is_named_in_every_output(text: str, logs: list[Path],
     xml.fromstring(figure.read_text())
 
 
+# What is drawn has no levers that a shell could have.
+@pytest.mark.filterwarnings("ignore:moments over forces")
 @pytest.mark.parametrize("seed", range(12))
 def test_exported_code_is_what_convert_writes(seed: int, tmp_path: Path) -> None:
     """Models, channels and units drawn from the seed."""
@@ -136,7 +138,7 @@ def test_exported_code_is_what_convert_writes(seed: int, tmp_path: Path) -> None
     program("export", calibration, code, "-q")
     out = np.genfromtxt(tmp_path / "out.csv", delimiter=",", names=True)
     expected = np.column_stack([out[name] for name in ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")])
-    script = f"import numpy as np, drawn; np.save('w.npy', drawn.wrench(np.loadtxt({str(log)!r}, delimiter=',', skiprows=1, ndmin=2)))"
+    script = f"import sys; sys.path.insert(0, ''); import numpy as np, drawn; np.save('w.npy', drawn.wrench(np.loadtxt({str(log)!r}, delimiter=',', skiprows=1, ndmin=2)))"
     subprocess.run([sys.executable, "-c", script], cwd=tmp_path, check=True)
     found = np.load(tmp_path / "w.npy")
     # Sums of up to 45 products, each rounded, relative to the largest.

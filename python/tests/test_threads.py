@@ -59,7 +59,8 @@ def test_arrays_may_change_during_a_fit(written: float) -> None:
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork")
 def test_a_process_that_was_forked_after_a_fit_fits_too() -> None:
     script = """
-import os, warnings
+import os, sys, warnings
+sys.path.insert(0, "")
 from conftest import counts
 from shellcal import Calibration
 warnings.simplefilter("ignore")
