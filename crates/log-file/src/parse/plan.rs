@@ -25,7 +25,7 @@ pub(crate) struct ReadPlan {
     /// How many columns are parsed.
     numbers: usize,
     time: Option<OutputColumn>,
-    /// Whether the clock comes round.
+    /// Whether the clock wraps around.
     clock_turns: bool,
     readings: Vec<OutputColumn>,
     /// Empty, or one for each axis that there is.
@@ -180,6 +180,7 @@ impl ReadPlan {
             take(&mut block.time_s, output);
         }
         block.readings.resize_with(self.readings.len(), Vec::new);
+        block.memory_columns = 0;
         let readings = block.readings.iter_mut().zip(&self.readings);
         readings.for_each(|(column, output)| take(column, output));
         block.wrench.resize_with(self.wrench.len(), Vec::new);

@@ -214,21 +214,11 @@ impl RowSelection for Reading<'_> {
                 setup.look_at_frames(calibration, rows);
             }
         }
-        let needed_s = self.needed_s()?;
-        self.keep(block, &fresh, needed_s);
-        // The reader fills the block again.
-        block.drop_memory();
-        Ok(())
-    }
-}
-
-impl Reading<'_> {
-    /// Keeps the rows between two times, s.
-    fn keep(&mut self, block: &Block, fresh: &[bool], (low, high): (f64, f64)) {
+        let (low, high) = self.needed_s()?;
         let times = &block.time_s;
         let rows = times.partition_point(|&t| t < low)..times.partition_point(|&t| t <= high);
         if rows.is_empty() {
-            return;
+            return Ok(());
         }
         let taken = &mut self.trial_rows;
         taken.times_s.extend_from_slice(&times[rows.clone()]);
@@ -239,5 +229,6 @@ impl Reading<'_> {
             column.extend_from_slice(&new[rows.clone()]);
         }
         taken.fresh.extend_from_slice(&fresh[rows]);
+        Ok(())
     }
 }
