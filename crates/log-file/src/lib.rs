@@ -61,7 +61,7 @@ pub use format::columns::{Column, Meaning};
 pub use format::mapping::{ColumnRef, LogFormat, Mapping, MomentUnit, TimeUnit, named_axis};
 pub use log::Log;
 pub use read::all::{read_all, threads_for};
-pub use read::dataset::read_dataset;
+pub use read::dataset::{read_dataset, sample_logs};
 pub use read::request::{ReadOptions, Wanted};
 pub use read::selection::RowSelection;
 pub use shell_data::ReadSummary;

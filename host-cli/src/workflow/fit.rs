@@ -6,7 +6,7 @@ use calibration::fit::{Fit, FitMethod, FitOptions, GroupsAsked, HeldOut, may_hav
 use calibration::quality::AxisQuality;
 use calibration_file::{CalibrationFile, Diagnostics, Origin, Role, SolverRecord, SourceFile};
 use figures::FitPlot;
-use log_file::{Log, ReadOptions, Wanted, read_dataset};
+use log_file::{Log, ReadOptions, Wanted, read_dataset, sample_logs};
 use shell_data::ColumnNames;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::PerAxis;
@@ -44,11 +44,11 @@ impl FitData {
             .chain(test.iter().map(|log| (log, of_test.clone())))
             .collect();
         let mut data = read_dataset(&logs, read)?;
-        let test = Dataset { logs: data.logs.split_off(train.len()) };
-        let mut read = Self { train: data, test, wanted: of_train.clone() };
-        sample(&mut read.train, train, &of_train)?;
+        let tested = Dataset { logs: data.logs.split_off(train.len()) };
+        let mut read = Self { train: data, test: tested, wanted: of_train.clone() };
+        sample_logs(&mut read.train, train, &of_train)?;
         if labels_tests {
-            sample(&mut read.test, &logs_of(&logs[train.len()..]), &of_test)?;
+            sample_logs(&mut read.test, test, &of_test)?;
         }
         Ok(read)
     }
@@ -78,23 +78,6 @@ fn wanted_for(logs: &[Log], asked: GroupsAsked, in_time: bool) -> Result<Wanted,
     };
     let time = (finds || in_time) && logs.iter().all(Log::has_time);
     Ok(Wanted { groups, time, ..rows_wanted() })
-}
-
-/// Takes a sample of every log.
-fn sample<L: std::borrow::Borrow<Log>>(
-    data: &mut Dataset,
-    logs: &[L],
-    wanted: &Wanted,
-) -> Result<(), WorkflowError> {
-    let wanted = Wanted { groups: false, ..wanted.clone() };
-    for (rows, log) in data.logs.iter_mut().zip(logs) {
-        rows.sample = log.borrow().sample(&wanted)?;
-    }
-    Ok(())
-}
-
-fn logs_of<'a>(logs: &[(&'a Log, Wanted)]) -> Vec<&'a Log> {
-    logs.iter().map(|(log, _)| *log).collect()
 }
 
 /// Reads logs and fits a calibration to them.

@@ -184,6 +184,28 @@ fn merged_triangles_validate_and_choose_as_a_fit_does() {
     assert!((score(&merged) / score(&whole) - 1.0).abs() < 1e-3, "{merged} {whole}");
 }
 
+/// `info` looks for suspicious rows by a fit of its own.
+#[test]
+fn a_spike_in_volts_is_found_as_in_counts() {
+    let dir = folder();
+    let dir = dir.path();
+    for (name, spike) in [("train", 900.0), ("volts", 900.0 * VOLT)] {
+        let text = fs::read_to_string(dir.join(format!("{name}.csv"))).unwrap();
+        let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
+        let mut fields: Vec<String> = lines[1000].split(',').map(str::to_owned).collect();
+        fields[3] = (fields[3].parse::<f64>().unwrap() + spike).to_string();
+        lines[1000] = fields.join(",");
+        fs::write(dir.join("spike.csv"), lines.join("\n") + "\n").unwrap();
+        let report = json(dir, "info spike.csv --json");
+        let found = report[0]["outliers"].as_array().unwrap();
+        assert_eq!(found.len(), 1, "{name}: {found:?}");
+        assert_eq!(
+            (&found[0]["line"], &found[0]["columns"][0]["name"]),
+            (&1001.into(), &"s3".into())
+        );
+    }
+}
+
 #[test]
 fn exact_sums_and_triangles_are_not_merged_and_damaged_triangles_are_refused() {
     let dir = folder();

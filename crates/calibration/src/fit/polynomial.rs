@@ -92,9 +92,7 @@ fn solve_by(
     let is_penalised = ridge > 0.0
         || solver == SolverKind::RidgeGcv
         || (solver == SolverKind::Svd && truncate.is_some());
-    // Who only looks into a log has taken none.
-    let is_taken = |sample: &&Block| sample.readings.len() == model.columns();
-    let scaling = match sample.filter(is_taken).filter(|_| !is_penalised) {
+    let scaling = match sample.filter(|_| !is_penalised) {
         Some(sample) => Scaling::of_sample(&sample.readings, model.intercept),
         None => {
             let centring = Centring { channels: model.columns(), intercept: model.intercept };

@@ -8,7 +8,7 @@ use shell_data::block::Block;
 use shell_data::dataset::{Dataset, LogRows, ReadSummary};
 
 /// Reads all rows of some logs into memory, of each log what is wanted of it: time, readings, wrench and
-/// groups. Takes no sample of them.
+/// groups. [`sample_logs`] takes a sample of them.
 ///
 /// # Errors
 /// As [`Log::read`], the first error in the order of logs and rows.
@@ -45,4 +45,20 @@ pub fn read_dataset(
     let (summaries, _) = read_each(logs, options, || (), copy, keep)?;
     data.logs.iter_mut().zip(summaries).for_each(|(log, summary)| log.summary = summary);
     Ok(data)
+}
+
+/// Takes a sample of each log of a data set, of what is wanted of it but for its groups.
+///
+/// # Errors
+/// As [`Log::sample`].
+pub fn sample_logs<'a>(
+    data: &mut Dataset,
+    logs: impl IntoIterator<Item = &'a Log>,
+    wanted: &Wanted,
+) -> Result<(), LogError> {
+    let wanted = Wanted { groups: false, ..wanted.clone() };
+    for (rows, log) in data.logs.iter_mut().zip(logs) {
+        rows.sample = log.sample(&wanted)?;
+    }
+    Ok(())
 }

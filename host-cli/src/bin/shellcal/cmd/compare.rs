@@ -3,7 +3,7 @@
 use calibration::fit::{Better, PairedError, PairedErrors, Workers, paired_errors};
 use calibration::quality::significant;
 use calibration_file::CalibrationFile;
-use log_file::{Log, Wanted, read_dataset};
+use log_file::{Log, Wanted, read_dataset, sample_logs};
 use serde::Serialize;
 use shell_data::wrench::{Axes, Axis};
 use shellcal::workflow::check_channels;
@@ -101,10 +101,7 @@ impl CompareArgs {
         };
         let read: Vec<_> = logs.iter().map(|log| (log, wanted.clone())).collect();
         let mut data = read_dataset(&read, &self.mapping.read_options())?;
-        let sampled = Wanted { groups: false, ..wanted };
-        for (rows, log) in data.logs.iter_mut().zip(logs) {
-            rows.sample = log.sample(&sampled)?;
-        }
+        sample_logs(&mut data, logs, &wanted)?;
         let workers = Workers::new(self.mapping.threads.map_or(0, usize::from));
         Ok(paired_errors(files.map(|file| &file.calibration), &data, workers)?)
     }

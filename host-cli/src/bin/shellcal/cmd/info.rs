@@ -4,6 +4,7 @@ use calibration::fit::{OutlierTest, Workers, find_outliers};
 use log_file::summary::{ColumnSummary, LogSummary};
 use log_file::{
     Column, FileKind, Log, LogError, LogFormat, Meaning, MomentUnit, Wanted, read_dataset,
+    sample_logs,
 };
 use serde::Serialize;
 use shell_data::wrench::Axis;
@@ -112,7 +113,8 @@ fn summary(log: &Log, args: &MappingArgs, printer: &mut Printer) -> anyhow::Resu
 /// Suspicious rows, by the cubic model.
 fn outliers(log: &Log, args: &MappingArgs) -> anyhow::Result<NamedOutliers> {
     let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
-    let rows = read_dataset(&[(log, wanted.clone())], &args.read_options())?;
+    let mut rows = read_dataset(&[(log, wanted.clone())], &args.read_options())?;
+    sample_logs(&mut rows, [log], &wanted)?;
     let workers = Workers::new(args.threads.map_or(0, usize::from));
     let found = find_outliers(&rows, &OutlierTest { workers, ..OutlierTest::default() })?;
     Ok(NamedOutliers::new(found, std::slice::from_ref(log), &wanted)?)
