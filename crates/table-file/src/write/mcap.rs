@@ -11,7 +11,7 @@ pub struct McapChannel {
     /// Its topic.
     pub topic: String,
     /// The schema of its messages: its name, its language, and what it says.
-    pub schema: Option<[&'static str; 3]>,
+    pub schema: Option<(&'static str, &'static str, String)>,
     /// How messages are encoded.
     pub encoding: &'static str,
     /// What else is said of it, by name.
@@ -23,7 +23,7 @@ impl McapChannel {
     pub fn wrench(topic: &str) -> Self {
         Self {
             topic: topic.to_owned(),
-            schema: Some(["geometry_msgs/msg/WrenchStamped", "ros2msg", WRENCH_STAMPED]),
+            schema: Some(ros("geometry_msgs/msg/WrenchStamped", &WRENCH_STAMPED)),
             encoding: "cdr",
             metadata: Vec::new(),
         }
@@ -33,7 +33,7 @@ impl McapChannel {
     pub fn static_transforms() -> Self {
         Self {
             topic: "/tf_static".to_owned(),
-            schema: Some(["tf2_msgs/msg/TFMessage", "ros2msg", TRANSFORMS]),
+            schema: Some(ros("tf2_msgs/msg/TFMessage", &TRANSFORMS)),
             encoding: "cdr",
             metadata: vec![("offered_qos_profiles", LATCHED.to_owned())],
         }
@@ -47,59 +47,33 @@ impl McapChannel {
     }
 }
 
-const WRENCH_STAMPED: &str = "\
-std_msgs/Header header
-geometry_msgs/Wrench wrench
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-================================================================================
-MSG: geometry_msgs/Wrench
-geometry_msgs/Vector3 force
-geometry_msgs/Vector3 torque
-================================================================================
-MSG: geometry_msgs/Vector3
-float64 x
-float64 y
-float64 z
-";
+/// Types of ROS 2 that others are made of.
+const STD_HEADER: &str = "MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n";
+const STAMP: &str = "MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n";
+const VECTOR3: &str = "MSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n";
 
-const TRANSFORMS: &str = "\
-geometry_msgs/TransformStamped[] transforms
-================================================================================
-MSG: geometry_msgs/TransformStamped
-std_msgs/Header header
-string child_frame_id
-geometry_msgs/Transform transform
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-================================================================================
-MSG: geometry_msgs/Transform
-geometry_msgs/Vector3 translation
-geometry_msgs/Quaternion rotation
-================================================================================
-MSG: geometry_msgs/Vector3
-float64 x
-float64 y
-float64 z
-================================================================================
-MSG: geometry_msgs/Quaternion
-float64 x
-float64 y
-float64 z
-float64 w
-";
+const WRENCH_STAMPED: [&str; 5] = [
+    "std_msgs/Header header\ngeometry_msgs/Wrench wrench\n",
+    STD_HEADER,
+    STAMP,
+    "MSG: geometry_msgs/Wrench\ngeometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque\n",
+    VECTOR3,
+];
+
+const TRANSFORMS: [&str; 7] = [
+    "geometry_msgs/TransformStamped[] transforms\n",
+    "MSG: geometry_msgs/TransformStamped\nstd_msgs/Header header\nstring child_frame_id\ngeometry_msgs/Transform transform\n",
+    STD_HEADER,
+    STAMP,
+    "MSG: geometry_msgs/Transform\ngeometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n",
+    VECTOR3,
+    "MSG: geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w\n",
+];
+
+/// The schema of a type: that and what it is made of, as rosbag2 writes them.
+fn ros(name: &'static str, types: &[&str]) -> (&'static str, &'static str, String) {
+    (name, "ros2msg", types.join(&("=".repeat(80) + "\n")))
+}
 
 /// Who comes late gets them, too: reliable, transient local, as ROS 2's broadcaster of static transforms.
 const LATCHED: &str = "\
@@ -312,9 +286,9 @@ impl<W: Write> McapWriter<W> {
 
     fn schemas(&self) -> Vec<u8> {
         let schema = |(place, channel): (usize, &McapChannel)| {
-            let schema = channel.schema?;
+            let (name, language, definition) = channel.schema.as_ref()?;
             let mut content = (place as u16 + 1).to_le_bytes().to_vec();
-            schema.iter().for_each(|part| text(&mut content, part));
+            [name, language, &**definition].iter().for_each(|part| text(&mut content, part));
             Some(record(SCHEMA, &content))
         };
         self.channels.iter().enumerate().filter_map(schema).flatten().collect()
