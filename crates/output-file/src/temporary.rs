@@ -78,7 +78,10 @@ impl Temporary {
 impl Drop for Temporary {
     fn drop(&mut self) {
         if let Some(file) = self.file.take() {
-            unfinished().remove(file.path());
+            let mut unfinished = unfinished();
+            unfinished.remove(file.path());
+            // Removed before a signal, which waits for the list, can end the program.
+            drop(file);
         }
     }
 }
