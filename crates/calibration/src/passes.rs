@@ -20,7 +20,7 @@ pub struct Workers<'a> {
     pub threads: usize,
     /// Told how many more rows a pass has dealt with; says whether to go on.
     pub watch: Option<&'a (dyn Fn(usize) -> bool + Sync)>,
-    /// Told how many folds of the physics model are done, and of how many: that takes seconds.
+    /// Told how many folds of the physics model, or splits of a replay, are done, and of how many.
     pub folds: Option<&'a (dyn Fn(usize, usize) + Sync)>,
 }
 
@@ -183,9 +183,30 @@ pub(crate) fn map<I: Sync, T: Send>(
     Ok(results)
 }
 
+/// The same of folds that take seconds each: whoever watches is told how many are done.
+///
+/// # Errors
+/// As [`each`].
+pub(crate) fn map_folds<I: Sync, T: Send>(
+    folds: &[I],
+    workers: Workers<'_>,
+    work: impl Fn(&I) -> Result<T, FitError> + Sync,
+) -> Result<Vec<T>, FitError> {
+    let mut results = Vec::with_capacity(folds.len());
+    let fold = |result| {
+        results.push(result);
+        if let Some(told) = workers.folds {
+            told(results.len(), folds.len());
+        }
+        Ok(())
+    };
+    on_threads(folds, |_| 0, workers, || (), |(), fold| work(fold), fold)?;
+    Ok(results)
+}
+
 /// Passes every item to `work`, on any thread, and what comes of it to `fold`, in the order of the items; whoever
 /// watches is told of the rows of each. Returns the states of the threads, made by `init`.
-pub(crate) fn on_threads<I: Sync, S: Send, T: Send>(
+fn on_threads<I: Sync, S: Send, T: Send>(
     items: &[I],
     rows_of: impl Fn(&I) -> usize + Sync,
     workers: Workers<'_>,

@@ -1,13 +1,9 @@
 //! What recorded sessions tell a plan of further loads.
 
-use std::sync::atomic::{AtomicU64, Ordering};
-
 use super::WorkflowError;
 use super::fit::FitData;
 use calibration::fit::{FitOptions, HeldOut, Workers, label_groups, label_poses_or_files};
-use calibration::load_plan::{
-    Replay, ReplayError, ReplayOptions, ReplayedSplit, SensorKnowledge, loads_of_dataset,
-};
+use calibration::load_plan::{SensorKnowledge, loads_of_dataset};
 use calibration::physics::{Observation, PhysicsCalibration, TrainingRows};
 use log_file::{Log, ReadOptions};
 use shell_data::dataset::Dataset;
@@ -74,43 +70,4 @@ pub fn observations(
 ) -> Result<Vec<Observation>, WorkflowError> {
     let rows = training_rows(&labelled(logs, read)?);
     rows.observations().map_err(|error| WorkflowError::Fit(error.into()))
-}
-
-/// Replays so many splits, on several threads; the result does not depend on how many. `progress` gets the number of
-/// splits that are done.
-///
-/// # Errors
-/// [`ReplayError`] if the poses do not determine a model.
-pub fn replay(
-    observations: &[Observation],
-    (splits, options): (u64, ReplayOptions),
-    threads: usize,
-    progress: &(dyn Fn(u64) + Sync),
-) -> Result<Option<Replay>, ReplayError> {
-    let threads = match threads {
-        0 => std::thread::available_parallelism().map_or(1, usize::from),
-        threads => threads,
-    };
-    let (next, done) = (AtomicU64::new(0), AtomicU64::new(0));
-    let work = || {
-        let mut replayed = Vec::new();
-        loop {
-            let split = next.fetch_add(1, Ordering::Relaxed);
-            if split >= splits {
-                return Ok::<_, ReplayError>(replayed);
-            }
-            replayed.push((split, ReplayedSplit::new(observations, options, split)?));
-            progress(done.fetch_add(1, Ordering::Relaxed) + 1);
-        }
-    };
-    let parts = std::thread::scope(|scope| {
-        let workers: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
-        let join = |worker: std::thread::ScopedJoinHandle<'_, _>| {
-            worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
-        };
-        workers.into_iter().map(join).collect::<Result<Vec<_>, _>>()
-    })?;
-    let mut all: Vec<(u64, ReplayedSplit)> = parts.into_iter().flatten().collect();
-    all.sort_by_key(|(split, _)| *split);
-    Ok(Replay::of(&all.into_iter().map(|(_, split)| split).collect::<Vec<_>>()))
 }

@@ -29,6 +29,6 @@ mod tests;
 pub use self::coupling::{Coupling, couplings};
 pub use self::next_load::{UsefulLoad, loads_of_dataset, most_useful_load};
 pub use self::planner::{Criterion, PlannedLoad, Planner, PredictedError};
-pub use self::replay::{Order, Replay, ReplayError, ReplayOptions, ReplayedSplit};
+pub use self::replay::{Order, Replay, ReplayError, ReplayOptions};
 pub use self::sensors::SensorKnowledge;
 pub use self::surface::Surface;

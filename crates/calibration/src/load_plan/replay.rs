@@ -10,11 +10,12 @@
 //! the axes and the poses.
 
 use std::collections::BTreeMap;
+use std::num::NonZeroU64;
 
 use super::planner::{Criterion, Planner};
 use super::sensors::SensorKnowledge;
 use crate::error::FitError;
-use crate::passes::Workers;
+use crate::passes::{Workers, map_folds};
 use crate::physics::response::PARAMETERS;
 use crate::physics::{Choice, Inversion, Observation, PhysicsModel};
 use shell_data::random::{Purpose, RandomStream};
@@ -60,15 +61,8 @@ pub struct ReplayOptions {
     pub start: usize,
     /// Which way they are drawn.
     pub seed: u64,
-}
-
-/// The errors of one random split of a session.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ReplayedSplit {
-    /// Poses that the model was fitted to.
-    pub poses: Vec<usize>,
-    /// For each of [`Order::ALL`], the relative error with so many poses.
-    pub errors: [Vec<f64>; 4],
+    /// Random splits into training and held-out poses.
+    pub splits: NonZeroU64,
 }
 
 /// Splits of a session, averaged.
@@ -117,47 +111,46 @@ impl<'a> Pose<'a> {
     }
 }
 
-impl ReplayedSplit {
-    /// Replays `observations` with the random numbers of this split.
+impl Replay {
+    /// Replays `observations` in every order, split by split on several threads; the result does not depend on how
+    /// many.
     ///
     /// # Errors
     /// [`ReplayError`] if what is left of the poses does not determine a model.
     pub fn new(
         observations: &[Observation],
         options: ReplayOptions,
-        split: u64,
+        workers: Workers<'_>,
     ) -> Result<Self, ReplayError> {
-        let mut poses = poses(observations);
-        shuffle(&mut poses, &mut RandomStream::new(options.seed, Purpose::Replay, split));
-        let (found, held_out) = (poses.len(), options.held_out);
-        let needed = PARAMETERS + held_out + 1;
+        let (all, held_out) = (poses(observations), options.held_out);
+        let (found, needed) = (all.len(), PARAMETERS + held_out + 1);
         if found < needed {
             return Err(ReplayError::TooFewPoses { found, held_out, needed });
         }
-        let training = poses.split_off(options.held_out);
-        let replay =
-            SplitReplay { training: &training, held_out: &poses, scale: scale(observations) };
-        let start = options.start.clamp(1, training.len());
+        let training = found - held_out;
+        let start = options.start.clamp(1, training);
         let first = start.max(PARAMETERS);
         let steps = std::iter::successors(Some(first), |&n| Some(n + (n / STEP_SHARE).max(1)));
-        let mut counts: Vec<usize> = steps.take_while(|&n| n < training.len()).collect();
-        counts.push(training.len());
-        let of = |order: Order| replay.errors(order, start, &counts);
-        let [random, design, gain, variance] = Order::ALL.map(of);
-        Ok(Self { errors: [random?, design?, gain?, variance?], poses: counts })
-    }
-}
-
-impl Replay {
-    /// The mean of splits of one session. `None` without any.
-    pub fn of(splits: &[ReplayedSplit]) -> Option<Self> {
-        let poses = splits.first()?.poses.clone();
+        let mut poses: Vec<usize> = steps.take_while(|&n| n < training).collect();
+        poses.push(training);
+        let scale = scale(observations);
+        let replayed = |&split: &u64| -> Result<[Vec<f64>; 4], FitError> {
+            let mut shuffled = all.clone();
+            shuffle(&mut shuffled, &mut RandomStream::new(options.seed, Purpose::Replay, split));
+            let (held_out, training) = shuffled.split_at(held_out);
+            let replay = SplitReplay { training, held_out, scale };
+            let [random, design, gain, variance] =
+                Order::ALL.map(|order| replay.errors(order, start, &poses));
+            Ok([random?, design?, gain?, variance?])
+        };
+        let splits: Vec<u64> = (0..options.splits.get()).collect();
+        let splits = map_folds(&splits, workers, replayed)?;
         let mean = |order: usize, at: usize| {
-            splits.iter().map(|split| split.errors[order][at]).sum::<f64>() / splits.len() as f64
+            splits.iter().map(|errors| errors[order][at]).sum::<f64>() / splits.len() as f64
         };
         let errors =
             std::array::from_fn(|order| (0..poses.len()).map(|at| mean(order, at)).collect());
-        Some(Self { poses, errors })
+        Ok(Self { poses, errors })
     }
 
     /// The error with all poses.

@@ -1,8 +1,11 @@
+use std::num::NonZeroU64;
+
 use faer::Mat;
 use system_tests::random::Random;
 
 use super::covariance::Covariance;
 use super::*;
+use crate::passes::Workers;
 use crate::physics::response::{Answer, Parameters};
 use crate::physics::{Inversion, Observation, PhysicsModel};
 use shell_data::wrench::PerAxis;
@@ -113,10 +116,9 @@ fn planned_orders_need_fewer_poses_than_random_ones() {
     let mut random = Random(9);
     let observations: Vec<Observation> =
         (0..).zip(loads(60, 6)).map(|(i, w)| observe(i, w, 4.0, &mut random)).collect();
-    let options = ReplayOptions { held_out: 20, start: 10, seed: 1 };
-    let splits: Vec<ReplayedSplit> =
-        (0..3).map(|split| ReplayedSplit::new(&observations, options, split).unwrap()).collect();
-    let replay = Replay::of(&splits).unwrap();
+    let splits = NonZeroU64::new(3).unwrap();
+    let options = ReplayOptions { held_out: 20, start: 10, seed: 1, splits };
+    let replay = Replay::new(&observations, options, Workers::ONE).unwrap();
     assert_eq!((replay.poses[0], *replay.poses.last().unwrap()), (10, 40));
     // Twice the error of all: closer than that, the mean of three splits goes up and down by a third.
     let needed = Order::ALL.map(|order| replay.poses_within(order, 1.0));
@@ -128,7 +130,7 @@ fn planned_orders_need_fewer_poses_than_random_ones() {
         // Another order of the same poses rounds otherwise.
         assert!(ends[0] == random[0] && (ends[1] / random[1] - 1.0).abs() < 1e-3);
     }
-    let few = ReplayedSplit::new(&observations[..25], options, 0);
+    let few = Replay::new(&observations[..25], options, Workers::ONE);
     let said = "`25` poses are too few: with `20` held out at least `31` are needed";
     assert_eq!(few.unwrap_err().to_string(), said);
 }

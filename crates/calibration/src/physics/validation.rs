@@ -7,7 +7,7 @@ use super::choice::Choice;
 use super::rows::TrainingRows;
 use crate::error::FitError;
 use crate::exact::HeldOutErrors;
-use crate::passes::{Workers, on_threads};
+use crate::passes::{Workers, map_folds};
 use shell_data::wrench::PerAxis;
 
 /// The level of the intervals whose coverage is counted.
@@ -48,22 +48,13 @@ impl PhysicsValidation {
         whole: &Choice,
         workers: Workers<'_>,
     ) -> Result<Self, FitError> {
-        let of_fold = |(): &mut (), fold: &Vec<u64>| {
+        let of_fold = |fold: &Vec<u64>| {
             let held_out: BTreeSet<u64> = fold.iter().copied().collect();
             let rest = rows.without(&held_out);
             let (fitted, _) = PhysicsCalibration::fit_from(&rest, Some(whole), Workers::ONE)?;
             Ok(errors(rows, &held_out, &fitted))
         };
-        let mut validation = Self { folds: Vec::with_capacity(folds.len()) };
-        let add = |errors| {
-            validation.folds.push(errors);
-            if let Some(told) = workers.folds {
-                told(validation.folds.len(), folds.len());
-            }
-            Ok(())
-        };
-        on_threads(folds, |_| 0, workers, || (), of_fold, add)?;
-        Ok(validation)
+        Ok(Self { folds: map_folds(folds, workers, of_fold)? })
     }
 
     /// All groups.

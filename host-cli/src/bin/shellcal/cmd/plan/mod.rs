@@ -114,10 +114,10 @@ struct LoadPlan {
 impl PlanArgs {
     pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let figure = self.figure_size.create(self.plot.as_ref(), outputs)?;
-        if self.replay.is_asked() {
+        if let Some(splits) = self.replay.splits() {
             let logs = open_logs(&self.recorded, ("", &[]), &self.mapping.mapping()?)?;
             let read = self.mapping.read_options();
-            return self.replay.run(&logs, &read, figure, printer);
+            return self.replay.run(splits, &logs, &read, figure, printer);
         }
         let Some(table) = self.rig.table()? else {
             anyhow::bail!(

@@ -1,11 +1,14 @@
 //! `shellcal plan --replay`: what planning would have saved in a session that was recorded.
 
+use std::num::NonZeroU64;
+
+use calibration::fit::Workers;
 use calibration::load_plan::{Order, Replay, ReplayOptions};
 use calibration::quality::significant;
 use figures::{ChartMark, Series, Spacing};
 use log_file::{Log, ReadOptions};
 use serde::Serialize;
-use shellcal::workflow::plan::{observations, replay};
+use shellcal::workflow::plan::observations;
 
 use super::super::figure_size::FigureFile;
 use super::report::chart;
@@ -54,29 +57,31 @@ struct ReplayedOrder {
 }
 
 impl ReplayArgs {
-    pub(super) fn is_asked(&self) -> bool {
-        self.replay.is_some()
+    /// In how many splits a session is replayed, if it is.
+    pub(super) fn splits(&self) -> Option<NonZeroU64> {
+        self.replay.and_then(NonZeroU64::new)
     }
 
     pub(super) fn run(
         &self,
+        splits: NonZeroU64,
         logs: &[Log],
         read: &ReadOptions<'_>,
         figure: Option<FigureFile>,
         printer: &mut Printer,
     ) -> anyhow::Result<Outcome> {
-        let splits = self.replay.unwrap_or_default();
         let options = ReplayOptions {
             held_out: self.held_out as usize,
             start: self.start as usize,
             seed: self.seed,
+            splits,
         };
         let observations = observations(logs, read)?;
-        let bar = printer.count("replay", splits);
-        let progress = |done| bar.set_position(done);
-        let replayed = replay(&observations, (splits, options), read.threads, &progress)?;
+        let bar = printer.count("replay", splits.get());
+        let told = |done: usize, _: usize| bar.set_position(done as u64);
+        let workers = Workers { folds: Some(&told), ..Workers::new(read.threads) };
+        let replayed = Replay::new(&observations, options, workers)?;
         bar.finish_and_clear();
-        let Some(replayed) = replayed else { anyhow::bail!("no splits") };
         if let Some(figure) = figure {
             let series = |order: Order| Series {
                 label: order.name().to_owned(),
@@ -91,7 +96,7 @@ impl ReplayArgs {
             let size = figure.size;
             figure.write(&chart.figure(size))?;
         }
-        let document = document(splits, &replayed);
+        let document = document(splits.get(), &replayed);
         printer.finish(&document, |printer| print(printer, &document, &replayed))
     }
 }
