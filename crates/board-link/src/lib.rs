@@ -14,6 +14,7 @@ mod port;
 mod port_state;
 mod record;
 mod record_error;
+mod record_options;
 pub mod recording;
 mod resume;
 mod self_test;
@@ -26,10 +27,9 @@ pub use client::{Client, Uplink};
 pub use handshake::{Handshake, HandshakeOptions, Heard, Stretch, handshake};
 pub use port::{Connection, FlowControl, PortInfo, PortOptions, TCP, ports};
 pub use port_state::{PortState, SystemFiles};
-pub use record::{
-    RecordCommand, RecordOptions, Recorded, RecordingProgress, Sinks, Unwatched, Watcher, record,
-};
+pub use record::{RecordCommand, Recorded, RecordingProgress, Sinks, Unwatched, Watcher, record};
 pub use record_error::RecordError;
+pub use record_options::RecordOptions;
 pub use self_test::{EmitterFault, judge};
 pub use source::Source;
 pub use upload::{NotForBoard, for_board};

@@ -9,12 +9,13 @@ use shared_proto::{Boot, Command, Protocol};
 use super::append_writer::LogFolder;
 use super::board_log::{BoardLog, RecordedBoard};
 use super::record_error::RecordError;
+use super::record_options::RecordOptions;
 use super::resume::StartedBoards;
 use super::source::SourceInput;
-use super::{AppendWriter, Source, Uplink};
+use super::{AppendWriter, Source};
 use crate::recording::{
-    BoardFrame, BoardSource, Boards, FrameLabel, HeardBoard, LiveForces, Losses, NoFrame,
-    RecognisedProtocol, Recognition, protocol_name,
+    BoardFrame, BoardSource, Boards, FrameLabel, HeardBoard, Losses, NoFrame, RecognisedProtocol,
+    Recognition, protocol_name,
 };
 use shell_data::wrench::AxisValues;
 
@@ -24,24 +25,6 @@ const FLUSH: Duration = Duration::from_millis(400);
 
 /// Most frames that wait, which bounds memory in a replay.
 const BATCH: usize = 4096;
-
-/// How a recording is made.
-#[derive(Clone, Debug, Default)]
-pub struct RecordOptions {
-    /// The protocol, if it is not to be recognised.
-    pub protocol: Option<Protocol>,
-    /// For forces beside the readings.
-    pub forces: Option<LiveForces>,
-    /// When to end.
-    pub duration: Option<Duration>,
-    /// Tells the board to start streaming, again as before if it restarts, and to stop at the end.
-    pub start: Option<Uplink>,
-    /// Channels are not brought to one time.
-    pub as_sampled: bool,
-    /// Stretches are labelled while they are recorded ([`RecordCommand::Label`]): there is a column for the labels,
-    /// and rows wait for four seconds of the board's time, so that a stretch may have begun when it is found.
-    pub labels: bool,
-}
 
 /// Where a recording goes.
 #[derive(Debug, Default)]
@@ -225,7 +208,7 @@ struct RecordSession<'a> {
     shown: usize,
     /// Marks that the first board's log has not got yet.
     marks: Vec<(i64, u32)>,
-    /// Labels that it has not got yet.
+    /// Labels that are still to be written.
     labels: Vec<FrameLabel>,
     /// One for each board that has sent frames, in the order in which they began.
     logs: Vec<BoardLog>,

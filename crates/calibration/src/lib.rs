@@ -44,6 +44,7 @@ mod factor;
 pub mod factored;
 pub mod features;
 pub mod fit;
+mod groups;
 pub mod least_squares;
 pub mod load_plan;
 pub mod magnitudes;

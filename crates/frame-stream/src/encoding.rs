@@ -2,7 +2,7 @@
 //!
 //! The names are those of `record` and `convert`: `t_s`, `index`, `host_s`, `s1` … `s8`, `fx_n` … `mz_nm`,
 //! `fx_se_n` … `mz_se_nm`, `flags`, and at the end `row`, the number of the row in this stream, and `lost`, how many
-//! rows this reader has not got so far. Numbers have the fewest digits that read back as the same bits.
+//! rows this reader has lost so far. Numbers have the fewest digits that read back as the same bits.
 
 use board_link::recording::write_time;
 use shared_proto::CHANNELS;

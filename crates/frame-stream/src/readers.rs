@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use output_file::OutputError;
 
+use crate::batch::Batch;
 use crate::destination::Destination;
 use crate::encoding::RowEncoder;
 use crate::pipe::PipeReader;
@@ -43,13 +44,6 @@ struct Reader {
     /// Rows that it was handed, and that it lost.
     handed: u64,
     lost: u64,
-}
-
-/// Rows that are handed over together: whole, or lost together.
-#[derive(Debug, Default)]
-pub(crate) struct Batch {
-    pub(crate) bytes: Vec<u8>,
-    pub(crate) rows: u64,
 }
 
 #[derive(Debug)]
@@ -119,7 +113,7 @@ impl Readers {
         self.listeners.iter().filter_map(|listener| listener.local_addr().ok()).collect()
     }
 
-    /// Whether nobody is left, nor can come.
+    /// Whether all readers are gone and none can connect.
     pub fn are_gone(&self) -> bool {
         self.readers.is_empty() && self.listeners.is_empty()
     }

@@ -73,7 +73,7 @@ impl FrameStream {
         }
     }
 
-    /// Whether nobody reads any more, nor can come.
+    /// Whether all readers are gone and none can connect.
     pub fn is_deserted(&self) -> bool {
         self.readers.are_gone()
     }

@@ -5,12 +5,12 @@ use std::io::{self, Write};
 use std::net::TcpStream;
 use std::time::Duration;
 
-use crate::readers::Batch;
+use crate::batch::Batch;
 
 /// Bytes that wait beside those of the system, at most: two seconds at 1 kHz.
 const WAITING: usize = 1 << 20;
 
-/// A connection, and the batches that it has not taken yet.
+/// A connection, and the batches that wait to be sent to it.
 #[derive(Debug)]
 pub(crate) struct TcpReader {
     stream: TcpStream,

@@ -89,7 +89,7 @@ fn a_reader_that_stops_loses_rows_and_nobody_else_does() {
         std::thread::sleep(Duration::from_millis(1));
     };
     for (place, line) in whole.iter().enumerate() {
-        // Every row that it has not got is counted, in each row that it has got.
+        // Each row that arrives counts the rows that were lost before it.
         assert_eq!(number(line, "row") - number(line, "lost"), place as u64);
     }
     let lost = number(whole.last().unwrap(), "lost");

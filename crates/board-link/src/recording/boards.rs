@@ -149,7 +149,7 @@ impl Boards {
         &mut self.heard
     }
 
-    /// What a board has lost so far; of damage that of its module, for on a wire nobody knows whose it was.
+    /// The losses of a board so far; damaged bytes are those of its radio module, because on a wire they cannot be told apart by board.
     pub fn losses_of(&self, sender: BoardSource) -> Losses {
         let board = self.heard.iter().find(|board| board.sender == sender);
         let mut losses = board.map(|board| board.reception.losses()).unwrap_or_default();

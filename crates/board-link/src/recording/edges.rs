@@ -47,7 +47,7 @@ impl EdgeTracker {
         self.left_out += self.waiting.drain(..).count() as u64;
     }
 
-    /// The edge for a frame with this clock and time. The clock comes round every 71.6 min; an edge is within
+    /// The edge for a frame with this clock and time. The clock wraps around every 71.6 min; an edge is within
     /// half of that of the frame that takes it.
     pub(super) fn give(&mut self, clock_us: u32, time_us: i64) -> Option<BoardEdge> {
         let (number, at_us) = self.waiting.pop_front()?;

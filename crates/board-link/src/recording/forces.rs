@@ -1,13 +1,26 @@
 //! Forces beside the readings, by the [force pipeline](forces), as frames come.
 
 use super::reception::{BoardFrame, Measured};
-use super::rows::UnsuitableCalibration;
 use calibration::Calibration;
 use calibration::memory::MemoryState;
 use forces::stationary::StationaryFinder;
 use forces::{FirstRows, ForceError, ForceOptions, ForcePipeline, ForceStream, PipelineSetup};
 use shared_proto::CHANNELS;
 use shell_data::wrench::{Axes, Axis, AxisValues, PerAxis};
+
+/// A calibration that cannot be applied to what the board sends.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum UnsuitableCalibration {
+    /// It is for another number of channels.
+    #[error("the calibration is for {found} channels, a board has {CHANNELS}")]
+    Channels {
+        /// The calibration's channels.
+        found: usize,
+    },
+    /// The board converts itself.
+    #[error("the board streams wrenches, so there are no readings to apply a calibration to")]
+    Wrenches,
+}
 
 /// From readings to forces while they are recorded.
 #[derive(Clone, Debug)]

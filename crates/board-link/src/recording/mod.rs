@@ -28,10 +28,10 @@ mod timeline;
 
 pub use boards::{BoardSource, Boards, HeardBoard};
 pub use edges::BoardEdge;
-pub use forces::{Force, LiveForces, RunningForces};
+pub use forces::{Force, LiveForces, RunningForces, UnsuitableCalibration};
 pub use reception::{BoardFrame, Content, Losses, Measured, Reception};
 pub use recognition::{NoFrame, RecognisedProtocol, Recognition};
-pub use rows::{FrameLabel, RowWriter, UnsuitableCalibration, row_flags, write_time};
+pub use rows::{FrameLabel, RowWriter, row_flags, write_time};
 pub use simultaneous::Simultaneous;
 
 /// What the bytes of a stream are, [`shared_proto::Protocol`] with names for people.

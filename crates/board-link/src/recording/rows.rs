@@ -23,31 +23,17 @@
 //! those of `convert` with a causal low-pass. `mark1`, `mark2`, … are moments that somebody has marked.
 //!
 //! Where stretches are labelled while they are recorded, as planned loads are, `group` stands before the flags; it is
-//! empty in rows of no stretch.
+//! empty in rows outside the stretches.
 
 use std::collections::VecDeque;
 
 use super::edges::BoardEdge;
-use super::forces::{Force, LiveForces, RunningForces};
+use super::forces::{Force, LiveForces, RunningForces, UnsuitableCalibration};
 use super::reception::{BoardFrame, Content, Measured};
 use super::simultaneous::Simultaneous;
 use forces::ForceError;
 use shared_proto::{CHANNELS, COUNTS_PER_LSB, Health};
 use shell_data::wrench::{Axes, AxisValues};
-
-/// A calibration that cannot be applied to what the board sends.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum UnsuitableCalibration {
-    /// It is for another number of channels.
-    #[error("the calibration is for {found} channels, a board has {CHANNELS}")]
-    Channels {
-        /// The calibration's channels.
-        found: usize,
-    },
-    /// The board converts itself.
-    #[error("the board streams wrenches, so there are no readings to apply a calibration to")]
-    Wrenches,
-}
 
 /// Frames that belong together: all from one to another.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -115,7 +115,7 @@ impl Tracker {
     }
 }
 
-/// Unwraps the board's 32-bit clock, which comes round every 71.6 min.
+/// Unwraps the board's 32-bit clock, which wraps around every 71.6 min.
 ///
 /// A time is taken to be the one nearest to that before it, so samples may be out of order; how long
 /// a silence of more than 35 min was has to be known otherwise, see [`at`](Self::at).

@@ -1,6 +1,6 @@
 //! Where a frame belongs in the stream of its board: number and time without the wraps.
 //!
-//! A sequence number comes round after 65,536 frames, the board's clock after 71.6 min. A frame *follows*
+//! A sequence number wraps around after 65,536 frames, the board's clock after 71.6 min. A frame *follows*
 //! another if number and clock have gone on in step. One that does not follow the newest is held until the
 //! next arrives: if that follows the held one, there was a silence or a restart; if not, the held one was
 //! damage that the CRC has let pass, and neither time nor number move. How long a silence was:
@@ -12,7 +12,7 @@
 //!
 //! Without the host's time, as in a replay, k is taken to be 0. A restart shows in the start number of the
 //! packets. Version 2 of the protocol has none: there, a clock or a number that went back is one, unless the
-//! host's time says that the clock has come round.
+//! host's time says that the clock has wrapped around.
 
 use super::sequence::{Arrival, Clock, Tracker, WINDOW};
 
@@ -22,10 +22,10 @@ const SHORT: u64 = 1 << 14;
 /// How far the host's time of a frame and the board's may be apart, beside one in 64.
 const HOST_SLACK_US: u64 = 2_000_000;
 
-/// The clock comes round after so long.
+/// The clock wraps around after so long.
 const TURN_US: u64 = 1 << 32;
 
-/// Numbers of frames come round after so many.
+/// Numbers of frames wrap around after so many.
 const NUMBERS: u64 = 1 << 16;
 
 /// Longer than any period that a board can be set to.

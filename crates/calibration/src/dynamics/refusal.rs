@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::fit::{SHUFFLED_BELOW, has_poses, neighbour_correlation};
+use crate::groups::{SHUFFLED_BELOW, has_poses, neighbour_correlation};
 use shell_data::dataset::Dataset;
 
 /// Why neither lag nor memory was searched for.
@@ -10,8 +10,8 @@ use shell_data::dataset::Dataset;
 pub enum NotSearched {
     /// Nothing moves within a pose.
     Poses,
-    /// Rows are labelled as contacts that were made one by one: what a sensor remembers from one to the next is of
-    /// their order, which is not that of its use, and lets neighbouring groups tell on each other.
+    /// Rows are labelled by contact. A memory of the contact before depends on the order of the contacts, which differs
+    /// in use, and leaks between groups that are held out.
     Groups,
     /// Neighbouring rows have nothing to do with each other; this is their largest correlation.
     Shuffled(f64),
@@ -26,8 +26,8 @@ impl fmt::Display for NotSearched {
         match self {
             Self::Poses => f.write_str("the loads are constant in each pose"),
             Self::Groups => f.write_str(
-                "the rows are labelled as groups, whose order is not that of a sensor in use (`--memory-terms auto` \
-                 searches all the same)",
+                "the rows are labelled as groups, and the order of groups differs in use (`--memory-terms auto` searches \
+                 anyway)",
             ),
             Self::Shuffled(correlation) => write!(
                 f,

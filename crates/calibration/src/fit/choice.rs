@@ -2,7 +2,6 @@
 
 use std::collections::HashMap;
 
-use super::groups::{FoundGroups, GroupBy, HeldOut, label_groups, label_poses};
 use super::refits::{
     Refit, cross_validate_by_normal_equations, cross_validate_by_refits, select_by_normal_equations,
 };
@@ -10,6 +9,7 @@ use super::{FitOptions, ModelRule};
 use crate::error::FitError;
 use crate::exact::{ExactError, Moments};
 use crate::factored::{FactoredGroups, GroupFactors};
+use crate::groups::{FoundGroups, GroupBy, HeldOut, label_groups, label_poses};
 use crate::model::{Basis, Model};
 use crate::passes::{Workers, each};
 use crate::reading_ranges::ReadingRanges;

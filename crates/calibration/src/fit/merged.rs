@@ -2,13 +2,13 @@
 //! their largest errors and how errors and loads are distributed.
 
 use super::choice::ModelChoice;
-use super::groups::HeldOut;
 use super::polynomial::covariance;
 use super::{Fit, FitOptions, Warning};
 use crate::conversion::Calibration;
 use crate::error::FitError;
 use crate::exact::{Moments, PartitionedMoments, SolveError};
 use crate::factored::{FactoredGroups, FactoredRows};
+use crate::groups::HeldOut;
 use crate::model::Model;
 use crate::quality::AxisQuality;
 use crate::reading_ranges::ReadingRanges;

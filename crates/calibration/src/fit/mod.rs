@@ -30,7 +30,6 @@ mod choice;
 mod dynamics;
 mod evaluation;
 mod group_errors;
-mod groups;
 mod means;
 pub mod merged;
 mod outliers;
@@ -44,10 +43,6 @@ mod warning;
 pub use self::choice::{CovarianceRule, FewGroups, RANDOM_FOLDS, random_split, sum_groups};
 pub use self::evaluation::{Evaluation, evaluate};
 pub use self::group_errors::{GroupErrors, GroupedErrors, group_errors};
-pub use self::groups::{
-    FoundGroups, FoundKind, GroupBy, HeldOut, label_groups, label_poses_or_files, may_have_plateaus,
-};
-pub(crate) use self::groups::{SHUFFLED_BELOW, has_poses, neighbour_correlation};
 pub use self::outliers::{
     Outlier, OutlierColumn, OutlierTest, Outliers, Reason, RowName, find_outliers,
 };
@@ -55,6 +50,9 @@ pub use self::paired::{Better, PairedError, PairedErrors, paired_errors};
 pub use self::physics::{ModelComparison, PhysicsFit};
 pub use self::verdict::{FrameInterval, Unjudged, UnseenErrors, UnseenRows, Verdict};
 pub use self::warning::Warning;
+pub use crate::groups::{
+    FoundGroups, FoundKind, GroupBy, HeldOut, label_groups, label_poses_or_files, may_have_plateaus,
+};
 pub use crate::passes::Workers;
 
 use self::choice::{ModelChoice, Training, choose};

@@ -6,10 +6,10 @@
 //! Student's t of G − 1 degrees of freedom.
 
 use super::group_errors::{GroupErrors, group_errors};
-use super::groups::{GroupBy, HeldOut, label_groups};
 use crate::conversion::Calibration;
 use crate::error::FitError;
 use crate::exact::HeldOutErrors;
+use crate::groups::{GroupBy, HeldOut, label_groups};
 use crate::passes::Workers;
 use crate::physics::COVERAGE_LEVEL;
 use crate::quality::AxisErrors;

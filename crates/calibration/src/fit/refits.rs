@@ -6,10 +6,10 @@
 
 use super::FitOptions;
 use super::choice::{RANDOM_FOLDS, random_split};
-use super::groups::HeldOut;
 use super::polynomial::{Problem, calibrate};
 use crate::conversion::Calibration;
 use crate::error::FitError;
+use crate::groups::HeldOut;
 use crate::model::{Basis, Model};
 use crate::passes::Rows;
 use crate::physics::TrainingRows;

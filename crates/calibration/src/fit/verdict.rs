@@ -1,10 +1,10 @@
 //! What a fit is worth, in at most four lines: the error on data that it has not seen, the interval of a frame, what to
 //! use the calibration for, and what to record next.
 
-use super::groups::GroupBy;
 use super::{Fit, FitMethod, Leaks};
 use crate::conversion::Kind;
 use crate::error::FitError;
+use crate::groups::GroupBy;
 use crate::physics::COVERAGE_LEVEL;
 use crate::quality::significant;
 use crate::validation::excitation::Gap;
@@ -266,7 +266,7 @@ fn unseen_errors(fit: &Fit) -> Option<UnseenErrors> {
     let test = fit.test();
     let (rms, on) = match (&fit.cross_validation, fit.group_by, test.quality()) {
         (Some(found), Some(by), _) => {
-            let are_shuffled = by.is_stretches() && super::groups::rows_are_shuffled(&fit.used);
+            let are_shuffled = by.is_stretches() && crate::groups::rows_are_shuffled(&fit.used);
             let (groups, folds) = (found.groups, found.folds);
             let on = UnseenRows::HeldOut { by, groups, folds, are_shuffled };
             (found.grouped.map(|of| of.rms), on)

@@ -9,9 +9,10 @@
 use std::collections::BTreeMap;
 
 use super::PhysicsError;
-use super::factors::{FACTORS, fit_factors, fit_factors_from};
+use super::factors::{fit_factors, fit_factors_from};
 use super::fit::{Fitted, Scaled, Scales, fit, fit_from};
 use super::inversion::Inversion;
+use super::loadings::FACTORS;
 use super::model::{PhysicsModel, check};
 use super::observations::Observation;
 use crate::error::FitError;

@@ -18,16 +18,11 @@ use faer::{Accum, Col, Mat, Par, Side};
 use super::cholesky::Cholesky;
 use super::data::Data;
 use super::fit::{Fitted, Scaled, common_means, sensors};
+use super::loadings::{FACTORS, Loadings, add_factors, factor_count};
 use super::noise::{Noise, Residual};
 use super::response::{PARAMETERS, Parameters, SHAPE};
 use super::sensor::Prior;
 use super::sums::Curve;
-
-/// Most factors: beyond two, held-out groups of no recording that was tried gain.
-pub const FACTORS: usize = 2;
-
-/// How far each factor of variance one moves a sensor's displacement.
-pub type Loadings = [f64; FACTORS];
 
 /// `1/s²` of the prior `N(0, s²)` of a loading: s is 0.06, what a displacement's own play is, a hundredth of the
 /// way from plateau to plateau. A weaker prior lets a second factor follow the loads of single poses.
@@ -39,26 +34,6 @@ const ROUNDS: usize = 12;
 const WARM_ROUNDS: usize = 5;
 const EM_STEPS: usize = 6;
 const STEPS: usize = 2;
-
-/// Factors that sensors with these loadings share.
-pub(super) fn factor_count<'a>(loadings: impl IntoIterator<Item = &'a Loadings> + Clone) -> usize {
-    let is_used = |&factor: &usize| loadings.clone().into_iter().any(|c| c[factor] != 0.0);
-    (0..FACTORS).rev().find(is_used).map_or(0, |last| last + 1)
-}
-
-/// Adds a sensor to `M = I + LᵀL/v` and `Lᵀr/v`, where `loading` is its row of `L = D·C`.
-pub(super) fn add_factors(
-    m: &mut [Loadings; FACTORS],
-    pull: &mut Loadings,
-    loading: Loadings,
-    (residual, variance): (f64, f64),
-) {
-    for k in 0..FACTORS {
-        let weighted = loading[k] / variance;
-        pull[k] += weighted * residual;
-        (0..FACTORS).for_each(|l| m[k][l] += weighted * loading[l]);
-    }
-}
 
 /// Fits `count` factors, from a fit without.
 pub(super) fn fit_factors(data: &Scaled, width: f64, start: &Fitted, count: usize) -> Fitted {

@@ -8,8 +8,8 @@
 
 use super::cholesky::Cholesky;
 use super::data::Data;
-use super::factors::{FACTORS, Loadings};
 use super::lanes::MOST_LANES;
+use super::loadings::{FACTORS, Loadings};
 use super::noise::{Noise, Residual};
 use super::observations::Observation;
 use super::response::{PARAMETERS, Parameters, SHAPE};

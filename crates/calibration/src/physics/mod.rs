@@ -24,6 +24,7 @@ mod fit;
 pub mod intervals;
 mod inversion;
 mod lanes;
+mod loadings;
 mod model;
 mod noise;
 pub mod observations;
@@ -35,9 +36,9 @@ mod validation;
 
 pub use self::calibration::PhysicsCalibration;
 pub use self::choice::{Choice, FactorTrial, FoldModel, LAMBDAS, Trial, WIDTHS};
-pub use self::factors::{FACTORS, Loadings};
 pub use self::intervals::{GroupIntervals, TooFewGroups};
 pub use self::inversion::{Estimate, Estimates, Flags, Inversion};
+pub use self::loadings::{FACTORS, Loadings};
 pub use self::model::{PhysicsModel, Sensor};
 pub use self::noise::Noise;
 pub use self::observations::{Observation, group_means};

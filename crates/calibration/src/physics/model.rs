@@ -2,8 +2,8 @@
 
 use super::PhysicsError;
 use super::cholesky::Cholesky;
-use super::factors::{FACTORS, Loadings, add_factors, factor_count};
 use super::fit::{Fitted, Scaled, Scales};
+use super::loadings::{FACTORS, Loadings, add_factors, factor_count};
 use super::noise::Noise;
 use super::observations::Observation;
 use super::response::{Answer, PARAMETERS, Parameters};

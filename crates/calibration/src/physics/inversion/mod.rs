@@ -26,7 +26,7 @@ mod ready;
 
 use self::newton::Invert;
 use self::ready::Ready;
-use super::factors::FACTORS;
+use super::loadings::FACTORS;
 use super::model::PhysicsModel;
 use super::noise::Noise;
 use shell_data::instructions::arch;

@@ -102,7 +102,7 @@ impl GroupBy {
     }
 
     /// Whether the scatter of their errors says how sure a calibration is: poses, and stretches of one recording.
-    pub(super) fn tells_scatter(&self) -> bool {
+    pub(crate) fn tells_scatter(&self) -> bool {
         self.is_poses() || self.is_stretches()
     }
 
@@ -162,7 +162,7 @@ pub fn label_poses_or_files(data: &Dataset) -> Dataset {
 }
 
 /// The rows labelled by groups that errors may be alike in, as far as a sample of them says that there are any.
-pub(super) fn label_poses(data: &Dataset) -> Option<(GroupBy, Dataset)> {
+pub(crate) fn label_poses(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     let may_have = |log: &LogRows| may_have_plateaus(&log.sample, log.is_sampled_at_start);
     match given(data) {
         None if data.logs.iter().all(may_have) => label_groups(data, HeldOut::Plateaus),
@@ -264,7 +264,7 @@ fn stretches(data: &Dataset) -> Option<(GroupBy, Dataset)> {
 
 /// Whether the rows are in no order of time: neighbouring loads do not resemble each other on any axis, so that
 /// nothing can be held out by time.
-pub(super) fn rows_are_shuffled(data: &Dataset) -> bool {
+pub(crate) fn rows_are_shuffled(data: &Dataset) -> bool {
     data.rows() > STRETCHES && neighbour_correlation(data) < SHUFFLED_BELOW
 }
 
