@@ -68,7 +68,7 @@ pub(crate) fn bound(path: &Path) -> Result<u32> {
         .iter()
         .partition(|address| code.functions[address].name == URGENT_INTERRUPT);
     if tasks.is_empty() || urgent_tasks.is_empty() || urgent.is_empty() {
-        bail!("`{}` has not the tasks of a board", path.display());
+        bail!("`{}` does not contain the tasks of a board", path.display());
     }
     let mut below = 0;
     for _ in 0..INDIRECT {

@@ -229,7 +229,7 @@ impl CalibrationFile {
     /// Reads a JSON document.
     ///
     /// # Errors
-    /// [`Problem`] if it is no calibration of a known version, is not what was written, or cannot be one.
+    /// [`Problem`] if the version is unknown, the checksum does not match, or the content is implausible.
     pub fn parse(text: &[u8]) -> Result<Self, Problem> {
         let file = Self::parse_edited(text)?;
         let Header { schema_version, checksum, .. } = serde_json::from_slice(text)?;

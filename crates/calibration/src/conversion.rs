@@ -106,7 +106,7 @@ impl Calibration {
     /// Rows to compare it with: memory terms beside their readings, the wrench at the time of the readings.
     ///
     /// # Errors
-    /// [`FitError::NoTime`] if a log has not the time that these take.
+    /// [`FitError::NoTime`] if the time constants are in seconds and a log has no time.
     pub fn prepared(&self, data: &Dataset) -> Result<Dataset, FitError> {
         prepared(data, self.memory.as_ref(), self.lag)
     }

@@ -76,7 +76,7 @@ impl MemoryState {
     /// The terms of the next rows: columns as long as `readings`, channel by channel for each time constant.
     ///
     /// # Errors
-    /// [`NoTime`] if they are by time and `times_s` has not that of each row.
+    /// [`NoTime`] if the time constants are in seconds and `times_s` has no time for each row.
     pub fn terms(
         &mut self,
         times_s: &[f64],

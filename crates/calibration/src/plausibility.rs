@@ -1,6 +1,7 @@
-//! Whether a calibration can be one: its centre is among its readings, and its forces there are forces.
+//! Whether a calibration is plausible: its centre lies near its training readings, and the forces over their range
+//! are finite and not larger than a force can be.
 //!
-//! This finds what was edited or damaged beyond belief, not a bad fit.
+//! This finds damaged files and mistyped numbers, not poor fits.
 
 use shell_data::wrench::{Axis, PerAxis};
 
@@ -20,7 +21,7 @@ const WIDTHS: f64 = 1e3;
 /// Channels whose corners are all looked at; of more, only those where all channels but one agree.
 const CORNER_CHANNELS: usize = 8;
 
-/// What cannot be in a calibration.
+/// An implausible value in a calibration.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum Implausible {
     /// Readings are centred where none were.
@@ -37,7 +38,7 @@ pub enum Implausible {
         /// The largest.
         max: f64,
     },
-    /// A force that no sensor has measured.
+    /// A force that is not finite or too large.
     #[error("within the range of its training data `{}` reaches `{force:e}` {}", axis.name(), axis.unit())]
     Force {
         /// The axis.

@@ -1,4 +1,4 @@
-//! What a rig can do, where nobody has written it down line by line.
+//! The loads that a rig can apply, from masses, points and directions or from a box instead of a table.
 
 use std::fmt::Write as _;
 
@@ -23,7 +23,7 @@ pub enum RigError {
     /// More loads than anyone hangs.
     #[error("`{0}` loads are too many, at most `{MOST}`: give fewer masses, points or directions")]
     TooMany(usize),
-    /// Loads that are none.
+    /// Zero loads.
     #[error(transparent)]
     Table(#[from] HungLoadError),
 }

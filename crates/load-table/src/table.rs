@@ -98,7 +98,7 @@ impl HungLoads {
     /// further columns begin with `plan_`. A table without labels is given them, so that they stay.
     ///
     /// # Panics
-    /// If an index is not one of a line.
+    /// If an index is not below the number of lines.
     pub fn to_csv(&self, lines: &[usize], more: &[(String, Vec<String>)]) -> String {
         let is_group = |name: &String| Column::from_name(name) == Ok(Column::Group);
         let is_own = |at: &usize| !self.header[*at].to_lowercase().starts_with("plan_");

@@ -164,7 +164,7 @@ impl Gates {
         });
         let above = compared.axes.iter().filter_map(|axis| {
             let (rms, limit) = (rms[axis.index()], self.limit(axis)?);
-            // What is no number is below no limit.
+            // NaN is within no limit.
             let passes = rms <= limit;
             (!passes).then_some(GateFailure::Above { axis, rms, limit })
         });

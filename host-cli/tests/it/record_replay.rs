@@ -88,7 +88,7 @@ fn losses_are_marked_where_they_are_and_counted_by_kind() {
 #[test]
 fn sequence_and_clock_unwrap() {
     let dir = tempfile::tempdir().unwrap();
-    // 65,536 numbers; and at 0.1 s a clock of 71.58 min comes round within 70,000 frames.
+    // 65,536 numbers; and at 0.1 s a clock of 71.58 min wraps around within 70,000 frames.
     let slow = |index: u64| Sample { clock_us: (index * 100_000) as u32, ..sample(index) };
     let packets = (0..70_000).map(|index| Packet::Sample(slow(index)));
     let bytes: Vec<u8> = packets.flat_map(|packet| on_the_wire(&packet, Framing::Cobs)).collect();

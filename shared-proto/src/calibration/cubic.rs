@@ -43,7 +43,7 @@ impl Cubic {
         parts.into_iter().flatten().for_each(|&value| number(value));
     }
 
-    /// Takes its numbers in their order; `None` if one is missing, and then it is of no use.
+    /// Takes its numbers in their order; `None` if one is missing; what was taken before is then to be dropped.
     pub(super) fn fill(&mut self, numbers: &mut impl FnMut() -> Option<f32>) -> Option<()> {
         let parts: [&mut [f32]; 4] = [
             &mut self.centre,

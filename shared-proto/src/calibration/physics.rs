@@ -99,7 +99,7 @@ impl Physics {
         }
     }
 
-    /// Takes its numbers in their order; `None` if one is missing or outside its range, and then it is of no use.
+    /// Takes its numbers in their order; `None` if one is missing or outside its range; what was taken before is then to be dropped.
     pub(super) fn fill(&mut self, numbers: &mut impl FnMut() -> Option<f32>) -> Option<()> {
         let mut within = |range: core::ops::RangeInclusive<f32>| {
             numbers().filter(|number| range.contains(number))

@@ -59,7 +59,7 @@ pub struct DynamicsRule<'a> {
     pub lag: LagRule,
     /// The memory terms.
     pub memory: MemoryRule<'a>,
-    /// Whether a search goes over rows of labelled groups, too: see [`NotSearched::Groups`].
+    /// Whether rows of labelled groups are searched as well: see [`NotSearched::Groups`].
     pub in_groups: bool,
 }
 
@@ -67,7 +67,7 @@ impl DynamicsRule<'_> {
     /// Neither.
     pub const NOTHING: Self =
         Self { lag: LagRule::Given(0.0), memory: MemoryRule::Given(&[]), in_groups: false };
-    /// Both are searched for where rows are of one stretch of time.
+    /// Both are searched for, but not in labelled groups.
     pub const AUTO: Self = Self { lag: LagRule::Auto, memory: MemoryRule::Auto, in_groups: false };
 
     /// Whether rows stay as they are.

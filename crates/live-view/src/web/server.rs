@@ -284,7 +284,7 @@ fn finish(
     close(stream, buffer)
 }
 
-/// A connection that has not yet shown that it may see anything.
+/// A connection that has not sent the token yet.
 struct Stranger {
     shared: Arc<ServerShared>,
     number: u64,

@@ -36,7 +36,7 @@ pub(crate) struct FileLayout {
 }
 
 impl FileLayout {
-    /// The clock, where it is one of 32 bits that comes round: the robot's, in µs.
+    /// The clock, where it is one of 32 bits that wraps around: the robot's, in µs.
     pub(crate) fn clock(&self) -> Option<ClockTurns> {
         let column = self.roles.time.filter(|_| self.format == LogFormat::Telemetry)?;
         let in_us = self.columns[column].meaning.per_si_unit() == 1e6;

@@ -30,7 +30,7 @@ pub(crate) struct Chunk {
     pub(crate) offset: u64,
     /// The lines just before the chunk, a few kilobytes of them.
     pub(crate) context: Vec<u8>,
-    /// How often a clock that comes round has done so before the chunk.
+    /// How often a clock that wraps around has done so before the chunk.
     pub(crate) turns: u32,
     buffer: Vec<u8>,
     length: usize,
@@ -86,7 +86,7 @@ impl<R: Read> ChunkStream<R> {
         }
     }
 
-    /// Looks at a clock that may come round.
+    /// Looks at a clock that may wrap around.
     pub(crate) fn with_clock(self, clock: Option<ClockTurns>) -> Self {
         Self { clock, ..self }
     }

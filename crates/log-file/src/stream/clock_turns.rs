@@ -1,13 +1,13 @@
-//! How often a clock of 32 bits has come round before a chunk.
+//! How often a clock of 32 bits has wrapped around before a chunk.
 //!
-//! The robot's clock counts µs in 32 bits, so it comes round every 71.6 min. Chunks are handed out in
+//! The robot's clock counts µs in 32 bits, so it wraps around every 71.6 min. Chunks are handed out in
 //! the order of the file, and each is far shorter than that: the first time of one against the first of
 //! the one before tells.
 
-/// The clock comes round after so many µs.
+/// The clock wraps around after so many µs.
 pub(crate) const TURN_US: f64 = 4_294_967_296.0;
 
-/// How far a clock goes back where it has come round, at least.
+/// How far a clock goes back where it has wrapped around, at least.
 const BACK_US: f64 = TURN_US / 2.0;
 
 /// Lines of a chunk that are looked at for a time.

@@ -40,7 +40,7 @@ impl LiveScreen<'_> {
         used + 1
     }
 
-    /// Which load it is, what to do, how long it was held, what there is now, and which share of the gain is left.
+    /// Which load it is, what to do, how long it was held, the load that is measured now, and the remaining share of the gain.
     fn guide_line(&self, guide: &GuideView) -> String {
         let GuideView { number, count, recorded, ref group, phase, held, .. } = *guide;
         if phase == GuidePhase::Done {
