@@ -10,9 +10,8 @@ use super::record_options::RecordOptions;
 use crate::recording::{BoardFrame, BoardSource, FrameLabel, Losses, RowWriter};
 use shell_data::wrench::AxisValues;
 
-/// How long frames wait for a label, µs of the board's time: longer than a load is held until it is found, and than
-/// commands wait to be followed.
-const LABEL_WAIT_US: i64 = 4_000_000;
+/// The most frames that wait for a label: a minute and more at 100 Hz, in case nobody says any longer which are settled.
+pub(super) const MOST_WAITING: usize = 8192;
 
 /// What came of one board of several.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -40,6 +39,10 @@ pub(super) struct BoardLog {
     waiting: Vec<BoardFrame>,
     /// Labels that are not known to the rows yet.
     labels: Vec<FrameLabel>,
+    /// Whether frames wait until they are settled.
+    waits: bool,
+    /// The index of the first frame that may still be labelled.
+    settled: Option<i64>,
     /// Frames that logs before this one had no columns for.
     other_content: u64,
     pub(super) frames: u64,
@@ -48,7 +51,7 @@ pub(super) struct BoardLog {
 }
 
 impl BoardLog {
-    pub(super) fn new(sender: BoardSource, log: Option<AppendWriter>) -> Self {
+    pub(super) fn new(sender: BoardSource, log: Option<AppendWriter>, waits: bool) -> Self {
         Self {
             sender,
             log,
@@ -56,6 +59,8 @@ impl BoardLog {
             marks: Vec::new(),
             waiting: Vec::new(),
             labels: Vec::new(),
+            waits,
+            settled: None,
             other_content: 0,
             frames: 0,
             extent_us: None,
@@ -84,15 +89,15 @@ impl BoardLog {
             log.pending().extend_from_slice(rows.header().as_bytes());
             self.rows = Some(rows);
         }
-        match options.labels {
+        match self.waits {
             false => self.write_rows(frames),
             true => {
                 self.waiting.append(frames);
-                let newest_us = self.extent_us.map_or(0, |(_, newest_us)| newest_us);
-                let may_wait = |frame: &BoardFrame| frame.time_us > newest_us - LABEL_WAIT_US;
-                let (waiting, mut due): (Vec<_>, Vec<_>) =
-                    std::mem::take(&mut self.waiting).into_iter().partition(may_wait);
-                self.waiting = waiting;
+                // By place: the indices of a board that starts anew begin again.
+                let is_first = |frame: &BoardFrame| Some(frame.index) == self.settled;
+                let settled = self.waiting.iter().rposition(is_first).unwrap_or(0);
+                let due = settled.max(self.waiting.len().saturating_sub(MOST_WAITING));
+                let mut due: Vec<_> = self.waiting.drain(..due).collect();
                 self.write_rows(&mut due)
             }
         }
@@ -116,6 +121,11 @@ impl BoardLog {
     /// Labels rows of frames that have not been written.
     pub(super) fn label(&mut self, labels: impl Iterator<Item = FrameLabel>) {
         self.labels.extend(labels);
+    }
+
+    /// Lets the frames before this one go unlabelled.
+    pub(super) fn settle(&mut self, first_unsettled: Option<i64>) {
+        self.settled = first_unsettled;
     }
 
     /// Ends the log, which may be followed by another.

@@ -72,6 +72,8 @@ pub enum RecordCommand {
     },
     /// A label for the rows of a stretch of the first board that have not been written.
     Label(FrameLabel),
+    /// Frames of the first board before the one of this index get no label any more.
+    Settled(i64),
 }
 
 /// How a recording is going.
@@ -150,6 +152,7 @@ pub fn record(
         shown: 0,
         marks: Vec::new(),
         labels: Vec::new(),
+        settled: None,
         logs: Vec::new(),
         started: StartedBoards::default(),
         bytes: 0,
@@ -210,6 +213,8 @@ struct RecordSession<'a> {
     marks: Vec<(i64, u32)>,
     /// Labels that are still to be written.
     labels: Vec<FrameLabel>,
+    /// The index of the first frame that may still be labelled.
+    settled: Option<i64>,
     /// One for each board that has sent frames, in the order in which they began.
     logs: Vec<BoardLog>,
     started: StartedBoards,
@@ -340,20 +345,23 @@ impl RecordSession<'_> {
         self.shown = 0;
         let RecordStage::Receiving(protocol, boards) = &mut self.stage else { return Ok(()) };
         let numbered = matches!(protocol, Protocol::Packets(_));
+        // Also where no frame has come since: those that wait for a label may be written next.
+        if let Some(first) = self.logs.first_mut() {
+            first.mark(self.marks.drain(..));
+            first.label(self.labels.drain(..));
+            first.settle(self.settled);
+        }
         for board in boards.heard_mut().iter_mut().filter(|board| !board.frames.is_empty()) {
             let found = self.logs.iter().position(|log| log.sender == board.sender);
             let at = match found {
                 Some(at) => at,
                 None => {
                     let log = log_of(&mut self.log, self.log_place.as_ref(), board.sender)?;
-                    self.logs.push(BoardLog::new(board.sender, log));
+                    let waits = self.options.labels && self.logs.is_empty();
+                    self.logs.push(BoardLog::new(board.sender, log, waits));
                     self.logs.len() - 1
                 }
             };
-            if at == 0 {
-                self.logs[0].mark(self.marks.drain(..));
-                self.logs[0].label(self.labels.drain(..));
-            }
             self.logs[at].write(&mut board.frames, numbered, self.options)?;
         }
         Ok(())
@@ -369,6 +377,10 @@ impl RecordSession<'_> {
                 }
                 RecordCommand::Label(label) => {
                     self.labels.push(label);
+                    continue;
+                }
+                RecordCommand::Settled(index) => {
+                    self.settled = Some(index);
                     continue;
                 }
                 RecordCommand::Record(writer) => Some(writer),
@@ -484,5 +496,102 @@ impl RecordSession<'_> {
                 }
             },
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::board_log::MOST_WAITING;
+    use super::*;
+    use shared_proto::{Packet, Sample, Values};
+    use std::collections::VecDeque;
+
+    /// A watcher that wants these things.
+    #[derive(Debug)]
+    struct Wants(VecDeque<RecordCommand>);
+
+    impl Watcher for Wants {
+        fn see(&mut self, _: &[BoardFrame]) {}
+
+        fn next_command(&mut self) -> Option<RecordCommand> {
+            self.0.pop_front()
+        }
+    }
+
+    fn wants(commands: impl IntoIterator<Item = RecordCommand>) -> Option<Box<dyn Watcher>> {
+        Some(Box::new(Wants(commands.into_iter().collect())))
+    }
+
+    /// Frames of a board at 100 Hz.
+    fn bytes_of(frames: std::ops::Range<u16>) -> Vec<u8> {
+        let sample = |sequence: u16| Sample {
+            sequence,
+            clock_us: u32::from(sequence) * 10_000,
+            values: Values::Readings([sequence; 8]),
+            saturated: 0,
+            dropped: 0,
+        };
+        frames.flat_map(|n| Packet::Sample(sample(n)).encode().to_vec()).collect()
+    }
+
+    #[test]
+    fn a_label_is_written_however_late_it_comes() {
+        let dir = tempfile::tempdir().unwrap();
+        let (capture, log) = (dir.path().join("capture"), dir.path().join("log.csv"));
+        std::fs::write(&capture, bytes_of(0..2000)).unwrap();
+        let source = Source::replay(&capture).unwrap();
+        let options = RecordOptions { labels: true, ..RecordOptions::default() };
+        let mut session = RecordSession {
+            stage: RecordStage::Recognising(Recognition::new(None)),
+            options: &options,
+            log: Some(AppendWriter::create(&log, false).unwrap()),
+            log_place: None,
+            raw: None,
+            watcher: None,
+            shown: 0,
+            marks: Vec::new(),
+            labels: Vec::new(),
+            settled: None,
+            logs: Vec::new(),
+            started: StartedBoards::default(),
+            bytes: 0,
+        };
+        let rows = || std::fs::read_to_string(&log).unwrap().lines().skip(1).count();
+        session.take(&bytes_of(0..1000), Duration::ZERO, &source).unwrap();
+        session.flush().unwrap();
+        assert_eq!(rows(), 0, "all may still be labelled");
+        session.watcher = wants([RecordCommand::Settled(400)]);
+        session.follow().unwrap();
+        session.take(&bytes_of(1000..1500), Duration::ZERO, &source).unwrap();
+        session.flush().unwrap();
+        // The rows themselves wait for the few frames after them, whose channels they are brought to one time with.
+        assert!((390..=400).contains(&rows()), "{} rows", rows());
+        // Eleven seconds late, and no frame comes after it.
+        let label = FrameLabel { from: 400, until: 499, group: "ahead".to_owned() };
+        session.watcher = wants([RecordCommand::Label(label), RecordCommand::StopLog]);
+        session.follow().unwrap();
+        let text = std::fs::read_to_string(&log).unwrap();
+        assert_eq!(text.lines().filter(|line| line.contains("ahead")).count(), 100);
+        assert!(rows() >= 1400, "{} rows", rows());
+    }
+
+    #[test]
+    fn frames_that_nobody_settles_do_not_wait_for_ever() {
+        let dir = tempfile::tempdir().unwrap();
+        let (capture, log) = (dir.path().join("capture"), dir.path().join("log.csv"));
+        std::fs::write(&capture, bytes_of(0..10_000)).unwrap();
+        let options = RecordOptions { labels: true, ..RecordOptions::default() };
+        let label = FrameLabel { from: 0, until: 9_999, group: "late".to_owned() };
+        let sinks = Sinks {
+            log: Some(AppendWriter::create(&log, false).unwrap()),
+            raw: None,
+            watcher: wants([RecordCommand::Label(label)]),
+        };
+        let mut source = Source::replay(&capture).unwrap();
+        record(&mut source, sinks, &options, &AtomicBool::new(false), &mut |_| {}).unwrap();
+        let text = std::fs::read_to_string(&log).unwrap();
+        let labelled = text.lines().filter(|line| line.contains("late")).count();
+        assert_eq!(text.lines().count(), 10_001);
+        assert!((MOST_WAITING..10_000).contains(&labelled), "{labelled} rows");
     }
 }

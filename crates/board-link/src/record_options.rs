@@ -20,7 +20,8 @@ pub struct RecordOptions {
     pub start: Option<Uplink>,
     /// Channels are not brought to one time.
     pub as_sampled: bool,
-    /// Stretches are labelled while they are recorded ([`RecordCommand::Label`](super::RecordCommand::Label)): there is a column for the labels,
-    /// and rows wait for four seconds of the board's time, so that a stretch may have begun when it is found.
+    /// Stretches are labelled while they are recorded ([`RecordCommand::Label`](super::RecordCommand::Label)): there is a
+    /// column for the labels, and rows of the first board wait until they are
+    /// [settled](super::RecordCommand::Settled), so that a stretch may have begun when it is found.
     pub labels: bool,
 }

@@ -202,6 +202,13 @@ impl Guide {
         }
     }
 
+    /// The index of the first frame that may still become one of a load that was held.
+    pub fn first_unsettled(&self) -> Option<i64> {
+        let is_done = self.phase == GuidePhase::Done;
+        let first = if is_done { self.stretch.back() } else { self.stretch.front() };
+        self.still_since.map(|(_, index)| index).or(first.map(|moment| moment.index))
+    }
+
     /// Goes on to the next load without this one.
     pub fn skip(&mut self) {
         self.go_on(1);

@@ -174,7 +174,9 @@ impl LiveSession {
         self.news.iter().for_each(|row| self.model.push(*row));
         if let Some(guide) = &mut self.guide {
             let held: Vec<HeldLoad> = self.news.iter().filter_map(|row| guide.push(row)).collect();
+            let first_unsettled = guide.first_unsettled();
             held.into_iter().for_each(|held| self.label(held));
+            first_unsettled.into_iter().for_each(|i| self.feed.ask(RecordCommand::Settled(i)));
         }
         self.frames += frames.len() as u64;
         self.elapsed = self.started.elapsed();
