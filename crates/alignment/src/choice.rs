@@ -12,6 +12,10 @@
 //! and each gives an offset of its own, one step of Gauss and Newton away. How far those scatter
 //! about the chosen one, beyond what the noise makes nested models differ by, `Var(ô₁ − ô₂) =
 //! |Var ô₁ − Var ô₂|` (Hausman, Econometrica 46, 1251, 1978), is an error that no residual shows.
+//!
+//! Friction that depends on the speed ([`Family::QuickLags`]) delays all readings by about the same time, which is nearly
+//! what another offset does. It is never chosen; where the criterion wants it, the offset is as uncertain as it is
+//! different with it, times [`SPEED`].
 
 use super::normal::{GramSums, Projected, inverse};
 use super::response::Family;
@@ -20,11 +24,17 @@ use super::response::Family;
 /// are not ruled out.
 const PLAUSIBLE: f64 = 1.3;
 
+/// The error by friction that depends on the speed, over how far quick lags move the offset: what was found of sensors
+/// with bristles (`docs/alignment.md`).
+const SPEED: f64 = 3.0;
+
 /// Differences up to as many standard deviations of what noise makes are put down to it.
 const CHANCE: f64 = 2.0;
 
 struct FamilyChoice {
     keep: Vec<bool>,
+    /// Whether it has quick lags.
+    is_quick: bool,
     step: [f64; 2],
     white: [[f64; 2]; 2],
     log_volume: f64,
@@ -46,16 +56,24 @@ impl Candidates {
             let place = family.and_then(|family| present.iter().position(|p| *p == family));
             place.is_none_or(|place| set & (1 << place) != 0)
         };
+        let quick = Some(Family::QuickLags);
         let candidate = |set: usize| {
-            FamilyChoice::new(gram, families.iter().map(|f| kept(set, f)).collect(), channels)
+            let keep = families.iter().map(|f| kept(set, f)).collect();
+            let is_quick = families.contains(&quick) && kept(set, &quick);
+            FamilyChoice::new(gram, keep, is_quick, channels)
         };
         Self { all: (0..1 << present.len()).filter_map(candidate).collect(), channels }
     }
 
     /// Which features the best has.
     pub(super) fn best(&self) -> Option<&Vec<bool>> {
-        let best = self.all.iter().min_by(|a, b| a.criterion.total_cmp(&b.criterion))?;
-        Some(&best.keep)
+        self.best_of(false).map(|best| &best.keep)
+    }
+
+    /// The best of those that have quick lags, or that have none.
+    fn best_of(&self, quick: bool) -> Option<&FamilyChoice> {
+        let all = self.all.iter().filter(|choice| choice.is_quick == quick);
+        all.min_by(|a, b| a.criterion.total_cmp(&b.criterion))
     }
 
     /// Variance of offset (s²) and skew over the models that are not ruled out, about the one with the features
@@ -67,7 +85,10 @@ impl Candidates {
         let has_more = |c: &FamilyChoice| {
             c.keep != keep && c.keep.iter().zip(keep).all(|(more, kept)| *more || !kept)
         };
-        let plausible = || self.all.iter().filter(|c| c.log_volume <= ruled_out && !has_more(c));
+        let is_plausible =
+            |c: &&FamilyChoice| !c.is_quick && c.log_volume <= ruled_out && !has_more(c);
+        let plausible = || self.all.iter().filter(is_plausible);
+        let quick = self.best_of(true).filter(|quick| quick.criterion < chosen.criterion);
         [0, 1].map(|i| {
             let excess = |other: &FamilyChoice| {
                 let noise = (other.white[i][i] - chosen.white[i][i]).abs();
@@ -75,12 +96,13 @@ impl Candidates {
                 (difference * difference - CHANCE * CHANCE * noise).max(0.0)
             };
             plausible().map(excess).sum::<f64>() / plausible().count() as f64
+                + quick.map_or(0.0, |quick| SPEED * SPEED * excess(quick))
         })
     }
 }
 
 impl FamilyChoice {
-    fn new(gram: &GramSums, keep: Vec<bool>, channels: usize) -> Option<Self> {
+    fn new(gram: &GramSums, keep: Vec<bool>, is_quick: bool, channels: usize) -> Option<Self> {
         let projected = Projected::new(gram, |i| keep[i])?;
         let (hessian, gradient) = projected.normal_equations();
         let white = inverse(hessian)?;
@@ -88,7 +110,7 @@ impl FamilyChoice {
         let (rows, log_volume) = (gram.total(), projected.log_volume());
         let parameters = (projected.used * channels) as f64;
         let criterion = rows * log_volume + parameters * rows.ln();
-        Some(Self { keep, step, white, log_volume, criterion })
+        Some(Self { keep, is_quick, step, white, log_volume, criterion })
     }
 }
 

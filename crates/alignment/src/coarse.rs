@@ -12,7 +12,8 @@
 //! with E the energies in the overlap; the mean square of the canonical correlations, up to the
 //! whitening being that of the whole. All c_ij come from fast Fourier transforms. The *score*
 //! weighs R² with the share of the readings' energy that overlaps, so that a little overlap cannot
-//! win by chance. A match counts if R² is large there and no other peak of the score comes near.
+//! win by chance. A match counts if R² is large there. Other peaks whose score comes near are *rivals*, which the
+//! refinement has to rule out.
 
 use faer::{Mat, Side as Triangle};
 use rustfft::algorithm::Radix4;
@@ -26,8 +27,10 @@ use super::recording::Clean;
 const BIN_S: f64 = 0.02;
 /// The readings' changes that the reference must explain.
 pub(super) const LEAST_EXPLAINED: f64 = 0.25;
-/// The highest score of another peak, relative to the best.
+/// The highest score of another peak, relative to the best, that is no rival.
 pub(super) const HIGHEST_RATIO: f64 = 0.7;
+/// With more rivals than this a load is periodic.
+const MOST_RIVALS: usize = 4;
 /// Changes beyond this many standard deviations count as that many: a damaged frame must not
 /// decide.
 const CLIP: f64 = 6.0;
@@ -43,6 +46,8 @@ pub(super) struct Match {
     pub(super) explained: f64,
     /// Score of the second-best peak over that of the best.
     pub(super) ratio: f64,
+    /// Offsets of peaks that come near the best, s, the highest first.
+    pub(super) rivals: Vec<f64>,
     /// Score over offset (s), relative to the best, for a figure.
     pub(super) scores: Vec<(f64, f64)>,
 }
@@ -82,28 +87,51 @@ pub(super) fn find_match(
         let explained = best.map_or(0.0, |i| explained[i]);
         return Err(AlignError::NoMatch { explained, needed: LEAST_EXPLAINED });
     };
-    let (low, high) = lobe(&scores, best);
-    let second = argmax(&scores, 0..low).into_iter().chain(argmax(&scores, high..lags));
-    let second = second.max_by(|&a, &b| scores[a].total_cmp(&scores[b]));
-    let ratio = second.map_or(0.0, |i| scores[i] / peak);
-    if let Some(second) = second.filter(|_| ratio > HIGHEST_RATIO) {
-        return Err(AlignError::Ambiguous {
-            best_s: offset_of(best),
-            second_s: offset_of(second),
-            ratio,
-            accepted: HIGHEST_RATIO,
-        });
+    let peaks = peaks(&scores, best, HIGHEST_RATIO * peak);
+    let ratio = peaks.first().map_or(0.0, |&i| scores[i] / peak);
+    let rivals: Vec<f64> = peaks
+        .iter()
+        .filter(|&&i| scores[i] > HIGHEST_RATIO * peak)
+        .map(|&i| offset_of(i))
+        .collect();
+    if let [second_s, ..] = rivals[..]
+        && rivals.len() > MOST_RIVALS
+    {
+        let best_s = offset_of(best);
+        return Err(AlignError::Ambiguous { best_s, second_s, ratio, accepted: HIGHEST_RATIO });
     }
     Ok(Match {
         offset_s: offset_of(best),
         explained: explained[best],
         ratio,
+        rivals,
         scores: (0..lags).map(|i| (offset_of(i), scores[i] / peak)).collect(),
     })
 }
 
 fn argmax(values: &[f64], range: std::ops::Range<usize>) -> Option<usize> {
     range.max_by(|&a, &b| values[a].total_cmp(&values[b]))
+}
+
+/// The peaks beside the one at `best`, the highest first: all above `high`, one more than may be rivals at most, or else
+/// the first below.
+fn peaks(scores: &[f64], best: usize, high: f64) -> Vec<usize> {
+    let mut left = scores.to_vec();
+    let mut peaks = Vec::new();
+    let mut last = best;
+    while peaks.len() <= MOST_RIVALS {
+        let (from, to) = lobe(scores, last);
+        left[from..to].fill(0.0);
+        match argmax(&left, 0..left.len()).filter(|&i| left[i] > 0.0) {
+            Some(next) => peaks.push(next),
+            None => break,
+        }
+        last = peaks[peaks.len() - 1];
+        if scores[last] <= high {
+            break;
+        }
+    }
+    peaks
 }
 
 /// The peak at `best`: down to the first minimum on each side that is below half of it.

@@ -59,6 +59,9 @@ const PROBES: usize = 8;
 /// Skew of clocks before anything is known about them (standard deviation).
 const PRIOR_SKEW: f64 = 2e-4;
 
+/// How much more of the readings' variance a rival has to leave unexplained to be ruled out.
+const CLEARLY: f64 = 4.0;
+
 /// How recordings are aligned.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Options {
@@ -211,7 +214,7 @@ fn by_loads(reference: &Clean, board: &Clean) -> Result<(ClockMap, Quality), Ali
     let rate_hz = HIGHEST_MATCHED_RATE_HZ.min(1.0 / board.period_s).min(1.0 / reference.period_s);
     let trajectory = Trajectory::new(reference, rate_hz);
     let frames = BoardFrames::new(board, rate_hz);
-    let estimate = grow(&trajectory, &frames, &found, probe, board.span_s())?;
+    let estimate = clearest(&trajectory, &frames, &found, probe, board.span_s())?;
     let skew_ppm = 1e6 * estimate.warp.skew;
     if skew_ppm.abs() > LARGEST_SKEW_PPM {
         return Err(AlignError::Skew { skew_ppm, limit_ppm: LARGEST_SKEW_PPM });
@@ -277,15 +280,49 @@ fn activity(board: &Clean, (from_s, to_s): (f64, f64)) -> f64 {
     board.columns.iter().map(relative).sum()
 }
 
+/// Refines the match, and its rivals: what one of them explains has to be far more than what any other does.
+fn clearest(
+    trajectory: &Trajectory,
+    frames: &BoardFrames,
+    found: &Match,
+    probe: (f64, f64),
+    span_s: f64,
+) -> Result<WarpEstimate, AlignError> {
+    let refined = |offset_s: f64| grow(trajectory, frames, offset_s, probe, span_s);
+    if found.rivals.is_empty() {
+        return refined(found.offset_s);
+    }
+    let offsets = std::iter::once(found.offset_s).chain(found.rivals.iter().copied());
+    let unexplained = |estimate: &WarpEstimate| 1.0 - estimate.explained;
+    let mut estimates: Vec<WarpEstimate> =
+        offsets.filter_map(|offset_s| refined(offset_s).ok()).collect();
+    estimates.sort_by(|a, b| unexplained(a).total_cmp(&unexplained(b)));
+    let unclear = |second_s: f64| AlignError::Ambiguous {
+        best_s: found.offset_s,
+        second_s,
+        ratio: found.ratio,
+        accepted: coarse::HIGHEST_RATIO,
+    };
+    match &estimates[..] {
+        [] => Err(unclear(found.rivals[0])),
+        [best, second, ..] if unexplained(second) < CLEARLY * unexplained(best) => {
+            Err(unclear(second.warp.offset_s))
+        }
+        // Where no rival settles, the one that does has to explain the readings by itself.
+        [best] if CLEARLY * unexplained(best) > 1.0 => Err(unclear(found.rivals[0])),
+        _ => Ok(estimates.swap_remove(0)),
+    }
+}
+
 /// Refines the match of a stretch, then of ever longer ones around it, up to all.
 fn grow(
     trajectory: &Trajectory,
     frames: &BoardFrames,
-    found: &Match,
+    offset_s: f64,
     (mut from_s, mut to_s): (f64, f64),
     span_s: f64,
 ) -> Result<WarpEstimate, AlignError> {
-    let mut warp = Warp { offset_s: found.offset_s, skew: 0.0, pivot_s: 0.5 * (from_s + to_s) };
+    let mut warp = Warp { offset_s, skew: 0.0, pivot_s: 0.5 * (from_s + to_s) };
     loop {
         let whole = from_s <= 0.0 && to_s >= span_s;
         let prior = (!whole).then_some(PRIOR_SKEW);

@@ -57,6 +57,9 @@ const ROWS_PER_FEATURE: usize = 4;
 const LEAST_GAIN: f64 = 0.1;
 /// A row whose residual is farther out than this (squared, per channel) counts less (Huber).
 const OUTLIER: f64 = 4.0;
+/// Where steps go to and fro by less than this, the offset is known that well, s: jumps of the load between two frames
+/// make it a function with corners.
+const NEARLY_S: f64 = 1e-4;
 /// A step as long as this has lost the match, s.
 const LOST_S: f64 = 10.0;
 /// The excerpt reaches this far to both sides, s.
@@ -120,12 +123,16 @@ impl SensorKnowledge {
     fn new(axes: usize, channels: usize) -> Self {
         let model = MemoryModel::on_axes(axes);
         let features = CONSTANTS + model.features();
+        let of_load = model.families();
+        // They take part in the comparison of models only.
+        let is_kept = |family: &Option<Family>| *family != Some(Family::QuickLags);
+        let keep = [true; CONSTANTS].into_iter().chain(of_load.iter().map(is_kept));
         Self {
+            keep: keep.collect(),
             map: Mat::zeros(features, channels),
             weights: None,
             bends: vec![[0.0; POWERS]; channels],
             model,
-            keep: vec![true; features],
         }
     }
 
@@ -164,6 +171,8 @@ struct SettledWarp {
     projected: Projected,
     /// H⁻¹.
     white: [[f64; 2]; 2],
+    /// The last step of the offset (s) and the skew, where they go to and fro.
+    left: [f64; 2],
 }
 
 /// Fits the warp, from near it, to the rows with board times in `window`.
@@ -201,6 +210,7 @@ pub(super) fn refine(
             spread = candidates.spread_about(&current.keep);
         }
     }
+    let spread = std::array::from_fn(|i| spread[i] + settled.left[i] * settled.left[i]);
     Ok(problem.finish(warp, &settled, &current, spread))
 }
 
@@ -251,6 +261,7 @@ impl<'a> WarpProblem<'a> {
         (memory_steps, small): (usize, f64),
     ) -> Result<SettledWarp, AlignError> {
         let mut step_s = f64::INFINITY;
+        let mut nearly = None;
         for iteration in 0..STEPS {
             let gram = self.gram(warp, current);
             let Some(projected) = Projected::new(&gram, |i| current.keep[i]) else {
@@ -278,16 +289,20 @@ impl<'a> WarpProblem<'a> {
                 if step_s.is_nan() || step_s > LOST_S {
                     return Err(AlignError::NotConverged { step_s });
                 }
-                if iteration > memory_steps && is_small(0) && is_small(1) {
-                    return Ok(SettledWarp { gram, projected, white });
+                let is_settled = iteration > memory_steps && is_small(0) && is_small(1);
+                let left = if is_settled { [0.0; 2] } else { full };
+                let settled = SettledWarp { gram, projected, white, left };
+                if is_settled {
+                    return Ok(settled);
                 }
+                nearly = (step_s < NEARLY_S).then_some(settled);
             }
             if iteration < memory_steps {
                 let linear = current.map.subrows(CONSTANTS, current.map.nrows() - CONSTANTS);
                 current.model.learn_shares(linear);
             }
         }
-        Err(AlignError::NotConverged { step_s })
+        nearly.ok_or(AlignError::NotConverged { step_s })
     }
 
     /// Calls `each` with every row that the reference has a value for.

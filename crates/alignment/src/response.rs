@@ -11,6 +11,8 @@
 //!   rate-independent hysteresis with a convex loop is a sum of them (Prandtl–Ishlinskii; Brokate &
 //!   Sprekels, Hysteresis and Phase Transitions, 1996);
 //! - *lags* on each axis, `τ ḷ = w − l`: creep;
+//! - *quick lags* on each axis, whose time constants are below those of the load: viscous friction, and friction that
+//!   depends on the speed;
 //! - plays along what each *channel* sees, the direction of the wrench that the map so far gives it;
 //! - *joint* plays of all axes, `p ← w + min(1, r / ‖p − w‖) (p − w)`: friction that yields in the
 //!   direction of the load, whatever the axes are (the ball for the interval);
@@ -22,23 +24,26 @@ use faer::MatRef;
 const PLAY: [f64; 6] = [0.04, 0.08, 0.14, 0.21, 0.3, 0.42];
 /// Time constants of the lags, s.
 const LAG_S: [f64; 4] = [0.15, 0.5, 2.0, 6.0];
+/// Time constants of the quick lags, s.
+const QUICK_LAG_S: [f64; 2] = [0.02, 0.06];
 /// Radii of the joint plays; the largest load on each axis is 1.
 const JOINT: [f64; 5] = [0.05, 0.1, 0.2, 0.35, 0.6];
 /// Plays and lags of an axis.
-const MEMORIES: usize = PLAY.len() + LAG_S.len();
+const MEMORIES: usize = PLAY.len() + LAG_S.len() + QUICK_LAG_S.len();
 
 /// A kind of memory, which a sensor may have or not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Family {
     AxisPlays,
     Lags,
+    QuickLags,
     ChannelPlays,
     JointPlays,
 }
 
 impl Family {
-    pub(super) const ALL: [Self; 4] =
-        [Self::AxisPlays, Self::Lags, Self::ChannelPlays, Self::JointPlays];
+    pub(super) const ALL: [Self; 5] =
+        [Self::AxisPlays, Self::Lags, Self::QuickLags, Self::ChannelPlays, Self::JointPlays];
 }
 
 /// What the features are made of.
@@ -132,6 +137,7 @@ impl MemoryModel {
         for _ in 0..self.axes {
             families.extend([Some(Family::AxisPlays); PLAY.len()]);
             families.extend([Some(Family::Lags); LAG_S.len()]);
+            families.extend([Some(Family::QuickLags); QUICK_LAG_S.len()]);
         }
         families.resize(families.len() + self.products(), None);
         families.resize(families.len() + self.channel_plays(), Some(Family::ChannelPlays));
@@ -161,6 +167,14 @@ impl MemoryModel {
     }
 }
 
+/// The time constants of all lags of an axis, in the order of their features, s.
+fn lags_s() -> [f64; LAG_S.len() + QUICK_LAG_S.len()] {
+    std::array::from_fn(|at| match at.checked_sub(LAG_S.len()) {
+        None => LAG_S[at],
+        Some(quick) => QUICK_LAG_S[quick],
+    })
+}
+
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
@@ -170,7 +184,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 pub(super) struct MemoryResponse {
     model: MemoryModel,
     largest: Vec<f64>,
-    retained: [f64; LAG_S.len()],
+    retained: [f64; LAG_S.len() + QUICK_LAG_S.len()],
     /// Plays and lags, axis by axis.
     on_axes: Vec<f64>,
     /// Plays, channel by channel, then joint ones.
@@ -184,7 +198,7 @@ impl MemoryResponse {
     pub(super) fn new(largest: &[f64], step_s: f64, model: MemoryModel) -> Self {
         Self {
             largest: largest.to_vec(),
-            retained: LAG_S.map(|lag_s| (-step_s / lag_s).exp()),
+            retained: lags_s().map(|lag_s| (-step_s / lag_s).exp()),
             on_axes: vec![0.0; model.axes * MEMORIES],
             beside: vec![0.0; model.channel_plays() + model.joint_plays()],
             at_rest: true,
@@ -345,7 +359,7 @@ mod tests {
         let mut wrench = vec![[0.0, 0.0]];
         wrench.extend([[2.0, 0.0]; 100]);
         let features = run(&wrench, &MemoryModel::on_axes(2));
-        for (lag, lag_s) in LAG_S.into_iter().enumerate() {
+        for (lag, lag_s) in lags_s().into_iter().enumerate() {
             // A unit step, 100 steps of 0.01 s ago.
             let expected = 1.0 - (-1.0 / lag_s).exp();
             assert!((features[100][2 + PLAY.len() + lag] - expected).abs() < 1e-12);
@@ -361,7 +375,7 @@ mod tests {
         assert_eq!(count(None), 2 + 3);
         assert_eq!(
             Family::ALL.map(|family| count(Some(family))),
-            [2 * PLAY.len(), 2 * LAG_S.len(), PLAY.len(), 2 * JOINT.len()]
+            [2 * PLAY.len(), 2 * LAG_S.len(), 2 * QUICK_LAG_S.len(), PLAY.len(), 2 * JOINT.len()]
         );
     }
 

@@ -17,6 +17,9 @@ const HIDDEN_SHARE: f64 = 0.025;
 /// No model of the memory has just its widths, times and directions: this share of the delay that it makes is
 /// not known, however small the residuals are (found as the share above).
 const UNKNOWN_DELAY: f64 = 0.012;
+/// Of a load that jumps between two frames, frames do not tell when: this share of their period is not known (found as
+/// the shares above).
+const UNKNOWN_JUMP: f64 = 0.4;
 /// Products of successive residuals scatter about zero if there is only noise: as many standard
 /// deviations of that are taken off.
 const CHANCE: f64 = 2.0;
@@ -59,6 +62,11 @@ pub(super) struct ResidualSums<'a> {
     alike: f64,
     /// The residual of the row before, times its weight.
     before: Vec<f64>,
+    /// Σ (d − d′)ᵀ W (d − d′) over successive slopes.
+    jumps: f64,
+    slope_before: Vec<f64>,
+    /// Time of the last row from the pivot, s.
+    end_s: f64,
     /// Slope, channel and time from the pivot where a reading changes fastest.
     steepest: (f64, usize, f64),
     late_features: Vec<f64>,
@@ -84,6 +92,9 @@ impl<'a> ResidualSums<'a> {
             late: [0.0; 2],
             alike: 0.0,
             before: vec![0.0; channels],
+            jumps: 0.0,
+            slope_before: vec![0.0; channels],
+            end_s: start_s,
             steepest: (0.0, 0, 0.0),
             late_features: vec![0.0; map.nrows()],
             late_part: vec![0.0; channels],
@@ -101,6 +112,10 @@ impl<'a> ResidualSums<'a> {
         if self.scores.len() <= bin {
             self.scores.resize(bin + 1, [0.0; 2]);
         }
+        self.end_s = row.from_pivot_s;
+        let change: Vec<f64> =
+            row.slope.iter().zip(&self.slope_before).map(|(d, before)| d - before).collect();
+        self.slope_before.copy_from_slice(row.slope);
         for channel in 0..self.squares.len() {
             let (slope, e) = (row.slope[channel], row.residual[channel]);
             let y = row.straight[channel].reading;
@@ -118,6 +133,7 @@ impl<'a> ResidualSums<'a> {
             self.before[channel] = row.weight * e;
             self.late[0] += weighted_slope * self.late_part[channel];
             self.late[1] += weighted_slope * slope;
+            self.jumps += weighted(&change) * change[channel];
             for (parameter, time) in [1.0, row.from_pivot_s].into_iter().enumerate() {
                 let column = self.along.col_as_slice(parameter * self.squares.len() + channel);
                 let fitted: f64 = column.iter().zip(row.features).map(|(c, x)| c * x).sum();
@@ -140,8 +156,18 @@ impl<'a> ResidualSums<'a> {
         for (i, row) in covariance.iter_mut().enumerate() {
             row[i] = row[i].max(white[i][i]) + spread[i];
         }
-        covariance[0][0] += hidden * white[0][0] + (UNKNOWN_DELAY * self.delay_s()).powi(2);
+        covariance[0][0] += hidden * white[0][0]
+            + (UNKNOWN_DELAY * self.delay_s()).powi(2)
+            + (UNKNOWN_JUMP * self.jump_s()).powi(2);
         covariance
+    }
+
+    /// The period of the frames if the load jumps between them; next to nothing if it takes its time.
+    fn jump_s(&self) -> f64 {
+        let period_s = (self.end_s - self.start_s) / self.rows.max(1) as f64;
+        let roughness = if self.late[1] > 0.0 { self.jumps / self.late[1] } else { 0.0 };
+        // 2 for slopes that do not follow from those before, below 0.5 for taps.
+        period_s * (0.5 * roughness).powi(4).min(1.0)
     }
 
     /// How late the memory makes the readings, s.

@@ -11,17 +11,24 @@ pub(crate) enum Load {
     Ramps,
     /// White noise through two first-order low-passes.
     Walk,
+    /// On each axis three sines of 0.2 to 3 Hz.
+    Sines,
+    /// From one random load to the next in 2 to 10 ms, held for 0.5 to 3 s: weights that are put on and taken off.
+    Steps,
 }
 
 impl Load {
-    pub(crate) const ALL: [Self; 4] = [Self::Taps, Self::Sweeps, Self::Ramps, Self::Walk];
+    pub(crate) const ALL: [Self; 6] =
+        [Self::Taps, Self::Sweeps, Self::Ramps, Self::Walk, Self::Sines, Self::Steps];
 
     pub(crate) fn draw(self, rows: usize, step_s: f64, random: &mut Random) -> Vec<[f64; 6]> {
         match self {
             Self::Taps => taps(rows, step_s, random),
             Self::Sweeps => sweeps(rows, step_s, random),
-            Self::Ramps => ramps(rows, step_s, random),
+            Self::Ramps => ramps(rows, step_s, [0.05, 0.35], [0.2, 1.0], random),
             Self::Walk => walk(rows, step_s, random),
+            Self::Sines => sines(rows, step_s, random),
+            Self::Steps => ramps(rows, step_s, [0.002, 0.008], [0.5, 2.5], random),
         }
     }
 }
@@ -73,13 +80,19 @@ fn sweeps(rows: usize, step_s: f64, random: &mut Random) -> Vec<[f64; 6]> {
     load
 }
 
-fn ramps(rows: usize, step_s: f64, random: &mut Random) -> Vec<[f64; 6]> {
+/// Each of `ramp` and `hold` is the least time and how much longer it may be, s.
+fn ramps(
+    rows: usize,
+    step_s: f64,
+    ramp: [f64; 2],
+    hold: [f64; 2],
+    random: &mut Random,
+) -> Vec<[f64; 6]> {
     let mut load = Vec::with_capacity(rows);
     let mut from = [0.0; 6];
     while load.len() < rows {
         let to = normals(random, 0.7);
-        let ramp_s = 0.05 + 0.35 * random.unit();
-        let hold_s = 0.2 + random.unit();
+        let [ramp_s, hold_s] = [ramp, hold].map(|[least, more]| least + more * random.unit());
         for k in 0..((ramp_s + hold_s) / step_s) as usize {
             let x = (k as f64 * step_s / ramp_s).min(1.0);
             load.push(std::array::from_fn(|axis| from[axis] + x * (to[axis] - from[axis])));
@@ -87,6 +100,21 @@ fn ramps(rows: usize, step_s: f64, random: &mut Random) -> Vec<[f64; 6]> {
         from = to;
     }
     load.truncate(rows);
+    load
+}
+
+fn sines(rows: usize, step_s: f64, random: &mut Random) -> Vec<[f64; 6]> {
+    let mut load = vec![[0.0; 6]; rows];
+    for axis in 0..6 {
+        for _ in 0..3 {
+            let rate_hz = 0.2 * f64::powf(15.0, random.unit());
+            let (size, phase) = (0.2 + 0.4 * random.unit(), std::f64::consts::TAU * random.unit());
+            for (k, row) in load.iter_mut().enumerate() {
+                let turns = rate_hz * k as f64 * step_s;
+                row[axis] += size * (std::f64::consts::TAU * turns + phase).sin();
+            }
+        }
+    }
     load
 }
 

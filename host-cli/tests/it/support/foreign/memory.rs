@@ -1,4 +1,4 @@
-//! Six kinds of springs with a memory, each from a force to a displacement of about the same number.
+//! Nine kinds of springs with a memory, each from a force to a displacement of about the same number.
 //!
 //! Plain formulas of the literature; nothing of them is shared with the program.
 use system_tests::random::Random;
@@ -18,16 +18,25 @@ pub(crate) enum Kind {
     Dahl,
     /// The standard linear solid: creep with two time constants, no friction.
     LinearSolid,
+    /// Friction of bristles that depends on the speed (Canudas de Wit et al., IEEE Trans. Autom. Control 40, 419, 1995).
+    LuGre,
+    /// One play of its own width in each direction: a joint with backlash.
+    Backlash,
+    /// A gap in the middle that takes hardly any force to cross.
+    Clearance,
 }
 
 impl Kind {
-    pub(crate) const ALL: [Self; 6] = [
+    pub(crate) const ALL: [Self; 9] = [
         Self::BoucWen,
         Self::PrandtlIshlinskii,
         Self::MaxwellSlip,
         Self::Preisach,
         Self::Dahl,
         Self::LinearSolid,
+        Self::LuGre,
+        Self::Backlash,
+        Self::Clearance,
     ];
 
     /// Whether each channel has a memory of its own, of its own displacement.
@@ -81,6 +90,23 @@ impl Kind {
                 let branches = vec![branch(0.15, 1.0, random), branch(1.0, 10.0, random)];
                 Box::new(LinearSolid { branches })
             }
+            Self::LuGre => {
+                let kinetic = between(0.02, 0.1);
+                Box::new(LuGre {
+                    stiffness: between(2.0, 10.0),
+                    kinetic,
+                    stick: kinetic * between(1.1, 1.6),
+                    stribeck: between(0.05, 0.5),
+                    damping: between(0.0, 0.005),
+                    viscous: between(0.0, 0.01),
+                    state: [0.0; 3],
+                })
+            }
+            Self::Backlash => {
+                let (width, share) = (between(0.02, 0.1), between(0.2, 0.6));
+                Box::new(Plays { immediate: 1.0 - share, plays: vec![(width, share, 0.0)] })
+            }
+            Self::Clearance => Box::new(Clearance { gap: between(0.05, 0.2), force: 0.02 }),
         }
     }
 }
@@ -142,6 +168,53 @@ impl Spring for Dahl {
     fn displacement(&mut self, force: f64, _step_s: f64) -> f64 {
         let Self { stiffness, friction, ref mut state } = *self;
         follow(state, force, 1.0, |way, inner| stiffness * (1.0 - inner * way / friction).max(0.0))
+    }
+}
+
+/// F = x + σ₀ z + σ₁ ż + σ₂ v, ż = v − σ₀ |v| z / g(v), g(v) = F_c + (F_s − F_c) exp(−(v/v_s)²).
+struct LuGre {
+    /// σ₀, σ₁ and σ₂, the latter two in s.
+    stiffness: f64,
+    damping: f64,
+    viscous: f64,
+    kinetic: f64,
+    stick: f64,
+    /// v_s, 1/s.
+    stribeck: f64,
+    /// x, z, v.
+    state: [f64; 3],
+}
+
+impl Spring for LuGre {
+    fn displacement(&mut self, force: f64, step_s: f64) -> f64 {
+        const PARTS: usize = 10;
+        let [mut x, mut z, mut v] = self.state;
+        let h = step_s / PARTS as f64;
+        for _ in 0..PARTS {
+            let drive = force - x - self.stiffness * z;
+            let slower = (self.stick - self.kinetic) * (-(v / self.stribeck).powi(2)).exp();
+            // How much of the way the bristles bend; 0 where they slide.
+            let bends = 1.0 - self.stiffness * z * drive.signum() / (self.kinetic + slower);
+            // The balance of forces at the end of the step.
+            let resists = h + self.stiffness * h * bends + self.damping * bends + self.viscous;
+            v = drive / resists.max(h);
+            x += h * v;
+            z += h * v * bends;
+        }
+        self.state = [x, z, v];
+        x
+    }
+}
+
+/// x = F + c clamp(F / F₀, −1, 1).
+struct Clearance {
+    gap: f64,
+    force: f64,
+}
+
+impl Spring for Clearance {
+    fn displacement(&mut self, force: f64, _step_s: f64) -> f64 {
+        force + self.gap * (force / self.force).clamp(-1.0, 1.0)
     }
 }
 

@@ -56,8 +56,8 @@ impl Session {
     /// Session number `seed` of a kind; loads and optics go around.
     pub(crate) fn draw(kind: Kind, seed: u64) -> Self {
         let mut random = Random(1000 * (kind as u64 + 1) + seed);
-        let load = Load::ALL[(seed % 4) as usize];
-        let optics = Optics::ALL[(seed / 4 % 3) as usize];
+        let load = Load::ALL[(seed % 6) as usize];
+        let optics = Optics::ALL[(seed / 6 % 3) as usize];
         let offset_s = 200.0 * random.unit() - 100.0;
         let skew = 4e-4 * random.unit() - 2e-4;
         let rows = ((DURATION_S + 2.0 * MARGIN_S) / REFERENCE_STEP_S) as usize;
