@@ -2,12 +2,13 @@
 
 use std::collections::HashMap;
 use std::fmt;
+use std::ops::Range;
 use std::sync::Arc;
 
 use crate::validation::grouped::GroupKind;
 use crate::validation::plateaus::{PlateauFinder, Steps, Stretches};
 use shell_data::block::Block;
-use shell_data::dataset::{Dataset, LogRows};
+use shell_data::dataset::{BLOCK_ROWS, Dataset, LogRows};
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::PerAxis;
 
@@ -61,6 +62,12 @@ const STRETCHES: u64 = 40;
 
 /// Neighbouring loads of a recording in time resemble each other far more than this (correlation).
 pub(crate) const SHUFFLED_BELOW: f64 = 0.3;
+
+/// Most stretches that the rows of several files are divided into.
+const MOST_STRETCHES: u64 = 100;
+
+/// A stretch is so many times as long as loads resemble themselves.
+const STRETCH_LENGTHS: usize = 8;
 
 /// Rows whose order is looked at.
 const MOST_ROWS: usize = 20_000;
@@ -262,6 +269,29 @@ fn stretches(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     (groups > 1).then(|| label_found(data, FoundKind::Stretches, vec![rows]))
 }
 
+/// The rows of several files labelled by stretches of time, long enough that the errors of one say little of those of
+/// the next, and the stretches of each file. `None` where the order of rows says nothing: in poses, in no order, or where
+/// loads resemble themselves for too long.
+pub(crate) fn stretches_of_files(data: &Dataset) -> Option<(Dataset, Vec<Range<usize>>)> {
+    let is_apart = |&lag: &usize| load_correlation(data, lag) < SHUFFLED_BELOW;
+    let lags = std::iter::successors(Some(1), |lag| Some(2 * lag));
+    let apart = lags.take_while(|&lag| lag < BLOCK_ROWS / 4).find(is_apart)?;
+    if apart == 1 || has_poses(data) {
+        return None;
+    }
+    let longest = (data.rows() / MOST_STRETCHES).max((STRETCH_LENGTHS * apart) as u64);
+    let (mut files, mut lengths, mut first) = (Vec::new(), Vec::new(), 0);
+    for log in &data.logs {
+        let count = if log.rows() > 0 { (log.rows() / longest).max(1) } else { 0 };
+        let start = |part: u64| log.rows() * part / count;
+        lengths.push((0..count).map(|part| start(part + 1) - start(part)).collect());
+        files.push(first..first + count as usize);
+        first += count as usize;
+    }
+    files.retain(|stretches| !stretches.is_empty());
+    Some((label_found(data, FoundKind::Stretches, lengths).1, files))
+}
+
 /// Whether the rows are in no order of time: neighbouring loads do not resemble each other on any axis, so that
 /// nothing can be held out by time.
 pub(crate) fn rows_are_shuffled(data: &Dataset) -> bool {
@@ -270,6 +300,11 @@ pub(crate) fn rows_are_shuffled(data: &Dataset) -> bool {
 
 /// The correlation of the loads of neighbouring rows, on the axis where it is largest.
 pub(crate) fn neighbour_correlation(data: &Dataset) -> f64 {
+    load_correlation(data, 1)
+}
+
+/// The same of rows that are so many apart.
+fn load_correlation(data: &Dataset, lag: usize) -> f64 {
     let correlation = |axis: usize| {
         let columns = || data.blocks().map(|(_, block)| &block.rows.wrench[axis][..]);
         let mut rest = MOST_ROWS;
@@ -282,9 +317,10 @@ pub(crate) fn neighbour_correlation(data: &Dataset) -> f64 {
             .collect();
         let mut all = RunningVariance::default();
         columns.iter().for_each(|column| all.merge(&RunningVariance::of(column)));
-        let of_pair = |pair: &[f64]| (pair[0] - all.mean) * (pair[1] - all.mean);
-        let products: f64 = columns.iter().flat_map(|column| column.windows(2)).map(of_pair).sum();
-        if all.squares > 0.0 { products / all.squares } else { 0.0 }
+        let of_pair = |pair: &[f64]| (pair[0] - all.mean) * (pair[lag] - all.mean);
+        let pairs = || columns.iter().flat_map(|column| column.windows(lag + 1));
+        let mean = pairs().map(of_pair).sum::<f64>() / pairs().count().max(1) as f64;
+        if all.squares > 0.0 { mean * all.count as f64 / all.squares } else { 0.0 }
     };
     (0..6).map(correlation).fold(0.0, f64::max)
 }

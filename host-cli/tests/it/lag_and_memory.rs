@@ -19,8 +19,9 @@ const LAG_S: f64 = 0.0035;
 const CREEP: (f64, f64) = (0.15, 0.4);
 
 /// A log of readings that creep (`s + c·(s − e) = u`) and loads that the reference shows late; every seventh row is
-/// missing, as of frames that a radio loses.
-fn log(dir: &Path, name: &str, seed: u64) {
+/// missing, as of frames that a radio loses. Each reading wanders by so many counts (root mean square), which it forgets
+/// within some fifty rows.
+pub(crate) fn log(dir: &Path, name: &str, seed: u64, wander: f64) {
     let mut random = Random(seed);
     let mut sines = |_| (random.unit() - 0.5, 1.0 + 15.0 * random.unit(), 6.0 * random.unit());
     let sines: Vec<(f64, f64, f64)> = (0..6 * 8).map(&mut sines).collect();
@@ -37,7 +38,12 @@ fn log(dir: &Path, name: &str, seed: u64) {
     // It has rested under the load that the log begins with.
     let mut past: [f64; CHANNELS] = std::array::from_fn(|channel| mixed(channel, 0.0));
     let mut text = "t_s,s1,s2,s3,s4,s5,s6,".to_owned() + &AXES.join(",") + "\n";
+    let mut off = [0.0; CHANNELS];
     for row in 0..4000 {
+        for off in off.iter_mut().filter(|_| wander > 0.0) {
+            const KEPT: f64 = 0.98;
+            *off = KEPT * *off + wander * (1.0 - KEPT * KEPT).sqrt() * random.normal();
+        }
         let t = f64::from(row) * PERIOD_S;
         let mut readings = [0.0; CHANNELS];
         for (channel, reading) in readings.iter_mut().enumerate() {
@@ -50,7 +56,9 @@ fn log(dir: &Path, name: &str, seed: u64) {
             continue;
         }
         write!(text, "{t}").unwrap();
-        readings.iter().for_each(|s| write!(text, ",{}", (2000.0 + s).round()).unwrap());
+        for (s, off) in readings.iter().zip(off) {
+            write!(text, ",{}", (2000.0 + s + off).round()).unwrap();
+        }
         (0..6).for_each(|axis| write!(text, ",{:.5}", load(axis, t - LAG_S)).unwrap());
         text.push('\n');
     }
@@ -66,7 +74,7 @@ fn lag_and_creep_are_found_stored_and_made_up_for_in_every_command() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     for (seed, name) in (1..).zip(["a.csv", "b.csv", "c.csv", "d.csv", "test.csv"]) {
-        log(dir, name, seed);
+        log(dir, name, seed, 0.0);
     }
     let logs = "a.csv b.csv c.csv d.csv --test test.csv --model linear";
     let plain = program::json(dir, &format!("fit {logs} --json"));
@@ -122,7 +130,7 @@ fn lag_and_creep_are_found_stored_and_made_up_for_in_every_command() {
 fn what_is_given_is_not_searched_for() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
-    log(dir, "a.csv", 1);
+    log(dir, "a.csv", 1, 0.0);
     let given = "--lag 3.5 --memory-terms 0.4,2 --model linear -o cal.json --json";
     let found = program::json(dir, &format!("fit a.csv {given}"));
     assert_eq!(found["dynamics"]["lag"], 0.0035);

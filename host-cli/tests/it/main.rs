@@ -35,6 +35,7 @@ mod drift;
 mod exact_coefficients;
 mod exact_optimum;
 mod exact_sums;
+mod file_intervals;
 mod fit_report;
 mod found_groups;
 mod gates;

@@ -59,7 +59,7 @@ fn log(folder: &Path, samples: &[SensorSample]) -> PathBuf {
 }
 
 /// The shares of rows within their 95 % intervals.
-fn coverage(
+pub(crate) fn coverage(
     calibration: &Calibration,
     readings: &[Vec<f64>],
     truth: &PerAxis<Vec<f64>>,

@@ -77,7 +77,8 @@ fn readings_that_no_sum_takes_exactly_are_validated_too() {
     let (found, said) = fit(volts.path(), "--cv --model quadratic -o cal.json");
     // Rows are dealt at random by what they hold: that figure is of other rows.
     assert_same(&held_out(&found)[..6], &held_out(&expected)[..6], 1e-8);
-    assert_eq!(said.matches("not solved exactly").count(), 1, "{said}");
+    // At condition numbers below 1e4 nothing is lost.
+    assert_eq!(said.matches("not solved exactly").count(), 0, "{said}");
     let chosen = |dir: &TempDir| {
         let (report, _) = fit(dir.path(), "--model auto");
         let selection = report["selection"].clone();

@@ -48,7 +48,7 @@ class Calibration:
     solver : str
         ``"exact"`` unless told otherwise: sums of integers without rounding, right to the last place, the
         same bits for any order of the rows. Readings that are no counts of a converter are solved by
-        refined QR, with a warning. The others are those of ``shellcal fit --solver``.
+        refined QR, with a warning where that loses digits. The others are those of ``shellcal fit --solver``.
     truncate : float, optional
         With ``solver="svd"``: leaves out directions whose singular value is below this share of the
         largest.

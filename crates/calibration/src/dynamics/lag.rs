@@ -11,8 +11,8 @@ pub struct ReferenceLag {
     pub by: f64,
 }
 
-/// The columns at times that are later `by` so much, straight between rows; beyond the ends of a segment the last value
-/// is held. `times` ascend within each of `segments`, the first rows of stretches without a gap.
+/// The columns at times that are later `by` so much, straight between rows and up to one row beyond the ends of a segment;
+/// further out the value is held. `times` ascend within each of `segments`, the first rows of stretches without a gap.
 pub(super) fn shifted(times: &[f64], segments: &[usize], by: f64, column: &[f64]) -> Vec<f64> {
     let mut moved = Vec::with_capacity(column.len());
     let ends = segments.iter().skip(1).copied().chain([times.len()]);
@@ -20,13 +20,13 @@ pub(super) fn shifted(times: &[f64], segments: &[usize], by: f64, column: &[f64]
         let mut before = start;
         for row in start..end {
             let wanted = times[row] + by;
-            while before + 1 < end && times[before + 1] <= wanted {
+            while before + 2 < end && times[before + 1] <= wanted {
                 before += 1;
             }
             let after = (before + 1).min(end - 1);
             let span = times[after] - times[before];
             let share = if span > 0.0 { (wanted - times[before]) / span } else { 0.0 };
-            let share = share.clamp(0.0, 1.0);
+            let share = share.clamp(-1.0, 2.0);
             moved.push(column[before] + share * (column[after] - column[before]));
         }
     }
@@ -48,15 +48,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_straight_line_is_moved_along_itself_and_held_at_the_ends_of_segments() {
+    fn a_straight_line_is_moved_along_itself_and_held_beyond_the_ends_of_segments() {
         let times = [0.0, 1.0, 1.5, 3.0, 50.0, 51.0];
         let segments = segments(&times, Some(10.0));
         assert_eq!(segments, [0, 4]);
         let column = times.map(|time| 2.0 * time);
         let later = shifted(&times, &segments, 0.25, &column);
-        assert_eq!(later, [0.5, 2.5, 3.5, 6.0, 100.5, 102.0]);
+        assert_eq!(later, [0.5, 2.5, 3.5, 6.5, 100.5, 102.5]);
         let earlier = shifted(&times, &segments, -0.75, &column);
-        assert_eq!(earlier, [0.0, 0.5, 1.5, 4.5, 100.0, 100.5]);
+        assert_eq!(earlier, [-1.5, 0.5, 1.5, 4.5, 98.5, 100.5]);
+        let much_later = shifted(&times, &segments, 5.0, &column);
+        assert_eq!(much_later, [9.0, 9.0, 9.0, 9.0, 104.0, 104.0]);
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Rows group by group.
 
 use std::collections::HashMap;
+use std::ops::Range;
 
 use super::rows::FactoredRows;
 use crate::model::Model;
@@ -131,6 +132,16 @@ impl FactoredGroups {
     /// All rows; `None` where there is no group.
     pub fn total(&self) -> Option<FactoredRows> {
         self.without(None)
+    }
+
+    /// Neighbours together, each group of the result with the rows of a range that is not empty.
+    pub(crate) fn merged(&self, ranges: &[Range<usize>]) -> Self {
+        let merge = |range: &Range<usize>| {
+            let (label, mut all) = self.groups[range.start].clone();
+            self.groups[range.clone()].iter().skip(1).for_each(|(_, rows)| all.merge(rows));
+            (label, all)
+        };
+        Self { groups: ranges.iter().map(merge).collect() }
     }
 
     /// All rows but those of a group; `None` where there are none.

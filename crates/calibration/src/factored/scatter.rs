@@ -9,6 +9,7 @@ use super::rows::FactoredRows;
 use crate::exact::NewGroup;
 use crate::sandwich::{ClusterShare, GroupScatter, ScatterError, ScatterSums};
 use crate::solver::Solution;
+use shell_data::wrench::PerAxis;
 
 impl FactoredGroups {
     /// The scatter of the coefficients of a solution over these groups, or all but one of them, which are
@@ -58,13 +59,23 @@ impl FactoredGroups {
         solution: &Solution,
         scatter: &GroupScatter,
     ) -> Option<NewGroup> {
+        let errors = self.groups[group].1.errors(solution)?;
+        Some(NewGroup { errors, variance: self.variance(group, solution, scatter)? })
+    }
+
+    /// The mean variance that the coefficients of a fit, which scatter so, give the predictions of a group.
+    pub(crate) fn variance(
+        &self,
+        group: usize,
+        solution: &Solution,
+        scatter: &GroupScatter,
+    ) -> Option<PerAxis<f64>> {
         let rows = &self.groups[group].1;
         let change = rows.change(&solution.model, &solution.scaling)?;
-        let variance = scatter.factors.each_ref().map(|factor: &Mat<f64>| {
+        Some(scatter.factors.each_ref().map(|factor: &Mat<f64>| {
             let spread = rows.times(&(&change * factor));
             spread.squared_norm_l2() / rows.rows().max(1) as f64
-        });
-        Some(NewGroup { errors: rows.errors(solution)?, variance })
+        }))
     }
 }
 

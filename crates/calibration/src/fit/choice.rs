@@ -1,15 +1,17 @@
 //! What is known before a fit: the model, its held-out errors, and how rows err together.
 
 use std::collections::HashMap;
+use std::ops::Range;
 
 use super::refits::{
-    Refit, cross_validate_by_normal_equations, cross_validate_by_refits, select_by_normal_equations,
+    FOLDS, MOST_ALONE, Refit, cross_validate_by_normal_equations, cross_validate_by_refits,
+    select_by_normal_equations,
 };
 use super::{FitOptions, ModelRule};
 use crate::error::FitError;
 use crate::exact::{ExactError, Moments};
 use crate::factored::{FactoredGroups, GroupFactors};
-use crate::groups::{FoundGroups, GroupBy, HeldOut, label_groups, label_poses};
+use crate::groups::{FoundGroups, GroupBy, HeldOut, label_groups, label_poses, stretches_of_files};
 use crate::model::{Basis, Model};
 use crate::passes::{Workers, each};
 use crate::reading_ranges::ReadingRanges;
@@ -59,8 +61,8 @@ pub enum CovarianceRule {
 /// What standard errors by group are made of where exact sums do not serve the solver.
 #[derive(Clone, Debug)]
 pub(super) enum Clusters {
-    /// Triangles of the rows.
-    Triangles(FactoredGroups),
+    /// Triangles of the rows, and where groups are stretches of files those of each file.
+    Triangles { rows: FactoredGroups, files: Option<Vec<Range<usize>>> },
     /// The rows with their labels, for a solver that clips them.
     Rows(Block),
 }
@@ -98,7 +100,7 @@ impl ModelChoice {
     /// The groups that were found, where they are not given.
     pub(super) fn found_groups(&self) -> Option<FoundGroups> {
         let is_used = self.sums.is_some()
-            || matches!(self.clusters, Some(Clusters::Triangles(_)))
+            || matches!(self.clusters, Some(Clusters::Triangles { .. }))
             || self.cross_validation.is_some();
         self.group_by.as_ref().filter(|_| is_used)?.found()
     }
@@ -154,6 +156,12 @@ pub(super) fn choose(
     training: Training<'_>,
     options: &FitOptions<'_>,
 ) -> Result<ModelChoice, FitError> {
+    let mut choice = choose_model(training, options)?;
+    options.cluster_files(&mut choice)?;
+    Ok(choice)
+}
+
+fn choose_model(training: Training<'_>, options: &FitOptions<'_>) -> Result<ModelChoice, FitError> {
     // A family is chosen by exact sums wherever there are any, whatever solver then fits it.
     let by_sums =
         !options.validates() || options.basis().is_none() || options.solver == SolverKind::Exact;
@@ -482,8 +490,30 @@ impl FitOptions<'_> {
         let (channels, memory) = first.map_or((0, 0), |of| (of.channels, of.memory));
         let model = Model { basis: choice.basis, intercept: self.intercept, channels, memory };
         self.test_group_count(&mut choice, &model, rows.groups.len());
-        choice.clusters = Some(Clusters::Triangles(rows));
+        choice.clusters = Some(Clusters::Triangles { rows, files: None });
         Ok(choice)
+    }
+
+    /// Where files of motion were held out, standard errors and intervals come from stretches of these.
+    fn cluster_files(&self, choice: &mut ModelChoice) -> Result<(), FitError> {
+        let is_served = self.validates()
+            && self.covariance == CovarianceRule::Auto
+            && self.solver != SolverKind::Huber
+            && choice.group_by == Some(GroupBy::File);
+        let Some(rows) = choice.labelled.as_ref().filter(|_| is_served) else { return Ok(()) };
+        let Some((rows, files)) = stretches_of_files(rows) else { return Ok(()) };
+        let most = files.len().div_ceil(FOLDS);
+        let files = match files.len() {
+            0..=MOST_ALONE => files,
+            _ => files.chunks(most).map(|of| of[0].start..of[of.len() - 1].end).collect(),
+        };
+        match factor_groups(&rows, choice.basis) {
+            Ok(rows) => choice.clusters = Some(Clusters::Triangles { rows, files: Some(files) }),
+            Err(FitError::Validation(reason)) => choice.not_grouped = Some(reason),
+            Err(reason) => return Err(reason),
+        }
+        choice.by_group = choice.not_grouped.is_none();
+        Ok(())
     }
 
     /// Keeps the labelled rows as the solver's standard errors by group need them.

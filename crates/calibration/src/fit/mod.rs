@@ -77,6 +77,9 @@ use shell_data::wrench::PerAxis;
 /// The largest coefficient or squared error that a calibration's document takes.
 pub const LARGEST: f64 = 1e100;
 
+/// Below this condition number refined QR has nine right digits at the least, as many as a log has.
+const AS_GOOD_AS_EXACT: f64 = 1e6;
+
 /// Which model is fitted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ModelRule {
@@ -578,7 +581,8 @@ fn fit_polynomial(
     if used.has_weights() && options.solver == SolverKind::Exact {
         warnings.push(Warning::Weighted);
     }
-    warnings.extend(not_exact.map(Warning::NotExact));
+    let loses_digits = solution.condition.is_nan() || solution.condition > AS_GOOD_AS_EXACT;
+    warnings.extend(not_exact.filter(|_| loses_digits).map(Warning::NotExact));
     if let Some(reason) = choice.not_grouped.clone().or(not_grouped) {
         warnings.push(options.tell_not_grouped(reason)?);
     }

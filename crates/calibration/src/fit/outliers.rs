@@ -9,7 +9,7 @@ use crate::passes::{Rows, Workers, each};
 use crate::quality::{self, AxisErrors, significant};
 use crate::reading_ranges::ReadingRanges;
 use crate::solver::{Solution, SolverKind};
-use crate::validation::outliers::{Judge, Judged, Spread};
+use crate::validation::outliers::{Judge, Judged, LIMIT, LOOK_AT_ERROR, Spread};
 use shell_data::block::Block;
 use shell_data::dataset::{Dataset, LabelledBlock, RowSet};
 use shell_data::wrench::{Axes, Axis, PerAxis};
@@ -20,6 +20,9 @@ const MOST_ROUNDS: usize = 12;
 /// More rows than this share, and than so many, are no slips of single rows.
 const LARGEST_SHARE: f64 = 0.01;
 const MANY: usize = 50;
+
+/// An error is far beyond those of so large a share of the rows if it is so many times as large.
+const FAR_BEYOND: f64 = 2.5;
 
 /// A column whose value is so many standard deviations from that of its neighbours is worth a word.
 const FAR_FROM_NEIGHBOURS: f64 = 2.0;
@@ -228,6 +231,8 @@ pub fn find_outliers(data: &Dataset, test: &OutlierTest<'_>) -> Result<Outliers,
     let never: RowSet = keys(&out_of_range).collect();
     let everything = search.solve(&never)?;
     let (mut left_out, mut suspects, mut judge) = (BTreeSet::new(), Vec::new(), None);
+    let most = MANY.max((LARGEST_SHARE * data.rows() as f64) as usize);
+    let mut limit = LIMIT;
     for round in 0..MOST_ROUNDS {
         let excluded: RowSet = keys(&out_of_range).chain(left_out.iter().copied()).collect();
         let by = match round {
@@ -239,13 +244,14 @@ pub fn find_outliers(data: &Dataset, test: &OutlierTest<'_>) -> Result<Outliers,
             let is_left_out = |row: usize| excluded.contains(log, block.place, row);
             by.judge(block, &spread, &is_left_out)
         })?;
+        limit = limit_beyond(&judged, most);
         // All that stands out is left out first; then what belongs goes back.
         let is_left_out = |suspect: &&Suspect| match round {
             0 => suspect.judged.stands_out(),
-            _ => suspect.judged.is_outlier(),
+            _ => suspect.judged.is_outlier(limit),
         };
         let next: BTreeSet<_> = keys(judged.iter().filter(is_left_out)).collect();
-        if round > 0 && next.len() > MANY.max((LARGEST_SHARE * data.rows() as f64) as usize) {
+        if round > 0 && next.len() > most {
             return Ok(Outliers { too_many: Some(next.len()), ..Outliers::default() });
         }
         let is_same = next == left_out;
@@ -256,7 +262,9 @@ pub fn find_outliers(data: &Dataset, test: &OutlierTest<'_>) -> Result<Outliers,
     }
     let named: Vec<Suspect> = suspects
         .into_iter()
-        .filter(|of| of.judged.is_outlier() && !never.contains(of.log, of.place, of.judged.row))
+        .filter(|of| {
+            of.judged.is_outlier(limit) && !never.contains(of.log, of.place, of.judged.row)
+        })
         .collect();
     let excluded: RowSet = keys(&named).chain(keys(&out_of_range)).collect();
     let columns = (data.channels(), data.channels() * data.memory_terms());
@@ -271,6 +279,17 @@ pub fn find_outliers(data: &Dataset, test: &OutlierTest<'_>) -> Result<Outliers,
         found.rms = search.rms(&excluded, [&with, &without])?;
     }
     Ok(found)
+}
+
+/// The size of errors that is far beyond those of all but so many rows.
+fn limit_beyond(looked_at: &[Suspect], most: usize) -> f64 {
+    let mut sizes: Vec<f64> = looked_at.iter().map(|of| of.judged.size).collect();
+    let tail = match sizes.len() > most {
+        true => *sizes.select_nth_unstable_by(most, |a, b| b.total_cmp(a)).1,
+        // The rows that are not looked at have smaller errors.
+        false => LOOK_AT_ERROR,
+    };
+    LIMIT.max(FAR_BEYOND * tail)
 }
 
 /// A fit that rows are judged by.

@@ -121,16 +121,19 @@ pub(super) fn covariance(
     let found = match (&choice.clusters, &choice.sums) {
         _ if !choice.by_group => return (by_rows(), None),
         (Some(Clusters::Rows(rows)), _) => Covariance::of_clipped_groups(rows, solution, ridge),
-        (Some(Clusters::Triangles(_)), _) if solver == SolverKind::Huber => {
+        (Some(Clusters::Triangles { .. }), _) if solver == SolverKind::Huber => {
             Err(ValidationError::OtherSolver)
         }
-        (Some(Clusters::Triangles(rows)), _) => {
+        (Some(Clusters::Triangles { rows, files }), _) => {
             let method = match solver {
                 SolverKind::Svd => Method::Svd { truncate },
                 SolverKind::RidgeGcv => Method::RidgeGcv,
                 _ => Method::Tsqr,
             };
-            Covariance::of_factored(rows, solution, method, ridge)
+            match files {
+                None => Covariance::of_factored(rows, solution, method, ridge),
+                Some(files) => Covariance::of_files(rows, files, solution, method, ridge),
+            }
         }
         // Features of other solvers are about another centre than that of the sums.
         (None, Some(_)) if solver != SolverKind::Exact => Err(ValidationError::OtherSolver),

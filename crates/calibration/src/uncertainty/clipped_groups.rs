@@ -47,7 +47,7 @@ impl Covariance {
             let new = rows.on_new_group(group, &without, &scatter)?;
             Some(score_of(&new, &scatter, without.rows))
         };
-        Self::of_triangles(&clipped, solution, || of_scores(rows.groups.len(), score))
+        Self::of_triangles(&clipped, solution, |_| of_scores(rows.groups.len(), score))
     }
 }
 

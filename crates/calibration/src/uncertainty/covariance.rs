@@ -1,9 +1,13 @@
 //! The covariance of errors and coefficients.
 
+use std::ops::Range;
+
 use faer::Mat;
 
 use super::interval::{ErrorShape, NoIntervals, normal_quantile, student_quantile};
-use super::new_groups::{held_out_intervals, held_out_intervals_factored};
+use super::new_groups::{
+    held_out_intervals, held_out_intervals_factored, held_out_intervals_of_files,
+};
 use crate::exact::{GroupScatterError, PartitionedMoments, SolveError};
 use crate::factored::FactoredGroups;
 use crate::least_squares::Method;
@@ -109,8 +113,24 @@ impl Covariance {
         method: Method,
         ridge: f64,
     ) -> Result<Self, ValidationError> {
-        Self::of_triangles(rows, solution, || {
+        Self::of_triangles(rows, solution, |_| {
             held_out_intervals_factored(rows, &solution.model, (method, ridge))
+        })
+    }
+
+    /// The same of stretches of time, which are held out by whole files.
+    ///
+    /// # Errors
+    /// As [`Covariance::of_groups`].
+    pub fn of_files(
+        rows: &FactoredGroups,
+        files: &[Range<usize>],
+        solution: &Solution,
+        method: Method,
+        ridge: f64,
+    ) -> Result<Self, ValidationError> {
+        Self::of_triangles(rows, solution, |scatter| {
+            held_out_intervals_of_files(rows, files, (solution, scatter), (method, ridge))
         })
     }
 
@@ -118,7 +138,7 @@ impl Covariance {
     pub(super) fn of_triangles(
         rows: &FactoredGroups,
         solution: &Solution,
-        intervals: impl FnOnce() -> Option<GroupIntervals>,
+        intervals: impl FnOnce(&GroupScatter) -> Option<GroupIntervals>,
     ) -> Result<Self, ValidationError> {
         let groups = rows.groups.len();
         if groups < 2 {
@@ -126,7 +146,8 @@ impl Covariance {
         }
         let label = |place: usize| rows.groups[place].0.clone();
         let found = rows.scatter(solution, None).map_err(|error| why_no_scatter(error, label))?;
-        Ok(Self::of_scatter(found, solution.rows, intervals()))
+        let intervals = intervals(&found);
+        Ok(Self::of_scatter(found, solution.rows, intervals))
     }
 
     fn of_scatter(found: GroupScatter, rows: u64, intervals: Option<GroupIntervals>) -> Self {

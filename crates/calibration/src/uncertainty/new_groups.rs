@@ -4,12 +4,15 @@
 //! rows and what scatters about it, taken as normal. Both come from the sums of the group, so that no row is
 //! read again. What the scores say, [`GroupIntervals`] does.
 
+use std::ops::Range;
+
 use crate::exact::{Moments, NewGroup, PartitionedMoments};
 use crate::factored::FactoredGroups;
 use crate::least_squares::Method;
 use crate::model::Model;
 use crate::physics::GroupIntervals;
 use crate::sandwich::GroupScatter;
+use crate::solver::Solution;
 use crate::validation::grouped::GroupedMoments;
 use shell_data::wrench::PerAxis;
 
@@ -42,6 +45,29 @@ pub(super) fn held_out_intervals_factored(
         let new = rows.on_new_group(group, &solution, &scatter)?;
         Some(score_of(&new, &scatter, rest.rows()))
     })
+}
+
+/// The same of stretches of time, each by a fit without its whole file: rows of a file have more in common than those of
+/// two. `solution` of all rows and its scatter say how much the errors of a stretch are expected to be.
+pub(super) fn held_out_intervals_of_files(
+    rows: &FactoredGroups,
+    files: &[Range<usize>],
+    (solution, scatter): (&Solution, &GroupScatter),
+    (method, ridge): (Method, f64),
+) -> Option<GroupIntervals> {
+    let of_files = rows.merged(files);
+    let of_file = |(file, stretches): (usize, &Range<usize>)| {
+        let rest = of_files.without(Some(file))?;
+        let fit = rest.solve_by(method, &solution.model, ridge).ok()?;
+        let score = |group: usize| {
+            let errors = rows.groups[group].1.errors(&fit)?;
+            let variance = rows.variance(group, solution, scatter)?;
+            Some(score_of(&NewGroup { errors, variance }, scatter, solution.rows))
+        };
+        stretches.clone().map(score).collect::<Option<Vec<_>>>()
+    };
+    let scores: Option<Vec<_>> = files.iter().enumerate().map(of_file).collect();
+    Some(GroupIntervals::of_groups(&scores?.concat()))
 }
 
 pub(super) fn of_scores(

@@ -8,9 +8,9 @@
 //! size = |e| / (σ·√(1 − h))      of one that it has
 //! ```
 //!
-//! and a row does not belong if that is above [`LIMIT`] on any axis (Cook and Weisberg, Residuals and
+//! and a row does not belong if that is above a limit on any axis (Cook and Weisberg, Residuals and
 //! Influence in Regression, 1982, §2.2), unless the rows beside it err alike: what a model cannot follow
-//! comes and goes, a slip is there and gone; or the error is no larger than what both the prediction and the
+//! comes and goes, a slip is there for one row or two; or the error is no larger than what both the prediction and the
 //! load change by from one row to the next: sensor and reference are not sampled at one time. Nor does a row
 //! belong with a reading further than eight standard deviations from the mean and half that from both rows
 //! beside it, nor one with a size of 3 that jumps by two of them from both in one direction and has more
@@ -20,8 +20,9 @@
 //! all rows that exceed a limit; what is found to belong goes back, and the fit is done again, until
 //! nothing changes.
 //!
-//! Why 10: a row moves the predictions of `n` others by no more than `size·σ/√n` on average. To move a root
-//! mean square error by a tenth it takes a size of `0.46·√n`, which is above 10 from 470 rows on.
+//! Why a [limit](LIMIT) of 10: a row moves the predictions of `n` others by no more than `size·σ/√n` on average. To move a root
+//! mean square error by a tenth it takes a size of `0.46·√n`, which is above 10 from 470 rows on. Where many errors are
+//! large, a search raises it to what is far beyond all of them.
 
 use std::ops::Range;
 
@@ -37,14 +38,14 @@ use shell_data::instructions::arch;
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::PerAxis;
 
-/// The largest size of an error of a row that belongs.
+/// The largest size of an error of a row that belongs, at the least.
 pub const LIMIT: f64 = 10.0;
 
 /// The largest distance of a reading from its mean, in standard deviations, of one that does.
 const FAR: f64 = 8.0;
 
 /// The sizes from which on a row is looked at: leverage takes time.
-const LOOK_AT_ERROR: f64 = 4.0;
+pub(crate) const LOOK_AT_ERROR: f64 = 4.0;
 const LOOK_AT_READING: f64 = 4.5;
 
 /// A row that takes a fit over: its leverage, also in averages, its jump from both rows beside it in
@@ -57,8 +58,9 @@ const SIZE_WITH_JUMP: f64 = 3.0;
 /// How many standard deviations of readings are between the least and the largest.
 const DEVIATIONS_IN_RANGE: f64 = 8.0;
 
-/// Rows on either side in which an error has to halve.
-const BESIDE: usize = 6;
+/// How many rows before and after a slip its error has halved, if it is one row long, or two: errors of fast motion grow
+/// and fade over some rows.
+const BESIDE: [[usize; 2]; 3] = [[1, 1], [1, 2], [2, 1]];
 
 /// Errors below this share of the standard deviation of the load are rounding.
 const SMALLEST_NOISE: f64 = 1e-4;
@@ -145,9 +147,9 @@ pub struct Judged {
 }
 
 impl Judged {
-    /// Whether the row does not belong.
-    pub fn is_outlier(&self) -> bool {
-        (self.size > LIMIT && self.errs_alone)
+    /// Whether the row does not belong, where errors up to a limit do.
+    pub fn is_outlier(&self, limit: f64) -> bool {
+        (self.size > limit && self.errs_alone)
             || (self.far > FAR && self.is_far_alone)
             || (self.size > SIZE_WITH_JUMP && self.takes_over)
     }
@@ -257,12 +259,16 @@ impl Judge {
                 false => 0.0,
             };
             let axis = (0..6).max_by(|&a, &b| size(a).total_cmp(&size(b))).unwrap_or(0);
-            let half = 0.5 * deleted * error(axis, row).abs();
-            let halves = |mut rows: Range<usize>| {
-                rows.is_empty() || rows.any(|row| error(axis, row).abs() < half)
+            let own = error(axis, row);
+            let errs_alike = |row: Option<usize>| {
+                let beside = row.filter(|&row| row < block.rows).map(|row| error(axis, row));
+                beside.is_some_and(|beside| beside * own.signum() > 0.5 * deleted * own.abs())
+            };
+            let halves = |[before, after]: [usize; 2]| {
+                !errs_alike(row.checked_sub(before)) && !errs_alike(Some(row + after))
             };
             // Where the load moves, a sensor that is sampled a little earlier errs by a part of it.
-            let exceeds_change = deleted * error(axis, row).abs()
+            let exceeds_change = deleted * own.abs()
                 > change(&predicted[axis], row).min(change(&block.wrench[axis], row));
             let (far, is_far_alone) = distance(block, spread, row);
             Judged {
@@ -270,9 +276,7 @@ impl Judge {
                 error: std::array::from_fn(|axis| error(axis, row)),
                 size: size(axis),
                 axis,
-                errs_alone: exceeds_change
-                    && halves(row.saturating_sub(BESIDE)..row)
-                    && halves(row + 1..(row + 1 + BESIDE).min(block.rows)),
+                errs_alone: exceeds_change && BESIDE.into_iter().any(halves),
                 far,
                 is_far_alone,
                 takes_over: exceeds_change
