@@ -211,7 +211,7 @@ fn loads_are_constant_in_groups(data: &Dataset) -> bool {
 
 /// Whether a log may have plateaus, going by a sample of its rows; one of the first rows only does not tell.
 pub fn may_have_plateaus(sample: &Block, is_sampled_at_start: bool) -> bool {
-    let mut finder = PlateauFinder::new(Steps::of_sample(&[], &sample.wrench));
+    let mut finder = PlateauFinder::<6>::new(Steps::of_sample(&[], &sample.wrench));
     finder.add(&[], &sample.wrench);
     is_sampled_at_start || matches!(finder.finish(), Stretches::Plateaus(_))
 }
@@ -241,7 +241,7 @@ fn label_by_file(data: &Dataset) -> Dataset {
 fn find(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     let stretches = |log: &LogRows| {
         let steps = Steps::of_sample(&log.sample.time_s, &log.sample.wrench);
-        let mut finder = PlateauFinder::new(steps);
+        let mut finder = PlateauFinder::<6>::new(steps);
         log.blocks.iter().for_each(|block| finder.add(&block.rows.time_s, &block.rows.wrench));
         finder.finish()
     };

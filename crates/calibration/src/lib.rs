@@ -45,6 +45,7 @@ pub mod factored;
 pub mod features;
 pub mod fit;
 mod groups;
+mod holds;
 pub mod least_squares;
 pub mod load_plan;
 pub mod magnitudes;

@@ -2,7 +2,7 @@
 
 use super::load::{Pull, STANDARD_GRAVITY};
 use shell_data::hint::did_you_mean;
-use shell_data::wrench::Axis;
+use shell_data::wrench::{Axis, LoadErrors};
 
 /// A number that a column holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -22,6 +22,11 @@ pub(crate) enum Quantity {
     Accelerometer(usize),
     /// An axis of the wrench.
     Wrench(usize),
+    /// Standard errors.
+    MassError,
+    ForceError,
+    AngleError,
+    LeverError,
 }
 
 /// What a column is.
@@ -38,8 +43,14 @@ pub(crate) enum Column {
 
 const DEGREE: f64 = std::f64::consts::PI / 180.0;
 
+/// Errors where nothing is stated: what a kitchen scale shows of a mass of some hundred grams, a protractor of a
+/// string, and a ruler of a lever.
+const USUAL_SHARE: f64 = 0.002;
+const USUAL_ANGLE_RAD: f64 = DEGREE;
+const USUAL_LEVER_M: f64 = 1e-3;
+
 /// Known names, with what they are.
-const NAMES: [(&str, Column); 35] = {
+const NAMES: [(&str, Column); 42] = {
     use Column::{Direction, Group, Mounting, Number, Other};
     use Quantity as Q;
     [
@@ -78,6 +89,13 @@ const NAMES: [(&str, Column); 35] = {
         ("az", Number(Q::Accelerometer(2), 1.0)),
         ("azimuth_rad", Number(Q::Azimuth, 1.0)),
         ("elevation_rad", Number(Q::Elevation, 1.0)),
+        ("mass_error_kg", Number(Q::MassError, 1.0)),
+        ("mass_error_g", Number(Q::MassError, 1e-3)),
+        ("force_error_n", Number(Q::ForceError, 1.0)),
+        ("force_error_mn", Number(Q::ForceError, 1e-3)),
+        ("angle_error_deg", Number(Q::AngleError, DEGREE)),
+        ("angle_error_rad", Number(Q::AngleError, 1.0)),
+        ("lever_error_mm", Number(Q::LeverError, 1e-3)),
     ]
 };
 
@@ -153,6 +171,31 @@ pub(crate) fn pull(
     }
     let point_m = three(Quantity::Point).unwrap_or_default();
     Ok(Pull::Force { force_n, mass_kg, point_m, direction: along.map(|x| x / length) })
+}
+
+/// The errors that a line states of its load, and those that are usual where it says nothing.
+pub(crate) fn errors(
+    number: impl Fn(Quantity) -> Option<f64>,
+    pull: &Pull,
+) -> Result<LoadErrors, String> {
+    use Quantity::{AngleError, ForceError, LeverError, MassError};
+    let force_n = match pull {
+        Pull::Force { force_n, .. } => *force_n,
+        Pull::Wrench(_) => 0.0,
+    };
+    let stated = |quantity| match number(quantity) {
+        Some(error) if error < 0.0 => Err("an error below zero".to_owned()),
+        error => Ok(error),
+    };
+    let size = match (stated(MassError)?, stated(ForceError)?) {
+        (Some(_), Some(_)) => return Err("the error of a mass and that of a force".to_owned()),
+        (mass, force) => mass.map(|mass| mass * STANDARD_GRAVITY).or(force),
+    };
+    Ok(LoadErrors {
+        force_n: size.unwrap_or(USUAL_SHARE * force_n),
+        angle_rad: stated(AngleError)?.unwrap_or(USUAL_ANGLE_RAD),
+        lever_m: stated(LeverError)?.unwrap_or(USUAL_LEVER_M),
+    })
 }
 
 fn direction_of_word(word: &str) -> Result<[f64; 3], String> {

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use shell_data::wrench::{Axis, PerAxis};
+use shell_data::wrench::{Axis, LoadErrors, PerAxis, force_at};
 
 /// The acceleration that turns a mass into a force, m/s² (CGPM 1901, resolution 2).
 pub const STANDARD_GRAVITY: f64 = 9.80665;
@@ -14,6 +14,8 @@ pub struct HungLoad {
     pub group: String,
     /// What it is.
     pub pull: Pull,
+    /// How wrong that may be, where it is a force.
+    pub errors: LoadErrors,
     /// The label of the mounting of the lever, where one is given.
     pub mounting: Option<String>,
     /// The line of the table, from 1.
@@ -43,9 +45,8 @@ impl HungLoad {
     pub fn wrench(&self) -> PerAxis<f64> {
         match self.pull {
             Pull::Wrench(wrench) => wrench,
-            Pull::Force { force_n, point_m: [x, y, z], direction, .. } => {
-                let [fx, fy, fz] = direction.map(|along| force_n * along);
-                [fx, fy, fz, y * fz - z * fy, z * fx - x * fz, x * fy - y * fx]
+            Pull::Force { force_n, point_m, direction, .. } => {
+                force_at(direction.map(|along| force_n * along), point_m)
             }
         }
     }

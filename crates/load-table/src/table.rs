@@ -4,7 +4,7 @@ use std::collections::HashSet;
 
 use csv::{ReaderBuilder, StringRecord, Trim, WriterBuilder};
 
-use super::columns::{Column, Quantity, pull};
+use super::columns::{Column, Quantity, errors, pull};
 use super::load::HungLoad;
 
 /// Loads, one a line, with the cells that they were read from.
@@ -162,7 +162,8 @@ fn load(
     let number =
         |wanted| numbers.iter().find(|(quantity, _)| *quantity == wanted).map(|(_, value)| *value);
     let pull = pull(number, word).map_err(|message| (None, message))?;
-    Ok(HungLoad { group: group.unwrap_or_else(|| line.to_string()), pull, mounting, line })
+    let errors = errors(number, &pull).map_err(|message| (None, message))?;
+    Ok(HungLoad { group: group.unwrap_or_else(|| line.to_string()), pull, errors, mounting, line })
 }
 
 #[cfg(test)]
@@ -208,6 +209,22 @@ mod tests {
     }
 
     #[test]
+    fn errors_are_those_that_are_stated_and_otherwise_the_usual_ones() {
+        let table = "mass_kg,mass_error_g,angle_error_deg,lever_error_mm\n1,10,,\n2,,3,0\n";
+        let table = HungLoads::parse(table).unwrap();
+        let [first, second] = table.loads() else { panic!("two loads") };
+        assert_close(&[first.errors.force_n, first.errors.lever_m], &[0.0980665, 1e-3]);
+        assert_close(
+            &[first.errors.angle_rad, second.errors.angle_rad],
+            &[1_f64.to_radians(), 3_f64.to_radians()],
+        );
+        assert_close(
+            &[second.errors.force_n, second.errors.lever_m],
+            &[0.002 * 2.0 * 9.80665, 0.0],
+        );
+    }
+
+    #[test]
     fn faults_name_line_and_column() {
         for (text, message) in [
             ("", "line 1: the table of loads is empty"),
@@ -223,6 +240,11 @@ mod tests {
             ("force_n,dx,roll_deg\n2,1,5", "line 2: more than one direction"),
             ("force_n,dx\n2,0", "line 2: a direction of length 0"),
             ("force_n,pose\n2,a\n3,a", "line 3: a second load with the label `a`"),
+            ("force_n,angle_error_deg\n2,-1", "line 2: an error below zero"),
+            (
+                "mass_g,mass_error_g,force_error_n\n2,1,1",
+                "line 2: the error of a mass and that of a force",
+            ),
         ] {
             assert_eq!(HungLoads::parse(text).unwrap_err().to_string(), message, "{text}");
         }

@@ -68,6 +68,22 @@ impl Axis {
 /// One value per axis, in the order of [`Axis::ALL`].
 pub type PerAxis<T> = [T; 6];
 
+/// Standard errors of a load that is a force at a point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LoadErrors {
+    /// Of its size, N.
+    pub force_n: f64,
+    /// Of its direction, either way, rad.
+    pub angle_rad: f64,
+    /// Of each coordinate of its point, m.
+    pub lever_m: f64,
+}
+
+/// The wrench about the origin of a force (N) at a point (m): the force, and `point × force`.
+pub fn force_at([fx, fy, fz]: [f64; 3], [x, y, z]: [f64; 3]) -> PerAxis<f64> {
+    [fx, fy, fz, y * fz - z * fy, z * fx - x * fz, x * fy - y * fx]
+}
+
 /// Which axes of the wrench there are: one to six of them, in the order of [`Axis::ALL`]. A reference may
 /// measure only some.
 ///

@@ -1,6 +1,6 @@
 //! From logs to the rows of a fit, and from a fit to its calibration file.
 
-use super::{WorkflowError, agree_on_axes, check_logs};
+use super::{WorkflowError, agree_on_axes, check_channels, check_logs};
 use calibration::Calibration;
 use calibration::fit::{Fit, FitMethod, FitOptions, GroupsAsked, HeldOut, may_have_plateaus};
 use calibration::quality::AxisQuality;
@@ -51,6 +51,30 @@ impl FitData {
             sample_logs(&mut read.test, test, &of_test)?;
         }
         Ok(read)
+    }
+
+    /// Reads the rows of logs to test on, beside training rows that have been read.
+    ///
+    /// # Errors
+    /// As [`FitData::read`].
+    pub fn read_tests(
+        &mut self,
+        test: &[Log],
+        (options, labels_tests): (&FitOptions<'_>, bool),
+        read: &ReadOptions<'_>,
+    ) -> Result<(), WorkflowError> {
+        let asked = if labels_tests { GroupsAsked::IfAny } else { GroupsAsked::Nothing };
+        let wanted = wanted_for(test, asked, !options.dynamics.is_nothing())?;
+        for log in test {
+            log.require(&wanted)?;
+            check_channels(log, self.train.channels())?;
+        }
+        let logs: Vec<(&Log, Wanted)> = test.iter().map(|log| (log, wanted.clone())).collect();
+        self.test = read_dataset(&logs, read)?;
+        if labels_tests {
+            sample_logs(&mut self.test, test, &wanted)?;
+        }
+        Ok(())
     }
 }
 

@@ -3,11 +3,13 @@
 pub mod align;
 pub mod batch;
 pub mod bench;
+pub mod check;
 pub mod convert;
 pub mod drift;
 pub mod figures;
 pub mod fit;
 pub mod gates;
+pub mod hung_loads;
 pub mod live;
 pub mod merge;
 pub mod noise;

@@ -41,6 +41,7 @@ mod found_groups;
 mod gates;
 mod golden;
 mod hostile;
+mod hung_loads;
 #[cfg(target_os = "linux")]
 mod install_script;
 mod instruction_sets;

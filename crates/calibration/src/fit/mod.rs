@@ -53,7 +53,10 @@ pub use self::warning::Warning;
 pub use crate::groups::{
     FoundGroups, FoundKind, GroupBy, HeldOut, label_groups, label_poses_or_files, may_have_plateaus,
 };
+pub use crate::holds::{HoldMismatch, label_holds};
 pub use crate::passes::Workers;
+
+use std::collections::BTreeMap;
 
 use self::choice::{ModelChoice, Training, choose};
 use self::physics::TriedPhysics;
@@ -142,6 +145,9 @@ pub struct FitOptions<'a> {
     pub outliers: OutlierRule,
     /// What was asked for that polynomials alone have: with [`ModelRule::Auto`] nothing else is then chosen.
     pub polynomials_only: Option<&'a str>,
+    /// What errors of the physics model on held-out groups are against, by label, where the wrench of their rows was
+    /// corrected by their own readings.
+    pub stated_loads: Option<&'a BTreeMap<String, PerAxis<f64>>>,
     /// Who works on it.
     pub workers: Workers<'a>,
 }
@@ -175,6 +181,7 @@ impl Default for FitOptions<'_> {
             valid_range: None,
             outliers: OutlierRule::Report,
             polynomials_only: None,
+            stated_loads: None,
             workers: Workers::default(),
         }
     }

@@ -100,7 +100,11 @@ pub(super) fn fit(
     check(training.data)?;
     let labelled = training.labelled(options.held_out());
     let (group_by, used) = labelled.ok_or(FitError::NoGroups)?;
-    let (rows, labels) = TrainingRows::from_dataset(&used);
+    let (mut rows, labels) = TrainingRows::from_dataset(&used);
+    if let Some(stated) = options.stated_loads {
+        let known = (0..).zip(&labels).filter_map(|(at, label)| Some((at, *stated.get(label)?)));
+        rows.judged_by = known.collect();
+    }
     let ((physics, choice), validation) = match (tried, options.cross_validation) {
         (Some(TriedPhysics { fitted, validation }), _) => (fitted, Some(validation)),
         (None, held_out) => {

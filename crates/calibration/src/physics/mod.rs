@@ -32,6 +32,7 @@ pub mod response;
 mod rows;
 mod sensor;
 mod sums;
+pub mod uncertain_loads;
 mod validation;
 
 pub use self::calibration::PhysicsCalibration;

@@ -18,13 +18,16 @@ pub struct TrainingRows {
     pub wrench: PerAxis<Vec<f64>>,
     /// Counts, one column per channel.
     pub readings: Vec<Vec<f64>>,
+    /// What conversions of a group's rows are judged by, where that is not their wrench: loads as they are stated,
+    /// where the wrench is corrected by readings of these rows.
+    pub judged_by: BTreeMap<u64, PerAxis<f64>>,
 }
 
 /// Rows converted by a model that has not seen them.
 pub(super) struct HeldOutRows {
     /// Their groups.
     pub(super) groups: Vec<u64>,
-    /// Predicted less measured, N and N·m.
+    /// Predicted less what they are judged by, N and N·m.
     pub(super) errors: PerAxis<Vec<f64>>,
     /// What the model says of them.
     pub(super) estimates: Estimates,
@@ -93,6 +96,7 @@ impl TrainingRows {
             groups: self.groups.iter().copied().filter(|group| !groups.contains(group)).collect(),
             wrench: self.wrench.each_ref().map(pick),
             readings: self.readings.iter().map(pick).collect(),
+            judged_by: self.judged_by.clone(),
         }
     }
 
@@ -128,7 +132,11 @@ impl TrainingRows {
         let estimates = estimates(&readings);
         let error = |axis: usize| {
             let pairs = rows.iter().zip(&estimates.wrench[axis]);
-            pairs.map(|(&row, predicted)| predicted - self.wrench[axis][row]).collect()
+            let judge = |row: usize| {
+                let stated = self.judged_by.get(&self.groups[row]);
+                stated.map_or(self.wrench[axis][row], |wrench| wrench[axis])
+            };
+            pairs.map(|(&row, predicted)| predicted - judge(row)).collect()
         };
         HeldOutRows {
             groups: rows.iter().map(|&row| self.groups[row]).collect(),

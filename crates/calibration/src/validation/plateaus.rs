@@ -14,7 +14,6 @@
 //! loads. Rows are looked at one after another, in memory that grows with the plateaus alone.
 
 use shell_data::statistics::MergeWeights;
-use shell_data::wrench::PerAxis;
 
 use super::grouped::MAX_GROUPS;
 
@@ -45,16 +44,19 @@ const BACK_IN_INTERVALS: f64 = 10.0;
 const FORWARD_IN_INTERVALS: f64 = 100.0;
 const FORWARD_S: f64 = 1.0;
 
+/// A level of a slow motion is so many times shorter than those that are held.
+const SHORT: u64 = 4;
+
 /// What counts as a step of the load and as a jump of the clock.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Steps {
-    /// The smallest step of each axis, N and N·m.
-    load: PerAxis<f64>,
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Steps<const N: usize> {
+    /// The smallest step of each column, N and N·m where they are a wrench.
+    load: [f64; N],
     /// The median interval between rows, in s.
     interval_s: f64,
 }
 
-impl Steps {
+impl<const N: usize> Steps<N> {
     /// From rows of all parts of a recording, most of them in succession.
     pub fn of_sample(time_s: &[f64], wrench: &[Vec<f64>]) -> Self {
         let load = std::array::from_fn(|axis| {
@@ -74,8 +76,8 @@ impl Steps {
         Self { load, interval_s: quantile(&mut intervals, 0.5) }
     }
 
-    fn is_within(&self, level: &PerAxis<f64>, load: &PerAxis<f64>) -> bool {
-        (0..6).all(|axis| (load[axis] - level[axis]).abs() <= self.load[axis])
+    fn is_within(&self, level: &[f64; N], load: &[f64; N]) -> bool {
+        (0..N).all(|axis| (load[axis] - level[axis]).abs() <= self.load[axis])
     }
 
     fn starts_anew(&self, before_s: f64, now_s: f64) -> bool {
@@ -110,34 +112,45 @@ pub enum Stretches {
     Nothing,
 }
 
+/// Rows that were held still.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hold<const N: usize> {
+    /// The first row.
+    pub start: u64,
+    /// Rows from there on.
+    pub rows: u64,
+    /// The mean of each column.
+    pub mean: [f64; N],
+}
+
 /// Rows of about one load.
 #[derive(Clone, Copy, Debug)]
-struct Level {
+struct Level<const N: usize> {
     /// The first row.
     start: u64,
     /// Rows that agree.
     rows: u64,
-    mean: PerAxis<f64>,
+    mean: [f64; N],
     /// Squared differences from the mean.
-    squares: PerAxis<f64>,
+    squares: [f64; N],
     /// The mean place of the rows, their squared distances from it, and its products with the loads.
     place: f64,
     place_squares: f64,
-    products: PerAxis<f64>,
+    products: [f64; N],
     /// Whether a clock that started anew is what made it.
     is_parted: bool,
 }
 
-impl Level {
-    fn new(start: u64, load: &PerAxis<f64>, is_parted: bool) -> Self {
+impl<const N: usize> Level<N> {
+    fn new(start: u64, load: &[f64; N], is_parted: bool) -> Self {
         Self {
             start,
             rows: 1,
             mean: *load,
-            squares: [0.0; 6],
+            squares: [0.0; N],
             place: start as f64,
             place_squares: 0.0,
-            products: [0.0; 6],
+            products: [0.0; N],
             is_parted,
         }
     }
@@ -168,20 +181,20 @@ impl Level {
 
 /// Finds the plateaus of a recording, row by row.
 #[derive(Clone, Debug)]
-pub struct PlateauFinder {
-    steps: Steps,
+pub struct PlateauFinder<const N: usize = 6> {
+    steps: Steps<N>,
     rows: u64,
     last_s: Option<f64>,
-    levels: Vec<Level>,
+    levels: Vec<Level<N>>,
     /// Rows that have left the last level, as far as they agree.
-    leaving: Option<Level>,
+    leaving: Option<Level<N>>,
     /// Where the clock has jumped: the first rows after it.
     jumps: Vec<u64>,
 }
 
-impl PlateauFinder {
+impl<const N: usize> PlateauFinder<N> {
     /// Before the first row.
-    pub fn new(steps: Steps) -> Self {
+    pub fn new(steps: Steps<N>) -> Self {
         let (levels, jumps) = (Vec::new(), Vec::new());
         Self { steps, rows: 0, last_s: None, levels, leaving: None, jumps }
     }
@@ -192,12 +205,12 @@ impl PlateauFinder {
         let rows = wrench.first().map_or(0, Vec::len);
         let times = time_s.iter().copied().map(Some).chain(std::iter::repeat(None));
         for (row, now_s) in (0..rows).zip(times) {
-            let load = std::array::from_fn(|axis| wrench[axis][row]);
+            let load = std::array::from_fn(|axis| wrench.get(axis).map_or(0.0, |of| of[row]));
             self.add_row(now_s, &load);
         }
     }
 
-    fn add_row(&mut self, now_s: Option<f64>, load: &PerAxis<f64>) {
+    fn add_row(&mut self, now_s: Option<f64>, load: &[f64; N]) {
         let row = self.rows;
         self.rows += 1;
         let before_s = std::mem::replace(&mut self.last_s, now_s);
@@ -231,7 +244,7 @@ impl PlateauFinder {
         }
     }
 
-    fn begin(&mut self, level: Level) {
+    fn begin(&mut self, level: Level<N>) {
         // The last is replaced where there are too many for use anyway: memory stays bounded.
         if self.levels.len() > 8 * MAX_GROUPS {
             self.levels.pop();
@@ -252,34 +265,65 @@ impl PlateauFinder {
         }
     }
 
-    /// The rows of each plateau, if that is what the recording is made of.
-    fn plateaus(&self) -> Option<Vec<u64>> {
-        let range = |axis: usize| {
+    fn ranges(&self) -> [f64; N] {
+        std::array::from_fn(|axis| {
             let means = || self.levels.iter().map(move |level| level.mean[axis]);
             means().fold(f64::MIN, f64::max) - means().fold(f64::MAX, f64::min)
+        })
+    }
+
+    /// The levels, neighbours that are one merged.
+    fn merged(&self, ranges: &[f64; N]) -> Vec<Level<N>> {
+        let is_same = |a: &Level<N>, b: &Level<N>| {
+            (0..N).all(|axis| (a.mean[axis] - b.mean[axis]).abs() <= SAME_LEVEL * ranges[axis])
         };
-        let ranges: PerAxis<f64> = std::array::from_fn(range);
-        let is_same = |a: &Level, b: &Level| {
-            (0..6).all(|axis| (a.mean[axis] - b.mean[axis]).abs() <= SAME_LEVEL * ranges[axis])
-        };
-        let mut plateaus: Vec<Level> = Vec::new();
+        let mut plateaus: Vec<Level<N>> = Vec::new();
         for level in &self.levels {
             match plateaus.last_mut() {
                 Some(last) if !level.is_parted && is_same(last, level) => last.merge(level),
                 _ => plateaus.push(*level),
             }
         }
-        let is_steady = |level: &&Level| {
-            let may_rise =
-                |axis: usize| (0.5 * self.steps.load[axis]).max(2.0 * SAME_LEVEL * ranges[axis]);
-            level.rows >= FEWEST_ROWS && (0..6).all(|axis| level.rise(axis) <= may_rise(axis))
-        };
-        let steady: Vec<&Level> = plateaus.iter().filter(is_steady).collect();
+        plateaus
+    }
+
+    fn is_steady(&self, level: &Level<N>, ranges: &[f64; N]) -> bool {
+        let may_rise =
+            |axis: usize| (0.5 * self.steps.load[axis]).max(2.0 * SAME_LEVEL * ranges[axis]);
+        level.rows >= FEWEST_ROWS && (0..N).all(|axis| level.rise(axis) <= may_rise(axis))
+    }
+
+    /// The steady levels that are long beside the others: where the columns were held still. Rows on the way from
+    /// one to the next are in none.
+    pub fn holds(&self) -> Vec<Hold<N>> {
+        let ranges = self.ranges();
+        let mut holds = self.merged(&ranges);
+        holds.retain(|level| self.is_steady(level, &ranges));
+        // Half the rows are in levels at least as long as this.
+        let mut lengths: Vec<u64> = holds.iter().map(|level| level.rows).collect();
+        lengths.sort_unstable();
+        let (half, mut sum) = (lengths.iter().sum::<u64>() / 2, 0);
+        let usual = lengths.into_iter().find(|rows| {
+            sum += rows;
+            sum > half
+        });
+        holds.retain(|level| SHORT * level.rows >= usual.unwrap_or(0));
+        let hold =
+            |level: Level<N>| Hold { start: level.start, rows: level.rows, mean: level.mean };
+        holds.into_iter().map(hold).collect()
+    }
+
+    /// The rows of each plateau, if that is what the recording is made of.
+    fn plateaus(&self) -> Option<Vec<u64>> {
+        let ranges = self.ranges();
+        let plateaus = self.merged(&ranges);
+        let steady: Vec<&Level<N>> =
+            plateaus.iter().filter(|level| self.is_steady(level, &ranges)).collect();
         let (first, others) = steady.split_first()?;
         let mut all = **first;
         others.iter().for_each(|level| all.merge(level));
         let loaded: Vec<usize> =
-            (0..6).filter(|&axis| ranges[axis] > 2.0 * self.steps.load[axis]).collect();
+            (0..N).filter(|&axis| ranges[axis] > 2.0 * self.steps.load[axis]).collect();
         let within = |axis: &usize| {
             steady.iter().map(|level| level.squares[*axis]).sum::<f64>() / all.squares[*axis]
         };
@@ -301,6 +345,8 @@ fn lengths(starts: impl Iterator<Item = u64>, end: u64) -> Vec<u64> {
 #[cfg(test)]
 mod tests {
     use system_tests::random::Random;
+
+    use shell_data::wrench::PerAxis;
 
     use super::*;
 
@@ -327,7 +373,7 @@ mod tests {
     }
 
     fn found(time_s: &[f64], wrench: &[Vec<f64>], parts: usize) -> Stretches {
-        let mut finder = PlateauFinder::new(Steps::of_sample(time_s, wrench));
+        let mut finder = PlateauFinder::<6>::new(Steps::of_sample(time_s, wrench));
         for start in (0..wrench[0].len()).step_by(parts) {
             let end = (start + parts).min(wrench[0].len());
             let part: Vec<Vec<f64>> = wrench.iter().map(|c| c[start..end].to_vec()).collect();
@@ -413,7 +459,10 @@ mod tests {
         let (_, noise) = held(&[2000], 1.0);
         assert_eq!(found(&[], &noise, 999), Stretches::Nothing);
         assert_eq!(found(&[], &vec![vec![1.5; 300]; 6], 999), Stretches::Nothing);
-        assert_eq!(PlateauFinder::new(Steps::default()).finish(), Stretches::Nothing);
+        assert_eq!(
+            PlateauFinder::<6>::new(Steps::of_sample(&[], &[])).finish(),
+            Stretches::Nothing
+        );
         // The same motion, but the recorder paused twice.
         let pause = |row: usize| row as f64 * 0.001 + 5.0 * (row / 2000) as f64;
         let time: Vec<f64> = (0..5000).map(pause).collect();

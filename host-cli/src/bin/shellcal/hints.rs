@@ -12,9 +12,11 @@ use log_file::LogError;
 use output_file::OutputError;
 use shell_data::hint::Hint;
 use shellcal::workflow::align::AlignLogsError;
+use shellcal::workflow::check::CheckError;
 use shellcal::workflow::convert::ConvertError;
 use shellcal::workflow::drift::DriftError;
 use shellcal::workflow::gates::GateError;
+use shellcal::workflow::hung_loads::HungLoadsError;
 use shellcal::workflow::noise::NoiseError;
 use shellcal::workflow::payload::PayloadLogError;
 use shellcal::workflow::trial::TrialLogError;
@@ -29,14 +31,16 @@ pub(crate) fn for_error(error: &anyhow::Error) -> Option<String> {
 }
 
 /// An error in a chain does not say which hints it has: every type that has some is tried.
-const HINTS: [fn(&(dyn Error + 'static)) -> Option<String>; 18] = [
+const HINTS: [fn(&(dyn Error + 'static)) -> Option<String>; 20] = [
     hint::<AlignLogsError>,
     hint::<CalibrationFileError>,
     hint::<ChannelMismatch>,
+    hint::<CheckError>,
     hint::<ConvertError>,
     hint::<DriftError>,
     hint::<FitError>,
     hint::<GateError>,
+    hint::<HungLoadsError>,
     hint::<LinkError>,
     hint::<LogError>,
     hint::<MergeError>,

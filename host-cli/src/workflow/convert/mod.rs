@@ -43,7 +43,10 @@ use table::WrenchTable;
 use writer::Writer;
 
 /// How many standard errors an interval of this level reaches either way.
-fn interval_factors(calibration: &Calibration, level: f64) -> Result<PerAxis<f64>, ConvertError> {
+pub(super) fn interval_factors(
+    calibration: &Calibration,
+    level: f64,
+) -> Result<PerAxis<f64>, ConvertError> {
     match calibration.kind() {
         Kind::Polynomial(_) => {
             let covariance = calibration.covariance.as_ref().ok_or(ConvertError::NoCovariance)?;

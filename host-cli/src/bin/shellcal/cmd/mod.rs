@@ -4,6 +4,7 @@ mod align;
 mod bench;
 mod board;
 mod board_line;
+mod check;
 mod choices;
 mod compare;
 mod completions;
@@ -140,6 +141,12 @@ pub(crate) enum Command {
     /// Exits with 1 when the RMS error of an axis over all logs is above its limit.
     Eval(Deferred<eval::EvalArgs>),
 
+    /// Check a calibrated sensor with a known weight or two
+    ///
+    /// Compares the weights of a table with what the sensor says, axis by axis, and allows for the calibration's 95 %
+    /// intervals and the errors of the weights. Exits with 1 when a difference is more than these explain.
+    Check(Deferred<check::CheckArgs>),
+
     /// Compare two calibrations on the same test logs
     ///
     /// Prints the errors of both, their paired difference with a 95 % interval over groups of rows (the group column,
@@ -262,6 +269,7 @@ impl Command {
             Command::Fit(args) => args.run(printer, outputs),
             Command::Merge(args) => args.run(printer, outputs),
             Command::Eval(args) => args.run(printer, outputs),
+            Command::Check(args) => args.run(printer),
             Command::Compare(args) => args.run(printer),
             Command::Convert(args) => args.run(printer, outputs),
             Command::Payload(args) => args.run(printer, outputs),

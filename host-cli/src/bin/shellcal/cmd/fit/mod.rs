@@ -2,6 +2,7 @@
 
 mod dynamics;
 mod html;
+mod hung_loads;
 mod partial;
 mod physics;
 mod plan;
@@ -32,6 +33,7 @@ const EXAMPLES: &str = "\
 Examples:
   shellcal fit poses.csv -o calibration.json
   shellcal fit monday.csv tuesday.csv --test wednesday.csv --report fit.html
+  shellcal fit session.csv --loads loads.csv -o calibration.json
   shellcal fit train.csv --model cubic -o calibration.json
   shellcal fit log.txt --sensors S1,S2,S3,S4 --wrench 10-15 --moment-unit mNm";
 
@@ -185,6 +187,17 @@ pub(crate) struct FitArgs {
     #[arg(long, conflicts_with = "partial", help_heading = "Rows", hide_short_help = true)]
     means: bool,
 
+    /// Take the wrench from a table of the loads that were hung, one line for each pose: mass or force, point and
+    /// direction, with their errors. Loads are matched by the group column, otherwise in order by stretches of still
+    /// readings
+    #[arg(
+        long,
+        value_name = "LOADS.csv",
+        conflicts_with_all = ["wrench_from", "partial", "means", "outliers", "valid_range", "cv", "lag", "memory_terms"],
+        help_heading = "Reading logs"
+    )]
+    loads: Option<InputPath>,
+
     /// Take the wrench from these files, one for each training log, row by row
     #[arg(long, value_name = "FILE", num_args = 1.., help_heading = "Reading logs")]
     wrench_from: Vec<InputPath>,
@@ -281,7 +294,7 @@ impl FitArgs {
             return Ok(Outcome::Done);
         }
         let plan = FitPlan::from_args(self, outputs)?;
-        let (data, fitted) = plan.fit(printer)?;
+        let (data, hung, fitted) = plan.fit(printer)?;
         let named = plan.name_rows(&data, &fitted)?;
         let file = plan.file(&data, &fitted)?;
         let html = self.report.as_ref().map(|_| plan.html(&file, &fitted, &named)).transpose()?;
@@ -296,7 +309,9 @@ impl FitArgs {
                 report::report(printer, &fitted, &file, &named, seconds)?;
             }
             FitMethod::Physics(physics) => {
-                physics::report(printer, &fitted, physics, &file, seconds)?;
+                let hung = hung.as_ref();
+                physics::report(printer, &fitted, (physics, hung), &file, seconds)?;
+                hung.into_iter().for_each(|hung| hung_loads::tell(hung, printer));
             }
         }
         // It is about the table.

@@ -11,11 +11,13 @@ use calibration_file::stored::{
 };
 use serde::Serialize;
 use shell_data::wrench::{Axes, Axis, PerAxis};
+use shellcal::workflow::hung_loads::HungReference;
 
 use super::super::validation::{
     ComparisonReport, FoundReport, print_cross_validation, print_excitation, print_selection,
 };
 use super::dynamics::DynamicsReport;
+use super::hung_loads::{self, HungReport};
 use super::report::{compared, print_errors};
 use super::verdict::VerdictReport;
 use crate::printer::Printer;
@@ -64,6 +66,9 @@ struct Report {
     held_out_in_standard_errors: Option<PerAxis<f64>>,
     intervals: Option<StoredGroupIntervals>,
     excitation: Option<StoredExcitation>,
+    /// What was hung, and what the readings say it was.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    hung: Option<HungReport>,
     time_s: f64,
 }
 
@@ -84,7 +89,7 @@ impl From<&FactorTrial> for FactorsTried {
 pub(super) fn report(
     printer: &mut Printer,
     fitted: &Fit,
-    of_rows: &PhysicsFit,
+    (of_rows, hung): (&PhysicsFit, Option<&HungReference>),
     file: &CalibrationFile,
     seconds: f64,
 ) -> anyhow::Result<()> {
@@ -126,6 +131,7 @@ pub(super) fn report(
             held_out_in_standard_errors: of_rows.validation.as_ref().map(PhysicsValidation::scores),
             intervals: Stored::of(&physics.intervals, Axes::ALL),
             excitation: Stored::of(&diagnostics.excitation, Axes::ALL),
+            hung: hung.map(HungReport::from),
             time_s: seconds,
         });
     }
@@ -170,6 +176,9 @@ pub(super) fn report(
     }
     if let Some(selection) = &diagnostics.selection {
         print_selection(printer, selection, compared(fitted), Axes::ALL)?;
+    }
+    if let Some(hung) = hung {
+        hung_loads::print(printer, hung)?;
     }
     tell_factors(printer, physics);
     Ok(())

@@ -7,22 +7,25 @@ use std::sync::OnceLock;
 use anyhow::Context;
 use calibration::dynamics::{DynamicsRule, LagRule, MemoryRule};
 use calibration::fit::{
-    CovarianceRule, Fit, FitOptions, ModelRule, OutlierRule, Outliers, Warning, Workers,
+    CovarianceRule, Fit, FitOptions, HeldOut, ModelRule, OutlierRule, Outliers, Warning, Workers,
 };
 use calibration::solver::SolverKind;
 use calibration_file::{CalibrationFile, matrix};
 use figures::{FitPlot, Format, fit_figure};
 use indicatif::ProgressBar;
+use load_table::HungLoads;
 use log_file::{Log, ReadOptions};
 use output_file::{AtomicFile, Outputs};
 use shell_data::wrench::Axes;
 use shellcal::workflow::fit::{FileFacts, FitData, add_to_plot, calibration_file, sources};
+use shellcal::workflow::hung_loads::HungReference;
 use shellcal::workflow::{WorkflowError, agree_on_axes};
 
 use super::super::covariance::CovarianceArg;
 use super::super::mapping::open_logs;
 use super::super::origin;
 use super::super::outliers::NamedOutliers;
+use super::super::plan::read_table;
 use super::super::validation::note_found;
 use super::{FitArgs, LagArg, MemoryArg, OutliersArg};
 use crate::files::OutputPath;
@@ -34,6 +37,7 @@ pub(super) struct FitPlan<'a> {
     train: Vec<Log>,
     test: Vec<Log>,
     axes: Axes,
+    loads: Option<HungLoads>,
     options: FitOptions<'a>,
     opened: RefCell<Opened>,
 }
@@ -64,7 +68,14 @@ impl<'a> FitPlan<'a> {
         let train = open_logs(&args.train, ("--wrench-from", &args.wrench_from), &mapping)?;
         let wrenches = ("--test-wrench-from", args.test_wrench_from.as_slice());
         let mut test = open_logs(&args.test, wrenches, &mapping)?;
-        let axes = agree_on_axes(&train, &mut test)?;
+        let loads = args.loads.as_ref().map(read_table).transpose()?;
+        let axes = match loads {
+            None => agree_on_axes(&train, &mut test)?,
+            Some(_) => {
+                test.iter_mut().try_for_each(|log| log.keep_axes(Axes::ALL))?;
+                Axes::ALL
+            }
+        };
         let open =
             |path: &Option<OutputPath>| path.as_ref().map(|path| outputs.create(path)).transpose();
         let format = args.plot.as_ref().map(Format::from_path).transpose()?;
@@ -76,11 +87,14 @@ impl<'a> FitPlan<'a> {
             report: open(&args.report)?,
         };
         let options = args.options(train.iter().all(Log::has_time));
-        Ok(Self { args, train, test, axes, options, opened: opened.into() })
+        Ok(Self { args, train, test, axes, loads, options, opened: opened.into() })
     }
 
     /// Reads the logs and fits.
-    pub(super) fn fit(&self, printer: &mut Printer) -> anyhow::Result<(FitData, Fit)> {
+    pub(super) fn fit(
+        &self,
+        printer: &mut Printer,
+    ) -> anyhow::Result<(FitData, Option<HungReference>, Fit)> {
         let bytes = self.train.iter().chain(&self.test).map(Log::bytes).sum();
         let bar = printer.progress("fit", bytes);
         let progress = |bytes| bar.set_position(bytes);
@@ -90,7 +104,14 @@ impl<'a> FitPlan<'a> {
             ..self.args.mapping.read_options()
         };
         let asked = (&self.options, self.args.report.is_some());
-        let data = FitData::read(&self.train, &self.test, asked, &read)?;
+        let (data, hung) = match &self.loads {
+            None => (FitData::read(&self.train, &self.test, asked, &read)?, None),
+            Some(table) => {
+                let (mut data, hung) = HungReference::read(&self.train, table, &read)?;
+                data.read_tests(&self.test, asked, &read)?;
+                (data, Some(hung))
+            }
+        };
         bar.finish_and_clear();
         let folds = OnceLock::<ProgressBar>::new();
         let told = |done: usize, of: usize| {
@@ -99,12 +120,13 @@ impl<'a> FitPlan<'a> {
             bar.set_position(done as u64);
         };
         let workers = Workers { folds: Some(&told), ..self.options.workers };
-        let options = FitOptions { workers, ..self.options };
+        let stated_loads = hung.as_ref().map(|hung| &hung.judged_by);
+        let options = FitOptions { workers, stated_loads, ..self.options };
         let fitted = calibration::fit(&data.train, &data.test, &options);
         if let Some(bar) = folds.get() {
             bar.finish_and_clear();
         }
-        Ok((data, fitted.map_err(|error| self.name_logs(error.into()))?))
+        Ok((data, hung, fitted.map_err(|error| self.name_logs(error.into()))?))
     }
 
     /// Says which rows do not determine a calibration.
@@ -259,6 +281,10 @@ impl FitArgs {
             "`--solver ridge-gcv` finds the parameter itself: leave out `--ridge`"
         );
         anyhow::ensure!(
+            self.loads.is_none() || self.model.is_none_or(|model| model.0 == ModelRule::Physics),
+            "loads of `--loads` are found with the physics model: leave out `--model`"
+        );
+        anyhow::ensure!(
             !self.means || !is_physics,
             "`--model physics` is fitted to means of stretches of rows of its own: leave out `--means`"
         );
@@ -285,6 +311,9 @@ impl FitArgs {
     }
 
     fn model(&self) -> ModelRule {
+        if self.loads.is_some() {
+            return ModelRule::Physics;
+        }
         self.model.map_or(ModelRule::Auto, |model| model.0)
     }
 
@@ -331,7 +360,7 @@ impl FitArgs {
             ridge: self.ridge,
             solver: self.solver.0,
             truncate: self.truncate,
-            cross_validation: self.cv,
+            cross_validation: self.cv.or(self.loads.as_ref().map(|_| HeldOut::Column)),
             seed: self.cv_seed,
             // A covariance is of use in a calibration file, and for the verdict on a model that is judged.
             covariance: match self.covariance {
@@ -349,6 +378,7 @@ impl FitArgs {
                 Some(OutliersArg::Keep) => OutlierRule::Keep,
             },
             polynomials_only: self.polynomials_only(),
+            stated_loads: None,
             workers: Workers::new(self.mapping.threads.map_or(0, usize::from)),
         }
     }

@@ -1,0 +1,718 @@
+//! Hung weights as the reference: loads known up to stated errors, found together with the sensors.
+//!
+//! ```text
+//! yᵢⱼ = fᵢ(bᵢ + aᵢᵀxⱼ(δⱼ, o)) + e      δⱼ: mass, two angles, lever of load j      o: lever offset of its mounting
+//! ```
+//!
+//! Eight readings say more of a pose than six parameters of a force at a point, five of which matter, so a load's
+//! errors can be told from those of the sensors. All are found together, at greatest posterior density, by Levenberg's
+//! and Marquardt's steps; those of a load are eliminated from the equations first (a Schur complement: Triggs et al.,
+//! Bundle Adjustment, 2000, §6). The deviations of a load have a prior of the stated errors, of Student's shape for each
+//! of mass, direction and lever: a mistyped one costs little more than a few standard errors and does not bend the
+//! sensors (Lange, Little & Taylor, J. Am. Stat. Assoc. 84, 1989). What sensors and loads took from a residual is
+//! given back to the noise, as in [`noise`](super::noise).
+//!
+//! What all loads have in common stays as it is stated: a turn or a shift of all of them is another frame of reference.
+
+use faer::linalg::solvers::DenseSolveCore;
+use faer::prelude::Solve;
+use faer::{Col, Mat, Side};
+
+use super::PhysicsError;
+use super::cholesky::Cholesky;
+use super::fit::{Scaled, Scales, common_means, fit};
+use super::model::check;
+use super::noise::{Noise, Residual};
+use super::observations::Observation;
+use super::response::{Answer, PARAMETERS, Parameters, SHAPE};
+use super::sensor::Prior;
+use shell_data::wrench::{LoadErrors, PerAxis, force_at};
+
+/// Deviations of a load, in stated errors: of its size, two of its direction, three of its lever.
+const OWN: usize = 6;
+
+/// Those of the lever offset of a mounting.
+const SHARED: usize = 3;
+
+/// Degrees of freedom of Student's prior: one load in a few dozen may be far off.
+const FREEDOM: f64 = 4.0;
+
+/// A quantity is suspicious from so many stated errors, or so many times what is usual in the table.
+const FAR: f64 = 5.0;
+
+/// Standard deviation of the priors of lo, ln h and ln ν: the middle of those that a fit chooses from.
+const WIDTH: f64 = 0.5;
+
+/// Rounds of steps of all parameters, each with the weights and the noise that the last one left.
+const ROUNDS: usize = 20;
+const STEPS: usize = 3;
+
+/// A load as it was written down.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum StatedLoad {
+    /// A wrench that is right.
+    Wrench(PerAxis<f64>),
+    /// A force at a point, each with an error.
+    Force {
+        /// Its size, N.
+        force_n: f64,
+        /// Along it, of length 1.
+        direction: [f64; 3],
+        /// Where it acts, from the sensor's origin, m.
+        point_m: [f64; 3],
+        /// How wrong these may be.
+        errors: LoadErrors,
+        /// The place of its mounting, among those whose lever offsets are found.
+        mounting: Option<usize>,
+    },
+}
+
+/// What of a load is wrong.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LoadQuantity {
+    /// Its mass or force.
+    Size,
+    /// Its direction.
+    Direction,
+    /// Its point.
+    Lever,
+}
+
+/// A load as the sensors say it was.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CorrectedLoad {
+    /// The wrench, N and N·m.
+    pub wrench: PerAxis<f64>,
+    /// The direction, of length 1; zero for a wrench.
+    pub direction: [f64; 3],
+    /// Found less stated size, with its standard error, N.
+    pub force_n: (f64, f64),
+    /// Between the found and the stated direction, with its standard error, rad.
+    pub angle_rad: (f64, f64),
+    /// Found less stated point, m.
+    pub lever_m: [f64; 3],
+    /// What is far off what was stated, most first.
+    pub suspicious: Option<LoadQuantity>,
+}
+
+/// All loads of a table, corrected.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CorrectedLoads {
+    /// In the order of the observations.
+    pub loads: Vec<CorrectedLoad>,
+    /// The lever offset of each mounting, m.
+    pub mountings: Vec<[f64; 3]>,
+    /// Scatter of sizes, directions and levers, in stated errors: 1 where those are right.
+    pub scatter: [f64; 3],
+}
+
+impl LoadQuantity {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Size, Self::Direction, Self::Lever];
+
+    fn places(self) -> std::ops::Range<usize> {
+        match self {
+            Self::Size => 0..1,
+            Self::Direction => 1..3,
+            Self::Lever => 3..6,
+        }
+    }
+
+    /// How far a load is off, in stated errors.
+    fn length(self, own: &[f64; OWN]) -> f64 {
+        own[self.places()].iter().map(|x| x * x).sum::<f64>().sqrt()
+    }
+
+    /// The median length of so many standard normal deviations.
+    fn median(self) -> f64 {
+        match self {
+            Self::Size => 0.674_490,
+            Self::Direction => 1.177_410,
+            Self::Lever => 1.538_172,
+        }
+    }
+}
+
+impl StatedLoad {
+    /// The wrench as it is stated, N and N·m.
+    pub fn wrench(&self) -> PerAxis<f64> {
+        self.deviated(&[0.0; OWN], &[0.0; SHARED]).0
+    }
+
+    /// The standard error of each axis of the wrench as it is stated, N and N·m.
+    pub fn standard_errors(&self) -> PerAxis<f64> {
+        let mut squares = PerAxis::default();
+        for place in 0..OWN {
+            let side = |deviation| {
+                let mut own = [0.0; OWN];
+                own[place] = deviation;
+                self.deviated(&own, &[0.0; SHARED]).0
+            };
+            let (up, down) = (side(1.0), side(-1.0));
+            for axis in 0..6 {
+                squares[axis] += (0.5 * (up[axis] - down[axis])).powi(2);
+            }
+        }
+        squares.map(f64::sqrt)
+    }
+
+    /// The wrench and the direction with these deviations, in stated errors, and offset of the mounting, m.
+    fn deviated(&self, own: &[f64; OWN], offset: &[f64; SHARED]) -> (PerAxis<f64>, [f64; 3]) {
+        match *self {
+            Self::Wrench(wrench) => (wrench, [0.0; 3]),
+            Self::Force { force_n, direction, point_m, errors, .. } => {
+                let turn = [own[1], own[2]].map(|angle| angle * errors.angle_rad);
+                let direction = turned(direction, turn);
+                let force = direction.map(|d| d * own[0].mul_add(errors.force_n, force_n));
+                let point = std::array::from_fn(|i| {
+                    own[3 + i].mul_add(errors.lever_m, point_m[i] + offset[i])
+                });
+                (force_at(force, point), direction)
+            }
+        }
+    }
+
+    fn mounting(&self) -> Option<usize> {
+        match self {
+            Self::Wrench(_) => None,
+            Self::Force { mounting, .. } => *mounting,
+        }
+    }
+}
+
+/// `d` turned by `angles` towards two directions across it.
+fn turned(d: [f64; 3], [first, second]: [f64; 2]) -> [f64; 3] {
+    let cross = |[ax, ay, az]: [f64; 3], [bx, by, bz]: [f64; 3]| {
+        [ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx]
+    };
+    // Across the axis that d has least of.
+    let least = (0..3).min_by(|&i, &j| d[i].abs().total_cmp(&d[j].abs())).unwrap_or(0);
+    let mut axis = [0.0; 3];
+    axis[least] = 1.0;
+    let across = cross(axis, d);
+    let length = across.iter().map(|x| x * x).sum::<f64>().sqrt();
+    let across = across.map(|x| x / length);
+    let other = cross(d, across);
+    let angle = first.hypot(second);
+    let share = if angle > 0.0 { libm::sin(angle) / angle } else { 1.0 };
+    std::array::from_fn(|i| {
+        libm::cos(angle).mul_add(d[i], share * (first * across[i] + second * other[i]))
+    })
+}
+
+/// Corrects loads by the readings at them: `observations[j]` was made under `loads[j]`. `mounting_m` is the standard
+/// deviation of the lever offsets of `mountings` mountings, on each axis.
+///
+/// # Errors
+/// [`PhysicsError`] if there are too few observations or channels.
+///
+/// # Panics
+/// If there are not as many loads as observations.
+pub fn correct_loads(
+    observations: &[Observation],
+    loads: &[StatedLoad],
+    (mountings, mounting_m): (usize, f64),
+) -> Result<CorrectedLoads, PhysicsError> {
+    assert_eq!(observations.len(), loads.len(), "a load for each observation");
+    let stated: Vec<Observation> = (observations.iter().zip(loads))
+        .map(|(o, load)| Observation { wrench: load.wrench(), ..o.clone() })
+        .collect();
+    let stated: Vec<&Observation> = stated.iter().collect();
+    let (scales, _) = check(&stated)?;
+    let data = scales.apply(&stated);
+    let start = fit(&data, WIDTH);
+    let mut search = Search {
+        loads,
+        data,
+        scales,
+        mounting_m,
+        at: Unknowns {
+            parameters: start.parameters,
+            own: vec![[0.0; OWN]; loads.len()],
+            offsets: vec![[0.0; SHARED]; mountings],
+        },
+        noise: start.noise,
+        damping: 1e-2,
+    };
+    let at = search.rounds();
+    Ok(search.outcome(&at))
+}
+
+/// What is looked for.
+#[derive(Clone, Debug)]
+struct Unknowns {
+    parameters: Vec<Parameters>,
+    /// In stated errors.
+    own: Vec<[f64; OWN]>,
+    /// In `mounting_m`.
+    offsets: Vec<[f64; SHARED]>,
+}
+
+/// The search under way.
+struct Search<'a> {
+    loads: &'a [StatedLoad],
+    /// Readings, and wrenches as they are stated.
+    data: Scaled,
+    scales: Scales,
+    mounting_m: f64,
+    at: Unknowns,
+    noise: Noise,
+    /// Marquardt's damping.
+    damping: f64,
+}
+
+/// What a round holds fast.
+struct Weights {
+    /// Inverse variances by load and sensor.
+    readings: Vec<Vec<f64>>,
+    /// Of the deviations of each load.
+    own: Vec<[f64; OWN]>,
+    prior: Prior,
+}
+
+/// The sum that is minimised, and its equations. The border is what loads share: sensors, then offsets.
+struct Equations {
+    cost: f64,
+    border: Mat<f64>,
+    descent: Col<f64>,
+    loads: Vec<OfLoad>,
+}
+
+struct OfLoad {
+    curvature: [[f64; OWN]; OWN],
+    descent: [f64; OWN],
+    /// With the border, 6 × n.
+    coupling: Mat<f64>,
+    /// Of each sensor: its residual, slope, gradient by its parameters and by deviations and offset.
+    rows: Vec<Row>,
+}
+
+struct Row {
+    residual: f64,
+    slope: f64,
+    gradient: Parameters,
+    by_load: [f64; OWN + SHARED],
+}
+
+/// `h⁻¹` of a load with `h⁻¹·coupling`: what it follows of the border.
+struct Eliminated {
+    factor: Cholesky<OWN>,
+    following: Mat<f64>,
+}
+
+impl Search<'_> {
+    fn rounds(&mut self) -> Equations {
+        let mut weights = self.weights();
+        let mut at = self.equations(&self.at, &weights);
+        for _ in 0..ROUNDS {
+            for _ in 0..STEPS {
+                self.step(&mut at, &weights);
+            }
+            self.noise = self.noise.refine(&self.residuals(&at), 5);
+            weights = self.weights();
+            at = self.equations(&self.at, &weights);
+        }
+        at
+    }
+
+    /// One of Marquardt's steps, taken if it lowers the sum.
+    fn step(&mut self, at: &mut Equations, weights: &Weights) {
+        let more = 1.0 + self.damping;
+        let Some((reduced, descent, eliminated)) = at.reduced(more) else { return };
+        let next = reduced.llt(Side::Lower).ok().map(|factor| {
+            let step = factor.solve(&descent);
+            self.moved(&step, at, &eliminated)
+        });
+        let there = next.map(|next| (self.equations(&next, weights), next));
+        let better = there.filter(|(there, _)| there.cost < at.cost);
+        self.damping = (self.damping * if better.is_some() { 0.2 } else { 5.0 }).clamp(1e-9, 1e8);
+        if let Some((there, next)) = better {
+            (*at, self.at) = (there, next);
+        }
+    }
+
+    fn moved(&self, step: &Col<f64>, at: &Equations, eliminated: &[Eliminated]) -> Unknowns {
+        let mut next = self.at.clone();
+        for (place, p) in next.parameters.iter_mut().flatten().enumerate() {
+            // As for one sensor: h and ν change at most by a factor of e.
+            let is_shape = place % PARAMETERS > SHAPE;
+            *p += if is_shape { step[place].clamp(-1.0, 1.0) } else { step[place] };
+        }
+        let first = PARAMETERS * next.parameters.len();
+        for (place, offset) in next.offsets.iter_mut().flatten().enumerate() {
+            *offset += step[first + place];
+        }
+        for ((own, of), eliminated) in next.own.iter_mut().zip(&at.loads).zip(eliminated) {
+            let (own_step, follows) =
+                (eliminated.factor.solve(&of.descent), &eliminated.following * step);
+            (0..OWN).for_each(|k| own[k] += own_step[k] - follows[k]);
+        }
+        next
+    }
+
+    fn offset(&self, at: &Unknowns, load: &StatedLoad) -> [f64; SHARED] {
+        let units = load.mounting().map_or([0.0; SHARED], |mounting| at.offsets[mounting]);
+        units.map(|x| x * self.mounting_m)
+    }
+
+    /// A load in the scales of the model, and by its deviations and the offset of its mounting.
+    fn wrench(&self, at: &Unknowns, row: usize) -> (PerAxis<f64>, [PerAxis<f64>; OWN + SHARED]) {
+        // Of a smooth function of numbers of order 1: central differences err by 1e-8 of it.
+        const STEP: f64 = 1e-4;
+        let load = &self.loads[row];
+        let offset = self.offset(at, load);
+        let scaled = |own: &[f64; OWN], offset: &[f64; SHARED]| -> PerAxis<f64> {
+            let (wrench, _) = load.deviated(own, offset);
+            std::array::from_fn(|axis| wrench[axis] / self.scales.wrench[axis])
+        };
+        let slope = |place: usize| {
+            let side = |step: f64| {
+                let (mut own, mut offset) = (at.own[row], offset);
+                match place.checked_sub(OWN) {
+                    None => own[place] += step,
+                    Some(shared) => offset[shared] += step * self.mounting_m,
+                }
+                scaled(&own, &offset)
+            };
+            let (up, down) = (side(STEP), side(-STEP));
+            std::array::from_fn(|axis| (up[axis] - down[axis]) / (2.0 * STEP))
+        };
+        (scaled(&at.own[row], &offset), std::array::from_fn(slope))
+    }
+
+    fn rows(&self, at: &Unknowns, row: usize) -> Vec<Row> {
+        let (x, by) = self.wrench(at, row);
+        let of = |(p, readings): (&Parameters, &Vec<f64>)| {
+            let answer = Answer::at(p, &x);
+            let along = |by: &PerAxis<f64>| (0..6).map(|axis| p[1 + axis] * by[axis]).sum::<f64>();
+            Row {
+                residual: readings[row] - answer.value,
+                slope: answer.slope,
+                gradient: answer.gradient(&x),
+                by_load: by.each_ref().map(|by| answer.slope * along(by)),
+            }
+        };
+        at.parameters.iter().zip(&self.data.readings).map(of).collect()
+    }
+
+    fn weights(&self) -> Weights {
+        let of_load = |row| {
+            let rows = self.rows(&self.at, row);
+            rows.iter().map(|of| self.noise.variance(of.slope).recip()).collect()
+        };
+        let of_own = |own: &[f64; OWN]| {
+            let mut weights = [0.0; OWN];
+            for quantity in LoadQuantity::ALL {
+                let places = quantity.places();
+                let square = quantity.length(own).powi(2);
+                weights[places.clone()].fill((FREEDOM + places.len() as f64) / (FREEDOM + square));
+            }
+            weights
+        };
+        let mut prior = Prior::weak(WIDTH);
+        prior.mean = common_means(self.at.parameters.iter(), WIDTH);
+        Weights {
+            readings: (0..self.loads.len()).map(of_load).collect(),
+            own: self.at.own.iter().map(of_own).collect(),
+            prior,
+        }
+    }
+
+    fn equations(&self, at: &Unknowns, weights: &Weights) -> Equations {
+        let first_offset = PARAMETERS * at.parameters.len();
+        let size = first_offset + SHARED * at.offsets.len();
+        let mut all = Equations {
+            cost: 0.0,
+            border: Mat::zeros(size, size),
+            descent: Col::zeros(size),
+            loads: Vec::with_capacity(self.loads.len()),
+        };
+        for (i, p) in at.parameters.iter().enumerate() {
+            for k in 0..PARAMETERS {
+                let place = PARAMETERS * i + k;
+                all.pull(place, weights.prior.sd[k].powi(-2), weights.prior.mean[k] - p[k]);
+            }
+        }
+        for (place, offset) in at.offsets.iter().flatten().enumerate() {
+            all.pull(first_offset + place, 1.0, -offset);
+        }
+        for (row, load) in self.loads.iter().enumerate() {
+            let offset = load.mounting().map(|mounting| first_offset + SHARED * mounting);
+            let weights = (&weights.readings[row][..], &weights.own[row]);
+            all.add_load(self.rows(at, row), offset, weights, &at.own[row]);
+        }
+        all
+    }
+
+    /// Residuals with what sensors and loads took of them.
+    fn residuals(&self, at: &Equations) -> Vec<Vec<Residual>> {
+        let sensors = self.at.parameters.len();
+        let mut all = vec![Vec::with_capacity(self.loads.len()); sensors];
+        let Some((covariance, eliminated)) = at.covariance() else { return all };
+        for ((load, of), eliminated) in self.loads.iter().zip(&at.loads).zip(&eliminated) {
+            let offset = load.mounting().map(|m| PARAMETERS * sensors + SHARED * m);
+            for (i, row) in of.rows.iter().enumerate() {
+                let t: [f64; OWN] = std::array::from_fn(|k| row.by_load[k]);
+                let mut u = Col::from_fn(covariance.nrows(), |place| {
+                    -(0..OWN).map(|k| t[k] * eliminated.following[(k, place)]).sum::<f64>()
+                });
+                (0..PARAMETERS).for_each(|k| u[PARAMETERS * i + k] += row.gradient[k]);
+                if let Some(first) = offset {
+                    (0..SHARED).for_each(|k| u[first + k] += row.by_load[OWN + k]);
+                }
+                let own: f64 = eliminated.factor.forward(&t).iter().map(|x| x * x).sum();
+                let unsure = own + u.transpose() * (&covariance * &u);
+                let square = row.residual.mul_add(row.residual, unsure);
+                all[i].push(Residual { square, slope_square: row.slope * row.slope });
+            }
+        }
+        all
+    }
+
+    fn outcome(&self, at: &Equations) -> CorrectedLoads {
+        let is_force =
+            |load: &StatedLoad| matches!(load, StatedLoad::Force { force_n, .. } if *force_n > 0.0);
+        let scatter = LoadQuantity::ALL.map(|quantity| {
+            let forces = self.at.own.iter().zip(self.loads).filter(|(_, load)| is_force(load));
+            let mut sizes: Vec<f64> = forces.map(|(own, _)| quantity.length(own)).collect();
+            sizes.sort_unstable_by(f64::total_cmp);
+            sizes.get(sizes.len() / 2).map_or(0.0, |middle| middle / quantity.median())
+        });
+        let suspicious = |own: &[f64; OWN]| {
+            let distance =
+                |quantity: LoadQuantity| quantity.length(own) / scatter[quantity as usize].max(1.0);
+            let far = LoadQuantity::ALL.into_iter().filter(|quantity| distance(*quantity) > FAR);
+            far.max_by(|a, b| distance(*a).total_cmp(&distance(*b)))
+        };
+        let covariance = at.covariance();
+        let loads = self.loads.iter().zip(&self.at.own).enumerate().map(|(row, (load, own))| {
+            let offset = self.offset(&self.at, load);
+            let (wrench, direction) = load.deviated(own, &offset);
+            let StatedLoad::Force { errors, .. } = *load else {
+                let nothing = (0.0, 0.0);
+                return CorrectedLoad {
+                    wrench,
+                    direction,
+                    force_n: nothing,
+                    angle_rad: nothing,
+                    lever_m: [0.0; 3],
+                    suspicious: None,
+                };
+            };
+            let unsure = covariance.as_ref().map_or([f64::NAN; OWN], |(border, eliminated)| {
+                eliminated[row].standard_errors(border)
+            });
+            let angle = LoadQuantity::Direction.length(own) * errors.angle_rad;
+            let angle_error = (0.5 * (unsure[1].powi(2) + unsure[2].powi(2))).sqrt();
+            CorrectedLoad {
+                wrench,
+                direction,
+                force_n: (own[0] * errors.force_n, unsure[0] * errors.force_n),
+                angle_rad: (angle, angle_error * errors.angle_rad),
+                lever_m: std::array::from_fn(|i| own[3 + i].mul_add(errors.lever_m, offset[i])),
+                suspicious: suspicious(own),
+            }
+        });
+        CorrectedLoads {
+            loads: loads.collect(),
+            mountings: self.at.offsets.iter().map(|o| o.map(|x| x * self.mounting_m)).collect(),
+            scatter,
+        }
+    }
+}
+
+impl Equations {
+    /// A prior of one number of the border.
+    fn pull(&mut self, place: usize, precision: f64, off: f64) {
+        self.border[(place, place)] += precision;
+        self.descent[place] += precision * off;
+        self.cost += precision * off * off;
+    }
+
+    fn add_load(
+        &mut self,
+        rows: Vec<Row>,
+        offset: Option<usize>,
+        (of_readings, of_own): (&[f64], &[f64; OWN]),
+        own: &[f64; OWN],
+    ) {
+        let mut of = OfLoad {
+            curvature: [[0.0; OWN]; OWN],
+            descent: [0.0; OWN],
+            coupling: Mat::zeros(OWN, self.descent.nrows()),
+            rows,
+        };
+        for k in 0..OWN {
+            of.curvature[k][k] += of_own[k];
+            of.descent[k] -= of_own[k] * own[k];
+            self.cost += of_own[k] * own[k] * own[k];
+        }
+        for (i, (row, weight)) in of.rows.iter().zip(of_readings).enumerate() {
+            self.cost += weight * row.residual * row.residual;
+            // The places of the border that a reading depends on, with its slopes by them.
+            let parameters = (0..PARAMETERS).map(|k| (PARAMETERS * i + k, row.gradient[k]));
+            let shared = offset.map(|first| (0..SHARED).map(move |k| (first + k, k)));
+            let shared = shared.into_iter().flatten().map(|(at, k)| (at, row.by_load[OWN + k]));
+            let border: Vec<(usize, f64)> = parameters.chain(shared).collect();
+            for &(place, by) in &border {
+                self.descent[place] += weight * row.residual * by;
+                for &(other, by_other) in &border {
+                    self.border[(place, other)] += weight * by * by_other;
+                }
+                (0..OWN).for_each(|k| of.coupling[(k, place)] += weight * row.by_load[k] * by);
+            }
+            for k in 0..OWN {
+                of.descent[k] += weight * row.residual * row.by_load[k];
+                (0..OWN)
+                    .for_each(|l| of.curvature[k][l] += weight * row.by_load[k] * row.by_load[l]);
+            }
+        }
+        self.loads.push(of);
+    }
+
+    /// The equations of the border alone, the diagonals of all multiplied by `more`.
+    fn reduced(&self, more: f64) -> Option<(Mat<f64>, Col<f64>, Vec<Eliminated>)> {
+        let (mut border, mut descent) = (self.border.clone(), self.descent.clone());
+        (0..border.nrows()).for_each(|i| border[(i, i)] *= more);
+        let mut eliminated = Vec::with_capacity(self.loads.len());
+        for load in &self.loads {
+            let mut curvature = load.curvature;
+            (0..OWN).for_each(|k| curvature[k][k] *= more);
+            let factor = Cholesky::new(&curvature)?;
+            let mut following = Mat::zeros(OWN, border.ncols());
+            for place in 0..border.ncols() {
+                let column = factor.solve(&std::array::from_fn(|k| load.coupling[(k, place)]));
+                (0..OWN).for_each(|k| following[(k, place)] = column[k]);
+            }
+            border -= load.coupling.transpose() * &following;
+            descent -= following.transpose() * Col::from_fn(OWN, |k| load.descent[k]);
+            eliminated.push(Eliminated { factor, following });
+        }
+        Some((border, descent, eliminated))
+    }
+
+    /// The covariance of the border, and the loads as they follow it.
+    fn covariance(&self) -> Option<(Mat<f64>, Vec<Eliminated>)> {
+        let (border, _, eliminated) = self.reduced(1.0)?;
+        Some((border.llt(Side::Lower).ok()?.inverse(), eliminated))
+    }
+}
+
+impl Eliminated {
+    /// Of the deviations of a load, with the covariance of the border.
+    fn standard_errors(&self, border: &Mat<f64>) -> [f64; OWN] {
+        let own = self.factor.inverse();
+        let by_border = &self.following * border * self.following.transpose();
+        std::array::from_fn(|k| (own[k][k] + by_border[(k, k)]).sqrt())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use system_tests::random::Random;
+
+    use super::*;
+
+    const EXACT: LoadErrors = LoadErrors { force_n: 0.0, angle_rad: 0.0, lever_m: 0.0 };
+    const USUAL: LoadErrors = LoadErrors { force_n: 0.005, angle_rad: 0.0175, lever_m: 1e-3 };
+
+    /// Forces of 1 to 5 N at points to 40 mm, alternately of two mountings.
+    fn loads(count: usize, errors: LoadErrors) -> Vec<StatedLoad> {
+        let mut random = Random(11);
+        let load = |at| {
+            let d: [f64; 3] = std::array::from_fn(|_| random.normal());
+            let length = d.iter().map(|x| x * x).sum::<f64>().sqrt();
+            StatedLoad::Force {
+                force_n: [1.0, 2.0, 5.0][random.below(3) as usize],
+                direction: d.map(|x| x / length),
+                point_m: std::array::from_fn(|_| 0.08 * random.unit() - 0.04),
+                errors,
+                mounting: Some(at % 2),
+            }
+        };
+        (0..count).map(load).collect()
+    }
+
+    /// Eight sensors under these loads, with noise of 2 counts on 1000.
+    fn observe(loads: &[StatedLoad]) -> Vec<Observation> {
+        let mut random = Random(5);
+        let gains: Vec<PerAxis<f64>> =
+            (0..8).map(|_| std::array::from_fn(|_| 2.4 * random.unit() - 1.2)).collect();
+        let scale = [2.0, 2.0, 2.0, 0.05, 0.05, 0.05];
+        let observation = |(group, load): (u64, &StatedLoad)| {
+            let wrench = load.wrench();
+            let x: PerAxis<f64> = std::array::from_fn(|axis| wrench[axis] / scale[axis]);
+            let reading = |(sensor, [a, b, c, d, e, f]): (usize, &PerAxis<f64>)| {
+                let p = [0.1 * sensor as f64 - 0.4, *a, *b, *c, *d, *e, *f, 0.0, 0.0, 0.1];
+                1000.0 * Answer::at(&p, &x).value + 2.0 * random.normal()
+            };
+            Observation { group, wrench, readings: gains.iter().enumerate().map(reading).collect() }
+        };
+        (0..).zip(loads).map(observation).collect()
+    }
+
+    #[test]
+    fn a_direction_is_turned_by_the_angle_and_keeps_its_length() {
+        let d = [0.6, 0.0, -0.8];
+        let turned = turned(d, [0.3, -0.4]);
+        let dot = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        // Some roundings of numbers of order 1.
+        assert!((dot(turned, turned) - 1.0).abs() < 1e-14);
+        assert!((dot(turned, d) - 0.5_f64.cos()).abs() < 1e-14);
+    }
+
+    #[test]
+    fn loads_without_errors_stay_as_they_are_stated() {
+        let loads: Vec<StatedLoad> = loads(30, EXACT).iter().map(StatedLoad::unmounted).collect();
+        let found = correct_loads(&observe(&loads), &loads, (0, 0.0)).unwrap();
+        for (found, load) in found.loads.iter().zip(&loads) {
+            assert_eq!((found.wrench, found.suspicious), (load.wrench(), None));
+        }
+    }
+
+    #[test]
+    fn the_offset_between_two_mountings_is_found() {
+        let stated = loads(48, USUAL);
+        let moved: Vec<StatedLoad> = stated
+            .iter()
+            .map(|load| {
+                let StatedLoad::Force { mut point_m, mounting, force_n, direction, errors } = *load
+                else {
+                    panic!("forces")
+                };
+                point_m[0] += if mounting == Some(1) { 4e-3 } else { 0.0 };
+                StatedLoad::Force { point_m, mounting, force_n, direction, errors }
+            })
+            .collect();
+        let found = correct_loads(&observe(&moved), &stated, (2, 3e-3)).unwrap();
+        let [first, second] = found.mountings[..] else { panic!("two mountings") };
+        let between: [f64; 3] = std::array::from_fn(|i| second[i] - first[i]);
+        // 1 mm of each lever over 24 loads a side is 0.3 mm; offsets are held to 3 mm.
+        for (found, expected) in between.iter().zip([4e-3, 0.0, 0.0]) {
+            assert!((found - expected).abs() < 1e-3, "{between:?}");
+        }
+    }
+
+    #[test]
+    fn the_line_of_a_mistyped_mass_is_named() {
+        let hung = loads(40, USUAL);
+        let mut stated: Vec<StatedLoad> = hung.iter().map(StatedLoad::unmounted).collect();
+        let StatedLoad::Force { force_n, .. } = &mut stated[17] else { panic!("forces") };
+        *force_n *= 2.0;
+        let found = correct_loads(&observe(&hung), &stated, (0, 0.0)).unwrap();
+        let named: Vec<usize> =
+            (0..40).filter(|&at| found.loads[at].suspicious.is_some()).collect();
+        assert_eq!(named, [17]);
+    }
+
+    impl StatedLoad {
+        fn unmounted(&self) -> Self {
+            match *self {
+                Self::Force { force_n, direction, point_m, errors, .. } => {
+                    Self::Force { force_n, direction, point_m, errors, mounting: None }
+                }
+                wrench @ Self::Wrench(_) => wrench,
+            }
+        }
+    }
+}

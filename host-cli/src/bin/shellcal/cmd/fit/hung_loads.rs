@@ -1,0 +1,154 @@
+//! What `shellcal fit --loads` prints of the loads.
+
+use calibration::physics::uncertain_loads::{CorrectedLoad, LoadQuantity};
+use calibration::quality::significant;
+use load_table::{HungLoad, Pull};
+use serde::Serialize;
+use shell_data::wrench::PerAxis;
+use shellcal::workflow::hung_loads::HungReference;
+
+use crate::printer::Printer;
+
+/// Scatter in stated errors from which those are said to be too small.
+const TOO_SMALL: f64 = 1.5;
+
+/// What `--json` prints.
+#[derive(Serialize)]
+pub(super) struct HungReport {
+    loads: Vec<LoadReport>,
+    mountings: Vec<MountingReport>,
+    /// Of sizes, directions and levers, in stated errors.
+    scatter_in_stated_errors: [f64; 3],
+    loads_without_readings: Vec<String>,
+    rows_without_load: u64,
+}
+
+#[derive(Serialize)]
+struct LoadReport {
+    group: String,
+    line: usize,
+    stated: String,
+    /// N and N·m, as it was found.
+    wrench: PerAxis<f64>,
+    /// Found less stated, with standard errors.
+    force_correction_n: [f64; 2],
+    angle_correction_deg: [f64; 2],
+    lever_correction_mm: [f64; 3],
+    /// What of the line is probably wrong.
+    suspicious: Option<&'static str>,
+}
+
+#[derive(Serialize)]
+struct MountingReport {
+    mounting: String,
+    lever_offset_mm: [f64; 3],
+}
+
+impl From<&HungReference> for HungReport {
+    fn from(hung: &HungReference) -> Self {
+        let load = |(load, found): (&HungLoad, &CorrectedLoad)| LoadReport {
+            group: load.group.clone(),
+            line: load.line,
+            stated: load.to_string(),
+            wrench: found.wrench,
+            force_correction_n: found.force_n.into(),
+            angle_correction_deg: <[f64; 2]>::from(found.angle_rad).map(f64::to_degrees),
+            lever_correction_mm: found.lever_m.map(|metres| 1e3 * metres),
+            suspicious: found.suspicious.map(name),
+        };
+        let offsets = hung.mountings.iter().zip(&hung.corrected.mountings);
+        let mounting = |(label, offset): (&String, &[f64; 3])| MountingReport {
+            mounting: label.clone(),
+            lever_offset_mm: offset.map(|metres| 1e3 * metres),
+        };
+        Self {
+            loads: hung.loads.iter().zip(&hung.corrected.loads).map(load).collect(),
+            mountings: offsets.map(mounting).collect(),
+            scatter_in_stated_errors: hung.corrected.scatter,
+            loads_without_readings: hung.unread.clone(),
+            rows_without_load: hung.unloaded_rows,
+        }
+    }
+}
+
+fn name(quantity: LoadQuantity) -> &'static str {
+    match quantity {
+        LoadQuantity::Size => "size",
+        LoadQuantity::Direction => "direction",
+        LoadQuantity::Lever => "point",
+    }
+}
+
+/// The table of corrections.
+pub(super) fn print(printer: &mut Printer, hung: &HungReference) -> anyhow::Result<()> {
+    let row = |(load, found): (&HungLoad, &CorrectedLoad)| {
+        let [x, y, z] = found.lever_m.map(|metres| format!("{:+.1}", 1e3 * metres));
+        vec![
+            load.group.clone(),
+            load.to_string(),
+            format!("{:+.3}", found.force_n.0),
+            format!(
+                "{:.1} ± {:.1}",
+                found.angle_rad.0.to_degrees(),
+                found.angle_rad.1.to_degrees()
+            ),
+            format!("{x} {y} {z}"),
+            found.suspicious.map_or_else(String::new, |of| format!("{}?", name(of))),
+        ]
+    };
+    let rows: Vec<_> = hung.loads.iter().zip(&hung.corrected.loads).map(row).collect();
+    printer.table(&["load", "as stated", "size N", "angle °", "point mm", ""], &rows)?;
+    for (label, offset) in hung.mountings.iter().zip(&hung.corrected.mountings) {
+        let [x, y, z] = offset.map(|metres| format!("{:+.1}", 1e3 * metres));
+        printer.line(format!("mounting `{label}`: its levers are off by {x} {y} {z} mm"))?;
+    }
+    Ok(())
+}
+
+/// Says which lines of the table are probably wrong, and what errors are against.
+pub(super) fn tell(hung: &HungReference, printer: &mut Printer) {
+    for (load, found) in hung.suspicious() {
+        printer.warning(warning(load, found));
+    }
+    for (scatter, quantity) in hung.corrected.scatter.iter().zip(LoadQuantity::ALL) {
+        if *scatter > TOO_SMALL {
+            let (name, times) = (name(quantity), significant(*scatter, 2));
+            printer.note(format!("the {name} of loads scatters by {times} times the stated error"));
+        }
+    }
+    if !hung.unread.is_empty() {
+        printer.note(format!("loads without readings: {}", hung.unread.join(", ")));
+    }
+    if hung.unloaded_rows > 0 {
+        printer.note(format!("left out {} rows at no load of the table", hung.unloaded_rows));
+    }
+    printer.note(
+        "errors on held-out poses are against the loads as stated, whose own errors they include",
+    );
+}
+
+fn warning(load: &HungLoad, found: &CorrectedLoad) -> String {
+    let (HungLoad { group, line, .. }, said) = (load, load.to_string());
+    let of = format!("load `{group}` (line {line}: {said})");
+    let instead = |pull: Pull| HungLoad { pull, ..load.clone() }.to_string();
+    match (found.suspicious, load.pull) {
+        (Some(LoadQuantity::Direction), Pull::Force { force_n, mass_kg, point_m, .. }) => {
+            let (angle, error) = found.angle_rad;
+            let pull = Pull::Force { force_n, mass_kg, point_m, direction: found.direction };
+            format!(
+                "{of} pulled {:.1}° ± {:.1}° off that direction, as {} would: a mistyped angle?",
+                angle.to_degrees(),
+                error.to_degrees(),
+                instead(pull),
+            )
+        }
+        (Some(LoadQuantity::Lever), _) => {
+            let [x, y, z] = found.lever_m.map(|metres| format!("{:+.1}", 1e3 * metres));
+            format!("{of} pulled at a point off by {x} {y} {z} mm: a mistyped lever?")
+        }
+        _ => {
+            let (off, error) = found.force_n;
+            format!("{of} pulled with {off:+.3} ± {error:.3} N more: another mass?")
+        }
+    }
+}

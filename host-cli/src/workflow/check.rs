@@ -1,0 +1,134 @@
+//! Known weights on a sensor that was calibrated: does it still say what hangs there?
+
+use super::convert::{ConvertError, interval_factors};
+use super::hung_loads::{HungLoadsError, hung_rows, stated};
+use super::{WorkflowError, check_channels};
+use calibration::Calibration;
+use load_table::{HungLoad, HungLoads};
+use log_file::{Log, ReadOptions};
+use shell_data::dataset::Dataset;
+use shell_data::hint::Hint;
+use shell_data::wrench::{Axis, PerAxis};
+
+/// The level of intervals that differences are compared with, …
+const LEVEL: f64 = 0.95;
+
+/// … half their width of normal errors in standard errors, and how many times wider a difference may be: three standard
+/// errors, which one morning in twenty exceeds on one of a dozen numbers.
+const HALF_WIDTH: f64 = 1.96;
+const MARGIN: f64 = 1.53;
+
+/// Why weights cannot be compared with a calibration.
+#[derive(Debug, thiserror::Error)]
+pub enum CheckError {
+    /// Logs and table.
+    #[error(transparent)]
+    Loads(#[from] HungLoadsError),
+    /// The calibration has no intervals.
+    #[error(transparent)]
+    Convert(#[from] ConvertError),
+    /// Every load has the mass 0.
+    #[error("no weight hangs in any line of the table")]
+    NoWeight,
+}
+
+impl Hint for CheckError {
+    fn hint(&self) -> Option<String> {
+        match self {
+            Self::Loads(error) => error.hint(),
+            Self::Convert(error) => error.hint(),
+            Self::NoWeight => None,
+        }
+    }
+}
+
+/// A known weight beside what the sensor says.
+#[derive(Clone, Debug)]
+pub struct CheckedLoad {
+    /// The weight.
+    pub load: HungLoad,
+    /// What it is, N and N·m.
+    pub stated: PerAxis<f64>,
+    /// What the sensor says, N and N·m.
+    pub measured: PerAxis<f64>,
+    /// How far these may differ.
+    pub allowed: PerAxis<f64>,
+}
+
+impl CheckedLoad {
+    /// Whether they differ by more than that.
+    pub fn is_off(&self, axis: Axis) -> bool {
+        let axis = axis.index();
+        let difference = self.measured[axis] - self.stated[axis];
+        !difference.is_finite() || difference.abs() > self.allowed[axis]
+    }
+}
+
+/// Compares the weights of a table with what a calibration makes of the readings at them. If the table has a line
+/// without a load, its wrench is the zero.
+///
+/// # Errors
+/// [`CheckError`].
+pub fn check_weights(
+    calibration: &Calibration,
+    logs: &[Log],
+    table: &HungLoads,
+    read: &ReadOptions<'_>,
+) -> Result<Vec<CheckedLoad>, CheckError> {
+    for log in logs {
+        let checked = check_channels(log, calibration.channels());
+        checked.map_err(|error| HungLoadsError::from(WorkflowError::from(error)))?;
+    }
+    let factors = interval_factors(calibration, LEVEL)?;
+    let (data, _) = hung_rows(logs, table, read)?;
+    let data = calibration
+        .prepared(&data)
+        .map_err(|error| HungLoadsError::from(WorkflowError::from(error)))?;
+    let is_rest = |load: &&HungLoad| load.wrench().iter().all(|x| *x == 0.0);
+    let rest = table.loads().iter().find(is_rest).map(|load| readings_at(&data, load));
+    let tare = rest.and_then(|readings| calibration.tare(&readings));
+    let compare = |load: &HungLoad| {
+        let readings = readings_at(&data, load);
+        let rows = readings.first().map_or(0, Vec::len);
+        (rows > 0).then(|| {
+            let mut wrench = PerAxis::default();
+            calibration.wrench(&readings, &mut wrench);
+            let mut errors = PerAxis::default();
+            calibration.standard_errors(&readings, tare.as_ref(), &mut errors);
+            let mean = |column: &Vec<f64>| column.iter().sum::<f64>() / rows as f64;
+            let zero = tare.as_ref().map_or([0.0; 6], |tare| tare.wrench);
+            let of_load = stated(load, &[]).standard_errors();
+            let allowed = |axis: usize| {
+                let own = factors[axis] * mean(&errors[axis]);
+                MARGIN * own.hypot(HALF_WIDTH * of_load[axis])
+            };
+            CheckedLoad {
+                load: load.clone(),
+                stated: load.wrench(),
+                measured: std::array::from_fn(|axis| mean(&wrench[axis]) - zero[axis]),
+                allowed: std::array::from_fn(allowed),
+            }
+        })
+    };
+    let weights = table.loads().iter().filter(|load| !is_rest(load));
+    let checked: Vec<CheckedLoad> = weights.filter_map(compare).collect();
+    if checked.is_empty() { Err(CheckError::NoWeight) } else { Ok(checked) }
+}
+
+/// The readings at a load, memory terms beside them.
+fn readings_at(data: &Dataset, load: &HungLoad) -> Vec<Vec<f64>> {
+    let mut all = Vec::new();
+    for (_, block) in data.blocks() {
+        let mut row = 0;
+        all.resize_with(block.rows.readings.len(), Vec::new);
+        for (label, count) in &*block.labels {
+            if *label == load.group {
+                for (all, column) in all.iter_mut().zip(&block.rows.readings) {
+                    all.extend_from_slice(&column[row..row + count]);
+                }
+            }
+            row += count;
+        }
+    }
+    all
+}

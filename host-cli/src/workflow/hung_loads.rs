@@ -1,0 +1,216 @@
+//! Hung weights as the reference: rows of logs without a wrench, and the loads that were hung.
+//!
+//! ```text
+//! logs ─▶ rows labelled by load ─▶ wrench as stated ─▶ loads corrected by the readings ─▶ rows to fit to
+//! ```
+
+use std::collections::{BTreeMap, HashMap};
+
+use super::WorkflowError;
+use super::fit::FitData;
+use calibration::FitError;
+use calibration::fit::{HoldMismatch, label_holds};
+use calibration::physics::uncertain_loads::{
+    CorrectedLoad, CorrectedLoads, StatedLoad, correct_loads,
+};
+use calibration::physics::{Observation, TrainingRows};
+use load_table::{HungLoad, HungLoads, Pull};
+use log_file::{Log, ReadOptions, Wanted, read_dataset};
+use shell_data::block::Block;
+use shell_data::dataset::{Dataset, LabelledBlock};
+use shell_data::hint::Hint;
+use shell_data::wrench::{Axes, PerAxis};
+
+/// Standard deviation of the lever offset of a mounting, m.
+const MOUNTING_M: f64 = 3e-3;
+
+/// Why logs and a table of loads do not go together.
+#[derive(Debug, thiserror::Error)]
+pub enum HungLoadsError {
+    /// The logs, or what they determine.
+    #[error(transparent)]
+    Workflow(#[from] WorkflowError),
+    /// There is no group column, and loads cannot be told by still readings.
+    #[error(transparent)]
+    Holds(#[from] HoldMismatch),
+    /// No row has the label of a load.
+    #[error(
+        "no row has the label of a load: the first label is `{found}`, the first load `{load}`"
+    )]
+    NoLabels {
+        /// A label of the logs.
+        found: String,
+        /// One of the table.
+        load: String,
+    },
+}
+
+impl Hint for HungLoadsError {
+    fn hint(&self) -> Option<String> {
+        match self {
+            Self::Workflow(error) => error.hint(),
+            Self::Holds(_) => Some(
+                "give the log a group column with the labels of the table, as `live --plan` writes it"
+                    .to_owned(),
+            ),
+            Self::NoLabels { .. } => {
+                Some("name the log's column of labels with `--group`".to_owned())
+            }
+        }
+    }
+}
+
+/// Loads that were hung, and what the readings say of them.
+#[derive(Clone, Debug)]
+pub struct HungReference {
+    /// Those with readings, in the order of the table.
+    pub loads: Vec<HungLoad>,
+    /// What they were.
+    pub corrected: CorrectedLoads,
+    /// The labels of the mountings whose offsets were found.
+    pub mountings: Vec<String>,
+    /// What errors on loads that were held out are against, by label: loads as they are stated, and as they were found
+    /// where a line of the table is wrong.
+    pub judged_by: BTreeMap<String, PerAxis<f64>>,
+    /// Labels of loads without readings.
+    pub unread: Vec<String>,
+    /// Rows at no load, which were left out.
+    pub unloaded_rows: u64,
+}
+
+impl HungReference {
+    /// Reads logs and gives their rows the wrench of the load that hung there, corrected by their readings.
+    ///
+    /// # Errors
+    /// [`HungLoadsError`] if a log cannot be read, rows cannot be matched with loads, or these do not determine a model
+    /// of the sensors.
+    pub fn read(
+        logs: &[Log],
+        table: &HungLoads,
+        read: &ReadOptions<'_>,
+    ) -> Result<(FitData, Self), HungLoadsError> {
+        let wanted = wanted(logs);
+        let (mut data, unloaded_rows) = hung_rows(logs, table, read)?;
+        let (rows, labels) = TrainingRows::from_dataset(&data);
+        let observations =
+            rows.observations().map_err(|error| WorkflowError::from(FitError::from(error)))?;
+        let mut reference = Self::new(table.loads(), (&observations, &labels))?;
+        reference.unloaded_rows = unloaded_rows;
+        let found = reference.loads.iter().zip(&reference.corrected.loads);
+        let found = found.map(|(load, found)| (load.group.as_str(), found.wrench)).collect();
+        hang(&mut data, &found);
+        Ok((FitData { train: data, wanted, ..FitData::default() }, reference))
+    }
+
+    fn new(
+        loads: &[HungLoad],
+        (observations, labels): (&[Observation], &[String]),
+    ) -> Result<Self, HungLoadsError> {
+        let by_label: HashMap<&str, &Observation> =
+            observations.iter().map(|o| (labels[o.group as usize].as_str(), o)).collect();
+        let is_read = |load: &HungLoad| by_label.contains_key(load.group.as_str());
+        let (read, unread): (Vec<HungLoad>, Vec<HungLoad>) =
+            loads.iter().cloned().partition(is_read);
+        let mut mountings: Vec<String> = read.iter().filter_map(|of| of.mounting.clone()).collect();
+        mountings.sort_unstable();
+        mountings.dedup();
+        // What all loads share cannot be told from the sensors.
+        if mountings.len() < 2 {
+            mountings.clear();
+        }
+        let stated: Vec<StatedLoad> = read.iter().map(|load| stated(load, &mountings)).collect();
+        let observed: Vec<Observation> =
+            read.iter().map(|load| by_label[load.group.as_str()].clone()).collect();
+        let corrected = correct_loads(&observed, &stated, (mountings.len(), MOUNTING_M))
+            .map_err(|error| WorkflowError::from(FitError::from(error)))?;
+        let judged_by = (read.iter().zip(&corrected.loads))
+            .map(|(load, found)| {
+                let is_wrong = found.suspicious.is_some();
+                let wrench = if is_wrong { found.wrench } else { load.wrench() };
+                (load.group.clone(), wrench)
+            })
+            .collect();
+        let unread = unread.into_iter().map(|load| load.group).collect();
+        Ok(Self { loads: read, corrected, mountings, judged_by, unread, unloaded_rows: 0 })
+    }
+
+    /// The lines of the table that are probably wrong, with what was found.
+    pub fn suspicious(&self) -> impl Iterator<Item = (&HungLoad, &CorrectedLoad)> {
+        self.loads.iter().zip(&self.corrected.loads).filter(|(_, of)| of.suspicious.is_some())
+    }
+}
+
+fn wanted(logs: &[Log]) -> Wanted {
+    Wanted {
+        readings: true,
+        groups: logs.iter().all(Log::has_groups),
+        time: logs.iter().all(Log::has_time),
+        ..Wanted::default()
+    }
+}
+
+/// The rows of logs at the loads of a table, with these as their wrench, and how many others were left out.
+pub(super) fn hung_rows(
+    logs: &[Log],
+    table: &HungLoads,
+    read: &ReadOptions<'_>,
+) -> Result<(Dataset, u64), HungLoadsError> {
+    let wanted = wanted(logs);
+    super::check_logs(logs, &[], &wanted)?;
+    let asked: Vec<(&Log, Wanted)> = logs.iter().map(|log| (log, wanted.clone())).collect();
+    let mut data = read_dataset(&asked, read).map_err(WorkflowError::from)?;
+    let loads = table.loads();
+    if !wanted.groups {
+        let labels: Vec<String> = loads.iter().map(|load| load.group.clone()).collect();
+        data = label_holds(&data, &labels)?;
+    }
+    let (rows, first) = (data.rows(), first_label(&data));
+    let stated = loads.iter().map(|load| (load.group.as_str(), load.wrench())).collect();
+    hang(&mut data, &stated);
+    if data.rows() == 0 {
+        let load = loads[0].group.clone();
+        return Err(HungLoadsError::NoLabels { found: first.unwrap_or_default(), load });
+    }
+    let left_out = rows - data.rows();
+    Ok((data, left_out))
+}
+
+pub(super) fn stated(load: &HungLoad, mountings: &[String]) -> StatedLoad {
+    match load.pull {
+        Pull::Wrench(wrench) => StatedLoad::Wrench(wrench),
+        Pull::Force { force_n, point_m, direction, .. } => StatedLoad::Force {
+            force_n,
+            direction,
+            point_m,
+            errors: load.errors,
+            mounting: mountings.iter().position(|label| Some(label) == load.mounting.as_ref()),
+        },
+    }
+}
+
+fn first_label(data: &Dataset) -> Option<String> {
+    let mut runs = data.blocks().flat_map(|(_, block)| block.labels.iter());
+    runs.find(|(label, _)| !label.is_empty()).map(|(label, _)| label.clone())
+}
+
+/// Gives every row the wrench of its label, and leaves out those of other labels.
+fn hang(data: &mut Dataset, loads: &HashMap<&str, PerAxis<f64>>) {
+    for log in &mut data.logs {
+        log.axes = Axes::ALL;
+        for block in &mut log.blocks {
+            let mut rows = Block { groups: block.labels.to_vec(), ..Block::clone(&block.rows) };
+            rows.wrench = vec![Vec::with_capacity(rows.rows); 6];
+            let mut keep = Vec::with_capacity(rows.rows);
+            for (label, count) in &rows.groups {
+                let load = loads.get(label.as_str());
+                keep.extend(std::iter::repeat_n(load.is_some(), *count));
+                let wrench = load.copied().unwrap_or_default();
+                for (column, value) in rows.wrench.iter_mut().zip(wrench) {
+                    column.extend(std::iter::repeat_n(value, *count));
+                }
+            }
+            rows.retain_rows(&keep);
+            *block = LabelledBlock::from(rows);
+        }
+    }
+}

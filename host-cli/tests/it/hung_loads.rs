@@ -1,0 +1,233 @@
+//! `shellcal fit --loads`: hung weights as the reference.
+
+use std::fmt::Write as _;
+use std::fs;
+use std::path::Path;
+
+use shell_data::wrench::{PerAxis, force_at};
+use simulation::sensor_model::{SensorModel, SensorParameters};
+use system_tests::program::{Recording, ended, json, refused, succeed};
+use system_tests::random::Random;
+use system_tests::real_recording;
+
+/// A weight on a string.
+#[derive(Clone, Copy)]
+struct Weight {
+    mass_kg: f64,
+    /// mm.
+    point: [f64; 3],
+    azimuth_deg: f64,
+    elevation_deg: f64,
+}
+
+impl Weight {
+    fn new(random: &mut Random) -> Self {
+        let mass = [0.05, 0.1, 0.2][random.below(3) as usize];
+        let side = [-30.0, 0.0, 30.0];
+        let mut point = || side[random.below(3) as usize];
+        let point = [point(), point(), 20.0];
+        let (turn, up) = (random.unit(), random.unit());
+        Self {
+            mass_kg: mass,
+            point,
+            azimuth_deg: 360.0 * turn - 180.0,
+            elevation_deg: 120.0 * up - 80.0,
+        }
+    }
+
+    fn wrench(&self) -> PerAxis<f64> {
+        let (azimuth, up) = (self.azimuth_deg.to_radians(), self.elevation_deg.to_radians());
+        let along = [up.cos() * azimuth.cos(), up.cos() * azimuth.sin(), up.sin()];
+        force_at(along.map(|x| x * self.mass_kg * 9.80665), self.point.map(|mm| 1e-3 * mm))
+    }
+
+    /// Turned by normal angles of so many degrees either way.
+    fn turned(&self, degrees: f64, random: &mut Random) -> Self {
+        let sideways = degrees / self.elevation_deg.to_radians().cos().max(0.1);
+        Self {
+            azimuth_deg: self.azimuth_deg + sideways * random.normal(),
+            elevation_deg: self.elevation_deg + degrees * random.normal(),
+            ..*self
+        }
+    }
+}
+
+/// Rows of the simulated sensor, 20 for each weight: group, readings, wrench.
+fn log(weights: &[Weight], label: bool, seed: u64) -> String {
+    let mut unit = SensorParameters::nominal().unit(1);
+    unit.make_elastic();
+    let mut sensor = SensorModel::new(&unit, seed).unwrap();
+    let mut text = String::from(if label { "t,group," } else { "t," });
+    text += "s1,s2,s3,s4,s5,s6,s7,s8,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm\n";
+    let nothing = Weight { mass_kg: 0.0, ..weights[0] };
+    let rests = std::iter::repeat_n(nothing, if label { 0 } else { 1 });
+    let mut time = 0.0;
+    for (at, weight) in weights.iter().enumerate() {
+        for load in rests.clone().chain([*weight]) {
+            for _ in 0..20 {
+                time += 0.01;
+                write!(text, "{time:.2},").unwrap();
+                if label {
+                    write!(text, "{at},").unwrap();
+                }
+                let wrench = load.wrench();
+                let readings = sensor.sample(time, &wrench).readings;
+                let numbers = readings.iter().map(ToString::to_string);
+                let numbers = numbers.chain(wrench.iter().map(|x| format!("{x:.6}")));
+                writeln!(text, "{}", numbers.collect::<Vec<_>>().join(",")).unwrap();
+            }
+        }
+    }
+    text
+}
+
+fn table(weights: &[Weight], more: &str) -> String {
+    let mut text = String::from(
+        "group,mass_kg,x_mm,y_mm,z_mm,azimuth_deg,elevation_deg,mass_error_g,lever_error_mm,angle_error_deg\n",
+    );
+    for (at, of) in weights.iter().enumerate() {
+        let [x, y, z] = of.point;
+        let (azimuth, up) = (of.azimuth_deg, of.elevation_deg);
+        writeln!(text, "{at},{},{x},{y},{z},{azimuth:.4},{up:.4},{more}", of.mass_kg).unwrap();
+    }
+    text
+}
+
+fn write(dir: &Path, name: &str, text: &str) {
+    fs::write(dir.join(name), text).unwrap();
+}
+
+/// RMS of each axis over the rows of `test.csv`, by `eval`.
+fn errors(dir: &Path, calibration: &str) -> Vec<f64> {
+    let found = json(dir, &format!("eval {calibration} test.csv --json"));
+    let errors = found["all"]["errors"].as_array().unwrap();
+    errors.iter().map(|axis| axis["rms"].as_f64().unwrap()).collect()
+}
+
+/// The mean of the ratios of squares, as a ratio.
+fn ratio(found: &[f64], reference: &[f64]) -> f64 {
+    let squares: f64 = found.iter().zip(reference).map(|(a, b)| (a / b).powi(2)).sum();
+    (squares / found.len() as f64).sqrt()
+}
+
+#[test]
+fn a_mistyped_angle_is_named_and_neither_it_nor_small_ones_spoil_the_calibration() {
+    for seed in [1, 2, 3] {
+        let dir = tempfile::tempdir().unwrap();
+        let dir = dir.path();
+        let mut random = Random(seed);
+        let weights: Vec<Weight> = (0..48).map(|_| Weight::new(&mut random)).collect();
+        write(dir, "session.csv", &log(&weights, true, seed));
+        let tests: Vec<Weight> = (0..60).map(|_| Weight::new(&mut random)).collect();
+        write(dir, "test.csv", &log(&tests, true, seed));
+        let mut typed: Vec<Weight> = weights.iter().map(|of| of.turned(2.0, &mut random)).collect();
+        let wrong = (7 * seed) as usize;
+        typed[wrong].elevation_deg += if typed[wrong].elevation_deg > 0.0 { -30.0 } else { 30.0 };
+        write(dir, "typed.csv", &table(&typed, "0.02,0.1,2"));
+        succeed(dir, "fit session.csv --model physics -o true.json");
+        let document = json(dir, "fit session.csv --loads typed.csv -o typed.json --json");
+        let loads = document["hung"]["loads"].as_array().unwrap();
+        let named: Vec<usize> = (0..48).filter(|&at| !loads[at]["suspicious"].is_null()).collect();
+        assert_eq!(named, [wrong], "seed {seed}");
+        assert_eq!(loads[wrong]["suspicious"], "direction");
+        // Within 30° plus its own 2°.
+        let angle = loads[wrong]["angle_correction_deg"][0].as_f64().unwrap();
+        assert!((24.0..36.0).contains(&angle), "seed {seed}: {angle}");
+        let ratio = ratio(&errors(dir, "typed.json"), &errors(dir, "true.json"));
+        assert!(ratio <= 1.2, "seed {seed}: {ratio}");
+    }
+}
+
+#[test]
+fn without_labels_loads_are_the_still_stretches_in_order() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let mut random = Random(8);
+    let weights: Vec<Weight> = (0..20).map(|_| Weight::new(&mut random)).collect();
+    write(dir, "labelled.csv", &log(&weights, true, 4));
+    write(dir, "still.csv", &log(&weights, false, 4));
+    write(dir, "loads.csv", &table(&weights, "0,0,0"));
+    write(dir, "fewer.csv", &table(&weights[..18], "0,0,0"));
+    let labelled = json(dir, "fit labelled.csv --loads loads.csv --json");
+    let found = json(dir, "fit still.csv --loads loads.csv --json");
+    assert_eq!((&found["groups"], &labelled["groups"]), (&20.into(), &20.into()));
+    assert_eq!(found["hung"]["rows_without_load"], 400);
+    let said = refused(dir, "fit still.csv --loads fewer.csv");
+    assert!(said.contains("still in `40` stretches, `20` of them unlike the first"), "{said}");
+    assert!(said.contains("hint: "), "{said}");
+    write(dir, "others.csv", &table(&weights, ",,").trim_end().replace("\n", "\nx"));
+    let said = refused(dir, "fit labelled.csv --loads others.csv");
+    assert!(said.contains("no row has the label of a load: the first label is `0`"), "{said}");
+    let said = refused(dir, "fit labelled.csv --loads loads.csv --model cubic");
+    assert!(said.contains("leave out `--model`"), "{said}");
+}
+
+#[test]
+fn a_known_weight_passes_and_one_that_is_not_what_the_table_says_fails() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let mut random = Random(21);
+    let weights: Vec<Weight> = (0..48).map(|_| Weight::new(&mut random)).collect();
+    write(dir, "session.csv", &log(&weights, true, 2));
+    write(dir, "loads.csv", &table(&weights, ",,"));
+    succeed(dir, "fit session.csv --loads loads.csv -o cal.json");
+    let nothing = Weight { mass_kg: 0.0, ..weights[0] };
+    let mut morning = [nothing, weights[3], Weight::new(&mut random)];
+    write(dir, "morning.csv", &log(&morning, true, 3));
+    write(dir, "weights.csv", &table(&morning, ",,"));
+    let passes = json(dir, "check cal.json weights.csv morning.csv --json");
+    assert_eq!((&passes["passes"], passes["loads"].as_array().unwrap().len()), (&true.into(), 2));
+    morning[2].mass_kg *= 2.0;
+    write(dir, "weights.csv", &table(&morning, ",,"));
+    let (printed, _) = ended(dir, "check cal.json weights.csv morning.csv", 1);
+    assert!(printed.contains("fails: ") && printed.contains(" off"), "{printed}");
+    write(dir, "weights.csv", &table(&morning[..1], ",,"));
+    let said = refused(dir, "check cal.json weights.csv morning.csv");
+    assert!(said.contains("no weight hangs in any line"), "{said}");
+}
+
+/// The poses of another lab's sensor, where masses hung: as a table of loads with these errors.
+fn table_of_poses(log: &Recording, errors: &str) -> String {
+    let wrenches = log.table(["Fx", "Fy", "Fz", "Mx", "My", "Mz"]);
+    let mut text = String::from(
+        "group,mass_kg,x_mm,y_mm,z_mm,azimuth_deg,elevation_deg,mass_error_g,lever_error_mm,angle_error_deg\n",
+    );
+    let mut last = "";
+    for (pose, [fx, fy, fz, mx, my, mz]) in log.text("pose").into_iter().zip(wrenches) {
+        if pose == std::mem::replace(&mut last, pose) {
+            continue;
+        }
+        // The point nearest to the origin on the line of the force: F × M/F².
+        let square = fx * fx + fy * fy + fz * fz;
+        let point = [fy * mz - fz * my, fz * mx - fx * mz, fx * my - fy * mx];
+        let [x, y, z] = point.map(|of| 1e3 * of / square);
+        let size = square.sqrt();
+        let (azimuth, up) = (fy.atan2(fx).to_degrees(), (fz / size).asin().to_degrees());
+        let mass = size / 9.80665;
+        writeln!(text, "{pose},{mass},{x},{y},{z},{azimuth},{up},{errors}").unwrap();
+    }
+    text
+}
+
+#[test]
+#[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
+fn poses_described_by_mass_lever_and_angles_give_the_same_calibration() {
+    let poses = real_recording("others/photointerrupters/poses.csv");
+    let log = Recording::read(&poses);
+    let dir = tempfile::tempdir().unwrap();
+    write(dir.path(), "loads.csv", &table_of_poses(&log, "0,0,0"));
+    let path = poses.display();
+    succeed(&dir, &format!("fit {path} --model physics -o wrench.json"));
+    succeed(&dir, &format!("fit {path} --loads loads.csv -o loads.json"));
+    let converted = |calibration: &str| {
+        succeed(&dir, &format!("convert {calibration} {path} --no-lowpass -o out.csv"));
+        Recording::read(&dir.path().join("out.csv")).table(["fx_n", "fz_n", "mx_nm"])
+    };
+    let (expected, found) = (converted("wrench.json"), converted("loads.json"));
+    // Angles are written to 15 digits, the wrench of the log to some 7 of one cell per pose.
+    for (expected, found) in expected.iter().zip(&found).step_by(97) {
+        for axis in 0..3 {
+            assert!((expected[axis] - found[axis]).abs() < 1e-2, "{expected:?} {found:?}");
+        }
+    }
+}
