@@ -199,7 +199,7 @@ fn hang(data: &mut Dataset, loads: &HashMap<&str, PerAxis<f64>>) {
         log.axes = Axes::ALL;
         for block in &mut log.blocks {
             let mut rows = Block { groups: block.labels.to_vec(), ..Block::clone(&block.rows) };
-            rows.wrench = vec![Vec::with_capacity(rows.rows); 6];
+            rows.wrench = vec![Vec::new(); 6];
             let mut keep = Vec::with_capacity(rows.rows);
             for (label, count) in &rows.groups {
                 let load = loads.get(label.as_str());

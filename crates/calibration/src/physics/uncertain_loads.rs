@@ -428,9 +428,9 @@ impl Search<'_> {
             loads: Vec::with_capacity(self.loads.len()),
         };
         for (i, p) in at.parameters.iter().enumerate() {
-            for k in 0..PARAMETERS {
+            for (k, value) in p.iter().enumerate() {
                 let place = PARAMETERS * i + k;
-                all.pull(place, weights.prior.sd[k].powi(-2), weights.prior.mean[k] - p[k]);
+                all.pull(place, weights.prior.sd[k].powi(-2), weights.prior.mean[k] - value);
             }
         }
         for (place, offset) in at.offsets.iter().flatten().enumerate() {
