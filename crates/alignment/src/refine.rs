@@ -59,7 +59,7 @@ const LEAST_GAIN: f64 = 0.1;
 const OUTLIER: f64 = 4.0;
 /// Where steps go to and fro by less than this, the offset is known that well, s: jumps of the load between two frames
 /// make it a function with corners.
-const NEARLY_S: f64 = 1e-4;
+const NEARLY_S: f64 = 5e-4;
 /// A step as long as this has lost the match, s.
 const LOST_S: f64 = 10.0;
 /// The excerpt reaches this far to both sides, s.
