@@ -67,8 +67,9 @@ fn standard_errors_by_group_are_those_of_exact_sums() {
     for model in ["linear", "cubic --no-intercept", "quadratic"] {
         succeed(dir, &format!("fit train.csv --model {model} -o exact.json"));
         let (_, said) = ended(dir, &format!("fit volts.csv --model {model} -o volts.json"), 0);
-        // Once, and no word of rows that are taken as independent.
-        assert_eq!(said.matches("exact").count(), 1, "{said}");
+        // Nothing is lost at these conditions: no word of sums that are not exact, and none of rows that are taken as
+        // independent.
+        assert!(!said.contains("exact"), "{said}");
         assert!(!said.contains("independent"), "{said}");
         let (exact, volts) = (document(dir, "exact.json"), document(dir, "volts.json"));
         for field in ["degrees_of_freedom", "residual", "shared"] {

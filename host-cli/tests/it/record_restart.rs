@@ -19,6 +19,10 @@ use crate::support::recording::column;
 
 const SERIAL: [u8; 12] = *b"restart-test";
 
+/// Programs that other tests start meanwhile inherit the board's end of the pty: that the cable is pulled is seen when the
+/// last of them has ended.
+const PATIENCE: Duration = Duration::from_secs(600);
+
 /// How the board is after a reset.
 const FRESH: Status = Status {
     streaming: false,
@@ -159,7 +163,7 @@ fn a_board_that_resets_is_started_again_as_it_was() {
         let board = thread::spawn(move || {
             let mut board = ResettingBoard::new(port);
             let began = Instant::now();
-            while began.elapsed() < Duration::from_secs(30) {
+            while began.elapsed() < PATIENCE {
                 board.go_on();
                 // The host asks how the board is set after 0.4 s and keeps the answer 0.4 s later.
                 if board.start == 1 && board.sent > 150 {
@@ -178,7 +182,7 @@ fn a_board_that_resets_is_started_again_as_it_was() {
             board.status
         });
         let began = Instant::now();
-        while !end.load(Ordering::Relaxed) && began.elapsed() < Duration::from_secs(30) {
+        while !end.load(Ordering::Relaxed) && began.elapsed() < PATIENCE {
             thread::sleep(Duration::from_millis(20));
         }
         interrupt(&child);

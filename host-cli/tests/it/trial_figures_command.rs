@@ -155,7 +155,12 @@ fn every_kind_of_figure_is_drawn_as_svg_and_png() {
             &["Fx (N)", "Fz (N)", "leg angle (rad)", "power (W)"],
         ),
         ("phase", "set/manifest.csv", &[], &["3 cm: ", "right leg angle (rad)", "lift (N)"]),
-        ("boxes", "set/manifest.csv", &[], &["drag energy (mJ)", "per stride", "n = 2", "3 cm"]),
+        (
+            "boxes",
+            "set/manifest.csv",
+            &[],
+            &["drag energy Fx·l (mJ)", "per stride", "n = 2", "3 cm"],
+        ),
     ] {
         for extension in ["svg", "png"] {
             let file = format!("{kind}.{extension}");

@@ -10,7 +10,7 @@
 //! Bundle Adjustment, 2000, §6). The deviations of a load have a prior of the stated errors, of Student's shape for each
 //! of mass, direction and lever: a mistyped one costs little more than a few standard errors and does not bend the
 //! sensors (Lange, Little & Taylor, J. Am. Stat. Assoc. 84, 1989). What sensors and loads took from a residual is
-//! given back to the noise, as in [`noise`](super::noise).
+//! given back to the noise, as for the residuals of a fit to loads that are known.
 //!
 //! What all loads have in common stays as it is stated: a turn or a shift of all of them is another frame of reference.
 
