@@ -58,6 +58,16 @@ impl Server {
         let address = line.trim_end().strip_prefix("live at ").unwrap_or_else(|| panic!("{line}"));
         Self { address: address.to_owned(), child }
     }
+
+    /// Waits until it has ended well: only then are its logs whole.
+    fn wait(mut self) {
+        let deadline = SystemTime::now() + Duration::from_secs(60);
+        while self.child.try_wait().unwrap().is_none() {
+            assert!(SystemTime::now() < deadline, "it does not end");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        assert_eq!(self.child.wait().unwrap().code(), Some(0));
+    }
 }
 
 impl Drop for Server {
@@ -176,19 +186,12 @@ fn the_page_follows_the_board() {
     let origin = server.address.split("/?").next().unwrap();
     assert!(requests.iter().all(|request| request.starts_with(origin)), "{requests:?}");
 
+    server.wait();
     let log = Recording::read(&dir.join("log.csv"));
     let index = log.numbers("index");
     assert!(index.len() > 300, "{} rows", index.len());
     assert!(index.windows(2).all(|pair| pair[1] == pair[0] + 1.0), "a frame is lost");
     assert_eq!(log.text("flags").iter().filter(|flags| flags.contains("mark1")).count(), 1);
-    // What the program says of how it ended.
-    let mut server = server;
-    let deadline = SystemTime::now() + Duration::from_secs(60);
-    while server.child.try_wait().unwrap().is_none() {
-        assert!(SystemTime::now() < deadline, "it does not end");
-        std::thread::sleep(Duration::from_millis(20));
-    }
-    assert_eq!(server.child.wait().unwrap().code(), Some(0));
 }
 
 /// A sensor at rest for 8 s, then three loads, each held for 4 s and taken off for 1 s; over and over, so that a
@@ -252,6 +255,8 @@ fn a_plan_is_followed_load_by_load() {
     browser.click("document.querySelector('[data-order=record]')");
     browser.wait_for("document.getElementById('message').textContent === 'recorded `log.csv`'");
     assert_eq!(browser.complaints(), Vec::<String>::new());
+    interrupt(&server.child);
+    server.wait();
     let log = Recording::read(&dir.join("log.csv"));
     let index = log.numbers("index");
     assert!(index.windows(2).all(|pair| pair[1] == pair[0] + 1.0), "a frame is lost");
@@ -259,8 +264,8 @@ fn a_plan_is_followed_load_by_load() {
         let labels = log.text("group");
         let rows = labels.iter().zip(log.numbers("fx_n")).filter(|(label, _)| **label == group);
         let forces: Vec<f64> = rows.map(|(_, fx)| fx).collect();
-        // Two seconds at the board's 100 Hz, less what was written before the hold was found on a busy machine.
-        assert!((50..=260).contains(&forces.len()), "{group}: {} rows", forces.len());
+        // Two seconds at the board's 100 Hz; less what the view left out on a busy machine.
+        assert!((150..=260).contains(&forces.len()), "{group}: {} rows", forces.len());
         // The calibration's error, and creep.
         assert!(forces.iter().all(|found| (found - fx).abs() < 0.5), "{group}: {forces:?}");
     }
