@@ -12,6 +12,7 @@ use doctor::{
     BoardObservations, Finding, FindingSeverity, check_board, check_port, examine_calibration,
     examine_log,
 };
+use log_file::Log;
 use serde::Serialize;
 use shared_proto::{Framing, Protocol};
 
@@ -113,7 +114,7 @@ impl DoctorArgs {
             false => {
                 let mapping = self.mapping.mapping()?;
                 let read = self.mapping.read_options();
-                ("log", examine_log(path, &mapping, &read, calibration))
+                ("log", examine_log(Log::open(path, &mapping), &read, calibration))
             }
         };
         Ok(Examination { name, kind, findings })
