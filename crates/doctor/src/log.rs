@@ -20,6 +20,10 @@ use log_file::summary::LogSummary;
 /// Jitter, as a share of the interval, from which forces between frames are not where they seem.
 const JITTER: f64 = 0.25;
 
+/// A clock that runs back at more than this share of the rows is none: recordings that were put together do so
+/// where each begins.
+const NO_CLOCK: f64 = 0.1;
+
 /// Missing rows that make a warning, and a fault.
 const MISSING: [f64; 2] = [1e-3, 0.05];
 
@@ -82,14 +86,14 @@ pub struct CalibratedObservations {
     pub drift: Vec<(Axis, f64, f64)>,
 }
 
-/// Reads a log, and checks it, with a calibration if there is one.
+/// Reads a log, with the file of its wrench if that is another, and checks it, with a calibration if there is one.
 pub fn examine_log(
-    path: &Path,
+    files: (&Path, Option<&Path>),
     mapping: &Mapping,
     read: &ReadOptions<'_>,
     calibration: Option<&CalibrationFile>,
 ) -> Vec<Finding> {
-    let facts = match read_facts(path, mapping, read, calibration) {
+    let facts = match read_facts(files, mapping, read, calibration) {
         Ok(facts) => facts,
         Err(error) => {
             LogObservations { unreadable: Some(chain(&error)), ..LogObservations::default() }
@@ -110,12 +114,15 @@ fn chain(error: &LogError) -> String {
 }
 
 fn read_facts(
-    path: &Path,
+    (path, wrench): (&Path, Option<&Path>),
     mapping: &Mapping,
     read: &ReadOptions<'_>,
     calibration: Option<&CalibrationFile>,
 ) -> Result<LogObservations, LogError> {
-    let log = Log::open(path, mapping)?;
+    let log = match wrench {
+        Some(wrench) => Log::open_beside(path, wrench, mapping)?,
+        None => Log::open(path, mapping)?,
+    };
     let strict = ReadOptions { skip_bad_rows: false, ..*read };
     let first = match Collector::new(&log, calibration).read(&log, &strict) {
         Ok(facts) => return Ok(facts),
@@ -333,8 +340,8 @@ fn drift(means: &[PerAxis<RunningVariance>], largest: &PerAxis<f64>) -> Vec<(Axi
 /// What is wrong with a log.
 pub fn check_log(facts: &LogObservations, calibration: Option<&Calibration>) -> Vec<Finding> {
     if let Some(why) = &facts.unreadable {
-        let advice = "`docs/logs.md` has the formats that are read; `--sensors`, `--wrench` and \
-                      `--time` name columns";
+        let advice = "name the columns, for example `--sensors 1-8 --wrench 9-14`; `--wrench-from` takes the \
+                      wrench from another file; `docs/logs.md` has the formats that are read";
         return vec![Finding::fault("unreadable", why, advice)];
     }
     if facts.summary.readings.is_empty() && facts.summary.wrench.is_empty() {
@@ -356,7 +363,7 @@ pub fn check_log(facts: &LogObservations, calibration: Option<&Calibration>) -> 
         findings.push(Finding::fault(
             "moment-unit",
             format!("moments over forces make a lever of {lever_m:.1} m"),
-            "the moments are in mN·m, it seems: give `--moment-unit mnm`, or name the columns so",
+            "the moments are in mN·m (which is N·mm), it seems: give `--moment-unit mnm`, or name the columns so",
         ));
     }
     let of_its_size =
@@ -401,7 +408,19 @@ fn check_timing(facts: &LogObservations) -> Vec<Finding> {
         return vec![Finding::warning(
             "no-time",
             "there is no column of time",
-            "name it with `--time`; without it nothing is filtered, and losses cannot be seen",
+            "name it with `--time` if there is one; without it `fit` finds no lag, `convert` needs `--rate` or \
+             `--no-lowpass`, and losses cannot be seen",
+        )];
+    }
+    if timing.backward_steps as f64 > NO_CLOCK * summary.rows as f64 {
+        return vec![Finding::fault(
+            "no-clock",
+            format!(
+                "what is taken for time runs backwards at {} of {} rows",
+                timing.backward_steps, summary.rows
+            ),
+            "it holds no times: name the columns with `--sensors`, `--wrench` and `--time`; without a line of names \
+             they are taken for what their number suggests",
         )];
     }
     let mut findings = Vec::new();

@@ -184,6 +184,21 @@ pub enum LogError {
         /// The column.
         column: String,
     },
+    /// Times are whole numbers of one of two units.
+    #[error(
+        "`{}`, {place}: the unit of column `{column}` is not known, which goes on by `{step}` from row to row",
+        path.display()
+    )]
+    UnclearTimeUnit {
+        /// The file.
+        path: PathBuf,
+        /// Where the columns are named.
+        place: LogPosition,
+        /// The column.
+        column: String,
+        /// The median step.
+        step: f64,
+    },
     /// Two columns are taken for the same thing.
     #[error(
         "`{}`, {place}: columns {} (`{}`) and {} (`{}`) are both {meaning}",
@@ -255,6 +270,9 @@ impl Hint for LogError {
             }
             Self::UnknownUnit { .. } => {
                 "convert it to N or mN, moments to N·m, mN·m or N·mm, and name the column so (`fx_n`, `Mx [N*mm]`)"
+            }
+            Self::UnclearTimeUnit { .. } => {
+                "say it with `--time-unit`, or in the name of the column (`t_ms`, `t_us`)"
             }
             Self::DuplicateColumn { .. } => {
                 "say which one is meant with `--sensors`, `--wrench` or `--time`"

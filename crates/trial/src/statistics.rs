@@ -79,6 +79,9 @@ pub struct Statistics {
     pub whisker_high: f64,
     /// The values beyond the whiskers, ascending.
     pub outliers: Vec<f64>,
+    /// All values, ascending.
+    #[serde(skip)]
+    pub values: Vec<f64>,
 }
 
 /// How far a mean is from that of a reference condition.
@@ -143,6 +146,7 @@ impl ValueSample {
             whisker_low,
             whisker_high,
             outliers: sorted.iter().copied().filter(beyond).collect(),
+            values: sorted,
         })
     }
 

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use calibration::fit::{FitOptions, HeldOut, Workers};
-use calibration::physics::{PhysicsCalibration, PhysicsValidation, TrainingRows};
+use calibration::physics::{PhysicsValidation, TrainingRows};
 use log_file::{ColumnRef, Log, Mapping, ReadOptions};
 use shellcal::workflow::fit::FitData;
 use system_tests::program::{ended, json, refused, succeed};
@@ -130,9 +130,8 @@ fn poses_of_a_real_sensor_that_were_left_out_are_found_again() {
     let data = FitData::read(&[log], &[], (&options, false), &ReadOptions::default()).unwrap();
     let (rows, _) = TrainingRows::from_dataset(&data.train);
     let workers = Workers::default();
-    let (_, whole) = PhysicsCalibration::fit(&rows, workers).unwrap();
     let folds = rows.folds(usize::MAX);
-    let validation = PhysicsValidation::of(&rows, &folds, &whole, workers).unwrap();
+    let (_, _, validation) = PhysicsValidation::fit(&rows, &folds, workers).unwrap();
     let (total, median) = (validation.total(), validation.median());
     let limits = [(1.20, 0.45), (1.30, 0.48), (1.05, 0.43)];
     for (axis, (rms, of_group)) in limits.into_iter().enumerate() {

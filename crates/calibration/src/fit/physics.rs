@@ -103,14 +103,12 @@ pub(super) fn fit(
     let (rows, labels) = TrainingRows::from_dataset(&used);
     let ((physics, choice), validation) = match (tried, options.cross_validation) {
         (Some(TriedPhysics { fitted, validation }), _) => (fitted, Some(validation)),
-        (None, held_out) => {
-            let fitted = PhysicsCalibration::fit(&rows, options.workers)?;
-            let validate = |held_out| {
-                let folds = rows.folds(fold_count(held_out, labels.len()));
-                PhysicsValidation::of(&rows, &folds, &fitted.1, options.workers)
-            };
-            let validation = held_out.map(validate).transpose()?;
-            (fitted, validation)
+        (None, None) => (PhysicsCalibration::fit(&rows, options.workers)?, None),
+        (None, Some(held_out)) => {
+            let folds = rows.folds(fold_count(held_out, labels.len()));
+            let (fitted, choice, validation) =
+                PhysicsValidation::fit(&rows, &folds, options.workers)?;
+            ((fitted, choice), Some(validation))
         }
     };
     let mut calibration = Calibration::of(Kind::Physics(Box::new(physics)));
@@ -209,14 +207,13 @@ impl ModelComparison {
         };
         let folds: Vec<Vec<u64>> =
             folds.iter().map(|fold| fold.iter().map(place).collect()).collect();
-        let fitted = PhysicsCalibration::fit(&rows, options.workers)?;
-        let validation = PhysicsValidation::of(&rows, &folds, &fitted.1, options.workers)?;
+        let (fitted, choice, validation) = PhysicsValidation::fit(&rows, &folds, options.workers)?;
         let whole = sums.total().expect("sums of two groups or more");
         let variances = Axis::ALL.map(|axis| whole.variance(axis));
         let comparison = Comparison::of(&validation.by_fold(), &polynomial, &variances);
         Ok((
             Self { model, ridge, comparison, folds: folds.len() },
-            TriedPhysics { fitted, validation },
+            TriedPhysics { fitted: (fitted, choice), validation },
         ))
     }
 }

@@ -40,16 +40,12 @@ impl PhysicsCalibration {
     /// # Errors
     /// [`FitError::Physics`], [`FitError::Interrupted`].
     pub fn fit(rows: &TrainingRows, workers: Workers<'_>) -> Result<(Self, Choice), FitError> {
-        Self::fit_from(rows, None, workers)
+        let choice = Choice::fit(&rows.observations()?, workers)?;
+        Ok((Self::of_choice(rows, &choice), choice))
     }
 
-    /// The same, started from the choice for more rows, these among them.
-    pub(super) fn fit_from(
-        rows: &TrainingRows,
-        before: Option<&Choice>,
-        workers: Workers<'_>,
-    ) -> Result<(Self, Choice), FitError> {
-        let choice = Choice::fit_from(&rows.observations()?, before, workers)?;
+    /// What was chosen, with the errors on the rows that were held out.
+    pub(super) fn of_choice(rows: &TrainingRows, choice: &Choice) -> Self {
         let mut scores = Scores::default();
         for fold in &choice.fold_models {
             let groups: BTreeSet<u64> = fold.groups.iter().copied().collect();
@@ -63,7 +59,7 @@ impl PhysicsCalibration {
         }
         let error_scale = scores.rescale(MODEL_GROUPS);
         let intervals = Some(scores.intervals());
-        Ok((Self { intervals, ..Self::new(choice.model.clone(), error_scale) }, choice))
+        Self { intervals, ..Self::new(choice.model.clone(), error_scale) }
     }
 
     /// The model.

@@ -4,13 +4,12 @@
 //! squared error, relative to the mean square of each axis, averaged over the axes. A factor more is taken where
 //! the readings of the held-out groups become more probable, by more than a standard error of the mean gain over the
 //! folds: that sees all sensors and how they err together, of which errors of a wrench show little. Then λ is
-//! chosen once more. Fits without a fold start from the fit to all, which is near.
+//! chosen once more.
 
-use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use super::PhysicsError;
-use super::factors::{fit_factors, fit_factors_from};
-use super::fit::{Fitted, Scaled, Scales, fit, fit_from};
+use super::candidates::{Candidate, Candidates};
 use super::inversion::Inversion;
 use super::loadings::FACTORS;
 use super::model::{PhysicsModel, check};
@@ -25,15 +24,8 @@ pub const LAMBDAS: [f64; 4] = [0.01, 0.03, 0.1, 0.3];
 /// The widths that are tried.
 pub const WIDTHS: [f64; 3] = [0.25, 0.5, 1.0];
 
-/// Up to this many groups each is held out alone; more are dealt into [`FOLDS`] folds.
-const MOST_ALONE: usize = 40;
-const FOLDS: usize = 10;
-
 /// Fewest folds that tell whether factors are shared: a standard error of fewer gains says little.
 const FEWEST_FOLDS: usize = 8;
-
-/// Most observations that candidates are tried on.
-const MOST_TRIED: usize = 600;
 
 /// A candidate and its score.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -75,7 +67,6 @@ pub struct Choice {
     pub factor_trials: Vec<FactorTrial>,
     /// The chosen candidate without each fold of groups.
     pub fold_models: Vec<FoldModel>,
-    start: Start,
 }
 
 /// The chosen candidate without one of the folds.
@@ -87,28 +78,22 @@ pub struct FoldModel {
     pub model: PhysicsModel,
 }
 
-/// Fits to all observations, from which those to most of them start.
-#[derive(Clone, Debug, PartialEq)]
-struct Start {
-    scales: Scales,
-    /// Of each width, without factors.
-    widths: Vec<Fitted>,
-    /// With one factor, two, as far as those were tried.
-    factors: Vec<Fitted>,
-}
-
-/// What all candidates are fitted to.
+/// What candidates are judged on.
 struct Trials<'a> {
-    channels: usize,
-    scales: Scales,
+    candidates: &'a Candidates<'a>,
+    /// Groups that take no part.
+    without: &'a [u64],
     folds: Vec<Fold<'a>>,
-    /// The observations of all folds but one.
-    rest: Vec<Scaled>,
     workers: Workers<'a>,
 }
 
-/// Fits without one fold and their squared errors on it for each λ.
-type Fits = (Fitted, [f64; LAMBDAS.len()]);
+struct Fold<'a> {
+    groups: Vec<u64>,
+    held_out: Vec<&'a Observation>,
+}
+
+/// The model of a candidate without one fold, and its squared errors there for each λ.
+type Judged = (Arc<PhysicsModel>, [f64; LAMBDAS.len()]);
 
 impl Choice {
     /// Fits a model whose λ, prior width and number of factors are chosen by cross-validation.
@@ -116,146 +101,114 @@ impl Choice {
     /// # Errors
     /// [`PhysicsError`] if there are too few observations, groups or channels; [`FitError::Interrupted`].
     pub fn fit(observations: &[Observation], workers: Workers<'_>) -> Result<Self, FitError> {
-        Self::fit_from(observations, None, workers)
+        Self::without(&[], &Candidates::new(observations), workers)
     }
 
-    /// The same, started from the choice for more observations, these among them.
-    pub(super) fn fit_from(
-        observations: &[Observation],
-        before: Option<&Self>,
+    /// The same of the observations of all groups but some, in ascending order.
+    pub(super) fn without(
+        groups: &[u64],
+        candidates: &Candidates<'_>,
         workers: Workers<'_>,
     ) -> Result<Self, FitError> {
-        let observations: Vec<&Observation> = observations.iter().collect();
-        let (scales, channels) = check(&observations)?;
-        // Few enough to try all candidates on; neighbours in the order of cells resemble each other.
-        let few = |every: usize| observations.iter().copied().step_by(every).collect::<Vec<_>>();
-        let tried = few(observations.len().div_ceil(MOST_TRIED));
-        let data = scales.apply(&tried);
-        let folds = folds(&tried, MOST_ALONE);
-        if folds.len() < 2 {
-            return Err(PhysicsError::TooFewGroups { found: folds.len() }.into());
-        }
-        let rest = folds.iter().map(|fold| scales.apply(&fold.rest)).collect();
-        let before = before.and_then(|of| of.start.rescaled(&scales));
-        let of_width = |(place, &width): (usize, &f64)| match &before {
-            Some(before) => fit_from(&data, width, &before.widths[place]),
-            None => fit(&data, width),
-        };
-        let widths: Vec<Fitted> = WIDTHS.iter().enumerate().map(of_width).collect();
-        let tries = Trials { channels, scales, folds, rest, workers };
-
-        let of_folds: Vec<Vec<Fits>> = tries.map(|fold| {
-            let pairs = WIDTHS.into_iter().zip(&widths);
-            pairs
-                .map(|(width, whole)| {
-                    tries.fits(fold, width, fit_from(&tries.rest[fold], width, whole))
-                })
-                .collect()
+        check(&candidates.observations(groups))?;
+        let tries = Trials::new(candidates, groups, workers)?;
+        let of_folds: Vec<Vec<Judged>> = tries.map(|fold| {
+            let candidate = |width| Candidate { width, factors: 0 };
+            (0..WIDTHS.len()).map(|width| tries.judge(fold, candidate(width))).collect()
         })?;
         let trials: Vec<Trial> = (WIDTHS.iter().enumerate())
             .flat_map(|(place, &width)| tries.scores(of_folds.iter().map(|of| &of[place]), width))
             .collect();
         let best = best(&trials);
-        let (width, place) = (trials[best].width, best / LAMBDAS.len());
-        let of_width = of_folds.into_iter().map(|mut of| of.swap_remove(place));
-        let mut chosen = (widths[place].clone(), of_width.collect::<Vec<Fits>>());
+        let mut chosen = Candidate { width: best / LAMBDAS.len(), factors: 0 };
+        let mut judged: Vec<Judged> =
+            of_folds.into_iter().map(|mut of| of.swap_remove(chosen.width)).collect();
         let mut lambda = trials[best].lambda;
 
-        let (mut factor_trials, mut factors) = (Vec::new(), Vec::new());
+        let mut factor_trials = Vec::new();
         let counts = if tries.folds.len() < FEWEST_FOLDS { 0..0 } else { 1..FACTORS + 1 };
-        for count in counts {
-            let whole = match before.as_ref().and_then(|of| of.factors.get(count - 1)) {
-                Some(before) => fit_factors_from(&data, width, before),
-                None => fit_factors(&data, width, &widths[place], count),
-            };
-            let fits: Vec<Fits> = tries.map(|fold| {
-                tries.fits(fold, width, fit_factors_from(&tries.rest[fold], width, &whole))
-            })?;
-            let trial = tries.compare(count, width, &fits, &chosen.1);
+        for factors in counts {
+            let candidate = Candidate { factors, ..chosen };
+            let of_folds = tries.map(|fold| tries.judge(fold, candidate))?;
+            let trial = tries.compare(factors, &of_folds, &judged);
             factor_trials.push(trial);
-            factors.push(whole.clone());
             if !trial.is_taken() {
                 break;
             }
-            let scores = tries.scores(fits.iter(), width);
+            let scores = tries.scores(of_folds.iter(), WIDTHS[chosen.width]);
             lambda = scores[self::best(&scores)].lambda;
-            chosen = (whole, fits);
+            (chosen, judged) = (candidate, of_folds);
         }
 
-        let at = (lambda, width);
-        let (mut fitted, of_folds) = chosen;
-        let scales = &tries.scales;
-        let model = if tried.len() < observations.len() {
-            let all = scales.apply(&observations);
-            fitted = match factor_trials.iter().any(FactorTrial::is_taken) {
-                true => fit_factors_from(&all, width, &fitted),
-                false => fit_from(&all, width, &fitted),
-            };
-            PhysicsModel::of_fit(channels, scales, &all, &fitted, at)
-        } else {
-            PhysicsModel::of_fit(channels, scales, &data, &fitted, at)
+        let with_lambda = |model: PhysicsModel| PhysicsModel { lambda, ..model };
+        let fold_model = |(fold, (model, _)): (Fold<'_>, Judged)| FoldModel {
+            groups: fold.groups,
+            model: with_lambda(Arc::unwrap_or_clone(model)),
         };
-        let fold_model = |(fold, (fitted, _)): (usize, &Fits)| FoldModel {
-            groups: tries.folds[fold].groups.clone(),
-            model: tries.model(fold, fitted, at),
-        };
-        let fold_models = of_folds.iter().enumerate().map(fold_model).collect();
-        let start = Start { scales: tries.scales.clone(), widths, factors };
-        Ok(Self { model, trials, factor_trials, fold_models, start })
+        Ok(Self {
+            model: with_lambda(candidates.of_all(groups, chosen)),
+            trials,
+            factor_trials,
+            fold_models: tries.folds.into_iter().zip(judged).map(fold_model).collect(),
+        })
     }
 }
 
-impl Start {
-    fn rescaled(&self, scales: &Scales) -> Option<Self> {
-        let all = |of: &[Fitted]| -> Option<Vec<Fitted>> {
-            of.iter().map(|fit| fit.rescaled(&self.scales, scales)).collect()
+impl<'a> Trials<'a> {
+    fn new(
+        candidates: &'a Candidates<'a>,
+        without: &'a [u64],
+        workers: Workers<'a>,
+    ) -> Result<Self, FitError> {
+        let fold = |groups: &Vec<u64>| {
+            let mut groups = groups.clone();
+            groups.retain(|group| !without.contains(group));
+            let held_out = candidates.tried_of(&groups);
+            (!held_out.is_empty()).then_some(Fold { groups, held_out })
         };
-        let (widths, factors) = (all(&self.widths)?, all(&self.factors)?);
-        Some(Self { scales: scales.clone(), widths, factors })
+        let folds: Vec<Fold<'_>> = candidates.folds.iter().filter_map(fold).collect();
+        if folds.len() < 2 {
+            return Err(PhysicsError::TooFewGroups { found: folds.len() }.into());
+        }
+        Ok(Self { candidates, without, folds, workers })
     }
-}
 
-impl Trials<'_> {
     /// What `work` makes of every fold, on all threads.
-    fn map<T: Send>(&self, work: impl Fn(usize) -> T + Sync) -> Result<Vec<T>, FitError> {
-        let folds: Vec<usize> = (0..self.folds.len()).collect();
-        map(&folds, 0, self.workers, |&fold| Ok(work(fold)))
+    fn map<T: Send>(&self, work: impl Fn(&Fold<'_>) -> T + Sync) -> Result<Vec<T>, FitError> {
+        map(&self.folds, 0, self.workers, |fold| Ok(work(fold)))
     }
 
-    fn model(&self, fold: usize, fitted: &Fitted, at: (f64, f64)) -> PhysicsModel {
-        PhysicsModel::of_fit(self.channels, &self.scales, &self.rest[fold], fitted, at)
-    }
-
-    /// A fit without a fold, with its squared errors there.
-    fn fits(&self, fold: usize, width: f64, fitted: Fitted) -> Fits {
-        let mut model = self.model(fold, &fitted, (LAMBDAS[0], width));
+    /// A candidate without a fold, with its squared errors there.
+    fn judge(&self, fold: &Fold<'_>, candidate: Candidate) -> Judged {
+        let without = [self.without, &fold.groups].concat();
+        let model = self.candidates.model(without, candidate);
         let mut inversion = Inversion::new(&model);
+        let mut of_lambda = PhysicsModel::clone(&model);
         let square = |lambda| {
-            model.lambda = lambda;
-            inversion.set_prior(&model);
-            relative_square(&model, &inversion, &self.folds[fold].held_out)
+            of_lambda.lambda = lambda;
+            inversion.set_prior(&of_lambda);
+            relative_square(&model, &inversion, &fold.held_out)
         };
         let squares = LAMBDAS.map(square);
-        (fitted, squares)
+        (model, squares)
     }
 
-    fn scores<'b>(&self, fits: impl Iterator<Item = &'b Fits>, width: f64) -> Vec<Trial> {
+    fn scores<'b>(&self, judged: impl Iterator<Item = &'b Judged>, width: f64) -> Vec<Trial> {
         let count = 6.0 * self.folds.iter().map(|fold| fold.held_out.len()).sum::<usize>() as f64;
         let mut sums = [0.0; LAMBDAS.len()];
-        fits.for_each(|(_, squares)| sums.iter_mut().zip(squares).for_each(|(sum, s)| *sum += s));
+        judged.for_each(|(_, squares)| sums.iter_mut().zip(squares).for_each(|(sum, s)| *sum += s));
         let trial = |(sum, lambda)| Trial { lambda, width, score: sum / count };
         sums.into_iter().zip(LAMBDAS).map(trial).collect()
     }
 
-    /// How much more probable the readings of each fold are by the first of two fits without it.
-    fn compare(&self, factors: usize, width: f64, fits: &[Fits], best: &[Fits]) -> FactorTrial {
-        let gains: Vec<f64> = (fits.iter().zip(best).enumerate())
-            .map(|(fold, (fit, best))| {
-                let density = |fitted| {
-                    let model = self.model(fold, fitted, (LAMBDAS[0], width));
-                    self.folds[fold].held_out.iter().map(|o| model.ln_density(o)).sum::<f64>()
+    /// How much more probable the readings of each fold are by the first of two models without it.
+    fn compare(&self, factors: usize, judged: &[Judged], best: &[Judged]) -> FactorTrial {
+        let gains: Vec<f64> = (self.folds.iter().zip(judged).zip(best))
+            .map(|((fold, (model, _)), (best, _))| {
+                let density = |model: &PhysicsModel| {
+                    fold.held_out.iter().map(|o| model.ln_density(o)).sum::<f64>()
                 };
-                density(&fit.0) - density(&best.0)
+                density(model) - density(best)
             })
             .collect();
         let count = gains.len() as f64;
@@ -269,26 +222,6 @@ impl Trials<'_> {
 fn best(trials: &[Trial]) -> usize {
     let scores = trials.iter().enumerate();
     scores.min_by(|a, b| a.1.score.total_cmp(&b.1.score)).map_or(0, |(place, _)| place)
-}
-
-struct Fold<'a> {
-    groups: Vec<u64>,
-    held_out: Vec<&'a Observation>,
-    rest: Vec<&'a Observation>,
-}
-
-/// Each group alone, or, of more than `most_alone`, groups dealt in turn into [`FOLDS`].
-fn folds<'a>(observations: &[&'a Observation], most_alone: usize) -> Vec<Fold<'a>> {
-    let mut places = BTreeMap::new();
-    observations.iter().for_each(|o| _ = places.insert(o.group, 0));
-    let folds = if places.len() > most_alone { FOLDS } else { places.len() };
-    places.values_mut().zip((0..folds).cycle()).for_each(|(place, fold)| *place = fold);
-    let fold = |fold: usize| {
-        let (held_out, rest) = observations.iter().partition(|o| places[&o.group] == fold);
-        let groups = places.iter().filter(|(_, place)| **place == fold);
-        Fold { groups: groups.map(|(group, _)| *group).collect(), held_out, rest }
-    };
-    (0..folds).map(fold).collect()
 }
 
 /// The sum over observations and axes of squared errors in the model's scales.

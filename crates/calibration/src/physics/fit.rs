@@ -10,6 +10,7 @@ use super::cholesky::Cholesky;
 use super::data::Data;
 use super::lanes::MOST_LANES;
 use super::loadings::{FACTORS, Loadings};
+use super::model::{PhysicsModel, Sensor};
 use super::noise::{Noise, Residual};
 use super::observations::Observation;
 use super::response::{PARAMETERS, Parameters, SHAPE};
@@ -101,23 +102,28 @@ impl Scales {
 }
 
 impl Fitted {
-    /// The same curves in the scales of nearly the same observations; `None` if other channels vary there.
-    pub(super) fn rescaled(&self, from: &Scales, to: &Scales) -> Option<Self> {
-        let pairs = || from.channels.iter().zip(&to.channels);
-        if from.channels.len() != to.channels.len() || pairs().any(|(a, b)| a.0 != b.0) {
+    /// The curves of a model in the scales of nearly the same observations; `None` if other channels vary there.
+    pub(super) fn of_model(model: &PhysicsModel, scales: &Scales) -> Option<Self> {
+        let pairs = || model.sensors.iter().zip(&scales.channels);
+        if model.sensors.len() != scales.channels.len() || pairs().any(|(a, b)| a.channel != b.0) {
             return None;
         }
-        let mut fitted = self.clone();
-        for (p, (from_channel, to_channel)) in fitted.parameters.iter_mut().zip(pairs()) {
-            let stretch = from_channel.2 / to_channel.2;
-            let shift = (from_channel.1 - to_channel.1) / to_channel.2;
+        let parameters = |(sensor, &(_, least, range)): (&Sensor, &(usize, f64, f64))| {
+            let (stretch, shift) = (sensor.range / range, (sensor.least - least) / range);
+            let mut p = sensor.parameters;
             for axis in 0..6 {
-                p[1 + axis] *= to.wrench[axis] / from.wrench[axis];
+                p[1 + axis] *= scales.wrench[axis] / model.wrench_scale[axis];
             }
             p[SHAPE] = p[SHAPE].mul_add(stretch, shift);
             p[SHAPE + 1] += libm::log(stretch);
-        }
-        Some(fitted)
+            p
+        };
+        Some(Self {
+            parameters: pairs().map(parameters).collect(),
+            covariance: model.sensors.iter().map(|sensor| sensor.covariance).collect(),
+            loadings: model.sensors.iter().map(|sensor| sensor.loadings).collect(),
+            noise: model.noise,
+        })
     }
 }
 

@@ -16,6 +16,7 @@
 //! Left out: play and creep as states (they are in the noise and in the factors), and temperature.
 
 mod calibration;
+mod candidates;
 mod choice;
 pub(crate) mod cholesky;
 mod data;

@@ -82,20 +82,6 @@ impl TrainingRows {
         group_means(&self.groups, &wrench, &readings)
     }
 
-    /// The rows of all other groups.
-    pub(super) fn without(&self, groups: &BTreeSet<u64>) -> Self {
-        let keep: Vec<bool> = self.groups.iter().map(|group| !groups.contains(group)).collect();
-        let pick = |column: &Vec<f64>| {
-            let kept = column.iter().zip(&keep).filter(|(_, keep)| **keep);
-            kept.map(|(value, _)| *value).collect()
-        };
-        Self {
-            groups: self.groups.iter().copied().filter(|group| !groups.contains(group)).collect(),
-            wrench: self.wrench.each_ref().map(pick),
-            readings: self.readings.iter().map(pick).collect(),
-        }
-    }
-
     /// The groups, dealt into folds: each alone, or in turn, in the order of their labels.
     pub fn folds(&self, folds: usize) -> Vec<Vec<u64>> {
         let groups: BTreeSet<u64> = self.groups.iter().copied().collect();

@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::calibration::PhysicsCalibration;
+use super::candidates::Candidates;
 use super::choice::Choice;
 use super::rows::TrainingRows;
 use crate::error::FitError;
@@ -37,24 +38,26 @@ pub struct GroupErrors {
 }
 
 impl PhysicsValidation {
-    /// Fits without each of `folds` of groups, started from the choice for all `rows`, and converts their rows.
-    /// Folds are fitted on several threads.
+    /// Fits all `rows`, as [`PhysicsCalibration::fit`] does, and without each of `folds` of groups, which converts
+    /// their rows. Folds are fitted on several threads.
     ///
     /// # Errors
     /// [`FitError::Physics`], of any part that is left; [`FitError::Interrupted`].
-    pub fn of(
+    pub fn fit(
         rows: &TrainingRows,
         folds: &[Vec<u64>],
-        whole: &Choice,
         workers: Workers<'_>,
-    ) -> Result<Self, FitError> {
+    ) -> Result<(PhysicsCalibration, Choice, Self), FitError> {
+        let observations = rows.observations()?;
+        let candidates = Candidates::new(&observations);
+        let choice = Choice::without(&[], &candidates, workers)?;
         let of_fold = |fold: &Vec<u64>| {
+            let choice = Choice::without(fold, &candidates, Workers::ONE)?;
             let held_out: BTreeSet<u64> = fold.iter().copied().collect();
-            let rest = rows.without(&held_out);
-            let (fitted, _) = PhysicsCalibration::fit_from(&rest, Some(whole), Workers::ONE)?;
-            Ok(errors(rows, &held_out, &fitted))
+            Ok(errors(rows, &held_out, &PhysicsCalibration::of_choice(rows, &choice)))
         };
-        Ok(Self { folds: map_folds(folds, workers, of_fold)? })
+        let validation = Self { folds: map_folds(folds, workers, of_fold)? };
+        Ok((PhysicsCalibration::of_choice(rows, &choice), choice, validation))
     }
 
     /// All groups.

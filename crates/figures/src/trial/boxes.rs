@@ -7,7 +7,7 @@ use super::super::palette;
 use super::super::panel::{LEFT_MARGIN, Panel};
 use super::super::scale::{PlotAxis, Spacing};
 use super::super::size::Size;
-use super::super::svg::{Anchor, Canvas, Rect, Style, number, point};
+use super::super::svg::{Anchor, Canvas, Rect, Style, number, point, text_width};
 use super::{TOP, WIDTH, canvas, draw_title, empty_figure};
 use trial::{ConditionRow, Per, Quantity, Statistics};
 
@@ -17,11 +17,14 @@ const PITCH: f64 = 214.0;
 const KEY_PITCH: f64 = 15.0;
 const QUANTITIES: [Quantity; 3] =
     [Quantity::DragEnergy, Quantity::ElectricalEnergy, Quantity::SpecificResistance];
+const SMALL: Style = Style { size: 9.0, ..Style::LABEL };
 const FILL: &str = "#d8e6f0";
+/// Up to this many values of a condition each is drawn: quartiles of fewer say little.
+const MOST_POINTS: usize = 12;
 
 /// Draws a box for every condition, in the order of `rows`: quartiles and median, Tukey's whiskers,
-/// outliers as open circles, the mean as a diamond. Left per trial, right per stride. What no
-/// condition has is left out.
+/// outliers as open circles, the mean as a diamond, up to twelve values as points. Left per trial, right per
+/// stride. What no condition has is left out.
 pub fn box_figure(size: Size, title: &str, rows: &[ConditionRow]) -> Figure {
     let of = |quantity: Quantity, per: Per| -> Vec<&ConditionRow> {
         rows.iter().filter(|row| row.quantity == quantity && row.per == per).collect()
@@ -69,7 +72,13 @@ fn draw_key(canvas: &mut Canvas, y: f64, size: Size) {
     canvas.ring((right, y - 4.0), 2.8, palette::INK);
     canvas.text((right + 8.0, y), "outlier;", start);
     draw_diamond(canvas, right + 70.0, y - 4.0);
-    canvas.text((right + 78.0, y), "mean", start);
+    canvas.text((right + 78.0, y), "mean;", start);
+    draw_point(canvas, right + 122.0, y - 4.0);
+    canvas.text((right + 128.0, y), &format!("value (n ≤ {MOST_POINTS})"), start);
+}
+
+fn draw_point(canvas: &mut Canvas, x: f64, y: f64) {
+    canvas.circle((x, y), 1.8, palette::SERIES[0]);
 }
 
 fn draw_diamond(canvas: &mut Canvas, x: f64, y: f64) {
@@ -78,11 +87,12 @@ fn draw_diamond(canvas: &mut Canvas, x: f64, y: f64) {
     canvas.stroke(&diamond, palette::INK, 0.8);
 }
 
-/// Energies of strides are some mJ.
-fn scale(quantity: Quantity) -> (f64, &'static str) {
+/// What the axis says, and the factor to its unit: energies of strides are some mJ. Drag is −Fx, its energy is lost
+/// where it is negative.
+fn scale(quantity: Quantity) -> (&'static str, f64, &'static str) {
     match quantity {
-        Quantity::DragEnergy => (1e3, "mJ"),
-        _ => (1.0, quantity.unit()),
+        Quantity::DragEnergy => ("drag energy Fx·l", 1e3, "mJ"),
+        _ => (quantity.name(), 1.0, quantity.unit()),
     }
 }
 
@@ -93,7 +103,7 @@ fn draw_boxes(
     per: Per,
     boxes: &[&ConditionRow],
 ) {
-    let (factor, unit) = scale(quantity);
+    let (name, factor, unit) = scale(quantity);
     let ends = boxes.iter().flat_map(|row| {
         let Statistics { whisker_low, whisker_high, outliers, mean, .. } = &row.statistics;
         outliers.iter().copied().chain([*whisker_low, *whisker_high, *mean])
@@ -102,21 +112,28 @@ fn draw_boxes(
     let panel = Panel {
         area,
         x: PlotAxis::new("", "", Spacing::Linear, 0.0, boxes.len() as f64),
-        y: PlotAxis::new(quantity.name(), unit, Spacing::Linear, factor * low, factor * high)
-            .padded(0.08),
+        y: PlotAxis::new(name, unit, Spacing::Linear, factor * low, factor * high).padded(0.08),
     };
     panel.draw_y_grid(canvas);
     let pitch = area.width / boxes.len() as f64;
     let half = (0.3 * pitch).min(22.0);
+    let count = |row: &ConditionRow| format!("n = {}", row.statistics.n);
+    let letters = canvas.size().letters(SMALL.size);
+    let is_counted_once = boxes.iter().any(|row| text_width(&count(row), letters) > pitch);
     for (i, row) in boxes.iter().enumerate() {
         let x = area.left + (i as f64 + 0.5) * pitch;
         let place = |value: f64| panel.place(0.0, factor * value).1;
         draw_box(canvas, x, half, &row.statistics, place);
-        let equals = if canvas.size().is_narrow() { "=" } else { " = " };
-        let count = format!("n{equals}{}", row.statistics.n);
         canvas.text((x, area.bottom() + 16.0), &row.condition, Style::LABEL);
-        let small = Style { size: 9.0, ..Style::LABEL };
-        canvas.text((x, area.bottom() + 29.0), &count, small);
+        let count = match is_counted_once {
+            true => row.statistics.n.to_string(),
+            false => count(row),
+        };
+        canvas.text((x, area.bottom() + 29.0), &count, SMALL);
+    }
+    if is_counted_once {
+        let at = (area.left - 7.0, area.bottom() + 29.0);
+        canvas.text(at, "n", SMALL.anchored(Anchor::End));
     }
     canvas.frame(area, palette::INK);
     panel.draw_y_labels(canvas);
@@ -140,5 +157,12 @@ fn draw_box(canvas: &mut Canvas, x: f64, half: f64, s: &Statistics, place: impl 
     draw_diamond(canvas, x, place(s.mean));
     for &outlier in &s.outliers {
         canvas.ring((x, place(outlier)), 2.8, palette::INK);
+    }
+    if s.values.len() <= MOST_POINTS {
+        // Beside the mean, in turn: equal values are seen as two.
+        for (i, &value) in s.values.iter().enumerate() {
+            let aside = if i % 2 == 0 { -0.5 } else { 0.5 };
+            draw_point(canvas, x + aside * half, place(value));
+        }
     }
 }

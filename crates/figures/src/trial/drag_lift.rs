@@ -5,8 +5,8 @@ use super::super::panel::{BOTTOM_MARGIN, Panel};
 use super::super::scale::{PlotAxis, Spacing};
 use super::super::size::Size;
 use super::{
-    DASHED, LegendKey, PALE, Passage, SOLID, TOP, canvas, draw_legend, draw_lines, draw_title,
-    empty_figure, line, range_with_zero, smoothed, stride_s, wide_area,
+    DASHED, LegendKey, PALE, Passage, SOLID, canvas, draw_legend, draw_lines, draw_title,
+    empty_figure, line, range_with_zero, smoothed, stride_s, top_below, wide_area,
 };
 use trial::Trace;
 
@@ -34,32 +34,34 @@ pub fn drag_lift_figure(size: Size, title: &str, trace: &Trace, passage: &Passag
         [&drag, lift].map(|force| line(&trace.t_s, smoothed(&trace.t_s, force, width_s)))
     });
     let (low, high) = range_with_zero(&raw);
+    let x = PlotAxis::new("time", "s", Spacing::Linear, first, last);
+    let mut keys = match &means {
+        Some(_) => vec![
+            LegendKey::Line("drag −Fx, stride mean", SOLID),
+            LegendKey::Line("lift Fz, stride mean", DASHED),
+        ],
+        None => vec![LegendKey::Line("drag (−Fx)", SOLID), LegendKey::Line("lift (Fz)", DASHED)],
+    };
+    keys.extend(passage.keys(x.range));
+    let top = top_below(size, &keys);
     let panel = Panel {
-        area: wide_area(size, TOP, HEIGHT),
-        x: PlotAxis::new("time", "s", Spacing::Linear, first, last),
+        area: wide_area(size, top, HEIGHT),
+        x,
         y: PlotAxis::new("force", "N", Spacing::Linear, low, high).padded(0.06),
     };
-    let mut canvas = canvas(size, TOP + HEIGHT + BOTTOM_MARGIN + 4.0);
+    let mut canvas = canvas(size, top + HEIGHT + BOTTOM_MARGIN + 4.0);
     draw_title(&mut canvas, title);
     passage.draw(&mut canvas, &panel);
     panel.draw_grid(&mut canvas);
     let [drag, lift] = &raw;
-    let mut keys = match &means {
+    let lines = match &means {
         Some([mean_drag, mean_lift]) => {
-            let lines = [(lift, PALE[1]), (drag, PALE[0]), (mean_lift, DASHED), (mean_drag, SOLID)];
-            draw_lines(&mut canvas, &panel, &lines);
-            vec![
-                LegendKey::Line("drag −Fx, stride mean", SOLID),
-                LegendKey::Line("lift Fz, stride mean", DASHED),
-            ]
+            vec![(lift, PALE[1]), (drag, PALE[0]), (mean_lift, DASHED), (mean_drag, SOLID)]
         }
-        None => {
-            draw_lines(&mut canvas, &panel, &[(lift, DASHED), (drag, SOLID)]);
-            vec![LegendKey::Line("drag (−Fx)", SOLID), LegendKey::Line("lift (Fz)", DASHED)]
-        }
+        None => vec![(lift, DASHED), (drag, SOLID)],
     };
+    draw_lines(&mut canvas, &panel, &lines);
     panel.draw_frame(&mut canvas);
-    keys.extend(passage.keys(panel.x.range));
     draw_legend(&mut canvas, panel.area, &keys);
     Figure::new(canvas.finish())
 }

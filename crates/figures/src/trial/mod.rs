@@ -122,24 +122,41 @@ enum LegendKey<'a> {
     Area(&'a str, &'static str),
 }
 
+/// The keys of a legend in rows between `left` and `right`, each with where it begins; in one on a screen.
+fn legend_rows<'a>(
+    size: Size,
+    (left, right): (f64, f64),
+    keys: impl IntoIterator<Item = &'a LegendKey<'a>>,
+) -> Vec<Vec<(f64, &'a LegendKey<'a>)>> {
+    let (mut rows, mut next): (Vec<Vec<_>>, f64) = (Vec::new(), left);
+    let room = if size == Size::Screen { f64::INFINITY } else { right };
+    for key in keys {
+        let length = 36.0 + 0.92 * text_width(key.text(), Style::LABEL.size) + 6.0;
+        // What follows a key is not in its way.
+        if rows.is_empty() || next + length - 6.0 > room {
+            rows.push(Vec::new());
+            next = left;
+        }
+        rows.last_mut().into_iter().for_each(|row| row.push((next, key)));
+        next += length;
+    }
+    rows
+}
+
+/// Where a panel of the whole width begins under a title and a legend of these keys.
+fn top_below<'a>(size: Size, keys: impl IntoIterator<Item = &'a LegendKey<'a>>) -> f64 {
+    let area = wide_area(size, TOP, 0.0);
+    let rows = legend_rows(size, (area.left, area.right()), keys).len();
+    TOP + LEGEND_PITCH * rows.saturating_sub(1) as f64
+}
+
 /// Draws a legend above a panel, from its left, in a row, or on paper in as many as it takes.
 fn draw_legend<'a>(
     canvas: &mut Canvas,
     area: Rect,
     keys: impl IntoIterator<Item = &'a LegendKey<'a>>,
 ) {
-    let (mut rows, mut right): (Vec<Vec<(f64, &LegendKey<'_>)>>, f64) = (Vec::new(), area.left);
-    let room = if canvas.size() == Size::Screen { f64::INFINITY } else { area.right() };
-    for key in keys {
-        let length = 36.0 + 0.92 * text_width(key.text(), Style::LABEL.size) + 6.0;
-        // What follows a key is not in its way.
-        if rows.is_empty() || right + length - 6.0 > room {
-            rows.push(Vec::new());
-            right = area.left;
-        }
-        rows.last_mut().into_iter().for_each(|row| row.push((right, key)));
-        right += length;
-    }
+    let rows = legend_rows(canvas.size(), (area.left, area.right()), keys);
     for (above, row) in rows.iter().rev().enumerate() {
         let y = area.top - 12.0 - LEGEND_PITCH * above as f64;
         row.iter().for_each(|&(left, key)| key.draw(canvas, left, y));
@@ -284,6 +301,10 @@ mod tests {
                 - svg.matches("<rect").count(),
             2
         );
+        // Each of the six values, and a point in the key.
+        let is_point =
+            |line: &&str| line.starts_with("<circle") && line.contains(palette::SERIES[0]);
+        assert_eq!(svg.lines().filter(is_point).count(), 7);
         // The axis runs over values from 1 to 30 with 8 % at both ends, 150 pixels high from 58 on.
         let y = |value: f64| 58.0 + 150.0 - 150.0 * (value - 1.0 + 0.08 * 29.0) / (1.16 * 29.0);
         for value in [
@@ -301,7 +322,8 @@ mod tests {
         }
     }
 
-    /// As a page of a paper takes it: the width, letters of 5 to 7 pt, and nothing cut off at the edges.
+    /// As a page of a paper takes it: the width, letters of 5 to 7 pt, nothing cut off at the edges, and no text
+    /// over another.
     fn assert_printable(figure: &Figure, size: Size, width_mm: f64) {
         let drawing = figure.drawing();
         let svg = figure.svg();
@@ -309,6 +331,7 @@ mod tests {
         let pt = size.scale() * 0.75;
         // The width of the page in a PDF, in pt of 1/72 inch.
         let page = width_mm / 25.4 * 72.0;
+        let mut texts: Vec<(&String, tiny_skia::Rect)> = Vec::new();
         assert!((drawing.width * pt - page).abs() < 1e-9, "{} {page}", drawing.width * pt);
         for shape in &drawing.shapes {
             let DrawnShape::Text { at, text, style } = shape else { continue };
@@ -320,6 +343,10 @@ mod tests {
             let is_inside = bounds.left() >= 0.0 && bounds.top() >= 0.0;
             assert!(is_inside, "{text} at {bounds:?}");
             assert!(bounds.right() <= right && bounds.bottom() <= bottom, "{text} at {bounds:?}");
+            for (other, of) in &texts {
+                assert!(bounds.intersect(of).is_none(), "{text} over {other}");
+            }
+            texts.push((text, bounds));
         }
     }
 
@@ -329,7 +356,7 @@ mod tests {
         let phases = PhaseProfile::new([(&trace(), [0.5, 2.0])]).unwrap();
         let phases = ["free", "3 cm"].map(|name| (name.to_owned(), phases.clone()));
         let mut sample = ValueSample::default();
-        [1.0, 2.0, 3.0, 4.0, 5.0, 30.0].into_iter().for_each(|value| sample.add_cluster([value]));
+        sample.add_cluster((0..368).map(f64::from));
         let statistics = sample.statistics(1).unwrap();
         let mut boxes = Vec::new();
         for condition in ["free", "0 cm", "3 cm", "6 cm", "9 cm"] {

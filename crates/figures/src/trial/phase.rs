@@ -8,7 +8,10 @@ use super::super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
 use super::super::scale::{PlotAxis, Spacing};
 use super::super::size::Size;
 use super::super::svg::{Anchor, Canvas, Rect, Style, point};
-use super::{LegendKey, SOLID, TOP, WIDTH, canvas, draw_legend, draw_title, empty_figure};
+use super::{
+    CurvePen, DASHED, LegendKey, SOLID, WIDTH, canvas, draw_legend, draw_title, empty_figure,
+    top_below, wide_area,
+};
 use trial::{PhaseForce, PhaseProfile};
 
 const HEIGHT: f64 = 104.0;
@@ -28,16 +31,24 @@ pub fn phase_figure(size: Size, title: &str, conditions: &[(String, PhaseProfile
     });
     let (low, high) = ends.fold((0.0_f64, 0.0_f64), |(low, high), v| (low.min(v), high.max(v)));
     let rows = conditions.len() as f64;
-    let mut canvas = canvas(size, TOP + 14.0 + PITCH * rows - 30.0 + BOTTOM_MARGIN + 4.0);
+    let keys = [
+        LegendKey::Line("drag (−Fx), mean", SOLID),
+        LegendKey::Line("lift (Fz), mean", DASHED),
+        LegendKey::Area("± 1 sd, stride to stride", palette::SPREAD),
+    ];
+    let top = top_below(size, &keys);
+    let mut canvas = canvas(size, top + 14.0 + PITCH * rows - 30.0 + BOTTOM_MARGIN + 4.0);
     draw_title(&mut canvas, title);
     let width = (size.width(WIDTH) - 2.0 * (LEFT_MARGIN + 8.0) - GAP - 16.0) / 2.0;
     for (row, (name, profile)) in conditions.iter().enumerate() {
-        for (column, (quantity, force)) in
-            [("drag", &profile.drag), ("lift", &profile.lift)].into_iter().enumerate()
+        for (column, (quantity, force, pen)) in
+            [("drag", &profile.drag, SOLID), ("lift", &profile.lift, DASHED)]
+                .into_iter()
+                .enumerate()
         {
             let area = Rect {
                 left: LEFT_MARGIN + 8.0 + (width + LEFT_MARGIN + GAP) * column as f64,
-                top: TOP + 14.0 + PITCH * row as f64,
+                top: top + 14.0 + PITCH * row as f64,
                 width,
                 height: HEIGHT,
             };
@@ -46,23 +57,23 @@ pub fn phase_figure(size: Size, title: &str, conditions: &[(String, PhaseProfile
                 x: PlotAxis::new("right leg angle", "rad", Spacing::Linear, 0.0, TAU),
                 y: PlotAxis::new(quantity, "N", Spacing::Linear, low, high).padded(0.04),
             };
-            draw_panel(&mut canvas, &panel, &profile.phase_rad, force);
+            draw_panel(&mut canvas, &panel, &profile.phase_rad, (force, pen));
             let label = format!("{name}: {} strides", profile.strides);
             let style = Style::LABEL.anchored(Anchor::Start);
             canvas.text((area.left, area.top - 6.0), &label, style);
             draw_turn(&mut canvas, &panel, row + 1 == conditions.len());
         }
     }
-    let legend = Rect { left: LEFT_MARGIN + 8.0, top: TOP - 4.0, width, height: HEIGHT };
-    let keys = [
-        LegendKey::Line("mean", SOLID),
-        LegendKey::Area("± 1 sd, stride to stride", palette::SPREAD),
-    ];
-    draw_legend(&mut canvas, legend, &keys);
+    draw_legend(&mut canvas, wide_area(size, top - 4.0, HEIGHT), &keys);
     Figure::new(canvas.finish())
 }
 
-fn draw_panel(canvas: &mut Canvas, panel: &Panel, phase_rad: &[f64], force: &PhaseForce) {
+fn draw_panel(
+    canvas: &mut Canvas,
+    panel: &Panel,
+    phase_rad: &[f64],
+    (force, pen): (&PhaseForce, CurvePen),
+) {
     let placed = |sign: f64| -> Vec<String> {
         let values: Vec<f64> =
             force.mean_n.iter().zip(&force.sd_n).map(|(mean, sd)| mean + sign * sd).collect();
@@ -88,7 +99,7 @@ fn draw_panel(canvas: &mut Canvas, panel: &Panel, phase_rad: &[f64], force: &Pha
         canvas.fill(&format!("M{}L{}Z", below.join("L"), above.join("L")), palette::SPREAD);
         let (_, zero) = panel.place(0.0, 0.0);
         canvas.line((area.left, zero), (area.right(), zero), palette::ZERO, 1.0);
-        canvas.stroke(&format!("M{}", mean.join("L")), SOLID.colour, SOLID.width);
+        pen.draw(canvas, &format!("M{}", mean.join("L")));
     });
     canvas.frame(area, palette::INK);
     panel.draw_y_labels(canvas);

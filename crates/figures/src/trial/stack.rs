@@ -7,8 +7,8 @@ use super::super::panel::{BOTTOM_MARGIN, Panel};
 use super::super::scale::{PlotAxis, Spacing};
 use super::super::size::Size;
 use super::{
-    Curve, CurvePen, DASHED, LegendKey, Passage, SOLID, TOP, canvas, draw_legend, draw_lines,
-    draw_title, empty_figure, line, range_with_zero, wide_area,
+    Curve, CurvePen, DASHED, LegendKey, Passage, SOLID, canvas, draw_legend, draw_lines,
+    draw_title, empty_figure, line, range_with_zero, top_below, wide_area,
 };
 use trial::Trace;
 
@@ -43,7 +43,10 @@ pub fn stack_figure(
         return empty_figure(size, title, "nothing to draw: neither forces nor telemetry");
     }
 
-    let mut bottom = TOP - GAP;
+    let time = PlotAxis::new("time", "s", Spacing::Linear, range_s[0], range_s[1]);
+    // The first panel's row also says what the shading is.
+    let shading = passage.keys(time.range);
+    let mut bottom = top_below(size, panels[0].keys.iter().chain(&shading)) - GAP;
     let mut tops = Vec::new();
     for (i, row) in panels.iter().enumerate() {
         let legend = if i == 0 || row.keys.is_empty() { 0.0 } else { LEGEND };
@@ -52,7 +55,6 @@ pub fn stack_figure(
     }
     let mut canvas = canvas(size, bottom + BOTTOM_MARGIN + 4.0);
     draw_title(&mut canvas, title);
-    let time = PlotAxis::new("time", "s", Spacing::Linear, range_s[0], range_s[1]);
     for (i, (row, &top)) in panels.iter().zip(&tops).enumerate() {
         let area = wide_area(size, top, HEIGHT);
         let panel = Panel { area, x: time.clone(), y: row.y_axis() };
@@ -65,9 +67,8 @@ pub fn stack_figure(
         if i + 1 == panels.len() {
             panel.draw_x_labels(&mut canvas);
         }
-        // The first panel's row also says what the shading is.
-        let shading = if i == 0 { passage.keys(panel.x.range) } else { vec![] };
-        draw_legend(&mut canvas, area, row.keys.iter().chain(&shading));
+        let shading = if i == 0 { &shading[..] } else { &[] };
+        draw_legend(&mut canvas, area, row.keys.iter().chain(shading));
     }
     Figure::new(canvas.finish())
 }

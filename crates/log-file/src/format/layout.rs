@@ -104,10 +104,21 @@ pub(crate) fn recognise_layout(
     }
     if let (Some(at), None) = (roles.time, mapping.time_unit)
         && columns[at].meaning == Meaning::Time(TimeUnit::Second)
+        && !has_dates
         && !names_a_unit(&columns[at].name)
-        && let Some(unit) = first_time.and_then(|field| epoch_unit(field))
     {
-        columns[at].meaning = Meaning::Time(unit);
+        let step = || median_step(head, rows_start, separator, at);
+        let unit = match first_time.and_then(|field| epoch_unit(field)) {
+            None => step().map(unit_by_step).transpose(),
+            epoch => Ok(epoch),
+        };
+        let unclear = |step| {
+            let (path, place) = (path(), source.place(names_line));
+            LogError::UnclearTimeUnit { path, place, column: names[at].clone(), step }
+        };
+        if let Some(unit) = unit.map_err(unclear)? {
+            columns[at].meaning = Meaning::Time(unit);
+        }
     }
     Ok(FileLayout {
         format,
@@ -122,13 +133,47 @@ pub(crate) fn recognise_layout(
 }
 
 /// The unit of a clock that counts from 1970, by its digits: in the years 2001 to 2286 it has ten in s, thirteen in
-/// ms, and so on. Clocks that start with a recording do not say theirs.
+/// ms, and so on.
 fn epoch_unit(first: &[u8]) -> Option<TimeUnit> {
     let time = parse_field(first).ok()?;
     let has_digits = |digits: i32| (10_f64.powi(digits - 1)..10_f64.powi(digits)).contains(&time);
     let units =
         [TimeUnit::Second, TimeUnit::Millisecond, TimeUnit::Microsecond, TimeUnit::Nanosecond];
     units.into_iter().zip([10, 13, 16, 19]).find(|(_, digits)| has_digits(*digits)).map(|it| it.0)
+}
+
+/// The unit of a clock whose whole numbers go on by so many from row to row, as far as 2 s are too long for that and
+/// 100 µs too short. Fewer than a hundred are taken for seconds, as times are that do not say.
+///
+/// # Errors
+/// The step, if two units are possible.
+fn unit_by_step(step: f64) -> Result<TimeUnit, f64> {
+    match step {
+        ..100.0 => Ok(TimeUnit::Second),
+        2e3..5e5 => Ok(TimeUnit::Microsecond),
+        2e6.. => Ok(TimeUnit::Nanosecond),
+        _ => Err(step),
+    }
+}
+
+/// Rows whose times tell the unit of a clock.
+const CLOCK_ROWS: usize = 64;
+
+/// The median step from one row's time to the next one's, of whole numbers that grow.
+fn median_step(head: &[u8], rows_start: usize, separator: u8, at: usize) -> Option<f64> {
+    let first = LayoutLine::first_with_text(head, rows_start, 1);
+    let lines = std::iter::successors(first, |line| LayoutLine::after(head, line));
+    // The last line of the head may be cut off.
+    let lines = lines.filter(|line| line.next < head.len()).take(CLOCK_ROWS);
+    let time = |line: LayoutLine<'_>| parse_field(fields(line.text, separator).get(at)?).ok();
+    let times: Vec<f64> = lines.filter_map(time).collect();
+    if times.iter().any(|time| time.fract() != 0.0) {
+        return None;
+    }
+    let steps = times.windows(2).map(|pair| pair[1] - pair[0]);
+    let mut steps: Vec<f64> = steps.filter(|step| *step > 0.0).collect();
+    steps.sort_unstable_by(f64::total_cmp);
+    steps.get(steps.len() / 2).copied()
 }
 
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
@@ -457,6 +502,28 @@ mod tests {
         ] {
             assert_eq!(epoch_unit(first.as_bytes()), unit, "{first}");
         }
+    }
+
+    #[test]
+    fn whole_numbers_tell_their_unit_by_their_steps() {
+        let head = |step: u64| -> String {
+            (0..40)
+                .map(|row| format!("{},7\n", if row > 20 { row - 20 } else { row } * step))
+                .collect()
+        };
+        let unit = |text: &str| median_step(text.as_bytes(), 0, b',', 0).map(unit_by_step);
+        for (step, expected) in [
+            (1, Ok(TimeUnit::Second)),
+            (60, Ok(TimeUnit::Second)),
+            (500, Err(500.0)),
+            (10_000, Ok(TimeUnit::Microsecond)),
+            (1_000_000, Err(1e6)),
+            (10_000_000, Ok(TimeUnit::Nanosecond)),
+        ] {
+            assert_eq!(unit(&head(step)), Some(expected), "{step}");
+        }
+        assert_eq!(unit("1000.5,7\n12000.5,7\n24000.5,7\n"), None, "fractions are of seconds");
+        assert_eq!(unit("x,7\n"), None);
     }
 
     #[test]

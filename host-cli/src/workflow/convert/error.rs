@@ -138,6 +138,9 @@ impl Hint for ConvertError {
             Self::NoRate { .. } => {
                 "say how many rows there are in a second with `--rate`, or leave the filter out with `--no-lowpass`"
             }
+            Self::Backward { .. } => {
+                "recordings that were put together: convert each by itself, or leave the filter out with `--no-lowpass`"
+            }
             Self::Filter(error) => return error.hint(),
             Self::NoIntervals(NoIntervals::IndependentRows) => {
                 "fit again without `--model` or with groups (`--group`), or ask for standard errors alone"

@@ -42,6 +42,10 @@ pub(crate) struct DoctorArgs {
     #[arg(long, value_name = "CAL")]
     calibration: Option<InputPath>,
 
+    /// Take the wrench from these files, one for each log, row by row
+    #[arg(long, value_name = "FILE", num_args = 1.., help_heading = "Reading logs")]
+    wrench_from: Vec<InputPath>,
+
     /// How the base station should frame bytes
     #[arg(long, value_name = "FRAMING", value_enum, default_value_t = FramingArg::Cobs)]
     framing: FramingArg,
@@ -77,10 +81,14 @@ impl DoctorArgs {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
         let calibration =
             self.calibration.as_ref().map(|path| CalibrationFile::read(path)).transpose()?;
-        let mut examined = Vec::new();
+        let (mut examined, mut wrenches) = (Vec::new(), self.wrench_from.iter());
         for name in &self.names {
-            examined.push(self.examine(name, calibration.as_ref(), printer)?);
+            examined.push(self.examine(name, &mut wrenches, calibration.as_ref(), printer)?);
         }
+        anyhow::ensure!(
+            wrenches.next().is_none(),
+            "`--wrench-from` names more files than there are logs"
+        );
         if self.names.is_empty() {
             examined = self.examine_ports()?;
         }
@@ -100,6 +108,7 @@ impl DoctorArgs {
     fn examine(
         &self,
         path: &Path,
+        wrenches: &mut std::slice::Iter<'_, InputPath>,
         calibration: Option<&CalibrationFile>,
         printer: &mut Printer,
     ) -> anyhow::Result<Examination> {
@@ -113,7 +122,8 @@ impl DoctorArgs {
             false => {
                 let mapping = self.mapping.mapping()?;
                 let read = self.mapping.read_options();
-                ("log", examine_log(path, &mapping, &read, calibration))
+                let wrench = wrenches.next().map(|wrench| wrench.as_path());
+                ("log", examine_log((path, wrench), &mapping, &read, calibration))
             }
         };
         Ok(Examination { name, kind, findings })
