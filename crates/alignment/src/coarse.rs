@@ -89,15 +89,10 @@ pub(super) fn find_match(
     };
     let peaks = peaks(&scores, best, HIGHEST_RATIO * peak);
     let ratio = peaks.first().map_or(0.0, |&i| scores[i] / peak);
-    let rivals: Vec<f64> = peaks
-        .iter()
-        .filter(|&&i| scores[i] > HIGHEST_RATIO * peak)
-        .map(|&i| offset_of(i))
-        .collect();
-    if let [second_s, ..] = rivals[..]
-        && rivals.len() > MOST_RIVALS
-    {
-        let best_s = offset_of(best);
+    let is_rival = |&&i: &&usize| scores[i] > HIGHEST_RATIO * peak;
+    let rivals: Vec<f64> = peaks.iter().filter(is_rival).map(|&i| offset_of(i)).collect();
+    if rivals.len() > MOST_RIVALS {
+        let (best_s, second_s) = (offset_of(best), rivals[0]);
         return Err(AlignError::Ambiguous { best_s, second_s, ratio, accepted: HIGHEST_RATIO });
     }
     Ok(Match {
@@ -113,8 +108,8 @@ fn argmax(values: &[f64], range: std::ops::Range<usize>) -> Option<usize> {
     range.max_by(|&a, &b| values[a].total_cmp(&values[b]))
 }
 
-/// The peaks beside the one at `best`, the highest first: all above `high`, one more than may be rivals at most, or else
-/// the first below.
+/// The peaks beside the one at `best`, the highest first, up to the first that is not above `high`; at most one more than
+/// may be rivals.
 fn peaks(scores: &[f64], best: usize, high: f64) -> Vec<usize> {
     let mut left = scores.to_vec();
     let mut peaks = Vec::new();
@@ -122,14 +117,12 @@ fn peaks(scores: &[f64], best: usize, high: f64) -> Vec<usize> {
     while peaks.len() <= MOST_RIVALS {
         let (from, to) = lobe(scores, last);
         left[from..to].fill(0.0);
-        match argmax(&left, 0..left.len()).filter(|&i| left[i] > 0.0) {
-            Some(next) => peaks.push(next),
-            None => break,
-        }
-        last = peaks[peaks.len() - 1];
-        if scores[last] <= high {
+        let Some(next) = argmax(&left, 0..left.len()).filter(|&i| left[i] > 0.0) else { break };
+        peaks.push(next);
+        if scores[next] <= high {
             break;
         }
+        last = next;
     }
     peaks
 }

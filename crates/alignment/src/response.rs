@@ -22,14 +22,19 @@ use faer::MatRef;
 
 /// Half-widths of the plays, as fractions of the largest load in the direction.
 const PLAY: [f64; 6] = [0.04, 0.08, 0.14, 0.21, 0.3, 0.42];
-/// Time constants of the lags, s.
-const LAG_S: [f64; 4] = [0.15, 0.5, 2.0, 6.0];
-/// Time constants of the quick lags, s.
-const QUICK_LAG_S: [f64; 2] = [0.02, 0.06];
+/// Time constants of the lags, s, and what they belong to.
+const LAGS: [(f64, Family); 6] = [
+    (0.15, Family::Lags),
+    (0.5, Family::Lags),
+    (2.0, Family::Lags),
+    (6.0, Family::Lags),
+    (0.02, Family::QuickLags),
+    (0.06, Family::QuickLags),
+];
 /// Radii of the joint plays; the largest load on each axis is 1.
 const JOINT: [f64; 5] = [0.05, 0.1, 0.2, 0.35, 0.6];
 /// Plays and lags of an axis.
-const MEMORIES: usize = PLAY.len() + LAG_S.len() + QUICK_LAG_S.len();
+const MEMORIES: usize = PLAY.len() + LAGS.len();
 
 /// A kind of memory, which a sensor may have or not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -136,8 +141,7 @@ impl MemoryModel {
         let mut families = vec![None; self.axes];
         for _ in 0..self.axes {
             families.extend([Some(Family::AxisPlays); PLAY.len()]);
-            families.extend([Some(Family::Lags); LAG_S.len()]);
-            families.extend([Some(Family::QuickLags); QUICK_LAG_S.len()]);
+            families.extend(LAGS.map(|(_, family)| Some(family)));
         }
         families.resize(families.len() + self.products(), None);
         families.resize(families.len() + self.channel_plays(), Some(Family::ChannelPlays));
@@ -167,14 +171,6 @@ impl MemoryModel {
     }
 }
 
-/// The time constants of all lags of an axis, in the order of their features, s.
-fn lags_s() -> [f64; LAG_S.len() + QUICK_LAG_S.len()] {
-    std::array::from_fn(|at| match at.checked_sub(LAG_S.len()) {
-        None => LAG_S[at],
-        Some(quick) => QUICK_LAG_S[quick],
-    })
-}
-
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
@@ -184,7 +180,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 pub(super) struct MemoryResponse {
     model: MemoryModel,
     largest: Vec<f64>,
-    retained: [f64; LAG_S.len() + QUICK_LAG_S.len()],
+    retained: [f64; LAGS.len()],
     /// Plays and lags, axis by axis.
     on_axes: Vec<f64>,
     /// Plays, channel by channel, then joint ones.
@@ -198,7 +194,7 @@ impl MemoryResponse {
     pub(super) fn new(largest: &[f64], step_s: f64, model: MemoryModel) -> Self {
         Self {
             largest: largest.to_vec(),
-            retained: lags_s().map(|lag_s| (-step_s / lag_s).exp()),
+            retained: LAGS.map(|(lag_s, _)| (-step_s / lag_s).exp()),
             on_axes: vec![0.0; model.axes * MEMORIES],
             beside: vec![0.0; model.channel_plays() + model.joint_plays()],
             at_rest: true,
@@ -359,7 +355,7 @@ mod tests {
         let mut wrench = vec![[0.0, 0.0]];
         wrench.extend([[2.0, 0.0]; 100]);
         let features = run(&wrench, &MemoryModel::on_axes(2));
-        for (lag, lag_s) in lags_s().into_iter().enumerate() {
+        for (lag, (lag_s, _)) in LAGS.into_iter().enumerate() {
             // A unit step, 100 steps of 0.01 s ago.
             let expected = 1.0 - (-1.0 / lag_s).exp();
             assert!((features[100][2 + PLAY.len() + lag] - expected).abs() < 1e-12);
@@ -375,7 +371,7 @@ mod tests {
         assert_eq!(count(None), 2 + 3);
         assert_eq!(
             Family::ALL.map(|family| count(Some(family))),
-            [2 * PLAY.len(), 2 * LAG_S.len(), 2 * QUICK_LAG_S.len(), PLAY.len(), 2 * JOINT.len()]
+            [2 * PLAY.len(), 2 * 4, 2 * 2, PLAY.len(), 2 * JOINT.len()]
         );
     }
 

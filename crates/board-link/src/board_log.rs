@@ -10,7 +10,7 @@ use super::record_options::RecordOptions;
 use crate::recording::{BoardFrame, BoardSource, FrameLabel, Losses, RowWriter};
 use shell_data::wrench::AxisValues;
 
-/// The most frames that wait for a label: a minute and more at 100 Hz, in case nobody says any longer which are settled.
+/// The most frames that wait for a label: 82 s at 100 Hz, in case the view has stopped to settle them.
 pub(super) const MOST_WAITING: usize = 8192;
 
 /// What came of one board of several.

@@ -142,21 +142,7 @@ pub fn record(
     stop: &AtomicBool,
     observe: &mut dyn FnMut(&RecordingProgress),
 ) -> Result<Recorded, RecordError> {
-    let mut session = RecordSession {
-        stage: RecordStage::Recognising(Recognition::new(options.protocol)),
-        options,
-        log_place: sinks.log.as_ref().map(AppendWriter::place),
-        log: sinks.log,
-        raw: sinks.raw,
-        watcher: sinks.watcher,
-        shown: 0,
-        marks: Vec::new(),
-        labels: Vec::new(),
-        settled: None,
-        logs: Vec::new(),
-        started: StartedBoards::default(),
-        bytes: 0,
-    };
+    let mut session = RecordSession::new(sinks, options);
     let ran = session.run(source, stop, observe);
     if let Some(uplink) = &options.start {
         // Nobody waits for the answer, so once more in case the first is lost.
@@ -226,7 +212,25 @@ enum RecordStage {
     Receiving(Protocol, Box<Boards>),
 }
 
-impl RecordSession<'_> {
+impl<'a> RecordSession<'a> {
+    fn new(sinks: Sinks, options: &'a RecordOptions) -> Self {
+        Self {
+            stage: RecordStage::Recognising(Recognition::new(options.protocol)),
+            options,
+            log_place: sinks.log.as_ref().map(AppendWriter::place),
+            log: sinks.log,
+            raw: sinks.raw,
+            watcher: sinks.watcher,
+            shown: 0,
+            marks: Vec::new(),
+            labels: Vec::new(),
+            settled: None,
+            logs: Vec::new(),
+            started: StartedBoards::default(),
+            bytes: 0,
+        }
+    }
+
     fn run(
         &mut self,
         source: &mut Source,
@@ -541,21 +545,9 @@ mod tests {
         std::fs::write(&capture, bytes_of(0..2000)).unwrap();
         let source = Source::replay(&capture).unwrap();
         let options = RecordOptions { labels: true, ..RecordOptions::default() };
-        let mut session = RecordSession {
-            stage: RecordStage::Recognising(Recognition::new(None)),
-            options: &options,
-            log: Some(AppendWriter::create(&log, false).unwrap()),
-            log_place: None,
-            raw: None,
-            watcher: None,
-            shown: 0,
-            marks: Vec::new(),
-            labels: Vec::new(),
-            settled: None,
-            logs: Vec::new(),
-            started: StartedBoards::default(),
-            bytes: 0,
-        };
+        let writer = AppendWriter::create(&log, false).unwrap();
+        let mut session =
+            RecordSession::new(Sinks { log: Some(writer), ..Sinks::default() }, &options);
         let rows = || std::fs::read_to_string(&log).unwrap().lines().skip(1).count();
         session.take(&bytes_of(0..1000), Duration::ZERO, &source).unwrap();
         session.flush().unwrap();

@@ -80,8 +80,14 @@ pub struct LoadErrors {
 }
 
 /// The wrench about the origin of a force (N) at a point (m): the force, and `point × force`.
-pub fn force_at([fx, fy, fz]: [f64; 3], [x, y, z]: [f64; 3]) -> PerAxis<f64> {
-    [fx, fy, fz, y * fz - z * fy, z * fx - x * fz, x * fy - y * fx]
+pub fn force_at(force: [f64; 3], point: [f64; 3]) -> PerAxis<f64> {
+    let ([fx, fy, fz], [mx, my, mz]) = (force, cross(point, force));
+    [fx, fy, fz, mx, my, mz]
+}
+
+/// The vector product `a × b`.
+pub fn cross([ax, ay, az]: [f64; 3], [bx, by, bz]: [f64; 3]) -> [f64; 3] {
+    [ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx]
 }
 
 /// Which axes of the wrench there are: one to six of them, in the order of [`Axis::ALL`]. A reference may

@@ -4,17 +4,15 @@ use super::convert::{ConvertError, interval_factors};
 use super::hung_loads::{HungLoadsError, hung_rows, stated};
 use super::{WorkflowError, check_channels};
 use calibration::Calibration;
+use calibration::physics::COVERAGE_LEVEL;
 use load_table::{HungLoad, HungLoads};
 use log_file::{Log, ReadOptions};
 use shell_data::dataset::Dataset;
 use shell_data::hint::Hint;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// The level of intervals that differences are compared with, …
-const LEVEL: f64 = 0.95;
-
-/// … half their width of normal errors in standard errors, and how many times wider a difference may be: three standard
-/// errors, which one morning in twenty exceeds on one of a dozen numbers.
+/// Half the width of a 95 % interval of normal errors in standard errors, and how many times wider a difference may be:
+/// three standard errors, which one morning in twenty exceeds on one of a dozen numbers.
 const HALF_WIDTH: f64 = 1.96;
 const MARGIN: f64 = 1.53;
 
@@ -79,7 +77,7 @@ pub fn check_weights(
         let checked = check_channels(log, calibration.channels());
         checked.map_err(|error| HungLoadsError::from(WorkflowError::from(error)))?;
     }
-    let factors = interval_factors(calibration, LEVEL)?;
+    let factors = interval_factors(calibration, COVERAGE_LEVEL)?;
     let (data, _) = hung_rows(logs, table, read)?;
     let data = calibration
         .prepared(&data)

@@ -26,7 +26,7 @@ use super::noise::{Noise, Residual};
 use super::observations::Observation;
 use super::response::{Answer, PARAMETERS, Parameters, SHAPE};
 use super::sensor::Prior;
-use shell_data::wrench::{LoadErrors, PerAxis, force_at};
+use shell_data::wrench::{LoadErrors, PerAxis, cross, force_at};
 
 /// Deviations of a load, in stated errors: of its size, two of its direction, three of its lever.
 const OWN: usize = 6;
@@ -182,9 +182,6 @@ impl StatedLoad {
 
 /// `d` turned by `angles` towards two directions across it.
 fn turned(d: [f64; 3], [first, second]: [f64; 2]) -> [f64; 3] {
-    let cross = |[ax, ay, az]: [f64; 3], [bx, by, bz]: [f64; 3]| {
-        [ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx]
-    };
     // Across the axis that d has least of.
     let least = (0..3).min_by(|&i, &j| d[i].abs().total_cmp(&d[j].abs())).unwrap_or(0);
     let mut axis = [0.0; 3];

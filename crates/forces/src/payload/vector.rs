@@ -1,5 +1,7 @@
 //! Vectors and matrices of space.
 
+pub(super) use shell_data::wrench::cross;
+
 /// A vector.
 pub type Vector = [f64; 3];
 
@@ -13,10 +15,6 @@ pub(super) fn dot(a: Vector, b: Vector) -> f64 {
 /// The length of a vector.
 pub fn norm(a: Vector) -> f64 {
     dot(a, a).sqrt()
-}
-
-pub(super) fn cross(a: Vector, b: Vector) -> Vector {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 pub(super) fn add(a: Vector, b: Vector) -> Vector {
