@@ -14,25 +14,23 @@
 //!
 //! What all loads have in common stays as it is stated: a turn or a shift of all of them is another frame of reference.
 
-use faer::linalg::solvers::DenseSolveCore;
 use faer::prelude::Solve;
 use faer::{Col, Mat, Side};
 
+mod equations;
+mod load;
+
+use self::equations::{Eliminated, Equations, Row};
+pub use self::load::{LoadQuantity, StatedLoad};
+use self::load::{OWN, SHARED};
 use super::PhysicsError;
-use super::cholesky::Cholesky;
 use super::fit::{Scaled, Scales, common_means, fit};
 use super::model::check;
 use super::noise::{Noise, Residual};
 use super::observations::Observation;
 use super::response::{Answer, PARAMETERS, Parameters, SHAPE};
 use super::sensor::Prior;
-use shell_data::wrench::{LoadErrors, PerAxis, cross, force_at};
-
-/// Deviations of a load, in stated errors: of its size, two of its direction, three of its lever.
-const OWN: usize = 6;
-
-/// Those of the lever offset of a mounting.
-const SHARED: usize = 3;
+use shell_data::wrench::PerAxis;
 
 /// Degrees of freedom of Student's prior: one load in a few dozen may be far off.
 const FREEDOM: f64 = 4.0;
@@ -46,37 +44,6 @@ const WIDTH: f64 = 0.5;
 /// Rounds of steps of all parameters, each with the weights and the noise that the last one left.
 const ROUNDS: usize = 20;
 const STEPS: usize = 3;
-
-/// A load as it was written down.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum StatedLoad {
-    /// A wrench that is right.
-    Wrench(PerAxis<f64>),
-    /// A force at a point, each with an error.
-    Force {
-        /// Its size, N.
-        force_n: f64,
-        /// Along it, of length 1.
-        direction: [f64; 3],
-        /// Where it acts, from the sensor's origin, m.
-        point_m: [f64; 3],
-        /// How wrong these may be.
-        errors: LoadErrors,
-        /// The place of its mounting, among those whose lever offsets are found.
-        mounting: Option<usize>,
-    },
-}
-
-/// What of a load is wrong.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum LoadQuantity {
-    /// Its mass or force.
-    Size,
-    /// Its direction.
-    Direction,
-    /// Its point.
-    Lever,
-}
 
 /// A load as the sensors say it was.
 #[derive(Clone, Debug, PartialEq)]
@@ -104,97 +71,6 @@ pub struct CorrectedLoads {
     pub mountings: Vec<[f64; 3]>,
     /// Scatter of sizes, directions and levers, in stated errors: 1 where those are right.
     pub scatter: [f64; 3],
-}
-
-impl LoadQuantity {
-    /// All of them.
-    pub const ALL: [Self; 3] = [Self::Size, Self::Direction, Self::Lever];
-
-    fn places(self) -> std::ops::Range<usize> {
-        match self {
-            Self::Size => 0..1,
-            Self::Direction => 1..3,
-            Self::Lever => 3..6,
-        }
-    }
-
-    /// How far a load is off, in stated errors.
-    fn length(self, own: &[f64; OWN]) -> f64 {
-        own[self.places()].iter().map(|x| x * x).sum::<f64>().sqrt()
-    }
-
-    /// The median length of so many standard normal deviations.
-    fn median(self) -> f64 {
-        match self {
-            Self::Size => 0.674_490,
-            Self::Direction => 1.177_410,
-            Self::Lever => 1.538_172,
-        }
-    }
-}
-
-impl StatedLoad {
-    /// The wrench as it is stated, N and N·m.
-    pub fn wrench(&self) -> PerAxis<f64> {
-        self.deviated(&[0.0; OWN], &[0.0; SHARED]).0
-    }
-
-    /// The standard error of each axis of the wrench as it is stated, N and N·m.
-    pub fn standard_errors(&self) -> PerAxis<f64> {
-        let mut squares = PerAxis::default();
-        for place in 0..OWN {
-            let side = |deviation| {
-                let mut own = [0.0; OWN];
-                own[place] = deviation;
-                self.deviated(&own, &[0.0; SHARED]).0
-            };
-            let (up, down) = (side(1.0), side(-1.0));
-            for axis in 0..6 {
-                squares[axis] += (0.5 * (up[axis] - down[axis])).powi(2);
-            }
-        }
-        squares.map(f64::sqrt)
-    }
-
-    /// The wrench and the direction with these deviations, in stated errors, and offset of the mounting, m.
-    fn deviated(&self, own: &[f64; OWN], offset: &[f64; SHARED]) -> (PerAxis<f64>, [f64; 3]) {
-        match *self {
-            Self::Wrench(wrench) => (wrench, [0.0; 3]),
-            Self::Force { force_n, direction, point_m, errors, .. } => {
-                let turn = [own[1], own[2]].map(|angle| angle * errors.angle_rad);
-                let direction = turned(direction, turn);
-                let force = direction.map(|d| d * own[0].mul_add(errors.force_n, force_n));
-                let point = std::array::from_fn(|i| {
-                    own[3 + i].mul_add(errors.lever_m, point_m[i] + offset[i])
-                });
-                (force_at(force, point), direction)
-            }
-        }
-    }
-
-    fn mounting(&self) -> Option<usize> {
-        match self {
-            Self::Wrench(_) => None,
-            Self::Force { mounting, .. } => *mounting,
-        }
-    }
-}
-
-/// `d` turned by `angles` towards two directions across it.
-fn turned(d: [f64; 3], [first, second]: [f64; 2]) -> [f64; 3] {
-    // Across the axis that d has least of.
-    let least = (0..3).min_by(|&i, &j| d[i].abs().total_cmp(&d[j].abs())).unwrap_or(0);
-    let mut axis = [0.0; 3];
-    axis[least] = 1.0;
-    let across = cross(axis, d);
-    let length = across.iter().map(|x| x * x).sum::<f64>().sqrt();
-    let across = across.map(|x| x / length);
-    let other = cross(d, across);
-    let angle = first.hypot(second);
-    let share = if angle > 0.0 { libm::sin(angle) / angle } else { 1.0 };
-    std::array::from_fn(|i| {
-        libm::cos(angle).mul_add(d[i], share * (first * across[i] + second * other[i]))
-    })
 }
 
 /// Corrects loads by the readings at them: `observations[j]` was made under `loads[j]`. `mounting_m` is the standard
@@ -265,36 +141,6 @@ struct Weights {
     /// Of the deviations of each load.
     own: Vec<[f64; OWN]>,
     prior: Prior,
-}
-
-/// The sum that is minimised, and its equations. The border is what loads share: sensors, then offsets.
-struct Equations {
-    cost: f64,
-    border: Mat<f64>,
-    descent: Col<f64>,
-    loads: Vec<OfLoad>,
-}
-
-struct OfLoad {
-    curvature: [[f64; OWN]; OWN],
-    descent: [f64; OWN],
-    /// With the border, 6 × n.
-    coupling: Mat<f64>,
-    /// Of each sensor: its residual, slope, gradient by its parameters and by deviations and offset.
-    rows: Vec<Row>,
-}
-
-struct Row {
-    residual: f64,
-    slope: f64,
-    gradient: Parameters,
-    by_load: [f64; OWN + SHARED],
-}
-
-/// `h⁻¹` of a load with `h⁻¹·coupling`: what it follows of the border.
-struct Eliminated {
-    factor: Cholesky<OWN>,
-    following: Mat<f64>,
 }
 
 impl Search<'_> {
@@ -518,94 +364,9 @@ impl Search<'_> {
     }
 }
 
-impl Equations {
-    /// A prior of one number of the border.
-    fn pull(&mut self, place: usize, precision: f64, off: f64) {
-        self.border[(place, place)] += precision;
-        self.descent[place] += precision * off;
-        self.cost += precision * off * off;
-    }
-
-    fn add_load(
-        &mut self,
-        rows: Vec<Row>,
-        offset: Option<usize>,
-        (of_readings, of_own): (&[f64], &[f64; OWN]),
-        own: &[f64; OWN],
-    ) {
-        let mut of = OfLoad {
-            curvature: [[0.0; OWN]; OWN],
-            descent: [0.0; OWN],
-            coupling: Mat::zeros(OWN, self.descent.nrows()),
-            rows,
-        };
-        for k in 0..OWN {
-            of.curvature[k][k] += of_own[k];
-            of.descent[k] -= of_own[k] * own[k];
-            self.cost += of_own[k] * own[k] * own[k];
-        }
-        for (i, (row, weight)) in of.rows.iter().zip(of_readings).enumerate() {
-            self.cost += weight * row.residual * row.residual;
-            // The places of the border that a reading depends on, with its slopes by them.
-            let parameters = (0..PARAMETERS).map(|k| (PARAMETERS * i + k, row.gradient[k]));
-            let shared = offset.map(|first| (0..SHARED).map(move |k| (first + k, k)));
-            let shared = shared.into_iter().flatten().map(|(at, k)| (at, row.by_load[OWN + k]));
-            let border: Vec<(usize, f64)> = parameters.chain(shared).collect();
-            for &(place, by) in &border {
-                self.descent[place] += weight * row.residual * by;
-                for &(other, by_other) in &border {
-                    self.border[(place, other)] += weight * by * by_other;
-                }
-                (0..OWN).for_each(|k| of.coupling[(k, place)] += weight * row.by_load[k] * by);
-            }
-            for k in 0..OWN {
-                of.descent[k] += weight * row.residual * row.by_load[k];
-                (0..OWN)
-                    .for_each(|l| of.curvature[k][l] += weight * row.by_load[k] * row.by_load[l]);
-            }
-        }
-        self.loads.push(of);
-    }
-
-    /// The equations of the border alone, the diagonals of all multiplied by `more`.
-    fn reduced(&self, more: f64) -> Option<(Mat<f64>, Col<f64>, Vec<Eliminated>)> {
-        let (mut border, mut descent) = (self.border.clone(), self.descent.clone());
-        (0..border.nrows()).for_each(|i| border[(i, i)] *= more);
-        let mut eliminated = Vec::with_capacity(self.loads.len());
-        for load in &self.loads {
-            let mut curvature = load.curvature;
-            (0..OWN).for_each(|k| curvature[k][k] *= more);
-            let factor = Cholesky::new(&curvature)?;
-            let mut following = Mat::zeros(OWN, border.ncols());
-            for place in 0..border.ncols() {
-                let column = factor.solve(&std::array::from_fn(|k| load.coupling[(k, place)]));
-                (0..OWN).for_each(|k| following[(k, place)] = column[k]);
-            }
-            border -= load.coupling.transpose() * &following;
-            descent -= following.transpose() * Col::from_fn(OWN, |k| load.descent[k]);
-            eliminated.push(Eliminated { factor, following });
-        }
-        Some((border, descent, eliminated))
-    }
-
-    /// The covariance of the border, and the loads as they follow it.
-    fn covariance(&self) -> Option<(Mat<f64>, Vec<Eliminated>)> {
-        let (border, _, eliminated) = self.reduced(1.0)?;
-        Some((border.llt(Side::Lower).ok()?.inverse(), eliminated))
-    }
-}
-
-impl Eliminated {
-    /// Of the deviations of a load, with the covariance of the border.
-    fn standard_errors(&self, border: &Mat<f64>) -> [f64; OWN] {
-        let own = self.factor.inverse();
-        let by_border = &self.following * border * self.following.transpose();
-        std::array::from_fn(|k| (own[k][k] + by_border[(k, k)]).sqrt())
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use shell_data::wrench::LoadErrors;
     use system_tests::random::Random;
 
     use super::*;
@@ -646,16 +407,6 @@ mod tests {
             Observation { group, wrench, readings: gains.iter().enumerate().map(reading).collect() }
         };
         (0..).zip(loads).map(observation).collect()
-    }
-
-    #[test]
-    fn a_direction_is_turned_by_the_angle_and_keeps_its_length() {
-        let d = [0.6, 0.0, -0.8];
-        let turned = turned(d, [0.3, -0.4]);
-        let dot = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-        // Some roundings of numbers of order 1.
-        assert!((dot(turned, turned) - 1.0).abs() < 1e-14);
-        assert!((dot(turned, d) - 0.5_f64.cos()).abs() < 1e-14);
     }
 
     #[test]

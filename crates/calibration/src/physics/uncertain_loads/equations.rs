@@ -1,0 +1,124 @@
+//! The equations of a step: those of each load, and the border of what loads share.
+
+use faer::linalg::solvers::DenseSolveCore;
+use faer::{Col, Mat, Side};
+
+use super::super::cholesky::Cholesky;
+use super::super::response::{PARAMETERS, Parameters};
+use super::load::{OWN, SHARED};
+
+/// The sum that is minimised, and its equations. The border is what loads share: sensors, then offsets.
+pub(super) struct Equations {
+    pub(super) cost: f64,
+    pub(super) border: Mat<f64>,
+    pub(super) descent: Col<f64>,
+    pub(super) loads: Vec<OfLoad>,
+}
+
+pub(super) struct OfLoad {
+    pub(super) curvature: [[f64; OWN]; OWN],
+    pub(super) descent: [f64; OWN],
+    /// With the border, 6 × n.
+    pub(super) coupling: Mat<f64>,
+    /// Of each sensor: its residual, slope, gradient by its parameters and by deviations and offset.
+    pub(super) rows: Vec<Row>,
+}
+
+pub(super) struct Row {
+    pub(super) residual: f64,
+    pub(super) slope: f64,
+    pub(super) gradient: Parameters,
+    pub(super) by_load: [f64; OWN + SHARED],
+}
+
+/// `h⁻¹` of a load with `h⁻¹·coupling`: what it follows of the border.
+pub(super) struct Eliminated {
+    pub(super) factor: Cholesky<OWN>,
+    pub(super) following: Mat<f64>,
+}
+
+impl Equations {
+    /// A prior of one number of the border.
+    pub(super) fn pull(&mut self, place: usize, precision: f64, off: f64) {
+        self.border[(place, place)] += precision;
+        self.descent[place] += precision * off;
+        self.cost += precision * off * off;
+    }
+
+    pub(super) fn add_load(
+        &mut self,
+        rows: Vec<Row>,
+        offset: Option<usize>,
+        (of_readings, of_own): (&[f64], &[f64; OWN]),
+        own: &[f64; OWN],
+    ) {
+        let mut of = OfLoad {
+            curvature: [[0.0; OWN]; OWN],
+            descent: [0.0; OWN],
+            coupling: Mat::zeros(OWN, self.descent.nrows()),
+            rows,
+        };
+        for k in 0..OWN {
+            of.curvature[k][k] += of_own[k];
+            of.descent[k] -= of_own[k] * own[k];
+            self.cost += of_own[k] * own[k] * own[k];
+        }
+        for (i, (row, weight)) in of.rows.iter().zip(of_readings).enumerate() {
+            self.cost += weight * row.residual * row.residual;
+            // The places of the border that a reading depends on, with its slopes by them.
+            let parameters = (0..PARAMETERS).map(|k| (PARAMETERS * i + k, row.gradient[k]));
+            let shared = offset.map(|first| (0..SHARED).map(move |k| (first + k, k)));
+            let shared = shared.into_iter().flatten().map(|(at, k)| (at, row.by_load[OWN + k]));
+            let border: Vec<(usize, f64)> = parameters.chain(shared).collect();
+            for &(place, by) in &border {
+                self.descent[place] += weight * row.residual * by;
+                for &(other, by_other) in &border {
+                    self.border[(place, other)] += weight * by * by_other;
+                }
+                (0..OWN).for_each(|k| of.coupling[(k, place)] += weight * row.by_load[k] * by);
+            }
+            for k in 0..OWN {
+                of.descent[k] += weight * row.residual * row.by_load[k];
+                (0..OWN)
+                    .for_each(|l| of.curvature[k][l] += weight * row.by_load[k] * row.by_load[l]);
+            }
+        }
+        self.loads.push(of);
+    }
+
+    /// The equations of the border alone, the diagonals of all multiplied by `more`.
+    pub(super) fn reduced(&self, more: f64) -> Option<(Mat<f64>, Col<f64>, Vec<Eliminated>)> {
+        let (mut border, mut descent) = (self.border.clone(), self.descent.clone());
+        (0..border.nrows()).for_each(|i| border[(i, i)] *= more);
+        let mut eliminated = Vec::with_capacity(self.loads.len());
+        for load in &self.loads {
+            let mut curvature = load.curvature;
+            (0..OWN).for_each(|k| curvature[k][k] *= more);
+            let factor = Cholesky::new(&curvature)?;
+            let mut following = Mat::zeros(OWN, border.ncols());
+            for place in 0..border.ncols() {
+                let column = factor.solve(&std::array::from_fn(|k| load.coupling[(k, place)]));
+                (0..OWN).for_each(|k| following[(k, place)] = column[k]);
+            }
+            border -= load.coupling.transpose() * &following;
+            descent -= following.transpose() * Col::from_fn(OWN, |k| load.descent[k]);
+            eliminated.push(Eliminated { factor, following });
+        }
+        Some((border, descent, eliminated))
+    }
+
+    /// The covariance of the border, and the loads as they follow it.
+    pub(super) fn covariance(&self) -> Option<(Mat<f64>, Vec<Eliminated>)> {
+        let (border, _, eliminated) = self.reduced(1.0)?;
+        Some((border.llt(Side::Lower).ok()?.inverse(), eliminated))
+    }
+}
+
+impl Eliminated {
+    /// Of the deviations of a load, with the covariance of the border.
+    pub(super) fn standard_errors(&self, border: &Mat<f64>) -> [f64; OWN] {
+        let own = self.factor.inverse();
+        let by_border = &self.following * border * self.following.transpose();
+        std::array::from_fn(|k| (own[k][k] + by_border[(k, k)]).sqrt())
+    }
+}

@@ -1,0 +1,150 @@
+//! Loads as they are written down, and by how much they may be wrong.
+
+use shell_data::wrench::{LoadErrors, PerAxis, cross, force_at};
+
+/// Deviations of a load, in stated errors: of its size, two of its direction, three of its lever.
+pub(super) const OWN: usize = 6;
+
+/// Those of the lever offset of a mounting.
+pub(super) const SHARED: usize = 3;
+
+/// A load as it was written down.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum StatedLoad {
+    /// A wrench that is right.
+    Wrench(PerAxis<f64>),
+    /// A force at a point, each with an error.
+    Force {
+        /// Its size, N.
+        force_n: f64,
+        /// Along it, of length 1.
+        direction: [f64; 3],
+        /// Where it acts, from the sensor's origin, m.
+        point_m: [f64; 3],
+        /// How wrong these may be.
+        errors: LoadErrors,
+        /// The place of its mounting, among those whose lever offsets are found.
+        mounting: Option<usize>,
+    },
+}
+
+/// What of a load is wrong.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LoadQuantity {
+    /// Its mass or force.
+    Size,
+    /// Its direction.
+    Direction,
+    /// Its point.
+    Lever,
+}
+
+impl LoadQuantity {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Size, Self::Direction, Self::Lever];
+
+    pub(super) fn places(self) -> std::ops::Range<usize> {
+        match self {
+            Self::Size => 0..1,
+            Self::Direction => 1..3,
+            Self::Lever => 3..6,
+        }
+    }
+
+    /// How far a load is off, in stated errors.
+    pub(super) fn length(self, own: &[f64; OWN]) -> f64 {
+        own[self.places()].iter().map(|x| x * x).sum::<f64>().sqrt()
+    }
+
+    /// The median length of so many standard normal deviations.
+    pub(super) fn median(self) -> f64 {
+        match self {
+            Self::Size => 0.674_490,
+            Self::Direction => 1.177_410,
+            Self::Lever => 1.538_172,
+        }
+    }
+}
+
+impl StatedLoad {
+    /// The wrench as it is stated, N and N·m.
+    pub fn wrench(&self) -> PerAxis<f64> {
+        self.deviated(&[0.0; OWN], &[0.0; SHARED]).0
+    }
+
+    /// The standard error of each axis of the wrench as it is stated, N and N·m.
+    pub fn standard_errors(&self) -> PerAxis<f64> {
+        let mut squares = PerAxis::default();
+        for place in 0..OWN {
+            let side = |deviation| {
+                let mut own = [0.0; OWN];
+                own[place] = deviation;
+                self.deviated(&own, &[0.0; SHARED]).0
+            };
+            let (up, down) = (side(1.0), side(-1.0));
+            for axis in 0..6 {
+                squares[axis] += (0.5 * (up[axis] - down[axis])).powi(2);
+            }
+        }
+        squares.map(f64::sqrt)
+    }
+
+    /// The wrench and the direction with these deviations, in stated errors, and offset of the mounting, m.
+    pub(super) fn deviated(
+        &self,
+        own: &[f64; OWN],
+        offset: &[f64; SHARED],
+    ) -> (PerAxis<f64>, [f64; 3]) {
+        match *self {
+            Self::Wrench(wrench) => (wrench, [0.0; 3]),
+            Self::Force { force_n, direction, point_m, errors, .. } => {
+                let turn = [own[1], own[2]].map(|angle| angle * errors.angle_rad);
+                let direction = turned(direction, turn);
+                let force = direction.map(|d| d * own[0].mul_add(errors.force_n, force_n));
+                let point = std::array::from_fn(|i| {
+                    own[3 + i].mul_add(errors.lever_m, point_m[i] + offset[i])
+                });
+                (force_at(force, point), direction)
+            }
+        }
+    }
+
+    pub(super) fn mounting(&self) -> Option<usize> {
+        match self {
+            Self::Wrench(_) => None,
+            Self::Force { mounting, .. } => *mounting,
+        }
+    }
+}
+
+/// `d` turned by `angles` towards two directions across it.
+fn turned(d: [f64; 3], [first, second]: [f64; 2]) -> [f64; 3] {
+    // Across the axis that d has least of.
+    let least = (0..3).min_by(|&i, &j| d[i].abs().total_cmp(&d[j].abs())).unwrap_or(0);
+    let mut axis = [0.0; 3];
+    axis[least] = 1.0;
+    let across = cross(axis, d);
+    let length = across.iter().map(|x| x * x).sum::<f64>().sqrt();
+    let across = across.map(|x| x / length);
+    let other = cross(d, across);
+    let angle = first.hypot(second);
+    let share = if angle > 0.0 { libm::sin(angle) / angle } else { 1.0 };
+    std::array::from_fn(|i| {
+        libm::cos(angle).mul_add(d[i], share * (first * across[i] + second * other[i]))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_direction_is_turned_by_the_angle_and_keeps_its_length() {
+        let d = [0.6, 0.0, -0.8];
+        let turned = turned(d, [0.3, -0.4]);
+        let dot = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        // Some roundings of numbers of order 1.
+        assert!((dot(turned, turned) - 1.0).abs() < 1e-14);
+        assert!((dot(turned, d) - 0.5_f64.cos()).abs() < 1e-14);
+    }
+}
