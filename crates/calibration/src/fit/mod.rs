@@ -562,7 +562,7 @@ fn fit_best(
     };
     let comparison = match found {
         Some(Ok((comparison, tried))) if comparison.physics_is_better() => {
-            let fitted = fit_physics(training, test, Some(tried), options)?;
+            let fitted = fit_physics(training, test, tried, options)?;
             return Ok(Fit {
                 selection: choice.selection,
                 comparison: Some(Ok(comparison)),

@@ -349,7 +349,7 @@ impl Search<'_> {
     /// The spread of readings and loads.
     fn spread(&self) -> Result<Spread, FitError> {
         let mut all = Spread::default();
-        self.each_block(|_, block| Spread::of(block, 1), |spread| all.merge(&spread))?;
+        self.each_block(|_, block| Spread::of(block), |spread| all.merge(&spread))?;
         Ok(all)
     }
 

@@ -12,7 +12,7 @@ use crate::error::FitError;
 use crate::exact::PartitionedMoments;
 use crate::groups::{GroupBy, HeldOut};
 use crate::model::{Basis, Model};
-use crate::physics::{Choice, PhysicsCalibration, PhysicsValidation, TrainingRows};
+use crate::physics::{Choice, PhysicsCalibration, PhysicsValidation, TrainingRows, usual_errors};
 use crate::quality::significant;
 use crate::reading_ranges::ReadingRange;
 use crate::validation::comparison::Comparison;
@@ -21,7 +21,7 @@ use crate::validation::excitation::WrenchSums;
 use crate::validation::grouped::GroupedMoments;
 use crate::validation::{ValidationError, selection};
 use shell_data::dataset::Dataset;
-use shell_data::wrench::{Axes, Axis};
+use shell_data::wrench::{Axes, Axis, PerAxis};
 
 /// With fewer groups for each coefficient of the cubic model polynomials go astray between them.
 const GROUPS_PER_FEATURE: usize = 8;
@@ -29,6 +29,11 @@ const GROUPS_PER_FEATURE: usize = 8;
 /// A polynomial whose squared error on held-out groups is so many times that on its own rows is no good model of
 /// them.
 const MUCH_WORSE: f64 = 2.0;
+
+/// Folds on which the physics model is tried with usual priors, before its own are chosen in all; and by how many
+/// times its squared error may exceed that of the polynomial there.
+const TRIED_FIRST: usize = 5;
+const OUT_OF_REACH: f64 = 4.0;
 
 /// What a physics fit knows beside the calibration.
 #[derive(Clone, Debug)]
@@ -175,7 +180,7 @@ impl ModelComparison {
         training: Training<'_>,
         choice: &ModelChoice,
         options: &FitOptions<'_>,
-    ) -> Result<Option<(Self, TriedPhysics)>, FitError> {
+    ) -> Result<Option<(Self, Option<TriedPhysics>)>, FitError> {
         let Some((sums, _)) = choice.sums.as_ref().zip(choice.selection.as_ref()) else {
             return Ok(None);
         };
@@ -196,7 +201,7 @@ impl ModelComparison {
         sums: &GroupedMoments,
         (model, ridge): (Model, f64),
         options: &FitOptions<'_>,
-    ) -> Result<(Self, TriedPhysics), FitError> {
+    ) -> Result<(Self, Option<TriedPhysics>), FitError> {
         let (rows, labels) = TrainingRows::from_dataset(labelled);
         let sizes: Vec<u64> = sums.groups.iter().map(|(_, moments)| moments.rows()).collect();
         let held_out = options.validation().unwrap_or(HeldOut::Auto);
@@ -213,15 +218,22 @@ impl ModelComparison {
         };
         let folds: Vec<Vec<u64>> =
             folds.iter().map(|fold| fold.iter().map(place).collect()).collect();
-        let fitted = PhysicsCalibration::fit(&rows, options.workers)?;
-        let validation = PhysicsValidation::of(&rows, &folds, &fitted.1, options.workers)?;
         let whole = sums.total().expect("sums of two groups or more");
         let variances = Axis::ALL.map(|axis| whole.variance(axis));
+        let every = (folds.len() / TRIED_FIRST).max(1);
+        let (first, of_first): (Vec<_>, Vec<_>) =
+            folds.iter().cloned().zip(polynomial.iter().copied()).step_by(every).unzip();
+        let usual = usual_errors(&rows, &first, options.workers)?;
+        let comparison = Comparison::of(&usual, &of_first, &variances);
+        let [physics, by_polynomial] = comparison.rms.map(|rms| relative_square(&rms, &variances));
+        if physics > OUT_OF_REACH * by_polynomial {
+            return Ok((Self { model, ridge, comparison, folds: first.len() }, None));
+        }
+        let fitted = PhysicsCalibration::fit(&rows, options.workers)?;
+        let validation = PhysicsValidation::of(&rows, &folds, &fitted.1, options.workers)?;
         let comparison = Comparison::of(&validation.by_fold(), &polynomial, &variances);
-        Ok((
-            Self { model, ridge, comparison, folds: folds.len() },
-            TriedPhysics { fitted, validation },
-        ))
+        let tried = TriedPhysics { fitted, validation };
+        Ok((Self { model, ridge, comparison, folds: folds.len() }, Some(tried)))
     }
 }
 
@@ -241,11 +253,17 @@ fn is_worth_trying(
     let own = PartitionedMoments::new(whole, model).map_err(ValidationError::from)?;
     let own = own.in_sample(choice.ridge).map_err(ValidationError::from)?;
     let square = |rms: &dyn Fn(usize) -> f64| -> f64 {
-        let relative = |axis: usize| rms(axis).powi(2) / whole.variance(Axis::ALL[axis]);
-        (0..6).map(relative).filter(|square| square.is_finite()).sum()
+        let variances = Axis::ALL.map(|axis| whole.variance(axis));
+        relative_square(&std::array::from_fn(rms), &variances)
     };
     let (new, own) = (square(&|axis| held_out.grouped[axis].rms), square(&|axis| own[axis].rms));
     Ok(new > MUCH_WORSE * own)
+}
+
+/// The sum over the axes that vary of squared errors relative to the variance.
+fn relative_square(rms: &PerAxis<f64>, variances: &PerAxis<f64>) -> f64 {
+    let relative = rms.iter().zip(variances).map(|(rms, variance)| rms.powi(2) / variance);
+    relative.filter(|square| square.is_finite()).sum()
 }
 
 impl fmt::Display for ModelComparison {

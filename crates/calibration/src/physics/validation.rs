@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::calibration::PhysicsCalibration;
-use super::choice::Choice;
+use super::choice::{Choice, usual};
 use super::rows::TrainingRows;
 use crate::error::FitError;
 use crate::exact::HeldOutErrors;
@@ -111,6 +111,24 @@ impl PhysicsValidation {
         }
         Some(sums.map(|(covered, width)| (covered / count, width / count)))
     }
+}
+
+/// Errors on each of some folds of groups of the model with usual priors, fitted without the fold: a first look.
+///
+/// # Errors
+/// [`FitError::Physics`], of any part that is left; [`FitError::Interrupted`].
+pub(crate) fn usual_errors(
+    rows: &TrainingRows,
+    folds: &[Vec<u64>],
+    workers: Workers<'_>,
+) -> Result<Vec<PerAxis<HeldOutErrors>>, FitError> {
+    let of_fold = |fold: &Vec<u64>| {
+        let held_out: BTreeSet<u64> = fold.iter().copied().collect();
+        let model = usual(&rows.without(&held_out).observations()?)?;
+        let fitted = PhysicsCalibration::new(model, [1.0; 6]);
+        Ok(merged(errors(rows, &held_out, &fitted).iter()))
+    };
+    map_folds(folds, workers, of_fold)
 }
 
 fn errors(

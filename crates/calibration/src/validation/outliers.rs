@@ -20,6 +20,10 @@
 //! all rows that exceed a limit; what is found to belong goes back, and the fit is done again, until
 //! nothing changes.
 //!
+//! A slip of one channel may err no more than fast motion does, but the channel moves as it never does: a row does not
+//! belong, either, with a size of 4 if a reading jumps from both rows beside it by six standard deviations of that
+//! channel's changes from row to row.
+//!
 //! Why a [limit](LIMIT) of 10: a row moves the predictions of `n` others by no more than `size·σ/√n` on average. To move a root
 //! mean square error by a tenth it takes a size of `0.46·√n`, which is above 10 from 470 rows on. Where many errors are
 //! large, a search raises it to what is far beyond all of them.
@@ -55,6 +59,9 @@ const TAKES_OVER_IN_AVERAGES: f64 = 20.0;
 const JUMP: f64 = 2.0;
 const SIZE_WITH_JUMP: f64 = 3.0;
 
+/// A spike: its jump from both rows beside it, in standard deviations of the changes of its channel.
+const SPIKE: f64 = 6.0;
+
 /// How many standard deviations of readings are between the least and the largest.
 const DEVIATIONS_IN_RANGE: f64 = 8.0;
 
@@ -70,19 +77,22 @@ const SMALLEST_NOISE: f64 = 1e-4;
 pub struct Spread {
     /// Of the readings of each channel, then of the axes of the wrench.
     pub columns: Vec<RunningVariance>,
+    /// Of the changes of each channel from row to row; none where those are not known.
+    pub changes: Vec<RunningVariance>,
 }
 
 impl Spread {
-    /// Of every so-manieth row of a block.
-    pub fn of(block: &Block, stride: usize) -> Self {
-        let of = |column: &Vec<f64>| match stride {
-            1 => RunningVariance::of(column),
-            _ => {
-                let some: Vec<f64> = column.iter().copied().step_by(stride).collect();
-                RunningVariance::of(&some)
-            }
+    /// Of the rows of a block.
+    pub fn of(block: &Block) -> Self {
+        let change = |column: &Vec<f64>| {
+            let changes: Vec<f64> = column.windows(2).map(|pair| pair[1] - pair[0]).collect();
+            RunningVariance::of(&changes)
         };
-        Self { columns: block.readings.iter().chain(&block.wrench).map(of).collect() }
+        let columns = block.readings.iter().chain(&block.wrench);
+        Self {
+            columns: columns.map(|column| RunningVariance::of(column)).collect(),
+            changes: block.readings.iter().map(change).collect(),
+        }
     }
 
     /// Of readings between such bounds, as wide as where some thousand rows scatter normally. A corrupt
@@ -93,14 +103,16 @@ impl Spread {
             mean: 0.5 * (range.min + range.max),
             squares: ((range.max - range.min) / DEVIATIONS_IN_RANGE).powi(2),
         };
-        Self { columns: ranges.channels.iter().map(of).collect() }
+        Self { columns: ranges.channels.iter().map(of).collect(), changes: Vec::new() }
     }
 
     /// Adds other rows.
     pub fn merge(&mut self, other: &Self) {
-        self.columns
-            .resize(other.columns.len().max(self.columns.len()), RunningVariance::default());
-        self.columns.iter_mut().zip(&other.columns).for_each(|(own, other)| own.merge(other));
+        let both = [(&mut self.columns, &other.columns), (&mut self.changes, &other.changes)];
+        for (own, other) in both {
+            own.resize(other.len().max(own.len()), RunningVariance::default());
+            own.iter_mut().zip(other).for_each(|(own, other)| own.merge(other));
+        }
     }
 
     /// How many standard deviations a value of a column is from another.
@@ -144,6 +156,8 @@ pub struct Judged {
     is_far_alone: bool,
     /// Whether a reading jumps from both rows beside it, and the leverage is such that it takes over.
     takes_over: bool,
+    /// Whether a reading jumps from both rows beside it as its channel does not change.
+    is_spike: bool,
 }
 
 impl Judged {
@@ -152,6 +166,7 @@ impl Judged {
         (self.size > limit && self.errs_alone)
             || (self.far > FAR && self.is_far_alone)
             || (self.size > SIZE_WITH_JUMP && self.takes_over)
+            || (self.size > LOOK_AT_ERROR && self.errs_alone && self.is_spike)
     }
 
     /// Whether it may matter, as far as a fit to all rows can tell, so that a search is worth while. How
@@ -176,6 +191,7 @@ impl Judged {
             far: 0.0,
             is_far_alone: false,
             takes_over: false,
+            is_spike: false,
         }
     }
 }
@@ -282,7 +298,8 @@ impl Judge {
                 takes_over: exceeds_change
                     && in_fit > TAKES_OVER
                     && in_fit > TAKES_OVER_IN_AVERAGES * self.average_leverage
-                    && jumps(block, spread, row),
+                    && jumps(block, &spread.columns, JUMP, row),
+                is_spike: jumps(block, &spread.changes, SPIKE, row),
             }
         };
         found.iter().enumerate().filter(is_looked_at).map(|(row, _)| judge_row(row)).collect()
@@ -393,9 +410,9 @@ fn change(values: &[f64], row: usize) -> f64 {
     changes.fold(0.0, f64::max)
 }
 
-/// Whether a reading of a row jumps from both rows beside it.
-fn jumps(block: &Block, spread: &Spread, row: usize) -> bool {
-    block.readings.iter().zip(&spread.columns).any(|(column, of)| {
+/// Whether a reading of a row jumps from both rows beside it, by so many standard deviations `of` its channel.
+fn jumps(block: &Block, of: &[RunningVariance], limit: f64, row: usize) -> bool {
+    block.readings.iter().zip(of).any(|(column, of)| {
         let value = column[row];
         let before = row.checked_sub(1).and_then(|row| column.get(row));
         let beside = match [before, column.get(row + 1)] {
@@ -403,7 +420,7 @@ fn jumps(block: &Block, spread: &Spread, row: usize) -> bool {
             [Some(&one), None] | [None, Some(&one)] => [one; 2],
             [Some(&before), Some(&after)] => [before, after],
         };
-        jump(value, beside) > JUMP * of.rms_about_mean()
+        jump(value, beside) > limit * of.rms_about_mean()
     })
 }
 
@@ -434,8 +451,8 @@ mod tests {
             readings: vec![column],
             ..Block::default()
         };
-        let mut spread = Spread::of(&block(vec![1.0, 3.0]), 1);
-        spread.merge(&Spread::of(&block(vec![1.0, 3.0, 9.0, 9.0]), 1));
+        let mut spread = Spread::of(&block(vec![1.0, 3.0]));
+        spread.merge(&Spread::of(&block(vec![1.0, 3.0, 9.0, 9.0])));
         // Their squares add up to 182, their mean is 26/6. Rounding of a few operations.
         let sd = (182.0 / 6.0 - (26.0_f64 / 6.0).powi(2)).sqrt();
         assert!((spread.apart(0, 5.0, 3.0) - 2.0 / sd).abs() < 1e-12);
