@@ -23,11 +23,11 @@ pub(crate) const BROWSER: Need = Need {
     ways: &[Way::Packages(&["chromium"])],
 };
 
-/// For the tests of completions and of the manual.
+/// For the tests of completions, of the manual and of the installation script.
 pub(crate) const SHELLS: Need = Need {
-    what: "zsh, fish and groff",
-    is_met: || ["zsh", "fish", "groff"].iter().all(|program| installed(program, &["--version"])),
-    ways: &[Way::Packages(&["zsh", "fish", "groff-base"])],
+    what: "zsh, fish, groff and curl",
+    is_met: || ["zsh", "fish", "groff", "curl"].iter().all(|name| installed(name, &["--version"])),
+    ways: &[Way::Packages(&["zsh", "fish", "groff-base", "curl"])],
 };
 
 pub(crate) fn run(args: Args) -> Result<()> {

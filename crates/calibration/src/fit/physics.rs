@@ -115,7 +115,7 @@ pub(super) fn fit(
         (None, held_out) => {
             let fitted = PhysicsCalibration::fit(&rows, options.workers)?;
             let validate = |held_out| {
-                let folds = rows.folds(fold_count(held_out, labels.len()));
+                let folds = rows.folds(fold_count(held_out, labels.len(), group_by));
                 PhysicsValidation::of(&rows, &folds, &fitted.1, options.workers)
             };
             let validation = held_out.map(validate).transpose()?;
@@ -137,11 +137,11 @@ pub(super) fn fit(
     Ok(Fitted { calibration, used, physics, errors })
 }
 
-/// Folds that so many groups are held out in.
-fn fold_count(held_out: HeldOut, groups: usize) -> usize {
+/// Folds that so many groups are held out in. Where only time tells them apart, each has many rows, and none is a pose.
+fn fold_count(held_out: HeldOut, groups: usize, group_by: GroupBy) -> usize {
     match held_out {
         HeldOut::Folds(folds) => folds.min(groups),
-        _ if groups <= MOST_ALONE => groups,
+        _ if groups <= MOST_ALONE && !group_by.is_stretches() => groups,
         _ => FOLDS,
     }
 }
@@ -188,8 +188,8 @@ impl ModelComparison {
         if sums.group_count != sums.groups.len() {
             return Ok(None);
         }
-        let Some((_, labelled)) = training.labelled(options.held_out()) else { return Ok(None) };
-        let model = options.model_of(&labelled, choice.basis);
+        let Some(labelled) = training.labelled(options.held_out()) else { return Ok(None) };
+        let model = options.model_of(&labelled.1, choice.basis);
         match is_worth_trying(sums, &model, choice)? {
             true => Self::new(&labelled, sums, (model, choice.ridge), options).map(Some),
             false => Ok(None),
@@ -197,7 +197,7 @@ impl ModelComparison {
     }
 
     fn new(
-        labelled: &Dataset,
+        (group_by, labelled): &(GroupBy, Dataset),
         sums: &GroupedMoments,
         (model, ridge): (Model, f64),
         options: &FitOptions<'_>,
@@ -205,7 +205,7 @@ impl ModelComparison {
         let (rows, labels) = TrainingRows::from_dataset(labelled);
         let sizes: Vec<u64> = sums.groups.iter().map(|(_, moments)| moments.rows()).collect();
         let held_out = options.validation().unwrap_or(HeldOut::Auto);
-        let mut folds = deal_groups(&sizes, fold_count(held_out, sizes.len()))?;
+        let mut folds = deal_groups(&sizes, fold_count(held_out, sizes.len(), *group_by))?;
         let mut polynomial = selection::errors_by_fold(sums, &model, ridge, &folds)?;
         if polynomial.is_none() {
             folds = selection::folds(sums)?;
