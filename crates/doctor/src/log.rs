@@ -1,11 +1,9 @@
 //! Checks of a log.
 
-use std::path::Path;
-
 use calibration::Calibration;
 use calibration::quality::{self, AxisErrors};
 use calibration::validation::excitation::LONGEST_LEVER_M;
-use log_file::{Log, LogError, Mapping, Meaning, ReadOptions, Wanted};
+use log_file::{Log, LogError, Meaning, ReadOptions, Wanted};
 use shell_data::block::Block;
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::{Axes, Axis, PerAxis};
@@ -86,14 +84,13 @@ pub struct CalibratedObservations {
     pub drift: Vec<(Axis, f64, f64)>,
 }
 
-/// Reads a log, with the file of its wrench if that is another, and checks it, with a calibration if there is one.
+/// Reads a log, if it could be opened, and checks it, with a calibration if there is one.
 pub fn examine_log(
-    files: (&Path, Option<&Path>),
-    mapping: &Mapping,
+    log: Result<Log, LogError>,
     read: &ReadOptions<'_>,
     calibration: Option<&CalibrationFile>,
 ) -> Vec<Finding> {
-    let facts = match read_facts(files, mapping, read, calibration) {
+    let facts = match log.and_then(|log| read_facts(&log, read, calibration)) {
         Ok(facts) => facts,
         Err(error) => {
             LogObservations { unreadable: Some(chain(&error)), ..LogObservations::default() }
@@ -114,22 +111,17 @@ fn chain(error: &LogError) -> String {
 }
 
 fn read_facts(
-    (path, wrench): (&Path, Option<&Path>),
-    mapping: &Mapping,
+    log: &Log,
     read: &ReadOptions<'_>,
     calibration: Option<&CalibrationFile>,
 ) -> Result<LogObservations, LogError> {
-    let log = match wrench {
-        Some(wrench) => Log::open_beside(path, wrench, mapping)?,
-        None => Log::open(path, mapping)?,
-    };
     let strict = ReadOptions { skip_bad_rows: false, ..*read };
-    let first = match Collector::new(&log, calibration).read(&log, &strict) {
+    let first = match Collector::new(log, calibration).read(log, &strict) {
         Ok(facts) => return Ok(facts),
         Err(error) => chain(&error),
     };
     let lenient = ReadOptions { skip_bad_rows: true, ..*read };
-    let mut facts = Collector::new(&log, calibration).read(&log, &lenient)?;
+    let mut facts = Collector::new(log, calibration).read(log, &lenient)?;
     let rows = facts.bad_rows.map_or(1, |(rows, _)| rows);
     facts.bad_rows = Some((rows, first));
     Ok(facts)

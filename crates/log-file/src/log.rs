@@ -2,6 +2,7 @@
 
 use std::io::{self, Read, Write};
 use std::path::Path;
+use std::sync::Arc;
 
 use crate::error::LogError;
 use crate::format::columns::{Column, ColumnsError, Meaning, axis_of_other_unit, positions};
@@ -31,6 +32,14 @@ impl Log {
     /// columns for one thing, or lacks a column that `mapping` names.
     pub fn open(path: &Path, mapping: &Mapping) -> Result<Self, LogError> {
         Self::of(LogSource::new(path, mapping.table.as_deref())?, mapping)
+    }
+
+    /// The same of a file in memory, which is called `name`.
+    ///
+    /// # Errors
+    /// Those of [`Log::open`].
+    pub fn in_memory(name: &Path, bytes: Arc<[u8]>, mapping: &Mapping) -> Result<Self, LogError> {
+        Self::of(LogSource::in_memory(name, bytes, mapping.table.as_deref())?, mapping)
     }
 
     /// The same with the columns of the file `beside`, row by row: they follow those of the log. Where

@@ -1,13 +1,12 @@
 //! Data sets of numbers in HDF5 files, which those of MATLAB 7.3 are too. The crate `hdf5-pure` reads the
 //! format; what of it is a log, and how much memory a file may ask for, is decided here.
 
-use std::fs;
 use std::io::Read;
-use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use hdf5_pure::{
-    AttrValue, Dataset, Datatype, DatatypeByteOrder, Error, FloatingPointLayout, FormatError, Group,
+    AttrValue, Dataset, Datatype, DatatypeByteOrder, Error, FloatingPointLayout, FormatError,
+    Group, ReadSeekSource,
 };
 
 use crate::arrays::{Array, ArrayColumns, ArrayNumbers, ArrayTable, columns_of_log, names};
@@ -16,6 +15,7 @@ use crate::element::Element;
 use crate::error::TableError;
 use crate::kind::FileKind;
 use crate::rows::{ColumnLayout, RowStream};
+use crate::source::FileSource;
 
 const KIND: FileKind = FileKind::Hdf5;
 
@@ -40,18 +40,21 @@ const CLASSES: [&str; 11] = [
 /// The data sets of a file that make up a log.
 #[derive(Debug)]
 struct Hdf5Table {
-    path: PathBuf,
+    file: FileSource,
     /// Where they are, and their sides as rows and columns.
     sets: Vec<(String, Vec<usize>)>,
     is_by_row: bool,
     names: Option<Vec<String>>,
 }
 
-pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn ColumnLayout>, TableError> {
+pub(crate) fn open(
+    source: &FileSource,
+    part: Option<&str>,
+) -> Result<Arc<dyn ColumnLayout>, TableError> {
     let mut head = Vec::new();
-    fs::File::open(path)?.take(MATLAB.len() as u64).read_to_end(&mut head)?;
+    source.open()?.take(MATLAB.len() as u64).read_to_end(&mut head)?;
     let is_by_row = head != MATLAB;
-    let file = hdf5_pure::File::open_streaming(path).map_err(unreadable)?;
+    let file = read(source)?;
     if file.file_size() < file.superblock().eof_address {
         return Err(KIND.damaged("it is cut off"));
     }
@@ -65,7 +68,7 @@ pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn ColumnLayo
     let wanted = columns_of_log(KIND, &columns, part)?;
     let names = names(&wanted.iter().map(|&at| columns[at].clone()).collect::<Vec<_>>());
     let sets = wanted.into_iter().map(|at| found.sets[at].clone()).collect();
-    Ok(Arc::new(Hdf5Table { path: path.to_owned(), sets, is_by_row, names }))
+    Ok(Arc::new(Hdf5Table { file: source.clone(), sets, is_by_row, names }))
 }
 
 /// Vectors and matrices of numbers.
@@ -171,7 +174,7 @@ impl ColumnLayout for Hdf5Table {
     }
 
     fn rows(&self) -> Result<Box<dyn RowStream>, TableError> {
-        let file = hdf5_pure::File::open_streaming(&self.path).map_err(unreadable)?;
+        let file = read(&self.file)?;
         let limit = ANY.saturating_add(file.file_size().saturating_mul(RATIO));
         let mut left = limit.min(budget::IN_MEMORY);
         let read = |(path, size): &(String, Vec<usize>)| {
@@ -198,6 +201,11 @@ impl ColumnLayout for Hdf5Table {
 }
 
 /// The error of what the reader refuses.
+fn read(file: &FileSource) -> Result<hdf5_pure::File, TableError> {
+    let source = ReadSeekSource::new(file.open()?).map_err(Error::Format).map_err(unreadable)?;
+    hdf5_pure::File::from_source(source).map_err(unreadable)
+}
+
 fn unreadable(error: Error) -> TableError {
     use FormatError::{
         InvalidLayoutVersion, UnsupportedExternalStorage, UnsupportedFilter, UnsupportedVersion,

@@ -1,9 +1,7 @@
 //! Arrays of numbers in MATLAB 5 files: "MAT-File Format" (MathWorks), chapter "Level 5".
 
-use std::fs::File;
 use std::io::Read;
 use std::ops::Range;
-use std::path::Path;
 use std::sync::Arc;
 
 use flate2::read::ZlibDecoder;
@@ -14,6 +12,7 @@ use crate::element::Element;
 use crate::error::TableError;
 use crate::kind::FileKind;
 use crate::rows::ColumnLayout;
+use crate::source::FileSource;
 
 const KIND: FileKind = FileKind::Matlab;
 
@@ -176,9 +175,12 @@ fn element(kind: u32) -> Option<Element> {
 }
 
 /// The arrays of a file that make up a log.
-pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn ColumnLayout>, TableError> {
-    let file = File::open(path)?;
-    let length = file.metadata()?.len();
+pub(crate) fn open(
+    file: &FileSource,
+    part: Option<&str>,
+) -> Result<Arc<dyn ColumnLayout>, TableError> {
+    let file = file.open()?;
+    let length = file.length()?;
     budget::within(KIND, || "the file".to_owned(), length, budget::IN_MEMORY)?;
     let mut bytes = Vec::new();
     file.take(budget::IN_MEMORY).read_to_end(&mut bytes)?;

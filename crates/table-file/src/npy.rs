@@ -1,9 +1,7 @@
 //! Arrays of NumPy: the `.npy` format of versions 1 to 3 (NumPy Enhancement Proposal 1), of one or
 //! two dimensions, of numbers or of records with named fields.
 
-use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
-use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crate::budget;
@@ -13,13 +11,14 @@ use crate::error::TableError;
 use crate::kind::FileKind;
 use crate::python_literal::{self, Literal};
 use crate::rows::{Cell, ColumnLayout, RowBatch, RowStream, batch_rows};
+use crate::source::{FileSource, OpenFile};
 
 const KIND: FileKind = FileKind::NumPy;
 
 /// An array in a file.
 #[derive(Clone, Debug)]
 struct Npy {
-    path: PathBuf,
+    file: FileSource,
     /// Where the values start.
     start: u64,
     rows: u64,
@@ -63,8 +62,8 @@ impl NumberKind {
     }
 }
 
-pub(crate) fn open(path: &Path) -> Result<Arc<dyn ColumnLayout>, TableError> {
-    let mut file = File::open(path)?;
+pub(crate) fn open(source: &FileSource) -> Result<Arc<dyn ColumnLayout>, TableError> {
+    let mut file = source.open()?;
     let cut = |error| KIND.unread(error, "its header is cut off");
     let mut start = [0; 10];
     file.read_exact(&mut start).map_err(cut)?;
@@ -82,8 +81,8 @@ pub(crate) fn open(path: &Path) -> Result<Arc<dyn ColumnLayout>, TableError> {
     let mut header = vec![0; size];
     file.read_exact(&mut header).map_err(cut)?;
     let header = String::from_utf8_lossy(&header);
-    let npy = layout(path, &header, before + length)?;
-    let (expected, found) = (npy.rows.saturating_mul(npy.row_bytes), file.metadata()?.len());
+    let npy = layout(source, &header, before + length)?;
+    let (expected, found) = (npy.rows.saturating_mul(npy.row_bytes), file.length()?);
     let found = found.saturating_sub(npy.start);
     if found < expected {
         return Err(
@@ -94,7 +93,7 @@ pub(crate) fn open(path: &Path) -> Result<Arc<dyn ColumnLayout>, TableError> {
 }
 
 /// What a header says.
-fn layout(path: &Path, header: &str, start: u64) -> Result<Npy, TableError> {
+fn layout(file: &FileSource, header: &str, start: u64) -> Result<Npy, TableError> {
     let Some(Literal::Dictionary(entries)) = python_literal::parse(header) else {
         return Err(KIND.damaged("its header is not a dictionary"));
     };
@@ -128,7 +127,7 @@ fn layout(path: &Path, header: &str, start: u64) -> Result<Npy, TableError> {
     };
     let by_column = by_column && columns.len() > 1 && names.is_none();
     let rows = shape.first().copied().unwrap_or(0);
-    Ok(Npy { path: path.to_owned(), start, rows, row_bytes: record, columns, names, by_column })
+    Ok(Npy { file: file.clone(), start, rows, row_bytes: record, columns, names, by_column })
 }
 
 fn dimensions(shape: &[u64]) -> TableError {
@@ -230,7 +229,7 @@ impl ColumnLayout for Npy {
     }
 
     fn rows(&self) -> Result<Box<dyn RowStream>, TableError> {
-        let mut file = BufReader::with_capacity(1 << 16, File::open(&self.path)?);
+        let mut file = BufReader::with_capacity(1 << 16, self.file.open()?);
         file.seek(SeekFrom::Start(self.start))?;
         Ok(Box::new(NpyRows { npy: self.clone(), file, row: 0, bytes: Vec::new() }))
     }
@@ -238,7 +237,7 @@ impl ColumnLayout for Npy {
 
 struct NpyRows {
     npy: Npy,
-    file: BufReader<File>,
+    file: BufReader<OpenFile>,
     /// How many rows have been read.
     row: u64,
     bytes: Vec<u8>,

@@ -1,11 +1,11 @@
 //! A table of any kind: its columns, and a stream of its rows.
 
-use std::path::Path;
 use std::sync::Arc;
 
 use crate::error::TableError;
 use crate::kind::FileKind;
 use crate::rows::{ColumnLayout, Numbering};
+use crate::source::FileSource;
 use crate::{hdf5, mat5, mcap, npy, parquet, xlsx};
 
 /// A table in a file.
@@ -21,14 +21,19 @@ impl Table {
     ///
     /// # Errors
     /// [`TableError`] if the file cannot be read, is damaged, or has no such part.
-    pub fn open(path: &Path, kind: FileKind, part: Option<&str>) -> Result<Self, TableError> {
+    pub fn open(
+        file: impl Into<FileSource>,
+        kind: FileKind,
+        part: Option<&str>,
+    ) -> Result<Self, TableError> {
+        let file = &file.into();
         let layout: Arc<dyn ColumnLayout> = match kind {
-            FileKind::Hdf5 => hdf5::open(path, part)?,
-            FileKind::Matlab => mat5::open(path, part)?,
-            FileKind::Mcap => mcap::open(path, part)?,
-            FileKind::NumPy => npy::open(path)?,
-            FileKind::Parquet => parquet::open(path)?,
-            FileKind::Xlsx => xlsx::open(path, part)?,
+            FileKind::Hdf5 => hdf5::open(file, part)?,
+            FileKind::Matlab => mat5::open(file, part)?,
+            FileKind::Mcap => mcap::open(file, part)?,
+            FileKind::NumPy => npy::open(file)?,
+            FileKind::Parquet => parquet::open(file)?,
+            FileKind::Xlsx => xlsx::open(file, part)?,
         };
         Ok(Self { layout, kind })
     }

@@ -4,7 +4,6 @@
 //! dates are given in ISO 8601.
 
 use std::collections::HashSet;
-use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crate::budget;
@@ -12,6 +11,7 @@ use crate::calendar::iso_of;
 use crate::error::TableError;
 use crate::kind::FileKind;
 use crate::rows::{Cell, ColumnLayout, Numbering, RowBatch, RowStream};
+use crate::source::FileSource;
 use crate::xml::{Xml, XmlElement, XmlEvent};
 use crate::zip::{EntryContent, ZipEntry, entries};
 
@@ -23,7 +23,7 @@ const LAST_ROW: u64 = 1 << 20;
 /// A sheet of a workbook.
 #[derive(Debug)]
 struct Sheet {
-    path: PathBuf,
+    file: FileSource,
     entry: ZipEntry,
     shared: Arc<SharedParts>,
 }
@@ -40,20 +40,23 @@ struct SharedParts {
 
 /// Calls `take` with every event of a file in the archive.
 fn each(
-    path: &Path,
+    file: &FileSource,
     entry: &ZipEntry,
     mut take: impl FnMut(XmlEvent) -> Result<(), TableError>,
 ) -> Result<(), TableError> {
     let wrong = |what: String| KIND.damaged(format!("`{}`: {what}", entry.name));
-    let mut xml = Xml::new(entry.open(path)?);
+    let mut xml = Xml::new(entry.open(file)?);
     while let Some(event) = xml.next().map_err(wrong)? {
         take(event)?;
     }
     Ok(())
 }
 
-pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn ColumnLayout>, TableError> {
-    let files = entries(path)?;
+pub(crate) fn open(
+    file: &FileSource,
+    part: Option<&str>,
+) -> Result<Arc<dyn ColumnLayout>, TableError> {
+    let files = entries(file)?;
     let find = |name: &str| {
         let name = name.trim_start_matches('/');
         files.iter().find(|file| file.name.eq_ignore_ascii_case(name))
@@ -62,7 +65,7 @@ pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn ColumnLayo
         find("xl/workbook.xml").ok_or_else(|| KIND.damaged("it has no `xl/workbook.xml`"))?;
     let mut sheets: Vec<(String, String)> = Vec::new();
     let mut shared = SharedParts::default();
-    each(path, workbook, |event| {
+    each(file, workbook, |event| {
         let XmlEvent::Start(element) = event else { return Ok(()) };
         let is_true = |value: String| value == "1" || value == "true";
         match element.name.as_str() {
@@ -88,7 +91,7 @@ pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn ColumnLayo
     };
     let mut target = None;
     if let Some(relations) = find("xl/_rels/workbook.xml.rels") {
-        each(path, relations, |event| {
+        each(file, relations, |event| {
             if let XmlEvent::Start(element) = event
                 && element.attribute("Id").as_ref() == Some(id)
             {
@@ -101,19 +104,19 @@ pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn ColumnLayo
     let target = if target.starts_with('/') { target } else { format!("xl/{target}") };
     let entry = find(&target).ok_or_else(|| KIND.damaged(format!("it has no `{target}`")))?.clone();
     if let Some(texts) = find("xl/sharedStrings.xml") {
-        shared.texts = shared_texts(path, texts)?;
+        shared.texts = shared_texts(file, texts)?;
     }
     if let Some(styles) = find("xl/styles.xml") {
-        shared.dates = dates(path, styles)?;
+        shared.dates = dates(file, styles)?;
     }
-    Ok(Arc::new(Sheet { path: path.to_owned(), entry, shared: Arc::new(shared) }))
+    Ok(Arc::new(Sheet { file: file.clone(), entry, shared: Arc::new(shared) }))
 }
 
-fn shared_texts(path: &Path, entry: &ZipEntry) -> Result<Vec<String>, TableError> {
+fn shared_texts(file: &FileSource, entry: &ZipEntry) -> Result<Vec<String>, TableError> {
     let mut texts = Vec::new();
     let (mut text, mut is_text, mut is_phonetic) = (String::new(), false, false);
     let mut bytes = 0;
-    each(path, entry, |event| {
+    each(file, entry, |event| {
         match event {
             XmlEvent::Start(element) => match element.name.as_str() {
                 "si" => text.clear(),
@@ -145,10 +148,10 @@ fn shared_texts(path: &Path, entry: &ZipEntry) -> Result<Vec<String>, TableError
 }
 
 /// The numbers of the styles that show dates or times.
-fn dates(path: &Path, entry: &ZipEntry) -> Result<HashSet<usize>, TableError> {
+fn dates(file: &FileSource, entry: &ZipEntry) -> Result<HashSet<usize>, TableError> {
     let (mut formats, mut dates) = (HashSet::new(), HashSet::new());
     let (mut in_cells, mut style) = (false, 0);
-    each(path, entry, |event| {
+    each(file, entry, |event| {
         match event {
             XmlEvent::Start(element) => match element.name.as_str() {
                 "numFmt" => {
@@ -206,7 +209,7 @@ impl ColumnLayout for Sheet {
     fn rows(&self) -> Result<Box<dyn RowStream>, TableError> {
         Ok(Box::new(SheetRows {
             name: self.entry.name.clone(),
-            xml: Xml::new(self.entry.open(&self.path)?),
+            xml: Xml::new(self.entry.open(&self.file)?),
             shared: Arc::clone(&self.shared),
             row: 0,
             waiting: None,

@@ -1,8 +1,6 @@
 //! The files in a zip archive (APPNOTE.TXT), found by its directory at the end, stored or deflated.
 
-use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
-use std::path::Path;
 
 use flate2::bufread::DeflateDecoder;
 
@@ -10,6 +8,7 @@ use crate::budget;
 use crate::bytes::{ByteReader, part};
 use crate::error::TableError;
 use crate::kind::FileKind;
+use crate::source::{FileSource, OpenFile};
 
 const KIND: FileKind = FileKind::Xlsx;
 
@@ -29,9 +28,9 @@ pub(crate) struct ZipEntry {
 const END: u64 = 22 + 0xffff;
 
 /// The files of an archive.
-pub(crate) fn entries(path: &Path) -> Result<Vec<ZipEntry>, TableError> {
-    let mut file = File::open(path)?;
-    let length = file.metadata()?.len();
+pub(crate) fn entries(file: &FileSource) -> Result<Vec<ZipEntry>, TableError> {
+    let mut file = file.open()?;
+    let length = file.length()?;
     let start = length.saturating_sub(END);
     file.seek(SeekFrom::Start(start))?;
     let mut end = Vec::new();
@@ -112,13 +111,13 @@ impl Long<'_> {
 
 impl ZipEntry {
     /// Its content as a stream, which may be of any length.
-    pub(crate) fn open(&self, path: &Path) -> Result<EntryContent, TableError> {
+    pub(crate) fn open(&self, archive: &FileSource) -> Result<EntryContent, TableError> {
         let wrong = || KIND.damaged(format!("`{}` in the archive", self.name));
         if self.is_encrypted {
             return Err(KIND.unsupported("it is encrypted"));
         }
-        let mut file = File::open(path)?;
-        let length = file.metadata()?.len();
+        let mut file = archive.open()?;
+        let length = file.length()?;
         let mut header = [0; 30];
         file.seek(SeekFrom::Start(self.start))?;
         file.read_exact(&mut header).map_err(|_| wrong())?;
@@ -149,8 +148,8 @@ impl ZipEntry {
 
 /// The content of a file in an archive.
 pub(crate) enum EntryContent {
-    Stored(BufReader<std::io::Take<File>>),
-    Deflated(Box<DeflateDecoder<BufReader<std::io::Take<File>>>>),
+    Stored(BufReader<std::io::Take<OpenFile>>),
+    Deflated(Box<DeflateDecoder<BufReader<std::io::Take<OpenFile>>>>),
 }
 
 impl Read for EntryContent {

@@ -22,7 +22,7 @@ fn nested() -> std::path::PathBuf {
 
 #[test]
 fn decimals_and_lists_are_refused_by_name_and_null_structs_are_missing() {
-    let table = Table::open(&nested(), FileKind::Parquet, None).unwrap();
+    let table = Table::open(nested().as_path(), FileKind::Parquet, None).unwrap();
     let names = ["t_s", "price", "tags.list.element", "wrench.force.x"];
     assert_eq!(table.names().unwrap(), names);
     for (column, what) in [(1, "decimal"), (2, "list")] {

@@ -86,7 +86,7 @@ impl Log {
     fn spread_lines(&self) -> Result<Vec<u8>, LogError> {
         let io = |error| self.source.error(error);
         let mut lines = Vec::with_capacity((PIECES * PIECE_BYTES) as usize);
-        let mut file = self.source.file()?;
+        let mut file = self.source.open_file()?;
         let distance = (self.bytes_of_rows() - PIECE_BYTES) / (PIECES - 1);
         for piece in 0..PIECES {
             let offset = self.layout.rows_start + distance * piece;

@@ -15,7 +15,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use flate2::bufread::MultiGzDecoder;
-use table_file::{FileKind, Numbering, Recognised, Table, TableError, TableText};
+use table_file::{
+    FileKind, FileSource, Numbering, OpenFile, Recognised, Table, TableError, TableText,
+};
 use tempfile::TempPath;
 
 use super::beside::{CompanionLines, Joined, RowMismatch, Sides};
@@ -30,13 +32,14 @@ use crate::error::{LogError, LogPosition};
 pub(crate) struct LogSource {
     /// As it was given.
     pub(crate) path: PathBuf,
-    /// Size on disk.
+    /// Its size.
     pub(crate) bytes: u64,
+    file: FileSource,
     container: Container,
     /// Whether the text is UTF-16, with the highest byte of each pair first.
     utf16: Option<bool>,
-    /// What stands in for the file: what came from standard input, or was made.
-    spool: Option<Arc<TempPath>>,
+    /// Keeps a file that stands in for standard input, or was made.
+    _spool: Option<Arc<TempPath>>,
     /// A file whose columns stand beside those of this one, row by row.
     beside: Option<Arc<LogSource>>,
 }
@@ -58,16 +61,33 @@ impl LogSource {
         if path.as_os_str() == "-" {
             source = source.with_spool(|file| io::copy(&mut io::stdin().lock(), file).map(drop))?;
         }
-        // Before it is opened: whoever opens a pipe waits for its writer.
-        let metadata = std::fs::metadata(source.location()).map_err(|error| source.error(error))?;
-        if metadata.is_dir() {
-            return Err(source.error(io::ErrorKind::IsADirectory.into()));
+        if let FileSource::Disk(path) = &source.file {
+            // Before it is opened: whoever opens a pipe waits for its writer.
+            let metadata = std::fs::metadata(path).map_err(|error| source.error(error))?;
+            if metadata.is_dir() {
+                return Err(source.error(io::ErrorKind::IsADirectory.into()));
+            }
+            if !metadata.is_file() {
+                let not_a_file = "not a regular file, which logs must be";
+                return Err(source.error(io::Error::other(not_a_file)));
+            }
         }
-        if !metadata.is_file() {
-            return Err(source.error(io::Error::other("not a regular file, which logs must be")));
-        }
-        source.bytes = metadata.len();
-        let start = source.start(source.file()?)?;
+        source.recognise(part)
+    }
+
+    /// A file in memory, called `name`.
+    pub(crate) fn in_memory(
+        name: &Path,
+        bytes: Arc<[u8]>,
+        part: Option<&str>,
+    ) -> Result<Self, LogError> {
+        Self { file: FileSource::Memory(bytes), ..Self::at(name) }.recognise(part)
+    }
+
+    /// The same with what it is by its first bytes.
+    fn recognise(self, part: Option<&str>) -> Result<Self, LogError> {
+        let mut source = self.with_size()?;
+        let start = source.start(source.open_file()?)?;
         source.container = match start.as_slice() {
             [0x1f, 0x8b, ..] => Container::Gzip,
             start if zstd::begins(start) => Container::Zstd,
@@ -108,14 +128,17 @@ impl LogSource {
         path: &Path,
         write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
     ) -> Result<Self, LogError> {
-        let mut source = Self::at(path).with_spool(|file| {
+        let source = Self::at(path).with_spool(|file| {
             let mut text = BufWriter::new(file);
             write(&mut text)?;
             text.flush()
         })?;
-        let metadata = std::fs::metadata(source.location()).map_err(|error| source.error(error))?;
-        source.bytes = metadata.len();
-        Ok(source)
+        source.with_size()
+    }
+
+    fn with_size(mut self) -> Result<Self, LogError> {
+        self.bytes = self.open_file()?.length().map_err(|error| self.error(error))?;
+        Ok(self)
     }
 
     /// A plain file of unknown size.
@@ -123,9 +146,10 @@ impl LogSource {
         Self {
             path: path.to_owned(),
             bytes: 0,
+            file: FileSource::from(path),
             container: Container::Plain,
             utf16: None,
-            spool: None,
+            _spool: None,
             beside: None,
         }
     }
@@ -138,7 +162,7 @@ impl LogSource {
             Ok(file.into_temp_path())
         };
         let spool = spool().map_err(|error| self.error(error))?;
-        Ok(Self { spool: Some(Arc::new(spool)), ..self })
+        Ok(Self { file: FileSource::from(&*spool), _spool: Some(Arc::new(spool)), ..self })
     }
 
     /// The same with the columns of another file, whose rows are those of this one.
@@ -154,7 +178,7 @@ impl LogSource {
     /// The checksum of the file beside it, if there is one.
     pub(crate) fn checksum_beside(&self) -> Result<Option<String>, LogError> {
         let Some(beside) = &self.beside else { return Ok(None) };
-        let (mut file, mut checksum) = (beside.file()?, Checksum::default());
+        let (mut file, mut checksum) = (beside.open_file()?, Checksum::default());
         let mut buffer = vec![0; 1 << 16];
         loop {
             match file.read(&mut buffer).map_err(|error| beside.error(error))? {
@@ -195,15 +219,11 @@ impl LogSource {
         if let (FileKind::NumPy | FileKind::Parquet, Some(part)) = (kind, part) {
             return Err(LogError::NoParts { path: self.path.clone(), wanted: part.to_owned() });
         }
-        Table::open(self.location(), kind, part).map_err(|problem| self.table_error(problem))
+        Table::open(self.file.clone(), kind, part).map_err(|problem| self.table_error(problem))
     }
 
-    fn location(&self) -> &Path {
-        self.spool.as_deref().map_or(&self.path, |spool| spool)
-    }
-
-    pub(crate) fn file(&self) -> Result<File, LogError> {
-        File::open(self.location()).map_err(|error| self.error(error))
+    pub(crate) fn open_file(&self) -> Result<OpenFile, LogError> {
+        self.file.open().map_err(|error| self.error(error))
     }
 
     /// Opens the text at its start.
@@ -234,7 +254,7 @@ impl LogSource {
         let file = |bytes: &Arc<AtomicU64>| {
             let checksum = checksum.then(Box::default);
             Ok::<_, LogError>(CountingFile {
-                file: self.file()?,
+                file: self.open_file()?,
                 bytes: Arc::clone(bytes),
                 checksum,
             })
@@ -411,7 +431,7 @@ impl Read for ByteStream {
 /// A file that counts the bytes read from it and computes their checksum.
 #[derive(Debug)]
 pub(crate) struct CountingFile {
-    file: File,
+    file: OpenFile,
     bytes: Arc<AtomicU64>,
     checksum: Option<Box<Checksum>>,
 }

@@ -8,7 +8,6 @@ mod message;
 mod records;
 
 use std::collections::{BTreeMap, HashMap};
-use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use self::message::FieldKind;
@@ -17,6 +16,7 @@ use crate::budget;
 use crate::error::TableError;
 use crate::kind::FileKind;
 use crate::rows::{Cell, ColumnLayout, RowBatch, RowStream, batch_rows};
+use crate::source::FileSource;
 
 const KIND: FileKind = FileKind::Mcap;
 
@@ -26,7 +26,7 @@ const WAITING: usize = 4096;
 /// A table in a recording.
 #[derive(Debug)]
 struct McapRecording {
-    path: PathBuf,
+    file: FileSource,
     topics: Arc<Vec<Topic>>,
     names: Vec<String>,
     /// Whether time is that in the messages, not when they were logged.
@@ -45,8 +45,11 @@ struct Topic {
     start: usize,
 }
 
-pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn ColumnLayout>, TableError> {
-    let mut records = Records::open(path)?;
+pub(crate) fn open(
+    file: &FileSource,
+    part: Option<&str>,
+) -> Result<Arc<dyn ColumnLayout>, TableError> {
+    let mut records = Records::open(file)?;
     let mut schemas = HashMap::new();
     let mut topics: Vec<Topic> = Vec::new();
     let mut others = Vec::new();
@@ -130,7 +133,7 @@ pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn ColumnLayo
     if names[1..].iter().any(is_time) {
         "log_time".clone_into(&mut names[0]);
     }
-    Ok(Arc::new(McapRecording { path: path.to_owned(), topics: Arc::new(topics), names, by_stamp }))
+    Ok(Arc::new(McapRecording { file: file.clone(), topics: Arc::new(topics), names, by_stamp }))
 }
 
 fn wrong(topic: &Topic, log_time: u64, what: &str) -> TableError {
@@ -149,7 +152,7 @@ impl ColumnLayout for McapRecording {
 
     fn rows(&self) -> Result<Box<dyn RowStream>, TableError> {
         Ok(Box::new(RecordingRows {
-            records: Records::open(&self.path)?,
+            records: Records::open(&self.file)?,
             topics: Arc::clone(&self.topics),
             columns: self.names.len(),
             by_stamp: self.by_stamp,

@@ -1,14 +1,13 @@
 //! The records of a recording, within chunks or not, one after the other.
 
-use std::fs::File;
 use std::io::{BufReader, Read};
-use std::path::Path;
 
 use super::KIND;
 use crate::budget::{self, Unpacked};
 use crate::bytes::ByteReader;
 use crate::codec::{Codec, unpack};
 use crate::error::TableError;
+use crate::source::{FileSource, OpenFile};
 
 /// A record that says something about messages.
 pub(super) enum McapRecord {
@@ -24,7 +23,7 @@ const MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
 
 /// The records of a file.
 pub(super) struct Records {
-    file: BufReader<File>,
+    file: BufReader<OpenFile>,
     at: u64,
     length: u64,
     /// What is left of a chunk.
@@ -35,9 +34,9 @@ pub(super) struct Records {
 }
 
 impl Records {
-    pub(super) fn open(path: &Path) -> Result<Self, TableError> {
-        let file = File::open(path)?;
-        let length = file.metadata()?.len();
+    pub(super) fn open(file: &FileSource) -> Result<Self, TableError> {
+        let file = file.open()?;
+        let length = file.length()?;
         let file = BufReader::with_capacity(1 << 16, file);
         let (chunk, unpacked) = (Vec::new(), Unpacked::default());
         let mut records = Self { file, at: 0, length, chunk, in_chunk: 0, unpacked, ended: false };

@@ -10,10 +10,8 @@ pub(crate) mod encoding;
 mod page;
 mod schema;
 
-use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::ops::Range;
-use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use self::page::ColumnReader;
@@ -24,6 +22,7 @@ use crate::codec::Codec;
 use crate::error::TableError;
 use crate::kind::FileKind;
 use crate::rows::{Cell, ColumnLayout, RowBatch, RowParts, RowStream, batch_rows};
+use crate::source::{FileSource, OpenFile};
 use crate::thrift::{self, Value};
 
 const KIND: FileKind = FileKind::Parquet;
@@ -37,7 +36,7 @@ const VALUES_PER_BYTE: u64 = 2048;
 /// A table in a file.
 #[derive(Clone, Debug)]
 struct ParquetTable {
-    path: PathBuf,
+    file: FileSource,
     leaves: Arc<Vec<Leaf>>,
     names: Vec<String>,
     groups: Arc<Vec<RowGroup>>,
@@ -58,9 +57,9 @@ struct ColumnChunk {
     bytes: u64,
 }
 
-pub(crate) fn open(path: &Path) -> Result<Arc<dyn ColumnLayout>, TableError> {
-    let mut file = File::open(path)?;
-    let length = file.metadata()?.len();
+pub(crate) fn open(source: &FileSource) -> Result<Arc<dyn ColumnLayout>, TableError> {
+    let mut file = source.open()?;
+    let length = file.length()?;
     let footer = footer(&mut file, length)?;
     let leaves = schema::leaves(&footer)?;
     let groups = footer.list(4).ok_or_else(|| KIND.damaged("its footer lists no row groups"))?;
@@ -82,10 +81,10 @@ pub(crate) fn open(path: &Path) -> Result<Arc<dyn ColumnLayout>, TableError> {
     }
     let names = leaves.iter().map(|leaf| leaf.name.clone()).collect();
     let (leaves, groups) = (Arc::new(leaves), Arc::new(groups));
-    Ok(Arc::new(ParquetTable { path: path.to_owned(), leaves, names, groups }))
+    Ok(Arc::new(ParquetTable { file: source.clone(), leaves, names, groups }))
 }
 
-fn footer(file: &mut File, length: u64) -> Result<Value, TableError> {
+fn footer(file: &mut OpenFile, length: u64) -> Result<Value, TableError> {
     let cut = || KIND.damaged("it is cut off: its end is missing");
     let before = length.checked_sub(12).ok_or_else(cut)? + 4;
     file.seek(SeekFrom::Start(before))?;
@@ -190,7 +189,7 @@ impl RowParts for ParquetGroups {
 
 /// The file, and what has been made of it.
 struct ParquetSource {
-    file: File,
+    file: OpenFile,
     length: u64,
     /// What the pages of other columns hold.
     held: u64,
@@ -198,9 +197,9 @@ struct ParquetSource {
 }
 
 impl ParquetSource {
-    fn open(path: &Path, unpacked: Unpacked) -> Result<Self, TableError> {
-        let file = File::open(path)?;
-        let length = file.metadata()?.len();
+    fn open(file: &FileSource, unpacked: Unpacked) -> Result<Self, TableError> {
+        let file = file.open()?;
+        let length = file.length()?;
         Ok(Self { file, length, held: 0, unpacked })
     }
 }
@@ -223,7 +222,7 @@ impl ParquetRows {
         unpacked: Unpacked,
     ) -> Result<Self, TableError> {
         Ok(Self {
-            source: ParquetSource::open(&table.path, unpacked)?,
+            source: ParquetSource::open(&table.file, unpacked)?,
             leaves: Arc::clone(&table.leaves),
             groups: Arc::clone(&table.groups),
             next_groups: groups,

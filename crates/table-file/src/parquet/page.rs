@@ -1,6 +1,5 @@
 //! The pages of one column, one at a time.
 
-use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 
 use super::encoding::{Delta, Hybrid};
@@ -13,6 +12,7 @@ use crate::codec::{Codec, unpack};
 use crate::element::{Element, half};
 use crate::error::TableError;
 use crate::rows::Cell;
+use crate::source::OpenFile;
 use crate::thrift::{self, Value};
 
 /// The longest head of a page: statistics may be in it.
@@ -196,7 +196,7 @@ impl ColumnReader {
         Ok(())
     }
 
-    fn head(&self, file: &mut File, name: &str) -> Result<Head, TableError> {
+    fn head(&self, file: &mut OpenFile, name: &str) -> Result<Head, TableError> {
         let there = self.end.saturating_sub(self.at);
         if there == 0 {
             return Err(KIND.damaged(format!("column `{name}` has fewer values than rows")));

@@ -12,6 +12,7 @@ use doctor::{
     BoardObservations, Finding, FindingSeverity, check_board, check_port, examine_calibration,
     examine_log,
 };
+use log_file::Log;
 use serde::Serialize;
 use shared_proto::{Framing, Protocol};
 
@@ -122,8 +123,11 @@ impl DoctorArgs {
             false => {
                 let mapping = self.mapping.mapping()?;
                 let read = self.mapping.read_options();
-                let wrench = wrenches.next().map(|wrench| wrench.as_path());
-                ("log", examine_log((path, wrench), &mapping, &read, calibration))
+                let log = match wrenches.next() {
+                    Some(wrench) => Log::open_beside(path, wrench, &mapping),
+                    None => Log::open(path, &mapping),
+                };
+                ("log", examine_log(log, &read, calibration))
             }
         };
         Ok(Examination { name, kind, findings })
