@@ -26,4 +26,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+/// The program with its version, as files name who made them.
+pub const PROGRAM: &str = concat!("shellcal ", env!("CARGO_PKG_VERSION"));
+
 pub mod workflow;

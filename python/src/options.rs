@@ -7,13 +7,8 @@ use calibration::solver::SolverKind;
 use crate::error::{Failure, PythonMessage};
 
 pub(crate) fn model(name: &str) -> Result<ModelRule, Failure> {
-    let found = match name {
-        "auto" => Some(ModelRule::Auto),
-        "physics" => Some(ModelRule::Physics),
-        _ => Basis::ALL.into_iter().find(|basis| basis.name() == name).map(ModelRule::Given),
-    };
     let names = Basis::ALL.map(Basis::name).join("`, `");
-    found.ok_or_else(|| unknown("model", name, &format!("{names}`, `auto")))
+    ModelRule::from_name(name).ok_or_else(|| unknown("model", name, &format!("{names}`, `auto")))
 }
 
 pub(crate) fn solver(name: &str) -> Result<SolverKind, Failure> {

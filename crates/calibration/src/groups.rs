@@ -28,6 +28,24 @@ pub enum HeldOut {
     Folds(usize),
 }
 
+impl std::str::FromStr for HeldOut {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match (text, text.parse()) {
+            ("auto", _) => Ok(Self::Auto),
+            ("file", _) => Ok(Self::File),
+            ("column", _) => Ok(Self::Column),
+            ("plateau", _) => Ok(Self::Plateaus),
+            (_, Ok(folds @ 2..)) => Ok(Self::Folds(folds)),
+            _ => {
+                Err("expected `file`, `column`, `plateau` or a number of folds from 2 up"
+                    .to_owned())
+            }
+        }
+    }
+}
+
 impl From<Option<usize>> for HeldOut {
     /// So many folds of groups, or each group.
     fn from(folds: Option<usize>) -> Self {

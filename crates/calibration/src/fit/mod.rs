@@ -95,6 +95,25 @@ pub enum ModelRule {
     Physics,
 }
 
+impl ModelRule {
+    /// The rule that users call so.
+    pub fn from_name(name: &str) -> Option<Self> {
+        match name {
+            "auto" => Some(Self::Auto),
+            "physics" => Some(Self::Physics),
+            _ => Basis::ALL.into_iter().find(|basis| basis.name() == name).map(Self::Given),
+        }
+    }
+
+    /// What is done about lag and memory unless told otherwise: both are chosen where the model is.
+    pub fn usual_dynamics(self) -> DynamicsRule<'static> {
+        match self {
+            Self::Auto => DynamicsRule::AUTO,
+            _ => DynamicsRule::NOTHING,
+        }
+    }
+}
+
 impl From<Basis> for ModelRule {
     fn from(basis: Basis) -> Self {
         Self::Given(basis)

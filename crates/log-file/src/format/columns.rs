@@ -37,6 +37,25 @@ pub enum Meaning {
 }
 
 impl Meaning {
+    /// What a column is taken for, with the unit that its values are in; `None` if for nothing.
+    pub fn in_words(self) -> Option<String> {
+        let name = |axis: Axis| axis.name();
+        Some(match self {
+            Meaning::Time(unit) => format!("time ({})", unit.symbol()),
+            Meaning::Sensor(channel) => format!("sensor {}", channel + 1),
+            Meaning::Force(axis, false) => format!("{} (N)", name(axis)),
+            // Values are in SI units.
+            Meaning::Force(axis, true) => format!("{} (N, from mN)", name(axis)),
+            Meaning::Moment(axis, MomentUnit::NewtonMetre) => format!("{} (N·m)", name(axis)),
+            Meaning::Moment(axis, MomentUnit::MillinewtonMetre) => {
+                format!("{} (N·m, from mN·m)", name(axis))
+            }
+            Meaning::Group => "group".to_owned(),
+            Meaning::Telemetry(telemetry) => telemetry.name().to_owned(),
+            Meaning::Other => return None,
+        })
+    }
+
     /// What a value is divided by to be in SI units. Dividing rounds correctly where multiplying
     /// by the inverse would not.
     pub(crate) fn per_si_unit(self) -> f64 {

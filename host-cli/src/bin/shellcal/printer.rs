@@ -1,5 +1,6 @@
 //! The only place that writes to the terminal: results to stdout, talk to stderr.
 
+use shellcal::workflow::remark::Remark;
 use std::borrow::Cow;
 use std::io::{self, IsTerminal, Write};
 use std::time::Duration;
@@ -196,6 +197,16 @@ impl Printer {
     pub(crate) fn note(&mut self, text: impl AsRef<str>) {
         if !self.options.quiet {
             self.talk("", Tint::None, text.as_ref());
+        }
+    }
+
+    /// Notes and warnings.
+    pub(crate) fn remarks(&mut self, remarks: impl IntoIterator<Item = Remark>) {
+        for remark in remarks {
+            match remark {
+                Remark::Note(text) => self.note(text),
+                Remark::Warning(text) => self.warning(text),
+            }
         }
     }
 

@@ -13,6 +13,7 @@ mod encode;
 mod error;
 mod frames;
 mod options;
+mod remarks;
 mod summary;
 mod survey;
 mod table;

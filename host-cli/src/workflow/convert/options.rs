@@ -26,6 +26,28 @@ pub struct ConvertOptions {
     pub full_scale: Option<f64>,
 }
 
+impl ConvertOptions {
+    /// Everything that log and calibration have to give, as `shellcal convert` does by default.
+    pub fn new(log: &Log, calibration: &Calibration) -> Self {
+        // The end of a 12-bit converter, or of a 16-bit one if the calibration has seen more than that.
+        let mut ranges = calibration.valid_range.iter().flatten();
+        let is_wide = ranges.any(|range| range.max > 4095.0);
+        Self {
+            rows: if log.repeats_are_stale() { RowFilter::Fresh } else { RowFilter::All },
+            forces: ForceOptions::default(),
+            load: None,
+            columns: TableColumns {
+                time: log.has_time(),
+                axes: Axis::ALL.map(|axis| calibration.axes.contains(axis)),
+                standard_errors: calibration.has_standard_errors(),
+                interval: None,
+                flags: true,
+            },
+            full_scale: Some(if is_wide { 65535.0 } else { 4095.0 }),
+        }
+    }
+}
+
 /// A log, and what turns it into wrenches.
 #[derive(Clone, Copy)]
 pub struct Conversion<'a> {

@@ -9,10 +9,11 @@ use serde::Serialize;
 use shellcal::workflow::align::{
     AlignLogsError, AlignOptions, AlignedLogs, WrittenRows, align_logs, write_training,
 };
+use shellcal::workflow::remark::used_rows;
 
 use super::choices::one_of;
 use super::figure_size::FigureSize;
-use super::frames::{FrameArgs, note_rows};
+use super::frames::FrameArgs;
 use super::mapping::{FORMATS, MappingArgs, TIME_UNITS, parse_column};
 use super::partial_output::Destination;
 use crate::files::{InputPath, OutputPath};
@@ -162,7 +163,7 @@ impl AlignArgs {
         };
 
         let counts = [log_read.rows, log_read.repeated_rows, log_read.skipped_rows];
-        note_rows(printer, &self.log, rows, counts);
+        printer.remarks([used_rows(&self.log, rows, counts)]);
         if reference_read.skipped_rows > 0 {
             let (path, skipped) = (self.reference.display(), reference_read.skipped_rows);
             printer.note(format!("{path}: {skipped} bad rows left out"));

@@ -7,9 +7,9 @@ use log_file::{Log, Wanted, read_dataset, sample_logs};
 use serde::Serialize;
 use shell_data::wrench::{Axes, Axis};
 use shellcal::workflow::check_channels;
+use shellcal::workflow::remark::found_groups;
 
 use super::mapping::{MappingArgs, open_logs, tell_remembered};
-use super::validation::note_found;
 use crate::files::InputPath;
 use crate::outcome::Outcome;
 use crate::printer::Printer;
@@ -84,7 +84,7 @@ impl CompareArgs {
         }
         let found = self.compare([&first, &second], &logs)?;
         if let Some(groups) = found.group_by.found() {
-            note_found(printer, groups);
+            printer.remarks([found_groups(groups)]);
         }
         self.report(&found, axes, printer)?;
         Ok(Outcome::Done)

@@ -9,7 +9,7 @@ use calibration::uncertainty::HIGHEST_LEVEL;
 use calibration_file::Diagnostics;
 use calibration_file::payload_file::PayloadFile;
 use figures::{WrenchTrace, trace_figure};
-use forces::{AppliedLowPass, RowRule};
+use forces::RowRule;
 use log_file::{Log, Meaning};
 use output_file::Outputs;
 use serde::Serialize;
@@ -21,7 +21,7 @@ use shellcal::workflow::convert::{
 
 use super::edited::EditedArg;
 use super::figure_size::FigureSize;
-use super::frames::{ForceArgs, FrameArgs, note_rows, warn_of_zero};
+use super::frames::{ForceArgs, FrameArgs};
 use super::mapping::{ColumnList, MappingArgs, parse_columns, tell_remembered};
 use super::partial_output::Destination;
 use super::payload::load::MotionArgs;
@@ -170,7 +170,7 @@ impl ConvertArgs {
                 let figure = trace_figure(plot.size, &file_name(log), &trace);
                 plot.write(&figure)?;
             }
-            report(printer, log, &summary);
+            printer.remarks(summary.remarks(log.path()));
             self.motion.report(printer, log, &summary);
             if let (TableTarget::File(path), false) = (&target, printer.json()) {
                 printer.line(format!("{} -> {}", log.path().display(), path.display()))?;
@@ -226,13 +226,7 @@ impl ConvertArgs {
         diagnostics: Option<&Diagnostics>,
         printer: &mut Printer,
     ) -> anyhow::Result<()> {
-        let known = diagnostics.and_then(|it| Some((&it.train, it.excitation.as_ref()?)));
-        let doubt = summary.tare.as_ref().zip(known);
-        let Some(doubt) = doubt.and_then(|(tare, (errors, loads))| tare.doubt(errors, loads))
-        else {
-            return Ok(());
-        };
-        let text = format!("`{}`: {doubt}", log.path().display());
+        let Some(text) = summary.tare_doubt(log.path(), diagnostics) else { return Ok(()) };
         ensure!(
             !self.strict,
             "{text}; take frames at rest with `--tare-time`, or keep the zero of the calibration with `--no-tare`"
@@ -282,12 +276,13 @@ impl ConvertArgs {
     }
 
     fn options(&self, log: &Log, calibration: &Calibration) -> ConvertOptions {
+        let usual = ConvertOptions::new(log, calibration);
         ConvertOptions {
             rows: self.frames.rows(log),
             forces: self.forces.options(RowRule::Time),
-            load: None,
-            columns: self.columns(log, calibration),
-            full_scale: Some(self.full_scale.unwrap_or_else(|| full_scale(calibration))),
+            columns: self.columns(usual.columns),
+            full_scale: self.full_scale.or(usual.full_scale),
+            ..usual
         }
     }
 
@@ -315,15 +310,9 @@ impl ConvertArgs {
     }
 
     /// Everything that log and calibration have to give, or what was asked for by name.
-    fn columns(&self, log: &Log, calibration: &Calibration) -> TableColumns {
+    fn columns(&self, all: TableColumns) -> TableColumns {
         match &self.columns {
-            None => TableColumns {
-                time: log.has_time(),
-                axes: Axis::ALL.map(|axis| calibration.axes.contains(axis)),
-                standard_errors: calibration.has_standard_errors(),
-                interval: self.interval,
-                flags: true,
-            },
+            None => TableColumns { interval: self.interval, ..all },
             Some(columns) => {
                 let asked = |column| columns.contains(&column);
                 use ColumnArg::{Flags, Fx, Fy, Fz, Mx, My, Mz, Se, T};
@@ -370,65 +359,6 @@ fn table_name(log: &Path) -> String {
     let name = name.strip_suffix(".gz").unwrap_or(&name);
     let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
     format!("{stem}.wrench.csv")
-}
-
-/// The end of a 12-bit converter, or of a 16-bit one if the calibration has seen more than that.
-fn full_scale(calibration: &Calibration) -> f64 {
-    let ranges = calibration.valid_range.iter().flatten();
-    if ranges.into_iter().any(|range| range.max > 4095.0) { 65535.0 } else { 4095.0 }
-}
-
-/// Says what was done, and warns of what may be wrong with it.
-fn report(printer: &mut Printer, log: &Log, summary: &ConvertSummary) {
-    let ConvertSummary { rows, repeated_rows, skipped_rows, frames, .. } = *summary;
-    note_rows(printer, log.path(), summary.rows_used, [rows, repeated_rows, skipped_rows]);
-    match &summary.tare {
-        None => printer.note("tare: none, zero is that of the calibration"),
-        Some(tare) => {
-            let when = match (tare.start_s, tare.end_s) {
-                (Some(start), Some(end)) => format!(", {start} s to {end} s"),
-                _ => String::new(),
-            };
-            match (tare.rests, tare.last_rest_s) {
-                (Some(rests), Some(last_s)) => printer.note(format!(
-                    "tare: follows {rests} stretches at rest, the first{when}, the last until {last_s} s"
-                )),
-                _ => printer.note(format!("tare: mean of {} frames{when}", tare.frames)),
-            }
-        }
-    }
-    match summary.low_pass {
-        None => printer.note("low-pass: none"),
-        Some(AppliedLowPass { low_pass, rate_hz }) => {
-            printer.note(format!("low-pass: {low_pass}, at {rate_hz:.2} rows per second"));
-        }
-    }
-    if let Some(rate) = summary.sampling {
-        let path = log.path().display();
-        if rate.gaps > 0 {
-            printer.warning(format!("`{path}`: {} gaps between frames", rate.gaps));
-        }
-        if rate.backwards > 0 {
-            let times = rate.backwards;
-            printer.warning(format!("`{path}`: time stands still or runs backwards {times} times"));
-        }
-    }
-    if summary.tare.as_ref().is_some_and(|tare| tare.rests.is_none()) {
-        warn_of_zero(printer, log.path(), summary.zero.as_ref());
-    }
-    for (count, what) in [
-        (summary.out_of_range_frames, "outside the calibrated range"),
-        (summary.saturated_frames, "saturated"),
-        (summary.left_out_frames, "left out by the model"),
-    ] {
-        if count > 0 {
-            let share = 100.0 * count as f64 / frames.max(1) as f64;
-            printer.warning(format!(
-                "`{}`: {count} of {frames} frames ({share:.1} %) have a reading {what}",
-                log.path().display()
-            ));
-        }
-    }
 }
 
 fn print_axes(printer: &mut Printer, summary: &ConvertSummary) -> anyhow::Result<()> {

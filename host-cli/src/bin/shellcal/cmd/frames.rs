@@ -1,14 +1,9 @@
 //! The flags of every command that applies a calibration: which frames of a log are used, and how
 //! readings become forces.
 
-use std::path::Path;
-
-use forces::stationary::ZeroMove;
 use forces::{DEFAULT_TARE_FRAMES, ForceOptions, LowPass, RowRule, TareRule};
 use log_file::Log;
 use shellcal::workflow::selection::{RowFilter, TimeWindow};
-
-use crate::printer::Printer;
 
 /// How readings become forces.
 #[derive(Clone, Copy, Debug, clap::Args)]
@@ -110,39 +105,6 @@ impl FrameArgs {
             _ if log.repeats_are_stale() => RowFilter::Fresh,
             _ => RowFilter::All,
         }
-    }
-}
-
-/// Says how many rows were used and why.
-pub(crate) fn note_rows(
-    printer: &mut Printer,
-    log: &Path,
-    used: RowFilter,
-    [rows, repeated, skipped]: [u64; 3],
-) {
-    let mut text = match used {
-        RowFilter::Fresh => format!(
-            "{}: {} of {rows} rows used, {repeated} repeat the frame before",
-            log.display(),
-            rows - repeated
-        ),
-        RowFilter::All => {
-            format!(
-                "{}: {rows} rows used, {repeated} duplicates of the previous frame",
-                log.display()
-            )
-        }
-    };
-    if skipped > 0 {
-        text += &format!(", {skipped} bad rows left out");
-    }
-    printer.note(text);
-}
-
-/// Warns of a zero at the end of a log that is not that at its start, unless the tare follows it.
-pub(crate) fn warn_of_zero(printer: &mut Printer, log: &Path, zero: Option<&ZeroMove>) {
-    if let Some(text) = zero.and_then(ZeroMove::in_words) {
-        printer.warning(format!("`{}`: {text}", log.display()));
     }
 }
 

@@ -56,7 +56,7 @@ impl ImportArgs {
             variable: self.variable.clone(),
         };
         let mut file = CalibrationFile::import(&self.matrix, &options)?;
-        file.origin.made_by = origin::program();
+        file.origin.made_by = shellcal::PROGRAM.to_owned();
         file.origin.date = origin::date()?;
         file.origin.sensor_serial.clone_from(&self.serial);
         output.write_all(file.to_json().as_bytes())?;

@@ -3,14 +3,12 @@
 use calibration::fit::{OutlierTest, Workers, find_outliers};
 use log_file::summary::{ColumnSummary, LogSummary};
 use log_file::{
-    Column, FileKind, Log, LogError, LogFormat, Meaning, MomentUnit, Wanted, read_dataset,
-    sample_logs,
+    Column, FileKind, Log, LogError, LogFormat, Meaning, Wanted, read_dataset, sample_logs,
 };
 use serde::Serialize;
-use shell_data::wrench::Axis;
+use shellcal::workflow::outliers::{NamedOutliers, OutlierReport};
 
 use super::mapping::{FORMATS, MappingArgs};
-use super::outliers::{NamedOutliers, OutlierReport};
 use crate::files::InputPath;
 use crate::outcome::Outcome;
 use crate::printer::Printer;
@@ -104,7 +102,7 @@ fn summary(log: &Log, args: &MappingArgs, printer: &mut Printer) -> anyhow::Resu
     if log.has_wrench()
         && let Ok(found) = outliers(log, args)
     {
-        found.warn(printer);
+        printer.remarks(found.remarks());
         info.outliers = found.report();
     }
     Ok(info)
@@ -321,7 +319,7 @@ impl ColumnInfo {
         Self {
             column: place + 1,
             name: column.name.clone(),
-            meaning: meaning(column.meaning),
+            meaning: column.meaning.in_words(),
             values: values.map(|(summary, readings)| ValueInfo::new(summary, readings)),
         }
     }
@@ -386,23 +384,4 @@ impl ValueInfo {
 
 fn format_name(format: LogFormat) -> &'static str {
     FORMATS.iter().find(|(.., known)| *known == format).map_or("", |(name, ..)| name)
-}
-
-/// What a column is taken for, with the unit that it is in.
-fn meaning(meaning: Meaning) -> Option<String> {
-    let name = |axis: Axis| axis.name();
-    Some(match meaning {
-        Meaning::Time(unit) => format!("time ({})", unit.symbol()),
-        Meaning::Sensor(channel) => format!("sensor {}", channel + 1),
-        Meaning::Force(axis, false) => format!("{} (N)", name(axis)),
-        // Values are in SI units.
-        Meaning::Force(axis, true) => format!("{} (N, from mN)", name(axis)),
-        Meaning::Moment(axis, MomentUnit::NewtonMetre) => format!("{} (N·m)", name(axis)),
-        Meaning::Moment(axis, MomentUnit::MillinewtonMetre) => {
-            format!("{} (N·m, from mN·m)", name(axis))
-        }
-        Meaning::Group => "group".to_owned(),
-        Meaning::Telemetry(telemetry) => telemetry.name().to_owned(),
-        Meaning::Other => return None,
-    })
 }

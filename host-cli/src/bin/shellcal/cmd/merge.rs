@@ -191,7 +191,7 @@ impl MergeArgs {
         }
         if let Some(sum) = &mut merged.sum {
             sum.put_in_order();
-            sum.made_by = origin::program();
+            sum.made_by = shellcal::PROGRAM.to_owned();
             sum.date = origin::date()?;
             let known = sum.sensor_serial.as_ref().filter(|_| self.serial.is_some());
             if let Some(serial) = known.filter(|known| Some(*known) != self.serial.as_ref()) {

@@ -30,7 +30,6 @@ mod mapping;
 mod merge;
 mod noise;
 mod origin;
-mod outliers;
 mod partial_output;
 mod payload;
 mod place;

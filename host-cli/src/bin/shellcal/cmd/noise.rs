@@ -3,10 +3,11 @@
 use log_file::Log;
 use serde::Serialize;
 use shellcal::workflow::noise::{NoiseOptions, NoiseSummary, Scatter, noise};
+use shellcal::workflow::remark::{moved_zero, used_rows};
 use shellcal::workflow::selection::TimeWindow;
 
 use super::edited::EditedArg;
-use super::frames::{FrameArgs, note_rows, parse_window, warn_of_zero};
+use super::frames::{FrameArgs, parse_window};
 use super::mapping::{MappingArgs, tell_remembered};
 use crate::files::InputPath;
 use crate::outcome::Outcome;
@@ -64,8 +65,8 @@ impl NoiseArgs {
                 noise(&log, &calibration, &options, &read)
             })?;
             let counts = [summary.rows, summary.repeated_rows, summary.skipped_rows];
-            note_rows(printer, path, summary.rows_used, counts);
-            warn_of_zero(printer, path, summary.zero.as_ref());
+            printer.remarks([used_rows(path, summary.rows_used, counts)]);
+            printer.remarks(summary.zero.as_ref().and_then(|zero| moved_zero(path, zero)));
             noises.push(LogNoise { log: path.display().to_string(), summary });
         }
         printer.finish(&noises, |printer| noises.iter().try_for_each(|noise| noise.print(printer)))

@@ -5,11 +5,6 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use anyhow::Context;
 use humantime::format_rfc3339_seconds;
 
-/// Program and version.
-pub(in crate::cmd) fn program() -> String {
-    concat!("shellcal ", env!("CARGO_PKG_VERSION")).to_owned()
-}
-
 /// The last second that RFC 3339 has four digits of a year for: 9999-12-31T23:59:59Z.
 const LAST_SECOND: u64 = 253_402_300_799;
 

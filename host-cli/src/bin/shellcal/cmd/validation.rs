@@ -1,7 +1,7 @@
 //! How held-out errors, the choice of a model and the coverage of the training loads are printed.
 
 use calibration::Basis;
-use calibration::fit::{Fit, FoundGroups, HeldOut, ModelComparison};
+use calibration::fit::{Fit, FoundGroups, ModelComparison};
 use calibration::quality::significant;
 use calibration::validation::advice::Advice;
 use calibration::validation::cross_validation::CrossValidation;
@@ -11,17 +11,6 @@ use serde::Serialize;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
 use crate::printer::Printer;
-
-pub(super) fn parse_cv(text: &str) -> Result<HeldOut, String> {
-    match (text, text.parse()) {
-        ("auto", _) => Ok(HeldOut::Auto),
-        ("file", _) => Ok(HeldOut::File),
-        ("column", _) => Ok(HeldOut::Column),
-        ("plateau", _) => Ok(HeldOut::Plateaus),
-        (_, Ok(folds @ 2..)) => Ok(HeldOut::Folds(folds)),
-        _ => Err("expected `file`, `column`, `plateau` or a number of folds from 2 up".to_owned()),
-    }
-}
 
 pub(super) fn print_cross_validation(
     printer: &mut Printer,
@@ -86,13 +75,6 @@ impl From<FoundGroups> for FoundReport {
         let FoundGroups { kind, groups, rows_min, rows_median, rows_max } = groups;
         Self { found: kind.name(), groups, rows_min, rows_median, rows_max }
     }
-}
-
-/// Says what the groups are where nobody has named them.
-pub(super) fn note_found(printer: &mut Printer, groups: FoundGroups) {
-    printer.note(format!(
-        "the logs name no groups: found {groups}, and took those (`--group` names a column)",
-    ));
 }
 
 /// What `--json` prints of a comparison of physics and a polynomial.

@@ -1,7 +1,6 @@
 //! `shellcal fit`: from training logs to a calibration.
 
 mod dynamics;
-mod html;
 mod hung_loads;
 mod partial;
 mod physics;
@@ -9,9 +8,10 @@ mod plan;
 mod report;
 mod verdict;
 
+use shellcal::workflow::remark::about_table;
 use std::time::Instant;
 
-use calibration::fit::{Fit, FitMethod, HeldOut, Warning};
+use calibration::fit::{Fit, FitMethod, HeldOut};
 use clap::ValueEnum;
 use output_file::Outputs;
 use shell_data::wrench::Axes;
@@ -24,7 +24,6 @@ use super::covariance::CovarianceArg;
 use super::figure_size::FigureSize;
 use super::mapping::MappingArgs;
 use super::rms_limits::RmsLimits;
-use super::validation::parse_cv;
 use crate::files::{InputPath, OutputOrStdout, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
@@ -131,7 +130,7 @@ pub(crate) struct FitArgs {
         num_args = 0..=1,
         require_equals = true,
         default_missing_value = "auto",
-        value_parser = parse_cv,
+        value_parser = clap::value_parser!(HeldOut),
         help_heading = "Validation"
     )]
     cv: Option<HeldOut>,
@@ -314,9 +313,7 @@ impl FitArgs {
                 hung.into_iter().for_each(|hung| hung_loads::tell(hung, printer));
             }
         }
-        // It is about the table.
-        let is_late = |warning: &&Warning| matches!(warning, Warning::OutOfRange { .. });
-        fitted.warnings.iter().filter(is_late).for_each(|late| printer.note(late.to_string()));
+        printer.remarks(about_table(&fitted));
         Ok(self.outcome(&fitted, printer))
     }
 

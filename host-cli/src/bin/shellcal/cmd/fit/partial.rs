@@ -7,11 +7,11 @@ use calibration::validation::grouped::GroupKind;
 use calibration_file::Sums;
 use output_file::Outputs;
 use shellcal::workflow::partial::{self, KeptGroups, PartialOptions};
+use shellcal::workflow::remark::absent_axes;
 
 use super::super::mapping::open_logs;
 use super::super::origin;
 use super::super::partial_output::Destination;
-use super::plan::note_axes;
 use super::{FitArgs, GroupsArg};
 use crate::files::OutputOrStdout;
 use crate::printer::Printer;
@@ -51,11 +51,11 @@ impl FitArgs {
             read: self.mapping.read_options(),
         };
         let mut partial = partial::sum(&mut train, &options)?;
-        partial.made_by = origin::program();
+        partial.made_by = shellcal::PROGRAM.to_owned();
         partial.date = origin::date()?;
         partial.columns = self.mapping.specified(&train)?;
         partial.sensor_serial = self.serial.clone();
-        note_axes(partial.axes, printer);
+        printer.remarks(absent_axes(partial.axes));
         destination.write(&partial, printer)?;
         let (rows, model) = (partial.sums.rows(), partial.model);
         if printer.json() {

@@ -7,26 +7,28 @@ use std::sync::OnceLock;
 use anyhow::Context;
 use calibration::dynamics::{DynamicsRule, LagRule, MemoryRule};
 use calibration::fit::{
-    CovarianceRule, Fit, FitOptions, HeldOut, ModelRule, OutlierRule, Outliers, Warning, Workers,
+    CovarianceRule, Fit, FitOptions, HeldOut, ModelRule, OutlierRule, Outliers, Workers,
 };
 use calibration::solver::SolverKind;
 use calibration_file::{CalibrationFile, matrix};
-use figures::{FitPlot, Format, fit_figure};
+use figures::{Format, fit_figure};
 use indicatif::ProgressBar;
 use load_table::HungLoads;
 use log_file::{Log, ReadOptions};
 use output_file::{AtomicFile, Outputs};
+use report::OutlierTable;
 use shell_data::wrench::Axes;
-use shellcal::workflow::fit::{FileFacts, FitData, add_to_plot, calibration_file, sources};
+use shellcal::workflow::fit::{FileFacts, FitData, calibration_file, sources};
+use shellcal::workflow::fit_report::{ReportFacts, html, plots};
 use shellcal::workflow::hung_loads::HungReference;
+use shellcal::workflow::outliers::NamedOutliers;
+use shellcal::workflow::remark::about_fit;
 use shellcal::workflow::{WorkflowError, agree_on_axes};
 
 use super::super::covariance::CovarianceArg;
 use super::super::mapping::open_logs;
 use super::super::origin;
-use super::super::outliers::NamedOutliers;
 use super::super::plan::read_table;
-use super::super::validation::note_found;
 use super::{FitArgs, LagArg, MemoryArg, OutliersArg};
 use crate::files::OutputPath;
 use crate::printer::Printer;
@@ -36,7 +38,6 @@ pub(super) struct FitPlan<'a> {
     pub(super) args: &'a FitArgs,
     train: Vec<Log>,
     test: Vec<Log>,
-    axes: Axes,
     loads: Option<HungLoads>,
     options: FitOptions<'a>,
     opened: RefCell<Opened>,
@@ -69,13 +70,12 @@ impl<'a> FitPlan<'a> {
         let wrenches = ("--test-wrench-from", args.test_wrench_from.as_slice());
         let mut test = open_logs(&args.test, wrenches, &mapping)?;
         let loads = args.loads.as_ref().map(read_table).transpose()?;
-        let axes = match loads {
-            None => agree_on_axes(&train, &mut test)?,
-            Some(_) => {
-                test.iter_mut().try_for_each(|log| log.keep_axes(Axes::ALL))?;
-                Axes::ALL
+        match loads {
+            None => {
+                agree_on_axes(&train, &mut test)?;
             }
-        };
+            Some(_) => test.iter_mut().try_for_each(|log| log.keep_axes(Axes::ALL))?,
+        }
         let open =
             |path: &Option<OutputPath>| path.as_ref().map(|path| outputs.create(path)).transpose();
         let format = args.plot.as_ref().map(Format::from_path).transpose()?;
@@ -87,7 +87,7 @@ impl<'a> FitPlan<'a> {
             report: open(&args.report)?,
         };
         let options = args.options(train.iter().all(Log::has_time));
-        Ok(Self { args, train, test, axes, loads, options, opened: opened.into() })
+        Ok(Self { args, train, test, loads, options, opened: opened.into() })
     }
 
     /// Reads the logs and fits.
@@ -162,48 +162,13 @@ impl<'a> FitPlan<'a> {
     /// Says what is to be known of a fit beside its figures.
     pub(super) fn tell(&self, fitted: &Fit, named: &NamedRows, printer: &mut Printer) {
         if let (Some(dropped), Some(path)) = (&named.dropped, &self.args.dropped) {
-            dropped.warn(printer);
+            printer.remarks(dropped.remarks());
             let (rows, path) = (dropped.count(), path.display());
             printer.note(format!("left out {rows} rows, listed in `{path}`"));
         }
-        note_axes(self.axes, printer);
-        if let Some(groups) = fitted.found_groups {
-            note_found(printer, groups);
-        }
-        if let Some(means) = fitted.means {
-            let without = match means.skipped_rows {
-                0 => String::new(),
-                skipped => format!(", {skipped} skipped"),
-            };
-            let (groups, rows) = (means.groups, means.rows);
-            printer.note(format!("a row is the mean of a group: {groups} of {rows} rows{without}"));
-        }
-        match &fitted.dynamics {
-            Some(Ok(found)) => printer.note(found.to_string()),
-            Some(Err(reason)) => {
-                printer.note(format!("lag and memory were not searched for: {reason}"));
-            }
-            None => {}
-        }
-        match &fitted.comparison {
-            Some(Ok(comparison)) => printer.note(comparison.to_string()),
-            Some(Err(reason)) => {
-                printer.note(format!("the physics model was not compared: {reason}"));
-            }
-            None => {}
-        }
-        let is_early = |warning: &&Warning| !matches!(warning, Warning::OutOfRange { .. });
-        for warning in fitted.warnings.iter().filter(is_early) {
-            match warning.is_note() {
-                true => printer.note(warning.to_string()),
-                false => printer.warning(warning.to_string()),
-            }
-        }
-        if let Some(Err(reason)) = &fitted.outliers {
-            printer.note(format!("some rows stand out, and were not looked at: {reason}"));
-        }
+        printer.remarks(about_fit(fitted));
         if let Some(used) = &named.used {
-            used.warn(printer);
+            printer.remarks(used.remarks());
             if used.count() > 0 {
                 printer.note(
                     "`--outliers drop --dropped FILE.csv` fits without them, `--outliers keep` does \
@@ -216,7 +181,7 @@ impl<'a> FitPlan<'a> {
     /// The calibration file.
     pub(super) fn file(&self, data: &FitData, fitted: &Fit) -> anyhow::Result<CalibrationFile> {
         let facts = FileFacts {
-            made_by: origin::program(),
+            made_by: shellcal::PROGRAM.to_owned(),
             date: origin::date()?,
             sensor_serial: self.args.serial.clone(),
             sources: sources((&self.train, &self.test), data, fitted)?,
@@ -225,14 +190,32 @@ impl<'a> FitPlan<'a> {
         Ok(calibration_file(fitted, facts))
     }
 
-    /// Predictions and measurements of the rows that were used, for a figure.
-    pub(super) fn plots(&self, fitted: &Fit) -> (FitPlot, Option<FitPlot>) {
-        let plot = |data| {
-            let mut plot = FitPlot::new();
-            add_to_plot(&mut plot, &fitted.calibration, data);
-            plot
-        };
-        (plot(&fitted.used), (!self.test.is_empty()).then(|| plot(&fitted.tested)))
+    /// The report.
+    pub(super) fn html(
+        &self,
+        file: &CalibrationFile,
+        fitted: &Fit,
+        named: &NamedRows,
+    ) -> anyhow::Result<String> {
+        let output = self.args.output.as_ref();
+        let name = output.map_or("not written", |path| path.to_str().unwrap_or("?"));
+        let outliers = self.outlier_rows(named);
+        let facts = ReportFacts { name, command: &origin::command_line(), outliers };
+        Ok(html(fitted, file, facts)?)
+    }
+
+    /// What a report says of outliers: those that were left out, or were named.
+    fn outlier_rows(&self, named: &NamedRows) -> Option<OutlierTable> {
+        let NamedRows { used, dropped } = named;
+        let dropped = dropped.as_ref().map(|dropped| dropped.rows(true));
+        match self.args.outliers.unwrap_or(OutliersArg::Report) {
+            OutliersArg::Keep => None,
+            OutliersArg::Drop => dropped,
+            OutliersArg::Report => dropped
+                .filter(|dropped| dropped.count > 0)
+                .or_else(|| used.as_ref().map(|used| used.rows(false)))
+                .or_else(|| Some(OutlierTable::default())),
+        }
     }
 
     /// Writes all files.
@@ -257,7 +240,7 @@ impl<'a> FitPlan<'a> {
             output.commit()?;
         }
         if let Some((mut output, format)) = opened.plot {
-            let (train, test) = self.plots(fitted);
+            let (train, test) = plots(fitted);
             let title = format!("Calibration {}", file.calibration.name());
             let (size, axes) = (self.args.figure_size.size(), file.calibration.axes);
             let figure = fit_figure(size, &title, axes, &train, test.as_ref());
@@ -328,11 +311,11 @@ impl FitArgs {
         asked.into_iter().find_map(|(given, option)| given.then_some(option))
     }
 
-    /// What is done about lag and memory: without a word of either, both are chosen where the model is.
+    /// What is done about lag and memory.
     fn dynamics(&self, has_time: bool) -> DynamicsRule<'_> {
-        let default = match self.model() {
-            ModelRule::Auto if !self.means => DynamicsRule::AUTO,
-            _ => DynamicsRule::NOTHING,
+        let default = match self.means {
+            true => DynamicsRule::NOTHING,
+            false => self.model().usual_dynamics(),
         };
         DynamicsRule {
             lag: match self.lag {
@@ -391,13 +374,5 @@ impl FitArgs {
     /// Whether what is found is kept, and not only printed.
     fn keeps(&self) -> bool {
         self.output.is_some() || self.report.is_some()
-    }
-}
-
-/// Says which axes a calibration will not have.
-pub(super) fn note_axes(axes: Axes, printer: &mut Printer) {
-    if !axes.are_all() {
-        let absent = Axes::ALL.without(axes);
-        printer.note(format!("the logs have no {absent}: the calibration is of {axes}"));
     }
 }

@@ -11,8 +11,8 @@ use calibration_file::stored::{
 use calibration_file::{CalibrationFile, Diagnostics};
 use serde::Serialize;
 use shell_data::wrench::{Axes, PerAxis};
+use shellcal::workflow::outliers::{NamedOutliers, OutlierReport};
 
-use super::super::outliers::{NamedOutliers, OutlierReport};
 use super::super::quality::table_row;
 use super::super::validation::{
     ComparisonReport, FoundReport, print_advice, print_cross_validation, print_excitation,

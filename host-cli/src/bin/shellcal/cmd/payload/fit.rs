@@ -58,7 +58,7 @@ impl PayloadFitArgs {
         let file = PayloadFile {
             fit: found.fit,
             accelerometer: found.accelerometer,
-            made_by: origin::program(),
+            made_by: shellcal::PROGRAM.to_owned(),
             date: origin::date()?,
             sources: paths.zip(found.rows.iter().copied()).collect(),
         };

@@ -90,7 +90,7 @@ impl ReportArgs {
         let document = Report {
             heading: Heading {
                 title: &title,
-                made_by: &origin::program(),
+                made_by: shellcal::PROGRAM,
                 date: &origin::date()?,
                 command: &origin::command_line(),
             },

@@ -1,19 +1,19 @@
-//! How suspicious rows are named, by `fit` and `info` alike.
+//! Suspicious rows by file and line.
 
+use std::io::Write;
+
+use super::remark::Remark;
 use calibration::fit::{Outlier, OutlierColumn, Outliers, Reason, RowName};
 use log_file::{Column, Log, LogError, Meaning, MomentUnit, Wanted};
-use output_file::AtomicFile;
 use serde::Serialize;
 use shell_data::wrench::{Axes, Axis};
-
-use crate::printer::Printer;
 
 /// As many rows as a report lists: more would hide what else is said.
 const LISTED: usize = 100;
 
 /// What `--json` prints of a row.
 #[derive(Debug, Serialize)]
-pub(super) struct OutlierReport {
+pub struct OutlierReport {
     file: String,
     line: u64,
     reason: &'static str,
@@ -37,7 +37,8 @@ struct ColumnReport {
 }
 
 /// Outliers with the lines of their files.
-pub(super) struct NamedOutliers {
+#[derive(Debug)]
+pub struct NamedOutliers {
     found: Outliers,
     names: Vec<RowName>,
     axes: Axes,
@@ -45,7 +46,10 @@ pub(super) struct NamedOutliers {
 
 impl NamedOutliers {
     /// Names the rows that were found in `logs`, which were read as `wanted`.
-    pub(super) fn new(found: Outliers, logs: &[Log], wanted: &Wanted) -> Result<Self, LogError> {
+    ///
+    /// # Errors
+    /// [`LogError`] if a log can no longer be read.
+    pub fn new(found: Outliers, logs: &[Log], wanted: &Wanted) -> Result<Self, LogError> {
         let name = |row: &Outlier| {
             let log = &logs[row.log];
             Ok(RowName {
@@ -60,26 +64,23 @@ impl NamedOutliers {
     }
 
     /// Names the first of them, and says what they are worth.
-    pub(super) fn warn(&self, printer: &mut Printer) {
-        self.found
-            .warnings(self.axes, &self.names)
-            .into_iter()
-            .for_each(|said| printer.warning(said));
+    pub fn remarks(&self) -> Vec<Remark> {
+        self.found.warnings(self.axes, &self.names).into_iter().map(Remark::Warning).collect()
     }
 
     /// How many there are.
-    pub(super) fn count(&self) -> usize {
+    pub fn count(&self) -> usize {
         self.found.rows.len()
     }
 
     /// All rows, for `--json`.
-    pub(super) fn report(&self) -> Vec<OutlierReport> {
+    pub fn report(&self) -> Vec<OutlierReport> {
         let report = |(row, name): (&Outlier, &RowName)| OutlierReport::new(row, name);
         self.found.rows.iter().zip(&self.names).map(report).collect()
     }
 
     /// The rows for a report.
-    pub(super) fn rows(&self, left_out: bool) -> report::OutlierTable {
+    pub fn rows(&self, left_out: bool) -> report::OutlierTable {
         let row = |(row, name): (&Outlier, &RowName)| report::OutlierRow {
             file: name.file.clone(),
             line: name.line,
@@ -90,7 +91,10 @@ impl NamedOutliers {
     }
 
     /// Lists the rows with why they were left out.
-    pub(super) fn write(&self, output: &mut AtomicFile) -> anyhow::Result<()> {
+    ///
+    /// # Errors
+    /// [`csv::Error`] if `output` does not take them.
+    pub fn write(&self, output: &mut dyn Write) -> csv::Result<()> {
         let mut table = csv::Writer::from_writer(output);
         let header = [
             "file",

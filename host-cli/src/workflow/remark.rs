@@ -1,0 +1,114 @@
+//! What is to be known of a result beside its figures, worded once for all who show it.
+
+use std::path::Path;
+
+use super::selection::RowFilter;
+use calibration::fit::{Fit, FoundGroups, Warning};
+use forces::stationary::ZeroMove;
+use shell_data::wrench::Axes;
+
+/// What a user should know.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(tag = "kind", content = "text", rename_all = "snake_case")]
+pub enum Remark {
+    /// How something was done.
+    Note(String),
+    /// What may be wrong.
+    Warning(String),
+}
+
+impl From<&Warning> for Remark {
+    fn from(warning: &Warning) -> Self {
+        match warning.is_note() {
+            true => Self::Note(warning.to_string()),
+            false => Self::Warning(warning.to_string()),
+        }
+    }
+}
+
+/// Which axes a calibration will not have, if any.
+pub fn absent_axes(axes: Axes) -> Option<Remark> {
+    let absent = Axes::ALL.without(axes);
+    let text = || format!("the logs have no {absent}: the calibration is of {axes}");
+    (!axes.are_all()).then(|| Remark::Note(text()))
+}
+
+/// What the groups are where nobody has named them.
+pub fn found_groups(groups: FoundGroups) -> Remark {
+    Remark::Note(format!(
+        "the logs name no groups: found {groups}, and took those (`--group` names a column)",
+    ))
+}
+
+/// How many rows of a log were used, of so many, of which so many repeat the one before and so many were bad.
+pub fn used_rows(log: &Path, used: RowFilter, [rows, repeated, skipped]: [u64; 3]) -> Remark {
+    let log = log.display();
+    let mut text = match used {
+        RowFilter::Fresh => format!(
+            "{log}: {} of {rows} rows used, {repeated} repeat the frame before",
+            rows - repeated
+        ),
+        RowFilter::All => {
+            format!("{log}: {rows} rows used, {repeated} duplicates of the previous frame")
+        }
+    };
+    if skipped > 0 {
+        text += &format!(", {skipped} bad rows left out");
+    }
+    Remark::Note(text)
+}
+
+/// A zero at the end of a log that is not that at its start.
+pub fn moved_zero(log: &Path, zero: &ZeroMove) -> Option<Remark> {
+    let text = zero.in_words()?;
+    Some(Remark::Warning(format!("`{}`: {text}", log.display())))
+}
+
+/// How a fit was made and what is wrong with it, but for what is about its table of errors:
+/// [`about_table`].
+pub fn about_fit(fit: &Fit) -> Vec<Remark> {
+    let mut remarks: Vec<Remark> = absent_axes(fit.calibration.axes).into_iter().collect();
+    remarks.extend(fit.found_groups.map(found_groups));
+    if let Some(means) = fit.means {
+        let without = match means.skipped_rows {
+            0 => String::new(),
+            skipped => format!(", {skipped} skipped"),
+        };
+        let (groups, rows) = (means.groups, means.rows);
+        remarks.push(Remark::Note(format!(
+            "a row is the mean of a group: {groups} of {rows} rows{without}"
+        )));
+    }
+    match &fit.dynamics {
+        Some(Ok(found)) => remarks.push(Remark::Note(found.to_string())),
+        Some(Err(reason)) => {
+            let text = format!("lag and memory were not searched for: {reason}");
+            remarks.push(Remark::Note(text));
+        }
+        None => {}
+    }
+    match &fit.comparison {
+        Some(Ok(comparison)) => remarks.push(Remark::Note(comparison.to_string())),
+        Some(Err(reason)) => {
+            let text = format!("the physics model was not compared: {reason}");
+            remarks.push(Remark::Note(text));
+        }
+        None => {}
+    }
+    let early = fit.warnings.iter().filter(|warning| !is_about_table(warning));
+    remarks.extend(early.map(Remark::from));
+    if let Some(Err(reason)) = &fit.outliers {
+        let text = format!("some rows stand out, and were not looked at: {reason}");
+        remarks.push(Remark::Note(text));
+    }
+    remarks
+}
+
+/// What is to be known of the table of errors of a fit.
+pub fn about_table(fit: &Fit) -> impl Iterator<Item = Remark> {
+    fit.warnings.iter().filter(|warning| is_about_table(warning)).map(Remark::from)
+}
+
+fn is_about_table(warning: &Warning) -> bool {
+    matches!(warning, Warning::OutOfRange { .. })
+}
