@@ -8,7 +8,7 @@
 #![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
 
 use std::io::{BufRead, BufReader, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -112,6 +112,28 @@ impl Browser {
             let event = json!({ "type": kind, "x": place[0], "y": place[1], "button": "left", "clickCount": 1 });
             self.call("Input.dispatchMouseEvent", event);
         }
+    }
+
+    /// Chooses files in the input that an expression gives.
+    pub fn choose(&mut self, input: &str, files: &[PathBuf]) {
+        let found = self.call("Runtime.evaluate", json!({ "expression": input }));
+        let object = &found["result"]["objectId"];
+        self.call("DOM.setFileInputFiles", json!({ "files": files, "objectId": object }));
+    }
+
+    /// Saves what the page offers as `name` by clicking the element that an expression gives; its bytes.
+    pub fn save(&mut self, element: &str, name: &str) -> Vec<u8> {
+        let folder = tempfile::tempdir().unwrap();
+        let allow = json!({ "behavior": "allow", "downloadPath": folder.path() });
+        self.call("Browser.setDownloadBehavior", allow);
+        self.click(element);
+        // Under another name until it is whole.
+        let (file, deadline) = (folder.path().join(name), Instant::now() + PATIENCE);
+        while !file.exists() {
+            assert!(Instant::now() < deadline, "`{name}` is not saved");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        std::fs::read(file).unwrap()
     }
 
     /// Presses a key and lets it go: "Tab", "Enter", " ".

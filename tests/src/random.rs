@@ -40,3 +40,47 @@ impl Random {
         self.below(100) < percent
     }
 }
+
+/// Does to the bytes of a file what chance may: cuts, flips, doubles, or puts another value in a field.
+pub fn damage(bytes: &mut Vec<u8>, random: &mut Random) {
+    const TEXTS: [&[u8]; 14] = [
+        b"1e300",
+        b"-1e300",
+        b"NaN",
+        b"inf",
+        b"",
+        b"\"",
+        b"1e63",
+        b"0",
+        b"-",
+        b"999999999999",
+        b"\x1b[2J",
+        b"\0",
+        b"\n\n\n",
+        b"\xff\xfe",
+    ];
+    if bytes.is_empty() {
+        return bytes.extend(TEXTS[random.below(14) as usize]);
+    }
+    let at = random.below(bytes.len() as u64) as usize;
+    match random.below(8) {
+        0 => bytes.truncate(at),
+        1 => bytes[at] ^= 1 << random.below(8),
+        2 => drop(bytes.drain(at..(at + 1 + random.below(200) as usize).min(bytes.len()))),
+        3 => {
+            let piece = bytes[at..(at + 300).min(bytes.len())].to_vec();
+            let to = random.below(bytes.len() as u64) as usize;
+            drop(bytes.splice(to..to, piece));
+        }
+        // A whole field, so that what is around it stays right.
+        4 | 5 => {
+            let is_end = |byte: &u8| matches!(byte, b',' | b'\n' | b'|' | b':' | b'[');
+            let start = bytes[..at].iter().rposition(is_end).map_or(0, |end| end + 1);
+            let end = bytes[at..].iter().position(is_end).map_or(bytes.len(), |end| at + end);
+            let text = TEXTS[random.below(14) as usize];
+            drop(bytes.splice(start..end.max(start), text.iter().copied()));
+        }
+        6 => bytes.extend_from_within(..at),
+        _ => bytes.iter_mut().filter(|byte| **byte == b'\n').for_each(|byte| *byte = b'\r'),
+    }
+}

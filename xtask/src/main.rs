@@ -1,5 +1,6 @@
 //! `cargo xtask …`: the tasks of this workspace that take more than one word of cargo.
 
+mod base64;
 mod book;
 mod check;
 mod compiler;
@@ -18,6 +19,7 @@ mod stack;
 mod steps;
 mod test;
 mod toolchain;
+mod web;
 
 use std::process::ExitCode;
 
@@ -43,6 +45,8 @@ enum Task {
     Licences,
     /// Make the pictures of README anew
     Pictures,
+    /// Build the page that fits and converts in a browser, and print its size; exit code 1 above the limit
+    Web,
     /// Lint and build the boards' images and print what they take; exit code 1 if they do not fit
     Firmware(firmware::Args),
     /// Build a board's image and flash it, with probe-rs
@@ -58,6 +62,7 @@ fn main() -> ExitCode {
         Task::Setup(args) => setup::run(args),
         Task::Licences => dependencies::write_notices(),
         Task::Pictures => pictures::make(),
+        Task::Web => web::make(),
         Task::Firmware(args) => firmware::run(args),
         Task::Flash(args) => flash::run(&args),
         Task::Emulate(args) => emulate::run(&args),

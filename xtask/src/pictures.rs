@@ -12,6 +12,7 @@ use anyhow::{Context, Result, ensure};
 use system_tests::browser::Browser;
 use system_tests::chromium;
 
+use crate::base64::decode_base64;
 use crate::steps::{PROFILE, cargo, run, scratch, target, workspace};
 
 const FIGURE: &str = "fit.svg";
@@ -91,35 +92,5 @@ impl Drop for PageServer {
     fn drop(&mut self) {
         _ = self.0.kill();
         _ = self.0.wait();
-    }
-}
-
-/// The bytes of a base64 text (RFC 4648, section 4), which ends at its first `=`.
-fn decode_base64(text: &str) -> Vec<u8> {
-    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let (mut bytes, mut bits, mut held) = (Vec::with_capacity(text.len() * 3 / 4), 0_u32, 0);
-    for digit in text.bytes().map_while(|byte| (0..64).find(|&at| DIGITS[at as usize] == byte)) {
-        bits = bits << 6 | digit;
-        held += 6;
-        if held >= 8 {
-            held -= 8;
-            bytes.push((bits >> held & 0xff) as u8);
-        }
-    }
-    bytes
-}
-
-#[cfg(test)]
-mod tests {
-    use super::decode_base64;
-
-    #[test]
-    fn base64_is_decoded_as_the_rfc_says() {
-        // RFC 4648, section 10.
-        let known =
-            [("", ""), ("Zg==", "f"), ("Zm8=", "fo"), ("Zm9v", "foo"), ("Zm9vYmFy", "foobar")];
-        for (text, bytes) in known {
-            assert_eq!(decode_base64(text), bytes.as_bytes());
-        }
     }
 }

@@ -8,7 +8,7 @@ use system_tests::chromium;
 
 use crate::need::{Need, Way};
 use crate::steps::{self, installed, scratch};
-use crate::{check, python, toolchain};
+use crate::{check, python, toolchain, web};
 
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
 pub(crate) struct Args {
@@ -31,7 +31,7 @@ pub(crate) const SHELLS: Need = Need {
 };
 
 pub(crate) fn run(args: Args) -> Result<()> {
-    let tests = [toolchain::NEED, python::NEED, BROWSER, SHELLS];
+    let tests = [toolchain::NEED, python::NEED, BROWSER, SHELLS, web::NEED];
     let needs = [&tests[..], &check::NEEDS].concat();
     let is_missing = |need: &Need| match args.no_install {
         true => !(need.is_met)(),

@@ -17,7 +17,7 @@ use crate::image::Board;
 use crate::jobs::{self, EndedJob, Job};
 use crate::need::Need;
 use crate::steps::{self, PROFILE, REAL_DATA, cargo, real_data, target};
-use crate::{model, python, setup, toolchain};
+use crate::{model, python, setup, toolchain, web};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
@@ -54,6 +54,9 @@ impl Part {
 
 /// Names the file of axe-core to the tests.
 const AXE: &str = "SHELLCAL_AXE";
+
+/// Names the page that fits and converts to the tests.
+const PAGE: &str = "SHELLCAL_WEB_PAGE";
 
 /// Names where tests leave the screens that they see, in base64.
 pub(crate) const SCREENS: &str = "SHELLCAL_SCREENSHOTS";
@@ -138,6 +141,10 @@ impl TestEquipment {
             let screens = screens();
             std::fs::create_dir_all(&screens)?;
             self.variables.push((SCREENS, screens.into()));
+            match web::NEED.meet() {
+                Ok(()) => self.give("needs Chromium and the page", PAGE, web::build()?),
+                Err(reason) => eprintln!("{reason:#}: the page that fits is not tested"),
+            }
             match setup::axe() {
                 Ok(file) => self.variables.push((AXE, file.into())),
                 Err(reason) => eprintln!("{reason:#}: pages are not held against axe-core"),
@@ -149,6 +156,9 @@ impl TestEquipment {
             self.met.push("needs the reference values beside the recordings");
         }
         self.give("needs the recordings", REAL_DATA, recordings);
+        if self.met.contains(&"needs Chromium and the page") {
+            self.met.push("needs Chromium, the page and the recordings");
+        }
         Ok(())
     }
 }

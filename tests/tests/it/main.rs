@@ -27,3 +27,4 @@ mod simulated_board;
 mod stream;
 #[cfg(unix)]
 mod two_boards;
+mod web_page;

@@ -1,0 +1,67 @@
+//! How a page calls the module: it fills buffers, the last of which is the request, asks for the answer, and reads
+//! outputs, the first of which is JSON.
+//!
+//! A panic ends the instance and leaves what it said as the only output. Where memory is exhausted there is none.
+#![expect(unsafe_code, reason = "names that a page calls, and a function that it gives")]
+
+use std::cell::RefCell;
+use std::sync::Arc;
+
+use serde_json::json;
+
+use crate::{Answer, Progress};
+
+#[link(wasm_import_module = "page")]
+unsafe extern "C" {
+    /// So many bytes of logs have been read.
+    safe fn progress(bytes: f64);
+    /// So many of these folds of the physics model are done.
+    safe fn folds(done: usize, of: usize);
+}
+
+thread_local! {
+    static BUFFERS: RefCell<Vec<Arc<[u8]>>> = const { RefCell::new(Vec::new()) };
+    static OUTPUTS: RefCell<Vec<Vec<u8>>> = const { RefCell::new(Vec::new()) };
+}
+
+/// The start of a new buffer, to be filled before anything else is called.
+#[unsafe(no_mangle)]
+extern "C" fn buffer(length: usize) -> *mut u8 {
+    let mut bytes: Arc<[u8]> = std::iter::repeat_n(0, length).collect();
+    let start = Arc::get_mut(&mut bytes).map_or(std::ptr::null_mut(), <[u8]>::as_mut_ptr);
+    BUFFERS.with_borrow_mut(|buffers| buffers.push(bytes));
+    start
+}
+
+/// Answers the request; returns the number of outputs.
+#[unsafe(no_mangle)]
+extern "C" fn answer() -> usize {
+    std::panic::set_hook(Box::new(|panic| OUTPUTS.set(vec![panic.to_string().into_bytes()])));
+    let mut files = BUFFERS.take();
+    let request = files.pop().unwrap_or_default();
+    let progress =
+        Progress { bytes: &|bytes| progress(bytes as f64), folds: &|done, of| folds(done, of) };
+    let Answer { document, files } = crate::answer(&request, &files, progress);
+    let (names, contents): (Vec<String>, Vec<Vec<u8>>) = files.into_iter().unzip();
+    let document = json!({ "answer": document, "files": names }).to_string().into_bytes();
+    OUTPUTS.set([vec![document], contents].concat());
+    OUTPUTS.with_borrow(Vec::len)
+}
+
+/// The number of outputs.
+#[unsafe(no_mangle)]
+extern "C" fn outputs() -> usize {
+    OUTPUTS.with_borrow(Vec::len)
+}
+
+/// Where an output starts.
+#[unsafe(no_mangle)]
+extern "C" fn output(number: usize) -> *const u8 {
+    OUTPUTS.with_borrow(|all| all.get(number).map_or(std::ptr::null(), |bytes| bytes.as_ptr()))
+}
+
+/// How long it is.
+#[unsafe(no_mangle)]
+extern "C" fn output_length(number: usize) -> usize {
+    OUTPUTS.with_borrow(|all| all.get(number).map_or(0, Vec::len))
+}

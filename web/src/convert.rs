@@ -1,0 +1,67 @@
+//! From a log of readings to a table of forces.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use calibration_file::CalibrationFile;
+use figures::{Size, WrenchTrace, trace_figure};
+use log_file::ReadOptions;
+use serde::Deserialize;
+use serde_json::json;
+use shellcal::workflow::convert::{Conversion, ConvertOptions, OutputPlan, convert};
+use shellcal::workflow::remark::Remark;
+
+use crate::Answer;
+use crate::failure::Failure;
+use crate::request::{ColumnsGiven, FileRef};
+
+#[derive(Deserialize)]
+pub(crate) struct Convert {
+    calibration: FileRef,
+    log: FileRef,
+    #[serde(default)]
+    columns: ColumnsGiven,
+}
+
+impl Convert {
+    pub(crate) fn run(
+        &self,
+        files: &[Arc<[u8]>],
+        progress: &(dyn Fn(u64) + Sync),
+    ) -> Result<Answer, Failure> {
+        let text = self.calibration.bytes(files)?;
+        let name = format!("`{}`", self.calibration.name);
+        let file = CalibrationFile::parse(&text)
+            .map_err(|problem| Failure::new(&problem, None).about(&name))?;
+        let CalibrationFile { calibration, origin } = file;
+        let log = self.log.log(files, &self.columns.mapping(origin.columns))??;
+        let options = ConvertOptions::new(&log, &calibration);
+        let read = ReadOptions { threads: 1, progress: Some(progress), ..ReadOptions::default() };
+        let conversion =
+            Conversion { log: &log, calibration: &calibration, options: &options, read };
+        let (mut table, mut trace) = (Vec::new(), WrenchTrace::new());
+        let has_time = log.has_time();
+        let traced = has_time.then_some(&mut trace);
+        let summary = convert(&conversion, &OutputPlan::default(), &mut table, traced)?;
+        let path = Path::new(&self.log.name);
+        let mut remarks = summary.remarks(path);
+        let doubt = summary.tare_doubt(path, origin.diagnostics.as_ref());
+        remarks.extend(doubt.map(Remark::Warning));
+        let figure = has_time.then(|| trace_figure(Size::Screen, &self.log.name, &trace));
+        Ok(Answer {
+            document: json!({
+                "frames": summary.frames,
+                "remarks": remarks,
+                "figure": figure.as_ref().map(figures::Figure::svg),
+            }),
+            files: vec![(table_name(&self.log.name), table)],
+        })
+    }
+}
+
+/// `run3.txt.gz` becomes `run3.wrench.csv`.
+fn table_name(log: &str) -> String {
+    let name = log.strip_suffix(".gz").unwrap_or(log);
+    let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
+    format!("{stem}.wrench.csv")
+}

@@ -1,0 +1,69 @@
+//! What a file is, what its columns are, and what is wrong with it.
+
+use std::sync::Arc;
+
+use calibration_file::CalibrationFile;
+use doctor::examine_log;
+use log_file::{Column, Log, ReadOptions};
+use serde::Deserialize;
+use serde_json::{Value, json};
+
+use crate::Answer;
+use crate::failure::Failure;
+use crate::request::{ColumnsGiven, FileRef};
+
+#[derive(Deserialize)]
+pub(crate) struct Examine {
+    log: FileRef,
+    #[serde(default)]
+    columns: ColumnsGiven,
+}
+
+impl Examine {
+    pub(crate) fn run(
+        &self,
+        files: &[Arc<[u8]>],
+        progress: &(dyn Fn(u64) + Sync),
+    ) -> Result<Answer, Failure> {
+        let bytes = self.log.bytes(files)?;
+        let text = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(&bytes);
+        let document = match text.trim_ascii_start().starts_with(b"{") {
+            true => calibration(text)?,
+            false => {
+                let log = self.log.log(files, &self.columns.mapping(None))?;
+                let (kind, columns) = log.as_ref().map(described).unwrap_or_default();
+                let fits = log.as_ref().is_ok_and(|log| log.has_wrench() && log.channels() > 0);
+                let has_readings = log.as_ref().is_ok_and(|log| log.channels() > 0);
+                let read = ReadOptions { progress: Some(progress), ..ReadOptions::default() };
+                json!({
+                    "kind": kind,
+                    "columns": columns,
+                    "has_readings": has_readings,
+                    "fits": fits,
+                    "findings": examine_log(log, &read, None),
+                })
+            }
+        };
+        Ok(Answer { document, files: Vec::new() })
+    }
+}
+
+fn described(log: &Log) -> (String, Value) {
+    let packed = log.compression().map_or_else(String::new, |name| format!(", {name}"));
+    let column =
+        |column: &Column| json!({ "name": column.name, "meaning": column.meaning.in_words() });
+    (log.kind() + &packed, log.columns().iter().map(column).collect())
+}
+
+fn calibration(text: &[u8]) -> Result<Value, Failure> {
+    let file = CalibrationFile::parse(text).map_err(|problem| Failure::new(&problem, None))?;
+    let (calibration, origin) = (&file.calibration, &file.origin);
+    let kind = format!(
+        "calibration of {} channels: {}, made by {} on {}",
+        calibration.channels(),
+        calibration.name(),
+        origin.made_by,
+        origin.date
+    );
+    Ok(json!({ "kind": kind, "is_calibration": true, "columns": [], "findings": [] }))
+}

@@ -1,0 +1,70 @@
+//! Why something could not be done, as the terminal says it.
+
+use std::error::Error;
+
+use calibration::FitError;
+use log_file::LogError;
+use serde_json::json;
+use shell_data::hint::Hint;
+use shellcal::workflow::WorkflowError;
+use shellcal::workflow::convert::ConvertError;
+
+use crate::Answer;
+
+/// An error with its causes, and the next step.
+pub(crate) struct Failure {
+    error: String,
+    hint: Option<String>,
+}
+
+impl Failure {
+    pub(crate) fn new(error: &dyn Error, hint: Option<String>) -> Self {
+        let mut text = error.to_string();
+        let mut cause = error.source();
+        while let Some(error) = cause {
+            // Transparent errors and their sources say the same.
+            let said = error.to_string();
+            if !text.ends_with(&said) {
+                text += &format!(": {said}");
+            }
+            cause = error.source();
+        }
+        Self { error: text, hint }
+    }
+
+    /// The same of some files.
+    pub(crate) fn about(self, names: &str) -> Self {
+        Self { error: format!("{names}: {}", self.error), ..self }
+    }
+}
+
+impl From<String> for Failure {
+    fn from(error: String) -> Self {
+        Self { error, hint: None }
+    }
+}
+
+impl From<serde_json::Error> for Failure {
+    fn from(error: serde_json::Error) -> Self {
+        Self::new(&error, None)
+    }
+}
+
+macro_rules! with_hint {
+    ($($error:ty),*) => {$(
+        impl From<$error> for Failure {
+            fn from(error: $error) -> Self {
+                let hint = error.hint();
+                Self::new(&error, hint)
+            }
+        }
+    )*};
+}
+
+with_hint!(ConvertError, FitError, LogError, WorkflowError);
+
+impl From<Failure> for Answer {
+    fn from(Failure { error, hint }: Failure) -> Self {
+        Self { document: json!({ "error": error, "hint": hint }), files: Vec::new() }
+    }
+}

@@ -1,0 +1,126 @@
+//! From training logs to a calibration with its report.
+
+use std::sync::Arc;
+
+use calibration::fit::{FitOptions, HeldOut, ModelRule, Workers};
+use log_file::{Log, Mapping, ReadOptions};
+use serde::Deserialize;
+use serde_json::json;
+use shellcal::PROGRAM;
+use shellcal::workflow::fit::{FileFacts, FitData, calibration_file, sources};
+use shellcal::workflow::fit_report::{ReportFacts, html};
+use shellcal::workflow::outliers::NamedOutliers;
+use shellcal::workflow::remark::{about_fit, about_table};
+use shellcal::workflow::{WorkflowError, agree_on_axes};
+
+use crate::failure::Failure;
+use crate::request::{ColumnsGiven, FileRef};
+use crate::{Answer, Progress};
+
+const CALIBRATION: &str = "calibration.json";
+const REPORT: &str = "report.html";
+
+#[derive(Deserialize)]
+pub(crate) struct FitRequest {
+    train: Vec<FileRef>,
+    #[serde(default)]
+    test: Vec<FileRef>,
+    #[serde(default)]
+    columns: ColumnsGiven,
+    model: String,
+    /// As `--cv` takes it.
+    #[serde(default)]
+    hold_out: Option<String>,
+    /// Now, in UTC, RFC 3339 to the second.
+    date: String,
+}
+
+impl FitRequest {
+    pub(crate) fn run(
+        &self,
+        files: &[Arc<[u8]>],
+        progress: Progress<'_>,
+    ) -> Result<Answer, Failure> {
+        let model = ModelRule::from_name(&self.model)
+            .ok_or_else(|| format!("there is no model `{}`", self.model))?;
+        let options = FitOptions {
+            model,
+            dynamics: model.usual_dynamics(),
+            cross_validation: self.hold_out.as_deref().map(str::parse::<HeldOut>).transpose()?,
+            workers: Workers { folds: Some(progress.folds), ..Workers::ONE },
+            ..FitOptions::default()
+        };
+        let mapping = self.columns.mapping(None);
+        let open = |logs: &[FileRef], mapping: &Mapping| {
+            let logs = logs.iter().map(|log| log.log(files, mapping));
+            logs.map(|log| Ok(log??)).collect::<Result<Vec<Log>, Failure>>()
+        };
+        let (train, mut test) = (open(&self.train, &mapping)?, open(&self.test, &mapping)?);
+        agree_on_axes(&train, &mut test)?;
+        let read = ReadOptions {
+            threads: 1,
+            checksum: true,
+            progress: Some(progress.bytes),
+            ..ReadOptions::default()
+        };
+        let data = FitData::read(&train, &test, (&options, true), &read)?;
+        let fitted = calibration::fit(&data.train, &data.test, &options).map_err(|error| {
+            let is_about_rows = error.is_about_rows();
+            let failure = Failure::from(WorkflowError::from(error));
+            if is_about_rows { failure.about(&quoted(&self.train)) } else { failure }
+        })?;
+        let specified = train.first().map(|log| log.specified(&mapping));
+        let file = calibration_file(
+            &fitted,
+            FileFacts {
+                made_by: PROGRAM.to_owned(),
+                date: self.date.clone(),
+                sensor_serial: None,
+                sources: sources((&train, &test), &data, &fitted)?,
+                columns: specified.filter(|names| !names.is_empty()),
+            },
+        );
+        let found = fitted.outliers.as_ref().and_then(|found| found.as_ref().ok());
+        let named = found.map(|found| NamedOutliers::new(found.clone(), &train, &data.wanted));
+        let named: Option<NamedOutliers> = named.transpose()?;
+        let mut remarks = about_fit(&fitted);
+        remarks.extend(named.iter().flat_map(NamedOutliers::remarks));
+        remarks.extend(about_table(&fitted));
+        let command = self.command();
+        let outliers = Some(named.as_ref().map(|named| named.rows(false)).unwrap_or_default());
+        let facts = ReportFacts { name: CALIBRATION, command: &command, outliers };
+        let report = html(&fitted, &file, facts)?;
+        let verdict = fitted.verdict();
+        Ok(Answer {
+            document: json!({
+                "verdict": verdict.lines(),
+                "usable": verdict.is_usable(),
+                "remarks": remarks,
+                "command": command,
+            }),
+            files: vec![
+                (CALIBRATION.to_owned(), file.to_json().into_bytes()),
+                (REPORT.to_owned(), report.into_bytes()),
+            ],
+        })
+    }
+
+    /// What does the same in a terminal, but for columns that were assigned.
+    fn command(&self) -> String {
+        let names = |files: &[FileRef]| -> String {
+            files.iter().map(|file| format!(" '{}'", file.name.replace('\'', r"'\''"))).collect()
+        };
+        let mut command = format!("shellcal fit{} --model {}", names(&self.train), self.model);
+        if !self.test.is_empty() {
+            command += &format!(" --test{}", names(&self.test));
+        }
+        if let Some(held_out) = &self.hold_out {
+            command += &format!(" --cv={held_out}");
+        }
+        command + &format!(" --output {CALIBRATION} --report {REPORT}")
+    }
+}
+
+fn quoted(files: &[FileRef]) -> String {
+    files.iter().map(|file| format!("`{}`", file.name)).collect::<Vec<_>>().join(", ")
+}

@@ -1,0 +1,58 @@
+//! What the page does, over the libraries of the program: a request and files in memory go in, a document and files
+//! come out.
+//!
+//! ```text
+//! page.js ─▶ worker.js ─▶ abi ─▶ answer ─▶ examine | fit | convert ─▶ Answer ─▶ worker.js ─▶ page.js
+//! ```
+//!
+//! [`answer`] is pure, and tested without a browser. Every request gets a fresh instance of the module, so that
+//! nothing is left of the one before, not even of one that was cancelled.
+
+#[cfg(target_family = "wasm")]
+mod abi;
+mod convert;
+mod examine;
+mod failure;
+mod fit;
+mod request;
+
+use std::sync::Arc;
+
+use serde_json::Value;
+
+use failure::Failure;
+use request::Request;
+
+/// What a page gets for a request.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Answer {
+    /// What to show; `error` and perhaps `hint` where it could not be done.
+    pub document: Value,
+    /// Files to save, by name.
+    pub files: Vec<(String, Vec<u8>)>,
+}
+
+/// Who is told how far the work is.
+#[derive(Clone, Copy)]
+pub struct Progress<'a> {
+    /// How many bytes of logs have been read.
+    pub bytes: &'a (dyn Fn(u64) + Sync),
+    /// How many folds of the physics model are done, and of how many.
+    pub folds: &'a (dyn Fn(usize, usize) + Sync),
+}
+
+impl std::fmt::Debug for Progress<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Progress").finish_non_exhaustive()
+    }
+}
+
+/// Does what is asked for in JSON with `files`, which the request numbers in this order.
+pub fn answer(request: &[u8], files: &[Arc<[u8]>], progress: Progress<'_>) -> Answer {
+    let work = || match serde_json::from_slice(request)? {
+        Request::Examine(examine) => examine.run(files, progress.bytes),
+        Request::Fit(fit) => fit.run(files, progress),
+        Request::Convert(convert) => convert.run(files, progress.bytes),
+    };
+    work().unwrap_or_else(|failure: Failure| failure.into())
+}

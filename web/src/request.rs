@@ -1,0 +1,79 @@
+//! What a page can ask for.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use log_file::{ColumnRef, Log, LogError, Mapping, MomentUnit};
+use serde::Deserialize;
+use shell_data::ColumnNames;
+use shell_data::wrench::PerAxis;
+
+use crate::convert::Convert;
+use crate::examine::Examine;
+use crate::failure::Failure;
+use crate::fit::FitRequest;
+
+#[derive(Deserialize)]
+#[serde(tag = "task", rename_all = "snake_case")]
+pub(crate) enum Request {
+    /// What a file is, and what is wrong with it.
+    Examine(Examine),
+    /// From training logs to a calibration.
+    Fit(FitRequest),
+    /// From readings to forces.
+    Convert(Convert),
+}
+
+/// A file that the page holds.
+#[derive(Deserialize)]
+pub(crate) struct FileRef {
+    pub(crate) name: String,
+    /// Its place among the files of the request, from 0.
+    file: usize,
+}
+
+impl FileRef {
+    pub(crate) fn bytes(&self, files: &[Arc<[u8]>]) -> Result<Arc<[u8]>, Failure> {
+        let missing = || format!("`{}` did not come with the request", self.name);
+        files.get(self.file).cloned().ok_or_else(|| missing().into())
+    }
+
+    pub(crate) fn log(
+        &self,
+        files: &[Arc<[u8]>],
+        mapping: &Mapping,
+    ) -> Result<Result<Log, LogError>, Failure> {
+        Ok(Log::in_memory(Path::new(&self.name), self.bytes(files)?, mapping))
+    }
+}
+
+/// What the user says of the columns, by their places from 1; what is `None` is recognised.
+#[derive(Default, Deserialize)]
+#[serde(default)]
+pub(crate) struct ColumnsGiven {
+    sensors: Option<Vec<usize>>,
+    /// In the order Fx … Mz, of the axes that there are.
+    wrench: Option<PerAxis<Option<usize>>>,
+    time: Option<usize>,
+    group: Option<usize>,
+    moments_in_mnm: Option<bool>,
+}
+
+impl ColumnsGiven {
+    pub(crate) fn mapping(&self, usual: Option<ColumnNames>) -> Mapping {
+        let place = ColumnRef::Position;
+        let unit = |is_milli| match is_milli {
+            true => MomentUnit::MillinewtonMetre,
+            false => MomentUnit::NewtonMetre,
+        };
+        Mapping {
+            sensors: self.sensors.as_ref().map(|all| all.iter().copied().map(place).collect()),
+            wrench: self.wrench.map(|axes| axes.map(|column| column.map(place))),
+            time: self.time.map(place),
+            group: self.group.map(place),
+            moment_unit: self.moments_in_mnm.map(unit),
+            usual,
+            ..Mapping::default()
+        }
+    }
+}

@@ -1,0 +1,89 @@
+//! The page that fits and converts in a browser: one file, which works from any folder.
+//!
+//! The module and the example data stand in it compressed, and its scripts and styles are named in its
+//! Content-Security-Policy by their hashes.
+
+use std::fs;
+use std::io::Write;
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, ensure};
+use flate2::Compression;
+use flate2::write::GzEncoder;
+use sha2::{Digest, Sha256};
+
+use crate::base64::encode_base64;
+use crate::compiler::Compiler;
+use crate::need::{Need, Way};
+use crate::steps::{self, scratch, target, workspace};
+
+const TARGET: &str = "wasm32-unknown-unknown";
+
+/// The largest page, compressed, in bytes.
+const LIMIT: usize = 1_500_000;
+
+pub(crate) const NEED: Need = Need {
+    what: "a compiler for WebAssembly",
+    is_met: || compiler().is_some(),
+    ways: &[Way::RustupTarget(TARGET)],
+};
+
+fn compiler() -> Option<Compiler> {
+    Compiler::for_target(TARGET).find(|compiler| !compiler.builds_std)
+}
+
+pub(crate) fn make() -> Result<()> {
+    NEED.meet()?;
+    build().map(drop)
+}
+
+/// Builds the page and prints its size; returns its file.
+pub(crate) fn build() -> Result<PathBuf> {
+    let compiler = compiler().context("the compiler for WebAssembly is missing")?;
+    let arguments = ["build", "--profile", "web", "--package", "shellcal-web", "--lib"];
+    let mut cargo = compiler.cargo(&arguments, "std");
+    cargo.env("RUSTFLAGS", "-C target-feature=+simd128");
+    steps::run("module of the page", &mut cargo)?;
+    let module = target().join(TARGET).join("web/shellcal_web.wasm");
+    let read = |path: &str| {
+        let path = workspace().join(path);
+        fs::read_to_string(&path).with_context(|| format!("cannot read `{}`", path.display()))
+    };
+    let data = |bytes: &[u8]| Ok::<_, anyhow::Error>(encode_base64(&gzip(bytes)?));
+    let example =
+        |name: &str| data(read(&format!("calibration-data/synthetic-{name}.csv"))?.as_bytes());
+    // That of the reports, because the page shows one.
+    let style = read("crates/report/assets/report.css")? + &read("web/page/page.css")?;
+    let script = read("web/page/page.js")?;
+    let mut page = read("web/page/index.html")?;
+    for (place, content) in [
+        ("{script-hash}", hash(&script)),
+        ("{style-hash}", hash(&style)),
+        ("{module}", data(&fs::read(&module)?)?),
+        ("{train}", example("train")?),
+        ("{test}", example("test")?),
+        ("{worker}", read("web/page/worker.js")?),
+        ("{script}", script),
+        ("{style}", style),
+    ] {
+        ensure!(page.contains(place), "the page has no place for `{place}`");
+        page = page.replacen(place, &content, 1);
+    }
+    let file = scratch("web")?.join("shellcal.html");
+    fs::write(&file, &page)?;
+    let sent = gzip(page.as_bytes())?.len();
+    println!("{}: {} bytes, {sent} compressed", file.display(), page.len());
+    ensure!(sent <= LIMIT, "the page takes {sent} bytes compressed, more than {LIMIT}");
+    Ok(file)
+}
+
+/// The source of a policy that allows this very text.
+fn hash(text: &str) -> String {
+    format!("'sha256-{}'", encode_base64(&Sha256::digest(text)))
+}
+
+fn gzip(bytes: &[u8]) -> Result<Vec<u8>> {
+    let mut packed = GzEncoder::new(Vec::new(), Compression::best());
+    packed.write_all(bytes)?;
+    Ok(packed.finish()?)
+}
