@@ -184,6 +184,10 @@ const fit = async () => {
   // The style of the report is that of this page, whose policy allows no other.
   const html = new TextDecoder().decode(files[1].bytes).replace(/<style>[^]*?<\/style>/, '');
   const report = new DOMParser().parseFromString(html, 'text/html');
+  // Its parts are named as those of this page are.
+  report.querySelectorAll('[id]').forEach((part) => { part.id = `report-${part.id}`; });
+  report.querySelectorAll('[aria-labelledby]').forEach((part) => part.setAttribute('aria-labelledby', `report-${part.getAttribute('aria-labelledby')}`));
+  report.querySelectorAll('a[href^="#"]').forEach((link) => { link.hash = `report-${link.hash.slice(1)}`; });
   const said = element('div', { className: usable ? 'verdict' : 'verdict useless' }, ...verdict.map((line) => element('p', {}, line)));
   show(said, links(files), element('ul', {}, ...remarks.map(remark)), element('div', {}, ...report.querySelector('main').children));
 };

@@ -92,7 +92,7 @@ fn what_cannot_be_done_is_told() {
     assert_eq!(error(fit(&json!({}), b"")), "`a.csv` is empty");
     let request = json!({ "task": "examine", "log": { "name": "x", "file": 3 } });
     assert_eq!(error(ask(&request, &[])), "`x` did not come with the request");
-    let no_wrench = fit(&json!({}), ZERO);
+    let no_wrench = fit(&json!({}), b"t_s,s1,s2\n0,1,2\n1,2,3\n");
     assert!(no_wrench.document["hint"].is_string(), "{}", no_wrench.document);
     assert!(examine("c", b"{}")["error"].as_str().unwrap().contains("schema_version"));
 }
