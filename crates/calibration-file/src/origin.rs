@@ -98,4 +98,6 @@ pub enum Role {
     Wrench,
     /// A coefficient matrix that was imported.
     Matrix,
+    /// The calibration that was brought up to date.
+    Calibration,
 }

@@ -59,6 +59,7 @@ pub mod quality;
 pub mod rank_loss;
 pub mod raw_units;
 pub mod reading_ranges;
+pub mod recalibration;
 pub mod sandwich;
 pub mod scaling;
 pub mod solver;

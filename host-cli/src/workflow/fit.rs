@@ -8,7 +8,7 @@ use calibration_file::{CalibrationFile, Diagnostics, Origin, Role, SolverRecord,
 use figures::FitPlot;
 use log_file::{Log, ReadOptions, Wanted, read_dataset, sample_logs};
 use shell_data::ColumnNames;
-use shell_data::dataset::Dataset;
+use shell_data::dataset::{Dataset, LogRows};
 use shell_data::wrench::PerAxis;
 
 /// Rows to fit to, and to test on.
@@ -190,25 +190,30 @@ pub fn sources(
     fit: &Fit,
 ) -> Result<Vec<SourceFile>, WorkflowError> {
     let tests: Vec<u64> = fit.tests.iter().map(|test| test.rows).collect();
+    let mut files = log_sources(Role::Train, train, &data.train.logs, &fit.rows_of_logs)?;
+    files.extend(log_sources(Role::Test, test, &data.test.logs, &tests)?);
+    Ok(files)
+}
+
+/// Logs of one role, with the files beside them, and how many of their rows were used.
+///
+/// # Errors
+/// [`WorkflowError`] if a file beside a log cannot be read.
+pub fn log_sources(
+    role: Role,
+    logs: &[Log],
+    read: &[LogRows],
+    rows: &[u64],
+) -> Result<Vec<SourceFile>, WorkflowError> {
     let mut files = Vec::new();
-    for (role, logs, read, rows) in [
-        (Role::Train, train, &data.train.logs, &fit.rows_of_logs),
-        (Role::Test, test, &data.test.logs, &tests),
-    ] {
-        for ((log, read), &rows) in logs.iter().zip(read).zip(rows) {
-            let checksum = read.summary.checksum.clone();
-            let has_checksum = checksum.is_some();
-            files.push(SourceFile { role, path: log.path().into(), checksum, digest: None, rows });
-            if let Some(path) = log.beside() {
-                let checksum = if has_checksum { log.checksum_beside()? } else { None };
-                files.push(SourceFile {
-                    role: Role::Wrench,
-                    path: path.into(),
-                    checksum,
-                    digest: None,
-                    rows,
-                });
-            }
+    for ((log, read), &rows) in logs.iter().zip(read).zip(rows) {
+        let checksum = read.summary.checksum.clone();
+        let has_checksum = checksum.is_some();
+        files.push(SourceFile { role, path: log.path().into(), checksum, digest: None, rows });
+        if let Some(path) = log.beside() {
+            let checksum = if has_checksum { log.checksum_beside()? } else { None };
+            let (role, path) = (Role::Wrench, path.into());
+            files.push(SourceFile { role, path, checksum, digest: None, rows });
         }
     }
     Ok(files)

@@ -18,6 +18,7 @@ pub mod outliers;
 pub mod partial;
 pub mod payload;
 pub mod plan;
+pub mod recalibration;
 pub mod remark;
 pub mod report;
 pub mod selection;

@@ -120,6 +120,7 @@ pub fn calibration_facts<'a>(path: &str, file: &'a CalibrationFile) -> Calibrati
             Role::Test => "test",
             Role::Wrench => "give the wrench",
             Role::Matrix => "import",
+            Role::Calibration => "bring up to date",
         },
         path: source.path.display().to_string(),
         rows: source.rows,

@@ -66,6 +66,7 @@ mod physics_command;
 mod plan_command;
 mod prediction_intervals;
 mod readme;
+mod recalibration;
 #[cfg(unix)]
 mod record_port;
 mod record_replay;

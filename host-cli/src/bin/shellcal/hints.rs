@@ -19,6 +19,7 @@ use shellcal::workflow::gates::GateError;
 use shellcal::workflow::hung_loads::HungLoadsError;
 use shellcal::workflow::noise::NoiseError;
 use shellcal::workflow::payload::PayloadLogError;
+use shellcal::workflow::recalibration::RecalibrateError;
 use shellcal::workflow::trial::TrialLogError;
 use shellcal::workflow::{ChannelMismatch, WorkflowError};
 
@@ -31,7 +32,7 @@ pub(crate) fn for_error(error: &anyhow::Error) -> Option<String> {
 }
 
 /// An error in a chain does not say which hints it has: every type that has some is tried.
-const HINTS: [fn(&(dyn Error + 'static)) -> Option<String>; 20] = [
+const HINTS: [fn(&(dyn Error + 'static)) -> Option<String>; 21] = [
     hint::<AlignLogsError>,
     hint::<CalibrationFileError>,
     hint::<ChannelMismatch>,
@@ -48,6 +49,7 @@ const HINTS: [fn(&(dyn Error + 'static)) -> Option<String>; 20] = [
     hint::<NotForBoard>,
     hint::<OutputError>,
     hint::<PayloadLogError>,
+    hint::<RecalibrateError>,
     hint::<RecordError>,
     hint::<TrialLogError>,
     hint::<ValidationError>,

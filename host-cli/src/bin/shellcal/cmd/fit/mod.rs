@@ -5,6 +5,7 @@ mod hung_loads;
 mod partial;
 mod physics;
 mod plan;
+mod recalibration;
 mod report;
 mod verdict;
 
@@ -33,6 +34,7 @@ Examples:
   shellcal fit poses.csv -o calibration.json
   shellcal fit monday.csv tuesday.csv --test wednesday.csv --report fit.html
   shellcal fit session.csv --loads loads.csv -o calibration.json
+  shellcal fit four-poses.csv --from calibration.json -o remounted.json
   shellcal fit train.csv --model cubic -o calibration.json
   shellcal fit log.txt --sensors S1,S2,S3,S4 --wrench 10-15 --moment-unit mNm";
 
@@ -197,6 +199,20 @@ pub(crate) struct FitArgs {
     )]
     loads: Option<InputPath>,
 
+    /// Bring this calibration up to date by a few loads, after the sensor was mounted again or has aged: finds what
+    /// has changed of zeros, gains, lever and turn, and leaves all else as it is. The loads are held still
+    #[arg(
+        long,
+        value_name = "CAL.json",
+        conflicts_with_all = [
+            "test", "report", "plot", "model", "no_intercept", "ridge", "solver", "truncate", "lag", "memory_terms",
+            "cv", "covariance", "max_rms", "max_rms_moment", "fresh", "outliers", "valid_range", "dropped", "means",
+            "partial", "export_matrix",
+        ],
+        help_heading = "Model"
+    )]
+    from: Option<InputPath>,
+
     /// Take the wrench from these files, one for each training log, row by row
     #[arg(long, value_name = "FILE", num_args = 1.., help_heading = "Reading logs")]
     wrench_from: Vec<InputPath>,
@@ -291,6 +307,9 @@ impl FitArgs {
         if let Some(path) = &self.partial {
             self.write_partial(path, printer, outputs)?;
             return Ok(Outcome::Done);
+        }
+        if let Some(before) = &self.from {
+            return self.recalibrate(before, printer, outputs);
         }
         let plan = FitPlan::from_args(self, outputs)?;
         let (data, hung, fitted) = plan.fit(printer)?;

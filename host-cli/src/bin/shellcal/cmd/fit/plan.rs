@@ -372,7 +372,7 @@ impl FitArgs {
     }
 
     /// Whether what is found is kept, and not only printed.
-    fn keeps(&self) -> bool {
+    pub(super) fn keeps(&self) -> bool {
         self.output.is_some() || self.report.is_some()
     }
 }

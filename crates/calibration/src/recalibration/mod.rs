@@ -1,0 +1,232 @@
+//! A calibrated sensor that was mounted again or has aged: what has changed, found from a few new loads.
+//!
+//! The calibration is a prior: nothing of it is fitted again but what a mounting and age change, a zero and a gain
+//! for each channel, a lever offset and a turn ([`Change`]). Each has a normal prior about nothing. How wide that is
+//! for each of the four, down to no change at all, is what makes the new observations most probable, all changes
+//! integrated out (Laplace's approximation; MacKay, Neural Computation 4, 415, 1992): a sensor that says what it said before
+//! is left as it is.
+//!
+//! What is compared is what the calibration predicts: a polynomial the wrench, whose errors are those on held-out
+//! loads; a physics model the readings, of which there are more than axes, with the variances that it has found.
+
+mod change;
+mod search;
+
+pub use self::change::{Change, ChannelChange};
+use self::search::Search;
+use crate::conversion::{Calibration, Kind};
+use crate::physics::Observation;
+use crate::validation::cross_validation::HeldOutQuality;
+use shell_data::wrench::{Axes, PerAxis};
+
+/// What may have changed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Quantity {
+    /// What each channel reads without a load.
+    Zero,
+    /// How much each channel answers.
+    Gain,
+    /// Where the sensor is mounted.
+    Lever,
+    /// How it is turned.
+    Turn,
+}
+
+impl Quantity {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Zero, Self::Gain, Self::Lever, Self::Turn];
+
+    /// What people call it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Zero => "zeros",
+            Self::Gain => "gains",
+            Self::Lever => "lever",
+            Self::Turn => "turn",
+        }
+    }
+}
+
+/// Differences larger than so many stated errors, after all changes, are no change of these kinds.
+const CONTRADICTION: f64 = 2.0;
+
+/// The widest priors, as standard deviations: of a zero as a share of the calibrated range of the channel, of a gain
+/// relative, m, and rad.
+const ZERO: f64 = 0.08;
+const GAIN: f64 = 0.16;
+const LEVER_M: f64 = 8e-3;
+const TURN_RAD: f64 = 0.12;
+
+/// The shares of these that are tried. Of a handful of numbers their scatter is known to some 30 %, so halves do.
+const SHARES: [f64; 6] = [0.0, 0.0625, 0.125, 0.25, 0.5, 1.0];
+
+/// Where the search for shares begins, and how often it goes through all four.
+const FIRST_SHARE: f64 = 0.25;
+const SWEEPS: usize = 4;
+
+/// A change is believed if the observations are this much more probable than without any: e⁶ is 400 to 1, because
+/// errors of a calibration at a few loads are no white noise.
+const LEAST_LN_EVIDENCE: f64 = 6.0;
+
+/// A few loads on a calibrated sensor.
+#[derive(Clone, Copy, Debug)]
+pub struct NewLoads<'a> {
+    /// Mean wrench and readings.
+    pub observations: &'a [Observation],
+    /// Standard errors of the wrench of each observation, N and N·m.
+    pub reference_errors: &'a [PerAxis<f64>],
+    /// Errors of the calibration on loads that it has not seen, N and N·m: what a polynomial's are.
+    pub calibration_errors: PerAxis<f64>,
+}
+
+/// A calibration that has been brought up to date.
+#[derive(Clone, Debug)]
+pub struct Recalibration {
+    /// That of the sensor as it is now; the old one, if nothing has changed.
+    pub calibration: Calibration,
+    /// What has changed, in the order of [`Quantity::ALL`].
+    pub quantities: Vec<Quantity>,
+    /// How much.
+    pub change: Change,
+    /// The standard errors of that; zero for what has not changed.
+    pub standard_errors: Change,
+    /// How much more probable the observations are than if nothing had changed, as a logarithm.
+    pub ln_evidence: f64,
+    /// Root mean square of the differences before and after the change, in stated errors.
+    pub disagreement: [f64; 2],
+    /// Root mean square errors of the old calibration on the new loads, N and N·m.
+    pub before: PerAxis<f64>,
+    /// Those of the new one.
+    pub after: PerAxis<f64>,
+    /// Errors on groups of observations that were held out while the change was found; `None` of a single group.
+    pub held_out: Option<PerAxis<HeldOutQuality>>,
+}
+
+impl Recalibration {
+    /// Whether the new loads contradict the calibration, whatever may have changed of zeros, gains and mounting.
+    pub fn is_contradicted(&self) -> bool {
+        self.disagreement[1] > CONTRADICTION
+    }
+}
+
+/// Why a calibration cannot be brought up to date.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum RecalibrationError {
+    /// No loads.
+    #[error("no loads")]
+    NoLoads,
+    /// Logs of another number of channels.
+    #[error("the calibration is for `{expected}` channels, the loads have `{found}`")]
+    Channels {
+        /// Of the calibration.
+        expected: usize,
+        /// Of the logs.
+        found: usize,
+    },
+    /// The reference lacks an axis.
+    #[error("the calibration is of {expected}, the loads of {found}")]
+    Axes {
+        /// Of the calibration.
+        expected: Axes,
+        /// Of the logs.
+        found: Axes,
+    },
+    /// Neither a held-out error nor any other is known.
+    #[error("nothing is known of the errors of the calibration")]
+    NoErrors,
+    /// A value that is not a number.
+    #[error("a reading or wrench is not a finite number")]
+    NotFinite,
+}
+
+impl Calibration {
+    /// How many times those of a physics model the variances of held-out errors are.
+    fn held_out_variance(&self) -> f64 {
+        match self.kind() {
+            Kind::Polynomial(_) => 1.0,
+            Kind::Physics(physics) => {
+                physics.error_scale().iter().map(|scale| scale * scale).sum::<f64>() / 6.0
+            }
+        }
+    }
+
+    /// The calibration of the sensor as it is now.
+    ///
+    /// # Errors
+    /// [`RecalibrationError`] if the loads are none of this sensor.
+    ///
+    /// # Panics
+    /// If there are not as many reference errors as observations.
+    pub fn recalibrated(&self, loads: &NewLoads<'_>) -> Result<Recalibration, RecalibrationError> {
+        let observations = loads.observations;
+        assert_eq!(observations.len(), loads.reference_errors.len(), "errors of every observation");
+        let first = observations.first().ok_or(RecalibrationError::NoLoads)?;
+        let (expected, found) = (self.channels(), first.readings.len());
+        if expected != found {
+            return Err(RecalibrationError::Channels { expected, found });
+        }
+        let is_finite = |o: &Observation| o.wrench.iter().chain(&o.readings).all(|x| x.is_finite());
+        if !observations.iter().all(is_finite) {
+            return Err(RecalibrationError::NotFinite);
+        }
+        let is_known = |axis: usize| loads.calibration_errors[axis] > 0.0;
+        let is_polynomial = matches!(self.kind(), Kind::Polynomial(_));
+        if is_polynomial && !self.axes.iter().all(|axis| is_known(axis.index())) {
+            return Err(RecalibrationError::NoErrors);
+        }
+        // Whether anything has changed is judged by errors as large as those on held-out loads; what, by the variances
+        // of the readings themselves, of which a wrench hides some.
+        let cautious = Search::new(self, loads, self.held_out_variance());
+        let found = cautious.find();
+        let outcome = match found.ln_evidence > LEAST_LN_EVIDENCE {
+            true => Search::new(self, loads, 1.0).find(),
+            false => cautious.nothing(found.disagreement[0]),
+        };
+        let is_changed = |of: &Quantity| outcome.shares[*of as usize] > 0.0;
+        let quantities: Vec<_> = Quantity::ALL.into_iter().filter(is_changed).collect();
+        let calibration = match quantities.is_empty() {
+            true => self.clone(),
+            false => outcome.change.apply(self),
+        };
+        let held_out = (outcome.held_out.len() > 1).then(|| {
+            let errors: Vec<_> = (outcome.held_out.iter())
+                .flat_map(|(group, change)| {
+                    let out = observations.iter().filter(|o| o.group == *group);
+                    errors(&change.apply(self), &out.collect::<Vec<_>>())
+                })
+                .collect();
+            let (rms, count) = (rms(&errors), errors.len() as f64);
+            let bias = |axis: usize| errors.iter().map(|of| of[axis]).sum::<f64>() / count;
+            std::array::from_fn(|axis| HeldOutQuality { rms: rms[axis], bias: bias(axis) })
+        });
+        let all: Vec<&Observation> = observations.iter().collect();
+        Ok(Recalibration {
+            before: rms(&errors(self, &all)),
+            after: rms(&errors(&calibration, &all)),
+            held_out,
+            disagreement: outcome.disagreement,
+            ln_evidence: outcome.ln_evidence,
+            change: outcome.change,
+            standard_errors: outcome.standard_errors,
+            calibration,
+            quantities,
+        })
+    }
+}
+
+/// Predicted less measured wrench of some observations.
+fn errors(calibration: &Calibration, some: &[&Observation]) -> Vec<PerAxis<f64>> {
+    let column = |channel| some.iter().map(|o| o.readings[channel]).collect();
+    let readings: Vec<Vec<f64>> = (0..calibration.channels()).map(column).collect();
+    let mut wrench = PerAxis::default();
+    calibration.wrench(&readings, &mut wrench);
+    let error = |(row, o): (usize, &&Observation)| {
+        std::array::from_fn(|axis| wrench[axis][row] - o.wrench[axis])
+    };
+    some.iter().enumerate().map(error).collect()
+}
+
+fn rms(errors: &[PerAxis<f64>]) -> PerAxis<f64> {
+    let square = |axis: usize| errors.iter().map(|of| of[axis].powi(2)).sum::<f64>();
+    std::array::from_fn(|axis| (square(axis) / errors.len() as f64).sqrt())
+}

@@ -1,0 +1,435 @@
+//! The change of greatest posterior density, with the priors that make the observations most probable.
+//!
+//! Differences are linear in what has changed but for a little, so they are summed up once about the last change that
+//! was found; priors and observations that are held out then cost a solution of some twenty equations each.
+
+use std::collections::BTreeMap;
+
+use faer::prelude::Solve;
+use faer::{Col, Mat, Scale, Side};
+
+use super::change::{Change, ChannelChange};
+use super::{FIRST_SHARE, GAIN, LEVER_M, NewLoads, Quantity, SHARES, SWEEPS, TURN_RAD, ZERO};
+use crate::conversion::{Calibration, Kind};
+use crate::physics::response::{Answer, Parameters};
+use crate::physics::{PhysicsModel, Sensor};
+use shell_data::wrench::PerAxis;
+
+/// How often the differences are made linear about what was found. They nearly are: the third time moves that by a
+/// thousandth of a standard error.
+const ROUNDS: usize = 4;
+
+/// For derivatives by central differences, in standard deviations of the widest priors and shares of an error.
+const STEP: f64 = 1e-3;
+
+/// One number of a change, and the standard deviation of its widest prior.
+#[derive(Clone, Copy, Debug)]
+struct Unknown {
+    quantity: Quantity,
+    place: usize,
+    sd: f64,
+}
+
+/// How wide the prior of each quantity is, as a share of the widest; 0 for no change.
+pub(super) type Shares = [f64; Quantity::ALL.len()];
+
+/// The differences `c + J·x` of some observations in their stated errors, summed up; `x` are the unknowns in standard
+/// deviations of their widest priors.
+#[derive(Clone, Debug)]
+struct Equations {
+    /// `JᵀJ`.
+    information: Mat<f64>,
+    /// `−Jᵀc`.
+    descent: Col<f64>,
+    /// `cᵀc`.
+    square: f64,
+}
+
+/// What some observations say with some priors.
+struct Posterior {
+    /// The unknowns, and their standard errors.
+    mean: Col<f64>,
+    errors: Vec<f64>,
+    /// The least sum of squares, of differences and unknowns in their stated errors.
+    cost: f64,
+    ln_evidence: f64,
+}
+
+/// What has been found.
+#[derive(Clone, Debug)]
+pub(super) struct Outcome {
+    pub(super) shares: Shares,
+    pub(super) change: Change,
+    pub(super) standard_errors: Change,
+    /// What is found without each group of observations.
+    pub(super) held_out: BTreeMap<u64, Change>,
+    /// How much more probable the observations are than without a change, as a logarithm.
+    pub(super) ln_evidence: f64,
+    /// Root mean square of the differences before and after, in stated errors, those of the change with the latter.
+    pub(super) disagreement: [f64; 2],
+}
+
+pub(super) struct Search<'a> {
+    calibration: &'a Calibration,
+    loads: &'a NewLoads<'a>,
+    variance_scale: f64,
+    /// The reading that the gain of each channel does not change, and the width of its calibrated range, counts.
+    channels: Vec<(f64, f64)>,
+    unknowns: Vec<Unknown>,
+    /// The Cholesky factor of the covariance of the differences of each observation.
+    factors: Vec<Mat<f64>>,
+}
+
+impl Equations {
+    fn nothing(unknowns: usize) -> Self {
+        Self {
+            information: Mat::zeros(unknowns, unknowns),
+            descent: Col::zeros(unknowns),
+            square: 0.0,
+        }
+    }
+
+    fn add(&mut self, other: &Self, sign: f64) {
+        self.information += &other.information * Scale(sign);
+        self.descent += &other.descent * Scale(sign);
+        self.square += sign * other.square;
+    }
+
+    /// With priors of these standard deviations; `None` where that is not finite.
+    fn posterior(&self, sds: &[f64]) -> Option<Posterior> {
+        let size = sds.len();
+        // x = S·z with z of variance one.
+        let curvature = Mat::from_fn(size, size, |i, j| {
+            sds[i].mul_add(sds[j] * self.information[(i, j)], f64::from(u8::from(i == j)))
+        });
+        let factor = curvature.llt(Side::Lower).ok()?;
+        let descent = Col::from_fn(size, |i| sds[i] * self.descent[i]);
+        let z = factor.solve(&descent);
+        let inverse = factor.solve(Mat::<f64>::identity(size, size));
+        let cost = self.square - (0..size).map(|i| descent[i] * z[i]).sum::<f64>();
+        let ln_determinant = (0..size).map(|i| 2.0 * factor.L()[(i, i)].ln()).sum::<f64>();
+        Some(Posterior {
+            mean: Col::from_fn(size, |i| sds[i] * z[i]),
+            errors: (0..size).map(|i| sds[i] * inverse[(i, i)].sqrt()).collect(),
+            cost,
+            ln_evidence: -0.5 * (cost + ln_determinant),
+        })
+    }
+}
+
+impl<'a> Search<'a> {
+    /// Of readings whose variances are so many times those of a physics model.
+    pub(super) fn new(
+        calibration: &'a Calibration,
+        loads: &'a NewLoads<'a>,
+        variance_scale: f64,
+    ) -> Self {
+        let channels = channels(calibration);
+        let mut search = Self {
+            unknowns: unknowns(calibration, &channels),
+            calibration,
+            loads,
+            variance_scale,
+            channels,
+            factors: Vec::new(),
+        };
+        search.factors =
+            (0..loads.observations.len()).map(|at| search.factor_of_errors(at)).collect();
+        search
+    }
+
+    /// The change that the observations show, with the priors that make them most probable.
+    pub(super) fn find(&self) -> Outcome {
+        let mut at = vec![0.0; self.unknowns.len()];
+        let mut shares = Shares::default();
+        let (mut groups, mut all) = self.equations(&at);
+        let unchanged = all.square;
+        for round in 0..ROUNDS {
+            if round > 0 {
+                (groups, all) = self.equations(&at);
+            }
+            shares = self.most_probable(&all);
+            let Some(found) = all.posterior(&self.sds(&shares)) else { break };
+            at = (0..at.len()).map(|i| found.mean[i]).collect();
+        }
+        let sds = self.sds(&shares);
+        let found = all.posterior(&sds);
+        let without = |group: &Equations| {
+            let mut rest = all.clone();
+            rest.add(group, -1.0);
+            let found = rest.posterior(&sds);
+            found.map_or_else(|| at.clone(), |of| (0..at.len()).map(|i| of.mean[i]).collect())
+        };
+        let rows: usize = self.factors.iter().map(Mat::nrows).sum();
+        let rms = |cost: f64| (cost / rows as f64).sqrt();
+        let (cost, errors) = found
+            .as_ref()
+            .map_or((unchanged, vec![0.0; at.len()]), |of| (of.cost, of.errors.clone()));
+        Outcome {
+            shares,
+            held_out: groups
+                .iter()
+                .map(|(&of, group)| (of, self.change(&without(group))))
+                .collect(),
+            change: self.change(&at),
+            standard_errors: self.change(&errors),
+            ln_evidence: found.map_or(0.0, |of| of.ln_evidence + 0.5 * unchanged),
+            disagreement: [rms(unchanged), rms(cost)],
+        }
+    }
+
+    /// No change.
+    pub(super) fn nothing(&self, disagreement: f64) -> Outcome {
+        let change = self.change(&vec![0.0; self.unknowns.len()]);
+        let groups = self.loads.observations.iter().map(|o| (o.group, change.clone()));
+        Outcome {
+            shares: Shares::default(),
+            held_out: groups.collect(),
+            standard_errors: change.clone(),
+            change,
+            ln_evidence: 0.0,
+            disagreement: [disagreement; 2],
+        }
+    }
+
+    /// The priors that make the observations most probable, one quantity after another.
+    fn most_probable(&self, all: &Equations) -> Shares {
+        let evidence = |shares: &Shares| {
+            all.posterior(&self.sds(shares)).map_or(f64::NEG_INFINITY, |of| of.ln_evidence)
+        };
+        let mut shares = [FIRST_SHARE; Quantity::ALL.len()];
+        let mut best = evidence(&shares);
+        for _ in 0..SWEEPS {
+            let before = shares;
+            for quantity in Quantity::ALL {
+                for share in SHARES {
+                    let mut others = shares;
+                    others[quantity as usize] = share;
+                    let found = evidence(&others);
+                    if found > best {
+                        (shares, best) = (others, found);
+                    }
+                }
+            }
+            if shares == before {
+                break;
+            }
+        }
+        // A quantity without unknowns has no share.
+        for quantity in Quantity::ALL {
+            if self.unknowns.iter().all(|of| of.quantity != quantity) {
+                shares[quantity as usize] = 0.0;
+            }
+        }
+        shares
+    }
+
+    fn sds(&self, shares: &Shares) -> Vec<f64> {
+        self.unknowns.iter().map(|of| shares[of.quantity as usize]).collect()
+    }
+
+    /// The differences of each group, linear about `at`, and their sum.
+    fn equations(&self, at: &[f64]) -> (BTreeMap<u64, Equations>, Equations) {
+        let here = self.whitened(at);
+        let columns: Vec<Vec<Vec<f64>>> = (0..at.len())
+            .map(|place| {
+                let side = |step: f64| {
+                    let mut there = at.to_vec();
+                    there[place] += step;
+                    self.whitened(&there)
+                };
+                let (mut up, down) = (side(STEP), side(-STEP));
+                for (up, down) in up.iter_mut().flatten().zip(down.iter().flatten()) {
+                    *up = (*up - down) / (2.0 * STEP);
+                }
+                up
+            })
+            .collect();
+        let mut groups = BTreeMap::new();
+        let mut all = Equations::nothing(at.len());
+        for (row, o) in self.loads.observations.iter().enumerate() {
+            let size = here[row].len();
+            let jacobian = Mat::from_fn(size, at.len(), |i, j| columns[j][row][i]);
+            let constant = Col::from_fn(size, |i| {
+                here[row][i] - (0..at.len()).map(|j| jacobian[(i, j)] * at[j]).sum::<f64>()
+            });
+            let of_row = Equations {
+                information: jacobian.transpose() * &jacobian,
+                descent: jacobian.transpose() * &constant * Scale(-1.0),
+                square: constant.squared_norm_l2(),
+            };
+            all.add(&of_row, 1.0);
+            let group = groups.entry(o.group).or_insert_with(|| Equations::nothing(at.len()));
+            group.add(&of_row, 1.0);
+        }
+        (groups, all)
+    }
+
+    /// The change of unknowns in standard deviations of their widest priors.
+    fn change(&self, at: &[f64]) -> Change {
+        let still = |&(pivot, _): &(f64, f64)| ChannelChange { pivot, ..ChannelChange::default() };
+        let mut change = Change {
+            channels: self.channels.iter().map(still).collect(),
+            lever_m: [0.0; 3],
+            turn_rad: [0.0; 3],
+        };
+        for (&Unknown { quantity, place, sd }, x) in self.unknowns.iter().zip(at) {
+            *match quantity {
+                Quantity::Zero => &mut change.channels[place].zero,
+                Quantity::Gain => &mut change.channels[place].gain,
+                Quantity::Lever => &mut change.lever_m[place],
+                Quantity::Turn => &mut change.turn_rad[place],
+            } = x * sd;
+        }
+        change
+    }
+
+    /// The differences of each observation, in their stated errors.
+    fn whitened(&self, at: &[f64]) -> Vec<Vec<f64>> {
+        let wrenches: Vec<_> =
+            self.loads.observations.iter().map(|o| o.wrench).enumerate().collect();
+        let mut all = self.differences(&self.change(at), &wrenches);
+        for (differences, factor) in all.iter_mut().zip(&self.factors) {
+            forward(factor, differences);
+        }
+        all
+    }
+
+    /// Observed less predicted, of observations under these wrenches: the axes of the wrench, or the readings in
+    /// calibrated ranges.
+    fn differences(&self, change: &Change, under: &[(usize, PerAxis<f64>)]) -> Vec<Vec<f64>> {
+        let observations = self.loads.observations;
+        match self.calibration.kind() {
+            Kind::Polynomial(polynomial) => {
+                let changed = Calibration::of(Kind::Polynomial(change.polynomial(polynomial)));
+                let column =
+                    |i| under.iter().map(|(at, _)| observations[*at].readings[i]).collect();
+                let readings: Vec<Vec<f64>> = (0..changed.channels()).map(column).collect();
+                let mut wrench = PerAxis::default();
+                changed.wrench(&readings, &mut wrench);
+                let of_row = |(row, (_, measured)): (usize, &(usize, PerAxis<f64>))| {
+                    let axes = self.calibration.axes.iter().map(|axis| axis.index());
+                    axes.map(|axis| measured[axis] - wrench[axis][row]).collect()
+                };
+                under.iter().enumerate().map(of_row).collect()
+            }
+            Kind::Physics(physics) => {
+                let (model, changed) = (physics.model(), change.model(physics.model()));
+                let of_load = |(at, wrench): &(usize, PerAxis<f64>)| {
+                    let x = scaled(model, wrench);
+                    let pairs = changed.sensors.iter().zip(&model.sensors);
+                    let difference = |(of, before): (&Sensor, &Sensor)| {
+                        let predicted = Answer::at(&of.parameters, &x).value;
+                        let reading = observations[*at].readings[of.channel];
+                        (reading - predicted.mul_add(of.range, of.least)) / before.range
+                    };
+                    pairs.map(difference).collect()
+                };
+                under.iter().map(of_load).collect()
+            }
+        }
+    }
+
+    /// The factor of the covariance of the differences of an observation: of the calibration, and of the reference.
+    fn factor_of_errors(&self, at: usize) -> Mat<f64> {
+        let wrench = self.loads.observations[at].wrench;
+        let mut covariance = match self.calibration.kind() {
+            Kind::Polynomial(_) => {
+                let axes: Vec<usize> =
+                    self.calibration.axes.iter().map(|axis| axis.index()).collect();
+                let error = |i: usize| self.loads.calibration_errors[axes[i]].powi(2);
+                Mat::from_fn(axes.len(), axes.len(), |i, j| if i == j { error(i) } else { 0.0 })
+            }
+            Kind::Physics(physics) => {
+                covariance_of_readings(physics.model(), &wrench) * Scale(self.variance_scale)
+            }
+        };
+        let unchanged = self.change(&[]);
+        for (axis, &error) in self.loads.reference_errors[at].iter().enumerate() {
+            if error <= 0.0 {
+                continue;
+            }
+            let side = |step: f64| {
+                let mut moved = wrench;
+                moved[axis] += step * error;
+                self.differences(&unchanged, &[(at, moved)]).concat()
+            };
+            let (up, down) = (side(STEP), side(-STEP));
+            let by = |i: usize| (up[i] - down[i]) / (2.0 * STEP);
+            for i in 0..up.len() {
+                (0..up.len()).for_each(|j| covariance[(i, j)] += by(i) * by(j));
+            }
+        }
+        let factor = covariance.llt(Side::Lower).expect("a diagonal above zero, and squares");
+        factor.L().to_owned()
+    }
+}
+
+/// All that may have changed of a sensor and can be taken into its calibration.
+fn unknowns(calibration: &Calibration, channels: &[(f64, f64)]) -> Vec<Unknown> {
+    // A polynomial without a constant has none to move.
+    let has_constant = calibration.polynomial().is_none_or(|of| of.model().intercept);
+    let of = |quantity: Quantity| {
+        let sds: Vec<f64> = match quantity {
+            Quantity::Zero if has_constant => {
+                channels.iter().map(|(_, range)| ZERO * range).collect()
+            }
+            Quantity::Gain => vec![GAIN; channels.len()],
+            Quantity::Lever if calibration.axes.are_all() => vec![LEVER_M; 3],
+            Quantity::Turn if calibration.axes.are_all() => vec![TURN_RAD; 3],
+            _ => Vec::new(),
+        };
+        sds.into_iter().enumerate().map(move |(place, sd)| Unknown { quantity, place, sd })
+    };
+    Quantity::ALL.into_iter().flat_map(of).collect()
+}
+
+fn scaled(model: &PhysicsModel, wrench: &PerAxis<f64>) -> PerAxis<f64> {
+    std::array::from_fn(|axis| wrench[axis] / model.wrench_scale[axis])
+}
+
+/// `V` of the readings under a wrench, in squared ranges: noise, what the parameters are unsure about, shared factors.
+fn covariance_of_readings(model: &PhysicsModel, wrench: &PerAxis<f64>) -> Mat<f64> {
+    let x = scaled(model, wrench);
+    let of = |sensor: &Sensor| {
+        let answer = Answer::at(&sensor.parameters, &x);
+        let g = answer.gradient(&x);
+        let product = |row: &Parameters| g.iter().zip(row).map(|(g, c)| g * c).sum::<f64>();
+        let unsure: f64 = g.iter().zip(&sensor.covariance).map(|(g, row)| g * product(row)).sum();
+        let own = model.noise.variance(answer.slope) + unsure.max(0.0);
+        (own, sensor.loadings.map(|c| c * answer.slope))
+    };
+    let sensors: Vec<_> = model.sensors.iter().map(of).collect();
+    Mat::from_fn(sensors.len(), sensors.len(), |i, j| {
+        let shared: f64 = sensors[i].1.iter().zip(&sensors[j].1).map(|(a, b)| a * b).sum();
+        if i == j { sensors[i].0 + shared } else { shared }
+    })
+}
+
+/// The reading that the gain of each channel does not change, and the width of its range. A converter's zero is that
+/// reading, unless the channel is never near it.
+fn channels(calibration: &Calibration) -> Vec<(f64, f64)> {
+    let has_constant = calibration.polynomial().is_none_or(|it| it.model().intercept);
+    let of_range = |[min, max]: [f64; 2]| {
+        let width = max - min;
+        let is_near_zero = min - width <= 0.0 && 0.0 <= max + width;
+        (if is_near_zero || !has_constant { 0.0 } else { 0.5 * (min + max) }, width)
+    };
+    match (&calibration.valid_range, calibration.polynomial()) {
+        (Some(ranges), _) => ranges.iter().map(|range| of_range([range.min, range.max])).collect(),
+        (None, Some(polynomial)) => {
+            let scaling = polynomial.scaling();
+            let channels = scaling.centre.iter().zip(&scaling.scale).take(calibration.channels());
+            channels.map(|(centre, scale)| of_range([centre - scale, centre + scale])).collect()
+        }
+        (None, None) => vec![(0.0, 0.0); calibration.channels()],
+    }
+}
+
+/// `L⁻¹·b`, in place.
+fn forward(l: &Mat<f64>, b: &mut [f64]) {
+    for i in 0..b.len() {
+        let known: f64 = (0..i).map(|k| l[(i, k)] * b[k]).sum();
+        b[i] = (b[i] - known) / l[(i, i)];
+    }
+}

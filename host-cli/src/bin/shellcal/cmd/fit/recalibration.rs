@@ -1,0 +1,243 @@
+//! `shellcal fit --from`: a calibration brought up to date by a few new loads.
+
+use std::io::Write;
+use std::path::Path;
+
+use calibration::quality::significant;
+use calibration::recalibration::{Change, Quantity, Recalibration};
+use calibration_file::stored::{OfAxes, Stored};
+use calibration_file::{CalibrationFile, Role, SourceFile};
+use log_file::{Log, ReadOptions, checksum};
+use output_file::Outputs;
+use serde::Serialize;
+use shell_data::wrench::{Axes, Axis, PerAxis};
+use shellcal::workflow::fit::{FileFacts, log_sources};
+use shellcal::workflow::recalibration::{Recalibrated, recalibrate};
+
+use super::super::mapping::{open_logs, tell_remembered};
+use super::super::origin;
+use super::super::plan::read_table;
+use super::FitArgs;
+use crate::files::InputPath;
+use crate::outcome::Outcome;
+use crate::printer::Printer;
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Report {
+    text: Vec<String>,
+    loads: usize,
+    rows: u64,
+    /// What has changed: of `zeros`, `gains`, `lever` and `turn`.
+    changed: Vec<&'static str>,
+    /// How much more probable that makes the loads, as a logarithm.
+    ln_evidence: f64,
+    change: ChangeReport,
+    standard_errors: ChangeReport,
+    contradicted: bool,
+    /// Root mean square of the differences before and after the change, in stated errors.
+    disagreement: [f64; 2],
+    axes: Vec<&'static str>,
+    /// Root mean square errors on the new loads, N and N·m.
+    rms_before: OfAxes<f64>,
+    rms_after: OfAxes<f64>,
+    /// Of loads that were held out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    rms_held_out: Option<OfAxes<f64>>,
+}
+
+#[derive(Serialize)]
+struct ChangeReport {
+    zeros: Vec<f64>,
+    gains: Vec<f64>,
+    lever_m: [f64; 3],
+    turn_rad: [f64; 3],
+}
+
+impl From<&Change> for ChangeReport {
+    fn from(of: &Change) -> Self {
+        Self {
+            zeros: of.channels.iter().map(|channel| channel.zero).collect(),
+            gains: of.channels.iter().map(|channel| channel.gain).collect(),
+            lever_m: of.lever_m,
+            turn_rad: of.turn_rad,
+        }
+    }
+}
+
+impl FitArgs {
+    pub(super) fn recalibrate(
+        &self,
+        path: &InputPath,
+        printer: &mut Printer,
+        outputs: &Outputs,
+    ) -> anyhow::Result<Outcome> {
+        let before = CalibrationFile::read(path)?;
+        let mapping = self.mapping.mapping_for(&before)?;
+        let logs = open_logs(&self.train, ("--wrench-from", &self.wrench_from), &mapping)?;
+        tell_remembered(printer, path, &mapping, &logs);
+        let table = self.loads.as_ref().map(read_table).transpose()?;
+        let output = self.output.as_ref().map(|path| outputs.create(path)).transpose()?;
+        let read = ReadOptions { checksum: self.keeps(), ..self.mapping.read_options() };
+        let recalibrated = recalibrate(&before, &logs, table.as_ref(), &read)?;
+        if let Some(mut output) = output {
+            let facts = FileFacts {
+                made_by: shellcal::PROGRAM.to_owned(),
+                date: origin::date()?,
+                sensor_serial: self.serial.clone(),
+                sources: sources(path, &before, &logs, &recalibrated)?,
+                columns: self.mapping.specified(&logs)?,
+            };
+            output.write_all(recalibrated.file(&before, facts).to_json().as_bytes())?;
+            output.commit()?;
+        }
+        report(printer, path, &recalibrated)?;
+        Ok(match recalibrated.found.is_contradicted() {
+            true => Outcome::CheckFailed,
+            false => Outcome::Done,
+        })
+    }
+}
+
+/// The calibration as it was, and the logs.
+fn sources(
+    path: &Path,
+    before: &CalibrationFile,
+    logs: &[Log],
+    recalibrated: &Recalibrated,
+) -> anyhow::Result<Vec<SourceFile>> {
+    let mut files = vec![SourceFile {
+        role: Role::Calibration,
+        path: path.into(),
+        checksum: Some(checksum::of(&std::fs::read(path)?)),
+        digest: None,
+        rows: before.origin.diagnostics.as_ref().map_or(0, |of| of.rows),
+    }];
+    let read = &recalibrated.rows.logs;
+    let rows: Vec<u64> = read.iter().map(|log| log.summary.rows).collect();
+    files.extend(log_sources(Role::Train, logs, read, &rows)?);
+    Ok(files)
+}
+
+fn report(printer: &mut Printer, path: &Path, of: &Recalibrated) -> anyhow::Result<()> {
+    let (found, axes) = (&of.found, of.found.calibration.axes);
+    let name = path.display().to_string();
+    let text = lines(&name, of);
+    if printer.json() {
+        return printer.document(&Report {
+            text,
+            loads: of.loads,
+            rows: of.rows.rows(),
+            changed: found.quantities.iter().map(|of| of.name()).collect(),
+            ln_evidence: found.ln_evidence,
+            change: (&found.change).into(),
+            standard_errors: (&found.standard_errors).into(),
+            contradicted: found.is_contradicted(),
+            disagreement: found.disagreement,
+            axes: axes.columns(),
+            rms_before: Stored::of(&found.before, axes),
+            rms_after: Stored::of(&found.after, axes),
+            rms_held_out: found.held_out.map(|of| Stored::of(&of.map(|axis| axis.rms), axes)),
+        });
+    }
+    text.iter().try_for_each(|line| printer.line(line))?;
+    printer.line("")?;
+    if !found.quantities.is_empty() {
+        print_change(printer, found)?;
+    }
+    print_errors(printer, found, axes)?;
+    if found.is_contradicted() {
+        printer.warning(format!(
+            "the loads contradict `{name}`: they differ from it by {} times the stated errors, whatever has changed of \
+             zeros, gains and mounting. Calibrate anew, or look for a wrong load",
+            significant(found.disagreement[1], 2),
+        ));
+    }
+    if !found.quantities.is_empty() {
+        printer.note(
+            "it has no 95 % intervals: those of `convert` come from many loads that were held out",
+        );
+    }
+    Ok(())
+}
+
+/// What has been found, in words.
+fn lines(name: &str, of: &Recalibrated) -> Vec<String> {
+    let (found, loads) = (&of.found, of.loads);
+    let [before, after] = found.disagreement.map(|x| significant(x, 2));
+    if found.quantities.is_empty() {
+        return vec![format!(
+            "unchanged: `{name}` explains the {loads} loads as well as any change of zeros, gains, lever or turn \
+             (differences of {before} stated errors)"
+        )];
+    }
+    let names: Vec<&str> = found.quantities.iter().map(|of| of.name()).collect();
+    let mut said = vec![format!(
+        "changed: {} (differences of {before} stated errors before, {after} after; ln evidence {})",
+        names.join(", "),
+        significant(found.ln_evidence, 3),
+    )];
+    said.extend(found.held_out.map(|errors| {
+        let error = |axis: Axis| {
+            format!("{} {} {}", axis.name(), significant(errors[axis.index()].rms, 3), axis.unit())
+        };
+        let errors: Vec<_> = found.calibration.axes.iter().map(error).collect();
+        format!("error on loads that were held out: {}", errors.join(", "))
+    }));
+    said
+}
+
+fn print_change(printer: &mut Printer, found: &Recalibration) -> anyhow::Result<()> {
+    let (change, errors) = (&found.change, &found.standard_errors);
+    let is_in = |of: Quantity| found.quantities.contains(&of);
+    let with_error = |scale: f64, value: f64, error: f64| {
+        format!("{:+.2} ± {:.2}", scale * value, scale * error)
+    };
+    let of_channels = [(Quantity::Zero, "zero, counts"), (Quantity::Gain, "gain, %")];
+    let of_channels: Vec<_> = of_channels.into_iter().filter(|(of, _)| is_in(*of)).collect();
+    if !of_channels.is_empty() {
+        let header: Vec<&str> =
+            ["channel"].into_iter().chain(of_channels.iter().map(|(_, name)| *name)).collect();
+        let pairs = change.channels.iter().zip(&errors.channels).enumerate();
+        let rows: Vec<Vec<String>> = pairs
+            .map(|(channel, (of, error))| {
+                let cell = |(quantity, _): &(Quantity, &str)| match quantity {
+                    Quantity::Zero => with_error(1.0, of.zero, error.zero),
+                    _ => with_error(100.0, of.gain, error.gain),
+                };
+                let cells = of_channels.iter().map(cell);
+                [format!("s{}", channel + 1)].into_iter().chain(cells).collect()
+            })
+            .collect();
+        printer.table(&header, &rows)?;
+    }
+    let vector = |scale: f64, value: [f64; 3], error: [f64; 3]| {
+        let axes = ["x", "y", "z"].into_iter().zip(value.into_iter().zip(error));
+        let part = |(axis, (value, error))| format!("{axis} {}", with_error(scale, value, error));
+        axes.map(part).collect::<Vec<_>>().join(", ")
+    };
+    if is_in(Quantity::Lever) {
+        let lever = vector(1e3, change.lever_m, errors.lever_m);
+        printer.line(format!("lever: the calibrated origin lies at {lever} mm"))?;
+    }
+    if is_in(Quantity::Turn) {
+        let degrees = 1_f64.to_degrees();
+        let turn = vector(degrees, change.turn_rad, errors.turn_rad);
+        printer.line(format!("turn of the calibrated axes: {turn} °"))?;
+    }
+    Ok(())
+}
+
+fn print_errors(printer: &mut Printer, found: &Recalibration, axes: Axes) -> anyhow::Result<()> {
+    let mut header = vec!["axis", "RMS before", "RMS after"];
+    header.extend(found.held_out.map(|_| "RMS held out"));
+    header.push("unit");
+    let row = |axis: Axis| {
+        let of = |values: &PerAxis<f64>| significant(values[axis.index()], 3);
+        let mut row = vec![axis.name().to_owned(), of(&found.before), of(&found.after)];
+        row.extend(found.held_out.map(|held| significant(held[axis.index()].rms, 3)));
+        row.push(axis.unit().to_owned());
+        row
+    };
+    printer.table(&header, &axes.iter().map(row).collect::<Vec<_>>())
+}

@@ -1,0 +1,179 @@
+//! A calibration brought up to date by a few new loads: from logs to a calibration file.
+
+use std::collections::HashMap;
+
+use super::fit::FileFacts;
+use super::hung_loads::{HungLoadsError, hung_rows, stated};
+use super::{WorkflowError, agree_on_axes, check_channels};
+use calibration::FitError;
+use calibration::fit::{Evaluation, Workers, evaluate, label_poses_or_files};
+use calibration::physics::{Observation, TrainingRows};
+use calibration::quality::AxisQuality;
+use calibration::recalibration::{NewLoads, Recalibration, RecalibrationError};
+use calibration::validation::cross_validation::CrossValidation;
+use calibration_file::{CalibrationFile, Diagnostics, Origin};
+use load_table::HungLoads;
+use log_file::{Log, ReadOptions, Wanted, read_dataset, sample_logs};
+use shell_data::dataset::Dataset;
+use shell_data::hint::Hint;
+use shell_data::wrench::{Axes, PerAxis};
+
+/// Why a calibration cannot be brought up to date.
+#[derive(Debug, thiserror::Error)]
+pub enum RecalibrateError {
+    /// Logs and table.
+    #[error(transparent)]
+    Loads(#[from] HungLoadsError),
+    /// The calibration, or the loads.
+    #[error(transparent)]
+    Recalibration(#[from] RecalibrationError),
+}
+
+impl Hint for RecalibrateError {
+    fn hint(&self) -> Option<String> {
+        match self {
+            Self::Loads(error) => error.hint(),
+            Self::Recalibration(RecalibrationError::NoErrors) => Some(
+                "an imported matrix says nothing of its errors: fit anew, without `--from`"
+                    .to_owned(),
+            ),
+            Self::Recalibration(_) => None,
+        }
+    }
+}
+
+impl From<WorkflowError> for RecalibrateError {
+    fn from(error: WorkflowError) -> Self {
+        Self::Loads(error.into())
+    }
+}
+
+impl From<FitError> for RecalibrateError {
+    fn from(error: FitError) -> Self {
+        WorkflowError::from(error).into()
+    }
+}
+
+/// A calibration that has been brought up to date, and the rows that were used.
+#[derive(Debug)]
+pub struct Recalibrated {
+    /// What has changed.
+    pub found: Recalibration,
+    /// The rows, labelled by loads.
+    pub rows: Dataset,
+    /// How many loads they are.
+    pub loads: usize,
+    /// Of the calibration on these rows, as it was.
+    errors: Evaluation,
+}
+
+/// Finds what has changed of a sensor since it was calibrated. The wrench is that of the logs, or of a table of loads
+/// that hung there.
+///
+/// # Errors
+/// [`RecalibrateError`].
+pub fn recalibrate(
+    file: &CalibrationFile,
+    logs: &[Log],
+    table: Option<&HungLoads>,
+    read: &ReadOptions<'_>,
+) -> Result<Recalibrated, RecalibrateError> {
+    let calibration = &file.calibration;
+    for log in logs {
+        check_channels(log, calibration.channels()).map_err(WorkflowError::from)?;
+    }
+    let rows = match table {
+        Some(table) => hung_rows(logs, table, read)?.0,
+        None => read_rows(logs, calibration.axes, read)?,
+    };
+    let (training, labels) = TrainingRows::from_dataset(&rows);
+    let observations = training.observations().map_err(FitError::from)?;
+    let errors: HashMap<&str, PerAxis<f64>> = (table.into_iter().flat_map(HungLoads::loads))
+        .map(|load| (load.group.as_str(), stated(load, &[]).standard_errors()))
+        .collect();
+    let error = |o: &Observation| errors.get(labels[o.group as usize].as_str());
+    let reference_errors: Vec<PerAxis<f64>> =
+        observations.iter().map(|o| error(o).copied().unwrap_or_default()).collect();
+    let found = calibration.recalibrated(&NewLoads {
+        observations: &observations,
+        reference_errors: &reference_errors,
+        calibration_errors: known_errors(file).unwrap_or_default(),
+    })?;
+    let evaluations = evaluate(&found.calibration, &rows, Workers::new(read.threads))?;
+    let errors = Evaluation::total(&evaluations);
+    Ok(Recalibrated { found, rows, loads: labels.len(), errors })
+}
+
+fn read_rows(
+    logs: &[Log],
+    axes: Axes,
+    read: &ReadOptions<'_>,
+) -> Result<Dataset, RecalibrateError> {
+    agree_on_axes(logs, &mut [])?;
+    logs.iter().try_for_each(|log| log.require_axes(axes)).map_err(WorkflowError::from)?;
+    let wanted = Wanted {
+        readings: true,
+        wrench: true,
+        groups: logs.iter().all(Log::has_groups),
+        time: logs.iter().all(Log::has_time),
+        ..Wanted::default()
+    };
+    let asked: Vec<(&Log, Wanted)> = logs.iter().map(|log| (log, wanted.clone())).collect();
+    let mut data = read_dataset(&asked, read).map_err(WorkflowError::from)?;
+    sample_logs(&mut data, logs, &wanted).map_err(WorkflowError::from)?;
+    Ok(label_poses_or_files(&data))
+}
+
+/// Errors on loads that were held out, or the best that a file knows of.
+fn known_errors(file: &CalibrationFile) -> Option<PerAxis<f64>> {
+    let known = file.origin.diagnostics.as_ref()?;
+    let held_out = known.cross_validation.as_ref().map(|of| of.grouped.map(|axis| axis.rms));
+    let rms = |of: PerAxis<AxisQuality>| of.map(|axis| axis.rms);
+    Some(held_out.unwrap_or_else(|| rms(known.test.unwrap_or(known.train))))
+}
+
+impl Recalibrated {
+    /// Its calibration file: of the sensor, model and solver of `before`; that itself, where nothing has changed.
+    pub fn file(&self, before: &CalibrationFile, facts: FileFacts) -> CalibrationFile {
+        let Self { found, errors, loads, .. } = self;
+        if found.quantities.is_empty() {
+            return before.clone();
+        }
+        let FileFacts { made_by, date, sensor_serial, sources, columns } = facts;
+        let old = before.origin.diagnostics.as_ref();
+        let diagnostics = errors.quality().map(|train| Diagnostics {
+            rows: errors.rows,
+            skipped_rows: errors.skipped_rows,
+            repeated_rows: errors.repeated_rows,
+            rank: old.map_or(0, |of| of.rank),
+            condition: old.and_then(|of| of.condition),
+            train,
+            test: None,
+            cross_validation: found.held_out.map(|grouped| CrossValidation {
+                groups: *loads,
+                folds: *loads,
+                rows: errors.rows,
+                undetermined: Vec::new(),
+                grouped,
+                random_folds: 0,
+                random: None,
+            }),
+            selection: None,
+            excitation: None,
+            test_leak: None,
+            group_leak: None,
+        });
+        CalibrationFile {
+            calibration: found.calibration.clone(),
+            origin: Origin {
+                made_by,
+                date,
+                sensor_serial: sensor_serial.or_else(|| before.origin.sensor_serial.clone()),
+                solver: before.origin.solver,
+                diagnostics,
+                sources,
+                columns: columns.or_else(|| before.origin.columns.clone()),
+            },
+        }
+    }
+}
