@@ -17,7 +17,9 @@ mod units;
 use content::MOST_TRACES;
 pub use content::{CalibrationFacts, CalibrationSource, Heading, Input, Report};
 pub use markup::figure;
-pub use of_calibration::{CalibrationReport, FewGroups, GroupRow};
+pub use of_calibration::{
+    CalibrationReport, Certificate, Contribution, Evaluation, FewGroups, GroupRow, WeightRow,
+};
 pub use outliers::{OutlierRow, OutlierTable};
 use page::ReportPage;
 use shell_data::escape;

@@ -2,9 +2,10 @@
 
 use super::convert::{ConvertError, interval_factors};
 use super::hung_loads::{HungLoadsError, hung_rows, stated};
+use super::recalibration::known_errors;
 use super::{WorkflowError, check_channels};
-use calibration::Calibration;
 use calibration::physics::COVERAGE_LEVEL;
+use calibration_file::CalibrationFile;
 use load_table::{HungLoad, HungLoads};
 use log_file::{Log, ReadOptions};
 use shell_data::dataset::Dataset;
@@ -68,16 +69,23 @@ impl CheckedLoad {
 /// # Errors
 /// [`CheckError`].
 pub fn check_weights(
-    calibration: &Calibration,
+    file: &CalibrationFile,
     logs: &[Log],
     table: &HungLoads,
     read: &ReadOptions<'_>,
 ) -> Result<Vec<CheckedLoad>, CheckError> {
+    let calibration = &file.calibration;
     for log in logs {
         let checked = check_channels(log, calibration.channels());
         checked.map_err(|error| HungLoadsError::from(WorkflowError::from(error)))?;
     }
-    let factors = interval_factors(calibration, COVERAGE_LEVEL)?;
+    // Without intervals, as after `fit --from`, errors on loads that were held out tell as much in the mean.
+    let known = known_errors(file).map(|errors| errors.map(|error| HALF_WIDTH * error));
+    let factors = match (interval_factors(calibration, COVERAGE_LEVEL), known) {
+        (Ok(factors), _) => Ok(factors),
+        (Err(_), Some(known)) => Err(known),
+        (Err(error), None) => return Err(error.into()),
+    };
     let (data, _) = hung_rows(logs, table, read)?;
     let data = calibration
         .prepared(&data)
@@ -91,15 +99,18 @@ pub fn check_weights(
         (rows > 0).then(|| {
             let mut wrench = PerAxis::default();
             calibration.wrench(&readings, &mut wrench);
-            let mut errors = PerAxis::default();
-            calibration.standard_errors(&readings, tare.as_ref(), &mut errors);
             let mean = |column: &Vec<f64>| column.iter().sum::<f64>() / rows as f64;
+            let own: PerAxis<f64> = factors.map_or_else(
+                |known| known,
+                |factors| {
+                    let mut errors = PerAxis::default();
+                    calibration.standard_errors(&readings, tare.as_ref(), &mut errors);
+                    std::array::from_fn(|axis| factors[axis] * mean(&errors[axis]))
+                },
+            );
             let zero = tare.as_ref().map_or([0.0; 6], |tare| tare.wrench);
             let of_load = stated(load, &[]).standard_errors();
-            let allowed = |axis: usize| {
-                let own = factors[axis] * mean(&errors[axis]);
-                MARGIN * own.hypot(HALF_WIDTH * of_load[axis])
-            };
+            let allowed = |axis: usize| MARGIN * own[axis].hypot(HALF_WIDTH * of_load[axis]);
             CheckedLoad {
                 load: load.clone(),
                 stated: load.wrench(),

@@ -3,6 +3,7 @@
 pub mod align;
 pub mod batch;
 pub mod bench;
+pub mod certificate;
 pub mod check;
 pub mod convert;
 pub mod drift;

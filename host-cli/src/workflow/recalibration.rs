@@ -125,7 +125,7 @@ fn read_rows(
 }
 
 /// Errors on loads that were held out, or the best that a file knows of.
-fn known_errors(file: &CalibrationFile) -> Option<PerAxis<f64>> {
+pub(super) fn known_errors(file: &CalibrationFile) -> Option<PerAxis<f64>> {
     let known = file.origin.diagnostics.as_ref()?;
     let held_out = known.cross_validation.as_ref().map(|of| of.grouped.map(|axis| axis.rms));
     let rms = |of: PerAxis<AxisQuality>| of.map(|axis| axis.rms);

@@ -24,6 +24,7 @@ mod board_port;
 mod board_wrench;
 mod book;
 mod calibration_cli;
+mod certificate;
 mod certified;
 mod convert;
 mod convert_formats;

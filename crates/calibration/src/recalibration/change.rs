@@ -8,11 +8,11 @@
 //! changes are taken into the numbers of a calibration of any kind, so that it converts as fast as before.
 
 use crate::conversion::{Calibration, Kind};
+use crate::model::Term;
 use crate::physics::response::{PARAMETERS, Parameters};
 use crate::physics::{PhysicsCalibration, PhysicsModel, Sensor};
 use crate::polynomial::Polynomial;
 use crate::reading_ranges::ReadingRange;
-use crate::scaling::Scaling;
 use shell_data::wrench::{PerAxis, cross};
 
 /// What has changed of a sensor since it was calibrated.
@@ -66,20 +66,25 @@ impl Change {
         changed
     }
 
-    /// Memory terms change with the gain alone: they are differences of readings.
+    /// Scales stay as they are, powers of two: coefficients take the gains up. Memory terms, differences of readings,
+    /// change with the gain alone.
     pub(super) fn polynomial(&self, polynomial: &Polynomial) -> Polynomial {
         let (model, mut scaling) = (polynomial.model(), polynomial.scaling().clone());
-        let Scaling { centre, scale } = &mut scaling;
-        for (column, (centre, scale)) in centre.iter_mut().zip(scale).enumerate() {
-            let of = self.channels[column % model.channels];
-            *scale *= 1.0 + of.gain;
+        let of_column = |column: usize| self.channels[column % model.channels];
+        for (column, centre) in scaling.centre.iter_mut().enumerate() {
+            let of = of_column(column);
             *centre = match column < model.channels {
                 true => of.reading(*centre),
                 false => *centre * (1.0 + of.gain),
             };
         }
-        let turned = |c: &PerAxis<f64>| self.wrench(c);
-        Polynomial::new(model, scaling, polynomial.coefficients().iter().map(turned).collect())
+        let coefficient = |(term, c): (Term, &PerAxis<f64>)| {
+            let gains = term.factors().iter().map(|&column| 1.0 + of_column(column.into()).gain);
+            let gain = gains.product::<f64>();
+            self.wrench(&c.map(|c| c / gain))
+        };
+        let terms = model.terms().into_iter().zip(polynomial.coefficients());
+        Polynomial::new(model, scaling, terms.map(coefficient).collect())
     }
 
     pub(super) fn model(&self, model: &PhysicsModel) -> PhysicsModel {
@@ -165,6 +170,7 @@ fn rotated(v: [f64; 3], by: [f64; 3]) -> [f64; 3] {
 mod tests {
     use super::*;
     use crate::model::{Basis, Model};
+    use crate::scaling::Scaling;
 
     fn change() -> Change {
         let channel = |at: usize| ChannelChange {

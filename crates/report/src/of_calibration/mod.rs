@@ -1,10 +1,12 @@
 //! The report of a calibration: how far it can be trusted, and what for.
 
+mod certificate;
 mod content;
 mod limits;
 
 use std::fmt::Write;
 
+pub use certificate::{Certificate, Contribution, Evaluation, WeightRow};
 pub use content::{CalibrationReport, FewGroups, GroupRow};
 use limits::limits;
 

@@ -70,7 +70,7 @@ impl CheckArgs {
         tell_remembered(printer, &self.calibration, &mapping, &logs);
         let axes: Vec<Axis> = file.calibration.axes.iter().collect();
         let read = self.mapping.read_options();
-        let checked = check_weights(&file.calibration, &logs, &table, &read)?;
+        let checked = check_weights(&file, &logs, &table, &read)?;
         let off = |of: &CheckedLoad| -> Vec<Axis> {
             axes.iter().copied().filter(|axis| of.is_off(*axis)).collect()
         };

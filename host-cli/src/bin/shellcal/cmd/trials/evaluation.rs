@@ -75,6 +75,16 @@ impl EvaluationArgs {
         Ok(Equipment { profile, calibration, mapping })
     }
 
+    /// Reads a calibration that is not `--calibration`.
+    pub(super) fn read_calibration(&self, path: &Path) -> anyhow::Result<CalibrationFile> {
+        Ok(self.edited.read(path)?)
+    }
+
+    /// The columns of logs that it is for.
+    pub(super) fn mapping_for(&self, calibration: &CalibrationFile) -> anyhow::Result<Mapping> {
+        self.mapping.mapping_for(calibration)
+    }
+
     pub(crate) fn options(&self, equipment: &Equipment, trace: TraceExtent) -> TrialOptions {
         let rule = if self.by_row { RowRule::Rows } else { RowRule::Time };
         TrialOptions {

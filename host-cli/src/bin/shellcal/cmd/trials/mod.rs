@@ -1,6 +1,7 @@
 //! Trials: one, all of a manifest, and the statistics of a table.
 
 pub(crate) mod batch;
+mod certificate;
 mod evaluation;
 mod manifest;
 mod outputs;

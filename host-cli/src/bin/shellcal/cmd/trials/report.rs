@@ -10,6 +10,7 @@ use shellcal::workflow::figures::reduce_trace;
 use shellcal::workflow::report;
 use trial::{TraceExtent, TrialResult};
 
+use super::certificate::CertificateArgs;
 use super::evaluation::EvaluationArgs;
 use super::manifest;
 use crate::cmd::origin;
@@ -20,22 +21,23 @@ use crate::printer::Printer;
 const EXAMPLES: &str = "\
 Examples:
   shellcal report manifest.csv --calibration calibration.json
-  shellcal report manifest.csv --calibration calibration.json --reference free --output beams.html";
+  shellcal report manifest.csv --calibration calibration.json --reference free --output beams.html
+  shellcal report calibration.json --certificate --unloaded rest.csv --output certificate.html";
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct ReportArgs {
-    /// Which trials there are: CSV or `.toml`
+    /// Which trials there are: CSV or `.toml`; with `--certificate`: a calibration
     #[arg(value_name = "MANIFEST")]
-    manifest: InputPath,
+    pub(super) manifest: InputPath,
 
     /// File to write
     #[arg(long, short, value_name = "FILE", default_value = "report.html")]
-    output: OutputPath,
+    pub(super) output: OutputPath,
 
     /// Title of the report [default: the manifest's name]
     #[arg(long, value_name = "TEXT")]
-    title: Option<String>,
+    pub(super) title: Option<String>,
 
     /// The condition that the others are compared with
     #[arg(long, value_name = "NAME")]
@@ -46,11 +48,17 @@ pub(crate) struct ReportArgs {
     seed: u64,
 
     #[command(flatten)]
-    evaluation: EvaluationArgs,
+    pub(super) certificate: CertificateArgs,
+
+    #[command(flatten)]
+    pub(super) evaluation: EvaluationArgs,
 }
 
 impl ReportArgs {
     pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+        if self.certificate.certificate {
+            return self.certify(printer, outputs);
+        }
         let mut out = outputs.create(&self.output)?;
         let equipment = self.evaluation.equipment()?;
         let path = &self.manifest;

@@ -1,0 +1,216 @@
+//! A certificate: one page to print, in the terms of the GUM (JCGM 100:2008).
+
+use std::fmt::Write;
+
+use super::super::markup::{TableCell, escape, table};
+use super::super::page::{PageSection, ReportPage};
+use super::super::sections::calibration::{scales, sources_table};
+use super::super::sections::parts::facts_table;
+use super::super::units::ColumnUnit;
+use super::super::{CalibrationFacts, Heading};
+use calibration::validation::excitation::Excitation;
+use shell_data::wrench::{Axis, PerAxis};
+
+/// The coverage factor: 95 % of normal errors.
+const COVERAGE: f64 = 2.0;
+
+/// What a certificate says. N and N·m.
+#[derive(Clone, Debug)]
+pub struct Certificate<'a> {
+    /// What it is about, and where it comes from.
+    pub heading: Heading<'a>,
+    /// The calibration, and what it was made from.
+    pub calibration: CalibrationFacts<'a>,
+    /// Which loads were calibrated.
+    pub excitation: Option<&'a Excitation>,
+    /// What the uncertainty consists of.
+    pub budget: &'a [Contribution],
+    /// What is to be said of the 95 % intervals of single frames.
+    pub intervals: &'a str,
+    /// Known weights beside what the sensor said of them.
+    pub weights: &'a [WeightRow],
+}
+
+/// A line of an uncertainty budget.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Contribution {
+    /// What makes the wrench uncertain.
+    pub source: &'static str,
+    /// How its uncertainty was evaluated.
+    pub evaluation: Evaluation,
+    /// Where the number comes from, or why there is none.
+    pub basis: String,
+    /// The standard uncertainty of each axis, if it is known.
+    pub standard: Option<PerAxis<f64>>,
+    /// Whether another line has it already.
+    pub is_part: bool,
+}
+
+/// How a standard uncertainty was evaluated (GUM, 3.3.4).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Evaluation {
+    /// From observations.
+    TypeA,
+    /// From what was known before.
+    TypeB,
+}
+
+/// A known weight on the calibrated sensor, and one axis of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WeightRow {
+    /// The load.
+    pub load: String,
+    /// The axis.
+    pub axis: Axis,
+    /// What hung there, what the sensor said, and the largest difference that is to be expected.
+    pub stated: f64,
+    /// See there.
+    pub measured: f64,
+    /// See there.
+    pub allowed: f64,
+    /// Whether it differs by more.
+    pub is_off: bool,
+}
+
+impl Certificate<'_> {
+    /// The combined standard uncertainty of each axis: the root of the sum of the squares that are known (GUM, 5.1.2).
+    pub fn combined(&self) -> PerAxis<f64> {
+        let parts = self.budget.iter().filter(|of| !of.is_part).filter_map(|of| of.standard);
+        let mut squares = PerAxis::default();
+        for part in parts {
+            squares.iter_mut().zip(part).for_each(|(sum, u): (&mut f64, f64)| *sum += u * u);
+        }
+        squares.map(f64::sqrt)
+    }
+
+    /// The certificate as the content of an HTML file.
+    pub fn html(&self) -> String {
+        ReportPage {
+            heading: self.heading,
+            subtitle: &format!("{}, {}.", self.heading.made_by, self.heading.date),
+            sections: vec![
+                PageSection::new(
+                    "sensor",
+                    "The sensor and its calibration",
+                    facts_table("The calibration", &self.calibration.facts),
+                ),
+                PageSection::new("loads", "Loads that were calibrated", self.loads()),
+                PageSection::new("uncertainty", "Uncertainty", self.uncertainty()),
+                PageSection::new("weights", "Check weights", self.checked()),
+                PageSection::new("origin", "Traceability", self.origin()),
+            ],
+            script: None,
+        }
+        .html()
+    }
+
+    fn loads(&self) -> String {
+        let Some(excitation) = self.excitation else {
+            return "<p>The calibration file does not say which loads it was made from.</p>\n"
+                .into();
+        };
+        let range = |axis: Axis| &excitation.axes[axis.index()];
+        let scales = scales(|axis| vec![range(axis).min, range(axis).max]);
+        let row = |axis: Axis| {
+            let (of, scale) = (range(axis), &scales[axis.index() / 3]);
+            let figures = [of.min, of.max, of.rms].map(|x| TableCell::Figure(scale.value(Some(x))));
+            let name = [TableCell::from(axis.name())];
+            let unit = [TableCell::Text(scale.unit.clone())];
+            name.into_iter().chain(figures).chain(unit).collect()
+        };
+        let header =
+            [("axis", true), ("least", false), ("most", false), ("RMS", false), ("unit", true)];
+        let rows: Vec<Vec<TableCell>> = self.calibration.axes.iter().map(row).collect();
+        table("Loads of the calibration; outside them it is not valid", &header, &rows)
+    }
+
+    fn uncertainty(&self) -> String {
+        let combined = self.combined();
+        let expanded = combined.map(|u| COVERAGE * u);
+        let scales: [ColumnUnit; 2] = scales(|axis| vec![expanded[axis.index()]]);
+        let axes: Vec<Axis> = self.calibration.axes.iter().collect();
+        let names: Vec<String> =
+            axes.iter().map(|axis| scales[axis.index() / 3].name(axis.name())).collect();
+        let figures = |values: Option<PerAxis<f64>>| {
+            let value = |axis: &Axis| {
+                let value = values.map(|all| all[axis.index()]);
+                TableCell::Figure(scales[axis.index() / 3].value(value))
+            };
+            axes.iter().map(value).collect::<Vec<_>>()
+        };
+        let line = |of: &Contribution| {
+            let kind = match of.evaluation {
+                Evaluation::TypeA => "A",
+                Evaluation::TypeB => "B",
+            };
+            let source =
+                if of.is_part { format!("of which {}", of.source) } else { of.source.into() };
+            let mut row = vec![TableCell::Text(source), TableCell::from(kind)];
+            row.extend(figures(of.standard));
+            row.push(TableCell::Long(of.basis.clone()));
+            row
+        };
+        let sum = |name: &str, values: PerAxis<f64>, basis: &str| {
+            let mut row = vec![TableCell::from(name), TableCell::from("")];
+            row.extend(figures(Some(values)));
+            row.push(TableCell::Long(basis.to_owned()));
+            row
+        };
+        let mut rows: Vec<Vec<TableCell>> = self.budget.iter().map(line).collect();
+        rows.push(sum("combined standard uncertainty", combined, "root of the sum of the squares"));
+        rows.push(sum("expanded uncertainty, k = 2", expanded, "95 % of normal errors"));
+        let mut header = vec![("standard uncertainty", true), ("type", true)];
+        header.extend(names.iter().map(|name| (name.as_str(), false)));
+        header.push(("from", true));
+        let mut html = table("Uncertainty budget of a single frame", &header, &rows);
+        let unknown: Vec<&str> =
+            self.budget.iter().filter(|of| of.standard.is_none()).map(|of| of.source).collect();
+        if !unknown.is_empty() {
+            let unknown = unknown.join(", ");
+            let _ = writeln!(
+                html,
+                "<p class=\"warning\"><strong>Not in the sum:</strong> {}, of which nothing was stated.</p>",
+                escape(&unknown)
+            );
+        }
+        let _ = writeln!(html, "<p>{}</p>", escape(self.intervals));
+        html
+    }
+
+    fn checked(&self) -> String {
+        if self.weights.is_empty() {
+            return String::new();
+        }
+        let row = |of: &WeightRow| {
+            let scale = ColumnUnit::new(of.axis.unit(), [of.stated, of.measured, of.allowed]);
+            let difference = of.measured - of.stated;
+            let figures = [of.stated, of.measured, difference, of.allowed];
+            let mut row = vec![TableCell::Text(of.load.clone()), TableCell::from(of.axis.name())];
+            row.extend(figures.map(|x| TableCell::Figure(scale.value(Some(x)))));
+            row.push(TableCell::Text(scale.unit));
+            row.push(TableCell::from(if of.is_off { "off" } else { "passes" }));
+            row
+        };
+        let header = [
+            ("load", true),
+            ("axis", true),
+            ("stated", false),
+            ("measured", false),
+            ("difference", false),
+            ("allowed", false),
+            ("unit", true),
+            ("", true),
+        ];
+        let rows: Vec<Vec<TableCell>> = self.weights.iter().map(row).collect();
+        table("Known weights on the calibrated sensor", &header, &rows)
+    }
+
+    fn origin(&self) -> String {
+        let command = escape(self.heading.command);
+        let sources = sources_table(&self.calibration);
+        format!(
+            "{sources}<pre><code>{command}</code></pre>\n<p>Calibrated by: ____________________ \
+             Checked by: ____________________ Date: ______________</p>\n"
+        )
+    }
+}

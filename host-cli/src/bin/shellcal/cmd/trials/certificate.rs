@@ -1,0 +1,128 @@
+//! `shellcal report CAL.json --certificate`: a calibration on one page to print.
+
+use std::io::Write;
+
+use ::report::{Certificate, Heading};
+use anyhow::Context;
+use log_file::{Log, ReadOptions};
+use output_file::Outputs;
+use shellcal::workflow::certificate::{CertificateFacts, budget, intervals, weight_rows};
+use shellcal::workflow::check::check_weights;
+use shellcal::workflow::report::calibration_facts;
+
+use super::report::ReportArgs;
+use crate::cmd::mapping::open_logs;
+use crate::cmd::origin;
+use crate::cmd::plan::read_table;
+use crate::files::InputPath;
+use crate::outcome::Outcome;
+use crate::printer::Printer;
+
+/// What a certificate is made from beside the calibration.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Certificate")]
+pub(super) struct CertificateArgs {
+    /// Certify a calibration instead, on one page: loads, uncertainty budget, check weights, checksums
+    #[arg(long, conflicts_with_all = ["reference", "calibration", "profile", "by_row"])]
+    pub(super) certificate: bool,
+
+    /// A log of the unloaded sensor: repeatability, and drift of the zero
+    #[arg(long, value_name = "LOG", requires = "certificate")]
+    unloaded: Option<InputPath>,
+
+    /// The standard uncertainty of the reference sensor or the weights, in N and N·m
+    #[arg(
+        long,
+        value_name = "N,N·m",
+        num_args = 1,
+        value_parser = parse_errors,
+        requires = "certificate"
+    )]
+    reference_error: Option<[f64; 2]>,
+
+    /// Known weights that were hung on the calibrated sensor, as `check` takes them
+    #[arg(long, value_name = "LOADS.csv", requires_all = ["certificate", "weights_log"])]
+    weights: Option<InputPath>,
+
+    /// The logs of these weights
+    #[arg(long, value_name = "LOG", num_args = 1.., requires = "weights")]
+    weights_log: Vec<InputPath>,
+}
+
+fn parse_errors(text: &str) -> Result<[f64; 2], String> {
+    let number = |text: &str| text.trim().parse().ok().filter(|x: &f64| x.is_finite() && *x >= 0.0);
+    let pair =
+        text.split_once(',').and_then(|(force, moment)| Some([number(force)?, number(moment)?]));
+    pair.ok_or_else(|| "expected two numbers of 0 or more, such as `0.05,0.001`".to_owned())
+}
+
+impl ReportArgs {
+    pub(super) fn certify(
+        &self,
+        printer: &mut Printer,
+        outputs: &Outputs,
+    ) -> anyhow::Result<Outcome> {
+        let mut out = outputs.create(&self.output)?;
+        let (path, args) = (&self.manifest, &self.certificate);
+        let file = self.evaluation.read_calibration(path)?;
+        let mapping = self.evaluation.mapping_for(&file)?;
+        let read = ReadOptions { checksum: false, ..self.evaluation.read_options() };
+        let unloaded = args.unloaded.as_ref();
+        let unloaded = unloaded.map(|path| Log::open(path, &mapping)).transpose()?;
+        let facts =
+            CertificateFacts { unloaded: unloaded.as_ref(), reference: args.reference_error };
+        let budget = budget(&file, &facts, &read)?;
+        let weights = match &args.weights {
+            None => Vec::new(),
+            Some(table) => {
+                let logs = open_logs(&args.weights_log, ("--wrench-from", &[]), &mapping)?;
+                let table = read_table(table)?;
+                weight_rows(&check_weights(&file, &logs, &table, &read)?, &file)
+            }
+        };
+        let shown = path.display().to_string();
+        let serial = file.origin.sensor_serial.as_deref().unwrap_or(&shown);
+        let title =
+            self.title.clone().unwrap_or_else(|| format!("Certificate of calibration: {serial}"));
+        let mut calibration = calibration_facts(&shown, &file);
+        let own = shellcal::workflow::report::input("calibration", path)
+            .with_context(|| format!("cannot read `{shown}`"))?;
+        calibration.facts.push(("checksum of the file", own.checksum));
+        let diagnostics = file.origin.diagnostics.as_ref();
+        let certificate = Certificate {
+            heading: Heading {
+                title: &title,
+                made_by: shellcal::PROGRAM,
+                date: &origin::date()?,
+                command: &origin::command_line(),
+            },
+            calibration,
+            excitation: diagnostics.and_then(|of| of.excitation.as_ref()),
+            budget: &budget,
+            intervals: &intervals(&file),
+            weights: &weights,
+        };
+        let html = certificate.html();
+        out.write_all(html.as_bytes())
+            .with_context(|| format!("cannot write `{}`", self.output.display()))?;
+        out.commit()?;
+        let combined = certificate.combined();
+        let off = weights.iter().filter(|of| of.is_off).count();
+        let axes = file.calibration.axes;
+        let summary = serde_json::json!({
+            "file": self.output,
+            "axes": axes.columns(),
+            "combined_standard_uncertainty": axes.of(&combined),
+            "expanded_uncertainty": axes.of(&combined.map(|u| 2.0 * u)),
+            "weights_off": off,
+        });
+        let outcome = printer.finish(&summary, |printer| {
+            printer.line(format!("certificate of `{shown}` in `{}`", self.output.display()))
+        })?;
+        if off > 0 {
+            printer.warning(format!("{off} check weights differ by more than is to be expected"));
+            return Ok(Outcome::CheckFailed);
+        }
+        Ok(outcome)
+    }
+}

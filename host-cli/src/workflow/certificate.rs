@@ -1,0 +1,173 @@
+//! What a certificate says of a calibration: its uncertainty budget, from the calibration file and from logs of the
+//! calibrated sensor.
+
+use super::drift::{DriftError, DriftOptions, drift};
+use super::noise::{NoiseError, NoiseOptions, noise};
+use super::selection::RowFilter;
+use calibration::Kind;
+use calibration::physics::COVERAGE_LEVEL;
+use calibration_file::CalibrationFile;
+use log_file::{Log, ReadOptions};
+use report::{Contribution, Evaluation, WeightRow};
+use shell_data::wrench::{AxisValues, PerAxis};
+
+use super::check::CheckedLoad;
+
+/// What is known of a calibrated sensor beside its calibration file.
+#[derive(Debug, Default)]
+pub struct CertificateFacts<'a> {
+    /// A log of the unloaded sensor, which tells repeatability and drift.
+    pub unloaded: Option<&'a Log>,
+    /// Standard uncertainty of the reference, N and N·m.
+    pub reference: Option<[f64; 2]>,
+}
+
+/// The uncertainty of a single frame, by what makes it.
+///
+/// # Errors
+/// [`NoiseError`] if the log of the unloaded sensor cannot be used.
+pub fn budget(
+    file: &CalibrationFile,
+    facts: &CertificateFacts<'_>,
+    read: &ReadOptions<'_>,
+) -> Result<Vec<Contribution>, NoiseError> {
+    let mut budget = vec![of_model(file)];
+    match facts.unloaded {
+        Some(log) => {
+            let options = NoiseOptions { rows: RowFilter::Fresh, window: None };
+            let found = noise(log, &file.calibration, &options, read)?;
+            budget.push(Contribution {
+                source: "repeatability",
+                evaluation: Evaluation::TypeA,
+                basis: format!(
+                    "scatter of {} frames of the unloaded sensor, `{}`",
+                    found.frames,
+                    log.path().display()
+                ),
+                standard: Some(by_axis(&found.axes, |scatter| scatter.rms)),
+                is_part: true,
+            });
+            budget.push(of_drift(file, log, read)?);
+        }
+        None => budget.push(Contribution {
+            source: "drift of the zero",
+            evaluation: Evaluation::TypeA,
+            basis: "not stated: a log of the unloaded sensor tells it".to_owned(),
+            standard: None,
+            is_part: false,
+        }),
+    }
+    budget.push(Contribution {
+        source: "reference",
+        evaluation: Evaluation::TypeB,
+        basis: match facts.reference {
+            Some(_) => "as stated for the reference sensor or the weights".to_owned(),
+            None => "not stated".to_owned(),
+        },
+        standard: facts.reference.map(|[force, moment]| {
+            std::array::from_fn(|axis| if axis < 3 { force } else { moment })
+        }),
+        is_part: false,
+    });
+    Ok(budget)
+}
+
+/// Errors on loads that were not used, or the best that the file knows.
+fn of_model(file: &CalibrationFile) -> Contribution {
+    let known = file.origin.diagnostics.as_ref();
+    let held_out = known.and_then(|of| of.cross_validation.as_ref());
+    let test = known.and_then(|of| of.test.as_ref());
+    let (standard, basis) = match (held_out, test, known) {
+        (Some(found), _, _) => {
+            let basis = format!(
+                "root mean square error on {} groups of rows that were not used for the fit",
+                found.groups
+            );
+            (Some(found.grouped.map(|axis| axis.rms)), basis)
+        }
+        (None, Some(test), _) => {
+            (Some(test.map(|axis| axis.rms)), "root mean square error on test logs".to_owned())
+        }
+        (None, None, Some(known)) => (
+            Some(known.train.map(|axis| axis.rms)),
+            "root mean square error on the rows that were fitted: too small for new loads"
+                .to_owned(),
+        ),
+        (None, None, None) => (None, "the calibration file does not say".to_owned()),
+    };
+    Contribution {
+        source: "model and mounting",
+        evaluation: Evaluation::TypeA,
+        basis,
+        standard,
+        is_part: false,
+    }
+}
+
+fn of_drift(
+    file: &CalibrationFile,
+    log: &Log,
+    read: &ReadOptions<'_>,
+) -> Result<Contribution, NoiseError> {
+    let calibration = Some(&file.calibration);
+    let options = DriftOptions { calibration, ..DriftOptions::default() };
+    let (standard, basis) = match drift(log, &options, RowFilter::Fresh, read) {
+        Ok(found) => {
+            let rests = found.rests;
+            let spread = found.axes.map(|axes| by_axis(&axes, |of| of.wander));
+            (
+                spread,
+                format!("standard deviation of the zero at {rests} rests, tared before the first"),
+            )
+        }
+        Err(DriftError::Log(error)) => return Err(error.into()),
+        Err(error) => (None, format!("not stated: {error}")),
+    };
+    Ok(Contribution {
+        source: "drift of the zero",
+        evaluation: Evaluation::TypeA,
+        basis,
+        standard,
+        is_part: false,
+    })
+}
+
+fn by_axis<T>(values: &AxisValues<T>, of: impl Fn(&T) -> f64) -> PerAxis<f64> {
+    let mut all = PerAxis::default();
+    values.iter().for_each(|(axis, value)| all[axis.index()] = of(value));
+    all
+}
+
+/// What is to be said of the intervals of converted frames.
+pub fn intervals(file: &CalibrationFile) -> String {
+    let calibration = &file.calibration;
+    let groups = match calibration.kind() {
+        Kind::Polynomial(_) => calibration
+            .covariance
+            .as_ref()
+            .is_some_and(|of| of.interval_factors(COVERAGE_LEVEL).is_ok()),
+        Kind::Physics(physics) => {
+            physics.intervals.as_ref().is_some_and(|of| of.factors(COVERAGE_LEVEL).is_ok())
+        }
+    };
+    match groups {
+        true => "`shellcal convert` gives the 95 % interval of each frame, which is narrower or wider than this with \
+                 the load; it comes from groups of rows that were held out.",
+        false => "The calibration has no 95 % intervals of single frames: no groups of rows were held out for them.",
+    }
+    .to_owned()
+}
+
+/// Weights that were checked, axis by axis.
+pub fn weight_rows(checked: &[CheckedLoad], file: &CalibrationFile) -> Vec<WeightRow> {
+    let row = |of: &CheckedLoad, axis: shell_data::wrench::Axis| WeightRow {
+        load: format!("{}: {}", of.load.group, of.load),
+        axis,
+        stated: of.stated[axis.index()],
+        measured: of.measured[axis.index()],
+        allowed: of.allowed[axis.index()],
+        is_off: of.is_off(axis),
+    };
+    let axes = file.calibration.axes;
+    checked.iter().flat_map(|of| axes.iter().map(move |axis| row(of, axis))).collect()
+}

@@ -1,0 +1,123 @@
+//! `shellcal report CAL.json --certificate`: a calibration on one page, in the terms of the GUM.
+
+use std::fs;
+
+use serde_json::Value;
+use system_tests::program::{ended, json, refused, succeed};
+
+/// Rows of text between the tags of a table's body.
+fn rows(html: &str, caption: &str) -> Vec<Vec<String>> {
+    let table = html.split(&format!("<caption>{caption}")).nth(1).expect("the table is there");
+    let body = table.split("<tbody>").nth(1).unwrap().split("</tbody>").next().unwrap();
+    let text = |cell: &str| {
+        let cell = cell.rsplit_once("<td").map_or("", |(_, cell)| cell);
+        cell.split('>').nth(1).unwrap_or_default().to_owned()
+    };
+    let cells = |row: &str| -> Vec<String> {
+        let cells: Vec<&str> = row.split("</td>").collect();
+        cells[..cells.len() - 1].iter().map(|cell| text(cell)).collect()
+    };
+    body.split("</tr>").map(cells).filter(|row| !row.is_empty()).collect()
+}
+
+fn number(text: &str) -> f64 {
+    text.replace('\u{2212}', "-").parse().unwrap_or_else(|_| panic!("`{text}` is no number"))
+}
+
+#[test]
+fn a_certificate_sums_up_what_is_known_and_says_what_is_not() {
+    let dir = tempfile::tempdir().unwrap();
+    succeed(&dir, "synth train --rows 5000 -o train.csv");
+    succeed(&dir, "synth zero --rows 6000 -o rest.csv");
+    succeed(&dir, "fit train.csv --model cubic --cv --serial <b>7 -o cal.json");
+    let said = json(&dir, "report cal.json --certificate -o little.html --json");
+    let little = fs::read_to_string(dir.path().join("little.html")).unwrap();
+    // Text stays text.
+    assert!(little.contains("&lt;b&gt;7") && !little.contains("<b>7"), "{little}");
+    assert!(little.contains("drift of the zero, reference, of which nothing was stated"));
+    // The error on groups that were held out is all that is known.
+    let file: Value =
+        serde_json::from_str(&fs::read_to_string(dir.path().join("cal.json")).unwrap()).unwrap();
+    let held_out = &file["diagnostics"]["cross_validation"]["grouped"];
+    let combined = |said: &Value, axis: usize| {
+        said["combined_standard_uncertainty"][axis].as_f64().unwrap_or_else(|| panic!("{said}"))
+    };
+    for axis in 0..6 {
+        assert_eq!(combined(&said, axis), held_out[axis]["rms"].as_f64().unwrap());
+    }
+    let command = "report cal.json --certificate --unloaded rest.csv --reference-error 0.05,0.001 -o cal.html --json";
+    let said = json(&dir, command);
+    let html = fs::read_to_string(dir.path().join("cal.html")).unwrap();
+    let noise = json(&dir, "noise cal.json rest.csv --json");
+    let budget = rows(&html, "Uncertainty budget");
+    let of = |source: &str| budget.iter().find(|row| row[0].starts_with(source)).unwrap();
+    // Three digits are shown.
+    let shown = number(&of("of which repeatability")[2]);
+    let expected = noise[0]["axes"]["fx_n"]["rms"].as_f64().unwrap();
+    let unit = html.contains("Fx (mN)").then_some(1e3).unwrap_or(1.0);
+    assert!((shown / (unit * expected) - 1.0).abs() < 5e-3, "{shown} {expected}");
+    assert_eq!(number(&of("reference")[2]), unit * 0.05);
+    // Repeatability is in the first line already.
+    let sum =
+        ["model and mounting", "drift of the zero", "reference"].map(|name| number(&of(name)[2]));
+    let expected = sum.iter().map(|u| u * u).sum::<f64>().sqrt();
+    let found = unit * combined(&said, 0);
+    assert!((found / expected - 1.0).abs() < 1e-2, "{found} {expected} {budget:?}");
+    assert!((number(&of("expanded")[2]) / (2.0 * found) - 1.0).abs() < 5e-3, "{budget:?}");
+    // The file can be told from others.
+    assert!(html.contains("xxh128:"), "{html}");
+}
+
+#[test]
+fn check_weights_are_certified_and_one_that_is_off_fails() {
+    let dir = tempfile::tempdir().unwrap();
+    succeed(&dir, "synth train --rows 8000 -o train.csv");
+    succeed(&dir, "fit train.csv --model linear --cv -o cal.json");
+    // The sensor at rest twice, so that what hangs there is nothing.
+    succeed(&dir, "synth zero --rows 400 -o rest.csv");
+    let rest = fs::read_to_string(dir.path().join("rest.csv")).unwrap();
+    let labelled: String = rest
+        .lines()
+        .enumerate()
+        .map(|(at, line)| match at {
+            0 => format!("{line},group\n"),
+            1..=200 => format!("{line},zero\n"),
+            _ => format!("{line},weight\n"),
+        })
+        .collect();
+    fs::write(dir.path().join("weights.csv"), labelled).unwrap();
+    let table = |mass: f64| {
+        let header = "group,mass_g,x_mm,y_mm,z_mm,azimuth_deg,elevation_deg";
+        let text = format!("{header}\nzero,0,,,,,\nweight,{mass},0,0,40,0,-90\n");
+        fs::write(dir.path().join("loads.csv"), text).unwrap();
+    };
+    let command = "report cal.json --certificate --weights loads.csv --weights-log weights.csv --group group -o cal.html";
+    table(1.0);
+    succeed(&dir, command);
+    table(500.0);
+    let (_, said) = ended(&dir, command, 1);
+    assert!(said.contains("differ by more than is to be expected"), "{said}");
+    let html = fs::read_to_string(dir.path().join("cal.html")).unwrap();
+    let weights = rows(&html, "Known weights");
+    assert_eq!(weights.len(), 6, "{weights:?}");
+    let fz = weights.iter().find(|row| row[1] == "Fz").unwrap();
+    assert_eq!((fz[2].as_str(), fz[7].as_str()), ("\u{2212}4.90", "off"), "{fz:?}");
+}
+
+#[test]
+fn what_does_not_go_together_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    succeed(&dir, "synth train --rows 2000 -o train.csv");
+    succeed(&dir, "fit train.csv --model linear -o cal.json");
+    for (arguments, expected) in [
+        ("report cal.json --certificate --reference-error 1", "expected two numbers"),
+        ("report cal.json --certificate --reference-error=-1,2", "expected two numbers"),
+        ("report cal.json --certificate --weights loads.csv", "--weights-log"),
+        ("report cal.json --unloaded train.csv", "--certificate"),
+        ("report train.csv --certificate", "not valid JSON"),
+        ("report cal.json --certificate --unloaded none.csv", "none.csv"),
+    ] {
+        let said = refused(&dir, arguments);
+        assert!(said.contains(expected), "{arguments}: {said}");
+    }
+}
