@@ -224,3 +224,33 @@ fn the_report_of_a_calibration_can_be_read_at_any_width() {
         assert_eq!(browser.requests(), Vec::<String>::new());
     }
 }
+
+/// The certificate of a calibration: a page for every screen and for paper.
+#[test]
+#[ignore = "needs Chromium"]
+fn a_certificate_can_be_read_at_any_width() {
+    let chromium = chromium::find().unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    run(dir, "synth train --rows 5000 --output train.csv", 0);
+    run(dir, "synth zero --rows 2000 --output rest.csv", 0);
+    run(dir, "fit train.csv --model cubic --cv --output cal.json", 0);
+    run(dir, "report cal.json --certificate --unloaded rest.csv --output certificate.html", 0);
+    for (width, dark) in [(1400, true), (390, false)] {
+        let mut browser = Browser::start(&chromium, [width, 900], width < 500);
+        if dark {
+            browser.prefer_dark();
+        }
+        browser.open(&dir.join("certificate.html"));
+        let headings =
+            browser.evaluate("[...document.querySelectorAll('h2')].map((h) => h.id).join(' ')");
+        assert_eq!(headings, "sensor loads uncertainty origin");
+        let beyond = "document.documentElement.scrollWidth - document.documentElement.clientWidth";
+        assert_eq!(browser.evaluate(beyond), 0, "{width}");
+        assert!(contrast(&mut browser) > 4.5, "{width}");
+        check_rules(&mut browser);
+        keep(&browser.screenshot(), &format!("certificate-{width}.png.base64"));
+        assert_eq!(browser.complaints(), Vec::<String>::new());
+        assert_eq!(browser.requests(), Vec::<String>::new());
+    }
+}
