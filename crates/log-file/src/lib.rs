@@ -57,8 +57,9 @@ mod stream;
 pub mod summary;
 
 pub use error::{Field, LogError, LogPosition, RowMismatch, RowProblem};
-pub use format::columns::{Column, Meaning};
+pub use format::columns::Column;
 pub use format::mapping::{ColumnRef, LogFormat, Mapping, MomentUnit, TimeUnit, named_axis};
+pub use format::meaning::Meaning;
 pub use log::Log;
 pub use read::all::{read_all, threads_for};
 pub use read::dataset::{read_dataset, sample_logs};

@@ -5,9 +5,10 @@ use std::path::Path;
 use std::sync::Arc;
 
 use crate::error::LogError;
-use crate::format::columns::{Column, ColumnsError, Meaning, axis_of_other_unit, positions};
+use crate::format::columns::{Column, ColumnsError, positions};
 use crate::format::layout::{FileLayout, HEAD_BYTES, recognise_layout};
 use crate::format::mapping::{ColumnRef, LogFormat, Mapping};
+use crate::format::meaning::{Meaning, axis_of_other_unit};
 use crate::read::request::Wanted;
 use crate::stream::chunk::{CHUNK_BYTES, ChunkStream};
 use crate::stream::source::{ByteStream, LogSource};

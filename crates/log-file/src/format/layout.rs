@@ -3,9 +3,10 @@
 
 use memchr::memchr;
 
-use super::columns::{Column, ColumnRoles, ColumnsError, Meaning, names_a_unit, recognise};
+use super::columns::{Column, ColumnRoles, ColumnsError, recognise};
 use super::mapping::{LogFormat, Mapping, TimeUnit};
 use super::matrices::by_shape;
+use super::meaning::{Meaning, names_a_unit};
 use crate::error::LogError;
 use crate::parse::console;
 use crate::parse::number::{NumberError, parse_date, parse_field};

@@ -1,7 +1,7 @@
 //! Columns of matrices: `a1`, `a2`, … of a matrix `a` in a MATLAB or HDF5 file.
 
-use super::columns::{Meaning, meaning_of};
 use super::mapping::{ColumnRef, LogFormat, Mapping};
+use super::meaning::{Meaning, meaning_of};
 
 /// The names of the columns of a matrix `name`, as far as there are any.
 pub(crate) fn columns_of(names: &[String], name: &str) -> Vec<String> {
