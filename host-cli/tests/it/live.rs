@@ -351,11 +351,12 @@ fn a_kilohertz_is_shown_and_recorded_whole_whatever_the_user_does() {
         let index = log.numbers("index");
         assert!(index.len() > 500, "{} rows", index.len());
         // A board whose line stands still, as where the machine is busy with others, drops frames and counts them,
-        // modulo 256.
+        // modulo 256: before it numbers them, so that numbers have no gap, or on its way to the line.
         let dropped = log.numbers("dropped");
         for (index, dropped) in index.windows(2).zip(dropped.windows(2)) {
             let by_board = (dropped[1] - dropped[0]).rem_euclid(256.0);
-            assert_eq!(index[1] - index[0] - 1.0, by_board, "a frame is lost after {}", index[0]);
+            let lost = index[1] - index[0] - 1.0;
+            assert!(lost == 0.0 || lost == by_board, "{lost} frames are lost after {}", index[0]);
         }
         let marked = log.text("flags").iter().filter(|flags| flags.contains("mark")).count();
         assert_eq!(marked, 1);
