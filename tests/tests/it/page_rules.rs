@@ -54,3 +54,12 @@ pub fn check_rules(browser: &mut Browser) {
     );
     assert_eq!(found, Value::Array(Vec::new()));
 }
+
+/// The page does not scroll sideways, its text can be told from its ground, and it follows the rules.
+pub fn check_page(browser: &mut Browser, width: u32) {
+    // Less a scroll bar, the window's width.
+    let beyond = "document.documentElement.scrollWidth - document.documentElement.clientWidth";
+    assert_eq!(browser.evaluate(beyond), 0, "{width}");
+    assert!(contrast(browser) > 4.5, "{width}");
+    check_rules(browser);
+}

@@ -8,7 +8,7 @@ use system_tests::browser::Browser;
 use system_tests::chromium;
 use system_tests::program::run;
 
-use crate::page_rules::{check_rules, contrast, keep};
+use crate::page_rules::{check_page, check_rules, contrast, keep};
 
 /// A name that would be harmful if it were taken for markup, or for a tag of the plotting library.
 const NASTY: &str = "<img src=x onerror=alert(1)></script><b>";
@@ -156,11 +156,7 @@ fn a_report_answers_first_and_cuts_nothing_without_a_cue() {
         if width >= 1000 {
             assert_eq!(browser.evaluate(wider), "", "{width}");
         }
-        // Less a scroll bar, the window's width: the page itself does not scroll sideways.
-        let beyond = "document.documentElement.scrollWidth - document.documentElement.clientWidth";
-        assert_eq!(browser.evaluate(beyond), 0, "{width}");
-        assert!(contrast(&mut browser) > 4.5, "{width}");
-        check_rules(&mut browser);
+        check_page(&mut browser, width);
         let paper = browser.evaluate("getComputedStyle(document.body).backgroundColor");
         assert_eq!(paper == "rgb(255, 255, 255)", !dark);
         keep(&browser.screenshot(), &format!("report-{width}.png.base64"));
@@ -215,10 +211,7 @@ fn the_report_of_a_calibration_can_be_read_at_any_width() {
             let wider = "[...document.querySelectorAll('.table')].filter((t) => t.scrollWidth > t.clientWidth + 1).map((t) => t.getAttribute('aria-label')).join()";
             assert_eq!(browser.evaluate(wider), "", "{width}");
         }
-        let beyond = "document.documentElement.scrollWidth - document.documentElement.clientWidth";
-        assert_eq!(browser.evaluate(beyond), 0, "{width}");
-        assert!(contrast(&mut browser) > 4.5, "{width}");
-        check_rules(&mut browser);
+        check_page(&mut browser, width);
         keep(&browser.screenshot(), &format!("fit-{width}.png.base64"));
         assert_eq!(browser.complaints(), Vec::<String>::new());
         assert_eq!(browser.requests(), Vec::<String>::new());
@@ -245,10 +238,7 @@ fn a_certificate_can_be_read_at_any_width() {
         let headings =
             browser.evaluate("[...document.querySelectorAll('h2')].map((h) => h.id).join(' ')");
         assert_eq!(headings, "sensor loads uncertainty origin");
-        let beyond = "document.documentElement.scrollWidth - document.documentElement.clientWidth";
-        assert_eq!(browser.evaluate(beyond), 0, "{width}");
-        assert!(contrast(&mut browser) > 4.5, "{width}");
-        check_rules(&mut browser);
+        check_page(&mut browser, width);
         keep(&browser.screenshot(), &format!("certificate-{width}.png.base64"));
         assert_eq!(browser.complaints(), Vec::<String>::new());
         assert_eq!(browser.requests(), Vec::<String>::new());

@@ -9,7 +9,7 @@ use system_tests::program::run;
 use system_tests::random::{Random, damage};
 use system_tests::{chromium, real_recording};
 
-use crate::page_rules::{check_rules, contrast, keep};
+use crate::page_rules::{check_page, check_rules, keep};
 
 /// Names the page, which `cargo xtask test` builds.
 const PAGE: &str = "SHELLCAL_WEB_PAGE";
@@ -203,10 +203,7 @@ fn the_page_works_by_keyboard_on_a_phone_and_in_the_dark() {
         // What is new has the focus.
         assert_eq!(browser.evaluate("document.activeElement.id"), "result-heading");
         assert_eq!(browser.evaluate("document.querySelectorAll('.verdict p').length > 2"), true);
-        let beyond = "document.documentElement.scrollWidth - document.documentElement.clientWidth";
-        assert_eq!(browser.evaluate(beyond), 0, "{width}");
-        assert!(contrast(&mut browser) > 4.5, "{width}");
-        check_rules(&mut browser);
+        check_page(&mut browser, width);
         let paper = browser.evaluate("getComputedStyle(document.body).backgroundColor");
         assert_eq!(paper == "rgb(255, 255, 255)", !dark);
         keep(&browser.screenshot(), &format!("web-{width}.png.base64"));

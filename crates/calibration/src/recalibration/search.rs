@@ -1,7 +1,7 @@
 //! The change of greatest posterior density, with the priors that make the observations most probable.
 //!
-//! Differences are linear in what has changed but for a little, so they are summed up once about the last change that
-//! was found; priors and observations that are held out then cost a solution of some twenty equations each.
+//! Differences are nearly linear in the change, so their normal equations are set up about the last change that was
+//! found; to try a prior, or to hold a group out, then takes a solution of some twenty equations.
 
 use std::collections::BTreeMap;
 
@@ -143,17 +143,17 @@ impl<'a> Search<'a> {
         let mut at = vec![0.0; self.unknowns.len()];
         let mut shares = Shares::default();
         let (mut groups, mut all) = self.equations(&at);
-        let unchanged = all.square;
+        let (unchanged, mut found) = (all.square, None);
         for round in 0..ROUNDS {
             if round > 0 {
                 (groups, all) = self.equations(&at);
             }
             shares = self.most_probable(&all);
-            let Some(found) = all.posterior(&self.sds(&shares)) else { break };
-            at = (0..at.len()).map(|i| found.mean[i]).collect();
+            found = all.posterior(&self.sds(&shares));
+            let Some(of) = &found else { break };
+            at = (0..at.len()).map(|i| of.mean[i]).collect();
         }
         let sds = self.sds(&shares);
-        let found = all.posterior(&sds);
         let without = |group: &Equations| {
             let mut rest = all.clone();
             rest.add(group, -1.0);

@@ -83,6 +83,11 @@ impl Certificate<'_> {
         squares.map(f64::sqrt)
     }
 
+    /// The expanded uncertainty of each axis: that times the coverage factor 2 (GUM, 6.2.1).
+    pub fn expanded(&self) -> PerAxis<f64> {
+        self.combined().map(|u| COVERAGE * u)
+    }
+
     /// The certificate as the content of an HTML file.
     pub fn html(&self) -> String {
         ReportPage {
@@ -125,8 +130,7 @@ impl Certificate<'_> {
     }
 
     fn uncertainty(&self) -> String {
-        let combined = self.combined();
-        let expanded = combined.map(|u| COVERAGE * u);
+        let (combined, expanded) = (self.combined(), self.expanded());
         let scales: [ColumnUnit; 2] = scales(|axis| vec![expanded[axis.index()]]);
         let axes: Vec<Axis> = self.calibration.axes.iter().collect();
         let names: Vec<String> =
@@ -199,7 +203,7 @@ impl Certificate<'_> {
             ("difference", false),
             ("allowed", false),
             ("unit", true),
-            ("", true),
+            ("result", true),
         ];
         let rows: Vec<Vec<TableCell>> = self.weights.iter().map(row).collect();
         table("Known weights on the calibrated sensor", &header, &rows)

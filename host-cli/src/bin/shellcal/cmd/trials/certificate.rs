@@ -106,14 +106,13 @@ impl ReportArgs {
         out.write_all(html.as_bytes())
             .with_context(|| format!("cannot write `{}`", self.output.display()))?;
         out.commit()?;
-        let combined = certificate.combined();
         let off = weights.iter().filter(|of| of.is_off).count();
         let axes = file.calibration.axes;
         let summary = serde_json::json!({
             "file": self.output,
             "axes": axes.columns(),
-            "combined_standard_uncertainty": axes.of(&combined),
-            "expanded_uncertainty": axes.of(&combined.map(|u| 2.0 * u)),
+            "combined_standard_uncertainty": axes.of(&certificate.combined()),
+            "expanded_uncertainty": axes.of(&certificate.expanded()),
             "weights_off": off,
         });
         let outcome = printer.finish(&summary, |printer| {
