@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 use serde_json::{Value, json};
 
 /// When to give up, which is no statement on how long it should take.
-const PATIENCE: Duration = Duration::from_secs(120);
+const PATIENCE: Duration = Duration::from_secs(300);
 
 /// A browser with one page.
 #[derive(Debug)]
@@ -82,6 +82,8 @@ impl Browser {
     pub fn visit(&mut self, url: &str) {
         self.call("Page.navigate", json!({ "url": url }));
         self.wait_for("document.readyState === 'complete'");
+        // A browser drops what is typed and clicked before the first frame of a page.
+        self.wait_for_frame();
     }
 
     /// What an expression is on the page; promises are waited for.
@@ -97,20 +99,43 @@ impl Browser {
     pub fn wait_for(&mut self, expression: &str) {
         let deadline = Instant::now() + PATIENCE;
         while self.evaluate(expression) != Value::Bool(true) {
-            assert!(Instant::now() < deadline, "`{expression}` does not become true");
+            if Instant::now() > deadline {
+                let page = self.evaluate("document.body.innerText");
+                panic!("`{expression}` does not become true; the page says:\n{page}");
+            }
             std::thread::sleep(Duration::from_millis(50));
         }
     }
 
+    /// Waits until what the page is now has been painted.
+    fn wait_for_frame(&mut self) {
+        self.evaluate("new Promise((painted) => requestAnimationFrame(() => requestAnimationFrame(() => painted(0))))");
+    }
+
     /// Clicks in the middle of the element that an expression gives.
+    ///
+    /// What is under the mouse is known from the last frame, and input may be dropped: clicks until the element has
+    /// seen it.
     pub fn click(&mut self, element: &str) {
-        let place = self.evaluate(&format!(
-            "(() => {{ const e = {element}; e.scrollIntoView({{ block: 'center' }}); \
-             const r = e.getBoundingClientRect(); return [r.x + r.width / 2, r.y + r.height / 2]; }})()"
+        let deadline = Instant::now() + PATIENCE;
+        self.evaluate(&format!(
+            "clicked = false; {element}.addEventListener('click', () => {{ clicked = true; }}, {{ capture: true, once: true }})"
         ));
-        for kind in ["mousePressed", "mouseReleased"] {
-            let event = json!({ "type": kind, "x": place[0], "y": place[1], "button": "left", "clickCount": 1 });
-            self.call("Input.dispatchMouseEvent", event);
+        loop {
+            self.evaluate(&format!("{element}.scrollIntoView({{ block: 'center' }})"));
+            self.wait_for_frame();
+            let place = self.evaluate(&format!(
+                "(() => {{ const e = {element}; \
+                 const r = e.getBoundingClientRect(); return [r.x + r.width / 2, r.y + r.height / 2]; }})()"
+            ));
+            for kind in ["mousePressed", "mouseReleased"] {
+                let event = json!({ "type": kind, "x": place[0], "y": place[1], "button": "left", "clickCount": 1 });
+                self.call("Input.dispatchMouseEvent", event);
+            }
+            if self.evaluate("clicked") == Value::Bool(true) {
+                return;
+            }
+            assert!(Instant::now() < deadline, "`{element}` cannot be clicked at {place}");
         }
     }
 
