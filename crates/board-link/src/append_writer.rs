@@ -12,6 +12,8 @@ use std::path::{Path, PathBuf};
 
 use output_file::OutputError;
 
+use super::LogSink;
+
 /// A growing file.
 #[derive(Debug)]
 pub struct AppendWriter {
@@ -56,28 +58,30 @@ impl AppendWriter {
         }
     }
 
-    /// Where it is.
-    pub fn path(&self) -> &Path {
-        &self.path
+    /// Whether the file still has a name: where it was removed while it grew, all in it is lost.
+    fn check_there(&self) -> io::Result<()> {
+        match is_removed(&self.file)? {
+            true => Err(io::Error::new(io::ErrorKind::NotFound, "it was removed meanwhile")),
+            false => Ok(()),
+        }
     }
 
-    /// Where logs of other boards are made.
-    pub(super) fn place(&self) -> LogFolder {
-        LogFolder { path: self.path.clone() }
+    fn cut(&mut self) -> io::Result<()> {
+        use std::io::{Seek, SeekFrom};
+        if self.regular {
+            self.file.set_len(self.length)?;
+            self.file.seek(SeekFrom::Start(self.length))?;
+        }
+        Ok(())
     }
+}
 
-    /// Where a piece is put together that the next [`flush`](Self::flush) writes.
-    pub(super) fn pending(&mut self) -> &mut Vec<u8> {
+impl LogSink for AppendWriter {
+    fn pending(&mut self) -> &mut Vec<u8> {
         &mut self.pending
     }
 
-    /// Bytes in the file.
-    pub fn length(&self) -> u64 {
-        self.length
-    }
-
-    /// Writes what is pending, whole or not at all.
-    pub(super) fn flush(&mut self) -> Result<(), OutputError> {
+    fn flush(&mut self) -> Result<(), OutputError> {
         if self.failed {
             self.pending.clear();
         }
@@ -102,7 +106,7 @@ impl AppendWriter {
     }
 
     /// Ends the file: on the disk if it holds anything, gone if it does not.
-    pub(super) fn close(mut self) -> Result<(), OutputError> {
+    fn close(mut self: Box<Self>) -> Result<(), OutputError> {
         let flushed = self.flush();
         if !self.regular {
             return flushed;
@@ -114,34 +118,13 @@ impl AppendWriter {
         flushed.and(closed.map_err(|source| OutputError::failed(self.path, source)))
     }
 
-    /// Whether the file still has a name: where it was removed while it grew, all in it is lost.
-    fn check_there(&self) -> io::Result<()> {
-        match is_removed(&self.file)? {
-            true => Err(io::Error::new(io::ErrorKind::NotFound, "it was removed meanwhile")),
-            false => Ok(()),
-        }
+    fn path(&self) -> &Path {
+        &self.path
     }
 
-    fn cut(&mut self) -> io::Result<()> {
-        use std::io::{Seek, SeekFrom};
-        if self.regular {
-            self.file.set_len(self.length)?;
-            self.file.seek(SeekFrom::Start(self.length))?;
-        }
-        Ok(())
-    }
-}
-
-/// Where the logs of further boards are made.
-#[derive(Clone, Debug)]
-pub(super) struct LogFolder {
-    path: PathBuf,
-}
-
-impl LogFolder {
     /// A log whose name has that of the board in it: `log-2052.csv` beside `log.csv`; where there is one
     /// already, `log-2052-2.csv` and so on, for a recording that runs cannot ask.
-    pub(super) fn beside(&self, board: &str) -> Result<AppendWriter, OutputError> {
+    fn beside(&self, board: &str) -> Result<Box<dyn LogSink>, OutputError> {
         let stem = self.path.file_stem().unwrap_or_default().to_string_lossy();
         let dot = self.path.extension().map(|it| format!(".{}", it.to_string_lossy()));
         let dot = dot.unwrap_or_default();
@@ -150,7 +133,7 @@ impl LogFolder {
             let number_text = if number == 1 { String::new() } else { format!("-{number}") };
             let path = self.path.with_file_name(format!("{stem}-{board}{number_text}{dot}"));
             if number == MOST_NAMES || !path.exists() {
-                return AppendWriter::create(&path, false);
+                return Ok(Box::new(Self::create(&path, false)?));
             }
             number += 1;
         }

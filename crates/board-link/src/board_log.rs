@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
-use super::AppendWriter;
+use super::LogSink;
 use super::record_error::RecordError;
 use super::record_options::RecordOptions;
 use crate::recording::{BoardFrame, BoardSource, FrameLabel, Losses, RowWriter};
@@ -28,9 +28,10 @@ pub struct RecordedBoard {
 }
 
 /// Frames of a board on their way into its log.
+#[derive(Debug)]
 pub(super) struct BoardLog {
     pub(super) sender: BoardSource,
-    pub(super) log: Option<AppendWriter>,
+    pub(super) log: Option<Box<dyn LogSink>>,
     /// Made for the first frame, which tells the columns.
     rows: Option<RowWriter>,
     /// Marks that are not among the rows yet.
@@ -51,7 +52,7 @@ pub(super) struct BoardLog {
 }
 
 impl BoardLog {
-    pub(super) fn new(sender: BoardSource, log: Option<AppendWriter>, waits: bool) -> Self {
+    pub(super) fn new(sender: BoardSource, log: Option<Box<dyn LogSink>>, waits: bool) -> Self {
         Self {
             sender,
             log,
@@ -133,7 +134,7 @@ impl BoardLog {
         self.finish()?;
         self.other_content = self.other_content();
         self.rows = None;
-        self.log.take().map_or(Ok(()), AppendWriter::close)?;
+        self.log.take().map_or(Ok(()), |log| log.close())?;
         Ok(())
     }
 

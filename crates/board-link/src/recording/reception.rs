@@ -96,6 +96,34 @@ pub struct Losses {
     pub uncertain: u64,
 }
 
+impl Losses {
+    /// What was lost, in words; empty if nothing was.
+    pub fn in_words(&self) -> String {
+        let counts = [
+            (self.missing, "missing"),
+            (self.dropped_on_board, "dropped on the board"),
+            (self.bad_crc, "bad CRC"),
+            (self.damaged, "damaged"),
+            (self.duplicates, "duplicates"),
+            (self.reordered, "reordered"),
+            (self.unknown, "unknown"),
+            (self.skipped_bytes, "bytes skipped"),
+            (self.restarts, "restarts"),
+            (self.missing_edges, "sync edges missing"),
+        ];
+        let lost = counts.iter().filter(|(count, _)| *count > 0);
+        let mut lost: Vec<String> = lost.map(|(count, what)| format!("{count} {what}")).collect();
+        // Nobody can tell what was sent before an unannounced restart and did not arrive.
+        if self.uncertain > 0 {
+            match self.missing {
+                0 => lost.insert(0, "at least 0 missing".to_owned()),
+                _ => lost[0].insert_str(0, "at least "),
+            }
+        }
+        lost.join(", ")
+    }
+}
+
 impl std::ops::AddAssign for Losses {
     fn add_assign(&mut self, other: Self) {
         let Self {

@@ -2,13 +2,14 @@
 
 use std::time::Duration;
 
-use board_link::recording::{Losses, protocol_name};
+use board_link::recording::protocol_name;
 use board_link::{
-    AppendWriter, RecordOptions, Recorded, RecordedBoard, RecordingProgress, Sinks, Source,
-    Unwatched, Watcher, record,
+    AppendWriter, LogSink, RecordOptions, Recorded, RecordedBoard, RecordingProgress, Sinks,
+    Source, Unwatched, Watcher, record,
 };
 use frame_stream::{RowOptions, StreamHandle};
 use shell_data::wrench::Axis;
+use shellcal::workflow::live::clock;
 
 use super::live_forces::LiveForceArgs;
 use super::serial::{FramingArg, SerialArgs};
@@ -93,7 +94,10 @@ impl RecordArgs {
             (None, Some(path)) => Source::replay(path)?,
             (None, None) => anyhow::bail!("neither a port nor a file to replay"),
         };
-        let writer = |path: &OutputPath| AppendWriter::create(path, self.overwrite);
+        let writer = |path: &OutputPath| {
+            AppendWriter::create(path, self.overwrite)
+                .map(|file| Box::new(file) as Box<dyn LogSink>)
+        };
         let (watcher, streamed) = self.watcher(printer, &options)?;
         let sinks = Sinks {
             log: self.output.as_ref().map(writer).transpose()?,
@@ -138,7 +142,7 @@ fn describe(progress: &RecordingProgress, width: usize) -> String {
         }
         None => format!("{time}  {bytes} bytes, no frame so far"),
         Some(protocol) => {
-            let losses = list_losses(losses);
+            let losses = losses.in_words();
             let losses = if losses.is_empty() { "nothing lost".to_owned() } else { losses };
             let name = protocol_name(protocol);
             let frames = format!("{frames} frames");
@@ -191,38 +195,6 @@ fn terminal_width() -> usize {
     size.map_or(80, |(_, columns)| usize::from(columns).max(1))
 }
 
-/// A time as a clock shows it.
-pub(super) fn clock(time: Duration) -> String {
-    let seconds = time.as_secs();
-    format!("{:02}:{:02}:{:02}", seconds / 3600, seconds / 60 % 60, seconds % 60)
-}
-
-/// What was lost, in words; empty if nothing was.
-pub(super) fn list_losses(losses: &Losses) -> String {
-    let counts = [
-        (losses.missing, "missing"),
-        (losses.dropped_on_board, "dropped on the board"),
-        (losses.bad_crc, "bad CRC"),
-        (losses.damaged, "damaged"),
-        (losses.duplicates, "duplicates"),
-        (losses.reordered, "reordered"),
-        (losses.unknown, "unknown"),
-        (losses.skipped_bytes, "bytes skipped"),
-        (losses.restarts, "restarts"),
-        (losses.missing_edges, "sync edges missing"),
-    ];
-    let lost = counts.iter().filter(|(count, _)| *count > 0);
-    let mut lost: Vec<String> = lost.map(|(count, what)| format!("{count} {what}")).collect();
-    // Nobody can tell what was sent before an unannounced restart and did not arrive.
-    if losses.uncertain > 0 {
-        match losses.missing {
-            0 => lost.insert(0, "at least 0 missing".to_owned()),
-            _ => lost[0].insert_str(0, "at least "),
-        }
-    }
-    lost.join(", ")
-}
-
 fn report(recorded: &Recorded, printer: &mut Printer) -> anyhow::Result<()> {
     if recorded.losses.edges_left_out > 0 {
         printer.warning(format!(
@@ -239,7 +211,7 @@ fn report(recorded: &Recorded, printer: &mut Printer) -> anyhow::Result<()> {
     if printer.json() {
         return printer.document(recorded);
     }
-    let losses = list_losses(&recorded.losses);
+    let losses = recorded.losses.in_words();
     printer.line(format!(
         "{} frames over {:.3} s of the board's time ({}); {}",
         recorded.frames,
@@ -248,7 +220,7 @@ fn report(recorded: &Recorded, printer: &mut Printer) -> anyhow::Result<()> {
         if losses.is_empty() { "nothing lost" } else { &losses },
     ))?;
     for RecordedBoard { address, log, frames, losses } in &recorded.boards {
-        let losses = list_losses(losses);
+        let losses = losses.in_words();
         let place = log.as_ref().map_or_else(String::new, |log| format!(" in `{}`", log.display()));
         printer.line(format!(
             "board {address}: {frames} frames{place}; {}",

@@ -15,7 +15,7 @@ use shellcal::workflow::live::play;
 use super::live_forces::LiveForceArgs;
 use super::mapping::MappingArgs;
 use super::place::is_port;
-use super::record::{list_losses, parse_duration};
+use super::record::parse_duration;
 use super::serial::{FramingArg, SerialArgs};
 use super::streaming;
 use crate::files::InputPath;
@@ -163,7 +163,7 @@ impl StreamArgs {
         };
         let sinks = Sinks { watcher: Some(watcher), ..Sinks::default() };
         let recorded = record(&mut source, sinks, &options, stop, &mut |_| {})?;
-        let losses = list_losses(&recorded.losses);
+        let losses = recorded.losses.in_words();
         let losses = if losses.is_empty() { "nothing lost" } else { &losses };
         printer.note(format!("{} frames from the board; {losses}", recorded.frames));
         Ok(())

@@ -3,26 +3,25 @@
 mod browser;
 mod canvas;
 mod guide_screen;
+mod log_files;
 mod screen;
-mod session;
 mod view;
 
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use board_link::recording::LiveForces;
-use board_link::{AppendWriter, PortOptions, RecordOptions, Sinks, Source, Watcher, record};
+use board_link::{LogSink, PortOptions, RecordOptions, Sinks, Source, Watcher, record};
 use frame_stream::{RowOptions, StreamHandle};
 use live_view::web::Server;
-use live_view::{Guide, GuidedLoad, LiveModel, LiveSetup};
-use load_table::HungLoad;
+use live_view::{Guide, LiveModel, LiveSetup};
 use log_file::Log;
 use serde_json::json;
 use shell_data::wrench::Axes;
-use shellcal::workflow::live::{Feed, LiveRows, play};
+use shellcal::workflow::live::{Feed, LiveRows, LiveSession, LogSeries, guide_through, play};
 
 use super::live_forces::LiveForceArgs;
 use super::mapping::MappingArgs;
@@ -35,7 +34,7 @@ use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 use crate::signals;
-use session::{LiveSession, LogSeries, Until};
+use log_files::{LogFiles, Until};
 use view::Appearance;
 
 const EXAMPLES: &str = "\
@@ -141,7 +140,7 @@ impl LiveArgs {
         let (watcher, streamed) = self.watcher(printer, &forces, &feed, is_port)?;
         let display = self.display()?;
         let first =
-            logs.as_mut().filter(|_| self.output.is_some()).map(LogSeries::next).transpose()?;
+            logs.as_mut().filter(|_| self.output.is_some()).map(LogSeries::begin).transpose()?;
         let calibrated = forces.as_ref().map(|forces| forces.calibration.axes);
         let (source, recorded) = match is_port {
             true => (self.record(&name, forces, first, watcher, &feed, &done)?, Axes::ALL),
@@ -150,11 +149,13 @@ impl LiveArgs {
         // Without a calibration a wrench is the board's or the log's own.
         let axes = calibrated.unwrap_or(recorded);
         let model = LiveModel::new(LiveSetup { ranges, window_s: self.window, axes });
-        let session = LiveSession::new(model, rows, feed, logs, name, self.duration);
+        let session = LiveSession::new(model, rows, feed, logs, name);
         let mut session = session.guided(guide);
         let until = Until {
             is_stopped: &|| stop.load(Ordering::Relaxed) || done.load(Ordering::Relaxed),
             is_over: &|| source.is_finished(),
+            started: Instant::now(),
+            duration: self.duration,
         };
         let shown = match display {
             Display::Terminal => {
@@ -191,7 +192,8 @@ impl LiveArgs {
         match (is_port, &self.output) {
             (true, path) => {
                 let path = path.as_ref().map(|path| path.to_path_buf());
-                Ok(Some(LogSeries::new(path, self.overwrite)))
+                let files = LogFiles { path, overwrite: self.overwrite };
+                Ok(Some(LogSeries::new(Box::new(files))))
             }
             (false, None) => Ok(None),
             (false, Some(_)) => anyhow::bail!("a log that is played is not recorded again"),
@@ -206,17 +208,7 @@ impl LiveArgs {
             "`--plan` labels the rows of a log: name one with `--output`"
         );
         let table = super::plan::read_table(path)?;
-        let gains: Vec<f64> = match table.column("plan_gain_nats") {
-            Some(cells) => cells.map(|cell| cell.parse().unwrap_or(0.0)).collect(),
-            None => vec![0.0; table.loads().len()],
-        };
-        let guided = |(load, gain): (&HungLoad, f64)| GuidedLoad {
-            group: load.group.clone(),
-            text: load.to_string(),
-            wrench: load.wrench(),
-            gain,
-        };
-        Ok(Some(Guide::new(table.loads().iter().zip(gains).map(guided).collect())))
+        Ok(Some(guide_through(&table)))
     }
 
     /// What looks on: the view, and the stream if there is one.
@@ -246,7 +238,7 @@ impl LiveArgs {
         &self,
         port: &str,
         forces: Option<LiveForces>,
-        log: Option<AppendWriter>,
+        log: Option<Box<dyn LogSink>>,
         watcher: Box<dyn Watcher>,
         feed: &Feed,
         done: &Arc<AtomicBool>,

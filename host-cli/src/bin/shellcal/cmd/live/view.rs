@@ -12,9 +12,10 @@ use ratatui::crossterm::terminal::{
 use ratatui::crossterm::{cursor, execute};
 use ratatui::layout::{Rect, Size};
 use ratatui::{Terminal, TerminalOptions, Viewport};
+use shellcal::workflow::live::{LiveAction, LiveSession, PERIOD};
 
+use super::log_files::Until;
 use super::screen::LiveScreen;
-use super::session::{LiveAction, LiveSession, PERIOD, Until};
 
 /// The screen of a terminal that does not tell its size, as VT100 had it.
 const UNKNOWN_SIZE: Rect = Rect::new(0, 0, 80, 24);
@@ -77,20 +78,20 @@ pub(super) fn run(
 ) -> anyhow::Result<()> {
     let mut stage = RawTerminal::enter()?;
     let mut due = Instant::now();
-    while session.advance(until)? {
+    while until.advance(session)? {
         let (state, guide) = (session.state(), session.guide());
         let screen = LiveScreen {
-            model: &session.model,
+            model: session.model(),
             guide: guide.as_ref(),
-            source: &session.name,
+            source: session.name(),
             state: &state,
             recording: session.recording(),
-            message: &session.message,
+            message: session.message(),
             ascii: look.is_ascii,
             color: look.color,
         };
         stage.0.draw(|frame| screen.draw(frame.buffer_mut()))?;
-        session.pictures += 1;
+        session.count_picture();
         due = (due + PERIOD).max(Instant::now());
         // Keys are obeyed at once, and seen in the next picture.
         while event::poll(due.saturating_duration_since(Instant::now()))? {

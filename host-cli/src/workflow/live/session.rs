@@ -1,29 +1,36 @@
 //! A live view apart from where it is shown: frames come in, and what the user wants is done.
 
-use std::io;
-use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::fmt::Debug;
+use std::time::Duration;
 
 use board_link::recording::{FrameLabel, protocol_name};
-use board_link::{AppendWriter, RecordCommand, RecordingProgress};
-use live_view::{Guide, GuidePhase, GuideView, HeldLoad, LiveModel, LiveRow};
+use board_link::{LogSink, RecordCommand, RecordingProgress};
+use forces::ForceError;
+use live_view::{Guide, GuidePhase, GuideView, HeldLoad, LiveModel, Picture};
 use output_file::OutputError;
-use shellcal::workflow::live::{Feed, LiveRows};
+use serde::Serialize;
 
-use super::super::record::{clock, list_losses};
+use super::{Feed, LiveRows};
 
 /// Time from picture to picture: thirty a second.
-pub(super) const PERIOD: Duration = Duration::from_micros(33_333);
+pub const PERIOD: Duration = Duration::from_micros(33_333);
 
 /// What a user can do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum LiveAction {
+pub enum LiveAction {
+    /// Takes what comes as the zero of what is shown.
     Tare,
+    /// Shows it without that.
     Untare,
+    /// Lets the picture stand still, or go on.
     Pause,
+    /// A shorter span of time.
     ZoomIn,
+    /// A longer one.
     ZoomOut,
+    /// Marks the newest row.
     Mark,
+    /// Begins a log, or ends it.
     Record,
     /// Goes on to the next planned load.
     Skip,
@@ -31,72 +38,60 @@ pub(super) enum LiveAction {
     Back,
 }
 
-/// A live view and what it is of.
-pub(super) struct LiveSession {
-    pub(super) model: LiveModel,
-    guide: Option<Guide>,
-    rows: LiveRows,
-    feed: Feed,
-    /// The logs that are written; `None` where nothing can be recorded.
-    logs: Option<LogSeries>,
-    pub(super) name: String,
-    duration: Option<Duration>,
-    started: Instant,
-    elapsed: Duration,
-    /// What has come since the last picture.
-    pub(super) news: Vec<LiveRow>,
-    /// Frames so far, and pictures of them.
-    frames: u64,
-    pub(super) pictures: u64,
-    /// Whether the source has ended.
-    is_over: bool,
-    /// What has just been done.
-    pub(super) message: String,
+impl LiveAction {
+    /// What a page calls them.
+    pub const NAMES: [&str; 9] =
+        ["tare", "untare", "pause", "zoom-in", "zoom-out", "mark", "record", "skip", "back"];
+
+    /// The action of a name, `None` if there is none.
+    pub fn named(name: &str) -> Option<Self> {
+        let all = [
+            Self::Tare,
+            Self::Untare,
+            Self::Pause,
+            Self::ZoomIn,
+            Self::ZoomOut,
+            Self::Mark,
+            Self::Record,
+            Self::Skip,
+            Self::Back,
+        ];
+        Self::NAMES.into_iter().position(|known| known == name).map(|at| all[at])
+    }
 }
 
-/// What tells a view to end: whoever runs it, and its source.
-pub(super) struct Until<'a> {
-    pub(super) is_stopped: &'a dyn Fn() -> bool,
-    pub(super) is_over: &'a dyn Fn() -> bool,
+/// Makes logs.
+pub trait LogMaker: Debug {
+    /// Makes the next, after so many that were made.
+    ///
+    /// # Errors
+    /// [`OutputError`] if it cannot be made.
+    fn next(&mut self, made: usize) -> Result<Box<dyn LogSink>, OutputError>;
 }
 
-/// The logs that one view writes, one after the other.
+/// The logs that a view writes, one after the other.
 #[derive(Debug)]
-pub(super) struct LogSeries {
-    path: Option<PathBuf>,
-    overwrite: bool,
+pub struct LogSeries {
+    maker: Box<dyn LogMaker>,
     written: Vec<String>,
     is_on: bool,
 }
 
 impl LogSeries {
-    /// The first of them, if it has a name.
-    pub(super) fn new(path: Option<PathBuf>, overwrite: bool) -> Self {
-        Self { path, overwrite, written: Vec::new(), is_on: false }
+    /// None is written so far.
+    pub fn new(maker: Box<dyn LogMaker>) -> Self {
+        Self { maker, written: Vec::new(), is_on: false }
     }
 
-    /// Makes the next: `log.csv`, then the first of `log-2.csv`, `log-3.csv`, … that is not there.
-    pub(super) fn next(&mut self) -> anyhow::Result<AppendWriter> {
-        let base = self.path.clone().unwrap_or_else(|| PathBuf::from("live.csv"));
-        let mut number = self.written.len() + 1;
-        loop {
-            let path = numbered(&base, number);
-            // A name that was given is meant; one that was made must not be in the way.
-            let is_given = number == 1 && self.path.is_some();
-            match AppendWriter::create(&path, self.overwrite && is_given) {
-                Err(OutputError::Failed { source, .. })
-                    if !is_given && source.kind() == io::ErrorKind::AlreadyExists =>
-                {
-                    number += 1;
-                }
-                writer => {
-                    let writer = writer?;
-                    self.written.push(path.display().to_string());
-                    self.is_on = true;
-                    return Ok(writer);
-                }
-            }
-        }
+    /// Makes the next.
+    ///
+    /// # Errors
+    /// [`OutputError`] if it cannot be made.
+    pub fn begin(&mut self) -> Result<Box<dyn LogSink>, OutputError> {
+        let log = self.maker.next(self.written.len())?;
+        self.written.push(log.path().display().to_string());
+        self.is_on = true;
+        Ok(log)
     }
 
     fn current(&self) -> Option<&str> {
@@ -104,23 +99,47 @@ impl LogSeries {
     }
 }
 
-fn numbered(base: &Path, number: usize) -> PathBuf {
-    if number == 1 {
-        return base.to_path_buf();
-    }
-    let stem = base.file_stem().unwrap_or_default().to_string_lossy();
-    let ending = base.extension().map(|ending| format!(".{}", ending.to_string_lossy()));
-    base.with_file_name(format!("{stem}-{number}{}", ending.unwrap_or_default()))
+/// A live view and what it is of.
+#[derive(Debug)]
+pub struct LiveSession {
+    model: LiveModel,
+    guide: Option<Guide>,
+    rows: LiveRows,
+    feed: Feed,
+    /// The logs that are written; `None` where nothing can be recorded.
+    logs: Option<LogSeries>,
+    name: String,
+    elapsed: Duration,
+    /// Frames so far, and pictures of them.
+    frames: u64,
+    pictures: u64,
+    /// Whether the source has ended.
+    is_over: bool,
+    /// What has just been done.
+    message: String,
+}
+
+/// What a page is told.
+#[derive(Debug, Serialize)]
+pub struct Shown<'a> {
+    source: &'a str,
+    state: String,
+    recording: Option<&'a str>,
+    can_record: bool,
+    message: &'a str,
+    /// The next planned load.
+    guide: Option<GuideView>,
+    picture: Picture,
 }
 
 impl LiveSession {
-    pub(super) fn new(
+    /// Of a source of this name; `logs` is `None` where nothing can be recorded.
+    pub fn new(
         model: LiveModel,
         rows: LiveRows,
         feed: Feed,
         logs: Option<LogSeries>,
         name: String,
-        duration: Option<Duration>,
     ) -> Self {
         Self {
             model,
@@ -129,10 +148,7 @@ impl LiveSession {
             feed,
             logs,
             name,
-            duration,
-            started: Instant::now(),
             elapsed: Duration::ZERO,
-            news: Vec::new(),
             frames: 0,
             pictures: 0,
             is_over: false,
@@ -141,12 +157,47 @@ impl LiveSession {
     }
 
     /// With a guide through planned loads.
-    pub(super) fn guided(self, guide: Option<Guide>) -> Self {
+    #[must_use]
+    pub fn guided(self, guide: Option<Guide>) -> Self {
         Self { guide, ..self }
     }
 
+    /// What is shown, as lines and numbers.
+    pub fn model(&self) -> &LiveModel {
+        &self.model
+    }
+
+    /// What it is of.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// What has just been done.
+    pub fn message(&self) -> &str {
+        &self.message
+    }
+
+    /// A picture of it was drawn.
+    pub fn count_picture(&mut self) {
+        self.pictures += 1;
+    }
+
+    /// All that a page is told, which draws it.
+    pub fn shown(&mut self) -> Shown<'_> {
+        self.count_picture();
+        Shown {
+            source: &self.name,
+            state: self.state(),
+            recording: self.recording(),
+            can_record: self.logs.is_some(),
+            message: &self.message,
+            guide: self.guide(),
+            picture: self.model.picture(),
+        }
+    }
+
     /// The guide as it is shown.
-    pub(super) fn guide(&self) -> Option<GuideView> {
+    pub fn guide(&self) -> Option<GuideView> {
         self.guide.as_ref().map(Guide::view)
     }
 
@@ -166,38 +217,36 @@ impl LiveSession {
         self.feed.ask(RecordCommand::Label(FrameLabel { from, until, group }));
     }
 
-    /// Takes the frames that have come; whether to go on. A log that has been played to its end stays.
-    pub(super) fn advance(&mut self, until: &Until<'_>) -> anyhow::Result<bool> {
+    /// Takes the frames that have come, `elapsed` after the start. Whether the source has ended for good, which a log that
+    /// is played may do while its last picture stays.
+    ///
+    /// # Errors
+    /// [`ForceError`] if the low-pass that was asked for is impossible at the rate of the frames.
+    pub fn advance(&mut self, elapsed: Duration, is_source_over: bool) -> Result<bool, ForceError> {
         let mut frames = Vec::new();
         self.feed.fetch(&mut frames);
-        self.news = self.rows.of(&frames)?;
-        self.news.iter().for_each(|row| self.model.push(*row));
+        let news = self.rows.of(&frames)?;
+        news.iter().for_each(|row| self.model.push(*row));
         if let Some(guide) = &mut self.guide {
-            let held: Vec<HeldLoad> = self.news.iter().filter_map(|row| guide.push(row)).collect();
+            let held: Vec<HeldLoad> = news.iter().filter_map(|row| guide.push(row)).collect();
             let first_unsettled = guide.first_unsettled();
             held.into_iter().for_each(|held| self.label(held));
             first_unsettled.into_iter().for_each(|i| self.feed.ask(RecordCommand::Settled(i)));
         }
         self.frames += frames.len() as u64;
-        self.elapsed = self.started.elapsed();
-        self.is_over = (until.is_over)() && self.feed.waiting() == 0;
+        self.elapsed = elapsed;
+        self.is_over = is_source_over && self.feed.waiting() == 0;
         // A port that is gone for good has something to say, which a screen would hide.
-        let is_gone = self.is_over && self.logs.is_some();
-        let is_out_of_time = self.duration.is_some_and(|end| self.elapsed >= end);
-        Ok(!((until.is_stopped)() || is_out_of_time || is_gone))
-    }
-
-    /// Whether there is something to record.
-    pub(super) fn can_record(&self) -> bool {
-        self.logs.is_some()
+        Ok(self.is_over && self.logs.is_some())
     }
 
     /// The log that is being written.
-    pub(super) fn recording(&self) -> Option<&str> {
+    pub fn recording(&self) -> Option<&str> {
         self.logs.as_ref().and_then(LogSeries::current)
     }
 
-    pub(super) fn obey(&mut self, action: LiveAction) {
+    /// Does what the user wants.
+    pub fn obey(&mut self, action: LiveAction) {
         self.message = match action {
             LiveAction::Tare => {
                 self.model.begin_tare();
@@ -256,17 +305,17 @@ impl LiveSession {
             self.feed.ask(RecordCommand::StopLog);
             return said;
         }
-        match logs.next() {
+        match logs.begin() {
             Ok(writer) => {
                 self.feed.ask(RecordCommand::Record(writer));
                 format!("recording to `{}`", logs.current().unwrap_or_default())
             }
-            Err(error) => format!("{error:#}"),
+            Err(error) => error.to_string(),
         }
     }
 
     /// How it goes, in a line.
-    pub(super) fn state(&self) -> String {
+    pub fn state(&self) -> String {
         if self.logs.is_none() {
             return match self.is_over {
                 true => "played to its end".to_owned(),
@@ -281,7 +330,7 @@ impl LiveSession {
             None if bytes == 0 => format!("{time}  nothing arrives; `--start` starts a board"),
             None => format!("{time}  {bytes} bytes, no frame so far"),
             Some(protocol) => {
-                let lost = list_losses(losses);
+                let lost = losses.in_words();
                 let lost = if lost.is_empty() { "nothing lost" } else { &lost };
                 format!(
                     "{}  {time}  {rate_hz:.1} Hz  {frames} frames  {lost}",
@@ -292,7 +341,7 @@ impl LiveSession {
     }
 
     /// What is said at the end.
-    pub(super) fn report(&self) -> Vec<String> {
+    pub fn report(&self) -> Vec<String> {
         let Self { frames, pictures, elapsed, .. } = self;
         let seconds = elapsed.as_secs_f64();
         let mut lines = vec![format!(
@@ -311,25 +360,8 @@ impl LiveSession {
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn logs_are_numbered_and_none_is_replaced() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("run.csv");
-        std::fs::write(dir.path().join("run-2.csv"), "mine").unwrap();
-        let mut logs = LogSeries::new(Some(path.clone()), false);
-        let mut writers = vec![logs.next().unwrap(), logs.next().unwrap()];
-        let names: Vec<_> =
-            logs.written.iter().map(Path::new).map(|p| p.file_name().unwrap()).collect();
-        assert_eq!(names, ["run.csv", "run-3.csv"]);
-        assert_eq!(std::fs::read(dir.path().join("run-2.csv")).unwrap(), b"mine");
-        writers.clear();
-        assert!(
-            LogSeries::new(Some(path), false).next().is_err(),
-            "a name that was given is taken"
-        );
-    }
+/// A time as a clock shows it.
+pub fn clock(time: Duration) -> String {
+    let seconds = time.as_secs();
+    format!("{:02}:{:02}:{:02}", seconds / 3600, seconds / 60 % 60, seconds % 60)
 }

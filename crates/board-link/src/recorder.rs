@@ -1,0 +1,468 @@
+//! A recording apart from where its bytes come from and when: what [`record`](super::record()) does with a port, and a page
+//! in a browser with what it is given.
+
+use std::time::Duration;
+
+use shared_proto::Protocol;
+
+use super::LogSink;
+use super::board_log::BoardLog;
+use super::record::{RecordCommand, Recorded, RecordingProgress, Sinks, Watcher};
+use super::record_error::RecordError;
+use super::record_options::RecordOptions;
+use super::resume::StartedBoards;
+use crate::recording::{
+    BoardSource, Boards, FrameLabel, HeardBoard, Losses, NoFrame, RecognisedProtocol, Recognition,
+    protocol_name,
+};
+
+/// How long frames wait for those that overtook them before they are written. A kill loses as much,
+/// and what the recognition of the protocol holds at the start.
+const FLUSH: Duration = Duration::from_millis(400);
+
+/// Most frames that wait, which bounds memory in a replay.
+const BATCH: usize = 4096;
+
+/// A recording that is going on: bytes and times in, lines of logs out. It reads no clock and no port.
+#[derive(Debug)]
+pub struct Recorder {
+    /// The port or file.
+    name: String,
+    stage: RecordStage,
+    options: RecordOptions,
+    /// For the first board.
+    log: Option<Box<dyn LogSink>>,
+    raw: Option<Box<dyn LogSink>>,
+    watcher: Option<Box<dyn Watcher>>,
+    /// Waiting frames of the first board that the watcher has seen.
+    shown: usize,
+    /// Marks that the first board's log has not got yet.
+    marks: Vec<(i64, u32)>,
+    /// Labels that are still to be written.
+    labels: Vec<FrameLabel>,
+    /// The index of the first frame that may still be labelled.
+    settled: Option<i64>,
+    /// One for each board that has sent frames, in the order in which they began.
+    logs: Vec<BoardLog>,
+    started: StartedBoards,
+    bytes: u64,
+    flushed_at: Duration,
+    /// Frames at that time.
+    observed: u64,
+}
+
+/// What is due about twice a second.
+#[derive(Debug)]
+pub struct Due {
+    /// How it goes.
+    pub progress: RecordingProgress,
+    /// What to send, so that boards stream as they did; nothing as a rule.
+    pub commands: Vec<u8>,
+}
+
+#[derive(Debug)]
+enum RecordStage {
+    Recognising(Recognition),
+    Receiving(Protocol, Box<Boards>),
+}
+
+impl Recorder {
+    /// Of a port or file of this name.
+    pub fn new(name: &str, sinks: Sinks, options: RecordOptions) -> Self {
+        Self {
+            name: name.to_owned(),
+            stage: RecordStage::Recognising(Recognition::new(options.protocol)),
+            options,
+            log: sinks.log,
+            raw: sinks.raw,
+            watcher: sinks.watcher,
+            shown: 0,
+            marks: Vec::new(),
+            labels: Vec::new(),
+            settled: None,
+            logs: Vec::new(),
+            started: StartedBoards::default(),
+            bytes: 0,
+            flushed_at: Duration::ZERO,
+            observed: 0,
+        }
+    }
+
+    /// What to send at `arrival`, so that every board streams, if they are to be started: see [`Due::commands`].
+    pub fn commands(&mut self, arrival: Option<Duration>) -> Vec<u8> {
+        let Some(uplink) = &self.options.start else { return Vec::new() };
+        let heard = match &self.stage {
+            RecordStage::Recognising(_) => &[],
+            RecordStage::Receiving(_, boards) => boards.heard(),
+        };
+        self.started.commands(uplink, heard, arrival.unwrap_or_default())
+    }
+
+    /// Writes what is due `now`, a time since the start; how it goes, about twice a second.
+    ///
+    /// # Errors
+    /// [`RecordError`].
+    pub fn tend(
+        &mut self,
+        now: Duration,
+        arrival: Option<Duration>,
+    ) -> Result<Option<Due>, RecordError> {
+        let since = now.saturating_sub(self.flushed_at);
+        if since < FLUSH {
+            if self.waiting() >= BATCH || self.raw_waiting() >= 1 << 20 {
+                self.flush()?;
+            }
+            return Ok(None);
+        }
+        self.flushed_at = now;
+        self.follow()?;
+        self.flush()?;
+        let frames = self.frames();
+        let rate_hz = (frames - self.observed) as f64 / since.as_secs_f64();
+        self.observed = frames;
+        let commands = self.commands(arrival);
+        Ok(Some(Due { progress: self.progress(now, rate_hz), commands }))
+    }
+
+    fn raw_waiting(&mut self) -> usize {
+        self.raw.as_mut().map_or(0, |raw| raw.pending().len())
+    }
+
+    /// Takes bytes that arrived `now`, a time since the start; `arrival` is when they were sent, or so, where that is known.
+    ///
+    /// # Errors
+    /// [`RecordError::NoFrame`] once there is little hope of frames.
+    pub fn take(
+        &mut self,
+        bytes: &[u8],
+        now: Duration,
+        arrival: Option<Duration>,
+    ) -> Result<(), RecordError> {
+        self.bytes += bytes.len() as u64;
+        if let Some(raw) = &mut self.raw {
+            raw.pending().extend_from_slice(bytes);
+        }
+        match &mut self.stage {
+            RecordStage::Receiving(_, boards) => {
+                if let Some(arrival) = arrival {
+                    boards.arrived_at(arrival);
+                }
+                boards.feed(bytes);
+                self.show();
+                Ok(())
+            }
+            RecordStage::Recognising(recognition) => {
+                let recognised = recognition.feed(bytes, now);
+                self.recognised(recognised)
+            }
+        }
+    }
+
+    fn recognised(
+        &mut self,
+        recognised: Result<Option<RecognisedProtocol>, NoFrame>,
+    ) -> Result<(), RecordError> {
+        let recognised = recognised
+            .map_err(|problem| RecordError::NoFrame { source_name: self.name.clone(), problem })?;
+        if let Some(RecognisedProtocol { protocol, bytes }) = recognised {
+            let mut boards = Box::new(Boards::new(protocol));
+            boards.feed(&bytes);
+            self.stage = RecordStage::Receiving(protocol, boards);
+            self.show();
+        }
+        Ok(())
+    }
+
+    /// Shows the watcher what has arrived of the first board.
+    fn show(&mut self) {
+        let (Some(watcher), RecordStage::Receiving(_, boards)) = (&mut self.watcher, &self.stage)
+        else {
+            return;
+        };
+        let first = self.logs.first().map(|log| log.sender);
+        let is_first = |board: &&HeardBoard| match first {
+            Some(sender) => board.sender == sender,
+            None => !board.frames.is_empty(),
+        };
+        let waiting = boards.heard().iter().find(is_first).map_or(&[][..], |board| &board.frames);
+        if let new @ [_, ..] = &waiting[self.shown..] {
+            watcher.see(new);
+        }
+        self.shown = waiting.len();
+    }
+
+    /// Writes what waits.
+    fn flush(&mut self) -> Result<(), RecordError> {
+        if let Some(raw) = &mut self.raw {
+            raw.flush()?;
+        }
+        self.show();
+        self.shown = 0;
+        let RecordStage::Receiving(protocol, boards) = &mut self.stage else { return Ok(()) };
+        let numbered = matches!(protocol, Protocol::Packets(_));
+        // Also where no frame has come since: those that wait for a label may be written next.
+        if let Some(first) = self.logs.first_mut() {
+            first.mark(self.marks.drain(..));
+            first.label(self.labels.drain(..));
+            first.settle(self.settled);
+        }
+        for board in boards.heard_mut().iter_mut().filter(|board| !board.frames.is_empty()) {
+            let found = self.logs.iter().position(|log| log.sender == board.sender);
+            let at = match found {
+                Some(at) => at,
+                None => {
+                    let log = log_of(&mut self.log, &self.logs, board.sender)?;
+                    let waits = self.options.labels && self.logs.is_empty();
+                    self.logs.push(BoardLog::new(board.sender, log, waits));
+                    self.logs.len() - 1
+                }
+            };
+            self.logs[at].write(&mut board.frames, numbered, &self.options)?;
+        }
+        Ok(())
+    }
+
+    /// Does what the watcher wants. A log ends with all that was seen before that.
+    fn follow(&mut self) -> Result<(), RecordError> {
+        while let Some(command) = self.watcher.as_mut().and_then(|watcher| watcher.next_command()) {
+            let next = match command {
+                RecordCommand::Mark { index, number } => {
+                    self.marks.push((index, number));
+                    continue;
+                }
+                RecordCommand::Label(label) => {
+                    self.labels.push(label);
+                    continue;
+                }
+                RecordCommand::Settled(index) => {
+                    self.settled = Some(index);
+                    continue;
+                }
+                RecordCommand::Record(writer) => Some(writer),
+                RecordCommand::StopLog => None,
+            };
+            self.flush()?;
+            self.logs.iter_mut().try_for_each(BoardLog::close)?;
+            if let Some(log) = self.log.take() {
+                log.close()?;
+            }
+            self.log = next;
+            for at in 0..self.logs.len() {
+                self.logs[at].log = log_of(&mut self.log, &self.logs, self.logs[at].sender)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes what the end of the stream gives free, and writes all.
+    ///
+    /// # Errors
+    /// [`RecordError`], after all that can be written is.
+    pub fn finish(&mut self) -> Result<(), RecordError> {
+        let recognised = match &mut self.stage {
+            RecordStage::Receiving(..) => Ok(()),
+            RecordStage::Recognising(recognition) => {
+                let recognised = recognition.finish();
+                self.recognised(recognised)
+            }
+        };
+        if let RecordStage::Receiving(_, boards) = &mut self.stage {
+            boards.finish();
+        }
+        // Marks and labels that were set just before the end.
+        let followed = self.follow();
+        self.flush()?;
+        self.logs.iter_mut().try_for_each(BoardLog::finish)?;
+        followed?;
+        recognised?;
+        let source_name = || self.name.clone();
+        match (self.bytes, self.frames()) {
+            (0, _) => Err(RecordError::Silence { source_name: source_name() }),
+            (_, 0) => Err(RecordError::NotStreaming { source_name: source_name() }),
+            _ => Ok(()),
+        }
+    }
+
+    /// Frames of all boards so far.
+    fn frames(&self) -> u64 {
+        self.logs.iter().map(|log| log.frames).sum::<u64>() + self.waiting() as u64
+    }
+
+    fn waiting(&self) -> usize {
+        match &self.stage {
+            RecordStage::Recognising(_) => 0,
+            RecordStage::Receiving(_, boards) => {
+                boards.heard().iter().map(|board| board.frames.len()).sum()
+            }
+        }
+    }
+
+    fn progress(&self, elapsed: Duration, rate_hz: f64) -> RecordingProgress {
+        let (protocol, losses) = self.state();
+        RecordingProgress {
+            elapsed,
+            rate_hz,
+            frames: self.frames(),
+            bytes: self.bytes,
+            waiting: self.waiting(),
+            losses,
+            protocol,
+            connected: true,
+            wrench: self.logs.first().and_then(BoardLog::newest_wrench),
+        }
+    }
+
+    fn state(&self) -> (Option<Protocol>, Losses) {
+        match &self.stage {
+            RecordStage::Recognising(_) => (None, Losses::default()),
+            RecordStage::Receiving(protocol, boards) => (Some(*protocol), boards.losses()),
+        }
+    }
+
+    fn heard(&self) -> &[HeardBoard] {
+        match &self.stage {
+            RecordStage::Recognising(_) => &[],
+            RecordStage::Receiving(_, boards) => boards.heard(),
+        }
+    }
+
+    fn losses_of(&self, sender: BoardSource) -> Losses {
+        match &self.stage {
+            RecordStage::Recognising(_) => Losses::default(),
+            RecordStage::Receiving(_, boards) => boards.losses_of(sender),
+        }
+    }
+
+    /// What it was, after this time.
+    pub fn recorded(&self, elapsed: Duration) -> Recorded {
+        let (protocol, losses) = self.state();
+        let longest_us = self.logs.iter().map(BoardLog::board_time_us).max().unwrap_or(0);
+        Recorded {
+            framing: protocol.map(protocol_name),
+            frames: self.frames(),
+            bytes: self.bytes,
+            board_time_s: longest_us as f64 / 1e6,
+            elapsed_s: elapsed.as_secs_f64(),
+            losses,
+            other_content: self.logs.iter().map(BoardLog::other_content).sum(),
+            reconnections: 0,
+            boot: self.heard().iter().find_map(|board| board.reception().boot()),
+            boards: match &self.logs[..] {
+                [] | [_] => Vec::new(),
+                several => {
+                    several.iter().map(|log| log.recorded(self.losses_of(log.sender))).collect()
+                }
+            },
+        }
+    }
+
+    /// Ends its files: all of them, whatever becomes of one.
+    ///
+    /// # Errors
+    /// [`RecordError::Output`].
+    pub fn close(self) -> Result<(), RecordError> {
+        let logs = self.logs.into_iter().filter_map(|board| board.log);
+        let sinks = logs.chain(self.log).chain(self.raw);
+        let closed: Vec<_> = sinks.map(|sink| sink.close()).collect();
+        Ok(closed.into_iter().collect::<Result<(), _>>()?)
+    }
+}
+
+/// The log of the next board: the one that was asked for, then others beside that of the first.
+fn log_of(
+    first: &mut Option<Box<dyn LogSink>>,
+    logs: &[BoardLog],
+    sender: BoardSource,
+) -> Result<Option<Box<dyn LogSink>>, RecordError> {
+    match (first.take(), logs.first().and_then(|board| board.log.as_ref())) {
+        (Some(log), _) => Ok(Some(log)),
+        (None, Some(log)) => Ok(Some(log.beside(&sender.text())?)),
+        (None, None) => Ok(None),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::board_log::MOST_WAITING;
+    use super::super::{AppendWriter, Source, record};
+    use super::*;
+    use crate::recording::BoardFrame;
+    use shared_proto::{Packet, Sample, Values};
+    use std::collections::VecDeque;
+    use std::sync::atomic::AtomicBool;
+
+    /// A watcher that wants these things.
+    #[derive(Debug)]
+    struct Wants(VecDeque<RecordCommand>);
+
+    impl Watcher for Wants {
+        fn see(&mut self, _: &[BoardFrame]) {}
+
+        fn next_command(&mut self) -> Option<RecordCommand> {
+            self.0.pop_front()
+        }
+    }
+
+    fn wants(commands: impl IntoIterator<Item = RecordCommand>) -> Option<Box<dyn Watcher>> {
+        Some(Box::new(Wants(commands.into_iter().collect())))
+    }
+
+    /// Frames of a board at 100 Hz.
+    fn bytes_of(frames: std::ops::Range<u16>) -> Vec<u8> {
+        let sample = |sequence: u16| Sample {
+            sequence,
+            clock_us: u32::from(sequence) * 10_000,
+            values: Values::Readings([sequence; 8]),
+            saturated: 0,
+            dropped: 0,
+        };
+        frames.flat_map(|n| Packet::Sample(sample(n)).encode().to_vec()).collect()
+    }
+
+    #[test]
+    fn a_label_is_written_however_late_it_comes() {
+        let dir = tempfile::tempdir().unwrap();
+        let log = dir.path().join("log.csv");
+        let options = RecordOptions { labels: true, ..RecordOptions::default() };
+        let writer = AppendWriter::create(&log, false).unwrap();
+        let sinks = Sinks { log: Some(Box::new(writer)), ..Sinks::default() };
+        let mut session = Recorder::new("port", sinks, options);
+        let rows = || std::fs::read_to_string(&log).unwrap().lines().skip(1).count();
+        session.take(&bytes_of(0..1000), Duration::ZERO, None).unwrap();
+        session.flush().unwrap();
+        assert_eq!(rows(), 0, "all may still be labelled");
+        session.watcher = wants([RecordCommand::Settled(400)]);
+        session.follow().unwrap();
+        session.take(&bytes_of(1000..1500), Duration::ZERO, None).unwrap();
+        session.flush().unwrap();
+        // The rows themselves wait for the few frames after them, whose channels they are brought to one time with.
+        assert!((390..=400).contains(&rows()), "{} rows", rows());
+        // Eleven seconds late, and no frame comes after it.
+        let label = FrameLabel { from: 400, until: 499, group: "ahead".to_owned() };
+        session.watcher = wants([RecordCommand::Label(label), RecordCommand::StopLog]);
+        session.follow().unwrap();
+        let text = std::fs::read_to_string(&log).unwrap();
+        assert_eq!(text.lines().filter(|line| line.contains("ahead")).count(), 100);
+        assert!(rows() >= 1400, "{} rows", rows());
+    }
+
+    #[test]
+    fn frames_that_nobody_settles_do_not_wait_for_ever() {
+        let dir = tempfile::tempdir().unwrap();
+        let (capture, log) = (dir.path().join("capture"), dir.path().join("log.csv"));
+        std::fs::write(&capture, bytes_of(0..10_000)).unwrap();
+        let options = RecordOptions { labels: true, ..RecordOptions::default() };
+        let label = FrameLabel { from: 0, until: 9_999, group: "late".to_owned() };
+        let sinks = Sinks {
+            log: Some(Box::new(AppendWriter::create(&log, false).unwrap())),
+            raw: None,
+            watcher: wants([RecordCommand::Label(label)]),
+        };
+        let mut source = Source::replay(&capture).unwrap();
+        record(&mut source, sinks, &options, &AtomicBool::new(false), &mut |_| {}).unwrap();
+        let text = std::fs::read_to_string(&log).unwrap();
+        let labelled = text.lines().filter(|line| line.contains("late")).count();
+        assert_eq!(text.lines().count(), 10_001);
+        assert!((MOST_WAITING..10_000).contains(&labelled), "{labelled} rows");
+    }
+}
