@@ -73,6 +73,11 @@ impl Browser {
         self.call("Emulation.setEmulatedMedia", json!({ "features": features }));
     }
 
+    /// Runs a script in every page from now on, before those of the page.
+    pub fn run_first(&mut self, script: &str) {
+        self.call("Page.addScriptToEvaluateOnNewDocument", json!({ "source": script }));
+    }
+
     /// Opens a file, and waits until it is loaded.
     pub fn open(&mut self, path: &Path) {
         self.visit(&format!("file://{}", path.canonicalize().unwrap().display()));

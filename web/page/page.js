@@ -102,7 +102,9 @@ const drawChoices = () => {
   const calibrations = [...made, ...logs.filter(({ answer }) => answer?.is_calibration).map(({ file }) => file)];
   const readings = logs.filter(({ answer }) => answer?.has_readings);
   byId('convert-section').hidden = calibrations.length === 0 || readings.length === 0;
-  options(byId('calibration'), calibrations.map((file, at) => [String(at), made.includes(file) ? 'the one that was fitted' : file.name]));
+  const names = calibrations.map((file) => (made.includes(file) ? 'the one that was fitted' : file.name));
+  options(byId('calibration'), names.map((name, at) => [String(at), name]));
+  offerBoard(calibrations, names, logs.filter(({ answer }) => answer?.is_plan).map(({ file }) => file));
   options(byId('log'), readings.map((log) => [String(logs.indexOf(log)), log.file.name]));
   byId('convert').onclick = () => convert(calibrations[byId('calibration').value], logs[byId('log').value].file);
 };

@@ -1,13 +1,16 @@
-// Answers requests, each in a fresh instance of the module.
+// Answers requests, each in a fresh instance of the module; a conversation with a board has one of its own, and a worker.
 'use strict';
-let module;
+let module, board;
 
-const run = async (request, files) => {
+const start = async () => {
   let told = 0;
   // Messages cost more than chunks of a log.
   const progress = (bytes) => { if (bytes - told > 1e6) postMessage({ bytes: told = bytes }); };
   const folds = (done, of) => postMessage({ folds: { done, of } });
-  const { exports } = await WebAssembly.instantiate(module, { page: { progress, folds } });
+  return (await WebAssembly.instantiate(module, { page: { progress, folds } })).exports;
+};
+
+const run = async (exports, task, request, files) => {
   // `memory.buffer` is looked up last: a call that makes the memory grow detaches the one before.
   const view = (start, length) => new Uint8Array(exports.memory.buffer, start >>> 0, length);
   const put = (bytes) => view(exports.buffer(bytes.length), bytes.length).set(bytes);
@@ -16,7 +19,7 @@ const run = async (request, files) => {
   try {
     for (const file of files) put(new Uint8Array(await file.arrayBuffer()));
     put(new TextEncoder().encode(JSON.stringify(request)));
-    exports.answer();
+    exports[task]();
   } catch (error) {
     if (!(error instanceof WebAssembly.RuntimeError || error instanceof RangeError)) throw error;
     if (exports.outputs() > 0) throw new Error(`a fault of this page, please report it: ${text(0)}`);
@@ -28,8 +31,11 @@ const run = async (request, files) => {
 
 onmessage = async ({ data }) => {
   if (data.module) return void (module = data.module);
+  // A page that nobody looks at has slow timers, its workers have not.
+  if (data.every) return void setInterval(() => postMessage({ tick: true }), data.every);
   try {
-    postMessage({ done: await run(data.request, data.files) });
+    const done = data.board ? await run(board ??= await start(), 'board', data.board, data.files) : await run(await start(), 'answer', data.request, data.files);
+    postMessage({ done });
   } catch (error) {
     postMessage({ done: { answer: { error: error.message }, files: [] } });
   }

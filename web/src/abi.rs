@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use serde_json::json;
 
-use crate::{Answer, Progress};
+use crate::{Answer, BoardSession, Progress};
 
 #[link(wasm_import_module = "page")]
 unsafe extern "C" {
@@ -20,6 +20,7 @@ unsafe extern "C" {
 }
 
 thread_local! {
+    static BOARD: RefCell<Option<BoardSession>> = const { RefCell::new(None) };
     static BUFFERS: RefCell<Vec<Arc<[u8]>>> = const { RefCell::new(Vec::new()) };
     static OUTPUTS: RefCell<Vec<Vec<u8>>> = const { RefCell::new(Vec::new()) };
 }
@@ -36,12 +37,35 @@ extern "C" fn buffer(length: usize) -> *mut u8 {
 /// Answers the request; returns the number of outputs.
 #[unsafe(no_mangle)]
 extern "C" fn answer() -> usize {
+    let (files, request) = taken();
+    let progress =
+        Progress { bytes: &|bytes| progress(bytes as f64), folds: &|done, of| folds(done, of) };
+    give(crate::answer(&request, &files, progress))
+}
+
+/// Begins a conversation with a board, or takes a turn in it; returns the number of outputs.
+#[unsafe(no_mangle)]
+extern "C" fn board() -> usize {
+    let (files, request) = taken();
+    give(BOARD.with_borrow_mut(|board| match board {
+        Some(session) => session.turn(&request, files.first().map_or(&[], |bytes| bytes)),
+        None => {
+            let (begun, answer) = BoardSession::begin(&request, &files);
+            *board = begun;
+            answer
+        }
+    }))
+}
+
+/// The files that came, and the request.
+fn taken() -> (Vec<Arc<[u8]>>, Arc<[u8]>) {
     std::panic::set_hook(Box::new(|panic| OUTPUTS.set(vec![panic.to_string().into_bytes()])));
     let mut files = BUFFERS.take();
     let request = files.pop().unwrap_or_default();
-    let progress =
-        Progress { bytes: &|bytes| progress(bytes as f64), folds: &|done, of| folds(done, of) };
-    let Answer { document, files } = crate::answer(&request, &files, progress);
+    (files, request)
+}
+
+fn give(Answer { document, files }: Answer) -> usize {
     let (names, contents): (Vec<String>, Vec<Vec<u8>>) = files.into_iter().unzip();
     let document = json!({ "answer": document, "files": names }).to_string().into_bytes();
     OUTPUTS.set([vec![document], contents].concat());

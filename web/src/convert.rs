@@ -29,11 +29,7 @@ impl Convert {
         files: &[Arc<[u8]>],
         progress: &(dyn Fn(u64) + Sync),
     ) -> Result<Answer, Failure> {
-        let text = self.calibration.bytes(files)?;
-        let name = format!("`{}`", self.calibration.name);
-        let file = CalibrationFile::parse(&text)
-            .map_err(|problem| Failure::new(&problem, None).about(&name))?;
-        let CalibrationFile { calibration, origin } = file;
+        let CalibrationFile { calibration, origin } = self.calibration.calibration(files)?;
         let log = self.log.log(files, &self.columns.mapping(origin.columns))??;
         let options = ConvertOptions::new(&log, &calibration);
         let read = ReadOptions { threads: 1, progress: Some(progress), ..ReadOptions::default() };

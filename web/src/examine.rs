@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use calibration_file::CalibrationFile;
 use doctor::examine_log;
+use load_table::HungLoads;
 use log_file::{Column, Log, ReadOptions};
 use serde::Deserialize;
 use serde_json::{Value, json};
@@ -31,9 +32,12 @@ impl Examine {
             true => calibration(text)?,
             false => {
                 let log = self.log.log(files, &self.columns.mapping(None))?;
-                let (kind, columns) = log.as_ref().map(described).unwrap_or_default();
-                let fits = log.as_ref().is_ok_and(|log| log.has_wrench() && log.channels() > 0);
                 let has_readings = log.as_ref().is_ok_and(|log| log.channels() > 0);
+                if let (false, Some(document)) = (has_readings, plan(text)) {
+                    return Ok(Answer { document, files: Vec::new() });
+                }
+                let (kind, columns) = log.as_ref().map(described).unwrap_or_default();
+                let fits = has_readings && log.as_ref().is_ok_and(Log::has_wrench);
                 let read = ReadOptions { progress: Some(progress), ..ReadOptions::default() };
                 json!({
                     "kind": kind,
@@ -66,4 +70,11 @@ fn calibration(text: &[u8]) -> Result<Value, Failure> {
         origin.date
     );
     Ok(json!({ "kind": kind, "is_calibration": true, "columns": [], "findings": [] }))
+}
+
+/// A table of loads, if it is one.
+fn plan(text: &[u8]) -> Option<Value> {
+    let loads = HungLoads::parse(str::from_utf8(text).ok()?).ok()?;
+    let kind = format!("table of {} loads", loads.loads().len());
+    Some(json!({ "kind": kind, "is_plan": true, "columns": [], "findings": [] }))
 }

@@ -2,8 +2,10 @@
 
 use std::error::Error;
 
+use board_link::RecordError;
 use calibration::FitError;
 use log_file::LogError;
+use output_file::OutputError;
 use serde_json::json;
 use shell_data::hint::Hint;
 use shellcal::workflow::WorkflowError;
@@ -61,7 +63,7 @@ macro_rules! with_hint {
     )*};
 }
 
-with_hint!(ConvertError, FitError, LogError, WorkflowError);
+with_hint!(ConvertError, FitError, LogError, OutputError, RecordError, WorkflowError);
 
 impl From<Failure> for Answer {
     fn from(Failure { error, hint }: Failure) -> Self {

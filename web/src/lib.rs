@@ -3,13 +3,16 @@
 //!
 //! ```text
 //! page.js ─▶ worker.js ─▶ abi ─▶ answer ─▶ examine | fit | convert ─▶ Answer ─▶ worker.js ─▶ page.js
+//! port ◀─▶ board.js ◀─▶ worker.js ◀─▶ abi ◀─▶ BoardSession
 //! ```
 //!
-//! [`answer`] is pure, and tested without a browser. Every request gets a fresh instance of the module, so that
-//! nothing is left of the one before, not even of one that was cancelled.
+//! [`answer`] and [`BoardSession`] are pure, and tested without a browser. Every request gets a fresh instance of the
+//! module, so that nothing is left of the one before, not even of one that was cancelled; a conversation with a board
+//! has one of its own.
 
 #[cfg(target_family = "wasm")]
 mod abi;
+mod board;
 mod convert;
 mod examine;
 mod failure;
@@ -20,6 +23,7 @@ use std::sync::Arc;
 
 use serde_json::Value;
 
+pub use board::BoardSession;
 use failure::Failure;
 use request::Request;
 

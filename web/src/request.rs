@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use calibration_file::CalibrationFile;
 use log_file::{ColumnRef, Log, LogError, Mapping, MomentUnit};
 use serde::Deserialize;
 use shell_data::ColumnNames;
@@ -36,6 +37,12 @@ impl FileRef {
     pub(crate) fn bytes(&self, files: &[Arc<[u8]>]) -> Result<Arc<[u8]>, Failure> {
         let missing = || format!("`{}` did not come with the request", self.name);
         files.get(self.file).cloned().ok_or_else(|| missing().into())
+    }
+
+    pub(crate) fn calibration(&self, files: &[Arc<[u8]>]) -> Result<CalibrationFile, Failure> {
+        let name = format!("`{}`", self.name);
+        let told = |problem| Failure::new(&problem, None).about(&name);
+        CalibrationFile::parse(&self.bytes(files)?).map_err(told)
     }
 
     pub(crate) fn log(

@@ -11,6 +11,7 @@ use anyhow::{Context, Result, ensure};
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use sha2::{Digest, Sha256};
+use zopfli::Options;
 
 use crate::base64::encode_base64;
 use crate::compiler::Compiler;
@@ -49,12 +50,13 @@ pub(crate) fn build() -> Result<PathBuf> {
         let path = workspace().join(path);
         fs::read_to_string(&path).with_context(|| format!("cannot read `{}`", path.display()))
     };
-    let data = |bytes: &[u8]| Ok::<_, anyhow::Error>(encode_base64(&gzip(bytes)?));
+    let data = |bytes: &[u8]| Ok::<_, anyhow::Error>(encode_base64(&pack(bytes)?));
     let example =
         |name: &str| data(read(&format!("calibration-data/synthetic-{name}.csv"))?.as_bytes());
     // That of the reports, because the page shows one.
     let style = read("crates/report/assets/report.css")? + &read("web/page/page.css")?;
-    let script = read("web/page/page.js")?;
+    let script = ["host-cli/assets/live/live.js", "web/page/page.js", "web/page/board.js"];
+    let script = script.map(read).into_iter().collect::<Result<String>>()?;
     let mut page = read("web/page/index.html")?;
     for (place, content) in [
         ("{script-hash}", hash(&script)),
@@ -63,6 +65,8 @@ pub(crate) fn build() -> Result<PathBuf> {
         ("{train}", example("train")?),
         ("{test}", example("test")?),
         ("{worker}", read("web/page/worker.js")?),
+        ("{view}", read("host-cli/assets/live/view.html")?),
+        ("{live-style}", read("host-cli/assets/live/live.css")?),
         ("{script}", script),
         ("{style}", style),
     ] {
@@ -80,6 +84,13 @@ pub(crate) fn build() -> Result<PathBuf> {
 /// The source of a policy that allows this very text.
 fn hash(text: &str) -> String {
     format!("'sha256-{}'", encode_base64(&Sha256::digest(text)))
+}
+
+/// As small as gzip can be, which takes seconds.
+fn pack(bytes: &[u8]) -> Result<Vec<u8>> {
+    let mut packed = Vec::new();
+    zopfli::compress(Options::default(), zopfli::Format::Gzip, bytes, &mut packed)?;
+    Ok(packed)
 }
 
 fn gzip(bytes: &[u8]) -> Result<Vec<u8>> {

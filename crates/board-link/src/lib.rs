@@ -41,7 +41,7 @@ pub use upload::{NotForBoard, for_board};
 use shell_data::hint::Hint;
 use std::time::Duration;
 
-use shared_proto::Refusal;
+use shared_proto::{Board, Refusal};
 
 /// What can go wrong between a board and the host.
 ///
@@ -244,6 +244,15 @@ fn fastest(shortest_us: u32) -> String {
 /// A serial number as `shellcal board identify` prints it.
 pub fn serial_text(serial: &[u8; 12]) -> String {
     serial.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// What a board calls itself, as `shellcal board identify` prints it.
+pub fn board_text(board: Board) -> String {
+    match board {
+        Board::Other(code) => format!("number {code}, which this program does not know"),
+        Board::NucleoG491re => "nucleo-g491re".to_owned(),
+        board => format!("{board:?}").to_lowercase(),
+    }
 }
 
 fn serial_texts(serials: &[[u8; 12]]) -> String {

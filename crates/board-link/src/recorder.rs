@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use shared_proto::Protocol;
+use shared_proto::{Identity, Protocol};
 
 use super::LogSink;
 use super::board_log::BoardLog;
@@ -66,6 +66,15 @@ enum RecordStage {
     Receiving(Protocol, Box<Boards>),
 }
 
+impl RecordStage {
+    fn heard(&self) -> &[HeardBoard] {
+        match self {
+            Self::Recognising(_) => &[],
+            Self::Receiving(_, boards) => boards.heard(),
+        }
+    }
+}
+
 impl Recorder {
     /// Of a port or file of this name.
     pub fn new(name: &str, sinks: Sinks, options: RecordOptions) -> Self {
@@ -91,11 +100,12 @@ impl Recorder {
     /// What to send at `arrival`, so that every board streams, if they are to be started: see [`Due::commands`].
     pub fn commands(&mut self, arrival: Option<Duration>) -> Vec<u8> {
         let Some(uplink) = &self.options.start else { return Vec::new() };
-        let heard = match &self.stage {
-            RecordStage::Recognising(_) => &[],
-            RecordStage::Receiving(_, boards) => boards.heard(),
-        };
-        self.started.commands(uplink, heard, arrival.unwrap_or_default())
+        self.started.commands(uplink, self.stage.heard(), arrival.unwrap_or_default())
+    }
+
+    /// What the boards have said they are, since they were asked.
+    pub fn identities(&self) -> impl Iterator<Item = Identity> {
+        self.stage.heard().iter().filter_map(|board| board.reception().identity())
     }
 
     /// Writes what is due `now`, a time since the start; how it goes, about twice a second.
@@ -319,13 +329,6 @@ impl Recorder {
         }
     }
 
-    fn heard(&self) -> &[HeardBoard] {
-        match &self.stage {
-            RecordStage::Recognising(_) => &[],
-            RecordStage::Receiving(_, boards) => boards.heard(),
-        }
-    }
-
     fn losses_of(&self, sender: BoardSource) -> Losses {
         match &self.stage {
             RecordStage::Recognising(_) => Losses::default(),
@@ -346,7 +349,7 @@ impl Recorder {
             losses,
             other_content: self.logs.iter().map(BoardLog::other_content).sum(),
             reconnections: 0,
-            boot: self.heard().iter().find_map(|board| board.reception().boot()),
+            boot: self.stage.heard().iter().find_map(|board| board.reception().boot()),
             boards: match &self.logs[..] {
                 [] | [_] => Vec::new(),
                 several => {
@@ -360,9 +363,9 @@ impl Recorder {
     ///
     /// # Errors
     /// [`RecordError::Output`].
-    pub fn close(self) -> Result<(), RecordError> {
-        let logs = self.logs.into_iter().filter_map(|board| board.log);
-        let sinks = logs.chain(self.log).chain(self.raw);
+    pub fn close(&mut self) -> Result<(), RecordError> {
+        let logs = self.logs.iter_mut().filter_map(|board| board.log.take());
+        let sinks = logs.chain(self.log.take()).chain(self.raw.take());
         let closed: Vec<_> = sinks.map(|sink| sink.close()).collect();
         Ok(closed.into_iter().collect::<Result<(), _>>()?)
     }

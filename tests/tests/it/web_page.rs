@@ -1,11 +1,13 @@
-//! The page that fits and converts, in a headless browser: it gives what the program gives, byte for byte, and works
+//! The page that fits, converts and records, in a headless browser: it gives what the program gives, byte for byte, and works
 //! for who uses a keyboard, a phone, or a dark screen.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use simulation::radio::Faults;
+use simulation::simulated_board::{BoardSettings, Load, SimulatedBoard};
 use system_tests::browser::Browser;
-use system_tests::program::run;
+use system_tests::program::{Recording, run, run_patiently};
 use system_tests::random::{Random, damage};
 use system_tests::{chromium, real_recording};
 
@@ -14,12 +16,18 @@ use crate::page_rules::{check_page, check_rules, keep};
 /// Names the page, which `cargo xtask test` builds.
 const PAGE: &str = "SHELLCAL_WEB_PAGE";
 
-fn open([width, height]: [u32; 2], dark: bool) -> Browser {
+fn open(size: [u32; 2], dark: bool) -> Browser {
+    open_after(size, dark, "")
+}
+
+/// As [`open`], after a script.
+fn open_after([width, height]: [u32; 2], dark: bool, script: &str) -> Browser {
     let chromium = chromium::find().unwrap();
     let mut browser = Browser::start(&chromium, [width, height], width < 500);
     if dark {
         browser.prefer_dark();
     }
+    browser.run_first(script);
     browser.open(Path::new(&std::env::var_os(PAGE).unwrap()));
     browser.wait_for("document.documentElement.dataset.ready === 'true'");
     browser
@@ -265,4 +273,130 @@ fn a_fit_can_be_cancelled() {
     browser.wait_for("document.getElementById('status').textContent === 'error: cancelled'");
     choose(&mut browser, "model", "linear");
     work(&mut browser, "fit");
+}
+
+/// A serial port that gives `bytes`, at most 200 at a time, and keeps what is written to it.
+fn fake_port(bytes: &[u8]) -> String {
+    let digits: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
+    format!(
+        "(() => {{ const bytes = Uint8Array.from('{digits}'.match(/../g), (digits) => parseInt(digits, 16)); let at = 0;\
+         window.port = {{ written: 0, isOpen: false, given: 0,\
+           open: async ({{ baudRate }}) => {{ port.isOpen = true; port.baudRate = baudRate; }},\
+           close: async () => {{ port.isOpen = false; }},\
+           readable: new ReadableStream({{ async pull(to) {{\
+             await new Promise((soon) => {{ setTimeout(soon, 2); }});\
+             const size = 1 + at * 7919 % 200;\
+             if (at < bytes.length) to.enqueue(bytes.slice(at, at + size));\
+             at = Math.min(at + size, bytes.length); port.given = at / bytes.length;\
+             if (at === bytes.length) await new Promise(() => {{}}); }} }}),\
+           writable: new WritableStream({{ write(some) {{ port.written += some.length; }} }}) }};\
+         Object.defineProperty(navigator, 'serial', {{ value: {{ requestPort: async () => port }} }}); }})()"
+    )
+}
+
+/// In the shadow of the live view.
+fn in_view(selector: &str) -> String {
+    format!("document.getElementById('live').shadowRoot.querySelector('{selector}')")
+}
+
+#[test]
+#[ignore = "needs Chromium and the page"]
+fn a_board_is_shown_and_its_log_is_that_of_record() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let example = shipped("synthetic-train.csv");
+    run(dir, &format!("fit {} --model cubic -o cal.json", example.display()), 0);
+    let board = SimulatedBoard::start(BoardSettings {
+        load: Load::hands(2),
+        seed: 2,
+        unit_seed: 1,
+        noise_scale: 1.0,
+        faults: Faults::default(),
+        sync_s: Vec::new(),
+    })
+    .unwrap();
+    let port = board.port();
+    run_patiently(dir, &format!("board {port} rate 100"), 0);
+    run_patiently(
+        dir,
+        &format!("record {port} --start --duration 8 --calibration cal.json --raw raw -o log.csv"),
+        0,
+    );
+    let expected = fs::read_to_string(dir.join("log.csv")).unwrap();
+    assert!(expected.lines().count() > 300);
+    for (size, dark) in [([1200, 900], false), ([360, 800], true)] {
+        let mut browser = open_after(size, dark, &fake_port(&fs::read(dir.join("raw")).unwrap()));
+        browser.choose(&by_id("files"), &[dir.join("cal.json")]);
+        wait_for_files(&mut browser, 1);
+        browser.evaluate("document.getElementById('board-details').open = true; 0");
+        choose(&mut browser, "board-calibration", "0");
+        browser.click(&by_id("connect"));
+        browser.wait_for("port.given === 1");
+        browser.wait_for(
+            "document.getElementById('live').shadowRoot.querySelectorAll('.trace').length === 6",
+        );
+        let newest =
+            Recording::read(&dir.join("log.csv")).numbers("t_s").last().unwrap().to_string();
+        // The last rows wait for those after them, so the view is ahead of the log by a few frames at most.
+        browser.wait_for(&format!("parseFloat({}.textContent) >= {newest} - 0.2", in_view("#now")));
+        let written = browser.evaluate("port.written").as_f64().unwrap();
+        assert!(written > 0.0, "it is told to start");
+        assert_eq!(browser.evaluate("port.isOpen && port.baudRate"), 57600);
+        let said = browser.evaluate("document.getElementById('board-is').textContent");
+        assert!(said.as_str().unwrap().starts_with("simulated, firmware "), "{said}");
+        check_page(&mut browser, size[0]);
+        keep(&browser.screenshot(), &format!("web-board-{}.png.base64", size[0]));
+        browser.click(&in_view("[data-order=pause]"));
+        browser.wait_for(&format!("{}.textContent.includes('PAUSED')", in_view("#flags")));
+        let now = browser.evaluate(&format!("parseFloat({}.textContent)", in_view("#now")));
+        let shown = browser.evaluate(
+            "[...document.getElementById('live').shadowRoot.querySelectorAll('.trace b')].map((b) => parseFloat(b.lastChild.textContent.replace('−', '-')))",
+        );
+        browser.click(&by_id("disconnect"));
+        browser.wait_for(
+            "document.getElementById('board-status').textContent.startsWith('Disconnected: ')",
+        );
+        browser.wait_for("!port.isOpen");
+        assert!(browser.evaluate("port.written").as_f64().unwrap() > written, "it is told to stop");
+        assert!(saved(&mut browser, "board.csv") == expected, "another log than that of `record`");
+        // The wrench that is shown is that of the row of its time.
+        let log = Recording::read(&dir.join("log.csv"));
+        // Channels are brought to one time in a log, which is some ms from that of the frame.
+        let is_shown = |time_s: &f64| (time_s - now.as_f64().unwrap()).abs() <= 0.006;
+        let row = log.numbers("t_s").iter().position(is_shown).unwrap();
+        let wrench = log.table(["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"])[row];
+        for (axis, value) in wrench.iter().enumerate() {
+            let shown = shown[axis].as_f64().unwrap();
+            // Two digits of the scale, at least 0.05 N and 0.001 N·m, up to some N.
+            let digit = if axis < 3 { 0.05 } else { 0.005 };
+            assert!((shown - value).abs() < digit, "{axis}: {shown}, {value}");
+        }
+        // It is a file like those that were dropped.
+        wait_for_files(&mut browser, 2);
+        assert_eq!(browser.evaluate("logs[1].answer.has_readings"), true);
+        check_quiet(browser);
+    }
+}
+
+#[test]
+#[ignore = "needs Chromium and the page"]
+fn a_port_that_goes_away_and_a_browser_without_ports_are_told() {
+    let gone = "Object.defineProperty(navigator, 'serial', { value: { requestPort: async () => ({\
+        open: async () => {}, close: async () => {}, writable: new WritableStream(),\
+        readable: new ReadableStream({ start(to) { setTimeout(() => to.error(new Error('The device has been lost.')), 300); } }) }) } })";
+    let mut browser = open_after([1200, 900], false, gone);
+    browser.evaluate("document.getElementById('board-details').open = true; 0");
+    browser.click(&by_id("connect"));
+    let status = "document.getElementById('board-status').textContent";
+    browser.wait_for(&format!(
+        "{status}.startsWith('error: the port is gone: The device has been lost.')"
+    ));
+    browser.wait_for("!document.getElementById('connect').hidden");
+
+    let mut browser = open_after([1200, 900], false, "delete Navigator.prototype.serial;");
+    browser.evaluate("document.getElementById('board-details').open = true; 0");
+    let told = browser.evaluate("document.getElementById('no-serial').innerText");
+    assert!(told.as_str().unwrap().contains("Chrome, Edge and Opera"), "{told}");
+    assert_eq!(browser.evaluate("document.getElementById('board-choices').hidden"), true);
+    check_quiet(browser);
 }

@@ -45,3 +45,12 @@ pub fn protocol_name(protocol: shared_proto::Protocol) -> &'static str {
         Protocol::Original => "original",
     }
 }
+
+/// The protocol of a name, `None` if there is none.
+pub fn protocol_named(name: &str) -> Option<shared_proto::Protocol> {
+    use shared_proto::xbee::Mode;
+    use shared_proto::{Framing, Protocol};
+    let framings = [Framing::Cobs, Framing::Xbee(Mode::Plain), Framing::Xbee(Mode::Escaped)];
+    let mut protocols = framings.map(Protocol::Packets).into_iter().chain([Protocol::Original]);
+    protocols.find(|protocol| protocol_name(*protocol) == name)
+}

@@ -4,10 +4,10 @@ use std::io::{Read, Write};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use anyhow::Context;
-use board_link::{Client, PortOptions, Uplink, for_board, judge, serial_text};
+use board_link::{Client, PortOptions, Uplink, board_text, for_board, judge, serial_text};
 use clap::Subcommand;
 use serde_json::json;
-use shared_proto::{Board, BoardId, CHANNELS, Command, Identity, ResetCause, Stream};
+use shared_proto::{BoardId, CHANNELS, Command, Identity, ResetCause, Stream};
 
 use super::board_line::{BoardClient, set_baud, start_bootloader};
 use super::choices::one_of;
@@ -250,11 +250,7 @@ fn print_identity(identity: &Identity, printer: &mut Printer) -> anyhow::Result<
     let [major, minor, patch] = identity.firmware;
     let firmware = format!("{major}.{minor}.{patch}");
     let serial = serial_text(&identity.serial);
-    let board = match identity.board {
-        Board::Other(code) => format!("number {code}, which this program does not know"),
-        Board::NucleoG491re => "nucleo-g491re".to_owned(),
-        board => format!("{board:?}").to_lowercase(),
-    };
+    let board = board_text(identity.board);
     let max_rate_hz = 1e6 / f64::from(identity.min_period_us);
     let document = json!({
         "board": board, "firmware": firmware, "serial": serial, "max_rate_hz": max_rate_hz,

@@ -12,7 +12,9 @@ use super::log_files::Until;
 
 const PAGE: &str = include_str!("../../../../../assets/live/page.html");
 const STYLE: &str = include_str!("../../../../../assets/live/live.css");
+const VIEW: &str = include_str!("../../../../../assets/live/view.html");
 const SCRIPT: &str = include_str!("../../../../../assets/live/live.js");
+const CONNECT: &str = include_str!("../../../../../assets/live/connect.js");
 
 /// Where there is no other word: this machine alone, on a port that is free.
 pub(super) const LOOPBACK: &str = "127.0.0.1:0";
@@ -20,7 +22,8 @@ pub(super) const LOOPBACK: &str = "127.0.0.1:0";
 /// A server for browsers, and the address to open.
 pub(super) fn start(at: SocketAddr) -> anyhow::Result<(Server, String)> {
     let (token, nonce) = (random()?, random()?);
-    let page = PAGE.replace("{style}", STYLE).replace("{script}", SCRIPT);
+    let page = PAGE.replace("{style}", STYLE).replace("{view}", VIEW);
+    let page = page.replace("{script}", SCRIPT).replace("{connect}", CONNECT);
     let page = page.replace("{nonce}", &nonce);
     let site = Site { page, nonce, token: token.clone(), orders: &LiveAction::NAMES };
     let server = Server::start(at, site).with_context(|| format!("cannot listen at {at}"))?;

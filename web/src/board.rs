@@ -1,0 +1,281 @@
+//! A board at a serial port of the page: its bytes and what the user wants come in; pictures, pieces of logs, and what
+//! to send go out. The port and the clock are the page's.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use board_link::recording::{LiveForces, protocol_named};
+use board_link::{
+    LogSink, RecordError, RecordOptions, Recorder, Sinks, Uplink, board_text, serial_text,
+};
+use calibration_file::CalibrationFile;
+use forces::ForceOptions;
+use live_view::{LiveModel, LiveSetup};
+use load_table::HungLoads;
+use output_file::OutputError;
+use serde::Deserialize;
+use serde_json::{Value, json};
+use shared_proto::{Command, Framing, Identity, Protocol};
+use shell_data::wrench::Axes;
+use shellcal::workflow::live::{
+    Feed, LiveAction, LiveRows, LiveSession, LogMaker, LogSeries, guide_through,
+};
+
+use crate::Answer;
+use crate::failure::Failure;
+use crate::request::FileRef;
+
+/// The span of time that is shown first, s.
+const WINDOW_S: f64 = 10.0;
+
+/// What a conversation begins with.
+#[derive(Deserialize)]
+pub(crate) struct Begin {
+    /// The port.
+    name: String,
+    /// As `--framing` takes it; recognised if it is `None`.
+    framing: Option<String>,
+    /// Whether the board is told to stream.
+    starts: bool,
+    /// Whether a log is written from the first byte on.
+    records: bool,
+    /// How many logs the page has of boards already, which their names count.
+    logs: usize,
+    calibration: Option<FileRef>,
+    /// Loads to be led through.
+    plan: Option<FileRef>,
+}
+
+/// What has happened since the turn before; the bytes that have come are its file.
+#[derive(Deserialize)]
+struct Turn {
+    /// Since the conversation began, by a clock that only goes forward.
+    elapsed_ms: f64,
+    /// The same by the clock on the wall, which goes on while a computer sleeps.
+    arrival_ms: f64,
+    /// What the user wants.
+    order: Option<String>,
+    /// Whether a picture is wanted.
+    draws: bool,
+    /// Whether the conversation is over.
+    ends: bool,
+}
+
+/// A conversation with a board, recorded and shown.
+#[derive(Debug)]
+pub struct BoardSession {
+    recorder: Recorder,
+    session: LiveSession,
+    feed: Feed,
+    logs: PageLogs,
+    uplink: Option<Uplink>,
+    starts: bool,
+}
+
+impl BoardSession {
+    /// Begins one as is asked for in JSON with `files`; its first bytes to send are in the answer.
+    pub fn begin(request: &[u8], files: &[Arc<[u8]>]) -> (Option<Self>, Answer) {
+        let begun = serde_json::from_slice(request)
+            .map_err(Failure::from)
+            .and_then(|begin: Begin| begin.run(files));
+        match begun {
+            Ok((session, commands)) => {
+                let document = json!({ "send": commands });
+                (Some(session), Answer { document, files: Vec::new() })
+            }
+            Err(failure) => (None, failure.into()),
+        }
+    }
+
+    /// Takes a turn, which is asked for in JSON. The answer has what to send, a picture if one is wanted, what the board
+    /// has said it is, the names of logs that have ended; its files are pieces of logs, each to be added to those of its
+    /// name. An error ends the conversation; what came before it is in the files all the same.
+    pub fn turn(&mut self, request: &[u8], bytes: &[u8]) -> Answer {
+        let mut document = self.take(request, bytes).unwrap_or_else(|failure| {
+            // What has arrived is kept; more is not known than the failure says.
+            let _ = self.recorder.finish();
+            let _ = self.recorder.close();
+            Answer::from(failure).document
+        });
+        let identities: Vec<Value> = self.recorder.identities().map(in_words).collect();
+        let PageState { pieces, ended } = self.logs.take();
+        document["boards"] = Value::Array(identities);
+        document["ended"] = json!(ended);
+        Answer { document, files: pieces }
+    }
+
+    fn take(&mut self, request: &[u8], bytes: &[u8]) -> Result<Value, Failure> {
+        let turn: Turn = serde_json::from_slice(request)?;
+        let [elapsed, arrival] = [turn.elapsed_ms, turn.arrival_ms].map(duration);
+        let mut commands = Vec::new();
+        self.recorder.take(bytes, elapsed, Some(arrival))?;
+        if let Some(action) = turn.order.as_deref().and_then(LiveAction::named) {
+            self.session.obey(action);
+        }
+        if let Some(due) = self.recorder.tend(elapsed, Some(arrival))? {
+            self.feed.report(&due.progress);
+            commands = due.commands;
+        }
+        if turn.ends {
+            if let (true, Some(uplink)) = (self.starts, self.uplink) {
+                commands.extend(uplink.encode(0, None, Command::Stop));
+            }
+            // Loads that were held to the end are labelled.
+            self.session.advance(elapsed, true).map_err(RecordError::from)?;
+            self.recorder.finish()?;
+            let recorded = self.recorder.recorded(elapsed);
+            self.recorder.close()?;
+            return Ok(json!({ "send": commands, "recorded": recorded }));
+        }
+        self.session.advance(elapsed, false).map_err(RecordError::from)?;
+        let shown = turn.draws.then(|| self.session.shown());
+        Ok(json!({ "send": commands, "shown": shown }))
+    }
+}
+
+impl Begin {
+    fn run(self, files: &[Arc<[u8]>]) -> Result<(BoardSession, Vec<u8>), Failure> {
+        let protocol = self.framing.as_deref().map(|name| {
+            protocol_named(name)
+                .ok_or_else(|| Failure::from(format!("there is no framing `{name}`")))
+        });
+        let protocol = protocol.transpose()?;
+        let uplink = match protocol.unwrap_or(Protocol::Packets(Framing::Cobs)) {
+            Protocol::Packets(framing) => Some(Uplink { framing, to: EVERYONE }),
+            Protocol::Original => None,
+        };
+        let forces = self.calibration.as_ref().map(|file| live_forces(file, files)).transpose()?;
+        let plan = self.plan.as_ref().map(|file| read_plan(file, files)).transpose()?;
+        let ranges = forces.as_ref().and_then(|forces| forces.calibration.valid_range.clone());
+        let axes = forces.as_ref().map_or(Axes::ALL, |forces| forces.calibration.axes);
+        let logs = PageLogs { made_before: self.logs, state: Arc::default() };
+        let mut series = LogSeries::new(Box::new(logs.clone()));
+        let log = self.records.then(|| series.begin()).transpose()?;
+        let (feed, rows) =
+            (Feed::default(), LiveRows::new(forces.clone()).map_err(RecordError::from)?);
+        let options = RecordOptions {
+            protocol,
+            forces,
+            start: uplink.filter(|_| self.starts),
+            labels: plan.is_some(),
+            ..RecordOptions::default()
+        };
+        let sinks = Sinks { log, raw: None, watcher: Some(feed.watcher()) };
+        let mut recorder = Recorder::new(&self.name, sinks, options);
+        let mut commands = recorder.commands(None);
+        let identify = |uplink: Uplink| uplink.encode(0, None, Command::Identify);
+        commands.extend(uplink.map(identify).unwrap_or_default());
+        let model = LiveModel::new(LiveSetup { ranges, window_s: WINDOW_S, axes });
+        let session = LiveSession::new(model, rows, feed.clone(), Some(series), self.name);
+        let session = session.guided(plan.as_ref().map(guide_through));
+        let starts = self.starts;
+        Ok((BoardSession { recorder, session, feed, logs, uplink, starts }, commands))
+    }
+}
+
+/// The address of all modules.
+const EVERYONE: u16 = 0xFFFF;
+
+fn live_forces(file: &FileRef, files: &[Arc<[u8]>]) -> Result<LiveForces, Failure> {
+    let CalibrationFile { calibration, .. } = file.calibration(files)?;
+    Ok(LiveForces { calibration, options: ForceOptions::default().causal() })
+}
+
+fn read_plan(file: &FileRef, files: &[Arc<[u8]>]) -> Result<HungLoads, Failure> {
+    let bytes = file.bytes(files)?;
+    let text = String::from_utf8_lossy(&bytes);
+    HungLoads::parse(&text)
+        .map_err(|problem| Failure::new(&problem, None).about(&format!("`{}`", file.name)))
+}
+
+fn in_words(identity: Identity) -> Value {
+    let [major, minor, patch] = identity.firmware;
+    json!({
+        "board": board_text(identity.board),
+        "firmware": format!("{major}.{minor}.{patch}"),
+        "serial": serial_text(&identity.serial),
+    })
+}
+
+fn duration(ms: f64) -> Duration {
+    Duration::try_from_secs_f64(ms / 1e3).unwrap_or_default()
+}
+
+/// Logs on their way to the page.
+#[derive(Clone, Debug)]
+struct PageLogs {
+    made_before: usize,
+    state: Arc<Mutex<PageState>>,
+}
+
+#[derive(Debug, Default)]
+struct PageState {
+    pieces: Vec<(String, Vec<u8>)>,
+    ended: Vec<String>,
+}
+
+/// A log that grows in the page.
+#[derive(Debug)]
+struct PageLog {
+    path: PathBuf,
+    pending: Vec<u8>,
+    is_empty: bool,
+    logs: PageLogs,
+}
+
+impl PageLogs {
+    fn take(&self) -> PageState {
+        self.with(std::mem::take)
+    }
+
+    fn with<T>(&self, act: impl FnOnce(&mut PageState) -> T) -> T {
+        act(&mut self.state.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    fn log(&self, name: String) -> Box<dyn LogSink> {
+        let (path, logs) = (PathBuf::from(name), self.clone());
+        Box::new(PageLog { path, pending: Vec::new(), is_empty: true, logs })
+    }
+}
+
+impl LogMaker for PageLogs {
+    fn next(&mut self, made: usize) -> Result<Box<dyn LogSink>, OutputError> {
+        Ok(self.log(match self.made_before + made {
+            0 => "board.csv".to_owned(),
+            made => format!("board-{}.csv", made + 1),
+        }))
+    }
+}
+
+impl LogSink for PageLog {
+    fn pending(&mut self) -> &mut Vec<u8> {
+        &mut self.pending
+    }
+
+    fn flush(&mut self) -> Result<(), OutputError> {
+        if !self.pending.is_empty() {
+            self.is_empty = false;
+            let piece = (self.path.display().to_string(), std::mem::take(&mut self.pending));
+            self.logs.with(|state| state.pieces.push(piece));
+        }
+        Ok(())
+    }
+
+    fn close(mut self: Box<Self>) -> Result<(), OutputError> {
+        self.flush()?;
+        if !self.is_empty {
+            self.logs.with(|state| state.ended.push(self.path.display().to_string()));
+        }
+        Ok(())
+    }
+
+    fn path(&self) -> &Path {
+        &self.path
+    }
+
+    fn beside(&self, board: &str) -> Result<Box<dyn LogSink>, OutputError> {
+        let stem = self.path.file_stem().unwrap_or_default().to_string_lossy();
+        Ok(self.logs.log(format!("{stem}-{board}.csv")))
+    }
+}
