@@ -400,3 +400,25 @@ fn a_port_that_goes_away_and_a_browser_without_ports_are_told() {
     assert_eq!(browser.evaluate("document.getElementById('board-choices').hidden"), true);
     check_quiet(browser);
 }
+
+#[test]
+#[ignore = "a measurement: SHELLCAL_PAGE_LOG names the log"]
+fn times_of_the_page() {
+    let log = PathBuf::from(std::env::var_os("SHELLCAL_PAGE_LOG").unwrap());
+    let model = std::env::var("SHELLCAL_PAGE_MODEL").unwrap_or_else(|_| "cubic".to_owned());
+    let mut browser = open([1200, 900], false);
+    browser.choose(&by_id("files"), std::slice::from_ref(&log));
+    wait_for_files(&mut browser, 1);
+    choose(&mut browser, "model", &model);
+    // To read, to fit, to report and to show.
+    browser.evaluate(
+        "window.times = []; window.timed = async () => { const begun = performance.now(); \
+        await fit(); times.push(performance.now() - begun); }; 0",
+    );
+    let count = std::env::var("SHELLCAL_PAGE_TIMES").map_or(7, |count| count.parse().unwrap());
+    for _ in 0..count {
+        browser.evaluate("timed().then(() => 0)");
+    }
+    println!("{}: {} ms", log.display(), browser.evaluate("times.sort((a, b) => a - b)"));
+    println!("{}", browser.evaluate("document.getElementById('status').textContent"));
+}

@@ -1,6 +1,6 @@
 //! The curve of a sensor, several rows at a time.
 //!
-//! Additions, multiplications, fused multiply-adds, divisions and square roots alone: these are
+//! Additions, multiplications, divisions and square roots alone: these are
 //! rounded alike on every machine, so a row has the same bits in vectors of any width.
 
 use pulp::Simd;
@@ -116,7 +116,9 @@ fn ln_of_one_and<S: Simd>(simd: S, e: S::f64s) -> S::f64s {
 #[inline(always)]
 fn polynomial<S: Simd, const N: usize>(simd: S, x: S::f64s, coefficients: &[f64; N]) -> S::f64s {
     let highest = simd.splat_f64s(coefficients[0]);
-    coefficients[1..].iter().fold(highest, |sum, &c| simd.mul_add_f64s(sum, x, simd.splat_f64s(c)))
+    coefficients[1..]
+        .iter()
+        .fold(highest, |sum, &c| simd.add_f64s(simd.mul_f64s(sum, x), simd.splat_f64s(c)))
 }
 
 #[cfg(test)]

@@ -93,7 +93,7 @@ impl<S: Simd> Rows<S> {
         let x = data.wrench.each_ref().map(|column| vector(column));
         let mut q = simd.splat_f64s(p[0]);
         for (&gain, &x) in p[1..].iter().zip(&x) {
-            q = simd.mul_add_f64s(simd.splat_f64s(gain), x, q);
+            q = simd.add_f64s(simd.mul_f64s(simd.splat_f64s(gain), x), q);
         }
         let answers = Answers::at(simd, q, h, nu);
         let mut gradient = [answers.slope; PARAMETERS];
@@ -124,7 +124,7 @@ impl WithSimd for SumsOf<'_> {
             let lane = first % MOST_LANES;
             let add = |sums: &mut [f64; MOST_LANES], a: S::f64s, b: S::f64s| {
                 let sums = S::as_mut_simd_f64s(&mut sums[lane..lane + S::F64_LANES]).0;
-                sums[0] = simd.mul_add_f64s(a, b, sums[0]);
+                sums[0] = simd.add_f64s(simd.mul_f64s(a, b), sums[0]);
             };
             let rows = Rows::<S>::at(simd, p, shape, data, first);
             let weight = S::as_simd_f64s(&data.weights[first..first + S::F64_LANES]).0[0];
@@ -166,12 +166,10 @@ impl WithSimd for ResidualsOf<'_> {
             let mut square = simd.mul_f64s(rows.residual, rows.residual);
             for (&gi, row) in rows.gradient.iter().zip(covariance) {
                 let zero = simd.splat_f64s(0.0);
-                let product = rows
-                    .gradient
-                    .iter()
-                    .zip(row)
-                    .fold(zero, |sum, (&g, &c)| simd.mul_add_f64s(g, simd.splat_f64s(c), sum));
-                square = simd.mul_add_f64s(gi, product, square);
+                let product = rows.gradient.iter().zip(row).fold(zero, |sum, (&g, &c)| {
+                    simd.add_f64s(simd.mul_f64s(g, simd.splat_f64s(c)), sum)
+                });
+                square = simd.add_f64s(simd.mul_f64s(gi, product), square);
             }
             let slope = rows.gradient[0];
             let (mut squares, mut slopes) = ([0.0; MOST_LANES], [0.0; MOST_LANES]);

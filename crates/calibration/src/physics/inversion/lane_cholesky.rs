@@ -19,7 +19,7 @@ impl<S: Simd, const N: usize> LaneCholesky<S, N> {
         for j in 0..N {
             for i in j..N {
                 for k in 0..j {
-                    l[i][j] = simd.negate_mul_add_f64s(l[i][k], l[j][k], l[i][j]);
+                    l[i][j] = simd.sub_f64s(l[i][j], simd.mul_f64s(l[i][k], l[j][k]));
                 }
             }
             inverse[j] = simd.div_f64s(one, simd.sqrt_f64s(l[j][j]));
@@ -36,13 +36,13 @@ impl<S: Simd, const N: usize> LaneCholesky<S, N> {
         let mut x = *b;
         for i in 0..N {
             for k in 0..i {
-                x[i] = simd.negate_mul_add_f64s(self.l[i][k], x[k], x[i]);
+                x[i] = simd.sub_f64s(x[i], simd.mul_f64s(self.l[i][k], x[k]));
             }
             x[i] = simd.mul_f64s(x[i], self.inverse[i]);
         }
         for i in (0..N).rev() {
             for k in i + 1..N {
-                x[i] = simd.negate_mul_add_f64s(self.l[k][i], x[k], x[i]);
+                x[i] = simd.sub_f64s(x[i], simd.mul_f64s(self.l[k][i], x[k]));
             }
             x[i] = simd.mul_f64s(x[i], self.inverse[i]);
         }
@@ -58,12 +58,12 @@ impl<S: Simd, const N: usize> LaneCholesky<S, N> {
             column[j] = self.inverse[j];
             for i in j..N {
                 for k in j..i {
-                    column[i] = simd.negate_mul_add_f64s(self.l[i][k], column[k], column[i]);
+                    column[i] = simd.sub_f64s(column[i], simd.mul_f64s(self.l[i][k], column[k]));
                 }
                 if i > j {
                     column[i] = simd.mul_f64s(column[i], self.inverse[i]);
                 }
-                sum = simd.mul_add_f64s(column[i], column[i], sum);
+                sum = simd.add_f64s(simd.mul_f64s(column[i], column[i]), sum);
             }
             sum
         })

@@ -198,14 +198,14 @@ impl Inversion {
         for (place, sensor) in self.sensors.iter().enumerate() {
             let mut q = simd.splat_f64s(sensor.offset);
             for (&gain, &x) in sensor.gains.iter().zip(x) {
-                q = simd.mul_add_f64s(simd.splat_f64s(gain), x, q);
+                q = simd.add_f64s(simd.mul_f64s(simd.splat_f64s(gain), x), q);
             }
             let answers = Answers::at(simd, q, sensor.h, sensor.nu);
             let value = simd.add_f64s(answers.height, simd.splat_f64s(sensor.lo));
             let slope_square = simd.mul_f64s(answers.slope, answers.slope);
             let displacement = simd.splat_f64s(self.noise.displacement);
             let reading = simd.splat_f64s(self.noise.reading);
-            let noise = simd.mul_add_f64s(slope_square, displacement, reading);
+            let noise = simd.add_f64s(simd.mul_f64s(slope_square, displacement), reading);
             let variance = simd.add_f64s(noise, parameter_variance(simd, sensor, &answers, x));
             state.residual[place] = simd.sub_f64s(frames.y[place], value);
             state.slope[place] = answers.slope;
@@ -213,7 +213,7 @@ impl Inversion {
         }
         for (row, &xi) in self.prior.iter().zip(x) {
             let product = inner(simd, row, x);
-            state.held_back = simd.mul_add_f64s(xi, product, state.held_back);
+            state.held_back = simd.add_f64s(simd.mul_f64s(xi, product), state.held_back);
         }
         state
     }
@@ -247,7 +247,7 @@ impl Inversion {
         let step = LaneCholesky::new(simd, &curvature).solve(simd, &descent);
         let zero = simd.splat_f64s(0.0);
         let pairs = step.iter().zip(&descent);
-        (step, pairs.fold(zero, |sum, (&s, &d)| simd.mul_add_f64s(s, d, sum)))
+        (step, pairs.fold(zero, |sum, (&s, &d)| simd.add_f64s(simd.mul_f64s(s, d), sum)))
     }
 
     #[inline(always)]
@@ -326,22 +326,24 @@ fn parameter_variance<S: Simd>(
     for (i, row) in sensor.covariance.iter().enumerate() {
         let mut sum = zero;
         for (&c, &g) in row[..=i].iter().zip(&g) {
-            sum = simd.mul_add_f64s(simd.splat_f64s(c), g, sum);
+            sum = simd.add_f64s(simd.mul_f64s(simd.splat_f64s(c), g), sum);
         }
-        variance = simd.mul_add_f64s(g[i], sum, variance);
+        variance = simd.add_f64s(simd.mul_f64s(g[i], sum), variance);
     }
     simd.max_f64s(variance, zero)
 }
 
 #[inline(always)]
 fn add_square<S: Simd>(simd: S, sum: S::f64s, residual: S::f64s, weight: S::f64s) -> S::f64s {
-    simd.mul_add_f64s(simd.mul_f64s(weight, residual), residual, sum)
+    simd.add_f64s(simd.mul_f64s(simd.mul_f64s(weight, residual), residual), sum)
 }
 
 #[inline(always)]
 fn inner<S: Simd>(simd: S, a: &[f64], b: &[S::f64s]) -> S::f64s {
     let zero = simd.splat_f64s(0.0);
-    a.iter().zip(b).fold(zero, |sum, (&a, &b)| simd.mul_add_f64s(simd.splat_f64s(a), b, sum))
+    a.iter()
+        .zip(b)
+        .fold(zero, |sum, (&a, &b)| simd.add_f64s(simd.mul_f64s(simd.splat_f64s(a), b), sum))
 }
 
 /// `A += weight·g·gᵀ` (lower triangle), `b += pull·g`.
@@ -355,10 +357,10 @@ fn add<S: Simd, const N: usize>(
 ) {
     for i in 0..N {
         let gain = simd.splat_f64s(sensor.gains[i]);
-        b[i] = simd.mul_add_f64s(pull, gain, b[i]);
+        b[i] = simd.add_f64s(simd.mul_f64s(pull, gain), b[i]);
         let weighted = simd.mul_f64s(weight, gain);
         for (sum, &other) in a[i][..=i].iter_mut().zip(&sensor.gains) {
-            *sum = simd.mul_add_f64s(weighted, simd.splat_f64s(other), *sum);
+            *sum = simd.add_f64s(simd.mul_f64s(weighted, simd.splat_f64s(other)), *sum);
         }
     }
 }
