@@ -1,4 +1,5 @@
 //! A conversation with a board, without a browser: what is shown, what is sent, and logs that are those of `record`.
+#![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
 
 use std::fs;
 use std::sync::Arc;

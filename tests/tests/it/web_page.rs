@@ -4,6 +4,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use shared_proto::{Packet, Sample, Values};
 use simulation::radio::Faults;
 use simulation::simulated_board::{BoardSettings, Load, SimulatedBoard};
 use system_tests::browser::Browser;
@@ -296,7 +297,7 @@ fn fake_port(bytes: &[u8]) -> String {
 
 /// In the shadow of the live view.
 fn in_view(selector: &str) -> String {
-    format!("document.getElementById('live').shadowRoot.querySelector('{selector}')")
+    format!("document.getElementById('live').shadowRoot?.querySelector('{selector}')")
 }
 
 #[test]
@@ -376,6 +377,43 @@ fn a_board_is_shown_and_its_log_is_that_of_record() {
         assert_eq!(browser.evaluate("logs[1].answer.has_readings"), true);
         check_quiet(browser);
     }
+}
+
+#[test]
+#[ignore = "needs Chromium and the page"]
+fn the_page_leads_through_planned_loads() {
+    let dir = tempfile::tempdir().unwrap();
+    let plan = dir.path().join("plan.csv");
+    fs::write(&plan, "group,force_n,direction\nahead,1.5,+x\nastern,1.5,-x\n").unwrap();
+    // 3 s at rest, a load for 5 s, 3 s at rest, another load.
+    let sample = |sequence: u16| Sample {
+        sequence,
+        clock_us: u32::from(sequence) * 10_000,
+        values: Values::Readings(
+            [16_000 + 16 * (sequence % 3) + 4000 * u16::from(sequence % 800 >= 300); 8],
+        ),
+        saturated: 0,
+        dropped: 0,
+    };
+    let frames = (0..1600).flat_map(|n| Packet::Sample(sample(n)).encode().to_vec());
+    let mut browser = open_after([1024, 800], false, &fake_port(&frames.collect::<Vec<u8>>()));
+    browser.choose(&by_id("files"), &[plan]);
+    wait_for_files(&mut browser, 1);
+    browser.evaluate("document.getElementById('board-details').open = true; 0");
+    choose(&mut browser, "board-plan", "0");
+    browser.click(&by_id("connect"));
+    let load = in_view("#load");
+    browser.wait_for(&format!("{load}?.textContent === 'all 2 loads are recorded'"));
+    check_page(&mut browser, 1024);
+    browser.click(&by_id("disconnect"));
+    browser.wait_for("document.querySelector('[download=\"board.csv\"]') !== null");
+    let log = saved(&mut browser, "board.csv");
+    for label in ["ahead", "astern"] {
+        // 2 s at 100 Hz, and the second that stillness is told from.
+        let held = log.lines().filter(|line| line.contains(label)).count();
+        assert!((195..=300).contains(&held), "{label}: {held} rows");
+    }
+    check_quiet(browser);
 }
 
 #[test]
