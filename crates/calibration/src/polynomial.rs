@@ -48,8 +48,8 @@ impl Polynomial {
         &self.coefficients
     }
 
-    /// The wrench of the first `rows` rows. The sum over features is a product and an addition each, never fused: the
-    /// bits are the same on any machine, and none has to do without instructions for them.
+    /// The wrench of the first `rows` rows. The sum over features is one fused multiply-add each, so
+    /// the bits are the same on any machine.
     pub(super) fn wrench(
         &self,
         readings: &[Vec<f64>],
@@ -89,7 +89,7 @@ impl WithSimd for Convert<'_> {
                     let x = [feature[vector], feature[vector + 1]];
                     for (sums, &c) in vectors.iter_mut().zip(coefficients) {
                         let c = simd.splat_f64s(c);
-                        *sums = [0, 1].map(|i| simd.add_f64s(sums[i], simd.mul_f64s(x[i], c)));
+                        *sums = [0, 1].map(|i| simd.mul_add_f64s(x[i], c, sums[i]));
                     }
                 }
                 for (lanes, sums) in sums.iter_mut().zip(vectors) {

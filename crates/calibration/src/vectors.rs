@@ -1,7 +1,7 @@
 //! Inner products and multiples of columns, compiled for the widest vectors that the machine has.
 //!
 //! Each is a value with [`WithSimd`] and not a closure: a closure may stay a function of its own,
-//! which then knows nothing of wide vectors.
+//! which then knows nothing of wide vectors, and calls the library for every fused multiply-add.
 
 use pulp::{Simd, WithSimd};
 use shell_data::instructions::arch;
@@ -34,7 +34,7 @@ impl WithSimd for Dot<'_> {
         for (x, y) in x.iter().zip(y) {
             let (x, y): (&[f64; LANES], &[f64; LANES]) = (x, y);
             for lane in 0..LANES {
-                sums[lane] += x[lane] * y[lane];
+                sums[lane] = x[lane].mul_add(y[lane], sums[lane]);
             }
         }
         let rest: f64 = x_rest.iter().zip(y_rest).map(|(x, y)| x * y).sum();
@@ -54,7 +54,7 @@ impl WithSimd for AddMultiple<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
         for (y, &x) in self.y.iter_mut().zip(self.x) {
-            *y += self.c * x;
+            *y = self.c.mul_add(x, *y);
         }
     }
 }

@@ -207,11 +207,11 @@ fn spread(factor: &TriangularColumns, lanes: &[RowLanes]) -> RowLanes {
         let mut product = [0.0; LANES];
         for (x, &f) in lanes.iter().zip(column) {
             for lane in 0..LANES {
-                product[lane] += x[lane] * f;
+                product[lane] = x[lane].mul_add(f, product[lane]);
             }
         }
         for lane in 0..LANES {
-            spread[lane] += product[lane] * product[lane];
+            spread[lane] = product[lane].mul_add(product[lane], spread[lane]);
         }
     }
     spread
