@@ -14,9 +14,9 @@ const converse = async (port) => {
   const worker = new Worker(script), module = await compiled;
   // The clock on the wall goes on while a computer sleeps.
   const [began, date] = [performance.now(), Date.now()];
-  const writer = port.writable.getWriter(), reader = port.readable.getReader();
+  const writer = port.writable.getWriter();
   const arrived = [], orders = [], pieces = new Map();
-  let answered, isBusy = true, ending;
+  let answered, reader, reading, isBusy = true, ending;
 
   const ask = (request, files) => new Promise((resolve) => {
     answered = resolve;
@@ -40,6 +40,7 @@ const converse = async (port) => {
     return answer;
   };
   const end = async (reason) => {
+    if (ending) return;
     ending = true;
     while (isBusy) await new Promise((soon) => { setTimeout(soon, 5); });
     const { error, hint, recorded } = await turn(true);
@@ -50,17 +51,36 @@ const converse = async (port) => {
     worker.terminate();
     conversation = undefined;
     orders.forEach(({ resolve }) => resolve(false));
-    reader.cancel().catch(() => {}).then(() => writer.close()).catch(() => {}).then(() => port.close()).catch(() => {});
+    hangUp();
     view.say(isError ? 'ended' : said);
     byId('board-status').textContent = isError ? `error: ${said}` : `Disconnected: ${said}`;
     drawBoard();
   };
+  // A port closes once nobody holds its streams. What fails here has gone with the device.
+  const hangUp = async () => {
+    reader?.cancel().catch(() => {});
+    await reading;
+    await writer.close().catch(() => {});
+    writer.releaseLock();
+    await port.close().catch(() => {});
+  };
+  // Until the port is gone; why it is. After bytes that were damaged on the line, or came too fast, it goes on with a next stream.
   const read = async () => {
-    for (;;) {
-      const { value, done } = await reader.read();
-      if (done) return;
-      arrived.push(value);
+    for (let stream = port.readable; stream && !ending; stream = port.readable) {
+      reader = stream.getReader();
+      try {
+        for (;;) {
+          const { value, done } = await reader.read();
+          if (done) return '';
+          arrived.push(value);
+        }
+      } catch (error) {
+        if (!port.readable || port.readable === stream) return `: ${error.message}`;
+      } finally {
+        reader.releaseLock();
+      }
     }
+    return '';
   };
 
   worker.onmessage = async ({ data }) => {
@@ -80,8 +100,8 @@ const converse = async (port) => {
   }, chosen));
   if (begun.error) return close(describe(begun.error, begun.hint), true);
   isBusy = false;
-  const lost = (why) => { if (!ending) end(`the port is gone${why}; what arrived until then is kept`); };
-  read().then(() => lost(''), (error) => lost(`: ${error.message}`));
+  reading = read();
+  reading.then((why) => end(`the port is gone${why}; what arrived until then is kept`));
   conversation = { end, order: (name) => new Promise((resolve) => { orders.push({ name, resolve }); }) };
   worker.postMessage({ every: 33 });
 };

@@ -276,20 +276,24 @@ fn a_fit_can_be_cancelled() {
     work(&mut browser, "fit");
 }
 
-/// A serial port that gives `bytes`, at most 200 at a time, and keeps what is written to it.
+/// A serial port that gives `bytes`, at most 200 at a time, and keeps what is written to it. Half-way it reports a damaged
+/// byte, which ends one stream and begins the next; as a real one it closes once nobody holds its streams.
 fn fake_port(bytes: &[u8]) -> String {
     let digits: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
     format!(
-        "(() => {{ const bytes = Uint8Array.from('{digits}'.match(/../g), (digits) => parseInt(digits, 16)); let at = 0;\
-         window.port = {{ written: 0, isOpen: false, given: 0,\
-           open: async ({{ baudRate }}) => {{ port.isOpen = true; port.baudRate = baudRate; }},\
-           close: async () => {{ port.isOpen = false; }},\
-           readable: new ReadableStream({{ async pull(to) {{\
+        "(() => {{ const bytes = Uint8Array.from('{digits}'.match(/../g), (digits) => parseInt(digits, 16)); let at = 0, damaged = 0;\
+         const stream = () => new ReadableStream({{ async pull(to) {{\
              await new Promise((soon) => {{ setTimeout(soon, 2); }});\
+             if (damaged === 0 && at > bytes.length / 2) {{ damaged = 1; readable = stream();\
+               return to.error(new DOMException('A frame is damaged.', 'FramingError')); }}\
              const size = 1 + at * 7919 % 200;\
              if (at < bytes.length) to.enqueue(bytes.slice(at, at + size));\
              at = Math.min(at + size, bytes.length); port.given = at / bytes.length;\
-             if (at === bytes.length) await new Promise(() => {{}}); }} }}),\
+             if (at === bytes.length) await new Promise(() => {{}}); }} }}, {{ highWaterMark: 0 }});\
+         let readable = stream();\
+         window.port = {{ written: 0, isOpen: false, given: 0, get readable() {{ return readable; }},\
+           open: async ({{ baudRate }}) => {{ port.isOpen = true; port.baudRate = baudRate; }},\
+           close: async () => {{ if (readable.locked || port.writable.locked) throw new TypeError('locked'); port.isOpen = false; }},\
            writable: new WritableStream({{ write(some) {{ port.written += some.length; }} }}) }};\
          Object.defineProperty(navigator, 'serial', {{ value: {{ requestPort: async () => port }} }}); }})()"
     )
