@@ -148,6 +148,8 @@ impl Browser {
     pub fn choose(&mut self, input: &str, files: &[PathBuf]) {
         let found = self.call("Runtime.evaluate", json!({ "expression": input }));
         let object = &found["result"]["objectId"];
+        // The browser reads none whose path has `..` in it, and does not say so.
+        let files: Vec<PathBuf> = files.iter().map(|file| file.canonicalize().unwrap()).collect();
         self.call("DOM.setFileInputFiles", json!({ "files": files, "objectId": object }));
     }
 
