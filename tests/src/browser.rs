@@ -119,8 +119,7 @@ impl Browser {
 
     /// Clicks in the middle of the element that an expression gives.
     ///
-    /// What is under the mouse is known from the last frame, and input may be dropped: clicks until the element has
-    /// seen it.
+    /// Repeated until the element gets the click: a browser finds it in the last frame that it painted, and may drop input.
     pub fn click(&mut self, element: &str) {
         let deadline = Instant::now() + PATIENCE;
         self.evaluate(&format!(

@@ -121,7 +121,7 @@ const drawBoard = () => {
   byId('disconnect').hidden = !conversation;
   for (const control of byId('board-choices').querySelectorAll('select, input')) control.disabled = Boolean(conversation);
 };
-// What of the files a conversation can begin with.
+// Lists the calibrations and tables of loads to choose from.
 const offerBoard = (calibrations, names, plans) => {
   if (conversation) return;
   boardFiles = { 'board-calibration': calibrations, 'board-plan': plans };

@@ -1,4 +1,4 @@
-//! A board at a serial port of the page: its bytes and what the user wants come in; pictures, pieces of logs, and what
+//! A board at a serial port of the page: its bytes and the orders of the user come in; pictures, pieces of logs, and bytes
 //! to send go out. The port and the clock are the page's.
 
 use std::path::{Path, PathBuf};
@@ -69,8 +69,6 @@ pub struct BoardSession {
     session: LiveSession,
     feed: Feed,
     logs: PageLogs,
-    uplink: Option<Uplink>,
-    starts: bool,
 }
 
 impl BoardSession {
@@ -118,9 +116,7 @@ impl BoardSession {
             commands = due.commands;
         }
         if turn.ends {
-            if let (true, Some(uplink)) = (self.starts, self.uplink) {
-                commands.extend(uplink.encode(0, None, Command::Stop));
-            }
+            commands.extend(self.recorder.last_commands());
             // Loads that were held to the end are labelled.
             self.session.advance(elapsed, true).map_err(RecordError::from)?;
             self.recorder.finish()?;
@@ -169,8 +165,7 @@ impl Begin {
         let model = LiveModel::new(LiveSetup { ranges, window_s: WINDOW_S, axes });
         let session = LiveSession::new(model, rows, feed.clone(), Some(series), self.name);
         let session = session.guided(plan.as_ref().map(guide_through));
-        let starts = self.starts;
-        Ok((BoardSession { recorder, session, feed, logs, uplink, starts }, commands))
+        Ok((BoardSession { recorder, session, feed, logs }, commands))
     }
 }
 

@@ -10,7 +10,6 @@ use board_link::{AppendWriter, FlowControl, PortOptions, RecordOptions, Sinks, S
 use serde_json::{Value, json};
 use shared_proto::{Packet, Sample, Values};
 use shellcal_web::{Answer, BoardSession};
-use simulation::radio::Faults;
 use simulation::simulated_board::{BoardSettings, Load, SimulatedBoard};
 
 /// A page that talks: it keeps what it gets.
@@ -116,15 +115,7 @@ fn a_log_is_that_of_record_byte_for_byte() {
 
 #[test]
 fn a_board_is_named_started_shown_and_stopped() {
-    let board = SimulatedBoard::start(BoardSettings {
-        load: Load::hands(2),
-        seed: 2,
-        unit_seed: 1,
-        noise_scale: 1.0,
-        faults: Faults::default(),
-        sync_s: Vec::new(),
-    })
-    .unwrap();
+    let board = SimulatedBoard::start(BoardSettings::new(Load::hands(2), 2)).unwrap();
     let options = PortOptions {
         port: board.port().to_owned(),
         baud: 57_600,

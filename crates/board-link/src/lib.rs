@@ -1,8 +1,8 @@
 //! The link to a board: serial ports, recording from them, and commands.
 //!
 //! [`record()`] takes bytes from a [`Source`] (a port, or raw bytes that were recorded before) into a
-//! log by way of a [`Recorder`], which needs neither port nor clock, and [`crate::recording`]; [`Client`] asks the board for things and waits for its
-//! answers. Only one of them has a port at a time: ports are opened for exclusive use.
+//! log by way of a [`Recorder`], which needs neither port nor clock, and [`crate::recording`]; [`Client`] asks the
+//! board for things and waits for its answers. Only one of them has a port at a time: ports are opened for exclusive use.
 
 #![allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "opens ports, keeps time")]
 
@@ -16,12 +16,14 @@ mod port_state;
 mod record;
 mod record_error;
 mod record_options;
+mod recorded;
 mod recorder;
 pub mod recording;
 mod resume;
 mod self_test;
 mod source;
 mod upload;
+mod watcher;
 
 pub use append_writer::AppendWriter;
 pub use board_log::RecordedBoard;
@@ -30,13 +32,15 @@ pub use handshake::{Handshake, HandshakeOptions, Heard, Stretch, handshake};
 pub use log_sink::LogSink;
 pub use port::{Connection, FlowControl, PortInfo, PortOptions, TCP, ports};
 pub use port_state::{PortState, SystemFiles};
-pub use record::{RecordCommand, Recorded, RecordingProgress, Sinks, Unwatched, Watcher, record};
+pub use record::record;
 pub use record_error::RecordError;
 pub use record_options::RecordOptions;
-pub use recorder::{Due, Recorder};
+pub use recorded::Recorded;
+pub use recorder::{Due, Recorder, Sinks};
 pub use self_test::{EmitterFault, judge};
 pub use source::Source;
 pub use upload::{NotForBoard, for_board};
+pub use watcher::{RecordCommand, RecordingProgress, Unwatched, Watcher};
 
 use shell_data::hint::Hint;
 use std::time::Duration;

@@ -1,16 +1,17 @@
-//! A recording apart from where its bytes come from and when: what [`record`](super::record()) does with a port, and a page
-//! in a browser with what it is given.
+//! A recording without port and clock: [`record`](super::record()) gives it the bytes of a port, a page in a browser those of
+//! its own.
 
 use std::time::Duration;
 
-use shared_proto::{Identity, Protocol};
+use shared_proto::{Command, Identity, Protocol};
 
 use super::LogSink;
 use super::board_log::BoardLog;
-use super::record::{RecordCommand, Recorded, RecordingProgress, Sinks, Watcher};
 use super::record_error::RecordError;
 use super::record_options::RecordOptions;
+use super::recorded::Recorded;
 use super::resume::StartedBoards;
+use super::watcher::{RecordCommand, RecordingProgress, Watcher};
 use crate::recording::{
     BoardSource, Boards, FrameLabel, HeardBoard, Losses, NoFrame, RecognisedProtocol, Recognition,
     protocol_name,
@@ -22,6 +23,17 @@ const FLUSH: Duration = Duration::from_millis(400);
 
 /// Most frames that wait, which bounds memory in a replay.
 const BATCH: usize = 4096;
+
+/// Where a recording goes.
+#[derive(Debug, Default)]
+pub struct Sinks {
+    /// The log; where several boards are heard, of the first of them. Those of others are made beside it.
+    pub log: Option<Box<dyn LogSink>>,
+    /// The bytes as they arrive.
+    pub raw: Option<Box<dyn LogSink>>,
+    /// Who looks on.
+    pub watcher: Option<Box<dyn Watcher>>,
+}
 
 /// A recording that is going on: bytes and times in, lines of logs out. It reads no clock and no port.
 #[derive(Debug)]
@@ -101,6 +113,13 @@ impl Recorder {
     pub fn commands(&mut self, arrival: Option<Duration>) -> Vec<u8> {
         let Some(uplink) = &self.options.start else { return Vec::new() };
         self.started.commands(uplink, self.stage.heard(), arrival.unwrap_or_default())
+    }
+
+    /// What to send at the end, so that boards that were started stop.
+    pub fn last_commands(&self) -> Vec<u8> {
+        let Some(uplink) = &self.options.start else { return Vec::new() };
+        // Nobody waits for the answer, so once more in case the first is lost.
+        (0..2).flat_map(|number| uplink.encode(number, None, Command::Stop)).collect()
     }
 
     /// What the boards have said they are, since they were asked.

@@ -6,7 +6,6 @@ use std::process::{Child, Stdio};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use serde_json::Value;
-use simulation::radio::Faults;
 use simulation::simulated_board::{BoardSettings, Load, SimulatedBoard};
 use system_tests::browser::Browser;
 use system_tests::chromium;
@@ -24,14 +23,7 @@ struct Board {
 impl Board {
     fn start(dir: &Path) -> Self {
         let from_ms = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs_f64() * 1e3;
-        let board = SimulatedBoard::start(BoardSettings {
-            load: Load::hands(2),
-            seed: 2,
-            unit_seed: 1,
-            noise_scale: 1.0,
-            faults: Faults::default(),
-            sync_s: Vec::new(),
-        });
+        let board = SimulatedBoard::start(BoardSettings::new(Load::hands(2), 2));
         let board = board.unwrap();
         // At a rate that a busy machine simulates without delay: a board that is late is not what is measured.
         run_patiently(dir, &format!("board {} rate 100", board.port()), 0);

@@ -5,7 +5,6 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use shared_proto::{Packet, Sample, Values};
-use simulation::radio::Faults;
 use simulation::simulated_board::{BoardSettings, Load, SimulatedBoard};
 use system_tests::browser::Browser;
 use system_tests::program::{Recording, run, run_patiently};
@@ -311,15 +310,7 @@ fn a_board_is_shown_and_its_log_is_that_of_record() {
     let dir = dir.path();
     let example = shipped("synthetic-train.csv");
     run(dir, &format!("fit {} --model cubic -o cal.json", example.display()), 0);
-    let board = SimulatedBoard::start(BoardSettings {
-        load: Load::hands(2),
-        seed: 2,
-        unit_seed: 1,
-        noise_scale: 1.0,
-        faults: Faults::default(),
-        sync_s: Vec::new(),
-    })
-    .unwrap();
+    let board = SimulatedBoard::start(BoardSettings::new(Load::hands(2), 2)).unwrap();
     let port = board.port();
     run_patiently(dir, &format!("board {port} rate 100"), 0);
     run_patiently(

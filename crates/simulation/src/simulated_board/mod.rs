@@ -53,6 +53,14 @@ pub struct BoardSettings {
     pub sync_s: Vec<f64>,
 }
 
+impl BoardSettings {
+    /// A board of unit 1 with its usual noise, on a radio that loses nothing, without edges at its sync input.
+    pub fn new(load: Load, seed: u64) -> Self {
+        let (faults, sync_s) = (Faults::default(), Vec::new());
+        Self { load, seed, unit_seed: 1, noise_scale: 1.0, faults, sync_s }
+    }
+}
+
 /// Why there is no board.
 #[derive(Debug, thiserror::Error)]
 pub enum SimulationError {
