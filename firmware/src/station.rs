@@ -114,7 +114,8 @@ impl<'a, C: Clock> Station<'a, C> {
         let slot_us = self.core.borrow_mut().next_slot(now_us);
         let until_us = slot_us.unwrap_or(u64::MAX).min(now_us + ALIVE_US);
         if until_us > now_us {
-            select(self.clock.wait_until_us(until_us), self.changed.wait()).await;
+            // What has come is seen before the clock is looked at again: a first frame is at its slot.
+            select(self.changed.wait(), self.clock.wait_until_us(until_us)).await;
         }
         // Whatever woke us, the slot may have moved, or be late by now.
         let now_us = self.clock.now_us();

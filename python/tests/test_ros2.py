@@ -125,8 +125,10 @@ def test_a_node_of_ros_2_gets_wrenches_and_can_tare(logs: list[Path], tmp_path: 
     assert heard["answers"] == [[2**63 + 5, 7, True]]
     assert all(row[2] == "left_foot" for row in rows)
     stamps = [row[0] + row[1] / 1e9 for row in rows]
-    # µs of the board's clock at 100 Hz.
-    assert all(abs(b - a - 0.01) < 2e-5 for a, b in zip(stamps, stamps[1:]))
+    # 100 Hz, to a µs of the stamps and what a double holds of one. A reader that is late by ten frames misses
+    # some: ROS 2 keeps that many.
+    periods = [(b - a) / 0.01 for a, b in zip(stamps, stamps[1:])]
+    assert all(0 < round(it) and abs(it - round(it)) < 2e-4 for it in periods), max(periods)
 
 
 def test_a_frame_has_the_same_bits_in_log_stream_loop_and_message(
