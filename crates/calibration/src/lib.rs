@@ -63,6 +63,7 @@ pub mod recalibration;
 pub mod sandwich;
 pub mod scaling;
 pub mod solver;
+mod symmetric;
 pub mod triangle;
 pub mod uncertainty;
 pub mod validation;

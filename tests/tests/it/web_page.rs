@@ -93,6 +93,10 @@ fn split(text: &str) -> (Vec<&str>, Vec<&str>) {
 fn check_same_calibration(found: &str, expected: &str, name: &str) {
     assert!(exact(found) == exact(expected), "{name}: another calibration");
     let [found, expected] = [found, expected].map(digits);
+    if expected.iter().flatten().count() == 1 {
+        // That of the loads. The physics model comes from sums that run in one order, and has no covariance.
+        return assert_eq!(found, expected, "{name}");
+    }
     assert_eq!(found.len(), expected.len(), "{name}");
     assert!(expected.iter().flatten().count() > 2, "{name}");
     for (found, expected) in found.iter().zip(&expected) {
@@ -174,9 +178,11 @@ fn shipped(name: &str) -> PathBuf {
 #[ignore = "needs Chromium and the page"]
 fn the_page_gives_the_bits_that_the_program_gives() {
     let files = [shipped("synthetic-train.csv"), shipped("synthetic-test.csv")];
-    let (mut browser, dir) = compare_fits(&files, "cubic");
-    compare_forces(&mut browser, dir.path(), &files);
-    check_quiet(browser);
+    for model in ["cubic", "auto"] {
+        let (mut browser, dir) = compare_fits(&files, model);
+        compare_forces(&mut browser, dir.path(), &files);
+        check_quiet(browser);
+    }
 }
 
 #[test]
@@ -187,9 +193,7 @@ fn the_page_gives_the_bits_that_the_program_gives_of_recordings() {
     compare_forces(&mut browser, dir.path(), &files);
     check_quiet(browser);
     // Its clock jumps, across which nothing is converted by default.
-    check_quiet(
-        compare_fits(&[real_recording("others/photointerrupters/poses.csv")], "quadratic").0,
-    );
+    check_quiet(compare_fits(&[real_recording("others/photointerrupters/poses.csv")], "auto").0);
 }
 
 #[test]

@@ -10,11 +10,6 @@
 //! as in [`noise`](super::noise). In turn with that, Levenberg's and Marquardt's steps are made over the parameters
 //! of all sensors at once, on residuals whitened by V.
 
-use faer::linalg::matmul::triangular::{self, BlockStructure};
-use faer::linalg::solvers::DenseSolveCore;
-use faer::prelude::Solve;
-use faer::{Accum, Col, Mat, Par, Side};
-
 use super::cholesky::Cholesky;
 use super::data::Data;
 use super::fit::{Fitted, Scaled, common_means, sensors};
@@ -23,6 +18,7 @@ use super::noise::{Noise, Residual};
 use super::response::{PARAMETERS, Parameters, SHAPE};
 use super::sensor::Prior;
 use super::sums::Curve;
+use crate::symmetric::Symmetric;
 
 /// `1/s²` of the prior `N(0, s²)` of a loading: s is 0.06, what a displacement's own play is, a hundredth of the
 /// way from plateau to plateau. A weaker prior lets a second factor follow the loads of single poses.
@@ -70,8 +66,8 @@ struct Whitening {
 /// What is minimised, its curvature and descent, over the parameters of all sensors.
 struct Equations {
     cost: f64,
-    curvature: Mat<f64>,
-    descent: Col<f64>,
+    curvature: Symmetric,
+    descent: Vec<f64>,
 }
 
 impl<'a> Joint<'a> {
@@ -102,18 +98,17 @@ impl<'a> Joint<'a> {
             (0..self.rows).map(|row| pull(a, row) * pull(b, row)).sum::<f64>()
         };
         let sizes: Vec<f64> = curves.iter().map(|of| product(of, of).max(1e-300).sqrt()).collect();
-        let correlation = Mat::from_fn(curves.len(), curves.len(), |i, j| {
+        let correlation = Symmetric::from_fn(curves.len(), |i, j| {
             product(&curves[i], &curves[j]) / (sizes[i] * sizes[j])
         });
-        let Ok(eigen) = correlation.self_adjoint_eigen(Side::Lower) else { return };
         // Where the curve is as steep as over most of its range, in units of q.
         let size = (noise.displacement + noise.reading / 0.03).sqrt();
         self.count = count.min(curves.len());
-        for factor in 0..self.count {
-            let place = curves.len() - 1 - factor;
-            let share = (eigen.S().column_vector()[place] - 0.5).max(0.2).sqrt();
-            for (sensor, loadings) in self.fitted.loadings.iter_mut().enumerate() {
-                loadings[factor] = eigen.U()[(sensor, place)] * share * size;
+        let largest = correlation.eigen().into_iter().rev();
+        for (factor, (value, vector)) in largest.take(self.count).enumerate() {
+            let share = (value - 0.5).max(0.2).sqrt();
+            for (loadings, of_sensor) in self.fitted.loadings.iter_mut().zip(vector) {
+                loadings[factor] = of_sensor * share * size;
             }
         }
     }
@@ -199,11 +194,11 @@ impl<'a> Joint<'a> {
         let mut at = self.equations(&self.fitted.parameters, whitening, prior);
         for _ in 0..STEPS {
             let mut damped = at.curvature.clone();
-            for i in 0..damped.nrows() {
-                damped[(i, i)] *= 1.0 + self.damping;
+            for i in 0..damped.size() {
+                damped.row_mut(i)[0] *= 1.0 + self.damping;
             }
-            let Ok(factor) = damped.llt(Side::Lower) else { break };
-            let step = factor.solve(&at.descent);
+            let Some(factor) = damped.cholesky() else { break };
+            let step = factor.solve(at.descent.clone());
             let mut next = self.fitted.parameters.clone();
             for (place, p) in next.iter_mut().flatten().enumerate() {
                 // As for one sensor: h and ν change at most by a factor of e.
@@ -217,12 +212,12 @@ impl<'a> Joint<'a> {
             }
             self.damping = (self.damping * if better { 0.2 } else { 5.0 }).clamp(1e-12, 1e8);
         }
-        if let Ok(factor) = at.curvature.llt(Side::Lower) {
+        if let Some(factor) = at.curvature.cholesky() {
             let inverse = factor.inverse();
             for (sensor, c) in self.fitted.covariance.iter_mut().enumerate() {
                 let first = sensor * PARAMETERS;
                 *c = std::array::from_fn(|i| {
-                    std::array::from_fn(|j| inverse[(first + i.max(j), first + i.min(j))])
+                    std::array::from_fn(|j| inverse.element(first + i.min(j), first + i.max(j)))
                 });
             }
         }
@@ -235,46 +230,38 @@ impl<'a> Joint<'a> {
         prior: &Prior,
     ) -> Equations {
         let size = parameters.len() * PARAMETERS;
-        let mut curvature = Mat::zeros(size, size);
-        let mut descent = Col::zeros(size);
+        let mut curvature = Symmetric::from_fn(size, |_, _| 0.0);
+        let mut descent = Vec::with_capacity(size);
         let mut cost = 0.0;
-        // What is shared: a row of each of the factors for every row of the data.
-        let mut shared = Mat::<f64>::zeros(self.rows * self.count, size);
-        let mut pulls = vec![[0.0; FACTORS]; self.rows];
+        // What is shared: one of each of the factors for every row of the data.
+        let mut shared = vec![vec![0.0; size]; self.rows * self.count];
+        let mut pulls = vec![0.0; shared.len()];
         for (sensor, (data, p)) in self.sensors.iter().zip(parameters).enumerate() {
             let (own, curve) = (data.cost(p, prior), Curve::of(p, data));
             let first = sensor * PARAMETERS;
             cost += own.value;
-            for i in 0..PARAMETERS {
-                descent[first + i] = own.descent[i];
-                (0..=i).for_each(|j| curvature[(first + i, first + j)] = own.information[i][j]);
+            descent.extend(own.descent);
+            for (i, information) in own.information.iter().enumerate() {
+                for (j, element) in information.iter().enumerate().take(i + 1) {
+                    curvature.row_mut(first + j)[i - j] = *element;
+                }
             }
             for (row, weighted) in whitening.weighted[sensor].iter().enumerate() {
                 let factor = whitening.factors[row].forward(weighted);
-                for k in 0..self.count {
-                    pulls[row][k] += factor[k] * curve.residual[row];
-                }
-                for (i, gradient) in curve.gradient.iter().enumerate() {
-                    for k in 0..self.count {
-                        shared[(row * self.count + k, first + i)] = factor[k] * gradient[row];
-                    }
+                for (k, factor) in factor.iter().enumerate().take(self.count) {
+                    let place = row * self.count + k;
+                    pulls[place] += factor * curve.residual[row];
+                    let of_row = curve.gradient.iter().map(|gradient| factor * gradient[row]);
+                    shared[place][first..].iter_mut().zip(of_row).for_each(|(to, it)| *to = it);
                 }
             }
         }
-        let pulls = Col::from_fn(self.rows * self.count, |i| pulls[i / self.count][i % self.count]);
-        triangular::matmul(
-            curvature.as_mut(),
-            BlockStructure::TriangularLower,
-            Accum::Add,
-            shared.transpose(),
-            BlockStructure::Rectangular,
-            &shared,
-            BlockStructure::Rectangular,
-            -1.0,
-            Par::Seq,
-        );
-        descent -= shared.transpose() * &pulls;
-        Equations { cost: cost - pulls.squared_norm_l2(), curvature, descent }
+        curvature.subtract_squares(&shared);
+        for (shared, pull) in shared.iter().zip(&pulls) {
+            cost -= pull * pull;
+            descent.iter_mut().zip(shared).for_each(|(descent, shared)| *descent -= pull * shared);
+        }
+        Equations { cost, curvature, descent }
     }
 }
 

@@ -8,9 +8,9 @@
 
 use std::fmt;
 
-use faer::{Mat, Side};
 use pulp::NullaryFnOnce;
 
+use crate::symmetric::Symmetric;
 use shell_data::instructions::arch;
 use shell_data::statistics::MergeWeights;
 use shell_data::wrench::{Axes, Axis, PerAxis};
@@ -388,9 +388,9 @@ fn products(wrench: &[Vec<f64>], mean: &PerAxis<f64>) -> PerAxis<PerAxis<f64>> {
 
 fn condition(correlation: &PerAxis<PerAxis<f64>>) -> Option<f64> {
     let moving: Vec<usize> = (0..6).filter(|&a| correlation[a][a] > 0.0).collect();
-    let matrix = Mat::from_fn(moving.len(), moving.len(), |i, j| correlation[moving[i]][moving[j]]);
-    let values = matrix.self_adjoint_eigenvalues(Side::Lower).ok()?;
-    let (smallest, largest) = (values.first()?, values.last()?);
+    let matrix = Symmetric::from_fn(moving.len(), |i, j| correlation[moving[i]][moving[j]]);
+    let eigen = matrix.eigen();
+    let ((smallest, _), (largest, _)) = (eigen.first()?, eigen.last()?);
     // Eigenvalues of a 6 × 6 matrix are this uncertain.
     (*smallest > 1e-14 * largest).then(|| largest / smallest)
 }
