@@ -171,16 +171,27 @@ impl WithSimd for Factorise<'_> {
 }
 
 impl UpperFactor {
-    /// `A⁻¹·b`.
-    pub(crate) fn solve(&self, mut b: Vec<f64>) -> Vec<f64> {
-        let size = self.0.size;
-        for i in 0..size {
+    /// `U⁻ᵀ·b`.
+    pub(crate) fn forward(&self, mut b: Vec<f64>) -> Vec<f64> {
+        for i in 0..self.0.size {
             let row = self.0.row(i);
             let (head, tail) = b.split_at_mut(i + 1);
             head[i] /= row[0];
             tail.iter_mut().zip(&row[1..]).for_each(|(x, u)| *x -= head[i] * u);
         }
-        for i in (0..size).rev() {
+        b
+    }
+
+    /// `bᵀ·A⁻¹·b`.
+    pub(crate) fn square(&self, b: Vec<f64>) -> f64 {
+        let z = self.forward(b);
+        product(&z, &z)
+    }
+
+    /// `A⁻¹·b`.
+    pub(crate) fn solve(&self, b: Vec<f64>) -> Vec<f64> {
+        let mut b = self.forward(b);
+        for i in (0..self.0.size).rev() {
             let row = self.0.row(i);
             b[i] = (b[i] - product(&row[1..], &b[i + 1..])) / row[0];
         }
@@ -229,7 +240,7 @@ impl WithSimd for Invert<'_> {
 }
 
 /// `xᵀy`, in four sums side by side.
-fn product(x: &[f64], y: &[f64]) -> f64 {
+pub(crate) fn product(x: &[f64], y: &[f64]) -> f64 {
     let ((x, x_rest), (y, y_rest)) = (x.as_chunks::<4>(), y.as_chunks::<4>());
     let mut sums = [0.0; 4];
     for (x, y) in x.iter().zip(y) {
@@ -272,6 +283,7 @@ mod tests {
             let inverse = factor.clone().inverse();
             for column in 0..size {
                 let solved = factor.solve(unit(column));
+                prop_assert!((factor.square(unit(column)) - solved[column]).abs() < 1e-13);
                 for row in 0..size {
                     // Of a matrix whose smallest eigenvalue is 1 or more, and a condition of some hundreds.
                     let back: f64 = (0..size).map(|k| theirs[(row, k)] * solved[k]).sum();

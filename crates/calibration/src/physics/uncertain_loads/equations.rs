@@ -1,25 +1,23 @@
 //! The equations of a step: those of each load, and the border of what loads share.
 
-use faer::linalg::solvers::DenseSolveCore;
-use faer::{Col, Mat, Side};
-
 use super::super::cholesky::Cholesky;
 use super::super::response::{PARAMETERS, Parameters};
 use super::load::{OWN, SHARED};
+use crate::symmetric::{Symmetric, UpperFactor, product};
 
 /// The sum that is minimised, and its equations. The border is what loads share: sensors, then offsets.
 pub(super) struct Equations {
     pub(super) cost: f64,
-    pub(super) border: Mat<f64>,
-    pub(super) descent: Col<f64>,
+    pub(super) border: Symmetric,
+    pub(super) descent: Vec<f64>,
     pub(super) loads: Vec<OfLoad>,
 }
 
 pub(super) struct OfLoad {
     pub(super) curvature: [[f64; OWN]; OWN],
     pub(super) descent: [f64; OWN],
-    /// With the border, 6 × n.
-    pub(super) coupling: Mat<f64>,
+    /// With the border, a row for each deviation.
+    pub(super) coupling: [Vec<f64>; OWN],
     /// Of each sensor: its residual, slope, gradient by its parameters and by deviations and offset.
     pub(super) rows: Vec<Row>,
 }
@@ -34,13 +32,13 @@ pub(super) struct Row {
 /// `h⁻¹` of a load with `h⁻¹·coupling`: what it follows of the border.
 pub(super) struct Eliminated {
     pub(super) factor: Cholesky<OWN>,
-    pub(super) following: Mat<f64>,
+    pub(super) following: [Vec<f64>; OWN],
 }
 
 impl Equations {
     /// A prior of one number of the border.
     pub(super) fn pull(&mut self, place: usize, precision: f64, off: f64) {
-        self.border[(place, place)] += precision;
+        self.border.row_mut(place)[0] += precision;
         self.descent[place] += precision * off;
         self.cost += precision * off * off;
     }
@@ -55,7 +53,7 @@ impl Equations {
         let mut of = OfLoad {
             curvature: [[0.0; OWN]; OWN],
             descent: [0.0; OWN],
-            coupling: Mat::zeros(OWN, self.descent.nrows()),
+            coupling: std::array::from_fn(|_| vec![0.0; self.descent.len()]),
             rows,
         };
         for k in 0..OWN {
@@ -72,10 +70,11 @@ impl Equations {
             let border: Vec<(usize, f64)> = parameters.chain(shared).collect();
             for &(place, by) in &border {
                 self.descent[place] += weight * row.residual * by;
-                for &(other, by_other) in &border {
-                    self.border[(place, other)] += weight * by * by_other;
+                let row_of = self.border.row_mut(place);
+                for &(other, by_other) in border.iter().filter(|(other, _)| *other >= place) {
+                    row_of[other - place] += weight * by * by_other;
                 }
-                (0..OWN).for_each(|k| of.coupling[(k, place)] += weight * row.by_load[k] * by);
+                (0..OWN).for_each(|k| of.coupling[k][place] += weight * row.by_load[k] * by);
             }
             for k in 0..OWN {
                 of.descent[k] += weight * row.residual * row.by_load[k];
@@ -87,38 +86,47 @@ impl Equations {
     }
 
     /// The equations of the border alone, the diagonals of all multiplied by `more`.
-    pub(super) fn reduced(&self, more: f64) -> Option<(Mat<f64>, Col<f64>, Vec<Eliminated>)> {
+    pub(super) fn reduced(&self, more: f64) -> Option<(Symmetric, Vec<f64>, Vec<Eliminated>)> {
         let (mut border, mut descent) = (self.border.clone(), self.descent.clone());
-        (0..border.nrows()).for_each(|i| border[(i, i)] *= more);
+        (0..border.size()).for_each(|i| border.row_mut(i)[0] *= more);
         let mut eliminated = Vec::with_capacity(self.loads.len());
         for load in &self.loads {
             let mut curvature = load.curvature;
             (0..OWN).for_each(|k| curvature[k][k] *= more);
             let factor = Cholesky::new(&curvature)?;
-            let mut following = Mat::zeros(OWN, border.ncols());
-            for place in 0..border.ncols() {
-                let column = factor.solve(&std::array::from_fn(|k| load.coupling[(k, place)]));
-                (0..OWN).for_each(|k| following[(k, place)] = column[k]);
+            // With h = L·Lᵀ: L⁻¹·coupling, whose squares are what the load takes from the border.
+            let mut taken: [Vec<f64>; OWN] = std::array::from_fn(|_| vec![0.0; border.size()]);
+            let mut following = taken.clone();
+            for (place, descent) in descent.iter_mut().enumerate() {
+                let column = std::array::from_fn(|k| load.coupling[k][place]);
+                let (half, whole) = (factor.forward(&column), factor.solve(&column));
+                for k in 0..OWN {
+                    (taken[k][place], following[k][place]) = (half[k], whole[k]);
+                    *descent -= whole[k] * load.descent[k];
+                }
             }
-            border -= load.coupling.transpose() * &following;
-            descent -= following.transpose() * Col::from_fn(OWN, |k| load.descent[k]);
+            border.subtract_squares(&taken);
             eliminated.push(Eliminated { factor, following });
         }
         Some((border, descent, eliminated))
     }
 
-    /// The covariance of the border, and the loads as they follow it.
-    pub(super) fn covariance(&self) -> Option<(Mat<f64>, Vec<Eliminated>)> {
+    /// The factor of the inverse covariance of the border, and the loads as they follow it.
+    pub(super) fn factor(&self) -> Option<(UpperFactor, Vec<Eliminated>)> {
         let (border, _, eliminated) = self.reduced(1.0)?;
-        Some((border.llt(Side::Lower).ok()?.inverse(), eliminated))
+        Some((border.cholesky()?, eliminated))
     }
 }
 
 impl Eliminated {
-    /// Of the deviations of a load, with the covariance of the border.
-    pub(super) fn standard_errors(&self, border: &Mat<f64>) -> [f64; OWN] {
+    /// By how much a step of the border moves the deviations of a load.
+    pub(super) fn follow(&self, step: &[f64]) -> [f64; OWN] {
+        self.following.each_ref().map(|row| product(row, step))
+    }
+
+    /// Of the deviations of a load, with the factor of the border.
+    pub(super) fn standard_errors(&self, border: &UpperFactor) -> [f64; OWN] {
         let own = self.factor.inverse();
-        let by_border = &self.following * border * self.following.transpose();
-        std::array::from_fn(|k| (own[k][k] + by_border[(k, k)]).sqrt())
+        std::array::from_fn(|k| (own[k][k] + border.square(self.following[k].clone())).sqrt())
     }
 }

@@ -14,9 +14,6 @@
 //!
 //! What all loads have in common stays as it is stated: a turn or a shift of all of them is another frame of reference.
 
-use faer::prelude::Solve;
-use faer::{Col, Mat, Side};
-
 mod equations;
 mod load;
 
@@ -30,6 +27,7 @@ use super::noise::{Noise, Residual};
 use super::observations::Observation;
 use super::response::{Answer, PARAMETERS, Parameters, SHAPE};
 use super::sensor::Prior;
+use crate::symmetric::Symmetric;
 use shell_data::wrench::PerAxis;
 
 /// Degrees of freedom of Student's prior: one load in a few dozen may be far off.
@@ -162,8 +160,8 @@ impl Search<'_> {
     fn step(&mut self, at: &mut Equations, weights: &Weights) {
         let more = 1.0 + self.damping;
         let Some((reduced, descent, eliminated)) = at.reduced(more) else { return };
-        let next = reduced.llt(Side::Lower).ok().map(|factor| {
-            let step = factor.solve(&descent);
+        let next = reduced.cholesky().map(|factor| {
+            let step = factor.solve(descent);
             self.moved(&step, at, &eliminated)
         });
         let there = next.map(|next| (self.equations(&next, weights), next));
@@ -174,7 +172,7 @@ impl Search<'_> {
         }
     }
 
-    fn moved(&self, step: &Col<f64>, at: &Equations, eliminated: &[Eliminated]) -> Unknowns {
+    fn moved(&self, step: &[f64], at: &Equations, eliminated: &[Eliminated]) -> Unknowns {
         let mut next = self.at.clone();
         for (place, p) in next.parameters.iter_mut().flatten().enumerate() {
             // As for one sensor: h and ν change at most by a factor of e.
@@ -187,7 +185,7 @@ impl Search<'_> {
         }
         for ((own, of), eliminated) in next.own.iter_mut().zip(&at.loads).zip(eliminated) {
             let (own_step, follows) =
-                (eliminated.factor.solve(&of.descent), &eliminated.following * step);
+                (eliminated.factor.solve(&of.descent), eliminated.follow(step));
             (0..OWN).for_each(|k| own[k] += own_step[k] - follows[k]);
         }
         next
@@ -266,8 +264,8 @@ impl Search<'_> {
         let size = first_offset + SHARED * at.offsets.len();
         let mut all = Equations {
             cost: 0.0,
-            border: Mat::zeros(size, size),
-            descent: Col::zeros(size),
+            border: Symmetric::from_fn(size, |_, _| 0.0),
+            descent: vec![0.0; size],
             loads: Vec::with_capacity(self.loads.len()),
         };
         for (i, p) in at.parameters.iter().enumerate() {
@@ -291,20 +289,21 @@ impl Search<'_> {
     fn residuals(&self, at: &Equations) -> Vec<Vec<Residual>> {
         let sensors = self.at.parameters.len();
         let mut all = vec![Vec::with_capacity(self.loads.len()); sensors];
-        let Some((covariance, eliminated)) = at.covariance() else { return all };
+        let Some((border, eliminated)) = at.factor() else { return all };
         for ((load, of), eliminated) in self.loads.iter().zip(&at.loads).zip(&eliminated) {
             let offset = load.mounting().map(|m| PARAMETERS * sensors + SHARED * m);
             for (i, row) in of.rows.iter().enumerate() {
                 let t: [f64; OWN] = std::array::from_fn(|k| row.by_load[k]);
-                let mut u = Col::from_fn(covariance.nrows(), |place| {
-                    -(0..OWN).map(|k| t[k] * eliminated.following[(k, place)]).sum::<f64>()
-                });
+                let mut u = vec![0.0; at.border.size()];
+                for (t, following) in t.iter().zip(&eliminated.following) {
+                    u.iter_mut().zip(following).for_each(|(u, x)| *u -= t * x);
+                }
                 (0..PARAMETERS).for_each(|k| u[PARAMETERS * i + k] += row.gradient[k]);
                 if let Some(first) = offset {
                     (0..SHARED).for_each(|k| u[first + k] += row.by_load[OWN + k]);
                 }
                 let own: f64 = eliminated.factor.forward(&t).iter().map(|x| x * x).sum();
-                let unsure = own + u.transpose() * (&covariance * &u);
+                let unsure = own + border.square(u);
                 let square = row.residual.mul_add(row.residual, unsure);
                 all[i].push(Residual { square, slope_square: row.slope * row.slope });
             }
@@ -327,7 +326,7 @@ impl Search<'_> {
             let far = LoadQuantity::ALL.into_iter().filter(|quantity| distance(*quantity) > FAR);
             far.max_by(|a, b| distance(*a).total_cmp(&distance(*b)))
         };
-        let covariance = at.covariance();
+        let factor = at.factor();
         let loads = self.loads.iter().zip(&self.at.own).enumerate().map(|(row, (load, own))| {
             let offset = self.offset(&self.at, load);
             let (wrench, direction) = load.deviated(own, &offset);
@@ -342,7 +341,7 @@ impl Search<'_> {
                     suspicious: None,
                 };
             };
-            let unsure = covariance.as_ref().map_or([f64::NAN; OWN], |(border, eliminated)| {
+            let unsure = factor.as_ref().map_or([f64::NAN; OWN], |(border, eliminated)| {
                 eliminated[row].standard_errors(border)
             });
             let angle = LoadQuantity::Direction.length(own) * errors.angle_rad;
