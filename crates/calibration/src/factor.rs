@@ -2,8 +2,9 @@
 
 use std::borrow::Cow;
 
-use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
-use faer::{Mat, Par};
+use faer::Mat;
+
+use crate::symmetric::UpperTriangle;
 
 /// An upper triangular matrix `F`, or what it comes from.
 #[derive(Clone, Debug, PartialEq)]
@@ -20,9 +21,7 @@ impl InverseFactor {
         match self {
             InverseFactor::Known(factor) => Cow::Borrowed(factor),
             InverseFactor::Inverse(triangle) => {
-                let mut inverse = Mat::identity(triangle.nrows(), triangle.ncols());
-                solve_upper_triangular_in_place(triangle.as_ref(), inverse.as_mut(), Par::Seq);
-                Cow::Owned(inverse)
+                Cow::Owned(UpperTriangle::of(triangle).inverse().matrix())
             }
         }
     }

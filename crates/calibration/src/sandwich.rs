@@ -21,8 +21,9 @@
 //!
 //! Where `K_g` and `u_g` come from, exact sums or triangles of a QR factorisation, is not said here.
 
-use faer::{Mat, Side};
+use faer::Mat;
 
+use crate::symmetric::{SymmetricMatrix, UpperTriangle, add_multiple, product};
 use shell_data::wrench::PerAxis;
 
 /// A group whose `K_g` has an eigenvalue this near to one determines a direction alone.
@@ -64,11 +65,11 @@ pub enum ScatterError {
 /// The scatter of a fit while its groups are being added.
 #[derive(Debug)]
 pub(crate) struct ScatterSums {
-    /// `v_g` of every group, as rows.
-    scores: PerAxis<Mat<f64>>,
+    /// `v_g` of every group.
+    scores: PerAxis<Vec<Vec<f64>>>,
     products: PerAxis<PerAxis<f64>>,
     /// The identity less all `K_g`.
-    defect: Mat<f64>,
+    defect: SymmetricMatrix,
     alone: Vec<usize>,
     common: PerAxis<f64>,
     squares: PerAxis<f64>,
@@ -77,9 +78,9 @@ pub(crate) struct ScatterSums {
 /// A group of rows.
 pub(crate) struct ClusterShare {
     /// `K_g`, features × features.
-    pub(crate) share: Mat<f64>,
-    /// `u_g`, features × 6.
-    pub(crate) score: Mat<f64>,
+    pub(crate) share: SymmetricMatrix,
+    /// `u_g`.
+    pub(crate) score: PerAxis<Vec<f64>>,
     /// Rows, sum of the errors and of their squares, for each axis.
     pub(crate) errors: PerAxis<(u64, f64, f64)>,
 }
@@ -88,9 +89,9 @@ impl ScatterSums {
     /// Of so many groups and features, before any group; `products` are those of the residuals of all rows.
     pub(crate) fn new(groups: usize, features: usize, products: PerAxis<PerAxis<f64>>) -> Self {
         Self {
-            scores: std::array::from_fn(|_| Mat::zeros(groups, features)),
+            scores: std::array::from_fn(|_| vec![vec![0.0; features]; groups]),
             products,
-            defect: Mat::identity(features, features),
+            defect: SymmetricMatrix::from_fn(features, |i, j| f64::from(u8::from(i == j))),
             alone: Vec::new(),
             common: PerAxis::default(),
             squares: PerAxis::default(),
@@ -104,40 +105,40 @@ impl ScatterSums {
             self.common[axis] += sum * sum / rows as f64;
             self.squares[axis] += squares;
         }
-        self.defect -= &share;
-        let eigen = share.self_adjoint_eigen(Side::Upper);
-        let eigen = eigen.map_err(|_| ScatterError::NearlyDependent)?;
-        let (basis, values) = (eigen.U(), eigen.S().column_vector());
-        let rest: Vec<f64> = values.iter().map(|value| 1.0 - value.max(0.0)).collect();
+        for i in 0..share.size() {
+            add_multiple(self.defect.row_mut(i), -1.0, share.row(i));
+        }
+        let eigen = share.eigen().ok_or(ScatterError::NearlyDependent)?;
+        let rest: Vec<f64> = eigen.values.iter().map(|value| 1.0 - value.max(0.0)).collect();
         if rest.iter().any(|&rest| rest < ALONE) {
             self.alone.push(place);
             return Ok(());
         }
-        let mut turned = basis.transpose() * score;
-        for (i, rest) in rest.iter().enumerate() {
-            turned.row_mut(i).iter_mut().for_each(|x| *x /= rest.sqrt());
+        let score = score.map(|mut score| {
+            eigen.turn(&mut score);
+            score.iter_mut().zip(&rest).for_each(|(x, rest)| *x /= rest.sqrt());
+            eigen.turn_back(&mut score);
+            score
+        });
+        for (products, a) in self.products.iter_mut().zip(&score) {
+            products.iter_mut().zip(&score).for_each(|(sum, b)| *sum += product(a, b));
         }
-        for (products, a) in self.products.iter_mut().zip(turned.col_iter()) {
-            for (product, b) in products.iter_mut().zip(turned.col_iter()) {
-                *product += a.transpose() * b;
-            }
-        }
-        let score = basis * turned;
-        for (scores, score) in self.scores.iter_mut().zip(score.col_iter()) {
-            scores.row_mut(place).iter_mut().zip(score.iter()).for_each(|(x, s)| *x = *s);
+        for (scores, score) in self.scores.iter_mut().zip(score) {
+            scores[place] = score;
         }
         Ok(())
     }
 
-    /// The scatter, after all groups. `back` is `Fᵀ` in the units that the covariance is wanted in;
-    /// `all_directions` says that the fit has no ridge and has left out no direction, so that the `K_g`
-    /// must add up to the identity.
+    /// The scatter, after all groups. `F` is in the units that the covariance is wanted in; `all_directions` says that
+    /// the fit has no ridge and has left out no direction, so that the `K_g` must add up to the identity.
     pub(crate) fn finish(
         self,
-        back: &Mat<f64>,
+        factor: &UpperTriangle,
         all_directions: bool,
     ) -> Result<GroupScatter, ScatterError> {
-        if all_directions && self.defect.norm_max() > LARGEST_DEFECT {
+        let features = factor.size();
+        let defect = (0..features).flat_map(|i| self.defect.row(i));
+        if all_directions && defect.fold(0.0, |most: f64, x| most.max(x.abs())) > LARGEST_DEFECT {
             return Err(ScatterError::NearlyDependent);
         }
         if !self.alone.is_empty() {
@@ -148,22 +149,13 @@ impl ScatterSums {
             false => 0.0,
         });
         Ok(GroupScatter {
-            groups: self.scores[0].nrows(),
-            factors: self.scores.each_ref().map(|scores| upper_root(&(scores * back))),
+            groups: self.scores[0].len(),
+            factors: self.scores.each_ref().map(|scores| {
+                let rows: Vec<_> = scores.iter().map(|score| factor.times(score)).collect();
+                UpperTriangle::root_of_squares(&rows, features).matrix()
+            }),
             residual_products: self.products,
             shared,
         })
     }
-}
-
-/// An upper triangular `T` with `T·Tᵀ = MᵀM`, by QR of `M` with its columns backwards.
-fn upper_root(m: &Mat<f64>) -> Mat<f64> {
-    let size = m.ncols();
-    let last = size - 1;
-    let backwards = Mat::from_fn(m.nrows(), size, |i, j| m[(i, last - j)]);
-    let qr = backwards.qr();
-    let r = qr.thin_R();
-    Mat::from_fn(size, size, |i, j| {
-        if i <= j && last - j < r.nrows() { r[(last - j, last - i)] } else { 0.0 }
-    })
 }

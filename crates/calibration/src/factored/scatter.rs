@@ -9,6 +9,7 @@ use super::rows::FactoredRows;
 use crate::exact::NewGroup;
 use crate::sandwich::{ClusterShare, GroupScatter, ScatterError, ScatterSums};
 use crate::solver::Solution;
+use crate::symmetric::{SymmetricMatrix, UpperTriangle};
 use shell_data::wrench::PerAxis;
 
 impl FactoredGroups {
@@ -43,13 +44,15 @@ impl FactoredGroups {
             let (_, (factors, coefficients)) = about.insert((rows.scaling(), parts));
             let columns = rows.times(factors);
             let share = columns.transpose() * &columns;
+            let share = SymmetricMatrix::from_fn(share.nrows(), |i, j| share[(i, j)]);
             let score = columns.transpose() * rows.misfit(coefficients.as_ref());
+            let score = std::array::from_fn(|axis| score.col(axis).iter().copied().collect());
             let errors = rows.errors_of(coefficients.as_ref());
             let errors = errors.map(|of| (of.rows, of.sum, of.squares));
             sums.add(place, ClusterShare { share, score, errors })?;
         }
         let all_directions = solution.ridge == 0.0 && solution.rank == factor.nrows();
-        sums.finish(&factor.transpose().to_owned(), all_directions)
+        sums.finish(&UpperTriangle::of(&factor), all_directions)
     }
 
     /// What the fit to all other groups, whose coefficients scatter by `scatter`, says of a group.

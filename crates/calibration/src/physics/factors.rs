@@ -18,7 +18,7 @@ use super::noise::{Noise, Residual};
 use super::response::{PARAMETERS, Parameters, SHAPE};
 use super::sensor::Prior;
 use super::sums::Curve;
-use crate::symmetric::Symmetric;
+use crate::symmetric::SymmetricMatrix;
 
 /// `1/s²` of the prior `N(0, s²)` of a loading: s is 0.06, what a displacement's own play is, a hundredth of the
 /// way from plateau to plateau. A weaker prior lets a second factor follow the loads of single poses.
@@ -66,7 +66,7 @@ struct Whitening {
 /// What is minimised, its curvature and descent, over the parameters of all sensors.
 struct Equations {
     cost: f64,
-    curvature: Symmetric,
+    curvature: SymmetricMatrix,
     descent: Vec<f64>,
 }
 
@@ -98,16 +98,18 @@ impl<'a> Joint<'a> {
             (0..self.rows).map(|row| pull(a, row) * pull(b, row)).sum::<f64>()
         };
         let sizes: Vec<f64> = curves.iter().map(|of| product(of, of).max(1e-300).sqrt()).collect();
-        let correlation = Symmetric::from_fn(curves.len(), |i, j| {
+        let correlation = SymmetricMatrix::from_fn(curves.len(), |i, j| {
             product(&curves[i], &curves[j]) / (sizes[i] * sizes[j])
         });
+        let Some(eigen) = correlation.eigen() else { return };
         // Where the curve is as steep as over most of its range, in units of q.
         let size = (noise.displacement + noise.reading / 0.03).sqrt();
         self.count = count.min(curves.len());
-        let largest = correlation.eigen().into_iter().rev();
-        for (factor, (value, vector)) in largest.take(self.count).enumerate() {
-            let share = (value - 0.5).max(0.2).sqrt();
-            for (loadings, of_sensor) in self.fitted.loadings.iter_mut().zip(vector) {
+        let mut places: Vec<usize> = (0..curves.len()).collect();
+        places.sort_by(|&a, &b| eigen.values[b].total_cmp(&eigen.values[a]));
+        for (factor, place) in places.into_iter().take(self.count).enumerate() {
+            let share = (eigen.values[place] - 0.5).max(0.2).sqrt();
+            for (loadings, of_sensor) in self.fitted.loadings.iter_mut().zip(eigen.vector(place)) {
                 loadings[factor] = of_sensor * share * size;
             }
         }
@@ -217,7 +219,9 @@ impl<'a> Joint<'a> {
             for (sensor, c) in self.fitted.covariance.iter_mut().enumerate() {
                 let first = sensor * PARAMETERS;
                 *c = std::array::from_fn(|i| {
-                    std::array::from_fn(|j| inverse.element(first + i.min(j), first + i.max(j)))
+                    std::array::from_fn(|j| {
+                        inverse.square_element(first + i.min(j), first + i.max(j))
+                    })
                 });
             }
         }
@@ -230,7 +234,7 @@ impl<'a> Joint<'a> {
         prior: &Prior,
     ) -> Equations {
         let size = parameters.len() * PARAMETERS;
-        let mut curvature = Symmetric::from_fn(size, |_, _| 0.0);
+        let mut curvature = SymmetricMatrix::from_fn(size, |_, _| 0.0);
         let mut descent = Vec::with_capacity(size);
         let mut cost = 0.0;
         // What is shared: one of each of the factors for every row of the data.

@@ -10,7 +10,7 @@ use std::fmt;
 
 use pulp::NullaryFnOnce;
 
-use crate::symmetric::Symmetric;
+use crate::symmetric::SymmetricMatrix;
 use shell_data::instructions::arch;
 use shell_data::statistics::MergeWeights;
 use shell_data::wrench::{Axes, Axis, PerAxis};
@@ -388,11 +388,12 @@ fn products(wrench: &[Vec<f64>], mean: &PerAxis<f64>) -> PerAxis<PerAxis<f64>> {
 
 fn condition(correlation: &PerAxis<PerAxis<f64>>) -> Option<f64> {
     let moving: Vec<usize> = (0..6).filter(|&a| correlation[a][a] > 0.0).collect();
-    let matrix = Symmetric::from_fn(moving.len(), |i, j| correlation[moving[i]][moving[j]]);
-    let eigen = matrix.eigen();
-    let ((smallest, _), (largest, _)) = (eigen.first()?, eigen.last()?);
+    let matrix = SymmetricMatrix::from_fn(moving.len(), |i, j| correlation[moving[i]][moving[j]]);
+    let values = matrix.eigen()?.values;
+    let (smallest, largest) =
+        (values.iter().copied().reduce(f64::min)?, values.iter().copied().reduce(f64::max)?);
     // Eigenvalues of a 6 × 6 matrix are this uncertain.
-    (*smallest > 1e-14 * largest).then(|| largest / smallest)
+    (smallest > 1e-14 * largest).then(|| largest / smallest)
 }
 
 #[cfg(test)]

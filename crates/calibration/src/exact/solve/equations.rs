@@ -295,7 +295,8 @@ fn penalised_residuals(
         .collect()
 }
 
-/// The condition number of a factor with its columns scaled to norm one.
+/// The condition number of a factor with its columns scaled to norm one, to six digits: those after them depend on the
+/// vectors of the processor.
 fn condition(cholesky: &Bordered) -> f64 {
     let size = cholesky.size;
     let mut r = Mat::<f64>::zeros(size, size);
@@ -308,9 +309,13 @@ fn condition(cholesky: &Bordered) -> f64 {
     }
     match r.singular_values() {
         Ok(values) => match (values.first(), values.last()) {
-            (Some(largest), Some(smallest)) => largest / smallest,
+            (Some(largest), Some(smallest)) => six_digits(largest / smallest),
             _ => 1.0,
         },
         Err(_) => f64::INFINITY,
     }
+}
+
+fn six_digits(number: f64) -> f64 {
+    format!("{number:.5e}").parse().unwrap_or(number)
 }

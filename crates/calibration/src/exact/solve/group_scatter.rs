@@ -3,14 +3,12 @@
 //! `K_g` and `u_g` of a group come from its sums `A_g` and `s_g = B_g − A_g·C`. In `f64` but for the scores,
 //! which cancel: errors of about κ(X)²·2⁻⁵³ in a variance.
 
-use faer::Mat;
-
 use super::fit::SolveError;
 use super::partition::{PartitionedMoments, counted_coefficients};
 use super::symmetric::Symmetric;
 use crate::exact::moments::product_sums::Moments;
-use crate::factor::InverseFactor;
 use crate::sandwich::{ClusterShare, GroupScatter, ScatterError, ScatterSums};
+use crate::symmetric::UpperTriangle;
 
 /// Why groups say nothing about the scatter of the coefficients.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,25 +39,29 @@ impl PartitionedMoments<'_> {
         let fit = self.total.solve(&self.model, ridge).map_err(GroupScatterError::Solve)?;
         let scales = self.scales_of(&fit);
         let stretch: Vec<f64> = fit.counted.stretch.iter().map(|s| s.to_f64()).collect();
+        let factor = UpperTriangle::of(&fit.triangle()).inverse();
         // Rows are features: from those of the fit to those that are counted.
-        let factor = InverseFactor::Inverse(fit.triangle()).matrix().into_owned();
-        let factor = Mat::from_fn(stretch.len(), stretch.len(), |i, j| stretch[i] * factor[(i, j)]);
-        let (size, coefficients) = (factor.nrows(), counted_coefficients(&fit));
+        let mut counted = factor.clone();
+        for (i, stretch) in stretch.iter().enumerate() {
+            counted.row_mut(i).iter_mut().for_each(|x| *x *= stretch);
+        }
+        let (size, coefficients) = (counted.size(), counted_coefficients(&fit));
         let groups: Vec<&Moments> = groups.iter().copied().filter(|g| g.rows() > 0).collect();
         let mut sums = ScatterSums::new(groups.len(), size, fit.residual_products);
         for (place, group) in groups.iter().enumerate() {
             let part = scales.part(&group.in_units_of(self.total));
             let gram = Symmetric::new(part.gram.iter().copied(), &scales.columns);
             let errors = scales.errors(&part, &coefficients);
-            let share = factor.transpose() * (gram.rounded() * &factor);
+            let share = counted.congruence(&gram.rounded());
             let score = gram.residual(&part.right, &coefficients);
-            let score = Mat::from_fn(size, 6, |j, axis| score[j][axis].to_f64());
-            let score = factor.transpose() * score;
+            let score = std::array::from_fn(|axis| {
+                let score: Vec<f64> = score.iter().map(|row| row[axis].to_f64()).collect();
+                counted.transposed_times(&score)
+            });
             let errors = errors.map(|of| (of.rows, of.sum, of.squares));
             sums.add(place, ClusterShare { share, score, errors })?;
         }
-        let back = Mat::from_fn(size, size, |i, j| factor[(j, i)] / stretch[j]);
-        Ok(sums.finish(&back, ridge == 0.0)?)
+        Ok(sums.finish(&factor, ridge == 0.0)?)
     }
 }
 
@@ -68,7 +70,7 @@ mod tests {
     use super::*;
     use crate::exact::Accumulator;
     use crate::model::{Basis, Model};
-    use faer::Side;
+    use faer::{Mat, Side};
 
     /// Seven groups of unequal size, two channels, six axes with errors that groups share.
     fn rows() -> (Vec<Vec<f64>>, Vec<Vec<f64>>, Vec<usize>) {

@@ -3,14 +3,13 @@
 //! With `T·Tᵀ` the covariance of the coefficients of an axis, the mean over the rows of a group of the variance
 //! that they bring is `tr(TᵀA_gT)/n`; its errors are as in [`held_out`](super::held_out).
 
-use faer::Mat;
-
 use super::fit::SolveError;
 use super::held_out::HeldOutErrors;
 use super::partition::{PartitionedMoments, counted_coefficients};
 use super::symmetric::Symmetric;
 use crate::exact::moments::product_sums::Moments;
 use crate::sandwich::GroupScatter;
+use crate::symmetric::UpperTriangle;
 use shell_data::wrench::PerAxis;
 
 /// A group that was not fitted.
@@ -39,17 +38,14 @@ impl PartitionedMoments<'_> {
         let stretch: Vec<f64> = fit.counted.stretch.iter().map(|s| s.to_f64()).collect();
         // Rows are features: from those of the fit to those that are counted.
         let factors = scatter.factors.each_ref().map(|factor| {
-            Mat::from_fn(factor.nrows(), factor.ncols(), |i, j| stretch[i] * factor[(i, j)])
+            UpperTriangle::from_fn(factor.nrows(), |i, j| stretch[i] * factor[(i, j)])
         });
         Ok(groups.map(|group| {
             let part = scales.part(&group.in_units_of(self.total));
             let gram = Symmetric::new(part.gram.iter().copied(), &scales.columns).rounded();
             let rows = part.rows.max(1) as f64;
-            let variance = factors.each_ref().map(|factor| {
-                let products = &gram * factor;
-                let trace = |j: usize| factor.col(j).transpose() * products.col(j);
-                (0..factor.ncols()).map(trace).sum::<f64>().max(0.0) / rows
-            });
+            let variance =
+                factors.each_ref().map(|factor| factor.trace_with(&gram).max(0.0) / rows);
             NewGroup { errors: scales.errors(&part, &coefficients), variance }
         }))
     }

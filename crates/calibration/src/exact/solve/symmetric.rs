@@ -16,6 +16,7 @@ use super::cholesky::{AxisRow, ElementLanes, LANES};
 use crate::double_double::DoubleDouble;
 use crate::exact::moments::rounding::power_of_two;
 use crate::exact::moments::rounding::round;
+use crate::symmetric::SymmetricMatrix;
 use shell_data::instructions::arch;
 
 /// A symmetric matrix.
@@ -61,8 +62,8 @@ impl Symmetric {
     }
 
     /// The elements, rounded.
-    pub(crate) fn rounded(&self) -> Mat<f64> {
-        Mat::from_fn(self.size, self.size, |i, j| self.get(i, j).to_f64())
+    pub(crate) fn rounded(&self) -> SymmetricMatrix {
+        SymmetricMatrix::from_fn(self.size, |i, j| self.get(i, j).to_f64())
     }
 
     /// `b − A·x`.
@@ -72,7 +73,7 @@ impl Symmetric {
 
     /// `x` with `A·x = b`, to about 20 digits; `None` if that cannot be computed this way.
     pub(crate) fn solve(&self, b: &[AxisRow]) -> Option<Vec<AxisRow>> {
-        let matrix = self.rounded();
+        let matrix = Mat::from_fn(self.size, self.size, |i, j| self.get(i, j).to_f64());
         let cholesky = matrix.llt(Side::Lower).ok()?;
         let lower = cholesky.L();
         let is_sure = |i: usize| lower[(i, i)] * lower[(i, i)] > SMALLEST_PIVOT * matrix[(i, i)];

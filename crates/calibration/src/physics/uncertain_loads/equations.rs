@@ -3,12 +3,12 @@
 use super::super::cholesky::Cholesky;
 use super::super::response::{PARAMETERS, Parameters};
 use super::load::{OWN, SHARED};
-use crate::symmetric::{Symmetric, UpperFactor, product};
+use crate::symmetric::{SymmetricMatrix, UpperTriangle, product};
 
 /// The sum that is minimised, and its equations. The border is what loads share: sensors, then offsets.
 pub(super) struct Equations {
     pub(super) cost: f64,
-    pub(super) border: Symmetric,
+    pub(super) border: SymmetricMatrix,
     pub(super) descent: Vec<f64>,
     pub(super) loads: Vec<OfLoad>,
 }
@@ -86,7 +86,10 @@ impl Equations {
     }
 
     /// The equations of the border alone, the diagonals of all multiplied by `more`.
-    pub(super) fn reduced(&self, more: f64) -> Option<(Symmetric, Vec<f64>, Vec<Eliminated>)> {
+    pub(super) fn reduced(
+        &self,
+        more: f64,
+    ) -> Option<(SymmetricMatrix, Vec<f64>, Vec<Eliminated>)> {
         let (mut border, mut descent) = (self.border.clone(), self.descent.clone());
         (0..border.size()).for_each(|i| border.row_mut(i)[0] *= more);
         let mut eliminated = Vec::with_capacity(self.loads.len());
@@ -112,7 +115,7 @@ impl Equations {
     }
 
     /// The factor of the inverse covariance of the border, and the loads as they follow it.
-    pub(super) fn factor(&self) -> Option<(UpperFactor, Vec<Eliminated>)> {
+    pub(super) fn factor(&self) -> Option<(UpperTriangle, Vec<Eliminated>)> {
         let (border, _, eliminated) = self.reduced(1.0)?;
         Some((border.cholesky()?, eliminated))
     }
@@ -125,7 +128,7 @@ impl Eliminated {
     }
 
     /// Of the deviations of a load, with the factor of the border.
-    pub(super) fn standard_errors(&self, border: &UpperFactor) -> [f64; OWN] {
+    pub(super) fn standard_errors(&self, border: &UpperTriangle) -> [f64; OWN] {
         let own = self.factor.inverse();
         std::array::from_fn(|k| (own[k][k] + border.square(self.following[k].clone())).sqrt())
     }

@@ -27,7 +27,7 @@ use super::noise::{Noise, Residual};
 use super::observations::Observation;
 use super::response::{Answer, PARAMETERS, Parameters, SHAPE};
 use super::sensor::Prior;
-use crate::symmetric::Symmetric;
+use crate::symmetric::SymmetricMatrix;
 use shell_data::wrench::PerAxis;
 
 /// Degrees of freedom of Student's prior: one load in a few dozen may be far off.
@@ -264,7 +264,7 @@ impl Search<'_> {
         let size = first_offset + SHARED * at.offsets.len();
         let mut all = Equations {
             cost: 0.0,
-            border: Symmetric::from_fn(size, |_, _| 0.0),
+            border: SymmetricMatrix::from_fn(size, |_, _| 0.0),
             descent: vec![0.0; size],
             loads: Vec::with_capacity(self.loads.len()),
         };

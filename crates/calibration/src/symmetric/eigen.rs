@@ -1,0 +1,146 @@
+//! Eigenvalues and vectors, by a tridiagonal matrix and implicit QL steps (Bowdler, Martin, Reinsch & Wilkinson,
+//! Numer. Math. 11, 1968).
+//!
+//! The vectors stay products of reflections and rotations: a few vectors are turned into their basis and back at
+//! less than what the basis takes.
+
+use pulp::{Simd, WithSimd};
+
+use super::SymmetricMatrix;
+use super::reflection::Reflection;
+use shell_data::instructions::arch;
+
+/// Steps for one eigenvalue: two as a rule.
+const MOST_STEPS: usize = 60;
+
+/// `A = Z·diag(values)·Zᵀ`.
+#[derive(Clone, Debug)]
+pub(crate) struct Eigen {
+    pub(crate) values: Vec<f64>,
+    /// Of all but the first number, of all but two, …
+    reflections: Vec<Reflection>,
+    /// Of the numbers at a place and after it: cosine and sine.
+    rotations: Vec<(usize, f64, f64)>,
+}
+
+impl SymmetricMatrix {
+    /// `None` if the matrix is not finite.
+    pub(crate) fn eigen(self) -> Option<Eigen> {
+        let (mut values, mut beside, reflections) = arch().dispatch(Tridiagonal(self));
+        let rotations = implicit_ql(&mut values, &mut beside)?;
+        Some(Eigen { values, reflections, rotations })
+    }
+}
+
+impl Eigen {
+    /// The vector of a value.
+    pub(crate) fn vector(&self, place: usize) -> Vec<f64> {
+        let mut vector = vec![0.0; self.values.len()];
+        vector[place] = 1.0;
+        self.turn_back(&mut vector);
+        vector
+    }
+
+    /// `Zᵀ·x`.
+    pub(crate) fn turn(&self, x: &mut [f64]) {
+        for (k, reflection) in self.reflections.iter().enumerate() {
+            reflection.apply(&mut x[k + 1..]);
+        }
+        for &(i, cos, sin) in &self.rotations {
+            (x[i], x[i + 1]) = (cos * x[i] - sin * x[i + 1], sin * x[i] + cos * x[i + 1]);
+        }
+    }
+
+    /// `Z·x`.
+    pub(crate) fn turn_back(&self, x: &mut [f64]) {
+        for &(i, cos, sin) in self.rotations.iter().rev() {
+            (x[i], x[i + 1]) = (cos * x[i] + sin * x[i + 1], cos * x[i + 1] - sin * x[i]);
+        }
+        for (k, reflection) in self.reflections.iter().enumerate().rev() {
+            reflection.apply(&mut x[k + 1..]);
+        }
+    }
+}
+
+/// Diagonal, what is beside it, and the reflections that leave these.
+struct Tridiagonal(SymmetricMatrix);
+
+impl WithSimd for Tridiagonal {
+    type Output = (Vec<f64>, Vec<f64>, Vec<Reflection>);
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, _: S) -> Self::Output {
+        let size = self.0.size;
+        let mut rest = self.0.upper.as_mut_slice();
+        let (mut diagonal, mut beside) = (Vec::with_capacity(size), Vec::with_capacity(size));
+        let mut reflections = Vec::with_capacity(size);
+        for length in (1..=size).rev() {
+            let (row, below) = rest.split_at_mut(length);
+            diagonal.push(row[0]);
+            rest = below;
+            if length > 1 {
+                let (reflection, left) = Reflection::of(&row[1..]);
+                beside.push(left);
+                reflection.apply_both(rest);
+                reflections.push(reflection);
+            }
+        }
+        (diagonal, beside, reflections)
+    }
+}
+
+/// Makes the diagonal the eigenvalues; returns the rotations, `None` if the numbers are not finite.
+fn implicit_ql(diagonal: &mut [f64], beside: &mut Vec<f64>) -> Option<Vec<(usize, f64, f64)>> {
+    let size = diagonal.len();
+    beside.resize(size, 0.0);
+    let mut rotations = Vec::with_capacity(2 * size * size);
+    for first in 0..size {
+        for step in 0.. {
+            let is_small = |i: &usize| {
+                beside[*i].abs() <= f64::EPSILON * (diagonal[*i].abs() + diagonal[i + 1].abs())
+            };
+            let last = (first..size - 1).find(is_small).unwrap_or(size - 1);
+            if last == first {
+                break;
+            }
+            if step == MOST_STEPS {
+                return None;
+            }
+            ql_step(diagonal, beside, (first, last), &mut rotations);
+        }
+    }
+    diagonal.iter().all(|value| value.is_finite()).then_some(rotations)
+}
+
+/// A step with Wilkinson's shift, of the rows from the first to the last.
+fn ql_step(
+    diagonal: &mut [f64],
+    beside: &mut [f64],
+    (first, last): (usize, usize),
+    rotations: &mut Vec<(usize, f64, f64)>,
+) {
+    let g = (diagonal[first + 1] - diagonal[first]) / (2.0 * beside[first]);
+    let r = (g * g + 1.0).sqrt().copysign(g);
+    let mut g = diagonal[last] - diagonal[first] + beside[first] / (g + r);
+    let (mut sin, mut cos, mut shift) = (1.0, 1.0, 0.0);
+    for i in (first..last).rev() {
+        let (f, b) = (sin * beside[i], cos * beside[i]);
+        let r = (f * f + g * g).sqrt();
+        beside[i + 1] = r;
+        if r == 0.0 {
+            diagonal[i + 1] -= shift;
+            beside[last] = 0.0;
+            return;
+        }
+        (sin, cos) = (f / r, g / r);
+        g = diagonal[i + 1] - shift;
+        let r = (diagonal[i] - g) * sin + 2.0 * cos * b;
+        shift = sin * r;
+        diagonal[i + 1] = g + shift;
+        g = cos * r - b;
+        rotations.push((i, cos, sin));
+    }
+    diagonal[first] -= shift;
+    beside[first] = g;
+    beside[last] = 0.0;
+}

@@ -1,0 +1,248 @@
+//! Symmetric and triangular matrices whose sums run in one order: the same bits on every machine.
+//!
+//! Those of faer depend on how wide the vectors of the processor are. Here a vector has elements of a row side by
+//! side, and products are rounded: WebAssembly has no fused multiply-add. (Golub & Van Loan, 4th ed., §§3.1, 4.2,
+//! 5.2 and 8.3.)
+
+mod eigen;
+mod reflection;
+mod triangle;
+
+use pulp::{Simd, WithSimd};
+
+use shell_data::instructions::arch;
+
+pub(crate) use triangle::UpperTriangle;
+
+/// The upper triangle of a symmetric matrix, row after row.
+#[derive(Clone, Debug)]
+pub(crate) struct SymmetricMatrix {
+    size: usize,
+    upper: Vec<f64>,
+}
+
+/// Where a row of an upper triangle begins.
+fn first(size: usize, row: usize) -> usize {
+    row * (2 * size + 1 - row) / 2
+}
+
+impl SymmetricMatrix {
+    /// Of `element(i, j)`, `i ≤ j`.
+    pub(crate) fn from_fn(size: usize, mut element: impl FnMut(usize, usize) -> f64) -> Self {
+        let mut upper = Vec::with_capacity(first(size, size));
+        (0..size).for_each(|i| upper.extend((i..size).map(|j| element(i, j))));
+        Self { size, upper }
+    }
+
+    pub(crate) fn size(&self) -> usize {
+        self.size
+    }
+
+    /// A row from the diagonal on.
+    pub(crate) fn row(&self, row: usize) -> &[f64] {
+        &self.upper[first(self.size, row)..][..self.size - row]
+    }
+
+    /// A row from the diagonal on.
+    pub(crate) fn row_mut(&mut self, row: usize) -> &mut [f64] {
+        &mut self.upper[first(self.size, row)..][..self.size - row]
+    }
+
+    /// Subtracts `x·xᵀ` of each of these, as long as a row.
+    pub(crate) fn subtract_squares(&mut self, of: &[Vec<f64>]) {
+        arch().dispatch(SubtractSquares { from: self, of });
+    }
+
+    /// The factor `U` of `A = Uᵀ·U`; `None` if the matrix is not positive definite in floating point.
+    pub(crate) fn cholesky(mut self) -> Option<UpperTriangle> {
+        arch().dispatch(Factorise(&mut self)).then_some(UpperTriangle(self))
+    }
+}
+
+struct SubtractSquares<'a> {
+    from: &'a mut SymmetricMatrix,
+    of: &'a [Vec<f64>],
+}
+
+impl WithSimd for SubtractSquares<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let (fours, rest) = self.of.as_chunks();
+        for i in 0..self.from.size {
+            let row = self.from.row_mut(i);
+            // So many at once: what is read and written is the row.
+            for [a, b, c, d] in fours {
+                let columns = a[i..].iter().zip(&b[i..]).zip(c[i..].iter().zip(&d[i..]));
+                for (x, ((aj, bj), (cj, dj))) in row.iter_mut().zip(columns) {
+                    *x -= (a[i] * aj + b[i] * bj) + (c[i] * cj + d[i] * dj);
+                }
+            }
+            for a in rest {
+                add_multiple(row, -a[i], &a[i..]);
+            }
+        }
+    }
+}
+
+/// Makes the upper triangle that of the factor; false if there is none.
+struct Factorise<'a>(&'a mut SymmetricMatrix);
+
+impl WithSimd for Factorise<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> bool {
+        let mut rest = self.0.upper.as_mut_slice();
+        for size in (1..=self.0.size).rev() {
+            let (row, below) = rest.split_at_mut(size);
+            if !(row[0] > 0.0 && row[0].is_finite()) {
+                return false;
+            }
+            let root = row[0].sqrt();
+            row.iter_mut().for_each(|x| *x /= root);
+            rest = below;
+            let mut below = &mut *rest;
+            for i in 1..size {
+                let (next, others) = below.split_at_mut(size - i);
+                add_multiple(next, -row[i], &row[i..]);
+                below = others;
+            }
+        }
+        true
+    }
+}
+
+/// `y += c·x`.
+#[inline(always)]
+pub(crate) fn add_multiple(y: &mut [f64], c: f64, x: &[f64]) {
+    y.iter_mut().zip(x).for_each(|(y, x)| *y += c * x);
+}
+
+/// `xᵀy`, in four sums side by side.
+#[inline(always)]
+pub(crate) fn product(x: &[f64], y: &[f64]) -> f64 {
+    let ((x, x_rest), (y, y_rest)) = (x.as_chunks::<4>(), y.as_chunks::<4>());
+    let mut sums = [0.0; 4];
+    for (x, y) in x.iter().zip(y) {
+        (0..4).for_each(|lane| sums[lane] += x[lane] * y[lane]);
+    }
+    let rest: f64 = x_rest.iter().zip(y_rest).map(|(x, y)| x * y).sum();
+    (sums[0] + sums[1]) + (sums[2] + sums[3]) + rest
+}
+
+#[cfg(test)]
+mod tests {
+    use faer::{Mat, Side};
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// `MᵀM + I` of a matrix of numbers up to 1: its condition is below 1 + size².
+    fn positive(size: usize, numbers: &[f64]) -> SymmetricMatrix {
+        let mut a = SymmetricMatrix::from_fn(size, |i, j| -f64::from(u8::from(i == j)));
+        a.subtract_squares(&numbers.chunks(size).map(<[f64]>::to_vec).collect::<Vec<_>>());
+        a.upper.iter_mut().for_each(|x| *x = -*x);
+        a
+    }
+
+    fn faer(of: &SymmetricMatrix) -> Mat<f64> {
+        Mat::from_fn(of.size(), of.size(), |i, j| of.row(i.min(j))[i.abs_diff(j)])
+    }
+
+    fn unit(size: usize, place: usize) -> Vec<f64> {
+        (0..size).map(|i| f64::from(u8::from(i == place))).collect()
+    }
+
+    fn matrices() -> impl Strategy<Value = (usize, Vec<f64>)> {
+        (1..24_usize)
+            .prop_flat_map(|size| (Just(size), prop::collection::vec(-1.0..1.0, size * size)))
+    }
+
+    proptest! {
+        // Of matrices whose smallest eigenvalue is 1 or more, and a condition of some hundreds.
+        #[test]
+        fn factors_solve_and_invert((size, numbers) in matrices()) {
+            let a = positive(size, &numbers);
+            let theirs = faer(&a);
+            let factor = a.clone().cholesky().unwrap();
+            let inverse = factor.clone().inverse();
+            for column in 0..size {
+                let solved = factor.solve(unit(size, column));
+                prop_assert!((factor.square(unit(size, column)) - solved[column]).abs() < 1e-13);
+                for row in 0..size {
+                    let back: f64 = (0..size).map(|k| theirs[(row, k)] * solved[k]).sum();
+                    prop_assert!((back - f64::from(u8::from(row == column))).abs() < 1e-11);
+                    let element = inverse.square_element(row.min(column), row.max(column));
+                    prop_assert!((element - solved[row]).abs() < 1e-13);
+                }
+            }
+            // U⁻ᵀ·A·U⁻¹ is the identity, whose trace is that of A·U⁻¹·U⁻ᵀ.
+            let identity = inverse.congruence(&a);
+            for i in 0..size {
+                for (j, &element) in identity.row(i).iter().enumerate() {
+                    prop_assert!((element - f64::from(u8::from(j == 0))).abs() < 1e-11);
+                }
+            }
+            prop_assert!((inverse.trace_with(&a) - size as f64).abs() < 1e-11);
+        }
+
+        #[test]
+        fn eigenvalues_and_vectors_are_those_of_faer((size, numbers) in matrices(), shift in 0.0..300.0) {
+            let mut a = positive(size, &numbers);
+            // Of either sign.
+            (0..size).for_each(|i| a.row_mut(i)[0] -= shift);
+            let theirs = faer(&a);
+            let expected = theirs.self_adjoint_eigenvalues(Side::Lower).unwrap();
+            let largest = expected[0].abs().max(expected[size - 1].abs());
+            let eigen = a.eigen().unwrap();
+            let mut order: Vec<usize> = (0..size).collect();
+            order.sort_by(|&i, &j| eigen.values[i].total_cmp(&eigen.values[j]));
+            for (expected, &place) in expected.iter().zip(&order) {
+                prop_assert!((eigen.values[place] - expected).abs() < 1e-13 * largest);
+                let mut vector = eigen.vector(place);
+                prop_assert!((product(&vector, &vector) - 1.0).abs() < 1e-13);
+                for row in 0..size {
+                    let turned: f64 = (0..size).map(|k| theirs[(row, k)] * vector[k]).sum();
+                    prop_assert!((turned - eigen.values[place] * vector[row]).abs() < 1e-12 * largest);
+                }
+                eigen.turn(&mut vector);
+                for (i, x) in vector.into_iter().enumerate() {
+                    prop_assert!((x - f64::from(u8::from(i == place))).abs() < 1e-13);
+                }
+            }
+        }
+
+        #[test]
+        fn a_root_has_the_square_of_what_it_is_of(
+            (rows, size, numbers) in (1..20_usize, 1..12_usize).prop_flat_map(|(rows, size)| {
+                (Just(rows), Just(size), prop::collection::vec(-1.0..1.0, rows * size))
+            }),
+        ) {
+            let of: Vec<Vec<f64>> = numbers.chunks(size).map(<[f64]>::to_vec).collect();
+            prop_assert_eq!(of.len(), rows);
+            let root = UpperTriangle::root_of_squares(&of, size);
+            for i in 0..size {
+                for j in i..size {
+                    let expected: f64 = of.iter().map(|row| row[i] * row[j]).sum();
+                    prop_assert!((root.square_element(i, j) - expected).abs() < 1e-13);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_has_no_factor_and_no_eigenvalues_is_refused() {
+        let of =
+            |diagonal: f64| SymmetricMatrix::from_fn(2, |i, j| if i == j { diagonal } else { 1.0 });
+        assert!(of(1.5).cholesky().is_some());
+        for bad in [1.0, 0.5, f64::NAN, f64::INFINITY] {
+            assert!(of(bad).cholesky().is_none(), "{bad}");
+        }
+        assert!(of(f64::NAN).eigen().is_none());
+        assert!(SymmetricMatrix::from_fn(0, |_, _| 0.0).eigen().unwrap().values.is_empty());
+        let zero = SymmetricMatrix::from_fn(3, |_, _| 0.0).eigen().unwrap();
+        assert_eq!(zero.values, [0.0; 3]);
+    }
+}
