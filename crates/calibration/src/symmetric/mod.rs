@@ -160,6 +160,29 @@ mod tests {
             .prop_flat_map(|size| (Just(size), prop::collection::vec(-1.0..1.0, size * size)))
     }
 
+    fn check_eigen(a: SymmetricMatrix) {
+        let size = a.size();
+        let theirs = faer(&a);
+        let expected = theirs.self_adjoint_eigenvalues(Side::Lower).unwrap();
+        let largest = expected[0].abs().max(expected[size - 1].abs());
+        let eigen = a.eigen().unwrap();
+        let mut order: Vec<usize> = (0..size).collect();
+        order.sort_by(|&i, &j| eigen.values[i].total_cmp(&eigen.values[j]));
+        for (expected, &place) in expected.iter().zip(&order) {
+            assert!((eigen.values[place] - expected).abs() <= 1e-13 * largest);
+            let mut vector = eigen.vector(place);
+            assert!((product(&vector, &vector) - 1.0).abs() < 1e-13);
+            for row in 0..size {
+                let turned: f64 = (0..size).map(|k| theirs[(row, k)] * vector[k]).sum();
+                assert!((turned - eigen.values[place] * vector[row]).abs() <= 1e-12 * largest);
+            }
+            eigen.turn(&mut vector);
+            for (i, x) in vector.into_iter().enumerate() {
+                assert!((x - f64::from(u8::from(i == place))).abs() < 1e-13);
+            }
+        }
+    }
+
     proptest! {
         // Of matrices whose smallest eigenvalue is 1 or more, and a condition of some hundreds.
         #[test]
@@ -189,29 +212,21 @@ mod tests {
         }
 
         #[test]
-        fn eigenvalues_and_vectors_are_those_of_faer((size, numbers) in matrices(), shift in 0.0..300.0) {
+        fn eigenvalues_and_vectors_are_those_of_faer(
+            (size, numbers) in matrices(),
+            shift in 0.0..300.0,
+            rank in 0..24_usize,
+        ) {
             let mut a = positive(size, &numbers);
             // Of either sign.
             (0..size).for_each(|i| a.row_mut(i)[0] -= shift);
-            let theirs = faer(&a);
-            let expected = theirs.self_adjoint_eigenvalues(Side::Lower).unwrap();
-            let largest = expected[0].abs().max(expected[size - 1].abs());
-            let eigen = a.eigen().unwrap();
-            let mut order: Vec<usize> = (0..size).collect();
-            order.sort_by(|&i, &j| eigen.values[i].total_cmp(&eigen.values[j]));
-            for (expected, &place) in expected.iter().zip(&order) {
-                prop_assert!((eigen.values[place] - expected).abs() < 1e-13 * largest);
-                let mut vector = eigen.vector(place);
-                prop_assert!((product(&vector, &vector) - 1.0).abs() < 1e-13);
-                for row in 0..size {
-                    let turned: f64 = (0..size).map(|k| theirs[(row, k)] * vector[k]).sum();
-                    prop_assert!((turned - eigen.values[place] * vector[row]).abs() < 1e-12 * largest);
-                }
-                eigen.turn(&mut vector);
-                for (i, x) in vector.into_iter().enumerate() {
-                    prop_assert!((x - f64::from(u8::from(i == place))).abs() < 1e-13);
-                }
-            }
+            check_eigen(a);
+            // Of a low rank, and columns of many sizes.
+            let rows = numbers.chunks(size).take(rank);
+            let graded = |row: &[f64]| row.iter().enumerate().map(|(j, x)| x * 10_f64.powi(-(j as i32 % 7))).collect();
+            let mut a = SymmetricMatrix::from_fn(size, |_, _| 0.0);
+            a.subtract_squares(&rows.map(graded).collect::<Vec<_>>());
+            check_eigen(a);
         }
 
         #[test]
