@@ -3,6 +3,7 @@
 the machine hits all alike. Tools that are not installed are left out, and named.
 
 usage: bench.py fits    [--peers DIR] [--rows N] [--full] [--before FILE]   fits against pandas, polars, DuckDB, R, Octave
+       bench.py channels                                                     455 features of twelve channels against scikit-learn
        bench.py lengths                                                      time and memory against the length of a log
        bench.py trials  [--peers DIR] --matrix FILE                          batches of trials against a notebook's pipeline
        bench.py beams                                                        the beam channel against companion matrices
@@ -100,6 +101,16 @@ def fits(options: argparse.Namespace) -> None:
             peers |= {"Octave": ["octave-cli", options.peers / "peer_fit.m"]}
         tools |= {name: [*command, train, test, theirs] for name, command in peers.items()}
         compare(f"{model}, with intercept", tools, options.runs)
+
+
+def channels(options: argparse.Namespace) -> None:
+    script = HERE / "twelve_channels.py"
+    log = made(WORK / "twelve.csv", ["python3", script, "make", WORK / "twelve.csv"])
+    tools = {"shellcal": [options.program, "fit", log, "--model", "poly3", "-o", WORK / "calibration.json", "--json"]}
+    if options.before:
+        tools["shellcal before"] = [options.before, *tools["shellcal"][1:]]
+    tools["scikit-learn"] = ["python3", script, "fit", log]
+    compare(f"poly3 of twelve channels, {log.stat().st_size / 1e6:.1f} MB", tools, options.runs)
 
 
 def lengths(options: argparse.Namespace) -> None:
@@ -220,7 +231,7 @@ def instructions(options: argparse.Namespace) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(usage=__doc__)
-    suites = [fits, lengths, trials, beams, instructions]
+    suites = [fits, channels, lengths, trials, beams, instructions]
     parser.add_argument("suite", choices=[suite.__name__ for suite in suites])
     parser.add_argument("--peers", type=Path)
     parser.add_argument("--program", type=Path)

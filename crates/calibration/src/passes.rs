@@ -30,6 +30,13 @@ impl Workers<'_> {
         Self { threads, ..Self::default() }
     }
 
+    /// The same, on one thread where the blocks are not worth more.
+    fn worth<'b>(self, blocks: impl Iterator<Item = &'b Block>) -> Self {
+        let numbers = blocks.map(|block| block.rows * (block.readings.len() + 6)).sum::<usize>();
+        let threads = if self.threads == 0 && numbers < WORTH_A_THREAD { 1 } else { self.threads };
+        Self { threads, ..self }
+    }
+
     /// One thread, unwatched.
     pub const ONE: Self = Self { threads: 1, watch: None, folds: None };
 }
@@ -71,15 +78,14 @@ impl<'a> Rows<'a> {
     /// [`FitError`] if the pass rejects a block, or whoever watches wants no more.
     pub fn reduce<P: Pass>(&self, pass: &P) -> Result<P::Partial, FitError> {
         let mut all = pass.empty();
-        let work = |own: &mut Option<P::Partial>, block: &&Block| {
-            let partial = match P::ANY_ORDER {
-                true => {
-                    pass.absorb(own.get_or_insert_with(|| pass.empty()), block)?;
-                    None
-                }
-                false => Some(pass.reduce(block)?),
+        let work = |own: &mut Option<P::Partial>, run: &&[&Block]| {
+            let mut of_run = (!P::ANY_ORDER).then(|| pass.empty());
+            let partial = match &mut of_run {
+                Some(partial) => partial,
+                None => own.get_or_insert_with(|| pass.empty()),
             };
-            Ok(partial)
+            run.iter().try_for_each(|block| pass.absorb(partial, block))?;
+            Ok(of_run)
         };
         let merge = |partial: Option<P::Partial>| {
             if let Some(partial) = partial {
@@ -87,10 +93,26 @@ impl<'a> Rows<'a> {
             }
             Ok(())
         };
-        let own = each(&self.blocks, |block| block, self.workers, || None, work, merge)?;
+        let runs = runs(&self.blocks, if P::ANY_ORDER { 1 } else { pass.rows_together() });
+        let rows_of = |run: &&[&Block]| run.iter().map(|block| block.rows).sum();
+        let workers = self.workers.worth(self.blocks.iter().copied());
+        let own = on_threads(&runs, rows_of, workers, || None, work, merge)?;
         own.into_iter().flatten().for_each(|partial| pass.merge(&mut all, partial));
         Ok(all)
     }
+}
+
+/// Blocks that follow each other, of at least so many rows together but for the last.
+fn runs<'b>(blocks: &'b [&'b Block], rows: usize) -> Vec<&'b [&'b Block]> {
+    let (mut runs, mut start, mut found) = (Vec::new(), 0, 0);
+    for (at, block) in blocks.iter().enumerate() {
+        found += block.rows;
+        if found >= rows || at + 1 == blocks.len() {
+            runs.push(&blocks[start..=at]);
+            (start, found) = (at + 1, 0);
+        }
+    }
+    runs
 }
 
 impl<'a> From<&'a [Block]> for Rows<'a> {
@@ -115,6 +137,11 @@ pub trait Pass: Sync {
     /// Whether `merge` is commutative and associative, bit for bit: the partial does not depend on the
     /// order and grouping of the rows.
     const ANY_ORDER: bool = false;
+
+    /// Rows that are best reduced to one partial, where order matters: merging may cost as much as adding that many.
+    fn rows_together(&self) -> usize {
+        1
+    }
 
     /// The partial of zero rows, the identity of [`Self::merge`].
     fn empty(&self) -> Self::Partial;
@@ -154,12 +181,7 @@ pub(crate) fn each<I: Sync, S: Send, T: Send>(
     work: impl Fn(&mut S, &I) -> Result<T, FitError> + Sync,
     fold: impl FnMut(T) -> Result<(), FitError> + Send,
 ) -> Result<Vec<S>, FitError> {
-    let numbers = |item: &I| rows_of(item).rows * (rows_of(item).readings.len() + 6);
-    let threads = match workers.threads {
-        0 if items.iter().map(numbers).sum::<usize>() < WORTH_A_THREAD => 1,
-        threads => threads,
-    };
-    let workers = Workers { threads, ..workers };
+    let workers = workers.worth(items.iter().map(&rows_of));
     on_threads(items, |item| rows_of(item).rows, workers, init, work, fold)
 }
 

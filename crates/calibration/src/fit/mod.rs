@@ -80,8 +80,9 @@ use shell_data::wrench::PerAxis;
 /// The largest coefficient or squared error that a calibration's document takes.
 pub const LARGEST: f64 = 1e100;
 
-/// Below this condition number refined QR has nine right digits at the least, as many as a log has.
-const AS_GOOD_AS_EXACT: f64 = 1e6;
+/// Below this condition number refined QR has all digits of the coefficients (docs/accuracy.md), and the covariance from
+/// its triangle, which is not refined, six at the least.
+const AS_GOOD_AS_EXACT: f64 = 1e10;
 
 /// A calibration, how well it does, and what led to it.
 #[derive(Clone, Debug)]

@@ -71,7 +71,16 @@ fn lanes<const X: bool, const Y: bool>(x: Wide<'_>, y: Wide<'_>) -> DoubleDouble
     for i in whole..n {
         term(i, &mut heads[i - whole], &mut tails[i - whole]);
     }
-    heads.iter().zip(tails).map(|(&head, tail)| DoubleDouble::from_sum(head, tail)).sum()
+    let mut count = LANES / 2;
+    while count > 0 {
+        for lane in 0..count {
+            let (sum, lost) = two_sum(heads[lane], heads[lane + count]);
+            heads[lane] = sum;
+            tails[lane] += tails[lane + count] + lost;
+        }
+        count /= 2;
+    }
+    DoubleDouble::from_sum(heads[0], tails[0])
 }
 
 /// `y += c·x`, each element with a relative error of a few 2⁻¹⁰⁵ of `|y| + |c·x|`.

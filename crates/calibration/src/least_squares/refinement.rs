@@ -63,9 +63,10 @@ impl Reduction for FormGradient {
         if rows == 0 {
             return;
         }
-        let residuals = heads.chunks_mut(rows).zip(tails.chunks_mut(rows));
-        for (a, (heads, tails)) in residuals.enumerate() {
-            for j in 0..p {
+        // Feature by feature, so that each is fetched once.
+        for j in 0..p {
+            let residuals = heads.chunks_mut(rows).zip(tails.chunks_mut(rows));
+            for (a, (heads, tails)) in residuals.enumerate() {
                 add_multiple(heads, tails, -self.coefficients[(j, a)], chunk.wide(j));
             }
         }
@@ -73,10 +74,12 @@ impl Reduction for FormGradient {
             heads: &heads[a * rows..][..rows],
             tails: &tails[a * rows..][..rows],
         };
-        for a in 0..q {
-            for j in 0..p {
+        for j in 0..p {
+            for a in 0..q {
                 sums.gradient[(j, a)] += dot(residual(a), chunk.wide(j));
             }
+        }
+        for a in 0..q {
             for b in 0..=a {
                 sums.products[(b, a)] += dot(residual(a), residual(b));
             }

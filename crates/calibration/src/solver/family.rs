@@ -80,6 +80,10 @@ impl<P: Pass> Pass for WithRanges<'_, P> {
 
     const ANY_ORDER: bool = P::ANY_ORDER;
 
+    fn rows_together(&self) -> usize {
+        self.pass.rows_together()
+    }
+
     fn empty(&self) -> Self::Partial {
         (ReadingRanges::new(self.channels), self.pass.empty())
     }
@@ -176,6 +180,10 @@ struct OverFeatures<'a, R> {
 
 impl<R: Reduction> Pass for OverFeatures<'_, R> {
     type Partial = R::Partial;
+
+    fn rows_together(&self) -> usize {
+        RowChunk::rows_in_cache(self.shape.columns())
+    }
 
     fn empty(&self) -> R::Partial {
         self.reduction.empty()

@@ -14,6 +14,9 @@ use crate::vectors::{add_multiple, dot};
 /// Bytes of a row block: each reflector goes over it, so it should stay in the cache next to a core.
 const BLOCK_BYTES: usize = 1 << 15;
 
+/// Bytes of a row block of many columns, of which each panel makes one pass.
+const LARGE_BLOCK_BYTES: usize = 1 << 20;
+
 /// Columns whose reflectors are applied together.
 const PANEL: usize = 16;
 
@@ -42,7 +45,7 @@ impl RFactor {
     ) {
         assert!(rows <= workspace.rows, "no more rows than the workspace has room for");
         fill(&mut workspace.block, workspace.rows);
-        self.factor_below(rows, workspace);
+        self.factor_below(|_| rows, workspace);
         self.rows += rows as u64;
     }
 
@@ -61,25 +64,26 @@ impl RFactor {
             for (to, from) in columns.zip(later.r.col_iter()) {
                 to.copy_from_slice(contiguous(from));
             }
-            self.factor_below(order, &mut workspace);
+            // Of columns of a triangle, the first `end` are zero below row `end`.
+            self.factor_below(|end| end, &mut workspace);
             self.rows += later.rows;
         }
     }
 
-    /// Factors the triangle with the first `rows` rows of the workspace below it.
+    /// Factors the triangle with rows of the workspace below it, of which the first `rows(end)` matter to the first `end`
+    /// columns.
     ///
     /// Column `k` of that stack has a diagonal element, zeros, and a column of the block. So its
     /// reflector is one on row `k` of the triangle, zero on the others, and `v` on the block; the
     /// reflectors of a panel together are `I − V·T·Vᵀ` with an identity on top of `V` (the compact
     /// form of Schreiber and Van Loan, SIAM J. Sci. Stat. Comput. 10, 1989).
-    fn factor_below(&mut self, rows: usize, workspace: &mut Workspace) {
+    fn factor_below(&mut self, rows: impl Fn(usize) -> usize, workspace: &mut Workspace) {
         let order = self.r.nrows();
         let Workspace { rows: stride, block, compact, update, .. } = workspace;
-        let block = MatMut::from_column_major_slice_mut(block, *stride, order);
-        let mut block = block.subrows_mut(0, rows);
+        let mut block = MatMut::from_column_major_slice_mut(block, *stride, order);
         for start in (0..order).step_by(PANEL) {
             let end = order.min(start + PANEL);
-            let (panel, mut later) = block.rb_mut().split_at_col_mut(end);
+            let (panel, mut later) = block.rb_mut().subrows_mut(0, rows(end)).split_at_col_mut(end);
             let mut panel = panel.subcols_mut(start, end - start);
             self.factor_panel(start, panel.rb_mut(), compact);
             if end == order {
@@ -149,7 +153,9 @@ impl Workspace {
     /// Memory for blocks of rows of `features` + `outputs` columns that stay in cache.
     pub fn new(features: usize, outputs: usize) -> Self {
         let order = features + outputs;
-        Self::with_rows((BLOCK_BYTES / (8 * order.max(1))).max(4 * order), order)
+        let rows_of = |bytes| bytes / (8 * order.max(1));
+        let rows = rows_of(LARGE_BLOCK_BYTES).min(4 * order);
+        Self::with_rows(rows_of(BLOCK_BYTES).max(rows).max(1), order)
     }
 
     pub(super) fn with_rows(rows: usize, order: usize) -> Self {

@@ -30,13 +30,14 @@
 
 use std::ops::Range;
 
-use faer::Mat;
+use faer::{ColRef, Mat};
 use pulp::NullaryFnOnce;
 
 use crate::conversion::Calibration;
 use crate::features::Features;
 use crate::reading_ranges::{ReadingRange, ReadingRanges};
 use crate::solver::Solution;
+use crate::vectors::dot;
 use shell_data::block::Block;
 use shell_data::instructions::arch;
 use shell_data::statistics::RunningVariance;
@@ -309,11 +310,12 @@ impl Judge {
     fn leverage(&self, readings: &[Vec<f64>], row: Range<usize>) -> f64 {
         let mut features = vec![0.0; self.features.len()];
         self.features.fill(readings, row, &mut features, 1);
-        let of_column = |column: usize| {
-            let product: f64 = (0..=column).map(|i| self.factor[(i, column)] * features[i]).sum();
+        let of_column = |(place, column): (usize, ColRef<'_, f64>)| {
+            let column = column.try_as_col_major().expect("columns are contiguous").as_slice();
+            let product = dot(&column[..=place], &features[..=place]);
             product * product
         };
-        (0..features.len()).map(of_column).sum()
+        self.factor.col_iter().enumerate().map(of_column).sum()
     }
 }
 
