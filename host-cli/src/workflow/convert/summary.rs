@@ -52,7 +52,7 @@ pub struct ConvertSummary {
 pub struct LoadSummary {
     /// Whether inertia was taken off, too.
     pub has_inertia: bool,
-    /// How late the clock of the motion was.
+    /// How late the clock of the motion was found to be, taken or not.
     pub lag: Option<Lag>,
     /// Rows so far from any sample of the motion that the load there is not known.
     pub rows_without_motion: u64,
