@@ -142,6 +142,7 @@ fn the_lag_of_a_moving_arm_is_found_under_contact() {
     let found: serde_json::Value = serde_json::from_str(&found).unwrap();
     let lag = &found["load"]["lag"];
     let [lag_s, error_s] = ["lag_s", "standard_error_s"].map(|name| lag[name].as_f64().unwrap());
+    assert_eq!(found["load"]["lag_taken_s"], lag["lag_s"]);
     println!("under contact: {:.2} ± {:.2} ms", 1e3 * lag_s, 1e3 * error_s);
     // 6.22 ms without contact; what the steps do to that is less than its standard error.
     assert!((lag_s - 0.00622).abs() < error_s && error_s < 0.002, "{lag}");
