@@ -21,6 +21,16 @@ pub(super) fn face(bold: bool) -> Option<&'static Face<'static>> {
     if bold { &BOLD } else { &REGULAR }.as_ref()
 }
 
+/// How wide a text is, in the units of its size.
+pub(super) fn width(text: &str, style: Style) -> f64 {
+    let Some(face) = face(style.bold) else { return 0.0 };
+    let advance = |character| {
+        let glyph = face.glyph_index(character).unwrap_or_default();
+        f64::from(face.glyph_hor_advance(glyph).unwrap_or(0))
+    };
+    text.chars().map(advance).sum::<f64>() * style.size / f64::from(face.units_per_em())
+}
+
 /// The outline of a text, and where it belongs; `None` for one without ink.
 ///
 /// Letters stand side by side by their widths: the fonts of the program have no kerning. A character

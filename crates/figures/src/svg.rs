@@ -233,6 +233,17 @@ impl Canvas {
     }
 
     pub(super) fn text(&mut self, at: (f64, f64), text: &str, style: Style) {
+        self.text_with_title(at, text, None, style);
+    }
+
+    /// A text, and what a pointer over it shows.
+    pub(super) fn text_with_title(
+        &mut self,
+        at: (f64, f64),
+        text: &str,
+        title: Option<&str>,
+        style: Style,
+    ) {
         let style = Style { size: self.size.letters(style.size), ..style };
         self.shapes.push(DrawnShape::Text { at, text: text.to_owned(), style });
         let [x, y, size] = [at.0, at.1, style.size].map(number);
@@ -247,9 +258,11 @@ impl Canvas {
         } else {
             String::new()
         };
+        let title = title.map(|title| format!("<title>{}</title>", escape::markup(title)));
         let _ = writeln!(
             self.body,
-            r#"<text x="{x}" y="{y}" font-size="{size}"{anchor}{weight}{turn}>{}</text>"#,
+            r#"<text x="{x}" y="{y}" font-size="{size}"{anchor}{weight}{turn}>{}{}</text>"#,
+            title.unwrap_or_default(),
             escape::markup(text)
         );
     }

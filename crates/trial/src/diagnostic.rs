@@ -21,7 +21,7 @@ pub enum Severity {
 /// Something that a reader of a trial's results should know.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Diagnostic {
-    /// Rows that repeat the frame before: telemetry runs faster than the sensor.
+    /// Duplicates of the previous frame: telemetry runs faster than the sensor.
     RepeatedRows {
         /// Rows within the window.
         rows: u64,
@@ -192,10 +192,9 @@ impl fmt::Display for Diagnostic {
         const NO_FORCES: &str = "forces and drag energy are left out";
         const NO_ENERGY: &str = "electrical energy and specific resistance are left out";
         match self {
-            Self::RepeatedRows { rows, repeated } => write!(
-                f,
-                "{repeated} of {rows} rows repeat the frame before; a repeat is no new frame"
-            ),
+            Self::RepeatedRows { rows, repeated } => {
+                write!(f, "{repeated} of {rows} rows are duplicates of the previous frame")
+            }
             Self::MissingRows { missing, expected, rule } => write!(
                 f,
                 "about {missing} of {expected} rows are missing; {}",

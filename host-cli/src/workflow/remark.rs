@@ -43,15 +43,11 @@ pub fn found_groups(groups: FoundGroups) -> Remark {
 /// How many rows of a log were used, of so many, of which so many repeat the one before and so many were bad.
 pub fn used_rows(log: &Path, used: RowFilter, [rows, repeated, skipped]: [u64; 3]) -> Remark {
     let log = log.display();
-    let mut text = match used {
-        RowFilter::Fresh => format!(
-            "{log}: {} of {rows} rows used, {repeated} repeat the frame before",
-            rows - repeated
-        ),
-        RowFilter::All => {
-            format!("{log}: {rows} rows used, {repeated} duplicates of the previous frame")
-        }
+    let used = match used {
+        RowFilter::Fresh => format!("{} of {rows}", rows - repeated),
+        RowFilter::All => rows.to_string(),
     };
+    let mut text = format!("{log}: {used} rows used, {repeated} duplicates of the previous frame");
     if skipped > 0 {
         text += &format!(", {skipped} bad rows left out");
     }

@@ -435,7 +435,7 @@ fn statistics_of_a_table_are_printed_for_every_column() {
     let output = program::output(dir.path(), "stats t.csv --reference a");
     let printed = String::from_utf8(output.stdout.clone()).unwrap();
     assert!(output.status.success() && printed.starts_with("eta by cond\n"), "{printed}");
-    assert!(printed.contains("less a"), "{printed}");
+    assert!(printed.contains("minus a"), "{printed}");
     let output = program::output(dir.path(), "stats t.csv --reference A");
     assert_eq!(output.status.code(), Some(2));
     assert!(said(&output).contains("did you mean `a`?"));

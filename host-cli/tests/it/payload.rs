@@ -114,6 +114,41 @@ fn weight_and_inertia_are_taken_off_a_moving_arm() {
     assert_eq!(text.lines().count(), rows);
 }
 
+/// Steps on the arm's tool, 1.3 a second and 10 N each, do not hide how late its accelerations are.
+#[test]
+#[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
+fn the_lag_of_a_moving_arm_is_found_under_contact() {
+    let dir = tempfile::tempdir().unwrap();
+    let [poses, wrench, accelerations] =
+        ["0-calibration_fts-accel.csv", "1-baseline_wrench.csv", "1-baseline_accel.csv"]
+            .map(|name| real_recording(&format!("others/payload/{name}")));
+    succeed(dir.path(), &format!("payload fit {} -o payload.json", poses.display()));
+    let text = fs::read_to_string(&wrench).unwrap();
+    let (header, rows) = text.split_once('\n').unwrap();
+    let mut touched = format!("{header}\n");
+    for row in rows.lines() {
+        let (time, wrench) = row.split_once(',').unwrap();
+        let mut wrench: Vec<f64> = wrench.split(',').map(|field| field.parse().unwrap()).collect();
+        let seconds = (time.parse::<u64>().unwrap() % 1_000_000_000) as f64 / 1e6;
+        wrench[2] += 10.0 * (TAU * 1.3 * seconds).sin().max(0.0);
+        writeln!(touched, "{time},{}", join(&wrench)).unwrap();
+    }
+    fs::write(dir.path().join("touched.csv"), touched).unwrap();
+    let subtract = format!(
+        "payload subtract payload.json touched.csv --time-unit us --motion {} --json -o out.csv",
+        accelerations.display()
+    );
+    let (found, said) = ended(dir.path(), &subtract, 0);
+    let found: serde_json::Value = serde_json::from_str(&found).unwrap();
+    let lag = &found["load"]["lag"];
+    let [lag_s, error_s] = ["lag_s", "standard_error_s"].map(|name| lag[name].as_f64().unwrap());
+    assert_eq!(found["load"]["lag_taken_s"], lag["lag_s"]);
+    println!("under contact: {:.2} ± {:.2} ms", 1e3 * lag_s, 1e3 * error_s);
+    // 6.22 ms without contact; what the steps do to that is less than its standard error.
+    assert!((lag_s - 0.00622).abs() < error_s && error_s < 0.002, "{lag}");
+    assert!(said.contains("the lag of the motion uncertain") && said.contains("taken"), "{said}");
+}
+
 #[test]
 fn poses_with_labels_are_means_and_standard_errors_are_theirs() {
     let dir = tempfile::tempdir().unwrap();

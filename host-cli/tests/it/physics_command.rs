@@ -82,7 +82,8 @@ fn an_interval_that_the_groups_cannot_tell_is_refused_with_both_numbers() {
         train.lines().filter(|line| group(line).map_or(true, |g| g < 15)).collect();
     fs::write(dir.path().join("few.csv"), few.join("\n") + "\n").unwrap();
     let (_, said) = ended(&dir, "fit few.csv --model physics -o cal.json", 0);
-    let warning = "an interval of 95 % takes `19` groups that were held out, there were `15`";
+    let warning =
+        "an interval of 95 % needs `19` held-out groups or stretches of time, there are `15`";
     assert!(said.contains(warning), "{said}");
     let said = refused(&dir, "convert cal.json few.csv --interval=95 -o out.csv");
     assert!(said.contains(warning), "{said}");

@@ -247,7 +247,7 @@ fn a_report_says_what_went_in_and_is_the_same_every_time() {
     }
     let command = "<code>shellcal report set/manifest.csv --calibration calibration.json --reference free</code>";
     assert!(html.contains(command));
-    assert!(html.contains("2017-07-14T02:40:00Z") && html.contains("less free"));
+    assert!(html.contains("2017-07-14T02:40:00Z") && html.contains("difference from free"));
     // Nothing is fetched: no address in an attribute that loads.
     for loading in ["src=\"http", "href=\"http", "@import", "url(http"] {
         let own = html.split("<script>").next().unwrap();
@@ -291,7 +291,7 @@ fn a_real_trial_is_drawn_and_its_unclear_window_refused() {
     run(path, &[&["report", "manifest.csv"], &with[..]].concat(), 0);
     let html = fs::read_to_string(path.join("report.html")).unwrap();
     // Rows are missing from it, and what repeats is told.
-    assert!(html.contains("rows are missing") && html.contains("repeat the frame before"));
+    assert!(html.contains("rows are missing") && html.contains("duplicates of the previous frame"));
 }
 
 /// 89 and 183 mm, in each format by what that says of its size.

@@ -69,7 +69,6 @@ use crate::model::Basis;
 use crate::physics::COVERAGE_LEVEL;
 use crate::quality::AxisQuality;
 use crate::solver::{Solution, SolverKind};
-use crate::uncertainty::NoIntervals;
 use crate::validation::advice::Advice;
 use crate::validation::cross_validation::CrossValidation;
 use crate::validation::excitation::{Excitation, LONGEST_LEVER_M};
@@ -261,11 +260,6 @@ impl Fit {
             if test.is_out_of_range() {
                 self.warnings.push(Warning::AllOutOfRange(test.rows));
             }
-            let covariance = self.calibration.covariance.as_ref();
-            let none = covariance.and_then(|of| of.interval_factors(COVERAGE_LEVEL).err());
-            // The verdict says so of rows that were taken as independent.
-            let none = none.filter(|reason| *reason != NoIntervals::IndependentRows);
-            self.warnings.extend(none.map(Warning::NoIntervals));
         }
         if let Kind::Physics(physics) = self.calibration.kind() {
             let intervals = physics.intervals.as_ref();

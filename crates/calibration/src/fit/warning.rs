@@ -5,7 +5,6 @@ use std::fmt;
 use super::choice::FewGroups;
 use crate::exact::ExactError;
 use crate::physics::TooFewGroups;
-use crate::uncertainty::NoIntervals;
 use crate::validation::ValidationError;
 
 /// What a user of a calibration should know of it.
@@ -34,9 +33,7 @@ pub enum Warning {
     GroupsLeak(f64),
     /// All test rows, so many, are outside the range of the training data.
     AllOutOfRange(u64),
-    /// There are standard errors, and no intervals.
-    NoIntervals(NoIntervals),
-    /// The same of a physics model, which has intervals of no other kind.
+    /// A physics model without intervals; what a polynomial lacks the verdict says.
     NoIntervalsAtAll(TooFewGroups),
     /// Moments over forces make so long a lever, m.
     MomentUnit(f64),
@@ -110,7 +107,6 @@ impl fmt::Display for Warning {
                 "none of the {rows} test rows lies within the range of the training data: their errors are of a \
                  guess beyond it. Was the sensor zeroed anew, or the columns taken in another order?"
             ),
-            Self::NoIntervals(reason) => reason.fmt(f),
             Self::NoIntervalsAtAll(reason) => write!(f, "{reason}: none will be given"),
             Self::MomentUnit(lever_m) => write!(
                 f,

@@ -30,7 +30,7 @@ pub struct GroupIntervals {
 /// The level is higher than the groups can tell.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error(
-    "an interval of {} % takes `{needed}` groups that were held out, there were `{groups}`",
+    "an interval of {} % needs `{needed}` held-out groups or stretches of time, there are `{groups}`",
     100.0 * level
 )]
 pub struct TooFewGroups {

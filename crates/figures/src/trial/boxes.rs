@@ -7,17 +7,18 @@ use super::super::palette;
 use super::super::panel::{LEFT_MARGIN, Panel};
 use super::super::scale::{PlotAxis, Spacing};
 use super::super::size::Size;
-use super::super::svg::{Anchor, Canvas, Rect, Style, number, point, text_width};
+use super::super::svg::{Anchor, Canvas, Rect, Style, number, point};
+use super::labels::Labels;
 use super::{TOP, WIDTH, canvas, draw_title, empty_figure};
 use trial::{ConditionRow, Per, Quantity, Statistics};
 
 const HEIGHT: f64 = 150.0;
-const PITCH: f64 = 214.0;
+/// From the top of a panel to that of the next, without what stands below the boxes.
+const PITCH: f64 = 185.0;
 /// From one line of the key to the next.
 const KEY_PITCH: f64 = 15.0;
 const QUANTITIES: [Quantity; 3] =
     [Quantity::DragEnergy, Quantity::ElectricalEnergy, Quantity::SpecificResistance];
-const SMALL: Style = Style { size: 9.0, ..Style::LABEL };
 const FILL: &str = "#d8e6f0";
 /// Up to this many values of a condition each is drawn: quartiles of fewer say little.
 const MOST_POINTS: usize = 12;
@@ -37,11 +38,16 @@ pub fn box_figure(size: Size, title: &str, rows: &[ConditionRow]) -> Figure {
         return empty_figure(size, title, "no condition has an energy or a specific resistance");
     }
     let count = shown.len();
-    let key = if size.is_narrow() { KEY_PITCH } else { 0.0 };
-    let mut canvas = canvas(size, TOP - 8.0 + PITCH * count as f64 + 22.0 + key);
-    draw_title(&mut canvas, title);
     let width = (size.width(WIDTH) - 2.0 * (LEFT_MARGIN + 8.0) - 28.0) / 2.0;
-    for (row, quantity) in shown.into_iter().enumerate() {
+    let drawn: Vec<&ConditionRow> =
+        rows.iter().filter(|row| QUANTITIES.contains(&row.quantity)).collect();
+    let labels = Labels::new(size, &drawn, width);
+    let pitch = PITCH + labels.height();
+    let bottom = TOP - 8.0 + pitch * count as f64 + labels.below_last();
+    let key = if size.is_narrow() { KEY_PITCH } else { 0.0 };
+    let mut canvas = canvas(size, bottom + 22.0 + key);
+    draw_title(&mut canvas, title);
+    for (row, &quantity) in shown.iter().enumerate() {
         for (column, per) in Per::ALL.into_iter().enumerate() {
             let boxes = of(quantity, per);
             if boxes.is_empty() {
@@ -49,14 +55,16 @@ pub fn box_figure(size: Size, title: &str, rows: &[ConditionRow]) -> Figure {
             }
             let area = Rect {
                 left: LEFT_MARGIN + 8.0 + (width + LEFT_MARGIN + 12.0) * column as f64,
-                top: TOP + PITCH * row as f64,
+                top: TOP + pitch * row as f64,
                 width,
                 height: HEIGHT,
             };
-            draw_boxes(&mut canvas, area, quantity, per, &boxes);
+            let is_last = shown[row + 1..].iter().all(|&below| of(below, per).is_empty());
+            draw_boxes(&mut canvas, area, (quantity, per), &boxes, &labels);
+            labels.draw(&mut canvas, area, &boxes, is_last);
         }
     }
-    draw_key(&mut canvas, TOP - 8.0 + PITCH * count as f64 + 10.0, size);
+    draw_key(&mut canvas, bottom + 10.0, size);
     Figure::new(canvas.finish())
 }
 
@@ -99,9 +107,9 @@ fn scale(quantity: Quantity) -> (&'static str, f64, &'static str) {
 fn draw_boxes(
     canvas: &mut Canvas,
     area: Rect,
-    quantity: Quantity,
-    per: Per,
+    (quantity, per): (Quantity, Per),
     boxes: &[&ConditionRow],
+    labels: &Labels<'_>,
 ) {
     let (name, factor, unit) = scale(quantity);
     let ends = boxes.iter().flat_map(|row| {
@@ -111,29 +119,14 @@ fn draw_boxes(
     let ValueRange { low, high } = ValueRange::over(ends);
     let panel = Panel {
         area,
-        x: PlotAxis::new("", "", Spacing::Linear, 0.0, boxes.len() as f64),
+        x: PlotAxis::new("", "", Spacing::Linear, 0.0, 1.0),
         y: PlotAxis::new(name, unit, Spacing::Linear, factor * low, factor * high).padded(0.08),
     };
     panel.draw_y_grid(canvas);
-    let pitch = area.width / boxes.len() as f64;
-    let half = (0.3 * pitch).min(22.0);
-    let count = |row: &ConditionRow| format!("n = {}", row.statistics.n);
-    let letters = canvas.size().letters(SMALL.size);
-    let is_counted_once = boxes.iter().any(|row| text_width(&count(row), letters) > pitch);
-    for (i, row) in boxes.iter().enumerate() {
-        let x = area.left + (i as f64 + 0.5) * pitch;
+    let half = (0.3 * labels.box_pitch(area)).min(22.0);
+    for row in boxes {
         let place = |value: f64| panel.place(0.0, factor * value).1;
-        draw_box(canvas, x, half, &row.statistics, place);
-        canvas.text((x, area.bottom() + 16.0), &row.condition, Style::LABEL);
-        let count = match is_counted_once {
-            true => row.statistics.n.to_string(),
-            false => count(row),
-        };
-        canvas.text((x, area.bottom() + 29.0), &count, SMALL);
-    }
-    if is_counted_once {
-        let at = (area.left - 7.0, area.bottom() + 29.0);
-        canvas.text(at, "n", SMALL.anchored(Anchor::End));
+        draw_box(canvas, labels.middle(area, &row.condition), half, &row.statistics, place);
     }
     canvas.frame(area, palette::INK);
     panel.draw_y_labels(canvas);

@@ -2,6 +2,8 @@
 
 mod boxes;
 mod drag_lift;
+mod labels;
+mod names;
 mod phase;
 mod shading;
 mod stack;
@@ -358,23 +360,38 @@ mod tests {
         let mut sample = ValueSample::default();
         sample.add_cluster((0..368).map(f64::from));
         let statistics = sample.statistics(1).unwrap();
-        let mut boxes = Vec::new();
-        for condition in ["free", "0 cm", "3 cm", "6 cm", "9 cm"] {
-            for (per, quantity) in
-                [(Per::Trial, Quantity::DragEnergy), (Per::Stride, Quantity::DragEnergy)]
-            {
-                let (condition, statistics) = (condition.to_owned(), statistics.clone());
-                boxes.push(ConditionRow { condition, per, quantity, statistics, difference: None });
-            }
-        }
+        let boxes = |conditions: &[String]| -> Vec<ConditionRow> {
+            let rows = conditions.iter().flat_map(|condition| {
+                Per::ALL.map(|per| ConditionRow {
+                    condition: condition.clone(),
+                    per,
+                    quantity: Quantity::DragEnergy,
+                    statistics: statistics.clone(),
+                    difference: None,
+                })
+            });
+            rows.collect()
+        };
+        let depths = ["free", "0 cm", "3 cm", "6 cm", "9 cm"].map(str::to_owned);
+        let terrains = [2, 5, 9, 12].map(|count| {
+            let name = |i| format!("cheetah-trot-soft-terrain-0.{i}m/s");
+            (1..=count).map(name).collect::<Vec<_>>()
+        });
+        let without_separators =
+            ["cheetahtrotsoftterrain0.5metrespersecond", "free"].map(str::to_owned);
+        let conditions = [&depths[..], &without_separators].into_iter();
         for (size, width_mm) in [(Size::Single, 89.0), (Size::Double, 183.0)] {
             let figures = [
                 drag_lift_figure(size, "free: run-1.txt", &trace(), &passage),
                 stack_figure(size, "free: run-1.txt", &trace(), &passage, [0.0, 4.0]),
                 phase_figure(size, "Drag and lift over a stride", &phases),
-                box_figure(size, "Energies and specific resistance", &boxes),
             ];
-            figures.iter().for_each(|figure| assert_printable(figure, size, width_mm));
+            let conditions = conditions.clone().chain(terrains.iter().map(|names| &names[..]));
+            let boxes = conditions
+                .map(|names| box_figure(size, "Energies and specific resistance", &boxes(names)));
+            for figure in figures.into_iter().chain(boxes) {
+                assert_printable(&figure, size, width_mm);
+            }
         }
     }
 }

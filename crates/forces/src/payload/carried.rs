@@ -12,7 +12,7 @@ pub struct CarriedLoad {
     pub motion: Motion,
     /// Whether that was measured by an accelerometer, and has inertia in it.
     pub has_inertia: bool,
-    /// How much later the clock of the motion was, where that was found.
+    /// How much later the clock of the motion was found to be, taken or not.
     pub lag: Option<Lag>,
 }
 

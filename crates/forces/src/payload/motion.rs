@@ -97,36 +97,37 @@ impl Motion {
         let distance = before.min(nearest(self.times_s.get(after)));
         distance.is_nan() || distance > FAR * self.period_s
     }
-
-    /// The mean of all samples within `half_s` of each, as long as that reaches any.
-    pub(super) fn smoothed(&self, half_s: f64) -> Self {
-        let columns = std::array::from_fn(|axis| {
-            let column: Vec<f64> = self.gravity_m_s2.iter().map(|gravity| gravity[axis]).collect();
-            running_mean(&self.times_s, &column, half_s)
-        });
-        let [x, y, z]: [Vec<f64>; 3] = columns;
-        let gravity = x.iter().zip(&y).zip(&z).map(|((x, y), z)| [*x, *y, *z]);
-        Self { gravity_m_s2: gravity.collect(), ..self.clone() }
-    }
 }
 
-/// The mean of all values within `half_s` of each, at times in order.
-pub(super) fn running_mean(times_s: &[f64], values: &[f64], half_s: f64) -> Vec<f64> {
-    let (mut first, mut end, mut sum) = (0, 0, 0.0);
-    // Differences from one value keep what is large and constant out of the sum.
-    let origin = values.first().copied().unwrap_or_default();
-    let mean = |&time: &f64| {
-        while end < times_s.len() && times_s[end] <= time + half_s {
-            sum += values[end] - origin;
-            end += 1;
+/// The integral of a motion over time: its means over any stretch.
+pub(super) struct Integral<'a> {
+    motion: &'a Motion,
+    /// From the first sample to each.
+    sums: Vec<Vector>,
+}
+
+impl<'a> Integral<'a> {
+    pub(super) fn new(motion: &'a Motion) -> Self {
+        let mut sums = vec![[0.0; 3]];
+        for (times, values) in motion.times_s.windows(2).zip(motion.gravity_m_s2.windows(2)) {
+            let part = scaled(add(values[0], values[1]), 0.5 * (times[1] - times[0]));
+            sums.push(add(sums[sums.len() - 1], part));
         }
-        while first < end && times_s[first] < time - half_s {
-            sum -= values[first] - origin;
-            first += 1;
-        }
-        origin + sum / (end - first).max(1) as f64
-    };
-    times_s.iter().map(mean).collect()
+        Self { motion, sums }
+    }
+
+    /// The mean over `length_s` after a time less that over `length_s` before it.
+    pub(super) fn step(&self, time_s: f64, length_s: f64) -> Vector {
+        let ends = add(self.to(time_s + length_s), self.to(time_s - length_s));
+        scaled(subtract(ends, scaled(self.to(time_s), 2.0)), 1.0 / length_s)
+    }
+
+    fn to(&self, time_s: f64) -> Vector {
+        let Motion { times_s, gravity_m_s2, .. } = self.motion;
+        let before = times_s.partition_point(|&time| time <= time_s).saturating_sub(1);
+        let mean = scaled(add(gravity_m_s2[before], self.motion.at(time_s)), 0.5);
+        add(self.sums[before], scaled(mean, time_s - times_s[before]))
+    }
 }
 
 #[cfg(test)]
@@ -150,8 +151,14 @@ mod tests {
     }
 
     #[test]
-    fn a_running_mean_is_over_time() {
-        let times = [0.0, 1.0, 2.0, 10.0];
-        assert_eq!(running_mean(&times, &[1.0, 2.0, 6.0, 5.0], 1.0), [1.5, 3.0, 4.0, 5.0]);
+    fn a_step_is_between_the_means_of_adjoining_stretches() {
+        let motion = Motion::new(&[0.0, 1.0, 3.0], &[[0.0; 3], [2.0; 3], [2.0; 3]]).unwrap();
+        let integral = Integral::new(&motion);
+        for (time, length, step) in [(1.0, 1.0, 1.0), (2.0, 1.0, 0.0), (0.5, 0.5, 1.0)] {
+            assert_eq!(integral.step(time, length), [step; 3], "{time} {length}");
+        }
+        // Held before the first sample and after the last.
+        assert_eq!(integral.step(0.0, 1.0), [1.0; 3]);
+        assert_eq!(integral.step(3.0, 2.0), [0.0; 3]);
     }
 }

@@ -27,7 +27,7 @@ pub(super) fn conditions(report: &Report<'_>, numbers: &ReportNumbers) -> String
         let cells = |row: &&ConditionRow| condition_cells(row, &scale, has_reference);
         let rows: Vec<Vec<TableCell>> = of_quantity.iter().map(cells).collect();
         let reference = report.conditions.iter().find_map(|row| row.difference.as_ref());
-        let less = reference.map(|difference| format!("less {}", difference.reference));
+        let less = reference.map(|difference| format!("difference from {}", difference.reference));
         let mut header = vec![("condition", true), ("per", true), ("n", false), ("mean", false)];
         header.extend(less.as_deref().map(|less| (less, false)));
         html += &table(&scale.name(&capital(quantity.name())), &header, &rows);

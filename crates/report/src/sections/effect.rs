@@ -47,7 +47,7 @@ pub(super) fn effect(report: &Report<'_>, numbers: &ReportNumbers) -> String {
         };
         columns.push(names.iter().map(mean).collect());
         if let Some(reference) = reference {
-            header.push((format!("less {}", reference.reference), false));
+            header.push((format!("difference from {}", reference.reference), false));
             let less = |name: &&str| match of(name).and_then(|row| row.difference.as_ref()) {
                 Some(difference) => scale.estimate(Some(difference.mean), difference.mean_95),
                 None => "–".to_owned(),

@@ -86,7 +86,8 @@ fn warnings(report: &Report<'_>) -> String {
         };
         let more = match more {
             0 => String::new(),
-            more => format!(" (and the like in {more} more)"),
+            1 => " (also in another trial)".to_owned(),
+            more => format!(" (also in {more} other trials)"),
         };
         let text = escape(&text);
         let _ = writeln!(items, "<li class=\"{class}\"><strong>{word}</strong> {text}{more}</li>");

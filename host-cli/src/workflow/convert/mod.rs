@@ -168,6 +168,7 @@ pub fn convert(
         load: options.load.as_ref().map(|load| LoadSummary {
             has_inertia: load.has_inertia,
             lag: load.lag,
+            lag_taken_s: load.lag.map(|lag| lag.taken_s()),
             rows_without_motion,
             standard_deviation: calibration.axes.values(&totals.standard_deviation()),
         }),

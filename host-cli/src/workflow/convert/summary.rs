@@ -52,8 +52,10 @@ pub struct ConvertSummary {
 pub struct LoadSummary {
     /// Whether inertia was taken off, too.
     pub has_inertia: bool,
-    /// How late the clock of the motion was.
+    /// How late the clock of the motion was found to be, taken or not.
     pub lag: Option<Lag>,
+    /// What of that was taken, s.
+    pub lag_taken_s: Option<f64>,
     /// Rows so far from any sample of the motion that the load there is not known.
     pub rows_without_motion: u64,
     /// Standard deviation of the wrench that is left, N and N·m.

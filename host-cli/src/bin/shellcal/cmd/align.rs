@@ -324,13 +324,13 @@ impl AlignArgs {
 fn note_left_out(printer: &mut Printer, what: &str, left_out: &LeftOut) {
     let LeftOut { not_finite, not_later, repeated, saturated } = *left_out;
     for (count, why) in [
-        (not_finite, "left out: not finite"),
-        (not_later, "left out: not later than the row before"),
-        (repeated, "left out: they repeat the row before"),
-        (saturated, "not matched: at the end of the range"),
+        (not_finite, "left out, not finite"),
+        (not_later, "left out, not later than the row before"),
+        (repeated, "left out, duplicates of the previous row"),
+        (saturated, "not matched, at the end of the range"),
     ] {
         if count > 0 {
-            printer.note(format!("{what}: {count} rows {why}"));
+            printer.note(format!("{what}: rows {why}: {count}"));
         }
     }
 }

@@ -3,7 +3,7 @@
 use anyhow::bail;
 use calibration::Calibration;
 use calibration_file::payload_file::PayloadFile;
-use forces::payload::CarriedLoad;
+use forces::payload::{CarriedLoad, Lag};
 use log_file::{ColumnRef, Log, Mapping, ReadOptions};
 use shellcal::workflow::convert::ConvertSummary;
 use shellcal::workflow::payload::{MotionColumns, find_motion_lag, read_motion};
@@ -90,7 +90,7 @@ impl MotionArgs {
             Some(_) => None,
             None => find_motion_lag(log, calibration, &payload, &motion, read)?,
         };
-        let lag_s = self.motion_lag.or(lag.map(|lag| lag.lag_s)).unwrap_or(0.0);
+        let lag_s = self.motion_lag.or(lag.map(|lag| lag.taken_s())).unwrap_or(0.0);
         if !lag_s.is_finite() {
             bail!("`--motion-lag` is `{lag_s}`, expected seconds");
         }
@@ -110,17 +110,23 @@ impl MotionArgs {
             true => "payload: weight and inertia taken off",
             false => "payload: weight taken off; inertia needs accelerations",
         });
-        match (load.lag, self.motion.is_some() && self.motion_lag.is_none()) {
-            (Some(lag), _) => printer.note(format!(
-                "motion: its clock is {:.2} ms late (standard error {:.2} ms)",
-                1e3 * lag.lag_s,
-                1e3 * lag.standard_error_s
+        let lag = |lag: Lag| {
+            let [lag, error] = [lag.lag_s, lag.standard_error_s].map(|seconds| 1e3 * seconds);
+            format!("its clock is {lag:.2} ms late (standard error {error:.2} ms)")
+        };
+        match load.lag {
+            Some(found) if found.is_certain() => printer.note(format!("motion: {}", lag(found))),
+            Some(found) => printer.warning(format!(
+                "`{path}`: contact makes the lag of the motion uncertain: {}, {}; `--motion-lag` sets it, from a run \
+                 without contact, for example",
+                lag(found),
+                if found.taken_s() == 0.0 { "so it is taken as 0" } else { "and this is taken" }
             )),
-            (None, true) => printer.warning(format!(
+            None if self.motion.is_some() && self.motion_lag.is_none() => printer.warning(format!(
                 "`{path}`: forces and motion do not tell the lag of their clocks, it is taken as 0; \
                  `--motion-lag` sets it"
             )),
-            (None, false) => {}
+            None => {}
         }
         if load.rows_without_motion > 0 {
             printer.warning(format!(

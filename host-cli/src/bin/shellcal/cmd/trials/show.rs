@@ -122,9 +122,9 @@ pub(super) fn statistics(
         "outliers",
     ];
     let reference = rows.iter().find_map(|(_, _, difference)| *difference);
-    let name = reference.map(|difference| format!("less {}", difference.reference));
+    let name = reference.map(|difference| format!("minus {}", difference.reference));
     if let Some(name) = &name {
-        header.extend([name.as_str(), "its interval"]);
+        header.extend([name.as_str(), "95 % CI"]);
     }
     let decimals = decimals(rows.iter().map(|(_, s, _)| factor * s.mean));
     let row = |(condition, s, difference): &ConditionNumbers<'_>| {
@@ -171,7 +171,8 @@ pub(super) fn diagnostics(printer: &mut Printer, results: &[(String, &TrialResul
         let (place, first) = diagnostics[0];
         let more = match diagnostics.len() {
             1 => String::new(),
-            trials => format!(" (and the like in {} more)", trials - 1),
+            2 => " (also in another trial)".to_owned(),
+            trials => format!(" (also in {} other trials)", trials - 1),
         };
         let text = format!("{place}: {first}{more}");
         match severity {
