@@ -88,7 +88,7 @@ impl MemoryState {
             return Err(NoTime);
         }
         let count = channels * self.memory.time_constants.len();
-        let mut terms = vec![Vec::with_capacity(rows); count];
+        let mut terms: Vec<_> = (0..count).map(|_| Vec::with_capacity(rows)).collect();
         let mut shares = vec![0.0; self.memory.time_constants.len()];
         let mut last_step = f64::NAN;
         for row in 0..rows {

@@ -11,26 +11,56 @@ pub struct ReferenceLag {
     pub by: f64,
 }
 
-/// The columns at times that are later `by` so much, straight between rows and up to one row beyond the ends of a segment;
-/// further out the value is held. `times` ascend within each of `segments`, the first rows of stretches without a gap.
-pub(super) fn shifted(times: &[f64], segments: &[usize], by: f64, column: &[f64]) -> Vec<f64> {
-    let mut moved = Vec::with_capacity(column.len());
-    let ends = segments.iter().skip(1).copied().chain([times.len()]);
-    for (&start, end) in segments.iter().zip(ends) {
-        let mut before = start;
-        for row in start..end {
+/// A time between two rows.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct BetweenRows {
+    before: usize,
+    after: usize,
+    /// How far from the one to the other.
+    share: f64,
+}
+
+impl BetweenRows {
+    /// The times of some rows, in ascending order, and later `by` so much: straight between rows and up to one row beyond
+    /// the ends of a segment; further out the last value is held. `times` ascend within each of `segments`, the first
+    /// rows of stretches without a gap.
+    pub(super) fn later(
+        times: &[f64],
+        segments: &[usize],
+        by: f64,
+        rows: impl IntoIterator<Item = usize>,
+    ) -> Vec<Self> {
+        let ends = segments.iter().skip(1).copied().chain([times.len()]);
+        let mut stretches = segments.iter().copied().zip(ends);
+        let mut stretch = (0, 0);
+        let of_row = |row: usize| {
+            while row >= stretch.1
+                && let Some(next) = stretches.next()
+            {
+                stretch = next;
+            }
+            let (start, end) = stretch;
             let wanted = times[row] + by;
-            while before + 2 < end && times[before + 1] <= wanted {
+            let last = end.saturating_sub(2).max(start);
+            let mut before = row.min(last);
+            while before < last && times[before + 1] <= wanted {
                 before += 1;
+            }
+            while before > start && times[before] > wanted {
+                before -= 1;
             }
             let after = (before + 1).min(end - 1);
             let span = times[after] - times[before];
             let share = if span > 0.0 { (wanted - times[before]) / span } else { 0.0 };
-            let share = share.clamp(-1.0, 2.0);
-            moved.push(column[before] + share * (column[after] - column[before]));
-        }
+            Self { before, after, share: share.clamp(-1.0, 2.0) }
+        };
+        rows.into_iter().map(of_row).collect()
     }
-    moved
+
+    /// The value of a column then.
+    pub(super) fn value(&self, column: &[f64]) -> f64 {
+        column[self.before] + self.share * (column[self.after] - column[self.before])
+    }
 }
 
 /// The first rows of stretches in which time does not go back or jump by more than `gap`, if that is given.
@@ -53,12 +83,18 @@ mod tests {
         let segments = segments(&times, Some(10.0));
         assert_eq!(segments, [0, 4]);
         let column = times.map(|time| 2.0 * time);
-        let later = shifted(&times, &segments, 0.25, &column);
+        let shifted = |by: f64| -> Vec<f64> {
+            let then = BetweenRows::later(&times, &segments, by, 0..times.len());
+            then.iter().map(|then| then.value(&column)).collect()
+        };
+        let later = shifted(0.25);
         assert_eq!(later, [0.5, 2.5, 3.5, 6.5, 100.5, 102.5]);
-        let earlier = shifted(&times, &segments, -0.75, &column);
+        let earlier = shifted(-0.75);
         assert_eq!(earlier, [-1.5, 0.5, 1.5, 4.5, 98.5, 100.5]);
-        let much_later = shifted(&times, &segments, 5.0, &column);
+        let much_later = shifted(5.0);
         assert_eq!(much_later, [9.0, 9.0, 9.0, 9.0, 104.0, 104.0]);
+        let some = BetweenRows::later(&times, &segments, 0.25, [1, 4]);
+        assert_eq!([some[0].value(&column), some[1].value(&column)], [2.5, 100.5]);
     }
 
     #[test]

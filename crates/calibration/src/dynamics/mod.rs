@@ -28,6 +28,7 @@ pub use self::refusal::NotSearched;
 use self::samples::SearchRows;
 use crate::error::FitError;
 use crate::memory::{MemoryTerms, TimeBase};
+use crate::passes::Workers;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::PerAxis;
 
@@ -117,6 +118,7 @@ pub fn find(
     data: &Dataset,
     rule: &DynamicsRule<'_>,
     intercept: bool,
+    workers: Workers<'_>,
 ) -> Result<Result<Dynamics, NotSearched>, FitError> {
     let clock = prepared::RowClock::of(data);
     let given_lag = match rule.lag {
@@ -143,6 +145,6 @@ pub fn find(
         return Ok(if has_given { Ok(given) } else { Err(reason) });
     }
     let found = SearchRows::new(data, &clock, intercept)
-        .map(|samples| search::search(&samples, rule, &given, &clock));
+        .map(|samples| search::search(&samples, rule, &given, &clock, workers));
     Ok(found.ok_or(NotSearched::FewRows))
 }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::lag::{ReferenceLag, segments, shifted};
+use super::lag::{BetweenRows, ReferenceLag, segments};
 use super::{FitError, GAP_PERIODS};
 use crate::memory::{MemoryTerms, NoTime, TimeBase};
 use shell_data::block::Block;
@@ -115,17 +115,12 @@ fn move_wrench(blocks: &mut [Block], lag: ReferenceLag) -> Result<(), NoTime> {
             (times, gap)
         }
     };
-    let segments = segments(&times, gap);
+    let then = BetweenRows::later(&times, &segments(&times, gap), lag.by, 0..rows);
     for axis in 0..6 {
         let column: Vec<f64> =
             blocks.iter().flat_map(|block| block.wrench[axis].iter().copied()).collect();
-        let moved = shifted(&times, &segments, lag.by, &column);
-        let mut rest = &moved[..];
-        for block in &mut *blocks {
-            let (own, later) = rest.split_at(block.rows);
-            block.wrench[axis].copy_from_slice(own);
-            rest = later;
-        }
+        let loads = blocks.iter_mut().flat_map(|block| &mut block.wrench[axis]);
+        loads.zip(&then).for_each(|(load, then)| *load = then.value(&column));
     }
     Ok(())
 }

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use faer::Mat;
 
-use super::lag::{segments, shifted};
+use super::lag::{BetweenRows, segments};
 use super::noise::{ReadingNoise, variance};
 use super::prepared::RowClock;
 use crate::features::Features;
@@ -153,7 +153,19 @@ impl SearchRows {
 
     /// The loads of the used rows, rows × 6, at times that are later `by` so much.
     pub(super) fn loads(&self, by: f64) -> Mat<f64> {
-        self.per_axis(|log, axis| shifted(&log.times, &log.segments, by, &log.wrench[axis]))
+        let mut loads = Mat::zeros(self.rows(), Axis::ALL.len());
+        let mut start = 0;
+        for log in &self.logs {
+            let used = log.used.iter().copied();
+            let then = BetweenRows::later(&log.times, &log.segments, by, used);
+            for (axis, column) in log.wrench.iter().enumerate() {
+                for (row, then) in then.iter().enumerate() {
+                    loads[(start + row, axis)] = then.value(column);
+                }
+            }
+            start += then.len();
+        }
+        loads
     }
 
     /// The variance of their noise there: between rows two are averaged.
@@ -177,26 +189,17 @@ impl SearchRows {
             gap: self.clock.gap(),
         };
         let channels = self.logs[0].readings.len();
-        let mut columns = vec![Vec::with_capacity(self.rows()); channels];
+        let (mut columns, mut start) = (Mat::zeros(self.rows(), channels), 0);
         for log in &self.logs {
             let terms = memory.start().terms(&log.times, &log.readings);
-            let terms = terms.expect("a time for every row");
-            for (column, terms) in columns.iter_mut().zip(terms) {
-                column.extend(log.used.iter().map(|&row| terms[row]));
+            for (channel, terms) in terms.expect("a time for every row").iter().enumerate() {
+                for (row, &used) in log.used.iter().enumerate() {
+                    columns[(start + row, channel)] = terms[used];
+                }
             }
+            start += log.used.len();
         }
-        Mat::from_fn(self.rows(), channels, |i, j| columns[j][i])
-    }
-
-    fn per_axis(&self, of: impl Fn(&LogPart, usize) -> Vec<f64>) -> Mat<f64> {
-        let mut columns = vec![Vec::with_capacity(self.rows()); Axis::ALL.len()];
-        for log in &self.logs {
-            for (axis, column) in columns.iter_mut().enumerate() {
-                let all = of(log, axis);
-                column.extend(log.used.iter().map(|&row| all[row]));
-            }
-        }
-        Mat::from_fn(self.rows(), Axis::ALL.len(), |i, axis| columns[axis][i])
+        columns
     }
 }
 

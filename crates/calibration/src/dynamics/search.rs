@@ -13,6 +13,7 @@ use super::equations::{FoldEquations, FoldErrors, LoadColumns, MemoryColumns};
 use super::prepared::RowClock;
 use super::samples::SearchRows;
 use super::{Dynamics, DynamicsRule, Gain, LagRule, MemoryRule, ReferenceLag};
+use crate::passes::{Workers, map};
 
 /// Time constants, at most.
 const MOST_TIMES: usize = 4;
@@ -47,19 +48,30 @@ struct LagEstimate {
     standard_error: f64,
 }
 
-/// Searches for what the rule asks for; what is given stands.
+/// A time constant that was tried, at the lag that suits it.
+struct Trial {
+    score: f64,
+    lag: f64,
+    /// The terms, if they were made for it.
+    terms: Option<MemoryColumns>,
+}
+
+/// Searches for what the rule asks for; what is given stands. If whoever watches wants no more, nothing is found, and
+/// the next pass over the rows says so.
 pub(super) fn search(
     samples: &SearchRows,
     rule: &DynamicsRule<'_>,
     given: &Dynamics,
     clock: &RowClock,
+    workers: Workers<'_>,
 ) -> Dynamics {
-    let search = DynamicsSearch { equations: FoldEquations::new(samples) };
+    let search = DynamicsSearch { equations: FoldEquations::new(samples), workers };
     search.run(rule, given, clock).unwrap_or_else(|| given.clone())
 }
 
 struct DynamicsSearch<'a> {
     equations: FoldEquations<'a>,
+    workers: Workers<'a>,
 }
 
 impl DynamicsSearch<'_> {
@@ -212,21 +224,22 @@ impl DynamicsSearch<'_> {
             self.score_at_own_lag(&all, *lag, FIRST_STEPS, rule)
         };
         let grid = std::iter::successors(Some(least), |tau| Some(tau * GRID));
-        let new: Vec<((f64, f64), MemoryColumns)> = grid
+        let grid: Vec<f64> = grid
             .take_while(|tau| *tau <= most)
             .filter(|tau| terms.iter().all(|of| is_apart(of.time_constant, *tau)))
-            .map(|tau| {
-                let new = MemoryColumns::new(samples, tau);
-                (score(&new), new)
-            })
             .collect();
+        let score = |tau: &f64| {
+            let new = MemoryColumns::new(samples, *tau);
+            Ok((score(&new), new))
+        };
+        let new = map(&grid, 0, self.workers, score).ok()?;
         let ((_, own), new) = new.into_iter().min_by(|a, b| a.0.0.total_cmp(&b.0.0))?;
         *lag = own;
         let known = terms.iter().map(|of| MemoryColumns::new(samples, of.time_constant));
         let mut all: Vec<MemoryColumns> = known.chain([new]).collect();
         for factor in ROUNDS {
             for place in 0..all.len() {
-                *lag = self.move_one(&mut all, place, factor, (least, most), (*lag, rule));
+                *lag = self.move_one(&mut all, place, factor, (least, most), (*lag, rule))?;
             }
         }
         if rule.lag == LagRule::Auto {
@@ -261,48 +274,38 @@ impl DynamicsSearch<'_> {
         factor: f64,
         (least, most): (f64, f64),
         (lag, rule): (f64, &DynamicsRule<'_>),
-    ) -> f64 {
-        let samples = self.samples();
+    ) -> Option<f64> {
         let centre = all[place].time_constant;
-        let score = |all: &[MemoryColumns], new: &MemoryColumns| {
+        let is_allowed = |tau: f64| {
+            let mut others = all.iter().enumerate().filter(|(at, _)| *at != place);
+            (least..=most).contains(&tau) && others.all(|(_, of)| is_apart(of.time_constant, tau))
+        };
+        let score = |new: &MemoryColumns| {
             let with = |(at, of)| if at == place { new } else { of };
             let terms: Vec<&MemoryColumns> = all.iter().enumerate().map(with).collect();
             self.score_at_own_lag(&terms, lag, 1, rule)
         };
-        let others: Vec<f64> = (all.iter().enumerate())
-            .filter(|(at, _)| *at != place)
-            .map(|(_, of)| of.time_constant)
-            .collect();
-        let is_allowed = |tau: f64| {
-            (least..=most).contains(&tau) && others.iter().all(|other| is_apart(*other, tau))
-        };
-        let middle = score(all, &all[place]);
-        let mut best = (middle, None);
-        let mut sides = [f64::INFINITY; 2];
-        let consider = |tau: f64, best: &mut ((f64, f64), Option<MemoryColumns>)| {
-            if !is_allowed(tau) {
-                return f64::INFINITY;
+        let attempt = |tau: &f64| {
+            if *tau != centre && !is_allowed(*tau) {
+                return Ok(Trial { score: f64::INFINITY, lag, terms: None });
             }
-            let new = MemoryColumns::new(samples, tau);
-            let found = score(all, &new);
-            if found.0 < best.0.0 {
-                *best = (found, Some(new));
-            }
-            found.0
+            let terms = (*tau != centre).then(|| MemoryColumns::new(self.samples(), *tau));
+            let (score, lag) = score(terms.as_ref().unwrap_or(&all[place]));
+            Ok(Trial { score, lag, terms })
         };
-        for (side, tau) in sides.iter_mut().zip([centre / factor, centre * factor]) {
-            *side = consider(tau, &mut best);
-        }
-        let curvature = sides[0] + sides[1] - 2.0 * middle.0;
+        let mut tried =
+            map(&[centre, centre / factor, centre * factor], 0, self.workers, attempt).ok()?;
+        let slope = tried[1].score - tried[2].score;
+        let curvature = tried[1].score + tried[2].score - 2.0 * tried[0].score;
         if curvature.is_finite() && curvature > 0.0 {
-            let vertex = (0.5 * (sides[0] - sides[1]) / curvature).clamp(-1.5, 1.5);
-            consider(centre * factor.powf(vertex), &mut best);
+            let vertex = (0.5 * slope / curvature).clamp(-1.5, 1.5);
+            tried.extend(attempt(&(centre * factor.powf(vertex))));
         }
-        let ((_, own), new) = best;
-        if let Some(new) = new {
-            all[place] = new;
+        let best = tried.into_iter().min_by(|a, b| a.score.total_cmp(&b.score))?;
+        if let Some(terms) = best.terms {
+            all[place] = terms;
         }
-        own
+        Some(best.lag)
     }
 }
 

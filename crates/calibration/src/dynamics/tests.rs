@@ -98,7 +98,8 @@ fn lag_and_both_time_constants_of_a_known_sensor_are_found() {
     for (lag_s, logs, tolerance) in [(0.0031, 4, 1e-4), (-0.0074, 1, 1.5e-4)] {
         // A fifth of a per cent of the loads: with more, noise in the readings moves the lag by its tenth.
         let sensor = Sensor { lag_s, creep: [(0.08, 0.06), (0.1, 1.4)], noise: 0.005 };
-        let found = find(&sensor.logs(logs), &DynamicsRule::AUTO, true).unwrap().unwrap();
+        let found =
+            find(&sensor.logs(logs), &DynamicsRule::AUTO, true, Workers::ONE).unwrap().unwrap();
         let lag = found.lag.unwrap();
         assert!((lag.by - lag_s).abs() < tolerance, "{lag:?}");
         let memory = found.memory.unwrap();
@@ -115,11 +116,11 @@ fn lag_and_both_time_constants_of_a_known_sensor_are_found() {
 #[test]
 fn a_lag_is_found_without_memory_and_memory_without_a_lag() {
     let late = Sensor { lag_s: 0.0125, ..RIGID };
-    let found = find(&late.logs(2), &DynamicsRule::AUTO, true).unwrap().unwrap();
+    let found = find(&late.logs(2), &DynamicsRule::AUTO, true, Workers::ONE).unwrap().unwrap();
     assert!((found.lag.unwrap().by - late.lag_s).abs() < 1e-4, "{found:?}");
     assert_eq!(found.memory, None);
     let creeps = Sensor { creep: [(0.2, 0.5), (0.0, 1.0)], ..RIGID };
-    let found = find(&creeps.logs(2), &DynamicsRule::AUTO, true).unwrap().unwrap();
+    let found = find(&creeps.logs(2), &DynamicsRule::AUTO, true, Workers::ONE).unwrap().unwrap();
     let times = found.memory.unwrap().time_constants;
     assert!(times.iter().any(|tau| (tau / 0.5 - 1.0).abs() < 0.2), "{times:?}");
     assert!(found.lag.is_none_or(|lag| lag.by.abs() < 1e-4), "{:?}", found.lag);
@@ -127,7 +128,7 @@ fn a_lag_is_found_without_memory_and_memory_without_a_lag() {
 
 #[test]
 fn a_rigid_sensor_has_neither() {
-    let found = find(&RIGID.logs(4), &DynamicsRule::AUTO, true).unwrap().unwrap();
+    let found = find(&RIGID.logs(4), &DynamicsRule::AUTO, true, Workers::ONE).unwrap().unwrap();
     assert_eq!((found.lag, found.memory), (None, None));
 }
 
@@ -148,11 +149,11 @@ fn rows_in_no_order_and_poses_are_not_searched() {
     for block in &mut data.logs[0].blocks {
         *block = shuffle(&block.rows).into();
     }
-    let refused = find(&data, &DynamicsRule::AUTO, true).unwrap().unwrap_err();
+    let refused = find(&data, &DynamicsRule::AUTO, true, Workers::ONE).unwrap().unwrap_err();
     assert!(matches!(refused, NotSearched::Shuffled(_)), "{refused}");
     let mut poses = RIGID.log(1, 30);
     poses.logs[0].has_groups = true;
-    let refused = find(&poses, &DynamicsRule::AUTO, true).unwrap().unwrap_err();
+    let refused = find(&poses, &DynamicsRule::AUTO, true, Workers::ONE).unwrap().unwrap_err();
     assert_eq!(refused, NotSearched::Poses);
 }
 
@@ -164,11 +165,11 @@ fn what_is_given_is_taken_without_a_search() {
         memory: MemoryRule::Given(&[2.0, 0.5]),
         in_groups: false,
     };
-    let given = find(&data, &rule, true).unwrap().unwrap();
+    let given = find(&data, &rule, true, Workers::ONE).unwrap().unwrap();
     assert_eq!(given.memory.as_ref().unwrap().time_constants, [0.5, 2.0]);
     assert_eq!((given.lag.unwrap().by, given.gain), (0.01, None));
     let rows = prepared(&data, given.memory.as_ref(), given.lag).unwrap();
     assert_eq!((rows.channels(), rows.memory_terms(), rows.rows()), (6, 2, data.rows()));
     let wrong = DynamicsRule { memory: MemoryRule::Given(&[0.0]), ..rule };
-    assert_eq!(find(&data, &wrong, true), Err(FitError::TimeConstant(0.0)));
+    assert_eq!(find(&data, &wrong, true, Workers::ONE), Err(FitError::TimeConstant(0.0)));
 }

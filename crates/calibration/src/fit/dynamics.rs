@@ -34,7 +34,7 @@ impl FitOptions<'_> {
             let (train, test) = (train.clone(), test.clone());
             return Ok(PreparedRows { train, test, dynamics: None });
         }
-        let found = find(train, &rule, self.intercept)?;
+        let found = find(train, &rule, self.intercept, self.workers)?;
         let (memory, lag) = match &found {
             Ok(found) => (found.memory.as_ref(), found.lag),
             Err(_) => (None, None),

@@ -190,7 +190,7 @@ impl ModelComparison {
         }
         let Some(labelled) = training.labelled(options.held_out()) else { return Ok(None) };
         let model = options.model_of(&labelled.1, choice.basis);
-        match is_worth_trying(sums, &model, choice)? {
+        match is_worth_trying(sums, labelled.0, &model, choice)? {
             true => Self::new(&labelled, sums, (model, choice.ridge), options).map(Some),
             false => Ok(None),
         }
@@ -237,14 +237,17 @@ impl ModelComparison {
     }
 }
 
-/// Whether groups are few, or the polynomial errs much more on those that are held out than on its own rows.
+/// Whether groups are few, or the polynomial errs much more on those that are held out than on its own rows. A few
+/// stretches of time have many loads.
 fn is_worth_trying(
     sums: &GroupedMoments,
+    group_by: GroupBy,
     model: &Model,
     choice: &ModelChoice,
 ) -> Result<bool, FitError> {
     let cubic = Model { basis: Basis::Cubic, ..*model };
-    if sums.groups.len() < GROUPS_PER_FEATURE * cubic.term_count() {
+    let are_few = sums.groups.len() < GROUPS_PER_FEATURE * cubic.term_count();
+    if are_few && !group_by.is_stretches() {
         return Ok(true);
     }
     let (Some(whole), Some(held_out)) = (sums.total(), &choice.cross_validation) else {

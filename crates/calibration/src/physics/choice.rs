@@ -42,6 +42,10 @@ const FEWEST_FOLDS: usize = 8;
 /// Most observations that candidates are tried on.
 const MOST_TRIED: usize = 600;
 
+/// Most observations that a model is fitted to: with more of them the errors of some ten parameters a sensor are a
+/// two-hundredth of the squared error.
+const MOST_FITTED: usize = 2_000;
+
 /// A candidate and its score.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Trial {
@@ -117,15 +121,15 @@ struct Trials<'a> {
 /// Fits without one fold and their squared errors on it for each λ.
 type Fits = (Fitted, [f64; LAMBDAS.len()]);
 
-/// Observations that are few enough to try all candidates on; neighbours in the order of cells resemble each other.
-fn few(observations: &[Observation]) -> Vec<&Observation> {
-    observations.iter().step_by(observations.len().div_ceil(MOST_TRIED).max(1)).collect()
+/// So many observations at most; neighbours in the order of cells resemble each other.
+fn few(observations: &[Observation], most: usize) -> Vec<&Observation> {
+    observations.iter().step_by(observations.len().div_ceil(most).max(1)).collect()
 }
 
 /// A model of usual λ and width, without factors: what the physics model is worth here, in a hundredth of the time of
 /// a choice.
 pub(super) fn usual(observations: &[Observation]) -> Result<PhysicsModel, PhysicsError> {
-    let observations = few(observations);
+    let observations = few(observations, MOST_TRIED);
     let (scales, channels) = check(&observations)?;
     let data = scales.apply(&observations);
     let fitted = fit(&data, USUAL.1);
@@ -147,8 +151,8 @@ impl Choice {
         before: Option<&Self>,
         workers: Workers<'_>,
     ) -> Result<Self, FitError> {
-        let tried = few(observations);
-        let observations: Vec<&Observation> = observations.iter().collect();
+        let tried = few(observations, MOST_TRIED);
+        let observations = few(observations, MOST_FITTED);
         let (scales, channels) = check(&observations)?;
         let data = scales.apply(&tried);
         let most_alone = if before.is_some() { FOLDS_WITHIN } else { MOST_ALONE };

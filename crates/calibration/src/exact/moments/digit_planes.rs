@@ -22,7 +22,7 @@ impl DigitPlanes {
     pub(crate) fn of(values: &[BigInt]) -> Self {
         let bits = values.iter().map(BigInt::bits).max().unwrap_or(0);
         let count = (bits / u64::from(WIDTH) + 1) as usize;
-        let mut planes = vec![Vec::with_capacity(values.len()); count];
+        let mut planes = vec![Vec::new(); count];
         for value in values {
             match (&mut planes[..], value.to_i128()) {
                 ([only], Some(value)) => only.push(value),

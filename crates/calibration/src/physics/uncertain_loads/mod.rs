@@ -288,7 +288,7 @@ impl Search<'_> {
     /// Residuals with what sensors and loads took of them.
     fn residuals(&self, at: &Equations) -> Vec<Vec<Residual>> {
         let sensors = self.at.parameters.len();
-        let mut all = vec![Vec::with_capacity(self.loads.len()); sensors];
+        let mut all = vec![Vec::new(); sensors];
         let Some((border, eliminated)) = at.factor() else { return all };
         for ((load, of), eliminated) in self.loads.iter().zip(&at.loads).zip(&eliminated) {
             let offset = load.mounting().map(|m| PARAMETERS * sensors + SHARED * m);
