@@ -3,7 +3,8 @@
 use std::fmt;
 
 use super::FitOptions;
-use super::choice::{ModelChoice, Training};
+use super::choice::Training;
+use super::model_choice::ModelChoice;
 use super::evaluation::EvalOptions;
 use super::polynomial::Errors;
 use super::refits::{FOLDS, MOST_ALONE};

@@ -29,15 +29,15 @@ Examples:
 pub(crate) struct ReportArgs {
     /// Which trials there are: CSV or `.toml`; with `--certificate`: a calibration
     #[arg(value_name = "MANIFEST")]
-    pub(super) manifest: InputPath,
+    manifest: InputPath,
 
     /// File to write
     #[arg(long, short, value_name = "FILE", default_value = "report.html")]
-    pub(super) output: OutputPath,
+    output: OutputPath,
 
     /// Title of the report [default: the manifest's name]
     #[arg(long, value_name = "TEXT")]
-    pub(super) title: Option<String>,
+    title: Option<String>,
 
     /// The condition that the others are compared with
     #[arg(long, value_name = "NAME")]
@@ -48,16 +48,18 @@ pub(crate) struct ReportArgs {
     seed: u64,
 
     #[command(flatten)]
-    pub(super) certificate: CertificateArgs,
+    certificate: CertificateArgs,
 
     #[command(flatten)]
-    pub(super) evaluation: EvaluationArgs,
+    evaluation: EvaluationArgs,
 }
 
 impl ReportArgs {
     pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         if self.certificate.certificate {
-            return self.certify(printer, outputs);
+            let calibration = (&self.manifest, self.title.as_deref());
+            let (certificate, evaluation) = (&self.certificate, &self.evaluation);
+            return certificate.run(calibration, evaluation, &self.output, printer, outputs);
         }
         let mut out = outputs.create(&self.output)?;
         let equipment = self.evaluation.equipment()?;
