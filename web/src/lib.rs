@@ -7,7 +7,7 @@
 //! ```
 //!
 //! [`answer`] and [`BoardSession`] are pure, and tested without a browser. Every request gets a fresh instance of the
-//! module, so that nothing is left of the one before, not even of one that was cancelled; a conversation with a board
+//! module, so that nothing is left of the one before, not even of one that was cancelled; a connection with a board
 //! has one of its own.
 
 #[cfg(target_family = "wasm")]

@@ -4,19 +4,22 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use board_link::recording::PROTOCOLS;
 use board_link::{RecordOptions, Sinks, Source, Unwatched, Watcher, record};
 use frame_stream::{
     Destination, FrameRows, FrameStream, RowOptions, StreamFormat, StreamHandle, StreamOptions,
     StreamWatcher,
 };
 use log_file::Log;
+use shared_proto::Protocol;
 use shellcal::workflow::live::play;
 
+use super::choices::one_of;
 use super::live_forces::LiveForceArgs;
 use super::mapping::MappingArgs;
 use super::place::is_port;
 use super::record::parse_duration;
-use super::serial::{FramingArg, SerialArgs};
+use super::serial::SerialArgs;
 use super::streaming;
 use crate::files::InputPath;
 use crate::outcome::Outcome;
@@ -86,8 +89,8 @@ pub(crate) struct StreamArgs {
     latency: bool,
 
     /// How the bytes are framed; recognised unless given
-    #[arg(long, value_name = "FRAMING", value_enum)]
-    framing: Option<FramingArg>,
+    #[arg(long, value_name = "FRAMING", value_parser = one_of(&PROTOCOLS))]
+    framing: Option<Protocol>,
 
     #[command(flatten)]
     serial: SerialArgs,
@@ -156,7 +159,7 @@ impl StreamArgs {
         printer: &mut Printer,
     ) -> anyhow::Result<()> {
         let options = RecordOptions {
-            protocol: self.framing.map(FramingArg::protocol),
+            protocol: self.framing,
             duration: self.duration,
             start: self.start.then(|| self.serial.uplink(self.framing)).transpose()?,
             ..RecordOptions::default()
