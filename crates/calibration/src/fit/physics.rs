@@ -4,8 +4,8 @@ use std::fmt;
 
 use super::FitOptions;
 use super::choice::Training;
-use super::model_choice::ModelChoice;
 use super::evaluation::EvalOptions;
+use super::model_choice::ModelChoice;
 use super::polynomial::Errors;
 use super::refits::{FOLDS, MOST_ALONE};
 use crate::conversion::{Calibration, Kind};

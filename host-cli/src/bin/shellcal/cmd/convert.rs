@@ -142,7 +142,7 @@ impl ConvertArgs {
     pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let targets = self.targets(printer.json(), outputs)?;
         let file = self.edited.read(&self.calibration)?;
-        let mapping = self.mapping.mapping_for(&file)?;
+        let mapping = self.mapping.mapping_for(&file);
         let (calibration, diagnostics) = (file.calibration, file.origin.diagnostics);
         let payload = self.payload.as_ref().map(|path| PayloadFile::read(path)).transpose()?;
         if payload.is_none() && self.motion.is_given() {
@@ -167,8 +167,7 @@ impl ConvertArgs {
             let summary =
                 self.convert(conversion, diagnostics.as_ref(), to, trace.as_mut(), printer)?;
             if let (Some(trace), Some(plot)) = (trace, plot.take()) {
-                let figure = trace_figure(plot.size, &file_name(log), &trace);
-                plot.write(&figure)?;
+                plot.draw(|size| trace_figure(size, &file_name(log), &trace))?;
             }
             printer.remarks(summary.remarks(log.path()));
             self.motion.report(printer, log, &summary);
@@ -369,8 +368,8 @@ fn print_axes(printer: &mut Printer, summary: &ConvertSummary) -> anyhow::Result
         row.extend(figures);
         row
     };
-    let rows: Vec<Vec<String>> = summary.axes.iter().map(row).collect();
-    printer.table(&["axis", "min", "mean", "max"], &rows)
+    let rows = summary.axes.iter().map(row);
+    printer.table(&["axis", "min", "mean", "max"], rows)
 }
 
 /// Percent to a share.

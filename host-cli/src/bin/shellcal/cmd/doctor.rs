@@ -123,7 +123,7 @@ impl DoctorArgs {
         let (kind, findings) = match is_document(path)? {
             true => ("calibration", examine_calibration(path, &age)),
             false => {
-                let mapping = self.mapping.mapping()?;
+                let mapping = self.mapping.mapping();
                 let read = self.mapping.read_options();
                 let log = match wrenches.next() {
                     Some(wrench) => Log::open_beside(path, wrench, &mapping),

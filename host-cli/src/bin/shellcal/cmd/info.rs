@@ -31,7 +31,7 @@ pub(crate) struct InfoArgs {
 
 impl InfoArgs {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
-        let mapping = self.mapping.mapping()?;
+        let mapping = self.mapping.mapping();
         let mut infos = Vec::new();
         for file in &self.files {
             let log = Log::open(file, &mapping)?;
@@ -80,7 +80,7 @@ fn print_overview(infos: &[Info], printer: &mut Printer) -> anyhow::Result<()> {
     };
     let header =
         ["file", "rows", "bad", "seconds", "Hz", "gaps", "columns with a note", "outliers"];
-    printer.table(&header, &infos.iter().map(row).collect::<Vec<_>>())
+    printer.table(&header, infos.iter().map(row))
 }
 
 fn summary(log: &Log, args: &MappingArgs, printer: &mut Printer) -> anyhow::Result<Info> {
@@ -241,8 +241,8 @@ impl Info {
             printer.line(format!("  unused    {}", names.join(", ")))?;
         }
         let header = ["column", "taken for", "min", "mean", "max", "sd", "note"];
-        let rows: Vec<_> = used.into_iter().map(ColumnInfo::row).collect();
-        printer.table(&header, &rows)
+        let rows = used.into_iter().map(ColumnInfo::row);
+        printer.table(&header, rows)
     }
 }
 

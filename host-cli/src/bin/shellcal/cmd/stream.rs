@@ -45,8 +45,8 @@ pub(crate) struct StreamArgs {
     output: Vec<Destination>,
 
     /// How rows are written
-    #[arg(long, value_name = "ENCODING", value_enum, default_value_t = EncodingArg::Json)]
-    encoding: EncodingArg,
+    #[arg(long, value_name = "ENCODING", value_parser = one_of(&ENCODINGS), default_value = "json")]
+    encoding: StreamFormat,
 
     /// Replace files that are there
     #[arg(long)]
@@ -100,13 +100,10 @@ pub(crate) struct StreamArgs {
 }
 
 /// How rows are written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum EncodingArg {
-    /// An object of JSON a line
-    Json,
-    /// Comma-separated values after a line with their names
-    Csv,
-}
+const ENCODINGS: [(&str, &str, StreamFormat); 2] = [
+    ("json", "An object of JSON a line", StreamFormat::JsonLines),
+    ("csv", "Comma-separated values after a line with their names", StreamFormat::Csv),
+];
 
 impl StreamArgs {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
@@ -116,7 +113,7 @@ impl StreamArgs {
         }
         let forces = self.forces.read(printer)?;
         let log = match from_log {
-            true => Some(Log::open(&self.name, &self.mapping.mapping()?)?),
+            true => Some(Log::open(&self.name, &self.mapping.mapping())?),
             false => None,
         };
         let stop = signals::stop_flag()?;
@@ -130,10 +127,7 @@ impl StreamArgs {
         let at_end = self.until_eof.then(|| Arc::clone(&stop));
         let options = StreamOptions {
             rows: FrameRows::new(RowOptions { forces, from_log, one_time: self.one_time })?,
-            format: match self.encoding {
-                EncodingArg::Json => StreamFormat::JsonLines,
-                EncodingArg::Csv => StreamFormat::Csv,
-            },
+            format: self.encoding,
             rate_hz: self.rate,
             commands: Some(streaming::commands(printer, at_end)?),
         };

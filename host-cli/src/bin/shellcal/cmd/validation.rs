@@ -18,23 +18,21 @@ pub(super) fn print_cross_validation(
     axes: Axes,
 ) -> anyhow::Result<()> {
     let ratios = cv.ratios();
-    let rows: Vec<Vec<String>> = (axes.iter())
-        .map(|axis| {
-            let i = axis.index();
-            let none = || "–".to_owned();
-            vec![
-                axis.name().to_owned(),
-                significant(cv.grouped[i].rms, 4),
-                cv.random.map_or_else(none, |random| significant(random[i].rms, 4)),
-                ratios[i].map_or_else(none, |ratio| format!("{ratio:.2}")),
-                significant(cv.grouped[i].bias, 2),
-                axis.unit().to_owned(),
-            ]
-        })
-        .collect();
+    let rows = (axes.iter()).map(|axis| {
+        let i = axis.index();
+        let none = || "–".to_owned();
+        vec![
+            axis.name().to_owned(),
+            significant(cv.grouped[i].rms, 4),
+            cv.random.map_or_else(none, |random| significant(random[i].rms, 4)),
+            ratios[i].map_or_else(none, |ratio| format!("{ratio:.2}")),
+            significant(cv.grouped[i].bias, 2),
+            axis.unit().to_owned(),
+        ]
+    });
     printer.line("")?;
     let header = ["held out", "RMS new groups", "RMS random", "ratio", "bias new groups", "unit"];
-    printer.table(&header, &rows)?;
+    printer.table(&header, rows)?;
     let how = match cv.folds == cv.groups {
         true => "leave-one-group-out".to_owned(),
         false => format!("{}-fold", cv.folds),
@@ -167,7 +165,7 @@ pub(super) fn print_selection(
     let mut header = vec!["model", "features", "ridge"];
     header.extend(axes.iter().map(Axis::name));
     printer.line("")?;
-    printer.table(&header, &rows)?;
+    printer.table(&header, rows)?;
     printer.line(format!(
         "RMS on groups that were held out in {} folds, each polynomial with its best ridge; ← chosen: the fewest \
          features within one standard error of the best polynomial{}",

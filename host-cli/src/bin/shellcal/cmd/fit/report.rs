@@ -140,8 +140,8 @@ pub(super) fn print_errors(
         header.extend([train, test].iter().take(sets.len()));
     }
     header.push("unit");
-    let rows: Vec<Vec<String>> = axes.iter().map(|axis| table_row(axis, &sets)).collect();
-    printer.table(&header, &rows)
+    let rows = axes.iter().map(|axis| table_row(axis, &sets));
+    printer.table(&header, rows)
 }
 
 /// The physics model beside the polynomial, where they were compared.

@@ -271,7 +271,7 @@ impl LiveArgs {
         feed: &Feed,
         done: &Arc<AtomicBool>,
     ) -> anyhow::Result<(thread::JoinHandle<SourceEnd>, Axes)> {
-        let log = Log::open(&self.name, &self.mapping.mapping()?)?;
+        let log = Log::open(&self.name, &self.mapping.mapping())?;
         let (wants_readings, axes) = (self.forces.is_given(), log.axes());
         let read = self.mapping.read_options();
         let (feed, done, speed) = (feed.clone(), Arc::clone(done), self.speed);

@@ -1,7 +1,5 @@
 //! `shellcal report CAL.json --certificate`: a calibration on one page to print.
 
-use std::io::Write;
-
 use ::report::{Certificate, Heading};
 use anyhow::Context;
 use log_file::{Log, ReadOptions};
@@ -66,9 +64,9 @@ impl CertificateArgs {
         printer: &mut Printer,
         outputs: &Outputs,
     ) -> anyhow::Result<Outcome> {
-        let mut out = outputs.create(output)?;
-        let file = evaluation.read_calibration(path)?;
-        let mapping = evaluation.mapping_for(&file)?;
+        let out = outputs.create(output)?;
+        let file = evaluation.edited.read(path)?;
+        let mapping = evaluation.mapping.mapping_for(&file);
         let read = ReadOptions { checksum: false, ..evaluation.read_options() };
         let unloaded = self.unloaded.as_ref();
         let unloaded = unloaded.map(|path| Log::open(path, &mapping)).transpose()?;
@@ -104,10 +102,7 @@ impl CertificateArgs {
             intervals: &intervals(&file),
             weights: &weights,
         };
-        let html = certificate.html();
-        out.write_all(html.as_bytes())
-            .with_context(|| format!("cannot write `{}`", output.display()))?;
-        out.commit()?;
+        out.commit_with(certificate.html().as_bytes())?;
         let off = weights.iter().filter(|of| of.is_off).count();
         let axes = file.calibration.axes;
         let summary = serde_json::json!({

@@ -1,6 +1,5 @@
 //! `shellcal report`: a batch of trials as one HTML file.
 
-use std::io::Write;
 use std::path::Path;
 
 use ::report::{Heading, Input, Report};
@@ -61,7 +60,7 @@ impl ReportArgs {
             let (certificate, evaluation) = (&self.certificate, &self.evaluation);
             return certificate.run(calibration, evaluation, &self.output, printer, outputs);
         }
-        let mut out = outputs.create(&self.output)?;
+        let out = outputs.create(&self.output)?;
         let equipment = self.evaluation.equipment()?;
         let path = &self.manifest;
         let manifest = manifest::read(path, outputs)?;
@@ -117,9 +116,7 @@ impl ReportArgs {
             warnings: &warnings,
         };
         let html = document.html();
-        out.write_all(html.as_bytes())
-            .with_context(|| format!("cannot write `{}`", self.output.display()))?;
-        out.commit()?;
+        out.commit_with(html.as_bytes())?;
         let summary = serde_json::json!({
             "file": self.output,
             "bytes": html.len(),
