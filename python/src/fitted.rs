@@ -240,22 +240,19 @@ impl Fitted {
             message,
             ..PythonMessage::default()
         };
-        match self.0.calibration.kind() {
-            Kind::Polynomial(_) => match &self.0.calibration.covariance {
-                Some(covariance) => {
-                    let factors = covariance.interval_factors(level);
-                    Ok(axes.of(&factors.map_err(|error| refused(error.to_string()))?))
-                }
-                None => Err(refused("the calibration has no covariance".to_owned()).into()),
-            },
-            Kind::Physics(physics) => match &physics.intervals {
-                Some(intervals) => {
-                    let factors = intervals.factors(level);
-                    Ok(axes.of(&factors.map_err(|error| refused(error.to_string()))?))
-                }
-                None => Err(refused("the calibration has no intervals".to_owned()).into()),
-            },
-        }
+        let without = |what: &str| refused(format!("the calibration has no {what}"));
+        let factors = match self.0.calibration.kind() {
+            Kind::Polynomial(_) => {
+                let covariance = self.0.calibration.covariance.as_ref();
+                let covariance = covariance.ok_or_else(|| without("covariance"))?;
+                covariance.interval_factors(level).map_err(|error| refused(error.to_string()))
+            }
+            Kind::Physics(physics) => {
+                let intervals = physics.intervals.as_ref().ok_or_else(|| without("intervals"))?;
+                intervals.factors(level).map_err(|error| refused(error.to_string()))
+            }
+        };
+        Ok(axes.of(&factors?))
     }
 
     /// Whether it has memory terms.

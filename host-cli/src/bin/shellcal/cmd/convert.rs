@@ -163,7 +163,7 @@ impl ConvertArgs {
             let load = payload.as_ref().map(load).transpose()?;
             let options = ConvertOptions { load, ..self.options(log, &calibration) };
             let conversion = Conversion { log, calibration: &calibration, options: &options, read };
-            let to = (&target, outputs);
+            let to = (target.as_deref(), outputs);
             let summary =
                 self.convert(conversion, diagnostics.as_ref(), to, trace.as_mut(), printer)?;
             if let (Some(trace), Some(plot)) = (trace, plot.take()) {
@@ -171,13 +171,13 @@ impl ConvertArgs {
             }
             printer.remarks(summary.remarks(log.path()));
             self.motion.report(printer, log, &summary);
-            if let (TableTarget::File(path), false) = (&target, printer.json()) {
+            if let (Some(path), false) = (&target, printer.json()) {
                 printer.line(format!("{} -> {}", log.path().display(), path.display()))?;
                 print_axes(printer, &summary)?;
             }
             conversions.push(LogDocument {
                 log: log.path().display().to_string(),
-                output: target.path().map(|path| path.display().to_string()),
+                output: target.map(|path| path.display().to_string()),
                 summary,
             });
         }
@@ -191,7 +191,7 @@ impl ConvertArgs {
         &self,
         conversion: Conversion<'_>,
         diagnostics: Option<&Diagnostics>,
-        (target, outputs): (&TableTarget, &Outputs),
+        (target, outputs): (Option<&Path>, &Outputs),
         trace: Option<&mut WrenchTrace>,
         printer: &mut Printer,
     ) -> anyhow::Result<ConvertSummary> {
@@ -199,8 +199,8 @@ impl ConvertArgs {
         let mut plan = OutputPlan::default();
         (plan.keep_texts, plan.keep) = self.kept(log)?;
         let mut out = match target {
-            TableTarget::Stdout => Destination::Stdout,
-            TableTarget::File(path) => {
+            None => Destination::Stdout,
+            Some(path) => {
                 plan.format = OutputFormat::from_path(path, &self.frame())?;
                 Destination::File(outputs.create(path)?)
             }
@@ -234,43 +234,36 @@ impl ConvertArgs {
         Ok(())
     }
 
-    /// Where each log's table goes; every clash is found here, before any work.
-    fn targets(&self, json: bool, outputs: &Outputs) -> anyhow::Result<Vec<TableTarget>> {
+    /// The file that each log's table goes to, `None` for the standard output; every clash is found here, before any
+    /// work.
+    fn targets(&self, json: bool, outputs: &Outputs) -> anyhow::Result<Vec<Option<PathBuf>>> {
         if self.plot.is_some() && self.logs.len() > 1 {
             bail!("`--plot` draws one log, `{}` were given", self.logs.len());
         }
-        let targets: Vec<TableTarget> = match (&self.output, &self.output_dir) {
-            (Some(file), _) if file.as_os_str() == "-" && self.logs.len() == 1 => {
-                vec![TableTarget::Stdout]
-            }
+        let targets: Vec<Option<PathBuf>> = match (&self.output, &self.output_dir) {
+            (Some(file), _) if file.as_os_str() == "-" && self.logs.len() == 1 => vec![None],
             (Some(file), _) if self.logs.len() == 1 => {
                 OutputFormat::from_path(file, &self.frame())?;
-                vec![TableTarget::File(file.to_path_buf())]
+                vec![Some(file.to_path_buf())]
             }
-            (None, None) if self.logs.len() == 1 => vec![TableTarget::Stdout],
+            (None, None) if self.logs.len() == 1 => vec![None],
             (_, Some(directory)) => {
                 std::fs::create_dir_all(directory)
                     .with_context(|| format!("cannot create `{}`", directory.display()))?;
-                self.logs
-                    .iter()
-                    .map(|log| TableTarget::File(directory.join(table_name(log))))
-                    .collect()
+                self.logs.iter().map(|log| Some(directory.join(table_name(log)))).collect()
             }
             _ => bail!("`{}` logs need `--output-dir` for their tables", self.logs.len()),
         };
-        if json && matches!(targets[..], [TableTarget::Stdout]) {
+        if json && targets == [None] {
             bail!(
                 "`--json` needs `--output` or `--output-dir`: the table would go to the same place"
             );
         }
         // Those in a folder are not named on the command line.
         if self.output_dir.is_some() {
-            targets
-                .iter()
-                .filter_map(TableTarget::path)
-                .try_for_each(|path| outputs.announce(path))?;
+            targets.iter().flatten().try_for_each(|path| outputs.announce(path))?;
         }
-        targets.iter().filter_map(TableTarget::path).try_for_each(|path| outputs.probe(path))?;
+        targets.iter().flatten().try_for_each(|path| outputs.probe(path))?;
         Ok(targets)
     }
 
@@ -323,22 +316,6 @@ impl ConvertArgs {
                     flags: asked(Flags),
                 }
             }
-        }
-    }
-}
-
-/// Where a table goes.
-#[derive(Debug)]
-enum TableTarget {
-    Stdout,
-    File(PathBuf),
-}
-
-impl TableTarget {
-    fn path(&self) -> Option<&Path> {
-        match self {
-            TableTarget::Stdout => None,
-            TableTarget::File(path) => Some(path),
         }
     }
 }
