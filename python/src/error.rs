@@ -1,7 +1,6 @@
 //! Errors of the libraries as exceptions of the package, with file, line, column and what to do.
 
 use std::error::Error;
-use std::fmt::Write as _;
 use std::path::Path;
 
 use calibration::FitError;
@@ -10,6 +9,7 @@ use calibration::validation::ValidationError;
 use calibration_file::{CalibrationFileError, MergeError, Problem};
 use log_file::{LogError, PlacedProblem, RowProblem};
 use pyo3::prelude::*;
+use shell_data::hint::with_causes;
 use shellcal::workflow::WorkflowError;
 
 /// What went wrong.
@@ -36,13 +36,7 @@ pub(crate) struct PythonMessage {
 impl PythonMessage {
     /// An error of this class, with its causes.
     fn of(class: &'static str, error: &dyn Error) -> Self {
-        let mut message = error.to_string();
-        let mut cause = error.source();
-        while let Some(error) = cause {
-            // Writing to a string does not fail.
-            let _ = write!(message, ": {error}");
-            cause = error.source();
-        }
+        let message = with_causes(error);
         Self { class, message, ..Self::default() }
     }
 

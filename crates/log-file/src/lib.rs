@@ -62,7 +62,7 @@ pub use format::mapping::{ColumnRef, LogFormat, Mapping, MomentUnit, TimeUnit, n
 pub use format::meaning::Meaning;
 pub use log::Log;
 pub use read::all::{read_all, threads_for};
-pub use read::dataset::{read_dataset, sample_logs};
+pub use read::dataset::{read_dataset, read_logs, sample_logs};
 pub use read::request::{ReadOptions, Wanted};
 pub use read::selection::RowSelection;
 pub use shell_data::ReadSummary;

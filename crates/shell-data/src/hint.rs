@@ -2,10 +2,20 @@
 //!
 //! A hint stands beside the error that it is for. An error that only wraps another gives the hint of that one.
 
+use std::error::Error;
+
 /// An error that may know the next step.
 pub trait Hint {
     /// The next step, where one is known.
     fn hint(&self) -> Option<String>;
+}
+
+/// An error with its causes, one after the other.
+pub fn with_causes(error: &dyn Error) -> String {
+    match error.source() {
+        Some(cause) => format!("{error}: {}", with_causes(cause)),
+        None => error.to_string(),
+    }
 }
 
 /// The next step after a log of another number of channels than the calibration.

@@ -3,7 +3,7 @@
 use calibration::fit::{Better, PairedError, PairedErrors, Workers, paired_errors};
 use calibration::quality::significant;
 use calibration_file::CalibrationFile;
-use log_file::{Log, Wanted, read_dataset, sample_logs};
+use log_file::{Log, Wanted, read_logs};
 use serde::Serialize;
 use shell_data::wrench::{Axes, Axis};
 use shellcal::workflow::check_channels;
@@ -99,9 +99,7 @@ impl CompareArgs {
             time: !has_groups && logs.len() == 1 && logs[0].has_time(),
             ..Wanted::default()
         };
-        let read: Vec<_> = logs.iter().map(|log| (log, wanted.clone())).collect();
-        let mut data = read_dataset(&read, &self.mapping.read_options())?;
-        sample_logs(&mut data, logs, &wanted)?;
+        let data = read_logs(logs, &wanted, &self.mapping.read_options())?;
         let workers = Workers::new(self.mapping.threads.map_or(0, usize::from));
         Ok(paired_errors(files.map(|file| &file.calibration), &data, workers)?)
     }

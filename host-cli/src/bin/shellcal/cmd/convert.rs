@@ -16,7 +16,7 @@ use serde::Serialize;
 use shell_data::wrench::Axis;
 use shellcal::workflow::convert::{
     AxisSummary, Conversion, ConvertOptions, ConvertSummary, DEFAULT_FRAME_ID, FrameMount,
-    OutputFormat, OutputPlan, RecordingFrame, TableColumns, convert,
+    OutputFormat, OutputPlan, RecordingFrame, TableColumns, convert, table_name,
 };
 
 use super::edited::EditedArg;
@@ -329,14 +329,6 @@ struct LogDocument {
     summary: ConvertSummary,
 }
 
-/// `run3.txt.gz` becomes `run3.wrench.csv`.
-fn table_name(log: &Path) -> String {
-    let name = log.file_name().unwrap_or_default().to_string_lossy();
-    let name = name.strip_suffix(".gz").unwrap_or(&name);
-    let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
-    format!("{stem}.wrench.csv")
-}
-
 fn print_axes(printer: &mut Printer, summary: &ConvertSummary) -> anyhow::Result<()> {
     let row = |(axis, value): &(Axis, AxisSummary)| {
         let decimals = if axis.is_moment() { 6 } else { 4 };
@@ -362,16 +354,4 @@ fn parse_level(text: &str) -> Result<f64, String> {
 fn file_name(log: &Log) -> String {
     let path = log.path();
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_table_is_named_after_its_log() {
-        let names =
-            ["a/run3.txt", "run3.csv.gz", "run", ".hidden"].map(|p| table_name(Path::new(p)));
-        assert_eq!(names[..3], ["run3.wrench.csv", "run3.wrench.csv", "run.wrench.csv"]);
-    }
 }

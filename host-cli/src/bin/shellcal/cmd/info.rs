@@ -2,9 +2,7 @@
 
 use calibration::fit::{OutlierTest, Workers, find_outliers};
 use log_file::summary::{ColumnSummary, LogSummary};
-use log_file::{
-    Column, FileKind, Log, LogError, LogFormat, Meaning, Wanted, read_dataset, sample_logs,
-};
+use log_file::{Column, FileKind, Log, LogError, LogFormat, Meaning, Wanted, read_logs};
 use serde::Serialize;
 use shellcal::workflow::outliers::{NamedOutliers, OutlierReport};
 
@@ -111,11 +109,11 @@ fn summary(log: &Log, args: &MappingArgs, printer: &mut Printer) -> anyhow::Resu
 /// Suspicious rows, by the cubic model.
 fn outliers(log: &Log, args: &MappingArgs) -> anyhow::Result<NamedOutliers> {
     let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
-    let mut rows = read_dataset(&[(log, wanted.clone())], &args.read_options())?;
-    sample_logs(&mut rows, [log], &wanted)?;
+    let log = std::slice::from_ref(log);
+    let rows = read_logs(log, &wanted, &args.read_options())?;
     let workers = Workers::new(args.threads.map_or(0, usize::from));
     let found = find_outliers(&rows, &OutlierTest { workers, ..OutlierTest::default() })?;
-    Ok(NamedOutliers::new(found, std::slice::from_ref(log), &wanted)?)
+    Ok(NamedOutliers::new(found, log, &wanted)?)
 }
 
 /// What is said about a log; the field names are those of the JSON document.
