@@ -34,10 +34,13 @@ pub(crate) struct PythonMessage {
 }
 
 impl PythonMessage {
+    pub(crate) fn new(class: &'static str, message: String) -> Self {
+        Self { class, message, ..Self::default() }
+    }
+
     /// An error of this class, with its causes.
     fn of(class: &'static str, error: &dyn Error) -> Self {
-        let message = with_causes(error);
-        Self { class, message, ..Self::default() }
+        Self::new(class, with_causes(error))
     }
 
     fn in_file(self, path: &Path) -> Self {

@@ -48,12 +48,8 @@ type Rows<'py> = (
 
 /// A calibration that remembers, without times.
 fn no_time(error: NoTime) -> PythonMessage {
-    PythonMessage {
-        class: "OptionError",
-        message: error.to_string(),
-        hint: Some("give `time`, in s"),
-        ..PythonMessage::default()
-    }
+    let told = PythonMessage::new("OptionError", error.to_string());
+    PythonMessage { hint: Some("give `time`, in s"), ..told }
 }
 
 /// Passes the rows to `fit` without the interpreter's lock.
@@ -235,11 +231,7 @@ impl Fitted {
     /// How many standard errors either way an interval of this level reaches, per axis.
     fn interval_factors(&self, level: f64) -> Result<Vec<f64>, Failure> {
         let axes = self.0.calibration.axes;
-        let refused = |message: String| PythonMessage {
-            class: "FitError",
-            message,
-            ..PythonMessage::default()
-        };
+        let refused = |message: String| PythonMessage::new("FitError", message);
         let without = |what: &str| refused(format!("the calibration has no {what}"));
         let factors = match self.0.calibration.kind() {
             Kind::Polynomial(_) => {
@@ -314,8 +306,7 @@ impl Fitted {
         if found != expected {
             let message =
                 format!("a frame has {found} readings, the calibration {expected} channels");
-            let class = "ArrayError";
-            return Err(PythonMessage { class, message, ..PythonMessage::default() }.into());
+            return Err(PythonMessage::new("ArrayError", message).into());
         }
         let mut columns: Vec<Vec<f64>> =
             readings.into_iter().map(|reading| vec![reading]).collect();

@@ -1,6 +1,6 @@
 //! Errors in logs, with their position.
 
-use shell_data::hint::{Hint, suggest};
+use shell_data::hint::{Hint, quoted, suggest};
 use std::fmt;
 use std::io;
 use std::path::PathBuf;
@@ -155,8 +155,8 @@ pub enum PlacedProblem {
     #[error(
         "no column{} {}; found {}",
         if missing.len() == 1 { "" } else { "s" },
-        quoted(missing),
-        if found.is_empty() { "none".to_owned() } else { quoted(found) }
+        quoted(missing, ", "),
+        if found.is_empty() { "none".to_owned() } else { quoted(found, ", ") }
     )]
     MissingColumns {
         /// The missing columns.
@@ -395,8 +395,4 @@ impl fmt::Display for Field {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "column {} (`{}`)", self.column + 1, self.name)
     }
-}
-
-fn quoted(names: &[String]) -> String {
-    names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ")
 }

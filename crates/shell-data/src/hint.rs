@@ -3,6 +3,7 @@
 //! A hint stands beside the error that it is for. An error that only wraps another gives the hint of that one.
 
 use std::error::Error;
+use std::fmt::Display;
 
 /// An error that may know the next step.
 pub trait Hint {
@@ -16,6 +17,11 @@ pub fn with_causes(error: &dyn Error) -> String {
         Some(cause) => format!("{error}: {}", with_causes(cause)),
         None => error.to_string(),
     }
+}
+
+/// Names as an error lists them: `` `a`, `b` ``.
+pub fn quoted(names: impl IntoIterator<Item = impl Display>, between: &str) -> String {
+    names.into_iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(between)
 }
 
 /// The next step after a log of another number of channels than the calibration.

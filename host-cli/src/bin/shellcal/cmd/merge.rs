@@ -11,6 +11,7 @@ use calibration_file::stored::{
 use calibration_file::{CalibrationFile, PartialFit, Sums};
 use output_file::Outputs;
 use serde::Serialize;
+use shell_data::hint::quoted;
 use shellcal::workflow::merge;
 
 use super::choices::{self, COVARIANCES, one_of};
@@ -220,9 +221,7 @@ impl MergeArgs {
         };
         if self.skip_counted && sum.has_counted_all_of(&partial) {
             merged.skipped += 1;
-            let files: Vec<_> =
-                partial.sources.iter().map(|file| format!("`{}`", file.path.display())).collect();
-            let files = files.join(", ");
+            let files = quoted(partial.sources.iter().map(|file| file.path.display()), ", ");
             printer.note(format!("{place}: left out, {files} has been counted already"));
             return Ok(());
         }

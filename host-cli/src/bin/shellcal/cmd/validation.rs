@@ -8,6 +8,7 @@ use calibration::validation::cross_validation::CrossValidation;
 use calibration::validation::excitation::Excitation;
 use calibration::validation::selection::{Candidate, Selection};
 use serde::Serialize;
+use shell_data::hint::quoted;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
 use crate::printer::Printer;
@@ -46,12 +47,10 @@ pub(super) fn print_cross_validation(
     if !cv.undetermined.is_empty() {
         /// More names do not help to find the cause.
         const SHOWN: usize = 5;
-        let shown = cv.undetermined.iter().take(SHOWN);
-        let names: Vec<String> = shown.map(|label| format!("`{label}`")).collect();
         printer.warning(format!(
             "without {} of the groups the model cannot be fitted ({}{}): they are not counted",
             cv.undetermined.len(),
-            names.join(", "),
+            quoted(cv.undetermined.iter().take(SHOWN), ", "),
             if cv.undetermined.len() > SHOWN { ", …" } else { "" },
         ));
     }

@@ -16,6 +16,7 @@ use load_table::HungLoads;
 use log_file::{Log, ReadOptions};
 use output_file::{AtomicFile, Outputs};
 use report::OutlierTable;
+use shell_data::hint::quoted;
 use shell_data::wrench::Axes;
 use shellcal::workflow::fit::{FileFacts, FitData, calibration_file, sources};
 use shellcal::workflow::fit_report::{ReportFacts, html, plots};
@@ -134,8 +135,7 @@ impl<'a> FitPlan<'a> {
         if !rows_fail {
             return error;
         }
-        let logs = self.args.train.iter().map(|path| format!("`{}`", path.display()));
-        error.context(logs.collect::<Vec<_>>().join(", "))
+        error.context(quoted(self.args.train.iter().map(|path| path.display()), ", "))
     }
 
     /// Names the outliers, and lists the rows that were left out.
