@@ -268,9 +268,9 @@ pub(crate) struct FitArgs {
 
 /// What the groups are that a partial fit keeps.
 const GROUPS: [(&str, &str, KeptGroups); 3] = [
-    ("auto", "", KeptGroups::Auto),
-    ("file", "", KeptGroups::By(GroupKind::File)),
-    ("column", "", KeptGroups::By(GroupKind::Column)),
+    ("auto", "Those of the group column where there is one, files otherwise", KeptGroups::Auto),
+    ("file", "Files", KeptGroups::By(GroupKind::File)),
+    ("column", "Those of the group column", KeptGroups::By(GroupKind::Column)),
 ];
 
 /// The lag of the reference.
