@@ -1,15 +1,15 @@
 //! Errors of the libraries as exceptions of the package, with file, line, column and what to do.
 
 use std::error::Error;
-use std::fmt::Write as _;
 use std::path::Path;
 
 use calibration::FitError;
 use calibration::physics::PhysicsError;
 use calibration::validation::ValidationError;
 use calibration_file::{CalibrationFileError, MergeError, Problem};
-use log_file::{LogError, RowProblem};
+use log_file::{LogError, PlacedProblem, RowProblem};
 use pyo3::prelude::*;
+use shell_data::hint::with_causes;
 use shellcal::workflow::WorkflowError;
 
 /// What went wrong.
@@ -34,16 +34,13 @@ pub(crate) struct PythonMessage {
 }
 
 impl PythonMessage {
+    pub(crate) fn new(class: &'static str, message: String) -> Self {
+        Self { class, message, ..Self::default() }
+    }
+
     /// An error of this class, with its causes.
     fn of(class: &'static str, error: &dyn Error) -> Self {
-        let mut message = error.to_string();
-        let mut cause = error.source();
-        while let Some(error) = cause {
-            // Writing to a string does not fail.
-            let _ = write!(message, ": {error}");
-            cause = error.source();
-        }
-        Self { class, message, ..Self::default() }
+        Self::new(class, with_causes(error))
     }
 
     fn in_file(self, path: &Path) -> Self {
@@ -68,39 +65,22 @@ impl From<LogError> for Failure {
         let told = PythonMessage::of("LogError", &error);
         let hint = match &error {
             LogError::Gzip { .. } => Some("copy the file again: it is cut short or damaged"),
-            LogError::MissingColumns { .. } => {
-                Some("name the columns with sensors=, wrench=, time= or group=")
-            }
-            LogError::DuplicateColumn { .. } => {
-                Some("say which one is meant with sensors=, wrench= or time=")
-            }
-            LogError::UnknownLayout { .. } => {
-                Some("say which columns are which: sensors=\"2-9\", wrench=\"10-15\", time=\"1\"")
-            }
-            LogError::Row { .. } => {
-                Some("correct the line, or leave such rows out with skip_bad_rows=True")
-            }
+            LogError::At { problem, .. } => hint_at(problem),
             _ => None,
         };
         let told = PythonMessage { hint, ..told };
         let told = match &error {
-            LogError::Row { path, place, problem } => {
+            LogError::At { path, place, problem } => {
                 let column = match problem {
-                    RowProblem::NotANumber { field, .. }
-                    | RowProblem::NotFinite { field, .. }
-                    | RowProblem::Unbelievable { field, .. }
-                    | RowProblem::EmptyField { field } => Some(field.column as u64 + 1),
+                    PlacedProblem::Row(
+                        RowProblem::NotANumber { field, .. }
+                        | RowProblem::NotFinite { field, .. }
+                        | RowProblem::Unbelievable { field, .. }
+                        | RowProblem::EmptyField { field },
+                    ) => Some(field.column as u64 + 1),
                     _ => None,
                 };
                 PythonMessage { line: place.number(), column, ..told.in_file(path) }
-            }
-            LogError::CarriageReturns { path, place }
-            | LogError::LineTooLong { path, place, .. }
-            | LogError::UnknownLayout { path, place, .. }
-            | LogError::LayoutMismatch { path, place, .. }
-            | LogError::MissingColumns { path, place, .. }
-            | LogError::DuplicateColumn { path, place, .. } => {
-                PythonMessage { line: place.number(), ..told.in_file(path) }
             }
             LogError::Io { path, .. }
             | LogError::Gzip { path, .. }
@@ -112,6 +92,22 @@ impl From<LogError> for Failure {
         };
         told.into()
     }
+}
+
+fn hint_at(problem: &PlacedProblem) -> Option<&'static str> {
+    Some(match problem {
+        PlacedProblem::MissingColumns { .. } => {
+            "name the columns with sensors=, wrench=, time= or group="
+        }
+        PlacedProblem::DuplicateColumn { .. } => {
+            "say which one is meant with sensors=, wrench= or time="
+        }
+        PlacedProblem::UnknownLayout { .. } => {
+            "say which columns are which: sensors=\"2-9\", wrench=\"10-15\", time=\"1\""
+        }
+        PlacedProblem::Row(_) => "correct the line, or leave such rows out with skip_bad_rows=True",
+        _ => return None,
+    })
 }
 
 impl From<CalibrationFileError> for Failure {

@@ -48,12 +48,8 @@ type Rows<'py> = (
 
 /// A calibration that remembers, without times.
 fn no_time(error: NoTime) -> PythonMessage {
-    PythonMessage {
-        class: "OptionError",
-        message: error.to_string(),
-        hint: Some("give `time`, in s"),
-        ..PythonMessage::default()
-    }
+    let told = PythonMessage::new("OptionError", error.to_string());
+    PythonMessage { hint: Some("give `time`, in s"), ..told }
 }
 
 /// Passes the rows to `fit` without the interpreter's lock.
@@ -235,27 +231,20 @@ impl Fitted {
     /// How many standard errors either way an interval of this level reaches, per axis.
     fn interval_factors(&self, level: f64) -> Result<Vec<f64>, Failure> {
         let axes = self.0.calibration.axes;
-        let refused = |message: String| PythonMessage {
-            class: "FitError",
-            message,
-            ..PythonMessage::default()
+        let refused = |message: String| PythonMessage::new("FitError", message);
+        let without = |what: &str| refused(format!("the calibration has no {what}"));
+        let factors = match self.0.calibration.kind() {
+            Kind::Polynomial(_) => {
+                let covariance = self.0.calibration.covariance.as_ref();
+                let covariance = covariance.ok_or_else(|| without("covariance"))?;
+                covariance.interval_factors(level).map_err(|error| refused(error.to_string()))
+            }
+            Kind::Physics(physics) => {
+                let intervals = physics.intervals.as_ref().ok_or_else(|| without("intervals"))?;
+                intervals.factors(level).map_err(|error| refused(error.to_string()))
+            }
         };
-        match self.0.calibration.kind() {
-            Kind::Polynomial(_) => match &self.0.calibration.covariance {
-                Some(covariance) => {
-                    let factors = covariance.interval_factors(level);
-                    Ok(axes.of(&factors.map_err(|error| refused(error.to_string()))?))
-                }
-                None => Err(refused("the calibration has no covariance".to_owned()).into()),
-            },
-            Kind::Physics(physics) => match &physics.intervals {
-                Some(intervals) => {
-                    let factors = intervals.factors(level);
-                    Ok(axes.of(&factors.map_err(|error| refused(error.to_string()))?))
-                }
-                None => Err(refused("the calibration has no intervals".to_owned()).into()),
-            },
-        }
+        Ok(axes.of(&factors?))
     }
 
     /// Whether it has memory terms.
@@ -317,8 +306,7 @@ impl Fitted {
         if found != expected {
             let message =
                 format!("a frame has {found} readings, the calibration {expected} channels");
-            let class = "ArrayError";
-            return Err(PythonMessage { class, message, ..PythonMessage::default() }.into());
+            return Err(PythonMessage::new("ArrayError", message).into());
         }
         let mut columns: Vec<Vec<f64>> =
             readings.into_iter().map(|reading| vec![reading]).collect();

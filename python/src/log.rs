@@ -108,11 +108,7 @@ pub(crate) fn mapping(names: &OptionColumns) -> Result<Mapping, Failure> {
     for (option, text) in names {
         let refused = |expected: &str| {
             let message = format!("{option} is `{text}`, expected {expected}");
-            Failure::from(PythonMessage {
-                class: "OptionError",
-                message,
-                ..PythonMessage::default()
-            })
+            Failure::from(PythonMessage::new("OptionError", message))
         };
         match option.as_str() {
             "format" => {

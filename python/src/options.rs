@@ -29,5 +29,5 @@ pub(crate) fn covariance(name: &str) -> Result<CovarianceRule, Failure> {
 
 fn unknown(option: &str, found: &str, expected: &str) -> Failure {
     let message = format!("{option} is `{found}`, expected one of `{expected}`");
-    PythonMessage { class: "OptionError", message, ..PythonMessage::default() }.into()
+    PythonMessage::new("OptionError", message).into()
 }

@@ -109,12 +109,7 @@ impl Partial {
             Some("column") => Some(KeptGroups::By(GroupKind::Column)),
             Some(found) => {
                 let message = format!("groups is `{found}`, expected `auto`, `file` or `column`");
-                return Err(PythonMessage {
-                    class: "OptionError",
-                    message,
-                    ..PythonMessage::default()
-                }
-                .into());
+                return Err(PythonMessage::new("OptionError", message).into());
             }
         };
         let options = PartialOptions {

@@ -20,16 +20,21 @@ impl<const N: usize> Bytes<N> {
     /// A copy of `slice`, `None` if it is longer than `N`.
     pub fn copy_of(slice: &[u8]) -> Option<Self> {
         let mut copy = Self::new();
-        copy.extend(slice).then_some(copy)
+        copy.try_extend(slice).then_some(copy)
     }
 
-    /// Appends one byte; false, and nothing done, if there is no room.
-    pub(crate) fn push(&mut self, byte: u8) -> bool {
-        self.extend(&[byte])
+    /// Appends one byte if there is room.
+    pub(crate) fn push(&mut self, byte: u8) {
+        self.extend(&[byte]);
+    }
+
+    /// Appends a slice if there is room for all of it.
+    pub(crate) fn extend(&mut self, slice: &[u8]) {
+        self.try_extend(slice);
     }
 
     /// Appends a slice; false, and nothing done, if there is no room for all of it.
-    pub(crate) fn extend(&mut self, slice: &[u8]) -> bool {
+    pub(crate) fn try_extend(&mut self, slice: &[u8]) -> bool {
         let len = usize::from(self.len);
         let Some(room) = self.bytes.get_mut(len..len + slice.len()) else { return false };
         room.copy_from_slice(slice);

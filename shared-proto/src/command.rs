@@ -126,18 +126,10 @@ impl Command {
         match self {
             Self::Identify | Self::Status | Self::Start | Self::Stop => {}
             Self::CommitCalibration | Self::Bootloader | Self::Unknown { .. } => {}
-            Self::SetPeriod { period_us } => {
-                out.extend(&period_us.to_le_bytes());
-            }
-            Self::SetOversampling { conversions } => {
-                out.push(*conversions);
-            }
-            Self::SetSettling { settling_us } => {
-                out.extend(&settling_us.to_le_bytes());
-            }
-            Self::SetStream(stream) => {
-                out.push(stream.code());
-            }
+            Self::SetPeriod { period_us } => out.extend(&period_us.to_le_bytes()),
+            Self::SetOversampling { conversions } => out.push(*conversions),
+            Self::SetSettling { settling_us } => out.extend(&settling_us.to_le_bytes()),
+            Self::SetStream(stream) => out.push(stream.code()),
             Self::BeginCalibration { size, crc32 } => {
                 out.extend(&size.to_le_bytes());
                 out.extend(&crc32.to_le_bytes());
@@ -146,18 +138,10 @@ impl Command {
                 out.extend(&offset.to_le_bytes());
                 out.extend(data);
             }
-            Self::Zero { frames } => {
-                out.extend(&frames.to_le_bytes());
-            }
-            Self::LastWords { offset } => {
-                out.extend(&offset.to_le_bytes());
-            }
-            Self::SelfTest { emitter } => {
-                out.push(*emitter);
-            }
-            Self::SetBaud { baud } => {
-                out.extend(&baud.to_le_bytes());
-            }
+            Self::Zero { frames } => out.extend(&frames.to_le_bytes()),
+            Self::LastWords { offset } => out.extend(&offset.to_le_bytes()),
+            Self::SelfTest { emitter } => out.push(*emitter),
+            Self::SetBaud { baud } => out.extend(&baud.to_le_bytes()),
         }
     }
 
@@ -237,9 +221,7 @@ impl Answer {
 
     pub(crate) fn write<const N: usize>(&self, out: &mut Bytes<N>) {
         match self {
-            Self::Done => {
-                out.push(Self::DONE);
-            }
+            Self::Done => out.push(Self::DONE),
             Self::Identity(identity) => {
                 out.push(Self::IDENTITY);
                 identity.write(out);
@@ -260,11 +242,9 @@ impl Answer {
             Self::SelfTest { emitter, rise } => {
                 out.push(Self::SELF_TEST);
                 out.push(*emitter);
-                rise.iter().for_each(|rise| _ = out.extend(&rise.to_le_bytes()));
+                rise.iter().for_each(|rise| out.extend(&rise.to_le_bytes()));
             }
-            Self::Other { code } => {
-                out.push(*code);
-            }
+            Self::Other { code } => out.push(*code),
         }
     }
 

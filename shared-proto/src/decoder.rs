@@ -140,7 +140,7 @@ impl Stream {
     /// Appends to the partial frame. Of one that is too long to be good, the end is kept: another
     /// frame may stand there.
     fn keep(&mut self, bytes: &[u8]) {
-        if !self.partial.extend(bytes) {
+        if !self.partial.try_extend(bytes) {
             let tail = &bytes[bytes.len().saturating_sub(MAX_FRAME)..];
             let excess = (self.partial.len() + tail.len()).saturating_sub(MAX_FRAME);
             self.partial.remove_front(excess);

@@ -12,6 +12,16 @@ pub enum Protocol {
     Original,
 }
 
+impl Protocol {
+    /// The framing of packets, `None` for the original board.
+    pub fn framing(self) -> Option<Framing> {
+        match self {
+            Self::Packets(framing) => Some(framing),
+            Self::Original => None,
+        }
+    }
+}
+
 /// The protocol that makes the most of `bytes`, `None` if none finds anything in them.
 ///
 /// Frames inside API frames look like COBS with damage between, so damage counts against what is

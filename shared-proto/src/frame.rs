@@ -133,7 +133,8 @@ mod tests {
 
     fn plain(content: &[u8]) -> Plain {
         let mut packet = Plain::new();
-        assert!(packet.push(0) && packet.extend(content));
+        packet.push(0);
+        assert!(packet.try_extend(content));
         packet
     }
 

@@ -68,7 +68,7 @@ impl Health {
         out.extend(&self.timing.first_us.to_le_bytes());
         out.extend(&self.timing.step_us.to_le_bytes());
         self.vitals.write(out);
-        self.dark.iter().for_each(|dark| _ = out.extend(&dark.to_le_bytes()));
+        self.dark.iter().for_each(|dark| out.extend(&dark.to_le_bytes()));
     }
 
     /// What a newer board adds is not looked at.

@@ -248,10 +248,10 @@ impl Sample {
         out.extend(&self.clock_us.to_le_bytes());
         match &self.values {
             Values::Readings(readings) => {
-                readings.iter().for_each(|reading| _ = out.extend(&reading.to_le_bytes()));
+                readings.iter().for_each(|reading| out.extend(&reading.to_le_bytes()));
             }
             Values::Wrench(wrench) => {
-                wrench.iter().for_each(|value| _ = out.extend(&value.to_le_bytes()));
+                wrench.iter().for_each(|value| out.extend(&value.to_le_bytes()));
             }
         }
         out.push(self.saturated);

@@ -1,4 +1,4 @@
-// A board at a serial port: a worker holds the conversation, this page the port, the clock and the screen.
+// A board at a serial port: a worker holds the connection, this page the port, the clock and the screen.
 const BOARD_LOGS = [];
 const startLiveView = () => {
   const root = byId('live').attachShadow({ mode: 'open' });
@@ -6,11 +6,11 @@ const startLiveView = () => {
   const style = new CSSStyleSheet();
   style.replaceSync(byId('live-style').textContent);
   root.adoptedStyleSheets = [style];
-  return liveView(root, (order) => conversation?.order(order) ?? Promise.resolve(false));
+  return liveView(root, (order) => connection?.order(order) ?? Promise.resolve(false));
 };
 
-let conversation, view;
-const converse = async (port) => {
+let connection, view;
+const openConnection = async (port) => {
   const worker = new Worker(script), module = await compiled;
   // The clock on the wall goes on while a computer sleeps.
   const [began, date] = [performance.now(), Date.now()];
@@ -49,7 +49,7 @@ const converse = async (port) => {
   const close = (said, isError) => {
     ending = true;
     worker.terminate();
-    conversation = undefined;
+    connection = undefined;
     orders.forEach(({ resolve }) => resolve(false));
     hangUp();
     view.say(isError ? 'ended' : said);
@@ -102,7 +102,7 @@ const converse = async (port) => {
   isBusy = false;
   reading = read();
   reading.then((why) => end(`the port is gone${why}; what arrived until then is kept`));
-  conversation = { end, order: (name) => new Promise((resolve) => { orders.push({ name, resolve }); }) };
+  connection = { end, order: (name) => new Promise((resolve) => { orders.push({ name, resolve }); }) };
   worker.postMessage({ every: 33 });
 };
 
@@ -117,13 +117,13 @@ const keepLog = (file) => {
 
 let boardFiles = { 'board-calibration': [], 'board-plan': [] };
 const drawBoard = () => {
-  byId('connect').hidden = Boolean(conversation);
-  byId('disconnect').hidden = !conversation;
-  for (const control of byId('board-choices').querySelectorAll('select, input')) control.disabled = Boolean(conversation);
+  byId('connect').hidden = Boolean(connection);
+  byId('disconnect').hidden = !connection;
+  for (const control of byId('board-choices').querySelectorAll('select, input')) control.disabled = Boolean(connection);
 };
 // Lists the calibrations and tables of loads to choose from.
 const offerBoard = (calibrations, names, plans) => {
-  if (conversation) return;
+  if (connection) return;
   boardFiles = { 'board-calibration': calibrations, 'board-plan': plans };
   options(byId('board-calibration'), [['', 'none: readings'], ...names.map((name, at) => [String(at), name])]);
   options(byId('board-plan'), [['', 'none'], ...plans.map(({ name }, at) => [String(at), name])]);
@@ -137,14 +137,14 @@ byId('connect').onclick = async () => {
     await port.open({ baudRate: Number(byId('baud').value), bufferSize: 1 << 16 });
     byId('live').hidden = false;
     view ??= startLiveView();
-    await converse(port);
+    await openConnection(port);
     drawBoard();
   } catch (error) {
     // A choice that was cancelled is no error.
     if (error.name !== 'NotFoundError') byId('board-status').textContent = `error: ${error.message}`;
   }
 };
-byId('disconnect').onclick = () => conversation?.end();
-window.onbeforeunload = (event) => { if (conversation) event.preventDefault(); };
+byId('disconnect').onclick = () => connection?.end();
+window.onbeforeunload = (event) => { if (connection) event.preventDefault(); };
 byId('no-serial').hidden = 'serial' in navigator;
 byId('board-choices').hidden = !('serial' in navigator);

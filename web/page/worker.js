@@ -1,4 +1,4 @@
-// Answers requests, each in a fresh instance of the module; a conversation with a board has one of its own, and a worker.
+// Answers requests, each in a fresh instance of the module; a connection with a board has one of its own, and a worker.
 'use strict';
 let module, board;
 

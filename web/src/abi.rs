@@ -43,7 +43,7 @@ extern "C" fn answer() -> usize {
     give(crate::answer(&request, &files, progress))
 }
 
-/// Begins a conversation with a board, or takes a turn in it; returns the number of outputs.
+/// Begins a connection with a board, or takes a turn in it; returns the number of outputs.
 #[unsafe(no_mangle)]
 extern "C" fn board() -> usize {
     let (files, request) = taken();

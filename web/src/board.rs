@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use board_link::recording::{LiveForces, protocol_named};
+use board_link::recording::{LiveForces, PROTOCOLS};
 use board_link::{
     LogSink, RecordError, RecordOptions, Recorder, Sinks, Uplink, board_text, serial_text,
 };
@@ -29,7 +29,7 @@ use crate::request::FileRef;
 /// The span of time that is shown first, s.
 const WINDOW_S: f64 = 10.0;
 
-/// What a conversation begins with.
+/// What a connection begins with.
 #[derive(Deserialize)]
 pub(crate) struct Begin {
     /// The port.
@@ -50,7 +50,7 @@ pub(crate) struct Begin {
 /// What has happened since the turn before; the bytes that have come are its file.
 #[derive(Deserialize)]
 struct Turn {
-    /// Since the conversation began, by a clock that only goes forward.
+    /// Since the connection began, by a clock that only goes forward.
     elapsed_ms: f64,
     /// The same by the clock on the wall, which goes on while a computer sleeps.
     arrival_ms: f64,
@@ -58,11 +58,11 @@ struct Turn {
     order: Option<String>,
     /// Whether a picture is wanted.
     draws: bool,
-    /// Whether the conversation is over.
+    /// Whether the connection is over.
     ends: bool,
 }
 
-/// A conversation with a board, recorded and shown.
+/// A connection with a board, recorded and shown.
 #[derive(Debug)]
 pub struct BoardSession {
     recorder: Recorder,
@@ -88,13 +88,15 @@ impl BoardSession {
 
     /// Takes a turn, which is asked for in JSON. The answer has what to send, a picture if one is wanted, what the board
     /// has said it is, the names of logs that have ended; its files are pieces of logs, each to be added to those of its
-    /// name. An error ends the conversation; what came before it is in the files all the same.
+    /// name. An error ends the connection: the board is told to stop, and what came before is in the files all the same.
     pub fn turn(&mut self, request: &[u8], bytes: &[u8]) -> Answer {
         let mut document = self.take(request, bytes).unwrap_or_else(|failure| {
             // What has arrived is kept; more is not known than the failure says.
             let _ = self.recorder.finish();
             let _ = self.recorder.close();
-            Answer::from(failure).document
+            let mut document = Answer::from(failure).document;
+            document["send"] = json!(self.recorder.last_commands());
+            document
         });
         let identities: Vec<Value> = self.recorder.identities().map(in_words).collect();
         let PageState { pieces, ended } = self.logs.take();
@@ -132,15 +134,9 @@ impl BoardSession {
 
 impl Begin {
     fn run(self, files: &[Arc<[u8]>]) -> Result<(BoardSession, Vec<u8>), Failure> {
-        let protocol = self.framing.as_deref().map(|name| {
-            protocol_named(name)
-                .ok_or_else(|| Failure::from(format!("there is no framing `{name}`")))
-        });
-        let protocol = protocol.transpose()?;
-        let uplink = match protocol.unwrap_or(Protocol::Packets(Framing::Cobs)) {
-            Protocol::Packets(framing) => Some(Uplink { framing, to: EVERYONE }),
-            Protocol::Original => None,
-        };
+        let protocol = self.framing.as_deref().map(protocol_named).transpose()?;
+        let framing = protocol.map_or(Some(Framing::Cobs), Protocol::framing);
+        let uplink = framing.map(|framing| Uplink { framing, to: EVERYONE });
         let forces = self.calibration.as_ref().map(|file| live_forces(file, files)).transpose()?;
         let plan = self.plan.as_ref().map(|file| read_plan(file, files)).transpose()?;
         let ranges = forces.as_ref().and_then(|forces| forces.calibration.valid_range.clone());
@@ -167,6 +163,13 @@ impl Begin {
         let session = session.guided(plan.as_ref().map(guide_through));
         Ok((BoardSession { recorder, session, feed, logs }, commands))
     }
+}
+
+fn protocol_named(name: &str) -> Result<Protocol, Failure> {
+    let known = PROTOCOLS.iter().find(|(known, ..)| *known == name);
+    known
+        .map(|(.., protocol)| *protocol)
+        .ok_or_else(|| format!("there is no framing `{name}`").into())
 }
 
 /// The address of all modules.

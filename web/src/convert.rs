@@ -8,7 +8,7 @@ use figures::{Size, WrenchTrace, trace_figure};
 use log_file::ReadOptions;
 use serde::Deserialize;
 use serde_json::json;
-use shellcal::workflow::convert::{Conversion, ConvertOptions, OutputPlan, convert};
+use shellcal::workflow::convert::{Conversion, ConvertOptions, OutputPlan, convert, table_name};
 use shellcal::workflow::remark::Remark;
 
 use crate::Answer;
@@ -50,14 +50,7 @@ impl Convert {
                 "remarks": remarks,
                 "figure": figure.as_ref().map(figures::Figure::svg),
             }),
-            files: vec![(table_name(&self.log.name), table)],
+            files: vec![(table_name(path), table)],
         })
     }
-}
-
-/// `run3.txt.gz` becomes `run3.wrench.csv`.
-fn table_name(log: &str) -> String {
-    let name = log.strip_suffix(".gz").unwrap_or(log);
-    let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
-    format!("{stem}.wrench.csv")
 }

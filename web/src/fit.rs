@@ -6,6 +6,7 @@ use calibration::fit::{FitOptions, HeldOut, ModelRule, Workers};
 use log_file::{Log, Mapping, ReadOptions};
 use serde::Deserialize;
 use serde_json::json;
+use shell_data::hint::quoted;
 use shellcal::PROGRAM;
 use shellcal::workflow::fit::{FileFacts, FitData, calibration_file, sources};
 use shellcal::workflow::fit_report::{ReportFacts, html};
@@ -67,7 +68,10 @@ impl FitRequest {
         let fitted = calibration::fit(&data.train, &data.test, &options).map_err(|error| {
             let is_about_rows = error.is_about_rows();
             let failure = Failure::from(WorkflowError::from(error));
-            if is_about_rows { failure.about(&quoted(&self.train)) } else { failure }
+            match is_about_rows {
+                true => failure.about(&quoted(self.train.iter().map(|file| &file.name), ", ")),
+                false => failure,
+            }
         })?;
         let specified = train.first().map(|log| log.specified(&mapping));
         let file = calibration_file(
@@ -119,8 +123,4 @@ impl FitRequest {
         }
         command + &format!(" --output {CALIBRATION} --report {REPORT}")
     }
-}
-
-fn quoted(files: &[FileRef]) -> String {
-    files.iter().map(|file| format!("`{}`", file.name)).collect::<Vec<_>>().join(", ")
 }

@@ -7,7 +7,7 @@
 //! ```
 //!
 //! [`answer`] and [`BoardSession`] are pure, and tested without a browser. Every request gets a fresh instance of the
-//! module, so that nothing is left of the one before, not even of one that was cancelled; a conversation with a board
+//! module, so that nothing is left of the one before, not even of one that was cancelled; a connection with a board
 //! has one of its own.
 
 #[cfg(target_family = "wasm")]
@@ -21,11 +21,14 @@ mod request;
 
 use std::sync::Arc;
 
+use serde::Deserialize;
 use serde_json::Value;
 
 pub use board::BoardSession;
+use convert::Convert;
+use examine::Examine;
 use failure::Failure;
-use request::Request;
+use fit::FitRequest;
 
 /// What a page gets for a request.
 #[derive(Clone, Debug, PartialEq)]
@@ -49,6 +52,18 @@ impl std::fmt::Debug for Progress<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Progress").finish_non_exhaustive()
     }
+}
+
+/// What a page can ask for.
+#[derive(Deserialize)]
+#[serde(tag = "task", rename_all = "snake_case")]
+enum Request {
+    /// What a file is, and what is wrong with it.
+    Examine(Examine),
+    /// From training logs to a calibration.
+    Fit(FitRequest),
+    /// From readings to forces.
+    Convert(Convert),
 }
 
 /// Does what is asked for in JSON with `files`, which the request numbers in this order.

@@ -1,4 +1,4 @@
-//! What a page can ask for.
+//! What requests have in common: files, and what is said of their columns.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -9,21 +9,7 @@ use serde::Deserialize;
 use shell_data::ColumnNames;
 use shell_data::wrench::PerAxis;
 
-use crate::convert::Convert;
-use crate::examine::Examine;
 use crate::failure::Failure;
-use crate::fit::FitRequest;
-
-#[derive(Deserialize)]
-#[serde(tag = "task", rename_all = "snake_case")]
-pub(crate) enum Request {
-    /// What a file is, and what is wrong with it.
-    Examine(Examine),
-    /// From training logs to a calibration.
-    Fit(FitRequest),
-    /// From readings to forces.
-    Convert(Convert),
-}
 
 /// A file that the page holds.
 #[derive(Deserialize)]

@@ -1,4 +1,4 @@
-//! A conversation with a board, without a browser: what is shown, what is sent, and logs that are those of `record`.
+//! A connection with a board, without a browser: what is shown, what is sent, and logs that are those of `record`.
 #![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
 
 use std::fs;
@@ -6,9 +6,11 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
-use board_link::{AppendWriter, FlowControl, PortOptions, RecordOptions, Sinks, Source, record};
+use board_link::{
+    AppendWriter, FlowControl, PortOptions, RecordOptions, Sinks, Source, Uplink, record,
+};
 use serde_json::{Value, json};
-use shared_proto::{Packet, Sample, Values};
+use shared_proto::{Command, Framing, Packet, Sample, Values};
 use shellcal_web::{Answer, BoardSession};
 use simulation::simulated_board::{BoardSettings, Load, SimulatedBoard};
 
@@ -57,14 +59,14 @@ impl Page {
         self.ended
             .extend(serde_json::from_value::<Vec<String>>(document["ended"].clone()).unwrap());
         self.boards = document["boards"].clone();
+        let commands: Vec<u8> = serde_json::from_value(document["send"].clone()).unwrap();
+        self.sent.extend(&commands);
         if document["error"].is_string() {
             return Err(format!("{}; {}", document["error"], document["hint"]));
         }
         if !document["shown"].is_null() {
             self.shown = document["shown"].clone();
         }
-        let commands: Vec<u8> = serde_json::from_value(document["send"].clone()).unwrap();
-        self.sent.extend(&commands);
         Ok(commands)
     }
 
@@ -197,6 +199,8 @@ fn what_cannot_be_done_is_told_and_what_came_is_kept() {
     let error = page.turn(&noise, None, false).unwrap_err();
     assert!(error.contains("no valid frame") && error.contains("--baud"), "{error}");
     assert_eq!((page.log.len(), page.ended.len()), (0, 0), "there is nothing to keep");
+    let uplink = Uplink { framing: Framing::Cobs, to: 0xFFFF };
+    assert!(page.sent.ends_with(&uplink.encode(1, None, Command::Stop)), "the board streams on");
 
     let mut page = begin(json!({}), &[]).unwrap();
     assert!(page.turn(&[], None, true).unwrap_err().contains("nothing arrived"));

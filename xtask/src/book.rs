@@ -10,8 +10,8 @@ use std::process::Command;
 
 use anyhow::{Context, Result};
 
-use crate::steps::{self, scratch, workspace};
-use crate::{python, test};
+use crate::python;
+use crate::steps::{self, scratch, screens, workspace};
 
 const SUMMARY: &str = "docs/SUMMARY.md";
 
@@ -85,7 +85,7 @@ fn summary(text: &str, files: &BTreeSet<PathBuf>) -> String {
 fn with_screens(text: &str) -> String {
     let shown = |line: &str| {
         let name = line.trim().strip_prefix("<!-- screen: ")?.strip_suffix(" -->")?;
-        let screen = fs::read_to_string(test::screens().join(format!("{name}.png.base64"))).ok()?;
+        let screen = fs::read_to_string(screens().join(format!("{name}.png.base64"))).ok()?;
         Some(format!("\n![{name}](data:image/png;base64,{})\n", screen.trim()))
     };
     text.split_inclusive('\n').map(|line| shown(line).unwrap_or_else(|| line.to_owned())).collect()

@@ -109,12 +109,11 @@ impl Taken {
         let mut taken = Self { flash, ram, stack_bound, ..Self::default() };
         match model::find(board) {
             Ok(model) => {
-                for workload in Workload::ALL {
-                    let (played, calibration) = (workload.played(), workload.calibration());
-                    let stream =
-                        model::measure(&model, workload.mode(), &played, &calibration, RATE_HZ)?;
+                for Workload { name, mode, calibration, played } in WORKLOADS {
+                    let (played, calibration) = (played(), calibration());
+                    let stream = model::measure(&model, mode, &played, &calibration, RATE_HZ)?;
                     let instructions = (stream.instructions_per_frame * 10.0).round() / 10.0;
-                    taken.instructions.insert(workload.name().to_owned(), instructions);
+                    taken.instructions.insert(name.to_owned(), instructions);
                     taken.stack_seen = taken.stack_seen.max(stream.stack);
                 }
             }
@@ -178,45 +177,33 @@ impl Taken {
 }
 
 /// What is streamed.
-#[derive(Clone, Copy)]
-enum Workload {
-    Readings,
-    Cubic,
-    Physics,
-    /// What no wrench explains, at which the steps of the inversion end last.
-    Misfits,
+struct Workload {
+    name: &'static str,
+    mode: Stream,
+    calibration: fn() -> Calibration,
+    played: fn() -> Vec<PlayedFrame>,
 }
 
 impl Workload {
-    const ALL: [Self; 4] = [Self::Readings, Self::Cubic, Self::Physics, Self::Misfits];
-
-    fn name(self) -> &'static str {
-        match self {
-            Self::Readings => "readings",
-            Self::Cubic => "wrenches, cubic",
-            Self::Physics => "wrenches, physics",
-            Self::Misfits => "physics, no wrench fits",
-        }
-    }
-
-    fn mode(self) -> Stream {
-        match self {
-            Self::Readings => Stream::Raw,
-            _ => Stream::Wrench,
-        }
-    }
-
-    fn calibration(self) -> Calibration {
-        match self {
-            Self::Readings | Self::Cubic => workload::cubic(),
-            Self::Physics | Self::Misfits => workload::physics(),
-        }
-    }
-
-    fn played(self) -> Vec<PlayedFrame> {
-        match self {
-            Self::Physics => workload::poses(),
-            _ => workload::everywhere(),
-        }
+    const fn new(
+        name: &'static str,
+        mode: Stream,
+        calibration: fn() -> Calibration,
+        played: fn() -> Vec<PlayedFrame>,
+    ) -> Self {
+        Self { name, mode, calibration, played }
     }
 }
+
+/// No wrench explains the last, at which the steps of the inversion end last.
+const WORKLOADS: [Workload; 4] = [
+    Workload::new("readings", Stream::Raw, workload::cubic, workload::everywhere),
+    Workload::new("wrenches, cubic", Stream::Wrench, workload::cubic, workload::everywhere),
+    Workload::new("wrenches, physics", Stream::Wrench, workload::physics, workload::poses),
+    Workload::new(
+        "physics, no wrench fits",
+        Stream::Wrench,
+        workload::physics,
+        workload::everywhere,
+    ),
+];

@@ -38,6 +38,14 @@ pub(crate) fn real_data() -> Option<PathBuf> {
     Some(std::path::absolute(&path).unwrap_or_else(|_| path.into()))
 }
 
+/// Names where tests leave the screens that they see, in base64.
+pub(crate) const SCREENS: &str = "SHELLCAL_SCREENSHOTS";
+
+/// Where tests leave screens unless they are told otherwise.
+pub(crate) fn screens() -> PathBuf {
+    std::env::var_os(SCREENS).map_or_else(|| target().join("screens"), PathBuf::from)
+}
+
 /// Runs `command` with its output on the terminal; an error unless it succeeds.
 pub(crate) fn run(title: &str, command: &mut Command) -> Result<()> {
     eprintln!("\n==> {title}: {}", line(command));

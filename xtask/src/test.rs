@@ -16,7 +16,7 @@ use system_tests::flashed;
 use crate::image::Board;
 use crate::jobs::{self, EndedJob, Job};
 use crate::need::Need;
-use crate::steps::{self, PROFILE, REAL_DATA, cargo, real_data, target};
+use crate::steps::{self, PROFILE, REAL_DATA, SCREENS, cargo, real_data, screens};
 use crate::{model, python, setup, toolchain, web};
 
 #[derive(Debug, clap::Args)]
@@ -57,9 +57,6 @@ const AXE: &str = "SHELLCAL_AXE";
 
 /// Names the page that fits and converts to the tests.
 const PAGE: &str = "SHELLCAL_WEB_PAGE";
-
-/// Names where tests leave the screens that they see, in base64.
-pub(crate) const SCREENS: &str = "SHELLCAL_SCREENSHOTS";
 
 /// What the tests have at hand.
 #[derive(Default)]
@@ -161,11 +158,6 @@ impl TestEquipment {
         }
         Ok(())
     }
-}
-
-/// Where tests leave screens unless they are told otherwise.
-pub(crate) fn screens() -> PathBuf {
-    std::env::var_os(SCREENS).map_or_else(|| target().join("screens"), PathBuf::from)
 }
 
 /// A program with tests.

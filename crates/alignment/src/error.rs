@@ -1,10 +1,28 @@
 //! Why two recordings could not be lined up.
 
-use super::recording::RecordingSide;
 use shell_data::hint::Hint;
+use std::fmt;
 
 /// The least time that both recordings must cover, s.
 pub(crate) const LEAST_OVERLAP_S: f64 = 5.0;
+
+/// One of the two recordings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RecordingSide {
+    /// The reference sensor's.
+    Reference,
+    /// The board's.
+    Board,
+}
+
+impl fmt::Display for RecordingSide {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            RecordingSide::Reference => "reference",
+            RecordingSide::Board => "board log",
+        })
+    }
+}
 
 /// Two recordings that cannot be lined up, or not with certainty.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

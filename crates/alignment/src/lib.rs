@@ -32,11 +32,11 @@ mod trajectory;
 mod uncertainty;
 
 pub use edges::{EdgeMatch, Edges, rising_edges};
-pub use error::AlignError;
 use error::LEAST_OVERLAP_S;
+pub use error::{AlignError, RecordingSide};
 pub use kernel::Kernel;
 use kernel::STOPBAND_DB;
-pub use recording::{LeftOut, Recording, RecordingSide};
+pub use recording::{LeftOut, Recording};
 
 use coarse::Match;
 use frames::BoardFrames;

@@ -1,26 +1,6 @@
 //! A recording made ready: rows in order of time, repeats left out, saturated rows marked.
 
-use std::fmt;
-
-use super::error::AlignError;
-
-/// One of the two recordings.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum RecordingSide {
-    /// The reference sensor's.
-    Reference,
-    /// The board's.
-    Board,
-}
-
-impl fmt::Display for RecordingSide {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            RecordingSide::Reference => "reference",
-            RecordingSide::Board => "board log",
-        })
-    }
-}
+use super::error::{AlignError, RecordingSide};
 
 /// What one sensor recorded on its own clock.
 #[derive(Clone, Debug, Default, PartialEq)]

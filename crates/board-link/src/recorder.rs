@@ -318,12 +318,7 @@ impl Recorder {
     }
 
     fn waiting(&self) -> usize {
-        match &self.stage {
-            RecordStage::Recognising(_) => 0,
-            RecordStage::Receiving(_, boards) => {
-                boards.heard().iter().map(|board| board.frames.len()).sum()
-            }
-        }
+        self.stage.heard().iter().map(|board| board.frames.len()).sum()
     }
 
     fn progress(&self, elapsed: Duration, rate_hz: f64) -> RecordingProgress {

@@ -22,6 +22,7 @@ use calibration::validation::excitation::{AxisExcitation, Excitation};
 use calibration::validation::grouped::GroupKind;
 use calibration::validation::selection::{Candidate, CandidateErrors, Selection};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
+use shell_data::hint::quoted;
 use shell_data::wrench::{Axes, Axis, MomentUnit, PerAxis};
 use shell_data::{ColumnNames, TimeUnit};
 
@@ -508,8 +509,8 @@ impl<'de, T: Named> Deserialize<'de> for Name<T> {
         let name = String::deserialize(deserializer)?;
         let named = T::ALL.iter().find(|value| value.name() == name);
         named.map(|&value| Self(value)).ok_or_else(|| {
-            let names: Vec<String> = T::ALL.iter().map(|v| format!("`{}`", v.name())).collect();
-            de::Error::custom(format!("unknown `{name}`, expected one of {}", names.join(", ")))
+            let names = quoted(T::ALL.iter().map(|value| value.name()), ", ");
+            de::Error::custom(format!("unknown `{name}`, expected one of {names}"))
         })
     }
 }

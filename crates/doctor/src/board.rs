@@ -278,10 +278,10 @@ fn check_stream(stretch: &Stretch, facts: &BoardObservations<'_>) -> Vec<Finding
     let calibration = facts.calibration.map(|(calibration, _)| calibration);
     let calibration =
         calibration.filter(|calibration| calibration.channels() == summary.readings.len());
-    findings.extend(check_channels(&summary, &[], &identical(&stretch.frames), calibration));
-    let outside = calibration.and_then(|calibration| {
-        outside(calibration.rows_out_of_range(&columns(&stretch.frames)), summary.rows)
-    });
+    let readings = columns(&stretch.frames);
+    findings.extend(check_channels(&summary, &[], &identical_columns(&readings), calibration));
+    let outside = calibration
+        .and_then(|calibration| outside(calibration.rows_out_of_range(&readings), summary.rows));
     findings.extend(outside);
     without_consequences(findings)
 }
@@ -345,9 +345,4 @@ fn summary(frames: &[BoardFrame]) -> LogSummary {
     let mut summary = LogSummary::default();
     summary.add(&block);
     summary
-}
-
-/// Pairs of channels that are the same in every frame, and not constant.
-fn identical(frames: &[BoardFrame]) -> Vec<(usize, usize)> {
-    identical_columns(&columns(frames))
 }

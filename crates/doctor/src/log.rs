@@ -5,6 +5,7 @@ use calibration::quality::{self, AxisErrors};
 use calibration::validation::excitation::LONGEST_LEVER_M;
 use log_file::{Log, LogError, Meaning, ReadOptions, Wanted};
 use shell_data::block::Block;
+use shell_data::hint::with_causes;
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
@@ -93,21 +94,10 @@ pub fn examine_log(
     let facts = match log.and_then(|log| read_facts(&log, read, calibration)) {
         Ok(facts) => facts,
         Err(error) => {
-            LogObservations { unreadable: Some(chain(&error)), ..LogObservations::default() }
+            LogObservations { unreadable: Some(with_causes(&error)), ..LogObservations::default() }
         }
     };
     check_log(&facts, calibration.map(|file| &file.calibration))
-}
-
-/// An error with its causes.
-fn chain(error: &LogError) -> String {
-    let mut text = error.to_string();
-    let mut cause = std::error::Error::source(error);
-    while let Some(error) = cause {
-        text += &format!(": {error}");
-        cause = error.source();
-    }
-    text
 }
 
 fn read_facts(
@@ -118,7 +108,7 @@ fn read_facts(
     let strict = ReadOptions { skip_bad_rows: false, ..*read };
     let first = match Collector::new(log, calibration).read(log, &strict) {
         Ok(facts) => return Ok(facts),
-        Err(error) => chain(&error),
+        Err(error) => with_causes(&error),
     };
     let lenient = ReadOptions { skip_bad_rows: true, ..*read };
     let mut facts = Collector::new(log, calibration).read(log, &lenient)?;

@@ -15,7 +15,7 @@ use std::collections::VecDeque;
 
 use serde::Serialize;
 
-use super::model::LiveRow;
+use super::history::LiveRow;
 use shared_proto::CHANNELS;
 use shell_data::wrench::PerAxis;
 

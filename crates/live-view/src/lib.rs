@@ -20,6 +20,6 @@ mod scale;
 pub mod web;
 
 pub use guide::{Guide, GuidePhase, GuideView, GuidedLoad, HOLD_S, HeldLoad};
-pub use history::History;
-pub use model::{ChannelState, ChannelView, LiveModel, LiveRow, LiveSetup, Mark, TraceView};
+pub use history::{History, LiveRow};
+pub use model::{ChannelState, ChannelView, LiveModel, LiveSetup, Mark, TraceView};
 pub use picture::{Picture, TracePicture};

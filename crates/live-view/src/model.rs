@@ -6,7 +6,7 @@ use serde::Serialize;
 use shared_proto::CHANNELS;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-use super::history::{History, LONGEST_S};
+use super::history::{History, LONGEST_S, LiveRow};
 use super::scale::{nice_bound, nice_range};
 
 /// The spans of time that can be shown, s.
@@ -22,23 +22,6 @@ const RECENT_S: f64 = 1.0;
 const LEAST_FORCE: f64 = 0.05;
 const LEAST_MOMENT: f64 = 0.001;
 const LEAST_COUNTS: f64 = 20.0;
-
-/// One frame as it is shown.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct LiveRow {
-    /// s, on the board's clock or the log's.
-    pub time_s: f64,
-    /// The number of the frame.
-    pub index: i64,
-    /// Readings in steps of the converter.
-    pub readings: Option<[f64; CHANNELS]>,
-    /// N and N·m.
-    pub wrench: Option<PerAxis<f64>>,
-    /// Bit i is set if channel i was at an end of the converter's range.
-    pub saturated: u8,
-    /// Bit i is set if channel i was outside the calibrated range.
-    pub out_of_range: u8,
-}
 
 /// What a view is of.
 #[derive(Clone, Debug)]

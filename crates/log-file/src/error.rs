@@ -1,6 +1,6 @@
 //! Errors in logs, with their position.
 
-use shell_data::hint::{Hint, suggest};
+use shell_data::hint::{Hint, quoted, suggest};
 use std::fmt;
 use std::io;
 use std::path::PathBuf;
@@ -101,54 +101,49 @@ pub enum LogError {
         /// The byte that no text file has.
         byte: u8,
     },
-    /// No line in sight ends.
-    #[error("`{}`, {place}: longer than {limit} bytes", path.display())]
-    LineTooLong {
-        /// The file.
-        path: PathBuf,
-        /// Where it starts.
-        place: LogPosition,
-        /// The longest line that is read.
-        limit: usize,
-    },
-    /// Lines that end in a carriage return alone, as no program has written them for decades.
-    #[error("`{}`, {place}: lines end with a carriage return and no line feed", path.display())]
-    CarriageReturns {
-        /// The file.
-        path: PathBuf,
-        /// The first such line.
-        place: LogPosition,
-    },
     /// A telemetry log whose `%` lines name no columns.
     #[error("`{}`: no `%` line names the columns, separated by `|`", path.display())]
     NoColumnNames {
         /// The file.
         path: PathBuf,
     },
-    /// A file of numbers without a header, in none of the known layouts.
-    #[error(
-        "`{}`, {place}: {found} columns and no header, expected 15 (time, eight sensors, six wrench \
-         columns) or 12 (two to drop, time, six wrench columns, three accelerations)",
-        path.display()
-    )]
-    UnknownLayout {
+    /// Something is wrong at a place of it.
+    #[error("`{}`, {place}: {problem}", path.display())]
+    At {
         /// The file.
         path: PathBuf,
-        /// The first row.
+        /// The first row, where the columns are named, or the row that is wrong.
         place: LogPosition,
+        /// What is wrong.
+        problem: PlacedProblem,
+    },
+}
+
+/// What is wrong at a place of a log.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum PlacedProblem {
+    /// No line in sight ends.
+    #[error("longer than {limit} bytes")]
+    LineTooLong {
+        /// The longest line that is read.
+        limit: usize,
+    },
+    /// Lines that end in a carriage return alone, as no program has written them for decades.
+    #[error("lines end with a carriage return and no line feed")]
+    CarriageReturns,
+    /// A file of numbers without a header, in none of the known layouts.
+    #[error(
+        "{found} columns and no header, expected 15 (time, eight sensors, six wrench \
+         columns) or 12 (two to drop, time, six wrench columns, three accelerations)"
+    )]
+    UnknownLayout {
         /// How many columns it has.
         found: usize,
     },
     /// The requested format has another number of columns.
-    #[error(
-        "`{}`, {place}: {format} has {expected} columns, found {found}",
-        path.display()
-    )]
+    #[error("{format} has {expected} columns, found {found}")]
     LayoutMismatch {
-        /// The file.
-        path: PathBuf,
-        /// The first row.
-        place: LogPosition,
         /// The requested format.
         format: crate::format::mapping::LogFormat,
         /// How many columns that has.
@@ -158,42 +153,28 @@ pub enum LogError {
     },
     /// Columns that are needed are not there.
     #[error(
-        "`{}`, {place}: no column{} {}; found {}",
-        path.display(),
+        "no column{} {}; found {}",
         if missing.len() == 1 { "" } else { "s" },
-        quoted(missing),
-        if found.is_empty() { "none".to_owned() } else { quoted(found) }
+        quoted(missing, ", "),
+        if found.is_empty() { "none".to_owned() } else { quoted(found, ", ") }
     )]
     MissingColumns {
-        /// The file.
-        path: PathBuf,
-        /// Where the columns are named.
-        place: LogPosition,
         /// The missing columns.
         missing: Vec<String>,
         /// The columns of the log.
         found: Vec<String>,
     },
     /// A column of the wrench is in a unit that is not read.
-    #[error("`{}`, {place}: the unit of column `{column}` is not known", path.display())]
+    #[error("the unit of column `{column}` is not known")]
     UnknownUnit {
-        /// The file.
-        path: PathBuf,
-        /// Where the columns are named.
-        place: LogPosition,
         /// The column.
         column: String,
     },
     /// Times are whole numbers of one of two units.
     #[error(
-        "`{}`, {place}: the unit of column `{column}` is not known, which goes on by `{step}` from row to row",
-        path.display()
+        "the unit of column `{column}` is not known, which goes on by `{step}` from row to row"
     )]
     UnclearTimeUnit {
-        /// The file.
-        path: PathBuf,
-        /// Where the columns are named.
-        place: LogPosition,
         /// The column.
         column: String,
         /// The median step.
@@ -201,14 +182,10 @@ pub enum LogError {
     },
     /// Two columns are taken for the same thing.
     #[error(
-        "`{}`, {place}: columns {} (`{}`) and {} (`{}`) are both {meaning}",
-        path.display(), columns[0] + 1, names[0], columns[1] + 1, names[1]
+        "columns {} (`{}`) and {} (`{}`) are both {meaning}",
+        columns[0] + 1, names[0], columns[1] + 1, names[1]
     )]
     DuplicateColumn {
-        /// The file.
-        path: PathBuf,
-        /// Where the columns are named.
-        place: LogPosition,
         /// The meaning of both.
         meaning: String,
         /// Their places, from 0.
@@ -217,24 +194,12 @@ pub enum LogError {
         names: Box<[String; 2]>,
     },
     /// One row is wrong.
-    #[error("`{}`, {place}: {problem}", path.display())]
-    Row {
-        /// The file.
-        path: PathBuf,
-        /// Where it is.
-        place: LogPosition,
-        /// What is wrong with it.
-        problem: RowProblem,
-    },
+    #[error(transparent)]
+    Row(#[from] RowProblem),
 }
 
 impl Hint for LogError {
     fn hint(&self) -> Option<String> {
-        if let Self::MissingColumns { missing, found, .. } = self
-            && let Some(text) = nearest_columns(missing, found)
-        {
-            return Some(text);
-        }
         let text = match self {
             Self::Foreign { remedy, .. } => remedy,
             Self::PackedTable { .. } => "unpack it first; compressed logs are text",
@@ -254,12 +219,27 @@ impl Hint for LogError {
                 "logs are text (telemetry, CSV, console), plain or compressed with gzip or zstd, or tables \
                  in Parquet, MATLAB, NumPy, Excel or MCAP"
             }
-            Self::LineTooLong { .. } => "this does not look like a log; are its line ends missing?",
-            Self::CarriageReturns { .. } => {
-                "give its lines the ends that others have: `tr '\\r' '\\n' < OLD > NEW`"
-            }
             Self::NoColumnNames { .. } => {
                 "add the line that names the columns, `% time | … | S1 | …`, as the last `%` line"
+            }
+            Self::At { problem, .. } => return problem.hint(),
+            _ => return None,
+        };
+        Some(text.to_owned())
+    }
+}
+
+impl Hint for PlacedProblem {
+    fn hint(&self) -> Option<String> {
+        if let Self::MissingColumns { missing, found } = self
+            && let Some(text) = nearest_columns(missing, found)
+        {
+            return Some(text);
+        }
+        let text = match self {
+            Self::LineTooLong { .. } => "this does not look like a log; are its line ends missing?",
+            Self::CarriageReturns => {
+                "give its lines the ends that others have: `tr '\\r' '\\n' < OLD > NEW`"
             }
             Self::UnknownLayout { .. } => {
                 "say which columns are which, `--sensors 2-9 --wrench 10-15 --time 1`"
@@ -277,8 +257,7 @@ impl Hint for LogError {
             Self::DuplicateColumn { .. } => {
                 "say which one is meant with `--sensors`, `--wrench` or `--time`"
             }
-            Self::Row { .. } => "correct the line, or leave such rows out with `--skip-bad-rows`",
-            _ => return None,
+            Self::Row(_) => "correct the line, or leave such rows out with `--skip-bad-rows`",
         };
         Some(text.to_owned())
     }
@@ -416,8 +395,4 @@ impl fmt::Display for Field {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "column {} (`{}`)", self.column + 1, self.name)
     }
-}
-
-fn quoted(names: &[String]) -> String {
-    names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ")
 }

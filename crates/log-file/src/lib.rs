@@ -56,13 +56,13 @@ mod read;
 mod stream;
 pub mod summary;
 
-pub use error::{Field, LogError, LogPosition, RowMismatch, RowProblem};
+pub use error::{Field, LogError, LogPosition, PlacedProblem, RowMismatch, RowProblem};
 pub use format::columns::Column;
 pub use format::mapping::{ColumnRef, LogFormat, Mapping, MomentUnit, TimeUnit, named_axis};
 pub use format::meaning::Meaning;
 pub use log::Log;
 pub use read::all::{read_all, threads_for};
-pub use read::dataset::{read_dataset, sample_logs};
+pub use read::dataset::{read_dataset, read_logs, sample_logs};
 pub use read::request::{ReadOptions, Wanted};
 pub use read::selection::RowSelection;
 pub use shell_data::ReadSummary;

@@ -4,7 +4,7 @@ use std::io::{self, Read, Write};
 use std::path::Path;
 use std::sync::Arc;
 
-use crate::error::LogError;
+use crate::error::{LogError, PlacedProblem};
 use crate::format::columns::{Column, ColumnsError, positions};
 use crate::format::layout::{FileLayout, HEAD_BYTES, recognise_layout};
 use crate::format::mapping::{ColumnRef, LogFormat, Mapping};
@@ -248,7 +248,7 @@ impl Log {
     /// Leaves the other axes out, as if it had them not.
     ///
     /// # Errors
-    /// [`LogError::MissingColumns`] with those of `axes` that it has not.
+    /// [`PlacedProblem::MissingColumns`] with those of `axes` that it has not.
     pub fn keep_axes(&mut self, axes: Axes) -> Result<(), LogError> {
         self.require_axes(axes)?;
         for axis in Axes::ALL.without(axes).iter() {
@@ -260,7 +260,7 @@ impl Log {
     /// Checks that all of `axes` are there.
     ///
     /// # Errors
-    /// [`LogError::MissingColumns`] with all that are not, and what there is instead.
+    /// [`PlacedProblem::MissingColumns`] with all that are not, and what there is instead.
     pub fn require_axes(&self, axes: Axes) -> Result<(), LogError> {
         let absent = axes.without(self.axes());
         self.check_missing(absent.iter().map(|axis| axis.name().to_owned()).collect())
@@ -280,20 +280,19 @@ impl Log {
     /// [`Wanted::others`]; `None` if there is none.
     ///
     /// # Errors
-    /// [`LogError::DuplicateColumn`] if there are several.
+    /// [`PlacedProblem::DuplicateColumn`] if there are several.
     pub fn telemetry(&self, telemetry: Telemetry) -> Result<Option<usize>, LogError> {
         let columns = self.layout.columns.iter().enumerate();
         let mut places = columns
             .filter(|(_, column)| column.meaning == Meaning::Telemetry(telemetry))
             .map(|(place, _)| place);
         match (places.next(), places.next()) {
-            (Some(first), Some(second)) => Err(LogError::DuplicateColumn {
-                path: self.source.path.clone(),
-                place: self.source.place(self.layout.names_line),
-                meaning: telemetry.name().to_owned(),
-                columns: [first, second],
-                names: Box::new([first, second].map(|at| self.layout.columns[at].name.clone())),
-            }),
+            (Some(first), Some(second)) => {
+                let columns = [first, second];
+                let names = Box::new(columns.map(|at| self.layout.columns[at].name.clone()));
+                let meaning = telemetry.name().to_owned();
+                Err(self.error_in_names(PlacedProblem::DuplicateColumn { meaning, columns, names }))
+            }
             (place, _) => Ok(place),
         }
     }
@@ -307,17 +306,15 @@ impl Log {
     /// Where the columns are that a user points to, from 0.
     ///
     /// # Errors
-    /// [`LogError::MissingColumns`] with all that are not there.
+    /// [`PlacedProblem::MissingColumns`] with all that are not there.
     pub fn column_places(&self, references: &[ColumnRef]) -> Result<Vec<usize>, LogError> {
         let names = self.column_names();
-        positions(&names, references).map_err(|error| LogError::MissingColumns {
-            path: self.source.path.clone(),
-            place: self.source.place(self.layout.names_line),
-            missing: match error {
+        positions(&names, references).map_err(|error| {
+            let missing = match error {
                 ColumnsError::Missing(missing) => missing,
                 ColumnsError::Duplicate { .. } => Vec::new(),
-            },
-            found: names,
+            };
+            self.error_in_names(PlacedProblem::MissingColumns { missing, found: names })
         })
     }
 
@@ -344,7 +341,7 @@ impl Log {
     /// Checks that all wanted columns are there, of the wrench one axis at least.
     ///
     /// # Errors
-    /// [`LogError::MissingColumns`] with all that are not, and what there is instead.
+    /// [`PlacedProblem::MissingColumns`] with all that are not, and what there is instead.
     pub fn require(&self, wanted: &Wanted) -> Result<(), LogError> {
         let roles = &self.layout.roles;
         let mut missing = Vec::new();
@@ -380,11 +377,10 @@ impl Log {
         };
         match self.layout.columns.iter().find(lost) {
             None => Ok(()),
-            Some(column) => Err(LogError::UnknownUnit {
-                path: self.source.path.clone(),
-                place: self.source.place(self.layout.names_line),
-                column: column.name.clone(),
-            }),
+            Some(column) => {
+                let column = column.name.clone();
+                Err(self.error_in_names(PlacedProblem::UnknownUnit { column }))
+            }
         }
     }
 
@@ -408,11 +404,12 @@ impl Log {
         if missing.is_empty() {
             return Ok(());
         }
-        Err(LogError::MissingColumns {
-            path: self.source.path.clone(),
-            place: self.source.place(self.layout.names_line),
-            missing,
-            found: self.column_names(),
-        })
+        let found = self.column_names();
+        Err(self.error_in_names(PlacedProblem::MissingColumns { missing, found }))
+    }
+
+    /// The error of what is wrong with the names of columns.
+    fn error_in_names(&self, problem: PlacedProblem) -> LogError {
+        self.source.error_at(self.layout.names_line, problem)
     }
 }

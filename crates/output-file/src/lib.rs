@@ -192,11 +192,7 @@ impl Outputs {
     /// # Errors
     /// [`OutputError`], as for [`create`](Self::create).
     pub fn write(&self, path: impl AsRef<Path>, bytes: &[u8]) -> Result<(), OutputError> {
-        let mut file = self.create(path)?;
-        if let Err(source) = file.target.write_all(bytes) {
-            return Err(OutputError::failed(&file.path, source));
-        }
-        file.commit()
+        self.create(path)?.commit_with(bytes)
     }
 
     /// Lets every output be written once more, for a command that does its work again.
@@ -263,6 +259,17 @@ impl AtomicFile {
     pub fn commit(self) -> Result<(), OutputError> {
         let Self { path, target } = self;
         target.finish().map_err(|source| OutputError::failed(path, source))
+    }
+
+    /// Writes all of the file, and puts it in place.
+    ///
+    /// # Errors
+    /// As for [`commit`](Self::commit).
+    pub fn commit_with(mut self, bytes: &[u8]) -> Result<(), OutputError> {
+        match self.target.write_all(bytes) {
+            Ok(()) => self.commit(),
+            Err(source) => Err(OutputError::failed(self.path, source)),
+        }
     }
 
     /// An error of the system as one that names the file, and is of the same kind.

@@ -61,7 +61,11 @@ impl From<&str> for TableCell {
 
 /// A table in a box that scrolls on narrow screens. `header` has names and, where a column is text,
 /// `true`.
-pub(super) fn table(caption: &str, header: &[(&str, bool)], rows: &[Vec<TableCell>]) -> String {
+pub(super) fn table(
+    caption: &str,
+    header: &[(&str, bool)],
+    rows: impl IntoIterator<Item = Vec<TableCell>>,
+) -> String {
     let caption = escape(caption);
     let mut html = format!(
         "<div class=\"table\" tabindex=\"0\" role=\"region\" aria-label=\"{caption}\">\n<table>\n\
@@ -76,11 +80,11 @@ pub(super) fn table(caption: &str, header: &[(&str, bool)], rows: &[Vec<TableCel
         html.push_str("<tr>");
         for cell in row {
             let _ = match cell {
-                TableCell::Text(text) => write!(html, "<td class=\"text\">{}</td>", escape(text)),
+                TableCell::Text(text) => write!(html, "<td class=\"text\">{}</td>", escape(&text)),
                 TableCell::Long(text) => {
-                    write!(html, "<td class=\"text long\">{}</td>", escape(text))
+                    write!(html, "<td class=\"text long\">{}</td>", escape(&text))
                 }
-                TableCell::Figure(text) => write!(html, "<td>{}</td>", escape(text)),
+                TableCell::Figure(text) => write!(html, "<td>{}</td>", escape(&text)),
             };
         }
         html.push_str("</tr>\n");

@@ -43,6 +43,6 @@ impl OutlierTable {
             false => format!("The first {} of them", self.rows.len()),
         };
         let rows: Vec<_> = self.rows.iter().map(cells).collect();
-        format!("<p>{}</p>\n{}", escape(sentence), table(&caption, &header, &rows))
+        format!("<p>{}</p>\n{}", escape(sentence), table(&caption, &header, rows))
     }
 }

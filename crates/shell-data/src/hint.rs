@@ -2,10 +2,26 @@
 //!
 //! A hint stands beside the error that it is for. An error that only wraps another gives the hint of that one.
 
+use std::error::Error;
+use std::fmt::Display;
+
 /// An error that may know the next step.
 pub trait Hint {
     /// The next step, where one is known.
     fn hint(&self) -> Option<String>;
+}
+
+/// An error with its causes, one after the other.
+pub fn with_causes(error: &dyn Error) -> String {
+    match error.source() {
+        Some(cause) => format!("{error}: {}", with_causes(cause)),
+        None => error.to_string(),
+    }
+}
+
+/// Names as an error lists them: `` `a`, `b` ``.
+pub fn quoted(names: impl IntoIterator<Item = impl Display>, between: &str) -> String {
+    names.into_iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(between)
 }
 
 /// The next step after a log of another number of channels than the calibration.

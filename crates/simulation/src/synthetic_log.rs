@@ -27,25 +27,10 @@ impl SyntheticLayout {
     pub fn write_header(self, out: &mut impl Write, kind: RecordingKind) -> io::Result<()> {
         match self {
             SyntheticLayout::Shellcal => {
-                write!(out, "t_s")?;
-                for channel in 1..=8 {
-                    write!(out, ",s{channel}")?;
-                }
-                for axis in Axis::ALL {
-                    write!(out, ",{}", axis.column())?;
-                }
-                writeln!(out, "{}", if kind == RecordingKind::Zero { "" } else { ",group" })
+                let group = if kind == RecordingKind::Zero { "" } else { ",group" };
+                writeln!(out, "t_s{}{}{group}", channels(1), axes(Axis::column))
             }
-            SyntheticLayout::Peer => {
-                write!(out, "Timestamp")?;
-                for axis in Axis::ALL {
-                    write!(out, ",{}", axis.name())?;
-                }
-                for channel in 0..8 {
-                    write!(out, ",s{channel}")?;
-                }
-                writeln!(out)
-            }
+            SyntheticLayout::Peer => writeln!(out, "Timestamp{}{}", axes(Axis::name), channels(0)),
             SyntheticLayout::Training => Ok(()),
         }
     }
@@ -87,9 +72,7 @@ impl SyntheticLayout {
 /// # Errors
 /// Whatever `out` says.
 pub fn write_wrench_header(out: &mut impl Write) -> io::Result<()> {
-    write!(out, "t_s")?;
-    Axis::ALL.into_iter().try_for_each(|axis| write!(out, ",{}", axis.column()))?;
-    writeln!(out)
+    writeln!(out, "t_s{}", axes(Axis::column))
 }
 
 /// Writes a row of a reference's recording.
@@ -111,9 +94,7 @@ pub fn write_wrench_row(
 /// # Errors
 /// Whatever `out` says.
 pub fn write_frame_header(out: &mut impl Write) -> io::Result<()> {
-    write!(out, "t_s")?;
-    (1..=8).try_for_each(|channel| write!(out, ",s{channel}"))?;
-    writeln!(out)
+    writeln!(out, "t_s{}", channels(1))
 }
 
 /// Writes a row of a board's log; its clock counts µs.
@@ -124,6 +105,16 @@ pub fn write_frame(out: &mut impl Write, time_s: f64, frame: &SimulatedFrame) ->
     write!(out, "{time_s:.6}")?;
     write_readings(out, frame)?;
     writeln!(out)
+}
+
+/// The names of the channels, of which the first has this number, as they go on in a header.
+fn channels(first: usize) -> String {
+    (first..first + 8).map(|channel| format!(",s{channel}")).collect()
+}
+
+/// The names of the axes, as they go on in a header.
+fn axes(name: fn(Axis) -> &'static str) -> String {
+    Axis::ALL.map(|axis| format!(",{}", name(axis))).concat()
 }
 
 fn write_readings(out: &mut impl Write, frame: &SimulatedFrame) -> io::Result<()> {

@@ -2,6 +2,8 @@
 
 use std::io;
 
+use shell_data::hint::quoted;
+
 use crate::kind::FileKind;
 
 /// A table that cannot be read. The file is named by whoever reports it.
@@ -47,7 +49,7 @@ pub enum TableError {
         "{} {}; it has {}",
         kind.with_article(),
         match wanted { Some(name) => format!("without a {part} `{name}`"), None => format!("with more than one {part}") },
-        if found.is_empty() { "none".to_owned() } else { quoted(found) }
+        if found.is_empty() { "none".to_owned() } else { quoted(found, ", ") }
     )]
     Choice {
         /// The kind of file.
@@ -79,8 +81,4 @@ impl FileKind {
             _ => TableError::Io(error),
         }
     }
-}
-
-fn quoted(names: &[String]) -> String {
-    names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ")
 }

@@ -6,6 +6,7 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
+use shell_data::hint::quoted;
 use shell_data::telemetry::Telemetry;
 use toml::Spanned;
 
@@ -186,8 +187,7 @@ impl Differences {
             let Some(toml::Value::Table(of_base)) = document.get_mut(table) else { continue };
             for (key, value) in constants {
                 let Some(constant) = of_base.get_mut(key.get_ref()) else {
-                    let known: Vec<String> = of_base.keys().map(|key| format!("`{key}`")).collect();
-                    let known = known.join(", ");
+                    let known = quoted(of_base.keys(), ", ");
                     let message = format!("unknown field `{}`, expected {known}", key.get_ref());
                     return Err(TomlError::at(text, key.span().start, message));
                 };

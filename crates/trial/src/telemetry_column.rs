@@ -3,6 +3,7 @@
 use std::f64::consts::{PI, TAU};
 
 use serde::{Deserialize, Serialize};
+use shell_data::hint::quoted;
 use shell_data::telemetry::Telemetry;
 
 /// How the logs of a robot have a column of telemetry.
@@ -59,15 +60,14 @@ impl TelemetryColumn {
 
 /// Checks what a profile says of the column `key`; what is wrong is said in words.
 pub(super) fn check_column(key: &str, column: &TelemetryColumn) -> Result<(), String> {
-    let quoted = |name: &str| format!("`{name}`");
     let Some((_, kind, units)) = COLUMNS.into_iter().find(|(known, ..)| *known == key) else {
-        let keys: Vec<String> = COLUMNS.iter().map(|(key, ..)| quoted(key)).collect();
-        return Err(format!("no column `{key}`, expected one of {}", keys.join(", ")));
+        let keys = quoted(COLUMNS.iter().map(|(key, ..)| key), ", ");
+        return Err(format!("no column `{key}`, expected one of {keys}"));
     };
     match &column.unit {
         Some(unit) if column.unit_in_si(kind).is_none() => {
-            let units: Vec<String> = units.iter().map(|(unit, _)| quoted(unit)).collect();
-            Err(format!("`{key}` cannot be in `{unit}`, expected {}", units.join(" or ")))
+            let units = quoted(units.iter().map(|(unit, _)| unit), " or ");
+            Err(format!("`{key}` cannot be in `{unit}`, expected {units}"))
         }
         _ => Ok(()),
     }

@@ -7,6 +7,7 @@ use super::trial::{Evaluated, TrialJob, TrialLogError, WindowTimes, evaluate_in_
 use log_file::pipeline::{self, Pieces};
 use log_file::{Log, LogError, Mapping, ReadOptions};
 use output_file::OutputError;
+use shell_data::hint::with_causes;
 use trial::manifest::{CellPosition, Entry, Manifest, ManifestProblem, Moment, Shard};
 use trial::{
     ConditionRow, Instrument, Per, PhaseProfile, Quantity, Trial, TrialError, TrialOptions,
@@ -217,12 +218,7 @@ fn failure(
         ) => entry.enter.place,
         (Ok(entry), _) => entry.file.place,
     };
-    let mut message = error.to_string();
-    let mut source = std::error::Error::source(error);
-    while let Some(cause) = source {
-        message += &format!(": {cause}");
-        source = cause.source();
-    }
+    let message = with_causes(error);
     Failure { place, file, message }
 }
 

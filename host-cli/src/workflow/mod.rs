@@ -99,7 +99,7 @@ impl Hint for ChannelMismatch {
 /// which have these, too, no more are used.
 ///
 /// # Errors
-/// [`WorkflowError::Axes`] if the training logs have different ones, [`LogError::MissingColumns`] if a log
+/// [`WorkflowError::Axes`] if the training logs have different ones, [`LogError::At`] if a log
 /// has none or a test log lacks some.
 pub fn agree_on_axes(train: &[Log], test: &mut [Log]) -> Result<Axes, WorkflowError> {
     let first = train.first().ok_or(WorkflowError::NoLogs)?;

@@ -13,7 +13,7 @@ use calibration::recalibration::{NewLoads, Recalibration, RecalibrationError};
 use calibration::validation::cross_validation::CrossValidation;
 use calibration_file::{CalibrationFile, Diagnostics, Origin};
 use load_table::HungLoads;
-use log_file::{Log, ReadOptions, Wanted, read_dataset, sample_logs};
+use log_file::{Log, ReadOptions, Wanted, read_logs};
 use shell_data::dataset::Dataset;
 use shell_data::hint::Hint;
 use shell_data::wrench::{Axes, PerAxis};
@@ -118,9 +118,7 @@ fn read_rows(
         time: logs.iter().all(Log::has_time),
         ..Wanted::default()
     };
-    let asked: Vec<(&Log, Wanted)> = logs.iter().map(|log| (log, wanted.clone())).collect();
-    let mut data = read_dataset(&asked, read).map_err(WorkflowError::from)?;
-    sample_logs(&mut data, logs, &wanted).map_err(WorkflowError::from)?;
+    let data = read_logs(logs, &wanted, read).map_err(WorkflowError::from)?;
     Ok(label_poses_or_files(&data))
 }
 

@@ -5,8 +5,8 @@ use std::io::Write;
 use std::path::Path;
 
 use log_file::{
-    ColumnRef, Log, LogError, LogFormat, LogPosition, Mapping, MomentUnit, ReadOptions,
-    ReadSummary, Wanted,
+    ColumnRef, Log, LogError, LogFormat, LogPosition, Mapping, MomentUnit, PlacedProblem,
+    ReadOptions, ReadSummary, Wanted,
 };
 use shell_data::block::Block;
 
@@ -118,7 +118,14 @@ fn telemetry_without_sensors_has_time_and_other_columns() {
     assert_eq!((block.time_s, block.others), (vec![0.001], vec![vec![882.0]]));
     let error = log.require(&Wanted { readings: true, ..Wanted::default() }).unwrap_err();
     assert!(
-        matches!(error, LogError::MissingColumns { place: LogPosition::Line(1), .. }),
+        matches!(
+            error,
+            LogError::At {
+                place: LogPosition::Line(1),
+                problem: PlacedProblem::MissingColumns { .. },
+                ..
+            }
+        ),
         "{error}"
     );
 }
@@ -350,7 +357,7 @@ fn bad_rows_are_counted_and_left_out_when_asked() {
         assert_eq!(block.groups, [("a".to_owned(), 2), ("c".to_owned(), 1)]);
     }
     let error = log.read(&all(&log), &ReadOptions::default(), |_| (), |()| Ok::<_, LogError>(()));
-    assert!(matches!(error, Err(LogError::Row { .. })));
+    assert!(matches!(error, Err(LogError::At { problem: PlacedProblem::Row(_), .. })));
 }
 
 #[test]

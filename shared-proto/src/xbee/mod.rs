@@ -194,12 +194,8 @@ impl Address {
 
     fn write<const N: usize>(self, out: &mut Bytes<N>) {
         match self {
-            Self::Short(short) => {
-                out.extend(&short.to_be_bytes());
-            }
-            Self::Long(long) => {
-                out.extend(&long.to_be_bytes());
-            }
+            Self::Short(short) => out.extend(&short.to_be_bytes()),
+            Self::Long(long) => out.extend(&long.to_be_bytes()),
             Self::Zigbee { long, short } => {
                 out.extend(&long.to_be_bytes());
                 out.extend(&short.to_be_bytes());

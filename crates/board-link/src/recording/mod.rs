@@ -19,6 +19,7 @@
 mod boards;
 mod edges;
 mod forces;
+mod protocol;
 mod reception;
 mod recognition;
 mod rows;
@@ -29,28 +30,8 @@ mod timeline;
 pub use boards::{BoardSource, Boards, HeardBoard};
 pub use edges::BoardEdge;
 pub use forces::{Force, LiveForces, RunningForces, UnsuitableCalibration};
+pub use protocol::{PROTOCOLS, protocol_name};
 pub use reception::{BoardFrame, Content, Losses, Measured, Reception};
 pub use recognition::{NoFrame, RecognisedProtocol, Recognition};
 pub use rows::{FrameLabel, RowWriter, row_flags, write_time};
 pub use simultaneous::Simultaneous;
-
-/// What the bytes of a stream are, [`shared_proto::Protocol`] with names for people.
-pub fn protocol_name(protocol: shared_proto::Protocol) -> &'static str {
-    use shared_proto::xbee::Mode;
-    use shared_proto::{Framing, Protocol};
-    match protocol {
-        Protocol::Packets(Framing::Cobs) => "cobs",
-        Protocol::Packets(Framing::Xbee(Mode::Plain)) => "xbee-ap1",
-        Protocol::Packets(Framing::Xbee(Mode::Escaped)) => "xbee-ap2",
-        Protocol::Original => "original",
-    }
-}
-
-/// The protocol of a name, `None` if there is none.
-pub fn protocol_named(name: &str) -> Option<shared_proto::Protocol> {
-    use shared_proto::xbee::Mode;
-    use shared_proto::{Framing, Protocol};
-    let framings = [Framing::Cobs, Framing::Xbee(Mode::Plain), Framing::Xbee(Mode::Escaped)];
-    let mut protocols = framings.map(Protocol::Packets).into_iter().chain([Protocol::Original]);
-    protocols.find(|protocol| protocol_name(*protocol) == name)
-}

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use super::protocol::protocol_name;
 use shared_proto::{Decoder, Event, Protocol, detect, skinproc};
 
 /// Bytes that are enough to tell the protocol by: half a second of 100 Hz takes 1,500.
@@ -46,7 +47,7 @@ pub enum NoFrame {
     /// Frames of another protocol than the one asked for.
     #[error(
         "no valid frame of framing `{}` in {bytes} bytes; they are framed `{}`",
-        super::protocol_name(*asked_for), super::protocol_name(*found)
+        protocol_name(*asked_for), protocol_name(*found)
     )]
     OtherProtocol {
         /// How many bytes were looked at.

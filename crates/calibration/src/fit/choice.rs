@@ -1,17 +1,17 @@
-//! What is known before a fit: the model, its held-out errors, and how rows err together.
+//! Chooses what is fitted: the model, its held-out errors, and how rows err together.
 
 use std::collections::HashMap;
-use std::ops::Range;
 
+use super::model_choice::{Clusters, FewGroups, ModelChoice};
 use super::refits::{
-    FOLDS, MOST_ALONE, Refit, cross_validate_by_normal_equations, cross_validate_by_refits,
-    select_by_normal_equations,
+    FOLDS, MOST_ALONE, RANDOM_FOLDS, Refit, cross_validate_by_normal_equations,
+    cross_validate_by_refits, random_split, select_by_normal_equations,
 };
-use super::{FitOptions, ModelRule};
+use super::{CovarianceRule, FitOptions, ModelRule};
 use crate::error::FitError;
 use crate::exact::{ExactError, Moments};
 use crate::factored::{FactoredGroups, GroupFactors};
-use crate::groups::{FoundGroups, GroupBy, HeldOut, label_groups, label_poses, stretches_of_files};
+use crate::groups::{GroupBy, HeldOut, label_groups, label_poses, stretches_of_files};
 use crate::model::{Basis, Model};
 use crate::passes::{Workers, each};
 use crate::reading_ranges::ReadingRanges;
@@ -19,19 +19,13 @@ use crate::scaling::Scaling;
 use crate::solver::SolverKind;
 use crate::validation::ValidationError;
 use crate::validation::advice::Advice;
-use crate::validation::cross_validation::{CrossValidation, cross_validate, deal_groups};
+use crate::validation::cross_validation::{cross_validate, deal_groups};
 use crate::validation::grouped::{
     Apart, BlockGroups, GroupSums, GroupWorker, GroupedMoments, MAX_GROUPS, RandomSplit,
 };
-use crate::validation::selection::{self, Selection};
+use crate::validation::selection;
 use shell_data::block::Block;
 use shell_data::dataset::{Dataset, LabelledBlock, RowSet};
-
-/// Folds of the random split that held-out errors are compared with, where no number is given.
-pub const RANDOM_FOLDS: usize = 10;
-
-/// Folds of it that are held out.
-const HELD_OUT: usize = 2;
 
 /// The fewest groups that standard errors come from unless they are asked for by name.
 const FEWEST_GROUPS: usize = 10;
@@ -39,89 +33,6 @@ const FEWEST_GROUPS: usize = 10;
 /// Most rows that families of features are compared on: rows of a group resemble each other, and one in several
 /// says as much.
 const MOST_COMPARED: u64 = 16_384;
-
-/// The random split into so many folds, two of which are held out.
-pub fn random_split(folds: usize, seed: u64) -> RandomSplit {
-    RandomSplit { folds, held_out: folds.min(HELD_OUT), seed }
-}
-
-/// What the covariance of the coefficients is found from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum CovarianceRule {
-    /// By the log's group column or its plateaus where there are ten at least, by rows otherwise.
-    Auto,
-    /// Errors are alike within groups: those of the group column, files, or those that are found.
-    Groups,
-    /// Errors are independent from row to row.
-    Rows,
-    /// None is wanted.
-    Nothing,
-}
-
-/// What standard errors by group are made of where exact sums do not serve the solver.
-#[derive(Clone, Debug)]
-pub(super) enum Clusters {
-    /// Triangles of the rows, and where groups are stretches of files those of each file.
-    Triangles { rows: FactoredGroups, files: Option<Vec<Range<usize>>> },
-    /// The rows with their labels, for a solver that clips them.
-    Rows(Block),
-}
-
-/// The model that is to be fitted, and what is known of it before.
-#[derive(Clone, Debug)]
-pub(super) struct ModelChoice {
-    /// The family of features.
-    pub(super) basis: Basis,
-    /// λ of the ridge.
-    pub(super) ridge: f64,
-    /// How the family was chosen, where it was.
-    pub(super) selection: Option<Selection>,
-    /// Held-out errors, where they were asked for.
-    pub(super) cross_validation: Option<CrossValidation>,
-    /// What either says to do.
-    pub(super) advice: Option<Advice>,
-    /// The sums of the training rows, by group, where they were made.
-    pub(super) sums: Option<GroupedMoments>,
-    /// What standard errors by group are made of, where that is not the sums.
-    pub(super) clusters: Option<Clusters>,
-    /// What the groups are.
-    pub(super) group_by: Option<GroupBy>,
-    /// The rows that are used, with the labels of these groups.
-    pub(super) labelled: Option<Dataset>,
-    /// Whether the covariance is to come from the groups.
-    pub(super) by_group: bool,
-    /// Why it cannot, though there are groups.
-    pub(super) not_grouped: Option<ValidationError>,
-    /// Why there should be no covariance at all, unless it is asked for by name.
-    pub(super) few_groups: Option<FewGroups>,
-}
-
-impl ModelChoice {
-    /// The groups that were found, where they are not given.
-    pub(super) fn found_groups(&self) -> Option<FoundGroups> {
-        let is_used = self.sums.is_some()
-            || matches!(self.clusters, Some(Clusters::Triangles { .. }))
-            || self.cross_validation.is_some();
-        self.group_by.as_ref().filter(|_| is_used)?.found()
-    }
-}
-
-/// More than half as many features as groups: whatever the rank, what the groups leave to tell errors
-/// from is too little.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct FewGroups {
-    /// Features of the model.
-    pub features: usize,
-    /// Groups of rows.
-    pub groups: usize,
-}
-
-impl FewGroups {
-    /// Of a model with so many features; `None` where the groups are enough.
-    pub fn new(features: usize, groups: usize) -> Option<Self> {
-        (2 * features > groups).then_some(Self { features, groups })
-    }
-}
 
 /// Training rows of which those that are used are selected when they have been labelled: groups are found in
 /// all rows.

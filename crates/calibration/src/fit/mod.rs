@@ -32,6 +32,7 @@ mod evaluation;
 mod group_errors;
 mod means;
 pub mod merged;
+mod model_choice;
 mod options;
 mod outliers;
 mod paired;
@@ -41,15 +42,17 @@ mod refits;
 mod verdict;
 mod warning;
 
-pub use self::choice::{CovarianceRule, FewGroups, RANDOM_FOLDS, random_split, sum_groups};
+pub use self::choice::sum_groups;
 pub use self::evaluation::{Evaluation, evaluate};
 pub use self::group_errors::{GroupErrors, GroupedErrors, group_errors};
-pub use self::options::{FitOptions, GroupsAsked, ModelRule, OutlierRule};
+pub use self::model_choice::FewGroups;
+pub use self::options::{CovarianceRule, FitOptions, GroupsAsked, ModelRule, OutlierRule};
 pub use self::outliers::{
     Outlier, OutlierColumn, OutlierTest, Outliers, Reason, RowName, find_outliers,
 };
 pub use self::paired::{Better, PairedError, PairedErrors, paired_errors};
 pub use self::physics::{ModelComparison, PhysicsFit};
+pub use self::refits::{RANDOM_FOLDS, random_split};
 pub use self::verdict::{FrameInterval, Unjudged, UnseenErrors, UnseenRows, Verdict};
 pub use self::warning::Warning;
 pub use crate::groups::{
@@ -58,7 +61,8 @@ pub use crate::groups::{
 pub use crate::holds::{HoldMismatch, label_holds};
 pub use crate::passes::Workers;
 
-use self::choice::{ModelChoice, Training, choose};
+use self::choice::{Training, choose};
+use self::model_choice::ModelChoice;
 use self::physics::TriedPhysics;
 pub use self::polynomial::Leaks;
 use self::polynomial::{PolynomialFit, Solved};

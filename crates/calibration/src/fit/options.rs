@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use super::choice::CovarianceRule;
 use super::outliers::OutlierTest;
 use super::physics;
 use super::warning::Warning;
@@ -62,6 +61,19 @@ pub enum OutlierRule {
     Drop,
     /// They are used, and not looked for.
     Keep,
+}
+
+/// What the covariance of the coefficients is found from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CovarianceRule {
+    /// By the log's group column or its plateaus where there are ten at least, by rows otherwise.
+    Auto,
+    /// Errors are alike within groups: those of the group column, files, or those that are found.
+    Groups,
+    /// Errors are independent from row to row.
+    Rows,
+    /// None is wanted.
+    Nothing,
 }
 
 /// What is to be fitted, and how.

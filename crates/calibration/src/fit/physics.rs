@@ -3,8 +3,9 @@
 use std::fmt;
 
 use super::FitOptions;
-use super::choice::{ModelChoice, Training};
+use super::choice::Training;
 use super::evaluation::EvalOptions;
+use super::model_choice::ModelChoice;
 use super::polynomial::Errors;
 use super::refits::{FOLDS, MOST_ALONE};
 use crate::conversion::{Calibration, Kind};

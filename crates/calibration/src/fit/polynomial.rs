@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use super::choice::{Clusters, CovarianceRule, ModelChoice};
 use super::evaluation::{BlockErrors, BlockEvaluator, EvalOptions, Evaluation};
-use super::{FitOptions, LARGEST};
+use super::model_choice::{Clusters, ModelChoice};
+use super::{CovarianceRule, FitOptions, LARGEST};
 use crate::conversion::Calibration;
 use crate::error::FitError;
 use crate::exact::{ExactError, Moments};

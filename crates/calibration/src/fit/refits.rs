@@ -5,7 +5,6 @@
 //! forty groups is held out alone, more in ten folds.
 
 use super::FitOptions;
-use super::choice::{RANDOM_FOLDS, random_split};
 use super::polynomial::{Problem, calibrate};
 use crate::conversion::Calibration;
 use crate::error::FitError;
@@ -15,7 +14,7 @@ use crate::passes::Rows;
 use crate::physics::TrainingRows;
 use crate::validation::ValidationError;
 use crate::validation::cross_validation::{CrossValidation, HeldOutQuality, deal_groups};
-use crate::validation::grouped::deal;
+use crate::validation::grouped::{RandomSplit, deal};
 use crate::validation::normal_equations::HeldOutFolds;
 use crate::validation::selection::{self, Selection};
 use shell_data::block::Block;
@@ -28,6 +27,17 @@ use std::collections::HashMap;
 pub(super) const MOST_ALONE: usize = 40;
 /// Folds that more groups are dealt into.
 pub(super) const FOLDS: usize = 10;
+
+/// Folds of the random split that held-out errors are compared with, where no number is given.
+pub const RANDOM_FOLDS: usize = 10;
+
+/// Folds of it that are held out.
+const HELD_OUT: usize = 2;
+
+/// The random split into so many folds, two of which are held out.
+pub fn random_split(folds: usize, seed: u64) -> RandomSplit {
+    RandomSplit { folds, held_out: folds.min(HELD_OUT), seed }
+}
 
 /// What is fitted without each fold.
 #[derive(Clone, Copy)]

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::choice::FewGroups;
+use super::model_choice::FewGroups;
 use crate::exact::ExactError;
 use crate::physics::TooFewGroups;
 use crate::validation::ValidationError;

@@ -43,7 +43,7 @@ pub struct Site {
     /// What every request has to carry, in the address: `?token=…`.
     pub token: String,
     /// The orders there are: `mark` is `POST /mark`.
-    pub orders: &'static [&'static str],
+    pub orders: Vec<&'static str>,
 }
 
 /// A server, which listens until the process ends.
@@ -433,7 +433,7 @@ mod tests {
             page: "<p>page</p>".to_owned(),
             nonce: "n0".to_owned(),
             token: "secret".to_owned(),
-            orders: &["mark"],
+            orders: vec!["mark"],
         };
         Server::start("127.0.0.1:0".parse().unwrap(), site).unwrap()
     }

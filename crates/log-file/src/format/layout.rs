@@ -7,7 +7,7 @@ use super::columns::{Column, ColumnRoles, ColumnsError, recognise};
 use super::mapping::{LogFormat, Mapping, TimeUnit};
 use super::matrices::by_shape;
 use super::meaning::{Meaning, names_a_unit};
-use crate::error::LogError;
+use crate::error::{LogError, PlacedProblem};
 use crate::parse::console;
 use crate::parse::number::{NumberError, parse_date, parse_field};
 use crate::parse::rows::is_comment;
@@ -77,24 +77,23 @@ pub(crate) fn recognise_layout(
     }
     let Header { format, separator, names, units, rows_start, names_line, has_decimal_commas } =
         header;
-    let place = source.place(names_line);
     let is_of_matrices = |table: &Table| matches!(table.kind(), FileKind::Hdf5 | FileKind::Matlab);
     let mapping = match source.as_whole_table().is_some_and(is_of_matrices) {
         true => &by_shape(&names, mapping),
         false => mapping,
     };
     let (mut columns, roles) =
-        recognise(names.clone(), &units, format, mapping).map_err(|error| match error {
-            ColumnsError::Missing(missing) => {
-                LogError::MissingColumns { path: path(), place, missing, found: names.clone() }
-            }
-            ColumnsError::Duplicate { meaning, columns } => LogError::DuplicateColumn {
-                path: path(),
-                place,
-                meaning,
-                columns,
-                names: Box::new(columns.map(|at| names[at].clone())),
-            },
+        recognise(names.clone(), &units, format, mapping).map_err(|error| {
+            let problem = match error {
+                ColumnsError::Missing(missing) => {
+                    PlacedProblem::MissingColumns { missing, found: names.clone() }
+                }
+                ColumnsError::Duplicate { meaning, columns } => {
+                    let names = Box::new(columns.map(|at| names[at].clone()));
+                    PlacedProblem::DuplicateColumn { meaning, columns, names }
+                }
+            };
+            source.error_at(names_line, problem)
         })?;
     let first =
         LayoutLine::first_with_text(head, rows_start, 1).map(|line| fields(line.text, separator));
@@ -114,8 +113,8 @@ pub(crate) fn recognise_layout(
             epoch => Ok(epoch),
         };
         let unclear = |step| {
-            let (path, place) = (path(), source.place(names_line));
-            LogError::UnclearTimeUnit { path, place, column: names[at].clone(), step }
+            let column = names[at].clone();
+            source.error_at(names_line, PlacedProblem::UnclearTimeUnit { column, step })
         };
         if let Some(unit) = unit.map_err(unclear)? {
             columns[at].meaning = Meaning::Time(unit);
@@ -290,13 +289,9 @@ fn separated_header(
     };
     if let Some((format, names)) = fixed {
         if names.len() != found.len() {
-            return Err(LogError::LayoutMismatch {
-                path: source.path.clone(),
-                place: source.place(first.number),
-                format,
-                expected: names.len(),
-                found: found.len(),
-            });
+            let (expected, found) = (names.len(), found.len());
+            let problem = PlacedProblem::LayoutMismatch { format, expected, found };
+            return Err(source.error_at(first.number, problem));
         }
         return Ok(Header { format, names, ..header });
     }
@@ -319,11 +314,8 @@ fn separated_header(
     }
     // Numbers in an unknown order are of use only to someone who says which is which.
     if mapping.sensors.is_none() && mapping.wrench.is_none() && mapping.time.is_none() {
-        return Err(LogError::UnknownLayout {
-            path: source.path.clone(),
-            place: source.place(first.number),
-            found: found.len(),
-        });
+        let problem = PlacedProblem::UnknownLayout { found: found.len() };
+        return Err(source.error_at(first.number, problem));
     }
     let names = (1..=found.len()).map(|i| format!("column {i}")).collect();
     Ok(Header { names, ..header })
@@ -455,12 +447,12 @@ struct LayoutLine<'a> {
 impl<'a> LayoutLine<'a> {
     /// Whether it is a line by itself, and there to its end.
     fn check(&self, source: &LogSource, head: &[u8], whole: bool) -> Result<(), LogError> {
-        let (path, place) = (source.path.clone(), source.place(self.number));
         if memchr(b'\r', self.text).is_some() {
-            return Err(LogError::CarriageReturns { path, place });
+            return Err(source.error_at(self.number, PlacedProblem::CarriageReturns));
         }
         if !whole && self.next == head.len() && !head.ends_with(b"\n") {
-            return Err(LogError::LineTooLong { path, place, limit: head.len() });
+            let problem = PlacedProblem::LineTooLong { limit: head.len() };
+            return Err(source.error_at(self.number, problem));
         }
         Ok(())
     }

@@ -47,6 +47,21 @@ pub fn read_dataset(
     Ok(data)
 }
 
+/// Reads the same of some logs, and takes a sample of each.
+///
+/// # Errors
+/// As [`read_dataset`].
+pub fn read_logs(
+    logs: &[Log],
+    wanted: &Wanted,
+    options: &ReadOptions<'_>,
+) -> Result<Dataset, LogError> {
+    let asked: Vec<(&Log, Wanted)> = logs.iter().map(|log| (log, wanted.clone())).collect();
+    let mut data = read_dataset(&asked, options)?;
+    sample_logs(&mut data, logs, wanted)?;
+    Ok(data)
+}
+
 /// Takes a sample of each log of a data set, of what is wanted of it but for its groups.
 ///
 /// # Errors

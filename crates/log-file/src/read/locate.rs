@@ -2,7 +2,7 @@
 
 use std::io::{BufRead, BufReader, Read};
 
-use crate::error::{LogError, RowProblem};
+use crate::error::{LogError, PlacedProblem, RowProblem};
 use crate::log::Log;
 use crate::parse::parsed_rows::ParsedRows;
 use crate::parse::plan::ReadPlan;
@@ -16,11 +16,9 @@ impl Log {
         match error {
             ChunkError::Io(error) => self.source.error(error),
             ChunkError::LineTooLong(offset) => match self.line_number(offset) {
-                Ok(line) => LogError::LineTooLong {
-                    path: self.source.path.clone(),
-                    place: self.source.place(line),
-                    limit: LINE_LIMIT,
-                },
+                Ok(line) => {
+                    self.source.error_at(line, PlacedProblem::LineTooLong { limit: LINE_LIMIT })
+                }
                 Err(error) => error,
             },
         }
@@ -29,12 +27,11 @@ impl Log {
     pub(crate) fn row_error(&self, chunk_offset: u64, error: RowError) -> LogError {
         match self.line_number(chunk_offset + error.offset as u64) {
             Ok(line) => {
-                let place = self.source.place(line);
                 let mut problem = error.problem;
                 if self.layout.has_decimal_commas {
                     self.show_as_written(chunk_offset + error.offset as u64, &mut problem);
                 }
-                LogError::Row { path: self.source.path.clone(), place, problem }
+                self.source.error_at(line, problem)
             }
             Err(error) => error,
         }

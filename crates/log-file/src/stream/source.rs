@@ -25,7 +25,7 @@ use super::text_stream::TextStream;
 use super::utf16::Utf16;
 use super::zstd::{self, Zstd};
 use crate::checksum::Checksum;
-use crate::error::{LogError, LogPosition};
+use crate::error::{LogError, LogPosition, PlacedProblem};
 
 /// A file to be read from its start any number of times.
 #[derive(Clone, Debug)]
@@ -329,6 +329,12 @@ impl LogSource {
             (Some(Numbering::Named), line) => LogPosition::Row(line - 1),
             (Some(_), line) => LogPosition::Row(line),
         }
+    }
+
+    /// The error of what is wrong at a line of the text.
+    pub(crate) fn error_at(&self, line: u64, problem: impl Into<PlacedProblem>) -> LogError {
+        let (path, place) = (self.path.clone(), self.place(line));
+        LogError::At { path, place, problem: problem.into() }
     }
 
     /// The error of a failed read.

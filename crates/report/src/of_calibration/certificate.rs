@@ -125,8 +125,8 @@ impl Certificate<'_> {
         };
         let header =
             [("axis", true), ("least", false), ("most", false), ("RMS", false), ("unit", true)];
-        let rows: Vec<Vec<TableCell>> = self.calibration.axes.iter().map(row).collect();
-        table("Loads of the calibration; outside them it is not valid", &header, &rows)
+        let rows = self.calibration.axes.iter().map(row);
+        table("Loads of the calibration; outside them it is not valid", &header, rows)
     }
 
     fn uncertainty(&self) -> String {
@@ -166,7 +166,7 @@ impl Certificate<'_> {
         let mut header = vec![("standard uncertainty", true), ("type", true)];
         header.extend(names.iter().map(|name| (name.as_str(), false)));
         header.push(("from", true));
-        let mut html = table("Uncertainty budget of a single frame", &header, &rows);
+        let mut html = table("Uncertainty budget of a single frame", &header, rows);
         let unknown: Vec<&str> =
             self.budget.iter().filter(|of| of.standard.is_none()).map(|of| of.source).collect();
         if !unknown.is_empty() {
@@ -205,8 +205,8 @@ impl Certificate<'_> {
             ("unit", true),
             ("result", true),
         ];
-        let rows: Vec<Vec<TableCell>> = self.weights.iter().map(row).collect();
-        table("Known weights on the calibrated sensor", &header, &rows)
+        let rows = self.weights.iter().map(row);
+        table("Known weights on the calibrated sensor", &header, rows)
     }
 
     fn origin(&self) -> String {

@@ -120,8 +120,7 @@ fn coverage(report: &CalibrationReport<'_>) -> String {
             TableCell::Figure(format!("{:.0}", 100.0 * of.rows_negative)),
         ]
     };
-    let mut html =
-        html + &table("Training loads", &header, &axes.iter().map(row).collect::<Vec<_>>());
+    let mut html = html + &table("Training loads", &header, axes.iter().map(row));
     let mut header = vec![("axis", true)];
     header.extend(axes.iter().map(|axis| (axis.name(), false)));
     let row = |axis: Axis| {
@@ -134,7 +133,7 @@ fn coverage(report: &CalibrationReport<'_>) -> String {
         row
     };
     let rows: Vec<_> = axes.iter().map(row).collect();
-    let correlation = table("Correlation of training loads", &header, &rows);
+    let correlation = table("Correlation of training loads", &header, rows);
     html += &folded("Which loads came together", &correlation);
     html
 }
@@ -200,7 +199,7 @@ fn group_table(caption: &str, groups: &[(&str, &GroupRow)], axes: Axes) -> Strin
     let mut header = vec![("data", true), ("group", true), ("rows", false)];
     header.extend(names.iter().map(|name| (name.as_str(), false)));
     header.push((&load, true));
-    table(caption, &header, &groups.iter().map(text).collect::<Vec<_>>())
+    table(caption, &header, groups.iter().map(text))
 }
 
 fn model(report: &CalibrationReport<'_>) -> String {
@@ -236,8 +235,8 @@ fn compared(selection: &Selection) -> String {
             TableCell::from(mark),
         ]
     };
-    let rows: Vec<Vec<TableCell>> = selection.candidates.iter().enumerate().map(row).collect();
-    table("Errors on groups that were held out", &header, &rows)
+    let rows = selection.candidates.iter().enumerate().map(row);
+    table("Errors on groups that were held out", &header, rows)
 }
 
 fn outliers(report: &CalibrationReport<'_>) -> String {

@@ -27,8 +27,8 @@ pub(crate) fn sources_table(calibration: &CalibrationFacts<'_>) -> String {
             TableCell::Long(source.checksum.clone().unwrap_or_default()),
         ]
     };
-    let rows: Vec<Vec<TableCell>> = calibration.sources.iter().map(row).collect();
-    table("What the calibration was made from", &header, &rows)
+    let rows = calibration.sources.iter().map(row);
+    table("What the calibration was made from", &header, rows)
 }
 
 /// A column of figures, one for each axis.
@@ -66,7 +66,7 @@ pub(crate) fn errors_table(calibration: &CalibrationFacts<'_>) -> String {
     let caption = format!(
         "Errors, predicted less measured; largest error, bias and R² are those of the {of} data"
     );
-    table(&caption, &header, &calibration.axes.iter().map(row).collect::<Vec<_>>())
+    table(&caption, &header, calibration.axes.iter().map(row))
 }
 
 /// The unit of forces and that of moments that suit some figures.

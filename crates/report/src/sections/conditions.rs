@@ -5,7 +5,7 @@ use super::super::markup::{TableCell, figure, table};
 use super::super::numbers::{BoxPlot, PhasePlot, ReportNumbers};
 use super::super::units::ColumnUnit;
 use super::parts::{capital, folded, plot_figure};
-use trial::{ConditionRow, Per, Quantity};
+use trial::{ConditionRow, Quantity};
 
 pub(super) fn conditions(report: &Report<'_>, numbers: &ReportNumbers) -> String {
     let mut html = String::new();
@@ -30,8 +30,8 @@ pub(super) fn conditions(report: &Report<'_>, numbers: &ReportNumbers) -> String
         let less = reference.map(|difference| format!("difference from {}", difference.reference));
         let mut header = vec![("condition", true), ("per", true), ("n", false), ("mean", false)];
         header.extend(less.as_deref().map(|less| (less, false)));
-        html += &table(&scale.name(&capital(quantity.name())), &header, &rows);
-        let spread = of_quantity.iter().map(|row| spread_cells(row, &scale)).collect::<Vec<_>>();
+        html += &table(&scale.name(&capital(quantity.name())), &header, rows);
+        let spread = of_quantity.iter().map(|row| spread_cells(row, &scale));
         let header = [
             ("condition", true),
             ("per", true),
@@ -42,7 +42,7 @@ pub(super) fn conditions(report: &Report<'_>, numbers: &ReportNumbers) -> String
             ("outliers", false),
         ];
         let caption = format!("Spread of {}", scale.name(quantity.name()));
-        html += &folded(&caption, &table(&caption, &header, &spread));
+        html += &folded(&caption, &table(&caption, &header, spread));
     }
     html
 }
@@ -102,10 +102,7 @@ fn box_alt(plot: &BoxPlot) -> String {
     let medians: Vec<_> =
         conditions.iter().map(|c| format!("{} {}", c.name, figure(c.median.0))).collect();
     let unit = if unit.is_empty() { String::new() } else { format!(" in {unit}") };
-    let per = match per {
-        Per::Trial => "trial",
-        Per::Stride => "stride",
-    };
+    let per = per.name();
     format!("Box plot of {quantity} per {per} by condition; medians{unit}: {}", medians.join(", "))
 }
 

@@ -61,21 +61,15 @@ pub(super) fn effect(report: &Report<'_>, numbers: &ReportNumbers) -> String {
             quantities.iter().flat_map(|&quantity| rows(quantity)).collect();
         all.iter().filter(of_condition).map(|row| row.statistics.n as u64).max()
     };
-    let cells: Vec<Vec<TableCell>> = names
-        .iter()
-        .enumerate()
-        .map(|(at, name)| {
-            let mut row = vec![
-                TableCell::Text((*name).to_owned()),
-                TableCell::from(trials(name).unwrap_or(0)),
-            ];
-            row.extend(columns.iter().map(|column| TableCell::Figure(column[at].clone())));
-            row
-        })
-        .collect();
+    let cells = names.iter().enumerate().map(|(at, name)| {
+        let mut row =
+            vec![TableCell::Text((*name).to_owned()), TableCell::from(trials(name).unwrap_or(0))];
+        row.extend(columns.iter().map(|column| TableCell::Figure(column[at].clone())));
+        row
+    });
     let header: Vec<(&str, bool)> =
         header.iter().map(|(name, is_text)| (name.as_str(), *is_text)).collect();
-    html + &table("Mean per trial, with the half width of its 95 % interval", &header, &cells)
+    html + &table("Mean per trial, with the half width of its 95 % interval", &header, cells)
 }
 
 fn scale_of(rows: &[&ConditionRow], quantity: Quantity) -> ColumnUnit {

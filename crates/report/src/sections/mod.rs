@@ -119,18 +119,14 @@ fn origin(report: &Report<'_>) -> String {
         html += &facts_table("Settings", &settings);
     }
     let header = [("used as", true), ("file", true), ("bytes", false), ("checksum", true)];
-    let rows: Vec<Vec<TableCell>> = report
-        .inputs
-        .iter()
-        .map(|input| {
-            vec![
-                TableCell::Text(input.role.clone()),
-                TableCell::Text(input.path.clone()),
-                TableCell::from(input.bytes),
-                TableCell::Long(input.checksum.clone()),
-            ]
-        })
-        .collect();
-    html += &table("What went in", &header, &rows);
+    let rows = report.inputs.iter().map(|input| {
+        vec![
+            TableCell::Text(input.role.clone()),
+            TableCell::Text(input.path.clone()),
+            TableCell::from(input.bytes),
+            TableCell::Long(input.checksum.clone()),
+        ]
+    });
+    html += &table("What went in", &header, rows);
     html
 }

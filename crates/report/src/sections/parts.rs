@@ -3,11 +3,10 @@
 use super::super::markup::{TableCell, escape, table};
 
 pub(crate) fn facts_table(caption: &str, facts: &[(&str, String)]) -> String {
-    let rows: Vec<Vec<TableCell>> = facts
+    let rows = facts
         .iter()
-        .map(|(name, value)| vec![TableCell::from(*name), TableCell::Long(value.clone())])
-        .collect();
-    table(caption, &[("what", true), ("value", true)], &rows)
+        .map(|(name, value)| vec![TableCell::from(*name), TableCell::Long(value.clone())]);
+    table(caption, &[("what", true), ("value", true)], rows)
 }
 
 pub(super) fn plot_figure(id: &str, class: &str, alt: &str, caption: &str) -> String {

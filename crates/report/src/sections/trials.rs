@@ -99,8 +99,8 @@ fn trial_tables(trials: &[TrialResult]) -> String {
             TableCell::from(row.specific_resistance),
         ]
     };
-    let rows: Vec<Vec<TableCell>> = trials.iter().map(results).collect();
-    let html = table("One row for each trial", &header, &rows);
+    let rows = trials.iter().map(results);
+    let html = table("One row for each trial", &header, rows);
     let header = [
         ("log", true),
         ("entry (s)", false),
@@ -119,9 +119,9 @@ fn trial_tables(trials: &[TrialResult]) -> String {
             TableCell::from(row.stride_frequency_hz),
         ]
     };
-    let rows: Vec<Vec<TableCell>> = trials.iter().map(times).collect();
+    let rows = trials.iter().map(times);
     let caption = "Times, speed and strides of each trial";
-    html + &folded(caption, &table(caption, &header, &rows))
+    html + &folded(caption, &table(caption, &header, rows))
 }
 
 fn strides(strides: &[StrideRow]) -> String {
@@ -141,21 +141,18 @@ fn strides(strides: &[StrideRow]) -> String {
         (names[1].as_str(), false),
         ("specific resistance", false),
     ];
-    let rows: Vec<Vec<TableCell>> = strides
-        .iter()
-        .map(|row| {
-            vec![
-                TableCell::from(row.stride),
-                TableCell::Figure(format!("{:.4}", row.t_start_s)),
-                TableCell::Figure(format!("{:.4}", row.t_end_s)),
-                TableCell::from(row.drag_mean_n),
-                TableCell::from(row.lift_mean_n),
-                TableCell::Figure(energy.value(row.drag_energy_j)),
-                TableCell::Figure(electrical.value(row.electrical_energy_j)),
-                TableCell::from(row.specific_resistance),
-            ]
-        })
-        .collect();
-    let table = table("One row for each stride", &header, &rows);
+    let rows = strides.iter().map(|row| {
+        vec![
+            TableCell::from(row.stride),
+            TableCell::Figure(format!("{:.4}", row.t_start_s)),
+            TableCell::Figure(format!("{:.4}", row.t_end_s)),
+            TableCell::from(row.drag_mean_n),
+            TableCell::from(row.lift_mean_n),
+            TableCell::Figure(energy.value(row.drag_energy_j)),
+            TableCell::Figure(electrical.value(row.electrical_energy_j)),
+            TableCell::from(row.specific_resistance),
+        ]
+    });
+    let table = table("One row for each stride", &header, rows);
     format!("<details><summary>{} strides</summary>\n{table}</details>\n", strides.len())
 }

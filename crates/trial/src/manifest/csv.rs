@@ -4,7 +4,7 @@ use csv::{ReaderBuilder, StringRecord, Trim};
 
 use super::entry::{CellPosition, Manifest, ManifestProblem, Placed};
 use super::fields::{EntryFields, KEYS, REQUIRED};
-use shell_data::hint::did_you_mean;
+use shell_data::hint::{did_you_mean, quoted};
 
 /// Other names that columns go by.
 const OTHER_NAMES: [(&str, &str); 9] = [
@@ -83,10 +83,9 @@ fn header(
         keys.push(key);
     }
     let absent = KEYS[..REQUIRED].iter().filter(|key| !keys.contains(&Some(**key)));
-    let absent: Vec<String> = absent.map(|key| format!("`{key}`")).collect();
-    match absent.is_empty() {
-        true => Ok(keys),
-        false => Err(problem_at(lexed.field(0), format!("no column {}", absent.join(", ")))),
+    match &*quoted(absent, ", ") {
+        "" => Ok(keys),
+        absent => Err(problem_at(lexed.field(0), format!("no column {absent}"))),
     }
 }
 

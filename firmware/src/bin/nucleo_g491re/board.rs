@@ -2,7 +2,8 @@
 
 use crate::stm32::converter::{Converter, EndOfBurst};
 use crate::stm32::front_end::{Inputs, Photointerrupters, emitters};
-use crate::stm32::start::{self, Common, Independent, Past};
+use crate::stm32::start::{self, Common, Past};
+use crate::stm32::time::Independent;
 use embassy_executor::Spawner;
 use embassy_stm32::adc::{Adc, AdcChannel, AdcConfig, SampleTime};
 use embassy_stm32::interrupt::typelevel;

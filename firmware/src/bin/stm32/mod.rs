@@ -18,3 +18,4 @@ pub(crate) mod start;
 mod storage;
 mod sync_input;
 mod tasks;
+pub(crate) mod time;

@@ -6,6 +6,7 @@ use super::last_words::{self, End};
 use super::storage::Area;
 use super::sync_input;
 use super::tasks::{self, Stm32Station};
+use super::time::{EmbassyClock, Independent};
 use defmt_rtt as _;
 use embassy_executor::{InterruptExecutor, Spawner};
 use embassy_stm32::exti::{self, ExtiInput};
@@ -14,18 +15,15 @@ use embassy_stm32::gpio::Pull;
 use embassy_stm32::interrupt::typelevel::{self, Binding};
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_stm32::peripherals::{
-    self, DMA1_CH4, DMA1_CH5, EXTI15, FLASH, IWDG, PA9, PA10, PA11, PA12, PA15, RNG, USART1,
+    self, DMA1_CH4, DMA1_CH5, EXTI15, FLASH, PA9, PA10, PA11, PA12, PA15, RNG, USART1,
 };
 use embassy_stm32::rng::{self, Rng};
 use embassy_stm32::usart::{self, Uart};
-use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Peri, dma, interrupt, pac, uid};
-use embassy_time::{Duration, Instant, Timer, with_timeout};
-use firmware::{BoardSetup, Clock, LastWords, RECORD, Slots, Station, VERSION, Watchdog, baud};
+use embassy_time::{Duration, with_timeout};
+use firmware::{BoardSetup, LastWords, RECORD, Slots, Station, VERSION, baud};
 use shared_proto::{Board, Identity, ResetCause};
 use static_cell::{ConstStaticCell, StaticCell};
-
-const WATCHDOG_US: u32 = 1_000_000;
 
 /// How the run before has ended.
 pub(crate) struct Past {
@@ -65,35 +63,6 @@ fn reset_cause(end: Option<End>) -> ResetCause {
         ResetCause::Unspecified
     } else {
         ResetCause::Pin
-    }
-}
-
-pub(crate) struct EmbassyClock;
-
-impl Clock for EmbassyClock {
-    fn now_us(&self) -> u64 {
-        Instant::now().as_micros()
-    }
-
-    async fn wait_until_us(&self, at_us: u64) {
-        Timer::at(Instant::from_micros(at_us)).await;
-    }
-}
-
-pub(crate) struct Independent(IndependentWatchdog<'static, IWDG>);
-
-impl Independent {
-    /// From now on the firmware has to be quick.
-    pub(crate) fn start(watchdog: Peri<'static, IWDG>) -> Self {
-        let mut watchdog = IndependentWatchdog::new(watchdog, WATCHDOG_US);
-        watchdog.unleash();
-        Self(watchdog)
-    }
-}
-
-impl Watchdog for Independent {
-    fn feed(&mut self) {
-        self.0.pet();
     }
 }
 

@@ -2,9 +2,9 @@
 
 use super::front_end::Photointerrupters;
 use super::line::Stm32;
-use super::start::{EmbassyClock, Independent};
 use super::storage::Area;
 use super::sync_input::StampedEdges;
+use super::time::{EmbassyClock, Independent};
 use embassy_stm32::mode::Async;
 use embassy_stm32::usart::{RingBufferedUartRx, UartTx};
 use firmware::{Slots, Station};

@@ -175,14 +175,19 @@ impl Printer {
     }
 
     /// Prints a table: the first column is a label, the others are numbers.
-    pub(crate) fn table(&mut self, header: &[&str], rows: &[Vec<String>]) -> anyhow::Result<()> {
+    pub(crate) fn table(
+        &mut self,
+        header: &[&str],
+        rows: impl IntoIterator<Item = Vec<String>>,
+    ) -> anyhow::Result<()> {
         let form = self.options.form;
         let mut text = String::new();
         // Of several tables every one stands on its own.
         if form == TableForm::Csv && std::mem::replace(&mut self.has_table, true) {
             text.push('\n');
         }
-        for line in tables::lines(form, header, rows) {
+        let rows: Vec<Vec<String>> = rows.into_iter().collect();
+        for line in tables::lines(form, header, &rows) {
             text += &escape::terminal(&line);
             text.push('\n');
         }

@@ -24,7 +24,7 @@ use std::io::Write;
 pub use error::ConvertError;
 pub use options::{
     BadMount, Conversion, ConvertOptions, DEFAULT_FRAME_ID, FrameMount, OutputFormat, OutputPlan,
-    RecordingFrame, TableColumns, UnknownExtension,
+    RecordingFrame, TableColumns, UnknownExtension, table_name,
 };
 use summary::Totals;
 pub use summary::{AxisSummary, ConvertSummary, LoadSummary};

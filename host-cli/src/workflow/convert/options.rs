@@ -216,6 +216,14 @@ impl OutputFormat {
     }
 }
 
+/// What the table of a log is called: `run3.txt.gz` becomes `run3.wrench.csv`.
+pub fn table_name(log: &Path) -> String {
+    let name = log.file_name().unwrap_or_default().to_string_lossy();
+    let name = name.strip_suffix(".gz").unwrap_or(&name);
+    let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
+    format!("{stem}.wrench.csv")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -250,5 +258,12 @@ mod tests {
             let said = of(path).unwrap_err().to_string();
             assert!(said.contains(path) && said.contains("`.parquet`"), "{said}");
         }
+    }
+
+    #[test]
+    fn a_table_is_named_after_its_log() {
+        let names =
+            ["a/run3.txt", "run3.csv.gz", "run", ".hidden"].map(|p| table_name(Path::new(p)));
+        assert_eq!(names[..3], ["run3.wrench.csv", "run3.wrench.csv", "run.wrench.csv"]);
     }
 }

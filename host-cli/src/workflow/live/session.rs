@@ -39,24 +39,22 @@ pub enum LiveAction {
 }
 
 impl LiveAction {
-    /// What a page calls them.
-    pub const NAMES: [&str; 9] =
-        ["tare", "untare", "pause", "zoom-in", "zoom-out", "mark", "record", "skip", "back"];
+    /// All, by the names that a page calls them.
+    pub const NAMED: [(&str, Self); 9] = [
+        ("tare", Self::Tare),
+        ("untare", Self::Untare),
+        ("pause", Self::Pause),
+        ("zoom-in", Self::ZoomIn),
+        ("zoom-out", Self::ZoomOut),
+        ("mark", Self::Mark),
+        ("record", Self::Record),
+        ("skip", Self::Skip),
+        ("back", Self::Back),
+    ];
 
     /// The action of a name, `None` if there is none.
     pub fn named(name: &str) -> Option<Self> {
-        let all = [
-            Self::Tare,
-            Self::Untare,
-            Self::Pause,
-            Self::ZoomIn,
-            Self::ZoomOut,
-            Self::Mark,
-            Self::Record,
-            Self::Skip,
-            Self::Back,
-        ];
-        Self::NAMES.into_iter().position(|known| known == name).map(|at| all[at])
+        Self::NAMED.into_iter().find_map(|(known, action)| (known == name).then_some(action))
     }
 }
 

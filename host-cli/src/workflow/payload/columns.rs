@@ -227,7 +227,7 @@ fn places(log: &Log, names: &[&str]) -> Option<Vec<usize>> {
 /// Which columns a motion is read from, if they are there.
 ///
 /// # Errors
-/// [`LogError::MissingColumns`].
+/// [`LogError::At`].
 pub(super) fn require(log: &Log, found: &FoundColumns) -> Result<(), LogError> {
     log.require(&log_file::Wanted { others: found.places(), ..Default::default() })
 }

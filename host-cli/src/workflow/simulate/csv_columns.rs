@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use shell_data::hint::quoted;
+
 /// A table that cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -78,15 +80,10 @@ impl CsvTable {
     /// The place and name of the first of `names` that is there.
     pub(super) fn column(&self, names: &[&str]) -> Result<usize, CsvTableError> {
         let place = |name: &&str| self.header.iter().position(|h| h.eq_ignore_ascii_case(name));
-        names.iter().find_map(place).ok_or_else(|| {
-            let quoted = |names: &mut dyn Iterator<Item = &str>, between: &str| {
-                names.map(|name| format!("`{name}`")).collect::<Vec<_>>().join(between)
-            };
-            CsvTableError::NoColumn {
-                path: self.path.clone(),
-                wanted: quoted(&mut names.iter().copied(), " or "),
-                found: quoted(&mut self.header.iter().map(String::as_str), ", "),
-            }
+        names.iter().find_map(place).ok_or_else(|| CsvTableError::NoColumn {
+            path: self.path.clone(),
+            wanted: quoted(names, " or "),
+            found: quoted(&self.header, ", "),
         })
     }
 

@@ -140,7 +140,7 @@ impl AlignArgs {
         if printer.json() && self.output.is_none() {
             bail!("`--json` needs `--output`: the training log would go to the same place");
         }
-        let (reference_mapping, log_mapping) = self.mappings()?;
+        let (reference_mapping, log_mapping) = self.mappings();
         let reference = Log::open(&self.reference, &reference_mapping)?;
         let log = Log::open(&self.log, &log_mapping)?;
         let mut output = Destination::create(self.output.as_ref(), outputs)?;
@@ -173,8 +173,7 @@ impl AlignArgs {
         let rows = write_training(&aligned, &mut output)?;
         if let Some(plot) = plot {
             let quality = aligned.quality.as_ref().context(NO_PICTURE)?;
-            let figure = match_figure(plot.size, &self.title(&aligned), quality);
-            plot.write(&figure)?;
+            plot.draw(|size| match_figure(size, &self.title(&aligned), quality))?;
         }
         output.finish()?;
         self.report(printer, &aligned, rows)?;
@@ -182,8 +181,8 @@ impl AlignArgs {
     }
 
     /// Each flag to the file that has such columns.
-    fn mappings(&self) -> anyhow::Result<(Mapping, Mapping)> {
-        let all = self.mapping.mapping()?;
+    fn mappings(&self) -> (Mapping, Mapping) {
+        let all = self.mapping.mapping();
         let ReferenceArgs { reference_format, reference_time, reference_time_unit } =
             &self.of_reference;
         let reference = Mapping {
@@ -201,7 +200,7 @@ impl AlignArgs {
             time_unit: all.time_unit,
             ..Mapping::default()
         };
-        Ok((reference, log))
+        (reference, log)
     }
 
     fn title(&self, aligned: &Aligned) -> String {
@@ -281,7 +280,7 @@ impl AlignArgs {
             printer.note(explained);
             return Ok(());
         }
-        printer.table(&["reference minus log", "estimate", "standard error"], &table)?;
+        printer.table(&["reference minus log", "estimate", "standard error"], table)?;
         printer.line(explained)
     }
 

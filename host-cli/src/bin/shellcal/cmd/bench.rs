@@ -1,19 +1,17 @@
 //! `shellcal bench`: every solver on the same rows.
 
-use std::io::Write;
 use std::path::Path;
 
 use calibration::Basis;
 use calibration::solver::SolverKind;
-use figures::Format;
 use log_file::{Log, Wanted, read_dataset};
-use output_file::{AtomicFile, Outputs};
+use output_file::Outputs;
 use shell_data::block::Block;
 use shellcal::workflow::bench::{self, ErrorKind, ModelBench};
 use simulation::synthetic_block;
 
-use super::choices::{BasisArg, SolverArg};
-use super::figure_size::FigureSize;
+use super::choices;
+use super::figure_size::{FigureFile, FigureSize};
 use super::mapping::MappingArgs;
 use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
@@ -37,16 +35,16 @@ pub(crate) struct BenchArgs {
     rows: usize,
 
     /// Models to fit [default: all]
-    #[arg(long, value_name = "MODEL", value_delimiter = ',')]
-    model: Vec<BasisArg>,
+    #[arg(long, value_name = "MODEL", value_delimiter = ',', value_parser = choices::basis())]
+    model: Vec<Basis>,
 
     /// Fit no constant beside the features
     #[arg(long)]
     no_intercept: bool,
 
     /// Solvers to run [default: all]
-    #[arg(long, value_name = "SOLVER", value_delimiter = ',')]
-    solver: Vec<SolverArg>,
+    #[arg(long, value_name = "SOLVER", value_delimiter = ',', value_parser = choices::solver())]
+    solver: Vec<SolverKind>,
 
     /// Draw run time against the error of coefficients (SVG, PDF or PNG), and beside it, with
     /// `-prediction` added to its name, against that of predictions
@@ -64,28 +62,19 @@ impl BenchArgs {
     pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let opened = self.open_plots(outputs)?;
         let blocks = self.blocks(printer)?;
-        let bases: Vec<Basis> = match &self.model[..] {
-            [] => Basis::ALL.to_vec(),
-            models => models.iter().map(|model| model.0).collect(),
-        };
-        let kinds: Vec<SolverKind> = match &self.solver[..] {
-            [] => SolverKind::ALL.to_vec(),
-            solvers => solvers.iter().map(|solver| solver.0).collect(),
-        };
+        let bases = if self.model.is_empty() { &Basis::ALL[..] } else { &self.model };
+        let kinds = if self.solver.is_empty() { &SolverKind::ALL[..] } else { &self.solver };
         let mut benches = Vec::new();
         printer.note(format!("{} models by {} solvers", bases.len(), kinds.len()));
-        for (model, bench) in bench::walk(&blocks, &bases, !self.no_intercept, &kinds) {
+        for (model, bench) in bench::walk(&blocks, bases, !self.no_intercept, kinds) {
             match bench {
                 Ok(bench) => benches.push(bench),
                 Err(error) => printer.warning(format!("{}: {error}", model.name())),
             }
         }
         anyhow::ensure!(!benches.is_empty(), "the rows determine none of the models");
-        for (kind, mut file, format) in opened {
-            file.write_all(
-                &bench::figure(self.figure_size.size(), &benches, kind).render(format)?,
-            )?;
-            file.commit()?;
+        for (kind, plot) in opened {
+            plot.draw(|size| bench::figure(size, &benches, kind))?;
         }
         if printer.json() {
             printer.document(&benches)?;
@@ -96,13 +85,9 @@ impl BenchArgs {
         Ok(Outcome::Done)
     }
 
-    fn open_plots(
-        &self,
-        outputs: &Outputs,
-    ) -> anyhow::Result<Vec<(ErrorKind, AtomicFile, Format)>> {
+    fn open_plots(&self, outputs: &Outputs) -> anyhow::Result<Vec<(ErrorKind, FigureFile)>> {
         let Some(path) = &self.plot else { return Ok(Vec::new()) };
-        let format = Format::from_path(path)?;
-        let open = |kind, path: &Path| anyhow::Ok((kind, outputs.create(path)?, format));
+        let open = |kind, path: &Path| anyhow::Ok((kind, self.figure_size.open(path, outputs)?));
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
         let extension = path.extension().unwrap_or_default().to_string_lossy();
         let beside = path.with_file_name(format!("{stem}-prediction.{extension}"));
@@ -114,7 +99,7 @@ impl BenchArgs {
             printer.note(format!("{} rows of the sensor model", self.rows));
             return Ok(synthetic_block::training(self.rows));
         }
-        let mapping = self.mapping.mapping()?;
+        let mapping = self.mapping.mapping();
         let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
         let open = |path: &InputPath| Log::open(path, &mapping);
         let logs = self.train.iter().map(open).collect::<Result<Vec<_>, _>>()?;
@@ -140,8 +125,8 @@ fn print(printer: &mut Printer, bench: &ModelBench) -> anyhow::Result<()> {
             error(m.prediction_error),
         ]
     };
-    let rows: Vec<_> = bench.solvers.iter().map(row).collect();
-    printer.table(&["solver", "time (ms)", "coefficient error", "prediction error"], &rows)?;
+    let rows = bench.solvers.iter().map(row);
+    printer.table(&["solver", "time (ms)", "coefficient error", "prediction error"], rows)?;
     for m in &bench.solvers {
         if let Some(reason) = &m.refused {
             printer.note(format!("{}, {}: {reason}", bench.model, m.solver));

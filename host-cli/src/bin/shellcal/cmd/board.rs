@@ -1,18 +1,18 @@
 //! `shellcal board`: asks a board and tells it what to do.
 
 use std::io::{Read, Write};
-use std::time::{SystemTime, UNIX_EPOCH};
 
 use anyhow::Context;
+use board_link::recording::PROTOCOLS;
 use board_link::{Client, PortOptions, Uplink, board_text, for_board, judge, serial_text};
 use clap::Subcommand;
 use serde_json::json;
-use shared_proto::{BoardId, CHANNELS, Command, Identity, ResetCause, Stream};
+use shared_proto::{BoardId, CHANNELS, Command, Identity, Protocol, ResetCause, Stream};
 
 use super::board_line::{BoardClient, set_baud, start_bootloader};
 use super::choices::one_of;
 use super::edited::EditedArg;
-use super::serial::{FramingArg, SerialArgs};
+use super::serial::{SerialArgs, first_number};
 use crate::files::InputPath;
 use crate::outcome::Outcome;
 use crate::printer::Printer;
@@ -28,8 +28,8 @@ pub(crate) struct BoardArgs {
     simulate: bool,
 
     /// How the base station frames bytes
-    #[arg(long, value_name = "FRAMING", value_enum, default_value_t = FramingArg::Cobs)]
-    framing: FramingArg,
+    #[arg(long, value_name = "FRAMING", value_parser = one_of(&PROTOCOLS), default_value = "cobs")]
+    framing: Protocol,
 
     /// Serial number of the board, as `identify` prints it, where several hear
     #[arg(long, value_name = "SERIAL", value_parser = parse_serial, conflicts_with = "simulate")]
@@ -203,10 +203,8 @@ impl BoardArgs {
             "the original board has no commands that this program sends; `record` reads it",
         )?;
         let port = PortOptions { baud, ..self.serial.port(name) }.open()?;
-        // Differs from run to run, so that a late answer to another run is not taken for one of ours.
-        let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-        let number = (now.as_millis() / 10) as u16;
-        let client = Client::new(port, name, Uplink { framing, to: self.serial.to }, number);
+        let uplink = Uplink { framing, to: self.serial.to };
+        let client = Client::new(port, name, uplink, first_number());
         Ok(match board {
             Some(board) => client.with_board(board),
             None => client,

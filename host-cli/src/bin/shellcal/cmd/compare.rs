@@ -3,7 +3,7 @@
 use calibration::fit::{Better, PairedError, PairedErrors, Workers, paired_errors};
 use calibration::quality::significant;
 use calibration_file::CalibrationFile;
-use log_file::{Log, Wanted, read_dataset, sample_logs};
+use log_file::{Log, Wanted, read_logs};
 use serde::Serialize;
 use shell_data::wrench::{Axes, Axis};
 use shellcal::workflow::check_channels;
@@ -63,7 +63,7 @@ impl CompareArgs {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
         let [first, second] = [&self.first, &self.second].map(|path| CalibrationFile::read(path));
         let (first, second) = (first?, second?);
-        let mapping = self.mapping.mapping_for(&first)?;
+        let mapping = self.mapping.mapping_for(&first);
         let mut logs = open_logs(&self.test, ("--wrench-from", &[]), &mapping)?;
         tell_remembered(printer, &self.first, &mapping, &logs);
         let axes = first.calibration.axes.and(second.calibration.axes);
@@ -99,9 +99,7 @@ impl CompareArgs {
             time: !has_groups && logs.len() == 1 && logs[0].has_time(),
             ..Wanted::default()
         };
-        let read: Vec<_> = logs.iter().map(|log| (log, wanted.clone())).collect();
-        let mut data = read_dataset(&read, &self.mapping.read_options())?;
-        sample_logs(&mut data, logs, &wanted)?;
+        let data = read_logs(logs, &wanted, &self.mapping.read_options())?;
         let workers = Workers::new(self.mapping.threads.map_or(0, usize::from));
         Ok(paired_errors(files.map(|file| &file.calibration), &data, workers)?)
     }
@@ -143,8 +141,8 @@ impl CompareArgs {
                 better.to_owned(),
             ]
         };
-        let rows: Vec<Vec<String>> = axes.iter().map(row).collect();
-        printer.table(&["axis", "RMS A", "RMS B", "A − B", "95 % CI", "unit", "conclusion"], &rows)
+        let rows = axes.iter().map(row);
+        printer.table(&["axis", "RMS A", "RMS B", "A − B", "95 % CI", "unit", "conclusion"], rows)
     }
 }
 

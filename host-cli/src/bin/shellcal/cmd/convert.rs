@@ -16,7 +16,7 @@ use serde::Serialize;
 use shell_data::wrench::Axis;
 use shellcal::workflow::convert::{
     AxisSummary, Conversion, ConvertOptions, ConvertSummary, DEFAULT_FRAME_ID, FrameMount,
-    OutputFormat, OutputPlan, RecordingFrame, TableColumns, convert,
+    OutputFormat, OutputPlan, RecordingFrame, TableColumns, convert, table_name,
 };
 
 use super::edited::EditedArg;
@@ -142,7 +142,7 @@ impl ConvertArgs {
     pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let targets = self.targets(printer.json(), outputs)?;
         let file = self.edited.read(&self.calibration)?;
-        let mapping = self.mapping.mapping_for(&file)?;
+        let mapping = self.mapping.mapping_for(&file);
         let (calibration, diagnostics) = (file.calibration, file.origin.diagnostics);
         let payload = self.payload.as_ref().map(|path| PayloadFile::read(path)).transpose()?;
         if payload.is_none() && self.motion.is_given() {
@@ -163,22 +163,21 @@ impl ConvertArgs {
             let load = payload.as_ref().map(load).transpose()?;
             let options = ConvertOptions { load, ..self.options(log, &calibration) };
             let conversion = Conversion { log, calibration: &calibration, options: &options, read };
-            let to = (&target, outputs);
+            let to = (target.as_deref(), outputs);
             let summary =
                 self.convert(conversion, diagnostics.as_ref(), to, trace.as_mut(), printer)?;
             if let (Some(trace), Some(plot)) = (trace, plot.take()) {
-                let figure = trace_figure(plot.size, &file_name(log), &trace);
-                plot.write(&figure)?;
+                plot.draw(|size| trace_figure(size, &file_name(log), &trace))?;
             }
             printer.remarks(summary.remarks(log.path()));
             self.motion.report(printer, log, &summary);
-            if let (TableTarget::File(path), false) = (&target, printer.json()) {
+            if let (Some(path), false) = (&target, printer.json()) {
                 printer.line(format!("{} -> {}", log.path().display(), path.display()))?;
                 print_axes(printer, &summary)?;
             }
             conversions.push(LogDocument {
                 log: log.path().display().to_string(),
-                output: target.path().map(|path| path.display().to_string()),
+                output: target.map(|path| path.display().to_string()),
                 summary,
             });
         }
@@ -192,7 +191,7 @@ impl ConvertArgs {
         &self,
         conversion: Conversion<'_>,
         diagnostics: Option<&Diagnostics>,
-        (target, outputs): (&TableTarget, &Outputs),
+        (target, outputs): (Option<&Path>, &Outputs),
         trace: Option<&mut WrenchTrace>,
         printer: &mut Printer,
     ) -> anyhow::Result<ConvertSummary> {
@@ -200,8 +199,8 @@ impl ConvertArgs {
         let mut plan = OutputPlan::default();
         (plan.keep_texts, plan.keep) = self.kept(log)?;
         let mut out = match target {
-            TableTarget::Stdout => Destination::Stdout,
-            TableTarget::File(path) => {
+            None => Destination::Stdout,
+            Some(path) => {
                 plan.format = OutputFormat::from_path(path, &self.frame())?;
                 Destination::File(outputs.create(path)?)
             }
@@ -235,43 +234,36 @@ impl ConvertArgs {
         Ok(())
     }
 
-    /// Where each log's table goes; every clash is found here, before any work.
-    fn targets(&self, json: bool, outputs: &Outputs) -> anyhow::Result<Vec<TableTarget>> {
+    /// The file that each log's table goes to, `None` for the standard output; every clash is found here, before any
+    /// work.
+    fn targets(&self, json: bool, outputs: &Outputs) -> anyhow::Result<Vec<Option<PathBuf>>> {
         if self.plot.is_some() && self.logs.len() > 1 {
             bail!("`--plot` draws one log, `{}` were given", self.logs.len());
         }
-        let targets: Vec<TableTarget> = match (&self.output, &self.output_dir) {
-            (Some(file), _) if file.as_os_str() == "-" && self.logs.len() == 1 => {
-                vec![TableTarget::Stdout]
-            }
+        let targets: Vec<Option<PathBuf>> = match (&self.output, &self.output_dir) {
+            (Some(file), _) if file.as_os_str() == "-" && self.logs.len() == 1 => vec![None],
             (Some(file), _) if self.logs.len() == 1 => {
                 OutputFormat::from_path(file, &self.frame())?;
-                vec![TableTarget::File(file.to_path_buf())]
+                vec![Some(file.to_path_buf())]
             }
-            (None, None) if self.logs.len() == 1 => vec![TableTarget::Stdout],
+            (None, None) if self.logs.len() == 1 => vec![None],
             (_, Some(directory)) => {
                 std::fs::create_dir_all(directory)
                     .with_context(|| format!("cannot create `{}`", directory.display()))?;
-                self.logs
-                    .iter()
-                    .map(|log| TableTarget::File(directory.join(table_name(log))))
-                    .collect()
+                self.logs.iter().map(|log| Some(directory.join(table_name(log)))).collect()
             }
             _ => bail!("`{}` logs need `--output-dir` for their tables", self.logs.len()),
         };
-        if json && matches!(targets[..], [TableTarget::Stdout]) {
+        if json && targets == [None] {
             bail!(
                 "`--json` needs `--output` or `--output-dir`: the table would go to the same place"
             );
         }
         // Those in a folder are not named on the command line.
         if self.output_dir.is_some() {
-            targets
-                .iter()
-                .filter_map(TableTarget::path)
-                .try_for_each(|path| outputs.announce(path))?;
+            targets.iter().flatten().try_for_each(|path| outputs.announce(path))?;
         }
-        targets.iter().filter_map(TableTarget::path).try_for_each(|path| outputs.probe(path))?;
+        targets.iter().flatten().try_for_each(|path| outputs.probe(path))?;
         Ok(targets)
     }
 
@@ -328,22 +320,6 @@ impl ConvertArgs {
     }
 }
 
-/// Where a table goes.
-#[derive(Debug)]
-enum TableTarget {
-    Stdout,
-    File(PathBuf),
-}
-
-impl TableTarget {
-    fn path(&self) -> Option<&Path> {
-        match self {
-            TableTarget::Stdout => None,
-            TableTarget::File(path) => Some(path),
-        }
-    }
-}
-
 /// What `--json` says of one log.
 #[derive(Debug, Serialize)]
 struct LogDocument {
@@ -351,14 +327,6 @@ struct LogDocument {
     output: Option<String>,
     #[serde(flatten)]
     summary: ConvertSummary,
-}
-
-/// `run3.txt.gz` becomes `run3.wrench.csv`.
-fn table_name(log: &Path) -> String {
-    let name = log.file_name().unwrap_or_default().to_string_lossy();
-    let name = name.strip_suffix(".gz").unwrap_or(&name);
-    let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
-    format!("{stem}.wrench.csv")
 }
 
 fn print_axes(printer: &mut Printer, summary: &ConvertSummary) -> anyhow::Result<()> {
@@ -369,8 +337,8 @@ fn print_axes(printer: &mut Printer, summary: &ConvertSummary) -> anyhow::Result
         row.extend(figures);
         row
     };
-    let rows: Vec<Vec<String>> = summary.axes.iter().map(row).collect();
-    printer.table(&["axis", "min", "mean", "max"], &rows)
+    let rows = summary.axes.iter().map(row);
+    printer.table(&["axis", "min", "mean", "max"], rows)
 }
 
 /// Percent to a share.
@@ -386,16 +354,4 @@ fn parse_level(text: &str) -> Result<f64, String> {
 fn file_name(log: &Log) -> String {
     let path = log.path();
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_table_is_named_after_its_log() {
-        let names =
-            ["a/run3.txt", "run3.csv.gz", "run", ".hidden"].map(|p| table_name(Path::new(p)));
-        assert_eq!(names[..3], ["run3.wrench.csv", "run3.wrench.csv", "run.wrench.csv"]);
-    }
 }

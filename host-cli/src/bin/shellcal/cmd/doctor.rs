@@ -3,9 +3,10 @@
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 
 use anyhow::Context;
+use board_link::recording::PROTOCOLS;
 use board_link::{HandshakeOptions, PortOptions, PortState, SystemFiles, Uplink, handshake, ports};
 use calibration_file::CalibrationFile;
 use doctor::{
@@ -16,11 +17,12 @@ use log_file::Log;
 use serde::Serialize;
 use shared_proto::{Framing, Protocol};
 
+use super::choices::one_of;
 use super::mapping::MappingArgs;
 use super::origin;
 use super::place::is_port;
 use super::record::parse_duration;
-use super::serial::{FramingArg, SerialArgs};
+use super::serial::{SerialArgs, first_number};
 use crate::files::InputPath;
 use crate::outcome::Outcome;
 use crate::printer::{Printer, Tint};
@@ -48,8 +50,8 @@ pub(crate) struct DoctorArgs {
     wrench_from: Vec<InputPath>,
 
     /// How the base station should frame bytes
-    #[arg(long, value_name = "FRAMING", value_enum, default_value_t = FramingArg::Cobs)]
-    framing: FramingArg,
+    #[arg(long, value_name = "FRAMING", value_parser = one_of(&PROTOCOLS), default_value = "cobs")]
+    framing: Protocol,
 
     /// For how long a board's stream is listened to
     #[arg(long, value_name = "S", default_value = "2", value_parser = parse_duration)]
@@ -121,7 +123,7 @@ impl DoctorArgs {
         let (kind, findings) = match is_document(path)? {
             true => ("calibration", examine_calibration(path, &age)),
             false => {
-                let mapping = self.mapping.mapping()?;
+                let mapping = self.mapping.mapping();
                 let read = self.mapping.read_options();
                 let log = match wrenches.next() {
                     Some(wrench) => Log::open_beside(path, wrench, &mapping),
@@ -156,14 +158,13 @@ impl DoctorArgs {
         calibration: Option<&CalibrationFile>,
     ) -> anyhow::Result<Vec<Finding>> {
         let stop = signals::stop_flag()?;
-        let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let framing = self.framing.framing().unwrap_or(Framing::Cobs);
         let baud = port.baud;
         let options = HandshakeOptions {
             port,
             uplink: Uplink { framing, to: self.serial.to },
             listen: self.listen,
-            number: (now.as_millis() / 10) as u16,
+            number: first_number(),
         };
         let handshake = handshake(&options, &stop)?;
         let of = |file: &'_ CalibrationFile| file.origin.sensor_serial.clone();
@@ -171,10 +172,7 @@ impl DoctorArgs {
         Ok(check_board(&BoardObservations {
             handshake: &handshake,
             baud,
-            protocol: match self.framing {
-                FramingArg::Original => Protocol::Original,
-                _ => Protocol::Packets(framing),
-            },
+            protocol: self.framing,
             calibration: calibration.map(|file| (&file.calibration, label.as_deref())),
             firmware: firmware::VERSION,
         }))

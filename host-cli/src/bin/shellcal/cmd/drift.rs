@@ -74,8 +74,8 @@ impl DriftArgs {
         let mut plot = self.figure_size.create(self.plot.as_ref(), outputs)?;
         let file = self.calibration.as_ref().map(|path| self.edited.read(path)).transpose()?;
         let mapping = match &file {
-            Some(file) => self.mapping.mapping_for(file)?,
-            None => self.mapping.mapping()?,
+            Some(file) => self.mapping.mapping_for(file),
+            None => self.mapping.mapping(),
         };
         let options = DriftOptions {
             calibration: file.as_ref().map(|file| &file.calibration),
@@ -92,8 +92,7 @@ impl DriftArgs {
                 drift(&log, &options, self.frames.rows(&log), &read)
             })?;
             if let Some(plot) = plot.take() {
-                let figure = figure(plot.size, &name, &summary);
-                plot.write(&figure)?;
+                plot.draw(|size| figure(size, &name, &summary))?;
             }
             let tare_holds = moved(&summary).is_none();
             drifts.push(LogDrift { log: name, tare_holds, summary });
@@ -131,25 +130,21 @@ impl LogDrift {
         if has_trend {
             header.extend(["per degree", "± SE"]);
         }
-        let rows: Vec<Vec<String>> = quantities
-            .iter()
-            .map(|(name, unit, decimals, drift)| {
-                let decimals = *decimals;
-                let shown = |value: f64| format!("{value:.decimals$}");
-                let ZeroChange { change, noise, .. } = drift.change;
-                let mut row = vec![format!("{name} ({unit})")];
-                row.extend([change, noise, drift.wander].map(shown));
-                let Trend { slope, standard_error, .. } = drift.per_s;
-                row.extend([60.0 * slope, 60.0 * standard_error].map(shown));
-                if has_trend {
-                    let figures =
-                        drift.per_degree.map(|at| [at.slope, at.standard_error].map(shown));
-                    row.extend(figures.unwrap_or_default());
-                }
-                row
-            })
-            .collect();
-        printer.table(&header, &rows)?;
+        let rows = quantities.iter().map(|(name, unit, decimals, drift)| {
+            let decimals = *decimals;
+            let shown = |value: f64| format!("{value:.decimals$}");
+            let ZeroChange { change, noise, .. } = drift.change;
+            let mut row = vec![format!("{name} ({unit})")];
+            row.extend([change, noise, drift.wander].map(shown));
+            let Trend { slope, standard_error, .. } = drift.per_s;
+            row.extend([60.0 * slope, 60.0 * standard_error].map(shown));
+            if has_trend {
+                let figures = drift.per_degree.map(|at| [at.slope, at.standard_error].map(shown));
+                row.extend(figures.unwrap_or_default());
+            }
+            row
+        });
+        printer.table(&header, rows)?;
         match summary.temperature {
             Some([low, high]) if has_trend => {
                 let better = by_temperature(&quantities);

@@ -1,13 +1,11 @@
 //! `shellcal eval`: the errors of a calibration against a measured wrench.
 
-use std::io::Write;
-
 use calibration::Calibration;
 use calibration::fit::{Evaluation, Workers, evaluate};
 use calibration::quality::{AxisQuality, significant};
 use calibration_file::stored::{OfAxes, Stored, StoredQuality};
 use calibration_file::{CalibrationFile, Role, SourceFile};
-use figures::{FitPlot, Format, fit_figure};
+use figures::{FitPlot, fit_figure};
 use log_file::{Log, ReadOptions, Wanted, read_dataset};
 use output_file::Outputs;
 use serde::Serialize;
@@ -109,7 +107,7 @@ impl EvalArgs {
     pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let file = self.edited.read(&self.calibration)?;
         self.check_logs()?;
-        let mapping = self.mapping.mapping_for(&file)?;
+        let mapping = self.mapping.mapping_for(&file);
         let (mut calibration, sources) = (file.calibration, file.origin.sources);
         let mut logs = open_logs(&self.logs, ("--wrench-from", &self.wrench_from), &mapping)?;
         tell_remembered(printer, &self.calibration, &mapping, &logs);
@@ -119,9 +117,8 @@ impl EvalArgs {
         let axes = compared.axes;
         note_axes(printer, &compared, gates.asked());
         calibration.axes = axes;
-        let format = self.plot.as_ref().map(Format::from_path).transpose()?;
-        let output = self.plot.as_ref().map(|path| outputs.create(path)).transpose()?.zip(format);
-        let mut plot = output.is_some().then(FitPlot::new);
+        let figure = self.figure_size.create(self.plot.as_ref(), outputs)?;
+        let mut plot = figure.is_some().then(FitPlot::new);
 
         let bar = printer.progress("eval", logs.iter().map(Log::bytes).sum());
         let workers = Workers::new(self.mapping.threads.map_or(0, usize::from));
@@ -151,12 +148,9 @@ impl EvalArgs {
             read_before += log.bytes();
         }
         bar.finish_and_clear();
-        if let (Some((mut output, format)), Some(plot)) = (output, &plot) {
+        if let (Some(figure), Some(plot)) = (figure, &plot) {
             let title = format!("Evaluation of {}", self.calibration.display());
-            output.write_all(
-                &fit_figure(self.figure_size.size(), &title, axes, plot, None).render(format)?,
-            )?;
-            output.commit()?;
+            figure.draw(|size| fit_figure(size, &title, axes, plot, None))?;
         }
 
         let all = report(None, &all, axes)?;
@@ -278,6 +272,6 @@ fn print(printer: &mut Printer, report: &Report, axes: Axes) -> anyhow::Result<(
         row.insert(3, significant(report.quality[axis.index()].bias, 4));
         row
     };
-    let rows: Vec<Vec<String>> = axes.iter().map(row).collect();
-    printer.table(&["axis", "RMS", "max", "bias", "R²", "unit"], &rows)
+    let rows = axes.iter().map(row);
+    printer.table(&["axis", "RMS", "max", "bias", "R²", "unit"], rows)
 }

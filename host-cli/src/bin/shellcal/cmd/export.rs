@@ -1,7 +1,6 @@
 //! `shellcal export`: a calibration for programs without `shellcal`.
 
 use std::ffi::OsStr;
-use std::io::Write;
 use std::path::Path;
 
 use anyhow::{Context, bail, ensure};
@@ -54,9 +53,7 @@ impl ExportArgs {
             }
             _ => bail!("`{}` ends in none of `.py`, `.m` and `.csv`", self.output.display()),
         };
-        let mut output = outputs.create(&self.output)?;
-        output.write_all(text.as_bytes())?;
-        output.commit()?;
+        outputs.write(&self.output, text.as_bytes())?;
         printer.note(
             "readings go in as counts, untared; the mean wrench of a rest is to be taken off",
         );

@@ -1,8 +1,7 @@
 //! The figure of a command: its width, and the file that it goes to.
 
-use std::io::Write;
+use std::path::Path;
 
-use anyhow::Context;
 use figures::{Figure, Format, Size};
 use output_file::{AtomicFile, Outputs};
 
@@ -14,7 +13,7 @@ pub(super) struct FigureSize {
     /// How wide the figure is: screen, or single or double for columns of a paper (89 and 183 mm, letters of 5
     /// to 7 pt)
     #[arg(long, value_name = "WIDTH", value_parser = one_of(&SIZES), default_value = "screen", hide_possible_values = true)]
-    size: Size,
+    pub(super) size: Size,
 }
 
 /// Widths of figures.
@@ -28,31 +27,29 @@ const SIZES: [(&str, &str, Size); 3] = [
 pub(super) struct FigureFile {
     file: AtomicFile,
     format: Format,
-    /// How wide the figure is.
-    pub(super) size: Size,
+    size: Size,
 }
 
 impl FigureFile {
-    pub(super) fn write(mut self, figure: &Figure) -> anyhow::Result<()> {
-        let bytes = figure.render(self.format)?;
-        self.file.write_all(&bytes).context("cannot write the picture")?;
-        Ok(self.file.commit()?)
+    /// Writes what `draw` makes for a width.
+    pub(super) fn draw(self, draw: impl FnOnce(Size) -> Figure) -> anyhow::Result<()> {
+        Ok(self.file.commit_with(&draw(self.size).render(self.format)?)?)
     }
 }
 
 impl FigureSize {
-    /// Opens the file of a figure, if one is to be drawn; its name says the format.
+    /// The same, if a figure is to be drawn.
     pub(super) fn create(
         self,
         path: Option<&OutputPath>,
         outputs: &Outputs,
     ) -> anyhow::Result<Option<FigureFile>> {
-        let Some(path) = path else { return Ok(None) };
-        let format = Format::from_path(path)?;
-        Ok(Some(FigureFile { file: outputs.create(path)?, format, size: self.size() }))
+        path.map(|path| self.open(path, outputs)).transpose()
     }
 
-    pub(super) fn size(self) -> Size {
-        self.size
+    /// Opens the file of a figure; its name says the format.
+    pub(super) fn open(self, path: &Path, outputs: &Outputs) -> anyhow::Result<FigureFile> {
+        let format = Format::from_path(path)?;
+        Ok(FigureFile { file: outputs.create(path)?, format, size: self.size })
     }
 }

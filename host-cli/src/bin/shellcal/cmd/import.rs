@@ -1,7 +1,5 @@
 //! `shellcal import`: a calibration from a coefficient matrix.
 
-use std::io::Write;
-
 use calibration_file::{CalibrationFile, matrix::ImportOptions};
 use output_file::Outputs;
 use serde::Serialize;
@@ -50,7 +48,7 @@ struct ImportedModel {
 
 impl ImportArgs {
     pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
-        let mut output = outputs.create(&self.output)?;
+        let output = outputs.create(&self.output)?;
         let options = ImportOptions {
             moment_unit: self.moment_unit.map(Into::into),
             variable: self.variable.clone(),
@@ -59,8 +57,7 @@ impl ImportArgs {
         file.origin.made_by = shellcal::PROGRAM.to_owned();
         file.origin.date = origin::date()?;
         file.origin.sensor_serial.clone_from(&self.serial);
-        output.write_all(file.to_json().as_bytes())?;
-        output.commit()?;
+        output.commit_with(file.to_json().as_bytes())?;
 
         let polynomial = file.calibration.polynomial().expect("a matrix is one of a polynomial");
         let model = polynomial.model();

@@ -2,9 +2,7 @@
 
 use calibration::fit::{OutlierTest, Workers, find_outliers};
 use log_file::summary::{ColumnSummary, LogSummary};
-use log_file::{
-    Column, FileKind, Log, LogError, LogFormat, Meaning, Wanted, read_dataset, sample_logs,
-};
+use log_file::{Column, FileKind, Log, LogError, LogFormat, Meaning, Wanted, read_logs};
 use serde::Serialize;
 use shellcal::workflow::outliers::{NamedOutliers, OutlierReport};
 
@@ -31,7 +29,7 @@ pub(crate) struct InfoArgs {
 
 impl InfoArgs {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
-        let mapping = self.mapping.mapping()?;
+        let mapping = self.mapping.mapping();
         let mut infos = Vec::new();
         for file in &self.files {
             let log = Log::open(file, &mapping)?;
@@ -80,7 +78,7 @@ fn print_overview(infos: &[Info], printer: &mut Printer) -> anyhow::Result<()> {
     };
     let header =
         ["file", "rows", "bad", "seconds", "Hz", "gaps", "columns with a note", "outliers"];
-    printer.table(&header, &infos.iter().map(row).collect::<Vec<_>>())
+    printer.table(&header, infos.iter().map(row))
 }
 
 fn summary(log: &Log, args: &MappingArgs, printer: &mut Printer) -> anyhow::Result<Info> {
@@ -111,11 +109,11 @@ fn summary(log: &Log, args: &MappingArgs, printer: &mut Printer) -> anyhow::Resu
 /// Suspicious rows, by the cubic model.
 fn outliers(log: &Log, args: &MappingArgs) -> anyhow::Result<NamedOutliers> {
     let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
-    let mut rows = read_dataset(&[(log, wanted.clone())], &args.read_options())?;
-    sample_logs(&mut rows, [log], &wanted)?;
+    let log = std::slice::from_ref(log);
+    let rows = read_logs(log, &wanted, &args.read_options())?;
     let workers = Workers::new(args.threads.map_or(0, usize::from));
     let found = find_outliers(&rows, &OutlierTest { workers, ..OutlierTest::default() })?;
-    Ok(NamedOutliers::new(found, std::slice::from_ref(log), &wanted)?)
+    Ok(NamedOutliers::new(found, log, &wanted)?)
 }
 
 /// What is said about a log; the field names are those of the JSON document.
@@ -241,8 +239,8 @@ impl Info {
             printer.line(format!("  unused    {}", names.join(", ")))?;
         }
         let header = ["column", "taken for", "min", "mean", "max", "sd", "note"];
-        let rows: Vec<_> = used.into_iter().map(ColumnInfo::row).collect();
-        printer.table(&header, &rows)
+        let rows = used.into_iter().map(ColumnInfo::row);
+        printer.table(&header, rows)
     }
 }
 

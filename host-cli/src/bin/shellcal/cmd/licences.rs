@@ -24,7 +24,7 @@ impl LicencesArgs {
         });
         printer.finish(&document, |printer| {
             printer.line(format!("shellcal {version}: {licence}, at your choice; made of"))?;
-            printer.table(&["package", "version", "licence"], &rows)?;
+            printer.table(&["package", "version", "licence"], rows)?;
             printer.line(
                 "The texts are in the packages of a release and, for each package, at \
                  https://crates.io/crates/PACKAGE/VERSION.",

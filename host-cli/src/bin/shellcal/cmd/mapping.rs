@@ -59,8 +59,8 @@ pub(crate) struct MappingArgs {
 
 impl MappingArgs {
     /// What the user says about the columns.
-    pub(crate) fn mapping(&self) -> anyhow::Result<Mapping> {
-        Ok(Mapping {
+    pub(crate) fn mapping(&self) -> Mapping {
+        Mapping {
             table: self.table.clone(),
             format: self.format,
             sensors: self.sensors.clone().map(|ColumnList(columns)| columns),
@@ -70,19 +70,19 @@ impl MappingArgs {
             group: self.group.clone(),
             moment_unit: self.moment_unit.map(MomentUnit::from),
             usual: None,
-        })
+        }
     }
 
     /// What the user says about the columns of logs that a calibration is for.
-    pub(crate) fn mapping_for(&self, calibration: &CalibrationFile) -> anyhow::Result<Mapping> {
-        Ok(Mapping { usual: calibration.origin.columns.clone(), ..self.mapping()? })
+    pub(crate) fn mapping_for(&self, calibration: &CalibrationFile) -> Mapping {
+        Mapping { usual: calibration.origin.columns.clone(), ..self.mapping() }
     }
 
     /// The columns of training logs that the user names, if any.
-    pub(crate) fn specified(&self, train: &[Log]) -> anyhow::Result<Option<ColumnNames>> {
-        let mapping = self.mapping()?;
+    pub(crate) fn specified(&self, train: &[Log]) -> Option<ColumnNames> {
+        let mapping = self.mapping();
         let names = train.first().map(|log| log.specified(&mapping));
-        Ok(names.filter(|names| !names.is_empty()))
+        names.filter(|names| !names.is_empty())
     }
 
     /// How to read.

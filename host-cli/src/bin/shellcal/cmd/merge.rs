@@ -1,6 +1,6 @@
 //! `shellcal merge`: from partial fits to a calibration.
 
-use std::io::{self, Write};
+use std::io;
 
 use anyhow::Context;
 use calibration::fit::{CovarianceRule, Fit, FitOptions, HeldOut, ModelRule, RANDOM_FOLDS};
@@ -11,10 +11,10 @@ use calibration_file::stored::{
 use calibration_file::{CalibrationFile, PartialFit, Sums};
 use output_file::Outputs;
 use serde::Serialize;
+use shell_data::hint::quoted;
 use shellcal::workflow::merge;
 
-use super::choices::ModelArg;
-use super::covariance::CovarianceArg;
+use super::choices::{self, COVARIANCES, one_of};
 use super::edited::EditedArg;
 use super::origin;
 use super::partial_output::Destination;
@@ -49,8 +49,8 @@ pub(crate) struct MergeArgs {
 
     /// Features of the readings: those that were summed, some of them, or `auto` for the smallest
     /// model among them that predicts new groups as well as the best [default: those that were summed]
-    #[arg(long, value_name = "MODEL")]
-    model: Option<ModelArg>,
+    #[arg(long, value_name = "MODEL", value_parser = choices::model())]
+    model: Option<ModelRule>,
 
     /// Find the errors on groups of rows that were held out, of partial fits with `--groups`; a number
     /// K deals the groups into K folds
@@ -69,8 +69,8 @@ pub(crate) struct MergeArgs {
     ridge: f64,
 
     /// Which rows have errors of their own, for the standard errors and intervals of `convert`
-    #[arg(long, value_name = "OF", default_value = "auto", conflicts_with = "no_covariance")]
-    covariance: CovarianceArg,
+    #[arg(long, value_name = "OF", value_parser = one_of(&COVARIANCES), default_value = "auto", conflicts_with = "no_covariance")]
+    covariance: CovarianceRule,
 
     /// Leave the covariance out of the calibration: smaller, but without standard errors
     #[arg(long)]
@@ -151,12 +151,11 @@ impl MergeArgs {
             self.report(printer, &merged, sum, None, to_stdout)?;
             return Ok(Outcome::Done);
         }
-        let fitted = merge::fit(sum, self.model.map(|model| model.0), &self.options()?)?;
+        let fitted = merge::fit(sum, self.model, &self.options()?)?;
         self.warn(&fitted, matches!(sum.sums, Sums::Exact(_)), printer);
         let file = merge::file(&fitted, sum);
-        if let Some(mut output) = output {
-            output.write_all(file.to_json().as_bytes())?;
-            output.commit()?;
+        if let Some(output) = output {
+            output.commit_with(file.to_json().as_bytes())?;
         }
         self.report(printer, &merged, sum, Some(&file), false)?;
         Ok(Outcome::Done)
@@ -164,7 +163,7 @@ impl MergeArgs {
 
     fn options(&self) -> anyhow::Result<FitOptions<'static>> {
         anyhow::ensure!(
-            self.model.is_none_or(|model| model.0 != ModelRule::Physics),
+            self.model != Some(ModelRule::Physics),
             "`physics` is fitted to rows, and partial fits have none"
         );
         Ok(FitOptions {
@@ -172,7 +171,7 @@ impl MergeArgs {
             cross_validation: self.cv.map(|Folds(folds)| HeldOut::from(folds)),
             covariance: match self.no_covariance {
                 true => CovarianceRule::Nothing,
-                false => self.covariance.rule(),
+                false => self.covariance,
             },
             ..FitOptions::default()
         })
@@ -222,9 +221,7 @@ impl MergeArgs {
         };
         if self.skip_counted && sum.has_counted_all_of(&partial) {
             merged.skipped += 1;
-            let files: Vec<_> =
-                partial.sources.iter().map(|file| format!("`{}`", file.path.display())).collect();
-            let files = files.join(", ");
+            let files = quoted(partial.sources.iter().map(|file| file.path.display()), ", ");
             printer.note(format!("{place}: left out, {files} has been counted already"));
             return Ok(());
         }
@@ -294,8 +291,8 @@ impl MergeArgs {
         if let Some(selection) = &fit.selection {
             print_selection(printer, selection, None, axes)?;
         }
-        let table: Vec<_> = axes.iter().map(|axis| table_row(axis, &[&fit.train])).collect();
-        printer.table(&["axis", "RMS train", "max train", "R² train", "unit"], &table)?;
+        let table = axes.iter().map(|axis| table_row(axis, &[&fit.train]));
+        printer.table(&["axis", "RMS train", "max train", "R² train", "unit"], table)?;
         let condition = fit.condition.map_or("infinite".into(), |c| significant(c, 3));
         summary += &format!(", rank {}, condition {condition}", fit.rank);
         printer.line(summary)?;

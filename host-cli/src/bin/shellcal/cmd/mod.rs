@@ -9,7 +9,6 @@ mod choices;
 mod compare;
 mod completions;
 mod convert;
-mod covariance;
 mod deferred;
 mod doctor;
 mod drift;

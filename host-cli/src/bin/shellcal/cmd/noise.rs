@@ -54,7 +54,7 @@ struct LogNoise {
 impl NoiseArgs {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
         let file = self.edited.read(&self.calibration)?;
-        let mapping = self.mapping.mapping_for(&file)?;
+        let mapping = self.mapping.mapping_for(&file);
         let calibration = file.calibration;
         let mut noises = Vec::new();
         for path in &self.logs {
@@ -82,8 +82,8 @@ impl LogNoise {
         });
         let channels = self.summary.channels.iter().enumerate();
         let channels = channels.map(|(i, scatter)| row(format!("s{} (counts)", i + 1), scatter, 2));
-        let rows: Vec<_> = axes.chain(channels).collect();
-        printer.table(&["quantity", "RMS", "peak to peak", "mean"], &rows)
+        let rows = axes.chain(channels);
+        printer.table(&["quantity", "RMS", "peak to peak", "mean"], rows)
     }
 }
 

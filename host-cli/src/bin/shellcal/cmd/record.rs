@@ -2,17 +2,19 @@
 
 use std::time::Duration;
 
-use board_link::recording::protocol_name;
+use board_link::recording::{PROTOCOLS, protocol_name};
 use board_link::{
     AppendWriter, LogSink, RecordOptions, Recorded, RecordedBoard, RecordingProgress, Sinks,
     Source, Unwatched, Watcher, record,
 };
 use frame_stream::{RowOptions, StreamHandle};
+use shared_proto::Protocol;
 use shell_data::wrench::Axis;
 use shellcal::workflow::live::clock;
 
+use super::choices::one_of;
 use super::live_forces::LiveForceArgs;
-use super::serial::{FramingArg, SerialArgs};
+use super::serial::SerialArgs;
 use super::streaming::{self, StreamToArgs};
 use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
@@ -47,8 +49,8 @@ pub(crate) struct RecordArgs {
     duration: Option<Duration>,
 
     /// How the bytes are framed; recognised unless given
-    #[arg(long, value_name = "FRAMING", value_enum)]
-    framing: Option<FramingArg>,
+    #[arg(long, value_name = "FRAMING", value_parser = one_of(&PROTOCOLS))]
+    framing: Option<Protocol>,
 
     #[command(flatten)]
     forces: LiveForceArgs,
@@ -81,7 +83,7 @@ impl RecordArgs {
             );
         }
         let options = RecordOptions {
-            protocol: self.framing.map(FramingArg::protocol),
+            protocol: self.framing,
             forces: self.forces.read(printer)?,
             duration: self.duration,
             start: self.start.then(|| self.serial.uplink(self.framing)).transpose()?,

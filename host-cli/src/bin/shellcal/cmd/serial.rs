@@ -1,9 +1,9 @@
 //! Arguments for a serial port, shared by the commands that talk to a board.
 
+use std::time::{SystemTime, UNIX_EPOCH};
+
 use anyhow::Context;
 use board_link::{FlowControl, PortOptions, Uplink};
-use clap::ValueEnum;
-use shared_proto::xbee::Mode;
 use shared_proto::{Framing, Protocol};
 
 use super::choices::one_of;
@@ -31,46 +31,24 @@ const FLOWS: [(&str, &str, FlowControl); 3] = [
     ("software", "XON/XOFF", FlowControl::Software),
 ];
 
-/// How bytes are framed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum FramingArg {
-    /// Packets over a wire or a transparent XBee
-    Cobs,
-    /// Packets over an XBee in API mode
-    XbeeAp1,
-    /// Packets over an XBee in API mode with escapes
-    XbeeAp2,
-    /// The original SkinProc board
-    Original,
-}
-
 impl SerialArgs {
     pub(crate) fn port(&self, port: &str) -> PortOptions {
         PortOptions { port: port.to_owned(), baud: self.baud, flow_control: self.flow_control }
     }
 
     /// The way to the board on which it is told to start.
-    pub(crate) fn uplink(&self, framing: Option<FramingArg>) -> anyhow::Result<Uplink> {
-        let framing = framing.map_or(Some(Framing::Cobs), FramingArg::framing);
+    pub(crate) fn uplink(&self, protocol: Option<Protocol>) -> anyhow::Result<Uplink> {
+        let framing = protocol.map_or(Some(Framing::Cobs), Protocol::framing);
         let framing = framing.context("`--start` is not for the original board")?;
         Ok(Uplink { framing, to: self.to })
     }
 }
 
-impl FramingArg {
-    pub(crate) fn protocol(self) -> Protocol {
-        self.framing().map_or(Protocol::Original, Protocol::Packets)
-    }
-
-    /// The framing of packets, `None` for the original board.
-    pub(crate) fn framing(self) -> Option<Framing> {
-        match self {
-            FramingArg::Cobs => Some(Framing::Cobs),
-            FramingArg::XbeeAp1 => Some(Framing::Xbee(Mode::Plain)),
-            FramingArg::XbeeAp2 => Some(Framing::Xbee(Mode::Escaped)),
-            FramingArg::Original => None,
-        }
-    }
+/// A number for the first command to a board. It differs from run to run, so that a late answer to another run is
+/// not taken for one of ours.
+pub(crate) fn first_number() -> u16 {
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    (now.as_millis() / 10) as u16
 }
 
 fn parse_address(text: &str) -> Result<u16, String> {

@@ -4,19 +4,22 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use board_link::recording::PROTOCOLS;
 use board_link::{RecordOptions, Sinks, Source, Unwatched, Watcher, record};
 use frame_stream::{
     Destination, FrameRows, FrameStream, RowOptions, StreamFormat, StreamHandle, StreamOptions,
     StreamWatcher,
 };
 use log_file::Log;
+use shared_proto::Protocol;
 use shellcal::workflow::live::play;
 
+use super::choices::one_of;
 use super::live_forces::LiveForceArgs;
 use super::mapping::MappingArgs;
 use super::place::is_port;
 use super::record::parse_duration;
-use super::serial::{FramingArg, SerialArgs};
+use super::serial::SerialArgs;
 use super::streaming;
 use crate::files::InputPath;
 use crate::outcome::Outcome;
@@ -42,8 +45,8 @@ pub(crate) struct StreamArgs {
     output: Vec<Destination>,
 
     /// How rows are written
-    #[arg(long, value_name = "ENCODING", value_enum, default_value_t = EncodingArg::Json)]
-    encoding: EncodingArg,
+    #[arg(long, value_name = "ENCODING", value_parser = one_of(&ENCODINGS), default_value = "json")]
+    encoding: StreamFormat,
 
     /// Replace files that are there
     #[arg(long)]
@@ -86,8 +89,8 @@ pub(crate) struct StreamArgs {
     latency: bool,
 
     /// How the bytes are framed; recognised unless given
-    #[arg(long, value_name = "FRAMING", value_enum)]
-    framing: Option<FramingArg>,
+    #[arg(long, value_name = "FRAMING", value_parser = one_of(&PROTOCOLS))]
+    framing: Option<Protocol>,
 
     #[command(flatten)]
     serial: SerialArgs,
@@ -97,13 +100,10 @@ pub(crate) struct StreamArgs {
 }
 
 /// How rows are written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum EncodingArg {
-    /// An object of JSON a line
-    Json,
-    /// Comma-separated values after a line with their names
-    Csv,
-}
+const ENCODINGS: [(&str, &str, StreamFormat); 2] = [
+    ("json", "An object of JSON a line", StreamFormat::JsonLines),
+    ("csv", "Comma-separated values after a line with their names", StreamFormat::Csv),
+];
 
 impl StreamArgs {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
@@ -113,7 +113,7 @@ impl StreamArgs {
         }
         let forces = self.forces.read(printer)?;
         let log = match from_log {
-            true => Some(Log::open(&self.name, &self.mapping.mapping()?)?),
+            true => Some(Log::open(&self.name, &self.mapping.mapping())?),
             false => None,
         };
         let stop = signals::stop_flag()?;
@@ -127,10 +127,7 @@ impl StreamArgs {
         let at_end = self.until_eof.then(|| Arc::clone(&stop));
         let options = StreamOptions {
             rows: FrameRows::new(RowOptions { forces, from_log, one_time: self.one_time })?,
-            format: match self.encoding {
-                EncodingArg::Json => StreamFormat::JsonLines,
-                EncodingArg::Csv => StreamFormat::Csv,
-            },
+            format: self.encoding,
             rate_hz: self.rate,
             commands: Some(streaming::commands(printer, at_end)?),
         };
@@ -156,7 +153,7 @@ impl StreamArgs {
         printer: &mut Printer,
     ) -> anyhow::Result<()> {
         let options = RecordOptions {
-            protocol: self.framing.map(FramingArg::protocol),
+            protocol: self.framing,
             duration: self.duration,
             start: self.start.then(|| self.serial.uplink(self.framing)).transpose()?,
             ..RecordOptions::default()

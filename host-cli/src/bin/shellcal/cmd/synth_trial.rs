@@ -2,8 +2,6 @@
 
 use std::io;
 
-use clap::ValueEnum;
-use clap::builder::PossibleValue;
 use output_file::Outputs;
 use serde::Serialize;
 use shellcal::workflow::synthetic_trials::{MANIFEST, SetTrial, truth_json, write_log, write_set};
@@ -36,8 +34,8 @@ Example:
 #[command(after_help = TRIAL_EXAMPLES)]
 pub(super) struct SynthTrialArgs {
     /// What the robot runs through: the channel's largest deflection
-    #[arg(long, value_enum, value_name = "NAME", default_value = "3 cm")]
-    condition: ConditionArg,
+    #[arg(long, value_parser = one_of(&ChannelForces::PAPER.map(|of| (of.name, "", of))), value_name = "NAME", default_value = "3 cm")]
+    condition: ChannelForces,
 
     /// Mean drag in the channel, in place of the condition's
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
@@ -130,23 +128,6 @@ struct CommonArgs {
     elastic: bool,
 }
 
-/// A condition, by its name.
-#[derive(Clone, Copy, Debug)]
-struct ConditionArg(ChannelForces);
-
-impl ValueEnum for ConditionArg {
-    fn value_variants<'a>() -> &'a [Self] {
-        const {
-            let [a, b, c, d, e] = ChannelForces::PAPER;
-            &[Self(a), Self(b), Self(c), Self(d), Self(e)]
-        }
-    }
-
-    fn to_possible_value(&self) -> Option<PossibleValue> {
-        Some(PossibleValue::new(self.0.name))
-    }
-}
-
 /// Ways to count.
 const COUNTERS: [(&str, &str, Counter); 3] = [
     ("long", "In 32 bits, on and on: the lab's format", Counter::Long),
@@ -185,7 +166,7 @@ impl CommonArgs {
 
 impl SynthTrialArgs {
     pub(super) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
-        let mut condition = self.condition.0;
+        let mut condition = self.condition;
         condition.drag_n = self.drag.unwrap_or(condition.drag_n);
         condition.lift_n = self.lift.unwrap_or(condition.lift_n);
         let trial = VirtualTrial::new(TrialSettings {

@@ -8,6 +8,7 @@ use calibration::validation::cross_validation::CrossValidation;
 use calibration::validation::excitation::Excitation;
 use calibration::validation::selection::{Candidate, Selection};
 use serde::Serialize;
+use shell_data::hint::quoted;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
 use crate::printer::Printer;
@@ -18,23 +19,21 @@ pub(super) fn print_cross_validation(
     axes: Axes,
 ) -> anyhow::Result<()> {
     let ratios = cv.ratios();
-    let rows: Vec<Vec<String>> = (axes.iter())
-        .map(|axis| {
-            let i = axis.index();
-            let none = || "–".to_owned();
-            vec![
-                axis.name().to_owned(),
-                significant(cv.grouped[i].rms, 4),
-                cv.random.map_or_else(none, |random| significant(random[i].rms, 4)),
-                ratios[i].map_or_else(none, |ratio| format!("{ratio:.2}")),
-                significant(cv.grouped[i].bias, 2),
-                axis.unit().to_owned(),
-            ]
-        })
-        .collect();
+    let rows = (axes.iter()).map(|axis| {
+        let i = axis.index();
+        let none = || "–".to_owned();
+        vec![
+            axis.name().to_owned(),
+            significant(cv.grouped[i].rms, 4),
+            cv.random.map_or_else(none, |random| significant(random[i].rms, 4)),
+            ratios[i].map_or_else(none, |ratio| format!("{ratio:.2}")),
+            significant(cv.grouped[i].bias, 2),
+            axis.unit().to_owned(),
+        ]
+    });
     printer.line("")?;
     let header = ["held out", "RMS new groups", "RMS random", "ratio", "bias new groups", "unit"];
-    printer.table(&header, &rows)?;
+    printer.table(&header, rows)?;
     let how = match cv.folds == cv.groups {
         true => "leave-one-group-out".to_owned(),
         false => format!("{}-fold", cv.folds),
@@ -48,12 +47,10 @@ pub(super) fn print_cross_validation(
     if !cv.undetermined.is_empty() {
         /// More names do not help to find the cause.
         const SHOWN: usize = 5;
-        let shown = cv.undetermined.iter().take(SHOWN);
-        let names: Vec<String> = shown.map(|label| format!("`{label}`")).collect();
         printer.warning(format!(
             "without {} of the groups the model cannot be fitted ({}{}): they are not counted",
             cv.undetermined.len(),
-            names.join(", "),
+            quoted(cv.undetermined.iter().take(SHOWN), ", "),
             if cv.undetermined.len() > SHOWN { ", …" } else { "" },
         ));
     }
@@ -167,7 +164,7 @@ pub(super) fn print_selection(
     let mut header = vec!["model", "features", "ridge"];
     header.extend(axes.iter().map(Axis::name));
     printer.line("")?;
-    printer.table(&header, &rows)?;
+    printer.table(&header, rows)?;
     printer.line(format!(
         "RMS on groups that were held out in {} folds, each polynomial with its best ridge; ← chosen: the fewest \
          features within one standard error of the best polynomial{}",

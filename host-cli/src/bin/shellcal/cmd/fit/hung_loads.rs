@@ -96,8 +96,8 @@ pub(super) fn print(printer: &mut Printer, hung: &HungReference) -> anyhow::Resu
             found.suspicious.map_or_else(String::new, |of| format!("{}?", name(of))),
         ]
     };
-    let rows: Vec<_> = hung.loads.iter().zip(&hung.corrected.loads).map(row).collect();
-    printer.table(&["load", "as stated", "size N", "angle °", "point mm", ""], &rows)?;
+    let rows = hung.loads.iter().zip(&hung.corrected.loads).map(row);
+    printer.table(&["load", "as stated", "size N", "angle °", "point mm", ""], rows)?;
     for (label, offset) in hung.mountings.iter().zip(&hung.corrected.mountings) {
         let [x, y, z] = offset.map(|metres| format!("{:+.1}", 1e3 * metres));
         printer.line(format!("mounting `{label}`: its levers are off by {x} {y} {z} mm"))?;

@@ -12,16 +12,17 @@ mod verdict;
 use shellcal::workflow::remark::about_table;
 use std::time::Instant;
 
-use calibration::fit::{Fit, FitMethod, HeldOut};
-use clap::ValueEnum;
+use calibration::fit::{CovarianceRule, Fit, FitMethod, HeldOut, ModelRule, OutlierRule};
+use calibration::solver::SolverKind;
+use calibration::validation::grouped::GroupKind;
 use output_file::Outputs;
 use shell_data::wrench::Axes;
 use shellcal::workflow::gates::ComparedAxes;
+use shellcal::workflow::partial::KeptGroups;
 
 use self::plan::FitPlan;
 use self::verdict::print_verdict;
-use super::choices::{ModelArg, SolverArg};
-use super::covariance::CovarianceArg;
+use super::choices::{self, COVARIANCES, one_of};
 use super::figure_size::FigureSize;
 use super::mapping::MappingArgs;
 use super::rms_limits::RmsLimits;
@@ -65,8 +66,8 @@ pub(crate) struct FitArgs {
     plot: Option<OutputPath>,
 
     /// The model [default: auto; with `--partial`: cubic]
-    #[arg(long, value_name = "MODEL", help_heading = "Model")]
-    model: Option<ModelArg>,
+    #[arg(long, value_name = "MODEL", value_parser = choices::model(), help_heading = "Model")]
+    model: Option<ModelRule>,
 
     /// Fit no constant: offsets are then left to the tare
     #[arg(long, help_heading = "Model")]
@@ -86,11 +87,12 @@ pub(crate) struct FitArgs {
     #[arg(
         long,
         value_name = "SOLVER",
+        value_parser = choices::solver(),
         default_value = "exact",
         help_heading = "Model",
         hide_short_help = true
     )]
-    solver: SolverArg,
+    solver: SolverKind,
 
     /// With `--solver svd`: leave out directions that the data hardly excite, those whose singular
     /// value is below this share of the largest, such as 1e-8
@@ -155,19 +157,20 @@ pub(crate) struct FitArgs {
     #[arg(
         long,
         value_name = "OF",
+        value_parser = one_of(&COVARIANCES),
         default_value = "auto",
         help_heading = "Validation",
         hide_short_help = true
     )]
-    covariance: CovarianceArg,
+    covariance: CovarianceRule,
 
     /// Leave out rows that repeat the readings of the row before
     #[arg(long = "skip-repeats", alias = "fresh", help_heading = "Rows")]
     fresh: bool,
 
     /// Suspicious rows [default: report]
-    #[arg(long, value_name = "WHAT", help_heading = "Rows")]
-    outliers: Option<OutliersArg>,
+    #[arg(long, value_name = "WHAT", value_parser = one_of(&OUTLIERS), help_heading = "Rows")]
+    outliers: Option<OutlierRule>,
 
     /// Readings outside are wrong: leave out rows with any
     #[arg(
@@ -236,7 +239,7 @@ pub(crate) struct FitArgs {
     /// find standard errors by group
     #[arg(
         long,
-        value_enum,
+        value_parser = one_of(&GROUPS),
         value_name = "file|column",
         num_args = 0..=1,
         require_equals = true,
@@ -246,7 +249,7 @@ pub(crate) struct FitArgs {
         help_heading = "Partial fits",
         hide_short_help = true
     )]
-    groups: Option<GroupsArg>,
+    groups: Option<KeptGroups>,
 
     /// Write the coefficients for raw readings, one row per feature, moments in mN·m (CSV)
     #[arg(long, value_name = "FILE.csv", help_heading = "Other output", hide_short_help = true)]
@@ -264,15 +267,11 @@ pub(crate) struct FitArgs {
 }
 
 /// What the groups are that a partial fit keeps.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum GroupsArg {
-    /// Those of the group column where there is one, files otherwise
-    Auto,
-    /// Files
-    File,
-    /// Those of the group column
-    Column,
-}
+const GROUPS: [(&str, &str, KeptGroups); 3] = [
+    ("auto", "Those of the group column where there is one, files otherwise", KeptGroups::Auto),
+    ("file", "Files", KeptGroups::By(GroupKind::File)),
+    ("column", "Those of the group column", KeptGroups::By(GroupKind::Column)),
+];
 
 /// The lag of the reference.
 #[derive(Clone, Copy, Debug)]
@@ -291,15 +290,11 @@ enum MemoryArg {
 }
 
 /// What is done about suspicious rows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum OutliersArg {
-    /// Name them, with what they do to the fit, and use them
-    Report,
-    /// Leave them out, and list them in the file of `--dropped`
-    Drop,
-    /// Use them, and do not look
-    Keep,
-}
+const OUTLIERS: [(&str, &str, OutlierRule); 3] = [
+    ("report", "Name them, with what they do to the fit, and use them", OutlierRule::Report),
+    ("drop", "Leave them out, and list them in the file of `--dropped`", OutlierRule::Drop),
+    ("keep", "Use them, and do not look", OutlierRule::Keep),
+];
 
 impl FitArgs {
     pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {

@@ -3,16 +3,15 @@
 use calibration::Basis;
 use calibration::fit::ModelRule;
 use calibration::solver::SolverKind;
-use calibration::validation::grouped::GroupKind;
 use calibration_file::Sums;
 use output_file::Outputs;
-use shellcal::workflow::partial::{self, KeptGroups, PartialOptions};
+use shellcal::workflow::partial::{self, PartialOptions};
 use shellcal::workflow::remark::absent_axes;
 
 use super::super::mapping::open_logs;
 use super::super::origin;
 use super::super::partial_output::Destination;
-use super::{FitArgs, GroupsArg};
+use super::FitArgs;
 use crate::files::OutputOrStdout;
 use crate::printer::Printer;
 
@@ -24,10 +23,10 @@ impl FitArgs {
         outputs: &Outputs,
     ) -> anyhow::Result<()> {
         let wrenches = ("--wrench-from", self.wrench_from.as_slice());
-        let mapping = self.mapping.mapping()?;
+        let mapping = self.mapping.mapping();
         let mut train = open_logs(&self.train, wrenches, &mapping)?;
         self.check_dropped()?;
-        let model = self.model.map_or(Basis::Cubic.into(), |model| model.0);
+        let model = self.model.unwrap_or(Basis::Cubic.into());
         let basis = match (model, self.groups) {
             (ModelRule::Given(basis), _) => basis,
             // Its sums serve every model that is compared.
@@ -43,7 +42,7 @@ impl FitArgs {
         let options = PartialOptions {
             basis,
             intercept: !self.no_intercept,
-            groups: self.groups.map(GroupsArg::kept),
+            groups: self.groups,
             seed: self.cv_seed,
             triangles: self.keeps_triangles()?,
             fresh: self.fresh,
@@ -53,7 +52,7 @@ impl FitArgs {
         let mut partial = partial::sum(&mut train, &options)?;
         partial.made_by = shellcal::PROGRAM.to_owned();
         partial.date = origin::date()?;
-        partial.columns = self.mapping.specified(&train)?;
+        partial.columns = self.mapping.specified(&train);
         partial.sensor_serial = self.serial.clone();
         printer.remarks(absent_axes(partial.axes));
         destination.write(&partial, printer)?;
@@ -78,22 +77,12 @@ impl FitArgs {
 
     /// Whether triangles are wanted wherever sums could be had.
     fn keeps_triangles(&self) -> anyhow::Result<bool> {
-        match self.solver.0 {
+        match self.solver {
             SolverKind::Exact => Ok(false),
             SolverKind::Tsqr => Ok(true),
             _ => anyhow::bail!(
                 "`--partial` keeps exact sums, or with `--solver tsqr` triangles: leave out `--solver`"
             ),
-        }
-    }
-}
-
-impl GroupsArg {
-    fn kept(self) -> KeptGroups {
-        match self {
-            Self::Auto => KeptGroups::Auto,
-            Self::File => KeptGroups::By(GroupKind::File),
-            Self::Column => KeptGroups::By(GroupKind::Column),
         }
     }
 }

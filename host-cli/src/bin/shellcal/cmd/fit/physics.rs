@@ -5,20 +5,14 @@ use calibration::fit::{Fit, PhysicsFit};
 use calibration::physics::{COVERAGE_LEVEL, FactorTrial, PhysicsCalibration, PhysicsValidation};
 use calibration::quality::significant;
 use calibration_file::CalibrationFile;
-use calibration_file::stored::{
-    OfAxes, Stored, StoredCrossValidation, StoredExcitation, StoredGroupIntervals, StoredQuality,
-    StoredSelection,
-};
+use calibration_file::stored::{Stored, StoredExcitation, StoredGroupIntervals};
 use serde::Serialize;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 use shellcal::workflow::hung_loads::HungReference;
 
-use super::super::validation::{
-    ComparisonReport, FoundReport, print_cross_validation, print_excitation, print_selection,
-};
-use super::dynamics::DynamicsReport;
+use super::super::validation::{FoundReport, print_cross_validation, print_selection};
 use super::hung_loads::{self, HungReport};
-use super::report::{compared, print_errors};
+use super::report::{ErrorReport, RowCounts, compared, print_errors, print_rows};
 use super::verdict::VerdictReport;
 use crate::printer::Printer;
 
@@ -27,11 +21,8 @@ use crate::printer::Printer;
 struct Report {
     model: String,
     verdict: VerdictReport,
-    rows: u64,
-    skipped_rows: u64,
-    repeated_rows: u64,
-    test_rows: u64,
-    test_rows_out_of_range: u64,
+    #[serde(flatten)]
+    counts: RowCounts,
     observations: usize,
     groups: usize,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -44,17 +35,8 @@ struct Report {
     factors_tried: Vec<FactorsTried>,
     /// What the model's standard errors are multiplied by, from held-out groups.
     standard_error_scale: PerAxis<f64>,
-    axes: Vec<&'static str>,
-    train: OfAxes<StoredQuality>,
-    test: Option<OfAxes<StoredQuality>>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    cross_validation: Option<StoredCrossValidation>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    selection: Option<StoredSelection>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    dynamics: Option<DynamicsReport>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    weighing: Option<ComparisonReport>,
+    #[serde(flatten)]
+    errors: ErrorReport,
     /// Median over the groups of the size of their mean error, N and N·m.
     #[serde(skip_serializing_if = "Option::is_none")]
     median_of_groups: Option<PerAxis<f64>>,
@@ -93,7 +75,6 @@ pub(super) fn report(
     file: &CalibrationFile,
     seconds: f64,
 ) -> anyhow::Result<()> {
-    let test = fitted.test();
     let (Some(diagnostics), Kind::Physics(physics)) =
         (&file.origin.diagnostics, fitted.calibration.kind())
     else {
@@ -105,11 +86,7 @@ pub(super) fn report(
         return printer.document(&Report {
             model: file.calibration.name(),
             verdict: VerdictReport::from(&fitted.verdict()),
-            rows: diagnostics.rows,
-            skipped_rows: diagnostics.skipped_rows,
-            repeated_rows: diagnostics.repeated_rows,
-            test_rows: test.rows,
-            test_rows_out_of_range: test.out_of_range_rows,
+            counts: RowCounts::new(fitted, diagnostics),
             observations: of_rows.observations,
             groups: of_rows.groups,
             groups_found: fitted.found_groups.map(FoundReport::from),
@@ -119,13 +96,7 @@ pub(super) fn report(
             factors: model.factor_count(),
             factors_tried: of_rows.choice.factor_trials.iter().map(FactorsTried::from).collect(),
             standard_error_scale: *physics.error_scale(),
-            axes: Axes::ALL.columns(),
-            train: Stored::of(&diagnostics.train, Axes::ALL),
-            test: Stored::of(&diagnostics.test, Axes::ALL),
-            cross_validation: Stored::of(&diagnostics.cross_validation, Axes::ALL),
-            selection: Stored::of(&diagnostics.selection, Axes::ALL),
-            dynamics: DynamicsReport::of(fitted, Axes::ALL),
-            weighing: ComparisonReport::of(fitted),
+            errors: ErrorReport::new(fitted, diagnostics, Axes::ALL),
             median_of_groups: of_rows.validation.as_ref().map(PhysicsValidation::median),
             coverage_95: coverage.map(|of| of.map(|(share, _)| share)),
             held_out_in_standard_errors: of_rows.validation.as_ref().map(PhysicsValidation::scores),
@@ -147,16 +118,7 @@ pub(super) fn report(
         model.prior_width,
         model.factor_count(),
     ))?;
-    printer.line(format!(
-        "{} rows used, {} skipped, {} repeated; {:.0} ms",
-        diagnostics.rows,
-        diagnostics.skipped_rows,
-        diagnostics.repeated_rows,
-        seconds * 1e3,
-    ))?;
-    if let Some(excitation) = &diagnostics.excitation {
-        print_excitation(printer, excitation, Axes::ALL)?;
-    }
+    print_rows(printer, diagnostics, seconds, Axes::ALL)?;
     if let (Some(found), Some(validation)) =
         (&diagnostics.cross_validation, of_rows.validation.as_ref())
     {

@@ -1,7 +1,6 @@
 //! What `shellcal fit` has to do, with all arguments checked and all files open before the work begins.
 
 use std::cell::RefCell;
-use std::io::Write;
 use std::sync::OnceLock;
 
 use anyhow::Context;
@@ -11,12 +10,13 @@ use calibration::fit::{
 };
 use calibration::solver::SolverKind;
 use calibration_file::{CalibrationFile, matrix};
-use figures::{Format, fit_figure};
+use figures::fit_figure;
 use indicatif::ProgressBar;
 use load_table::HungLoads;
 use log_file::{Log, ReadOptions};
 use output_file::{AtomicFile, Outputs};
 use report::OutlierTable;
+use shell_data::hint::quoted;
 use shell_data::wrench::Axes;
 use shellcal::workflow::fit::{FileFacts, FitData, calibration_file, sources};
 use shellcal::workflow::fit_report::{ReportFacts, html, plots};
@@ -25,11 +25,11 @@ use shellcal::workflow::outliers::NamedOutliers;
 use shellcal::workflow::remark::about_fit;
 use shellcal::workflow::{WorkflowError, agree_on_axes};
 
-use super::super::covariance::CovarianceArg;
+use super::super::figure_size::FigureFile;
 use super::super::mapping::open_logs;
 use super::super::origin;
 use super::super::plan::read_table;
-use super::{FitArgs, LagArg, MemoryArg, OutliersArg};
+use super::{FitArgs, LagArg, MemoryArg};
 use crate::files::OutputPath;
 use crate::printer::Printer;
 
@@ -48,7 +48,7 @@ pub(super) struct FitPlan<'a> {
 struct Opened {
     calibration: Option<AtomicFile>,
     matrix: Option<AtomicFile>,
-    plot: Option<(AtomicFile, Format)>,
+    plot: Option<FigureFile>,
     report: Option<AtomicFile>,
     dropped: Option<AtomicFile>,
 }
@@ -65,7 +65,7 @@ impl<'a> FitPlan<'a> {
     /// Checks the arguments, opens the logs, and all files that are written.
     pub(super) fn from_args(args: &'a FitArgs, outputs: &Outputs) -> anyhow::Result<Self> {
         args.check()?;
-        let mapping = args.mapping.mapping()?;
+        let mapping = args.mapping.mapping();
         let train = open_logs(&args.train, ("--wrench-from", &args.wrench_from), &mapping)?;
         let wrenches = ("--test-wrench-from", args.test_wrench_from.as_slice());
         let mut test = open_logs(&args.test, wrenches, &mapping)?;
@@ -78,12 +78,11 @@ impl<'a> FitPlan<'a> {
         }
         let open =
             |path: &Option<OutputPath>| path.as_ref().map(|path| outputs.create(path)).transpose();
-        let format = args.plot.as_ref().map(Format::from_path).transpose()?;
         let opened = Opened {
             dropped: open(&args.dropped)?,
             calibration: open(&args.output)?,
             matrix: open(&args.export_matrix)?,
-            plot: open(&args.plot)?.zip(format),
+            plot: args.figure_size.create(args.plot.as_ref(), outputs)?,
             report: open(&args.report)?,
         };
         let options = args.options(train.iter().all(Log::has_time));
@@ -136,8 +135,7 @@ impl<'a> FitPlan<'a> {
         if !rows_fail {
             return error;
         }
-        let logs = self.args.train.iter().map(|path| format!("`{}`", path.display()));
-        error.context(logs.collect::<Vec<_>>().join(", "))
+        error.context(quoted(self.args.train.iter().map(|path| path.display()), ", "))
     }
 
     /// Names the outliers, and lists the rows that were left out.
@@ -185,7 +183,7 @@ impl<'a> FitPlan<'a> {
             date: origin::date()?,
             sensor_serial: self.args.serial.clone(),
             sources: sources((&self.train, &self.test), data, fitted)?,
-            columns: self.args.mapping.specified(&self.train)?,
+            columns: self.args.mapping.specified(&self.train),
         };
         Ok(calibration_file(fitted, facts))
     }
@@ -208,10 +206,10 @@ impl<'a> FitPlan<'a> {
     fn outlier_rows(&self, named: &NamedRows) -> Option<OutlierTable> {
         let NamedRows { used, dropped } = named;
         let dropped = dropped.as_ref().map(|dropped| dropped.rows(true));
-        match self.args.outliers.unwrap_or(OutliersArg::Report) {
-            OutliersArg::Keep => None,
-            OutliersArg::Drop => dropped,
-            OutliersArg::Report => dropped
+        match self.args.outliers.unwrap_or(OutlierRule::Report) {
+            OutlierRule::Keep => None,
+            OutlierRule::Drop => dropped,
+            OutlierRule::Report => dropped
                 .filter(|dropped| dropped.count > 0)
                 .or_else(|| used.as_ref().map(|used| used.rows(false)))
                 .or_else(|| Some(OutlierTable::default())),
@@ -226,26 +224,20 @@ impl<'a> FitPlan<'a> {
         html: Option<&str>,
     ) -> anyhow::Result<()> {
         let opened = self.opened.take();
-        if let (Some(mut output), Some(html)) = (opened.report, html) {
-            output.write_all(html.as_bytes())?;
-            output.commit()?;
+        if let (Some(output), Some(html)) = (opened.report, html) {
+            output.commit_with(html.as_bytes())?;
         }
-        if let Some(mut output) = opened.calibration {
-            output.write_all(file.to_json().as_bytes())?;
-            output.commit()?;
+        if let Some(output) = opened.calibration {
+            output.commit_with(file.to_json().as_bytes())?;
         }
-        if let (Some(mut output), Some(polynomial)) = (opened.matrix, file.calibration.polynomial())
-        {
-            output.write_all(matrix::to_csv(polynomial, file.calibration.axes).as_bytes())?;
-            output.commit()?;
+        if let (Some(output), Some(polynomial)) = (opened.matrix, file.calibration.polynomial()) {
+            output.commit_with(matrix::to_csv(polynomial, file.calibration.axes).as_bytes())?;
         }
-        if let Some((mut output, format)) = opened.plot {
+        if let Some(plot) = opened.plot {
             let (train, test) = plots(fitted);
             let title = format!("Calibration {}", file.calibration.name());
-            let (size, axes) = (self.args.figure_size.size(), file.calibration.axes);
-            let figure = fit_figure(size, &title, axes, &train, test.as_ref());
-            output.write_all(&figure.render(format)?)?;
-            output.commit()?;
+            let axes = file.calibration.axes;
+            plot.draw(|size| fit_figure(size, &title, axes, &train, test.as_ref()))?;
         }
         Ok(())
     }
@@ -256,15 +248,15 @@ impl FitArgs {
     fn check(&self) -> anyhow::Result<()> {
         let is_physics = self.model() == ModelRule::Physics;
         anyhow::ensure!(
-            self.truncate.is_none() || self.solver.0 == SolverKind::Svd,
+            self.truncate.is_none() || self.solver == SolverKind::Svd,
             "`--truncate` is for `--solver svd`"
         );
         anyhow::ensure!(
-            self.ridge == 0.0 || self.solver.0 != SolverKind::RidgeGcv,
+            self.ridge == 0.0 || self.solver != SolverKind::RidgeGcv,
             "`--solver ridge-gcv` finds the parameter itself: leave out `--ridge`"
         );
         anyhow::ensure!(
-            self.loads.is_none() || self.model.is_none_or(|model| model.0 == ModelRule::Physics),
+            self.loads.is_none() || self.model.is_none_or(|model| model == ModelRule::Physics),
             "loads of `--loads` are found with the physics model: leave out `--model`"
         );
         anyhow::ensure!(
@@ -280,7 +272,7 @@ impl FitArgs {
 
     /// Whether rows that are left out are listed.
     pub(super) fn check_dropped(&self) -> anyhow::Result<()> {
-        if self.outliers == Some(OutliersArg::Drop) || self.valid_range.is_some() {
+        if self.outliers == Some(OutlierRule::Drop) || self.valid_range.is_some() {
             self.dropped.as_ref().context(
                 "rows are not left out without a list of them: name a file with `--dropped FILE.csv`",
             )?;
@@ -297,7 +289,7 @@ impl FitArgs {
         if self.loads.is_some() {
             return ModelRule::Physics;
         }
-        self.model.map_or(ModelRule::Auto, |model| model.0)
+        self.model.unwrap_or(ModelRule::Auto)
     }
 
     /// What was asked for that polynomials alone have.
@@ -305,7 +297,7 @@ impl FitArgs {
         let asked = [
             (self.export_matrix.is_some(), "--export-matrix"),
             (self.ridge > 0.0, "--ridge"),
-            (self.solver.0 != SolverKind::Exact, "--solver"),
+            (self.solver != SolverKind::Exact, "--solver"),
             (self.no_intercept, "--no-intercept"),
         ];
         asked.into_iter().find_map(|(given, option)| given.then_some(option))
@@ -341,25 +333,21 @@ impl FitArgs {
             model: self.model(),
             intercept: !self.no_intercept,
             ridge: self.ridge,
-            solver: self.solver.0,
+            solver: self.solver,
             truncate: self.truncate,
             cross_validation: self.cv.or(self.loads.as_ref().map(|_| HeldOut::Column)),
             seed: self.cv_seed,
             // A covariance is of use in a calibration file, and for the verdict on a model that is judged.
             covariance: match self.covariance {
-                CovarianceArg::Auto | CovarianceArg::Rows if !self.keeps() && !self.judges() => {
+                CovarianceRule::Auto | CovarianceRule::Rows if !self.keeps() && !self.judges() => {
                     CovarianceRule::Nothing
                 }
-                asked => asked.rule(),
+                asked => asked,
             },
             means: self.means,
             fresh: self.fresh,
             valid_range: self.valid_range,
-            outliers: match self.outliers {
-                None | Some(OutliersArg::Report) => OutlierRule::Report,
-                Some(OutliersArg::Drop) => OutlierRule::Drop,
-                Some(OutliersArg::Keep) => OutlierRule::Keep,
-            },
+            outliers: self.outliers.unwrap_or(OutlierRule::Report),
             polynomials_only: self.polynomials_only(),
             stated_loads: None,
             workers: Workers::new(self.mapping.threads.map_or(0, usize::from)),

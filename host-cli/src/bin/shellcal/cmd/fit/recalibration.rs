@@ -1,6 +1,5 @@
 //! `shellcal fit --from`: a calibration brought up to date by a few new loads.
 
-use std::io::Write;
 use std::path::Path;
 
 use calibration::quality::significant;
@@ -73,23 +72,22 @@ impl FitArgs {
         outputs: &Outputs,
     ) -> anyhow::Result<Outcome> {
         let before = CalibrationFile::read(path)?;
-        let mapping = self.mapping.mapping_for(&before)?;
+        let mapping = self.mapping.mapping_for(&before);
         let logs = open_logs(&self.train, ("--wrench-from", &self.wrench_from), &mapping)?;
         tell_remembered(printer, path, &mapping, &logs);
         let table = self.loads.as_ref().map(read_table).transpose()?;
         let output = self.output.as_ref().map(|path| outputs.create(path)).transpose()?;
         let read = ReadOptions { checksum: self.keeps(), ..self.mapping.read_options() };
         let recalibrated = recalibrate(&before, &logs, table.as_ref(), &read)?;
-        if let Some(mut output) = output {
+        if let Some(output) = output {
             let facts = FileFacts {
                 made_by: shellcal::PROGRAM.to_owned(),
                 date: origin::date()?,
                 sensor_serial: self.serial.clone(),
                 sources: sources(path, &before, &logs, &recalibrated)?,
-                columns: self.mapping.specified(&logs)?,
+                columns: self.mapping.specified(&logs),
             };
-            output.write_all(recalibrated.file(&before, facts).to_json().as_bytes())?;
-            output.commit()?;
+            output.commit_with(recalibrated.file(&before, facts).to_json().as_bytes())?;
         }
         report(printer, path, &recalibrated)?;
         Ok(match recalibrated.found.is_contradicted() {
@@ -199,17 +197,15 @@ fn print_change(printer: &mut Printer, found: &Recalibration) -> anyhow::Result<
         let header: Vec<&str> =
             ["channel"].into_iter().chain(of_channels.iter().map(|(_, name)| *name)).collect();
         let pairs = change.channels.iter().zip(&errors.channels).enumerate();
-        let rows: Vec<Vec<String>> = pairs
-            .map(|(channel, (of, error))| {
-                let cell = |(quantity, _): &(Quantity, &str)| match quantity {
-                    Quantity::Zero => with_error(1.0, of.zero, error.zero),
-                    _ => with_error(100.0, of.gain, error.gain),
-                };
-                let cells = of_channels.iter().map(cell);
-                [format!("s{}", channel + 1)].into_iter().chain(cells).collect()
-            })
-            .collect();
-        printer.table(&header, &rows)?;
+        let rows = pairs.map(|(channel, (of, error))| {
+            let cell = |(quantity, _): &(Quantity, &str)| match quantity {
+                Quantity::Zero => with_error(1.0, of.zero, error.zero),
+                _ => with_error(100.0, of.gain, error.gain),
+            };
+            let cells = of_channels.iter().map(cell);
+            [format!("s{}", channel + 1)].into_iter().chain(cells).collect()
+        });
+        printer.table(&header, rows)?;
     }
     let vector = |scale: f64, value: [f64; 3], error: [f64; 3]| {
         let axes = ["x", "y", "z"].into_iter().zip(value.into_iter().zip(error));
@@ -239,5 +235,5 @@ fn print_errors(printer: &mut Printer, found: &Recalibration, axes: Axes) -> any
         row.push(axis.unit().to_owned());
         row
     };
-    printer.table(&header, &axes.iter().map(row).collect::<Vec<_>>())
+    printer.table(&header, axes.iter().map(row))
 }

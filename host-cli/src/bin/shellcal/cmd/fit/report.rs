@@ -29,28 +29,16 @@ struct Report {
     model: String,
     verdict: VerdictReport,
     solver: StoredSolverRecord,
-    rows: u64,
-    skipped_rows: u64,
-    repeated_rows: u64,
-    test_rows: u64,
-    test_rows_out_of_range: u64,
+    #[serde(flatten)]
+    counts: RowCounts,
     /// The share of test rows that were recorded at plateaus of the training data.
     #[serde(skip_serializing_if = "Option::is_none")]
     test_share_on_training_plateaus: Option<f64>,
     features: usize,
     rank: usize,
     condition: Option<f64>,
-    axes: Vec<&'static str>,
-    train: OfAxes<StoredQuality>,
-    test: Option<OfAxes<StoredQuality>>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    cross_validation: Option<StoredCrossValidation>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    selection: Option<StoredSelection>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    dynamics: Option<DynamicsReport>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    weighing: Option<ComparisonReport>,
+    #[serde(flatten)]
+    errors: ErrorReport,
     #[serde(skip_serializing_if = "Option::is_none")]
     advice: Option<AdviceReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -63,6 +51,59 @@ struct Report {
     #[serde(skip_serializing_if = "Option::is_none")]
     covariance: Option<CovarianceReport>,
     time_s: f64,
+}
+
+/// The rows of a fit.
+#[derive(Serialize)]
+pub(super) struct RowCounts {
+    rows: u64,
+    skipped_rows: u64,
+    repeated_rows: u64,
+    test_rows: u64,
+    test_rows_out_of_range: u64,
+}
+
+/// What a fit says of its errors, whatever was fitted.
+#[derive(Serialize)]
+pub(super) struct ErrorReport {
+    axes: Vec<&'static str>,
+    train: OfAxes<StoredQuality>,
+    test: Option<OfAxes<StoredQuality>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cross_validation: Option<StoredCrossValidation>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    selection: Option<StoredSelection>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    dynamics: Option<DynamicsReport>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    weighing: Option<ComparisonReport>,
+}
+
+impl RowCounts {
+    pub(super) fn new(fitted: &Fit, diagnostics: &Diagnostics) -> Self {
+        let test = fitted.test();
+        Self {
+            rows: diagnostics.rows,
+            skipped_rows: diagnostics.skipped_rows,
+            repeated_rows: diagnostics.repeated_rows,
+            test_rows: test.rows,
+            test_rows_out_of_range: test.out_of_range_rows,
+        }
+    }
+}
+
+impl ErrorReport {
+    pub(super) fn new(fitted: &Fit, diagnostics: &Diagnostics, axes: Axes) -> Self {
+        Self {
+            axes: axes.columns(),
+            train: Stored::of(&diagnostics.train, axes),
+            test: Stored::of(&diagnostics.test, axes),
+            cross_validation: Stored::of(&diagnostics.cross_validation, axes),
+            selection: Stored::of(&diagnostics.selection, axes),
+            dynamics: DynamicsReport::of(fitted, axes),
+            weighing: ComparisonReport::of(fitted),
+        }
+    }
 }
 
 /// What held-out errors say to do.
@@ -140,8 +181,28 @@ pub(super) fn print_errors(
         header.extend([train, test].iter().take(sets.len()));
     }
     header.push("unit");
-    let rows: Vec<Vec<String>> = axes.iter().map(|axis| table_row(axis, &sets)).collect();
-    printer.table(&header, &rows)
+    let rows = axes.iter().map(|axis| table_row(axis, &sets));
+    printer.table(&header, rows)
+}
+
+/// How many rows there were, and which loads they measured.
+pub(super) fn print_rows(
+    printer: &mut Printer,
+    diagnostics: &Diagnostics,
+    seconds: f64,
+    axes: Axes,
+) -> anyhow::Result<()> {
+    printer.line(format!(
+        "{} rows used, {} skipped, {} repeated; {:.0} ms",
+        diagnostics.rows,
+        diagnostics.skipped_rows,
+        diagnostics.repeated_rows,
+        seconds * 1e3,
+    ))?;
+    match &diagnostics.excitation {
+        Some(excitation) => print_excitation(printer, excitation, axes),
+        None => Ok(()),
+    }
 }
 
 /// The physics model beside the polynomial, where they were compared.
@@ -170,7 +231,7 @@ pub(super) fn report(
     else {
         return Ok(());
     };
-    let (model, test) = (solution.model, fitted.test());
+    let model = solution.model;
     let covariance = fitted.calibration.covariance.as_ref();
     let axes = fitted.calibration.axes;
     if printer.json() {
@@ -178,22 +239,12 @@ pub(super) fn report(
             model: model.name(),
             verdict: VerdictReport::from(&fitted.verdict()),
             solver: Stored::of(&solver, axes),
-            rows: diagnostics.rows,
-            skipped_rows: diagnostics.skipped_rows,
-            repeated_rows: diagnostics.repeated_rows,
-            test_rows: test.rows,
-            test_rows_out_of_range: test.out_of_range_rows,
+            counts: RowCounts::new(fitted, diagnostics),
             test_share_on_training_plateaus: fitted.leaks.test,
             features: model.term_count(),
             rank: diagnostics.rank,
             condition: diagnostics.condition,
-            axes: axes.columns(),
-            train: Stored::of(&diagnostics.train, axes),
-            test: Stored::of(&diagnostics.test, axes),
-            cross_validation: Stored::of(&diagnostics.cross_validation, axes),
-            selection: Stored::of(&diagnostics.selection, axes),
-            dynamics: DynamicsReport::of(fitted, axes),
-            weighing: ComparisonReport::of(fitted),
+            errors: ErrorReport::new(fitted, diagnostics, axes),
             advice: fitted.advice.as_ref().map(|advice| AdviceReport::of(advice, axes)),
             groups_found: fitted.found_groups.map(FoundReport::from),
             outliers: named.used.as_ref().map(NamedOutliers::report),
@@ -213,16 +264,7 @@ pub(super) fn report(
         diagnostics.rank,
         model.term_count(),
     ))?;
-    printer.line(format!(
-        "{} rows used, {} skipped, {} repeated; {:.0} ms",
-        diagnostics.rows,
-        diagnostics.skipped_rows,
-        diagnostics.repeated_rows,
-        seconds * 1e3,
-    ))?;
-    if let Some(excitation) = &diagnostics.excitation {
-        print_excitation(printer, excitation, axes)?;
-    }
+    print_rows(printer, diagnostics, seconds, axes)?;
     if let Some(cross_validation) = &diagnostics.cross_validation {
         print_cross_validation(printer, cross_validation, axes)?;
     }

@@ -25,7 +25,8 @@ pub(super) fn start(at: SocketAddr) -> anyhow::Result<(Server, String)> {
     let page = PAGE.replace("{style}", STYLE).replace("{view}", VIEW);
     let page = page.replace("{script}", SCRIPT).replace("{connect}", CONNECT);
     let page = page.replace("{nonce}", &nonce);
-    let site = Site { page, nonce, token: token.clone(), orders: &LiveAction::NAMES };
+    let orders = LiveAction::NAMED.map(|(name, _)| name).to_vec();
+    let site = Site { page, nonce, token: token.clone(), orders };
     let server = Server::start(at, site).with_context(|| format!("cannot listen at {at}"))?;
     let mut address = server.address();
     if let Some(own) = address.ip().is_unspecified().then(own_address).flatten() {

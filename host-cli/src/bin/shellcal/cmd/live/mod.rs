@@ -13,21 +13,23 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use board_link::recording::LiveForces;
+use board_link::recording::{LiveForces, PROTOCOLS};
 use board_link::{LogSink, PortOptions, RecordOptions, Sinks, Source, Watcher, record};
 use frame_stream::{RowOptions, StreamHandle};
 use live_view::web::Server;
 use live_view::{Guide, LiveModel, LiveSetup};
 use log_file::Log;
 use serde_json::json;
+use shared_proto::Protocol;
 use shell_data::wrench::Axes;
 use shellcal::workflow::live::{Feed, LiveRows, LiveSession, LogSeries, guide_through, play};
 
+use super::choices::one_of;
 use super::live_forces::LiveForceArgs;
 use super::mapping::MappingArgs;
 use super::place::is_port;
 use super::record::parse_duration;
-use super::serial::{FramingArg, SerialArgs};
+use super::serial::SerialArgs;
 use super::stream::parse_speed;
 use super::streaming::{self, StreamToArgs};
 use crate::files::{InputPath, OutputPath};
@@ -105,8 +107,8 @@ pub(crate) struct LiveArgs {
     ascii: bool,
 
     /// How the bytes are framed; recognised unless given
-    #[arg(long, value_name = "FRAMING", value_enum)]
-    framing: Option<FramingArg>,
+    #[arg(long, value_name = "FRAMING", value_parser = one_of(&PROTOCOLS))]
+    framing: Option<Protocol>,
 
     #[command(flatten)]
     serial: SerialArgs,
@@ -246,7 +248,7 @@ impl LiveArgs {
         let options: PortOptions = self.serial.port(port);
         let uplink = self.start.then(|| self.serial.uplink(self.framing)).transpose()?;
         let options_of_recording = RecordOptions {
-            protocol: self.framing.map(FramingArg::protocol),
+            protocol: self.framing,
             forces,
             start: uplink,
             labels: self.plan.is_some(),
@@ -269,7 +271,7 @@ impl LiveArgs {
         feed: &Feed,
         done: &Arc<AtomicBool>,
     ) -> anyhow::Result<(thread::JoinHandle<SourceEnd>, Axes)> {
-        let log = Log::open(&self.name, &self.mapping.mapping()?)?;
+        let log = Log::open(&self.name, &self.mapping.mapping())?;
         let (wants_readings, axes) = (self.forces.is_given(), log.axes());
         let read = self.mapping.read_options();
         let (feed, done, speed) = (feed.clone(), Arc::clone(done), self.speed);

@@ -45,7 +45,7 @@ pub(crate) struct PayloadFitArgs {
 
 impl PayloadFitArgs {
     pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
-        let mapping = self.mapping.mapping()?;
+        let mapping = self.mapping.mapping();
         let open = |path: &InputPath| Log::open(path, &mapping);
         let logs = self.logs.iter().map(open).collect::<Result<Vec<_>, _>>()?;
         let output = self.output.as_ref().map(|path| outputs.create(path)).transpose()?;
@@ -78,13 +78,12 @@ impl PayloadFitArgs {
 
 /// The ten numbers with their standard errors.
 fn print(printer: &mut Printer, fit: &PayloadFit) -> anyhow::Result<()> {
-    let rows: Vec<Vec<String>> = rows(&fit.payload, &fit.standard_errors)
-        .into_iter()
-        .map(|(name, value, error, decimals)| {
+    let rows = rows(&fit.payload, &fit.standard_errors).into_iter().map(
+        |(name, value, error, decimals)| {
             vec![name, format!("{value:.decimals$}"), format!("{error:.decimals$}")]
-        })
-        .collect();
-    printer.table(&["quantity", "value", "standard error"], &rows)?;
+        },
+    );
+    printer.table(&["quantity", "value", "standard error"], rows)?;
     printer.line(format!(
         "{} poses; left over: {:.5} N, {:.6} N·m (RMS)",
         fit.poses, fit.residual_rms_n, fit.residual_rms_nm

@@ -66,7 +66,7 @@ impl SubtractArgs {
             None => OutputFormat::Csv,
         };
         let file = PayloadFile::read(&self.payload)?;
-        let mapping = self.mapping.mapping()?;
+        let mapping = self.mapping.mapping();
         let (log, calibration) = wrench_log(&self.log, mapping.clone())?;
         let read = self.mapping.read_options();
         let load = self.motion.load(&file, &log, &calibration, &read, &mapping)?;

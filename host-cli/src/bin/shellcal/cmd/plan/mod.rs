@@ -115,7 +115,7 @@ impl PlanArgs {
     pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let figure = self.figure_size.create(self.plot.as_ref(), outputs)?;
         if let Some(splits) = self.replay.splits() {
-            let logs = open_logs(&self.recorded, ("", &[]), &self.mapping.mapping()?)?;
+            let logs = open_logs(&self.recorded, ("", &[]), &self.mapping.mapping())?;
             let read = self.mapping.read_options();
             return self.replay.run(splits, &logs, &read, figure, printer);
         }
@@ -126,13 +126,11 @@ impl PlanArgs {
         };
         let output = self.output.as_ref().map(|path| outputs.create(path)).transpose()?;
         let plan = self.plan(table, printer)?;
-        if let Some(mut output) = output {
-            std::io::Write::write_all(&mut output, plan.csv().as_bytes())?;
-            output.commit()?;
+        if let Some(output) = output {
+            output.commit_with(plan.csv().as_bytes())?;
         }
         if let Some(figure) = figure {
-            let drawn = plan.figure(figure.size);
-            figure.write(&drawn)?;
+            figure.draw(|size| plan.figure(size))?;
         }
         printer.finish(&plan.document(), |printer| plan.print(printer))
     }
@@ -204,7 +202,7 @@ impl PlanArgs {
                 }
             }
             paths => {
-                let logs = open_logs(paths, ("", &[]), &self.mapping.mapping()?)?;
+                let logs = open_logs(paths, ("", &[]), &self.mapping.mapping())?;
                 let bar = printer.progress("plan", logs.iter().map(log_file::Log::bytes).sum());
                 let session = RecordedSession::read(&logs, &self.mapping.read_options())?;
                 bar.finish_and_clear();

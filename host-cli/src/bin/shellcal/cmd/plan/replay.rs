@@ -93,8 +93,7 @@ impl ReplayArgs {
             let series = Order::ALL.map(series).into();
             let title = format!("Error on poses that were held out, mean of {splits} splits");
             let chart = chart(&title, "error relative to the load", Spacing::Log, series);
-            let size = figure.size;
-            figure.write(&chart.figure(size))?;
+            figure.draw(|size| chart.figure(size))?;
         }
         let document = document(splits.get(), &replayed);
         printer.finish(&document, |printer| print(printer, &document, &replayed))
@@ -125,8 +124,8 @@ fn print(
         let errors = document.orders.iter().map(|of| significant(of.relative_errors[at], 3));
         std::iter::once(poses.to_string()).chain(errors).collect()
     };
-    let rows: Vec<Vec<String>> = document.poses.iter().enumerate().map(row).collect();
-    printer.table(&header, &rows)?;
+    let rows = document.poses.iter().enumerate().map(row);
+    printer.table(&header, rows)?;
     let random = replayed.poses_within(Order::Random, NEAR);
     for order in &document.orders {
         let share = 100.0 * order.poses_needed as f64 / random as f64;

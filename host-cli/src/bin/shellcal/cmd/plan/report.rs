@@ -125,17 +125,14 @@ impl LoadPlan {
             PredictedError::Wrench(_) => &["step", "group", "load", "gain", "± N", "± N·m"],
             PredictedError::Relative(_) => &["step", "group", "load", "gain", "± poses"],
         };
-        let rows: Vec<Vec<String>> = (1..)
-            .zip(&self.order)
-            .map(|(step, planned): (usize, _)| {
-                let load = &self.table.loads()[planned.candidate];
-                let mut row = vec![step.to_string(), load.group.clone(), load.to_string()];
-                row.push(significant(planned.gain, 3));
-                row.extend(errors_of(planned.error));
-                row
-            })
-            .collect();
-        printer.table(header, &rows)?;
+        let rows = (1..).zip(&self.order).map(|(step, planned): (usize, _)| {
+            let load = &self.table.loads()[planned.candidate];
+            let mut row = vec![step.to_string(), load.group.clone(), load.to_string()];
+            row.push(significant(planned.gain, 3));
+            row.extend(errors_of(planned.error));
+            row
+        });
+        printer.table(header, rows)?;
         for line in self.conclusions() {
             printer.line(line)?;
         }

@@ -71,20 +71,17 @@ impl ChannelReport {
             cm(self.summary.width_m),
             cm(*x_m)
         ))?;
-        let rows: Vec<_> = beams
-            .iter()
-            .map(|beam| {
-                vec![
-                    format!("{} {}", beam.wall, beam.beam),
-                    cm(beam.base_m),
-                    format!("{:.2}", beam.phi_rad.to_degrees()),
-                    format!("{:.2}", beam.deflection_rad.to_degrees()),
-                    format!("{:.6}", beam.fx_n),
-                    format!("{:.6}", beam.fy_n),
-                ]
-            })
-            .collect();
+        let rows = beams.iter().map(|beam| {
+            vec![
+                format!("{} {}", beam.wall, beam.beam),
+                cm(beam.base_m),
+                format!("{:.2}", beam.phi_rad.to_degrees()),
+                format!("{:.2}", beam.deflection_rad.to_degrees()),
+                format!("{:.6}", beam.fx_n),
+                format!("{:.6}", beam.fy_n),
+            ]
+        });
         let header = ["beam", "base (cm)", "φ (°)", "Δθ (°)", "Fx (N)", "Fy (N)"];
-        printer.table(&header, &rows)
+        printer.table(&header, rows)
     }
 }

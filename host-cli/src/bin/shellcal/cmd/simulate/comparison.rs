@@ -94,21 +94,18 @@ pub(super) fn print(
     printer: &mut Printer,
     comparison: &[ConditionComparison],
 ) -> anyhow::Result<()> {
-    let rows: Vec<_> = comparison
-        .iter()
-        .map(|row| {
-            vec![
-                row.measured.name.clone(),
-                row.width_m.map_or_else(|| "–".to_owned(), cm),
-                row.measured.trials.to_string(),
-                format!("{:.4}", row.measured.mean_drag_n),
-                or_dash(row.measured.sd_drag_n, 4),
-                format!("{:.4}", row.simulated_drag_n),
-                format!("{:.4}", row.over_prediction_n),
-                or_dash(row.ratio, 2),
-            ]
-        })
-        .collect();
+    let rows = comparison.iter().map(|row| {
+        vec![
+            row.measured.name.clone(),
+            row.width_m.map_or_else(|| "–".to_owned(), cm),
+            row.measured.trials.to_string(),
+            format!("{:.4}", row.measured.mean_drag_n),
+            or_dash(row.measured.sd_drag_n, 4),
+            format!("{:.4}", row.simulated_drag_n),
+            format!("{:.4}", row.over_prediction_n),
+            or_dash(row.ratio, 2),
+        ]
+    });
     printer.line("")?;
     let header = [
         "condition",
@@ -120,7 +117,7 @@ pub(super) fn print(
         "over-prediction (N)",
         "ratio",
     ];
-    printer.table(&header, &rows)?;
+    printer.table(&header, rows)?;
     Ok(())
 }
 

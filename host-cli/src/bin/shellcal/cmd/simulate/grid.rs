@@ -72,7 +72,7 @@ impl SimulateArgs {
         } else if !written {
             let figures = ["mean drag (N)", "minimum (N)", "peak (N)", "energy (mJ)"];
             let header: Vec<&str> = names.iter().map(String::as_str).chain(figures).collect();
-            printer.table(&header, &rows)?;
+            printer.table(&header, rows)?;
         }
         if refused > 0 {
             printer.warning(format!("{refused} combinations make no sense, or the body jams"));

@@ -111,8 +111,7 @@ impl SweepFiles {
         }
         let friction = models.first().map_or(0.0, |model| model.setup().beam.friction);
         let title = format!("Simulated drag, friction {friction}");
-        let figure = channel_figure(plot.size, &title, &curves);
-        plot.write(&figure)
+        plot.draw(|size| channel_figure(size, &title, &curves))
     }
 
     pub(super) fn commit(self) -> anyhow::Result<()> {

@@ -48,21 +48,18 @@ pub(super) fn print_channels(
     printer: &mut Printer,
     reports: &[ChannelReport],
 ) -> anyhow::Result<()> {
-    let rows: Vec<_> = reports
-        .iter()
-        .map(|report| {
-            let summary = &report.summary;
-            vec![
-                cm(summary.width_m),
-                cm(summary.deflection_m),
-                contacts(summary.min_contacts, summary.max_contacts),
-                or_dash(summary.mean_drag_n, 4),
-                or_dash(summary.minimum_drag_n, 4),
-                or_dash(summary.peak_drag_n, 4),
-                format!("{:.3}", 1e3 * summary.energy_j),
-            ]
-        })
-        .collect();
+    let rows = reports.iter().map(|report| {
+        let summary = &report.summary;
+        vec![
+            cm(summary.width_m),
+            cm(summary.deflection_m),
+            contacts(summary.min_contacts, summary.max_contacts),
+            or_dash(summary.mean_drag_n, 4),
+            or_dash(summary.minimum_drag_n, 4),
+            or_dash(summary.peak_drag_n, 4),
+            format!("{:.3}", 1e3 * summary.energy_j),
+        ]
+    });
     let header = [
         "width (cm)",
         "deflection (cm)",
@@ -72,7 +69,7 @@ pub(super) fn print_channels(
         "peak (N)",
         "energy (mJ)",
     ];
-    printer.table(&header, &rows)
+    printer.table(&header, rows)
 }
 
 pub(super) fn print_uncertainty(
@@ -108,7 +105,7 @@ pub(super) fn print_uncertainty(
         first.draws,
         percent(first.level)
     ))?;
-    printer.table(&["channel", "median", "from", "to", "s.d."], &rows)?;
+    printer.table(&["channel", "median", "from", "to", "s.d."], rows)?;
     for (summary, result) in with() {
         for (count, what) in [
             (result.refused, "make no sense or jam, and are left out"),

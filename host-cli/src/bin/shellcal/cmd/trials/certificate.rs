@@ -1,7 +1,5 @@
 //! `shellcal report CAL.json --certificate`: a calibration on one page to print.
 
-use std::io::Write;
-
 use ::report::{Certificate, Heading};
 use anyhow::Context;
 use log_file::{Log, ReadOptions};
@@ -10,11 +8,11 @@ use shellcal::workflow::certificate::{CertificateFacts, budget, intervals, weigh
 use shellcal::workflow::check::check_weights;
 use shellcal::workflow::report::calibration_facts;
 
-use super::report::ReportArgs;
+use super::evaluation::EvaluationArgs;
 use crate::cmd::mapping::open_logs;
 use crate::cmd::origin;
 use crate::cmd::plan::read_table;
-use crate::files::InputPath;
+use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
@@ -56,34 +54,36 @@ fn parse_errors(text: &str) -> Result<[f64; 2], String> {
     pair.ok_or_else(|| "expected two numbers of 0 or more, such as `0.05,0.001`".to_owned())
 }
 
-impl ReportArgs {
-    pub(super) fn certify(
+impl CertificateArgs {
+    /// Certifies the calibration at `path`.
+    pub(super) fn run(
         &self,
+        (path, title): (&InputPath, Option<&str>),
+        evaluation: &EvaluationArgs,
+        output: &OutputPath,
         printer: &mut Printer,
         outputs: &Outputs,
     ) -> anyhow::Result<Outcome> {
-        let mut out = outputs.create(&self.output)?;
-        let (path, args) = (&self.manifest, &self.certificate);
-        let file = self.evaluation.read_calibration(path)?;
-        let mapping = self.evaluation.mapping_for(&file)?;
-        let read = ReadOptions { checksum: false, ..self.evaluation.read_options() };
-        let unloaded = args.unloaded.as_ref();
+        let out = outputs.create(output)?;
+        let file = evaluation.edited.read(path)?;
+        let mapping = evaluation.mapping.mapping_for(&file);
+        let read = ReadOptions { checksum: false, ..evaluation.read_options() };
+        let unloaded = self.unloaded.as_ref();
         let unloaded = unloaded.map(|path| Log::open(path, &mapping)).transpose()?;
         let facts =
-            CertificateFacts { unloaded: unloaded.as_ref(), reference: args.reference_error };
+            CertificateFacts { unloaded: unloaded.as_ref(), reference: self.reference_error };
         let budget = budget(&file, &facts, &read)?;
-        let weights = match &args.weights {
+        let weights = match &self.weights {
             None => Vec::new(),
             Some(table) => {
-                let logs = open_logs(&args.weights_log, ("--wrench-from", &[]), &mapping)?;
+                let logs = open_logs(&self.weights_log, ("--wrench-from", &[]), &mapping)?;
                 let table = read_table(table)?;
                 weight_rows(&check_weights(&file, &logs, &table, &read)?, &file)
             }
         };
         let shown = path.display().to_string();
         let serial = file.origin.sensor_serial.as_deref().unwrap_or(&shown);
-        let title =
-            self.title.clone().unwrap_or_else(|| format!("Certificate of calibration: {serial}"));
+        let usual_title = format!("Certificate of calibration: {serial}");
         let mut calibration = calibration_facts(&shown, &file);
         let own = shellcal::workflow::report::input("calibration", path)
             .with_context(|| format!("cannot read `{shown}`"))?;
@@ -91,7 +91,7 @@ impl ReportArgs {
         let diagnostics = file.origin.diagnostics.as_ref();
         let certificate = Certificate {
             heading: Heading {
-                title: &title,
+                title: title.unwrap_or(&usual_title),
                 made_by: shellcal::PROGRAM,
                 date: &origin::date()?,
                 command: &origin::command_line(),
@@ -102,21 +102,18 @@ impl ReportArgs {
             intervals: &intervals(&file),
             weights: &weights,
         };
-        let html = certificate.html();
-        out.write_all(html.as_bytes())
-            .with_context(|| format!("cannot write `{}`", self.output.display()))?;
-        out.commit()?;
+        out.commit_with(certificate.html().as_bytes())?;
         let off = weights.iter().filter(|of| of.is_off).count();
         let axes = file.calibration.axes;
         let summary = serde_json::json!({
-            "file": self.output,
+            "file": output,
             "axes": axes.columns(),
             "combined_standard_uncertainty": axes.of(&certificate.combined()),
             "expanded_uncertainty": axes.of(&certificate.expanded()),
             "weights_off": off,
         });
         let outcome = printer.finish(&summary, |printer| {
-            printer.line(format!("certificate of `{shown}` in `{}`", self.output.display()))
+            printer.line(format!("certificate of `{shown}` in `{}`", output.display()))
         })?;
         if off > 0 {
             printer.warning(format!("{off} check weights differ by more than is to be expected"));

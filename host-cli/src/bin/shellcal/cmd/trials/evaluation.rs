@@ -23,7 +23,7 @@ pub(crate) struct EvaluationArgs {
     calibration: Option<InputPath>,
 
     #[command(flatten)]
-    edited: EditedArg,
+    pub(super) edited: EditedArg,
 
     /// Robot profile, in TOML [default: the built-in `velociroach`; see `shellcal profile`]
     #[arg(long, value_name = "FILE")]
@@ -42,7 +42,7 @@ pub(crate) struct EvaluationArgs {
     full_scale: f64,
 
     #[command(flatten)]
-    mapping: MappingArgs,
+    pub(super) mapping: MappingArgs,
 }
 
 /// What trials are evaluated with, read from its files.
@@ -69,20 +69,10 @@ impl EvaluationArgs {
             Some(path) => read_profile(path)?,
         };
         let mapping = match &calibration {
-            Some(calibration) => self.mapping.mapping_for(calibration)?,
-            None => self.mapping.mapping()?,
+            Some(calibration) => self.mapping.mapping_for(calibration),
+            None => self.mapping.mapping(),
         };
         Ok(Equipment { profile, calibration, mapping })
-    }
-
-    /// Reads a calibration that is not `--calibration`.
-    pub(super) fn read_calibration(&self, path: &Path) -> anyhow::Result<CalibrationFile> {
-        Ok(self.edited.read(path)?)
-    }
-
-    /// The columns of logs that it is for.
-    pub(super) fn mapping_for(&self, calibration: &CalibrationFile) -> anyhow::Result<Mapping> {
-        self.mapping.mapping_for(calibration)
     }
 
     pub(crate) fn options(&self, equipment: &Equipment, trace: TraceExtent) -> TrialOptions {

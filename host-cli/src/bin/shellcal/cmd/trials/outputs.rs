@@ -98,7 +98,7 @@ impl ResultArgs {
             outputs,
             directory,
             &self.figure_format,
-            self.figure_size.size(),
+            self.figure_size.size,
         )?))
     }
 

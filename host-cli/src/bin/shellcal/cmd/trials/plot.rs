@@ -1,11 +1,9 @@
 //! `shellcal plot`: one figure.
 
-use std::path::Path;
-
 use anyhow::bail;
 use clap::Subcommand;
+use figures::Figure;
 use figures::trial::{box_figure, drag_lift_figure, phase_figure, stack_figure};
-use figures::{Figure, Format};
 use log_file::Log;
 use output_file::Outputs;
 use shellcal::workflow::figures::{passage, reduce_trace, some_strides, title};
@@ -15,7 +13,7 @@ use trial::{TraceExtent, Trial, TrialRow};
 
 use super::evaluation::EvaluationArgs;
 use super::manifest;
-use crate::cmd::figure_size::FigureSize;
+use crate::cmd::figure_size::{FigureFile, FigureSize};
 use crate::cmd::frames::parse_window;
 use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
@@ -71,15 +69,8 @@ struct OneArgs {
     #[arg(long, value_name = "TEXT")]
     title: Option<String>,
 
-    /// File to write: `.svg`, `.pdf` or `.png`
-    #[arg(long, short, value_name = "FILE")]
-    output: OutputPath,
-
     #[command(flatten)]
-    figure_size: FigureSize,
-
-    #[command(flatten)]
-    evaluation: EvaluationArgs,
+    drawing: DrawingArgs,
 }
 
 #[derive(Debug, clap::Args)]
@@ -92,6 +83,13 @@ struct ManyArgs {
     #[arg(long, value_name = "TEXT")]
     title: Option<String>,
 
+    #[command(flatten)]
+    drawing: DrawingArgs,
+}
+
+/// What is drawn on, and how trials are evaluated for it.
+#[derive(Debug, clap::Args)]
+struct DrawingArgs {
     /// File to write: `.svg`, `.pdf` or `.png`
     #[arg(long, short, value_name = "FILE")]
     output: OutputPath,
@@ -121,19 +119,18 @@ impl OneArgs {
         outputs: &Outputs,
         telemetry: bool,
     ) -> anyhow::Result<Outcome> {
-        let (format, size) = (Format::from_path(&self.output)?, self.figure_size.size());
-        // A path that cannot be written is an error before the work.
-        outputs.probe(&self.output)?;
-        let equipment = self.evaluation.equipment()?;
+        let plot = self.drawing.open(outputs)?;
+        let (size, evaluation) = (self.drawing.figure_size.size, &self.drawing.evaluation);
+        let equipment = evaluation.equipment()?;
         let log = Log::open(&self.log, &equipment.mapping)?;
-        let options = self.evaluation.options(&equipment, TraceExtent::Log);
-        let read = self.evaluation.read_options();
+        let options = evaluation.options(&equipment, TraceExtent::Log);
+        let read = evaluation.read_options();
         let job = TrialJob { log: &log, instrument: equipment.instrument(), options, read };
         let name = self.log.display().to_string();
         let trial = Trial::from_window(name, (f64::NAN, f64::NAN));
         let window = WindowTimes { enter_s: self.enter, exit_s: self.exit };
         let result = evaluate_in_window(&job, trial, window)?.result;
-        self.evaluation.note_forces(printer, &options);
+        evaluation.note_forces(printer, &options);
         let (row, trace) = (&result.row, result.trace.unwrap_or_default());
         let title = self.title.clone().unwrap_or_else(|| title(row));
         let passage = passage(row, &equipment.profile);
@@ -156,7 +153,7 @@ impl OneArgs {
                 drag_lift_figure(size, &title, &shown, &passage)
             }
         };
-        write(printer, outputs, &self.output, format, &figure, Some(row))
+        self.drawing.write(printer, plot, figure, Some(row))
     }
 }
 
@@ -167,15 +164,14 @@ impl ManyArgs {
         outputs: &Outputs,
         phase: bool,
     ) -> anyhow::Result<Outcome> {
-        let (format, size) = (Format::from_path(&self.output)?, self.figure_size.size());
-        outputs.probe(&self.output)?;
-        let equipment = self.evaluation.equipment()?;
+        let plot = self.drawing.open(outputs)?;
+        let (size, evaluation) = (self.drawing.figure_size.size, &self.drawing.evaluation);
+        let equipment = evaluation.equipment()?;
         let manifest = manifest::read(&self.manifest, outputs)?;
         let keep = |_, result: &mut _| {
             reduce_trace(result, &equipment.profile, false);
             Ok(())
         };
-        let evaluation = &self.evaluation;
         let path = &self.manifest;
         let batch = manifest::evaluate(printer, path, &manifest, evaluation, &equipment, keep);
         let failed = manifest::tell_failures(printer, path, &batch);
@@ -198,24 +194,30 @@ impl ManyArgs {
             }
             box_figure(size, &title("Energies and specific resistance"), &conditions)
         };
-        let outcome = write(printer, outputs, &self.output, format, &figure, None)?;
+        let outcome = self.drawing.write(printer, plot, figure, None)?;
         Ok(if failed { Outcome::CheckFailed } else { outcome })
     }
 }
 
-fn write(
-    printer: &mut Printer,
-    outputs: &Outputs,
-    path: &Path,
-    format: Format,
-    figure: &Figure,
-    row: Option<&TrialRow>,
-) -> anyhow::Result<Outcome> {
-    outputs.write(path, &figure.render(format)?)?;
-    let window = row.map(|row| [row.t_enter_s, row.t_exit_s]);
-    let document = serde_json::json!({ "file": path.to_string_lossy(), "window_s": window });
-    printer.finish(&document, |printer| {
-        printer.note(format!("figure in `{}`", path.display()));
-        Ok(())
-    })
+impl DrawingArgs {
+    /// Opens the file: a path that cannot be written is an error before the work.
+    fn open(&self, outputs: &Outputs) -> anyhow::Result<FigureFile> {
+        self.figure_size.open(&self.output, outputs)
+    }
+
+    fn write(
+        &self,
+        printer: &mut Printer,
+        plot: FigureFile,
+        figure: Figure,
+        row: Option<&TrialRow>,
+    ) -> anyhow::Result<Outcome> {
+        plot.draw(|_| figure)?;
+        let window = row.map(|row| [row.t_enter_s, row.t_exit_s]);
+        let document = serde_json::json!({ "file": self.output, "window_s": window });
+        printer.finish(&document, |printer| {
+            printer.note(format!("figure in `{}`", self.output.display()));
+            Ok(())
+        })
+    }
 }

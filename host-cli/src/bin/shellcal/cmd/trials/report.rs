@@ -1,6 +1,5 @@
 //! `shellcal report`: a batch of trials as one HTML file.
 
-use std::io::Write;
 use std::path::Path;
 
 use ::report::{Heading, Input, Report};
@@ -29,15 +28,15 @@ Examples:
 pub(crate) struct ReportArgs {
     /// Which trials there are: CSV or `.toml`; with `--certificate`: a calibration
     #[arg(value_name = "MANIFEST")]
-    pub(super) manifest: InputPath,
+    manifest: InputPath,
 
     /// File to write
     #[arg(long, short, value_name = "FILE", default_value = "report.html")]
-    pub(super) output: OutputPath,
+    output: OutputPath,
 
     /// Title of the report [default: the manifest's name]
     #[arg(long, value_name = "TEXT")]
-    pub(super) title: Option<String>,
+    title: Option<String>,
 
     /// The condition that the others are compared with
     #[arg(long, value_name = "NAME")]
@@ -48,18 +47,20 @@ pub(crate) struct ReportArgs {
     seed: u64,
 
     #[command(flatten)]
-    pub(super) certificate: CertificateArgs,
+    certificate: CertificateArgs,
 
     #[command(flatten)]
-    pub(super) evaluation: EvaluationArgs,
+    evaluation: EvaluationArgs,
 }
 
 impl ReportArgs {
     pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         if self.certificate.certificate {
-            return self.certify(printer, outputs);
+            let calibration = (&self.manifest, self.title.as_deref());
+            let (certificate, evaluation) = (&self.certificate, &self.evaluation);
+            return certificate.run(calibration, evaluation, &self.output, printer, outputs);
         }
-        let mut out = outputs.create(&self.output)?;
+        let out = outputs.create(&self.output)?;
         let equipment = self.evaluation.equipment()?;
         let path = &self.manifest;
         let manifest = manifest::read(path, outputs)?;
@@ -115,9 +116,7 @@ impl ReportArgs {
             warnings: &warnings,
         };
         let html = document.html();
-        out.write_all(html.as_bytes())
-            .with_context(|| format!("cannot write `{}`", self.output.display()))?;
-        out.commit()?;
+        out.commit_with(html.as_bytes())?;
         let summary = serde_json::json!({
             "file": self.output,
             "bytes": html.len(),

@@ -28,7 +28,7 @@ pub(super) fn trials(printer: &mut Printer, results: &[&TrialResult]) -> anyhow:
         "strides",
     ];
     let rows = results.iter().map(|result| trial(&result.row)).collect::<Vec<_>>();
-    printer.table(&header, &rows)
+    printer.table(&header, rows)
 }
 
 fn trial(row: &TrialRow) -> Vec<String> {
@@ -71,7 +71,7 @@ pub(super) fn strides(printer: &mut Printer, strides: &[StrideRow]) -> anyhow::R
             number(stride.specific_resistance, 2),
         ]
     };
-    printer.table(&header, &strides.iter().map(row).collect::<Vec<_>>())
+    printer.table(&header, strides.iter().map(row))
 }
 
 /// One table a quantity, per trial and per stride.
@@ -146,7 +146,7 @@ pub(super) fn statistics(
         }
         cells
     };
-    printer.table(&header, &rows.iter().map(row).collect::<Vec<_>>())
+    printer.table(&header, rows.iter().map(row))
 }
 
 /// Three digits or so of the largest of some values.

@@ -96,9 +96,8 @@ impl TrialArgs {
             evaluate_in_window(&job, trial, window)
         })?;
         let result = &evaluated.result;
-        if let (Some(mut file), Some(trace)) = (trace_file, &result.trace) {
-            std::io::Write::write_all(&mut file, &trace_table(trace).to_csv())?;
-            file.commit()?;
+        if let (Some(file), Some(trace)) = (trace_file, &result.trace) {
+            file.commit_with(&trace_table(trace).to_csv())?;
         }
         if let Some(path) = &self.strides {
             outputs.write(path, &strides_table(std::iter::once(result)).to_csv())?;

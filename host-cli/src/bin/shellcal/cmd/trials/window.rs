@@ -73,8 +73,7 @@ impl WindowArgs {
             let WindowSearch { time_s, drag_n, proposal } = search_window(&job)?;
             let name = path.display().to_string();
             if let Some(plot) = plot.take() {
-                let figure = window_figure(plot.size, &name, &time_s, &drag_n, proposal.as_ref());
-                plot.write(&figure)?;
+                plot.draw(|size| window_figure(size, &name, &time_s, &drag_n, proposal.as_ref()))?;
             }
             found.push(LogWindow::new(name, proposal));
         }
@@ -106,7 +105,7 @@ impl WindowArgs {
             })
             .collect();
         if !rows.is_empty() {
-            printer.table(&header, &rows)?;
+            printer.table(&header, rows)?;
         }
         for LogWindow { log, proposal, reason, .. } in found {
             match (proposal, reason) {
