@@ -6,7 +6,7 @@ use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use calibration::fit::{CovarianceRule, FewGroups, FitOptions, Warning};
-use calibration::solver::solve_moments;
+use calibration::solver::{Workers, solve_moments};
 use calibration::uncertainty::{CoefficientCovariance, Covariance, NoIntervals, student_quantile};
 use calibration::validation::grouped::{Apart, GroupSums, RandomSplit};
 use calibration::{Basis, Calibration, Model};
@@ -172,7 +172,7 @@ fn standard_errors_of_a_fit_hold_where_errors_are_those_of_poses_and_naive_ones_
         let mut predicted = PerAxis::default();
         calibration.wrench(&at.map(|s| vec![s]), &mut predicted);
         let covariances = [
-            Covariance::of_groups(&sums, &model, 0.0).unwrap(),
+            Covariance::of_groups(&sums, &model, 0.0, Workers::ONE).unwrap(),
             Covariance::of_rows(&solution).unwrap(),
         ];
         for (covariance, held) in covariances.iter().zip(&mut held) {

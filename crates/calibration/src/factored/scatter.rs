@@ -89,6 +89,7 @@ mod tests {
     use crate::features::Features;
     use crate::least_squares::Method;
     use crate::model::{Basis, Model};
+    use crate::passes::Workers;
     use crate::scaling::Scaling;
     use crate::solver::{self, FitProblem, SolverKind};
     use crate::uncertainty::Covariance;
@@ -260,10 +261,12 @@ mod tests {
         }
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
         let (solution, mut groups) = fitted(&block, model);
-        let found = Covariance::of_factored(&groups, &solution, Method::Tsqr, 0.0).unwrap_err();
+        let found = Covariance::of_factored(&groups, &solution, (Method::Tsqr, 0.0), Workers::ONE)
+            .unwrap_err();
         assert_eq!(found, ValidationError::Alone { groups: vec!["4".to_owned()] });
         groups.groups.truncate(1);
-        let found = Covariance::of_factored(&groups, &solution, Method::Tsqr, 0.0).unwrap_err();
+        let found = Covariance::of_factored(&groups, &solution, (Method::Tsqr, 0.0), Workers::ONE)
+            .unwrap_err();
         assert_eq!(found, ValidationError::TooFewGroups { found: 1 });
     }
 

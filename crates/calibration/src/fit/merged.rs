@@ -41,7 +41,7 @@ pub fn fit_sums(sums: RowSums<'_>, axes: Axes, options: &FitOptions<'_>) -> Resu
     let mut calibration = Calibration::of_solution(&solution, &ranges);
     calibration.axes = axes;
     let (covariance, not_grouped) =
-        covariance(&solution, (solver, None), &choice, options.covariance);
+        covariance(&solution, (solver, None), &choice, options.covariance, options.workers);
     calibration.covariance = covariance;
     let mut warnings = Vec::new();
     if let Some(reason) = choice.not_grouped.clone().or(not_grouped) {

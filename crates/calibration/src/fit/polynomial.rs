@@ -11,7 +11,7 @@ use crate::exact::{ExactError, Moments};
 use crate::least_squares::Method;
 use crate::magnitudes::Magnitudes;
 use crate::model::Model;
-use crate::passes::{Rows, each};
+use crate::passes::{Rows, Workers, each};
 use crate::polynomial::Polynomial;
 use crate::quality::AxisQuality;
 use crate::reading_ranges::ReadingRanges;
@@ -112,6 +112,7 @@ pub(super) fn covariance(
     (solver, truncate): (SolverKind, Option<f64>),
     choice: &ModelChoice,
     rule: CovarianceRule,
+    workers: Workers<'_>,
 ) -> (Option<Covariance>, Option<ValidationError>) {
     if rule == CovarianceRule::Nothing || choice.few_groups.is_some() {
         return (None, None);
@@ -120,7 +121,9 @@ pub(super) fn covariance(
     let ridge = choice.ridge;
     let found = match (&choice.clusters, &choice.sums) {
         _ if !choice.by_group => return (by_rows(), None),
-        (Some(Clusters::Rows(rows)), _) => Covariance::of_clipped_groups(rows, solution, ridge),
+        (Some(Clusters::Rows(rows)), _) => {
+            Covariance::of_clipped_groups(rows, solution, ridge, workers)
+        }
         (Some(Clusters::Triangles { .. }), _) if solver == SolverKind::Huber => {
             Err(ValidationError::OtherSolver)
         }
@@ -131,13 +134,15 @@ pub(super) fn covariance(
                 _ => Method::Tsqr,
             };
             match files {
-                None => Covariance::of_factored(rows, solution, method, ridge),
-                Some(files) => Covariance::of_files(rows, files, solution, method, ridge),
+                None => Covariance::of_factored(rows, solution, (method, ridge), workers),
+                Some(files) => {
+                    Covariance::of_files(rows, files, solution, (method, ridge), workers)
+                }
             }
         }
         // Features of other solvers are about another centre than that of the sums.
         (None, Some(_)) if solver != SolverKind::Exact => Err(ValidationError::OtherSolver),
-        (None, Some(sums)) => Covariance::of_groups(sums, &solution.model, ridge),
+        (None, Some(sums)) => Covariance::of_groups(sums, &solution.model, ridge, workers),
         (None, None) => return (by_rows(), None),
     };
     match found {
@@ -180,8 +185,13 @@ pub(super) fn fit(
     let Solved { solution, ranges, solver, .. } = &solved;
     let mut calibration = Calibration::of_solution(solution, ranges);
     calibration.axes = train.logs[0].axes;
-    let (mut covariance, not_grouped) =
-        covariance(solution, (*solver, options.truncate), choice, options.covariance);
+    let (mut covariance, not_grouped) = covariance(
+        solution,
+        (*solver, options.truncate),
+        choice,
+        options.covariance,
+        options.workers,
+    );
     let unit = covariance.as_ref().map(|_| root_mean_square(solution));
     let judge = options.looks_for_outliers().then(|| {
         let spread = Spread::within(ranges);

@@ -15,6 +15,7 @@ use super::covariance::Covariance;
 use super::new_groups::{of_scores, score_of};
 use crate::factored::{FactoredGroups, GroupFactors};
 use crate::least_squares::clip_of_sizes as clip_of;
+use crate::passes::Workers;
 use crate::reading_ranges::ReadingRanges;
 use crate::scaling::Scaling;
 use crate::solver::{self, FitProblem, Solution, SolverKind};
@@ -33,6 +34,7 @@ impl Covariance {
         block: &Block,
         solution: &Solution,
         ridge: f64,
+        workers: Workers<'_>,
     ) -> Result<Self, ValidationError> {
         let of_rows = |error| ValidationError::Rows(Box::new(error));
         let rows = factored(block, solution)?;
@@ -47,7 +49,7 @@ impl Covariance {
             let new = rows.on_new_group(group, &without, &scatter)?;
             Some(score_of(&new, &scatter, without.rows))
         };
-        Self::of_triangles(&clipped, solution, |_| of_scores(rows.groups.len(), score))
+        Self::of_triangles(&clipped, solution, |_| of_scores(rows.groups.len(), workers, score))
     }
 }
 
@@ -144,14 +146,16 @@ mod tests {
         let errors = |block: &Block, kind: SolverKind| {
             let solution = fit(kind, block);
             let found = match kind {
-                SolverKind::Huber => Covariance::of_clipped_groups(block, &solution, 0.0),
+                SolverKind::Huber => {
+                    Covariance::of_clipped_groups(block, &solution, 0.0, Workers::ONE)
+                }
                 _ => {
                     let rows = factored(block, &solution).unwrap();
                     Covariance::of_factored(
                         &rows,
                         &solution,
-                        crate::least_squares::Method::Tsqr,
-                        0.0,
+                        (crate::least_squares::Method::Tsqr, 0.0),
+                        Workers::ONE,
                     )
                 }
             };

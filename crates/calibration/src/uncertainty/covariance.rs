@@ -12,6 +12,7 @@ use crate::exact::{GroupScatterError, PartitionedMoments, SolveError};
 use crate::factored::FactoredGroups;
 use crate::least_squares::Method;
 use crate::model::Model;
+use crate::passes::Workers;
 use crate::physics::GroupIntervals;
 use crate::sandwich::{GroupScatter, ScatterError};
 use crate::solver::Solution;
@@ -86,6 +87,7 @@ impl Covariance {
         sums: &GroupedMoments,
         model: &Model,
         ridge: f64,
+        workers: Workers<'_>,
     ) -> Result<Self, ValidationError> {
         let total = sums.total().filter(|_| sums.groups.len() > 1);
         let total = total.ok_or(ValidationError::TooFewGroups { found: sums.groups.len() })?;
@@ -98,7 +100,7 @@ impl Covariance {
                     GroupScatterError::Scatter(error) => why_no_scatter(error, label),
                 }
             })?;
-        let intervals = held_out_intervals(sums, model, ridge);
+        let intervals = held_out_intervals(sums, model, ridge, workers);
         Ok(Self::of_scatter(found, total.rows(), intervals))
     }
 
@@ -110,11 +112,11 @@ impl Covariance {
     pub fn of_factored(
         rows: &FactoredGroups,
         solution: &Solution,
-        method: Method,
-        ridge: f64,
+        (method, ridge): (Method, f64),
+        workers: Workers<'_>,
     ) -> Result<Self, ValidationError> {
         Self::of_triangles(rows, solution, |_| {
-            held_out_intervals_factored(rows, &solution.model, (method, ridge))
+            held_out_intervals_factored(rows, &solution.model, (method, ridge), workers)
         })
     }
 
@@ -126,11 +128,11 @@ impl Covariance {
         rows: &FactoredGroups,
         files: &[Range<usize>],
         solution: &Solution,
-        method: Method,
-        ridge: f64,
+        (method, ridge): (Method, f64),
+        workers: Workers<'_>,
     ) -> Result<Self, ValidationError> {
         Self::of_triangles(rows, solution, |scatter| {
-            held_out_intervals_of_files(rows, files, (solution, scatter), (method, ridge))
+            held_out_intervals_of_files(rows, files, (solution, scatter), (method, ridge), workers)
         })
     }
 

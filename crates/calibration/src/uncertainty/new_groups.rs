@@ -10,6 +10,7 @@ use crate::exact::{Moments, NewGroup, PartitionedMoments};
 use crate::factored::FactoredGroups;
 use crate::least_squares::Method;
 use crate::model::Model;
+use crate::passes::{Workers, map};
 use crate::physics::GroupIntervals;
 use crate::sandwich::GroupScatter;
 use crate::solver::Solution;
@@ -26,10 +27,11 @@ pub(super) fn held_out_intervals(
     sums: &GroupedMoments,
     model: &Model,
     ridge: f64,
+    workers: Workers<'_>,
 ) -> Option<GroupIntervals> {
     let groups = sums.groups.len();
     let whole = sums.total()?;
-    of_scores(groups, |group| score_without(sums, whole, model, ridge, group))
+    of_scores(groups, workers, |group| score_without(sums, whole, model, ridge, group))
 }
 
 /// The same from triangles of the rows; a ridge by GCV is found anew without each group.
@@ -37,8 +39,9 @@ pub(super) fn held_out_intervals_factored(
     rows: &FactoredGroups,
     model: &Model,
     (method, ridge): (Method, f64),
+    workers: Workers<'_>,
 ) -> Option<GroupIntervals> {
-    of_scores(rows.groups.len(), |group| {
+    of_scores(rows.groups.len(), workers, |group| {
         let rest = rows.without(Some(group))?;
         let solution = rest.solve_by(method, model, ridge).ok()?;
         let scatter = rows.scatter(&solution, Some(group)).ok()?;
@@ -54,9 +57,10 @@ pub(super) fn held_out_intervals_of_files(
     files: &[Range<usize>],
     (solution, scatter): (&Solution, &GroupScatter),
     (method, ridge): (Method, f64),
+    workers: Workers<'_>,
 ) -> Option<GroupIntervals> {
     let of_files = rows.merged(files);
-    let of_file = |(file, stretches): (usize, &Range<usize>)| {
+    let of_file = |file: usize| {
         let rest = of_files.without(Some(file))?;
         let fit = rest.solve_by(method, &solution.model, ridge).ok()?;
         let score = |group: usize| {
@@ -64,22 +68,33 @@ pub(super) fn held_out_intervals_of_files(
             let variance = rows.variance(group, solution, scatter)?;
             Some(score_of(&NewGroup { errors, variance }, scatter, solution.rows))
         };
-        stretches.clone().map(score).collect::<Option<Vec<_>>>()
+        files[file].clone().map(score).collect::<Option<Vec<_>>>()
     };
-    let scores: Option<Vec<_>> = files.iter().enumerate().map(of_file).collect();
+    let scores: Option<Vec<_>> = each(files.len(), workers, of_file)?.into_iter().collect();
     Some(GroupIntervals::of_groups(&scores?.concat()))
 }
 
 pub(super) fn of_scores(
     groups: usize,
-    score: impl Fn(usize) -> Option<PerAxis<(f64, f64)>>,
+    workers: Workers<'_>,
+    score: impl Fn(usize) -> Option<PerAxis<(f64, f64)>> + Sync,
 ) -> Option<GroupIntervals> {
     if !(2..=MOST_GROUPS).contains(&groups) {
         return None;
     }
     let unknown = [(f64::INFINITY, 0.0); 6];
-    let scores: Vec<_> = (0..groups).map(|group| score(group).unwrap_or(unknown)).collect();
+    let scores = each(groups, workers, |group| score(group).unwrap_or(unknown))?;
     Some(GroupIntervals::of_groups(&scores))
+}
+
+/// What `score` says of so many groups, on all threads; `None` if whoever watches wants no more, which the next pass over
+/// the rows says.
+fn each<T: Send>(
+    groups: usize,
+    workers: Workers<'_>,
+    score: impl Fn(usize) -> T + Sync,
+) -> Option<Vec<T>> {
+    map(&(0..groups).collect::<Vec<_>>(), 0, workers, |&group| Ok(score(group))).ok()
 }
 
 /// Mean and scatter of the errors of a group, in standard errors, by the fit to all others; `None` where that
@@ -177,7 +192,8 @@ mod tests {
             let ranges = total.reading_ranges();
             let solution = crate::solver::solve_moments(total, &model, 0.0, &ranges).unwrap();
             let mut calibration = crate::Calibration::of_solution(&solution, &ranges);
-            calibration.covariance = Some(Covariance::of_groups(&rest, &model, 0.0).unwrap());
+            calibration.covariance =
+                Some(Covariance::of_groups(&rest, &model, 0.0, Workers::ONE).unwrap());
             let (mut wrench, mut errors) = (PerAxis::default(), PerAxis::default());
             calibration.wrench(&part.readings, &mut wrench);
             assert!(calibration.standard_errors(&part.readings, None, &mut errors));
@@ -198,7 +214,7 @@ mod tests {
     #[test]
     fn many_groups_need_no_intervals_of_their_own_and_few_tell_low_levels_only() {
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
-        let of = |groups| held_out_intervals(&sums(&block(groups)), &model, 0.0);
+        let of = |groups| held_out_intervals(&sums(&block(groups)), &model, 0.0, Workers::ONE);
         assert_eq!(of(MOST_GROUPS + 1), None);
         assert!(of(MOST_GROUPS).unwrap().factors(0.95).is_ok());
         let few = of(12).unwrap();
