@@ -401,7 +401,9 @@ impl FitOptions<'_> {
         let (channels, memory) = first.map_or((0, 0), |of| (of.channels, of.memory));
         let model = Model { basis: choice.basis, intercept: self.intercept, channels, memory };
         self.test_group_count(&mut choice, &model, rows.groups.len());
-        choice.clusters = Some(Clusters::Triangles { rows, files: None });
+        let each_alone = || (0..rows.groups.len()).map(|group| group..group + 1).collect();
+        let files = choice.group_by.filter(GroupBy::is_stretches).map(|_| each_alone());
+        choice.clusters = Some(Clusters::Triangles { rows, files });
         Ok(choice)
     }
 

@@ -16,7 +16,7 @@ use shell_data::dataset::Dataset;
 /// What standard errors by group are made of where exact sums do not serve the solver.
 #[derive(Clone, Debug)]
 pub(super) enum Clusters {
-    /// Triangles of the rows, and where groups are stretches of files those of each file.
+    /// Triangles of the rows, and where groups are stretches of time those that are held out together.
     Triangles { rows: FactoredGroups, files: Option<Vec<Range<usize>>> },
     /// The rows with their labels, for a solver that clips them.
     Rows(Block),

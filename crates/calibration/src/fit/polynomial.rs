@@ -142,7 +142,11 @@ pub(super) fn covariance(
         }
         // Features of other solvers are about another centre than that of the sums.
         (None, Some(_)) if solver != SolverKind::Exact => Err(ValidationError::OtherSolver),
-        (None, Some(sums)) => Covariance::of_groups(sums, &solution.model, ridge, workers),
+        (None, Some(sums)) => {
+            let are_stretches = choice.group_by.is_some_and(|by| by.is_stretches());
+            let of = if are_stretches { Covariance::of_stretches } else { Covariance::of_groups };
+            of(sums, &solution.model, ridge, workers)
+        }
         (None, None) => return (by_rows(), None),
     };
     match found {

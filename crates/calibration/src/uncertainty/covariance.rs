@@ -7,6 +7,7 @@ use faer::Mat;
 use super::interval::{ErrorShape, NoIntervals, normal_quantile, student_quantile};
 use super::new_groups::{
     held_out_intervals, held_out_intervals_factored, held_out_intervals_of_files,
+    held_out_intervals_of_stretches,
 };
 use crate::exact::{GroupScatterError, PartitionedMoments, SolveError};
 use crate::factored::FactoredGroups;
@@ -89,6 +90,30 @@ impl Covariance {
         ridge: f64,
         workers: Workers<'_>,
     ) -> Result<Self, ValidationError> {
+        Self::of_sums(sums, (model, ridge), |_| held_out_intervals(sums, model, ridge, workers))
+    }
+
+    /// The same of stretches of time that nothing else tells apart.
+    ///
+    /// # Errors
+    /// As [`Covariance::of_groups`].
+    pub fn of_stretches(
+        sums: &GroupedMoments,
+        model: &Model,
+        ridge: f64,
+        workers: Workers<'_>,
+    ) -> Result<Self, ValidationError> {
+        Self::of_sums(sums, (model, ridge), |scatter| {
+            held_out_intervals_of_stretches(sums, scatter, (model, ridge), workers)
+        })
+    }
+
+    /// The scatter of a solution over groups, with the intervals that are found if there is one.
+    fn of_sums(
+        sums: &GroupedMoments,
+        (model, ridge): (&Model, f64),
+        intervals: impl FnOnce(&GroupScatter) -> Option<GroupIntervals>,
+    ) -> Result<Self, ValidationError> {
         let total = sums.total().filter(|_| sums.groups.len() > 1);
         let total = total.ok_or(ValidationError::TooFewGroups { found: sums.groups.len() })?;
         let groups: Vec<_> = sums.groups.iter().map(|(_, moments)| moments).collect();
@@ -100,7 +125,7 @@ impl Covariance {
                     GroupScatterError::Scatter(error) => why_no_scatter(error, label),
                 }
             })?;
-        let intervals = held_out_intervals(sums, model, ridge, workers);
+        let intervals = intervals(&found);
         Ok(Self::of_scatter(found, total.rows(), intervals))
     }
 
@@ -120,7 +145,7 @@ impl Covariance {
         })
     }
 
-    /// The same of stretches of time, which are held out by whole files.
+    /// The same of stretches of time, which are held out by whole files or each alone.
     ///
     /// # Errors
     /// As [`Covariance::of_groups`].
@@ -136,7 +161,7 @@ impl Covariance {
         })
     }
 
-    /// The scatter of a solution over groups, with the intervals that are found if there is one.
+    /// As [`Covariance::of_sums`], from triangles.
     pub(super) fn of_triangles(
         rows: &FactoredGroups,
         solution: &Solution,

@@ -34,6 +34,25 @@ pub(super) fn held_out_intervals(
     of_scores(groups, workers, |group| score_without(sums, whole, model, ridge, group))
 }
 
+/// The same of stretches of time, which are as many as there may be. The standard errors are those of the fit to all,
+/// to which one stretch adds little: of poly3, 40 scatters of 39 stretches take most of a fit.
+pub(super) fn held_out_intervals_of_stretches(
+    sums: &GroupedMoments,
+    scatter: &GroupScatter,
+    (model, ridge): (&Model, f64),
+    workers: Workers<'_>,
+) -> Option<GroupIntervals> {
+    let whole = sums.total()?;
+    let groups: Vec<&Moments> = sums.groups.iter().map(|(_, moments)| moments).collect();
+    let parts = PartitionedMoments::new(whole, model).ok()?;
+    let of_all = parts.on_new_groups(scatter, &groups, ridge).ok()?;
+    of_scores(groups.len(), workers, |group| {
+        let errors = parts.held_out(groups[group], &parts.part(groups[group]), ridge).ok()?;
+        let new = NewGroup { errors, variance: of_all[group].variance };
+        Some(score_of(&new, scatter, whole.rows()))
+    })
+}
+
 /// The same from triangles of the rows; a ridge by GCV is found anew without each group.
 pub(super) fn held_out_intervals_factored(
     rows: &FactoredGroups,
@@ -50,8 +69,9 @@ pub(super) fn held_out_intervals_factored(
     })
 }
 
-/// The same of stretches of time, each by a fit without its whole file: rows of a file have more in common than those of
-/// two. `solution` of all rows and its scatter say how much the errors of a stretch are expected to be.
+/// The same of stretches of time, each by a fit without those of its file, if there are several: rows of a file have more
+/// in common than those of two. `solution` of all rows and its scatter say how much the errors of a stretch are expected to
+/// be.
 pub(super) fn held_out_intervals_of_files(
     rows: &FactoredGroups,
     files: &[Range<usize>],
@@ -112,8 +132,8 @@ fn score_without(
     let others: Vec<&Moments> = others.map(|(_, (_, moments))| moments).collect();
     let parts = PartitionedMoments::new(&rest, model).ok()?;
     let scatter = parts.by_group(&others, ridge).ok()?;
-    let [new] = parts.on_new_groups(&scatter, [held_out], ridge).ok()?;
-    Some(score_of(&new, &scatter, rest.rows()))
+    let new = parts.on_new_groups(&scatter, &[held_out], ridge).ok()?;
+    Some(score_of(&new[0], &scatter, rest.rows()))
 }
 
 /// Mean and scatter of the errors of a group, in standard errors of the fit to so many other rows.
@@ -208,6 +228,23 @@ mod tests {
                 assert!((found[axis].0 / expected.0 - 1.0).abs() < 1e-9, "{found:?} {expected:?}");
                 assert!((found[axis].1 / expected.1 - 1.0).abs() < 1e-9, "{found:?} {expected:?}");
             }
+        }
+    }
+
+    #[test]
+    fn the_scatter_of_all_stretches_does_for_those_without_one() {
+        let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
+        let sums = sums(&block(40));
+        let groups: Vec<&Moments> = sums.groups.iter().map(|(_, moments)| moments).collect();
+        let parts = PartitionedMoments::new(sums.total().unwrap(), &model).unwrap();
+        let scatter = parts.by_group(&groups, 0.0).unwrap();
+        let all =
+            held_out_intervals_of_stretches(&sums, &scatter, (&model, 0.0), Workers::ONE).unwrap();
+        let without = held_out_intervals(&sums, &model, 0.0, Workers::ONE).unwrap();
+        let (all, without) = (all.factors(0.95).unwrap(), without.factors(0.95).unwrap());
+        for (all, without) in all.into_iter().zip(without) {
+            // A stretch has a fortieth of the variance, one that errs by two standard errors a tenth.
+            assert!(all <= without && all > 0.94 * without, "{all} {without}");
         }
     }
 

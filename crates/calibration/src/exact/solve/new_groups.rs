@@ -27,12 +27,12 @@ impl PartitionedMoments<'_> {
     ///
     /// # Errors
     /// [`SolveError`] if the rows do not determine the coefficients.
-    pub fn on_new_groups<const N: usize>(
+    pub fn on_new_groups(
         &self,
         scatter: &GroupScatter,
-        groups: [&Moments; N],
+        groups: &[&Moments],
         ridge: f64,
-    ) -> Result<[NewGroup; N], SolveError> {
+    ) -> Result<Vec<NewGroup>, SolveError> {
         let fit = self.total.solve(&self.model, ridge)?;
         let (scales, coefficients) = (self.scales_of(&fit), counted_coefficients(&fit));
         let stretch: Vec<f64> = fit.counted.stretch.iter().map(|s| s.to_f64()).collect();
@@ -40,13 +40,14 @@ impl PartitionedMoments<'_> {
         let factors = scatter.factors.each_ref().map(|factor| {
             UpperTriangle::from_fn(factor.nrows(), |i, j| stretch[i] * factor[(i, j)])
         });
-        Ok(groups.map(|group| {
+        let of_group = |group: &&Moments| {
             let part = scales.part(&group.in_units_of(self.total));
             let gram = Symmetric::new(part.gram.iter().copied(), &scales.columns).rounded();
             let rows = part.rows.max(1) as f64;
             let variance =
                 factors.each_ref().map(|factor| factor.trace_with(&gram).max(0.0) / rows);
             NewGroup { errors: scales.errors(&part, &coefficients), variance }
-        }))
+        };
+        Ok(groups.iter().map(of_group).collect())
     }
 }
