@@ -402,7 +402,9 @@ impl FitOptions<'_> {
         let model = Model { basis: choice.basis, intercept: self.intercept, channels, memory };
         self.test_group_count(&mut choice, &model, rows.groups.len());
         let each_alone = || (0..rows.groups.len()).map(|group| group..group + 1).collect();
-        let files = choice.group_by.filter(GroupBy::is_stretches).map(|_| each_alone());
+        let all_rows = rows.groups.iter().map(|(_, rows)| rows.rows()).sum();
+        let are_long = choice.has_long_stretches(rows.groups.len(), all_rows, &model);
+        let files = are_long.then(each_alone);
         choice.clusters = Some(Clusters::Triangles { rows, files });
         Ok(choice)
     }

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use crate::factored::FactoredGroups;
 use crate::groups::{FoundGroups, GroupBy};
-use crate::model::Basis;
+use crate::model::{Basis, Model};
 use crate::validation::ValidationError;
 use crate::validation::advice::Advice;
 use crate::validation::cross_validation::CrossValidation;
@@ -58,6 +58,13 @@ impl ModelChoice {
             || matches!(self.clusters, Some(Clusters::Triangles { .. }))
             || self.cross_validation.is_some();
         self.group_by.as_ref().filter(|_| is_used)?.found()
+    }
+
+    /// Whether groups are stretches of time, on average of as many rows as the model has features: what each adds to the
+    /// scatter of all is little then.
+    pub(super) fn has_long_stretches(&self, groups: usize, rows: u64, model: &Model) -> bool {
+        let are_long = rows >= (groups * model.term_count()) as u64;
+        are_long && self.group_by.is_some_and(|by| by.is_stretches())
     }
 }
 

@@ -143,8 +143,9 @@ pub(super) fn covariance(
         // Features of other solvers are about another centre than that of the sums.
         (None, Some(_)) if solver != SolverKind::Exact => Err(ValidationError::OtherSolver),
         (None, Some(sums)) => {
-            let are_stretches = choice.group_by.is_some_and(|by| by.is_stretches());
-            let of = if are_stretches { Covariance::of_stretches } else { Covariance::of_groups };
+            let are_long =
+                choice.has_long_stretches(sums.groups.len(), solution.rows, &solution.model);
+            let of = if are_long { Covariance::of_stretches } else { Covariance::of_groups };
             of(sums, &solution.model, ridge, workers)
         }
         (None, None) => return (by_rows(), None),
