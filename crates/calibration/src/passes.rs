@@ -155,16 +155,6 @@ pub trait Pass: Sync {
 
     /// Adds the rows of `later` to those of `earlier`.
     fn merge(&self, earlier: &mut Self::Partial, later: Self::Partial);
-
-    /// Of the rows of a block.
-    ///
-    /// # Errors
-    /// As [`Self::absorb`].
-    fn reduce(&self, block: &Block) -> Result<Self::Partial, FitError> {
-        let mut partial = self.empty();
-        self.absorb(&mut partial, block)?;
-        Ok(partial)
-    }
 }
 
 /// Passes every item to `work`, on as many threads as its rows are worth; see [`on_threads`]. `rows_of` is the block of

@@ -21,9 +21,9 @@ pub(super) struct BetweenRows {
 }
 
 impl BetweenRows {
-    /// The times of some rows, in ascending order, and later `by` so much: straight between rows and up to one row beyond
-    /// the ends of a segment; further out the last value is held. `times` ascend within each of `segments`, the first
-    /// rows of stretches without a gap.
+    /// For each of some rows, in ascending order, where the time `by` after its own lies: between two rows, or up to one
+    /// row beyond the ends of its segment; further out the last value is held. `times` ascend within each of `segments`,
+    /// which are the first rows of stretches without a gap.
     pub(super) fn later(
         times: &[f64],
         segments: &[usize],
@@ -57,7 +57,7 @@ impl BetweenRows {
         rows.into_iter().map(of_row).collect()
     }
 
-    /// The value of a column then.
+    /// The value of a column at that time, linear between the rows.
     pub(super) fn value(&self, column: &[f64]) -> f64 {
         column[self.before] + self.share * (column[self.after] - column[self.before])
     }

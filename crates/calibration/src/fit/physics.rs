@@ -238,8 +238,8 @@ impl ModelComparison {
     }
 }
 
-/// Whether groups are few, or the polynomial errs much more on those that are held out than on its own rows. A few
-/// stretches of time have many loads.
+/// Whether groups are few, or the polynomial errs much more on those that are held out than on its own rows. Stretches
+/// of time do not count as few: each has many loads.
 fn is_worth_trying(
     sums: &GroupedMoments,
     group_by: GroupBy,

@@ -76,6 +76,7 @@ impl Pass for Centring {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::passes::Rows;
 
     #[test]
     fn the_centre_is_the_mean_of_all_rows_in_any_order() {
@@ -86,7 +87,7 @@ mod tests {
             for column in columns {
                 let readings = vec![column.to_vec()];
                 let block = Block { rows: column.len(), readings, ..Block::default() };
-                centring.merge(&mut all, centring.reduce(&block).unwrap());
+                centring.merge(&mut all, Rows::from(&block).reduce(&centring).unwrap());
             }
             centring.scaling(&all)
         };
