@@ -96,6 +96,11 @@ impl FromIterator<(usize, u64, usize)> for RowSet {
 }
 
 impl RowSet {
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
     /// Whether a row is among them.
     pub fn contains(&self, log: usize, place: u64, row: usize) -> bool {
         self.0.get(&(log, place)).is_some_and(|rows| rows.contains(&row))
@@ -178,7 +183,7 @@ impl Dataset {
     /// `excluded`.
     #[must_use]
     pub fn select(&self, fresh: bool, excluded: &RowSet) -> Self {
-        if !fresh && excluded.0.is_empty() {
+        if !fresh && excluded.is_empty() {
             return self.clone();
         }
         let mut selected = self.clone();

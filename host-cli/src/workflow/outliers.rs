@@ -50,15 +50,16 @@ impl NamedOutliers {
     /// # Errors
     /// [`LogError`] if a log can no longer be read.
     pub fn new(found: Outliers, logs: &[Log], wanted: &Wanted) -> Result<Self, LogError> {
-        let name = |row: &Outlier| {
-            let log = &logs[row.log];
-            Ok(RowName {
+        let mut names = Vec::new();
+        for of_log in found.rows.chunk_by(|a, b| a.log == b.log) {
+            let log = &logs[of_log[0].log];
+            let rows: Vec<_> = of_log.iter().map(|row| (row.place, row.row)).collect();
+            names.extend(log.lines_of_rows(wanted, &rows)?.into_iter().map(|line| RowName {
                 file: log.path().display().to_string(),
-                line: log.line_of_row(wanted, row.place, row.row)?,
+                line,
                 columns: column_names(log),
-            })
-        };
-        let names = found.rows.iter().map(name).collect::<Result<_, LogError>>()?;
+            }));
+        }
         let axes = logs.first().map_or(Axes::ALL, Log::axes);
         Ok(Self { found, names, axes })
     }

@@ -44,6 +44,11 @@ pub(super) struct Training<'a> {
 }
 
 impl Training<'_> {
+    /// Whether all rows are used.
+    pub(super) fn uses_all(&self) -> bool {
+        !self.fresh && self.excluded.is_empty()
+    }
+
     /// The rows that are used.
     pub(super) fn used(&self) -> Dataset {
         self.data.select(self.fresh, self.excluded)

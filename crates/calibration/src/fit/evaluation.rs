@@ -104,7 +104,8 @@ pub(super) struct BlockErrors {
     rows: u64,
     out_of_range: u64,
     errors: PerAxis<AxisErrors>,
-    /// Whether a row may be an outlier and matter, as far as that was asked.
+    /// Rows to judge as outliers, and whether one of them may matter, as far as that was asked.
+    pub(super) suspects: Vec<usize>,
     pub(super) stands_out: bool,
 }
 
@@ -141,14 +142,18 @@ impl BlockEvaluator {
                 sizes.add_differences(&predicted[axis], &block.wrench[axis], units[axis]);
             }
         }
+        let judge = |(judge, spread): &(Judge, Spread)| {
+            let suspects = judge.suspects(block, predicted, spread);
+            let judged = judge.judge_predicted(block, predicted, &suspects, spread, &|_| false);
+            (judged.iter().any(Judged::may_matter), suspects)
+        };
+        let (stands_out, suspects) = options.judge.map(judge).unwrap_or_default();
         BlockErrors {
             rows: block.rows as u64,
             out_of_range: calibration.rows_out_of_range(&block.readings),
             errors: quality::errors(predicted, &block.wrench),
-            stands_out: options.judge.is_some_and(|(judge, spread)| {
-                let judged = judge.judge_predicted(block, predicted, spread);
-                judged.iter().any(Judged::may_matter)
-            }),
+            suspects,
+            stands_out,
         }
     }
 

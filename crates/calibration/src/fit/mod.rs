@@ -63,9 +63,10 @@ pub use crate::passes::Workers;
 
 use self::choice::{Training, choose};
 use self::model_choice::ModelChoice;
+use self::outliers::KnownFit;
 use self::physics::TriedPhysics;
 pub use self::polynomial::Leaks;
-use self::polynomial::{PolynomialFit, Solved};
+use self::polynomial::PolynomialFit;
 use crate::conversion::{Calibration, Kind};
 use crate::dynamics::{Dynamics, NotSearched};
 use crate::error::FitError;
@@ -415,24 +416,28 @@ fn fit_polynomial(
     let used = choice.labelled.take().unwrap_or_else(|| training.used());
     let PolynomialFit { calibration, solved, not_grouped, errors } =
         polynomial::fit(&used, test, &choice, options)?;
-    let Solved { solution, solver, not_exact, .. } = solved;
     let mut warnings = Vec::new();
     if used.has_weights() && options.solver == SolverKind::Exact {
         warnings.push(Warning::Weighted);
     }
-    let loses_digits = solution.condition.is_nan() || solution.condition > AS_GOOD_AS_EXACT;
-    warnings.extend(not_exact.filter(|_| loses_digits).map(Warning::NotExact));
+    let condition = solved.solution.condition;
+    let loses_digits = condition.is_nan() || condition > AS_GOOD_AS_EXACT;
+    warnings.extend(solved.not_exact.clone().filter(|_| loses_digits).map(Warning::NotExact));
     if let Some(reason) = choice.not_grouped.clone().or(not_grouped) {
         warnings.push(options.tell_not_grouped(reason)?);
     }
     warnings.extend(choice.few_groups.map(Warning::FewGroups));
     let train = Evaluation::total(&errors.train);
     let quality = train.quality().ok_or(FitError::NoRows)?;
-    let how = (solution, solver, options.truncate);
     // They are judged by a fit to rows that count alike.
     let looks = options.looks_for_outliers() && !used.has_weights();
-    let judged_by = FitOptions { model: choice.basis.into(), ridge: choice.ridge, ..*options };
-    let outliers = (errors.stands_out && looks).then(|| name_outliers(training, &judged_by));
+    let outliers = (errors.stands_out && looks).then(|| {
+        let judged_by = FitOptions { model: choice.basis.into(), ridge: choice.ridge, ..*options };
+        let is_same_fit = training.uses_all() && options.solver == SolverKind::Exact;
+        let known = is_same_fit.then(|| KnownFit::new(&solved, errors.suspects));
+        name_outliers(training, known, &judged_by)
+    });
+    let how = (solved.solution, solved.solver, options.truncate);
     let mut fitted = Fit {
         used,
         tested: test.clone(),
@@ -465,7 +470,8 @@ fn fit_physics(
     let group_by = physics.group_by;
     // They are told by a polynomial: what they do to that is not what they do to this model.
     let looks = train.has_large_errors() && options.looks_for_outliers();
-    let outliers = looks.then(|| Ok(Outliers { rms: None, ..name_outliers(training, options)? }));
+    let outliers =
+        looks.then(|| Ok(Outliers { rms: None, ..name_outliers(training, None, options)? }));
     let mut fitted = Fit {
         calibration,
         used,
@@ -497,9 +503,13 @@ fn fit_physics(
     Ok(fitted)
 }
 
-/// Looks for outliers that were used.
-fn name_outliers(training: Training<'_>, options: &FitOptions<'_>) -> Result<Outliers, FitError> {
-    let mut found = find_outliers(training.data, &options.outlier_test())?;
+/// Looks for outliers that were used, by a fit that may be known.
+fn name_outliers(
+    training: Training<'_>,
+    known: Option<KnownFit>,
+    options: &FitOptions<'_>,
+) -> Result<Outliers, FitError> {
+    let mut found = outliers::search(training.data, &options.outlier_test(), known)?;
     // Those outside the valid range have been left out.
     found.rows.retain(|row| row.reason != Reason::OutOfRange);
     Ok(found)

@@ -2,14 +2,16 @@
 
 use std::collections::BTreeSet;
 
-use super::polynomial::{Problem, solve};
+use super::polynomial::{Problem, Solved, solve};
 use crate::error::FitError;
+use crate::exact::{Accumulator, Moments};
+use crate::factor::InverseFactor;
 use crate::model::{Basis, Model};
 use crate::passes::{Rows, Workers, each};
-use crate::quality::{self, AxisErrors, significant};
+use crate::quality::significant;
 use crate::reading_ranges::ReadingRanges;
-use crate::solver::{Solution, SolverKind};
-use crate::validation::outliers::{Judge, Judged, LIMIT, LOOK_AT_ERROR, Spread};
+use crate::solver::{Solution, SolverKind, solve_moments};
+use crate::validation::outliers::{Judge, Judged, LIMIT, LOOK_AT_ERROR, Spread, far_readings};
 use shell_data::block::Block;
 use shell_data::dataset::{Dataset, LabelledBlock, RowSet};
 use shell_data::wrench::{Axes, Axis, PerAxis};
@@ -118,13 +120,10 @@ pub struct Outliers {
     pub rms: Option<[PerAxis<f64>; 2]>,
 }
 
-/// A row while it is looked at.
+/// A row of one of the blocks that are searched, while it is looked at.
 struct Suspect {
-    log: usize,
-    place: u64,
+    block: usize,
     judged: Judged,
-    /// The row before, the row, and the row after.
-    values: [Option<Vec<f64>>; 3],
 }
 
 impl Outliers {
@@ -221,64 +220,81 @@ impl Outlier {
 /// # Errors
 /// [`FitError`] if the other rows do not determine a calibration.
 pub fn find_outliers(data: &Dataset, test: &OutlierTest<'_>) -> Result<Outliers, FitError> {
-    let blocks: Vec<_> = data.blocks().collect();
-    let search = Search { data, test, blocks: &blocks };
-    let spread = search.spread()?;
+    search(data, test, None)
+}
+
+/// A fit to all rows, and the rows of each block that are to be judged by it.
+pub(super) struct KnownFit {
+    fit: Judging,
+    suspects: Vec<Vec<usize>>,
+}
+
+impl KnownFit {
+    pub(super) fn new(solved: &Solved, suspects: Vec<Vec<usize>>) -> Self {
+        Self { fit: Judging::new(solved), suspects }
+    }
+}
+
+/// As [`find_outliers`], where the fit to all rows may be `known`.
+pub(super) fn search(
+    data: &Dataset,
+    test: &OutlierTest<'_>,
+    known: Option<KnownFit>,
+) -> Result<Outliers, FitError> {
+    let mut search = Search::new(data, test);
     let out_of_range = match test.valid_range {
         None => Vec::new(),
-        Some(range) => search.suspects(|_, block| outside(block, range))?,
+        Some(range) => search.rows_outside(range)?,
     };
-    let never: RowSet = keys(&out_of_range).collect();
-    let everything = search.solve(&never)?;
-    let (mut left_out, mut suspects, mut judge) = (BTreeSet::new(), Vec::new(), None);
-    let most = MANY.max((LARGEST_SHARE * data.rows() as f64) as usize);
-    let mut limit = LIMIT;
-    for round in 0..MOST_ROUNDS {
-        let excluded: RowSet = keys(&out_of_range).chain(left_out.iter().copied()).collect();
-        let by = match round {
-            0 => everything.judge(&spread),
-            _ => search.solve(&excluded)?.judge(&spread),
-        };
-        let Some(by) = by else { return Ok(Outliers::default()) };
-        let judged = search.suspects(|log, block| {
-            let is_left_out = |row: usize| excluded.contains(log, block.place, row);
-            by.judge(block, &spread, &is_left_out)
-        })?;
-        limit = limit_beyond(&judged, most);
-        // All that stands out is left out first; then what belongs goes back.
-        let is_left_out = |suspect: &&Suspect| match round {
-            0 => suspect.judged.stands_out(),
-            _ => suspect.judged.is_outlier(limit),
-        };
-        let next: BTreeSet<_> = keys(judged.iter().filter(is_left_out)).collect();
-        if round > 0 && next.len() > most {
-            return Ok(Outliers { too_many: Some(next.len()), ..Outliers::default() });
+    let never: RowKeys = out_of_range.iter().map(|of| search.key(of)).collect();
+    let spread = search.spread()?;
+    let known =
+        known.filter(|known| known.suspects.len() == search.blocks.len() && never.is_empty());
+    let mut looked_by = None;
+    let all = match known {
+        Some(KnownFit { fit, suspects }) => {
+            looked_by = fit.judge(&spread).map(|judge| *judge.noise());
+            search.suspect(suspects);
+            search.look(|block| far_readings(block, &spread))?;
+            fit
         }
-        let is_same = next == left_out;
-        (left_out, suspects, judge) = (next, judged, Some(by));
-        if is_same {
+        None => search.solve(never.iter().copied())?,
+    };
+    let (mut left_out, mut suspects, mut fit) = (RowKeys::new(), Vec::new(), all.clone());
+    let mut tried = BTreeSet::from([left_out.clone()]);
+    let most = MANY.max((LARGEST_SHARE * data.rows() as f64) as usize);
+    for round in 0..MOST_ROUNDS {
+        fit = search.solve_without(&all, &left_out, &never)?;
+        let Some(judge) = fit.judge(&spread) else { return Ok(Outliers::default()) };
+        if looked_by.is_none_or(|noise| judge.is_sharper(&noise)) {
+            search.look(|block| judge.suspects(block, &judge.predict(block), &spread))?;
+            looked_by = Some(*judge.noise());
+        }
+        let excluded: RowSet = never.iter().chain(&left_out).copied().collect();
+        suspects = search.judge(&judge, &spread, &excluded)?;
+        let limit = limit_beyond(&suspects, most);
+        // All that stands out is left out first; then what belongs goes back.
+        suspects.retain(|of| match round {
+            0 => of.judged.stands_out(),
+            _ => of.judged.is_outlier(limit),
+        });
+        suspects.retain(|of| !never.contains(&search.key(of)));
+        if round > 0 && suspects.len() > most {
+            return Ok(Outliers { too_many: Some(suspects.len()), ..Outliers::default() });
+        }
+        left_out = suspects.iter().map(|of| search.key(of)).collect();
+        // Some rows may come and go.
+        if !tried.insert(left_out.clone()) {
             break;
         }
     }
-    let named: Vec<Suspect> = suspects
-        .into_iter()
-        .filter(|of| {
-            of.judged.is_outlier(limit) && !never.contains(of.log, of.place, of.judged.row)
-        })
-        .collect();
-    let excluded: RowSet = keys(&named).chain(keys(&out_of_range)).collect();
-    let columns = (data.channels(), data.channels() * data.memory_terms());
-    let name = |suspect: &Suspect, range| suspect.name(columns, &spread, range);
-    let named = named.iter().filter_map(|suspect| name(suspect, None));
-    let outside = out_of_range.iter().filter_map(|suspect| name(suspect, test.valid_range));
-    let mut found = Outliers { rows: named.chain(outside).collect(), ..Outliers::default() };
-    found.rows.sort_by_key(|row| (row.log, row.place, row.row));
-    if let (Some(without), Some(with)) =
-        (judge.filter(|_| !found.rows.is_empty()), everything.judge(&spread))
-    {
-        found.rms = search.rms(&excluded, [&with, &without])?;
-    }
-    Ok(found)
+    let named = suspects.iter().filter_map(|suspect| search.name(suspect, &spread, None));
+    let outside = out_of_range.iter();
+    let outside = outside.filter_map(|of| search.name(of, &spread, test.valid_range));
+    let mut rows: Vec<Outlier> = named.chain(outside).collect();
+    rows.sort_by_key(|row| (row.log, row.place, row.row));
+    let rms = (!rows.is_empty()).then(|| search.rms([&all, &fit], &left_out, &spread)).flatten();
+    Ok(Outliers { rows, too_many: None, rms })
 }
 
 /// The size of errors that is far beyond those of all but so many rows.
@@ -293,148 +309,244 @@ fn limit_beyond(looked_at: &[Suspect], most: usize) -> f64 {
 }
 
 /// A fit that rows are judged by.
+#[derive(Clone)]
 struct Judging {
     solution: Solution,
     ranges: ReadingRanges,
+    /// The exact sums that it is the solution of, if it is.
+    sums: Option<Moments>,
 }
 
 impl Judging {
+    fn new(solved: &Solved) -> Self {
+        let Solved { solution, ranges, sums, .. } = solved.clone();
+        let factor = InverseFactor::Known(solution.factor.matrix().into_owned());
+        Self { solution: Solution { factor, ..solution }, ranges, sums }
+    }
+
     fn judge(&self, spread: &Spread) -> Option<Judge> {
         Judge::new(&self.solution, &self.ranges, spread)
     }
+
+    /// The fit without some of its rows, from what is known of all; `None` if that takes the other rows.
+    fn without(&self, rows: &Block, model: &Model, ridge: f64) -> Result<Option<Self>, FitError> {
+        let solution = match (self.solution.without(rows), &self.sums) {
+            (None, Some(sums)) => {
+                let mut part = Accumulator::new(sums.basis(), sums.channels());
+                part.absorb(&rows.readings, &rows.wrench)?;
+                let rest = sums.without(&part.finish()?);
+                Some(solve_moments(&rest, model, ridge, &self.ranges)?)
+            }
+            (solution, _) => solution,
+        };
+        Ok(solution.map(|solution| Self { solution, ranges: self.ranges.clone(), sums: None }))
+    }
+}
+
+/// A block of rows, and which of them are to be judged, ascending.
+struct SearchedBlock<'a> {
+    log: usize,
+    rows: &'a Block,
+    suspects: Vec<usize>,
 }
 
 /// Rows that are searched.
 struct Search<'a> {
     data: &'a Dataset,
     test: &'a OutlierTest<'a>,
-    blocks: &'a [(usize, &'a LabelledBlock)],
+    blocks: Vec<SearchedBlock<'a>>,
 }
 
-impl Search<'_> {
-    fn solve(&self, excluded: &RowSet) -> Result<Judging, FitError> {
-        let used = self.data.select(self.test.fresh, excluded);
+impl<'a> Search<'a> {
+    fn new(data: &'a Dataset, test: &'a OutlierTest<'a>) -> Self {
+        let of = |(log, block): (usize, &'a LabelledBlock)| SearchedBlock {
+            log,
+            rows: &block.rows,
+            suspects: Vec::new(),
+        };
+        Self { data, test, blocks: data.blocks().map(of).collect() }
+    }
+
+    fn model(&self) -> Model {
+        Model {
+            basis: self.test.basis,
+            intercept: self.test.intercept,
+            channels: self.data.channels(),
+            memory: self.data.memory_terms(),
+        }
+    }
+
+    fn solve(&self, excluded: impl Iterator<Item = RowKey>) -> Result<Judging, FitError> {
+        let used = self.data.select(self.test.fresh, &excluded.collect());
         let problem = Problem {
-            model: Model {
-                basis: self.test.basis,
-                intercept: self.test.intercept,
-                channels: self.data.channels(),
-                memory: self.data.memory_terms(),
-            },
+            model: self.model(),
             solver: SolverKind::Exact,
             ridge: self.test.ridge,
             truncate: None,
         };
         let sample = self.data.logs.first().map(|log| &log.sample);
-        let solved = solve(&problem, None, &Rows::new(&used, self.test.workers), sample)?;
-        Ok(Judging { solution: solved.solution, ranges: solved.ranges })
+        Ok(Judging::new(&solve(&problem, None, &Rows::new(&used, self.test.workers), sample)?))
+    }
+
+    /// The fit `all` without some of its rows, `left_out`; it was made without those of `never`.
+    fn solve_without(
+        &self,
+        all: &Judging,
+        left_out: &RowKeys,
+        never: &RowKeys,
+    ) -> Result<Judging, FitError> {
+        if left_out.is_empty() {
+            return Ok(all.clone());
+        }
+        match all.without(&self.gather(left_out), &self.model(), self.test.ridge)? {
+            Some(fit) => Ok(fit),
+            None => self.solve(never.iter().chain(left_out).copied()),
+        }
+    }
+
+    /// Some of the suspects.
+    fn gather(&self, keys: &RowKeys) -> Block {
+        let mut gathered = Block::default();
+        for SearchedBlock { log, rows, suspects } in &self.blocks {
+            let is_meant = |row: &&usize| keys.contains(&(*log, rows.place, **row));
+            let meant = suspects.iter().filter(is_meant);
+            meant.for_each(|&row| gathered.append(rows, row..row + 1));
+        }
+        gathered
+    }
+
+    /// Where a row is.
+    fn key(&self, suspect: &Suspect) -> RowKey {
+        let SearchedBlock { log, rows, .. } = &self.blocks[suspect.block];
+        (*log, rows.place, suspect.judged.row)
     }
 
     /// Passes all blocks to `work`, on any thread, and what comes of them to `fold`, in order.
-    fn each_block<T: Send>(
+    fn each_block<S: Default + Send, T: Send>(
         &self,
-        work: impl Fn(usize, &Block) -> T + Sync,
+        work: impl Fn(&mut S, &SearchedBlock<'_>) -> T + Sync,
         mut fold: impl FnMut(T) + Send,
     ) -> Result<(), FitError> {
-        let work =
-            |(): &mut (), (log, block): &(usize, &LabelledBlock)| Ok(work(*log, &block.rows));
         let fold = |value| {
             fold(value);
             Ok(())
         };
-        each(self.blocks, |(_, block)| &block.rows, self.test.workers, || (), work, fold)?;
+        let work = |state: &mut S, block: &SearchedBlock<'_>| Ok(work(state, block));
+        each(&self.blocks, |block| block.rows, self.test.workers, S::default, work, fold)?;
         Ok(())
     }
 
     /// The spread of readings and loads.
     fn spread(&self) -> Result<Spread, FitError> {
         let mut all = Spread::default();
-        self.each_block(|_, block| Spread::of(block), |spread| all.merge(&spread))?;
+        self.each_block(|(), block| Spread::of(block.rows), |spread| all.merge(&spread))?;
         Ok(all)
     }
 
-    /// The rows that `look` finds, with their neighbours.
+    /// Also judges the rows of each block that `find` finds.
+    fn look(&mut self, find: impl Fn(&Block) -> Vec<usize> + Sync) -> Result<(), FitError> {
+        let mut found = Vec::new();
+        self.each_block(|(), block| find(block.rows), |rows| found.push(rows))?;
+        self.suspect(found);
+        Ok(())
+    }
+
+    /// Also judges some rows of each block.
+    fn suspect(&mut self, found: Vec<Vec<usize>>) {
+        for (block, mut rows) in self.blocks.iter_mut().zip(found) {
+            if self.test.fresh {
+                let fresh = block.rows.fresh_rows();
+                rows.retain(|&row| fresh[row]);
+            }
+            block.suspects.append(&mut rows);
+            block.suspects.sort_unstable();
+            block.suspects.dedup();
+        }
+    }
+
+    /// Judges the rows that are to be.
+    fn judge(
+        &self,
+        judge: &Judge,
+        spread: &Spread,
+        excluded: &RowSet,
+    ) -> Result<Vec<Suspect>, FitError> {
+        self.suspects(|predicted, SearchedBlock { log, rows, suspects }| {
+            let is_left_out = |row: usize| excluded.contains(*log, rows.place, row);
+            judge.judge(rows, suspects, (spread, predicted), &is_left_out)
+        })
+    }
+
+    /// The rows with a reading outside a range.
+    fn rows_outside(&self, range: [f64; 2]) -> Result<Vec<Suspect>, FitError> {
+        self.suspects(|_, block| {
+            let mut outside = outside(block.rows, range);
+            if self.test.fresh {
+                let fresh = block.rows.fresh_rows();
+                outside.retain(|of| fresh[of.row]);
+            }
+            outside
+        })
+    }
+
     fn suspects(
         &self,
-        look: impl Fn(usize, &Block) -> Vec<Judged> + Sync,
+        judge: impl Fn(&mut PerAxis<Vec<f64>>, &SearchedBlock<'_>) -> Vec<Judged> + Sync,
     ) -> Result<Vec<Suspect>, FitError> {
         let mut found = Vec::new();
-        let work = |log: usize, block: &Block| -> Vec<Suspect> {
-            let mut judged = look(log, block);
-            if self.test.fresh {
-                let fresh = block.fresh_rows();
-                judged.retain(|of| fresh[of.row]);
-            }
-            let values = |row: usize| -> Option<Vec<f64>> {
-                let columns = block.readings.iter().chain(&block.wrench);
-                (row < block.rows).then(|| columns.map(|column| column[row]).collect())
-            };
-            let suspect = |judged: Judged| Suspect {
-                log,
-                place: block.place,
-                values: [
-                    judged.row.checked_sub(1).and_then(values),
-                    values(judged.row),
-                    values(judged.row + 1),
-                ],
-                judged,
-            };
-            judged.into_iter().map(suspect).collect()
+        self.each_block(judge, |judged| found.push(judged))?;
+        let of_block = |(block, judged): (usize, Vec<Judged>)| {
+            judged.into_iter().map(move |judged| Suspect { block, judged })
         };
-        self.each_block(work, |suspects| found.extend(suspects))?;
-        Ok(found)
+        Ok(found.into_iter().enumerate().flat_map(of_block).collect())
     }
 
-    /// Errors of two fits on the rows that both are to hold for.
+    /// Errors of the fit to all rows, and of that without those `left_out`, on the rows that both are to hold for.
+    ///
+    /// Those of the first are what is left of the sum of its squared errors without those of the rows left out. That
+    /// loses few digits: a row that errs by far more than all others bends the fit, and they err, too.
     fn rms(
         &self,
-        excluded: &RowSet,
-        judges: [&Judge; 2],
-    ) -> Result<Option<[PerAxis<f64>; 2]>, FitError> {
-        let mut errors = [PerAxis::<AxisErrors>::default(); 2];
-        let used = self.data.select(self.test.fresh, excluded);
-        let blocks: Vec<_> = used.blocks().collect();
-        let work = |_: usize, block: &Block| {
-            judges.map(|judge| {
-                let mut predicted = PerAxis::default();
-                judge.calibration().wrench(&block.readings, &mut predicted);
-                quality::errors(&predicted, &block.wrench)
-            })
+        [all, without]: [&Judging; 2],
+        left_out: &RowKeys,
+        spread: &Spread,
+    ) -> Option<[PerAxis<f64>; 2]> {
+        let left_out = self.gather(left_out);
+        let predicted = all.judge(spread)?.predict(&left_out);
+        let rms = |of: &Judging, axis: usize, (rows, square): (usize, f64)| {
+            let Solution { residual_products, rows: all, .. } = &of.solution;
+            let rest = (residual_products[(axis, axis)] - square).max(0.0);
+            (rest / (all - rows as u64) as f64).sqrt()
         };
-        let used = Search { blocks: &blocks, ..*self };
-        used.each_block(work, |of_block| {
-            errors.iter_mut().zip(&of_block).for_each(|(all, block)| quality::merge(all, block));
-        })?;
-        let rms = errors.map(|axes| axes.map(|axis| axis.quality().map_or(0.0, |of| of.rms)));
-        Ok((errors[0][0].rows() > 0).then_some(rms))
+        let square = |axis: usize| {
+            let pairs = predicted[axis].iter().zip(&left_out.wrench[axis]);
+            pairs.map(|(predicted, measured)| (predicted - measured).powi(2)).sum()
+        };
+        Some([
+            std::array::from_fn(|axis| rms(all, axis, (left_out.rows, square(axis)))),
+            std::array::from_fn(|axis| rms(without, axis, (0, 0.0))),
+        ])
     }
-}
 
-fn keys<'a>(
-    suspects: impl IntoIterator<Item = &'a Suspect>,
-) -> impl Iterator<Item = (usize, u64, usize)> {
-    suspects.into_iter().map(|of| (of.log, of.place, of.judged.row))
-}
-
-/// The rows of a block with a reading outside a range.
-fn outside(block: &Block, [least, most]: [f64; 2]) -> Vec<Judged> {
-    let is_outside =
-        |row: &usize| block.readings.iter().any(|column| !(least..=most).contains(&column[*row]));
-    (0..block.rows).filter(is_outside).map(Judged::unseen).collect()
-}
-
-impl Suspect {
-    /// Names the row and what in it differs most from its neighbours; of a row `outside` a range, the readings that
+    /// Names a row and what in it differs most from its neighbours; of a row `outside` a range, the readings that
     /// are outside.
     fn name(
         &self,
-        (channels, terms): (usize, usize),
+        suspect: &Suspect,
         spread: &Spread,
         outside: Option<[f64; 2]>,
     ) -> Option<Outlier> {
-        let [before, Some(values), after] = &self.values else { return None };
+        let SearchedBlock { log, rows, .. } = &self.blocks[suspect.block];
+        let (channels, terms) = (self.data.channels(), rows.memory_columns);
+        let Judged { row, error, size, axis, .. } = suspect.judged;
+        let values = |row: usize| -> Option<Vec<f64>> {
+            let columns = rows.readings.iter().chain(&rows.wrench);
+            (row < rows.rows).then(|| columns.map(|column| column[row]).collect())
+        };
+        let (before, values, after) =
+            (row.checked_sub(1).and_then(values), values(row)?, values(row + 1));
         let beside =
-            |column: usize| [before, after].map(|row| row.as_ref().map(|values| values[column]));
+            |column: usize| [&before, &after].map(|row| row.as_ref().map(|values| values[column]));
         // The nearer of both: at the edge of a contact one of them is far.
         let apart = |column: usize| {
             let known = beside(column).into_iter().flatten();
@@ -460,23 +572,29 @@ impl Suspect {
             let column = if column < channels { column } else { column - terms };
             OutlierColumn { column, value, before, after }
         };
-        let Judged { row, error, size, axis, .. } = self.judged;
-        let axis = Axis::ALL[axis];
-        Some(Outlier {
-            log: self.log,
-            place: self.place,
-            row,
-            reason: match outside {
-                Some(_) => Reason::OutOfRange,
-                None => {
-                    let error = error[axis.index()];
-                    let column = channels + axis.index();
-                    let is_possible =
-                        spread.apart(column, error + values[column], 0.0) < FAR_BEYOND_LOADS;
-                    Reason::Error { axis, size, error, is_possible }
-                }
-            },
-            columns: columns.iter().map(column).collect(),
-        })
+        let reason = match outside {
+            Some(_) => Reason::OutOfRange,
+            None => {
+                let (error, column) = (error[axis], channels + terms + axis);
+                let is_possible =
+                    spread.apart(column, error + values[column], 0.0) < FAR_BEYOND_LOADS;
+                Reason::Error { axis: Axis::ALL[axis], size, error, is_possible }
+            }
+        };
+        let columns = columns.iter().map(column).collect();
+        Some(Outlier { log: *log, place: rows.place, row, reason, columns })
     }
+}
+
+/// A row by log, block and row of the block.
+type RowKey = (usize, u64, usize);
+
+/// Rows in their order.
+type RowKeys = BTreeSet<RowKey>;
+
+/// The rows of a block with a reading outside a range.
+fn outside(block: &Block, [least, most]: [f64; 2]) -> Vec<Judged> {
+    let is_outside =
+        |row: &usize| block.readings.iter().any(|column| !(least..=most).contains(&column[*row]));
+    (0..block.rows).filter(is_outside).map(Judged::unseen).collect()
 }

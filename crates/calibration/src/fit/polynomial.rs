@@ -39,6 +39,7 @@ pub(super) struct Problem {
 }
 
 /// The solution, and how it was found.
+#[derive(Clone)]
 pub(super) struct Solved {
     pub(super) solution: Solution,
     pub(super) ranges: ReadingRanges,
@@ -46,6 +47,8 @@ pub(super) struct Solved {
     pub(super) solver: SolverKind,
     /// Why it is not the exact one, where that was asked for.
     pub(super) not_exact: Option<ExactError>,
+    /// The exact sums that it is the solution of, if it is.
+    pub(super) sums: Option<Moments>,
 }
 
 /// Solves by the solver that is asked for. `total` are the exact sums of the rows, where they have been made
@@ -57,37 +60,41 @@ pub(super) fn solve(
     sample: Option<&Block>,
 ) -> Result<Solved, FitError> {
     let solver = problem.solver;
-    let (found, solver, not_exact) = match solve_by(solver, problem, total, rows, sample) {
-        Err(FitError::NotExact(error)) if solver == SolverKind::Exact => {
-            let solver = SolverKind::RefinedTsqr;
-            (solve_by(solver, problem, None, rows, sample)?, solver, Some(error))
-        }
-        found => (found?, solver, None),
+    let not_exact = match solver {
+        SolverKind::Exact => match solve_exactly(problem, total, rows, sample) {
+            Err(FitError::NotExact(error)) => Some(error),
+            found => return found,
+        },
+        _ => None,
     };
-    let (solution, ranges) = found;
-    Ok(Solved { solution, ranges, solver, not_exact })
+    let solver = if not_exact.is_some() { SolverKind::RefinedTsqr } else { solver };
+    let (solution, ranges) = solve_rounded(solver, problem, rows, sample)?;
+    Ok(Solved { solution, ranges, solver, not_exact, sums: None })
 }
 
-fn solve_by(
-    solver: SolverKind,
+fn solve_exactly(
     problem: &Problem,
     total: Option<&Moments>,
     rows: &Rows<'_>,
     sample: Option<&Block>,
+) -> Result<Solved, FitError> {
+    let sums = match total {
+        Some(total) => total.clone(),
+        None => solver::exact_moments(problem.model, rows, sample)?,
+    };
+    let ranges = sums.reading_ranges();
+    let solution = solver::solve_moments(&sums, &problem.model, problem.ridge, &ranges)?;
+    let solver = SolverKind::Exact;
+    Ok(Solved { solution, ranges, solver, not_exact: None, sums: Some(sums) })
+}
+
+fn solve_rounded(
+    solver: SolverKind,
+    problem: &Problem,
+    rows: &Rows<'_>,
+    sample: Option<&Block>,
 ) -> Result<(Solution, ReadingRanges), FitError> {
     let Problem { model, ridge, truncate, .. } = *problem;
-    if solver == SolverKind::Exact {
-        let made;
-        let sums = match total {
-            Some(total) => total,
-            None => {
-                made = solver::exact_moments(model, rows, sample)?;
-                &made
-            }
-        };
-        let ranges = sums.reading_ranges();
-        return Ok((solver::solve_moments(sums, &model, ridge, &ranges)?, ranges));
-    }
     // A sample tells centre and scale, unless the answer depends on them.
     let is_penalised = ridge > 0.0
         || solver == SolverKind::RidgeGcv
@@ -228,7 +235,9 @@ pub(super) struct Errors {
     copy: Option<[PathBuf; 2]>,
     /// How large the errors of the training rows are, if that was asked for.
     sizes: Option<PerAxis<Magnitudes>>,
-    /// Whether a training row may be an outlier and matter, if that was asked for.
+    /// The rows of each block of training rows to judge as outliers, and whether one of them may matter, if that was
+    /// asked for.
+    pub(super) suspects: Vec<Vec<usize>>,
     pub(super) stands_out: bool,
     /// The wrench that the training rows have measured.
     pub(super) loads: WrenchSums,
@@ -301,10 +310,14 @@ impl Errors {
             })
         };
         let (mut loads, mut stands_out) = (WrenchSums::default(), false);
+        let mut suspects = Vec::new();
         let (mut train_rows, mut test_rows) = (RowSample::default(), RowSample::default());
         let fold = |block: BlockFacts| {
             evaluations[block.log].add(&block.errors);
             stands_out |= block.errors.stands_out;
+            if block.log < logs {
+                suspects.push(block.errors.suspects);
+            }
             if let Some(of_block) = block.loads {
                 loads.merge(&of_block);
             }
@@ -331,6 +344,7 @@ impl Errors {
             test,
             copy,
             sizes: BlockEvaluator::sizes(evaluators),
+            suspects,
             stands_out,
             loads,
             leaks: Leaks {

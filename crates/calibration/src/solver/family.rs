@@ -267,4 +267,45 @@ mod tests {
             assert!(difference < 1e-11, "{}: {difference}", kind.name());
         }
     }
+
+    #[test]
+    fn a_solution_without_rows_is_that_of_the_others() {
+        let mut random = Random(23);
+        let mut column = |scale: f64| (0..200).map(|_| scale * random.unit()).collect::<Vec<f64>>();
+        let readings = vec![column(4000.0), column(4000.0)];
+        let wrench: Vec<Vec<f64>> = (0..6).map(|_| column(1.0)).collect();
+        let all = Block { rows: 200, readings, wrench, ..Block::default() };
+        let (mut some, mut others) = (Block::default(), Block::default());
+        some.append(&all, 20..60);
+        others.append(&all, 0..20);
+        others.append(&all, 60..200);
+        let model = Model { basis: Basis::Cubic, intercept: true, channels: 2, memory: 0 };
+        let scaling = Scaling::of_sample(&all.readings, true);
+        let solve = |block: &Block| {
+            let problem = FitProblem { model, scaling: scaling.clone(), ridge: 0.0 };
+            fit(SolverKind::WideTsqr, problem, &block.into()).unwrap().0
+        };
+        let (found, expected) = (solve(&all).without(&some).unwrap(), solve(&others));
+        assert_eq!(found.rows, 160);
+        // Doubles, and features with a condition of some hundred.
+        let products = |solution: &Solution| {
+            let factor = solution.factor.matrix();
+            &*factor * factor.transpose()
+        };
+        let differences = [
+            &found.coefficients - &expected.coefficients,
+            &found.residual_products - &expected.residual_products,
+            products(&found) - products(&expected),
+        ];
+        for difference in differences {
+            assert!(difference.norm_max() < 1e-11, "{}", difference.norm_max());
+        }
+        // A row that alone says what a coefficient is: without it, no digits are left.
+        let mut lone = others.clone();
+        lone.append(&some, 0..1);
+        lone.readings[0][160] = 1e9;
+        let mut row = Block::default();
+        row.append(&lone, 160..161);
+        assert_eq!(solve(&lone).without(&row), None);
+    }
 }

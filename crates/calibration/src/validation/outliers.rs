@@ -28,16 +28,13 @@
 //! mean square error by a tenth it takes a size of `0.46·√n`, which is above 10 from 470 rows on. Where many errors are
 //! large, a search raises it to what is far beyond all of them.
 
-use std::ops::Range;
-
-use faer::{ColRef, Mat};
+use faer::Mat;
 use pulp::NullaryFnOnce;
 
 use crate::conversion::Calibration;
-use crate::features::Features;
+use crate::features::{Features, LANES, RowLanes};
 use crate::reading_ranges::{ReadingRange, ReadingRanges};
 use crate::solver::Solution;
-use crate::vectors::dot;
 use shell_data::block::Block;
 use shell_data::instructions::arch;
 use shell_data::statistics::RunningVariance;
@@ -52,6 +49,9 @@ const FAR: f64 = 8.0;
 /// The sizes from which on a row is looked at: leverage takes time.
 pub(crate) const LOOK_AT_ERROR: f64 = 4.0;
 const LOOK_AT_READING: f64 = 4.5;
+
+/// As long as a fit errs at least so much as that by which rows were chosen to be looked at, no others are.
+const AS_SHARP: f64 = 0.9;
 
 /// A row that takes a fit over: its leverage, also in averages, its jump from both rows beside it in
 /// standard deviations, and the size of its error.
@@ -219,52 +219,66 @@ impl Judge {
         })
     }
 
-    /// The calibration that judges.
-    pub fn calibration(&self) -> &Calibration {
-        &self.calibration
+    /// The wrench of each row of a block.
+    pub fn predict(&self, block: &Block) -> PerAxis<Vec<f64>> {
+        let mut predicted = PerAxis::default();
+        self.calibration.wrench(&block.readings, &mut predicted);
+        predicted
     }
 
-    /// Judges the rows of a block with a large error or, in `spread`, a far reading, and those that the fit
-    /// `has_left_out`.
+    /// Whether errors are so much smaller than those of a fit with `noise` that other rows may be outliers.
+    pub fn is_sharper(&self, noise: &PerAxis<f64>) -> bool {
+        self.noise.iter().zip(noise).any(|(own, noise)| *own < AS_SHARP * noise)
+    }
+
+    /// The standard deviation of the errors of each axis, N and N·m.
+    pub fn noise(&self) -> &PerAxis<f64> {
+        &self.noise
+    }
+
+    /// The rows of a block to judge: those with a large error or, in `spread`, a far reading or a jump.
     ///
     /// No public function here is generic: that would be compiled with whoever calls it, and programs may
     /// be optimised for size.
+    pub fn suspects(
+        &self,
+        block: &Block,
+        predicted: &PerAxis<Vec<f64>>,
+        spread: &Spread,
+    ) -> Vec<usize> {
+        suspects(Excess { errors: Some((predicted, &self.noise)), block, spread })
+    }
+
+    /// Judges ascending `rows` of a block, of which the fit `has_left_out` some. `predicted` is room for predictions.
     pub fn judge(
         &self,
         block: &Block,
-        spread: &Spread,
+        rows: &[usize],
+        (spread, predicted): (&Spread, &mut PerAxis<Vec<f64>>),
         has_left_out: &dyn Fn(usize) -> bool,
     ) -> Vec<Judged> {
-        let mut predicted = PerAxis::default();
-        self.calibration.wrench(&block.readings, &mut predicted);
-        self.judge_rows(block, &predicted, spread, has_left_out)
+        let near = near(rows, block.rows);
+        let mut of_near = PerAxis::default();
+        self.calibration.wrench(&gather(&block.readings, &near), &mut of_near);
+        for (all, some) in predicted.iter_mut().zip(&of_near) {
+            // Of other rows it does not matter what is there.
+            all.resize(block.rows, 0.0);
+            near.iter().zip(some).for_each(|(&row, &value)| all[row] = value);
+        }
+        self.judge_predicted(block, predicted, rows, spread, has_left_out)
     }
 
-    /// The same for a fit that has left out no row, where the wrench that the calibration predicts is known.
+    /// The same where the wrench that the calibration predicts is known, of these rows and [those near](near) them.
     pub fn judge_predicted(
         &self,
         block: &Block,
         predicted: &PerAxis<Vec<f64>>,
+        rows: &[usize],
         spread: &Spread,
+        has_left_out: &dyn Fn(usize) -> bool,
     ) -> Vec<Judged> {
-        self.judge_rows(block, predicted, spread, |_| false)
-    }
-
-    fn judge_rows(
-        &self,
-        block: &Block,
-        predicted: &PerAxis<Vec<f64>>,
-        spread: &Spread,
-        has_left_out: impl Fn(usize) -> bool,
-    ) -> Vec<Judged> {
-        let found = arch().dispatch(Excess { noise: &self.noise, block, predicted, spread });
-        // What is beside the first and the last row is in other blocks.
-        let is_edge = |row: usize| row == 0 || row + 1 == block.rows;
-        let is_looked_at =
-            |&(row, &found): &(usize, &f64)| found > 1.0 || is_edge(row) || has_left_out(row);
         let error = |axis: usize, row: usize| predicted[axis][row] - block.wrench[axis][row];
-        let judge_row = |row: usize| {
-            let leverage = self.leverage(&block.readings, row..row + 1);
+        let judge_row = |(&row, leverage): (&usize, f64)| {
             // A row of leverage one is followed whatever it says: rounding decides what is left.
             // What it has, or would have, in a fit with it; and the error of a fit without it.
             let (variance, in_fit, deleted) = match has_left_out(row) {
@@ -303,29 +317,87 @@ impl Judge {
                 is_spike: jumps(block, &spread.changes, SPIKE, row),
             }
         };
-        found.iter().enumerate().filter(is_looked_at).map(|(row, _)| judge_row(row)).collect()
+        rows.iter().zip(self.leverages(block, rows)).map(judge_row).collect()
     }
 
-    /// `‖Fᵀx‖²` of one row.
-    fn leverage(&self, readings: &[Vec<f64>], row: Range<usize>) -> f64 {
-        let mut features = vec![0.0; self.features.len()];
-        self.features.fill(readings, row, &mut features, 1);
-        let of_column = |(place, column): (usize, ColRef<'_, f64>)| {
-            let column = column.try_as_col_major().expect("columns are contiguous").as_slice();
-            let product = dot(&column[..=place], &features[..=place]);
-            product * product
-        };
-        self.factor.col_iter().enumerate().map(of_column).sum()
+    /// `‖Fᵀx‖²` of some rows of a block.
+    fn leverages(&self, block: &Block, rows: &[usize]) -> Vec<f64> {
+        let readings = gather(&block.readings, rows);
+        let features = vec![[0.0; LANES]; self.features.len()];
+        arch().dispatch(Leverages { judge: self, readings: &readings, rows: rows.len(), features })
     }
 }
 
-/// By how much each row between two others exceeds what is not looked at: the largest of its errors,
+/// Some rows of columns.
+fn gather(columns: &[Vec<f64>], rows: &[usize]) -> Vec<Vec<f64>> {
+    columns.iter().map(|column| rows.iter().map(|&row| column[row]).collect()).collect()
+}
+
+/// Leverages of all rows, some at a time, inlined whole into code for the widest vectors of the processor.
+struct Leverages<'a> {
+    judge: &'a Judge,
+    readings: &'a [Vec<f64>],
+    rows: usize,
+    features: Vec<RowLanes>,
+}
+
+impl NullaryFnOnce for Leverages<'_> {
+    type Output = Vec<f64>;
+
+    #[inline(always)]
+    fn call(self) -> Vec<f64> {
+        let Self { judge, readings, rows, mut features } = self;
+        let mut leverages = Vec::with_capacity(rows + LANES);
+        for start in (0..rows).step_by(LANES) {
+            judge.features.lanes(readings, start, &mut features);
+            let mut sums = [0.0; LANES];
+            for (j, column) in judge.factor.col_iter().enumerate() {
+                let mut products = [0.0; LANES];
+                for (x, &f) in features[..=j].iter().zip(column.iter()) {
+                    for i in 0..LANES {
+                        products[i] = x[i].mul_add(f, products[i]);
+                    }
+                }
+                for i in 0..LANES {
+                    sums[i] = products[i].mul_add(products[i], sums[i]);
+                }
+            }
+            leverages.extend(sums);
+        }
+        leverages.truncate(rows);
+        leverages
+    }
+}
+
+/// The rows of a block with a far reading or a jump in `spread`.
+pub fn far_readings(block: &Block, spread: &Spread) -> Vec<usize> {
+    suspects(Excess { errors: None, block, spread })
+}
+
+fn suspects(excess: Excess<'_>) -> Vec<usize> {
+    let found = arch().dispatch(excess);
+    found.iter().enumerate().filter(|(_, found)| **found > 1.0).map(|(row, _)| row).collect()
+}
+
+/// Ascending `rows` of a block and those beside them that they are compared with.
+fn near(rows: &[usize], block_rows: usize) -> Vec<usize> {
+    /// The largest distance in [`BESIDE`].
+    const REACH: usize = 2;
+    let mut near: Vec<usize> = Vec::with_capacity(rows.len());
+    for &row in rows {
+        let unseen = near.last().map_or(0, |last| last + 1);
+        near.extend(unseen.max(row.saturating_sub(REACH))..block_rows.min(row + REACH + 1));
+    }
+    near
+}
+
+/// By how much each row exceeds what is not looked at: the largest of its errors,
 /// distances of readings from their mean and jumps, each in units of its limit. Inlined whole into code for
 /// the widest vectors of the processor.
 struct Excess<'a> {
-    noise: &'a PerAxis<f64>,
+    /// The wrench that is predicted, and the standard deviations of its errors, if these are looked at.
+    errors: Option<(&'a PerAxis<Vec<f64>>, &'a PerAxis<f64>)>,
     block: &'a Block,
-    predicted: &'a PerAxis<Vec<f64>>,
     spread: &'a Spread,
 }
 
@@ -336,41 +408,56 @@ impl NullaryFnOnce for Excess<'_> {
     fn call(self) -> Vec<f64> {
         /// Rows that are looked at together: what they exceed stays in registers.
         const TOGETHER: usize = 16;
+        let limits = |of: &RunningVariance| {
+            let sd = of.rms_about_mean();
+            [of.mean, (LOOK_AT_READING * sd).recip(), (JUMP * sd).recip()]
+        };
+        let limits: Vec<[f64; 3]> = self.spread.columns.iter().map(limits).collect();
         let rows = self.block.rows;
-        let mut excess = vec![0.0; rows];
-        let mut row = 1;
-        while row + TOGETHER < rows {
-            excess[row..row + TOGETHER].copy_from_slice(&self.of_rows::<TOGETHER>(row));
-            row += TOGETHER;
-        }
-        while row + 1 < rows {
-            [excess[row]] = self.of_rows(row);
-            row += 1;
+        let mut excess = Vec::with_capacity(rows);
+        while excess.len() < rows {
+            let row = excess.len();
+            if row > 0 && row + TOGETHER < rows {
+                let beside = [row - 1, row + 1];
+                excess.extend(self.of_rows::<TOGETHER>(row, beside, &limits));
+                continue;
+            }
+            // What is beside the first and the last row is in other blocks: they are beside one row.
+            let beside = [row.checked_sub(1), Some(row + 1).filter(|&after| after < rows)];
+            let known = beside[0].or(beside[1]).unwrap_or(row);
+            let beside = beside.map(|beside| beside.unwrap_or(known));
+            excess.extend(self.of_rows::<1>(row, beside, &limits));
         }
         excess
     }
 }
 
 impl Excess<'_> {
-    /// Of some rows from `row` on, each of which is between two others.
+    /// Of some rows from `row` on, and those beside them from `before` and from `after` on. Of each column of readings
+    /// there are the mean and one over the limits of the distance from it and of a jump.
     #[inline(always)]
-    fn of_rows<const N: usize>(&self, row: usize) -> [f64; N] {
-        let Self { noise, block, predicted, spread } = self;
+    fn of_rows<const N: usize>(
+        &self,
+        row: usize,
+        [before, after]: [usize; 2],
+        limits: &[[f64; 3]],
+    ) -> [f64; N] {
+        let Self { errors, block, .. } = self;
         let mut excess = [0.0; N];
-        for axis in 0..6 {
-            let scale = (LOOK_AT_ERROR * noise[axis]).recip();
-            let p: &[f64; N] = lanes(&predicted[axis], row);
-            let m: &[f64; N] = lanes(&block.wrench[axis], row);
-            for i in 0..N {
-                raise(&mut excess[i], (p[i] - m[i]).abs() * scale);
+        if let Some((predicted, noise)) = errors {
+            for axis in 0..6 {
+                let scale = (AS_SHARP * LOOK_AT_ERROR * noise[axis]).recip();
+                let p: &[f64; N] = lanes(&predicted[axis], row);
+                let m: &[f64; N] = lanes(&block.wrench[axis], row);
+                for i in 0..N {
+                    raise(&mut excess[i], (p[i] - m[i]).abs() * scale);
+                }
             }
         }
-        for (column, of) in block.readings.iter().zip(&spread.columns) {
-            let (mean, sd) = (of.mean, of.rms_about_mean());
-            let (scale, jump_scale) = ((LOOK_AT_READING * sd).recip(), (JUMP * sd).recip());
+        for (column, &[mean, scale, jump_scale]) in block.readings.iter().zip(limits) {
             let value: &[f64; N] = lanes(column, row);
             let (before, after): (&[f64; N], &[f64; N]) =
-                (lanes(column, row - 1), lanes(column, row + 1));
+                (lanes(column, before), lanes(column, after));
             for i in 0..N {
                 raise(&mut excess[i], (value[i] - mean).abs() * scale);
                 raise(&mut excess[i], jump(value[i], [before[i], after[i]]) * jump_scale);

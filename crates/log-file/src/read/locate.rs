@@ -67,29 +67,62 @@ impl Log {
         Ok(line)
     }
 
-    /// The line, from 1, of a row of the block that starts at `place`: the row `row` from 0 of those that
-    /// were read as `wanted`.
+    /// The lines, from 1, of rows that were read as `wanted`: each is the row so-and-so-many, from 0, of the block
+    /// that starts at an offset. The file is read once.
     ///
     /// # Errors
-    /// [`LogError`] if the file cannot be read, or ends before that row.
-    pub fn line_of_row(&self, wanted: &Wanted, place: u64, row: usize) -> Result<u64, LogError> {
+    /// [`LogError`] if the file cannot be read, or ends before such a row.
+    pub fn lines_of_rows(
+        &self,
+        wanted: &Wanted,
+        rows: &[(u64, usize)],
+    ) -> Result<Vec<u64>, LogError> {
         let plan = ReadPlan::new(&self.layout, wanted);
-        let mut chunks = self.chunks(self.source.open()?, place, self.chunk_bytes);
+        let mut order: Vec<usize> = (0..rows.len()).collect();
+        order.sort_unstable_by_key(|&of| rows[of]);
+        let (mut lines, mut order) = (vec![0; rows.len()], order.into_iter().peekable());
+        let mut chunks = self.chunks(self.source.open()?, 0, self.chunk_bytes);
         let (mut chunk, mut parsed) = (Chunk::default(), ParsedRows::default());
-        let (mut line, mut rows) = (self.line_number(place)?, 0);
-        while chunks.next(&mut chunk).map_err(|error| self.chunk_error(error))? {
-            for text in chunk.lines().split_inclusive(|&byte| byte == b'\n') {
-                // Wrong lines are no rows.
-                if plan.parse(text, true, &mut parsed).is_ok() && parsed.rows > 0 {
-                    if rows == row {
-                        return Ok(line);
-                    }
-                    rows += 1;
-                }
-                line += 1;
+        let mut line = 1;
+        // The block that the rows before `line` are counted from, and how many there are.
+        let mut counted = None;
+        while order.peek().is_some() {
+            if !chunks.next(&mut chunk).map_err(|error| self.chunk_error(error))? {
+                return Err(LogError::NoRows { path: self.source.path.clone() });
             }
+            let mut rest = chunk.lines();
+            let end = chunk.offset + rest.len() as u64;
+            while let Some(&of) = order.peek() {
+                let (place, row) = rows[of];
+                let mut before = match counted {
+                    Some((block, before)) if block == place => before,
+                    _ if place >= end => break,
+                    _ => {
+                        let skipped = rest.len().saturating_sub((end - place) as usize);
+                        line += line_count(&rest[..skipped]);
+                        rest = &rest[skipped..];
+                        0
+                    }
+                };
+                // Wrong lines are no rows: as many more lines are read as rows are missing.
+                while before <= row && !rest.is_empty() {
+                    let mut ends = memchr::memchr_iter(b'\n', rest).map(|at| at + 1);
+                    let (text, later) = rest.split_at(ends.nth(row - before).unwrap_or(rest.len()));
+                    plan.parse(text, true, &mut parsed)
+                        .map_err(|error| self.row_error(end - rest.len() as u64, error))?;
+                    (before, line) = (before + parsed.rows, line + line_count(text));
+                    rest = later;
+                }
+                counted = Some((place, before));
+                if before <= row {
+                    break;
+                }
+                lines[of] = line - 1;
+                order.next();
+            }
+            line += line_count(rest);
         }
-        Err(LogError::NoRows { path: self.source.path.clone() })
+        Ok(lines)
     }
 
     /// The number of the line at `offset`, counted by reading up to there again: lines are not
@@ -101,9 +134,69 @@ impl Log {
         loop {
             match before.read(&mut buffer) {
                 Ok(0) => return Ok(line),
-                Ok(read) => line += memchr::memchr_iter(b'\n', &buffer[..read]).count() as u64,
+                Ok(read) => line += line_ends(&buffer[..read]),
                 Err(error) => return Err(self.source.error(error)),
             }
         }
+    }
+}
+
+fn line_ends(text: &[u8]) -> u64 {
+    memchr::memchr_iter(b'\n', text).count() as u64
+}
+
+/// The number of lines; that a file ends with may have no end.
+fn line_count(text: &[u8]) -> u64 {
+    line_ends(text) + u64::from(text.last().is_some_and(|&byte| byte != b'\n'))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::format::mapping::Mapping;
+    use crate::read::request::ReadOptions;
+
+    #[test]
+    fn rows_are_found_at_their_lines_whatever_is_between_them() {
+        let mut text = "time,s0,s1\n".to_owned();
+        let (mut line, mut lines_of_times) = (1, Vec::new());
+        for row in 0..4000_u32 {
+            let between = match row % 7 {
+                0 => "\n",
+                3 => "oops,1,2\n",
+                _ => "",
+            };
+            text += between;
+            line += u64::from(!between.is_empty()) + 1;
+            lines_of_times.push(line);
+            text += &format!("{row},{},{}\n", row % 100, row % 90);
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("log.csv");
+        // The last line has no end.
+        std::fs::write(&path, text.trim_end()).unwrap();
+        let mut log = Log::open(&path, &Mapping::default()).unwrap();
+        log.chunk_bytes = 4096;
+        let wanted = Wanted { time: true, readings: true, ..Wanted::default() };
+        let options = ReadOptions { skip_bad_rows: true, ..ReadOptions::default() };
+        let (mut rows, mut expected) = (Vec::new(), Vec::new());
+        let times = |block: &mut shell_data::block::Block| (block.place, block.time_s.clone());
+        log.read(&wanted, &options, times, |(place, times)| {
+            for (row, time) in times.into_iter().enumerate() {
+                rows.push((place, row));
+                expected.push(lines_of_times[time as usize]);
+            }
+            Ok::<_, LogError>(())
+        })
+        .unwrap();
+        assert_eq!(rows.len(), 4000);
+        assert_eq!(log.lines_of_rows(&wanted, &rows).unwrap(), expected);
+        // A few of them, the later first and one twice.
+        let some = [3999, 2500, 2500, 17];
+        assert_eq!(
+            log.lines_of_rows(&wanted, &some.map(|of| rows[of])).unwrap(),
+            some.map(|of| expected[of])
+        );
+        assert!(log.lines_of_rows(&wanted, &[(rows[3999].0, 4000)]).is_err());
     }
 }

@@ -89,9 +89,12 @@ pub fn doubtful_rows(
         first.extend(found.into_iter().take(room));
         Ok::<_, LogError>(())
     })?;
-    let named = first.into_iter().map(|DoubtfulValue { place, row, time_s, readings }| {
-        let line = log.line_of_row(&wanted, place, row)?;
-        Ok(DoubtfulRow { line, time_s, readings })
+    let rows: Vec<_> = first.iter().map(|found| (found.place, found.row)).collect();
+    let lines = log.lines_of_rows(&wanted, &rows)?;
+    let named = first.into_iter().zip(lines).map(|(found, line)| DoubtfulRow {
+        line,
+        time_s: found.time_s,
+        readings: found.readings,
     });
-    Ok((named.collect::<Result<_, LogError>>()?, count))
+    Ok((named.collect(), count))
 }
