@@ -10,7 +10,7 @@
 
 use faer::{Mat, MatRef};
 
-use super::kernels::{Wide, add_multiple, dot};
+use super::kernels::{LANES, LaneSums, Wide, add_multiple, add_products};
 use super::qr::FormTriangle;
 use super::rows::{Reduction, RowChunk, Rows, Shape};
 use super::wide_matrix::WideMatrix;
@@ -26,10 +26,10 @@ struct FormGradient {
     coefficients: WideMatrix,
 }
 
-/// A gradient and the products of the residuals.
+/// A gradient and the products of the residuals, by columns.
 struct Gradient {
-    gradient: WideMatrix,
-    products: WideMatrix,
+    gradient: Vec<LaneSums>,
+    products: Vec<LaneSums>,
 }
 
 /// Residuals of a chunk.
@@ -43,9 +43,17 @@ impl Reduction for FormGradient {
     type Scratch = Residuals;
     const WIDE: bool = true;
 
+    /// As many as stay in a core's second cache: each column is used at two times.
+    fn chunk_rows(&self, columns: usize) -> usize {
+        /// Bytes of heads and tails.
+        const BYTES: usize = 1 << 19;
+        (BYTES / (16 * columns.max(1))).next_multiple_of(LANES)
+    }
+
     fn empty(&self) -> Gradient {
         let Shape { features: p, outputs: q } = self.shape;
-        Gradient { gradient: WideMatrix::zeros(p, q), products: WideMatrix::zeros(q, q) }
+        let zeros = |count: usize| vec![LaneSums::default(); count];
+        Gradient { gradient: zeros(p * q), products: zeros(q * q) }
     }
 
     fn scratch(&self) -> Residuals {
@@ -70,25 +78,23 @@ impl Reduction for FormGradient {
                 add_multiple(heads, tails, -self.coefficients[(j, a)], chunk.wide(j));
             }
         }
-        let residual = |a: usize| Wide {
-            heads: &heads[a * rows..][..rows],
-            tails: &tails[a * rows..][..rows],
-        };
-        for j in 0..p {
-            for a in 0..q {
-                sums.gradient[(j, a)] += dot(residual(a), chunk.wide(j));
-            }
+        let residuals: Vec<Wide<'_>> = std::iter::zip(heads.chunks(rows), tails.chunks(rows))
+            .map(|(heads, tails)| Wide { heads, tails })
+            .collect();
+        for (j, sums) in sums.gradient.chunks_mut(q).enumerate() {
+            add_products(sums, &residuals, chunk.wide(j));
         }
-        for a in 0..q {
-            for b in 0..=a {
-                sums.products[(b, a)] += dot(residual(a), residual(b));
-            }
+        for (a, sums) in sums.products.chunks_mut(q).enumerate() {
+            add_products(sums, &residuals, residuals[a]);
         }
     }
 
     fn merge(&self, earlier: &mut Gradient, later: Gradient) {
-        earlier.gradient.add(&later.gradient);
-        earlier.products.add(&later.products);
+        let pairs =
+            [(&mut earlier.gradient, later.gradient), (&mut earlier.products, later.products)];
+        for (earlier, later) in pairs {
+            earlier.iter_mut().zip(&later).for_each(|(sum, later)| sum.merge(later));
+        }
     }
 }
 
@@ -110,7 +116,8 @@ pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares,
     let mut before: Option<Vec<f64>> = None;
     for _ in 0..MOST_CORRECTIONS {
         let pass = FormGradient { shape, coefficients };
-        let Gradient { mut gradient, products } = rows.pass(&pass)?;
+        let sums = rows.pass(&pass)?;
+        let mut gradient = WideMatrix::from_fn(p, q, |j, a| sums.gradient[j * q + a].total());
         coefficients = pass.coefficients;
         for a in 0..q {
             for (j, &penalty) in penalties.iter().enumerate() {
@@ -139,7 +146,7 @@ pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares,
         // The residuals are those before the correction, which takes its own part out of them.
         let removed = inner.transpose() * &inner;
         solved.residual_products = Mat::from_fn(q, q, |a, b| {
-            let product = products[(a.min(b), a.max(b))].to_f64() - removed[(a, b)];
+            let product = sums.products[a.min(b) * q + a.max(b)].total().to_f64() - removed[(a, b)];
             if a == b { product.max(0.0) } else { product }
         });
         if is_settled(correction.as_ref(), &coefficients, &norms, contraction) {

@@ -52,13 +52,18 @@ pub trait Reduction: Sync {
     /// Whether [`RowChunk::tails`] are looked at.
     const WIDE: bool;
 
+    /// Rows of a chunk of so many columns at most.
+    fn chunk_rows(&self, columns: usize) -> usize {
+        RowChunk::rows_in_cache(columns)
+    }
+
     /// The partial of zero rows, the identity of [`Self::merge`].
     fn empty(&self) -> Self::Partial;
 
     /// Memory for [`Reduction::absorb`].
     fn scratch(&self) -> Self::Scratch;
 
-    /// Adds a chunk of at most [`RowChunk::rows_in_cache`] rows.
+    /// Adds a chunk of at most [`Self::chunk_rows`] rows.
     fn absorb(
         &self,
         partial: &mut Self::Partial,

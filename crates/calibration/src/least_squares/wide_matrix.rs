@@ -86,14 +86,6 @@ impl WideMatrix {
         }
         c
     }
-
-    /// Adds `other`, of the same shape.
-    pub(super) fn add(&mut self, other: &Self) {
-        for (sum, &element) in self.elements.iter_mut().zip(&other.elements) {
-            *sum += element;
-        }
-    }
-
     fn identity(order: usize) -> Self {
         let element = |i, j| if i == j { DoubleDouble::ONE } else { DoubleDouble::ZERO };
         Self::from_fn(order, order, element)

@@ -182,7 +182,7 @@ impl<R: Reduction> Pass for OverFeatures<'_, R> {
     type Partial = R::Partial;
 
     fn rows_together(&self) -> usize {
-        RowChunk::rows_in_cache(self.shape.columns())
+        self.reduction.chunk_rows(self.shape.columns())
     }
 
     fn empty(&self) -> R::Partial {
@@ -191,7 +191,7 @@ impl<R: Reduction> Pass for OverFeatures<'_, R> {
 
     fn absorb(&self, partial: &mut R::Partial, block: &Block) -> Result<(), FitError> {
         let p = self.features.len();
-        let stride = RowChunk::rows_in_cache(self.shape.columns()).min(block.rows);
+        let stride = self.reduction.chunk_rows(self.shape.columns()).min(block.rows);
         let mut heads = vec![0.0; stride * self.shape.columns()];
         let mut tails = vec![0.0; if R::WIDE { stride * p } else { 0 }];
         let mut scratch = self.reduction.scratch();
