@@ -144,7 +144,9 @@ impl BlockEvaluator {
         }
         let judge = |(judge, spread): &(Judge, Spread)| {
             let suspects = judge.suspects(block, predicted, spread);
-            let judged = judge.judge_predicted(block, predicted, &suspects, spread, &|_| false);
+            let leverages = judge.leverages(&outliers::gather(&block.readings, &suspects));
+            let rows: Vec<_> = suspects.iter().copied().zip(leverages).collect();
+            let judged = judge.judge_predicted(block, predicted, &rows, spread, &|_| false);
             (judged.iter().any(Judged::may_matter), suspects)
         };
         let (stands_out, suspects) = options.judge.map(judge).unwrap_or_default();

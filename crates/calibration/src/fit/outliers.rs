@@ -7,7 +7,7 @@ use crate::error::FitError;
 use crate::exact::{Accumulator, Moments};
 use crate::factor::InverseFactor;
 use crate::model::{Basis, Model};
-use crate::passes::{Rows, Workers, each};
+use crate::passes::{Rows, Workers, each, map};
 use crate::quality::significant;
 use crate::reading_ranges::ReadingRanges;
 use crate::solver::{Solution, SolverKind, solve_moments};
@@ -343,11 +343,11 @@ impl Judging {
     }
 }
 
-/// A block of rows, and which of them are to be judged, ascending.
+/// A block of rows, and which of them are to be judged, ascending, with their leverages.
 struct SearchedBlock<'a> {
     log: usize,
     rows: &'a Block,
-    suspects: Vec<usize>,
+    suspects: Vec<(usize, f64)>,
 }
 
 /// Rows that are searched.
@@ -398,19 +398,22 @@ impl<'a> Search<'a> {
         if left_out.is_empty() {
             return Ok(all.clone());
         }
-        match all.without(&self.gather(left_out), &self.model(), self.test.ridge)? {
+        match all.without(
+            &self.gather(|row| left_out.contains(row)),
+            &self.model(),
+            self.test.ridge,
+        )? {
             Some(fit) => Ok(fit),
             None => self.solve(never.iter().chain(left_out).copied()),
         }
     }
 
-    /// Some of the suspects.
-    fn gather(&self, keys: &RowKeys) -> Block {
+    /// Some of the rows that are judged.
+    fn gather(&self, is_meant: impl Fn(&RowKey) -> bool) -> Block {
         let mut gathered = Block::default();
         for SearchedBlock { log, rows, suspects } in &self.blocks {
-            let is_meant = |row: &&usize| keys.contains(&(*log, rows.place, **row));
-            let meant = suspects.iter().filter(is_meant);
-            meant.for_each(|&row| gathered.append(rows, row..row + 1));
+            let meant = suspects.iter().filter(|(row, _)| is_meant(&(*log, rows.place, *row)));
+            meant.for_each(|&(row, _)| gathered.append(rows, row..row + 1));
         }
         gathered
     }
@@ -458,23 +461,40 @@ impl<'a> Search<'a> {
                 let fresh = block.rows.fresh_rows();
                 rows.retain(|&row| fresh[row]);
             }
-            block.suspects.append(&mut rows);
-            block.suspects.sort_unstable();
-            block.suspects.dedup();
+            block.suspects.extend(rows.into_iter().map(|row| (row, 0.0)));
+            block.suspects.sort_unstable_by_key(|&(row, _)| row);
+            block.suspects.dedup_by_key(|&mut (row, _)| row);
         }
     }
 
     /// Judges the rows that are to be.
     fn judge(
-        &self,
+        &mut self,
         judge: &Judge,
         spread: &Spread,
         excluded: &RowSet,
     ) -> Result<Vec<Suspect>, FitError> {
+        self.find_leverages(judge)?;
         self.suspects(|predicted, SearchedBlock { log, rows, suspects }| {
             let is_left_out = |row: usize| excluded.contains(*log, rows.place, row);
             judge.judge(rows, suspects, (spread, predicted), &is_left_out)
         })
+    }
+
+    /// The leverages of the rows that are judged, of many blocks together.
+    fn find_leverages(&mut self, judge: &Judge) -> Result<(), FitError> {
+        const TOGETHER: usize = 256;
+        let suspects = self.gather(|_| true);
+        let starts: Vec<usize> = (0..suspects.rows).step_by(TOGETHER).collect();
+        let leverages = map(&starts, TOGETHER, self.test.workers, |&start| {
+            let rows = start..suspects.rows.min(start + TOGETHER);
+            let readings: Vec<Vec<f64>> =
+                suspects.readings.iter().map(|column| column[rows.clone()].to_vec()).collect();
+            Ok(judge.leverages(&readings))
+        })?;
+        let rows = self.blocks.iter_mut().flat_map(|block| &mut block.suspects);
+        rows.zip(leverages.concat()).for_each(|(suspect, leverage)| suspect.1 = leverage);
+        Ok(())
     }
 
     /// The rows with a reading outside a range.
@@ -511,7 +531,7 @@ impl<'a> Search<'a> {
         left_out: &RowKeys,
         spread: &Spread,
     ) -> Option<[PerAxis<f64>; 2]> {
-        let left_out = self.gather(left_out);
+        let left_out = self.gather(|row| left_out.contains(row));
         let predicted = all.judge(spread)?.predict(&left_out);
         let rms = |of: &Judging, axis: usize, (rows, square): (usize, f64)| {
             let Solution { residual_products, rows: all, .. } = &of.solution;

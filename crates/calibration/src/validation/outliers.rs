@@ -249,11 +249,12 @@ impl Judge {
         suspects(Excess { errors: Some((predicted, &self.noise)), block, spread })
     }
 
-    /// Judges ascending `rows` of a block, of which the fit `has_left_out` some. `predicted` is room for predictions.
+    /// Judges ascending rows of a block, of which the fit `has_left_out` some, by their [leverages](Self::leverages).
+    /// `predicted` is room for predictions.
     pub fn judge(
         &self,
         block: &Block,
-        rows: &[usize],
+        rows: &[(usize, f64)],
         (spread, predicted): (&Spread, &mut PerAxis<Vec<f64>>),
         has_left_out: &dyn Fn(usize) -> bool,
     ) -> Vec<Judged> {
@@ -273,12 +274,12 @@ impl Judge {
         &self,
         block: &Block,
         predicted: &PerAxis<Vec<f64>>,
-        rows: &[usize],
+        rows: &[(usize, f64)],
         spread: &Spread,
         has_left_out: &dyn Fn(usize) -> bool,
     ) -> Vec<Judged> {
         let error = |axis: usize, row: usize| predicted[axis][row] - block.wrench[axis][row];
-        let judge_row = |(&row, leverage): (&usize, f64)| {
+        let judge_row = |&(row, leverage): &(usize, f64)| {
             // A row of leverage one is followed whatever it says: rounding decides what is left.
             // What it has, or would have, in a fit with it; and the error of a fit without it.
             let (variance, in_fit, deleted) = match has_left_out(row) {
@@ -317,19 +318,18 @@ impl Judge {
                 is_spike: jumps(block, &spread.changes, SPIKE, row),
             }
         };
-        rows.iter().zip(self.leverages(block, rows)).map(judge_row).collect()
+        rows.iter().map(judge_row).collect()
     }
 
-    /// `‖Fᵀx‖²` of some rows of a block.
-    fn leverages(&self, block: &Block, rows: &[usize]) -> Vec<f64> {
-        let readings = gather(&block.readings, rows);
+    /// `‖Fᵀx‖²` of each row.
+    pub fn leverages(&self, readings: &[Vec<f64>]) -> Vec<f64> {
         let features = vec![[0.0; LANES]; self.features.len()];
-        arch().dispatch(Leverages { judge: self, readings: &readings, rows: rows.len(), features })
+        arch().dispatch(Leverages { judge: self, readings, features })
     }
 }
 
 /// Some rows of columns.
-fn gather(columns: &[Vec<f64>], rows: &[usize]) -> Vec<Vec<f64>> {
+pub(crate) fn gather(columns: &[Vec<f64>], rows: &[usize]) -> Vec<Vec<f64>> {
     columns.iter().map(|column| rows.iter().map(|&row| column[row]).collect()).collect()
 }
 
@@ -337,7 +337,6 @@ fn gather(columns: &[Vec<f64>], rows: &[usize]) -> Vec<Vec<f64>> {
 struct Leverages<'a> {
     judge: &'a Judge,
     readings: &'a [Vec<f64>],
-    rows: usize,
     features: Vec<RowLanes>,
 }
 
@@ -346,7 +345,8 @@ impl NullaryFnOnce for Leverages<'_> {
 
     #[inline(always)]
     fn call(self) -> Vec<f64> {
-        let Self { judge, readings, rows, mut features } = self;
+        let Self { judge, readings, mut features } = self;
+        let rows = readings.first().map_or(0, Vec::len);
         let mut leverages = Vec::with_capacity(rows + LANES);
         for start in (0..rows).step_by(LANES) {
             judge.features.lanes(readings, start, &mut features);
@@ -380,11 +380,11 @@ fn suspects(excess: Excess<'_>) -> Vec<usize> {
 }
 
 /// Ascending `rows` of a block and those beside them that they are compared with.
-fn near(rows: &[usize], block_rows: usize) -> Vec<usize> {
+fn near(rows: &[(usize, f64)], block_rows: usize) -> Vec<usize> {
     /// The largest distance in [`BESIDE`].
     const REACH: usize = 2;
     let mut near: Vec<usize> = Vec::with_capacity(rows.len());
-    for &row in rows {
+    for &(row, _) in rows {
         let unseen = near.last().map_or(0, |last| last + 1);
         near.extend(unseen.max(row.saturating_sub(REACH))..block_rows.min(row + REACH + 1));
     }

@@ -156,14 +156,13 @@ mod tests {
     use crate::format::mapping::Mapping;
     use crate::read::request::ReadOptions;
 
-    #[test]
-    fn rows_are_found_at_their_lines_whatever_is_between_them() {
+    fn check_lines(between: [&str; 2], wanted_of_lines: &Wanted) {
         let mut text = "time,s0,s1\n".to_owned();
         let (mut line, mut lines_of_times) = (1, Vec::new());
         for row in 0..4000_u32 {
             let between = match row % 7 {
-                0 => "\n",
-                3 => "oops,1,2\n",
+                0 => between[0],
+                3 => between[1],
                 _ => "",
             };
             text += between;
@@ -190,13 +189,19 @@ mod tests {
         })
         .unwrap();
         assert_eq!(rows.len(), 4000);
-        assert_eq!(log.lines_of_rows(&wanted, &rows).unwrap(), expected);
+        let lines = |rows: &[(u64, usize)]| log.lines_of_rows(wanted_of_lines, rows);
+        assert_eq!(lines(&rows).unwrap(), expected);
         // A few of them, the later first and one twice.
         let some = [3999, 2500, 2500, 17];
-        assert_eq!(
-            log.lines_of_rows(&wanted, &some.map(|of| rows[of])).unwrap(),
-            some.map(|of| expected[of])
-        );
-        assert!(log.lines_of_rows(&wanted, &[(rows[3999].0, 4000)]).is_err());
+        assert_eq!(lines(&some.map(|of| rows[of])).unwrap(), some.map(|of| expected[of]));
+        assert!(lines(&[(rows[3999].0, 4000)]).is_err());
+    }
+
+    #[test]
+    fn rows_are_found_at_their_lines_whatever_is_between_them() {
+        let all = Wanted { time: true, readings: true, ..Wanted::default() };
+        check_lines(["\n", "oops,1,2\n"], &all);
+        // Where no row is wrong it takes nothing of what is in them.
+        check_lines(["\n", " \t\n"], &Wanted::default());
     }
 }

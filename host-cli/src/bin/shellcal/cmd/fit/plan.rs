@@ -13,7 +13,7 @@ use calibration_file::{CalibrationFile, matrix};
 use figures::fit_figure;
 use indicatif::ProgressBar;
 use load_table::HungLoads;
-use log_file::{Log, ReadOptions};
+use log_file::{Log, ReadOptions, Wanted};
 use output_file::{AtomicFile, Outputs};
 use report::OutlierTable;
 use shell_data::hint::quoted;
@@ -140,7 +140,10 @@ impl<'a> FitPlan<'a> {
 
     /// Names the outliers, and lists the rows that were left out.
     pub(super) fn name_rows(&self, data: &FitData, fitted: &Fit) -> anyhow::Result<NamedRows> {
-        let name = |found: &Outliers| NamedOutliers::new(found.clone(), &self.train, &data.wanted);
+        // Where no row was wrong, lines are counted without what is in them.
+        let anything = Wanted::default();
+        let wanted = if fitted.skipped_rows == 0 { &anything } else { &data.wanted };
+        let name = |found: &Outliers| NamedOutliers::new(found.clone(), &self.train, wanted);
         let dropped = match self.opened.borrow_mut().dropped.take() {
             Some(mut output) => {
                 let dropped = name(&fitted.dropped)?;
