@@ -3,21 +3,27 @@
 # licences of all that it is made of; and, where dpkg-deb is, a package of Debian.
 #
 #   .github/package.sh [TARGET]
+#
+# SHELLCAL_PROGRAM names a program that is packed in place of one built for release.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
 host=$(rustc -vV | sed -n 's/^host: //p')
 system=${1:-$host}
-cargo build --release --locked --package shellcal ${1:+--target "$1"}
 target=${CARGO_TARGET_DIR:-target}
 suffix=$([[ $system == *windows* ]] && echo .exe || true)
-program=$target/${1:+$1/}release/shellcal$suffix
+program=${SHELLCAL_PROGRAM:-}
+if [[ -z $program ]]; then
+    cargo build --release --locked --package shellcal ${1:+--target "$1"}
+    program=$target/${1:+$1/}release/shellcal$suffix
+fi
 version=$("$program" --version | cut -d' ' -f2 | tr -d '\r')
 name=shellcal-$version-$system
 staged=$target/package/$name
 
 rm -rf "$staged" && mkdir -p "$staged"/{completions,linux,man}
-cp "$program" README.md CHANGELOG.md LICENSE-APACHE LICENSE-MIT "$staged"
+cp "$program" "$staged/shellcal$suffix"
+cp README.md CHANGELOG.md LICENSE-APACHE LICENSE-MIT "$staged"
 cp host-cli/assets/linux/60-shellcal.rules "$staged/linux"
 "$program" completions bash > "$staged/completions/shellcal.bash"
 "$program" completions zsh > "$staged/completions/_shellcal"

@@ -2,12 +2,14 @@
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::thread;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use clap::ValueEnum;
 
 use crate::compiler::Compiler;
 use crate::image::Board;
+use crate::jobs::{self, Job};
 use crate::need::{Need, Way};
 use crate::steps::{self, PROFILE, cargo, installed, run as step, scratch, workspace};
 use crate::{book, dependencies, pictures, python, toolchain};
@@ -103,7 +105,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
             CheckPart::Docs => docs(),
             CheckPart::Book => book::build(),
             CheckPart::Pictures => pictures::check(),
-            CheckPart::Package => step("package", &mut Command::new(workspace().join(PACKAGE))),
+            CheckPart::Package => package(),
         };
         if let Err(error) = done {
             eprintln!("error: {error:#}");
@@ -116,8 +118,11 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     }
 }
 
-/// Also run by the workflow of releases, on each of their systems.
-const PACKAGE: &str = ".github/package.sh";
+/// Packs the program of the tests as the workflow of releases does that of a release.
+fn package() -> Result<()> {
+    let mut pack = Command::new(workspace().join(".github/package.sh"));
+    step("package", pack.env("SHELLCAL_PROGRAM", steps::build_shellcal()?))
+}
 
 fn format() -> Result<()> {
     FORMATTER.meet()?;
@@ -184,7 +189,8 @@ fn fuzz(seconds: Option<u64>) -> Result<()> {
         // `pulp` does not compile with dead code kept.
         let options = ["--sanitizer", "none", "--strip-dead-code", "--target-dir", &target_dir];
         step("fuzz targets", &mut run(&[&["build"], &options[..]].concat()))?;
-        for target in steps::output(&mut run(&["list"]))?.lines() {
+        let listed = steps::output(&mut run(&["list"]))?;
+        let job = |target: &str| -> Result<Job> {
             let found = scratch(&format!("fuzz/inputs/{target}"))?;
             let mut command = run(&[&["run"], &options[..], &[target]].concat());
             command
@@ -192,8 +198,12 @@ fn fuzz(seconds: Option<u64>) -> Result<()> {
                 .args(Some(folder.join("seeds").join(target)).filter(|it| it.is_dir()));
             command.arg("--").args(&effort);
             command.args(["-timeout=10", "-rss_limit_mb=2048", "-max_len=8192", "-verbosity=0"]);
-            step(&format!("fuzz {target}"), &mut command)?;
-        }
+            Ok(Job { name: format!("fuzz {target}"), command })
+        };
+        let runs = listed.lines().map(job).collect::<Result<_>>()?;
+        let ended = jobs::run(runs, thread::available_parallelism()?.get(), |_| None)?;
+        let failed: Vec<_> = ended.iter().filter(|it| !it.succeeded).map(|it| &*it.name).collect();
+        ensure!(failed.is_empty(), "failed: {}", failed.join(", "));
     }
     Ok(())
 }

@@ -1,6 +1,7 @@
 //! `cargo xtask pictures`: the pictures of README, made by the program itself.
 //!
-//! The figure of a calibration is the same bytes wherever it is made, so the contributor checks compare it.
+//! The figure of a calibration is the same bytes wherever it is made and in every profile, so the contributor checks
+//! compare it.
 //! A page in a browser differs from machine to machine and is not compared.
 
 use std::fs;
@@ -13,18 +14,10 @@ use system_tests::browser::Browser;
 use system_tests::chromium;
 
 use crate::base64::decode_base64;
-use crate::steps::{PROFILE, cargo, run, scratch, target, workspace};
+use crate::steps::{build_shellcal, run, scratch, workspace};
 
 const FIGURE: &str = "fit.svg";
 const LIVE: &str = "live.png";
-
-/// The program as the tests build it: a figure has the same bytes in every profile.
-fn build_shellcal() -> Result<PathBuf> {
-    // Of the workspace, as the tests: alone it has other features, and all would be built again.
-    let build = ["build", "--workspace", "--bin", "shellcal"];
-    run("build shellcal", &mut cargo(&[&build[..], &PROFILE].concat()))?;
-    Ok(target().join("checked").join("shellcal"))
-}
 
 /// Makes all pictures anew.
 pub(crate) fn make() -> Result<()> {

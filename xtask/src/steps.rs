@@ -12,6 +12,9 @@ pub(crate) const REAL_DATA: &str = "SHELLCAL_REAL_DATA";
 /// The profile of tests and lints: optimised, with the checks of a debug build.
 pub(crate) const PROFILE: [&str; 2] = ["--profile", "checked"];
 
+/// Builds all that is tested: another choice of packages would have other features, and compile all again.
+pub(crate) const BUILD: [&str; 5] = ["build", "--workspace", "--lib", "--bins", "--tests"];
+
 /// The root of the workspace.
 pub(crate) fn workspace() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("xtask lies in the workspace")
@@ -54,6 +57,12 @@ pub(crate) fn run(title: &str, command: &mut Command) -> Result<()> {
     ensure!(status.success(), "{title}: {status}");
     eprintln!("    {:.1} s", start.elapsed().as_secs_f64());
     Ok(())
+}
+
+/// The program as the tests build it.
+pub(crate) fn build_shellcal() -> Result<PathBuf> {
+    run("build", &mut cargo(&[&BUILD[..], &PROFILE].concat()))?;
+    Ok(target().join("checked").join("shellcal"))
 }
 
 /// Runs `command` and returns what it prints.

@@ -16,7 +16,7 @@ use system_tests::flashed;
 use crate::image::Board;
 use crate::jobs::{self, EndedJob, Job};
 use crate::need::Need;
-use crate::steps::{self, PROFILE, REAL_DATA, SCREENS, cargo, real_data, screens};
+use crate::steps::{self, BUILD, PROFILE, REAL_DATA, SCREENS, cargo, real_data, screens};
 use crate::{model, python, setup, toolchain, web};
 
 #[derive(Debug, clap::Args)]
@@ -70,7 +70,7 @@ struct TestEquipment {
 pub(crate) fn run(args: &Args) -> Result<()> {
     let parts: Vec<Part> = Part::ALL.into_iter().filter(|it| !args.without.contains(it)).collect();
     let (equipment, programs) = set_up_and_build(&parts)?;
-    let mut jobs = Vec::new();
+    let mut jobs: Vec<Job> = programs.iter().map(|program| program.job(&equipment)).collect();
     if let Some(python) = &equipment.python {
         jobs.extend(python::jobs(python)?);
     }
@@ -79,20 +79,16 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         let command = cargo(&["xtask", "firmware"]);
         jobs.push(Job { name: "what the board's images take".to_owned(), command });
     }
-    jobs.extend(programs.iter().map(|program| program.job(&equipment)));
     let documentation = cargo(&[&["test", "--workspace", "--doc"][..], &PROFILE].concat());
     jobs.push(Job { name: "examples in the documentation".to_owned(), command: documentation });
     println!("\n==> tests");
+    let more = |ended: &EndedJob| {
+        let program = programs.iter().find(|program| program.name == ended.name)?;
+        program.job_of_ignored(&ended.output, &equipment)
+    };
     // Most of the time of many tests is spent waiting.
     let at_once = 1 + thread::available_parallelism()?.get();
-    let ended = jobs::run(jobs, at_once)?;
-
-    let met = programs.iter().filter_map(|program| {
-        let first = ended.iter().find(|ended| ended.name == program.name)?;
-        program.job_of_ignored(&first.output, &equipment)
-    });
-    let more = jobs::run(met.collect(), at_once)?;
-    report(&[ended, more].into_iter().flatten().collect::<Vec<_>>(), &args.without)
+    report(&jobs::run(jobs, at_once, more)?, &args.without)
 }
 
 /// Sets up the environments of Python while the compiler is at work.
@@ -172,9 +168,8 @@ struct Program {
 /// Builds all tests, the program and the extension of Python by one command, so that no crate is built twice,
 /// and returns the programs of the tests, those of the largest packages first.
 fn programs() -> Result<Vec<Program>> {
-    let build = ["build", "--workspace", "--lib", "--bins", "--tests"];
     let format = ["--message-format", "json-render-diagnostics"];
-    let mut build = cargo(&[&build[..], &format, &PROFILE].concat());
+    let mut build = cargo(&[&BUILD[..], &format, &PROFILE].concat());
     eprintln!("\n==> build: {}", steps::line(&build));
     let built = build.stdin(Stdio::null()).stderr(Stdio::inherit()).output()?;
     ensure!(built.status.success(), "the tests do not compile");
