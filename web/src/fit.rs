@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use calibration::FitError;
 use calibration::fit::{FitOptions, HeldOut, ModelRule, Workers};
 use log_file::{Log, Mapping, ReadOptions};
 use serde::Deserialize;
@@ -52,12 +53,7 @@ impl FitRequest {
             ..FitOptions::default()
         };
         let mapping = self.columns.mapping(None);
-        let open = |logs: &[FileRef], mapping: &Mapping| {
-            let logs = logs.iter().map(|log| log.log(files, mapping));
-            logs.map(|log| Ok(log??)).collect::<Result<Vec<Log>, Failure>>()
-        };
-        let (train, mut test) = (open(&self.train, &mapping)?, open(&self.test, &mapping)?);
-        agree_on_axes(&train, &mut test)?;
+        let [train, test] = self.logs(files, &mapping)?;
         let read = ReadOptions {
             threads: 1,
             checksum: true,
@@ -65,14 +61,8 @@ impl FitRequest {
             ..ReadOptions::default()
         };
         let data = FitData::read(&train, &test, (&options, true), &read)?;
-        let fitted = calibration::fit(&data.train, &data.test, &options).map_err(|error| {
-            let is_about_rows = error.is_about_rows();
-            let failure = Failure::from(WorkflowError::from(error));
-            match is_about_rows {
-                true => failure.about(&quoted(self.train.iter().map(|file| &file.name), ", ")),
-                false => failure,
-            }
-        })?;
+        let fitted = calibration::fit(&data.train, &data.test, &options);
+        let fitted = fitted.map_err(|error| self.failure(error))?;
         let specified = train.first().map(|log| log.specified(&mapping));
         let file = calibration_file(
             &fitted,
@@ -107,6 +97,27 @@ impl FitRequest {
                 (REPORT.to_owned(), report.into_bytes()),
             ],
         })
+    }
+
+    /// The training and the test logs.
+    fn logs(&self, files: &[Arc<[u8]>], mapping: &Mapping) -> Result<[Vec<Log>; 2], Failure> {
+        let open = |logs: &[FileRef]| {
+            let logs = logs.iter().map(|log| log.log(files, mapping));
+            logs.map(|log| Ok(log??)).collect::<Result<Vec<Log>, Failure>>()
+        };
+        let (train, mut test) = (open(&self.train)?, open(&self.test)?);
+        agree_on_axes(&train, &mut test)?;
+        Ok([train, test])
+    }
+
+    /// Why a fit failed, with the names of its files where their rows are the reason.
+    fn failure(&self, error: FitError) -> Failure {
+        let is_about_rows = error.is_about_rows();
+        let failure = Failure::from(WorkflowError::from(error));
+        match is_about_rows {
+            true => failure.about(&quoted(self.train.iter().map(|file| &file.name), ", ")),
+            false => failure,
+        }
     }
 
     /// What does the same in a terminal, but for columns that were assigned.

@@ -91,7 +91,7 @@ impl ScatterSums {
         Self {
             scores: std::array::from_fn(|_| vec![vec![0.0; features]; groups]),
             products,
-            defect: SymmetricMatrix::from_fn(features, |i, j| f64::from(u8::from(i == j))),
+            defect: SymmetricMatrix::identity(features),
             alone: Vec::new(),
             common: PerAxis::default(),
             squares: PerAxis::default(),

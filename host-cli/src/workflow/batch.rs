@@ -7,6 +7,7 @@ use super::trial::{Evaluated, TrialJob, TrialLogError, WindowTimes, evaluate_in_
 use log_file::pipeline::{self, Pieces};
 use log_file::{Log, LogError, Mapping, ReadOptions};
 use output_file::OutputError;
+use serde::Serialize;
 use shell_data::hint::with_causes;
 use trial::manifest::{CellPosition, Entry, Manifest, ManifestProblem, Moment, Shard};
 use trial::{
@@ -59,9 +60,10 @@ pub struct BatchTrial {
 }
 
 /// A row that could not be evaluated.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize)]
 pub struct Failure {
     /// Where in the manifest.
+    #[serde(flatten)]
     pub place: CellPosition,
     /// The log, as the manifest names it; empty if it does not.
     pub file: String,

@@ -409,8 +409,8 @@ impl FitOptions<'_> {
         let each_alone = || (0..rows.groups.len()).map(|group| group..group + 1).collect();
         let all_rows = rows.groups.iter().map(|(_, rows)| rows.rows()).sum();
         let are_long = choice.has_long_stretches(rows.groups.len(), all_rows, &model);
-        let files = are_long.then(each_alone);
-        choice.clusters = Some(Clusters::Triangles { rows, files });
+        let held_out_together = are_long.then(each_alone);
+        choice.clusters = Some(Clusters::Triangles { rows, held_out_together });
         Ok(choice)
     }
 
@@ -423,12 +423,12 @@ impl FitOptions<'_> {
         let Some(rows) = choice.labelled.as_ref().filter(|_| is_served) else { return Ok(()) };
         let Some((rows, files)) = stretches_of_files(rows) else { return Ok(()) };
         let most = files.len().div_ceil(FOLDS);
-        let files = match files.len() {
+        let held_out_together = Some(match files.len() {
             0..=MOST_ALONE => files,
             _ => files.chunks(most).map(|of| of[0].start..of[of.len() - 1].end).collect(),
-        };
+        });
         match factor_groups(&rows, choice.basis) {
-            Ok(rows) => choice.clusters = Some(Clusters::Triangles { rows, files: Some(files) }),
+            Ok(rows) => choice.clusters = Some(Clusters::Triangles { rows, held_out_together }),
             Err(FitError::Validation(reason)) => choice.not_grouped = Some(reason),
             Err(reason) => return Err(reason),
         }

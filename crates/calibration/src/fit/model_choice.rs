@@ -17,7 +17,7 @@ use shell_data::dataset::Dataset;
 #[derive(Clone, Debug)]
 pub(super) enum Clusters {
     /// Triangles of the rows, and where groups are stretches of time those that are held out together.
-    Triangles { rows: FactoredGroups, files: Option<Vec<Range<usize>>> },
+    Triangles { rows: FactoredGroups, held_out_together: Option<Vec<Range<usize>>> },
     /// The rows with their labels, for a solver that clips them.
     Rows(Block),
 }

@@ -1,6 +1,7 @@
 //! The search for outliers among training rows: found, named, and left out where that is asked for.
 
 use std::collections::BTreeSet;
+use std::ops::Range;
 
 use super::polynomial::{Problem, Solved, solve};
 use crate::error::FitError;
@@ -330,7 +331,10 @@ impl Judging {
 
     /// The fit without some of its rows, from what is known of all; `None` if that takes the other rows.
     fn without(&self, rows: &Block, model: &Model, ridge: f64) -> Result<Option<Self>, FitError> {
-        let solution = match (self.solution.without(rows), &self.sums) {
+        /// More are better taken out of sums, or left out of a pass: what is kept of each is as long as the features.
+        const MOST_TAKEN_OUT: usize = 4096;
+        let few = rows.rows <= MOST_TAKEN_OUT;
+        let solution = match (few.then(|| self.solution.without(rows)).flatten(), &self.sums) {
             (None, Some(sums)) => {
                 let mut part = Accumulator::new(sums.basis(), sums.channels());
                 part.absorb(&rows.readings, &rows.wrench)?;
@@ -398,24 +402,11 @@ impl<'a> Search<'a> {
         if left_out.is_empty() {
             return Ok(all.clone());
         }
-        match all.without(
-            &self.gather(|row| left_out.contains(row)),
-            &self.model(),
-            self.test.ridge,
-        )? {
+        let rows = gather(&self.blocks, |row| left_out.contains(row));
+        match all.without(&rows, &self.model(), self.test.ridge)? {
             Some(fit) => Ok(fit),
             None => self.solve(never.iter().chain(left_out).copied()),
         }
-    }
-
-    /// Some of the rows that are judged.
-    fn gather(&self, is_meant: impl Fn(&RowKey) -> bool) -> Block {
-        let mut gathered = Block::default();
-        for SearchedBlock { log, rows, suspects } in &self.blocks {
-            let meant = suspects.iter().filter(|(row, _)| is_meant(&(*log, rows.place, *row)));
-            meant.for_each(|&(row, _)| gathered.append(rows, row..row + 1));
-        }
-        gathered
     }
 
     /// Where a row is.
@@ -484,13 +475,19 @@ impl<'a> Search<'a> {
     /// The leverages of the rows that are judged, of many blocks together.
     fn find_leverages(&mut self, judge: &Judge) -> Result<(), FitError> {
         const TOGETHER: usize = 256;
-        let suspects = self.gather(|_| true);
-        let starts: Vec<usize> = (0..suspects.rows).step_by(TOGETHER).collect();
-        let leverages = map(&starts, TOGETHER, self.test.workers, |&start| {
-            let rows = start..suspects.rows.min(start + TOGETHER);
-            let readings: Vec<Vec<f64>> =
-                suspects.readings.iter().map(|column| column[rows.clone()].to_vec()).collect();
-            Ok(judge.leverages(&readings))
+        let (mut parts, mut rows) = (Vec::<Range<usize>>::new(), 0);
+        for (place, block) in self.blocks.iter().enumerate() {
+            match parts.last_mut().filter(|_| rows < TOGETHER) {
+                Some(part) => part.end = place + 1,
+                None => {
+                    parts.push(place..place + 1);
+                    rows = 0;
+                }
+            }
+            rows += block.suspects.len();
+        }
+        let leverages = map(&parts, TOGETHER, self.test.workers, |part| {
+            Ok(judge.leverages(&gather(&self.blocks[part.clone()], |_| true).readings))
         })?;
         let rows = self.blocks.iter_mut().flat_map(|block| &mut block.suspects);
         rows.zip(leverages.concat()).for_each(|(suspect, leverage)| suspect.1 = leverage);
@@ -531,7 +528,7 @@ impl<'a> Search<'a> {
         left_out: &RowKeys,
         spread: &Spread,
     ) -> Option<[PerAxis<f64>; 2]> {
-        let left_out = self.gather(|row| left_out.contains(row));
+        let left_out = gather(&self.blocks, |row| left_out.contains(row));
         let predicted = all.judge(spread)?.predict(&left_out);
         let rms = |of: &Judging, axis: usize, (rows, square): (usize, f64)| {
             let Solution { residual_products, rows: all, .. } = &of.solution;
@@ -611,6 +608,16 @@ type RowKey = (usize, u64, usize);
 
 /// Rows in their order.
 type RowKeys = BTreeSet<RowKey>;
+
+/// Some of the rows that are judged.
+fn gather(blocks: &[SearchedBlock<'_>], is_meant: impl Fn(&RowKey) -> bool) -> Block {
+    let mut gathered = Block::default();
+    for SearchedBlock { log, rows, suspects } in blocks {
+        let meant = suspects.iter().filter(|(row, _)| is_meant(&(*log, rows.place, *row)));
+        meant.for_each(|&(row, _)| gathered.append(rows, row..row + 1));
+    }
+    gathered
+}
 
 /// The rows of a block with a reading outside a range.
 fn outside(block: &Block, [least, most]: [f64; 2]) -> Vec<Judged> {

@@ -134,16 +134,16 @@ pub(super) fn covariance(
         (Some(Clusters::Triangles { .. }), _) if solver == SolverKind::Huber => {
             Err(ValidationError::OtherSolver)
         }
-        (Some(Clusters::Triangles { rows, files }), _) => {
+        (Some(Clusters::Triangles { rows, held_out_together }), _) => {
             let method = match solver {
                 SolverKind::Svd => Method::Svd { truncate },
                 SolverKind::RidgeGcv => Method::RidgeGcv,
                 _ => Method::Tsqr,
             };
-            match files {
+            match held_out_together {
                 None => Covariance::of_factored(rows, solution, (method, ridge), workers),
-                Some(files) => {
-                    Covariance::of_files(rows, files, solution, (method, ridge), workers)
+                Some(together) => {
+                    Covariance::of_files(rows, together, solution, (method, ridge), workers)
                 }
             }
         }

@@ -234,7 +234,7 @@ impl<'a> Joint<'a> {
         prior: &Prior,
     ) -> Equations {
         let size = parameters.len() * PARAMETERS;
-        let mut curvature = SymmetricMatrix::from_fn(size, |_, _| 0.0);
+        let mut curvature = SymmetricMatrix::zeros(size);
         let mut descent = Vec::with_capacity(size);
         let mut cost = 0.0;
         // What is shared: one of each of the factors for every row of the data.

@@ -67,7 +67,7 @@ impl Solution {
         let factor = UpperTriangle::of(&self.factor.matrix());
         let seen: Vec<Vec<f64>> =
             (0..rows.rows).map(|of| factor.transposed_times(&row(of))).collect();
-        let mut left = SymmetricMatrix::from_fn(count, |i, j| f64::from(u8::from(i == j)));
+        let mut left = SymmetricMatrix::identity(count);
         left.subtract_squares(&seen);
         let root = left.cholesky()?;
         if (0..count).any(|i| root.row(i)[0].powi(2) < LEAST_LEFT) {

@@ -34,6 +34,16 @@ impl SymmetricMatrix {
         Self { size, upper }
     }
 
+    /// Of zeros.
+    pub(crate) fn zeros(size: usize) -> Self {
+        Self::from_fn(size, |_, _| 0.0)
+    }
+
+    /// The identity.
+    pub(crate) fn identity(size: usize) -> Self {
+        Self::from_fn(size, |i, j| f64::from(u8::from(i == j)))
+    }
+
     pub(crate) fn size(&self) -> usize {
         self.size
     }
@@ -224,7 +234,7 @@ mod tests {
             // Of a low rank, and columns of many sizes.
             let rows = numbers.chunks(size).take(rank);
             let graded = |row: &[f64]| row.iter().enumerate().map(|(j, x)| x * 10_f64.powi(-(j as i32 % 7))).collect();
-            let mut a = SymmetricMatrix::from_fn(size, |_, _| 0.0);
+            let mut a = SymmetricMatrix::zeros(size);
             a.subtract_squares(&rows.map(graded).collect::<Vec<_>>());
             check_eigen(a);
         }
@@ -256,8 +266,8 @@ mod tests {
             assert!(of(bad).cholesky().is_none(), "{bad}");
         }
         assert!(of(f64::NAN).eigen().is_none());
-        assert!(SymmetricMatrix::from_fn(0, |_, _| 0.0).eigen().unwrap().values.is_empty());
-        let zero = SymmetricMatrix::from_fn(3, |_, _| 0.0).eigen().unwrap();
+        assert!(SymmetricMatrix::zeros(0).eigen().unwrap().values.is_empty());
+        let zero = SymmetricMatrix::zeros(3).eigen().unwrap();
         assert_eq!(zero.values, [0.0; 3]);
     }
 }

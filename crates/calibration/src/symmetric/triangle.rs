@@ -161,7 +161,7 @@ impl WithSimd for Congruence<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> SymmetricMatrix {
         let size = self.a.size;
-        let mut product = SymmetricMatrix::from_fn(size, |_, _| 0.0);
+        let mut product = SymmetricMatrix::zeros(size);
         let mut row = vec![0.0; size];
         for k in 0..size {
             let row = &mut row[k..];

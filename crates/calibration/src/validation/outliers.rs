@@ -269,7 +269,7 @@ impl Judge {
         self.judge_predicted(block, predicted, rows, spread, has_left_out)
     }
 
-    /// The same where the wrench that the calibration predicts is known, of these rows and [those near](near) them.
+    /// The same where the wrench that the calibration predicts is known, of these rows and of two before and after each.
     pub fn judge_predicted(
         &self,
         block: &Block,

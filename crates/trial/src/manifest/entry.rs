@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use serde::Serialize;
+
 /// A manifest.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Manifest {
@@ -46,7 +48,7 @@ pub enum Moment {
 }
 
 /// A line and a column of a manifest, from 1; columns in characters.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 pub struct CellPosition {
     /// The line.
     pub line: usize,

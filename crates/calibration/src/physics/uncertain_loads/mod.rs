@@ -264,7 +264,7 @@ impl Search<'_> {
         let size = first_offset + SHARED * at.offsets.len();
         let mut all = Equations {
             cost: 0.0,
-            border: SymmetricMatrix::from_fn(size, |_, _| 0.0),
+            border: SymmetricMatrix::zeros(size),
             descent: vec![0.0; size],
             loads: Vec::with_capacity(self.loads.len()),
         };

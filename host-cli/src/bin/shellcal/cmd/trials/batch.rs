@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::bail;
 use output_file::Outputs;
 use serde::Serialize;
-use shellcal::workflow::batch::{self, Batch, BatchOptions, FileStamp, stamp};
+use shellcal::workflow::batch::{self, Batch, BatchOptions, Failure, FileStamp, stamp};
 use trial::manifest::{Manifest, Shard};
 use trial::{ConditionRow, TrialOptions, TrialResult};
 
@@ -70,7 +70,7 @@ struct BatchDocument<'a> {
     profile: &'a trial::Profile,
     options: TrialOptions,
     trials: Vec<BatchTrialDocument<'a>>,
-    failures: Vec<FailureDocument<'a>>,
+    failures: &'a [Failure],
     excluded: usize,
     /// The name of the share, if not all trials were to be evaluated.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -85,14 +85,6 @@ struct BatchTrialDocument<'a> {
     checksum: Option<&'a str>,
     #[serde(flatten)]
     result: &'a TrialResult,
-}
-
-#[derive(Serialize)]
-struct FailureDocument<'a> {
-    line: usize,
-    column: usize,
-    file: &'a str,
-    message: &'a str,
 }
 
 /// What came of a run.
@@ -258,19 +250,13 @@ impl BatchArgs {
                 checksum: trial.evaluated.checksum.as_deref(),
                 result: &trial.evaluated.result,
             });
-            let failures = batch.failures.iter().map(|failure| FailureDocument {
-                line: failure.place.line,
-                column: failure.place.column,
-                file: &failure.file,
-                message: &failure.message,
-            });
             return printer.document(&BatchDocument {
                 manifest: &self.manifest,
                 calibration: self.evaluation.calibration_file(),
                 profile: &equipment.profile,
                 options: self.options(equipment),
                 trials: trials.collect(),
-                failures: failures.collect(),
+                failures: &batch.failures,
                 excluded: batch.excluded,
                 shard: self.shard.map(Shard::stem),
                 warnings,

@@ -1,8 +1,9 @@
 //! `shellcal report CAL.json --certificate`: a calibration on one page to print.
 
-use ::report::{Certificate, Heading};
+use ::report::{Certificate, Heading, WeightRow};
 use anyhow::Context;
-use log_file::{Log, ReadOptions};
+use calibration_file::CalibrationFile;
+use log_file::{Log, Mapping, ReadOptions};
 use output_file::Outputs;
 use shellcal::workflow::certificate::{CertificateFacts, budget, intervals, weight_rows};
 use shellcal::workflow::check::check_weights;
@@ -73,14 +74,7 @@ impl CertificateArgs {
         let facts =
             CertificateFacts { unloaded: unloaded.as_ref(), reference: self.reference_error };
         let budget = budget(&file, &facts, &read)?;
-        let weights = match &self.weights {
-            None => Vec::new(),
-            Some(table) => {
-                let logs = open_logs(&self.weights_log, ("--wrench-from", &[]), &mapping)?;
-                let table = read_table(table)?;
-                weight_rows(&check_weights(&file, &logs, &table, &read)?, &file)
-            }
-        };
+        let weights = self.weights(&file, &mapping, &read)?;
         let shown = path.display().to_string();
         let serial = file.origin.sensor_serial.as_deref().unwrap_or(&shown);
         let usual_title = format!("Certificate of calibration: {serial}");
@@ -120,5 +114,17 @@ impl CertificateArgs {
             return Ok(Outcome::CheckFailed);
         }
         Ok(outcome)
+    }
+
+    /// The check weights, and what the calibration says of them.
+    fn weights(
+        &self,
+        file: &CalibrationFile,
+        mapping: &Mapping,
+        read: &ReadOptions<'_>,
+    ) -> anyhow::Result<Vec<WeightRow>> {
+        let Some(table) = &self.weights else { return Ok(Vec::new()) };
+        let logs = open_logs(&self.weights_log, ("--wrench-from", &[]), mapping)?;
+        Ok(weight_rows(&check_weights(file, &logs, &read_table(table)?, read)?, file))
     }
 }

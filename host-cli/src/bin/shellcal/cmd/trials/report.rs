@@ -5,6 +5,7 @@ use std::path::Path;
 use ::report::{Heading, Input, Report};
 use anyhow::Context;
 use output_file::Outputs;
+use shellcal::workflow::batch::{Batch, Failure};
 use shellcal::workflow::figures::reduce_trace;
 use shellcal::workflow::report;
 use trial::{TraceExtent, TrialResult};
@@ -83,11 +84,7 @@ impl ReportArgs {
         let mut warnings: Vec<String> =
             manifest.suspicious().iter().map(|problem| format!("{shown}:{problem}")).collect();
         warnings.extend(manifest::slow_filter(&batch, &options));
-        let of_failure = |failure: &shellcal::workflow::batch::Failure| {
-            let place = format!("{shown}:{}", failure.place);
-            (failure.file.clone(), format!("{place}: {}", failure.message))
-        };
-        let failures: Vec<_> = batch.failures.iter().map(of_failure).collect();
+        let failures = failures(path, &batch);
         let (mapping, read) = (&equipment.mapping, evaluation.read_options());
         let doubtful = report::doubtful(&batch, mapping, equipment.instrument(), options, read)?;
         let trials: Vec<TrialResult> =
@@ -117,17 +114,25 @@ impl ReportArgs {
         };
         let html = document.html();
         out.commit_with(html.as_bytes())?;
+        let outcome = self.summarise(printer, html.len(), [trials.len(), failures.len()])?;
+        Ok(if failed { Outcome::CheckFailed } else { outcome })
+    }
+
+    fn summarise(
+        &self,
+        printer: &mut Printer,
+        bytes: usize,
+        [trials, failures]: [usize; 2],
+    ) -> anyhow::Result<Outcome> {
         let summary = serde_json::json!({
             "file": self.output,
-            "bytes": html.len(),
-            "trials": trials.len(),
-            "failures": failures.len(),
+            "bytes": bytes,
+            "trials": trials,
+            "failures": failures,
         });
-        let outcome = printer.finish(&summary, |printer| {
-            let count = trials.len();
-            printer.line(format!("report on {count} trials in `{}`", self.output.display()))
-        })?;
-        Ok(if failed { Outcome::CheckFailed } else { outcome })
+        printer.finish(&summary, |printer| {
+            printer.line(format!("report on {trials} trials in `{}`", self.output.display()))
+        })
     }
 
     /// The files but for the logs, with their checksums.
@@ -139,4 +144,13 @@ impl ReportArgs {
         };
         files.map(input).collect()
     }
+}
+
+/// The logs that could not be evaluated, and why not.
+fn failures(manifest: &Path, batch: &Batch) -> Vec<(String, String)> {
+    let of = |failure: &Failure| {
+        let why = format!("{}:{}: {}", manifest.display(), failure.place, failure.message);
+        (failure.file.clone(), why)
+    };
+    batch.failures.iter().map(of).collect()
 }
