@@ -21,11 +21,11 @@ pub(crate) struct LineState {
     wanted: Option<Change>,
     /// The rate now, `None` where the line has none of its own.
     rate: Option<Baud>,
-    trial: Option<Trial>,
+    trial: Option<RateTrial>,
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Trial {
+struct RateTrial {
     /// The rate of before.
     back_to: Baud,
     /// `None` while the line still has that.
@@ -49,7 +49,7 @@ impl LineState {
             // The rate of before that is set again needs no trial.
             let is_back = self.trial.take().is_some_and(|trial| trial.back_to == rate);
             let is_new = rate != old && !is_back;
-            self.trial = is_new.then_some(Trial { back_to: old, end_us: None });
+            self.trial = is_new.then_some(RateTrial { back_to: old, end_us: None });
             self.rate = Some(rate);
         }
         Some(change)
@@ -69,7 +69,7 @@ impl LineState {
 
     /// The rate of before, if the new one has not proved itself in time: it is to be set again.
     pub(crate) fn give_up(&mut self, now_us: u64) -> Option<Baud> {
-        let is_over = |trial: &Trial| trial.end_us.is_some_and(|end_us| now_us >= end_us);
+        let is_over = |trial: &RateTrial| trial.end_us.is_some_and(|end_us| now_us >= end_us);
         let trial = self.trial.filter(is_over)?;
         self.want(Change::Rate(trial.back_to));
         Some(trial.back_to)

@@ -210,7 +210,7 @@ mod tests {
 
     use super::*;
     use crate::board::StorageError;
-    use crate::slots::{FakeFlash, Outcome, Slots};
+    use crate::slots::{CutOutcome, FakeFlash, Slots};
     use crate::upload::RECORD;
     use shared_proto::{
         AXES, CHANNELS, Calibration, Cubic, FEATURES, MAX_PIECE, Physics, PhysicsSensor, Piece,
@@ -460,7 +460,7 @@ mod tests {
         let old = calibration();
         let new = with_intercept(9.0);
         let [old_crc, new_crc] = [&old, &new].map(|it| shared_proto::crc32(&it.to_bytes()));
-        for outcome in Outcome::ALL {
+        for outcome in CutOutcome::ALL {
             let mut slots = Slots::new(FakeFlash::new());
             let mut session = started(&mut slots);
             for command in upload(&old.to_bytes(), old_crc) {

@@ -35,7 +35,7 @@ fn blocks() -> Vec<Block> {
 
 fn problem(basis: Basis, blocks: &[Block]) -> FitProblem {
     let model = Model { basis, intercept: true, channels: 8, memory: 0 };
-    let scaling = Scaling::of_sample(&blocks[0].readings, true);
+    let scaling = Scaling::from_sample(&blocks[0].readings, true);
     FitProblem { model, scaling, ridge: 0.0 }
 }
 
@@ -43,7 +43,7 @@ fn calibration(basis: Basis, blocks: &[Block]) -> Calibration {
     let problem = problem(basis, blocks);
     let (solution, ranges) =
         solver::fit(SolverKind::Tsqr, problem, &blocks[..1].into()).expect("full rank");
-    Calibration::of_solution(&solution, &ranges)
+    Calibration::from_solution(&solution, &ranges)
 }
 
 /// One thread; the log reader does this on as many as there are.

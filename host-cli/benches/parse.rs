@@ -35,9 +35,9 @@ static TWELVE_DIGITS: LazyLock<tempfile::NamedTempFile> =
     LazyLock::new(|| training_file(twelve_digits));
 static ALL_DIGITS: LazyLock<tempfile::NamedTempFile> = LazyLock::new(|| training_file(all_digits));
 
-type Way = (&'static str, fn(&Path) -> f64);
+type ParseMethod = (&'static str, fn(&Path) -> f64);
 
-const WAYS: [Way; 6] = [
+const WAYS: [ParseMethod; 6] = [
     ("shellcal", shellcal_reader),
     ("csv-core + fast-float2", csv_core_fast_float),
     ("csv ByteRecord + str::parse", csv_byte_record),

@@ -19,13 +19,13 @@ fn main() {
     divan::main();
 }
 
-struct Rows {
+struct DenseRows {
     readings: Vec<Vec<f64>>,
     wrench: Vec<Vec<f64>>,
 }
 
 /// 12-bit readings that fill `span` counts, and a wrench of full-length `f64`.
-fn rows(span: f64) -> Rows {
+fn rows(span: f64) -> DenseRows {
     let mut random = ChaCha8Rng::seed_from_u64(1);
     let mut uniform = move || random.next_u64() as f64 / 2f64.powi(64) - 0.5;
     let mut readings = vec![Vec::new(); 8];
@@ -40,10 +40,10 @@ fn rows(span: f64) -> Rows {
             column.push(load[axis] * 5.0 + 0.1 * uniform());
         }
     }
-    Rows { readings, wrench }
+    DenseRows { readings, wrench }
 }
 
-fn sum(rows: &Rows, basis: Basis) -> Moments {
+fn sum(rows: &DenseRows, basis: Basis) -> Moments {
     let mut accumulator = Accumulator::new(basis, rows.readings.len());
     accumulator.absorb(&rows.readings, &rows.wrench).expect("integer readings");
     accumulator.finish().expect("integer readings")
@@ -106,7 +106,7 @@ fn f64_gram(bencher: Bencher, basis: Basis) {
     });
 }
 
-fn fill(rows: &Rows, terms: &[Term], start: usize, count: usize, block: &mut Mat<f64>) {
+fn fill(rows: &DenseRows, terms: &[Term], start: usize, count: usize, block: &mut Mat<f64>) {
     for (j, term) in terms.iter().enumerate() {
         let (factors, before): (&[u8], Option<usize>) = match term.factors() {
             [] => (&[], None),

@@ -9,7 +9,7 @@ use shell_data::dataset::{BLOCK_ROWS, Dataset};
 use shell_data::wrench::{Axes, Axis};
 use twox_hash::XxHash3_128;
 
-use crate::error::Failure;
+use crate::error::PythonFailure;
 use crate::interrupt::Watch;
 
 /// Rows of readings and wrench.
@@ -39,7 +39,7 @@ pub(crate) enum Weights<'a> {
 
 impl Weights<'_> {
     /// Of rows that are there so many times.
-    pub(crate) fn of_repeats(repeats: ArrayView1<'_, u32>) -> Self {
+    pub(crate) fn from_repeats(repeats: ArrayView1<'_, u32>) -> Self {
         let mut end = 0;
         Self::Repeats(
             repeats
@@ -63,7 +63,7 @@ impl Arrays<'_, '_> {
     }
 
     /// The rows as a data set; labels all alike if `labels_all` and there are none.
-    pub(crate) fn dataset(&self, labels_all: bool) -> Result<Dataset, Failure> {
+    pub(crate) fn dataset(&self, labels_all: bool) -> Result<Dataset, PythonFailure> {
         let rows = self.rows();
         let mut blocks = Vec::with_capacity(rows.div_ceil(BLOCK_ROWS));
         for start in (0..rows).step_by(BLOCK_ROWS) {

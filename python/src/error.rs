@@ -14,7 +14,7 @@ use shellcal::workflow::WorkflowError;
 
 /// What went wrong.
 #[derive(Debug)]
-pub(crate) enum Failure {
+pub(crate) enum PythonFailure {
     /// As a library says it.
     Told(PythonMessage),
     /// As Python says it, such as an interrupt.
@@ -39,7 +39,7 @@ impl PythonMessage {
     }
 
     /// An error of this class, with its causes.
-    fn of(class: &'static str, error: &dyn Error) -> Self {
+    fn from_error(class: &'static str, error: &dyn Error) -> Self {
         Self::new(class, with_causes(error))
     }
 
@@ -48,21 +48,21 @@ impl PythonMessage {
     }
 }
 
-impl From<PyErr> for Failure {
+impl From<PyErr> for PythonFailure {
     fn from(error: PyErr) -> Self {
         Self::Python(error)
     }
 }
 
-impl From<PythonMessage> for Failure {
+impl From<PythonMessage> for PythonFailure {
     fn from(told: PythonMessage) -> Self {
         Self::Told(told)
     }
 }
 
-impl From<LogError> for Failure {
+impl From<LogError> for PythonFailure {
     fn from(error: LogError) -> Self {
-        let told = PythonMessage::of("LogError", &error);
+        let told = PythonMessage::from_error("LogError", &error);
         let hint = match &error {
             LogError::Gzip { .. } => Some("copy the file again: it is cut short or damaged"),
             LogError::At { problem, .. } => hint_at(problem),
@@ -110,16 +110,16 @@ fn hint_at(problem: &PlacedProblem) -> Option<&'static str> {
     })
 }
 
-impl From<CalibrationFileError> for Failure {
+impl From<CalibrationFileError> for PythonFailure {
     fn from(error: CalibrationFileError) -> Self {
-        let told = PythonMessage::of("DocumentError", &error).in_file(&error.path);
+        let told = PythonMessage::from_error("DocumentError", &error).in_file(&error.path);
         placed(told, &error.problem).into()
     }
 }
 
-impl From<Problem> for Failure {
+impl From<Problem> for PythonFailure {
     fn from(problem: Problem) -> Self {
-        placed(PythonMessage::of("DocumentError", &problem), &problem).into()
+        placed(PythonMessage::from_error("DocumentError", &problem), &problem).into()
     }
 }
 
@@ -142,7 +142,7 @@ fn placed(told: PythonMessage, problem: &Problem) -> PythonMessage {
     }
 }
 
-impl From<MergeError> for Failure {
+impl From<MergeError> for PythonFailure {
     fn from(error: MergeError) -> Self {
         let class = match error {
             MergeError::Twice(_) => "CountedTwiceError",
@@ -157,24 +157,25 @@ impl From<MergeError> for Failure {
             MergeError::SameName(_) => Some("groups are files: give them different names"),
             _ => None,
         };
-        PythonMessage { hint, ..PythonMessage::of(class, &error) }.into()
+        PythonMessage { hint, ..PythonMessage::from_error(class, &error) }.into()
     }
 }
 
-impl From<WorkflowError> for Failure {
+impl From<WorkflowError> for PythonFailure {
     fn from(error: WorkflowError) -> Self {
         match error {
             WorkflowError::Log(error) => error.into(),
             WorkflowError::Merge(error) => error.into(),
             WorkflowError::Fit(error) => error.into(),
-            error => PythonMessage::of("FitError", &error).into(),
+            error => PythonMessage::from_error("FitError", &error).into(),
         }
     }
 }
 
-impl From<FitError> for Failure {
+impl From<FitError> for PythonFailure {
     fn from(error: FitError) -> Self {
-        PythonMessage { hint: hint_after(&error), ..PythonMessage::of("FitError", &error) }.into()
+        PythonMessage { hint: hint_after(&error), ..PythonMessage::from_error("FitError", &error) }
+            .into()
     }
 }
 
@@ -218,11 +219,11 @@ fn hint_after(error: &FitError) -> Option<&'static str> {
     })
 }
 
-impl From<Failure> for PyErr {
-    fn from(failure: Failure) -> Self {
+impl From<PythonFailure> for PyErr {
+    fn from(failure: PythonFailure) -> Self {
         let told = match failure {
-            Failure::Python(error) => return error,
-            Failure::Told(told) => told,
+            PythonFailure::Python(error) => return error,
+            PythonFailure::Told(told) => told,
         };
         Python::attach(|py| {
             let class = py.import("shellcal._errors").and_then(|errors| errors.getattr(told.class));

@@ -17,7 +17,7 @@ use shell_data::wrench::{Axes, Axis, PerAxis};
 use shellcal::workflow::fit::{FileFacts, calibration_file};
 
 use crate::arrays::{Arrays, Weights, range_of_columns};
-use crate::error::{Failure, PythonMessage};
+use crate::error::{PythonFailure, PythonMessage};
 use crate::interrupt::without_lock;
 use crate::options;
 
@@ -37,7 +37,7 @@ type Predicted<'py> = (Bound<'py, PyArray2<f64>>, Option<Bound<'py, PyArray2<f64
 
 /// Arrays as Python gives them: readings, wrench, for each row the place of its label with the labels,
 /// how often each row is there, how much it counts, and its time.
-type Rows<'py> = (
+type RowArrays<'py> = (
     PyReadonlyArray2<'py, f64>,
     PyReadonlyArray2<'py, f64>,
     Option<(PyReadonlyArray1<'py, u32>, Vec<String>)>,
@@ -55,14 +55,14 @@ fn no_time(error: NoTime) -> PythonMessage {
 /// Passes the rows to `fit` without the interpreter's lock.
 fn over_rows<T: Send>(
     py: Python<'_>,
-    (x, y, groups, repeats, weights, time): Rows<'_>,
+    (x, y, groups, repeats, weights, time): RowArrays<'_>,
     progress: Option<Py<PyAny>>,
-    fit: impl FnOnce(&Arrays<'_, '_>) -> Result<T, Failure> + Send,
-) -> Result<T, Failure> {
+    fit: impl FnOnce(&Arrays<'_, '_>) -> Result<T, PythonFailure> + Send,
+) -> Result<T, PythonFailure> {
     let (readings, wrench) = (x.as_array(), y.as_array());
     let groups = groups.as_ref().map(|(places, labels)| (places.as_array(), labels.as_slice()));
     let weights = match (&repeats, &weights) {
-        (Some(repeats), _) => Weights::of_repeats(repeats.as_array()),
+        (Some(repeats), _) => Weights::from_repeats(repeats.as_array()),
         (None, Some(weights)) => Weights::Numbers(weights.as_array()),
         (None, None) => Weights::Equal,
     };
@@ -90,7 +90,7 @@ fn source(rows: &Arrays<'_, '_>) -> Vec<SourceFile> {
 #[expect(clippy::too_many_arguments, reason = "each has a name in Python")]
 pub(crate) fn fit(
     py: Python<'_>,
-    rows: Rows<'_>,
+    rows: RowArrays<'_>,
     model: &str,
     intercept: bool,
     ridge: f64,
@@ -105,7 +105,7 @@ pub(crate) fn fit(
     made_by: (String, String),
     serial: Option<String>,
     progress: Option<Py<PyAny>>,
-) -> Result<(Fitted, Vec<String>, Vec<String>), Failure> {
+) -> Result<(Fitted, Vec<String>, Vec<String>), PythonFailure> {
     let options = FitOptions {
         model: options::model(model)?,
         intercept,
@@ -157,7 +157,7 @@ pub(crate) fn fit(
 
 /// What was asked for that polynomials alone have.
 fn polynomials_only(
-    rows: &Rows<'_>,
+    rows: &RowArrays<'_>,
     intercept: bool,
     ridge: f64,
     solver: &str,
@@ -185,7 +185,7 @@ fn row_name(row: &Outlier, channels: usize) -> RowName {
 impl Fitted {
     /// Reads a calibration file.
     #[staticmethod]
-    fn load(py: Python<'_>, path: PathBuf, edited: bool) -> Result<Self, Failure> {
+    fn load(py: Python<'_>, path: PathBuf, edited: bool) -> Result<Self, PythonFailure> {
         py.detach(|| match edited {
             true => Ok(CalibrationFile::read_edited(&path)?.into()),
             false => Ok(CalibrationFile::read(&path)?.into()),
@@ -199,7 +199,7 @@ impl Fitted {
         document: &[u8],
         name: PathBuf,
         edited: bool,
-    ) -> Result<Self, Failure> {
+    ) -> Result<Self, PythonFailure> {
         let named = |problem| CalibrationFileError { path: name.clone(), problem };
         py.detach(|| {
             let file = match edited {
@@ -229,7 +229,7 @@ impl Fitted {
     }
 
     /// How many standard errors either way an interval of this level reaches, per axis.
-    fn interval_factors(&self, level: f64) -> Result<Vec<f64>, Failure> {
+    fn interval_factors(&self, level: f64) -> Result<Vec<f64>, PythonFailure> {
         let axes = self.0.calibration.axes;
         let refused = |message: String| PythonMessage::new("FitError", message);
         let without = |what: &str| refused(format!("the calibration has no {what}"));
@@ -260,7 +260,7 @@ impl Fitted {
         x: PyReadonlyArray2<'py, f64>,
         errors: bool,
         time: Option<PyReadonlyArray1<'py, f64>>,
-    ) -> Result<Predicted<'py>, Failure> {
+    ) -> Result<Predicted<'py>, PythonFailure> {
         let (readings, calibration) = (x.as_array(), &self.0.calibration);
         let time = time.as_ref().map(|time| time.as_array());
         let rows = readings.nrows();
@@ -300,7 +300,7 @@ impl Fitted {
         py: Python<'py>,
         readings: Vec<f64>,
         time_s: Option<f64>,
-    ) -> Result<Bound<'py, PyArray1<f64>>, Failure> {
+    ) -> Result<Bound<'py, PyArray1<f64>>, PythonFailure> {
         let calibration = &self.0.calibration;
         let (found, expected) = (readings.len(), calibration.channels());
         if found != expected {

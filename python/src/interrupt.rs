@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use pyo3::prelude::*;
 
-use crate::error::Failure;
+use crate::error::PythonFailure;
 
 /// How often signals are looked for.
 const EVERY: Duration = Duration::from_millis(50);
@@ -36,8 +36,8 @@ impl Watch {
 pub(crate) fn without_lock<T: Send>(
     py: Python<'_>,
     progress: Option<&Py<PyAny>>,
-    work: impl FnOnce(&Watch) -> Result<T, Failure> + Send,
-) -> Result<T, Failure> {
+    work: impl FnOnce(&Watch) -> Result<T, PythonFailure> + Send,
+) -> Result<T, PythonFailure> {
     let watch = Watch::default();
     let mut raised = None;
     let tell = |py: Python<'_>| {
@@ -69,7 +69,7 @@ pub(crate) fn without_lock<T: Send>(
         })
     });
     match raised {
-        Some(error) => Err(Failure::Python(error)),
+        Some(error) => Err(PythonFailure::Python(error)),
         None => result,
     }
 }

@@ -12,7 +12,7 @@ use pyo3::prelude::*;
 use shell_data::block::Block;
 use shell_data::wrench::{Axis, PerAxis};
 
-use crate::error::{Failure, PythonMessage};
+use crate::error::{PythonFailure, PythonMessage};
 use crate::interrupt::without_lock;
 
 /// What the user says of the columns, by the names of the options.
@@ -34,7 +34,7 @@ pub(crate) fn read_log<'py>(
     py: Python<'py>,
     path: PathBuf,
     reading: ReadRules,
-) -> Result<ReadArrays<'py>, Failure> {
+) -> Result<ReadArrays<'py>, PythonFailure> {
     let (names, skip_bad_rows, threads) = reading;
     let mapping = mapping(&names)?;
     let (columns, groups, about) = without_lock(py, None, |_| {
@@ -103,12 +103,12 @@ impl Labels {
 }
 
 /// What the user says of the columns.
-pub(crate) fn mapping(names: &OptionColumns) -> Result<Mapping, Failure> {
+pub(crate) fn mapping(names: &OptionColumns) -> Result<Mapping, PythonFailure> {
     let mut mapping = Mapping::default();
     for (option, text) in names {
         let refused = |expected: &str| {
             let message = format!("{option} is `{text}`, expected {expected}");
-            Failure::from(PythonMessage::new("OptionError", message))
+            PythonFailure::from(PythonMessage::new("OptionError", message))
         };
         match option.as_str() {
             "format" => {

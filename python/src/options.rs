@@ -4,20 +4,20 @@ use calibration::Basis;
 use calibration::fit::{CovarianceRule, ModelRule};
 use calibration::solver::SolverKind;
 
-use crate::error::{Failure, PythonMessage};
+use crate::error::{PythonFailure, PythonMessage};
 
-pub(crate) fn model(name: &str) -> Result<ModelRule, Failure> {
+pub(crate) fn model(name: &str) -> Result<ModelRule, PythonFailure> {
     let names = Basis::ALL.map(Basis::name).join("`, `");
     ModelRule::from_name(name).ok_or_else(|| unknown("model", name, &format!("{names}`, `auto")))
 }
 
-pub(crate) fn solver(name: &str) -> Result<SolverKind, Failure> {
+pub(crate) fn solver(name: &str) -> Result<SolverKind, PythonFailure> {
     let found = SolverKind::ALL.into_iter().find(|solver| solver.name() == name);
     let names = SolverKind::ALL.map(SolverKind::name).join("`, `");
     found.ok_or_else(|| unknown("solver", name, &names))
 }
 
-pub(crate) fn covariance(name: &str) -> Result<CovarianceRule, Failure> {
+pub(crate) fn covariance(name: &str) -> Result<CovarianceRule, PythonFailure> {
     match name {
         "auto" => Ok(CovarianceRule::Auto),
         "groups" => Ok(CovarianceRule::Groups),
@@ -27,7 +27,7 @@ pub(crate) fn covariance(name: &str) -> Result<CovarianceRule, Failure> {
     }
 }
 
-fn unknown(option: &str, found: &str, expected: &str) -> Failure {
+fn unknown(option: &str, found: &str, expected: &str) -> PythonFailure {
     let message = format!("{option} is `{found}`, expected one of `{expected}`");
     PythonMessage::new("OptionError", message).into()
 }

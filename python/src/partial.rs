@@ -16,7 +16,7 @@ use shellcal::workflow::merge;
 use shellcal::workflow::partial::{self, KeptGroups, PartialOptions};
 
 use crate::arrays::{Arrays, Weights};
-use crate::error::{Failure, PythonMessage};
+use crate::error::{PythonFailure, PythonMessage};
 use crate::fitted::Fitted;
 use crate::interrupt::without_lock;
 use crate::log::{ReadRules, mapping};
@@ -29,7 +29,7 @@ pub(crate) struct Partial(PartialFit);
 /// Which sums are made: model, intercept, groups kept, seed of the random split.
 type What = (String, bool, Option<String>, u64);
 
-fn largest_basis(model: &str) -> Result<Basis, Failure> {
+fn largest_basis(model: &str) -> Result<Basis, PythonFailure> {
     Ok(match options::model(model)? {
         ModelRule::Given(basis) => basis,
         // The sums of the largest serve every model that `auto` compares.
@@ -41,7 +41,7 @@ fn largest_basis(model: &str) -> Result<Basis, Failure> {
 impl Partial {
     /// The sums over rows of arrays that are called `name`.
     #[staticmethod]
-    fn of_arrays(
+    fn from_arrays(
         py: Python<'_>,
         x: PyReadonlyArray2<'_, f64>,
         y: PyReadonlyArray2<'_, f64>,
@@ -49,7 +49,7 @@ impl Partial {
         name: PathBuf,
         what: What,
         made: (String, String),
-    ) -> Result<Self, Failure> {
+    ) -> Result<Self, PythonFailure> {
         let (model, intercept, kept, seed) = what;
         let basis = largest_basis(&model)?;
         let (readings, wrench) = (x.as_array(), y.as_array());
@@ -91,14 +91,14 @@ impl Partial {
 
     /// The sums over logs.
     #[staticmethod]
-    fn of_logs(
+    fn from_logs(
         py: Python<'_>,
         paths: Vec<PathBuf>,
         what: What,
         fresh: bool,
         reading: ReadRules,
         made: (String, String),
-    ) -> Result<Self, Failure> {
+    ) -> Result<Self, PythonFailure> {
         let (model, intercept, kept, seed) = what;
         let (names, skip_bad_rows, threads) = reading;
         let mapping = mapping(&names)?;
@@ -117,7 +117,7 @@ impl Partial {
             intercept,
             groups,
             seed,
-            triangles: false,
+            r_factors: false,
             fresh,
             mapping: &mapping,
             read: ReadOptions { threads, skip_bad_rows, ..ReadOptions::default() },
@@ -133,13 +133,13 @@ impl Partial {
 
     /// Reads a document.
     #[staticmethod]
-    fn parse(py: Python<'_>, document: &[u8]) -> Result<Self, Failure> {
+    fn parse(py: Python<'_>, document: &[u8]) -> Result<Self, PythonFailure> {
         py.detach(|| Ok(Self(PartialFit::parse(document)?)))
     }
 
     /// Reads a file.
     #[staticmethod]
-    fn load(py: Python<'_>, path: PathBuf) -> Result<Self, Failure> {
+    fn load(py: Python<'_>, path: PathBuf) -> Result<Self, PythonFailure> {
         py.detach(|| Ok(Self(PartialFit::read(&path)?)))
     }
 
@@ -158,7 +158,7 @@ impl Partial {
     }
 
     /// Adds the rows of another; this one is as it was where that cannot be.
-    fn merge(&mut self, py: Python<'_>, other: PyRef<'_, Self>) -> Result<(), Failure> {
+    fn merge(&mut self, py: Python<'_>, other: PyRef<'_, Self>) -> Result<(), PythonFailure> {
         let (own, other) = (&mut self.0, &other.0);
         py.detach(|| Ok(own.merge(other)?))
     }
@@ -204,7 +204,7 @@ impl Partial {
         covariance: &str,
         made: (String, String),
         serial: Option<String>,
-    ) -> Result<Fitted, Failure> {
+    ) -> Result<Fitted, PythonFailure> {
         let options = FitOptions {
             ridge,
             cross_validation: cross_validation.map(|(folds,)| HeldOut::from(folds)),
@@ -226,6 +226,9 @@ impl Partial {
 
 /// Reads partial fits that stand one after the other.
 #[pyfunction]
-pub(crate) fn read_partials(py: Python<'_>, documents: &[u8]) -> Result<Vec<Partial>, Failure> {
+pub(crate) fn read_partials(
+    py: Python<'_>,
+    documents: &[u8],
+) -> Result<Vec<Partial>, PythonFailure> {
     py.detach(|| PartialStream::new(documents, "<bytes>").map(|one| Ok(Partial(one?))).collect())
 }

@@ -91,7 +91,7 @@ pub struct BoardId(u32);
 
 impl BoardId {
     /// The name of the board with a serial number.
-    pub fn of_serial(serial: &[u8; 12]) -> Self {
+    pub fn from_serial(serial: &[u8; 12]) -> Self {
         Self(crc32(serial).max(1)) // 0 stands for every board
     }
 
@@ -125,7 +125,7 @@ pub struct Identity {
 impl Identity {
     /// What commands name the board by.
     pub fn id(&self) -> BoardId {
-        BoardId::of_serial(&self.serial)
+        BoardId::from_serial(&self.serial)
     }
 
     pub(crate) fn write<const N: usize>(&self, out: &mut Bytes<N>) {

@@ -49,7 +49,7 @@ pub(crate) struct Begin {
 
 /// What has happened since the turn before; the bytes that have come are its file.
 #[derive(Deserialize)]
-struct Turn {
+struct BoardEvents {
     /// Since the connection began, by a clock that only goes forward.
     elapsed_ms: f64,
     /// The same by the clock on the wall, which goes on while a computer sleeps.
@@ -106,7 +106,7 @@ impl BoardSession {
     }
 
     fn take(&mut self, request: &[u8], bytes: &[u8]) -> Result<Value, Failure> {
-        let turn: Turn = serde_json::from_slice(request)?;
+        let turn: BoardEvents = serde_json::from_slice(request)?;
         let [elapsed, arrival] = [turn.elapsed_ms, turn.arrival_ms].map(duration);
         let mut commands = Vec::new();
         self.recorder.take(bytes, elapsed, Some(arrival))?;

@@ -57,7 +57,7 @@ impl std::fmt::Debug for Progress<'_> {
 /// What a page can ask for.
 #[derive(Deserialize)]
 #[serde(tag = "task", rename_all = "snake_case")]
-enum Request {
+enum PageRequest {
     /// What a file is, and what is wrong with it.
     Examine(Examine),
     /// From training logs to a calibration.
@@ -69,9 +69,9 @@ enum Request {
 /// Does what is asked for in JSON with `files`, which the request numbers in this order.
 pub fn answer(request: &[u8], files: &[Arc<[u8]>], progress: Progress<'_>) -> Answer {
     let work = || match serde_json::from_slice(request)? {
-        Request::Examine(examine) => examine.run(files, progress.bytes),
-        Request::Fit(fit) => fit.run(files, progress),
-        Request::Convert(convert) => convert.run(files, progress.bytes),
+        PageRequest::Examine(examine) => examine.run(files, progress.bytes),
+        PageRequest::Fit(fit) => fit.run(files, progress),
+        PageRequest::Convert(convert) => convert.run(files, progress.bytes),
     };
     work().unwrap_or_else(|failure: Failure| failure.into())
 }

@@ -15,7 +15,7 @@ use crate::steps::{self, PROFILE, cargo, installed, run as step, scratch, worksp
 use crate::{book, dependencies, pictures, python, toolchain};
 
 #[derive(Debug, clap::Args)]
-pub(crate) struct Args {
+pub(crate) struct CheckArgs {
     /// Only these [default: all]
     #[arg(value_enum)]
     parts: Vec<CheckPart>,
@@ -90,7 +90,7 @@ const SYSTEMS: [(&str, Need); 2] =
 pub(crate) const NEEDS: [Need; 5] = [FORMATTER, LINTER, FUZZER, WINDOWS, AARCH64];
 
 /// Runs all that is asked for, to its end, and tells what has failed.
-pub(crate) fn run(args: &Args) -> Result<()> {
+pub(crate) fn run(args: &CheckArgs) -> Result<()> {
     let all = CheckPart::value_variants();
     let parts = if args.parts.is_empty() { all } else { &args.parts };
     let mut failed = Vec::new();

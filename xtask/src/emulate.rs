@@ -11,7 +11,7 @@ use crate::steps::{self, workspace};
 use crate::{firmware, model};
 
 #[derive(Debug, clap::Args)]
-pub(crate) struct Args {
+pub(crate) struct EmulateArgs {
     /// Recording to play, over and over: CSV with columns s1 to s8, in steps of the 12-bit converter
     #[arg(long, value_name = "CSV", default_value = "calibration-data/synthetic-test.csv")]
     play: PathBuf,
@@ -24,7 +24,7 @@ pub(crate) struct Args {
 /// What the converter sees with the emitter off, in steps.
 const DARK: u16 = 100;
 
-pub(crate) fn run(args: &Args) -> Result<()> {
+pub(crate) fn run(args: &EmulateArgs) -> Result<()> {
     let frames = read(&workspace().join(&args.play))?;
     firmware::build(args.board)?;
     let model = model::find(args.board)?;

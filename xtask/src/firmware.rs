@@ -21,7 +21,7 @@ use crate::steps::workspace;
 use crate::toolchain;
 
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
-pub(crate) struct Args {
+pub(crate) struct FirmwareArgs {
     /// Keep what was measured in firmware/measured.toml, for later runs to compare with
     #[arg(long)]
     record: bool,
@@ -43,7 +43,7 @@ const RECORD_HEAD: &str = "\
 ";
 
 /// Lints and builds all images, measures, prints, and is an error where something does not fit.
-pub(crate) fn run(args: Args) -> Result<()> {
+pub(crate) fn run(args: FirmwareArgs) -> Result<()> {
     let recorded = MeasuredImages::read()?;
     let toolchain = toolchain::set_up()?;
     let compiler: Vec<&str> = toolchain.version.split(' ').take(2).collect();

@@ -9,7 +9,7 @@ use crate::image::Board;
 use crate::steps::{self, installed};
 
 #[derive(Debug, clap::Args)]
-pub(crate) struct Args {
+pub(crate) struct FlashArgs {
     /// Board that is at the probe
     #[arg(long, value_enum, default_value = "skinproc")]
     board: Board,
@@ -23,7 +23,7 @@ pub(crate) struct Args {
     log: bool,
 }
 
-pub(crate) fn run(args: &Args) -> Result<()> {
+pub(crate) fn run(args: &FlashArgs) -> Result<()> {
     // Before minutes are spent on the image.
     if !installed("probe-rs", &["--version"]) {
         bail!(

@@ -28,7 +28,7 @@ use clap::{Parser, Subcommand};
 /// The tasks of this workspace.
 #[derive(Debug, Parser)]
 #[command(name = "cargo xtask", max_term_width = 100)]
-struct Args {
+struct Xtask {
     #[command(subcommand)]
     task: Task,
 }
@@ -36,11 +36,11 @@ struct Args {
 #[derive(Debug, Subcommand)]
 enum Task {
     /// Test that the program works on this machine: Rust, flashed images, Python, browser
-    Test(test::Args),
+    Test(test::TestArgs),
     /// Check what a change has to pass beside the tests; exit code 1 if anything fails
-    Check(check::Args),
+    Check(check::CheckArgs),
     /// Install what tests and checks need; each command is printed before it runs
-    Setup(setup::Args),
+    Setup(setup::SetupArgs),
     /// Write the list of packages and licences that `shellcal licences` prints
     Licences,
     /// Make the pictures of README anew
@@ -48,15 +48,15 @@ enum Task {
     /// Build the page that fits and converts in a browser, and print its size; exit code 1 above the limit
     Web,
     /// Lint and build the boards' images and print what they take; exit code 1 if they do not fit
-    Firmware(firmware::Args),
+    Firmware(firmware::FirmwareArgs),
     /// Build a board's image and flash it, with probe-rs
-    Flash(flash::Args),
+    Flash(flash::FlashArgs),
     /// Run a board's image on the model of its microcontroller, on a pty, until Ctrl-C
-    Emulate(emulate::Args),
+    Emulate(emulate::EmulateArgs),
 }
 
 fn main() -> ExitCode {
-    let done = match Args::parse().task {
+    let done = match Xtask::parse().task {
         Task::Test(args) => test::run(&args),
         Task::Check(args) => check::run(&args),
         Task::Setup(args) => setup::run(args),

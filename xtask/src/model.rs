@@ -42,7 +42,7 @@ pub(crate) fn find(board: Board) -> Result<Model> {
 
 /// A stream of the flashed image.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Measured {
+pub(crate) struct MeasuredStream {
     /// Instructions from one frame to the next.
     pub(crate) instructions_per_frame: f64,
     /// The deepest that the stack has been, in bytes.
@@ -56,12 +56,12 @@ pub(crate) fn measure(
     played: &[PlayedFrame],
     calibration: &Calibration,
     rate_hz: f64,
-) -> Result<Measured> {
+) -> Result<MeasuredStream> {
     let dir = steps::scratch("emulation")?;
     let mut board = FlashedBoard::start(model, played, &dir);
     board.run(ORDER_S);
     for (number, command) in (1..).zip(orders(stream, calibration)) {
-        let packet = Packet::Command { number, to: Some(BoardId::of_serial(&SERIAL)), command };
+        let packet = Packet::Command { number, to: Some(BoardId::from_serial(&SERIAL)), command };
         board.send(&packet.encode());
         board.run(ORDER_S);
     }
@@ -70,7 +70,7 @@ pub(crate) fn measure(
     ensure!(after.resets.is_empty() && !after.sent.is_empty(), "the flashed image does not stream");
     let instructions = (after.instructions - before.instructions) as f64;
     let frames = (after.time_s - before.time_s) * rate_hz;
-    Ok(Measured { instructions_per_frame: instructions / frames, stack: after.stack })
+    Ok(MeasuredStream { instructions_per_frame: instructions / frames, stack: after.stack })
 }
 
 fn orders(stream: Stream, calibration: &Calibration) -> Vec<Order> {

@@ -11,7 +11,7 @@ use crate::steps::{self, installed, scratch};
 use crate::{check, python, toolchain, web};
 
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
-pub(crate) struct Args {
+pub(crate) struct SetupArgs {
     /// Install nothing: name what is missing and how to get it; exit code 1 if anything is
     #[arg(long)]
     no_install: bool,
@@ -30,7 +30,7 @@ pub(crate) const SHELLS: Need = Need {
     ways: &[Way::Packages(&["zsh", "fish", "groff-base", "curl"])],
 };
 
-pub(crate) fn run(args: Args) -> Result<()> {
+pub(crate) fn run(args: SetupArgs) -> Result<()> {
     let tests = [toolchain::NEED, python::NEED, BROWSER, SHELLS, web::NEED];
     let needs = [&tests[..], &check::NEEDS].concat();
     let is_missing = |need: &Need| match args.no_install {

@@ -20,7 +20,7 @@ use crate::steps::{self, BUILD, PROFILE, REAL_DATA, SCREENS, cargo, real_data, s
 use crate::{model, python, setup, toolchain, web};
 
 #[derive(Debug, clap::Args)]
-pub(crate) struct Args {
+pub(crate) struct TestArgs {
     /// Leave out what this machine cannot have
     #[arg(long, value_enum, value_delimiter = ',')]
     without: Vec<Part>,
@@ -67,7 +67,7 @@ struct TestEquipment {
     python: Option<PathBuf>,
 }
 
-pub(crate) fn run(args: &Args) -> Result<()> {
+pub(crate) fn run(args: &TestArgs) -> Result<()> {
     let parts: Vec<Part> = Part::ALL.into_iter().filter(|it| !args.without.contains(it)).collect();
     let (equipment, programs) = set_up_and_build(&parts)?;
     let mut jobs: Vec<Job> = programs.iter().map(|program| program.job(&equipment)).collect();

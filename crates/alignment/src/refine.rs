@@ -108,7 +108,7 @@ pub(super) struct WarpEstimate {
 }
 
 /// What is known of the sensor so far.
-struct SensorKnowledge {
+struct KnownSensor {
     /// From features to straight readings.
     map: Mat<f64>,
     /// The inverse of the residual covariance.
@@ -119,7 +119,7 @@ struct SensorKnowledge {
     keep: Vec<bool>,
 }
 
-impl SensorKnowledge {
+impl KnownSensor {
     fn new(axes: usize, channels: usize) -> Self {
         let model = MemoryModel::on_axes(axes);
         let features = CONSTANTS + model.features();
@@ -191,7 +191,7 @@ pub(super) fn refine(
     if overlap_s < LEAST_OVERLAP_S {
         return Err(AlignError::ShortOverlap { overlap_s, needed_s: LEAST_OVERLAP_S });
     }
-    let mut current = SensorKnowledge::new(trajectory.axes(), frames.channels);
+    let mut current = KnownSensor::new(trajectory.axes(), frames.channels);
     let mut warp = start.about(problem.pivot_s);
     let mut settled = problem.settle(&mut warp, &mut current, prior_skew, (MEMORY_STEPS, SMALL))?;
     let mut spread = [0.0; 2];
@@ -256,7 +256,7 @@ impl<'a> WarpProblem<'a> {
     fn settle(
         &self,
         warp: &mut Warp,
-        current: &mut SensorKnowledge,
+        current: &mut KnownSensor,
         prior_skew: Option<f64>,
         (memory_steps, small): (usize, f64),
     ) -> Result<SettledWarp, AlignError> {
@@ -306,12 +306,7 @@ impl<'a> WarpProblem<'a> {
     }
 
     /// Calls `each` with every row that the reference has a value for.
-    fn for_each(
-        &self,
-        warp: &Warp,
-        current: &SensorKnowledge,
-        mut each: impl FnMut(&MatchedRow<'_>),
-    ) {
+    fn for_each(&self, warp: &Warp, current: &KnownSensor, mut each: impl FnMut(&MatchedRow<'_>)) {
         let channels = self.frames.channels;
         let mut window = self.trajectory.features(current.model.clone());
         let mut features = vec![0.0; current.map.nrows()];
@@ -357,7 +352,7 @@ impl<'a> WarpProblem<'a> {
     }
 
     /// What the rows say, at a warp.
-    fn gram(&self, warp: &Warp, current: &SensorKnowledge) -> GramSums {
+    fn gram(&self, warp: &Warp, current: &KnownSensor) -> GramSums {
         let mut gram = GramSums::new(current.map.nrows(), self.frames.channels);
         let width = gram.width();
         let mut block = Vec::with_capacity(BLOCK * width);
@@ -384,7 +379,7 @@ impl<'a> WarpProblem<'a> {
         &self,
         warp: Warp,
         settled: &SettledWarp,
-        current: &SensorKnowledge,
+        current: &KnownSensor,
         spread: [f64; 2],
     ) -> WarpEstimate {
         let SettledWarp { projected, white, .. } = settled;
@@ -411,7 +406,7 @@ impl<'a> WarpProblem<'a> {
     fn excerpt(
         &self,
         warp: &Warp,
-        current: &SensorKnowledge,
+        current: &KnownSensor,
         channel: usize,
         centre_s: f64,
     ) -> Excerpt {

@@ -41,8 +41,8 @@ mod origin;
 mod partial;
 pub mod payload_file;
 mod physics_document;
+mod r_factor;
 pub mod stored;
-mod triangle;
 
 use shell_data::hint::Hint;
 use std::io;
@@ -192,7 +192,7 @@ impl From<serde_json::Error> for Problem {
 
 /// What is read of a document before all else.
 #[derive(Deserialize)]
-struct Header {
+struct DocumentHeader {
     schema_version: u64,
     /// The name of a model, or what a polynomial is made of.
     model: Option<serde_json::Value>,
@@ -232,7 +232,7 @@ impl CalibrationFile {
     /// [`Problem`] if the version is unknown, the checksum does not match, or the content is implausible.
     pub fn parse(text: &[u8]) -> Result<Self, Problem> {
         let file = Self::parse_edited(text)?;
-        let Header { schema_version, checksum, .. } = serde_json::from_slice(text)?;
+        let DocumentHeader { schema_version, checksum, .. } = serde_json::from_slice(text)?;
         // After the parts: what can be named says more.
         if schema_version == SCHEMA_VERSION || checksum.is_some() {
             checksum::check(text)?;
@@ -246,7 +246,7 @@ impl CalibrationFile {
     /// Those of [`Self::parse`] but for the checksum.
     pub fn parse_edited(text: &[u8]) -> Result<Self, Problem> {
         // The version first: a document of another version may differ in any other field.
-        let Header { schema_version, model, .. } = serde_json::from_slice(text)?;
+        let DocumentHeader { schema_version, model, .. } = serde_json::from_slice(text)?;
         let is_physics = model.is_some_and(|model| model.is_string());
         let file = match schema_version {
             SIX_AXES_SCHEMA_VERSION | FEWER_AXES_SCHEMA_VERSION => document::parse(text),

@@ -68,7 +68,7 @@ impl PhysicsDocument {
         if let Some(intervals) = &physics.intervals {
             check_intervals("intervals", intervals)?;
         }
-        let mut calibration = Calibration::of(Kind::Physics(Box::new(physics)));
+        let mut calibration = Calibration::from_kind(Kind::Physics(Box::new(physics)));
         calibration.valid_range = self.valid_range.value(Axes::ALL)?;
         calibration.lag = self.lag.value(Axes::ALL)?;
         Ok(CalibrationFile { calibration, origin: self.origin.value(Axes::ALL)? })
@@ -150,7 +150,7 @@ mod tests {
         let mut physics = PhysicsCalibration::new(model, scale);
         let factors = std::array::from_fn(|axis| vec![0.7, 1.9 + axis as f64 / 3.0]);
         physics.intervals = Some(GroupIntervals { groups: 12, levels: vec![0.5, 0.9], factors });
-        let calibration = Calibration::of(Kind::Physics(Box::new(physics)));
+        let calibration = Calibration::from_kind(Kind::Physics(Box::new(physics)));
         CalibrationFile { calibration, origin: Origin::default() }
     }
 

@@ -53,17 +53,17 @@ impl Calibration {
     /// # Panics
     /// If there are not as many coefficients as terms, or as many scalings as channels.
     pub fn new(model: Model, scaling: Scaling, coefficients: Vec<PerAxis<f64>>) -> Self {
-        Self::of(Kind::Polynomial(Polynomial::new(model, scaling, coefficients)))
+        Self::from_kind(Kind::Polynomial(Polynomial::new(model, scaling, coefficients)))
     }
 
     /// A calibration of this kind, of all six axes, without a covariance and valid for any reading.
-    pub fn of(kind: Kind) -> Self {
+    pub fn from_kind(kind: Kind) -> Self {
         Self { kind, axes: Axes::ALL, covariance: None, valid_range: None, memory: None, lag: None }
     }
 
     /// The calibration of all six axes that a solver has found, valid over the ranges of its training data, without
     /// a covariance.
-    pub fn of_solution(solution: &Solution, ranges: &ReadingRanges) -> Self {
+    pub fn from_solution(solution: &Solution, ranges: &ReadingRanges) -> Self {
         let c = &solution.coefficients;
         let rows = (0..c.nrows()).map(|j| std::array::from_fn(|axis| c[(j, axis)])).collect();
         Self {

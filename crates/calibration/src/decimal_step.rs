@@ -28,7 +28,7 @@ impl DecimalStep {
     pub(crate) const NONE: Self = Self { times: 0, over: 1 };
 
     /// The largest step that all `values` are multiples of; `None` if there is none.
-    pub(crate) fn of(values: &[f64]) -> Option<Self> {
+    pub(crate) fn new(values: &[f64]) -> Option<Self> {
         values.iter().try_fold(Self::NONE, |known, &value| {
             if known.has_multiple(value) {
                 return Some(known);
@@ -95,7 +95,7 @@ mod tests {
 
     #[test]
     fn the_step_is_the_largest_that_suits_all() {
-        let of = |values: &[f64]| DecimalStep::of(values).map(|step| (step.times, step.over));
+        let of = |values: &[f64]| DecimalStep::new(values).map(|step| (step.times, step.over));
         assert_eq!(of(&[0.0125, -0.00625, 1.1, 0.0]), Some((625, 100_000)));
         assert_eq!(of(&[6.0, -9.0]), Some((3, 1)));
         assert_eq!(of(&[0.0, -0.0]), Some((0, 1)));
@@ -106,7 +106,10 @@ mod tests {
         assert_eq!(of(&[1e300]), None);
         // 10²¹ of the finest steps, which no 64 bits hold.
         assert_eq!(of(&[1e12, 1e-9]), None);
-        assert_eq!(DecimalStep::of(&[1e12]).unwrap().and(DecimalStep::of(&[1e-9]).unwrap()), None);
+        assert_eq!(
+            DecimalStep::new(&[1e12]).unwrap().and(DecimalStep::new(&[1e-9]).unwrap()),
+            None
+        );
     }
 
     #[test]
@@ -114,8 +117,8 @@ mod tests {
         let values = [0.0, 12.5, -0.04, 7.0, 0.002];
         for cut in 0..=values.len() {
             let [a, b] =
-                [&values[..cut], &values[cut..]].map(|part| DecimalStep::of(part).unwrap());
-            assert_eq!(a.and(b).unwrap().size(), DecimalStep::of(&values).unwrap().size());
+                [&values[..cut], &values[cut..]].map(|part| DecimalStep::new(part).unwrap());
+            assert_eq!(a.and(b).unwrap().size(), DecimalStep::new(&values).unwrap().size());
         }
     }
 }

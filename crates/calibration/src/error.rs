@@ -70,7 +70,7 @@ pub enum FitError {
     #[error("memory terms and a lag are of single rows, not of means")]
     DynamicsOfMeans,
     /// A model of other features than were kept.
-    #[error("the triangles are for `{kept}` features, not for `{asked}`")]
+    #[error("the R factors are for `{kept}` features, not for `{asked}`")]
     OtherFeatures {
         /// The largest model that can be fitted.
         kept: String,
@@ -209,7 +209,7 @@ impl FitError {
     }
 
     /// An error of the least-squares solver in terms of channels and features.
-    pub(super) fn of_least_squares(
+    pub(super) fn from_least_squares(
         error: LeastSquaresError,
         features: &Features,
         ranges: &ReadingRanges,
@@ -223,8 +223,8 @@ impl FitError {
             {
                 FitError::IdenticalRows { rows: ranges.rows }
             }
-            LeastSquaresError::RankDeficient { null_space, triangle, .. } => {
-                let (r, null_space) = (triangle.as_ref().as_ref(), null_space.as_ref());
+            LeastSquaresError::RankDeficient { null_space, r_factor, .. } => {
+                let (r, null_space) = (r_factor.as_ref().as_ref(), null_space.as_ref());
                 FitError::RankDeficient(RankLoss::explain(features, ranges, r, null_space))
             }
             LeastSquaresError::IllConditioned { limit } => FitError::IllConditioned { limit },

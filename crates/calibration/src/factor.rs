@@ -20,8 +20,8 @@ impl InverseFactor {
     pub fn matrix(&self) -> Cow<'_, Mat<f64>> {
         match self {
             InverseFactor::Known(factor) => Cow::Borrowed(factor),
-            InverseFactor::Inverse(triangle) => {
-                Cow::Owned(UpperTriangle::of(triangle).inverse().matrix())
+            InverseFactor::Inverse(r_factor) => {
+                Cow::Owned(UpperTriangle::new(r_factor).inverse().matrix())
             }
         }
     }

@@ -213,7 +213,7 @@ fn loads_are_constant_in_groups(data: &Dataset) -> bool {
         let mut start = 0;
         for (label, rows) in &*block.labels {
             let of =
-                |axis: usize| RunningVariance::of(&block.rows.wrench[axis][start..start + rows]);
+                |axis: usize| RunningVariance::new(&block.rows.wrench[axis][start..start + rows]);
             let own =
                 groups.entry(label.clone()).or_insert_with(PerAxis::<RunningVariance>::default);
             for axis in 0..6 {
@@ -229,7 +229,7 @@ fn loads_are_constant_in_groups(data: &Dataset) -> bool {
 
 /// Whether a log may have plateaus, going by a sample of its rows; one of the first rows only does not tell.
 pub fn may_have_plateaus(sample: &Block, is_sampled_at_start: bool) -> bool {
-    let mut finder = PlateauFinder::<6>::new(Steps::of_sample(&[], &sample.wrench));
+    let mut finder = PlateauFinder::<6>::new(Steps::from_sample(&[], &sample.wrench));
     finder.add(&[], &sample.wrench);
     is_sampled_at_start || matches!(finder.finish(), Stretches::Plateaus(_))
 }
@@ -258,7 +258,7 @@ fn label_by_file(data: &Dataset) -> Dataset {
 /// Finds groups in the rows. Logs are groups of their own where only others have any.
 fn find(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     let stretches = |log: &LogRows| {
-        let steps = Steps::of_sample(&log.sample.time_s, &log.sample.wrench);
+        let steps = Steps::from_sample(&log.sample.time_s, &log.sample.wrench);
         let mut finder = PlateauFinder::<6>::new(steps);
         log.blocks.iter().for_each(|block| finder.add(&block.rows.time_s, &block.rows.wrench));
         finder.finish()
@@ -334,7 +334,7 @@ fn load_correlation(data: &Dataset, lag: usize) -> f64 {
             })
             .collect();
         let mut all = RunningVariance::default();
-        columns.iter().for_each(|column| all.merge(&RunningVariance::of(column)));
+        columns.iter().for_each(|column| all.merge(&RunningVariance::new(column)));
         let of_pair = |pair: &[f64]| (pair[0] - all.mean) * (pair[lag] - all.mean);
         let pairs = || columns.iter().flat_map(|column| column.windows(lag + 1));
         let mean = pairs().map(of_pair).sum::<f64>() / pairs().count().max(1) as f64;

@@ -55,7 +55,7 @@ pub fn label_holds(data: &Dataset, labels: &[String]) -> Result<Dataset, HoldMis
 fn holds(log: &LogRows) -> Vec<ReadingHold> {
     let blocks: Vec<_> = log.blocks.iter().map(|block| block.rows.as_ref().clone()).collect();
     let sample = sample(&blocks);
-    let mut finder = PlateauFinder::new(Steps::of_sample(&[], &sample.readings));
+    let mut finder = PlateauFinder::new(Steps::from_sample(&[], &sample.readings));
     blocks.iter().for_each(|block| finder.add(&block.time_s, &block.readings));
     finder.holds()
 }

@@ -23,7 +23,7 @@
 //! let model = Model { basis: Basis::Linear, intercept: true, channels: 1, memory: 0 };
 //! let problem = FitProblem { model, scaling: calibration::scaling::Scaling::identity(1), ridge: 0.0 };
 //! let (solution, ranges) = solver::fit(SolverKind::Exact, problem, &(&block).into())?;
-//! let calibration = Calibration::of_solution(&solution, &ranges);
+//! let calibration = Calibration::from_solution(&solution, &ranges);
 //!
 //! let mut converted = Default::default();
 //! calibration.wrench(&[vec![150.0]], &mut converted);
@@ -56,6 +56,7 @@ pub mod physics;
 pub mod plausibility;
 pub mod polynomial;
 pub mod quality;
+pub mod r_factor;
 pub mod rank_loss;
 pub mod raw_units;
 pub mod reading_ranges;
@@ -64,7 +65,6 @@ pub mod sandwich;
 pub mod scaling;
 pub mod solver;
 mod symmetric;
-pub mod triangle;
 pub mod uncertainty;
 pub mod validation;
 mod vectors;

@@ -18,7 +18,7 @@ use shell_data::dataset::Dataset;
 pub struct Workers<'a> {
     /// Number of threads; 0 for one per core. No result depends on it.
     pub threads: usize,
-    /// Told how many more rows a pass has dealt with; says whether to go on.
+    /// Told how many more rows a pass has handled; says whether to go on.
     pub watch: Option<&'a (dyn Fn(usize) -> bool + Sync)>,
     /// Told how many folds of the physics model, or splits of a replay, are done, and of how many.
     pub folds: Option<&'a (dyn Fn(usize, usize) + Sync)>,
@@ -51,7 +51,7 @@ impl std::fmt::Debug for Workers<'_> {
 static AVAILABLE_THREADS: LazyLock<usize> =
     LazyLock::new(|| std::thread::available_parallelism().map_or(1, usize::from));
 
-/// Numbers that one thread deals with before another would be ready.
+/// Numbers that one thread handles before another would be ready.
 const WORTH_A_THREAD: usize = 1 << 16;
 
 /// Blocks that can be passed over any number of times, always in the same order.

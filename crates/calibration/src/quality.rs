@@ -35,7 +35,7 @@ impl AxisErrors {
     ///
     /// # Panics
     /// If they are not.
-    pub fn of(predicted: &[f64], measured: &[f64]) -> Self {
+    pub fn new(predicted: &[f64], measured: &[f64]) -> Self {
         Self::with_room(predicted, measured, &mut Vec::new())
     }
 
@@ -91,7 +91,7 @@ pub fn significant(value: f64, digits: usize) -> String {
     format!("{value:.decimals$}")
 }
 
-/// [`AxisErrors::of`], inlined whole into code for the widest vectors of the machine.
+/// [`AxisErrors::new`], inlined whole into code for the widest vectors of the machine.
 struct ErrorsOf<'a> {
     predicted: &'a [f64],
     measured: &'a [f64],
@@ -113,8 +113,8 @@ impl NullaryFnOnce for ErrorsOf<'_> {
             }
         }
         AxisErrors {
-            error: RunningVariance::of_inlined(errors),
-            measured: RunningVariance::of_inlined(measured),
+            error: RunningVariance::from_inlined(errors),
+            measured: RunningVariance::from_inlined(measured),
             max: largest.into_iter().fold(0.0, f64::max),
         }
     }
@@ -145,7 +145,7 @@ mod tests {
     #[test]
     fn figures_of_a_small_example_computed_from_the_definition() {
         // Errors 1, −1, 3, 1; measured 0, 2, 4, 6 with Σ(m − 3)² = 20.
-        let errors = AxisErrors::of(&[1.0, 1.0, 7.0, 7.0], &[0.0, 2.0, 4.0, 6.0]);
+        let errors = AxisErrors::new(&[1.0, 1.0, 7.0, 7.0], &[0.0, 2.0, 4.0, 6.0]);
         let quality = errors.quality().unwrap();
         assert_eq!(quality.bias, 1.0);
         assert_eq!(quality.max, Some(3.0));
@@ -155,7 +155,7 @@ mod tests {
 
     #[test]
     fn a_wrench_that_never_changes_has_no_r_squared_and_no_rows_have_no_figures() {
-        let quality = AxisErrors::of(&[1.0, 2.0], &[5.0, 5.0]).quality().unwrap();
+        let quality = AxisErrors::new(&[1.0, 2.0], &[5.0, 5.0]).quality().unwrap();
         assert_eq!(quality.r_squared, None);
         assert_eq!(AxisErrors::default().quality(), None);
     }

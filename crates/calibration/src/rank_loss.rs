@@ -1,6 +1,6 @@
 //! Which channels cause a loss of rank.
 //!
-//! Worked out from the triangle of the QR factorisation alone: its columns have the same lengths
+//! Worked out from the R factor of the QR factorisation alone: its columns have the same lengths
 //! and angles as the columns of features, so channels can be compared without the rows.
 
 use std::fmt;
@@ -61,7 +61,7 @@ const NEGLIGIBLE_SHARE: f64 = 1e-6;
 impl RankLoss {
     /// Explains a rank loss.
     ///
-    /// `r` is the p × p triangle of the features; `null_space`, p × (p − rank), holds directions in
+    /// `r` is the p × p R factor of the features; `null_space`, p × (p − rank), holds directions in
     /// which its columns, scaled to norm one, cancel.
     pub fn explain(
         features: &Features,

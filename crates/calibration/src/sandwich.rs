@@ -19,7 +19,7 @@
 //! whose mean over all rows is the variance of one row: without bias where errors are independent,
 //! and where the errors of a group are one and the same and so are its readings.
 //!
-//! Where `K_g` and `u_g` come from, exact sums or triangles of a QR factorisation, is not said here.
+//! Where `K_g` and `u_g` come from, exact sums or R factors of a QR factorisation, is not said here.
 
 use faer::Mat;
 

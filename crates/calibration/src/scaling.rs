@@ -26,12 +26,12 @@ impl Scaling {
     /// from it, so that |z| ≤ 1 over the sample. Without an intercept the centre is zero: the
     /// powers of a shifted reading span the powers of the reading only together with a constant,
     /// so a shift would change the model and not only its basis.
-    pub fn of_sample(readings: &[Vec<f64>], intercept: bool) -> Self {
-        Self::of_channels(readings.iter().map(|column| ChannelSample::of(column)), intercept)
+    pub fn from_sample(readings: &[Vec<f64>], intercept: bool) -> Self {
+        Self::from_channels(readings.iter().map(|column| ChannelSample::new(column)), intercept)
     }
 
     /// The same from what is known of all rows.
-    pub(crate) fn of_channels(
+    pub(crate) fn from_channels(
         channels: impl Iterator<Item = ChannelSample>,
         intercept: bool,
     ) -> Self {
@@ -60,7 +60,7 @@ pub(crate) struct ChannelSample {
 }
 
 impl ChannelSample {
-    fn of(column: &[f64]) -> Self {
+    fn new(column: &[f64]) -> Self {
         let (min, max) = column
             .iter()
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(min, max), &s| (min.min(s), max.max(s)));
@@ -104,19 +104,19 @@ mod tests {
 
     #[test]
     fn integer_readings_get_an_integer_centre_and_end_up_within_one() {
-        let scaling = Scaling::of_sample(&[vec![1000.0, 1001.0, 1500.0]], true);
+        let scaling = Scaling::from_sample(&[vec![1000.0, 1001.0, 1500.0]], true);
         assert_eq!(scaling, Scaling { centre: vec![1167.0], scale: vec![512.0] });
     }
 
     #[test]
     fn without_an_intercept_nothing_is_shifted() {
-        let scaling = Scaling::of_sample(&[vec![1000.0, 1024.0]], false);
+        let scaling = Scaling::from_sample(&[vec![1000.0, 1024.0]], false);
         assert_eq!(scaling, Scaling { centre: vec![0.0], scale: vec![1024.0] });
     }
 
     #[test]
     fn readings_in_volts_are_centred_on_a_fraction_of_their_range() {
-        let scaling = Scaling::of_sample(&[vec![2.5, 2.5625, 2.6]], true);
+        let scaling = Scaling::from_sample(&[vec![2.5, 2.5625, 2.6]], true);
         assert!((scaling.centre[0] - 2.55).abs() < 0.01);
         assert_eq!(scaling.centre[0] * 128.0, (scaling.centre[0] * 128.0).round());
         assert_eq!(scaling.scale, [0.0625]);
@@ -124,7 +124,7 @@ mod tests {
 
     #[test]
     fn constant_and_empty_channels_have_a_scaling_too() {
-        let scaling = Scaling::of_sample(&[vec![7.0, 7.0], vec![]], true);
+        let scaling = Scaling::from_sample(&[vec![7.0, 7.0], vec![]], true);
         assert_eq!(scaling, Scaling { centre: vec![7.0, 0.0], scale: vec![1.0, 1.0] });
     }
 

@@ -114,7 +114,7 @@ mod tests {
     #[test]
     fn features_of_integer_readings_leave_nothing_out() {
         let readings = [vec![4095.0, 0.0, 1234.0], vec![1.0, 65535.0, 17.0]];
-        let scaling = Scaling::of_sample(&readings, true);
+        let scaling = Scaling::from_sample(&readings, true);
         let model = Model { basis: Basis::Poly3, intercept: true, channels: 2, memory: 0 };
         let features = Features::new(model, scaling);
         let p = features.len();

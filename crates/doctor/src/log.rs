@@ -210,7 +210,7 @@ impl<'a> Collector<'a> {
         }
         for start in (0..block.rows).step_by(STEP) {
             let end = (start + STEP).min(block.rows);
-            self.means.push(wrench.each_ref().map(|axis| RunningVariance::of(&axis[start..end])));
+            self.means.push(wrench.each_ref().map(|axis| RunningVariance::new(&axis[start..end])));
         }
     }
 

@@ -107,7 +107,7 @@ fn jump(pose: &str, columns: &[Vec<f64>], ranges: &[f64]) -> Option<PoseJump> {
     for (channel, (column, &range)) in columns.iter().zip(ranges).enumerate() {
         let Some((at, means)) = split(column) else { continue };
         let size = (means[1] - means[0]).abs();
-        let mean = |values: &[f64]| RunningVariance::of(values).mean;
+        let mean = |values: &[f64]| RunningVariance::new(values).mean;
         let sudden =
             (mean(&column[at..at + LEAST_ROWS]) - mean(&column[at - LEAST_ROWS..at])).abs();
         let is_jump = size > JUMP * range && size > NOISE * noise(column) && sudden > size / 2.0;
@@ -123,7 +123,7 @@ fn jump(pose: &str, columns: &[Vec<f64>], ranges: &[f64]) -> Option<PoseJump> {
 fn split(column: &[f64]) -> Option<(usize, [f64; 2])> {
     let rows = column.len();
     // About its mean, so that nothing is lost to rounding.
-    let mean = RunningVariance::of(column).mean;
+    let mean = RunningVariance::new(column).mean;
     let (mut sum, mut best) = (0.0, None);
     for (at, value) in column.iter().enumerate() {
         if (LEAST_ROWS..=rows.saturating_sub(LEAST_ROWS)).contains(&at) {

@@ -18,12 +18,12 @@ const SLIVERS: usize = 2048;
 /// A wrench over time, reduced to what a figure needs.
 #[derive(Clone, Debug)]
 pub struct WrenchTrace {
-    axes: PerAxis<Curve>,
+    axes: PerAxis<TraceCurve>,
 }
 
 /// One quantity over time.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Curve {
+pub(super) struct TraceCurve {
     window: Option<Window>,
 }
 
@@ -52,7 +52,7 @@ impl Default for WrenchTrace {
 impl WrenchTrace {
     /// No rows yet.
     pub fn new() -> Self {
-        Self { axes: std::array::from_fn(|_| Curve::default()) }
+        Self { axes: std::array::from_fn(|_| TraceCurve::default()) }
     }
 
     /// Adds a block of rows: time in s, six columns of wrench in the order of [`Axis::ALL`], N and
@@ -70,7 +70,7 @@ impl WrenchTrace {
     }
 }
 
-impl Curve {
+impl TraceCurve {
     pub(super) fn add(&mut self, time: &[f64], values: &[f64]) {
         let finite = || {
             let pairs = time.iter().copied().zip(values.iter().copied());
@@ -201,7 +201,7 @@ pub fn trace_figure(size: Size, title: &str, trace: &WrenchTrace) -> Figure {
 
 /// The range of the values, and zero unless it is far from all of them: what the sensor was tared to
 /// belongs in the picture.
-fn shown_range(trace: &Curve) -> ValueRange {
+fn shown_range(trace: &TraceCurve) -> ValueRange {
     let values = trace.points().map(|(_, value)| ValueRange { low: value, high: value });
     let range = values.reduce(ValueRange::union).unwrap_or(ValueRange { low: 0.0, high: 0.0 });
     let with_zero = range.union(ValueRange { low: 0.0, high: 0.0 });
@@ -210,7 +210,7 @@ fn shown_range(trace: &Curve) -> ValueRange {
 }
 
 /// The line through the points, without those that fall on the one before.
-pub(super) fn path(panel: &Panel, trace: &Curve) -> String {
+pub(super) fn path(panel: &Panel, trace: &TraceCurve) -> String {
     let mut path = String::new();
     let mut before = String::new();
     for (t, v) in trace.points() {
@@ -229,8 +229,8 @@ pub(super) fn path(panel: &Panel, trace: &Curve) -> String {
 mod tests {
     use super::*;
 
-    fn trace(values: &[(f64, f64)], split: usize) -> Curve {
-        let mut trace = Curve::default();
+    fn trace(values: &[(f64, f64)], split: usize) -> TraceCurve {
+        let mut trace = TraceCurve::default();
         for block in values.chunks(split) {
             let (time, values): (Vec<_>, Vec<_>) = block.iter().copied().unzip();
             trace.add(&time, &values);

@@ -1,22 +1,22 @@
 //! How the zero of an unloaded sensor moves: its trend against time and temperature, and its wander.
 //!
 //! Each [rest](crate::stationary) is one observation, its mean; how its frames scatter says nothing of how
-//! a trend was met. The standard error of a slope is that of least squares from the scatter of the rests
+//! a trend was met. The standard error of a slope is that of least squares from the scatter of the stationary intervals
 //! about the line, times `√((1 + ρ)/(1 − ρ))` with ρ the correlation of neighbours in it, to which
-//! `(2 + 4ρ)/n` is added for what the line itself takes away. Independent rests keep within two standard
+//! `(2 + 4ρ)/n` is added for what the line itself takes away. Independent stationary intervals keep within two standard
 //! errors of their true slope in 95 % of cases; a zero that wanders without aim (a random walk over 60 rests)
 //! stays within three of none in three of four, where plain least squares would say so in one of four.
 
 use crate::stationary::{QuietLevel, ZeroChange};
 use shell_data::statistics::RunningVariance;
 
-/// The fewest rests that a trend is told from.
+/// The fewest stationary intervals that a trend is told from.
 pub const FEWEST_RESTS: usize = 3;
 
 /// Neighbours that have more in common than this say nothing of a trend beyond it.
 const MOST_CORRELATED: f64 = 0.95;
 
-/// A straight line through the zeros at the rests, in units of the quantity and of what it is held against.
+/// A straight line through the zeros at the stationary intervals, in units of the quantity and of what it is held against.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Trend {
     /// Change per unit.
@@ -33,7 +33,7 @@ pub struct Drift {
     /// From the first rest to the last.
     #[serde(flatten)]
     pub change: ZeroChange,
-    /// Standard deviation of the zeros at the rests beyond what the noise within them makes.
+    /// Standard deviation of the zeros at the stationary intervals beyond what the noise within them makes.
     pub wander: f64,
     /// Against time, per s.
     pub per_s: Trend,
@@ -45,7 +45,7 @@ impl Trend {
     /// Of the values `y` at `x`, in order; `None` for fewer than [`FEWEST_RESTS`], or where `x` does not
     /// change.
     pub fn fit(x: &[f64], y: &[f64]) -> Option<Self> {
-        let (xs, ys) = (RunningVariance::of(x), RunningVariance::of(y));
+        let (xs, ys) = (RunningVariance::new(x), RunningVariance::new(y));
         if x.len() < FEWEST_RESTS || xs.squares <= 0.0 || !xs.squares.is_finite() {
             return None;
         }
@@ -67,7 +67,7 @@ impl Trend {
 }
 
 impl Drift {
-    /// Of one of `quantities` from its levels at the rests, with the middle of each, s, and its
+    /// Of one of `quantities` from its levels at the stationary intervals, with the middle of each, s, and its
     /// temperature, `None` where that is not known; `None` for fewer than [`FEWEST_RESTS`].
     pub fn fit(
         levels: &[QuietLevel],
@@ -79,7 +79,7 @@ impl Drift {
         let per_s = Trend::fit(times_s, &zeros)?;
         let known = temperatures.iter().zip(&zeros).filter_map(|(at, &zero)| Some(((*at)?, zero)));
         let (degrees, zeros_there): (Vec<f64>, Vec<f64>) = known.unzip();
-        let all = RunningVariance::of(&zeros);
+        let all = RunningVariance::new(&zeros);
         let squares = |level: &QuietLevel| level.standard_error * level.standard_error;
         let by_noise = levels.iter().map(squares).sum::<f64>() / levels.len() as f64;
         let (first, last) = (levels.first()?, levels.last()?);

@@ -109,7 +109,7 @@ impl ForceOptions {
 }
 
 impl TareRule {
-    /// The same, of rests causal or not.
+    /// The same, of stationary intervals causal or not.
     fn following(self, causal: bool) -> Self {
         match self {
             Self::Rests { .. } => Self::Rests { causal },
@@ -117,7 +117,7 @@ impl TareRule {
         }
     }
 
-    /// Whether the zero follows the rests.
+    /// Whether the zero follows the stationary intervals.
     pub fn follows_rests(self) -> bool {
         matches!(self, Self::Rests { .. })
     }

@@ -15,7 +15,7 @@ use super::{LowPass, RowRule, TareResult};
 pub struct ForcePipeline {
     pub(super) rule: RowRule,
     pub(super) tare: Option<Tare>,
-    /// What is subtracted in place of the tare's mean, where the tare follows the rests.
+    /// What is subtracted in place of the tare's mean, where the tare follows the stationary intervals.
     pub(super) zeros: Option<StationaryZeros>,
     pub(super) tare_result: Option<TareResult>,
     pub(super) low_pass: Option<AppliedLowPass>,
@@ -53,7 +53,7 @@ impl ForcePipeline {
         }
     }
 
-    /// The tare; of one that follows the rests, the first.
+    /// The tare; of one that follows the stationary intervals, the first.
     pub fn tare(&self) -> Option<&Tare> {
         self.tare.as_ref()
     }
@@ -76,7 +76,7 @@ impl ForcePipeline {
     }
 
     /// The wrench of every row, tared, not filtered: N and N·m. The bits of a row do not depend on
-    /// the rows beside it. Times, s, are for a tare that follows the rests.
+    /// the rows beside it. Times, s, are for a tare that follows the stationary intervals.
     pub fn wrench(
         &self,
         calibration: &Calibration,

@@ -20,23 +20,23 @@ pub struct PipelineSetup {
 impl PipelineSetup {
     /// Nothing read yet.
     pub fn new(options: ForceOptions) -> Self {
-        Self::of(options, false)
+        Self::from_options(options, false)
     }
 
     /// The same, keeping the frames of the tare.
     pub fn keeping_frames(options: ForceOptions) -> Self {
-        Self::of(options, true)
+        Self::from_options(options, true)
     }
 
-    /// The same while a log is recorded: of a tare that follows the rests only the first is looked for,
+    /// The same while a log is recorded: of a tare that follows the stationary intervals only the first is looked for,
     /// and [`ForcePipeline::follow`] is told of all of them.
     pub fn while_recording(options: ForceOptions) -> Self {
-        let mut setup = Self::of(options, false);
+        let mut setup = Self::from_options(options, false);
         setup.tare.end_at_first_rest();
         setup
     }
 
-    fn of(options: ForceOptions, keep_frames: bool) -> Self {
+    fn from_options(options: ForceOptions, keep_frames: bool) -> Self {
         let tare = TareSearch::new(options.tare, options.rule, keep_frames);
         Self { options, tare, clock: ClockSearch::default() }
     }

@@ -26,13 +26,13 @@ pub(super) struct TareSearch {
     seen_s: Option<(f64, f64)>,
     /// The frames themselves, if they are kept.
     frames: Option<TareFrames>,
-    /// Where the tare follows them: the rests, and the zeros at these.
+    /// Where the tare follows them: the stationary intervals, and the zeros at these.
     rests: Option<(StationaryFinder, StationaryZeros)>,
-    /// Leave all rests but the first to somebody else.
+    /// Leave all stationary intervals but the first to somebody else.
     ends_at_first_rest: bool,
 }
 
-/// The frames of a tare: of one that follows the rests, those of the first.
+/// The frames of a tare: of one that follows the stationary intervals, those of the first.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TareFrames {
     /// Readings, counts, one column a channel.
@@ -58,7 +58,7 @@ pub struct TareResult {
     /// The standard deviation of their wrenches about it, N and N·m.
     #[serde(serialize_with = "by_column")]
     pub sd: AxisValues<f64>,
-    /// Where the tare follows the rests: how many there are.
+    /// Where the tare follows the stationary intervals: how many there are.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rests: Option<usize>,
     /// The end of the last of these, s.
@@ -199,7 +199,7 @@ impl TareSearch {
         let mut wrench = PerAxis::default();
         calibration.wrench(&self.chunk, &mut wrench);
         for (spread, axis) in self.spread.iter_mut().zip(&wrench) {
-            spread.merge(&RunningVariance::of(axis));
+            spread.merge(&RunningVariance::new(axis));
         }
         self.chunk.iter_mut().for_each(Vec::clear);
         self.mean = Some(match self.mean.take() {

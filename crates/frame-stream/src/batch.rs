@@ -2,7 +2,7 @@
 
 /// They arrive as a whole, or are lost as a whole.
 #[derive(Debug, Default)]
-pub(crate) struct Batch {
+pub(crate) struct FrameBatch {
     pub(crate) bytes: Vec<u8>,
     pub(crate) rows: u64,
 }

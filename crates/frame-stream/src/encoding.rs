@@ -25,14 +25,14 @@ pub enum StreamFormat {
 pub struct RowEncoder {
     format: StreamFormat,
     axes: Axes,
-    readings: Vec<Field>,
-    wrench: Vec<Field>,
-    errors: Vec<Field>,
+    readings: Vec<FieldPrefix>,
+    wrench: Vec<FieldPrefix>,
+    errors: Vec<FieldPrefix>,
 }
 
 /// A column: its name, and what stands before its values.
 #[derive(Clone, Debug)]
-struct Field {
+struct FieldPrefix {
     name: String,
     before: String,
 }
@@ -40,11 +40,11 @@ struct Field {
 impl RowEncoder {
     /// For rows such as `first`, whose wrenches have these axes.
     pub fn new(format: StreamFormat, axes: Axes, first: &StreamRow) -> Self {
-        let fields = |names: Vec<String>, there: bool| -> Vec<Field> {
+        let fields = |names: Vec<String>, there: bool| -> Vec<FieldPrefix> {
             let wanted = there || format == StreamFormat::JsonLines;
             let field = |name: String| match format {
-                StreamFormat::JsonLines => Field { before: format!(",\"{name}\":"), name },
-                StreamFormat::Csv => Field { before: ",".to_owned(), name },
+                StreamFormat::JsonLines => FieldPrefix { before: format!(",\"{name}\":"), name },
+                StreamFormat::Csv => FieldPrefix { before: ",".to_owned(), name },
             };
             names.into_iter().filter(|_| wanted).map(field).collect()
         };
@@ -100,7 +100,7 @@ impl RowEncoder {
         .into_bytes()
     }
 
-    fn numbers(&self, fields: &[Field], values: Option<Vec<f64>>, text: &mut Vec<u8>) {
+    fn numbers(&self, fields: &[FieldPrefix], values: Option<Vec<f64>>, text: &mut Vec<u8>) {
         let is_csv = self.format == StreamFormat::Csv;
         if values.is_none() && !is_csv {
             return;

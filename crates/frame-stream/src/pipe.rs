@@ -7,7 +7,7 @@ use std::sync::{Arc, OnceLock};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use crate::batch::Batch;
+use crate::batch::FrameBatch;
 
 /// Rows that wait, at most: four seconds at 1 kHz.
 const WAITING: u64 = 4096;
@@ -18,14 +18,14 @@ const PIECE: usize = 1 << 16;
 /// The end of the pipe that rows are put in.
 #[derive(Debug)]
 pub(crate) struct PipeReader {
-    batches: Option<Sender<Batch>>,
+    batches: Option<Sender<FrameBatch>>,
     /// Rows that were handed over.
     handed: u64,
-    shared: Arc<Shared>,
+    shared: Arc<PipeState>,
 }
 
 #[derive(Debug, Default)]
-struct Shared {
+struct PipeState {
     /// Rows that have been written.
     written: AtomicU64,
     /// How it has ended.
@@ -35,7 +35,7 @@ struct Shared {
 impl PipeReader {
     pub(crate) fn new(name: &str, out: impl Write + Send + 'static) -> io::Result<Self> {
         let (batches, receiver) = channel();
-        let shared = Arc::new(Shared::default());
+        let shared = Arc::new(PipeState::default());
         let of_thread = Arc::clone(&shared);
         let run = move || {
             let result = write_all(out, &receiver, &of_thread.written);
@@ -49,7 +49,7 @@ impl PipeReader {
     ///
     /// # Errors
     /// That of the last write: the reader is gone.
-    pub(crate) fn send(&mut self, batch: Batch) -> io::Result<bool> {
+    pub(crate) fn send(&mut self, batch: FrameBatch) -> io::Result<bool> {
         let Some(batches) = &self.batches else { return Ok(false) };
         let handed = self.handed + batch.rows;
         if handed - self.shared.written.load(Ordering::Acquire) > WAITING
@@ -88,10 +88,10 @@ impl PipeReader {
 
 fn write_all(
     mut out: impl Write,
-    batches: &Receiver<Batch>,
+    batches: &Receiver<FrameBatch>,
     written: &AtomicU64,
 ) -> io::Result<()> {
-    while let Ok(Batch { mut bytes, mut rows }) = batches.recv() {
+    while let Ok(FrameBatch { mut bytes, mut rows }) = batches.recv() {
         while bytes.len() < PIECE
             && let Ok(next) = batches.try_recv()
         {

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use output_file::OutputError;
 
-use crate::batch::Batch;
+use crate::batch::FrameBatch;
 use crate::destination::Destination;
 use crate::encoding::RowEncoder;
 use crate::pipe::PipeReader;
@@ -25,7 +25,7 @@ const BATCH: u64 = 256;
 /// All readers of a stream.
 #[derive(Debug)]
 pub struct Readers {
-    readers: Vec<Reader>,
+    readers: Vec<StreamReader>,
     listeners: Vec<TcpListener>,
     looked: Option<Instant>,
     /// Rows so far.
@@ -35,11 +35,11 @@ pub struct Readers {
 }
 
 #[derive(Debug)]
-struct Reader {
+struct StreamReader {
     name: String,
-    way: Way,
+    way: Transport,
     /// What waits for the next [`Readers::flush`].
-    batch: Batch,
+    batch: FrameBatch,
     has_names: bool,
     /// Rows that it was handed, and that it lost.
     handed: u64,
@@ -47,7 +47,7 @@ struct Reader {
 }
 
 #[derive(Debug)]
-enum Way {
+enum Transport {
     Pipe(PipeReader),
     Udp(UdpSocket),
     Tcp(TcpReader),
@@ -88,7 +88,7 @@ impl Readers {
                     readers.listeners.push(listener);
                     continue;
                 }
-                Destination::Stdout => PipeReader::new("stdout", io::stdout()).map(Way::Pipe),
+                Destination::Stdout => PipeReader::new("stdout", io::stdout()).map(Transport::Pipe),
                 Destination::File(path) => {
                     OutputError::check_text(path)?;
                     let mut options = OpenOptions::new();
@@ -98,12 +98,12 @@ impl Readers {
                         options.write(true).create_new(true);
                     }
                     let file = options.open(path).map_err(|it| OutputError::failed(path, it))?;
-                    PipeReader::new("file", file).map(Way::Pipe)
+                    PipeReader::new("file", file).map(Transport::Pipe)
                 }
-                Destination::Udp(address) => datagrams(*address).map(Way::Udp),
+                Destination::Udp(address) => datagrams(*address).map(Transport::Udp),
             };
             let (name, way) = (destination.to_string(), way.map_err(failed)?);
-            readers.readers.push(Reader::new(name, way));
+            readers.readers.push(StreamReader::new(name, way));
         }
         Ok(readers)
     }
@@ -129,11 +129,11 @@ impl Readers {
 
     /// Hands over what was sent.
     pub fn flush(&mut self) {
-        self.each(Reader::flush);
+        self.each(StreamReader::flush);
     }
 
     /// Those with whom it fails are gone.
-    fn each(&mut self, mut act: impl FnMut(&mut Reader) -> io::Result<()>) {
+    fn each(&mut self, mut act: impl FnMut(&mut StreamReader) -> io::Result<()>) {
         let gone = &mut self.gone;
         self.readers.retain_mut(|reader| match act(reader) {
             Ok(()) => true,
@@ -154,8 +154,8 @@ impl Readers {
             // One that has hung up already is no reader.
             while let Ok((stream, peer)) = listener.accept() {
                 if let Ok(reader) = TcpReader::new(stream) {
-                    let (name, way) = (format!("tcp:{peer}"), Way::Tcp(reader));
-                    self.readers.push(Reader::new(name, way));
+                    let (name, way) = (format!("tcp:{peer}"), Transport::Tcp(reader));
+                    self.readers.push(StreamReader::new(name, way));
                 }
             }
         }
@@ -184,13 +184,13 @@ fn datagrams(to: SocketAddr) -> io::Result<UdpSocket> {
     Ok(socket)
 }
 
-impl Reader {
-    fn new(name: String, way: Way) -> Self {
-        Self { name, way, batch: Batch::default(), has_names: false, handed: 0, lost: 0 }
+impl StreamReader {
+    fn new(name: String, way: Transport) -> Self {
+        Self { name, way, batch: FrameBatch::default(), has_names: false, handed: 0, lost: 0 }
     }
 
     fn send(&mut self, row: &[u8], number: u64, encoder: &RowEncoder) -> io::Result<()> {
-        let is_udp = matches!(self.way, Way::Udp(_));
+        let is_udp = matches!(self.way, Transport::Udp(_));
         if !self.has_names
             && let Some(header) = encoder.header()
         {
@@ -217,10 +217,10 @@ impl Reader {
         let batch = std::mem::take(&mut self.batch);
         let rows = batch.rows;
         let is_taken = match &mut self.way {
-            Way::Pipe(pipe) => pipe.send(batch)?,
-            Way::Tcp(tcp) => tcp.send(batch)?,
+            Transport::Pipe(pipe) => pipe.send(batch)?,
+            Transport::Tcp(tcp) => tcp.send(batch)?,
             // Where it fails nobody listens there yet, or the network is down for now.
-            Way::Udp(socket) => socket.send(&batch.bytes).is_ok(),
+            Transport::Udp(socket) => socket.send(&batch.bytes).is_ok(),
         };
         match is_taken {
             true => self.handed += rows,
@@ -231,10 +231,10 @@ impl Reader {
 
     fn summary(&mut self, error: Option<io::Error>) -> ReaderSummary {
         let (rows, ended) = match &mut self.way {
-            Way::Udp(_) => (self.handed, Ok(())),
-            Way::Tcp(tcp) if error.is_some() => (tcp.taken, Ok(())),
-            Way::Tcp(tcp) => (tcp.finish(PATIENCE), Ok(())),
-            Way::Pipe(pipe) => pipe.finish(PATIENCE),
+            Transport::Udp(_) => (self.handed, Ok(())),
+            Transport::Tcp(tcp) if error.is_some() => (tcp.taken, Ok(())),
+            Transport::Tcp(tcp) => (tcp.finish(PATIENCE), Ok(())),
+            Transport::Pipe(pipe) => pipe.finish(PATIENCE),
         };
         let error = error.or(ended.err());
         let has_left = |error: &io::Error| {

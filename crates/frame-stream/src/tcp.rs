@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use std::net::TcpStream;
 use std::time::Duration;
 
-use crate::batch::Batch;
+use crate::batch::FrameBatch;
 
 /// Bytes that wait beside those of the system, at most: two seconds at 1 kHz.
 const WAITING: usize = 1 << 20;
@@ -14,7 +14,7 @@ const WAITING: usize = 1 << 20;
 #[derive(Debug)]
 pub(crate) struct TcpReader {
     stream: TcpStream,
-    waiting: VecDeque<Batch>,
+    waiting: VecDeque<FrameBatch>,
     bytes: usize,
     /// Bytes of the first batch that are sent.
     begun: usize,
@@ -33,7 +33,7 @@ impl TcpReader {
     ///
     /// # Errors
     /// The reader is gone.
-    pub(crate) fn send(&mut self, batch: Batch) -> io::Result<bool> {
+    pub(crate) fn send(&mut self, batch: FrameBatch) -> io::Result<bool> {
         if !self.waiting.is_empty() {
             self.write()?;
         }

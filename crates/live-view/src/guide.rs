@@ -107,7 +107,7 @@ pub struct Guide {
     recorded: Vec<bool>,
     next: usize,
     phase: GuidePhase,
-    stretch: VecDeque<Moment>,
+    stretch: VecDeque<Stillness>,
     /// Mean and noise at rest, once they are known.
     rest: Option<([f64; CHANNELS], [f64; CHANNELS])>,
     /// How far each channel was off its rest.
@@ -121,7 +121,7 @@ pub struct Guide {
 
 /// What a row says of stillness.
 #[derive(Clone, Copy, Debug)]
-struct Moment {
+struct Stillness {
     time_s: f64,
     index: i64,
     values: [f64; CHANNELS],
@@ -163,7 +163,7 @@ impl Guide {
             self.still_since = None;
         }
         self.newest_s = time_s;
-        self.stretch.push_back(Moment { time_s, index, values, wrench });
+        self.stretch.push_back(Stillness { time_s, index, values, wrench });
         while self.stretch.get(1).is_some_and(|second| time_s - second.time_s >= STRETCH_S) {
             self.stretch.pop_front();
         }

@@ -6,7 +6,7 @@ use shell_data::wrench::{Axis, LoadErrors};
 
 /// A number that a column holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Quantity {
+pub(crate) enum ColumnQuantity {
     Mass,
     Force,
     /// A coordinate of the point.
@@ -31,12 +31,12 @@ pub(crate) enum Quantity {
 
 /// What a column is.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Column {
+pub(crate) enum LoadColumn {
     Group,
     Mounting,
     Direction,
     /// A number, and what it is multiplied by to be in SI units (angles: radians).
-    Number(Quantity, f64),
+    Number(ColumnQuantity, f64),
     /// Carried along.
     Other,
 }
@@ -50,9 +50,9 @@ const USUAL_ANGLE_RAD: f64 = DEGREE;
 const USUAL_LEVER_M: f64 = 1e-3;
 
 /// Known names, with what they are.
-const NAMES: [(&str, Column); 42] = {
-    use Column::{Direction, Group, Mounting, Number, Other};
-    use Quantity as Q;
+const NAMES: [(&str, LoadColumn); 42] = {
+    use ColumnQuantity as Q;
+    use LoadColumn::{Direction, Group, Mounting, Number, Other};
     [
         ("group", Group),
         ("pose", Group),
@@ -99,7 +99,7 @@ const NAMES: [(&str, Column); 42] = {
     ]
 };
 
-impl Column {
+impl LoadColumn {
     /// What a column of this name is, or what is wrong with it.
     pub(crate) fn from_name(name: &str) -> Result<Self, String> {
         let plain = name.trim().to_lowercase().replace([' ', '-'], "_");
@@ -107,7 +107,7 @@ impl Column {
             return Ok(Self::Other);
         }
         if let Some(axis) = Axis::ALL.iter().find(|axis| axis.column() == plain) {
-            return Ok(Self::Number(Quantity::Wrench(axis.index()), 1.0));
+            return Ok(Self::Number(ColumnQuantity::Wrench(axis.index()), 1.0));
         }
         let known = NAMES.iter().find(|(known, _)| *known == plain);
         known.map(|(_, column)| *column).ok_or_else(|| {
@@ -120,19 +120,19 @@ impl Column {
 
 /// The load of a line: `number` gives what a column of it holds, `word` its direction.
 pub(crate) fn pull(
-    number: impl Fn(Quantity) -> Option<f64>,
+    number: impl Fn(ColumnQuantity) -> Option<f64>,
     word: Option<&str>,
 ) -> Result<Pull, String> {
-    let three = |of: fn(usize) -> Quantity| {
+    let three = |of: fn(usize) -> ColumnQuantity| {
         let found = [0, 1, 2].map(|axis| number(of(axis)));
         found.iter().any(Option::is_some).then(|| found.map(|value| value.unwrap_or(0.0)))
     };
-    let (mass_kg, force_n) = match (number(Quantity::Mass), number(Quantity::Force)) {
+    let (mass_kg, force_n) = match (number(ColumnQuantity::Mass), number(ColumnQuantity::Force)) {
         (Some(_), Some(_)) => return Err("both a mass and a force".to_owned()),
         (Some(mass), None) => (Some(mass), mass * STANDARD_GRAVITY),
         (None, Some(force)) => (None, force),
         (None, None) => {
-            let found = [0, 1, 2, 3, 4, 5].map(|axis| number(Quantity::Wrench(axis)));
+            let found = [0, 1, 2, 3, 4, 5].map(|axis| number(ColumnQuantity::Wrench(axis)));
             return match found.iter().any(Option::is_some) {
                 true => Ok(Pull::Wrench(found.map(|value| value.unwrap_or(0.0)))),
                 false => Err("no mass, no force and no wrench".to_owned()),
@@ -146,19 +146,19 @@ pub(crate) fn pull(
         let found = [number(first), number(second)];
         found.iter().any(Option::is_some).then(|| found.map(|value| value.unwrap_or(0.0)))
     };
-    let turned = angles(Quantity::Roll, Quantity::Pitch)
-        .or_else(|| number(Quantity::Yaw).map(|_| [0.0, 0.0]));
+    let turned = angles(ColumnQuantity::Roll, ColumnQuantity::Pitch)
+        .or_else(|| number(ColumnQuantity::Yaw).map(|_| [0.0, 0.0]));
     let ways = [
         word.map(direction_of_word).transpose()?,
-        three(Quantity::Along),
-        angles(Quantity::Azimuth, Quantity::Elevation)
+        three(ColumnQuantity::Along),
+        angles(ColumnQuantity::Azimuth, ColumnQuantity::Elevation)
             .map(|[azimuth, up]| [up.cos() * azimuth.cos(), up.cos() * azimuth.sin(), up.sin()]),
         // −Rᵀ·z with R = Rz(yaw)·Ry(pitch)·Rx(roll), the sensor's axes in the room; yaw turns about the load.
         turned.map(|[roll, pitch]| {
             [pitch.sin(), -pitch.cos() * roll.sin(), -pitch.cos() * roll.cos()]
         }),
         // At rest it reads what holds it up.
-        three(Quantity::Accelerometer).map(|read| read.map(|value| -value)),
+        three(ColumnQuantity::Accelerometer).map(|read| read.map(|value| -value)),
     ];
     let mut given = ways.into_iter().flatten();
     let along = given.next().unwrap_or([0.0, 0.0, -1.0]);
@@ -169,16 +169,16 @@ pub(crate) fn pull(
     if length <= 0.0 {
         return Err("a direction of length 0".to_owned());
     }
-    let point_m = three(Quantity::Point).unwrap_or_default();
+    let point_m = three(ColumnQuantity::Point).unwrap_or_default();
     Ok(Pull::Force { force_n, mass_kg, point_m, direction: along.map(|x| x / length) })
 }
 
 /// The errors that a line states of its load, and those that are usual where it says nothing.
 pub(crate) fn errors(
-    number: impl Fn(Quantity) -> Option<f64>,
+    number: impl Fn(ColumnQuantity) -> Option<f64>,
     pull: &Pull,
 ) -> Result<LoadErrors, String> {
-    use Quantity::{AngleError, ForceError, LeverError, MassError};
+    use ColumnQuantity::{AngleError, ForceError, LeverError, MassError};
     let force_n = match pull {
         Pull::Force { force_n, .. } => *force_n,
         Pull::Wrench(_) => 0.0,

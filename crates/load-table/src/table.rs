@@ -4,7 +4,7 @@ use std::collections::HashSet;
 
 use csv::{ReaderBuilder, StringRecord, Trim, WriterBuilder};
 
-use super::columns::{Column, Quantity, errors, pull};
+use super::columns::{ColumnQuantity, LoadColumn, errors, pull};
 use super::load::HungLoad;
 
 /// Loads, one a line, with the cells that they were read from.
@@ -51,8 +51,9 @@ impl HungLoads {
         let header = fields(first, separator).map_err(|why| fault(header_line, None, why))?;
         let mut columns = Vec::new();
         for name in &header {
-            let column = Column::from_name(name).map_err(|why| fault(header_line, None, why))?;
-            if columns.contains(&column) && column != Column::Other {
+            let column =
+                LoadColumn::from_name(name).map_err(|why| fault(header_line, None, why))?;
+            if columns.contains(&column) && column != LoadColumn::Other {
                 let message = "a second column for the same".to_owned();
                 return Err(fault(header_line, Some(name), message));
             }
@@ -100,7 +101,7 @@ impl HungLoads {
     /// # Panics
     /// If an index is not below the number of lines.
     pub fn to_csv(&self, lines: &[usize], more: &[(String, Vec<String>)]) -> String {
-        let is_group = |name: &String| Column::from_name(name) == Ok(Column::Group);
+        let is_group = |name: &String| LoadColumn::from_name(name) == Ok(LoadColumn::Group);
         let is_own = |at: &usize| !self.header[*at].to_lowercase().starts_with("plan_");
         let kept: Vec<usize> = (0..self.header.len()).filter(is_own).collect();
         let unlabelled = !self.header.iter().any(is_group);
@@ -134,21 +135,21 @@ fn fields(line: &str, separator: u8) -> Result<Vec<String>, String> {
 /// The load of a line, or which column is wrong, and how.
 fn load(
     line: usize,
-    columns: &[Column],
+    columns: &[LoadColumn],
     cells: &[String],
 ) -> Result<HungLoad, (Option<usize>, String)> {
-    let mut numbers: Vec<(Quantity, f64)> = Vec::new();
+    let mut numbers: Vec<(ColumnQuantity, f64)> = Vec::new();
     let (mut group, mut mounting, mut word) = (None, None, None);
     for (at, (column, cell)) in columns.iter().zip(cells).enumerate() {
         if cell.is_empty() {
             continue;
         }
         match column {
-            Column::Group => group = Some(cell.clone()),
-            Column::Mounting => mounting = Some(cell.clone()),
-            Column::Direction => word = Some(cell.as_str()),
-            Column::Other => {}
-            Column::Number(quantity, unit) => {
+            LoadColumn::Group => group = Some(cell.clone()),
+            LoadColumn::Mounting => mounting = Some(cell.clone()),
+            LoadColumn::Direction => word = Some(cell.as_str()),
+            LoadColumn::Other => {}
+            LoadColumn::Number(quantity, unit) => {
                 let value = cell.replace('−', "-").parse::<f64>().ok().filter(|x| x.is_finite());
                 let value = value.ok_or_else(|| (Some(at), format!("`{cell}` is not a number")))?;
                 // A point in m and one in mm are columns of one quantity.

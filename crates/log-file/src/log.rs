@@ -32,7 +32,7 @@ impl Log {
     /// [`LogError`] if the file cannot be read, is empty, of a kind or layout that is not read, has two
     /// columns for one thing, or lacks a column that `mapping` names.
     pub fn open(path: &Path, mapping: &Mapping) -> Result<Self, LogError> {
-        Self::of(LogSource::new(path, mapping.table.as_deref())?, mapping)
+        Self::new(LogSource::new(path, mapping.table.as_deref())?, mapping)
     }
 
     /// The same of a file in memory, which is called `name`.
@@ -40,7 +40,7 @@ impl Log {
     /// # Errors
     /// Those of [`Log::open`].
     pub fn in_memory(name: &Path, bytes: Arc<[u8]>, mapping: &Mapping) -> Result<Self, LogError> {
-        Self::of(LogSource::in_memory(name, bytes, mapping.table.as_deref())?, mapping)
+        Self::new(LogSource::in_memory(name, bytes, mapping.table.as_deref())?, mapping)
     }
 
     /// The same with the columns of the file `beside`, row by row: they follow those of the log. Where
@@ -67,22 +67,22 @@ impl Log {
                 mapping.wrench = places.try_into().ok();
             }
         }
-        Self::of(source, &mapping)
+        Self::new(source, &mapping)
     }
 
     /// A log of text that `write` writes, CSV with names; errors call it `path`.
     ///
     /// # Errors
     /// [`LogError`] if there is no room for it, or it is no such text.
-    pub fn of_text(
+    pub fn from_text(
         path: &Path,
         write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
     ) -> Result<Self, LogError> {
         let mapping = Mapping { format: Some(LogFormat::Csv), ..Mapping::default() };
-        Self::of(LogSource::of_text(path, write)?, &mapping)
+        Self::new(LogSource::from_text(path, write)?, &mapping)
     }
 
-    fn of(source: LogSource, mapping: &Mapping) -> Result<Self, LogError> {
+    fn new(source: LogSource, mapping: &Mapping) -> Result<Self, LogError> {
         let mut head = Vec::with_capacity(HEAD_BYTES as usize);
         let mut stream = source.open()?.take(HEAD_BYTES);
         stream.read_to_end(&mut head).map_err(|error| source.error(error))?;

@@ -124,7 +124,7 @@ impl ColumnSummary {
             }
             self.last = value;
         }
-        self.variance.merge(&RunningVariance::of(values));
+        self.variance.merge(&RunningVariance::new(values));
         self.rows += values.len() as u64;
     }
 

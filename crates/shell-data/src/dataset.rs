@@ -111,7 +111,7 @@ impl Dataset {
     /// What tells the rows of all logs from others.
     pub fn fingerprint(&self) -> Fingerprint {
         let mut fingerprint = Fingerprint::default();
-        self.blocks().for_each(|(_, block)| fingerprint.merge(Fingerprint::of(&block.rows)));
+        self.blocks().for_each(|(_, block)| fingerprint.merge(Fingerprint::new(&block.rows)));
         fingerprint
     }
 

@@ -28,7 +28,7 @@ impl fmt::Display for Fingerprint {
 
 impl Fingerprint {
     /// Of readings and wrench of the rows of a block.
-    pub fn of(block: &Block) -> Self {
+    pub fn new(block: &Block) -> Self {
         arch().dispatch(OfBlock(block))
     }
 
@@ -86,7 +86,7 @@ pub fn hash(values: impl Iterator<Item = f64>) -> u64 {
     values.fold(0, |hash: u64, value| mixed(hash.rotate_left(23) ^ value.to_bits()))
 }
 
-/// [`Fingerprint::of`], inlined whole into code for the widest vectors of the processor.
+/// [`Fingerprint::new`], inlined whole into code for the widest vectors of the processor.
 struct OfBlock<'a>(&'a Block);
 
 impl NullaryFnOnce for OfBlock<'_> {
@@ -114,7 +114,7 @@ mod tests {
 
     fn of(rows: &[[f64; 2]]) -> Fingerprint {
         let column = |i: usize| rows.iter().map(|row| row[i]).collect();
-        Fingerprint::of(&Block {
+        Fingerprint::new(&Block {
             rows: rows.len(),
             readings: vec![column(0), column(1)],
             ..Block::default()

@@ -6,8 +6,8 @@
 //! ```
 //! use shell_data::statistics::RunningVariance;
 //!
-//! let mut all = RunningVariance::of(&[1.0, 2.0]);
-//! all.merge(&RunningVariance::of(&[3.0, 6.0]));
+//! let mut all = RunningVariance::new(&[1.0, 2.0]);
+//! all.merge(&RunningVariance::new(&[3.0, 6.0]));
 //! assert_eq!((all.count, all.mean, all.squares), (4, 3.0, 14.0));
 //! ```
 
@@ -49,13 +49,13 @@ impl MergeWeights {
 
 impl RunningVariance {
     /// Of the values in `column`, in two passes.
-    pub fn of(column: &[f64]) -> Self {
+    pub fn new(column: &[f64]) -> Self {
         arch().dispatch(VarianceOf(column))
     }
 
-    /// As [`Self::of`], to be inlined into vectorised code of the caller.
+    /// As [`Self::new`], to be inlined into vectorised code of the caller.
     #[inline(always)]
-    pub fn of_inlined(column: &[f64]) -> Self {
+    pub fn from_inlined(column: &[f64]) -> Self {
         if column.is_empty() {
             return Self::default();
         }
@@ -95,7 +95,7 @@ impl RunningVariance {
     }
 }
 
-/// [`RunningVariance::of`], inlined whole into code for the widest vectors of the machine.
+/// [`RunningVariance::new`], inlined whole into code for the widest vectors of the machine.
 struct VarianceOf<'a>(&'a [f64]);
 
 impl NullaryFnOnce for VarianceOf<'_> {
@@ -103,7 +103,7 @@ impl NullaryFnOnce for VarianceOf<'_> {
 
     #[inline(always)]
     fn call(self) -> RunningVariance {
-        RunningVariance::of_inlined(self.0)
+        RunningVariance::from_inlined(self.0)
     }
 }
 
@@ -139,8 +139,8 @@ mod tests {
         // ±1 about 10¹²: variance exactly 1.
         let column: Vec<f64> = (0..1000).map(|i| 1e12 + f64::from(1 - 2 * (i % 2))).collect();
         let mut merged = RunningVariance::default();
-        column.chunks(7).for_each(|part| merged.merge(&RunningVariance::of(part)));
-        assert_eq!(RunningVariance::of(&column).rms_about_mean(), 1.0);
+        column.chunks(7).for_each(|part| merged.merge(&RunningVariance::new(part)));
+        assert_eq!(RunningVariance::new(&column).rms_about_mean(), 1.0);
         // The means of the parts are rounded at 10¹² · 2⁻⁵³ = 1e-4; a sum of squares would be off by
         // 10²⁴ · 2⁻⁵³ = 1e8.
         assert!((merged.rms_about_mean() - 1.0).abs() < 1e-4);
@@ -149,9 +149,9 @@ mod tests {
     #[test]
     fn parts_merge_to_the_whole() {
         let column: Vec<f64> = (0..100).map(|i| f64::from(i * i % 37)).collect();
-        let whole = RunningVariance::of(&column);
+        let whole = RunningVariance::new(&column);
         let mut merged = RunningVariance::default();
-        column.chunks(13).for_each(|part| merged.merge(&RunningVariance::of(part)));
+        column.chunks(13).for_each(|part| merged.merge(&RunningVariance::new(part)));
         assert_eq!(merged.count, 100);
         // Sums of a hundred terms: 100 · 2⁻⁵³ relative.
         assert!((merged.mean - whole.mean).abs() < 1e-14 * whole.mean);

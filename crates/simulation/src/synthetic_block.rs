@@ -12,7 +12,7 @@ const BLOCK_ROWS: usize = 6_000;
 /// # Panics
 /// Never: these settings are valid.
 pub fn training(rows: usize) -> Vec<Block> {
-    let recording = SensorRecording::new(RecordingSettings::of(RecordingKind::Training));
+    let recording = SensorRecording::new(RecordingSettings::new(RecordingKind::Training));
     blocks(recording.expect("valid settings"), rows)
 }
 

@@ -16,7 +16,7 @@ use embedded_storage::nor_flash::{
 
 /// What the operation that was under way when the power was cut has done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Outcome {
+pub(crate) enum CutOutcome {
     /// Nothing yet.
     Nothing,
     /// Some of the bits.
@@ -27,7 +27,7 @@ pub(crate) enum Outcome {
     Complete,
 }
 
-impl Outcome {
+impl CutOutcome {
     pub(crate) const ALL: [Self; 4] =
         [Self::Nothing, Self::SomeBits, Self::Unreadable, Self::Complete];
 }
@@ -41,7 +41,7 @@ pub(crate) struct FakeFlash {
     /// Double words whose check code does not fit, by their first byte.
     unreadable: BTreeSet<usize>,
     operations: usize,
-    cut: Option<(usize, Outcome)>,
+    cut: Option<(usize, CutOutcome)>,
     powered: bool,
     writable: bool,
 }
@@ -77,7 +77,7 @@ impl FakeFlash {
     }
 
     /// The power will be cut during an operation, counted from now.
-    pub(crate) fn cut_power(&mut self, operation: usize, outcome: Outcome) {
+    pub(crate) fn cut_power(&mut self, operation: usize, outcome: CutOutcome) {
         self.cut = Some((self.operations + operation, outcome));
     }
 
@@ -102,12 +102,12 @@ impl FakeFlash {
         }
         let cut = self.cut.filter(|&(operation, _)| operation == self.operations);
         self.operations += 1;
-        let outcome = cut.map_or(Outcome::Complete, |(_, outcome)| outcome);
+        let outcome = cut.map_or(CutOutcome::Complete, |(_, outcome)| outcome);
         let area = &mut self.bytes[start..start + content.len()];
         let words = (start..start + content.len()).step_by(DOUBLE_WORD);
         match outcome {
-            Outcome::Nothing => {}
-            Outcome::SomeBits => {
+            CutOutcome::Nothing => {}
+            CutOutcome::SomeBits => {
                 // Any pattern will do that takes some bits of each.
                 let mask = |i: usize| (i as u8).wrapping_mul(167) ^ 0x5A;
                 for (i, (byte, new)) in area.iter_mut().zip(content).enumerate() {
@@ -115,8 +115,8 @@ impl FakeFlash {
                 }
                 self.unreadable.retain(|word| !words.clone().any(|it| it == *word));
             }
-            Outcome::Unreadable => self.unreadable.extend(words),
-            Outcome::Complete => {
+            CutOutcome::Unreadable => self.unreadable.extend(words),
+            CutOutcome::Complete => {
                 area.copy_from_slice(content);
                 self.unreadable.retain(|word| !words.clone().any(|it| it == *word));
             }

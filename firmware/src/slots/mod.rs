@@ -19,7 +19,7 @@ use crate::upload::{RECORD, Record};
 use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
 use embedded_storage::nor_flash::NorFlash;
 #[cfg(test)]
-pub(crate) use fake_flash::{FakeFlash, Outcome};
+pub(crate) use fake_flash::{CutOutcome, FakeFlash};
 
 /// Generation and CRC-32, in bytes.
 const TAIL: usize = 8;
@@ -187,14 +187,14 @@ mod tests {
             (0..before).for_each(|fill| slots.store(&record(fill)).unwrap());
             let old = load(&mut slots);
             for operation in 0..OPERATIONS {
-                for outcome in Outcome::ALL {
+                for outcome in CutOutcome::ALL {
                     let mut cut = slots.clone();
                     cut.flash.cut_power(operation, outcome);
                     assert_eq!(cut.store(&record(100)), Err(StorageError));
                     cut.flash.restore_power();
 
                     let kept = load(&mut cut);
-                    let last = operation == OPERATIONS - 1 && outcome == Outcome::Complete;
+                    let last = operation == OPERATIONS - 1 && outcome == CutOutcome::Complete;
                     let expected = if last { record(100) } else { old };
                     assert_eq!(kept, expected, "{before} {operation} {outcome:?}");
                     // The slots are as good as before.

@@ -226,13 +226,13 @@ fn commands_for_another_board_are_counted_and_left_to_it() {
     bench.run_for(1);
     bench.packets();
     let ours = bench.to;
-    for to in [None, Some(BoardId::of_serial(b"another one."))] {
+    for to in [None, Some(BoardId::from_serial(b"another one."))] {
         bench.to = to;
         bench.tell(Command::SetPeriod { period_us: 20_000 });
         bench.tell(Command::BeginCalibration { size: 668, crc32: 1 });
         assert_eq!(bench.packets(), []);
     }
-    bench.to = Some(BoardId::of_serial(b"another one."));
+    bench.to = Some(BoardId::from_serial(b"another one."));
     bench.tell(Command::Start);
     assert_eq!(bench.packets(), []);
     bench.to = None;

@@ -41,7 +41,7 @@ pub struct Batch {
     /// The trials that could be evaluated, in the order of the manifest.
     pub trials: Vec<BatchTrial>,
     /// The rows that could not.
-    pub failures: Vec<Failure>,
+    pub failures: Vec<FailedRow>,
     /// How many rows were to be left out.
     pub excluded: usize,
 }
@@ -61,7 +61,7 @@ pub struct BatchTrial {
 
 /// A row that could not be evaluated.
 #[derive(Clone, Debug, Serialize)]
-pub struct Failure {
+pub struct FailedRow {
     /// Where in the manifest.
     #[serde(flatten)]
     pub place: CellPosition,
@@ -202,7 +202,7 @@ fn failure(
     row: &Result<&Entry, ManifestProblem>,
     parsed: &Result<Entry, ManifestProblem>,
     error: &TrialRowError,
-) -> Failure {
+) -> FailedRow {
     let file = parsed.as_ref().map(|entry| entry.file.value.clone()).unwrap_or_default();
     let place = match (row, error) {
         (Err(problem), _) => problem.place,
@@ -221,7 +221,7 @@ fn failure(
         (Ok(entry), _) => entry.file.place,
     };
     let message = with_causes(error);
-    Failure { place, file, message }
+    FailedRow { place, file, message }
 }
 
 impl Batch {

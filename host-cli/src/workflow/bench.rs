@@ -137,7 +137,7 @@ pub fn bench(blocks: &[Block], model: Model, kinds: &[SolverKind]) -> Result<Mod
 pub fn problem(blocks: &[Block], model: Model) -> Result<FitProblem, FitError> {
     let first = blocks.first().map_or(&[][..], |block| &block.readings);
     let problem =
-        FitProblem { model, scaling: Scaling::of_sample(first, model.intercept), ridge: 0.0 };
+        FitProblem { model, scaling: Scaling::from_sample(first, model.intercept), ridge: 0.0 };
     match solve(blocks, SolverKind::Exact, &problem) {
         Ok(solution) => Ok(FitProblem { scaling: solution.scaling, ..problem }),
         Err(FitError::NotExact(_)) => Ok(problem),

@@ -8,7 +8,7 @@ use calibration::Kind;
 use calibration::physics::COVERAGE_LEVEL;
 use calibration_file::CalibrationFile;
 use log_file::{Log, ReadOptions};
-use report::{Contribution, Evaluation, WeightRow};
+use report::{Contribution, EvaluationType, WeightRow};
 use shell_data::wrench::{AxisValues, PerAxis};
 
 use super::check::CheckedLoad;
@@ -38,7 +38,7 @@ pub fn budget(
             let found = noise(log, &file.calibration, &options, read)?;
             budget.push(Contribution {
                 source: "repeatability",
-                evaluation: Evaluation::TypeA,
+                evaluation: EvaluationType::TypeA,
                 basis: format!(
                     "scatter of {} frames of the unloaded sensor, `{}`",
                     found.frames,
@@ -51,7 +51,7 @@ pub fn budget(
         }
         None => budget.push(Contribution {
             source: "drift of the zero",
-            evaluation: Evaluation::TypeA,
+            evaluation: EvaluationType::TypeA,
             basis: "not stated: a log of the unloaded sensor tells it".to_owned(),
             standard: None,
             is_part: false,
@@ -59,7 +59,7 @@ pub fn budget(
     }
     budget.push(Contribution {
         source: "reference",
-        evaluation: Evaluation::TypeB,
+        evaluation: EvaluationType::TypeB,
         basis: match facts.reference {
             Some(_) => "as stated for the reference sensor or the weights".to_owned(),
             None => "not stated".to_owned(),
@@ -97,7 +97,7 @@ fn of_model(file: &CalibrationFile) -> Contribution {
     };
     Contribution {
         source: "model and mounting",
-        evaluation: Evaluation::TypeA,
+        evaluation: EvaluationType::TypeA,
         basis,
         standard,
         is_part: false,
@@ -125,7 +125,7 @@ fn of_drift(
     };
     Ok(Contribution {
         source: "drift of the zero",
-        evaluation: Evaluation::TypeA,
+        evaluation: EvaluationType::TypeA,
         basis,
         standard,
         is_part: false,

@@ -35,19 +35,19 @@ pub struct DriftSummary {
     pub first_s: f64,
     /// The middle of the last, s.
     pub last_s: f64,
-    /// The temperature at the rests, lowest and highest; `None` where it is not known.
+    /// The temperature at the stationary intervals, lowest and highest; `None` where it is not known.
     pub temperature: Option<[f64; 2]>,
     /// The wrench, N and N·m, if there was a calibration.
     #[serde(serialize_with = "by_axis")]
     pub axes: Option<AxisValues<Drift>>,
     /// The readings of each channel, counts.
     pub channels: Vec<Drift>,
-    /// The zeros at the rests.
+    /// The zeros at the stationary intervals.
     #[serde(skip)]
     pub zeros: Zeros,
 }
 
-/// The zeros at the rests, column by column.
+/// The zeros at the stationary intervals, column by column.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Zeros {
     /// The middle of each rest, s.
@@ -104,7 +104,7 @@ impl Hint for DriftError {
     }
 }
 
-/// Finds the rests of a log, and how its zero moves from one to the next, in one pass.
+/// Finds the stationary intervals of a log, and how its zero moves from one to the next, in one pass.
 ///
 /// # Errors
 /// [`DriftError`].
@@ -190,7 +190,7 @@ pub fn drift(
     })
 }
 
-/// Levels at the rests, column by column.
+/// Levels at the stationary intervals, column by column.
 struct Observed {
     times_s: Vec<f64>,
     axes: PerAxis<Vec<QuietLevel>>,
@@ -243,7 +243,7 @@ impl Warmth {
 }
 
 impl DriftSummary {
-    /// The wrench at the rests less that at the first, to be drawn.
+    /// The wrench at the stationary intervals less that at the first, to be drawn.
     pub fn trace(&self) -> WrenchTrace {
         let mut trace = WrenchTrace::new();
         trace
@@ -253,7 +253,7 @@ impl DriftSummary {
 }
 
 impl Zeros {
-    /// The readings of each channel at the rests less those at the first, with their times.
+    /// The readings of each channel at the stationary intervals less those at the first, with their times.
     pub fn channel_changes(&self) -> Vec<Vec<(f64, f64)>> {
         let points = |column: &Vec<f64>| {
             self.times_s.iter().copied().zip(from_first(column)).collect::<Vec<_>>()

@@ -119,9 +119,10 @@ pub fn noise(
             }
             let wrench = pipeline.wrench(calibration, &block.time_s, &block.readings);
             block.drop_memory();
-            let channels: Vec<_> = block.readings.iter().map(|c| ColumnStatistics::of(c)).collect();
+            let channels: Vec<_> =
+                block.readings.iter().map(|c| ColumnStatistics::new(c)).collect();
             let frames = (std::mem::take(&mut block.time_s), std::mem::take(&mut block.readings));
-            (wrench.map(|column| ColumnStatistics::of(&column)), channels, frames)
+            (wrench.map(|column| ColumnStatistics::new(&column)), channels, frames)
         },
         |(block_axes, block_channels, (times_s, readings))| {
             watch.look_at(&times_s, &readings);
@@ -162,9 +163,9 @@ impl Default for ColumnStatistics {
 }
 
 impl ColumnStatistics {
-    fn of(values: &[f64]) -> Self {
+    fn new(values: &[f64]) -> Self {
         Self {
-            variance: RunningVariance::of(values),
+            variance: RunningVariance::new(values),
             min: values.iter().copied().fold(f64::INFINITY, f64::min),
             max: values.iter().copied().fold(f64::NEG_INFINITY, f64::max),
         }
@@ -194,7 +195,7 @@ mod tests {
     #[test]
     fn scatter_of_known_numbers() {
         let Scatter { mean, rms, peak_to_peak } =
-            ColumnStatistics::of(&[2.0, 4.0, 4.0, 4.0, 5.0, 5.0, 7.0, 9.0]).scatter();
+            ColumnStatistics::new(&[2.0, 4.0, 4.0, 4.0, 5.0, 5.0, 7.0, 9.0]).scatter();
         assert_eq!((mean, rms, peak_to_peak), (5.0, 2.0, 7.0));
     }
 
@@ -204,9 +205,9 @@ mod tests {
             values in prop::collection::vec(-1e3..1e3_f64, 2..80), at in 0usize..80,
         ) {
             let (a, b) = values.split_at(at.min(values.len()));
-            let mut merged = ColumnStatistics::of(a);
-            merged.merge(&ColumnStatistics::of(b));
-            let (merged, whole) = (merged.scatter(), ColumnStatistics::of(&values).scatter());
+            let mut merged = ColumnStatistics::new(a);
+            merged.merge(&ColumnStatistics::new(b));
+            let (merged, whole) = (merged.scatter(), ColumnStatistics::new(&values).scatter());
             // 80 sums of 1e3 each round by less than 80 · 80 · 1e3 · 1e-16.
             prop_assert!((merged.mean - whole.mean).abs() < 1e-9);
             prop_assert!((merged.rms - whole.rms).abs() < 1e-9);

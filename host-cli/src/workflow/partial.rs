@@ -25,10 +25,10 @@ pub struct PartialOptions<'a> {
     pub intercept: bool,
     /// Whether the sums of each group are kept.
     pub groups: Option<KeptGroups>,
-    /// Which way rows are dealt into the random folds that held-out errors are compared with.
+    /// Which way rows are assigned to the random folds that held-out errors are compared with.
     pub seed: u64,
-    /// Keep triangles also where rows can be summed exactly, for parts of which others cannot.
-    pub triangles: bool,
+    /// Keep R factors also where rows can be summed exactly, for parts of which others cannot.
+    pub r_factors: bool,
     /// Use only rows whose readings differ from those of the row before.
     pub fresh: bool,
     /// What was specified of the logs.
@@ -84,7 +84,7 @@ pub fn sum(logs: &mut [Log], options: &PartialOptions<'_>) -> Result<PartialFit,
         fresh: options.fresh,
         read: ReadOptions { checksum: true, ..options.read },
     };
-    let kept = match options.triangles {
+    let kept = match options.r_factors {
         true => stream.factor(),
         false => match stream.sum(random) {
             Err(WorkflowError::Fit(FitError::NotExact(_))) => stream.factor(),
@@ -161,10 +161,10 @@ impl BlockStream<'_> {
         let mut sums = GroupSums::new(self.basis, channels, Apart::Groups, split);
         let empty = sums.worker();
         let map = |worker: &mut GroupWorker, log: usize, block: &mut Block| {
-            let digest = Fingerprint::of(block);
+            let digest = Fingerprint::new(block);
             self.select(log, block);
             // Names what is not finite, as every fit does.
-            ReadingRanges::of_block(block, channels)?;
+            ReadingRanges::from_block(block, channels)?;
             Ok::<_, FitError>((digest, worker.add(block, &block.groups)?))
         };
         let mut first_in = Vec::new();
@@ -195,17 +195,17 @@ impl BlockStream<'_> {
         })
     }
 
-    /// Triangles by group.
+    /// R factors by group.
     fn factor(&self) -> Result<KeptLogs, WorkflowError> {
         let channels = self.channels()?;
         let model = Model { basis: self.basis, intercept: true, channels, memory: 0 };
         let sample = Wanted { readings: true, ..Wanted::default() };
         let sample = self.logs.first().ok_or(WorkflowError::NoLogs)?.sample(&sample)?;
-        let mut groups = GroupFactors::new(model, Scaling::of_sample(&sample.readings, true));
+        let mut groups = GroupFactors::new(model, Scaling::from_sample(&sample.readings, true));
         let mut first_in = Vec::new();
         let mut digests = vec![Fingerprint::default(); self.logs.len()];
         let map = |(): &mut (), log: usize, block: &mut Block| {
-            let digest = Fingerprint::of(block);
+            let digest = Fingerprint::new(block);
             self.select(log, block);
             (digest, std::mem::take(block))
         };
@@ -225,7 +225,7 @@ impl BlockStream<'_> {
         Ok(KeptLogs {
             total: Sums::Factored(total),
             groups: groups.collect(),
-            // Rows are not dealt at random: their triangle would have to be made without each fold.
+            // Rows are not assigned at random: their R factor would have to be made without each fold.
             random: (RandomSplit::default(), Vec::new()),
             first_in,
             summaries,

@@ -109,7 +109,7 @@ fn intervals_of_few_groups_are_those_of_exact_sums() {
 }
 
 #[test]
-fn merged_triangles_are_the_fit_over_all_files() {
+fn merged_r_factors_are_the_fit_over_all_files() {
     let dir = folder();
     let dir = dir.path();
     for model in
@@ -155,7 +155,7 @@ fn merged_triangles_are_the_fit_over_all_files() {
 }
 
 #[test]
-fn merged_triangles_validate_and_choose_as_a_fit_does() {
+fn merged_r_factors_validate_and_choose_as_a_fit_does() {
     let dir = folder();
     let dir = dir.path();
     for file in ["a", "b", "c"] {
@@ -169,7 +169,7 @@ fn merged_triangles_validate_and_choose_as_a_fit_does() {
         let of = |report: &serde_json::Value| {
             report["cross_validation"]["grouped"][axis]["rms"].as_f64().unwrap()
         };
-        // Refits of the rows, and triangles: conditions below 1e3.
+        // Refits of the rows, and R factors: conditions below 1e3.
         assert!((of(&merged) / of(&whole) - 1.0).abs() < 1e-9, "{axis}");
     }
     assert!(merged["cross_validation"]["random"].is_null());
@@ -208,7 +208,7 @@ fn a_spike_in_volts_is_found_as_in_counts() {
 }
 
 #[test]
-fn exact_sums_and_triangles_are_not_merged_and_damaged_triangles_are_refused() {
+fn exact_sums_and_r_factors_are_not_merged_and_damaged_r_factors_are_refused() {
     let dir = folder();
     let dir = dir.path();
     succeed(dir, "fit train.csv --model linear --partial exact.json");
@@ -216,7 +216,7 @@ fn exact_sums_and_triangles_are_not_merged_and_damaged_triangles_are_refused() {
     succeed(dir, "fit b.csv --model linear --partial b.json");
     succeed(dir, "fit train.csv --model linear --solver tsqr --partial triangle.json");
     let said = refused(dir, "merge exact.json b.json -o cal.json");
-    assert!(said.contains("`b.json`: it has triangles, expected exact sums"), "{said}");
+    assert!(said.contains("`b.json`: it has R factors, expected exact sums"), "{said}");
     assert!(said.contains("--solver tsqr"), "{said}");
     assert!(!dir.join("cal.json").exists());
     succeed(dir, "merge triangle.json b.json -o cal.json");

@@ -83,7 +83,7 @@ impl FakeBoard {
 const SERIAL: [u8; 12] = *b"serialnumber";
 
 fn id() -> BoardId {
-    BoardId::of_serial(&SERIAL)
+    BoardId::from_serial(&SERIAL)
 }
 
 fn answer(command: &Command, upload: &mut Vec<u8>, crc: &mut u32, keeps: bool) -> Answer {
@@ -236,7 +236,7 @@ fn of_two_boards_one_has_to_be_named() {
                 let Event::Packet(received) = event else { return };
                 let Packet::Command { number, to, command } = received.packet else { return };
                 for serial in [SERIAL, other] {
-                    let is_ours = to.is_none_or(|to| to == BoardId::of_serial(&serial));
+                    let is_ours = to.is_none_or(|to| to == BoardId::from_serial(&serial));
                     if !is_ours {
                         continue;
                     }

@@ -74,10 +74,10 @@ fn moments(block: &Block, basis: Basis) -> Moments {
 /// Householder QR on the rows of `train`, predictions on those of `test`: squares and sums of the
 /// errors of every axis.
 fn brute_force(train: &Block, test: &Block, model: Model) -> PerAxis<(f64, f64)> {
-    let scaling = Scaling::of_sample(&train.readings, model.intercept);
+    let scaling = Scaling::from_sample(&train.readings, model.intercept);
     let problem = FitProblem { model, scaling, ridge: 0.0 };
     let (solution, ranges) = solver::fit(SolverKind::Tsqr, problem, &train.into()).unwrap();
-    errors(&Calibration::of_solution(&solution, &ranges), test)
+    errors(&Calibration::from_solution(&solution, &ranges), test)
 }
 
 fn errors(calibration: &Calibration, test: &Block) -> PerAxis<(f64, f64)> {
@@ -128,7 +128,7 @@ fn folds_of_groups_equal_refits_and_sums_of_a_larger_basis_serve_a_smaller_one()
     let sums = sums(&block, Basis::Poly3, 0);
     let model = Model { basis: Basis::Quadratic, intercept: true, channels: 4, memory: 0 };
     let found = cross_validate(&sums, &model, 0.0, Some(3)).unwrap();
-    // Groups of one size are dealt in turns.
+    // Groups of one size are assigned in turns.
     let mut squares = 0.0;
     for fold in 0..3 {
         let train = rows_of(&block, |g| g % 3 != fold);
@@ -166,7 +166,7 @@ fn errors_keep_their_digits_where_almost_nothing_is_left_of_large_squares() {
         let test = rows_of(&block, |g| g == group);
         let train = moments(&train, Basis::Poly3);
         let solution = solve_moments(&train, &model, 0.0, &train.reading_ranges()).unwrap();
-        let calibration = Calibration::of_solution(&solution, &train.reading_ranges());
+        let calibration = Calibration::from_solution(&solution, &train.reading_ranges());
         squares += errors(&calibration, &test)[0].0;
     }
     let rms = (squares / block.rows as f64).sqrt();
@@ -220,7 +220,7 @@ fn a_group_with_large_readings_alone_goes_the_slow_way_to_the_same_answer() {
         Ok(found) => {
             let rest = moments(&rows_of(&block, |g| g != 0), Basis::Cubic);
             let solution = solve_moments(&rest, &model, 0.0, &rest.reading_ranges()).unwrap();
-            let calibration = Calibration::of_solution(&solution, &rest.reading_ranges());
+            let calibration = Calibration::from_solution(&solution, &rest.reading_ranges());
             let expected = errors(&calibration, &left_out);
             for axis in 0..6 {
                 // The prediction far outside, from `f64` coefficients of near-opposite features.

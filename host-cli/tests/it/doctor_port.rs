@@ -176,7 +176,7 @@ fn run(plan: &Plan, board: &mut TTYPort, stop: &AtomicBool) {
             let Event::Packet(received) = event else { return };
             let Packet::Command { number, to, command } = received.packet else { return };
             for &serial in &plan.serials {
-                if to.is_none_or(|to| to == BoardId::of_serial(&serial)) {
+                if to.is_none_or(|to| to == BoardId::from_serial(&serial)) {
                     let answer = plan.answer(&command, serial);
                     replies.push(Packet::Answer { number, answer });
                 }

@@ -123,10 +123,10 @@ fn residuals_on_a_real_recording_are_those_of_the_exact_optimum() {
     let block = recording();
     for intercept in [false, true] {
         let model = Model { basis: Basis::Cubic, intercept, channels: 8, memory: 0 };
-        let scaling = Scaling::of_sample(&block.readings, intercept);
+        let scaling = Scaling::from_sample(&block.readings, intercept);
         let problem = FitProblem { model, scaling, ridge: 0.0 };
         let (solution, ranges) = solver::fit(SolverKind::Tsqr, problem, &(&block).into()).unwrap();
-        let calibration = Calibration::of_solution(&solution, &ranges);
+        let calibration = Calibration::from_solution(&solution, &ranges);
         let (features, wrench) = integers(&block, model);
         let reached = residual(&block, &calibration);
         for (axis, (wrench, reached)) in wrench.iter().zip(&reached).enumerate() {

@@ -154,7 +154,7 @@ fn one_two_and_seven_threads_give_the_same_solution() {
         column[..3000].iter_mut().for_each(|s| *s = (*s / 16.0).floor());
         column[3000..6000].iter_mut().for_each(|s| *s = (*s / 4.0).floor());
     }
-    let ranges = ReadingRanges::of_block(&block(&readings, &wrench, 0..9000), 8).unwrap();
+    let ranges = ReadingRanges::from_block(&block(&readings, &wrench, 0..9000), 8).unwrap();
     for basis in [Basis::Cubic, Basis::Quadratic, Basis::Poly3] {
         let model = Model { basis, intercept: true, channels: 8, memory: 0 };
         let blocks_of = |rows: usize| -> Vec<Block> {
@@ -368,9 +368,9 @@ fn a_ridge_is_that_of_householder_qr_and_answers_where_rank_is_lost() {
     let (mut readings, wrench) = rows(16, 500, 8, 12);
     readings[3] = readings[2].clone();
     let rows = block(&readings, &wrench, 0..500);
-    let ranges = ReadingRanges::of_block(&rows, 8).unwrap();
+    let ranges = ReadingRanges::from_block(&rows, 8).unwrap();
     let model = Model { basis: Basis::Linear, intercept: true, channels: 8, memory: 0 };
-    let scaling = Scaling::of_sample(&readings, true);
+    let scaling = Scaling::from_sample(&readings, true);
     let problem = FitProblem { model, scaling, ridge: 1e-3 };
     let moments = exact_moments(model, &(&rows).into(), None).unwrap();
     let exact = solve_moments(&moments, &model, 1e-3, &ranges).unwrap();

@@ -133,7 +133,7 @@ fn poses_of_a_real_sensor_that_were_left_out_are_found_again() {
     let workers = Workers::default();
     let (_, whole) = PhysicsCalibration::fit(&rows, workers).unwrap();
     let folds = rows.folds(usize::MAX);
-    let validation = PhysicsValidation::of(&rows, &folds, &whole, workers).unwrap();
+    let validation = PhysicsValidation::new(&rows, &folds, &whole, workers).unwrap();
     let (total, median) = (validation.total(), validation.median());
     let limits = [(1.20, 0.45), (1.30, 0.48), (1.05, 0.43)];
     for (axis, (rms, of_group)) in limits.into_iter().enumerate() {

@@ -22,7 +22,7 @@ use system_tests::real_recording;
 /// Rows of a pose at 10 Hz.
 const POSE_ROWS: usize = 20;
 
-/// One session on one instrument, its poses dealt at random into as many to train on and to test
+/// One session on one instrument, its poses assigned at random into as many to train on and to test
 /// on.
 fn session(seed: u64, poses: usize) -> (Vec<SensorSample>, Vec<SensorSample>) {
     let recording = SensorRecording::new(RecordingSettings {
@@ -164,7 +164,7 @@ fn standard_errors_of_a_fit_hold_where_errors_are_those_of_poses_and_naive_ones_
         let sums = sums.finish([worker]).unwrap();
         let total = sums.total().unwrap();
         let solution = solve_moments(total, &model, 0.0, &total.reading_ranges()).unwrap();
-        let calibration = Calibration::of_solution(&solution, &total.reading_ranges());
+        let calibration = Calibration::from_solution(&solution, &total.reading_ranges());
         let at = [1700.0, 2100.0];
         let scaling = calibration.polynomial().unwrap().scaling();
         let x: Vec<f64> =
@@ -172,8 +172,8 @@ fn standard_errors_of_a_fit_hold_where_errors_are_those_of_poses_and_naive_ones_
         let mut predicted = PerAxis::default();
         calibration.wrench(&at.map(|s| vec![s]), &mut predicted);
         let covariances = [
-            Covariance::of_groups(&sums, &model, 0.0, Workers::ONE).unwrap(),
-            Covariance::of_rows(&solution).unwrap(),
+            Covariance::from_groups(&sums, &model, 0.0, Workers::ONE).unwrap(),
+            Covariance::from_rows(&solution).unwrap(),
         ];
         for (covariance, held) in covariances.iter().zip(&mut held) {
             let (factor, variance) = match &covariance.coefficients {

@@ -5,7 +5,7 @@ use std::fs;
 
 use calibration::fit::{FitOptions, HeldOut, ModelRule, Workers, evaluate};
 use calibration::physics::{Observation, TrainingRows};
-use calibration::recalibration::{NewLoads, Quantity, Recalibration};
+use calibration::recalibration::{ChangedQuantity, NewLoads, Recalibration};
 use calibration::{Calibration, Fit};
 use shell_data::block::Block;
 use shell_data::dataset::Dataset;
@@ -154,7 +154,7 @@ fn four_poses_do_what_a_full_calibration_does() {
         few.push([0.0; 6]);
         let found = brought_up_to_date(&before, &now.record(&few, 2));
         assert!(!found.is_contradicted(), "{seed}: {:?}", found.disagreement);
-        assert_eq!(found.quantities, Quantity::ALL, "{seed}");
+        assert_eq!(found.quantities, ChangedQuantity::ALL, "{seed}");
         let test = now.record(&loads(100, &mut random), 3);
         let of = [&before.calibration, &full.calibration, &found.calibration];
         let [old, full, found] = of.map(|calibration| error(calibration, &test));

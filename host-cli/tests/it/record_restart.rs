@@ -71,7 +71,8 @@ impl ResettingBoard {
     }
 
     fn send(&mut self, packet: Packet) {
-        let origin = PacketOrigin { board: BoardId::of_serial(&SERIAL).short(), start: self.start };
+        let origin =
+            PacketOrigin { board: BoardId::from_serial(&SERIAL).short(), start: self.start };
         let _ = self.port.write_all(&packet.encode_from(origin));
     }
 

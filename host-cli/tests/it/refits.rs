@@ -75,7 +75,7 @@ fn readings_that_no_sum_takes_exactly_are_validated_too() {
     let (counts, volts) = (folder(1.0), folder(3.3 / 4095.0));
     let (expected, _) = fit(counts.path(), "--cv --model quadratic");
     let (found, said) = fit(volts.path(), "--cv --model quadratic -o cal.json");
-    // Rows are dealt at random by what they hold: that figure is of other rows.
+    // Rows are assigned at random by what they hold: that figure is of other rows.
     assert_same(&held_out(&found)[..6], &held_out(&expected)[..6], 1e-8);
     // At condition numbers below 1e4 nothing is lost.
     assert_eq!(said.matches("not solved exactly").count(), 0, "{said}");
@@ -144,7 +144,7 @@ fn the_ridge_that_cross_validation_finds_is_recorded() {
     {
         for axis in 0..6 {
             let (found, given) = (found[axis].as_f64().unwrap(), given[axis].as_f64().unwrap());
-            // The same triangle; centres differ where a sample tells them.
+            // The same R factor; centres differ where a sample tells them.
             assert!((found - given).abs() < 1e-7, "{found} {given}");
         }
     }

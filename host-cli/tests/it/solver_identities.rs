@@ -30,13 +30,13 @@ fn block(rows: usize) -> Block {
 
 fn problem(basis: Basis, intercept: bool, block: &Block) -> FitProblem {
     let model = Model { basis, intercept, channels: block.readings.len(), memory: 0 };
-    let scaling = Scaling::of_sample(&block.readings, intercept);
+    let scaling = Scaling::from_sample(&block.readings, intercept);
     FitProblem { model, scaling, ridge: 0.0 }
 }
 
 fn fit(problem: &FitProblem, block: &Block) -> Result<(Solution, Calibration), FitError> {
     let (solution, ranges) = solver::fit(SolverKind::Tsqr, problem.clone(), &block.into())?;
-    let calibration = Calibration::of_solution(&solution, &ranges);
+    let calibration = Calibration::from_solution(&solution, &ranges);
     Ok((solution, calibration))
 }
 

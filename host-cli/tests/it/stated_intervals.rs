@@ -21,7 +21,7 @@ struct Parted {
 }
 
 impl Parted {
-    /// Groups, the last column, dealt into parts in turn.
+    /// Groups, the last column, assigned to parts in turn.
     fn by_group(text: &str, parts: usize) -> Self {
         let mut lines = text.lines();
         let header = lines.next().unwrap().to_owned();
@@ -37,7 +37,7 @@ impl Parted {
         Self { header, rows: rows.collect() }
     }
 
-    /// Rows that are shuffled, dealt into parts in turn.
+    /// Rows that are shuffled, assigned to parts in turn.
     fn by_row(channels: usize, lines: impl Iterator<Item = String>, parts: usize) -> Self {
         let names = (1..=channels).map(|channel| format!("s{channel}"));
         let names: Vec<String> = names.chain(AXES.map(str::to_owned)).collect();

@@ -169,11 +169,11 @@ fn units_differ_by_the_spread_and_have_their_names() {
 #[test]
 fn recordings_are_made_row_by_row_whatever_their_length() {
     let rows: Vec<SensorSample> =
-        SensorRecording::new(RecordingSettings::of(RecordingKind::Training))
+        SensorRecording::new(RecordingSettings::new(RecordingKind::Training))
             .unwrap()
             .take(700)
             .collect();
-    let again = SensorRecording::new(RecordingSettings::of(RecordingKind::Training)).unwrap();
+    let again = SensorRecording::new(RecordingSettings::new(RecordingKind::Training)).unwrap();
     assert!(rows.iter().copied().eq(again.take(700)));
     assert_eq!(rows[0].pose, 0);
     assert_eq!(rows[600].pose, 3);
@@ -185,11 +185,11 @@ fn seeds_and_kinds_change_a_recording() {
         let rows = SensorRecording::new(settings).unwrap().skip(100).take(10);
         rows.flat_map(|s| s.frame.readings).map(u64::from).sum()
     };
-    let base = RecordingSettings::of(RecordingKind::Training);
+    let base = RecordingSettings::new(RecordingKind::Training);
     let all = [
         base,
-        RecordingSettings::of(RecordingKind::Test),
-        RecordingSettings::of(RecordingKind::Zero),
+        RecordingSettings::new(RecordingKind::Test),
+        RecordingSettings::new(RecordingKind::Zero),
         RecordingSettings { seed: 2, ..base },
         RecordingSettings { unit_seed: 2, ..base },
         RecordingSettings { noise_scale: 3.0, ..base },
@@ -204,7 +204,7 @@ fn seeds_and_kinds_change_a_recording() {
 #[test]
 fn settings_that_describe_no_recording_are_refused() {
     let refused = |settings| SensorRecording::new(settings).unwrap_err();
-    let base = RecordingSettings::of(RecordingKind::Training);
+    let base = RecordingSettings::new(RecordingKind::Training);
     for rate_hz in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         assert!(matches!(
             refused(RecordingSettings { rate_hz, ..base }),
@@ -263,7 +263,7 @@ fn channels_lie_on_the_board_and_every_gap_can_open_and_close() {
 
 /// Cubic features with an intercept, and the wrench.
 fn problem(kind: RecordingKind, rows: usize) -> (Mat<f64>, Mat<f64>) {
-    let samples: Vec<SensorSample> = SensorRecording::new(RecordingSettings::of(kind))
+    let samples: Vec<SensorSample> = SensorRecording::new(RecordingSettings::new(kind))
         .expect("a recording")
         .take(rows)
         .collect();

@@ -63,7 +63,7 @@ class Calibration:
     covariance : {"auto", "groups", "rows", "none"}
         What standard errors come from: ``"auto"`` takes groups where there are ten, rows otherwise.
     seed : int
-        How rows are dealt into the random split that `cv` compares with.
+        How rows are assigned to the random split that `cv` compares with.
     threads : int
         0 for one per core. No result depends on it.
     serial : str, optional

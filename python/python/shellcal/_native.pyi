@@ -60,7 +60,7 @@ def fit(
 
 class Partial:
     @staticmethod
-    def of_arrays(
+    def from_arrays(
         x: _Matrix,
         y: _Matrix,
         groups: _Groups | None,
@@ -69,7 +69,7 @@ class Partial:
         made: _Made,
     ) -> Partial: ...
     @staticmethod
-    def of_logs(
+    def from_logs(
         paths: list[str], what: _What, fresh: bool, reading: _Reading, made: _Made
     ) -> Partial: ...
     @staticmethod

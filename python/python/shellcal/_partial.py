@@ -31,7 +31,7 @@ class Partial:
         Whether the sums of each group are kept, for held-out errors, the choice of a model and standard
         errors by group. 12 kB a group for cubic, 100 kB for poly3 of eight channels.
     seed : int
-        How rows are dealt into the random split that held-out errors are compared with.
+        How rows are assigned to the random split that held-out errors are compared with.
     """
 
     def __init__(
@@ -64,15 +64,15 @@ class Partial:
         labels = _arrays.labels(groups, readings.shape[0])
         if self._what[2] is not None and labels is None:
             raise OptionError("this partial fit keeps groups: give groups=, a label for each row")
-        new = _Sums.of_arrays(readings, wrench, labels, os.fspath(name), self._what, made_by())
+        new = _Sums.from_arrays(readings, wrench, labels, os.fspath(name), self._what, made_by())
         return self._add(new)
 
     def add_logs(self, *paths: PathLike, fresh: bool = False, **columns: Any) -> Partial:
         """Adds the rows of logs. `columns` are those of `read_log`; `fresh` leaves out rows that repeat
-        the readings of the row before. Where no exact sums can be had of them, as of readings in volts, triangles of a
+        the readings of the row before. Where no exact sums can be had of them, as of readings in volts, R factors of a
         QR factorisation are kept, which merge with their like alone, and to the last digits but one."""
         files = [os.fspath(path) for path in paths]
-        return self._add(_Sums.of_logs(files, self._what, fresh, reading(columns), made_by()))
+        return self._add(_Sums.from_logs(files, self._what, fresh, reading(columns), made_by()))
 
     def merge(self, other: Partial) -> Partial:
         """Adds the rows of another; this one stays as it was where that cannot be.

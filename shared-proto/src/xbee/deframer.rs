@@ -72,9 +72,9 @@ impl Deframer {
         self.pending.push(byte);
         while !self.pending.is_empty() {
             let (len, good) = match progress(&self.pending) {
-                Progress::Incomplete => return,
-                Progress::Damaged { len } => (len, false),
-                Progress::Whole(data) => {
+                Deframed::Incomplete => return,
+                Deframed::Damaged { len } => (len, false),
+                Deframed::Whole(data) => {
                     let len = data.len() + 4;
                     let next = self.pending.get(len);
                     let suspect = data.contains(&START);
@@ -113,12 +113,12 @@ impl Deframer {
         self.pending.push(if self.escape { byte ^ ESCAPED_BY } else { byte });
         self.escape = false;
         match progress(&self.pending) {
-            Progress::Incomplete => return,
-            Progress::Whole(data) => {
+            Deframed::Incomplete => return,
+            Deframed::Whole(data) => {
                 self.skipping = false;
                 give(data, sink);
             }
-            Progress::Damaged { .. } => {
+            Deframed::Damaged { .. } => {
                 self.damaged += 1;
                 self.skipping = true;
             }
@@ -127,30 +127,30 @@ impl Deframer {
     }
 }
 
-enum Progress<'a> {
+enum Deframed<'a> {
     Incomplete,
     Whole(&'a [u8]),
     Damaged { len: usize },
 }
 
 /// How far a frame is that begins at the front of `bytes`.
-fn progress(bytes: &[u8]) -> Progress<'_> {
-    let [_, high, low, rest @ ..] = bytes else { return Progress::Incomplete };
+fn progress(bytes: &[u8]) -> Deframed<'_> {
+    let [_, high, low, rest @ ..] = bytes else { return Deframed::Incomplete };
     let len = usize::from(u16::from_be_bytes([*high, *low]));
     if len == 0 || len > MAX_DATA {
-        return Progress::Damaged { len: 3 };
+        return Deframed::Damaged { len: 3 };
     }
-    let Some(sealed) = rest.get(..=len) else { return Progress::Incomplete };
+    let Some(sealed) = rest.get(..=len) else { return Deframed::Incomplete };
     match sealed.iter().copied().fold(0, u8::wrapping_add) {
-        0xFF => Progress::Whole(&sealed[..len]),
-        _ => Progress::Damaged { len: len + 4 },
+        0xFF => Deframed::Whole(&sealed[..len]),
+        _ => Deframed::Damaged { len: len + 4 },
     }
 }
 
 /// The data of a good frame at the front of `bytes`, if in either mode it can be read as it
 /// stands, and what follows it.
 fn whole_frame(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
-    let Progress::Whole(data) = progress(bytes) else { return None };
+    let Deframed::Whole(data) = progress(bytes) else { return None };
     let (frame, after) = bytes.split_at_checked(data.len() + 4)?;
     let (&start, rest) = frame.split_first()?;
     let as_it_is = start == START && !rest.iter().any(|byte| matches!(*byte, START | ESCAPE));

@@ -145,7 +145,7 @@ fn any_refusal() -> impl Strategy<Value = Refusal> {
 }
 
 fn any_to() -> impl Strategy<Value = Option<BoardId>> {
-    any::<Option<[u8; 12]>>().prop_map(|serial| serial.map(|serial| BoardId::of_serial(&serial)))
+    any::<Option<[u8; 12]>>().prop_map(|serial| serial.map(|serial| BoardId::from_serial(&serial)))
 }
 
 fn any_health() -> impl Strategy<Value = Health> {

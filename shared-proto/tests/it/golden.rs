@@ -44,7 +44,7 @@ const SERIAL: [u8; 12] = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12];
 
 /// For the board with this serial number, whose CRC-32 is 0x925FC655.
 fn addressed(command: Command) -> Packet {
-    Packet::Command { number: 7, to: Some(BoardId::of_serial(&SERIAL)), command }
+    Packet::Command { number: 7, to: Some(BoardId::from_serial(&SERIAL)), command }
 }
 
 fn answer(answer: Answer) -> Packet {

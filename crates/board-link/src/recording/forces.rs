@@ -38,7 +38,7 @@ pub struct RunningForces {
     options: ForceOptions,
     stage: ForceStage,
     memory: Option<MemoryState>,
-    /// The rests, where the tare follows them.
+    /// The stationary intervals, where the tare follows them.
     rests: Option<StationaryFinder>,
     newest: Option<PerAxis<f64>>,
 }
@@ -181,7 +181,7 @@ impl RunningForces {
     }
 }
 
-/// Lets a pipeline follow the rests that end among some frames, where its tare does that.
+/// Lets a pipeline follow the stationary intervals that end among some frames, where its tare does that.
 fn follow(
     rests: &mut Option<StationaryFinder>,
     pipeline: &mut ForcePipeline,

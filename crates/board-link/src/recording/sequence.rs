@@ -120,11 +120,11 @@ impl Tracker {
 /// A time is taken to be the one nearest to that before it, so samples may be out of order; how long
 /// a silence of more than 35 min was has to be known otherwise, see [`at`](Self::at).
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Clock {
+pub(super) struct SampleClock {
     last_us: Option<i64>,
 }
 
-impl Clock {
+impl SampleClock {
     /// The time before was this.
     pub(super) const fn at(time_us: i64) -> Self {
         Self { last_us: Some(time_us) }
@@ -235,7 +235,7 @@ mod tests {
 
     #[test]
     fn the_clock_unwraps_both_ways() {
-        let mut clock = Clock::default();
+        let mut clock = SampleClock::default();
         assert_eq!(clock.unwrap_us(u32::MAX - 9), 4_294_967_286);
         assert_eq!(clock.unwrap_us(10), 4_294_967_306);
         assert_eq!(clock.unwrap_us(u32::MAX), 4_294_967_295);

@@ -14,7 +14,7 @@
 //! packets. Version 2 of the protocol has none: there, a clock or a number that went back is one, unless the
 //! host's time says that the clock has wrapped around.
 
-use super::sequence::{Arrival, Clock, Tracker, WINDOW};
+use super::sequence::{Arrival, SampleClock, Tracker, WINDOW};
 
 /// Frames in a silence that is short: number and clock tell by themselves.
 const SHORT: u64 = 1 << 14;
@@ -87,7 +87,7 @@ pub(super) struct FramePlace {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Timeline {
     pub(super) tracker: Tracker,
-    clock: Clock,
+    clock: SampleClock,
     /// Time that the clock's zero stands for.
     offset_us: i64,
     newest: Option<(Stamp, i64)>,
@@ -150,7 +150,7 @@ impl Timeline {
         let sent = sent.unwrap_or_else(|| u64::from(step.sequence.max(1)));
         let (index, arrival) = self.tracker.advance(sent);
         let time_us = newest_us.saturating_add_unsigned(elapsed_us);
-        self.clock = Clock::at(time_us - self.offset_us);
+        self.clock = SampleClock::at(time_us - self.offset_us);
         self.newest = Some((stamp, time_us));
         FramePlace { index, time_us, arrival, restarted: false }
     }
@@ -165,7 +165,7 @@ impl Timeline {
         let (index, arrival) = self.tracker.place(stamp.sequence);
         let time_us = newest_us.saturating_add_unsigned(gap_us);
         self.offset_us = time_us - i64::from(stamp.clock_us);
-        self.clock = Clock::at(i64::from(stamp.clock_us));
+        self.clock = SampleClock::at(i64::from(stamp.clock_us));
         self.newest = Some((stamp, time_us));
         (self.period, self.has_booted) = (Period::default(), false);
         FramePlace { index, time_us, arrival, restarted: true }

@@ -12,8 +12,8 @@
 //! | `summed` | the columns of the sensors and of the wrench, in order |
 //! | `sensor_serial` | optional: the label of the sensor |
 //! | `moments` | rows, the range of each channel, and the sums, as decimal integers |
-//! | `triangle` | in place of `moments`: rows, centre and scale, the range of each channel, and the columns of the triangle |
-//! | `groups` | optional: the same for each group and for rows that were dealt at random |
+//! | `triangle` | in place of `moments`: rows, centre and scale, the range of each channel, and the columns of the R factor |
+//! | `groups` | optional: the same for each group and for rows that were assigned at random |
 //! | `checksum` | XXH3 of 128 bits of all bytes before it |
 
 use std::collections::HashSet;
@@ -21,8 +21,8 @@ use std::path::Path;
 
 use super::super::layout::to_json;
 use super::super::moments::MomentsDocument;
+use super::super::r_factor::RFactorDocument;
 use super::super::stored::{Name, Stored, StoredColumnNames, StoredModel, StoredSource, axes_of};
-use super::super::triangle::TriangleDocument;
 use super::super::{CalibrationFileError, Problem, Role};
 use super::{PartialFit, PartialGroup, PartialGroups, Sums};
 use crate::{checksum, input};
@@ -55,7 +55,7 @@ struct PartialDocument {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     moments: Option<MomentsDocument>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    triangle: Option<TriangleDocument>,
+    triangle: Option<RFactorDocument>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     groups: Option<GroupsDocument>,
 }
@@ -78,7 +78,7 @@ struct GroupDocument {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     moments: Option<MomentsDocument>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    triangle: Option<TriangleDocument>,
+    triangle: Option<RFactorDocument>,
 }
 
 /// What is read before all else.
@@ -254,11 +254,11 @@ impl GroupsDocument {
             held_out: self.held_out_folds,
             seed: self.seed,
         };
-        let dealt = match total {
+        let assigned = match total {
             Sums::Exact(_) => (1..=split.folds).contains(&split.held_out),
             Sums::Factored(_) => split.held_out == 0,
         };
-        if !dealt || self.random.len() != split.held_out {
+        if !assigned || self.random.len() != split.held_out {
             return Err(format!(
                 "`random` has {} sums, for {} folds of {} that are held out",
                 self.random.len(),
@@ -301,17 +301,17 @@ fn moments(sums: &Sums, axes: Axes) -> Option<MomentsDocument> {
     }
 }
 
-fn triangle(sums: &Sums, axes: Axes) -> Option<TriangleDocument> {
+fn triangle(sums: &Sums, axes: Axes) -> Option<RFactorDocument> {
     match sums {
         Sums::Exact(_) => None,
-        Sums::Factored(rows) => Some(TriangleDocument::new(rows, axes)),
+        Sums::Factored(rows) => Some(RFactorDocument::new(rows, axes)),
     }
 }
 
 /// What one of the two fields has.
 fn sums(
     moments: Option<MomentsDocument>,
-    triangle: Option<TriangleDocument>,
+    triangle: Option<RFactorDocument>,
     axes: Axes,
 ) -> Result<Sums, String> {
     match (moments, triangle) {

@@ -18,7 +18,7 @@ use super::{MergeError, PartialFit, SourceFile, Sums};
 pub struct PartialGroups {
     /// What a group is.
     pub by: GroupKind,
-    /// How rows were dealt into the random folds that held-out errors are compared with.
+    /// How rows were assigned to the random folds that held-out errors are compared with.
     pub split: RandomSplit,
     /// The groups.
     pub groups: Vec<PartialGroup>,
@@ -40,7 +40,7 @@ pub struct PartialGroup {
 }
 
 impl PartialGroups {
-    /// The groups of `sums`, by label, and the sums of rows dealt by `split`; `first_in` names the source of
+    /// The groups of `sums`, by label, and the sums of rows assigned by `split`; `first_in` names the source of
     /// the first row of each.
     pub fn new(
         by: GroupKind,
@@ -117,8 +117,8 @@ fn rank(source: &SourceFile) -> (&Path, Option<&str>) {
 }
 
 impl PartialFit {
-    /// The sums by group, with the rows that were dealt at random if `random_folds` is the number of
-    /// folds that they were dealt into.
+    /// The sums by group, with the rows that were assigned at random if `random_folds` is the number of
+    /// folds that they were assigned to.
     ///
     /// # Errors
     /// [`MergeError::NotExact`] if all together cannot be summed exactly.

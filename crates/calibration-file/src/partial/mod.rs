@@ -1,7 +1,7 @@
 //! Partial fits as files: the sums over some rows, to be merged with those over others.
 //!
 //! One JSON document. Merging exact sums is exact, so in whatever order and grouping partial fits are merged,
-//! the result is the one fit over all their rows, bit for bit. Rows that cannot be summed exactly leave a triangle
+//! the result is the one fit over all their rows, bit for bit. Rows that cannot be summed exactly leave an R factor
 //! instead: merged, it gives the fit over all rows but for the last digits, always the same for one order.
 //!
 //! The documents are described in [`document`], a stream of several in [`stream`].
@@ -99,7 +99,7 @@ pub enum MergeError {
     /// A file would be counted twice.
     #[error("its rows of `{0}` have been counted already")]
     Twice(String),
-    /// One has exact sums, the other triangles.
+    /// One has exact sums, the other R factors.
     #[error("it has {found}, expected {expected}: readings or loads of one are no exact sums")]
     Kind {
         /// What the first has.
@@ -121,8 +121,8 @@ pub enum MergeError {
         /// What those of the other are.
         found: &'static str,
     },
-    /// Rows were dealt into random folds in different ways.
-    #[error("its rows were dealt at random by the seed `{found}`, expected `{expected}`")]
+    /// Rows were assigned to random folds in different ways.
+    #[error("its rows were assigned at random by the seed `{found}`, expected `{expected}`")]
     Split {
         /// The seed of the first.
         expected: u64,
@@ -156,7 +156,7 @@ impl Hint for MergeError {
                 "leave one of them out; `--skip-counted` leaves out partial fits that were delivered twice"
             }
             Self::Kind { .. } => {
-                "make all with `fit --partial --solver tsqr`, which keeps triangles of any numbers"
+                "make all with `fit --partial --solver tsqr`, which keeps R factors of any numbers"
             }
             Self::Groups { .. } => "make all with `--groups`, or all without",
             Self::GroupsAre { .. } => {

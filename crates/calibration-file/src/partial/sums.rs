@@ -11,7 +11,7 @@ use super::MergeError;
 pub enum Sums {
     /// Exact sums: merged in any order they are the same, bit for bit.
     Exact(Moments),
-    /// The triangle of rows that cannot be summed exactly: merged in another order it differs in its last digits.
+    /// The R factor of rows that cannot be summed exactly: merged in another order it differs in its last digits.
     Factored(FactoredRows),
 }
 
@@ -44,7 +44,7 @@ impl Sums {
     pub fn kind(&self) -> &'static str {
         match self {
             Self::Exact(_) => "exact sums",
-            Self::Factored(_) => "triangles",
+            Self::Factored(_) => "R factors",
         }
     }
 

@@ -52,10 +52,10 @@ pub(super) struct LoadColumns {
 
 impl LoadColumns {
     pub(super) fn new(samples: &SearchRows, by: f64) -> Self {
-        Self { noise: samples.noise_of_loads(by), ..Self::of(samples, samples.loads(by)) }
+        Self { noise: samples.noise_of_loads(by), ..Self::from_samples(samples, samples.loads(by)) }
     }
 
-    pub(super) fn of(samples: &SearchRows, columns: Mat<f64>) -> Self {
+    pub(super) fn from_samples(samples: &SearchRows, columns: Mat<f64>) -> Self {
         Self {
             noise: [0.0; 6],
             with_features: products(samples, &samples.features, &columns),

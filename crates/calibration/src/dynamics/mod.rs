@@ -120,7 +120,7 @@ pub fn find(
     intercept: bool,
     workers: Workers<'_>,
 ) -> Result<Result<Dynamics, NotSearched>, FitError> {
-    let clock = prepared::RowClock::of(data);
+    let clock = prepared::RowClock::new(data);
     let given_lag = match rule.lag {
         LagRule::Given(by) if by != 0.0 => Some(ReferenceLag { time_base: clock.time_base, by }),
         _ => None,

@@ -18,7 +18,7 @@ pub(super) struct RowClock {
 
 impl RowClock {
     /// By rows where a log has no time, or where it stands still.
-    pub(super) fn of(data: &Dataset) -> Self {
+    pub(super) fn new(data: &Dataset) -> Self {
         let by_rows = Self { time_base: TimeBase::Rows, period: 1.0 };
         let mut steps = Vec::new();
         for (_, block) in data.blocks() {

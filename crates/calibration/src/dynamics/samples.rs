@@ -103,7 +103,7 @@ impl SearchRows {
                 .collect()
         };
         let readings: Vec<Vec<f64>> = (0..channels).map(pick).collect();
-        let of_model = Features::new(model, Scaling::of_sample(&readings, intercept));
+        let of_model = Features::new(model, Scaling::from_sample(&readings, intercept));
         let mut columns = vec![0.0; used * of_model.len()];
         of_model.fill(&readings, 0..used, &mut columns, used);
         let features = Mat::from_fn(used, of_model.len(), |i, j| columns[j * used + i]);

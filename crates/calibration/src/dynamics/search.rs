@@ -49,7 +49,7 @@ struct LagEstimate {
 }
 
 /// A time constant that was tried, at the lag that suits it.
-struct Trial {
+struct TriedTerms {
     score: f64,
     lag: f64,
     /// The terms, if they were made for it.
@@ -165,7 +165,7 @@ impl DynamicsSearch<'_> {
         // `Σ r·D⊥` of each fold, and `Σ D⊥²`, axes weighted by their residuals.
         let mut moments = |lag: f64| -> Option<(Vec<f64>, f64)> {
             let residual = self.equations.unexplained(terms, &LoadColumns::new(samples, lag))?;
-            let slope = LoadColumns::of(samples, samples.slopes(lag));
+            let slope = LoadColumns::from_samples(samples, samples.slopes(lag));
             let slope = self.equations.unexplained(terms, &slope)?;
             let weights = weights.get_or_insert_with(|| {
                 std::array::from_fn::<f64, 6, _>(|axis| {
@@ -287,11 +287,11 @@ impl DynamicsSearch<'_> {
         };
         let attempt = |tau: &f64| {
             if *tau != centre && !is_allowed(*tau) {
-                return Ok(Trial { score: f64::INFINITY, lag, terms: None });
+                return Ok(TriedTerms { score: f64::INFINITY, lag, terms: None });
             }
             let terms = (*tau != centre).then(|| MemoryColumns::new(self.samples(), *tau));
             let (score, lag) = score(terms.as_ref().unwrap_or(&all[place]));
-            Ok(Trial { score, lag, terms })
+            Ok(TriedTerms { score, lag, terms })
         };
         let mut tried =
             map(&[centre, centre / factor, centre * factor], 0, self.workers, attempt).ok()?;

@@ -14,14 +14,14 @@ const RATE_HZ: f64 = 200.0;
 /// Sines of each load.
 const SINES: usize = 12;
 
-struct Sensor {
+struct SyntheticSensor {
     lag_s: f64,
     /// Share and time constant, s.
     creep: [(f64, f64); 2],
     noise: f64,
 }
 
-impl Sensor {
+impl SyntheticSensor {
     /// A recording of so many seconds.
     fn log(&self, seed: u64, seconds: usize) -> Dataset {
         let mut random = Random(seed);
@@ -89,7 +89,7 @@ impl Sensor {
     }
 }
 
-const RIGID: Sensor = Sensor { lag_s: 0.0, creep: [(0.0, 1.0); 2], noise: 0.02 };
+const RIGID: SyntheticSensor = SyntheticSensor { lag_s: 0.0, creep: [(0.0, 1.0); 2], noise: 0.02 };
 
 #[test]
 fn lag_and_both_time_constants_of_a_known_sensor_are_found() {
@@ -97,7 +97,7 @@ fn lag_and_both_time_constants_of_a_known_sensor_are_found() {
     // it less exactly than two.
     for (lag_s, logs, tolerance) in [(0.0031, 4, 1e-4), (-0.0074, 1, 1.5e-4)] {
         // A fifth of a per cent of the loads: with more, noise in the readings moves the lag by its tenth.
-        let sensor = Sensor { lag_s, creep: [(0.08, 0.06), (0.1, 1.4)], noise: 0.005 };
+        let sensor = SyntheticSensor { lag_s, creep: [(0.08, 0.06), (0.1, 1.4)], noise: 0.005 };
         let found =
             find(&sensor.logs(logs), &DynamicsRule::AUTO, true, Workers::ONE).unwrap().unwrap();
         let lag = found.lag.unwrap();
@@ -115,11 +115,11 @@ fn lag_and_both_time_constants_of_a_known_sensor_are_found() {
 
 #[test]
 fn a_lag_is_found_without_memory_and_memory_without_a_lag() {
-    let late = Sensor { lag_s: 0.0125, ..RIGID };
+    let late = SyntheticSensor { lag_s: 0.0125, ..RIGID };
     let found = find(&late.logs(2), &DynamicsRule::AUTO, true, Workers::ONE).unwrap().unwrap();
     assert!((found.lag.unwrap().by - late.lag_s).abs() < 1e-4, "{found:?}");
     assert_eq!(found.memory, None);
-    let creeps = Sensor { creep: [(0.2, 0.5), (0.0, 1.0)], ..RIGID };
+    let creeps = SyntheticSensor { creep: [(0.2, 0.5), (0.0, 1.0)], ..RIGID };
     let found = find(&creeps.logs(2), &DynamicsRule::AUTO, true, Workers::ONE).unwrap().unwrap();
     let times = found.memory.unwrap().time_constants;
     assert!(times.iter().any(|tau| (tau / 0.5 - 1.0).abs() < 0.2), "{times:?}");

@@ -5,13 +5,13 @@ use std::ops::Range;
 
 use super::rows::FactoredRows;
 use crate::model::Model;
+use crate::r_factor::Workspace;
 use crate::scaling::Scaling;
-use crate::triangle::Workspace;
 use crate::validation::ValidationError;
 use crate::validation::grouped::MAX_GROUPS;
 use shell_data::block::Block;
 
-/// What the triangles of all groups may take, in bytes.
+/// What the R factors of all groups may take, in bytes.
 const MEMORY: usize = 512 << 20;
 
 /// The rows of each group, in the order of their first rows.

@@ -6,22 +6,22 @@ use super::change::change;
 use crate::FitError;
 use crate::exact::HeldOutErrors;
 use crate::features::Features;
-use crate::least_squares::{Method, solve_triangle};
+use crate::least_squares::{Method, solve_r_factor};
 use crate::model::{Basis, Model};
 use crate::quality::AxisQuality;
+use crate::r_factor::{RFactor, Ridge, Workspace};
 use crate::reading_ranges::ReadingRanges;
 use crate::scaling::{ChannelSample, Scaling};
 use crate::solver::Solution;
-use crate::triangle::{RFactor, Ridge, Workspace};
 use shell_data::block::Block;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// What is kept of some rows: the triangle of features, a constant among them, and wrench.
+/// What is kept of some rows: the R factor of features, a constant among them, and wrench.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FactoredRows {
     features: Features,
     ranges: ReadingRanges,
-    triangle: RFactor,
+    r_factor: RFactor,
 }
 
 impl FactoredRows {
@@ -31,27 +31,27 @@ impl FactoredRows {
     /// If `scaling` is not for as many columns as `model`.
     pub fn new(model: Model, scaling: Scaling) -> Self {
         let model = Model { intercept: true, ..model };
-        let triangle = RFactor::new(model.term_count(), Axis::ALL.len());
+        let r_factor = RFactor::new(model.term_count(), Axis::ALL.len());
         let ranges = ReadingRanges::new(model.columns());
-        Self { features: Features::new(model, scaling), ranges, triangle }
+        Self { features: Features::new(model, scaling), ranges, r_factor }
     }
 
     /// What was kept: ranges of the readings, and the upper triangular matrix by its columns. `None` if it is not
     /// of that size.
-    pub fn of_parts(
+    pub fn from_parts(
         (model, scaling): (Model, Scaling),
         ranges: ReadingRanges,
         columns: &[Vec<f64>],
     ) -> Option<Self> {
         let mut empty = Self::new(model, scaling);
-        let order = empty.triangle.whole().ncols();
+        let order = empty.r_factor.whole().ncols();
         let is_upper = columns.iter().enumerate().all(|(j, column)| column.len() == j + 1);
         if columns.len() != order || !is_upper {
             return None;
         }
         let upper = |i: usize, j: usize| columns[j].get(i).copied().unwrap_or(0.0);
         let whole = Mat::from_fn(order, order, upper);
-        empty.triangle = RFactor::of_parts(empty.features.len(), ranges.rows, whole);
+        empty.r_factor = RFactor::from_parts(empty.features.len(), ranges.rows, whole);
         Some(Self { ranges, ..empty })
     }
 
@@ -62,7 +62,7 @@ impl FactoredRows {
 
     /// Whether the sum of the squares of the constant is the number of rows, as it is of what rows have left.
     pub fn counts_its_rows(&self) -> bool {
-        let ones = self.triangle.r().col(self.features.len() - 1).norm_l2();
+        let ones = self.r_factor.r().col(self.features.len() - 1).norm_l2();
         // Some roundings of each of many blocks.
         (ones * ones / self.rows() as f64 - 1.0).abs() < 1e-9
     }
@@ -94,13 +94,13 @@ impl FactoredRows {
 
     /// The upper triangular matrix by its columns, of lengths 1, 2, …: features, then the wrench.
     pub fn columns(&self) -> Vec<Vec<f64>> {
-        let whole = self.triangle.whole();
+        let whole = self.r_factor.whole();
         (0..whole.ncols()).map(|j| (0..=j).map(|i| whole[(i, j)]).collect()).collect()
     }
 
     /// The bytes that a set of rows takes.
     pub fn bytes(&self) -> usize {
-        let order = self.triangle.whole().ncols();
+        let order = self.r_factor.whole().ncols();
         order * order * size_of::<f64>()
     }
 
@@ -114,18 +114,18 @@ impl FactoredRows {
     /// # Errors
     /// [`FitError`] if a reading or a wrench is not finite, or so large that its products are not.
     pub fn absorb(&mut self, block: &Block, workspace: &mut Workspace) -> Result<(), FitError> {
-        self.ranges.merge(&ReadingRanges::of_block(block, self.model().columns())?);
+        self.ranges.merge(&ReadingRanges::from_block(block, self.model().columns())?);
         let p = self.features.len();
         for start in (0..block.rows).step_by(workspace.rows()) {
             let rows = start..block.rows.min(start + workspace.rows());
-            self.triangle.absorb(rows.len(), workspace, |columns, stride| {
+            self.r_factor.absorb(rows.len(), workspace, |columns, stride| {
                 self.features.fill(&block.readings, rows.clone(), columns, stride);
                 for (column, axis) in columns.chunks_mut(stride).skip(p).zip(&block.wrench) {
                     column[..rows.len()].copy_from_slice(&axis[rows.clone()]);
                 }
             });
         }
-        match self.triangle.whole().is_all_finite() {
+        match self.r_factor.whole().is_all_finite() {
             true => Ok(()),
             false => Err(FitError::Overflow),
         }
@@ -137,11 +137,11 @@ impl FactoredRows {
     /// If their features are of other families or numbers of channels.
     pub fn merge(&mut self, later: &Self) {
         match later.features == self.features {
-            true => self.triangle.merge(&later.triangle),
+            true => self.r_factor.merge(&later.r_factor),
             false => {
                 let change = later.change(&self.features.model(), self.scaling());
                 let change = change.expect("rows of one family of features");
-                self.triangle.merge(&later.triangle.in_terms_of(change.as_ref()));
+                self.r_factor.merge(&later.r_factor.in_terms_of(change.as_ref()));
             }
         }
         self.ranges.merge(&later.ranges);
@@ -156,7 +156,7 @@ impl FactoredRows {
 
     /// Centre and scale of these rows: about their mean, unless there is no constant to take it up.
     fn scaling_of_all(&self, intercept: bool) -> Scaling {
-        let (r, ones) = (self.triangle.r(), self.features.len() - 1);
+        let (r, ones) = (self.r_factor.r(), self.features.len() - 1);
         let terms = self.features.model().terms();
         let about = self.scaling();
         let channel = |i: usize| {
@@ -166,7 +166,7 @@ impl FactoredRows {
             let range = self.ranges.channels[i];
             ChannelSample { min: range.min, max: range.max, mean, integers: false }
         };
-        Scaling::of_channels((0..self.model().columns()).map(channel), intercept)
+        Scaling::from_channels((0..self.model().columns()).map(channel), intercept)
     }
 
     /// Fits `model`. `ridge` is λ, on powers of readings about the mean of these rows.
@@ -198,10 +198,10 @@ impl FactoredRows {
         })?;
         let features = Features::new(*model, scaling);
         let free_column = model.intercept.then(|| features.len() - 1);
-        let triangle = self.triangle.in_terms_of(change.as_ref());
+        let r_factor = self.r_factor.in_terms_of(change.as_ref());
         let (solved, ridge) =
-            solve_triangle(&triangle, method, Ridge { lambda: ridge, free_column })
-                .map_err(|error| FitError::of_least_squares(error, &features, &self.ranges))?;
+            solve_r_factor(&r_factor, method, Ridge { lambda: ridge, free_column })
+                .map_err(|error| FitError::from_least_squares(error, &features, &self.ranges))?;
         Ok(Solution::new(&features, solved, ridge))
     }
 
@@ -213,8 +213,8 @@ impl FactoredRows {
 
     /// The errors of coefficients of these features.
     pub(super) fn errors_of(&self, coefficients: MatRef<'_, f64>) -> PerAxis<HeldOutErrors> {
-        let products = self.triangle.residual_products(coefficients);
-        let sums = self.triangle.sums_of_residuals(coefficients, self.features.len() - 1);
+        let products = self.r_factor.residual_products(coefficients);
+        let sums = self.r_factor.sums_of_residuals(coefficients, self.features.len() - 1);
         std::array::from_fn(|axis| HeldOutErrors {
             rows: self.rows(),
             sum: sums[axis],
@@ -241,10 +241,10 @@ impl FactoredRows {
     pub fn load_variances(&self) -> PerAxis<f64> {
         let (p, rows) = (self.features.len(), self.rows().max(1) as f64);
         let nothing = Mat::zeros(p, Axis::ALL.len());
-        let sums = self.triangle.sums_of_residuals(nothing.as_ref(), p - 1);
+        let sums = self.r_factor.sums_of_residuals(nothing.as_ref(), p - 1);
         let mean = |i: usize, axis: usize| if i + 1 == p { -sums[axis] / rows } else { 0.0 };
         let mean = Mat::from_fn(p, Axis::ALL.len(), mean);
-        let about_mean = self.triangle.residual_products(mean.as_ref());
+        let about_mean = self.r_factor.residual_products(mean.as_ref());
         std::array::from_fn(|axis| about_mean[(axis, axis)] / rows)
     }
 
@@ -256,11 +256,11 @@ impl FactoredRows {
 
     /// What `R` makes of the columns of a matrix, of one row per feature.
     pub(super) fn times(&self, columns: &Mat<f64>) -> Mat<f64> {
-        self.triangle.r() * columns
+        self.r_factor.r() * columns
     }
 
     /// `Z − R·C` of coefficients of these features.
     pub(super) fn misfit(&self, coefficients: MatRef<'_, f64>) -> Mat<f64> {
-        self.triangle.misfit(coefficients)
+        self.r_factor.misfit(coefficients)
     }
 }

@@ -1,4 +1,4 @@
-//! The [scatter](crate::sandwich) of coefficients over groups of rows, from their triangles.
+//! The [scatter](crate::sandwich) of coefficients over groups of rows, from their R factors.
 //!
 //! With `M = R·F` for a group, `K_g = MᵀM` and `u_g = Mᵀ(Z − R·C)`: errors of about κ(X)·2⁻⁵³.
 
@@ -52,7 +52,7 @@ impl FactoredGroups {
             sums.add(place, ClusterShare { share, score, errors })?;
         }
         let all_directions = solution.ridge == 0.0 && solution.rank == factor.nrows();
-        sums.finish(&UpperTriangle::of(&factor), all_directions)
+        sums.finish(&UpperTriangle::new(&factor), all_directions)
     }
 
     /// What the fit to all other groups, whose coefficients scatter by `scatter`, says of a group.
@@ -126,10 +126,10 @@ mod tests {
     }
 
     fn fitted(block: &Block, model: Model) -> (Solution, FactoredGroups) {
-        let scaling = Scaling::of_sample(&block.readings, model.intercept);
+        let scaling = Scaling::from_sample(&block.readings, model.intercept);
         let problem = FitProblem { model, scaling, ridge: 0.0 };
         let (solution, _) = solver::fit(SolverKind::RefinedTsqr, problem, &block.into()).unwrap();
-        let scaling = Scaling::of_sample(&block.readings, true);
+        let scaling = Scaling::from_sample(&block.readings, true);
         let mut groups = GroupFactors::new(model, scaling);
         groups.add(block, &block.groups).unwrap();
         (solution, groups.finish().unwrap())
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn triangles_give_what_the_rows_themselves_give_by_the_definition() {
+    fn r_factors_give_what_the_rows_themselves_give_by_the_definition() {
         for (basis, intercept, apart) in [
             (Basis::Cubic, true, 0.5),
             (Basis::Quadratic, false, 0.5),
@@ -204,7 +204,7 @@ mod tests {
 
     /// Recordings that were made apart have centres of their own.
     #[test]
-    fn merged_triangles_are_those_of_all_rows_whatever_centre_they_are_about() {
+    fn merged_r_factors_are_those_of_all_rows_whatever_centre_they_are_about() {
         let block = block(0.5);
         let half = block.rows / 2;
         let part = |first: bool, centre: f64| {
@@ -261,12 +261,14 @@ mod tests {
         }
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
         let (solution, mut groups) = fitted(&block, model);
-        let found = Covariance::of_factored(&groups, &solution, (Method::Tsqr, 0.0), Workers::ONE)
-            .unwrap_err();
+        let found =
+            Covariance::from_factored(&groups, &solution, (Method::Tsqr, 0.0), Workers::ONE)
+                .unwrap_err();
         assert_eq!(found, ValidationError::Alone { groups: vec!["4".to_owned()] });
         groups.groups.truncate(1);
-        let found = Covariance::of_factored(&groups, &solution, (Method::Tsqr, 0.0), Workers::ONE)
-            .unwrap_err();
+        let found =
+            Covariance::from_factored(&groups, &solution, (Method::Tsqr, 0.0), Workers::ONE)
+                .unwrap_err();
         assert_eq!(found, ValidationError::TooFewGroups { found: 1 });
     }
 

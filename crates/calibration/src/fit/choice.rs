@@ -19,7 +19,7 @@ use crate::scaling::Scaling;
 use crate::solver::SolverKind;
 use crate::validation::ValidationError;
 use crate::validation::advice::Advice;
-use crate::validation::cross_validation::{cross_validate, deal_groups};
+use crate::validation::cross_validation::{assign_groups, cross_validate};
 use crate::validation::grouped::{
     Apart, BlockGroups, GroupSums, GroupWorker, GroupedMoments, MAX_GROUPS, RandomSplit,
 };
@@ -146,7 +146,7 @@ fn choose_labelled(
     let sums = match sums {
         Err(FitError::NotExact(_)) if !validates => {
             let found = factor_groups(&rows, choice.basis);
-            return options.decide_by_triangles(choice, found);
+            return options.decide_by_r_factors(choice, found);
         }
         Err(FitError::Validation(reason)) if !validates => {
             return Ok(ModelChoice { not_grouped: Some(reason), ..choice });
@@ -184,7 +184,7 @@ fn choose_by_folds(
     Ok(ModelChoice { selection, advice, ..choose_labelled(labelled, &known)? })
 }
 
-/// Every so-manieth row of each group, and its first, labelled by the fold that the group is dealt into.
+/// Every so-manieth row of each group, and its first, labelled by the fold that the group is assigned to.
 fn every_nth_by_fold(data: &Dataset, every: usize) -> Result<Dataset, ValidationError> {
     let (mut places, mut sizes) = (HashMap::<String, usize>::new(), Vec::<u64>::new());
     for (label, rows) in data.blocks().flat_map(|(_, block)| &*block.labels) {
@@ -197,9 +197,9 @@ fn every_nth_by_fold(data: &Dataset, every: usize) -> Result<Dataset, Validation
         return Err(ValidationError::TooFewGroups { found: groups });
     }
     let mut fold_of = vec![0; groups];
-    let folds = deal_groups(&sizes, groups.min(selection::FOLDS))?;
-    for (fold, dealt) in folds.iter().enumerate() {
-        dealt.iter().for_each(|&group| fold_of[group] = fold);
+    let folds = assign_groups(&sizes, groups.min(selection::FOLDS))?;
+    for (fold, assigned) in folds.iter().enumerate() {
+        assigned.iter().for_each(|&group| fold_of[group] = fold);
     }
     let (mut data, mut seen) = (data.clone(), vec![0; groups]);
     for block in data.logs.iter_mut().flat_map(|log| &mut log.blocks) {
@@ -259,7 +259,7 @@ pub fn sum_groups(
     let empty = sums.worker();
     let work = |worker: &mut GroupWorker, (_, block): &(usize, &LabelledBlock)| {
         // Names what is not finite, as every fit does.
-        ReadingRanges::of_block(&block.rows, channels)?;
+        ReadingRanges::from_block(&block.rows, channels)?;
         Ok(worker.add(&block.rows, &block.labels)?)
     };
     let blocks: Vec<_> = data.blocks().collect();
@@ -269,13 +269,13 @@ pub fn sum_groups(
     Ok(sums.finish(own)?)
 }
 
-/// The triangles of labelled rows by group.
+/// The R factors of labelled rows by group.
 fn factor_groups(data: &Dataset, basis: Basis) -> Result<FactoredGroups, FitError> {
     let (channels, memory) = (data.channels(), data.memory_terms());
     let model = Model { basis, intercept: true, channels, memory };
     model.check_size()?;
     let sample = data.logs.first().map_or(&[][..], |log| &log.sample.readings);
-    let mut groups = GroupFactors::new(model, Scaling::of_sample(sample, true));
+    let mut groups = GroupFactors::new(model, Scaling::from_sample(sample, true));
     data.blocks().try_for_each(|(_, block)| groups.add(&block.rows, &block.labels))?;
     Ok(groups.finish()?)
 }
@@ -377,7 +377,7 @@ impl FitOptions<'_> {
         Ok(ModelChoice {
             basis: chosen.basis,
             ridge: chosen.ridge,
-            advice: Some(Advice::of(sums, self.intercept, &selection, None)?),
+            advice: Some(Advice::new(sums, self.intercept, &selection, None)?),
             selection: Some(selection),
             ..choice
         })
@@ -389,7 +389,7 @@ impl FitOptions<'_> {
     }
 
     /// The same for rows that cannot be summed exactly, of which nothing but standard errors is asked.
-    pub(super) fn decide_by_triangles(
+    pub(super) fn decide_by_r_factors(
         &self,
         mut choice: ModelChoice,
         rows: Result<FactoredGroups, FitError>,
@@ -410,7 +410,7 @@ impl FitOptions<'_> {
         let all_rows = rows.groups.iter().map(|(_, rows)| rows.rows()).sum();
         let are_long = choice.has_long_stretches(rows.groups.len(), all_rows, &model);
         let held_out_together = are_long.then(each_alone);
-        choice.clusters = Some(Clusters::Triangles { rows, held_out_together });
+        choice.clusters = Some(Clusters::RFactors { rows, held_out_together });
         Ok(choice)
     }
 
@@ -428,7 +428,7 @@ impl FitOptions<'_> {
             _ => files.chunks(most).map(|of| of[0].start..of[of.len() - 1].end).collect(),
         });
         match factor_groups(&rows, choice.basis) {
-            Ok(rows) => choice.clusters = Some(Clusters::Triangles { rows, held_out_together }),
+            Ok(rows) => choice.clusters = Some(Clusters::RFactors { rows, held_out_together }),
             Err(FitError::Validation(reason)) => choice.not_grouped = Some(reason),
             Err(reason) => return Err(reason),
         }
@@ -440,7 +440,7 @@ impl FitOptions<'_> {
     fn cluster(&self, mut choice: ModelChoice, rows: &Dataset) -> Result<ModelChoice, FitError> {
         if self.solver != SolverKind::Huber {
             let found = factor_groups(rows, choice.basis);
-            return self.decide_by_triangles(choice, found);
+            return self.decide_by_r_factors(choice, found);
         }
         let all = rows_in_one(rows);
         let mut labels: Vec<&str> = all.groups.iter().map(|(label, _)| label.as_str()).collect();
@@ -480,7 +480,7 @@ fn advice(
         .position(|candidate| candidate.basis == model.basis && candidate.errors.is_some());
     match given {
         Some(given) if selection.candidates.len() > 1 => {
-            Advice::of(sums, model.intercept, &selection, Some(given)).map(Some)
+            Advice::new(sums, model.intercept, &selection, Some(given)).map(Some)
         }
         _ => Ok(None),
     }

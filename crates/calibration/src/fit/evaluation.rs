@@ -5,7 +5,7 @@ use crate::error::FitError;
 use crate::magnitudes::Magnitudes;
 use crate::passes::{Workers, each};
 use crate::quality::{self, AxisErrors, AxisQuality};
-use crate::validation::outliers::{self, Judge, Judged, Spread};
+use crate::validation::outliers::{self, RowTest, Spread, TestedRow};
 use shell_data::block::Block;
 use shell_data::dataset::{Dataset, LabelledBlock, LogRows};
 use shell_data::wrench::PerAxis;
@@ -104,7 +104,7 @@ pub(super) struct BlockErrors {
     rows: u64,
     out_of_range: u64,
     errors: PerAxis<AxisErrors>,
-    /// Rows to judge as outliers, and whether one of them may matter, as far as that was asked.
+    /// Rows to test as outliers, and whether one of them may matter, as far as that was asked.
     pub(super) suspects: Vec<usize>,
     pub(super) stands_out: bool,
 }
@@ -115,7 +115,7 @@ pub(super) struct EvalOptions<'a> {
     /// Errors are counted by their size, in these units, if there are any.
     pub(super) size_unit: Option<&'a PerAxis<f64>>,
     /// Says which rows may be outliers.
-    pub(super) judge: Option<&'a (Judge, Spread)>,
+    pub(super) row_test: Option<&'a (RowTest, Spread)>,
 }
 
 /// Finds the errors of blocks on one thread.
@@ -142,14 +142,14 @@ impl BlockEvaluator {
                 sizes.add_differences(&predicted[axis], &block.wrench[axis], units[axis]);
             }
         }
-        let judge = |(judge, spread): &(Judge, Spread)| {
-            let suspects = judge.suspects(block, predicted, spread);
-            let leverages = judge.leverages(&outliers::gather(&block.readings, &suspects));
+        let find = |(test, spread): &(RowTest, Spread)| {
+            let suspects = test.suspects(block, predicted, spread);
+            let leverages = test.leverages(&outliers::gather(&block.readings, &suspects));
             let rows: Vec<_> = suspects.iter().copied().zip(leverages).collect();
-            let judged = judge.judge_predicted(block, predicted, &rows, spread, &|_| false);
-            (judged.iter().any(Judged::may_matter), suspects)
+            let tested = test.test_predicted(block, predicted, &rows, spread, &|_| false);
+            (tested.iter().any(TestedRow::may_matter), suspects)
         };
-        let (stands_out, suspects) = options.judge.map(judge).unwrap_or_default();
+        let (stands_out, suspects) = options.row_test.map(find).unwrap_or_default();
         BlockErrors {
             rows: block.rows as u64,
             out_of_range: calibration.rows_out_of_range(&block.readings),

@@ -50,7 +50,7 @@ pub fn group_errors(
 ) -> Result<GroupedErrors, FitError> {
     let stride = (data.rows() / sample.max(1)).max(1) as usize;
     let work = |(): &mut (), (_, block): &(usize, &LabelledBlock)| {
-        Ok(BlockGroupErrors::of(calibration, &block.rows, &block.labels, stride))
+        Ok(BlockGroupErrors::new(calibration, &block.rows, &block.labels, stride))
     };
     let mut places: HashMap<String, usize> = HashMap::new();
     let mut all = GroupedErrors::default();
@@ -78,7 +78,7 @@ pub fn group_errors(
 }
 
 impl BlockGroupErrors {
-    fn of(
+    fn new(
         calibration: &Calibration,
         block: &Block,
         labels: &[(String, usize)],
@@ -100,7 +100,7 @@ impl BlockGroupErrors {
                 std::array::from_fn(|axis| &block.wrench[axis][of_group.clone()]);
             let sums = measured.map(|axis| axis.iter().sum());
             let errors = std::array::from_fn(|axis| {
-                AxisErrors::of(&predicted[axis][of_group.clone()], measured[axis])
+                AxisErrors::new(&predicted[axis][of_group.clone()], measured[axis])
             });
             groups.push((label.clone(), *rows as u64, sums, errors));
         }

@@ -27,7 +27,7 @@ pub(super) fn group_means(data: &Dataset) -> Result<Dataset, FitError> {
     let (mut groups, mut places) = (Vec::<GroupSum>::new(), HashMap::new());
     for (_, block) in data.blocks() {
         // Names what is not finite, as every fit does.
-        ReadingRanges::of_block(&block.rows, data.channels())?;
+        ReadingRanges::from_block(&block.rows, data.channels())?;
         let columns = || block.rows.readings.iter().chain(&block.rows.wrench);
         let mut start = 0;
         for (label, rows) in &*block.labels {

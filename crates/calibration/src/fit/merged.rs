@@ -24,7 +24,7 @@ use shell_data::wrench::{Axes, PerAxis};
 pub enum RowSums<'a> {
     /// Exact sums.
     Exact(&'a Moments, Option<(GroupKind, GroupedMoments)>),
-    /// Triangles.
+    /// R factors.
     Factored(&'a FactoredRows, Option<(GroupKind, FactoredGroups)>),
 }
 
@@ -36,9 +36,9 @@ pub enum RowSums<'a> {
 pub fn fit_sums(sums: RowSums<'_>, axes: Axes, options: &FitOptions<'_>) -> Result<Fit, FitError> {
     let (choice, solver, solution, ranges, train) = match sums {
         RowSums::Exact(total, groups) => solve_exactly(total, groups, options)?,
-        RowSums::Factored(total, groups) => solve_triangle(total, groups, options)?,
+        RowSums::Factored(total, groups) => solve_r_factor(total, groups, options)?,
     };
-    let mut calibration = Calibration::of_solution(&solution, &ranges);
+    let mut calibration = Calibration::from_solution(&solution, &ranges);
     calibration.axes = axes;
     let (covariance, not_grouped) =
         covariance(&solution, (solver, None), &choice, options.covariance, options.workers);
@@ -80,14 +80,14 @@ fn solve_exactly(
     Ok((choice, SolverKind::Exact, solution, ranges, train))
 }
 
-/// The same from the triangle of rows that could not be summed exactly.
-fn solve_triangle(
+/// The same from the R factor of rows that could not be summed exactly.
+fn solve_r_factor(
     total: &FactoredRows,
     groups: Option<(GroupKind, FactoredGroups)>,
     options: &FitOptions<'_>,
 ) -> Result<MergedSolution, FitError> {
     let choice = match groups {
-        Some((by, groups)) => choose_triangles(by, groups, options)?,
+        Some((by, groups)) => choose_r_factors(by, groups, options)?,
         None => options.without_groups()?,
     };
     let model = Model {
@@ -102,7 +102,7 @@ fn solve_triangle(
     Ok((choice, SolverKind::Tsqr, solution, ranges, train))
 }
 
-fn choose_triangles(
+fn choose_r_factors(
     by: GroupKind,
     groups: FactoredGroups,
     options: &FitOptions<'_>,
@@ -127,7 +127,7 @@ fn choose_triangles(
         choice.cross_validation = Some(found);
     }
     match choice.by_group {
-        true => options.decide_by_triangles(choice, Ok(groups)),
+        true => options.decide_by_r_factors(choice, Ok(groups)),
         false => Ok(choice),
     }
 }

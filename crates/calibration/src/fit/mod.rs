@@ -85,7 +85,7 @@ use shell_data::wrench::PerAxis;
 pub const LARGEST: f64 = 1e100;
 
 /// Below this condition number refined QR has all digits of the coefficients (docs/accuracy.md), and the covariance from
-/// its triangle, which is not refined, six at the least.
+/// its R factor, which is not refined, six at the least.
 const AS_GOOD_AS_EXACT: f64 = 1e10;
 
 /// A calibration, how well it does, and what led to it.
@@ -464,7 +464,7 @@ fn fit_physics(
     // The physics model has no memory terms.
     let (data, test) = (training.data.without_memory(), &test.without_memory());
     let training = Training { data: &data, ..training };
-    let physics::Fitted { calibration, used, physics, errors } =
+    let physics::FittedPhysics { calibration, used, physics, errors } =
         physics::fit(training, test, tried, options)?;
     let train = Evaluation::total(&errors.train);
     let group_by = physics.group_by;

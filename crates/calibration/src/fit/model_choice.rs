@@ -16,8 +16,8 @@ use shell_data::dataset::Dataset;
 /// What standard errors by group are made of where exact sums do not serve the solver.
 #[derive(Clone, Debug)]
 pub(super) enum Clusters {
-    /// Triangles of the rows, and where groups are stretches of time those that are held out together.
-    Triangles { rows: FactoredGroups, held_out_together: Option<Vec<Range<usize>>> },
+    /// R factors of the rows, and where groups are stretches of time those that are held out together.
+    RFactors { rows: FactoredGroups, held_out_together: Option<Vec<Range<usize>>> },
     /// The rows with their labels, for a solver that clips them.
     Rows(Block),
 }
@@ -55,15 +55,15 @@ impl ModelChoice {
     /// The groups that were found, where they are not given.
     pub(super) fn found_groups(&self) -> Option<FoundGroups> {
         let is_used = self.sums.is_some()
-            || matches!(self.clusters, Some(Clusters::Triangles { .. }))
+            || matches!(self.clusters, Some(Clusters::RFactors { .. }))
             || self.cross_validation.is_some();
         self.group_by.as_ref().filter(|_| is_used)?.found()
     }
 
-    /// Whether groups are stretches of time, on average of as many rows as the model has features: what each adds to the
-    /// scatter of all is little then.
+    /// Whether groups are stretches of time, on average of half as many rows as the model has features: what each adds to
+    /// the scatter of all is little then.
     pub(super) fn has_long_stretches(&self, groups: usize, rows: u64, model: &Model) -> bool {
-        let are_long = rows >= (groups * model.term_count()) as u64;
+        let are_long = 2 * rows >= (groups * model.term_count()) as u64;
         are_long && self.group_by.is_some_and(|by| by.is_stretches())
     }
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::ops::Range;
 
-use super::polynomial::{Problem, Solved, solve};
+use super::polynomial::{PolynomialProblem, Solved, solve};
 use crate::error::FitError;
 use crate::exact::{Accumulator, Moments};
 use crate::factor::InverseFactor;
@@ -12,7 +12,7 @@ use crate::passes::{Rows, Workers, each, map};
 use crate::quality::significant;
 use crate::reading_ranges::ReadingRanges;
 use crate::solver::{Solution, SolverKind, solve_moments};
-use crate::validation::outliers::{Judge, Judged, LIMIT, LOOK_AT_ERROR, Spread, far_readings};
+use crate::validation::outliers::{LIMIT, LOOK_AT_ERROR, RowTest, Spread, TestedRow, far_readings};
 use shell_data::block::Block;
 use shell_data::dataset::{Dataset, LabelledBlock, RowSet};
 use shell_data::wrench::{Axes, Axis, PerAxis};
@@ -33,7 +33,7 @@ const FAR_FROM_NEIGHBOURS: f64 = 2.0;
 /// A load of so many standard deviations is not possible.
 const FAR_BEYOND_LOADS: f64 = 10.0;
 
-/// What rows are judged by.
+/// What rows are tested by.
 #[derive(Clone, Copy, Debug)]
 pub struct OutlierTest<'a> {
     /// The family of features.
@@ -124,7 +124,7 @@ pub struct Outliers {
 /// A row of one of the blocks that are searched, while it is looked at.
 struct Suspect {
     block: usize,
-    judged: Judged,
+    tested: TestedRow,
 }
 
 impl Outliers {
@@ -224,7 +224,7 @@ pub fn find_outliers(data: &Dataset, test: &OutlierTest<'_>) -> Result<Outliers,
     search(data, test, None)
 }
 
-/// A fit to all rows, and the rows of each block that are to be judged by it.
+/// A fit to all rows, and the rows of each block that are to be tested by it.
 pub(super) struct KnownFit {
     fit: Judging,
     suspects: Vec<Vec<usize>>,
@@ -242,7 +242,7 @@ pub(super) fn search(
     test: &OutlierTest<'_>,
     known: Option<KnownFit>,
 ) -> Result<Outliers, FitError> {
-    let mut search = Search::new(data, test);
+    let mut search = OutlierSearch::new(data, test);
     let out_of_range = match test.valid_range {
         None => Vec::new(),
         Some(range) => search.rows_outside(range)?,
@@ -254,7 +254,7 @@ pub(super) fn search(
     let mut looked_by = None;
     let all = match known {
         Some(KnownFit { fit, suspects }) => {
-            looked_by = fit.judge(&spread).map(|judge| *judge.noise());
+            looked_by = fit.row_test(&spread).map(|test| *test.noise());
             search.suspect(suspects);
             search.look(|block| far_readings(block, &spread))?;
             fit
@@ -266,18 +266,18 @@ pub(super) fn search(
     let most = MANY.max((LARGEST_SHARE * data.rows() as f64) as usize);
     for round in 0..MOST_ROUNDS {
         fit = search.solve_without(&all, &left_out, &never)?;
-        let Some(judge) = fit.judge(&spread) else { return Ok(Outliers::default()) };
-        if looked_by.is_none_or(|noise| judge.is_sharper(&noise)) {
-            search.look(|block| judge.suspects(block, &judge.predict(block), &spread))?;
-            looked_by = Some(*judge.noise());
+        let Some(test) = fit.row_test(&spread) else { return Ok(Outliers::default()) };
+        if looked_by.is_none_or(|noise| test.is_sharper(&noise)) {
+            search.look(|block| test.suspects(block, &test.predict(block), &spread))?;
+            looked_by = Some(*test.noise());
         }
         let excluded: RowSet = never.iter().chain(&left_out).copied().collect();
-        suspects = search.judge(&judge, &spread, &excluded)?;
+        suspects = search.test(&test, &spread, &excluded)?;
         let limit = limit_beyond(&suspects, most);
         // All that stands out is left out first; then what belongs goes back.
         suspects.retain(|of| match round {
-            0 => of.judged.stands_out(),
-            _ => of.judged.is_outlier(limit),
+            0 => of.tested.stands_out(),
+            _ => of.tested.is_outlier(limit),
         });
         suspects.retain(|of| !never.contains(&search.key(of)));
         if round > 0 && suspects.len() > most {
@@ -300,7 +300,7 @@ pub(super) fn search(
 
 /// The size of errors that is far beyond those of all but so many rows.
 fn limit_beyond(looked_at: &[Suspect], most: usize) -> f64 {
-    let mut sizes: Vec<f64> = looked_at.iter().map(|of| of.judged.size).collect();
+    let mut sizes: Vec<f64> = looked_at.iter().map(|of| of.tested.size).collect();
     let tail = match sizes.len() > most {
         true => *sizes.select_nth_unstable_by(most, |a, b| b.total_cmp(a)).1,
         // The rows that are not looked at have smaller errors.
@@ -309,7 +309,7 @@ fn limit_beyond(looked_at: &[Suspect], most: usize) -> f64 {
     LIMIT.max(FAR_BEYOND * tail)
 }
 
-/// A fit that rows are judged by.
+/// A fit that rows are tested by.
 #[derive(Clone)]
 struct Judging {
     solution: Solution,
@@ -325,8 +325,8 @@ impl Judging {
         Self { solution: Solution { factor, ..solution }, ranges, sums }
     }
 
-    fn judge(&self, spread: &Spread) -> Option<Judge> {
-        Judge::new(&self.solution, &self.ranges, spread)
+    fn row_test(&self, spread: &Spread) -> Option<RowTest> {
+        RowTest::new(&self.solution, &self.ranges, spread)
     }
 
     /// The fit without some of its rows, from what is known of all; `None` if that takes the other rows.
@@ -347,7 +347,7 @@ impl Judging {
     }
 }
 
-/// A block of rows, and which of them are to be judged, ascending, with their leverages.
+/// A block of rows, and which of them are to be tested, ascending, with their leverages.
 struct SearchedBlock<'a> {
     log: usize,
     rows: &'a Block,
@@ -355,13 +355,13 @@ struct SearchedBlock<'a> {
 }
 
 /// Rows that are searched.
-struct Search<'a> {
+struct OutlierSearch<'a> {
     data: &'a Dataset,
     test: &'a OutlierTest<'a>,
     blocks: Vec<SearchedBlock<'a>>,
 }
 
-impl<'a> Search<'a> {
+impl<'a> OutlierSearch<'a> {
     fn new(data: &'a Dataset, test: &'a OutlierTest<'a>) -> Self {
         let of = |(log, block): (usize, &'a LabelledBlock)| SearchedBlock {
             log,
@@ -382,7 +382,7 @@ impl<'a> Search<'a> {
 
     fn solve(&self, excluded: impl Iterator<Item = RowKey>) -> Result<Judging, FitError> {
         let used = self.data.select(self.test.fresh, &excluded.collect());
-        let problem = Problem {
+        let problem = PolynomialProblem {
             model: self.model(),
             solver: SolverKind::Exact,
             ridge: self.test.ridge,
@@ -412,7 +412,7 @@ impl<'a> Search<'a> {
     /// Where a row is.
     fn key(&self, suspect: &Suspect) -> RowKey {
         let SearchedBlock { log, rows, .. } = &self.blocks[suspect.block];
-        (*log, rows.place, suspect.judged.row)
+        (*log, rows.place, suspect.tested.row)
     }
 
     /// Passes all blocks to `work`, on any thread, and what comes of them to `fold`, in order.
@@ -433,11 +433,11 @@ impl<'a> Search<'a> {
     /// The spread of readings and loads.
     fn spread(&self) -> Result<Spread, FitError> {
         let mut all = Spread::default();
-        self.each_block(|(), block| Spread::of(block.rows), |spread| all.merge(&spread))?;
+        self.each_block(|(), block| Spread::new(block.rows), |spread| all.merge(&spread))?;
         Ok(all)
     }
 
-    /// Also judges the rows of each block that `find` finds.
+    /// Also tests the rows of each block that `find` finds.
     fn look(&mut self, find: impl Fn(&Block) -> Vec<usize> + Sync) -> Result<(), FitError> {
         let mut found = Vec::new();
         self.each_block(|(), block| find(block.rows), |rows| found.push(rows))?;
@@ -445,7 +445,7 @@ impl<'a> Search<'a> {
         Ok(())
     }
 
-    /// Also judges some rows of each block.
+    /// Also tests some rows of each block.
     fn suspect(&mut self, found: Vec<Vec<usize>>) {
         for (block, mut rows) in self.blocks.iter_mut().zip(found) {
             if self.test.fresh {
@@ -458,22 +458,22 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Judges the rows that are to be.
-    fn judge(
+    /// Tests the rows that are to be.
+    fn test(
         &mut self,
-        judge: &Judge,
+        test: &RowTest,
         spread: &Spread,
         excluded: &RowSet,
     ) -> Result<Vec<Suspect>, FitError> {
-        self.find_leverages(judge)?;
+        self.find_leverages(test)?;
         self.suspects(|predicted, SearchedBlock { log, rows, suspects }| {
             let is_left_out = |row: usize| excluded.contains(*log, rows.place, row);
-            judge.judge(rows, suspects, (spread, predicted), &is_left_out)
+            test.test(rows, suspects, (spread, predicted), &is_left_out)
         })
     }
 
-    /// The leverages of the rows that are judged, of many blocks together.
-    fn find_leverages(&mut self, judge: &Judge) -> Result<(), FitError> {
+    /// The leverages of the rows that are tested, of many blocks together.
+    fn find_leverages(&mut self, test: &RowTest) -> Result<(), FitError> {
         const TOGETHER: usize = 256;
         let (mut parts, mut rows) = (Vec::<Range<usize>>::new(), 0);
         for (place, block) in self.blocks.iter().enumerate() {
@@ -487,7 +487,7 @@ impl<'a> Search<'a> {
             rows += block.suspects.len();
         }
         let leverages = map(&parts, TOGETHER, self.test.workers, |part| {
-            Ok(judge.leverages(&gather(&self.blocks[part.clone()], |_| true).readings))
+            Ok(test.leverages(&gather(&self.blocks[part.clone()], |_| true).readings))
         })?;
         let rows = self.blocks.iter_mut().flat_map(|block| &mut block.suspects);
         rows.zip(leverages.concat()).for_each(|(suspect, leverage)| suspect.1 = leverage);
@@ -508,12 +508,12 @@ impl<'a> Search<'a> {
 
     fn suspects(
         &self,
-        judge: impl Fn(&mut PerAxis<Vec<f64>>, &SearchedBlock<'_>) -> Vec<Judged> + Sync,
+        test: impl Fn(&mut PerAxis<Vec<f64>>, &SearchedBlock<'_>) -> Vec<TestedRow> + Sync,
     ) -> Result<Vec<Suspect>, FitError> {
         let mut found = Vec::new();
-        self.each_block(judge, |judged| found.push(judged))?;
-        let of_block = |(block, judged): (usize, Vec<Judged>)| {
-            judged.into_iter().map(move |judged| Suspect { block, judged })
+        self.each_block(test, |tested| found.push(tested))?;
+        let of_block = |(block, tested): (usize, Vec<TestedRow>)| {
+            tested.into_iter().map(move |tested| Suspect { block, tested })
         };
         Ok(found.into_iter().enumerate().flat_map(of_block).collect())
     }
@@ -529,7 +529,7 @@ impl<'a> Search<'a> {
         spread: &Spread,
     ) -> Option<[PerAxis<f64>; 2]> {
         let left_out = gather(&self.blocks, |row| left_out.contains(row));
-        let predicted = all.judge(spread)?.predict(&left_out);
+        let predicted = all.row_test(spread)?.predict(&left_out);
         let rms = |of: &Judging, axis: usize, (rows, square): (usize, f64)| {
             let Solution { residual_products, rows: all, .. } = &of.solution;
             let rest = (residual_products[(axis, axis)] - square).max(0.0);
@@ -555,7 +555,7 @@ impl<'a> Search<'a> {
     ) -> Option<Outlier> {
         let SearchedBlock { log, rows, .. } = &self.blocks[suspect.block];
         let (channels, terms) = (self.data.channels(), rows.memory_columns);
-        let Judged { row, error, size, axis, .. } = suspect.judged;
+        let TestedRow { row, error, size, axis, .. } = suspect.tested;
         let values = |row: usize| -> Option<Vec<f64>> {
             let columns = rows.readings.iter().chain(&rows.wrench);
             (row < rows.rows).then(|| columns.map(|column| column[row]).collect())
@@ -609,7 +609,7 @@ type RowKey = (usize, u64, usize);
 /// Rows in their order.
 type RowKeys = BTreeSet<RowKey>;
 
-/// Some of the rows that are judged.
+/// Some of the rows that are tested.
 fn gather(blocks: &[SearchedBlock<'_>], is_meant: impl Fn(&RowKey) -> bool) -> Block {
     let mut gathered = Block::default();
     for SearchedBlock { log, rows, suspects } in blocks {
@@ -620,8 +620,8 @@ fn gather(blocks: &[SearchedBlock<'_>], is_meant: impl Fn(&RowKey) -> bool) -> B
 }
 
 /// The rows of a block with a reading outside a range.
-fn outside(block: &Block, [least, most]: [f64; 2]) -> Vec<Judged> {
+fn outside(block: &Block, [least, most]: [f64; 2]) -> Vec<TestedRow> {
     let is_outside =
         |row: &usize| block.readings.iter().any(|column| !(least..=most).contains(&column[*row]));
-    (0..block.rows).filter(is_outside).map(Judged::unseen).collect()
+    (0..block.rows).filter(is_outside).map(TestedRow::unseen).collect()
 }

@@ -90,7 +90,7 @@ pub fn paired_errors(
     let sums = |groups: &[GroupErrors]| -> Vec<PerAxis<HeldOutErrors>> {
         groups.iter().map(|group| group.errors.map(|errors| squares_of(&errors))).collect()
     };
-    let found = Comparison::of(&sums(&first), &sums(&second), &[1.0; 6]);
+    let found = Comparison::new(&sums(&first), &sums(&second), &[1.0; 6]);
     let t = student_quantile(COVERAGE_LEVEL, (groups - 1) as f64);
     let axes = std::array::from_fn(|axis| {
         let rms = [found.rms[0][axis], found.rms[1][axis]];

@@ -6,7 +6,7 @@ use super::FitOptions;
 use super::choice::Training;
 use super::evaluation::EvalOptions;
 use super::model_choice::ModelChoice;
-use super::polynomial::Errors;
+use super::polynomial::RowErrors;
 use super::refits::{FOLDS, MOST_ALONE};
 use crate::conversion::{Calibration, Kind};
 use crate::error::FitError;
@@ -17,7 +17,7 @@ use crate::physics::{Choice, PhysicsCalibration, PhysicsValidation, TrainingRows
 use crate::quality::significant;
 use crate::reading_ranges::ReadingRange;
 use crate::validation::comparison::Comparison;
-use crate::validation::cross_validation::{CrossValidation, HeldOutQuality, deal_groups};
+use crate::validation::cross_validation::{CrossValidation, HeldOutQuality, assign_groups};
 use crate::validation::excitation::WrenchSums;
 use crate::validation::grouped::GroupedMoments;
 use crate::validation::{ValidationError, selection};
@@ -81,11 +81,11 @@ pub(super) fn check(data: &Dataset) -> Result<(), FitError> {
 }
 
 /// A calibration by the physics model, the rows that were used, and how well it does.
-pub(super) struct Fitted {
+pub(super) struct FittedPhysics {
     pub(super) calibration: Calibration,
     pub(super) used: Dataset,
     pub(super) physics: PhysicsFit,
-    pub(super) errors: Errors,
+    pub(super) errors: RowErrors,
 }
 
 /// The physics model as it was compared with a polynomial.
@@ -102,7 +102,7 @@ pub(super) fn fit(
     test: &Dataset,
     tried: Option<TriedPhysics>,
     options: &FitOptions<'_>,
-) -> Result<Fitted, FitError> {
+) -> Result<FittedPhysics, FitError> {
     check(training.data)?;
     let labelled = training.labelled(options.held_out());
     let (group_by, used) = labelled.ok_or(FitError::NoGroups)?;
@@ -117,17 +117,17 @@ pub(super) fn fit(
             let fitted = PhysicsCalibration::fit(&rows, options.workers)?;
             let validate = |held_out| {
                 let folds = rows.folds(fold_count(held_out, labels.len(), group_by));
-                PhysicsValidation::of(&rows, &folds, &fitted.1, options.workers)
+                PhysicsValidation::new(&rows, &folds, &fitted.1, options.workers)
             };
             let validation = held_out.map(validate).transpose()?;
             (fitted, validation)
         }
     };
-    let mut calibration = Calibration::of(Kind::Physics(Box::new(physics)));
+    let mut calibration = Calibration::from_kind(Kind::Physics(Box::new(physics)));
     calibration.valid_range = Some(rows.readings.iter().map(|column| range(column)).collect());
-    let mut errors = Errors::of(&calibration, &used, test, &EvalOptions::default(), options)?;
+    let mut errors = RowErrors::new(&calibration, &used, test, &EvalOptions::default(), options)?;
     // Of all rows at once, as they are fitted.
-    errors.loads = WrenchSums::of(&rows.wrench);
+    errors.loads = WrenchSums::new(&rows.wrench);
     let physics = PhysicsFit {
         choice,
         observations: rows.observations()?.len(),
@@ -135,7 +135,7 @@ pub(super) fn fit(
         group_by,
         validation,
     };
-    Ok(Fitted { calibration, used, physics, errors })
+    Ok(FittedPhysics { calibration, used, physics, errors })
 }
 
 /// Folds that so many groups are held out in. Where only time tells them apart, each has many rows, and none is a pose.
@@ -206,7 +206,7 @@ impl ModelComparison {
         let (rows, labels) = TrainingRows::from_dataset(labelled);
         let sizes: Vec<u64> = sums.groups.iter().map(|(_, moments)| moments.rows()).collect();
         let held_out = options.validation().unwrap_or(HeldOut::Auto);
-        let mut folds = deal_groups(&sizes, fold_count(held_out, sizes.len(), *group_by))?;
+        let mut folds = assign_groups(&sizes, fold_count(held_out, sizes.len(), *group_by))?;
         let mut polynomial = selection::errors_by_fold(sums, &model, ridge, &folds)?;
         if polynomial.is_none() {
             folds = selection::folds(sums)?;
@@ -225,14 +225,14 @@ impl ModelComparison {
         let (first, of_first): (Vec<_>, Vec<_>) =
             folds.iter().cloned().zip(polynomial.iter().copied()).step_by(every).unzip();
         let usual = usual_errors(&rows, &first, options.workers)?;
-        let comparison = Comparison::of(&usual, &of_first, &variances);
+        let comparison = Comparison::new(&usual, &of_first, &variances);
         let [physics, by_polynomial] = comparison.rms.map(|rms| relative_square(&rms, &variances));
         if physics > OUT_OF_REACH * by_polynomial {
             return Ok((Self { model, ridge, comparison, folds: first.len() }, None));
         }
         let fitted = PhysicsCalibration::fit(&rows, options.workers)?;
-        let validation = PhysicsValidation::of(&rows, &folds, &fitted.1, options.workers)?;
-        let comparison = Comparison::of(&validation.by_fold(), &polynomial, &variances);
+        let validation = PhysicsValidation::new(&rows, &folds, &fitted.1, options.workers)?;
+        let comparison = Comparison::new(&validation.by_fold(), &polynomial, &variances);
         let tried = TriedPhysics { fitted, validation };
         Ok((Self { model, ridge, comparison, folds: folds.len() }, Some(tried)))
     }

@@ -22,7 +22,7 @@ use crate::validation::ValidationError;
 use crate::validation::excitation::WrenchSums;
 use crate::validation::grouped::GroupedMoments;
 use crate::validation::leaks::{LEAKY, RowSample, share_in_several_groups};
-use crate::validation::outliers::{Judge, Spread};
+use crate::validation::outliers::{RowTest, Spread};
 use shell_data::block::Block;
 use shell_data::dataset::{Dataset, LabelledBlock};
 use shell_data::fingerprint::Fingerprint;
@@ -30,7 +30,7 @@ use shell_data::wrench::PerAxis;
 
 /// What is to be solved, and how.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Problem {
+pub(super) struct PolynomialProblem {
     pub(super) model: Model,
     /// Where the exact one cannot take the rows, refined QR does.
     pub(super) solver: SolverKind,
@@ -54,7 +54,7 @@ pub(super) struct Solved {
 /// Solves by the solver that is asked for. `total` are the exact sums of the rows, where they have been made
 /// already; `sample` is of the rows, for solvers that need to know their sizes before the first pass.
 pub(super) fn solve(
-    problem: &Problem,
+    problem: &PolynomialProblem,
     total: Option<&Moments>,
     rows: &Rows<'_>,
     sample: Option<&Block>,
@@ -73,7 +73,7 @@ pub(super) fn solve(
 }
 
 fn solve_exactly(
-    problem: &Problem,
+    problem: &PolynomialProblem,
     total: Option<&Moments>,
     rows: &Rows<'_>,
     sample: Option<&Block>,
@@ -90,17 +90,17 @@ fn solve_exactly(
 
 fn solve_rounded(
     solver: SolverKind,
-    problem: &Problem,
+    problem: &PolynomialProblem,
     rows: &Rows<'_>,
     sample: Option<&Block>,
 ) -> Result<(Solution, ReadingRanges), FitError> {
-    let Problem { model, ridge, truncate, .. } = *problem;
+    let PolynomialProblem { model, ridge, truncate, .. } = *problem;
     // A sample tells centre and scale, unless the answer depends on them.
     let is_penalised = ridge > 0.0
         || solver == SolverKind::RidgeGcv
         || (solver == SolverKind::Svd && truncate.is_some());
     let scaling = match sample.filter(|_| !is_penalised) {
-        Some(sample) => Scaling::of_sample(&sample.readings, model.intercept),
+        Some(sample) => Scaling::from_sample(&sample.readings, model.intercept),
         None => {
             let centring = Centring { channels: model.columns(), intercept: model.intercept };
             centring.scaling(&rows.reduce(&centring)?)
@@ -124,26 +124,26 @@ pub(super) fn covariance(
     if rule == CovarianceRule::Nothing || choice.few_groups.is_some() {
         return (None, None);
     }
-    let by_rows = || Covariance::of_rows(solution);
+    let by_rows = || Covariance::from_rows(solution);
     let ridge = choice.ridge;
     let found = match (&choice.clusters, &choice.sums) {
         _ if !choice.by_group => return (by_rows(), None),
         (Some(Clusters::Rows(rows)), _) => {
-            Covariance::of_clipped_groups(rows, solution, ridge, workers)
+            Covariance::from_clipped_groups(rows, solution, ridge, workers)
         }
-        (Some(Clusters::Triangles { .. }), _) if solver == SolverKind::Huber => {
+        (Some(Clusters::RFactors { .. }), _) if solver == SolverKind::Huber => {
             Err(ValidationError::OtherSolver)
         }
-        (Some(Clusters::Triangles { rows, held_out_together }), _) => {
+        (Some(Clusters::RFactors { rows, held_out_together }), _) => {
             let method = match solver {
                 SolverKind::Svd => Method::Svd { truncate },
                 SolverKind::RidgeGcv => Method::RidgeGcv,
                 _ => Method::Tsqr,
             };
             match held_out_together {
-                None => Covariance::of_factored(rows, solution, (method, ridge), workers),
+                None => Covariance::from_factored(rows, solution, (method, ridge), workers),
                 Some(together) => {
-                    Covariance::of_files(rows, together, solution, (method, ridge), workers)
+                    Covariance::from_files(rows, together, solution, (method, ridge), workers)
                 }
             }
         }
@@ -152,7 +152,7 @@ pub(super) fn covariance(
         (None, Some(sums)) => {
             let are_long =
                 choice.has_long_stretches(sums.groups.len(), solution.rows, &solution.model);
-            let of = if are_long { Covariance::of_stretches } else { Covariance::of_groups };
+            let of = if are_long { Covariance::from_stretches } else { Covariance::from_groups };
             of(sums, &solution.model, ridge, workers)
         }
         (None, None) => return (by_rows(), None),
@@ -170,7 +170,7 @@ pub(super) struct PolynomialFit {
     pub(super) calibration: Calibration,
     pub(super) solved: Solved,
     pub(super) not_grouped: Option<ValidationError>,
-    pub(super) errors: Errors,
+    pub(super) errors: RowErrors,
 }
 
 /// Fits the model that was chosen, and finds its errors on the training rows and on those of tests.
@@ -180,7 +180,7 @@ pub(super) fn fit(
     choice: &ModelChoice,
     options: &FitOptions<'_>,
 ) -> Result<PolynomialFit, FitError> {
-    let problem = Problem {
+    let problem = PolynomialProblem {
         model: options.model_of(train, choice.basis),
         solver: match options.solver {
             // What the exact solver leaves to others; memory terms are rounded themselves.
@@ -195,7 +195,7 @@ pub(super) fn fit(
     let sample = train.logs.first().map(|log| &log.sample);
     let solved = solve(&problem, total, &Rows::new(train, options.workers), sample)?;
     let Solved { solution, ranges, solver, .. } = &solved;
-    let mut calibration = Calibration::of_solution(solution, ranges);
+    let mut calibration = Calibration::from_solution(solution, ranges);
     calibration.axes = train.logs[0].axes;
     let (mut covariance, not_grouped) = covariance(
         solution,
@@ -205,13 +205,13 @@ pub(super) fn fit(
         options.workers,
     );
     let unit = covariance.as_ref().map(|_| root_mean_square(solution));
-    let judge = options.looks_for_outliers().then(|| {
+    let row_test = options.looks_for_outliers().then(|| {
         let spread = Spread::within(ranges);
-        Some((Judge::new(solution, ranges, &spread)?, spread))
+        Some((RowTest::new(solution, ranges, &spread)?, spread))
     });
-    let judge = judge.flatten();
-    let look = EvalOptions { size_unit: unit.as_ref(), judge: judge.as_ref() };
-    let errors = Errors::of(&calibration, train, test, &look, options)?;
+    let row_test = row_test.flatten();
+    let look = EvalOptions { size_unit: unit.as_ref(), row_test: row_test.as_ref() };
+    let errors = RowErrors::new(&calibration, train, test, &look, options)?;
     if let Some([earlier, later]) = errors.copy {
         return Err(FitError::Copy { earlier, later });
     }
@@ -221,21 +221,21 @@ pub(super) fn fit(
     if let (Some(covariance), Some(unit)) = (&mut covariance, unit) {
         let rms = quality.map(|axis| axis.rms);
         let sizes = errors.sizes.as_ref();
-        covariance.shape = sizes.map(|sizes| ErrorShape::of_errors(sizes, &unit, &rms));
+        covariance.shape = sizes.map(|sizes| ErrorShape::from_errors(sizes, &unit, &rms));
     }
     calibration.covariance = covariance;
     Ok(PolynomialFit { calibration, solved, not_grouped, errors })
 }
 
 /// How a calibration does on the rows of a fit, and what else is said of these.
-pub(super) struct Errors {
+pub(super) struct RowErrors {
     pub(super) train: Vec<Evaluation>,
     pub(super) test: Vec<Evaluation>,
     /// The first log that has the rows of one before it, after that one.
     copy: Option<[PathBuf; 2]>,
     /// How large the errors of the training rows are, if that was asked for.
     sizes: Option<PerAxis<Magnitudes>>,
-    /// The rows of each block of training rows to judge as outliers, and whether one of them may matter, if that was
+    /// The rows of each block of training rows to test as outliers, and whether one of them may matter, if that was
     /// asked for.
     pub(super) suspects: Vec<Vec<usize>>,
     pub(super) stands_out: bool,
@@ -274,9 +274,9 @@ struct BlockFacts {
     sample: Option<RowSample>,
 }
 
-impl Errors {
+impl RowErrors {
     /// Passes over training and test rows.
-    pub(super) fn of(
+    pub(super) fn new(
         calibration: &Calibration,
         train: &Dataset,
         test: &Dataset,
@@ -303,10 +303,10 @@ impl Errors {
             Ok(BlockFacts {
                 log: *log,
                 errors,
-                loads: is_train.then(|| WrenchSums::of(&rows.wrench)),
+                loads: is_train.then(|| WrenchSums::new(&rows.wrench)),
                 // A log by itself is a copy of none, and without tests there is nothing on its plateaus.
-                fingerprint: (all_logs().count() > 1).then(|| Fingerprint::of(rows)),
-                sample: (!test.logs.is_empty()).then(|| RowSample::of(rows, stride)),
+                fingerprint: (all_logs().count() > 1).then(|| Fingerprint::new(rows)),
+                sample: (!test.logs.is_empty()).then(|| RowSample::new(rows, stride)),
             })
         };
         let (mut loads, mut stands_out) = (WrenchSums::default(), false);
@@ -380,12 +380,12 @@ fn root_mean_square(solution: &Solution) -> PerAxis<f64> {
 
 /// The calibration that a problem's solution is, checked as that of a fit.
 pub(super) fn calibrate(
-    problem: &Problem,
+    problem: &PolynomialProblem,
     rows: &Rows<'_>,
     sample: &Block,
 ) -> Result<Calibration, FitError> {
     let Solved { solution, ranges, .. } = solve(problem, None, rows, Some(sample))?;
-    let calibration = Calibration::of_solution(&solution, &ranges);
+    let calibration = Calibration::from_solution(&solution, &ranges);
     check_sizes(&calibration, [])?;
     Ok(calibration)
 }

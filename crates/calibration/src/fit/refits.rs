@@ -5,7 +5,7 @@
 //! forty groups is held out alone, more in ten folds.
 
 use super::FitOptions;
-use super::polynomial::{Problem, calibrate};
+use super::polynomial::{PolynomialProblem, calibrate};
 use crate::conversion::Calibration;
 use crate::error::FitError;
 use crate::groups::HeldOut;
@@ -13,8 +13,8 @@ use crate::model::{Basis, Model};
 use crate::passes::Rows;
 use crate::physics::TrainingRows;
 use crate::validation::ValidationError;
-use crate::validation::cross_validation::{CrossValidation, HeldOutQuality, deal_groups};
-use crate::validation::grouped::{RandomSplit, deal};
+use crate::validation::cross_validation::{CrossValidation, HeldOutQuality, assign_groups};
+use crate::validation::grouped::{RandomSplit, assign};
 use crate::validation::normal_equations::HeldOutFolds;
 use crate::validation::selection::{self, Selection};
 use shell_data::block::Block;
@@ -25,7 +25,7 @@ use std::collections::HashMap;
 
 /// Up to this many groups each is held out alone.
 pub(super) const MOST_ALONE: usize = 40;
-/// Folds that more groups are dealt into.
+/// Folds that more groups are assigned to.
 pub(super) const FOLDS: usize = 10;
 
 /// Folds of the random split that held-out errors are compared with, where no number is given.
@@ -99,12 +99,12 @@ impl LabelGroups {
         if found < 2 {
             return Err(ValidationError::TooFewGroups { found });
         }
-        let dealt = deal_groups(&self.sizes, folds)?;
+        let assigned = assign_groups(&self.sizes, folds)?;
         let mut fold_of = vec![0; found];
-        for (fold, groups) in dealt.iter().enumerate() {
+        for (fold, groups) in assigned.iter().enumerate() {
             groups.iter().for_each(|&group| fold_of[group] = fold);
         }
-        let mut blocks = vec![Block::default(); dealt.len()];
+        let mut blocks = vec![Block::default(); assigned.len()];
         for (_, block) in data.blocks() {
             let mut start = 0;
             for (label, rows) in &*block.labels {
@@ -123,7 +123,7 @@ fn sizes(rows: &TrainingRows, groups: usize) -> Vec<u64> {
     sizes
 }
 
-/// The errors of `refit` on groups of labelled rows, each fold held out in turn, and on rows that are dealt at
+/// The errors of `refit` on groups of labelled rows, each fold held out in turn, and on rows that are assigned at
 /// random.
 pub(super) fn cross_validate_by_refits(
     data: &Dataset,
@@ -136,11 +136,11 @@ pub(super) fn cross_validate_by_refits(
         return Err(ValidationError::TooFewGroups { found: labels.len() }.into());
     }
     let folds = match held_out {
-        HeldOut::Folds(folds) => deal_groups(&sizes, folds)?,
+        HeldOut::Folds(folds) => assign_groups(&sizes, folds)?,
         _ if labels.len() <= MOST_ALONE => (0..labels.len()).map(|group| vec![group]).collect(),
-        _ => deal_groups(&sizes, FOLDS)?,
+        _ => assign_groups(&sizes, FOLDS)?,
     };
-    let (mut grouped, mut undetermined) = (Errors::default(), Vec::new());
+    let (mut grouped, mut undetermined) = (ErrorVariances::default(), Vec::new());
     let mut reason = None;
     for fold in &folds {
         let is_held_out = |row: usize| fold.contains(&(rows.groups[row] as usize));
@@ -162,18 +162,18 @@ pub(super) fn cross_validate_by_refits(
     };
     let columns: Vec<&[f64]> =
         rows.readings.iter().chain(&rows.wrench).map(Vec::as_slice).collect();
-    let dealt = deal(&columns, rows.groups.len(), &random);
-    let of_dealt = |held_out: &Vec<usize>| {
+    let assigned = assign(&columns, rows.groups.len(), &random);
+    let of_assigned = |held_out: &Vec<usize>| {
         let mut is_held_out = vec![false; rows.groups.len()];
         held_out.iter().for_each(|&row| is_held_out[row] = true);
         refit.without(&rows, |row| is_held_out[row])
     };
-    let at_random: Result<Vec<Errors>, _> =
-        dealt.iter().filter(|rows| !rows.is_empty()).map(of_dealt).collect();
+    let at_random: Result<Vec<ErrorVariances>, _> =
+        assigned.iter().filter(|rows| !rows.is_empty()).map(of_assigned).collect();
     if at_random == Err(FitError::Interrupted) {
         return Err(FitError::Interrupted);
     }
-    let mut all = Errors::default();
+    let mut all = ErrorVariances::default();
     at_random.iter().flatten().for_each(|errors| all.merge(errors));
     Ok(CrossValidation {
         groups: labels.len(),
@@ -181,7 +181,7 @@ pub(super) fn cross_validate_by_refits(
         rows: rows.groups.len() as u64,
         undetermined,
         grouped: grouped.quality(),
-        random_folds: dealt.len(),
+        random_folds: assigned.len(),
         random: at_random.ok().filter(|folds| !folds.is_empty()).map(|_| all.quality()),
     })
 }
@@ -192,12 +192,12 @@ impl Refit<'_> {
         &self,
         rows: &TrainingRows,
         is_held_out: impl Fn(usize) -> bool,
-    ) -> Result<Errors, FitError> {
+    ) -> Result<ErrorVariances, FitError> {
         let all = 0..rows.groups.len();
         let (held_out, kept): (Vec<usize>, Vec<usize>) = all.partition(|&row| is_held_out(row));
         let FitOptions { intercept, solver, truncate, workers, .. } = *self.options;
         let channels = rows.readings.len();
-        let problem = Problem {
+        let problem = PolynomialProblem {
             model: Model { basis: self.basis, intercept, channels, memory: 0 },
             solver,
             ridge: self.ridge,
@@ -206,23 +206,23 @@ impl Refit<'_> {
         let kept: Vec<Block> = kept.chunks(BLOCK_ROWS).map(|places| rows.block(places)).collect();
         let sample = sample(&kept);
         let calibration = calibrate(&problem, &Rows::from_blocks(&kept, workers), &sample)?;
-        Ok(Errors::of(&calibration, &rows.block(&held_out)))
+        Ok(ErrorVariances::new(&calibration, &rows.block(&held_out)))
     }
 }
 
 /// Predicted less measured, over rows.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Errors(PerAxis<RunningVariance>);
+struct ErrorVariances(PerAxis<RunningVariance>);
 
-impl Errors {
-    fn of(calibration: &Calibration, block: &Block) -> Self {
+impl ErrorVariances {
+    fn new(calibration: &Calibration, block: &Block) -> Self {
         let mut predicted = PerAxis::default();
         calibration.wrench(&block.readings, &mut predicted);
         Self(std::array::from_fn(|axis| {
             let pairs = predicted[axis].iter().zip(&block.wrench[axis]);
             let errors: Vec<f64> =
                 pairs.map(|(predicted, measured)| predicted - measured).collect();
-            RunningVariance::of(&errors)
+            RunningVariance::new(&errors)
         }))
     }
 

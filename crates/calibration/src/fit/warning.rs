@@ -98,7 +98,7 @@ impl fmt::Display for Warning {
             Self::GroupsLeak(share) => write!(
                 f,
                 "the groups leak: {:.0} % of the rows share their pose with rows of other groups, as where \
-                 labels were dealt at random. Errors on held-out groups are those of training; give one label \
+                 labels were assigned at random. Errors on held-out groups are those of training; give one label \
                  to each pose",
                 100.0 * share
             ),

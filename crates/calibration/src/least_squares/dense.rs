@@ -5,7 +5,7 @@ use faer::{Mat, MatRef};
 use super::method::Method;
 use super::rows::{Reduction, RowChunk, Rows, Shape};
 use super::solve::solve;
-use crate::triangle::{LeastSquares, LeastSquaresError, Ridge};
+use crate::r_factor::{LeastSquares, LeastSquaresError, Ridge};
 
 /// `X` and `Y` in memory.
 ///

@@ -15,8 +15,8 @@
 
 use faer::Mat;
 
-use crate::triangle::LeastSquaresError;
-use crate::triangle::RFactor;
+use crate::r_factor::LeastSquaresError;
+use crate::r_factor::RFactor;
 
 /// Points per factor of ten of the first search.
 const PER_DECADE: usize = 8;
@@ -25,10 +25,10 @@ const RANGE: (f64, f64) = (-20.0, 4.0);
 
 /// The λ at which the criterion is smallest; zero where that is at the lower end of the search.
 pub(super) fn lambda(
-    triangle: &RFactor,
+    r_factor: &RFactor,
     free_column: Option<usize>,
 ) -> Result<f64, LeastSquaresError> {
-    let criterion = Criterion::new(triangle, free_column)?;
+    let criterion = GcvCriterion::new(r_factor, free_column)?;
     let steps = ((RANGE.1 - RANGE.0) as usize) * PER_DECADE;
     let exponent = |step: usize| RANGE.0 + step as f64 / PER_DECADE as f64;
     let best = (0..=steps)
@@ -41,7 +41,7 @@ pub(super) fn lambda(
     Ok(criterion.largest * 10_f64.powf(golden_section(low, high, |e| criterion.at(e))))
 }
 
-struct Criterion {
+struct GcvCriterion {
     rows: f64,
     free: f64,
     /// Squared singular values.
@@ -54,13 +54,13 @@ struct Criterion {
     residuals: Vec<f64>,
 }
 
-impl Criterion {
-    fn new(triangle: &RFactor, free_column: Option<usize>) -> Result<Self, LeastSquaresError> {
-        let (r, z) = triangle.damped_parts(crate::triangle::Ridge::NONE);
+impl GcvCriterion {
+    fn new(r_factor: &RFactor, free_column: Option<usize>) -> Result<Self, LeastSquaresError> {
+        let (r, z) = r_factor.damped_parts(crate::r_factor::Ridge::NONE);
         let (p, q) = z.shape();
         let free = usize::from(free_column.is_some());
-        if triangle.rows() <= (free + 1) as u64 {
-            return Err(LeastSquaresError::TooFewRows { rows: triangle.rows(), columns: p });
+        if r_factor.rows() <= (free + 1) as u64 {
+            return Err(LeastSquaresError::TooFewRows { rows: r_factor.rows(), columns: p });
         }
         if !r.is_all_finite() || !z.is_all_finite() {
             return Err(LeastSquaresError::NotFinite);
@@ -69,7 +69,7 @@ impl Criterion {
         let order: Vec<usize> =
             free_column.into_iter().chain((0..p).filter(|&j| Some(j) != free_column)).collect();
         let moved = Mat::from_fn(p, p, |i, j| r[(i, order[j])]);
-        let (turned, z) = RFactor::of_rows(&moved, &z).damped_parts(crate::triangle::Ridge::NONE);
+        let (turned, z) = RFactor::from_rows(&moved, &z).damped_parts(crate::r_factor::Ridge::NONE);
         let unit = |norm: f64| if norm > 0.0 { norm } else { 1.0 };
         let norms: Vec<f64> = order.iter().map(|&j| unit(r.col(j).norm_l2())).collect();
         let m = p - free;
@@ -79,9 +79,9 @@ impl Criterion {
         let svd = scaled.svd().map_err(|_| LeastSquaresError::NotFinite)?;
         let b = svd.U().transpose() * z.subrows(free, m);
         let squares: Vec<f64> = svd.S().column_vector().iter().map(|s| s * s).collect();
-        let solved = triangle.rest_products();
+        let solved = r_factor.rest_products();
         Ok(Self {
-            rows: triangle.rows() as f64,
+            rows: r_factor.rows() as f64,
             free: free as f64,
             largest: squares.first().copied().unwrap_or(1.0),
             squares,

@@ -5,7 +5,7 @@ use faer::linalg::{triangular_inverse, triangular_solve};
 use faer::{Accum, Mat, MatRef, Par, Side};
 
 use super::rows::{Reduction, RowChunk, Shape};
-use crate::triangle::{LeastSquares, LeastSquaresError, Ridge};
+use crate::r_factor::{LeastSquares, LeastSquaresError, Ridge};
 
 /// Forms the Gram matrix of `[X | Y]`.
 pub(super) struct FormGram {

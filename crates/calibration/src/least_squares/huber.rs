@@ -17,10 +17,10 @@
 
 use faer::Mat;
 
-use super::qr::FormTriangle;
+use super::qr::FormRFactor;
 use super::rows::{Reduction, RowChunk, Rows, Shape};
 use crate::magnitudes::FineMagnitudes;
-use crate::triangle::{LeastSquares, LeastSquaresError, Ridge};
+use crate::r_factor::{LeastSquares, LeastSquaresError, Ridge};
 use crate::vectors::{add_multiple, dot};
 use std::ops::Range;
 
@@ -183,10 +183,10 @@ impl Reduction for FormClipped {
 pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares, R::Error> {
     let shape = rows.shape();
     let Shape { features: p, outputs: q } = shape;
-    let triangle = rows.pass(&FormTriangle { shape })?;
-    let mut solved = triangle.solve(ridge)?;
+    let r_factor = rows.pass(&FormRFactor { shape })?;
+    let mut solved = r_factor.solve(ridge)?;
     let n = solved.rows as f64;
-    let norms: Vec<f64> = triangle.r().col_iter().map(|column| column.norm_l2()).collect();
+    let norms: Vec<f64> = r_factor.r().col_iter().map(|column| column.norm_l2()).collect();
     let penalty = |j: usize| {
         if ridge.free_column == Some(j) { 0.0 } else { ridge.lambda * norms[j] * norms[j] }
     };

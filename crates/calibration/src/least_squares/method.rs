@@ -8,10 +8,10 @@ pub enum Method {
     Tsqr,
     /// The same, corrected by residuals in double-double.
     RefinedTsqr,
-    /// QR with column pivoting. Pivots are chosen in the triangle that [`Method::Tsqr`] leaves,
+    /// QR with column pivoting. Pivots are chosen in the R factor that [`Method::Tsqr`] leaves,
     /// whose columns have the lengths and angles of those of `X`: the same factorisation.
     PivotedQr,
-    /// Singular values, again of the triangle, which has those of `X`.
+    /// Singular values, again of the R factor, which has those of `X`.
     Svd {
         /// Leaves out directions whose singular value, of columns of norm one, is below this share
         /// of the largest. `None` leaves out nothing.

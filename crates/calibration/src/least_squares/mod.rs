@@ -2,7 +2,7 @@
 //!
 //! Nothing here knows of readings and wrenches. Rows come in chunks `[X | Y]`, elements of `X` in
 //! double-double where a plain `f64` would round them ([`RowChunk`]). A [`Reduction`] says what a pass
-//! over the rows computes: a triangle, a Gram matrix, a gradient; memory does not grow with
+//! over the rows computes: a R factor, a Gram matrix, a gradient; memory does not grow with
 //! the rows. [`Rows`] is whatever can be passed over, as often as the method needs:
 //!
 //! | method | passes | what is kept | relative error of the coefficients, about |
@@ -40,5 +40,5 @@ pub(crate) use self::huber::clip_of_sizes;
 pub use self::method::Method;
 pub use self::rows::{Reduction, RowChunk, Rows, Shape};
 pub use self::solve::solve;
-pub(crate) use self::solve::{ridge_by_gcv, solve_triangle};
-pub use super::triangle::{LeastSquares, LeastSquaresError, Ridge};
+pub(crate) use self::solve::{ridge_by_gcv, solve_r_factor};
+pub use super::r_factor::{LeastSquares, LeastSquaresError, Ridge};

@@ -1,14 +1,14 @@
-//! The pass that leaves the triangle of [`triangle`](crate::triangle).
+//! The pass that leaves the R factor of [`r_factor`](crate::r_factor).
 
 use super::rows::{Reduction, RowChunk, Shape};
-use crate::triangle::{RFactor, Workspace};
+use crate::r_factor::{RFactor, Workspace};
 
 /// Householder QR over row blocks.
-pub(super) struct FormTriangle {
+pub(super) struct FormRFactor {
     pub(super) shape: Shape,
 }
 
-impl Reduction for FormTriangle {
+impl Reduction for FormRFactor {
     type Partial = RFactor;
     type Scratch = Workspace;
     const WIDE: bool = false;

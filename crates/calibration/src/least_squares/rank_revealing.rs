@@ -1,4 +1,4 @@
-//! Column pivoting and singular values, both of the triangle that a pass of QR leaves.
+//! Column pivoting and singular values, both of the R factor that a pass of QR leaves.
 //!
 //! `X = Q·R` with orthonormal `Q`, so every column of `R` has the length of that of `X` and every
 //! pair the angle: pivots, singular values and directions are the same, at the cost of p columns of
@@ -8,16 +8,16 @@ use faer::linalg::triangular_solve;
 use faer::prelude::*;
 use faer::{Mat, Par};
 
-use crate::triangle::RFactor;
-use crate::triangle::{LeastSquares, LeastSquaresError, Ridge};
+use crate::r_factor::RFactor;
+use crate::r_factor::{LeastSquares, LeastSquaresError, Ridge};
 
-/// Solves by QR with column pivoting of the equilibrated triangle.
+/// Solves by QR with column pivoting of the equilibrated R factor.
 ///
 /// Rank is decided as in [`RFactor::solve`], by singular values: the diagonal that pivoting leaves
 /// may stay large while the smallest singular value does not (Golub & Van Loan 4e, §5.4.2).
-pub(super) fn pivoted(triangle: &RFactor, ridge: Ridge) -> Result<LeastSquares, LeastSquaresError> {
-    let mut solved = triangle.solve(ridge)?;
-    let (r, z) = triangle.damped_parts(ridge);
+pub(super) fn pivoted(r_factor: &RFactor, ridge: Ridge) -> Result<LeastSquares, LeastSquaresError> {
+    let mut solved = r_factor.solve(ridge)?;
+    let (r, z) = r_factor.damped_parts(ridge);
     let p = r.ncols();
     let norms: Vec<f64> = r.col_iter().map(|column| column.norm_l2()).collect();
     let unit = Mat::from_fn(p, p, |i, j| r[(i, j)] / norms[j]);
@@ -30,42 +30,42 @@ pub(super) fn pivoted(triangle: &RFactor, ridge: Ridge) -> Result<LeastSquares, 
             solved.coefficients[(column, a)] = rotated[(k, a)] / norms[column];
         }
     }
-    Ok(with_residuals_of(solved, triangle))
+    Ok(with_residuals_of(solved, r_factor))
 }
 
-/// Solves by singular values of the equilibrated triangle.
+/// Solves by singular values of the equilibrated R factor.
 ///
 /// With `truncate`, directions whose singular value is below that share of the largest get no part
 /// in the answer, which then is the shortest of those that fit the others best; `rank` tells how
 /// many were kept.
 pub(super) fn svd(
-    triangle: &RFactor,
+    r_factor: &RFactor,
     ridge: Ridge,
     truncate: Option<f64>,
 ) -> Result<LeastSquares, LeastSquaresError> {
-    let (r, z) = triangle.damped_parts(ridge);
+    let (r, z) = r_factor.damped_parts(ridge);
     if !r.is_all_finite() || !z.is_all_finite() {
         return Err(LeastSquaresError::NotFinite);
     }
     let p = r.ncols();
     let Some(share) = truncate else {
-        let solved = triangle.solve(ridge)?;
+        let solved = r_factor.solve(ridge)?;
         return by_singular_values(solved, r.as_ref(), z.as_ref(), 0.0)
-            .map(|solved| with_residuals_of(solved, triangle));
+            .map(|solved| with_residuals_of(solved, r_factor));
     };
-    if triangle.rows() == 0 {
+    if r_factor.rows() == 0 {
         return Err(LeastSquaresError::TooFewRows { rows: 0, columns: p });
     }
     let empty = LeastSquares {
         coefficients: Mat::zeros(p, z.ncols()),
         factor: Mat::zeros(p, p),
         residual_products: Mat::zeros(z.ncols(), z.ncols()),
-        rows: triangle.rows(),
+        rows: r_factor.rows(),
         condition: 1.0,
         rank: p,
     };
     by_singular_values(empty, r.as_ref(), z.as_ref(), share)
-        .map(|solved| with_residuals_of(solved, triangle))
+        .map(|solved| with_residuals_of(solved, r_factor))
 }
 
 fn by_singular_values(
@@ -98,17 +98,17 @@ fn by_singular_values(
             weight * svd.V()[(feature, row)] / norms[feature]
         });
         let nothing = Mat::zeros(p, 0);
-        let (triangle, _) = RFactor::of_rows(&root, &nothing).damped_parts(Ridge::NONE);
+        let (r_factor, _) = RFactor::from_rows(&root, &nothing).damped_parts(Ridge::NONE);
         solved.factor =
-            Mat::from_fn(p, p, |i, j| if i <= j { triangle[(p - 1 - j, p - 1 - i)] } else { 0.0 });
+            Mat::from_fn(p, p, |i, j| if i <= j { r_factor[(p - 1 - j, p - 1 - i)] } else { 0.0 });
         solved.condition = largest / values.get(rank.max(1) - 1).copied().unwrap_or(largest);
     }
     solved.rank = rank;
     if solved.coefficients.is_all_finite() { Ok(solved) } else { Err(LeastSquaresError::NotFinite) }
 }
 
-fn with_residuals_of(mut solved: LeastSquares, triangle: &RFactor) -> LeastSquares {
-    solved.residual_products = triangle.residual_products(solved.coefficients.as_ref());
+fn with_residuals_of(mut solved: LeastSquares, r_factor: &RFactor) -> LeastSquares {
+    solved.residual_products = r_factor.residual_products(solved.coefficients.as_ref());
     solved
 }
 

@@ -11,11 +11,11 @@
 use faer::{Mat, MatRef};
 
 use super::kernels::{LANES, LaneSums, Wide, add_multiple, add_products};
-use super::qr::FormTriangle;
+use super::qr::FormRFactor;
 use super::rows::{Reduction, RowChunk, Rows, Shape};
 use super::wide_matrix::WideMatrix;
 use crate::double_double::DoubleDouble;
-use crate::triangle::{LeastSquares, LeastSquaresError, Ridge};
+use crate::r_factor::{LeastSquares, LeastSquaresError, Ridge};
 
 /// Corrections made before giving up.
 const MOST_CORRECTIONS: usize = 12;
@@ -102,9 +102,9 @@ impl Reduction for FormGradient {
 pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares, R::Error> {
     let shape = rows.shape();
     let Shape { features: p, outputs: q } = shape;
-    let triangle = rows.pass(&FormTriangle { shape })?;
-    let mut solved = triangle.solve_roughly(ridge)?;
-    let norms: Vec<f64> = triangle.r().col_iter().map(|column| column.norm_l2()).collect();
+    let r_factor = rows.pass(&FormRFactor { shape })?;
+    let mut solved = r_factor.solve_roughly(ridge)?;
+    let norms: Vec<f64> = r_factor.r().col_iter().map(|column| column.norm_l2()).collect();
     let penalty = |j: usize| {
         if ridge.free_column == Some(j) { 0.0 } else { ridge.lambda * norms[j] * norms[j] }
     };

@@ -1,7 +1,7 @@
 //! Rows in chunks, and what a pass over them computes.
 
 use super::kernels;
-use crate::triangle::LeastSquaresError;
+use crate::r_factor::LeastSquaresError;
 
 /// Some rows of `[X | Y]`, column by column.
 #[derive(Clone, Copy, Debug)]

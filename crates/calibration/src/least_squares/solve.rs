@@ -2,12 +2,12 @@
 
 use super::gram::FormGram;
 use super::method::Method;
-use super::qr::FormTriangle;
+use super::qr::FormRFactor;
 use super::rows::Rows;
 use super::wide_gram::FormWideGram;
 use super::wide_qr::FactorWide;
 use super::{gcv, huber, rank_revealing, refinement};
-use crate::triangle::{LeastSquares, LeastSquaresError, RFactor, Ridge};
+use crate::r_factor::{LeastSquares, LeastSquaresError, RFactor, Ridge};
 
 /// Solves `min ‖X·C − Y‖² + λ·‖D·C‖²`.
 ///
@@ -23,10 +23,10 @@ pub fn solve<R: Rows>(
 ) -> Result<LeastSquares, R::Error> {
     let shape = rows.shape();
     Ok(match method {
-        Method::Tsqr => rows.pass(&FormTriangle { shape })?.solve(ridge)?,
-        Method::PivotedQr => rank_revealing::pivoted(&rows.pass(&FormTriangle { shape })?, ridge)?,
+        Method::Tsqr => rows.pass(&FormRFactor { shape })?.solve(ridge)?,
+        Method::PivotedQr => rank_revealing::pivoted(&rows.pass(&FormRFactor { shape })?, ridge)?,
         Method::Svd { truncate } => {
-            rank_revealing::svd(&rows.pass(&FormTriangle { shape })?, ridge, truncate)?
+            rank_revealing::svd(&rows.pass(&FormRFactor { shape })?, ridge, truncate)?
         }
         Method::RidgeGcv => ridge_by_gcv(rows, ridge.free_column)?.0,
         Method::Gram => rows.pass(&FormGram { shape })?.solve(ridge)?,
@@ -46,27 +46,27 @@ pub(crate) fn ridge_by_gcv<R: Rows>(
     free_column: Option<usize>,
 ) -> Result<(LeastSquares, f64), R::Error> {
     let ridge = Ridge { lambda: 0.0, free_column };
-    let triangle = rows.pass(&FormTriangle { shape: rows.shape() })?;
-    Ok(solve_triangle(&triangle, Method::RidgeGcv, ridge)?)
+    let r_factor = rows.pass(&FormRFactor { shape: rows.shape() })?;
+    Ok(solve_r_factor(&r_factor, Method::RidgeGcv, ridge)?)
 }
 
-/// Solves for rows of which the triangle is known, and says which λ it was. Singular values and a ridge by GCV
-/// are had from the triangle; every other method that weighs rows alike differs from QR by rounding.
+/// Solves for rows of which the R factor is known, and says which λ it was. Singular values and a ridge by GCV
+/// are had from the R factor; every other method that weighs rows alike differs from QR by rounding.
 ///
 /// # Errors
 /// [`LeastSquaresError`] as [`solve`].
-pub(crate) fn solve_triangle(
-    triangle: &RFactor,
+pub(crate) fn solve_r_factor(
+    r_factor: &RFactor,
     method: Method,
     ridge: Ridge,
 ) -> Result<(LeastSquares, f64), LeastSquaresError> {
     let Ridge { free_column, .. } = ridge;
     Ok(match method {
-        Method::Svd { truncate } => (rank_revealing::svd(triangle, ridge, truncate)?, ridge.lambda),
+        Method::Svd { truncate } => (rank_revealing::svd(r_factor, ridge, truncate)?, ridge.lambda),
         Method::RidgeGcv => {
-            let lambda = gcv::lambda(triangle, free_column)?;
-            (triangle.solve(Ridge { lambda, free_column })?, lambda)
+            let lambda = gcv::lambda(r_factor, free_column)?;
+            (r_factor.solve(Ridge { lambda, free_column })?, lambda)
         }
-        _ => (triangle.solve(ridge)?, ridge.lambda),
+        _ => (r_factor.solve(ridge)?, ridge.lambda),
     })
 }

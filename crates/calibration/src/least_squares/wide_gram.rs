@@ -4,9 +4,9 @@ use faer::Mat;
 
 use super::kernels::{LANES, dot};
 use super::rows::{Reduction, RowChunk, Shape};
-use super::wide_matrix::{WideMatrix, WideTriangle, spectrum};
+use super::wide_matrix::{WideMatrix, WideRFactor, spectrum};
 use crate::double_double::DoubleDouble;
-use crate::triangle::{LeastSquares, LeastSquaresError, Ridge};
+use crate::r_factor::{LeastSquares, LeastSquaresError, Ridge};
 
 /// Forms the Gram matrix of `[X | Y]` in double-double.
 pub(super) struct FormWideGram {
@@ -121,13 +121,13 @@ impl WideGram {
             if a == b { value.to_f64().max(0.0) } else { value.to_f64() }
         };
         let residual_products = Mat::from_fn(q, q, residual);
-        let triangle = WideTriangle { r, z, residual_products, rows: self.rows };
-        let mut solved = match triangle.solve(bound.sqrt()) {
+        let r_factor = WideRFactor { r, z, residual_products, rows: self.rows };
+        let mut solved = match r_factor.solve(bound.sqrt()) {
             Err(LeastSquaresError::RankDeficient { .. }) => return Err(ill_conditioned),
             solved => solved?,
         };
         if ridge.lambda > 0.0 {
-            // Without the ridge there may be no triangle: the columns may be dependent.
+            // Without the ridge there may be no R factor: the columns may be dependent.
             (solved.condition, solved.rank) = match gram.cholesky() {
                 Some(r) => spectrum(&r.to_f64())?,
                 None => (f64::INFINITY, p - 1),

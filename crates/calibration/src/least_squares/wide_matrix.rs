@@ -1,11 +1,11 @@
-//! Small matrices in double-double, and the answer that a wide triangle gives.
+//! Small matrices in double-double, and the answer that a wide R factor gives.
 
 use std::ops::{Index, IndexMut};
 
 use faer::Mat;
 
 use crate::double_double::DoubleDouble;
-use crate::triangle::{LeastSquares, LeastSquaresError};
+use crate::r_factor::{LeastSquares, LeastSquaresError};
 
 /// A matrix in double-double, column-major.
 #[derive(Clone, Debug)]
@@ -136,8 +136,8 @@ impl IndexMut<(usize, usize)> for WideMatrix {
     }
 }
 
-/// A least-squares problem reduced to its triangle.
-pub(super) struct WideTriangle {
+/// A least-squares problem reduced to its R factor.
+pub(super) struct WideRFactor {
     /// `R`, p × p, the ridge among its rows.
     pub(super) r: WideMatrix,
     /// `QᵀY`, p × q.
@@ -147,7 +147,7 @@ pub(super) struct WideTriangle {
     pub(super) rows: u64,
 }
 
-impl WideTriangle {
+impl WideRFactor {
     /// Solves for the coefficients.
     ///
     /// `resolution` is how large a singular value of `R`, columns scaled to norm one, rounding may
@@ -207,7 +207,7 @@ fn largest_singular_value(m: &WideMatrix) -> Result<f64, LeastSquaresError> {
     Ok(values.first().copied().unwrap_or(1.0))
 }
 
-/// The loss of rank of a triangle whose columns have norm one.
+/// The loss of rank of a R factor whose columns have norm one.
 fn rank_loss(unit: &WideMatrix, norms: &[f64], resolution: f64) -> LeastSquaresError {
     let p = unit.columns;
     let pivots = unit.pivots();
@@ -231,6 +231,6 @@ fn rank_loss(unit: &WideMatrix, norms: &[f64], resolution: f64) -> LeastSquaresE
         }
     }
     let null_space = directions.qr().compute_thin_Q();
-    let triangle = Mat::from_fn(p, p, |i, j| unit[(i, j)].to_f64() * norms[j]);
-    LeastSquaresError::RankDeficient { rank, columns: p, null_space, triangle: Box::new(triangle) }
+    let r_factor = Mat::from_fn(p, p, |i, j| unit[(i, j)].to_f64() * norms[j]);
+    LeastSquaresError::RankDeficient { rank, columns: p, null_space, r_factor: Box::new(r_factor) }
 }

@@ -5,16 +5,16 @@ use faer::Mat;
 
 use super::kernels::{Wide, add_multiple, dot};
 use super::rows::{Reduction, RowChunk, Shape};
-use super::wide_matrix::{WideMatrix, WideTriangle, spectrum};
+use super::wide_matrix::{WideMatrix, WideRFactor, spectrum};
 use crate::double_double::DoubleDouble;
-use crate::triangle::{LeastSquares, LeastSquaresError, Ridge};
+use crate::r_factor::{LeastSquares, LeastSquaresError, Ridge};
 
 /// Factors `[X | Y]` in double-double.
 pub(super) struct FactorWide {
     pub(super) shape: Shape,
 }
 
-/// The triangle of the rows seen so far, as that of [`crate::triangle`].
+/// The R factor of the rows seen so far, as that of [`crate::r_factor`].
 #[derive(Clone, Debug)]
 pub(super) struct Factored {
     shape: Shape,
@@ -71,9 +71,9 @@ impl Reduction for FactorWide {
 }
 
 impl Factored {
-    /// Factors the triangle with `rows` below it.
+    /// Factors the R factor with `rows` below it.
     ///
-    /// Column `k` of the stack has a diagonal element and the rows below the triangle, and nothing
+    /// Column `k` of the stack has a diagonal element and the rows below the R factor, and nothing
     /// between them; its reflector touches just these rows.
     fn eliminate(&mut self, rows: &mut PendingRows) {
         let n = self.shape.columns();
@@ -147,9 +147,9 @@ impl Factored {
             within.chain(beyond).sum::<DoubleDouble>().to_f64()
         };
         let residual_products = Mat::from_fn(q, q, products);
-        let triangle = WideTriangle { r, z, residual_products, rows: self.rows };
+        let r_factor = WideRFactor { r, z, residual_products, rows: self.rows };
         let rounding = p as f64 * 2.0 * (f64::EPSILON / 2.0).powi(2);
-        let mut solved = triangle.solve(64.0 * rounding)?;
+        let mut solved = r_factor.solve(64.0 * rounding)?;
         if ridge.lambda > 0.0 {
             let undamped = Mat::from_fn(p, p, |i, j| self.r[(i, j)].to_f64());
             (solved.condition, solved.rank) = spectrum(&undamped)?;
@@ -158,7 +158,7 @@ impl Factored {
         // Where the residual is large, its share of the error grows with the square of the
         // condition number (Björck 1996, §1.4.3): at most one part in a hundred.
         let steepest = (0..q).map(|a| {
-            let fitted: f64 = triangle.z.column(a).iter().map(|e| e.to_f64() * e.to_f64()).sum();
+            let fitted: f64 = r_factor.z.column(a).iter().map(|e| e.to_f64() * e.to_f64()).sum();
             (solved.residual_products[(a, a)] / fitted.max(f64::MIN_POSITIVE)).sqrt()
         });
         let limit = (1e-2 / rounding / steepest.fold(1e-13, f64::max)).sqrt();

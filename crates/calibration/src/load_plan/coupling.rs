@@ -21,13 +21,13 @@ pub fn couplings(loads: &[PerAxis<f64>], candidates: &[PerAxis<f64>]) -> Vec<Cou
     let columns = |of: &[PerAxis<f64>]| -> Vec<Vec<f64>> {
         (0..6).map(|axis| of.iter().map(|load| load[axis]).collect()).collect()
     };
-    let sums = WrenchSums::of(&columns(loads));
+    let sums = WrenchSums::new(&columns(loads));
     let Some(excitation) = sums.excitation() else { return Vec::new() };
     let coupling = |gap: Gap| {
         let Gap::Together { first, second, correlation } = gap else { return None };
         let after = |candidate: &PerAxis<f64>| {
             let mut sums = sums;
-            sums.merge(&WrenchSums::of(&columns(&[*candidate])));
+            sums.merge(&WrenchSums::new(&columns(&[*candidate])));
             let of = sums.excitation()?.correlation[first.index()][second.index()];
             Some(of)
         };

@@ -2,9 +2,9 @@
 
 /// `C`, symmetric.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Covariance<const N: usize>(pub(super) Box<[[f64; N]; N]>);
+pub(super) struct CovarianceMatrix<const N: usize>(pub(super) Box<[[f64; N]; N]>);
 
-impl<const N: usize> Covariance<N> {
+impl<const N: usize> CovarianceMatrix<N> {
     /// Independent parameters with these variances.
     pub(super) fn from_variances(variances: &[f64; N]) -> Self {
         let mut c = Box::new([[0.0; N]; N]);

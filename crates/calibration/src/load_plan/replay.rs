@@ -97,12 +97,12 @@ pub enum ReplayError {
 
 /// One pose: all that was observed with one label.
 #[derive(Clone, Debug)]
-struct Pose<'a> {
+struct ReplayPose<'a> {
     observations: Vec<&'a Observation>,
     load: PerAxis<f64>,
 }
 
-impl<'a> Pose<'a> {
+impl<'a> ReplayPose<'a> {
     fn new(observations: Vec<&'a Observation>) -> Self {
         let mean = |axis: usize| {
             observations.iter().map(|o| o.wrench[axis]).sum::<f64>() / observations.len() as f64
@@ -169,8 +169,8 @@ impl Replay {
 
 /// One split.
 struct SplitReplay<'a> {
-    training: &'a [Pose<'a>],
-    held_out: &'a [Pose<'a>],
+    training: &'a [ReplayPose<'a>],
+    held_out: &'a [ReplayPose<'a>],
     scale: PerAxis<f64>,
 }
 
@@ -235,10 +235,10 @@ impl SplitReplay<'_> {
     }
 }
 
-fn poses(observations: &[Observation]) -> Vec<Pose<'_>> {
+fn poses(observations: &[Observation]) -> Vec<ReplayPose<'_>> {
     let mut groups = BTreeMap::<u64, Vec<&Observation>>::new();
     observations.iter().for_each(|o| groups.entry(o.group).or_default().push(o));
-    groups.into_values().map(Pose::new).collect()
+    groups.into_values().map(ReplayPose::new).collect()
 }
 
 /// The root mean square of each axis; 1 for one that is never loaded.

@@ -1,6 +1,6 @@
 //! What is known of the sensors by a physics model: the parameters of each and their covariance.
 
-use super::covariance::{Covariance, dot};
+use super::covariance::{CovarianceMatrix, dot};
 use crate::physics::cholesky::Cholesky;
 use crate::physics::response::{Answer, PARAMETERS, Parameters};
 use crate::physics::{Noise, PhysicsCalibration, PhysicsModel};
@@ -12,7 +12,7 @@ const ONE_SIGMA: f64 = 0.683;
 /// A physics model whose covariances are those after some more loads, readings unknown.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SensorKnowledge {
-    sensors: Vec<(Parameters, Covariance<PARAMETERS>)>,
+    sensors: Vec<(Parameters, CovarianceMatrix<PARAMETERS>)>,
     noise: Noise,
     scale: PerAxis<f64>,
     /// `λ·Σ_w⁻¹`.
@@ -45,7 +45,7 @@ impl SensorKnowledge {
     /// What a model says.
     pub fn from_model(model: &PhysicsModel) -> Self {
         let sensor = |sensor: &crate::physics::Sensor| {
-            (sensor.parameters, Covariance(Box::new(sensor.covariance)))
+            (sensor.parameters, CovarianceMatrix(Box::new(sensor.covariance)))
         };
         Self {
             sensors: model.sensors.iter().map(sensor).collect(),
@@ -78,20 +78,23 @@ impl SensorKnowledge {
 
     /// `Σᵢ ln(1 + jᵢᵀCᵢjᵢ/vᵢ)`.
     pub(super) fn gain(&self, Answers(answers): &Answers) -> f64 {
-        let of = |((_, covariance), answer): (&(Parameters, Covariance<PARAMETERS>), &AnswerOf)| {
-            (covariance.variance(&answer.gradient) / answer.noise).ln_1p()
-        };
+        let of = |((_, covariance), answer): (
+            &(Parameters, CovarianceMatrix<PARAMETERS>),
+            &AnswerOf,
+        )| { (covariance.variance(&answer.gradient) / answer.noise).ln_1p() };
         self.sensors.iter().zip(answers).map(of).sum()
     }
 
     /// The mean variances of a wrench over some loads, in the model's scales; with `next`, after that load, too.
     pub(super) fn mean_variances(&self, range: &[Answers], next: Option<&Answers>) -> PerAxis<f64> {
         let known: Option<Vec<(Parameters, f64)>> = next.map(|Answers(next)| {
-            let of =
-                |((_, covariance), answer): (&(Parameters, Covariance<PARAMETERS>), &AnswerOf)| {
-                    let known = covariance.times(&answer.gradient);
-                    (known, answer.noise + dot(&known, &answer.gradient).max(0.0))
-                };
+            let of = |((_, covariance), answer): (
+                &(Parameters, CovarianceMatrix<PARAMETERS>),
+                &AnswerOf,
+            )| {
+                let known = covariance.times(&answer.gradient);
+                (known, answer.noise + dot(&known, &answer.gradient).max(0.0))
+            };
             self.sensors.iter().zip(next).map(of).collect()
         });
         let mut sums = [0.0; 6];

@@ -4,7 +4,7 @@
 //! these well determine other smooth answers, too. Terms of second order have a prior: they are small beside those of
 //! first order, and until there are more loads than terms, those of first order come first.
 
-use super::covariance::{Covariance, dot};
+use super::covariance::{CovarianceMatrix, dot};
 use shell_data::wrench::PerAxis;
 
 /// Terms: 1, w (6) and w·w (21).
@@ -18,7 +18,7 @@ const SECOND_ORDER: f64 = 25.0;
 /// The terms' covariance after some loads, readings unknown.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Surface {
-    covariance: Covariance<TERMS>,
+    covariance: CovarianceMatrix<TERMS>,
     largest: PerAxis<f64>,
 }
 
@@ -32,7 +32,7 @@ impl Surface {
         let mut prior = [SECOND_ORDER; TERMS];
         prior[..7].fill(FIRST_ORDER);
         let largest = std::array::from_fn(of);
-        let mut surface = Self { covariance: Covariance::from_variances(&prior), largest };
+        let mut surface = Self { covariance: CovarianceMatrix::from_variances(&prior), largest };
         loads.iter().for_each(|load| surface.observe(load));
         surface
     }

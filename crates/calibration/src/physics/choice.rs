@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 
 use super::PhysicsError;
 use super::factors::{fit_factors, fit_factors_from};
-use super::fit::{Fitted, Scaled, Scales, fit, fit_from};
+use super::fit::{FittedParameters, Scaled, Scales, fit, fit_from};
 use super::inversion::Inversion;
 use super::loadings::FACTORS;
 use super::model::{PhysicsModel, check};
@@ -28,7 +28,7 @@ pub const WIDTHS: [f64; 3] = [0.25, 0.5, 1.0];
 /// λ and width that are mostly near the chosen ones.
 const USUAL: (f64, f64) = (LAMBDAS[2], WIDTHS[1]);
 
-/// Up to this many groups each is held out alone; more are dealt into [`FOLDS`] folds.
+/// Up to this many groups each is held out alone; more are assigned to [`FOLDS`] folds.
 const MOST_ALONE: usize = 40;
 const FOLDS: usize = 10;
 
@@ -48,7 +48,7 @@ const MOST_FITTED: usize = 2_000;
 
 /// A candidate and its score.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Trial {
+pub struct ScoredCandidate {
     /// λ.
     pub lambda: f64,
     /// Standard deviation of the priors of lo, ln h and ln ν.
@@ -81,12 +81,12 @@ pub struct Choice {
     /// The model, fitted to all observations.
     pub model: PhysicsModel,
     /// All candidates, widths ascending, then λ.
-    pub trials: Vec<Trial>,
+    pub trials: Vec<ScoredCandidate>,
     /// The numbers of factors that were tried.
     pub factor_trials: Vec<FactorTrial>,
     /// The chosen candidate without each fold of groups.
     pub fold_models: Vec<FoldModel>,
-    start: Start,
+    start: FirstFits,
 }
 
 /// The chosen candidate without one of the folds.
@@ -100,26 +100,26 @@ pub struct FoldModel {
 
 /// Fits to all observations, from which those to most of them start.
 #[derive(Clone, Debug, PartialEq)]
-struct Start {
+struct FirstFits {
     scales: Scales,
     /// Of each width, without factors.
-    widths: Vec<Fitted>,
+    widths: Vec<FittedParameters>,
     /// With one factor, two, as far as those were tried.
-    factors: Vec<Fitted>,
+    factors: Vec<FittedParameters>,
 }
 
 /// What all candidates are fitted to.
-struct Trials<'a> {
+struct CandidateData<'a> {
     channels: usize,
     scales: Scales,
-    folds: Vec<Fold<'a>>,
+    folds: Vec<ObservationFold<'a>>,
     /// The observations of all folds but one.
     rest: Vec<Scaled>,
     workers: Workers<'a>,
 }
 
 /// Fits without one fold and their squared errors on it for each λ.
-type Fits = (Fitted, [f64; LAMBDAS.len()]);
+type Fits = (FittedParameters, [f64; LAMBDAS.len()]);
 
 /// So many observations at most; neighbours in the order of cells resemble each other.
 fn few(observations: &[Observation], most: usize) -> Vec<&Observation> {
@@ -133,7 +133,7 @@ pub(super) fn usual(observations: &[Observation]) -> Result<PhysicsModel, Physic
     let (scales, channels) = check(&observations)?;
     let data = scales.apply(&observations);
     let fitted = fit(&data, USUAL.1);
-    Ok(PhysicsModel::of_fit(channels, &scales, &data, &fitted, USUAL))
+    Ok(PhysicsModel::from_fit(channels, &scales, &data, &fitted, USUAL))
 }
 
 impl Choice {
@@ -166,8 +166,8 @@ impl Choice {
             Some(before) => fit_from(&data, width, &before.widths[place]),
             None => fit(&data, width),
         };
-        let widths: Vec<Fitted> = WIDTHS.iter().enumerate().map(of_width).collect();
-        let tries = Trials { channels, scales, folds, rest, workers };
+        let widths: Vec<FittedParameters> = WIDTHS.iter().enumerate().map(of_width).collect();
+        let tries = CandidateData { channels, scales, folds, rest, workers };
 
         let of_folds: Vec<Vec<Fits>> = tries.map(|fold| {
             let pairs = WIDTHS.into_iter().zip(&widths);
@@ -177,7 +177,7 @@ impl Choice {
                 })
                 .collect()
         })?;
-        let trials: Vec<Trial> = (WIDTHS.iter().enumerate())
+        let trials: Vec<ScoredCandidate> = (WIDTHS.iter().enumerate())
             .flat_map(|(place, &width)| tries.scores(of_folds.iter().map(|of| &of[place]), width))
             .collect();
         let best = best(&trials);
@@ -216,23 +216,23 @@ impl Choice {
                 true => fit_factors_from(&all, width, &fitted),
                 false => fit_from(&all, width, &fitted),
             };
-            PhysicsModel::of_fit(channels, scales, &all, &fitted, at)
+            PhysicsModel::from_fit(channels, scales, &all, &fitted, at)
         } else {
-            PhysicsModel::of_fit(channels, scales, &data, &fitted, at)
+            PhysicsModel::from_fit(channels, scales, &data, &fitted, at)
         };
         let fold_model = |(fold, (fitted, _)): (usize, &Fits)| FoldModel {
             groups: tries.folds[fold].groups.clone(),
             model: tries.model(fold, fitted, at),
         };
         let fold_models = of_folds.iter().enumerate().map(fold_model).collect();
-        let start = Start { scales: tries.scales.clone(), widths, factors };
+        let start = FirstFits { scales: tries.scales.clone(), widths, factors };
         Ok(Self { model, trials, factor_trials, fold_models, start })
     }
 }
 
-impl Start {
+impl FirstFits {
     fn rescaled(&self, scales: &Scales) -> Option<Self> {
-        let all = |of: &[Fitted]| -> Option<Vec<Fitted>> {
+        let all = |of: &[FittedParameters]| -> Option<Vec<FittedParameters>> {
             of.iter().map(|fit| fit.rescaled(&self.scales, scales)).collect()
         };
         let (widths, factors) = (all(&self.widths)?, all(&self.factors)?);
@@ -240,19 +240,19 @@ impl Start {
     }
 }
 
-impl Trials<'_> {
+impl CandidateData<'_> {
     /// What `work` makes of every fold, on all threads.
     fn map<T: Send>(&self, work: impl Fn(usize) -> T + Sync) -> Result<Vec<T>, FitError> {
         let folds: Vec<usize> = (0..self.folds.len()).collect();
         map(&folds, 0, self.workers, |&fold| Ok(work(fold)))
     }
 
-    fn model(&self, fold: usize, fitted: &Fitted, at: (f64, f64)) -> PhysicsModel {
-        PhysicsModel::of_fit(self.channels, &self.scales, &self.rest[fold], fitted, at)
+    fn model(&self, fold: usize, fitted: &FittedParameters, at: (f64, f64)) -> PhysicsModel {
+        PhysicsModel::from_fit(self.channels, &self.scales, &self.rest[fold], fitted, at)
     }
 
     /// A fit without a fold, with its squared errors there.
-    fn fits(&self, fold: usize, width: f64, fitted: Fitted) -> Fits {
+    fn fits(&self, fold: usize, width: f64, fitted: FittedParameters) -> Fits {
         let mut model = self.model(fold, &fitted, (LAMBDAS[0], width));
         let mut inversion = Inversion::new(&model);
         let square = |lambda| {
@@ -264,11 +264,11 @@ impl Trials<'_> {
         (fitted, squares)
     }
 
-    fn scores<'b>(&self, fits: impl Iterator<Item = &'b Fits>, width: f64) -> Vec<Trial> {
+    fn scores<'b>(&self, fits: impl Iterator<Item = &'b Fits>, width: f64) -> Vec<ScoredCandidate> {
         let count = 6.0 * self.folds.iter().map(|fold| fold.held_out.len()).sum::<usize>() as f64;
         let mut sums = [0.0; LAMBDAS.len()];
         fits.for_each(|(_, squares)| sums.iter_mut().zip(squares).for_each(|(sum, s)| *sum += s));
-        let trial = |(sum, lambda)| Trial { lambda, width, score: sum / count };
+        let trial = |(sum, lambda)| ScoredCandidate { lambda, width, score: sum / count };
         sums.into_iter().zip(LAMBDAS).map(trial).collect()
     }
 
@@ -291,19 +291,19 @@ impl Trials<'_> {
 }
 
 /// The place of the least score.
-fn best(trials: &[Trial]) -> usize {
+fn best(trials: &[ScoredCandidate]) -> usize {
     let scores = trials.iter().enumerate();
     scores.min_by(|a, b| a.1.score.total_cmp(&b.1.score)).map_or(0, |(place, _)| place)
 }
 
-struct Fold<'a> {
+struct ObservationFold<'a> {
     groups: Vec<u64>,
     held_out: Vec<&'a Observation>,
     rest: Vec<&'a Observation>,
 }
 
 /// Groups assigned in turn to at most `most_alone` folds, or, if there are more than [`MOST_ALONE`], to [`FOLDS`].
-fn folds<'a>(observations: &[&'a Observation], most_alone: usize) -> Vec<Fold<'a>> {
+fn folds<'a>(observations: &[&'a Observation], most_alone: usize) -> Vec<ObservationFold<'a>> {
     let mut places = BTreeMap::new();
     observations.iter().for_each(|o| _ = places.insert(o.group, 0));
     let folds = if places.len() > MOST_ALONE { FOLDS } else { places.len().min(most_alone) };
@@ -311,7 +311,7 @@ fn folds<'a>(observations: &[&'a Observation], most_alone: usize) -> Vec<Fold<'a
     let fold = |fold: usize| {
         let (held_out, rest) = observations.iter().partition(|o| places[&o.group] == fold);
         let groups = places.iter().filter(|(_, place)| **place == fold);
-        Fold { groups: groups.map(|(group, _)| *group).collect(), held_out, rest }
+        ObservationFold { groups: groups.map(|(group, _)| *group).collect(), held_out, rest }
     };
     (0..folds).map(fold).collect()
 }

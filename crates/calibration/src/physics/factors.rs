@@ -12,7 +12,7 @@
 
 use super::cholesky::Cholesky;
 use super::data::Data;
-use super::fit::{Fitted, Scaled, common_means, sensors};
+use super::fit::{FittedParameters, Scaled, common_means, sensors};
 use super::loadings::{FACTORS, Loadings, add_factors, factor_count};
 use super::noise::{Noise, Residual};
 use super::response::{PARAMETERS, Parameters, SHAPE};
@@ -32,14 +32,23 @@ const EM_STEPS: usize = 6;
 const STEPS: usize = 2;
 
 /// Fits `count` factors, from a fit without.
-pub(super) fn fit_factors(data: &Scaled, width: f64, start: &Fitted, count: usize) -> Fitted {
+pub(super) fn fit_factors(
+    data: &Scaled,
+    width: f64,
+    start: &FittedParameters,
+    count: usize,
+) -> FittedParameters {
     let mut joint = Joint::new(data, width, start);
     joint.start(count);
     joint.rounds(ROUNDS)
 }
 
 /// Fits as many factors as `start` has, which was found for nearly the same observations in the same scales.
-pub(super) fn fit_factors_from(data: &Scaled, width: f64, start: &Fitted) -> Fitted {
+pub(super) fn fit_factors_from(
+    data: &Scaled,
+    width: f64,
+    start: &FittedParameters,
+) -> FittedParameters {
     Joint::new(data, width, start).rounds(WARM_ROUNDS)
 }
 
@@ -48,7 +57,7 @@ struct Joint<'a> {
     sensors: Vec<Data<'a>>,
     rows: usize,
     width: f64,
-    fitted: Fitted,
+    fitted: FittedParameters,
     /// Factors in use: the first so many columns of the loadings.
     count: usize,
     /// Marquardt's damping.
@@ -64,14 +73,14 @@ struct Whitening {
 }
 
 /// What is minimised, its curvature and descent, over the parameters of all sensors.
-struct Equations {
+struct FactorEquations {
     cost: f64,
     curvature: SymmetricMatrix,
     descent: Vec<f64>,
 }
 
 impl<'a> Joint<'a> {
-    fn new(data: &'a Scaled, width: f64, start: &Fitted) -> Self {
+    fn new(data: &'a Scaled, width: f64, start: &FittedParameters) -> Self {
         Self {
             sensors: sensors(data),
             rows: data.rows,
@@ -84,7 +93,7 @@ impl<'a> Joint<'a> {
 
     fn curves(&self) -> Vec<Curve> {
         let pairs = self.sensors.iter().zip(&self.fitted.parameters);
-        pairs.map(|(sensor, p)| Curve::of(p, sensor)).collect()
+        pairs.map(|(sensor, p)| Curve::new(p, sensor)).collect()
     }
 
     /// Loadings along the principal components of the standardised residuals.
@@ -115,7 +124,7 @@ impl<'a> Joint<'a> {
         }
     }
 
-    fn rounds(mut self, rounds: usize) -> Fitted {
+    fn rounds(mut self, rounds: usize) -> FittedParameters {
         for _ in 0..rounds {
             let curves = self.curves();
             self.refine_loadings(&curves);
@@ -139,7 +148,7 @@ impl<'a> Joint<'a> {
     }
 
     fn step_of_loadings(&mut self, curves: &[Curve], unsure: &[Vec<f64>]) {
-        let Fitted { loadings, noise, .. } = &mut self.fitted;
+        let FittedParameters { loadings, noise, .. } = &mut self.fitted;
         let expected: Vec<Expected> = (0..self.rows)
             .map(|row| Expected::new(curves, unsure, loadings, *noise, row))
             .collect();
@@ -232,7 +241,7 @@ impl<'a> Joint<'a> {
         parameters: &[Parameters],
         whitening: &Whitening,
         prior: &Prior,
-    ) -> Equations {
+    ) -> FactorEquations {
         let size = parameters.len() * PARAMETERS;
         let mut curvature = SymmetricMatrix::zeros(size);
         let mut descent = Vec::with_capacity(size);
@@ -241,7 +250,7 @@ impl<'a> Joint<'a> {
         let mut shared = vec![vec![0.0; size]; self.rows * self.count];
         let mut pulls = vec![0.0; shared.len()];
         for (sensor, (data, p)) in self.sensors.iter().zip(parameters).enumerate() {
-            let (own, curve) = (data.cost(p, prior), Curve::of(p, data));
+            let (own, curve) = (data.cost(p, prior), Curve::new(p, data));
             let first = sensor * PARAMETERS;
             cost += own.value;
             descent.extend(own.descent);
@@ -265,7 +274,7 @@ impl<'a> Joint<'a> {
             cost -= pull * pull;
             descent.iter_mut().zip(shared).for_each(|(descent, shared)| *descent -= pull * shared);
         }
-        Equations { cost, curvature, descent }
+        FactorEquations { cost, curvature, descent }
     }
 }
 

@@ -13,7 +13,7 @@ use super::loadings::{FACTORS, Loadings};
 use super::noise::{Noise, Residual};
 use super::observations::Observation;
 use super::response::{PARAMETERS, Parameters, SHAPE};
-use super::sensor::{Estimate, Prior};
+use super::sensor::{ParameterEstimate, Prior};
 use super::sums::residuals;
 use shell_data::wrench::PerAxis;
 
@@ -53,7 +53,7 @@ pub(super) struct Scaled {
 
 /// The parameters of all sensors.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Fitted {
+pub(super) struct FittedParameters {
     pub(super) parameters: Vec<Parameters>,
     /// The covariance of each sensor's parameters.
     pub(super) covariance: Vec<[Parameters; PARAMETERS]>,
@@ -64,7 +64,7 @@ pub(super) struct Fitted {
 
 impl Scales {
     /// Those of some observations.
-    pub(super) fn of(observations: &[&Observation]) -> Self {
+    pub(super) fn new(observations: &[&Observation]) -> Self {
         let n = observations.len() as f64;
         let wrench = std::array::from_fn(|axis| {
             let squares: f64 = observations.iter().map(|o| o.wrench[axis].powi(2)).sum();
@@ -100,7 +100,7 @@ impl Scales {
     }
 }
 
-impl Fitted {
+impl FittedParameters {
     /// The same curves in the scales of nearly the same observations; `None` if other channels vary there.
     pub(super) fn rescaled(&self, from: &Scales, to: &Scales) -> Option<Self> {
         let pairs = || from.channels.iter().zip(&to.channels);
@@ -122,7 +122,7 @@ impl Fitted {
 }
 
 /// Fits all sensors, from the start.
-pub(super) fn fit(data: &Scaled, width: f64) -> Fitted {
+pub(super) fn fit(data: &Scaled, width: f64) -> FittedParameters {
     let prior = Prior::weak(width);
     let mut sensors = sensors(data);
     let estimates = sensors.iter().map(|s| s.fit(&prior, FIRST_STEPS)).collect();
@@ -130,8 +130,8 @@ pub(super) fn fit(data: &Scaled, width: f64) -> Fitted {
 }
 
 /// Fits all sensors, from what was found for nearly the same observations in the same scales.
-pub(super) fn fit_from(data: &Scaled, width: f64, start: &Fitted) -> Fitted {
-    let estimates = start.parameters.iter().map(|&p| Estimate::at(p)).collect();
+pub(super) fn fit_from(data: &Scaled, width: f64, start: &FittedParameters) -> FittedParameters {
+    let estimates = start.parameters.iter().map(|&p| ParameterEstimate::at(p)).collect();
     let mut sensors = sensors(data);
     for (sensor, &p) in sensors.iter_mut().zip(&start.parameters) {
         let nothing = [[0.0; PARAMETERS]; PARAMETERS];
@@ -168,15 +168,15 @@ fn weigh(sensor: &mut Data<'_>, residuals: &[Residual], noise: Noise) {
 
 fn rounds(
     sensors: &mut [Data<'_>],
-    mut estimates: Vec<Estimate>,
+    mut estimates: Vec<ParameterEstimate>,
     mut noise: Noise,
     width: f64,
     rounds: usize,
-) -> Fitted {
+) -> FittedParameters {
     let mut prior = Prior::weak(width);
     let mut covariance = covariances(sensors, &estimates, &prior);
     for _ in 0..rounds {
-        let of = |((sensor, estimate), covariance): ((&Data<'_>, &Estimate), _)| {
+        let of = |((sensor, estimate), covariance): ((&Data<'_>, &ParameterEstimate), _)| {
             residuals(&estimate.parameters, covariance, sensor)
         };
         let all: Vec<Vec<Residual>> =
@@ -192,7 +192,12 @@ fn rounds(
         covariance = covariances(sensors, &estimates, &prior);
     }
     let parameters: Vec<Parameters> = estimates.iter().map(|of| of.parameters).collect();
-    Fitted { loadings: vec![[0.0; FACTORS]; parameters.len()], parameters, covariance, noise }
+    FittedParameters {
+        loadings: vec![[0.0; FACTORS]; parameters.len()],
+        parameters,
+        covariance,
+        noise,
+    }
 }
 
 /// The most likely common means, given the sensors.
@@ -211,10 +216,10 @@ pub(super) fn common_means<'a>(
 
 fn covariances(
     sensors: &[Data<'_>],
-    estimates: &[Estimate],
+    estimates: &[ParameterEstimate],
     prior: &Prior,
 ) -> Vec<[Parameters; PARAMETERS]> {
-    let of = |(sensor, estimate): (&Data<'_>, &Estimate)| {
+    let of = |(sensor, estimate): (&Data<'_>, &ParameterEstimate)| {
         let information = sensor.cost(&estimate.parameters, prior).information;
         // The prior makes it positive definite; where rounding does not, the prior is what is left.
         Cholesky::new(&information).map_or_else(|| prior_covariance(prior), |f| f.inverse())

@@ -151,7 +151,7 @@ impl GroupIntervals {
     /// From the errors of every group that was held out, in standard errors: the size of their mean, and how they
     /// scatter about it, taken as normal. Between the levels that so many groups tell, `k/(G + 1)`, it runs
     /// evenly. Levels that would take more than is known are left out.
-    pub fn of_groups(scores: &[PerAxis<(f64, f64)>]) -> Self {
+    pub fn from_groups(scores: &[PerAxis<(f64, f64)>]) -> Self {
         let groups = scores.len();
         let is_known = |level: f64| groups_needed(level) <= groups;
         let mut levels: Vec<f64> = LEVELS.into_iter().filter(|&level| is_known(level)).collect();
@@ -206,19 +206,19 @@ mod tests {
     #[test]
     fn groups_without_scatter_are_as_one_row_each_and_normal_ones_have_normal_quantiles() {
         let alone: Vec<PerAxis<(f64, f64)>> = (1..=39).map(|i| [(f64::from(i), 0.0); 6]).collect();
-        let intervals = GroupIntervals::of_groups(&alone);
+        let intervals = GroupIntervals::from_groups(&alone);
         for (level, expected) in [(0.95, 38.0), (0.5, 20.0)] {
             let found = intervals.factors(level).unwrap()[3];
             assert!((found - expected).abs() < 1e-12, "{found}");
         }
         // Many groups that scatter about zero: quantiles of the normal distribution, but for 1/(G + 1).
         let many = vec![[(0.0, 2.0); 6]; 100_000];
-        let found = GroupIntervals::of_groups(&many).factors(0.95).unwrap()[0];
+        let found = GroupIntervals::from_groups(&many).factors(0.95).unwrap()[0];
         assert!((found - 2.0 * 1.959_964).abs() < 1e-3, "{found}");
         // Two of forty groups cannot be told: 95 % is beyond what the others hold, 90 % is not.
         let mut unknown = alone;
         unknown[..2].fill([(f64::INFINITY, 0.0); 6]);
-        let intervals = GroupIntervals::of_groups(&unknown);
+        let intervals = GroupIntervals::from_groups(&unknown);
         assert!(intervals.factors(0.9).is_ok() && intervals.factors(0.95).is_err());
     }
 

@@ -36,7 +36,7 @@ pub mod uncertain_loads;
 mod validation;
 
 pub use self::calibration::PhysicsCalibration;
-pub use self::choice::{Choice, FactorTrial, FoldModel, LAMBDAS, Trial, WIDTHS};
+pub use self::choice::{Choice, FactorTrial, FoldModel, LAMBDAS, ScoredCandidate, WIDTHS};
 pub use self::intervals::{GroupIntervals, TooFewGroups};
 pub use self::inversion::{Estimate, Estimates, Flags, Inversion};
 pub use self::loadings::{FACTORS, Loadings};

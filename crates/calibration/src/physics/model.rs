@@ -2,7 +2,7 @@
 
 use super::PhysicsError;
 use super::cholesky::Cholesky;
-use super::fit::{Fitted, Scaled, Scales};
+use super::fit::{FittedParameters, Scaled, Scales};
 use super::loadings::{FACTORS, Loadings, add_factors, factor_count};
 use super::noise::Noise;
 use super::observations::Observation;
@@ -106,11 +106,11 @@ impl PhysicsModel {
     }
 
     /// What a fit has found, with the λ and width that it was asked for.
-    pub(super) fn of_fit(
+    pub(super) fn from_fit(
         channels: usize,
         scales: &Scales,
         data: &Scaled,
-        fitted: &Fitted,
+        fitted: &FittedParameters,
         (lambda, prior_width): (f64, f64),
     ) -> Self {
         let sensor = |i: usize| {
@@ -148,7 +148,7 @@ impl PhysicsModel {
         let (scales, channels) = check(&chosen)?;
         let data = scales.apply(&chosen);
         let fitted = super::fit::fit(&data, width);
-        Ok(Self::of_fit(channels, &scales, &data, &fitted, (lambda, width)))
+        Ok(Self::from_fit(channels, &scales, &data, &fitted, (lambda, width)))
     }
 }
 
@@ -168,7 +168,7 @@ pub(super) fn check(observations: &[&Observation]) -> Result<(Scales, usize), Ph
     if !observations.iter().all(finite) {
         return Err(PhysicsError::NotFinite);
     }
-    let scales = Scales::of(observations);
+    let scales = Scales::new(observations);
     if scales.channels.len() < 6 {
         return Err(PhysicsError::TooFewChannels { found: scales.channels.len() });
     }

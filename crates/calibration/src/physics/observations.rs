@@ -73,7 +73,7 @@ fn cell_width(wrench: &PerAxis<&[f64]>) -> Result<PerAxis<f64>, PhysicsError> {
     let mut width = [1.0; 6];
     for (width, column) in width.iter_mut().zip(wrench) {
         let squares: Vec<f64> = column.iter().map(|x| x * x).collect();
-        let grid = Grid::of(&squares)?;
+        let grid = RoundingGrid::new(&squares)?;
         let sum: i128 = squares.iter().map(|&square| grid.place(square)).sum();
         let rms = grid.mean(sum, column.len().max(1)).sqrt();
         *width = if rms > 0.0 { CELL_WIDTH * rms } else { 1.0 };
@@ -92,7 +92,8 @@ fn means(
     }
     let columns: Vec<&[f64]> = wrench.iter().chain(readings).copied().collect();
     assert!(columns.iter().all(|column| column.len() == rows), "columns of one length");
-    let grids = columns.iter().map(|column| Grid::of(column)).collect::<Result<Vec<_>, _>>()?;
+    let grids =
+        columns.iter().map(|column| RoundingGrid::new(column)).collect::<Result<Vec<_>, _>>()?;
     let mut sums = BTreeMap::<_, (usize, Vec<i128>)>::new();
     for (row, key) in keys.enumerate() {
         let (count, sum) = sums.entry(key).or_insert_with(|| (0, vec![0; columns.len()]));
@@ -113,14 +114,14 @@ fn means(
 }
 
 /// The grid that a column is rounded to.
-struct Grid {
+struct RoundingGrid {
     /// Steps in one.
     steps: f64,
 }
 
-impl Grid {
+impl RoundingGrid {
     /// 2⁻⁶⁰ of the least power of two above every value: i128 then holds 2⁶⁶ of them.
-    fn of(column: &[f64]) -> Result<Self, PhysicsError> {
+    fn new(column: &[f64]) -> Result<Self, PhysicsError> {
         let largest = column
             .iter()
             .fold(0.0_f64, |most, x| if x.is_finite() { most.max(x.abs()) } else { f64::INFINITY });

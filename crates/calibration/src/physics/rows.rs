@@ -100,15 +100,15 @@ impl TrainingRows {
         }
     }
 
-    /// The groups, dealt into folds: each alone, or in turn, in the order of their labels.
+    /// The groups, assigned to folds: each alone, or in turn, in the order of their labels.
     pub fn folds(&self, folds: usize) -> Vec<Vec<u64>> {
         let groups: BTreeSet<u64> = self.groups.iter().copied().collect();
-        let mut dealt = vec![Vec::new(); folds.min(groups.len())];
+        let mut assigned = vec![Vec::new(); folds.min(groups.len())];
         for (place, group) in groups.into_iter().enumerate() {
-            let fold = place % dealt.len();
-            dealt[fold].push(group);
+            let fold = place % assigned.len();
+            assigned[fold].push(group);
         }
-        dealt
+        assigned
     }
 
     /// Converts the rows of some groups, of each group `most` that are spread over it.

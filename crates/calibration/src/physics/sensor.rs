@@ -12,7 +12,7 @@
 use super::cholesky::Cholesky;
 use super::data::Data;
 use super::response::{PARAMETERS, Parameters, SHAPE, displacement};
-use super::sums::Sums;
+use super::sums::ResidualSums;
 
 /// Values of ν to start from, on either side of the logistic curve's 1.
 const STARTS: [f64; 2] = [0.7, 1.6];
@@ -42,7 +42,7 @@ impl Prior {
 
 /// Parameters under way.
 #[derive(Clone, Debug)]
-pub(super) struct Estimate {
+pub(super) struct ParameterEstimate {
     pub(super) parameters: Parameters,
     /// Marquardt's damping.
     damping: f64,
@@ -57,7 +57,7 @@ pub(super) struct Cost {
     pub(super) descent: Parameters,
 }
 
-impl Estimate {
+impl ParameterEstimate {
     /// One at these parameters.
     pub(super) fn at(parameters: Parameters) -> Self {
         Self { parameters, damping: 1e-2 }
@@ -66,9 +66,9 @@ impl Estimate {
 
 impl Data<'_> {
     /// The better of the fits from both starts, after `steps` steps each.
-    pub(super) fn fit(&self, prior: &Prior, steps: usize) -> Estimate {
+    pub(super) fn fit(&self, prior: &Prior, steps: usize) -> ParameterEstimate {
         let [(first, first_cost), (second, second_cost)] = STARTS.map(|nu| {
-            let mut estimate = Estimate::at(self.start(prior, nu));
+            let mut estimate = ParameterEstimate::at(self.start(prior, nu));
             let cost = self.refine(&mut estimate, prior, steps);
             (estimate, cost)
         });
@@ -76,7 +76,12 @@ impl Data<'_> {
     }
 
     /// Makes `steps` steps, each of which lowers the cost or is not taken. Returns what it is then.
-    pub(super) fn refine(&self, estimate: &mut Estimate, prior: &Prior, steps: usize) -> f64 {
+    pub(super) fn refine(
+        &self,
+        estimate: &mut ParameterEstimate,
+        prior: &Prior,
+        steps: usize,
+    ) -> f64 {
         let mut cost = self.cost(&estimate.parameters, prior);
         for _ in 0..steps {
             let mut damped = cost.information;
@@ -101,7 +106,8 @@ impl Data<'_> {
     }
 
     pub(super) fn cost(&self, p: &Parameters, prior: &Prior) -> Cost {
-        let Sums { mut information, mut descent, cost: mut value } = Sums::of(p, self);
+        let ResidualSums { mut information, mut descent, cost: mut value } =
+            ResidualSums::new(p, self);
         for i in 0..PARAMETERS {
             let (precision, off) = (prior.sd[i].powi(-2), prior.mean[i] - p[i]);
             information[i][i] += precision;

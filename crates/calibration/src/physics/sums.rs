@@ -1,6 +1,6 @@
 //! Sums over the training data of one sensor, several rows at a time.
 //!
-//! Rows are dealt in turn to [`MOST_LANES`] sums, which are added at the end, in vectors of any
+//! Rows are assigned in turn to [`MOST_LANES`] sums, which are added at the end, in vectors of any
 //! width: the bits are the same on every machine.
 
 use pulp::{Simd, WithSimd};
@@ -16,7 +16,7 @@ const TRIANGLE: usize = PARAMETERS * (PARAMETERS + 1) / 2;
 
 /// Of the residuals `r = y − f` with their weights and gradients `g = df/dp`.
 #[derive(Clone, Debug)]
-pub(super) struct Sums {
+pub(super) struct ResidualSums {
     /// `Σ weight·g·gᵀ`, lower triangle.
     pub(super) information: [Parameters; PARAMETERS],
     /// `Σ weight·r·g`.
@@ -25,9 +25,9 @@ pub(super) struct Sums {
     pub(super) cost: f64,
 }
 
-impl Sums {
+impl ResidualSums {
     /// At the parameters `p`.
-    pub(super) fn of(p: &Parameters, data: &Data<'_>) -> Self {
+    pub(super) fn new(p: &Parameters, data: &Data<'_>) -> Self {
         arch().dispatch(SumsOf { p, data })
     }
 }
@@ -52,7 +52,7 @@ pub(super) struct Curve {
 
 impl Curve {
     /// At the parameters `p`.
-    pub(super) fn of(p: &Parameters, data: &Data<'_>) -> Self {
+    pub(super) fn new(p: &Parameters, data: &Data<'_>) -> Self {
         arch().dispatch(CurveOf { p, data })
     }
 
@@ -81,12 +81,12 @@ struct ResidualsOf<'a> {
 }
 
 /// The curve at some rows.
-struct Rows<S: Simd> {
+struct CurveRows<S: Simd> {
     residual: S::f64s,
     gradient: [S::f64s; PARAMETERS],
 }
 
-impl<S: Simd> Rows<S> {
+impl<S: Simd> CurveRows<S> {
     #[inline(always)]
     fn at(simd: S, p: &Parameters, (h, nu): (f64, f64), data: &Data<'_>, first: usize) -> Self {
         let vector = |column: &[f64]| S::as_simd_f64s(&column[first..first + S::F64_LANES]).0[0];
@@ -111,10 +111,10 @@ impl<S: Simd> Rows<S> {
 }
 
 impl WithSimd for SumsOf<'_> {
-    type Output = Sums;
+    type Output = ResidualSums;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> Sums {
+    fn with_simd<S: Simd>(self, simd: S) -> ResidualSums {
         let Self { p, data } = self;
         let shape = (libm::exp(p[SHAPE + 1]), libm::exp(p[SHAPE + 2]));
         let mut information = [[0.0; MOST_LANES]; TRIANGLE];
@@ -126,7 +126,7 @@ impl WithSimd for SumsOf<'_> {
                 let sums = S::as_mut_simd_f64s(&mut sums[lane..lane + S::F64_LANES]).0;
                 sums[0] = simd.add_f64s(simd.mul_f64s(a, b), sums[0]);
             };
-            let rows = Rows::<S>::at(simd, p, shape, data, first);
+            let rows = CurveRows::<S>::at(simd, p, shape, data, first);
             let weight = S::as_simd_f64s(&data.weights[first..first + S::F64_LANES]).0[0];
             add(&mut cost, simd.mul_f64s(weight, rows.residual), rows.residual);
             let mut place = 0;
@@ -140,7 +140,7 @@ impl WithSimd for SumsOf<'_> {
             }
         }
         let sum = |lanes: &[f64; MOST_LANES]| lanes.iter().sum::<f64>();
-        let mut sums = Sums {
+        let mut sums = ResidualSums {
             information: [[0.0; PARAMETERS]; PARAMETERS],
             descent: descent.each_ref().map(sum),
             cost: sum(&cost),
@@ -162,7 +162,7 @@ impl WithSimd for ResidualsOf<'_> {
         let shape = (libm::exp(p[SHAPE + 1]), libm::exp(p[SHAPE + 2]));
         let mut residuals = Vec::with_capacity(data.readings.len());
         for first in (0..data.readings.len()).step_by(S::F64_LANES) {
-            let rows = Rows::<S>::at(simd, p, shape, data, first);
+            let rows = CurveRows::<S>::at(simd, p, shape, data, first);
             let mut square = simd.mul_f64s(rows.residual, rows.residual);
             for (&gi, row) in rows.gradient.iter().zip(covariance) {
                 let zero = simd.splat_f64s(0.0);
@@ -194,7 +194,7 @@ impl WithSimd for CurveOf<'_> {
         let column = || vec![0.0; data.readings.len()];
         let mut curve = Curve { residual: column(), gradient: std::array::from_fn(|_| column()) };
         for first in (0..data.readings.len()).step_by(S::F64_LANES) {
-            let rows = Rows::<S>::at(simd, p, shape, data, first);
+            let rows = CurveRows::<S>::at(simd, p, shape, data, first);
             let put = |column: &mut Vec<f64>, values: S::f64s| {
                 S::as_mut_simd_f64s(&mut column[first..first + S::F64_LANES]).0[0] = values;
             };
@@ -222,7 +222,7 @@ mod tests {
         let wrench = std::array::from_fn(column);
         let (readings, weights) = (column(7), pad(vec![2.0; rows]));
         let data = Data { wrench: &wrench, readings: &readings, rows, weights };
-        let found = Sums::of(&p, &data);
+        let found = ResidualSums::new(&p, &data);
         let (mut cost, mut information, mut descent) = (0.0, 0.0, 0.0);
         for row in 0..rows {
             let x = std::array::from_fn(|axis| wrench[axis][row]);

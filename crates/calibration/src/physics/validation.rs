@@ -42,7 +42,7 @@ impl PhysicsValidation {
     ///
     /// # Errors
     /// [`FitError::Physics`], of any part that is left; [`FitError::Interrupted`].
-    pub fn of(
+    pub fn new(
         rows: &TrainingRows,
         folds: &[Vec<u64>],
         whole: &Choice,

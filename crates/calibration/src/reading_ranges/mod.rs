@@ -3,7 +3,7 @@
 //! Found in the same pass as the fit, whatever the solver. It says where a calibration may be
 //! trusted, and names channels that never moved.
 
-mod of_block;
+mod block;
 mod ranges;
 
 pub use self::ranges::{ReadingRange, ReadingRanges};

@@ -58,7 +58,7 @@ impl Change {
             max: of.reading(range.max),
         };
         let ranges = calibration.valid_range.as_ref();
-        let mut changed = Calibration::of(kind);
+        let mut changed = Calibration::from_kind(kind);
         changed.axes = calibration.axes;
         changed.valid_range = ranges.map(|all| self.channels.iter().zip(all).map(range).collect());
         changed.memory.clone_from(&calibration.memory);

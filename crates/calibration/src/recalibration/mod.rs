@@ -13,7 +13,7 @@ mod change;
 mod search;
 
 pub use self::change::{Change, ChannelChange};
-use self::search::Search;
+use self::search::ChangeSearch;
 use crate::conversion::{Calibration, Kind};
 use crate::physics::Observation;
 use crate::validation::cross_validation::HeldOutQuality;
@@ -21,7 +21,7 @@ use shell_data::wrench::{Axes, PerAxis};
 
 /// What may have changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Quantity {
+pub enum ChangedQuantity {
     /// What each channel reads without a load.
     Zero,
     /// How much each channel answers.
@@ -32,7 +32,7 @@ pub enum Quantity {
     Turn,
 }
 
-impl Quantity {
+impl ChangedQuantity {
     /// All of them.
     pub const ALL: [Self; 4] = [Self::Zero, Self::Gain, Self::Lever, Self::Turn];
 
@@ -84,8 +84,8 @@ pub struct NewLoads<'a> {
 pub struct Recalibration {
     /// That of the sensor as it is now; the old one, if nothing has changed.
     pub calibration: Calibration,
-    /// What has changed, in the order of [`Quantity::ALL`].
-    pub quantities: Vec<Quantity>,
+    /// What has changed, in the order of [`ChangedQuantity::ALL`].
+    pub quantities: Vec<ChangedQuantity>,
     /// How much.
     pub change: Change,
     /// The standard errors of that; zero for what has not changed.
@@ -176,14 +176,14 @@ impl Calibration {
         }
         // Whether anything has changed is judged by errors as large as those on held-out loads; what, by the variances
         // of the readings themselves, of which a wrench hides some.
-        let cautious = Search::new(self, loads, self.held_out_variance());
+        let cautious = ChangeSearch::new(self, loads, self.held_out_variance());
         let found = cautious.find();
         let outcome = match found.ln_evidence > LEAST_LN_EVIDENCE {
-            true => Search::new(self, loads, 1.0).find(),
+            true => ChangeSearch::new(self, loads, 1.0).find(),
             false => cautious.nothing(found.disagreement[0]),
         };
-        let is_changed = |of: &Quantity| outcome.shares[*of as usize] > 0.0;
-        let quantities: Vec<_> = Quantity::ALL.into_iter().filter(is_changed).collect();
+        let is_changed = |of: &ChangedQuantity| outcome.shares[*of as usize] > 0.0;
+        let quantities: Vec<_> = ChangedQuantity::ALL.into_iter().filter(is_changed).collect();
         let calibration = match quantities.is_empty() {
             true => self.clone(),
             false => outcome.change.apply(self),

@@ -9,7 +9,9 @@ use faer::prelude::Solve;
 use faer::{Col, Mat, Scale, Side};
 
 use super::change::{Change, ChannelChange};
-use super::{FIRST_SHARE, GAIN, LEVER_M, NewLoads, Quantity, SHARES, SWEEPS, TURN_RAD, ZERO};
+use super::{
+    ChangedQuantity, FIRST_SHARE, GAIN, LEVER_M, NewLoads, SHARES, SWEEPS, TURN_RAD, ZERO,
+};
 use crate::conversion::{Calibration, Kind};
 use crate::physics::response::{Answer, Parameters};
 use crate::physics::{PhysicsModel, Sensor};
@@ -25,18 +27,18 @@ const STEP: f64 = 1e-3;
 /// One number of a change, and the standard deviation of its widest prior.
 #[derive(Clone, Copy, Debug)]
 struct Unknown {
-    quantity: Quantity,
+    quantity: ChangedQuantity,
     place: usize,
     sd: f64,
 }
 
 /// How wide the prior of each quantity is, as a share of the widest; 0 for no change.
-pub(super) type Shares = [f64; Quantity::ALL.len()];
+pub(super) type Shares = [f64; ChangedQuantity::ALL.len()];
 
 /// The differences `c + J·x` of some observations in their stated errors, summed up; `x` are the unknowns in standard
 /// deviations of their widest priors.
 #[derive(Clone, Debug)]
-struct Equations {
+struct ChangeEquations {
     /// `JᵀJ`.
     information: Mat<f64>,
     /// `−Jᵀc`.
@@ -57,7 +59,7 @@ struct Posterior {
 
 /// What has been found.
 #[derive(Clone, Debug)]
-pub(super) struct Outcome {
+pub(super) struct FoundChange {
     pub(super) shares: Shares,
     pub(super) change: Change,
     pub(super) standard_errors: Change,
@@ -69,7 +71,7 @@ pub(super) struct Outcome {
     pub(super) disagreement: [f64; 2],
 }
 
-pub(super) struct Search<'a> {
+pub(super) struct ChangeSearch<'a> {
     calibration: &'a Calibration,
     loads: &'a NewLoads<'a>,
     variance_scale: f64,
@@ -80,7 +82,7 @@ pub(super) struct Search<'a> {
     factors: Vec<Mat<f64>>,
 }
 
-impl Equations {
+impl ChangeEquations {
     fn nothing(unknowns: usize) -> Self {
         Self {
             information: Mat::zeros(unknowns, unknowns),
@@ -117,7 +119,7 @@ impl Equations {
     }
 }
 
-impl<'a> Search<'a> {
+impl<'a> ChangeSearch<'a> {
     /// Of readings whose variances are so many times those of a physics model.
     pub(super) fn new(
         calibration: &'a Calibration,
@@ -139,7 +141,7 @@ impl<'a> Search<'a> {
     }
 
     /// The change that the observations show, with the priors that make them most probable.
-    pub(super) fn find(&self) -> Outcome {
+    pub(super) fn find(&self) -> FoundChange {
         let mut at = vec![0.0; self.unknowns.len()];
         let mut shares = Shares::default();
         let (mut groups, mut all) = self.equations(&at);
@@ -154,7 +156,7 @@ impl<'a> Search<'a> {
             at = (0..at.len()).map(|i| of.mean[i]).collect();
         }
         let sds = self.sds(&shares);
-        let without = |group: &Equations| {
+        let without = |group: &ChangeEquations| {
             let mut rest = all.clone();
             rest.add(group, -1.0);
             let found = rest.posterior(&sds);
@@ -165,7 +167,7 @@ impl<'a> Search<'a> {
         let (cost, errors) = found
             .as_ref()
             .map_or((unchanged, vec![0.0; at.len()]), |of| (of.cost, of.errors.clone()));
-        Outcome {
+        FoundChange {
             shares,
             held_out: groups
                 .iter()
@@ -179,10 +181,10 @@ impl<'a> Search<'a> {
     }
 
     /// No change.
-    pub(super) fn nothing(&self, disagreement: f64) -> Outcome {
+    pub(super) fn nothing(&self, disagreement: f64) -> FoundChange {
         let change = self.change(&vec![0.0; self.unknowns.len()]);
         let groups = self.loads.observations.iter().map(|o| (o.group, change.clone()));
-        Outcome {
+        FoundChange {
             shares: Shares::default(),
             held_out: groups.collect(),
             standard_errors: change.clone(),
@@ -193,15 +195,15 @@ impl<'a> Search<'a> {
     }
 
     /// The priors that make the observations most probable, one quantity after another.
-    fn most_probable(&self, all: &Equations) -> Shares {
+    fn most_probable(&self, all: &ChangeEquations) -> Shares {
         let evidence = |shares: &Shares| {
             all.posterior(&self.sds(shares)).map_or(f64::NEG_INFINITY, |of| of.ln_evidence)
         };
-        let mut shares = [FIRST_SHARE; Quantity::ALL.len()];
+        let mut shares = [FIRST_SHARE; ChangedQuantity::ALL.len()];
         let mut best = evidence(&shares);
         for _ in 0..SWEEPS {
             let before = shares;
-            for quantity in Quantity::ALL {
+            for quantity in ChangedQuantity::ALL {
                 for share in SHARES {
                     let mut others = shares;
                     others[quantity as usize] = share;
@@ -216,7 +218,7 @@ impl<'a> Search<'a> {
             }
         }
         // A quantity without unknowns has no share.
-        for quantity in Quantity::ALL {
+        for quantity in ChangedQuantity::ALL {
             if self.unknowns.iter().all(|of| of.quantity != quantity) {
                 shares[quantity as usize] = 0.0;
             }
@@ -229,7 +231,7 @@ impl<'a> Search<'a> {
     }
 
     /// The differences of each group, linear about `at`, and their sum.
-    fn equations(&self, at: &[f64]) -> (BTreeMap<u64, Equations>, Equations) {
+    fn equations(&self, at: &[f64]) -> (BTreeMap<u64, ChangeEquations>, ChangeEquations) {
         let here = self.whitened(at);
         let columns: Vec<Vec<Vec<f64>>> = (0..at.len())
             .map(|place| {
@@ -246,20 +248,20 @@ impl<'a> Search<'a> {
             })
             .collect();
         let mut groups = BTreeMap::new();
-        let mut all = Equations::nothing(at.len());
+        let mut all = ChangeEquations::nothing(at.len());
         for (row, o) in self.loads.observations.iter().enumerate() {
             let size = here[row].len();
             let jacobian = Mat::from_fn(size, at.len(), |i, j| columns[j][row][i]);
             let constant = Col::from_fn(size, |i| {
                 here[row][i] - (0..at.len()).map(|j| jacobian[(i, j)] * at[j]).sum::<f64>()
             });
-            let of_row = Equations {
+            let of_row = ChangeEquations {
                 information: jacobian.transpose() * &jacobian,
                 descent: jacobian.transpose() * &constant * Scale(-1.0),
                 square: constant.squared_norm_l2(),
             };
             all.add(&of_row, 1.0);
-            let group = groups.entry(o.group).or_insert_with(|| Equations::nothing(at.len()));
+            let group = groups.entry(o.group).or_insert_with(|| ChangeEquations::nothing(at.len()));
             group.add(&of_row, 1.0);
         }
         (groups, all)
@@ -275,10 +277,10 @@ impl<'a> Search<'a> {
         };
         for (&Unknown { quantity, place, sd }, x) in self.unknowns.iter().zip(at) {
             *match quantity {
-                Quantity::Zero => &mut change.channels[place].zero,
-                Quantity::Gain => &mut change.channels[place].gain,
-                Quantity::Lever => &mut change.lever_m[place],
-                Quantity::Turn => &mut change.turn_rad[place],
+                ChangedQuantity::Zero => &mut change.channels[place].zero,
+                ChangedQuantity::Gain => &mut change.channels[place].gain,
+                ChangedQuantity::Lever => &mut change.lever_m[place],
+                ChangedQuantity::Turn => &mut change.turn_rad[place],
             } = x * sd;
         }
         change
@@ -301,7 +303,8 @@ impl<'a> Search<'a> {
         let observations = self.loads.observations;
         match self.calibration.kind() {
             Kind::Polynomial(polynomial) => {
-                let changed = Calibration::of(Kind::Polynomial(change.polynomial(polynomial)));
+                let changed =
+                    Calibration::from_kind(Kind::Polynomial(change.polynomial(polynomial)));
                 let column =
                     |i| under.iter().map(|(at, _)| observations[*at].readings[i]).collect();
                 let readings: Vec<Vec<f64>> = (0..changed.channels()).map(column).collect();
@@ -369,19 +372,19 @@ impl<'a> Search<'a> {
 fn unknowns(calibration: &Calibration, channels: &[(f64, f64)]) -> Vec<Unknown> {
     // A polynomial without a constant has none to move.
     let has_constant = calibration.polynomial().is_none_or(|of| of.model().intercept);
-    let of = |quantity: Quantity| {
+    let of = |quantity: ChangedQuantity| {
         let sds: Vec<f64> = match quantity {
-            Quantity::Zero if has_constant => {
+            ChangedQuantity::Zero if has_constant => {
                 channels.iter().map(|(_, range)| ZERO * range).collect()
             }
-            Quantity::Gain => vec![GAIN; channels.len()],
-            Quantity::Lever if calibration.axes.are_all() => vec![LEVER_M; 3],
-            Quantity::Turn if calibration.axes.are_all() => vec![TURN_RAD; 3],
+            ChangedQuantity::Gain => vec![GAIN; channels.len()],
+            ChangedQuantity::Lever if calibration.axes.are_all() => vec![LEVER_M; 3],
+            ChangedQuantity::Turn if calibration.axes.are_all() => vec![TURN_RAD; 3],
             _ => Vec::new(),
         };
         sds.into_iter().enumerate().map(move |(place, sd)| Unknown { quantity, place, sd })
     };
-    Quantity::ALL.into_iter().flat_map(of).collect()
+    ChangedQuantity::ALL.into_iter().flat_map(of).collect()
 }
 
 fn scaled(model: &PhysicsModel, wrench: &PerAxis<f64>) -> PerAxis<f64> {

@@ -39,7 +39,7 @@ impl Centring {
             mean: sums[i].to_f64() / ranges.rows as f64,
             integers: integers[i],
         };
-        Scaling::of_channels((0..self.channels).map(channel), self.intercept)
+        Scaling::from_channels((0..self.channels).map(channel), self.intercept)
     }
 }
 
@@ -57,7 +57,7 @@ impl Pass for Centring {
     }
 
     fn absorb(&self, partial: &mut ReadingSums, block: &Block) -> Result<(), FitError> {
-        partial.ranges.merge(&ReadingRanges::of_block(block, self.channels)?);
+        partial.ranges.merge(&ReadingRanges::from_block(block, self.channels)?);
         for (channel, column) in block.readings.iter().enumerate() {
             let sum = &mut partial.sums[channel];
             *sum = column.iter().fold(*sum, |sum, &s| sum + DoubleDouble::from(s));
@@ -96,6 +96,6 @@ mod tests {
         let (head, tail) = column.split_at(311);
         assert_eq!(scaling(&[&column]), scaling(&[&sorted]));
         assert_eq!(scaling(&[&column]), scaling(&[tail, head]));
-        assert_eq!(scaling(&[&column]), Scaling::of_sample(std::slice::from_ref(&column), true));
+        assert_eq!(scaling(&[&column]), Scaling::from_sample(std::slice::from_ref(&column), true));
     }
 }

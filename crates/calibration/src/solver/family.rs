@@ -89,7 +89,7 @@ impl<P: Pass> Pass for WithRanges<'_, P> {
     }
 
     fn absorb(&self, partial: &mut Self::Partial, block: &Block) -> Result<(), FitError> {
-        partial.0.merge(&ReadingRanges::of_block(block, self.channels)?);
+        partial.0.merge(&ReadingRanges::from_block(block, self.channels)?);
         self.pass.absorb(&mut partial.1, block)
     }
 
@@ -124,7 +124,9 @@ pub fn fit_by(
     let ranges = rows.ranges.unwrap_or_else(|| ReadingRanges::new(model.columns()));
     match solved {
         Ok((solved, lambda)) => Ok((Solution::new(&features, solved, lambda), ranges)),
-        Err(Stopped::Solving(error)) => Err(FitError::of_least_squares(error, &features, &ranges)),
+        Err(Stopped::Solving(error)) => {
+            Err(FitError::from_least_squares(error, &features, &ranges))
+        }
         Err(Stopped::Reading(error)) => Err(error),
     }
 }
@@ -251,7 +253,7 @@ mod tests {
         let weighted =
             Block { rows: 200, readings, wrench, weights: weights.clone(), ..Block::default() };
         let model = Model { basis: Basis::Cubic, intercept: true, channels: 2, memory: 0 };
-        let scaling = Scaling::of_sample(&repeated.readings, true);
+        let scaling = Scaling::from_sample(&repeated.readings, true);
         for kind in
             [SolverKind::Tsqr, SolverKind::RefinedTsqr, SolverKind::WideTsqr, SolverKind::Gram]
         {
@@ -280,7 +282,7 @@ mod tests {
         others.append(&all, 0..20);
         others.append(&all, 60..200);
         let model = Model { basis: Basis::Cubic, intercept: true, channels: 2, memory: 0 };
-        let scaling = Scaling::of_sample(&all.readings, true);
+        let scaling = Scaling::from_sample(&all.readings, true);
         let solve = |block: &Block| {
             let problem = FitProblem { model, scaling: scaling.clone(), ridge: 0.0 };
             fit(SolverKind::WideTsqr, problem, &block.into()).unwrap().0

@@ -64,7 +64,7 @@ impl Solution {
         features.fill(&rows.readings, 0..rows.rows, &mut columns, rows.rows);
         let row =
             |of: usize| -> Vec<f64> { columns[of..].iter().step_by(rows.rows).copied().collect() };
-        let factor = UpperTriangle::of(&self.factor.matrix());
+        let factor = UpperTriangle::new(&self.factor.matrix());
         let seen: Vec<Vec<f64>> =
             (0..rows.rows).map(|of| factor.transposed_times(&row(of))).collect();
         let mut left = SymmetricMatrix::identity(count);

@@ -79,7 +79,7 @@ impl WithSimd for Tridiagonal {
             diagonal.push(row[0]);
             rest = below;
             if length > 1 {
-                let (reflection, left) = Reflection::of(&row[1..]);
+                let (reflection, left) = Reflection::new(&row[1..]);
                 beside.push(left);
                 reflection.apply_both(rest);
                 reflections.push(reflection);

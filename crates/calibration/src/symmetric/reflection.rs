@@ -12,7 +12,7 @@ pub(super) struct Reflection {
 impl Reflection {
     /// That of a vector, and what is left of it.
     #[inline(always)]
-    pub(super) fn of(x: &[f64]) -> (Self, f64) {
+    pub(super) fn new(x: &[f64]) -> (Self, f64) {
         let length = product(x, x).sqrt();
         let mut v = x.to_vec();
         if x.len() == 1 || length == 0.0 {

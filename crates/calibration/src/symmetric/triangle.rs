@@ -18,7 +18,7 @@ impl UpperTriangle {
     }
 
     /// The upper triangle of a square matrix.
-    pub(crate) fn of(matrix: &Mat<f64>) -> Self {
+    pub(crate) fn new(matrix: &Mat<f64>) -> Self {
         Self::from_fn(matrix.nrows(), |i, j| matrix[(i, j)])
     }
 
@@ -79,7 +79,7 @@ impl UpperTriangle {
 
     /// `U⁻¹`, not finite if a number of the diagonal is zero.
     pub(crate) fn inverse(mut self) -> Self {
-        arch().dispatch(Invert(&mut self.0));
+        arch().dispatch(InvertFactor(&mut self.0));
         self
     }
 
@@ -109,13 +109,13 @@ impl UpperTriangle {
 
     /// The trace of `Tᵀ·A·T`.
     pub(crate) fn trace_with(&self, a: &SymmetricMatrix) -> f64 {
-        arch().dispatch(Trace { of: self, a })
+        arch().dispatch(ComputeTrace { of: self, a })
     }
 }
 
-struct Invert<'a>(&'a mut SymmetricMatrix);
+struct InvertFactor<'a>(&'a mut SymmetricMatrix);
 
-impl WithSimd for Invert<'_> {
+impl WithSimd for InvertFactor<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -174,12 +174,12 @@ impl WithSimd for Congruence<'_> {
     }
 }
 
-struct Trace<'a> {
+struct ComputeTrace<'a> {
     of: &'a UpperTriangle,
     a: &'a SymmetricMatrix,
 }
 
-impl WithSimd for Trace<'_> {
+impl WithSimd for ComputeTrace<'_> {
     type Output = f64;
 
     #[inline(always)]
@@ -208,7 +208,7 @@ impl WithSimd for RootOfSquares {
         let size = self.columns.len();
         for k in 0..size.min(self.rows) {
             let (done, rest) = self.columns.split_at_mut(k + 1);
-            let (reflection, left) = Reflection::of(&done[k][k..]);
+            let (reflection, left) = Reflection::new(&done[k][k..]);
             done[k][k] = left;
             rest.iter_mut().for_each(|column| reflection.apply(&mut column[k..]));
         }

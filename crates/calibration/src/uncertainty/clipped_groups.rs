@@ -30,7 +30,7 @@ impl Covariance {
     ///
     /// # Errors
     /// [`ValidationError`] if there are too few groups, or without one of them the model cannot be fitted.
-    pub fn of_clipped_groups(
+    pub fn from_clipped_groups(
         block: &Block,
         solution: &Solution,
         ridge: f64,
@@ -49,13 +49,13 @@ impl Covariance {
             let new = rows.on_new_group(group, &without, &scatter)?;
             Some(score_of(&new, &scatter, without.rows))
         };
-        Self::of_triangles(&clipped, solution, |_| of_scores(rows.groups.len(), workers, score))
+        Self::from_r_factors(&clipped, solution, |_| of_scores(rows.groups.len(), workers, score))
     }
 }
 
 /// The rows by group, about the centre of all.
 fn factored(block: &Block, solution: &Solution) -> Result<FactoredGroups, ValidationError> {
-    let scaling = Scaling::of_sample(&block.readings, true);
+    let scaling = Scaling::from_sample(&block.readings, true);
     let mut groups = GroupFactors::new(solution.model, scaling);
     groups.add(block, &block.groups)?;
     groups.finish()
@@ -63,9 +63,9 @@ fn factored(block: &Block, solution: &Solution) -> Result<FactoredGroups, Valida
 
 /// The rows with pseudo-responses in place of the wrench.
 fn clipped(block: &Block, solution: &Solution) -> Result<Block, FitError> {
-    let ranges = ReadingRanges::of_block(block, solution.model.columns())?;
+    let ranges = ReadingRanges::from_block(block, solution.model.columns())?;
     let mut predicted: PerAxis<Vec<f64>> = PerAxis::default();
-    Calibration::of_solution(solution, &ranges).wrench(&block.readings, &mut predicted);
+    Calibration::from_solution(solution, &ranges).wrench(&block.readings, &mut predicted);
     let mut pseudo = block.clone();
     for (predicted, wrench) in predicted.iter().zip(&mut pseudo.wrench) {
         let sizes: Vec<f64> =
@@ -123,7 +123,7 @@ mod tests {
 
     fn fit(kind: SolverKind, block: &Block) -> Solution {
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
-        let scaling = Scaling::of_sample(&block.readings, true);
+        let scaling = Scaling::from_sample(&block.readings, true);
         let problem = FitProblem { model, scaling, ridge: 0.0 };
         solver::fit(kind, problem, &block.into()).unwrap().0
     }
@@ -147,11 +147,11 @@ mod tests {
             let solution = fit(kind, block);
             let found = match kind {
                 SolverKind::Huber => {
-                    Covariance::of_clipped_groups(block, &solution, 0.0, Workers::ONE)
+                    Covariance::from_clipped_groups(block, &solution, 0.0, Workers::ONE)
                 }
                 _ => {
                     let rows = factored(block, &solution).unwrap();
-                    Covariance::of_factored(
+                    Covariance::from_factored(
                         &rows,
                         &solution,
                         (crate::least_squares::Method::Tsqr, 0.0),

@@ -61,7 +61,7 @@ pub enum CoefficientCovariance {
 impl Covariance {
     /// The covariance of a solution, errors of rows being independent; `None` if there are no more
     /// rows than coefficients.
-    pub fn of_rows(solution: &Solution) -> Option<Self> {
+    pub fn from_rows(solution: &Solution) -> Option<Self> {
         let factor = solution.factor.matrix();
         let degrees_of_freedom =
             solution.rows.checked_sub(factor.nrows() as u64).filter(|&n| n > 0)?;
@@ -84,32 +84,32 @@ impl Covariance {
     /// # Errors
     /// [`ValidationError`] if there are too few groups, or without one of them the model cannot be
     /// fitted.
-    pub fn of_groups(
+    pub fn from_groups(
         sums: &GroupedMoments,
         model: &Model,
         ridge: f64,
         workers: Workers<'_>,
     ) -> Result<Self, ValidationError> {
-        Self::of_sums(sums, (model, ridge), |_| held_out_intervals(sums, model, ridge, workers))
+        Self::from_sums(sums, (model, ridge), |_| held_out_intervals(sums, model, ridge, workers))
     }
 
     /// The same of stretches of time that nothing else tells apart.
     ///
     /// # Errors
-    /// As [`Covariance::of_groups`].
-    pub fn of_stretches(
+    /// As [`Covariance::from_groups`].
+    pub fn from_stretches(
         sums: &GroupedMoments,
         model: &Model,
         ridge: f64,
         workers: Workers<'_>,
     ) -> Result<Self, ValidationError> {
-        Self::of_sums(sums, (model, ridge), |scatter| {
+        Self::from_sums(sums, (model, ridge), |scatter| {
             held_out_intervals_of_stretches(sums, scatter, (model, ridge), workers)
         })
     }
 
     /// The scatter of a solution over groups, with the intervals that are found if there is one.
-    fn of_sums(
+    fn from_sums(
         sums: &GroupedMoments,
         (model, ridge): (&Model, f64),
         intervals: impl FnOnce(&GroupScatter) -> Option<GroupIntervals>,
@@ -126,21 +126,21 @@ impl Covariance {
                 }
             })?;
         let intervals = intervals(&found);
-        Ok(Self::of_scatter(found, total.rows(), intervals))
+        Ok(Self::from_scatter(found, total.rows(), intervals))
     }
 
-    /// The same of a solution by `method`, from triangles of its rows: for rows that could not be summed
+    /// The same of a solution by `method`, from R factors of its rows: for rows that could not be summed
     /// exactly, and methods that sums do not serve. `ridge` is what was asked for.
     ///
     /// # Errors
-    /// As [`Covariance::of_groups`].
-    pub fn of_factored(
+    /// As [`Covariance::from_groups`].
+    pub fn from_factored(
         rows: &FactoredGroups,
         solution: &Solution,
         (method, ridge): (Method, f64),
         workers: Workers<'_>,
     ) -> Result<Self, ValidationError> {
-        Self::of_triangles(rows, solution, |_| {
+        Self::from_r_factors(rows, solution, |_| {
             held_out_intervals_factored(rows, &solution.model, (method, ridge), workers)
         })
     }
@@ -148,21 +148,21 @@ impl Covariance {
     /// The same of stretches of time, which are held out by whole files or each alone.
     ///
     /// # Errors
-    /// As [`Covariance::of_groups`].
-    pub fn of_files(
+    /// As [`Covariance::from_groups`].
+    pub fn from_files(
         rows: &FactoredGroups,
         files: &[Range<usize>],
         solution: &Solution,
         (method, ridge): (Method, f64),
         workers: Workers<'_>,
     ) -> Result<Self, ValidationError> {
-        Self::of_triangles(rows, solution, |scatter| {
+        Self::from_r_factors(rows, solution, |scatter| {
             held_out_intervals_of_files(rows, files, (solution, scatter), (method, ridge), workers)
         })
     }
 
-    /// As [`Covariance::of_sums`], from triangles.
-    pub(super) fn of_triangles(
+    /// As [`Covariance::from_sums`], from R factors.
+    pub(super) fn from_r_factors(
         rows: &FactoredGroups,
         solution: &Solution,
         intervals: impl FnOnce(&GroupScatter) -> Option<GroupIntervals>,
@@ -174,10 +174,10 @@ impl Covariance {
         let label = |place: usize| rows.groups[place].0.clone();
         let found = rows.scatter(solution, None).map_err(|error| why_no_scatter(error, label))?;
         let intervals = intervals(&found);
-        Ok(Self::of_scatter(found, solution.rows, intervals))
+        Ok(Self::from_scatter(found, solution.rows, intervals))
     }
 
-    fn of_scatter(found: GroupScatter, rows: u64, intervals: Option<GroupIntervals>) -> Self {
+    fn from_scatter(found: GroupScatter, rows: u64, intervals: Option<GroupIntervals>) -> Self {
         Self {
             residual: found.residual_covariance(rows),
             degrees_of_freedom: found.groups as u64 - 1,

@@ -51,7 +51,11 @@ pub struct ErrorShape {
 impl ErrorShape {
     /// Of errors whose sizes were counted in units of `unit[axis]`; `rms` is their root mean square,
     /// N and N·m.
-    pub fn of_errors(sizes: &PerAxis<Magnitudes>, unit: &PerAxis<f64>, rms: &PerAxis<f64>) -> Self {
+    pub fn from_errors(
+        sizes: &PerAxis<Magnitudes>,
+        unit: &PerAxis<f64>,
+        rms: &PerAxis<f64>,
+    ) -> Self {
         let quantiles = std::array::from_fn(|axis| {
             let ratio = if rms[axis] > 0.0 { unit[axis] / rms[axis] } else { 0.0 };
             let quantiles = sizes[axis].quantiles(&LEVELS);
@@ -157,7 +161,7 @@ mod tests {
             let z = normal_quantile((f64::from(i) + 0.5) / 1e5);
             sizes.iter_mut().for_each(|sizes| sizes.add(z));
         }
-        let normal = ErrorShape::of_errors(&sizes, &[0.3; 6], &[0.3; 6]);
+        let normal = ErrorShape::from_errors(&sizes, &[0.3; 6], &[0.3; 6]);
         for level in [0.05, 0.3, 0.683, 0.93, 0.95, 0.999] {
             let plain = covariance(None).interval_factors(level).unwrap()[0];
             let shaped = covariance(Some(normal.clone())).interval_factors(level).unwrap()[5];
@@ -169,7 +173,7 @@ mod tests {
 
     #[test]
     fn an_axis_without_errors_has_intervals_without_width() {
-        let shape = ErrorShape::of_errors(&PerAxis::default(), &[1.0; 6], &[0.0; 6]);
+        let shape = ErrorShape::from_errors(&PerAxis::default(), &[1.0; 6], &[0.0; 6]);
         assert_eq!(covariance(Some(shape)).interval_factors(0.95), Ok([0.0; 6]));
     }
 

@@ -53,7 +53,7 @@ pub(super) fn held_out_intervals_of_stretches(
     })
 }
 
-/// The same from triangles of the rows; a ridge by GCV is found anew without each group.
+/// The same from R factors of the rows; a ridge by GCV is found anew without each group.
 pub(super) fn held_out_intervals_factored(
     rows: &FactoredGroups,
     model: &Model,
@@ -91,7 +91,7 @@ pub(super) fn held_out_intervals_of_files(
         files[file].clone().map(score).collect::<Option<Vec<_>>>()
     };
     let scores: Option<Vec<_>> = each(files.len(), workers, of_file)?.into_iter().collect();
-    Some(GroupIntervals::of_groups(&scores?.concat()))
+    Some(GroupIntervals::from_groups(&scores?.concat()))
 }
 
 pub(super) fn of_scores(
@@ -104,7 +104,7 @@ pub(super) fn of_scores(
     }
     let unknown = [(f64::INFINITY, 0.0); 6];
     let scores = each(groups, workers, |group| score(group).unwrap_or(unknown))?;
-    Some(GroupIntervals::of_groups(&scores))
+    Some(GroupIntervals::from_groups(&scores))
 }
 
 /// What `score` says of so many groups, on all threads; `None` if whoever watches wants no more, which the next pass over
@@ -211,9 +211,9 @@ mod tests {
             let total = rest.total().unwrap();
             let ranges = total.reading_ranges();
             let solution = crate::solver::solve_moments(total, &model, 0.0, &ranges).unwrap();
-            let mut calibration = crate::Calibration::of_solution(&solution, &ranges);
+            let mut calibration = crate::Calibration::from_solution(&solution, &ranges);
             calibration.covariance =
-                Some(Covariance::of_groups(&rest, &model, 0.0, Workers::ONE).unwrap());
+                Some(Covariance::from_groups(&rest, &model, 0.0, Workers::ONE).unwrap());
             let (mut wrench, mut errors) = (PerAxis::default(), PerAxis::default());
             calibration.wrench(&part.readings, &mut wrench);
             assert!(calibration.standard_errors(&part.readings, None, &mut errors));

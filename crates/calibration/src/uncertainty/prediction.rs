@@ -107,7 +107,7 @@ impl Calibration {
         };
         let Some(covariance) = &self.covariance else { return false };
         let features = vec![[0.0; LANES]; polynomial.features().len()];
-        arch().dispatch(Errors {
+        arch().dispatch(PredictErrors {
             features: polynomial.features(),
             covariance,
             readings,
@@ -145,7 +145,7 @@ fn tared(mut errors: PerAxis<Vec<f64>>, tare: Option<&Tare>) -> PerAxis<Vec<f64>
 }
 
 /// The loop over rows, inlined whole into code for the widest vectors of the machine.
-struct Errors<'a> {
+struct PredictErrors<'a> {
     features: &'a Features,
     covariance: &'a Covariance,
     readings: &'a [Vec<f64>],
@@ -155,12 +155,12 @@ struct Errors<'a> {
     errors: &'a mut PerAxis<Vec<f64>>,
 }
 
-impl NullaryFnOnce for Errors<'_> {
+impl NullaryFnOnce for PredictErrors<'_> {
     type Output = ();
 
     #[inline(always)]
     fn call(self) {
-        let Errors { features, covariance, readings, rows, tare, mut lanes, errors } = self;
+        let PredictErrors { features, covariance, readings, rows, tare, mut lanes, errors } = self;
         let own: PerAxis<f64> = std::array::from_fn(|axis| {
             let shared = covariance.shared.map_or(0.0, |shared| shared[axis]);
             let of_tare = |tare: &Tare| shared + (1.0 - shared) / tare.frames as f64;

@@ -35,7 +35,7 @@ impl Advice {
     ///
     /// # Errors
     /// [`ValidationError`] if the models cannot be fitted to the groups.
-    pub fn of(
+    pub fn new(
         sums: &GroupedMoments,
         intercept: bool,
         selection: &Selection,
@@ -54,7 +54,7 @@ impl Advice {
         let compare = |first: usize, second: usize| -> Result<_, ValidationError> {
             match first == second {
                 true => Ok(None),
-                false => Ok(Some(Comparison::of(&errors(first)?, &errors(second)?, &variances))),
+                false => Ok(Some(Comparison::new(&errors(first)?, &errors(second)?, &variances))),
             }
         };
         let Selection { folds, candidates, best, chosen } = selection;

@@ -41,7 +41,7 @@ impl Comparison {
     ///
     /// # Panics
     /// If there are not as many folds of either, or fewer than two.
-    pub fn of(
+    pub fn new(
         first: &[PerAxis<HeldOutErrors>],
         second: &[PerAxis<HeldOutErrors>],
         variances: &PerAxis<f64>,
@@ -92,7 +92,7 @@ mod tests {
     fn with_folds_of_one_size_it_is_the_paired_mean_and_its_standard_error() {
         let fold = |square: f64| [HeldOutErrors { rows: 10, sum: 0.0, squares: 10.0 * square }; 6];
         let (first, second) = ([1.0, 5.0, 3.0].map(fold), [2.0, 8.0, 5.0].map(fold));
-        let found = Comparison::of(&first, &second, &[2.0; 6]);
+        let found = Comparison::new(&first, &second, &[2.0; 6]);
         // Differences −1, −3 and −2 over a variance of 2: mean −1, s = 0.5, over √3.
         assert!((found.all.value + 1.0).abs() < 1e-15);
         assert!((found.all.standard_error - 0.5 / 3f64.sqrt()).abs() < 1e-15);

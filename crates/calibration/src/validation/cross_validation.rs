@@ -58,7 +58,7 @@ impl CrossValidation {
 }
 
 /// Fits `model` without each group, or without each of `folds` folds of groups, and finds the
-/// errors there; the same with the rows that were dealt at random.
+/// errors there; the same with the rows that were assigned at random.
 ///
 /// Folds are filled with the largest groups first, each into the fold with the fewest rows. `ridge`
 /// is as in [`Moments::solve`].
@@ -141,35 +141,35 @@ fn merge(all: &mut PerAxis<HeldOutErrors>, errors: &PerAxis<HeldOutErrors>) {
     all.iter_mut().zip(errors).for_each(|(all, errors)| all.merge(errors));
 }
 
-/// Groups, by their places, dealt into folds of about the same number of rows.
+/// Groups, by their places, assigned to folds of about the same number of rows.
 pub(super) fn fold_groups(
     sums: &GroupedMoments,
     folds: usize,
 ) -> Result<Vec<Vec<usize>>, ValidationError> {
     let rows: Vec<u64> = sums.groups.iter().map(|(_, moments)| moments.rows()).collect();
-    deal_groups(&rows, folds)
+    assign_groups(&rows, folds)
 }
 
-/// Groups of so many rows, by their places, dealt into folds of about the same number of rows: the largest
+/// Groups of so many rows, by their places, assigned to folds of about the same number of rows: the largest
 /// first, each into the fold with the fewest.
 ///
 /// # Errors
 /// [`ValidationError::Folds`] unless there are two folds to as many as groups.
-pub fn deal_groups(rows: &[u64], folds: usize) -> Result<Vec<Vec<usize>>, ValidationError> {
+pub fn assign_groups(rows: &[u64], folds: usize) -> Result<Vec<Vec<usize>>, ValidationError> {
     let groups = rows.len();
     if !(2..=groups).contains(&folds) {
         return Err(ValidationError::Folds { folds, groups });
     }
     let mut order: Vec<usize> = (0..groups).collect();
     order.sort_unstable_by_key(|&group| (std::cmp::Reverse(rows[group]), group));
-    let mut dealt = vec![(0, Vec::new()); folds];
+    let mut assigned = vec![(0, Vec::new()); folds];
     for group in order {
-        let (of_fold, fold) = (dealt.iter_mut())
+        let (of_fold, fold) = (assigned.iter_mut())
             .min_by_key(|(rows, fold)| (*rows, fold.len()))
             .map(|(rows, fold)| (rows, fold))
             .expect("two folds or more");
         *of_fold += rows[group];
         fold.push(group);
     }
-    Ok(dealt.into_iter().map(|(_, fold)| fold).collect())
+    Ok(assigned.into_iter().map(|(_, fold)| fold).collect())
 }

@@ -136,13 +136,13 @@ impl WrenchSums {
     ///
     /// # Panics
     /// If there are not six columns of one length.
-    pub fn of(wrench: &[Vec<f64>]) -> Self {
+    pub fn new(wrench: &[Vec<f64>]) -> Self {
         assert_eq!(wrench.len(), 6, "columns");
         let rows = wrench[0].len();
         if rows == 0 {
             return Self::default();
         }
-        arch().dispatch(SumsOf(wrench))
+        arch().dispatch(AddWrenches(wrench))
     }
 
     /// Adds the rows of `other`.
@@ -199,11 +199,11 @@ impl WrenchSums {
     }
 }
 
-/// [`WrenchSums::of`] of at least one row, inlined whole into code for the widest vectors of the
+/// [`WrenchSums::new`] of at least one row, inlined whole into code for the widest vectors of the
 /// machine.
-struct SumsOf<'a>(&'a [Vec<f64>]);
+struct AddWrenches<'a>(&'a [Vec<f64>]);
 
-impl NullaryFnOnce for SumsOf<'_> {
+impl NullaryFnOnce for AddWrenches<'_> {
     type Output = WrenchSums;
 
     #[inline(always)]
@@ -213,7 +213,7 @@ impl NullaryFnOnce for SumsOf<'_> {
         let mut sums = WrenchSums { rows: rows as u64, ..WrenchSums::default() };
         // A loop: the closure of an array may stay a call, and then knows nothing of vectors.
         for (axis, column) in wrench.iter().enumerate() {
-            sums.axes[axis] = AxisSums::of(column);
+            sums.axes[axis] = AxisSums::new(column);
             sums.mean[axis] = sum(column) / rows as f64;
         }
         sums.products = products(wrench, &sums.mean);
@@ -230,7 +230,7 @@ impl Sign {
     /// A loop for each sum and each side: where the compiler sees that one condition follows from another, it
     /// makes branches of them, and no vectors.
     #[inline(always)]
-    fn of(chunks: &[[f64; LANES]], last: &[f64; LANES], sign: f64) -> Self {
+    fn new(chunks: &[[f64; LANES]], last: &[f64; LANES], sign: f64) -> Self {
         let mut squares = [0.0; LANES];
         let mut add_squares = |chunk: &[f64; LANES]| {
             for i in 0..LANES {
@@ -259,7 +259,7 @@ impl Sign {
 
 impl AxisSums {
     #[inline(always)]
-    fn of(column: &[f64]) -> Self {
+    fn new(column: &[f64]) -> Self {
         let (chunks, rest) = column.as_chunks::<LANES>();
         let mut last = [0.0; LANES];
         last[..rest.len()].copy_from_slice(rest);
@@ -267,8 +267,8 @@ impl AxisSums {
             // A pass for each: compiled together, they are shuffled through one vector.
             min: first_of(column, |x, min| x < min),
             max: first_of(column, |x, max| x > max),
-            positive: Sign::of(chunks, &last, 1.0),
-            negative: Sign::of(chunks, &last, -1.0),
+            positive: Sign::new(chunks, &last, 1.0),
+            negative: Sign::new(chunks, &last, -1.0),
         }
     }
 
@@ -411,7 +411,7 @@ mod tests {
 
     #[test]
     fn loads_both_ways_on_independent_axes_leave_no_gap() {
-        let excitation = WrenchSums::of(&columns(64, wave)).excitation().unwrap();
+        let excitation = WrenchSums::new(&columns(64, wave)).excitation().unwrap();
         assert!(excitation.gaps(Axes::ALL).is_empty());
         // Rounding of 64 sines.
         assert!((excitation.condition.unwrap() - 1.0).abs() < 1e-13);
@@ -430,7 +430,7 @@ mod tests {
             4 => 3.0 * wave(0, row) + 0.01 * wave(4, row),
             _ => wave(axis, row),
         });
-        let excitation = WrenchSums::of(&wrench).excitation().unwrap();
+        let excitation = WrenchSums::new(&wrench).excitation().unwrap();
         let [Gap::Unloaded(Axis::Fy), fz, together] = excitation.gaps(Axes::ALL)[..] else {
             panic!()
         };
@@ -446,11 +446,11 @@ mod tests {
     #[test]
     fn parts_merge_to_the_whole() {
         let wrench = columns(61, |axis, row| wave(axis, row) + axis as f64);
-        let whole = WrenchSums::of(&wrench).excitation().unwrap();
+        let whole = WrenchSums::new(&wrench).excitation().unwrap();
         let mut merged = WrenchSums::default();
         for rows in [0..7, 7..7, 7..40, 40..61] {
             let part: Vec<Vec<f64>> = wrench.iter().map(|c| c[rows.clone()].to_vec()).collect();
-            merged.merge(&WrenchSums::of(&part));
+            merged.merge(&WrenchSums::new(&part));
         }
         let merged = merged.excitation().unwrap();
         for (a, b) in std::iter::zip(merged.axes, whole.axes) {

@@ -1,10 +1,10 @@
-//! Errors on groups that were held out, and the choice of a model, from [triangles](crate::factored).
+//! Errors on groups that were held out, and the choice of a model, from [R factors](crate::factored).
 //!
-//! The triangle of all other folds is put together from theirs, from both ends on: nothing is taken away from
+//! The R factor of all other folds is put together from theirs, from both ends on: nothing is taken away from
 //! anything, and no fold is merged more than four times.
 
 use super::ValidationError;
-use super::cross_validation::{CrossValidation, HeldOutQuality, deal_groups};
+use super::cross_validation::{CrossValidation, HeldOutQuality, assign_groups};
 use super::selection::{ErrorsByRidge, FOLDS, Selection, choose};
 use crate::exact::HeldOutErrors;
 use crate::factored::{FactoredGroups, FactoredRows};
@@ -18,7 +18,7 @@ struct Fold {
     rest: FactoredRows,
 }
 
-/// As [`cross_validate`](super::cross_validation::cross_validate), without rows that were dealt at random.
+/// As [`cross_validate`](super::cross_validation::cross_validate), without rows that were assigned at random.
 ///
 /// # Errors
 /// [`ValidationError`] if there are too few groups, or no fold leaves enough rows to fit.
@@ -28,11 +28,11 @@ pub fn cross_validate(
     ridge: f64,
     folds: Option<usize>,
 ) -> Result<CrossValidation, ValidationError> {
-    let dealt = match folds {
-        Some(folds) => deal_groups(&sizes(rows), folds)?,
+    let assigned = match folds {
+        Some(folds) => assign_groups(&sizes(rows), folds)?,
         None => (0..rows.groups.len()).map(|group| vec![group]).collect(),
     };
-    let folds = parted(rows, dealt)?;
+    let folds = parted(rows, assigned)?;
     let mut all = PerAxis::<HeldOutErrors>::default();
     let (mut undetermined, mut reason) = (Vec::new(), None);
     for fold in &folds {
@@ -71,8 +71,8 @@ pub fn select(
     intercept: bool,
     ridges: &[f64],
 ) -> Result<Selection, ValidationError> {
-    let dealt = deal_groups(&sizes(rows), rows.groups.len().clamp(1, FOLDS));
-    let folds = parted(rows, dealt.map_err(|_| too_few(rows))?)?;
+    let assigned = assign_groups(&sizes(rows), rows.groups.len().clamp(1, FOLDS));
+    let folds = parted(rows, assigned.map_err(|_| too_few(rows))?)?;
     let total = rows.total().ok_or_else(|| too_few(rows))?;
     let model = |basis| Model { basis, intercept, channels: total.channels(), memory: 0 };
     let errors_of = |basis: Basis| -> Result<Option<ErrorsByRidge<'_>>, ValidationError> {
@@ -100,7 +100,7 @@ fn sizes(rows: &FactoredGroups) -> Vec<u64> {
 }
 
 /// The rows of each fold of groups and of all others.
-fn parted(rows: &FactoredGroups, dealt: Vec<Vec<usize>>) -> Result<Vec<Fold>, ValidationError> {
+fn parted(rows: &FactoredGroups, assigned: Vec<Vec<usize>>) -> Result<Vec<Fold>, ValidationError> {
     if rows.groups.len() < 2 {
         return Err(too_few(rows));
     }
@@ -116,7 +116,7 @@ fn parted(rows: &FactoredGroups, dealt: Vec<Vec<usize>>) -> Result<Vec<Fold>, Va
         let parts = groups.iter().map(|&group| &rows.groups[group].1);
         parts.fold(None, |all: Option<FactoredRows>, part| Some(merged(all.as_ref(), part)))
     };
-    let parts: Vec<FactoredRows> = dealt.iter().filter_map(of_fold).collect();
+    let parts: Vec<FactoredRows> = assigned.iter().filter_map(of_fold).collect();
     // What is after each fold, from the last on.
     let mut after: Vec<Option<FactoredRows>> = vec![None];
     for part in parts.iter().skip(1).rev() {
@@ -125,7 +125,7 @@ fn parted(rows: &FactoredGroups, dealt: Vec<Vec<usize>>) -> Result<Vec<Fold>, Va
     }
     let mut before: Option<FactoredRows> = None;
     let mut folds = Vec::with_capacity(parts.len());
-    for (groups, held_out) in dealt.into_iter().zip(parts) {
+    for (groups, held_out) in assigned.into_iter().zip(parts) {
         let rest = match (&before, after.pop().flatten()) {
             (None, rest) => rest,
             (Some(before), None) => Some(before.clone()),

@@ -1,7 +1,7 @@
 //! Whether rows that errors are judged on were recorded at poses that a model was trained on.
 //!
 //! A random split of the rows of one recording leaves rows of every pose on both sides, and the error on the test rows
-//! is then that of training; so it is where the labels of groups are dealt to rows at random. A row counts as one of a
+//! is then that of training; so it is where the labels of groups are assigned to rows at random. A row counts as one of a
 //! pose if its load is that of training rows, and every reading is about where theirs are: a pose that is set up
 //! again, with the same weights, has other readings. Loads are equal within the last digit of the coarser file. Rows
 //! may be in any order. Where the reference flickers by more than its last digit this says nothing.
@@ -77,7 +77,7 @@ struct RecordedPose {
 
 impl RowSample {
     /// Every so-manieth row of a block; see [`stride`](Self::stride).
-    pub fn of(block: &Block, stride: usize) -> Self {
+    pub fn new(block: &Block, stride: usize) -> Self {
         let row = |row: usize| SampledRow {
             load: std::array::from_fn(|axis| block.wrench[axis][row]),
             readings: block.readings.iter().map(|column| column[row]).collect(),
@@ -87,7 +87,7 @@ impl RowSample {
     }
 
     /// Rows of a labelled data set, with their groups.
-    fn of_groups(data: &Dataset) -> Self {
+    fn from_groups(data: &Dataset) -> Self {
         let (stride, mut sample) = (Self::stride(data.rows()), Self::default());
         let mut labels = HashMap::new();
         for (_, block) in data.blocks() {
@@ -97,7 +97,7 @@ impl RowSample {
                 let group = *labels.entry(label.clone()).or_insert(next);
                 groups.extend(std::iter::repeat_n(group, *rows));
             }
-            let mut of_block = Self::of(&block.rows, stride);
+            let mut of_block = Self::new(&block.rows, stride);
             let places = groups.into_iter().step_by(stride);
             of_block.rows.iter_mut().zip(places).for_each(|(row, group)| row.group = group);
             sample.add(of_block);
@@ -133,11 +133,11 @@ impl RowSample {
     }
 
     fn digits(&self) -> PerAxis<LastDigit> {
-        std::array::from_fn(|axis| LastDigit::of(self.some().map(|row| row.load[axis])))
+        std::array::from_fn(|axis| LastDigit::new(self.some().map(|row| row.load[axis])))
     }
 
     fn reading_step(&self) -> f64 {
-        LastDigit::of(self.some().flat_map(|row| row.readings.iter().copied())).decimal
+        LastDigit::new(self.some().flat_map(|row| row.readings.iter().copied())).decimal
     }
 
     /// The poses that the rows are made of; `None` if they are not.
@@ -181,15 +181,15 @@ impl RowSample {
 
 impl LastDigit {
     /// The finest of some numbers.
-    fn of(values: impl Iterator<Item = f64>) -> Self {
+    fn new(values: impl Iterator<Item = f64>) -> Self {
         let start = Self { decimal: 1.0, digits: 1 };
         values.fold(start, |known, value| {
-            let Self { decimal, digits } = Self::of_one(value);
+            let Self { decimal, digits } = Self::from_one(value);
             Self { decimal: known.decimal.min(decimal), digits: known.digits.max(digits) }
         })
     }
 
-    fn of_one(value: f64) -> Self {
+    fn from_one(value: f64) -> Self {
         // Units that were converted leave digits at the very end.
         let text = format!("{value:.*e}", (MOST_DIGITS - 1) as usize);
         let (mantissa, exponent) = text.split_once('e').unwrap_or((&text, "0"));
@@ -282,9 +282,9 @@ impl ReadingSpans {
 }
 
 /// The share of the rows of a labelled data set whose pose is shared by several groups, where it is made of poses: of
-/// labels that were dealt at random, nearly all.
+/// labels that were assigned at random, nearly all.
 pub fn share_in_several_groups(data: &Dataset) -> Option<f64> {
-    Some(RowSample::of_groups(data).poses()?.share_in_several_groups())
+    Some(RowSample::from_groups(data).poses()?.share_in_several_groups())
 }
 
 #[cfg(test)]

@@ -83,7 +83,7 @@ impl Hint for ValidationError {
                 "record more poses, give several logs, or name the column of groups with `--group`"
             }
             Self::TooManyGroups { .. } => {
-                "name the column of groups with `--group`, or deal them into K folds with `--cv=K`"
+                "name the column of groups with `--group`, or assign them to K folds with `--cv=K`"
             }
             Self::Folds { .. } => "leave the number out to hold out one group at a time",
             Self::Undetermined(_) | Self::NoModel => {

@@ -159,7 +159,7 @@ impl<'a> HeldOutFolds<'a> {
         }
         let rows = |error| ValidationError::Rows(Box::new(error));
         for block in blocks {
-            ReadingRanges::of_block(block, model.columns()).map_err(rows)?;
+            ReadingRanges::from_block(block, model.columns()).map_err(rows)?;
         }
         let centring = Centring { channels: model.columns(), intercept: model.intercept };
         let scaling = centring.scaling(&Rows::from(blocks).reduce(&centring).map_err(rows)?);
@@ -195,7 +195,7 @@ impl<'a> HeldOutFolds<'a> {
         choose(model, ridges, &variances(self.blocks), errors_of)
     }
 
-    /// The errors of the model on the folds, of so many groups. None are dealt at random.
+    /// The errors of the model on the folds, of so many groups. None are assigned at random.
     ///
     /// # Errors
     /// [`ValidationError`] if it cannot be fitted without one of them.
@@ -225,7 +225,7 @@ fn variances(folds: &[Block]) -> PerAxis<f64> {
     Axis::ALL.map(|axis| {
         let mut all = RunningVariance::default();
         for fold in folds {
-            all.merge(&RunningVariance::of(&fold.wrench[axis.index()]));
+            all.merge(&RunningVariance::new(&fold.wrench[axis.index()]));
         }
         all.squares / all.count.max(1) as f64
     })

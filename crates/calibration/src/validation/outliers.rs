@@ -1,6 +1,6 @@
 //! Rows that do not belong: corrupt ones, found by their deleted residuals.
 //!
-//! A row is judged by a fit to the others. With the error `e` of an axis, its standard deviation `σ` over
+//! A row is tested by a fit to the others. With the error `e` of an axis, its standard deviation `σ` over
 //! the rows of the fit and the leverage `h = ‖Fᵀx‖²` of the row's features,
 //!
 //! ```text
@@ -84,14 +84,14 @@ pub struct Spread {
 
 impl Spread {
     /// Of the rows of a block.
-    pub fn of(block: &Block) -> Self {
+    pub fn new(block: &Block) -> Self {
         let change = |column: &Vec<f64>| {
             let changes: Vec<f64> = column.windows(2).map(|pair| pair[1] - pair[0]).collect();
-            RunningVariance::of(&changes)
+            RunningVariance::new(&changes)
         };
         let columns = block.readings.iter().chain(&block.wrench);
         Self {
-            columns: columns.map(|column| RunningVariance::of(column)).collect(),
+            columns: columns.map(|column| RunningVariance::new(column)).collect(),
             changes: block.readings.iter().map(change).collect(),
         }
     }
@@ -129,7 +129,7 @@ impl Spread {
 
 /// What a fit says of rows.
 #[derive(Debug)]
-pub struct Judge {
+pub struct RowTest {
     calibration: Calibration,
     features: Features,
     factor: Mat<f64>,
@@ -140,7 +140,7 @@ pub struct Judge {
 
 /// A row that was looked at.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Judged {
+pub struct TestedRow {
     /// The row of the block.
     pub row: usize,
     /// Predicted less measured, N and N·m.
@@ -161,7 +161,7 @@ pub struct Judged {
     is_spike: bool,
 }
 
-impl Judged {
+impl TestedRow {
     /// Whether the row does not belong, where errors up to a limit do.
     pub fn is_outlier(&self, limit: f64) -> bool {
         (self.size > limit && self.errs_alone)
@@ -181,7 +181,7 @@ impl Judged {
         self.size > LIMIT || self.far > FAR || self.takes_over
     }
 
-    /// A row that is not judged by a fit.
+    /// A row that is not tested by a fit.
     pub fn unseen(row: usize) -> Self {
         Self {
             row,
@@ -197,7 +197,7 @@ impl Judged {
     }
 }
 
-impl Judge {
+impl RowTest {
     /// By a solution; `spread` is that of its rows, as far as it is known. `None` if there are no more rows
     /// than coefficients.
     pub fn new(solution: &Solution, ranges: &ReadingRanges, spread: &Spread) -> Option<Self> {
@@ -211,7 +211,7 @@ impl Judge {
             variance.max(0.0).sqrt().max(SMALLEST_NOISE * load)
         });
         Some(Self {
-            calibration: Calibration::of_solution(solution, ranges),
+            calibration: Calibration::from_solution(solution, ranges),
             features,
             factor: solution.factor.matrix().into_owned(),
             noise,
@@ -236,7 +236,7 @@ impl Judge {
         &self.noise
     }
 
-    /// The rows of a block to judge: those with a large error or, in `spread`, a far reading or a jump.
+    /// The rows of a block to test: those with a large error or, in `spread`, a far reading or a jump.
     ///
     /// No public function here is generic: that would be compiled with whoever calls it, and programs may
     /// be optimised for size.
@@ -249,15 +249,15 @@ impl Judge {
         suspects(Excess { errors: Some((predicted, &self.noise)), block, spread })
     }
 
-    /// Judges ascending rows of a block, of which the fit `has_left_out` some, by their [leverages](Self::leverages).
+    /// Tests ascending rows of a block, of which the fit `has_left_out` some, by their [leverages](Self::leverages).
     /// `predicted` is room for predictions.
-    pub fn judge(
+    pub fn test(
         &self,
         block: &Block,
         rows: &[(usize, f64)],
         (spread, predicted): (&Spread, &mut PerAxis<Vec<f64>>),
         has_left_out: &dyn Fn(usize) -> bool,
-    ) -> Vec<Judged> {
+    ) -> Vec<TestedRow> {
         let near = near(rows, block.rows);
         let mut of_near = PerAxis::default();
         self.calibration.wrench(&gather(&block.readings, &near), &mut of_near);
@@ -266,20 +266,20 @@ impl Judge {
             all.resize(block.rows, 0.0);
             near.iter().zip(some).for_each(|(&row, &value)| all[row] = value);
         }
-        self.judge_predicted(block, predicted, rows, spread, has_left_out)
+        self.test_predicted(block, predicted, rows, spread, has_left_out)
     }
 
     /// The same where the wrench that the calibration predicts is known, of these rows and of two before and after each.
-    pub fn judge_predicted(
+    pub fn test_predicted(
         &self,
         block: &Block,
         predicted: &PerAxis<Vec<f64>>,
         rows: &[(usize, f64)],
         spread: &Spread,
         has_left_out: &dyn Fn(usize) -> bool,
-    ) -> Vec<Judged> {
+    ) -> Vec<TestedRow> {
         let error = |axis: usize, row: usize| predicted[axis][row] - block.wrench[axis][row];
-        let judge_row = |&(row, leverage): &(usize, f64)| {
+        let test_row = |&(row, leverage): &(usize, f64)| {
             // A row of leverage one is followed whatever it says: rounding decides what is left.
             // What it has, or would have, in a fit with it; and the error of a fit without it.
             let (variance, in_fit, deleted) = match has_left_out(row) {
@@ -303,7 +303,7 @@ impl Judge {
             let exceeds_change = deleted * own.abs()
                 > change(&predicted[axis], row).min(change(&block.wrench[axis], row));
             let (far, is_far_alone) = distance(block, spread, row);
-            Judged {
+            TestedRow {
                 row,
                 error: std::array::from_fn(|axis| error(axis, row)),
                 size: size(axis),
@@ -318,13 +318,13 @@ impl Judge {
                 is_spike: jumps(block, &spread.changes, SPIKE, row),
             }
         };
-        rows.iter().map(judge_row).collect()
+        rows.iter().map(test_row).collect()
     }
 
     /// `‖Fᵀx‖²` of each row.
     pub fn leverages(&self, readings: &[Vec<f64>]) -> Vec<f64> {
         let features = vec![[0.0; LANES]; self.features.len()];
-        arch().dispatch(Leverages { judge: self, readings, features })
+        arch().dispatch(Leverages { test: self, readings, features })
     }
 }
 
@@ -335,7 +335,7 @@ pub(crate) fn gather(columns: &[Vec<f64>], rows: &[usize]) -> Vec<Vec<f64>> {
 
 /// Leverages of all rows, some at a time, inlined whole into code for the widest vectors of the processor.
 struct Leverages<'a> {
-    judge: &'a Judge,
+    test: &'a RowTest,
     readings: &'a [Vec<f64>],
     features: Vec<RowLanes>,
 }
@@ -345,13 +345,13 @@ impl NullaryFnOnce for Leverages<'_> {
 
     #[inline(always)]
     fn call(self) -> Vec<f64> {
-        let Self { judge, readings, mut features } = self;
+        let Self { test, readings, mut features } = self;
         let rows = readings.first().map_or(0, Vec::len);
         let mut leverages = Vec::with_capacity(rows + LANES);
         for start in (0..rows).step_by(LANES) {
-            judge.features.lanes(readings, start, &mut features);
+            test.features.lanes(readings, start, &mut features);
             let mut sums = [0.0; LANES];
-            for (j, column) in judge.factor.col_iter().enumerate() {
+            for (j, column) in test.factor.col_iter().enumerate() {
                 let mut products = [0.0; LANES];
                 for (x, &f) in features[..=j].iter().zip(column.iter()) {
                     for i in 0..LANES {
@@ -540,8 +540,8 @@ mod tests {
             readings: vec![column],
             ..Block::default()
         };
-        let mut spread = Spread::of(&block(vec![1.0, 3.0]));
-        spread.merge(&Spread::of(&block(vec![1.0, 3.0, 9.0, 9.0])));
+        let mut spread = Spread::new(&block(vec![1.0, 3.0]));
+        spread.merge(&Spread::new(&block(vec![1.0, 3.0, 9.0, 9.0])));
         // Their squares add up to 182, their mean is 26/6. Rounding of a few operations.
         let sd = (182.0 / 6.0 - (26.0_f64 / 6.0).powi(2)).sqrt();
         assert!((spread.apart(0, 5.0, 3.0) - 2.0 / sd).abs() < 1e-12);

@@ -58,7 +58,7 @@ pub struct Steps<const N: usize> {
 
 impl<const N: usize> Steps<N> {
     /// From rows of all parts of a recording, most of them in succession.
-    pub fn of_sample(time_s: &[f64], wrench: &[Vec<f64>]) -> Self {
+    pub fn from_sample(time_s: &[f64], wrench: &[Vec<f64>]) -> Self {
         let load = std::array::from_fn(|axis| {
             let column = wrench.get(axis).map_or(&[][..], Vec::as_slice);
             let mut sizes = differences(column);
@@ -373,7 +373,7 @@ mod tests {
     }
 
     fn found(time_s: &[f64], wrench: &[Vec<f64>], parts: usize) -> Stretches {
-        let mut finder = PlateauFinder::<6>::new(Steps::of_sample(time_s, wrench));
+        let mut finder = PlateauFinder::<6>::new(Steps::from_sample(time_s, wrench));
         for start in (0..wrench[0].len()).step_by(parts) {
             let end = (start + parts).min(wrench[0].len());
             let part: Vec<Vec<f64>> = wrench.iter().map(|c| c[start..end].to_vec()).collect();
@@ -460,7 +460,7 @@ mod tests {
         assert_eq!(found(&[], &noise, 999), Stretches::Nothing);
         assert_eq!(found(&[], &vec![vec![1.5; 300]; 6], 999), Stretches::Nothing);
         assert_eq!(
-            PlateauFinder::<6>::new(Steps::of_sample(&[], &[])).finish(),
+            PlateauFinder::<6>::new(Steps::from_sample(&[], &[])).finish(),
             Stretches::Nothing
         );
         // The same motion, but the recorder paused twice.

@@ -28,7 +28,7 @@ pub const LARGEST_RIDGE: f64 = 1e4;
 /// How much larger each ridge is than the one before.
 const RIDGE_STEP: f64 = 100.0;
 
-/// Folds that groups are dealt into, where there are as many groups.
+/// Folds that groups are assigned to, where there are as many groups.
 pub const FOLDS: usize = 10;
 
 /// A model that was tried.
@@ -146,7 +146,7 @@ pub(super) fn choose<'a>(
     let (best, ..) =
         scored().min_by(|a, b| a.2.score.total_cmp(&b.2.score)).ok_or(ValidationError::NoModel)?;
     let is_as_good = |i: usize| {
-        let difference = Comparison::of(&of_folds[i], &of_folds[best], variances).all;
+        let difference = Comparison::new(&of_folds[i], &of_folds[best], variances).all;
         difference.value <= difference.standard_error
     };
     let chosen = scored()

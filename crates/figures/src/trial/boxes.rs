@@ -8,7 +8,7 @@ use super::super::panel::{LEFT_MARGIN, Panel};
 use super::super::scale::{PlotAxis, Spacing};
 use super::super::size::Size;
 use super::super::svg::{Anchor, Canvas, Rect, Style, number, point};
-use super::labels::Labels;
+use super::labels::BoxLabels;
 use super::{TOP, WIDTH, canvas, draw_title, empty_figure};
 use trial::{ConditionRow, Per, Quantity, Statistics};
 
@@ -41,7 +41,7 @@ pub fn box_figure(size: Size, title: &str, rows: &[ConditionRow]) -> Figure {
     let width = (size.width(WIDTH) - 2.0 * (LEFT_MARGIN + 8.0) - 28.0) / 2.0;
     let drawn: Vec<&ConditionRow> =
         rows.iter().filter(|row| QUANTITIES.contains(&row.quantity)).collect();
-    let labels = Labels::new(size, &drawn, width);
+    let labels = BoxLabels::new(size, &drawn, width);
     let pitch = PITCH + labels.height();
     let bottom = TOP - 8.0 + pitch * count as f64 + labels.below_last();
     let key = if size.is_narrow() { KEY_PITCH } else { 0.0 };
@@ -109,7 +109,7 @@ fn draw_boxes(
     area: Rect,
     (quantity, per): (Quantity, Per),
     boxes: &[&ConditionRow],
-    labels: &Labels<'_>,
+    labels: &BoxLabels<'_>,
 ) {
     let (name, factor, unit) = scale(quantity);
     let ends = boxes.iter().flat_map(|row| {

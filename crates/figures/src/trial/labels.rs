@@ -9,7 +9,7 @@ const SMALL: Style = Style { size: 9.0, ..Style::LABEL };
 
 /// What stands below the boxes: their conditions, and of how many values each is. Upright conditions stand only
 /// below the last panel of a column, as its boxes stand below one another.
-pub(super) struct Labels<'a> {
+pub(super) struct BoxLabels<'a> {
     conditions: Vec<&'a str>,
     names: Names,
     counts: Names,
@@ -17,7 +17,7 @@ pub(super) struct Labels<'a> {
     is_counted_once: bool,
 }
 
-impl<'a> Labels<'a> {
+impl<'a> BoxLabels<'a> {
     pub(super) fn new(size: Size, rows: &[&'a ConditionRow], width: f64) -> Self {
         let mut conditions: Vec<&str> = Vec::new();
         for ConditionRow { condition, .. } in rows {

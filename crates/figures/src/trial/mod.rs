@@ -21,7 +21,7 @@ use super::palette;
 use super::panel::{LEFT_MARGIN, Panel};
 use super::size::Size;
 use super::svg::{Anchor, Canvas, Rect, Style, text_width};
-use super::trace::Curve;
+use super::trace::TraceCurve;
 use trial::Trace;
 
 /// Width of a figure on a screen: a column of 88 mm at twice its size.
@@ -66,9 +66,9 @@ impl CurvePen {
 }
 
 /// A quantity over time, kept in as few points as draw the same line.
-fn line(time_s: &[f64], values: impl IntoIterator<Item = f64>) -> Curve {
+fn line(time_s: &[f64], values: impl IntoIterator<Item = f64>) -> TraceCurve {
     let values: Vec<f64> = values.into_iter().collect();
-    let mut line = Curve::default();
+    let mut line = TraceCurve::default();
     line.add(time_s, &values);
     line
 }
@@ -101,13 +101,13 @@ pub fn stride_s(trace: &Trace) -> Option<f64> {
 }
 
 /// The smallest and the largest of all values, and zero.
-fn range_with_zero<'a>(lines: impl IntoIterator<Item = &'a Curve>) -> (f64, f64) {
+fn range_with_zero<'a>(lines: impl IntoIterator<Item = &'a TraceCurve>) -> (f64, f64) {
     let values = lines.into_iter().flat_map(|line| line.points().map(|(_, value)| value));
     values.fold((0.0, 0.0), |(low, high), value| (value.min(low), value.max(high)))
 }
 
 /// Draws curves in a panel over its zero line.
-fn draw_lines(canvas: &mut Canvas, panel: &Panel, lines: &[(&Curve, CurvePen)]) {
+fn draw_lines(canvas: &mut Canvas, panel: &Panel, lines: &[(&TraceCurve, CurvePen)]) {
     let (_, zero) = panel.place(panel.x.range.0, 0.0);
     let area = panel.area;
     canvas.clipped(area, |canvas| {

@@ -7,7 +7,7 @@ use super::super::panel::{BOTTOM_MARGIN, Panel};
 use super::super::scale::{PlotAxis, Spacing};
 use super::super::size::Size;
 use super::{
-    Curve, CurvePen, DASHED, LegendKey, Passage, SOLID, canvas, draw_legend, draw_lines,
+    CurvePen, DASHED, LegendKey, Passage, SOLID, TraceCurve, canvas, draw_legend, draw_lines,
     draw_title, empty_figure, line, range_with_zero, top_below, wide_area,
 };
 use trial::Trace;
@@ -19,7 +19,7 @@ const LEGEND: f64 = 20.0;
 
 struct StackRow<'a> {
     axis: (&'a str, &'a str),
-    lines: Vec<(Curve, CurvePen)>,
+    lines: Vec<(TraceCurve, CurvePen)>,
     keys: Vec<LegendKey<'a>>,
 }
 
@@ -123,7 +123,7 @@ fn stack_rows<'a>(
 }
 
 /// Angles within a turn, one line for each, so that none leads back from its end to its start.
-fn turns(time_s: &[f64], angle_rad: &[f64]) -> Vec<Curve> {
+fn turns(time_s: &[f64], angle_rad: &[f64]) -> Vec<TraceCurve> {
     let turn = |i: usize| (angle_rad[i] / TAU).floor();
     let mut lines = Vec::new();
     let mut start = 0;

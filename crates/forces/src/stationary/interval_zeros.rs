@@ -1,14 +1,14 @@
-//! A zero that follows the rests.
+//! A zero that follows the stationary intervals.
 
 use calibration::Calibration;
 use shell_data::wrench::PerAxis;
 
 use super::StationaryInterval;
 
-/// The zero at every time, from rests in their order.
+/// The zero at every time, from stationary intervals in their order.
 #[derive(Clone, Debug, PartialEq)]
 pub(in super::super) struct StationaryZeros {
-    /// Hold the zero of the last rest that has ended, in place of a straight line between rests.
+    /// Hold the zero of the last rest that has ended, in place of a straight line between stationary intervals.
     causal: bool,
     knots: Vec<Knot>,
 }
@@ -33,7 +33,7 @@ impl StationaryZeros {
         }
     }
 
-    /// How many rests there were.
+    /// How many stationary intervals there were.
     pub(in super::super) fn count(&self) -> usize {
         self.knots.len()
     }

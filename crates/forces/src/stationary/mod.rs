@@ -95,7 +95,7 @@ struct KnownZero {
     high: f64,
 }
 
-/// The search for rests, as far as a log has been read.
+/// The search for stationary intervals, as far as a log has been read.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StationaryFinder {
     /// Of every channel, once there was a rest.
@@ -111,7 +111,7 @@ pub struct StationaryFinder {
 }
 
 impl StationaryFinder {
-    /// Takes the next fresh frames: their times, s, and their readings, one column a channel. The rests
+    /// Takes the next fresh frames: their times, s, and their readings, one column a channel. The stationary intervals
     /// that end among them are handed to `found`, in order.
     pub fn look_at(
         &mut self,
@@ -162,7 +162,7 @@ impl StationaryFinder {
 
     /// Ends the current part, and with it a rest if it is the last of one.
     fn end_part(&mut self) -> Option<StationaryInterval> {
-        let levels = self.readings.iter().map(|column| RunningVariance::of(&column[self.ended..]));
+        let levels = self.readings.iter().map(|column| RunningVariance::new(&column[self.ended..]));
         let part =
             StationaryPart { frames: self.times_s.len() - self.ended, levels: levels.collect() };
         for (known, level) in self.known.iter_mut().zip(&part.levels) {
@@ -231,7 +231,7 @@ mod tests {
         ((hash >> 11) as f64 / (1_u64 << 53) as f64 - 0.5) * 12_f64.sqrt()
     }
 
-    /// The rests of one channel at 100 Hz, as first and last time, looked at in pieces.
+    /// The stationary intervals of one channel at 100 Hz, as first and last time, looked at in pieces.
     fn rests(level: impl Fn(f64) -> f64, seconds: usize, piece: usize) -> Vec<(f64, f64)> {
         let times: Vec<f64> = (0..100 * seconds).map(|i| i as f64 / 100.0).collect();
         let readings: Vec<f64> =

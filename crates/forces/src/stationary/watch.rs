@@ -56,15 +56,15 @@ pub struct ZeroMove {
 impl QuietLevel {
     /// Of the values at a rest's frames.
     pub fn new(values: &[f64], parts: &[usize]) -> Self {
-        let whole = RunningVariance::of(values);
+        let whole = RunningVariance::new(values);
         let mut means = Vec::with_capacity(parts.len());
         let mut rest = values;
         for &frames in parts {
             let (part, after) = rest.split_at(frames.min(rest.len()));
-            means.push(RunningVariance::of(part).mean);
+            means.push(RunningVariance::new(part).mean);
             rest = after;
         }
-        let parts = RunningVariance::of(&means);
+        let parts = RunningVariance::new(&means);
         let n = parts.count as f64;
         Self {
             mean: whole.mean,
@@ -125,7 +125,7 @@ impl ZeroMove {
     }
 }
 
-/// Looks at the rests of a log as it is read.
+/// Looks at the stationary intervals of a log as it is read.
 #[derive(Clone, Debug, Default)]
 pub struct ZeroWatch {
     finder: StationaryFinder,
@@ -147,7 +147,7 @@ impl ZeroWatch {
         });
     }
 
-    /// How the zero has moved; `None` with fewer than two rests.
+    /// How the zero has moved; `None` with fewer than two stationary intervals.
     pub fn finish(&self, calibration: &Calibration) -> Option<ZeroMove> {
         let (first, last) = (self.first.as_ref()?, self.last.as_ref()?);
         let levels = [first, last].map(|rest| QuietLevel::from_wrench(calibration, rest));

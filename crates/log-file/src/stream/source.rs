@@ -124,7 +124,7 @@ impl LogSource {
     }
 
     /// Text that `write` writes, called `path`.
-    pub(crate) fn of_text(
+    pub(crate) fn from_text(
         path: &Path,
         write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
     ) -> Result<Self, LogError> {

@@ -37,7 +37,7 @@ pub struct Contribution {
     /// What makes the wrench uncertain.
     pub source: &'static str,
     /// How its uncertainty was evaluated.
-    pub evaluation: Evaluation,
+    pub evaluation: EvaluationType,
     /// Where the number comes from, or why there is none.
     pub basis: String,
     /// The standard uncertainty of each axis, if it is known.
@@ -48,7 +48,7 @@ pub struct Contribution {
 
 /// How a standard uncertainty was evaluated (GUM, 3.3.4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Evaluation {
+pub enum EvaluationType {
     /// From observations.
     TypeA,
     /// From what was known before.
@@ -144,8 +144,8 @@ impl Certificate<'_> {
         };
         let line = |of: &Contribution| {
             let kind = match of.evaluation {
-                Evaluation::TypeA => "A",
-                Evaluation::TypeB => "B",
+                EvaluationType::TypeA => "A",
+                EvaluationType::TypeB => "B",
             };
             let source =
                 if of.is_part { format!("of which {}", of.source) } else { of.source.into() };

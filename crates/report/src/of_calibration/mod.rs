@@ -6,7 +6,7 @@ mod limits;
 
 use std::fmt::Write;
 
-pub use certificate::{Certificate, Contribution, Evaluation, WeightRow};
+pub use certificate::{Certificate, Contribution, EvaluationType, WeightRow};
 pub use content::{CalibrationReport, FewGroups, GroupRow};
 use limits::limits;
 

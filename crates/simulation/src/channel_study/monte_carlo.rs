@@ -78,7 +78,7 @@ pub fn monte_carlo(
         progress(draw + 1);
     }
     let over = |figure: fn(&ChannelSummary) -> Option<f64>| {
-        DrawStatistics::of(summaries.iter().filter_map(figure).collect(), level)
+        DrawStatistics::new(summaries.iter().filter_map(figure).collect(), level)
     };
     MonteCarlo {
         draws,
@@ -108,7 +108,7 @@ fn drawn(setup: &Setup, uncertain: &[Uncertain], seed: u64, draw: usize) -> Setu
 
 impl DrawStatistics {
     /// `None` without values.
-    fn of(mut values: Vec<f64>, level: f64) -> Option<Self> {
+    fn new(mut values: Vec<f64>, level: f64) -> Option<Self> {
         values.sort_unstable_by(f64::total_cmp);
         let count = values.len() as f64;
         let mean = values.iter().sum::<f64>() / count;

@@ -40,7 +40,7 @@ pub struct RecordingSettings {
 
 impl RecordingSettings {
     /// What is made of that kind where nothing else is asked for.
-    pub const fn of(kind: RecordingKind) -> Self {
+    pub const fn new(kind: RecordingKind) -> Self {
         Self {
             kind,
             rate_hz: 100.0,

@@ -33,7 +33,7 @@ const DEPTH: usize = 8;
 
 impl FieldKind {
     /// `None` where such messages are not read.
-    pub(super) fn of(schema: &str, encoding: &str) -> Option<Self> {
+    pub(super) fn new(schema: &str, encoding: &str) -> Option<Self> {
         let is_ros1 = match encoding {
             "json" => return Some(Self::Json),
             "cdr" => false,

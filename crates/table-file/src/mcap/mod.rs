@@ -60,7 +60,7 @@ pub(crate) fn open(
             McapRecord::Channel { id, schema, topic, encoding } => {
                 let schema = schemas.get(&schema).map_or("", String::as_str);
                 let known = topics.iter_mut().find(|known| known.name == topic);
-                match (known, FieldKind::of(schema, &encoding)) {
+                match (known, FieldKind::new(schema, &encoding)) {
                     (Some(known), Some(kind)) if known.kind == kind => known.channels.push(id),
                     (_, Some(kind)) => {
                         let (columns, start) = (Vec::new(), 0);

@@ -145,13 +145,13 @@ fn doubles(message: &mut Vec<u8>, start: usize, values: &[f64]) {
 #[derive(Debug, Default)]
 pub struct ChunkBuilder {
     records: Vec<u8>,
-    index: Vec<Index>,
+    index: Vec<MessageIndex>,
     /// The first and last time.
     times: Option<(u64, u64)>,
 }
 
 /// When and where the messages of a channel are in a chunk, as it is written.
-type Index = Vec<u8>;
+type MessageIndex = Vec<u8>;
 
 /// What the index of a message takes.
 const INDEX_BYTES: usize = 16;
@@ -162,7 +162,7 @@ const INDEX_BYTES: usize = 16;
 pub struct McapChunk {
     records: Vec<u8>,
     checksum: u32,
-    index: Vec<Index>,
+    index: Vec<MessageIndex>,
     times: (u64, u64),
 }
 

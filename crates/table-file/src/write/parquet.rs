@@ -97,7 +97,7 @@ struct ColumnType {
 pub fn parquet_file(columns: &[(&str, Cells<'_>)]) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     let kinds = columns.iter().map(|(name, cells)| ((*name).to_owned(), cells.kind())).collect();
-    let mut writer = ParquetWriter::of_kinds(&mut bytes, kinds)?;
+    let mut writer = ParquetWriter::from_kinds(&mut bytes, kinds)?;
     let rows = columns.first().map_or(0, |(_, cells)| cells.len());
     for start in (0..rows).step_by(GROUP_ROWS) {
         let end = rows.min(start + GROUP_ROWS);
@@ -125,10 +125,10 @@ impl<W: Write> ParquetWriter<W> {
     pub fn new(out: W, columns: &[(String, bool)]) -> io::Result<Self> {
         let kind = |is_text| if is_text { Cells::Texts(&[]) } else { Cells::Numbers(&[]) }.kind();
         let columns = columns.iter().map(|(name, is_text)| (name.clone(), kind(*is_text)));
-        Self::of_kinds(out, columns.collect())
+        Self::from_kinds(out, columns.collect())
     }
 
-    fn of_kinds(mut out: W, columns: Vec<(String, ColumnType)>) -> io::Result<Self> {
+    fn from_kinds(mut out: W, columns: Vec<(String, ColumnType)>) -> io::Result<Self> {
         out.write_all(MAGIC)?;
         Ok(Self { out, at: MAGIC.len() as u64, columns, rows: 0, groups: Vec::new() })
     }

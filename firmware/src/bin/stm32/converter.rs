@@ -52,7 +52,7 @@ pub(crate) fn light(emitter: u8, on: bool) {
 }
 
 /// What is being summed. The task writes it while the converter rests, the interrupt while it does not.
-static STATE: State = State {
+static STATE: ConverterState = ConverterState {
     sums: [AtomicU32::new(0), AtomicU32::new(0), AtomicU32::new(0)],
     at: AtomicU8::new(0),
     last: AtomicU8::new(0),
@@ -65,7 +65,7 @@ static STATE: State = State {
     done: AtomicWaker::new(),
 };
 
-struct State {
+struct ConverterState {
     sums: [AtomicU32; 3],
     /// The sum that is being taken, and the last one; beyond that all is done.
     at: AtomicU8,
@@ -85,7 +85,7 @@ struct State {
     done: AtomicWaker,
 }
 
-impl State {
+impl ConverterState {
     /// A sum begins, with a conversion that is thrown away before it if the converter has rested for long.
     fn begin(&self, is_fresh: bool) {
         let conversions = self.conversions.load(Ordering::Relaxed);

@@ -7,7 +7,7 @@ use shared_proto::PhysicsSensor;
 
 /// The answer less the lower plateau, and its derivatives.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Answer {
+pub(super) struct CurveValue {
     /// `h·σ^ν`, also the derivative by ln h.
     pub(super) height: f32,
     /// The derivative by the displacement.
@@ -16,7 +16,7 @@ pub(super) struct Answer {
     pub(super) by_shape: f32,
 }
 
-impl Answer {
+impl CurveValue {
     /// At the displacement `q`.
     pub(super) fn at(sensor: &PhysicsSensor, q: f32) -> Self {
         // e^(−|q|) never overflows.
@@ -83,7 +83,7 @@ mod tests {
         for place in -400..=400 {
             let q = f64::from(place) / 8.0;
             for shape in [0.3, 1.0, 2.7] {
-                let found = Answer::at(&sensor(shape), q as f32);
+                let found = CurveValue::at(&sensor(shape), q as f32);
                 let (h, nu) = (f64::from(1.3_f32), f64::from(shape));
                 let ln_sigma = q.min(0.0) - libm::log1p(libm::exp(-q.abs()));
                 let height = h * libm::exp(nu * ln_sigma);
@@ -118,7 +118,7 @@ mod tests {
     fn displacement_inverts_the_curve() {
         for q in [-2.0, -0.1, 0.0, 1.3, 3.0] {
             let sensor = sensor(1.7);
-            let answer = Answer::at(&sensor, q);
+            let answer = CurveValue::at(&sensor, q);
             let (found, slope) = displacement(&sensor, sensor.low + answer.height);
             // 2⁻²⁴ of the answer over its slope, which is at least 0.07.
             assert!((found - q).abs() < 1e-5, "{q}: {found}");
@@ -130,7 +130,7 @@ mod tests {
     fn far_from_the_curve_everything_is_finite() {
         for shape in [1e-3, 1.0, 1e3] {
             for q in [-1e8, -100.0, 0.0, 100.0, 1e8] {
-                let Answer { height, slope, by_shape } = Answer::at(&sensor(shape), q);
+                let CurveValue { height, slope, by_shape } = CurveValue::at(&sensor(shape), q);
                 assert!([height, slope, by_shape].iter().all(|value| value.is_finite()));
             }
             for y in [-1e9, -0.2, 0.0, 1.1, 1e9] {

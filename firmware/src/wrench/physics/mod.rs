@@ -17,7 +17,7 @@
 mod curve;
 mod equations;
 
-use self::curve::{Answer, displacement};
+use self::curve::{CurveValue, displacement};
 use self::equations::{Equations, X, product, row, unrolled};
 use shared_proto::{AXES, CHANNELS, FACTOR, Physics, PhysicsSensor};
 
@@ -47,13 +47,13 @@ const START_NOISE: f32 = 0.02;
 /// The wrench of a frame of readings in counts, without the channels whose bit is set in `saturated`; N and N·m.
 /// Where no wrench is found, that nothing pulls at.
 pub(super) fn invert(model: &Physics, readings: &[u16; CHANNELS], saturated: u8) -> [f32; AXES] {
-    let frame = Frame::new(model, readings, saturated);
+    let frame = ScaledFrame::new(model, readings, saturated);
     let x = frame.descend(frame.start().unwrap_or_default());
     core::array::from_fn(|axis| x[axis] * model.wrench_scale[axis])
 }
 
 /// A frame in the scales of the curves.
-struct Frame<'a> {
+struct ScaledFrame<'a> {
     model: &'a Physics,
     /// `None` of a sensor that is left out.
     y: [Option<f32>; CHANNELS],
@@ -80,7 +80,7 @@ struct Point {
     from_parameters: f32,
 }
 
-impl<'a> Frame<'a> {
+impl<'a> ScaledFrame<'a> {
     fn new(model: &'a Physics, readings: &[u16; CHANNELS], saturated: u8) -> Self {
         let scaled = |channel: usize| {
             let PhysicsSensor { least, per_count, .. } = model.sensors[channel];
@@ -148,7 +148,7 @@ impl<'a> Frame<'a> {
         let mut points = known.copied().unwrap_or_default();
         for ((sensor, y), point) in self.model.sensors.iter().zip(&self.y).zip(&mut points) {
             let Some(y) = *y else { continue };
-            let answer = Answer::at(sensor, inner(&sensor.gains, &x) + sensor.offset);
+            let answer = CurveValue::at(sensor, inner(&sensor.gains, &x) + sensor.offset);
             let noise = self.model.reading_variance
                 + self.model.displacement_variance * answer.slope * answer.slope;
             if known.is_none() {
@@ -199,8 +199,8 @@ fn inner(a: &X, b: &X) -> f32 {
 
 /// `|Lᵀg|²`, the variance of an answer that comes from the parameters.
 #[inline(always)]
-fn parameter_variance(factor: &[f32; FACTOR], answer: &Answer, x: &X) -> f32 {
-    let Answer { height, slope, by_shape } = *answer;
+fn parameter_variance(factor: &[f32; FACTOR], answer: &CurveValue, x: &X) -> f32 {
+    let CurveValue { height, slope, by_shape } = *answer;
     let [fx, fy, fz, mx, my, mz] = x.map(|value| slope * value);
     let gradient = [slope, fx, fy, fz, mx, my, mz, 1.0, height, by_shape];
     let mut variance = 0.0;

@@ -265,7 +265,7 @@ impl Bench {
                 .await;
         });
         let decoder = Decoder::new(Framing::Cobs);
-        let to = Some(BoardId::of_serial(&SERIAL));
+        let to = Some(BoardId::from_serial(&SERIAL));
         Self { world, board, decoder, to, number: 0 }
     }
 
@@ -314,7 +314,7 @@ impl Bench {
         let mut packets = Vec::new();
         self.decoder.feed(&bytes, |event| match event {
             Event::Packet(received) => {
-                let board = BoardId::of_serial(&SERIAL).short();
+                let board = BoardId::from_serial(&SERIAL).short();
                 assert_eq!(received.origin, Some(PacketOrigin { board, start: START }));
                 packets.push(received.packet);
             }

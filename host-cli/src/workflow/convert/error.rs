@@ -58,10 +58,12 @@ pub enum ConvertError {
         /// Frames in the log.
         found: usize,
     },
-    /// A zero that follows the rests would take the weight for drift.
-    #[error("a tare that follows the rests takes what the sensor carries for its zero")]
+    /// A zero that follows the stationary intervals would take the weight for drift.
+    #[error(
+        "a tare that follows the stationary intervals takes what the sensor carries for its zero"
+    )]
     RestsUnderLoad,
-    /// Rests are stretches of time.
+    /// Stationary intervals are stretches of time.
     #[error("`{path}` has no time column, without which no rests are found for the tare to follow")]
     RestsWithoutTime {
         /// The log.

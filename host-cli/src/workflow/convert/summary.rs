@@ -115,7 +115,7 @@ impl Totals {
             }
         }
         for (scatter, column) in self.scatter.iter_mut().flatten().zip(&frames.wrench) {
-            scatter.merge(&RunningVariance::of(column));
+            scatter.merge(&RunningVariance::new(column));
         }
         let marked = |flags: &[u64]| flags.iter().filter(|&&channels| channels != 0).count() as u64;
         self.frames += frames.len() as u64;

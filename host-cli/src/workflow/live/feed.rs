@@ -12,10 +12,10 @@ const WAITING: usize = 32_768;
 
 /// The way between two threads. Clones are ends of the same.
 #[derive(Clone, Debug, Default)]
-pub struct Feed(Arc<Shared>);
+pub struct Feed(Arc<FeedQueue>);
 
 #[derive(Debug, Default)]
-struct Shared {
+struct FeedQueue {
     state: Mutex<FeedState>,
     /// Set while a log is not to be played on.
     held: AtomicBool,

@@ -75,7 +75,7 @@ fn units(name: &str, unit: f64) -> Problem {
     Problem::new(name, x, Mat::from_fn(50, 6, |i, a| y[(i, a)] * unit))
 }
 
-/// Large rows last, which are the worst for a triangle that has the small ones already, or
+/// Large rows last, which are the worst for a R factor that has the small ones already, or
 /// first.
 fn row_order(ascending: bool) -> Problem {
     let mut random = Random(5);

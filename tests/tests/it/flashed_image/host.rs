@@ -113,7 +113,7 @@ impl Host {
     /// The answer to a command, `None` if there is none.
     pub fn ask(&mut self, command: Command) -> Option<Answer> {
         self.number += 1;
-        let to = Some(BoardId::of_serial(&SERIAL));
+        let to = Some(BoardId::from_serial(&SERIAL));
         let packet = Packet::Command { number: self.number, to, command };
         self.board.send(&packet.encode());
         // Answers overtake samples, but not the frames that the driver has already been given; an

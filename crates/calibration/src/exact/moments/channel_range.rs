@@ -69,7 +69,7 @@ pub(crate) fn scan_column(column: &[f64], known: ReadingUnit) -> Result<ChannelR
     }
     let unit = match column.iter().all(|&reading| known.suits(reading)) {
         true => known,
-        false => ReadingUnit::of(column, known).unwrap_or(known),
+        false => ReadingUnit::new(column, known).unwrap_or(known),
     };
     let is_bad = |reading: &&f64| !unit.suits(**reading) || !fits(unit.count(**reading));
     if let Some(&bad) = column.iter().find(is_bad) {

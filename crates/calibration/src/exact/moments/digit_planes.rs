@@ -19,7 +19,7 @@ const MASK: i128 = (1 << WIDTH) - 1;
 pub(crate) struct DigitPlanes(Vec<Vec<i128>>);
 
 impl DigitPlanes {
-    pub(crate) fn of(values: &[BigInt]) -> Self {
+    pub(crate) fn new(values: &[BigInt]) -> Self {
         let bits = values.iter().map(BigInt::bits).max().unwrap_or(0);
         let count = (bits / u64::from(WIDTH) + 1) as usize;
         let mut planes = vec![Vec::new(); count];
@@ -93,7 +93,7 @@ mod tests {
             let values: Vec<BigInt> = (seeds.iter())
                 .map(|&seed| BigInt::from(seed).pow(7) % (BigInt::one() << bits))
                 .collect();
-            let mut planes = DigitPlanes::of(&values);
+            let mut planes = DigitPlanes::new(&values);
             planes.move_origin(&layout, &by);
             // In one plane of integers modulo 2¹²⁸, and again of their quotients: by a prime, so that
             // no place of a digit is one there.

@@ -86,7 +86,7 @@ impl Hasher for Multiplicative {
     }
 }
 
-type Index = HashMap<Monomial, usize, BuildHasherDefault<Multiplicative>>;
+type MonomialIndex = HashMap<Monomial, usize, BuildHasherDefault<Multiplicative>>;
 
 /// One dense block of products of features.
 #[derive(Clone, Debug, PartialEq)]
@@ -119,7 +119,7 @@ pub(crate) struct MomentLayout {
     /// Where each channel alone stands among the features.
     singles: Vec<usize>,
     monomials: Vec<Monomial>,
-    index: Index,
+    index: MonomialIndex,
     /// For each channel the steps for all sums, and for those of one and the features.
     steps: Vec<(Vec<ShiftStep>, Vec<ShiftStep>)>,
 }
@@ -142,7 +142,7 @@ impl MomentLayout {
                 right.map(move |r| Monomial::product(features[l], features[r]))
             }));
         }
-        let index: Index = monomials.iter().enumerate().map(|(i, &m)| (m, i)).collect();
+        let index: MonomialIndex = monomials.iter().enumerate().map(|(i, &m)| (m, i)).collect();
         debug_assert_eq!(index.len(), monomials.len(), "every monomial once");
         let recipe = features.iter().map(|term| recipe(term, &index)).collect();
         let singles = (0..features.len()).filter(|&f| features[f].factors().len() == 1).collect();
@@ -203,7 +203,7 @@ pub(crate) const fn pair(left: usize, right: usize) -> usize {
     left * (13 - left) / 2 + right - left
 }
 
-fn steps(monomials: &[Monomial], index: &Index, channel: usize) -> Vec<ShiftStep> {
+fn steps(monomials: &[Monomial], index: &MonomialIndex, channel: usize) -> Vec<ShiftStep> {
     let step = |(of, m): (usize, &Monomial)| {
         let exponent = m.exponent(channel);
         (exponent > 0).then(|| ShiftStep { of, from: index[&m.without(channel)], exponent })
@@ -290,7 +290,7 @@ fn mixed(features: &[Term], channels: usize, degree: usize) -> Vec<ProductGroup>
         .collect()
 }
 
-fn recipe(term: &Term, index: &Index) -> (Option<usize>, usize) {
+fn recipe(term: &Term, index: &MonomialIndex) -> (Option<usize>, usize) {
     let (&last, rest) = term.factors().split_last().expect("a feature is not the constant");
     let rest = Monomial::product(Term::product(rest), Term::INTERCEPT);
     (index[&rest].checked_sub(1), usize::from(last))

@@ -204,7 +204,7 @@ impl Moments {
     /// moved to `origin`.
     pub(crate) fn about(&self, origin: &[i64]) -> (Vec<i128>, [DigitPlanes; 6]) {
         let wrench = self.wrench.each_ref().map(|axis| {
-            let mut planes = DigitPlanes::of(&axis.values);
+            let mut planes = DigitPlanes::new(&axis.values);
             planes.move_origin(&self.layout, origin);
             planes
         });

@@ -56,7 +56,7 @@ impl ReadingUnit {
     }
 
     /// The coarsest unit that suits a column and `known`, if there is one.
-    pub(crate) fn of(column: &[f64], known: Self) -> Option<Self> {
+    pub(crate) fn new(column: &[f64], known: Self) -> Option<Self> {
         let suits = |unit: &Self| column.iter().all(|&reading| unit.suits(reading));
         let fives = (known.fives..=Self::FINEST.fives)
             .map(|fives| Self { fives, ..Self::FINEST })

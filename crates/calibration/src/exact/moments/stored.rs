@@ -121,12 +121,12 @@ impl TryFrom<StoredMoments> for Moments {
     type Error = StoredMomentsError;
 
     fn try_from(stored: StoredMoments) -> Result<Self, StoredMomentsError> {
-        Self::of_stored(stored).map_err(StoredMomentsError)
+        Self::from_stored(stored).map_err(StoredMomentsError)
     }
 }
 
 impl Moments {
-    fn of_stored(stored: StoredMoments) -> Result<Self, String> {
+    fn from_stored(stored: StoredMoments) -> Result<Self, String> {
         let channels: Vec<ChannelRange> =
             stored.channels.iter().map(|&range| range.into()).collect();
         if stored.channels.is_empty() || stored.channels.len() > 255 {

@@ -20,7 +20,7 @@ pub(crate) struct ElementLanes {
 
 impl ElementLanes {
     #[inline(always)]
-    pub(crate) fn of(row: &AxisRow) -> Self {
+    pub(crate) fn new(row: &AxisRow) -> Self {
         Self { heads: row.map(DoubleDouble::to_f64), tails: row.map(DoubleDouble::tail) }
     }
 

@@ -23,7 +23,7 @@ const REFINE_ABOVE: f64 = 1e5;
 const DONE: f64 = 1.0 / (1u64 << 60) as f64;
 
 /// The normal equations in integers.
-pub(crate) struct Equations<'a> {
+pub(crate) struct IntegerEquations<'a> {
     moments: &'a Moments,
     model: Model,
     terms: Vec<Term>,
@@ -40,7 +40,7 @@ pub(crate) struct Equations<'a> {
     axes: [i32; 6],
 }
 
-impl<'a> Equations<'a> {
+impl<'a> IntegerEquations<'a> {
     pub(crate) fn new(
         moments: &'a Moments,
         model: &Model,

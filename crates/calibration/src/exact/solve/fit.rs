@@ -101,7 +101,7 @@ impl ExactFit {
 
     /// Upper triangular `R` with `RᵀR = XᵀX`, ridge included: columns are features of centred and
     /// scaled readings. In `f64`, which is enough for standard errors.
-    pub fn triangle(&self) -> Mat<f64> {
+    pub fn r_factor(&self) -> Mat<f64> {
         let CholeskyFactor { cholesky, exponents } = &self.factor;
         Mat::from_fn(cholesky.size, cholesky.size, |i, j| match i <= j {
             true => (shifted(cholesky.get(i, j), -exponents[j]) * self.counted.stretch[j]).to_f64(),

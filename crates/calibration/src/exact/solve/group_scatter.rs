@@ -39,7 +39,7 @@ impl PartitionedMoments<'_> {
         let fit = self.total.solve(&self.model, ridge).map_err(GroupScatterError::Solve)?;
         let scales = self.scales_of(&fit);
         let stretch: Vec<f64> = fit.counted.stretch.iter().map(|s| s.to_f64()).collect();
-        let factor = UpperTriangle::of(&fit.triangle()).inverse();
+        let factor = UpperTriangle::new(&fit.r_factor()).inverse();
         // Rows are features: from those of the fit to those that are counted.
         let mut counted = factor.clone();
         for (i, stretch) in stretch.iter().enumerate() {

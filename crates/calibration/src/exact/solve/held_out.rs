@@ -152,7 +152,7 @@ impl EquationScales {
         coefficients: &[AxisRow],
     ) -> PerAxis<HeldOutErrors> {
         let (sums, squares) =
-            arch().dispatch(Errors { columns: &self.columns, part, coefficients });
+            arch().dispatch(ErrorSums { columns: &self.columns, part, coefficients });
         std::array::from_fn(|axis| {
             let unit = power_of_two(self.axes[axis]);
             HeldOutErrors {
@@ -193,27 +193,27 @@ fn solve_wide(gram: &Symmetric, right: &[AxisRow]) -> Option<Vec<AxisRow>> {
 }
 
 /// Sums of errors and of their squares, scaled.
-struct Errors<'a> {
+struct ErrorSums<'a> {
     columns: &'a [i32],
     part: &'a PartMoments,
     coefficients: &'a [AxisRow],
 }
 
-impl NullaryFnOnce for Errors<'_> {
+impl NullaryFnOnce for ErrorSums<'_> {
     type Output = (AxisRow, AxisRow);
 
     #[inline(always)]
     fn call(self) -> (AxisRow, AxisRow) {
         let Self { columns, part, coefficients } = self;
-        let mut sums = ElementLanes::of(&part.wrench.map(|sum| -sum));
+        let mut sums = ElementLanes::new(&part.wrench.map(|sum| -sum));
         let mut squares = part.squares;
-        let lanes: Vec<ElementLanes> = coefficients.iter().map(ElementLanes::of).collect();
+        let lanes: Vec<ElementLanes> = coefficients.iter().map(ElementLanes::new).collect();
         let mut gram = &part.gram[..];
         for (a, c) in coefficients.iter().enumerate() {
             let (row, rest) = gram.split_at(columns.len() - a);
             gram = rest;
             // B_a − A_aa·C_a / 2 − Σ_{b>a} A_ab·C_b: half of what the terms of `a` take away.
-            let mut half = ElementLanes::of(&part.right[a]);
+            let mut half = ElementLanes::new(&part.right[a]);
             for (b, &element) in (a..).zip(row) {
                 let up = if a == b { 1 } else { 0 };
                 let element = round(element).scaled(power_of_two(-columns[a] - columns[b] - up));

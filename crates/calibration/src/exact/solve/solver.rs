@@ -10,7 +10,7 @@
 //!    *Accuracy and Stability of Numerical Algorithms*, chapter 12: it converges as long as
 //!    κ(X) < 10¹⁵.
 
-use super::equations::Equations;
+use super::equations::IntegerEquations;
 use super::fit::{ExactFit, SolveError};
 use super::rank::rank_loss;
 use super::scales::contains;
@@ -53,6 +53,6 @@ impl Moments {
         let centre: Vec<i64> = (0..model.channels)
             .map(|i| if model.intercept { self.rounded_mean(i) } else { 0 })
             .collect();
-        Equations::new(self, model, terms, positions, &centre).solve(ridge, rank)
+        IntegerEquations::new(self, model, terms, positions, &centre).solve(ridge, rank)
     }
 }

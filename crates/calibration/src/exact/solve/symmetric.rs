@@ -124,8 +124,8 @@ impl NullaryFnOnce for ExactResidual<'_> {
     #[inline(always)]
     fn call(self) -> Vec<AxisRow> {
         let Self { matrix, b, x } = self;
-        let x: Vec<ElementLanes> = x.iter().map(ElementLanes::of).collect();
-        let mut residual: Vec<ElementLanes> = b.iter().map(ElementLanes::of).collect();
+        let x: Vec<ElementLanes> = x.iter().map(ElementLanes::new).collect();
+        let mut residual: Vec<ElementLanes> = b.iter().map(ElementLanes::new).collect();
         let mut upper = &matrix.upper[..];
         for i in 0..matrix.size {
             let (row, rest) = upper.split_at(matrix.size - i);

@@ -262,7 +262,7 @@ impl Accumulator {
                 return Err(ExactError::NotFinite { axis });
             }
             let numbers = &mut self.expected.numbers[axis.index()];
-            *numbers = numbers.and(Numbers::of(staged));
+            *numbers = numbers.and(Numbers::new(staged));
         }
         let expected = &self.expected.channels;
         let centre: Vec<i64> = expected.iter().map(ChannelRange::middle).collect();
@@ -274,7 +274,7 @@ impl Accumulator {
             for axis in Axis::ALL {
                 let numbers = self.expected.numbers[axis.index()];
                 digits[axis.index()] = match numbers.grid(cross_width) {
-                    Some(grid) => Digits::Grid(grid),
+                    Some(grid) => Digits::DigitGrid(grid),
                     None => numbers
                         .limbs(width)
                         .map(Digits::Limbs)

@@ -136,7 +136,7 @@ fn cut_rights(plan: &SummationPlan, features: &mut [f64]) {
     for columns in plan.firsts.windows(2).filter(|columns| columns[1] - columns[0] > 1) {
         let parts = &mut features[columns[0] * ROWS..columns[1] * ROWS];
         let whole: [f64; ROWS] = *parts.first_chunk().expect("a column at least");
-        Limbs::of_integers(plan.features.right.width, columns[1] - columns[0]).cut(&whole, parts);
+        Limbs::from_integers(plan.features.right.width, columns[1] - columns[0]).cut(&whole, parts);
     }
 }
 
@@ -148,7 +148,7 @@ fn cut_lefts(plan: &SummationPlan, lefts: &[LimbColumn], features: &mut [f64]) {
         let now;
         (now, columns) = columns.split_at_mut(parts.len() * ROWS);
         let whole = &rights[plan.firsts[parts[0].feature] * ROWS..][..ROWS];
-        Limbs::of_integers(plan.features.left.width, parts.len()).cut(whole, now);
+        Limbs::from_integers(plan.features.left.width, parts.len()).cut(whole, now);
     }
 }
 

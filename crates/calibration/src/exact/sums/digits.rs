@@ -35,9 +35,9 @@ impl Numbers {
     pub(crate) const NONE: Self =
         Self { places: BinaryPlaces::NONE, step: Some(DecimalStep::NONE), largest: 0.0 };
 
-    pub(crate) fn of(values: &[f64]) -> Self {
+    pub(crate) fn new(values: &[f64]) -> Self {
         let largest = values.iter().fold(0.0, |largest: f64, x| largest.max(x.abs()));
-        Self { places: BinaryPlaces::of(values), step: DecimalStep::of(values), largest }
+        Self { places: BinaryPlaces::new(values), step: DecimalStep::new(values), largest }
     }
 
     /// What is known of both.
@@ -52,8 +52,8 @@ impl Numbers {
 
     /// The two digits of multiples of a step, of at most `width` bits with their sign; `None` if
     /// the numbers are no such multiples or too large.
-    pub(crate) fn grid(self, width: u32) -> Option<Grid> {
-        let grid = Grid::new(self.step?.size()?, width)?;
+    pub(crate) fn grid(self, width: u32) -> Option<DigitGrid> {
+        let grid = DigitGrid::new(self.step?.size()?, width)?;
         grid.holds(self.largest).then_some(grid)
     }
 
@@ -67,12 +67,12 @@ impl Numbers {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Digits {
     Limbs(Limbs),
-    Grid(Grid),
+    DigitGrid(DigitGrid),
 }
 
 /// Digits of multiples of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Grid {
+pub(crate) struct DigitGrid {
     /// The double nearest to the step.
     step: f64,
     /// Exponent of its last place.
@@ -89,7 +89,7 @@ impl Digits {
     pub(crate) fn count(&self) -> usize {
         match self {
             Self::Limbs(limbs) => limbs.count,
-            Self::Grid(_) => 2,
+            Self::DigitGrid(_) => 2,
         }
     }
 
@@ -97,7 +97,7 @@ impl Digits {
     pub(crate) fn unit(&self) -> i32 {
         match self {
             Self::Limbs(limbs) => limbs.unit,
-            Self::Grid(grid) => grid.unit,
+            Self::DigitGrid(grid) => grid.unit,
         }
     }
 
@@ -107,7 +107,7 @@ impl Digits {
     pub(crate) fn cut(&self, column: &[f64], out: &mut [f64]) -> bool {
         match self {
             Self::Limbs(limbs) => limbs.cut(column, out),
-            Self::Grid(grid) => grid.cut(column, out),
+            Self::DigitGrid(grid) => grid.cut(column, out),
         }
     }
 
@@ -115,7 +115,7 @@ impl Digits {
     pub(crate) fn join(&self, sums: impl DoubleEndedIterator<Item = i128> + Clone) -> BigInt {
         match self {
             Self::Limbs(limbs) => join(sums, limbs.width),
-            Self::Grid(grid) => {
+            Self::DigitGrid(grid) => {
                 let narrow = sums.clone().zip(grid.weights()).try_fold(0_i128, |all, (sum, w)| {
                     all.checked_add(sum.checked_mul(i128::from(w))?)
                 });
@@ -132,7 +132,7 @@ impl Digits {
         for _ in 1..self.count() {
             let (higher, weight) = match self {
                 Self::Limbs(limbs) => (&rest >> limbs.width, BigInt::from(1) << limbs.width),
-                Self::Grid(grid) => (&rest / grid.weights()[1], grid.weights()[1].into()),
+                Self::DigitGrid(grid) => (&rest / grid.weights()[1], grid.weights()[1].into()),
             };
             digits.push(rest - &higher * weight);
             rest = higher;
@@ -148,12 +148,14 @@ impl Digits {
                 let up = (0_u32..).step_by(limbs.width as usize);
                 sums.zip(up).map(|(sum, up)| sum << up).sum()
             }
-            Self::Grid(grid) => sums.zip(grid.weights()).map(|(sum, weight)| sum * weight).sum(),
+            Self::DigitGrid(grid) => {
+                sums.zip(grid.weights()).map(|(sum, weight)| sum * weight).sum()
+            }
         }
     }
 }
 
-impl Grid {
+impl DigitGrid {
     fn new(step: f64, width: u32) -> Option<Self> {
         let unit = i32::try_from(step.to_bits() >> 52).ok()? - 1075;
         // Decimal steps are nowhere near the ends of the range of exponents.
@@ -204,7 +206,7 @@ mod tests {
     use super::*;
 
     fn grid(values: &[f64], width: u32) -> Option<Digits> {
-        Numbers::of(values).grid(width).map(Digits::Grid)
+        Numbers::new(values).grid(width).map(Digits::DigitGrid)
     }
 
     #[test]
@@ -232,11 +234,11 @@ mod tests {
             // Decimals of any size, in parts.
             let parse = |&(m, decimals): &(i64, i32)| format!("{m}e-{decimals}").parse().unwrap();
             let values: Vec<f64> = parts.iter().map(parse).collect();
-            let known = values.iter().fold(Numbers::NONE, |known, &x| known.and(Numbers::of(&[x])));
+            let known = values.iter().fold(Numbers::NONE, |known, &x| known.and(Numbers::new(&[x])));
             if let Some(grid) = known.grid(width) {
                 let mut out = vec![0.0; 2 * ROWS];
                 for x in values {
-                    prop_assert!(Digits::Grid(grid).cut(&[x; ROWS], &mut out), "{}", x);
+                    prop_assert!(Digits::DigitGrid(grid).cut(&[x; ROWS], &mut out), "{}", x);
                 }
             }
         }

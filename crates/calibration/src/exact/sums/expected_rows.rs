@@ -59,7 +59,7 @@ impl ExpectedRows {
     /// Expects such a wrench.
     pub(crate) fn expect_wrench<C: AsRef<[f64]>>(&mut self, wrench: &[C]) {
         for (numbers, column) in self.numbers.iter_mut().zip(wrench) {
-            *numbers = numbers.and(Numbers::of(column.as_ref()));
+            *numbers = numbers.and(Numbers::new(column.as_ref()));
         }
     }
 

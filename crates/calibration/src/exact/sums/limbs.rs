@@ -151,7 +151,7 @@ impl BinaryPlaces {
     pub(crate) const NONE: Self = Self { low: i32::MAX, high: i32::MIN };
 
     /// The places of those numbers that are finite.
-    pub(crate) fn of(values: &[f64]) -> Self {
+    pub(crate) fn new(values: &[f64]) -> Self {
         let mut places = Self::NONE;
         for &value in values.iter().filter(|&&v| v != 0.0 && v.is_finite()) {
             let bits = value.to_bits();
@@ -205,7 +205,7 @@ pub(crate) struct Limbs {
 
 impl Limbs {
     /// Integers in `count` limbs.
-    pub(crate) fn of_integers(width: u32, count: usize) -> Self {
+    pub(crate) fn from_integers(width: u32, count: usize) -> Self {
         Self { unit: 0, width, count }
     }
 
@@ -288,7 +288,7 @@ mod tests {
             numbers in prop::collection::vec(-1e6..1e6_f64, ROWS),
             width in 8u32..30,
         ) {
-            let limbs = BinaryPlaces::of(&numbers).limbs(width).unwrap();
+            let limbs = BinaryPlaces::new(&numbers).limbs(width).unwrap();
             let mut out = vec![0.0; limbs.count * ROWS];
             prop_assert!(limbs.cut(&numbers, &mut out));
             for (row, &number) in numbers.iter().enumerate() {
@@ -305,7 +305,7 @@ mod tests {
 
     #[test]
     fn numbers_that_do_not_fit_are_noticed() {
-        let limbs = BinaryPlaces::of(&[1.0, 7.0]).limbs(4).unwrap();
+        let limbs = BinaryPlaces::new(&[1.0, 7.0]).limbs(4).unwrap();
         let mut out = vec![0.0; limbs.count * ROWS];
         let cut = |x: f64, out: &mut [f64]| limbs.cut(&[x; ROWS], out);
         assert!(cut(-5.0, &mut out));
@@ -316,10 +316,10 @@ mod tests {
 
     #[test]
     fn places_of_subnormal_and_of_no_numbers() {
-        assert_eq!(BinaryPlaces::of(&[0.0, -0.0]), BinaryPlaces::NONE);
-        assert_eq!(BinaryPlaces::of(&[5e-324]), BinaryPlaces { low: -1074, high: -1073 });
-        assert_eq!(BinaryPlaces::of(&[-6.0, 0.5]), BinaryPlaces { low: -1, high: 3 });
+        assert_eq!(BinaryPlaces::new(&[0.0, -0.0]), BinaryPlaces::NONE);
+        assert_eq!(BinaryPlaces::new(&[5e-324]), BinaryPlaces { low: -1074, high: -1073 });
+        assert_eq!(BinaryPlaces::new(&[-6.0, 0.5]), BinaryPlaces { low: -1, high: 3 });
         assert_eq!(BinaryPlaces::NONE.limbs(20), Some(Limbs { unit: 0, width: 20, count: 0 }));
-        assert_eq!(BinaryPlaces::of(&[1.0, 1e-200]).limbs(20), None);
+        assert_eq!(BinaryPlaces::new(&[1.0, 1e-200]).limbs(20), None);
     }
 }

@@ -63,7 +63,7 @@ struct Frames<S: Simd> {
 
 /// The curves at one wrench per lane, and the equations of the next step.
 #[derive(Clone, Copy)]
-struct State<S: Simd, const N: usize> {
+struct LaneState<S: Simd, const N: usize> {
     /// The wrench, then the factors.
     x: [S::f64s; N],
     residual: [S::f64s; MOST_CHANNELS],
@@ -75,8 +75,8 @@ struct State<S: Simd, const N: usize> {
 }
 
 /// Where the steps of each lane ended.
-struct Found<S: Simd, const N: usize> {
-    state: State<S, N>,
+struct NewtonResult<S: Simd, const N: usize> {
+    state: LaneState<S, N>,
     /// The last step, too short for the curves to be looked at again.
     rest: [S::f64s; N],
     /// The sum at `state`.
@@ -86,7 +86,7 @@ struct Found<S: Simd, const N: usize> {
 }
 
 /// The curvature of half the sum, lower triangle, and its descent.
-type Equations<S, const N: usize> = ([[<S as Simd>::f64s; N]; N], [<S as Simd>::f64s; N]);
+type StepEquations<S, const N: usize> = ([[<S as Simd>::f64s; N]; N], [<S as Simd>::f64s; N]);
 
 impl<S: Simd> Frames<S> {
     #[inline(always)]
@@ -123,7 +123,7 @@ impl<S: Simd> Frames<S> {
 impl Inversion {
     /// Steps from the start until each lane rests.
     #[inline(always)]
-    fn descend<S: Simd, const N: usize>(&self, simd: S, frames: &Frames<S>) -> Found<S, N> {
+    fn descend<S: Simd, const N: usize>(&self, simd: S, frames: &Frames<S>) -> NewtonResult<S, N> {
         let (zero, one, half) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0), simd.splat_f64s(0.5));
         let mut state = self.state(simd, frames, &self.start(simd, frames));
         let mut before = state.held_back;
@@ -166,7 +166,7 @@ impl Inversion {
                 break;
             }
         }
-        Found { state, rest, sum: before, converged }
+        NewtonResult { state, rest, sum: before, converged }
     }
 
     /// The wrench of the displacements that the readings alone say.
@@ -186,9 +186,9 @@ impl Inversion {
         simd: S,
         frames: &Frames<S>,
         x: &[S::f64s; N],
-    ) -> State<S, N> {
+    ) -> LaneState<S, N> {
         let zeros = [simd.splat_f64s(0.0); MOST_CHANNELS];
-        let mut state = State {
+        let mut state = LaneState {
             x: *x,
             residual: zeros,
             slope: zeros,
@@ -224,7 +224,11 @@ impl Inversion {
     }
 
     #[inline(always)]
-    fn equations<S: Simd, const N: usize>(&self, simd: S, state: &State<S, N>) -> Equations<S, N> {
+    fn equations<S: Simd, const N: usize>(
+        &self,
+        simd: S,
+        state: &LaneState<S, N>,
+    ) -> StepEquations<S, N> {
         let held_back = |i: usize| simd.neg_f64s(inner(simd, &self.prior[i], &state.x));
         let mut equations = (self.prior_lanes(simd), std::array::from_fn(held_back));
         for (place, sensor) in self.sensors.iter().enumerate() {
@@ -241,7 +245,7 @@ impl Inversion {
     fn step<S: Simd, const N: usize>(
         &self,
         simd: S,
-        state: &State<S, N>,
+        state: &LaneState<S, N>,
     ) -> ([S::f64s; N], S::f64s) {
         let (curvature, descent) = self.equations(simd, state);
         let step = LaneCholesky::new(simd, &curvature).solve(simd, &descent);
@@ -255,7 +259,7 @@ impl Inversion {
         &self,
         simd: S,
         frames: &Frames<S>,
-        found: &Found<S, N>,
+        found: &NewtonResult<S, N>,
         (first, count): (usize, usize),
         out: &mut Estimates,
     ) {
@@ -292,7 +296,7 @@ impl Inversion {
     }
 }
 
-impl<S: Simd, const N: usize> State<S, N> {
+impl<S: Simd, const N: usize> LaneState<S, N> {
     /// Becomes `next` in the lanes of `taken`.
     #[inline(always)]
     fn take(&mut self, simd: S, taken: S::m64s, next: &Self, sensors: usize) {
@@ -350,7 +354,7 @@ fn inner<S: Simd>(simd: S, a: &[f64], b: &[S::f64s]) -> S::f64s {
 #[inline(always)]
 fn add<S: Simd, const N: usize>(
     simd: S,
-    (a, b): &mut Equations<S, N>,
+    (a, b): &mut StepEquations<S, N>,
     sensor: &Ready,
     weight: S::f64s,
     pull: S::f64s,

@@ -6,7 +6,7 @@ use super::load::{OWN, SHARED};
 use crate::symmetric::{SymmetricMatrix, UpperTriangle, product};
 
 /// The sum that is minimised, and its equations. The border is what loads share: sensors, then offsets.
-pub(super) struct Equations {
+pub(super) struct LoadEquations {
     pub(super) cost: f64,
     pub(super) border: SymmetricMatrix,
     pub(super) descent: Vec<f64>,
@@ -35,7 +35,7 @@ pub(super) struct Eliminated {
     pub(super) following: [Vec<f64>; OWN],
 }
 
-impl Equations {
+impl LoadEquations {
     /// A prior of one number of the border.
     pub(super) fn pull(&mut self, place: usize, precision: f64, off: f64) {
         self.border.row_mut(place)[0] += precision;

@@ -17,7 +17,7 @@
 mod equations;
 mod load;
 
-use self::equations::{Eliminated, Equations, Row};
+use self::equations::{Eliminated, LoadEquations, Row};
 pub use self::load::{LoadQuantity, StatedLoad};
 use self::load::{OWN, SHARED};
 use super::PhysicsError;
@@ -92,7 +92,7 @@ pub fn correct_loads(
     let (scales, _) = check(&stated)?;
     let data = scales.apply(&stated);
     let start = fit(&data, WIDTH);
-    let mut search = Search {
+    let mut search = LoadSearch {
         loads,
         data,
         scales,
@@ -120,7 +120,7 @@ struct Unknowns {
 }
 
 /// The search under way.
-struct Search<'a> {
+struct LoadSearch<'a> {
     loads: &'a [StatedLoad],
     /// Readings, and wrenches as they are stated.
     data: Scaled,
@@ -133,7 +133,7 @@ struct Search<'a> {
 }
 
 /// What a round holds fast.
-struct Weights {
+struct FixedWeights {
     /// Inverse variances by load and sensor.
     readings: Vec<Vec<f64>>,
     /// Of the deviations of each load.
@@ -141,8 +141,8 @@ struct Weights {
     prior: Prior,
 }
 
-impl Search<'_> {
-    fn rounds(&mut self) -> Equations {
+impl LoadSearch<'_> {
+    fn rounds(&mut self) -> LoadEquations {
         let mut weights = self.weights();
         let mut at = self.equations(&self.at, &weights);
         for _ in 0..ROUNDS {
@@ -157,7 +157,7 @@ impl Search<'_> {
     }
 
     /// One of Marquardt's steps, taken if it lowers the sum.
-    fn step(&mut self, at: &mut Equations, weights: &Weights) {
+    fn step(&mut self, at: &mut LoadEquations, weights: &FixedWeights) {
         let more = 1.0 + self.damping;
         let Some((reduced, descent, eliminated)) = at.reduced(more) else { return };
         let next = reduced.cholesky().map(|factor| {
@@ -172,7 +172,7 @@ impl Search<'_> {
         }
     }
 
-    fn moved(&self, step: &[f64], at: &Equations, eliminated: &[Eliminated]) -> Unknowns {
+    fn moved(&self, step: &[f64], at: &LoadEquations, eliminated: &[Eliminated]) -> Unknowns {
         let mut next = self.at.clone();
         for (place, p) in next.parameters.iter_mut().flatten().enumerate() {
             // As for one sensor: h and ν change at most by a factor of e.
@@ -236,7 +236,7 @@ impl Search<'_> {
         at.parameters.iter().zip(&self.data.readings).map(of).collect()
     }
 
-    fn weights(&self) -> Weights {
+    fn weights(&self) -> FixedWeights {
         let of_load = |row| {
             let rows = self.rows(&self.at, row);
             rows.iter().map(|of| self.noise.variance(of.slope).recip()).collect()
@@ -252,17 +252,17 @@ impl Search<'_> {
         };
         let mut prior = Prior::weak(WIDTH);
         prior.mean = common_means(self.at.parameters.iter(), WIDTH);
-        Weights {
+        FixedWeights {
             readings: (0..self.loads.len()).map(of_load).collect(),
             own: self.at.own.iter().map(of_own).collect(),
             prior,
         }
     }
 
-    fn equations(&self, at: &Unknowns, weights: &Weights) -> Equations {
+    fn equations(&self, at: &Unknowns, weights: &FixedWeights) -> LoadEquations {
         let first_offset = PARAMETERS * at.parameters.len();
         let size = first_offset + SHARED * at.offsets.len();
-        let mut all = Equations {
+        let mut all = LoadEquations {
             cost: 0.0,
             border: SymmetricMatrix::zeros(size),
             descent: vec![0.0; size],
@@ -286,7 +286,7 @@ impl Search<'_> {
     }
 
     /// Residuals with what sensors and loads took of them.
-    fn residuals(&self, at: &Equations) -> Vec<Vec<Residual>> {
+    fn residuals(&self, at: &LoadEquations) -> Vec<Vec<Residual>> {
         let sensors = self.at.parameters.len();
         let mut all = vec![Vec::new(); sensors];
         let Some((border, eliminated)) = at.factor() else { return all };
@@ -311,7 +311,7 @@ impl Search<'_> {
         all
     }
 
-    fn outcome(&self, at: &Equations) -> CorrectedLoads {
+    fn outcome(&self, at: &LoadEquations) -> CorrectedLoads {
         let is_force =
             |load: &StatedLoad| matches!(load, StatedLoad::Force { force_n, .. } if *force_n > 0.0);
         let scatter = LoadQuantity::ALL.map(|quantity| {

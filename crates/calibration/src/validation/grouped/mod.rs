@@ -1,6 +1,6 @@
 //! Sums of rows, group by group, in one pass.
 //!
-//! Beside the groups, rows are dealt at random into as many folds as are asked for, for the naive
+//! Beside the groups, rows are assigned at random into as many folds as are asked for, for the naive
 //! figure. All sums are exact, so those of the groups add up to those of all rows, bit for bit, and
 //! so do those of the random folds, in any order of the rows.
 //!
@@ -21,6 +21,6 @@ mod worker;
 
 pub(super) use self::moments::total;
 pub use self::moments::{GroupKind, GroupedMoments};
-pub use self::random_split::{RandomSplit, deal};
+pub use self::random_split::{RandomSplit, assign};
 pub use self::sums::GroupSums;
 pub use self::worker::{Apart, BlockGroups, GroupWorker, MAX_GROUPS};

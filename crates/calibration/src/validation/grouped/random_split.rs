@@ -1,32 +1,32 @@
-//! Rows dealt at random into folds.
+//! Rows assigned at random into folds.
 
 use shell_data::fingerprint::row_hashes;
 
-/// How rows are dealt at random, for the naive figure.
+/// How rows are assigned at random, for the naive figure.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RandomSplit {
-    /// Folds that all rows are dealt into.
+    /// Folds that all rows are assigned to.
     pub folds: usize,
     /// Those of them that are summed, to be held out. Two of ten tell an error to a hundredth
     /// from some thousand rows, at a fifth of the work.
     pub held_out: usize,
-    /// Which way the rows are dealt.
+    /// Which way the rows are assigned.
     pub seed: u64,
 }
 
 /// The rows of the folds that are held out: at random, but a row, and all that equal it, always to the
 /// same fold, whatever blocks a log is cut into and whatever other columns it has.
-pub fn deal(columns: &[&[f64]], rows: usize, split: &RandomSplit) -> Vec<Vec<usize>> {
-    let mut dealt = vec![Vec::new(); split.held_out];
+pub fn assign(columns: &[&[f64]], rows: usize, split: &RandomSplit) -> Vec<Vec<usize>> {
+    let mut assigned = vec![Vec::new(); split.held_out];
     if split.held_out == 0 {
-        return dealt;
+        return assigned;
     }
     let hashes = row_hashes(mix(split.seed), rows, columns.iter().copied());
     for (row, hash) in hashes.into_iter().enumerate() {
         let fold = ((u128::from(mix(hash)) * split.folds as u128) >> 64) as usize;
-        dealt.get_mut(fold).into_iter().for_each(|fold| fold.push(row));
+        assigned.get_mut(fold).into_iter().for_each(|fold| fold.push(row));
     }
-    dealt
+    assigned
 }
 
 /// The finaliser of SplitMix64 (Steele, Lea and Flood, OOPSLA 2014), after its increment.
@@ -45,21 +45,21 @@ mod tests {
     fn rows_are_dealt_evenly_each_once_and_by_the_seed() {
         let column: Vec<f64> = (0..10_000).map(f64::from).collect();
         let split = RandomSplit { folds: 10, held_out: 10, seed: 7 };
-        let dealt = deal(&[&column], 10_000, &split);
-        let mut all: Vec<usize> = dealt.iter().flatten().copied().collect();
+        let assigned = assign(&[&column], 10_000, &split);
+        let mut all: Vec<usize> = assigned.iter().flatten().copied().collect();
         all.sort_unstable();
         assert_eq!(all, (0..10_000).collect::<Vec<_>>());
         // Binomial: mean 1000, standard deviation 30; five of those.
-        assert!(dealt.iter().all(|rows| rows.len().abs_diff(1000) < 150));
-        assert_ne!(deal(&[&column], 10_000, &RandomSplit { seed: 8, ..split }), dealt);
+        assert!(assigned.iter().all(|rows| rows.len().abs_diff(1000) < 150));
+        assert_ne!(assign(&[&column], 10_000, &RandomSplit { seed: 8, ..split }), assigned);
         // The same rows, whatever block they come in.
         let [first, second] = [&column[..4321], &column[4321..]];
-        let parts = deal(&[first], 4321, &split).into_iter().zip(deal(&[second], 5679, &split));
+        let parts = assign(&[first], 4321, &split).into_iter().zip(assign(&[second], 5679, &split));
         let parts: Vec<Vec<usize>> = parts
             .map(|(a, b)| a.into_iter().chain(b.iter().map(|row| row + 4321)).collect())
             .collect();
-        assert_eq!(parts, dealt);
-        let some = deal(&[&column], 10_000, &RandomSplit { held_out: 3, ..split });
-        assert_eq!(some, dealt[..3]);
+        assert_eq!(parts, assigned);
+        let some = assign(&[&column], 10_000, &RandomSplit { held_out: 3, ..split });
+        assert_eq!(some, assigned[..3]);
     }
 }

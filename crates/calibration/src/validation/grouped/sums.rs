@@ -20,8 +20,8 @@ pub struct GroupSums {
     indices: HashMap<Arc<str>, usize>,
     /// Sums of each group, in the order of their first rows.
     groups: Vec<(Arc<str>, Option<Moments>)>,
-    /// Hashes of the groups that have been dealt into sets.
-    dealt: HashSet<u64>,
+    /// Hashes of the groups that have been assigned to sets.
+    assigned: HashSet<u64>,
     folds: Vec<Option<Moments>>,
 }
 
@@ -35,7 +35,7 @@ impl GroupSums {
             random,
             indices: HashMap::new(),
             groups: Vec::new(),
-            dealt: HashSet::new(),
+            assigned: HashSet::new(),
             folds: vec![None; random.held_out],
         }
     }
@@ -59,7 +59,7 @@ impl GroupSums {
         for label in block.labels {
             self.group(&label)?;
         }
-        self.dealt.extend(block.dealt);
+        self.assigned.extend(block.assigned);
         block.settled.into_iter().try_for_each(|(rows, moments)| self.add_moments(rows, moments))
     }
 
@@ -82,7 +82,7 @@ impl GroupSums {
         let random = self.folds.into_iter().flatten().collect();
         let mut grouped = GroupedMoments::new(groups, random)?;
         if self.apart == Apart::Sets {
-            grouped.group_count = self.dealt.len();
+            grouped.group_count = self.assigned.len();
         }
         Ok(grouped)
     }

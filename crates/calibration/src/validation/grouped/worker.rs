@@ -3,7 +3,7 @@
 use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
 
-use super::random_split::{RandomSplit, deal, mix};
+use super::random_split::{RandomSplit, assign, mix};
 use crate::exact::{Accumulator, Adder, Moments};
 use crate::model::Basis;
 use crate::validation::ValidationError;
@@ -22,7 +22,7 @@ pub enum Apart {
     /// Each group; there may be [`MAX_GROUPS`].
     #[default]
     Groups,
-    /// Each of [`MAX_GROUPS`] sets that the groups are dealt into, each whole: for folds of any number of
+    /// Each of [`MAX_GROUPS`] sets that the groups are assigned to, each whole: for folds of any number of
     /// groups.
     Sets,
 }
@@ -56,8 +56,8 @@ pub(super) enum SummedRows {
 pub struct BlockGroups {
     /// Labels of what has sums of its own, in the order of first rows.
     pub(super) labels: Vec<Arc<str>>,
-    /// Where groups are dealt into sets: a hash of each group.
-    pub(super) dealt: Vec<u64>,
+    /// Where groups are assigned to sets: a hash of each group.
+    pub(super) assigned: Vec<u64>,
     pub(super) settled: Vec<(SummedRows, Moments)>,
 }
 
@@ -89,28 +89,28 @@ impl GroupWorker {
     ) -> Result<BlockGroups, ValidationError> {
         let columns: Vec<&[f64]> =
             block.readings.iter().chain(&block.wrench).map(Vec::as_slice).collect();
-        let (mut dealt, sets);
+        let (mut assigned, sets);
         let runs = match self.apart {
             Apart::Groups => {
-                dealt = Vec::new();
+                assigned = Vec::new();
                 labels
             }
             Apart::Sets => {
-                (sets, dealt) = deal_into_sets(labels);
-                dealt.sort_unstable();
-                dealt.dedup();
+                (sets, assigned) = assign_to_sets(labels);
+                assigned.sort_unstable();
+                assigned.dedup();
                 &sets[..]
             }
         };
         let labels = rows_by_label(runs);
         let mut groups =
-            BlockGroups { labels: Vec::with_capacity(labels.len()), dealt, settled: Vec::new() };
+            BlockGroups { labels: Vec::with_capacity(labels.len()), assigned, settled: Vec::new() };
         for (label, rows) in labels {
             let (index, label) = self.group(label)?;
             groups.labels.push(label);
             groups.settled.extend(self.add_rows(index, &columns, &rows)?);
         }
-        for (fold, rows) in deal(&columns, block.rows, &self.random).iter().enumerate() {
+        for (fold, rows) in assign(&columns, block.rows, &self.random).iter().enumerate() {
             groups.settled.extend(self.add_rows(fold, &columns, rows)?);
         }
         Ok(groups)
@@ -183,14 +183,14 @@ impl GroupWorker {
 
 /// The same runs with the labels of their sets, and the hashes of their groups: always the same set for
 /// one label.
-fn deal_into_sets(runs: &[(String, usize)]) -> (Vec<(String, usize)>, Vec<u64>) {
-    let deal = |(label, rows): &(String, usize)| {
+fn assign_to_sets(runs: &[(String, usize)]) -> (Vec<(String, usize)>, Vec<u64>) {
+    let assign = |(label, rows): &(String, usize)| {
         // FNV-1a, mixed: its high bits are poor for short labels.
         let fnv = |hash: u64, byte: &u8| (hash ^ u64::from(*byte)).wrapping_mul(0x100_0000_01b3);
         let hash = mix(label.as_bytes().iter().fold(0xcbf2_9ce4_8422_2325, fnv));
         ((format!("set {}", hash % MAX_GROUPS as u64 + 1), *rows), hash)
     };
-    runs.iter().map(deal).unzip()
+    runs.iter().map(assign).unzip()
 }
 
 /// The rows of every label, labels in the order of their first rows.

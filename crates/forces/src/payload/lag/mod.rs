@@ -71,12 +71,12 @@ pub fn find_lag(
     let forces: Vec<Vector> = x.iter().zip(y).zip(z).map(|((x, y), z)| [*x, *y, *z]).collect();
     let forces = Motion::new(times_s, &forces).ok()?;
     let scans =
-        LENGTHS_S.iter().filter_map(|&length_s| Scan::new(payload, motion, &forces, length_s));
+        LENGTHS_S.iter().filter_map(|&length_s| LagScan::new(payload, motion, &forces, length_s));
     scans.min_by(|a, b| a.left.total_cmp(&b.left))?.lag()
 }
 
 /// All lags, by steps of one length.
-struct Scan<'a> {
+struct LagScan<'a> {
     length_s: f64,
     mass_kg: f64,
     gravity: Integral<'a>,
@@ -90,14 +90,14 @@ struct Scan<'a> {
 }
 
 /// A row at a lag: the step of the load, its slope over the lag, what is left, and the weight of that.
-struct Row {
+struct LagRow {
     load: Vector,
     slope: Vector,
     left: Vector,
     weight: f64,
 }
 
-impl<'a> Scan<'a> {
+impl<'a> LagScan<'a> {
     /// `None` of a recording that is too short for the length.
     fn new(payload: &Payload, motion: &'a Motion, forces: &Motion, length_s: f64) -> Option<Self> {
         let mass_kg = payload.mass_kg;
@@ -152,7 +152,7 @@ impl<'a> Scan<'a> {
         let mut parts = [0.0; PARTS];
         let (mut curvature, mut slopes) = (0.0, 0.0);
         let (mut in_phase, mut loads) = ([[0.0; 3]; 3], [0.0; 3]);
-        for (i, Row { load, slope, left, weight }) in rows.iter().enumerate() {
+        for (i, LagRow { load, slope, left, weight }) in rows.iter().enumerate() {
             let pull = weight * dot(*slope, *left);
             parts[i * PARTS / rows.len()] += pull;
             slopes += weight * dot(*slope, *slope);
@@ -177,15 +177,15 @@ impl<'a> Scan<'a> {
         more.iter().sum::<f64>() / PARTS as f64 > CLEAR * standard_error(&more)
     }
 
-    fn rows_at(&self, lag_s: f64) -> Vec<Row> {
+    fn rows_at(&self, lag_s: f64) -> Vec<LagRow> {
         let load = |time: f64| scaled(self.gravity.step(time + lag_s, self.length_s), self.mass_kg);
         let row = |&(time, force): &(f64, Vector)| {
             let slope = subtract(load(time + STEP_S), load(time - STEP_S));
             let load = load(time);
             let slope = scaled(slope, 0.5 / STEP_S);
-            Row { load, slope, left: subtract(force, load), weight: 0.0 }
+            LagRow { load, slope, left: subtract(force, load), weight: 0.0 }
         };
-        let mut rows: Vec<Row> = self.rows.iter().map(row).collect();
+        let mut rows: Vec<LagRow> = self.rows.iter().map(row).collect();
         let mean = rows.iter().map(|row| norm(row.left)).sum::<f64>() / rows.len() as f64;
         // What fits by chance does not weigh as much as all others.
         let least = 1e-3 * mean + f64::EPSILON;
@@ -196,7 +196,7 @@ impl<'a> Scan<'a> {
 
 /// The standard error of the mean of some parts.
 fn standard_error(parts: &[f64; PARTS]) -> f64 {
-    RunningVariance::of(parts).rms_about_mean() / (PARTS as f64 - 1.0).sqrt()
+    RunningVariance::new(parts).rms_about_mean() / (PARTS as f64 - 1.0).sqrt()
 }
 
 #[cfg(test)]

@@ -18,7 +18,7 @@ enum Mover {
 
 /// What touches it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Contact {
+enum Touch {
     Nothing,
     /// Of 10 to 50 ms, one or two a second.
     Taps,
@@ -84,7 +84,7 @@ impl Walk {
 }
 
 /// A contact force of some times 3 N over time, where the load itself has about 1 N RMS.
-fn contact(kind: Contact, walk: &Walk, times: &[f64], random: &mut RandomStream) -> Vec<Vector> {
+fn contact(kind: Touch, walk: &Walk, times: &[f64], random: &mut RandomStream) -> Vec<Vector> {
     let mut forces = vec![[0.0; 3]; times.len()];
     let direction = |random: &mut RandomStream| {
         let draw: Vector = from_fn(|_| random.normal());
@@ -97,8 +97,8 @@ fn contact(kind: Contact, walk: &Walk, times: &[f64], random: &mut RandomStream)
     };
     let mut from = 0.5;
     match kind {
-        Contact::Nothing => {}
-        Contact::Taps => {
+        Touch::Nothing => {}
+        Touch::Taps => {
             while from < LENGTH_S {
                 let length = random.between(0.01, 0.05);
                 let force = scaled(direction(random), random.between(1.0, 9.0));
@@ -106,7 +106,7 @@ fn contact(kind: Contact, walk: &Walk, times: &[f64], random: &mut RandomStream)
                 from += random.between(0.3, 1.0);
             }
         }
-        Contact::Pushes => {
+        Touch::Pushes => {
             while from < LENGTH_S {
                 let (length, edge) = (random.between(0.5, 2.0), random.between(0.05, 0.2));
                 let force = scaled(direction(random), random.between(1.0, 9.0));
@@ -115,7 +115,7 @@ fn contact(kind: Contact, walk: &Walk, times: &[f64], random: &mut RandomStream)
                 from += length + random.between(0.3, 1.5);
             }
         }
-        Contact::Stance => {
+        Touch::Stance => {
             let strength: Vec<f64> = (0..200).map(|_| 1.0 + 0.2 * random.normal()).collect();
             let height = |time| {
                 let turns = walk.angle(time) / TAU + 10.0;
@@ -123,13 +123,13 @@ fn contact(kind: Contact, walk: &Walk, times: &[f64], random: &mut RandomStream)
             };
             add([0.9, 0.3, 3.0], &height);
         }
-        Contact::Rubbing => {
+        Touch::Rubbing => {
             for axis in 0..3 {
                 let wander = Wander::new(4.0, random);
                 add(from_fn(|of| if of == axis { 3.0 } else { 0.0 }), &|time| wander.at(time));
             }
         }
-        Contact::Following => {
+        Touch::Following => {
             for axis in 0..3 {
                 let force = from_fn(|of| if of == axis { 0.3 } else { 0.0 });
                 add(force, &|time| walk.gravity(time - 0.03)[axis]);
@@ -139,7 +139,7 @@ fn contact(kind: Contact, walk: &Walk, times: &[f64], random: &mut RandomStream)
     forces
 }
 
-fn run(mover: Mover, kind: Contact, lag_s: f64, seed: u64) -> Option<Lag> {
+fn run(mover: Mover, kind: Touch, lag_s: f64, seed: u64) -> Option<Lag> {
     let mut random = RandomStream::new(seed, Purpose::Reference, 0);
     let walk = Walk::new(mover, &mut random);
     let clock = |rate: f64| -> Vec<f64> {
@@ -158,7 +158,7 @@ fn run(mover: Mover, kind: Contact, lag_s: f64, seed: u64) -> Option<Lag> {
 /// Prints the table of `docs/payload.md`.
 #[test]
 fn lags_are_found_under_contact_or_said_to_be_uncertain() {
-    use Contact::*;
+    use Touch::*;
     let lags = [0.0063, -0.0418, 0.0771, 0.0005];
     // The largest error, ms: at least twice what is printed, so that other random numbers pass as well. Zero where no
     // lag is clear, infinite where only its standard error is judged.

@@ -326,7 +326,7 @@ fn parse_serial(text: &str) -> Result<BoardId, String> {
     });
     let bytes: Option<Vec<u8>> = bytes.collect();
     let serial = bytes.and_then(|bytes| bytes.try_into().ok()).ok_or(SERIAL)?;
-    Ok(BoardId::of_serial(&serial))
+    Ok(BoardId::from_serial(&serial))
 }
 
 const SERIAL: &str = "24 hexadecimal digits";

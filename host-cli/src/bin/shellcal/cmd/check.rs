@@ -42,14 +42,14 @@ pub(crate) struct CheckArgs {
 
 /// What `--json` prints.
 #[derive(Serialize)]
-struct Report {
+struct CheckReport {
     passes: bool,
     axes: Vec<&'static str>,
-    loads: Vec<LoadReport>,
+    loads: Vec<LoadComparison>,
 }
 
 #[derive(Serialize)]
-struct LoadReport {
+struct LoadComparison {
     group: String,
     load: String,
     /// N and N·m.
@@ -75,7 +75,7 @@ impl CheckArgs {
             axes.iter().copied().filter(|axis| of.is_off(*axis)).collect()
         };
         let passes = checked.iter().all(|of| off(of).is_empty());
-        let report = |of: &CheckedLoad| LoadReport {
+        let report = |of: &CheckedLoad| LoadComparison {
             group: of.load.group.clone(),
             load: of.load.to_string(),
             stated: of.stated,
@@ -84,7 +84,7 @@ impl CheckArgs {
             off: off(of).into_iter().map(Axis::column).collect(),
         };
         if printer.json() {
-            printer.document(&Report {
+            printer.document(&CheckReport {
                 passes,
                 axes: file.calibration.axes.columns(),
                 loads: checked.iter().map(report).collect(),

@@ -6,11 +6,11 @@ use calibration::solver::SolverKind;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
 /// A name, what help says of it, if anything, and the value that it stands for.
-type Choice<T> = (&'static str, &'static str, T);
+type NamedChoice<T> = (&'static str, &'static str, T);
 
 /// Reads one of some names.
 pub(crate) fn one_of<T: Copy + Send + Sync + 'static>(
-    choices: &[Choice<T>],
+    choices: &[NamedChoice<T>],
 ) -> impl TypedValueParser<Value = T> + use<T> {
     let choices = choices.to_vec();
     let names = choices.iter().map(|&(name, help, _)| match help {
@@ -53,7 +53,7 @@ pub(super) fn model() -> impl TypedValueParser<Value = ModelRule> {
 }
 
 /// What the covariance of the coefficients is found from.
-pub(super) const COVARIANCES: [Choice<CovarianceRule>; 4] = [
+pub(super) const COVARIANCES: [NamedChoice<CovarianceRule>; 4] = [
     (
         "auto",
         "By the log's group column or its plateaus where there are ten at least, by rows otherwise",

@@ -37,7 +37,7 @@ pub(crate) struct DriftArgs {
     #[arg(long, value_name = "COLUMN", value_parser = parse_column)]
     temperature: Option<ColumnRef>,
 
-    /// Draw the zeros at the rests over time, to .svg, .pdf or .png
+    /// Draw the zeros at the stationary intervals over time, to .svg, .pdf or .png
     #[arg(long, value_name = "FILE")]
     plot: Option<OutputPath>,
 

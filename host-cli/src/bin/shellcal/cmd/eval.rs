@@ -81,7 +81,7 @@ const AXES: [(&str, &str, Axis); 6] = [
 
 /// What `--json` prints of one log, or of all.
 #[derive(Serialize)]
-struct Report {
+struct EvalReport {
     #[serde(skip_serializing_if = "Option::is_none")]
     log: Option<String>,
     rows: u64,
@@ -96,8 +96,8 @@ struct Report {
 #[derive(Serialize)]
 struct Document {
     axes: Vec<&'static str>,
-    logs: Vec<Report>,
-    all: Report,
+    logs: Vec<EvalReport>,
+    all: EvalReport,
     above_limit: Vec<&'static str>,
     /// Axes that were asked for and are not in all logs.
     not_compared: Vec<&'static str>,
@@ -215,7 +215,7 @@ fn note_axes(printer: &mut Printer, compared: &ComparedAxes, asked: Axes) {
 
 fn show(
     printer: &mut Printer,
-    (logs, all): (Vec<Report>, Report),
+    (logs, all): (Vec<EvalReport>, EvalReport),
     axes: Axes,
     failures: &[GateFailure],
 ) -> anyhow::Result<()> {
@@ -241,7 +241,7 @@ fn show(
     Ok(())
 }
 
-fn report(log: Option<String>, evaluation: &Evaluation, axes: Axes) -> anyhow::Result<Report> {
+fn report(log: Option<String>, evaluation: &Evaluation, axes: Axes) -> anyhow::Result<EvalReport> {
     let Some(quality) = evaluation.quality() else {
         let log = log.unwrap_or_default();
         anyhow::bail!("`{log}`: no rows are left to compare");
@@ -250,7 +250,7 @@ fn report(log: Option<String>, evaluation: &Evaluation, axes: Axes) -> anyhow::R
         let (log, name) = (log.unwrap_or_default(), axis.name());
         anyhow::bail!("`{log}`: the error of {name} is too large for a number");
     }
-    Ok(Report {
+    Ok(EvalReport {
         log,
         rows: evaluation.rows,
         skipped_rows: evaluation.skipped_rows,
@@ -261,7 +261,7 @@ fn report(log: Option<String>, evaluation: &Evaluation, axes: Axes) -> anyhow::R
     })
 }
 
-fn print(printer: &mut Printer, report: &Report, axes: Axes) -> anyhow::Result<()> {
+fn print(printer: &mut Printer, report: &EvalReport, axes: Axes) -> anyhow::Result<()> {
     let name = report.log.as_deref().unwrap_or("all logs");
     printer.line(format!(
         "{name}: {} rows used, {} skipped, {} repeated, {} outside the calibrated range",

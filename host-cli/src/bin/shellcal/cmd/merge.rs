@@ -17,7 +17,7 @@ use shellcal::workflow::merge;
 use super::choices::{self, COVARIANCES, one_of};
 use super::edited::EditedArg;
 use super::origin;
-use super::partial_output::Destination;
+use super::partial_output::OutputTarget;
 use super::quality::table_row;
 use super::validation::{print_cross_validation, print_selection};
 use crate::files::{InputOrStdin, OutputOrStdout, OutputPath};
@@ -53,7 +53,7 @@ pub(crate) struct MergeArgs {
     model: Option<ModelRule>,
 
     /// Find the errors on groups of rows that were held out, of partial fits with `--groups`; a number
-    /// K deals the groups into K folds
+    /// K assigns the groups to K folds
     #[arg(
         long,
         value_name = "K",
@@ -101,7 +101,7 @@ fn parse_folds(text: &str) -> Result<Folds, String> {
 
 /// What `--json` prints.
 #[derive(Serialize)]
-struct Report {
+struct MergeReport {
     model: String,
     partial_fits: usize,
     #[serde(skip_serializing_if = "is_zero")]
@@ -141,12 +141,12 @@ impl MergeArgs {
     pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let output = self.output.as_ref().map(|path| outputs.create(path)).transpose()?;
         let partial = self.partial.as_ref();
-        let destination = partial.map(|path| Destination::open(path, printer, outputs));
+        let destination = partial.map(|path| OutputTarget::open(path, printer, outputs));
         let destination = destination.transpose()?;
         let merged = self.merged(printer)?;
         let sum = merged.sum.as_ref().context("no partial fits were given")?;
         if let Some(destination) = destination {
-            let to_stdout = matches!(destination, Destination::Stdout);
+            let to_stdout = matches!(destination, OutputTarget::Stdout);
             destination.write(sum, printer)?;
             self.report(printer, &merged, sum, None, to_stdout)?;
             return Ok(Outcome::Done);
@@ -238,7 +238,7 @@ impl MergeArgs {
         match is_exact {
             _ if !fitted.lacks_random_split() => {}
             false => printer.note(
-                "no random split beside the held-out groups: rows that cannot be summed exactly are not dealt \
+                "no random split beside the held-out groups: rows that cannot be summed exactly are not assigned \
                  at random",
             ),
             true => printer.note(format!(
@@ -261,7 +261,7 @@ impl MergeArgs {
         let fit = file.and_then(|file| file.origin.diagnostics.as_ref());
         let name = file.map_or_else(|| sum.model.name(), |file| file.calibration.name());
         if printer.json() {
-            return printer.document(&Report {
+            return printer.document(&MergeReport {
                 model: name,
                 partial_fits: merged.read,
                 skipped_partial_fits: merged.skipped,

@@ -9,12 +9,12 @@ use crate::files::{OutputOrStdout, OutputPath};
 use crate::printer::Printer;
 
 /// A destination that is open before the work begins.
-pub(super) enum Destination {
+pub(super) enum OutputTarget {
     File(AtomicFile),
     Stdout,
 }
 
-impl Destination {
+impl OutputTarget {
     pub(super) fn open(
         path: &OutputOrStdout,
         printer: &Printer,
@@ -53,7 +53,7 @@ impl Destination {
     }
 }
 
-impl Write for Destination {
+impl Write for OutputTarget {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         match self {
             Self::File(file) => file.write(bytes),

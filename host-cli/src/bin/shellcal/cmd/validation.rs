@@ -91,7 +91,7 @@ pub(super) struct ComparisonReport {
 }
 
 impl ComparisonReport {
-    pub(super) fn of(fit: &Fit) -> Option<Self> {
+    pub(super) fn new(fit: &Fit) -> Option<Self> {
         let found = fit.comparison.as_ref()?.as_ref().ok()?;
         let comparison = &found.comparison;
         let [physics_rms, polynomial_rms] = comparison.rms;

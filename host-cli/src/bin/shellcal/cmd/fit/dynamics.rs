@@ -34,7 +34,7 @@ struct GainReport {
 
 impl DynamicsReport {
     /// What a fit found, if anything was to be searched for.
-    pub(super) fn of(fitted: &Fit, axes: Axes) -> Option<Self> {
+    pub(super) fn from_fit(fitted: &Fit, axes: Axes) -> Option<Self> {
         fitted.dynamics.as_ref().map(|found| Self::new(found, axes))
     }
 

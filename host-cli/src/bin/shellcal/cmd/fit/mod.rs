@@ -127,7 +127,7 @@ pub(crate) struct FitArgs {
     memory_terms: Option<MemoryArg>,
 
     /// Hold out these groups of rows, with any model: each group of the group column, each file, or each pose
-    /// of constant load that is found; a number K deals the groups into K folds
+    /// of constant load that is found; a number K assigns the groups to K folds
     #[arg(
         long,
         value_name = "file|column|plateau|K",

@@ -10,7 +10,7 @@ use shellcal::workflow::remark::absent_axes;
 
 use super::super::mapping::open_logs;
 use super::super::origin;
-use super::super::partial_output::Destination;
+use super::super::partial_output::OutputTarget;
 use super::FitArgs;
 use crate::files::OutputOrStdout;
 use crate::printer::Printer;
@@ -38,13 +38,13 @@ impl FitArgs {
                 anyhow::bail!("`--partial` is for polynomials in the readings: physics has no sums")
             }
         };
-        let destination = Destination::open(path, printer, outputs)?;
+        let destination = OutputTarget::open(path, printer, outputs)?;
         let options = PartialOptions {
             basis,
             intercept: !self.no_intercept,
             groups: self.groups,
             seed: self.cv_seed,
-            triangles: self.keeps_triangles()?,
+            r_factors: self.keeps_r_factors()?,
             fresh: self.fresh,
             mapping: &mapping,
             read: self.mapping.read_options(),
@@ -62,7 +62,7 @@ impl FitArgs {
         }
         let kept = match &partial.sums {
             Sums::Exact(_) => "sums over",
-            Sums::Factored(_) => "the triangle of",
+            Sums::Factored(_) => "the R factor of",
         };
         let mut done = format!("{}: {kept} {rows} rows of {} files", model.name(), train.len());
         if let Some(groups) = &partial.groups {
@@ -75,13 +75,13 @@ impl FitArgs {
         printer.line(done)
     }
 
-    /// Whether triangles are wanted wherever sums could be had.
-    fn keeps_triangles(&self) -> anyhow::Result<bool> {
+    /// Whether R factors are wanted wherever sums could be had.
+    fn keeps_r_factors(&self) -> anyhow::Result<bool> {
         match self.solver {
             SolverKind::Exact => Ok(false),
             SolverKind::Tsqr => Ok(true),
             _ => anyhow::bail!(
-                "`--partial` keeps exact sums, or with `--solver tsqr` triangles: leave out `--solver`"
+                "`--partial` keeps exact sums, or with `--solver tsqr` R factors: leave out `--solver`"
             ),
         }
     }

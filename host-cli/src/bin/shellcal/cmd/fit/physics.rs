@@ -18,7 +18,7 @@ use crate::printer::Printer;
 
 /// What `--json` prints.
 #[derive(Serialize)]
-struct Report {
+struct PhysicsReport {
     model: String,
     verdict: VerdictReport,
     #[serde(flatten)]
@@ -83,7 +83,7 @@ pub(super) fn report(
     let model = physics.model();
     let coverage = of_rows.validation.as_ref().and_then(PhysicsValidation::coverage);
     if printer.json() {
-        return printer.document(&Report {
+        return printer.document(&PhysicsReport {
             model: file.calibration.name(),
             verdict: VerdictReport::from(&fitted.verdict()),
             counts: RowCounts::new(fitted, diagnostics),

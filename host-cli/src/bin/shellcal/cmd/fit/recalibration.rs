@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use calibration::quality::significant;
-use calibration::recalibration::{Change, Quantity, Recalibration};
+use calibration::recalibration::{Change, ChangedQuantity, Recalibration};
 use calibration_file::stored::{OfAxes, Stored};
 use calibration_file::{CalibrationFile, Role, SourceFile};
 use log_file::{Log, ReadOptions, checksum};
@@ -23,7 +23,7 @@ use crate::printer::Printer;
 
 /// What `--json` prints.
 #[derive(Serialize)]
-struct Report {
+struct RecalibrationReport {
     text: Vec<String>,
     loads: usize,
     rows: u64,
@@ -122,7 +122,7 @@ fn report(printer: &mut Printer, path: &Path, of: &Recalibrated) -> anyhow::Resu
     let name = path.display().to_string();
     let text = lines(&name, of);
     if printer.json() {
-        return printer.document(&Report {
+        return printer.document(&RecalibrationReport {
             text,
             loads: of.loads,
             rows: of.rows.rows(),
@@ -187,19 +187,19 @@ fn lines(name: &str, of: &Recalibrated) -> Vec<String> {
 
 fn print_change(printer: &mut Printer, found: &Recalibration) -> anyhow::Result<()> {
     let (change, errors) = (&found.change, &found.standard_errors);
-    let is_in = |of: Quantity| found.quantities.contains(&of);
+    let is_in = |of: ChangedQuantity| found.quantities.contains(&of);
     let with_error = |scale: f64, value: f64, error: f64| {
         format!("{:+.2} ± {:.2}", scale * value, scale * error)
     };
-    let of_channels = [(Quantity::Zero, "zero, counts"), (Quantity::Gain, "gain, %")];
+    let of_channels = [(ChangedQuantity::Zero, "zero, counts"), (ChangedQuantity::Gain, "gain, %")];
     let of_channels: Vec<_> = of_channels.into_iter().filter(|(of, _)| is_in(*of)).collect();
     if !of_channels.is_empty() {
         let header: Vec<&str> =
             ["channel"].into_iter().chain(of_channels.iter().map(|(_, name)| *name)).collect();
         let pairs = change.channels.iter().zip(&errors.channels).enumerate();
         let rows = pairs.map(|(channel, (of, error))| {
-            let cell = |(quantity, _): &(Quantity, &str)| match quantity {
-                Quantity::Zero => with_error(1.0, of.zero, error.zero),
+            let cell = |(quantity, _): &(ChangedQuantity, &str)| match quantity {
+                ChangedQuantity::Zero => with_error(1.0, of.zero, error.zero),
                 _ => with_error(100.0, of.gain, error.gain),
             };
             let cells = of_channels.iter().map(cell);
@@ -212,11 +212,11 @@ fn print_change(printer: &mut Printer, found: &Recalibration) -> anyhow::Result<
         let part = |(axis, (value, error))| format!("{axis} {}", with_error(scale, value, error));
         axes.map(part).collect::<Vec<_>>().join(", ")
     };
-    if is_in(Quantity::Lever) {
+    if is_in(ChangedQuantity::Lever) {
         let lever = vector(1e3, change.lever_m, errors.lever_m);
         printer.line(format!("lever: the calibrated origin lies at {lever} mm"))?;
     }
-    if is_in(Quantity::Turn) {
+    if is_in(ChangedQuantity::Turn) {
         let degrees = 1_f64.to_degrees();
         let turn = vector(degrees, change.turn_rad, errors.turn_rad);
         printer.line(format!("turn of the calibrated axes: {turn} °"))?;

@@ -25,7 +25,7 @@ use crate::printer::Printer;
 
 /// What `--json` prints.
 #[derive(Serialize)]
-struct Report {
+struct FitReport {
     model: String,
     verdict: VerdictReport,
     solver: StoredSolverRecord,
@@ -100,8 +100,8 @@ impl ErrorReport {
             test: Stored::of(&diagnostics.test, axes),
             cross_validation: Stored::of(&diagnostics.cross_validation, axes),
             selection: Stored::of(&diagnostics.selection, axes),
-            dynamics: DynamicsReport::of(fitted, axes),
-            weighing: ComparisonReport::of(fitted),
+            dynamics: DynamicsReport::from_fit(fitted, axes),
+            weighing: ComparisonReport::new(fitted),
         }
     }
 }
@@ -121,7 +121,7 @@ struct AdviceReport {
 }
 
 impl AdviceReport {
-    fn of(advice: &Advice, axes: Axes) -> Self {
+    fn new(advice: &Advice, axes: Axes) -> Self {
         let difference = advice.caution.map(|of| [of.all.value, of.all.standard_error]);
         Self {
             folds: advice.folds,
@@ -149,7 +149,7 @@ struct CovarianceReport {
 }
 
 impl CovarianceReport {
-    fn of(covariance: &Covariance, axes: Axes) -> Self {
+    fn new(covariance: &Covariance, axes: Axes) -> Self {
         let groups = match &covariance.coefficients {
             CoefficientCovariance::Groups { groups, .. } => Some(*groups),
             CoefficientCovariance::Rows { .. } => None,
@@ -235,7 +235,7 @@ pub(super) fn report(
     let covariance = fitted.calibration.covariance.as_ref();
     let axes = fitted.calibration.axes;
     if printer.json() {
-        return printer.document(&Report {
+        return printer.document(&FitReport {
             model: model.name(),
             verdict: VerdictReport::from(&fitted.verdict()),
             solver: Stored::of(&solver, axes),
@@ -245,12 +245,12 @@ pub(super) fn report(
             rank: diagnostics.rank,
             condition: diagnostics.condition,
             errors: ErrorReport::new(fitted, diagnostics, axes),
-            advice: fitted.advice.as_ref().map(|advice| AdviceReport::of(advice, axes)),
+            advice: fitted.advice.as_ref().map(|advice| AdviceReport::new(advice, axes)),
             groups_found: fitted.found_groups.map(FoundReport::from),
             outliers: named.used.as_ref().map(NamedOutliers::report),
             dropped: named.dropped.as_ref().map(NamedOutliers::report),
             excitation: Stored::of(&diagnostics.excitation, axes),
-            covariance: covariance.map(|covariance| CovarianceReport::of(covariance, axes)),
+            covariance: covariance.map(|covariance| CovarianceReport::new(covariance, axes)),
             time_s: seconds,
         });
     }

@@ -59,7 +59,7 @@ pub(crate) struct PlanArgs {
     /// Stop when the predicted error of every force, or of every moment, is this small: 0.5N, 0.02Nm, or both with a
     /// comma
     #[arg(long, value_name = "ERROR", value_parser = parse_limits)]
-    until: Option<Limits>,
+    until: Option<PlanLimits>,
 
     /// Write the loads in their order, for `live --plan` (CSV)
     #[arg(long, short, value_name = "PLAN.csv", conflicts_with = "replay")]
@@ -94,7 +94,7 @@ const CRITERIA: [(&str, &str, CriterionArg); 3] = [
 
 /// When a plan is long enough.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Limits {
+struct PlanLimits {
     force_n: Option<f64>,
     moment_nm: Option<f64>,
 }
@@ -107,7 +107,7 @@ struct LoadPlan {
     criterion: &'static str,
     before: PredictedError,
     order: Vec<PlannedLoad>,
-    limits: Option<Limits>,
+    limits: Option<PlanLimits>,
     couplings: Vec<Coupling>,
 }
 
@@ -212,14 +212,14 @@ impl PlanArgs {
     }
 }
 
-impl Limits {
+impl PlanLimits {
     fn are_met(&self, error: &PredictedError) -> bool {
         error.is_within(self.force_n, self.moment_nm)
     }
 }
 
-fn parse_limits(text: &str) -> Result<Limits, String> {
-    let mut limits = Limits { force_n: None, moment_nm: None };
+fn parse_limits(text: &str) -> Result<PlanLimits, String> {
+    let mut limits = PlanLimits { force_n: None, moment_nm: None };
     for part in text.split(',') {
         let part = part.trim().replace('·', "");
         let (number, limit) = match part.strip_suffix("Nm") {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::bail;
 use output_file::Outputs;
 use serde::Serialize;
-use shellcal::workflow::batch::{self, Batch, BatchOptions, Failure, FileStamp, stamp};
+use shellcal::workflow::batch::{self, Batch, BatchOptions, FailedRow, FileStamp, stamp};
 use trial::manifest::{Manifest, Shard};
 use trial::{ConditionRow, TrialOptions, TrialResult};
 
@@ -70,7 +70,7 @@ struct BatchDocument<'a> {
     profile: &'a trial::Profile,
     options: TrialOptions,
     trials: Vec<BatchTrialDocument<'a>>,
-    failures: &'a [Failure],
+    failures: &'a [FailedRow],
     excluded: usize,
     /// The name of the share, if not all trials were to be evaluated.
     #[serde(skip_serializing_if = "Option::is_none")]

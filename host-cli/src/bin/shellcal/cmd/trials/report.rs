@@ -5,7 +5,7 @@ use std::path::Path;
 use ::report::{Heading, Input, Report};
 use anyhow::Context;
 use output_file::Outputs;
-use shellcal::workflow::batch::{Batch, Failure};
+use shellcal::workflow::batch::{Batch, FailedRow};
 use shellcal::workflow::figures::reduce_trace;
 use shellcal::workflow::report;
 use trial::{TraceExtent, TrialResult};
@@ -148,7 +148,7 @@ impl ReportArgs {
 
 /// The logs that could not be evaluated, and why not.
 fn failures(manifest: &Path, batch: &Batch) -> Vec<(String, String)> {
-    let of = |failure: &Failure| {
+    let of = |failure: &FailedRow| {
         let why = format!("{}:{}: {}", manifest.display(), failure.place, failure.message);
         (failure.file.clone(), why)
     };

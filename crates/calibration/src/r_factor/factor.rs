@@ -1,4 +1,4 @@
-//! The triangle itself.
+//! The R factor itself.
 
 use faer::{Mat, MatRef};
 
@@ -27,7 +27,7 @@ impl RFactor {
     ///
     /// # Panics
     /// If the matrix is not square, or smaller than there are features.
-    pub fn of_parts(features: usize, rows: u64, whole: Mat<f64>) -> Self {
+    pub fn from_parts(features: usize, rows: u64, whole: Mat<f64>) -> Self {
         assert!(whole.nrows() == whole.ncols() && features <= whole.ncols());
         Self { features, rows, r: whole }
     }

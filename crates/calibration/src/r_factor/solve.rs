@@ -1,24 +1,35 @@
-//! Coefficients from a triangle.
+//! Coefficients from a R factor.
 
 use faer::linalg::{triangular_inverse, triangular_solve};
 use faer::{Mat, MatRef, Par};
 
+use super::condition::extreme_singular_values;
+use super::factor::RFactor;
 use super::householder::{Workspace, contiguous};
 use super::outcome::{LeastSquares, LeastSquaresError, Ridge};
-use super::r_factor::RFactor;
+
+/// Features of which all singular values are soon found.
+const FEW_FEATURES: usize = 100;
+
+/// Singular values of a matrix, and how many are not zero.
+struct Spectrum {
+    smallest: f64,
+    largest: f64,
+    rank: usize,
+}
 
 impl RFactor {
     /// That of the rows of matrices no taller than wide.
-    pub(crate) fn of_rows(x: &Mat<f64>, y: &Mat<f64>) -> Self {
-        let mut triangle = Self::new(x.ncols(), y.ncols());
-        let mut workspace = Workspace::with_rows(x.nrows(), triangle.r.nrows());
-        triangle.absorb(x.nrows(), &mut workspace, |columns, stride| {
+    pub(crate) fn from_rows(x: &Mat<f64>, y: &Mat<f64>) -> Self {
+        let mut r_factor = Self::new(x.ncols(), y.ncols());
+        let mut workspace = Workspace::with_rows(x.nrows(), r_factor.r.nrows());
+        r_factor.absorb(x.nrows(), &mut workspace, |columns, stride| {
             let from = x.col_iter().chain(y.col_iter());
             for (to, from) in columns.chunks_exact_mut(stride.max(1)).zip(from) {
                 to.copy_from_slice(contiguous(from));
             }
         });
-        triangle
+        r_factor
     }
 
     /// That of the same rows of `X·T`, `change` being `T`, p × any number of columns.
@@ -27,7 +38,7 @@ impl RFactor {
         let mut x = Mat::zeros(order, change.ncols());
         x.as_mut().subrows_mut(0, p).copy_from(self.r() * change);
         let y = self.r.as_ref().submatrix(0, p, order, order - p).to_owned();
-        Self { rows: self.rows, ..Self::of_rows(&x, &y) }
+        Self { rows: self.rows, ..Self::from_rows(&x, &y) }
     }
 
     /// Solves for the coefficients.
@@ -70,19 +81,16 @@ impl RFactor {
             return Err(LeastSquaresError::NotFinite);
         }
         let (equilibrated, norms) = self.equilibrated();
-        let singular = equilibrated.singular_values().map_err(|_| LeastSquaresError::NotFinite)?;
-        let largest = singular.first().copied().unwrap_or(0.0);
-        let tolerance = self.rounding() * largest;
-        let rank = singular.iter().filter(|&&s| s > tolerance).count();
+        let Spectrum { smallest, largest, rank } = self.spectrum(&equilibrated)?;
         if rank < p && ridge.lambda == 0.0 {
             let svd = equilibrated.svd().map_err(|_| LeastSquaresError::NotFinite)?;
             let null_space = svd.V().subcols(rank, p - rank).to_owned();
-            let triangle = Box::new(self.r().to_owned());
+            let r_factor = Box::new(self.r().to_owned());
             return Err(LeastSquaresError::RankDeficient {
                 rank,
                 columns: p,
                 null_space,
-                triangle,
+                r_factor,
             });
         }
 
@@ -96,15 +104,31 @@ impl RFactor {
         if !coefficients.is_all_finite() || !factor.is_all_finite() {
             return Err(LeastSquaresError::NotFinite);
         }
-        let condition = largest / singular.last().copied().unwrap_or(largest);
         Ok(LeastSquares {
             coefficients,
             factor,
             residual_products,
             rows: self.rows,
-            condition,
+            condition: largest / smallest,
             rank,
         })
+    }
+
+    /// What singular values say of the equilibrated `R`: of many columns the two that matter, if they leave no doubt.
+    fn spectrum(&self, equilibrated: &Mat<f64>) -> Result<Spectrum, LeastSquaresError> {
+        let is_clear =
+            |[smallest, largest]: &[f64; 2]| *smallest > 100.0 * self.rounding() * largest;
+        let extremes = (self.features > FEW_FEATURES)
+            .then(|| extreme_singular_values(equilibrated).filter(is_clear))
+            .flatten();
+        if let Some([smallest, largest]) = extremes {
+            return Ok(Spectrum { smallest, largest, rank: self.features });
+        }
+        let all = equilibrated.singular_values().map_err(|_| LeastSquaresError::NotFinite)?;
+        let largest = all.first().copied().unwrap_or(0.0);
+        let tolerance = self.rounding() * largest;
+        let rank = all.iter().filter(|&&s| s > tolerance).count();
+        Ok(Spectrum { smallest: all.last().copied().unwrap_or(largest), largest, rank })
     }
 
     /// What rounding leaves of a singular value that is zero, as a share of the largest: roundings
@@ -157,7 +181,7 @@ impl RFactor {
         (Mat::from_fn(p, p, |i, j| self.r()[(i, j)] / unit(j)), norms)
     }
 
-    /// The triangle after the rows `√λ·D` of the ridge have been added.
+    /// The R factor after the rows `√λ·D` of the ridge have been added.
     fn damped(&self, norms: &[f64], ridge: Ridge) -> Mat<f64> {
         let mut damped = self.clone();
         if ridge.lambda > 0.0 {
@@ -189,11 +213,11 @@ pub fn least_squares(
 ) -> Result<LeastSquares, LeastSquaresError> {
     assert_eq!(x.nrows(), y.nrows(), "as many rows in X as in Y");
     let mut workspace = Workspace::new(x.ncols(), y.ncols());
-    let mut triangle = RFactor::new(x.ncols(), y.ncols());
+    let mut r_factor = RFactor::new(x.ncols(), y.ncols());
     let step = workspace.rows();
     for start in (0..x.nrows()).step_by(step) {
         let rows = step.min(x.nrows() - start);
-        triangle.absorb(rows, &mut workspace, |columns, stride| {
+        r_factor.absorb(rows, &mut workspace, |columns, stride| {
             for (j, column) in columns.chunks_mut(stride).enumerate() {
                 let source = if j < x.ncols() { x.col(j) } else { y.col(j - x.ncols()) };
                 let rows = source.subrows(start, rows);
@@ -201,7 +225,7 @@ pub fn least_squares(
             }
         });
     }
-    triangle.solve(ridge)
+    r_factor.solve(ridge)
 }
 
 #[cfg(test)]
@@ -348,14 +372,14 @@ mod tests {
             let (x, y) = (noise(400, 7, seed), noise(400, 3, seed + 1));
             let whole = least_squares(x.as_ref(), y.as_ref(), Ridge::NONE).unwrap();
             let part = |from: usize, rows: usize| {
-                let (mut triangle, mut workspace) = (RFactor::new(7, 3), Workspace::new(7, 3));
-                triangle.absorb(rows, &mut workspace, |columns, stride| {
+                let (mut r_factor, mut workspace) = (RFactor::new(7, 3), Workspace::new(7, 3));
+                r_factor.absorb(rows, &mut workspace, |columns, stride| {
                     for (j, column) in columns.chunks_mut(stride).enumerate() {
                         let source = if j < 7 { x.col(j) } else { y.col(j - 7) };
                         (0..rows).for_each(|i| column[i] = source[from + i]);
                     }
                 });
-                triangle
+                r_factor
             };
             let mut merged = part(0, cut);
             merged.merge(&part(cut, 400 - cut));

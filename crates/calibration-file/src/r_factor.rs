@@ -1,4 +1,4 @@
-//! Rows that cannot be summed exactly, in a document: the triangle of their features and wrench.
+//! Rows that cannot be summed exactly, in a document: the R factor of their features and wrench.
 
 use calibration::factored::FactoredRows;
 use calibration::model::{Basis, MAX_CHANNELS, Model};
@@ -11,7 +11,7 @@ use super::LARGEST;
 use super::stored::{Name, Stored, StoredReadingRange, StoredScaling};
 
 #[derive(Serialize, Deserialize)]
-pub(super) struct TriangleDocument {
+pub(super) struct RFactorDocument {
     basis: Name<Basis>,
     rows: u64,
     /// What features are made of: `z = (s − centre) / scale`.
@@ -21,7 +21,7 @@ pub(super) struct TriangleDocument {
     columns: Vec<Vec<f64>>,
 }
 
-impl TriangleDocument {
+impl RFactorDocument {
     pub(super) fn new(rows: &FactoredRows, axes: Axes) -> Self {
         Self {
             basis: Name::of(&rows.basis(), axes),
@@ -59,7 +59,7 @@ impl TriangleDocument {
         }
         let ranges = ReadingRanges { rows: self.rows, channels };
         let rows =
-            FactoredRows::of_parts((model, scaling), ranges, &self.columns).ok_or_else(|| {
+            FactoredRows::from_parts((model, scaling), ranges, &self.columns).ok_or_else(|| {
                 named("`columns` are not those of an upper triangular matrix of its size")
             })?;
         match rows.counts_its_rows() {

@@ -1,4 +1,4 @@
-//! What is asked of a triangle, and its answers.
+//! What is asked of a R factor, and its answers.
 
 use faer::Mat;
 
@@ -41,7 +41,7 @@ pub enum LeastSquaresError {
         /// p × (p − rank): directions along which equilibrated columns cancel, orthonormal.
         null_space: Mat<f64>,
         /// p × p: columns with the lengths and angles of those of `X`.
-        triangle: Box<Mat<f64>>,
+        r_factor: Box<Mat<f64>>,
     },
     /// The columns are so nearly dependent that this method cannot tell what they say.
     #[error("the condition number is above `{limit:.1e}`, which this method cannot solve for")]

@@ -14,7 +14,7 @@ impl ReadingRanges {
     /// # Errors
     /// [`FitError::NotFinite`] if a reading or a component of the wrench is infinite or not a
     /// number; [`FitError::Channels`] if there are not `channels` channels.
-    pub fn of_block(block: &Block, channels: usize) -> Result<Self, FitError> {
+    pub fn from_block(block: &Block, channels: usize) -> Result<Self, FitError> {
         if block.readings.len() != channels {
             return Err(FitError::Channels { expected: channels, found: block.readings.len() });
         }
@@ -91,10 +91,10 @@ mod tests {
     #[test]
     fn ranges_of_blocks_merge_to_the_range_of_all() {
         let all: Vec<f64> = (0..37).map(|i| f64::from(i * 29 % 37)).collect();
-        let whole = ReadingRanges::of_block(&block(all.clone()), 1).unwrap();
+        let whole = ReadingRanges::from_block(&block(all.clone()), 1).unwrap();
         let mut merged = ReadingRanges::new(1);
         for part in all.chunks(11) {
-            merged.merge(&ReadingRanges::of_block(&block(part.to_vec()), 1).unwrap());
+            merged.merge(&ReadingRanges::from_block(&block(part.to_vec()), 1).unwrap());
         }
         assert_eq!(merged, whole);
         assert_eq!(whole.channels, [ReadingRange { min: 0.0, max: 36.0 }]);
@@ -106,7 +106,7 @@ mod tests {
             for row in [0, 8, 16] {
                 let mut column = vec![1.0; 17];
                 column[row] = bad;
-                let error = ReadingRanges::of_block(&block(column), 1).unwrap_err();
+                let error = ReadingRanges::from_block(&block(column), 1).unwrap_err();
                 assert_eq!(error, FitError::NotFinite { column: "s1".into(), row });
             }
         }
@@ -114,7 +114,7 @@ mod tests {
 
     #[test]
     fn a_channel_that_never_moved_is_constant_and_one_without_rows_is_not() {
-        let ranges = ReadingRanges::of_block(&block(vec![3.0, 3.0]), 1).unwrap();
+        let ranges = ReadingRanges::from_block(&block(vec![3.0, 3.0]), 1).unwrap();
         assert_eq!(ranges.constant_channels(), [0]);
         assert!(ReadingRanges::new(1).constant_channels().is_empty());
     }

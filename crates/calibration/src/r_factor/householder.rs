@@ -1,4 +1,4 @@
-//! Householder QR of a triangle with rows below it.
+//! Householder QR of a R factor with rows below it.
 //!
 //! The factorisation is its own and not that of faer, whose QR (0.24) leaves out a column, and
 //! shifts the rows after it, when less than 16·n·2⁻⁵² of its norm stands out from the columns
@@ -8,7 +8,7 @@ use faer::linalg::matmul::matmul;
 use faer::prelude::*;
 use faer::{Accum, ColMut, ColRef, Mat, MatMut, Par};
 
-use super::r_factor::RFactor;
+use super::factor::RFactor;
 use crate::vectors::{add_multiple, dot};
 
 /// Bytes of a row block: each reflector goes over it, so it should stay in the cache next to a core.
@@ -64,17 +64,17 @@ impl RFactor {
             for (to, from) in columns.zip(later.r.col_iter()) {
                 to.copy_from_slice(contiguous(from));
             }
-            // Of columns of a triangle, the first `end` are zero below row `end`.
+            // Of columns of a R factor, the first `end` are zero below row `end`.
             self.factor_below(|end| end, &mut workspace);
             self.rows += later.rows;
         }
     }
 
-    /// Factors the triangle with rows of the workspace below it, of which the first `rows(end)` matter to the first `end`
+    /// Factors the R factor with rows of the workspace below it, of which the first `rows(end)` matter to the first `end`
     /// columns.
     ///
     /// Column `k` of that stack has a diagonal element, zeros, and a column of the block. So its
-    /// reflector is one on row `k` of the triangle, zero on the others, and `v` on the block; the
+    /// reflector is one on row `k` of the R factor, zero on the others, and `v` on the block; the
     /// reflectors of a panel together are `I − V·T·Vᵀ` with an identity on top of `V` (the compact
     /// form of Schreiber and Van Loan, SIAM J. Sci. Stat. Comput. 10, 1989).
     fn factor_below(&mut self, rows: impl Fn(usize) -> usize, workspace: &mut Workspace) {
