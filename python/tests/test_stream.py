@@ -139,8 +139,8 @@ def test_closing_in_any_order_leaves_nothing(calibration: Path) -> None:
 _LOOP = """
 import sys, shellcal
 with shellcal.simulated_board() as board, shellcal.stream(board.port) as frames:
-    for frame in frames:
-        if frame.row == 10:
+    for number, frame in enumerate(frames):
+        if number == 10:
             print(board._process.pid, frames._process.pid, flush=True)
 """
 

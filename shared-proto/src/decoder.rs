@@ -73,7 +73,7 @@ impl Counters {
 #[derive(Clone, Debug)]
 pub struct Decoder {
     deframer: Option<Deframer>,
-    stream: StreamState,
+    stream: ByteStream,
 }
 
 impl Decoder {
@@ -83,7 +83,7 @@ impl Decoder {
             Framing::Cobs => None,
             Framing::Xbee(mode) => Some(Deframer::new(mode)),
         };
-        Self { deframer, stream: StreamState::new() }
+        Self { deframer, stream: ByteStream::new() }
     }
 
     /// Takes bytes, in slices of any size, and calls `sink` with every event.
@@ -107,7 +107,7 @@ impl Decoder {
 
 /// The stream of frames, in whatever pieces it arrives.
 #[derive(Clone, Debug)]
-struct StreamState {
+struct ByteStream {
     /// The start of a frame whose end has not arrived, or as much of its tail as a frame can have.
     partial: Bytes<{ 2 * MAX_FRAME }>,
     /// Whether a delimiter has been seen: what comes before the first is the end of a frame whose
@@ -116,7 +116,7 @@ struct StreamState {
     counters: Counters,
 }
 
-impl StreamState {
+impl ByteStream {
     const fn new() -> Self {
         Self { partial: Bytes::new(), synchronised: false, counters: Counters::NONE }
     }

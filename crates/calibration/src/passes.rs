@@ -68,8 +68,8 @@ impl<'a> Rows<'a> {
     }
 
     /// The rows of some blocks.
-    pub fn from_blocks(blocks: &'a [Block], workers: Workers<'a>) -> Self {
-        Self { blocks: blocks.iter().collect(), workers }
+    pub fn from_blocks(blocks: impl IntoIterator<Item = &'a Block>, workers: Workers<'a>) -> Self {
+        Self { blocks: blocks.into_iter().collect(), workers }
     }
 
     /// Reduces every block and merges the partials, in the order of the blocks where that matters.

@@ -174,6 +174,8 @@ fn commands_are_repeated_until_they_are_answered() {
 fn a_board_is_told_to_start_until_it_does_and_to_stop_at_the_end() {
     let dir = tempfile::tempdir().unwrap();
     let (port, name) = pty();
+    // The board's end is told that the line is dead as soon as nobody has it open, whatever is still to be read.
+    let _open = std::fs::File::open(&name).unwrap();
     // It hears every second command: the second start and the second stop.
     let board = FakeBoard::start(port, false, true);
     succeed(dir.path(), &format!("record {name} -o log.csv --duration 1.5 --start"));

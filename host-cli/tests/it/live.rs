@@ -203,13 +203,18 @@ pub(crate) struct Board(Child);
 
 impl Board {
     pub(crate) fn start(dir: &Path) -> Self {
+        Self::start_at(dir, 1000)
+    }
+
+    /// At so many frames a second. A pty keeps some hundred of them for a program that the machine lets wait.
+    pub(crate) fn start_at(dir: &Path, rate_hz: u32) -> Self {
         let board = Self(program::start(dir, "board --simulate --symlink board --seed 2"));
         let deadline = Instant::now() + Duration::from_secs(60);
         while !dir.join("board").exists() {
             assert!(Instant::now() < deadline, "there is no board");
             thread::sleep(Duration::from_millis(10));
         }
-        for order in ["sampling --settling 25 --conversions 4", "rate 1000"] {
+        for order in ["sampling --settling 25 --conversions 4", &format!("rate {rate_hz}")] {
             program::run_patiently(dir, &format!("board board {order}"), 0);
         }
         board

@@ -131,7 +131,10 @@ impl Group {
 impl FactoredGroups {
     /// All rows; `None` where there is no group.
     pub fn total(&self) -> Option<FactoredRows> {
-        self.without(None)
+        let mut groups = self.groups.iter().map(|(_, rows)| rows);
+        let mut all = groups.next()?.clone();
+        groups.for_each(|rows| all.merge(rows));
+        Some(all)
     }
 
     /// Neighbours together, each group of the result with the rows of a range that is not empty.
@@ -144,12 +147,28 @@ impl FactoredGroups {
         Self { groups: ranges.iter().map(merge).collect() }
     }
 
-    /// All rows but those of a group; `None` where there are none.
-    pub(crate) fn without(&self, group: Option<usize>) -> Option<FactoredRows> {
-        let others = self.groups.iter().enumerate().filter(|(place, _)| Some(*place) != group);
-        let mut others = others.map(|(_, (_, rows))| rows);
-        let mut all = others.next()?.clone();
-        others.for_each(|rows| all.merge(rows));
-        Some(all)
+    /// For each group the rows of all others; `None` with fewer than two groups. From both ends on: nothing is taken away
+    /// from anything, and no group is merged more than four times.
+    pub(crate) fn without_each(&self) -> Option<Vec<FactoredRows>> {
+        let merged = |earlier: &FactoredRows, later: &FactoredRows| {
+            let mut all = earlier.clone();
+            all.merge(later);
+            all
+        };
+        let rows = |group: usize| &self.groups[group].1;
+        let last = self.groups.len().checked_sub(1).filter(|&last| last > 0)?;
+        // Those after each group, from the last but one on.
+        let mut after = vec![rows(last).clone()];
+        for group in (1..last).rev() {
+            after.push(merged(rows(group), &after[after.len() - 1]));
+        }
+        let mut before = rows(0).clone();
+        let mut others: Vec<FactoredRows> = after.pop().into_iter().collect();
+        for group in 1..last {
+            others.extend(after.pop().map(|after| merged(&before, &after)));
+            before.merge(rows(group));
+        }
+        others.push(before);
+        Some(others)
     }
 }

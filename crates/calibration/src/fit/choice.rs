@@ -1,11 +1,9 @@
 //! Chooses what is fitted: the model, its held-out errors, and how rows err together.
 
-use std::collections::HashMap;
-
 use super::model_choice::{Clusters, FewGroups, ModelChoice};
 use super::refits::{
-    FOLDS, MOST_ALONE, RANDOM_FOLDS, Refit, cross_validate_by_normal_equations,
-    cross_validate_by_refits, random_split, select_by_normal_equations,
+    self, FOLDS, LabelGroups, MOST_ALONE, RANDOM_FOLDS, Refit, random_split,
+    select_by_normal_equations,
 };
 use super::{CovarianceRule, FitOptions, ModelRule};
 use crate::error::FitError;
@@ -19,7 +17,7 @@ use crate::scaling::Scaling;
 use crate::solver::SolverKind;
 use crate::validation::ValidationError;
 use crate::validation::advice::Advice;
-use crate::validation::cross_validation::{assign_groups, cross_validate};
+use crate::validation::cross_validation::cross_validate;
 use crate::validation::grouped::{
     Apart, BlockGroups, GroupSums, GroupWorker, GroupedMoments, MAX_GROUPS, RandomSplit,
 };
@@ -101,11 +99,7 @@ fn choose_model(training: Training<'_>, options: &FitOptions<'_>) -> Result<Mode
     let mut choice = choose_labelled(Some((group_by, labelled.clone())), &known)?;
     if options.validation().is_some() {
         let refit = Refit { basis, ridge, options };
-        let validate = match labelled.memory_terms() {
-            0 => cross_validate_by_refits,
-            _ => cross_validate_by_normal_equations,
-        };
-        choice.cross_validation = Some(validate(&labelled, held_out, &refit)?);
+        choice.cross_validation = Some(refits::cross_validate(&labelled, held_out, &refit)?);
     }
     Ok(ModelChoice { selection, group_by: Some(group_by), labelled: Some(labelled), ..choice })
 }
@@ -168,54 +162,17 @@ fn choose_by_folds(
 ) -> Result<ModelChoice, FitError> {
     let open = options.open(None);
     let every = rows.rows().div_ceil(MOST_COMPARED).max(1) as usize;
-    let few = every_nth_by_fold(rows, every)?;
+    let groups = LabelGroups::new(rows);
+    let few = groups.every_nth_by_fold(rows, (every, selection::FOLDS))?;
     let sums =
         sum_groups(&few, open.basis, (Apart::Groups, RandomSplit::default()), options.workers)?;
     let ModelChoice { basis, ridge, selection, advice, .. } = options.select(open, &sums)?;
-    let mut labels: Vec<&String> =
-        rows.blocks().flat_map(|(_, block)| &*block.labels).map(|(label, _)| label).collect();
-    labels.sort_unstable();
-    labels.dedup();
     let cross_validation = match options.cross_validation {
-        None if labels.len() > MAX_GROUPS => Some(HeldOut::Folds(selection::FOLDS)),
+        None if groups.sizes.len() > MAX_GROUPS => Some(HeldOut::Folds(selection::FOLDS)),
         _ => options.validation(),
     };
     let known = FitOptions { model: basis.into(), ridge, cross_validation, ..*options };
     Ok(ModelChoice { selection, advice, ..choose_labelled(labelled, &known)? })
-}
-
-/// Every so-manieth row of each group, and its first, labelled by the fold that the group is assigned to.
-fn every_nth_by_fold(data: &Dataset, every: usize) -> Result<Dataset, ValidationError> {
-    let (mut places, mut sizes) = (HashMap::<String, usize>::new(), Vec::<u64>::new());
-    for (label, rows) in data.blocks().flat_map(|(_, block)| &*block.labels) {
-        let place = *places.entry(label.clone()).or_insert(sizes.len());
-        sizes.resize(sizes.len().max(place + 1), 0);
-        sizes[place] += *rows as u64;
-    }
-    let groups = sizes.len();
-    if groups < 2 {
-        return Err(ValidationError::TooFewGroups { found: groups });
-    }
-    let mut fold_of = vec![0; groups];
-    let folds = assign_groups(&sizes, groups.min(selection::FOLDS))?;
-    for (fold, assigned) in folds.iter().enumerate() {
-        assigned.iter().for_each(|&group| fold_of[group] = fold);
-    }
-    let (mut data, mut seen) = (data.clone(), vec![0; groups]);
-    for block in data.logs.iter_mut().flat_map(|log| &mut log.blocks) {
-        let mut few = Block { groups: Vec::new(), ..Block::clone(&block.rows) };
-        let mut keep = Vec::with_capacity(few.rows);
-        for (label, rows) in &*block.labels {
-            let group = places[label];
-            let first = seen[group];
-            seen[group] += rows;
-            keep.extend((first..seen[group]).map(|row| row % every == 0));
-            few.groups.push((fold_of[group].to_string(), *rows));
-        }
-        few.retain_rows(&keep);
-        *block = few.into();
-    }
-    Ok(data)
 }
 
 /// Sums labelled rows by group; by sets of groups where there are too many and folds of them are asked for.
@@ -281,7 +238,7 @@ fn factor_groups(data: &Dataset, basis: Basis) -> Result<FactoredGroups, FitErro
 }
 
 /// All labelled rows as one block.
-fn rows_in_one(data: &Dataset) -> Block {
+pub(super) fn rows_in_one(data: &Dataset) -> Block {
     let mut all = Block::default();
     for (_, block) in data.blocks() {
         all.append(&block.rows, 0..block.rows.rows);

@@ -9,6 +9,7 @@ use crate::error::FitError;
 use crate::exact::{Moments, PartitionedMoments, SolveError};
 use crate::factored::{FactoredGroups, FactoredRows};
 use crate::groups::HeldOut;
+use crate::least_squares::Method;
 use crate::model::Model;
 use crate::quality::AxisQuality;
 use crate::reading_ranges::ReadingRanges;
@@ -123,7 +124,7 @@ fn choose_r_factors(
             HeldOut::Folds(folds) => Some(folds),
             _ => None,
         };
-        let found = factored::cross_validate(&groups, &model, choice.ridge, folds)?;
+        let found = factored::cross_validate(&groups, &model, (Method::Tsqr, choice.ridge), folds)?;
         choice.cross_validation = Some(found);
     }
     match choice.by_group {

@@ -113,6 +113,16 @@ fn solve_rounded(
     }
 }
 
+/// How R factors of rows are solved as a solver would fit the rows, to rounding; Huber's weighs rows by what they err, and
+/// is not among them.
+pub(super) fn r_factor_method(solver: SolverKind, truncate: Option<f64>) -> Method {
+    match solver {
+        SolverKind::Svd => Method::Svd { truncate },
+        SolverKind::RidgeGcv => Method::RidgeGcv,
+        _ => Method::Tsqr,
+    }
+}
+
 /// The covariance as far as it can be had, and why not by groups where it is of independent rows.
 pub(super) fn covariance(
     solution: &Solution,
@@ -135,11 +145,7 @@ pub(super) fn covariance(
             Err(ValidationError::OtherSolver)
         }
         (Some(Clusters::RFactors { rows, held_out_together }), _) => {
-            let method = match solver {
-                SolverKind::Svd => Method::Svd { truncate },
-                SolverKind::RidgeGcv => Method::RidgeGcv,
-                _ => Method::Tsqr,
-            };
+            let method = r_factor_method(solver, truncate);
             match held_out_together {
                 None => Covariance::from_factored(rows, solution, (method, ridge), workers),
                 Some(together) => {

@@ -1,25 +1,28 @@
 //! Errors on rows that were held out, by fits without them.
 //!
 //! Exact sums say what a fit without a group would be, of the solver that works on them and for readings that
-//! can be summed so. For any other solver, and for readings of any kind, each fold is fitted anew: each of up to
-//! forty groups is held out alone, more in ten folds.
+//! can be summed so. For readings of any kind the R factors of the folds do, for solvers that weigh rows alike; for
+//! others each fold is fitted anew. Each of up to forty groups is held out alone, more in ten folds.
 
 use super::FitOptions;
-use super::polynomial::{PolynomialProblem, calibrate};
+use super::choice::rows_in_one;
+use super::polynomial::{PolynomialProblem, calibrate, r_factor_method};
 use crate::conversion::Calibration;
 use crate::error::FitError;
+use crate::exact::HeldOutErrors;
+use crate::factored::{FactoredGroups, FactoredRows};
 use crate::groups::HeldOut;
 use crate::model::{Basis, Model};
-use crate::passes::Rows;
-use crate::physics::TrainingRows;
+use crate::passes::{Rows, Workers, map};
+use crate::scaling::Scaling;
+use crate::solver::SolverKind;
 use crate::validation::ValidationError;
 use crate::validation::cross_validation::{CrossValidation, HeldOutQuality, assign_groups};
 use crate::validation::grouped::{RandomSplit, assign};
 use crate::validation::normal_equations::HeldOutFolds;
 use crate::validation::selection::{self, Selection};
 use shell_data::block::Block;
-use shell_data::dataset::{BLOCK_ROWS, Dataset, sample};
-use shell_data::statistics::RunningVariance;
+use shell_data::dataset::{Dataset, sample};
 use shell_data::wrench::PerAxis;
 use std::collections::HashMap;
 
@@ -27,6 +30,9 @@ use std::collections::HashMap;
 pub(super) const MOST_ALONE: usize = 40;
 /// Folds that more groups are assigned to.
 pub(super) const FOLDS: usize = 10;
+
+/// Numbers in the R factors of groups that are held out alone, 200 MB, and twice as many in those of all others.
+const MOST_NUMBERS: usize = 25_000_000;
 
 /// Folds of the random split that held-out errors are compared with, where no number is given.
 pub const RANDOM_FOLDS: usize = 10;
@@ -53,37 +59,20 @@ pub(super) fn select_by_normal_equations(
     options: &FitOptions<'_>,
 ) -> Result<Selection, FitError> {
     let groups = LabelGroups::new(data);
-    let blocks = groups.folds(data, groups.sizes.len().min(selection::FOLDS))?;
+    let folds = groups.sizes.len().min(selection::FOLDS);
+    let blocks = groups.folds(data, &groups.assigned(folds)?, folds);
     let folds = HeldOutFolds::new(&blocks, options.model_of(data, Basis::Linear))?;
     Ok(folds.select(options.ridges())?)
 }
 
-/// The errors of a model on each group, or on folds of them, by normal equations: for models of many features.
-pub(super) fn cross_validate_by_normal_equations(
-    data: &Dataset,
-    held_out: HeldOut,
-    refit: &Refit<'_>,
-) -> Result<CrossValidation, FitError> {
-    let groups = LabelGroups::new(data);
-    let count = groups.sizes.len();
-    let folds = match held_out {
-        HeldOut::Folds(folds) => folds,
-        _ if count <= MOST_ALONE => count,
-        _ => FOLDS,
-    };
-    let blocks = groups.folds(data, folds)?;
-    let folds = HeldOutFolds::new(&blocks, refit.options.model_of(data, refit.basis))?;
-    Ok(folds.cross_validate(refit.ridge, count)?)
-}
-
 /// The groups of labelled rows.
-struct LabelGroups {
+pub(super) struct LabelGroups {
     places: HashMap<String, usize>,
-    sizes: Vec<u64>,
+    pub(super) sizes: Vec<u64>,
 }
 
 impl LabelGroups {
-    fn new(data: &Dataset) -> Self {
+    pub(super) fn new(data: &Dataset) -> Self {
         let (mut places, mut sizes) = (HashMap::new(), Vec::new());
         for (label, rows) in data.blocks().flat_map(|(_, block)| &*block.labels) {
             let place = *places.entry(label.clone()).or_insert(sizes.len());
@@ -93,18 +82,22 @@ impl LabelGroups {
         Self { places, sizes }
     }
 
-    /// The rows of so many folds of groups.
-    fn folds(&self, data: &Dataset, folds: usize) -> Result<Vec<Block>, ValidationError> {
+    /// The fold of each group.
+    fn assigned(&self, folds: usize) -> Result<Vec<usize>, ValidationError> {
         let found = self.sizes.len();
         if found < 2 {
             return Err(ValidationError::TooFewGroups { found });
         }
-        let assigned = assign_groups(&self.sizes, folds)?;
         let mut fold_of = vec![0; found];
-        for (fold, groups) in assigned.iter().enumerate() {
+        for (fold, groups) in assign_groups(&self.sizes, folds)?.iter().enumerate() {
             groups.iter().for_each(|&group| fold_of[group] = fold);
         }
-        let mut blocks = vec![Block::default(); assigned.len()];
+        Ok(fold_of)
+    }
+
+    /// The rows of so many folds of groups.
+    fn folds(&self, data: &Dataset, fold_of: &[usize], folds: usize) -> Vec<Block> {
+        let mut blocks = vec![Block::default(); folds];
         for (_, block) in data.blocks() {
             let mut start = 0;
             for (label, rows) in &*block.labels {
@@ -112,125 +105,171 @@ impl LabelGroups {
                 start += rows;
             }
         }
-        Ok(blocks)
+        blocks
+    }
+
+    /// Every so-manieth row of each group, and its first, labelled by the fold of the group; there are so many at
+    /// most.
+    pub(super) fn every_nth_by_fold(
+        &self,
+        data: &Dataset,
+        (every, most): (usize, usize),
+    ) -> Result<Dataset, ValidationError> {
+        let fold_of = self.assigned(self.sizes.len().min(most))?;
+        let (mut data, mut seen) = (data.clone(), vec![0; fold_of.len()]);
+        for block in data.logs.iter_mut().flat_map(|log| &mut log.blocks) {
+            let mut few = Block { groups: Vec::new(), ..Block::clone(&block.rows) };
+            let mut keep = Vec::with_capacity(few.rows);
+            for (label, rows) in &*block.labels {
+                let group = self.places[label];
+                let first = seen[group];
+                seen[group] += rows;
+                keep.extend((first..seen[group]).map(|row| row % every == 0));
+                few.groups.push((fold_of[group].to_string(), *rows));
+            }
+            few.retain_rows(&keep);
+            *block = few.into();
+        }
+        Ok(data)
     }
 }
 
-/// The number of rows of each group.
-fn sizes(rows: &TrainingRows, groups: usize) -> Vec<u64> {
-    let mut sizes = vec![0; groups];
-    rows.groups.iter().for_each(|&group| sizes[group as usize] += 1);
-    sizes
-}
-
-/// The errors of `refit` on groups of labelled rows, each fold held out in turn, and on rows that are assigned at
-/// random.
-pub(super) fn cross_validate_by_refits(
+/// The errors of a model on groups of labelled rows, each fold held out in turn, and on rows that are assigned at
+/// random, unless they remember the rows before.
+pub(super) fn cross_validate(
     data: &Dataset,
     held_out: HeldOut,
     refit: &Refit<'_>,
 ) -> Result<CrossValidation, FitError> {
-    let (rows, labels) = TrainingRows::from_dataset(data);
-    let sizes = sizes(&rows, labels.len());
-    if labels.len() < 2 {
-        return Err(ValidationError::TooFewGroups { found: labels.len() }.into());
-    }
-    let folds = match held_out {
-        HeldOut::Folds(folds) => assign_groups(&sizes, folds)?,
-        _ if labels.len() <= MOST_ALONE => (0..labels.len()).map(|group| vec![group]).collect(),
-        _ => assign_groups(&sizes, FOLDS)?,
+    let groups = LabelGroups::new(data);
+    let count = groups.sizes.len();
+    let model = refit.options.model_of(data, refit.basis);
+    let are_alone = count <= MOST_ALONE && count * model.term_count().pow(2) <= MOST_NUMBERS;
+    let (folds, random_folds) = match held_out {
+        HeldOut::Folds(folds) => (folds, folds),
+        _ if are_alone => (count, RANDOM_FOLDS),
+        _ => (FOLDS, RANDOM_FOLDS),
     };
-    let (mut grouped, mut undetermined) = (ErrorVariances::default(), Vec::new());
-    let mut reason = None;
-    for fold in &folds {
-        let is_held_out = |row: usize| fold.contains(&(rows.groups[row] as usize));
-        match refit.without(&rows, is_held_out) {
-            Ok(errors) => grouped.merge(&errors),
-            Err(FitError::Interrupted) => return Err(FitError::Interrupted),
-            Err(error) => {
-                undetermined.extend(fold.iter().map(|&group| labels[group].clone()));
-                reason = Some(error);
-            }
-        }
-    }
-    if let Some(reason) = reason.filter(|_| undetermined.len() == labels.len()) {
-        return Err(reason);
-    }
-    let random = match held_out {
-        HeldOut::Folds(folds) => random_split(folds, refit.options.seed),
-        _ => random_split(RANDOM_FOLDS, refit.options.seed),
+    let fold_of = groups.assigned(folds)?;
+    let blocks = groups.folds(data, &fold_of, folds);
+    let errors = refit.errors_without_each(model, &blocks, folds)?;
+    let is_undetermined = |label: &&String| errors[fold_of[groups.places[*label]]].is_err();
+    let mut undetermined: Vec<&String> = groups.places.keys().filter(is_undetermined).collect();
+    undetermined.sort_unstable_by_key(|&label| groups.places[label]);
+    let undetermined = undetermined.into_iter().cloned().collect();
+    let random = match data.memory_terms() {
+        0 => parts_at_random(&rows_in_one(data), &random_split(random_folds, refit.options.seed)),
+        _ => Vec::new(),
     };
-    let columns: Vec<&[f64]> =
-        rows.readings.iter().chain(&rows.wrench).map(Vec::as_slice).collect();
-    let assigned = assign(&columns, rows.groups.len(), &random);
-    let of_assigned = |held_out: &Vec<usize>| {
-        let mut is_held_out = vec![false; rows.groups.len()];
-        held_out.iter().for_each(|&row| is_held_out[row] = true);
-        refit.without(&rows, |row| is_held_out[row])
-    };
-    let at_random: Result<Vec<ErrorVariances>, _> =
-        assigned.iter().filter(|rows| !rows.is_empty()).map(of_assigned).collect();
-    if at_random == Err(FitError::Interrupted) {
-        return Err(FitError::Interrupted);
-    }
-    let mut all = ErrorVariances::default();
-    at_random.iter().flatten().for_each(|errors| all.merge(errors));
+    let at_random = random.len().saturating_sub(1);
+    let random = refit.errors_without_each(model, &random, at_random)?;
+    let random: Result<Vec<_>, FitError> = random.into_iter().collect();
     Ok(CrossValidation {
-        groups: labels.len(),
-        folds: folds.len(),
-        rows: rows.groups.len() as u64,
+        groups: count,
+        folds,
+        rows: groups.sizes.iter().sum(),
         undetermined,
-        grouped: grouped.quality(),
-        random_folds: assigned.len(),
-        random: at_random.ok().filter(|folds| !folds.is_empty()).map(|_| all.quality()),
+        grouped: quality(errors)?,
+        random_folds: at_random,
+        random: random
+            .ok()
+            .filter(|folds| !folds.is_empty())
+            .and_then(|folds| quality(folds.into_iter().map(Ok).collect()).ok()),
     })
 }
 
+/// The parts of the rows that are held out at random, and all others.
+fn parts_at_random(all: &Block, split: &RandomSplit) -> Vec<Block> {
+    let columns: Vec<&[f64]> = all.readings.iter().chain(&all.wrench).map(Vec::as_slice).collect();
+    let mut parts = assign(&columns, all.rows, split);
+    parts.retain(|rows| !rows.is_empty());
+    let mut part_of = vec![parts.len(); all.rows];
+    for (part, rows) in parts.iter().enumerate() {
+        rows.iter().for_each(|&row| part_of[row] = part);
+    }
+    let part = |part: usize| {
+        let mut block = all.clone();
+        block.retain_rows(&part_of.iter().map(|&of| of == part).collect::<Vec<_>>());
+        block
+    };
+    (0..=parts.len()).map(part).collect()
+}
+
+/// What all folds say that a fit could be made without, or why there are none.
+fn quality(
+    folds: Vec<Result<PerAxis<HeldOutErrors>, FitError>>,
+) -> Result<PerAxis<HeldOutQuality>, FitError> {
+    let (mut all, mut reason) = (PerAxis::<HeldOutErrors>::default(), None);
+    for fold in folds {
+        match fold {
+            Ok(errors) => all.iter_mut().zip(&errors).for_each(|(all, fold)| all.merge(fold)),
+            Err(error) => reason = Some(error),
+        }
+    }
+    match reason.filter(|_| all[0].rows == 0) {
+        Some(reason) => Err(reason),
+        None => Ok(all.map(|errors| HeldOutQuality { rms: errors.rms(), bias: errors.bias() })),
+    }
+}
+
 impl Refit<'_> {
-    /// The errors on the rows that are held out, of a fit without them.
-    fn without(
+    /// The errors on each of the first blocks, of a fit to all others: from R factors of the blocks, if the solver weighs
+    /// rows alike, and if they have the digits for it.
+    fn errors_without_each(
         &self,
-        rows: &TrainingRows,
-        is_held_out: impl Fn(usize) -> bool,
-    ) -> Result<ErrorVariances, FitError> {
-        let all = 0..rows.groups.len();
-        let (held_out, kept): (Vec<usize>, Vec<usize>) = all.partition(|&row| is_held_out(row));
-        let FitOptions { intercept, solver, truncate, workers, .. } = *self.options;
-        let channels = rows.readings.len();
-        let problem = PolynomialProblem {
-            model: Model { basis: self.basis, intercept, channels, memory: 0 },
-            solver,
-            ridge: self.ridge,
-            truncate,
+        model: Model,
+        blocks: &[Block],
+        held_out: usize,
+    ) -> Result<Vec<Result<PerAxis<HeldOutErrors>, FitError>>, FitError> {
+        let FitOptions { solver, truncate, workers, .. } = *self.options;
+        let sample = sample(blocks);
+        let scaling = Scaling::from_sample(&sample.readings, true);
+        let factor = |block: &Block| {
+            let mut rows = FactoredRows::new(model, scaling.clone());
+            let mut workspace = rows.workspace();
+            rows.absorb(block, &mut workspace)?;
+            Ok((String::new(), rows))
         };
-        let kept: Vec<Block> = kept.chunks(BLOCK_ROWS).map(|places| rows.block(places)).collect();
-        let sample = sample(&kept);
-        let calibration = calibrate(&problem, &Rows::from_blocks(&kept, workers), &sample)?;
-        Ok(ErrorVariances::new(&calibration, &rows.block(&held_out)))
+        let folds = match solver {
+            SolverKind::Huber => None,
+            _ => Some(FactoredGroups { groups: map(blocks, 0, workers, factor)? }),
+        };
+        let others = folds.as_ref().and_then(FactoredGroups::without_each);
+        let method = r_factor_method(solver, truncate);
+        let by_r_factors = |place: usize| {
+            let rest = others.as_ref()?[place].solve_by(method, &model, self.ridge).ok()?;
+            folds.as_ref()?.groups[place].1.errors(&rest)
+        };
+        let refit = |place: usize| {
+            let one = Workers { threads: 1, ..workers };
+            let kept = blocks.iter().enumerate().filter(|(at, _)| *at != place);
+            let rows = Rows::from_blocks(kept.map(|(_, block)| block), one);
+            let problem = PolynomialProblem { model, solver, ridge: self.ridge, truncate };
+            let calibration = calibrate(&problem, &rows, &sample)?;
+            Ok(errors_on(&calibration, &blocks[place]))
+        };
+        let errors = |&place: &usize| match by_r_factors(place) {
+            Some(errors) => Ok(Ok(errors)),
+            None => match refit(place) {
+                Err(FitError::Interrupted) => Err(FitError::Interrupted),
+                errors => Ok(errors),
+            },
+        };
+        map(&(0..held_out).collect::<Vec<_>>(), 0, workers, errors)
     }
 }
 
 /// Predicted less measured, over rows.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct ErrorVariances(PerAxis<RunningVariance>);
-
-impl ErrorVariances {
-    fn new(calibration: &Calibration, block: &Block) -> Self {
-        let mut predicted = PerAxis::default();
-        calibration.wrench(&block.readings, &mut predicted);
-        Self(std::array::from_fn(|axis| {
-            let pairs = predicted[axis].iter().zip(&block.wrench[axis]);
-            let errors: Vec<f64> =
-                pairs.map(|(predicted, measured)| predicted - measured).collect();
-            RunningVariance::new(&errors)
-        }))
-    }
-
-    fn merge(&mut self, other: &Self) {
-        self.0.iter_mut().zip(&other.0).for_each(|(all, part)| all.merge(part));
-    }
-
-    fn quality(&self) -> PerAxis<HeldOutQuality> {
-        self.0.map(|errors| HeldOutQuality { rms: errors.rms(), bias: errors.mean })
-    }
+fn errors_on(calibration: &Calibration, block: &Block) -> PerAxis<HeldOutErrors> {
+    let mut predicted = PerAxis::default();
+    calibration.wrench(&block.readings, &mut predicted);
+    std::array::from_fn(|axis| {
+        let pairs = predicted[axis].iter().zip(&block.wrench[axis]);
+        let mut errors = HeldOutErrors { rows: block.rows as u64, ..HeldOutErrors::default() };
+        for error in pairs.map(|(predicted, measured)| predicted - measured) {
+            errors.sum += error;
+            errors.squares += error * error;
+        }
+        errors
+    })
 }

@@ -5,7 +5,6 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use super::PhysicsError;
 use super::inversion::Estimates;
 use super::observations::{Observation, group_means};
-use shell_data::block::Block;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::PerAxis;
 
@@ -54,17 +53,6 @@ impl TrainingRows {
             }
         }
         (rows, labels)
-    }
-
-    /// Some of the rows.
-    pub(crate) fn block(&self, places: &[usize]) -> Block {
-        let pick = |column: &Vec<f64>| places.iter().map(|&place| column[place]).collect();
-        Block {
-            rows: places.len(),
-            readings: self.readings.iter().map(pick).collect(),
-            wrench: self.wrench.iter().map(pick).collect(),
-            ..Block::default()
-        }
     }
 
     /// Number of groups.

@@ -12,7 +12,7 @@
 use super::cholesky::Cholesky;
 use super::data::Data;
 use super::response::{PARAMETERS, Parameters, SHAPE, displacement};
-use super::sums::ResidualSums;
+use super::sums::SensorSums;
 
 /// Values of ν to start from, on either side of the logistic curve's 1.
 const STARTS: [f64; 2] = [0.7, 1.6];
@@ -106,8 +106,7 @@ impl Data<'_> {
     }
 
     pub(super) fn cost(&self, p: &Parameters, prior: &Prior) -> Cost {
-        let ResidualSums { mut information, mut descent, cost: mut value } =
-            ResidualSums::new(p, self);
+        let SensorSums { mut information, mut descent, cost: mut value } = SensorSums::new(p, self);
         for i in 0..PARAMETERS {
             let (precision, off) = (prior.sd[i].powi(-2), prior.mean[i] - p[i]);
             information[i][i] += precision;

@@ -16,7 +16,7 @@ const TRIANGLE: usize = PARAMETERS * (PARAMETERS + 1) / 2;
 
 /// Of the residuals `r = y − f` with their weights and gradients `g = df/dp`.
 #[derive(Clone, Debug)]
-pub(super) struct ResidualSums {
+pub(super) struct SensorSums {
     /// `Σ weight·g·gᵀ`, lower triangle.
     pub(super) information: [Parameters; PARAMETERS],
     /// `Σ weight·r·g`.
@@ -25,7 +25,7 @@ pub(super) struct ResidualSums {
     pub(super) cost: f64,
 }
 
-impl ResidualSums {
+impl SensorSums {
     /// At the parameters `p`.
     pub(super) fn new(p: &Parameters, data: &Data<'_>) -> Self {
         arch().dispatch(SumsOf { p, data })
@@ -111,10 +111,10 @@ impl<S: Simd> CurveRows<S> {
 }
 
 impl WithSimd for SumsOf<'_> {
-    type Output = ResidualSums;
+    type Output = SensorSums;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> ResidualSums {
+    fn with_simd<S: Simd>(self, simd: S) -> SensorSums {
         let Self { p, data } = self;
         let shape = (libm::exp(p[SHAPE + 1]), libm::exp(p[SHAPE + 2]));
         let mut information = [[0.0; MOST_LANES]; TRIANGLE];
@@ -140,7 +140,7 @@ impl WithSimd for SumsOf<'_> {
             }
         }
         let sum = |lanes: &[f64; MOST_LANES]| lanes.iter().sum::<f64>();
-        let mut sums = ResidualSums {
+        let mut sums = SensorSums {
             information: [[0.0; PARAMETERS]; PARAMETERS],
             descent: descent.each_ref().map(sum),
             cost: sum(&cost),
@@ -222,7 +222,7 @@ mod tests {
         let wrench = std::array::from_fn(column);
         let (readings, weights) = (column(7), pad(vec![2.0; rows]));
         let data = Data { wrench: &wrench, readings: &readings, rows, weights };
-        let found = ResidualSums::new(&p, &data);
+        let found = SensorSums::new(&p, &data);
         let (mut cost, mut information, mut descent) = (0.0, 0.0, 0.0);
         for row in 0..rows {
             let x = std::array::from_fn(|axis| wrench[axis][row]);

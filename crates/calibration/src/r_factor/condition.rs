@@ -129,7 +129,8 @@ mod tests {
 
     #[test]
     fn equal_singular_values_settle_and_a_zero_is_left_to_others() {
-        assert_eq!(extreme_singular_values(&Mat::identity(200, 200)), Some([1.0, 1.0]));
+        let equal = extreme_singular_values(&Mat::identity(200, 200)).unwrap();
+        assert!(equal.iter().all(|value| (value - 1.0).abs() < 1e-13), "{equal:?}");
         let mut singular = upper(200, 0.1, 7);
         singular[(120, 120)] = 0.0;
         assert_eq!(extreme_singular_values(&singular), None);

@@ -60,8 +60,12 @@ pub(super) fn held_out_intervals_factored(
     (method, ridge): (Method, f64),
     workers: Workers<'_>,
 ) -> Option<GroupIntervals> {
+    if rows.groups.len() > MOST_GROUPS {
+        return None;
+    }
+    let others = rows.without_each()?;
     of_scores(rows.groups.len(), workers, |group| {
-        let rest = rows.without(Some(group))?;
+        let rest = &others[group];
         let solution = rest.solve_by(method, model, ridge).ok()?;
         let scatter = rows.scatter(&solution, Some(group)).ok()?;
         let new = rows.on_new_group(group, &solution, &scatter)?;
@@ -79,10 +83,9 @@ pub(super) fn held_out_intervals_of_files(
     (method, ridge): (Method, f64),
     workers: Workers<'_>,
 ) -> Option<GroupIntervals> {
-    let of_files = rows.merged(files);
+    let others = rows.merged(files).without_each()?;
     let of_file = |file: usize| {
-        let rest = of_files.without(Some(file))?;
-        let fit = rest.solve_by(method, &solution.model, ridge).ok()?;
+        let fit = others[file].solve_by(method, &solution.model, ridge).ok()?;
         let score = |group: usize| {
             let errors = rows.groups[group].1.errors(&fit)?;
             let variance = rows.variance(group, solution, scatter)?;

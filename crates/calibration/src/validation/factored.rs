@@ -1,13 +1,11 @@
 //! Errors on groups that were held out, and the choice of a model, from [R factors](crate::factored).
-//!
-//! The R factor of all other folds is put together from theirs, from both ends on: nothing is taken away from
-//! anything, and no fold is merged more than four times.
 
 use super::ValidationError;
 use super::cross_validation::{CrossValidation, HeldOutQuality, assign_groups};
 use super::selection::{ErrorsByRidge, FOLDS, Selection, choose};
 use crate::exact::HeldOutErrors;
 use crate::factored::{FactoredGroups, FactoredRows};
+use crate::least_squares::Method;
 use crate::model::{Basis, Model};
 use shell_data::wrench::PerAxis;
 
@@ -25,7 +23,7 @@ struct Fold {
 pub fn cross_validate(
     rows: &FactoredGroups,
     model: &Model,
-    ridge: f64,
+    (method, ridge): (Method, f64),
     folds: Option<usize>,
 ) -> Result<CrossValidation, ValidationError> {
     let assigned = match folds {
@@ -36,7 +34,8 @@ pub fn cross_validate(
     let mut all = PerAxis::<HeldOutErrors>::default();
     let (mut undetermined, mut reason) = (Vec::new(), None);
     for fold in &folds {
-        let errors = fold.rest.solve(model, ridge).map(|solution| fold.held_out.errors(&solution));
+        let solution = fold.rest.solve_by(method, model, ridge);
+        let errors = solution.map(|solution| fold.held_out.errors(&solution));
         match errors {
             Ok(errors) => {
                 let errors = errors.into_iter().flatten();
@@ -101,38 +100,14 @@ fn sizes(rows: &FactoredGroups) -> Vec<u64> {
 
 /// The rows of each fold of groups and of all others.
 fn parted(rows: &FactoredGroups, assigned: Vec<Vec<usize>>) -> Result<Vec<Fold>, ValidationError> {
-    if rows.groups.len() < 2 {
-        return Err(too_few(rows));
-    }
-    let merged = |all: Option<&FactoredRows>, more: &FactoredRows| match all {
-        Some(all) => {
-            let mut all = all.clone();
-            all.merge(more);
-            all
-        }
-        None => more.clone(),
+    let merged = |groups: &Vec<usize>| {
+        let mut parts = groups.iter().map(|&group| &rows.groups[group].1);
+        let mut all = parts.next()?.clone();
+        parts.for_each(|part| all.merge(part));
+        Some((String::new(), all))
     };
-    let of_fold = |groups: &Vec<usize>| {
-        let parts = groups.iter().map(|&group| &rows.groups[group].1);
-        parts.fold(None, |all: Option<FactoredRows>, part| Some(merged(all.as_ref(), part)))
-    };
-    let parts: Vec<FactoredRows> = assigned.iter().filter_map(of_fold).collect();
-    // What is after each fold, from the last on.
-    let mut after: Vec<Option<FactoredRows>> = vec![None];
-    for part in parts.iter().skip(1).rev() {
-        let last = after.last().and_then(Option::as_ref);
-        after.push(Some(last.map_or_else(|| part.clone(), |last| merged(Some(part), last))));
-    }
-    let mut before: Option<FactoredRows> = None;
-    let mut folds = Vec::with_capacity(parts.len());
-    for (groups, held_out) in assigned.into_iter().zip(parts) {
-        let rest = match (&before, after.pop().flatten()) {
-            (None, rest) => rest,
-            (Some(before), None) => Some(before.clone()),
-            (Some(before), Some(after)) => Some(merged(Some(before), &after)),
-        };
-        before = Some(merged(before.as_ref(), &held_out));
-        folds.push(Fold { groups, held_out, rest: rest.ok_or_else(|| too_few(rows))? });
-    }
-    Ok(folds)
+    let folds = FactoredGroups { groups: assigned.iter().filter_map(merged).collect() };
+    let others = folds.without_each().ok_or_else(|| too_few(rows))?;
+    let of_fold = |((groups, (_, held_out)), rest)| Fold { groups, held_out, rest };
+    Ok(assigned.into_iter().zip(folds.groups).zip(others).map(of_fold).collect())
 }

@@ -15,7 +15,6 @@ use faer::linalg::solvers::Solve;
 use faer::{Accum, Mat, MatRef, Par, Side};
 
 use super::ValidationError;
-use super::cross_validation::{CrossValidation, HeldOutQuality};
 use super::selection::{ErrorsByRidge, Selection, choose};
 use crate::exact::HeldOutErrors;
 use crate::features::Features;
@@ -193,31 +192,6 @@ impl<'a> HeldOutFolds<'a> {
             Ok(is_small.then(|| self.errors_of(basis)))
         };
         choose(model, ridges, &variances(self.blocks), errors_of)
-    }
-
-    /// The errors of the model on the folds, of so many groups. None are assigned at random.
-    ///
-    /// # Errors
-    /// [`ValidationError`] if it cannot be fitted without one of them.
-    pub(crate) fn cross_validate(
-        &self,
-        ridge: f64,
-        groups: usize,
-    ) -> Result<CrossValidation, ValidationError> {
-        let folds = self.errors_of(self.model.basis)(ridge)?.ok_or(ValidationError::NoModel)?;
-        let mut all = PerAxis::<HeldOutErrors>::default();
-        for errors in &folds {
-            all.iter_mut().zip(errors).for_each(|(all, errors)| all.merge(errors));
-        }
-        Ok(CrossValidation {
-            groups,
-            folds: folds.len(),
-            rows: all[0].rows,
-            undetermined: Vec::new(),
-            grouped: all.map(|errors| HeldOutQuality { rms: errors.rms(), bias: errors.bias() }),
-            random_folds: 0,
-            random: None,
-        })
     }
 }
 

@@ -3,9 +3,9 @@
 //! `K_g` and `u_g` of a group come from its sums `A_g` and `s_g = B_g − A_g·C`. In `f64` but for the scores,
 //! which cancel: errors of about κ(X)²·2⁻⁵³ in a variance.
 
+use super::double_double_matrix::DoubleDoubleMatrix;
 use super::fit::SolveError;
 use super::partition::{PartitionedMoments, counted_coefficients};
-use super::symmetric::Symmetric;
 use crate::exact::moments::product_sums::Moments;
 use crate::sandwich::{ClusterShare, GroupScatter, ScatterError, ScatterSums};
 use crate::symmetric::UpperTriangle;
@@ -50,7 +50,7 @@ impl PartitionedMoments<'_> {
         let mut sums = ScatterSums::new(groups.len(), size, fit.residual_products);
         for (place, group) in groups.iter().enumerate() {
             let part = scales.part(&group.in_units_of(self.total));
-            let gram = Symmetric::new(part.gram.iter().copied(), &scales.columns);
+            let gram = DoubleDoubleMatrix::new(part.gram.iter().copied(), &scales.columns);
             let errors = scales.errors(&part, &coefficients);
             let share = counted.congruence(&gram.rounded());
             let score = gram.residual(&part.right, &coefficients);

@@ -17,9 +17,9 @@
 use pulp::NullaryFnOnce;
 
 use super::cholesky::{AxisRow, Bordered, ElementLanes, LANES};
+use super::double_double_matrix::DoubleDoubleMatrix;
 use super::fit::{ExactFit, SolveError};
 use super::partition::{EquationScales, PartMoments, PartitionedMoments, counted_coefficients};
-use super::symmetric::Symmetric;
 use crate::double_double::DoubleDouble;
 use crate::exact::moments::product_sums::Moments;
 use crate::exact::moments::rounding::power_of_two;
@@ -129,7 +129,7 @@ impl EquationScales {
     /// ScaledIntegers coefficients without the part; `None` if they are not sure to ten digits.
     fn solve(&self, all: &PartMoments, part: &PartMoments, ridge: f64) -> Option<Vec<AxisRow>> {
         let rest = all.gram.iter().zip(&part.gram).map(|(all, part)| all.wrapping_sub(*part));
-        let mut gram = Symmetric::new(rest, &self.columns);
+        let mut gram = DoubleDoubleMatrix::new(rest, &self.columns);
         for (a, term) in self.terms.iter().enumerate() {
             if ridge > 0.0 && *term != Term::INTERCEPT {
                 let square = gram.diagonal_mut(a);
@@ -166,7 +166,7 @@ impl EquationScales {
 }
 
 /// The solution by a factor in double-double; `None` if it is not sure to ten digits.
-fn solve_wide(gram: &Symmetric, right: &[AxisRow]) -> Option<Vec<AxisRow>> {
+fn solve_wide(gram: &DoubleDoubleMatrix, right: &[AxisRow]) -> Option<Vec<AxisRow>> {
     let size = right.len();
     let mut bordered = Bordered::zero(size, 6);
     for (a, right) in right.iter().enumerate() {

@@ -2,6 +2,7 @@
 //! coefficients from group to group.
 
 pub(crate) mod cholesky;
+mod double_double_matrix;
 mod equations;
 pub(crate) mod fit;
 pub(crate) mod group_scatter;
@@ -13,7 +14,6 @@ pub(crate) mod partition;
 pub(crate) mod rank;
 mod scales;
 mod solver;
-mod symmetric;
 
 pub use self::fit::{ExactFit, SolveError};
 pub use self::group_scatter::GroupScatterError;

@@ -3,10 +3,10 @@
 //! With `T·Tᵀ` the covariance of the coefficients of an axis, the mean over the rows of a group of the variance
 //! that they bring is `tr(TᵀA_gT)/n`; its errors are as in [`held_out`](super::held_out).
 
+use super::double_double_matrix::DoubleDoubleMatrix;
 use super::fit::SolveError;
 use super::held_out::HeldOutErrors;
 use super::partition::{PartitionedMoments, counted_coefficients};
-use super::symmetric::Symmetric;
 use crate::exact::moments::product_sums::Moments;
 use crate::sandwich::GroupScatter;
 use crate::symmetric::UpperTriangle;
@@ -42,7 +42,8 @@ impl PartitionedMoments<'_> {
         });
         let of_group = |group: &&Moments| {
             let part = scales.part(&group.in_units_of(self.total));
-            let gram = Symmetric::new(part.gram.iter().copied(), &scales.columns).rounded();
+            let gram =
+                DoubleDoubleMatrix::new(part.gram.iter().copied(), &scales.columns).rounded();
             let rows = part.rows.max(1) as f64;
             let variance =
                 factors.each_ref().map(|factor| factor.trace_with(&gram).max(0.0) / rows);

@@ -15,7 +15,7 @@ use super::choices::one_of;
 use super::figure_size::FigureSize;
 use super::frames::FrameArgs;
 use super::mapping::{FORMATS, MappingArgs, TIME_UNITS, parse_column};
-use super::partial_output::OutputTarget;
+use super::partial_output::OpenOutput;
 use crate::files::{InputPath, OutputPath};
 use crate::hints;
 use crate::outcome::Outcome;
@@ -143,7 +143,7 @@ impl AlignArgs {
         let (reference_mapping, log_mapping) = self.mappings();
         let reference = Log::open(&self.reference, &reference_mapping)?;
         let log = Log::open(&self.log, &log_mapping)?;
-        let mut output = OutputTarget::create(self.output.as_ref(), outputs)?;
+        let mut output = OpenOutput::create(self.output.as_ref(), outputs)?;
         let plot = self.figure_size.create(self.plot.as_ref(), outputs)?;
 
         let rows = self.frames.rows(&log);

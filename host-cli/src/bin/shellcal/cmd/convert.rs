@@ -23,7 +23,7 @@ use super::edited::EditedArg;
 use super::figure_size::FigureSize;
 use super::frames::{ForceArgs, FrameArgs};
 use super::mapping::{ColumnList, MappingArgs, parse_columns, tell_remembered};
-use super::partial_output::OutputTarget;
+use super::partial_output::OpenOutput;
 use super::payload::load::MotionArgs;
 use crate::files::{InputPath, OutputPath, OutputPlace};
 use crate::outcome::Outcome;
@@ -199,10 +199,10 @@ impl ConvertArgs {
         let mut plan = OutputPlan::default();
         (plan.keep_texts, plan.keep) = self.kept(log)?;
         let mut out = match target {
-            None => OutputTarget::Stdout,
+            None => OpenOutput::Stdout,
             Some(path) => {
                 plan.format = OutputFormat::from_path(path, &self.frame())?;
-                OutputTarget::File(outputs.create(path)?)
+                OpenOutput::File(outputs.create(path)?)
             }
         };
         let summary = printer.scan(log, conversion.read, |read| {

@@ -17,7 +17,7 @@ use shellcal::workflow::merge;
 use super::choices::{self, COVARIANCES, one_of};
 use super::edited::EditedArg;
 use super::origin;
-use super::partial_output::OutputTarget;
+use super::partial_output::OpenOutput;
 use super::quality::table_row;
 use super::validation::{print_cross_validation, print_selection};
 use crate::files::{InputOrStdin, OutputOrStdout, OutputPath};
@@ -141,12 +141,12 @@ impl MergeArgs {
     pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let output = self.output.as_ref().map(|path| outputs.create(path)).transpose()?;
         let partial = self.partial.as_ref();
-        let destination = partial.map(|path| OutputTarget::open(path, printer, outputs));
+        let destination = partial.map(|path| OpenOutput::open(path, printer, outputs));
         let destination = destination.transpose()?;
         let merged = self.merged(printer)?;
         let sum = merged.sum.as_ref().context("no partial fits were given")?;
         if let Some(destination) = destination {
-            let to_stdout = matches!(destination, OutputTarget::Stdout);
+            let to_stdout = matches!(destination, OpenOutput::Stdout);
             destination.write(sum, printer)?;
             self.report(printer, &merged, sum, None, to_stdout)?;
             return Ok(Outcome::Done);

@@ -9,12 +9,12 @@ use crate::files::{OutputOrStdout, OutputPath};
 use crate::printer::Printer;
 
 /// A destination that is open before the work begins.
-pub(super) enum OutputTarget {
+pub(super) enum OpenOutput {
     File(AtomicFile),
     Stdout,
 }
 
-impl OutputTarget {
+impl OpenOutput {
     pub(super) fn open(
         path: &OutputOrStdout,
         printer: &Printer,
@@ -53,7 +53,7 @@ impl OutputTarget {
     }
 }
 
-impl Write for OutputTarget {
+impl Write for OpenOutput {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         match self {
             Self::File(file) => file.write(bytes),

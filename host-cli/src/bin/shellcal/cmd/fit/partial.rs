@@ -10,7 +10,7 @@ use shellcal::workflow::remark::absent_axes;
 
 use super::super::mapping::open_logs;
 use super::super::origin;
-use super::super::partial_output::OutputTarget;
+use super::super::partial_output::OpenOutput;
 use super::FitArgs;
 use crate::files::OutputOrStdout;
 use crate::printer::Printer;
@@ -38,7 +38,7 @@ impl FitArgs {
                 anyhow::bail!("`--partial` is for polynomials in the readings: physics has no sums")
             }
         };
-        let destination = OutputTarget::open(path, printer, outputs)?;
+        let destination = OpenOutput::open(path, printer, outputs)?;
         let options = PartialOptions {
             basis,
             intercept: !self.no_intercept,

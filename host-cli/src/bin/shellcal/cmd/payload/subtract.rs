@@ -17,7 +17,7 @@ use shellcal::workflow::selection::RowFilter;
 use super::load::MotionArgs;
 use crate::cmd::frames::ForceArgs;
 use crate::cmd::mapping::MappingArgs;
-use crate::cmd::partial_output::OutputTarget;
+use crate::cmd::partial_output::OpenOutput;
 use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
@@ -84,7 +84,7 @@ impl SubtractArgs {
             full_scale: None,
         };
         let plan = OutputPlan { format, ..OutputPlan::default() };
-        let mut out = OutputTarget::create(self.output.as_ref(), outputs)?;
+        let mut out = OpenOutput::create(self.output.as_ref(), outputs)?;
         let (calibration, options) = (&calibration, &options);
         let summary = printer.scan(&log, read, |read| {
             let conversion = Conversion { log: &log, calibration, options, read };

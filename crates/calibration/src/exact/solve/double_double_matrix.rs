@@ -21,7 +21,7 @@ use shell_data::instructions::arch;
 
 /// A symmetric matrix.
 #[derive(Clone, Debug)]
-pub(crate) struct Symmetric {
+pub(crate) struct DoubleDoubleMatrix {
     size: usize,
     /// The upper triangle, row by row.
     upper: Vec<DoubleDouble>,
@@ -35,7 +35,7 @@ const SLOWEST: f64 = 1.0 / 1024.0;
 const DONE: f64 = 1.0 / (1u128 << 72) as f64;
 const MOST_ROUNDS: usize = 6;
 
-impl Symmetric {
+impl DoubleDoubleMatrix {
     /// Integers, row by row of the upper triangle, divided by two to the sum of the exponents of row
     /// and column.
     pub(crate) fn new(upper: impl Iterator<Item = i128>, exponents: &[i32]) -> Self {
@@ -113,7 +113,7 @@ impl Symmetric {
 }
 
 struct ExactResidual<'a> {
-    matrix: &'a Symmetric,
+    matrix: &'a DoubleDoubleMatrix,
     b: &'a [AxisRow],
     x: &'a [AxisRow],
 }
@@ -147,7 +147,7 @@ mod tests {
     use super::*;
 
     /// The Hilbert matrix of `size` over its common denominator: integers.
-    fn hilbert(size: usize) -> Symmetric {
+    fn hilbert(size: usize) -> DoubleDoubleMatrix {
         let common = (1..2 * size as i128).fold(1, |lcm, n| {
             let gcd = |mut a: i128, mut b: i128| {
                 while b != 0 {
@@ -158,10 +158,10 @@ mod tests {
             lcm / gcd(lcm, n) * n
         });
         let upper = (0..size).flat_map(|i| (i..size).map(move |j| common / (i + j + 1) as i128));
-        Symmetric::new(upper, &vec![0; size])
+        DoubleDoubleMatrix::new(upper, &vec![0; size])
     }
 
-    fn row_sums(matrix: &Symmetric) -> Vec<AxisRow> {
+    fn row_sums(matrix: &DoubleDoubleMatrix) -> Vec<AxisRow> {
         let sum = |i| (0..matrix.size).map(|j| matrix.get(i, j)).sum();
         (0..matrix.size).map(|i| [sum(i); LANES]).collect()
     }
@@ -186,7 +186,7 @@ mod tests {
     fn an_indefinite_matrix_and_one_of_zeros_have_no_solution_here() {
         let b = vec![[DoubleDouble::ONE; LANES]; 2];
         for upper in [[1, 2, 1], [0, 0, 0]] {
-            assert!(Symmetric::new(upper.into_iter(), &[0, 0]).solve(&b).is_none());
+            assert!(DoubleDoubleMatrix::new(upper.into_iter(), &[0, 0]).solve(&b).is_none());
         }
     }
 }
