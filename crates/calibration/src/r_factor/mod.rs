@@ -22,6 +22,7 @@ mod householder;
 mod outcome;
 mod solve;
 
+pub(crate) use self::condition::extreme_singular_values;
 pub use self::factor::RFactor;
 pub use self::householder::Workspace;
 pub use self::outcome::{LeastSquares, LeastSquaresError, Ridge};

@@ -8,9 +8,6 @@ use super::factor::RFactor;
 use super::householder::{Workspace, contiguous};
 use super::outcome::{LeastSquares, LeastSquaresError, Ridge};
 
-/// Features of which all singular values are soon found.
-const FEW_FEATURES: usize = 100;
-
 /// Singular values of a matrix, and how many are not zero.
 struct Spectrum {
     smallest: f64,
@@ -114,21 +111,20 @@ impl RFactor {
         })
     }
 
-    /// What singular values say of the equilibrated `R`: of many columns the two that matter, if they leave no doubt.
+    /// What singular values say of the equilibrated `R`. All are needed only where one may be zero.
     fn spectrum(&self, equilibrated: &Mat<f64>) -> Result<Spectrum, LeastSquaresError> {
-        let is_clear =
-            |[smallest, largest]: &[f64; 2]| *smallest > 100.0 * self.rounding() * largest;
-        let extremes = (self.features > FEW_FEATURES)
-            .then(|| extreme_singular_values(equilibrated).filter(is_clear))
-            .flatten();
-        if let Some([smallest, largest]) = extremes {
-            return Ok(Spectrum { smallest, largest, rank: self.features });
-        }
-        let all = equilibrated.singular_values().map_err(|_| LeastSquaresError::NotFinite)?;
-        let largest = all.first().copied().unwrap_or(0.0);
+        let extremes = extreme_singular_values(equilibrated);
+        let [smallest, largest] = extremes.ok_or(LeastSquaresError::NotFinite)?;
         let tolerance = self.rounding() * largest;
-        let rank = all.iter().filter(|&&s| s > tolerance).count();
-        Ok(Spectrum { smallest: all.last().copied().unwrap_or(largest), largest, rank })
+        let rank = match smallest > 100.0 * tolerance {
+            true => self.features,
+            false => {
+                let all = equilibrated.singular_values();
+                let all = all.map_err(|_| LeastSquaresError::NotFinite)?;
+                all.iter().filter(|&&value| value > tolerance).count()
+            }
+        };
+        Ok(Spectrum { smallest, largest, rank })
     }
 
     /// What rounding leaves of a singular value that is zero, as a share of the largest: roundings

@@ -13,6 +13,7 @@ use crate::exact::moments::product_sums::Moments;
 use crate::exact::moments::rounding::power_of_two;
 use crate::exact::moments::rounding::{integer, round, round_scaled, shifted};
 use crate::model::{Model, Term};
+use crate::r_factor::extreme_singular_values;
 use shell_data::wrench::PerAxis;
 
 /// Condition numbers from which the error of Cholesky, κ²·2⁻¹⁰⁴, may show in the last place of a
@@ -307,13 +308,8 @@ fn condition(cholesky: &Bordered) -> f64 {
             r[(i, j)] = x / norm;
         }
     }
-    match r.singular_values() {
-        Ok(values) => match (values.first(), values.last()) {
-            (Some(largest), Some(smallest)) => six_digits(largest / smallest),
-            _ => 1.0,
-        },
-        Err(_) => f64::INFINITY,
-    }
+    extreme_singular_values(&r)
+        .map_or(f64::INFINITY, |[smallest, largest]| six_digits(largest / smallest))
 }
 
 fn six_digits(number: f64) -> f64 {
