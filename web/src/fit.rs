@@ -75,7 +75,8 @@ impl FitRequest {
             },
         );
         let found = fitted.outliers.as_ref().and_then(|found| found.as_ref().ok());
-        let named = found.map(|found| NamedOutliers::new(found.clone(), &train, &data.wanted));
+        let named =
+            found.map(|found| NamedOutliers::new(found.clone(), &train, &data.train, &data.wanted));
         let named: Option<NamedOutliers> = named.transpose()?;
         let mut remarks = about_fit(&fitted);
         remarks.extend(named.iter().flat_map(NamedOutliers::remarks));

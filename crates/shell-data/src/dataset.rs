@@ -35,6 +35,18 @@ pub struct ReadSummary {
     pub skipped_rows: u64,
     /// The checksum of the file on disk, if asked for.
     pub checksum: Option<String>,
+    /// Lines of text after the head.
+    pub lines: u64,
+    /// Of each block with a row on every line, its place and the lines after the head that are before it; by place.
+    pub lines_before: Vec<(u64, u64)>,
+}
+
+impl ReadSummary {
+    /// The lines after the head that are before a row of the block at a place; `None` where that has lines without rows.
+    pub fn lines_before(&self, place: u64, row: usize) -> Option<u64> {
+        let found = self.lines_before.binary_search_by_key(&place, |&(place, _)| place).ok()?;
+        Some(self.lines_before[found].1 + row as u64)
+    }
 }
 
 /// Rows of readings and wrench in memory, log by log.

@@ -6,6 +6,7 @@ use super::remark::Remark;
 use calibration::fit::{Outlier, OutlierColumn, Outliers, Reason, RowName};
 use log_file::{Column, Log, LogError, Meaning, MomentUnit, Wanted};
 use serde::Serialize;
+use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, Axis};
 
 /// As many rows as a report lists: more would hide what else is said.
@@ -45,16 +46,22 @@ pub struct NamedOutliers {
 }
 
 impl NamedOutliers {
-    /// Names the rows that were found in `logs`, which were read as `wanted`.
+    /// Names the rows that were found in `logs`, which were `read` as `wanted`.
     ///
     /// # Errors
     /// [`LogError`] if a log can no longer be read.
-    pub fn new(found: Outliers, logs: &[Log], wanted: &Wanted) -> Result<Self, LogError> {
+    pub fn new(
+        found: Outliers,
+        logs: &[Log],
+        read: &Dataset,
+        wanted: &Wanted,
+    ) -> Result<Self, LogError> {
         let mut names = Vec::new();
         for of_log in found.rows.chunk_by(|a, b| a.log == b.log) {
-            let log = &logs[of_log[0].log];
+            let (log, summary) = (&logs[of_log[0].log], &read.logs[of_log[0].log].summary);
             let rows: Vec<_> = of_log.iter().map(|row| (row.place, row.row)).collect();
-            names.extend(log.lines_of_rows(wanted, &rows)?.into_iter().map(|line| RowName {
+            let lines = log.lines_of_rows(wanted, &rows, summary)?;
+            names.extend(lines.into_iter().map(|line| RowName {
                 file: log.path().display().to_string(),
                 line,
                 columns: column_names(log),

@@ -34,7 +34,7 @@ impl FactoredGroups {
         let express = |rows: &FactoredRows| {
             let change = rows.change(&solution.model, &solution.scaling);
             let change = change.ok_or(ScatterError::NearlyDependent)?;
-            Ok((&change * &*factor, &change * &solution.coefficients))
+            Ok((&change * factor, &change * &solution.coefficients))
         };
         // As a rule all are about one centre; those of recordings that were merged are not.
         let mut about = None;
@@ -52,7 +52,7 @@ impl FactoredGroups {
             sums.add(place, ClusterShare { share, score, errors })?;
         }
         let all_directions = solution.ridge == 0.0 && solution.rank == factor.nrows();
-        sums.finish(&UpperTriangle::new(&factor), all_directions)
+        sums.finish(&UpperTriangle::new(factor), all_directions)
     }
 
     /// What the fit to all other groups, whose coefficients scatter by `scatter`, says of a group.

@@ -431,11 +431,12 @@ fn fit_polynomial(
     let quality = train.quality().ok_or(FitError::NoRows)?;
     // They are judged by a fit to rows that count alike.
     let looks = options.looks_for_outliers() && !used.has_weights();
-    let outliers = (errors.stands_out && looks).then(|| {
-        let judged_by = FitOptions { model: choice.basis.into(), ridge: choice.ridge, ..*options };
+    let judged_by = FitOptions { model: choice.basis.into(), ridge: choice.ridge, ..*options };
+    let known = KnownFit { fit: &solved, suspects: errors.suspects };
+    let looks = looks && outliers::may_matter(&used, &judged_by.outlier_test(), &known)?;
+    let outliers = looks.then(|| {
         let is_same_fit = training.uses_all() && options.solver == SolverKind::Exact;
-        let known = is_same_fit.then(|| KnownFit::new(&solved, errors.suspects));
-        name_outliers(training, known, &judged_by)
+        name_outliers(training, Some(known).filter(|_| is_same_fit), &judged_by)
     });
     let how = (solved.solution, solved.solver, options.truncate);
     let mut fitted = Fit {
@@ -506,7 +507,7 @@ fn fit_physics(
 /// Looks for outliers that were used, by a fit that may be known.
 fn name_outliers(
     training: Training<'_>,
-    known: Option<KnownFit>,
+    known: Option<KnownFit<'_>>,
     options: &FitOptions<'_>,
 ) -> Result<Outliers, FitError> {
     let mut found = outliers::search(training.data, &options.outlier_test(), known)?;

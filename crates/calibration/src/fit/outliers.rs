@@ -1,18 +1,17 @@
 //! The search for outliers among training rows: found, named, and left out where that is asked for.
 
+use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::ops::Range;
 
 use super::polynomial::{PolynomialProblem, Solved, solve};
 use crate::error::FitError;
-use crate::exact::{Accumulator, Moments};
-use crate::factor::InverseFactor;
+use crate::exact::Accumulator;
 use crate::model::{Basis, Model};
 use crate::passes::{Rows, Workers, each, map};
 use crate::quality::significant;
-use crate::reading_ranges::ReadingRanges;
 use crate::solver::{Solution, SolverKind, solve_moments};
-use crate::validation::outliers::{LIMIT, LOOK_AT_ERROR, RowTest, Spread, TestedRow, far_readings};
+use crate::validation::outliers::{LIMIT, RowTest, Spread, TestedRow, far_readings, rows_beside};
 use shell_data::block::Block;
 use shell_data::dataset::{Dataset, LabelledBlock, RowSet};
 use shell_data::wrench::{Axes, Axis, PerAxis};
@@ -225,55 +224,56 @@ pub fn find_outliers(data: &Dataset, test: &OutlierTest<'_>) -> Result<Outliers,
 }
 
 /// A fit to all rows, and the rows of each block that are to be tested by it.
-pub(super) struct KnownFit {
-    fit: Judging,
-    suspects: Vec<Vec<usize>>,
+pub(super) struct KnownFit<'a> {
+    pub(super) fit: &'a Solved,
+    pub(super) suspects: Vec<Vec<usize>>,
 }
 
-impl KnownFit {
-    pub(super) fn new(solved: &Solved, suspects: Vec<Vec<usize>>) -> Self {
-        Self { fit: Judging::new(solved), suspects }
-    }
+/// Whether a search is worth while: whether one of the rows that are to be tested may matter, as far as a fit to all
+/// rows can tell.
+pub(super) fn may_matter(
+    data: &Dataset,
+    test: &OutlierTest<'_>,
+    known: &KnownFit<'_>,
+) -> Result<bool, FitError> {
+    let mut search = OutlierSearch::new(data, test);
+    search.spread = Spread::within(&known.fit.ranges);
+    search.suspect(known.suspects.clone());
+    let Some(test) = search.row_test(known.fit) else { return Ok(false) };
+    let tested = search.test_suspects(&test, &RowSet::default())?;
+    Ok(tested.iter().any(|of| of.tested.may_matter()))
 }
 
 /// As [`find_outliers`], where the fit to all rows may be `known`.
 pub(super) fn search(
     data: &Dataset,
     test: &OutlierTest<'_>,
-    known: Option<KnownFit>,
+    known: Option<KnownFit<'_>>,
 ) -> Result<Outliers, FitError> {
     let mut search = OutlierSearch::new(data, test);
+    search.spread = search.measure_spread()?;
     let out_of_range = match test.valid_range {
         None => Vec::new(),
         Some(range) => search.rows_outside(range)?,
     };
     let never: RowKeys = out_of_range.iter().map(|of| search.key(of)).collect();
-    let spread = search.spread()?;
     let known =
         known.filter(|known| known.suspects.len() == search.blocks.len() && never.is_empty());
-    let mut looked_by = None;
     let all = match known {
-        Some(KnownFit { fit, suspects }) => {
-            looked_by = fit.row_test(&spread).map(|test| *test.noise());
-            search.suspect(suspects);
-            search.look(|block| far_readings(block, &spread))?;
-            fit
-        }
-        None => search.solve(never.iter().copied())?,
+        Some(known) => Cow::Borrowed(search.start_from(known)?),
+        None => Cow::Owned(search.solve(never.iter().copied())?),
     };
-    let (mut left_out, mut suspects, mut fit) = (RowKeys::new(), Vec::new(), all.clone());
+    let (mut left_out, mut suspects, mut fit) = (RowKeys::new(), Vec::new(), Cow::Borrowed(&*all));
     let mut tried = BTreeSet::from([left_out.clone()]);
     let most = MANY.max((LARGEST_SHARE * data.rows() as f64) as usize);
     for round in 0..MOST_ROUNDS {
-        fit = search.solve_without(&all, &left_out, &never)?;
-        let Some(test) = fit.row_test(&spread) else { return Ok(Outliers::default()) };
-        if looked_by.is_none_or(|noise| test.is_sharper(&noise)) {
-            search.look(|block| test.suspects(block, &test.predict(block), &spread))?;
-            looked_by = Some(*test.noise());
+        if !left_out.is_empty() {
+            fit = Cow::Owned(search.solve_without(&all, &left_out, &never)?);
         }
+        let Some(test) = search.row_test(&fit) else { return Ok(Outliers::default()) };
         let excluded: RowSet = never.iter().chain(&left_out).copied().collect();
-        suspects = search.test(&test, &spread, &excluded)?;
-        let limit = limit_beyond(&suspects, most);
+        let limit;
+        (suspects, limit) = search.test(&test, &excluded, most)?;
         // All that stands out is left out first; then what belongs goes back.
         suspects.retain(|of| match round {
             0 => of.tested.stands_out(),
@@ -289,69 +289,59 @@ pub(super) fn search(
             break;
         }
     }
-    let named = suspects.iter().filter_map(|suspect| search.name(suspect, &spread, None));
-    let outside = out_of_range.iter();
-    let outside = outside.filter_map(|of| search.name(of, &spread, test.valid_range));
+    let named = suspects.iter().filter_map(|suspect| search.name(suspect, None));
+    let outside = out_of_range.iter().filter_map(|of| search.name(of, test.valid_range));
     let mut rows: Vec<Outlier> = named.chain(outside).collect();
     rows.sort_by_key(|row| (row.log, row.place, row.row));
-    let rms = (!rows.is_empty()).then(|| search.rms([&all, &fit], &left_out, &spread)).flatten();
+    let rms = (!rows.is_empty()).then(|| search.rms([&all, &fit], &left_out)).flatten();
     Ok(Outliers { rows, too_many: None, rms })
 }
 
-/// The size of errors that is far beyond those of all but so many rows.
-fn limit_beyond(looked_at: &[Suspect], most: usize) -> f64 {
-    let mut sizes: Vec<f64> = looked_at.iter().map(|of| of.tested.size).collect();
+/// The size of errors that is far beyond those of all but so many rows, if those that were not looked at have no larger
+/// errors than `unseen`.
+fn limit_beyond(tested: &[Suspect], most: usize, unseen: f64) -> f64 {
+    let mut sizes: Vec<f64> = tested.iter().map(|of| of.tested.size).collect();
     let tail = match sizes.len() > most {
         true => *sizes.select_nth_unstable_by(most, |a, b| b.total_cmp(a)).1,
-        // The rows that are not looked at have smaller errors.
-        false => LOOK_AT_ERROR,
+        false => 0.0,
     };
-    LIMIT.max(FAR_BEYOND * tail)
+    LIMIT.max(FAR_BEYOND * tail.max(unseen))
 }
 
-/// A fit that rows are tested by.
-#[derive(Clone)]
-struct Judging {
-    solution: Solution,
-    ranges: ReadingRanges,
-    /// The exact sums that it is the solution of, if it is.
-    sums: Option<Moments>,
+/// The fit `all` without some of its rows, from what is known of it; `None` if that takes the other rows.
+fn without(
+    all: &Solved,
+    rows: &Block,
+    model: &Model,
+    ridge: f64,
+) -> Result<Option<Solved>, FitError> {
+    /// More are better taken out of sums, or left out of a pass: what is kept of each is as long as the features.
+    const MOST_TAKEN_OUT: usize = 4096;
+    let few = rows.rows <= MOST_TAKEN_OUT;
+    let solution = match (few.then(|| all.solution.without(rows)).flatten(), &all.sums) {
+        (None, Some(sums)) => {
+            let mut part = Accumulator::new(sums.basis(), sums.channels());
+            part.absorb(&rows.readings, &rows.wrench)?;
+            let rest = sums.without(&part.finish()?);
+            Some(solve_moments(&rest, model, ridge, &all.ranges)?)
+        }
+        (solution, _) => solution,
+    };
+    let solved = |solution| Solved {
+        solution,
+        ranges: all.ranges.clone(),
+        solver: all.solver,
+        not_exact: None,
+        sums: None,
+    };
+    Ok(solution.map(solved))
 }
 
-impl Judging {
-    fn new(solved: &Solved) -> Self {
-        let Solved { solution, ranges, sums, .. } = solved.clone();
-        let factor = InverseFactor::Known(solution.factor.matrix().into_owned());
-        Self { solution: Solution { factor, ..solution }, ranges, sums }
-    }
-
-    fn row_test(&self, spread: &Spread) -> Option<RowTest> {
-        RowTest::new(&self.solution, &self.ranges, spread)
-    }
-
-    /// The fit without some of its rows, from what is known of all; `None` if that takes the other rows.
-    fn without(&self, rows: &Block, model: &Model, ridge: f64) -> Result<Option<Self>, FitError> {
-        /// More are better taken out of sums, or left out of a pass: what is kept of each is as long as the features.
-        const MOST_TAKEN_OUT: usize = 4096;
-        let few = rows.rows <= MOST_TAKEN_OUT;
-        let solution = match (few.then(|| self.solution.without(rows)).flatten(), &self.sums) {
-            (None, Some(sums)) => {
-                let mut part = Accumulator::new(sums.basis(), sums.channels());
-                part.absorb(&rows.readings, &rows.wrench)?;
-                let rest = sums.without(&part.finish()?);
-                Some(solve_moments(&rest, model, ridge, &self.ranges)?)
-            }
-            (solution, _) => solution,
-        };
-        Ok(solution.map(|solution| Self { solution, ranges: self.ranges.clone(), sums: None }))
-    }
-}
-
-/// A block of rows, and which of them are to be tested, ascending, with their leverages.
+/// A block of rows, and which of them are to be tested, ascending.
 struct SearchedBlock<'a> {
     log: usize,
     rows: &'a Block,
-    suspects: Vec<(usize, f64)>,
+    suspects: Vec<usize>,
 }
 
 /// Rows that are searched.
@@ -359,6 +349,9 @@ struct OutlierSearch<'a> {
     data: &'a Dataset,
     test: &'a OutlierTest<'a>,
     blocks: Vec<SearchedBlock<'a>>,
+    spread: Spread,
+    /// The standard deviations of the errors of the fit by which rows were looked at last.
+    looked_by: Option<PerAxis<f64>>,
 }
 
 impl<'a> OutlierSearch<'a> {
@@ -368,7 +361,22 @@ impl<'a> OutlierSearch<'a> {
             rows: &block.rows,
             suspects: Vec::new(),
         };
-        Self { data, test, blocks: data.blocks().map(of).collect() }
+        let blocks = data.blocks().map(of).collect();
+        Self { data, test, blocks, spread: Spread::default(), looked_by: None }
+    }
+
+    /// Takes over the rows that are to be tested by a fit to all rows.
+    fn start_from<'f>(&mut self, known: KnownFit<'f>) -> Result<&'f Solved, FitError> {
+        let KnownFit { fit, suspects } = known;
+        self.suspect(suspects);
+        // Those were found before it was known how far readings spread.
+        self.look(|_, block, spread| far_readings(block, spread))?;
+        self.looked_by = self.row_test(fit).map(|test| *test.noise());
+        Ok(fit)
+    }
+
+    fn row_test<'f>(&self, fit: &'f Solved) -> Option<RowTest<'f>> {
+        RowTest::new(&fit.solution, &fit.ranges, &self.spread)
     }
 
     fn model(&self) -> Model {
@@ -380,7 +388,7 @@ impl<'a> OutlierSearch<'a> {
         }
     }
 
-    fn solve(&self, excluded: impl Iterator<Item = RowKey>) -> Result<Judging, FitError> {
+    fn solve(&self, excluded: impl Iterator<Item = RowKey>) -> Result<Solved, FitError> {
         let used = self.data.select(self.test.fresh, &excluded.collect());
         let problem = PolynomialProblem {
             model: self.model(),
@@ -389,21 +397,18 @@ impl<'a> OutlierSearch<'a> {
             truncate: None,
         };
         let sample = self.data.logs.first().map(|log| &log.sample);
-        Ok(Judging::new(&solve(&problem, None, &Rows::new(&used, self.test.workers), sample)?))
+        solve(&problem, None, &Rows::new(&used, self.test.workers), sample)
     }
 
     /// The fit `all` without some of its rows, `left_out`; it was made without those of `never`.
     fn solve_without(
         &self,
-        all: &Judging,
+        all: &Solved,
         left_out: &RowKeys,
         never: &RowKeys,
-    ) -> Result<Judging, FitError> {
-        if left_out.is_empty() {
-            return Ok(all.clone());
-        }
-        let rows = gather(&self.blocks, |row| left_out.contains(row));
-        match all.without(&rows, &self.model(), self.test.ridge)? {
+    ) -> Result<Solved, FitError> {
+        let rows = gather(&self.blocks, left_out);
+        match without(all, &rows, &self.model(), self.test.ridge)? {
             Some(fit) => Ok(fit),
             None => self.solve(never.iter().chain(left_out).copied()),
         }
@@ -430,17 +435,20 @@ impl<'a> OutlierSearch<'a> {
         Ok(())
     }
 
-    /// The spread of readings and loads.
-    fn spread(&self) -> Result<Spread, FitError> {
+    fn measure_spread(&self) -> Result<Spread, FitError> {
         let mut all = Spread::default();
         self.each_block(|(), block| Spread::new(block.rows), |spread| all.merge(&spread))?;
         Ok(all)
     }
 
-    /// Also tests the rows of each block that `find` finds.
-    fn look(&mut self, find: impl Fn(&Block) -> Vec<usize> + Sync) -> Result<(), FitError> {
+    /// Also tests the rows of each block that `find` finds, which has room for predictions.
+    fn look(
+        &mut self,
+        find: impl Fn(&mut PerAxis<Vec<f64>>, &Block, &Spread) -> Vec<usize> + Sync,
+    ) -> Result<(), FitError> {
         let mut found = Vec::new();
-        self.each_block(|(), block| find(block.rows), |rows| found.push(rows))?;
+        let find = |room: &mut _, block: &SearchedBlock<'_>| find(room, block.rows, &self.spread);
+        self.each_block(find, |rows| found.push(rows))?;
         self.suspect(found);
         Ok(())
     }
@@ -452,28 +460,47 @@ impl<'a> OutlierSearch<'a> {
                 let fresh = block.rows.fresh_rows();
                 rows.retain(|&row| fresh[row]);
             }
-            block.suspects.extend(rows.into_iter().map(|row| (row, 0.0)));
-            block.suspects.sort_unstable_by_key(|&(row, _)| row);
-            block.suspects.dedup_by_key(|&mut (row, _)| row);
+            block.suspects.append(&mut rows);
+            block.suspects.sort_unstable();
+            block.suspects.dedup();
         }
     }
 
-    /// Tests the rows that are to be.
+    /// Tests rows by a fit that has left out some, and finds the limit of the sizes of their errors. Other rows are looked
+    /// at where their errors may matter: one of them may be an outlier, or so many may be large that the limit rises.
     fn test(
         &mut self,
-        test: &RowTest,
-        spread: &Spread,
+        test: &RowTest<'_>,
         excluded: &RowSet,
-    ) -> Result<Vec<Suspect>, FitError> {
-        self.find_leverages(test)?;
-        self.suspects(|predicted, SearchedBlock { log, rows, suspects }| {
-            let is_left_out = |row: usize| excluded.contains(*log, rows.place, row);
-            test.test(rows, suspects, (spread, predicted), &is_left_out)
-        })
+        most: usize,
+    ) -> Result<(Vec<Suspect>, f64), FitError> {
+        /// The least size that may be [`LIMIT`] by a fit that predicts something else.
+        const NEAR_LIMIT: f64 = LIMIT / 1.5;
+        let unseen = self.looked_by.map(|noise| test.largest_unseen(&noise));
+        if let Some(unseen) = unseen.filter(|&unseen| unseen < NEAR_LIMIT) {
+            let tested = self.test_suspects(test, excluded)?;
+            let [least, largest] = [0.0, unseen].map(|unseen| limit_beyond(&tested, most, unseen));
+            let same = |of: &Suspect| of.tested.is_outlier(least) == of.tested.is_outlier(largest);
+            if tested.iter().all(same) {
+                return Ok((tested, least));
+            }
+        }
+        self.look(|room, block, spread| {
+            test.predict(&block.readings, room);
+            test.suspects(block, room, spread)
+        })?;
+        self.looked_by = Some(*test.noise());
+        let tested = self.test_suspects(test, excluded)?;
+        let limit = limit_beyond(&tested, most, 0.0);
+        Ok((tested, limit))
     }
 
-    /// The leverages of the rows that are tested, of many blocks together.
-    fn find_leverages(&mut self, test: &RowTest) -> Result<(), FitError> {
+    /// Tests the rows that are to be, of many blocks together.
+    fn test_suspects(
+        &self,
+        test: &RowTest<'_>,
+        excluded: &RowSet,
+    ) -> Result<Vec<Suspect>, FitError> {
         const TOGETHER: usize = 256;
         let (mut parts, mut rows) = (Vec::<Range<usize>>::new(), 0);
         for (place, block) in self.blocks.iter().enumerate() {
@@ -486,34 +513,50 @@ impl<'a> OutlierSearch<'a> {
             }
             rows += block.suspects.len();
         }
-        let leverages = map(&parts, TOGETHER, self.test.workers, |part| {
-            Ok(test.leverages(&gather(&self.blocks[part.clone()], |_| true).readings))
-        })?;
-        let rows = self.blocks.iter_mut().flat_map(|block| &mut block.suspects);
-        rows.zip(leverages.concat()).for_each(|(suspect, leverage)| suspect.1 = leverage);
-        Ok(())
+        let test_part = |part: &Range<usize>| {
+            let blocks = &self.blocks[part.clone()];
+            let suspects = blocks.iter().map(|block| (block.rows, &block.suspects[..]));
+            let near: Vec<Vec<usize>> =
+                suspects.clone().map(|(block, rows)| rows_beside(rows, block.rows)).collect();
+            let all_near = blocks.iter().zip(&near).map(|(block, near)| (block.rows, &near[..]));
+            let mut leverages = test.leverages(&readings(suspects)).into_iter();
+            let mut of_near = PerAxis::default();
+            test.predict(&readings(all_near), &mut of_near);
+            let mut of_near = of_near.map(Vec::into_iter);
+            let mut predicted = PerAxis::<Vec<f64>>::default();
+            let mut tested = Vec::new();
+            for (block, near) in part.clone().zip(&near) {
+                let SearchedBlock { log, rows, suspects } = &self.blocks[block];
+                for (predicted, of_near) in predicted.iter_mut().zip(&mut of_near) {
+                    // Of other rows it does not matter what is there.
+                    predicted.resize(rows.rows, 0.0);
+                    near.iter().zip(of_near).for_each(|(&row, value)| predicted[row] = value);
+                }
+                let suspects: Vec<_> = suspects.iter().copied().zip(&mut leverages).collect();
+                let is_left_out = |row: usize| excluded.contains(*log, rows.place, row);
+                let of_block = test.test(rows, &suspects, (&self.spread, &predicted), &is_left_out);
+                tested.extend(of_block.into_iter().map(|tested| Suspect { block, tested }));
+            }
+            Ok(tested)
+        };
+        let tested = map(&parts, TOGETHER, self.test.workers, test_part)?;
+        Ok(tested.into_iter().flatten().collect())
     }
 
     /// The rows with a reading outside a range.
     fn rows_outside(&self, range: [f64; 2]) -> Result<Vec<Suspect>, FitError> {
-        self.suspects(|_, block| {
+        let find = |(): &mut (), block: &SearchedBlock<'_>| {
             let mut outside = outside(block.rows, range);
             if self.test.fresh {
                 let fresh = block.rows.fresh_rows();
                 outside.retain(|of| fresh[of.row]);
             }
             outside
-        })
-    }
-
-    fn suspects(
-        &self,
-        test: impl Fn(&mut PerAxis<Vec<f64>>, &SearchedBlock<'_>) -> Vec<TestedRow> + Sync,
-    ) -> Result<Vec<Suspect>, FitError> {
+        };
         let mut found = Vec::new();
-        self.each_block(test, |tested| found.push(tested))?;
-        let of_block = |(block, tested): (usize, Vec<TestedRow>)| {
-            tested.into_iter().map(move |tested| Suspect { block, tested })
+        self.each_block(find, |outside| found.push(outside))?;
+        let of_block = |(block, outside): (usize, Vec<TestedRow>)| {
+            outside.into_iter().map(move |tested| Suspect { block, tested })
         };
         Ok(found.into_iter().enumerate().flat_map(of_block).collect())
     }
@@ -522,15 +565,11 @@ impl<'a> OutlierSearch<'a> {
     ///
     /// Those of the first are what is left of the sum of its squared errors without those of the rows left out. That
     /// loses few digits: a row that errs by far more than all others bends the fit, and they err, too.
-    fn rms(
-        &self,
-        [all, without]: [&Judging; 2],
-        left_out: &RowKeys,
-        spread: &Spread,
-    ) -> Option<[PerAxis<f64>; 2]> {
-        let left_out = gather(&self.blocks, |row| left_out.contains(row));
-        let predicted = all.row_test(spread)?.predict(&left_out);
-        let rms = |of: &Judging, axis: usize, (rows, square): (usize, f64)| {
+    fn rms(&self, [all, without]: [&Solved; 2], left_out: &RowKeys) -> Option<[PerAxis<f64>; 2]> {
+        let left_out = gather(&self.blocks, left_out);
+        let mut predicted = PerAxis::default();
+        self.row_test(all)?.predict(&left_out.readings, &mut predicted);
+        let rms = |of: &Solved, axis: usize, (rows, square): (usize, f64)| {
             let Solution { residual_products, rows: all, .. } = &of.solution;
             let rest = (residual_products[(axis, axis)] - square).max(0.0);
             (rest / (all - rows as u64) as f64).sqrt()
@@ -547,12 +586,7 @@ impl<'a> OutlierSearch<'a> {
 
     /// Names a row and what in it differs most from its neighbours; of a row `outside` a range, the readings that
     /// are outside.
-    fn name(
-        &self,
-        suspect: &Suspect,
-        spread: &Spread,
-        outside: Option<[f64; 2]>,
-    ) -> Option<Outlier> {
+    fn name(&self, suspect: &Suspect, outside: Option<[f64; 2]>) -> Option<Outlier> {
         let SearchedBlock { log, rows, .. } = &self.blocks[suspect.block];
         let (channels, terms) = (self.data.channels(), rows.memory_columns);
         let TestedRow { row, error, size, axis, .. } = suspect.tested;
@@ -567,7 +601,7 @@ impl<'a> OutlierSearch<'a> {
         // The nearer of both: at the edge of a contact one of them is far.
         let apart = |column: usize| {
             let known = beside(column).into_iter().flatten();
-            let apart = known.map(|other| spread.apart(column, values[column], other));
+            let apart = known.map(|other| self.spread.apart(column, values[column], other));
             let nearest = apart.fold(f64::INFINITY, f64::min);
             (column, if nearest.is_finite() { nearest } else { 0.0 })
         };
@@ -594,7 +628,7 @@ impl<'a> OutlierSearch<'a> {
             None => {
                 let (error, column) = (error[axis], channels + terms + axis);
                 let is_possible =
-                    spread.apart(column, error + values[column], 0.0) < FAR_BEYOND_LOADS;
+                    self.spread.apart(column, error + values[column], 0.0) < FAR_BEYOND_LOADS;
                 Reason::Error { axis: Axis::ALL[axis], size, error, is_possible }
             }
         };
@@ -610,13 +644,25 @@ type RowKey = (usize, u64, usize);
 type RowKeys = BTreeSet<RowKey>;
 
 /// Some of the rows that are tested.
-fn gather(blocks: &[SearchedBlock<'_>], is_meant: impl Fn(&RowKey) -> bool) -> Block {
+fn gather(blocks: &[SearchedBlock<'_>], wanted: &RowKeys) -> Block {
     let mut gathered = Block::default();
     for SearchedBlock { log, rows, suspects } in blocks {
-        let meant = suspects.iter().filter(|(row, _)| is_meant(&(*log, rows.place, *row)));
-        meant.for_each(|&(row, _)| gathered.append(rows, row..row + 1));
+        let meant = suspects.iter().filter(|&&row| wanted.contains(&(*log, rows.place, row)));
+        meant.for_each(|&row| gathered.append(rows, row..row + 1));
     }
     gathered
+}
+
+/// The readings of some rows of some blocks.
+fn readings<'b>(blocks: impl Iterator<Item = (&'b Block, &'b [usize])>) -> Vec<Vec<f64>> {
+    let mut readings = Vec::new();
+    for (block, rows) in blocks {
+        readings.resize(block.readings.len(), Vec::new());
+        for (all, column) in readings.iter_mut().zip(&block.readings) {
+            all.extend(rows.iter().map(|&row| column[row]));
+        }
+    }
+    readings
 }
 
 /// The rows of a block with a reading outside a range.

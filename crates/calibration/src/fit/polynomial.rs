@@ -241,10 +241,8 @@ pub(super) struct RowErrors {
     copy: Option<[PathBuf; 2]>,
     /// How large the errors of the training rows are, if that was asked for.
     sizes: Option<PerAxis<Magnitudes>>,
-    /// The rows of each block of training rows to test as outliers, and whether one of them may matter, if that was
-    /// asked for.
+    /// The rows of each block of training rows to test as outliers, if that was asked for.
     pub(super) suspects: Vec<Vec<usize>>,
-    pub(super) stands_out: bool,
     /// The wrench that the training rows have measured.
     pub(super) loads: WrenchSums,
     pub(super) leaks: Leaks,
@@ -315,12 +313,10 @@ impl RowErrors {
                 sample: (!test.logs.is_empty()).then(|| RowSample::new(rows, stride)),
             })
         };
-        let (mut loads, mut stands_out) = (WrenchSums::default(), false);
-        let mut suspects = Vec::new();
+        let (mut loads, mut suspects) = (WrenchSums::default(), Vec::new());
         let (mut train_rows, mut test_rows) = (RowSample::default(), RowSample::default());
         let fold = |block: BlockFacts| {
             evaluations[block.log].add(&block.errors);
-            stands_out |= block.errors.stands_out;
             if block.log < logs {
                 suspects.push(block.errors.suspects);
             }
@@ -351,7 +347,6 @@ impl RowErrors {
             copy,
             sizes: BlockEvaluator::sizes(evaluators),
             suspects,
-            stands_out,
             loads,
             leaks: Leaks {
                 test: train_rows.poses().and_then(|poses| poses.share_of(&test_rows)),

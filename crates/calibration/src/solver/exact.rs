@@ -108,7 +108,7 @@ pub fn solve_moments(
     Ok(Solution {
         model: fit.model,
         coefficients: Mat::from_fn(coefficients.len(), 6, |i, j| coefficients[i][j].to_f64()),
-        factor: InverseFactor::Inverse(fit.r_factor()),
+        factor: InverseFactor::from_inverse(fit.r_factor()),
         residual_products: Mat::from_fn(6, 6, |i, j| fit.residual_products[i][j]),
         rows: fit.rows,
         condition: fit.condition,

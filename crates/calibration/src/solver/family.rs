@@ -292,7 +292,7 @@ mod tests {
         // Doubles, and features with a condition of some hundred.
         let products = |solution: &Solution| {
             let factor = solution.factor.matrix();
-            &*factor * factor.transpose()
+            factor * factor.transpose()
         };
         let differences = [
             &found.coefficients - &expected.coefficients,

@@ -1,6 +1,7 @@
 //! What solvers find.
 
-use faer::Mat;
+use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
+use faer::{Mat, Par};
 
 use crate::factor::InverseFactor;
 use crate::features::Features;
@@ -41,7 +42,7 @@ impl Solution {
             model: features.model(),
             scaling: features.scaling().clone(),
             coefficients: solved.coefficients,
-            factor: InverseFactor::Known(solved.factor),
+            factor: solved.factor.into(),
             residual_products: solved.residual_products,
             rows: solved.rows,
             condition: solved.condition,
@@ -64,9 +65,9 @@ impl Solution {
         features.fill(&rows.readings, 0..rows.rows, &mut columns, rows.rows);
         let row =
             |of: usize| -> Vec<f64> { columns[of..].iter().step_by(rows.rows).copied().collect() };
-        let factor = UpperTriangle::new(&self.factor.matrix());
+        let known = UpperTriangle::new(self.factor.matrix());
         let seen: Vec<Vec<f64>> =
-            (0..rows.rows).map(|of| factor.transposed_times(&row(of))).collect();
+            (0..rows.rows).map(|of| known.transposed_times(&row(of))).collect();
         let mut left = SymmetricMatrix::identity(count);
         left.subtract_squares(&seen);
         let root = left.cholesky()?;
@@ -84,17 +85,20 @@ impl Solution {
             seen.iter().zip(errors).for_each(|(seen, &error)| add_multiple(&mut pull, error, seen));
             root.forward(pull)
         });
-        let factor = factor.matrix() * root.inverse().matrix();
+        let mut factor = self.factor.matrix().clone();
+        let (lower, columns) = (root.matrix(), factor.as_mut().transpose_mut());
+        solve_lower_triangular_in_place(lower.transpose(), columns, Par::Seq);
         let pulled = Mat::from_fn(count, 6, |i, axis| pulls[axis][i]);
         let products = Mat::from_fn(6, 6, |a, b| {
             product(&errors[a], &errors[b]) + product(&pulls[a], &pulls[b])
         });
         Some(Self {
             coefficients: &self.coefficients + &factor * pulled,
-            factor: InverseFactor::Known(factor),
+            factor: factor.into(),
             residual_products: &self.residual_products - products,
             rows: self.rows - rows.rows as u64,
-            ..self.clone()
+            scaling: self.scaling.clone(),
+            ..*self
         })
     }
 }

@@ -71,7 +71,7 @@ impl Covariance {
                 std::array::from_fn(|b| products[(a, b)] / degrees_of_freedom as f64)
             }),
             degrees_of_freedom,
-            coefficients: CoefficientCovariance::Rows { factor: columns(&factor) },
+            coefficients: CoefficientCovariance::Rows { factor: columns(factor) },
             shape: None,
             shared: None,
             intervals: None,

@@ -47,11 +47,8 @@ pub const LIMIT: f64 = 10.0;
 const FAR: f64 = 8.0;
 
 /// The sizes from which on a row is looked at: leverage takes time.
-pub(crate) const LOOK_AT_ERROR: f64 = 4.0;
+const LOOK_AT_ERROR: f64 = 3.6;
 const LOOK_AT_READING: f64 = 4.5;
-
-/// As long as a fit errs at least so much as that by which rows were chosen to be looked at, no others are.
-const AS_SHARP: f64 = 0.9;
 
 /// A row that takes a fit over: its leverage, also in averages, its jump from both rows beside it in
 /// standard deviations, and the size of its error.
@@ -60,8 +57,10 @@ const TAKES_OVER_IN_AVERAGES: f64 = 20.0;
 const JUMP: f64 = 2.0;
 const SIZE_WITH_JUMP: f64 = 3.0;
 
-/// A spike: its jump from both rows beside it, in standard deviations of the changes of its channel.
+/// A spike: its jump from both rows beside it, in standard deviations of the changes of its channel, and the size of its
+/// error.
 const SPIKE: f64 = 6.0;
+const SIZE_WITH_SPIKE: f64 = 4.0;
 
 /// How many standard deviations of readings are between the least and the largest.
 const DEVIATIONS_IN_RANGE: f64 = 8.0;
@@ -129,10 +128,10 @@ impl Spread {
 
 /// What a fit says of rows.
 #[derive(Debug)]
-pub struct RowTest {
+pub struct RowTest<'a> {
     calibration: Calibration,
     features: Features,
-    factor: Mat<f64>,
+    factor: &'a Mat<f64>,
     noise: PerAxis<f64>,
     /// Coefficients by rows.
     average_leverage: f64,
@@ -157,7 +156,7 @@ pub struct TestedRow {
     is_far_alone: bool,
     /// Whether a reading jumps from both rows beside it, and the leverage is such that it takes over.
     takes_over: bool,
-    /// Whether a reading jumps from both rows beside it as its channel does not change.
+    /// Whether a reading jumps from both rows beside it as its channel does not change, and the size is such that it shows.
     is_spike: bool,
 }
 
@@ -167,7 +166,7 @@ impl TestedRow {
         (self.size > limit && self.errs_alone)
             || (self.far > FAR && self.is_far_alone)
             || (self.size > SIZE_WITH_JUMP && self.takes_over)
-            || (self.size > LOOK_AT_ERROR && self.errs_alone && self.is_spike)
+            || (self.errs_alone && self.is_spike)
     }
 
     /// Whether it may matter, as far as a fit to all rows can tell, so that a search is worth while. How
@@ -197,10 +196,10 @@ impl TestedRow {
     }
 }
 
-impl RowTest {
+impl<'a> RowTest<'a> {
     /// By a solution; `spread` is that of its rows, as far as it is known. `None` if there are no more rows
     /// than coefficients.
-    pub fn new(solution: &Solution, ranges: &ReadingRanges, spread: &Spread) -> Option<Self> {
+    pub fn new(solution: &'a Solution, ranges: &ReadingRanges, spread: &Spread) -> Option<Self> {
         let features = Features::new(solution.model, solution.scaling.clone());
         let free = solution.rows.checked_sub(features.len() as u64).filter(|&free| free > 0)?;
         let channels = solution.model.columns();
@@ -212,23 +211,23 @@ impl RowTest {
         });
         Some(Self {
             calibration: Calibration::from_solution(solution, ranges),
+            average_leverage: features.len() as f64 / solution.rows as f64,
             features,
-            factor: solution.factor.matrix().into_owned(),
+            factor: solution.factor.matrix(),
             noise,
-            average_leverage: solution.factor.matrix().nrows() as f64 / solution.rows as f64,
         })
     }
 
-    /// The wrench of each row of a block.
-    pub fn predict(&self, block: &Block) -> PerAxis<Vec<f64>> {
-        let mut predicted = PerAxis::default();
-        self.calibration.wrench(&block.readings, &mut predicted);
-        predicted
+    /// The wrench of each row of some readings.
+    pub fn predict(&self, readings: &[Vec<f64>], predicted: &mut PerAxis<Vec<f64>>) {
+        self.calibration.wrench(readings, predicted);
     }
 
-    /// Whether errors are so much smaller than those of a fit with `noise` that other rows may be outliers.
-    pub fn is_sharper(&self, noise: &PerAxis<f64>) -> bool {
-        self.noise.iter().zip(noise).any(|(own, noise)| *own < AS_SHARP * noise)
+    /// The largest size that an error of other rows may have than the [suspects](Self::suspects) of a fit with `noise`,
+    /// as far as both fits predict the same.
+    pub fn largest_unseen(&self, noise: &PerAxis<f64>) -> f64 {
+        let sizes = noise.iter().zip(&self.noise).map(|(noise, own)| LOOK_AT_ERROR * noise / own);
+        sizes.fold(0.0, f64::max)
     }
 
     /// The standard deviation of the errors of each axis, N and N·m.
@@ -236,7 +235,7 @@ impl RowTest {
         &self.noise
     }
 
-    /// The rows of a block to test: those with a large error or, in `spread`, a far reading or a jump.
+    /// The rows of a block to test: those with a large error or, in `spread`, a far reading, a jump or a spike.
     ///
     /// No public function here is generic: that would be compiled with whoever calls it, and programs may
     /// be optimised for size.
@@ -249,33 +248,13 @@ impl RowTest {
         suspects(Excess { errors: Some((predicted, &self.noise)), block, spread })
     }
 
-    /// Tests ascending rows of a block, of which the fit `has_left_out` some, by their [leverages](Self::leverages).
-    /// `predicted` is room for predictions.
+    /// Tests rows of a block, of which the fit `has_left_out` some, by their [leverages](Self::leverages) and the wrench
+    /// that is `predicted` for them and the [rows beside them](rows_beside).
     pub fn test(
         &self,
         block: &Block,
         rows: &[(usize, f64)],
-        (spread, predicted): (&Spread, &mut PerAxis<Vec<f64>>),
-        has_left_out: &dyn Fn(usize) -> bool,
-    ) -> Vec<TestedRow> {
-        let near = near(rows, block.rows);
-        let mut of_near = PerAxis::default();
-        self.calibration.wrench(&gather(&block.readings, &near), &mut of_near);
-        for (all, some) in predicted.iter_mut().zip(&of_near) {
-            // Of other rows it does not matter what is there.
-            all.resize(block.rows, 0.0);
-            near.iter().zip(some).for_each(|(&row, &value)| all[row] = value);
-        }
-        self.test_predicted(block, predicted, rows, spread, has_left_out)
-    }
-
-    /// The same where the wrench that the calibration predicts is known, of these rows and of two before and after each.
-    pub fn test_predicted(
-        &self,
-        block: &Block,
-        predicted: &PerAxis<Vec<f64>>,
-        rows: &[(usize, f64)],
-        spread: &Spread,
+        (spread, predicted): (&Spread, &PerAxis<Vec<f64>>),
         has_left_out: &dyn Fn(usize) -> bool,
     ) -> Vec<TestedRow> {
         let error = |axis: usize, row: usize| predicted[axis][row] - block.wrench[axis][row];
@@ -286,12 +265,13 @@ impl RowTest {
                 true => (1.0 + leverage, leverage / (1.0 + leverage), 1.0),
                 false => ((1.0 - leverage).max(1e-9), leverage, (1.0 - leverage).max(1e-9).recip()),
             };
-            let size = |axis: usize| match self.noise[axis] > 0.0 {
-                true => error(axis, row).abs() / (self.noise[axis] * variance.sqrt()),
+            let scale = variance.sqrt().recip();
+            let sizes: PerAxis<f64> = std::array::from_fn(|axis| match self.noise[axis] > 0.0 {
+                true => error(axis, row).abs() / self.noise[axis] * scale,
                 false => 0.0,
-            };
-            let axis = (0..6).max_by(|&a, &b| size(a).total_cmp(&size(b))).unwrap_or(0);
-            let own = error(axis, row);
+            });
+            let axis = (0..6).max_by(|&a, &b| sizes[a].total_cmp(&sizes[b])).unwrap_or(0);
+            let (size, own) = (sizes[axis], error(axis, row));
             let errs_alike = |row: Option<usize>| {
                 let beside = row.filter(|&row| row < block.rows).map(|row| error(axis, row));
                 beside.is_some_and(|beside| beside * own.signum() > 0.5 * deleted * own.abs())
@@ -306,7 +286,7 @@ impl RowTest {
             TestedRow {
                 row,
                 error: std::array::from_fn(|axis| error(axis, row)),
-                size: size(axis),
+                size,
                 axis,
                 errs_alone: exceeds_change && BESIDE.into_iter().any(halves),
                 far,
@@ -315,7 +295,7 @@ impl RowTest {
                     && in_fit > TAKES_OVER
                     && in_fit > TAKES_OVER_IN_AVERAGES * self.average_leverage
                     && jumps(block, &spread.columns, JUMP, row),
-                is_spike: jumps(block, &spread.changes, SPIKE, row),
+                is_spike: size > SIZE_WITH_SPIKE && jumps(block, &spread.changes, SPIKE, row),
             }
         };
         rows.iter().map(test_row).collect()
@@ -328,14 +308,9 @@ impl RowTest {
     }
 }
 
-/// Some rows of columns.
-pub(crate) fn gather(columns: &[Vec<f64>], rows: &[usize]) -> Vec<Vec<f64>> {
-    columns.iter().map(|column| rows.iter().map(|&row| column[row]).collect()).collect()
-}
-
 /// Leverages of all rows, some at a time, inlined whole into code for the widest vectors of the processor.
 struct Leverages<'a> {
-    test: &'a RowTest,
+    test: &'a RowTest<'a>,
     readings: &'a [Vec<f64>],
     features: Vec<RowLanes>,
 }
@@ -369,7 +344,7 @@ impl NullaryFnOnce for Leverages<'_> {
     }
 }
 
-/// The rows of a block with a far reading or a jump in `spread`.
+/// The rows of a block with a far reading, a jump or a spike in `spread`.
 pub fn far_readings(block: &Block, spread: &Spread) -> Vec<usize> {
     suspects(Excess { errors: None, block, spread })
 }
@@ -380,11 +355,11 @@ fn suspects(excess: Excess<'_>) -> Vec<usize> {
 }
 
 /// Ascending `rows` of a block and those beside them that they are compared with.
-fn near(rows: &[(usize, f64)], block_rows: usize) -> Vec<usize> {
+pub fn rows_beside(rows: &[usize], block_rows: usize) -> Vec<usize> {
     /// The largest distance in [`BESIDE`].
     const REACH: usize = 2;
     let mut near: Vec<usize> = Vec::with_capacity(rows.len());
-    for &(row, _) in rows {
+    for &row in rows {
         let unseen = near.last().map_or(0, |last| last + 1);
         near.extend(unseen.max(row.saturating_sub(REACH))..block_rows.min(row + REACH + 1));
     }
@@ -408,11 +383,14 @@ impl NullaryFnOnce for Excess<'_> {
     fn call(self) -> Vec<f64> {
         /// Rows that are looked at together: what they exceed stays in registers.
         const TOGETHER: usize = 16;
-        let limits = |of: &RunningVariance| {
+        let Spread { columns, changes } = self.spread;
+        let limits = |(channel, of): (usize, &RunningVariance)| {
             let sd = of.rms_about_mean();
-            [of.mean, (LOOK_AT_READING * sd).recip(), (JUMP * sd).recip()]
+            let spike =
+                changes.get(channel).map_or(f64::INFINITY, |of| SPIKE * of.rms_about_mean());
+            [of.mean, (LOOK_AT_READING * sd).recip(), spike.min(JUMP * sd).recip()]
         };
-        let limits: Vec<[f64; 3]> = self.spread.columns.iter().map(limits).collect();
+        let limits: Vec<[f64; 3]> = columns.iter().enumerate().map(limits).collect();
         let rows = self.block.rows;
         let mut excess = Vec::with_capacity(rows);
         while excess.len() < rows {
@@ -446,7 +424,7 @@ impl Excess<'_> {
         let mut excess = [0.0; N];
         if let Some((predicted, noise)) = errors {
             for axis in 0..6 {
-                let scale = (AS_SHARP * LOOK_AT_ERROR * noise[axis]).recip();
+                let scale = (LOOK_AT_ERROR * noise[axis]).recip();
                 let p: &[f64; N] = lanes(&predicted[axis], row);
                 let m: &[f64; N] = lanes(&block.wrench[axis], row);
                 for i in 0..N {
@@ -481,15 +459,18 @@ fn raise(excess: &mut f64, to: f64) {
 /// How far the farthest reading of a row is from its mean, in standard deviations, and whether it is half
 /// the limit from both rows beside it.
 fn distance(block: &Block, spread: &Spread, row: usize) -> (f64, bool) {
-    let far = |channel: usize| spread.distance_from_mean(channel, block.readings[channel][row]);
-    let farthest = (0..block.readings.len()).max_by(|&a, &b| far(a).total_cmp(&far(b)));
-    let Some(channel) = farthest else { return (0.0, false) };
+    let far = |(channel, column): (usize, &Vec<f64>)| {
+        (channel, spread.distance_from_mean(channel, column[row]))
+    };
+    let all = block.readings.iter().enumerate().map(far);
+    let farthest = all.max_by(|(_, a), (_, b)| a.total_cmp(b));
+    let Some((channel, far)) = farthest else { return (0.0, false) };
     let column = &block.readings[channel];
     let is_apart = |beside: Option<&f64>| {
         beside.is_none_or(|&other| spread.apart(channel, column[row], other) > 0.5 * FAR)
     };
     let before = row.checked_sub(1).and_then(|row| column.get(row));
-    (far(channel), is_apart(before) && is_apart(column.get(row + 1)))
+    (far, is_apart(before) && is_apart(column.get(row + 1)))
 }
 
 /// By how much a value differs from those beside it at most.

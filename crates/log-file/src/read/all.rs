@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
+use super::locate::line_count;
 use super::request::{ReadOptions, Wanted};
 use crate::error::LogError;
 use crate::log::Log;
@@ -115,8 +116,9 @@ pub(crate) fn read_each<S: Send, T: Send, E: From<LogError>>(
             })?;
             let (block, skipped) = (&mut buffer.block, buffer.parsed.skipped);
             let (rows, repeated) = (block.rows, block.repeated_rows());
+            let (place, lines) = (block.place, line_count(chunk.lines()));
             let value = (rows > 0).then(|| map(state, log, block));
-            Ok(ChunkResult { log, rows, repeated, skipped, value })
+            Ok(ChunkResult { log, place, lines, rows, repeated, skipped, value })
         },
         E::from,
         |result| {
@@ -137,6 +139,8 @@ pub(crate) fn read_each<S: Send, T: Send, E: From<LogError>>(
 /// The rows of a chunk.
 struct ChunkResult<T> {
     log: usize,
+    place: u64,
+    lines: u64,
     rows: usize,
     repeated: usize,
     skipped: u64,
@@ -168,6 +172,10 @@ impl<'a> Summaries<'a> {
     fn add<T>(&mut self, chunk: &ChunkResult<T>) -> Result<(), LogError> {
         self.check_before(chunk.log)?;
         let summary = &mut self.summaries[chunk.log];
+        if chunk.lines == chunk.rows as u64 {
+            summary.lines_before.push((chunk.place, summary.lines));
+        }
+        summary.lines += chunk.lines;
         summary.rows += chunk.rows as u64;
         summary.repeated_rows += chunk.repeated as u64;
         summary.skipped_rows += chunk.skipped;

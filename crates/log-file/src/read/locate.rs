@@ -10,6 +10,7 @@ use crate::parse::rows::RowError;
 use crate::read::request::Wanted;
 use crate::stream::chunk::{Chunk, ChunkError, LINE_LIMIT};
 use crate::stream::decimal_comma;
+use shell_data::ReadSummary;
 
 impl Log {
     pub(crate) fn chunk_error(&self, error: ChunkError) -> LogError {
@@ -68,7 +69,8 @@ impl Log {
     }
 
     /// The lines, from 1, of rows that were read as `wanted`: each is the row so-and-so-many, from 0, of the block
-    /// that starts at an offset. The file is read once.
+    /// that starts at an offset. The file is read again where such a block has lines without rows, or nothing is known of
+    /// it from the `summary` of a whole log.
     ///
     /// # Errors
     /// [`LogError`] if the file cannot be read, or ends before such a row.
@@ -76,7 +78,13 @@ impl Log {
         &self,
         wanted: &Wanted,
         rows: &[(u64, usize)],
+        summary: &ReadSummary,
     ) -> Result<Vec<u64>, LogError> {
+        let before = rows.iter().map(|&(place, row)| summary.lines_before(place, row));
+        if let Some(before) = before.collect::<Option<Vec<u64>>>() {
+            let first = self.line_number(self.layout.rows_start)?;
+            return Ok(before.into_iter().map(|before| first + before).collect());
+        }
         let plan = ReadPlan::new(&self.layout, wanted);
         let mut order: Vec<usize> = (0..rows.len()).collect();
         order.sort_unstable_by_key(|&of| rows[of]);
@@ -125,8 +133,7 @@ impl Log {
         Ok(lines)
     }
 
-    /// The number of the line at `offset`, counted by reading up to there again: lines are not
-    /// counted while all is well.
+    /// The number of the line at `offset`, counted by reading up to there again.
     fn line_number(&self, offset: u64) -> Result<u64, LogError> {
         let mut before = self.source.open()?.take(offset);
         let mut buffer = vec![0; 1 << 16];
@@ -146,7 +153,7 @@ fn line_ends(text: &[u8]) -> u64 {
 }
 
 /// The number of lines; that a file ends with may have no end.
-fn line_count(text: &[u8]) -> u64 {
+pub(super) fn line_count(text: &[u8]) -> u64 {
     line_ends(text) + u64::from(text.last().is_some_and(|&byte| byte != b'\n'))
 }
 
@@ -180,17 +187,28 @@ mod tests {
         let options = ReadOptions { skip_bad_rows: true, ..ReadOptions::default() };
         let (mut rows, mut expected) = (Vec::new(), Vec::new());
         let times = |block: &mut shell_data::block::Block| (block.place, block.time_s.clone());
-        log.read(&wanted, &options, times, |(place, times)| {
-            for (row, time) in times.into_iter().enumerate() {
-                rows.push((place, row));
-                expected.push(lines_of_times[time as usize]);
-            }
-            Ok::<_, LogError>(())
-        })
-        .unwrap();
+        let summary = log
+            .read(&wanted, &options, times, |(place, times)| {
+                for (row, time) in times.into_iter().enumerate() {
+                    rows.push((place, row));
+                    expected.push(lines_of_times[time as usize]);
+                }
+                Ok::<_, LogError>(())
+            })
+            .unwrap();
         assert_eq!(rows.len(), 4000);
-        let lines = |rows: &[(u64, usize)]| log.lines_of_rows(wanted_of_lines, rows);
+        let unknown = ReadSummary::default();
+        let lines = |rows: &[(u64, usize)]| log.lines_of_rows(wanted_of_lines, rows, &unknown);
         assert_eq!(lines(&rows).unwrap(), expected);
+        let known: Vec<usize> = (0..rows.len())
+            .filter(|&of| summary.lines_before(rows[of].0, rows[of].1).is_some())
+            .collect();
+        // Seven blocks of some 300 rows each are without a line that is none.
+        assert_eq!(known.len() > 2000, between == ["", ""]);
+        for of in known {
+            let found = log.lines_of_rows(wanted_of_lines, &rows[of..=of], &summary).unwrap();
+            assert_eq!(found, [expected[of]]);
+        }
         // A few of them, the later first and one twice.
         let some = [3999, 2500, 2500, 17];
         assert_eq!(lines(&some.map(|of| rows[of])).unwrap(), some.map(|of| expected[of]));

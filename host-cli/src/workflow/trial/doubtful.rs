@@ -83,14 +83,14 @@ pub fn doubtful_rows(
         rows.filter(|found| !found.readings.is_empty()).collect()
     };
     let (mut first, mut count) = (Vec::new(), 0);
-    log.read(&wanted, &job.read, look, |found| {
+    let summary = log.read(&wanted, &job.read, look, |found| {
         count += found.len();
         let room = NAMED.saturating_sub(first.len());
         first.extend(found.into_iter().take(room));
         Ok::<_, LogError>(())
     })?;
     let rows: Vec<_> = first.iter().map(|found| (found.place, found.row)).collect();
-    let lines = log.lines_of_rows(&wanted, &rows)?;
+    let lines = log.lines_of_rows(&wanted, &rows, &summary)?;
     let named = first.into_iter().zip(lines).map(|(found, line)| DoubtfulRow {
         line,
         time_s: found.time_s,

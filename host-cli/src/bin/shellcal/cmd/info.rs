@@ -113,7 +113,7 @@ fn outliers(log: &Log, args: &MappingArgs) -> anyhow::Result<NamedOutliers> {
     let rows = read_logs(log, &wanted, &args.read_options())?;
     let workers = Workers::new(args.threads.map_or(0, usize::from));
     let found = find_outliers(&rows, &OutlierTest { workers, ..OutlierTest::default() })?;
-    Ok(NamedOutliers::new(found, log, &wanted)?)
+    Ok(NamedOutliers::new(found, log, &rows, &wanted)?)
 }
 
 /// What is said about a log; the field names are those of the JSON document.

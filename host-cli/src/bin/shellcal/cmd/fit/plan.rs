@@ -143,7 +143,8 @@ impl<'a> FitPlan<'a> {
         // Where no row was wrong, lines are counted without what is in them.
         let anything = Wanted::default();
         let wanted = if fitted.skipped_rows == 0 { &anything } else { &data.wanted };
-        let name = |found: &Outliers| NamedOutliers::new(found.clone(), &self.train, wanted);
+        let name =
+            |found: &Outliers| NamedOutliers::new(found.clone(), &self.train, &data.train, wanted);
         let dropped = match self.opened.borrow_mut().dropped.take() {
             Some(mut output) => {
                 let dropped = name(&fitted.dropped)?;
