@@ -21,7 +21,7 @@ const PLAIN_STEPS: usize = 3;
 
 impl Arc {
     pub(crate) fn new(path: &Path, z: [f64; 2]) -> Self {
-        let ends = z.map(|z| path.place(z));
+        let ends = z.map(|z| path.position(z));
         let travel = [ends[0].travel, ends[1].travel.max(ends[0].travel)];
         let bracket = Bracket { z, travel };
         Self { bracket, start: Start::new(path, &bracket, &ends[0]) }
@@ -62,14 +62,14 @@ impl Arc {
         for _ in 0..PLAIN_STEPS {
             for i in 0..N {
                 let [low, high] = arcs[i].bracket.z;
-                steps[i] = path.place(z[i]).newton_step(travels[i]);
+                steps[i] = path.position(z[i]).newton_step(travels[i]);
                 z[i] = (z[i] - steps[i]).clamp(low, high);
             }
         }
         from_fn(|i| {
             // Also false if the step is not a number.
             if steps[i].abs() <= CLOSE * z[i] {
-                path.place(z[i])
+                path.position(z[i])
             } else {
                 arcs[i].bracket.locate(path, travels[i])
             }

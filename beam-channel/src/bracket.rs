@@ -28,15 +28,15 @@ impl Bracket {
     #[cold]
     pub(crate) fn locate(&self, path: &Path, travel: f64) -> Contact {
         if travel <= self.travel[0] {
-            return path.place(self.z[0]);
+            return path.position(self.z[0]);
         }
         if travel >= self.travel[1] {
-            return path.place(self.z[1]);
+            return path.position(self.z[1]);
         }
         let [mut low, mut high] = self.z;
         let mut z = 0.5 * (low + high);
         let mut last_step = high - low;
-        let mut contact = path.place(z);
+        let mut contact = path.position(z);
         for _ in 0..STEPS {
             if contact.travel > travel {
                 high = z;
@@ -49,7 +49,7 @@ impl Bracket {
             let next = if good { next } else { 0.5 * (low + high) };
             last_step = (next - z).abs();
             z = next;
-            contact = path.place(z);
+            contact = path.position(z);
             if good && last_step <= CLOSE * z || high - low <= f64::EPSILON * high {
                 break;
             }

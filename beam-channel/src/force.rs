@@ -1,4 +1,4 @@
-//! From the place of a contact to its force.
+//! From the position of a contact to its force.
 
 use libm::{atan2, sqrt};
 

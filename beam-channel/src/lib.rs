@@ -23,7 +23,7 @@
 //!
 //! # How it is solved
 //!
-//! Write `φ` for the place on the ellipse where a beam's tip lies and `φ_e` for the place where it
+//! Write `φ` for the position on the ellipse where a beam's tip lies and `φ_e` for the position where it
 //! first touches. With `sin((φ − φ_e)/2) = z²` everything is algebraic in `z`, free of
 //! cancellation, and smooth at the first touch, where it is not in `φ`. How far the body has moved
 //! since it touched the beam, `s(z)`, rises with `z` until the beam slips off; a contact is

@@ -55,11 +55,11 @@ impl Model {
             let Some(side) = self.side(wall) else { continue };
             let ends = side.arcs().iter().map(|arc| arc.bracket.z);
             // Smooth in z; at the ends themselves it may be zero without friction.
-            let places = ends.flat_map(|[from, to]| {
+            let positions = ends.flat_map(|[from, to]| {
                 (1..PLACES).map(move |i| from + (to - from) * f64::from(i) / f64::from(PLACES))
             });
-            for z in places {
-                if !self.law.slides(side.path(), &side.path().place(z)) {
+            for z in positions {
+                if !self.law.slides(side.path(), &side.path().position(z)) {
                     return Err(SetupError::Locks { wall, friction: self.setup.beam.friction });
                 }
             }

@@ -25,7 +25,7 @@ pub(crate) struct Path {
 }
 
 impl Path {
-    /// The place of the tip at `z`, where `z² = sin((τ − τ_e)/2)`, from 0 to
+    /// The position of the tip at `z`, where `z² = sin((τ − τ_e)/2)`, from 0 to
     /// [`last`](Self::last).
     ///
     /// With `a = (τ − τ_e)/2` the ellipse rises past the wall line by
@@ -34,7 +34,7 @@ impl Path {
     /// `s = x(τ_e) − x(τ) + r = 2z²(W·sin(τ_e + a) − S·cos(τ_e + a)) + r`. Nowhere do numbers of
     /// like size cancel.
     #[inline]
-    pub(crate) fn place(&self, z: f64) -> Contact {
+    pub(crate) fn position(&self, z: f64) -> Contact {
         let Self { half_length, shear, half_width, beam, sin_e, cos_e } = *self;
         let sin_a = z * z;
         let cos_a = sqrt((1.0 - sin_a) * (1.0 + sin_a));

@@ -111,9 +111,9 @@ impl Model {
             let ends = side.arcs().iter().map(|arc| arc.bracket.travel[1]);
             for travel in core::iter::once(0.0).chain(ends) {
                 let past = travel - side.engagement_m() - start;
-                let place = start + (past - pitch * libm::floor(past / pitch));
-                if place > start && place < start + pitch {
-                    breaks[count] = place;
+                let position = start + (past - pitch * libm::floor(past / pitch));
+                if position > start && position < start + pitch {
+                    breaks[count] = position;
                     count += 1;
                 }
             }

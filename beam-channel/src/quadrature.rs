@@ -102,7 +102,7 @@ impl Model {
     fn work_on(&self, side: &Side, [from, to]: [f64; 2]) -> f64 {
         let path = side.path();
         let integrand = |z| {
-            let contact = path.place(z);
+            let contact = path.position(z);
             self.law().drag(path, &contact) * contact.slope()
         };
         integrate(integrand, from, to)

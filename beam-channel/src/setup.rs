@@ -77,7 +77,7 @@ pub struct Rules {
     pub normal: Normal,
 }
 
-/// How the deflection of a beam is taken from the place of its tip.
+/// How the deflection of a beam is taken from the position of its tip.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Angle {
     /// From the tip's forward displacement alone, as the arcsine in the paper: a beam that turns

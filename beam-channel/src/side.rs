@@ -44,7 +44,7 @@ impl Side {
             return Err(SetupError::BeyondTips { wall, offset_m, half_width_m });
         }
         let (rx, ry) = (setup.ellipse.semi_length_m, setup.ellipse.semi_width_m);
-        // The body's place φ is τ − lead.
+        // The body's position φ is τ − lead.
         let (half_length, shear, half_width, lead) = if yaw == 0.0 {
             (rx, 0.0, ry, 0.0)
         } else {
@@ -78,18 +78,18 @@ impl Side {
     fn find_arcs(&mut self) {
         let path = self.path;
         let widest = path.widest();
-        let steepness = |z| path.place(z).steepness;
+        let steepness = |z| path.position(z).steepness;
         let release = turn(steepness, widest, path.last());
         let slowest = path.slowest();
         if steepness(slowest) < 0.0 {
             let stop = turn(steepness, 0.0, slowest);
-            let stopped = path.place(stop).travel;
+            let stopped = path.position(stop).travel;
             self.snaps = true;
             self.add_smooth(0.0, stop);
-            if path.place(release).travel > stopped {
+            if path.position(release).travel > stopped {
                 // Beyond the stretch on which the travel falls, where it is back at what it was.
                 let again = turn(|z| -steepness(z), slowest, widest);
-                let resume = turn(|z| stopped - path.place(z).travel, again, release);
+                let resume = turn(|z| stopped - path.position(z).travel, again, release);
                 self.add_smooth(resume, release);
             }
         } else {
@@ -171,13 +171,13 @@ impl Side {
         self.path.shear * self.path.cos_e > self.path.half_length * self.path.sin_e
     }
 
-    /// The place on the ellipse where a beam first touches, `φ_e`, in rad from the nose towards
+    /// The position on the ellipse where a beam first touches, `φ_e`, in rad from the nose towards
     /// the wall.
     pub fn first_touch_rad(&self) -> f64 {
         self.phi_e
     }
 
-    /// The place on the ellipse where `contact` is, `φ`, in rad from the nose towards the wall.
+    /// The position on the ellipse where `contact` is, `φ`, in rad from the nose towards the wall.
     pub fn place_rad(&self, contact: &Contact) -> f64 {
         self.phi_e + contact.turn()
     }

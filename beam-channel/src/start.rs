@@ -47,8 +47,8 @@ impl Start {
         let low = start.w(bracket.travel, bracket.travel[0]);
         for i in 0..NODES {
             // From both ends in turns, for the sake of rounding.
-            let place = if i % 2 == 0 { i / 2 } else { NODES - 1 - i / 2 };
-            let share = 0.5 + 0.5 * cos(PI * (place as f64 + 0.5) / NODES as f64);
+            let position = if i % 2 == 0 { i / 2 } else { NODES - 1 - i / 2 };
+            let share = 0.5 + 0.5 * cos(PI * (position as f64 + 0.5) / NODES as f64);
             let w = low + (1.0 - low) * share;
             // The travel at w, in shares: (s + before)·(1 − w)² = (1 − s)·w².
             let (near, far) = (w * w, (1.0 - w) * (1.0 - w));

@@ -71,8 +71,8 @@ impl Upload {
         if end > self.size {
             return Err(Refusal::WrongSize);
         }
-        let place = record.get_mut(CALIBRATION + start..CALIBRATION + end);
-        place.ok_or(Refusal::WrongSize)?.copy_from_slice(data);
+        let position = record.get_mut(CALIBRATION + start..CALIBRATION + end);
+        position.ok_or(Refusal::WrongSize)?.copy_from_slice(data);
         self.received = self.received.max(end);
         Ok(())
     }

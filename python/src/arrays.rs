@@ -18,7 +18,7 @@ pub(crate) struct Arrays<'a, 'w> {
     pub(crate) readings: ArrayView2<'a, f64>,
     /// One row per sample, one to six columns, N and N·m; axes that are not there are zero.
     pub(crate) wrench: ArrayView2<'a, f64>,
-    /// For each row the place of its label, and the labels.
+    /// For each row the position of its label, and the labels.
     pub(crate) groups: Option<(ArrayView1<'a, u32>, &'a [String])>,
     /// The time of each row, s.
     pub(crate) time: Option<ArrayView1<'a, f64>>,
@@ -84,7 +84,7 @@ impl Arrays<'_, '_> {
     }
 
     fn fill(&self, rows: Range<usize>, block: &mut Block) {
-        let rows = self.places(rows);
+        let rows = self.positions(rows);
         block.rows = rows.len();
         columns(&self.readings, &rows, &mut block.readings);
         columns(&self.wrench, &rows, &mut block.wrench);
@@ -102,14 +102,14 @@ impl Arrays<'_, '_> {
             block.weights.extend(rows.iter().map(|row| weights[row]));
         }
         block.groups.clear();
-        let Some((places, labels)) = self.groups else { return };
+        let Some((positions, labels)) = self.groups else { return };
         let mut last = None;
-        for place in rows.iter().map(|row| places[row]) {
-            match block.groups.last_mut().filter(|_| last == Some(place)) {
+        for position in rows.iter().map(|row| positions[row]) {
+            match block.groups.last_mut().filter(|_| last == Some(position)) {
                 Some((_, count)) => *count += 1,
-                None => block.groups.push((labels[place as usize].clone(), 1)),
+                None => block.groups.push((labels[position as usize].clone(), 1)),
             }
-            last = Some(place);
+            last = Some(position);
         }
     }
 }
@@ -139,16 +139,16 @@ impl RowIndices {
 
 impl Arrays<'_, '_> {
     /// Where some of the rows are.
-    fn places(&self, rows: Range<usize>) -> RowIndices {
+    fn positions(&self, rows: Range<usize>) -> RowIndices {
         let Weights::Repeats(ends) = &self.weights else { return RowIndices::Range(rows) };
         let mut row = ends.partition_point(|&end| end <= rows.start as u64);
-        let place = |at: usize| {
+        let position = |at: usize| {
             while ends[row] <= at as u64 {
                 row += 1;
             }
             row
         };
-        RowIndices::Each(rows.map(place).collect())
+        RowIndices::Each(rows.map(position).collect())
     }
 
     /// What tells these rows from others, as checksums tell files.
@@ -219,8 +219,8 @@ pub(crate) fn range_of_columns(
     // Rows one after the other, as numpy lays out an array unless told otherwise.
     if let Some(values) = part.as_slice().filter(|_| channels > 0) {
         for tile in values.chunks(TILE_ROWS * channels) {
-            for (place, column) in out.iter_mut().enumerate() {
-                column.extend(tile.chunks_exact(channels).map(|row| row[place]));
+            for (position, column) in out.iter_mut().enumerate() {
+                column.extend(tile.chunks_exact(channels).map(|row| row[position]));
             }
         }
         return;

@@ -70,7 +70,7 @@ impl From<LogError> for PythonFailure {
         };
         let told = PythonMessage { hint, ..told };
         let told = match &error {
-            LogError::At { path, place, problem } => {
+            LogError::At { path, position, problem } => {
                 let column = match problem {
                     PlacedProblem::Row(
                         RowProblem::NotANumber { field, .. }
@@ -80,7 +80,7 @@ impl From<LogError> for PythonFailure {
                     ) => Some(field.column as u64 + 1),
                     _ => None,
                 };
-                PythonMessage { line: place.number(), column, ..told.in_file(path) }
+                PythonMessage { line: position.number(), column, ..told.in_file(path) }
             }
             LogError::Io { path, .. }
             | LogError::Gzip { path, .. }

@@ -35,7 +35,7 @@ impl From<CalibrationFile> for Fitted {
 /// What a prediction gives: the wrench, and standard errors where they are asked for.
 type Predicted<'py> = (Bound<'py, PyArray2<f64>>, Option<Bound<'py, PyArray2<f64>>>);
 
-/// Arrays as Python gives them: readings, wrench, for each row the place of its label with the labels,
+/// Arrays as Python gives them: readings, wrench, for each row the position of its label with the labels,
 /// how often each row is there, how much it counts, and its time.
 type RowArrays<'py> = (
     PyReadonlyArray2<'py, f64>,
@@ -60,7 +60,8 @@ fn over_rows<T: Send>(
     fit: impl FnOnce(&Arrays<'_, '_>) -> Result<T, PythonFailure> + Send,
 ) -> Result<T, PythonFailure> {
     let (readings, wrench) = (x.as_array(), y.as_array());
-    let groups = groups.as_ref().map(|(places, labels)| (places.as_array(), labels.as_slice()));
+    let groups =
+        groups.as_ref().map(|(positions, labels)| (positions.as_array(), labels.as_slice()));
     let weights = match (&repeats, &weights) {
         (Some(repeats), _) => Weights::from_repeats(repeats.as_array()),
         (None, Some(weights)) => Weights::Numbers(weights.as_array()),
@@ -176,7 +177,7 @@ fn row_name(row: &Outlier, channels: usize) -> RowName {
     let names = (1..=channels).map(|i| format!("s{i}"));
     RowName {
         file: "<array>".to_owned(),
-        line: row.place + row.row as u64 + 1,
+        line: row.offset + row.row as u64 + 1,
         columns: names.chain(Axis::ALL.map(|axis| axis.name().to_owned())).collect(),
     }
 }

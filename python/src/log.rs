@@ -42,7 +42,7 @@ pub(crate) fn read_log<'py>(
         let telemetry = log.columns().iter().enumerate();
         let others: Vec<usize> = telemetry
             .filter(|(_, column)| matches!(column.meaning, Meaning::Telemetry(_)))
-            .map(|(place, _)| place)
+            .map(|(position, _)| position)
             .collect();
         let wanted = Wanted {
             time: log.has_time(),
@@ -58,10 +58,10 @@ pub(crate) fn read_log<'py>(
         if wanted.wrench {
             names.extend(log.axes().columns().into_iter().map(str::to_owned));
         }
-        names.extend(others.iter().map(|&place| log.columns()[place].name.clone()));
+        names.extend(others.iter().map(|&position| log.columns()[position].name.clone()));
         let mut columns = vec![Vec::new(); names.len()];
         let is_there = Axis::ALL.map(|axis| log.axes().contains(axis));
-        let (mut places, mut labels) = (Vec::new(), Labels::default());
+        let (mut positions, mut labels) = (Vec::new(), Labels::default());
         let read = ReadOptions { threads, skip_bad_rows, ..ReadOptions::default() };
         let summary = log.read(&wanted, &read, std::mem::take, |block: Block| {
             let Block { time_s, readings, wrench, groups, others, .. } = block;
@@ -70,16 +70,16 @@ pub(crate) fn read_log<'py>(
             let of_block = time.into_iter().chain(readings).chain(wrench).chain(others);
             columns.iter_mut().zip(of_block).for_each(|(all, part)| all.extend(part));
             for (label, rows) in groups {
-                places.extend(std::iter::repeat_n(labels.place(label), rows));
+                positions.extend(std::iter::repeat_n(labels.position(label), rows));
             }
             Ok::<_, log_file::LogError>(())
         })?;
-        let groups = wanted.groups.then_some((places, labels.names));
+        let groups = wanted.groups.then_some((positions, labels.names));
         let about = (log.format().to_string(), summary.skipped_rows, summary.repeated_rows);
         Ok((names.into_iter().zip(columns).collect::<Vec<_>>(), groups, about))
     })?;
     let columns = columns.into_iter().map(|(name, of)| (name, of.into_pyarray(py))).collect();
-    let groups = groups.map(|(places, labels)| (places.into_pyarray(py), labels));
+    let groups = groups.map(|(positions, labels)| (positions.into_pyarray(py), labels));
     Ok((columns, groups, about))
 }
 
@@ -87,18 +87,18 @@ pub(crate) fn read_log<'py>(
 #[derive(Default)]
 struct Labels {
     names: Vec<String>,
-    places: BTreeMap<String, u32>,
+    positions: BTreeMap<String, u32>,
 }
 
 impl Labels {
-    fn place(&mut self, label: String) -> u32 {
-        if let Some(&place) = self.places.get(&label) {
-            return place;
+    fn position(&mut self, label: String) -> u32 {
+        if let Some(&position) = self.positions.get(&label) {
+            return position;
         }
-        let place = self.names.len() as u32;
+        let position = self.names.len() as u32;
         self.names.push(label.clone());
-        self.places.insert(label, place);
-        place
+        self.positions.insert(label, position);
+        position
     }
 }
 
@@ -176,15 +176,15 @@ fn wrench(text: &str) -> Option<PerAxis<Option<ColumnRef>>> {
     Some(columns)
 }
 
-/// A column by its place, from 1, or its name.
+/// A column by its position, from 1, or its name.
 fn column(text: &str) -> ColumnRef {
     match text.trim().parse() {
-        Ok(place) => ColumnRef::Position(place),
+        Ok(position) => ColumnRef::Position(position),
         Err(_) => ColumnRef::Name(text.trim().to_owned()),
     }
 }
 
-/// Columns: names and places separated by commas, `2-9` for several places.
+/// Columns: names and positions separated by commas, `2-9` for several positions.
 fn list(text: &str) -> Vec<ColumnRef> {
     let part = |part: &str| -> Vec<ColumnRef> {
         let range = part.split_once('-');

@@ -53,9 +53,10 @@ impl Partial {
         let (model, intercept, kept, seed) = what;
         let basis = largest_basis(&model)?;
         let (readings, wrench) = (x.as_array(), y.as_array());
-        let places = groups.as_ref().map(|(places, labels)| (places.as_array(), labels.as_slice()));
+        let positions =
+            groups.as_ref().map(|(positions, labels)| (positions.as_array(), labels.as_slice()));
         without_lock(py, None, |watch| {
-            let (groups, weights) = (places, Weights::Equal);
+            let (groups, weights) = (positions, Weights::Equal);
             let rows = Arrays { readings, wrench, groups, time: None, weights, watch };
             let split = match kept {
                 Some(_) => random_split(RANDOM_FOLDS, seed),

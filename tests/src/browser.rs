@@ -128,18 +128,18 @@ impl Browser {
         loop {
             self.evaluate(&format!("{element}.scrollIntoView({{ block: 'center' }})"));
             self.wait_for_frame();
-            let place = self.evaluate(&format!(
+            let position = self.evaluate(&format!(
                 "(() => {{ const e = {element}; \
                  const r = e.getBoundingClientRect(); return [r.x + r.width / 2, r.y + r.height / 2]; }})()"
             ));
             for kind in ["mousePressed", "mouseReleased"] {
-                let event = json!({ "type": kind, "x": place[0], "y": place[1], "button": "left", "clickCount": 1 });
+                let event = json!({ "type": kind, "x": position[0], "y": position[1], "button": "left", "clickCount": 1 });
                 self.call("Input.dispatchMouseEvent", event);
             }
             if self.evaluate("clicked") == Value::Bool(true) {
                 return;
             }
-            assert!(Instant::now() < deadline, "`{element}` cannot be clicked at {place}");
+            assert!(Instant::now() < deadline, "`{element}` cannot be clicked at {position}");
         }
     }
 

@@ -30,14 +30,14 @@ pub fn physics() -> Calibration {
     let counts = f64::from(COUNTS_PER_LSB);
     let mut prior = [0.0; shared_proto::PRIOR];
     let diagonal = (0..AXES).map(|i| i * (i + 3) / 2);
-    diagonal.for_each(|place| prior[place] = 0.3);
+    diagonal.for_each(|position| prior[position] = 0.3);
     let sensor = |sensor: usize| PhysicsSensor {
         least: (LEAST * counts) as f32,
         per_count: (RANGE * counts).recip() as f32,
         offset: 0.2 * sensor as f32 - 0.8,
         gains: std::array::from_fn(|axis| match (sensor + 3 * axis) % 7 {
             0 => 1.5,
-            place => 0.4 * (place as f32 - 3.5),
+            position => 0.4 * (position as f32 - 3.5),
         }),
         low: 0.05,
         height: 0.9,

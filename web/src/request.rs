@@ -15,7 +15,7 @@ use crate::failure::Failure;
 #[derive(Deserialize)]
 pub(crate) struct FileRef {
     pub(crate) name: String,
-    /// Its place among the files of the request, from 0.
+    /// Its position among the files of the request, from 0.
     file: usize,
 }
 
@@ -40,7 +40,7 @@ impl FileRef {
     }
 }
 
-/// What the user says of the columns, by their places from 1; what is `None` is recognised.
+/// What the user says of the columns, by their positions from 1; what is `None` is recognised.
 #[derive(Default, Deserialize)]
 #[serde(default)]
 pub(crate) struct ColumnsGiven {
@@ -54,16 +54,16 @@ pub(crate) struct ColumnsGiven {
 
 impl ColumnsGiven {
     pub(crate) fn mapping(&self, usual: Option<ColumnNames>) -> Mapping {
-        let place = ColumnRef::Position;
+        let position = ColumnRef::Position;
         let unit = |is_milli| match is_milli {
             true => MomentUnit::MillinewtonMetre,
             false => MomentUnit::NewtonMetre,
         };
         Mapping {
-            sensors: self.sensors.as_ref().map(|all| all.iter().copied().map(place).collect()),
-            wrench: self.wrench.map(|axes| axes.map(|column| column.map(place))),
-            time: self.time.map(place),
-            group: self.group.map(place),
+            sensors: self.sensors.as_ref().map(|all| all.iter().copied().map(position).collect()),
+            wrench: self.wrench.map(|axes| axes.map(|column| column.map(position))),
+            time: self.time.map(position),
+            group: self.group.map(position),
             moment_unit: self.moments_in_mnm.map(unit),
             usual,
             ..Mapping::default()

@@ -39,15 +39,15 @@ fn read(path: &Path) -> Result<Vec<PlayedFrame>> {
     let text = text.with_context(|| format!("cannot read `{}`", path.display()))?;
     let mut lines = text.lines();
     let header: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
-    let mut places = [0; CHANNELS];
-    for (channel, place) in places.iter_mut().enumerate() {
+    let mut positions = [0; CHANNELS];
+    for (channel, position) in positions.iter_mut().enumerate() {
         let name = format!("s{}", channel + 1);
         let found = header.iter().position(|column| column.trim() == name);
-        *place = found.with_context(|| format!("`{}`: no column `{name}`", path.display()))?;
+        *position = found.with_context(|| format!("`{}`: no column `{name}`", path.display()))?;
     }
     let frames = lines.enumerate().map(|(i, line)| {
         let fields: Vec<&str> = line.split(',').collect();
-        frame(&fields, &places)
+        frame(&fields, &positions)
             .with_context(|| format!("`{}`, line {}: not eight readings", path.display(), i + 2))
     });
     let frames = frames.collect::<Result<Vec<_>>>()?;
@@ -58,10 +58,10 @@ fn read(path: &Path) -> Result<Vec<PlayedFrame>> {
 }
 
 /// The codes that make the board measure these readings.
-fn frame(fields: &[&str], places: &[usize; CHANNELS]) -> Option<PlayedFrame> {
+fn frame(fields: &[&str], positions: &[usize; CHANNELS]) -> Option<PlayedFrame> {
     let mut frame = PlayedFrame::default();
-    for (codes, &place) in frame.iter_mut().zip(places) {
-        let reading: f64 = fields.get(place)?.trim().parse().ok()?;
+    for (codes, &position) in frame.iter_mut().zip(positions) {
+        let reading: f64 = fields.get(position)?.trim().parse().ok()?;
         if !(0.0..4096.0).contains(&reading) {
             return None;
         }

@@ -179,7 +179,7 @@ fn the_reference_solution_is_met() {
 }
 
 /// Mean drag where the moment of a force about its beam's base is that of the spring, of the paper's robot: by
-/// an independent quadrature over the place of the tip (numpy, 400 nodes of Gauss and Legendre), whose figures
+/// an independent quadrature over the position of the tip (numpy, 400 nodes of Gauss and Legendre), whose figures
 /// of the paper's force are those above.
 #[test]
 fn forces_that_balance_their_springs_have_the_means_of_an_independent_computation() {

@@ -177,12 +177,12 @@ proptest! {
 
     /// The same channel, with left and right exchanged.
     #[test]
-    fn a_mirrored_body_has_mirrored_forces(setup in setups(), place in 0.0..1.0_f64) {
+    fn a_mirrored_body_has_mirrored_forces(setup in setups(), position in 0.0..1.0_f64) {
         let mut mirrored = setup;
         mirrored.pose = Pose { offset_m: -setup.pose.offset_m, yaw_rad: -setup.pose.yaw_rad };
         let (Ok(one), Ok(other)) = (Model::new(&setup), Model::new(&mirrored)) else { return Ok(()) };
         let Some([first, last]) = one.extent_m() else { return Ok(()) };
-        let x = first + (last - first) * place;
+        let x = first + (last - first) * position;
         let (one, other) = (one.total(x), other.total(x));
         // The two walls are summed in turns.
         let size = one.fx_n.abs() + one.fy_n.abs() + 1e-300;
@@ -193,7 +193,7 @@ proptest! {
 
     /// Twice as large, the same angles: forces per stiffness over length.
     #[test]
-    fn the_model_has_no_scale_of_its_own(setup in setups(), place in 0.0..1.0_f64) {
+    fn the_model_has_no_scale_of_its_own(setup in setups(), position in 0.0..1.0_f64) {
         let Ok(model) = Model::new(&setup) else { return Ok(()) };
         let Some([first, last]) = model.extent_m() else { return Ok(()) };
         let mut large = setup;
@@ -204,7 +204,7 @@ proptest! {
         ] {
             *length *= 2.0;
         }
-        let x = first + (last - first) * place;
+        let x = first + (last - first) * position;
         let (small, large) = (model.total(x), Model::new(&large).unwrap().total(2.0 * x));
         // Powers of two round to nothing: k_t/L falls to a quarter.
         prop_assert_eq!(small.fx_n, 4.0 * large.fx_n);

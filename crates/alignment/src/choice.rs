@@ -53,8 +53,8 @@ impl Candidates {
         let present: Vec<Family> =
             Family::ALL.into_iter().filter(|family| families.contains(&Some(*family))).collect();
         let kept = |set: usize, family: &Option<Family>| {
-            let place = family.and_then(|family| present.iter().position(|p| *p == family));
-            place.is_none_or(|place| set & (1 << place) != 0)
+            let position = family.and_then(|family| present.iter().position(|p| *p == family));
+            position.is_none_or(|position| set & (1 << position) != 0)
         };
         let quick = Some(Family::QuickLags);
         let candidate = |set: usize| {

@@ -94,7 +94,7 @@ impl BoardLog {
             false => self.write_rows(frames),
             true => {
                 self.waiting.append(frames);
-                // By place: the indices of a board that starts anew begin again.
+                // By position: the indices of a board that starts anew begin again.
                 let is_first = |frame: &BoardFrame| Some(frame.index) == self.settled;
                 let settled = self.waiting.iter().rposition(is_first).unwrap_or(0);
                 let due = settled.max(self.waiting.len().saturating_sub(MOST_WAITING));

@@ -110,11 +110,11 @@ fn head(file: &CalibrationFile) -> String {
 fn polynomial_constants(polynomial: &Polynomial, axes: Axes) -> Vec<Constant> {
     let model = polynomial.model();
     let none = model.columns() as f64;
-    let places = |term: &calibration::model::Term| {
-        let mut places: Vec<f64> =
+    let positions = |term: &calibration::model::Term| {
+        let mut positions: Vec<f64> =
             term.factors().iter().map(|&channel| f64::from(channel)).collect();
-        places.resize(model.basis.degree(), none);
-        places
+        positions.resize(model.basis.degree(), none);
+        positions
     };
     let scaling = polynomial.scaling();
     vec![
@@ -123,7 +123,7 @@ fn polynomial_constants(polynomial: &Polynomial, axes: Axes) -> Vec<Constant> {
         Constant {
             name: "FACTORS",
             comment: "a row for each feature: the channels it is a product of, from 0",
-            rows: model.terms().iter().map(places).collect(),
+            rows: model.terms().iter().map(positions).collect(),
         },
         Constant {
             name: "COEFFICIENTS",
@@ -222,8 +222,8 @@ fn matlab(
     );
     for Constant { name, comment, rows } in constants {
         text += &format!("    % {comment}\n    {name} = [");
-        for (place, row) in rows.iter().enumerate() {
-            if place > 0 {
+        for (position, row) in rows.iter().enumerate() {
+            if position > 0 {
                 text += "\n        ";
             }
             let values: Vec<String> = row.iter().map(|value| format!("{value:?}")).collect();

@@ -189,7 +189,7 @@ impl PolynomialDocument {
                 let size = (residual[a][a] * residual[b][b]).abs().sqrt();
                 (residual[a][b] - residual[b][a]).abs() <= 1e-6 * size
             };
-            if !(0..36).all(|place| is_symmetric(place / 6, place % 6)) {
+            if !(0..36).all(|position| is_symmetric(position / 6, position % 6)) {
                 return Err("`covariance.residual` is not symmetric".to_owned());
             }
             if (0..6).any(|axis| covariance.residual[axis][axis] < 0.0) {

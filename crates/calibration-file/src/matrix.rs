@@ -154,9 +154,9 @@ fn named(
     let axes: Axes = header.iter().skip(1).filter_map(axis_of).collect();
     let axes = if axes.is_empty() { Axes::ALL } else { axes };
     let mut units: PerAxis<f64> = PerAxis::default();
-    for (place, axis) in axes.iter().enumerate() {
+    for (position, axis) in axes.iter().enumerate() {
         let expected = HEADER[axis.index() + 1];
-        let found = header.get(place + 1).unwrap_or_default();
+        let found = header.get(position + 1).unwrap_or_default();
         let unit = match found.split_once('_') {
             Some((name, unit)) if name == axis.name() => unit,
             _ => "",
@@ -179,8 +179,8 @@ fn named(
         let term = parse_feature(name)
             .ok_or_else(|| MatrixError::Feature { line, found: name.to_owned() })?;
         let mut values = PerAxis::default();
-        for (place, axis) in axes.iter().map(Axis::index).enumerate() {
-            values[axis] = field(row, place + 1)? / units[axis];
+        for (position, axis) in axes.iter().map(Axis::index).enumerate() {
+            values[axis] = field(row, position + 1)? / units[axis];
         }
         if coefficients.insert(term, values).is_some() {
             return Err(MatrixError::Twice { line, name: name.to_owned() });

@@ -96,16 +96,16 @@ impl PhysicsDocument {
             return Err(format!("`valid_range` has `{found}` entries, expected `{channels}`"));
         }
         let mut next = 0;
-        for (place, sensor) in self.physics.sensors.iter().enumerate() {
+        for (position, sensor) in self.physics.sensors.iter().enumerate() {
             if !(next..channels).contains(&sensor.channel) {
                 return Err(format!(
-                    "`physics.sensors[{place}].channel` is `{}`, expected `{next}` to `{}`",
+                    "`physics.sensors[{position}].channel` is `{}`, expected `{next}` to `{}`",
                     sensor.channel,
                     channels - 1
                 ));
             }
             if sensor.range <= 0.0 {
-                return Err(format!("`physics.sensors[{place}].range` is `{}`", sensor.range));
+                return Err(format!("`physics.sensors[{position}].range` is `{}`", sensor.range));
             }
             next = sensor.channel + 1;
         }

@@ -144,7 +144,7 @@ impl<S: Stored<Value: Blank>> Stored for OfAxes<S> {
     }
 }
 
-/// What the place of an axis holds that there is not.
+/// What the position of an axis holds that there is not.
 pub trait Blank: Clone {
     /// As many zeros as `self` has numbers.
     fn blank(&self) -> Self;

@@ -98,8 +98,9 @@ impl MemoryState {
             let (_, held) = self.before.get_or_insert_with(|| (time, vec![0.0; channels]));
             let is_late = step < 0.0 && self.memory.gap.is_some_and(|gap| -step <= gap);
             if is_late {
-                for (place, (term, average)) in terms.iter_mut().zip(&self.averages).enumerate() {
-                    term.push(readings[place % channels][row] - average);
+                for (position, (term, average)) in terms.iter_mut().zip(&self.averages).enumerate()
+                {
+                    term.push(readings[position % channels][row] - average);
                 }
                 continue;
             }
@@ -122,8 +123,8 @@ impl MemoryState {
             for (held, column) in held.iter_mut().zip(readings) {
                 *held = column[row];
             }
-            for (place, (term, average)) in terms.iter_mut().zip(&self.averages).enumerate() {
-                term.push(held[place % channels] - average);
+            for (position, (term, average)) in terms.iter_mut().zip(&self.averages).enumerate() {
+                term.push(held[position % channels] - average);
             }
             self.before = self.before.take().map(|(_, held)| (time, held));
         }

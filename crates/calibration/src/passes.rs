@@ -236,14 +236,14 @@ fn on_threads<I: Sync, S: Send, T: Send>(
     let worker = || {
         let mut state = init();
         loop {
-            let place = next.fetch_add(1, Ordering::Relaxed);
-            let Some(item) = items.get(place) else { return state };
+            let position = next.fetch_add(1, Ordering::Relaxed);
+            let Some(item) = items.get(position) else { return state };
             let result = work(&mut state, item).and_then(|value| {
                 let goes_on = workers.watch.is_none_or(|watch| watch(rows_of(item)));
                 if goes_on { Ok(value) } else { Err(FitError::Interrupted) }
             });
             // A poisoned lock means that a thread has panicked, and the panic will be passed on.
-            if !folded.lock().unwrap_or_else(PoisonError::into_inner).add(place, result) {
+            if !folded.lock().unwrap_or_else(PoisonError::into_inner).add(position, result) {
                 return state;
             }
         }
@@ -272,9 +272,9 @@ struct OrderedFold<T, F> {
 }
 
 impl<T, F: FnMut(T) -> Result<(), FitError>> OrderedFold<T, F> {
-    /// Adds the result of the item at a place; `false` if no more are wanted.
-    fn add(&mut self, place: usize, result: Result<T, FitError>) -> bool {
-        self.waiting.insert(place, result);
+    /// Adds the result of the item at a position; `false` if no more are wanted.
+    fn add(&mut self, position: usize, result: Result<T, FitError>) -> bool {
+        self.waiting.insert(position, result);
         while self.outcome.is_ok()
             && let Some(result) = self.waiting.remove(&self.next)
         {

@@ -56,7 +56,7 @@ impl GroupScatter {
 /// Why groups say nothing about the scatter of the coefficients.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ScatterError {
-    /// The groups, by their places, without which the rows do not determine the coefficients.
+    /// The groups, by their positions, without which the rows do not determine the coefficients.
     Alone(Vec<usize>),
     /// The features are too nearly dependent for this.
     NearlyDependent,
@@ -98,8 +98,8 @@ impl ScatterSums {
         }
     }
 
-    /// Adds the group at `place`.
-    pub(crate) fn add(&mut self, place: usize, group: ClusterShare) -> Result<(), ScatterError> {
+    /// Adds the group at `position`.
+    pub(crate) fn add(&mut self, position: usize, group: ClusterShare) -> Result<(), ScatterError> {
         let ClusterShare { share, score, errors } = group;
         for (axis, (rows, sum, squares)) in errors.into_iter().enumerate() {
             self.common[axis] += sum * sum / rows as f64;
@@ -111,7 +111,7 @@ impl ScatterSums {
         let eigen = share.eigen().ok_or(ScatterError::NearlyDependent)?;
         let rest: Vec<f64> = eigen.values.iter().map(|value| 1.0 - value.max(0.0)).collect();
         if rest.iter().any(|&rest| rest < ALONE) {
-            self.alone.push(place);
+            self.alone.push(position);
             return Ok(());
         }
         let score = score.map(|mut score| {
@@ -124,7 +124,7 @@ impl ScatterSums {
             products.iter_mut().zip(&score).for_each(|(sum, b)| *sum += product(a, b));
         }
         for (scores, score) in self.scores.iter_mut().zip(score) {
-            scores[place] = score;
+            scores[position] = score;
         }
         Ok(())
     }

@@ -121,7 +121,7 @@ fn read_facts(
 struct Collector<'a> {
     facts: LogObservations,
     calibration: Option<&'a CalibrationFile>,
-    /// The place of the column `missing`.
+    /// The position of the column `missing`.
     missing: Option<usize>,
     /// Those of the log.
     axes: Axes,

@@ -45,9 +45,9 @@ pub fn coverage_figure(train: &[PerAxis<f64>], test: &[PerAxis<f64>]) -> Figure 
         canvas.clipped(area, |canvas| {
             for (_, loads, colour) in sets {
                 for load in loads {
-                    let place = panel.place(load[pair[0].index()], load[pair[1].index()]);
-                    if place.0.is_finite() && place.1.is_finite() {
-                        canvas.circle(place, POINT, colour);
+                    let position = panel.place(load[pair[0].index()], load[pair[1].index()]);
+                    if position.0.is_finite() && position.1.is_finite() {
+                        canvas.circle(position, POINT, colour);
                     }
                 }
             }

@@ -168,17 +168,18 @@ pub fn fit_figure(
         axis.agreement.cells([merge; 2])
     });
     let views = shown.axes.each_ref().map(ResidualView::new);
-    let places = || axes.iter().map(Axis::index);
-    let cells = places().flat_map(|axis| &views[axis].cells);
-    let colours = ColourScale::for_cells(places().flat_map(|axis| &agreement[axis]).chain(cells));
+    let positions = || axes.iter().map(Axis::index);
+    let cells = positions().flat_map(|axis| &views[axis].cells);
+    let colours =
+        ColourScale::for_cells(positions().flat_map(|axis| &agreement[axis]).chain(cells));
     let length = if size.is_narrow() { 90.0 } else { 180.0 };
     let bar = Rect { left: grid.width - 18.0 - length, top: 16.0, width: length, height: 11.0 };
     colours.draw_bar(&mut canvas, bar, "rows per cell");
 
-    for (place, axis) in axes.iter().enumerate() {
+    for (position, axis) in axes.iter().enumerate() {
         let i = axis.index();
-        let left = (grid.side + MARGINS) * (place % grid.columns) as f64 + LEFT_MARGIN;
-        let top = TOP + grid.block_height() * (place / grid.columns) as f64 + 24.0;
+        let left = (grid.side + MARGINS) * (position % grid.columns) as f64 + LEFT_MARGIN;
+        let top = TOP + grid.block_height() * (position / grid.columns) as f64 + 24.0;
         let data =
             AgreementView { data: &shown.axes[i], cells: &agreement[i], plateaus: &found[i] };
         let area = Rect { left, top, width: grid.side, height: grid.side };

@@ -48,7 +48,7 @@ impl<'a> Legend<'a> {
         (panels.right() + self.width(), height)
     }
 
-    /// Names the curves; `draw` draws a key from one point to another for the curve of that place.
+    /// Names the curves; `draw` draws a key from one point to another for the curve of that position.
     pub(super) fn draw(
         &self,
         canvas: &mut Canvas,

@@ -63,7 +63,9 @@ fn draw(canvas: &mut Canvas, panel: &Panel, series: &[(&[(f64, f64)], ChartMark)
         for (colour, (points, mark)) in palette::SERIES.iter().zip(series) {
             let placed = points.iter().map(|&(x, y)| panel.place(x, y));
             match mark {
-                ChartMark::Points => placed.for_each(|place| canvas.circle(place, 2.0, colour)),
+                ChartMark::Points => {
+                    placed.for_each(|position| canvas.circle(position, 2.0, colour))
+                }
                 _ => canvas.stroke(&polyline(placed), colour, 1.2),
             }
         }

@@ -381,7 +381,7 @@ mod tests {
             .collect();
         assert_eq!(read(tables[0], shown[0]), "Fx (N·m) ±10⁻³");
         assert_eq!(read(tables[1], shown[1]), "bold");
-        // Turned to the left, and in the middle: half the width below its place.
+        // Turned to the left, and in the middle: half the width below its position.
         assert!(page.contains("0 -13 -13 0 5 "), "{page}");
         let leaf = objects.iter().find(|object| find(object, b"/MediaBox").is_some()).unwrap();
         assert!(find(leaf, b"[0 0 150 75]").is_some());

@@ -22,7 +22,7 @@
 //!
 //! **Low-pass.** A 4th-order Butterworth filter at 10 Hz: forward and backward (zero-phase) where the
 //! whole log is there, forward only (causal) while it is being recorded. It runs over blocks of the
-//! grid at fixed places, each with the filter's memory before it and (zero-phase) after it. A force
+//! grid at fixed positions, each with the filter's memory before it and (zero-phase) after it. A force
 //! therefore depends on the rows around it alone, which a window needs, and memory is bounded; what is
 //! further away would change it by less than 10⁻¹² of the signal's range. Where no row comes for
 //! longer than the filter remembers, the recording is taken to have paused: each side is filtered

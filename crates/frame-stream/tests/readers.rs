@@ -88,9 +88,9 @@ fn a_reader_that_stops_loses_rows_and_nobody_else_does() {
         assert!(index < ROWS + 100_000);
         std::thread::sleep(Duration::from_millis(1));
     };
-    for (place, line) in whole.iter().enumerate() {
+    for (position, line) in whole.iter().enumerate() {
         // Each row that arrives counts the rows that were lost before it.
-        assert_eq!(number(line, "row") - number(line, "lost"), place as u64);
+        assert_eq!(number(line, "row") - number(line, "lost"), position as u64);
     }
     let lost = number(whole.last().unwrap(), "lost");
     assert!(lost > 10_000, "{lost}");

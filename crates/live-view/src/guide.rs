@@ -264,15 +264,15 @@ impl Guide {
     }
 
     /// Goes on by some places, around the end, and past loads that are recorded if it goes forward.
-    fn go_on(&mut self, places: usize) {
+    fn go_on(&mut self, positions: usize) {
         let count = self.loads.len();
-        let place = |steps: usize| (self.next + steps) % count.max(1);
+        let position = |steps: usize| (self.next + steps) % count.max(1);
         let is_left = |at: &usize| !self.recorded[*at];
-        self.next = match places {
-            1 => (1..=count).map(place).find(is_left).unwrap_or(self.next),
-            places => place(places),
+        self.next = match positions {
+            1 => (1..=count).map(position).find(is_left).unwrap_or(self.next),
+            positions => position(positions),
         };
-        let is_done = places == 1 && self.recorded.iter().all(|is_recorded| *is_recorded);
+        let is_done = positions == 1 && self.recorded.iter().all(|is_recorded| *is_recorded);
         self.phase = match self.rest {
             _ if is_done => GuidePhase::Done,
             None => GuidePhase::Rest,

@@ -203,9 +203,9 @@ impl LiveModel {
     /// The marks within the span that is shown: their numbers, and where they stand, 0 on the left to 1.
     pub fn marks_shown(&self) -> Vec<(u32, f64)> {
         let Some(newest_s) = self.time_s() else { return Vec::new() };
-        let place = |mark: &Mark| 1.0 - (newest_s - mark.time_s) / self.window_s();
-        let places = self.marks.iter().map(|mark| (mark.number, place(mark)));
-        places.filter(|(_, place)| (0.0..=1.0).contains(place)).collect()
+        let position = |mark: &Mark| 1.0 - (newest_s - mark.time_s) / self.window_s();
+        let positions = self.marks.iter().map(|mark| (mark.number, position(mark)));
+        positions.filter(|(_, position)| (0.0..=1.0).contains(position)).collect()
     }
 
     /// The traces in so many columns: the axes that there are where forces are known, else the eight readings.

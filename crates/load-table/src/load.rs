@@ -91,8 +91,8 @@ fn short(value: f64) -> String {
     if value == 0.0 {
         return "0".to_owned();
     }
-    let places = (3.0 - value.abs().log10().floor()).clamp(0.0, 6.0);
-    let text = format!("{value:.*}", places as usize);
+    let decimals = (3.0 - value.abs().log10().floor()).clamp(0.0, 6.0);
+    let text = format!("{value:.*}", decimals as usize);
     match text.contains('.') {
         true => text.trim_end_matches('0').trim_end_matches('.').to_owned(),
         false => text,

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use table_file::TableError;
 
-pub use crate::stream::beside::RowMismatch;
+pub use crate::stream::companion::RowMismatch;
 
 /// A log that cannot be read.
 #[derive(Debug, thiserror::Error)]
@@ -46,12 +46,12 @@ pub enum LogError {
         problem: TableError,
     },
     /// The files do not belong together row by row.
-    #[error("`{}` and `{}` beside it: {problem}", path.display(), beside.display())]
+    #[error("`{}` and `{}` beside it: {problem}", path.display(), companion.display())]
     RowMismatch {
         /// The file.
         path: PathBuf,
         /// The file beside it.
-        beside: PathBuf,
+        companion: PathBuf,
         /// Why not.
         problem: RowMismatch,
     },
@@ -107,19 +107,19 @@ pub enum LogError {
         /// The file.
         path: PathBuf,
     },
-    /// Something is wrong at a place of it.
-    #[error("`{}`, {place}: {problem}", path.display())]
+    /// Something is wrong at a position of it.
+    #[error("`{}`, {position}: {problem}", path.display())]
     At {
         /// The file.
         path: PathBuf,
         /// The first row, where the columns are named, or the row that is wrong.
-        place: LogPosition,
+        position: LogPosition,
         /// What is wrong.
         problem: PlacedProblem,
     },
 }
 
-/// What is wrong at a place of a log.
+/// What is wrong at a position of a log.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PlacedProblem {
@@ -188,7 +188,7 @@ pub enum PlacedProblem {
     DuplicateColumn {
         /// The meaning of both.
         meaning: String,
-        /// Their places, from 0.
+        /// Their positions, from 0.
         columns: [usize; 2],
         /// Their names.
         names: Box<[String; 2]>,
@@ -385,7 +385,7 @@ pub enum RowProblem {
 /// The column of a field.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Field {
-    /// Its place in the row, from 0.
+    /// Its position in the row, from 0.
     pub column: usize,
     /// Its name.
     pub name: String,

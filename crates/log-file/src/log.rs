@@ -43,28 +43,33 @@ impl Log {
         Self::new(LogSource::in_memory(name, bytes, mapping.table.as_deref())?, mapping)
     }
 
-    /// The same with the columns of the file `beside`, row by row: they follow those of the log. Where
+    /// The same with the columns of the file `companion`, row by row: they follow those of the log. Where
     /// neither has names and nothing is specified, those of the log are readings and the six beside them the
     /// wrench.
     ///
     /// # Errors
     /// Those of [`Log::open`] for either file, and [`LogError::RowMismatch`] if their rows are not the same.
-    pub fn open_beside(path: &Path, beside: &Path, mapping: &Mapping) -> Result<Self, LogError> {
+    pub fn open_with_companion(
+        path: &Path,
+        companion: &Path,
+        mapping: &Mapping,
+    ) -> Result<Self, LogError> {
         let source = LogSource::new(path, mapping.table.as_deref())?;
-        let source = source.with_beside(LogSource::new(beside, None)?);
+        let source = source.with_companion(LogSource::new(companion, None)?);
         let mut mapping = mapping.clone();
         if let Some(sides) = source.sides()?.filter(|sides| !sides.has_names) {
             let [readings, others] = sides.columns;
-            let places = |from: usize, count: usize| {
+            let positions = |from: usize, count: usize| {
                 (from + 1..=from + count).map(ColumnRef::Position).collect::<Vec<_>>()
             };
             mapping.format = mapping.format.or(Some(LogFormat::Csv));
             if mapping.sensors.is_none() && mapping.time.is_none() {
-                mapping.sensors = Some(places(0, readings));
+                mapping.sensors = Some(positions(0, readings));
             }
             if mapping.wrench.is_none() && others == 6 {
-                let places = places(readings, others).into_iter().map(Some).collect::<Vec<_>>();
-                mapping.wrench = places.try_into().ok();
+                let positions =
+                    positions(readings, others).into_iter().map(Some).collect::<Vec<_>>();
+                mapping.wrench = positions.try_into().ok();
             }
         }
         Self::new(source, &mapping)
@@ -135,30 +140,30 @@ impl Log {
 
     /// The names of the sensor columns in channel order, then of those of the wrench that there are.
     pub fn value_names(&self) -> Vec<&str> {
-        let places =
+        let positions =
             self.layout.roles.sensors.iter().chain(self.layout.roles.wrench.iter().flatten());
-        places.map(|&place| self.layout.columns[place].name.as_str()).collect()
+        positions.map(|&position| self.layout.columns[position].name.as_str()).collect()
     }
 
     /// The columns of the sensors in channel order, then those of the wrench that there are: by their names in the
-    /// log, or places where they have none, if `mapping` specifies them; by their usual names if they were
+    /// log, or positions where they have none, if `mapping` specifies them; by their usual names if they were
     /// recognised. A unit that `mapping` specifies stands beside moments.
     pub fn specified_values(&self, mapping: &Mapping) -> Vec<String> {
         let FileLayout { columns, roles, .. } = &self.layout;
         let mapping = mapping.for_columns(&self.column_names());
-        let name = |place: usize| match columns[place].name.as_str() {
-            "" => ColumnRef::Position(place + 1).to_string(),
+        let name = |position: usize| match columns[position].name.as_str() {
+            "" => ColumnRef::Position(position + 1).to_string(),
             name => name.to_owned(),
         };
-        let sensor = |(channel, &place): (usize, &usize)| match mapping.sensors {
-            Some(_) => name(place),
+        let sensor = |(channel, &position): (usize, &usize)| match mapping.sensors {
+            Some(_) => name(position),
             None => format!("s{}", channel + 1),
         };
         let load =
             |axis: Axis| {
-                let place = roles.wrench[axis.index()]?;
+                let position = roles.wrench[axis.index()]?;
                 let column = match mapping.wrench {
-                    Some(_) => name(place),
+                    Some(_) => name(position),
                     None => axis.column().to_owned(),
                 };
                 let unit = mapping.moment_unit.filter(|_| axis.is_moment());
@@ -176,15 +181,15 @@ impl Log {
     pub fn specified(&self, mapping: &Mapping) -> ColumnNames {
         let FileLayout { columns, roles, .. } = &self.layout;
         let mapping = mapping.for_columns(&self.column_names());
-        let name = |place: usize| {
-            let name = &columns[place].name;
+        let name = |position: usize| {
+            let name = &columns[position].name;
             let is_own = columns.iter().filter(|column| column.name == *name).count() == 1;
             (is_own && !name.is_empty()).then(|| name.clone())
         };
         let sensors =
             mapping.sensors.and_then(|_| roles.sensors.iter().map(|&at| name(at)).collect());
         // All that there are, or none: one without a name of its own is not found again.
-        let wrench: PerAxis<Option<String>> = roles.wrench.map(|place| place.and_then(name));
+        let wrench: PerAxis<Option<String>> = roles.wrench.map(|position| position.and_then(name));
         let all_have = wrench.iter().zip(&roles.wrench).all(|(n, at)| n.is_some() == at.is_some());
         let wrench = mapping.wrench.and(Some(wrench)).filter(|_| all_have);
         let time = mapping.time.and(roles.time).and_then(name);
@@ -213,16 +218,16 @@ impl Log {
     }
 
     /// The file that stands beside it, if one does.
-    pub fn beside(&self) -> Option<&Path> {
-        self.source.beside()
+    pub fn companion(&self) -> Option<&Path> {
+        self.source.companion()
     }
 
     /// The checksum of that file.
     ///
     /// # Errors
     /// [`LogError`] if it cannot be read.
-    pub fn checksum_beside(&self) -> Result<Option<String>, LogError> {
-        self.source.checksum_beside()
+    pub fn companion_checksum(&self) -> Result<Option<String>, LogError> {
+        self.source.companion_checksum()
     }
 
     fn column_names(&self) -> Vec<String> {
@@ -283,17 +288,17 @@ impl Log {
     /// [`PlacedProblem::DuplicateColumn`] if there are several.
     pub fn telemetry(&self, telemetry: Telemetry) -> Result<Option<usize>, LogError> {
         let columns = self.layout.columns.iter().enumerate();
-        let mut places = columns
+        let mut positions = columns
             .filter(|(_, column)| column.meaning == Meaning::Telemetry(telemetry))
-            .map(|(place, _)| place);
-        match (places.next(), places.next()) {
+            .map(|(position, _)| position);
+        match (positions.next(), positions.next()) {
             (Some(first), Some(second)) => {
                 let columns = [first, second];
                 let names = Box::new(columns.map(|at| self.layout.columns[at].name.clone()));
                 let meaning = telemetry.name().to_owned();
                 Err(self.error_in_names(PlacedProblem::DuplicateColumn { meaning, columns, names }))
             }
-            (place, _) => Ok(place),
+            (position, _) => Ok(position),
         }
     }
 
@@ -307,7 +312,7 @@ impl Log {
     ///
     /// # Errors
     /// [`PlacedProblem::MissingColumns`] with all that are not there.
-    pub fn column_places(&self, references: &[ColumnRef]) -> Result<Vec<usize>, LogError> {
+    pub fn column_positions(&self, references: &[ColumnRef]) -> Result<Vec<usize>, LogError> {
         let names = self.column_names();
         positions(&names, references).map_err(|error| {
             let missing = match error {

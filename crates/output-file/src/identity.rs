@@ -11,7 +11,7 @@ const MOST_LINKS: usize = 40;
 /// What tells a file from others: where it is in the end and, if it is there, device and number.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct FileIdentity {
-    place: PathBuf,
+    path: PathBuf,
     number: Option<(u64, u64)>,
 }
 
@@ -22,7 +22,7 @@ impl FileIdentity {
         if metadata.as_ref().is_some_and(|metadata| !metadata.is_file()) {
             return None;
         }
-        Some(Self { place: place(path), number: metadata.as_ref().and_then(number) })
+        Some(Self { path: resolved(path), number: metadata.as_ref().and_then(number) })
     }
 }
 
@@ -30,27 +30,27 @@ impl FileIdentity {
 #[derive(Debug)]
 pub(super) struct Files<T> {
     entries: Vec<T>,
-    by_place: HashMap<PathBuf, usize>,
+    by_path: HashMap<PathBuf, usize>,
     by_number: HashMap<(u64, u64), usize>,
 }
 
 impl<T> Default for Files<T> {
     fn default() -> Self {
-        Self { entries: Vec::new(), by_place: HashMap::new(), by_number: HashMap::new() }
+        Self { entries: Vec::new(), by_path: HashMap::new(), by_number: HashMap::new() }
     }
 }
 
 impl<T> Files<T> {
     pub(super) fn find(&mut self, identity: &FileIdentity) -> Option<&mut T> {
         let by_number = || identity.number.and_then(|number| self.by_number.get(&number));
-        let index = self.by_place.get(&identity.place).or_else(by_number)?;
+        let index = self.by_path.get(&identity.path).or_else(by_number)?;
         self.entries.get_mut(*index)
     }
 
     pub(super) fn insert(&mut self, identity: FileIdentity, entry: T) {
         let index = self.entries.len();
         self.entries.push(entry);
-        self.by_place.insert(identity.place, index);
+        self.by_path.insert(identity.path, index);
         self.by_number.extend(identity.number.map(|number| (number, index)));
     }
 
@@ -72,9 +72,9 @@ fn number(_: &fs::Metadata) -> Option<(u64, u64)> {
 }
 
 /// Where a path leads, through links, even if nothing is there yet.
-pub(super) fn place(path: &Path) -> PathBuf {
-    if let Ok(place) = path.canonicalize() {
-        return place;
+pub(super) fn resolved(path: &Path) -> PathBuf {
+    if let Ok(resolved) = path.canonicalize() {
+        return resolved;
     }
     let path = follow(path).unwrap_or_else(|_| path.to_path_buf());
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());

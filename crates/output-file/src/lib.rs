@@ -240,7 +240,7 @@ enum OutputTarget {
     Replace {
         file: BufWriter<Unnamed>,
         /// The end of the links that the path leads through.
-        place: PathBuf,
+        path: PathBuf,
         /// Those of the file that is replaced.
         permissions: Option<Permissions>,
     },
@@ -287,8 +287,8 @@ impl OutputTarget {
         if metadata.as_ref().is_some_and(|metadata| !metadata.is_file()) {
             return File::options().write(true).open(path).map(OutputTarget::Device);
         }
-        let place = identity::place(path);
-        let directory = match place.parent() {
+        let path = identity::resolved(path);
+        let directory = match path.parent() {
             Some(parent) if !parent.as_os_str().is_empty() => parent,
             _ => Path::new("."),
         };
@@ -296,7 +296,7 @@ impl OutputTarget {
             Ok(file) => Ok(OutputTarget::Replace {
                 file: BufWriter::new(Unnamed(file)),
                 permissions: metadata.map(|metadata| metadata.permissions()),
-                place,
+                path,
             }),
             Err(_) if !directory.is_dir() => Err(io::Error::new(
                 io::ErrorKind::NotFound,
@@ -308,13 +308,13 @@ impl OutputTarget {
     }
 
     fn finish(self) -> io::Result<()> {
-        if let OutputTarget::Replace { file, place, permissions } = self {
+        if let OutputTarget::Replace { file, path, permissions } = self {
             let Unnamed(mut file) = file.into_inner().map_err(io::IntoInnerError::into_error)?;
             if let Some(permissions) = permissions {
                 // A file system without permissions keeps none.
                 let _ = file.file()?.set_permissions(permissions);
             }
-            file.rename(&place)?;
+            file.rename(&path)?;
         }
         Ok(())
     }

@@ -12,7 +12,7 @@ pub struct Block {
     /// Number of rows.
     pub rows: usize,
     /// Where its text starts in the log, in bytes: no two blocks of a log have the same.
-    pub place: u64,
+    pub offset: u64,
     /// Time in s.
     pub time_s: Vec<f64>,
     /// Readings in counts, one column per channel; the last [`memory_columns`](Self::memory_columns) are terms that a

@@ -37,14 +37,14 @@ pub struct ReadSummary {
     pub checksum: Option<String>,
     /// Lines of text after the head.
     pub lines: u64,
-    /// Of each block with a row on every line, its place and the lines after the head that are before it; by place.
+    /// Of each block with a row on every line, its offset and the lines after the head that are before it; by offset.
     pub lines_before: Vec<(u64, u64)>,
 }
 
 impl ReadSummary {
-    /// The lines after the head that are before a row of the block at a place; `None` where that has lines without rows.
-    pub fn lines_before(&self, place: u64, row: usize) -> Option<u64> {
-        let found = self.lines_before.binary_search_by_key(&place, |&(place, _)| place).ok()?;
+    /// The lines after the head that are before a row of the block at an offset; `None` where that has lines without rows.
+    pub fn lines_before(&self, offset: u64, row: usize) -> Option<u64> {
+        let found = self.lines_before.binary_search_by_key(&offset, |&(offset, _)| offset).ok()?;
         Some(self.lines_before[found].1 + row as u64)
     }
 }
@@ -100,8 +100,8 @@ pub struct RowSet(HashMap<(usize, u64), Vec<usize>>);
 impl FromIterator<(usize, u64, usize)> for RowSet {
     fn from_iter<I: IntoIterator<Item = (usize, u64, usize)>>(rows: I) -> Self {
         let mut all = Self::default();
-        for (log, place, row) in rows {
-            all.0.entry((log, place)).or_default().push(row);
+        for (log, offset, row) in rows {
+            all.0.entry((log, offset)).or_default().push(row);
         }
         all
     }
@@ -114,8 +114,8 @@ impl RowSet {
     }
 
     /// Whether a row is among them.
-    pub fn contains(&self, log: usize, place: u64, row: usize) -> bool {
-        self.0.get(&(log, place)).is_some_and(|rows| rows.contains(&row))
+    pub fn contains(&self, log: usize, offset: u64, row: usize) -> bool {
+        self.0.get(&(log, offset)).is_some_and(|rows| rows.contains(&row))
     }
 }
 
@@ -132,7 +132,7 @@ impl Dataset {
     pub fn from_blocks(name: impl Into<PathBuf>, axes: Axes, mut blocks: Vec<Block>) -> Self {
         let mut start = 0;
         for block in &mut blocks {
-            block.place = start;
+            block.offset = start;
             start += block.rows as u64;
         }
         let has_groups = blocks.iter().any(|block| !block.groups.is_empty());
@@ -219,7 +219,7 @@ impl LogRows {
 
 impl LabelledBlock {
     fn select(&mut self, log: usize, fresh: bool, excluded: &RowSet) {
-        let excluded = excluded.0.get(&(log, self.rows.place));
+        let excluded = excluded.0.get(&(log, self.rows.offset));
         if !fresh && excluded.is_none() {
             return;
         }

@@ -157,7 +157,7 @@ impl Axes {
     }
 
     /// One value for each axis that there is, put in its place; `None` unless there are just as many. The
-    /// other places have `absent`.
+    /// other positions have `absent`.
     pub fn spread<T: Clone>(self, values: Vec<T>, absent: &T) -> Option<PerAxis<T>> {
         if values.len() != self.count() {
             return None;

@@ -212,11 +212,11 @@ impl RowStream for ArrayRows {
         for (array, columns) in self.arrays.iter() {
             let Some(numbers) = &array.numbers else { continue };
             for column in 0..columns.count {
-                let place = |row: usize| match numbers.is_by_row {
+                let position = |row: usize| match numbers.is_by_row {
                     true => row * columns.count + column,
                     false => column * columns.rows + row,
                 };
-                batch.push(rows.clone().map(|row| numbers.cell(place(row))).collect());
+                batch.push(rows.clone().map(|row| numbers.cell(position(row))).collect());
             }
         }
         self.row = rows.end;

@@ -6,7 +6,7 @@
 //! the digits that read back as the same.
 //!
 //! Files are not trusted: what a file says about its sizes is checked against a budget before
-//! memory is taken, and damage is an error that names the place. No unsafe code.
+//! memory is taken, and damage is an error that names the position. No unsafe code.
 
 #![allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "reads files")]
 #![forbid(unsafe_code)]

@@ -123,7 +123,7 @@ impl<'a> Elements<'a> {
         Self { bytes, rest, is_little }
     }
 
-    /// Kind and place of the next one; `None` at the end.
+    /// Kind and position of the next one; `None` at the end.
     fn next(&mut self) -> Result<Option<(u32, Range<usize>)>, TableError> {
         let rest = &self.bytes[self.rest.clone()];
         if rest.is_empty() {

@@ -74,8 +74,8 @@ impl NamedTable {
         text.push(b'\n');
         let mut digits = zmij::Buffer::new();
         for row in 0..self.rows() {
-            for (place, (_, column)) in self.columns.iter().enumerate() {
-                if place > 0 {
+            for (position, (_, column)) in self.columns.iter().enumerate() {
+                if position > 0 {
                     text.push(b',');
                 }
                 match column {

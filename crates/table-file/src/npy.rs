@@ -113,7 +113,7 @@ fn layout(file: &FileSource, header: &str, start: u64) -> Result<Npy, TableError
                 [_, columns] => columns,
                 _ => return Err(dimensions(&shape)),
             };
-            let columns = places(0, kind, is_little, count)?;
+            let columns = positions(0, kind, is_little, count)?;
             (columns, None, kind.size() as u64 * count)
         }
         Literal::List(fields) => {
@@ -142,7 +142,7 @@ fn shape(shape: &Literal) -> Option<Vec<u64>> {
         .collect()
 }
 
-fn places(
+fn positions(
     offset: usize,
     kind: NumberKind,
     is_little: bool,
@@ -177,13 +177,15 @@ fn record(fields: &[Literal]) -> Result<(Vec<ValueOffset>, Vec<String>, u64), Ta
             }
             _ => self::kind(kind)?,
         };
-        let places = places(offset, kind, is_little, count.unwrap_or(1))?;
-        offset += kind.size() * places.len();
+        let positions = positions(offset, kind, is_little, count.unwrap_or(1))?;
+        offset += kind.size() * positions.len();
         match count {
             None => names.push(name.clone()),
-            Some(_) => names.extend((1..=places.len()).map(|place| format!("{name}{place}"))),
+            Some(_) => {
+                names.extend((1..=positions.len()).map(|position| format!("{name}{position}")))
+            }
         }
-        columns.extend(places);
+        columns.extend(positions);
         budget::check_columns(KIND, columns.len())?;
     }
     Ok((columns, names, offset as u64))
@@ -258,11 +260,11 @@ impl RowStream for NpyRows {
         if self.npy.by_column {
             let size = self.npy.columns[0].kind.size();
             self.bytes.resize(rows as usize * size, 0);
-            for (column, place) in self.npy.columns.iter().enumerate() {
+            for (column, position) in self.npy.columns.iter().enumerate() {
                 let at = (column as u64 * self.npy.rows + self.row) * size as u64;
                 self.file.seek(SeekFrom::Start(self.npy.start + at))?;
                 self.file.read_exact(&mut self.bytes).map_err(cut)?;
-                let cells = self.bytes.chunks_exact(size).map(|bytes| place.cell(bytes));
+                let cells = self.bytes.chunks_exact(size).map(|bytes| position.cell(bytes));
                 batch[column].extend(cells);
             }
         } else {
@@ -270,8 +272,8 @@ impl RowStream for NpyRows {
             self.bytes.resize(rows as usize * size, 0);
             self.file.read_exact(&mut self.bytes).map_err(cut)?;
             for row in self.bytes.chunks_exact(size.max(1)) {
-                for (column, place) in batch.iter_mut().zip(&self.npy.columns) {
-                    column.push(place.cell(&row[place.offset..][..place.kind.size()]));
+                for (column, position) in batch.iter_mut().zip(&self.npy.columns) {
+                    column.push(position.cell(&row[position.offset..][..position.kind.size()]));
                 }
             }
         }

@@ -308,14 +308,14 @@ impl SheetRows {
                     }
                     "c" => {
                         if let Some(cell) = cell.take() {
-                            let place = cell.column;
+                            let position = cell.column;
                             let value = cell.value(&self.shared).map_err(|what| {
                                 wrong(
                                     &self.name,
-                                    format!("row {number}, column {}: {what}", place + 1),
+                                    format!("row {number}, column {}: {what}", position + 1),
                                 )
                             })?;
-                            cells.resize(cells.len().max(place), Cell::Missing);
+                            cells.resize(cells.len().max(position), Cell::Missing);
                             cells.push(value);
                         }
                     }
@@ -342,8 +342,8 @@ impl OpenCell {
     fn new(element: &XmlElement, next: usize) -> Option<Self> {
         let column = match element.attribute("r") {
             None => next,
-            Some(place) => {
-                let letters = place.bytes().take_while(u8::is_ascii_alphabetic);
+            Some(position) => {
+                let letters = position.bytes().take_while(u8::is_ascii_alphabetic);
                 let column = letters.take(4).fold(0_usize, |column, letter| {
                     26 * column + usize::from(letter.to_ascii_uppercase() - b'A') + 1
                 });

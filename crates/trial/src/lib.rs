@@ -28,7 +28,7 @@ mod signals;
 mod statistics;
 pub mod tables;
 mod telemetry_column;
-mod toml_place;
+mod toml_position;
 mod trace;
 mod uncertainty;
 mod value_table;
@@ -44,7 +44,7 @@ pub use profile::{Motor, Profile, Robot, TelemetryScales, TrialChannel, VELOCIRO
 pub use results::{ConditionRow, Per, Quantity, StrideRow, TrialResult, TrialRow};
 pub use statistics::{Interval, MeanDifference, Statistics, ValueSample};
 pub use telemetry_column::TelemetryColumn;
-pub use toml_place::TomlError;
+pub use toml_position::TomlError;
 pub use trace::Trace;
 pub use value_table::{ValueRow, ValueTable};
 pub use window::{GOOD_CONFIDENCE, NoWindow, Proposal, propose_window};

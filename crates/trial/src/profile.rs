@@ -11,7 +11,7 @@ use shell_data::telemetry::Telemetry;
 use toml::Spanned;
 
 use super::telemetry_column::{TelemetryColumn, check_column, key_of};
-use super::toml_place::{TomlError, parse};
+use super::toml_position::{TomlError, parse};
 
 /// The built-in profile as a document, to start another from.
 pub const VELOCIROACH: &str = include_str!("../assets/profiles/velociroach.toml");
@@ -151,7 +151,7 @@ impl Profile {
     }
 }
 
-/// A table of constants, with their places.
+/// A table of constants, with their positions.
 type NamedConstants = BTreeMap<Spanned<String>, f64>;
 
 /// A document that has only what differs from a profile that is built in.

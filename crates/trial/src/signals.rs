@@ -69,7 +69,7 @@ impl Signals {
             Some(forces) => forces.wrench.each_ref().map(|axis| cut(axis)),
         };
         let sides = self.power.as_ref().and_then(|power| power.sides_w.as_ref());
-        let side = |place: usize| sides.map_or_else(Vec::new, |sides| cut(&sides[place]));
+        let side = |position: usize| sides.map_or_else(Vec::new, |sides| cut(&sides[position]));
         let total = self.power.as_ref().filter(|power| power.sides_w.is_none());
         Trace {
             t_s: cut(&of.times_s),

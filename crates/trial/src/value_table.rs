@@ -41,19 +41,19 @@ type Trials<'a> = Vec<(&'a str, Vec<&'a csv::StringRecord>)>;
 fn group(rows: &[csv::StringRecord], by: usize, trial: Option<usize>) -> Vec<(&str, Trials<'_>)> {
     let mut grouped: Vec<(&str, Trials<'_>)> = Vec::new();
     // Where each condition and each of its trials stands.
-    let (mut places, mut places_of_trials) = (HashMap::new(), HashMap::new());
+    let (mut positions, mut places_of_trials) = (HashMap::new(), HashMap::new());
     for row in rows {
-        let place = *places.entry(&row[by]).or_insert_with(|| {
+        let position = *positions.entry(&row[by]).or_insert_with(|| {
             grouped.push((&row[by], Vec::new()));
             grouped.len() - 1
         });
-        let trials = &mut grouped[place].1;
+        let trials = &mut grouped[position].1;
         let Some(trial) = trial else {
             trials.push(("", vec![row]));
             continue;
         };
         let name = &row[trial];
-        match places_of_trials.entry((place, name)) {
+        match places_of_trials.entry((position, name)) {
             Entry::Occupied(at) => {
                 let at: &usize = at.get();
                 trials[*at].1.push(row);
@@ -81,7 +81,7 @@ impl ValueTable {
         of: Option<&[String]>,
     ) -> Result<Self, ManifestProblem> {
         let at = |line: usize, message: String| ManifestProblem {
-            place: CellPosition { line, column: 1 },
+            position: CellPosition { line, column: 1 },
             message,
         };
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
@@ -89,7 +89,7 @@ impl ValueTable {
         let mut reader =
             reader.trim(csv::Trim::All).comment(Some(b'#')).from_reader(text.as_bytes());
         let line_of =
-            |error: &csv::Error| error.position().map_or(1, |place| place.line() as usize);
+            |error: &csv::Error| error.position().map_or(1, |position| position.line() as usize);
         let header = reader.headers().map_err(|error| at(line_of(&error), error.to_string()))?;
         let header: Vec<String> = header.iter().map(str::to_owned).collect();
         let find = |name: &str| {
@@ -116,7 +116,7 @@ impl ValueTable {
         };
         let columns = (0..header.len()).filter(|column| *column != by && Some(*column) != trial);
         let columns: Vec<usize> = columns.filter(is_number).collect();
-        if let Some(text) = of.iter().flatten().find(|place| !columns.contains(place)) {
+        if let Some(text) = of.iter().flatten().find(|position| !columns.contains(position)) {
             return Err(at(1, format!("column `{}` does not hold numbers alone", header[*text])));
         }
         let columns = of.unwrap_or(columns);
@@ -198,6 +198,6 @@ mod tests {
         let error = ValueTable::parse("a,b,who\nx,1,me\n", None, None, Some(&of)).unwrap_err();
         assert_eq!(error.message, "column `who` does not hold numbers alone");
         let error = ValueTable::parse("a,b\nx,1\ny\n", None, None, None).unwrap_err();
-        assert_eq!(error.place.line, 3);
+        assert_eq!(error.position.line, 3);
     }
 }

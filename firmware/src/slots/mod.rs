@@ -68,7 +68,7 @@ impl<F: NorFlash> Slots<F> {
         counts.then_some(u32::from_le_bytes(*generation))
     }
 
-    /// Reads the record of a slot, piece by piece, with the place of each.
+    /// Reads the record of a slot, piece by piece, with the position of each.
     fn read_record(&mut self, slot: u32, mut take: impl FnMut(usize, &[u8])) -> Option<()> {
         let mut piece = [0; PIECE];
         for at in (0..RECORD).step_by(PIECE) {

@@ -93,12 +93,12 @@ pub fn align_logs(
     reference.require_axes(Axes::ALL)?;
     board.require(&readings)?;
     let signal = options.sync.as_ref().map(std::slice::from_ref);
-    let signal = signal.map(|column| reference.column_places(column));
+    let signal = signal.map(|column| reference.column_positions(column));
     let wrench = Wanted { others: signal.transpose()?.unwrap_or_default(), ..wrench };
     let edge_times = options
         .sync
         .as_ref()
-        .map(|_| board.column_places(&[ColumnRef::Name(EDGE_TIMES.to_owned())]));
+        .map(|_| board.column_positions(&[ColumnRef::Name(EDGE_TIMES.to_owned())]));
     let readings = Wanted { texts: edge_times.transpose()?.unwrap_or_default(), ..readings };
     let Read { recording: wrench, signal, summary: reference_summary, .. } =
         columns(reference, &wrench, read)?;

@@ -50,7 +50,7 @@ pub struct Batch {
 #[derive(Clone, Debug)]
 pub struct BatchTrial {
     /// Where the row is.
-    pub place: CellPosition,
+    pub position: CellPosition,
     /// The log.
     pub path: PathBuf,
     /// Its results, and what the log was.
@@ -64,7 +64,7 @@ pub struct BatchTrial {
 pub struct FailedRow {
     /// Where in the manifest.
     #[serde(flatten)]
-    pub place: CellPosition,
+    pub position: CellPosition,
     /// The log, as the manifest names it; empty if it does not.
     pub file: String,
     /// Why.
@@ -122,7 +122,7 @@ pub fn run(
                 Err(problem) => Err(TrialRowError::Manifest(problem.clone())),
             };
             let kept = evaluated.and_then(|mut trial| {
-                keep(trial.place, &mut trial.evaluated.result)?;
+                keep(trial.position, &mut trial.evaluated.result)?;
                 Ok(trial)
             });
             Some(kept.map_err(|error| (number, error)))
@@ -194,7 +194,7 @@ fn evaluate_entry(
     };
     let job = TrialJob { log: &log, instrument, options: options.trial, read: *read };
     let evaluated = evaluate_in_window(&job, trial, window)?;
-    Ok(BatchTrial { place: entry.place, path, evaluated, entry: entry.clone(), stamp })
+    Ok(BatchTrial { position: entry.position, path, evaluated, entry: entry.clone(), stamp })
 }
 
 /// Where in the manifest the fault of a row is, and what it is.
@@ -204,24 +204,26 @@ fn failure(
     error: &TrialRowError,
 ) -> FailedRow {
     let file = parsed.as_ref().map(|entry| entry.file.value.clone()).unwrap_or_default();
-    let place = match (row, error) {
-        (Err(problem), _) => problem.place,
+    let position = match (row, error) {
+        (Err(problem), _) => problem.position,
         (Ok(entry), TrialRowError::Trial(TrialLogError::Trial(error))) => match error {
-            TrialError::OutsideLog { enter, first, .. } if enter < first => entry.enter.place,
-            TrialError::OutsideLog { .. } | TrialError::ExitBeforeEntry { .. } => entry.exit.place,
-            TrialError::Gap { .. } => entry.enter.place,
-            _ => entry.file.place,
+            TrialError::OutsideLog { enter, first, .. } if enter < first => entry.enter.position,
+            TrialError::OutsideLog { .. } | TrialError::ExitBeforeEntry { .. } => {
+                entry.exit.position
+            }
+            TrialError::Gap { .. } => entry.enter.position,
+            _ => entry.file.position,
         },
         (
             Ok(entry),
             TrialRowError::Trial(
                 TrialLogError::Window(_) | TrialLogError::NoForces | TrialLogError::NoCalibration,
             ),
-        ) => entry.enter.place,
-        (Ok(entry), _) => entry.file.place,
+        ) => entry.enter.position,
+        (Ok(entry), _) => entry.file.position,
     };
     let message = with_causes(error);
-    FailedRow { place, file, message }
+    FailedRow { position, file, message }
 }
 
 impl Batch {

@@ -117,7 +117,7 @@ pub fn drift(
     let path = || log.path().display().to_string();
     let usual = || log.columns().iter().position(|column| column.name == TEMPERATURE);
     let temperature = match &options.temperature {
-        Some(column) => Some(log.column_places(std::slice::from_ref(column))?[0]),
+        Some(column) => Some(log.column_positions(std::slice::from_ref(column))?[0]),
         None => usual(),
     };
     let texts = temperature.into_iter().collect();

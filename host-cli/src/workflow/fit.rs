@@ -210,8 +210,8 @@ pub fn log_sources(
         let checksum = read.summary.checksum.clone();
         let has_checksum = checksum.is_some();
         files.push(SourceFile { role, path: log.path().into(), checksum, digest: None, rows });
-        if let Some(path) = log.beside() {
-            let checksum = if has_checksum { log.checksum_beside()? } else { None };
+        if let Some(path) = log.companion() {
+            let checksum = if has_checksum { log.companion_checksum()? } else { None };
             let (role, path) = (Role::Wrench, path.into());
             files.push(SourceFile { role, path, checksum, digest: None, rows });
         }

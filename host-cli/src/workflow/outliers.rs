@@ -59,7 +59,7 @@ impl NamedOutliers {
         let mut names = Vec::new();
         for of_log in found.rows.chunk_by(|a, b| a.log == b.log) {
             let (log, summary) = (&logs[of_log[0].log], &read.logs[of_log[0].log].summary);
-            let rows: Vec<_> = of_log.iter().map(|row| (row.place, row.row)).collect();
+            let rows: Vec<_> = of_log.iter().map(|row| (row.offset, row.row)).collect();
             let lines = log.lines_of_rows(wanted, &rows, summary)?;
             names.extend(lines.into_iter().map(|line| RowName {
                 file: log.path().display().to_string(),

@@ -111,10 +111,10 @@ pub fn sum(logs: &mut [Log], options: &PartialOptions<'_>) -> Result<PartialFit,
         let digest = (digest.rows() > 0).then(|| digest.to_string());
         partial.sources.push(SourceFile { role: Role::Train, path, checksum, digest, rows });
     }
-    // After the logs, which groups name by their places.
+    // After the logs, which groups name by their positions.
     for (log, summary) in logs.iter().zip(&summaries) {
-        if let Some(path) = log.beside() {
-            let (path, checksum) = (path.into(), log.checksum_beside()?);
+        if let Some(path) = log.companion() {
+            let (path, checksum) = (path.into(), log.companion_checksum()?);
             let (role, digest, rows) = (Role::Wrench, None, summary.rows);
             partial.sources.push(SourceFile { role, path, checksum, digest, rows });
         }

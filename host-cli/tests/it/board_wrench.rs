@@ -40,8 +40,8 @@ fn worst(calibration: &Calibration, frames: &[[u16; CHANNELS]]) -> f64 {
     // The board has no shared factors.
     let expected = Inversion::new(&host.model().without_factors()).estimates(&columns);
     let (mut worst, mut compared) = (0.0_f64, 0);
-    for (place, frame) in frames.iter().enumerate() {
-        let expected = expected.row(place);
+    for (position, frame) in frames.iter().enumerate() {
+        let expected = expected.row(position);
         if expected.flags.left_out != 0 {
             continue; // that is left to the host
         }

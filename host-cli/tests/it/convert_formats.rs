@@ -30,7 +30,7 @@ fn columns(path: &Path) -> Vec<(String, Vec<f64>)> {
     let names = log.columns().iter().map(|column| column.name.to_lowercase());
     let wanted = names.enumerate().filter(|(_, name)| is_number(name) && name != "t_s");
     let wanted: Vec<(usize, String)> = wanted.collect();
-    let others = wanted.iter().map(|(place, _)| *place).collect();
+    let others = wanted.iter().map(|(position, _)| *position).collect();
     let mut columns: Vec<(String, Vec<f64>)> =
         wanted.into_iter().map(|(_, name)| (name, Vec::new())).collect();
     log.read(
@@ -129,8 +129,8 @@ fn other_columns_are_carried_along() {
         let mut lines = out.lines();
         // The log's own force keeps its name, as no column of the output has it.
         assert_eq!(lines.next(), Some(names), "{flags}");
-        let kept = |line: &str, places: [usize; 2]| -> [f64; 2] {
-            places.map(|at| line.split(',').nth(at).unwrap().parse().unwrap())
+        let kept = |line: &str, positions: [usize; 2]| -> [f64; 2] {
+            positions.map(|at| line.split(',').nth(at).unwrap().parse().unwrap())
         };
         let found: Vec<_> = lines.map(|line| kept(line, [2, 3])).collect();
         let expected: Vec<_> = text.lines().skip(1).map(|line| kept(line, [9, 10])).collect();

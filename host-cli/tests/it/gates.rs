@@ -61,7 +61,8 @@ fn a_limit_compares_every_axis_that_it_is_for_or_fails() {
         write_axes(dir, "some.csv", &train, calibrated);
         let name = format!("cal-{at}.json");
         succeed(dir, &format!("fit some.csv --model linear --covariance none -o {name}"));
-        for (place, measured) in subsets().enumerate().filter(|(place, _)| place % 4 == at) {
+        for (position, measured) in subsets().enumerate().filter(|(position, _)| position % 4 == at)
+        {
             write_axes(dir, "log.csv", &test, measured);
             // Far above any error, so that what is missing alone decides.
             let gates = [
@@ -69,7 +70,7 @@ fn a_limit_compares_every_axis_that_it_is_for_or_fails() {
                 ("--max-rms-moment 1e9", moments),
                 ("--max-rms 1e9 --max-rms-moment 1e9", Axes::ALL),
             ];
-            for (gate, asked) in &gates[if place % 8 == at { 0..3 } else { 2..3 }] {
+            for (gate, asked) in &gates[if position % 8 == at { 0..3 } else { 2..3 }] {
                 let asked = *asked;
                 let expected = match () {
                     // Never, and nothing at all.

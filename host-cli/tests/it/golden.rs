@@ -71,7 +71,7 @@ fn partial_fits_with_groups_are_read_and_written_as_they_were() {
     let groups = partial.groups.unwrap();
     assert_eq!((groups.by, groups.split.folds, groups.split.held_out), (GroupKind::Column, 10, 2));
     assert_eq!(groups.groups.len(), 4);
-    assert_eq!((groups.groups[3].source, groups.groups[3].place), (1, 0));
+    assert_eq!((groups.groups[3].source, groups.groups[3].position), (1, 0));
 }
 
 #[test]
@@ -103,9 +103,9 @@ fn manifests_mean_what_they_meant() {
 fn columns(text: &str, names: &[&str]) -> Vec<Vec<String>> {
     let mut lines = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
     let header = lines.next().unwrap();
-    let places: Vec<usize> =
+    let positions: Vec<usize> =
         names.iter().map(|name| header.iter().position(|column| column == name).unwrap()).collect();
-    lines.map(|row| places.iter().map(|&at| row[at].to_owned()).collect()).collect()
+    lines.map(|row| positions.iter().map(|&at| row[at].to_owned()).collect()).collect()
 }
 
 /// What the first program with this protocol recorded: its board did not say when its readings were taken, nor

@@ -35,8 +35,9 @@ fn supply(row: usize) -> &'static str {
 /// The columns of text of a file by the program's own readers.
 fn texts(path: &Path, names: &[&str]) -> Vec<Vec<String>> {
     let log = Log::open(path, &Mapping::default()).unwrap();
-    let place = |name: &&str| log.columns().iter().position(|column| column.name == *name).unwrap();
-    let wanted = Wanted { texts: names.iter().map(place).collect(), ..Wanted::default() };
+    let position =
+        |name: &&str| log.columns().iter().position(|column| column.name == *name).unwrap();
+    let wanted = Wanted { texts: names.iter().map(position).collect(), ..Wanted::default() };
     let mut texts = vec![Vec::new(); names.len()];
     let one = ReadOptions { threads: 1, ..ReadOptions::default() };
     log.read(&wanted, &one, std::mem::take, |block| {

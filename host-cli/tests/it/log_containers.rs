@@ -307,7 +307,7 @@ fn faults_are_named_by_row_and_column() {
     let complaint = said("b.mat", &matlab[..128], &[]);
     assert!(complaint.contains("no matrix or vector of real numbers"), "{complaint}");
     assert!(!complaint.contains("--table"), "{complaint}");
-    // A column by its place is like no other.
+    // A column by its position is like no other.
     let complaint = said("c.npy", &seed("numpy/matrix.npy"), &["--sensors", "40-41"]);
     assert!(complaint.contains("no columns `column 40`, `column 41`"), "{complaint}");
     assert!(!complaint.contains("did you mean"), "{complaint}");

@@ -121,7 +121,7 @@ fn telemetry_without_sensors_has_time_and_other_columns() {
         matches!(
             error,
             LogError::At {
-                place: LogPosition::Line(1),
+                position: LogPosition::Line(1),
                 problem: PlacedProblem::MissingColumns { .. },
                 ..
             }
@@ -212,10 +212,10 @@ fn the_console_log_gives_the_scans_among_the_talk() {
 
 #[test]
 fn columns_without_names_are_mapped_by_place() {
-    let place = ColumnRef::Position;
+    let position = ColumnRef::Position;
     let mapping = Mapping {
-        sensors: Some(vec![place(3), place(2)]),
-        time: Some(place(1)),
+        sensors: Some(vec![position(3), position(2)]),
+        time: Some(position(1)),
         ..Mapping::default()
     };
     let block = read(&open_with("0.5,10,20\n1.5,11,21\n", &mapping).1);

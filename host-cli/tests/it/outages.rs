@@ -132,8 +132,8 @@ proptest! {
 
     // Live, the time that the board was off is frames that are missing.
     #[test]
-    fn a_restart_in_a_silence_is_told(outage in outages(), place in 0.0..1.0_f64) {
-        let restart = (place * outage.lost as f64) as u64;
+    fn a_restart_in_a_silence_is_told(outage in outages(), position in 0.0..1.0_f64) {
+        let restart = (position * outage.lost as f64) as u64;
         let (losses, silence_us, frames) =
             told(Outage { restart: Some(restart), dropped: 0, ..outage });
         prop_assert_eq!(frames as u64, outage.before + 20);

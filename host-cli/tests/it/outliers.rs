@@ -54,9 +54,9 @@ fn corrupt(row: &str, random: &mut Random) -> String {
         // Two columns that have changed places.
         _ => {
             let columns = if random.percent(50) { READINGS } else { LOADS };
-            let places = columns.len() as u64;
-            let first = random.below(places);
-            let second = (first + 1 + random.below(places - 1)) % places;
+            let positions = columns.len() as u64;
+            let first = random.below(positions);
+            let second = (first + 1 + random.below(positions - 1)) % positions;
             fields.swap(columns.start + first as usize, columns.start + second as usize);
         }
     }
@@ -81,23 +81,23 @@ fn every_corrupt_row_that_moves_a_held_out_error_is_named_and_no_other() {
         let text = fs::read_to_string(dir.path().join("clean.csv")).unwrap();
         let clean: Vec<String> = text.lines().map(str::to_owned).collect();
         let mut dirty = clean.clone();
-        let mut places = Vec::new();
+        let mut positions = Vec::new();
         for _ in 0..1 + random.below(5) {
-            let place = 1 + random.below(2500) as usize;
-            dirty[place] = corrupt(&clean[place], &mut random);
-            if dirty[place] != clean[place] && !places.contains(&place) {
-                places.push(place);
+            let position = 1 + random.below(2500) as usize;
+            dirty[position] = corrupt(&clean[position], &mut random);
+            if dirty[position] != clean[position] && !positions.contains(&position) {
+                positions.push(position);
             }
         }
         write(&dir, "dirty.csv", &dirty);
         let with = report(&dir, "fit --model cubic dirty.csv --test test.csv");
         let named = lines(&with, "outliers");
         wrong.extend(
-            named.iter().filter(|line| !places.contains(&(*line - 1))).map(|line| (log, *line)),
+            named.iter().filter(|line| !positions.contains(&(*line - 1))).map(|line| (log, *line)),
         );
-        for &place in &places {
+        for &position in &positions {
             let mut without = dirty.clone();
-            without.remove(place);
+            without.remove(position);
             write(&dir, "without.csv", &without);
             let without =
                 report(&dir, "fit --model cubic without.csv --test test.csv --outliers keep");
@@ -106,8 +106,8 @@ fn every_corrupt_row_that_moves_a_held_out_error_is_named_and_no_other() {
                 pairs.map(|(with, without)| (with / without - 1.0).abs()).fold(0.0, f64::max);
             corrupted += 1;
             that_matter += usize::from(moves > 0.1);
-            if moves > 0.1 && !named.contains(&(place + 1)) {
-                missed.push((log, place + 1, moves, dirty[place].clone()));
+            if moves > 0.1 && !named.contains(&(position + 1)) {
+                missed.push((log, position + 1, moves, dirty[position].clone()));
             }
         }
     }
@@ -189,14 +189,14 @@ fn dropped_rows_are_listed_and_the_rest_is_fitted_as_if_they_were_not_there() {
     let clean: Vec<String> = text.lines().map(str::to_owned).collect();
     let mut dirty = clean.clone();
     let mut random = Random(3);
-    for (place, at, value) in [(700, 4, "20000"), (1500, 9, "55.5"), (2000, 1, "-3")] {
-        let mut fields: Vec<&str> = dirty[place].split(',').collect();
+    for (position, at, value) in [(700, 4, "20000"), (1500, 9, "55.5"), (2000, 1, "-3")] {
+        let mut fields: Vec<&str> = dirty[position].split(',').collect();
         fields[at] = value;
-        dirty[place] = fields.join(",");
+        dirty[position] = fields.join(",");
     }
-    let places = [700, 1500, 2000];
+    let positions = [700, 1500, 2000];
     let rest: Vec<String> = (0..clean.len())
-        .filter(|line| !places.contains(line))
+        .filter(|line| !positions.contains(line))
         .map(|line| clean[line].clone())
         .collect();
     write(&dir, "dirty.csv", &dirty);
@@ -324,19 +324,19 @@ fn spikes_in_fast_motion_are_named_and_no_other_row() {
         (squares.sum::<f64>() / (rows.len() - 1) as f64).sqrt()
     };
     let changes: Vec<f64> = (0..CHANNELS).map(change).collect();
-    let mut places = BTreeSet::new();
-    while places.len() < SPIKES {
-        places.insert(1 + random.below(rows.len() as u64 - 2) as usize);
+    let mut positions = BTreeSet::new();
+    while positions.len() < SPIKES {
+        positions.insert(1 + random.below(rows.len() as u64 - 2) as usize);
     }
-    for &place in &places {
+    for &position in &positions {
         let channel = random.below(CHANNELS as u64) as usize;
         let size = 8.0 * (1.0 + random.unit()) * changes[channel];
-        rows[place][channel] += if random.percent(50) { size } else { -size };
+        rows[position][channel] += if random.percent(50) { size } else { -size };
     }
     let text = rows.iter().map(|row| row.iter().map(f64::to_string).collect::<Vec<_>>().join(","));
     write(&dir, "spikes.csv", &std::iter::once(header).chain(text).collect::<Vec<_>>());
     let named = lines(&report(&dir, "fit spikes.csv --model cubic"), "outliers");
-    let is_planted = |line: &&usize| places.contains(&(**line - 2));
+    let is_planted = |line: &&usize| positions.contains(&(**line - 2));
     let found = named.iter().filter(is_planted).count();
     println!("{found} of {SPIKES} spikes named, {} other rows", named.len() - found);
     // A cubic model without lag and memory follows such motion badly: a spike of a channel that counts for little is

@@ -54,8 +54,8 @@ fn convert_gives_standard_errors_intervals_and_flags() {
     succeed(&dir, "convert cal.json log.csv --no-tare --no-lowpass --interval=95 -o out.csv");
     let text = fs::read_to_string(dir.path().join("out.csv")).unwrap();
     let rows: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
-    let place = |name: &str| rows[0].iter().position(|column| *column == name).unwrap();
-    let value = |row: usize, name: &str| rows[row][place(name)].parse::<f64>().unwrap();
+    let position = |name: &str| rows[0].iter().position(|column| *column == name).unwrap();
+    let value = |row: usize, name: &str| rows[row][position(name)].parse::<f64>().unwrap();
     let mut covered = 0;
     let count = rows.len() - 2;
     for (row, line) in lines[1..=count].iter().enumerate() {
@@ -66,7 +66,7 @@ fn convert_gives_standard_errors_intervals_and_flags() {
     }
     // Forty contacts of another session.
     assert!(covered as f64 > 0.88 * count as f64, "{covered} of {count}");
-    assert_eq!(rows[count + 1][place("flags")], "s4:range s4:left-out");
+    assert_eq!(rows[count + 1][position("flags")], "s4:range s4:left-out");
     for (axis, limit) in [("fx_n", 0.5), ("fy_n", 0.5), ("fz_n", 0.5)] {
         // Seven sensors say what eight said, to a few standard errors of 0.1 N.
         assert!((value(count + 1, axis) - value(count, axis)).abs() < limit, "{axis}");

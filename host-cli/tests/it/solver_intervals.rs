@@ -20,9 +20,10 @@ fn covariance(directory: &Path, solver: &str) -> (Value, f64) {
     let convert = "convert cal.json train.csv --columns fx,se --no-tare --no-lowpass -o out.csv";
     program::succeed(directory, convert);
     let text = std::fs::read_to_string(directory.join("out.csv")).unwrap();
-    let place = text.lines().next().unwrap().split(',').position(|name| name == "fx_se_n").unwrap();
+    let position =
+        text.lines().next().unwrap().split(',').position(|name| name == "fx_se_n").unwrap();
     let errors: Vec<f64> = (text.lines().skip(1))
-        .map(|line| line.split(',').nth(place).unwrap().parse().unwrap())
+        .map(|line| line.split(',').nth(position).unwrap().parse().unwrap())
         .collect();
     let square = errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64;
     (document["covariance"].clone(), square.sqrt())

@@ -8,7 +8,7 @@ use calibration_file::CalibrationFile;
 use serde_json::Value;
 use system_tests::program::{self, document, json};
 
-/// The axes that are measured, by their places.
+/// The axes that are measured, by their positions.
 const PLACES: [usize; 2] = [0, 2];
 const COLUMNS: [&str; 2] = ["fx_n", "fz_n"];
 
@@ -61,7 +61,7 @@ fn assert_same(found: &Value, expected: &Value, is_exact: bool, what: &str) {
 
 /// The entries of the measured axes, from a list with one entry for each of six axes.
 fn picked(values: &Value) -> Value {
-    PLACES.iter().map(|&place| values[place].clone()).collect()
+    PLACES.iter().map(|&position| values[position].clone()).collect()
 }
 
 #[test]

@@ -28,11 +28,11 @@ impl Parted {
         let mut groups = Vec::new();
         let rows = lines.map(|line| {
             let group = line.rsplit(',').next().unwrap();
-            let place = groups.iter().position(|known| *known == group).unwrap_or_else(|| {
+            let position = groups.iter().position(|known| *known == group).unwrap_or_else(|| {
                 groups.push(group);
                 groups.len() - 1
             });
-            (place % parts, line.to_owned())
+            (position % parts, line.to_owned())
         });
         Self { header, rows: rows.collect() }
     }

@@ -131,8 +131,8 @@ fn the_tutorial_leads_from_nothing_to_the_report() {
     // Every column of every table that it made is in the reference.
     let reference = fs::read_to_string(root().join("docs/reference.md")).unwrap();
     let mut columns = 0;
-    for place in ["", "results"] {
-        for entry in fs::read_dir(folder.join(place)).unwrap() {
+    for position in ["", "results"] {
+        for entry in fs::read_dir(folder.join(position)).unwrap() {
             let path = entry.unwrap().path();
             if path.extension().is_none_or(|extension| extension != "csv") {
                 continue;

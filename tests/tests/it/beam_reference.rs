@@ -46,7 +46,7 @@ fn check_all(setup: &Setup, values: &Value, name: &str) {
     let pitch = setup.channel.pitch_m;
     for (what, extreme) in [("peak_drag", plateau.peak), ("min_drag", plateau.minimum)] {
         close(what, extreme.drag_n, &values[what]["value"]);
-        // The same place, perhaps some beams further on.
+        // The same position, perhaps some beams further on.
         let spacings = (number(&values[what]["X_r"]) - extreme.x_m) / pitch;
         assert!((spacings - spacings.round()).abs() * pitch < 1e-12, "{name}: {what} {spacings}");
         let turn = if values[what]["kind"] == "interior" { Turn::Smooth } else { Turn::Limit };
@@ -94,7 +94,7 @@ fn check_all(setup: &Setup, values: &Value, name: &str) {
 
 /// The work in J that a pair of beams would do before they bend forward, had their tips been drawn
 /// back by a body that is only coming: what the reference calls ungated, and the model leaves out. By
-/// the formulas, with nothing of the model but the place where they begin to bend forward.
+/// the formulas, with nothing of the model but the position where they begin to bend forward.
 fn pulled_work(setup: &Setup, first_touch_rad: f64) -> f64 {
     let Setup { ellipse, beam, .. } = setup;
     let (rx, ry, length) = (ellipse.semi_length_m, ellipse.semi_width_m, beam.length_m);

@@ -24,7 +24,7 @@ pub(crate) struct Tip {
 
 type Polynomial = Vec<Wide>;
 
-/// A place where the beam's tip may lie.
+/// A position where the beam's tip may lie.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Intersection {
     /// On the ellipse, in rad from the nose towards the wall, from −π to π.
@@ -60,8 +60,8 @@ pub(crate) fn intersections(tip: &Tip) -> Vec<Intersection> {
     }
     let intersection = |t: Wide| {
         let square = wide(1.0) + t * t;
-        let place = |parts: &[Wide]| (parts[0] + t * (parts[1] + t * parts[2])) / square;
-        let (along, across) = (place(&along), place(&across));
+        let position = |parts: &[Wide]| (parts[0] + t * (parts[1] + t * parts[2])) / square;
+        let (along, across) = (position(&along), position(&across));
         let phi = f64::from(across / ry).atan2(f64::from(along / rx));
         Intersection { phi, forward: f64::from(two * t / square) }
     };

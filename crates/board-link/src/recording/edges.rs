@@ -30,7 +30,7 @@ pub(super) struct EdgeTracker {
 impl EdgeTracker {
     /// An edge has arrived.
     pub(super) fn take(&mut self, edge: Edge) {
-        let (number, arrival) = self.tracker.place(edge.number);
+        let (number, arrival) = self.tracker.position(edge.number);
         if arrival == Arrival::Duplicate {
             return;
         }

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::edges::{BoardEdge, EdgeTracker};
 use super::sequence::Arrival;
-use super::timeline::{FramePlace, Stamp, Timeline};
+use super::timeline::{FramePosition, Stamp, Timeline};
 use serde::Serialize;
 use shared_proto::{
     AXES, Answer, Boot, CHANNELS, COUNTS_PER_LSB, Health, Identity, Packet, ReceivedPacket, Sample,
@@ -272,8 +272,8 @@ impl Reception {
         }
     }
 
-    fn give(&mut self, arrived: Held, placed: FramePlace, frames: &mut Vec<BoardFrame>) {
-        let FramePlace { index, time_us, arrival, restarted } = placed;
+    fn give(&mut self, arrived: Held, placed: FramePosition, frames: &mut Vec<BoardFrame>) {
+        let FramePosition { index, time_us, arrival, restarted } = placed;
         if arrival == Arrival::Duplicate {
             return;
         }
@@ -310,7 +310,7 @@ impl Reception {
             true => self.timeline.follow(stamp),
             false => self.timeline.jump(stamp),
         };
-        frames.push(BoardFrame::from_scan(scan, FramePlace { index, ..placed }));
+        frames.push(BoardFrame::from_scan(scan, FramePosition { index, ..placed }));
     }
 
     /// Ends the stream: what is held then is the only frame, or one that those before it contradict.
@@ -405,12 +405,12 @@ impl BoardFrame {
         Self { saturated, dropped, restarted, ..Self::new(time_us, index, measured) }
     }
 
-    fn from_scan(scan: &skinproc::Scan, placed: FramePlace) -> Self {
+    fn from_scan(scan: &skinproc::Scan, placed: FramePosition) -> Self {
         let saturated = (0..CHANNELS)
             .filter(|&channel| matches!(scan.readings[channel], 0 | FULL_SCALE))
             .fold(0, |mask, channel| mask | 1 << channel);
         let measured = Measured::Readings(scan.readings.map(f64::from));
-        let FramePlace { index, time_us, restarted, .. } = placed;
+        let FramePosition { index, time_us, restarted, .. } = placed;
         Self { saturated, restarted, ..Self::new(time_us, index, measured) }
     }
 }

@@ -78,7 +78,7 @@ impl Tracker {
     /// The index of a sample, which does not wrap, and how it arrived.
     ///
     /// The first index is the sequence number itself; a sample that comes late can precede it.
-    pub(super) fn place(&mut self, sequence: u16) -> (i64, Arrival) {
+    pub(super) fn position(&mut self, sequence: u16) -> (i64, Arrival) {
         let Some(newest) = self.newest else {
             let first = if self.offset == 0 { i64::from(sequence) } else { self.offset };
             // From here on `index - offset` is congruent to the sequence number.
@@ -100,7 +100,7 @@ impl Tracker {
         let back = u32::from(step.unsigned_abs());
         if back >= WINDOW {
             self.restart(0);
-            return self.place(sequence);
+            return self.position(sequence);
         }
         let bit = 1 << back;
         if self.arrived & bit != 0 {
@@ -148,7 +148,7 @@ mod tests {
 
     fn placed(numbers: &[u16]) -> (Tracker, Vec<(i64, Arrival)>) {
         let mut tracker = Tracker::default();
-        let placed = numbers.iter().map(|&number| tracker.place(number)).collect();
+        let placed = numbers.iter().map(|&number| tracker.position(number)).collect();
         (tracker, placed)
     }
 
@@ -194,10 +194,10 @@ mod tests {
     #[test]
     fn an_announced_restart_is_not_a_gap() {
         let mut tracker = Tracker::default();
-        tracker.place(40_000);
+        tracker.position(40_000);
         tracker.restart(0);
-        assert_eq!(tracker.place(3), (40_001, NEXT));
-        assert_eq!(tracker.place(5), (40_003, Arrival::InOrder { missing: 1 }));
+        assert_eq!(tracker.position(3), (40_001, NEXT));
+        assert_eq!(tracker.position(5), (40_003, Arrival::InOrder { missing: 1 }));
         assert_eq!((tracker.restarts, tracker.missing()), (1, 1));
     }
 
@@ -218,7 +218,7 @@ mod tests {
                 // Not before the first, which the record could not tell from a restart.
                 let number = (next - behind).max(first.unwrap_or(next));
                 first.get_or_insert(number);
-                let arrival = tracker.place(number as u16);
+                let arrival = tracker.position(number as u16);
                 if !seen.insert(number) {
                     double += 1;
                 } else if number < newest {

@@ -31,7 +31,7 @@ const NUMBERS: u64 = 1 << 16;
 /// Longer than any period that a board can be set to.
 const LONGEST_PERIOD_US: u64 = 11_000_000;
 
-/// What a frame says of its place.
+/// What a frame says of its position.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Stamp {
     pub(super) sequence: u16,
@@ -73,7 +73,7 @@ impl Stamp {
 
 /// Where a frame belongs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct FramePlace {
+pub(super) struct FramePosition {
     /// The sequence number, without the wraps.
     pub(super) index: i64,
     /// The board's time since its first start that was seen, µs.
@@ -122,9 +122,9 @@ impl Timeline {
         self.has_booted = self.newest.is_some();
     }
 
-    /// The place of a frame that follows on those before it.
-    pub(super) fn follow(&mut self, stamp: Stamp) -> FramePlace {
-        let (index, arrival) = self.tracker.place(stamp.sequence);
+    /// The position of a frame that follows on those before it.
+    pub(super) fn follow(&mut self, stamp: Stamp) -> FramePosition {
+        let (index, arrival) = self.tracker.position(stamp.sequence);
         let time_us = self.offset_us + self.clock.unwrap_us(stamp.clock_us);
         if matches!(arrival, Arrival::InOrder { .. }) {
             if let Some((newest, _)) = self.newest {
@@ -132,11 +132,11 @@ impl Timeline {
             }
             self.newest = Some((stamp, time_us));
         }
-        FramePlace { index, time_us, arrival, restarted: false }
+        FramePosition { index, time_us, arrival, restarted: false }
     }
 
-    /// The place of a frame that does not follow on those before it, and that another follows.
-    pub(super) fn jump(&mut self, stamp: Stamp) -> FramePlace {
+    /// The position of a frame that does not follow on those before it, and that another follows.
+    pub(super) fn jump(&mut self, stamp: Stamp) -> FramePosition {
         let Some((newest, newest_us)) = self.newest else { return self.follow(stamp) };
         let step = newest.step_to(&stamp);
         if self.has_booted || is_restart(&step) {
@@ -152,23 +152,23 @@ impl Timeline {
         let time_us = newest_us.saturating_add_unsigned(elapsed_us);
         self.clock = SampleClock::at(time_us - self.offset_us);
         self.newest = Some((stamp, time_us));
-        FramePlace { index, time_us, arrival, restarted: false }
+        FramePosition { index, time_us, arrival, restarted: false }
     }
 
     /// The board was off for as long as the host's time says, at least for the time since its start.
-    fn restart(&mut self, stamp: Stamp, newest_us: i64, host_us: Option<u64>) -> FramePlace {
+    fn restart(&mut self, stamp: Stamp, newest_us: i64, host_us: Option<u64>) -> FramePosition {
         let gap_us = host_us.unwrap_or(0).max(u64::from(stamp.clock_us));
         let lost = host_us.map_or(0, |_| self.period.count(gap_us).saturating_sub(1));
         let is_known = host_us.is_some() && self.period.samples > 0;
         self.uncertain += u64::from(!is_known && !self.has_booted);
         self.tracker.restart(lost);
-        let (index, arrival) = self.tracker.place(stamp.sequence);
+        let (index, arrival) = self.tracker.position(stamp.sequence);
         let time_us = newest_us.saturating_add_unsigned(gap_us);
         self.offset_us = time_us - i64::from(stamp.clock_us);
         self.clock = SampleClock::at(i64::from(stamp.clock_us));
         self.newest = Some((stamp, time_us));
         (self.period, self.has_booted) = (Period::default(), false);
-        FramePlace { index, time_us, arrival, restarted: true }
+        FramePosition { index, time_us, arrival, restarted: true }
     }
 }
 

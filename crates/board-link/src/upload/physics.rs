@@ -10,8 +10,8 @@ pub(super) fn for_board(model: &PhysicsModel) -> Physics {
     let model = model.without_factors();
     let mut sensors = [PhysicsSensor::NONE; CHANNELS];
     for sensor in &model.sensors {
-        if let Some(place) = sensors.get_mut(sensor.channel) {
-            *place = one_for_board(sensor);
+        if let Some(position) = sensors.get_mut(sensor.channel) {
+            *position = one_for_board(sensor);
         }
     }
     let mut prior = [0.0; PRIOR];
@@ -45,8 +45,8 @@ fn one_for_board(sensor: &Sensor) -> PhysicsSensor {
 
 /// The lower triangle of a matrix, row by row.
 fn pack(packed: &mut [f32], at: impl Fn(usize, usize) -> f64, rows: usize) {
-    let places = (0..rows).flat_map(|i| (0..=i).map(move |j| (i, j)));
-    packed.iter_mut().zip(places).for_each(|(value, (i, j))| *value = at(i, j) as f32);
+    let positions = (0..rows).flat_map(|i| (0..=i).map(move |j| (i, j)));
+    packed.iter_mut().zip(positions).for_each(|(value, (i, j))| *value = at(i, j) as f32);
 }
 
 /// The lower factor of a covariance `L·Lᵀ` (Golub & Van Loan, 4th ed., §4.2.8). A direction of which rounding has

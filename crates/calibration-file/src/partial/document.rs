@@ -195,7 +195,7 @@ impl GroupsDocument {
         let group = |group: &PartialGroup| GroupDocument {
             label: group.label.clone(),
             source: group.source,
-            place: group.place,
+            place: group.position,
             moments: moments(&group.sums, axes),
             triangle: triangle(&group.sums, axes),
         };
@@ -236,7 +236,7 @@ impl GroupsDocument {
             if let Sums::Exact(moments) = &sums {
                 moments_of.push((label.clone(), moments.clone()));
             }
-            groups.push(PartialGroup { label, source, place, sums });
+            groups.push(PartialGroup { label, source, position: place, sums });
         }
         let is_whole = match total {
             Sums::Exact(total) => {

@@ -31,10 +31,10 @@ pub struct PartialGroups {
 pub struct PartialGroup {
     /// What it is called.
     pub label: String,
-    /// The place of the source that has its first row.
+    /// The position of the source that has its first row.
     pub source: usize,
     /// How many groups begin before it in that source.
-    pub place: usize,
+    pub position: usize,
     /// The sums over its rows.
     pub sums: Sums,
 }
@@ -48,11 +48,11 @@ impl PartialGroups {
         sums: Vec<(String, Sums)>,
         first_in: &[usize],
     ) -> Self {
-        let (mut last, mut place) = (None, 0);
+        let (mut last, mut position) = (None, 0);
         let group = |((label, sums), &source): ((String, Sums), &usize)| {
-            place = if last == Some(source) { place + 1 } else { 0 };
+            position = if last == Some(source) { position + 1 } else { 0 };
             last = Some(source);
-            PartialGroup { label, source, place, sums }
+            PartialGroup { label, source, position, sums }
         };
         let groups = sums.into_iter().zip(first_in).map(group).collect();
         Self { by, split, groups, random }
@@ -86,19 +86,19 @@ impl PartialGroups {
         sources: &[SourceFile],
         own: usize,
     ) -> Result<(), MergeError> {
-        let places: HashMap<String, usize> =
+        let positions: HashMap<String, usize> =
             self.groups.iter().enumerate().map(|(i, group)| (group.label.clone(), i)).collect();
-        let begins = |source: usize, place: usize| (rank(&sources[source]), place);
+        let begins = |source: usize, position: usize| (rank(&sources[source]), position);
         for group in &other.groups {
             let source = group.source + own;
-            let Some(&known) = places.get(&group.label) else {
+            let Some(&known) = positions.get(&group.label) else {
                 self.groups.push(PartialGroup { source, ..group.clone() });
                 continue;
             };
             let known = &mut self.groups[known];
             known.sums.merge(&group.sums)?;
-            if begins(source, group.place) < begins(known.source, known.place) {
-                (known.source, known.place) = (source, group.place);
+            if begins(source, group.position) < begins(known.source, known.position) {
+                (known.source, known.position) = (source, group.position);
             }
         }
         for (i, fold) in other.random.iter().enumerate() {
@@ -160,12 +160,12 @@ impl PartialFit {
             self.sources.push(source);
         }
         groups.groups.iter_mut().for_each(|group| group.source = now_at[group.source]);
-        groups.groups.sort_unstable_by_key(|group| (group.source, group.place));
+        groups.groups.sort_unstable_by_key(|group| (group.source, group.position));
         // Groups that turned out to begin in an earlier source have left gaps.
         let (mut last, mut next) = (None, 0);
         for group in &mut groups.groups {
             next = if last == Some(group.source) { next + 1 } else { 0 };
-            (last, group.place) = (Some(group.source), next);
+            (last, group.position) = (Some(group.source), next);
         }
     }
 }

@@ -79,10 +79,10 @@ pub enum MergeError {
         found: Axes,
     },
     /// They are of different columns, or of the same in another order or unit.
-    #[error("its column {place} is `{found}`, expected `{expected}`")]
+    #[error("its column {position} is `{found}`, expected `{expected}`")]
     Columns {
-        /// The place among sensors and wrench, from 1.
-        place: usize,
+        /// The position among sensors and wrench, from 1.
+        position: usize,
         /// The column of the first.
         expected: String,
         /// The column of the other.
@@ -247,7 +247,7 @@ impl PartialFit {
             let mut pairs = own.iter().zip(others).enumerate();
             if let Some((at, (expected, found))) = pairs.find(|(_, (a, b))| a != b) {
                 let (expected, found) = (expected.clone(), found.clone());
-                return Err(MergeError::Columns { place: at + 1, expected, found });
+                return Err(MergeError::Columns { position: at + 1, expected, found });
             }
         }
         match (&self.sensor_serial, &other.sensor_serial) {

@@ -163,7 +163,7 @@ impl<'a> FoldEquations<'a> {
         &self.variances
     }
 
-    /// The place of the constant.
+    /// The position of the constant.
     fn ones(&self) -> Option<usize> {
         self.samples.has_intercept.then(|| self.samples.features.ncols() - 1)
     }
@@ -220,10 +220,10 @@ impl<'a> FoldEquations<'a> {
             systematic: Vec::new(),
         };
         let varying: Vec<usize> = (0..6).filter(|&axis| self.variances[axis] > 0.0).collect();
-        for (place, fold) in folds.iter().enumerate() {
-            let rest = NormalEquations::all_but(&folds, place)?.solve(RIDGE, self.ones())?;
+        for (position, fold) in folds.iter().enumerate() {
+            let rest = NormalEquations::all_but(&folds, position)?.solve(RIDGE, self.ones())?;
             let found = fold.errors(rest.as_ref(), self.ones());
-            let rows = self.samples.folds[place].len() as f64;
+            let rows = self.samples.folds[position].len() as f64;
             let noise = self.samples.noise.of_wrench(rest.as_ref(), &time_constants);
             let mean = |of: &dyn Fn(usize) -> f64| {
                 let relative = varying.iter().map(|&axis| of(axis) / self.variances[axis]);

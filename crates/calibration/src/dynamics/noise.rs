@@ -84,14 +84,14 @@ impl ReadingNoise {
             time_constants.iter().map(|tau| -(-self.period / tau).exp_m1()).collect();
         let both = |a: f64, b: f64| 1.0 + a * b / (1.0 - (1.0 - a) * (1.0 - b));
         let mut variances = [0.0; 6];
-        for (place, channel) in self.channels.iter().enumerate() {
+        for (position, channel) in self.channels.iter().enumerate() {
             let features = channel.gradients.ncols();
             let gradients = &channel.gradients * coefficients.subrows(0, features);
             let rows = gradients.nrows().max(1) as f64;
             for (axis, sum) in variances.iter_mut().enumerate() {
                 let own = gradients.col(axis);
                 let memory = |term: usize| {
-                    coefficients[(features + term * self.channels.len() + place, axis)]
+                    coefficients[(features + term * self.channels.len() + position, axis)]
                 };
                 let mut power = own.squared_norm_l2() / rows;
                 for (k, a) in shares.iter().enumerate() {

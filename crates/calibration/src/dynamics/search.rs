@@ -238,8 +238,8 @@ impl DynamicsSearch<'_> {
         let known = terms.iter().map(|of| MemoryColumns::new(samples, of.time_constant));
         let mut all: Vec<MemoryColumns> = known.chain([new]).collect();
         for factor in ROUNDS {
-            for place in 0..all.len() {
-                *lag = self.move_one(&mut all, place, factor, (least, most), (*lag, rule))?;
+            for position in 0..all.len() {
+                *lag = self.move_one(&mut all, position, factor, (least, most), (*lag, rule))?;
             }
         }
         if rule.lag == LagRule::Auto {
@@ -270,18 +270,18 @@ impl DynamicsSearch<'_> {
     fn move_one(
         &self,
         all: &mut [MemoryColumns],
-        place: usize,
+        position: usize,
         factor: f64,
         (least, most): (f64, f64),
         (lag, rule): (f64, &DynamicsRule<'_>),
     ) -> Option<f64> {
-        let centre = all[place].time_constant;
+        let centre = all[position].time_constant;
         let is_allowed = |tau: f64| {
-            let mut others = all.iter().enumerate().filter(|(at, _)| *at != place);
+            let mut others = all.iter().enumerate().filter(|(at, _)| *at != position);
             (least..=most).contains(&tau) && others.all(|(_, of)| is_apart(of.time_constant, tau))
         };
         let score = |new: &MemoryColumns| {
-            let with = |(at, of)| if at == place { new } else { of };
+            let with = |(at, of)| if at == position { new } else { of };
             let terms: Vec<&MemoryColumns> = all.iter().enumerate().map(with).collect();
             self.score_at_own_lag(&terms, lag, 1, rule)
         };
@@ -290,7 +290,7 @@ impl DynamicsSearch<'_> {
                 return Ok(TriedTerms { score: f64::INFINITY, lag, terms: None });
             }
             let terms = (*tau != centre).then(|| MemoryColumns::new(self.samples(), *tau));
-            let (score, lag) = score(terms.as_ref().unwrap_or(&all[place]));
+            let (score, lag) = score(terms.as_ref().unwrap_or(&all[position]));
             Ok(TriedTerms { score, lag, terms })
         };
         let mut tried =
@@ -303,7 +303,7 @@ impl DynamicsSearch<'_> {
         }
         let best = tried.into_iter().min_by(|a, b| a.score.total_cmp(&b.score))?;
         if let Some(terms) = best.terms {
-            all[place] = terms;
+            all[position] = terms;
         }
         Some(best.lag)
     }

@@ -14,7 +14,7 @@ use crate::scaling::Scaling;
 /// `T`, terms of `from` × terms of `model`; `None` where `from` lacks a product that it takes.
 pub(super) fn change(from: &Features, model: &Model, scaling: &Scaling) -> Option<Mat<f64>> {
     let (own, wanted) = (from.model().terms(), model.terms());
-    let places: HashMap<Term, usize> = own.iter().copied().zip(0..).collect();
+    let positions: HashMap<Term, usize> = own.iter().copied().zip(0..).collect();
     let channel = |&channel: &u8| {
         let (i, about) = (usize::from(channel), from.scaling());
         let scale = scaling.scale[i];
@@ -35,7 +35,7 @@ pub(super) fn change(from: &Features, model: &Model, scaling: &Scaling) -> Optio
                 }
             }
             if share != 0.0 {
-                change[(*places.get(&Term::product(&kept))?, column)] += share;
+                change[(*positions.get(&Term::product(&kept))?, column)] += share;
             }
         }
     }

@@ -28,7 +28,7 @@ pub struct GroupFactors {
     empty: FactoredRows,
     workspace: Workspace,
     groups: Vec<Group>,
-    places: HashMap<String, usize>,
+    positions: HashMap<String, usize>,
 }
 
 #[derive(Debug)]
@@ -44,7 +44,7 @@ impl GroupFactors {
     pub fn new(model: Model, scaling: Scaling) -> Self {
         let empty = FactoredRows::new(model, scaling);
         let workspace = empty.workspace();
-        Self { empty, workspace, groups: Vec::new(), places: HashMap::new() }
+        Self { empty, workspace, groups: Vec::new(), positions: HashMap::new() }
     }
 
     /// How many groups there are by now.
@@ -63,8 +63,8 @@ impl GroupFactors {
     ) -> Result<(), ValidationError> {
         let mut start = 0;
         for (label, rows) in labels {
-            let place = self.place(label)?;
-            let group = &mut self.groups[place];
+            let position = self.position(label)?;
+            let group = &mut self.groups[position];
             let waiting = &mut group.waiting;
             waiting.append(block, start..start + rows);
             start += rows;
@@ -75,20 +75,20 @@ impl GroupFactors {
         Ok(())
     }
 
-    fn place(&mut self, label: &str) -> Result<usize, ValidationError> {
-        if let Some(&place) = self.places.get(label) {
-            return Ok(place);
+    fn position(&mut self, label: &str) -> Result<usize, ValidationError> {
+        if let Some(&position) = self.positions.get(label) {
+            return Ok(position);
         }
         let limit = MAX_GROUPS.min(MEMORY / self.empty.bytes());
-        let place = self.groups.len();
-        if place == limit {
+        let position = self.groups.len();
+        if position == limit {
             return Err(ValidationError::TooManyGroups { limit });
         }
         let group =
             Group { label: label.to_owned(), rows: self.empty.clone(), waiting: Block::default() };
         self.groups.push(group);
-        self.places.insert(label.to_owned(), place);
-        Ok(place)
+        self.positions.insert(label.to_owned(), position);
+        Ok(position)
     }
 
     /// The groups, after all rows.

@@ -160,8 +160,9 @@ impl FactoredRows {
         let terms = self.features.model().terms();
         let about = self.scaling();
         let channel = |i: usize| {
-            let place = terms.iter().position(|term| term.factors() == [i as u8]).unwrap_or(ones);
-            let sum = r.col(ones).transpose() * r.col(place);
+            let position =
+                terms.iter().position(|term| term.factors() == [i as u8]).unwrap_or(ones);
+            let sum = r.col(ones).transpose() * r.col(position);
             let mean = about.centre[i] + about.scale[i] * (sum / self.rows().max(1) as f64);
             let range = self.ranges.channels[i];
             ChannelSample { min: range.min, max: range.max, mean, integers: false }

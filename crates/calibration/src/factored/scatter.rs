@@ -23,7 +23,8 @@ impl FactoredGroups {
         solution: &Solution,
         held_out: Option<usize>,
     ) -> Result<GroupScatter, ScatterError> {
-        let others = self.groups.iter().enumerate().filter(|(place, _)| Some(*place) != held_out);
+        let others =
+            self.groups.iter().enumerate().filter(|(position, _)| Some(*position) != held_out);
         let groups: Vec<&FactoredRows> =
             others.map(|(_, (_, rows))| rows).filter(|rows| rows.rows() > 0).collect();
         let factor = solution.factor.matrix();
@@ -38,7 +39,7 @@ impl FactoredGroups {
         };
         // As a rule all are about one centre; those of recordings that were merged are not.
         let mut about = None;
-        for (place, rows) in groups.iter().enumerate() {
+        for (position, rows) in groups.iter().enumerate() {
             let known = about.take().filter(|(scaling, _)| *scaling == rows.scaling());
             let parts = known.map_or_else(|| express(rows), |(_, parts)| Ok(parts))?;
             let (_, (factors, coefficients)) = about.insert((rows.scaling(), parts));
@@ -49,7 +50,7 @@ impl FactoredGroups {
             let score = std::array::from_fn(|axis| score.col(axis).iter().copied().collect());
             let errors = rows.errors_of(coefficients.as_ref());
             let errors = errors.map(|of| (of.rows, of.sum, of.squares));
-            sums.add(place, ClusterShare { share, score, errors })?;
+            sums.add(position, ClusterShare { share, score, errors })?;
         }
         let all_directions = solution.ridge == 0.0 && solution.rank == factor.nrows();
         sums.finish(&UpperTriangle::new(factor), all_directions)
@@ -106,9 +107,9 @@ mod tests {
         let sizes: Vec<usize> = (0..40).map(|group| 1 + group * 5 % 7).collect();
         let (mut readings, mut wrench) = (vec![Vec::new(); 2], vec![Vec::new(); 6]);
         for &rows in &sizes {
-            let (place, common) = (noise(1.0), [(); 6].map(|()| noise(0.3)));
+            let (position, common) = (noise(1.0), [(); 6].map(|()| noise(0.3)));
             for _ in 0..rows {
-                let first = 1.3 + place + noise(0.2);
+                let first = 1.3 + position + noise(0.2);
                 readings[0].push(first);
                 readings[1].push(first + noise(apart));
                 for (axis, column) in wrench.iter_mut().enumerate() {

@@ -52,12 +52,12 @@ pub fn group_errors(
     let work = |(): &mut (), (_, block): &(usize, &LabelledBlock)| {
         Ok(BlockGroupErrors::new(calibration, &block.rows, &block.labels, stride))
     };
-    let mut places: HashMap<String, usize> = HashMap::new();
+    let mut positions: HashMap<String, usize> = HashMap::new();
     let mut all = GroupedErrors::default();
     let fold = |BlockGroupErrors { groups, loads }| {
         all.loads.extend(loads);
         for (label, rows, sums, errors) in groups {
-            let at = *places.entry(label.clone()).or_insert(all.groups.len());
+            let at = *positions.entry(label.clone()).or_insert(all.groups.len());
             if at == all.groups.len() {
                 let (load, errors) = (PerAxis::default(), PerAxis::default());
                 all.groups.push(GroupErrors { label, rows: 0, load, errors });

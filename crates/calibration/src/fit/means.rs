@@ -24,19 +24,19 @@ struct GroupSum {
 /// # Errors
 /// [`FitError`] if there are none, or one is not finite.
 pub(super) fn group_means(data: &Dataset) -> Result<Dataset, FitError> {
-    let (mut groups, mut places) = (Vec::<GroupSum>::new(), HashMap::new());
+    let (mut groups, mut positions) = (Vec::<GroupSum>::new(), HashMap::new());
     for (_, block) in data.blocks() {
         // Names what is not finite, as every fit does.
         ReadingRanges::from_block(&block.rows, data.channels())?;
         let columns = || block.rows.readings.iter().chain(&block.rows.wrench);
         let mut start = 0;
         for (label, rows) in &*block.labels {
-            let place = *places.entry(label.clone()).or_insert_with(|| {
+            let position = *positions.entry(label.clone()).or_insert_with(|| {
                 let columns = vec![DoubleDouble::ZERO; columns().count()];
                 groups.push(GroupSum { label: label.clone(), rows: 0.0, columns });
                 groups.len() - 1
             });
-            let group = &mut groups[place];
+            let group = &mut groups[position];
             group.rows += *rows as f64;
             for (sum, column) in group.columns.iter_mut().zip(columns()) {
                 let part = &column[start..start + rows];

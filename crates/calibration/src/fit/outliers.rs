@@ -87,7 +87,7 @@ pub struct Outlier {
     /// The number of its log.
     pub log: usize,
     /// Its block.
-    pub place: u64,
+    pub offset: u64,
     /// The row of the block.
     pub row: usize,
     /// Why.
@@ -129,7 +129,7 @@ struct Suspect {
 impl Outliers {
     /// The rows, to be left out.
     pub fn excluded(&self) -> RowSet {
-        self.rows.iter().map(|row| (row.log, row.place, row.row)).collect()
+        self.rows.iter().map(|row| (row.log, row.offset, row.row)).collect()
     }
 
     /// What is to be said of them. `names` say where each row is.
@@ -292,7 +292,7 @@ pub(super) fn search(
     let named = suspects.iter().filter_map(|suspect| search.name(suspect, None));
     let outside = out_of_range.iter().filter_map(|of| search.name(of, test.valid_range));
     let mut rows: Vec<Outlier> = named.chain(outside).collect();
-    rows.sort_by_key(|row| (row.log, row.place, row.row));
+    rows.sort_by_key(|row| (row.log, row.offset, row.row));
     let rms = (!rows.is_empty()).then(|| search.rms([&all, &fit], &left_out)).flatten();
     Ok(Outliers { rows, too_many: None, rms })
 }
@@ -417,7 +417,7 @@ impl<'a> OutlierSearch<'a> {
     /// Where a row is.
     fn key(&self, suspect: &Suspect) -> RowKey {
         let SearchedBlock { log, rows, .. } = &self.blocks[suspect.block];
-        (*log, rows.place, suspect.tested.row)
+        (*log, rows.offset, suspect.tested.row)
     }
 
     /// Passes all blocks to `work`, on any thread, and what comes of them to `fold`, in order.
@@ -503,11 +503,11 @@ impl<'a> OutlierSearch<'a> {
     ) -> Result<Vec<Suspect>, FitError> {
         const TOGETHER: usize = 256;
         let (mut parts, mut rows) = (Vec::<Range<usize>>::new(), 0);
-        for (place, block) in self.blocks.iter().enumerate() {
+        for (position, block) in self.blocks.iter().enumerate() {
             match parts.last_mut().filter(|_| rows < TOGETHER) {
-                Some(part) => part.end = place + 1,
+                Some(part) => part.end = position + 1,
                 None => {
-                    parts.push(place..place + 1);
+                    parts.push(position..position + 1);
                     rows = 0;
                 }
             }
@@ -533,7 +533,7 @@ impl<'a> OutlierSearch<'a> {
                     near.iter().zip(of_near).for_each(|(&row, value)| predicted[row] = value);
                 }
                 let suspects: Vec<_> = suspects.iter().copied().zip(&mut leverages).collect();
-                let is_left_out = |row: usize| excluded.contains(*log, rows.place, row);
+                let is_left_out = |row: usize| excluded.contains(*log, rows.offset, row);
                 let of_block = test.test(rows, &suspects, (&self.spread, &predicted), &is_left_out);
                 tested.extend(of_block.into_iter().map(|tested| Suspect { block, tested }));
             }
@@ -633,7 +633,7 @@ impl<'a> OutlierSearch<'a> {
             }
         };
         let columns = columns.iter().map(column).collect();
-        Some(Outlier { log: *log, place: rows.place, row, reason, columns })
+        Some(Outlier { log: *log, offset: rows.offset, row, reason, columns })
     }
 }
 
@@ -647,7 +647,7 @@ type RowKeys = BTreeSet<RowKey>;
 fn gather(blocks: &[SearchedBlock<'_>], wanted: &RowKeys) -> Block {
     let mut gathered = Block::default();
     for SearchedBlock { log, rows, suspects } in blocks {
-        let meant = suspects.iter().filter(|&&row| wanted.contains(&(*log, rows.place, row)));
+        let meant = suspects.iter().filter(|&&row| wanted.contains(&(*log, rows.offset, row)));
         meant.for_each(|&row| gathered.append(rows, row..row + 1));
     }
     gathered

@@ -213,12 +213,12 @@ impl ModelComparison {
             polynomial = selection::errors_by_fold(sums, &model, ridge, &folds)?;
         }
         let polynomial = polynomial.expect("a model that was chosen by its errors on these folds");
-        let place = |group: &usize| {
+        let position = |group: &usize| {
             let label = &sums.groups[*group].0;
             labels.iter().position(|of_rows| of_rows == label).expect("rows of every group") as u64
         };
         let folds: Vec<Vec<u64>> =
-            folds.iter().map(|fold| fold.iter().map(place).collect()).collect();
+            folds.iter().map(|fold| fold.iter().map(position).collect()).collect();
         let whole = sums.total().expect("sums of two groups or more");
         let variances = Axis::ALL.map(|axis| whole.variance(axis));
         let every = (folds.len() / TRIED_FIRST).max(1);

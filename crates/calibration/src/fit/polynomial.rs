@@ -336,9 +336,9 @@ impl RowErrors {
         let workers = options.workers;
         let evaluators =
             each(&blocks, |(_, block)| &block.rows, workers, BlockEvaluator::default, work, fold)?;
-        let copy = Fingerprint::first_copy(&fingerprints).map(|places| {
+        let copy = Fingerprint::first_copy(&fingerprints).map(|positions| {
             let name = |at: usize| all_logs().nth(at).map(|log| log.name.clone());
-            <[usize; 2]>::from(places).map(|at| name(at).unwrap_or_default())
+            <[usize; 2]>::from(positions).map(|at| name(at).unwrap_or_default())
         });
         let test = evaluations.split_off(logs);
         Ok(Self {

@@ -67,19 +67,19 @@ pub(super) fn select_by_normal_equations(
 
 /// The groups of labelled rows.
 pub(super) struct LabelGroups {
-    places: HashMap<String, usize>,
+    positions: HashMap<String, usize>,
     pub(super) sizes: Vec<u64>,
 }
 
 impl LabelGroups {
     pub(super) fn new(data: &Dataset) -> Self {
-        let (mut places, mut sizes) = (HashMap::new(), Vec::new());
+        let (mut positions, mut sizes) = (HashMap::new(), Vec::new());
         for (label, rows) in data.blocks().flat_map(|(_, block)| &*block.labels) {
-            let place = *places.entry(label.clone()).or_insert(sizes.len());
-            sizes.resize(sizes.len().max(place + 1), 0);
-            sizes[place] += *rows as u64;
+            let position = *positions.entry(label.clone()).or_insert(sizes.len());
+            sizes.resize(sizes.len().max(position + 1), 0);
+            sizes[position] += *rows as u64;
         }
-        Self { places, sizes }
+        Self { positions, sizes }
     }
 
     /// The fold of each group.
@@ -101,7 +101,7 @@ impl LabelGroups {
         for (_, block) in data.blocks() {
             let mut start = 0;
             for (label, rows) in &*block.labels {
-                blocks[fold_of[self.places[label]]].append(&block.rows, start..start + rows);
+                blocks[fold_of[self.positions[label]]].append(&block.rows, start..start + rows);
                 start += rows;
             }
         }
@@ -121,7 +121,7 @@ impl LabelGroups {
             let mut few = Block { groups: Vec::new(), ..Block::clone(&block.rows) };
             let mut keep = Vec::with_capacity(few.rows);
             for (label, rows) in &*block.labels {
-                let group = self.places[label];
+                let group = self.positions[label];
                 let first = seen[group];
                 seen[group] += rows;
                 keep.extend((first..seen[group]).map(|row| row % every == 0));
@@ -153,9 +153,9 @@ pub(super) fn cross_validate(
     let fold_of = groups.assigned(folds)?;
     let blocks = groups.folds(data, &fold_of, folds);
     let errors = refit.errors_without_each(model, &blocks, folds)?;
-    let is_undetermined = |label: &&String| errors[fold_of[groups.places[*label]]].is_err();
-    let mut undetermined: Vec<&String> = groups.places.keys().filter(is_undetermined).collect();
-    undetermined.sort_unstable_by_key(|&label| groups.places[label]);
+    let is_undetermined = |label: &&String| errors[fold_of[groups.positions[*label]]].is_err();
+    let mut undetermined: Vec<&String> = groups.positions.keys().filter(is_undetermined).collect();
+    undetermined.sort_unstable_by_key(|&label| groups.positions[label]);
     let undetermined = undetermined.into_iter().cloned().collect();
     let random = match data.memory_terms() {
         0 => parts_at_random(&rows_in_one(data), &random_split(random_folds, refit.options.seed)),
@@ -236,21 +236,21 @@ impl Refit<'_> {
         };
         let others = folds.as_ref().and_then(FactoredGroups::without_each);
         let method = r_factor_method(solver, truncate);
-        let by_r_factors = |place: usize| {
-            let rest = others.as_ref()?[place].solve_by(method, &model, self.ridge).ok()?;
-            folds.as_ref()?.groups[place].1.errors(&rest)
+        let by_r_factors = |position: usize| {
+            let rest = others.as_ref()?[position].solve_by(method, &model, self.ridge).ok()?;
+            folds.as_ref()?.groups[position].1.errors(&rest)
         };
-        let refit = |place: usize| {
+        let refit = |position: usize| {
             let one = Workers { threads: 1, ..workers };
-            let kept = blocks.iter().enumerate().filter(|(at, _)| *at != place);
+            let kept = blocks.iter().enumerate().filter(|(at, _)| *at != position);
             let rows = Rows::from_blocks(kept.map(|(_, block)| block), one);
             let problem = PolynomialProblem { model, solver, ridge: self.ridge, truncate };
             let calibration = calibrate(&problem, &rows, &sample)?;
-            Ok(errors_on(&calibration, &blocks[place]))
+            Ok(errors_on(&calibration, &blocks[position]))
         };
-        let errors = |&place: &usize| match by_r_factors(place) {
+        let errors = |&position: &usize| match by_r_factors(position) {
             Some(errors) => Ok(Ok(errors)),
-            None => match refit(place) {
+            None => match refit(position) {
                 Err(FitError::Interrupted) => Err(FitError::Interrupted),
                 errors => Ok(errors),
             },

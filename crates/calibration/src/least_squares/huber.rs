@@ -99,8 +99,9 @@ impl Clipped {
     /// where it is from the histogram.
     fn median(&mut self, a: usize, rows: u64) -> (f64, bool) {
         let kept = &mut self.kept[a];
-        let place = |rank: u64| rank.checked_sub(self.below[a]).map(|place| place as usize);
-        let (Some(lower), Some(upper)) = (place((rows - 1) / 2), place(rows / 2)) else {
+        let position =
+            |rank: u64| rank.checked_sub(self.below[a]).map(|position| position as usize);
+        let (Some(lower), Some(upper)) = (position((rows - 1) / 2), position(rows / 2)) else {
             return (self.sizes[a].quantile(0.5), false);
         };
         if upper >= kept.len() {

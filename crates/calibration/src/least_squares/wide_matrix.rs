@@ -25,8 +25,8 @@ impl WideMatrix {
         columns: usize,
         element: impl Fn(usize, usize) -> DoubleDouble,
     ) -> Self {
-        let place = |k: usize| (k % rows, k / rows);
-        let elements = (0..rows * columns).map(place).map(|(i, j)| element(i, j)).collect();
+        let position = |k: usize| (k % rows, k / rows);
+        let elements = (0..rows * columns).map(position).map(|(i, j)| element(i, j)).collect();
         Self { rows, columns, elements }
     }
 

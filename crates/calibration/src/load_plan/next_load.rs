@@ -99,7 +99,7 @@ fn candidates(loads: &[PerAxis<f64>]) -> Vec<PerAxis<f64>> {
 pub fn loads_of_dataset(data: &Dataset) -> Vec<PerAxis<f64>> {
     let total: usize = data.blocks().map(|(_, block)| block.rows.rows).sum();
     let every = total.div_ceil(MOST_ROWS).max(1);
-    let (mut places, mut sums) = (HashMap::new(), Vec::<(PerAxis<f64>, f64)>::new());
+    let (mut positions, mut sums) = (HashMap::new(), Vec::<(PerAxis<f64>, f64)>::new());
     let (mut loads, mut passed) = (Vec::new(), 0);
     for (_, block) in data.blocks() {
         let load = |row: usize| -> PerAxis<f64> {
@@ -109,14 +109,14 @@ pub fn loads_of_dataset(data: &Dataset) -> Vec<PerAxis<f64>> {
         };
         let mut row = 0;
         for (label, count) in &*block.labels {
-            let place = *places.entry(label.clone()).or_insert(sums.len());
-            if place == sums.len() {
+            let position = *positions.entry(label.clone()).or_insert(sums.len());
+            if position == sums.len() {
                 sums.push(([0.0; 6], 0.0));
             }
             for at in row..row + count {
                 let load = load(at);
-                (0..6).for_each(|axis| sums[place].0[axis] += load[axis]);
-                sums[place].1 += 1.0;
+                (0..6).for_each(|axis| sums[position].0[axis] += load[axis]);
+                sums[position].1 += 1.0;
             }
             row += count;
         }

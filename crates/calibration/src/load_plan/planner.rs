@@ -36,7 +36,7 @@ pub struct Planner<'a> {
 /// A load that was chosen.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlannedLoad {
-    /// Its place among the candidates.
+    /// Its position among the candidates.
     pub candidate: usize,
     /// The gain of information, in nats.
     pub gain: f64,
@@ -115,7 +115,7 @@ impl<'a> Planner<'a> {
 
     /// How much each load that is left is worth, the more the better.
     fn worths(&self) -> Vec<f64> {
-        let loads = self.left.iter().map(|&place| &self.candidates[place]);
+        let loads = self.left.iter().map(|&position| &self.candidates[position]);
         match (&self.knowledge, self.criterion) {
             (Knowledge::Surface(surface), Criterion::Gain) => {
                 loads.map(|load| surface.gain(load)).collect()

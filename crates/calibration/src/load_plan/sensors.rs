@@ -100,11 +100,12 @@ impl SensorKnowledge {
         let mut sums = [0.0; 6];
         for Answers(answers) in range {
             let mut information = self.prior;
-            for (place, (answer, (_, covariance))) in answers.iter().zip(&self.sensors).enumerate()
+            for (position, (answer, (_, covariance))) in
+                answers.iter().zip(&self.sensors).enumerate()
             {
                 let mut unsure = covariance.variance(&answer.gradient);
                 if let Some(known) = &known {
-                    let (known, divisor) = &known[place];
+                    let (known, divisor) = &known[position];
                     unsure -= dot(known, &answer.gradient).powi(2) / divisor;
                 }
                 let weight = (answer.noise + unsure.max(0.0)).recip();

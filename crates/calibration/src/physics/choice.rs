@@ -162,8 +162,8 @@ impl Choice {
         }
         let rest = folds.iter().map(|fold| scales.apply(&fold.rest)).collect();
         let before = before.and_then(|of| of.start.rescaled(&scales));
-        let of_width = |(place, &width): (usize, &f64)| match &before {
-            Some(before) => fit_from(&data, width, &before.widths[place]),
+        let of_width = |(position, &width): (usize, &f64)| match &before {
+            Some(before) => fit_from(&data, width, &before.widths[position]),
             None => fit(&data, width),
         };
         let widths: Vec<FittedParameters> = WIDTHS.iter().enumerate().map(of_width).collect();
@@ -178,12 +178,14 @@ impl Choice {
                 .collect()
         })?;
         let trials: Vec<ScoredCandidate> = (WIDTHS.iter().enumerate())
-            .flat_map(|(place, &width)| tries.scores(of_folds.iter().map(|of| &of[place]), width))
+            .flat_map(|(position, &width)| {
+                tries.scores(of_folds.iter().map(|of| &of[position]), width)
+            })
             .collect();
         let best = best(&trials);
-        let (width, place) = (trials[best].width, best / LAMBDAS.len());
-        let of_width = of_folds.into_iter().map(|mut of| of.swap_remove(place));
-        let mut chosen = (widths[place].clone(), of_width.collect::<Vec<Fits>>());
+        let (width, position) = (trials[best].width, best / LAMBDAS.len());
+        let of_width = of_folds.into_iter().map(|mut of| of.swap_remove(position));
+        let mut chosen = (widths[position].clone(), of_width.collect::<Vec<Fits>>());
         let mut lambda = trials[best].lambda;
 
         let (mut factor_trials, mut factors) = (Vec::new(), Vec::new());
@@ -191,7 +193,7 @@ impl Choice {
         for count in counts {
             let whole = match before.as_ref().and_then(|of| of.factors.get(count - 1)) {
                 Some(before) => fit_factors_from(&data, width, before),
-                None => fit_factors(&data, width, &widths[place], count),
+                None => fit_factors(&data, width, &widths[position], count),
             };
             let fits: Vec<Fits> = tries.map(|fold| {
                 tries.fits(fold, width, fit_factors_from(&tries.rest[fold], width, &whole))
@@ -290,10 +292,10 @@ impl CandidateData<'_> {
     }
 }
 
-/// The place of the least score.
+/// The position of the least score.
 fn best(trials: &[ScoredCandidate]) -> usize {
     let scores = trials.iter().enumerate();
-    scores.min_by(|a, b| a.1.score.total_cmp(&b.1.score)).map_or(0, |(place, _)| place)
+    scores.min_by(|a, b| a.1.score.total_cmp(&b.1.score)).map_or(0, |(position, _)| position)
 }
 
 struct ObservationFold<'a> {
@@ -304,13 +306,13 @@ struct ObservationFold<'a> {
 
 /// Groups assigned in turn to at most `most_alone` folds, or, if there are more than [`MOST_ALONE`], to [`FOLDS`].
 fn folds<'a>(observations: &[&'a Observation], most_alone: usize) -> Vec<ObservationFold<'a>> {
-    let mut places = BTreeMap::new();
-    observations.iter().for_each(|o| _ = places.insert(o.group, 0));
-    let folds = if places.len() > MOST_ALONE { FOLDS } else { places.len().min(most_alone) };
-    places.values_mut().zip((0..folds).cycle()).for_each(|(place, fold)| *place = fold);
+    let mut positions = BTreeMap::new();
+    observations.iter().for_each(|o| _ = positions.insert(o.group, 0));
+    let folds = if positions.len() > MOST_ALONE { FOLDS } else { positions.len().min(most_alone) };
+    positions.values_mut().zip((0..folds).cycle()).for_each(|(position, fold)| *position = fold);
     let fold = |fold: usize| {
-        let (held_out, rest) = observations.iter().partition(|o| places[&o.group] == fold);
-        let groups = places.iter().filter(|(_, place)| **place == fold);
+        let (held_out, rest) = observations.iter().partition(|o| positions[&o.group] == fold);
+        let groups = positions.iter().filter(|(_, position)| **position == fold);
         ObservationFold { groups: groups.map(|(group, _)| *group).collect(), held_out, rest }
     };
     (0..folds).map(fold).collect()

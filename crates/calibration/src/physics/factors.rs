@@ -114,11 +114,12 @@ impl<'a> Joint<'a> {
         // Where the curve is as steep as over most of its range, in units of q.
         let size = (noise.displacement + noise.reading / 0.03).sqrt();
         self.count = count.min(curves.len());
-        let mut places: Vec<usize> = (0..curves.len()).collect();
-        places.sort_by(|&a, &b| eigen.values[b].total_cmp(&eigen.values[a]));
-        for (factor, place) in places.into_iter().take(self.count).enumerate() {
-            let share = (eigen.values[place] - 0.5).max(0.2).sqrt();
-            for (loadings, of_sensor) in self.fitted.loadings.iter_mut().zip(eigen.vector(place)) {
+        let mut positions: Vec<usize> = (0..curves.len()).collect();
+        positions.sort_by(|&a, &b| eigen.values[b].total_cmp(&eigen.values[a]));
+        for (factor, position) in positions.into_iter().take(self.count).enumerate() {
+            let share = (eigen.values[position] - 0.5).max(0.2).sqrt();
+            for (loadings, of_sensor) in self.fitted.loadings.iter_mut().zip(eigen.vector(position))
+            {
                 loadings[factor] = of_sensor * share * size;
             }
         }
@@ -211,10 +212,10 @@ impl<'a> Joint<'a> {
             let Some(factor) = damped.cholesky() else { break };
             let step = factor.solve(at.descent.clone());
             let mut next = self.fitted.parameters.clone();
-            for (place, p) in next.iter_mut().flatten().enumerate() {
+            for (position, p) in next.iter_mut().flatten().enumerate() {
                 // As for one sensor: h and ν change at most by a factor of e.
-                let is_shape = place % PARAMETERS > SHAPE;
-                *p += if is_shape { step[place].clamp(-1.0, 1.0) } else { step[place] };
+                let is_shape = position % PARAMETERS > SHAPE;
+                *p += if is_shape { step[position].clamp(-1.0, 1.0) } else { step[position] };
             }
             let there = self.equations(&next, whitening, prior);
             let better = there.cost < at.cost;
@@ -262,10 +263,10 @@ impl<'a> Joint<'a> {
             for (row, weighted) in whitening.weighted[sensor].iter().enumerate() {
                 let factor = whitening.factors[row].forward(weighted);
                 for (k, factor) in factor.iter().enumerate().take(self.count) {
-                    let place = row * self.count + k;
-                    pulls[place] += factor * curve.residual[row];
+                    let position = row * self.count + k;
+                    pulls[position] += factor * curve.residual[row];
                     let of_row = curve.gradient.iter().map(|gradient| factor * gradient[row]);
-                    shared[place][first..].iter_mut().zip(of_row).for_each(|(to, it)| *to = it);
+                    shared[position][first..].iter_mut().zip(of_row).for_each(|(to, it)| *to = it);
                 }
             }
         }

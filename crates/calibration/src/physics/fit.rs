@@ -36,7 +36,7 @@ const NOISE_STEPS: usize = 20;
 pub(super) struct Scales {
     /// Root mean square of each axis, N and N·m; 1 for one that is never loaded.
     pub(super) wrench: PerAxis<f64>,
-    /// Least reading and range of each channel that varies, with its place.
+    /// Least reading and range of each channel that varies, with its position.
     pub(super) channels: Vec<(usize, f64, f64)>,
 }
 
@@ -207,8 +207,8 @@ pub(super) fn common_means<'a>(
 ) -> Parameters {
     let mut mean = Prior::weak(width).mean;
     let (own, count) = (MEAN_VARIANCE.recip(), sensors.clone().count() as f64);
-    for (place, mean) in mean.iter_mut().enumerate().skip(SHAPE) {
-        let sum: f64 = sensors.clone().map(|p| p[place]).sum();
+    for (position, mean) in mean.iter_mut().enumerate().skip(SHAPE) {
+        let sum: f64 = sensors.clone().map(|p| p[position]).sum();
         *mean = own.mul_add(*mean, sum) / (count + own);
     }
     mean

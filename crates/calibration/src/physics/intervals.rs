@@ -158,7 +158,8 @@ impl GroupIntervals {
         let mut factors: PerAxis<Vec<f64>> = std::array::from_fn(|axis| {
             levels.iter().map(|&level| size_between(scores, axis, level)).collect()
         });
-        let finite = |place: &usize| factors.iter().all(|factors| factors[*place].is_finite());
+        let finite =
+            |position: &usize| factors.iter().all(|factors| factors[*position].is_finite());
         let known = (0..levels.len()).take_while(finite).count();
         levels.truncate(known);
         factors.iter_mut().for_each(|factors| factors.truncate(known));
@@ -170,10 +171,10 @@ impl GroupIntervals {
     /// # Errors
     /// [`TooFewGroups`].
     pub fn factors(&self, level: f64) -> Result<PerAxis<f64>, TooFewGroups> {
-        let place = self.levels.iter().position(|&kept| kept >= level - 1e-9);
+        let position = self.levels.iter().position(|&kept| kept >= level - 1e-9);
         let too_few = TooFewGroups { level, needed: groups_needed(level), groups: self.groups };
-        let place = place.ok_or(too_few)?;
-        Ok(self.factors.each_ref().map(|factors| factors[place]))
+        let position = position.ok_or(too_few)?;
+        Ok(self.factors.each_ref().map(|factors| factors[position]))
     }
 }
 

@@ -147,8 +147,8 @@ mod tests {
 
     #[test]
     fn lanes_agree_with_the_library_s_functions_and_with_any_width() {
-        for place in -400..=400 {
-            let q = f64::from(place) / 8.0;
+        for position in -400..=400 {
+            let q = f64::from(position) / 8.0;
             for nu in [0.3, 1.0, 2.7] {
                 let found = arch().dispatch(At { q, h: 1.3, nu });
                 let expected = Answer::at_displacement(q, 0.0, 1.3, nu);

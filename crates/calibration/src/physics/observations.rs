@@ -57,13 +57,13 @@ pub fn group_means(
     };
     let cells = groups.iter().enumerate().map(|(row, &group)| {
         let middle = middle(group);
-        let cell = |axis: usize| place((wrench[axis][row] - middle[axis]) / width[axis]);
+        let cell = |axis: usize| position((wrench[axis][row] - middle[axis]) / width[axis]);
         (group, std::array::from_fn(cell))
     });
     self::means(cells, groups.len(), wrench, readings)
 }
 
-fn place(x: f64) -> i64 {
+fn position(x: f64) -> i64 {
     x.round_ties_even() as i64
 }
 
@@ -74,7 +74,7 @@ fn cell_width(wrench: &PerAxis<&[f64]>) -> Result<PerAxis<f64>, PhysicsError> {
     for (width, column) in width.iter_mut().zip(wrench) {
         let squares: Vec<f64> = column.iter().map(|x| x * x).collect();
         let grid = RoundingGrid::new(&squares)?;
-        let sum: i128 = squares.iter().map(|&square| grid.place(square)).sum();
+        let sum: i128 = squares.iter().map(|&square| grid.position(square)).sum();
         let rms = grid.mean(sum, column.len().max(1)).sqrt();
         *width = if rms > 0.0 { CELL_WIDTH * rms } else { 1.0 };
     }
@@ -99,11 +99,11 @@ fn means(
         let (count, sum) = sums.entry(key).or_insert_with(|| (0, vec![0; columns.len()]));
         *count += 1;
         for ((sum, column), grid) in sum.iter_mut().zip(&columns).zip(&grids) {
-            *sum += grid.place(column[row]);
+            *sum += grid.position(column[row]);
         }
     }
     let observation = |((group, _), (count, sums)): (_, (usize, Vec<i128>))| {
-        let mean = |place: usize| grids[place].mean(sums[place], count);
+        let mean = |position: usize| grids[position].mean(sums[position], count);
         Observation {
             group,
             wrench: std::array::from_fn(mean),
@@ -132,7 +132,7 @@ impl RoundingGrid {
         Ok(Self { steps: libm::ldexp(1.0, (60 - exponent).clamp(-1000, 1000)) })
     }
 
-    fn place(&self, x: f64) -> i128 {
+    fn position(&self, x: f64) -> i128 {
         (x * self.steps).round_ties_even() as i128
     }
 

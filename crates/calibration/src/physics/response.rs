@@ -93,15 +93,15 @@ mod tests {
     fn gradient_is_that_of_central_differences() {
         for x in [[0.0; 6], [0.3, -0.8, 1.1, 0.2, -0.5, 0.4], [-3.0, 2.0, 1.0, -1.0, 2.0, -2.0]] {
             let gradient = Answer::at(&P, &x).gradient(&x);
-            for place in 0..PARAMETERS {
+            for position in 0..PARAMETERS {
                 let step = 1e-5;
                 let (mut up, mut down) = (P, P);
-                up[place] += step;
-                down[place] -= step;
+                up[position] += step;
+                down[position] -= step;
                 let rise = Answer::at(&up, &x).value - Answer::at(&down, &x).value;
                 // Third derivatives of order 1 times step², and rounding 1e-16/step.
-                let error = (rise / (2.0 * step) - gradient[place]).abs();
-                assert!(error < 1e-9, "{place}: {error:e}");
+                let error = (rise / (2.0 * step) - gradient[position]).abs();
+                assert!(error < 1e-9, "{position}: {error:e}");
             }
         }
     }

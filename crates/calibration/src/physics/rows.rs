@@ -36,7 +36,7 @@ impl TrainingRows {
     /// The rows of a data set, with the labels of their groups in the order of first rows.
     pub fn from_dataset(data: &Dataset) -> (Self, Vec<String>) {
         let (mut rows, mut labels) = (Self::default(), Vec::<String>::new());
-        let mut places = HashMap::new();
+        let mut positions = HashMap::new();
         rows.readings.resize_with(data.channels(), Vec::new);
         for (_, block) in data.blocks() {
             let columns = rows.wrench.iter_mut().chain(&mut rows.readings);
@@ -45,11 +45,11 @@ impl TrainingRows {
                 column.extend_from_slice(more);
             }
             for (label, count) in &*block.labels {
-                let place = *places.entry(label.clone()).or_insert_with(|| {
+                let position = *positions.entry(label.clone()).or_insert_with(|| {
                     labels.push(label.clone());
                     labels.len() as u64 - 1
                 });
-                rows.groups.extend(std::iter::repeat_n(place, *count));
+                rows.groups.extend(std::iter::repeat_n(position, *count));
             }
         }
         (rows, labels)
@@ -92,8 +92,8 @@ impl TrainingRows {
     pub fn folds(&self, folds: usize) -> Vec<Vec<u64>> {
         let groups: BTreeSet<u64> = self.groups.iter().copied().collect();
         let mut assigned = vec![Vec::new(); folds.min(groups.len())];
-        for (place, group) in groups.into_iter().enumerate() {
-            let fold = place % assigned.len();
+        for (position, group) in groups.into_iter().enumerate() {
+            let fold = position % assigned.len();
             assigned[fold].push(group);
         }
         assigned

@@ -89,9 +89,9 @@ impl Data<'_> {
             let mut next = estimate.parameters;
             if let Some(factor) = Cholesky::new(&damped) {
                 let step = factor.solve(&cost.descent);
-                for (place, (next, step)) in next.iter_mut().zip(step).enumerate() {
+                for (position, (next, step)) in next.iter_mut().zip(step).enumerate() {
                     // h and ν change at most by a factor of e: further the line is not straight.
-                    *next += if place > SHAPE { step.clamp(-1.0, 1.0) } else { step };
+                    *next += if position > SHAPE { step.clamp(-1.0, 1.0) } else { step };
                 }
             }
             let next_cost = self.cost(&next, prior);

@@ -129,13 +129,13 @@ impl WithSimd for SumsOf<'_> {
             let rows = CurveRows::<S>::at(simd, p, shape, data, first);
             let weight = S::as_simd_f64s(&data.weights[first..first + S::F64_LANES]).0[0];
             add(&mut cost, simd.mul_f64s(weight, rows.residual), rows.residual);
-            let mut place = 0;
+            let mut position = 0;
             for (i, descent) in descent.iter_mut().enumerate() {
                 let weighted = simd.mul_f64s(weight, rows.gradient[i]);
                 add(descent, weighted, rows.residual);
                 for &g in &rows.gradient[..=i] {
-                    add(&mut information[place], weighted, g);
-                    place += 1;
+                    add(&mut information[position], weighted, g);
+                    position += 1;
                 }
             }
         }
@@ -145,8 +145,8 @@ impl WithSimd for SumsOf<'_> {
             descent: descent.each_ref().map(sum),
             cost: sum(&cost),
         };
-        let places = (0..PARAMETERS).flat_map(|i| (0..=i).map(move |j| (i, j)));
-        for ((i, j), lanes) in places.zip(&information) {
+        let positions = (0..PARAMETERS).flat_map(|i| (0..=i).map(move |j| (i, j)));
+        for ((i, j), lanes) in positions.zip(&information) {
             sums.information[i][j] = sum(lanes);
         }
         sums

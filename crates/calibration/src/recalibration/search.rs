@@ -28,7 +28,7 @@ const STEP: f64 = 1e-3;
 #[derive(Clone, Copy, Debug)]
 struct Unknown {
     quantity: ChangedQuantity,
-    place: usize,
+    position: usize,
     sd: f64,
 }
 
@@ -234,10 +234,10 @@ impl<'a> ChangeSearch<'a> {
     fn equations(&self, at: &[f64]) -> (BTreeMap<u64, ChangeEquations>, ChangeEquations) {
         let here = self.whitened(at);
         let columns: Vec<Vec<Vec<f64>>> = (0..at.len())
-            .map(|place| {
+            .map(|position| {
                 let side = |step: f64| {
                     let mut there = at.to_vec();
-                    there[place] += step;
+                    there[position] += step;
                     self.whitened(&there)
                 };
                 let (mut up, down) = (side(STEP), side(-STEP));
@@ -275,12 +275,12 @@ impl<'a> ChangeSearch<'a> {
             lever_m: [0.0; 3],
             turn_rad: [0.0; 3],
         };
-        for (&Unknown { quantity, place, sd }, x) in self.unknowns.iter().zip(at) {
+        for (&Unknown { quantity, position, sd }, x) in self.unknowns.iter().zip(at) {
             *match quantity {
-                ChangedQuantity::Zero => &mut change.channels[place].zero,
-                ChangedQuantity::Gain => &mut change.channels[place].gain,
-                ChangedQuantity::Lever => &mut change.lever_m[place],
-                ChangedQuantity::Turn => &mut change.turn_rad[place],
+                ChangedQuantity::Zero => &mut change.channels[position].zero,
+                ChangedQuantity::Gain => &mut change.channels[position].gain,
+                ChangedQuantity::Lever => &mut change.lever_m[position],
+                ChangedQuantity::Turn => &mut change.turn_rad[position],
             } = x * sd;
         }
         change
@@ -382,7 +382,7 @@ fn unknowns(calibration: &Calibration, channels: &[(f64, f64)]) -> Vec<Unknown> 
             ChangedQuantity::Turn if calibration.axes.are_all() => vec![TURN_RAD; 3],
             _ => Vec::new(),
         };
-        sds.into_iter().enumerate().map(move |(place, sd)| Unknown { quantity, place, sd })
+        sds.into_iter().enumerate().map(move |(position, sd)| Unknown { quantity, position, sd })
     };
     ChangedQuantity::ALL.into_iter().flat_map(of).collect()
 }

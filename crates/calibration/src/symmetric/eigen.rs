@@ -19,7 +19,7 @@ pub(crate) struct Eigen {
     pub(crate) values: Vec<f64>,
     /// Of all but the first number, of all but two, …
     reflections: Vec<Reflection>,
-    /// Of the numbers at a place and after it: cosine and sine.
+    /// Of the numbers at a position and after it: cosine and sine.
     rotations: Vec<(usize, f64, f64)>,
 }
 
@@ -34,9 +34,9 @@ impl SymmetricMatrix {
 
 impl Eigen {
     /// The vector of a value.
-    pub(crate) fn vector(&self, place: usize) -> Vec<f64> {
+    pub(crate) fn vector(&self, position: usize) -> Vec<f64> {
         let mut vector = vec![0.0; self.values.len()];
-        vector[place] = 1.0;
+        vector[position] = 1.0;
         self.turn_back(&mut vector);
         vector
     }

@@ -161,8 +161,8 @@ mod tests {
         Mat::from_fn(of.size(), of.size(), |i, j| of.row(i.min(j))[i.abs_diff(j)])
     }
 
-    fn unit(size: usize, place: usize) -> Vec<f64> {
-        (0..size).map(|i| f64::from(u8::from(i == place))).collect()
+    fn unit(size: usize, position: usize) -> Vec<f64> {
+        (0..size).map(|i| f64::from(u8::from(i == position))).collect()
     }
 
     fn matrices() -> impl Strategy<Value = (usize, Vec<f64>)> {
@@ -178,17 +178,17 @@ mod tests {
         let eigen = a.eigen().unwrap();
         let mut order: Vec<usize> = (0..size).collect();
         order.sort_by(|&i, &j| eigen.values[i].total_cmp(&eigen.values[j]));
-        for (expected, &place) in expected.iter().zip(&order) {
-            assert!((eigen.values[place] - expected).abs() <= 1e-13 * largest);
-            let mut vector = eigen.vector(place);
+        for (expected, &position) in expected.iter().zip(&order) {
+            assert!((eigen.values[position] - expected).abs() <= 1e-13 * largest);
+            let mut vector = eigen.vector(position);
             assert!((product(&vector, &vector) - 1.0).abs() < 1e-13);
             for row in 0..size {
                 let turned: f64 = (0..size).map(|k| theirs[(row, k)] * vector[k]).sum();
-                assert!((turned - eigen.values[place] * vector[row]).abs() <= 1e-12 * largest);
+                assert!((turned - eigen.values[position] * vector[row]).abs() <= 1e-12 * largest);
             }
             eigen.turn(&mut vector);
             for (i, x) in vector.into_iter().enumerate() {
-                assert!((x - f64::from(u8::from(i == place))).abs() < 1e-13);
+                assert!((x - f64::from(u8::from(i == position))).abs() < 1e-13);
             }
         }
     }

@@ -105,10 +105,10 @@ mod tests {
         block.readings = vec![Vec::new(); 2];
         block.wrench = vec![Vec::new(); 6];
         for group in 0..groups {
-            let place = [random.normal(), random.normal()];
+            let position = [random.normal(), random.normal()];
             let common = random.normal();
             for row in 0..9 {
-                let readings = place.map(|place| place + 0.05 * random.normal());
+                let readings = position.map(|position| position + 0.05 * random.normal());
                 let far = if (9 * group + row) % 20 == 7 { wild } else { 0.0 };
                 for (axis, column) in block.wrench.iter_mut().enumerate() {
                     let load = readings[axis % 2] * (axis as f64 + 1.0);

@@ -119,7 +119,7 @@ impl Covariance {
         let groups: Vec<_> = sums.groups.iter().map(|(_, moments)| moments).collect();
         let found =
             PartitionedMoments::new(total, model)?.by_group(&groups, ridge).map_err(|error| {
-                let label = |place: usize| sums.groups[place].0.clone();
+                let label = |position: usize| sums.groups[position].0.clone();
                 match error {
                     GroupScatterError::Solve(error) => ValidationError::Solve(error),
                     GroupScatterError::Scatter(error) => why_no_scatter(error, label),
@@ -171,7 +171,7 @@ impl Covariance {
         if groups < 2 {
             return Err(ValidationError::TooFewGroups { found: groups });
         }
-        let label = |place: usize| rows.groups[place].0.clone();
+        let label = |position: usize| rows.groups[position].0.clone();
         let found = rows.scatter(solution, None).map_err(|error| why_no_scatter(error, label))?;
         let intervals = intervals(&found);
         Ok(Self::from_scatter(found, solution.rows, intervals))
@@ -220,12 +220,12 @@ impl Covariance {
     }
 }
 
-/// Why there is no covariance; `label` is that of the group at a place.
+/// Why there is no covariance; `label` is that of the group at a position.
 fn why_no_scatter(error: ScatterError, label: impl Fn(usize) -> String) -> ValidationError {
     match error {
         ScatterError::NearlyDependent => ValidationError::Solve(SolveError::NearlyDependent),
-        ScatterError::Alone(places) => {
-            ValidationError::Alone { groups: places.into_iter().map(label).collect() }
+        ScatterError::Alone(positions) => {
+            ValidationError::Alone { groups: positions.into_iter().map(label).collect() }
         }
     }
 }

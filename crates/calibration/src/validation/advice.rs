@@ -31,7 +31,7 @@ pub struct Advice {
 }
 
 impl Advice {
-    /// Of what was tried; `given` is the place of the model that was asked for.
+    /// Of what was tried; `given` is the position of the model that was asked for.
     ///
     /// # Errors
     /// [`ValidationError`] if the models cannot be fitted to the groups.

@@ -141,7 +141,7 @@ fn merge(all: &mut PerAxis<HeldOutErrors>, errors: &PerAxis<HeldOutErrors>) {
     all.iter_mut().zip(errors).for_each(|(all, errors)| all.merge(errors));
 }
 
-/// Groups, by their places, assigned to folds of about the same number of rows.
+/// Groups, by their positions, assigned to folds of about the same number of rows.
 pub(super) fn fold_groups(
     sums: &GroupedMoments,
     folds: usize,
@@ -150,7 +150,7 @@ pub(super) fn fold_groups(
     assign_groups(&rows, folds)
 }
 
-/// Groups of so many rows, by their places, assigned to folds of about the same number of rows: the largest
+/// Groups of so many rows, by their positions, assigned to folds of about the same number of rows: the largest
 /// first, each into the fold with the fewest.
 ///
 /// # Errors

@@ -80,8 +80,8 @@ impl NormalEquations {
     }
 
     /// All of `all` but one; of one alone, nothing.
-    pub(crate) fn all_but(all: &[Self], place: usize) -> Option<Self> {
-        let mut others = all.iter().enumerate().filter(|(at, _)| *at != place).map(|(_, of)| of);
+    pub(crate) fn all_but(all: &[Self], position: usize) -> Option<Self> {
+        let mut others = all.iter().enumerate().filter(|(at, _)| *at != position).map(|(_, of)| of);
         let mut rest = others.next()?.clone();
         others.for_each(|other| rest.add(other));
         Some(rest)
@@ -172,9 +172,9 @@ impl<'a> HeldOutFolds<'a> {
         let folds: Vec<_> =
             self.blocks.iter().map(|block| NormalEquations::new(&features, block)).collect();
         Box::new(move |ridge| {
-            let errors = |place: usize| {
-                let rest = NormalEquations::all_but(&folds, place)?.solve(ridge, ones)?;
-                Some(folds[place].errors(rest.as_ref(), ones))
+            let errors = |position: usize| {
+                let rest = NormalEquations::all_but(&folds, position)?.solve(ridge, ones)?;
+                Some(folds[position].errors(rest.as_ref(), ones))
             };
             Ok((0..folds.len()).map(errors).collect())
         })

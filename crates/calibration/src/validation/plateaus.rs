@@ -133,8 +133,8 @@ struct Level<const N: usize> {
     mean: [f64; N],
     /// Squared differences from the mean.
     squares: [f64; N],
-    /// The mean place of the rows, their squared distances from it, and its products with the loads.
-    place: f64,
+    /// The mean position of the rows, their squared distances from it, and its products with the loads.
+    position: f64,
     place_squares: f64,
     products: [f64; N],
     /// Whether a clock that started anew is what made it.
@@ -148,7 +148,7 @@ impl<const N: usize> Level<N> {
             rows: 1,
             mean: *load,
             squares: [0.0; N],
-            place: start as f64,
+            position: start as f64,
             place_squares: 0.0,
             products: [0.0; N],
             is_parted,
@@ -158,14 +158,14 @@ impl<const N: usize> Level<N> {
     /// Adds the rows of `next`.
     fn merge(&mut self, next: &Self) {
         let MergeWeights { mean: share, product: weight } = MergeWeights::new(self.rows, next.rows);
-        let away = next.place - self.place;
+        let away = next.position - self.position;
         for axis in 0..6 {
             let apart = next.mean[axis] - self.mean[axis];
             self.mean[axis] += apart * share;
             self.squares[axis] += next.squares[axis] + apart * apart * weight;
             self.products[axis] += next.products[axis] + apart * away * weight;
         }
-        self.place += away * share;
+        self.position += away * share;
         self.place_squares += next.place_squares + away * away * weight;
         self.rows += next.rows;
     }

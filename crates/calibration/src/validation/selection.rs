@@ -62,9 +62,9 @@ pub struct Selection {
     pub folds: usize,
     /// All candidates: smallest models first, smallest ridges first.
     pub candidates: Vec<Candidate>,
-    /// The place of the one with the smallest error.
+    /// The position of the one with the smallest error.
     pub best: usize,
-    /// The place of the one chosen.
+    /// The position of the one chosen.
     pub chosen: usize,
 }
 
@@ -164,7 +164,7 @@ fn is_best(candidates: &[Candidate]) -> bool {
     others.iter().all(|other| score(last) < score(other))
 }
 
-/// The folds that [`select`] holds out, as places of groups in `sums`.
+/// The folds that [`select`] holds out, as positions of groups in `sums`.
 ///
 /// # Errors
 /// [`ValidationError`] if there are too few groups.
@@ -172,7 +172,7 @@ pub fn folds(sums: &GroupedMoments) -> Result<Vec<Vec<usize>>, ValidationError> 
     fold_groups(sums, sums.groups.len().min(FOLDS))
 }
 
-/// The errors of a model on each of `folds`, places of groups in `sums`; `None` if it cannot be fitted without one
+/// The errors of a model on each of `folds`, positions of groups in `sums`; `None` if it cannot be fitted without one
 /// of them.
 ///
 /// # Errors

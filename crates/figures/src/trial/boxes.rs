@@ -125,8 +125,8 @@ fn draw_boxes(
     panel.draw_y_grid(canvas);
     let half = (0.3 * labels.box_pitch(area)).min(22.0);
     for row in boxes {
-        let place = |value: f64| panel.place(0.0, factor * value).1;
-        draw_box(canvas, labels.middle(area, &row.condition), half, &row.statistics, place);
+        let position = |value: f64| panel.place(0.0, factor * value).1;
+        draw_box(canvas, labels.middle(area, &row.condition), half, &row.statistics, position);
     }
     canvas.frame(area, palette::INK);
     panel.draw_y_labels(canvas);
@@ -134,10 +134,10 @@ fn draw_boxes(
     canvas.text((area.left, area.top - 7.0), &label, Style::LABEL.anchored(Anchor::Start));
 }
 
-fn draw_box(canvas: &mut Canvas, x: f64, half: f64, s: &Statistics, place: impl Fn(f64) -> f64) {
+fn draw_box(canvas: &mut Canvas, x: f64, half: f64, s: &Statistics, position: impl Fn(f64) -> f64) {
     let (left, right) = (x - half, x + half);
-    let (q1, q3) = (place(s.q1), place(s.q3));
-    for (end, quartile) in [(place(s.whisker_low), q1), (place(s.whisker_high), q3)] {
+    let (q1, q3) = (position(s.q1), position(s.q3));
+    for (end, quartile) in [(position(s.whisker_low), q1), (position(s.whisker_high), q3)] {
         canvas.line((x, quartile), (x, end), palette::INK, 1.0);
         canvas.line((x - 0.5 * half, end), (x + 0.5 * half, end), palette::INK, 1.0);
     }
@@ -145,17 +145,17 @@ fn draw_box(canvas: &mut Canvas, x: f64, half: f64, s: &Statistics, place: impl 
         format!("M{}H{}V{}H{}Z", point(left, q1), number(right), number(q3), number(left));
     canvas.fill(&outline, FILL);
     canvas.stroke(&outline, palette::INK, 1.0);
-    let median = place(s.median);
+    let median = position(s.median);
     canvas.line((left, median), (right, median), palette::INK, 2.0);
-    draw_diamond(canvas, x, place(s.mean));
+    draw_diamond(canvas, x, position(s.mean));
     for &outlier in &s.outliers {
-        canvas.ring((x, place(outlier)), 2.8, palette::INK);
+        canvas.ring((x, position(outlier)), 2.8, palette::INK);
     }
     if s.values.len() <= MOST_POINTS {
         // Beside the mean, in turn: equal values are seen as two.
         for (i, &value) in s.values.iter().enumerate() {
             let aside = if i % 2 == 0 { -0.5 } else { 0.5 };
-            draw_point(canvas, x + aside * half, place(value));
+            draw_point(canvas, x + aside * half, position(value));
         }
     }
 }

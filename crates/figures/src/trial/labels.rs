@@ -83,8 +83,8 @@ impl<'a> BoxLabels<'a> {
 
     /// The middle of a condition's box.
     pub(super) fn middle(&self, area: Rect, condition: &str) -> f64 {
-        let place = self.conditions.iter().position(|other| *other == condition);
-        area.left + (place.unwrap_or(0) as f64 + 0.5) * self.box_pitch(area)
+        let position = self.conditions.iter().position(|other| *other == condition);
+        area.left + (position.unwrap_or(0) as f64 + 0.5) * self.box_pitch(area)
     }
 }
 

@@ -339,8 +339,8 @@ mod tests {
             let DrawnShape::Text { at, text, style } = shape else { continue };
             // Half a hundredth: sizes are written with two decimals.
             assert!((4.995..=7.005).contains(&(style.size * pt)), "{text}: {} pt", style.size * pt);
-            let Some((path, place)) = lettering::outline(text, *at, *style) else { continue };
-            let bounds = path.transform(place).unwrap().bounds();
+            let Some((path, position)) = lettering::outline(text, *at, *style) else { continue };
+            let bounds = path.transform(position).unwrap().bounds();
             let (right, bottom) = (drawing.width as f32, drawing.height as f32);
             let is_inside = bounds.left() >= 0.0 && bounds.top() >= 0.0;
             assert!(is_inside, "{text} at {bounds:?}");

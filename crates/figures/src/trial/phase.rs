@@ -89,8 +89,8 @@ fn draw_panel(
             };
             (phase_rad[(i + n - 1) % n] + turn, values[(i + n - 1) % n])
         });
-        let places = around.map(|(phase, value)| panel.place(phase, value));
-        places.map(|(x, y)| point(x, y)).collect()
+        let positions = around.map(|(phase, value)| panel.place(phase, value));
+        positions.map(|(x, y)| point(x, y)).collect()
     };
     let (below, mean, mut above) = (placed(-1.0), placed(0.0), placed(1.0));
     above.reverse();

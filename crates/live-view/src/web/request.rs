@@ -66,8 +66,8 @@ pub(super) struct Request<'a> {
 /// Where the head of a request ends, its empty line included; bytes before `from` were looked at.
 pub(super) fn end_of_head(bytes: &[u8], from: usize) -> Option<usize> {
     let from = from.saturating_sub(3).min(bytes.len());
-    let place = bytes[from..].windows(4).position(|window| window == b"\r\n\r\n")?;
-    Some(from + place + 4)
+    let position = bytes[from..].windows(4).position(|window| window == b"\r\n\r\n")?;
+    Some(from + position + 4)
 }
 
 /// Reads a whole head.

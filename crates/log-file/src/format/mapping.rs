@@ -44,7 +44,7 @@ impl fmt::Display for LogFormat {
 pub enum ColumnRef {
     /// By its name in the header.
     Name(String),
-    /// By its place in the row; the first column is 1.
+    /// By its position in the row; the first column is 1.
     Position(usize),
 }
 

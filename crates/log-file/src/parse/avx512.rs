@@ -43,7 +43,7 @@ impl InstructionSet for Widest {
 
     /// Sixteen at a time: compilers would count zeros in vectors otherwise, which takes longer.
     #[inline(always)]
-    fn write_ends(self, bits: u64, base: u32, places: &mut [u32; BLOCK]) -> usize {
+    fn write_ends(self, bits: u64, base: u32, positions: &mut [u32; BLOCK]) -> usize {
         let V4 { avx512f, .. } = self.v4;
         let mut count = 0;
         for quarter in 0..4 {
@@ -51,7 +51,7 @@ impl InstructionSet for Widest {
             let first = avx512f._mm512_set1_epi32((base + 16 * quarter) as i32);
             let all = avx512f._mm512_add_epi32(first, pulp::cast(FIRST_SIXTEEN));
             let found: [u32; 16] = pulp::cast(avx512f._mm512_maskz_compress_epi32(bits, all));
-            places[count..count + 16].copy_from_slice(&found);
+            positions[count..count + 16].copy_from_slice(&found);
             count += bits.count_ones() as usize;
         }
         count
@@ -106,10 +106,10 @@ impl Widest {
     /// Eight whole numbers of one to eight digits from where they start and end; `None` if one of
     /// them is not.
     #[inline(always)]
-    fn eight(self, lines: &[u8], places: [(usize, usize); 8]) -> Option<[f64; 8]> {
+    fn eight(self, lines: &[u8], positions: [(usize, usize); 8]) -> Option<[f64; 8]> {
         let V4 { avx512f, avx512bw, avx512dq, .. } = self.v4;
         let (mut words, mut lengths, mut all_lengths) = ([0_u64; 8], [0_u64; 8], 0);
-        for (lane, (start, end)) in places.into_iter().enumerate() {
+        for (lane, (start, end)) in positions.into_iter().enumerate() {
             words[lane] = u64::from_le_bytes(*lines.get(..end)?.last_chunk()?);
             let length = end.wrapping_sub(start).wrapping_sub(1);
             all_lengths |= length;
@@ -139,27 +139,27 @@ impl Widest {
     /// Four plain decimals from where they start and end; `None` if one of them is not, or has more
     /// than 15 digits.
     #[inline(always)]
-    fn four(self, lines: &[u8], places: [(usize, usize); 4]) -> Option<[f64; 4]> {
+    fn four(self, lines: &[u8], positions: [(usize, usize); 4]) -> Option<[f64; 4]> {
         let V4 { avx, avx2, avx512f, avx512bw, avx512dq, .. } = self.v4;
         // The last digit stands at the end of the lane. What precedes the number is not its own.
         let mut bytes = [&[0; 16]; 4];
         let mut own = [&[0; 16]; 4];
         let mut firsts = [0; 4];
-        for (first, (start, _)) in firsts.iter_mut().zip(places) {
+        for (first, (start, _)) in firsts.iter_mut().zip(positions) {
             *first = *lines.get(start)?;
         }
         let negative = minus_signs(u32::from_le_bytes(firsts));
-        for (lane, (start, end)) in places.into_iter().enumerate() {
+        for (lane, (start, end)) in positions.into_iter().enumerate() {
             bytes[lane] = lines.get(end.wrapping_sub(16)..)?.first_chunk()?;
             let sign = (negative >> (8 * lane + 7) & 1) as usize;
             own[lane] = LAST.get(end.wrapping_sub(start + sign).wrapping_sub(1))?;
         }
         let (bytes, own) = (self.lanes(bytes), self.lanes(own));
         let points = avx512bw._mm512_cmpeq_epi8_mask(bytes, avx512f._mm512_set1_epi8(b'.' as i8));
-        let places = avx512bw._mm512_movepi8_mask(own);
-        let points = points & places;
+        let positions = avx512bw._mm512_movepi8_mask(own);
+        let points = points & positions;
         // Digits are wanted on both sides of a point.
-        let first_own = places & !((places & !LAST_PLACES) << 1);
+        let first_own = positions & !((positions & !LAST_PLACES) << 1);
         if points & (first_own | LAST_PLACES) != 0 {
             return None;
         }

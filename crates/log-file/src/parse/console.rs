@@ -20,22 +20,22 @@ const BYTE: std::ops::RangeInclusive<f64> = 0.0..=255.0;
 /// Readings of the channels 0 to 7, then the time in µs.
 pub(crate) type ConsoleFrame = [f64; 9];
 
-/// The wanted parts of all frames in `lines`, as `places` in [`ConsoleFrame`].
+/// The wanted parts of all frames in `lines`, as `positions` in [`ConsoleFrame`].
 pub(crate) fn parse_lines(
     lines: &[u8],
-    places: &[usize],
+    positions: &[usize],
     skip_bad_rows: bool,
 ) -> Result<ParsedRows, RowError> {
     let mut parsed = ParsedRows::default();
-    parsed.clear(places.len(), 0);
+    parsed.clear(positions.len(), 0);
     let ends = memchr_iter(b'\n', lines).chain([lines.len()]);
     let mut start = 0;
     for end in ends {
         let line = &lines[start..end];
         match payload(line).map(scan) {
             Some(Ok(Some(frame))) => {
-                for (column, &place) in places.iter().enumerate() {
-                    parsed.put(column, frame[place]);
+                for (column, &position) in positions.iter().enumerate() {
+                    parsed.put(column, frame[position]);
                 }
                 parsed.rows += 1;
             }

@@ -90,7 +90,7 @@ impl FieldEnds {
     }
 }
 
-/// For each of `wanted` its places in the first [`BLOCK`] bytes of `rest`, as bits.
+/// For each of `wanted` its positions in the first [`BLOCK`] bytes of `rest`, as bits.
 #[inline(always)]
 fn find_in_block<L: InstructionSet>(set: L, rest: &[u8], wanted: [u8; 2]) -> [u64; 2] {
     match rest.first_chunk::<BLOCK>() {

@@ -13,20 +13,20 @@ pub(crate) trait InstructionSet: Copy {
     /// For each of `wanted`, a bit for each byte that is one, the first in the lowest bit.
     fn find(self, bytes: &[u8; BLOCK], wanted: [u8; 2]) -> [u64; 2];
 
-    /// Writes down the places of the bits that are set, lowest first, counted from `base`; returns
+    /// Writes down the positions of the bits that are set, lowest first, counted from `base`; returns
     /// how many there are. Places behind these may be written to as well.
     #[inline(always)]
-    fn write_ends(self, mut bits: u64, base: u32, places: &mut [u32; BLOCK]) -> usize {
+    fn write_ends(self, mut bits: u64, base: u32, positions: &mut [u32; BLOCK]) -> usize {
         /// More than there are, mostly. Writing too many takes less time than a loop whose length
         /// cannot be predicted.
         const USUAL: usize = 16;
         let count = bits.count_ones() as usize;
-        for place in &mut places[..USUAL] {
-            *place = base.wrapping_add(bits.trailing_zeros());
+        for position in &mut positions[..USUAL] {
+            *position = base.wrapping_add(bits.trailing_zeros());
             bits &= bits.wrapping_sub(1);
         }
-        for place in &mut places[USUAL..count.max(USUAL)] {
-            *place = base + bits.trailing_zeros();
+        for position in &mut positions[USUAL..count.max(USUAL)] {
+            *position = base + bits.trailing_zeros();
             bits &= bits - 1;
         }
         count
@@ -40,7 +40,7 @@ pub(crate) trait InstructionSet: Copy {
     #[inline(always)]
     fn whole_numbers(self, lines: &[u8], fields: ColumnFields<'_>, values: &mut [f64]) -> usize {
         for (row, value) in values.iter_mut().enumerate() {
-            let (start, end) = fields.place(row);
+            let (start, end) = fields.position(row);
             let Some(number) = parse_digits(lines, start, end) else { return row };
             *value = number as i64 as f64;
         }
@@ -66,7 +66,7 @@ pub(crate) struct ColumnFields<'a> {
 impl<'a> ColumnFields<'a> {
     /// Where the field of a row starts and ends.
     #[inline(always)]
-    pub(crate) fn place(self, row: usize) -> (usize, usize) {
+    pub(crate) fn position(self, row: usize) -> (usize, usize) {
         let (befores, ends) = (self.befores, self.ends);
         let start = befores.0[row * befores.1].wrapping_add(1);
         (start as usize, ends.0[row * ends.1] as usize)
@@ -76,11 +76,11 @@ impl<'a> ColumnFields<'a> {
     #[cfg(target_arch = "x86_64")]
     #[inline(always)]
     pub(crate) fn some<const N: usize>(self, row: usize) -> [(usize, usize); N] {
-        let mut places = [(0, 0); N];
-        for (lane, place) in places.iter_mut().enumerate() {
-            *place = self.place(row + lane);
+        let mut positions = [(0, 0); N];
+        for (lane, position) in positions.iter_mut().enumerate() {
+            *position = self.position(row + lane);
         }
-        places
+        positions
     }
 
     /// The fields without those of the first `rows` rows.
@@ -88,8 +88,8 @@ impl<'a> ColumnFields<'a> {
     pub(crate) fn after_rows(self, rows: usize) -> ColumnFields<'a> {
         // The slices end with the field of the last row: there is nothing after all rows, and a row
         // further would start beyond the end.
-        let from = |(places, stride): (&'a [u32], usize)| {
-            (&places[(rows * stride).min(places.len())..], stride)
+        let from = |(positions, stride): (&'a [u32], usize)| {
+            (&positions[(rows * stride).min(positions.len())..], stride)
         };
         ColumnFields { befores: from(self.befores), ends: from(self.ends) }
     }

@@ -29,7 +29,7 @@ impl ParsedRows {
     pub(crate) fn put(&mut self, column: usize, number: f64) {
         let column = &mut self.columns[column];
         match column.get_mut(self.rows) {
-            Some(place) => *place = number,
+            Some(position) => *position = number,
             None => column.push(number),
         }
     }

@@ -67,7 +67,7 @@ impl BlockBuffer {
     ) -> Result<(), RowError> {
         plan.parse(chunk.lines(), skip_bad_rows, &mut self.parsed)?;
         plan.fill(&mut self.block, &mut self.parsed, &chunk.context, chunk.turns);
-        self.block.place = chunk.offset;
+        self.block.offset = chunk.offset;
         Ok(())
     }
 }
@@ -76,41 +76,41 @@ impl ReadPlan {
     /// How to read what is wanted, all of which the log has.
     pub(crate) fn new(layout: &FileLayout, wanted: &Wanted) -> Self {
         let roles = &layout.roles;
-        let mut places: Vec<usize> = wanted.others.clone();
-        places.extend(roles.time.filter(|_| wanted.time));
+        let mut positions: Vec<usize> = wanted.others.clone();
+        positions.extend(roles.time.filter(|_| wanted.time));
         if wanted.readings {
-            places.extend(&roles.sensors);
+            positions.extend(&roles.sensors);
         }
         if wanted.wrench {
-            places.extend(roles.wrench.iter().flatten());
+            positions.extend(roles.wrench.iter().flatten());
         }
-        places.sort_unstable();
-        places.dedup();
-        let output = |place: &usize| {
-            let slot = places.binary_search(place).expect("every wanted place is listed");
-            OutputColumn { slot, per_si_unit: layout.columns[*place].meaning.per_si_unit() }
+        positions.sort_unstable();
+        positions.dedup();
+        let output = |position: &usize| {
+            let slot = positions.binary_search(position).expect("every wanted place is listed");
+            OutputColumn { slot, per_si_unit: layout.columns[*position].meaning.per_si_unit() }
         };
-        let outputs = |wanted: bool, places: &[usize]| -> Vec<OutputColumn> {
-            if wanted { places.iter().map(output).collect() } else { Vec::new() }
+        let outputs = |wanted: bool, positions: &[usize]| -> Vec<OutputColumn> {
+            if wanted { positions.iter().map(output).collect() } else { Vec::new() }
         };
         Self {
-            numbers: places.len(),
+            numbers: positions.len(),
             time: roles.time.filter(|_| wanted.time).as_ref().map(output),
             clock_turns: layout.clock().is_some(),
             readings: outputs(wanted.readings, &roles.sensors),
             wrench: match wanted.wrench {
-                true => roles.wrench.iter().map(|place| place.as_ref().map(output)).collect(),
+                true => roles.wrench.iter().map(|position| position.as_ref().map(output)).collect(),
                 false => Vec::new(),
             },
             others: outputs(true, &wanted.others),
             texts: wanted.texts.len(),
             rows: match layout.format {
-                LogFormat::Console => RowSyntax::Console(places),
+                LogFormat::Console => RowSyntax::Console(positions),
                 _ => RowSyntax::Separated(RowPlan {
                     separator: layout.separator,
                     uses: column_uses(
                         layout.columns.len(),
-                        &places,
+                        &positions,
                         if wanted.readings { &roles.sensors } else { &[] },
                         roles.wrench.iter().flatten().filter(|_| wanted.wrench),
                         roles.time.filter(|_| layout.has_dates),
@@ -143,8 +143,8 @@ impl ReadPlan {
                 parsed.finish();
                 Ok(())
             }
-            RowSyntax::Console(places) => {
-                *parsed = console::parse_lines(lines, places, skip_bad_rows)?;
+            RowSyntax::Console(positions) => {
+                *parsed = console::parse_lines(lines, positions, skip_bad_rows)?;
                 Ok(())
             }
         }
@@ -217,22 +217,22 @@ impl ReadPlan {
 /// The use of each column.
 fn column_uses<'a>(
     columns: usize,
-    places: &[usize],
+    positions: &[usize],
     readings: &[usize],
     loads: impl Iterator<Item = &'a usize>,
     dates: Option<usize>,
 ) -> Vec<ColumnUse> {
     let mut column_uses = vec![ColumnUse::Skip; columns];
-    for &place in places {
-        column_uses[place] = ColumnUse::Number;
+    for &position in positions {
+        column_uses[position] = ColumnUse::Number;
     }
-    for &place in readings {
-        column_uses[place] = ColumnUse::Reading;
+    for &position in readings {
+        column_uses[position] = ColumnUse::Reading;
     }
-    for &place in loads {
-        column_uses[place] = ColumnUse::Load;
+    for &position in loads {
+        column_uses[position] = ColumnUse::Load;
     }
-    if let Some(dates) = dates.filter(|at| places.contains(at)) {
+    if let Some(dates) = dates.filter(|at| positions.contains(at)) {
         column_uses[dates] = ColumnUse::Date;
     }
     column_uses

@@ -222,14 +222,14 @@ impl RowPlan {
         if let Some(group) = self.group {
             let fields = ends.of_column(group, count);
             for row in 0..right {
-                let (start, end) = fields.place(row);
+                let (start, end) = fields.position(row);
                 parsed.push_group(lines[start..end].trim_ascii());
             }
         }
         for (text, &column) in self.texts.iter().enumerate() {
             let fields = ends.of_column(column, count);
             for row in 0..right {
-                let (start, end) = fields.place(row);
+                let (start, end) = fields.position(row);
                 parsed.push_text(text, lines[start..end].trim_ascii());
             }
         }
@@ -438,7 +438,7 @@ fn finish_row(
 /// The same for dates and times.
 fn parse_dates(lines: &[u8], fields: ColumnFields<'_>, values: &mut [f64]) -> Option<usize> {
     values.iter_mut().enumerate().position(|(row, value)| {
-        let (start, end) = fields.place(row);
+        let (start, end) = fields.position(row);
         let date = lines.get(start..end).map(parse_date);
         match date {
             Some(Ok(seconds)) => {
@@ -462,7 +462,7 @@ fn parse_column(
     let whole = set.whole_numbers(lines, fields, values);
     let plain = set.plain_numbers(lines, fields.after_rows(whole), &mut values[whole..]);
     for (row, value) in values.iter_mut().enumerate().skip(whole + plain) {
-        let (start, end) = fields.place(row);
+        let (start, end) = fields.position(row);
         *value = match set.plain_number(lines, start, end) {
             Some(number) => number,
             None => match parse_unusual(lines, start, end) {

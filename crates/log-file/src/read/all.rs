@@ -116,9 +116,9 @@ pub(crate) fn read_each<S: Send, T: Send, E: From<LogError>>(
             })?;
             let (block, skipped) = (&mut buffer.block, buffer.parsed.skipped);
             let (rows, repeated) = (block.rows, block.repeated_rows());
-            let (place, lines) = (block.place, line_count(chunk.lines()));
+            let (offset, lines) = (block.offset, line_count(chunk.lines()));
             let value = (rows > 0).then(|| map(state, log, block));
-            Ok(ChunkResult { log, place, lines, rows, repeated, skipped, value })
+            Ok(ChunkResult { log, offset, lines, rows, repeated, skipped, value })
         },
         E::from,
         |result| {
@@ -139,7 +139,7 @@ pub(crate) fn read_each<S: Send, T: Send, E: From<LogError>>(
 /// The rows of a chunk.
 struct ChunkResult<T> {
     log: usize,
-    place: u64,
+    offset: u64,
     lines: u64,
     rows: usize,
     repeated: usize,
@@ -173,7 +173,7 @@ impl<'a> Summaries<'a> {
         self.check_before(chunk.log)?;
         let summary = &mut self.summaries[chunk.log];
         if chunk.lines == chunk.rows as u64 {
-            summary.lines_before.push((chunk.place, summary.lines));
+            summary.lines_before.push((chunk.offset, summary.lines));
         }
         summary.lines += chunk.lines;
         summary.rows += chunk.rows as u64;

@@ -30,7 +30,7 @@ pub fn read_dataset(
     // A copy takes what it needs and no more; the block stays, as memory for the next.
     let copy = |(): &mut (), _, block: &mut Block| Block {
         rows: block.rows,
-        place: block.place,
+        offset: block.offset,
         time_s: block.time_s.clone(),
         readings: block.readings.clone(),
         wrench: block.wrench.clone(),

@@ -80,7 +80,7 @@ impl Log {
         rows: &[(u64, usize)],
         summary: &ReadSummary,
     ) -> Result<Vec<u64>, LogError> {
-        let before = rows.iter().map(|&(place, row)| summary.lines_before(place, row));
+        let before = rows.iter().map(|&(offset, row)| summary.lines_before(offset, row));
         if let Some(before) = before.collect::<Option<Vec<u64>>>() {
             let first = self.line_number(self.layout.rows_start)?;
             return Ok(before.into_iter().map(|before| first + before).collect());
@@ -101,12 +101,12 @@ impl Log {
             let mut rest = chunk.lines();
             let end = chunk.offset + rest.len() as u64;
             while let Some(&of) = order.peek() {
-                let (place, row) = rows[of];
+                let (offset, row) = rows[of];
                 let mut before = match counted {
-                    Some((block, before)) if block == place => before,
-                    _ if place >= end => break,
+                    Some((block, before)) if block == offset => before,
+                    _ if offset >= end => break,
                     _ => {
-                        let skipped = rest.len().saturating_sub((end - place) as usize);
+                        let skipped = rest.len().saturating_sub((end - offset) as usize);
                         line += line_count(&rest[..skipped]);
                         rest = &rest[skipped..];
                         0
@@ -121,7 +121,7 @@ impl Log {
                     (before, line) = (before + parsed.rows, line + line_count(text));
                     rest = later;
                 }
-                counted = Some((place, before));
+                counted = Some((offset, before));
                 if before <= row {
                     break;
                 }
@@ -186,11 +186,11 @@ mod tests {
         let wanted = Wanted { time: true, readings: true, ..Wanted::default() };
         let options = ReadOptions { skip_bad_rows: true, ..ReadOptions::default() };
         let (mut rows, mut expected) = (Vec::new(), Vec::new());
-        let times = |block: &mut shell_data::block::Block| (block.place, block.time_s.clone());
+        let times = |block: &mut shell_data::block::Block| (block.offset, block.time_s.clone());
         let summary = log
-            .read(&wanted, &options, times, |(place, times)| {
+            .read(&wanted, &options, times, |(offset, times)| {
                 for (row, time) in times.into_iter().enumerate() {
-                    rows.push((place, row));
+                    rows.push((offset, row));
                     expected.push(lines_of_times[time as usize]);
                 }
                 Ok::<_, LogError>(())

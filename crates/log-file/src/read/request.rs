@@ -13,9 +13,9 @@ pub struct Wanted {
     pub wrench: bool,
     /// Group labels.
     pub groups: bool,
-    /// Further columns by place in the row, from 0; they are given as they stand in the log.
+    /// Further columns by position in the row, from 0; they are given as they stand in the log.
     pub others: Vec<usize>,
-    /// Columns of text by place in the row, from 0, each once.
+    /// Columns of text by position in the row, from 0, each once.
     pub texts: Vec<usize>,
 }
 

@@ -43,14 +43,14 @@ impl Log {
     /// [`LogError`] if the file cannot be read.
     pub fn are_texts(
         &self,
-        places: &[usize],
+        positions: &[usize],
         options: &ReadOptions<'_>,
     ) -> Result<Vec<bool>, LogError> {
         // A console has numbers alone.
-        if places.is_empty() || self.format() == LogFormat::Console {
-            return Ok(vec![false; places.len()]);
+        if positions.is_empty() || self.format() == LogFormat::Console {
+            return Ok(vec![false; positions.len()]);
         }
-        let wanted = Wanted { texts: places.to_vec(), ..Wanted::default() };
+        let wanted = Wanted { texts: positions.to_vec(), ..Wanted::default() };
         let has = |is: fn(&str) -> bool| {
             move |runs: &Vec<(String, usize)>| runs.iter().any(|(text, _)| is(text))
         };

@@ -2,7 +2,7 @@
 
 use memchr::memchr_iter;
 
-/// Makes points of the commas between two digits. The text keeps its length, so that places in it
+/// Makes points of the commas between two digits. The text keeps its length, so that positions in it
 /// stay what they are.
 pub(crate) fn to_points(lines: &mut [u8]) {
     let is_digit = |byte: Option<&u8>| byte.is_some_and(u8::is_ascii_digit);

@@ -1,8 +1,8 @@
 //! Streaming: from a file to chunks of whole lines, and from chunks to results on several threads.
 
-pub(crate) mod beside;
 pub(crate) mod chunk;
 pub(crate) mod clock_turns;
+pub(crate) mod companion;
 pub(crate) mod decimal_comma;
 pub(crate) mod log_chunks;
 pub mod pipeline;

@@ -164,11 +164,11 @@ impl<R> InOrder<R> {
 
     /// Files the result of such a number, which has not been handed over.
     fn insert(&mut self, number: usize, result: R) {
-        let place = number - self.next;
-        while self.waiting.len() <= place {
+        let position = number - self.next;
+        while self.waiting.len() <= position {
             self.waiting.push_back(None);
         }
-        self.waiting[place] = Some(result);
+        self.waiting[position] = Some(result);
         self.count += 1;
     }
 

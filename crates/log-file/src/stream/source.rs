@@ -20,7 +20,7 @@ use table_file::{
 };
 use tempfile::TempPath;
 
-use super::beside::{CompanionLines, Joined, RowMismatch, Sides};
+use super::companion::{CompanionLines, Joined, RowMismatch, Sides};
 use super::text_stream::TextStream;
 use super::utf16::Utf16;
 use super::zstd::{self, Zstd};
@@ -41,7 +41,7 @@ pub(crate) struct LogSource {
     /// Keeps a file that stands in for standard input, or was made.
     _spool: Option<Arc<TempPath>>,
     /// A file whose columns stand beside those of this one, row by row.
-    beside: Option<Arc<LogSource>>,
+    companion: Option<Arc<LogSource>>,
 }
 
 /// What the text of a log is in.
@@ -150,7 +150,7 @@ impl LogSource {
             container: Container::Plain,
             utf16: None,
             _spool: None,
-            beside: None,
+            companion: None,
         }
     }
 
@@ -166,22 +166,22 @@ impl LogSource {
     }
 
     /// The same with the columns of another file, whose rows are those of this one.
-    pub(crate) fn with_beside(self, beside: Self) -> Self {
-        Self { beside: Some(Arc::new(beside)), ..self }
+    pub(crate) fn with_companion(self, companion: Self) -> Self {
+        Self { companion: Some(Arc::new(companion)), ..self }
     }
 
     /// The file beside it, if there is one.
-    pub(crate) fn beside(&self) -> Option<&Path> {
-        self.beside.as_ref().map(|beside| beside.path.as_path())
+    pub(crate) fn companion(&self) -> Option<&Path> {
+        self.companion.as_ref().map(|companion| companion.path.as_path())
     }
 
     /// The checksum of the file beside it, if there is one.
-    pub(crate) fn checksum_beside(&self) -> Result<Option<String>, LogError> {
-        let Some(beside) = &self.beside else { return Ok(None) };
-        let (mut file, mut checksum) = (beside.open_file()?, Checksum::default());
+    pub(crate) fn companion_checksum(&self) -> Result<Option<String>, LogError> {
+        let Some(companion) = &self.companion else { return Ok(None) };
+        let (mut file, mut checksum) = (companion.open_file()?, Checksum::default());
         let mut buffer = vec![0; 1 << 16];
         loop {
-            match file.read(&mut buffer).map_err(|error| beside.error(error))? {
+            match file.read(&mut buffer).map_err(|error| companion.error(error))? {
                 0 => return Ok(Some(checksum.finish())),
                 read => checksum.update(&buffer[..read]),
             }
@@ -190,21 +190,22 @@ impl LogSource {
 
     /// What the first lines of this and the file beside it say; `None` without such a file.
     pub(crate) fn sides(&self) -> Result<Option<Sides>, LogError> {
-        let Some(beside) = &self.beside else { return Ok(None) };
+        let Some(companion) = &self.companion else { return Ok(None) };
         let first_line = |source: &Self, stream: ByteStream| {
             let mut lines = CompanionLines::new(stream);
             lines.next(1).map_err(|error| source.error(error))?;
             Ok::<_, LogError>(lines.line)
         };
         let first = first_line(self, self.open_alone(false, 1, &Arc::default())?)?;
-        let second = first_line(beside, beside.open()?)?;
+        let second = first_line(companion, companion.open()?)?;
         let sides = Sides::new([&first, &second]);
         sides.map(Some).map_err(|problem| self.row_mismatch(problem))
     }
 
     fn row_mismatch(&self, problem: RowMismatch) -> LogError {
-        let beside = self.beside.as_ref().map(|beside| beside.path.clone()).unwrap_or_default();
-        LogError::RowMismatch { path: self.path.clone(), beside, problem }
+        let companion =
+            self.companion.as_ref().map(|companion| companion.path.clone()).unwrap_or_default();
+        LogError::RowMismatch { path: self.path.clone(), companion, problem }
     }
 
     /// The first bytes of a stream.
@@ -240,8 +241,8 @@ impl LogSource {
         bytes: &Arc<AtomicU64>,
     ) -> Result<ByteStream, LogError> {
         let stream = self.open_alone(checksum, threads, bytes)?;
-        let Some(beside) = &self.beside else { return Ok(stream) };
-        Ok(ByteStream::Joined(Box::new(TextStream::new(Joined::new(stream, beside.open()?)))))
+        let Some(companion) = &self.companion else { return Ok(stream) };
+        Ok(ByteStream::Joined(Box::new(TextStream::new(Joined::new(stream, companion.open()?)))))
     }
 
     /// Opens the text of the file itself.
@@ -296,7 +297,9 @@ impl LogSource {
 
     /// Whether the bytes of the file are those of the text.
     pub(crate) fn is_plain(&self) -> bool {
-        matches!(self.container, Container::Plain) && self.utf16.is_none() && self.beside.is_none()
+        matches!(self.container, Container::Plain)
+            && self.utf16.is_none()
+            && self.companion.is_none()
     }
 
     /// How the file is compressed, if it is.
@@ -318,11 +321,11 @@ impl LogSource {
 
     /// The table whose columns are all there are, if it is one.
     pub(crate) fn as_whole_table(&self) -> Option<&Table> {
-        self.as_table().filter(|_| self.beside.is_none())
+        self.as_table().filter(|_| self.companion.is_none())
     }
 
     /// What a line of the text, from 1, is in the file.
-    pub(crate) fn place(&self, line: u64) -> LogPosition {
+    pub(crate) fn position(&self, line: u64) -> LogPosition {
         match (self.as_table().map(Table::numbering), line) {
             (None, line) => LogPosition::Line(line),
             (Some(Numbering::Named), 0 | 1) => LogPosition::Names,
@@ -333,8 +336,8 @@ impl LogSource {
 
     /// The error of what is wrong at a line of the text.
     pub(crate) fn error_at(&self, line: u64, problem: impl Into<PlacedProblem>) -> LogError {
-        let (path, place) = (self.path.clone(), self.place(line));
-        LogError::At { path, place, problem: problem.into() }
+        let (path, position) = (self.path.clone(), self.position(line));
+        LogError::At { path, position, problem: problem.into() }
     }
 
     /// The error of a failed read.

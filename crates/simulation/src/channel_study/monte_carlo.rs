@@ -127,10 +127,10 @@ impl DrawStatistics {
 
 /// By linear interpolation between order statistics (Hyndman and Fan's type 7).
 fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
-    let place = share * sorted.len().checked_sub(1)? as f64;
-    let below = place.floor() as usize;
+    let position = share * sorted.len().checked_sub(1)? as f64;
+    let below = position.floor() as usize;
     let above = (below + 1).min(sorted.len() - 1);
-    Some(sorted[below] + (place - below as f64) * (sorted[above] - sorted[below]))
+    Some(sorted[below] + (position - below as f64) * (sorted[above] - sorted[below]))
 }
 
 #[cfg(test)]

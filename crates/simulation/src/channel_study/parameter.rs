@@ -98,15 +98,15 @@ impl Parameter {
 
     /// Its value in a set-up, SI.
     pub fn get(self, setup: &Setup) -> f64 {
-        *self.place(&mut setup.clone())
+        *self.position(&mut setup.clone())
     }
 
     /// Changes it in a set-up. All others stay as they are: a wider body is then deeper in.
     pub fn set(self, setup: &mut Setup, value: f64) {
-        *self.place(setup) = value;
+        *self.position(setup) = value;
     }
 
-    fn place(self, setup: &mut Setup) -> &mut f64 {
+    fn position(self, setup: &mut Setup) -> &mut f64 {
         match self {
             Self::SemiLength => &mut setup.ellipse.semi_length_m,
             Self::SemiWidth => &mut setup.ellipse.semi_width_m,

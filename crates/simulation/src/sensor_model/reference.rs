@@ -45,8 +45,8 @@ impl ReferenceSensor {
         let force = self.turn.turn(&[fx, fy, fz]);
         let moment = self.turn.turn(&moment);
         std::array::from_fn(|axis| {
-            let (kind, place) = (axis / 3, axis % 3);
-            let true_value = [force, moment][kind][place] + self.zero[axis];
+            let (kind, position) = (axis / 3, axis % 3);
+            let true_value = [force, moment][kind][position] + self.zero[axis];
             let step = self.parameters.resolution[kind];
             let value = true_value + self.parameters.noise[kind] * self.noise.normal();
             // Adding zero turns a negative zero into zero.

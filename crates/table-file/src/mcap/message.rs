@@ -98,7 +98,7 @@ fn wrench(data: &[u8], is_ros1: bool, is_stamped: bool) -> Option<Message> {
     Some(Message { stamp_ns, columns })
 }
 
-/// Adds the values in an object or list: `outer.inner`, and the places in a list from 1.
+/// Adds the values in an object or list: `outer.inner`, and the positions in a list from 1.
 fn flatten(
     name: String,
     value: Value,
@@ -117,8 +117,8 @@ fn flatten(
             return Err(format!("`{name}` is nested more than {DEPTH} deep"));
         }
         Value::Array(values) => {
-            for (place, value) in values.into_iter().enumerate() {
-                flatten(format!("{name}{}", place + 1), value, depth - 1, columns)?;
+            for (position, value) in values.into_iter().enumerate() {
+                flatten(format!("{name}{}", position + 1), value, depth - 1, columns)?;
             }
             return Ok(());
         }

@@ -233,15 +233,15 @@ impl RecordingRows {
             row.cells[0] = Cell::Text(seconds(stamp));
         }
         let mut values = message.columns;
-        for (place, name) in topic.columns.iter().enumerate() {
+        for (position, name) in topic.columns.iter().enumerate() {
             // As a rule in the same order.
             let is_same = |entry: &(String, Cell)| entry.0 == *name;
-            let found = match values.get(place).is_some_and(is_same) {
-                true => Some(place),
+            let found = match values.get(position).is_some_and(is_same) {
+                true => Some(position),
                 false => values.iter().position(is_same),
             };
             if let Some(found) = found {
-                row.cells[topic.start + place] = std::mem::take(&mut values[found].1);
+                row.cells[topic.start + position] = std::mem::take(&mut values[found].1);
             }
         }
         Ok(())

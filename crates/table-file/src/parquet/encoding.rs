@@ -51,9 +51,10 @@ impl Hybrid {
         self.run = match head & 1 {
             0 => {
                 let mut value = 0;
-                for (place, byte) in rest.take(self.width.div_ceil(8) as usize)?.iter().enumerate()
+                for (position, byte) in
+                    rest.take(self.width.div_ceil(8) as usize)?.iter().enumerate()
                 {
-                    value |= u64::from(*byte) << (8 * place);
+                    value |= u64::from(*byte) << (8 * position);
                 }
                 EncodedRun::Same(head >> 1, value)
             }

@@ -118,10 +118,10 @@ fn row_group(
             return Err(KIND.unsupported("its columns are in files of their own"));
         }
         let data = chunk.field(3).ok_or_else(wrong)?;
-        let place = |number| data.whole(number).and_then(|at| u64::try_from(at).ok());
-        let (first, bytes) = (place(9).ok_or_else(wrong)?, place(7).ok_or_else(wrong)?);
+        let position = |number| data.whole(number).and_then(|at| u64::try_from(at).ok());
+        let (first, bytes) = (position(9).ok_or_else(wrong)?, position(7).ok_or_else(wrong)?);
         // The dictionary comes first, if there is one.
-        let start = place(11).filter(|&at| at > 0).map_or(first, |at| at.min(first));
+        let start = position(11).filter(|&at| at > 0).map_or(first, |at| at.min(first));
         if start.checked_add(bytes).is_none_or(|end| end > length) {
             return Err(KIND.damaged(format!("column `{}` lies beyond its end", leaf.name)));
         }

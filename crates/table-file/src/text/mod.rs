@@ -47,8 +47,8 @@ impl Table {
     pub fn text_by(&self, threads: usize) -> Result<TableText, TableError> {
         let mut text = Vec::new();
         if let Some(names) = self.names() {
-            for (place, name) in names.iter().enumerate() {
-                if place > 0 {
+            for (position, name) in names.iter().enumerate() {
+                if position > 0 {
                     text.push(b',');
                 }
                 write_text(name, &mut text);
@@ -99,8 +99,8 @@ fn write_rows(batch: &RowBatch, text: &mut Vec<u8>) {
     let rows = batch.first().map_or(0, Vec::len);
     let mut digits = zmij::Buffer::new();
     for row in 0..rows {
-        for (place, column) in batch.iter().enumerate() {
-            if place > 0 {
+        for (position, column) in batch.iter().enumerate() {
+            if position > 0 {
                 text.push(b',');
             }
             match column.get(row) {

@@ -93,9 +93,9 @@ impl<W: Write> TableWriter for MatWriter<W> {
         let rows = self.columns.rows();
         let columns = std::mem::take(&mut self.columns);
         let names = self.names.clone();
-        for (place, (name, is_text)) in names.iter().enumerate() {
+        for (position, (name, is_text)) in names.iter().enumerate() {
             if !is_text {
-                let numbers = &columns.numbers[place];
+                let numbers = &columns.numbers[position];
                 let content: Vec<u8> =
                     numbers.iter().flat_map(|value| value.to_le_bytes()).collect();
                 self.array(name, DOUBLES, [rows, 1], DOUBLE, &content)?;
@@ -103,7 +103,7 @@ impl<W: Write> TableWriter for MatWriter<W> {
             }
             // A matrix of characters, filled up with spaces, column by column.
             let texts: Vec<Vec<u16>> =
-                columns.texts[place].iter().map(|text| text.encode_utf16().collect()).collect();
+                columns.texts[position].iter().map(|text| text.encode_utf16().collect()).collect();
             let width = texts.iter().map(Vec::len).max().unwrap_or(0);
             let mut content = Vec::with_capacity(2 * rows * width);
             for at in 0..width {

@@ -201,11 +201,11 @@ impl ChunkBuilder {
 
     /// Adds a message to the channel of that number, from 0; `write` adds what it says.
     pub fn message(&mut self, channel: u16, time_ns: u64, write: impl FnOnce(&mut Vec<u8>)) {
-        let place = usize::from(channel);
-        self.index.resize_with(self.index.len().max(place + 1), Vec::new);
+        let position = usize::from(channel);
+        self.index.resize_with(self.index.len().max(position + 1), Vec::new);
         let start = self.records.len();
-        self.index[place].extend_from_slice(&time_ns.to_le_bytes());
-        self.index[place].extend_from_slice(&(start as u64).to_le_bytes());
+        self.index[position].extend_from_slice(&time_ns.to_le_bytes());
+        self.index[position].extend_from_slice(&(start as u64).to_le_bytes());
         let (first, last) = self.times.unwrap_or((time_ns, time_ns));
         self.times = Some((first.min(time_ns), last.max(time_ns)));
         // Its length when it is known, channel, no sequence number, when it was logged and published.
@@ -285,9 +285,9 @@ impl<W: Write> McapWriter<W> {
     }
 
     fn schemas(&self) -> Vec<u8> {
-        let schema = |(place, channel): (usize, &McapChannel)| {
+        let schema = |(position, channel): (usize, &McapChannel)| {
             let (name, language, definition) = channel.schema.as_ref()?;
-            let mut content = (place as u16 + 1).to_le_bytes().to_vec();
+            let mut content = (position as u16 + 1).to_le_bytes().to_vec();
             [name, language, &**definition].iter().for_each(|part| text(&mut content, part));
             Some(record(SCHEMA, &content))
         };
@@ -295,8 +295,8 @@ impl<W: Write> McapWriter<W> {
     }
 
     fn channels(&self) -> Vec<u8> {
-        let channel = |(place, channel): (usize, &McapChannel)| {
-            let number = place as u16 + 1;
+        let channel = |(position, channel): (usize, &McapChannel)| {
+            let number = position as u16 + 1;
             // No schema is that of number 0.
             let schema = if channel.schema.is_some() { number } else { 0 };
             let mut content = [number.to_le_bytes(), schema.to_le_bytes()].concat();
@@ -324,15 +324,16 @@ impl<W: Write> McapWriter<W> {
         self.bytes(&chunk.records)?;
         let index_start = self.at;
         let mut offsets = Vec::new();
-        for (place, messages) in chunk.index.iter().enumerate().filter(|(_, it)| !it.is_empty()) {
-            let number = place as u16 + 1;
+        for (position, messages) in chunk.index.iter().enumerate().filter(|(_, it)| !it.is_empty())
+        {
+            let number = position as u16 + 1;
             offsets.extend(number.to_le_bytes());
             offsets.extend(self.at.to_le_bytes());
             let mut content = number.to_le_bytes().to_vec();
             content.extend((messages.len() as u32).to_le_bytes());
             content.extend_from_slice(messages);
             self.bytes(&record(MESSAGE_INDEX, &content))?;
-            self.counts[place] += (messages.len() / INDEX_BYTES) as u64;
+            self.counts[position] += (messages.len() / INDEX_BYTES) as u64;
         }
         let mut content = Vec::new();
         for number in [chunk.times.0, chunk.times.1, start, index_start - start] {
@@ -399,8 +400,8 @@ impl<W: Write> McapWriter<W> {
         content.extend(first.to_le_bytes());
         content.extend(last.to_le_bytes());
         content.extend((10 * self.counts.len() as u32).to_le_bytes());
-        for (place, count) in self.counts.iter().enumerate() {
-            content.extend((place as u16 + 1).to_le_bytes());
+        for (position, count) in self.counts.iter().enumerate() {
+            content.extend((position as u16 + 1).to_le_bytes());
             content.extend(count.to_le_bytes());
         }
         record(STATISTICS, &content)

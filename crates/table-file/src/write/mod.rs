@@ -60,10 +60,10 @@ impl Columns {
     fn add(&mut self, columns: &[ColumnValues<'_>]) {
         self.numbers.resize_with(columns.len(), Vec::new);
         self.texts.resize_with(columns.len(), Vec::new);
-        for (place, values) in columns.iter().enumerate() {
+        for (position, values) in columns.iter().enumerate() {
             match values {
-                ColumnValues::Numbers(values) => self.numbers[place].extend_from_slice(values),
-                ColumnValues::Texts(values) => self.texts[place].extend_from_slice(values),
+                ColumnValues::Numbers(values) => self.numbers[position].extend_from_slice(values),
+                ColumnValues::Texts(values) => self.texts[position].extend_from_slice(values),
             }
         }
     }

@@ -51,14 +51,14 @@ impl<W: Write> TableWriter for NpyWriter<W> {
         self.out.write_all(&(header.len() as u32).to_le_bytes())?;
         self.out.write_all(header.as_bytes())?;
         for row in 0..rows {
-            for (place, (_, is_text)) in self.names.iter().enumerate() {
+            for (position, (_, is_text)) in self.names.iter().enumerate() {
                 if !is_text {
-                    self.out.write_all(&self.columns.numbers[place][row].to_le_bytes())?;
+                    self.out.write_all(&self.columns.numbers[position][row].to_le_bytes())?;
                     continue;
                 }
                 let characters =
-                    self.columns.texts[place][row].chars().chain(std::iter::repeat('\0'));
-                for character in characters.take(widths[place]) {
+                    self.columns.texts[position][row].chars().chain(std::iter::repeat('\0'));
+                for character in characters.take(widths[position]) {
                     self.out.write_all(&u32::from(character).to_le_bytes())?;
                 }
             }

@@ -297,7 +297,7 @@ fn levels<T>(bytes: &mut Vec<u8>, values: &[Option<T>]) -> io::Result<i64> {
     // One run of values that are packed by eight.
     varint(&mut bits, (groups.len() as u64) << 1 | 1);
     bits.extend(groups.map(|group| {
-        let bit = |(place, value): (usize, &Option<T>)| u8::from(value.is_some()) << place;
+        let bit = |(position, value): (usize, &Option<T>)| u8::from(value.is_some()) << position;
         group.iter().enumerate().map(bit).sum::<u8>()
     }));
     bytes.extend(u32::try_from(bits.len()).map_err(io::Error::other)?.to_le_bytes());

@@ -51,14 +51,14 @@ pub(super) fn parse(text: &str) -> Result<Manifest, ManifestProblem> {
         }
     }
     if keys.is_none() {
-        let place = CellPosition { line: 1, column: 1 };
-        return Err(problem_at(place, "the manifest is empty".to_owned()));
+        let position = CellPosition { line: 1, column: 1 };
+        return Err(problem_at(position, "the manifest is empty".to_owned()));
     }
     Ok(manifest)
 }
 
-fn problem_at(place: CellPosition, message: String) -> ManifestProblem {
-    ManifestProblem { place, message }
+fn problem_at(position: CellPosition, message: String) -> ManifestProblem {
+    ManifestProblem { position, message }
 }
 
 /// What each column is.
@@ -101,9 +101,9 @@ fn row(
     let get = |key: &str| {
         let column = keys.iter().position(|known| *known == Some(key))?;
         let value = record.get(column).filter(|value| !value.is_empty())?.to_owned();
-        Some(Placed { value, place: lexed.field(column) })
+        Some(Placed { value, position: lexed.field(column) })
     };
-    EntryFields { place: lexed.field(0), get: &get }.entry()
+    EntryFields { position: lexed.field(0), get: &get }.entry()
 }
 
 /// Where the fields of a record start.
@@ -167,7 +167,7 @@ mod tests {
         let second = rows[1].clone().unwrap();
         assert!(second.exclude && second.notes.is_none());
         assert_eq!(second.enter.value, Moment::Auto);
-        assert_eq!((second.place.line, second.file.place.column), (7, 18));
+        assert_eq!((second.position.line, second.file.position.column), (7, 18));
         assert_eq!(rows.len(), 2);
     }
 

@@ -17,7 +17,7 @@ pub struct Manifest {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Entry {
     /// Where it starts.
-    pub place: CellPosition,
+    pub position: CellPosition,
     /// The log, relative to the manifest's folder.
     pub file: Placed<String>,
     /// The condition.
@@ -62,15 +62,15 @@ pub struct Placed<T> {
     /// The value.
     pub value: T,
     /// Where it stands.
-    pub place: CellPosition,
+    pub position: CellPosition,
 }
 
-/// What is wrong at some place of a manifest.
+/// What is wrong at some position of a manifest.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{place}: {message}")]
+#[error("{position}: {message}")]
 pub struct ManifestProblem {
     /// Where.
-    pub place: CellPosition,
+    pub position: CellPosition,
     /// What.
     pub message: String,
 }

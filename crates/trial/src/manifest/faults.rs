@@ -29,11 +29,11 @@ impl Manifest {
             if let Some(twin) = twin {
                 let message = format!(
                     "overlaps the trial of line {}: the same log from {} to {}",
-                    twin.place.line,
+                    twin.position.line,
                     moment(twin.enter.value),
                     moment(twin.exit.value)
                 );
-                let problem = ManifestProblem { place: entry.enter.place, message };
+                let problem = ManifestProblem { position: entry.enter.position, message };
                 faults.push(Fault { row, problem });
                 continue;
             }
@@ -44,7 +44,7 @@ impl Manifest {
                 let message = format!("`{}` is none of the conditions{hint}", condition.value);
                 faults.push(Fault {
                     row,
-                    problem: ManifestProblem { place: condition.place, message },
+                    problem: ManifestProblem { position: condition.position, message },
                 });
             }
         }
@@ -59,10 +59,10 @@ impl Manifest {
         }
         let mut seen: BTreeMap<&str, (usize, CellPosition)> = BTreeMap::new();
         for (_, entry) in self.entries() {
-            seen.entry(&entry.condition.value).or_insert((0, entry.condition.place)).0 += 1;
+            seen.entry(&entry.condition.value).or_insert((0, entry.condition.position)).0 += 1;
         }
         let mut remarks = Vec::new();
-        for (&name, &(count, place)) in &seen {
+        for (&name, &(count, position)) in &seen {
             let others = seen.iter().filter(|(other, _)| **other != name);
             let like = others.filter(|(other, (often, _))| {
                 let same = plain(name) == plain(other) && (*often, **other) > (count, name);
@@ -75,10 +75,10 @@ impl Manifest {
             });
             if let Some(other) = suggest(name, like.map(|(other, _)| *other)) {
                 let message = format!("condition `{name}`, did you mean `{other}`?");
-                remarks.push(ManifestProblem { place, message });
+                remarks.push(ManifestProblem { position, message });
             }
         }
-        remarks.sort_by_key(|problem| problem.place);
+        remarks.sort_by_key(|problem| problem.position);
         remarks
     }
 

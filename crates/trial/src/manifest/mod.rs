@@ -31,9 +31,9 @@ impl Manifest {
     pub fn parse(text: &str, is_toml: bool) -> Result<Self, ManifestProblem> {
         let manifest = if is_toml { toml::parse(text)? } else { csv::parse(text)? };
         if manifest.rows.is_empty() {
-            let place = CellPosition { line: 1, column: 1 };
+            let position = CellPosition { line: 1, column: 1 };
             return Err(ManifestProblem {
-                place,
+                position,
                 message: "the manifest has no trials".to_owned(),
             });
         }

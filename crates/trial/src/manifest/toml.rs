@@ -7,7 +7,7 @@ use toml::{Spanned, Value};
 
 use super::entry::{CellPosition, Manifest, ManifestProblem, Placed};
 use super::fields::{EntryFields, KEYS};
-use crate::toml_place::{TomlError, parse as parse_toml};
+use crate::toml_position::{TomlError, parse as parse_toml};
 use shell_data::hint::did_you_mean;
 
 #[derive(Deserialize)]
@@ -20,15 +20,15 @@ struct TomlManifest {
 
 pub(super) fn parse(text: &str) -> Result<Manifest, ManifestProblem> {
     let document: TomlManifest = parse_toml(text).map_err(|error| {
-        let place = CellPosition { line: error.line, column: error.column };
-        ManifestProblem { place, message: error.message }
+        let position = CellPosition { line: error.line, column: error.column };
+        ManifestProblem { position, message: error.message }
     })?;
-    let place = |byte: usize| {
+    let position = |byte: usize| {
         let TomlError { line, column, .. } = TomlError::at(text, byte, String::new());
         CellPosition { line, column }
     };
     let row = |trial: &Spanned<BTreeMap<String, Spanned<Value>>>| {
-        let at = place(trial.span().start);
+        let at = position(trial.span().start);
         for (key, value) in trial.get_ref() {
             let known = KEYS.contains(&key.as_str());
             let plain =
@@ -39,7 +39,7 @@ pub(super) fn parse(text: &str) -> Result<Manifest, ManifestProblem> {
                     true => format!("`{key}` is no single value"),
                     false => format!("unknown key `{key}`{hint}"),
                 };
-                return Err(ManifestProblem { place: place(value.span().start), message });
+                return Err(ManifestProblem { position: position(value.span().start), message });
             }
         }
         let get = |key: &str| {
@@ -51,10 +51,10 @@ pub(super) fn parse(text: &str) -> Result<Manifest, ManifestProblem> {
                 Value::Boolean(flag) => flag.to_string(),
                 Value::Datetime(_) | Value::Array(_) | Value::Table(_) => return None,
             };
-            let place = place(value.span().start);
-            (!text.is_empty()).then_some(Placed { value: text, place })
+            let position = position(value.span().start);
+            (!text.is_empty()).then_some(Placed { value: text, position })
         };
-        EntryFields { place: at, get: &get }.entry()
+        EntryFields { position: at, get: &get }.entry()
     };
     Ok(Manifest { rows: document.trial.iter().map(row).collect(), conditions: document.conditions })
 }
@@ -90,7 +90,7 @@ conditon = "free"
         let first = manifest.rows[0].clone().unwrap();
         assert_eq!((first.condition.value.as_str(), first.exclude), ("3", true));
         assert_eq!(first.exit.value, Moment::At(2.5));
-        assert_eq!(first.exit.place, CellPosition { line: 8, column: 12 });
+        assert_eq!(first.exit.position, CellPosition { line: 8, column: 12 });
         let problem = |row: usize| manifest.rows[row].clone().unwrap_err().to_string();
         assert_eq!(problem(1), "15:12: `t_exit_s` is `soon`, expected a time in s or `auto`");
         assert_eq!(problem(2), "19:12: unknown key `conditon`, did you mean `condition`?");

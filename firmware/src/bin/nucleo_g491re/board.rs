@@ -56,10 +56,10 @@ fn clocks() -> Config {
 }
 
 fn set_sample_time(input: u8, time: SampleTime) {
-    let place = usize::from(input);
-    match place.checked_sub(10) {
-        None => pac::ADC1.smpr().modify(|times| times.set_smp(place, time)),
-        Some(place) => pac::ADC1.smpr2().modify(|times| times.set_smp(place, time)),
+    let position = usize::from(input);
+    match position.checked_sub(10) {
+        None => pac::ADC1.smpr().modify(|times| times.set_smp(position, time)),
+        Some(position) => pac::ADC1.smpr2().modify(|times| times.set_smp(position, time)),
     }
 }
 

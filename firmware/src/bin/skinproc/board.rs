@@ -54,8 +54,8 @@ fn clocks() -> Config {
 }
 
 fn set_sample_time(input: u8, time: SampleTime) {
-    let place = usize::from(input);
-    pac::ADC1.smpr(place / 10).modify(|times| times.set_smp(place % 10, time));
+    let position = usize::from(input);
+    pac::ADC1.smpr(position / 10).modify(|times| times.set_smp(position % 10, time));
 }
 
 #[embassy_executor::main]

@@ -206,7 +206,7 @@ impl Converter {
         emitters: [Output<'static>; CHANNELS],
         _irqs: impl Binding<I, EndOfBurst>,
     ) -> Self {
-        EMITTERS.lock(|place| _ = place.borrow_mut().replace(emitters));
+        EMITTERS.lock(|position| _ = position.borrow_mut().replace(emitters));
         STATE.trigger.store(trigger, Ordering::Relaxed);
         pac::ADC1.cr().modify(|control| control.set_aden(true));
         while !pac::ADC1.isr().read().adrdy() {}

@@ -31,7 +31,7 @@ pub(crate) fn has_failed() -> bool {
 #[cortex_m_rt::exception]
 unsafe fn NonMaskableInt() {
     let eccr = pac::FLASH.eccr().read();
-    let is_ours = pages::place().contains(&eccr.addr_ecc()) && !eccr.sysf_ecc();
+    let is_ours = pages::range().contains(&eccr.addr_ecc()) && !eccr.sysf_ecc();
     if eccr.eccd() && is_ours {
         let mut clear = Eccr::default();
         clear.set_eccd(true); // cleared by writing a one

@@ -13,7 +13,7 @@ unsafe extern "C" {
 }
 
 /// Where the pages are, in bytes from the start of the flash.
-pub(crate) fn place() -> Range<u32> {
+pub(crate) fn range() -> Range<u32> {
     let offset = |symbol: *const u8| symbol.addr().wrapping_sub(FLASH) as u32;
     offset(&raw const __calibration_start)..offset(&raw const __calibration_end)
 }

@@ -18,18 +18,18 @@ const PAGE: usize = 2 * 1024;
 /// due meanwhile are counted as late.
 pub(crate) struct Area {
     flash: Flash<'static, Blocking>,
-    place: Range<u32>,
+    range: Range<u32>,
 }
 
 impl Area {
     pub(crate) fn new(flash: Flash<'static, Blocking>) -> Self {
-        Self { flash, place: pages::place() }
+        Self { flash, range: pages::range() }
     }
 
-    /// The place of `len` bytes in the flash.
+    /// The address of `len` bytes in the flash.
     fn locate(&self, offset: u32, len: usize) -> Result<u32, Failed> {
-        let inside = offset as usize + len <= self.place.len();
-        if inside { Ok(self.place.start + offset) } else { Err(Failed) }
+        let inside = offset as usize + len <= self.range.len();
+        if inside { Ok(self.range.start + offset) } else { Err(Failed) }
     }
 }
 
@@ -59,7 +59,7 @@ impl ReadNorFlash for Area {
     }
 
     fn capacity(&self) -> usize {
-        self.place.len()
+        self.range.len()
     }
 }
 

@@ -80,8 +80,8 @@ mod tests {
 
     #[test]
     fn answers_are_those_of_double_precision() {
-        for place in -400..=400 {
-            let q = f64::from(place) / 8.0;
+        for position in -400..=400 {
+            let q = f64::from(position) / 8.0;
             for shape in [0.3, 1.0, 2.7] {
                 let found = CurveValue::at(&sensor(shape), q as f32);
                 let (h, nu) = (f64::from(1.3_f32), f64::from(shape));

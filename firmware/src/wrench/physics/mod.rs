@@ -230,7 +230,7 @@ mod tests {
             offset: 0.2 * sensor as f32 - 0.8,
             gains: core::array::from_fn(|axis| match (sensor + 3 * axis) % 7 {
                 0 => 1.5,
-                place => 0.4 * (place as f32 - 3.5),
+                position => 0.4 * (position as f32 - 3.5),
             }),
             low: 0.05,
             height: 0.9,
@@ -340,8 +340,8 @@ mod tests {
         ) {
             let bytes = Calibration::Physics(model()).to_bytes();
             let mut changed: Vec<u8> = bytes.to_vec();
-            for (place, number) in changes {
-                let at = 4 + 4 * place;
+            for (position, number) in changes {
+                let at = 4 + 4 * position;
                 changed[at..at + 4].copy_from_slice(&number.to_le_bytes());
                 // One that is refused is left as it was.
                 if Calibration::from_bytes(&changed).is_none() {

@@ -128,8 +128,8 @@ impl Encoder<'_> {
         let names = self.channels.iter().cloned().chain(self.table.names().into_iter().skip(7));
         let names: Vec<String> = names.collect();
         let numbers = names.len() - self.table.text_columns();
-        let property = |(place, name): (usize, String)| {
-            let kind = if place < numbers { "number" } else { "string" };
+        let property = |(position, name): (usize, String)| {
+            let kind = if position < numbers { "number" } else { "string" };
             (name, serde_json::json!({ "type": kind }))
         };
         let mut properties: serde_json::Map<_, _> =
@@ -179,7 +179,7 @@ impl<'a> EncodedOutput<'a> {
             let names = encoder.table.names();
             let numbers = names.len() - encoder.table.text_columns();
             let names = names.into_iter().enumerate();
-            names.map(|(place, name)| (name, place >= numbers)).collect::<Vec<_>>()
+            names.map(|(position, name)| (name, position >= numbers)).collect::<Vec<_>>()
         };
         let writer: Box<dyn TableWriter + 'a> = match encoder.format {
             OutputFormat::Csv => {

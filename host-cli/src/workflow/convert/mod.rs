@@ -109,8 +109,8 @@ pub fn convert(
     log.require(&wanted)?;
     let factors = options.columns.interval.map(|level| interval_factors(calibration, level));
     let factors = factors.transpose()?;
-    let named = |places: &[usize]| -> Vec<String> {
-        places.iter().map(|&at| log.columns()[at].name.clone()).collect()
+    let named = |positions: &[usize]| -> Vec<String> {
+        positions.iter().map(|&at| log.columns()[at].name.clone()).collect()
     };
     let (kept, channels) = ([named(keep), named(keep_texts)], channel_names(log));
     let table = WrenchTable::new(options.columns, factors.unwrap_or_default(), &kept, &channels);

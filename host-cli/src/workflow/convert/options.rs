@@ -173,7 +173,7 @@ impl FromStr for FrameMount {
 pub struct OutputPlan {
     /// The kind of file.
     pub format: OutputFormat,
-    /// Columns of numbers of the log, by place from 0, that are carried along.
+    /// Columns of numbers of the log, by position from 0, that are carried along.
     pub keep: Vec<usize>,
     /// Columns of text likewise, each once.
     pub keep_texts: Vec<usize>,

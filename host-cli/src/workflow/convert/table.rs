@@ -92,8 +92,8 @@ impl WrenchTable {
 
     /// The line of names.
     pub(super) fn header(&self, text: &mut Vec<u8>) {
-        for (place, name) in self.names().iter().enumerate() {
-            if place > 0 {
+        for (position, name) in self.names().iter().enumerate() {
+            if position > 0 {
                 text.push(b',');
             }
             text.extend_from_slice(escape::csv_field(name).as_bytes());
@@ -171,8 +171,8 @@ impl WrenchTable {
                 }
                 text.extend_from_slice(digits.format(column.at(row)).as_bytes());
             }
-            for (place, column) in frames.texts.iter().enumerate() {
-                if place > 0 || !columns.is_empty() {
+            for (position, column) in frames.texts.iter().enumerate() {
+                if position > 0 || !columns.is_empty() {
                     text.push(b',');
                 }
                 text.extend_from_slice(escape::csv_field(&column[row]).as_bytes());

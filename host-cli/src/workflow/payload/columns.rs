@@ -26,7 +26,7 @@ impl Default for MotionColumns {
     }
 }
 
-/// Columns of a log, by place from 0.
+/// Columns of a log, by position from 0.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct FoundColumns {
     /// In the order in which they are tried.
@@ -50,14 +50,14 @@ pub(super) enum Orientation {
 impl MotionColumns {
     /// The columns of a log.
     pub(super) fn find(&self, log: &Log) -> Result<FoundColumns, PayloadLogError> {
-        let by_name = |names: &[&str]| places(log, names);
+        let by_name = |names: &[&str]| positions(log, names);
         let mut found = FoundColumns {
             orientations: Vec::new(),
             is_named: self.orientation.is_some(),
             accelerations: None,
         };
         if let Some(references) = &self.orientation {
-            let at = log.column_places(references)?;
+            let at = log.column_positions(references)?;
             found.orientations.push(match *at.as_slice() {
                 [x, y, z] => Orientation::Gravity([x, y, z]),
                 [x, y, z, w] => Orientation::Quaternion([x, y, z, w]),
@@ -80,7 +80,7 @@ impl MotionColumns {
         }
         found.accelerations = match &self.accelerations {
             Some(references) => {
-                let at = log.column_places(references)?;
+                let at = log.column_positions(references)?;
                 let found = at.len();
                 let three = <[usize; 3]>::try_from(at);
                 Some(three.map_err(|_| PayloadLogError::AccelerationColumns { found })?)
@@ -102,8 +102,8 @@ impl MotionColumns {
 }
 
 impl FoundColumns {
-    /// All places, to be [read](log_file::Wanted::others); and what is then at which place of a row.
-    pub(super) fn places(&self) -> Vec<usize> {
+    /// All positions, to be [read](log_file::Wanted::others); and what is then at which position of a row.
+    pub(super) fn positions(&self) -> Vec<usize> {
         let of = |orientation: &Orientation| match orientation {
             Orientation::Gravity(at) | Orientation::LastRow(at) => at.to_vec(),
             Orientation::Quaternion(at) => at.to_vec(),
@@ -113,7 +113,7 @@ impl FoundColumns {
     }
 
     /// Gravity in the sensor's frame of every row, m/s², from the first of the columns that hold it; `None`
-    /// where there are none. `columns` are those of [`Self::places`].
+    /// where there are none. `columns` are those of [`Self::positions`].
     pub(super) fn gravity(
         &self,
         log: &Log,
@@ -207,21 +207,21 @@ impl Orientation {
     }
 }
 
-/// The places of columns with these names, without regard to case, spaces and punctuation, and with a unit
+/// The positions of columns with these names, without regard to case, spaces and punctuation, and with a unit
 /// after them; all or `None`.
-fn places(log: &Log, names: &[&str]) -> Option<Vec<usize>> {
+fn positions(log: &Log, names: &[&str]) -> Option<Vec<usize>> {
     let plain = |name: &str| -> String {
         let name = name.split(['(', '[']).next().unwrap_or(name);
         name.chars().filter(|c| c.is_alphanumeric()).flat_map(char::to_lowercase).collect()
     };
     let columns: Vec<String> = log.columns().iter().map(|column| plain(&column.name)).collect();
-    let place = |name: &&str| {
+    let position = |name: &&str| {
         let name = plain(name);
         columns.iter().position(|column| {
             column.strip_prefix(name.as_str()).is_some_and(|rest| ["", "ms2", "g"].contains(&rest))
         })
     };
-    names.iter().map(place).collect()
+    names.iter().map(position).collect()
 }
 
 /// Which columns a motion is read from, if they are there.
@@ -229,7 +229,7 @@ fn places(log: &Log, names: &[&str]) -> Option<Vec<usize>> {
 /// # Errors
 /// [`LogError::At`].
 pub(super) fn require(log: &Log, found: &FoundColumns) -> Result<(), LogError> {
-    log.require(&log_file::Wanted { others: found.places(), ..Default::default() })
+    log.require(&log_file::Wanted { others: found.positions(), ..Default::default() })
 }
 
 #[cfg(test)]

@@ -23,7 +23,7 @@ pub fn read_motion(
 ) -> Result<(Motion, bool), PayloadLogError> {
     let found = columns.find(log)?;
     require(log, &found)?;
-    let wanted = Wanted { time: true, others: found.places(), ..Wanted::default() };
+    let wanted = Wanted { time: true, others: found.positions(), ..Wanted::default() };
     let mut times_s: Vec<f64> = Vec::new();
     let mut others: Vec<Vec<f64>> = vec![Vec::new(); wanted.others.len()];
     log.read(

@@ -81,7 +81,7 @@ pub fn fit_payload(
         let wanted = Wanted {
             wrench: true,
             groups: is_grouped,
-            others: found.places(),
+            others: found.positions(),
             ..Wanted::default()
         };
         let mut blocks: Vec<Block> = Vec::new();
@@ -107,11 +107,11 @@ pub fn fit_payload(
             let labels =
                 block.groups.iter().flat_map(|(label, rows)| std::iter::repeat_n(label, *rows));
             let mut labels = labels.map(Some).chain(std::iter::repeat(None));
-            for place in 0..block.rows {
+            for position in 0..block.rows {
                 let at = |column: &Option<Vec<Vector>>| {
                     column.as_ref().map_or([0.0; 3], |column| column[row])
                 };
-                let wrench = std::array::from_fn(|axis| block.wrench[axis][place]);
+                let wrench = std::array::from_fn(|axis| block.wrench[axis][position]);
                 let label = labels.next().flatten();
                 poses.pose_of(label).add(wrench, at(&gravity), at(&accelerations));
                 row += 1;
@@ -162,14 +162,14 @@ impl Default for Poses {
 impl Poses {
     fn pose_of(&mut self, label: Option<&String>) -> &mut Sum {
         let next = self.sums.len();
-        let place = match label {
+        let position = match label {
             None => next,
             Some(label) => *self.by_label.entry(label.clone()).or_insert(next),
         };
-        if place == next {
+        if position == next {
             self.sums.push(Sum::default());
         }
-        &mut self.sums[place]
+        &mut self.sums[position]
     }
 }
 

@@ -77,10 +77,10 @@ impl CsvTable {
         Ok(Self { path: path.to_path_buf(), reader, header })
     }
 
-    /// The place and name of the first of `names` that is there.
+    /// The position and name of the first of `names` that is there.
     pub(super) fn column(&self, names: &[&str]) -> Result<usize, CsvTableError> {
-        let place = |name: &&str| self.header.iter().position(|h| h.eq_ignore_ascii_case(name));
-        names.iter().find_map(place).ok_or_else(|| CsvTableError::NoColumn {
+        let position = |name: &&str| self.header.iter().position(|h| h.eq_ignore_ascii_case(name));
+        names.iter().find_map(position).ok_or_else(|| CsvTableError::NoColumn {
             path: self.path.clone(),
             wanted: quoted(names, " or "),
             found: quoted(&self.header, ", "),

@@ -21,8 +21,8 @@ pub fn curve(model: &Model, label: String, from_m: f64, to_m: f64) -> ChannelCur
     for side in Wall::BOTH.into_iter().filter_map(|wall| model.side(wall)) {
         // More jumps than points do not show.
         for beam in 0..channel.beams.min(POINTS) {
-            for place in [side.engagement_m(), side.release_m()] {
-                let jump = model.base_m(beam) - place;
+            for position in [side.engagement_m(), side.release_m()] {
+                let jump = model.base_m(beam) - position;
                 positions.extend([-BESIDE, BESIDE].map(|share| jump + share * channel.pitch_m));
             }
         }
@@ -60,13 +60,13 @@ pub fn read_trace(
     passage: Option<SteadyPassage>,
 ) -> Result<ChannelCurve, CsvTableError> {
     let mut table = CsvTable::open(path)?;
-    let place = table.column(if passage.is_some() { &["x_m", "t_s"] } else { &["x_m"] })?;
+    let position = table.column(if passage.is_some() { &["x_m", "t_s"] } else { &["x_m"] })?;
     let drag = table.column(&["drag_n", "fx_n"])?;
     let sign = if table.name(drag).eq_ignore_ascii_case("fx_n") { -1.0 } else { 1.0 };
     let mut points = Vec::new();
     while let Some(record) = table.next()? {
-        if let (Some(place), Some(drag)) = (record.number(place)?, record.number(drag)?) {
-            points.push((place, sign * drag));
+        if let (Some(position), Some(drag)) = (record.number(position)?, record.number(drag)?) {
+            points.push((position, sign * drag));
         }
     }
     let Some(&(first, _)) = points.first() else {
@@ -74,11 +74,11 @@ pub fn read_trace(
         return Err(CsvTableError::Empty { path: table.path().to_path_buf(), column });
     };
     if let Some(SteadyPassage { speed_m_s, entry_s, entry_x_m }) = passage
-        && table.name(place).eq_ignore_ascii_case("t_s")
+        && table.name(position).eq_ignore_ascii_case("t_s")
     {
         let entry_s = entry_s.unwrap_or(first);
-        for (place, _) in &mut points {
-            *place = entry_x_m + speed_m_s * (*place - entry_s);
+        for (position, _) in &mut points {
+            *position = entry_x_m + speed_m_s * (*position - entry_s);
         }
     }
     let label = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();

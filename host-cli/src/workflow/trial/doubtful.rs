@@ -34,7 +34,7 @@ pub enum Doubt {
 
 /// A row that was found, before its line is looked up.
 struct DoubtfulValue {
-    place: u64,
+    offset: u64,
     row: usize,
     time_s: f64,
     readings: Vec<(usize, f64, Doubt)>,
@@ -73,7 +73,7 @@ pub fn doubtful_rows(
                 doubt(channel, column[row]).map(|doubt| (channel, column[row], doubt))
             });
             DoubtfulValue {
-                place: block.place,
+                offset: block.offset,
                 row,
                 time_s: block.time_s[row],
                 readings: readings.collect(),
@@ -89,7 +89,7 @@ pub fn doubtful_rows(
         first.extend(found.into_iter().take(room));
         Ok::<_, LogError>(())
     })?;
-    let rows: Vec<_> = first.iter().map(|found| (found.place, found.row)).collect();
+    let rows: Vec<_> = first.iter().map(|found| (found.offset, found.row)).collect();
     let lines = log.lines_of_rows(&wanted, &rows, &summary)?;
     let named = first.into_iter().zip(lines).map(|(found, line)| DoubtfulRow {
         line,

@@ -98,11 +98,11 @@ impl<'a> Reading<'a> {
         }
         let mut found = Vec::new();
         for kind in kinds {
-            let place = match instrument.profile.column_name(kind) {
-                Some(name) => Some(log.column_places(&[ColumnRef::Name(name.to_owned())])?[0]),
+            let position = match instrument.profile.column_name(kind) {
+                Some(name) => Some(log.column_positions(&[ColumnRef::Name(name.to_owned())])?[0]),
                 None => log.telemetry(kind)?,
             };
-            found.extend(place.map(|place| (kind, place)));
+            found.extend(position.map(|position| (kind, position)));
         }
         let (kinds, others): (Vec<_>, Vec<_>) = found.into_iter().unzip();
         let readings = instrument.calibration.is_some() && channels > 0;

@@ -147,12 +147,12 @@ fn is_believable(name: &str, bytes: &[u8]) -> Result<(), String> {
     let not_a_number = |word: &str| matches!(word, "NaN" | "nan" | "inf" | "-inf" | "Infinity");
     // What is copied from an input as a name may be called so.
     let header: Vec<&str> = text.lines().next().unwrap_or_default().split(',').collect();
-    let is_name = |place: usize| {
-        let name = header.get(place).copied().unwrap_or_default();
+    let is_name = |position: usize| {
+        let name = header.get(position).copied().unwrap_or_default();
         matches!(name, "file" | "condition" | "notes" | "flags") && name_ends_csv
     };
     let is_wrong = |line: &str| {
-        let mut cells = line.split(',').enumerate().filter(|(place, _)| !is_name(*place));
+        let mut cells = line.split(',').enumerate().filter(|(position, _)| !is_name(*position));
         cells.any(|(_, cell)| cell.split([' ', '|', ':', '[', ']']).any(not_a_number))
     };
     if let Some(line) = text.lines().find(|line| is_text && is_wrong(line)) {

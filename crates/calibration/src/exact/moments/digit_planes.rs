@@ -43,22 +43,22 @@ impl DigitPlanes {
         }
     }
 
-    /// The sum at that place.
-    pub(crate) fn value(&self, place: usize) -> BigInt {
-        join(self.0.iter().map(|plane| plane[place]), WIDTH)
+    /// The sum at that position.
+    pub(crate) fn value(&self, position: usize) -> BigInt {
+        join(self.0.iter().map(|plane| plane[position]), WIDTH)
     }
 
     /// The same times `2^exponent`, rounded to about 30 digits.
-    pub(crate) fn rounded(&self, place: usize, exponent: i32) -> DoubleDouble {
+    pub(crate) fn rounded(&self, position: usize, exponent: i32) -> DoubleDouble {
         match &self.0[..] {
-            [only] => shifted(round(only[place]), exponent),
+            [only] => shifted(round(only[position]), exponent),
             [low, high] => {
                 // So that they do not cancel.
-                let high = high[place] + (low[place] >> WIDTH);
+                let high = high[position] + (low[position] >> WIDTH);
                 let high = round(high).scaled(power_of_two(WIDTH as i32));
-                shifted(high + round(low[place] & MASK), exponent)
+                shifted(high + round(low[position] & MASK), exponent)
             }
-            _ => round_scaled(&self.value(place), exponent),
+            _ => round_scaled(&self.value(position), exponent),
         }
     }
 }
@@ -96,7 +96,7 @@ mod tests {
             let mut planes = DigitPlanes::new(&values);
             planes.move_origin(&layout, &by);
             // In one plane of integers modulo 2¹²⁸, and again of their quotients: by a prime, so that
-            // no place of a digit is one there.
+            // no position of a digit is one there.
             let mut rest = values.clone();
             let mut expected = vec![BigInt::zero(); values.len()];
             let mut weight = BigInt::one();
@@ -111,11 +111,11 @@ mod tests {
                 }
                 weight *= base;
             }
-            for (place, expected) in expected.iter().enumerate() {
-                prop_assert_eq!(&planes.value(place), expected);
+            for (position, expected) in expected.iter().enumerate() {
+                prop_assert_eq!(&planes.value(position), expected);
                 // Two roundings to 106 bits, and that of their sum.
-                let error = planes.rounded(place, -200) - round_scaled(expected, -200);
-                let size = planes.rounded(place, -200).abs().to_f64();
+                let error = planes.rounded(position, -200) - round_scaled(expected, -200);
+                let size = planes.rounded(position, -200).abs().to_f64();
                 prop_assert!(error.abs().to_f64() <= size * power_of_two(-100));
             }
         }

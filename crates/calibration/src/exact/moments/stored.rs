@@ -89,7 +89,7 @@ fn of_digits(text: &str) -> Result<&str, String> {
     }
 }
 
-/// The places of the pairs of some axes among those of all, in their order.
+/// The positions of the pairs of some axes among those of all, in their order.
 fn pairs(axes: Axes) -> Vec<usize> {
     let of = |first: Axis| {
         let others = axes.iter().filter(move |second| second.index() >= first.index());
@@ -112,7 +112,10 @@ impl StoredMoments {
             channels: moments.channels.iter().map(|&range| range.into()).collect(),
             readings: moments.readings.iter().map(i128::to_string).collect(),
             wrench: axes.iter().map(|axis| stored(&moments.wrench[axis.index()])).collect(),
-            squares: pairs(axes).into_iter().map(|place| stored(&moments.squares[place])).collect(),
+            squares: pairs(axes)
+                .into_iter()
+                .map(|position| stored(&moments.squares[position]))
+                .collect(),
         }
     }
 }
@@ -175,8 +178,8 @@ impl Moments {
         for (axis, of) in stored.axes.iter().zip(&stored.wrench) {
             parse(&mut moments.wrench[axis.index()], of)?;
         }
-        for (place, of) in squares.into_iter().zip(&stored.squares) {
-            parse(&mut moments.squares[place], of)?;
+        for (position, of) in squares.into_iter().zip(&stored.squares) {
+            parse(&mut moments.squares[position], of)?;
         }
         moments.rows = stored.rows;
         moments.channels = channels;

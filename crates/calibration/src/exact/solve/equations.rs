@@ -51,7 +51,7 @@ impl<'a> IntegerEquations<'a> {
     ) -> Self {
         let (readings, wrench) = moments.about(centre);
         let sums = 0..=moments.layout.features.len();
-        let wrench = wrench.map(|axis| sums.clone().map(|place| axis.value(place)).collect());
+        let wrench = wrench.map(|axis| sums.clone().map(|position| axis.value(position)).collect());
         let (columns, axes) = moments.norms(&readings, &positions, terms.len());
         Self {
             columns,

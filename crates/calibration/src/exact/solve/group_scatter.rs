@@ -48,7 +48,7 @@ impl PartitionedMoments<'_> {
         let (size, coefficients) = (counted.size(), counted_coefficients(&fit));
         let groups: Vec<&Moments> = groups.iter().copied().filter(|g| g.rows() > 0).collect();
         let mut sums = ScatterSums::new(groups.len(), size, fit.residual_products);
-        for (place, group) in groups.iter().enumerate() {
+        for (position, group) in groups.iter().enumerate() {
             let part = scales.part(&group.in_units_of(self.total));
             let gram = DoubleDoubleMatrix::new(part.gram.iter().copied(), &scales.columns);
             let errors = scales.errors(&part, &coefficients);
@@ -59,7 +59,7 @@ impl PartitionedMoments<'_> {
                 counted.transposed_times(&score)
             });
             let errors = errors.map(|of| (of.rows, of.sum, of.squares));
-            sums.add(place, ClusterShare { share, score, errors })?;
+            sums.add(position, ClusterShare { share, score, errors })?;
         }
         Ok(sums.finish(&factor, ridge == 0.0)?)
     }

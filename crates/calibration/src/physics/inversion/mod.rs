@@ -185,9 +185,9 @@ impl Inversion {
             let nothing = vec![f64::NAN; rows.len()];
             let kept = std::mem::replace(&mut some[sensor.channel], nothing);
             let (found, sums) = self.solve(&some);
-            for (place, (best, sum)) in best.iter_mut().zip(sums).enumerate() {
+            for (position, (best, sum)) in best.iter_mut().zip(sums).enumerate() {
                 if best.is_none_or(|(least, _)| sum < least) {
-                    *best = Some((sum, found.row(place)));
+                    *best = Some((sum, found.row(position)));
                 }
             }
             some[sensor.channel] = kept;
@@ -229,7 +229,7 @@ mod tests {
     fn parameters(sensor: usize) -> Parameters {
         let gain = |axis: usize| match (sensor + 3 * axis) % 7 {
             0 => 1.5,
-            place => 0.4 * (place as f64 - 3.5),
+            position => 0.4 * (position as f64 - 3.5),
         };
         let [fx, fy, fz, mx, my, mz] = std::array::from_fn(gain);
         [0.2 * sensor as f64 - 0.8, fx, fy, fz, mx, my, mz, 0.05, -0.1, 0.2]
@@ -237,11 +237,11 @@ mod tests {
 
     /// Eight sensors, hardly any noise and prior; the second channel is dead.
     fn model() -> PhysicsModel {
-        let sensor = |place: usize| Sensor {
-            channel: if place == 0 { 0 } else { place + 1 },
+        let sensor = |position: usize| Sensor {
+            channel: if position == 0 { 0 } else { position + 1 },
             least: 200.0,
             range: 700.0,
-            parameters: parameters(place),
+            parameters: parameters(position),
             covariance: [[0.0; PARAMETERS]; PARAMETERS],
             loadings: [0.0; FACTORS],
         };
@@ -260,8 +260,8 @@ mod tests {
 
     /// What the sensors read at wrenches in units of the scales.
     fn readings(wrenches: &[PerAxis<f64>]) -> Vec<Vec<f64>> {
-        let of = |place: usize| -> Vec<f64> {
-            let answer = |x: &PerAxis<f64>| Answer::at(&parameters(place), x).value;
+        let of = |position: usize| -> Vec<f64> {
+            let answer = |x: &PerAxis<f64>| Answer::at(&parameters(position), x).value;
             wrenches.iter().map(|x| 700.0f64.mul_add(answer(x), 200.0)).collect()
         };
         let mut columns: Vec<Vec<f64>> = (0..8).map(of).collect();

@@ -53,7 +53,7 @@ impl<const N: usize> WithSimd for Invert<'_, N> {
 
 /// A frame of readings per lane. Lanes without a row repeat the first.
 struct Frames<S: Simd> {
-    /// Scaled readings, by place of the sensor; zero where not in use.
+    /// Scaled readings, by position of the sensor; zero where not in use.
     y: [S::f64s; MOST_CHANNELS],
     /// One where the sensor is in use, zero where its reading is not a number.
     used: [S::f64s; MOST_CHANNELS],
@@ -103,7 +103,7 @@ impl<S: Simd> Frames<S> {
             used: [zero; MOST_CHANNELS],
             start: [(zero, zero); MOST_CHANNELS],
         };
-        for (place, sensor) in inversion.sensors.iter().enumerate() {
+        for (position, sensor) in inversion.sensors.iter().enumerate() {
             let mut lanes = [[0.0; MOST_LANES]; 4];
             let column = &readings[sensor.channel][first..];
             for lane in 0..S::F64_LANES {
@@ -114,7 +114,8 @@ impl<S: Simd> Frames<S> {
                 }
             }
             let [y, used, q, weight] = lanes.each_ref().map(load::<S>);
-            (frames.y[place], frames.used[place], frames.start[place]) = (y, used, (q, weight));
+            (frames.y[position], frames.used[position], frames.start[position]) =
+                (y, used, (q, weight));
         }
         frames
     }
@@ -127,8 +128,8 @@ impl Inversion {
         let (zero, one, half) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0), simd.splat_f64s(0.5));
         let mut state = self.state(simd, frames, &self.start(simd, frames));
         let mut before = state.held_back;
-        for place in 0..self.sensors.len() {
-            before = add_square(simd, before, state.residual[place], state.weight[place]);
+        for position in 0..self.sensors.len() {
+            before = add_square(simd, before, state.residual[position], state.weight[position]);
         }
         let mut step = self.step(simd, &state).0;
         let mut rest = [zero; N];
@@ -139,9 +140,9 @@ impl Inversion {
             // The sum with the variances of before says whether this is a step down; with those of
             // now, it is what the next step is compared with.
             let (mut by_old, mut by_new) = (next.held_back, next.held_back);
-            for place in 0..self.sensors.len() {
-                by_old = add_square(simd, by_old, next.residual[place], state.weight[place]);
-                by_new = add_square(simd, by_new, next.residual[place], next.weight[place]);
+            for position in 0..self.sensors.len() {
+                by_old = add_square(simd, by_old, next.residual[position], state.weight[position]);
+                by_new = add_square(simd, by_new, next.residual[position], next.weight[position]);
             }
             let is_down = simd.less_than_or_equal_f64s(by_old, before);
             let down = simd.select_f64s(is_down, active, zero);
@@ -195,7 +196,7 @@ impl Inversion {
             weight: zeros,
             held_back: simd.splat_f64s(0.0),
         };
-        for (place, sensor) in self.sensors.iter().enumerate() {
+        for (position, sensor) in self.sensors.iter().enumerate() {
             let mut q = simd.splat_f64s(sensor.offset);
             for (&gain, &x) in sensor.gains.iter().zip(x) {
                 q = simd.add_f64s(simd.mul_f64s(simd.splat_f64s(gain), x), q);
@@ -207,9 +208,9 @@ impl Inversion {
             let reading = simd.splat_f64s(self.noise.reading);
             let noise = simd.add_f64s(simd.mul_f64s(slope_square, displacement), reading);
             let variance = simd.add_f64s(noise, parameter_variance(simd, sensor, &answers, x));
-            state.residual[place] = simd.sub_f64s(frames.y[place], value);
-            state.slope[place] = answers.slope;
-            state.weight[place] = simd.div_f64s(frames.used[place], variance);
+            state.residual[position] = simd.sub_f64s(frames.y[position], value);
+            state.slope[position] = answers.slope;
+            state.weight[position] = simd.div_f64s(frames.used[position], variance);
         }
         for (row, &xi) in self.prior.iter().zip(x) {
             let product = inner(simd, row, x);
@@ -231,10 +232,10 @@ impl Inversion {
     ) -> StepEquations<S, N> {
         let held_back = |i: usize| simd.neg_f64s(inner(simd, &self.prior[i], &state.x));
         let mut equations = (self.prior_lanes(simd), std::array::from_fn(held_back));
-        for (place, sensor) in self.sensors.iter().enumerate() {
-            let weighted = simd.mul_f64s(state.weight[place], state.slope[place]);
-            let pull = simd.mul_f64s(weighted, state.residual[place]);
-            let weight = simd.mul_f64s(weighted, state.slope[place]);
+        for (position, sensor) in self.sensors.iter().enumerate() {
+            let weighted = simd.mul_f64s(state.weight[position], state.slope[position]);
+            let pull = simd.mul_f64s(weighted, state.residual[position]);
+            let weight = simd.mul_f64s(weighted, state.slope[position]);
             add::<S, N>(simd, &mut equations, sensor, weight, pull);
         }
         equations
@@ -279,12 +280,13 @@ impl Inversion {
             *flags = super::Flags { left_out: self.dead, ..super::Flags::default() };
             flags.converged = converged > 0.0;
         }
-        for (place, sensor) in self.sensors.iter().enumerate() {
+        for (position, sensor) in self.sensors.iter().enumerate() {
             let bit = 1 << sensor.channel;
             let state = &found.state;
-            let (used, slope) = (store::<S>(frames.used[place]), store::<S>(state.slope[place]));
-            let square = simd.mul_f64s(state.residual[place], state.residual[place]);
-            let square = store::<S>(simd.mul_f64s(square, state.weight[place]));
+            let (used, slope) =
+                (store::<S>(frames.used[position]), store::<S>(state.slope[position]));
+            let square = simd.mul_f64s(state.residual[position], state.residual[position]);
+            let square = store::<S>(simd.mul_f64s(square, state.weight[position]));
             for (lane, flags) in flags.iter_mut().enumerate() {
                 let mask = |is: bool| if is { bit } else { 0 };
                 let is_used = used[lane] > 0.0;
@@ -303,11 +305,11 @@ impl<S: Simd, const N: usize> LaneState<S, N> {
         for axis in 0..N {
             self.x[axis] = simd.select_f64s(taken, next.x[axis], self.x[axis]);
         }
-        for place in 0..sensors {
+        for position in 0..sensors {
             let choose = |new, old| simd.select_f64s(taken, new, old);
-            self.residual[place] = choose(next.residual[place], self.residual[place]);
-            self.slope[place] = choose(next.slope[place], self.slope[place]);
-            self.weight[place] = choose(next.weight[place], self.weight[place]);
+            self.residual[position] = choose(next.residual[position], self.residual[position]);
+            self.slope[position] = choose(next.slope[position], self.slope[position]);
+            self.weight[position] = choose(next.weight[position], self.weight[position]);
         }
     }
 }

@@ -76,10 +76,10 @@ impl Ready {
     /// The displacement less b that a scaled reading says by itself, and the weight of that.
     #[inline]
     pub(super) fn start(&self, y: f64) -> (f64, f64) {
-        let place = ((y - self.lo) / self.h).clamp(0.0, 1.0) * TABLE_STEPS as f64;
-        let step = (place as usize).min(TABLE_STEPS - 1);
+        let position = ((y - self.lo) / self.h).clamp(0.0, 1.0) * TABLE_STEPS as f64;
+        let step = (position as usize).min(TABLE_STEPS - 1);
         let (share, (q0, w0), (q1, w1)) =
-            (place - step as f64, self.table[step], self.table[step + 1]);
+            (position - step as f64, self.table[step], self.table[step + 1]);
         (share.mul_add(q1 - q0, q0), share.mul_add(w1 - w0, w0))
     }
 }

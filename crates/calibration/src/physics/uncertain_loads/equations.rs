@@ -37,9 +37,9 @@ pub(super) struct Eliminated {
 
 impl LoadEquations {
     /// A prior of one number of the border.
-    pub(super) fn pull(&mut self, place: usize, precision: f64, off: f64) {
-        self.border.row_mut(place)[0] += precision;
-        self.descent[place] += precision * off;
+    pub(super) fn pull(&mut self, position: usize, precision: f64, off: f64) {
+        self.border.row_mut(position)[0] += precision;
+        self.descent[position] += precision * off;
         self.cost += precision * off * off;
     }
 
@@ -63,18 +63,18 @@ impl LoadEquations {
         }
         for (i, (row, weight)) in of.rows.iter().zip(of_readings).enumerate() {
             self.cost += weight * row.residual * row.residual;
-            // The places of the border that a reading depends on, with its slopes by them.
+            // The positions of the border that a reading depends on, with its slopes by them.
             let parameters = (0..PARAMETERS).map(|k| (PARAMETERS * i + k, row.gradient[k]));
             let shared = offset.map(|first| (0..SHARED).map(move |k| (first + k, k)));
             let shared = shared.into_iter().flatten().map(|(at, k)| (at, row.by_load[OWN + k]));
             let border: Vec<(usize, f64)> = parameters.chain(shared).collect();
-            for &(place, by) in &border {
-                self.descent[place] += weight * row.residual * by;
-                let row_of = self.border.row_mut(place);
-                for &(other, by_other) in border.iter().filter(|(other, _)| *other >= place) {
-                    row_of[other - place] += weight * by * by_other;
+            for &(position, by) in &border {
+                self.descent[position] += weight * row.residual * by;
+                let row_of = self.border.row_mut(position);
+                for &(other, by_other) in border.iter().filter(|(other, _)| *other >= position) {
+                    row_of[other - position] += weight * by * by_other;
                 }
-                (0..OWN).for_each(|k| of.coupling[k][place] += weight * row.by_load[k] * by);
+                (0..OWN).for_each(|k| of.coupling[k][position] += weight * row.by_load[k] * by);
             }
             for k in 0..OWN {
                 of.descent[k] += weight * row.residual * row.by_load[k];
@@ -100,11 +100,11 @@ impl LoadEquations {
             // With h = L·Lᵀ: L⁻¹·coupling, whose squares are what the load takes from the border.
             let mut taken: [Vec<f64>; OWN] = std::array::from_fn(|_| vec![0.0; border.size()]);
             let mut following = taken.clone();
-            for (place, descent) in descent.iter_mut().enumerate() {
-                let column = std::array::from_fn(|k| load.coupling[k][place]);
+            for (position, descent) in descent.iter_mut().enumerate() {
+                let column = std::array::from_fn(|k| load.coupling[k][position]);
                 let (half, whole) = (factor.forward(&column), factor.solve(&column));
                 for k in 0..OWN {
-                    (taken[k][place], following[k][place]) = (half[k], whole[k]);
+                    (taken[k][position], following[k][position]) = (half[k], whole[k]);
                     *descent -= whole[k] * load.descent[k];
                 }
             }

@@ -23,7 +23,7 @@ pub enum StatedLoad {
         point_m: [f64; 3],
         /// How wrong these may be.
         errors: LoadErrors,
-        /// The place of its mounting, among those whose lever offsets are found.
+        /// The position of its mounting, among those whose lever offsets are found.
         mounting: Option<usize>,
     },
 }
@@ -43,7 +43,7 @@ impl LoadQuantity {
     /// All of them.
     pub const ALL: [Self; 3] = [Self::Size, Self::Direction, Self::Lever];
 
-    pub(super) fn places(self) -> std::ops::Range<usize> {
+    pub(super) fn positions(self) -> std::ops::Range<usize> {
         match self {
             Self::Size => 0..1,
             Self::Direction => 1..3,
@@ -53,7 +53,7 @@ impl LoadQuantity {
 
     /// How far a load is off, in stated errors.
     pub(super) fn length(self, own: &[f64; OWN]) -> f64 {
-        own[self.places()].iter().map(|x| x * x).sum::<f64>().sqrt()
+        own[self.positions()].iter().map(|x| x * x).sum::<f64>().sqrt()
     }
 
     /// The median length of so many standard normal deviations.
@@ -75,10 +75,10 @@ impl StatedLoad {
     /// The standard error of each axis of the wrench as it is stated, N and N·m.
     pub fn standard_errors(&self) -> PerAxis<f64> {
         let mut squares = PerAxis::default();
-        for place in 0..OWN {
+        for position in 0..OWN {
             let side = |deviation| {
                 let mut own = [0.0; OWN];
-                own[place] = deviation;
+                own[position] = deviation;
                 self.deviated(&own, &[0.0; SHARED]).0
             };
             let (up, down) = (side(1.0), side(-1.0));

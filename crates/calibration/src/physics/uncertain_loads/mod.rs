@@ -174,14 +174,14 @@ impl LoadSearch<'_> {
 
     fn moved(&self, step: &[f64], at: &LoadEquations, eliminated: &[Eliminated]) -> Unknowns {
         let mut next = self.at.clone();
-        for (place, p) in next.parameters.iter_mut().flatten().enumerate() {
+        for (position, p) in next.parameters.iter_mut().flatten().enumerate() {
             // As for one sensor: h and ν change at most by a factor of e.
-            let is_shape = place % PARAMETERS > SHAPE;
-            *p += if is_shape { step[place].clamp(-1.0, 1.0) } else { step[place] };
+            let is_shape = position % PARAMETERS > SHAPE;
+            *p += if is_shape { step[position].clamp(-1.0, 1.0) } else { step[position] };
         }
         let first = PARAMETERS * next.parameters.len();
-        for (place, offset) in next.offsets.iter_mut().flatten().enumerate() {
-            *offset += step[first + place];
+        for (position, offset) in next.offsets.iter_mut().flatten().enumerate() {
+            *offset += step[first + position];
         }
         for ((own, of), eliminated) in next.own.iter_mut().zip(&at.loads).zip(eliminated) {
             let (own_step, follows) =
@@ -206,11 +206,11 @@ impl LoadSearch<'_> {
             let (wrench, _) = load.deviated(own, offset);
             std::array::from_fn(|axis| wrench[axis] / self.scales.wrench[axis])
         };
-        let slope = |place: usize| {
+        let slope = |position: usize| {
             let side = |step: f64| {
                 let (mut own, mut offset) = (at.own[row], offset);
-                match place.checked_sub(OWN) {
-                    None => own[place] += step,
+                match position.checked_sub(OWN) {
+                    None => own[position] += step,
                     Some(shared) => offset[shared] += step * self.mounting_m,
                 }
                 scaled(&own, &offset)
@@ -244,9 +244,10 @@ impl LoadSearch<'_> {
         let of_own = |own: &[f64; OWN]| {
             let mut weights = [0.0; OWN];
             for quantity in LoadQuantity::ALL {
-                let places = quantity.places();
+                let positions = quantity.positions();
                 let square = quantity.length(own).powi(2);
-                weights[places.clone()].fill((FREEDOM + places.len() as f64) / (FREEDOM + square));
+                weights[positions.clone()]
+                    .fill((FREEDOM + positions.len() as f64) / (FREEDOM + square));
             }
             weights
         };
@@ -270,12 +271,12 @@ impl LoadSearch<'_> {
         };
         for (i, p) in at.parameters.iter().enumerate() {
             for (k, value) in p.iter().enumerate() {
-                let place = PARAMETERS * i + k;
-                all.pull(place, weights.prior.sd[k].powi(-2), weights.prior.mean[k] - value);
+                let position = PARAMETERS * i + k;
+                all.pull(position, weights.prior.sd[k].powi(-2), weights.prior.mean[k] - value);
             }
         }
-        for (place, offset) in at.offsets.iter().flatten().enumerate() {
-            all.pull(first_offset + place, 1.0, -offset);
+        for (position, offset) in at.offsets.iter().flatten().enumerate() {
+            all.pull(first_offset + position, 1.0, -offset);
         }
         for (row, load) in self.loads.iter().enumerate() {
             let offset = load.mounting().map(|mounting| first_offset + SHARED * mounting);

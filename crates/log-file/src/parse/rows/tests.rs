@@ -119,17 +119,17 @@ fn readings_that_no_converter_gives_and_loads_that_no_sensor_measures_are_wrong(
     let (group, texts) = (Some(1), Vec::new());
     let plan = RowPlan { separator: b',', uses, group, texts, names, largest_reading: 65_535.0 };
     let right = "1e63,1063,-1e15\n";
-    for place in [0, 1, 40, 300] {
+    for position in [0, 1, 40, 300] {
         for wrong in ["1,1e63,0", "1,-65536,0", "1,65535.1,0", "1,0,1e200", "1,0,-1.1e15"] {
-            let lines = format!("{}{wrong}\n{right}", right.repeat(place));
+            let lines = format!("{}{wrong}\n{right}", right.repeat(position));
             let mut parsed = ParsedRows::default();
             parsed.clear(3, 0);
             let error = plan.parse_lines(lines.as_bytes(), false, &mut parsed).unwrap_err();
             assert!(matches!(error.problem, RowProblem::Unbelievable { .. }), "{error:?}");
-            assert_eq!(error.offset, place * right.len());
+            assert_eq!(error.offset, position * right.len());
             parsed.clear(3, 0);
             plan.parse_lines(lines.as_bytes(), true, &mut parsed).unwrap();
-            assert_eq!((parsed.rows, parsed.skipped), (place + 1, 1));
+            assert_eq!((parsed.rows, parsed.skipped), (position + 1, 1));
         }
     }
 }
@@ -153,9 +153,9 @@ fn a_last_row_that_is_cut_off_is_left_out() {
 #[test]
 fn a_bad_row_anywhere_among_many_is_found() {
     let right = "1425168310.852012,a,,-0.0630686291217\n";
-    for place in 0..300 {
+    for position in 0..300 {
         for wrong in ["1,a,,x\n", "x,a,,1\n", "1,a,1\n", "1,a,,2,\n", "1,a,,.\n", "\n"] {
-            let lines = right.repeat(place) + wrong + &right.repeat(3);
+            let lines = right.repeat(position) + wrong + &right.repeat(3);
             assert_all_ways_agree(lines.as_bytes());
         }
     }

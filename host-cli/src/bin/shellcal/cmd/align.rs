@@ -47,7 +47,7 @@ pub(crate) struct AlignArgs {
     averaging: f64,
 
     /// Column of the reference with a signal whose edges the board has recorded as well, in `sync_s`: its name
-    /// or place; the clocks then follow from the edges
+    /// or position; the clocks then follow from the edges
     #[arg(long, value_name = "COLUMN", value_parser = parse_column)]
     sync: Option<ColumnRef>,
 
@@ -69,7 +69,7 @@ struct ReferenceArgs {
     #[arg(long, value_name = "FORMAT", value_parser = one_of(&FORMATS))]
     reference_format: Option<LogFormat>,
 
-    /// The time column of the reference: its name or place
+    /// The time column of the reference: its name or position
     #[arg(long, value_name = "COLUMN", value_parser = parse_column)]
     reference_time: Option<ColumnRef>,
 

@@ -25,7 +25,7 @@ use super::frames::{ForceArgs, FrameArgs};
 use super::mapping::{ColumnList, MappingArgs, parse_columns, tell_remembered};
 use super::partial_output::OpenOutput;
 use super::payload::load::MotionArgs;
-use crate::files::{InputPath, OutputPath, OutputPlace};
+use crate::files::{InputPath, OutputFolder, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
@@ -57,9 +57,9 @@ pub(crate) struct ConvertArgs {
 
     /// Write a table `NAME.wrench.csv` for each log into a directory
     #[arg(long, value_name = "DIR")]
-    output_dir: Option<OutputPlace>,
+    output_dir: Option<OutputFolder>,
 
-    /// Carry other columns of the log along, by name or place, or `all` that are not time, readings or a
+    /// Carry other columns of the log along, by name or position, or `all` that are not time, readings or a
     /// group: numbers, and texts without blanks around them; a column with an empty field is text
     #[arg(long, value_name = "COLUMNS", value_parser = parse_columns)]
     keep: Option<ColumnList>,
@@ -278,27 +278,27 @@ impl ConvertArgs {
         }
     }
 
-    /// The places of the columns of text, and of numbers, that are carried along.
+    /// The positions of the columns of text, and of numbers, that are carried along.
     fn kept(&self, log: &Log) -> anyhow::Result<(Vec<usize>, Vec<usize>)> {
-        let mut places = self.kept_places(log)?;
+        let mut positions = self.kept_positions(log)?;
         let mut seen = HashSet::new();
-        places.retain(|&place| seen.insert(place));
-        let are_texts = log.are_texts(&places, &self.mapping.read_options())?;
+        positions.retain(|&position| seen.insert(position));
+        let are_texts = log.are_texts(&positions, &self.mapping.read_options())?;
         let (texts, numbers): (Vec<_>, Vec<_>) =
-            places.into_iter().zip(are_texts).partition(|(_, is_text)| *is_text);
+            positions.into_iter().zip(are_texts).partition(|(_, is_text)| *is_text);
         let of = |columns: Vec<(usize, bool)>| columns.into_iter().map(|(at, _)| at).collect();
         Ok((of(texts), of(numbers)))
     }
 
-    fn kept_places(&self, log: &Log) -> anyhow::Result<Vec<usize>> {
+    fn kept_positions(&self, log: &Log) -> anyhow::Result<Vec<usize>> {
         let Some(columns) = &self.keep else { return Ok(Vec::new()) };
-        if columns.is_word("all") && log.column_places(columns.references()).is_err() {
+        if columns.is_word("all") && log.column_positions(columns.references()).is_err() {
             let is_other =
                 |meaning: Meaning| !matches!(meaning, Meaning::Time(_) | Meaning::Sensor(_));
             let columns = log.columns().iter().enumerate();
             return Ok(columns.filter(|(_, it)| is_other(it.meaning)).map(|(at, _)| at).collect());
         }
-        Ok(log.column_places(columns.references())?)
+        Ok(log.column_positions(columns.references())?)
     }
 
     /// Everything that log and calibration have to give, or what was asked for by name.

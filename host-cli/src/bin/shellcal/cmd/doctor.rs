@@ -20,7 +20,7 @@ use shared_proto::{Framing, Protocol};
 use super::choices::one_of;
 use super::mapping::MappingArgs;
 use super::origin;
-use super::place::is_port;
+use super::ports::is_port;
 use super::record::parse_duration;
 use super::serial::{SerialArgs, first_number};
 use crate::files::InputPath;
@@ -126,7 +126,7 @@ impl DoctorArgs {
                 let mapping = self.mapping.mapping();
                 let read = self.mapping.read_options();
                 let log = match wrenches.next() {
-                    Some(wrench) => Log::open_beside(path, wrench, &mapping),
+                    Some(wrench) => Log::open_with_companion(path, wrench, &mapping),
                     None => Log::open(path, &mapping),
                 };
                 ("log", examine_log(log, &read, calibration))

@@ -33,7 +33,7 @@ pub(crate) struct DriftArgs {
     #[arg(long, short, value_name = "CAL")]
     calibration: Option<InputPath>,
 
-    /// The column of temperature: its name or place [default: `temperature_c`, if there is one]
+    /// The column of temperature: its name or position [default: `temperature_c`, if there is one]
     #[arg(long, value_name = "COLUMN", value_parser = parse_column)]
     temperature: Option<ColumnRef>,
 

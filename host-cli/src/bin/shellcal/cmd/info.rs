@@ -205,7 +205,7 @@ impl Info {
             fresh_rate_hz: summary.fresh_rate_hz().filter(|_| log.channels() > 0),
             time: TimeInfo::new(summary),
             columns: columns
-                .map(|(place, column)| ColumnInfo::new(place, column, summary))
+                .map(|(position, column)| ColumnInfo::new(position, column, summary))
                 .collect(),
             outliers: Vec::new(),
             title: log.kind(),
@@ -306,7 +306,7 @@ impl TimeInfo {
 }
 
 impl ColumnInfo {
-    fn new(place: usize, column: &Column, summary: &LogSummary) -> Self {
+    fn new(position: usize, column: &Column, summary: &LogSummary) -> Self {
         let values = match column.meaning {
             Meaning::Sensor(channel) => summary.readings.get(channel).map(|s| (s, true)),
             Meaning::Force(axis, _) | Meaning::Moment(axis, _) => {
@@ -315,7 +315,7 @@ impl ColumnInfo {
             _ => None,
         };
         Self {
-            column: place + 1,
+            column: position + 1,
             name: column.name.clone(),
             meaning: column.meaning.in_words(),
             values: values.map(|(summary, readings)| ValueInfo::new(summary, readings)),

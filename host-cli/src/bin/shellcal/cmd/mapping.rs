@@ -23,16 +23,16 @@ pub(crate) struct MappingArgs {
     #[arg(long, value_name = "NAME")]
     pub(crate) table: Option<String>,
 
-    /// Sensor columns in channel order: names or places, `a,b,c` or `2-9`, or the name of a matrix
+    /// Sensor columns in channel order: names or positions, `a,b,c` or `2-9`, or the name of a matrix
     #[arg(long, value_name = "COLUMNS", value_parser = parse_columns)]
     pub(crate) sensors: Option<ColumnList>,
 
-    /// The wrench columns: names or places of all six in the order Fx to Mz, or of some, `fx=a,fz=b`, or
+    /// The wrench columns: names or positions of all six in the order Fx to Mz, or of some, `fx=a,fz=b`, or
     /// the name of a matrix
     #[arg(long, value_name = "COLUMNS", value_parser = parse_wrench)]
     pub(crate) wrench: Option<WrenchColumns>,
 
-    /// The time column: its name or place
+    /// The time column: its name or position
     #[arg(long, value_name = "COLUMN", value_parser = parse_column)]
     pub(crate) time: Option<ColumnRef>,
 
@@ -40,7 +40,7 @@ pub(crate) struct MappingArgs {
     #[arg(long, value_name = "UNIT", value_parser = one_of(&TIME_UNITS))]
     pub(crate) time_unit: Option<TimeUnit>,
 
-    /// The column that names a row's group (pose, session, trial): its name or place
+    /// The column that names a row's group (pose, session, trial): its name or position
     #[arg(long, value_name = "COLUMN", value_parser = parse_column)]
     pub(crate) group: Option<ColumnRef>,
 
@@ -126,7 +126,8 @@ pub(crate) fn open_logs(
         wrenches.len(),
         logs.len()
     );
-    let open = |(log, wrench): (&InputPath, &InputPath)| Log::open_beside(log, wrench, mapping);
+    let open =
+        |(log, wrench): (&InputPath, &InputPath)| Log::open_with_companion(log, wrench, mapping);
     Ok(logs.iter().zip(wrenches).map(open).collect::<Result<_, _>>()?)
 }
 
@@ -190,25 +191,27 @@ impl From<MomentUnitArg> for MomentUnit {
     }
 }
 
-/// A number is a place, anything else a name.
+/// A number is a position, anything else a name.
 pub(crate) fn parse_column(text: &str) -> Result<ColumnRef, String> {
     match (text.trim(), text.trim().parse()) {
-        ("", _) => Err("expected the name or place of a column".to_owned()),
+        ("", _) => Err("expected the name or position of a column".to_owned()),
         (_, Ok(0)) => Err("the first column is 1".to_owned()),
         (_, Ok(position)) => Ok(ColumnRef::Position(position)),
         (name, Err(_)) => Ok(ColumnRef::Name(name.to_owned())),
     }
 }
 
-/// Names and places separated by commas; `2-9` is the places 2 to 9.
+/// Names and positions separated by commas; `2-9` is the positions 2 to 9.
 pub(crate) fn parse_columns(text: &str) -> Result<ColumnList, String> {
     let mut columns = Vec::new();
     for item in text.split(',') {
         let ends = item.split_once('-').map(|(a, b)| (a.trim().parse(), b.trim().parse()));
         match ends {
             Some((Ok(first), Ok(last))) => {
-                if !(1..=last).contains(&first) || last > MAX_PLACE {
-                    return Err(format!("`{item}` is not a range of places from 1 to {MAX_PLACE}"));
+                if !(1..=last).contains(&first) || last > MAX_POSITION {
+                    return Err(format!(
+                        "`{item}` is not a range of positions from 1 to {MAX_POSITION}"
+                    ));
                 }
                 columns.extend((first..=last).map(ColumnRef::Position));
             }
@@ -246,7 +249,7 @@ pub(crate) fn parse_wrench(text: &str) -> Result<WrenchColumns, String> {
 }
 
 /// Keeps a slip of the finger from asking for 10⁹ columns.
-const MAX_PLACE: usize = 4096;
+const MAX_POSITION: usize = 4096;
 
 #[cfg(test)]
 mod tests {
@@ -256,8 +259,11 @@ mod tests {
     fn columns_are_names_places_and_ranges() {
         let ColumnList(columns) = parse_columns("a,3, s-1 ,5-7").unwrap();
         let name = |name: &str| ColumnRef::Name(name.to_owned());
-        let place = ColumnRef::Position;
-        assert_eq!(columns, [name("a"), place(3), name("s-1"), place(5), place(6), place(7)]);
+        let position = ColumnRef::Position;
+        assert_eq!(
+            columns,
+            [name("a"), position(3), name("s-1"), position(5), position(6), position(7)]
+        );
     }
 
     #[test]

@@ -211,7 +211,7 @@ impl MergeArgs {
         printer: &mut Printer,
     ) -> anyhow::Result<()> {
         merged.read += 1;
-        let place = match path.is_stdin() {
+        let position = match path.is_stdin() {
             true => format!("`-`, partial fit {}", merged.read),
             false => format!("`{}`", path.display()),
         };
@@ -222,10 +222,10 @@ impl MergeArgs {
         if self.skip_counted && sum.has_counted_all_of(&partial) {
             merged.skipped += 1;
             let files = quoted(partial.sources.iter().map(|file| file.path.display()), ", ");
-            printer.note(format!("{place}: left out, {files} has been counted already"));
+            printer.note(format!("{position}: left out, {files} has been counted already"));
             return Ok(());
         }
-        sum.merge(&partial).context(place)
+        sum.merge(&partial).context(position)
     }
 
     /// What could not be had of what was asked for.

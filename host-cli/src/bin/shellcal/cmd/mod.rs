@@ -31,7 +31,6 @@ mod noise;
 mod origin;
 mod partial_output;
 mod payload;
-mod place;
 mod plan;
 mod ports;
 mod quality;

@@ -223,9 +223,10 @@ fn report(recorded: &Recorded, printer: &mut Printer) -> anyhow::Result<()> {
     ))?;
     for RecordedBoard { address, log, frames, losses } in &recorded.boards {
         let losses = losses.in_words();
-        let place = log.as_ref().map_or_else(String::new, |log| format!(" in `{}`", log.display()));
+        let position =
+            log.as_ref().map_or_else(String::new, |log| format!(" in `{}`", log.display()));
         printer.line(format!(
-            "board {address}: {frames} frames{place}; {}",
+            "board {address}: {frames} frames{position}; {}",
             if losses.is_empty() { "nothing lost" } else { &losses },
         ))?;
     }

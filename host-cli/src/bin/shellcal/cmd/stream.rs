@@ -17,7 +17,7 @@ use shellcal::workflow::live::play;
 use super::choices::one_of;
 use super::live_forces::LiveForceArgs;
 use super::mapping::MappingArgs;
-use super::place::is_port;
+use super::ports::is_port;
 use super::record::parse_duration;
 use super::serial::SerialArgs;
 use super::streaming;

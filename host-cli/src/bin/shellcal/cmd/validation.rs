@@ -182,8 +182,8 @@ fn best_of_each(selection: &Selection) -> Vec<&Candidate> {
     let families = selection.candidates.chunk_by(|a, b| a.basis == b.basis);
     let score = |candidate: &&Candidate| candidate.errors.map_or(f64::INFINITY, |of| of.score);
     let best = |family: &'_ [Candidate]| -> usize {
-        let places = family.iter().enumerate().map(|(at, candidate)| (at, score(&candidate)));
-        places.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(at, _)| at)
+        let positions = family.iter().enumerate().map(|(at, candidate)| (at, score(&candidate)));
+        positions.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(at, _)| at)
     };
     let mut found = Vec::new();
     for family in families {

@@ -71,7 +71,7 @@ impl LiveScreen<'_> {
         let (columns, rows) = (LETTER / ACROSS, (LETTER / DOWN) as u16);
         let lines = broken(text, usize::from(area.width) / columns);
         let style = self.style(Some(Color::Cyan), Modifier::BOLD);
-        for (place, line) in (0..).zip(&lines) {
+        for (position, line) in (0..).zip(&lines) {
             let mut canvas =
                 CharacterCanvas::new(columns * line.chars().count(), usize::from(rows));
             for (at, letter) in line.chars().enumerate() {
@@ -83,7 +83,7 @@ impl LiveScreen<'_> {
             for row in 0..rows {
                 for column in 0..columns * line.chars().count() {
                     if let Some(dots) = canvas.character(column, usize::from(row), self.ascii) {
-                        let at = (area.x + column as u16, area.y + place * rows + row);
+                        let at = (area.x + column as u16, area.y + position * rows + row);
                         put_char(buffer, at, dots, style);
                     }
                 }

@@ -27,7 +27,7 @@ use shellcal::workflow::live::{Feed, LiveRows, LiveSession, LogSeries, guide_thr
 use super::choices::one_of;
 use super::live_forces::LiveForceArgs;
 use super::mapping::MappingArgs;
-use super::place::is_port;
+use super::ports::is_port;
 use super::record::parse_duration;
 use super::serial::SerialArgs;
 use super::stream::parse_speed;

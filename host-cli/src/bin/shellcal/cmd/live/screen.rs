@@ -105,9 +105,9 @@ impl LiveScreen<'_> {
         }
         // A line for the axis of time.
         let rows = ((area.height - 1) / traces.len() as u16).max(1);
-        for (place, trace) in (0..).zip(&traces) {
-            let area = Rect { y: area.y + place * rows, height: rows, ..area };
-            self.draw_trace(buffer, area, trace, colour(usize::from(place)));
+        for (position, trace) in (0..).zip(&traces) {
+            let area = Rect { y: area.y + position * rows, height: rows, ..area };
+            self.draw_trace(buffer, area, trace, colour(usize::from(position)));
         }
         let axis = area.y + rows * traces.len() as u16;
         let span = format!("-{} s", self.model.window_s());
@@ -172,8 +172,8 @@ impl LiveScreen<'_> {
     fn draw_marks(&self, buffer: &mut Buffer, area: Rect, axis: u16, columns: u16) {
         let line = if self.ascii { '|' } else { '╎' };
         let style = self.style(Some(Color::Yellow), Modifier::empty());
-        for (number, place) in self.model.marks_shown() {
-            let column = (place * f64::from(columns)).min(f64::from(columns - 1)) as u16;
+        for (number, position) in self.model.marks_shown() {
+            let column = (position * f64::from(columns)).min(f64::from(columns - 1)) as u16;
             let x = area.x + LABEL + column;
             for y in area.y..axis {
                 if buffer[(x, y)].symbol() == " " {
@@ -186,8 +186,8 @@ impl LiveScreen<'_> {
 
     fn draw_panel(&self, buffer: &mut Buffer, area: Rect) {
         let channels = self.model.channels();
-        for (place, channel) in (0..).zip(&channels) {
-            self.draw_channel(buffer, area, area.y + place, usize::from(place), channel);
+        for (position, channel) in (0..).zip(&channels) {
+            self.draw_channel(buffer, area, area.y + position, usize::from(position), channel);
         }
         let used = if channels.is_empty() { 0 } else { channels.len() as u16 + 1 };
         let rest = Rect { y: area.y + used, height: area.height.saturating_sub(used), ..area };
@@ -230,7 +230,7 @@ impl LiveScreen<'_> {
             }
             None => (0.0, 4095.0),
         };
-        let place = |value: f64| {
+        let position = |value: f64| {
             let share = ((value - low) / (high - low)).clamp(0.0, 1.0);
             start + (share * f64::from(width - 1)).round() as u16
         };
@@ -238,10 +238,10 @@ impl LiveScreen<'_> {
         let dim = self.style(None, Modifier::DIM);
         (start..start + width).for_each(|x| put_char(buffer, (x, y), rail, dim));
         if let Some((low, high)) = view.range {
-            put_char(buffer, (place(low), y), '[', dim);
-            put_char(buffer, (place(high), y), ']', dim);
+            put_char(buffer, (position(low), y), '[', dim);
+            put_char(buffer, (position(high), y), ']', dim);
         }
-        put_char(buffer, (place(view.reading), y), head, style);
+        put_char(buffer, (position(view.reading), y), head, style);
     }
 
     fn draw_arrow(
@@ -333,10 +333,10 @@ pub(super) fn put_char(buffer: &mut Buffer, at: (u16, u16), character: char, sty
     }
 }
 
-fn colour(place: usize) -> Color {
+fn colour(position: usize) -> Color {
     const COLOURS: [Color; 6] =
         [Color::Red, Color::Green, Color::Blue, Color::Magenta, Color::Yellow, Color::Cyan];
-    COLOURS[place % COLOURS.len()]
+    COLOURS[position % COLOURS.len()]
 }
 
 /// Decimals that tell values apart on a scale of this length.

@@ -105,19 +105,19 @@ fn wrench_log(path: &InputPath, mapping: Mapping) -> anyhow::Result<(Log, Calibr
     log.require(&Wanted { time: true, wrench: true, ..Wanted::default() })?;
     log.require_axes(Axes::ALL)?;
     let mut columns: PerAxis<(usize, f64)> = Default::default();
-    for (place, column) in log.columns().iter().enumerate() {
+    for (position, column) in log.columns().iter().enumerate() {
         match column.meaning {
             Meaning::Force(axis, milli) => {
-                columns[axis.index()] = (place, if milli { 1e-3 } else { 1.0 });
+                columns[axis.index()] = (position, if milli { 1e-3 } else { 1.0 });
             }
             Meaning::Moment(axis, unit) => {
                 let milli = unit == MomentUnit::MillinewtonMetre;
-                columns[axis.index()] = (place, if milli { 1e-3 } else { 1.0 });
+                columns[axis.index()] = (position, if milli { 1e-3 } else { 1.0 });
             }
             _ => {}
         }
     }
-    let sensors = columns.map(|(place, _)| ColumnRef::Position(place + 1)).to_vec();
+    let sensors = columns.map(|(position, _)| ColumnRef::Position(position + 1)).to_vec();
     let as_readings = Mapping { sensors: Some(sensors), wrench: None, ..mapping };
     let model = Model { basis: Basis::Linear, intercept: false, channels: AXES, memory: 0 };
     let row = |from: usize| -> PerAxis<f64> {

@@ -176,10 +176,10 @@ impl BatchArgs {
             manifest::folder(&self.manifest),
             equipment.instrument(),
             &options,
-            |place, result| {
+            |position, result| {
                 self.output.write_trial(
                     outputs,
-                    place,
+                    position,
                     result,
                     figures.as_ref(),
                     &equipment.profile,
@@ -222,7 +222,7 @@ impl BatchArgs {
         let results: Vec<_> = batch
             .trials
             .iter()
-            .map(|trial| (format!("{manifest}:{}", trial.place.line), &trial.evaluated.result))
+            .map(|trial| (format!("{manifest}:{}", trial.position.line), &trial.evaluated.result))
             .collect();
         self.evaluation.note_forces(printer, &self.options(equipment));
         show::diagnostics(printer, &results);
@@ -234,7 +234,7 @@ impl BatchArgs {
             };
             // Reading errors name the file themselves.
             let file = if failure.message.contains(&failure.file) { "" } else { &file };
-            printer.failure(format!("{manifest}:{}: {file}{}", failure.place, failure.message));
+            printer.failure(format!("{manifest}:{}: {file}{}", failure.position, failure.message));
         }
         let bad = batch.failures.len();
         if bad > 0 {
@@ -246,7 +246,7 @@ impl BatchArgs {
         }
         if printer.json() {
             let trials = batch.trials.iter().map(|trial| BatchTrialDocument {
-                line: trial.place.line,
+                line: trial.position.line,
                 checksum: trial.evaluated.checksum.as_deref(),
                 result: &trial.evaluated.result,
             });

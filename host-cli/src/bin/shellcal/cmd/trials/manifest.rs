@@ -48,9 +48,9 @@ pub(super) fn folder(path: &Path) -> &Path {
 }
 
 /// The name that files about a trial start with: that of its log, and its line in the manifest.
-pub(super) fn stem(place: CellPosition, result: &TrialResult) -> String {
+pub(super) fn stem(position: CellPosition, result: &TrialResult) -> String {
     let stem = Path::new(&result.row.file).file_stem().unwrap_or_default().to_string_lossy();
-    format!("{stem}.{}", place.line)
+    format!("{stem}.{}", position.line)
 }
 
 /// Evaluates the trials of a manifest with traces of the whole logs, which `keep` may use and should
@@ -95,7 +95,7 @@ pub(super) fn slow_filter(batch: &Batch, options: &TrialOptions) -> Option<Strin
 /// Tells which trials could not be evaluated; whether there were any.
 pub(super) fn tell_failures(printer: &mut Printer, path: &Path, batch: &Batch) -> bool {
     for failure in &batch.failures {
-        printer.failure(format!("{}:{}: {}", path.display(), failure.place, failure.message));
+        printer.failure(format!("{}:{}: {}", path.display(), failure.position, failure.message));
     }
     !batch.failures.is_empty()
 }

@@ -15,7 +15,7 @@ use trial::{ConditionRow, Profile, TraceExtent, TrialResult};
 use super::manifest;
 use crate::cmd::choices::one_of;
 use crate::cmd::figure_size::FigureSize;
-use crate::files::OutputPlace;
+use crate::files::OutputFolder;
 
 /// The tables of a batch, which are also the names of their files. A share of the trials has no conditions.
 const TABLES: [&str; 3] = ["trials", "strides", "conditions"];
@@ -38,15 +38,15 @@ fn table_files(directory: &Path, shard: Option<Shard>, extension: &str) -> Vec<P
 pub(crate) struct ResultArgs {
     /// Write trials.csv, strides.csv and conditions.csv into a directory
     #[arg(long, value_name = "DIR")]
-    csv: Option<OutputPlace>,
+    csv: Option<OutputFolder>,
 
     /// Write trials.parquet, strides.parquet and conditions.parquet into a directory
     #[arg(long, value_name = "DIR")]
-    parquet: Option<OutputPlace>,
+    parquet: Option<OutputFolder>,
 
     /// Write what happened in each window, row by row, into a directory: `LOG.LINE.csv`
     #[arg(long, value_name = "DIR")]
-    pub(crate) traces: Option<OutputPlace>,
+    pub(crate) traces: Option<OutputFolder>,
 
     /// Let traces run over the whole log
     #[arg(long, requires = "traces")]
@@ -55,7 +55,7 @@ pub(crate) struct ResultArgs {
     /// Draw every figure into a directory: `boxes`, `phase`, and of each trial `LOG.LINE.drag` and
     /// `LOG.LINE.telemetry`
     #[arg(long, value_name = "DIR")]
-    pub(crate) figures: Option<OutputPlace>,
+    pub(crate) figures: Option<OutputFolder>,
 
     #[command(flatten)]
     figure_size: FigureSize,
@@ -116,15 +116,15 @@ impl ResultArgs {
     pub(crate) fn write_trial(
         &self,
         outputs: &Outputs,
-        place: CellPosition,
+        position: CellPosition,
         result: &mut TrialResult,
         figures: Option<&FigureFolder<'_>>,
         profile: &Profile,
     ) -> Result<(), OutputError> {
         if let (Some(figures), Some(trace)) = (figures, &result.trace) {
-            figures.write_trial(&manifest::stem(place, result), &result.row, trace, profile)?;
+            figures.write_trial(&manifest::stem(position, result), &result.row, trace, profile)?;
         }
-        self.write_trace(outputs, place, result)?;
+        self.write_trace(outputs, position, result)?;
         match figures {
             Some(_) => reduce_trace(result, profile, false),
             None => result.trace = None,
@@ -136,13 +136,13 @@ impl ResultArgs {
     fn write_trace(
         &self,
         outputs: &Outputs,
-        place: CellPosition,
+        position: CellPosition,
         result: &TrialResult,
     ) -> Result<(), OutputError> {
         let (Some(directory), Some(trace)) = (&self.traces, &result.trace) else {
             return Ok(());
         };
-        let path = directory.join(format!("{}.csv", manifest::stem(place, result)));
+        let path = directory.join(format!("{}.csv", manifest::stem(position, result)));
         let table = match self.whole_logs {
             true => trace_table(trace),
             false => trace_table(&trace.within(result.row.t_enter_s, result.row.t_exit_s)),

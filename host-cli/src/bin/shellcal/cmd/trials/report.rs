@@ -149,7 +149,7 @@ impl ReportArgs {
 /// The logs that could not be evaluated, and why not.
 fn failures(manifest: &Path, batch: &Batch) -> Vec<(String, String)> {
     let of = |failure: &FailedRow| {
-        let why = format!("{}:{}: {}", manifest.display(), failure.place, failure.message);
+        let why = format!("{}:{}: {}", manifest.display(), failure.position, failure.message);
         (failure.file.clone(), why)
     };
     batch.failures.iter().map(of).collect()

@@ -156,25 +156,25 @@ fn decimals(values: impl Iterator<Item = f64>) -> usize {
 }
 
 /// Says what to know about the results on stderr: diagnostics of a kind once, for the first trial that
-/// has it, and in how many others it is the same. `places` are where the trials are said.
+/// has it, and in how many others it is the same. `positions` are where the trials are said.
 pub(super) fn diagnostics(printer: &mut Printer, results: &[(String, &TrialResult)]) {
     let mut kinds: BTreeMap<(Severity, &str), Vec<(&str, &Diagnostic)>> = BTreeMap::new();
-    for (place, result) in results {
+    for (position, result) in results {
         for diagnostic in &result.diagnostics {
             kinds
                 .entry((diagnostic.severity(), diagnostic.code()))
                 .or_default()
-                .push((place, diagnostic));
+                .push((position, diagnostic));
         }
     }
     for ((severity, _), diagnostics) in kinds {
-        let (place, first) = diagnostics[0];
+        let (position, first) = diagnostics[0];
         let more = match diagnostics.len() {
             1 => String::new(),
             2 => " (also in another trial)".to_owned(),
             trials => format!(" (also in {} other trials)", trials - 1),
         };
-        let text = format!("{place}: {first}{more}");
+        let text = format!("{position}: {first}{more}");
         match severity {
             Severity::Note => printer.note(text),
             Severity::Warning => printer.warning(text),
