@@ -539,7 +539,8 @@ impl<'a> OutlierSearch<'a> {
             }
             Ok(tested)
         };
-        let tested = map(&parts, TOGETHER, self.test.workers, test_part)?;
+        // Whoever watches has been told of these rows.
+        let tested = map(&parts, 0, self.test.workers, test_part)?;
         Ok(tested.into_iter().flatten().collect())
     }
 
