@@ -35,17 +35,29 @@ pub struct ReadSummary {
     pub skipped_rows: u64,
     /// The checksum of the file on disk, if asked for.
     pub checksum: Option<String>,
-    /// Lines of text after the head.
-    pub lines: u64,
-    /// Of each block with a row on every line, its offset and the lines after the head that are before it; by offset.
-    pub lines_before: Vec<(u64, u64)>,
 }
 
-impl ReadSummary {
-    /// The lines after the head that are before a row of the block at an offset; `None` where that has lines without rows.
-    pub fn lines_before(&self, offset: u64, row: usize) -> Option<u64> {
-        let found = self.lines_before.binary_search_by_key(&offset, |&(offset, _)| offset).ok()?;
-        Some(self.lines_before[found].1 + row as u64)
+/// Which lines of a log, from 0 after its head, the rows of its blocks are on.
+#[derive(Clone, Debug, Default)]
+pub struct BlockLines {
+    lines: u64,
+    /// Of each block with a row on every line, its offset and the lines before it; by offset.
+    before: Vec<(u64, u64)>,
+}
+
+impl BlockLines {
+    /// Adds a block after those before it, with some rows on so many lines.
+    pub fn add(&mut self, offset: u64, rows: usize, lines: u64) {
+        if rows as u64 == lines {
+            self.before.push((offset, self.lines));
+        }
+        self.lines += lines;
+    }
+
+    /// The line of a row of the block at an offset; `None` where that has lines without rows.
+    pub fn line(&self, offset: u64, row: usize) -> Option<u64> {
+        let found = self.before.binary_search_by_key(&offset, |&(offset, _)| offset).ok()?;
+        Some(self.before[found].1 + row as u64)
     }
 }
 
@@ -73,6 +85,8 @@ pub struct LogRows {
     pub sample: Block,
     /// What was read.
     pub summary: ReadSummary,
+    /// Where its lines are.
+    pub lines: BlockLines,
     /// The rows.
     pub blocks: Vec<LabelledBlock>,
 }
@@ -144,6 +158,7 @@ impl Dataset {
             is_sampled_at_start: false,
             sample: sample(&blocks),
             summary: ReadSummary { rows: start, ..ReadSummary::default() },
+            lines: BlockLines::default(),
             blocks: blocks.into_iter().map(LabelledBlock::from).collect(),
         };
         Self { logs: vec![log] }

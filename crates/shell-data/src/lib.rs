@@ -41,6 +41,6 @@ pub mod wrench;
 
 pub use block::Block;
 pub use columns::{ColumnNames, TimeUnit};
-pub use dataset::{Dataset, ReadSummary};
+pub use dataset::{BlockLines, Dataset, ReadSummary};
 pub use telemetry::Telemetry;
 pub use wrench::{Axes, Axis, AxisValues, MomentUnit, PerAxis};

@@ -58,9 +58,9 @@ impl NamedOutliers {
     ) -> Result<Self, LogError> {
         let mut names = Vec::new();
         for of_log in found.rows.chunk_by(|a, b| a.log == b.log) {
-            let (log, summary) = (&logs[of_log[0].log], &read.logs[of_log[0].log].summary);
+            let (log, known) = (&logs[of_log[0].log], &read.logs[of_log[0].log].lines);
             let rows: Vec<_> = of_log.iter().map(|row| (row.offset, row.row)).collect();
-            let lines = log.lines_of_rows(wanted, &rows, summary)?;
+            let lines = log.lines_of_rows(wanted, &rows, known)?;
             names.extend(lines.into_iter().map(|line| RowName {
                 file: log.path().display().to_string(),
                 line,

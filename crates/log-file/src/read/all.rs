@@ -11,8 +11,8 @@ use crate::parse::plan::{BlockBuffer, ReadPlan};
 use crate::parse::rows::RowError;
 use crate::stream::log_chunks::{LogChunk, LogChunks};
 use crate::stream::pipeline;
-use shell_data::ReadSummary;
 use shell_data::block::Block;
+use shell_data::{BlockLines, ReadSummary};
 
 impl Log {
     /// Streams the whole log once: `map` gets its blocks on worker threads, `fold` gets the results
@@ -81,17 +81,21 @@ pub fn read_all<S: Send, T: Send, E: From<LogError>>(
     fold: impl FnMut(usize, T) -> Result<(), E>,
 ) -> Result<(Vec<ReadSummary>, Vec<S>), E> {
     let logs: Vec<(&Log, Wanted)> = logs.iter().map(|&log| (log, wanted.clone())).collect();
-    read_each(&logs, options, init, map, fold)
+    let (found, states) = read_each(&logs, options, init, map, fold)?;
+    Ok((found.into_iter().map(|(summary, _)| summary).collect(), states))
 }
 
-/// The same where other columns are wanted of each log.
+/// What is known of a log that was read.
+type SummaryAndLines = (ReadSummary, BlockLines);
+
+/// The same where other columns are wanted of each log; also returns where its lines are.
 pub(crate) fn read_each<S: Send, T: Send, E: From<LogError>>(
     logs: &[(&Log, Wanted)],
     options: &ReadOptions<'_>,
     init: impl Fn() -> S + Sync,
     map: impl Fn(&mut S, usize, &mut Block) -> T + Sync,
     mut fold: impl FnMut(usize, T) -> Result<(), E>,
-) -> Result<(Vec<ReadSummary>, Vec<S>), E> {
+) -> Result<(Vec<SummaryAndLines>, Vec<S>), E> {
     let plan = |(log, wanted): &(&Log, Wanted)| {
         log.require(wanted)?;
         Ok::<_, LogError>(ReadPlan::new(&log.layout, wanted))
@@ -159,26 +163,26 @@ struct BadRow {
 struct Summaries<'a> {
     logs: &'a [&'a Log],
     summaries: Vec<ReadSummary>,
+    lines: Vec<BlockLines>,
     /// The number of logs that have been read and have rows.
     checked: usize,
 }
 
 impl<'a> Summaries<'a> {
     fn new(logs: &'a [&'a Log]) -> Self {
-        Self { logs, summaries: vec![ReadSummary::default(); logs.len()], checked: 0 }
+        let (summaries, lines) =
+            (vec![ReadSummary::default(); logs.len()], vec![BlockLines::default(); logs.len()]);
+        Self { logs, summaries, lines, checked: 0 }
     }
 
     /// Adds a chunk, after all chunks before it.
     fn add<T>(&mut self, chunk: &ChunkResult<T>) -> Result<(), LogError> {
         self.check_before(chunk.log)?;
         let summary = &mut self.summaries[chunk.log];
-        if chunk.lines == chunk.rows as u64 {
-            summary.lines_before.push((chunk.offset, summary.lines));
-        }
-        summary.lines += chunk.lines;
         summary.rows += chunk.rows as u64;
         summary.repeated_rows += chunk.repeated as u64;
         summary.skipped_rows += chunk.skipped;
+        self.lines[chunk.log].add(chunk.offset, chunk.rows, chunk.lines);
         Ok(())
     }
 
@@ -194,11 +198,11 @@ impl<'a> Summaries<'a> {
         Ok(())
     }
 
-    fn finish(mut self, checksums: Vec<Option<String>>) -> Result<Vec<ReadSummary>, LogError> {
+    fn finish(mut self, checksums: Vec<Option<String>>) -> Result<Vec<SummaryAndLines>, LogError> {
         self.check_before(self.logs.len())?;
         for (summary, checksum) in self.summaries.iter_mut().zip(checksums) {
             summary.checksum = checksum;
         }
-        Ok(self.summaries)
+        Ok(self.summaries.into_iter().zip(self.lines).collect())
     }
 }

@@ -5,7 +5,7 @@ use super::request::{ReadOptions, Wanted};
 use crate::error::LogError;
 use crate::log::Log;
 use shell_data::block::Block;
-use shell_data::dataset::{Dataset, LogRows, ReadSummary};
+use shell_data::dataset::{BlockLines, Dataset, LogRows, ReadSummary};
 
 /// Reads all rows of some logs into memory, of each log what is wanted of it: time, readings, wrench and
 /// groups. [`sample_logs`] takes a sample of them.
@@ -24,6 +24,7 @@ pub fn read_dataset(
         is_sampled_at_start: log.is_compressed(),
         sample: Block::default(),
         summary: ReadSummary::default(),
+        lines: BlockLines::default(),
         blocks: Vec::new(),
     };
     let mut data = Dataset { logs: logs.iter().map(rows).collect() };
@@ -42,8 +43,8 @@ pub fn read_dataset(
         data.logs[log].blocks.push(block.into());
         Ok::<_, LogError>(())
     };
-    let (summaries, _) = read_each(logs, options, || (), copy, keep)?;
-    data.logs.iter_mut().zip(summaries).for_each(|(log, summary)| log.summary = summary);
+    let (found, _) = read_each(logs, options, || (), copy, keep)?;
+    data.logs.iter_mut().zip(found).for_each(|(log, found)| (log.summary, log.lines) = found);
     Ok(data)
 }
 

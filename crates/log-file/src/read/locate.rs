@@ -10,7 +10,7 @@ use crate::parse::rows::RowError;
 use crate::read::request::Wanted;
 use crate::stream::chunk::{Chunk, ChunkError, LINE_LIMIT};
 use crate::stream::decimal_comma;
-use shell_data::ReadSummary;
+use shell_data::BlockLines;
 
 impl Log {
     pub(crate) fn chunk_error(&self, error: ChunkError) -> LogError {
@@ -69,8 +69,8 @@ impl Log {
     }
 
     /// The lines, from 1, of rows that were read as `wanted`: each is the row so-and-so-many, from 0, of the block
-    /// that starts at an offset. The file is read again where such a block has lines without rows, or nothing is known of
-    /// it from the `summary` of a whole log.
+    /// that starts at an offset. The file is read again unless the lines of all these
+    /// blocks are `known`.
     ///
     /// # Errors
     /// [`LogError`] if the file cannot be read, or ends before such a row.
@@ -78,9 +78,9 @@ impl Log {
         &self,
         wanted: &Wanted,
         rows: &[(u64, usize)],
-        summary: &ReadSummary,
+        known: &BlockLines,
     ) -> Result<Vec<u64>, LogError> {
-        let before = rows.iter().map(|&(offset, row)| summary.lines_before(offset, row));
+        let before = rows.iter().map(|&(offset, row)| known.line(offset, row));
         if let Some(before) = before.collect::<Option<Vec<u64>>>() {
             let first = self.line_number(self.layout.rows_start)?;
             return Ok(before.into_iter().map(|before| first + before).collect());
@@ -161,6 +161,7 @@ pub(super) fn line_count(text: &[u8]) -> u64 {
 mod tests {
     use super::*;
     use crate::format::mapping::Mapping;
+    use crate::read::dataset::read_dataset;
     use crate::read::request::ReadOptions;
 
     fn check_lines(between: [&str; 2], wanted_of_lines: &Wanted) {
@@ -187,28 +188,22 @@ mod tests {
         let options = ReadOptions { skip_bad_rows: true, ..ReadOptions::default() };
         let (mut rows, mut expected) = (Vec::new(), Vec::new());
         let times = |block: &mut shell_data::block::Block| (block.offset, block.time_s.clone());
-        let summary = log
-            .read(&wanted, &options, times, |(offset, times)| {
-                for (row, time) in times.into_iter().enumerate() {
-                    rows.push((offset, row));
-                    expected.push(lines_of_times[time as usize]);
-                }
-                Ok::<_, LogError>(())
-            })
-            .unwrap();
+        log.read(&wanted, &options, times, |(offset, times)| {
+            for (row, time) in times.into_iter().enumerate() {
+                rows.push((offset, row));
+                expected.push(lines_of_times[time as usize]);
+            }
+            Ok::<_, LogError>(())
+        })
+        .unwrap();
         assert_eq!(rows.len(), 4000);
-        let unknown = ReadSummary::default();
+        let unknown = BlockLines::default();
         let lines = |rows: &[(u64, usize)]| log.lines_of_rows(wanted_of_lines, rows, &unknown);
         assert_eq!(lines(&rows).unwrap(), expected);
-        let known: Vec<usize> = (0..rows.len())
-            .filter(|&of| summary.lines_before(rows[of].0, rows[of].1).is_some())
-            .collect();
-        // Seven blocks of some 300 rows each are without a line that is none.
-        assert_eq!(known.len() > 2000, between == ["", ""]);
-        for of in known {
-            let found = log.lines_of_rows(wanted_of_lines, &rows[of..=of], &summary).unwrap();
-            assert_eq!(found, [expected[of]]);
-        }
+        let data = read_dataset(&[(&log, wanted)], &options).unwrap();
+        let known = &data.logs[0].lines;
+        assert_eq!(known.line(rows[0].0, 0).is_some(), between == ["", ""]);
+        assert_eq!(log.lines_of_rows(wanted_of_lines, &rows, known).unwrap(), expected);
         // A few of them, the later first and one twice.
         let some = [3999, 2500, 2500, 17];
         assert_eq!(lines(&some.map(|of| rows[of])).unwrap(), some.map(|of| expected[of]));
@@ -221,5 +216,6 @@ mod tests {
         check_lines(["\n", "oops,1,2\n"], &all);
         // Where no row is wrong it takes nothing of what is in them.
         check_lines(["\n", " \t\n"], &Wanted::default());
+        check_lines(["", ""], &Wanted::default());
     }
 }

@@ -2,6 +2,7 @@
 
 use super::job::TrialJob;
 use log_file::{LogError, Wanted};
+use shell_data::BlockLines;
 use shell_data::block::Block;
 
 /// Rows of one log that are named.
@@ -83,14 +84,14 @@ pub fn doubtful_rows(
         rows.filter(|found| !found.readings.is_empty()).collect()
     };
     let (mut first, mut count) = (Vec::new(), 0);
-    let summary = log.read(&wanted, &job.read, look, |found| {
+    log.read(&wanted, &job.read, look, |found| {
         count += found.len();
         let room = NAMED.saturating_sub(first.len());
         first.extend(found.into_iter().take(room));
         Ok::<_, LogError>(())
     })?;
     let rows: Vec<_> = first.iter().map(|found| (found.offset, found.row)).collect();
-    let lines = log.lines_of_rows(&wanted, &rows, &summary)?;
+    let lines = log.lines_of_rows(&wanted, &rows, &BlockLines::default())?;
     let named = first.into_iter().zip(lines).map(|(found, line)| DoubtfulRow {
         line,
         time_s: found.time_s,
