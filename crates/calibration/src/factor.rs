@@ -10,6 +10,7 @@ use crate::symmetric::UpperTriangle;
 /// for.
 #[derive(Clone, Debug)]
 pub struct InverseFactor {
+    /// Empty where `F` itself is known.
     inverse: Mat<f64>,
     matrix: OnceLock<Mat<f64>>,
 }

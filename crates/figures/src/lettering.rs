@@ -53,11 +53,11 @@ pub(super) fn outline(text: &str, at: (f64, f64), style: Style) -> Option<(Path,
     let scale = style.size as f32 / f32::from(face.units_per_em());
     let turn = if style.upright { -90.0 } else { 0.0 };
     // In the font y is up.
-    let position = Transform::from_translate(at.0 as f32, at.1 as f32)
+    let transform = Transform::from_translate(at.0 as f32, at.1 as f32)
         .pre_concat(Transform::from_rotate(turn))
         .pre_concat(Transform::from_scale(scale, -scale))
         .pre_concat(Transform::from_translate(start, 0.0));
-    Some((outline.path.finish()?, position))
+    Some((outline.path.finish()?, transform))
 }
 
 /// Glyphs one after the other, in units of the font.

@@ -45,8 +45,8 @@ impl Painter {
                 self.stroke(circle(*centre, *radius), colour, pen);
             }
             DrawnShape::Text { at, text, style } => {
-                if let Some((path, position)) = lettering::outline(text, *at, *style) {
-                    self.fill(Some(path), palette::INK, self.whole.pre_concat(position));
+                if let Some((path, transform)) = lettering::outline(text, *at, *style) {
+                    self.fill(Some(path), palette::INK, self.whole.pre_concat(transform));
                 }
             }
             DrawnShape::Clip(rect) => {
@@ -61,10 +61,10 @@ impl Painter {
         }
     }
 
-    fn fill(&mut self, path: Option<Path>, colour: &str, position: Transform) {
+    fn fill(&mut self, path: Option<Path>, colour: &str, transform: Transform) {
         if let Some(path) = path {
             let (paint, clip) = (paint(colour), self.clip.as_ref());
-            self.pixels.fill_path(&path, &paint, FillRule::Winding, position, clip);
+            self.pixels.fill_path(&path, &paint, FillRule::Winding, transform, clip);
         }
     }
 

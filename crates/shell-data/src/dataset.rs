@@ -37,27 +37,27 @@ pub struct ReadSummary {
     pub checksum: Option<String>,
 }
 
-/// Which lines of a log, from 0 after its head, the rows of its blocks are on.
+/// The line numbers of a log's rows, from 0 after its header.
 #[derive(Clone, Debug, Default)]
 pub struct BlockLines {
     lines: u64,
-    /// Of each block with a row on every line, its offset and the lines before it; by offset.
-    before: Vec<(u64, u64)>,
+    /// Offset and first line of each block in which every line is a row, by offset.
+    first_lines: Vec<(u64, u64)>,
 }
 
 impl BlockLines {
-    /// Adds a block after those before it, with some rows on so many lines.
+    /// Adds the next block: its offset, rows and lines.
     pub fn add(&mut self, offset: u64, rows: usize, lines: u64) {
         if rows as u64 == lines {
-            self.before.push((offset, self.lines));
+            self.first_lines.push((offset, self.lines));
         }
         self.lines += lines;
     }
 
-    /// The line of a row of the block at an offset; `None` where that has lines without rows.
+    /// The line of a row of the block at an offset; `None` if the block has lines that are not rows.
     pub fn line(&self, offset: u64, row: usize) -> Option<u64> {
-        let found = self.before.binary_search_by_key(&offset, |&(offset, _)| offset).ok()?;
-        Some(self.before[found].1 + row as u64)
+        let found = self.first_lines.binary_search_by_key(&offset, |&(offset, _)| offset).ok()?;
+        Some(self.first_lines[found].1 + row as u64)
     }
 }
 
@@ -85,7 +85,7 @@ pub struct LogRows {
     pub sample: Block,
     /// What was read.
     pub summary: ReadSummary,
-    /// Where its lines are.
+    /// The lines that its rows are on.
     pub lines: BlockLines,
     /// The rows.
     pub blocks: Vec<LabelledBlock>,

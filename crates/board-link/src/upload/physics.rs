@@ -10,8 +10,8 @@ pub(super) fn for_board(model: &PhysicsModel) -> Physics {
     let model = model.without_factors();
     let mut sensors = [PhysicsSensor::NONE; CHANNELS];
     for sensor in &model.sensors {
-        if let Some(position) = sensors.get_mut(sensor.channel) {
-            *position = one_for_board(sensor);
+        if let Some(slot) = sensors.get_mut(sensor.channel) {
+            *slot = one_for_board(sensor);
         }
     }
     let mut prior = [0.0; PRIOR];

@@ -2,7 +2,7 @@
 
 use super::model_choice::{Clusters, FewGroups, ModelChoice};
 use super::refits::{
-    self, FOLDS, LabelGroups, MOST_ALONE, RANDOM_FOLDS, Refit, random_split,
+    self, FOLDS, LabelGroups, MOST_ALONE, RANDOM_FOLDS, Refit, random_split, rows_in_one,
     select_by_normal_equations,
 };
 use super::{CovarianceRule, FitOptions, ModelRule};
@@ -22,7 +22,6 @@ use crate::validation::grouped::{
     Apart, BlockGroups, GroupSums, GroupWorker, GroupedMoments, MAX_GROUPS, RandomSplit,
 };
 use crate::validation::selection;
-use shell_data::block::Block;
 use shell_data::dataset::{Dataset, LabelledBlock, RowSet};
 
 /// The fewest groups that standard errors come from unless they are asked for by name.
@@ -235,16 +234,6 @@ fn factor_groups(data: &Dataset, basis: Basis) -> Result<FactoredGroups, FitErro
     let mut groups = GroupFactors::new(model, Scaling::from_sample(sample, true));
     data.blocks().try_for_each(|(_, block)| groups.add(&block.rows, &block.labels))?;
     Ok(groups.finish()?)
-}
-
-/// All labelled rows as one block.
-pub(super) fn rows_in_one(data: &Dataset) -> Block {
-    let mut all = Block::default();
-    for (_, block) in data.blocks() {
-        all.append(&block.rows, 0..block.rows.rows);
-        all.groups.extend_from_slice(&block.labels);
-    }
-    all
 }
 
 impl FitOptions<'_> {

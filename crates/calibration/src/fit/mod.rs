@@ -34,6 +34,7 @@ mod means;
 pub mod merged;
 mod model_choice;
 mod options;
+mod outlier_search;
 mod outliers;
 mod paired;
 mod physics;
@@ -47,9 +48,8 @@ pub use self::evaluation::{Evaluation, evaluate};
 pub use self::group_errors::{GroupErrors, GroupedErrors, group_errors};
 pub use self::model_choice::FewGroups;
 pub use self::options::{CovarianceRule, FitOptions, GroupsAsked, ModelRule, OutlierRule};
-pub use self::outliers::{
-    Outlier, OutlierColumn, OutlierTest, Outliers, Reason, RowName, find_outliers,
-};
+pub use self::outlier_search::{OutlierTest, find_outliers};
+pub use self::outliers::{Outlier, OutlierColumn, Outliers, Reason, RowName};
 pub use self::paired::{Better, PairedError, PairedErrors, paired_errors};
 pub use self::physics::{ModelComparison, PhysicsFit};
 pub use self::refits::{RANDOM_FOLDS, random_split};
@@ -63,7 +63,7 @@ pub use crate::passes::Workers;
 
 use self::choice::{Training, choose};
 use self::model_choice::ModelChoice;
-use self::outliers::KnownFit;
+use self::outlier_search::KnownFit;
 use self::physics::TriedPhysics;
 pub use self::polynomial::Leaks;
 use self::polynomial::PolynomialFit;
@@ -433,7 +433,7 @@ fn fit_polynomial(
     let looks = options.looks_for_outliers() && !used.has_weights();
     let judged_by = FitOptions { model: choice.basis.into(), ridge: choice.ridge, ..*options };
     let known = KnownFit { fit: &solved, suspects: errors.suspects };
-    let looks = looks && outliers::may_matter(&used, &judged_by.outlier_test(), &known)?;
+    let looks = looks && outlier_search::may_matter(&used, &judged_by.outlier_test(), &known)?;
     let outliers = looks.then(|| {
         let is_same_fit = training.uses_all() && options.solver == SolverKind::Exact;
         name_outliers(training, Some(known).filter(|_| is_same_fit), &judged_by)
@@ -510,7 +510,7 @@ fn name_outliers(
     known: Option<KnownFit<'_>>,
     options: &FitOptions<'_>,
 ) -> Result<Outliers, FitError> {
-    let mut found = outliers::search(training.data, &options.outlier_test(), known)?;
+    let mut found = outlier_search::search(training.data, &options.outlier_test(), known)?;
     // Those outside the valid range have been left out.
     found.rows.retain(|row| row.reason != Reason::OutOfRange);
     Ok(found)

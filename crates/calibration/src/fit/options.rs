@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::outliers::OutlierTest;
+use super::outlier_search::OutlierTest;
 use super::physics;
 use super::warning::Warning;
 use crate::dynamics::DynamicsRule;

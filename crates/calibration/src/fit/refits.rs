@@ -5,7 +5,6 @@
 //! others each fold is fitted anew. Each of up to forty groups is held out alone, more in ten folds.
 
 use super::FitOptions;
-use super::choice::rows_in_one;
 use super::polynomial::{PolynomialProblem, calibrate, r_factor_method};
 use crate::conversion::Calibration;
 use crate::error::FitError;
@@ -63,6 +62,16 @@ pub(super) fn select_by_normal_equations(
     let blocks = groups.folds(data, &groups.assigned(folds)?, folds);
     let folds = HeldOutFolds::new(&blocks, options.model_of(data, Basis::Linear))?;
     Ok(folds.select(options.ridges())?)
+}
+
+/// All labelled rows as one block.
+pub(super) fn rows_in_one(data: &Dataset) -> Block {
+    let mut all = Block::default();
+    for (_, block) in data.blocks() {
+        all.append(&block.rows, 0..block.rows.rows);
+        all.groups.extend_from_slice(&block.labels);
+    }
+    all
 }
 
 /// The groups of labelled rows.

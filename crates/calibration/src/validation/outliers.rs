@@ -156,7 +156,7 @@ pub struct TestedRow {
     is_far_alone: bool,
     /// Whether a reading jumps from both rows beside it, and the leverage is such that it takes over.
     takes_over: bool,
-    /// Whether a reading jumps from both rows beside it as its channel does not change, and the size is such that it shows.
+    /// Whether a reading jumps from both neighbouring rows by more than its channel changes, and the error is that large.
     is_spike: bool,
 }
 
@@ -223,8 +223,8 @@ impl<'a> RowTest<'a> {
         self.calibration.wrench(readings, predicted);
     }
 
-    /// The largest size that an error of other rows may have than the [suspects](Self::suspects) of a fit with `noise`,
-    /// as far as both fits predict the same.
+    /// The largest size of the errors of rows that are no [suspects](Self::suspects) of a fit with `noise`, if both fits
+    /// predict the same.
     pub fn largest_unseen(&self, noise: &PerAxis<f64>) -> f64 {
         let sizes = noise.iter().zip(&self.noise).map(|(noise, own)| LOOK_AT_ERROR * noise / own);
         sizes.fold(0.0, f64::max)

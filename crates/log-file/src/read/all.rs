@@ -85,10 +85,10 @@ pub fn read_all<S: Send, T: Send, E: From<LogError>>(
     Ok((found.into_iter().map(|(summary, _)| summary).collect(), states))
 }
 
-/// What is known of a log that was read.
+/// What reading a log finds out about it.
 type SummaryAndLines = (ReadSummary, BlockLines);
 
-/// The same where other columns are wanted of each log; also returns where its lines are.
+/// The same where other columns are wanted of each log; also returns the lines of its rows.
 pub(crate) fn read_each<S: Send, T: Send, E: From<LogError>>(
     logs: &[(&Log, Wanted)],
     options: &ReadOptions<'_>,

@@ -69,8 +69,7 @@ impl Log {
     }
 
     /// The lines, from 1, of rows that were read as `wanted`: each is the row so-and-so-many, from 0, of the block
-    /// that starts at an offset. The file is read again unless the lines of all these
-    /// blocks are `known`.
+    /// that starts at an offset. The file is read again unless the lines of all these blocks are `known`.
     ///
     /// # Errors
     /// [`LogError`] if the file cannot be read, or ends before such a row.

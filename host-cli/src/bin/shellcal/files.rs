@@ -29,7 +29,7 @@ pub(crate) struct OutputOrStdout(PathBuf);
 
 /// A folder that files are written into, or a link that is made.
 #[derive(Clone, Debug)]
-pub(crate) struct OutputFolder(PathBuf);
+pub(crate) struct OutputLocation(PathBuf);
 
 macro_rules! path {
     ($($name:ident),*) => {$(
@@ -62,7 +62,7 @@ macro_rules! path {
     )*};
 }
 
-path!(InputPath, InputOrStdin, OutputPath, OutputOrStdout, OutputFolder);
+path!(InputPath, InputOrStdin, OutputPath, OutputOrStdout, OutputLocation);
 
 impl InputOrStdin {
     pub(crate) fn is_stdin(&self) -> bool {

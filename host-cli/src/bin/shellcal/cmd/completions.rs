@@ -5,7 +5,7 @@ use std::any::TypeId;
 use clap::{Arg, Command, ValueHint};
 use clap_complete::Shell;
 
-use crate::files::{InputPath, OutputFolder, OutputPath};
+use crate::files::{InputPath, OutputLocation, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
@@ -41,7 +41,7 @@ fn with_hints(command: Command) -> Command {
         let kind = argument.get_value_parser().type_id();
         if kind == TypeId::of::<InputPath>() || kind == TypeId::of::<OutputPath>() {
             argument.value_hint(ValueHint::FilePath)
-        } else if kind == TypeId::of::<OutputFolder>() {
+        } else if kind == TypeId::of::<OutputLocation>() {
             argument.value_hint(ValueHint::AnyPath)
         } else {
             argument

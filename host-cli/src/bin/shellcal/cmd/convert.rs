@@ -25,7 +25,7 @@ use super::frames::{ForceArgs, FrameArgs};
 use super::mapping::{ColumnList, MappingArgs, parse_columns, tell_remembered};
 use super::partial_output::OpenOutput;
 use super::payload::load::MotionArgs;
-use crate::files::{InputPath, OutputFolder, OutputPath};
+use crate::files::{InputPath, OutputLocation, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
@@ -57,7 +57,7 @@ pub(crate) struct ConvertArgs {
 
     /// Write a table `NAME.wrench.csv` for each log into a directory
     #[arg(long, value_name = "DIR")]
-    output_dir: Option<OutputFolder>,
+    output_dir: Option<OutputLocation>,
 
     /// Carry other columns of the log along, by name or position, or `all` that are not time, readings or a
     /// group: numbers, and texts without blanks around them; a column with an empty field is text

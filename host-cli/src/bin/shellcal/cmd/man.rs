@@ -5,7 +5,7 @@ use clap::Command;
 use clap_mangen::Man;
 use output_file::Outputs;
 
-use crate::files::OutputFolder;
+use crate::files::OutputLocation;
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
@@ -14,7 +14,7 @@ use crate::printer::Printer;
   shellcal man ~/.local/share/man/man1; man shellcal-fit")]
 pub(crate) struct ManArgs {
     /// The folder of the pages, made if it is not there
-    directory: OutputFolder,
+    directory: OutputLocation,
 }
 
 impl ManArgs {

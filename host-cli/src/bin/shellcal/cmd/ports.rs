@@ -1,4 +1,4 @@
-//! `shellcal ports`: the serial ports of this computer; and which names are those of ports.
+//! Serial ports: `shellcal ports` lists them; and whether a name on the command line is that of one.
 
 use std::path::Path;
 

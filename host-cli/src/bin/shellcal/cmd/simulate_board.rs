@@ -16,7 +16,7 @@ use simulation::radio::{Books, Faults};
 use simulation::sensor_model::LoadTable;
 use simulation::simulated_board::{BoardSettings, Load, SimulatedBoard};
 
-use crate::files::{InputOrStdin, OutputFolder};
+use crate::files::{InputOrStdin, OutputLocation};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 use crate::signals;
@@ -78,7 +78,7 @@ pub(crate) struct SimulationArgs {
 
     /// Make a symbolic link to the port, for a name that does not change
     #[arg(long, conflicts_with = "port", value_name = "PATH")]
-    symlink: Option<OutputFolder>,
+    symlink: Option<OutputLocation>,
 
     /// End after so many seconds
     #[arg(long, conflicts_with = "port", value_name = "S", value_parser = super::record::parse_duration)]

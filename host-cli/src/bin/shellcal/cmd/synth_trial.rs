@@ -9,7 +9,7 @@ use simulation::synthetic_trial::TrialLayout;
 use simulation::virtual_robot::{ChannelForces, Counter, TrialSettings, VirtualTrial};
 
 use super::choices::one_of;
-use crate::files::{OutputFolder, OutputPath};
+use crate::files::{OutputLocation, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
@@ -87,7 +87,7 @@ pub(super) struct SynthTrialArgs {
 pub(super) struct TrialsArgs {
     /// Directory to write into; made if it is not there
     #[arg(value_name = "DIR")]
-    directory: OutputFolder,
+    directory: OutputLocation,
 
     /// Trials in each condition
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=10_000))]

@@ -15,7 +15,7 @@ use trial::{ConditionRow, Profile, TraceExtent, TrialResult};
 use super::manifest;
 use crate::cmd::choices::one_of;
 use crate::cmd::figure_size::FigureSize;
-use crate::files::OutputFolder;
+use crate::files::OutputLocation;
 
 /// The tables of a batch, which are also the names of their files. A share of the trials has no conditions.
 const TABLES: [&str; 3] = ["trials", "strides", "conditions"];
@@ -38,15 +38,15 @@ fn table_files(directory: &Path, shard: Option<Shard>, extension: &str) -> Vec<P
 pub(crate) struct ResultArgs {
     /// Write trials.csv, strides.csv and conditions.csv into a directory
     #[arg(long, value_name = "DIR")]
-    csv: Option<OutputFolder>,
+    csv: Option<OutputLocation>,
 
     /// Write trials.parquet, strides.parquet and conditions.parquet into a directory
     #[arg(long, value_name = "DIR")]
-    parquet: Option<OutputFolder>,
+    parquet: Option<OutputLocation>,
 
     /// Write what happened in each window, row by row, into a directory: `LOG.LINE.csv`
     #[arg(long, value_name = "DIR")]
-    pub(crate) traces: Option<OutputFolder>,
+    pub(crate) traces: Option<OutputLocation>,
 
     /// Let traces run over the whole log
     #[arg(long, requires = "traces")]
@@ -55,7 +55,7 @@ pub(crate) struct ResultArgs {
     /// Draw every figure into a directory: `boxes`, `phase`, and of each trial `LOG.LINE.drag` and
     /// `LOG.LINE.telemetry`
     #[arg(long, value_name = "DIR")]
-    pub(crate) figures: Option<OutputFolder>,
+    pub(crate) figures: Option<OutputLocation>,
 
     #[command(flatten)]
     figure_size: FigureSize,

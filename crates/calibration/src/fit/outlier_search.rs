@@ -1,0 +1,528 @@
+//! The search for outliers among training rows.
+
+use std::borrow::Cow;
+use std::collections::BTreeSet;
+use std::ops::Range;
+
+use super::outliers::{Outlier, OutlierColumn, Outliers, Reason};
+use super::polynomial::{PolynomialProblem, Solved, solve};
+use crate::error::FitError;
+use crate::exact::Accumulator;
+use crate::model::{Basis, Model};
+use crate::passes::{Rows, Workers, each, map};
+use crate::solver::{Solution, SolverKind, solve_moments};
+use crate::validation::outliers::{LIMIT, RowTest, Spread, TestedRow, far_readings, rows_beside};
+use shell_data::block::Block;
+use shell_data::dataset::{Dataset, LabelledBlock, RowSet};
+use shell_data::wrench::{Axis, PerAxis};
+
+/// Fits that are made before the search is given up.
+const MOST_ROUNDS: usize = 12;
+
+/// More rows than this share, and than so many, are no slips of single rows.
+const LARGEST_SHARE: f64 = 0.01;
+const MANY: usize = 50;
+
+/// An error is far beyond those of so large a share of the rows if it is so many times as large.
+const FAR_BEYOND: f64 = 2.5;
+
+/// A column whose value is so many standard deviations from that of its neighbours is worth a word.
+const FAR_FROM_NEIGHBOURS: f64 = 2.0;
+
+/// A load of so many standard deviations is not possible.
+const FAR_BEYOND_LOADS: f64 = 10.0;
+
+/// What rows are tested by.
+#[derive(Clone, Copy, Debug)]
+pub struct OutlierTest<'a> {
+    /// The family of features.
+    pub basis: Basis,
+    /// Whether there is a constant beside them.
+    pub intercept: bool,
+    /// λ of a ridge on columns of norm one.
+    pub ridge: f64,
+    /// Use only rows whose readings differ from those of the row before.
+    pub fresh: bool,
+    /// Readings outside are wrong whatever else they are.
+    pub valid_range: Option<[f64; 2]>,
+    /// Who works on it.
+    pub workers: Workers<'a>,
+}
+
+impl Default for OutlierTest<'_> {
+    /// By the cubic model.
+    fn default() -> Self {
+        Self {
+            basis: Basis::Cubic,
+            intercept: true,
+            ridge: 0.0,
+            fresh: false,
+            valid_range: None,
+            workers: Workers::default(),
+        }
+    }
+}
+
+/// A row of one of the blocks that are searched, while it is looked at.
+struct Suspect {
+    block: usize,
+    tested: TestedRow,
+}
+
+/// Looks for outliers in `data`.
+///
+/// # Errors
+/// [`FitError`] if the other rows do not determine a calibration.
+pub fn find_outliers(data: &Dataset, test: &OutlierTest<'_>) -> Result<Outliers, FitError> {
+    search(data, test, None)
+}
+
+/// A fit to all rows, and the rows of each block that are to be tested by it.
+pub(super) struct KnownFit<'a> {
+    pub(super) fit: &'a Solved,
+    pub(super) suspects: Vec<Vec<usize>>,
+}
+
+/// Whether a search is worthwhile: whether one of the suspects may be an outlier, judged by the fit to all rows.
+pub(super) fn may_matter(
+    data: &Dataset,
+    test: &OutlierTest<'_>,
+    known: &KnownFit<'_>,
+) -> Result<bool, FitError> {
+    let mut search = OutlierSearch::new(data, test, Spread::within(&known.fit.ranges));
+    search.suspect(known.suspects.clone());
+    let Some(test) = search.row_test(known.fit) else { return Ok(false) };
+    let tested = search.test_suspects(&test, &RowSet::default())?;
+    Ok(tested.iter().any(|of| of.tested.may_matter()))
+}
+
+/// As [`find_outliers`], where the fit to all rows may be `known`.
+pub(super) fn search(
+    data: &Dataset,
+    test: &OutlierTest<'_>,
+    known: Option<KnownFit<'_>>,
+) -> Result<Outliers, FitError> {
+    let mut search = OutlierSearch::new(data, test, measure_spread(data, test.workers)?);
+    let out_of_range = match test.valid_range {
+        None => Vec::new(),
+        Some(range) => search.rows_outside(range)?,
+    };
+    let never: RowKeys = out_of_range.iter().map(|of| search.key(of)).collect();
+    let known =
+        known.filter(|known| known.suspects.len() == search.blocks.len() && never.is_empty());
+    let all = match known {
+        Some(KnownFit { fit, suspects }) => {
+            search.suspect(suspects);
+            // Those were found before the spread of the readings was known.
+            search.look(|_, block, spread| far_readings(block, spread))?;
+            search.looked_by = search.row_test(fit).map(|test| *test.noise());
+            Cow::Borrowed(fit)
+        }
+        None => Cow::Owned(search.solve(never.iter().copied())?),
+    };
+    let (mut left_out, mut suspects, mut fit) = (RowKeys::new(), Vec::new(), Cow::Borrowed(&*all));
+    let mut tried = BTreeSet::from([left_out.clone()]);
+    let most = MANY.max((LARGEST_SHARE * data.rows() as f64) as usize);
+    for round in 0..MOST_ROUNDS {
+        if !left_out.is_empty() {
+            fit = Cow::Owned(search.solve_without(&all, &left_out, &never)?);
+        }
+        let Some(test) = search.row_test(&fit) else { return Ok(Outliers::default()) };
+        let excluded: RowSet = never.iter().chain(&left_out).copied().collect();
+        let limit;
+        (suspects, limit) = search.test(&test, &excluded, most)?;
+        // All that stands out is left out first; then what belongs goes back.
+        suspects.retain(|of| match round {
+            0 => of.tested.stands_out(),
+            _ => of.tested.is_outlier(limit),
+        });
+        suspects.retain(|of| !never.contains(&search.key(of)));
+        if round > 0 && suspects.len() > most {
+            return Ok(Outliers { too_many: Some(suspects.len()), ..Outliers::default() });
+        }
+        left_out = suspects.iter().map(|of| search.key(of)).collect();
+        // Some rows may come and go.
+        if !tried.insert(left_out.clone()) {
+            break;
+        }
+    }
+    let named = suspects.iter().filter_map(|suspect| search.name(suspect, None));
+    let outside = out_of_range.iter().filter_map(|of| search.name(of, test.valid_range));
+    let mut rows: Vec<Outlier> = named.chain(outside).collect();
+    rows.sort_by_key(|row| (row.log, row.offset, row.row));
+    let rms = (!rows.is_empty()).then(|| search.rms([&all, &fit], &left_out)).flatten();
+    Ok(Outliers { rows, too_many: None, rms })
+}
+
+/// The size above which an error is that of an outlier: far beyond the sizes of all but `most` rows, where no row that is
+/// not a suspect has a larger one than `unseen`.
+fn limit_beyond(tested: &[Suspect], most: usize, unseen: f64) -> f64 {
+    let mut sizes: Vec<f64> = tested.iter().map(|of| of.tested.size).collect();
+    let tail = match sizes.len() > most {
+        true => *sizes.select_nth_unstable_by(most, |a, b| b.total_cmp(a)).1,
+        false => 0.0,
+    };
+    LIMIT.max(FAR_BEYOND * tail.max(unseen))
+}
+
+/// How far readings and loads spread.
+fn measure_spread(data: &Dataset, workers: Workers<'_>) -> Result<Spread, FitError> {
+    let blocks: Vec<&Block> = data.blocks().map(|(_, block)| &*block.rows).collect();
+    let mut all = Spread::default();
+    let merge = |spread| {
+        all.merge(&spread);
+        Ok(())
+    };
+    each(&blocks, |block| block, workers, || (), |(), block| Ok(Spread::new(block)), merge)?;
+    Ok(all)
+}
+
+/// The fit `all` without some of its rows, from what is known of it; `None` if that takes the other rows.
+fn without(
+    all: &Solved,
+    rows: &Block,
+    model: &Model,
+    ridge: f64,
+) -> Result<Option<Solved>, FitError> {
+    /// More are better taken out of sums, or left out of a pass: what is kept of each is as long as the features.
+    const MOST_TAKEN_OUT: usize = 4096;
+    let few = rows.rows <= MOST_TAKEN_OUT;
+    let solution = match (few.then(|| all.solution.without(rows)).flatten(), &all.sums) {
+        (None, Some(sums)) => {
+            let mut part = Accumulator::new(sums.basis(), sums.channels());
+            part.absorb(&rows.readings, &rows.wrench)?;
+            let rest = sums.without(&part.finish()?);
+            Some(solve_moments(&rest, model, ridge, &all.ranges)?)
+        }
+        (solution, _) => solution,
+    };
+    let solved = |solution| Solved {
+        solution,
+        ranges: all.ranges.clone(),
+        solver: all.solver,
+        not_exact: None,
+        sums: None,
+    };
+    Ok(solution.map(solved))
+}
+
+/// A block of rows, and which of them are to be tested, ascending.
+struct SearchedBlock<'a> {
+    log: usize,
+    rows: &'a Block,
+    suspects: Vec<usize>,
+}
+
+/// Rows that are searched.
+struct OutlierSearch<'a> {
+    data: &'a Dataset,
+    test: &'a OutlierTest<'a>,
+    blocks: Vec<SearchedBlock<'a>>,
+    spread: Spread,
+    /// The standard deviations of the errors of the fit by which rows were looked at last.
+    looked_by: Option<PerAxis<f64>>,
+}
+
+impl<'a> OutlierSearch<'a> {
+    fn new(data: &'a Dataset, test: &'a OutlierTest<'a>, spread: Spread) -> Self {
+        let of = |(log, block): (usize, &'a LabelledBlock)| SearchedBlock {
+            log,
+            rows: &block.rows,
+            suspects: Vec::new(),
+        };
+        let blocks = data.blocks().map(of).collect();
+        Self { data, test, blocks, spread, looked_by: None }
+    }
+
+    fn row_test<'f>(&self, fit: &'f Solved) -> Option<RowTest<'f>> {
+        RowTest::new(&fit.solution, &fit.ranges, &self.spread)
+    }
+
+    fn model(&self) -> Model {
+        Model {
+            basis: self.test.basis,
+            intercept: self.test.intercept,
+            channels: self.data.channels(),
+            memory: self.data.memory_terms(),
+        }
+    }
+
+    fn solve(&self, excluded: impl Iterator<Item = RowKey>) -> Result<Solved, FitError> {
+        let used = self.data.select(self.test.fresh, &excluded.collect());
+        let problem = PolynomialProblem {
+            model: self.model(),
+            solver: SolverKind::Exact,
+            ridge: self.test.ridge,
+            truncate: None,
+        };
+        let sample = self.data.logs.first().map(|log| &log.sample);
+        solve(&problem, None, &Rows::new(&used, self.test.workers), sample)
+    }
+
+    /// The fit `all` without some of its rows, `left_out`; it was made without those of `never`.
+    fn solve_without(
+        &self,
+        all: &Solved,
+        left_out: &RowKeys,
+        never: &RowKeys,
+    ) -> Result<Solved, FitError> {
+        let rows = gather(&self.blocks, left_out);
+        match without(all, &rows, &self.model(), self.test.ridge)? {
+            Some(fit) => Ok(fit),
+            None => self.solve(never.iter().chain(left_out).copied()),
+        }
+    }
+
+    /// Where a row is.
+    fn key(&self, suspect: &Suspect) -> RowKey {
+        let SearchedBlock { log, rows, .. } = &self.blocks[suspect.block];
+        (*log, rows.offset, suspect.tested.row)
+    }
+
+    /// Passes all blocks to `work`, on any thread, and what comes of them to `fold`, in order.
+    fn each_block<S: Default + Send, T: Send>(
+        &self,
+        work: impl Fn(&mut S, &SearchedBlock<'_>) -> T + Sync,
+        mut fold: impl FnMut(T) + Send,
+    ) -> Result<(), FitError> {
+        let fold = |value| {
+            fold(value);
+            Ok(())
+        };
+        let work = |state: &mut S, block: &SearchedBlock<'_>| Ok(work(state, block));
+        each(&self.blocks, |block| block.rows, self.test.workers, S::default, work, fold)?;
+        Ok(())
+    }
+
+    /// Also tests the rows of each block that `find` finds, which has room for predictions.
+    fn look(
+        &mut self,
+        find: impl Fn(&mut PerAxis<Vec<f64>>, &Block, &Spread) -> Vec<usize> + Sync,
+    ) -> Result<(), FitError> {
+        let mut found = Vec::new();
+        let find = |room: &mut _, block: &SearchedBlock<'_>| find(room, block.rows, &self.spread);
+        self.each_block(find, |rows| found.push(rows))?;
+        self.suspect(found);
+        Ok(())
+    }
+
+    /// Also tests some rows of each block.
+    fn suspect(&mut self, found: Vec<Vec<usize>>) {
+        for (block, mut rows) in self.blocks.iter_mut().zip(found) {
+            if self.test.fresh {
+                let fresh = block.rows.fresh_rows();
+                rows.retain(|&row| fresh[row]);
+            }
+            block.suspects.append(&mut rows);
+            block.suspects.sort_unstable();
+            block.suspects.dedup();
+        }
+    }
+
+    /// Tests the suspects by a fit without the rows `excluded`, and finds the size above which an error is that of an
+    /// outlier. All rows are searched for suspects again only if others may change the result: if one of them may be an
+    /// outlier, or so many may have large errors that the limit rises.
+    fn test(
+        &mut self,
+        test: &RowTest<'_>,
+        excluded: &RowSet,
+        most: usize,
+    ) -> Result<(Vec<Suspect>, f64), FitError> {
+        /// An error of a smaller size stays below [`LIMIT`] although the predictions change.
+        const NEAR_LIMIT: f64 = LIMIT / 1.5;
+        let unseen = self.looked_by.map(|noise| test.largest_unseen(&noise));
+        if let Some(unseen) = unseen.filter(|&unseen| unseen < NEAR_LIMIT) {
+            let tested = self.test_suspects(test, excluded)?;
+            let [least, largest] = [0.0, unseen].map(|unseen| limit_beyond(&tested, most, unseen));
+            let same = |of: &Suspect| of.tested.is_outlier(least) == of.tested.is_outlier(largest);
+            if tested.iter().all(same) {
+                return Ok((tested, least));
+            }
+        }
+        self.look(|room, block, spread| {
+            test.predict(&block.readings, room);
+            test.suspects(block, room, spread)
+        })?;
+        self.looked_by = Some(*test.noise());
+        let tested = self.test_suspects(test, excluded)?;
+        let limit = limit_beyond(&tested, most, 0.0);
+        Ok((tested, limit))
+    }
+
+    /// Tests the suspects, those of many blocks together.
+    fn test_suspects(
+        &self,
+        test: &RowTest<'_>,
+        excluded: &RowSet,
+    ) -> Result<Vec<Suspect>, FitError> {
+        const TOGETHER: usize = 256;
+        let (mut parts, mut rows) = (Vec::<Range<usize>>::new(), 0);
+        for (position, block) in self.blocks.iter().enumerate() {
+            match parts.last_mut().filter(|_| rows < TOGETHER) {
+                Some(part) => part.end = position + 1,
+                None => {
+                    parts.push(position..position + 1);
+                    rows = 0;
+                }
+            }
+            rows += block.suspects.len();
+        }
+        let test_part = |part: &Range<usize>| {
+            let blocks = &self.blocks[part.clone()];
+            let suspects = blocks.iter().map(|block| (block.rows, &block.suspects[..]));
+            let near: Vec<Vec<usize>> =
+                suspects.clone().map(|(block, rows)| rows_beside(rows, block.rows)).collect();
+            let all_near = blocks.iter().zip(&near).map(|(block, near)| (block.rows, &near[..]));
+            let mut leverages = test.leverages(&readings(suspects)).into_iter();
+            let mut of_near = PerAxis::default();
+            test.predict(&readings(all_near), &mut of_near);
+            let mut of_near = of_near.map(Vec::into_iter);
+            let mut predicted = PerAxis::<Vec<f64>>::default();
+            let mut tested = Vec::new();
+            for (block, near) in part.clone().zip(&near) {
+                let SearchedBlock { log, rows, suspects } = &self.blocks[block];
+                for (predicted, of_near) in predicted.iter_mut().zip(&mut of_near) {
+                    // Of other rows it does not matter what is there.
+                    predicted.resize(rows.rows, 0.0);
+                    near.iter().zip(of_near).for_each(|(&row, value)| predicted[row] = value);
+                }
+                let suspects: Vec<_> = suspects.iter().copied().zip(&mut leverages).collect();
+                let is_left_out = |row: usize| excluded.contains(*log, rows.offset, row);
+                let of_block = test.test(rows, &suspects, (&self.spread, &predicted), &is_left_out);
+                tested.extend(of_block.into_iter().map(|tested| Suspect { block, tested }));
+            }
+            Ok(tested)
+        };
+        // Other passes count these rows for the progress bar.
+        let tested = map(&parts, 0, self.test.workers, test_part)?;
+        Ok(tested.into_iter().flatten().collect())
+    }
+
+    /// The rows with a reading outside a range.
+    fn rows_outside(&self, range: [f64; 2]) -> Result<Vec<Suspect>, FitError> {
+        let find = |(): &mut (), block: &SearchedBlock<'_>| {
+            let mut outside = outside(block.rows, range);
+            if self.test.fresh {
+                let fresh = block.rows.fresh_rows();
+                outside.retain(|of| fresh[of.row]);
+            }
+            outside
+        };
+        let mut found = Vec::new();
+        self.each_block(find, |outside| found.push(outside))?;
+        let of_block = |(block, outside): (usize, Vec<TestedRow>)| {
+            outside.into_iter().map(move |tested| Suspect { block, tested })
+        };
+        Ok(found.into_iter().enumerate().flat_map(of_block).collect())
+    }
+
+    /// Errors of the fit to all rows, and of that without those `left_out`, on the rows that both are to hold for.
+    ///
+    /// Those of the first are what is left of the sum of its squared errors without those of the rows left out. That
+    /// loses few digits: a row that errs by far more than all others bends the fit, and they err, too.
+    fn rms(&self, [all, without]: [&Solved; 2], left_out: &RowKeys) -> Option<[PerAxis<f64>; 2]> {
+        let left_out = gather(&self.blocks, left_out);
+        let mut predicted = PerAxis::default();
+        self.row_test(all)?.predict(&left_out.readings, &mut predicted);
+        let rms = |of: &Solved, axis: usize, (rows, square): (usize, f64)| {
+            let Solution { residual_products, rows: all, .. } = &of.solution;
+            let rest = (residual_products[(axis, axis)] - square).max(0.0);
+            (rest / (all - rows as u64) as f64).sqrt()
+        };
+        let square = |axis: usize| {
+            let pairs = predicted[axis].iter().zip(&left_out.wrench[axis]);
+            pairs.map(|(predicted, measured)| (predicted - measured).powi(2)).sum()
+        };
+        Some([
+            std::array::from_fn(|axis| rms(all, axis, (left_out.rows, square(axis)))),
+            std::array::from_fn(|axis| rms(without, axis, (0, 0.0))),
+        ])
+    }
+
+    /// Names a row and what in it differs most from its neighbours; of a row `outside` a range, the readings that
+    /// are outside.
+    fn name(&self, suspect: &Suspect, outside: Option<[f64; 2]>) -> Option<Outlier> {
+        let SearchedBlock { log, rows, .. } = &self.blocks[suspect.block];
+        let (channels, terms) = (self.data.channels(), rows.memory_columns);
+        let TestedRow { row, error, size, axis, .. } = suspect.tested;
+        let values = |row: usize| -> Option<Vec<f64>> {
+            let columns = rows.readings.iter().chain(&rows.wrench);
+            (row < rows.rows).then(|| columns.map(|column| column[row]).collect())
+        };
+        let (before, values, after) =
+            (row.checked_sub(1).and_then(values), values(row)?, values(row + 1));
+        let beside =
+            |column: usize| [&before, &after].map(|row| row.as_ref().map(|values| values[column]));
+        // The nearer of both: at the edge of a contact one of them is far.
+        let apart = |column: usize| {
+            let known = beside(column).into_iter().flatten();
+            let apart = known.map(|other| self.spread.apart(column, values[column], other));
+            let nearest = apart.fold(f64::INFINITY, f64::min);
+            (column, if nearest.is_finite() { nearest } else { 0.0 })
+        };
+        // Logs have no memory terms.
+        let is_in_log = |column: &usize| !(channels..channels + terms).contains(column);
+        let mut columns: Vec<(usize, f64)> =
+            (0..values.len()).filter(is_in_log).map(apart).collect();
+        if let Some([least, most]) = outside {
+            columns.retain(|&(column, _)| {
+                column < channels && !(least..=most).contains(&values[column])
+            });
+        }
+        columns.sort_by(|a, b| b.1.total_cmp(&a.1));
+        let far = columns.iter().filter(|(_, apart)| *apart > FAR_FROM_NEIGHBOURS).count();
+        columns.truncate(far.max(1));
+        let column = |&(column, _): &(usize, f64)| {
+            let [before, after] = beside(column);
+            let value = values[column];
+            let column = if column < channels { column } else { column - terms };
+            OutlierColumn { column, value, before, after }
+        };
+        let reason = match outside {
+            Some(_) => Reason::OutOfRange,
+            None => {
+                let (error, column) = (error[axis], channels + terms + axis);
+                let is_possible =
+                    self.spread.apart(column, error + values[column], 0.0) < FAR_BEYOND_LOADS;
+                Reason::Error { axis: Axis::ALL[axis], size, error, is_possible }
+            }
+        };
+        let columns = columns.iter().map(column).collect();
+        Some(Outlier { log: *log, offset: rows.offset, row, reason, columns })
+    }
+}
+
+/// A row by log, block and row of the block.
+type RowKey = (usize, u64, usize);
+
+/// Rows in their order.
+type RowKeys = BTreeSet<RowKey>;
+
+/// Some of the rows that are tested.
+fn gather(blocks: &[SearchedBlock<'_>], wanted: &RowKeys) -> Block {
+    let mut gathered = Block::default();
+    for SearchedBlock { log, rows, suspects } in blocks {
+        let meant = suspects.iter().filter(|&&row| wanted.contains(&(*log, rows.offset, row)));
+        meant.for_each(|&row| gathered.append(rows, row..row + 1));
+    }
+    gathered
+}
+
+/// The readings of some rows of some blocks.
+fn readings<'b>(blocks: impl Iterator<Item = (&'b Block, &'b [usize])>) -> Vec<Vec<f64>> {
+    let mut readings = Vec::new();
+    for (block, rows) in blocks {
+        readings.resize(block.readings.len(), Vec::new());
+        for (all, column) in readings.iter_mut().zip(&block.readings) {
+            all.extend(rows.iter().map(|&row| column[row]));
+        }
+    }
+    readings
+}
+
+/// The rows of a block with a reading outside a range.
+fn outside(block: &Block, [least, most]: [f64; 2]) -> Vec<TestedRow> {
+    let is_outside =
+        |row: &usize| block.readings.iter().any(|column| !(least..=most).contains(&column[*row]));
+    (0..block.rows).filter(is_outside).map(TestedRow::unseen).collect()
+}
