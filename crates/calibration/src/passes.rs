@@ -227,6 +227,8 @@ fn on_threads<I: Sync, S: Send, T: Send>(
     fold: impl FnMut(T) -> Result<(), FitError> + Send,
 ) -> Result<Vec<S>, FitError> {
     let threads = match workers.threads {
+        // There are no others in a browser: known here, what starts them is not compiled.
+        _ if cfg!(target_family = "wasm") => 1,
         0 => *AVAILABLE_THREADS,
         threads => threads,
     };

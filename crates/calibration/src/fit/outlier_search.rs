@@ -114,7 +114,7 @@ pub(super) fn search(
         Some(KnownFit { fit, suspects }) => {
             search.suspect(suspects);
             // Those were found before the spread of the readings was known.
-            search.look(|_, block, spread| far_readings(block, spread))?;
+            search.look(None)?;
             search.looked_by = search.row_test(fit).map(|test| *test.noise());
             Cow::Borrowed(fit)
         }
@@ -294,13 +294,16 @@ impl<'a> OutlierSearch<'a> {
         Ok(())
     }
 
-    /// Also tests the rows of each block that `find` finds, which has room for predictions.
-    fn look(
-        &mut self,
-        find: impl Fn(&mut PerAxis<Vec<f64>>, &Block, &Spread) -> Vec<usize> + Sync,
-    ) -> Result<(), FitError> {
+    /// Looks through all rows for suspects: by their readings and, where there is a test, by its errors.
+    fn look(&mut self, test: Option<&RowTest<'_>>) -> Result<(), FitError> {
+        let spread = &self.spread;
+        let find = |room: &mut PerAxis<Vec<f64>>,
+                    SearchedBlock { rows, .. }: &SearchedBlock<'_>| {
+            let Some(test) = test else { return far_readings(rows, spread) };
+            test.predict(&rows.readings, room);
+            test.suspects(rows, room, spread)
+        };
         let mut found = Vec::new();
-        let find = |room: &mut _, block: &SearchedBlock<'_>| find(room, block.rows, &self.spread);
         self.each_block(find, |rows| found.push(rows))?;
         self.suspect(found);
         Ok(())
@@ -339,10 +342,7 @@ impl<'a> OutlierSearch<'a> {
                 return Ok((tested, least));
             }
         }
-        self.look(|room, block, spread| {
-            test.predict(&block.readings, room);
-            test.suspects(block, room, spread)
-        })?;
+        self.look(Some(test))?;
         self.looked_by = Some(*test.noise());
         let tested = self.test_suspects(test, excluded)?;
         let limit = limit_beyond(&tested, most, 0.0);

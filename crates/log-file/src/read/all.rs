@@ -9,6 +9,7 @@ use crate::error::LogError;
 use crate::log::Log;
 use crate::parse::plan::{BlockBuffer, ReadPlan};
 use crate::parse::rows::RowError;
+use crate::stream::chunk::Chunk;
 use crate::stream::log_chunks::{LogChunk, LogChunks};
 use crate::stream::pipeline;
 use shell_data::block::Block;
@@ -118,38 +119,47 @@ pub(crate) fn read_each<S: Send, T: Send, E: From<LogError>>(
                 offset: chunk.offset,
                 error,
             })?;
-            let (block, skipped) = (&mut buffer.block, buffer.parsed.skipped);
-            let (rows, repeated) = (block.rows, block.repeated_rows());
-            let (offset, lines) = (block.offset, line_count(chunk.lines()));
-            let value = (rows > 0).then(|| map(state, log, block));
-            Ok(ChunkResult { log, offset, lines, rows, repeated, skipped, value })
+            let counts = ChunkCounts::new(log, chunk, buffer);
+            let value = (counts.rows > 0).then(|| map(state, log, &mut buffer.block));
+            Ok((counts, value))
         },
         E::from,
         |result| {
-            let result = result.map_err(|BadRow { log, offset, error }| {
+            let (counts, value) = result.map_err(|BadRow { log, offset, error }| {
                 E::from(logs[log].row_error(offset, error))
             })?;
-            summaries.add(&result)?;
+            summaries.add(&counts)?;
             if let Some(progress) = options.progress {
                 progress(bytes_read.load(Ordering::Relaxed));
             }
-            result.value.map_or(Ok(()), |value| fold(result.log, value))
+            value.map_or(Ok(()), |value| fold(counts.log, value))
         },
     )?;
     let summaries = summaries.finish(chunks.checksums)?;
     Ok((summaries, workers.into_iter().map(|(_, state)| state).collect()))
 }
 
-/// The rows of a chunk.
-struct ChunkResult<T> {
+/// How many rows a chunk has, and lines.
+struct ChunkCounts {
     log: usize,
     offset: u64,
     lines: u64,
     rows: usize,
     repeated: usize,
     skipped: u64,
-    /// `None` if there are no rows.
-    value: Option<T>,
+}
+
+impl ChunkCounts {
+    fn new(log: usize, chunk: &Chunk, buffer: &BlockBuffer) -> Self {
+        Self {
+            log,
+            offset: chunk.offset,
+            lines: line_count(chunk.lines()),
+            rows: buffer.block.rows,
+            repeated: buffer.block.repeated_rows(),
+            skipped: buffer.parsed.skipped,
+        }
+    }
 }
 
 /// A bad row, in the chunk that starts at `offset` of a log.
@@ -162,34 +172,31 @@ struct BadRow {
 /// The summaries of logs that are read one after another.
 struct Summaries<'a> {
     logs: &'a [&'a Log],
-    summaries: Vec<ReadSummary>,
-    lines: Vec<BlockLines>,
+    summaries: Vec<SummaryAndLines>,
     /// The number of logs that have been read and have rows.
     checked: usize,
 }
 
 impl<'a> Summaries<'a> {
     fn new(logs: &'a [&'a Log]) -> Self {
-        let (summaries, lines) =
-            (vec![ReadSummary::default(); logs.len()], vec![BlockLines::default(); logs.len()]);
-        Self { logs, summaries, lines, checked: 0 }
+        Self { logs, summaries: vec![SummaryAndLines::default(); logs.len()], checked: 0 }
     }
 
     /// Adds a chunk, after all chunks before it.
-    fn add<T>(&mut self, chunk: &ChunkResult<T>) -> Result<(), LogError> {
+    fn add(&mut self, chunk: &ChunkCounts) -> Result<(), LogError> {
         self.check_before(chunk.log)?;
-        let summary = &mut self.summaries[chunk.log];
+        let (summary, lines) = &mut self.summaries[chunk.log];
         summary.rows += chunk.rows as u64;
         summary.repeated_rows += chunk.repeated as u64;
         summary.skipped_rows += chunk.skipped;
-        self.lines[chunk.log].add(chunk.offset, chunk.rows, chunk.lines);
+        lines.add(chunk.offset, chunk.rows, chunk.lines);
         Ok(())
     }
 
     /// Checks that the logs before `end` have rows, once each.
     fn check_before(&mut self, end: usize) -> Result<(), LogError> {
         for log in self.checked..end {
-            let summary = &self.summaries[log];
+            let (summary, _) = &self.summaries[log];
             if summary.rows == 0 && summary.skipped_rows == 0 {
                 return Err(LogError::NoRows { path: self.logs[log].path().to_owned() });
             }
@@ -200,9 +207,9 @@ impl<'a> Summaries<'a> {
 
     fn finish(mut self, checksums: Vec<Option<String>>) -> Result<Vec<SummaryAndLines>, LogError> {
         self.check_before(self.logs.len())?;
-        for (summary, checksum) in self.summaries.iter_mut().zip(checksums) {
+        for ((summary, _), checksum) in self.summaries.iter_mut().zip(checksums) {
             summary.checksum = checksum;
         }
-        Ok(self.summaries.into_iter().zip(self.lines).collect())
+        Ok(self.summaries)
     }
 }
