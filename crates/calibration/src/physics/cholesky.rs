@@ -20,7 +20,7 @@ impl<const N: usize> Cholesky<N> {
         for j in 0..N {
             let mut pivot = l[j][j];
             for k in 0..j {
-                pivot = (-l[j][k]).mul_add(l[j][k], pivot);
+                pivot -= l[j][k] * l[j][k];
             }
             if !(pivot > 0.0 && pivot.is_finite()) {
                 return None;
@@ -30,7 +30,7 @@ impl<const N: usize> Cholesky<N> {
             for i in j + 1..N {
                 let mut sum = l[i][j];
                 for k in 0..j {
-                    sum = (-l[i][k]).mul_add(l[j][k], sum);
+                    sum -= l[i][k] * l[j][k];
                 }
                 l[i][j] = sum * inverse[j];
             }
@@ -44,7 +44,7 @@ impl<const N: usize> Cholesky<N> {
         let mut x = self.forward(b);
         for i in (0..N).rev() {
             for k in i + 1..N {
-                x[i] = (-self.l[k][i]).mul_add(x[k], x[i]);
+                x[i] -= self.l[k][i] * x[k];
             }
             x[i] *= self.inverse[i];
         }
@@ -69,7 +69,7 @@ impl<const N: usize> Cholesky<N> {
         let mut x = *b;
         for i in 0..N {
             for k in 0..i {
-                x[i] = (-self.l[i][k]).mul_add(x[k], x[i]);
+                x[i] -= self.l[i][k] * x[k];
             }
             x[i] *= self.inverse[i];
         }

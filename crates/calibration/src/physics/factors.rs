@@ -12,17 +12,13 @@
 
 use super::cholesky::Cholesky;
 use super::data::Data;
+use super::expectation::Expectation;
 use super::fit::{FittedParameters, Scaled, common_means, sensors};
 use super::loadings::{FACTORS, Loadings, add_factors, factor_count};
-use super::noise::{Noise, Residual};
 use super::response::{PARAMETERS, Parameters, SHAPE};
 use super::sensor::Prior;
 use super::sums::Curve;
 use crate::symmetric::SymmetricMatrix;
-
-/// `1/s²` of the prior `N(0, s²)` of a loading: s is 0.06, what a displacement's own play is, a hundredth of the
-/// way from plateau to plateau. A weaker prior lets a second factor follow the loads of single poses.
-const LOADING_PRECISION: f64 = 300.0;
 
 /// Effort of a fit, and of one from nearly the same observations. In a round the loadings and variances make
 /// [`EM_STEPS`], the parameters [`STEPS`].
@@ -64,13 +60,9 @@ struct Joint<'a> {
     damping: f64,
 }
 
-/// `Vⱼ⁻¹`, at the slopes that a round begins with.
-struct Whitening {
-    /// `L/v` of each sensor and row, with `L = D·C`.
-    weighted: Vec<Vec<Loadings>>,
-    /// Factors of `M = I + LᵀL/v` of each row.
-    factors: Vec<Cholesky<FACTORS>>,
-}
+/// What makes `Vⱼ⁻¹` of the variances `v` alone, at the slopes that a round begins with: `F⁻¹·L/v` of each sensor
+/// and row, with `L = D·C` and `F·Fᵀ = I + LᵀL/v`.
+type Whitening = Vec<Vec<Loadings>>;
 
 /// What is minimised, its curvature and descent, over the parameters of all sensors.
 struct FactorEquations {
@@ -140,52 +132,27 @@ impl<'a> Joint<'a> {
 
     /// Steps of expectation and maximisation of the loadings and the variances.
     fn refine_loadings(&mut self, curves: &[Curve]) {
-        let unsure: Vec<Vec<f64>> = (curves.iter().zip(&self.fitted.covariance))
-            .map(|(curve, c)| (0..self.rows).map(|row| curve.parameter_variance(c, row)).collect())
-            .collect();
-        for _ in 0..EM_STEPS {
-            self.step_of_loadings(curves, &unsure);
-        }
-    }
-
-    fn step_of_loadings(&mut self, curves: &[Curve], unsure: &[Vec<f64>]) {
+        let pairs = curves.iter().zip(&self.fitted.covariance);
+        let unsure: Vec<Vec<f64>> = pairs.map(|(curve, c)| curve.parameter_variances(c)).collect();
         let FittedParameters { loadings, noise, .. } = &mut self.fitted;
-        let expected: Vec<Expected> = (0..self.rows)
-            .map(|row| Expected::new(curves, unsure, loadings, *noise, row))
-            .collect();
-        let mut all = Vec::with_capacity(curves.len());
-        for (sensor, (curve, c)) in curves.iter().zip(&mut *loadings).enumerate() {
-            let (mut a, mut b) = ([[0.0; FACTORS]; FACTORS], [0.0; FACTORS]);
-            (0..FACTORS).for_each(|k| a[k][k] = LOADING_PRECISION);
-            for (row, of) in expected.iter().enumerate() {
-                let slope = curve.gradient[0][row];
-                let weight = slope / noise.variance(slope);
-                for k in 0..FACTORS {
-                    b[k] += weight * of.with_residual[sensor][k];
-                    (0..FACTORS).for_each(|l| a[k][l] += weight * slope * of.square[k][l]);
-                }
+        for _ in 0..EM_STEPS {
+            let expected = Expectation::new(curves, &unsure, loadings, *noise);
+            let mut all = Vec::with_capacity(curves.len());
+            for (sensor, c) in loadings.iter_mut().enumerate() {
+                let of = (&curves[sensor], &*unsure[sensor]);
+                let residuals;
+                (*c, residuals) = expected.maximise(sensor, of, *noise, self.rows);
+                all.push(residuals);
             }
-            *c = Cholesky::new(&a).expect("a prior and squares").solve(&b);
-            let residual = |(row, of): (usize, &Expected)| {
-                let slope = curve.gradient[0][row];
-                let mut square =
-                    curve.residual[row].mul_add(curve.residual[row], unsure[sensor][row]);
-                for k in 0..FACTORS {
-                    let c_square: f64 = (0..FACTORS).map(|l| c[l] * of.square[k][l]).sum();
-                    square += slope * c[k] * (slope * c_square - 2.0 * of.with_residual[sensor][k]);
-                }
-                Residual { square: square.max(0.0), slope_square: slope * slope }
-            };
-            all.push(expected.iter().enumerate().map(residual).collect());
+            *noise = noise.refine(&all, 1);
         }
-        *noise = noise.refine(&all, 1);
     }
 
     /// Makes the weights those of the noise, and what is shared the whitening.
     fn whiten(&mut self, curves: &[Curve]) -> Whitening {
         let Self { sensors, fitted, rows, .. } = self;
         let mut m = vec![identity(); *rows];
-        let mut weighted = Vec::with_capacity(curves.len());
+        let mut whitening = Vec::with_capacity(curves.len());
         for ((sensor, curve), c) in sensors.iter_mut().zip(curves).zip(&fitted.loadings) {
             let of_row = |(row, m): (usize, &mut [Loadings; FACTORS])| {
                 let slope = curve.gradient[0][row];
@@ -195,14 +162,17 @@ impl<'a> Joint<'a> {
                 add_factors(m, &mut [0.0; FACTORS], loading, (0.0, variance));
                 loading.map(|l| l / variance)
             };
-            weighted.push(m.iter_mut().enumerate().map(of_row).collect());
+            whitening.push(m.iter_mut().enumerate().map(of_row).collect::<Vec<Loadings>>());
         }
-        let factor = |m| Cholesky::new(m).expect("the identity and squares");
-        Whitening { weighted, factors: m.iter().map(factor).collect() }
+        for (row, m) in m.iter().enumerate() {
+            let factor = Cholesky::new(m).expect("the identity and squares");
+            whitening.iter_mut().for_each(|of| of[row] = factor.forward(&of[row]));
+        }
+        whitening
     }
 
     /// Steps over the parameters of all sensors, each of which lowers the sum or is not taken.
-    fn refine_parameters(&mut self, whitening: &Whitening, prior: &Prior) {
+    fn refine_parameters(&mut self, whitening: &[Vec<Loadings>], prior: &Prior) {
         let mut at = self.equations(&self.fitted.parameters, whitening, prior);
         for _ in 0..STEPS {
             let mut damped = at.curvature.clone();
@@ -240,7 +210,7 @@ impl<'a> Joint<'a> {
     fn equations(
         &self,
         parameters: &[Parameters],
-        whitening: &Whitening,
+        whitening: &[Vec<Loadings>],
         prior: &Prior,
     ) -> FactorEquations {
         let size = parameters.len() * PARAMETERS;
@@ -260,8 +230,7 @@ impl<'a> Joint<'a> {
                     curvature.row_mut(first + j)[i - j] = *element;
                 }
             }
-            for (row, weighted) in whitening.weighted[sensor].iter().enumerate() {
-                let factor = whitening.factors[row].forward(weighted);
+            for (row, factor) in whitening[sensor].iter().enumerate() {
                 for (k, factor) in factor.iter().enumerate().take(self.count) {
                     let position = row * self.count + k;
                     pulls[position] += factor * curve.residual[row];
@@ -276,48 +245,6 @@ impl<'a> Joint<'a> {
             descent.iter_mut().zip(shared).for_each(|(descent, shared)| *descent -= pull * shared);
         }
         FactorEquations { cost, curvature, descent }
-    }
-}
-
-/// What is expected of the factors of a row, given its residuals.
-struct Expected {
-    /// `E[uuᵀ]`.
-    square: [Loadings; FACTORS],
-    /// `E[u·r]` of each sensor.
-    with_residual: Vec<Loadings>,
-}
-
-impl Expected {
-    fn new(
-        curves: &[Curve],
-        unsure: &[Vec<f64>],
-        loadings: &[Loadings],
-        noise: Noise,
-        row: usize,
-    ) -> Self {
-        let (mut m, mut pull) = (identity(), [0.0; FACTORS]);
-        for (curve, c) in curves.iter().zip(loadings) {
-            let slope = curve.gradient[0][row];
-            let of = (curve.residual[row], noise.variance(slope));
-            add_factors(&mut m, &mut pull, c.map(|c| c * slope), of);
-        }
-        let factor = Cholesky::new(&m).expect("the identity and squares");
-        let mean = factor.solve(&pull);
-        let mut square = factor.inverse();
-        let mut add = |a: &Loadings, scale: f64| {
-            for k in 0..FACTORS {
-                (0..FACTORS).for_each(|l| square[k][l] += scale * a[k] * a[l]);
-            }
-        };
-        add(&mean, 1.0);
-        let with_residual = curves.iter().zip(loadings).zip(unsure).map(|((curve, c), unsure)| {
-            let slope = curve.gradient[0][row];
-            let gain = factor.solve(&c.map(|c| c * slope / noise.variance(slope)));
-            add(&gain, unsure[row]);
-            std::array::from_fn(|k| mean[k].mul_add(curve.residual[row], gain[k] * unsure[row]))
-        });
-        let with_residual = with_residual.collect();
-        Self { square, with_residual }
     }
 }
 

@@ -10,7 +10,7 @@ use super::cholesky::Cholesky;
 use super::data::Data;
 use super::lanes::MOST_LANES;
 use super::loadings::{FACTORS, Loadings};
-use super::noise::{Noise, Residual};
+use super::noise::{Noise, Residuals};
 use super::observations::Observation;
 use super::response::{PARAMETERS, Parameters, SHAPE};
 use super::sensor::{ParameterEstimate, Prior};
@@ -160,9 +160,9 @@ pub(super) fn sensors(data: &Scaled) -> Vec<Data<'_>> {
 }
 
 /// Weights by the noise where the curve is as steep as these residuals say.
-fn weigh(sensor: &mut Data<'_>, residuals: &[Residual], noise: Noise) {
-    for (weight, residual) in sensor.weights.iter_mut().zip(residuals) {
-        *weight = noise.variance_at(residual.slope_square).recip();
+fn weigh(sensor: &mut Data<'_>, residuals: &Residuals, noise: Noise) {
+    for (weight, &slope_square) in sensor.weights.iter_mut().zip(&residuals.slope_squares) {
+        *weight = noise.variance_at(slope_square).recip();
     }
 }
 
@@ -179,8 +179,7 @@ fn rounds(
         let of = |((sensor, estimate), covariance): ((&Data<'_>, &ParameterEstimate), _)| {
             residuals(&estimate.parameters, covariance, sensor)
         };
-        let all: Vec<Vec<Residual>> =
-            sensors.iter().zip(&estimates).zip(&covariance).map(of).collect();
+        let all: Vec<Residuals> = sensors.iter().zip(&estimates).zip(&covariance).map(of).collect();
         noise = noise.refine(&all, NOISE_STEPS);
         for (sensor, residuals) in sensors.iter_mut().zip(&all) {
             weigh(sensor, residuals, noise);

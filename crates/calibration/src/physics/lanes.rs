@@ -62,6 +62,31 @@ pub(super) fn store<S: Simd>(vector: S::f64s) -> [f64; MOST_LANES] {
     values
 }
 
+/// The rows of a column from `first` on, as many as a vector holds.
+#[inline(always)]
+pub(super) fn load_rows<S: Simd>(column: &[f64], first: usize) -> S::f64s {
+    S::as_simd_f64s(&column[first..first + S::F64_LANES]).0[0]
+}
+
+/// Makes a vector those rows of a column.
+#[inline(always)]
+pub(super) fn store_rows<S: Simd>(column: &mut [f64], first: usize, rows: S::f64s) {
+    S::as_mut_simd_f64s(&mut column[first..first + S::F64_LANES]).0[0] = rows;
+}
+
+/// Adds products to those of a sum's lanes that rows from `first` on are assigned to.
+#[inline(always)]
+pub(super) fn add_product<S: Simd>(
+    simd: S,
+    sums: &mut [f64; MOST_LANES],
+    first: usize,
+    (a, b): (S::f64s, S::f64s),
+) {
+    let lane = first % MOST_LANES;
+    let sum = load_rows::<S>(sums, lane);
+    store_rows::<S>(sums, lane, simd.add_f64s(simd.mul_f64s(a, b), sum));
+}
+
 /// [`Answer`](crate::physics::response::Answer) in lanes: the answer less `lo`, and its derivatives.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Answers<S: Simd> {
@@ -101,8 +126,11 @@ impl<S: Simd> Answers<S> {
 fn exp_of_negative<S: Simd>(simd: S, x: S::f64s) -> S::f64s {
     let share = simd.splat_f64s(-1.0 / (1_u32 << SQUARINGS) as f64);
     let r = simd.mul_f64s(simd.min_f64s(x, simd.splat_f64s(FAR)), share);
-    let power = polynomial(simd, r, &EXP);
-    (0..SQUARINGS).fold(power, |power, _| simd.mul_f64s(power, power))
+    let mut power = polynomial(simd, r, &EXP);
+    for _ in 0..SQUARINGS {
+        power = simd.mul_f64s(power, power);
+    }
+    power
 }
 
 /// `ln(1 + e)` for `0 ≤ e ≤ 1`.
@@ -115,10 +143,11 @@ fn ln_of_one_and<S: Simd>(simd: S, e: S::f64s) -> S::f64s {
 /// The polynomial with these coefficients, that of the highest power first.
 #[inline(always)]
 fn polynomial<S: Simd, const N: usize>(simd: S, x: S::f64s, coefficients: &[f64; N]) -> S::f64s {
-    let highest = simd.splat_f64s(coefficients[0]);
-    coefficients[1..]
-        .iter()
-        .fold(highest, |sum, &c| simd.add_f64s(simd.mul_f64s(sum, x), simd.splat_f64s(c)))
+    let mut sum = simd.splat_f64s(coefficients[0]);
+    for &c in &coefficients[1..] {
+        sum = simd.add_f64s(simd.mul_f64s(sum, x), simd.splat_f64s(c));
+    }
+    sum
 }
 
 #[cfg(test)]

@@ -13,9 +13,10 @@
 //! is `r² + gᵀCg`, with `C` the covariance of the parameters (Dempster, Laird & Rubin, J. R. Stat.
 //! Soc. B 39, 1977).
 
-use super::lanes::MOST_LANES;
-use pulp::NullaryFnOnce;
+use pulp::{Simd, WithSimd};
 use shell_data::instructions::arch;
+
+use super::lanes::{MOST_LANES, add_product, load_rows};
 
 /// Least variances, of a reading in units of its range: a thousandth squared, less than one count
 /// of ten bits.
@@ -30,13 +31,13 @@ pub struct Noise {
     pub displacement: f64,
 }
 
-/// A residual that the variances are estimated from.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Residual {
-    /// Its expected square.
-    pub(super) square: f64,
+/// The residuals of a sensor that the variances are estimated from, a row each.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Residuals {
+    /// Their expected squares.
+    pub(super) squares: Vec<f64>,
     /// `(df/dq)²` there.
-    pub(super) slope_square: f64,
+    pub(super) slope_squares: Vec<f64>,
 }
 
 impl Noise {
@@ -53,17 +54,17 @@ impl Noise {
     /// The variance of an answer where the curve has a slope of this square.
     #[inline]
     pub(super) fn variance_at(&self, slope_square: f64) -> f64 {
-        slope_square.mul_add(self.displacement, self.reading)
+        slope_square * self.displacement + self.reading
     }
 
     /// The variances of greatest likelihood, `steps` fixed-point steps on from these.
-    pub(super) fn refine(self, residuals: &[Vec<Residual>], steps: usize) -> Self {
+    pub(super) fn refine(self, residuals: &[Residuals], steps: usize) -> Self {
         (0..steps).fold(self, |noise, _| {
-            let mut sums = LikelihoodSums::default();
-            for column in residuals {
-                sums = arch().dispatch(Add { sums, noise, column });
+            let mut sums = [[0.0; MOST_LANES]; 5];
+            for residuals in residuals {
+                arch().dispatch(Add { sums: &mut sums, noise, residuals });
             }
-            let [a, b, c, d, e] = sums.0.map(|lanes| lanes.iter().sum::<f64>());
+            let [a, b, c, d, e] = sums.map(|lanes| lanes.iter().sum::<f64>());
             let Self { reading, displacement } = noise;
             let next = |old: f64, found: f64, expected: f64| {
                 if expected > 0.0 { (old * found / expected).max(LEAST) } else { old }
@@ -77,34 +78,55 @@ impl Noise {
 }
 
 /// Sums of `1`, `g`, `g²`, `r²` and `g·r²` over `v²`, with `g = (df/dq)²`, in interleaved lanes.
-#[derive(Clone, Copy, Default)]
-struct LikelihoodSums([[f64; MOST_LANES]; 5]);
+type LikelihoodSums = [[f64; MOST_LANES]; 5];
 
-/// Adds the residuals of a sensor, inlined whole into code for the widest vectors of the machine.
+/// Adds the residuals of a sensor.
 struct Add<'a> {
-    sums: LikelihoodSums,
+    sums: &'a mut LikelihoodSums,
     noise: Noise,
-    column: &'a [Residual],
+    residuals: &'a Residuals,
 }
 
-impl NullaryFnOnce for Add<'_> {
-    type Output = LikelihoodSums;
+impl WithSimd for Add<'_> {
+    type Output = ();
 
     #[inline(always)]
-    fn call(self) -> LikelihoodSums {
-        let Self { sums: LikelihoodSums(mut sums), noise, column } = self;
-        let mut add = |lane: usize, &Residual { square, slope_square: g }: &Residual| {
-            let variance = g.mul_add(noise.displacement, noise.reading);
-            let weight = 1.0 / (variance * variance);
-            let terms = [weight, weight * g, weight * g * g, weight * square, weight * g * square];
-            sums.iter_mut().zip(terms).for_each(|(sum, term)| sum[lane] += term);
-        };
-        let (chunks, rest) = column.as_chunks::<MOST_LANES>();
-        for chunk in chunks {
-            chunk.iter().enumerate().for_each(|(lane, residual)| add(lane, residual));
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { sums, noise, residuals } = self;
+        let (squares, last_squares) = residuals.squares.as_chunks();
+        let (slope_squares, last_slope_squares) = residuals.slope_squares.as_chunks();
+        for (squares, slope_squares) in squares.iter().zip(slope_squares) {
+            add_rows(simd, sums, noise, [squares, slope_squares, &[1.0; MOST_LANES]]);
         }
-        rest.iter().enumerate().for_each(|(lane, residual)| add(lane, residual));
-        LikelihoodSums(sums)
+        // The last rows go on with some of no weight.
+        let mut padded = [[0.0; MOST_LANES]; 3];
+        let count = last_squares.len();
+        padded[0][..count].copy_from_slice(last_squares);
+        padded[1][..count].copy_from_slice(last_slope_squares);
+        padded[2][..count].fill(1.0);
+        add_rows(simd, sums, noise, padded.each_ref());
+    }
+}
+
+/// Adds some squares of residuals and slopes, where the last number is one and not zero.
+#[inline(always)]
+fn add_rows<S: Simd>(
+    simd: S,
+    sums: &mut LikelihoodSums,
+    noise: Noise,
+    [squares, slope_squares, ones]: [&[f64; MOST_LANES]; 3],
+) {
+    for lane in (0..MOST_LANES).step_by(S::F64_LANES) {
+        let (square, g) = (load_rows::<S>(squares, lane), load_rows::<S>(slope_squares, lane));
+        let one = load_rows::<S>(ones, lane);
+        let of_displacement = simd.mul_f64s(g, simd.splat_f64s(noise.displacement));
+        let variance = simd.add_f64s(of_displacement, simd.splat_f64s(noise.reading));
+        let weight = simd.div_f64s(one, simd.mul_f64s(variance, variance));
+        let by_g = simd.mul_f64s(weight, g);
+        let products = [(weight, one), (weight, g), (by_g, g), (weight, square), (by_g, square)];
+        for (sum, product) in sums.iter_mut().zip(products) {
+            add_product(simd, sum, lane, product);
+        }
     }
 }
 
@@ -116,10 +138,11 @@ mod tests {
     fn finds_the_variances_that_made_the_residuals() {
         let truth = Noise { reading: 3e-4, displacement: 0.01 };
         // Squares that are exactly as expected: the likelihood is then greatest at the truth.
-        let residuals: Vec<Residual> = (0..100)
-            .map(|i| f64::from(i) / 300.0)
-            .map(|slope| Residual { square: truth.variance(slope), slope_square: slope * slope })
-            .collect();
+        let slopes = (0..100).map(|i| f64::from(i) / 300.0);
+        let residuals = Residuals {
+            squares: slopes.clone().map(|slope| truth.variance(slope)).collect(),
+            slope_squares: slopes.map(|slope| slope * slope).collect(),
+        };
         let found = Noise::START.refine(&[residuals], 500);
         assert!((found.reading / truth.reading - 1.0).abs() < 1e-6, "{found:?}");
         assert!((found.displacement / truth.displacement - 1.0).abs() < 1e-6);

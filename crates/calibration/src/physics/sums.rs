@@ -6,10 +6,13 @@
 use pulp::{Simd, WithSimd};
 
 use super::data::Data;
-use super::lanes::{Answers, MOST_LANES};
-use super::noise::Residual;
+use super::lanes::{Answers, MOST_LANES, load_rows, store_rows};
+use super::noise::Residuals;
 use super::response::{PARAMETERS, Parameters, SHAPE};
 use shell_data::instructions::arch;
+
+/// Rows whose gradients are kept while their products are summed.
+const STRETCH: usize = 64;
 
 /// Places of the lower triangle of a matrix of the parameters.
 const TRIANGLE: usize = PARAMETERS * (PARAMETERS + 1) / 2;
@@ -32,16 +35,16 @@ impl SensorSums {
     }
 }
 
-/// The residual of every row as [`Noise`](super::Noise) wants it, for parameters with a covariance.
+/// The residuals as [`Noise`](super::Noise) wants it, for parameters with a covariance.
 pub(super) fn residuals(
     p: &Parameters,
     covariance: &[Parameters; PARAMETERS],
     data: &Data<'_>,
-) -> Vec<Residual> {
+) -> Residuals {
     arch().dispatch(ResidualsOf { p, covariance, data })
 }
 
-/// The residuals and gradients of a sensor along its rows, columns as long as those of the data.
+/// The residuals and gradients of a sensor along its rows, columns as long as those of the data: zeros beyond its rows.
 #[derive(Clone, Debug)]
 pub(super) struct Curve {
     /// `y − f`.
@@ -56,11 +59,9 @@ impl Curve {
         arch().dispatch(CurveOf { p, data })
     }
 
-    /// `gᵀCg` in a row.
-    pub(super) fn parameter_variance(&self, c: &[Parameters; PARAMETERS], row: usize) -> f64 {
-        let g = self.gradient.each_ref().map(|column| column[row]);
-        let product = |row: &Parameters| g.iter().zip(row).map(|(g, c)| g * c).sum::<f64>();
-        g.iter().zip(c).map(|(g, row)| g * product(row)).sum::<f64>().max(0.0)
+    /// `gᵀCg` along the rows, with the covariance `C` of the parameters.
+    pub(super) fn parameter_variances(&self, covariance: &[Parameters; PARAMETERS]) -> Vec<f64> {
+        arch().dispatch(VariancesOf { curve: self, covariance })
     }
 }
 
@@ -80,6 +81,11 @@ struct ResidualsOf<'a> {
     data: &'a Data<'a>,
 }
 
+struct VariancesOf<'a> {
+    curve: &'a Curve,
+    covariance: &'a [Parameters; PARAMETERS],
+}
+
 /// The curve at some rows.
 struct CurveRows<S: Simd> {
     residual: S::f64s,
@@ -89,8 +95,10 @@ struct CurveRows<S: Simd> {
 impl<S: Simd> CurveRows<S> {
     #[inline(always)]
     fn at(simd: S, p: &Parameters, (h, nu): (f64, f64), data: &Data<'_>, first: usize) -> Self {
-        let vector = |column: &[f64]| S::as_simd_f64s(&column[first..first + S::F64_LANES]).0[0];
-        let x = data.wrench.each_ref().map(|column| vector(column));
+        let mut x = [simd.splat_f64s(0.0); 6];
+        for (x, column) in x.iter_mut().zip(data.wrench) {
+            *x = load_rows::<S>(column, first);
+        }
         let mut q = simd.splat_f64s(p[0]);
         for (&gain, &x) in p[1..].iter().zip(&x) {
             q = simd.add_f64s(simd.mul_f64s(simd.splat_f64s(gain), x), q);
@@ -106,7 +114,8 @@ impl<S: Simd> CurveRows<S> {
             answers.by_shape,
         ]);
         let value = simd.add_f64s(answers.height, simd.splat_f64s(p[SHAPE]));
-        Self { residual: simd.sub_f64s(vector(data.readings), value), gradient }
+        let readings = load_rows::<S>(data.readings, first);
+        Self { residual: simd.sub_f64s(readings, value), gradient }
     }
 }
 
@@ -120,22 +129,30 @@ impl WithSimd for SumsOf<'_> {
         let mut information = [[0.0; MOST_LANES]; TRIANGLE];
         let mut descent = [[0.0; MOST_LANES]; PARAMETERS];
         let mut cost = [0.0; MOST_LANES];
-        for first in (0..data.readings.len()).step_by(S::F64_LANES) {
-            let lane = first % MOST_LANES;
-            let add = |sums: &mut [f64; MOST_LANES], a: S::f64s, b: S::f64s| {
-                let sums = S::as_mut_simd_f64s(&mut sums[lane..lane + S::F64_LANES]).0;
-                sums[0] = simd.add_f64s(simd.mul_f64s(a, b), sums[0]);
-            };
-            let rows = CurveRows::<S>::at(simd, p, shape, data, first);
-            let weight = S::as_simd_f64s(&data.weights[first..first + S::F64_LANES]).0[0];
-            add(&mut cost, simd.mul_f64s(weight, rows.residual), rows.residual);
-            let mut position = 0;
-            for (i, descent) in descent.iter_mut().enumerate() {
-                let weighted = simd.mul_f64s(weight, rows.gradient[i]);
-                add(descent, weighted, rows.residual);
-                for &g in &rows.gradient[..=i] {
-                    add(&mut information[position], weighted, g);
-                    position += 1;
+        // Sums of products of two columns stay in registers along a stretch of rows.
+        let mut gradient = [[0.0; STRETCH]; PARAMETERS];
+        let mut weighted = [[0.0; STRETCH]; PARAMETERS];
+        let (mut residual, mut weighted_residual) = ([0.0; STRETCH], [0.0; STRETCH]);
+        for start in (0..data.readings.len()).step_by(STRETCH) {
+            let count = STRETCH.min(data.readings.len() - start);
+            for first in (0..count).step_by(S::F64_LANES) {
+                let rows = CurveRows::<S>::at(simd, p, shape, data, start + first);
+                let weight = load_rows::<S>(&data.weights, start + first);
+                store_rows::<S>(&mut residual, first, rows.residual);
+                let product = simd.mul_f64s(weight, rows.residual);
+                store_rows::<S>(&mut weighted_residual, first, product);
+                for (i, g) in rows.gradient.into_iter().enumerate() {
+                    store_rows::<S>(&mut gradient[i], first, g);
+                    store_rows::<S>(&mut weighted[i], first, simd.mul_f64s(weight, g));
+                }
+            }
+            let residual = &residual[..count];
+            add_products(simd, &mut cost, &weighted_residual, residual);
+            let mut sums = information.iter_mut();
+            for (i, weighted) in weighted.iter().enumerate() {
+                add_products(simd, &mut descent[i], weighted, residual);
+                for (gradient, sums) in gradient[..=i].iter().zip(&mut sums) {
+                    add_products(simd, sums, weighted, &gradient[..count]);
                 }
             }
         }
@@ -154,32 +171,24 @@ impl WithSimd for SumsOf<'_> {
 }
 
 impl WithSimd for ResidualsOf<'_> {
-    type Output = Vec<Residual>;
+    type Output = Residuals;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> Vec<Residual> {
+    fn with_simd<S: Simd>(self, simd: S) -> Residuals {
         let Self { p, covariance, data } = self;
         let shape = (libm::exp(p[SHAPE + 1]), libm::exp(p[SHAPE + 2]));
-        let mut residuals = Vec::with_capacity(data.readings.len());
+        let column = || vec![0.0; data.readings.len()];
+        let mut residuals = Residuals { squares: column(), slope_squares: column() };
         for first in (0..data.readings.len()).step_by(S::F64_LANES) {
             let rows = CurveRows::<S>::at(simd, p, shape, data, first);
-            let mut square = simd.mul_f64s(rows.residual, rows.residual);
-            for (&gi, row) in rows.gradient.iter().zip(covariance) {
-                let zero = simd.splat_f64s(0.0);
-                let product = rows.gradient.iter().zip(row).fold(zero, |sum, (&g, &c)| {
-                    simd.add_f64s(simd.mul_f64s(g, simd.splat_f64s(c)), sum)
-                });
-                square = simd.add_f64s(simd.mul_f64s(gi, product), square);
-            }
+            let square = simd.mul_f64s(rows.residual, rows.residual);
+            let variance = quadratic_form(simd, &rows.gradient, covariance);
+            store_rows::<S>(&mut residuals.squares, first, simd.add_f64s(square, variance));
             let slope = rows.gradient[0];
-            let (mut squares, mut slopes) = ([0.0; MOST_LANES], [0.0; MOST_LANES]);
-            S::as_mut_simd_f64s(&mut squares[..S::F64_LANES]).0[0] = square;
-            S::as_mut_simd_f64s(&mut slopes[..S::F64_LANES]).0[0] = simd.mul_f64s(slope, slope);
-            let pairs = squares.iter().zip(&slopes).take(S::F64_LANES);
-            let residual = |(&square, &slope_square)| Residual { square, slope_square };
-            residuals.extend(pairs.map(residual));
+            store_rows::<S>(&mut residuals.slope_squares, first, simd.mul_f64s(slope, slope));
         }
-        residuals.truncate(data.rows);
+        residuals.squares.truncate(data.rows);
+        residuals.slope_squares.truncate(data.rows);
         residuals
     }
 }
@@ -195,14 +204,67 @@ impl WithSimd for CurveOf<'_> {
         let mut curve = Curve { residual: column(), gradient: std::array::from_fn(|_| column()) };
         for first in (0..data.readings.len()).step_by(S::F64_LANES) {
             let rows = CurveRows::<S>::at(simd, p, shape, data, first);
-            let put = |column: &mut Vec<f64>, values: S::f64s| {
-                S::as_mut_simd_f64s(&mut column[first..first + S::F64_LANES]).0[0] = values;
-            };
-            put(&mut curve.residual, rows.residual);
-            curve.gradient.iter_mut().zip(rows.gradient).for_each(|(column, g)| put(column, g));
+            store_rows::<S>(&mut curve.residual, first, rows.residual);
+            for (column, g) in curve.gradient.iter_mut().zip(rows.gradient) {
+                store_rows::<S>(column, first, g);
+            }
+        }
+        for column in curve.gradient.iter_mut().chain([&mut curve.residual]) {
+            column[data.rows..].fill(0.0);
         }
         curve
     }
+}
+
+impl WithSimd for VariancesOf<'_> {
+    type Output = Vec<f64>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Vec<f64> {
+        let Self { curve, covariance } = self;
+        let mut variances = vec![0.0; curve.residual.len()];
+        for first in (0..variances.len()).step_by(S::F64_LANES) {
+            let mut gradient = [simd.splat_f64s(0.0); PARAMETERS];
+            for (g, column) in gradient.iter_mut().zip(&curve.gradient) {
+                *g = load_rows::<S>(column, first);
+            }
+            let variance = quadratic_form(simd, &gradient, covariance);
+            store_rows::<S>(&mut variances, first, variance);
+        }
+        variances
+    }
+}
+
+/// Adds the products of two columns, the rows in turn to the lanes of a sum.
+#[inline(always)]
+fn add_products<S: Simd>(simd: S, sums: &mut [f64; MOST_LANES], a: &[f64; STRETCH], b: &[f64]) {
+    for lane in (0..MOST_LANES).step_by(S::F64_LANES) {
+        let mut sum = load_rows::<S>(sums, lane);
+        for (a, b) in a.as_chunks::<MOST_LANES>().0.iter().zip(b.as_chunks::<MOST_LANES>().0) {
+            let product = simd.mul_f64s(load_rows::<S>(a, lane), load_rows::<S>(b, lane));
+            sum = simd.add_f64s(product, sum);
+        }
+        store_rows::<S>(sums, lane, sum);
+    }
+}
+
+/// `gᵀCg`, not below zero.
+#[inline(always)]
+fn quadratic_form<S: Simd>(
+    simd: S,
+    g: &[S::f64s; PARAMETERS],
+    c: &[Parameters; PARAMETERS],
+) -> S::f64s {
+    let zero = simd.splat_f64s(0.0);
+    let mut sum = zero;
+    for (&gi, row) in g.iter().zip(c) {
+        let mut product = zero;
+        for (&g, &c) in g.iter().zip(row) {
+            product = simd.add_f64s(simd.mul_f64s(g, simd.splat_f64s(c)), product);
+        }
+        sum = simd.add_f64s(simd.mul_f64s(gi, product), sum);
+    }
+    simd.max_f64s(sum, zero)
 }
 
 #[cfg(test)]
@@ -239,6 +301,6 @@ mod tests {
         let narrow = SumsOf { p: &p, data: &data }.with_simd(Scalar);
         assert_eq!((found.cost, found.descent), (narrow.cost, narrow.descent));
         assert_eq!(found.information, narrow.information);
-        assert_eq!(residuals(&p, &[[0.0; 10]; 10], &data).len(), rows);
+        assert_eq!(residuals(&p, &[[0.0; 10]; 10], &data).squares.len(), rows);
     }
 }

@@ -6,12 +6,14 @@
 
 mod eigen;
 mod reflection;
+mod squares;
 mod triangle;
 
 use pulp::{Simd, WithSimd};
 
 use shell_data::instructions::arch;
 
+use squares::SubtractSquares;
 pub(crate) use triangle::UpperTriangle;
 
 /// The upper triangle of a symmetric matrix, row after row.
@@ -60,39 +62,12 @@ impl SymmetricMatrix {
 
     /// Subtracts `x·xᵀ` of each of these, as long as a row.
     pub(crate) fn subtract_squares(&mut self, of: &[Vec<f64>]) {
-        arch().dispatch(SubtractSquares { from: self, of });
+        arch().dispatch(SubtractSquares { from: self, squares_of: of });
     }
 
     /// The factor `U` of `A = Uᵀ·U`; `None` if the matrix is not positive definite in floating point.
     pub(crate) fn cholesky(mut self) -> Option<UpperTriangle> {
         arch().dispatch(Factorise(&mut self)).then_some(UpperTriangle(self))
-    }
-}
-
-struct SubtractSquares<'a> {
-    from: &'a mut SymmetricMatrix,
-    of: &'a [Vec<f64>],
-}
-
-impl WithSimd for SubtractSquares<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let (fours, rest) = self.of.as_chunks();
-        for i in 0..self.from.size {
-            let row = self.from.row_mut(i);
-            // So many at once: what is read and written is the row.
-            for [a, b, c, d] in fours {
-                let columns = a[i..].iter().zip(&b[i..]).zip(c[i..].iter().zip(&d[i..]));
-                for (x, ((aj, bj), (cj, dj))) in row.iter_mut().zip(columns) {
-                    *x -= (a[i] * aj + b[i] * bj) + (c[i] * cj + d[i] * dj);
-                }
-            }
-            for a in rest {
-                add_multiple(row, -a[i], &a[i..]);
-            }
-        }
     }
 }
 

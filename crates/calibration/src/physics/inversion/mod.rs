@@ -20,7 +20,6 @@
 //! Standard errors are those of Laplace's approximation, the curvature at the end (MacKay, Neural
 //! Computation 4, 1992).
 
-mod lane_cholesky;
 mod newton;
 mod ready;
 

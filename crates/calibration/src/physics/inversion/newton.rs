@@ -5,9 +5,9 @@
 
 use pulp::{Simd, WithSimd};
 
-use super::lane_cholesky::LaneCholesky;
 use super::ready::Ready;
 use super::{Estimates, Inversion};
+use crate::physics::lane_cholesky::LaneCholesky;
 use crate::physics::lanes::{Answers, MOST_LANES, load, store};
 use crate::physics::observations::MOST_CHANNELS;
 use crate::physics::response::PARAMETERS;
@@ -250,9 +250,11 @@ impl Inversion {
     ) -> ([S::f64s; N], S::f64s) {
         let (curvature, descent) = self.equations(simd, state);
         let step = LaneCholesky::new(simd, &curvature).solve(simd, &descent);
-        let zero = simd.splat_f64s(0.0);
-        let pairs = step.iter().zip(&descent);
-        (step, pairs.fold(zero, |sum, (&s, &d)| simd.add_f64s(simd.mul_f64s(s, d), sum)))
+        let mut length = simd.splat_f64s(0.0);
+        for (&s, &d) in step.iter().zip(&descent) {
+            length = simd.add_f64s(simd.mul_f64s(s, d), length);
+        }
+        (step, length)
     }
 
     #[inline(always)]
@@ -346,10 +348,11 @@ fn add_square<S: Simd>(simd: S, sum: S::f64s, residual: S::f64s, weight: S::f64s
 
 #[inline(always)]
 fn inner<S: Simd>(simd: S, a: &[f64], b: &[S::f64s]) -> S::f64s {
-    let zero = simd.splat_f64s(0.0);
-    a.iter()
-        .zip(b)
-        .fold(zero, |sum, (&a, &b)| simd.add_f64s(simd.mul_f64s(simd.splat_f64s(a), b), sum))
+    let mut sum = simd.splat_f64s(0.0);
+    for (&a, &b) in a.iter().zip(b) {
+        sum = simd.add_f64s(simd.mul_f64s(simd.splat_f64s(a), b), sum);
+    }
+    sum
 }
 
 /// `A += weight·g·gᵀ` (lower triangle), `b += pull·g`.

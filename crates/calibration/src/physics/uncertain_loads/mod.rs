@@ -23,7 +23,7 @@ use self::load::{OWN, SHARED};
 use super::PhysicsError;
 use super::fit::{Scaled, Scales, common_means, fit};
 use super::model::check;
-use super::noise::{Noise, Residual};
+use super::noise::{Noise, Residuals};
 use super::observations::Observation;
 use super::response::{Answer, PARAMETERS, Parameters, SHAPE};
 use super::sensor::Prior;
@@ -287,9 +287,9 @@ impl LoadSearch<'_> {
     }
 
     /// Residuals with what sensors and loads took of them.
-    fn residuals(&self, at: &LoadEquations) -> Vec<Vec<Residual>> {
+    fn residuals(&self, at: &LoadEquations) -> Vec<Residuals> {
         let sensors = self.at.parameters.len();
-        let mut all = vec![Vec::new(); sensors];
+        let mut all = vec![Residuals::default(); sensors];
         let Some((border, eliminated)) = at.factor() else { return all };
         for ((load, of), eliminated) in self.loads.iter().zip(&at.loads).zip(&eliminated) {
             let offset = load.mounting().map(|m| PARAMETERS * sensors + SHARED * m);
@@ -306,7 +306,8 @@ impl LoadSearch<'_> {
                 let own: f64 = eliminated.factor.forward(&t).iter().map(|x| x * x).sum();
                 let unsure = own + border.square(u);
                 let square = row.residual.mul_add(row.residual, unsure);
-                all[i].push(Residual { square, slope_square: row.slope * row.slope });
+                all[i].squares.push(square);
+                all[i].slope_squares.push(row.slope * row.slope);
             }
         }
         all

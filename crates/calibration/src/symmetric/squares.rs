@@ -1,0 +1,126 @@
+//! What is left of a symmetric matrix without the squares `x·xᵀ` of some vectors.
+//!
+//! Four vectors at a time, in their order, whatever the size of the tiles.
+
+use std::ops::Range;
+
+use pulp::{Simd, WithSimd};
+
+use super::SymmetricMatrix;
+
+pub(super) struct SubtractSquares<'a> {
+    pub(super) from: &'a mut SymmetricMatrix,
+    /// Vectors as long as a row.
+    pub(super) squares_of: &'a [Vec<f64>],
+}
+
+/// Columns and rows of a tile, which stays in registers while squares are subtracted.
+const TILE_COLUMNS: usize = 8;
+const TILE_ROWS: usize = 4;
+
+/// Squares that are subtracted from one tile after the other: as many as stay near the core.
+const SQUARES: usize = 64;
+
+impl WithSimd for SubtractSquares<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let bands = self.from.size.div_ceil(TILE_COLUMNS);
+        for of in self.squares_of.chunks(SQUARES) {
+            // The same columns of all of them side by side.
+            let mut packed = vec![[0.0; TILE_COLUMNS]; bands * of.len()];
+            for (position, x) in of.iter().enumerate() {
+                for (band, columns) in x.chunks(TILE_COLUMNS).enumerate() {
+                    packed[band * of.len() + position][..columns.len()].copy_from_slice(columns);
+                }
+            }
+            for band in 0..bands {
+                let columns = &packed[band * of.len()..][..of.len()];
+                for first in (0..(band + 1) * TILE_COLUMNS).step_by(TILE_ROWS) {
+                    let rows = &packed[first / TILE_COLUMNS * of.len()..][..of.len()];
+                    let tile = Tile { first_row: first, first_column: band * TILE_COLUMNS };
+                    let mut values = tile.load(self.from);
+                    let rows = (rows, first % TILE_COLUMNS);
+                    subtract_from_tile(simd, &mut values, rows, columns);
+                    tile.store(&values, self.from);
+                }
+            }
+        }
+    }
+}
+
+type TileValues = [[f64; TILE_COLUMNS]; TILE_ROWS];
+
+/// `tile -= Σ a·xᵀ` of rows `a`, from `first` on, and columns `x`.
+#[inline(always)]
+fn subtract_from_tile<S: Simd>(
+    simd: S,
+    tile: &mut TileValues,
+    (rows, first): (&[[f64; TILE_COLUMNS]], usize),
+    columns: &[[f64; TILE_COLUMNS]],
+) {
+    let ((row_fours, row_rest), (fours, rest)) = (rows.as_chunks::<4>(), columns.as_chunks::<4>());
+    for lane in (0..TILE_COLUMNS).step_by(S::F64_LANES) {
+        let vector = |x: &[f64; TILE_COLUMNS]| S::as_simd_f64s(&x[lane..][..S::F64_LANES]).0[0];
+        let mut sums = [simd.splat_f64s(0.0); TILE_ROWS];
+        for (sum, values) in sums.iter_mut().zip(&*tile) {
+            *sum = vector(values);
+        }
+        for (a, x) in row_fours.iter().zip(fours) {
+            let x = [vector(&x[0]), vector(&x[1]), vector(&x[2]), vector(&x[3])];
+            for (row, sum) in sums.iter_mut().enumerate() {
+                let mut products = x;
+                for (product, a) in products.iter_mut().zip(a) {
+                    *product = simd.mul_f64s(simd.splat_f64s(a[first + row]), *product);
+                }
+                let [p, q, r, s] = products;
+                let product = simd.add_f64s(simd.add_f64s(p, q), simd.add_f64s(r, s));
+                *sum = simd.sub_f64s(*sum, product);
+            }
+        }
+        for (a, x) in row_rest.iter().zip(rest) {
+            for (row, sum) in sums.iter_mut().enumerate() {
+                let product = simd.mul_f64s(simd.splat_f64s(a[first + row]), vector(x));
+                *sum = simd.sub_f64s(*sum, product);
+            }
+        }
+        for (values, sum) in tile.iter_mut().zip(sums) {
+            S::as_mut_simd_f64s(&mut values[lane..][..S::F64_LANES]).0[0] = sum;
+        }
+    }
+}
+
+/// Where a tile begins; what it has below the diagonal or beyond the matrix is not used.
+struct Tile {
+    first_row: usize,
+    first_column: usize,
+}
+
+impl Tile {
+    /// The rows of a tile that are stored, with their columns.
+    #[inline(always)]
+    fn rows(&self, size: usize) -> impl Iterator<Item = (usize, Range<usize>)> {
+        let columns = self.first_column..(self.first_column + TILE_COLUMNS).min(size);
+        let rows = self.first_row..(self.first_row + TILE_ROWS).min(columns.end);
+        rows.map(move |row| (row, columns.start.max(row)..columns.end))
+    }
+
+    #[inline(always)]
+    fn load(&self, matrix: &SymmetricMatrix) -> TileValues {
+        let mut values = [[0.0; TILE_COLUMNS]; TILE_ROWS];
+        for ((row, columns), values) in self.rows(matrix.size).zip(&mut values) {
+            values[columns.start - self.first_column..][..columns.len()]
+                .copy_from_slice(&matrix.row(row)[columns.start - row..columns.end - row]);
+        }
+        values
+    }
+
+    #[inline(always)]
+    fn store(&self, values: &TileValues, matrix: &mut SymmetricMatrix) {
+        for ((row, columns), values) in self.rows(matrix.size).zip(values) {
+            matrix.row_mut(row)[columns.start - row..columns.end - row]
+                .copy_from_slice(&values[columns.start - self.first_column..][..columns.len()]);
+        }
+    }
+}
