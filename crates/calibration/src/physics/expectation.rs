@@ -1,4 +1,4 @@
-//! A step of expectation and maximisation of the loadings, several rows at a time.
+//! One step of expectation maximisation (EM) for the loadings, several rows at a time.
 
 use pulp::{Simd, WithSimd};
 use shell_data::instructions::arch;
@@ -15,7 +15,7 @@ use super::sums::Curve;
 /// way from plateau to plateau. A weaker prior lets a second factor follow the loads of single poses.
 const LOADING_PRECISION: f64 = 300.0;
 
-/// What is expected of the factors of each row, given its residuals. Columns are as long as those of the curves.
+/// Expected moments of the factors of each row, given its residuals. Columns are as long as those of the curves.
 pub(super) struct Expectation {
     /// `E[uuᵀ]`.
     square: [[Vec<f64>; FACTORS]; FACTORS],
@@ -24,31 +24,31 @@ pub(super) struct Expectation {
 }
 
 impl Expectation {
-    /// For residuals whose curves are `unsure`: the variances that come from the parameters.
+    /// The E step. `parameter_variances` has the variances of each curve that come from its parameters.
     pub(super) fn new(
         curves: &[Curve],
-        unsure: &[Vec<f64>],
+        parameter_variances: &[Vec<f64>],
         loadings: &[Loadings],
         noise: Noise,
     ) -> Self {
-        arch().dispatch(Expect { curves, unsure, loadings, noise })
+        arch().dispatch(Expect { curves, parameter_variances, loadings, noise })
     }
 
-    /// The most likely loadings of a sensor and what is left of its first `rows` residuals.
+    /// The M step for a sensor: its most likely loadings, and its first `rows` residuals less the factors.
     pub(super) fn maximise(
         &self,
         sensor: usize,
-        (curve, unsure): (&Curve, &[f64]),
+        (curve, variances): (&Curve, &[f64]),
         noise: Noise,
         rows: usize,
     ) -> (Loadings, Residuals) {
-        arch().dispatch(Maximise { of: self, sensor, curve, unsure, noise, rows })
+        arch().dispatch(Maximise { of: self, sensor, curve, variances, noise, rows })
     }
 }
 
 struct Expect<'a> {
     curves: &'a [Curve],
-    unsure: &'a [Vec<f64>],
+    parameter_variances: &'a [Vec<f64>],
     loadings: &'a [Loadings],
     noise: Noise,
 }
@@ -57,7 +57,7 @@ struct Maximise<'a> {
     of: &'a Expectation,
     sensor: usize,
     curve: &'a Curve,
-    unsure: &'a [f64],
+    variances: &'a [f64],
     noise: Noise,
     rows: usize,
 }
@@ -66,11 +66,7 @@ struct Maximise<'a> {
 #[inline(always)]
 fn slopes<S: Simd>(simd: S, curve: &Curve, first: usize, noise: Noise) -> (S::f64s, S::f64s) {
     let slope = load_rows::<S>(&curve.gradient[0], first);
-    let of_displacement = simd.splat_f64s(noise.displacement);
-    let variance = simd.add_f64s(
-        simd.mul_f64s(simd.mul_f64s(slope, slope), of_displacement),
-        simd.splat_f64s(noise.reading),
-    );
+    let variance = noise.variances_at(simd, simd.mul_f64s(slope, slope));
     (slope, simd.div_f64s(slope, variance))
 }
 
@@ -95,7 +91,7 @@ impl WithSimd for Expect<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Expectation {
-        let Self { curves, unsure, loadings, noise } = self;
+        let Self { curves, parameter_variances, loadings, noise } = self;
         let (zero, one) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0));
         let length = curves.first().map_or(0, |curve| curve.residual.len());
         let columns = || std::array::from_fn(|_| vec![0.0; length]);
@@ -130,12 +126,12 @@ impl WithSimd for Expect<'_> {
             add_square(simd, &mut square, one, &mean);
             for (sensor, (curve, weighted)) in curves.iter().zip(&weighted).enumerate() {
                 let gain = factor.solve(simd, weighted);
-                let unsure = load_rows::<S>(&unsure[sensor], first);
-                add_square(simd, &mut square, unsure, &gain);
+                let variance = load_rows::<S>(&parameter_variances[sensor], first);
+                add_square(simd, &mut square, variance, &gain);
                 let residual = load_rows::<S>(&curve.residual, first);
                 for (k, column) in expected.with_residual[sensor].iter_mut().enumerate() {
                     let (of_mean, of_gain) =
-                        (simd.mul_f64s(mean[k], residual), simd.mul_f64s(gain[k], unsure));
+                        (simd.mul_f64s(mean[k], residual), simd.mul_f64s(gain[k], variance));
                     store_rows::<S>(column, first, simd.add_f64s(of_mean, of_gain));
                 }
             }
@@ -154,11 +150,11 @@ impl WithSimd for Maximise<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> (Loadings, Residuals) {
-        let Self { of: Expectation { square, with_residual }, curve, unsure, .. } = self;
+        let Self { of: Expectation { square, with_residual }, curve, variances, .. } = self;
         let with_residual = &with_residual[self.sensor];
         let mut a = [[[0.0; MOST_LANES]; FACTORS]; FACTORS];
         let mut b = [[0.0; MOST_LANES]; FACTORS];
-        for first in (0..unsure.len()).step_by(S::F64_LANES) {
+        for first in (0..variances.len()).step_by(S::F64_LANES) {
             let (slope, weight) = slopes(simd, curve, first, self.noise);
             let by_slope = simd.mul_f64s(weight, slope);
             for k in 0..FACTORS {
@@ -175,13 +171,13 @@ impl WithSimd for Maximise<'_> {
         (0..FACTORS).for_each(|k| a[k][k] += LOADING_PRECISION);
         let c = Cholesky::new(&a).expect("a prior and squares").solve(&b.map(sum));
 
-        let column = || vec![0.0; unsure.len()];
+        let column = || vec![0.0; variances.len()];
         let mut residuals = Residuals { squares: column(), slope_squares: column() };
-        for first in (0..unsure.len()).step_by(S::F64_LANES) {
+        for first in (0..variances.len()).step_by(S::F64_LANES) {
             let slope = load_rows::<S>(&curve.gradient[0], first);
             let residual = load_rows::<S>(&curve.residual, first);
             let mut left = simd.mul_f64s(residual, residual);
-            left = simd.add_f64s(left, load_rows::<S>(unsure, first));
+            left = simd.add_f64s(left, load_rows::<S>(variances, first));
             for k in 0..FACTORS {
                 let mut of_square = simd.splat_f64s(0.0);
                 for l in 0..FACTORS {

@@ -133,13 +133,14 @@ impl<'a> Joint<'a> {
     /// Steps of expectation and maximisation of the loadings and the variances.
     fn refine_loadings(&mut self, curves: &[Curve]) {
         let pairs = curves.iter().zip(&self.fitted.covariance);
-        let unsure: Vec<Vec<f64>> = pairs.map(|(curve, c)| curve.parameter_variances(c)).collect();
+        let variances: Vec<Vec<f64>> =
+            pairs.map(|(curve, c)| curve.parameter_variances(c)).collect();
         let FittedParameters { loadings, noise, .. } = &mut self.fitted;
         for _ in 0..EM_STEPS {
-            let expected = Expectation::new(curves, &unsure, loadings, *noise);
+            let expected = Expectation::new(curves, &variances, loadings, *noise);
             let mut all = Vec::with_capacity(curves.len());
             for (sensor, c) in loadings.iter_mut().enumerate() {
-                let of = (&curves[sensor], &*unsure[sensor]);
+                let of = (&curves[sensor], &*variances[sensor]);
                 let residuals;
                 (*c, residuals) = expected.maximise(sensor, of, *noise, self.rows);
                 all.push(residuals);

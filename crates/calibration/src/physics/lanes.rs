@@ -2,6 +2,9 @@
 //!
 //! Additions, multiplications, divisions and square roots alone: these are
 //! rounded alike on every machine, so a row has the same bits in vectors of any width.
+//!
+//! Loops and not `fold`: its closure may stay a function of its own, without wide vectors, as in
+//! [`vectors`](crate::vectors).
 
 use pulp::Simd;
 
@@ -68,13 +71,13 @@ pub(super) fn load_rows<S: Simd>(column: &[f64], first: usize) -> S::f64s {
     S::as_simd_f64s(&column[first..first + S::F64_LANES]).0[0]
 }
 
-/// Makes a vector those rows of a column.
+/// Writes a vector to the rows of a column from `first` on.
 #[inline(always)]
 pub(super) fn store_rows<S: Simd>(column: &mut [f64], first: usize, rows: S::f64s) {
     S::as_mut_simd_f64s(&mut column[first..first + S::F64_LANES]).0[0] = rows;
 }
 
-/// Adds products to those of a sum's lanes that rows from `first` on are assigned to.
+/// Adds the products of rows from `first` on to the lanes of a sum that those rows belong to.
 #[inline(always)]
 pub(super) fn add_product<S: Simd>(
     simd: S,

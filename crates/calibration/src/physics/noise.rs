@@ -57,6 +57,13 @@ impl Noise {
         slope_square * self.displacement + self.reading
     }
 
+    /// [`variance_at`](Self::variance_at) in lanes.
+    #[inline(always)]
+    pub(super) fn variances_at<S: Simd>(&self, simd: S, slope_squares: S::f64s) -> S::f64s {
+        let of_displacement = simd.mul_f64s(slope_squares, simd.splat_f64s(self.displacement));
+        simd.add_f64s(of_displacement, simd.splat_f64s(self.reading))
+    }
+
     /// The variances of greatest likelihood, `steps` fixed-point steps on from these.
     pub(super) fn refine(self, residuals: &[Residuals], steps: usize) -> Self {
         (0..steps).fold(self, |noise, _| {
@@ -98,7 +105,7 @@ impl WithSimd for Add<'_> {
         for (squares, slope_squares) in squares.iter().zip(slope_squares) {
             add_rows(simd, sums, noise, [squares, slope_squares, &[1.0; MOST_LANES]]);
         }
-        // The last rows go on with some of no weight.
+        // The last rows are padded with rows of weight zero.
         let mut padded = [[0.0; MOST_LANES]; 3];
         let count = last_squares.len();
         padded[0][..count].copy_from_slice(last_squares);
@@ -108,7 +115,7 @@ impl WithSimd for Add<'_> {
     }
 }
 
-/// Adds some squares of residuals and slopes, where the last number is one and not zero.
+/// Adds rows; `ones` is 1 for a row and 0 for padding.
 #[inline(always)]
 fn add_rows<S: Simd>(
     simd: S,
@@ -119,8 +126,7 @@ fn add_rows<S: Simd>(
     for lane in (0..MOST_LANES).step_by(S::F64_LANES) {
         let (square, g) = (load_rows::<S>(squares, lane), load_rows::<S>(slope_squares, lane));
         let one = load_rows::<S>(ones, lane);
-        let of_displacement = simd.mul_f64s(g, simd.splat_f64s(noise.displacement));
-        let variance = simd.add_f64s(of_displacement, simd.splat_f64s(noise.reading));
+        let variance = noise.variances_at(simd, g);
         let weight = simd.div_f64s(one, simd.mul_f64s(variance, variance));
         let by_g = simd.mul_f64s(weight, g);
         let products = [(weight, one), (weight, g), (by_g, g), (weight, square), (by_g, square)];

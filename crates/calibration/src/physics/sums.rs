@@ -12,7 +12,7 @@ use super::response::{PARAMETERS, Parameters, SHAPE};
 use shell_data::instructions::arch;
 
 /// Rows whose gradients are kept while their products are summed.
-const STRETCH: usize = 64;
+const ROWS_AT_ONCE: usize = 64;
 
 /// Places of the lower triangle of a matrix of the parameters.
 const TRIANGLE: usize = PARAMETERS * (PARAMETERS + 1) / 2;
@@ -41,7 +41,14 @@ pub(super) fn residuals(
     covariance: &[Parameters; PARAMETERS],
     data: &Data<'_>,
 ) -> Residuals {
-    arch().dispatch(ResidualsOf { p, covariance, data })
+    let curve = Curve::new(p, data);
+    let variances = curve.parameter_variances(covariance);
+    let squares = curve.residual.iter().zip(&variances).map(|(r, variance)| r * r + variance);
+    let slope_squares = curve.gradient[0].iter().map(|slope| slope * slope);
+    Residuals {
+        squares: squares.take(data.rows).collect(),
+        slope_squares: slope_squares.take(data.rows).collect(),
+    }
 }
 
 /// The residuals and gradients of a sensor along its rows, columns as long as those of the data: zeros beyond its rows.
@@ -72,12 +79,6 @@ struct CurveOf<'a> {
 
 struct SumsOf<'a> {
     p: &'a Parameters,
-    data: &'a Data<'a>,
-}
-
-struct ResidualsOf<'a> {
-    p: &'a Parameters,
-    covariance: &'a [Parameters; PARAMETERS],
     data: &'a Data<'a>,
 }
 
@@ -129,12 +130,12 @@ impl WithSimd for SumsOf<'_> {
         let mut information = [[0.0; MOST_LANES]; TRIANGLE];
         let mut descent = [[0.0; MOST_LANES]; PARAMETERS];
         let mut cost = [0.0; MOST_LANES];
-        // Sums of products of two columns stay in registers along a stretch of rows.
-        let mut gradient = [[0.0; STRETCH]; PARAMETERS];
-        let mut weighted = [[0.0; STRETCH]; PARAMETERS];
-        let (mut residual, mut weighted_residual) = ([0.0; STRETCH], [0.0; STRETCH]);
-        for start in (0..data.readings.len()).step_by(STRETCH) {
-            let count = STRETCH.min(data.readings.len() - start);
+        // Sums of products of two columns stay in registers along these rows.
+        let mut gradient = [[0.0; ROWS_AT_ONCE]; PARAMETERS];
+        let mut weighted = [[0.0; ROWS_AT_ONCE]; PARAMETERS];
+        let (mut residual, mut weighted_residual) = ([0.0; ROWS_AT_ONCE], [0.0; ROWS_AT_ONCE]);
+        for start in (0..data.readings.len()).step_by(ROWS_AT_ONCE) {
+            let count = ROWS_AT_ONCE.min(data.readings.len() - start);
             for first in (0..count).step_by(S::F64_LANES) {
                 let rows = CurveRows::<S>::at(simd, p, shape, data, start + first);
                 let weight = load_rows::<S>(&data.weights, start + first);
@@ -167,29 +168,6 @@ impl WithSimd for SumsOf<'_> {
             sums.information[i][j] = sum(lanes);
         }
         sums
-    }
-}
-
-impl WithSimd for ResidualsOf<'_> {
-    type Output = Residuals;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> Residuals {
-        let Self { p, covariance, data } = self;
-        let shape = (libm::exp(p[SHAPE + 1]), libm::exp(p[SHAPE + 2]));
-        let column = || vec![0.0; data.readings.len()];
-        let mut residuals = Residuals { squares: column(), slope_squares: column() };
-        for first in (0..data.readings.len()).step_by(S::F64_LANES) {
-            let rows = CurveRows::<S>::at(simd, p, shape, data, first);
-            let square = simd.mul_f64s(rows.residual, rows.residual);
-            let variance = quadratic_form(simd, &rows.gradient, covariance);
-            store_rows::<S>(&mut residuals.squares, first, simd.add_f64s(square, variance));
-            let slope = rows.gradient[0];
-            store_rows::<S>(&mut residuals.slope_squares, first, simd.mul_f64s(slope, slope));
-        }
-        residuals.squares.truncate(data.rows);
-        residuals.slope_squares.truncate(data.rows);
-        residuals
     }
 }
 
@@ -237,7 +215,12 @@ impl WithSimd for VariancesOf<'_> {
 
 /// Adds the products of two columns, the rows in turn to the lanes of a sum.
 #[inline(always)]
-fn add_products<S: Simd>(simd: S, sums: &mut [f64; MOST_LANES], a: &[f64; STRETCH], b: &[f64]) {
+fn add_products<S: Simd>(
+    simd: S,
+    sums: &mut [f64; MOST_LANES],
+    a: &[f64; ROWS_AT_ONCE],
+    b: &[f64],
+) {
     for lane in (0..MOST_LANES).step_by(S::F64_LANES) {
         let mut sum = load_rows::<S>(sums, lane);
         for (a, b) in a.as_chunks::<MOST_LANES>().0.iter().zip(b.as_chunks::<MOST_LANES>().0) {

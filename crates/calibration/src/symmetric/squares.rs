@@ -18,8 +18,8 @@ pub(super) struct SubtractSquares<'a> {
 const TILE_COLUMNS: usize = 8;
 const TILE_ROWS: usize = 4;
 
-/// Squares that are subtracted from one tile after the other: as many as stay near the core.
-const SQUARES: usize = 64;
+/// Vectors that are packed at once: as many as fit the first-level cache.
+const VECTORS_AT_ONCE: usize = 64;
 
 impl WithSimd for SubtractSquares<'_> {
     type Output = ();
@@ -27,8 +27,8 @@ impl WithSimd for SubtractSquares<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let bands = self.from.size.div_ceil(TILE_COLUMNS);
-        for of in self.squares_of.chunks(SQUARES) {
-            // The same columns of all of them side by side.
+        for of in self.squares_of.chunks(VECTORS_AT_ONCE) {
+            // For each band of columns, that band of every vector.
             let mut packed = vec![[0.0; TILE_COLUMNS]; bands * of.len()];
             for (position, x) in of.iter().enumerate() {
                 for (band, columns) in x.chunks(TILE_COLUMNS).enumerate() {

@@ -204,9 +204,7 @@ impl Inversion {
             let answers = Answers::at(simd, q, sensor.h, sensor.nu);
             let value = simd.add_f64s(answers.height, simd.splat_f64s(sensor.lo));
             let slope_square = simd.mul_f64s(answers.slope, answers.slope);
-            let displacement = simd.splat_f64s(self.noise.displacement);
-            let reading = simd.splat_f64s(self.noise.reading);
-            let noise = simd.add_f64s(simd.mul_f64s(slope_square, displacement), reading);
+            let noise = self.noise.variances_at(simd, slope_square);
             let variance = simd.add_f64s(noise, parameter_variance(simd, sensor, &answers, x));
             state.residual[position] = simd.sub_f64s(frames.y[position], value);
             state.slope[position] = answers.slope;
