@@ -21,7 +21,8 @@
 //!
 //! Where `K_g` and `u_g` come from, exact sums or R factors of a QR factorisation, is not said here.
 
-use faer::Mat;
+use faer::linalg::matmul::triangular::{BlockStructure, matmul};
+use faer::{Accum, Mat, MatRef, Par};
 
 use crate::symmetric::{SymmetricMatrix, UpperTriangle, add_multiple, product};
 use shell_data::wrench::PerAxis;
@@ -68,78 +69,122 @@ pub(crate) struct ScatterSums {
     /// `v_g` of every group.
     scores: PerAxis<Vec<Vec<f64>>>,
     products: PerAxis<PerAxis<f64>>,
-    /// The identity less all `K_g`.
-    defect: SymmetricMatrix,
+    /// The identity less all `K_g`, where these must add up to it.
+    defect: Option<SymmetricMatrix>,
     alone: Vec<usize>,
     common: PerAxis<f64>,
     squares: PerAxis<f64>,
 }
 
-/// A group of rows.
-pub(crate) struct ClusterShare {
-    /// `K_g`, features × features.
-    pub(crate) share: SymmetricMatrix,
-    /// `u_g`.
-    pub(crate) score: PerAxis<Vec<f64>>,
-    /// Rows, sum of the errors and of their squares, for each axis.
-    pub(crate) errors: PerAxis<(u64, f64, f64)>,
-}
+/// Rows, sum of the errors and of their squares, for each axis.
+pub(crate) type ErrorSums = PerAxis<(u64, f64, f64)>;
 
 impl ScatterSums {
     /// Of so many groups and features, before any group; `products` are those of the residuals of all rows.
-    pub(crate) fn new(groups: usize, features: usize, products: PerAxis<PerAxis<f64>>) -> Self {
+    /// `all_directions` says that the fit has no ridge and has left out no direction, so that the `K_g` must add up to
+    /// the identity.
+    pub(crate) fn new(
+        (groups, features): (usize, usize),
+        products: PerAxis<PerAxis<f64>>,
+        all_directions: bool,
+    ) -> Self {
         Self {
             scores: std::array::from_fn(|_| vec![vec![0.0; features]; groups]),
             products,
-            defect: SymmetricMatrix::identity(features),
+            defect: all_directions.then(|| SymmetricMatrix::identity(features)),
             alone: Vec::new(),
             common: PerAxis::default(),
             squares: PerAxis::default(),
         }
     }
 
-    /// Adds the group at `position`.
-    pub(crate) fn add(&mut self, position: usize, group: ClusterShare) -> Result<(), ScatterError> {
-        let ClusterShare { share, score, errors } = group;
-        for (axis, (rows, sum, squares)) in errors.into_iter().enumerate() {
-            self.common[axis] += sum * sum / rows as f64;
-            self.squares[axis] += squares;
+    /// Adds the group at `position`, of its `K_g`, features × features, and `u_g`.
+    pub(crate) fn add(
+        &mut self,
+        position: usize,
+        (share, score): (SymmetricMatrix, PerAxis<Vec<f64>>),
+        errors: ErrorSums,
+    ) -> Result<(), ScatterError> {
+        self.take_off(|| share.clone());
+        if let Some(score) = self.corrected(position, share, score)? {
+            self.put(position, score, &errors);
         }
+        Ok(())
+    }
+
+    /// The same of `M`, rows × features, and `e`, rows × axes, with `K_g = MᵀM` and `u_g = Mᵀe`. Where rows are fewer,
+    /// `(I − K_g)^(−½)·u_g = Mᵀ·(I − M·Mᵀ)^(−½)·e`.
+    pub(crate) fn add_rows(
+        &mut self,
+        position: usize,
+        (rows, misfit): (MatRef<'_, f64>, MatRef<'_, f64>),
+        errors: ErrorSums,
+    ) -> Result<(), ScatterError> {
+        let columns = |of: MatRef<'_, f64>| -> PerAxis<Vec<f64>> {
+            std::array::from_fn(|axis| of.col(axis).iter().copied().collect())
+        };
+        if rows.nrows() >= rows.ncols() {
+            let score = columns((rows.transpose() * misfit).as_ref());
+            return self.add(position, (gram(rows.transpose()), score), errors);
+        }
+        self.take_off(|| gram(rows.transpose()));
+        if let Some(misfit) = self.corrected(position, gram(rows), columns(misfit))? {
+            let misfit = Mat::from_fn(rows.nrows(), misfit.len(), |row, axis| misfit[axis][row]);
+            self.put(position, columns((rows.transpose() * misfit).as_ref()), &errors);
+        }
+        Ok(())
+    }
+
+    fn take_off(&mut self, share: impl FnOnce() -> SymmetricMatrix) {
+        let Some(defect) = &mut self.defect else { return };
+        let share = share();
         for i in 0..share.size() {
-            add_multiple(self.defect.row_mut(i), -1.0, share.row(i));
+            add_multiple(defect.row_mut(i), -1.0, share.row(i));
         }
+    }
+
+    /// `(I − K)^(−½)` times these; `None`, and the group is noted, if it alone determines a direction.
+    fn corrected(
+        &mut self,
+        position: usize,
+        share: SymmetricMatrix,
+        score: PerAxis<Vec<f64>>,
+    ) -> Result<Option<PerAxis<Vec<f64>>>, ScatterError> {
         let eigen = share.eigen().ok_or(ScatterError::NearlyDependent)?;
         let rest: Vec<f64> = eigen.values.iter().map(|value| 1.0 - value.max(0.0)).collect();
         if rest.iter().any(|&rest| rest < ALONE) {
             self.alone.push(position);
-            return Ok(());
+            return Ok(None);
         }
-        let score = score.map(|mut score| {
+        Ok(Some(score.map(|mut score| {
             eigen.turn(&mut score);
             score.iter_mut().zip(&rest).for_each(|(x, rest)| *x /= rest.sqrt());
             eigen.turn_back(&mut score);
             score
-        });
+        })))
+    }
+
+    fn put(&mut self, position: usize, score: PerAxis<Vec<f64>>, errors: &ErrorSums) {
+        for (axis, (rows, sum, squares)) in errors.iter().enumerate() {
+            self.common[axis] += sum * sum / *rows as f64;
+            self.squares[axis] += squares;
+        }
         for (products, a) in self.products.iter_mut().zip(&score) {
             products.iter_mut().zip(&score).for_each(|(sum, b)| *sum += product(a, b));
         }
         for (scores, score) in self.scores.iter_mut().zip(score) {
             scores[position] = score;
         }
-        Ok(())
     }
 
-    /// The scatter, after all groups. `F` is in the units that the covariance is wanted in; `all_directions` says that
-    /// the fit has no ridge and has left out no direction, so that the `K_g` must add up to the identity.
-    pub(crate) fn finish(
-        self,
-        factor: &UpperTriangle,
-        all_directions: bool,
-    ) -> Result<GroupScatter, ScatterError> {
+    /// The scatter, after all groups. `F` is in the units that the covariance is wanted in.
+    pub(crate) fn finish(self, factor: &UpperTriangle) -> Result<GroupScatter, ScatterError> {
         let features = factor.size();
-        let defect = (0..features).flat_map(|i| self.defect.row(i));
-        if all_directions && defect.fold(0.0, |most: f64, x| most.max(x.abs())) > LARGEST_DEFECT {
-            return Err(ScatterError::NearlyDependent);
+        if let Some(defect) = &self.defect {
+            let mut all = (0..features).flat_map(|i| defect.row(i));
+            if !all.all(|x| x.abs() <= LARGEST_DEFECT) {
+                return Err(ScatterError::NearlyDependent);
+            }
         }
         if !self.alone.is_empty() {
             return Err(ScatterError::Alone(self.alone));
@@ -158,4 +203,23 @@ impl ScatterSums {
             shared,
         })
     }
+}
+
+/// `M·Mᵀ`.
+fn gram(rows: MatRef<'_, f64>) -> SymmetricMatrix {
+    use BlockStructure::{Rectangular, TriangularLower};
+    let mut products = Mat::zeros(rows.nrows(), rows.nrows());
+    let (to, columns) = (products.as_mut(), rows.transpose());
+    matmul(
+        to,
+        TriangularLower,
+        Accum::Replace,
+        rows,
+        Rectangular,
+        columns,
+        Rectangular,
+        1.0,
+        Par::Seq,
+    );
+    SymmetricMatrix::from_fn(rows.nrows(), |i, j| products[(j, i)])
 }

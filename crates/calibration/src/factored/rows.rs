@@ -255,13 +255,8 @@ impl FactoredRows {
         self.change(model, &scaling).is_some()
     }
 
-    /// What `R` makes of the columns of a matrix, of one row per feature.
-    pub(super) fn times(&self, columns: &Mat<f64>) -> Mat<f64> {
-        self.r_factor.r() * columns
-    }
-
-    /// `Z − R·C` of coefficients of these features.
-    pub(super) fn misfit(&self, coefficients: MatRef<'_, f64>) -> Mat<f64> {
-        self.r_factor.misfit(coefficients)
+    /// `R` and `Z` without the rows of `R` that are rounding.
+    pub(super) fn significant_rows(&self) -> (Mat<f64>, Mat<f64>) {
+        self.r_factor.significant_rows()
     }
 }

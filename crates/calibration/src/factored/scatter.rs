@@ -2,14 +2,17 @@
 //!
 //! With `M = R·F` for a group, `K_g = MᵀM` and `u_g = Mᵀ(Z − R·C)`: errors of about κ(X)·2⁻⁵³.
 
-use faer::Mat;
+use std::ops::Range;
+
+use faer::{Mat, MatRef};
 
 use super::groups::FactoredGroups;
 use super::rows::FactoredRows;
 use crate::exact::NewGroup;
-use crate::sandwich::{ClusterShare, GroupScatter, ScatterError, ScatterSums};
+use crate::sandwich::{GroupScatter, ScatterError, ScatterSums};
+use crate::scaling::Scaling;
 use crate::solver::Solution;
-use crate::symmetric::{SymmetricMatrix, UpperTriangle};
+use crate::symmetric::UpperTriangle;
 use shell_data::wrench::PerAxis;
 
 impl FactoredGroups {
@@ -31,29 +34,20 @@ impl FactoredGroups {
         let products = &solution.residual_products;
         let products =
             std::array::from_fn(|a| std::array::from_fn(|b| products[(a.min(b), a.max(b))]));
-        let mut sums = ScatterSums::new(groups.len(), factor.nrows(), products);
-        let express = |rows: &FactoredRows| {
-            let change = rows.change(&solution.model, &solution.scaling);
-            let change = change.ok_or(ScatterError::NearlyDependent)?;
-            Ok((&change * factor, &change * &solution.coefficients))
-        };
-        // As a rule all are about one centre; those of recordings that were merged are not.
-        let mut about = None;
+        let all_directions = solution.ridge == 0.0 && solution.rank == factor.nrows();
+        let mut sums = ScatterSums::new((groups.len(), factor.nrows()), products, all_directions);
+        let mut about = AboutCentre::new(solution);
         for (position, rows) in groups.iter().enumerate() {
-            let known = about.take().filter(|(scaling, _)| *scaling == rows.scaling());
-            let parts = known.map_or_else(|| express(rows), |(_, parts)| Ok(parts))?;
-            let (_, (factors, coefficients)) = about.insert((rows.scaling(), parts));
-            let columns = rows.times(factors);
-            let share = columns.transpose() * &columns;
-            let share = SymmetricMatrix::from_fn(share.nrows(), |i, j| share[(i, j)]);
-            let score = columns.transpose() * rows.misfit(coefficients.as_ref());
-            let score = std::array::from_fn(|axis| score.col(axis).iter().copied().collect());
+            let express = |change: Mat<f64>| (&change * factor, &change * &solution.coefficients);
+            let parts = about.centre_of(rows, express).ok_or(ScatterError::NearlyDependent)?;
+            let (factors, coefficients) = parts;
+            let (r, z) = rows.significant_rows();
+            let (columns, misfit) = (&r * factors, z - &r * coefficients);
             let errors = rows.errors_of(coefficients.as_ref());
             let errors = errors.map(|of| (of.rows, of.sum, of.squares));
-            sums.add(position, ClusterShare { share, score, errors })?;
+            sums.add_rows(position, (columns.as_ref(), misfit.as_ref()), errors)?;
         }
-        let all_directions = solution.ridge == 0.0 && solution.rank == factor.nrows();
-        sums.finish(&UpperTriangle::new(factor), all_directions)
+        sums.finish(&UpperTriangle::new(factor))
     }
 
     /// What the fit to all other groups, whose coefficients scatter by `scatter`, says of a group.
@@ -64,22 +58,61 @@ impl FactoredGroups {
         scatter: &GroupScatter,
     ) -> Option<NewGroup> {
         let errors = self.groups[group].1.errors(solution)?;
-        Some(NewGroup { errors, variance: self.variance(group, solution, scatter)? })
+        let variance = self.variances(group..group + 1, solution, scatter)?[0];
+        Some(NewGroup { errors, variance })
     }
 
-    /// The mean variance that the coefficients of a fit, which scatter so, give the predictions of a group.
-    pub(crate) fn variance(
+    /// The mean variance that the coefficients of a fit, which scatter so, give the predictions of each of some groups.
+    pub(crate) fn variances(
         &self,
-        group: usize,
+        groups: Range<usize>,
         solution: &Solution,
         scatter: &GroupScatter,
-    ) -> Option<PerAxis<f64>> {
-        let rows = &self.groups[group].1;
-        let change = rows.change(&solution.model, &solution.scaling)?;
-        Some(scatter.factors.each_ref().map(|factor: &Mat<f64>| {
-            let spread = rows.times(&(&change * factor));
-            spread.squared_norm_l2() / rows.rows().max(1) as f64
-        }))
+    ) -> Option<Vec<PerAxis<f64>>> {
+        let mut about = AboutCentre::new(solution);
+        let mut variances = Vec::with_capacity(groups.len());
+        for (_, rows) in &self.groups[groups] {
+            let express = |change: Mat<f64>| {
+                scatter.factors.each_ref().map(|factor| &change * without_zeros(factor))
+            };
+            let (factors, count) = (about.centre_of(rows, express)?, rows.rows().max(1) as f64);
+            let (r, _) = rows.significant_rows();
+            let variance = |factor: &Mat<f64>| (&r * factor).squared_norm_l2() / count;
+            variances.push(factors.each_ref().map(variance));
+        }
+        Some(variances)
+    }
+}
+
+/// The columns of a `T` from the first that is not zero: of few groups there are few.
+fn without_zeros(factor: &Mat<f64>) -> MatRef<'_, f64> {
+    let zeros = factor.col_iter().take_while(|column| column.norm_max() == 0.0).count();
+    factor.as_ref().subcols(zeros, factor.ncols() - zeros)
+}
+
+/// Something of a solution about the centre of groups of rows. As a rule all have one; those of recordings that were merged
+/// do not.
+struct AboutCentre<'a, T> {
+    solution: &'a Solution,
+    known: Option<(&'a Scaling, T)>,
+}
+
+impl<'a, T> AboutCentre<'a, T> {
+    fn new(solution: &'a Solution) -> Self {
+        Self { solution, known: None }
+    }
+
+    /// What `express` makes of the change to the centre of some rows, where it is not that of the rows before.
+    fn centre_of(
+        &mut self,
+        rows: &'a FactoredRows,
+        express: impl FnOnce(Mat<f64>) -> T,
+    ) -> Option<&T> {
+        let Solution { model, scaling, .. } = self.solution;
+        let known = self.known.take().filter(|(about, _)| *about == rows.scaling());
+        let new = || Some((rows.scaling(), express(rows.change(model, scaling)?)));
+        let (_, known) = self.known.insert(known.or_else(new)?);
+        Some(known)
     }
 }
 

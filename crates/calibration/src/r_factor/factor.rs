@@ -41,4 +41,16 @@ impl RFactor {
     pub fn r(&self) -> MatRef<'_, f64> {
         self.r.as_ref().submatrix(0, 0, self.features, self.features)
     }
+
+    /// `R` and `Z` without the rows of `R` that are rounding: of fewer rows than features as many remain.
+    pub fn significant_rows(&self) -> (Mat<f64>, Mat<f64>) {
+        let (p, q) = (self.features, self.r.ncols() - self.features);
+        // So many reflections, each with a rounding of the column.
+        let rounding = |j: usize| self.r.col(j).norm_l2() * p as f64 * f64::EPSILON;
+        let rounding: Vec<f64> = (0..p).map(rounding).collect();
+        let is_significant = |&i: &usize| (i..p).any(|j| self.r[(i, j)].abs() > rounding[j]);
+        let rows: Vec<usize> = (0..p).filter(is_significant).collect();
+        let r = Mat::from_fn(rows.len(), p, |i, j| self.r[(rows[i], j)]);
+        (r, Mat::from_fn(rows.len(), q, |i, j| self.r[(rows[i], p + j)]))
+    }
 }

@@ -86,12 +86,12 @@ pub(super) fn held_out_intervals_of_files(
     let others = rows.merged(files).without_each()?;
     let of_file = |file: usize| {
         let fit = others[file].solve_by(method, &solution.model, ridge).ok()?;
-        let score = |group: usize| {
+        let variances = rows.variances(files[file].clone(), solution, scatter)?;
+        let score = |(group, variance): (usize, PerAxis<f64>)| {
             let errors = rows.groups[group].1.errors(&fit)?;
-            let variance = rows.variance(group, solution, scatter)?;
             Some(score_of(&NewGroup { errors, variance }, scatter, solution.rows))
         };
-        files[file].clone().map(score).collect::<Option<Vec<_>>>()
+        files[file].clone().zip(variances).map(score).collect::<Option<Vec<_>>>()
     };
     let scores: Option<Vec<_>> = each(files.len(), workers, of_file)?.into_iter().collect();
     Some(GroupIntervals::from_groups(&scores?.concat()))

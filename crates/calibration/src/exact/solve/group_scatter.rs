@@ -7,7 +7,7 @@ use super::double_double_matrix::DoubleDoubleMatrix;
 use super::fit::SolveError;
 use super::partition::{PartitionedMoments, counted_coefficients};
 use crate::exact::moments::product_sums::Moments;
-use crate::sandwich::{ClusterShare, GroupScatter, ScatterError, ScatterSums};
+use crate::sandwich::{GroupScatter, ScatterError, ScatterSums};
 use crate::symmetric::UpperTriangle;
 
 /// Why groups say nothing about the scatter of the coefficients.
@@ -47,7 +47,7 @@ impl PartitionedMoments<'_> {
         }
         let (size, coefficients) = (counted.size(), counted_coefficients(&fit));
         let groups: Vec<&Moments> = groups.iter().copied().filter(|g| g.rows() > 0).collect();
-        let mut sums = ScatterSums::new(groups.len(), size, fit.residual_products);
+        let mut sums = ScatterSums::new((groups.len(), size), fit.residual_products, ridge == 0.0);
         for (position, group) in groups.iter().enumerate() {
             let part = scales.part(&group.in_units_of(self.total));
             let gram = DoubleDoubleMatrix::new(part.gram.iter().copied(), &scales.columns);
@@ -59,9 +59,9 @@ impl PartitionedMoments<'_> {
                 counted.transposed_times(&score)
             });
             let errors = errors.map(|of| (of.rows, of.sum, of.squares));
-            sums.add(position, ClusterShare { share, score, errors })?;
+            sums.add(position, (share, score), errors)?;
         }
-        Ok(sums.finish(&factor, ridge == 0.0)?)
+        Ok(sums.finish(&factor)?)
     }
 }
 
