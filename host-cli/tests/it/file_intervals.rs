@@ -74,9 +74,9 @@ fn intervals_hold_on_each_file_of_another_labs_sensor() {
         paths
     };
     let (train, validation) = (recorded("train.csv.gz"), recorded("val.csv.gz"));
-    // On this file all errors are smaller than on those that were held out: Fx by a fifth, Fy and Mz by a third.
+    // On this file all errors are smaller than on those that were held out: by a quarter to a half.
     let of_validation = shares(&train, &validation);
-    assert!(of_validation.iter().all(|share| (0.92..=0.995).contains(share)), "{of_validation:?}");
+    assert!(of_validation.iter().all(|share| (0.92..=0.997).contains(share)), "{of_validation:?}");
     let mut all = PerAxis::<f64>::default();
     for held_out in 0..train.len() {
         let mut others = train.clone();

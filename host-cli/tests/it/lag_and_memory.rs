@@ -217,7 +217,8 @@ fn another_labs_sensor_is_fitted_better_than_by_its_network() {
     train.sort();
     let files = format!("{} --test {}", train.join(" "), test.join(" "));
     let found = program::json(dir.path(), &format!("fit {files} --model auto --json"));
-    let limits = [0.057, 0.156, 0.252, 1.70e-3, 2.00e-3, 0.83e-3];
+    // 2 % above what poly3 with lag and memory terms errs; `cubic+products`, the next best, errs 14 to 58 % more.
+    let limits = [0.047, 0.126, 0.215, 1.40e-3, 1.33e-3, 0.47e-3];
     for (rms, limit) in rms(&found, "test").iter().zip(limits) {
         assert!(*rms <= limit, "{found}");
     }

@@ -105,9 +105,9 @@ fn columns(path: &Path) -> (Vec<Vec<f64>>, impl Fn(&str) -> usize + use<>) {
 fn tell(name: &str, what: &str, shares: [f64; 6]) {
     let percent = shares.map(|share| format!("{:.1}", 100.0 * share));
     println!("| {name} | {what} | {} |", percent.join(", "));
-    // 92 to 99 %, and half a percent for what 32 poses, or 418 rows, tell of so large a share.
+    // 92 to 99 %, and half a percent either way: of so large a share 418 rows tell 1.1 %, and 32 poses less.
     assert!(
-        shares.iter().all(|share| (0.92..=0.996).contains(share)),
+        shares.iter().all(|share| (0.915..=0.996).contains(share)),
         "{name}, {what}: {percent:?}"
     );
 }

@@ -4,6 +4,7 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
 
 use super::samples::SearchRows;
+use crate::validation::comparison::FoldMean;
 use crate::validation::normal_equations::NormalEquations;
 use shell_data::wrench::{Axis, PerAxis};
 
@@ -77,7 +78,7 @@ pub(super) struct FoldEquations<'a> {
 /// Squared errors on each fold that was held out, per axis.
 #[derive(Clone, Debug)]
 pub(super) struct FoldErrors {
-    rows: Vec<f64>,
+    rows: Vec<u64>,
     squares: Vec<PerAxis<f64>>,
     /// Relative to the variance of each axis, averaged over those that vary.
     scores: Vec<f64>,
@@ -97,14 +98,14 @@ impl FoldErrors {
     }
 
     fn mean(&self, of_folds: &[f64]) -> f64 {
-        let rows: f64 = self.rows.iter().sum();
-        self.rows.iter().zip(of_folds).map(|(rows, of)| rows * of).sum::<f64>() / rows
+        let folds = self.rows.iter().copied().zip(of_folds.iter().copied());
+        FoldMean::new(&folds.collect::<Vec<_>>()).value
     }
 
     /// Whether errors of `later` are lower by more than a standard error.
     pub(super) fn are_lowered_by(&self, later: &Self) -> bool {
-        let (gain, standard_error) = self.gain(&self.scores, &later.scores);
-        gain > standard_error
+        let gain = self.gain(&self.scores, &later.scores);
+        gain.value > gain.standard_error
     }
 
     /// Whether they are lower by this share too, and still are without the part of noise.
@@ -112,27 +113,20 @@ impl FoldErrors {
         let least = share * self.score();
         let of = [(&self.scores, &later.scores), (&self.systematic, &later.systematic)];
         of.into_iter().all(|(before, after)| {
-            let (gain, standard_error) = self.gain(before, after);
-            gain > standard_error && gain > least
+            let gain = self.gain(before, after);
+            gain.value > gain.standard_error && gain.value > least
         })
     }
 
-    /// By how much a score is lower, and the standard error of that, a mean over folds weighted by rows
-    /// (Cochran, Sampling Techniques, 3rd ed., §6.3, of a ratio).
-    fn gain(&self, before: &[f64], after: &[f64]) -> (f64, f64) {
-        let rows: f64 = self.rows.iter().sum();
-        let gains: Vec<(f64, f64)> = (self.rows.iter().zip(before).zip(after))
-            .map(|((own, before), after)| (own / rows, before - after))
-            .collect();
-        let mean: f64 = gains.iter().map(|(share, gain)| share * gain).sum();
-        let spread: f64 = gains.iter().map(|(share, gain)| (share * (gain - mean)).powi(2)).sum();
-        let n = gains.len() as f64;
-        (mean, (spread * n / (n - 1.0)).sqrt())
+    /// By how much a score is lower.
+    fn gain(&self, before: &[f64], after: &[f64]) -> FoldMean {
+        let lower = before.iter().zip(after).map(|(before, after)| before - after);
+        FoldMean::new(&self.rows.iter().copied().zip(lower).collect::<Vec<_>>())
     }
 
     /// Root mean squares, N and N·m.
     pub(super) fn rms(&self) -> PerAxis<f64> {
-        let rows: f64 = self.rows.iter().sum();
+        let rows = self.rows.iter().sum::<u64>() as f64;
         let of = |axis: usize| self.squares.iter().map(|squares| squares[axis]).sum::<f64>();
         std::array::from_fn(|axis| (of(axis) / rows).sqrt())
     }
@@ -223,15 +217,15 @@ impl<'a> FoldEquations<'a> {
         for (position, fold) in folds.iter().enumerate() {
             let rest = NormalEquations::all_but(&folds, position)?.solve(RIDGE, self.ones())?;
             let found = fold.errors(rest.as_ref(), self.ones());
-            let rows = self.samples.folds[position].len() as f64;
+            let rows = self.samples.folds[position].len();
             let noise = self.samples.noise.of_wrench(rest.as_ref(), &time_constants);
             let mean = |of: &dyn Fn(usize) -> f64| {
                 let relative = varying.iter().map(|&axis| of(axis) / self.variances[axis]);
                 relative.sum::<f64>() / varying.len().max(1) as f64
             };
-            let score = mean(&|axis| found[axis].squares / rows);
+            let score = mean(&|axis| found[axis].squares / rows as f64);
             errors.systematic.push(score - mean(&|axis| noise[axis] + loads.noise[axis]));
-            errors.rows.push(rows);
+            errors.rows.push(rows as u64);
             errors.squares.push(found.map(|of| of.squares));
             errors.scores.push(score);
         }

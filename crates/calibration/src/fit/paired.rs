@@ -2,7 +2,7 @@
 //!
 //! Groups that are hard for one calibration are mostly hard for the other, so the difference is known better than either
 //! error. With D the mean over the groups of the difference of squared errors, weighted by rows, and s its standard error
-//! ([`Comparison`]), the errors differ by `RMS₁ − RMS₂ = D/(RMS₁ + RMS₂)`, 95 % of the time within t·s of it, with
+//! ([`FoldMean`]), the errors differ by `RMS₁ − RMS₂ = D/(RMS₁ + RMS₂)`, 95 % of the time within t·s of it, with
 //! Student's t of G − 1 degrees of freedom.
 
 use super::group_errors::{GroupErrors, group_errors};
@@ -15,7 +15,7 @@ use crate::physics::COVERAGE_LEVEL;
 use crate::quality::AxisErrors;
 use crate::uncertainty::student_quantile;
 use crate::validation::ValidationError;
-use crate::validation::comparison::Comparison;
+use crate::validation::comparison::FoldMean;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::PerAxis;
 
@@ -87,15 +87,23 @@ pub fn paired_errors(
     if groups < 2 {
         return Err(ValidationError::TooFewGroups { found: groups }.into());
     }
-    let sums = |groups: &[GroupErrors]| -> Vec<PerAxis<HeldOutErrors>> {
-        groups.iter().map(|group| group.errors.map(|errors| squares_of(&errors))).collect()
-    };
-    let found = Comparison::new(&sums(&first), &sums(&second), &[1.0; 6]);
     let t = student_quantile(COVERAGE_LEVEL, (groups - 1) as f64);
     let axes = std::array::from_fn(|axis| {
-        let rms = [found.rms[0][axis], found.rms[1][axis]];
+        let of = |group: &GroupErrors| squares_of(&group.errors[axis]);
+        let [all_first, all_second] = [&first, &second].map(|groups| {
+            groups.iter().map(of).fold(HeldOutErrors::default(), |mut all, errors| {
+                all.merge(&errors);
+                all
+            })
+        });
+        let rms = [all_first.rms(), all_second.rms()];
+        let difference = |(first, second): (&GroupErrors, &GroupErrors)| {
+            let (first, second) = (of(first), of(second));
+            (first.rows, (first.squares - second.squares) / first.rows as f64)
+        };
+        let differences: Vec<_> = first.iter().zip(&second).map(difference).collect();
         let per_square = if rms[0] + rms[1] > 0.0 { (rms[0] + rms[1]).recip() } else { 0.0 };
-        let half_width = t * found.axes[axis].standard_error * per_square;
+        let half_width = t * FoldMean::new(&differences).standard_error * per_square;
         PairedError { rms, difference: rms[0] - rms[1], half_width }
     });
     Ok(PairedErrors { rows: data.rows(), group_by, groups, axes })

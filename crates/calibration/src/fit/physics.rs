@@ -169,7 +169,7 @@ pub struct ModelComparison {
 }
 
 impl ModelComparison {
-    /// Whether the physics model errs less, by more than a standard error of the paired difference.
+    /// Whether the physics model errs less, by more than a standard error.
     pub fn physics_is_better(&self) -> bool {
         self.comparison.all.first_is_better()
     }
@@ -281,8 +281,7 @@ impl fmt::Display for ModelComparison {
             Axis::ALL.map(error).join(", ")
         };
         let (name, all) = (model.name(), comparison.all);
-        let (difference, error) = (significant(all.value, 2), significant(all.standard_error, 2));
-        let verdict = match (self.physics_is_better(), all.value < 0.0) {
+        let verdict = match (self.physics_is_better(), all.log.value < 0.0) {
             (true, _) => "so physics is taken".to_owned(),
             (false, true) => format!("which is no more than chance does, so {name} is kept"),
             (false, false) => format!("so {name} is kept"),
@@ -299,8 +298,8 @@ impl fmt::Display for ModelComparison {
         write!(
             f,
             "on the same {folds} folds of held-out groups physics errs by {}; {name} with ridge {ridge:e} by \
-             {}. The paired difference of squared errors, relative to the variance, is {difference} ± {error}, \
-             {verdict}; physics is better {where_better}",
+             {}. In the mean over folds and axes physics errs {all}, {verdict}; physics is better \
+             {where_better}",
             errors(0),
             errors(1),
         )

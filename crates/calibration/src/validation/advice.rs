@@ -1,8 +1,7 @@
 //! What held-out errors say to do: the model that predicts new groups best, the smallest that is as good
 //! as far as one can tell, and what lies between them.
 //!
-//! Models are compared with each other on the same groups, by the [paired difference](super::comparison)
-//! of their errors. How many times the error of a random split a model's error on new groups is says how
+//! Models are compared with each other on the same groups, by the [ratio](super::comparison) of their errors. How many times the error of a random split a model's error on new groups is says how
 //! alike the rows of a group are, and nothing of which model to take.
 
 use super::ValidationError;
@@ -69,10 +68,11 @@ impl Advice {
     }
 
     /// Whether another model errs less on new groups than the one that was asked for, by more than a
-    /// standard error of the paired difference.
+    /// standard error of the ratio.
     pub fn another_is_better(&self) -> bool {
         self.given.is_some_and(|given| given.all.first_is_better())
     }
+
     /// Which model is best on new groups, and which is the cautious choice.
     pub fn words(&self, axes: Axes) -> String {
         let score = |of: &Candidate| {
@@ -91,16 +91,14 @@ impl Advice {
         match &self.caution {
             None => said += "; nothing smaller is within a standard error of it",
             Some(comparison) => {
-                let all = comparison.all;
+                let larger = comparison.all.reversed();
                 said += &format!(
                     "; cautious choice: {}, {} rather than {} features and within a standard error of the \
-                     best. The larger is worth {} ± {} of the variance{}: {}",
+                     best. The larger errs {larger}{}: {}",
                     name(cautious),
                     cautious.features,
                     best.features,
-                    significant(all.value, 2),
-                    significant(all.standard_error, 2),
-                    if all.value > all.standard_error { "" } else { ", no more than chance" },
+                    if larger.first_is_better() { "" } else { ", no more than chance" },
                     worth(comparison, axes),
                 );
             }
@@ -116,12 +114,10 @@ impl Advice {
         let given = self.given.as_ref().filter(|_| self.another_is_better())?;
         let best = &self.best;
         Some(format!(
-            "{} predicts new groups better than {}, by {} ± {} of the variance: {}; take `--model {}` or \
-             record more poses",
+            "{} predicts new groups better than {}, it errs {}: {}; take `--model {}` or record more poses",
             name(best),
             model.name(),
-            significant(-given.all.value, 2),
-            significant(given.all.standard_error, 2),
+            given.all,
             worth(given, axes),
             best.basis.name(),
         ))

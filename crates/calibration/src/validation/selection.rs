@@ -1,17 +1,15 @@
 //! Which model, and which ridge: the one that predicts new groups best, or a smaller one that is
 //! as good.
 //!
-//! The score of a candidate is its squared error on groups that it was not trained on, relative to
-//! the variance of each axis, averaged over the axes and over all rows. Its standard error is that
-//! of a mean over folds. Of all candidates that err no more than the best, within one standard error of
-//! the difference on the same folds, the one with the fewest features is chosen (after Breiman et al.,
-//! Classification and Regression Trees, 1984, §3.4.3, whose standard error is that of the best: folds
-//! differ far more from each other than two models on one of them); of several ridges on these, the one
-//! with the smallest error: a ridge stronger than need be would bias every prediction and make no model
-//! smaller.
+//! The score of a candidate is its error on groups that it was not trained on, relative to the standard deviation of each
+//! axis, squared: the mean over folds, and the geometric mean over axes. Of all candidates that err no more than the best,
+//! within one standard error of the [ratio of their errors](super::comparison) on the same folds, the one with the fewest
+//! features is chosen (after Breiman et al., Classification and Regression Trees, 1984, §3.4.3, whose standard error is
+//! that of the best: folds differ far more from each other than two models on one of them); of several ridges on these,
+//! the one with the smallest error: a ridge stronger than need be would bias every prediction and make no model smaller.
 
 use super::ValidationError;
-use super::comparison::Comparison;
+use super::comparison::{Comparison, FoldMean, RelativeErrors, varying};
 use super::cross_validation::{errors_on, fold_groups};
 use super::grouped::{GroupedMoments, total};
 use crate::exact::{HeldOutErrors, PartitionedMoments};
@@ -47,7 +45,7 @@ pub struct Candidate {
 /// How well a model predicts groups that it was not trained on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CandidateErrors {
-    /// Squared error relative to the variance of each axis, averaged.
+    /// The square of the error relative to the standard deviation of each axis, mean over folds and geometric mean over axes.
     pub score: f64,
     /// Standard error of the score.
     pub standard_error: f64,
@@ -146,8 +144,7 @@ pub(super) fn choose<'a>(
     let (best, ..) =
         scored().min_by(|a, b| a.2.score.total_cmp(&b.2.score)).ok_or(ValidationError::NoModel)?;
     let is_as_good = |i: usize| {
-        let difference = Comparison::new(&of_folds[i], &of_folds[best], variances).all;
-        difference.value <= difference.standard_error
+        !Comparison::new(&of_folds[i], &of_folds[best], variances).all.second_is_better()
     };
     let chosen = scored()
         .filter(|&(i, ..)| is_as_good(i))
@@ -194,27 +191,16 @@ pub fn errors_by_fold(
 }
 
 fn summarise(folds: &[PerAxis<HeldOutErrors>], variances: &PerAxis<f64>) -> CandidateErrors {
-    let varying: Vec<usize> = (0..6).filter(|&axis| variances[axis] > 0.0).collect();
+    let relative = RelativeErrors::new(folds, variances);
+    let FoldMean { value, standard_error } = relative.log(&varying(variances));
+    let score = (2.0 * value).exp();
     let mut all = PerAxis::<HeldOutErrors>::default();
     for errors in folds {
         all.iter_mut().zip(errors).for_each(|(all, errors)| all.merge(errors));
     }
-    let score = |errors: &PerAxis<HeldOutErrors>| {
-        let relative = |&axis: &usize| errors[axis].rms().powi(2) / variances[axis];
-        varying.iter().map(relative).sum::<f64>() / varying.len().max(1) as f64
-    };
-    let mean = score(&all);
-    // A mean weighted by rows (Cochran, Sampling Techniques, 3rd ed., §6.3, of a ratio).
-    let spread: f64 = (folds.iter())
-        .map(|errors| {
-            let weight = errors[0].rows as f64 / all[0].rows as f64;
-            (weight * (score(errors) - mean)).powi(2)
-        })
-        .sum();
-    let n = folds.len() as f64;
     CandidateErrors {
-        score: mean,
-        standard_error: (spread * n / (n - 1.0)).sqrt(),
+        score,
+        standard_error: 2.0 * score * standard_error,
         rms: all.map(|errors| errors.rms()),
     }
 }

@@ -4,6 +4,7 @@ use calibration::Basis;
 use calibration::fit::{Fit, FoundGroups, ModelComparison};
 use calibration::quality::significant;
 use calibration::validation::advice::Advice;
+use calibration::validation::comparison::ErrorRatio;
 use calibration::validation::cross_validation::CrossValidation;
 use calibration::validation::excitation::Excitation;
 use calibration::validation::selection::{Candidate, Selection};
@@ -82,9 +83,9 @@ pub(super) struct ComparisonReport {
     /// On the same held-out rows, N and N·m.
     physics_rms: PerAxis<f64>,
     polynomial_rms: PerAxis<f64>,
-    /// Squared errors of physics less those of the polynomial, relative to the variance, over all axes.
-    difference: f64,
-    standard_error: f64,
+    /// Natural logarithm of the error of physics relative to that of the polynomial, in the mean over all axes, and its
+    /// standard error.
+    log_ratio: [f64; 2],
     /// The same for each axis.
     axes: PerAxis<[f64; 2]>,
     physics_is_better: bool,
@@ -100,12 +101,16 @@ impl ComparisonReport {
             polynomial: found.model.name(),
             physics_rms,
             polynomial_rms,
-            difference: comparison.all.value,
-            standard_error: comparison.all.standard_error,
-            axes: comparison.axes.map(|axis| [axis.value, axis.standard_error]),
+            log_ratio: log_ratio(comparison.all),
+            axes: comparison.axes.map(log_ratio),
             physics_is_better: found.physics_is_better(),
         })
     }
+}
+
+/// A ratio and its standard error, both of its logarithm.
+pub(super) fn log_ratio(ratio: ErrorRatio) -> [f64; 2] {
+    [ratio.log.value, ratio.log.standard_error]
 }
 
 /// The closing word on which model to take.

@@ -15,8 +15,8 @@ use shellcal::workflow::outliers::{NamedOutliers, OutlierReport};
 
 use super::super::quality::table_row;
 use super::super::validation::{
-    ComparisonReport, FoundReport, print_advice, print_cross_validation, print_excitation,
-    print_selection,
+    ComparisonReport, FoundReport, log_ratio, print_advice, print_cross_validation,
+    print_excitation, print_selection,
 };
 use super::dynamics::DynamicsReport;
 use super::plan::NamedRows;
@@ -112,9 +112,9 @@ struct AdviceReport {
     folds: usize,
     best: StoredCandidate,
     cautious: StoredCandidate,
-    /// Squared error of the cautious choice less that of the best, relative to the variance, and its
-    /// standard error; zeros where they are one.
-    difference: [f64; 2],
+    /// Natural logarithm of the error of the cautious choice relative to that of the best, and its standard error; zeros
+    /// where they are one.
+    log_ratio: [f64; 2],
     /// Whether another model predicts new groups better than the one that was fitted.
     another_is_better: bool,
     ridge_is_at_limit: bool,
@@ -122,12 +122,12 @@ struct AdviceReport {
 
 impl AdviceReport {
     fn new(advice: &Advice, axes: Axes) -> Self {
-        let difference = advice.caution.map(|of| [of.all.value, of.all.standard_error]);
+        let caution = advice.caution.map(|of| log_ratio(of.all));
         Self {
             folds: advice.folds,
             best: Stored::of(&advice.best, axes),
             cautious: Stored::of(&advice.cautious, axes),
-            difference: difference.unwrap_or_default(),
+            log_ratio: caution.unwrap_or_default(),
             another_is_better: advice.another_is_better(),
             ridge_is_at_limit: advice.ridge_is_at_limit,
         }
