@@ -312,7 +312,8 @@ fn planted_faults_of_boards_are_found() {
             Plan {
                 sample: |index| {
                     let clock_us = (1_000_000 + index * 100_000) as u32;
-                    Some(Sample { clock_us, ..sample(index)? })
+                    // Too few, however long the program listens on a busy machine.
+                    (index < 15).then_some(Sample { clock_us, ..sample(index)? })
                 },
                 ..Plan::with_status(|status| status.period_us = 100_000)
             },

@@ -76,7 +76,7 @@ impl ErrorRatio {
 /// By how much the first model errs less, or more.
 impl fmt::Display for ErrorRatio {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let ratio = self.log.value.exp();
+        let ratio = libm::exp(self.log.value);
         let (percent, error) = (100.0 * (ratio - 1.0), 100.0 * ratio * self.log.standard_error);
         let side = if percent > 0.0 { "more" } else { "less" };
         write!(f, "{} ± {} % {side}", significant(percent.abs(), 2), significant(error, 2))
@@ -154,7 +154,7 @@ impl RelativeErrors {
     }
 
     fn log_mean(&self, axes: &[usize]) -> f64 {
-        axes.iter().map(|&axis| self.means[axis].ln()).sum::<f64>() / axes.len().max(1) as f64
+        axes.iter().map(|&axis| libm::log(self.means[axis])).sum::<f64>() / axes.len().max(1) as f64
     }
 
     /// The error on each fold as a share of the mean, averaged over some axes.

@@ -193,7 +193,7 @@ pub fn errors_by_fold(
 fn summarise(folds: &[PerAxis<HeldOutErrors>], variances: &PerAxis<f64>) -> CandidateErrors {
     let relative = RelativeErrors::new(folds, variances);
     let FoldMean { value, standard_error } = relative.log(&varying(variances));
-    let score = (2.0 * value).exp();
+    let score = libm::exp(2.0 * value);
     let mut all = PerAxis::<HeldOutErrors>::default();
     for errors in folds {
         all.iter_mut().zip(errors).for_each(|(all, errors)| all.merge(errors));
