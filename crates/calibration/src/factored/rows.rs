@@ -255,7 +255,7 @@ impl FactoredRows {
         self.change(model, &scaling).is_some()
     }
 
-    /// `R` and `Z` without the rows of `R` that are rounding.
+    /// `R` and `Z` without the rows of `R` that are rounding errors.
     pub(super) fn significant_rows(&self) -> (Mat<f64>, Mat<f64>) {
         self.r_factor.significant_rows()
     }

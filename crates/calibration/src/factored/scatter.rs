@@ -84,14 +84,14 @@ impl FactoredGroups {
     }
 }
 
-/// The columns of a `T` from the first that is not zero: of few groups there are few.
+/// The columns of a `T` from the first that is not zero: as many as there are groups, if these are fewer than features.
 fn without_zeros(factor: &Mat<f64>) -> MatRef<'_, f64> {
     let zeros = factor.col_iter().take_while(|column| column.norm_max() == 0.0).count();
     factor.as_ref().subcols(zeros, factor.ncols() - zeros)
 }
 
-/// Something of a solution about the centre of groups of rows. As a rule all have one; those of recordings that were merged
-/// do not.
+/// A quantity of a solution, transformed to the centre of the readings that a group's features are about. It is computed
+/// again only where the centre changes: groups of merged recordings differ in it, others have one.
 struct AboutCentre<'a, T> {
     solution: &'a Solution,
     known: Option<(&'a Scaling, T)>,
@@ -102,7 +102,7 @@ impl<'a, T> AboutCentre<'a, T> {
         Self { solution, known: None }
     }
 
-    /// What `express` makes of the change to the centre of some rows, where it is not that of the rows before.
+    /// The quantity for some rows: `express` computes it from the change of basis.
     fn centre_of(
         &mut self,
         rows: &'a FactoredRows,

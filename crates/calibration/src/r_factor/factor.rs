@@ -42,7 +42,8 @@ impl RFactor {
         self.r.as_ref().submatrix(0, 0, self.features, self.features)
     }
 
-    /// `R` and `Z` without the rows of `R` that are rounding: of fewer rows than features as many remain.
+    /// `R` and `Z` without the rows of `R` that are rounding errors. If fewer rows than features were added, no more
+    /// remain than were added.
     pub fn significant_rows(&self) -> (Mat<f64>, Mat<f64>) {
         let (p, q) = (self.features, self.r.ncols() - self.features);
         // So many reflections, each with a rounding of the column.

@@ -1,8 +1,9 @@
 //! What held-out errors say to do: the model that predicts new groups best, the smallest that is as good
 //! as far as one can tell, and what lies between them.
 //!
-//! Models are compared with each other on the same groups, by the [ratio](super::comparison) of their errors. How many times the error of a random split a model's error on new groups is says how
-//! alike the rows of a group are, and nothing of which model to take.
+//! Models are compared with each other on the same groups, by the [ratio](super::comparison) of their errors. How many
+//! times the error of a random split a model's error on new groups is says how alike the rows of a group are, and
+//! nothing of which model to take.
 
 use super::ValidationError;
 use super::comparison::Comparison;

@@ -32,7 +32,7 @@ pub struct ErrorRatio {
     pub log: FoldMean,
 }
 
-/// A mean over folds.
+/// A mean over folds and its standard error.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FoldMean {
     /// Weighted by the rows of the folds.
@@ -42,7 +42,7 @@ pub struct FoldMean {
 }
 
 impl FoldMean {
-    /// That of rows and value of each fold, and its standard error (Cochran, Sampling Techniques, 3rd ed., §6.3, of a
+    /// From the rows and the value of each fold (Cochran, Sampling Techniques, 3rd ed., §6.3, of a
     /// ratio).
     pub(crate) fn new(folds: &[(u64, f64)]) -> Self {
         let total: f64 = folds.iter().map(|(rows, _)| *rows as f64).sum();
