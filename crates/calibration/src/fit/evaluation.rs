@@ -5,7 +5,7 @@ use crate::error::FitError;
 use crate::magnitudes::Magnitudes;
 use crate::passes::{Workers, each};
 use crate::quality::{self, AxisErrors, AxisQuality};
-use crate::validation::outliers::{self, RowTest, Spread};
+use crate::validation::outliers::{self, RowTest, TestedRow};
 use shell_data::block::Block;
 use shell_data::dataset::{Dataset, LabelledBlock, LogRows};
 use shell_data::wrench::PerAxis;
@@ -104,8 +104,8 @@ pub(super) struct BlockErrors {
     rows: u64,
     out_of_range: u64,
     errors: PerAxis<AxisErrors>,
-    /// Rows to test as outliers, if that was asked for.
-    pub(super) suspects: Vec<usize>,
+    /// Rows that were tested as outliers, if that was asked for.
+    pub(super) tested: Vec<TestedRow>,
 }
 
 /// What is looked at beside the errors.
@@ -114,7 +114,7 @@ pub(super) struct EvalOptions<'a> {
     /// Errors are counted by their size, in these units, if there are any.
     pub(super) size_unit: Option<&'a PerAxis<f64>>,
     /// Says which rows may be outliers.
-    pub(super) row_test: Option<&'a (RowTest<'a>, Spread)>,
+    pub(super) row_test: Option<&'a RowTest<'a>>,
 }
 
 /// Finds the errors of blocks on one thread.
@@ -141,13 +141,14 @@ impl BlockEvaluator {
                 sizes.add_differences(&predicted[axis], &block.wrench[axis], units[axis]);
             }
         }
-        let find = |(test, spread): &(RowTest<'_>, Spread)| test.suspects(block, predicted, spread);
-        let suspects = options.row_test.map(find).unwrap_or_default();
+        let test =
+            |test: &RowTest<'_>| test.test(block, &test.suspects(block, predicted), predicted);
+        let tested = options.row_test.map(test).unwrap_or_default();
         BlockErrors {
             rows: block.rows as u64,
             out_of_range: calibration.rows_out_of_range(&block.readings),
             errors: quality::errors(predicted, &block.wrench),
-            suspects,
+            tested,
         }
     }
 

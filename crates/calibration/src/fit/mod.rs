@@ -77,6 +77,7 @@ use crate::solver::{Solution, SolverKind};
 use crate::validation::advice::Advice;
 use crate::validation::cross_validation::CrossValidation;
 use crate::validation::excitation::{Excitation, LONGEST_LEVER_M};
+use crate::validation::outliers::TestedRow;
 use crate::validation::selection::Selection;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::PerAxis;
@@ -414,7 +415,7 @@ fn fit_polynomial(
     options: &FitOptions<'_>,
 ) -> Result<Fit, FitError> {
     let used = choice.labelled.take().unwrap_or_else(|| training.used());
-    let PolynomialFit { calibration, solved, not_grouped, errors } =
+    let PolynomialFit { calibration, solved, not_grouped, errors, spread } =
         polynomial::fit(&used, test, &choice, options)?;
     let mut warnings = Vec::new();
     if used.has_weights() && options.solver == SolverKind::Exact {
@@ -429,14 +430,12 @@ fn fit_polynomial(
     warnings.extend(choice.few_groups.map(Warning::FewGroups));
     let train = Evaluation::total(&errors.train);
     let quality = train.quality().ok_or(FitError::NoRows)?;
-    // They are judged by a fit to rows that count alike.
-    let looks = options.looks_for_outliers() && !used.has_weights();
-    let judged_by = FitOptions { model: choice.basis.into(), ridge: choice.ridge, ..*options };
-    let known = KnownFit { fit: &solved, suspects: errors.suspects };
-    let looks = looks && outlier_search::may_matter(&used, &judged_by.outlier_test(), &known)?;
-    let outliers = looks.then(|| {
+    let has_outliers = errors.tested.iter().flatten().any(TestedRow::starts_search);
+    let outliers = spread.filter(|_| has_outliers).map(|spread| {
+        let judged_by = FitOptions { model: choice.basis.into(), ridge: choice.ridge, ..*options };
         let is_same_fit = training.uses_all() && options.solver == SolverKind::Exact;
-        name_outliers(training, Some(known).filter(|_| is_same_fit), &judged_by)
+        let known = KnownFit { fit: &solved, spread, tested: errors.tested };
+        name_outliers(training, is_same_fit.then_some(known), &judged_by)
     });
     let how = (solved.solution, solved.solver, options.truncate);
     let mut fitted = Fit {

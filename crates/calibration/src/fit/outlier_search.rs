@@ -2,7 +2,6 @@
 
 use std::borrow::Cow;
 use std::collections::BTreeSet;
-use std::ops::Range;
 
 use super::outliers::{Outlier, OutlierColumn, Outliers, Reason};
 use super::polynomial::{PolynomialProblem, Solved, solve};
@@ -11,7 +10,8 @@ use crate::exact::Accumulator;
 use crate::model::{Basis, Model};
 use crate::passes::{Rows, Workers, each, map};
 use crate::solver::{Solution, SolverKind, solve_moments};
-use crate::validation::outliers::{LIMIT, RowTest, Spread, TestedRow, far_readings, rows_beside};
+use crate::validation::outliers::{LIMIT, RowTest, TestedRow};
+use crate::validation::spread::Spread;
 use shell_data::block::Block;
 use shell_data::dataset::{Dataset, LabelledBlock, RowSet};
 use shell_data::wrench::{Axis, PerAxis};
@@ -77,23 +77,11 @@ pub fn find_outliers(data: &Dataset, test: &OutlierTest<'_>) -> Result<Outliers,
     search(data, test, None)
 }
 
-/// A fit to all rows, and the rows of each block that are to be tested by it.
+/// A fit to all rows, their spread, and the rows of each block that were tested by the fit.
 pub(super) struct KnownFit<'a> {
     pub(super) fit: &'a Solved,
-    pub(super) suspects: Vec<Vec<usize>>,
-}
-
-/// Whether a search is worthwhile: whether one of the suspects may be an outlier, judged by the fit to all rows.
-pub(super) fn may_matter(
-    data: &Dataset,
-    test: &OutlierTest<'_>,
-    known: &KnownFit<'_>,
-) -> Result<bool, FitError> {
-    let mut search = OutlierSearch::new(data, test, Spread::within(&known.fit.ranges));
-    search.suspect(known.suspects.clone());
-    let Some(test) = search.row_test(known.fit) else { return Ok(false) };
-    let tested = search.test_suspects(&test, &RowSet::default())?;
-    Ok(tested.iter().any(|of| of.tested.may_matter()))
+    pub(super) spread: Spread,
+    pub(super) tested: Vec<Vec<TestedRow>>,
 }
 
 /// As [`find_outliers`], where the fit to all rows may be `known`.
@@ -102,20 +90,20 @@ pub(super) fn search(
     test: &OutlierTest<'_>,
     known: Option<KnownFit<'_>>,
 ) -> Result<Outliers, FitError> {
-    let mut search = OutlierSearch::new(data, test, measure_spread(data, test.workers)?);
+    let (known, spread) = match known {
+        Some(KnownFit { fit, spread, tested }) => (Some((fit, tested)), spread),
+        None => (None, Spread::new(data, test.workers)?),
+    };
+    let mut search = OutlierSearch::new(data, test, &spread);
     let out_of_range = match test.valid_range {
         None => Vec::new(),
         Some(range) => search.rows_outside(range)?,
     };
     let never: RowKeys = out_of_range.iter().map(|of| search.key(of)).collect();
-    let known =
-        known.filter(|known| known.suspects.len() == search.blocks.len() && never.is_empty());
-    let all = match known {
-        Some(KnownFit { fit, suspects }) => {
-            search.suspect(suspects);
-            // Those were found before the spread of the readings was known.
-            search.look(None)?;
-            search.looked_by = search.row_test(fit).map(|test| *test.noise());
+    let mut known_tests = None;
+    let all = match known.filter(|_| never.is_empty()) {
+        Some((fit, tested)) => {
+            known_tests = Some(search.start_from(fit, tested));
             Cow::Borrowed(fit)
         }
         None => Cow::Owned(search.solve(never.iter().copied())?),
@@ -130,7 +118,10 @@ pub(super) fn search(
         let Some(test) = search.row_test(&fit) else { return Ok(Outliers::default()) };
         let excluded: RowSet = never.iter().chain(&left_out).copied().collect();
         let limit;
-        (suspects, limit) = search.test(&test, &excluded, most)?;
+        (suspects, limit) = match known_tests.take() {
+            Some(tested) => (tested, LIMIT),
+            None => search.test(&test, &excluded, most)?,
+        };
         // All that stands out is left out first; then what belongs goes back.
         suspects.retain(|of| match round {
             0 => of.tested.stands_out(),
@@ -163,18 +154,6 @@ fn limit_beyond(tested: &[Suspect], most: usize, unseen: f64) -> f64 {
         false => 0.0,
     };
     LIMIT.max(FAR_BEYOND * tail.max(unseen))
-}
-
-/// How far readings and loads spread.
-fn measure_spread(data: &Dataset, workers: Workers<'_>) -> Result<Spread, FitError> {
-    let blocks: Vec<&Block> = data.blocks().map(|(_, block)| &*block.rows).collect();
-    let mut all = Spread::default();
-    let merge = |spread| {
-        all.merge(&spread);
-        Ok(())
-    };
-    each(&blocks, |block| block, workers, || (), |(), block| Ok(Spread::new(block)), merge)?;
-    Ok(all)
 }
 
 /// The fit `all` without some of its rows, from what is known of it; `None` if that takes the other rows.
@@ -218,13 +197,13 @@ struct OutlierSearch<'a> {
     data: &'a Dataset,
     test: &'a OutlierTest<'a>,
     blocks: Vec<SearchedBlock<'a>>,
-    spread: Spread,
+    spread: &'a Spread,
     /// The standard deviations of the errors of the fit by which rows were looked at last.
     looked_by: Option<PerAxis<f64>>,
 }
 
 impl<'a> OutlierSearch<'a> {
-    fn new(data: &'a Dataset, test: &'a OutlierTest<'a>, spread: Spread) -> Self {
+    fn new(data: &'a Dataset, test: &'a OutlierTest<'a>, spread: &'a Spread) -> Self {
         let of = |(log, block): (usize, &'a LabelledBlock)| SearchedBlock {
             log,
             rows: &block.rows,
@@ -234,8 +213,22 @@ impl<'a> OutlierSearch<'a> {
         Self { data, test, blocks, spread, looked_by: None }
     }
 
-    fn row_test<'f>(&self, fit: &'f Solved) -> Option<RowTest<'f>> {
-        RowTest::new(&fit.solution, &fit.ranges, &self.spread)
+    fn row_test<'f>(&self, fit: &'f Solved) -> Option<RowTest<'f>>
+    where
+        'a: 'f,
+    {
+        RowTest::new(&fit.solution, &fit.ranges, self.spread)
+    }
+
+    /// Begins with the rows of each block that were tested by the fit to all rows.
+    fn start_from(&mut self, fit: &Solved, tested: Vec<Vec<TestedRow>>) -> Vec<Suspect> {
+        self.looked_by = self.row_test(fit).map(|test| *test.noise());
+        let mut all = Vec::new();
+        for (block, tested) in tested.into_iter().enumerate() {
+            self.blocks[block].suspects = tested.iter().map(|of| of.row).collect();
+            all.extend(tested.into_iter().map(|tested| Suspect { block, tested }));
+        }
+        all
     }
 
     fn model(&self) -> Model {
@@ -294,32 +287,28 @@ impl<'a> OutlierSearch<'a> {
         Ok(())
     }
 
-    /// Looks through all rows for suspects: by their readings and, where there is a test, by its errors.
-    fn look(&mut self, test: Option<&RowTest<'_>>) -> Result<(), FitError> {
-        let spread = &self.spread;
-        let find = |room: &mut PerAxis<Vec<f64>>,
-                    SearchedBlock { rows, .. }: &SearchedBlock<'_>| {
-            let Some(test) = test else { return far_readings(rows, spread) };
+    /// Looks through all rows for further suspects.
+    fn look(&mut self, test: &RowTest<'_>) -> Result<(), FitError> {
+        let fresh = self.test.fresh;
+        let find = |room: &mut PerAxis<Vec<f64>>, block: &SearchedBlock<'_>| {
+            let SearchedBlock { rows, suspects, .. } = block;
             test.predict(&rows.readings, room);
-            test.suspects(rows, room, spread)
-        };
-        let mut found = Vec::new();
-        self.each_block(find, |rows| found.push(rows))?;
-        self.suspect(found);
-        Ok(())
-    }
-
-    /// Also tests some rows of each block.
-    fn suspect(&mut self, found: Vec<Vec<usize>>) {
-        for (block, mut rows) in self.blocks.iter_mut().zip(found) {
-            if self.test.fresh {
-                let fresh = block.rows.fresh_rows();
-                rows.retain(|&row| fresh[row]);
+            let mut found = test.suspects(rows, room);
+            if fresh {
+                let fresh = rows.fresh_rows();
+                found.retain(|&row| fresh[row]);
             }
-            block.suspects.append(&mut rows);
-            block.suspects.sort_unstable();
-            block.suspects.dedup();
+            found.extend(suspects);
+            found.sort_unstable();
+            found.dedup();
+            found
+        };
+        let mut found = Vec::with_capacity(self.blocks.len());
+        self.each_block(find, |suspects| found.push(suspects))?;
+        for (block, suspects) in self.blocks.iter_mut().zip(found) {
+            block.suspects = suspects;
         }
+        Ok(())
     }
 
     /// Tests the suspects by a fit without the rows `excluded`, and finds the size above which an error is that of an
@@ -342,59 +331,29 @@ impl<'a> OutlierSearch<'a> {
                 return Ok((tested, least));
             }
         }
-        self.look(Some(test))?;
+        self.look(test)?;
         self.looked_by = Some(*test.noise());
         let tested = self.test_suspects(test, excluded)?;
         let limit = limit_beyond(&tested, most, 0.0);
         Ok((tested, limit))
     }
 
-    /// Tests the suspects, those of many blocks together.
+    /// Tests the suspects by a fit without the rows `excluded`.
     fn test_suspects(
         &self,
         test: &RowTest<'_>,
         excluded: &RowSet,
     ) -> Result<Vec<Suspect>, FitError> {
-        const TOGETHER: usize = 256;
-        let (mut parts, mut rows) = (Vec::<Range<usize>>::new(), 0);
-        for (position, block) in self.blocks.iter().enumerate() {
-            match parts.last_mut().filter(|_| rows < TOGETHER) {
-                Some(part) => part.end = position + 1,
-                None => {
-                    parts.push(position..position + 1);
-                    rows = 0;
-                }
-            }
-            rows += block.suspects.len();
-        }
-        let test_part = |part: &Range<usize>| {
-            let blocks = &self.blocks[part.clone()];
-            let suspects = blocks.iter().map(|block| (block.rows, &block.suspects[..]));
-            let near: Vec<Vec<usize>> =
-                suspects.clone().map(|(block, rows)| rows_beside(rows, block.rows)).collect();
-            let all_near = blocks.iter().zip(&near).map(|(block, near)| (block.rows, &near[..]));
-            let mut leverages = test.leverages(&readings(suspects)).into_iter();
-            let mut of_near = PerAxis::default();
-            test.predict(&readings(all_near), &mut of_near);
-            let mut of_near = of_near.map(Vec::into_iter);
-            let mut predicted = PerAxis::<Vec<f64>>::default();
-            let mut tested = Vec::new();
-            for (block, near) in part.clone().zip(&near) {
-                let SearchedBlock { log, rows, suspects } = &self.blocks[block];
-                for (predicted, of_near) in predicted.iter_mut().zip(&mut of_near) {
-                    // Of other rows it does not matter what is there.
-                    predicted.resize(rows.rows, 0.0);
-                    near.iter().zip(of_near).for_each(|(&row, value)| predicted[row] = value);
-                }
-                let suspects: Vec<_> = suspects.iter().copied().zip(&mut leverages).collect();
-                let is_left_out = |row: usize| excluded.contains(*log, rows.offset, row);
-                let of_block = test.test(rows, &suspects, (&self.spread, &predicted), &is_left_out);
-                tested.extend(of_block.into_iter().map(|tested| Suspect { block, tested }));
-            }
-            Ok(tested)
+        let test_block = |&block: &usize| {
+            let SearchedBlock { log, rows, suspects } = &self.blocks[block];
+            let is_left_out = |row: usize| excluded.contains(*log, rows.offset, row);
+            let tested = test.test_few(rows, suspects, &is_left_out);
+            Ok(tested.into_iter().map(move |tested| Suspect { block, tested }))
         };
+        let with_suspects = |block: &usize| !self.blocks[*block].suspects.is_empty();
+        let blocks: Vec<usize> = (0..self.blocks.len()).filter(with_suspects).collect();
         // Other passes count these rows for the progress bar.
-        let tested = map(&parts, 0, self.test.workers, test_part)?;
+        let tested = map(&blocks, 0, self.test.workers, test_block)?;
         Ok(tested.into_iter().flatten().collect())
     }
 
@@ -506,18 +465,6 @@ fn gather(blocks: &[SearchedBlock<'_>], wanted: &RowKeys) -> Block {
         meant.for_each(|&row| gathered.append(rows, row..row + 1));
     }
     gathered
-}
-
-/// The readings of some rows of some blocks.
-fn readings<'b>(blocks: impl Iterator<Item = (&'b Block, &'b [usize])>) -> Vec<Vec<f64>> {
-    let mut readings = Vec::new();
-    for (block, rows) in blocks {
-        readings.resize(block.readings.len(), Vec::new());
-        for (all, column) in readings.iter_mut().zip(&block.readings) {
-            all.extend(rows.iter().map(|&row| column[row]));
-        }
-    }
-    readings
 }
 
 /// The rows of a block with a reading outside a range.

@@ -22,7 +22,8 @@ use crate::validation::ValidationError;
 use crate::validation::excitation::WrenchSums;
 use crate::validation::grouped::GroupedMoments;
 use crate::validation::leaks::{LEAKY, RowSample, share_in_several_groups};
-use crate::validation::outliers::{RowTest, Spread};
+use crate::validation::outliers::{RowTest, TestedRow};
+use crate::validation::spread::Spread;
 use shell_data::block::Block;
 use shell_data::dataset::{Dataset, LabelledBlock};
 use shell_data::fingerprint::Fingerprint;
@@ -177,6 +178,8 @@ pub(super) struct PolynomialFit {
     pub(super) solved: Solved,
     pub(super) not_grouped: Option<ValidationError>,
     pub(super) errors: RowErrors,
+    /// That of the training rows, if outliers are looked for.
+    pub(super) spread: Option<Spread>,
 }
 
 /// Fits the model that was chosen, and finds its errors on the training rows and on those of tests.
@@ -211,11 +214,10 @@ pub(super) fn fit(
         options.workers,
     );
     let unit = covariance.as_ref().map(|_| root_mean_square(solution));
-    let row_test = options.looks_for_outliers().then(|| {
-        let spread = Spread::within(ranges);
-        Some((RowTest::new(solution, ranges, &spread)?, spread))
-    });
-    let row_test = row_test.flatten();
+    // Outliers are told by a fit to rows that count alike.
+    let looks = options.looks_for_outliers() && !train.has_weights();
+    let spread = looks.then(|| Spread::new(train, options.workers)).transpose()?;
+    let row_test = spread.as_ref().and_then(|spread| RowTest::new(solution, ranges, spread));
     let look = EvalOptions { size_unit: unit.as_ref(), row_test: row_test.as_ref() };
     let errors = RowErrors::new(&calibration, train, test, &look, options)?;
     if let Some([earlier, later]) = errors.copy {
@@ -230,7 +232,7 @@ pub(super) fn fit(
         covariance.shape = sizes.map(|sizes| ErrorShape::from_errors(sizes, &unit, &rms));
     }
     calibration.covariance = covariance;
-    Ok(PolynomialFit { calibration, solved, not_grouped, errors })
+    Ok(PolynomialFit { calibration, solved, not_grouped, errors, spread })
 }
 
 /// How a calibration does on the rows of a fit, and what else is said of these.
@@ -241,8 +243,8 @@ pub(super) struct RowErrors {
     copy: Option<[PathBuf; 2]>,
     /// How large the errors of the training rows are, if that was asked for.
     sizes: Option<PerAxis<Magnitudes>>,
-    /// The rows of each block of training rows to test as outliers, if that was asked for.
-    pub(super) suspects: Vec<Vec<usize>>,
+    /// The training rows that were tested as outliers, by block, if that was asked for.
+    pub(super) tested: Vec<Vec<TestedRow>>,
     /// The wrench that the training rows have measured.
     pub(super) loads: WrenchSums,
     pub(super) leaks: Leaks,
@@ -313,12 +315,12 @@ impl RowErrors {
                 sample: (!test.logs.is_empty()).then(|| RowSample::new(rows, stride)),
             })
         };
-        let (mut loads, mut suspects) = (WrenchSums::default(), Vec::new());
+        let (mut loads, mut tested) = (WrenchSums::default(), Vec::new());
         let (mut train_rows, mut test_rows) = (RowSample::default(), RowSample::default());
         let fold = |block: BlockFacts| {
             evaluations[block.log].add(&block.errors);
             if block.log < logs {
-                suspects.push(block.errors.suspects);
+                tested.push(block.errors.tested);
             }
             if let Some(of_block) = block.loads {
                 loads.merge(&of_block);
@@ -346,7 +348,7 @@ impl RowErrors {
             test,
             copy,
             sizes: BlockEvaluator::sizes(evaluators),
-            suspects,
+            tested,
             loads,
             leaks: Leaks {
                 test: train_rows.poses().and_then(|poses| poses.share_of(&test_rows)),

@@ -28,16 +28,18 @@
 //! mean square error by a tenth it takes a size of `0.46·√n`, which is above 10 from 470 rows on. Where many errors are
 //! large, a search raises it to what is far beyond all of them.
 
+use std::ops::Range;
+
 use faer::Mat;
 use pulp::NullaryFnOnce;
 
 use crate::conversion::Calibration;
 use crate::features::{Features, LANES, RowLanes};
-use crate::reading_ranges::{ReadingRange, ReadingRanges};
+use crate::reading_ranges::ReadingRanges;
 use crate::solver::Solution;
+use crate::validation::spread::Spread;
 use shell_data::block::Block;
 use shell_data::instructions::arch;
-use shell_data::statistics::RunningVariance;
 use shell_data::wrench::PerAxis;
 
 /// The largest size of an error of a row that belongs, at the least.
@@ -62,9 +64,6 @@ const SIZE_WITH_JUMP: f64 = 3.0;
 const SPIKE: f64 = 6.0;
 const SIZE_WITH_SPIKE: f64 = 4.0;
 
-/// How many standard deviations of readings are between the least and the largest.
-const DEVIATIONS_IN_RANGE: f64 = 8.0;
-
 /// How many rows before and after a slip its error has halved, if it is one row long, or two: errors of fast motion grow
 /// and fade over some rows.
 const BESIDE: [[usize; 2]; 3] = [[1, 1], [1, 2], [2, 1]];
@@ -72,63 +71,10 @@ const BESIDE: [[usize; 2]; 3] = [[1, 1], [1, 2], [2, 1]];
 /// Errors below this share of the standard deviation of the load are rounding.
 const SMALLEST_NOISE: f64 = 1e-4;
 
-/// The spread of readings and loads.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Spread {
-    /// Of the readings of each channel, then of the axes of the wrench.
-    pub columns: Vec<RunningVariance>,
-    /// Of the changes of each channel from row to row; none where those are not known.
-    pub changes: Vec<RunningVariance>,
-}
-
-impl Spread {
-    /// Of the rows of a block.
-    pub fn new(block: &Block) -> Self {
-        let change = |column: &Vec<f64>| {
-            let changes: Vec<f64> = column.windows(2).map(|pair| pair[1] - pair[0]).collect();
-            RunningVariance::new(&changes)
-        };
-        let columns = block.readings.iter().chain(&block.wrench);
-        Self {
-            columns: columns.map(|column| RunningVariance::new(column)).collect(),
-            changes: block.readings.iter().map(change).collect(),
-        }
-    }
-
-    /// Of readings between such bounds, as wide as where some thousand rows scatter normally. A corrupt
-    /// reading widens its range, so that one which takes a fit over still jumps by a part of it.
-    pub fn within(ranges: &ReadingRanges) -> Self {
-        let of = |range: &ReadingRange| RunningVariance {
-            count: 1,
-            mean: 0.5 * (range.min + range.max),
-            squares: ((range.max - range.min) / DEVIATIONS_IN_RANGE).powi(2),
-        };
-        Self { columns: ranges.channels.iter().map(of).collect(), changes: Vec::new() }
-    }
-
-    /// Adds other rows.
-    pub fn merge(&mut self, other: &Self) {
-        let both = [(&mut self.columns, &other.columns), (&mut self.changes, &other.changes)];
-        for (own, other) in both {
-            own.resize(other.len().max(own.len()), RunningVariance::default());
-            own.iter_mut().zip(other).for_each(|(own, other)| own.merge(other));
-        }
-    }
-
-    /// How many standard deviations a value of a column is from another.
-    pub fn apart(&self, column: usize, value: f64, other: f64) -> f64 {
-        let sd = self.columns[column].rms_about_mean();
-        if sd > 0.0 { (value - other).abs() / sd } else { 0.0 }
-    }
-
-    fn distance_from_mean(&self, column: usize, value: f64) -> f64 {
-        self.apart(column, value, self.columns[column].mean)
-    }
-}
-
 /// What a fit says of rows.
 #[derive(Debug)]
 pub struct RowTest<'a> {
+    spread: &'a Spread,
     calibration: Calibration,
     features: Features,
     factor: &'a Mat<f64>,
@@ -169,9 +115,9 @@ impl TestedRow {
             || (self.errs_alone && self.is_spike)
     }
 
-    /// Whether it may matter, as far as a fit to all rows can tell, so that a search is worth while. How
-    /// far readings spread need only be known roughly.
-    pub fn may_matter(&self) -> bool {
+    /// Whether it is worth a search, by a fit to all rows. A spike with a small error or a far reading that errs little is
+    /// named beside others only: in a hundred thousand rows there is one by chance.
+    pub fn starts_search(&self) -> bool {
         (self.size > LIMIT && self.errs_alone) || self.takes_over
     }
 
@@ -197,19 +143,18 @@ impl TestedRow {
 }
 
 impl<'a> RowTest<'a> {
-    /// By a solution; `spread` is that of its rows, as far as it is known. `None` if there are no more rows
-    /// than coefficients.
-    pub fn new(solution: &'a Solution, ranges: &ReadingRanges, spread: &Spread) -> Option<Self> {
+    /// By a solution to rows with a spread. `None` if there are no more rows than coefficients.
+    pub fn new(solution: &'a Solution, ranges: &ReadingRanges, spread: &'a Spread) -> Option<Self> {
         let features = Features::new(solution.model, solution.scaling.clone());
         let free = solution.rows.checked_sub(features.len() as u64).filter(|&free| free > 0)?;
         let channels = solution.model.columns();
         let noise = std::array::from_fn(|axis| {
             let variance = solution.residual_products[(axis, axis)] / free as f64;
-            let load =
-                spread.columns.get(channels + axis).map_or(0.0, RunningVariance::rms_about_mean);
+            let load = spread.deviations[channels + axis];
             variance.max(0.0).sqrt().max(SMALLEST_NOISE * load)
         });
         Some(Self {
+            spread,
             calibration: Calibration::from_solution(solution, ranges),
             average_leverage: features.len() as f64 / solution.rows as f64,
             features,
@@ -235,30 +180,51 @@ impl<'a> RowTest<'a> {
         &self.noise
     }
 
-    /// The rows of a block to test: those with a large error or, in `spread`, a far reading, a jump or a spike.
+    /// The rows of a block to test: those with a large error, a far reading, a jump or a spike.
     ///
     /// No public function here is generic: that would be compiled with whoever calls it, and programs may
     /// be optimised for size.
-    pub fn suspects(
-        &self,
-        block: &Block,
-        predicted: &PerAxis<Vec<f64>>,
-        spread: &Spread,
-    ) -> Vec<usize> {
-        suspects(Excess { errors: Some((predicted, &self.noise)), block, spread })
+    pub fn suspects(&self, block: &Block, predicted: &PerAxis<Vec<f64>>) -> Vec<usize> {
+        let excess = arch().dispatch(Excess { test: self, predicted, block });
+        excess.iter().enumerate().filter(|(_, excess)| **excess > 1.0).map(|(row, _)| row).collect()
     }
 
-    /// Tests rows of a block, of which the fit `has_left_out` some, by their [leverages](Self::leverages) and the wrench
-    /// that is `predicted` for them and the [rows beside them](rows_beside).
+    /// Tests ascending rows of a block, for all rows of which a wrench is `predicted`; the fit has seen them.
     pub fn test(
         &self,
         block: &Block,
-        rows: &[(usize, f64)],
-        (spread, predicted): (&Spread, &PerAxis<Vec<f64>>),
+        rows: &[usize],
+        predicted: &PerAxis<Vec<f64>>,
+    ) -> Vec<TestedRow> {
+        let position = |&row: &usize| TestPosition { row, at: row, rows: block.rows };
+        let positions: Vec<_> = rows.iter().map(position).collect();
+        self.test_at(&positions, block, predicted, &|_| false)
+    }
+
+    /// Tests few ascending rows of a block; the fit `has_left_out` some.
+    pub fn test_few(
+        &self,
+        block: &Block,
+        rows: &[usize],
         has_left_out: &dyn Fn(usize) -> bool,
     ) -> Vec<TestedRow> {
-        let error = |axis: usize, row: usize| predicted[axis][row] - block.wrench[axis][row];
-        let test_row = |&(row, leverage): &(usize, f64)| {
+        let (copies, positions) = copy_rows(rows, block);
+        let mut predicted = PerAxis::default();
+        self.predict(&copies.readings, &mut predicted);
+        self.test_at(&positions, &copies, &predicted, has_left_out)
+    }
+
+    /// Tests rows whose values stand at some positions of columns.
+    fn test_at(
+        &self,
+        positions: &[TestPosition],
+        columns: &Block,
+        predicted: &PerAxis<Vec<f64>>,
+        has_left_out: &dyn Fn(usize) -> bool,
+    ) -> Vec<TestedRow> {
+        let error = |axis: usize, at: usize| predicted[axis][at] - columns.wrench[axis][at];
+        let test_row = |(&position, leverage): (&TestPosition, f64)| {
+            let TestPosition { row, at, .. } = position;
             // A row of leverage one is followed whatever it says: rounding decides what is left.
             // What it has, or would have, in a fit with it; and the error of a fit without it.
             let (variance, in_fit, deleted) = match has_left_out(row) {
@@ -267,25 +233,24 @@ impl<'a> RowTest<'a> {
             };
             let scale = variance.sqrt().recip();
             let sizes: PerAxis<f64> = std::array::from_fn(|axis| match self.noise[axis] > 0.0 {
-                true => error(axis, row).abs() / self.noise[axis] * scale,
+                true => error(axis, at).abs() / self.noise[axis] * scale,
                 false => 0.0,
             });
             let axis = (0..6).max_by(|&a, &b| sizes[a].total_cmp(&sizes[b])).unwrap_or(0);
-            let (size, own) = (sizes[axis], error(axis, row));
-            let errs_alike = |row: Option<usize>| {
-                let beside = row.filter(|&row| row < block.rows).map(|row| error(axis, row));
-                beside.is_some_and(|beside| beside * own.signum() > 0.5 * deleted * own.abs())
+            let (size, own) = (sizes[axis], error(axis, at));
+            let errs_alike = |beside: Option<usize>| {
+                beside.is_some_and(|at| error(axis, at) * own.signum() > 0.5 * deleted * own.abs())
             };
             let halves = |[before, after]: [usize; 2]| {
-                !errs_alike(row.checked_sub(before)) && !errs_alike(Some(row + after))
+                !errs_alike(position.before(before)) && !errs_alike(position.after(after))
             };
             // Where the load moves, a sensor that is sampled a little earlier errs by a part of it.
             let exceeds_change = deleted * own.abs()
-                > change(&predicted[axis], row).min(change(&block.wrench[axis], row));
-            let (far, is_far_alone) = distance(block, spread, row);
+                > change(&predicted[axis], position).min(change(&columns.wrench[axis], position));
+            let (far, is_far_alone) = distance(columns, self.spread, position);
             TestedRow {
                 row,
-                error: std::array::from_fn(|axis| error(axis, row)),
+                error: std::array::from_fn(|axis| error(axis, at)),
                 size,
                 axis,
                 errs_alone: exceeds_change && BESIDE.into_iter().any(halves),
@@ -294,15 +259,18 @@ impl<'a> RowTest<'a> {
                 takes_over: exceeds_change
                     && in_fit > TAKES_OVER
                     && in_fit > TAKES_OVER_IN_AVERAGES * self.average_leverage
-                    && jumps(block, &spread.columns, JUMP, row),
-                is_spike: size > SIZE_WITH_SPIKE && jumps(block, &spread.changes, SPIKE, row),
+                    && jumps(columns, &self.spread.deviations, JUMP, position),
+                is_spike: size > SIZE_WITH_SPIKE
+                    && jumps(columns, &self.spread.changes, SPIKE, position),
             }
         };
-        rows.iter().map(test_row).collect()
+        let of_rows = |column: &Vec<f64>| positions.iter().map(|of| column[of.at]).collect();
+        let readings: Vec<Vec<f64>> = columns.readings.iter().map(of_rows).collect();
+        positions.iter().zip(self.leverages(&readings)).map(test_row).collect()
     }
 
     /// `‖Fᵀx‖²` of each row.
-    pub fn leverages(&self, readings: &[Vec<f64>]) -> Vec<f64> {
+    fn leverages(&self, readings: &[Vec<f64>]) -> Vec<f64> {
         let features = vec![[0.0; LANES]; self.features.len()];
         arch().dispatch(Leverages { test: self, readings, features })
     }
@@ -344,36 +312,70 @@ impl NullaryFnOnce for Leverages<'_> {
     }
 }
 
-/// The rows of a block with a far reading, a jump or a spike in `spread`.
-pub fn far_readings(block: &Block, spread: &Spread) -> Vec<usize> {
-    suspects(Excess { errors: None, block, spread })
+/// Where the values of a row of a block stand in columns of it, or of some of its rows that have those beside this one.
+#[derive(Clone, Copy, Debug)]
+struct TestPosition {
+    /// The row of the block.
+    row: usize,
+    /// Where its values stand in the columns.
+    at: usize,
+    /// Rows of the block.
+    rows: usize,
 }
 
-fn suspects(excess: Excess<'_>) -> Vec<usize> {
-    let found = arch().dispatch(excess);
-    found.iter().enumerate().filter(|(_, found)| **found > 1.0).map(|(row, _)| row).collect()
+impl TestPosition {
+    /// Where the row stands that is so many before, if the block has it.
+    fn before(self, distance: usize) -> Option<usize> {
+        (self.row >= distance).then(|| self.at - distance)
+    }
+
+    /// Where the row stands that is so many after, if the block has it.
+    fn after(self, distance: usize) -> Option<usize> {
+        (self.row + distance < self.rows).then_some(self.at + distance)
+    }
 }
 
-/// Ascending `rows` of a block and those beside them that they are compared with.
-pub fn rows_beside(rows: &[usize], block_rows: usize) -> Vec<usize> {
+/// Copies of ascending rows of a block and of those beside them, and where the rows stand among the copies.
+fn copy_rows(rows: &[usize], block: &Block) -> (Block, Vec<TestPosition>) {
     /// The largest distance in [`BESIDE`].
     const REACH: usize = 2;
-    let mut near: Vec<usize> = Vec::with_capacity(rows.len());
+    let (mut runs, mut copied) = (Vec::<Range<usize>>::new(), 0);
+    let mut positions = Vec::with_capacity(rows.len());
     for &row in rows {
-        let unseen = near.last().map_or(0, |last| last + 1);
-        near.extend(unseen.max(row.saturating_sub(REACH))..block_rows.min(row + REACH + 1));
+        let near = row.saturating_sub(REACH)..block.rows.min(row + REACH + 1);
+        match runs.last_mut().filter(|last| near.start <= last.end) {
+            Some(last) => {
+                copied += near.end - last.end;
+                last.end = near.end;
+            }
+            None => {
+                copied += near.len();
+                runs.push(near.clone());
+            }
+        }
+        positions.push(TestPosition { row, at: copied - (near.end - row), rows: block.rows });
     }
-    near
+    let copy = |column: &Vec<f64>| {
+        let mut copy = Vec::with_capacity(copied);
+        runs.iter().for_each(|run| copy.extend_from_slice(&column[run.clone()]));
+        copy
+    };
+    let copies = Block {
+        rows: copied,
+        readings: block.readings.iter().map(copy).collect(),
+        wrench: block.wrench.iter().map(copy).collect(),
+        ..Block::default()
+    };
+    (copies, positions)
 }
 
 /// By how much each row exceeds what is not looked at: the largest of its errors,
 /// distances of readings from their mean and jumps, each in units of its limit. Inlined whole into code for
 /// the widest vectors of the processor.
 struct Excess<'a> {
-    /// The wrench that is predicted, and the standard deviations of its errors, if these are looked at.
-    errors: Option<(&'a PerAxis<Vec<f64>>, &'a PerAxis<f64>)>,
+    test: &'a RowTest<'a>,
+    predicted: &'a PerAxis<Vec<f64>>,
     block: &'a Block,
-    spread: &'a Spread,
 }
 
 impl NullaryFnOnce for Excess<'_> {
@@ -383,14 +385,11 @@ impl NullaryFnOnce for Excess<'_> {
     fn call(self) -> Vec<f64> {
         /// Rows that are looked at together: what they exceed stays in registers.
         const TOGETHER: usize = 16;
-        let Spread { columns, changes } = self.spread;
-        let limits = |(channel, of): (usize, &RunningVariance)| {
-            let sd = of.rms_about_mean();
-            let spike =
-                changes.get(channel).map_or(f64::INFINITY, |of| SPIKE * of.rms_about_mean());
-            [of.mean, (LOOK_AT_READING * sd).recip(), spike.min(JUMP * sd).recip()]
+        let Spread { means, deviations, changes } = self.test.spread;
+        let limits = |((&mean, &sd), &change): ((&f64, &f64), &f64)| {
+            [mean, (LOOK_AT_READING * sd).recip(), (SPIKE * change).min(JUMP * sd).recip()]
         };
-        let limits: Vec<[f64; 3]> = columns.iter().enumerate().map(limits).collect();
+        let limits: Vec<[f64; 3]> = means.iter().zip(deviations).zip(changes).map(limits).collect();
         let rows = self.block.rows;
         let mut excess = Vec::with_capacity(rows);
         while excess.len() < rows {
@@ -420,16 +419,14 @@ impl Excess<'_> {
         [before, after]: [usize; 2],
         limits: &[[f64; 3]],
     ) -> [f64; N] {
-        let Self { errors, block, .. } = self;
+        let Self { test: RowTest { noise, .. }, predicted, block } = self;
         let mut excess = [0.0; N];
-        if let Some((predicted, noise)) = errors {
-            for axis in 0..6 {
-                let scale = (LOOK_AT_ERROR * noise[axis]).recip();
-                let p: &[f64; N] = lanes(&predicted[axis], row);
-                let m: &[f64; N] = lanes(&block.wrench[axis], row);
-                for i in 0..N {
-                    raise(&mut excess[i], (p[i] - m[i]).abs() * scale);
-                }
+        for axis in 0..6 {
+            let scale = (LOOK_AT_ERROR * noise[axis]).recip();
+            let p: &[f64; N] = lanes(&predicted[axis], row);
+            let m: &[f64; N] = lanes(&block.wrench[axis], row);
+            for i in 0..N {
+                raise(&mut excess[i], (p[i] - m[i]).abs() * scale);
             }
         }
         for (column, &[mean, scale, jump_scale]) in block.readings.iter().zip(limits) {
@@ -458,39 +455,33 @@ fn raise(excess: &mut f64, to: f64) {
 
 /// How far the farthest reading of a row is from its mean, in standard deviations, and whether it is half
 /// the limit from both rows beside it.
-fn distance(block: &Block, spread: &Spread, row: usize) -> (f64, bool) {
+fn distance(columns: &Block, spread: &Spread, position: TestPosition) -> (f64, bool) {
     let far = |(channel, column): (usize, &Vec<f64>)| {
-        (channel, spread.distance_from_mean(channel, column[row]))
+        (channel, spread.distance_from_mean(channel, column[position.at]))
     };
-    let all = block.readings.iter().enumerate().map(far);
+    let all = columns.readings.iter().enumerate().map(far);
     let farthest = all.max_by(|(_, a), (_, b)| a.total_cmp(b));
     let Some((channel, far)) = farthest else { return (0.0, false) };
-    let column = &block.readings[channel];
-    let is_apart = |beside: Option<&f64>| {
-        beside.is_none_or(|&other| spread.apart(channel, column[row], other) > 0.5 * FAR)
+    let column = &columns.readings[channel];
+    let is_apart = |beside: Option<usize>| {
+        beside.is_none_or(|at| spread.apart(channel, column[position.at], column[at]) > 0.5 * FAR)
     };
-    let before = row.checked_sub(1).and_then(|row| column.get(row));
-    (far, is_apart(before) && is_apart(column.get(row + 1)))
+    (far, is_apart(position.before(1)) && is_apart(position.after(1)))
 }
 
 /// By how much a value differs from those beside it at most.
-fn change(values: &[f64], row: usize) -> f64 {
-    let beside = [row.checked_sub(1), Some(row + 1)].into_iter().flatten();
-    let changes = beside.filter_map(|row| values.get(row)).map(|other| (values[row] - other).abs());
-    changes.fold(0.0, f64::max)
+fn change(values: &[f64], position: TestPosition) -> f64 {
+    let beside = [position.before(1), position.after(1)].into_iter().flatten();
+    beside.map(|at| (values[position.at] - values[at]).abs()).fold(0.0, f64::max)
 }
 
-/// Whether a reading of a row jumps from both rows beside it, by so many standard deviations `of` its channel.
-fn jumps(block: &Block, of: &[RunningVariance], limit: f64, row: usize) -> bool {
-    block.readings.iter().zip(of).any(|(column, of)| {
-        let value = column[row];
-        let before = row.checked_sub(1).and_then(|row| column.get(row));
-        let beside = match [before, column.get(row + 1)] {
-            [None, None] => return false,
-            [Some(&one), None] | [None, Some(&one)] => [one; 2],
-            [Some(&before), Some(&after)] => [before, after],
-        };
-        jump(value, beside) > limit * of.rms_about_mean()
+/// Whether a reading of a row jumps from both rows beside it, by so many of the `deviations` of its channel.
+fn jumps(columns: &Block, deviations: &[f64], limit: f64, position: TestPosition) -> bool {
+    let [before, after] = [position.before(1), position.after(1)];
+    let (Some(before), Some(after)) = (before.or(after), after.or(before)) else { return false };
+    columns.readings.iter().zip(deviations).any(|(column, deviation)| {
+        let size = jump(column[position.at], [column[before], column[after]]);
+        size > limit * deviation
     })
 }
 
@@ -512,19 +503,5 @@ mod tests {
         assert_eq!(jump(5.0, [1.0, 2.0]), 3.0);
         assert_eq!(jump(-5.0, [1.0, 2.0]), 6.0);
         assert!(jump(1.5, [1.0, 2.0]) < 0.0);
-    }
-
-    #[test]
-    fn spreads_merge_and_measure_in_standard_deviations() {
-        let block = |column: Vec<f64>| Block {
-            rows: column.len(),
-            readings: vec![column],
-            ..Block::default()
-        };
-        let mut spread = Spread::new(&block(vec![1.0, 3.0]));
-        spread.merge(&Spread::new(&block(vec![1.0, 3.0, 9.0, 9.0])));
-        // Their squares add up to 182, their mean is 26/6. Rounding of a few operations.
-        let sd = (182.0 / 6.0 - (26.0_f64 / 6.0).powi(2)).sqrt();
-        assert!((spread.apart(0, 5.0, 3.0) - 2.0 / sd).abs() < 1e-12);
     }
 }
