@@ -105,7 +105,7 @@ impl ScatterSums {
         (share, score): (SymmetricMatrix, PerAxis<Vec<f64>>),
         errors: ErrorSums,
     ) -> Result<(), ScatterError> {
-        self.take_off(|| share.clone());
+        self.take_off(&share);
         if let Some(score) = self.corrected(position, share, score)? {
             self.put(position, score, &errors);
         }
@@ -127,7 +127,9 @@ impl ScatterSums {
             let score = columns((rows.transpose() * misfit).as_ref());
             return self.add(position, (gram(rows.transpose()), score), errors);
         }
-        self.take_off(|| gram(rows.transpose()));
+        if self.defect.is_some() {
+            self.take_off(&gram(rows.transpose()));
+        }
         if let Some(misfit) = self.corrected(position, gram(rows), columns(misfit))? {
             let misfit = Mat::from_fn(rows.nrows(), misfit.len(), |row, axis| misfit[axis][row]);
             self.put(position, columns((rows.transpose() * misfit).as_ref()), &errors);
@@ -135,9 +137,8 @@ impl ScatterSums {
         Ok(())
     }
 
-    fn take_off(&mut self, share: impl FnOnce() -> SymmetricMatrix) {
+    fn take_off(&mut self, share: &SymmetricMatrix) {
         let Some(defect) = &mut self.defect else { return };
-        let share = share();
         for i in 0..share.size() {
             add_multiple(defect.row_mut(i), -1.0, share.row(i));
         }

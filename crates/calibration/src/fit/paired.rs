@@ -81,24 +81,21 @@ pub fn paired_errors(
     workers: Workers<'_>,
 ) -> Result<PairedErrors, FitError> {
     let (group_by, data) = label_groups(data, HeldOut::Auto).ok_or(FitError::NoRows)?;
-    let of = |calibration| group_errors(calibration, &data, 0, workers);
-    let [first, second] = [of(calibrations[0])?.groups, of(calibrations[1])?.groups];
+    let squares = |group: &GroupErrors| group.errors.each_ref().map(squares_of);
+    let of = |calibration| -> Result<Vec<PerAxis<HeldOutErrors>>, FitError> {
+        Ok(group_errors(calibration, &data, 0, workers)?.groups.iter().map(squares).collect())
+    };
+    let [first, second] = [of(calibrations[0])?, of(calibrations[1])?];
     let groups = first.len();
     if groups < 2 {
         return Err(ValidationError::TooFewGroups { found: groups }.into());
     }
     let t = student_quantile(COVERAGE_LEVEL, (groups - 1) as f64);
+    let total = [&first, &second].map(HeldOutErrors::total);
     let axes = std::array::from_fn(|axis| {
-        let of = |group: &GroupErrors| squares_of(&group.errors[axis]);
-        let [all_first, all_second] = [&first, &second].map(|groups| {
-            groups.iter().map(of).fold(HeldOutErrors::default(), |mut all, errors| {
-                all.merge(&errors);
-                all
-            })
-        });
-        let rms = [all_first.rms(), all_second.rms()];
-        let difference = |(first, second): (&GroupErrors, &GroupErrors)| {
-            let (first, second) = (of(first), of(second));
+        let rms = total.map(|errors| errors[axis].rms());
+        let difference = |(first, second): (&PerAxis<HeldOutErrors>, &PerAxis<HeldOutErrors>)| {
+            let (first, second) = (first[axis], second[axis]);
             (first.rows, (first.squares - second.squares) / first.rows as f64)
         };
         let differences: Vec<_> = first.iter().zip(&second).map(difference).collect();

@@ -61,7 +61,7 @@ impl PhysicsFit {
             folds: validation.folds.len(),
             rows: total[0].rows,
             undetermined: Vec::new(),
-            grouped: total.map(|of| HeldOutQuality { rms: of.rms(), bias: of.bias() }),
+            grouped: total.map(HeldOutQuality::from),
             random_folds: 0,
             random: None,
         })

@@ -16,7 +16,9 @@ use crate::passes::{Rows, Workers, map};
 use crate::scaling::Scaling;
 use crate::solver::SolverKind;
 use crate::validation::ValidationError;
-use crate::validation::cross_validation::{CrossValidation, HeldOutQuality, assign_groups};
+use crate::validation::cross_validation::{
+    CrossValidation, HeldOutQuality, assign_groups, over_folds,
+};
 use crate::validation::grouped::{RandomSplit, assign};
 use crate::validation::normal_equations::HeldOutFolds;
 use crate::validation::selection::{self, Selection};
@@ -166,6 +168,7 @@ pub(super) fn cross_validate(
     let mut undetermined: Vec<&String> = groups.positions.keys().filter(is_undetermined).collect();
     undetermined.sort_unstable_by_key(|&label| groups.positions[label]);
     let undetermined = undetermined.into_iter().cloned().collect();
+    let (grouped, _) = over_folds(errors.into_iter().map(|errors| (&[][..], errors)))?;
     let random = match data.memory_terms() {
         0 => parts_at_random(&rows_in_one(data), &random_split(random_folds, refit.options.seed)),
         _ => Vec::new(),
@@ -178,12 +181,12 @@ pub(super) fn cross_validate(
         folds,
         rows: groups.sizes.iter().sum(),
         undetermined,
-        grouped: quality(errors)?,
+        grouped,
         random_folds: at_random,
         random: random
             .ok()
             .filter(|folds| !folds.is_empty())
-            .and_then(|folds| quality(folds.into_iter().map(Ok).collect()).ok()),
+            .map(|folds| HeldOutErrors::total(&folds).map(HeldOutQuality::from)),
     })
 }
 
@@ -202,23 +205,6 @@ fn parts_at_random(all: &Block, split: &RandomSplit) -> Vec<Block> {
         block
     };
     (0..=parts.len()).map(part).collect()
-}
-
-/// What all folds say that a fit could be made without, or why there are none.
-fn quality(
-    folds: Vec<Result<PerAxis<HeldOutErrors>, FitError>>,
-) -> Result<PerAxis<HeldOutQuality>, FitError> {
-    let (mut all, mut reason) = (PerAxis::<HeldOutErrors>::default(), None);
-    for fold in folds {
-        match fold {
-            Ok(errors) => all.iter_mut().zip(&errors).for_each(|(all, fold)| all.merge(fold)),
-            Err(error) => reason = Some(error),
-        }
-    }
-    match reason.filter(|_| all[0].rows == 0) {
-        Some(reason) => Err(reason),
-        None => Ok(all.map(|errors| HeldOutQuality { rms: errors.rms(), bias: errors.bias() })),
-    }
 }
 
 impl Refit<'_> {

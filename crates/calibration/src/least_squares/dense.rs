@@ -2,7 +2,7 @@
 
 use faer::{Mat, MatRef};
 
-use super::method::Method;
+use super::Method;
 use super::rows::{Reduction, RowChunk, Rows, Shape};
 use super::solve::solve;
 use crate::r_factor::{LeastSquares, LeastSquaresError, Ridge};

@@ -25,7 +25,6 @@ mod gcv;
 mod gram;
 mod huber;
 mod kernels;
-mod method;
 mod qr;
 mod rank_revealing;
 mod refinement;
@@ -37,8 +36,7 @@ mod wide_qr;
 
 pub use self::dense::{Dense, solve_dense};
 pub(crate) use self::huber::clip_of_sizes;
-pub use self::method::Method;
 pub use self::rows::{Reduction, RowChunk, Rows, Shape};
-pub use self::solve::solve;
+pub use self::solve::{Method, solve};
 pub(crate) use self::solve::{ridge_by_gcv, solve_r_factor};
 pub use super::r_factor::{LeastSquares, LeastSquaresError, Ridge};

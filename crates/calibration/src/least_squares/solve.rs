@@ -1,13 +1,41 @@
 //! Solving by any of the methods.
 
 use super::gram::FormGram;
-use super::method::Method;
 use super::qr::FormRFactor;
 use super::rows::Rows;
 use super::wide_gram::FormWideGram;
 use super::wide_qr::FactorWide;
 use super::{gcv, huber, rank_revealing, refinement};
 use crate::r_factor::{LeastSquares, LeastSquaresError, RFactor, Ridge};
+
+/// How to solve.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum Method {
+    /// Householder QR over row blocks.
+    Tsqr,
+    /// The same, corrected by residuals in double-double.
+    RefinedTsqr,
+    /// QR with column pivoting. Pivots are chosen in the R factor that [`Method::Tsqr`] leaves,
+    /// whose columns have the lengths and angles of those of `X`: the same factorisation.
+    PivotedQr,
+    /// Singular values, again of the R factor, which has those of `X`.
+    Svd {
+        /// Leaves out directions whose singular value, of columns of norm one, is below this share
+        /// of the largest. `None` leaves out nothing.
+        truncate: Option<f64>,
+    },
+    /// Normal equations and Cholesky in `f64`.
+    Gram,
+    /// Normal equations and Cholesky in double-double.
+    WideGram,
+    /// Householder QR over row blocks in double-double.
+    WideTsqr,
+    /// A ridge whose parameter generalised cross-validation chooses.
+    RidgeGcv,
+    /// Huber's M-estimator: rows far off count less.
+    Huber,
+}
 
 /// Solves `min ‖X·C − Y‖² + λ·‖D·C‖²`.
 ///

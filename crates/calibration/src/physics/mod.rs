@@ -18,7 +18,6 @@
 mod calibration;
 mod choice;
 pub(crate) mod cholesky;
-mod data;
 mod expectation;
 mod factors;
 mod fit;

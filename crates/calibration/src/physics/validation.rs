@@ -64,12 +64,15 @@ impl PhysicsValidation {
 
     /// The errors on all rows.
     pub fn total(&self) -> PerAxis<HeldOutErrors> {
-        merged(self.groups())
+        HeldOutErrors::total(self.groups().map(|group| &group.errors))
     }
 
     /// The errors on the rows of each fold.
     pub fn by_fold(&self) -> Vec<PerAxis<HeldOutErrors>> {
-        self.folds.iter().map(|fold| merged(fold.iter())).collect()
+        self.folds
+            .iter()
+            .map(|fold| HeldOutErrors::total(fold.iter().map(|group| &group.errors)))
+            .collect()
     }
 
     /// The median over the groups of the size of their mean error, N and N·m.
@@ -126,7 +129,8 @@ pub(crate) fn usual_errors(
         let held_out: BTreeSet<u64> = fold.iter().copied().collect();
         let model = usual(&rows.without(&held_out).observations()?)?;
         let fitted = PhysicsCalibration::new(model, [1.0; 6]);
-        Ok(merged(errors(rows, &held_out, &fitted).iter()))
+        let groups = errors(rows, &held_out, &fitted);
+        Ok(HeldOutErrors::total(groups.iter().map(|group| &group.errors)))
     };
     map_folds(folds, workers, of_fold)
 }
@@ -159,11 +163,4 @@ fn errors(
         }
     }
     groups.into_values().collect()
-}
-
-fn merged<'a>(groups: impl Iterator<Item = &'a GroupErrors>) -> PerAxis<HeldOutErrors> {
-    groups.fold(PerAxis::default(), |mut all: PerAxis<HeldOutErrors>, group| {
-        all.iter_mut().zip(&group.errors).for_each(|(all, errors)| all.merge(errors));
-        all
-    })
 }

@@ -1,8 +1,8 @@
 //! Every solver by its name, over rows that can be passed over as often as it asks.
 
+use super::FitProblem;
 use super::exact::{Exact, solve_moments};
 use super::kind::SolverKind;
-use super::problem::FitProblem;
 use super::solution::Solution;
 use crate::exact::{ExactError, Moments};
 use crate::features::Features;

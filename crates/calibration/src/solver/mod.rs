@@ -8,14 +8,26 @@ mod centring;
 mod exact;
 mod family;
 mod kind;
-mod problem;
 mod solution;
 
 pub use self::centring::{Centring, ReadingSums};
 pub use self::exact::{Exact, ExactPartial, solve_moments};
 pub use self::family::{exact_moments, fit, fit_by};
 pub use self::kind::SolverKind;
-pub use self::problem::FitProblem;
 pub use self::solution::Solution;
 pub use crate::factor::InverseFactor;
 pub use crate::passes::{Pass, Rows, Workers};
+
+use crate::model::Model;
+use crate::scaling::Scaling;
+
+/// The input of a solver besides the rows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FitProblem {
+    /// The features.
+    pub model: Model,
+    /// Centre and scale of the readings.
+    pub scaling: Scaling,
+    /// λ ≥ 0 of a ridge on columns of norm one; the intercept is not penalised. 0 for none.
+    pub ridge: f64,
+}

@@ -98,13 +98,7 @@ impl Comparison {
         let [of_first, of_second] =
             [first, second].map(|folds| RelativeErrors::new(folds, variances));
         let ratio = |axes: &[usize]| ErrorRatio { log: of_first.log_ratio(&of_second, axes) };
-        let rms = [first, second].map(|folds| {
-            let mut all = PerAxis::<HeldOutErrors>::default();
-            for errors in folds {
-                all.iter_mut().zip(errors).for_each(|(all, errors)| all.merge(errors));
-            }
-            all.map(|errors| errors.rms())
-        });
+        let rms = [first, second].map(|folds| HeldOutErrors::total(folds).map(|of| of.rms()));
         let axis = |axis: usize| match variances[axis] > 0.0 {
             true => ratio(&[axis]),
             false => ErrorRatio::default(),

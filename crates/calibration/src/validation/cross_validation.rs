@@ -19,6 +19,12 @@ pub struct HeldOutQuality {
     pub bias: f64,
 }
 
+impl From<HeldOutErrors> for HeldOutQuality {
+    fn from(errors: HeldOutErrors) -> Self {
+        Self { rms: errors.rms(), bias: errors.bias() }
+    }
+}
+
 /// What cross-validation has found. Errors are over all rows that were held out, each once.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CrossValidation {
@@ -78,33 +84,39 @@ pub fn cross_validate(
         Some(folds) => fold_groups(sums, folds)?,
         None => (0..sums.groups.len()).map(|group| vec![group]).collect(),
     };
-    let mut grouped = PerAxis::<HeldOutErrors>::default();
-    let (mut undetermined, mut reason) = (Vec::new(), None);
-    for fold in &folds {
-        match errors_on(&parts, &sums.groups, fold, ridge)? {
-            Ok(errors) => merge(&mut grouped, &errors),
-            Err(error) => {
-                undetermined.extend(fold.iter().map(|&group| sums.groups[group].0.clone()));
-                reason = Some(error);
-            }
-        }
-    }
-    if let Some(reason) = reason.filter(|_| undetermined.len() == sums.groups.len()) {
-        return Err(ValidationError::Undetermined(reason));
-    }
+    let errors = |fold: &Vec<usize>| errors_on(&parts, &sums.groups, fold, ridge);
+    let errors: Vec<_> = folds.iter().map(errors).collect::<Result<_, _>>()?;
+    let (grouped, undetermined) = over_folds(folds.iter().map(Vec::as_slice).zip(errors))
+        .map_err(ValidationError::Undetermined)?;
     Ok(CrossValidation {
         groups: sums.group_count,
         folds: folds.len(),
         rows: whole.rows(),
-        undetermined,
-        grouped: grouped.map(quality),
+        undetermined: undetermined.into_iter().map(|group| sums.groups[group].0.clone()).collect(),
+        grouped,
         random_folds: sums.random.len(),
         random: random_errors(&parts, &sums.random, ridge),
     })
 }
 
-fn quality(errors: HeldOutErrors) -> HeldOutQuality {
-    HeldOutQuality { rms: errors.rms(), bias: errors.bias() }
+/// The errors on all folds that could be held out, and the groups of the others; why, if none could.
+pub(crate) fn over_folds<'a, E>(
+    folds: impl IntoIterator<Item = (&'a [usize], Result<PerAxis<HeldOutErrors>, E>)>,
+) -> Result<(PerAxis<HeldOutQuality>, Vec<usize>), E> {
+    let (mut known, mut undetermined, mut reason) = (Vec::new(), Vec::new(), None);
+    for (groups, errors) in folds {
+        match errors {
+            Ok(errors) => known.push(errors),
+            Err(error) => {
+                undetermined.extend(groups);
+                reason = Some(error);
+            }
+        }
+    }
+    match reason.filter(|_| known.is_empty()) {
+        Some(reason) => Err(reason),
+        None => Ok((HeldOutErrors::total(&known).map(HeldOutQuality::from), undetermined)),
+    }
 }
 
 /// The errors on a fold of groups of a fit to all others; the inner error where that cannot be.
@@ -130,15 +142,10 @@ fn random_errors(
     random: &[Moments],
     ridge: f64,
 ) -> Option<PerAxis<HeldOutQuality>> {
-    let mut all = PerAxis::<HeldOutErrors>::default();
-    for moments in random.iter().filter(|moments| moments.rows() > 0) {
-        merge(&mut all, &parts.held_out(moments, &parts.part(moments), ridge).ok()?);
-    }
-    (all[0].rows > 0).then(|| all.map(quality))
-}
-
-fn merge(all: &mut PerAxis<HeldOutErrors>, errors: &PerAxis<HeldOutErrors>) {
-    all.iter_mut().zip(errors).for_each(|(all, errors)| all.merge(errors));
+    let parts_with_rows = random.iter().filter(|moments| moments.rows() > 0);
+    let errors = |part: &Moments| parts.held_out(part, &parts.part(part), ridge).ok();
+    let errors: Vec<_> = parts_with_rows.map(errors).collect::<Option<_>>()?;
+    (!errors.is_empty()).then(|| HeldOutErrors::total(&errors).map(HeldOutQuality::from))
 }
 
 /// Groups, by their positions, assigned to folds of about the same number of rows.

@@ -1,13 +1,11 @@
 //! Errors on groups that were held out, and the choice of a model, from [R factors](crate::factored).
 
 use super::ValidationError;
-use super::cross_validation::{CrossValidation, HeldOutQuality, assign_groups};
+use super::cross_validation::{CrossValidation, assign_groups, over_folds};
 use super::selection::{ErrorsByRidge, FOLDS, Selection, choose};
-use crate::exact::HeldOutErrors;
 use crate::factored::{FactoredGroups, FactoredRows};
 use crate::least_squares::Method;
 use crate::model::{Basis, Model};
-use shell_data::wrench::PerAxis;
 
 /// The rows of a fold, and all others.
 struct Fold {
@@ -31,31 +29,19 @@ pub fn cross_validate(
         None => (0..rows.groups.len()).map(|group| vec![group]).collect(),
     };
     let folds = parted(rows, assigned)?;
-    let mut all = PerAxis::<HeldOutErrors>::default();
-    let (mut undetermined, mut reason) = (Vec::new(), None);
-    for fold in &folds {
-        let solution = fold.rest.solve_by(method, model, ridge);
-        let errors = solution.map(|solution| fold.held_out.errors(&solution));
-        match errors {
-            Ok(errors) => {
-                let errors = errors.into_iter().flatten();
-                all.iter_mut().zip(errors).for_each(|(all, fold)| all.merge(&fold));
-            }
-            Err(error) => {
-                undetermined.extend(fold.groups.iter().map(|&group| rows.groups[group].0.clone()));
-                reason = Some(error);
-            }
-        }
-    }
-    if let Some(reason) = reason.filter(|_| undetermined.len() == rows.groups.len()) {
-        return Err(ValidationError::Rows(Box::new(reason)));
-    }
+    let errors = |fold: &Fold| {
+        let solution = fold.rest.solve_by(method, model, ridge)?;
+        Ok(fold.held_out.errors(&solution).unwrap_or_default())
+    };
+    let errors = folds.iter().map(|fold| (&fold.groups[..], errors(fold)));
+    let (grouped, undetermined) =
+        over_folds(errors).map_err(|error| ValidationError::Rows(Box::new(error)))?;
     Ok(CrossValidation {
         groups: rows.groups.len(),
         folds: folds.len(),
         rows: rows.groups.iter().map(|(_, rows)| rows.rows()).sum(),
-        undetermined,
-        grouped: all.map(|errors| HeldOutQuality { rms: errors.rms(), bias: errors.bias() }),
+        undetermined: undetermined.into_iter().map(|group| rows.groups[group].0.clone()).collect(),
+        grouped,
         random_folds: 0,
         random: None,
     })

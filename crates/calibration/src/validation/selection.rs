@@ -194,13 +194,9 @@ fn summarise(folds: &[PerAxis<HeldOutErrors>], variances: &PerAxis<f64>) -> Cand
     let relative = RelativeErrors::new(folds, variances);
     let FoldMean { value, standard_error } = relative.log(&varying(variances));
     let score = libm::exp(2.0 * value);
-    let mut all = PerAxis::<HeldOutErrors>::default();
-    for errors in folds {
-        all.iter_mut().zip(errors).for_each(|(all, errors)| all.merge(errors));
-    }
     CandidateErrors {
         score,
         standard_error: 2.0 * score * standard_error,
-        rms: all.map(|errors| errors.rms()),
+        rms: HeldOutErrors::total(folds).map(|errors| errors.rms()),
     }
 }

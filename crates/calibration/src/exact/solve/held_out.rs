@@ -52,6 +52,15 @@ impl HeldOutErrors {
         self.squares += other.squares;
     }
 
+    /// Those on the rows of several parts together, on each axis.
+    pub fn total<'a>(parts: impl IntoIterator<Item = &'a PerAxis<Self>>) -> PerAxis<Self> {
+        let mut total = PerAxis::<Self>::default();
+        for part in parts {
+            total.iter_mut().zip(part).for_each(|(total, part)| total.merge(part));
+        }
+        total
+    }
+
     /// Root mean square of the errors; NaN for zero rows.
     pub fn rms(&self) -> f64 {
         (self.squares / self.rows as f64).sqrt()
