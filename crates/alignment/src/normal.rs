@@ -75,40 +75,37 @@ impl Projected {
         if total.is_nan() || total <= (features + channels) as f64 {
             return None;
         }
-        let width = gram.ncols();
-        let rest = width - features;
-        // Cholesky, row-oriented, with the right-hand sides carried along: `work` ends as
+        let kept: Vec<usize> = (0..features).filter(|&k| keep(k)).collect();
+        let columns: Vec<usize> = kept.iter().copied().chain(features..gram.ncols()).collect();
+        // Cholesky by rows of the upper triangle, with the right-hand sides carried along: `work` ends as
         // [R | R⁻ᵀ XᵀZ] above the projected block.
-        let mut work = gram.clone();
-        let mut used = vec![false; features];
-        for k in 0..features {
-            let pivot = work[(k, k)];
-            used[k] = keep(k) && pivot > TOLERANCE * gram[(k, k)];
-            if !used[k] {
+        let row = |&i: &usize| columns.iter().map(|&j| gram[(i.min(j), i.max(j))]).collect();
+        let mut work: Vec<Vec<f64>> = columns.iter().map(row).collect();
+        let mut used = Vec::with_capacity(kept.len());
+        for (k, &feature) in kept.iter().enumerate() {
+            let (above, below) = work.split_at_mut(k + 1);
+            let row = &mut above[k];
+            let pivot = row[k];
+            if pivot.is_nan() || pivot <= TOLERANCE * gram[(feature, feature)] {
                 continue;
             }
+            used.push(k);
             let root = pivot.sqrt();
-            for j in k..width {
-                work[(k, j)] /= root;
-            }
-            for j in k + 1..width {
-                let factor = work[(k, j)];
-                for i in k + 1..=j {
-                    work[(i, j)] -= work[(k, i)] * factor;
-                }
+            row[k..].iter_mut().for_each(|x| *x /= root);
+            for (i, below) in (k + 1..).zip(below) {
+                subtract_multiple(&mut below[i..], row[i], &row[i..]);
             }
         }
-        let mut solution = Mat::<f64>::zeros(features, rest);
-        for column in 0..rest {
-            for k in (0..features).rev().filter(|&k| used[k]) {
-                let mut sum = work[(k, features + column)];
-                for j in (k + 1..features).filter(|&j| used[j]) {
-                    sum -= work[(k, j)] * solution[(j, column)];
-                }
-                solution[(k, column)] = sum / work[(k, k)];
+        let mut solution: Vec<Vec<f64>> = vec![vec![0.0; gram.ncols() - features]; features];
+        for (position, &k) in used.iter().enumerate().rev() {
+            let mut sum = work[k][kept.len()..].to_vec();
+            for &j in &used[position + 1..] {
+                subtract_multiple(&mut sum, work[k][j], &solution[kept[j]]);
             }
+            sum.iter_mut().for_each(|x| *x /= work[k][k]);
+            solution[kept[k]] = sum;
         }
-        let left = |i: usize, j: usize| work[(features + i.min(j), features + i.max(j))];
+        let left = |i: usize, j: usize| work[kept.len() + i.min(j)][kept.len() + i.max(j)];
         let square = |i: usize| gram[(features + i, features + i)];
         let powers = |c: usize| (3 * channels + c * POWERS)..(3 * channels + (c + 1) * POWERS);
         let bends: Vec<Bend> =
@@ -123,12 +120,12 @@ impl Projected {
             parts(i).flat_map(|(a, x)| parts(j).map(move |(b, y)| x * y * left(a, b))).sum()
         };
         let map = |i: usize, c: usize| -> f64 {
-            parts(2 * channels + c).map(|(column, x)| x * solution[(i, column)]).sum()
+            parts(2 * channels + c).map(|(column, x)| x * solution[i][column]).sum()
         };
         Some(Self {
             map: Mat::from_fn(features, channels, map),
-            along: solution.subcols(0, 2 * channels).to_owned(),
-            used: used.iter().filter(|&&used| used).count(),
+            along: Mat::from_fn(features, 2 * channels, |i, column| solution[i][column]),
+            used: used.len(),
             left: Mat::from_fn(3 * channels, 3 * channels, product),
             bends,
             channels,
@@ -172,6 +169,11 @@ impl Projected {
         };
         ([0, 1].map(|a| [0, 1].map(|b| trace(a, b))), [0, 1].map(|a| trace(a, 2)))
     }
+}
+
+/// `values − factor·other`, in the place of the values.
+fn subtract_multiple(values: &mut [f64], factor: f64, other: &[f64]) {
+    values.iter_mut().zip(other).for_each(|(value, other)| *value -= other * factor);
 }
 
 /// β that minimises ‖y + P β‖² after X is projected out: the columns `powers` and `reading`.

@@ -78,25 +78,32 @@ impl Drive {
 
     /// The battery's voltage at `time_s`, with the duty of row `row`, V.
     pub(super) fn battery_v(&self, gait: &Gait, row: usize, time_s: f64) -> f64 {
+        let emf_v = LegSide::BOTH.map(|side| Self::back_emf_v(gait, side, time_s));
+        self.sagging_v(emf_v, row, time_s)
+    }
+
+    /// The same with the back EMF of both motors.
+    fn sagging_v(&self, emf_v: [f64; 2], row: usize, time_s: f64) -> f64 {
         let drained_v = DRAIN_V_S * (time_s - self.start_s).max(0.0);
         // I = |d| (V − e)/R for each, V = V₀ − r ΣI.
         let (mut conductance, mut from_emf) = (0.0, 0.0);
-        for side in LegSide::BOTH {
+        for (side, emf_v) in LegSide::BOTH.into_iter().zip(emf_v) {
             let share = self.duty(side, row).abs() / FULL_DUTY / self.resistance_ohm;
             conductance += share;
-            from_emf += share * Self::back_emf_v(gait, side, time_s);
+            from_emf += share * emf_v;
         }
         (OPEN_V - drained_v + INTERNAL_OHM * from_emf) / (1.0 + INTERNAL_OHM * conductance)
     }
 
     /// Electrical power of both motors, W.
     pub(super) fn power_w(&self, gait: &Gait, row: usize, time_s: f64) -> f64 {
-        let battery_v = self.battery_v(gait, row, time_s);
-        let of = |side| {
-            let overhead_v = battery_v - Self::back_emf_v(gait, side, time_s);
-            (self.duty(side, row) / FULL_DUTY * battery_v * overhead_v / self.resistance_ohm).abs()
+        let emf_v = LegSide::BOTH.map(|side| Self::back_emf_v(gait, side, time_s));
+        let battery_v = self.sagging_v(emf_v, row, time_s);
+        let of = |(side, emf_v): (LegSide, f64)| {
+            let share = self.duty(side, row) / FULL_DUTY;
+            (share * battery_v * (battery_v - emf_v) / self.resistance_ohm).abs()
         };
-        LegSide::BOTH.into_iter().map(of).sum()
+        LegSide::BOTH.into_iter().zip(emf_v).map(of).sum()
     }
 }
 
