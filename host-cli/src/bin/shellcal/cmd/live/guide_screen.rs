@@ -2,9 +2,9 @@
 
 use font8x8::legacy::{BASIC_LEGACY, LATIN_LEGACY};
 use live_view::{GuidePhase, GuideView};
-use ratatui::buffer::Buffer;
-use ratatui::layout::Rect;
-use ratatui::style::{Color, Modifier};
+use ratatui_core::buffer::Buffer;
+use ratatui_core::layout::Rect;
+use ratatui_core::style::{Color, Modifier};
 
 use super::canvas::{ACROSS, CharacterCanvas, DOWN};
 use super::screen::{LiveScreen, decimals, put_char};

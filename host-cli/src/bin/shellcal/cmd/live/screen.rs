@@ -1,9 +1,9 @@
 //! The screen of `shellcal live`: traces on the left, channels and arrows on the right.
 
 use live_view::{ChannelState, ChannelView, GuideView, LiveModel, TraceView};
-use ratatui::buffer::Buffer;
-use ratatui::layout::Rect;
-use ratatui::style::{Color, Modifier, Style};
+use ratatui_core::buffer::Buffer;
+use ratatui_core::layout::Rect;
+use ratatui_core::style::{Color, Modifier, Style};
 use shell_data::escape::is_invisible;
 
 use super::canvas::{ACROSS, CharacterCanvas, DOWN};
@@ -359,8 +359,8 @@ mod tests {
     use super::*;
     use calibration::reading_ranges::ReadingRange;
     use live_view::{GuidePhase, LiveRow, LiveSetup};
-    use ratatui::Terminal;
-    use ratatui::backend::TestBackend;
+    use ratatui_core::backend::TestBackend;
+    use ratatui_core::terminal::Terminal;
 
     /// A push to the right and a stroke upwards, with a channel out of its range, one saturated, and a mark.
     fn model(forces: bool) -> LiveModel {
@@ -410,7 +410,7 @@ mod tests {
         terminal.draw(|frame| screen.draw(frame.buffer_mut())).unwrap();
         let buffer = terminal.backend().buffer();
         if !color {
-            let is_plain = |cell: &ratatui::buffer::Cell| {
+            let is_plain = |cell: &ratatui_core::buffer::Cell| {
                 (cell.fg, cell.bg, cell.modifier) == (Color::Reset, Color::Reset, Modifier::empty())
             };
             let plain = buffer.content.iter().all(is_plain);
