@@ -101,7 +101,8 @@ pub(super) fn search(
     };
     let never: RowKeys = out_of_range.iter().map(|of| search.key(of)).collect();
     let mut known_tests = None;
-    let all = match known.filter(|_| never.is_empty()) {
+    let is_of_blocks = |(_, tested): &(_, Vec<_>)| tested.len() == search.blocks.len();
+    let all = match known.filter(|known| never.is_empty() && is_of_blocks(known)) {
         Some((fit, tested)) => {
             known_tests = Some(search.start_from(fit, tested));
             Cow::Borrowed(fit)

@@ -27,20 +27,23 @@ impl WithSimd for SubtractSquares<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let bands = self.from.size.div_ceil(TILE_COLUMNS);
+        let at_once = VECTORS_AT_ONCE.min(self.squares_of.len()).max(1);
         // For each band of columns, that band of every vector, with zeros beyond the last column.
-        let mut packed = vec![[[0.0; TILE_COLUMNS]; VECTORS_AT_ONCE]; bands];
-        for of in self.squares_of.chunks(VECTORS_AT_ONCE) {
+        let mut packed = vec![[0.0; TILE_COLUMNS]; bands * at_once];
+        for of in self.squares_of.chunks(at_once) {
             for (position, x) in of.iter().enumerate() {
                 let (whole, rest) = x.as_chunks::<TILE_COLUMNS>();
-                packed.iter_mut().zip(whole).for_each(|(band, columns)| band[position] = *columns);
+                for (band, columns) in whole.iter().enumerate() {
+                    packed[band * at_once + position] = *columns;
+                }
                 if !rest.is_empty() {
-                    packed[whole.len()][position][..rest.len()].copy_from_slice(rest);
+                    packed[whole.len() * at_once + position][..rest.len()].copy_from_slice(rest);
                 }
             }
             for band in 0..bands {
-                let columns = &packed[band][..of.len()];
+                let columns = &packed[band * at_once..][..of.len()];
                 for first in (0..(band + 1) * TILE_COLUMNS).step_by(TILE_ROWS) {
-                    let rows = &packed[first / TILE_COLUMNS][..of.len()];
+                    let rows = &packed[first / TILE_COLUMNS * at_once..][..of.len()];
                     let tile = Tile { first_row: first, first_column: band * TILE_COLUMNS };
                     let mut values = tile.load(self.from);
                     let rows = (rows, first % TILE_COLUMNS);

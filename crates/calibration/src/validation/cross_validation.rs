@@ -99,7 +99,10 @@ pub fn cross_validate(
     })
 }
 
-/// The errors on all folds that could be held out, and the groups of the others; why, if none could.
+/// The errors over all folds without which the model can be fitted, and the groups of the other folds.
+///
+/// # Errors
+/// That of a fold, if no row could be held out.
 pub(crate) fn over_folds<'a, E>(
     folds: impl IntoIterator<Item = (&'a [usize], Result<PerAxis<HeldOutErrors>, E>)>,
 ) -> Result<(PerAxis<HeldOutQuality>, Vec<usize>), E> {
@@ -113,9 +116,10 @@ pub(crate) fn over_folds<'a, E>(
             }
         }
     }
-    match reason.filter(|_| known.is_empty()) {
+    let total = HeldOutErrors::total(&known);
+    match reason.filter(|_| total[0].rows == 0) {
         Some(reason) => Err(reason),
-        None => Ok((HeldOutErrors::total(&known).map(HeldOutQuality::from), undetermined)),
+        None => Ok((total.map(HeldOutQuality::from), undetermined)),
     }
 }
 

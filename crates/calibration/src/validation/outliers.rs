@@ -115,8 +115,8 @@ impl TestedRow {
             || (self.errs_alone && self.is_spike)
     }
 
-    /// Whether it is worth a search, by a fit to all rows. A spike with a small error or a far reading that errs little is
-    /// named beside others only: in a hundred thousand rows there is one by chance.
+    /// Whether the row justifies a search, tested by a fit to all rows. A spike or a far reading with a small error does
+    /// not: one in some hundred thousand good rows looks like that.
     pub fn starts_search(&self) -> bool {
         (self.size > LIMIT && self.errs_alone) || self.takes_over
     }
@@ -189,7 +189,8 @@ impl<'a> RowTest<'a> {
         excess.iter().enumerate().filter(|(_, excess)| **excess > 1.0).map(|(row, _)| row).collect()
     }
 
-    /// Tests ascending rows of a block, for all rows of which a wrench is `predicted`; the fit has seen them.
+    /// Tests rows of a block, in ascending order, all of which were used for the fit; `predicted` is the wrench of every
+    /// row of the block.
     pub fn test(
         &self,
         block: &Block,
@@ -201,7 +202,8 @@ impl<'a> RowTest<'a> {
         self.test_at(&positions, block, predicted, &|_| false)
     }
 
-    /// Tests few ascending rows of a block; the fit `has_left_out` some.
+    /// Tests a few rows of a block, in ascending order, by a fit that `has_left_out` some of them; only their wrench and
+    /// that of the rows beside them is predicted.
     pub fn test_few(
         &self,
         block: &Block,
@@ -214,7 +216,7 @@ impl<'a> RowTest<'a> {
         self.test_at(&positions, &copies, &predicted, has_left_out)
     }
 
-    /// Tests rows whose values stand at some positions of columns.
+    /// Tests the rows at `positions` in `columns`.
     fn test_at(
         &self,
         positions: &[TestPosition],
@@ -312,30 +314,31 @@ impl NullaryFnOnce for Leverages<'_> {
     }
 }
 
-/// Where the values of a row of a block stand in columns of it, or of some of its rows that have those beside this one.
+/// A row of a block, and its index in columns that hold all rows of the block, or copies of this row and its neighbours.
 #[derive(Clone, Copy, Debug)]
 struct TestPosition {
     /// The row of the block.
     row: usize,
-    /// Where its values stand in the columns.
+    /// Its index in the columns.
     at: usize,
-    /// Rows of the block.
+    /// The number of rows of the block.
     rows: usize,
 }
 
 impl TestPosition {
-    /// Where the row stands that is so many before, if the block has it.
+    /// The index of the row `distance` before it, if the block has one.
     fn before(self, distance: usize) -> Option<usize> {
         (self.row >= distance).then(|| self.at - distance)
     }
 
-    /// Where the row stands that is so many after, if the block has it.
+    /// The index of the row `distance` after it, if the block has one.
     fn after(self, distance: usize) -> Option<usize> {
         (self.row + distance < self.rows).then_some(self.at + distance)
     }
 }
 
-/// Copies of ascending rows of a block and of those beside them, and where the rows stand among the copies.
+/// Copies of some rows of a block, in ascending order, with their neighbours, and the positions of the rows among the
+/// copies.
 fn copy_rows(rows: &[usize], block: &Block) -> (Block, Vec<TestPosition>) {
     /// The largest distance in [`BESIDE`].
     const REACH: usize = 2;

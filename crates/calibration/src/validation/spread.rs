@@ -21,7 +21,7 @@ pub struct Spread {
 impl Spread {
     /// Of a data set, from rows all over it.
     pub fn new(data: &Dataset, workers: Workers<'_>) -> Result<Self, FitError> {
-        /// Rows from which on fewer than all tell enough: a standard deviation to a hundredth.
+        /// So many rows determine a standard deviation to one percent.
         const ENOUGH: u64 = 8192;
         let step = (data.rows() / ENOUGH).max(1) as usize;
         let blocks: Vec<&Block> = data.blocks().map(|(_, block)| &*block.rows).collect();
@@ -56,10 +56,10 @@ impl Spread {
     }
 }
 
-/// The spread of the columns of readings and wrench of a block, then that of the changes of the readings from row to row,
-/// over runs of rows of which so many steps apart are taken.
+/// Mean and variance of each column of a block: of readings and wrench, then of the changes of the readings from row to
+/// row. Only every `step`-th run of rows is used.
 fn sampled_spread(block: &Block, step: usize) -> Vec<RunningVariance> {
-    /// Rows in a run, where not all are taken.
+    /// Rows of a run, if `step` is more than one.
     const RUN: usize = 32;
     let run = if step > 1 { RUN } else { block.rows.max(1) };
     let mut values = Vec::with_capacity(block.rows / step + run);

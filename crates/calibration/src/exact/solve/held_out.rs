@@ -52,7 +52,7 @@ impl HeldOutErrors {
         self.squares += other.squares;
     }
 
-    /// Those on the rows of several parts together, on each axis.
+    /// The sums over all parts of the rows, for each axis.
     pub fn total<'a>(parts: impl IntoIterator<Item = &'a PerAxis<Self>>) -> PerAxis<Self> {
         let mut total = PerAxis::<Self>::default();
         for part in parts {
