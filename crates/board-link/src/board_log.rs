@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::LogSink;
 use super::record_error::RecordError;
-use super::recorder::RecordOptions;
+use super::record_options::RecordOptions;
 use crate::recording::{BoardFrame, BoardSource, FrameLabel, Losses, RowWriter};
 use shell_data::wrench::AxisValues;
 

@@ -5,8 +5,9 @@ use std::time::Duration;
 
 use super::Source;
 use super::record_error::RecordError;
+use super::record_options::RecordOptions;
+use super::recorded::Recorded;
 use super::recorder::{Due, Recorder, Sinks};
-use super::recorder::{RecordOptions, Recorded};
 use super::source::SourceInput;
 use super::watcher::RecordingProgress;
 

@@ -7,17 +7,11 @@ use std::time::{Duration, Instant};
 
 use output_file::OutputError;
 
+use crate::batch::FrameBatch;
 use crate::destination::Destination;
 use crate::encoding::RowEncoder;
 use crate::pipe::PipeReader;
 use crate::tcp::TcpReader;
-
-/// Rows that arrive as a whole, or are lost as a whole.
-#[derive(Debug, Default)]
-pub(crate) struct FrameBatch {
-    pub(crate) bytes: Vec<u8>,
-    pub(crate) rows: u64,
-}
 
 /// How often it is looked whether somebody connects.
 const ACCEPT: Duration = Duration::from_millis(10);

@@ -11,11 +11,12 @@
 //! of all sensors at once, on residuals whitened by V.
 
 use super::cholesky::Cholesky;
+use super::data::Data;
 use super::expectation::Expectation;
 use super::fit::{FittedParameters, Scaled, common_means, sensors};
 use super::loadings::{FACTORS, Loadings, add_factors, factor_count};
 use super::response::{PARAMETERS, Parameters, SHAPE};
-use super::sensor::{Data, Prior};
+use super::sensor::Prior;
 use super::sums::Curve;
 use crate::symmetric::SymmetricMatrix;
 

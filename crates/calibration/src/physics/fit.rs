@@ -7,12 +7,13 @@
 //! and the two variances of [`Noise`] each raise the posterior density.
 
 use super::cholesky::Cholesky;
+use super::data::Data;
 use super::lanes::MOST_LANES;
 use super::loadings::{FACTORS, Loadings};
 use super::noise::{Noise, Residuals};
 use super::observations::Observation;
 use super::response::{PARAMETERS, Parameters, SHAPE};
-use super::sensor::{Data, ParameterEstimate, Prior};
+use super::sensor::{ParameterEstimate, Prior};
 use super::sums::residuals;
 use shell_data::wrench::PerAxis;
 

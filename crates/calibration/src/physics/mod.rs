@@ -18,6 +18,7 @@
 mod calibration;
 mod choice;
 pub(crate) mod cholesky;
+mod data;
 mod expectation;
 mod factors;
 mod fit;

@@ -5,10 +5,10 @@
 
 use pulp::{Simd, WithSimd};
 
+use super::data::Data;
 use super::lanes::{Answers, MOST_LANES, load_rows, store_rows};
 use super::noise::Residuals;
 use super::response::{PARAMETERS, Parameters, SHAPE};
-use super::sensor::Data;
 use shell_data::instructions::arch;
 
 /// Rows whose gradients are kept while their products are summed.
