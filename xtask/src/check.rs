@@ -8,11 +8,11 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::ValueEnum;
 
 use crate::compiler::Compiler;
-use crate::image::Board;
+use crate::firmware::{self, FirmwareArgs};
 use crate::jobs::{self, Job};
 use crate::need::{Need, Way};
 use crate::steps::{self, PROFILE, cargo, installed, run as step, scratch, workspace};
-use crate::{book, dependencies, pictures, python, toolchain};
+use crate::{book, dependencies, pictures, python};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct CheckArgs {
@@ -32,7 +32,7 @@ enum CheckPart {
     Format,
     /// Lints, all of which are errors
     Lints,
-    /// Lints of the firmware for the boards' own target
+    /// What the boards' images take, and the lints of their own target
     Firmware,
     /// Licences, duplicates and sources of the dependencies, by deny.toml
     Dependencies,
@@ -98,7 +98,9 @@ pub(crate) fn run(args: &CheckArgs) -> Result<()> {
         let done = match part {
             CheckPart::Format => format(),
             CheckPart::Lints => lints(),
-            CheckPart::Firmware => firmware(),
+            CheckPart::Firmware => {
+                LINTER.meet().and_then(|()| firmware::run(FirmwareArgs::default()))
+            }
             CheckPart::Dependencies => dependencies::check(),
             CheckPart::Systems => systems(),
             CheckPart::Fuzz => fuzz(args.fuzz_seconds),
@@ -134,12 +136,6 @@ fn lints() -> Result<()> {
     let deny = ["--", "-D", "warnings"];
     let clippy = ["clippy", "--workspace", "--all-targets"];
     step("lints", &mut cargo(&[&clippy[..], &PROFILE, &deny].concat()))
-}
-
-fn firmware() -> Result<()> {
-    LINTER.meet()?;
-    let toolchain = toolchain::set_up()?;
-    Board::ALL.into_iter().try_for_each(|board| board.lint(&toolchain))
 }
 
 fn docs() -> Result<()> {

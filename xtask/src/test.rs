@@ -74,11 +74,6 @@ pub(crate) fn run(args: &TestArgs) -> Result<()> {
     if let Some(python) = &equipment.python {
         jobs.extend(python::jobs(python)?);
     }
-    if parts.contains(&Part::Board) {
-        // Not this very program: the build above may have replaced its file.
-        let command = cargo(&["xtask", "firmware"]);
-        jobs.push(Job { name: "what the board's images take".to_owned(), command });
-    }
     let documentation = cargo(&[&["test", "--workspace", "--doc"][..], &PROFILE].concat());
     jobs.push(Job { name: "examples in the documentation".to_owned(), command: documentation });
     println!("\n==> tests");
