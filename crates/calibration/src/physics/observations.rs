@@ -63,8 +63,9 @@ pub fn group_means(
     self::means(cells, groups.len(), wrench, readings)
 }
 
-fn position(x: f64) -> i64 {
-    x.round_ties_even() as i64
+/// Of a cell. Squares of as many rows as fit into memory have no value so far out that it would not be its own.
+fn position(x: f64) -> i16 {
+    x.round_ties_even() as i16
 }
 
 /// N and N·m.
@@ -82,7 +83,7 @@ fn cell_width(wrench: &PerAxis<&[f64]>) -> Result<PerAxis<f64>, PhysicsError> {
 }
 
 fn means(
-    keys: impl Iterator<Item = (u64, [i64; 6])>,
+    keys: impl Iterator<Item = (u64, [i16; 6])>,
     rows: usize,
     wrench: &PerAxis<&[f64]>,
     readings: &[&[f64]],
@@ -94,23 +95,23 @@ fn means(
     assert!(columns.iter().all(|column| column.len() == rows), "columns of one length");
     let grids =
         columns.iter().map(|column| RoundingGrid::new(column)).collect::<Result<Vec<_>, _>>()?;
-    let mut sums = BTreeMap::<_, (usize, Vec<i128>)>::new();
-    for (row, key) in keys.enumerate() {
-        let (count, sum) = sums.entry(key).or_insert_with(|| (0, vec![0; columns.len()]));
-        *count += 1;
-        for ((sum, column), grid) in sum.iter_mut().zip(&columns).zip(&grids) {
-            *sum += grid.position(column[row]);
-        }
-    }
-    let observation = |((group, _), (count, sums)): (_, (usize, Vec<i128>))| {
-        let mean = |position: usize| grids[position].mean(sums[position], count);
+    let rows = 0..u32::try_from(rows).expect("rows that fit into memory");
+    let mut cells: Vec<(u64, [i16; 6], u32)> =
+        keys.zip(rows).map(|((group, cell), row)| (group, cell, row)).collect();
+    cells.sort_unstable();
+    let observation = |rows: &[(u64, [i16; 6], u32)]| {
+        let mean = |position: usize| {
+            let (column, grid) = (columns[position], &grids[position]);
+            let sum = rows.iter().map(|&(.., row)| grid.position(column[row as usize])).sum();
+            grid.mean(sum, rows.len())
+        };
         Observation {
-            group,
+            group: rows[0].0,
             wrench: std::array::from_fn(mean),
             readings: (6..columns.len()).map(mean).collect(),
         }
     };
-    Ok(sums.into_iter().map(observation).collect())
+    Ok(cells.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)).map(observation).collect())
 }
 
 /// The grid that a column is rounded to.
