@@ -63,7 +63,8 @@ pub fn group_means(
     self::means(cells, groups.len(), wrench, readings)
 }
 
-/// Of a cell. Squares of as many rows as fit into memory have no value so far out that it would not be its own.
+/// Index of the cell along one axis. With N rows no value exceeds √N root mean squares, so indices fit into 16 bits
+/// up to 67 million rows; values beyond the last cell would be counted in it.
 fn position(x: f64) -> i16 {
     x.round_ties_even() as i16
 }
@@ -95,18 +96,18 @@ fn means(
     assert!(columns.iter().all(|column| column.len() == rows), "columns of one length");
     let grids =
         columns.iter().map(|column| RoundingGrid::new(column)).collect::<Result<Vec<_>, _>>()?;
-    let rows = 0..u32::try_from(rows).expect("rows that fit into memory");
+    let indices = 0..u32::try_from(rows).expect("fewer than 2³² rows fit into memory");
     let mut cells: Vec<(u64, [i16; 6], u32)> =
-        keys.zip(rows).map(|((group, cell), row)| (group, cell, row)).collect();
+        keys.zip(indices).map(|((group, cell), row)| (group, cell, row)).collect();
     cells.sort_unstable();
-    let observation = |rows: &[(u64, [i16; 6], u32)]| {
+    let observation = |cell: &[(u64, [i16; 6], u32)]| {
         let mean = |position: usize| {
             let (column, grid) = (columns[position], &grids[position]);
-            let sum = rows.iter().map(|&(.., row)| grid.position(column[row as usize])).sum();
-            grid.mean(sum, rows.len())
+            let sum = cell.iter().map(|&(.., row)| grid.position(column[row as usize])).sum();
+            grid.mean(sum, cell.len())
         };
         Observation {
-            group: rows[0].0,
+            group: cell[0].0,
             wrench: std::array::from_fn(mean),
             readings: (6..columns.len()).map(mean).collect(),
         }
