@@ -76,30 +76,45 @@ impl Block {
         usize::from(repeats_before) + arch().dispatch(RepeatedRows(self.channels()))
     }
 
-    /// Keeps the rows for which `keep` is true, in every column.
-    pub fn retain_rows(&mut self, keep: &[bool]) {
+    /// The rows for which `keep` is true, in every column.
+    ///
+    /// # Panics
+    /// If there is not one flag per row.
+    #[must_use]
+    pub fn kept(&self, keep: &[bool]) -> Self {
         assert_eq!(keep.len(), self.rows, "one flag per row");
-        let columns = [&mut self.time_s]
-            .into_iter()
-            .chain(&mut self.readings)
-            .chain(&mut self.wrench)
-            .chain([&mut self.weights])
-            .chain(&mut self.others);
-        for column in columns.filter(|column| !column.is_empty()) {
-            let mut flags = keep.iter();
-            column.retain(|_| *flags.next().expect("as many flags as rows"));
+        let rows = keep.iter().filter(|&&keep| keep).count();
+        let column = |column: &Vec<f64>| {
+            let mut kept = Vec::with_capacity(rows.min(column.len()));
+            kept.extend(column.iter().zip(keep).filter(|(_, keep)| **keep).map(|(value, _)| value));
+            kept
+        };
+        let columns = |of: &[Vec<f64>]| of.iter().map(column).collect();
+        Self {
+            rows,
+            time_s: column(&self.time_s),
+            readings: columns(&self.readings),
+            wrench: columns(&self.wrench),
+            weights: column(&self.weights),
+            others: columns(&self.others),
+            groups: kept_runs(&self.groups, keep),
+            texts: self.texts.iter().map(|runs| kept_runs(runs, keep)).collect(),
+            offset: self.offset,
+            memory_columns: self.memory_columns,
+            readings_before: self.readings_before.clone(),
         }
-        for runs in std::iter::once(&mut self.groups).chain(&mut self.texts) {
-            let mut row = 0;
-            for (_, rows) in &mut *runs {
-                let kept = keep[row..row + *rows].iter().filter(|&&k| k).count();
-                row += *rows;
-                *rows = kept;
-            }
-            runs.retain(|&(_, rows)| rows > 0);
-        }
-        self.rows = keep.iter().filter(|&&k| k).count();
     }
+}
+
+/// The runs of the rows for which `keep` is true.
+pub(crate) fn kept_runs(runs: &[(String, usize)], keep: &[bool]) -> Vec<(String, usize)> {
+    let mut rest = keep;
+    let kept = runs.iter().map(|(label, rows)| {
+        let (own, others) = rest.split_at(*rows);
+        rest = others;
+        (label, own.iter().filter(|&&keep| keep).count())
+    });
+    kept.filter(|(_, rows)| *rows > 0).map(|(label, rows)| (label.clone(), rows)).collect()
 }
 
 /// Counts rows that equal the row before, inlined into code for the widest vectors of the machine.
@@ -184,9 +199,8 @@ mod tests {
     }
 
     #[test]
-    fn retaining_rows_thins_every_column_and_the_groups() {
-        let mut block = block();
-        block.retain_rows(&[true, false, true, false]);
+    fn some_rows_are_those_of_every_column_and_of_the_groups() {
+        let block = block().kept(&[true, false, true, false]);
         assert_eq!(block.rows, 2);
         assert_eq!(block.time_s, [0.0, 2.0]);
         assert_eq!(block.readings, [[5.0, 6.0], [7.0, 7.0]]);

@@ -9,7 +9,7 @@ use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use crate::block::Block;
+use crate::block::{Block, kept_runs};
 use crate::fingerprint::Fingerprint;
 use crate::wrench::Axes;
 
@@ -246,9 +246,17 @@ impl LabelledBlock {
         if keep.iter().all(|keep| *keep) {
             return;
         }
-        let mut block = Block { groups: self.labels.to_vec(), ..Block::clone(&self.rows) };
-        block.retain_rows(&keep);
-        *self = block.into();
+        *self = self.kept(&keep);
+    }
+
+    /// The rows for which `keep` is true.
+    ///
+    /// # Panics
+    /// As [`Block::kept`].
+    #[must_use]
+    pub fn kept(&self, keep: &[bool]) -> Self {
+        let labels = Arc::new(kept_runs(&self.labels, keep));
+        Self { rows: Arc::new(self.rows.kept(keep)), labels }
     }
 }
 

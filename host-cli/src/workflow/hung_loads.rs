@@ -5,6 +5,7 @@
 //! ```
 
 use std::collections::{BTreeMap, HashMap};
+use std::sync::Arc;
 
 use super::WorkflowError;
 use super::fit::FitData;
@@ -17,7 +18,7 @@ use calibration::physics::{Observation, TrainingRows};
 use load_table::{HungLoad, HungLoads, Pull};
 use log_file::{Log, ReadOptions, Wanted, read_dataset};
 use shell_data::block::Block;
-use shell_data::dataset::{Dataset, LabelledBlock};
+use shell_data::dataset::Dataset;
 use shell_data::hint::Hint;
 use shell_data::wrench::{Axes, PerAxis};
 
@@ -198,19 +199,16 @@ fn hang(data: &mut Dataset, loads: &HashMap<&str, PerAxis<f64>>) {
     for log in &mut data.logs {
         log.axes = Axes::ALL;
         for block in &mut log.blocks {
-            let mut rows = Block { groups: block.labels.to_vec(), ..Block::clone(&block.rows) };
-            rows.wrench = vec![Vec::new(); 6];
-            let mut keep = Vec::with_capacity(rows.rows);
-            for (label, count) in &rows.groups {
-                let load = loads.get(label.as_str());
-                keep.extend(std::iter::repeat_n(load.is_some(), *count));
-                let wrench = load.copied().unwrap_or_default();
-                for (column, value) in rows.wrench.iter_mut().zip(wrench) {
-                    column.extend(std::iter::repeat_n(value, *count));
-                }
-            }
-            rows.retain_rows(&keep);
-            *block = LabelledBlock::from(rows);
+            let hangs = |label: &str| loads.contains_key(label);
+            let keep = block.labels.iter().map(|(label, rows)| (hangs(label), *rows));
+            let keep = keep.flat_map(|(keep, rows)| std::iter::repeat_n(keep, rows));
+            *block = block.kept(&keep.collect::<Vec<_>>());
+            let column = |axis: usize| {
+                let loads = block.labels.iter().map(|(label, rows)| (loads[label.as_str()], *rows));
+                loads.flat_map(|(load, rows)| std::iter::repeat_n(load[axis], rows)).collect()
+            };
+            let wrench = (0..6).map(column).collect();
+            block.rows = Arc::new(Block { wrench, ..Block::clone(&block.rows) });
         }
     }
 }

@@ -115,7 +115,7 @@ pub fn noise(
             options.rows.select(block);
             if let Some(window) = options.window {
                 let keep: Vec<_> = block.time_s.iter().map(|&t| window.contains(t)).collect();
-                block.retain_rows(&keep);
+                *block = block.kept(&keep);
             }
             let wrench = pipeline.wrench(calibration, &block.time_s, &block.readings);
             block.drop_memory();

@@ -151,7 +151,7 @@ impl BlockStream<'_> {
             block.groups = vec![(self.logs[log].path().display().to_string(), block.rows)];
         }
         if self.fresh {
-            block.retain_rows(&block.fresh_rows());
+            *block = block.kept(&block.fresh_rows());
         }
     }
 

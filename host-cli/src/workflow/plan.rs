@@ -52,7 +52,7 @@ fn labelled(logs: &[Log], read: &ReadOptions<'_>) -> Result<Dataset, WorkflowErr
 /// The rows with the labels that they have; otherwise labelled by what can be held out.
 fn training_rows(data: &Dataset) -> TrainingRows {
     let (rows, _) = TrainingRows::from_dataset(data);
-    if rows.groups.len() == rows.wrench[0].len() {
+    if rows.row_count() as u64 == data.rows() {
         return rows;
     }
     let labelled = label_groups(data, HeldOut::Auto);

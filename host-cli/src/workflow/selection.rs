@@ -29,7 +29,7 @@ impl RowFilter {
     /// Leaves in `block` the rows that are used.
     pub fn select(self, block: &mut Block) {
         if self == RowFilter::Fresh {
-            block.retain_rows(&block.fresh_rows());
+            *block = block.kept(&block.fresh_rows());
         }
     }
 }

@@ -49,12 +49,10 @@ fn poses(
 
 /// The rows of some groups, by whether `keep` says so.
 fn rows_of(block: &Block, keep: impl Fn(usize) -> bool) -> Block {
-    let mut part = block.clone();
     let runs = block.groups.iter().enumerate();
     let flags: Vec<bool> =
         runs.flat_map(|(group, (_, rows))| std::iter::repeat_n(keep(group), *rows)).collect();
-    part.retain_rows(&flags);
-    part
+    block.kept(&flags)
 }
 
 fn sums(block: &Block, basis: Basis, random_folds: usize) -> GroupedMoments {

@@ -12,7 +12,7 @@ use shell_data::wrench::{Axis, PerAxis};
 const RIDGE: f64 = 1e-10;
 
 /// `AᵀB` of the rows of each fold.
-fn products(samples: &SearchRows, a: &Mat<f64>, b: &Mat<f64>) -> Vec<Mat<f64>> {
+fn products(samples: &SearchRows<'_>, a: &Mat<f64>, b: &Mat<f64>) -> Vec<Mat<f64>> {
     let of = |rows: &std::ops::Range<usize>| {
         let (a, b) = (a.subrows(rows.start, rows.len()), b.subrows(rows.start, rows.len()));
         let mut product = Mat::zeros(a.ncols(), b.ncols());
@@ -31,7 +31,7 @@ pub(super) struct MemoryColumns {
 }
 
 impl MemoryColumns {
-    pub(super) fn new(samples: &SearchRows, time_constant: f64) -> Self {
+    pub(super) fn new(samples: &SearchRows<'_>, time_constant: f64) -> Self {
         let columns = samples.memory_terms(time_constant);
         Self {
             time_constant,
@@ -52,11 +52,11 @@ pub(super) struct LoadColumns {
 }
 
 impl LoadColumns {
-    pub(super) fn new(samples: &SearchRows, by: f64) -> Self {
+    pub(super) fn new(samples: &SearchRows<'_>, by: f64) -> Self {
         Self { noise: samples.noise_of_loads(by), ..Self::from_samples(samples, samples.loads(by)) }
     }
 
-    pub(super) fn from_samples(samples: &SearchRows, columns: Mat<f64>) -> Self {
+    pub(super) fn from_samples(samples: &SearchRows<'_>, columns: Mat<f64>) -> Self {
         Self {
             noise: [0.0; 6],
             with_features: products(samples, &samples.features, &columns),
@@ -68,7 +68,7 @@ impl LoadColumns {
 
 /// The equations of features and some memory terms.
 pub(super) struct FoldEquations<'a> {
-    samples: &'a SearchRows,
+    samples: &'a SearchRows<'a>,
     /// `XᵀX` of the features of each fold.
     features: Vec<Mat<f64>>,
     /// The variance of each axis.
@@ -133,7 +133,7 @@ impl FoldErrors {
 }
 
 impl<'a> FoldEquations<'a> {
-    pub(super) fn new(samples: &'a SearchRows) -> Self {
+    pub(super) fn new(samples: &'a SearchRows<'a>) -> Self {
         let loads = samples.loads(0.0);
         let variance = |axis: usize| {
             let column = loads.col(axis);
@@ -148,7 +148,7 @@ impl<'a> FoldEquations<'a> {
         }
     }
 
-    pub(super) fn samples(&self) -> &'a SearchRows {
+    pub(super) fn samples(&self) -> &'a SearchRows<'a> {
         self.samples
     }
 

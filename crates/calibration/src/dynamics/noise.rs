@@ -108,10 +108,13 @@ impl ReadingNoise {
 
 /// The variance of white noise on the columns of several logs, each with its times: from fourth differences over rows
 /// at equal distances. 0 where there are none.
-pub(super) fn variance<'a>(logs: impl Iterator<Item = (&'a [f64], &'a [f64])>, period: f64) -> f64 {
+pub(super) fn variance<'a>(
+    logs: impl Iterator<Item = (&'a [f64], impl AsRef<[f64]>)>,
+    period: f64,
+) -> f64 {
     let mut differences = Vec::new();
     for (times, column) in logs {
-        for (times, s) in times.windows(5).zip(column.windows(5)) {
+        for (times, s) in times.windows(5).zip(column.as_ref().windows(5)) {
             let is_even =
                 |pair: &[f64]| pair[1] > pair[0] && pair[1] - pair[0] < MISSING_PERIODS * period;
             if times.windows(2).all(is_even) {

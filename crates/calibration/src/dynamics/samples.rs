@@ -8,9 +8,10 @@ use super::lag::{BetweenRows, segments};
 use super::noise::{ReadingNoise, variance};
 use super::prepared::RowClock;
 use crate::features::Features;
-use crate::memory::{MemoryTerms, TimeBase};
+use crate::memory::TimeBase;
 use crate::model::{Basis, Model};
 use crate::scaling::Scaling;
+use shell_data::block::Block;
 use shell_data::dataset::{Dataset, LogRows};
 use shell_data::wrench::{Axis, PerAxis};
 
@@ -33,19 +34,21 @@ const ENOUGH_LOGS: usize = 4;
 const MOST_FEATURES: usize = 150;
 
 /// The part of a log that is looked at.
-struct LogPart {
+struct LogPart<'a> {
+    /// Its readings; the last block may have more rows.
+    blocks: Vec<&'a Block>,
     times: Vec<f64>,
     segments: Vec<usize>,
-    readings: Vec<Vec<f64>>,
     wrench: PerAxis<Vec<f64>>,
     /// The rows that errors are found on.
     used: Vec<usize>,
 }
 
 /// Rows of several logs.
-pub(super) struct SearchRows {
-    logs: Vec<LogPart>,
+pub(super) struct SearchRows<'a> {
+    logs: Vec<LogPart<'a>>,
     clock: RowClock,
+    channels: usize,
     /// The used rows of each fold, numbered over all logs.
     pub(super) folds: Vec<Range<usize>>,
     /// Features of the used rows, the last of which is constant if there is an intercept.
@@ -56,32 +59,38 @@ pub(super) struct SearchRows {
     pub(super) has_intercept: bool,
 }
 
-impl LogPart {
-    fn new(log: &LogRows, clock: &RowClock, most: usize, every: usize) -> Self {
-        let (mut times, mut readings) = (Vec::new(), vec![Vec::new(); log.channels]);
+impl<'a> LogPart<'a> {
+    fn new(log: &'a LogRows, clock: &RowClock, most: usize, every: usize) -> Self {
+        let (mut blocks, mut times, mut rows) = (Vec::new(), Vec::new(), 0);
         let mut wrench = PerAxis::<Vec<f64>>::default();
-        for block in &log.blocks {
-            let rows = block.rows.rows.min(most - readings.first().map_or(0, Vec::len));
-            times.extend(block.rows.time_s.iter().take(rows));
-            let columns = readings.iter_mut().chain(&mut wrench);
-            for (column, more) in
-                columns.zip(block.rows.channels().iter().chain(&block.rows.wrench))
-            {
-                column.extend_from_slice(&more[..rows]);
+        for block in log.blocks.iter().map(|block| &*block.rows) {
+            let some = block.rows.min(most - rows);
+            if some == 0 {
+                continue;
             }
+            blocks.push(block);
+            times.extend(block.time_s.iter().take(some));
+            for (column, more) in wrench.iter_mut().zip(&block.wrench) {
+                column.extend_from_slice(&more[..some]);
+            }
+            rows += some;
         }
-        let rows = wrench[0].len();
         if clock.time_base == TimeBase::Rows {
             times = (0..rows).map(|row| row as f64).collect();
         }
         let segments = segments(&times, clock.gap());
-        Self { times, segments, readings, wrench, used: (0..rows).step_by(every).collect() }
+        Self { blocks, times, segments, wrench, used: (0..rows).step_by(every).collect() }
+    }
+
+    fn readings(&self, channel: usize) -> impl Iterator<Item = f64> {
+        let readings = self.blocks.iter().flat_map(move |block| &block.channels()[channel]);
+        readings.take(self.times.len()).copied()
     }
 }
 
-impl SearchRows {
+impl<'a> SearchRows<'a> {
     /// `None` if there are too few rows, or nothing moves.
-    pub(super) fn new(data: &Dataset, clock: &RowClock, intercept: bool) -> Option<Self> {
+    pub(super) fn new(data: &'a Dataset, clock: &RowClock, intercept: bool) -> Option<Self> {
         let channels = data.channels();
         let rows = usize::try_from(data.rows()).ok()?;
         let looked_at = rows.min(MOST_ROWS);
@@ -98,9 +107,7 @@ impl SearchRows {
                 features <= MOST_FEATURES && features * ROWS_PER_FEATURE <= used
             })?;
         let pick = |channel: usize| -> Vec<f64> {
-            logs.iter()
-                .flat_map(|log| log.used.iter().map(|&row| log.readings[channel][row]))
-                .collect()
+            logs.iter().flat_map(|log| log.readings(channel).step_by(every)).collect()
         };
         let readings: Vec<Vec<f64>> = (0..channels).map(pick).collect();
         let of_model = Features::new(model, Scaling::from_sample(&readings, intercept));
@@ -109,12 +116,12 @@ impl SearchRows {
         let features = Mat::from_fn(used, of_model.len(), |i, j| columns[j * used + i]);
         let variances: Vec<f64> = (0..channels)
             .map(|channel| {
-                let columns = logs.iter().map(|log| (&log.times[..], &log.readings[channel][..]));
-                variance(columns, clock.period)
+                let column = |log: &LogPart<'_>| log.readings(channel).collect::<Vec<_>>();
+                variance(logs.iter().map(|log| (&log.times[..], column(log))), clock.period)
             })
             .collect();
         let load_noise = std::array::from_fn(|axis| {
-            variance(logs.iter().map(|log| (&log.times[..], &log.wrench[axis][..])), clock.period)
+            variance(logs.iter().map(|log| (&log.times[..], &log.wrench[axis])), clock.period)
         });
         let noise = ReadingNoise::new(&of_model, &readings, &variances, clock.period);
         let folds = folds(&logs);
@@ -123,6 +130,7 @@ impl SearchRows {
         (folds.len() > 2 && is_finite).then(|| Self {
             logs,
             clock: *clock,
+            channels,
             folds,
             features,
             noise,
@@ -143,7 +151,7 @@ impl SearchRows {
 
     /// The longest stretch without a gap.
     pub(super) fn longest(&self) -> f64 {
-        let of_log = |log: &LogPart| {
+        let of_log = |log: &LogPart<'_>| {
             let ends = log.segments.iter().skip(1).copied().chain([log.times.len()]);
             let spans = log.segments.iter().zip(ends);
             spans.map(|(&start, end)| log.times[end - 1] - log.times[start]).fold(0.0, f64::max)
@@ -183,19 +191,20 @@ impl SearchRows {
 
     /// The memory terms of a time constant, rows × channels.
     pub(super) fn memory_terms(&self, time_constant: f64) -> Mat<f64> {
-        let memory = MemoryTerms {
-            time_base: TimeBase::Seconds,
-            time_constants: vec![time_constant],
-            gap: self.clock.gap(),
-        };
-        let channels = self.logs[0].readings.len();
-        let (mut columns, mut start) = (Mat::zeros(self.rows(), channels), 0);
+        let memory = self.clock.memory(&[time_constant]).expect("a positive time constant");
+        let (mut columns, mut start) = (Mat::zeros(self.rows(), self.channels), 0);
         for log in &self.logs {
-            let terms = memory.start().terms(&log.times, &log.readings);
-            for (channel, terms) in terms.expect("a time for every row").iter().enumerate() {
-                for (row, &used) in log.used.iter().enumerate() {
-                    columns[(start + row, channel)] = terms[used];
+            let (mut state, mut first) = (memory.start(), 0);
+            let mut used = log.used.iter().copied().zip(start..).peekable();
+            for block in &log.blocks {
+                let terms = state.terms(&block.time_s, block.channels());
+                let terms = terms.expect("a time for every row");
+                while let Some((row, to)) = used.next_if(|(row, _)| *row < first + block.rows) {
+                    for (channel, terms) in terms.iter().enumerate() {
+                        columns[(to, channel)] = terms[row - first];
+                    }
                 }
+                first += block.rows;
             }
             start += log.used.len();
         }
@@ -204,7 +213,7 @@ impl SearchRows {
 }
 
 /// Logs, or the parts of equal length that few of them are cut into.
-fn folds(logs: &[LogPart]) -> Vec<Range<usize>> {
+fn folds(logs: &[LogPart<'_>]) -> Vec<Range<usize>> {
     let parts = match logs.len() {
         ENOUGH_LOGS.. => 1,
         few => FOLDS.div_ceil(few.max(1)),

@@ -59,7 +59,7 @@ struct TriedTerms {
 /// Searches for what the rule asks for; what is given stands. If whoever watches wants no more, nothing is found, and
 /// the next pass over the rows says so.
 pub(super) fn search(
-    samples: &SearchRows,
+    samples: &SearchRows<'_>,
     rule: &DynamicsRule<'_>,
     given: &Dynamics,
     clock: &RowClock,
@@ -75,7 +75,7 @@ struct DynamicsSearch<'a> {
 }
 
 impl DynamicsSearch<'_> {
-    fn samples(&self) -> &SearchRows {
+    fn samples(&self) -> &SearchRows<'_> {
         self.equations.samples()
     }
 
@@ -219,24 +219,22 @@ impl DynamicsSearch<'_> {
     ) -> Option<Vec<MemoryColumns>> {
         let samples = self.samples();
         let (least, most) = (samples.period(), samples.longest() / 4.0);
-        let score = |new: &MemoryColumns| {
-            let all: Vec<&MemoryColumns> = terms.iter().chain([new]).collect();
-            self.score_at_own_lag(&all, *lag, FIRST_STEPS, rule)
+        let score = |&tau: &f64| {
+            let new = MemoryColumns::new(samples, tau);
+            let all: Vec<&MemoryColumns> = terms.iter().chain([&new]).collect();
+            Ok(self.score_at_own_lag(&all, *lag, FIRST_STEPS, rule))
         };
         let grid = std::iter::successors(Some(least), |tau| Some(tau * GRID));
         let grid: Vec<f64> = grid
             .take_while(|tau| *tau <= most)
             .filter(|tau| terms.iter().all(|of| is_apart(of.time_constant, *tau)))
             .collect();
-        let score = |tau: &f64| {
-            let new = MemoryColumns::new(samples, *tau);
-            Ok((score(&new), new))
-        };
-        let new = map(&grid, 0, self.workers, score).ok()?;
-        let ((_, own), new) = new.into_iter().min_by(|a, b| a.0.0.total_cmp(&b.0.0))?;
+        let scored = grid.iter().zip(map(&grid, 0, self.workers, score).ok()?);
+        let (&new, (_, own)) = scored.min_by(|a, b| a.1.0.total_cmp(&b.1.0))?;
         *lag = own;
-        let known = terms.iter().map(|of| MemoryColumns::new(samples, of.time_constant));
-        let mut all: Vec<MemoryColumns> = known.chain([new]).collect();
+        let times = terms.iter().map(|of| of.time_constant).chain([new]);
+        let mut all: Vec<MemoryColumns> =
+            times.map(|tau| MemoryColumns::new(samples, tau)).collect();
         for factor in ROUNDS {
             for position in 0..all.len() {
                 *lag = self.move_one(&mut all, position, factor, (least, most), (*lag, rule))?;

@@ -76,9 +76,7 @@ impl SyntheticSensor {
         }
         let blocks = (0..rows).step_by(BLOCK_ROWS).map(|start| {
             let is_in = |row: usize| (start..start + BLOCK_ROWS).contains(&row);
-            let mut part = block.clone();
-            part.retain_rows(&(0..rows).map(is_in).collect::<Vec<_>>());
-            part
+            block.kept(&(0..rows).map(is_in).collect::<Vec<_>>())
         });
         Dataset::from_blocks(format!("log {seed}"), Axes::ALL, blocks.collect())
     }

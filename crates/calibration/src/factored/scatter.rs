@@ -242,8 +242,8 @@ mod tests {
         let block = block(0.5);
         let half = block.rows / 2;
         let part = |first: bool, centre: f64| {
-            let mut part = block.clone();
-            part.retain_rows(&(0..block.rows).map(|row| (row < half) == first).collect::<Vec<_>>());
+            let is_in = |row: usize| (row < half) == first;
+            let part = block.kept(&(0..block.rows).map(is_in).collect::<Vec<_>>());
             let scaling = Scaling { centre: vec![centre; 2], scale: vec![0.5; 2] };
             let mut rows = FactoredRows::new(model_of(Basis::Poly3), scaling);
             let mut workspace = rows.workspace();
@@ -315,9 +315,8 @@ mod tests {
         for _ in 0..40 {
             whole.add(&all, &all.groups).unwrap();
             for start in (0..all.rows).step_by(11) {
-                let mut part = all.clone();
                 let is_in = |row: usize| (start..start + 11).contains(&row);
-                part.retain_rows(&(0..all.rows).map(is_in).collect::<Vec<_>>());
+                let part = all.kept(&(0..all.rows).map(is_in).collect::<Vec<_>>());
                 scattered.add(&part, &part.groups).unwrap();
             }
         }

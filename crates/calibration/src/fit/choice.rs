@@ -159,13 +159,16 @@ fn choose_by_folds(
     rows: &Dataset,
     options: &FitOptions<'_>,
 ) -> Result<ModelChoice, FitError> {
-    let open = options.open(None);
-    let every = rows.rows().div_ceil(MOST_COMPARED).max(1) as usize;
     let groups = LabelGroups::new(rows);
-    let few = groups.every_nth_by_fold(rows, (every, selection::FOLDS))?;
-    let sums =
-        sum_groups(&few, open.basis, (Apart::Groups, RandomSplit::default()), options.workers)?;
-    let ModelChoice { basis, ridge, selection, advice, .. } = options.select(open, &sums)?;
+    let chosen = {
+        let open = options.open(None);
+        let every = rows.rows().div_ceil(MOST_COMPARED).max(1) as usize;
+        let few = groups.every_nth_by_fold(rows, (every, selection::FOLDS))?;
+        let split = RandomSplit::default();
+        let sums = sum_groups(&few, open.basis, (Apart::Groups, split), options.workers)?;
+        options.select(open, &sums)?
+    };
+    let ModelChoice { basis, ridge, selection, advice, .. } = chosen;
     let cross_validation = match options.cross_validation {
         None if groups.sizes.len() > MAX_GROUPS => Some(HeldOut::Folds(selection::FOLDS)),
         _ => options.validation(),

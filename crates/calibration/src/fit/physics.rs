@@ -15,10 +15,8 @@ use crate::groups::{GroupBy, HeldOut};
 use crate::model::{Basis, Model};
 use crate::physics::{Choice, PhysicsCalibration, PhysicsValidation, TrainingRows, usual_errors};
 use crate::quality::significant;
-use crate::reading_ranges::ReadingRange;
 use crate::validation::comparison::Comparison;
 use crate::validation::cross_validation::{CrossValidation, HeldOutQuality, assign_groups};
-use crate::validation::excitation::WrenchSums;
 use crate::validation::grouped::GroupedMoments;
 use crate::validation::{ValidationError, selection};
 use shell_data::dataset::Dataset;
@@ -124,13 +122,11 @@ pub(super) fn fit(
         }
     };
     let mut calibration = Calibration::from_kind(Kind::Physics(Box::new(physics)));
-    calibration.valid_range = Some(rows.readings.iter().map(|column| range(column)).collect());
-    let mut errors = RowErrors::new(&calibration, &used, test, &EvalOptions::default(), options)?;
-    // Of all rows at once, as they are fitted.
-    errors.loads = WrenchSums::new(&rows.wrench);
+    calibration.valid_range = Some(rows.reading_ranges());
+    let errors = RowErrors::new(&calibration, &used, test, &EvalOptions::default(), options)?;
     let physics = PhysicsFit {
         choice,
-        observations: rows.observations()?.len(),
+        observations: rows.observation_count()?,
         groups: rows.group_count(),
         group_by,
         validation,
@@ -145,14 +141,6 @@ fn fold_count(held_out: HeldOut, groups: usize, group_by: GroupBy) -> usize {
         _ if groups <= MOST_ALONE && !group_by.is_stretches() => groups,
         _ => FOLDS,
     }
-}
-
-fn range(column: &[f64]) -> ReadingRange {
-    let range = ReadingRange { min: f64::INFINITY, max: f64::NEG_INFINITY };
-    column.iter().fold(range, |range, &reading| ReadingRange {
-        min: range.min.min(reading),
-        max: range.max.max(reading),
-    })
 }
 
 /// The physics model beside the polynomial that was chosen, on the same held-out groups.

@@ -23,9 +23,10 @@ use crate::validation::grouped::{RandomSplit, assign};
 use crate::validation::normal_equations::HeldOutFolds;
 use crate::validation::selection::{self, Selection};
 use shell_data::block::Block;
-use shell_data::dataset::{Dataset, sample};
+use shell_data::dataset::{Dataset, LabelRuns, sample};
 use shell_data::wrench::PerAxis;
 use std::collections::HashMap;
+use std::sync::Arc;
 
 /// Up to this many groups each is held out alone.
 pub(super) const MOST_ALONE: usize = 40;
@@ -129,17 +130,16 @@ impl LabelGroups {
         let fold_of = self.assigned(self.sizes.len().min(most))?;
         let (mut data, mut seen) = (data.clone(), vec![0; fold_of.len()]);
         for block in data.logs.iter_mut().flat_map(|log| &mut log.blocks) {
-            let mut few = Block { groups: Vec::new(), ..Block::clone(&block.rows) };
-            let mut keep = Vec::with_capacity(few.rows);
+            let (mut labels, mut keep) = (LabelRuns::new(), Vec::with_capacity(block.rows.rows));
             for (label, rows) in &*block.labels {
                 let group = self.positions[label];
                 let first = seen[group];
                 seen[group] += rows;
                 keep.extend((first..seen[group]).map(|row| row % every == 0));
-                few.groups.push((fold_of[group].to_string(), *rows));
+                labels.push((fold_of[group].to_string(), *rows));
             }
-            few.retain_rows(&keep);
-            *block = few.into();
+            block.labels = Arc::new(labels);
+            *block = block.kept(&keep);
         }
         Ok(data)
     }
@@ -199,11 +199,7 @@ fn parts_at_random(all: &Block, split: &RandomSplit) -> Vec<Block> {
     for (part, rows) in parts.iter().enumerate() {
         rows.iter().for_each(|&row| part_of[row] = part);
     }
-    let part = |part: usize| {
-        let mut block = all.clone();
-        block.retain_rows(&part_of.iter().map(|&of| of == part).collect::<Vec<_>>());
-        block
-    };
+    let part = |part: usize| all.kept(&part_of.iter().map(|&of| of == part).collect::<Vec<_>>());
     (0..=parts.len()).map(part).collect()
 }
 

@@ -6,6 +6,7 @@ use super::choice::Choice;
 use super::intervals::{GroupIntervals, Scores};
 use super::inversion::{Estimates, Inversion};
 use super::model::PhysicsModel;
+use super::observations::Cells;
 use super::rows::TrainingRows;
 use crate::error::FitError;
 use crate::passes::Workers;
@@ -49,16 +50,17 @@ impl PhysicsCalibration {
         before: Option<&Choice>,
         workers: Workers<'_>,
     ) -> Result<(Self, Choice), FitError> {
-        let choice = Choice::fit_from(&rows.observations()?, before, workers)?;
+        let choice = Choice::fit_from(&Cells::new(rows)?, before, workers)?;
         let mut scores = Scores::default();
         for fold in &choice.fold_models {
             let groups: BTreeSet<u64> = fold.groups.iter().copied().collect();
             let inversion = Inversion::new(&fold.model);
-            let held_out =
-                rows.convert(&groups, MOST_SCORED, |readings| inversion.estimates(readings));
-            for (row, &group) in held_out.groups.iter().enumerate() {
-                let error = held_out.errors.each_ref().map(|column| column[row]);
-                scores.add(group, &error, &held_out.estimates.row(row).standard_errors);
+            let every = |rows: usize| rows.div_ceil(MOST_SCORED);
+            for some in rows.convert(&groups, every, |readings| inversion.estimates(readings)) {
+                for (row, &group) in some.groups.iter().enumerate() {
+                    let error = some.errors.each_ref().map(|column| column[row]);
+                    scores.add(group, &error, &some.estimates.row(row).standard_errors);
+                }
             }
         }
         let error_scale = scores.rescale(MODEL_GROUPS);

@@ -14,7 +14,7 @@ use super::fit::{FittedParameters, Scaled, Scales, fit, fit_from};
 use super::inversion::Inversion;
 use super::loadings::FACTORS;
 use super::model::{PhysicsModel, check};
-use super::observations::Observation;
+use super::observations::{Cells, Observation, step};
 use crate::error::FitError;
 use crate::passes::{Workers, map};
 
@@ -121,15 +121,11 @@ struct CandidateData<'a> {
 /// Fits without one fold and their squared errors on it for each λ.
 type Fits = (FittedParameters, [f64; LAMBDAS.len()]);
 
-/// So many observations at most; neighbours in the order of cells resemble each other.
-fn few(observations: &[Observation], most: usize) -> Vec<&Observation> {
-    observations.iter().step_by(observations.len().div_ceil(most).max(1)).collect()
-}
-
 /// A model of usual λ and width, without factors: what the physics model is worth here, in a hundredth of the time of
 /// a choice.
-pub(super) fn usual(observations: &[Observation]) -> Result<PhysicsModel, PhysicsError> {
-    let observations = few(observations, MOST_TRIED);
+pub(super) fn usual(cells: &Cells<'_>) -> Result<PhysicsModel, PhysicsError> {
+    let observations = cells.observations(MOST_TRIED);
+    let observations: Vec<&Observation> = observations.iter().collect();
     let (scales, channels) = check(&observations)?;
     let data = scales.apply(&observations);
     let fitted = fit(&data, USUAL.1);
@@ -142,21 +138,34 @@ impl Choice {
     /// # Errors
     /// [`PhysicsError`] if there are too few observations, groups or channels; [`FitError::Interrupted`].
     pub fn fit(observations: &[Observation], workers: Workers<'_>) -> Result<Self, FitError> {
-        Self::fit_from(observations, None, workers)
+        let few = |most| {
+            let step = step(observations.len(), most);
+            observations.iter().step_by(step).collect::<Vec<_>>()
+        };
+        Self::new(&few(MOST_TRIED), &few(MOST_FITTED), None, workers)
     }
 
-    /// The same, started from the choice for more observations, these among them.
+    /// The same of the means of cells, started from the choice for more observations, these among them.
     pub(super) fn fit_from(
-        observations: &[Observation],
+        cells: &Cells<'_>,
         before: Option<&Self>,
         workers: Workers<'_>,
     ) -> Result<Self, FitError> {
-        let tried = few(observations, MOST_TRIED);
-        let observations = few(observations, MOST_FITTED);
-        let (scales, channels) = check(&observations)?;
-        let data = scales.apply(&tried);
+        let [tried, fitted] = [MOST_TRIED, MOST_FITTED].map(|most| cells.observations(most));
+        let [tried, fitted] = [&tried, &fitted].map(|some| some.iter().collect::<Vec<_>>());
+        Self::new(&tried, &fitted, before, workers)
+    }
+
+    fn new(
+        tried: &[&Observation],
+        observations: &[&Observation],
+        before: Option<&Self>,
+        workers: Workers<'_>,
+    ) -> Result<Self, FitError> {
+        let (scales, channels) = check(observations)?;
+        let data = scales.apply(tried);
         let most_alone = if before.is_some() { FOLDS_WITHIN } else { MOST_ALONE };
-        let folds = folds(&tried, most_alone);
+        let folds = folds(tried, most_alone);
         if folds.len() < 2 {
             return Err(PhysicsError::TooFewGroups { found: folds.len() }.into());
         }
@@ -213,7 +222,7 @@ impl Choice {
         let (mut fitted, of_folds) = chosen;
         let scales = &tries.scales;
         let model = if tried.len() < observations.len() {
-            let all = scales.apply(&observations);
+            let all = scales.apply(observations);
             fitted = match factor_trials.iter().any(FactorTrial::is_taken) {
                 true => fit_factors_from(&all, width, &fitted),
                 false => fit_from(&all, width, &fitted),

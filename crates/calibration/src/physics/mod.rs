@@ -44,7 +44,7 @@ pub use self::inversion::{Estimate, Estimates, Flags, Inversion};
 pub use self::loadings::{FACTORS, Loadings};
 pub use self::model::{PhysicsModel, Sensor};
 pub use self::noise::Noise;
-pub use self::observations::{Observation, group_means};
+pub use self::observations::Observation;
 pub use self::rows::TrainingRows;
 pub(crate) use self::validation::usual_errors;
 pub use self::validation::{COVERAGE_LEVEL, GroupErrors, PhysicsValidation};

@@ -8,9 +8,8 @@
 //! Sums are integers: every value is rounded once, to 2⁻⁶⁰ of the largest size of its column, and
 //! then added without error. So means do not depend on the order of the rows.
 
-use std::collections::BTreeMap;
-
 use super::PhysicsError;
+use super::rows::{Run, TrainingRows};
 use shell_data::wrench::PerAxis;
 
 /// Most channels of a model: a frame's flags are bits, its values are on the stack.
@@ -30,89 +29,122 @@ pub struct Observation {
     pub readings: Vec<f64>,
 }
 
-/// The means of the cells of each group of rows, in ascending order of the groups' labels.
+/// The cells of the wrench that some rows lie in, in ascending order of groups and, within a group, of their indices.
 ///
-/// `wrench` has six columns (N and N·m), `readings` one for each channel (counts), `groups` one label
-/// for each row.
-///
-/// # Errors
-/// [`PhysicsError::NotFinite`], [`PhysicsError::Channels`].
-///
-/// # Panics
-/// If the columns are of different lengths.
-pub fn group_means(
-    groups: &[u64],
-    wrench: &PerAxis<&[f64]>,
-    readings: &[&[f64]],
-) -> Result<Vec<Observation>, PhysicsError> {
-    let labels = || groups.iter().map(|&group| (group, [0; 6]));
-    let means = means(labels(), groups.len(), wrench, readings)?;
-    let middles: BTreeMap<u64, PerAxis<f64>> = means.iter().map(|o| (o.group, o.wrench)).collect();
-    let width = cell_width(wrench)?;
-    // Rows of a group are mostly neighbours.
-    let mut last = None;
-    let mut middle = |group: u64| match last {
-        Some((label, middle)) if label == group => middle,
-        _ => last.insert((group, middles[&group])).1,
-    };
-    let cells = groups.iter().enumerate().map(|(row, &group)| {
-        let middle = middle(group);
-        let cell = |axis: usize| position((wrench[axis][row] - middle[axis]) / width[axis]);
-        (group, std::array::from_fn(cell))
-    });
-    self::means(cells, groups.len(), wrench, readings)
+/// Only their number is kept, of each group: there may be as many as rows, of which a fit sees few.
+pub(super) struct Cells<'a> {
+    rows: &'a TrainingRows,
+    /// Of the columns of wrench and readings.
+    grids: Vec<RoundingGrid>,
+    /// N and N·m.
+    width: PerAxis<f64>,
+    counts: Vec<usize>,
+}
+
+/// A cell's index along each axis with a row in it: its run and its position there.
+type RowInCell = ([i16; 6], u32, u32);
+
+impl<'a> Cells<'a> {
+    /// # Errors
+    /// [`PhysicsError::NotFinite`], [`PhysicsError::Channels`].
+    pub(super) fn new(rows: &'a TrainingRows) -> Result<Self, PhysicsError> {
+        let channels = rows.channels();
+        if channels == 0 || channels > MOST_CHANNELS {
+            return Err(PhysicsError::Channels { found: channels });
+        }
+        let grid = |position: usize| RoundingGrid::new(rows.column(rows.runs(), position));
+        let grids = (0..6 + channels).map(grid).collect::<Result<_, _>>()?;
+        let mut cells = Self { rows, grids, width: cell_width(rows)?, counts: Vec::new() };
+        let mut of_group = Vec::new();
+        let count = |runs: &[Run]| {
+            cells.sort(runs, &mut of_group);
+            of_group.chunk_by(are_in_one_cell).count()
+        };
+        cells.counts = rows.groups().map(count).collect();
+        Ok(cells)
+    }
+
+    /// Number of cells.
+    pub(super) fn count(&self) -> usize {
+        self.counts.iter().sum()
+    }
+
+    /// The means of so many cells at most, each a step on from the one before: neighbours resemble each other.
+    pub(super) fn observations(&self, most: usize) -> Vec<Observation> {
+        let step = step(self.count(), most);
+        let (mut observations, mut of_group, mut first) = (Vec::new(), Vec::new(), 0_usize);
+        for (runs, &count) in self.rows.groups().zip(&self.counts) {
+            let skipped = first.next_multiple_of(step) - first;
+            if skipped < count {
+                self.sort(runs, &mut of_group);
+                let cells = of_group.chunk_by(are_in_one_cell).skip(skipped).step_by(step);
+                observations.extend(cells.map(|cell| self.mean(runs, cell)));
+            }
+            first += count;
+        }
+        observations
+    }
+
+    /// The rows of a group, cell by cell.
+    fn sort(&self, runs: &[Run], cells: &mut Vec<RowInCell>) {
+        cells.clear();
+        for (position, run) in (0..).zip(runs) {
+            cells.extend((0..run.rows()).map(|row| ([0; 6], position, row)));
+        }
+        for (axis, width) in self.width.iter().enumerate() {
+            let grid = &self.grids[axis];
+            let sum = self.rows.column(runs, axis).map(|x| grid.position(x)).sum();
+            let middle = grid.mean(sum, cells.len());
+            for ((cell, ..), x) in cells.iter_mut().zip(self.rows.column(runs, axis)) {
+                cell[axis] = index((x - middle) / width);
+            }
+        }
+        cells.sort_unstable();
+    }
+
+    fn mean(&self, runs: &[Run], cell: &[RowInCell]) -> Observation {
+        let mean = |position: usize| {
+            let grid = &self.grids[position];
+            let value = |&(_, run, row): &RowInCell| {
+                self.rows.of_run(&runs[run as usize], position)[row as usize]
+            };
+            grid.mean(cell.iter().map(|row| grid.position(value(row))).sum(), cell.len())
+        };
+        Observation {
+            group: runs[0].group(),
+            wrench: std::array::from_fn(mean),
+            readings: (6..self.grids.len()).map(mean).collect(),
+        }
+    }
+}
+
+/// How far to go each time, to take so many at most.
+pub(super) fn step(count: usize, most: usize) -> usize {
+    count.div_ceil(most).max(1)
+}
+
+fn are_in_one_cell(a: &RowInCell, b: &RowInCell) -> bool {
+    a.0 == b.0
 }
 
 /// Index of the cell along one axis. With N rows no value exceeds √N root mean squares, so indices fit into 16 bits
 /// up to 67 million rows; values beyond the last cell would be counted in it.
-fn position(x: f64) -> i16 {
+fn index(x: f64) -> i16 {
     x.round_ties_even() as i16
 }
 
 /// N and N·m.
-fn cell_width(wrench: &PerAxis<&[f64]>) -> Result<PerAxis<f64>, PhysicsError> {
+fn cell_width(rows: &TrainingRows) -> Result<PerAxis<f64>, PhysicsError> {
     // Squares on the same grid, so that the width does not depend on the order of the rows either.
     let mut width = [1.0; 6];
-    for (width, column) in width.iter_mut().zip(wrench) {
-        let squares: Vec<f64> = column.iter().map(|x| x * x).collect();
-        let grid = RoundingGrid::new(&squares)?;
-        let sum: i128 = squares.iter().map(|&square| grid.position(square)).sum();
-        let rms = grid.mean(sum, column.len().max(1)).sqrt();
+    for (axis, width) in width.iter_mut().enumerate() {
+        let squares = || rows.column(rows.runs(), axis).map(|x| x * x);
+        let grid = RoundingGrid::new(squares())?;
+        let sum: i128 = squares().map(|square| grid.position(square)).sum();
+        let rms = grid.mean(sum, rows.row_count().max(1)).sqrt();
         *width = if rms > 0.0 { CELL_WIDTH * rms } else { 1.0 };
     }
     Ok(width)
-}
-
-fn means(
-    keys: impl Iterator<Item = (u64, [i16; 6])>,
-    rows: usize,
-    wrench: &PerAxis<&[f64]>,
-    readings: &[&[f64]],
-) -> Result<Vec<Observation>, PhysicsError> {
-    if readings.is_empty() || readings.len() > MOST_CHANNELS {
-        return Err(PhysicsError::Channels { found: readings.len() });
-    }
-    let columns: Vec<&[f64]> = wrench.iter().chain(readings).copied().collect();
-    assert!(columns.iter().all(|column| column.len() == rows), "columns of one length");
-    let grids =
-        columns.iter().map(|column| RoundingGrid::new(column)).collect::<Result<Vec<_>, _>>()?;
-    let indices = 0..u32::try_from(rows).expect("fewer than 2³² rows fit into memory");
-    let mut cells: Vec<(u64, [i16; 6], u32)> =
-        keys.zip(indices).map(|((group, cell), row)| (group, cell, row)).collect();
-    cells.sort_unstable();
-    let observation = |cell: &[(u64, [i16; 6], u32)]| {
-        let mean = |position: usize| {
-            let (column, grid) = (columns[position], &grids[position]);
-            let sum = cell.iter().map(|&(.., row)| grid.position(column[row as usize])).sum();
-            grid.mean(sum, cell.len())
-        };
-        Observation {
-            group: cell[0].0,
-            wrench: std::array::from_fn(mean),
-            readings: (6..columns.len()).map(mean).collect(),
-        }
-    };
-    Ok(cells.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)).map(observation).collect())
 }
 
 /// The grid that a column is rounded to.
@@ -123,13 +155,9 @@ struct RoundingGrid {
 
 impl RoundingGrid {
     /// 2⁻⁶⁰ of the least power of two above every value: i128 then holds 2⁶⁶ of them.
-    fn new(column: &[f64]) -> Result<Self, PhysicsError> {
-        let largest = column
-            .iter()
-            .fold(0.0_f64, |most, x| if x.is_finite() { most.max(x.abs()) } else { f64::INFINITY });
-        if !largest.is_finite() {
-            return Err(PhysicsError::NotFinite);
-        }
+    fn new(mut column: impl Iterator<Item = f64>) -> Result<Self, PhysicsError> {
+        let larger = |most: f64, x: f64| x.is_finite().then(|| most.max(x.abs()));
+        let largest = column.try_fold(0.0, larger).ok_or(PhysicsError::NotFinite)?;
         let exponent = if largest > 0.0 { libm::ilogb(largest) + 1 } else { 0 };
         Ok(Self { steps: libm::ldexp(1.0, (60 - exponent).clamp(-1000, 1000)) })
     }
@@ -145,44 +173,72 @@ impl RoundingGrid {
 
 #[cfg(test)]
 mod tests {
+    use shell_data::block::Block;
+    use shell_data::dataset::Dataset;
+    use shell_data::wrench::Axes;
+
     use super::*;
 
-    type Reduce = fn(&[u64], &PerAxis<&[f64]>, &[&[f64]]) -> Result<Vec<Observation>, PhysicsError>;
+    /// Rows in blocks of `size`: a label, six columns of wrench and readings.
+    fn training_rows(rows: &[(u64, Vec<f64>)], size: usize) -> TrainingRows {
+        let block = |rows: &[(u64, Vec<f64>)]| {
+            let column = |at: usize| rows.iter().map(|row| row.1[at]).collect::<Vec<f64>>();
+            Block {
+                rows: rows.len(),
+                wrench: (0..6).map(column).collect(),
+                readings: (6..rows[0].1.len()).map(column).collect(),
+                groups: rows.iter().map(|row| (row.0.to_string(), 1)).collect(),
+                ..Block::default()
+            }
+        };
+        let blocks = rows.chunks(size).map(block).collect();
+        TrainingRows::from_dataset(&Dataset::from_blocks("rows", Axes::ALL, blocks)).0
+    }
+
+    fn varied_rows() -> Vec<(u64, Vec<f64>)> {
+        let value = |row: u64| f64::from((row * 2_654_435_761 % 1009) as u32) / 7.0;
+        (0..200).map(|row| (row % 5, (0..9).map(|k| value(row + 13 * k)).collect())).collect()
+    }
 
     #[test]
-    fn means_do_not_depend_on_the_order_of_the_rows() {
-        let value = |row: u64| f64::from((row * 2_654_435_761 % 1009) as u32) / 7.0;
-        let of = |rows: &[u64], reduce: Reduce| {
-            let column = |k: u64| rows.iter().map(|&row| value(row + 13 * k)).collect::<Vec<_>>();
-            let columns: Vec<Vec<f64>> = (0..9).map(column).collect();
-            let groups: Vec<u64> = rows.iter().map(|row| row % 5).collect();
-            let wrench = std::array::from_fn(|axis| columns[axis].as_slice());
-            let readings: Vec<&[f64]> = columns[6..].iter().map(Vec::as_slice).collect();
-            reduce(&groups, &wrench, &readings)
-        };
-        let forward: Vec<u64> = (0..200).collect();
-        let backward: Vec<u64> = (0..200).rev().collect();
-        let found = of(&forward, group_means).unwrap();
+    fn means_do_not_depend_on_the_order_of_the_rows_or_on_blocks() {
+        let mut rows = varied_rows();
+        let found = training_rows(&rows, 200).observations().unwrap();
         assert!(found.len() > 5 && found.iter().all(|o| o.group < 5));
-        assert_eq!(Ok(found), of(&backward, group_means));
+        assert_eq!(training_rows(&rows, 7).observations().unwrap(), found);
+        // Within the groups, whose order is that of their first rows.
+        rows[5..].reverse();
+        rows[5..].sort_by_key(|row| row.0);
+        assert_eq!(training_rows(&rows, 64).observations().unwrap(), found);
+    }
+
+    #[test]
+    fn some_observations_are_those_among_all() {
+        let rows = training_rows(&varied_rows(), 64);
+        let cells = Cells::new(&rows).unwrap();
+        let all = cells.observations(usize::MAX);
+        assert_eq!(all.len(), cells.count());
+        for most in [1, 3, 40, 150] {
+            let expected: Vec<Observation> =
+                all.iter().step_by(all.len().div_ceil(most)).cloned().collect();
+            assert_eq!(cells.observations(most), expected);
+        }
     }
 
     #[test]
     fn a_pose_of_constant_load_is_one_observation_wherever_it_lies() {
-        let groups: Vec<u64> = (0..40).map(|row| row / 10).collect();
-        let load = |&group: &u64| 3.1 * group as f64;
-        let column: Vec<f64> = groups.iter().map(load).collect();
-        let wrench: PerAxis<&[f64]> = [&column; 6];
-        let found = group_means(&groups, &wrench, &[&column]).unwrap();
+        let load = |group: u64| 3.1 * group as f64;
+        let rows: Vec<_> = (0..40).map(|row| (row / 10, vec![load(row / 10); 7])).collect();
+        let found = training_rows(&rows, 16).observations().unwrap();
         assert_eq!(found.len(), 4);
-        assert!(found.iter().all(|o| (o.wrench[0] - load(&o.group)).abs() < 1e-12));
+        assert!(found.iter().all(|o| (o.wrench[0] - load(o.group)).abs() < 1e-12));
     }
 
     #[test]
     fn values_that_are_not_numbers_and_too_many_channels_are_told() {
-        let wrench: PerAxis<&[f64]> = [&[1.0]; 6];
-        assert_eq!(group_means(&[0], &wrench, &[&[f64::NAN]]), Err(PhysicsError::NotFinite));
-        let found = group_means(&[0], &wrench, &[wrench[0]; 17]);
-        assert_eq!(found, Err(PhysicsError::Channels { found: 17 }));
+        let observations = |row: Vec<f64>| training_rows(&[(0, row)], 1).observations();
+        assert_eq!(observations(vec![f64::NAN; 7]), Err(PhysicsError::NotFinite));
+        assert_eq!(observations(vec![1.0; 6 + 17]), Err(PhysicsError::Channels { found: 17 }));
+        assert_eq!(observations(vec![1.0; 6]), Err(PhysicsError::Channels { found: 0 }));
     }
 }

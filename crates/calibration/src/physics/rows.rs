@@ -1,25 +1,39 @@
 //! The rows that a model is trained on, in groups that are held out together.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::ops::Range;
+use std::sync::Arc;
 
 use super::PhysicsError;
 use super::inversion::Estimates;
-use super::observations::{Observation, group_means};
+use super::observations::{Cells, Observation};
+use crate::reading_ranges::ReadingRange;
+use shell_data::block::Block;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::PerAxis;
 
-/// Rows for training, all of them in memory: some 8 bytes for each number.
-#[derive(Clone, Debug, Default, PartialEq)]
+/// Rows that are converted at a time.
+const ROWS_AT_ONCE: usize = 4096;
+
+/// Rows for training, where they are in the blocks of a data set.
+#[derive(Clone, Debug, Default)]
 pub struct TrainingRows {
-    /// The group of each row: rows of one pose, push or file.
-    pub groups: Vec<u64>,
-    /// N and N·m, one column per axis.
-    pub wrench: PerAxis<Vec<f64>>,
-    /// Counts, one column per channel.
-    pub readings: Vec<Vec<f64>>,
+    blocks: Vec<Arc<Block>>,
+    channels: usize,
+    /// In ascending order of groups, those of a group in the order of the data set.
+    runs: Vec<Run>,
     /// What conversions of a group's rows are judged by, where that is not their wrench: loads as they are stated,
     /// where the wrench is corrected by readings of these rows.
     pub judged_by: BTreeMap<u64, PerAxis<f64>>,
+}
+
+/// Rows of a group that follow each other in a block.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Run {
+    group: u32,
+    block: u32,
+    first: u32,
+    rows: u32,
 }
 
 /// Rows converted by a model that has not seen them.
@@ -33,103 +47,219 @@ pub(super) struct HeldOutRows {
 }
 
 impl TrainingRows {
-    /// The rows of a data set, with the labels of their groups in the order of first rows.
+    /// The labelled rows of a data set, with the labels of their groups in the order of first rows.
+    ///
+    /// # Panics
+    /// If there are more than 2³² blocks.
     pub fn from_dataset(data: &Dataset) -> (Self, Vec<String>) {
-        let (mut rows, mut labels) = (Self::default(), Vec::<String>::new());
-        let mut positions = HashMap::new();
-        rows.readings.resize_with(data.channels(), Vec::new);
+        let mut rows = Self { channels: data.channels(), ..Self::default() };
+        let (mut labels, mut positions) = (Vec::<String>::new(), HashMap::new());
+        let index = |at: usize| u32::try_from(at).expect("what fits into memory");
         for (_, block) in data.blocks() {
-            let columns = rows.wrench.iter_mut().chain(&mut rows.readings);
-            for (column, more) in columns.zip(block.rows.wrench.iter().chain(&block.rows.readings))
-            {
-                column.extend_from_slice(more);
-            }
+            let mut first = 0;
             for (label, count) in &*block.labels {
                 let position = *positions.entry(label.clone()).or_insert_with(|| {
                     labels.push(label.clone());
-                    labels.len() as u64 - 1
+                    labels.len() - 1
                 });
-                rows.groups.extend(std::iter::repeat_n(position, *count));
+                if *count > 0 {
+                    rows.runs.push(Run {
+                        group: index(position),
+                        block: index(rows.blocks.len()),
+                        first: index(first),
+                        rows: index(*count),
+                    });
+                }
+                first += count;
             }
+            rows.blocks.push(Arc::clone(&block.rows));
         }
+        rows.runs.sort_unstable();
         (rows, labels)
+    }
+
+    /// Number of rows.
+    pub fn row_count(&self) -> usize {
+        count(&self.runs)
     }
 
     /// Number of groups.
     pub fn group_count(&self) -> usize {
-        self.groups.iter().collect::<BTreeSet<_>>().len()
+        self.groups().count()
     }
 
-    /// The observations that these rows are.
+    /// The runs of each group.
+    pub(super) fn groups(&self) -> impl Iterator<Item = &[Run]> {
+        self.runs.chunk_by(|a, b| a.group == b.group)
+    }
+
+    /// Number of channels.
+    pub(super) fn channels(&self) -> usize {
+        self.channels
+    }
+
+    /// A column along some runs: of the six axes, N and N·m, then of the channels, counts.
+    pub(super) fn column(&self, runs: &[Run], position: usize) -> impl Iterator<Item = f64> {
+        runs.iter().flat_map(move |run| self.of_run(run, position).iter().copied())
+    }
+
+    /// The part of a column that is a run's.
+    pub(super) fn of_run(&self, run: &Run, position: usize) -> &[f64] {
+        let Block { wrench, readings, .. } = &*self.blocks[run.block as usize];
+        let column = if position < 6 { &wrench[position] } else { &readings[position - 6] };
+        &column[run.range()]
+    }
+
+    /// All rows.
+    pub(super) fn runs(&self) -> &[Run] {
+        &self.runs
+    }
+
+    /// The least and the largest reading of each channel.
+    pub fn reading_ranges(&self) -> Vec<ReadingRange> {
+        let range = |channel: usize| {
+            let start = ReadingRange { min: f64::INFINITY, max: f64::NEG_INFINITY };
+            self.column(&self.runs, 6 + channel).fold(start, |range, reading| ReadingRange {
+                min: range.min.min(reading),
+                max: range.max.max(reading),
+            })
+        };
+        (0..self.channels).map(range).collect()
+    }
+
+    /// The observations that these rows are, in ascending order of groups.
     ///
     /// # Errors
-    /// As [`group_means`].
-    ///
-    /// # Panics
-    /// If the columns are of different lengths.
+    /// [`PhysicsError::NotFinite`], [`PhysicsError::Channels`].
     pub fn observations(&self) -> Result<Vec<Observation>, PhysicsError> {
-        let wrench = self.wrench.each_ref().map(Vec::as_slice);
-        let readings: Vec<&[f64]> = self.readings.iter().map(Vec::as_slice).collect();
-        group_means(&self.groups, &wrench, &readings)
+        Ok(Cells::new(self)?.observations(usize::MAX))
+    }
+
+    /// How many those are.
+    ///
+    /// # Errors
+    /// As [`observations`](Self::observations).
+    pub fn observation_count(&self) -> Result<usize, PhysicsError> {
+        Ok(Cells::new(self)?.count())
     }
 
     /// The rows of all other groups.
     pub(super) fn without(&self, groups: &BTreeSet<u64>) -> Self {
-        let keep: Vec<bool> = self.groups.iter().map(|group| !groups.contains(group)).collect();
-        let pick = |column: &Vec<f64>| {
-            let kept = column.iter().zip(&keep).filter(|(_, keep)| **keep);
-            kept.map(|(value, _)| *value).collect()
-        };
+        let is_kept = |run: &&Run| !groups.contains(&run.group());
         Self {
-            groups: self.groups.iter().copied().filter(|group| !groups.contains(group)).collect(),
-            wrench: self.wrench.each_ref().map(pick),
-            readings: self.readings.iter().map(pick).collect(),
+            blocks: self.blocks.clone(),
+            channels: self.channels,
+            runs: self.runs.iter().filter(is_kept).copied().collect(),
             judged_by: self.judged_by.clone(),
         }
     }
 
     /// The groups, assigned to folds: each alone, or in turn, in the order of their labels.
     pub fn folds(&self, folds: usize) -> Vec<Vec<u64>> {
-        let groups: BTreeSet<u64> = self.groups.iter().copied().collect();
-        let mut assigned = vec![Vec::new(); folds.min(groups.len())];
-        for (position, group) in groups.into_iter().enumerate() {
+        let mut assigned = vec![Vec::new(); folds.min(self.group_count())];
+        for (position, runs) in self.groups().enumerate() {
             let fold = position % assigned.len();
-            assigned[fold].push(group);
+            assigned[fold].push(runs[0].group());
         }
         assigned
     }
 
-    /// Converts the rows of some groups, of each group `most` that are spread over it.
-    pub(super) fn convert(
+    /// Converts rows of some groups, some thousands at a time: the first of each group, and on from there every so-manieth
+    /// as `every` says for a group of so many rows.
+    pub(super) fn convert<'a>(
+        &'a self,
+        groups: &'a BTreeSet<u64>,
+        every: impl Fn(usize) -> usize + 'a,
+        estimates: impl Fn(&[Vec<f64>]) -> Estimates + 'a,
+    ) -> impl Iterator<Item = HeldOutRows> + 'a {
+        let spread = move |runs: &'a [Run]| {
+            let rows =
+                runs.iter().flat_map(|run| (0..run.rows as usize).map(move |row| (run, row)));
+            rows.step_by(every(count(runs)))
+        };
+        let held_out = self.groups().filter(|runs| groups.contains(&runs[0].group()));
+        let mut rows = held_out.flat_map(spread);
+        std::iter::from_fn(move || {
+            let some: Vec<(&Run, usize)> = rows.by_ref().take(ROWS_AT_ONCE).collect();
+            (!some.is_empty()).then(|| self.convert_rows(&some, &estimates))
+        })
+    }
+
+    fn convert_rows(
         &self,
-        groups: &BTreeSet<u64>,
-        most: usize,
+        rows: &[(&Run, usize)],
         estimates: impl Fn(&[Vec<f64>]) -> Estimates,
     ) -> HeldOutRows {
-        let rows = 0..self.groups.len();
-        let rows = rows.filter(|&row| groups.contains(&self.groups[row]));
-        let mut of_groups = BTreeMap::<u64, Vec<usize>>::new();
-        rows.for_each(|row| of_groups.entry(self.groups[row]).or_default().push(row));
-        let spread = |rows: Vec<usize>| {
-            let step = rows.len().div_ceil(most);
-            rows.into_iter().step_by(step)
-        };
-        let rows: Vec<usize> = of_groups.into_values().flat_map(spread).collect();
-        let pick = |column: &Vec<f64>| rows.iter().map(|&row| column[row]).collect::<Vec<_>>();
-        let readings: Vec<Vec<f64>> = self.readings.iter().map(pick).collect();
-        let estimates = estimates(&readings);
+        let value = |run: &Run, row: usize, position: usize| self.of_run(run, position)[row];
+        let readings =
+            |channel: usize| rows.iter().map(|&(run, row)| value(run, row, 6 + channel)).collect();
+        let estimates = estimates(&(0..self.channels).map(readings).collect::<Vec<_>>());
         let error = |axis: usize| {
-            let pairs = rows.iter().zip(&estimates.wrench[axis]);
-            let judge = |row: usize| {
-                let stated = self.judged_by.get(&self.groups[row]);
-                stated.map_or(self.wrench[axis][row], |wrench| wrench[axis])
+            let judge = |run: &Run, row: usize| {
+                let stated = self.judged_by.get(&run.group());
+                stated.map_or_else(|| value(run, row, axis), |wrench| wrench[axis])
             };
-            pairs.map(|(&row, predicted)| predicted - judge(row)).collect()
+            let pairs = rows.iter().zip(&estimates.wrench[axis]);
+            pairs.map(|(&(run, row), predicted)| predicted - judge(run, row)).collect()
         };
         HeldOutRows {
-            groups: rows.iter().map(|&row| self.groups[row]).collect(),
+            groups: rows.iter().map(|(run, _)| run.group()).collect(),
             errors: std::array::from_fn(error),
             estimates,
         }
+    }
+}
+
+/// Number of rows.
+pub(super) fn count(runs: &[Run]) -> usize {
+    runs.iter().map(|run| run.rows as usize).sum()
+}
+
+impl Run {
+    pub(super) fn group(&self) -> u64 {
+        self.group.into()
+    }
+
+    pub(super) fn rows(&self) -> u32 {
+        self.rows
+    }
+
+    fn range(&self) -> Range<usize> {
+        self.first as usize..(self.first + self.rows) as usize
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use shell_data::wrench::Axes;
+
+    use super::*;
+
+    #[test]
+    fn every_third_row_of_a_group_is_converted_and_held_against_its_own_wrench() {
+        // Groups of 6000 rows take turns every 1500; a reading is the row's number, each load twice that.
+        let number: Vec<f64> = (0..18_000).map(f64::from).collect();
+        let groups = (0..12).map(|run| ((run % 3).to_string(), 1500)).collect();
+        let wrench = vec![number.iter().map(|n| 2.0 * n).collect(); 6];
+        let rows = number.len();
+        let block = Block { rows, readings: vec![number], wrench, groups, ..Block::default() };
+        let data = Dataset::from_blocks("rows", Axes::ALL, vec![block]);
+        let (rows, labels) = TrainingRows::from_dataset(&data);
+        assert_eq!((rows.row_count(), labels.len()), (18_000, 3));
+        let as_read = |readings: &[Vec<f64>]| Estimates {
+            wrench: std::array::from_fn(|_| readings[0].clone()),
+            ..Estimates::default()
+        };
+        let held_out = BTreeSet::from([0, 2]);
+        let found: Vec<HeldOutRows> = rows.convert(&held_out, |_| 3, as_read).collect();
+        let groups: Vec<u64> = found.iter().flat_map(|some| some.groups.clone()).collect();
+        assert_eq!(groups, [vec![0; 2000], vec![2; 2000]].concat());
+        let errors: Vec<f64> = found.iter().flat_map(|some| some.errors[4].clone()).collect();
+        let expected = |group: u32| {
+            let rows = (0..18_000).filter(move |row| row / 1500 % 3 == group);
+            rows.step_by(3).map(|row| -f64::from(row))
+        };
+        assert_eq!(errors, expected(0).chain(expected(2)).collect::<Vec<_>>());
+        assert_eq!(rows.without(&held_out).group_count(), 1);
     }
 }

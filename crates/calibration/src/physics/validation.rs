@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::calibration::PhysicsCalibration;
 use super::choice::{Choice, usual};
+use super::observations::Cells;
 use super::rows::TrainingRows;
 use crate::error::FitError;
 use crate::exact::HeldOutErrors;
@@ -127,7 +128,7 @@ pub(crate) fn usual_errors(
 ) -> Result<Vec<PerAxis<HeldOutErrors>>, FitError> {
     let of_fold = |fold: &Vec<u64>| {
         let held_out: BTreeSet<u64> = fold.iter().copied().collect();
-        let model = usual(&rows.without(&held_out).observations()?)?;
+        let model = usual(&Cells::new(&rows.without(&held_out))?)?;
         let fitted = PhysicsCalibration::new(model, [1.0; 6]);
         let groups = errors(rows, &held_out, &fitted);
         Ok(HeldOutErrors::total(groups.iter().map(|group| &group.errors)))
@@ -140,25 +141,27 @@ fn errors(
     held_out: &BTreeSet<u64>,
     fitted: &PhysicsCalibration,
 ) -> Vec<GroupErrors> {
-    let found = rows.convert(held_out, usize::MAX, |readings| fitted.estimates(readings));
     let factors = fitted.intervals.as_ref().and_then(|of| of.factors(COVERAGE_LEVEL).ok());
     let mut groups = BTreeMap::<u64, GroupErrors>::new();
-    for (row, &group) in found.groups.iter().enumerate() {
-        let of = groups.entry(group).or_insert_with(|| GroupErrors {
-            group,
-            covered: factors.map(|_| PerAxis::default()),
-            ..GroupErrors::default()
-        });
-        for axis in 0..6 {
-            let error = found.errors[axis][row];
-            let one = HeldOutErrors { rows: 1, sum: error, squares: error * error };
-            of.errors[axis].merge(&one);
-            let standard_error = found.estimates.standard_errors[axis][row];
-            of.scores[axis] += (error / standard_error).powi(2);
-            if let (Some(covered), Some(factors)) = (&mut of.covered, &factors) {
-                let half = factors[axis] * standard_error;
-                covered[axis] += u64::from(error.abs() <= half);
-                of.half_widths[axis] += half;
+    let all = rows.convert(held_out, |_| 1, |readings| fitted.estimates(readings));
+    for found in all {
+        for (row, &group) in found.groups.iter().enumerate() {
+            let of = groups.entry(group).or_insert_with(|| GroupErrors {
+                group,
+                covered: factors.map(|_| PerAxis::default()),
+                ..GroupErrors::default()
+            });
+            for axis in 0..6 {
+                let error = found.errors[axis][row];
+                let one = HeldOutErrors { rows: 1, sum: error, squares: error * error };
+                of.errors[axis].merge(&one);
+                let standard_error = found.estimates.standard_errors[axis][row];
+                of.scores[axis] += (error / standard_error).powi(2);
+                if let (Some(covered), Some(factors)) = (&mut of.covered, &factors) {
+                    let half = factors[axis] * standard_error;
+                    covered[axis] += u64::from(error.abs() <= half);
+                    of.half_widths[axis] += half;
+                }
             }
         }
     }

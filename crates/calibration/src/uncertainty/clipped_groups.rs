@@ -82,12 +82,10 @@ fn clipped(block: &Block, solution: &Solution) -> Result<Block, FitError> {
 
 /// The rows of all groups but one.
 fn without(block: &Block, label: &str) -> Block {
-    let mut rest = block.clone();
     let keep: Vec<bool> = (block.groups.iter())
         .flat_map(|(of_run, rows)| std::iter::repeat_n(of_run != label, *rows))
         .collect();
-    rest.retain_rows(&keep);
-    rest
+    block.kept(&keep)
 }
 
 #[cfg(test)]

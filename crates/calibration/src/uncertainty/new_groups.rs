@@ -206,10 +206,8 @@ mod tests {
             let whole = grouped.total().unwrap();
             let found = score_without(&grouped, whole, &model, 0.0, group).unwrap();
             let is_in = |row: usize| row / 12 == group;
-            let mut rest = block.clone();
-            rest.retain_rows(&(0..block.rows).map(|row| !is_in(row)).collect::<Vec<_>>());
-            let mut part = block.clone();
-            part.retain_rows(&(0..block.rows).map(is_in).collect::<Vec<_>>());
+            let rest = block.kept(&(0..block.rows).map(|row| !is_in(row)).collect::<Vec<_>>());
+            let part = block.kept(&(0..block.rows).map(is_in).collect::<Vec<_>>());
             let rest = sums(&rest);
             let total = rest.total().unwrap();
             let ranges = total.reading_ranges();
