@@ -125,8 +125,8 @@ pub(super) fn fit(
     calibration.valid_range = Some(rows.reading_ranges());
     let errors = RowErrors::new(&calibration, &used, test, &EvalOptions::default(), options)?;
     let physics = PhysicsFit {
+        observations: choice.observation_count(),
         choice,
-        observations: rows.observation_count()?,
         groups: rows.group_count(),
         group_by,
         validation,

@@ -6,8 +6,8 @@ use super::choice::Choice;
 use super::intervals::{GroupIntervals, Scores};
 use super::inversion::{Estimates, Inversion};
 use super::model::PhysicsModel;
-use super::observations::Cells;
 use super::rows::TrainingRows;
+use super::sample::ObservationSample;
 use crate::error::FitError;
 use crate::passes::Workers;
 use shell_data::wrench::PerAxis;
@@ -41,16 +41,17 @@ impl PhysicsCalibration {
     /// # Errors
     /// [`FitError::Physics`], [`FitError::Interrupted`].
     pub fn fit(rows: &TrainingRows, workers: Workers<'_>) -> Result<(Self, Choice), FitError> {
-        Self::fit_from(rows, None, workers)
+        Self::fit_from(rows, ObservationSample::from_rows(rows)?, None, workers)
     }
 
-    /// The same, started from the choice for more rows, these among them.
+    /// The same to the rows of some groups, of which there is a sample, started from the choice for more.
     pub(super) fn fit_from(
         rows: &TrainingRows,
+        sample: ObservationSample,
         before: Option<&Choice>,
         workers: Workers<'_>,
     ) -> Result<(Self, Choice), FitError> {
-        let choice = Choice::fit_from(&Cells::new(rows)?, before, workers)?;
+        let choice = Choice::fit_from(sample, before, workers)?;
         let mut scores = Scores::default();
         for fold in &choice.fold_models {
             let groups: BTreeSet<u64> = fold.groups.iter().copied().collect();

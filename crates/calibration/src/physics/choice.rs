@@ -14,7 +14,8 @@ use super::fit::{FittedParameters, Scaled, Scales, fit, fit_from};
 use super::inversion::Inversion;
 use super::loadings::FACTORS;
 use super::model::{PhysicsModel, check};
-use super::observations::{Cells, Observation, step};
+use super::observations::Observation;
+use super::sample::ObservationSample;
 use crate::error::FitError;
 use crate::passes::{Workers, map};
 
@@ -38,13 +39,6 @@ const FOLDS_WITHIN: usize = 15;
 
 /// Fewest folds that tell whether factors are shared: a standard error of fewer gains says little.
 const FEWEST_FOLDS: usize = 8;
-
-/// Most observations that candidates are tried on.
-const MOST_TRIED: usize = 600;
-
-/// Most observations that a model is fitted to: with more of them the errors of some ten parameters a sensor are a
-/// two-hundredth of the squared error.
-const MOST_FITTED: usize = 2_000;
 
 /// A candidate and its score.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -87,6 +81,8 @@ pub struct Choice {
     /// The chosen candidate without each fold of groups.
     pub fold_models: Vec<FoldModel>,
     start: FirstFits,
+    /// What it was chosen on.
+    pub(super) sample: ObservationSample,
 }
 
 /// The chosen candidate without one of the folds.
@@ -123,9 +119,8 @@ type Fits = (FittedParameters, [f64; LAMBDAS.len()]);
 
 /// A model of usual λ and width, without factors: what the physics model is worth here, in a hundredth of the time of
 /// a choice.
-pub(super) fn usual(cells: &Cells<'_>) -> Result<PhysicsModel, PhysicsError> {
-    let observations = cells.observations(MOST_TRIED);
-    let observations: Vec<&Observation> = observations.iter().collect();
+pub(super) fn usual(sample: &ObservationSample) -> Result<PhysicsModel, PhysicsError> {
+    let observations: Vec<&Observation> = sample.tried.iter().collect();
     let (scales, channels) = check(&observations)?;
     let data = scales.apply(&observations);
     let fitted = fit(&data, USUAL.1);
@@ -138,34 +133,26 @@ impl Choice {
     /// # Errors
     /// [`PhysicsError`] if there are too few observations, groups or channels; [`FitError::Interrupted`].
     pub fn fit(observations: &[Observation], workers: Workers<'_>) -> Result<Self, FitError> {
-        let few = |most| {
-            let step = step(observations.len(), most);
-            observations.iter().step_by(step).collect::<Vec<_>>()
-        };
-        Self::new(&few(MOST_TRIED), &few(MOST_FITTED), None, workers)
+        Self::fit_from(ObservationSample::new(observations), None, workers)
     }
 
-    /// The same of the means of cells, started from the choice for more observations, these among them.
+    /// How many observations there were.
+    pub fn observation_count(&self) -> usize {
+        self.sample.count
+    }
+
+    /// The same to some of them, started from the choice for more, these among them.
     pub(super) fn fit_from(
-        cells: &Cells<'_>,
+        sample: ObservationSample,
         before: Option<&Self>,
         workers: Workers<'_>,
     ) -> Result<Self, FitError> {
-        let [tried, fitted] = [MOST_TRIED, MOST_FITTED].map(|most| cells.observations(most));
-        let [tried, fitted] = [&tried, &fitted].map(|some| some.iter().collect::<Vec<_>>());
-        Self::new(&tried, &fitted, before, workers)
-    }
-
-    fn new(
-        tried: &[&Observation],
-        observations: &[&Observation],
-        before: Option<&Self>,
-        workers: Workers<'_>,
-    ) -> Result<Self, FitError> {
-        let (scales, channels) = check(observations)?;
-        let data = scales.apply(tried);
+        let tried: Vec<&Observation> = sample.tried.iter().collect();
+        let observations: Vec<&Observation> = sample.fitted.iter().collect();
+        let (scales, channels) = check(&observations)?;
+        let data = scales.apply(&tried);
         let most_alone = if before.is_some() { FOLDS_WITHIN } else { MOST_ALONE };
-        let folds = folds(tried, most_alone);
+        let folds = folds(&tried, most_alone);
         if folds.len() < 2 {
             return Err(PhysicsError::TooFewGroups { found: folds.len() }.into());
         }
@@ -222,7 +209,7 @@ impl Choice {
         let (mut fitted, of_folds) = chosen;
         let scales = &tries.scales;
         let model = if tried.len() < observations.len() {
-            let all = scales.apply(observations);
+            let all = scales.apply(&observations);
             fitted = match factor_trials.iter().any(FactorTrial::is_taken) {
                 true => fit_factors_from(&all, width, &fitted),
                 false => fit_from(&all, width, &fitted),
@@ -237,7 +224,7 @@ impl Choice {
         };
         let fold_models = of_folds.iter().enumerate().map(fold_model).collect();
         let start = FirstFits { scales: tries.scales.clone(), widths, factors };
-        Ok(Self { model, trials, factor_trials, fold_models, start })
+        Ok(Self { model, trials, factor_trials, fold_models, start, sample })
     }
 }
 

@@ -32,6 +32,7 @@ mod noise;
 pub mod observations;
 pub mod response;
 mod rows;
+mod sample;
 mod sensor;
 mod sums;
 pub mod uncertain_loads;

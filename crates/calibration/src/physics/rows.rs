@@ -135,25 +135,6 @@ impl TrainingRows {
         Ok(Cells::new(self)?.observations(usize::MAX))
     }
 
-    /// How many those are.
-    ///
-    /// # Errors
-    /// As [`observations`](Self::observations).
-    pub fn observation_count(&self) -> Result<usize, PhysicsError> {
-        Ok(Cells::new(self)?.count())
-    }
-
-    /// The rows of all other groups.
-    pub(super) fn without(&self, groups: &BTreeSet<u64>) -> Self {
-        let is_kept = |run: &&Run| !groups.contains(&run.group());
-        Self {
-            blocks: self.blocks.clone(),
-            channels: self.channels,
-            runs: self.runs.iter().filter(is_kept).copied().collect(),
-            judged_by: self.judged_by.clone(),
-        }
-    }
-
     /// The groups, assigned to folds: each alone, or in turn, in the order of their labels.
     pub fn folds(&self, folds: usize) -> Vec<Vec<u64>> {
         let mut assigned = vec![Vec::new(); folds.min(self.group_count())];
@@ -260,6 +241,5 @@ mod tests {
             rows.step_by(3).map(|row| -f64::from(row))
         };
         assert_eq!(errors, expected(0).chain(expected(2)).collect::<Vec<_>>());
-        assert_eq!(rows.without(&held_out).group_count(), 1);
     }
 }

@@ -4,8 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::calibration::PhysicsCalibration;
 use super::choice::{Choice, usual};
-use super::observations::Cells;
 use super::rows::TrainingRows;
+use super::sample::ObservationSample;
 use crate::error::FitError;
 use crate::exact::HeldOutErrors;
 use crate::passes::{Workers, map_folds};
@@ -51,8 +51,8 @@ impl PhysicsValidation {
     ) -> Result<Self, FitError> {
         let of_fold = |fold: &Vec<u64>| {
             let held_out: BTreeSet<u64> = fold.iter().copied().collect();
-            let rest = rows.without(&held_out);
-            let (fitted, _) = PhysicsCalibration::fit_from(&rest, Some(whole), Workers::ONE)?;
+            let rest = whole.sample.without(&held_out);
+            let (fitted, _) = PhysicsCalibration::fit_from(rows, rest, Some(whole), Workers::ONE)?;
             Ok(errors(rows, &held_out, &fitted))
         };
         Ok(Self { folds: map_folds(folds, workers, of_fold)? })
@@ -126,9 +126,10 @@ pub(crate) fn usual_errors(
     folds: &[Vec<u64>],
     workers: Workers<'_>,
 ) -> Result<Vec<PerAxis<HeldOutErrors>>, FitError> {
+    let sample = ObservationSample::from_rows(rows)?;
     let of_fold = |fold: &Vec<u64>| {
         let held_out: BTreeSet<u64> = fold.iter().copied().collect();
-        let model = usual(&Cells::new(&rows.without(&held_out))?)?;
+        let model = usual(&sample.without(&held_out))?;
         let fitted = PhysicsCalibration::new(model, [1.0; 6]);
         let groups = errors(rows, &held_out, &fitted);
         Ok(HeldOutErrors::total(groups.iter().map(|group| &group.errors)))
