@@ -13,7 +13,9 @@ use crate::error::FitError;
 use crate::exact::PartitionedMoments;
 use crate::groups::{GroupBy, HeldOut};
 use crate::model::{Basis, Model};
-use crate::physics::{Choice, PhysicsCalibration, PhysicsValidation, TrainingRows, usual_errors};
+use crate::physics::{
+    Choice, ObservationSample, PhysicsCalibration, PhysicsValidation, TrainingRows, usual_errors,
+};
 use crate::quality::significant;
 use crate::validation::comparison::Comparison;
 use crate::validation::cross_validation::{CrossValidation, HeldOutQuality, assign_groups};
@@ -212,13 +214,14 @@ impl ModelComparison {
         let every = (folds.len() / TRIED_FIRST).max(1);
         let (first, of_first): (Vec<_>, Vec<_>) =
             folds.iter().cloned().zip(polynomial.iter().copied()).step_by(every).unzip();
-        let usual = usual_errors(&rows, &first, options.workers)?;
+        let sample = ObservationSample::from_rows(&rows)?;
+        let usual = usual_errors(&rows, &sample, &first, options.workers)?;
         let comparison = Comparison::new(&usual, &of_first, &variances);
         let [physics, by_polynomial] = comparison.rms.map(|rms| relative_square(&rms, &variances));
         if physics > OUT_OF_REACH * by_polynomial {
             return Ok((Self { model, ridge, comparison, folds: first.len() }, None));
         }
-        let fitted = PhysicsCalibration::fit(&rows, options.workers)?;
+        let fitted = PhysicsCalibration::fit_from(&rows, sample, None, options.workers)?;
         let validation = PhysicsValidation::new(&rows, &folds, &fitted.1, options.workers)?;
         let comparison = Comparison::new(&validation.by_fold(), &polynomial, &variances);
         let tried = TriedPhysics { fitted, validation };

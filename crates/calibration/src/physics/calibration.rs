@@ -45,7 +45,7 @@ impl PhysicsCalibration {
     }
 
     /// The same to the rows of some groups, of which there is a sample, started from the choice for more.
-    pub(super) fn fit_from(
+    pub(crate) fn fit_from(
         rows: &TrainingRows,
         sample: ObservationSample,
         before: Option<&Choice>,

@@ -47,6 +47,7 @@ pub use self::model::{PhysicsModel, Sensor};
 pub use self::noise::Noise;
 pub use self::observations::Observation;
 pub use self::rows::TrainingRows;
+pub(crate) use self::sample::ObservationSample;
 pub(crate) use self::validation::usual_errors;
 pub use self::validation::{COVERAGE_LEVEL, GroupErrors, PhysicsValidation};
 

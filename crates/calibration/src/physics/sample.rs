@@ -17,7 +17,7 @@ const MOST_FITTED: usize = 2_000;
 
 /// Some observations.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct ObservationSample {
+pub(crate) struct ObservationSample {
     /// How many they were taken from.
     pub(super) count: usize,
     /// Those that candidates are tried on.
@@ -35,7 +35,7 @@ impl ObservationSample {
 
     /// # Errors
     /// As [`Cells::new`].
-    pub(super) fn from_rows(rows: &TrainingRows) -> Result<Self, PhysicsError> {
+    pub(crate) fn from_rows(rows: &TrainingRows) -> Result<Self, PhysicsError> {
         let cells = Cells::new(rows)?;
         let [tried, fitted] = [MOST_TRIED, MOST_FITTED].map(|most| cells.observations(most));
         Ok(Self { count: cells.count(), tried, fitted })
