@@ -9,7 +9,7 @@ use super::stored::{
 };
 use super::{CalibrationFile, Problem, SCHEMA_VERSION};
 use calibration::physics::PhysicsCalibration;
-use calibration::physics::observations::MOST_CHANNELS;
+use calibration::physics::observation::MOST_CHANNELS;
 use calibration::{Calibration, Kind};
 use shell_data::wrench::{Axes, Axis, PerAxis};
 

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::physics::observations::MOST_CHANNELS;
+use crate::physics::observation::MOST_CHANNELS;
 use crate::validation::plateaus::{Hold, PlateauFinder, Steps};
 use shell_data::dataset::{Dataset, LabelRuns, LogRows, sample};
 

@@ -8,7 +8,7 @@ use super::lane_cholesky::LaneCholesky;
 use super::lanes::{MOST_LANES, add_product, load_rows, store_rows};
 use super::loadings::{FACTORS, Loadings};
 use super::noise::{Noise, Residuals};
-use super::observations::MOST_CHANNELS;
+use super::observation::MOST_CHANNELS;
 use super::sums::Curve;
 
 /// `1/s²` of the prior `N(0, s²)` of a loading: s is 0.06, what a displacement's own play is, a hundredth of the

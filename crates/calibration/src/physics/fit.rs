@@ -11,7 +11,7 @@ use super::data::Data;
 use super::lanes::MOST_LANES;
 use super::loadings::{FACTORS, Loadings};
 use super::noise::{Noise, Residuals};
-use super::observations::Observation;
+use super::observation::Observation;
 use super::response::{PARAMETERS, Parameters, SHAPE};
 use super::sensor::{ParameterEstimate, Prior};
 use super::sums::residuals;

@@ -16,6 +16,7 @@
 //! Left out: play and creep as states (they are in the noise and in the factors), and temperature.
 
 mod calibration;
+mod cells;
 mod choice;
 pub(crate) mod cholesky;
 mod data;
@@ -29,7 +30,7 @@ mod lanes;
 mod loadings;
 mod model;
 mod noise;
-pub mod observations;
+pub mod observation;
 pub mod response;
 mod rows;
 mod sample;
@@ -45,7 +46,7 @@ pub use self::inversion::{Estimate, Estimates, Flags, Inversion};
 pub use self::loadings::{FACTORS, Loadings};
 pub use self::model::{PhysicsModel, Sensor};
 pub use self::noise::Noise;
-pub use self::observations::Observation;
+pub use self::observation::Observation;
 pub use self::rows::TrainingRows;
 pub(crate) use self::sample::ObservationSample;
 pub(crate) use self::validation::usual_errors;

@@ -5,7 +5,7 @@ use super::cholesky::Cholesky;
 use super::fit::{FittedParameters, Scaled, Scales};
 use super::loadings::{FACTORS, Loadings, add_factors, factor_count};
 use super::noise::Noise;
-use super::observations::Observation;
+use super::observation::Observation;
 use super::response::{Answer, PARAMETERS, Parameters};
 use shell_data::wrench::PerAxis;
 
@@ -159,7 +159,7 @@ pub(super) fn check(observations: &[&Observation]) -> Result<(Scales, usize), Ph
         return Err(PhysicsError::TooFewObservations { found, needed: PARAMETERS });
     }
     let channels = observations.iter().map(|o| o.readings.len()).max().unwrap_or(0);
-    if channels == 0 || channels > super::observations::MOST_CHANNELS {
+    if channels == 0 || channels > super::observation::MOST_CHANNELS {
         return Err(PhysicsError::Channels { found: channels });
     }
     let finite = |o: &&Observation| {

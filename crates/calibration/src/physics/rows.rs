@@ -4,9 +4,7 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::ops::Range;
 use std::sync::Arc;
 
-use super::PhysicsError;
 use super::inversion::Estimates;
-use super::observations::{Cells, Observation};
 use crate::reading_ranges::ReadingRange;
 use shell_data::block::Block;
 use shell_data::dataset::Dataset;
@@ -125,14 +123,6 @@ impl TrainingRows {
             })
         };
         (0..self.channels).map(range).collect()
-    }
-
-    /// The observations that these rows are, in ascending order of groups.
-    ///
-    /// # Errors
-    /// [`PhysicsError::NotFinite`], [`PhysicsError::Channels`].
-    pub fn observations(&self) -> Result<Vec<Observation>, PhysicsError> {
-        Ok(Cells::new(self)?.observations(usize::MAX))
     }
 
     /// The groups, assigned to folds: each alone, or in turn, in the order of their labels.

@@ -5,7 +5,8 @@
 use std::collections::BTreeSet;
 
 use super::PhysicsError;
-use super::observations::{Cells, Observation, step};
+use super::cells::{Cells, step};
+use super::observation::Observation;
 use super::rows::TrainingRows;
 
 /// Most observations that candidates are tried on.

@@ -9,7 +9,7 @@ use super::ready::Ready;
 use super::{Estimates, Inversion};
 use crate::physics::lane_cholesky::LaneCholesky;
 use crate::physics::lanes::{Answers, MOST_LANES, load, store};
-use crate::physics::observations::MOST_CHANNELS;
+use crate::physics::observation::MOST_CHANNELS;
 use crate::physics::response::PARAMETERS;
 
 /// Most steps, halved ones among them; five or six are usual.

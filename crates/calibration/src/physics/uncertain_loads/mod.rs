@@ -24,7 +24,7 @@ use super::PhysicsError;
 use super::fit::{Scaled, Scales, common_means, fit};
 use super::model::check;
 use super::noise::{Noise, Residuals};
-use super::observations::Observation;
+use super::observation::Observation;
 use super::response::{Answer, PARAMETERS, Parameters, SHAPE};
 use super::sensor::Prior;
 use crate::symmetric::SymmetricMatrix;

@@ -1,4 +1,4 @@
-//! What the sensors are fitted to: means of wrench and readings over rows of like wrench.
+//! What the sensors are fitted to, in cells: means of wrench and readings over rows of like wrench.
 //!
 //! Rows of a pose are one observation many times over, so their means are what the fit sees, each
 //! with the same weight. Where the wrench changes within a group of rows, as in a push by hand, there
@@ -9,24 +9,21 @@
 //! then added without error. So means do not depend on the order of the rows.
 
 use super::PhysicsError;
+use super::observation::{MOST_CHANNELS, Observation};
 use super::rows::{Run, TrainingRows};
 use shell_data::wrench::PerAxis;
 
-/// Most channels of a model: a frame's flags are bits, its values are on the stack.
-pub const MOST_CHANNELS: usize = 16;
-
 /// Edge of a cell, in root mean squares of an axis: far below what bends a response.
-pub const CELL_WIDTH: f64 = 0.25;
+const CELL_WIDTH: f64 = 0.25;
 
-/// The mean of some rows.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Observation {
-    /// Which rows are one observation or hang together: validation holds out whole groups.
-    pub group: u64,
-    /// Mean wrench, N and N·m.
-    pub wrench: PerAxis<f64>,
-    /// Mean reading of each channel, counts.
-    pub readings: Vec<f64>,
+impl TrainingRows {
+    /// The observations that these rows are, in ascending order of groups.
+    ///
+    /// # Errors
+    /// [`PhysicsError::NotFinite`], [`PhysicsError::Channels`].
+    pub fn observations(&self) -> Result<Vec<Observation>, PhysicsError> {
+        Ok(Cells::new(self)?.observations(usize::MAX))
+    }
 }
 
 /// The cells of the wrench that some rows lie in, in ascending order of groups and, within a group, of their indices.

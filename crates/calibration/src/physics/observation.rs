@@ -1,0 +1,17 @@
+//! What the sensors are fitted to.
+
+use shell_data::wrench::PerAxis;
+
+/// Most channels of a model: a frame's flags are bits, its values are on the stack.
+pub const MOST_CHANNELS: usize = 16;
+
+/// The mean of some rows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Observation {
+    /// Which rows are one observation or hang together: validation holds out whole groups.
+    pub group: u64,
+    /// Mean wrench, N and N·m.
+    pub wrench: PerAxis<f64>,
+    /// Mean reading of each channel, counts.
+    pub readings: Vec<f64>,
+}
