@@ -17,7 +17,6 @@ use calibration::physics::uncertain_loads::{
 use calibration::physics::{Observation, TrainingRows};
 use load_table::{HungLoad, HungLoads, Pull};
 use log_file::{Log, ReadOptions, Wanted, read_dataset};
-use shell_data::block::Block;
 use shell_data::dataset::Dataset;
 use shell_data::hint::Hint;
 use shell_data::wrench::{Axes, PerAxis};
@@ -208,7 +207,7 @@ fn hang(data: &mut Dataset, loads: &HashMap<&str, PerAxis<f64>>) {
                 loads.flat_map(|(load, rows)| std::iter::repeat_n(load[axis], rows)).collect()
             };
             let wrench = (0..6).map(column).collect();
-            block.rows = Arc::new(Block { wrench, ..Block::clone(&block.rows) });
+            Arc::make_mut(&mut block.rows).wrench = wrench;
         }
     }
 }

@@ -44,7 +44,8 @@ impl PhysicsCalibration {
         Self::fit_from(rows, ObservationSample::from_rows(rows)?, None, workers)
     }
 
-    /// The same to the rows of some groups, of which there is a sample, started from the choice for more.
+    /// Fits to a sample of the observations of these rows; `before` is the choice for a larger sample, where the fit
+    /// starts.
     pub(crate) fn fit_from(
         rows: &TrainingRows,
         sample: ObservationSample,

@@ -28,7 +28,7 @@ impl TrainingRows {
 
 /// The cells of the wrench that some rows lie in, in ascending order of groups and, within a group, of their indices.
 ///
-/// Only their number is kept, of each group: there may be as many as rows, of which a fit sees few.
+/// Only the number of cells of each group is stored: there may be as many cells as rows, and a fit uses few.
 pub(super) struct Cells<'a> {
     rows: &'a TrainingRows,
     /// Of the columns of wrench and readings.
@@ -66,7 +66,7 @@ impl<'a> Cells<'a> {
         self.counts.iter().sum()
     }
 
-    /// The means of so many cells at most, each a step on from the one before: neighbours resemble each other.
+    /// The means of at most `most` cells, at equal strides: neighbours resemble each other.
     pub(super) fn observations(&self, most: usize) -> Vec<Observation> {
         let step = step(self.count(), most);
         let (mut observations, mut of_group, mut first) = (Vec::new(), Vec::new(), 0_usize);
@@ -115,7 +115,7 @@ impl<'a> Cells<'a> {
     }
 }
 
-/// How far to go each time, to take so many at most.
+/// The stride that takes at most `most` of `count`.
 pub(super) fn step(count: usize, most: usize) -> usize {
     count.div_ceil(most).max(1)
 }

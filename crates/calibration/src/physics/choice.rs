@@ -141,7 +141,7 @@ impl Choice {
         self.sample.count
     }
 
-    /// The same to some of them, started from the choice for more, these among them.
+    /// The same for a sample of observations; `before` is the choice for a larger sample, where the fits start.
     pub(super) fn fit_from(
         sample: ObservationSample,
         before: Option<&Self>,

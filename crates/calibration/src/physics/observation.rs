@@ -1,4 +1,4 @@
-//! What the sensors are fitted to.
+//! The mean of some rows, which the sensors are fitted to.
 
 use shell_data::wrench::PerAxis;
 

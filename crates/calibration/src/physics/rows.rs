@@ -10,10 +10,10 @@ use shell_data::block::Block;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::PerAxis;
 
-/// Rows that are converted at a time.
+/// Most rows that are converted at a time: their results take memory.
 const ROWS_AT_ONCE: usize = 4096;
 
-/// Rows for training, where they are in the blocks of a data set.
+/// Rows for training: references into the blocks of a data set, ordered by group.
 #[derive(Clone, Debug, Default)]
 pub struct TrainingRows {
     blocks: Vec<Arc<Block>>,
@@ -48,11 +48,11 @@ impl TrainingRows {
     /// The labelled rows of a data set, with the labels of their groups in the order of first rows.
     ///
     /// # Panics
-    /// If there are more than 2³² blocks.
+    /// If there are 2³² blocks or groups, or a block has so many rows.
     pub fn from_dataset(data: &Dataset) -> (Self, Vec<String>) {
         let mut rows = Self { channels: data.channels(), ..Self::default() };
         let (mut labels, mut positions) = (Vec::<String>::new(), HashMap::new());
-        let index = |at: usize| u32::try_from(at).expect("what fits into memory");
+        let index = |at: usize| u32::try_from(at).expect("fewer than 2³²");
         for (_, block) in data.blocks() {
             let mut first = 0;
             for (label, count) in &*block.labels {
@@ -135,8 +135,8 @@ impl TrainingRows {
         assigned
     }
 
-    /// Converts rows of some groups, some thousands at a time: the first of each group, and on from there every so-manieth
-    /// as `every` says for a group of so many rows.
+    /// Converts every n-th row of some groups, beginning with the first of each, in parts of at most [`ROWS_AT_ONCE`]
+    /// rows. `every` is n for a group's number of rows.
     pub(super) fn convert<'a>(
         &'a self,
         groups: &'a BTreeSet<u64>,

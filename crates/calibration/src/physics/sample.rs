@@ -1,6 +1,5 @@
-//! The observations that a model is chosen on and fitted to: some of many, evenly spread.
-//!
-//! Neighbours in the order of cells resemble each other.
+//! The sample of observations that a model is chosen on and fitted to, at equal strides in the order of cells:
+//! neighbours resemble each other.
 
 use std::collections::BTreeSet;
 
@@ -16,10 +15,10 @@ const MOST_TRIED: usize = 600;
 /// two-hundredth of the squared error.
 const MOST_FITTED: usize = 2_000;
 
-/// Some observations.
+/// A sample of observations.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ObservationSample {
-    /// How many they were taken from.
+    /// Number of observations that it was drawn from.
     pub(super) count: usize,
     /// Those that candidates are tried on.
     pub(super) tried: Vec<Observation>,

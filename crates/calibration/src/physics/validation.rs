@@ -14,8 +14,8 @@ use shell_data::wrench::PerAxis;
 /// The level of the intervals whose coverage is counted.
 pub const COVERAGE_LEVEL: f64 = 0.95;
 
-/// Rows that errors are found on, about, evenly spread over the groups: root mean squares of so many are right to two
-/// thousandths.
+/// Errors are computed on about this many rows at most, evenly spread over the groups: the root mean square of so many
+/// is right to two thousandths.
 const MOST_JUDGED: usize = 200_000;
 
 /// Groups whose rows were each converted by a model that was fitted, choice of λ and prior width
