@@ -132,14 +132,15 @@ pub(crate) fn fit(
         };
         let workers = Workers { watch: Some(&watch), ..Workers::new(threads) };
         let data = rows.dataset(false)?;
+        let channels = data.channels();
         let fitted =
-            calibration::fit(&data, &Dataset::default(), &FitOptions { workers, ..options })?;
+            calibration::fit(data, Dataset::default(), &FitOptions { workers, ..options })?;
         let mut warnings: Vec<String> = fitted.warnings.iter().map(ToString::to_string).collect();
         if let Some(Err(reason)) = &fitted.dynamics {
             warnings.push(format!("lag and memory were not searched for: {reason}"));
         }
         if let Some(Ok(found)) = &fitted.outliers {
-            let name = |row: &Outlier| row_name(row, data.channels());
+            let name = |row: &Outlier| row_name(row, channels);
             let names: Vec<RowName> = found.rows.iter().map(name).collect();
             warnings.extend(found.warnings(Axes::ALL, &names));
         }

@@ -60,8 +60,8 @@ impl FitRequest {
             progress: Some(progress.bytes),
             ..ReadOptions::default()
         };
-        let data = FitData::read(&train, &test, (&options, true), &read)?;
-        let fitted = calibration::fit(&data.train, &data.test, &options);
+        let mut data = FitData::read(&train, &test, (&options, true), &read)?;
+        let fitted = data.fit(&options);
         let fitted = fitted.map_err(|error| self.failure(error))?;
         let specified = train.first().map(|log| log.specified(&mapping));
         let file = calibration_file(

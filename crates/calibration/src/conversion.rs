@@ -108,7 +108,7 @@ impl Calibration {
     /// # Errors
     /// [`FitError::NoTime`] if the time constants are in seconds and a log has no time.
     pub fn prepared(&self, data: &Dataset) -> Result<Dataset, FitError> {
-        prepared(data, self.memory.as_ref(), self.lag)
+        prepared(data.clone(), self.memory.as_ref(), self.lag)
     }
 
     /// Readings of the channels alone, with memory terms of zero; others as they are.

@@ -54,7 +54,7 @@ pub fn label_holds(data: &Dataset, labels: &[String]) -> Result<Dataset, HoldMis
 
 fn holds(log: &LogRows) -> Vec<ReadingHold> {
     let blocks: Vec<_> = log.blocks.iter().map(|block| block.rows.as_ref().clone()).collect();
-    let sample = sample(&blocks);
+    let sample = sample(blocks.iter());
     let mut finder = PlateauFinder::new(Steps::from_sample(&[], &sample.readings));
     blocks.iter().for_each(|block| finder.add(&block.time_s, &block.readings));
     finder.holds()

@@ -44,6 +44,7 @@ mod factor;
 pub mod factored;
 pub mod features;
 pub mod fit;
+mod grouped_rows;
 mod groups;
 mod holds;
 pub mod least_squares;

@@ -153,10 +153,10 @@ impl Dataset {
         let log = LogRows {
             name: name.into(),
             axes,
-            channels: blocks.first().map_or(0, |block| block.readings.len()),
+            channels: blocks.first().map_or(0, |block| block.channels().len()),
             has_groups,
             is_sampled_at_start: false,
-            sample: sample(&blocks),
+            sample: sample(blocks.iter()),
             summary: ReadSummary { rows: start, ..ReadSummary::default() },
             lines: BlockLines::default(),
             blocks: blocks.into_iter().map(LabelledBlock::from).collect(),
@@ -184,6 +184,16 @@ impl Dataset {
     pub fn blocks(&self) -> impl Iterator<Item = (usize, &LabelledBlock)> {
         let of = |(at, log)| LogRows::used_blocks(log).map(move |block| (at, block));
         self.logs.iter().enumerate().flat_map(of)
+    }
+
+    /// Moves the rows out: what is left says where they were read.
+    #[must_use]
+    pub fn take_rows(&mut self) -> Self {
+        let take = |log: &mut LogRows| {
+            let blocks = std::mem::take(&mut log.blocks);
+            LogRows { blocks, ..log.clone() }
+        };
+        Self { logs: self.logs.iter_mut().map(take).collect() }
     }
 
     /// Whether rows count more or less than one another.
@@ -261,18 +271,18 @@ impl LabelledBlock {
 }
 
 /// Rows from all over some blocks; all, if they are few.
-pub fn sample(blocks: &[Block]) -> Block {
-    let rows: usize = blocks.iter().map(|block| block.rows).sum();
+pub fn sample<'a>(blocks: impl Iterator<Item = &'a Block> + Clone) -> Block {
+    let rows: usize = blocks.clone().map(|block| block.rows).sum();
     let mut sample = Block::default();
     if rows <= SAMPLE_ROWS {
-        blocks.iter().for_each(|block| sample.append(block, 0..block.rows));
+        blocks.for_each(|block| sample.append(block, 0..block.rows));
         return sample;
     }
     let part = SAMPLE_ROWS / SAMPLE_PARTS;
     for i in 0..SAMPLE_PARTS {
         let first = (rows - part) * i / (SAMPLE_PARTS - 1);
         let mut start = 0;
-        for block in blocks {
+        for block in blocks.clone() {
             let within = |row: usize| row.clamp(start, start + block.rows) - start;
             let some = within(first)..within(first + part);
             if !some.is_empty() {

@@ -1,9 +1,9 @@
 //! From logs to the rows of a fit, and from a fit to its calibration file.
 
 use super::{WorkflowError, agree_on_axes, check_channels, check_logs};
-use calibration::Calibration;
 use calibration::fit::{Fit, FitMethod, FitOptions, GroupsAsked, HeldOut, may_have_plateaus};
 use calibration::quality::AxisQuality;
+use calibration::{Calibration, FitError};
 use calibration_file::{CalibrationFile, Diagnostics, Origin, Role, SolverRecord, SourceFile};
 use figures::FitPlot;
 use log_file::{Log, ReadOptions, Wanted, read_dataset, sample_logs};
@@ -76,6 +76,14 @@ impl FitData {
         }
         Ok(())
     }
+
+    /// Fits a calibration to the rows, which are in the fit then and no longer here.
+    ///
+    /// # Errors
+    /// As [`calibration::fit()`].
+    pub fn fit(&mut self, options: &FitOptions<'_>) -> Result<Fit, FitError> {
+        calibration::fit(self.train.take_rows(), self.test.take_rows(), options)
+    }
 }
 
 fn rows_wanted() -> Wanted {
@@ -110,8 +118,8 @@ fn wanted_for(logs: &[Log], asked: GroupsAsked, in_time: bool) -> Result<Wanted,
 /// [`WorkflowError`] as [`FitData::read`] and [`calibration::fit()`].
 pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit, WorkflowError> {
     let read = ReadOptions { threads: options.workers.threads, ..ReadOptions::default() };
-    let data = FitData::read(train, test, (options, false), &read)?;
-    Ok(calibration::fit(&data.train, &data.test, options)?)
+    let mut data = FitData::read(train, test, (options, false), &read)?;
+    Ok(data.fit(options)?)
 }
 
 /// Adds predictions for rows, and what they have measured, to a figure.

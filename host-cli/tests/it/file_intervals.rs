@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use calibration::dynamics::DynamicsRule;
-use calibration::fit::{FitOptions, ModelRule, fit};
+use calibration::fit::{FitOptions, ModelRule};
 use calibration::uncertainty::CoefficientCovariance;
 use log_file::{Log, Mapping, ReadOptions};
 use shell_data::wrench::PerAxis;
@@ -26,8 +26,9 @@ fn shares(train: &[PathBuf], test: &[PathBuf]) -> PerAxis<f64> {
         ..FitOptions::default()
     };
     let (train, test) = (open(train), open(test));
-    let data = FitData::read(&train, &test, (&options, false), &ReadOptions::default()).unwrap();
-    let fitted = fit(&data.train, &data.test, &options).unwrap();
+    let mut data =
+        FitData::read(&train, &test, (&options, false), &ReadOptions::default()).unwrap();
+    let fitted = data.fit(&options).unwrap();
     let covariance = fitted.calibration.covariance.as_ref().unwrap();
     let CoefficientCovariance::Groups { groups, .. } = covariance.coefficients else {
         panic!("rows of a file are not independent");

@@ -100,7 +100,7 @@ fn errors_by_group_add_up_to_those_of_the_fit() {
     let read = ReadOptions::default();
     let options = FitOptions { model: Basis::Cubic.into(), ..FitOptions::default() };
     let data = FitData::read(&logs, &[], (&options, false), &read).unwrap().train;
-    let fitted = fit(&data, &Dataset::default(), &options).unwrap();
+    let fitted = fit(data.clone(), Dataset::default(), &options).unwrap();
     let labelled = label_poses_or_files(&data);
     let grouped = group_errors(&fitted.calibration, &labelled, 100, Workers::default()).unwrap();
     assert_eq!(grouped.groups.len(), 125);

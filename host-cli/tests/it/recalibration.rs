@@ -103,13 +103,13 @@ fn loads(count: usize, random: &mut Random) -> Vec<PerAxis<f64>> {
     (0..count).map(load).collect()
 }
 
-fn fit(data: &Dataset) -> Fit {
+fn fit(data: Dataset) -> Fit {
     let options = FitOptions {
         model: ModelRule::Physics,
         cross_validation: Some(HeldOut::Column),
         ..FitOptions::default()
     };
-    calibration::fit(data, &Dataset::default(), &options).unwrap()
+    calibration::fit(data, Dataset::default(), &options).unwrap()
 }
 
 fn observations(data: &Dataset) -> Vec<Observation> {
@@ -146,9 +146,9 @@ fn four_poses_do_what_a_full_calibration_does() {
     for seed in seeds() {
         let mut random = Random(seed);
         let state = State::new(seed);
-        let before = fit(&state.record(&loads(32, &mut random), 0));
+        let before = fit(state.record(&loads(32, &mut random), 0));
         let now = state.changed((2e-3, 2_f64.to_radians(), 0.05), &mut random);
-        let full = fit(&now.record(&loads(32, &mut random), 1));
+        let full = fit(now.record(&loads(32, &mut random), 1));
         // Four poses, and the sensor at rest between them.
         let mut few = loads(4, &mut random);
         few.push([0.0; 6]);
@@ -174,7 +174,7 @@ fn a_sensor_that_is_as_it_was_is_left_as_it_is() {
     for seed in seeds() {
         let mut random = Random(1000 + seed);
         let state = State::new(seed);
-        let before = fit(&state.record(&loads(32, &mut random), 0));
+        let before = fit(state.record(&loads(32, &mut random), 0));
         let mut few = loads(4, &mut random);
         few.push([0.0; 6]);
         let found = brought_up_to_date(&before, &state.record(&few, 1));

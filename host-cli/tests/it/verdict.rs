@@ -170,7 +170,7 @@ fn fit_rows(train: &[Row], test: &[Row]) -> Fit {
     let cross_validation = Some(HeldOut::Column);
     let options =
         FitOptions { model: Basis::Linear.into(), cross_validation, ..FitOptions::default() };
-    fit(&data(train), &data(test), &options).unwrap()
+    fit(data(train), data(test), &options).unwrap()
 }
 
 #[derive(Clone, Copy)]

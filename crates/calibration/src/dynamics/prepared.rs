@@ -6,7 +6,7 @@ use super::lag::{BetweenRows, ReferenceLag, segments};
 use super::{FitError, GAP_PERIODS};
 use crate::memory::{MemoryTerms, NoTime, TimeBase};
 use shell_data::block::Block;
-use shell_data::dataset::{Dataset, LabelledBlock, LogRows, sample};
+use shell_data::dataset::{Dataset, LogRows, sample};
 
 /// How time passes in some logs.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -64,26 +64,26 @@ fn median_step(mut steps: Vec<f64>) -> Option<f64> {
 /// # Errors
 /// [`FitError::NoTime`] if either is by time and a log has none.
 pub fn prepared(
-    data: &Dataset,
+    mut data: Dataset,
     memory: Option<&MemoryTerms>,
     lag: Option<ReferenceLag>,
 ) -> Result<Dataset, FitError> {
-    if memory.is_none() && lag.is_none() {
-        return Ok(data.clone());
+    if memory.is_some() || lag.is_some() {
+        for log in &mut data.logs {
+            prepare(log, memory, lag).map_err(|_| FitError::NoTime { log: log.name.clone() })?;
+        }
     }
-    let logs = data.logs.iter().map(|log| {
-        let no_time = |_: NoTime| FitError::NoTime { log: log.name.clone() };
-        prepared_log(log, memory, lag).map_err(no_time)
-    });
-    Ok(Dataset { logs: logs.collect::<Result<_, _>>()? })
+    Ok(data)
 }
 
-fn prepared_log(
-    log: &LogRows,
+fn prepare(
+    log: &mut LogRows,
     memory: Option<&MemoryTerms>,
     lag: Option<ReferenceLag>,
-) -> Result<LogRows, NoTime> {
-    let mut blocks: Vec<Block> = log.blocks.iter().map(|block| Block::clone(&block.rows)).collect();
+) -> Result<(), NoTime> {
+    // Blocks that nobody else has are changed where they are.
+    let mut blocks: Vec<&mut Block> =
+        log.blocks.iter_mut().map(|block| Arc::make_mut(&mut block.rows)).collect();
     if let Some(lag) = lag {
         move_wrench(&mut blocks, lag)?;
     }
@@ -91,16 +91,12 @@ fn prepared_log(
         let mut state = memory.start();
         blocks.iter_mut().try_for_each(|block| state.extend(block))?;
     }
-    let sample = sample(&blocks);
-    let labels = log.blocks.iter().map(|block| Arc::clone(&block.labels));
-    let blocks = blocks.into_iter().zip(labels);
-    let blocks =
-        blocks.map(|(rows, labels)| LabelledBlock { rows: Arc::new(rows), labels }).collect();
-    Ok(LogRows { sample, blocks, ..log.clone() })
+    log.sample = sample(log.blocks.iter().map(|block| &*block.rows));
+    Ok(())
 }
 
 /// Replaces the wrench of every row by that of the time when the reference shows what the readings do.
-fn move_wrench(blocks: &mut [Block], lag: ReferenceLag) -> Result<(), NoTime> {
+fn move_wrench(blocks: &mut [&mut Block], lag: ReferenceLag) -> Result<(), NoTime> {
     let rows: usize = blocks.iter().map(|block| block.rows).sum();
     let (times, gap) = match lag.time_base {
         TimeBase::Rows => ((0..rows).map(|row| row as f64).collect(), None),

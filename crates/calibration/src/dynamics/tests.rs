@@ -166,7 +166,7 @@ fn what_is_given_is_taken_without_a_search() {
     let given = find(&data, &rule, true, Workers::ONE).unwrap().unwrap();
     assert_eq!(given.memory.as_ref().unwrap().time_constants, [0.5, 2.0]);
     assert_eq!((given.lag.unwrap().by, given.gain), (0.01, None));
-    let rows = prepared(&data, given.memory.as_ref(), given.lag).unwrap();
+    let rows = prepared(data.clone(), given.memory.as_ref(), given.lag).unwrap();
     assert_eq!((rows.channels(), rows.memory_terms(), rows.rows()), (6, 2, data.rows()));
     let wrong = DynamicsRule { memory: MemoryRule::Given(&[0.0]), ..rule };
     assert_eq!(find(&data, &wrong, true, Workers::ONE), Err(FitError::TimeConstant(0.0)));

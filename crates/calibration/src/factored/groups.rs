@@ -4,7 +4,10 @@ use std::collections::HashMap;
 use std::ops::Range;
 
 use super::rows::FactoredRows;
+use crate::error::FitError;
+use crate::grouped_rows::{GroupedRows, Run};
 use crate::model::Model;
+use crate::passes::{Workers, map};
 use crate::r_factor::Workspace;
 use crate::scaling::Scaling;
 use crate::validation::ValidationError;
@@ -79,11 +82,8 @@ impl GroupFactors {
         if let Some(&position) = self.positions.get(label) {
             return Ok(position);
         }
-        let limit = MAX_GROUPS.min(MEMORY / self.empty.bytes());
         let position = self.groups.len();
-        if position == limit {
-            return Err(ValidationError::TooManyGroups { limit });
-        }
+        self.empty.check_group_count(position + 1)?;
         let group =
             Group { label: label.to_owned(), rows: self.empty.clone(), waiting: Block::default() };
         self.groups.push(group);
@@ -128,7 +128,41 @@ impl Group {
     }
 }
 
+impl FactoredRows {
+    /// # Errors
+    /// [`ValidationError::TooManyGroups`] if so many groups of such rows take too much memory.
+    fn check_group_count(&self, groups: usize) -> Result<(), ValidationError> {
+        let limit = MAX_GROUPS.min(MEMORY / self.bytes());
+        if groups > limit {
+            return Err(ValidationError::TooManyGroups { limit });
+        }
+        Ok(())
+    }
+}
+
 impl FactoredGroups {
+    /// Groups of rows in memory, each with its label; features as in [`FactoredRows::new`].
+    ///
+    /// # Errors
+    /// As [`GroupFactors::add`]; [`FitError::Interrupted`].
+    pub(crate) fn from_rows(
+        rows: &GroupedRows,
+        labels: Vec<String>,
+        (model, scaling): (Model, Scaling),
+        workers: Workers<'_>,
+    ) -> Result<Self, FitError> {
+        let empty = FactoredRows::new(model, scaling);
+        empty.check_group_count(labels.len())?;
+        let factor = |runs: &&[Run]| {
+            let (mut factored, mut workspace) = (empty.clone(), empty.workspace());
+            let mut blocks = rows.copied(runs, workspace.rows());
+            blocks.try_for_each(|block| factored.absorb(&block, &mut workspace))?;
+            Ok(factored)
+        };
+        let factored = map(&rows.groups().collect::<Vec<_>>(), 0, workers, factor)?;
+        Ok(Self { groups: labels.into_iter().zip(factored).collect() })
+    }
+
     /// All rows; `None` where there is no group.
     pub fn total(&self) -> Option<FactoredRows> {
         let mut groups = self.groups.iter().map(|(_, rows)| rows);

@@ -2,13 +2,14 @@
 
 use super::model_choice::{Clusters, FewGroups, ModelChoice};
 use super::refits::{
-    self, FOLDS, LabelGroups, MOST_ALONE, RANDOM_FOLDS, Refit, random_split, rows_in_one,
-    select_by_normal_equations,
+    self, FOLDS, MOST_ALONE, MOST_COMPARED, RANDOM_FOLDS, Refit, few_by_fold, random_split,
+    rows_in_one, select_by_normal_equations,
 };
 use super::{CovarianceRule, FitOptions, ModelRule};
 use crate::error::FitError;
 use crate::exact::{ExactError, Moments};
-use crate::factored::{FactoredGroups, GroupFactors};
+use crate::factored::FactoredGroups;
+use crate::grouped_rows::GroupedRows;
 use crate::groups::{GroupBy, HeldOut, label_groups, label_poses, stretches_of_files};
 use crate::model::{Basis, Model};
 use crate::passes::{Workers, each};
@@ -26,10 +27,6 @@ use shell_data::dataset::{Dataset, LabelledBlock, RowSet};
 
 /// The fewest groups that standard errors come from unless they are asked for by name.
 const FEWEST_GROUPS: usize = 10;
-
-/// Most rows that families of features are compared on: rows of a group resemble each other, and one in several
-/// says as much.
-const MOST_COMPARED: u64 = 16_384;
 
 /// Training rows of which those that are used are selected when they have been labelled: groups are found in
 /// all rows.
@@ -138,7 +135,7 @@ fn choose_labelled(
     let sums = sum_groups_or_sets(&rows, choice.basis, options);
     let sums = match sums {
         Err(FitError::NotExact(_)) if !validates => {
-            let found = factor_groups(&rows, choice.basis);
+            let found = factor_groups(&rows, choice.basis, options.workers);
             return options.decide_by_r_factors(choice, found);
         }
         Err(FitError::Validation(reason)) if !validates => {
@@ -159,18 +156,17 @@ fn choose_by_folds(
     rows: &Dataset,
     options: &FitOptions<'_>,
 ) -> Result<ModelChoice, FitError> {
-    let groups = LabelGroups::new(rows);
+    let (rows, labels) = GroupedRows::from_labels(rows);
     let chosen = {
         let open = options.open(None);
-        let every = rows.rows().div_ceil(MOST_COMPARED).max(1) as usize;
-        let few = groups.every_nth_by_fold(rows, (every, selection::FOLDS))?;
+        let few = few_by_fold(&rows, MOST_COMPARED)?.to_dataset();
         let split = RandomSplit::default();
         let sums = sum_groups(&few, open.basis, (Apart::Groups, split), options.workers)?;
         options.select(open, &sums)?
     };
     let ModelChoice { basis, ridge, selection, advice, .. } = chosen;
     let cross_validation = match options.cross_validation {
-        None if groups.sizes.len() > MAX_GROUPS => Some(HeldOut::Folds(selection::FOLDS)),
+        None if labels.len() > MAX_GROUPS => Some(HeldOut::Folds(selection::FOLDS)),
         _ => options.validation(),
     };
     let known = FitOptions { model: basis.into(), ridge, cross_validation, ..*options };
@@ -229,14 +225,17 @@ pub fn sum_groups(
 }
 
 /// The R factors of labelled rows by group.
-fn factor_groups(data: &Dataset, basis: Basis) -> Result<FactoredGroups, FitError> {
+fn factor_groups(
+    data: &Dataset,
+    basis: Basis,
+    workers: Workers<'_>,
+) -> Result<FactoredGroups, FitError> {
     let (channels, memory) = (data.channels(), data.memory_terms());
     let model = Model { basis, intercept: true, channels, memory };
     model.check_size()?;
     let sample = data.logs.first().map_or(&[][..], |log| &log.sample.readings);
-    let mut groups = GroupFactors::new(model, Scaling::from_sample(sample, true));
-    data.blocks().try_for_each(|(_, block)| groups.add(&block.rows, &block.labels))?;
-    Ok(groups.finish()?)
+    let (rows, labels) = GroupedRows::from_labels(data);
+    FactoredGroups::from_rows(&rows, labels, (model, Scaling::from_sample(sample, true)), workers)
 }
 
 impl FitOptions<'_> {
@@ -376,7 +375,7 @@ impl FitOptions<'_> {
             0..=MOST_ALONE => files,
             _ => files.chunks(most).map(|of| of[0].start..of[of.len() - 1].end).collect(),
         });
-        match factor_groups(&rows, choice.basis) {
+        match factor_groups(&rows, choice.basis, self.workers) {
             Ok(rows) => choice.clusters = Some(Clusters::RFactors { rows, held_out_together }),
             Err(FitError::Validation(reason)) => choice.not_grouped = Some(reason),
             Err(reason) => return Err(reason),
@@ -388,7 +387,7 @@ impl FitOptions<'_> {
     /// Keeps the labelled rows as the solver's standard errors by group need them.
     fn cluster(&self, mut choice: ModelChoice, rows: &Dataset) -> Result<ModelChoice, FitError> {
         if self.solver != SolverKind::Huber {
-            let found = factor_groups(rows, choice.basis);
+            let found = factor_groups(rows, choice.basis, self.workers);
             return self.decide_by_r_factors(choice, found);
         }
         let all = rows_in_one(rows);

@@ -14,11 +14,7 @@ pub(super) struct PreparedRows {
 
 impl FitOptions<'_> {
     /// Finds lag and memory as far as that is asked for, and prepares the rows for a model that has them.
-    pub(super) fn prepare(
-        &self,
-        train: &Dataset,
-        test: &Dataset,
-    ) -> Result<PreparedRows, FitError> {
+    pub(super) fn prepare(&self, train: Dataset, test: Dataset) -> Result<PreparedRows, FitError> {
         let mut rule = self.dynamics;
         if self.means && !rule.is_nothing() {
             let are_given = rule.lag != DynamicsRule::AUTO.lag || rule.memory != MemoryRule::Auto;
@@ -31,10 +27,9 @@ impl FitOptions<'_> {
             rule.memory = MemoryRule::Given(&[]);
         }
         if rule.is_nothing() {
-            let (train, test) = (train.clone(), test.clone());
             return Ok(PreparedRows { train, test, dynamics: None });
         }
-        let found = find(train, &rule, self.intercept, self.workers)?;
+        let found = find(&train, &rule, self.intercept, self.workers)?;
         let (memory, lag) = match &found {
             Ok(found) => (found.memory.as_ref(), found.lag),
             Err(_) => (None, None),

@@ -19,7 +19,7 @@
 //! let data = Dataset::from_blocks("bench", Axes::ALL, vec![block]);
 //!
 //! let options = FitOptions { model: Basis::Linear.into(), ..FitOptions::default() };
-//! let fitted = fit(&data, &Dataset::default(), &options)?;
+//! let fitted = fit(data, Dataset::default(), &options)?;
 //! let mut converted = Default::default();
 //! fitted.calibration.wrench(&[vec![150.0]], &mut converted);
 //! assert!((converted[0][0] - 1.5).abs() < 0.01);
@@ -285,12 +285,14 @@ impl Fit {
 
 /// Fits a calibration to `train` and finds its errors there and on `test`, which may have no rows.
 ///
+/// Lag and memory that are found change blocks of rows where they are, unless the caller has them, too.
+///
 /// All logs of both have the same channels and axes of the wrench.
 ///
 /// # Errors
 /// [`FitError`] if the rows do not determine a calibration, something is asked of groups where there are none, a
 /// log is a copy of another, or whoever watches wants no more.
-pub fn fit(train: &Dataset, test: &Dataset, options: &FitOptions<'_>) -> Result<Fit, FitError> {
+pub fn fit(train: Dataset, test: Dataset, options: &FitOptions<'_>) -> Result<Fit, FitError> {
     if train.logs.is_empty() {
         return Err(FitError::NoRows);
     }

@@ -17,6 +17,7 @@ use crate::physics::{
     Choice, ObservationSample, PhysicsCalibration, PhysicsValidation, TrainingRows, usual_errors,
 };
 use crate::quality::significant;
+use crate::reading_ranges::ReadingRanges;
 use crate::validation::comparison::Comparison;
 use crate::validation::cross_validation::{CrossValidation, HeldOutQuality, assign_groups};
 use crate::validation::grouped::GroupedMoments;
@@ -124,7 +125,7 @@ pub(super) fn fit(
         }
     };
     let mut calibration = Calibration::from_kind(Kind::Physics(Box::new(physics)));
-    calibration.valid_range = Some(rows.reading_ranges());
+    calibration.valid_range = Some(ReadingRanges::from_dataset(&used)?.channels);
     let errors = RowErrors::new(&calibration, &used, test, &EvalOptions::default(), options)?;
     let physics = PhysicsFit {
         observations: choice.observation_count(),

@@ -9,7 +9,8 @@ use super::polynomial::{PolynomialProblem, calibrate, r_factor_method};
 use crate::conversion::Calibration;
 use crate::error::FitError;
 use crate::exact::HeldOutErrors;
-use crate::factored::{FactoredGroups, FactoredRows};
+use crate::factored::FactoredGroups;
+use crate::grouped_rows::{GroupedRows, Run, count};
 use crate::groups::HeldOut;
 use crate::model::{Basis, Model};
 use crate::passes::{Rows, Workers, map};
@@ -19,14 +20,13 @@ use crate::validation::ValidationError;
 use crate::validation::cross_validation::{
     CrossValidation, HeldOutQuality, assign_groups, over_folds,
 };
-use crate::validation::grouped::{RandomSplit, assign};
+use crate::validation::grouped::RandomSplit;
 use crate::validation::normal_equations::HeldOutFolds;
 use crate::validation::selection::{self, Selection};
 use shell_data::block::Block;
-use shell_data::dataset::{Dataset, LabelRuns, sample};
+use shell_data::dataset::{BLOCK_ROWS, Dataset};
 use shell_data::wrench::PerAxis;
-use std::collections::HashMap;
-use std::sync::Arc;
+use std::sync::LazyLock;
 
 /// Up to this many groups each is held out alone.
 pub(super) const MOST_ALONE: usize = 40;
@@ -35,6 +35,11 @@ pub(super) const FOLDS: usize = 10;
 
 /// Numbers in the R factors of groups that are held out alone, 200 MB, and twice as many in those of all others.
 const MOST_NUMBERS: usize = 25_000_000;
+
+/// Most rows that families of features are compared on, or so many for each feature of the largest: rows of a group
+/// resemble each other, and one in several says as much.
+pub(super) const MOST_COMPARED: usize = 16_384;
+const ROWS_PER_FEATURE: usize = 64;
 
 /// Folds of the random split that held-out errors are compared with, where no number is given.
 pub const RANDOM_FOLDS: usize = 10;
@@ -60,11 +65,31 @@ pub(super) fn select_by_normal_equations(
     data: &Dataset,
     options: &FitOptions<'_>,
 ) -> Result<Selection, FitError> {
-    let groups = LabelGroups::new(data);
-    let folds = groups.sizes.len().min(selection::FOLDS);
-    let blocks = groups.folds(data, &groups.assigned(folds)?, folds);
-    let folds = HeldOutFolds::new(&blocks, options.model_of(data, Basis::Linear))?;
+    let largest = options.model_of(data, Basis::Poly3).term_count();
+    let most = MOST_COMPARED.max(ROWS_PER_FEATURE * largest);
+    let folds = few_by_fold(&GroupedRows::from_labels(data).0, most)?;
+    let folds = HeldOutFolds::new(&folds, options.model_of(data, Basis::Linear))?;
     Ok(folds.select(options.ridges())?)
+}
+
+/// At most so many rows, as many in turn of each group, and more where groups are many; groups are assigned to folds.
+pub(super) fn few_by_fold(rows: &GroupedRows, most: usize) -> Result<GroupedRows, ValidationError> {
+    let every = rows.row_count().div_ceil(most).max(1);
+    let folds = rows.groups().count().min(selection::FOLDS);
+    Ok(rows.every_nth(every).regrouped(&fold_of_groups(rows, folds)?))
+}
+
+/// The fold of each group.
+fn fold_of_groups(rows: &GroupedRows, folds: usize) -> Result<Vec<usize>, ValidationError> {
+    let sizes: Vec<u64> = rows.groups().map(|runs| count(runs) as u64).collect();
+    if sizes.len() < 2 {
+        return Err(ValidationError::TooFewGroups { found: sizes.len() });
+    }
+    let mut fold_of = vec![0; sizes.len()];
+    for (fold, groups) in assign_groups(&sizes, folds)?.iter().enumerate() {
+        groups.iter().for_each(|&group| fold_of[group] = fold);
+    }
+    Ok(fold_of)
 }
 
 /// All labelled rows as one block.
@@ -77,74 +102,6 @@ pub(super) fn rows_in_one(data: &Dataset) -> Block {
     all
 }
 
-/// The groups of labelled rows.
-pub(super) struct LabelGroups {
-    positions: HashMap<String, usize>,
-    pub(super) sizes: Vec<u64>,
-}
-
-impl LabelGroups {
-    pub(super) fn new(data: &Dataset) -> Self {
-        let (mut positions, mut sizes) = (HashMap::new(), Vec::new());
-        for (label, rows) in data.blocks().flat_map(|(_, block)| &*block.labels) {
-            let position = *positions.entry(label.clone()).or_insert(sizes.len());
-            sizes.resize(sizes.len().max(position + 1), 0);
-            sizes[position] += *rows as u64;
-        }
-        Self { positions, sizes }
-    }
-
-    /// The fold of each group.
-    fn assigned(&self, folds: usize) -> Result<Vec<usize>, ValidationError> {
-        let found = self.sizes.len();
-        if found < 2 {
-            return Err(ValidationError::TooFewGroups { found });
-        }
-        let mut fold_of = vec![0; found];
-        for (fold, groups) in assign_groups(&self.sizes, folds)?.iter().enumerate() {
-            groups.iter().for_each(|&group| fold_of[group] = fold);
-        }
-        Ok(fold_of)
-    }
-
-    /// The rows of so many folds of groups.
-    fn folds(&self, data: &Dataset, fold_of: &[usize], folds: usize) -> Vec<Block> {
-        let mut blocks = vec![Block::default(); folds];
-        for (_, block) in data.blocks() {
-            let mut start = 0;
-            for (label, rows) in &*block.labels {
-                blocks[fold_of[self.positions[label]]].append(&block.rows, start..start + rows);
-                start += rows;
-            }
-        }
-        blocks
-    }
-
-    /// Every so-manieth row of each group, and its first, labelled by the fold of the group; there are so many at
-    /// most.
-    pub(super) fn every_nth_by_fold(
-        &self,
-        data: &Dataset,
-        (every, most): (usize, usize),
-    ) -> Result<Dataset, ValidationError> {
-        let fold_of = self.assigned(self.sizes.len().min(most))?;
-        let (mut data, mut seen) = (data.clone(), vec![0; fold_of.len()]);
-        for block in data.logs.iter_mut().flat_map(|log| &mut log.blocks) {
-            let (mut labels, mut keep) = (LabelRuns::new(), Vec::with_capacity(block.rows.rows));
-            for (label, rows) in &*block.labels {
-                let group = self.positions[label];
-                let first = seen[group];
-                seen[group] += rows;
-                keep.extend((first..seen[group]).map(|row| row % every == 0));
-                labels.push((fold_of[group].to_string(), *rows));
-            }
-            block.labels = Arc::new(labels);
-            *block = block.kept(&keep);
-        }
-        Ok(data)
-    }
-}
-
 /// The errors of a model on groups of labelled rows, each fold held out in turn, and on rows that are assigned at
 /// random, unless they remember the rows before.
 pub(super) fn cross_validate(
@@ -152,92 +109,78 @@ pub(super) fn cross_validate(
     held_out: HeldOut,
     refit: &Refit<'_>,
 ) -> Result<CrossValidation, FitError> {
-    let groups = LabelGroups::new(data);
-    let count = groups.sizes.len();
+    let (rows, labels) = GroupedRows::from_labels(data);
+    let groups = labels.len();
     let model = refit.options.model_of(data, refit.basis);
-    let are_alone = count <= MOST_ALONE && count * model.term_count().pow(2) <= MOST_NUMBERS;
+    let are_alone = groups <= MOST_ALONE && groups * model.term_count().pow(2) <= MOST_NUMBERS;
     let (folds, random_folds) = match held_out {
         HeldOut::Folds(folds) => (folds, folds),
-        _ if are_alone => (count, RANDOM_FOLDS),
+        _ if are_alone => (groups, RANDOM_FOLDS),
         _ => (FOLDS, RANDOM_FOLDS),
     };
-    let fold_of = groups.assigned(folds)?;
-    let blocks = groups.folds(data, &fold_of, folds);
-    let errors = refit.errors_without_each(model, &blocks, folds)?;
-    let is_undetermined = |label: &&String| errors[fold_of[groups.positions[*label]]].is_err();
-    let mut undetermined: Vec<&String> = groups.positions.keys().filter(is_undetermined).collect();
-    undetermined.sort_unstable_by_key(|&label| groups.positions[label]);
-    let undetermined = undetermined.into_iter().cloned().collect();
+    let fold_of = fold_of_groups(&rows, folds)?;
+    let errors = refit.errors_without_each(model, &rows.regrouped(&fold_of), folds)?;
+    let of_groups = labels.into_iter().zip(&fold_of);
+    let undetermined = of_groups.filter(|(_, fold)| errors[**fold].is_err());
+    let undetermined = undetermined.map(|(label, _)| label).collect();
     let (grouped, _) = over_folds(errors.into_iter().map(|errors| (&[][..], errors)))?;
-    let random = match data.memory_terms() {
-        0 => parts_at_random(&rows_in_one(data), &random_split(random_folds, refit.options.seed)),
-        _ => Vec::new(),
-    };
-    let at_random = random.len().saturating_sub(1);
-    let random = refit.errors_without_each(model, &random, at_random)?;
-    let random: Result<Vec<_>, FitError> = random.into_iter().collect();
+    let (mut random, mut at_random) = (Ok(Vec::new()), 0);
+    if data.memory_terms() == 0 {
+        let split = random_split(random_folds, refit.options.seed);
+        let parts = GroupedRows::from_split(data, &split);
+        at_random = (0..split.held_out).filter(|&fold| !parts.group(fold).is_empty()).count();
+        random = refit.errors_without_each(model, &parts, at_random)?.into_iter().collect();
+    }
     Ok(CrossValidation {
-        groups: count,
+        groups,
         folds,
-        rows: groups.sizes.iter().sum(),
+        rows: rows.row_count() as u64,
         undetermined,
         grouped,
         random_folds: at_random,
         random: random
             .ok()
             .filter(|folds| !folds.is_empty())
-            .map(|folds| HeldOutErrors::total(&folds).map(HeldOutQuality::from)),
+            .map(|folds: Vec<_>| HeldOutErrors::total(&folds).map(HeldOutQuality::from)),
     })
 }
 
-/// The parts of the rows that are held out at random, and all others.
-fn parts_at_random(all: &Block, split: &RandomSplit) -> Vec<Block> {
-    let columns: Vec<&[f64]> = all.readings.iter().chain(&all.wrench).map(Vec::as_slice).collect();
-    let mut parts = assign(&columns, all.rows, split);
-    parts.retain(|rows| !rows.is_empty());
-    let mut part_of = vec![parts.len(); all.rows];
-    for (part, rows) in parts.iter().enumerate() {
-        rows.iter().for_each(|&row| part_of[row] = part);
-    }
-    let part = |part: usize| all.kept(&part_of.iter().map(|&of| of == part).collect::<Vec<_>>());
-    (0..=parts.len()).map(part).collect()
-}
-
 impl Refit<'_> {
-    /// The errors on each of the first blocks, of a fit to all others: from R factors of the blocks, if the solver weighs
-    /// rows alike, and if they have the digits for it.
+    /// The errors on each of the first groups of rows, of a fit to all others: from R factors of the groups, if the solver
+    /// weighs rows alike, and if they have the digits for it.
     fn errors_without_each(
         &self,
         model: Model,
-        blocks: &[Block],
+        groups: &GroupedRows,
         held_out: usize,
     ) -> Result<Vec<Result<PerAxis<HeldOutErrors>, FitError>>, FitError> {
         let FitOptions { solver, truncate, workers, .. } = *self.options;
-        let sample = sample(blocks);
+        let all: Vec<&[Run]> = groups.groups().collect();
+        let sample = groups.sample();
         let scaling = Scaling::from_sample(&sample.readings, true);
-        let factor = |block: &Block| {
-            let mut rows = FactoredRows::new(model, scaling.clone());
-            let mut workspace = rows.workspace();
-            rows.absorb(block, &mut workspace)?;
-            Ok((String::new(), rows))
-        };
-        let folds = match solver {
+        let factored = match solver {
             SolverKind::Huber => None,
-            _ => Some(FactoredGroups { groups: map(blocks, 0, workers, factor)? }),
+            _ => {
+                let labels = vec![String::new(); all.len()];
+                Some(FactoredGroups::from_rows(groups, labels, (model, scaling), workers)?)
+            }
         };
-        let others = folds.as_ref().and_then(FactoredGroups::without_each);
+        let others = factored.as_ref().and_then(FactoredGroups::without_each);
         let method = r_factor_method(solver, truncate);
         let by_r_factors = |position: usize| {
             let rest = others.as_ref()?[position].solve_by(method, &model, self.ridge).ok()?;
-            folds.as_ref()?.groups[position].1.errors(&rest)
+            factored.as_ref()?.groups[position].1.errors(&rest)
         };
+        let copy = |runs: &&[Run]| groups.copied(runs, BLOCK_ROWS).collect::<Vec<_>>();
+        let copies = LazyLock::new(|| all.iter().map(copy).collect::<Vec<_>>());
         let refit = |position: usize| {
             let one = Workers { threads: 1, ..workers };
-            let kept = blocks.iter().enumerate().filter(|(at, _)| *at != position);
-            let rows = Rows::from_blocks(kept.map(|(_, block)| block), one);
+            let kept = copies.iter().enumerate().filter(|(at, _)| *at != position);
+            let rows = Rows::from_blocks(kept.flat_map(|(_, blocks)| blocks), one);
             let problem = PolynomialProblem { model, solver, ridge: self.ridge, truncate };
             let calibration = calibrate(&problem, &rows, &sample)?;
-            Ok(errors_on(&calibration, &blocks[position]))
+            let errors = copies[position].iter().map(|block| errors_on(&calibration, block));
+            Ok(HeldOutErrors::total(&errors.collect::<Vec<_>>()))
         };
         let errors = |&position: &usize| match by_r_factors(position) {
             Some(errors) => Ok(Ok(errors)),

@@ -10,7 +10,8 @@
 
 use super::PhysicsError;
 use super::observation::{MOST_CHANNELS, Observation};
-use super::rows::{Run, TrainingRows};
+use super::rows::TrainingRows;
+use crate::grouped_rows::{GroupedRows, Run};
 use shell_data::wrench::PerAxis;
 
 /// Edge of a cell, in root mean squares of an axis: far below what bends a response.
@@ -30,7 +31,7 @@ impl TrainingRows {
 ///
 /// Only the number of cells of each group is stored: there may be as many cells as rows, and a fit uses few.
 pub(super) struct Cells<'a> {
-    rows: &'a TrainingRows,
+    rows: &'a GroupedRows,
     /// Of the columns of wrench and readings.
     grids: Vec<RoundingGrid>,
     /// N and N·m.
@@ -45,9 +46,9 @@ impl<'a> Cells<'a> {
     /// # Errors
     /// [`PhysicsError::NotFinite`], [`PhysicsError::Channels`].
     pub(super) fn new(rows: &'a TrainingRows) -> Result<Self, PhysicsError> {
-        let channels = rows.channels();
-        if channels == 0 || channels > MOST_CHANNELS {
-            return Err(PhysicsError::Channels { found: channels });
+        let TrainingRows { rows, channels, .. } = rows;
+        if *channels == 0 || *channels > MOST_CHANNELS {
+            return Err(PhysicsError::Channels { found: *channels });
         }
         let grid = |position: usize| RoundingGrid::new(rows.column(rows.runs(), position));
         let grids = (0..6 + channels).map(grid).collect::<Result<_, _>>()?;
@@ -131,7 +132,7 @@ fn index(x: f64) -> i16 {
 }
 
 /// N and N·m.
-fn cell_width(rows: &TrainingRows) -> Result<PerAxis<f64>, PhysicsError> {
+fn cell_width(rows: &GroupedRows) -> Result<PerAxis<f64>, PhysicsError> {
     // Squares on the same grid, so that the width does not depend on the order of the rows either.
     let mut width = [1.0; 6];
     for (axis, width) in width.iter_mut().enumerate() {

@@ -5,6 +5,7 @@ use pulp::NullaryFnOnce;
 use super::ranges::{ReadingRange, ReadingRanges};
 use crate::error::FitError;
 use shell_data::block::Block;
+use shell_data::dataset::Dataset;
 use shell_data::instructions::arch;
 use shell_data::wrench::Axis;
 
@@ -29,6 +30,18 @@ impl ReadingRanges {
         }
         let ranges = block.readings.iter().map(|c| arch().dispatch(RangeOf(c))).collect();
         Ok(Self { rows: block.rows as u64, channels: ranges })
+    }
+
+    /// The ranges of a data set.
+    ///
+    /// # Errors
+    /// As [`Self::from_block`].
+    pub fn from_dataset(data: &Dataset) -> Result<Self, FitError> {
+        let mut all = Self::new(data.channels());
+        for (_, block) in data.blocks() {
+            all.merge(&Self::from_block(&block.rows, data.channels())?);
+        }
+        Ok(all)
     }
 }
 

@@ -18,12 +18,11 @@ use super::ValidationError;
 use super::selection::{ErrorsByRidge, Selection, choose};
 use crate::exact::HeldOutErrors;
 use crate::features::Features;
+use crate::grouped_rows::{GroupedRows, Run, count};
 use crate::model::{Basis, Model};
-use crate::passes::Rows;
-use crate::reading_ranges::ReadingRanges;
+use crate::passes::Workers;
 use crate::scaling::Scaling;
 use crate::solver::Centring;
-use shell_data::block::Block;
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::{Axis, PerAxis};
 
@@ -51,26 +50,25 @@ impl NormalEquations {
         Self { features, rows, products }
     }
 
-    /// Of the rows of a block.
-    fn new(features: &Features, block: &Block) -> Self {
+    /// Of some rows.
+    fn new(features: &Features, rows: &GroupedRows, runs: &[Run]) -> Self {
         let columns = features.len() + Axis::ALL.len();
         let mut chunk = Mat::<f64>::zeros(CHUNK, columns);
         let mut products = Mat::zeros(columns, columns);
         let mut flat = vec![0.0; CHUNK * columns];
-        for start in (0..block.rows).step_by(CHUNK) {
-            let rows = start..block.rows.min(start + CHUNK);
-            features.fill(&block.readings, rows.clone(), &mut flat, CHUNK);
+        for block in rows.copied(runs, CHUNK) {
+            features.fill(&block.readings, 0..block.rows, &mut flat, CHUNK);
             let axes = flat.chunks_mut(CHUNK).skip(features.len());
             for (column, axis) in axes.zip(&block.wrench) {
-                column[..rows.len()].copy_from_slice(&axis[rows.clone()]);
+                column[..block.rows].copy_from_slice(axis);
             }
             let view =
-                MatRef::from_column_major_slice_with_stride(&flat, rows.len(), columns, CHUNK);
-            chunk.subrows_mut(0, rows.len()).copy_from(view);
-            let part = chunk.subrows(0, rows.len());
+                MatRef::from_column_major_slice_with_stride(&flat, block.rows, columns, CHUNK);
+            chunk.subrows_mut(0, block.rows).copy_from(view);
+            let part = chunk.subrows(0, block.rows);
             matmul(products.as_mut(), Accum::Add, part.transpose(), part, 1.0, Par::Seq);
         }
-        Self { features: features.len(), rows: block.rows as u64, products }
+        Self { features: features.len(), rows: count(runs) as u64, products }
     }
 
     /// Adds the rows of `other`.
@@ -140,37 +138,39 @@ impl NormalEquations {
     }
 }
 
-/// HeldOutFolds of rows, to be held out in turn.
+/// Folds of rows, to be held out in turn.
 pub(crate) struct HeldOutFolds<'a> {
-    blocks: &'a [Block],
+    folds: &'a GroupedRows,
     model: Model,
     scaling: Scaling,
 }
 
 impl<'a> HeldOutFolds<'a> {
-    /// The rows of each fold.
+    /// Each group of rows is a fold.
     ///
     /// # Errors
     /// [`ValidationError`] if there are too few folds, or a row is not finite.
-    pub(crate) fn new(blocks: &'a [Block], model: Model) -> Result<Self, ValidationError> {
-        if blocks.len() < 2 {
-            return Err(ValidationError::TooFewGroups { found: blocks.len() });
-        }
-        let rows = |error| ValidationError::Rows(Box::new(error));
-        for block in blocks {
-            ReadingRanges::from_block(block, model.columns()).map_err(rows)?;
+    pub(crate) fn new(folds: &'a GroupedRows, model: Model) -> Result<Self, ValidationError> {
+        let found = folds.groups().count();
+        if found < 2 {
+            return Err(ValidationError::TooFewGroups { found });
         }
         let centring = Centring { channels: model.columns(), intercept: model.intercept };
-        let scaling = centring.scaling(&Rows::from(blocks).reduce(&centring).map_err(rows)?);
-        Ok(Self { blocks, model, scaling })
+        let sums = folds.all(Workers::ONE).reduce(&centring);
+        let scaling =
+            centring.scaling(&sums.map_err(|error| ValidationError::Rows(Box::new(error)))?);
+        Ok(Self { folds, model, scaling })
     }
 
     /// What finds the errors on each fold by ridge.
     fn errors_of(&self, basis: Basis) -> ErrorsByRidge<'static> {
         let features = Features::new(Model { basis, ..self.model }, self.scaling.clone());
         let ones = self.model.intercept.then(|| features.len() - 1);
-        let folds: Vec<_> =
-            self.blocks.iter().map(|block| NormalEquations::new(&features, block)).collect();
+        let folds: Vec<_> = self
+            .folds
+            .groups()
+            .map(|runs| NormalEquations::new(&features, self.folds, runs))
+            .collect();
         Box::new(move |ridge| {
             let errors = |position: usize| {
                 let rest = NormalEquations::all_but(&folds, position)?.solve(ridge, ones)?;
@@ -191,18 +191,18 @@ impl<'a> HeldOutFolds<'a> {
             let is_small = model(basis).term_count() <= MOST_FEATURES;
             Ok(is_small.then(|| self.errors_of(basis)))
         };
-        choose(model, ridges, &variances(self.blocks), errors_of)
+        choose(model, ridges, &self.variances(), errors_of)
     }
-}
 
-fn variances(folds: &[Block]) -> PerAxis<f64> {
-    Axis::ALL.map(|axis| {
-        let mut all = RunningVariance::default();
-        for fold in folds {
-            all.merge(&RunningVariance::new(&fold.wrench[axis.index()]));
-        }
-        all.squares / all.count.max(1) as f64
-    })
+    fn variances(&self) -> PerAxis<f64> {
+        Axis::ALL.map(|axis| {
+            let mut all = RunningVariance::default();
+            for run in self.folds.runs() {
+                all.merge(&RunningVariance::new(self.folds.of_run(run, axis.index())));
+            }
+            all.squares / all.count.max(1) as f64
+        })
+    }
 }
 
 #[cfg(test)]
@@ -210,6 +210,9 @@ mod tests {
     use super::*;
     use crate::validation::grouped::{Apart, GroupSums, RandomSplit};
     use crate::validation::selection;
+    use shell_data::block::Block;
+    use shell_data::dataset::Dataset;
+    use shell_data::wrench::Axes;
     use system_tests::random::Random;
 
     /// Uniform numbers from −1 to 1.
@@ -245,7 +248,11 @@ mod tests {
         let ridges = [0.0, 1e-6, 1e-2];
         let exact = selection::select(&sums, true, &ridges).unwrap();
         let model = Model { basis: Basis::Poly3, intercept: true, channels: 3, memory: 0 };
-        let found = HeldOutFolds::new(&folds, model).unwrap().select(&ridges).unwrap();
+        let of = |folds: Vec<Block>| {
+            GroupedRows::from_labels(&Dataset::from_blocks("folds", Axes::ALL, folds)).0
+        };
+        let one = of(folds[..1].to_vec());
+        let found = HeldOutFolds::new(&of(folds), model).unwrap().select(&ridges).unwrap();
         assert_eq!((found.folds, found.best, found.chosen), (7, exact.best, exact.chosen));
         assert_eq!(found.candidates.len(), exact.candidates.len());
         for (found, exact) in found.candidates.iter().zip(&exact.candidates) {
@@ -256,7 +263,7 @@ mod tests {
             let pairs = found.rms.iter().zip(exact.rms);
             assert!(pairs.clone().all(|(a, b)| (a / b - 1.0).abs() < 1e-9), "{found:?} {exact:?}");
         }
-        let few = HeldOutFolds::new(&folds[..1], model).map(|_| ()).unwrap_err();
+        let few = HeldOutFolds::new(&one, model).map(|_| ()).unwrap_err();
         assert_eq!(few, ValidationError::TooFewGroups { found: 1 });
     }
 }

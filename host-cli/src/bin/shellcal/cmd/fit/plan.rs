@@ -103,7 +103,7 @@ impl<'a> FitPlan<'a> {
             ..self.args.mapping.read_options()
         };
         let asked = (&self.options, self.args.report.is_some());
-        let (data, hung) = match &self.loads {
+        let (mut data, hung) = match &self.loads {
             None => (FitData::read(&self.train, &self.test, asked, &read)?, None),
             Some(table) => {
                 let (mut data, hung) = HungReference::read(&self.train, table, &read)?;
@@ -121,7 +121,7 @@ impl<'a> FitPlan<'a> {
         let workers = Workers { folds: Some(&told), ..self.options.workers };
         let stated_loads = hung.as_ref().map(|hung| &hung.judged_by);
         let options = FitOptions { workers, stated_loads, ..self.options };
-        let fitted = calibration::fit(&data.train, &data.test, &options);
+        let fitted = data.fit(&options);
         if let Some(bar) = folds.get() {
             bar.finish_and_clear();
         }
