@@ -12,7 +12,7 @@ use crate::firmware::{self, FirmwareArgs};
 use crate::jobs::{self, Job};
 use crate::need::{Need, Way};
 use crate::steps::{self, PROFILE, cargo, installed, run as step, scratch, workspace};
-use crate::{book, dependencies, pictures, python};
+use crate::{book, dependencies, pictures, python, test};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct CheckArgs {
@@ -30,6 +30,8 @@ pub(crate) struct CheckArgs {
 enum CheckPart {
     /// Formatting
     Format,
+    /// How far methods err, over hundreds of sensors, sessions or trials
+    Studies,
     /// Lints, all of which are errors
     Lints,
     /// What the boards' images take, and the lints of their own target
@@ -97,6 +99,7 @@ pub(crate) fn run(args: &CheckArgs) -> Result<()> {
     for part in parts {
         let done = match part {
             CheckPart::Format => format(),
+            CheckPart::Studies => test::studies(),
             CheckPart::Lints => lints(),
             CheckPart::Firmware => {
                 LINTER.meet().and_then(|()| firmware::run(FirmwareArgs::default()))

@@ -2,7 +2,8 @@
 //!
 //! What is needed is set up first, then everything is built once, then the programs of the tests run side by
 //! side. A test that needs more than the compiler is marked `#[ignore = "needs …"]`, so that plain `cargo
-//! test` leaves it out; here it runs where its need is met.
+//! test` leaves it out; here it runs where its need is met. Tests in modules of this name are left to `cargo xtask
+//! check studies`: how far methods err, over hundreds of sensors, sessions or trials, is the same on every machine.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -52,6 +53,9 @@ impl Part {
     }
 }
 
+/// Modules of tests that hold methods against the truth, over many cases.
+const STUDIES: &str = "studies::";
+
 /// Names the file of axe-core to the tests.
 const AXE: &str = "SHELLCAL_AXE";
 
@@ -70,20 +74,38 @@ struct TestEquipment {
 pub(crate) fn run(args: &TestArgs) -> Result<()> {
     let parts: Vec<Part> = Part::ALL.into_iter().filter(|it| !args.without.contains(it)).collect();
     let (equipment, programs) = set_up_and_build(&parts)?;
-    let mut jobs: Vec<Job> = programs.iter().map(|program| program.job(&equipment)).collect();
+    let without_studies = ["--skip", STUDIES];
+    let job = |program: &Program| program.job(&without_studies, &equipment);
+    let mut jobs: Vec<Job> = programs.iter().map(job).collect();
     if let Some(python) = &equipment.python {
         jobs.extend(python::jobs(python)?);
     }
     let documentation = cargo(&[&["test", "--workspace", "--doc"][..], &PROFILE].concat());
     jobs.push(Job { name: "examples in the documentation".to_owned(), command: documentation });
     println!("\n==> tests");
+    report(&run_all(jobs, &programs, &equipment)?, &args.without)
+}
+
+/// Runs the tests that [`run`] leaves out.
+pub(crate) fn studies() -> Result<()> {
+    let (equipment, programs) = set_up_and_build(&[Part::Board])?;
+    let jobs = programs.iter().map(|program| program.job(&[STUDIES], &equipment)).collect();
+    report(&run_all(jobs, &programs, &equipment)?, &[])
+}
+
+/// Runs jobs, and after each the tests that it has ignored and that need no more than there is.
+fn run_all(
+    jobs: Vec<Job>,
+    programs: &[Program],
+    equipment: &TestEquipment,
+) -> Result<Vec<EndedJob>> {
     let more = |ended: &EndedJob| {
         let program = programs.iter().find(|program| program.name == ended.name)?;
-        program.job_of_ignored(&ended.output, &equipment)
+        program.job_of_ignored(&ended.output, equipment)
     };
     // Most of the time of many tests is spent waiting.
     let at_once = 1 + thread::available_parallelism()?.get();
-    report(&jobs::run(jobs, at_once, more)?, &args.without)
+    jobs::run(jobs, at_once, more)
 }
 
 /// Sets up the environments of Python while the compiler is at work.
@@ -191,9 +213,10 @@ fn programs() -> Result<Vec<Program>> {
 }
 
 impl Program {
-    /// All tests but those that are ignored, in the surroundings that cargo gives them.
-    fn job(&self, equipment: &TestEquipment) -> Job {
+    /// Tests that are not ignored, in the surroundings that cargo gives them.
+    fn job(&self, which: &[&str], equipment: &TestEquipment) -> Job {
         let mut command = Command::new(&self.file);
+        command.args(which);
         command.current_dir(&self.folder).env("CARGO_MANIFEST_DIR", &self.folder);
         command.envs(equipment.variables.iter().map(|(name, value)| (name, value)));
         Job { name: self.name.clone(), command }
@@ -203,9 +226,8 @@ impl Program {
     fn job_of_ignored(&self, said: &str, equipment: &TestEquipment) -> Option<Job> {
         let met = ignored(said).filter(|(_, reason)| equipment.met.contains(reason));
         let names: Vec<&str> = met.map(|(name, _)| name).collect();
-        let mut job = self.job(equipment);
+        let mut job = self.job(&[&["--ignored", "--exact"], &names[..]].concat(), equipment);
         job.name = format!("{}, {} that need more", self.name, names.len());
-        job.command.args(["--ignored", "--exact"]).args(&names);
         (!names.is_empty()).then_some(job)
     }
 }

@@ -10,10 +10,8 @@
     reason = "a test may panic and say why, and report its figures"
 )]
 
-mod align_accuracy;
 mod align_command;
 mod align_disturbed;
-mod align_foreign;
 mod any_numbers;
 mod batch_command;
 mod bench_command;
@@ -37,7 +35,6 @@ mod drift;
 mod exact_coefficients;
 mod exact_optimum;
 mod exact_sums;
-mod file_intervals;
 mod fit_report;
 mod found_groups;
 mod gates;
@@ -66,9 +63,7 @@ mod partial_fits;
 mod payload;
 mod physics_command;
 mod plan_command;
-mod prediction_intervals;
 mod readme;
-mod recalibration;
 #[cfg(unix)]
 mod record_port;
 mod record_replay;
@@ -81,17 +76,15 @@ mod simulate_command;
 mod solver_identities;
 mod solver_intervals;
 mod some_axes;
-mod stated_intervals;
+mod studies;
 mod support;
 mod synth_command;
 mod synth_physics;
 mod tcp_board;
 mod temperature;
 mod trial_figures_command;
-mod trial_intervals;
 mod trial_profiles;
 mod trial_real;
 #[cfg(unix)]
 mod tutorial;
 mod verdict;
-mod virtual_trials;

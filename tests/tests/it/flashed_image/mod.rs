@@ -7,4 +7,5 @@ mod host;
 mod line;
 mod power;
 mod program;
+mod studies;
 mod wires;

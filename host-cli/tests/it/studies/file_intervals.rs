@@ -12,8 +12,8 @@ use shell_data::wrench::PerAxis;
 use shellcal::workflow::fit::FitData;
 use system_tests::real_recording;
 
+use super::prediction_intervals::coverage;
 use crate::lag_and_memory::log;
-use crate::prediction_intervals::coverage;
 
 /// The share of the rows of some files within their intervals, by a plain fit to others.
 fn shares(train: &[PathBuf], test: &[PathBuf]) -> PerAxis<f64> {
