@@ -18,6 +18,7 @@ use crate::image::Board;
 use crate::jobs::{self, EndedJob, Job};
 use crate::need::Need;
 use crate::steps::{self, BUILD, PROFILE, REAL_DATA, SCREENS, cargo, real_data, screens};
+use crate::toolchain::Toolchain;
 use crate::{model, python, setup, toolchain, web};
 
 #[derive(Debug, clap::Args)]
@@ -108,7 +109,8 @@ fn run_all(
     jobs::run(jobs, at_once, more)
 }
 
-/// Sets up the environments of Python while the compiler is at work.
+/// Sets up the environments of Python, and builds images and page beside the tests: their link-time optimisation keeps
+/// one core busy.
 fn set_up_and_build(parts: &[Part]) -> Result<(TestEquipment, Vec<Program>)> {
     let needs = parts.iter().flat_map(|part| part.needs());
     let missing: Vec<_> = needs.filter_map(|need| need.meet().err()).collect();
@@ -121,20 +123,36 @@ fn set_up_and_build(parts: &[Part]) -> Result<(TestEquipment, Vec<Program>)> {
     thread::scope(|scope| {
         let model_python = scope.spawn(|| has(Part::Board).then(model::set_up).transpose());
         let python = scope.spawn(|| has(Part::Python).then(python::set_up).transpose());
-        if has(Part::Board) {
-            let toolchain = toolchain::set_up()?;
-            let [board, ..] = Board::ALL.map(|board| board.build(&toolchain));
-            equipment.give("needs the flashed image", flashed::IMAGE, board?);
-        }
+        let toolchain = has(Part::Board).then(toolchain::set_up).transpose()?;
+        let image = scope.spawn(move || toolchain.as_ref().map(build_images).transpose());
+        let has_page = has(Part::Browser) && has_compiler_of_page();
+        let page = scope.spawn(move || has_page.then(web::build).transpose());
         let programs = programs()?;
-        let joined = "an environment is set up without a panic";
+        let joined = "set up without a panic";
+        if let Some(image) = image.join().expect(joined)? {
+            equipment.give("needs the flashed image", flashed::IMAGE, image);
+        }
         if let Some(python) = model_python.join().expect(joined)? {
             equipment.variables.push((flashed::PYTHON, python.into()));
         }
         equipment.python = python.join().expect(joined)?;
-        equipment.add_rest(has(Part::Browser))?;
+        equipment.add_browser_and_recordings(has(Part::Browser), page.join().expect(joined)?)?;
         Ok((equipment, programs))
     })
+}
+
+/// Builds the images of all boards, and returns the first.
+fn build_images(toolchain: &Toolchain) -> Result<PathBuf> {
+    let [image, other] = Board::ALL.map(|board| board.build(toolchain));
+    other.and(image)
+}
+
+fn has_compiler_of_page() -> bool {
+    let met = web::NEED.meet();
+    if let Err(reason) = &met {
+        eprintln!("{reason:#}: the page that fits is not tested");
+    }
+    met.is_ok()
 }
 
 impl TestEquipment {
@@ -144,16 +162,18 @@ impl TestEquipment {
         self.variables.push((variable, value.into()));
     }
 
-    /// Browser and recordings.
-    fn add_rest(&mut self, has_browser: bool) -> Result<()> {
+    fn add_browser_and_recordings(
+        &mut self,
+        has_browser: bool,
+        page: Option<PathBuf>,
+    ) -> Result<()> {
         if has_browser {
             self.met.push("needs Chromium");
             let screens = screens();
             std::fs::create_dir_all(&screens)?;
             self.variables.push((SCREENS, screens.into()));
-            match web::NEED.meet() {
-                Ok(()) => self.give("needs Chromium and the page", PAGE, web::build()?),
-                Err(reason) => eprintln!("{reason:#}: the page that fits is not tested"),
+            if let Some(page) = page {
+                self.give("needs Chromium and the page", PAGE, page);
             }
             match setup::axe() {
                 Ok(file) => self.variables.push((AXE, file.into())),
