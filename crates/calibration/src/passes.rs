@@ -218,7 +218,7 @@ pub(crate) fn map_folds<I: Sync, T: Send>(
 
 /// Passes every item to `work`, on any thread, and what comes of it to `fold`, in the order of the items; whoever
 /// watches is told of the rows of each. Returns the states of the threads, made by `init`.
-fn on_threads<I: Sync, S: Send, T: Send>(
+pub(crate) fn on_threads<I: Sync, S: Send, T: Send>(
     items: &[I],
     rows_of: impl Fn(&I) -> usize + Sync,
     workers: Workers<'_>,

@@ -98,71 +98,25 @@ impl ScatterSums {
         }
     }
 
-    /// Adds the group at `position`, of its `K_g`, features × features, and `u_g`.
+    /// Takes the `K_g` of groups off what must be left of the identity.
+    pub(crate) fn take_off(&mut self, shares: &SymmetricMatrix) {
+        let Some(defect) = &mut self.defect else { return };
+        for i in 0..shares.size() {
+            add_multiple(defect.row_mut(i), -1.0, shares.row(i));
+        }
+    }
+
+    /// Adds the group at `position`, of its `v_g`: `None` if it alone determines a direction.
     pub(crate) fn add(
         &mut self,
         position: usize,
-        (share, score): (SymmetricMatrix, PerAxis<Vec<f64>>),
-        errors: ErrorSums,
-    ) -> Result<(), ScatterError> {
-        self.take_off(&share);
-        if let Some(score) = self.corrected(position, share, score)? {
-            self.put(position, score, &errors);
+        score: Option<PerAxis<Vec<f64>>>,
+        errors: &ErrorSums,
+    ) {
+        match score {
+            Some(score) => self.put(position, score, errors),
+            None => self.alone.push(position),
         }
-        Ok(())
-    }
-
-    /// The same of `M`, rows × features, and `e`, rows × axes, with `K_g = MᵀM` and `u_g = Mᵀe`. Where rows are fewer,
-    /// `(I − K_g)^(−½)·u_g = Mᵀ·(I − M·Mᵀ)^(−½)·e`.
-    pub(crate) fn add_rows(
-        &mut self,
-        position: usize,
-        (rows, misfit): (MatRef<'_, f64>, MatRef<'_, f64>),
-        errors: ErrorSums,
-    ) -> Result<(), ScatterError> {
-        let columns = |of: MatRef<'_, f64>| -> PerAxis<Vec<f64>> {
-            std::array::from_fn(|axis| of.col(axis).iter().copied().collect())
-        };
-        if rows.nrows() >= rows.ncols() {
-            let score = columns((rows.transpose() * misfit).as_ref());
-            return self.add(position, (gram(rows.transpose()), score), errors);
-        }
-        if self.defect.is_some() {
-            self.take_off(&gram(rows.transpose()));
-        }
-        if let Some(misfit) = self.corrected(position, gram(rows), columns(misfit))? {
-            let misfit = Mat::from_fn(rows.nrows(), misfit.len(), |row, axis| misfit[axis][row]);
-            self.put(position, columns((rows.transpose() * misfit).as_ref()), &errors);
-        }
-        Ok(())
-    }
-
-    fn take_off(&mut self, share: &SymmetricMatrix) {
-        let Some(defect) = &mut self.defect else { return };
-        for i in 0..share.size() {
-            add_multiple(defect.row_mut(i), -1.0, share.row(i));
-        }
-    }
-
-    /// `(I − K)^(−½)` times these; `None`, and the group is noted, if it alone determines a direction.
-    fn corrected(
-        &mut self,
-        position: usize,
-        share: SymmetricMatrix,
-        score: PerAxis<Vec<f64>>,
-    ) -> Result<Option<PerAxis<Vec<f64>>>, ScatterError> {
-        let eigen = share.eigen().ok_or(ScatterError::NearlyDependent)?;
-        let rest: Vec<f64> = eigen.values.iter().map(|value| 1.0 - value.max(0.0)).collect();
-        if rest.iter().any(|&rest| rest < ALONE) {
-            self.alone.push(position);
-            return Ok(None);
-        }
-        Ok(Some(score.map(|mut score| {
-            eigen.turn(&mut score);
-            score.iter_mut().zip(&rest).for_each(|(x, rest)| *x /= rest.sqrt());
-            eigen.turn_back(&mut score);
-            score
-        })))
     }
 
     fn put(&mut self, position: usize, score: PerAxis<Vec<f64>>, errors: &ErrorSums) {
@@ -204,6 +158,54 @@ impl ScatterSums {
             shared,
         })
     }
+}
+
+/// `v_g` of `K_g`, features × features, and `u_g`; `None` if the group alone determines a direction.
+///
+/// # Errors
+/// [`ScatterError::NearlyDependent`].
+pub(crate) fn corrected(
+    share: SymmetricMatrix,
+    score: PerAxis<Vec<f64>>,
+) -> Result<Option<PerAxis<Vec<f64>>>, ScatterError> {
+    let eigen = share.eigen().ok_or(ScatterError::NearlyDependent)?;
+    let rest: Vec<f64> = eigen.values.iter().map(|value| 1.0 - value.max(0.0)).collect();
+    if rest.iter().any(|&rest| rest < ALONE) {
+        return Ok(None);
+    }
+    Ok(Some(score.map(|mut score| {
+        eigen.turn(&mut score);
+        score.iter_mut().zip(&rest).for_each(|(x, rest)| *x /= rest.sqrt());
+        eigen.turn_back(&mut score);
+        score
+    })))
+}
+
+/// The same of `M`, rows × features, and `e`, rows × axes, with `K_g = MᵀM` and `u_g = Mᵀe`. Where rows are fewer,
+/// `(I − K_g)^(−½)·u_g = Mᵀ·(I − M·Mᵀ)^(−½)·e`. `K_g` is added to `shares`, if there are any.
+///
+/// # Errors
+/// [`ScatterError::NearlyDependent`].
+pub(crate) fn corrected_rows(
+    (rows, misfit): (MatRef<'_, f64>, MatRef<'_, f64>),
+    shares: Option<&mut SymmetricMatrix>,
+) -> Result<Option<PerAxis<Vec<f64>>>, ScatterError> {
+    let columns = |of: MatRef<'_, f64>| -> PerAxis<Vec<f64>> {
+        std::array::from_fn(|axis| of.col(axis).iter().copied().collect())
+    };
+    let are_many = rows.nrows() >= rows.ncols();
+    let share = (are_many || shares.is_some()).then(|| gram(rows.transpose()));
+    if let Some((shares, share)) = shares.zip(share.as_ref()) {
+        (0..share.size()).for_each(|i| add_multiple(shares.row_mut(i), 1.0, share.row(i)));
+    }
+    if let Some(share) = share.filter(|_| are_many) {
+        return corrected(share, columns((rows.transpose() * misfit).as_ref()));
+    }
+    let misfit = corrected(gram(rows), columns(misfit))?;
+    Ok(misfit.map(|misfit| {
+        let misfit = Mat::from_fn(rows.nrows(), misfit.len(), |row, axis| misfit[axis][row]);
+        columns((rows.transpose() * misfit).as_ref())
+    }))
 }
 
 /// `M·Mᵀ`.

@@ -9,22 +9,24 @@ use faer::{Mat, MatRef};
 use super::groups::FactoredGroups;
 use super::rows::FactoredRows;
 use crate::exact::NewGroup;
-use crate::sandwich::{GroupScatter, ScatterError, ScatterSums};
+use crate::passes::{Workers, on_threads};
+use crate::sandwich::{GroupScatter, ScatterError, ScatterSums, corrected_rows};
 use crate::scaling::Scaling;
 use crate::solver::Solution;
-use crate::symmetric::UpperTriangle;
+use crate::symmetric::{SymmetricMatrix, UpperTriangle};
 use shell_data::wrench::PerAxis;
 
 impl FactoredGroups {
     /// The scatter of the coefficients of a solution over these groups, or all but one of them, which are
-    /// all rows that it was fitted to. The bias that a ridge brings, or a truncation, is left out.
+    /// all rows that it was fitted to, on so many threads. The bias that a ridge brings, or a truncation, is left out.
     ///
     /// # Errors
     /// [`ScatterError`] if some group alone determines a coefficient, or the features are too nearly dependent.
-    pub(crate) fn scatter(
-        &self,
-        solution: &Solution,
+    pub(crate) fn scatter<'a>(
+        &'a self,
+        solution: &'a Solution,
         held_out: Option<usize>,
+        threads: usize,
     ) -> Result<GroupScatter, ScatterError> {
         let others =
             self.groups.iter().enumerate().filter(|(position, _)| Some(*position) != held_out);
@@ -36,8 +38,12 @@ impl FactoredGroups {
             std::array::from_fn(|a| std::array::from_fn(|b| products[(a.min(b), a.max(b))]));
         let all_directions = solution.ridge == 0.0 && solution.rank == factor.nrows();
         let mut sums = ScatterSums::new((groups.len(), factor.nrows()), products, all_directions);
-        let mut about = AboutCentre::new(solution);
-        for (position, rows) in groups.iter().enumerate() {
+        let start = || {
+            let shares = all_directions.then(|| SymmetricMatrix::zeros(factor.nrows()));
+            (AboutCentre::new(solution), shares)
+        };
+        let of_group = |(about, shares): &mut (AboutCentre<'a, _>, Option<_>),
+                        rows: &'a FactoredRows| {
             let express = |change: Mat<f64>| (&change * factor, &change * &solution.coefficients);
             let parts = about.centre_of(rows, express).ok_or(ScatterError::NearlyDependent)?;
             let (factors, coefficients) = parts;
@@ -45,9 +51,31 @@ impl FactoredGroups {
             let (columns, misfit) = (&r * factors, z - &r * coefficients);
             let errors = rows.errors_of(coefficients.as_ref());
             let errors = errors.map(|of| (of.rows, of.sum, of.squares));
-            sums.add_rows(position, (columns.as_ref(), misfit.as_ref()), errors)?;
+            let score = corrected_rows((columns.as_ref(), misfit.as_ref()), shares.as_mut())?;
+            Ok((score, errors))
+        };
+        let (mut position, mut failed) = (0, None);
+        let add = |found| {
+            match found {
+                Ok((score, errors)) => sums.add(position, score, &errors),
+                Err(error) => failed = failed.take().or(Some(error)),
+            }
+            position += 1;
+            Ok(())
+        };
+        let work = |state: &mut _, rows: &&'a FactoredRows| Ok(of_group(state, rows));
+        let states = on_threads(&groups, |_| 0, Workers::new(threads), start, work, add);
+        let states = states.expect("nobody watches, and what fails is kept");
+        match failed {
+            Some(error) => Err(error),
+            None => {
+                states
+                    .iter()
+                    .filter_map(|(_, shares)| shares.as_ref())
+                    .for_each(|of| sums.take_off(of));
+                sums.finish(&UpperTriangle::new(factor))
+            }
         }
-        sums.finish(&UpperTriangle::new(factor))
     }
 
     /// What the fit to all other groups, whose coefficients scatter by `scatter`, says of a group.
@@ -216,7 +244,7 @@ mod tests {
             features.fill(&block.readings, 0..n, &mut columns, n);
             let x = Mat::from_fn(n, p, |row, j| columns[j * n + row]);
             let (variances, products) = dense(&x, &block);
-            let found = groups.scatter(&solution, None).unwrap();
+            let found = groups.scatter(&solution, None, 1).unwrap();
             assert_eq!(found.groups, 40);
             // Both ways know the directions of the features to ε·κ; sums of some hundred roundings.
             let tolerance = 100.0 * f64::EPSILON * solution.condition + 1e-12;

@@ -45,11 +45,12 @@ impl Covariance {
                 FitProblem { model: solution.model, scaling: solution.scaling.clone(), ridge };
             let (without, _) = solver::fit(SolverKind::Huber, problem, &(&rest).into()).ok()?;
             let others = factored(&self::clipped(&rest, &without).ok()?, solution).ok()?;
-            let scatter = others.scatter(&without, None).ok()?;
+            let scatter = others.scatter(&without, None, 1).ok()?;
             let new = rows.on_new_group(group, &without, &scatter)?;
             Some(score_of(&new, &scatter, without.rows))
         };
-        Self::from_r_factors(&clipped, solution, |_| of_scores(rows.groups.len(), workers, score))
+        let intervals = |_: &_| of_scores(rows.groups.len(), workers, score);
+        Self::from_r_factors(&clipped, solution, workers, intervals)
     }
 }
 

@@ -140,7 +140,7 @@ impl Covariance {
         (method, ridge): (Method, f64),
         workers: Workers<'_>,
     ) -> Result<Self, ValidationError> {
-        Self::from_r_factors(rows, solution, |_| {
+        Self::from_r_factors(rows, solution, workers, |_| {
             held_out_intervals_factored(rows, &solution.model, (method, ridge), workers)
         })
     }
@@ -156,7 +156,7 @@ impl Covariance {
         (method, ridge): (Method, f64),
         workers: Workers<'_>,
     ) -> Result<Self, ValidationError> {
-        Self::from_r_factors(rows, solution, |scatter| {
+        Self::from_r_factors(rows, solution, workers, |scatter| {
             held_out_intervals_of_files(rows, files, (solution, scatter), (method, ridge), workers)
         })
     }
@@ -165,6 +165,7 @@ impl Covariance {
     pub(super) fn from_r_factors(
         rows: &FactoredGroups,
         solution: &Solution,
+        workers: Workers<'_>,
         intervals: impl FnOnce(&GroupScatter) -> Option<GroupIntervals>,
     ) -> Result<Self, ValidationError> {
         let groups = rows.groups.len();
@@ -172,7 +173,8 @@ impl Covariance {
             return Err(ValidationError::TooFewGroups { found: groups });
         }
         let label = |position: usize| rows.groups[position].0.clone();
-        let found = rows.scatter(solution, None).map_err(|error| why_no_scatter(error, label))?;
+        let found = rows.scatter(solution, None, workers.threads);
+        let found = found.map_err(|error| why_no_scatter(error, label))?;
         let intervals = intervals(&found);
         Ok(Self::from_scatter(found, solution.rows, intervals))
     }

@@ -67,7 +67,7 @@ pub(super) fn held_out_intervals_factored(
     of_scores(rows.groups.len(), workers, |group| {
         let rest = &others[group];
         let solution = rest.solve_by(method, model, ridge).ok()?;
-        let scatter = rows.scatter(&solution, Some(group)).ok()?;
+        let scatter = rows.scatter(&solution, Some(group), 1).ok()?;
         let new = rows.on_new_group(group, &solution, &scatter)?;
         Some(score_of(&new, &scatter, rest.rows()))
     })

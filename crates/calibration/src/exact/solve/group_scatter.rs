@@ -7,7 +7,7 @@ use super::double_double_matrix::DoubleDoubleMatrix;
 use super::fit::SolveError;
 use super::partition::{PartitionedMoments, counted_coefficients};
 use crate::exact::moments::product_sums::Moments;
-use crate::sandwich::{GroupScatter, ScatterError, ScatterSums};
+use crate::sandwich::{GroupScatter, ScatterError, ScatterSums, corrected};
 use crate::symmetric::UpperTriangle;
 
 /// Why groups say nothing about the scatter of the coefficients.
@@ -59,7 +59,8 @@ impl PartitionedMoments<'_> {
                 counted.transposed_times(&score)
             });
             let errors = errors.map(|of| (of.rows, of.sum, of.squares));
-            sums.add(position, (share, score), errors)?;
+            sums.take_off(&share);
+            sums.add(position, corrected(share, score)?, &errors);
         }
         Ok(sums.finish(&factor)?)
     }
