@@ -19,7 +19,7 @@ use crate::jobs::{self, EndedJob, Job};
 use crate::need::Need;
 use crate::steps::{self, BUILD, PROFILE, REAL_DATA, SCREENS, cargo, real_data, screens};
 use crate::toolchain::Toolchain;
-use crate::{model, python, setup, toolchain, web};
+use crate::{equipment, model, python, toolchain, web};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct TestArgs {
@@ -47,9 +47,9 @@ impl Part {
     fn needs(self) -> &'static [Need] {
         match self {
             Self::Board => &[toolchain::NEED, python::NEED],
-            Self::Browser => &[setup::BROWSER],
+            Self::Browser => &[equipment::BROWSER],
             Self::Python => &[python::NEED],
-            Self::Shells => &[setup::SHELLS],
+            Self::Shells => &[equipment::SHELLS],
         }
     }
 }
@@ -175,7 +175,7 @@ impl TestEquipment {
             if let Some(page) = page {
                 self.give("needs Chromium and the page", PAGE, page);
             }
-            match setup::axe() {
+            match equipment::axe() {
                 Ok(file) => self.variables.push((AXE, file.into())),
                 Err(reason) => eprintln!("{reason:#}: pages are not held against axe-core"),
             }
