@@ -58,8 +58,6 @@ impl Compiler {
     pub(crate) fn cargo(&self, arguments: &[&str], parts_of_std: &str) -> Command {
         let mut cargo = command("cargo", self.dir.as_deref());
         cargo.current_dir(workspace()).stdin(Stdio::null());
-        // Another cargo may run beside it, and have the line of the terminal.
-        cargo.env("CARGO_TERM_PROGRESS_WHEN", "never");
         cargo.args(arguments).args(["--target", self.target]);
         if self.builds_std {
             cargo.args(["-Z", &format!("build-std={parts_of_std}")]).env("RUSTC_BOOTSTRAP", "1");

@@ -18,7 +18,6 @@ use crate::image::Board;
 use crate::jobs::{self, EndedJob, Job};
 use crate::need::Need;
 use crate::steps::{self, BUILD, PROFILE, REAL_DATA, SCREENS, cargo, real_data, screens};
-use crate::toolchain::Toolchain;
 use crate::{equipment, model, python, toolchain, web};
 
 #[derive(Debug, clap::Args)]
@@ -109,8 +108,7 @@ fn run_all(
     jobs::run(jobs, at_once, more)
 }
 
-/// Sets up the environments of Python, and builds images and page beside the tests: their link-time optimisation keeps
-/// one core busy.
+/// Sets up the environments of Python while the compiler is at work.
 fn set_up_and_build(parts: &[Part]) -> Result<(TestEquipment, Vec<Program>)> {
     let needs = parts.iter().flat_map(|part| part.needs());
     let missing: Vec<_> = needs.filter_map(|need| need.meet().err()).collect();
@@ -123,36 +121,20 @@ fn set_up_and_build(parts: &[Part]) -> Result<(TestEquipment, Vec<Program>)> {
     thread::scope(|scope| {
         let model_python = scope.spawn(|| has(Part::Board).then(model::set_up).transpose());
         let python = scope.spawn(|| has(Part::Python).then(python::set_up).transpose());
-        let toolchain = has(Part::Board).then(toolchain::set_up).transpose()?;
-        let image = scope.spawn(move || toolchain.as_ref().map(build_images).transpose());
-        let has_page = has(Part::Browser) && has_compiler_of_page();
-        let page = scope.spawn(move || has_page.then(web::build).transpose());
-        let programs = programs()?;
-        let joined = "set up without a panic";
-        if let Some(image) = image.join().expect(joined)? {
-            equipment.give("needs the flashed image", flashed::IMAGE, image);
+        if has(Part::Board) {
+            let toolchain = toolchain::set_up()?;
+            let [board, ..] = Board::ALL.map(|board| board.build(&toolchain));
+            equipment.give("needs the flashed image", flashed::IMAGE, board?);
         }
+        let programs = programs()?;
+        let joined = "an environment is set up without a panic";
         if let Some(python) = model_python.join().expect(joined)? {
             equipment.variables.push((flashed::PYTHON, python.into()));
         }
         equipment.python = python.join().expect(joined)?;
-        equipment.add_browser_and_recordings(has(Part::Browser), page.join().expect(joined)?)?;
+        equipment.add_rest(has(Part::Browser))?;
         Ok((equipment, programs))
     })
-}
-
-/// Builds the images of all boards, and returns the first.
-fn build_images(toolchain: &Toolchain) -> Result<PathBuf> {
-    let [image, other] = Board::ALL.map(|board| board.build(toolchain));
-    other.and(image)
-}
-
-fn has_compiler_of_page() -> bool {
-    let met = web::NEED.meet();
-    if let Err(reason) = &met {
-        eprintln!("{reason:#}: the page that fits is not tested");
-    }
-    met.is_ok()
 }
 
 impl TestEquipment {
@@ -162,18 +144,16 @@ impl TestEquipment {
         self.variables.push((variable, value.into()));
     }
 
-    fn add_browser_and_recordings(
-        &mut self,
-        has_browser: bool,
-        page: Option<PathBuf>,
-    ) -> Result<()> {
+    /// Browser and recordings.
+    fn add_rest(&mut self, has_browser: bool) -> Result<()> {
         if has_browser {
             self.met.push("needs Chromium");
             let screens = screens();
             std::fs::create_dir_all(&screens)?;
             self.variables.push((SCREENS, screens.into()));
-            if let Some(page) = page {
-                self.give("needs Chromium and the page", PAGE, page);
+            match web::NEED.meet() {
+                Ok(()) => self.give("needs Chromium and the page", PAGE, web::build()?),
+                Err(reason) => eprintln!("{reason:#}: the page that fits is not tested"),
             }
             match equipment::axe() {
                 Ok(file) => self.variables.push((AXE, file.into())),
