@@ -37,7 +37,7 @@ pub(crate) fn examine(dir: &Path, arguments: &str) -> (i32, Vec<(String, String)
 }
 
 /// The doctor must find this, and nothing else.
-pub(crate) fn assert_found(dir: &Path, arguments: &str, expected: &[(&str, &str)]) {
+fn assert_found(dir: &Path, arguments: &str, expected: &[(&str, &str)]) {
     let (_, found, report) = examine(dir, arguments);
     let found: Vec<_> = found.iter().map(|(c, s)| (c.as_str(), s.as_str())).collect();
     assert_eq!(found, expected, "{arguments}: {report}");
