@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from conftest import program
+from conftest import program, record_whole
 
 import shellcal
 
@@ -68,7 +68,7 @@ def test_a_recording_of_a_board_is_a_bag_with_the_same_bits(logs: list[Path], tm
     calibration, log, bag = tmp_path / "cal.json", tmp_path / "run.csv", tmp_path / "run.mcap"
     program("fit", logs[1], "--model", "cubic", "-o", calibration, "-q")
     with shellcal.simulated_board(seed=8) as board:
-        program("record", board.port, "--start", "--duration", 5, "--calibration", calibration, "-o", log)
+        record_whole(board.port, calibration, log)
     program("convert", calibration, log, "--causal", "--all-rows", "--mount", "base_link", "-o", bag)
     with open(log, encoding="utf-8") as rows:
         recorded = list(csv.DictReader(rows))
@@ -80,11 +80,11 @@ def test_a_recording_of_a_board_is_a_bag_with_the_same_bits(logs: list[Path], tm
             wrench = reader.deserialize(data, connection.msgtype).wrench
             force, torque = wrench.force, wrench.torque
             found[time_ns] = [force.x, force.y, force.z, torque.x, torque.y, torque.z]
-    assert len(recorded) == len(found)
+    assert len(recorded) == len(found) > 200
     names = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
     # Until tare and clock are known the log has the forces of the calibration alone.
     known = [row for row in recorded if not {"untared", "unfiltered"} & set(row["flags"].split())]
-    assert known
+    assert len(known) > 150
     for row in known:
         time_ns = int(row["t_s"].replace(".", "")) * 1000
         assert found[time_ns] == [float(row[name]) for name in names]

@@ -27,8 +27,10 @@ pub(crate) struct Run {
     rows: u32,
 }
 
+/// The number of a block, a group or a row of a block.
+///
 /// # Panics
-/// If there are 2³² blocks or groups, or a block has so many rows.
+/// If there are 2³² of them.
 fn index(at: usize) -> u32 {
     u32::try_from(at).expect("fewer than 2³²")
 }
