@@ -136,8 +136,10 @@ def test_closing_in_any_order_leaves_nothing(calibration: Path) -> None:
     assert not processes()
 
 
+# Where the tests run in the background of a shell, Ctrl-C is ignored from the start.
 _LOOP = """
-import sys, shellcal
+import signal, shellcal
+signal.signal(signal.SIGINT, signal.default_int_handler)
 with shellcal.simulated_board() as board, shellcal.stream(board.port) as frames:
     for number, frame in enumerate(frames):
         if number == 10:
