@@ -6,9 +6,6 @@ use std::process::{Command, Stdio};
 /// Names the directory of the real recordings, which are not part of the repository.
 const REAL_DATA: &str = "SHELLCAL_REAL_DATA";
 
-/// Names a Python that has the packages which read what is written.
-const PYTHON: &str = "SHELLCAL_PYTHON";
-
 fn main() {
     // Tests on real recordings are built as ignored where there are none.
     println!("cargo::rustc-check-cfg=cfg(real_data)");
@@ -29,11 +26,6 @@ fn main() {
         if quiet(Command::new(shell).arg("--version")).is_ok_and(|status| status.success()) {
             println!("cargo::rustc-cfg={shell}");
         }
-    }
-    println!("cargo::rustc-check-cfg=cfg(python_packages)");
-    println!("cargo::rerun-if-env-changed={PYTHON}");
-    if is_set(PYTHON) {
-        println!("cargo::rustc-cfg=python_packages");
     }
     println!("cargo::rerun-if-changed=build.rs");
     let target = |key: &str| std::env::var(format!("CARGO_CFG_TARGET_{key}")).unwrap_or_default();

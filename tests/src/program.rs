@@ -12,6 +12,9 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
+/// Names the Python that has packages which read tables and bags.
+pub const PYTHON: &str = "SHELLCAL_PYTHON";
+
 /// How often a command is given to a board that does not answer.
 const ATTEMPTS: u32 = 20;
 
@@ -28,6 +31,11 @@ pub fn command(dir: &(impl AsRef<Path> + ?Sized)) -> Command {
     let mut command = Command::new(shellcal());
     command.current_dir(dir).env("SOURCE_DATE_EPOCH", "1500000000");
     command
+}
+
+/// The Python that has packages which read tables and bags; `cargo xtask test` sets it up.
+pub fn python() -> Command {
+    Command::new(std::env::var_os(PYTHON).unwrap())
 }
 
 /// Starts a command in a directory; spaces separate its arguments.

@@ -54,8 +54,7 @@ pub(crate) fn program(name: &str, package: &str) -> Result<PathBuf> {
 }
 
 /// What the tests of the package, and its examples, import.
-const TEST_PACKAGES: &str =
-    "import sklearn, pyarrow, mypy, nbmake, distributed, cyclonedds, dvc, rosbags, snakemake";
+const TEST_PACKAGES: &str = "import sklearn, pyarrow, mypy, nbmake, distributed, cyclonedds, dvc, rosbags, snakemake, polars, mcap_ros2";
 
 /// The Python of the tests.
 pub(crate) fn set_up() -> Result<PathBuf> {

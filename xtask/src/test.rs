@@ -12,7 +12,7 @@ use std::thread;
 
 use anyhow::{Context, Result, bail, ensure};
 use serde_json::Value;
-use system_tests::flashed;
+use system_tests::{flashed, program};
 
 use crate::image::Board;
 use crate::jobs::{self, EndedJob, Job};
@@ -132,6 +132,10 @@ fn set_up_and_build(parts: &[Part]) -> Result<(TestEquipment, Vec<Program>)> {
             equipment.variables.push((flashed::PYTHON, python.into()));
         }
         equipment.python = python.join().expect(joined)?;
+        if let Some(python) = equipment.python.clone() {
+            let reason = "needs a Python with packages that read tables and bags";
+            equipment.give(reason, program::PYTHON, python);
+        }
         equipment.add_rest(has(Part::Browser))?;
         Ok((equipment, programs))
     })

@@ -348,12 +348,8 @@ assert polars.scan_parquet("pq/strides.parquet").filter(polars.col("t_start_s") 
 print("checked", strides.height)
 "#;
 
-/// The Python is the one that `SHELLCAL_PYTHON` names.
 #[test]
-#[cfg_attr(
-    not(python_packages),
-    ignore = "SHELLCAL_PYTHON names no Python with polars and pyarrow"
-)]
+#[ignore = "needs a Python with packages that read tables and bags"]
 fn python_packages_read_the_tables() {
     let (dir, windows) = folder(2);
     let dir = dir.path();
@@ -362,9 +358,7 @@ fn python_packages_read_the_tables() {
         .collect();
     let output = batch(dir, &rows.join("\n"), "-c cal.json --csv csv --parquet pq");
     assert!(output.status.success(), "{}", said(&output));
-    let python = option_env!("SHELLCAL_PYTHON").unwrap_or("python3");
-    let checked =
-        std::process::Command::new(python).args(["-c", CHECK]).current_dir(dir).output().unwrap();
+    let checked = program::python().args(["-c", CHECK]).current_dir(dir).output().unwrap();
     assert!(checked.status.success(), "{}", String::from_utf8_lossy(&checked.stderr));
     let strides = fs::read_to_string(dir.join("csv/strides.csv")).unwrap().lines().count() - 1;
     assert_eq!(String::from_utf8_lossy(&checked.stdout).trim(), format!("checked {strides}"));

@@ -2,7 +2,6 @@
 //! the numbers of the CSV.
 
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
 use log_file::{Log, LogError, Mapping, ReadOptions, Wanted};
 use system_tests::program;
@@ -198,18 +197,12 @@ with AnyReader([Path("out.mcap")]) as reader:
 print("checked", len(rows))
 "#;
 
-/// The Python is the one that `SHELLCAL_PYTHON` names.
 #[test]
-#[cfg_attr(
-    not(python_packages),
-    ignore = "SHELLCAL_PYTHON names no Python with mcap-ros2-support, rosbags, polars and scipy"
-)]
+#[ignore = "needs a Python with packages that read tables and bags"]
 fn python_packages_read_what_is_written() {
     let dir = tempfile::tempdir().unwrap();
     converted(dir.path(), "--no-lowpass");
-    let python = option_env!("SHELLCAL_PYTHON").unwrap_or("python3");
-    let checked =
-        Command::new(python).args(["-c", CHECK]).current_dir(dir.path()).output().unwrap();
+    let checked = program::python().args(["-c", CHECK]).current_dir(dir.path()).output().unwrap();
     let said = String::from_utf8_lossy(&checked.stderr);
     assert!(checked.status.success(), "{said}");
     assert_eq!(String::from_utf8_lossy(&checked.stdout).trim(), "checked 2100");
