@@ -22,12 +22,6 @@ impl Checksum {
     }
 }
 
-impl std::fmt::Debug for Checksum {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_tuple("Checksum").field(&self.finish()).finish()
-    }
-}
-
 /// The checksum of `bytes`.
 pub fn of(bytes: &[u8]) -> String {
     let mut checksum = Checksum::default();

@@ -52,7 +52,6 @@ pub(crate) enum ChunkError {
 }
 
 /// A stream of bytes as a sequence of chunks.
-#[derive(Debug)]
 pub(crate) struct ChunkStream<R> {
     stream: R,
     chunk_bytes: usize,
