@@ -4,6 +4,7 @@
 //! dates are given in ISO 8601.
 
 use std::collections::HashSet;
+use std::io::Read;
 use std::sync::Arc;
 
 use crate::budget;
@@ -13,7 +14,7 @@ use crate::kind::FileKind;
 use crate::rows::{Cell, ColumnLayout, Numbering, RowBatch, RowStream};
 use crate::source::FileSource;
 use crate::xml::{Xml, XmlElement, XmlEvent};
-use crate::zip::{EntryContent, ZipEntry, entries};
+use crate::zip::{ZipEntry, entries};
 
 const KIND: FileKind = FileKind::Xlsx;
 
@@ -220,7 +221,7 @@ impl ColumnLayout for Sheet {
 
 struct SheetRows {
     name: String,
-    xml: Xml<EntryContent>,
+    xml: Xml<Box<dyn Read + Send>>,
     shared: Arc<SharedParts>,
     /// The last row that was given.
     row: u64,
