@@ -110,9 +110,10 @@ impl Log {
         start: u64,
         chunk_bytes: usize,
     ) -> ChunkStream<ByteStream> {
-        ChunkStream::new(text, start, chunk_bytes)
-            .with_clock(self.layout.clock())
-            .with_decimal_commas(self.layout.has_decimal_commas)
+        let mut chunks = ChunkStream::new(text, start, chunk_bytes);
+        chunks.clock = self.layout.clock();
+        chunks.has_decimal_commas = self.layout.has_decimal_commas;
+        chunks
     }
 
     /// The file.

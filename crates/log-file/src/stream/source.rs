@@ -23,7 +23,7 @@ use tempfile::TempPath;
 use super::companion::{CompanionLines, Joined, RowMismatch, Sides};
 use super::utf16::Utf16;
 use super::zstd::{self, Zstd};
-use crate::checksum::Checksum;
+use crate::checksum::{self, Checksum};
 use crate::error::{LogError, LogPosition, PlacedProblem};
 
 /// A file to be read from its start any number of times.
@@ -177,14 +177,8 @@ impl LogSource {
     /// The checksum of the file beside it, if there is one.
     pub(crate) fn companion_checksum(&self) -> Result<Option<String>, LogError> {
         let Some(companion) = &self.companion else { return Ok(None) };
-        let (mut file, mut checksum) = (companion.open_file()?, Checksum::default());
-        let mut buffer = vec![0; 1 << 16];
-        loop {
-            match file.read(&mut buffer).map_err(|error| companion.error(error))? {
-                0 => return Ok(Some(checksum.finish())),
-                read => checksum.update(&buffer[..read]),
-            }
-        }
+        let checksum = checksum::of_stream(companion.open_file()?);
+        checksum.map(Some).map_err(|error| companion.error(error))
     }
 
     /// What the first lines of this and the file beside it say; `None` without such a file.
