@@ -40,44 +40,34 @@ impl Constant {
 pub fn to_code(file: &CalibrationFile, language: Language, name: &str) -> String {
     let axes = file.calibration.axes;
     let memory = file.calibration.memory.as_ref();
-    let (mut constants, body) = match (file.calibration.kind(), language) {
-        (Kind::Polynomial(polynomial), language) => (
+    let (mut constants, python_body, matlab_body) = match file.calibration.kind() {
+        Kind::Polynomial(polynomial) => (
             polynomial_constants(polynomial, axes),
-            match language {
-                Language::Python => include_str!("../assets/export/polynomial.py"),
-                Language::Matlab => include_str!("../assets/export/polynomial.m"),
-            },
+            include_str!("../assets/export/polynomial.py"),
+            include_str!("../assets/export/polynomial.m"),
         ),
-        (Kind::Physics(physics), language) => (
+        Kind::Physics(physics) => (
             physics_constants(physics.model()),
-            match language {
-                Language::Python => include_str!("../assets/export/physics.py"),
-                Language::Matlab => include_str!("../assets/export/physics.m"),
-            },
+            include_str!("../assets/export/physics.py"),
+            include_str!("../assets/export/physics.m"),
         ),
     };
-    let columns = axes.columns();
     constants.extend(memory.into_iter().flat_map(memory_constants));
-    let head = head(file);
-    let head = match language {
-        Language::Python => escape::python(&head),
-        Language::Matlab => escape::matlab_comment(&head),
-    };
-    match (language, memory) {
-        (Language::Python, None) => python(&constants, &head, &columns, (name, "readings")) + body,
-        (Language::Python, Some(_)) => {
-            let arguments = "readings, times, state";
-            let head = python(&constants, &head, &columns, (name, arguments));
-            head + body + include_str!("../assets/export/memory.py")
+    let (columns, head) = (axes.columns(), head(file));
+    let arguments = if memory.is_some() { "readings, times, state" } else { "readings" };
+    match language {
+        Language::Python => {
+            let head = python(&constants, &escape::python(&head), &columns, (name, arguments));
+            let of_memory = memory.map_or("", |_| include_str!("../assets/export/memory.py"));
+            head + python_body + of_memory
         }
-        (Language::Matlab, None) => {
-            let signature = format!("w = {name}(readings)");
-            matlab(&constants, &head, &columns, (name, &signature)) + body
-        }
-        (Language::Matlab, Some(_)) => {
-            let signature = format!("[w, state] = {name}(readings, times, state)");
+        Language::Matlab => {
+            let results = if memory.is_some() { "[w, state]" } else { "w" };
+            let signature = format!("{results} = {name}({arguments})");
+            let head = escape::matlab_comment(&head);
             let head = matlab(&constants, &head, &columns, (name, &signature));
-            head + include_str!("../assets/export/memory.m") + body
+            let of_memory = memory.map_or("", |_| include_str!("../assets/export/memory.m"));
+            head + of_memory + matlab_body
         }
     }
 }

@@ -4,7 +4,7 @@
 //! |---|---|
 //! | `kind`, `schema_version` | `payload`, [`SCHEMA_VERSION`] |
 //! | `made_by`, `date`, `sources` | program and version, UTC, the logs and their rows |
-//! | `mass_kg`, `centre_m`, `force_bias_n`, `moment_bias_nm` | see [`Payload`] |
+//! | `mass_kg`, `centre_m`, `force_bias_n`, `moment_bias_nm` | see [`forces::payload::Payload`] |
 //! | `standard_errors` | of each of these |
 //! | `residual_rms_n`, `residual_rms_nm`, `poses`, `spread_rad` | see [`PayloadFit`] |
 //! | `gravity_m_s2` | gravity that the mass was found with; 9.80665 where a document of before does not say it |
@@ -16,7 +16,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::LARGEST;
 use crate::input::{self, DocumentKind};
-use forces::payload::{Accelerometer, Matrix, Payload, PayloadFit, STANDARD_GRAVITY_M_S2, Vector};
+use crate::stored::{Stored, StoredAccelerometer, StoredPayload};
+use forces::payload::{Accelerometer, PayloadFit, STANDARD_GRAVITY_M_S2};
+use shell_data::wrench::Axes;
 
 /// The version of the documents that this program writes and reads.
 pub const SCHEMA_VERSION: u64 = 1;
@@ -84,21 +86,6 @@ struct StoredSource {
     rows: u64,
 }
 
-#[derive(Serialize, Deserialize)]
-struct StoredPayload {
-    mass_kg: f64,
-    centre_m: Vector,
-    force_bias_n: Vector,
-    moment_bias_nm: Vector,
-}
-
-#[derive(Serialize, Deserialize)]
-struct StoredAccelerometer {
-    matrix: Matrix,
-    offset_m_s2: Vector,
-    residual_rms_m_s2: Vector,
-}
-
 impl PayloadFile {
     /// Reads the document at `path`.
     ///
@@ -139,19 +126,15 @@ impl PayloadFile {
         document.check()?;
         Ok(Self {
             fit: PayloadFit {
-                payload: document.payload.into(),
-                standard_errors: document.standard_errors.into(),
+                payload: document.payload.value(Axes::ALL)?,
+                standard_errors: document.standard_errors.value(Axes::ALL)?,
                 residual_rms_n: document.residual_rms_n,
                 residual_rms_nm: document.residual_rms_nm,
                 poses: document.poses,
                 gravity_m_s2: document.gravity_m_s2,
                 spread_rad: document.spread_rad,
             },
-            accelerometer: document.accelerometer.map(|it| Accelerometer {
-                matrix: it.matrix,
-                offset_m_s2: it.offset_m_s2,
-                residual_rms_m_s2: it.residual_rms_m_s2,
-            }),
+            accelerometer: document.accelerometer.value(Axes::ALL)?,
             made_by: document.made_by,
             date: document.date,
             sources: document.sources.into_iter().map(|it| (it.path.into(), it.rows)).collect(),
@@ -169,18 +152,14 @@ impl PayloadFile {
             made_by: self.made_by.clone(),
             date: self.date.clone(),
             sources: self.sources.iter().map(source).collect(),
-            payload: self.fit.payload.into(),
-            standard_errors: self.fit.standard_errors.into(),
+            payload: Stored::of(&self.fit.payload, Axes::ALL),
+            standard_errors: Stored::of(&self.fit.standard_errors, Axes::ALL),
             residual_rms_n: self.fit.residual_rms_n,
             residual_rms_nm: self.fit.residual_rms_nm,
             poses: self.fit.poses,
             gravity_m_s2: self.fit.gravity_m_s2,
             spread_rad: self.fit.spread_rad,
-            accelerometer: self.accelerometer.map(|it| StoredAccelerometer {
-                matrix: it.matrix,
-                offset_m_s2: it.offset_m_s2,
-                residual_rms_m_s2: it.residual_rms_m_s2,
-            }),
+            accelerometer: Stored::of(&self.accelerometer, Axes::ALL),
         };
         serde_json::to_string_pretty(&document).expect("plain numbers are always JSON") + "\n"
     }
@@ -217,23 +196,10 @@ impl PayloadDocument {
     }
 }
 
-impl From<Payload> for StoredPayload {
-    fn from(payload: Payload) -> Self {
-        let Payload { mass_kg, centre_m, force_bias_n, moment_bias_nm } = payload;
-        Self { mass_kg, centre_m, force_bias_n, moment_bias_nm }
-    }
-}
-
-impl From<StoredPayload> for Payload {
-    fn from(stored: StoredPayload) -> Self {
-        let StoredPayload { mass_kg, centre_m, force_bias_n, moment_bias_nm } = stored;
-        Self { mass_kg, centre_m, force_bias_n, moment_bias_nm }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use forces::payload::Payload;
 
     fn file() -> PayloadFile {
         let payload = |k: f64| Payload {

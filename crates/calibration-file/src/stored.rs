@@ -21,6 +21,7 @@ use calibration::validation::cross_validation::{CrossValidation, HeldOutQuality}
 use calibration::validation::excitation::{AxisExcitation, Excitation};
 use calibration::validation::grouped::GroupKind;
 use calibration::validation::selection::{Candidate, CandidateErrors, Selection};
+use forces::payload::{Accelerometer, Matrix, Payload, Vector};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use shell_data::hint::quoted;
 use shell_data::wrench::{Axes, Axis, MomentUnit, PerAxis};
@@ -61,6 +62,7 @@ macro_rules! as_it_is {
 }
 
 as_it_is!(bool, f64, u64, usize, String, Role, Parameters, [Parameters; PARAMETERS], Loadings);
+as_it_is!(Vector, Matrix);
 
 /// A path in a document. Names that are not Unicode, which JSON cannot hold, are written with
 /// replacement characters.
@@ -425,6 +427,19 @@ stored!(StoredAxisExcitation of AxisExcitation {
     load_negative: f64,
 });
 
+stored!(StoredPayload of Payload {
+    mass_kg: f64,
+    centre_m: Vector,
+    force_bias_n: Vector,
+    moment_bias_nm: Vector,
+});
+
+stored!(StoredAccelerometer of Accelerometer {
+    matrix: Matrix,
+    offset_m_s2: Vector,
+    residual_rms_m_s2: Vector,
+});
+
 /// One of a list, by its name.
 pub trait Named: Copy + PartialEq + 'static {
     /// The list.
@@ -434,53 +449,21 @@ pub trait Named: Copy + PartialEq + 'static {
     fn name(self) -> &'static str;
 }
 
-impl Named for Basis {
-    const ALL: &'static [Self] = &Basis::ALL;
+macro_rules! named {
+    ($($type:ident by $name:ident),*) => {$(
+        impl Named for $type {
+            const ALL: &'static [Self] = &$type::ALL;
 
-    fn name(self) -> &'static str {
-        Basis::name(self)
-    }
+            fn name(self) -> &'static str {
+                $type::$name(self)
+            }
+        }
+    )*};
 }
 
-impl Named for TimeBase {
-    const ALL: &'static [Self] = &TimeBase::ALL;
-
-    fn name(self) -> &'static str {
-        self.unit()
-    }
-}
-
-impl Named for GroupKind {
-    const ALL: &'static [Self] = &GroupKind::ALL;
-
-    fn name(self) -> &'static str {
-        GroupKind::name(self)
-    }
-}
-
-impl Named for MomentUnit {
-    const ALL: &'static [Self] = &MomentUnit::ALL;
-
-    fn name(self) -> &'static str {
-        self.symbol()
-    }
-}
-
-impl Named for TimeUnit {
-    const ALL: &'static [Self] = &TimeUnit::ALL;
-
-    fn name(self) -> &'static str {
-        self.symbol()
-    }
-}
-
-impl Named for SolverKind {
-    const ALL: &'static [Self] = &SolverKind::ALL;
-
-    fn name(self) -> &'static str {
-        SolverKind::name(self)
-    }
-}
+named!(
+    Basis by name, GroupKind by name, SolverKind by name, TimeBase by unit, MomentUnit by symbol, TimeUnit by symbol
+);
 
 /// A value that documents hold by its name.
 #[derive(Clone, Copy, Debug, PartialEq)]

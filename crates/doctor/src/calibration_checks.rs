@@ -1,14 +1,13 @@
 //! Checks of a calibration file.
 
 use std::fs::File;
-use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use calibration::reading_ranges::ReadingRange;
 use calibration::validation::excitation::Gap;
 use calibration::{Calibration, Kind};
-use log_file::checksum::Checksum;
+use log_file::checksum;
 use shell_data::wrench::{Axes, Axis};
 
 use crate::Finding;
@@ -77,14 +76,8 @@ pub fn examine_calibration(
 
 /// The checksum of a file, if it can be read.
 fn checksum_of(path: &Path) -> Option<String> {
-    let mut file = File::open(path).ok().filter(|_| path.is_file())?;
-    let (mut checksum, mut buffer) = (Checksum::default(), vec![0; 1 << 16]);
-    loop {
-        match file.read(&mut buffer).ok()? {
-            0 => return Some(checksum.finish()),
-            count => checksum.update(&buffer[..count]),
-        }
-    }
+    let file = File::open(path).ok().filter(|_| path.is_file())?;
+    checksum::of_stream(file).ok()
 }
 
 /// What is wrong with a calibration.

@@ -40,7 +40,7 @@ pub struct Combinations {
 }
 
 impl Combinations {
-    /// The table of all of them.
+    /// The table of all of them, with numbers from 1 for labels.
     ///
     /// # Errors
     /// [`RigError`].
@@ -49,7 +49,9 @@ impl Combinations {
         if count > MOST {
             return Err(RigError::TooMany(count));
         }
-        let mut text = "mass_kg,x_mm,y_mm,z_mm,direction,azimuth_deg,elevation_deg\n".to_owned();
+        let mut text =
+            "group,mass_kg,x_mm,y_mm,z_mm,direction,azimuth_deg,elevation_deg\n".to_owned();
+        let mut number = 0;
         for mass in &self.masses_kg {
             for [x, y, z] in &self.points_mm {
                 for direction in &self.directions {
@@ -57,22 +59,14 @@ impl Combinations {
                         Some((azimuth, elevation)) => format!(",{azimuth},{elevation}"),
                         None => format!("{direction},,"),
                     };
-                    writeln!(text, "{mass},{x},{y},{z},{how}").expect("a string takes all");
+                    number += 1;
+                    writeln!(text, "{number},{mass},{x},{y},{z},{how}")
+                        .expect("a string takes all");
                 }
             }
         }
-        Ok(HungLoads::parse(&labelled(&text))?)
+        Ok(HungLoads::parse(&text)?)
     }
-}
-
-/// The lines of a table with numbers from 1 for labels.
-fn labelled(text: &str) -> String {
-    let mut lines = text.lines();
-    let mut labelled = format!("group,{}\n", lines.next().unwrap_or_default());
-    for (number, line) in (1..).zip(lines) {
-        writeln!(labelled, "{number},{line}").expect("a string takes all");
-    }
-    labelled
 }
 
 /// Ranges of the axes: `fx=-5..5,fz=-10..0,my=-0.2..0.2`, in N and N·m.
@@ -106,7 +100,7 @@ impl WrenchBox {
     }
 
     /// Both ends and the middle of each axis with those of all others: what an optimal design of second order is
-    /// made of (a 3ᵏ factorial; Box & Draper, Response Surfaces, 2nd ed., §11.3).
+    /// made of (a 3ᵏ factorial; Box & Draper, Response Surfaces, 2nd ed., §11.3). Labels are numbers from 1.
     ///
     /// # Errors
     /// [`RigError::Table`] never, in practice.
@@ -125,13 +119,12 @@ impl WrenchBox {
             };
             rows = rows.iter().flat_map(with).collect();
         }
-        let mut text = Axis::ALL.map(Axis::column).join(",");
-        text.push('\n');
-        for row in rows {
-            writeln!(text, "{}", row.map(|value| value.to_string()).join(","))
-                .expect("a string takes all");
+        let mut text = format!("group,{}\n", Axis::ALL.map(Axis::column).join(","));
+        for (number, row) in (1..).zip(rows) {
+            let row = row.map(|value| value.to_string()).join(",");
+            writeln!(text, "{number},{row}").expect("a string takes all");
         }
-        Ok(HungLoads::parse(&labelled(&text))?)
+        Ok(HungLoads::parse(&text)?)
     }
 }
 

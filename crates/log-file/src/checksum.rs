@@ -4,27 +4,23 @@
 //! cryptographic hash does, which would be a twentieth of a whole fit. Files are not mistaken for
 //! one another by chance; a forger could make one that is.
 
+use std::io::{self, Read};
+
 use twox_hash::XxHash3_128;
 
 /// A checksum under way.
 #[derive(Clone, Default)]
-pub struct Checksum(XxHash3_128);
+pub(crate) struct Checksum(XxHash3_128);
 
 impl Checksum {
     /// Takes up the next bytes.
-    pub fn update(&mut self, bytes: &[u8]) {
+    pub(crate) fn update(&mut self, bytes: &[u8]) {
         self.0.write(bytes);
     }
 
     /// The checksum of all bytes so far.
-    pub fn finish(&self) -> String {
+    pub(crate) fn finish(&self) -> String {
         format!("xxh128:{:032x}", self.0.finish_128())
-    }
-}
-
-impl std::fmt::Debug for Checksum {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_tuple("Checksum").field(&self.finish()).finish()
     }
 }
 
@@ -33,6 +29,20 @@ pub fn of(bytes: &[u8]) -> String {
     let mut checksum = Checksum::default();
     checksum.update(bytes);
     checksum.finish()
+}
+
+/// The checksum of all that a stream gives.
+///
+/// # Errors
+/// Those of the stream.
+pub fn of_stream(mut stream: impl Read) -> io::Result<String> {
+    let (mut checksum, mut buffer) = (Checksum::default(), vec![0; 1 << 16]);
+    loop {
+        match stream.read(&mut buffer)? {
+            0 => return Ok(checksum.finish()),
+            read => checksum.update(&buffer[..read]),
+        }
+    }
 }
 
 #[cfg(test)]
@@ -52,6 +62,7 @@ mod tests {
             let mut checksum = Checksum::default();
             bytes.chunks(size).for_each(|piece| checksum.update(piece));
             assert_eq!(checksum.finish(), of(&bytes));
+            assert_eq!(of_stream(&bytes[..]).unwrap(), of(&bytes));
         }
     }
 }

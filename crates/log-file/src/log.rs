@@ -110,9 +110,10 @@ impl Log {
         start: u64,
         chunk_bytes: usize,
     ) -> ChunkStream<ByteStream> {
-        ChunkStream::new(text, start, chunk_bytes)
-            .with_clock(self.layout.clock())
-            .with_decimal_commas(self.layout.has_decimal_commas)
+        let mut chunks = ChunkStream::new(text, start, chunk_bytes);
+        chunks.clock = self.layout.clock();
+        chunks.has_decimal_commas = self.layout.has_decimal_commas;
+        chunks
     }
 
     /// The file.
@@ -159,19 +160,17 @@ impl Log {
             Some(_) => name(position),
             None => format!("s{}", channel + 1),
         };
-        let load =
-            |axis: Axis| {
-                let position = roles.wrench[axis.index()]?;
-                let column = match mapping.wrench {
-                    Some(_) => name(position),
-                    None => axis.column().to_owned(),
-                };
-                let unit = mapping.moment_unit.filter(|_| axis.is_moment());
-                Some(unit.map_or_else(
-                    || column.clone(),
-                    |unit| format!("{column} in {}", unit.symbol()),
-                ))
+        let load = |axis: Axis| {
+            let position = roles.wrench[axis.index()]?;
+            let column = match mapping.wrench {
+                Some(_) => name(position),
+                None => axis.column().to_owned(),
             };
+            Some(match mapping.moment_unit {
+                Some(unit) if axis.is_moment() => format!("{column} in {}", unit.symbol()),
+                _ => column,
+            })
+        };
         let sensors = roles.sensors.iter().enumerate().map(sensor);
         sensors.chain(Axis::ALL.into_iter().filter_map(load)).collect()
     }

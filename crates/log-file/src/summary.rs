@@ -24,10 +24,7 @@ pub struct LogSummary {
 impl LogSummary {
     /// Adds the next rows of the log.
     pub fn add(&mut self, block: &Block) {
-        if !block.readings.is_empty() {
-            let repeated = block.fresh_rows().into_iter().filter(|fresh| !fresh).count();
-            self.repeated_rows += repeated as u64;
-        }
+        self.repeated_rows += block.repeated_rows() as u64;
         self.timing.add(&block.time_s, self.rows);
         for (summaries, columns) in
             [(&mut self.readings, &block.readings), (&mut self.wrench, &block.wrench)]

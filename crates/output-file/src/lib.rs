@@ -238,7 +238,7 @@ pub struct AtomicFile {
 #[derive(Debug)]
 enum OutputTarget {
     Replace {
-        file: BufWriter<Unnamed>,
+        file: BufWriter<Temporary>,
         /// The end of the links that the path leads through.
         path: PathBuf,
         /// Those of the file that is replaced.
@@ -246,10 +246,6 @@ enum OutputTarget {
     },
     Device(File),
 }
-
-/// A temporary file whose errors do not name it.
-#[derive(Debug)]
-struct Unnamed(Temporary);
 
 impl AtomicFile {
     /// Puts the finished file in place.
@@ -294,7 +290,7 @@ impl OutputTarget {
         };
         match Temporary::create_in(directory) {
             Ok(file) => Ok(OutputTarget::Replace {
-                file: BufWriter::new(Unnamed(file)),
+                file: BufWriter::new(file),
                 permissions: metadata.map(|metadata| metadata.permissions()),
                 path,
             }),
@@ -309,7 +305,7 @@ impl OutputTarget {
 
     fn finish(self) -> io::Result<()> {
         if let OutputTarget::Replace { file, path, permissions } = self {
-            let Unnamed(mut file) = file.into_inner().map_err(io::IntoInnerError::into_error)?;
+            let mut file = file.into_inner().map_err(io::IntoInnerError::into_error)?;
             if let Some(permissions) = permissions {
                 // A file system without permissions keeps none.
                 let _ = file.file()?.set_permissions(permissions);
@@ -317,16 +313,6 @@ impl OutputTarget {
             file.rename(&path)?;
         }
         Ok(())
-    }
-}
-
-impl Write for Unnamed {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.0.file()?.write(bytes)
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        self.0.file()?.flush()
     }
 }
 

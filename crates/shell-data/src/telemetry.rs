@@ -43,88 +43,47 @@ pub enum Telemetry {
     AccelerationZ,
 }
 
-impl Telemetry {
-    /// All of them.
-    pub const ALL: [Self; 19] = [
-        Self::RightLeg,
-        Self::LeftLeg,
-        Self::RightDuty,
-        Self::LeftDuty,
-        Self::RightBackEmf,
-        Self::LeftBackEmf,
-        Self::Battery,
-        Self::Current,
-        Self::RightCurrent,
-        Self::LeftCurrent,
-        Self::Power,
-        Self::RightPower,
-        Self::LeftPower,
-        Self::GyroX,
-        Self::GyroY,
-        Self::GyroZ,
-        Self::AccelerationX,
-        Self::AccelerationY,
-        Self::AccelerationZ,
-    ];
+/// Of each column, in the order of [`Telemetry`]: what people call it, and its names in logs, in lower case
+/// without spaces and punctuation; the lab's first. `gryoy` is a spelling that some of its logs have.
+const COLUMNS: [(Telemetry, &str, &str); 19] = {
+    use Telemetry::*;
+    [
+        (RightLeg, "right leg position", "rightlegpos rightlegposition rightleg rlegpos rleg"),
+        (LeftLeg, "left leg position", "leftlegpos leftlegposition leftleg llegpos lleg"),
+        (RightDuty, "right motor duty", "dcr rdc dutyr rduty rightduty rightdutycycle"),
+        (LeftDuty, "left motor duty", "dcl ldc dutyl lduty leftduty leftdutycycle"),
+        (RightBackEmf, "right back EMF", "rbemf bemfr rightbemf rightbackemf rbackemf"),
+        (LeftBackEmf, "left back EMF", "lbemf bemfl leftbemf leftbackemf lbackemf"),
+        (Battery, "battery", "vbatt vbat battv batt battery batteryvoltage"),
+        (Current, "current", "current currenta ibatt ibat batterycurrent"),
+        (RightCurrent, "right motor current", "rcurrent currentr rightcurrent rightmotorcurrent"),
+        (LeftCurrent, "left motor current", "lcurrent currentl leftcurrent leftmotorcurrent"),
+        (Power, "power", "power powerw electricalpower batterypower"),
+        (RightPower, "right motor power", "rpower powerr rightpower rightmotorpower"),
+        (LeftPower, "left motor power", "lpower powerl leftpower leftmotorpower"),
+        (GyroX, "gyro x", "gyrox gryox gx"),
+        (GyroY, "gyro y", "gyroy gryoy gy"),
+        (GyroZ, "gyro z", "gyroz gryoz gz"),
+        (AccelerationX, "acceleration x", "ax accelx accx xlx"),
+        (AccelerationY, "acceleration y", "ay accely accy xly"),
+        (AccelerationZ, "acceleration z", "az accelz accz xlz"),
+    ]
+};
 
+impl Telemetry {
     /// What the electrical power of motors is computed from.
     pub const MOTORS: [Self; 5] =
         [Self::RightDuty, Self::LeftDuty, Self::RightBackEmf, Self::LeftBackEmf, Self::Battery];
 
     /// What people call it.
     pub const fn name(self) -> &'static str {
-        match self {
-            Self::RightLeg => "right leg position",
-            Self::LeftLeg => "left leg position",
-            Self::RightDuty => "right motor duty",
-            Self::LeftDuty => "left motor duty",
-            Self::RightBackEmf => "right back EMF",
-            Self::LeftBackEmf => "left back EMF",
-            Self::Battery => "battery",
-            Self::Current => "current",
-            Self::RightCurrent => "right motor current",
-            Self::LeftCurrent => "left motor current",
-            Self::Power => "power",
-            Self::RightPower => "right motor power",
-            Self::LeftPower => "left motor power",
-            Self::GyroX => "gyro x",
-            Self::GyroY => "gyro y",
-            Self::GyroZ => "gyro z",
-            Self::AccelerationX => "acceleration x",
-            Self::AccelerationY => "acceleration y",
-            Self::AccelerationZ => "acceleration z",
-        }
-    }
-
-    /// The names in logs, in lower case without spaces and punctuation; the lab's first. `gryoy` is
-    /// a spelling that some of its logs have.
-    const fn spellings(self) -> &'static [&'static str] {
-        match self {
-            Self::RightLeg => &["rightlegpos", "rightlegposition", "rightleg", "rlegpos", "rleg"],
-            Self::LeftLeg => &["leftlegpos", "leftlegposition", "leftleg", "llegpos", "lleg"],
-            Self::RightDuty => &["dcr", "rdc", "dutyr", "rduty", "rightduty", "rightdutycycle"],
-            Self::LeftDuty => &["dcl", "ldc", "dutyl", "lduty", "leftduty", "leftdutycycle"],
-            Self::RightBackEmf => &["rbemf", "bemfr", "rightbemf", "rightbackemf", "rbackemf"],
-            Self::LeftBackEmf => &["lbemf", "bemfl", "leftbemf", "leftbackemf", "lbackemf"],
-            Self::Battery => &["vbatt", "vbat", "battv", "batt", "battery", "batteryvoltage"],
-            Self::Current => &["current", "currenta", "ibatt", "ibat", "batterycurrent"],
-            Self::RightCurrent => &["rcurrent", "currentr", "rightcurrent", "rightmotorcurrent"],
-            Self::LeftCurrent => &["lcurrent", "currentl", "leftcurrent", "leftmotorcurrent"],
-            Self::Power => &["power", "powerw", "electricalpower", "batterypower"],
-            Self::RightPower => &["rpower", "powerr", "rightpower", "rightmotorpower"],
-            Self::LeftPower => &["lpower", "powerl", "leftpower", "leftmotorpower"],
-            Self::GyroX => &["gyrox", "gryox", "gx"],
-            Self::GyroY => &["gyroy", "gryoy", "gy"],
-            Self::GyroZ => &["gyroz", "gryoz", "gz"],
-            Self::AccelerationX => &["ax", "accelx", "accx", "xlx"],
-            Self::AccelerationY => &["ay", "accely", "accy", "xly"],
-            Self::AccelerationZ => &["az", "accelz", "accz", "xlz"],
-        }
+        COLUMNS[self as usize].1
     }
 
     /// The column of this name, given in lower case without spaces and punctuation.
     pub fn from_name(plain: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|telemetry| telemetry.spellings().contains(&plain))
+        let is_named = |spellings: &str| spellings.split(' ').any(|spelling| spelling == plain);
+        COLUMNS.into_iter().find(|(_, _, spellings)| is_named(spellings)).map(|(column, ..)| column)
     }
 }
 
@@ -158,8 +117,12 @@ mod tests {
 
     #[test]
     fn no_spelling_is_claimed_twice() {
-        let mut all: Vec<_> = Telemetry::ALL.iter().flat_map(|t| t.spellings()).collect();
+        let mut all: Vec<_> = COLUMNS.iter().flat_map(|(.., names)| names.split(' ')).collect();
         all.sort();
         assert!(all.windows(2).all(|pair| pair[0] != pair[1]));
+    }
+    #[test]
+    fn columns_are_listed_in_their_order() {
+        assert!((0..COLUMNS.len()).all(|at| COLUMNS[at].0 as usize == at));
     }
 }

@@ -32,26 +32,12 @@ impl Axis {
 
     /// The name that people read: `Fx` … `Mz`.
     pub const fn name(self) -> &'static str {
-        match self {
-            Axis::Fx => "Fx",
-            Axis::Fy => "Fy",
-            Axis::Fz => "Fz",
-            Axis::Mx => "Mx",
-            Axis::My => "My",
-            Axis::Mz => "Mz",
-        }
+        ["Fx", "Fy", "Fz", "Mx", "My", "Mz"][self.index()]
     }
 
     /// The name of a column or field that leaves the program, with its SI unit: `fx_n` … `mz_nm`.
     pub const fn column(self) -> &'static str {
-        match self {
-            Axis::Fx => "fx_n",
-            Axis::Fy => "fy_n",
-            Axis::Fz => "fz_n",
-            Axis::Mx => "mx_nm",
-            Axis::My => "my_nm",
-            Axis::Mz => "mz_nm",
-        }
+        ["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"][self.index()]
     }
 
     /// The SI unit as people read it.

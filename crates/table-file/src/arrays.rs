@@ -43,11 +43,11 @@ impl Array {
         Some((0..numbers.len()).map(number).collect())
     }
 
-    /// Its columns; `None` where it has further sides, or is no array of real numbers.
-    fn columns(&self) -> Option<ArrayColumns> {
-        let columns = ArrayColumns::new(self.name.clone(), &self.size)?;
-        let cells = columns.rows.checked_mul(columns.count)?;
-        (cells == self.numbers.as_ref()?.len()).then_some(columns)
+    /// Its columns and numbers; `None` where it has further sides, or is no array of real numbers.
+    pub(crate) fn into_columns(self) -> Option<(ArrayColumns, ArrayNumbers)> {
+        let columns = ArrayColumns::new(self.name, &self.size)?;
+        let numbers = self.numbers?;
+        columns.are_all_of(&numbers).then_some((columns, numbers))
     }
 }
 
@@ -66,9 +66,9 @@ impl ArrayNumbers {
 #[derive(Clone, Debug)]
 pub(crate) struct ArrayColumns {
     /// The name of the array, after those of the groups that it is in: `group/array`.
-    path: String,
-    pub(crate) rows: usize,
-    pub(crate) count: usize,
+    pub(crate) path: String,
+    rows: usize,
+    count: usize,
 }
 
 impl ArrayColumns {
@@ -80,6 +80,11 @@ impl ArrayColumns {
             _ => return None,
         };
         Some(Self { path, rows, count })
+    }
+
+    /// Whether these numbers fill them.
+    pub(crate) fn are_all_of(&self, numbers: &ArrayNumbers) -> bool {
+        self.rows.checked_mul(self.count) == Some(numbers.len())
     }
 
     fn is_empty(&self) -> bool {
@@ -147,41 +152,18 @@ pub(crate) fn names(all: &[ArrayColumns]) -> Option<Vec<String>> {
     Some(all.iter().flat_map(names).collect())
 }
 
-/// The arrays of a file that are the columns of a log: the one of that name, or those that have as many
-/// rows as the longest.
-///
-/// # Errors
-/// [`TableError::Choice`] if there is none.
-pub(crate) fn arrays_of_log(
-    arrays: &[Array],
-    name: Option<&str>,
-) -> Result<Vec<Array>, TableError> {
-    let (arrays, columns): (Vec<&Array>, Vec<ArrayColumns>) =
-        arrays.iter().filter_map(|array| Some((array, array.columns()?))).unzip();
-    let wanted = columns_of_log(FileKind::Matlab, &columns, name)?;
-    Ok(wanted.into_iter().map(|at| arrays[at].clone()).collect())
-}
-
 /// Arrays that are a table.
 #[derive(Clone, Debug)]
 pub(crate) struct ArrayTable {
-    arrays: Arc<Vec<(Array, ArrayColumns)>>,
+    arrays: Vec<(ArrayColumns, ArrayNumbers)>,
     names: Option<Vec<String>>,
 }
 
 impl ArrayTable {
     /// Of arrays of one length.
-    pub(crate) fn new(arrays: Vec<Array>) -> Self {
-        let arrays: Vec<(Array, ArrayColumns)> = arrays
-            .into_iter()
-            .filter_map(|array| {
-                let columns = array.columns()?;
-                Some((array, columns))
-            })
-            .collect();
-        let columns: Vec<ArrayColumns> =
-            arrays.iter().map(|(_, columns)| columns.clone()).collect();
-        Self { arrays: Arc::new(arrays), names: names(&columns) }
+    pub(crate) fn new(arrays: Vec<(ArrayColumns, ArrayNumbers)>) -> Self {
+        let columns: Vec<_> = arrays.iter().map(|(columns, _)| columns.clone()).collect();
+        Self { arrays, names: names(&columns) }
     }
 }
 
@@ -191,26 +173,26 @@ impl ColumnLayout for ArrayTable {
     }
 
     fn rows(&self) -> Result<Box<dyn RowStream>, TableError> {
-        Ok(Box::new(ArrayRows { arrays: Arc::clone(&self.arrays), row: 0 }))
+        Ok(Box::new(ArrayRows { arrays: self.arrays.clone(), row: 0 }))
     }
 }
 
-struct ArrayRows {
-    arrays: Arc<Vec<(Array, ArrayColumns)>>,
-    row: usize,
+/// The rows of arrays of one length.
+pub(crate) struct ArrayRows {
+    pub(crate) arrays: Vec<(ArrayColumns, ArrayNumbers)>,
+    pub(crate) row: usize,
 }
 
 impl RowStream for ArrayRows {
     fn next(&mut self, batch: &mut RowBatch) -> Result<bool, TableError> {
-        let count: usize = self.arrays.iter().map(|(_, columns)| columns.count).sum();
-        let all = self.arrays.first().map_or(0, |(_, columns)| columns.rows);
+        let count: usize = self.arrays.iter().map(|(columns, _)| columns.count).sum();
+        let all = self.arrays.first().map_or(0, |(columns, _)| columns.rows);
         let rows = self.row..all.min(self.row + batch_rows(count));
         if rows.is_empty() {
             return Ok(false);
         }
         batch.clear();
-        for (array, columns) in self.arrays.iter() {
-            let Some(numbers) = &array.numbers else { continue };
+        for (columns, numbers) in &self.arrays {
             for column in 0..columns.count {
                 let position = |row: usize| match numbers.is_by_row {
                     true => row * columns.count + column,

@@ -9,7 +9,7 @@ use hdf5_pure::{
     Group, ReadSeekSource,
 };
 
-use crate::arrays::{Array, ArrayColumns, ArrayNumbers, ArrayTable, columns_of_log, names};
+use crate::arrays::{ArrayColumns, ArrayNumbers, ArrayRows, columns_of_log, names};
 use crate::budget;
 use crate::element::Element;
 use crate::error::TableError;
@@ -41,8 +41,7 @@ const CLASSES: [&str; 11] = [
 #[derive(Debug)]
 struct Hdf5Table {
     file: FileSource,
-    /// Where they are, and their sides as rows and columns.
-    sets: Vec<(String, Vec<usize>)>,
+    sets: Vec<ArrayColumns>,
     is_by_row: bool,
     names: Option<Vec<String>>,
 }
@@ -60,21 +59,16 @@ pub(crate) fn open(
     }
     let mut found = DataSets { is_by_row, ..DataSets::default() };
     found.add(&file.root(), "", DEPTH)?;
-    let columns: Vec<ArrayColumns> = found
-        .sets
-        .iter()
-        .filter_map(|(path, size)| ArrayColumns::new(path.clone(), size))
-        .collect();
-    let wanted = columns_of_log(KIND, &columns, part)?;
-    let names = names(&wanted.iter().map(|&at| columns[at].clone()).collect::<Vec<_>>());
-    let sets = wanted.into_iter().map(|at| found.sets[at].clone()).collect();
+    let wanted = columns_of_log(KIND, &found.sets, part)?;
+    let sets: Vec<_> = wanted.into_iter().map(|at| found.sets[at].clone()).collect();
+    let names = names(&sets);
     Ok(Arc::new(Hdf5Table { file: source.clone(), sets, is_by_row, names }))
 }
 
 /// Vectors and matrices of numbers.
 #[derive(Default)]
 struct DataSets {
-    sets: Vec<(String, Vec<usize>)>,
+    sets: Vec<ArrayColumns>,
     objects: usize,
     is_by_row: bool,
 }
@@ -85,8 +79,9 @@ impl DataSets {
         for (name, set) in group.iter_datasets().map_err(unreadable)? {
             self.count()?;
             let is_number = element(&set).is_some() && (self.is_by_row || is_matlab_number(&set)?);
-            if let (true, Some(sides)) = (is_number, self.sides(&set)?) {
-                self.sets.push((format!("{path}{name}"), sides));
+            let sides = self.sides(&set)?;
+            if is_number {
+                self.sets.extend(ArrayColumns::new(format!("{path}{name}"), &sides));
             }
         }
         if depth == 0 {
@@ -102,18 +97,15 @@ impl DataSets {
         Ok(())
     }
 
-    /// Rows and columns, or the length of a vector; `None` where there are further sides.
-    fn sides(&self, set: &Dataset) -> Result<Option<Vec<usize>>, TableError> {
-        let shape = set.shape().map_err(unreadable)?;
-        if !(1..=2).contains(&shape.len()) {
-            return Ok(None);
-        }
+    /// Rows and columns, or the length of a vector.
+    fn sides(&self, set: &Dataset) -> Result<Vec<usize>, TableError> {
+        let shape = set.shape().map_err(unreadable)?.into_iter();
         let mut sides: Vec<usize> =
-            shape.into_iter().map(|side| usize::try_from(side).unwrap_or(usize::MAX)).collect();
+            shape.map(|side| usize::try_from(side).unwrap_or(usize::MAX)).collect();
         if !self.is_by_row {
             sides.reverse();
         }
-        Ok(Some(sides))
+        Ok(sides)
     }
 
     fn count(&mut self) -> Result<(), TableError> {
@@ -177,7 +169,8 @@ impl ColumnLayout for Hdf5Table {
         let file = read(&self.file)?;
         let limit = ANY.saturating_add(file.file_size().saturating_mul(RATIO));
         let mut left = limit.min(budget::IN_MEMORY);
-        let read = |(path, size): &(String, Vec<usize>)| {
+        let read = |columns: &ArrayColumns| {
+            let path = &columns.path;
             let set = file.dataset(path).map_err(unreadable)?;
             let changed = || KIND.damaged(format!("`{path}` is not what it was"));
             let (element, is_little) = element(&set).ok_or_else(changed)?;
@@ -192,11 +185,12 @@ impl ColumnLayout for Hdf5Table {
             let bytes = Arc::new(set.read_raw().map_err(unreadable)?);
             let range = 0..bytes.len();
             let is_by_row = self.is_by_row;
-            let numbers = Some(ArrayNumbers { bytes, range, element, is_little, is_by_row });
-            Ok(Array { name: path.clone(), size: size.clone(), numbers })
+            let numbers = ArrayNumbers { bytes, range, element, is_little, is_by_row };
+            Ok((columns.clone(), numbers))
         };
-        let arrays = self.sets.iter().map(read).collect::<Result<Vec<_>, TableError>>()?;
-        ArrayTable::new(arrays).rows()
+        let mut arrays = self.sets.iter().map(read).collect::<Result<Vec<_>, TableError>>()?;
+        arrays.retain(|(columns, numbers)| columns.are_all_of(numbers));
+        Ok(Box::new(ArrayRows { arrays, row: 0 }))
     }
 }
 

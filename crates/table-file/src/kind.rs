@@ -21,38 +21,33 @@ pub enum FileKind {
 }
 
 impl FileKind {
+    /// Its name in documents, and what people call it, after the article.
+    const fn names(self) -> [&'static str; 3] {
+        match self {
+            Self::Hdf5 => ["hdf5", "an", "HDF5 file"],
+            Self::Matlab => ["matlab", "a", "MATLAB 5 file"],
+            Self::Mcap => ["mcap", "an", "MCAP file"],
+            Self::NumPy => ["numpy", "a", "NumPy file"],
+            Self::Parquet => ["parquet", "a", "Parquet file"],
+            Self::Xlsx => ["xlsx", "an", "Excel workbook"],
+        }
+    }
+
     /// What people call it, with an article.
     pub(crate) fn with_article(self) -> String {
-        let article = match self {
-            Self::Hdf5 | Self::Mcap | Self::Xlsx => "an",
-            Self::Matlab | Self::NumPy | Self::Parquet => "a",
-        };
-        format!("{article} {self}")
+        let [_, article, name] = self.names();
+        format!("{article} {name}")
     }
 
     /// Its name in documents.
     pub const fn key(self) -> &'static str {
-        match self {
-            Self::Hdf5 => "hdf5",
-            Self::Matlab => "matlab",
-            Self::Mcap => "mcap",
-            Self::NumPy => "numpy",
-            Self::Parquet => "parquet",
-            Self::Xlsx => "xlsx",
-        }
+        self.names()[0]
     }
 }
 
 impl fmt::Display for FileKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Hdf5 => "HDF5 file",
-            Self::Matlab => "MATLAB 5 file",
-            Self::Mcap => "MCAP file",
-            Self::NumPy => "NumPy file",
-            Self::Parquet => "Parquet file",
-            Self::Xlsx => "Excel workbook",
-        })
+        f.write_str(self.names()[2])
     }
 }
 

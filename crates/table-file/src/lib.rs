@@ -1,7 +1,7 @@
 //! Tables in binary files, read row by row.
 //!
 //! [`recognise`] tells from the first bytes what a file is. [`Table::open`] finds its columns, and
-//! [`TableText`] streams its rows as the text of a CSV file, in memory that does not grow with their
+//! [`Table::text`] streams its rows as the text of a CSV file, in memory that does not grow with their
 //! number: what reads text logs reads these as well, to the same bits, as every number is written with
 //! the digits that read back as the same.
 //!
@@ -45,4 +45,4 @@ pub use mat5::arrays;
 pub use rows::{Cell, Numbering};
 pub use source::{FileSource, OpenFile};
 pub use table::Table;
-pub use text::TableText;
+pub use text::{TextSource, TextStream};

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use flate2::read::ZlibDecoder;
 
-use crate::arrays::{Array, ArrayNumbers, ArrayTable, arrays_of_log};
+use crate::arrays::{Array, ArrayColumns, ArrayNumbers, ArrayTable, columns_of_log};
 use crate::budget;
 use crate::element::Element;
 use crate::error::TableError;
@@ -184,5 +184,9 @@ pub(crate) fn open(
     budget::within(KIND, || "the file".to_owned(), length, budget::IN_MEMORY)?;
     let mut bytes = Vec::new();
     file.take(budget::IN_MEMORY).read_to_end(&mut bytes)?;
-    Ok(Arc::new(ArrayTable::new(arrays_of_log(&arrays_of(bytes)?, part)?)))
+    let arrays = arrays_of(bytes)?.into_iter().filter_map(Array::into_columns);
+    let (columns, numbers): (Vec<ArrayColumns>, Vec<ArrayNumbers>) = arrays.unzip();
+    let wanted = columns_of_log(KIND, &columns, part)?;
+    let arrays = wanted.into_iter().map(|at| (columns[at].clone(), numbers[at].clone()));
+    Ok(Arc::new(ArrayTable::new(arrays.collect())))
 }

@@ -29,15 +29,6 @@ pub enum NamedColumn {
 }
 
 impl NamedColumn {
-    fn len(&self) -> usize {
-        match self {
-            Self::Text(values) => values.len(),
-            Self::Number(values) => values.len(),
-            Self::Full(values) => values.len(),
-            Self::Count(values) => values.len(),
-        }
-    }
-
     fn cells(&self) -> Cells<'_> {
         match self {
             Self::Text(values) => Cells::Texts(values),
@@ -57,13 +48,16 @@ impl NamedTable {
         let named = |(name, column): (&str, NamedColumn)| (name.to_owned(), column);
         let columns: Vec<_> = columns.into_iter().map(named).collect();
         let table = Self { columns };
-        assert!(table.columns.iter().all(|(_, column)| column.len() == table.rows()), "one length");
+        assert!(
+            table.columns.iter().all(|(_, column)| column.cells().len() == table.rows()),
+            "one length"
+        );
         table
     }
 
     /// Number of rows.
     pub fn rows(&self) -> usize {
-        self.columns.first().map_or(0, |(_, column)| column.len())
+        self.columns.first().map_or(0, |(_, column)| column.cells().len())
     }
 
     /// The table as CSV, with a line of names.

@@ -4,6 +4,7 @@
 //! dates are given in ISO 8601.
 
 use std::collections::HashSet;
+use std::io::Read;
 use std::sync::Arc;
 
 use crate::budget;
@@ -13,7 +14,7 @@ use crate::kind::FileKind;
 use crate::rows::{Cell, ColumnLayout, Numbering, RowBatch, RowStream};
 use crate::source::FileSource;
 use crate::xml::{Xml, XmlElement, XmlEvent};
-use crate::zip::{EntryContent, ZipEntry, entries};
+use crate::zip::{ZipEntry, entries};
 
 const KIND: FileKind = FileKind::Xlsx;
 
@@ -220,7 +221,7 @@ impl ColumnLayout for Sheet {
 
 struct SheetRows {
     name: String,
-    xml: Xml<EntryContent>,
+    xml: Xml<Box<dyn Read + Send>>,
     shared: Arc<SharedParts>,
     /// The last row that was given.
     row: u64,
@@ -261,32 +262,27 @@ impl RowStream for SheetRows {
 
 impl SheetRows {
     fn next_row(&mut self) -> Result<Option<(u64, Vec<Cell>)>, TableError> {
-        let wrong = |name: &str, what: String| KIND.damaged(format!("`{name}`: {what}"));
-        let mut number = self.row + 1;
+        let Self { name: file, xml, shared, row: before, .. } = self;
+        let wrong = |what: String| KIND.damaged(format!("`{file}`: {what}"));
+        let mut number = *before + 1;
         let mut cells: Vec<Cell> = Vec::new();
         let mut cell: Option<OpenCell> = None;
         loop {
-            let event = self.xml.next().map_err(|what| wrong(&self.name, what))?;
-            let Some(event) = event else { return Ok(None) };
+            let Some(event) = xml.next().map_err(wrong)? else { return Ok(None) };
             match event {
                 XmlEvent::Start(element) => match element.name.as_str() {
                     "row" => {
                         if let Some(given) = element.attribute("r") {
                             let given =
                                 given.parse().ok().filter(|row| (number..=LAST_ROW).contains(row));
-                            number = given.ok_or_else(|| {
-                                wrong(
-                                    &self.name,
-                                    format!("a row after row {} has no number", self.row),
-                                )
-                            })?;
+                            let unnumbered = || format!("a row after row {before} has no number");
+                            number = given.ok_or_else(|| wrong(unnumbered()))?;
                         }
                     }
                     "c" => {
-                        let next = cells.len();
-                        cell = Some(OpenCell::new(&element, next).ok_or_else(|| {
-                            wrong(&self.name, format!("a cell of row {number} has no place"))
-                        })?);
+                        let misplaced = || format!("a cell of row {number} has no place");
+                        let opened = OpenCell::new(&element, cells.len());
+                        cell = Some(opened.ok_or_else(|| wrong(misplaced()))?);
                     }
                     "v" | "t" => {
                         if let Some(cell) = &mut cell {
@@ -309,11 +305,8 @@ impl SheetRows {
                     "c" => {
                         if let Some(cell) = cell.take() {
                             let position = cell.column;
-                            let value = cell.value(&self.shared).map_err(|what| {
-                                wrong(
-                                    &self.name,
-                                    format!("row {number}, column {}: {what}", position + 1),
-                                )
+                            let value = cell.value(shared).map_err(|what| {
+                                wrong(format!("row {number}, column {}: {what}", position + 1))
                             })?;
                             cells.resize(cells.len().max(position), Cell::Missing);
                             cells.push(value);

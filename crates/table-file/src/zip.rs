@@ -8,7 +8,7 @@ use crate::budget;
 use crate::bytes::{ByteReader, part};
 use crate::error::TableError;
 use crate::kind::FileKind;
-use crate::source::{FileSource, OpenFile};
+use crate::source::FileSource;
 
 const KIND: FileKind = FileKind::Xlsx;
 
@@ -76,42 +76,32 @@ fn entry(bytes: &mut ByteReader<'_>) -> Option<ZipEntry> {
     let name = String::from_utf8_lossy(bytes.take(name)?).into_owned();
     let extra = bytes.take(extra)?;
     bytes.take(comment)?;
-    let long = Long { extra, size, packed, start };
-    let (packed, start) = long.resolve()?;
+    let (packed, start) = in_64_bits(extra, size, packed, start)?;
     Some(ZipEntry { name, method, is_encrypted: flags & 1 == 1, packed, start })
 }
 
-/// Lengths of 32 bits, which stand in an extra field where they are too long.
-struct Long<'a> {
-    extra: &'a [u8],
-    size: u32,
-    packed: u32,
-    start: u32,
-}
-
-impl Long<'_> {
-    /// The length in the archive, and where it starts.
-    fn resolve(&self) -> Option<(u64, u64)> {
-        let mut fields = ByteReader::new(self.extra);
-        let mut long = ByteReader::new(&[]);
-        while let (Some(kind), Some(length)) = (fields.u16(), fields.u16()) {
-            let content = fields.take(usize::from(length))?;
-            if kind == 1 {
-                long = ByteReader::new(content);
-            }
+/// The length in the archive, and where it starts: numbers that are too long for 32 bits stand in an extra field,
+/// after the length of the content if that is.
+fn in_64_bits(extra: &[u8], size: u32, packed: u32, start: u32) -> Option<(u64, u64)> {
+    let mut fields = ByteReader::new(extra);
+    let mut long = ByteReader::new(&[]);
+    while let (Some(kind), Some(length)) = (fields.u16(), fields.u16()) {
+        let content = fields.take(usize::from(length))?;
+        if kind == 1 {
+            long = ByteReader::new(content);
         }
-        let mut value = |short: u32| match short {
-            u32::MAX => long.u64(),
-            short => Some(u64::from(short)),
-        };
-        value(self.size)?;
-        Some((value(self.packed)?, value(self.start)?))
     }
+    let mut value = |short: u32| match short {
+        u32::MAX => long.u64(),
+        short => Some(u64::from(short)),
+    };
+    value(size)?;
+    Some((value(packed)?, value(start)?))
 }
 
 impl ZipEntry {
     /// Its content as a stream, which may be of any length.
-    pub(crate) fn open(&self, archive: &FileSource) -> Result<EntryContent, TableError> {
+    pub(crate) fn open(&self, archive: &FileSource) -> Result<Box<dyn Read + Send>, TableError> {
         let wrong = || KIND.damaged(format!("`{}` in the archive", self.name));
         if self.is_encrypted {
             return Err(KIND.unsupported("it is encrypted"));
@@ -131,8 +121,8 @@ impl ZipEntry {
         file.seek(SeekFrom::Start(data))?;
         let packed = BufReader::with_capacity(1 << 16, file.take(self.packed));
         match self.method {
-            0 => Ok(EntryContent::Stored(packed)),
-            8 => Ok(EntryContent::Deflated(Box::new(DeflateDecoder::new(packed)))),
+            0 => Ok(Box::new(packed)),
+            8 => Ok(Box::new(DeflateDecoder::new(packed))),
             method => {
                 let what = format!("`{}` is compressed by method {method}", self.name);
                 Err(KIND.unsupported(what))
@@ -143,20 +133,5 @@ impl ZipEntry {
     /// Its length in the archive.
     pub(crate) fn stored_bytes(&self) -> u64 {
         self.packed
-    }
-}
-
-/// The content of a file in an archive.
-pub(crate) enum EntryContent {
-    Stored(BufReader<std::io::Take<OpenFile>>),
-    Deflated(Box<DeflateDecoder<BufReader<std::io::Take<OpenFile>>>>),
-}
-
-impl Read for EntryContent {
-    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
-        match self {
-            Self::Stored(stream) => stream.read(buffer),
-            Self::Deflated(stream) => stream.read(buffer),
-        }
     }
 }

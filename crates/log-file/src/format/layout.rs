@@ -200,7 +200,7 @@ fn read_header(
         LogFormat::Console => Ok(Header {
             format,
             separator: b',',
-            names: console_names(),
+            names: CONSOLE.map(str::to_owned).to_vec(),
             units: Vec::new(),
             rows_start: start,
             names_line: first.number,
@@ -280,11 +280,11 @@ fn separated_header(
     };
     let named_above = (!has_names).then(|| names_in_comment(head, first, separator, found.len()));
     let fixed = match (mapping.format, found.len()) {
-        (Some(LogFormat::Training), _) => Some((LogFormat::Training, training_names())),
-        (Some(LogFormat::Reference), _) => Some((LogFormat::Reference, reference_names())),
+        (Some(LogFormat::Training), _) => Some((LogFormat::Training, &TRAINING[..])),
+        (Some(LogFormat::Reference), _) => Some((LogFormat::Reference, &REFERENCE[..])),
         _ if has_names || named_above.as_ref().is_some_and(Option::is_some) => None,
-        (None, 15) => Some((LogFormat::Training, training_names())),
-        (None, 12) => Some((LogFormat::Reference, reference_names())),
+        (None, 15) => Some((LogFormat::Training, &TRAINING[..])),
+        (None, 12) => Some((LogFormat::Reference, &REFERENCE[..])),
         _ => None,
     };
     if let Some((format, names)) = fixed {
@@ -293,6 +293,7 @@ fn separated_header(
             let problem = PlacedProblem::LayoutMismatch { format, expected, found };
             return Err(source.error_at(first.number, problem));
         }
+        let names = names.iter().map(|&name| name.to_owned()).collect();
         return Ok(Header { format, names, ..header });
     }
     if let Some((line, names)) = named_above.flatten() {
@@ -359,23 +360,12 @@ fn with_points(field: &[u8]) -> Vec<u8> {
     field
 }
 
-fn training_names() -> Vec<String> {
-    let sensors = (1..=8).map(|i| format!("s{i}"));
-    std::iter::once("time".to_owned()).chain(sensors).chain(wrench_names()).collect()
-}
-
-fn reference_names() -> Vec<String> {
-    let leading = ["column 1", "column 2", "time"].map(str::to_owned).into_iter();
-    leading.chain(wrench_names()).chain(["ax", "ay", "az"].map(str::to_owned)).collect()
-}
-
-fn console_names() -> Vec<String> {
-    (1..=8).map(|i| format!("s{i}")).chain(["time_us".to_owned()]).collect()
-}
-
-fn wrench_names() -> impl Iterator<Item = String> {
-    shell_data::wrench::Axis::ALL.into_iter().map(|axis| axis.name().to_owned())
-}
+/// The columns of formats that do not name them.
+const TRAINING: [&str; 15] =
+    ["time", "s1", "s2", "s3", "s4", "s5", "s6", "s7", "s8", "Fx", "Fy", "Fz", "Mx", "My", "Mz"];
+const REFERENCE: [&str; 12] =
+    ["column 1", "column 2", "time", "Fx", "Fy", "Fz", "Mx", "My", "Mz", "ax", "ay", "az"];
+const CONSOLE: [&str; 9] = ["s1", "s2", "s3", "s4", "s5", "s6", "s7", "s8", "time_us"];
 
 /// The fields of one line, quotes removed.
 fn fields(line: &[u8], separator: u8) -> Vec<Vec<u8>> {

@@ -29,29 +29,12 @@ impl Log {
         wanted: &Wanted,
         options: &ReadOptions<'_>,
         map: impl Fn(&mut Block) -> T + Sync,
-        fold: impl FnMut(T) -> Result<(), E>,
-    ) -> Result<ReadSummary, E> {
-        let (summary, _) = self.read_init(wanted, options, || (), |(), block| map(block), fold)?;
-        Ok(summary)
-    }
-
-    /// As [`Log::read`], with a state for every worker thread, made by `init` and passed to `map`.
-    /// Also returns the states, in no particular order.
-    ///
-    /// # Errors
-    /// As [`Log::read`].
-    pub fn read_init<S: Send, T: Send, E: From<LogError>>(
-        &self,
-        wanted: &Wanted,
-        options: &ReadOptions<'_>,
-        init: impl Fn() -> S + Sync,
-        map: impl Fn(&mut S, &mut Block) -> T + Sync,
         mut fold: impl FnMut(T) -> Result<(), E>,
-    ) -> Result<(ReadSummary, Vec<S>), E> {
-        let map = |state: &mut S, _, block: &mut Block| map(state, block);
+    ) -> Result<ReadSummary, E> {
+        let map = |(): &mut (), _, block: &mut Block| map(block);
         let fold = |_, value| fold(value);
-        let (mut summaries, states) = read_all(&[self], wanted, options, init, map, fold)?;
-        Ok((summaries.pop().expect("one summary per log"), states))
+        let (mut summaries, _) = read_all(&[self], wanted, options, || (), map, fold)?;
+        Ok(summaries.pop().expect("one summary per log"))
     }
 }
 
@@ -68,8 +51,9 @@ pub fn threads_for(logs: &[&Log], options: &ReadOptions<'_>) -> usize {
     }
 }
 
-/// Streams all of `logs` once, as [`Log::read_init`] does one of them: `map` and `fold` also get the
-/// index of the log that a block is from. Returns a summary of each log and the states.
+/// Streams all of `logs` once, as [`Log::read`] does one of them, with a state for every worker thread, made by
+/// `init` and passed to `map`: `map` and `fold` also get the index of the log that a block is from. Returns a
+/// summary of each log and the states, these in no particular order.
 ///
 /// # Errors
 /// As [`Log::read`], the first error in the order of logs and rows.

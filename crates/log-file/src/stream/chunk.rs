@@ -52,7 +52,6 @@ pub(crate) enum ChunkError {
 }
 
 /// A stream of bytes as a sequence of chunks.
-#[derive(Debug)]
 pub(crate) struct ChunkStream<R> {
     stream: R,
     chunk_bytes: usize,
@@ -62,8 +61,10 @@ pub(crate) struct ChunkStream<R> {
     skip: u64,
     carry: Vec<u8>,
     context: Vec<u8>,
-    clock: Option<ClockTurns>,
-    has_decimal_commas: bool,
+    /// A clock that may wrap around, which is looked at.
+    pub(crate) clock: Option<ClockTurns>,
+    /// Whether decimal points are made of decimal commas.
+    pub(crate) has_decimal_commas: bool,
     has_begun: bool,
     ended: bool,
 }
@@ -84,16 +85,6 @@ impl<R: Read> ChunkStream<R> {
             has_begun: false,
             ended: false,
         }
-    }
-
-    /// Looks at a clock that may wrap around.
-    pub(crate) fn with_clock(self, clock: Option<ClockTurns>) -> Self {
-        Self { clock, ..self }
-    }
-
-    /// Makes decimal points of decimal commas.
-    pub(crate) fn with_decimal_commas(self, has_decimal_commas: bool) -> Self {
-        Self { has_decimal_commas, ..self }
     }
 
     pub(crate) fn stream(&self) -> &R {

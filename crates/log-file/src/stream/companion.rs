@@ -4,7 +4,7 @@
 
 use std::io::{self, BufRead, BufReader, Read};
 
-use super::text_stream::TextSource;
+use table_file::TextSource;
 
 /// The longest line.
 const LONGEST: u64 = 1 << 20;
@@ -113,10 +113,6 @@ impl<R: Read> Joined<R> {
         let (first, second) = (CompanionLines::new(first), CompanionLines::new(second));
         Self { first, second, sides: None, line: 0 }
     }
-
-    pub(crate) fn get_ref(&self) -> &R {
-        self.first.stream.get_ref()
-    }
 }
 
 impl<R: Read> TextSource for Joined<R> {
@@ -179,11 +175,12 @@ impl<R: Read> CompanionLines<R> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::stream::text_stream::TextStream;
+    use table_file::TextStream;
 
     fn joined(first: &str, second: &str) -> Result<String, String> {
         let mut text = String::new();
-        let mut joined = TextStream::new(Joined::new(first.as_bytes(), second.as_bytes()));
+        let mut joined =
+            TextStream::new(Vec::new(), Joined::new(first.as_bytes(), second.as_bytes()));
         match joined.read_to_string(&mut text) {
             Ok(_) => Ok(text),
             Err(error) => Err(error.to_string()),

@@ -7,6 +7,5 @@ pub(crate) mod decimal_comma;
 pub(crate) mod log_chunks;
 pub mod pipeline;
 pub(crate) mod source;
-mod text_stream;
 mod utf16;
 mod zstd;

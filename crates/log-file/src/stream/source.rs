@@ -11,20 +11,19 @@
 use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use flate2::bufread::MultiGzDecoder;
 use table_file::{
-    FileKind, FileSource, Numbering, OpenFile, Recognised, Table, TableError, TableText,
+    FileKind, FileSource, Numbering, OpenFile, Recognised, Table, TableError, TextStream,
 };
 use tempfile::TempPath;
 
 use super::companion::{CompanionLines, Joined, RowMismatch, Sides};
-use super::text_stream::TextStream;
 use super::utf16::Utf16;
 use super::zstd::{self, Zstd};
-use crate::checksum::Checksum;
+use crate::checksum::{self, Checksum};
 use crate::error::{LogError, LogPosition, PlacedProblem};
 
 /// A file to be read from its start any number of times.
@@ -178,14 +177,8 @@ impl LogSource {
     /// The checksum of the file beside it, if there is one.
     pub(crate) fn companion_checksum(&self) -> Result<Option<String>, LogError> {
         let Some(companion) = &self.companion else { return Ok(None) };
-        let (mut file, mut checksum) = (companion.open_file()?, Checksum::default());
-        let mut buffer = vec![0; 1 << 16];
-        loop {
-            match file.read(&mut buffer).map_err(|error| companion.error(error))? {
-                0 => return Ok(Some(checksum.finish())),
-                read => checksum.update(&buffer[..read]),
-            }
-        }
+        let checksum = checksum::of_stream(companion.open_file()?);
+        checksum.map(Some).map_err(|error| companion.error(error))
     }
 
     /// What the first lines of this and the file beside it say; `None` without such a file.
@@ -242,7 +235,8 @@ impl LogSource {
     ) -> Result<ByteStream, LogError> {
         let stream = self.open_alone(checksum, threads, bytes)?;
         let Some(companion) = &self.companion else { return Ok(stream) };
-        Ok(ByteStream::Joined(Box::new(TextStream::new(Joined::new(stream, companion.open()?)))))
+        let joined = Joined::new(stream.text, companion.open()?.text);
+        Ok(ByteStream { text: Box::new(TextStream::new(Vec::new(), joined)), ..stream })
     }
 
     /// Opens the text of the file itself.
@@ -252,47 +246,33 @@ impl LogSource {
         threads: usize,
         bytes: &Arc<AtomicU64>,
     ) -> Result<ByteStream, LogError> {
+        let checksum = checksum.then(Arc::<Mutex<Checksum>>::default);
         let file = |bytes: &Arc<AtomicU64>| {
-            let checksum = checksum.then(Box::default);
-            Ok::<_, LogError>(CountingFile {
-                file: self.open_file()?,
-                bytes: Arc::clone(bytes),
-                checksum,
-            })
+            let (bytes, checksum) = (Arc::clone(bytes), checksum.clone());
+            Ok::<_, LogError>(CountingFile { file: self.open_file()?, bytes, checksum })
         };
-        let buffered = |file| BufReader::with_capacity(1 << 16, file);
-        let stream = match &self.container {
-            Container::Plain => ByteStream::Plain(file(bytes)?),
-            Container::Gzip => ByteStream::Gzip(
-                Box::new(MultiGzDecoder::new(buffered(file(bytes)?))),
-                most_unpacked(self.bytes),
-            ),
-            Container::Zstd => ByteStream::Zstd(
-                Box::new(Zstd::new(buffered(file(bytes)?))),
-                most_unpacked(self.bytes),
-            ),
+        let buffered = || Ok::<_, LogError>(BufReader::with_capacity(1 << 16, file(bytes)?));
+        let most = most_unpacked(self.bytes);
+        let mut text: Box<dyn Read + Send> = match &self.container {
+            Container::Plain => Box::new(file(bytes)?),
+            Container::Gzip => {
+                Box::new(Unpacked { decoder: MultiGzDecoder::new(buffered()?), left: most })
+            }
+            Container::Zstd => Box::new(Unpacked { decoder: Zstd::new(buffered()?), left: most }),
             Container::Table(table) => {
                 // Tables are not read from start to end, checksums are.
                 let mut whole = file(&Arc::default())?;
-                if checksum {
+                if checksum.is_some() {
                     io::copy(&mut whole, &mut io::sink()).map_err(|error| self.error(error))?;
                 }
                 let text = table.text_by(threads).map_err(|problem| self.table_error(problem))?;
-                let left = self.bytes;
-                ByteStream::Table(Box::new(TableStream {
-                    text,
-                    whole,
-                    left,
-                    bytes: Arc::clone(bytes),
-                }))
+                Box::new(TableStream { text, left: self.bytes, bytes: Arc::clone(bytes) })
             }
         };
-        Ok(match self.utf16 {
-            None => stream,
-            Some(high_first) => {
-                ByteStream::Utf16(Box::new(TextStream::new(Utf16::new(stream, high_first))))
-            }
-        })
+        if let Some(high_first) = self.utf16 {
+            text = Box::new(TextStream::new(Vec::new(), Utf16::new(text, high_first)));
+        }
+        Ok(ByteStream { text, checksum })
     }
 
     /// Whether the bytes of the file are those of the text.
@@ -380,87 +360,70 @@ fn most_unpacked(bytes: u64) -> u64 {
 /// How many times its size a compressed log may unpack to, beyond 64 MB.
 const UNPACKED_RATIO: u64 = 128;
 
-/// Reads from a decoder that may give `left` more bytes.
-fn unpack(decoder: &mut impl Read, left: &mut u64, buffer: &mut [u8]) -> io::Result<usize> {
-    let read = decoder.read(buffer)?;
-    *left = left.checked_sub(read as u64).ok_or_else(|| {
-        let text = format!(
-            "it unpacks to more than {UNPACKED_RATIO} times its size and 64 MB; if it is a log, unpack it \
-             first: a file as it is may be of any size"
-        );
-        io::Error::new(io::ErrorKind::FileTooLarge, text)
-    })?;
-    Ok(read)
+/// A decoder that may give `left` more bytes.
+struct Unpacked<D> {
+    decoder: D,
+    left: u64,
+}
+
+impl<D: Read> Read for Unpacked<D> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let read = self.decoder.read(buffer)?;
+        self.left = self.left.checked_sub(read as u64).ok_or_else(|| {
+            let text = format!(
+                "it unpacks to more than {UNPACKED_RATIO} times its size and 64 MB; if it is a log, unpack it \
+                 first: a file as it is may be of any size"
+            );
+            io::Error::new(io::ErrorKind::FileTooLarge, text)
+        })?;
+        Ok(read)
+    }
 }
 
 /// The text of a log from its start.
-#[derive(Debug)]
-pub(crate) enum ByteStream {
-    Plain(CountingFile),
-    /// With how many more bytes may be unpacked.
-    Gzip(Box<MultiGzDecoder<BufReader<CountingFile>>>, u64),
-    /// Likewise.
-    Zstd(Box<Zstd<BufReader<CountingFile>>>, u64),
-    Table(Box<TableStream>),
-    Utf16(Box<TextStream<Utf16<ByteStream>>>),
-    Joined(Box<TextStream<Joined<ByteStream>>>),
+pub(crate) struct ByteStream {
+    text: Box<dyn Read + Send>,
+    checksum: Option<Arc<Mutex<Checksum>>>,
 }
 
 impl ByteStream {
     /// The checksum of the file on disk, once it has been read to its end.
     pub(crate) fn checksum(&self) -> Option<String> {
-        self.file().checksum.as_ref().map(|checksum| checksum.finish())
+        self.checksum.as_ref().map(|checksum| lock(checksum).finish())
     }
+}
 
-    fn file(&self) -> &CountingFile {
-        match self {
-            ByteStream::Plain(file) => file,
-            ByteStream::Gzip(decoder, _) => decoder.get_ref().get_ref(),
-            ByteStream::Zstd(decoder, _) => decoder.get_ref().get_ref(),
-            ByteStream::Table(table) => &table.whole,
-            ByteStream::Utf16(decoder) => decoder.source().get_ref().file(),
-            ByteStream::Joined(joined) => joined.source().get_ref().file(),
-        }
-    }
+fn lock(checksum: &Mutex<Checksum>) -> MutexGuard<'_, Checksum> {
+    checksum.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Read for ByteStream {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        match self {
-            ByteStream::Plain(file) => file.read(buffer),
-            ByteStream::Gzip(decoder, left) => unpack(decoder, left, buffer),
-            ByteStream::Zstd(decoder, left) => unpack(decoder, left, buffer),
-            ByteStream::Table(table) => table.read(buffer),
-            ByteStream::Utf16(decoder) => decoder.read(buffer),
-            ByteStream::Joined(joined) => joined.read(buffer),
-        }
+        self.text.read(buffer)
     }
 }
 
 /// A file that counts the bytes read from it and computes their checksum.
-#[derive(Debug)]
-pub(crate) struct CountingFile {
+struct CountingFile {
     file: OpenFile,
     bytes: Arc<AtomicU64>,
-    checksum: Option<Box<Checksum>>,
+    checksum: Option<Arc<Mutex<Checksum>>>,
 }
 
 impl Read for CountingFile {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let read = self.file.read(buffer)?;
         self.bytes.fetch_add(read as u64, Ordering::Relaxed);
-        if let Some(checksum) = &mut self.checksum {
-            checksum.update(&buffer[..read]);
+        if let Some(checksum) = &self.checksum {
+            lock(checksum).update(&buffer[..read]);
         }
         Ok(read)
     }
 }
 
 /// A table as text, whose bytes count as read by the length of the text.
-#[derive(Debug)]
-pub(crate) struct TableStream {
-    text: TableText,
-    whole: CountingFile,
+struct TableStream {
+    text: Box<dyn Read + Send>,
     /// How many bytes of the file have not been counted.
     left: u64,
     bytes: Arc<AtomicU64>,

@@ -2,7 +2,7 @@
 
 use std::io::{self, Read};
 
-use super::text_stream::TextSource;
+use table_file::TextSource;
 
 /// The text of a stream of UTF-16, without its byte-order mark. What is no character becomes U+FFFD.
 #[derive(Debug)]
@@ -17,10 +17,6 @@ pub(crate) struct Utf16<R> {
 impl<R: Read> Utf16<R> {
     pub(crate) fn new(stream: R, high_first: bool) -> Self {
         Self { stream, high_first, rest: Vec::new(), has_begun: false }
-    }
-
-    pub(crate) fn get_ref(&self) -> &R {
-        &self.stream
     }
 }
 
@@ -63,7 +59,7 @@ impl<R: Read> TextSource for Utf16<R> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::stream::text_stream::TextStream;
+    use table_file::TextStream;
 
     /// A stream that gives a few bytes at a time.
     struct Dripping<'a>(&'a [u8], usize);
@@ -89,13 +85,14 @@ mod tests {
                 .collect();
             for step in [1, 2, 3, 5, 1000] {
                 let mut decoded = String::new();
-                let mut stream = TextStream::new(Utf16::new(Dripping(&bytes, step), high_first));
+                let mut stream =
+                    TextStream::new(Vec::new(), Utf16::new(Dripping(&bytes, step), high_first));
                 stream.read_to_string(&mut decoded).unwrap();
                 assert_eq!(decoded, text, "{step}");
             }
         }
         let mut decoded = String::new();
-        let mut stream = TextStream::new(Utf16::new(&b"\xff\xfea\0\x01"[..], false));
+        let mut stream = TextStream::new(Vec::new(), Utf16::new(&b"\xff\xfea\0\x01"[..], false));
         stream.read_to_string(&mut decoded).unwrap();
         assert_eq!(decoded, "a\u{fffd}", "half a character at the end");
     }

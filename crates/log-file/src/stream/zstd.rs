@@ -1,6 +1,5 @@
 //! Text compressed with Zstandard (RFC 8878): frames one after the other, of which some hold nothing.
 
-use std::fmt;
 use std::io::{self, BufRead, Read};
 
 use ruzstd::decoding::errors::{FrameDecoderError, ReadFrameHeaderError};
@@ -43,12 +42,6 @@ impl<R: BufRead> Zstd<R> {
     }
 }
 
-impl<R> Zstd<R> {
-    pub(crate) fn get_ref(&self) -> &R {
-        &self.stream
-    }
-}
-
 /// Whether a file begins as one.
 pub(crate) fn begins(start: &[u8]) -> bool {
     matches!(start, [0x28, 0xb5, 0x2f, 0xfd, ..] | [0x50..=0x5f, 0x2a, 0x4d, 0x18, ..])
@@ -80,11 +73,5 @@ impl<R: BufRead> Read for Zstd<R> {
             }
             self.in_frame = false;
         }
-    }
-}
-
-impl<R> fmt::Debug for Zstd<R> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Zstd").field("in_frame", &self.in_frame).finish_non_exhaustive()
     }
 }

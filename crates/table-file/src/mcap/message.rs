@@ -8,12 +8,9 @@ use crate::rows::Cell;
 /// How messages of a topic are read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum FieldKind {
-    /// `geometry_msgs/WrenchStamped` as ROS 2 sends it (CDR), or ROS 1.
-    WrenchStamped {
-        is_ros1: bool,
-    },
-    /// `geometry_msgs/Wrench`, likewise.
+    /// `geometry_msgs/Wrench` or `geometry_msgs/WrenchStamped` as ROS 2 sends it (CDR), or ROS 1.
     Wrench {
+        is_stamped: bool,
         is_ros1: bool,
     },
     Json,
@@ -40,11 +37,12 @@ impl FieldKind {
             "ros1" => true,
             _ => return None,
         };
-        match schema.replace("/msg/", "/").as_str() {
-            "geometry_msgs/WrenchStamped" => Some(Self::WrenchStamped { is_ros1 }),
-            "geometry_msgs/Wrench" => Some(Self::Wrench { is_ros1 }),
-            _ => None,
-        }
+        let is_stamped = match schema.replace("/msg/", "/").as_str() {
+            "geometry_msgs/WrenchStamped" => true,
+            "geometry_msgs/Wrench" => false,
+            _ => return None,
+        };
+        Some(Self::Wrench { is_stamped, is_ros1 })
     }
 
     /// What is wrong with a message is said in words.
@@ -58,12 +56,8 @@ impl FieldKind {
                 flatten(String::new(), value, DEPTH, &mut columns)?;
                 Ok(Message { stamp_ns: None, columns })
             }
-            Self::WrenchStamped { is_ros1 } => {
-                wrench(data, is_ros1, true).ok_or_else(|| "no `WrenchStamped`".to_owned())
-            }
-            Self::Wrench { is_ros1 } => {
-                wrench(data, is_ros1, false).ok_or_else(|| "no `Wrench`".to_owned())
-            }
+            Self::Wrench { is_stamped, is_ros1 } => wrench(data, is_ros1, is_stamped)
+                .ok_or_else(|| format!("no `Wrench{}`", if is_stamped { "Stamped" } else { "" })),
         }
     }
 }

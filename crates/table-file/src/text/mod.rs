@@ -1,42 +1,33 @@
 //! A table as the text of a CSV file.
 
 mod parts;
+mod stream;
 
-use std::fmt;
 use std::io::{self, Read};
 
 use shell_data::escape;
 
 use self::parts::TextOfParts;
+pub use self::stream::{TextSource, TextStream};
 use crate::error::TableError;
-use crate::rows::{Cell, RowBatch, RowParts, RowStream};
+use crate::rows::{Cell, RowBatch, RowStream};
 use crate::table::Table;
 
-/// Reads as the text of a CSV file: a line of names, if the table has any, and a line for each row.
-/// Numbers have the fewest digits that read back as the same number. Texts lose their line breaks.
-///
-/// Errors of the table are in the errors of reading, as [`TableError`].
-pub struct TableText {
-    source: TextInput,
-    text: Vec<u8>,
-    at: usize,
-    ended: bool,
-}
-
-/// Where the text comes from.
-enum TextInput {
-    /// Rows, one batch after the other.
-    Rows(Box<dyn RowStream>, RowBatch),
-    /// Parts that other threads read.
-    Parts(TextOfParts),
+/// Rows as text, one batch after the other.
+struct TextOfRows {
+    rows: Box<dyn RowStream>,
+    batch: RowBatch,
 }
 
 impl Table {
-    /// The table as text.
+    /// The table as the text of a CSV file: a line of names, if the table has any, and a line for each row.
+    /// Numbers have the fewest digits that read back as the same number. Texts lose their line breaks.
+    ///
+    /// Errors of the table are in the errors of reading, as [`TableError`].
     ///
     /// # Errors
     /// [`TableError`] if the file cannot be opened.
-    pub fn text(&self) -> Result<TableText, TableError> {
+    pub fn text(&self) -> Result<Box<dyn Read + Send>, TableError> {
         self.text_by(1)
     }
 
@@ -44,7 +35,7 @@ impl Table {
     ///
     /// # Errors
     /// As [`Table::text`].
-    pub fn text_by(&self, threads: usize) -> Result<TableText, TableError> {
+    pub fn text_by(&self, threads: usize) -> Result<Box<dyn Read + Send>, TableError> {
         let mut text = Vec::new();
         if let Some(names) = self.names() {
             for (position, name) in names.iter().enumerate() {
@@ -56,41 +47,37 @@ impl Table {
             text.push(b'\n');
         }
         let parts = self.layout.parts().filter(|parts| threads > 1 && parts.count() > 1);
-        match parts {
-            Some(parts) => Ok(TableText::from_parts(text, parts, threads)),
+        Ok(match parts {
+            Some(parts) => Box::new(TextStream::new(text, TextOfParts::new(parts, threads))),
             None => {
-                let source = TextInput::Rows(self.layout.rows()?, RowBatch::new());
-                Ok(TableText { source, text, at: 0, ended: false })
+                let rows = TextOfRows { rows: self.layout.rows()?, batch: RowBatch::new() };
+                Box::new(TextStream::new(text, rows))
             }
-        }
+        })
     }
 }
 
-impl TableText {
-    /// The line of names, then all parts.
-    fn from_parts(names: Vec<u8>, parts: Box<dyn RowParts>, threads: usize) -> Self {
-        let source = TextInput::Parts(TextOfParts::new(parts, threads));
-        Self { source, text: names, at: 0, ended: false }
+impl TextSource for TextOfRows {
+    fn append(&mut self, text: &mut Vec<u8>) -> io::Result<bool> {
+        let is_there = self.rows.next(&mut self.batch).map_err(to_io)?;
+        if is_there {
+            write_rows(&self.batch, text);
+        }
+        Ok(is_there)
     }
+}
 
-    /// Makes text of the next rows.
-    fn refill(&mut self) -> Result<(), TableError> {
-        self.text.clear();
-        self.at = 0;
-        // Set until the next rows are there: there are none after an error.
-        self.ended = true;
-        let is_there = match &mut self.source {
-            TextInput::Rows(rows, batch) => {
-                let is_there = rows.next(batch)?;
-                if is_there {
-                    write_rows(batch, &mut self.text);
-                }
-                is_there
-            }
-            TextInput::Parts(parts) => parts.next(&mut self.text)?,
-        };
-        self.ended = !is_there;
-        Ok(())
+impl TextSource for TextOfParts {
+    fn append(&mut self, text: &mut Vec<u8>) -> io::Result<bool> {
+        self.next(text).map_err(to_io)
+    }
+}
+
+/// The error of reading that an error of the table is.
+fn to_io(error: TableError) -> io::Error {
+    match error {
+        TableError::Io(error) => error,
+        error => io::Error::new(io::ErrorKind::InvalidData, error),
     }
 }
 
@@ -114,27 +101,6 @@ fn write_rows(batch: &RowBatch, text: &mut Vec<u8>) {
             }
         }
         text.push(b'\n');
-    }
-}
-
-impl Read for TableText {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        while self.at == self.text.len() && !self.ended {
-            self.refill().map_err(|error| match error {
-                TableError::Io(error) => error,
-                error => io::Error::new(io::ErrorKind::InvalidData, error),
-            })?;
-        }
-        let count = buffer.len().min(self.text.len() - self.at);
-        buffer[..count].copy_from_slice(&self.text[self.at..][..count]);
-        self.at += count;
-        Ok(count)
-    }
-}
-
-impl fmt::Debug for TableText {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("TableText").field("at", &self.at).finish_non_exhaustive()
     }
 }
 

@@ -124,7 +124,7 @@ mod tests {
     use super::*;
     use crate::kind::FileKind;
     use crate::rows::{Cell, RowStream};
-    use crate::text::TableText;
+    use crate::text::TextStream;
 
     /// Parts of so many batches of a thousand rows each; the last one is damaged, if that is asked.
     #[derive(Debug)]
@@ -173,7 +173,7 @@ mod tests {
 
     fn text(numbers: Numbers, threads: usize) -> (Vec<u8>, Option<String>) {
         let mut text = Vec::new();
-        let mut stream = TableText::from_parts(Vec::new(), Box::new(numbers), threads);
+        let mut stream = TextStream::new(Vec::new(), TextOfParts::new(Box::new(numbers), threads));
         let error = stream.read_to_end(&mut text).err().map(|error| error.to_string());
         (text, error)
     }
@@ -201,7 +201,7 @@ mod tests {
         let begun = Arc::new(AtomicUsize::new(0));
         let numbers =
             Numbers { batches: vec![90; 9], is_damaged: false, begun: Arc::clone(&begun) };
-        let mut stream = TableText::from_parts(Vec::new(), Box::new(numbers), 3);
+        let mut stream = TextStream::new(Vec::new(), TextOfParts::new(Box::new(numbers), 3));
         assert_eq!(begun.load(Ordering::Relaxed), 0);
         stream.read_exact(&mut [0; 100]).unwrap();
         drop(stream);

@@ -55,7 +55,7 @@ impl<'a> From<ColumnValues<'a>> for Cells<'a> {
 }
 
 impl Cells<'_> {
-    fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         match self {
             Self::Numbers(values) => values.len(),
             Self::OptionalNumbers(values) => values.len(),

@@ -3,14 +3,17 @@
 use std::io::{self, Read};
 
 /// What makes text.
-pub(crate) trait TextSource {
+pub trait TextSource {
     /// Appends the next piece; `false` once there is none behind it.
+    ///
+    /// # Errors
+    /// Those of what the text is made of; there is none after an error.
     fn append(&mut self, text: &mut Vec<u8>) -> io::Result<bool>;
 }
 
 /// The text of a source.
 #[derive(Debug)]
-pub(crate) struct TextStream<S> {
+pub struct TextStream<S> {
     source: S,
     text: Vec<u8>,
     at: usize,
@@ -18,12 +21,9 @@ pub(crate) struct TextStream<S> {
 }
 
 impl<S: TextSource> TextStream<S> {
-    pub(crate) fn new(source: S) -> Self {
-        Self { source, text: Vec::new(), at: 0, ended: false }
-    }
-
-    pub(crate) fn source(&self) -> &S {
-        &self.source
+    /// The text of `source`, after `text`.
+    pub fn new(text: Vec<u8>, source: S) -> Self {
+        Self { source, text, at: 0, ended: false }
     }
 }
 
@@ -32,6 +32,8 @@ impl<S: TextSource> Read for TextStream<S> {
         while self.at == self.text.len() && !self.ended {
             self.text.clear();
             self.at = 0;
+            // Set until the next piece is there: there is none after an error.
+            self.ended = true;
             self.ended = !self.source.append(&mut self.text)?;
         }
         let count = buffer.len().min(self.text.len() - self.at);
