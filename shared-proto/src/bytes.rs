@@ -126,6 +126,18 @@ impl<'a> Reader<'a> {
         self.array().map(f32::from_le_bytes)
     }
 
+    /// As many numbers as wanted, each as `number` reads one.
+    pub(crate) fn numbers<T: Copy + Default, const K: usize>(
+        &mut self,
+        number: impl Fn(&mut Self) -> Option<T>,
+    ) -> Option<[T; K]> {
+        let mut numbers = [T::default(); K];
+        for position in &mut numbers {
+            *position = number(self)?;
+        }
+        Some(numbers)
+    }
+
     /// What is left.
     pub(crate) fn rest(self) -> &'a [u8] {
         self.0

@@ -211,8 +211,7 @@ impl Packet {
         };
         let body = Reader(body.0);
         let packet = match kind {
-            SAMPLE_READINGS => Sample::read_readings(number, body).map(Self::Sample),
-            SAMPLE_WRENCH => Sample::read_wrench(number, body).map(Self::Sample),
+            SAMPLE_READINGS | SAMPLE_WRENCH => Sample::read(kind, number, body).map(Self::Sample),
             HEALTH => Health::read(number, body).map(Self::Health),
             EDGE => Edge::read(number, body).map(Self::Edge),
             COMMAND => Self::read_command(number, body),
@@ -258,30 +257,12 @@ impl Sample {
         out.push(self.dropped);
     }
 
-    fn read_readings(sequence: u16, mut body: Reader<'_>) -> Option<Self> {
+    fn read(kind: u8, sequence: u16, mut body: Reader<'_>) -> Option<Self> {
         let clock_us = body.u32()?;
-        let mut readings = [0; CHANNELS];
-        for reading in &mut readings {
-            *reading = body.u16()?;
-        }
-        Self::read_flags(sequence, clock_us, Values::Readings(readings), body)
-    }
-
-    fn read_wrench(sequence: u16, mut body: Reader<'_>) -> Option<Self> {
-        let clock_us = body.u32()?;
-        let mut wrench = [0.0; AXES];
-        for value in &mut wrench {
-            *value = body.f32()?;
-        }
-        Self::read_flags(sequence, clock_us, Values::Wrench(wrench), body)
-    }
-
-    fn read_flags(
-        sequence: u16,
-        clock_us: u32,
-        values: Values,
-        mut body: Reader<'_>,
-    ) -> Option<Self> {
+        let values = match kind {
+            SAMPLE_READINGS => Values::Readings(body.numbers(Reader::u16)?),
+            _ => Values::Wrench(body.numbers(Reader::f32)?),
+        };
         let (saturated, dropped) = (body.u8()?, body.u8()?);
         body.end(Self { sequence, clock_us, values, saturated, dropped })
     }
