@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::protocol::protocol_name;
-use shared_proto::{Decoder, Event, Protocol, detect, skinproc};
+use shared_proto::{Decoder, Event, Protocol, detect};
 
 /// Bytes that are enough to tell the protocol by: half a second of 100 Hz takes 1,500.
 const ENOUGH: usize = 2048;
@@ -119,7 +119,7 @@ impl Recognition {
 
     fn recognise(&mut self) -> Result<Option<RecognisedProtocol>, NoFrame> {
         let found = match self.asked_for {
-            Some(protocol) => Some(protocol).filter(|&protocol| speaks(protocol, &self.bytes)),
+            Some(protocol) => (protocol.frames_in(&self.bytes).0 > 0).then_some(protocol),
             None => detect(&self.bytes),
         };
         let Some(protocol) = found else { return Ok(None) };
@@ -134,23 +134,6 @@ impl Recognition {
         match (self.asked_for, detect(&self.bytes)) {
             (Some(asked_for), Some(found)) => NoFrame::OtherProtocol { bytes, asked_for, found },
             _ => NoFrame::Any { bytes },
-        }
-    }
-}
-
-/// Whether there is a frame of `protocol` in `bytes`.
-fn speaks(protocol: Protocol, bytes: &[u8]) -> bool {
-    match protocol {
-        Protocol::Packets(framing) => {
-            let mut decoder = Decoder::new(framing);
-            decoder.feed(bytes, |_| {});
-            let counters = decoder.counters();
-            counters.packets + counters.unknown_version > 0
-        }
-        Protocol::Original => {
-            let mut decoder = skinproc::Decoder::new();
-            decoder.feed(bytes, |_| {});
-            decoder.scans > 0
         }
     }
 }
