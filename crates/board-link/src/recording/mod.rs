@@ -26,6 +26,7 @@ mod rows;
 mod sequence;
 mod simultaneous;
 mod timeline;
+mod wire;
 
 pub use boards::{BoardSource, Boards, HeardBoard};
 pub use edges::BoardEdge;
@@ -35,3 +36,4 @@ pub use reception::{BoardFrame, Content, Losses, Measured, Reception};
 pub use recognition::{NoFrame, RecognisedProtocol, Recognition};
 pub use rows::{FrameLabel, RowWriter, row_flags, write_time};
 pub use simultaneous::Simultaneous;
+pub(crate) use wire::PacketWire;
