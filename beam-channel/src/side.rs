@@ -149,15 +149,10 @@ impl Side {
         self.engagement - self.travel_m()
     }
 
-    /// How far the body reaches past the line of the tips, in m.
-    pub(crate) fn depth_m(&self) -> f64 {
-        self.path.depth()
-    }
-
     /// Whether beams turn past 90° while the body passes: it is then nearer to the wall than their
     /// bases, and a real beam bends otherwise.
     pub fn turns_past_a_right_angle(&self) -> bool {
-        self.depth_m() > self.path.beam
+        self.path.depth() > self.path.beam
     }
 
     /// Whether tips snap across a part of the body where they cannot rest.

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use serde::Serialize;
 
 use super::LogSink;
+use super::record::RecordOptions;
 use super::record_error::RecordError;
-use super::record_options::RecordOptions;
 use crate::recording::{BoardFrame, BoardSource, FrameLabel, Losses, RowWriter};
 use shell_data::wrench::AxisValues;
 
@@ -34,16 +34,16 @@ pub(super) struct BoardLog {
     pub(super) log: Option<Box<dyn LogSink>>,
     /// Made for the first frame, which tells the columns.
     rows: Option<RowWriter>,
-    /// Marks that are not among the rows yet.
-    marks: Vec<(i64, u32)>,
+    /// Marks that are not among the rows yet, by the index of a frame: the first from it on that is written gets one.
+    pub(super) marks: Vec<(i64, u32)>,
     /// Frames that wait for a label.
     waiting: Vec<BoardFrame>,
-    /// Labels that are not known to the rows yet.
-    labels: Vec<FrameLabel>,
+    /// Labels that are not known to the rows yet, for frames that have not been written.
+    pub(super) labels: Vec<FrameLabel>,
     /// Whether frames wait until they are settled.
     waits: bool,
     /// The index of the first frame that may still be labelled.
-    settled: Option<i64>,
+    pub(super) settled: Option<i64>,
     /// Frames that logs before this one had no columns for.
     other_content: u64,
     pub(super) frames: u64,
@@ -112,21 +112,6 @@ impl BoardLog {
         rows.write(frames, log.pending())?;
         log.flush()?;
         Ok(())
-    }
-
-    /// Marks rows, by the index of a frame: the first from it on that is written after this.
-    pub(super) fn mark(&mut self, marks: impl Iterator<Item = (i64, u32)>) {
-        self.marks.extend(marks);
-    }
-
-    /// Labels rows of frames that have not been written.
-    pub(super) fn label(&mut self, labels: impl Iterator<Item = FrameLabel>) {
-        self.labels.extend(labels);
-    }
-
-    /// Lets the frames before this one go unlabelled.
-    pub(super) fn settle(&mut self, first_unsettled: Option<i64>) {
-        self.settled = first_unsettled;
     }
 
     /// Ends the log, which may be followed by another.

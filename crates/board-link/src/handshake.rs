@@ -7,7 +7,6 @@ use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use shared_proto::xbee::Mode;
 use shared_proto::{Command, Framing, Identity, Protocol, ResetCause, Status, detect};
 
 use super::source::read_port;
@@ -168,12 +167,8 @@ fn listen(options: &HandshakeOptions) -> Result<Heard, LinkError> {
             port => port?,
         };
         let (mut bytes, asked_in) = (Vec::new(), options.uplink.framing);
-        let framings = [asked_in].into_iter().chain(
-            [Framing::Cobs, Framing::Xbee(Mode::Plain), Framing::Xbee(Mode::Escaped)]
-                .into_iter()
-                .filter(|&framing| framing != asked_in),
-        );
-        for framing in framings {
+        let others = Framing::ALL.into_iter().filter(|&framing| framing != asked_in);
+        for framing in [asked_in].into_iter().chain(others) {
             let uplink = Uplink { framing, ..options.uplink };
             // What cannot be sent is not answered, which is what is found out here.
             let _ = port.write_all(&uplink.encode(options.number, None, Command::Identify));

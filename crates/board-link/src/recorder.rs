@@ -7,9 +7,8 @@ use shared_proto::{Command, Identity, Protocol};
 
 use super::LogSink;
 use super::board_log::BoardLog;
+use super::record::{RecordOptions, Recorded};
 use super::record_error::RecordError;
-use super::record_options::RecordOptions;
-use super::recorded::Recorded;
 use super::resume::StartedBoards;
 use super::watcher::{RecordCommand, RecordingProgress, Watcher};
 use crate::recording::{
@@ -124,7 +123,7 @@ impl Recorder {
 
     /// What the boards have said they are, since they were asked.
     pub fn identities(&self) -> impl Iterator<Item = Identity> {
-        self.stage.heard().iter().filter_map(|board| board.reception().identity())
+        self.stage.heard().iter().filter_map(|board| board.reception.identity)
     }
 
     /// Writes what is due `now`, a time since the start; how it goes, about twice a second.
@@ -231,9 +230,9 @@ impl Recorder {
         let numbered = matches!(protocol, Protocol::Packets(_));
         // Also where no frame has come since: those that wait for a label may be written next.
         if let Some(first) = self.logs.first_mut() {
-            first.mark(self.marks.drain(..));
-            first.label(self.labels.drain(..));
-            first.settle(self.settled);
+            first.marks.append(&mut self.marks);
+            first.labels.append(&mut self.labels);
+            first.settled = self.settled;
         }
         for board in boards.heard_mut().iter_mut().filter(|board| !board.frames.is_empty()) {
             let found = self.logs.iter().position(|log| log.sender == board.sender);
@@ -363,7 +362,7 @@ impl Recorder {
             losses,
             other_content: self.logs.iter().map(BoardLog::other_content).sum(),
             reconnections: 0,
-            boot: self.stage.heard().iter().find_map(|board| board.reception().boot()),
+            boot: self.stage.heard().iter().find_map(|board| board.reception.boot),
             boards: match &self.logs[..] {
                 [] | [_] => Vec::new(),
                 several => {

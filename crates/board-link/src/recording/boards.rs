@@ -27,7 +27,8 @@ pub struct HeardBoard {
     pub sender: BoardSource,
     /// Frames that nobody has taken yet.
     pub frames: Vec<BoardFrame>,
-    reception: Reception,
+    /// Its books.
+    pub(crate) reception: Reception,
     /// When its newest packet arrived.
     pub(crate) heard_at: Option<Duration>,
 }
@@ -47,13 +48,6 @@ pub struct Boards {
 enum Wire {
     Packets(PacketWire),
     Original(skinproc::Decoder),
-}
-
-impl HeardBoard {
-    /// Its books.
-    pub fn reception(&self) -> &Reception {
-        &self.reception
-    }
 }
 
 impl Boards {

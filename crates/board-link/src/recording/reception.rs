@@ -171,11 +171,14 @@ pub struct Reception {
     contradicted: u64,
     last_dropped: Option<u8>,
     dropped_on_board: u64,
-    /// Of the newest packet.
-    start: Option<u16>,
-    boot: Option<Boot>,
-    identity: Option<Identity>,
-    status: Option<Status>,
+    /// The run that the newest packet is of, where the board says so.
+    pub(crate) start: Option<u16>,
+    /// What the board said of itself when it last started, if it did.
+    pub(crate) boot: Option<Boot>,
+    /// What the board has said that it is.
+    pub(crate) identity: Option<Identity>,
+    /// What the board has said since its last start of how it does.
+    pub(crate) status: Option<Status>,
     timing: Option<Timing>,
     /// Not given to a frame yet.
     health: Option<Health>,
@@ -327,26 +330,6 @@ impl Reception {
     /// Whether there was a frame.
     pub(crate) fn has_begun(&self) -> bool {
         self.timeline.has_begun()
-    }
-
-    /// What the board said of itself when it last started, if it did.
-    pub fn boot(&self) -> Option<Boot> {
-        self.boot
-    }
-
-    /// What the board has said that it is.
-    pub(crate) fn identity(&self) -> Option<Identity> {
-        self.identity
-    }
-
-    /// What the board has said since its last start of how it does.
-    pub(crate) fn status(&self) -> Option<Status> {
-        self.status
-    }
-
-    /// The run that the newest packet is of, where the board says so.
-    pub(crate) fn start(&self) -> Option<u16> {
-        self.start
     }
 
     /// What has been lost so far, apart from damage.

@@ -2,8 +2,26 @@
 
 use std::time::Duration;
 
-use super::protocol::protocol_name;
-use shared_proto::{Decoder, Event, Protocol, detect};
+use shared_proto::xbee::Mode;
+use shared_proto::{Decoder, Event, Framing, Protocol, detect};
+
+/// What the bytes of a stream can be: names, and what they are.
+pub const PROTOCOLS: [(&str, &str, Protocol); 4] = [
+    ("cobs", "Packets over a wire or a transparent XBee", Protocol::Packets(Framing::Cobs)),
+    ("xbee-ap1", "Packets over an XBee in API mode", Protocol::Packets(Framing::Xbee(Mode::Plain))),
+    (
+        "xbee-ap2",
+        "Packets over an XBee in API mode with escapes",
+        Protocol::Packets(Framing::Xbee(Mode::Escaped)),
+    ),
+    ("original", "The original SkinProc board", Protocol::Original),
+];
+
+/// The name of a protocol.
+pub fn protocol_name(protocol: Protocol) -> &'static str {
+    let named = PROTOCOLS.iter().find(|(.., known)| *known == protocol);
+    named.map(|(name, ..)| *name).expect("every protocol has a name")
+}
 
 /// Bytes that are enough to tell the protocol by: half a second of 100 Hz takes 1,500.
 const ENOUGH: usize = 2048;
@@ -72,11 +90,6 @@ impl Recognition {
     /// Nothing has arrived. With a protocol `asked_for`, no other is accepted.
     pub fn new(asked_for: Option<Protocol>) -> Self {
         Self { asked_for, bytes: Vec::new(), first_at: None }
-    }
-
-    /// How many bytes are held until the protocol is known.
-    pub fn held(&self) -> usize {
-        self.bytes.len()
     }
 
     /// Takes bytes that arrived at time `now`; `None` as long as more are needed.
