@@ -18,7 +18,7 @@ use crate::{Setup, SetupError, Wall};
 /// there and snaps across ([`snaps`](Self::snaps)). What is left are arcs on which `s` rises.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Side {
-    path: Path,
+    pub(crate) path: Path,
     /// In the order of travel, which has no gaps; `z` may have one, where the tip snaps.
     arcs: [Arc; 4],
     count: usize,
@@ -122,10 +122,6 @@ impl Side {
         }
         self.arcs[self.count] = arc;
         self.count += 1;
-    }
-
-    pub(crate) fn path(&self) -> &Path {
-        &self.path
     }
 
     pub(crate) fn arcs(&self) -> &[Arc] {
