@@ -172,10 +172,7 @@ impl Recorder {
         }
         match &mut self.stage {
             RecordStage::Receiving(_, boards) => {
-                if let Some(arrival) = arrival {
-                    boards.arrived_at(arrival);
-                }
-                boards.feed(bytes);
+                boards.feed(bytes, arrival);
                 self.show();
                 Ok(())
             }
@@ -194,7 +191,7 @@ impl Recorder {
             .map_err(|problem| RecordError::NoFrame { source_name: self.name.clone(), problem })?;
         if let Some(RecognisedProtocol { protocol, bytes }) = recognised {
             let mut boards = Box::new(Boards::new(protocol));
-            boards.feed(&bytes);
+            boards.feed(&bytes, None);
             self.stage = RecordStage::Receiving(protocol, boards);
             self.show();
         }

@@ -38,7 +38,6 @@ pub struct HeardBoard {
 pub struct Boards {
     wire: Wire,
     heard: Vec<HeardBoard>,
-    arrival: Option<Duration>,
     /// Packets of boards beyond [`MOST`].
     beyond: u64,
 }
@@ -57,18 +56,12 @@ impl Boards {
             Protocol::Packets(framing) => Wire::Packets(PacketWire::new(framing)),
             Protocol::Original => Wire::Original(skinproc::Decoder::new()),
         };
-        Self { wire, heard: Vec::new(), arrival: None, beyond: 0 }
+        Self { wire, heard: Vec::new(), beyond: 0 }
     }
 
-    /// Says when the bytes arrive that are fed from now on, see [`Reception::arrived_at`].
-    pub fn arrived_at(&mut self, now: Duration) {
-        self.arrival = Some(now);
-    }
-
-    /// Takes bytes, in slices of any size.
-    pub fn feed(&mut self, bytes: &[u8]) {
-        let Self { wire, heard, arrival, beyond } = self;
-        let arrival = *arrival;
+    /// Takes bytes, in slices of any size, and when they arrived where that is known, see [`Reception::arrived_at`].
+    pub fn feed(&mut self, bytes: &[u8], arrival: Option<Duration>) {
+        let Self { wire, heard, beyond } = self;
         let take = |address: Option<Address>, rssi, event: Event| {
             let Event::Packet(received) = event else { return };
             // A module has one board.
@@ -249,7 +242,7 @@ mod tests {
                     .collect();
                 let bytes = on_the_air(mode, &sent, cut);
                 let mut boards = Boards::new(Protocol::Packets(Framing::Xbee(mode)));
-                bytes.chunks(11).for_each(|bytes| boards.feed(bytes));
+                bytes.chunks(11).for_each(|bytes| boards.feed(bytes, None));
                 boards.finish();
                 let found: Vec<_> =
                     boards.heard().iter().map(|board| board.sender.address).collect();
@@ -284,9 +277,9 @@ mod tests {
         };
         let mut boards = Boards::new(Protocol::Packets(Framing::Cobs));
         for sequence in 0..50 {
-            [7, 9].into_iter().for_each(|board| boards.feed(&packet(sequence, board)));
+            [7, 9].into_iter().for_each(|board| boards.feed(&packet(sequence, board), None));
             if sequence == 20 {
-                boards.feed(&packet(21, 11));
+                boards.feed(&packet(21, 11), None);
             }
         }
         boards.finish();
@@ -300,7 +293,7 @@ mod tests {
         let missing = [bytes_of(1, 0..3), bytes_of(1, 5..6)].concat();
         let sent = [(Address::Short(1), missing.clone()), (Address::Short(2), missing)];
         let mut boards = Boards::new(Protocol::Packets(Framing::Xbee(Mode::Plain)));
-        boards.feed(&on_the_air(Mode::Plain, &sent, 30));
+        boards.feed(&on_the_air(Mode::Plain, &sent, 30), None);
         assert_eq!((boards.losses().missing, boards.losses().gaps), (4, 2));
     }
 }
