@@ -41,10 +41,8 @@ pub struct Recorder {
     name: String,
     stage: RecordStage,
     options: RecordOptions,
-    /// For the first board.
-    log: Option<Box<dyn LogSink>>,
-    raw: Option<Box<dyn LogSink>>,
-    watcher: Option<Box<dyn Watcher>>,
+    /// Its log is for the first board, which takes it.
+    sinks: Sinks,
     /// Waiting frames of the first board that the watcher has seen.
     shown: usize,
     /// Marks that the first board's log has not got yet.
@@ -93,9 +91,7 @@ impl Recorder {
             name: name.to_owned(),
             stage: RecordStage::Recognising(Recognition::new(options.protocol)),
             options,
-            log: sinks.log,
-            raw: sinks.raw,
-            watcher: sinks.watcher,
+            sinks,
             shown: 0,
             marks: Vec::new(),
             labels: Vec::new(),
@@ -153,7 +149,7 @@ impl Recorder {
     }
 
     fn raw_waiting(&mut self) -> usize {
-        self.raw.as_mut().map_or(0, |raw| raw.pending().len())
+        self.sinks.raw.as_mut().map_or(0, |raw| raw.pending().len())
     }
 
     /// Takes bytes that arrived `now`, a time since the start; `arrival` is when they were sent, or so, where that is known.
@@ -167,7 +163,7 @@ impl Recorder {
         arrival: Option<Duration>,
     ) -> Result<(), RecordError> {
         self.bytes += bytes.len() as u64;
-        if let Some(raw) = &mut self.raw {
+        if let Some(raw) = &mut self.sinks.raw {
             raw.pending().extend_from_slice(bytes);
         }
         match &mut self.stage {
@@ -200,7 +196,8 @@ impl Recorder {
 
     /// Shows the watcher what has arrived of the first board.
     fn show(&mut self) {
-        let (Some(watcher), RecordStage::Receiving(_, boards)) = (&mut self.watcher, &self.stage)
+        let (Some(watcher), RecordStage::Receiving(_, boards)) =
+            (&mut self.sinks.watcher, &self.stage)
         else {
             return;
         };
@@ -218,7 +215,7 @@ impl Recorder {
 
     /// Writes what waits.
     fn flush(&mut self) -> Result<(), RecordError> {
-        if let Some(raw) = &mut self.raw {
+        if let Some(raw) = &mut self.sinks.raw {
             raw.flush()?;
         }
         self.show();
@@ -236,7 +233,7 @@ impl Recorder {
             let at = match found {
                 Some(at) => at,
                 None => {
-                    let log = log_of(&mut self.log, &self.logs, board.sender)?;
+                    let log = log_of(&mut self.sinks.log, &self.logs, board.sender)?;
                     let waits = self.options.labels && self.logs.is_empty();
                     self.logs.push(BoardLog::new(board.sender, log, waits));
                     self.logs.len() - 1
@@ -249,7 +246,9 @@ impl Recorder {
 
     /// Does what the watcher wants. A log ends with all that was seen before that.
     fn follow(&mut self) -> Result<(), RecordError> {
-        while let Some(command) = self.watcher.as_mut().and_then(|watcher| watcher.next_command()) {
+        while let Some(command) =
+            self.sinks.watcher.as_mut().and_then(|watcher| watcher.next_command())
+        {
             let next = match command {
                 RecordCommand::Mark { index, number } => {
                     self.marks.push((index, number));
@@ -268,12 +267,12 @@ impl Recorder {
             };
             self.flush()?;
             self.logs.iter_mut().try_for_each(BoardLog::close)?;
-            if let Some(log) = self.log.take() {
+            if let Some(log) = self.sinks.log.take() {
                 log.close()?;
             }
-            self.log = next;
+            self.sinks.log = next;
             for at in 0..self.logs.len() {
-                self.logs[at].log = log_of(&mut self.log, &self.logs, self.logs[at].sender)?;
+                self.logs[at].log = log_of(&mut self.sinks.log, &self.logs, self.logs[at].sender)?;
             }
         }
         Ok(())
@@ -375,7 +374,7 @@ impl Recorder {
     /// [`RecordError::Output`].
     pub fn close(&mut self) -> Result<(), RecordError> {
         let logs = self.logs.iter_mut().filter_map(|board| board.log.take());
-        let sinks = logs.chain(self.log.take()).chain(self.raw.take());
+        let sinks = logs.chain(self.sinks.log.take()).chain(self.sinks.raw.take());
         let closed: Vec<_> = sinks.map(|sink| sink.close()).collect();
         Ok(closed.into_iter().collect::<Result<(), _>>()?)
     }
@@ -444,7 +443,7 @@ mod tests {
         session.take(&bytes_of(0..1000), Duration::ZERO, None).unwrap();
         session.flush().unwrap();
         assert_eq!(rows(), 0, "all may still be labelled");
-        session.watcher = wants([RecordCommand::Settled(400)]);
+        session.sinks.watcher = wants([RecordCommand::Settled(400)]);
         session.follow().unwrap();
         session.take(&bytes_of(1000..1500), Duration::ZERO, None).unwrap();
         session.flush().unwrap();
@@ -452,7 +451,7 @@ mod tests {
         assert!((390..=400).contains(&rows()), "{} rows", rows());
         // Eleven seconds late, and no frame comes after it.
         let label = FrameLabel { from: 400, until: 499, group: "ahead".to_owned() };
-        session.watcher = wants([RecordCommand::Label(label), RecordCommand::StopLog]);
+        session.sinks.watcher = wants([RecordCommand::Label(label), RecordCommand::StopLog]);
         session.follow().unwrap();
         let text = std::fs::read_to_string(&log).unwrap();
         assert_eq!(text.lines().filter(|line| line.contains("ahead")).count(), 100);
