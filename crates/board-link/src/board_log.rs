@@ -28,7 +28,7 @@ pub struct RecordedBoard {
 }
 
 /// Frames of a board on their way into its log.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct BoardLog {
     pub(super) sender: BoardSource,
     pub(super) log: Option<Box<dyn LogSink>>,
@@ -53,19 +53,7 @@ pub(super) struct BoardLog {
 
 impl BoardLog {
     pub(super) fn new(sender: BoardSource, log: Option<Box<dyn LogSink>>, waits: bool) -> Self {
-        Self {
-            sender,
-            log,
-            rows: None,
-            marks: Vec::new(),
-            waiting: Vec::new(),
-            labels: Vec::new(),
-            waits,
-            settled: None,
-            other_content: 0,
-            frames: 0,
-            extent_us: None,
-        }
+        Self { sender, log, waits, ..Self::default() }
     }
 
     /// Writes frames, and empties them; those that may be labelled wait.

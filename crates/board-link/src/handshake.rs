@@ -40,7 +40,7 @@ pub struct HandshakeOptions {
 }
 
 /// What comes from the port.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Heard {
     /// A board, at this speed and with this protocol.
     Board {
@@ -55,11 +55,12 @@ pub enum Heard {
         bytes: usize,
     },
     /// Nothing, at any speed.
+    #[default]
     Silence,
 }
 
 /// All that a board said.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Handshake {
     /// What came from the port.
     pub heard: Heard,
@@ -90,14 +91,7 @@ pub struct Stretch {
 /// [`LinkError`] if the port cannot be opened or goes away.
 pub fn handshake(options: &HandshakeOptions, stop: &AtomicBool) -> Result<Handshake, LinkError> {
     let heard = listen(options)?;
-    let mut found = Handshake {
-        heard,
-        identity: None,
-        status: None,
-        last_words: None,
-        trouble: None,
-        stream: None,
-    };
+    let mut found = Handshake { heard, ..Handshake::default() };
     let Heard::Board { baud, protocol } = heard else { return Ok(found) };
     let port = PortOptions { baud, ..options.port.clone() };
     let mut start = None;

@@ -22,7 +22,7 @@ const PATIENCE: Duration = Duration::from_millis(500);
 const BATCH: u64 = 256;
 
 /// All readers of a stream.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Readers {
     readers: Vec<StreamReader>,
     listeners: Vec<TcpListener>,
@@ -78,13 +78,7 @@ impl Readers {
     /// # Errors
     /// [`OutputError`] of the first that cannot be opened.
     pub fn open(destinations: &[Destination], overwrite: bool) -> Result<Self, OutputError> {
-        let mut readers = Self {
-            readers: Vec::new(),
-            listeners: Vec::new(),
-            looked: None,
-            rows: 0,
-            gone: Vec::new(),
-        };
+        let mut readers = Self::default();
         for destination in destinations {
             let failed = |source| OutputError::failed(destination.to_string(), source);
             let way = match destination {

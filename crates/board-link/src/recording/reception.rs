@@ -302,13 +302,8 @@ impl Reception {
         index: i64,
         frames: &mut Vec<BoardFrame>,
     ) {
-        let stamp = Stamp {
-            sequence: index as u16,
-            clock_us: scan.clock_us,
-            dropped: 0,
-            start: None,
-            host_us: None,
-        };
+        let sequence = index as u16;
+        let stamp = Stamp { sequence, clock_us: scan.clock_us, ..Stamp::default() };
         let placed = match self.timeline.is_forward(&stamp) {
             true => self.timeline.follow(stamp),
             false => self.timeline.jump(stamp),
