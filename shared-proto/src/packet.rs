@@ -3,7 +3,6 @@
 use crate::board::{Board, BoardId, ResetCause};
 use crate::bytes::Reader;
 use crate::command::{Answer, Command};
-use crate::edge::Edge;
 use crate::error::DecodeError;
 use crate::frame::{self, Frame, Plain};
 use crate::health::Health;
@@ -113,6 +112,17 @@ pub enum Values {
     Readings([u16; CHANNELS]),
     /// Fx, Fy, Fz in N, then Mx, My, Mz in N·m.
     Wrench([f32; AXES]),
+}
+
+/// A rising edge at the board's sync input, for a signal that another recorder has, too, so that its clock and the
+/// board's can be compared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Edge {
+    /// Counts the edges that the board has seen since its reset, also those that it did not send, and
+    /// wraps: a gap is edges that came faster than the line carries them, or that were lost on the way.
+    pub number: u16,
+    /// The board's clock at the edge, in µs, as in samples.
+    pub clock_us: u32,
 }
 
 /// What a board says of itself when it has started.
@@ -265,6 +275,17 @@ impl Sample {
         };
         let (saturated, dropped) = (body.u8()?, body.u8()?);
         body.end(Self { sequence, clock_us, values, saturated, dropped })
+    }
+}
+
+impl Edge {
+    fn write(&self, out: &mut Plain) {
+        out.extend(&self.clock_us.to_le_bytes());
+    }
+
+    fn read(number: u16, mut body: Reader<'_>) -> Option<Self> {
+        let clock_us = body.u32()?;
+        body.end(Self { number, clock_us })
     }
 }
 
