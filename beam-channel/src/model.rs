@@ -14,9 +14,9 @@ const PLACES: u32 = 64;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Model {
     setup: Setup,
-    law: Law,
+    pub(crate) law: Law,
     sides: [Option<Side>; 2],
-    mirrored: bool,
+    pub(crate) mirrored: bool,
 }
 
 /// What all beams do to the body.
@@ -59,7 +59,7 @@ impl Model {
                 (1..PLACES).map(move |i| from + (to - from) * f64::from(i) / f64::from(PLACES))
             });
             for z in positions {
-                if !self.law.slides(side.path(), &side.path().position(z)) {
+                if !self.law.slides(&side.path, &side.path.position(z)) {
                     return Err(SetupError::Locks { wall, friction: self.setup.beam.friction });
                 }
             }
@@ -88,14 +88,6 @@ impl Model {
         if self.mirrored { 2.0 } else { 1.0 }
     }
 
-    pub(crate) fn is_mirrored(&self) -> bool {
-        self.mirrored
-    }
-
-    pub(crate) fn law(&self) -> &Law {
-        &self.law
-    }
-
     /// Where the base of beam `i` is, in m from the first, `l_i`.
     pub fn base_m(&self, beam: u32) -> f64 {
         self.setup.channel.pitch_m * f64::from(beam)
@@ -118,7 +110,7 @@ impl Model {
         self.touching(wall, x_m).filter_map(move |beam| {
             let side = side?;
             let contact = side.contact_after(side.travel_at(x_m, self.base_m(beam)))?;
-            let force = self.law.force(side.path(), &contact);
+            let force = self.law.force(&side.path, &contact);
             Some((beam, contact, force.of(wall)))
         })
     }
@@ -166,7 +158,7 @@ impl Model {
     ) {
         let travels = from_fn(|i| side.travel_at(x_m, self.base_m(first + i as u32)));
         for contact in side.contacts::<N>(travels) {
-            total.add(&self.law.force(side.path(), &contact).of(wall));
+            total.add(&self.law.force(&side.path, &contact).of(wall));
         }
     }
 
@@ -221,7 +213,7 @@ mod tests {
             model.law = Law::new(&setup);
             for (_, side) in model.solved() {
                 let end = side.contact_after(side.travel_m()).unwrap();
-                let deflection = model.law.force(side.path(), &end).deflection_rad;
+                let deflection = model.law.force(&side.path, &end).deflection_rad;
                 let energy = 0.5 * setup.beam.torsional_stiffness() * deflection * deflection;
                 let work = model.passage(side);
                 // Where the tip slips off the travel stands still: its angle is known to half the digits.

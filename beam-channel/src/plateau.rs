@@ -88,7 +88,7 @@ impl Model {
             smooth.count(&mut plateau);
             smooth.search(&mut plateau);
         }
-        if self.is_mirrored() {
+        if self.mirrored {
             plateau.mean_contacts[1] = plateau.mean_contacts[0];
             plateau.min_contacts[1] = plateau.min_contacts[0];
             plateau.max_contacts[1] = plateau.max_contacts[0];
@@ -148,7 +148,7 @@ impl Smooth<'_> {
             let arc = side.arcs().iter().find(|arc| travel <= arc.bracket.travel[1]);
             if let Some(arc) = arc {
                 let travel = x + side.engagement_m() - pitch * beam;
-                sum += f(&arc.locate(side.path(), travel));
+                sum += f(&arc.locate(&side.path, travel));
             }
             beam += 1.0;
         }
@@ -164,14 +164,14 @@ impl Smooth<'_> {
     }
 
     fn drag(&self, x: f64) -> f64 {
-        let law = self.model.law();
-        let of = |side: &Side| self.sum(side, x, |contact| law.drag(side.path(), contact));
+        let law = &self.model.law;
+        let of = |side: &Side| self.sum(side, x, |contact| law.drag(&side.path, contact));
         self.model.weight() * self.model.solved().map(|(_, side)| of(side)).sum::<f64>()
     }
 
     fn slope(&self, x: f64) -> f64 {
-        let law = self.model.law();
-        let of = |side: &Side| self.sum(side, x, |contact| law.drag_slope(side.path(), contact));
+        let law = &self.model.law;
+        let of = |side: &Side| self.sum(side, x, |contact| law.drag_slope(&side.path, contact));
         self.model.solved().map(|(_, side)| of(side)).sum()
     }
 

@@ -93,17 +93,17 @@ impl Model {
 
     fn partial_passage(&self, side: &Side, from: f64, to: f64) -> f64 {
         let part = |arc: &Arc| {
-            let z = [from, to].map(|travel| arc.z_at(side.path(), travel));
+            let z = [from, to].map(|travel| arc.z_at(&side.path, travel));
             if z[1] > z[0] { self.work_on(side, z) } else { 0.0 }
         };
         side.arcs().iter().map(part).sum()
     }
 
     fn work_on(&self, side: &Side, [from, to]: [f64; 2]) -> f64 {
-        let path = side.path();
+        let path = &side.path;
         let integrand = |z| {
             let contact = path.position(z);
-            self.law().drag(path, &contact) * contact.slope()
+            self.law.drag(path, &contact) * contact.slope()
         };
         integrate(integrand, from, to)
     }

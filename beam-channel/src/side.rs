@@ -18,7 +18,7 @@ use crate::{Setup, SetupError, Wall};
 /// there and snaps across ([`snaps`](Self::snaps)). What is left are arcs on which `s` rises.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Side {
-    path: Path,
+    pub(crate) path: Path,
     /// In the order of travel, which has no gaps; `z` may have one, where the tip snaps.
     arcs: [Arc; 4],
     count: usize,
@@ -124,10 +124,6 @@ impl Side {
         self.count += 1;
     }
 
-    pub(crate) fn path(&self) -> &Path {
-        &self.path
-    }
-
     pub(crate) fn arcs(&self) -> &[Arc] {
         &self.arcs[..self.count]
     }
@@ -149,15 +145,10 @@ impl Side {
         self.engagement - self.travel_m()
     }
 
-    /// How far the body reaches past the line of the tips, in m.
-    pub(crate) fn depth_m(&self) -> f64 {
-        self.path.depth()
-    }
-
     /// Whether beams turn past 90° while the body passes: it is then nearer to the wall than their
     /// bases, and a real beam bends otherwise.
     pub fn turns_past_a_right_angle(&self) -> bool {
-        self.depth_m() > self.path.beam
+        self.path.depth() > self.path.beam
     }
 
     /// Whether tips snap across a part of the body where they cannot rest.

@@ -30,7 +30,7 @@ const CLIPPED_STEPS: u16 = 2;
 const OVERHEAD_US: u32 = 30;
 
 /// Eight readings, one after the other.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Frame {
     /// Readings in counts, [`COUNTS_PER_LSB`] to a step of the converter.
     pub readings: [u16; CHANNELS],
@@ -51,12 +51,7 @@ pub async fn acquire<F: FrontEnd, C: Clock>(
 ) -> Frame {
     let conversions = settings.conversions.clamp(1, MAX_CONVERSIONS);
     let settling_us = settings.settling_us;
-    let mut frame = Frame {
-        readings: [0; CHANNELS],
-        saturated: 0,
-        dark: [0; CHANNELS],
-        timing: Timing::default(),
-    };
+    let mut frame = Frame::default();
     let start_us = clock.now_us();
     // From the middle of the lit conversions to the end of those after them.
     let burst_us = (u32::from(conversions) * conversion_ns).div_ceil(1000);

@@ -98,16 +98,6 @@ pub struct SeenEdge {
     pub missed: u16,
 }
 
-/// A board without such an input.
-#[derive(Clone, Copy, Debug)]
-pub struct NoSyncInput;
-
-impl SyncInput for NoSyncInput {
-    async fn next_edge(&mut self) -> SeenEdge {
-        core::future::pending().await
-    }
-}
-
 /// The rate of the serial line, and a bootloader in ROM. The defaults are those of a board with a fixed rate and
 /// no bootloader.
 pub trait Chip<W> {

@@ -2,13 +2,14 @@
 
 use crate::acquisition::Frame;
 use crate::baud::Baud;
-use crate::board::{SeenEdge, Storage, VITALS_US};
+use crate::board::{Storage, VITALS_US};
 use crate::last_words::LastWords;
 use crate::limits::Limits;
 use crate::line::{Change, LineState};
 use crate::outbox::Outbox;
 use crate::session::Session;
 use crate::settings::Settings;
+use crate::station::BoardSetup;
 use crate::upload::Record;
 use shared_proto::{
     Answer, BoardId, Boot, CHANNELS, Command, Frame as WireFrame, Identity, PacketOrigin, Refusal,
@@ -23,10 +24,10 @@ const HEALTH_US: u64 = 1_000_000;
 pub(crate) struct Core<'a> {
     identity: Identity,
     reset_cause: ResetCause,
-    session: Session<'a>,
+    pub(crate) session: Session<'a>,
     self_test: Option<SelfTest>,
-    line: LineState,
-    outbox: Outbox,
+    pub(crate) line: LineState,
+    pub(crate) outbox: Outbox,
     frames: u32,
     late: u32,
     damaged: u16,
@@ -66,16 +67,18 @@ pub(crate) enum HealthDue {
 }
 
 impl<'a> Core<'a> {
-    /// The state after a reset, with word of it in the outbox. `record` is where uploads are put together,
-    /// `start` the number of this run of the board.
-    pub(crate) fn new(
-        identity: Identity,
-        start: u16,
-        (reset_cause, last_words): (ResetCause, LastWords),
-        limits: Limits,
-        rate: Option<Baud>,
-        record: &'a mut Record,
-    ) -> Self {
+    /// The state after a reset, with word of it in the outbox. A frame may start late by `tolerance_us`; `record` is
+    /// where uploads are put together.
+    pub(crate) fn new(setup: BoardSetup, tolerance_us: u32, record: &'a mut Record) -> Self {
+        let BoardSetup { identity, start, reset_cause, last_words, rate, .. } = setup;
+        let limits = Limits {
+            min_period_us: identity.min_period_us,
+            conversion_ns: setup.conversion_ns,
+            tolerance_us,
+            bytes_per_s: rate.map(Baud::bytes_per_s),
+            rates: setup.rates,
+            has_bootloader: setup.has_bootloader,
+        };
         let mut outbox = Outbox::new(PacketOrigin { board: identity.id().short(), start });
         let Identity { board, firmware, .. } = identity;
         outbox.push_boot(Boot { board, firmware, cause: reset_cause });
@@ -97,37 +100,26 @@ impl<'a> Core<'a> {
         }
     }
 
-    /// Uses what is in storage.
-    pub(crate) fn load<S: Storage>(&mut self, storage: &mut S) {
-        self.session.load(storage);
-    }
-
     /// When the next frame is due, `None` when not streaming. Slots that cannot be kept any more
     /// are counted as late.
     pub(crate) fn next_slot(&mut self, now_us: u64) -> Option<u64> {
-        let (slot_us, skipped) = self.session.schedule()?.next(now_us);
+        let (slot_us, skipped) = self.session.schedule.as_mut()?.next(now_us);
         self.late = self.late.wrapping_add(skipped);
         Some(slot_us)
     }
 
     /// The slot is used: how to take the frame.
     pub(crate) fn begin_frame(&mut self) -> Settings {
-        if let Some(schedule) = self.session.schedule() {
+        if let Some(schedule) = &mut self.session.schedule {
             schedule.advance();
         }
-        *self.session.settings()
-    }
-
-    /// How frames are taken.
-    pub(crate) fn settings(&self) -> Settings {
-        *self.session.settings()
+        self.session.settings
     }
 
     /// Whether word of the board's health goes before the sample of the frame that has just ended.
     pub(crate) fn health_due(&mut self, now_us: u64) -> Option<HealthDue> {
-        let settings = *self.session.settings();
-        let is_due = now_us >= self.health_at_us || self.described != Some(settings);
-        if !is_due {
+        let is_described = self.described == Some(self.session.settings);
+        if is_described && now_us < self.health_at_us {
             return None;
         }
         let next_us = self.next_slot(now_us).unwrap_or(u64::MAX);
@@ -148,15 +140,15 @@ impl<'a> Core<'a> {
     ) {
         if let Some(vitals) = vitals {
             self.health_at_us = end_us + HEALTH_US;
-            self.described = Some(*self.session.settings());
+            self.described = Some(self.session.settings);
             self.outbox.push_health(start_us as u32, frame.timing, vitals, frame.dark);
         }
         self.frames = self.frames.wrapping_add(1);
         let duration_us = u16::try_from(end_us.saturating_sub(start_us)).unwrap_or(u16::MAX);
         self.longest_frame_us = self.longest_frame_us.max(duration_us);
 
-        let stream = self.session.settings().stream;
-        let converter = self.session.converter();
+        let stream = self.session.settings.stream;
+        let converter = self.session.converter.as_mut();
         let converter = converter.filter(|it| stream == Stream::Wrench || it.is_taring());
         let wrench = converter.map(|converter| converter.convert(&frame.readings, frame.saturated));
         let values = match (stream, wrench) {
@@ -237,26 +229,11 @@ impl<'a> Core<'a> {
         self.damaged = damaged as u16;
     }
 
-    /// An edge at the sync input.
-    pub(crate) fn take_edge(&mut self, edge: SeenEdge) {
-        self.outbox.push_edge(edge);
-    }
-
-    /// A valid packet has arrived.
-    pub(crate) fn heard(&mut self) {
-        self.line.heard();
-    }
-
     /// Whether the rate of before is to be set again, for nothing was heard at the new one.
     pub(crate) fn gives_up_rate(&mut self, now_us: u64) -> bool {
         let old = self.line.give_up(now_us);
         old.into_iter().for_each(|old| self.session.use_rate(old));
         old.is_some()
-    }
-
-    /// The change of the line has been made.
-    pub(crate) fn line_changed(&mut self, now_us: u64) {
-        self.line.done(now_us);
     }
 
     /// The next action on the serial line, if there is one.
@@ -267,7 +244,7 @@ impl<'a> Core<'a> {
     }
 
     fn status(&self, now_us: u64) -> Status {
-        let settings = self.session.settings();
+        let settings = &self.session.settings;
         Status {
             streaming: self.session.is_streaming(),
             calibrated: self.session.is_calibrated(),
@@ -283,7 +260,7 @@ impl<'a> Core<'a> {
             overflowed: self.outbox.overflowed(),
             damaged: self.damaged,
             longest_frame_us: self.longest_frame_us,
-            calibration_crc32: self.session.calibration_crc32(),
+            calibration_crc32: self.session.calibration_crc32,
             foreign: self.foreign,
         }
     }

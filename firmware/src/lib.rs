@@ -29,8 +29,7 @@ mod wrench;
 
 pub use baud::Baud;
 pub use board::{
-    Chip, Clock, FrontEnd, NoChip, NoSyncInput, SeenEdge, Storage, StorageError, SyncInput,
-    VITALS_US, Watchdog,
+    Chip, Clock, FrontEnd, NoChip, SeenEdge, Storage, StorageError, SyncInput, VITALS_US, Watchdog,
 };
 pub use factory::Factory;
 pub use last_words::LastWords;

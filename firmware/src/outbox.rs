@@ -36,7 +36,7 @@ enum Waiting {
 /// goes out, so a gap in the sequence is a loss on the way, and a step of `dropped` one on the board. Edges take
 /// the room that samples leave; those that do not fit are counted, so that the number of the next
 /// one tells.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Outbox {
     /// What all packets say where they come from.
     origin: PacketOrigin,
@@ -51,16 +51,8 @@ pub(crate) struct Outbox {
 
 impl Outbox {
     /// Nothing waits.
-    pub(crate) const fn new(origin: PacketOrigin) -> Self {
-        Self {
-            origin,
-            answers: Deque::new(),
-            stream: Deque::new(),
-            edges: Deque::new(),
-            seen_edges: 0,
-            sequence: 0,
-            overflowed: 0,
-        }
+    pub(crate) fn new(origin: PacketOrigin) -> Self {
+        Self { origin, ..Self::default() }
     }
 
     /// Samples dropped so far; wraps.

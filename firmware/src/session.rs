@@ -13,11 +13,14 @@ use shared_proto::{CHANNELS, Command, Refusal, Stream};
 #[derive(Debug)]
 pub(crate) struct Session<'a> {
     limits: Limits,
-    settings: Settings,
-    /// While streaming.
-    schedule: Option<Schedule>,
-    converter: Option<Converter>,
-    calibration_crc32: u32,
+    /// How frames are taken.
+    pub(crate) settings: Settings,
+    /// When frames are to be taken, `None` when not streaming.
+    pub(crate) schedule: Option<Schedule>,
+    /// What makes wrenches of readings, `None` without a calibration.
+    pub(crate) converter: Option<Converter>,
+    /// CRC-32 of the calibration in use, 0 without one.
+    pub(crate) calibration_crc32: u32,
     upload: Option<Upload>,
     /// What is being uploaded; at the start, what is in storage.
     record: &'a mut Record,
@@ -45,29 +48,9 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// How frames are taken.
-    pub(crate) fn settings(&self) -> &Settings {
-        &self.settings
-    }
-
-    /// When frames are to be taken, `None` when not streaming.
-    pub(crate) fn schedule(&mut self) -> Option<&mut Schedule> {
-        self.schedule.as_mut()
-    }
-
     /// Whether frames are to be taken.
     pub(crate) fn is_streaming(&self) -> bool {
         self.schedule.is_some()
-    }
-
-    /// What makes wrenches of readings, `None` without a calibration.
-    pub(crate) fn converter(&mut self) -> Option<&mut Converter> {
-        self.converter.as_mut()
-    }
-
-    /// CRC-32 of the calibration in use, 0 without one.
-    pub(crate) fn calibration_crc32(&self) -> u32 {
-        self.calibration_crc32
     }
 
     /// Whether there is a calibration.
@@ -338,7 +321,7 @@ mod tests {
         ];
         for (command, refusal) in refused {
             assert_eq!(bench.run(&command), Err(refusal), "{command:?}");
-            assert_eq!(*bench.session.settings(), Settings::DEFAULT);
+            assert_eq!(bench.session.settings, Settings::DEFAULT);
         }
     }
 
@@ -357,9 +340,9 @@ mod tests {
     fn starting_twice_does_not_move_the_slots() {
         let mut bench = Bench::new();
         bench.run(&Command::Start).unwrap();
-        let schedule = *bench.session.schedule().unwrap();
+        let schedule = bench.session.schedule.unwrap();
         assert_eq!(bench.session.execute(&Command::Start, 4_000, &mut bench.memory), Ok(()));
-        assert_eq!(*bench.session.schedule().unwrap(), schedule);
+        assert_eq!(bench.session.schedule.unwrap(), schedule);
         bench.run_all(&[Command::Stop, Command::Stop]).unwrap();
         assert!(!bench.session.is_streaming());
     }
@@ -370,11 +353,11 @@ mod tests {
         assert!(!bench.session.is_calibrated());
         assert_eq!(bench.run_all(&good_upload()), Ok(()));
         let crc = shared_proto::crc32(&calibration().to_bytes());
-        assert_eq!(bench.session.calibration_crc32(), crc);
+        assert_eq!(bench.session.calibration_crc32, crc);
 
-        let mut after = started(&mut bench.memory);
-        assert_eq!((after.is_calibrated(), after.calibration_crc32()), (true, crc));
-        assert!(after.converter().is_some());
+        let after = started(&mut bench.memory);
+        assert_eq!((after.is_calibrated(), after.calibration_crc32), (true, crc));
+        assert!(after.converter.is_some());
     }
 
     #[test]
@@ -384,8 +367,8 @@ mod tests {
             let bytes = calibration.to_bytes();
             let crc = shared_proto::crc32(&bytes);
             assert_eq!(bench.run_all(&upload(&bytes, crc)), Ok(()));
-            assert_eq!(bench.session.calibration_crc32(), crc);
-            assert_eq!(started(&mut bench.memory).calibration_crc32(), crc);
+            assert_eq!(bench.session.calibration_crc32, crc);
+            assert_eq!(started(&mut bench.memory).calibration_crc32, crc);
         }
     }
 
@@ -451,8 +434,8 @@ mod tests {
         bench.memory.works = false;
         assert_eq!(bench.run_all(&upload(&other, other_crc)), Err(Refusal::StorageFailed));
 
-        assert_eq!(bench.session.calibration_crc32(), crc);
-        assert_eq!(started(&mut bench.memory).calibration_crc32(), crc);
+        assert_eq!(bench.session.calibration_crc32, crc);
+        assert_eq!(started(&mut bench.memory).calibration_crc32, crc);
     }
 
     #[test]
@@ -474,13 +457,13 @@ mod tests {
             }
             let refused = session.execute(commit, 0, &mut slots);
             assert_eq!(refused, Err(Refusal::StorageFailed));
-            assert_eq!(session.calibration_crc32(), old_crc);
+            assert_eq!(session.calibration_crc32, old_crc);
 
             slots.flash_mut().restore_power();
-            assert_eq!(started(&mut slots).calibration_crc32(), old_crc);
+            assert_eq!(started(&mut slots).calibration_crc32, old_crc);
             // The upload is still there: the commit can be tried again.
             assert_eq!(session.execute(commit, 0, &mut slots), Ok(()));
-            assert_eq!(started(&mut slots).calibration_crc32(), new_crc);
+            assert_eq!(started(&mut slots).calibration_crc32, new_crc);
         }
     }
 
@@ -493,7 +476,7 @@ mod tests {
         }
         bench.run_all(&good_upload()).unwrap();
         assert_eq!(bench.run_all(&commands), Ok(()));
-        assert_eq!(bench.session.settings().stream, Stream::Wrench);
-        assert!(bench.session.converter().unwrap().is_taring());
+        assert_eq!(bench.session.settings.stream, Stream::Wrench);
+        assert!(bench.session.converter.unwrap().is_taring());
     }
 }

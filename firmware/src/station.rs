@@ -14,7 +14,6 @@ use crate::baud::Baud;
 use crate::board::{Chip, Clock, FrontEnd, Storage, SyncInput, Watchdog};
 use crate::core::{Core, HealthDue, OnLine};
 use crate::last_words::LastWords;
-use crate::limits::Limits;
 use crate::line::Change;
 use crate::upload::Record;
 use core::cell::RefCell;
@@ -71,18 +70,9 @@ pub struct Station<'a, C> {
 impl<'a, C: Clock> Station<'a, C> {
     /// A board after its start. Uploads are put together in `record`.
     pub fn new(setup: BoardSetup, clock: C, record: &'a mut Record) -> Self {
-        let limits = Limits {
-            min_period_us: setup.identity.min_period_us,
-            conversion_ns: setup.conversion_ns,
-            tolerance_us: C::TOLERANCE_US,
-            bytes_per_s: setup.rate.map(Baud::bytes_per_s),
-            rates: setup.rates,
-            has_bootloader: setup.has_bootloader,
-        };
-        let past = (setup.reset_cause, setup.last_words);
-        let core = Core::new(setup.identity, setup.start, past, limits, setup.rate, record);
-        let (changed, outgoing, alive) = (Wake::new(), Wake::new(), Wake::new());
         let conversion_ns = setup.conversion_ns;
+        let core = Core::new(setup, C::TOLERANCE_US, record);
+        let (changed, outgoing, alive) = (Wake::new(), Wake::new(), Wake::new());
         Self { core: RefCell::new(core), clock, conversion_ns, changed, outgoing, alive }
     }
 
@@ -94,7 +84,7 @@ impl<'a, C: Clock> Station<'a, C> {
             self.alive.signal(());
             let test = self.core.borrow_mut().take_self_test();
             if let Some(test) = test {
-                let settings = self.core.borrow_mut().settings();
+                let settings = self.core.borrow().session.settings;
                 let emitter = usize::from(test.emitter);
                 let rise = illuminate(&mut front_end, &self.clock, &settings, emitter).await;
                 self.core.borrow_mut().finish_self_test(&test, rise);
@@ -151,7 +141,7 @@ impl<'a, C: Clock> Station<'a, C> {
                         Change::Rate(rate) => chip.set_baud(&mut sender, rate).await,
                         Change::Bootloader => chip.start_bootloader().await,
                     }
-                    self.core.borrow_mut().line_changed(self.clock.now_us());
+                    self.core.borrow_mut().line.done(self.clock.now_us());
                 }
                 None => self.outgoing.wait().await,
             }
@@ -160,7 +150,7 @@ impl<'a, C: Clock> Station<'a, C> {
 
     /// Does what arrives, with the calibration that is in storage.
     pub async fn receive<R: Read, S: Storage>(&self, mut receiver: R, mut storage: S) {
-        self.core.borrow_mut().load(&mut storage);
+        self.core.borrow_mut().session.load(&mut storage);
         let mut decoder = Decoder::new(Framing::Cobs);
         let mut bytes = [0; 64];
         loop {
@@ -177,7 +167,7 @@ impl<'a, C: Clock> Station<'a, C> {
                     packet: Packet::Command { number, to, command },
                     ..
                 }) => {
-                    core.heard();
+                    core.line.heard();
                     core.command(number, to, &command, self.clock.now_us(), &mut storage);
                 }
                 Event::OtherVersion { command: true, .. } => core.refuse_other_version(),
@@ -194,7 +184,7 @@ impl<'a, C: Clock> Station<'a, C> {
     pub async fn listen<I: SyncInput>(&self, mut sync_input: I) {
         loop {
             let edge = sync_input.next_edge().await;
-            self.core.borrow_mut().take_edge(edge);
+            self.core.borrow_mut().outbox.push_edge(edge);
             self.outgoing.signal(());
         }
     }

@@ -3,17 +3,17 @@
 use core::fmt;
 use core::ops::Deref;
 
-/// Up to `N` bytes in place; `N` is at most 255.
+/// Up to `N` bytes in place; `N` is at most 65,535.
 #[derive(Clone, Copy)]
 pub struct Bytes<const N: usize> {
     bytes: [u8; N],
-    len: u8,
+    len: u16,
 }
 
 impl<const N: usize> Bytes<N> {
     /// No bytes.
     pub const fn new() -> Self {
-        const { assert!(N <= 255, "the length is kept in a byte") };
+        const { assert!(N <= 65_535, "the length is kept in two bytes") };
         Self { bytes: [0; N], len: 0 }
     }
 
@@ -38,13 +38,13 @@ impl<const N: usize> Bytes<N> {
         let len = usize::from(self.len);
         let Some(room) = self.bytes.get_mut(len..len + slice.len()) else { return false };
         room.copy_from_slice(slice);
-        self.len += slice.len() as u8;
+        self.len += slice.len() as u16;
         true
     }
 
     /// Keeps the first `len` bytes.
     pub(crate) fn truncate(&mut self, len: usize) {
-        self.len = self.len.min(len as u8);
+        self.len = self.len.min(len as u16);
     }
 
     pub(crate) fn clear(&mut self) {
@@ -58,7 +58,7 @@ impl<const N: usize> Bytes<N> {
         if let Some(bytes) = self.bytes.get_mut(..len) {
             bytes.copy_within(count.., 0);
         }
-        self.len = (len - count) as u8;
+        self.len = (len - count) as u16;
     }
 
     pub(crate) fn as_mut_slice(&mut self) -> &mut [u8] {
@@ -124,6 +124,18 @@ impl<'a> Reader<'a> {
 
     pub(crate) fn f32(&mut self) -> Option<f32> {
         self.array().map(f32::from_le_bytes)
+    }
+
+    /// As many numbers as wanted, each as `number` reads one.
+    pub(crate) fn numbers<T: Copy + Default, const K: usize>(
+        &mut self,
+        number: impl Fn(&mut Self) -> Option<T>,
+    ) -> Option<[T; K]> {
+        let mut numbers = [T::default(); K];
+        for position in &mut numbers {
+            *position = number(self)?;
+        }
+        Some(numbers)
     }
 
     /// What is left.

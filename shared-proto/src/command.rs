@@ -261,10 +261,7 @@ impl Answer {
             }
             Self::SELF_TEST => {
                 let emitter = body.u8()?;
-                let mut rise = [0; CHANNELS];
-                for rise in &mut rise {
-                    *rise = body.u16()?.cast_signed();
-                }
+                let rise = body.numbers(|body| body.u16().map(u16::cast_signed))?;
                 Self::SelfTest { emitter, rise }
             }
             code => return Some(Self::Other { code }),

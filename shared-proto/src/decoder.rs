@@ -55,17 +55,6 @@ pub struct Counters {
     pub unknown_kind: u64,
 }
 
-impl Counters {
-    const NONE: Self = Self {
-        packets: 0,
-        bad_crc: 0,
-        malformed: 0,
-        bad_api_frames: 0,
-        unknown_version: 0,
-        unknown_kind: 0,
-    };
-}
-
 /// Turns bytes into packets and counts what was damaged.
 ///
 /// A damaged frame costs itself and nothing else: even where the damage is to the delimiter, the
@@ -78,12 +67,12 @@ pub struct Decoder {
 
 impl Decoder {
     /// Nothing has arrived.
-    pub const fn new(framing: Framing) -> Self {
+    pub fn new(framing: Framing) -> Self {
         let deframer = match framing {
             Framing::Cobs => None,
             Framing::Xbee(mode) => Some(Deframer::new(mode)),
         };
-        Self { deframer, stream: ByteStream::new() }
+        Self { deframer, stream: ByteStream::default() }
     }
 
     /// Takes bytes, in slices of any size, and calls `sink` with every event.
@@ -106,7 +95,7 @@ impl Decoder {
 }
 
 /// The stream of frames, in whatever pieces it arrives.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 struct ByteStream {
     /// The start of a frame whose end has not arrived, or as much of its tail as a frame can have.
     partial: Bytes<{ 2 * MAX_FRAME }>,
@@ -117,10 +106,6 @@ struct ByteStream {
 }
 
 impl ByteStream {
-    const fn new() -> Self {
-        Self { partial: Bytes::new(), synchronised: false, counters: Counters::NONE }
-    }
-
     fn feed(&mut self, mut bytes: &[u8], sink: &mut impl FnMut(Event)) {
         while let Some(end) = bytes.iter().position(|&byte| byte == 0) {
             let (frame, rest) = (&bytes[..end], &bytes[end + 1..]);

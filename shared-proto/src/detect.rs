@@ -20,6 +20,24 @@ impl Protocol {
             Self::Original => None,
         }
     }
+
+    /// How many frames of this protocol are in `bytes`, and how much in them is damage.
+    pub fn frames_in(self, bytes: &[u8]) -> (u64, u64) {
+        match self {
+            Self::Packets(framing) => {
+                let mut decoder = Decoder::new(framing);
+                decoder.feed(bytes, |_| {});
+                let counters = decoder.counters();
+                let damaged = counters.bad_crc + counters.malformed + counters.bad_api_frames;
+                (counters.packets + counters.unknown_version, damaged)
+            }
+            Self::Original => {
+                let mut decoder = skinproc::Decoder::new();
+                decoder.feed(bytes, |_| {});
+                (decoder.scans, decoder.skipped / skinproc::SCAN_LEN as u64)
+            }
+        }
+    }
 }
 
 /// The protocol that makes the most of `bytes`, `None` if none finds anything in them.
@@ -28,21 +46,11 @@ impl Protocol {
 /// found; of equals the simpler is taken, for escapes may not have occurred yet. A second of a
 /// stream is plenty.
 pub fn detect(bytes: &[u8]) -> Option<Protocol> {
-    let packets = Framing::ALL.into_iter().map(|framing| {
-        let mut decoder = Decoder::new(framing);
-        decoder.feed(bytes, |_| {});
-        let counters = decoder.counters();
-        let damaged = counters.bad_crc + counters.malformed + counters.bad_api_frames;
-        let found = counters.packets + counters.unknown_version;
-        (Protocol::Packets(framing), found, damaged)
-    });
-    let mut original = skinproc::Decoder::new();
-    original.feed(bytes, |_| {});
-    let damaged = original.skipped / skinproc::SCAN_LEN as u64;
-    packets
-        .chain([(Protocol::Original, original.scans, damaged)])
-        .filter(|&(_, found, _)| found > 0)
-        .map(|(protocol, found, damaged)| (protocol, found.cast_signed() - damaged.cast_signed()))
+    let protocols = Framing::ALL.into_iter().map(Protocol::Packets).chain([Protocol::Original]);
+    protocols
+        .map(|protocol| (protocol, protocol.frames_in(bytes)))
+        .filter(|&(_, (found, _))| found > 0)
+        .map(|(protocol, (found, damaged))| (protocol, found.cast_signed() - damaged.cast_signed()))
         .reduce(|best, next| if next.1 > best.1 { next } else { best })
         .map(|(protocol, _)| protocol)
 }

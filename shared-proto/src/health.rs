@@ -76,10 +76,7 @@ impl Health {
         let clock_us = body.u32()?;
         let timing = Timing { first_us: body.u16()?, step_us: body.u16()? };
         let vitals = Vitals::read(&mut body)?;
-        let mut dark = [0; CHANNELS];
-        for dark in &mut dark {
-            *dark = body.u16()?;
-        }
+        let dark = body.numbers(Reader::u16)?;
         Some(Self { sequence, clock_us, timing, vitals, dark })
     }
 }

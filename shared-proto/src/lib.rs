@@ -41,7 +41,6 @@ mod calibration;
 mod command;
 mod decoder;
 mod detect;
-mod edge;
 mod error;
 mod frame;
 mod health;
@@ -57,13 +56,12 @@ pub use calibration::{
 pub use command::{Answer, Command, MAX_PIECE, Piece, Refusal};
 pub use decoder::{Counters, Decoder, Event, Framing};
 pub use detect::{Protocol, detect};
-pub use edge::Edge;
 pub use error::DecodeError;
 pub use frame::{Frame, MAX_FRAME, MAX_PACKET};
 pub use health::{Health, Timing, Vitals};
 pub use packet::{
-    Boot, COUNTS_PER_LSB, Packet, PacketOrigin, READINGS_FRAME, ReceivedPacket, Sample, VERSION,
-    Values, WRENCH_FRAME,
+    Boot, COUNTS_PER_LSB, Edge, Packet, PacketOrigin, READINGS_FRAME, ReceivedPacket, Sample,
+    VERSION, Values, WRENCH_FRAME,
 };
 
 /// Photointerrupters on the board.

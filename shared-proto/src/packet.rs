@@ -3,7 +3,6 @@
 use crate::board::{Board, BoardId, ResetCause};
 use crate::bytes::Reader;
 use crate::command::{Answer, Command};
-use crate::edge::Edge;
 use crate::error::DecodeError;
 use crate::frame::{self, Frame, Plain};
 use crate::health::Health;
@@ -115,6 +114,17 @@ pub enum Values {
     Wrench([f32; AXES]),
 }
 
+/// A rising edge at the board's sync input, for a signal that another recorder has, too, so that its clock and the
+/// board's can be compared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Edge {
+    /// Counts the edges that the board has seen since its reset, also those that it did not send, and
+    /// wraps: a gap is edges that came faster than the line carries them, or that were lost on the way.
+    pub number: u16,
+    /// The board's clock at the edge, in µs, as in samples.
+    pub clock_us: u32,
+}
+
 /// What a board says of itself when it has started.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Boot {
@@ -211,8 +221,7 @@ impl Packet {
         };
         let body = Reader(body.0);
         let packet = match kind {
-            SAMPLE_READINGS => Sample::read_readings(number, body).map(Self::Sample),
-            SAMPLE_WRENCH => Sample::read_wrench(number, body).map(Self::Sample),
+            SAMPLE_READINGS | SAMPLE_WRENCH => Sample::read(kind, number, body).map(Self::Sample),
             HEALTH => Health::read(number, body).map(Self::Health),
             EDGE => Edge::read(number, body).map(Self::Edge),
             COMMAND => Self::read_command(number, body),
@@ -258,32 +267,25 @@ impl Sample {
         out.push(self.dropped);
     }
 
-    fn read_readings(sequence: u16, mut body: Reader<'_>) -> Option<Self> {
+    fn read(kind: u8, sequence: u16, mut body: Reader<'_>) -> Option<Self> {
         let clock_us = body.u32()?;
-        let mut readings = [0; CHANNELS];
-        for reading in &mut readings {
-            *reading = body.u16()?;
-        }
-        Self::read_flags(sequence, clock_us, Values::Readings(readings), body)
-    }
-
-    fn read_wrench(sequence: u16, mut body: Reader<'_>) -> Option<Self> {
-        let clock_us = body.u32()?;
-        let mut wrench = [0.0; AXES];
-        for value in &mut wrench {
-            *value = body.f32()?;
-        }
-        Self::read_flags(sequence, clock_us, Values::Wrench(wrench), body)
-    }
-
-    fn read_flags(
-        sequence: u16,
-        clock_us: u32,
-        values: Values,
-        mut body: Reader<'_>,
-    ) -> Option<Self> {
+        let values = match kind {
+            SAMPLE_READINGS => Values::Readings(body.numbers(Reader::u16)?),
+            _ => Values::Wrench(body.numbers(Reader::f32)?),
+        };
         let (saturated, dropped) = (body.u8()?, body.u8()?);
         body.end(Self { sequence, clock_us, values, saturated, dropped })
+    }
+}
+
+impl Edge {
+    fn write(&self, out: &mut Plain) {
+        out.extend(&self.clock_us.to_le_bytes());
+    }
+
+    fn read(number: u16, mut body: Reader<'_>) -> Option<Self> {
+        let clock_us = body.u32()?;
+        body.end(Self { number, clock_us })
     }
 }
 

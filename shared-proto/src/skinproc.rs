@@ -43,10 +43,7 @@ pub fn decode_scan(payload: &[u8]) -> Option<Scan> {
     if rest.array()? != [SCAN, SCAN_PAYLOAD] {
         return None;
     }
-    let mut readings = [0; CHANNELS];
-    for reading in &mut readings {
-        *reading = rest.u16().filter(|&reading| reading < 1 << 12)?;
-    }
+    let readings = rest.numbers(|rest| rest.u16().filter(|&reading| reading < 1 << 12))?;
     let clock_us = rest.u32()?;
     rest.end(Scan { readings, clock_us })
 }

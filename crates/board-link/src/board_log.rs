@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use serde::Serialize;
 
 use super::LogSink;
+use super::record::RecordOptions;
 use super::record_error::RecordError;
-use super::record_options::RecordOptions;
 use crate::recording::{BoardFrame, BoardSource, FrameLabel, Losses, RowWriter};
 use shell_data::wrench::AxisValues;
 
@@ -28,22 +28,22 @@ pub struct RecordedBoard {
 }
 
 /// Frames of a board on their way into its log.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct BoardLog {
     pub(super) sender: BoardSource,
     pub(super) log: Option<Box<dyn LogSink>>,
     /// Made for the first frame, which tells the columns.
     rows: Option<RowWriter>,
-    /// Marks that are not among the rows yet.
-    marks: Vec<(i64, u32)>,
+    /// Marks that are not among the rows yet, by the index of a frame: the first from it on that is written gets one.
+    pub(super) marks: Vec<(i64, u32)>,
     /// Frames that wait for a label.
     waiting: Vec<BoardFrame>,
-    /// Labels that are not known to the rows yet.
-    labels: Vec<FrameLabel>,
+    /// Labels that are not known to the rows yet, for frames that have not been written.
+    pub(super) labels: Vec<FrameLabel>,
     /// Whether frames wait until they are settled.
     waits: bool,
     /// The index of the first frame that may still be labelled.
-    settled: Option<i64>,
+    pub(super) settled: Option<i64>,
     /// Frames that logs before this one had no columns for.
     other_content: u64,
     pub(super) frames: u64,
@@ -53,19 +53,7 @@ pub(super) struct BoardLog {
 
 impl BoardLog {
     pub(super) fn new(sender: BoardSource, log: Option<Box<dyn LogSink>>, waits: bool) -> Self {
-        Self {
-            sender,
-            log,
-            rows: None,
-            marks: Vec::new(),
-            waiting: Vec::new(),
-            labels: Vec::new(),
-            waits,
-            settled: None,
-            other_content: 0,
-            frames: 0,
-            extent_us: None,
-        }
+        Self { sender, log, waits, ..Self::default() }
     }
 
     /// Writes frames, and empties them; those that may be labelled wait.
@@ -112,21 +100,6 @@ impl BoardLog {
         rows.write(frames, log.pending())?;
         log.flush()?;
         Ok(())
-    }
-
-    /// Marks rows, by the index of a frame: the first from it on that is written after this.
-    pub(super) fn mark(&mut self, marks: impl Iterator<Item = (i64, u32)>) {
-        self.marks.extend(marks);
-    }
-
-    /// Labels rows of frames that have not been written.
-    pub(super) fn label(&mut self, labels: impl Iterator<Item = FrameLabel>) {
-        self.labels.extend(labels);
-    }
-
-    /// Lets the frames before this one go unlabelled.
-    pub(super) fn settle(&mut self, first_unsettled: Option<i64>) {
-        self.settled = first_unsettled;
     }
 
     /// Ends the log, which may be followed by another.

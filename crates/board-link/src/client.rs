@@ -3,14 +3,15 @@
 use std::io::{Read, Write};
 use std::time::{Duration, Instant};
 
-use shared_proto::xbee::{Address, ApiFrame, Deframer};
+use shared_proto::xbee::{Address, ApiFrame};
 use shared_proto::{
-    Answer, BoardId, CHANNELS, Calibration, Command, Decoder, Event, Framing, Identity, MAX_PIECE,
-    Packet, Piece, ReceivedPacket, Refusal, Status, VERSION, crc32,
+    Answer, BoardId, CHANNELS, Calibration, Command, Event, Framing, Identity, MAX_PIECE, Packet,
+    Piece, ReceivedPacket, Refusal, Status, VERSION, crc32,
 };
 
 use super::LinkError;
 use super::source::read_port;
+use crate::recording::PacketWire;
 
 /// How often a command is sent before the board is taken for deaf.
 const ATTEMPTS: u32 = 5;
@@ -47,47 +48,13 @@ impl Uplink {
     }
 }
 
-/// What comes from the boards: their frames are cut each for itself.
-#[derive(Debug)]
-enum Downlink {
-    Wire(Box<Decoder>),
-    BaseStation { deframer: Deframer, boards: Vec<(Address, Decoder)> },
-}
-
-impl Downlink {
-    fn new(framing: Framing) -> Self {
-        match framing {
-            Framing::Cobs => Self::Wire(Box::new(Decoder::new(framing))),
-            Framing::Xbee(mode) => {
-                Self::BaseStation { deframer: Deframer::new(mode), boards: Vec::new() }
-            }
-        }
-    }
-
-    fn feed(&mut self, bytes: &[u8], mut sink: impl FnMut(Event)) {
-        let (deframer, boards) = match self {
-            Self::Wire(decoder) => return decoder.feed(bytes, sink),
-            Self::BaseStation { deframer, boards } => (deframer, boards),
-        };
-        deframer.feed(bytes, |frame| {
-            let ApiFrame::Receive { from, payload, .. } = frame else { return };
-            let known = boards.iter().position(|(address, _)| *address == from);
-            let at = known.unwrap_or_else(|| {
-                boards.push((from, Decoder::new(Framing::Cobs)));
-                boards.len() - 1
-            });
-            boards[at].1.feed(payload, &mut sink);
-        });
-    }
-}
-
 /// One end of a conversation with a board.
 #[derive(Debug)]
 pub struct Client<P> {
     port: P,
     name: String,
     uplink: Uplink,
-    downlink: Downlink,
+    downlink: PacketWire,
     number: u16,
     /// The board that commands are for, once it is known.
     board: Option<BoardId>,
@@ -99,12 +66,11 @@ impl<P: Read + Write> Client<P> {
     /// Over an open port, which `name` names in errors. Numbers go on from `number`: choose one that
     /// a late answer to somebody else is unlikely to have.
     pub fn new(port: P, name: &str, uplink: Uplink, number: u16) -> Self {
-        let downlink = Downlink::new(uplink.framing);
         Self {
             port,
             name: name.to_owned(),
             uplink,
-            downlink,
+            downlink: PacketWire::new(uplink.framing),
             number,
             board: None,
             serials: Vec::new(),
@@ -167,7 +133,7 @@ impl<P: Read + Write> Client<P> {
                 read_port(&mut self.port, &mut buffer).map_err(|error| self.lost(&error))?;
             *silent &= count == 0;
             let (mut found, mut other) = (None, None);
-            self.downlink.feed(&buffer[..count], |event| match event {
+            self.downlink.feed(&buffer[..count], |_, _, event| match event {
                 Event::Packet(ReceivedPacket {
                     packet: Packet::Answer { number, answer }, ..
                 }) => {

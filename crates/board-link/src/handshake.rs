@@ -7,7 +7,6 @@ use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use shared_proto::xbee::Mode;
 use shared_proto::{Command, Framing, Identity, Protocol, ResetCause, Status, detect};
 
 use super::source::read_port;
@@ -41,7 +40,7 @@ pub struct HandshakeOptions {
 }
 
 /// What comes from the port.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Heard {
     /// A board, at this speed and with this protocol.
     Board {
@@ -56,11 +55,12 @@ pub enum Heard {
         bytes: usize,
     },
     /// Nothing, at any speed.
+    #[default]
     Silence,
 }
 
 /// All that a board said.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Handshake {
     /// What came from the port.
     pub heard: Heard,
@@ -91,14 +91,7 @@ pub struct Stretch {
 /// [`LinkError`] if the port cannot be opened or goes away.
 pub fn handshake(options: &HandshakeOptions, stop: &AtomicBool) -> Result<Handshake, LinkError> {
     let heard = listen(options)?;
-    let mut found = Handshake {
-        heard,
-        identity: None,
-        status: None,
-        last_words: None,
-        trouble: None,
-        stream: None,
-    };
+    let mut found = Handshake { heard, ..Handshake::default() };
     let Heard::Board { baud, protocol } = heard else { return Ok(found) };
     let port = PortOptions { baud, ..options.port.clone() };
     let mut start = None;
@@ -168,12 +161,8 @@ fn listen(options: &HandshakeOptions) -> Result<Heard, LinkError> {
             port => port?,
         };
         let (mut bytes, asked_in) = (Vec::new(), options.uplink.framing);
-        let framings = [asked_in].into_iter().chain(
-            [Framing::Cobs, Framing::Xbee(Mode::Plain), Framing::Xbee(Mode::Escaped)]
-                .into_iter()
-                .filter(|&framing| framing != asked_in),
-        );
-        for framing in framings {
+        let others = Framing::ALL.into_iter().filter(|&framing| framing != asked_in);
+        for framing in [asked_in].into_iter().chain(others) {
             let uplink = Uplink { framing, ..options.uplink };
             // What cannot be sent is not answered, which is what is found out here.
             let _ = port.write_all(&uplink.encode(options.number, None, Command::Identify));

@@ -7,9 +7,8 @@ use shared_proto::{Command, Identity, Protocol};
 
 use super::LogSink;
 use super::board_log::BoardLog;
+use super::record::{RecordOptions, Recorded};
 use super::record_error::RecordError;
-use super::record_options::RecordOptions;
-use super::recorded::Recorded;
 use super::resume::StartedBoards;
 use super::watcher::{RecordCommand, RecordingProgress, Watcher};
 use crate::recording::{
@@ -42,10 +41,8 @@ pub struct Recorder {
     name: String,
     stage: RecordStage,
     options: RecordOptions,
-    /// For the first board.
-    log: Option<Box<dyn LogSink>>,
-    raw: Option<Box<dyn LogSink>>,
-    watcher: Option<Box<dyn Watcher>>,
+    /// Its log is for the first board, which takes it.
+    sinks: Sinks,
     /// Waiting frames of the first board that the watcher has seen.
     shown: usize,
     /// Marks that the first board's log has not got yet.
@@ -94,9 +91,7 @@ impl Recorder {
             name: name.to_owned(),
             stage: RecordStage::Recognising(Recognition::new(options.protocol)),
             options,
-            log: sinks.log,
-            raw: sinks.raw,
-            watcher: sinks.watcher,
+            sinks,
             shown: 0,
             marks: Vec::new(),
             labels: Vec::new(),
@@ -124,7 +119,7 @@ impl Recorder {
 
     /// What the boards have said they are, since they were asked.
     pub fn identities(&self) -> impl Iterator<Item = Identity> {
-        self.stage.heard().iter().filter_map(|board| board.reception().identity())
+        self.stage.heard().iter().filter_map(|board| board.reception.identity)
     }
 
     /// Writes what is due `now`, a time since the start; how it goes, about twice a second.
@@ -154,7 +149,7 @@ impl Recorder {
     }
 
     fn raw_waiting(&mut self) -> usize {
-        self.raw.as_mut().map_or(0, |raw| raw.pending().len())
+        self.sinks.raw.as_mut().map_or(0, |raw| raw.pending().len())
     }
 
     /// Takes bytes that arrived `now`, a time since the start; `arrival` is when they were sent, or so, where that is known.
@@ -168,15 +163,12 @@ impl Recorder {
         arrival: Option<Duration>,
     ) -> Result<(), RecordError> {
         self.bytes += bytes.len() as u64;
-        if let Some(raw) = &mut self.raw {
+        if let Some(raw) = &mut self.sinks.raw {
             raw.pending().extend_from_slice(bytes);
         }
         match &mut self.stage {
             RecordStage::Receiving(_, boards) => {
-                if let Some(arrival) = arrival {
-                    boards.arrived_at(arrival);
-                }
-                boards.feed(bytes);
+                boards.feed(bytes, arrival);
                 self.show();
                 Ok(())
             }
@@ -195,7 +187,7 @@ impl Recorder {
             .map_err(|problem| RecordError::NoFrame { source_name: self.name.clone(), problem })?;
         if let Some(RecognisedProtocol { protocol, bytes }) = recognised {
             let mut boards = Box::new(Boards::new(protocol));
-            boards.feed(&bytes);
+            boards.feed(&bytes, None);
             self.stage = RecordStage::Receiving(protocol, boards);
             self.show();
         }
@@ -204,7 +196,8 @@ impl Recorder {
 
     /// Shows the watcher what has arrived of the first board.
     fn show(&mut self) {
-        let (Some(watcher), RecordStage::Receiving(_, boards)) = (&mut self.watcher, &self.stage)
+        let (Some(watcher), RecordStage::Receiving(_, boards)) =
+            (&mut self.sinks.watcher, &self.stage)
         else {
             return;
         };
@@ -222,7 +215,7 @@ impl Recorder {
 
     /// Writes what waits.
     fn flush(&mut self) -> Result<(), RecordError> {
-        if let Some(raw) = &mut self.raw {
+        if let Some(raw) = &mut self.sinks.raw {
             raw.flush()?;
         }
         self.show();
@@ -231,16 +224,16 @@ impl Recorder {
         let numbered = matches!(protocol, Protocol::Packets(_));
         // Also where no frame has come since: those that wait for a label may be written next.
         if let Some(first) = self.logs.first_mut() {
-            first.mark(self.marks.drain(..));
-            first.label(self.labels.drain(..));
-            first.settle(self.settled);
+            first.marks.append(&mut self.marks);
+            first.labels.append(&mut self.labels);
+            first.settled = self.settled;
         }
         for board in boards.heard_mut().iter_mut().filter(|board| !board.frames.is_empty()) {
             let found = self.logs.iter().position(|log| log.sender == board.sender);
             let at = match found {
                 Some(at) => at,
                 None => {
-                    let log = log_of(&mut self.log, &self.logs, board.sender)?;
+                    let log = log_of(&mut self.sinks.log, &self.logs, board.sender)?;
                     let waits = self.options.labels && self.logs.is_empty();
                     self.logs.push(BoardLog::new(board.sender, log, waits));
                     self.logs.len() - 1
@@ -253,7 +246,9 @@ impl Recorder {
 
     /// Does what the watcher wants. A log ends with all that was seen before that.
     fn follow(&mut self) -> Result<(), RecordError> {
-        while let Some(command) = self.watcher.as_mut().and_then(|watcher| watcher.next_command()) {
+        while let Some(command) =
+            self.sinks.watcher.as_mut().and_then(|watcher| watcher.next_command())
+        {
             let next = match command {
                 RecordCommand::Mark { index, number } => {
                     self.marks.push((index, number));
@@ -272,12 +267,12 @@ impl Recorder {
             };
             self.flush()?;
             self.logs.iter_mut().try_for_each(BoardLog::close)?;
-            if let Some(log) = self.log.take() {
+            if let Some(log) = self.sinks.log.take() {
                 log.close()?;
             }
-            self.log = next;
+            self.sinks.log = next;
             for at in 0..self.logs.len() {
-                self.logs[at].log = log_of(&mut self.log, &self.logs, self.logs[at].sender)?;
+                self.logs[at].log = log_of(&mut self.sinks.log, &self.logs, self.logs[at].sender)?;
             }
         }
         Ok(())
@@ -363,7 +358,7 @@ impl Recorder {
             losses,
             other_content: self.logs.iter().map(BoardLog::other_content).sum(),
             reconnections: 0,
-            boot: self.stage.heard().iter().find_map(|board| board.reception().boot()),
+            boot: self.stage.heard().iter().find_map(|board| board.reception.boot),
             boards: match &self.logs[..] {
                 [] | [_] => Vec::new(),
                 several => {
@@ -379,7 +374,7 @@ impl Recorder {
     /// [`RecordError::Output`].
     pub fn close(&mut self) -> Result<(), RecordError> {
         let logs = self.logs.iter_mut().filter_map(|board| board.log.take());
-        let sinks = logs.chain(self.log.take()).chain(self.raw.take());
+        let sinks = logs.chain(self.sinks.log.take()).chain(self.sinks.raw.take());
         let closed: Vec<_> = sinks.map(|sink| sink.close()).collect();
         Ok(closed.into_iter().collect::<Result<(), _>>()?)
     }
@@ -448,7 +443,7 @@ mod tests {
         session.take(&bytes_of(0..1000), Duration::ZERO, None).unwrap();
         session.flush().unwrap();
         assert_eq!(rows(), 0, "all may still be labelled");
-        session.watcher = wants([RecordCommand::Settled(400)]);
+        session.sinks.watcher = wants([RecordCommand::Settled(400)]);
         session.follow().unwrap();
         session.take(&bytes_of(1000..1500), Duration::ZERO, None).unwrap();
         session.flush().unwrap();
@@ -456,7 +451,7 @@ mod tests {
         assert!((390..=400).contains(&rows()), "{} rows", rows());
         // Eleven seconds late, and no frame comes after it.
         let label = FrameLabel { from: 400, until: 499, group: "ahead".to_owned() };
-        session.watcher = wants([RecordCommand::Label(label), RecordCommand::StopLog]);
+        session.sinks.watcher = wants([RecordCommand::Label(label), RecordCommand::StopLog]);
         session.follow().unwrap();
         let text = std::fs::read_to_string(&log).unwrap();
         assert_eq!(text.lines().filter(|line| line.contains("ahead")).count(), 100);

@@ -29,15 +29,15 @@ impl StartedBoards {
             bytes.extend(to_all(uplink, &[Command::Start]));
         }
         for board in heard {
-            let reception = board.reception();
-            let (identity, status) = (reception.identity(), reception.status());
+            let reception = &board.reception;
+            let (identity, status) = (reception.identity, reception.status);
             let known = self.started.iter().find(|(sender, _)| *sender == board.sender);
             match (known, identity, status) {
                 (None, Some(_), Some(status)) if status.streaming => {
                     self.started.push((board.sender, status));
                 }
                 // Version 2 says neither.
-                (None, ..) if reception.start().is_some() => {
+                (None, ..) if reception.start.is_some() => {
                     bytes.extend(to_all(
                         uplink,
                         &[Command::Identify, Command::Start, Command::Status],

@@ -1,7 +1,6 @@
 //! What a self-test of the board says about its wires.
 
 use shared_proto::CHANNELS;
-use std::fmt;
 
 /// What an emitter raises its own channel by at least, in steps of the converter; a photointerrupter
 /// over a reflector gives a thousand.
@@ -15,14 +14,22 @@ const MOST_LEAK: f64 = 0.05;
 const NOISE: f64 = 8.0;
 
 /// What is wrong with an emitter. Channels count from 0 here and from 1 in words.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum EmitterFault {
     /// No channel sees it.
+    #[error(
+        "emitter {} raises no channel: is it wired, with a reflector above it?",
+        emitter + 1
+    )]
     Dark {
         /// The emitter.
         emitter: usize,
     },
     /// Its own channel does not see it, another one does.
+    #[error(
+        "emitter {} raises channel {} instead of its own: wires are exchanged",
+        emitter + 1, channel + 1
+    )]
     Elsewhere {
         /// The emitter.
         emitter: usize,
@@ -30,6 +37,10 @@ pub enum EmitterFault {
         channel: usize,
     },
     /// Its own channel sees it, and others, too.
+    #[error(
+        "emitter {} raises channel {} besides its own: a bridge, or light that leaks",
+        emitter + 1, numbers(channels)
+    )]
     AlsoOthers {
         /// The emitter.
         emitter: usize,
@@ -38,32 +49,9 @@ pub enum EmitterFault {
     },
 }
 
-impl fmt::Display for EmitterFault {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Dark { emitter } => write!(
-                f,
-                "emitter {} raises no channel: is it wired, with a reflector above it?",
-                emitter + 1
-            ),
-            Self::Elsewhere { emitter, channel } => write!(
-                f,
-                "emitter {} raises channel {} instead of its own: wires are exchanged",
-                emitter + 1,
-                channel + 1
-            ),
-            Self::AlsoOthers { emitter, channels } => {
-                let channels: Vec<String> =
-                    channels.iter().map(|it| (it + 1).to_string()).collect();
-                write!(
-                    f,
-                    "emitter {} raises channel {} besides its own: a bridge, or light that leaks",
-                    emitter + 1,
-                    channels.join(" and ")
-                )
-            }
-        }
-    }
+fn numbers(channels: &[usize]) -> String {
+    let numbers: Vec<String> = channels.iter().map(|channel| (channel + 1).to_string()).collect();
+    numbers.join(" and ")
 }
 
 /// Judges what an emitter raises each channel by.

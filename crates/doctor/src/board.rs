@@ -331,9 +331,8 @@ fn columns(frames: &[BoardFrame]) -> Vec<Vec<f64>> {
 
 /// What the frames are like. Those of the converter's last step count as saturated.
 fn summary(frames: &[BoardFrame]) -> LogSummary {
-    let mut frames: Vec<&BoardFrame> = frames.iter().collect();
-    frames.sort_by_key(|frame| frame.index);
-    let ordered: Vec<BoardFrame> = frames.into_iter().cloned().collect();
+    let mut ordered = frames.to_vec();
+    ordered.sort_by_key(|frame| frame.index);
     let readings = columns(&ordered);
     let has_all = readings.first().is_none_or(|column| column.len() == ordered.len());
     let block = Block {

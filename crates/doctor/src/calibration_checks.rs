@@ -1,7 +1,7 @@
 //! Checks of a calibration file.
 
 use std::fs::File;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Duration;
 
 use calibration::reading_ranges::ReadingRange;
@@ -13,7 +13,7 @@ use shell_data::wrench::{Axes, Axis};
 use crate::Finding;
 use crate::channels::channel_name;
 use crate::finding::percent;
-use calibration_file::{CalibrationFile, Diagnostics, Origin};
+use calibration_file::{CalibrationFile, Diagnostics};
 
 /// Singular values that are so far apart leave some ten digits of a coefficient in doubt.
 const CONDITION: f64 = 1e6;
@@ -32,19 +32,6 @@ const OLD: Duration = Duration::from_secs(365 * 86_400);
 
 /// The share of the training rows that may have been left out as wrong.
 const SKIPPED: f64 = 0.01;
-
-/// What is known of a calibration file.
-#[derive(Debug)]
-pub struct CalibrationObservations<'a> {
-    /// The calibration.
-    pub calibration: &'a Calibration,
-    /// Where it comes from.
-    pub origin: &'a Origin,
-    /// How old it is; `None` where its date says nothing, negative ages being none.
-    pub age: Option<Result<Duration, Duration>>,
-    /// Sources that are there and are not what they were.
-    pub changed: Vec<PathBuf>,
-}
 
 /// Reads a calibration file, and checks it. `age` is how old a date is, an error if it is to come.
 pub fn examine_calibration(
@@ -66,12 +53,8 @@ pub fn examine_calibration(
         let now = then.and_then(|_| checksum_of(&source.path));
         now.is_some_and(|now| Some(now.as_str()) != then)
     });
-    check_calibration(&CalibrationObservations {
-        calibration: &file.calibration,
-        origin: &file.origin,
-        age: age(&file.origin.date),
-        changed: changed.map(|source| source.path.clone()).collect(),
-    })
+    let changed: Vec<&Path> = changed.map(|source| source.path.as_path()).collect();
+    check_calibration(&file, age(&file.origin.date), &changed)
 }
 
 /// The checksum of a file, if it can be read.
@@ -80,19 +63,22 @@ fn checksum_of(path: &Path) -> Option<String> {
     checksum::of_stream(file).ok()
 }
 
-/// What is wrong with a calibration.
-pub fn check_calibration(facts: &CalibrationObservations<'_>) -> Vec<Finding> {
-    let name = facts.calibration.name();
-    let mut findings = vec![Finding::fine(
-        "calibration",
-        format!("{name}, {} channels", facts.calibration.channels()),
-    )];
-    match &facts.origin.diagnostics {
+/// What is wrong with a calibration of this age: `None` where its date says nothing, an error if it is to come.
+/// `changed` are the sources that are there and are not what they were.
+pub fn check_calibration(
+    file: &CalibrationFile,
+    age: Option<Result<Duration, Duration>>,
+    changed: &[&Path],
+) -> Vec<Finding> {
+    let CalibrationFile { calibration, origin, .. } = file;
+    let (name, channels) = (calibration.name(), calibration.channels());
+    let mut findings = vec![Finding::fine("calibration", format!("{name}, {channels} channels"))];
+    match &origin.diagnostics {
         Some(known) => {
-            findings.extend(check_fit(known, facts.calibration));
-            findings.extend(check_errors(known, facts.calibration.axes));
-            findings.extend(check_explained(known, facts.calibration.axes));
-            findings.extend(check_loads(known, facts.calibration.axes));
+            findings.extend(check_fit(known, calibration));
+            findings.extend(check_errors(known, calibration.axes));
+            findings.extend(check_explained(known, calibration.axes));
+            findings.extend(check_loads(known, calibration.axes));
         }
         None => findings.push(Finding::warning(
             "no-diagnostics",
@@ -100,20 +86,18 @@ pub fn check_calibration(facts: &CalibrationObservations<'_>) -> Vec<Finding> {
             "hold it against a log with `shellcal eval`",
         )),
     }
-    let columns = facts.origin.columns.as_ref();
+    let columns = origin.columns.as_ref();
     let names = columns.and_then(|columns| columns.sensors.as_deref()).unwrap_or_default();
-    findings.extend(check_ranges(facts.calibration, names));
-    if matches!(facts.calibration.kind(), Kind::Polynomial(_))
-        && facts.calibration.covariance.is_none()
-    {
+    findings.extend(check_ranges(calibration, names));
+    if matches!(calibration.kind(), Kind::Polynomial(_)) && calibration.covariance.is_none() {
         findings.push(Finding::warning(
             "no-covariance",
             "it has no covariance, so forces come without standard errors",
             "fit it again without `--model`: it then takes a model that its groups of rows can judge",
         ));
     }
-    findings.extend(check_age(facts));
-    findings.extend(facts.changed.iter().map(|path| {
+    findings.extend(age.and_then(check_age));
+    findings.extend(changed.iter().map(|path| {
         Finding::warning(
             "source-changed",
             format!("`{}` is not what it was when this was fitted", path.display()),
@@ -315,9 +299,9 @@ fn is_at_an_end(range: &ReadingRange) -> bool {
     is_counts && (range.min == 0.0 || [4095.0, 65_535.0].contains(&range.max))
 }
 
-fn check_age(facts: &CalibrationObservations<'_>) -> Option<Finding> {
+fn check_age(age: Result<Duration, Duration>) -> Option<Finding> {
     let days = |age: Duration| age.as_secs() / 86_400;
-    match facts.age? {
+    match age {
         Ok(age) if age > OLD => Some(Finding::warning(
             "age",
             format!("it was made {} days ago", days(age)),

@@ -28,7 +28,7 @@ mod port;
 mod poses;
 
 pub use board::{BoardObservations, check_board};
-pub use calibration_checks::{CalibrationObservations, check_calibration, examine_calibration};
+pub use calibration_checks::{check_calibration, examine_calibration};
 pub use finding::{Finding, FindingSeverity};
 pub use log::{CalibratedObservations, LogObservations, check_log, examine_log};
 pub use port::check_port;

@@ -42,8 +42,6 @@ const DRIFT_SCATTER: f64 = 4.0;
 /// What is known of a log.
 #[derive(Clone, Debug, Default)]
 pub struct LogObservations {
-    /// Why it cannot be read at all.
-    pub unreadable: Option<String>,
     /// Wrong rows, and what is wrong with the first.
     pub bad_rows: Option<(u64, String)>,
     /// The names of its channels.
@@ -91,13 +89,14 @@ pub fn examine_log(
     read: &ReadOptions<'_>,
     calibration: Option<&CalibrationFile>,
 ) -> Vec<Finding> {
-    let facts = match log.and_then(|log| read_facts(&log, read, calibration)) {
-        Ok(facts) => facts,
+    match log.and_then(|log| read_facts(&log, read, calibration)) {
+        Ok(facts) => check_log(&facts, calibration.map(|file| &file.calibration)),
         Err(error) => {
-            LogObservations { unreadable: Some(with_causes(&error)), ..LogObservations::default() }
+            let advice = "name the columns, for example `--sensors 1-8 --wrench 9-14`; `--wrench-from` takes the \
+                          wrench from another file; `docs/logs.md` has the formats that are read";
+            vec![Finding::fault("unreadable", with_causes(&error), advice)]
         }
-    };
-    check_log(&facts, calibration.map(|file| &file.calibration))
+    }
 }
 
 fn read_facts(
@@ -321,11 +320,6 @@ fn drift(means: &[PerAxis<RunningVariance>], largest: &PerAxis<f64>) -> Vec<(Axi
 
 /// What is wrong with a log.
 pub fn check_log(facts: &LogObservations, calibration: Option<&Calibration>) -> Vec<Finding> {
-    if let Some(why) = &facts.unreadable {
-        let advice = "name the columns, for example `--sensors 1-8 --wrench 9-14`; `--wrench-from` takes the \
-                      wrench from another file; `docs/logs.md` has the formats that are read";
-        return vec![Finding::fault("unreadable", why, advice)];
-    }
     if facts.summary.readings.is_empty() && facts.summary.wrench.is_empty() {
         let seen = "no column holds readings, and no six a wrench";
         let advice = "name them with `--sensors` or `--wrench`; `shellcal info` lists the columns";

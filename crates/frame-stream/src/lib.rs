@@ -15,7 +15,6 @@
     reason = "serves sockets, keeps time"
 )]
 
-mod batch;
 mod command;
 mod decimation;
 mod destination;

@@ -7,7 +7,6 @@ use std::time::{Duration, Instant};
 
 use output_file::OutputError;
 
-use crate::batch::FrameBatch;
 use crate::destination::Destination;
 use crate::encoding::RowEncoder;
 use crate::pipe::PipeReader;
@@ -23,7 +22,7 @@ const PATIENCE: Duration = Duration::from_millis(500);
 const BATCH: u64 = 256;
 
 /// All readers of a stream.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Readers {
     readers: Vec<StreamReader>,
     listeners: Vec<TcpListener>,
@@ -44,6 +43,13 @@ struct StreamReader {
     /// Rows that it was handed, and that it lost.
     handed: u64,
     lost: u64,
+}
+
+/// Rows that are handed over together: they arrive as a whole, or are lost as a whole.
+#[derive(Debug, Default)]
+pub(crate) struct FrameBatch {
+    pub(crate) bytes: Vec<u8>,
+    pub(crate) rows: u64,
 }
 
 #[derive(Debug)]
@@ -72,13 +78,7 @@ impl Readers {
     /// # Errors
     /// [`OutputError`] of the first that cannot be opened.
     pub fn open(destinations: &[Destination], overwrite: bool) -> Result<Self, OutputError> {
-        let mut readers = Self {
-            readers: Vec::new(),
-            listeners: Vec::new(),
-            looked: None,
-            rows: 0,
-            gone: Vec::new(),
-        };
+        let mut readers = Self::default();
         for destination in destinations {
             let failed = |source| OutputError::failed(destination.to_string(), source);
             let way = match destination {

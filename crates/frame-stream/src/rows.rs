@@ -42,8 +42,10 @@ pub struct RowOptions {
 pub struct FrameRows {
     simultaneous: Option<Simultaneous>,
     forces: Option<RunningForces>,
-    axes: Axes,
-    tare: RunningTare,
+    /// The axes of the wrenches.
+    pub(crate) axes: Axes,
+    /// Taken off the wrenches; the first row with a new one has the flag `tared`.
+    pub(crate) tare: RunningTare,
     last_index: Option<i64>,
     /// Marks so far, and how many of them are to be set.
     marks: (u32, u32),
@@ -64,21 +66,6 @@ impl FrameRows {
         let axes = forces.as_ref().map_or(Axes::ALL, RunningForces::axes);
         let tare = RunningTare::default();
         Ok(Self { simultaneous, forces, axes, tare, last_index: None, marks: (0, 0) })
-    }
-
-    /// The axes of the wrenches.
-    pub fn axes(&self) -> Axes {
-        self.axes
-    }
-
-    /// Takes the mean wrench of the next frames as zero; the first row with it has the flag `tared`.
-    pub fn begin_tare(&mut self) {
-        self.tare.begin();
-    }
-
-    /// Takes that zero back.
-    pub fn clear_tare(&mut self) {
-        self.tare.clear();
     }
 
     /// Flags the next row with a mark; its number, from 1.

@@ -101,7 +101,7 @@ impl FrameStream {
     }
 
     fn send(&mut self, row: &StreamRow, is_first: bool) {
-        let (format, axes) = (self.format, self.rows.axes());
+        let (format, axes) = (self.format, self.rows.axes);
         let encoder = self.encoder.get_or_insert_with(|| RowEncoder::new(format, axes, row));
         self.readers.send(&encoder.begin(row), encoder);
         self.sent += 1;
@@ -115,8 +115,8 @@ impl FrameStream {
     fn obey(&mut self, frames: &[BoardFrame], marks: &mut Vec<RecordCommand>) {
         while let Some(Ok(command)) = self.commands.as_ref().map(Receiver::try_recv) {
             match command {
-                StreamCommand::Tare => self.rows.begin_tare(),
-                StreamCommand::Untare => self.rows.clear_tare(),
+                StreamCommand::Tare => self.rows.tare.begin(),
+                StreamCommand::Untare => self.rows.tare.clear(),
                 StreamCommand::Rate(rate_hz) => self.decimator = rate_hz.map(Decimator::new),
                 StreamCommand::Mark => {
                     let number = self.rows.mark();

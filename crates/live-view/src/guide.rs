@@ -61,10 +61,11 @@ pub struct HeldLoad {
 }
 
 /// What is being waited for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum GuidePhase {
     /// A moment without a load, from which noise and rest are known.
+    #[default]
     Rest,
     /// The load.
     Hang,
@@ -100,7 +101,7 @@ pub struct GuideView {
 }
 
 /// Leads through loads.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Guide {
     loads: Vec<GuidedLoad>,
     /// Which were recorded.
@@ -139,13 +140,8 @@ impl Guide {
             recorded: vec![false; loads.len()],
             phase: if loads.is_empty() { GuidePhase::Done } else { GuidePhase::Rest },
             loads,
-            next: 0,
-            stretch: VecDeque::new(),
-            rest: None,
-            excursion: [0.0; CHANNELS],
             largest,
-            still_since: None,
-            newest_s: 0.0,
+            ..Self::default()
         }
     }
 

@@ -22,4 +22,4 @@ pub mod web;
 pub use guide::{Guide, GuidePhase, GuideView, GuidedLoad, HOLD_S, HeldLoad};
 pub use history::{History, LiveRow};
 pub use model::{ChannelState, ChannelView, LiveModel, LiveSetup, Mark, TraceView};
-pub use picture::{Picture, TracePicture};
+pub use picture::Picture;

@@ -4,7 +4,7 @@ use calibration::reading_ranges::ReadingRange;
 use forces::RunningTare;
 use serde::Serialize;
 use shared_proto::CHANNELS;
-use shell_data::wrench::{Axes, Axis, PerAxis};
+use shell_data::wrench::{Axes, Axis};
 
 use super::history::{History, LONGEST_S, LiveRow};
 use super::scale::{nice_bound, nice_range};
@@ -74,9 +74,9 @@ pub struct ChannelView {
     pub state: ChannelState,
 }
 
-/// A trace as it is shown.
-#[derive(Clone, Debug, PartialEq)]
-pub struct TraceView {
+/// A trace as it is shown; its columns hold values, or levels of a picture.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct TraceView<T = f64> {
     /// `Fx`, `s1`.
     pub name: String,
     /// `N`, `N·m`, empty for counts.
@@ -88,7 +88,7 @@ pub struct TraceView {
     /// What the lower and the upper edge stand for.
     pub range: (f64, f64),
     /// The least and the greatest value in each column, the newest on the right.
-    pub columns: Vec<Option<[f64; 2]>>,
+    pub columns: Vec<Option<[T; 2]>>,
 }
 
 /// The state of a live view.
@@ -100,8 +100,8 @@ pub struct LiveModel {
     /// What is shown while it stands still.
     frozen: Option<Box<History>>,
     window: usize,
-    /// Subtracted from what is shown.
-    tare: RunningTare,
+    /// Subtracted from what is shown; begun, it is the mean wrench of the next rows.
+    pub tare: RunningTare,
     marks: Vec<Mark>,
     marked: u32,
 }
@@ -128,26 +128,6 @@ impl LiveModel {
             self.tare.push(wrench);
         }
         self.history.push(row);
-    }
-
-    /// Takes the mean wrench of the next rows ([`RunningTare`]) as the zero of what is shown.
-    pub fn begin_tare(&mut self) {
-        self.tare.begin();
-    }
-
-    /// Shows what comes again.
-    pub fn end_tare(&mut self) {
-        self.tare.clear();
-    }
-
-    /// Whether a tare is being taken.
-    pub fn is_taring(&self) -> bool {
-        self.tare.is_pending()
-    }
-
-    /// What is subtracted.
-    pub fn tare(&self) -> PerAxis<f64> {
-        self.tare.zero()
     }
 
     /// Lets the picture stand still, or go on. Rows are taken all the same.
@@ -220,7 +200,7 @@ impl LiveModel {
 
     fn axis(&self, axis: Axis, columns: usize) -> TraceView {
         let at = axis.index();
-        let zero = self.tare()[at];
+        let zero = self.tare.zero()[at];
         let value = |row: &LiveRow| row.wrench.map(|wrench| wrench[at] - zero);
         let least = if axis.is_moment() { LEAST_MOMENT } else { LEAST_FORCE };
         let columns = self.shown().columns(self.window_s(), columns, value);
@@ -287,7 +267,7 @@ impl LiveModel {
         if !self.axes.contain(forces) {
             return None;
         }
-        let zero = self.tare();
+        let zero = self.tare.zero();
         let value = |axis: usize| move |row: &LiveRow| Some(row.wrench?[axis] - zero[axis]);
         let newest = self.shown().newest()?;
         newest.wrench?;
@@ -349,15 +329,15 @@ mod tests {
     #[test]
     fn a_tare_takes_the_mean_of_the_next_rows_and_changes_only_what_is_shown() {
         let mut model = model();
-        model.begin_tare();
+        model.tare.begin();
         for index in 1001..1001 + forces::DEFAULT_TARE_FRAMES as i64 - 1 {
             model.push(row(index));
-            assert!(model.is_taring());
+            assert!(model.tare.is_pending());
         }
         model.push(row(1050));
-        assert!(!model.is_taring());
+        assert!(!model.tare.is_pending());
         assert!(model.traces(10)[1].value.abs() < 1e-12, "a mean of 0.25");
-        model.end_tare();
+        model.tare.clear();
         assert_eq!(model.traces(10)[1].value, 0.25);
     }
 

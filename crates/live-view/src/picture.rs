@@ -22,31 +22,14 @@ pub struct Picture {
     pub is_paused: bool,
     /// Whether a tare is being taken.
     pub is_taring: bool,
-    /// The traces.
-    pub traces: Vec<TracePicture>,
+    /// The traces; their columns are in thousandths of the range.
+    pub traces: Vec<TraceView<u16>>,
     /// Numbers of marks, and where they stand, 0 on the left to 1.
     pub marks: Vec<(u32, f64)>,
     /// The channels; none where the board streams wrenches.
     pub channels: Vec<ChannelView>,
     /// The newest force along x, y and z, and the length of an arrow that reaches the edge, N.
     pub force: Option<([f64; 3], f64)>,
-}
-
-/// A trace.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct TracePicture {
-    /// `Fx`, `s1`.
-    pub name: String,
-    /// `N`, `N·m`, empty for counts.
-    pub unit: &'static str,
-    /// The newest value.
-    pub value: f64,
-    /// The standard deviation over the last second.
-    pub noise: f64,
-    /// What the lower and the upper edge stand for.
-    pub range: (f64, f64),
-    /// The least and the greatest value in each column, the newest on the right, in thousandths of the range.
-    pub columns: Vec<Option<[u16; 2]>>,
 }
 
 impl LiveModel {
@@ -56,8 +39,8 @@ impl LiveModel {
             time_s: self.time_s(),
             window_s: self.window_s(),
             is_paused: self.is_paused(),
-            is_taring: self.is_taring(),
-            traces: self.traces(COLUMNS).into_iter().map(TracePicture::from).collect(),
+            is_taring: self.tare.is_pending(),
+            traces: self.traces(COLUMNS).into_iter().map(levels).collect(),
             marks: self.marks_shown(),
             channels: self.channels(),
             force: self.force(),
@@ -65,14 +48,13 @@ impl LiveModel {
     }
 }
 
-impl From<TraceView> for TracePicture {
-    fn from(view: TraceView) -> Self {
-        let TraceView { name, unit, value, noise, range, columns } = view;
-        let (low, high) = range;
-        let level = |value: f64| (LEVELS * (value - low) / (high - low)).round() as u16;
-        let columns = columns.into_iter().map(|ends| ends.map(|ends| ends.map(level))).collect();
-        Self { name, unit, value, noise, range, columns }
-    }
+/// A trace with its columns in levels of its range.
+fn levels(view: TraceView) -> TraceView<u16> {
+    let TraceView { name, unit, value, noise, range, columns } = view;
+    let (low, high) = range;
+    let level = |value: f64| (LEVELS * (value - low) / (high - low)).round() as u16;
+    let columns = columns.into_iter().map(|ends| ends.map(|ends| ends.map(level))).collect();
+    TraceView { name, unit, value, noise, range, columns }
 }
 
 #[cfg(test)]

@@ -9,9 +9,8 @@ mod physics;
 pub use self::cubic::{Cubic, FEATURES};
 pub use self::physics::{FACTOR, PRIOR, Physics, PhysicsSensor};
 
-use crate::bytes::Reader;
+use crate::bytes::{Bytes, Reader};
 use crate::{AXES, CHANNELS};
-use core::ops::Deref;
 use crc::{CRC_32_ISO_HDLC, Crc};
 
 /// CRC-32 of a calibration in bytes (ISO-HDLC, that of zip and PNG).
@@ -50,7 +49,7 @@ impl Calibration {
 
     /// The bytes to upload: kind, channels, axes, a zero, and the numbers.
     pub fn to_bytes(&self) -> CalibrationBytes {
-        let mut bytes = CalibrationBytes { bytes: [0; Self::MAX_SIZE], len: 0 };
+        let mut bytes = CalibrationBytes::new();
         match self {
             Self::Cubic(cubic) => {
                 bytes.extend(&head(Cubic::KIND));
@@ -92,30 +91,7 @@ fn head(kind: u8) -> [u8; 4] {
 }
 
 /// The bytes of a calibration.
-#[derive(Clone, Copy, Debug)]
-pub struct CalibrationBytes {
-    bytes: [u8; Calibration::MAX_SIZE],
-    len: usize,
-}
-
-impl CalibrationBytes {
-    /// Appends bytes, for which there is room.
-    fn extend(&mut self, bytes: &[u8]) {
-        let end = self.len + bytes.len();
-        if let Some(room) = self.bytes.get_mut(self.len..end) {
-            room.copy_from_slice(bytes);
-            self.len = end;
-        }
-    }
-}
-
-impl Deref for CalibrationBytes {
-    type Target = [u8];
-
-    fn deref(&self) -> &[u8] {
-        self.bytes.get(..self.len).unwrap_or_default()
-    }
-}
+pub type CalibrationBytes = Bytes<{ Calibration::MAX_SIZE }>;
 
 #[cfg(test)]
 mod tests {
@@ -167,18 +143,18 @@ mod tests {
             let bytes = calibration.to_bytes();
             for (at, value) in [(0, 3), (1, 7), (2, 5), (3, 1)] {
                 let mut bytes = bytes;
-                bytes.bytes[at] = value;
+                bytes.as_mut_slice()[at] = value;
                 assert_eq!(Calibration::from_bytes(&bytes), None);
             }
             for number in [f32::NAN, f32::INFINITY] {
                 let mut bytes = bytes;
-                bytes.bytes[4..8].copy_from_slice(&number.to_le_bytes());
+                bytes.as_mut_slice()[4..8].copy_from_slice(&number.to_le_bytes());
                 assert_eq!(Calibration::from_bytes(&bytes), None);
             }
             assert_eq!(Calibration::from_bytes(&bytes[..bytes.len() - 1]), None);
         }
         let mut bytes = physics().to_bytes();
-        bytes.bytes[0] = Cubic::KIND;
+        bytes.as_mut_slice()[0] = Cubic::KIND;
         assert_eq!(Calibration::from_bytes(&bytes), None);
         assert_eq!(Calibration::from_bytes(&[]), None);
     }

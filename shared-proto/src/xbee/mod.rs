@@ -95,12 +95,7 @@ impl<'a> ApiFrame<'a> {
         let kind = rest.u8()?;
         Some(match kind {
             0x00 | 0x01 | 0x10 => {
-                let id = rest.u8()?;
-                let to = match kind {
-                    0x00 => Address::Long(rest.array().map(u64::from_be_bytes)?),
-                    0x01 => Address::Short(rest.array().map(u16::from_be_bytes)?),
-                    _ => Address::zigbee(&mut rest)?,
-                };
+                let (id, to) = (rest.u8()?, Address::read(kind, &mut rest)?);
                 let _options = rest.u8()?;
                 if kind == 0x10 {
                     let _radius = rest.u8()?;
@@ -108,11 +103,8 @@ impl<'a> ApiFrame<'a> {
                 Self::Transmit { id, to, payload: rest.rest() }
             }
             0x80 | 0x81 | 0x90 => {
-                let (from, rssi) = match kind {
-                    0x80 => (Address::Long(rest.array().map(u64::from_be_bytes)?), rest.u8()),
-                    0x81 => (Address::Short(rest.array().map(u16::from_be_bytes)?), rest.u8()),
-                    _ => (Address::zigbee(&mut rest)?, None),
-                };
+                let from = Address::read(kind, &mut rest)?;
+                let rssi = if kind == 0x90 { None } else { Some(rest.u8()?) };
                 let _options = rest.u8()?;
                 Self::Receive { from, rssi, payload: rest.rest() }
             }
@@ -178,9 +170,14 @@ impl<'a> ApiFrame<'a> {
 }
 
 impl Address {
-    fn zigbee(rest: &mut Reader<'_>) -> Option<Self> {
-        let long = rest.array().map(u64::from_be_bytes)?;
-        Some(Self::Zigbee { long, short: rest.array().map(u16::from_be_bytes)? })
+    /// The address in a frame of this kind.
+    fn read(kind: u8, rest: &mut Reader<'_>) -> Option<Self> {
+        let mut long = || rest.array().map(u64::from_be_bytes);
+        Some(match kind {
+            0x00 | 0x80 => Self::Long(long()?),
+            0x01 | 0x81 => Self::Short(rest.array().map(u16::from_be_bytes)?),
+            _ => Self::Zigbee { long: long()?, short: rest.array().map(u16::from_be_bytes)? },
+        })
     }
 
     /// The kinds of frame to transmit to such an address and to receive from it.

@@ -119,7 +119,7 @@ struct ReceivedFrames {
 
 fn receive(framing: Framing, stream: &[u8]) -> ReceivedFrames {
     let mut boards = Boards::new(Protocol::Packets(framing));
-    stream.chunks(1000).for_each(|bytes| boards.feed(bytes));
+    stream.chunks(1000).for_each(|bytes| boards.feed(bytes, None));
     boards.finish();
     // An address that was damaged without a trace is heard once, which makes no frame.
     let with_frames: Vec<_> =

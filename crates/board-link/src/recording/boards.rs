@@ -7,11 +7,9 @@
 use std::time::Duration;
 
 use super::reception::{BoardFrame, Losses, Reception};
-use shared_proto::xbee::{Address, ApiFrame, Deframer};
-use shared_proto::{Decoder, Event, Framing, Protocol, skinproc};
-
-/// Most boards that are told apart: more than a channel has room for.
-const MOST: usize = 256;
+use super::wire::{MOST, PacketWire};
+use shared_proto::xbee::Address;
+use shared_proto::{Decoder, Event, Protocol, skinproc};
 
 /// What tells a board from others.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -29,7 +27,8 @@ pub struct HeardBoard {
     pub sender: BoardSource,
     /// Frames that nobody has taken yet.
     pub frames: Vec<BoardFrame>,
-    reception: Reception,
+    /// Its books.
+    pub(crate) reception: Reception,
     /// When its newest packet arrived.
     pub(crate) heard_at: Option<Duration>,
 }
@@ -39,7 +38,6 @@ pub struct HeardBoard {
 pub struct Boards {
     wire: Wire,
     heard: Vec<HeardBoard>,
-    arrival: Option<Duration>,
     /// Packets of boards beyond [`MOST`].
     beyond: u64,
 }
@@ -47,43 +45,24 @@ pub struct Boards {
 /// What cuts the bytes into packets.
 #[derive(Clone, Debug)]
 enum Wire {
-    Transparent(Box<Decoder>),
-    BaseStation { deframer: Deframer, modules: Vec<(Address, Decoder)> },
+    Packets(PacketWire),
     Original(skinproc::Decoder),
-}
-
-impl HeardBoard {
-    /// Its books.
-    pub fn reception(&self) -> &Reception {
-        &self.reception
-    }
 }
 
 impl Boards {
     /// Nothing has arrived.
     pub fn new(protocol: Protocol) -> Self {
         let wire = match protocol {
-            Protocol::Packets(framing @ Framing::Cobs) => {
-                Wire::Transparent(Box::new(Decoder::new(framing)))
-            }
-            Protocol::Packets(Framing::Xbee(mode)) => {
-                Wire::BaseStation { deframer: Deframer::new(mode), modules: Vec::new() }
-            }
+            Protocol::Packets(framing) => Wire::Packets(PacketWire::new(framing)),
             Protocol::Original => Wire::Original(skinproc::Decoder::new()),
         };
-        Self { wire, heard: Vec::new(), arrival: None, beyond: 0 }
+        Self { wire, heard: Vec::new(), beyond: 0 }
     }
 
-    /// Says when the bytes arrive that are fed from now on, see [`Reception::arrived_at`].
-    pub fn arrived_at(&mut self, now: Duration) {
-        self.arrival = Some(now);
-    }
-
-    /// Takes bytes, in slices of any size.
-    pub fn feed(&mut self, bytes: &[u8]) {
-        let Self { wire, heard, arrival, beyond } = self;
-        let arrival = *arrival;
-        let mut take = |address: Option<Address>, rssi, event: Event| {
+    /// Takes bytes, in slices of any size, and when they arrived where that is known, see [`Reception::arrived_at`].
+    pub fn feed(&mut self, bytes: &[u8], arrival: Option<Duration>) {
+        let Self { wire, heard, beyond } = self;
+        let take = |address: Option<Address>, rssi, event: Event| {
             let Event::Packet(received) = event else { return };
             // A module has one board.
             let board = received.origin.map(|origin| origin.board).filter(|_| address.is_none());
@@ -97,17 +76,7 @@ impl Boards {
             }
         };
         match wire {
-            Wire::Transparent(decoder) => decoder.feed(bytes, |event| take(None, None, event)),
-            Wire::BaseStation { deframer, modules } => deframer.feed(bytes, |frame| {
-                let ApiFrame::Receive { from, rssi, payload } = frame else { return };
-                let known = modules.iter().position(|(address, _)| *address == from);
-                let at = known.unwrap_or_else(|| {
-                    modules.truncate(MOST);
-                    modules.push((from, Decoder::new(Framing::Cobs)));
-                    modules.len() - 1
-                });
-                modules[at].1.feed(payload, |event| take(Some(from), rssi, event));
-            }),
+            Wire::Packets(packets) => packets.feed(bytes, take),
             Wire::Original(decoder) => {
                 let mut index = decoder.scans.cast_signed();
                 let Some(HeardBoard { frames, reception, .. }) =
@@ -153,7 +122,9 @@ impl Boards {
     pub fn losses_of(&self, sender: BoardSource) -> Losses {
         let board = self.heard.iter().find(|board| board.sender == sender);
         let mut losses = board.map(|board| board.reception.losses()).unwrap_or_default();
-        if let (Wire::BaseStation { modules, .. }, Some(address)) = (&self.wire, sender.address) {
+        if let (Wire::Packets(PacketWire::BaseStation { modules, .. }), Some(address)) =
+            (&self.wire, sender.address)
+        {
             let module = modules.iter().find(|(module, _)| *module == address);
             module.into_iter().for_each(|(_, decoder)| losses += damage(decoder));
         }
@@ -165,8 +136,8 @@ impl Boards {
         let mut losses = Losses { unknown: self.beyond, ..Losses::default() };
         self.heard.iter().for_each(|board| losses += self.losses_of(board.sender));
         match &self.wire {
-            Wire::Transparent(decoder) => losses += damage(decoder),
-            Wire::BaseStation { deframer, modules } => {
+            Wire::Packets(PacketWire::Transparent(decoder)) => losses += damage(decoder),
+            Wire::Packets(PacketWire::BaseStation { deframer, modules }) => {
                 losses.damaged += deframer.damaged;
                 let is_heard =
                     |address| self.heard.iter().any(|board| board.sender.address == Some(address));
@@ -225,8 +196,8 @@ fn address_text(address: Address) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_proto::xbee::Mode;
-    use shared_proto::{Packet, PacketOrigin, Sample, Values};
+    use shared_proto::xbee::{ApiFrame, Mode};
+    use shared_proto::{Framing, Packet, PacketOrigin, Sample, Values};
 
     fn bytes_of(board: u16, frames: std::ops::Range<u16>) -> Vec<u8> {
         let packets = frames.map(|sequence| {
@@ -271,7 +242,7 @@ mod tests {
                     .collect();
                 let bytes = on_the_air(mode, &sent, cut);
                 let mut boards = Boards::new(Protocol::Packets(Framing::Xbee(mode)));
-                bytes.chunks(11).for_each(|bytes| boards.feed(bytes));
+                bytes.chunks(11).for_each(|bytes| boards.feed(bytes, None));
                 boards.finish();
                 let found: Vec<_> =
                     boards.heard().iter().map(|board| board.sender.address).collect();
@@ -306,9 +277,9 @@ mod tests {
         };
         let mut boards = Boards::new(Protocol::Packets(Framing::Cobs));
         for sequence in 0..50 {
-            [7, 9].into_iter().for_each(|board| boards.feed(&packet(sequence, board)));
+            [7, 9].into_iter().for_each(|board| boards.feed(&packet(sequence, board), None));
             if sequence == 20 {
-                boards.feed(&packet(21, 11));
+                boards.feed(&packet(21, 11), None);
             }
         }
         boards.finish();
@@ -322,7 +293,7 @@ mod tests {
         let missing = [bytes_of(1, 0..3), bytes_of(1, 5..6)].concat();
         let sent = [(Address::Short(1), missing.clone()), (Address::Short(2), missing)];
         let mut boards = Boards::new(Protocol::Packets(Framing::Xbee(Mode::Plain)));
-        boards.feed(&on_the_air(Mode::Plain, &sent, 30));
+        boards.feed(&on_the_air(Mode::Plain, &sent, 30), None);
         assert_eq!((boards.losses().missing, boards.losses().gaps), (4, 2));
     }
 }

@@ -106,15 +106,10 @@ impl RunningForces {
         if let (ForceStage::Running { pipeline, stream }, true) =
             (&mut self.stage, first < frames.len())
         {
-            follow(&mut self.rests, pipeline, &self.calibration, &times_s[first..], || {
-                cut(&readings, first..frames.len())
-            });
-            let tared = pipeline.wrench(
-                &self.calibration,
-                &times_s[first..],
-                &cut(&readings, first..frames.len()),
-            );
-            let filtered = stream.push(&times_s[first..], tared)?;
+            let (times_s, readings) = (&times_s[first..], cut(&readings, first..frames.len()));
+            follow(&mut self.rests, pipeline, &self.calibration, times_s, &readings);
+            let tared = pipeline.wrench(&self.calibration, times_s, &readings);
+            let filtered = stream.push(times_s, tared)?;
             wrench.iter_mut().zip(filtered).for_each(|(wrench, rest)| wrench.extend(rest));
         }
         let needs_tare = self.options.tare != forces::TareRule::Untared;
@@ -171,7 +166,7 @@ impl RunningForces {
         }
         if setup.is_done() {
             let mut pipeline = setup.as_ref().clone().finish(&self.calibration)?.0;
-            follow(&mut self.rests, &mut pipeline, &self.calibration, kept_s, || kept.clone());
+            follow(&mut self.rests, &mut pipeline, &self.calibration, kept_s, kept);
             let mut stream = pipeline.stream(&Axis::ALL);
             stream.push(kept_s, pipeline.wrench(&self.calibration, kept_s, kept))?;
             let (pipeline, stream) = (Box::new(pipeline), Box::new(stream));
@@ -187,11 +182,10 @@ fn follow(
     pipeline: &mut ForcePipeline,
     calibration: &Calibration,
     times_s: &[f64],
-    readings: impl FnOnce() -> Vec<Vec<f64>>,
+    readings: &[Vec<f64>],
 ) {
     if let Some(finder) = rests {
         // At rest there is nothing to remember.
-        let readings = readings();
         let channels = &readings[..calibration.channels()];
         finder.look_at(times_s, channels, &mut |rest| pipeline.follow(calibration, rest));
     }

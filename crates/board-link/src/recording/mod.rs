@@ -19,19 +19,19 @@
 mod boards;
 mod edges;
 mod forces;
-mod protocol;
 mod reception;
 mod recognition;
 mod rows;
 mod sequence;
 mod simultaneous;
 mod timeline;
+mod wire;
 
 pub use boards::{BoardSource, Boards, HeardBoard};
 pub use edges::BoardEdge;
 pub use forces::{Force, LiveForces, RunningForces, UnsuitableCalibration};
-pub use protocol::{PROTOCOLS, protocol_name};
 pub use reception::{BoardFrame, Content, Losses, Measured, Reception};
-pub use recognition::{NoFrame, RecognisedProtocol, Recognition};
+pub use recognition::{NoFrame, PROTOCOLS, RecognisedProtocol, Recognition, protocol_name};
 pub use rows::{FrameLabel, RowWriter, row_flags, write_time};
 pub use simultaneous::Simultaneous;
+pub(crate) use wire::PacketWire;

@@ -171,11 +171,14 @@ pub struct Reception {
     contradicted: u64,
     last_dropped: Option<u8>,
     dropped_on_board: u64,
-    /// Of the newest packet.
-    start: Option<u16>,
-    boot: Option<Boot>,
-    identity: Option<Identity>,
-    status: Option<Status>,
+    /// The run that the newest packet is of, where the board says so.
+    pub(crate) start: Option<u16>,
+    /// What the board said of itself when it last started, if it did.
+    pub(crate) boot: Option<Boot>,
+    /// What the board has said that it is.
+    pub(crate) identity: Option<Identity>,
+    /// What the board has said since its last start of how it does.
+    pub(crate) status: Option<Status>,
     timing: Option<Timing>,
     /// Not given to a frame yet.
     health: Option<Health>,
@@ -299,13 +302,8 @@ impl Reception {
         index: i64,
         frames: &mut Vec<BoardFrame>,
     ) {
-        let stamp = Stamp {
-            sequence: index as u16,
-            clock_us: scan.clock_us,
-            dropped: 0,
-            start: None,
-            host_us: None,
-        };
+        let sequence = index as u16;
+        let stamp = Stamp { sequence, clock_us: scan.clock_us, ..Stamp::default() };
         let placed = match self.timeline.is_forward(&stamp) {
             true => self.timeline.follow(stamp),
             false => self.timeline.jump(stamp),
@@ -327,26 +325,6 @@ impl Reception {
     /// Whether there was a frame.
     pub(crate) fn has_begun(&self) -> bool {
         self.timeline.has_begun()
-    }
-
-    /// What the board said of itself when it last started, if it did.
-    pub fn boot(&self) -> Option<Boot> {
-        self.boot
-    }
-
-    /// What the board has said that it is.
-    pub(crate) fn identity(&self) -> Option<Identity> {
-        self.identity
-    }
-
-    /// What the board has said since its last start of how it does.
-    pub(crate) fn status(&self) -> Option<Status> {
-        self.status
-    }
-
-    /// The run that the newest packet is of, where the board says so.
-    pub(crate) fn start(&self) -> Option<u16> {
-        self.start
     }
 
     /// What has been lost so far, apart from damage.

@@ -2,8 +2,26 @@
 
 use std::time::Duration;
 
-use super::protocol::protocol_name;
-use shared_proto::{Decoder, Event, Protocol, detect, skinproc};
+use shared_proto::xbee::Mode;
+use shared_proto::{Decoder, Event, Framing, Protocol, detect};
+
+/// What the bytes of a stream can be: names, and what they are.
+pub const PROTOCOLS: [(&str, &str, Protocol); 4] = [
+    ("cobs", "Packets over a wire or a transparent XBee", Protocol::Packets(Framing::Cobs)),
+    ("xbee-ap1", "Packets over an XBee in API mode", Protocol::Packets(Framing::Xbee(Mode::Plain))),
+    (
+        "xbee-ap2",
+        "Packets over an XBee in API mode with escapes",
+        Protocol::Packets(Framing::Xbee(Mode::Escaped)),
+    ),
+    ("original", "The original SkinProc board", Protocol::Original),
+];
+
+/// The name of a protocol.
+pub fn protocol_name(protocol: Protocol) -> &'static str {
+    let named = PROTOCOLS.iter().find(|(.., known)| *known == protocol);
+    named.map(|(name, ..)| *name).expect("every protocol has a name")
+}
 
 /// Bytes that are enough to tell the protocol by: half a second of 100 Hz takes 1,500.
 const ENOUGH: usize = 2048;
@@ -74,11 +92,6 @@ impl Recognition {
         Self { asked_for, bytes: Vec::new(), first_at: None }
     }
 
-    /// How many bytes are held until the protocol is known.
-    pub fn held(&self) -> usize {
-        self.bytes.len()
-    }
-
     /// Takes bytes that arrived at time `now`; `None` as long as more are needed.
     ///
     /// # Errors
@@ -119,7 +132,7 @@ impl Recognition {
 
     fn recognise(&mut self) -> Result<Option<RecognisedProtocol>, NoFrame> {
         let found = match self.asked_for {
-            Some(protocol) => Some(protocol).filter(|&protocol| speaks(protocol, &self.bytes)),
+            Some(protocol) => (protocol.frames_in(&self.bytes).0 > 0).then_some(protocol),
             None => detect(&self.bytes),
         };
         let Some(protocol) = found else { return Ok(None) };
@@ -134,23 +147,6 @@ impl Recognition {
         match (self.asked_for, detect(&self.bytes)) {
             (Some(asked_for), Some(found)) => NoFrame::OtherProtocol { bytes, asked_for, found },
             _ => NoFrame::Any { bytes },
-        }
-    }
-}
-
-/// Whether there is a frame of `protocol` in `bytes`.
-fn speaks(protocol: Protocol, bytes: &[u8]) -> bool {
-    match protocol {
-        Protocol::Packets(framing) => {
-            let mut decoder = Decoder::new(framing);
-            decoder.feed(bytes, |_| {});
-            let counters = decoder.counters();
-            counters.packets + counters.unknown_version > 0
-        }
-        Protocol::Original => {
-            let mut decoder = skinproc::Decoder::new();
-            decoder.feed(bytes, |_| {});
-            decoder.scans > 0
         }
     }
 }

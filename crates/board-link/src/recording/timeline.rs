@@ -32,7 +32,7 @@ const NUMBERS: u64 = 1 << 16;
 const LONGEST_PERIOD_US: u64 = 11_000_000;
 
 /// What a frame says of its position.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Stamp {
     pub(super) sequence: u16,
     pub(super) clock_us: u32,

@@ -240,36 +240,27 @@ impl ServerShared {
         // How soon to come back after a connection was lost, ms.
         stream.write_all(b"retry: 500\n\n")?;
         let (_listener, mut seen) = Listener::new(self);
-        loop {
-            match self.next_event(&mut seen) {
-                Next::Event(event) => stream.write_all(event.as_bytes())?,
-                Next::Nothing => stream.write_all(b":\n\n")?,
-                Next::End => return stream.write_all(b"event: end\ndata:\n\n"),
-            }
+        while let Some(event) = self.next_event(&mut seen) {
+            stream.write_all(event.as_bytes())?;
         }
+        stream.write_all(b"event: end\ndata:\n\n")
     }
 
-    /// The newest event, unless it was seen; waits for it for a while.
-    fn next_event(&self, seen: &mut u64) -> Next {
+    /// The newest event, or an empty one if none that was not seen has come for a while; `None` at the end.
+    fn next_event(&self, seen: &mut u64) -> Option<Arc<str>> {
         let state = self.state();
         let is_idle = |state: &mut ServerState| state.number == *seen && !state.ended;
         let waited = self.changed.wait_timeout_while(state, KEEP_ALIVE, is_idle);
         let (state, _) = waited.unwrap_or_else(PoisonError::into_inner);
         if state.ended {
-            return Next::End;
+            return None;
         }
         if state.number == *seen {
-            return Next::Nothing;
+            return Some(":\n\n".into());
         }
         *seen = state.number;
-        Next::Event(Arc::clone(&state.event))
+        Some(Arc::clone(&state.event))
     }
-}
-
-enum Next {
-    Event(Arc<str>),
-    Nothing,
-    End,
 }
 
 /// Says what was refused, and ends a connection.

@@ -12,7 +12,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use shell_data::wrench::PerAxis;
+use shell_data::wrench::{PerAxis, cross};
 
 use shell_data::random::{Purpose, RandomStream};
 
@@ -173,10 +173,6 @@ fn taps(time_s: f64) -> f64 {
 fn smooth_step(x: f64) -> f64 {
     let x = x.clamp(0.0, 1.0);
     x * x * x * (10.0 + x * (6.0 * x - 15.0))
-}
-
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 fn norm(v: [f64; 3]) -> f64 {

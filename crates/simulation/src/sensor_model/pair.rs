@@ -79,11 +79,7 @@ impl Pair {
         if !(0.0..1.0).contains(&settings.loss) {
             return Err(ModelError::Loss { share: settings.loss });
         }
-        if !(settings.noise_scale.is_finite() && settings.noise_scale >= 0.0) {
-            return Err(ModelError::NoiseScale { factor: settings.noise_scale });
-        }
-        let mut unit = SensorParameters::nominal().unit(settings.unit_seed);
-        unit.scale_noise(settings.noise_scale);
+        let unit = SensorParameters::noisy_unit(settings.unit_seed, settings.noise_scale)?;
         let load = match settings.loaded {
             true => LoadScript::training(settings.seed),
             false => LoadScript::zero(),

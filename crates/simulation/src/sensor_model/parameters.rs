@@ -2,6 +2,7 @@
 //!
 //! [`SensorParameters::nominal`] is the drawing; [`SensorParameters::unit`] is one instrument built from it.
 
+use super::ModelError;
 use super::geometry::Reflector;
 use super::springs::{Creep, Hysteresis, Spring};
 use shell_data::random::{Purpose, RandomStream};
@@ -209,6 +210,19 @@ impl SensorParameters {
             channel.offset_drift_per_k += deviate(self.spread.offset_drift_per_k);
         }
         unit
+    }
+
+    /// The unit of the instrument as drawn that `unit_seed` names, with its noise [scaled](Self::scale_noise).
+    ///
+    /// # Errors
+    /// [`ModelError::NoiseScale`] if the factor is negative or not finite.
+    pub(crate) fn noisy_unit(unit_seed: u64, factor: f64) -> Result<Self, ModelError> {
+        if !(factor.is_finite() && factor >= 0.0) {
+            return Err(ModelError::NoiseScale { factor });
+        }
+        let mut unit = Self::nominal().unit(unit_seed);
+        unit.scale_noise(factor);
+        Ok(unit)
     }
 
     /// Takes creep and hysteresis away: what is left is a function of the load at the moment, which a

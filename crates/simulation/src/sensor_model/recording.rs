@@ -87,17 +87,12 @@ impl SensorRecording {
     /// [`ModelError`] if the rate is not above 0, a time is not finite or the converter cannot be
     /// modelled.
     pub fn new(settings: RecordingSettings) -> Result<Self, ModelError> {
-        let RecordingSettings { kind, rate_hz, start_time_s, seed, noise_scale, .. } = settings;
+        let RecordingSettings { kind, rate_hz, start_time_s, seed, .. } = settings;
         if !(rate_hz.is_finite() && rate_hz > 0.0 && start_time_s.is_finite()) {
             return Err(ModelError::Timing { rate_hz, start_time_s });
         }
-        if !(noise_scale.is_finite() && noise_scale >= 0.0) {
-            return Err(ModelError::NoiseScale { factor: noise_scale });
-        }
-        let mut drawing = SensorParameters::nominal();
-        drawing.adc_bits = settings.adc_bits;
-        let mut unit = drawing.unit(settings.unit_seed);
-        unit.scale_noise(noise_scale);
+        let mut unit = SensorParameters::noisy_unit(settings.unit_seed, settings.noise_scale)?;
+        unit.adc_bits = settings.adc_bits;
         if settings.elastic {
             unit.make_elastic();
         }

@@ -3,7 +3,7 @@
 //! It measures the wrench in its own axes, which stand nearly but not quite on the shell's: a turn
 //! and a shift from its mounting, a zero that was not quite zero, noise, and its own resolution.
 
-use shell_data::wrench::PerAxis;
+use shell_data::wrench::{PerAxis, cross};
 
 use super::geometry::RigidMotion;
 use super::parameters::Reference;
@@ -39,9 +39,9 @@ impl ReferenceSensor {
     /// The reading under `wrench` (N and N·m, shell frame): a whole number of the sensor's steps.
     pub fn sample(&mut self, wrench: &PerAxis<f64>) -> PerAxis<f64> {
         let &[fx, fy, fz, mx, my, mz] = wrench;
-        let [x, y, z] = self.shift_m;
         // About an origin shifted by r the moment is less by r × F.
-        let moment = [mx - (y * fz - z * fy), my - (z * fx - x * fz), mz - (x * fy - y * fx)];
+        let [less_x, less_y, less_z] = cross(self.shift_m, [fx, fy, fz]);
+        let moment = [mx - less_x, my - less_y, mz - less_z];
         let force = self.turn.turn(&[fx, fy, fz]);
         let moment = self.turn.turn(&moment);
         std::array::from_fn(|axis| {

@@ -116,11 +116,7 @@ impl SimulatedBoard {
         line: impl FnOnce(&[Arc<Mutex<Radio>>; 2]) -> Result<SerialLine, SimulationError>,
     ) -> Result<Self, SimulationError> {
         let BoardSettings { load, seed, unit_seed, noise_scale, faults, sync_s } = settings;
-        if !(noise_scale.is_finite() && noise_scale >= 0.0) {
-            return Err(ModelError::NoiseScale { factor: noise_scale }.into());
-        }
-        let mut unit = SensorParameters::nominal().unit(unit_seed);
-        unit.scale_noise(noise_scale);
+        let unit = SensorParameters::noisy_unit(unit_seed, noise_scale)?;
         let sensor = SensorModel::new(&unit, seed)?;
         // The two ways of the radio fail independently.
         let radio = |way| Radio::new(faults, seed << 1 | way).map(|it| Arc::new(Mutex::new(it)));

@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use super::gait::smooth_step;
 use shell_data::random::RandomStream;
-use shell_data::wrench::PerAxis;
+use shell_data::wrench::{PerAxis, cross};
 
 /// A channel of beams, by the level of its forces.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
@@ -118,9 +118,7 @@ impl BeamContact {
         let shaking =
             self.legs.map(|[once, twice]| running * (once.at(leg_rad) + twice.at(leg_rad)));
         let force: [f64; 3] = std::array::from_fn(|axis| beams[axis] + shaking[axis]);
-        let [x, y, z] = CONTACT_M;
-        let [fx, fy, fz] = beams;
-        let moment = [y * fz - z * fy, z * fx - x * fz, x * fy - y * fx];
+        let moment = cross(CONTACT_M, beams);
         std::array::from_fn(|axis| if axis < 3 { force[axis] } else { moment[axis - 3] })
     }
 

@@ -284,8 +284,8 @@ impl VirtualTrial {
     /// # Errors
     /// [`ModelError`] if the sensor cannot be modelled.
     pub fn frames(&self) -> Result<impl Iterator<Item = (f64, SimulatedFrame)>, ModelError> {
-        let mut unit = SensorParameters::nominal().unit(self.settings.unit_seed);
-        unit.scale_noise(self.settings.noise_scale);
+        let TrialSettings { unit_seed, noise_scale, .. } = self.settings;
+        let mut unit = SensorParameters::noisy_unit(unit_seed, noise_scale)?;
         if self.settings.elastic {
             unit.make_elastic();
         }

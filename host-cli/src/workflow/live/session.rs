@@ -247,11 +247,11 @@ impl LiveSession {
     pub fn obey(&mut self, action: LiveAction) {
         self.message = match action {
             LiveAction::Tare => {
-                self.model.begin_tare();
+                self.model.tare.begin();
                 "taring what is shown; a log keeps its own tare".to_owned()
             }
             LiveAction::Untare => {
-                self.model.end_tare();
+                self.model.tare.clear();
                 "no tare but that of the calibration's first frames".to_owned()
             }
             LiveAction::Pause => {

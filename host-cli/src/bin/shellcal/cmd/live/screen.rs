@@ -67,7 +67,7 @@ impl LiveScreen<'_> {
         if self.model.is_paused() {
             flags += " PAUSED";
         }
-        if self.model.is_taring() {
+        if self.model.tare.is_pending() {
             flags += " TARING";
         }
         let taken = flags.chars().count() + self.state.chars().count() + "   REC   ".len();
