@@ -174,9 +174,7 @@ pub fn align(
     board: Recording,
     options: Options,
 ) -> Result<Aligned, AlignError> {
-    let (reference, board) = clean(reference, board, options)?;
-    let (clock, quality) = by_loads(&reference, &board)?;
-    Ok(Aligned::new(clock, Some(quality), None, (reference, board), options))
+    line_up(reference, board, None, options)
 }
 
 /// As [`align`], with clocks by the edges of a signal that both have recorded. The loads then tell which
@@ -190,22 +188,40 @@ pub fn align_by_edges(
     edges: Edges,
     options: Options,
 ) -> Result<Aligned, AlignError> {
-    let (reference, board) = clean(reference, board, options)?;
-    let loads = by_loads(&reference, &board).ok();
-    let (clock, found) = edges.clocks(loads.as_ref().map(|(clock, _)| *clock))?;
-    let quality = loads.map(|(_, quality)| quality);
-    Ok(Aligned::new(clock, quality, Some(found), (reference, board), options))
+    line_up(reference, board, Some(edges), options)
 }
 
-fn clean(
+fn line_up(
     reference: Recording,
     board: Recording,
+    edges: Option<Edges>,
     options: Options,
-) -> Result<(Clean, Clean), AlignError> {
+) -> Result<Aligned, AlignError> {
     let reference = Clean::new(reference, RecordingSide::Reference, LEAST_OVERLAP_S, false)?;
     let board =
         Clean::new(board, RecordingSide::Board, LEAST_OVERLAP_S, options.repeats_are_stale)?;
-    Ok((reference, board))
+    let loads = by_loads(&reference, &board);
+    let (clock, quality, edges) = match edges {
+        Some(edges) => {
+            let (by_loads, quality) = loads.ok().unzip();
+            let (clock, found) = edges.clocks(by_loads)?;
+            (clock, quality, Some(found))
+        }
+        None => {
+            let (clock, quality) = loads?;
+            (clock, Some(quality), None)
+        }
+    };
+    Ok(Aligned {
+        clock,
+        quality,
+        edges,
+        reference_left_out: reference.left_out,
+        board_left_out: board.left_out,
+        reference,
+        board,
+        options,
+    })
 }
 
 /// The clocks by the loads that both have seen.
@@ -337,25 +353,6 @@ fn grow(
 }
 
 impl Aligned {
-    fn new(
-        clock: ClockMap,
-        quality: Option<Quality>,
-        edges: Option<EdgeMatch>,
-        (reference, board): (Clean, Clean),
-        options: Options,
-    ) -> Self {
-        Self {
-            clock,
-            quality,
-            edges,
-            reference_left_out: reference.left_out,
-            board_left_out: board.left_out,
-            reference,
-            board,
-            options,
-        }
-    }
-
     /// Number of channels of the board.
     pub fn channels(&self) -> usize {
         self.board.columns.len()

@@ -12,33 +12,23 @@ const LOADED: f64 = 0.1;
 /// How many times the error of the calibration: less than that is no load that it can tell.
 const ERRORS: f64 = 4.0;
 
+const CONSEQUENCE: &str = "every force of this log is relative to it";
+
 /// Why the frames of a tare are not to be taken as unloaded.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum TareDoubt {
     /// Their mean wrench is far from the zero of the calibration: axis, and mean in N or N·m.
+    #[error(
+        "the frames of the tare are loaded, it seems: {} is {:.3} {} there; {CONSEQUENCE}",
+        .0.name(), .1, .0.unit()
+    )]
     Loaded(Axis, f64),
     /// The wrench changes while they are taken: axis, and standard deviation in N or N·m.
+    #[error(
+        "the load changes during the tare: {} varies by {:.3} {} (standard deviation); {CONSEQUENCE}",
+        .0.name(), .1, .0.unit()
+    )]
     NotQuiet(Axis, f64),
-}
-
-impl std::fmt::Display for TareDoubt {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let consequence = "every force of this log is relative to it";
-        match self {
-            Self::Loaded(axis, mean) => write!(
-                f,
-                "the frames of the tare are loaded, it seems: {} is {mean:.3} {} there; {consequence}",
-                axis.name(),
-                axis.unit()
-            ),
-            Self::NotQuiet(axis, sd) => write!(
-                f,
-                "the load changes during the tare: {} varies by {sd:.3} {} (standard deviation); {consequence}",
-                axis.name(),
-                axis.unit()
-            ),
-        }
-    }
 }
 
 impl TareResult {

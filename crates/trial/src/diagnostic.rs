@@ -1,7 +1,5 @@
 //! What a reader of a trial's results should know about them.
 
-use std::fmt;
-
 use serde::{Serialize, Serializer};
 
 use super::window::Proposal;
@@ -18,10 +16,14 @@ pub enum Severity {
     Warning,
 }
 
+const NO_FORCES: &str = "forces and drag energy are left out";
+const NO_ENERGY: &str = "electrical energy and specific resistance are left out";
+
 /// Something that a reader of a trial's results should know.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Diagnostic {
     /// Duplicates of the previous frame: telemetry runs faster than the sensor.
+    #[error("{repeated} of {rows} rows are duplicates of the previous frame")]
     RepeatedRows {
         /// Rows within the window.
         rows: u64,
@@ -29,6 +31,13 @@ pub enum Diagnostic {
         repeated: u64,
     },
     /// Rows that never arrived, in the window.
+    #[error(
+        "about {missing} of {expected} rows are missing; {}",
+        match rule {
+            RowRule::Time => "all is computed by time, not by row",
+            RowRule::Rows => "by row, the filter takes no notice of that",
+        }
+    )]
     MissingRows {
         /// About how many.
         missing: u64,
@@ -38,15 +47,19 @@ pub enum Diagnostic {
         rule: RowRule,
     },
     /// Without sensors: no forces, no drag energy.
+    #[error("the log has no sensor columns: {NO_FORCES}")]
     NoSensors,
     /// Without a calibration: no forces, no drag energy.
+    #[error("no calibration was given: {NO_FORCES}")]
     NoCalibration,
     /// Without these columns of telemetry: no electrical energy, no specific resistance.
+    #[error("the log has no {}: {NO_ENERGY}", missing.join(", no "))]
     NoPower {
         /// What is not there.
         missing: Vec<&'static str>,
     },
     /// The battery reads zero (or less) in some rows of the window: no electrical energy.
+    #[error("the battery reads no voltage in {rows} of {of} rows: {NO_ENERGY}")]
     NoBattery {
         /// How many.
         rows: u64,
@@ -54,6 +67,10 @@ pub enum Diagnostic {
         of: u64,
     },
     /// The battery reads what no battery of a robot gives: its unit is another than the profile says.
+    #[error(
+        "the battery reads {reads} in the log, which the profile takes for {battery_v:.3} V: are these \
+         volts? then give the profile `battery = {{ unit = \"V\" }}` under `[columns]`; {NO_ENERGY}"
+    )]
     BatteryUnit {
         /// The median in the window, as the log has it.
         reads: f64,
@@ -61,6 +78,10 @@ pub enum Diagnostic {
         battery_v: f64,
     },
     /// A column of power or current, whose unit the profile does not give.
+    #[error(
+        "the log has {column}, whose unit is not known: give the profile `{key} = {{ unit = … }}` \
+         under `[columns]`; {NO_ENERGY}"
+    )]
     NoUnit {
         /// What it is called.
         column: &'static str,
@@ -68,15 +89,19 @@ pub enum Diagnostic {
         key: &'static str,
     },
     /// Without the right leg's position: no strides.
+    #[error("the log has no right leg position: strides are left out")]
     NoLeg,
     /// The right leg does not complete a turn in the window.
+    #[error("the right leg does not complete a turn in the window")]
     NoStride,
     /// The right leg stood still for longer than two strides take.
+    #[error("the right leg stands still for {longest_s:.3} s")]
     StalledLeg {
         /// The longest time that the leg stood still, s.
         longest_s: f64,
     },
     /// Frames with a reading outside the range of the training data.
+    #[error("{frames} of {of} frames have a reading outside the range of the training data")]
     OutOfRange {
         /// How many in the window.
         frames: u64,
@@ -84,6 +109,7 @@ pub enum Diagnostic {
         of: u64,
     },
     /// Frames with a reading at an end of the converter.
+    #[error("{frames} of {of} frames have a saturated reading")]
     Saturated {
         /// How many in the window.
         frames: u64,
@@ -91,6 +117,9 @@ pub enum Diagnostic {
         of: u64,
     },
     /// The right leg moved while the tare was taken: the shell was hardly at rest.
+    #[error(
+        "the right leg turns by {turned_rad:.1} rad while the tare is taken, up to {end_s:.3} s"
+    )]
     MovingTare {
         /// By how much, rad.
         turned_rad: f64,
@@ -98,28 +127,37 @@ pub enum Diagnostic {
         end_s: f64,
     },
     /// The tare ends after the robot has entered the channel.
+    #[error("the tare ends at {end_s:.3} s, after the robot has entered the channel")]
     LateTare {
         /// When the tare ended, s.
         end_s: f64,
     },
     /// The zero at the end of the log is not that of the tare.
+    #[error("{text}")]
     MovedZero {
         /// By how much, in words.
         text: String,
     },
     /// The calibration carries no covariance: no intervals.
+    #[error("the calibration carries no covariance: intervals are left out")]
     NoIntervals,
     /// The rate of the log is too low for the usual low-pass: forces are not filtered.
+    #[error("the log's rate is too low for a low-pass of {cutoff_hz} Hz: forces are not filtered")]
     Unfiltered {
         /// The cutoff, Hz.
         cutoff_hz: f64,
     },
     /// Rows that could not be read and were left out.
+    #[error("{rows} bad rows are left out")]
     SkippedRows {
         /// How many in the log.
         rows: u64,
     },
     /// The window was found in the forces.
+    #[error(
+        "the window was found in the drag: confidence {:.0} %, entry ± {:.3} s, exit ± {:.3} s",
+        100.0 * confidence, se_s.0, se_s.1
+    )]
     FoundWindow {
         /// Share of the slow variation of the drag that one passage through a channel explains, 0 to 1.
         confidence: f64,
@@ -129,6 +167,7 @@ pub enum Diagnostic {
         is_good: bool,
     },
     /// Something said by whoever made the manifest.
+    #[error("{0}")]
     Manifest(String),
 }
 
@@ -183,79 +222,6 @@ impl Diagnostic {
             Self::SkippedRows { .. } => "skipped_rows",
             Self::FoundWindow { .. } => "found_window",
             Self::Manifest(_) => "manifest",
-        }
-    }
-}
-
-impl fmt::Display for Diagnostic {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        const NO_FORCES: &str = "forces and drag energy are left out";
-        const NO_ENERGY: &str = "electrical energy and specific resistance are left out";
-        match self {
-            Self::RepeatedRows { rows, repeated } => {
-                write!(f, "{repeated} of {rows} rows are duplicates of the previous frame")
-            }
-            Self::MissingRows { missing, expected, rule } => write!(
-                f,
-                "about {missing} of {expected} rows are missing; {}",
-                match rule {
-                    RowRule::Time => "all is computed by time, not by row",
-                    RowRule::Rows => "by row, the filter takes no notice of that",
-                }
-            ),
-            Self::NoSensors => write!(f, "the log has no sensor columns: {NO_FORCES}"),
-            Self::NoCalibration => write!(f, "no calibration was given: {NO_FORCES}"),
-            Self::NoPower { missing } => {
-                write!(f, "the log has no {}: {NO_ENERGY}", missing.join(", no "))
-            }
-            Self::NoBattery { rows, of } => {
-                write!(f, "the battery reads no voltage in {rows} of {of} rows: {NO_ENERGY}")
-            }
-            Self::BatteryUnit { reads, battery_v } => write!(
-                f,
-                "the battery reads {reads} in the log, which the profile takes for {battery_v:.3} V: are these \
-                 volts? then give the profile `battery = {{ unit = \"V\" }}` under `[columns]`; {NO_ENERGY}"
-            ),
-            Self::NoUnit { column, key } => write!(
-                f,
-                "the log has {column}, whose unit is not known: give the profile `{key} = {{ unit = … }}` \
-                 under `[columns]`; {NO_ENERGY}"
-            ),
-            Self::NoLeg => write!(f, "the log has no right leg position: strides are left out"),
-            Self::NoStride => write!(f, "the right leg does not complete a turn in the window"),
-            Self::StalledLeg { longest_s } => {
-                write!(f, "the right leg stands still for {longest_s:.3} s")
-            }
-            Self::OutOfRange { frames, of } => write!(
-                f,
-                "{frames} of {of} frames have a reading outside the range of the training data"
-            ),
-            Self::Saturated { frames, of } => {
-                write!(f, "{frames} of {of} frames have a saturated reading")
-            }
-            Self::MovingTare { turned_rad, end_s } => write!(
-                f,
-                "the right leg turns by {turned_rad:.1} rad while the tare is taken, up to {end_s:.3} s"
-            ),
-            Self::LateTare { end_s } => {
-                write!(f, "the tare ends at {end_s:.3} s, after the robot has entered the channel")
-            }
-            Self::MovedZero { text } => f.write_str(text),
-            Self::NoIntervals => {
-                write!(f, "the calibration carries no covariance: intervals are left out")
-            }
-            Self::Unfiltered { cutoff_hz } => write!(
-                f,
-                "the log's rate is too low for a low-pass of {cutoff_hz} Hz: forces are not filtered"
-            ),
-            Self::SkippedRows { rows } => write!(f, "{rows} bad rows are left out"),
-            Self::FoundWindow { confidence, se_s: (enter, exit), .. } => write!(
-                f,
-                "the window was found in the drag: confidence {:.0} %, entry ± {enter:.3} s, exit ± \
-                 {exit:.3} s",
-                100.0 * confidence
-            ),
-            Self::Manifest(text) => f.write_str(text),
         }
     }
 }

@@ -23,7 +23,7 @@ use super::results::{StrideRow, TrialResult, TrialRow};
 use super::signals::Signals;
 use super::statistics::Interval;
 use super::trace::Trace;
-use super::uncertainty::{MeanForce, half_widths};
+use super::uncertainty::half_widths;
 use shell_data::wrench::{Axis, PerAxis};
 
 /// A trial with its overrides filled in.
@@ -128,14 +128,8 @@ impl TrialEvaluation<'_> {
     fn half_widths(&self, span: &Span) -> Option<PerAxis<f64>> {
         let TrialInput { instrument, pipeline, tare_frames, options, .. } = *self.input;
         let tare = tare_frames.zip(pipeline?.tare());
-        let mean = MeanForce {
-            calibration: instrument.calibration?,
-            tare,
-            forces: self.signals.forces.as_ref()?,
-            span,
-            unexplained: options.unexplained,
-        };
-        half_widths(&mean, &[Axis::Fx, Axis::Fz])
+        let forces = self.signals.forces.as_ref()?;
+        half_widths(instrument.calibration?, tare, forces, span, options.unexplained)
     }
 
     fn trial_row(&self, span: &Span, half_widths: Option<PerAxis<f64>>) -> TrialRow {

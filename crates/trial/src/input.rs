@@ -9,7 +9,7 @@ use shell_data::telemetry::Telemetry;
 use shell_data::wrench::PerAxis;
 
 /// What is to be evaluated.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Trial {
     /// The log, as the manifest names it.
     pub file: String,
@@ -32,16 +32,7 @@ pub struct Trial {
 impl Trial {
     /// The trial of a log between two times, of which nothing else is said.
     pub fn from_window(file: String, (t_enter_s, t_exit_s): (f64, f64)) -> Self {
-        Self {
-            file,
-            condition: String::new(),
-            t_enter_s,
-            t_exit_s,
-            velocity_m_s: None,
-            mass_kg: None,
-            channel_length_m: None,
-            notes: None,
-        }
+        Self { file, t_enter_s, t_exit_s, ..Self::default() }
     }
 }
 

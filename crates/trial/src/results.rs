@@ -163,35 +163,30 @@ impl Quantity {
         Self::SpecificResistance,
     ];
 
+    /// What people call it, the name of its column, and its unit.
+    const fn texts(self) -> [&'static str; 3] {
+        match self {
+            Self::Drag => ["drag", "drag_mean_n", "N"],
+            Self::Lift => ["lift", "lift_mean_n", "N"],
+            Self::DragEnergy => ["drag energy", "drag_energy_j", "J"],
+            Self::ElectricalEnergy => ["electrical energy", "electrical_energy_j", "J"],
+            Self::SpecificResistance => ["specific resistance", "specific_resistance", ""],
+        }
+    }
+
     /// What people call it.
     pub const fn name(self) -> &'static str {
-        match self {
-            Self::Drag => "drag",
-            Self::Lift => "lift",
-            Self::DragEnergy => "drag energy",
-            Self::ElectricalEnergy => "electrical energy",
-            Self::SpecificResistance => "specific resistance",
-        }
+        self.texts()[0]
     }
 
     /// The name of its column, with the SI unit.
     pub const fn column(self) -> &'static str {
-        match self {
-            Self::Drag => "drag_mean_n",
-            Self::Lift => "lift_mean_n",
-            Self::DragEnergy => "drag_energy_j",
-            Self::ElectricalEnergy => "electrical_energy_j",
-            Self::SpecificResistance => "specific_resistance",
-        }
+        self.texts()[1]
     }
 
     /// The SI unit as people read it; empty without one.
     pub const fn unit(self) -> &'static str {
-        match self {
-            Self::Drag | Self::Lift => "N",
-            Self::DragEnergy | Self::ElectricalEnergy => "J",
-            Self::SpecificResistance => "",
-        }
+        self.texts()[2]
     }
 
     /// That of a trial.

@@ -187,13 +187,7 @@ fn interval(samples: &[Signed<'_>], seed: u64) -> Option<Interval> {
     match fewest {
         ..FEWEST => None,
         FEWEST..FEWEST_BOOTSTRAPPED => Some(student(samples)),
-        FEWEST_BOOTSTRAPPED.. => {
-            let of = |means: &[f64]| {
-                samples.iter().zip(means).map(|((sign, _), mean)| sign * mean).sum::<f64>()
-            };
-            let clusters: Vec<&[(f64, usize)]> = samples.iter().map(|(_, of)| *of).collect();
-            Some(bootstrap(&clusters, fewest, of, seed))
-        }
+        FEWEST_BOOTSTRAPPED.. => Some(bootstrap(samples, fewest, seed)),
     }
 }
 
@@ -219,31 +213,30 @@ fn student(samples: &[Signed<'_>]) -> Interval {
     Interval { low: estimate - half, high: estimate + half }
 }
 
-/// The BCa interval of `of` the samples' means, the smallest of them of `fewest` clusters.
-fn bootstrap(
-    samples: &[&[(f64, usize)]],
-    fewest: usize,
-    of: impl Fn(&[f64]) -> f64,
-    seed: u64,
-) -> Interval {
-    let means: Vec<f64> = samples.iter().map(|clusters| mean(clusters)).collect();
-    let estimate = of(&means);
+/// The sum of the samples' means with their signs.
+fn signed_sum(samples: &[Signed<'_>], means: &[f64]) -> f64 {
+    samples.iter().zip(means).map(|((sign, _), mean)| sign * mean).sum()
+}
+
+/// The BCa interval of the sum of the samples' means with their signs, the smallest of them of `fewest` clusters.
+fn bootstrap(samples: &[Signed<'_>], fewest: usize, seed: u64) -> Interval {
+    let means: Vec<f64> = samples.iter().map(|(_, clusters)| mean(clusters)).collect();
+    let estimate = signed_sum(samples, &means);
     let n = fewest as f64;
     let z = (n / (n - 1.0)).sqrt() * student_quantile(LEVEL, n - 1.0);
-    let influence = Influence::new(samples, &means, &of);
-    let acceleration = influence.acceleration();
+    let (variance, acceleration) = influence(samples, &means);
     // Where the bootstrap distribution of a mean is: its bias is its acceleration (Efron & Tibshirani,
     // §14.3), its quantiles those of Cornish and Fisher.
-    if samples.iter().any(|clusters| clusters.len() > MOST_DRAWN) {
+    if samples.iter().any(|(_, clusters)| clusters.len() > MOST_DRAWN) {
         let end = |z: f64| {
             let shifted = acceleration + z;
             let w = acceleration + shifted / (1.0 - acceleration * shifted);
-            estimate + influence.squares.sqrt() * (w + acceleration * (w * w - 1.0))
+            estimate + variance.sqrt() * (w + acceleration * (w * w - 1.0))
         };
         return Interval { low: end(-z), high: end(z) };
     }
     let mut stream = RandomStream::new(seed, Purpose::Bootstrap, 0);
-    let mut again = |clusters: &&[(f64, usize)]| {
+    let mut again = |(_, clusters): &Signed<'_>| {
         let (mut sum, mut n) = (0.0, 0);
         for _ in 0..clusters.len() {
             let (s, count) = clusters[(stream.uniform() * clusters.len() as f64) as usize];
@@ -252,8 +245,9 @@ fn bootstrap(
         }
         sum / n as f64
     };
-    let mut drawn: Vec<f64> =
-        (0..RESAMPLES).map(|_| of(&samples.iter().map(&mut again).collect::<Vec<_>>())).collect();
+    let mut drawn: Vec<f64> = (0..RESAMPLES)
+        .map(|_| signed_sum(samples, &samples.iter().map(&mut again).collect::<Vec<_>>()))
+        .collect();
     drawn.sort_unstable_by(f64::total_cmp);
 
     let normal = Normal::standard();
@@ -271,43 +265,30 @@ fn bootstrap(
     Interval { low: end(-z), high: end(z) }
 }
 
-/// What leaving out one cluster changes: sums over all clusters.
-struct Influence {
-    /// The variance of the bootstrap.
-    squares: f64,
-    cubes: f64,
-}
-
-impl Influence {
-    fn new(samples: &[&[(f64, usize)]], means: &[f64], of: &impl Fn(&[f64]) -> f64) -> Self {
-        let (mut squares, mut cubes) = (0.0, 0.0);
-        for (i, clusters) in samples.iter().enumerate() {
-            let (sum, n) = clusters.iter().fold((0.0, 0), |(s, n), &(a, b)| (s + a, n + b));
-            let left: Vec<f64> = clusters
-                .iter()
-                .map(|&(s, count)| {
-                    let mut means = means.to_vec();
-                    means[i] = (sum - s) / (n - count) as f64;
-                    of(&means)
-                })
-                .collect();
-            let centre = left.iter().sum::<f64>() / left.len() as f64;
-            // Of several samples each is weighed by what one of its clusters counts for.
-            for value in left {
-                let influence =
-                    (clusters.len() - 1) as f64 * (centre - value) / clusters.len() as f64;
-                squares += influence * influence;
-                cubes += influence * influence * influence;
-            }
+/// The variance of the bootstrap, and its acceleration, which is the skewness over six: by what leaving out one
+/// cluster changes.
+fn influence(samples: &[Signed<'_>], means: &[f64]) -> (f64, f64) {
+    let (mut squares, mut cubes) = (0.0, 0.0);
+    for (i, (_, clusters)) in samples.iter().enumerate() {
+        let (sum, n) = clusters.iter().fold((0.0, 0), |(s, n), &(a, b)| (s + a, n + b));
+        let left: Vec<f64> = clusters
+            .iter()
+            .map(|&(s, count)| {
+                let mut means = means.to_vec();
+                means[i] = (sum - s) / (n - count) as f64;
+                signed_sum(samples, &means)
+            })
+            .collect();
+        let centre = left.iter().sum::<f64>() / left.len() as f64;
+        // Of several samples each is weighed by what one of its clusters counts for.
+        for value in left {
+            let influence = (clusters.len() - 1) as f64 * (centre - value) / clusters.len() as f64;
+            squares += influence * influence;
+            cubes += influence * influence * influence;
         }
-        Self { squares, cubes }
     }
-
-    /// The acceleration: the skewness over six.
-    fn acceleration(&self) -> f64 {
-        let Self { squares, cubes } = *self;
-        if squares > 0.0 { cubes / (6.0 * squares.powf(1.5)) } else { 0.0 }
-    }
+    let acceleration = if squares > 0.0 { cubes / (6.0 * squares.powf(1.5)) } else { 0.0 };
+    (squares, acceleration)
 }
 
 #[cfg(test)]

@@ -2,7 +2,6 @@
 
 use super::diagnostic::Diagnostic;
 use super::results::{ConditionRow, StrideRow, TrialResult, TrialRow};
-use super::statistics::Interval;
 use super::trace::Trace;
 use shell_data::wrench::Axis;
 use table_file::named_table::{NamedColumn, NamedTable};
@@ -12,40 +11,32 @@ pub fn trials_table<'a>(results: impl Iterator<Item = &'a TrialResult> + Clone) 
     let rows = || results.clone().map(|result| &result.row);
     let text =
         |of: fn(&TrialRow) -> &str| NamedColumn::Text(rows().map(|r| of(r).to_owned()).collect());
-    let number =
-        |of: fn(&TrialRow) -> f64| NamedColumn::Number(rows().map(|r| Some(of(r))).collect());
-    let maybe = |of: fn(&TrialRow) -> Option<f64>| NamedColumn::Number(rows().map(of).collect());
+    let number = |of: fn(&TrialRow) -> Option<f64>| NamedColumn::Number(rows().map(of).collect());
     let count = |of: fn(&TrialRow) -> Option<u64>| NamedColumn::Count(rows().map(of).collect());
-    let low = |interval: Option<Interval>| interval.map(|interval| interval.low);
-    let high = |interval: Option<Interval>| interval.map(|interval| interval.high);
-    let ends = |end: &dyn Fn(Option<Interval>) -> Option<f64>,
-                of: fn(&TrialRow) -> Option<Interval>| {
-        NamedColumn::Number(rows().map(|row| end(of(row))).collect())
-    };
     let warnings = results.clone().map(|result| joined(&result.diagnostics)).collect();
     NamedTable::new([
         ("file", text(|r| &r.file)),
         ("condition", text(|r| &r.condition)),
-        ("t_enter_s", number(|r| r.t_enter_s)),
-        ("t_exit_s", number(|r| r.t_exit_s)),
-        ("duration_s", number(|r| r.duration_s)),
-        ("velocity_m_s", number(|r| r.velocity_m_s)),
+        ("t_enter_s", number(|r| Some(r.t_enter_s))),
+        ("t_exit_s", number(|r| Some(r.t_exit_s))),
+        ("duration_s", number(|r| Some(r.duration_s))),
+        ("velocity_m_s", number(|r| Some(r.velocity_m_s))),
         ("rows", count(|r| Some(r.rows))),
         ("fresh_frames", count(|r| r.fresh_frames)),
-        ("drag_mean_n", maybe(|r| r.drag_mean_n)),
-        ("drag_mean_low_n", ends(&low, |r| r.drag_mean_95_n)),
-        ("drag_mean_high_n", ends(&high, |r| r.drag_mean_95_n)),
-        ("lift_mean_n", maybe(|r| r.lift_mean_n)),
-        ("lift_mean_low_n", ends(&low, |r| r.lift_mean_95_n)),
-        ("lift_mean_high_n", ends(&high, |r| r.lift_mean_95_n)),
-        ("drag_energy_j", maybe(|r| r.drag_energy_j)),
-        ("drag_energy_low_j", ends(&low, |r| r.drag_energy_95_j)),
-        ("drag_energy_high_j", ends(&high, |r| r.drag_energy_95_j)),
-        ("electrical_energy_j", maybe(|r| r.electrical_energy_j)),
-        ("mean_power_w", maybe(|r| r.mean_power_w)),
-        ("specific_resistance", maybe(|r| r.specific_resistance)),
+        ("drag_mean_n", number(|r| r.drag_mean_n)),
+        ("drag_mean_low_n", number(|r| Some(r.drag_mean_95_n?.low))),
+        ("drag_mean_high_n", number(|r| Some(r.drag_mean_95_n?.high))),
+        ("lift_mean_n", number(|r| r.lift_mean_n)),
+        ("lift_mean_low_n", number(|r| Some(r.lift_mean_95_n?.low))),
+        ("lift_mean_high_n", number(|r| Some(r.lift_mean_95_n?.high))),
+        ("drag_energy_j", number(|r| r.drag_energy_j)),
+        ("drag_energy_low_j", number(|r| Some(r.drag_energy_95_j?.low))),
+        ("drag_energy_high_j", number(|r| Some(r.drag_energy_95_j?.high))),
+        ("electrical_energy_j", number(|r| r.electrical_energy_j)),
+        ("mean_power_w", number(|r| r.mean_power_w)),
+        ("specific_resistance", number(|r| r.specific_resistance)),
         ("strides", count(|r| r.strides)),
-        ("stride_frequency_hz", maybe(|r| r.stride_frequency_hz)),
+        ("stride_frequency_hz", number(|r| r.stride_frequency_hz)),
         ("warnings", NamedColumn::Text(warnings)),
     ])
 }
@@ -61,10 +52,7 @@ pub fn strides_table<'a>(results: impl Iterator<Item = &'a TrialResult> + Clone)
     let text = |of: fn(&TrialRow) -> &str| {
         NamedColumn::Text(rows().map(|(trial, _)| of(trial).to_owned()).collect())
     };
-    let number = |of: fn(&StrideRow) -> f64| {
-        NamedColumn::Number(rows().map(|(_, stride)| Some(of(stride))).collect())
-    };
-    let maybe = |of: fn(&StrideRow) -> Option<f64>| {
+    let number = |of: fn(&StrideRow) -> Option<f64>| {
         NamedColumn::Number(rows().map(|(_, stride)| of(stride)).collect())
     };
     let count = |of: fn(&StrideRow) -> u64| {
@@ -77,16 +65,16 @@ pub fn strides_table<'a>(results: impl Iterator<Item = &'a TrialResult> + Clone)
         // Which trial it is, where a log has several.
         ("t_enter_s", NamedColumn::Number(enter)),
         ("stride", count(|r| r.stride)),
-        ("t_start_s", number(|r| r.t_start_s)),
-        ("t_end_s", number(|r| r.t_end_s)),
-        ("period_s", number(|r| r.period_s)),
+        ("t_start_s", number(|r| Some(r.t_start_s))),
+        ("t_end_s", number(|r| Some(r.t_end_s))),
+        ("period_s", number(|r| Some(r.period_s))),
         ("rows", count(|r| r.rows)),
-        ("drag_mean_n", maybe(|r| r.drag_mean_n)),
-        ("lift_mean_n", maybe(|r| r.lift_mean_n)),
-        ("drag_energy_j", maybe(|r| r.drag_energy_j)),
-        ("electrical_energy_j", maybe(|r| r.electrical_energy_j)),
-        ("mean_power_w", maybe(|r| r.mean_power_w)),
-        ("specific_resistance", maybe(|r| r.specific_resistance)),
+        ("drag_mean_n", number(|r| r.drag_mean_n)),
+        ("lift_mean_n", number(|r| r.lift_mean_n)),
+        ("drag_energy_j", number(|r| r.drag_energy_j)),
+        ("electrical_energy_j", number(|r| r.electrical_energy_j)),
+        ("mean_power_w", number(|r| r.mean_power_w)),
+        ("specific_resistance", number(|r| r.specific_resistance)),
     ])
 }
 

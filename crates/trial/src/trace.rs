@@ -1,5 +1,6 @@
 //! The signals of a trial over time, to draw or to write.
 
+use super::integral::rows_within;
 use shell_data::wrench::PerAxis;
 
 /// What happened over time. Columns that the log does not allow are empty, the others as long as
@@ -29,9 +30,7 @@ pub struct Trace {
 impl Trace {
     /// The rows from one time to another, s, both included.
     pub fn within(&self, from_s: f64, to_s: f64) -> Self {
-        let rows =
-            self.t_s.partition_point(|&t| t < from_s)..self.t_s.partition_point(|&t| t <= to_s);
-        let rows: Vec<usize> = rows.collect();
+        let rows: Vec<usize> = rows_within(&self.t_s, from_s, to_s).collect();
         self.with_rows(&rows)
     }
 

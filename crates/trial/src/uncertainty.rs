@@ -33,21 +33,15 @@ struct VariancePart {
     degrees_of_freedom: f64,
 }
 
-/// A mean force, and what it comes from.
-pub(super) struct MeanForce<'a> {
-    pub(super) calibration: &'a Calibration,
-    pub(super) tare: Option<(&'a TareFrames, &'a Tare)>,
-    pub(super) forces: &'a TrialForces,
-    /// What the mean is over.
-    pub(super) span: &'a Span,
-    /// 1 − R² of the training loads, where it is known.
-    pub(super) unexplained: Option<PerAxis<f64>>,
-}
-
-/// Half the width of the 95 % interval of a mean force along `axes`, N and N·m; `None` if the
-/// calibration carries no covariance.
-pub(super) fn half_widths(mean: &MeanForce<'_>, axes: &[Axis]) -> Option<PerAxis<f64>> {
-    let MeanForce { calibration, tare, forces, span, unexplained } = *mean;
+/// Half the width of the 95 % interval of the mean of `forces` over `span` along Fx and Fz, N; `None` if the
+/// calibration carries no covariance. `unexplained` is 1 − R² of the training loads, where it is known.
+pub(super) fn half_widths(
+    calibration: &Calibration,
+    tare: Option<(&TareFrames, &Tare)>,
+    forces: &TrialForces,
+    span: &Span,
+    unexplained: Option<PerAxis<f64>>,
+) -> Option<PerAxis<f64>> {
     let covariance = calibration.covariance.as_ref()?;
     let polynomial = calibration.polynomial()?;
     // What each frame counts for in the mean.
@@ -61,7 +55,7 @@ pub(super) fn half_widths(mean: &MeanForce<'_>, axes: &[Axis]) -> Option<PerAxis
     }
     let own_frames = shares.iter().map(|share| share * share).sum::<f64>();
     let mut half_widths = PerAxis::default();
-    for axis in axes.iter().map(|axis| axis.index()) {
+    for axis in [Axis::Fx, Axis::Fz].map(Axis::index) {
         let variance = match &covariance.coefficients {
             CoefficientCovariance::Rows { factor } => {
                 covariance.residual[axis][axis] * square(factor, &difference)

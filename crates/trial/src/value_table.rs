@@ -1,7 +1,6 @@
 //! Tables of values by condition, such as are published: one row a stride or a trial.
 
 use std::collections::HashMap;
-use std::collections::hash_map::Entry;
 
 use super::manifest::{CellPosition, ManifestProblem};
 use super::statistics::{MeanDifference, Statistics, ValueSample};
@@ -34,35 +33,27 @@ pub struct ValueRow {
     pub difference: Option<MeanDifference>,
 }
 
-/// The rows of each trial, by its name.
-type Trials<'a> = Vec<(&'a str, Vec<&'a csv::StringRecord>)>;
+/// The rows of each trial.
+type Trials<'a> = Vec<Vec<&'a csv::StringRecord>>;
 
 /// Conditions, then trials, in the order in which they are named; the columns by number.
 fn group(rows: &[csv::StringRecord], by: usize, trial: Option<usize>) -> Vec<(&str, Trials<'_>)> {
     let mut grouped: Vec<(&str, Trials<'_>)> = Vec::new();
     // Where each condition and each of its trials stands.
-    let (mut positions, mut places_of_trials) = (HashMap::new(), HashMap::new());
-    for row in rows {
+    let (mut positions, mut positions_of_trials) = (HashMap::new(), HashMap::new());
+    for (number, row) in rows.iter().enumerate() {
         let position = *positions.entry(&row[by]).or_insert_with(|| {
             grouped.push((&row[by], Vec::new()));
             grouped.len() - 1
         });
         let trials = &mut grouped[position].1;
-        let Some(trial) = trial else {
-            trials.push(("", vec![row]));
-            continue;
-        };
-        let name = &row[trial];
-        match places_of_trials.entry((position, name)) {
-            Entry::Occupied(at) => {
-                let at: &usize = at.get();
-                trials[*at].1.push(row);
-            }
-            Entry::Vacant(at) => {
-                at.insert(trials.len());
-                trials.push((name, vec![row]));
-            }
-        }
+        // Without names of trials each row is one.
+        let name = trial.map(|column| &row[column]).ok_or(number);
+        let trial = *positions_of_trials.entry((position, name)).or_insert_with(|| {
+            trials.push(Vec::new());
+            trials.len() - 1
+        });
+        trials[trial].push(row);
     }
     grouped
 }
@@ -126,7 +117,7 @@ impl ValueTable {
         let grouped = group(&rows, by, trial);
         let sample = |trials: &Trials<'_>, column: usize| {
             let mut sample = ValueSample::default();
-            for (_, rows) in trials {
+            for rows in trials {
                 sample.add_cluster(rows.iter().filter_map(|row| number(&row[column])));
             }
             sample

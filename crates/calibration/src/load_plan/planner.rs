@@ -113,20 +113,23 @@ impl<'a> Planner<'a> {
         self.range.iter().map(|load| sensors.answers(load)).collect()
     }
 
+    /// The gain of information by a load, in nats.
+    fn gain(&self, load: &PerAxis<f64>) -> f64 {
+        match &self.knowledge {
+            Knowledge::Surface(surface) => surface.gain(load),
+            Knowledge::Sensors(sensors) => sensors.gain(&sensors.answers(load)),
+        }
+    }
+
     /// How much each load that is left is worth, the more the better.
     fn worths(&self) -> Vec<f64> {
         let loads = self.left.iter().map(|&position| &self.candidates[position]);
-        match (&self.knowledge, self.criterion) {
-            (Knowledge::Surface(surface), Criterion::Gain) => {
-                loads.map(|load| surface.gain(load)).collect()
-            }
-            (Knowledge::Surface(surface), Criterion::AverageVariance) => {
+        match (self.criterion, &self.knowledge) {
+            (Criterion::Gain, _) => loads.map(|load| self.gain(load)).collect(),
+            (Criterion::AverageVariance, Knowledge::Surface(surface)) => {
                 loads.map(|load| surface.variance_gain(load, &self.range)).collect()
             }
-            (Knowledge::Sensors(sensors), Criterion::Gain) => {
-                loads.map(|load| sensors.gain(&sensors.answers(load))).collect()
-            }
-            (Knowledge::Sensors(sensors), Criterion::AverageVariance) => {
+            (Criterion::AverageVariance, Knowledge::Sensors(sensors)) => {
                 let range = self.answers(sensors);
                 let after = |load| sensors.mean_variances(&range, Some(&sensors.answers(load)));
                 loads.map(|load| -after(load).iter().sum::<f64>()).collect()
@@ -148,18 +151,11 @@ impl Iterator for Planner<'_> {
         }
         let candidate = self.left.remove(best);
         let load = &self.candidates[candidate];
-        let gain = match &mut self.knowledge {
-            Knowledge::Surface(surface) => {
-                let gain = surface.gain(load);
-                surface.observe(load);
-                gain
-            }
-            Knowledge::Sensors(sensors) => {
-                let gain = sensors.gain(&sensors.answers(load));
-                sensors.observe(load);
-                gain
-            }
-        };
+        let gain = self.gain(load);
+        match &mut self.knowledge {
+            Knowledge::Surface(surface) => surface.observe(load),
+            Knowledge::Sensors(sensors) => sensors.observe(load),
+        }
         Some(PlannedLoad { candidate, gain, error: self.error() })
     }
 }

@@ -16,6 +16,7 @@ use super::planner::{Criterion, Planner};
 use super::sensors::SensorKnowledge;
 use crate::error::FitError;
 use crate::passes::{Workers, map_folds};
+use crate::physics::observation::wrench_scale;
 use crate::physics::response::PARAMETERS;
 use crate::physics::{Choice, Inversion, Observation, PhysicsModel};
 use shell_data::random::{Purpose, RandomStream};
@@ -133,7 +134,7 @@ impl Replay {
         let steps = std::iter::successors(Some(first), |&n| Some(n + (n / STEP_SHARE).max(1)));
         let mut poses: Vec<usize> = steps.take_while(|&n| n < training).collect();
         poses.push(training);
-        let scale = scale(observations);
+        let scale = wrench_scale(observations.iter());
         let replayed = |&split: &u64| -> Result<[Vec<f64>; 4], FitError> {
             let mut shuffled = all.clone();
             shuffle(&mut shuffled, &mut RandomStream::new(options.seed, Purpose::Replay, split));
@@ -222,16 +223,11 @@ impl SplitReplay<'_> {
     }
 
     fn error(&self, model: &PhysicsModel) -> f64 {
-        let held_out = || self.held_out.iter().flat_map(|pose| &pose.observations);
-        let column = |channel: usize| held_out().map(|o| o.readings[channel]).collect();
-        let readings: Vec<Vec<f64>> = (0..model.channels).map(column).collect();
-        let estimates = Inversion::new(model).estimates(&readings);
-        let squares = held_out().enumerate().map(|(row, o)| {
-            let of =
-                |axis: usize| (estimates.wrench[axis][row] - o.wrench[axis]) / self.scale[axis];
-            (0..6).map(|axis| of(axis).powi(2)).sum::<f64>() / 6.0
-        });
-        (squares.sum::<f64>() / held_out().count() as f64).sqrt()
+        let observations = self.held_out.iter().flat_map(|pose| &pose.observations);
+        let held_out: Vec<&Observation> = observations.copied().collect();
+        let squares = Inversion::new(model).squared_errors(&held_out, &self.scale);
+        let sum: f64 = squares.iter().map(|square| square / 6.0).sum();
+        (sum / held_out.len() as f64).sqrt()
     }
 }
 
@@ -239,14 +235,6 @@ fn poses(observations: &[Observation]) -> Vec<ReplayPose<'_>> {
     let mut groups = BTreeMap::<u64, Vec<&Observation>>::new();
     observations.iter().for_each(|o| groups.entry(o.group).or_default().push(o));
     groups.into_values().map(ReplayPose::new).collect()
-}
-
-/// The root mean square of each axis; 1 for one that is never loaded.
-fn scale(observations: &[Observation]) -> PerAxis<f64> {
-    std::array::from_fn(|axis| {
-        let squares: f64 = observations.iter().map(|o| o.wrench[axis].powi(2)).sum();
-        if squares > 0.0 { (squares / observations.len() as f64).sqrt() } else { 1.0 }
-    })
 }
 
 /// Fisher's and Yates's shuffle (Knuth, The Art of Computer Programming, vol. 2, §3.4.2, algorithm P).

@@ -120,11 +120,7 @@ type Fits = (FittedParameters, [f64; LAMBDAS.len()]);
 /// A model of usual λ and width, without factors: what the physics model is worth here, in a hundredth of the time of
 /// a choice.
 pub(super) fn usual(sample: &ObservationSample) -> Result<PhysicsModel, PhysicsError> {
-    let observations: Vec<&Observation> = sample.tried.iter().collect();
-    let (scales, channels) = check(&observations)?;
-    let data = scales.apply(&observations);
-    let fitted = fit(&data, USUAL.1);
-    Ok(PhysicsModel::from_fit(channels, &scales, &data, &fitted, USUAL))
+    PhysicsModel::fit(&sample.tried, USUAL.0, USUAL.1)
 }
 
 impl Choice {
@@ -256,7 +252,8 @@ impl CandidateData<'_> {
         let square = |lambda| {
             model.lambda = lambda;
             inversion.set_prior(&model);
-            relative_square(&model, &inversion, &self.folds[fold].held_out)
+            let squares = inversion.squared_errors(&self.folds[fold].held_out, &model.wrench_scale);
+            squares.iter().sum::<f64>()
         };
         let squares = LAMBDAS.map(square);
         (fitted, squares)
@@ -312,21 +309,4 @@ fn folds<'a>(observations: &[&'a Observation], most_alone: usize) -> Vec<Observa
         ObservationFold { groups: groups.map(|(group, _)| *group).collect(), held_out, rest }
     };
     (0..folds).map(fold).collect()
-}
-
-/// The sum over observations and axes of squared errors in the model's scales.
-fn relative_square(
-    model: &PhysicsModel,
-    inversion: &Inversion,
-    observations: &[&Observation],
-) -> f64 {
-    let columns = |channel: usize| observations.iter().map(|o| o.readings[channel]).collect();
-    let readings: Vec<Vec<f64>> = (0..model.channels).map(columns).collect();
-    let estimates = inversion.estimates(&readings);
-    let square = |(row, o): (usize, &&Observation)| {
-        let relative =
-            |axis: usize| (estimates.wrench[axis][row] - o.wrench[axis]) / model.wrench_scale[axis];
-        (0..6).map(|axis| relative(axis).powi(2)).sum::<f64>()
-    };
-    observations.iter().enumerate().map(square).sum()
 }

@@ -3,77 +3,120 @@
 //! Sizes are known at compile time (6 axes, 10 parameters), so that nothing is allocated for a
 //! frame. Only the lower triangle of a matrix is read. (Golub & Van Loan, 4th ed., §4.2.)
 
+use pulp::{Scalar, Simd};
+
+pub(super) fn identity<const N: usize>() -> [[f64; N]; N] {
+    std::array::from_fn(|i| std::array::from_fn(|j| f64::from(u8::from(i == j))))
+}
+
 /// The lower factor of `A = L·Lᵀ`.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Cholesky<const N: usize> {
-    l: [[f64; N]; N],
-    /// `1/L[j][j]`.
-    inverse: [f64; N],
-}
+pub(crate) struct Cholesky<const N: usize>(LaneCholesky<Scalar, N>);
 
 impl<const N: usize> Cholesky<N> {
     /// `None` if `a` is not positive definite in floating point.
     #[inline]
-    #[expect(clippy::needless_range_loop, reason = "indices as in the formulas")]
     pub(crate) fn new(a: &[[f64; N]; N]) -> Option<Self> {
-        let (mut l, mut inverse) = (*a, [0.0; N]);
-        for j in 0..N {
-            let mut pivot = l[j][j];
-            for k in 0..j {
-                pivot -= l[j][k] * l[j][k];
-            }
-            if !(pivot > 0.0 && pivot.is_finite()) {
-                return None;
-            }
-            let root = pivot.sqrt();
-            (l[j][j], inverse[j]) = (root, root.recip());
-            for i in j + 1..N {
-                let mut sum = l[i][j];
-                for k in 0..j {
-                    sum -= l[i][k] * l[j][k];
-                }
-                l[i][j] = sum * inverse[j];
-            }
-        }
-        Some(Self { l, inverse })
+        let factor = LaneCholesky::new(Scalar, a);
+        let is_of_pivot = |inverse: &f64| *inverse > 0.0 && inverse.is_finite();
+        factor.inverse.iter().all(is_of_pivot).then_some(Self(factor))
     }
 
     /// `A⁻¹·b`.
     #[inline]
     pub(crate) fn solve(&self, b: &[f64; N]) -> [f64; N] {
-        let mut x = self.forward(b);
-        for i in (0..N).rev() {
-            for k in i + 1..N {
-                x[i] -= self.l[k][i] * x[k];
-            }
-            x[i] *= self.inverse[i];
-        }
-        x
+        self.0.solve(Scalar, b)
     }
 
     /// `ln det A`.
     pub(super) fn ln_determinant(&self) -> f64 {
-        -2.0 * self.inverse.iter().map(|&x| libm::log(x)).sum::<f64>()
+        -2.0 * self.0.inverse.iter().map(|&x| libm::log(x)).sum::<f64>()
     }
 
     /// `A⁻¹`.
     pub(crate) fn inverse(&self) -> [[f64; N]; N] {
-        std::array::from_fn(|j| {
-            self.solve(&std::array::from_fn(|i| if i == j { 1.0 } else { 0.0 }))
-        })
+        identity().map(|column| self.solve(&column))
     }
 
     /// `L⁻¹·b`.
     #[inline]
     pub(super) fn forward(&self, b: &[f64; N]) -> [f64; N] {
+        self.0.forward(Scalar, b)
+    }
+}
+
+/// The same of one matrix per lane; not numbers in a lane whose `A` is not positive definite.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LaneCholesky<S: Simd, const N: usize> {
+    l: [[S::f64s; N]; N],
+    /// `1/L[j][j]`.
+    inverse: [S::f64s; N],
+}
+
+impl<S: Simd, const N: usize> LaneCholesky<S, N> {
+    /// Reads the lower triangle of `a`.
+    #[inline(always)]
+    pub(super) fn new(simd: S, a: &[[S::f64s; N]; N]) -> Self {
+        let one = simd.splat_f64s(1.0);
+        let (mut l, mut inverse) = (*a, [one; N]);
+        for j in 0..N {
+            for i in j..N {
+                for k in 0..j {
+                    l[i][j] = simd.sub_f64s(l[i][j], simd.mul_f64s(l[i][k], l[j][k]));
+                }
+            }
+            inverse[j] = simd.div_f64s(one, simd.sqrt_f64s(l[j][j]));
+            for row in &mut l[j..] {
+                row[j] = simd.mul_f64s(row[j], inverse[j]);
+            }
+        }
+        Self { l, inverse }
+    }
+
+    /// `A⁻¹·b`.
+    #[inline(always)]
+    pub(super) fn solve(&self, simd: S, b: &[S::f64s; N]) -> [S::f64s; N] {
+        let mut x = self.forward(simd, b);
+        for i in (0..N).rev() {
+            for k in i + 1..N {
+                x[i] = simd.sub_f64s(x[i], simd.mul_f64s(self.l[k][i], x[k]));
+            }
+            x[i] = simd.mul_f64s(x[i], self.inverse[i]);
+        }
+        x
+    }
+
+    /// `L⁻¹·b`.
+    #[inline(always)]
+    fn forward(&self, simd: S, b: &[S::f64s; N]) -> [S::f64s; N] {
         let mut x = *b;
         for i in 0..N {
             for k in 0..i {
-                x[i] -= self.l[i][k] * x[k];
+                x[i] = simd.sub_f64s(x[i], simd.mul_f64s(self.l[i][k], x[k]));
             }
-            x[i] *= self.inverse[i];
+            x[i] = simd.mul_f64s(x[i], self.inverse[i]);
         }
         x
+    }
+
+    /// The diagonal of `A⁻¹`: the sums of the squares of the columns of `L⁻¹`.
+    #[inline(always)]
+    pub(super) fn inverse_diagonal(&self, simd: S) -> [S::f64s; N] {
+        let zero = simd.splat_f64s(0.0);
+        std::array::from_fn(|j| {
+            let (mut column, mut sum) = ([zero; N], zero);
+            column[j] = self.inverse[j];
+            for i in j..N {
+                for k in j..i {
+                    column[i] = simd.sub_f64s(column[i], simd.mul_f64s(self.l[i][k], column[k]));
+                }
+                if i > j {
+                    column[i] = simd.mul_f64s(column[i], self.inverse[i]);
+                }
+                sum = simd.add_f64s(simd.mul_f64s(column[i], column[i]), sum);
+            }
+            sum
+        })
     }
 }
 
@@ -101,5 +144,21 @@ mod tests {
     fn an_indefinite_matrix_has_no_factor() {
         assert!(Cholesky::new(&[[1.0, 0.0], [2.0, 1.0]]).is_none());
         assert!(Cholesky::new(&[[f64::NAN]]).is_none());
+    }
+
+    #[test]
+    fn agrees_with_the_factor_of_one_matrix() {
+        let a: [[f64; 6]; 6] = std::array::from_fn(|i| {
+            std::array::from_fn(|j| if i == j { 9.0 + i as f64 } else { 1.0 / (1 + i + j) as f64 })
+        });
+        let b = [1.0, -2.0, 0.5, 3.0, 0.0, 7.0];
+        let (lanes, expected) = (LaneCholesky::new(Scalar, &a), Cholesky::new(&a).unwrap());
+        let (x, y) = (lanes.solve(Scalar, &b), expected.solve(&b));
+        let (d, inverse) = (lanes.inverse_diagonal(Scalar), expected.inverse());
+        for i in 0..6 {
+            assert!((x[i] - y[i]).abs() < 1e-14 && (d[i] - inverse[i][i]).abs() < 1e-14);
+        }
+        let indefinite = LaneCholesky::new(Scalar, &a.map(|row| row.map(|x| -x)));
+        assert!(indefinite.solve(Scalar, &b)[0].is_nan());
     }
 }

@@ -3,8 +3,7 @@
 use pulp::{Simd, WithSimd};
 use shell_data::instructions::arch;
 
-use super::cholesky::Cholesky;
-use super::lane_cholesky::LaneCholesky;
+use super::cholesky::{Cholesky, LaneCholesky};
 use super::lanes::{MOST_LANES, add_product, load_rows, store_rows};
 use super::loadings::{FACTORS, Loadings};
 use super::noise::{Noise, Residuals};

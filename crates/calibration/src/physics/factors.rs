@@ -10,12 +10,12 @@
 //! as in [`noise`](super::noise). In turn with that, Levenberg's and Marquardt's steps are made over the parameters
 //! of all sensors at once, on residuals whitened by V.
 
-use super::cholesky::Cholesky;
+use super::cholesky::{Cholesky, identity};
 use super::data::Data;
 use super::expectation::Expectation;
-use super::fit::{FittedParameters, Scaled, common_means, sensors};
+use super::fit::{FittedParameters, Scaled, common_prior, sensors};
 use super::loadings::{FACTORS, Loadings, add_factors, factor_count};
-use super::response::{PARAMETERS, Parameters, SHAPE};
+use super::response::{PARAMETERS, Parameters, move_by};
 use super::sensor::Prior;
 use super::sums::Curve;
 use crate::symmetric::SymmetricMatrix;
@@ -122,9 +122,7 @@ impl<'a> Joint<'a> {
             let curves = self.curves();
             self.refine_loadings(&curves);
             let whitening = self.whiten(&curves);
-            let parameters = self.fitted.parameters.iter();
-            let mut prior = Prior::weak(self.width);
-            prior.mean = common_means(parameters, self.width);
+            let prior = common_prior(self.fitted.parameters.iter(), self.width);
             self.refine_parameters(&whitening, &prior);
         }
         self.fitted
@@ -183,11 +181,7 @@ impl<'a> Joint<'a> {
             let Some(factor) = damped.cholesky() else { break };
             let step = factor.solve(at.descent.clone());
             let mut next = self.fitted.parameters.clone();
-            for (position, p) in next.iter_mut().flatten().enumerate() {
-                // As for one sensor: h and ν change at most by a factor of e.
-                let is_shape = position % PARAMETERS > SHAPE;
-                *p += if is_shape { step[position].clamp(-1.0, 1.0) } else { step[position] };
-            }
+            move_by(&mut next, &step);
             let there = self.equations(&next, whitening, prior);
             let better = there.cost < at.cost;
             if better {
@@ -222,7 +216,8 @@ impl<'a> Joint<'a> {
         let mut shared = vec![vec![0.0; size]; self.rows * self.count];
         let mut pulls = vec![0.0; shared.len()];
         for (sensor, (data, p)) in self.sensors.iter().zip(parameters).enumerate() {
-            let (own, curve) = (data.cost(p, prior), Curve::new(p, data));
+            let curve = Curve::new(p, data);
+            let own = data.cost_along(&curve, p, prior);
             let first = sensor * PARAMETERS;
             cost += own.value;
             descent.extend(own.descent);
@@ -247,8 +242,4 @@ impl<'a> Joint<'a> {
         }
         FactorEquations { cost, curvature, descent }
     }
-}
-
-fn identity() -> [Loadings; FACTORS] {
-    std::array::from_fn(|i| std::array::from_fn(|j| f64::from(u8::from(i == j))))
 }

@@ -11,7 +11,7 @@ use super::data::Data;
 use super::lanes::MOST_LANES;
 use super::loadings::{FACTORS, Loadings};
 use super::noise::{Noise, Residuals};
-use super::observation::Observation;
+use super::observation::{Observation, wrench_scale};
 use super::response::{PARAMETERS, Parameters, SHAPE};
 use super::sensor::{ParameterEstimate, Prior};
 use super::sums::residuals;
@@ -65,11 +65,7 @@ pub(super) struct FittedParameters {
 impl Scales {
     /// Those of some observations.
     pub(super) fn new(observations: &[&Observation]) -> Self {
-        let n = observations.len() as f64;
-        let wrench = std::array::from_fn(|axis| {
-            let squares: f64 = observations.iter().map(|o| o.wrench[axis].powi(2)).sum();
-            if squares > 0.0 { (squares / n).sqrt() } else { 1.0 }
-        });
+        let wrench = wrench_scale(observations.iter().copied());
         let channels = observations.first().map_or(0, |o| o.readings.len());
         let range = |channel: usize| {
             let readings = observations.iter().map(|o| o.readings[channel]);
@@ -143,20 +139,15 @@ pub(super) fn fit_from(data: &Scaled, width: f64, start: &FittedParameters) -> F
 pub(super) fn sensors(data: &Scaled) -> Vec<Data<'_>> {
     // The slope of a curve that runs through its range over some six units of q.
     let weight = Noise::START.variance(0.15).recip();
-    let sensor = |readings: &'_ Vec<f64>| {
-        let mut weights = vec![weight; data.rows];
-        weights.resize(readings.len(), 0.0);
-        weights
+    let mut weights = vec![weight; data.rows];
+    weights.resize(data.wrench[0].len(), 0.0);
+    let sensor = |readings| Data {
+        wrench: &data.wrench,
+        readings,
+        rows: data.rows,
+        weights: weights.clone(),
     };
-    let with_weights = data.readings.iter().map(|readings| (readings, sensor(readings)));
-    with_weights
-        .map(|(readings, weights)| Data {
-            wrench: &data.wrench,
-            readings,
-            rows: data.rows,
-            weights,
-        })
-        .collect()
+    data.readings.iter().map(|readings| sensor(readings)).collect()
 }
 
 /// Weights by the noise where the curve is as steep as these residuals say.
@@ -184,7 +175,7 @@ fn rounds(
         for (sensor, residuals) in sensors.iter_mut().zip(&all) {
             weigh(sensor, residuals, noise);
         }
-        prior.mean = common_means(estimates.iter().map(|of| &of.parameters), width);
+        prior = common_prior(estimates.iter().map(|of| &of.parameters), width);
         for (sensor, estimate) in sensors.iter().zip(&mut estimates) {
             sensor.refine(estimate, &prior, STEPS);
         }
@@ -199,18 +190,18 @@ fn rounds(
     }
 }
 
-/// The most likely common means, given the sensors.
-pub(super) fn common_means<'a>(
+/// The prior about the most likely common means, given the sensors.
+pub(super) fn common_prior<'a>(
     sensors: impl Iterator<Item = &'a Parameters> + Clone,
     width: f64,
-) -> Parameters {
-    let mut mean = Prior::weak(width).mean;
+) -> Prior {
+    let mut prior = Prior::weak(width);
     let (own, count) = (MEAN_VARIANCE.recip(), sensors.clone().count() as f64);
-    for (position, mean) in mean.iter_mut().enumerate().skip(SHAPE) {
+    for (position, mean) in prior.mean.iter_mut().enumerate().skip(SHAPE) {
         let sum: f64 = sensors.clone().map(|p| p[position]).sum();
         *mean = own.mul_add(*mean, sum) / (count + own);
     }
-    mean
+    prior
 }
 
 fn covariances(

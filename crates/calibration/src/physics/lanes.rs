@@ -8,6 +8,8 @@
 
 use pulp::Simd;
 
+use super::response::{PARAMETERS, SHAPE};
+
 /// Beyond this, `e⁻ˣ` is below a tenth of the last bit of one.
 const FAR: f64 = 40.0;
 
@@ -51,17 +53,11 @@ const ARTANH: [f64; 14] = [
 /// The most rows in a vector.
 pub(super) const MOST_LANES: usize = 8;
 
-/// The first of these values, as many as a vector holds.
-#[inline(always)]
-pub(super) fn load<S: Simd>(values: &[f64; MOST_LANES]) -> S::f64s {
-    S::as_simd_f64s(&values[..S::F64_LANES]).0[0]
-}
-
 /// The values of a vector, and then zeros.
 #[inline(always)]
 pub(super) fn store<S: Simd>(vector: S::f64s) -> [f64; MOST_LANES] {
     let mut values = [0.0; MOST_LANES];
-    S::as_mut_simd_f64s(&mut values[..S::F64_LANES]).0[0] = vector;
+    store_rows::<S>(&mut values, 0, vector);
     values
 }
 
@@ -88,6 +84,16 @@ pub(super) fn add_product<S: Simd>(
     let lane = first % MOST_LANES;
     let sum = load_rows::<S>(sums, lane);
     store_rows::<S>(sums, lane, simd.add_f64s(simd.mul_f64s(a, b), sum));
+}
+
+/// `start + aᵀx`, of as many numbers as the shorter has.
+#[inline(always)]
+pub(super) fn linear<S: Simd>(simd: S, start: f64, a: &[f64], x: &[S::f64s]) -> S::f64s {
+    let mut sum = simd.splat_f64s(start);
+    for (&a, &x) in a.iter().zip(x) {
+        sum = simd.add_f64s(simd.mul_f64s(simd.splat_f64s(a), x), sum);
+    }
+    sum
 }
 
 /// [`Answer`](crate::physics::response::Answer) in lanes: the answer less `lo`, and its derivatives.
@@ -121,6 +127,17 @@ impl<S: Simd> Answers<S> {
             slope: simd.mul_f64s(by_nu, rest),
             by_shape: simd.neg_f64s(simd.mul_f64s(by_nu, minus_ln_sigma)),
         }
+    }
+
+    /// `dy/dp` for every parameter, at the wrench that `x` begins with.
+    #[inline(always)]
+    pub(super) fn gradient(&self, simd: S, x: &[S::f64s]) -> [S::f64s; PARAMETERS] {
+        let mut gradient = [self.slope; PARAMETERS];
+        for (g, &x) in gradient[1..SHAPE].iter_mut().zip(x) {
+            *g = simd.mul_f64s(self.slope, x);
+        }
+        gradient[SHAPE..].copy_from_slice(&[simd.splat_f64s(1.0), self.height, self.by_shape]);
+        gradient
     }
 }
 

@@ -25,7 +25,6 @@ mod factors;
 mod fit;
 pub mod intervals;
 mod inversion;
-mod lane_cholesky;
 mod lanes;
 mod loadings;
 mod model;

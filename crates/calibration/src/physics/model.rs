@@ -1,7 +1,7 @@
 //! The fitted model.
 
 use super::PhysicsError;
-use super::cholesky::Cholesky;
+use super::cholesky::{Cholesky, identity};
 use super::fit::{FittedParameters, Scaled, Scales};
 use super::loadings::{FACTORS, Loadings, add_factors, factor_count};
 use super::noise::Noise;
@@ -48,6 +48,17 @@ pub struct Sensor {
     pub loadings: Loadings,
 }
 
+impl Sensor {
+    /// The answer to a wrench in the model's scales, and its variance: noise, and what the parameters are unsure about.
+    pub(crate) fn answer(&self, x: &PerAxis<f64>, noise: &Noise) -> (Answer, f64) {
+        let answer = Answer::at(&self.parameters, x);
+        let g = answer.gradient(x);
+        let product = |row: &Parameters| g.iter().zip(row).map(|(g, c)| g * c).sum::<f64>();
+        let unsure: f64 = g.iter().zip(&self.covariance).map(|(g, row)| g * product(row)).sum();
+        (answer, noise.variance(answer.slope) + unsure.max(0.0))
+    }
+}
+
 impl PhysicsModel {
     /// Parameters of all sensors.
     pub fn parameter_count(&self) -> usize {
@@ -81,17 +92,12 @@ impl PhysicsModel {
     pub(super) fn ln_density(&self, o: &Observation) -> f64 {
         let x = std::array::from_fn(|axis| o.wrench[axis] / self.wrench_scale[axis]);
         // V = diag(v) + LLᵀ, so r·V⁻¹·r = Σr²/v − |M^(−½)·Lᵀr/v|² and det V = Πv·det M, M = I + LᵀL/v.
-        let mut m = std::array::from_fn(|i| std::array::from_fn(|j| f64::from(u8::from(i == j))));
+        let mut m = identity();
         let (mut pull, mut sum) = ([0.0; FACTORS], 0.0);
         for sensor in &self.sensors {
-            let answer = Answer::at(&sensor.parameters, &x);
+            let (answer, variance) = sensor.answer(&x, &self.noise);
             let residual =
                 (o.readings[sensor.channel] - sensor.least) / sensor.range - answer.value;
-            let g = answer.gradient(&x);
-            let product = |row: &Parameters| g.iter().zip(row).map(|(g, c)| g * c).sum::<f64>();
-            let unsure: f64 =
-                g.iter().zip(&sensor.covariance).map(|(g, row)| g * product(row)).sum();
-            let variance = self.noise.variance(answer.slope) + unsure.max(0.0);
             sum += residual * residual / variance + libm::log(variance);
             add_factors(
                 &mut m,
@@ -183,6 +189,5 @@ fn load_precision(data: &Scaled) -> PerAxis<PerAxis<f64>> {
     let mut moments: PerAxis<PerAxis<f64>> =
         std::array::from_fn(|i| std::array::from_fn(|j| moment(i, j)));
     (0..6).for_each(|i| moments[i][i] += LEAST_LOAD);
-    let identity = std::array::from_fn(|i| std::array::from_fn(|j| if i == j { 1.0 } else { 0.0 }));
-    Cholesky::new(&moments).map_or(identity, |factor| factor.inverse())
+    Cholesky::new(&moments).map_or_else(identity, |factor| factor.inverse())
 }

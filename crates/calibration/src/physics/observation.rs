@@ -15,3 +15,13 @@ pub struct Observation {
     /// Mean reading of each channel, counts.
     pub readings: Vec<f64>,
 }
+
+/// The root mean square of each axis of the wrench, N and N·m; 1 for one that is never loaded.
+pub(crate) fn wrench_scale<'a>(
+    observations: impl ExactSizeIterator<Item = &'a Observation> + Clone,
+) -> PerAxis<f64> {
+    std::array::from_fn(|axis| {
+        let squares: f64 = observations.clone().map(|o| o.wrench[axis].powi(2)).sum();
+        if squares > 0.0 { (squares / observations.len() as f64).sqrt() } else { 1.0 }
+    })
+}

@@ -71,6 +71,16 @@ impl Answer {
     }
 }
 
+/// Moves the parameters of some sensors by a step over all of them. h and ν change at most by a factor of e: further
+/// the line is not straight.
+pub(super) fn move_by<'a>(parameters: impl IntoIterator<Item = &'a mut Parameters>, step: &[f64]) {
+    for (p, step) in parameters.into_iter().zip(step.as_chunks::<PARAMETERS>().0) {
+        for (position, (p, step)) in p.iter_mut().zip(step).enumerate() {
+            *p += if position > SHAPE { step.clamp(-1.0, 1.0) } else { *step };
+        }
+    }
+}
+
 /// The displacement at which the answer is `y`, by inverting the curve, and the slope there. `y` is
 /// first brought to within `margin·h` of the plateaus, where the inverse would be infinite.
 #[inline]

@@ -11,8 +11,8 @@
 
 use super::cholesky::Cholesky;
 use super::data::Data;
-use super::response::{PARAMETERS, Parameters, SHAPE, displacement};
-use super::sums::SensorSums;
+use super::response::{PARAMETERS, Parameters, SHAPE, displacement, move_by};
+use super::sums::{Cost, Curve};
 
 /// Values of ν to start from, on either side of the logistic curve's 1.
 const STARTS: [f64; 2] = [0.7, 1.6];
@@ -48,15 +48,6 @@ pub(super) struct ParameterEstimate {
     damping: f64,
 }
 
-/// The sum that is minimised at some parameters, and where it falls.
-pub(super) struct Cost {
-    pub(super) value: f64,
-    /// The inverse of the parameters' covariance: Gauss's and Newton's curvature of half the cost.
-    pub(super) information: [Parameters; PARAMETERS],
-    /// The steepest descent of half the cost.
-    pub(super) descent: Parameters,
-}
-
 impl ParameterEstimate {
     /// One at these parameters.
     pub(super) fn at(parameters: Parameters) -> Self {
@@ -88,11 +79,7 @@ impl Data<'_> {
             (0..PARAMETERS).for_each(|i| damped[i][i] *= 1.0 + estimate.damping);
             let mut next = estimate.parameters;
             if let Some(factor) = Cholesky::new(&damped) {
-                let step = factor.solve(&cost.descent);
-                for (position, (next, step)) in next.iter_mut().zip(step).enumerate() {
-                    // h and ν change at most by a factor of e: further the line is not straight.
-                    *next += if position > SHAPE { step.clamp(-1.0, 1.0) } else { step };
-                }
+                move_by([&mut next], &factor.solve(&cost.descent));
             }
             let next_cost = self.cost(&next, prior);
             let better = next_cost.value < cost.value;
@@ -105,15 +92,21 @@ impl Data<'_> {
         cost.value
     }
 
+    /// What is minimised, at the parameters `p`.
     pub(super) fn cost(&self, p: &Parameters, prior: &Prior) -> Cost {
-        let SensorSums { mut information, mut descent, cost: mut value } = SensorSums::new(p, self);
-        for i in 0..PARAMETERS {
-            let (precision, off) = (prior.sd[i].powi(-2), prior.mean[i] - p[i]);
-            information[i][i] += precision;
-            descent[i] += precision * off;
-            value += precision * off * off;
+        self.cost_along(&Curve::new(p, self), p, prior)
+    }
+
+    /// The same where the curve of these parameters is known.
+    pub(super) fn cost_along(&self, curve: &Curve, p: &Parameters, prior: &Prior) -> Cost {
+        let mut cost = curve.cost(&self.weights);
+        for (i, value) in p.iter().enumerate() {
+            let (precision, off) = (prior.sd[i].powi(-2), prior.mean[i] - value);
+            cost.information[i][i] += precision;
+            cost.descent[i] += precision * off;
+            cost.value += precision * off * off;
         }
-        Cost { value, information, descent }
+        cost
     }
 
     /// The logit-linear fit at this ν and the prior's plateaus.

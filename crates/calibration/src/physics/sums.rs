@@ -6,33 +6,24 @@
 use pulp::{Simd, WithSimd};
 
 use super::data::Data;
-use super::lanes::{Answers, MOST_LANES, load_rows, store_rows};
+use super::lanes::{Answers, MOST_LANES, linear, load_rows, store_rows};
 use super::noise::Residuals;
 use super::response::{PARAMETERS, Parameters, SHAPE};
 use shell_data::instructions::arch;
 
-/// Rows whose gradients are kept while their products are summed.
+/// Rows whose products are summed before those of the next.
 const ROWS_AT_ONCE: usize = 64;
 
-/// Places of the lower triangle of a matrix of the parameters.
-const TRIANGLE: usize = PARAMETERS * (PARAMETERS + 1) / 2;
-
-/// Of the residuals `r = y − f` with their weights and gradients `g = df/dp`.
-#[derive(Clone, Debug)]
-pub(super) struct SensorSums {
-    /// `Σ weight·g·gᵀ`, lower triangle.
-    pub(super) information: [Parameters; PARAMETERS],
-    /// `Σ weight·r·g`.
-    pub(super) descent: Parameters,
+/// A sum of squares at some parameters, its curvature and where it falls: of the residuals `r = y − f` with their
+/// weights and gradients `g = df/dp`, and then of a prior.
+pub(super) struct Cost {
     /// `Σ weight·r²`.
-    pub(super) cost: f64,
-}
-
-impl SensorSums {
-    /// At the parameters `p`.
-    pub(super) fn new(p: &Parameters, data: &Data<'_>) -> Self {
-        arch().dispatch(SumsOf { p, data })
-    }
+    pub(super) value: f64,
+    /// `Σ weight·g·gᵀ`, lower triangle: Gauss's and Newton's curvature of half the cost. With that of the prior, the
+    /// inverse of the parameters' covariance.
+    pub(super) information: [Parameters; PARAMETERS],
+    /// `Σ weight·r·g`: the steepest descent of half the cost.
+    pub(super) descent: Parameters,
 }
 
 /// The residuals as [`Noise`](super::Noise) wants it, for parameters with a covariance.
@@ -66,6 +57,11 @@ impl Curve {
         arch().dispatch(CurveOf { p, data })
     }
 
+    /// The sum over the rows with these weights.
+    pub(super) fn cost(&self, weights: &[f64]) -> Cost {
+        arch().dispatch(CostOf { curve: self, weights })
+    }
+
     /// `gᵀCg` along the rows, with the covariance `C` of the parameters.
     pub(super) fn parameter_variances(&self, covariance: &[Parameters; PARAMETERS]) -> Vec<f64> {
         arch().dispatch(VariancesOf { curve: self, covariance })
@@ -77,98 +73,14 @@ struct CurveOf<'a> {
     data: &'a Data<'a>,
 }
 
-struct SumsOf<'a> {
-    p: &'a Parameters,
-    data: &'a Data<'a>,
+struct CostOf<'a> {
+    curve: &'a Curve,
+    weights: &'a [f64],
 }
 
 struct VariancesOf<'a> {
     curve: &'a Curve,
     covariance: &'a [Parameters; PARAMETERS],
-}
-
-/// The curve at some rows.
-struct CurveRows<S: Simd> {
-    residual: S::f64s,
-    gradient: [S::f64s; PARAMETERS],
-}
-
-impl<S: Simd> CurveRows<S> {
-    #[inline(always)]
-    fn at(simd: S, p: &Parameters, (h, nu): (f64, f64), data: &Data<'_>, first: usize) -> Self {
-        let mut x = [simd.splat_f64s(0.0); 6];
-        for (x, column) in x.iter_mut().zip(data.wrench) {
-            *x = load_rows::<S>(column, first);
-        }
-        let mut q = simd.splat_f64s(p[0]);
-        for (&gain, &x) in p[1..].iter().zip(&x) {
-            q = simd.add_f64s(simd.mul_f64s(simd.splat_f64s(gain), x), q);
-        }
-        let answers = Answers::at(simd, q, h, nu);
-        let mut gradient = [answers.slope; PARAMETERS];
-        for (g, x) in gradient[1..].iter_mut().zip(x) {
-            *g = simd.mul_f64s(answers.slope, x);
-        }
-        gradient[SHAPE..].copy_from_slice(&[
-            simd.splat_f64s(1.0),
-            answers.height,
-            answers.by_shape,
-        ]);
-        let value = simd.add_f64s(answers.height, simd.splat_f64s(p[SHAPE]));
-        let readings = load_rows::<S>(data.readings, first);
-        Self { residual: simd.sub_f64s(readings, value), gradient }
-    }
-}
-
-impl WithSimd for SumsOf<'_> {
-    type Output = SensorSums;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> SensorSums {
-        let Self { p, data } = self;
-        let shape = (libm::exp(p[SHAPE + 1]), libm::exp(p[SHAPE + 2]));
-        let mut information = [[0.0; MOST_LANES]; TRIANGLE];
-        let mut descent = [[0.0; MOST_LANES]; PARAMETERS];
-        let mut cost = [0.0; MOST_LANES];
-        // Sums of products of two columns stay in registers along these rows.
-        let mut gradient = [[0.0; ROWS_AT_ONCE]; PARAMETERS];
-        let mut weighted = [[0.0; ROWS_AT_ONCE]; PARAMETERS];
-        let (mut residual, mut weighted_residual) = ([0.0; ROWS_AT_ONCE], [0.0; ROWS_AT_ONCE]);
-        for start in (0..data.readings.len()).step_by(ROWS_AT_ONCE) {
-            let count = ROWS_AT_ONCE.min(data.readings.len() - start);
-            for first in (0..count).step_by(S::F64_LANES) {
-                let rows = CurveRows::<S>::at(simd, p, shape, data, start + first);
-                let weight = load_rows::<S>(&data.weights, start + first);
-                store_rows::<S>(&mut residual, first, rows.residual);
-                let product = simd.mul_f64s(weight, rows.residual);
-                store_rows::<S>(&mut weighted_residual, first, product);
-                for (i, g) in rows.gradient.into_iter().enumerate() {
-                    store_rows::<S>(&mut gradient[i], first, g);
-                    store_rows::<S>(&mut weighted[i], first, simd.mul_f64s(weight, g));
-                }
-            }
-            let residual = &residual[..count];
-            add_products(simd, &mut cost, &weighted_residual, residual);
-            let mut sums = information.iter_mut();
-            for (i, weighted) in weighted.iter().enumerate() {
-                add_products(simd, &mut descent[i], weighted, residual);
-                for (gradient, sums) in gradient[..=i].iter().zip(&mut sums) {
-                    add_products(simd, sums, weighted, &gradient[..count]);
-                }
-            }
-        }
-        let sum = |lanes: &[f64; MOST_LANES]| lanes.iter().sum::<f64>();
-        let mut sums = SensorSums {
-            information: [[0.0; PARAMETERS]; PARAMETERS],
-            descent: descent.each_ref().map(sum),
-            cost: sum(&cost),
-        };
-        let positions = (0..PARAMETERS).flat_map(|i| (0..=i).map(move |j| (i, j)));
-        for ((i, j), lanes) in positions.zip(&information) {
-            sums.information[i][j] = sum(lanes);
-        }
-        sums
-    }
 }
 
 impl WithSimd for CurveOf<'_> {
@@ -177,13 +89,19 @@ impl WithSimd for CurveOf<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Curve {
         let Self { p, data } = self;
-        let shape = (libm::exp(p[SHAPE + 1]), libm::exp(p[SHAPE + 2]));
+        let (h, nu) = (libm::exp(p[SHAPE + 1]), libm::exp(p[SHAPE + 2]));
         let column = || vec![0.0; data.readings.len()];
         let mut curve = Curve { residual: column(), gradient: std::array::from_fn(|_| column()) };
         for first in (0..data.readings.len()).step_by(S::F64_LANES) {
-            let rows = CurveRows::<S>::at(simd, p, shape, data, first);
-            store_rows::<S>(&mut curve.residual, first, rows.residual);
-            for (column, g) in curve.gradient.iter_mut().zip(rows.gradient) {
+            let mut x = [simd.splat_f64s(0.0); 6];
+            for (x, column) in x.iter_mut().zip(data.wrench) {
+                *x = load_rows::<S>(column, first);
+            }
+            let answers = Answers::at(simd, linear(simd, p[0], &p[1..], &x), h, nu);
+            let value = simd.add_f64s(answers.height, simd.splat_f64s(p[SHAPE]));
+            let readings = load_rows::<S>(data.readings, first);
+            store_rows::<S>(&mut curve.residual, first, simd.sub_f64s(readings, value));
+            for (column, g) in curve.gradient.iter_mut().zip(answers.gradient(simd, &x)) {
                 store_rows::<S>(column, first, g);
             }
         }
@@ -191,6 +109,39 @@ impl WithSimd for CurveOf<'_> {
             column[data.rows..].fill(0.0);
         }
         curve
+    }
+}
+
+impl WithSimd for CostOf<'_> {
+    type Output = Cost;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Cost {
+        let Self { curve: Curve { residual, gradient }, weights } = self;
+        let mut information = [[[0.0; MOST_LANES]; PARAMETERS]; PARAMETERS];
+        let mut descent = [[0.0; MOST_LANES]; PARAMETERS];
+        let mut value = [0.0; MOST_LANES];
+        // Sums of products of two columns stay in registers along these rows.
+        let mut weighted = [0.0; ROWS_AT_ONCE];
+        for start in (0..weights.len()).step_by(ROWS_AT_ONCE) {
+            let rows = start..weights.len().min(start + ROWS_AT_ONCE);
+            let (weights, residual) = (&weights[rows.clone()], &residual[rows.clone()]);
+            weigh(&mut weighted, weights, residual);
+            add_products(simd, &mut value, &weighted, residual);
+            for (i, column) in gradient.iter().enumerate() {
+                weigh(&mut weighted, weights, &column[rows.clone()]);
+                add_products(simd, &mut descent[i], &weighted, residual);
+                for (column, sums) in gradient[..=i].iter().zip(&mut information[i]) {
+                    add_products(simd, sums, &weighted, &column[rows.clone()]);
+                }
+            }
+        }
+        let sum = |lanes: [f64; MOST_LANES]| lanes.iter().sum::<f64>();
+        Cost {
+            value: sum(value),
+            information: information.map(|row| row.map(sum)),
+            descent: descent.map(sum),
+        }
     }
 }
 
@@ -210,6 +161,14 @@ impl WithSimd for VariancesOf<'_> {
             store_rows::<S>(&mut variances, first, variance);
         }
         variances
+    }
+}
+
+/// The products of weights and a column.
+#[inline(always)]
+fn weigh(weighted: &mut [f64; ROWS_AT_ONCE], weights: &[f64], column: &[f64]) {
+    for ((weighted, weight), x) in weighted.iter_mut().zip(weights).zip(column) {
+        *weighted = weight * x;
     }
 }
 
@@ -241,11 +200,7 @@ fn quadratic_form<S: Simd>(
     let zero = simd.splat_f64s(0.0);
     let mut sum = zero;
     for (&gi, row) in g.iter().zip(c) {
-        let mut product = zero;
-        for (&g, &c) in g.iter().zip(row) {
-            product = simd.add_f64s(simd.mul_f64s(g, simd.splat_f64s(c)), product);
-        }
-        sum = simd.add_f64s(simd.mul_f64s(gi, product), sum);
+        sum = simd.add_f64s(simd.mul_f64s(gi, linear(simd, 0.0, row, g)), sum);
     }
     simd.max_f64s(sum, zero)
 }
@@ -267,7 +222,8 @@ mod tests {
         let wrench = std::array::from_fn(column);
         let (readings, weights) = (column(7), pad(vec![2.0; rows]));
         let data = Data { wrench: &wrench, readings: &readings, rows, weights };
-        let found = SensorSums::new(&p, &data);
+        let curve = Curve::new(&p, &data);
+        let found = curve.cost(&data.weights);
         let (mut cost, mut information, mut descent) = (0.0, 0.0, 0.0);
         for row in 0..rows {
             let x = std::array::from_fn(|axis| wrench[axis][row]);
@@ -278,11 +234,14 @@ mod tests {
             descent += 2.0 * g[8] * r;
         }
         // The curve in lanes is right to 1e-12.
-        assert!((found.cost - cost).abs() < 1e-10);
+        assert!((found.value - cost).abs() < 1e-10);
         assert!((found.information[9][4] - information).abs() < 1e-10);
         assert!((found.descent[8] - descent).abs() < 1e-10);
-        let narrow = SumsOf { p: &p, data: &data }.with_simd(Scalar);
-        assert_eq!((found.cost, found.descent), (narrow.cost, narrow.descent));
+        let narrow_curve = CurveOf { p: &p, data: &data }.with_simd(Scalar);
+        assert_eq!(curve.residual, narrow_curve.residual);
+        assert_eq!(curve.gradient, narrow_curve.gradient);
+        let narrow = CostOf { curve: &curve, weights: &data.weights }.with_simd(Scalar);
+        assert_eq!((found.value, found.descent), (narrow.value, narrow.descent));
         assert_eq!(found.information, narrow.information);
         assert_eq!(residuals(&p, &[[0.0; 10]; 10], &data).squares.len(), rows);
     }

@@ -13,7 +13,7 @@ use crate::physics::response::{PARAMETERS, Parameters};
 use crate::physics::{PhysicsCalibration, PhysicsModel, Sensor};
 use crate::polynomial::Polynomial;
 use crate::reading_ranges::ReadingRange;
-use shell_data::wrench::{PerAxis, cross};
+use shell_data::wrench::{PerAxis, cross, force_at};
 
 /// What has changed of a sensor since it was calibrated.
 #[derive(Clone, Debug, PartialEq)]
@@ -127,13 +127,10 @@ impl Change {
     /// A wrench of the calibrated frame in the new one.
     fn wrench(&self, calibrated: &PerAxis<f64>) -> PerAxis<f64> {
         let [fx, fy, fz, mx, my, mz] = *calibrated;
-        let (force, moment) =
-            (rotated([fx, fy, fz], self.turn_rad), rotated([mx, my, mz], self.turn_rad));
-        let more = cross(self.lever_m, force);
-        std::array::from_fn(|axis| match axis {
-            0..3 => force[axis],
-            _ => moment[axis - 3] + more[axis - 3],
-        })
+        let mut wrench = force_at(rotated([fx, fy, fz], self.turn_rad), self.lever_m);
+        let moment = rotated([mx, my, mz], self.turn_rad);
+        wrench[3..].iter_mut().zip(moment).for_each(|(sum, moment)| *sum += moment);
+        wrench
     }
 
     /// A wrench of the new frame in the calibrated one.

@@ -13,7 +13,7 @@ use super::{
     ChangedQuantity, FIRST_SHARE, GAIN, LEVER_M, NewLoads, SHARES, SWEEPS, TURN_RAD, ZERO,
 };
 use crate::conversion::{Calibration, Kind};
-use crate::physics::response::{Answer, Parameters};
+use crate::physics::response::Answer;
 use crate::physics::{PhysicsModel, Sensor};
 use shell_data::wrench::PerAxis;
 
@@ -395,11 +395,7 @@ fn scaled(model: &PhysicsModel, wrench: &PerAxis<f64>) -> PerAxis<f64> {
 fn covariance_of_readings(model: &PhysicsModel, wrench: &PerAxis<f64>) -> Mat<f64> {
     let x = scaled(model, wrench);
     let of = |sensor: &Sensor| {
-        let answer = Answer::at(&sensor.parameters, &x);
-        let g = answer.gradient(&x);
-        let product = |row: &Parameters| g.iter().zip(row).map(|(g, c)| g * c).sum::<f64>();
-        let unsure: f64 = g.iter().zip(&sensor.covariance).map(|(g, row)| g * product(row)).sum();
-        let own = model.noise.variance(answer.slope) + unsure.max(0.0);
+        let (answer, own) = sensor.answer(&x, &model.noise);
         (own, sensor.loadings.map(|c| c * answer.slope))
     };
     let sensors: Vec<_> = model.sensors.iter().map(of).collect();

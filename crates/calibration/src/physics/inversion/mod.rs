@@ -28,6 +28,7 @@ use self::ready::Ready;
 use super::loadings::FACTORS;
 use super::model::PhysicsModel;
 use super::noise::Noise;
+use super::observation::Observation;
 use shell_data::instructions::arch;
 use shell_data::wrench::PerAxis;
 
@@ -135,6 +136,24 @@ impl Inversion {
         let (mut out, _) = self.solve(readings);
         self.leave_out_dead(readings, &mut out);
         out
+    }
+
+    /// The squared errors of the wrenches of some observations in units of `scale`, summed over the axes, one for
+    /// each observation.
+    pub(crate) fn squared_errors(
+        &self,
+        observations: &[&Observation],
+        scale: &PerAxis<f64>,
+    ) -> Vec<f64> {
+        let column = |channel: usize| observations.iter().map(|o| o.readings[channel]).collect();
+        let readings: Vec<Vec<f64>> = (0..self.channels).map(column).collect();
+        let estimates = self.estimates(&readings);
+        let of_row = |(row, o): (usize, &&Observation)| {
+            let relative =
+                |axis: usize| (estimates.wrench[axis][row] - o.wrench[axis]) / scale[axis];
+            (0..6).map(|axis| relative(axis).powi(2)).sum()
+        };
+        observations.iter().enumerate().map(of_row).collect()
     }
 
     /// The wrenches with all sensors that have a reading, and the least sum of each row.

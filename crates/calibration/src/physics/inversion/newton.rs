@@ -7,10 +7,9 @@ use pulp::{Simd, WithSimd};
 
 use super::ready::Ready;
 use super::{Estimates, Inversion};
-use crate::physics::lane_cholesky::LaneCholesky;
-use crate::physics::lanes::{Answers, MOST_LANES, load, store};
+use crate::physics::cholesky::LaneCholesky;
+use crate::physics::lanes::{Answers, MOST_LANES, linear, load_rows, store};
 use crate::physics::observation::MOST_CHANNELS;
-use crate::physics::response::PARAMETERS;
 
 /// Most steps, halved ones among them; five or six are usual.
 const STEPS: usize = 16;
@@ -113,7 +112,7 @@ impl<S: Simd> Frames<S> {
                     [y, 1.0, q, weight].iter().zip(&mut lanes).for_each(|(x, l)| l[lane] = *x);
                 }
             }
-            let [y, used, q, weight] = lanes.each_ref().map(load::<S>);
+            let [y, used, q, weight] = lanes.each_ref().map(|lanes| load_rows::<S>(lanes, 0));
             (frames.y[position], frames.used[position], frames.start[position]) =
                 (y, used, (q, weight));
         }
@@ -197,10 +196,7 @@ impl Inversion {
             held_back: simd.splat_f64s(0.0),
         };
         for (position, sensor) in self.sensors.iter().enumerate() {
-            let mut q = simd.splat_f64s(sensor.offset);
-            for (&gain, &x) in sensor.gains.iter().zip(x) {
-                q = simd.add_f64s(simd.mul_f64s(simd.splat_f64s(gain), x), q);
-            }
+            let q = linear(simd, sensor.offset, &sensor.gains, x);
             let answers = Answers::at(simd, q, sensor.h, sensor.nu);
             let value = simd.add_f64s(answers.height, simd.splat_f64s(sensor.lo));
             let slope_square = simd.mul_f64s(answers.slope, answers.slope);
@@ -211,7 +207,7 @@ impl Inversion {
             state.weight[position] = simd.div_f64s(frames.used[position], variance);
         }
         for (row, &xi) in self.prior.iter().zip(x) {
-            let product = inner(simd, row, x);
+            let product = linear(simd, 0.0, row, x);
             state.held_back = simd.add_f64s(simd.mul_f64s(xi, product), state.held_back);
         }
         state
@@ -228,7 +224,7 @@ impl Inversion {
         simd: S,
         state: &LaneState<S, N>,
     ) -> StepEquations<S, N> {
-        let held_back = |i: usize| simd.neg_f64s(inner(simd, &self.prior[i], &state.x));
+        let held_back = |i: usize| simd.neg_f64s(linear(simd, 0.0, &self.prior[i], &state.x));
         let mut equations = (self.prior_lanes(simd), std::array::from_fn(held_back));
         for (position, sensor) in self.sensors.iter().enumerate() {
             let weighted = simd.mul_f64s(state.weight[position], state.slope[position]);
@@ -322,19 +318,11 @@ fn parameter_variance<S: Simd>(
     answers: &Answers<S>,
     x: &[S::f64s],
 ) -> S::f64s {
-    let (zero, slope) = (simd.splat_f64s(0.0), answers.slope);
-    let mut g = [slope; PARAMETERS];
-    for (g, &x) in g[1..].iter_mut().zip(x) {
-        *g = simd.mul_f64s(slope, x);
-    }
-    g[7..].copy_from_slice(&[simd.splat_f64s(1.0), answers.height, answers.by_shape]);
+    let (zero, g) = (simd.splat_f64s(0.0), answers.gradient(simd, x));
     let mut variance = zero;
     for (i, row) in sensor.covariance.iter().enumerate() {
-        let mut sum = zero;
-        for (&c, &g) in row[..=i].iter().zip(&g) {
-            sum = simd.add_f64s(simd.mul_f64s(simd.splat_f64s(c), g), sum);
-        }
-        variance = simd.add_f64s(simd.mul_f64s(g[i], sum), variance);
+        let product = linear(simd, 0.0, &row[..=i], &g);
+        variance = simd.add_f64s(simd.mul_f64s(g[i], product), variance);
     }
     simd.max_f64s(variance, zero)
 }
@@ -342,15 +330,6 @@ fn parameter_variance<S: Simd>(
 #[inline(always)]
 fn add_square<S: Simd>(simd: S, sum: S::f64s, residual: S::f64s, weight: S::f64s) -> S::f64s {
     simd.add_f64s(simd.mul_f64s(simd.mul_f64s(weight, residual), residual), sum)
-}
-
-#[inline(always)]
-fn inner<S: Simd>(simd: S, a: &[f64], b: &[S::f64s]) -> S::f64s {
-    let mut sum = simd.splat_f64s(0.0);
-    for (&a, &b) in a.iter().zip(b) {
-        sum = simd.add_f64s(simd.mul_f64s(simd.splat_f64s(a), b), sum);
-    }
-    sum
 }
 
 /// `A += weight·g·gᵀ` (lower triangle), `b += pull·g`.

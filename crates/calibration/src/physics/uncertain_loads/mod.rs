@@ -21,11 +21,11 @@ use self::equations::{Eliminated, LoadEquations, Row};
 pub use self::load::{LoadQuantity, StatedLoad};
 use self::load::{OWN, SHARED};
 use super::PhysicsError;
-use super::fit::{Scaled, Scales, common_means, fit};
+use super::fit::{Scaled, Scales, common_prior, fit};
 use super::model::check;
 use super::noise::{Noise, Residuals};
 use super::observation::Observation;
-use super::response::{Answer, PARAMETERS, Parameters, SHAPE};
+use super::response::{Answer, PARAMETERS, Parameters, move_by};
 use super::sensor::Prior;
 use crate::symmetric::SymmetricMatrix;
 use shell_data::wrench::PerAxis;
@@ -44,7 +44,7 @@ const ROUNDS: usize = 20;
 const STEPS: usize = 3;
 
 /// A load as the sensors say it was.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct CorrectedLoad {
     /// The wrench, N and N·m.
     pub wrench: PerAxis<f64>,
@@ -174,11 +174,7 @@ impl LoadSearch<'_> {
 
     fn moved(&self, step: &[f64], at: &LoadEquations, eliminated: &[Eliminated]) -> Unknowns {
         let mut next = self.at.clone();
-        for (position, p) in next.parameters.iter_mut().flatten().enumerate() {
-            // As for one sensor: h and ν change at most by a factor of e.
-            let is_shape = position % PARAMETERS > SHAPE;
-            *p += if is_shape { step[position].clamp(-1.0, 1.0) } else { step[position] };
-        }
+        move_by(&mut next.parameters, step);
         let first = PARAMETERS * next.parameters.len();
         for (position, offset) in next.offsets.iter_mut().flatten().enumerate() {
             *offset += step[first + position];
@@ -251,12 +247,10 @@ impl LoadSearch<'_> {
             }
             weights
         };
-        let mut prior = Prior::weak(WIDTH);
-        prior.mean = common_means(self.at.parameters.iter(), WIDTH);
         FixedWeights {
             readings: (0..self.loads.len()).map(of_load).collect(),
             own: self.at.own.iter().map(of_own).collect(),
-            prior,
+            prior: common_prior(self.at.parameters.iter(), WIDTH),
         }
     }
 
@@ -333,15 +327,7 @@ impl LoadSearch<'_> {
             let offset = self.offset(&self.at, load);
             let (wrench, direction) = load.deviated(own, &offset);
             let StatedLoad::Force { errors, .. } = *load else {
-                let nothing = (0.0, 0.0);
-                return CorrectedLoad {
-                    wrench,
-                    direction,
-                    force_n: nothing,
-                    angle_rad: nothing,
-                    lever_m: [0.0; 3],
-                    suspicious: None,
-                };
+                return CorrectedLoad { wrench, direction, ..CorrectedLoad::default() };
             };
             let unsure = factor.as_ref().map_or([f64::NAN; OWN], |(border, eliminated)| {
                 eliminated[row].standard_errors(border)
