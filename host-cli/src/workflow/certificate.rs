@@ -1,8 +1,9 @@
 //! What a certificate says of a calibration: its uncertainty budget, from the calibration file and from logs of the
 //! calibrated sensor.
 
-use super::drift::{DriftError, DriftOptions, drift};
-use super::noise::{NoiseError, NoiseOptions, noise};
+use super::WorkflowError;
+use super::drift::{DriftOptions, drift};
+use super::noise::{NoiseOptions, noise};
 use super::selection::RowFilter;
 use calibration::Kind;
 use calibration::physics::COVERAGE_LEVEL;
@@ -25,12 +26,12 @@ pub struct CertificateFacts<'a> {
 /// The uncertainty of a single frame, by what makes it.
 ///
 /// # Errors
-/// [`NoiseError`] if the log of the unloaded sensor cannot be used.
+/// [`WorkflowError`] if the log of the unloaded sensor cannot be used.
 pub fn budget(
     file: &CalibrationFile,
     facts: &CertificateFacts<'_>,
     read: &ReadOptions<'_>,
-) -> Result<Vec<Contribution>, NoiseError> {
+) -> Result<Vec<Contribution>, WorkflowError> {
     let mut budget = vec![of_model(file)];
     match facts.unloaded {
         Some(log) => {
@@ -108,7 +109,7 @@ fn of_drift(
     file: &CalibrationFile,
     log: &Log,
     read: &ReadOptions<'_>,
-) -> Result<Contribution, NoiseError> {
+) -> Result<Contribution, WorkflowError> {
     let calibration = Some(&file.calibration);
     let options = DriftOptions { calibration, ..DriftOptions::default() };
     let (standard, basis) = match drift(log, &options, RowFilter::Fresh, read) {
@@ -120,7 +121,7 @@ fn of_drift(
                 format!("standard deviation of the zero at {rests} rests, tared before the first"),
             )
         }
-        Err(DriftError::Log(error)) => return Err(error.into()),
+        Err(error @ WorkflowError::Log(_)) => return Err(error),
         Err(error) => (None, format!("not stated: {error}")),
     };
     Ok(Contribution {

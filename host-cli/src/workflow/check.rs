@@ -1,7 +1,7 @@
 //! Known weights on a sensor that was calibrated: does it still say what hangs there?
 
-use super::convert::{ConvertError, interval_factors};
-use super::hung_loads::{HungLoadsError, hung_rows, stated};
+use super::convert::interval_factors;
+use super::hung_loads::{hung_rows, stated};
 use super::recalibration::known_errors;
 use super::{WorkflowError, check_channels};
 use calibration::physics::COVERAGE_LEVEL;
@@ -9,37 +9,12 @@ use calibration_file::CalibrationFile;
 use load_table::{HungLoad, HungLoads};
 use log_file::{Log, ReadOptions};
 use shell_data::dataset::Dataset;
-use shell_data::hint::Hint;
 use shell_data::wrench::{Axis, PerAxis};
 
 /// Half the width of a 95 % interval of normal errors in standard errors, and how many times wider a difference may be:
 /// three standard errors, which one morning in twenty exceeds on one of a dozen numbers.
 const HALF_WIDTH: f64 = 1.96;
 const MARGIN: f64 = 1.53;
-
-/// Why weights cannot be compared with a calibration.
-#[derive(Debug, thiserror::Error)]
-pub enum CheckError {
-    /// Logs and table.
-    #[error(transparent)]
-    Loads(#[from] HungLoadsError),
-    /// The calibration has no intervals.
-    #[error(transparent)]
-    Convert(#[from] ConvertError),
-    /// Every load has the mass 0.
-    #[error("no weight hangs in any line of the table")]
-    NoWeight,
-}
-
-impl Hint for CheckError {
-    fn hint(&self) -> Option<String> {
-        match self {
-            Self::Loads(error) => error.hint(),
-            Self::Convert(error) => error.hint(),
-            Self::NoWeight => None,
-        }
-    }
-}
 
 /// A known weight beside what the sensor says.
 #[derive(Clone, Debug)]
@@ -67,29 +42,26 @@ impl CheckedLoad {
 /// without a load, its wrench is the zero.
 ///
 /// # Errors
-/// [`CheckError`].
+/// [`WorkflowError`].
 pub fn check_weights(
     file: &CalibrationFile,
     logs: &[Log],
     table: &HungLoads,
     read: &ReadOptions<'_>,
-) -> Result<Vec<CheckedLoad>, CheckError> {
+) -> Result<Vec<CheckedLoad>, WorkflowError> {
     let calibration = &file.calibration;
     for log in logs {
-        let checked = check_channels(log, calibration.channels());
-        checked.map_err(|error| HungLoadsError::from(WorkflowError::from(error)))?;
+        check_channels(log, calibration.channels())?;
     }
     // Without intervals, as after `fit --from`, errors on loads that were held out tell as much in the mean.
     let known = known_errors(file).map(|errors| errors.map(|error| HALF_WIDTH * error));
     let factors = match (interval_factors(calibration, COVERAGE_LEVEL), known) {
         (Ok(factors), _) => Ok(factors),
         (Err(_), Some(known)) => Err(known),
-        (Err(error), None) => return Err(error.into()),
+        (Err(error), None) => return Err(Box::new(error).into()),
     };
     let (data, _) = hung_rows(logs, table, read)?;
-    let data = calibration
-        .prepared(&data)
-        .map_err(|error| HungLoadsError::from(WorkflowError::from(error)))?;
+    let data = calibration.prepared(&data)?;
     let is_rest = |load: &&HungLoad| load.wrench().iter().all(|x| *x == 0.0);
     let rest = table.loads().iter().find(is_rest).map(|load| readings_at(&data, load));
     let tare = rest.and_then(|readings| calibration.tare(&readings));
@@ -121,7 +93,7 @@ pub fn check_weights(
     };
     let weights = table.loads().iter().filter(|load| !is_rest(load));
     let checked: Vec<CheckedLoad> = weights.filter_map(compare).collect();
-    if checked.is_empty() { Err(CheckError::NoWeight) } else { Ok(checked) }
+    if checked.is_empty() { Err(WorkflowError::NoWeight) } else { Ok(checked) }
 }
 
 /// The readings at a load, memory terms beside them.

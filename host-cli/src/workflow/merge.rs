@@ -2,10 +2,9 @@
 
 use super::WorkflowError;
 use super::fit::{FileFacts, calibration_file};
-use calibration::FitError;
 use calibration::fit::merged::{RowSums, fit_sums};
 use calibration::fit::{Fit, FitOptions, HeldOut, ModelRule, RANDOM_FOLDS};
-use calibration_file::{CalibrationFile, MergeError, PartialFit, Sums};
+use calibration_file::{CalibrationFile, PartialFit, Sums};
 
 /// Fits a calibration to the sums of `merged`, which is [in order](PartialFit::put_in_order): its model, where
 /// none is given.
@@ -45,13 +44,4 @@ pub fn file(fit: &Fit, merged: &PartialFit) -> CalibrationFile {
         columns: merged.columns.clone(),
     };
     calibration_file(fit, facts)
-}
-
-impl From<MergeError> for WorkflowError {
-    fn from(error: MergeError) -> Self {
-        match error {
-            MergeError::NotExact(error) => FitError::NotExact(error).into(),
-            error => WorkflowError::Merge(error),
-        }
-    }
 }

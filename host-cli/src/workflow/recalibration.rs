@@ -3,56 +3,19 @@
 use std::collections::HashMap;
 
 use super::fit::FileFacts;
-use super::hung_loads::{HungLoadsError, hung_rows, stated};
+use super::hung_loads::{hung_rows, stated};
 use super::{WorkflowError, agree_on_axes, check_channels};
 use calibration::FitError;
 use calibration::fit::{Evaluation, Workers, evaluate, label_poses_or_files};
 use calibration::physics::{Observation, TrainingRows};
 use calibration::quality::AxisQuality;
-use calibration::recalibration::{NewLoads, Recalibration, RecalibrationError};
+use calibration::recalibration::{NewLoads, Recalibration};
 use calibration::validation::cross_validation::CrossValidation;
 use calibration_file::{CalibrationFile, Diagnostics, Origin};
 use load_table::HungLoads;
 use log_file::{Log, ReadOptions, Wanted, read_logs};
 use shell_data::dataset::Dataset;
-use shell_data::hint::Hint;
 use shell_data::wrench::{Axes, PerAxis};
-
-/// Why a calibration cannot be brought up to date.
-#[derive(Debug, thiserror::Error)]
-pub enum RecalibrateError {
-    /// Logs and table.
-    #[error(transparent)]
-    Loads(#[from] HungLoadsError),
-    /// The calibration, or the loads.
-    #[error(transparent)]
-    Recalibration(#[from] RecalibrationError),
-}
-
-impl Hint for RecalibrateError {
-    fn hint(&self) -> Option<String> {
-        match self {
-            Self::Loads(error) => error.hint(),
-            Self::Recalibration(RecalibrationError::NoErrors) => Some(
-                "an imported matrix says nothing of its errors: fit anew, without `--from`"
-                    .to_owned(),
-            ),
-            Self::Recalibration(_) => None,
-        }
-    }
-}
-
-impl From<WorkflowError> for RecalibrateError {
-    fn from(error: WorkflowError) -> Self {
-        Self::Loads(error.into())
-    }
-}
-
-impl From<FitError> for RecalibrateError {
-    fn from(error: FitError) -> Self {
-        WorkflowError::from(error).into()
-    }
-}
 
 /// A calibration that has been brought up to date, and the rows that were used.
 #[derive(Debug)]
@@ -71,16 +34,16 @@ pub struct Recalibrated {
 /// that hung there.
 ///
 /// # Errors
-/// [`RecalibrateError`].
+/// [`WorkflowError`].
 pub fn recalibrate(
     file: &CalibrationFile,
     logs: &[Log],
     table: Option<&HungLoads>,
     read: &ReadOptions<'_>,
-) -> Result<Recalibrated, RecalibrateError> {
+) -> Result<Recalibrated, WorkflowError> {
     let calibration = &file.calibration;
     for log in logs {
-        check_channels(log, calibration.channels()).map_err(WorkflowError::from)?;
+        check_channels(log, calibration.channels())?;
     }
     let rows = match table {
         Some(table) => hung_rows(logs, table, read)?.0,
@@ -104,13 +67,9 @@ pub fn recalibrate(
     Ok(Recalibrated { found, rows, loads: labels.len(), errors })
 }
 
-fn read_rows(
-    logs: &[Log],
-    axes: Axes,
-    read: &ReadOptions<'_>,
-) -> Result<Dataset, RecalibrateError> {
+fn read_rows(logs: &[Log], axes: Axes, read: &ReadOptions<'_>) -> Result<Dataset, WorkflowError> {
     agree_on_axes(logs, &mut [])?;
-    logs.iter().try_for_each(|log| log.require_axes(axes)).map_err(WorkflowError::from)?;
+    logs.iter().try_for_each(|log| log.require_axes(axes))?;
     let wanted = Wanted {
         readings: true,
         wrench: true,
@@ -118,7 +77,7 @@ fn read_rows(
         time: logs.iter().all(Log::has_time),
         ..Wanted::default()
     };
-    let data = read_logs(logs, &wanted, read).map_err(WorkflowError::from)?;
+    let data = read_logs(logs, &wanted, read)?;
     Ok(label_poses_or_files(&data))
 }
 
