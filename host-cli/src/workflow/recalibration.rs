@@ -2,7 +2,6 @@
 
 use std::collections::HashMap;
 
-use super::fit::FileFacts;
 use super::hung_loads::{hung_rows, stated};
 use super::{WorkflowError, agree_on_axes, check_channels};
 use calibration::FitError;
@@ -90,20 +89,21 @@ pub(super) fn known_errors(file: &CalibrationFile) -> Option<PerAxis<f64>> {
 }
 
 impl Recalibrated {
-    /// Its calibration file: of the sensor, model and solver of `before`; that itself, where nothing has changed.
-    pub fn file(&self, before: &CalibrationFile, facts: FileFacts) -> CalibrationFile {
+    /// Its calibration file: of the sensor, model and solver of `before`; that itself, where nothing has changed. Solver
+    /// and errors are set in `origin`.
+    pub fn file(&self, before: &CalibrationFile, origin: Origin) -> CalibrationFile {
         let Self { found, errors, loads, .. } = self;
         if found.quantities.is_empty() {
             return before.clone();
         }
-        let FileFacts { made_by, date, sensor_serial, sources, columns } = facts;
-        let old = before.origin.diagnostics.as_ref();
+        let old = &before.origin;
+        let fitted = old.diagnostics.as_ref();
         let diagnostics = errors.quality().map(|train| Diagnostics {
             rows: errors.rows,
             skipped_rows: errors.skipped_rows,
             repeated_rows: errors.repeated_rows,
-            rank: old.map_or(0, |of| of.rank),
-            condition: old.and_then(|of| of.condition),
+            rank: fitted.map_or(0, |of| of.rank),
+            condition: fitted.and_then(|of| of.condition),
             train,
             test: None,
             cross_validation: found.held_out.map(|grouped| CrossValidation {
@@ -123,13 +123,11 @@ impl Recalibrated {
         CalibrationFile {
             calibration: found.calibration.clone(),
             origin: Origin {
-                made_by,
-                date,
-                sensor_serial: sensor_serial.or_else(|| before.origin.sensor_serial.clone()),
-                solver: before.origin.solver,
+                sensor_serial: origin.sensor_serial.or_else(|| old.sensor_serial.clone()),
+                solver: old.solver,
                 diagnostics,
-                sources,
-                columns: columns.or_else(|| before.origin.columns.clone()),
+                columns: origin.columns.or_else(|| old.columns.clone()),
+                ..origin
             },
         }
     }

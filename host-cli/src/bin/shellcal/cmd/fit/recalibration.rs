@@ -5,12 +5,12 @@ use std::path::Path;
 use calibration::quality::significant;
 use calibration::recalibration::{Change, ChangedQuantity, Recalibration};
 use calibration_file::stored::{OfAxes, Stored};
-use calibration_file::{CalibrationFile, Role, SourceFile};
+use calibration_file::{CalibrationFile, Origin, Role, SourceFile};
 use log_file::{Log, ReadOptions, checksum};
 use output_file::Outputs;
 use serde::Serialize;
 use shell_data::wrench::{Axes, Axis, PerAxis};
-use shellcal::workflow::fit::{FileFacts, log_sources};
+use shellcal::workflow::fit::log_sources;
 use shellcal::workflow::recalibration::{Recalibrated, recalibrate};
 
 use super::super::mapping::{open_logs, tell_remembered};
@@ -80,14 +80,15 @@ impl FitArgs {
         let read = ReadOptions { checksum: self.keeps(), ..self.mapping.read_options() };
         let recalibrated = recalibrate(&before, &logs, table.as_ref(), &read)?;
         if let Some(output) = output {
-            let facts = FileFacts {
+            let origin = Origin {
                 made_by: shellcal::PROGRAM.to_owned(),
                 date: origin::date()?,
                 sensor_serial: self.serial.clone(),
                 sources: sources(path, &before, &logs, &recalibrated)?,
                 columns: self.mapping.specified(&logs),
+                ..Origin::default()
             };
-            output.commit_with(recalibrated.file(&before, facts).to_json().as_bytes())?;
+            output.commit_with(recalibrated.file(&before, origin).to_json().as_bytes())?;
         }
         report(printer, path, &recalibrated)?;
         Ok(match recalibrated.found.is_contradicted() {
