@@ -144,8 +144,6 @@ fn describe(progress: &RecordingProgress, width: usize) -> String {
         }
         None => format!("{time}  {bytes} bytes, no frame so far"),
         Some(protocol) => {
-            let losses = losses.in_words();
-            let losses = if losses.is_empty() { "nothing lost".to_owned() } else { losses };
             let name = protocol_name(protocol);
             let frames = format!("{frames} frames");
             let waiting = format!("{waiting} waiting");
@@ -157,7 +155,7 @@ fn describe(progress: &RecordingProgress, width: usize) -> String {
                 (4, frames),
                 (5, waiting),
                 (6, name.to_owned()),
-                (3, losses),
+                (3, losses.in_words()),
             ];
             parts.extend(forces.map(|forces| (0, forces)));
             fitted(parts, width)
@@ -213,22 +211,18 @@ fn report(recorded: &Recorded, printer: &mut Printer) -> anyhow::Result<()> {
     if printer.json() {
         return printer.document(recorded);
     }
-    let losses = recorded.losses.in_words();
     printer.line(format!(
         "{} frames over {:.3} s of the board's time ({}); {}",
         recorded.frames,
         recorded.board_time_s,
         recorded.framing.unwrap_or("no framing"),
-        if losses.is_empty() { "nothing lost" } else { &losses },
+        recorded.losses.in_words(),
     ))?;
     for RecordedBoard { address, log, frames, losses } in &recorded.boards {
-        let losses = losses.in_words();
         let position =
             log.as_ref().map_or_else(String::new, |log| format!(" in `{}`", log.display()));
-        printer.line(format!(
-            "board {address}: {frames} frames{position}; {}",
-            if losses.is_empty() { "nothing lost" } else { &losses },
-        ))?;
+        printer
+            .line(format!("board {address}: {frames} frames{position}; {}", losses.in_words(),))?;
     }
     Ok(())
 }
