@@ -11,7 +11,7 @@ use trial::{
     TrialResult, check_window, propose_window,
 };
 
-pub use doubtful::{Doubt, DoubtfulRow, doubtful_rows};
+pub use doubtful::doubtful_rows;
 pub use job::{TrialJob, TrialLogError};
 
 /// When the robot enters the channel and when it leaves, s on the log's clock; `None` for what is to

@@ -13,6 +13,7 @@ use shell_data::hint::quoted;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
 use crate::printer::Printer;
+use crate::tables::or_dash;
 
 pub(super) fn print_cross_validation(
     printer: &mut Printer,
@@ -22,12 +23,11 @@ pub(super) fn print_cross_validation(
     let ratios = cv.ratios();
     let rows = (axes.iter()).map(|axis| {
         let i = axis.index();
-        let none = || "–".to_owned();
         vec![
             axis.name().to_owned(),
             significant(cv.grouped[i].rms, 4),
-            cv.random.map_or_else(none, |random| significant(random[i].rms, 4)),
-            ratios[i].map_or_else(none, |ratio| format!("{ratio:.2}")),
+            cv.random.map_or("–".to_owned(), |random| significant(random[i].rms, 4)),
+            or_dash(ratios[i], 2),
             significant(cv.grouped[i].bias, 2),
             axis.unit().to_owned(),
         ]

@@ -6,10 +6,11 @@ use shellcal::workflow::simulate::{ConditionChannel, MeasuredCondition, read_tri
 use simulation::channel_study::{ChannelDiagnostic, ChannelSummary};
 
 use super::args::{SimulateArgs, of_deflection, of_width};
-use super::format::{cm, or_dash};
+use super::format::cm;
 use super::model;
 use super::quantity::length;
 use crate::printer::Printer;
+use crate::tables::or_dash;
 
 /// One condition, measured and simulated.
 #[derive(Debug, Serialize)]
