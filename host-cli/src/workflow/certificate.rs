@@ -14,26 +14,19 @@ use shell_data::wrench::{AxisValues, PerAxis};
 
 use super::check::CheckedLoad;
 
-/// What is known of a calibrated sensor beside its calibration file.
-#[derive(Debug, Default)]
-pub struct CertificateFacts<'a> {
-    /// A log of the unloaded sensor, which tells repeatability and drift.
-    pub unloaded: Option<&'a Log>,
-    /// Standard uncertainty of the reference, N and N·m.
-    pub reference: Option<[f64; 2]>,
-}
-
-/// The uncertainty of a single frame, by what makes it.
+/// The uncertainty of a single frame, by what makes it. A log of the `unloaded` sensor tells repeatability and drift;
+/// `reference` is the standard uncertainty of the reference, N and N·m.
 ///
 /// # Errors
 /// [`WorkflowError`] if the log of the unloaded sensor cannot be used.
 pub fn budget(
     file: &CalibrationFile,
-    facts: &CertificateFacts<'_>,
+    unloaded: Option<&Log>,
+    reference: Option<[f64; 2]>,
     read: &ReadOptions<'_>,
 ) -> Result<Vec<Contribution>, WorkflowError> {
     let mut budget = vec![of_model(file)];
-    match facts.unloaded {
+    match unloaded {
         Some(log) => {
             let options = NoiseOptions { rows: RowFilter::Fresh, window: None };
             let found = noise(log, &file.calibration, &options, read)?;
@@ -61,11 +54,11 @@ pub fn budget(
     budget.push(Contribution {
         source: "reference",
         evaluation: EvaluationType::TypeB,
-        basis: match facts.reference {
+        basis: match reference {
             Some(_) => "as stated for the reference sensor or the weights".to_owned(),
             None => "not stated".to_owned(),
         },
-        standard: facts.reference.map(|[force, moment]| {
+        standard: reference.map(|[force, moment]| {
             std::array::from_fn(|axis| if axis < 3 { force } else { moment })
         }),
         is_part: false,
@@ -162,12 +155,12 @@ pub fn intervals(file: &CalibrationFile) -> String {
 /// Weights that were checked, axis by axis.
 pub fn weight_rows(checked: &[CheckedLoad], file: &CalibrationFile) -> Vec<WeightRow> {
     let row = |of: &CheckedLoad, axis: shell_data::wrench::Axis| WeightRow {
-        load: format!("{}: {}", of.load.group, of.load),
+        load: format!("{}: {}", of.group, of.load),
         axis,
         stated: of.stated[axis.index()],
         measured: of.measured[axis.index()],
         allowed: of.allowed[axis.index()],
-        is_off: of.is_off(axis),
+        is_off: of.off.contains(axis),
     };
     let axes = file.calibration.axes;
     checked.iter().flat_map(|of| axes.iter().map(move |axis| row(of, axis))).collect()

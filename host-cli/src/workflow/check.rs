@@ -8,8 +8,9 @@ use calibration::physics::COVERAGE_LEVEL;
 use calibration_file::CalibrationFile;
 use load_table::{HungLoad, HungLoads};
 use log_file::{Log, ReadOptions};
+use serde::{Serialize, Serializer};
 use shell_data::dataset::Dataset;
-use shell_data::wrench::{Axis, PerAxis};
+use shell_data::wrench::{Axes, Axis, PerAxis};
 
 /// Half the width of a 95 % interval of normal errors in standard errors, and how many times wider a difference may be:
 /// three standard errors, which one morning in twenty exceeds on one of a dozen numbers.
@@ -17,25 +18,25 @@ const HALF_WIDTH: f64 = 1.96;
 const MARGIN: f64 = 1.53;
 
 /// A known weight beside what the sensor says.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize)]
 pub struct CheckedLoad {
-    /// The weight.
-    pub load: HungLoad,
+    /// The label of the weight.
+    pub group: String,
+    /// The weight in words.
+    pub load: String,
     /// What it is, N and N·m.
     pub stated: PerAxis<f64>,
     /// What the sensor says, N and N·m.
     pub measured: PerAxis<f64>,
     /// How far these may differ.
     pub allowed: PerAxis<f64>,
+    /// The calibrated axes that differ by more.
+    #[serde(serialize_with = "columns")]
+    pub off: Axes,
 }
 
-impl CheckedLoad {
-    /// Whether they differ by more than that.
-    pub fn is_off(&self, axis: Axis) -> bool {
-        let axis = axis.index();
-        let difference = self.measured[axis] - self.stated[axis];
-        !difference.is_finite() || difference.abs() > self.allowed[axis]
-    }
+fn columns<S: Serializer>(axes: &Axes, serializer: S) -> Result<S::Ok, S::Error> {
+    axes.columns().serialize(serializer)
 }
 
 /// Compares the weights of a table with what a calibration makes of the readings at them. If the table has a line
@@ -83,12 +84,17 @@ pub fn check_weights(
             let zero = tare.as_ref().map_or([0.0; 6], |tare| tare.wrench);
             let of_load = stated(load, &[]).standard_errors();
             let allowed = |axis: usize| MARGIN * own[axis].hypot(HALF_WIDTH * of_load[axis]);
-            CheckedLoad {
-                load: load.clone(),
-                stated: load.wrench(),
-                measured: std::array::from_fn(|axis| mean(&wrench[axis]) - zero[axis]),
-                allowed: std::array::from_fn(allowed),
-            }
+            let stated = load.wrench();
+            let measured: PerAxis<f64> =
+                std::array::from_fn(|axis| mean(&wrench[axis]) - zero[axis]);
+            let allowed: PerAxis<f64> = std::array::from_fn(allowed);
+            let is_off = |axis: &Axis| {
+                let difference = measured[axis.index()] - stated[axis.index()];
+                !difference.is_finite() || difference.abs() > allowed[axis.index()]
+            };
+            let off = calibration.axes.iter().filter(is_off).collect();
+            let (group, load) = (load.group.clone(), load.to_string());
+            CheckedLoad { group, load, stated, measured, allowed, off }
         })
     };
     let weights = table.loads().iter().filter(|load| !is_rest(load));
