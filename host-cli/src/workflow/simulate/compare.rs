@@ -22,17 +22,6 @@ pub struct MeasuredCondition {
     pub sd_drag_n: Option<f64>,
 }
 
-/// The channel of a condition.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum ConditionChannel {
-    /// None: the robot runs free.
-    Free,
-    /// One that deflects the beams by so much, in m.
-    Deflection(f64),
-    /// One of a width, in m.
-    Width(f64),
-}
-
 /// Reads a table of trials, one row each, with the columns `condition` and `drag_mean_n`, in the
 /// order in which the conditions appear.
 ///
