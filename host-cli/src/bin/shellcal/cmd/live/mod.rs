@@ -222,7 +222,7 @@ impl LiveArgs {
         is_port: bool,
     ) -> anyhow::Result<(Box<dyn Watcher>, Option<StreamHandle>)> {
         let rows = RowOptions { forces: forces.clone(), from_log: !is_port, one_time: false };
-        self.stream.watch(printer, rows, None, feed.watcher())
+        self.stream.watch(printer, rows, None, Box::new(feed.clone()))
     }
 
     /// Opens what it is shown in.
