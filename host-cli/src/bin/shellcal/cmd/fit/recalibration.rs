@@ -16,6 +16,7 @@ use shellcal::workflow::recalibration::{Recalibrated, recalibrate};
 use super::super::mapping::{open_logs, tell_remembered};
 use super::super::origin;
 use super::super::plan::read_table;
+use super::super::quality::in_line;
 use super::FitArgs;
 use crate::files::InputPath;
 use crate::outcome::Outcome;
@@ -177,11 +178,8 @@ fn lines(name: &str, of: &Recalibrated) -> Vec<String> {
         significant(found.ln_evidence, 3),
     )];
     said.extend(found.held_out.map(|errors| {
-        let error = |axis: Axis| {
-            format!("{} {} {}", axis.name(), significant(errors[axis.index()].rms, 3), axis.unit())
-        };
-        let errors: Vec<_> = found.calibration.axes.iter().map(error).collect();
-        format!("error on loads that were held out: {}", errors.join(", "))
+        let errors = in_line(found.calibration.axes, &errors.map(|axis| axis.rms), true);
+        format!("error on loads that were held out: {errors}")
     }));
     said
 }
