@@ -8,9 +8,9 @@ use output_file::{OutputError, Outputs};
 use shell_data::hint::did_you_mean;
 use shellcal::workflow::batch::{self, Batch, BatchOptions};
 use trial::manifest::{CellPosition, Manifest};
-use trial::{TraceExtent, TrialOptions, TrialResult};
+use trial::{TrialOptions, TrialResult};
 
-use super::evaluation::{Equipment, EvaluationArgs};
+use super::evaluation::Equipment;
 use crate::printer::Printer;
 
 /// Reads a manifest, and sees to it that no output replaces its logs.
@@ -53,27 +53,20 @@ pub(super) fn stem(position: CellPosition, result: &TrialResult) -> String {
     format!("{stem}.{}", position.line)
 }
 
-/// Evaluates the trials of a manifest with traces of the whole logs, which `keep` may use and should
-/// reduce.
+/// Evaluates the trials of a manifest, with a progress bar. `keep` may use traces and should reduce them.
 pub(super) fn evaluate(
     printer: &Printer,
     path: &Path,
     manifest: &Manifest,
-    evaluation: &EvaluationArgs,
     equipment: &Equipment,
+    options: BatchOptions<'_>,
     keep: impl Fn(CellPosition, &mut TrialResult) -> Result<(), OutputError> + Sync,
 ) -> Batch {
-    let bar = printer.progress_of("trials", manifest.rows.len() as u64);
+    let rows = manifest.rows.len();
+    let share = options.shard.map_or(rows, |shard| shard.rows(rows).len());
+    let bar = printer.progress_of("trials", share as u64);
     let progress = |done: usize| bar.set_position(done as u64);
-    let options = BatchOptions {
-        trial: evaluation.options(equipment, TraceExtent::Log),
-        mapping: &equipment.mapping,
-        read: evaluation.read_options(),
-        conditions: None,
-        before: None,
-        shard: None,
-        progress: Some(&progress),
-    };
+    let options = BatchOptions { progress: Some(&progress), ..options };
     let batch = batch::run(manifest, folder(path), equipment.instrument(), &options, keep);
     bar.finish_and_clear();
     batch

@@ -173,7 +173,8 @@ impl ManyArgs {
             Ok(())
         };
         let path = &self.manifest;
-        let batch = manifest::evaluate(printer, path, &manifest, evaluation, &equipment, keep);
+        let options = evaluation.batch_options(&equipment, TraceExtent::Log);
+        let batch = manifest::evaluate(printer, path, &manifest, &equipment, options, keep);
         let failed = manifest::tell_failures(printer, path, &batch);
         let title = |usual: &str| self.title.clone().unwrap_or_else(|| usual.to_owned());
         let figure = if phase {

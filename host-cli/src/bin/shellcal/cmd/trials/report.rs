@@ -71,7 +71,8 @@ impl ReportArgs {
             Ok(())
         };
         let evaluation = &self.evaluation;
-        let mut batch = manifest::evaluate(printer, path, &manifest, evaluation, &equipment, keep);
+        let options = evaluation.batch_options(&equipment, TraceExtent::Log);
+        let mut batch = manifest::evaluate(printer, path, &manifest, &equipment, options, keep);
         let failed = manifest::tell_failures(printer, path, &batch);
         anyhow::ensure!(!batch.trials.is_empty(), "no trial could be evaluated");
 
