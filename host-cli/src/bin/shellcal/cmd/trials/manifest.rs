@@ -32,14 +32,23 @@ pub(super) fn parse(path: &Path) -> anyhow::Result<Manifest> {
 
 /// Whether the trials of a manifest have the condition that others are to be compared with.
 pub(super) fn check_reference(manifest: &Manifest, reference: Option<&str>) -> anyhow::Result<()> {
-    let Some(reference) = reference else { return Ok(()) };
     let entries = manifest.rows.iter().flatten().filter(|entry| !entry.exclude);
-    let names: Vec<&str> = entries.map(|entry| &*entry.condition.value).collect();
+    require_condition("trial", entries.map(|entry| &*entry.condition.value), reference)
+}
+
+/// Whether one of the `conditions` is the `reference`, if there is to be one.
+pub(super) fn require_condition<'a>(
+    what: &str,
+    conditions: impl Iterator<Item = &'a str>,
+    reference: Option<&str>,
+) -> anyhow::Result<()> {
+    let Some(reference) = reference else { return Ok(()) };
+    let names: Vec<&str> = conditions.collect();
     if names.contains(&reference) {
         return Ok(());
     }
     let hint = did_you_mean(reference, names);
-    bail!("no trial has the condition `{reference}` of `--reference`{hint}")
+    bail!("no {what} has the condition `{reference}` of `--reference`{hint}")
 }
 
 /// The folder that the logs of a manifest are relative to.
