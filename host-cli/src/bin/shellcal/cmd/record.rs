@@ -5,9 +5,9 @@ use std::time::Duration;
 use board_link::recording::{PROTOCOLS, protocol_name};
 use board_link::{
     AppendWriter, LogSink, RecordOptions, Recorded, RecordedBoard, RecordingProgress, Sinks,
-    Source, Unwatched, Watcher, record,
+    Source, Unwatched, record,
 };
-use frame_stream::{RowOptions, StreamHandle};
+use frame_stream::RowOptions;
 use shared_proto::Protocol;
 use shell_data::wrench::Axis;
 use shellcal::workflow::live::clock;
@@ -100,7 +100,12 @@ impl RecordArgs {
             AppendWriter::create(path, self.overwrite)
                 .map(|file| Box::new(file) as Box<dyn LogSink>)
         };
-        let (watcher, streamed) = self.watcher(printer, &options)?;
+        let forces = options.forces.clone();
+        let rows = RowOptions { forces, from_log: false, one_time: !self.as_sampled };
+        let commands = self.stream.is_given().then(|| streaming::commands(printer, None));
+        let beside = Box::new(Unwatched);
+        let (watcher, streamed) =
+            self.stream.watch(printer, rows, commands.transpose()?, beside)?;
         let sinks = Sinks {
             log: self.output.as_ref().map(writer).transpose()?,
             raw: self.raw.as_ref().map(writer).transpose()?,
@@ -116,18 +121,6 @@ impl RecordArgs {
         streaming::finish(printer, streamed.as_ref())?;
         report(&recorded?, printer)?;
         Ok(Outcome::Done)
-    }
-
-    /// What looks on: a stream, if there is one, with commands from the standard input.
-    fn watcher(
-        &self,
-        printer: &mut Printer,
-        options: &RecordOptions,
-    ) -> anyhow::Result<(Box<dyn Watcher>, Option<StreamHandle>)> {
-        let one_time = !self.as_sampled;
-        let rows = RowOptions { forces: options.forces.clone(), from_log: false, one_time };
-        let commands = self.stream.is_given().then(|| streaming::commands(printer, None));
-        self.stream.watch(printer, rows, commands.transpose()?, Box::new(Unwatched))
     }
 }
 
