@@ -102,7 +102,7 @@ impl HungReference {
     }
 }
 
-fn wanted(logs: &[Log]) -> Wanted {
+pub(super) fn wanted(logs: &[Log]) -> Wanted {
     Wanted {
         readings: true,
         groups: logs.iter().all(Log::has_groups),

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use super::hung_loads::{hung_rows, stated};
+use super::hung_loads::{self, hung_rows, stated};
 use super::{WorkflowError, agree_on_axes, check_channels};
 use calibration::FitError;
 use calibration::fit::{Evaluation, Workers, evaluate, label_poses_or_files};
@@ -69,13 +69,7 @@ pub fn recalibrate(
 fn read_rows(logs: &[Log], axes: Axes, read: &ReadOptions<'_>) -> Result<Dataset, WorkflowError> {
     agree_on_axes(logs, &mut [])?;
     logs.iter().try_for_each(|log| log.require_axes(axes))?;
-    let wanted = Wanted {
-        readings: true,
-        wrench: true,
-        groups: logs.iter().all(Log::has_groups),
-        time: logs.iter().all(Log::has_time),
-        ..Wanted::default()
-    };
+    let wanted = Wanted { wrench: true, ..hung_loads::wanted(logs) };
     let data = read_logs(logs, &wanted, read)?;
     Ok(label_poses_or_files(&data))
 }

@@ -184,17 +184,13 @@ pub(super) fn print_selection(
 /// The candidate of each family with the smallest error; the chosen one of its family.
 fn best_of_each(selection: &Selection) -> Vec<&Candidate> {
     let chosen = &selection.candidates[selection.chosen];
+    let score = |candidate: &Candidate| candidate.errors.map_or(f64::INFINITY, |of| of.score);
     let families = selection.candidates.chunk_by(|a, b| a.basis == b.basis);
-    let score = |candidate: &&Candidate| candidate.errors.map_or(f64::INFINITY, |of| of.score);
-    let best = |family: &'_ [Candidate]| -> usize {
-        let positions = family.iter().enumerate().map(|(at, candidate)| (at, score(&candidate)));
-        positions.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(at, _)| at)
-    };
-    let mut found = Vec::new();
-    for family in families {
-        found.push(if family[0].basis == chosen.basis { chosen } else { &family[best(family)] });
-    }
-    found
+    let best = families.filter_map(|family| match family[0].basis == chosen.basis {
+        true => Some(chosen),
+        false => family.iter().min_by(|a, b| score(a).total_cmp(&score(b))),
+    });
+    best.collect()
 }
 
 pub(super) fn print_excitation(
