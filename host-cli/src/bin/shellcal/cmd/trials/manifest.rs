@@ -6,7 +6,7 @@ use anyhow::{Context, bail};
 use calibration_file::input;
 use output_file::{OutputError, Outputs};
 use shell_data::hint::did_you_mean;
-use shellcal::workflow::batch::{self, Batch, BatchOptions};
+use shellcal::workflow::batch::{self, Batch, BatchOptions, FailedRow};
 use trial::manifest::{CellPosition, Manifest};
 use trial::{TrialOptions, TrialResult};
 
@@ -94,10 +94,16 @@ pub(super) fn slow_filter(batch: &Batch, options: &TrialOptions) -> Option<Strin
     })
 }
 
-/// Tells which trials could not be evaluated; whether there were any.
-pub(super) fn tell_failures(printer: &mut Printer, path: &Path, batch: &Batch) -> bool {
-    for failure in &batch.failures {
-        printer.failure(format!("{}:{}: {}", path.display(), failure.position, failure.message));
-    }
-    !batch.failures.is_empty()
+/// Tells which trials could not be evaluated: the files of these, and why.
+pub(super) fn tell_failures(
+    printer: &mut Printer,
+    path: &Path,
+    batch: &Batch,
+) -> Vec<(String, String)> {
+    let of = |failure: &FailedRow| {
+        let why = format!("{}:{}: {}", path.display(), failure.position, failure.message);
+        printer.failure(&why);
+        (failure.file.clone(), why)
+    };
+    batch.failures.iter().map(of).collect()
 }
