@@ -8,13 +8,13 @@ use calibration::dynamics::{DynamicsRule, LagRule, MemoryRule};
 use calibration::fit::{FitOptions, HeldOut, Outlier, RowName, Workers};
 use calibration::memory::{MemoryState, NoTime};
 use calibration::solver::SolverKind;
-use calibration_file::{CalibrationFile, CalibrationFileError, Role, SourceFile};
+use calibration_file::{CalibrationFile, CalibrationFileError, Origin, Role, SourceFile};
 use figures::{FitPlot, Size, fit_figure};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, ndarray::Array2};
 use pyo3::prelude::*;
 use shell_data::dataset::{BLOCK_ROWS, Dataset};
 use shell_data::wrench::{Axes, Axis, PerAxis};
-use shellcal::workflow::fit::{FileFacts, calibration_file};
+use shellcal::workflow::fit::calibration_file;
 
 use crate::arrays::{Arrays, Weights, range_of_columns};
 use crate::error::{PythonFailure, PythonMessage};
@@ -145,15 +145,15 @@ pub(crate) fn fit(
             warnings.extend(found.warnings(Axes::ALL, &names));
         }
         let (made_by, date) = made_by;
-        let facts = FileFacts {
+        let origin = Origin {
             made_by,
             date,
             sensor_serial: serial,
             sources: source(rows),
-            columns: None,
+            ..Origin::default()
         };
         let verdict = fitted.verdict().lines();
-        Ok((calibration_file(&fitted, facts).into(), warnings, verdict))
+        Ok((calibration_file(&fitted, origin).into(), warnings, verdict))
     })
 }
 

@@ -153,7 +153,7 @@ impl Begin {
             labels: plan.is_some(),
             ..RecordOptions::default()
         };
-        let sinks = Sinks { log, raw: None, watcher: Some(feed.watcher()) };
+        let sinks = Sinks { log, raw: None, watcher: Some(Box::new(feed.clone())) };
         let mut recorder = Recorder::new(&self.name, sinks, options);
         let mut commands = recorder.commands(None);
         let identify = |uplink: Uplink| uplink.encode(0, None, Command::Identify);

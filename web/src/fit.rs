@@ -4,12 +4,13 @@ use std::sync::Arc;
 
 use calibration::FitError;
 use calibration::fit::{FitOptions, HeldOut, ModelRule, Workers};
+use calibration_file::Origin;
 use log_file::{Log, Mapping, ReadOptions};
 use serde::Deserialize;
 use serde_json::json;
 use shell_data::hint::quoted;
 use shellcal::PROGRAM;
-use shellcal::workflow::fit::{FileFacts, FitData, calibration_file, sources};
+use shellcal::workflow::fit::{FitData, calibration_file, sources};
 use shellcal::workflow::fit_report::{ReportFacts, html};
 use shellcal::workflow::outliers::NamedOutliers;
 use shellcal::workflow::remark::{about_fit, about_table};
@@ -66,12 +67,12 @@ impl FitRequest {
         let specified = train.first().map(|log| log.specified(&mapping));
         let file = calibration_file(
             &fitted,
-            FileFacts {
+            Origin {
                 made_by: PROGRAM.to_owned(),
                 date: self.date.clone(),
-                sensor_serial: None,
                 sources: sources((&train, &test), &data, &fitted)?,
                 columns: specified.filter(|names| !names.is_empty()),
+                ..Origin::default()
             },
         );
         let found = fitted.outliers.as_ref().and_then(|found| found.as_ref().ok());

@@ -164,15 +164,17 @@ fn measure(
     reference: &Solution,
     is_small: bool,
 ) -> Measurement {
+    let unmeasured = Measurement {
+        solver: kind.name(),
+        seconds: f64::NAN,
+        coefficient_error: None,
+        prediction_error: None,
+        on_front: false,
+        refused: None,
+    };
     if !is_small && kind == SolverKind::WideTsqr {
-        return Measurement {
-            solver: kind.name(),
-            seconds: f64::NAN,
-            coefficient_error: None,
-            prediction_error: None,
-            on_front: false,
-            refused: Some("left out: it would take minutes".to_owned()),
-        };
+        let refused = Some("left out: it would take minutes".to_owned());
+        return Measurement { refused, ..unmeasured };
     }
     let mut seconds = Vec::new();
     let solved = loop {
@@ -184,14 +186,7 @@ fn measure(
         }
     };
     seconds.sort_unstable_by(f64::total_cmp);
-    let mut measurement = Measurement {
-        solver: kind.name(),
-        seconds: seconds[seconds.len() / 2],
-        coefficient_error: None,
-        prediction_error: None,
-        on_front: false,
-        refused: None,
-    };
+    let mut measurement = Measurement { seconds: seconds[seconds.len() / 2], ..unmeasured };
     let is_least_squares = !matches!(kind, SolverKind::RidgeGcv | SolverKind::Huber);
     match solved {
         Ok(solution) if is_least_squares => {

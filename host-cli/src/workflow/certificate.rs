@@ -1,8 +1,9 @@
 //! What a certificate says of a calibration: its uncertainty budget, from the calibration file and from logs of the
 //! calibrated sensor.
 
-use super::drift::{DriftError, DriftOptions, drift};
-use super::noise::{NoiseError, NoiseOptions, noise};
+use super::WorkflowError;
+use super::drift::{DriftOptions, drift};
+use super::noise::{NoiseOptions, noise};
 use super::selection::RowFilter;
 use calibration::Kind;
 use calibration::physics::COVERAGE_LEVEL;
@@ -13,26 +14,19 @@ use shell_data::wrench::{AxisValues, PerAxis};
 
 use super::check::CheckedLoad;
 
-/// What is known of a calibrated sensor beside its calibration file.
-#[derive(Debug, Default)]
-pub struct CertificateFacts<'a> {
-    /// A log of the unloaded sensor, which tells repeatability and drift.
-    pub unloaded: Option<&'a Log>,
-    /// Standard uncertainty of the reference, N and N·m.
-    pub reference: Option<[f64; 2]>,
-}
-
-/// The uncertainty of a single frame, by what makes it.
+/// The uncertainty of a single frame, by what makes it. A log of the `unloaded` sensor tells repeatability and drift;
+/// `reference` is the standard uncertainty of the reference, N and N·m.
 ///
 /// # Errors
-/// [`NoiseError`] if the log of the unloaded sensor cannot be used.
+/// [`WorkflowError`] if the log of the unloaded sensor cannot be used.
 pub fn budget(
     file: &CalibrationFile,
-    facts: &CertificateFacts<'_>,
+    unloaded: Option<&Log>,
+    reference: Option<[f64; 2]>,
     read: &ReadOptions<'_>,
-) -> Result<Vec<Contribution>, NoiseError> {
+) -> Result<Vec<Contribution>, WorkflowError> {
     let mut budget = vec![of_model(file)];
-    match facts.unloaded {
+    match unloaded {
         Some(log) => {
             let options = NoiseOptions { rows: RowFilter::Fresh, window: None };
             let found = noise(log, &file.calibration, &options, read)?;
@@ -60,11 +54,11 @@ pub fn budget(
     budget.push(Contribution {
         source: "reference",
         evaluation: EvaluationType::TypeB,
-        basis: match facts.reference {
+        basis: match reference {
             Some(_) => "as stated for the reference sensor or the weights".to_owned(),
             None => "not stated".to_owned(),
         },
-        standard: facts.reference.map(|[force, moment]| {
+        standard: reference.map(|[force, moment]| {
             std::array::from_fn(|axis| if axis < 3 { force } else { moment })
         }),
         is_part: false,
@@ -108,7 +102,7 @@ fn of_drift(
     file: &CalibrationFile,
     log: &Log,
     read: &ReadOptions<'_>,
-) -> Result<Contribution, NoiseError> {
+) -> Result<Contribution, WorkflowError> {
     let calibration = Some(&file.calibration);
     let options = DriftOptions { calibration, ..DriftOptions::default() };
     let (standard, basis) = match drift(log, &options, RowFilter::Fresh, read) {
@@ -120,7 +114,7 @@ fn of_drift(
                 format!("standard deviation of the zero at {rests} rests, tared before the first"),
             )
         }
-        Err(DriftError::Log(error)) => return Err(error.into()),
+        Err(error @ WorkflowError::Log(_)) => return Err(error),
         Err(error) => (None, format!("not stated: {error}")),
     };
     Ok(Contribution {
@@ -161,12 +155,12 @@ pub fn intervals(file: &CalibrationFile) -> String {
 /// Weights that were checked, axis by axis.
 pub fn weight_rows(checked: &[CheckedLoad], file: &CalibrationFile) -> Vec<WeightRow> {
     let row = |of: &CheckedLoad, axis: shell_data::wrench::Axis| WeightRow {
-        load: format!("{}: {}", of.load.group, of.load),
+        load: format!("{}: {}", of.group, of.load),
         axis,
         stated: of.stated[axis.index()],
         measured: of.measured[axis.index()],
         allowed: of.allowed[axis.index()],
-        is_off: of.is_off(axis),
+        is_off: of.off.contains(axis),
     };
     let axes = file.calibration.axes;
     checked.iter().flat_map(|of| axes.iter().map(move |axis| row(of, axis))).collect()

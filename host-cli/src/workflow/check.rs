@@ -1,95 +1,68 @@
 //! Known weights on a sensor that was calibrated: does it still say what hangs there?
 
-use super::convert::{ConvertError, interval_factors};
-use super::hung_loads::{HungLoadsError, hung_rows, stated};
+use super::convert::interval_factors;
+use super::hung_loads::{hung_rows, stated};
 use super::recalibration::known_errors;
 use super::{WorkflowError, check_channels};
 use calibration::physics::COVERAGE_LEVEL;
 use calibration_file::CalibrationFile;
 use load_table::{HungLoad, HungLoads};
 use log_file::{Log, ReadOptions};
+use serde::{Serialize, Serializer};
 use shell_data::dataset::Dataset;
-use shell_data::hint::Hint;
-use shell_data::wrench::{Axis, PerAxis};
+use shell_data::wrench::{Axes, Axis, PerAxis};
 
 /// Half the width of a 95 % interval of normal errors in standard errors, and how many times wider a difference may be:
 /// three standard errors, which one morning in twenty exceeds on one of a dozen numbers.
 const HALF_WIDTH: f64 = 1.96;
 const MARGIN: f64 = 1.53;
 
-/// Why weights cannot be compared with a calibration.
-#[derive(Debug, thiserror::Error)]
-pub enum CheckError {
-    /// Logs and table.
-    #[error(transparent)]
-    Loads(#[from] HungLoadsError),
-    /// The calibration has no intervals.
-    #[error(transparent)]
-    Convert(#[from] ConvertError),
-    /// Every load has the mass 0.
-    #[error("no weight hangs in any line of the table")]
-    NoWeight,
-}
-
-impl Hint for CheckError {
-    fn hint(&self) -> Option<String> {
-        match self {
-            Self::Loads(error) => error.hint(),
-            Self::Convert(error) => error.hint(),
-            Self::NoWeight => None,
-        }
-    }
-}
-
 /// A known weight beside what the sensor says.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize)]
 pub struct CheckedLoad {
-    /// The weight.
-    pub load: HungLoad,
+    /// The label of the weight.
+    pub group: String,
+    /// The weight in words.
+    pub load: String,
     /// What it is, N and N·m.
     pub stated: PerAxis<f64>,
     /// What the sensor says, N and N·m.
     pub measured: PerAxis<f64>,
     /// How far these may differ.
     pub allowed: PerAxis<f64>,
+    /// The calibrated axes that differ by more.
+    #[serde(serialize_with = "columns")]
+    pub off: Axes,
 }
 
-impl CheckedLoad {
-    /// Whether they differ by more than that.
-    pub fn is_off(&self, axis: Axis) -> bool {
-        let axis = axis.index();
-        let difference = self.measured[axis] - self.stated[axis];
-        !difference.is_finite() || difference.abs() > self.allowed[axis]
-    }
+fn columns<S: Serializer>(axes: &Axes, serializer: S) -> Result<S::Ok, S::Error> {
+    axes.columns().serialize(serializer)
 }
 
 /// Compares the weights of a table with what a calibration makes of the readings at them. If the table has a line
 /// without a load, its wrench is the zero.
 ///
 /// # Errors
-/// [`CheckError`].
+/// [`WorkflowError`].
 pub fn check_weights(
     file: &CalibrationFile,
     logs: &[Log],
     table: &HungLoads,
     read: &ReadOptions<'_>,
-) -> Result<Vec<CheckedLoad>, CheckError> {
+) -> Result<Vec<CheckedLoad>, WorkflowError> {
     let calibration = &file.calibration;
     for log in logs {
-        let checked = check_channels(log, calibration.channels());
-        checked.map_err(|error| HungLoadsError::from(WorkflowError::from(error)))?;
+        check_channels(log, calibration.channels())?;
     }
     // Without intervals, as after `fit --from`, errors on loads that were held out tell as much in the mean.
     let known = known_errors(file).map(|errors| errors.map(|error| HALF_WIDTH * error));
     let factors = match (interval_factors(calibration, COVERAGE_LEVEL), known) {
         (Ok(factors), _) => Ok(factors),
         (Err(_), Some(known)) => Err(known),
-        (Err(error), None) => return Err(error.into()),
+        (Err(error), None) => return Err(Box::new(error).into()),
     };
     let (data, _) = hung_rows(logs, table, read)?;
-    let data = calibration
-        .prepared(&data)
-        .map_err(|error| HungLoadsError::from(WorkflowError::from(error)))?;
+    let data = calibration.prepared(&data)?;
     let is_rest = |load: &&HungLoad| load.wrench().iter().all(|x| *x == 0.0);
     let rest = table.loads().iter().find(is_rest).map(|load| readings_at(&data, load));
     let tare = rest.and_then(|readings| calibration.tare(&readings));
@@ -111,17 +84,22 @@ pub fn check_weights(
             let zero = tare.as_ref().map_or([0.0; 6], |tare| tare.wrench);
             let of_load = stated(load, &[]).standard_errors();
             let allowed = |axis: usize| MARGIN * own[axis].hypot(HALF_WIDTH * of_load[axis]);
-            CheckedLoad {
-                load: load.clone(),
-                stated: load.wrench(),
-                measured: std::array::from_fn(|axis| mean(&wrench[axis]) - zero[axis]),
-                allowed: std::array::from_fn(allowed),
-            }
+            let stated = load.wrench();
+            let measured: PerAxis<f64> =
+                std::array::from_fn(|axis| mean(&wrench[axis]) - zero[axis]);
+            let allowed: PerAxis<f64> = std::array::from_fn(allowed);
+            let is_off = |axis: &Axis| {
+                let difference = measured[axis.index()] - stated[axis.index()];
+                !difference.is_finite() || difference.abs() > allowed[axis.index()]
+            };
+            let off = calibration.axes.iter().filter(is_off).collect();
+            let (group, load) = (load.group.clone(), load.to_string());
+            CheckedLoad { group, load, stated, measured, allowed, off }
         })
     };
     let weights = table.loads().iter().filter(|load| !is_rest(load));
     let checked: Vec<CheckedLoad> = weights.filter_map(compare).collect();
-    if checked.is_empty() { Err(CheckError::NoWeight) } else { Ok(checked) }
+    if checked.is_empty() { Err(WorkflowError::NoWeight) } else { Ok(checked) }
 }
 
 /// The readings at a load, memory terms beside them.

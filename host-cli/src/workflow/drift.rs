@@ -1,13 +1,12 @@
 //! How the zero of a log moves, from its first row to its last.
 
 use crate::workflow::selection::{RowFilter, by_column};
-use crate::workflow::{ChannelMismatch, check_channels};
+use crate::workflow::{WorkflowError, check_channels};
 use calibration::Calibration;
 use figures::WrenchTrace;
-use forces::drift::{Drift, FEWEST_RESTS};
+use forces::drift::Drift;
 use forces::stationary::{QuietLevel, StationaryFinder, StationaryInterval};
-use log_file::{ColumnRef, Log, LogError, ReadOptions, Wanted};
-use shell_data::hint::Hint;
+use log_file::{ColumnRef, Log, ReadOptions, Wanted};
 use shell_data::wrench::{AxisValues, PerAxis};
 
 /// The column that `record` writes the die's temperature into.
@@ -58,62 +57,16 @@ pub struct Zeros {
     pub channels: Vec<Vec<f64>>,
 }
 
-/// A log that tells no drift.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum DriftError {
-    /// The log cannot be read.
-    #[error(transparent)]
-    Log(#[from] LogError),
-    /// The calibration is for another sensor.
-    #[error(transparent)]
-    Channels(#[from] ChannelMismatch),
-    /// Too few rests.
-    #[error(
-        "`{path}` has `{found}` stretches at rest, {FEWEST_RESTS} at least are needed to tell a drift"
-    )]
-    TooFewRests {
-        /// The log.
-        path: String,
-        /// Stretches found.
-        found: usize,
-    },
-    /// A temperature that is no number.
-    #[error("`{path}`: `{text}` in column `{column}` is no temperature")]
-    Temperature {
-        /// The log.
-        path: String,
-        /// The column.
-        column: String,
-        /// What stands there.
-        text: String,
-    },
-}
-
-impl Hint for DriftError {
-    fn hint(&self) -> Option<String> {
-        let text = match self {
-            Self::Log(error) => return error.hint(),
-            Self::Channels(error) => return error.hint(),
-            Self::TooFewRests { .. } => {
-                "begin with the sensor at rest and unloaded, and let it rest for a second or more now and then"
-            }
-            Self::Temperature { .. } => "name the column of temperature with `--temperature`",
-        };
-        Some(text.to_owned())
-    }
-}
-
 /// Finds the stationary intervals of a log, and how its zero moves from one to the next, in one pass.
 ///
 /// # Errors
-/// [`DriftError`].
+/// [`WorkflowError`].
 pub fn drift(
     log: &Log,
     options: &DriftOptions<'_>,
     rows: RowFilter,
     read: &ReadOptions<'_>,
-) -> Result<DriftSummary, DriftError> {
+) -> Result<DriftSummary, WorkflowError> {
     let path = || log.path().display().to_string();
     let usual = || log.columns().iter().position(|column| column.name == TEMPERATURE);
     let temperature = match &options.temperature {
@@ -140,7 +93,7 @@ pub fn drift(
             let mut row = 0;
             for (text, rows) in block.texts.iter().flatten() {
                 let known = warmth.add(block.time_s[row], text);
-                known.map_err(|text| DriftError::Temperature {
+                known.map_err(|text| WorkflowError::Temperature {
                     path: path(),
                     column: log.columns()[temperature.unwrap_or_default()].name.clone(),
                     text,
@@ -150,7 +103,7 @@ pub fn drift(
             finder.look_at(&block.time_s, &block.readings, &mut |rest| {
                 observed.add(options.calibration, rest);
             });
-            Ok::<(), DriftError>(())
+            Ok::<(), WorkflowError>(())
         },
     )?;
     let Observed { axes, channels, times_s } = observed;
@@ -158,7 +111,7 @@ pub fn drift(
     let calibration_axes = options.calibration.map(|calibration| calibration.axes);
     let quantities = calibration_axes.map_or(channels.len(), |axes| axes.iter().count());
     let of = |levels: &Vec<QuietLevel>| Drift::fit(levels, &times_s, &temperatures, quantities);
-    let too_few = || DriftError::TooFewRests { path: path(), found: times_s.len() };
+    let too_few = || WorkflowError::TooFewRests { path: path(), found: times_s.len() };
     let channel_drifts = channels.iter().map(of).collect::<Option<Vec<_>>>().ok_or_else(too_few)?;
     let axis_drifts = match calibration_axes {
         None => None,

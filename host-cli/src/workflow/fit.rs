@@ -7,7 +7,6 @@ use calibration::{Calibration, FitError};
 use calibration_file::{CalibrationFile, Diagnostics, Origin, Role, SolverRecord, SourceFile};
 use figures::FitPlot;
 use log_file::{Log, ReadOptions, Wanted, read_dataset, sample_logs};
-use shell_data::ColumnNames;
 use shell_data::dataset::{Dataset, LogRows};
 use shell_data::wrench::PerAxis;
 
@@ -131,24 +130,8 @@ pub fn add_to_plot(plot: &mut FitPlot, calibration: &Calibration, data: &Dataset
     }
 }
 
-/// What a calibration file says beside the fit.
-#[derive(Clone, Debug, Default)]
-pub struct FileFacts {
-    /// The program, with its version.
-    pub made_by: String,
-    /// When, in UTC.
-    pub date: String,
-    /// The label of the sensor.
-    pub sensor_serial: Option<String>,
-    /// What it was made from.
-    pub sources: Vec<SourceFile>,
-    /// The columns of training logs that were named.
-    pub columns: Option<ColumnNames>,
-}
-
-/// The calibration file of a fit.
-pub fn calibration_file(fit: &Fit, facts: FileFacts) -> CalibrationFile {
-    let FileFacts { made_by, date, sensor_serial, sources, columns } = facts;
+/// The calibration file of a fit. Its solver and how well it went are set in `origin`.
+pub fn calibration_file(fit: &Fit, origin: Origin) -> CalibrationFile {
     // The R² of rows that the fit has all but seen is no result, nor is that of none within its range.
     let is_no_result = fit.leaks.in_test().is_some() || fit.test().is_out_of_range();
     let as_a_result = |of: AxisQuality| match is_no_result {
@@ -161,30 +144,23 @@ pub fn calibration_file(fit: &Fit, facts: FileFacts) -> CalibrationFile {
         }
         FitMethod::Physics(_) => None,
     };
+    let diagnostics = Diagnostics {
+        rows: fit.rows,
+        skipped_rows: fit.skipped_rows,
+        repeated_rows: fit.repeated_rows,
+        rank: fit.rank(),
+        condition: fit.condition(),
+        train: fit.train,
+        test: fit.test().quality().map(|axes| axes.map(as_a_result)),
+        cross_validation: fit.cross_validation.clone(),
+        selection: fit.selection.clone(),
+        excitation: fit.excitation.clone(),
+        test_leak: fit.leaks.in_test(),
+        group_leak: fit.leaks.in_groups(),
+    };
     CalibrationFile {
         calibration: fit.calibration.clone(),
-        origin: Origin {
-            made_by,
-            date,
-            sensor_serial,
-            solver,
-            diagnostics: Some(Diagnostics {
-                rows: fit.rows,
-                skipped_rows: fit.skipped_rows,
-                repeated_rows: fit.repeated_rows,
-                rank: fit.rank(),
-                condition: fit.condition(),
-                train: fit.train,
-                test: fit.test().quality().map(|axes| axes.map(as_a_result)),
-                cross_validation: fit.cross_validation.clone(),
-                selection: fit.selection.clone(),
-                excitation: fit.excitation.clone(),
-                test_leak: fit.leaks.in_test(),
-                group_leak: fit.leaks.in_groups(),
-            }),
-            sources,
-            columns,
-        },
+        origin: Origin { solver, diagnostics: Some(diagnostics), ..origin },
     }
 }
 

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use super::WorkflowError;
 use super::fit::FitData;
 use calibration::FitError;
-use calibration::fit::{HoldMismatch, label_holds};
+use calibration::fit::label_holds;
 use calibration::physics::uncertain_loads::{
     CorrectedLoad, CorrectedLoads, StatedLoad, correct_loads,
 };
@@ -18,47 +18,10 @@ use calibration::physics::{Observation, TrainingRows};
 use load_table::{HungLoad, HungLoads, Pull};
 use log_file::{Log, ReadOptions, Wanted, read_dataset};
 use shell_data::dataset::Dataset;
-use shell_data::hint::Hint;
 use shell_data::wrench::{Axes, PerAxis};
 
 /// Standard deviation of the lever offset of a mounting, m.
 const MOUNTING_M: f64 = 3e-3;
-
-/// Why logs and a table of loads do not go together.
-#[derive(Debug, thiserror::Error)]
-pub enum HungLoadsError {
-    /// The logs, or what they determine.
-    #[error(transparent)]
-    Workflow(#[from] WorkflowError),
-    /// There is no group column, and loads cannot be told by still readings.
-    #[error(transparent)]
-    Holds(#[from] HoldMismatch),
-    /// No row has the label of a load.
-    #[error(
-        "no row has the label of a load: the first label is `{found}`, the first load `{load}`"
-    )]
-    NoLabels {
-        /// A label of the logs.
-        found: String,
-        /// One of the table.
-        load: String,
-    },
-}
-
-impl Hint for HungLoadsError {
-    fn hint(&self) -> Option<String> {
-        match self {
-            Self::Workflow(error) => error.hint(),
-            Self::Holds(_) => Some(
-                "give the log a group column with the labels of the table, as `live --plan` writes it"
-                    .to_owned(),
-            ),
-            Self::NoLabels { .. } => {
-                Some("name the log's column of labels with `--group`".to_owned())
-            }
-        }
-    }
-}
 
 /// Loads that were hung, and what the readings say of them.
 #[derive(Clone, Debug)]
@@ -82,18 +45,17 @@ impl HungReference {
     /// Reads logs and gives their rows the wrench of the load that hung there, corrected by their readings.
     ///
     /// # Errors
-    /// [`HungLoadsError`] if a log cannot be read, rows cannot be matched with loads, or these do not determine a model
+    /// [`WorkflowError`] if a log cannot be read, rows cannot be matched with loads, or these do not determine a model
     /// of the sensors.
     pub fn read(
         logs: &[Log],
         table: &HungLoads,
         read: &ReadOptions<'_>,
-    ) -> Result<(FitData, Self), HungLoadsError> {
+    ) -> Result<(FitData, Self), WorkflowError> {
         let wanted = wanted(logs);
         let (mut data, unloaded_rows) = hung_rows(logs, table, read)?;
         let (rows, labels) = TrainingRows::from_dataset(&data);
-        let observations =
-            rows.observations().map_err(|error| WorkflowError::from(FitError::from(error)))?;
+        let observations = rows.observations().map_err(FitError::from)?;
         let mut reference = Self::new(table.loads(), (&observations, &labels))?;
         reference.unloaded_rows = unloaded_rows;
         let found = reference.loads.iter().zip(&reference.corrected.loads);
@@ -105,7 +67,7 @@ impl HungReference {
     fn new(
         loads: &[HungLoad],
         (observations, labels): (&[Observation], &[String]),
-    ) -> Result<Self, HungLoadsError> {
+    ) -> Result<Self, WorkflowError> {
         let by_label: HashMap<&str, &Observation> =
             observations.iter().map(|o| (labels[o.group as usize].as_str(), o)).collect();
         let is_read = |load: &HungLoad| by_label.contains_key(load.group.as_str());
@@ -122,7 +84,7 @@ impl HungReference {
         let observed: Vec<Observation> =
             read.iter().map(|load| by_label[load.group.as_str()].clone()).collect();
         let corrected = correct_loads(&observed, &stated, (mountings.len(), MOUNTING_M))
-            .map_err(|error| WorkflowError::from(FitError::from(error)))?;
+            .map_err(FitError::from)?;
         let judged_by = (read.iter().zip(&corrected.loads))
             .map(|(load, found)| {
                 let is_wrong = found.suspicious.is_some();
@@ -140,7 +102,7 @@ impl HungReference {
     }
 }
 
-fn wanted(logs: &[Log]) -> Wanted {
+pub(super) fn wanted(logs: &[Log]) -> Wanted {
     Wanted {
         readings: true,
         groups: logs.iter().all(Log::has_groups),
@@ -154,11 +116,11 @@ pub(super) fn hung_rows(
     logs: &[Log],
     table: &HungLoads,
     read: &ReadOptions<'_>,
-) -> Result<(Dataset, u64), HungLoadsError> {
+) -> Result<(Dataset, u64), WorkflowError> {
     let wanted = wanted(logs);
     super::check_logs(logs, &[], &wanted)?;
     let asked: Vec<(&Log, Wanted)> = logs.iter().map(|log| (log, wanted.clone())).collect();
-    let mut data = read_dataset(&asked, read).map_err(WorkflowError::from)?;
+    let mut data = read_dataset(&asked, read)?;
     let loads = table.loads();
     if !wanted.groups {
         let labels: Vec<String> = loads.iter().map(|load| load.group.clone()).collect();
@@ -169,7 +131,7 @@ pub(super) fn hung_rows(
     hang(&mut data, &stated);
     if data.rows() == 0 {
         let load = loads[0].group.clone();
-        return Err(HungLoadsError::NoLabels { found: first.unwrap_or_default(), load });
+        return Err(WorkflowError::NoLabels { found: first.unwrap_or_default(), load });
     }
     let left_out = rows - data.rows();
     Ok((data, left_out))

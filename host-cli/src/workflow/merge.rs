@@ -1,11 +1,10 @@
 //! From partial fits, merged, to a calibration.
 
 use super::WorkflowError;
-use super::fit::{FileFacts, calibration_file};
-use calibration::FitError;
+use super::fit::calibration_file;
 use calibration::fit::merged::{RowSums, fit_sums};
 use calibration::fit::{Fit, FitOptions, HeldOut, ModelRule, RANDOM_FOLDS};
-use calibration_file::{CalibrationFile, MergeError, PartialFit, Sums};
+use calibration_file::{CalibrationFile, Origin, PartialFit, Sums};
 
 /// Fits a calibration to the sums of `merged`, which is [in order](PartialFit::put_in_order): its model, where
 /// none is given.
@@ -37,21 +36,13 @@ pub fn fit(
 
 /// The calibration file of a fit to `merged`.
 pub fn file(fit: &Fit, merged: &PartialFit) -> CalibrationFile {
-    let facts = FileFacts {
+    let origin = Origin {
         made_by: merged.made_by.clone(),
         date: merged.date.clone(),
         sensor_serial: merged.sensor_serial.clone(),
         sources: merged.sources.clone(),
         columns: merged.columns.clone(),
+        ..Origin::default()
     };
-    calibration_file(fit, facts)
-}
-
-impl From<MergeError> for WorkflowError {
-    fn from(error: MergeError) -> Self {
-        match error {
-            MergeError::NotExact(error) => FitError::NotExact(error).into(),
-            error => WorkflowError::Merge(error),
-        }
-    }
+    calibration_file(fit, origin)
 }

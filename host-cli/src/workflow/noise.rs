@@ -4,12 +4,11 @@
 //! forces are those of the [pipeline](forces) without a low-pass, which would hide the noise.
 
 use super::selection::{RowFilter, TimeWindow, by_column, read_with_memory};
-use super::{ChannelMismatch, check_channels};
+use super::{WorkflowError, check_channels};
 use calibration::Calibration;
 use forces::ForcePipeline;
 use forces::stationary::{ZeroMove, ZeroWatch};
-use log_file::{Log, LogError, ReadOptions, Wanted};
-use shell_data::hint::Hint;
+use log_file::{Log, ReadOptions, Wanted};
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::{AxisValues, PerAxis};
 
@@ -56,48 +55,16 @@ pub struct Scatter {
     pub peak_to_peak: f64,
 }
 
-/// A log whose noise cannot be measured.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum NoiseError {
-    /// The log cannot be read.
-    #[error(transparent)]
-    Log(#[from] LogError),
-    /// The calibration is for another sensor.
-    #[error(transparent)]
-    Channels(#[from] ChannelMismatch),
-    /// Too few frames to scatter.
-    #[error("`{path}` has `{found}` frames to tell the noise from, at least 2 are needed")]
-    TooFewFrames {
-        /// The log.
-        path: String,
-        /// Frames found.
-        found: u64,
-    },
-}
-
-impl Hint for NoiseError {
-    fn hint(&self) -> Option<String> {
-        match self {
-            Self::Log(error) => error.hint(),
-            Self::Channels(error) => error.hint(),
-            Self::TooFewFrames { .. } => {
-                Some("`shellcal info` tells the times of a log".to_owned())
-            }
-        }
-    }
-}
-
 /// Measures the scatter of the frames of a log, in one pass and constant memory.
 ///
 /// # Errors
-/// [`NoiseError`].
+/// [`WorkflowError`].
 pub fn noise(
     log: &Log,
     calibration: &Calibration,
     options: &NoiseOptions,
     read: &ReadOptions<'_>,
-) -> Result<NoiseSummary, NoiseError> {
+) -> Result<NoiseSummary, WorkflowError> {
     let path = || log.path().display().to_string();
     let time = options.window.is_some() || log.has_time() || calibration.needs_time();
     let wanted = Wanted { readings: true, time, ..Wanted::default() };
@@ -128,12 +95,12 @@ pub fn noise(
             watch.look_at(&times_s, &readings);
             axes.iter_mut().zip(&block_axes).for_each(|(all, block)| all.merge(block));
             channels.iter_mut().zip(&block_channels).for_each(|(all, block)| all.merge(block));
-            Ok::<(), NoiseError>(())
+            Ok::<(), WorkflowError>(())
         },
     )?;
     let frames = axes[0].variance.count;
     if frames < 2 {
-        return Err(NoiseError::TooFewFrames { path: path(), found: frames });
+        return Err(WorkflowError::TooFewFrames { path: path(), found: frames });
     }
     Ok(NoiseSummary {
         rows: summary.rows,

@@ -51,6 +51,11 @@ struct KeptLogs {
     total: Sums,
     groups: Vec<(String, Sums)>,
     random: (RandomSplit, Vec<Moments>),
+    rows: ReadRows,
+}
+
+/// What reading some logs found out beside sums.
+struct ReadRows {
     /// For each group, the log that has its first row.
     first_in: Vec<usize>,
     summaries: Vec<ReadSummary>,
@@ -91,7 +96,8 @@ pub fn sum(logs: &mut [Log], options: &PartialOptions<'_>) -> Result<PartialFit,
             sums => sums,
         },
     };
-    let KeptLogs { total, groups, random, first_in, summaries, digests } = kept?;
+    let KeptLogs { total, groups, random, rows } = kept?;
+    let ReadRows { first_in, summaries, digests } = rows;
     let model = Model {
         basis: options.basis,
         intercept: options.intercept,
@@ -155,32 +161,48 @@ impl BlockStream<'_> {
         }
     }
 
+    /// Reads the logs: `map` makes something of the selected rows of a block, and `add` adds it to all groups and says
+    /// how many there are then.
+    fn read<S: Send, T: Send>(
+        &self,
+        init: impl Fn() -> S + Sync,
+        map: impl Fn(&mut S, &mut Block) -> Result<T, FitError> + Sync,
+        mut add: impl FnMut(T) -> Result<usize, FitError>,
+    ) -> Result<(ReadRows, Vec<S>), WorkflowError> {
+        let mut first_in = Vec::new();
+        let mut digests = vec![Fingerprint::default(); self.logs.len()];
+        let map = |state: &mut S, log: usize, block: &mut Block| {
+            let digest = Fingerprint::new(block);
+            self.select(log, block);
+            Ok((digest, map(state, block)?))
+        };
+        let fold = |log: usize, mapped: Result<_, FitError>| -> Result<(), WorkflowError> {
+            let (digest, found): (Fingerprint, T) = mapped?;
+            digests[log].merge(digest);
+            first_in.resize(add(found)?, log);
+            Ok(())
+        };
+        let logs: Vec<&Log> = self.logs.iter().collect();
+        let (summaries, states) =
+            log_file::read_all(&logs, &self.wanted(), &self.read, init, map, fold)?;
+        Ok((ReadRows { first_in, summaries, digests }, states))
+    }
+
     /// The exact sums by group.
     fn sum(&self, split: RandomSplit) -> Result<KeptLogs, WorkflowError> {
         let channels = self.channels()?;
         let mut sums = GroupSums::new(self.basis, channels, Apart::Groups, split);
         let empty = sums.worker();
-        let map = |worker: &mut GroupWorker, log: usize, block: &mut Block| {
-            let digest = Fingerprint::new(block);
-            self.select(log, block);
+        let map = |worker: &mut GroupWorker, block: &mut Block| {
             // Names what is not finite, as every fit does.
             ReadingRanges::from_block(block, channels)?;
-            Ok::<_, FitError>((digest, worker.add(block, &block.groups)?))
+            Ok(worker.add(block, &block.groups)?)
         };
-        let mut first_in = Vec::new();
-        let mut digests = vec![Fingerprint::default(); self.logs.len()];
-        type Mapped = Result<(Fingerprint, BlockGroups), FitError>;
-        let fold = |log: usize, mapped: Mapped| -> Result<(), WorkflowError> {
-            let (digest, groups) = mapped?;
-            digests[log].merge(digest);
-            sums.add(groups).map_err(FitError::from)?;
-            first_in.resize(sums.group_count(), log);
-            Ok(())
+        let add = |groups: BlockGroups| {
+            sums.add(groups)?;
+            Ok(sums.group_count())
         };
-        let logs: Vec<&Log> = self.logs.iter().collect();
-        let init = || empty.clone();
-        let (summaries, workers) =
-            log_file::read_all(&logs, &self.wanted(), &self.read, init, map, fold)?;
+        let (rows, workers) = self.read(|| empty.clone(), map, add)?;
         let grouped = sums.finish(workers).map_err(FitError::from)?;
         let total = grouped.total().ok_or(FitError::NoRows)?.clone();
         let GroupedMoments { groups, random, .. } = grouped;
@@ -189,9 +211,7 @@ impl BlockStream<'_> {
             total: Sums::Exact(total),
             groups: groups.into_iter().map(exact).collect(),
             random: (split, random),
-            first_in,
-            summaries,
-            digests,
+            rows,
         })
     }
 
@@ -202,22 +222,12 @@ impl BlockStream<'_> {
         let sample = Wanted { readings: true, ..Wanted::default() };
         let sample = self.logs.first().ok_or(WorkflowError::NoLogs)?.sample(&sample)?;
         let mut groups = GroupFactors::new(model, Scaling::from_sample(&sample.readings, true));
-        let mut first_in = Vec::new();
-        let mut digests = vec![Fingerprint::default(); self.logs.len()];
-        let map = |(): &mut (), log: usize, block: &mut Block| {
-            let digest = Fingerprint::new(block);
-            self.select(log, block);
-            (digest, std::mem::take(block))
+        let map = |(): &mut (), block: &mut Block| Ok(std::mem::take(block));
+        let add = |block: Block| {
+            groups.add(&block, &block.groups)?;
+            Ok(groups.group_count())
         };
-        let fold = |log: usize, (digest, block): (_, Block)| -> Result<(), WorkflowError> {
-            digests[log].merge(digest);
-            groups.add(&block, &block.groups).map_err(FitError::from)?;
-            first_in.resize(groups.group_count(), log);
-            Ok(())
-        };
-        let logs: Vec<&Log> = self.logs.iter().collect();
-        let (summaries, _) =
-            log_file::read_all(&logs, &self.wanted(), &self.read, || (), map, fold)?;
+        let (rows, _) = self.read(|| (), map, add)?;
         let groups = groups.finish().map_err(FitError::from)?;
         let total = groups.total().ok_or(FitError::NoRows)?;
         let FactoredGroups { groups } = groups;
@@ -227,9 +237,7 @@ impl BlockStream<'_> {
             groups: groups.collect(),
             // Rows are not assigned at random: their R factor would have to be made without each fold.
             random: (RandomSplit::default(), Vec::new()),
-            first_in,
-            summaries,
-            digests,
+            rows,
         })
     }
 }

@@ -2,57 +2,19 @@
 
 use std::collections::HashMap;
 
-use super::fit::FileFacts;
-use super::hung_loads::{HungLoadsError, hung_rows, stated};
+use super::hung_loads::{self, hung_rows, stated};
 use super::{WorkflowError, agree_on_axes, check_channels};
 use calibration::FitError;
 use calibration::fit::{Evaluation, Workers, evaluate, label_poses_or_files};
 use calibration::physics::{Observation, TrainingRows};
 use calibration::quality::AxisQuality;
-use calibration::recalibration::{NewLoads, Recalibration, RecalibrationError};
+use calibration::recalibration::{NewLoads, Recalibration};
 use calibration::validation::cross_validation::CrossValidation;
 use calibration_file::{CalibrationFile, Diagnostics, Origin};
 use load_table::HungLoads;
 use log_file::{Log, ReadOptions, Wanted, read_logs};
 use shell_data::dataset::Dataset;
-use shell_data::hint::Hint;
 use shell_data::wrench::{Axes, PerAxis};
-
-/// Why a calibration cannot be brought up to date.
-#[derive(Debug, thiserror::Error)]
-pub enum RecalibrateError {
-    /// Logs and table.
-    #[error(transparent)]
-    Loads(#[from] HungLoadsError),
-    /// The calibration, or the loads.
-    #[error(transparent)]
-    Recalibration(#[from] RecalibrationError),
-}
-
-impl Hint for RecalibrateError {
-    fn hint(&self) -> Option<String> {
-        match self {
-            Self::Loads(error) => error.hint(),
-            Self::Recalibration(RecalibrationError::NoErrors) => Some(
-                "an imported matrix says nothing of its errors: fit anew, without `--from`"
-                    .to_owned(),
-            ),
-            Self::Recalibration(_) => None,
-        }
-    }
-}
-
-impl From<WorkflowError> for RecalibrateError {
-    fn from(error: WorkflowError) -> Self {
-        Self::Loads(error.into())
-    }
-}
-
-impl From<FitError> for RecalibrateError {
-    fn from(error: FitError) -> Self {
-        WorkflowError::from(error).into()
-    }
-}
 
 /// A calibration that has been brought up to date, and the rows that were used.
 #[derive(Debug)]
@@ -71,16 +33,16 @@ pub struct Recalibrated {
 /// that hung there.
 ///
 /// # Errors
-/// [`RecalibrateError`].
+/// [`WorkflowError`].
 pub fn recalibrate(
     file: &CalibrationFile,
     logs: &[Log],
     table: Option<&HungLoads>,
     read: &ReadOptions<'_>,
-) -> Result<Recalibrated, RecalibrateError> {
+) -> Result<Recalibrated, WorkflowError> {
     let calibration = &file.calibration;
     for log in logs {
-        check_channels(log, calibration.channels()).map_err(WorkflowError::from)?;
+        check_channels(log, calibration.channels())?;
     }
     let rows = match table {
         Some(table) => hung_rows(logs, table, read)?.0,
@@ -104,21 +66,11 @@ pub fn recalibrate(
     Ok(Recalibrated { found, rows, loads: labels.len(), errors })
 }
 
-fn read_rows(
-    logs: &[Log],
-    axes: Axes,
-    read: &ReadOptions<'_>,
-) -> Result<Dataset, RecalibrateError> {
+fn read_rows(logs: &[Log], axes: Axes, read: &ReadOptions<'_>) -> Result<Dataset, WorkflowError> {
     agree_on_axes(logs, &mut [])?;
-    logs.iter().try_for_each(|log| log.require_axes(axes)).map_err(WorkflowError::from)?;
-    let wanted = Wanted {
-        readings: true,
-        wrench: true,
-        groups: logs.iter().all(Log::has_groups),
-        time: logs.iter().all(Log::has_time),
-        ..Wanted::default()
-    };
-    let data = read_logs(logs, &wanted, read).map_err(WorkflowError::from)?;
+    logs.iter().try_for_each(|log| log.require_axes(axes))?;
+    let wanted = Wanted { wrench: true, ..hung_loads::wanted(logs) };
+    let data = read_logs(logs, &wanted, read)?;
     Ok(label_poses_or_files(&data))
 }
 
@@ -131,20 +83,21 @@ pub(super) fn known_errors(file: &CalibrationFile) -> Option<PerAxis<f64>> {
 }
 
 impl Recalibrated {
-    /// Its calibration file: of the sensor, model and solver of `before`; that itself, where nothing has changed.
-    pub fn file(&self, before: &CalibrationFile, facts: FileFacts) -> CalibrationFile {
+    /// Its calibration file: of the sensor, model and solver of `before`; that itself, where nothing has changed. Solver
+    /// and errors are set in `origin`.
+    pub fn file(&self, before: &CalibrationFile, origin: Origin) -> CalibrationFile {
         let Self { found, errors, loads, .. } = self;
         if found.quantities.is_empty() {
             return before.clone();
         }
-        let FileFacts { made_by, date, sensor_serial, sources, columns } = facts;
-        let old = before.origin.diagnostics.as_ref();
+        let old = &before.origin;
+        let fitted = old.diagnostics.as_ref();
         let diagnostics = errors.quality().map(|train| Diagnostics {
             rows: errors.rows,
             skipped_rows: errors.skipped_rows,
             repeated_rows: errors.repeated_rows,
-            rank: old.map_or(0, |of| of.rank),
-            condition: old.and_then(|of| of.condition),
+            rank: fitted.map_or(0, |of| of.rank),
+            condition: fitted.and_then(|of| of.condition),
             train,
             test: None,
             cross_validation: found.held_out.map(|grouped| CrossValidation {
@@ -164,13 +117,11 @@ impl Recalibrated {
         CalibrationFile {
             calibration: found.calibration.clone(),
             origin: Origin {
-                made_by,
-                date,
-                sensor_serial: sensor_serial.or_else(|| before.origin.sensor_serial.clone()),
-                solver: before.origin.solver,
+                sensor_serial: origin.sensor_serial.or_else(|| old.sensor_serial.clone()),
+                solver: old.solver,
                 diagnostics,
-                sources,
-                columns: columns.or_else(|| before.origin.columns.clone()),
+                columns: origin.columns.or_else(|| old.columns.clone()),
+                ..origin
             },
         }
     }

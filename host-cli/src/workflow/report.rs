@@ -4,7 +4,7 @@ use std::io;
 use std::path::Path;
 
 use super::batch::Batch;
-use super::trial::{Doubt, DoubtfulRow, TrialJob, doubtful_rows};
+use super::trial::{TrialJob, doubtful_rows};
 use calibration::fit::GroupErrors;
 use calibration_file::{CalibrationFile, Role};
 use forces::RowRule;
@@ -71,27 +71,12 @@ pub fn doubtful(
         let log = Log::open(&trial.path, mapping)?;
         let job = TrialJob { log: &log, instrument, options, read };
         let (rows, count) = doubtful_rows(&job, [result.row.t_enter_s, result.row.t_exit_s])?;
-        let row = |row: &DoubtfulRow| OutlierRow {
-            file: result.row.file.clone(),
-            line: row.line,
-            what: doubts(row),
-        };
-        all.rows.extend(rows.iter().map(row));
+        let file = &result.row.file;
+        let row = |(line, what)| OutlierRow { file: file.clone(), line, what };
+        all.rows.extend(rows.into_iter().map(row));
         all.count += count;
     }
     Ok(Some(all))
-}
-
-fn doubts(row: &DoubtfulRow) -> String {
-    let of = |(channel, reading, doubt): &(usize, f64, Doubt)| {
-        let why = match doubt {
-            Doubt::Saturated => "an end of the converter".to_owned(),
-            Doubt::OutOfRange { min, max } => format!("calibrated from {min} to {max}"),
-        };
-        format!("`s{}` is {reading}, {why}", channel + 1)
-    };
-    let readings: Vec<String> = row.readings.iter().map(of).collect();
-    format!("{:.3} s: {}", row.time_s, readings.join("; "))
 }
 
 /// What a report says of the calibration in a file that is named `path`.

@@ -86,9 +86,6 @@ pub struct SetTrial {
     pub truth_file: String,
     /// Rows of the log.
     pub rows: u64,
-    /// What is true.
-    #[serde(skip)]
-    pub truth: Truth,
 }
 
 /// The name of a set's manifest.
@@ -120,11 +117,10 @@ pub fn write_set(
             let mut out = outputs.create(directory.join(&file))?;
             let rows = write_log(&mut out, &trial, TrialLayout::Full)?;
             out.commit()?;
-            let truth = trial.truth();
-            outputs.write(directory.join(&truth_file), &truth_json(&truth))?;
+            outputs.write(directory.join(&truth_file), &truth_json(&trial.truth()))?;
             let [enter_s, exit_s] = trial.window_s();
             manifest += &format!("{file},{},{enter_s},{exit_s}\n", condition.name);
-            trials.push(SetTrial { file, truth_file, rows, truth });
+            trials.push(SetTrial { file, truth_file, rows });
             progress(trials.len() as u64);
         }
     }

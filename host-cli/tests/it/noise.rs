@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use calibration::scaling::Scaling;
 use calibration::{Basis, Calibration, Model};
 use log_file::{Log, Mapping, ReadOptions};
-use shellcal::workflow::noise::{NoiseError, NoiseOptions, NoiseSummary, noise};
+use shellcal::workflow::WorkflowError;
+use shellcal::workflow::noise::{NoiseOptions, NoiseSummary, noise};
 use shellcal::workflow::selection::{RowFilter, TimeWindow};
 
 fn calibration(channels: usize) -> Calibration {
@@ -28,7 +29,7 @@ fn log(directory: &Path) -> PathBuf {
     path
 }
 
-fn run(path: &Path, options: NoiseOptions) -> Result<NoiseSummary, NoiseError> {
+fn run(path: &Path, options: NoiseOptions) -> Result<NoiseSummary, WorkflowError> {
     let log = Log::open(path, &Mapping::default()).unwrap().with_chunk_bytes(700);
     noise(&log, &calibration(2), &options, &ReadOptions::default())
 }
@@ -58,7 +59,7 @@ fn a_window_without_frames_and_another_sensor_are_refused() {
     let path = log(directory.path());
     let window = Some(TimeWindow { start_s: 10.0, end_s: 11.0 });
     let error = run(&path, NoiseOptions { rows: RowFilter::All, window }).unwrap_err();
-    assert!(matches!(error, NoiseError::TooFewFrames { found: 0, .. }));
+    assert!(matches!(error, WorkflowError::TooFewFrames { found: 0, .. }));
     let log = Log::open(&path, &Mapping::default()).unwrap();
     let options = NoiseOptions { rows: RowFilter::All, window: None };
     let error = noise(&log, &calibration(8), &options, &ReadOptions::default()).unwrap_err();

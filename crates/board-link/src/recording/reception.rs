@@ -97,7 +97,7 @@ pub struct Losses {
 }
 
 impl Losses {
-    /// What was lost, in words; empty if nothing was.
+    /// What was lost, in words.
     pub fn in_words(&self) -> String {
         let counts = [
             (self.missing, "missing"),
@@ -120,7 +120,10 @@ impl Losses {
                 _ => lost[0].insert_str(0, "at least "),
             }
         }
-        lost.join(", ")
+        match lost.is_empty() {
+            true => "nothing lost".to_owned(),
+            false => lost.join(", "),
+        }
     }
 }
 

@@ -12,14 +12,9 @@ use log_file::LogError;
 use output_file::OutputError;
 use shell_data::hint::Hint;
 use shellcal::workflow::align::AlignLogsError;
-use shellcal::workflow::check::CheckError;
 use shellcal::workflow::convert::ConvertError;
-use shellcal::workflow::drift::DriftError;
 use shellcal::workflow::gates::GateError;
-use shellcal::workflow::hung_loads::HungLoadsError;
-use shellcal::workflow::noise::NoiseError;
 use shellcal::workflow::payload::PayloadLogError;
-use shellcal::workflow::recalibration::RecalibrateError;
 use shellcal::workflow::trial::TrialLogError;
 use shellcal::workflow::{ChannelMismatch, WorkflowError};
 
@@ -32,24 +27,19 @@ pub(crate) fn for_error(error: &anyhow::Error) -> Option<String> {
 }
 
 /// An error in a chain does not say which hints it has: every type that has some is tried.
-const HINTS: [fn(&(dyn Error + 'static)) -> Option<String>; 21] = [
+const HINTS: [fn(&(dyn Error + 'static)) -> Option<String>; 16] = [
     hint::<AlignLogsError>,
     hint::<CalibrationFileError>,
     hint::<ChannelMismatch>,
-    hint::<CheckError>,
     hint::<ConvertError>,
-    hint::<DriftError>,
     hint::<FitError>,
     hint::<GateError>,
-    hint::<HungLoadsError>,
     hint::<LinkError>,
     hint::<LogError>,
     hint::<MergeError>,
-    hint::<NoiseError>,
     hint::<NotForBoard>,
     hint::<OutputError>,
     hint::<PayloadLogError>,
-    hint::<RecalibrateError>,
     hint::<RecordError>,
     hint::<TrialLogError>,
     hint::<ValidationError>,

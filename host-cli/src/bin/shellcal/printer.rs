@@ -269,16 +269,14 @@ impl Printer {
         self.bar(label, total, "{msg} {wide_bar} {human_pos}/{human_len} {eta}")
     }
 
-    fn bar(&self, label: &str, total: u64, style: &str) -> ProgressBar {
+    fn bar(&self, label: &str, total: u64, template: &str) -> ProgressBar {
         let bar = ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::hidden());
         if self.options.progress_lines && !self.options.quiet {
             let lines = Box::new(ProgressLines);
-            bar.set_style(
-                ProgressStyle::with_template("{pos}/{len}").expect("a template that parses"),
-            );
+            bar.set_style(style("{pos}/{len}"));
             bar.set_draw_target(ProgressDrawTarget::term_like_with_hz(lines, LINES_A_SECOND));
         } else if !self.options.quiet && io::stderr().is_terminal() {
-            bar.set_style(ProgressStyle::with_template(style).expect("a template that parses"));
+            bar.set_style(style(template));
             bar.set_message(escape::terminal(label).into_owned());
             bar.set_draw_target(ProgressDrawTarget::stderr());
             bar.enable_steady_tick(Duration::from_millis(200));
@@ -288,21 +286,14 @@ impl Printer {
 
     /// A progress bar over `count` things on stderr, likewise.
     pub(crate) fn progress_of(&self, things: &str, count: u64) -> ProgressBar {
-        let bar = self.progress(things, count);
-        if !self.options.progress_lines {
-            let style = "{wide_bar} {pos}/{len} {msg} {eta}";
-            bar.set_style(ProgressStyle::with_template(style).expect("a template that parses"));
-        }
-        bar
+        self.bar(things, count, "{wide_bar} {pos}/{len} {msg} {eta}")
     }
 
     /// A line on stderr that says how it goes; draws nothing when quiet or not on a terminal.
     pub(crate) fn status(&self) -> ProgressBar {
         let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::hidden());
         if !self.options.quiet && io::stderr().is_terminal() {
-            bar.set_style(
-                ProgressStyle::with_template("{wide_msg}").expect("a template that parses"),
-            );
+            bar.set_style(style("{wide_msg}"));
             bar.set_draw_target(ProgressDrawTarget::stderr());
         }
         bar
@@ -313,6 +304,10 @@ impl Printer {
         let word = tint.paint(word, self.options.color.is_on(io::stderr().is_terminal()));
         let _ = writeln!(io::stderr().lock(), "{word}{}", escape::terminal(text));
     }
+}
+
+fn style(template: &str) -> ProgressStyle {
+    ProgressStyle::with_template(template).expect("a template that parses")
 }
 
 /// How often progress is told as lines.

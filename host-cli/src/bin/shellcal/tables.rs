@@ -41,33 +41,40 @@ fn text(header: &[&str], rows: &[Vec<String>]) -> Vec<String> {
 }
 
 fn markdown(header: &[&str], rows: &[Vec<String>]) -> Vec<String> {
-    let line = |cells: &mut dyn Iterator<Item = &str>| {
-        let cells: Vec<String> =
-            cells.map(|cell| cell.replace('\\', "\\\\").replace('|', "\\|")).collect();
-        format!("| {} |", cells.join(" | "))
-    };
+    let framed = |cells: Vec<String>| format!("| {} |", cells.join(" | "));
+    let escaped = |cell: &str| cell.replace('\\', "\\\\").replace('|', "\\|");
     let alignment = header.iter().enumerate().map(|(at, _)| if at == 0 { ":--" } else { "--:" });
-    let alignment = format!("| {} |", alignment.collect::<Vec<_>>().join(" | "));
-    let mut lines = vec![line(&mut header.iter().copied()), alignment];
-    for row in rows {
-        // A row that ends early has empty cells, as in the other forms.
-        let missing = std::iter::repeat_n("", header.len().saturating_sub(row.len()));
-        lines.push(line(&mut row.iter().map(String::as_str).chain(missing)));
-    }
+    let alignment = framed(alignment.map(str::to_owned).collect());
+    let mut lines: Vec<String> = whole(header, rows, escaped).map(framed).collect();
+    lines.insert(1, alignment);
     lines
 }
 
 fn csv(header: &[&str], rows: &[Vec<String>]) -> Vec<String> {
-    let line = |cells: &mut dyn Iterator<Item = &str>| {
-        let cells: Vec<String> = cells.map(|cell| csv_field(cell).into_owned()).collect();
-        cells.join(",")
+    let field = |cell: &str| csv_field(cell).into_owned();
+    whole(header, rows, field).map(|cells| cells.join(",")).collect()
+}
+
+/// Header and rows, each cell as `cell` writes it. A row that ends early has empty cells, as in the form to read.
+fn whole(
+    header: &[&str],
+    rows: &[Vec<String>],
+    cell: impl Fn(&str) -> String,
+) -> impl Iterator<Item = Vec<String>> {
+    let row = |row: &Vec<String>| {
+        let at = |at: usize| cell(row.get(at).map_or("", String::as_str));
+        (0..header.len().max(row.len())).map(at).collect()
     };
-    let mut lines = vec![line(&mut header.iter().copied())];
-    for row in rows {
-        let missing = std::iter::repeat_n("", header.len().saturating_sub(row.len()));
-        lines.push(line(&mut row.iter().map(String::as_str).chain(missing)));
-    }
-    lines
+    let header: Vec<String> = header.iter().map(|name| cell(name)).collect();
+    std::iter::once(header).chain(rows.iter().map(row).collect::<Vec<_>>())
+}
+
+/// What stands in a cell without a value.
+pub(crate) const NOTHING: &str = "–";
+
+/// A figure, or a dash where there is none.
+pub(crate) fn or_dash(value: Option<f64>, decimals: usize) -> String {
+    value.map_or_else(|| NOTHING.to_owned(), |value| format!("{value:.decimals$}"))
 }
 
 #[cfg(test)]

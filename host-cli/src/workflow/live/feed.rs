@@ -1,7 +1,6 @@
 //! What passes between the thread that records and the one that shows.
 
 use std::collections::VecDeque;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use board_link::recording::BoardFrame;
@@ -10,16 +9,9 @@ use board_link::{RecordCommand, RecordingProgress, Watcher};
 /// Frames that wait to be shown, at most: half a minute at 1 kHz.
 const WAITING: usize = 32_768;
 
-/// The way between two threads. Clones are ends of the same.
+/// The way between two threads. Clones are ends of the same; [`board_link::record`] takes one as its watcher.
 #[derive(Clone, Debug, Default)]
-pub struct Feed(Arc<FeedQueue>);
-
-#[derive(Debug, Default)]
-struct FeedQueue {
-    state: Mutex<FeedState>,
-    /// Set while a log is not to be played on.
-    held: AtomicBool,
-}
+pub struct Feed(Arc<Mutex<FeedState>>);
 
 #[derive(Debug, Default)]
 struct FeedState {
@@ -28,24 +20,11 @@ struct FeedState {
     left_out: u64,
     progress: Option<RecordingProgress>,
     commands: VecDeque<RecordCommand>,
+    /// Set while a log is not to be played on.
+    is_held: bool,
 }
 
 impl Feed {
-    /// The end that [`board_link::record`] takes.
-    pub fn watcher(&self) -> Box<dyn Watcher> {
-        Box::new(FeedWatcher(self.clone()))
-    }
-
-    /// Hands frames over.
-    pub fn send(&self, frames: &[BoardFrame]) {
-        self.with(|state| {
-            state.frames.extend(frames.iter().cloned());
-            let over = state.frames.len().saturating_sub(WAITING);
-            state.frames.drain(..over);
-            state.left_out += over as u64;
-        });
-    }
-
     /// Fetches the frames that wait, in place of those in `frames`.
     pub fn fetch(&self, frames: &mut Vec<BoardFrame>) {
         frames.clear();
@@ -79,31 +58,32 @@ impl Feed {
 
     /// Holds a log that is played, or lets it go on.
     pub fn hold(&self, held: bool) {
-        self.0.held.store(held, Ordering::Relaxed);
+        self.with(|state| state.is_held = held);
     }
 
     /// Whether a log is held.
     pub fn is_held(&self) -> bool {
-        self.0.held.load(Ordering::Relaxed)
+        self.with(|state| state.is_held)
     }
 
     fn with<T>(&self, act: impl FnOnce(&mut FeedState) -> T) -> T {
         // A thread that has ended badly has left the state whole: nothing in here can fail half way.
-        act(&mut self.0.state.lock().unwrap_or_else(PoisonError::into_inner))
+        act(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }
 }
 
-/// The recording end of a feed.
-#[derive(Debug)]
-pub struct FeedWatcher(Feed);
-
-impl Watcher for FeedWatcher {
+impl Watcher for Feed {
     fn see(&mut self, frames: &[BoardFrame]) {
-        self.0.send(frames);
+        self.with(|state| {
+            state.frames.extend(frames.iter().cloned());
+            let over = state.frames.len().saturating_sub(WAITING);
+            state.frames.drain(..over);
+            state.left_out += over as u64;
+        });
     }
 
     fn next_command(&mut self) -> Option<RecordCommand> {
-        self.0.with(|state| state.commands.pop_front())
+        self.with(|state| state.commands.pop_front())
     }
 }
 
@@ -114,11 +94,11 @@ mod tests {
 
     #[test]
     fn who_does_not_fetch_misses_the_oldest_and_is_told_how_many() {
-        let feed = Feed::default();
+        let mut feed = Feed::default();
         let frame = |index: i64| BoardFrame::new(index * 1000, index, Measured::Wrench([0.0; 6]));
         for start in (0..40_000).step_by(100) {
             let frames: Vec<_> = (start..start + 100).map(frame).collect();
-            feed.watcher().see(&frames);
+            feed.see(&frames);
         }
         let mut frames = Vec::new();
         feed.fetch(&mut frames);

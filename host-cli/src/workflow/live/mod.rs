@@ -15,7 +15,7 @@ mod play;
 mod rows;
 mod session;
 
-pub use feed::{Feed, FeedWatcher};
+pub use feed::Feed;
 pub use guide::guide_through;
 pub use play::{PlayError, play};
 pub use rows::LiveRows;

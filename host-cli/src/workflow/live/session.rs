@@ -328,12 +328,8 @@ impl LiveSession {
             None if bytes == 0 => format!("{time}  nothing arrives; `--start` starts a board"),
             None => format!("{time}  {bytes} bytes, no frame so far"),
             Some(protocol) => {
-                let lost = losses.in_words();
-                let lost = if lost.is_empty() { "nothing lost" } else { &lost };
-                format!(
-                    "{}  {time}  {rate_hz:.1} Hz  {frames} frames  {lost}",
-                    protocol_name(protocol)
-                )
+                let (name, lost) = (protocol_name(protocol), losses.in_words());
+                format!("{name}  {time}  {rate_hz:.1} Hz  {frames} frames  {lost}")
             }
         }
     }

@@ -30,70 +30,70 @@ impl Default for MotionColumns {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct FoundColumns {
     /// In the order in which they are tried.
-    pub(super) orientations: Vec<Orientation>,
+    orientations: Vec<(Orientation, Vec<usize>)>,
     /// Whether the user named them.
-    pub(super) is_named: bool,
-    pub(super) accelerations: Option<[usize; 3]>,
+    is_named: bool,
+    accelerations: Option<Vec<usize>>,
 }
 
 /// What tells how a sensor lies.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Orientation {
+enum Orientation {
     /// Gravity in the sensor's frame, in m/s² or multiples of g.
-    Gravity([usize; 3]),
+    Gravity,
     /// The rotation from the sensor's frame to one whose z is up: the last row of its matrix.
-    LastRow([usize; 3]),
+    LastRow,
     /// The same as a quaternion x y z w.
-    Quaternion([usize; 4]),
+    Quaternion,
 }
+
+/// Usual names of columns, for each kind in the order in which they are looked for.
+const USUAL_ORIENTATIONS: [(Orientation, &[&[&str]]); 3] = [
+    (Orientation::Gravity, &[&["gx", "gy", "gz"], &["gravity_x", "gravity_y", "gravity_z"]]),
+    (Orientation::LastRow, &[&["r31", "r32", "r33"]]),
+    (
+        Orientation::Quaternion,
+        &[
+            &["qx", "qy", "qz", "qw"],
+            &["orientation.x", "orientation.y", "orientation.z", "orientation.w"],
+        ],
+    ),
+];
+const USUAL_ACCELERATIONS: [&[&str]; 4] = [
+    &["ax", "ay", "az"],
+    &["acc_x", "acc_y", "acc_z"],
+    &["accel_x", "accel_y", "accel_z"],
+    &["linear_acceleration.x", "linear_acceleration.y", "linear_acceleration.z"],
+];
 
 impl MotionColumns {
     /// The columns of a log.
     pub(super) fn find(&self, log: &Log) -> Result<FoundColumns, PayloadLogError> {
-        let by_name = |names: &[&str]| positions(log, names);
-        let mut found = FoundColumns {
-            orientations: Vec::new(),
-            is_named: self.orientation.is_some(),
-            accelerations: None,
-        };
-        if let Some(references) = &self.orientation {
-            let at = log.column_positions(references)?;
-            found.orientations.push(match *at.as_slice() {
-                [x, y, z] => Orientation::Gravity([x, y, z]),
-                [x, y, z, w] => Orientation::Quaternion([x, y, z, w]),
-                [_, _, _, _, _, _, x, y, z] => Orientation::LastRow([x, y, z]),
-                _ => return Err(PayloadLogError::OrientationColumns { found: at.len() }),
-            });
-        } else {
-            let gravity = by_name(&["gx", "gy", "gz"])
-                .or_else(|| by_name(&["gravity_x", "gravity_y", "gravity_z"]));
-            let rotation = by_name(&["r31", "r32", "r33"]);
-            let quaternion = by_name(&["qx", "qy", "qz", "qw"]).or_else(|| {
-                by_name(&["orientation.x", "orientation.y", "orientation.z", "orientation.w"])
-            });
-            let three = |at: Vec<usize>| [at[0], at[1], at[2]];
-            found.orientations.extend(gravity.map(|at| Orientation::Gravity(three(at))));
-            found.orientations.extend(rotation.map(|at| Orientation::LastRow(three(at))));
-            found
-                .orientations
-                .extend(quaternion.map(|at| Orientation::Quaternion([at[0], at[1], at[2], at[3]])));
-        }
-        found.accelerations = match &self.accelerations {
+        let by_name = |names: &[&[&str]]| names.iter().find_map(|names| positions(log, names));
+        let orientations = match &self.orientation {
             Some(references) => {
                 let at = log.column_positions(references)?;
-                let found = at.len();
-                let three = <[usize; 3]>::try_from(at);
-                Some(three.map_err(|_| PayloadLogError::AccelerationColumns { found })?)
+                vec![match at.len() {
+                    3 => (Orientation::Gravity, at),
+                    4 => (Orientation::Quaternion, at),
+                    9 => (Orientation::LastRow, at[6..].to_vec()),
+                    found => return Err(PayloadLogError::OrientationColumns { found }),
+                }]
             }
-            None => by_name(&["ax", "ay", "az"])
-                .or_else(|| by_name(&["acc_x", "acc_y", "acc_z"]))
-                .or_else(|| by_name(&["accel_x", "accel_y", "accel_z"]))
-                .or_else(|| {
-                    let axes = ["x", "y", "z"].map(|axis| format!("linear_acceleration.{axis}"));
-                    by_name(&axes.each_ref().map(String::as_str))
-                })
-                .map(|at| [at[0], at[1], at[2]]),
+            None => {
+                let found = |(of, names)| Some((of, by_name(names)?));
+                USUAL_ORIENTATIONS.into_iter().filter_map(found).collect()
+            }
         };
+        let accelerations = match &self.accelerations {
+            Some(references) => match log.column_positions(references)? {
+                at if at.len() == 3 => Some(at),
+                at => return Err(PayloadLogError::AccelerationColumns { found: at.len() }),
+            },
+            None => by_name(&USUAL_ACCELERATIONS),
+        };
+        let is_named = self.orientation.is_some();
+        let found = FoundColumns { orientations, is_named, accelerations };
         if found.orientations.is_empty() && found.accelerations.is_none() {
             return Err(PayloadLogError::NoMotion { path: log.path().to_path_buf() });
         }
@@ -104,12 +104,8 @@ impl MotionColumns {
 impl FoundColumns {
     /// All positions, to be [read](log_file::Wanted::others); and what is then at which position of a row.
     pub(super) fn positions(&self) -> Vec<usize> {
-        let of = |orientation: &Orientation| match orientation {
-            Orientation::Gravity(at) | Orientation::LastRow(at) => at.to_vec(),
-            Orientation::Quaternion(at) => at.to_vec(),
-        };
-        let accelerations = self.accelerations.iter().flatten().copied();
-        self.orientations.iter().flat_map(of).chain(accelerations).collect()
+        let orientations = self.orientations.iter().map(|(_, at)| at);
+        orientations.chain(&self.accelerations).flatten().copied().collect()
     }
 
     /// Gravity in the sensor's frame of every row, m/s², from the first of the columns that hold it; `None`
@@ -121,17 +117,13 @@ impl FoundColumns {
         gravity_m_s2: f64,
     ) -> Result<Option<Vec<Vector>>, PayloadLogError> {
         let mut first = 0;
-        for orientation in &self.orientations {
-            let width = match orientation {
-                Orientation::Quaternion(_) => 4,
-                _ => 3,
-            };
-            let columns = &columns[first..first + width];
-            first += width;
+        for (orientation, at) in &self.orientations {
+            let columns = &columns[first..first + at.len()];
+            first += at.len();
             match orientation.gravity(columns, gravity_m_s2) {
                 Ok(gravity) => return Ok(Some(gravity)),
                 // Rates of turn go by the names of gravity, too.
-                Err(_) if matches!(orientation, Orientation::Gravity(_)) && !self.is_named => {}
+                Err(_) if *orientation == Orientation::Gravity && !self.is_named => {}
                 Err((row, what)) => {
                     let (path, row) = (log.path().to_path_buf(), row as u64 + 1);
                     return Err(PayloadLogError::NoOrientation { path, row, what });
@@ -143,7 +135,7 @@ impl FoundColumns {
 
     /// Accelerations of every row as they stand, likewise.
     pub(super) fn accelerations(&self, columns: &[Vec<f64>]) -> Option<Vec<Vector>> {
-        self.accelerations?;
+        self.accelerations.as_ref()?;
         let [x, y, z] = columns.last_chunk::<3>()?;
         Some(x.iter().zip(y).zip(z).map(|((x, y), z)| [*x, *y, *z]).collect())
     }
@@ -169,7 +161,7 @@ impl Orientation {
         };
         let vector = |row: usize| -> Vector { std::array::from_fn(|axis| columns[axis][row]) };
         match self {
-            Self::Gravity(_) => {
+            Self::Gravity => {
                 let mut sizes: Vec<f64> = (0..rows).map(|row| norm(vector(row))).collect();
                 let middle = rows / 2;
                 let median = *sizes.select_nth_unstable_by(middle, f64::total_cmp).1;
@@ -182,14 +174,14 @@ impl Orientation {
                 };
                 (0..rows).map(one).collect()
             }
-            Self::LastRow(_) => {
+            Self::LastRow => {
                 let one = |row| {
                     near(row, norm(vector(row)), 1.0, "the last row of the rotation matrix is")?;
                     Ok(down(vector(row)))
                 };
                 (0..rows).map(one).collect()
             }
-            Self::Quaternion(_) => {
+            Self::Quaternion => {
                 let one = |row: usize| {
                     let [x, y, z, w]: [f64; 4] = std::array::from_fn(|i| columns[i][row]);
                     let square = x * x + y * y + z * z + w * w;
@@ -244,11 +236,11 @@ mod tests {
     fn a_matrix_and_a_quaternion_say_the_same() {
         // Turned by 40° about x: gravity gets a part along −y of the sensor.
         let (s, c) = 40_f64.to_radians().sin_cos();
-        let matrix = Orientation::LastRow([0; 3]);
+        let matrix = Orientation::LastRow;
         let matrix = matrix.gravity(&[column(&[0.0]), column(&[s]), column(&[c])], 9.8).unwrap();
         let (hs, hc) = 20_f64.to_radians().sin_cos();
         let quaternion = [hs, 0.0, 0.0, hc].map(|value| vec![value]);
-        let quaternion = Orientation::Quaternion([0; 4]).gravity(&quaternion, 9.8).unwrap();
+        let quaternion = Orientation::Quaternion.gravity(&quaternion, 9.8).unwrap();
         for axis in 0..3 {
             let expected = [0.0, -9.8 * s, -9.8 * c][axis];
             assert!((matrix[0][axis] - expected).abs() < 1e-14);
@@ -258,7 +250,7 @@ mod tests {
 
     #[test]
     fn rates_of_turn_are_no_gravity() {
-        let gravity = Orientation::Gravity([0; 3]);
+        let gravity = Orientation::Gravity;
         let of = |rows: [[f64; 3]; 3]| {
             let columns: [Vec<f64>; 3] =
                 std::array::from_fn(|axis| rows.map(|row| row[axis]).to_vec());

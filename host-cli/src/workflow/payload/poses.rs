@@ -73,6 +73,7 @@ pub fn fit_payload(
     let first = logs.first().ok_or(PayloadLogError::NoLogs)?;
     let is_grouped = logs.iter().all(Log::has_groups);
     let mut poses = Poses::default();
+    let (mut all_have_gravity, mut all_have_accelerations) = (true, true);
     let (mut rows, mut skipped_rows) = (Vec::new(), 0);
     for log in logs {
         let found = columns.find(log)?;
@@ -100,8 +101,8 @@ pub fn fit_payload(
         if gravity.is_none() && accelerations.is_none() {
             return Err(PayloadLogError::NoMotion { path: log.path().to_path_buf() });
         }
-        poses.all_have_gravity &= gravity.is_some();
-        poses.all_have_accelerations &= accelerations.is_some();
+        all_have_gravity &= gravity.is_some();
+        all_have_accelerations &= accelerations.is_some();
         let mut row = 0;
         for block in &blocks {
             let labels =
@@ -118,7 +119,7 @@ pub fn fit_payload(
             }
         }
     }
-    let Poses { sums, all_have_gravity, all_have_accelerations, .. } = poses;
+    let sums = poses.sums;
     let accelerations: Vec<Vector> = sums.iter().map(|sum| sum.acceleration).collect();
     let (gravity, accelerometer, gravity_from) = if all_have_gravity {
         let gravity: Vec<Vector> = sums.iter().map(|sum| sum.gravity).collect();
@@ -145,18 +146,10 @@ pub fn fit_payload(
 }
 
 /// Poses in the order in which they begin.
+#[derive(Default)]
 struct Poses {
     sums: Vec<Sum>,
     by_label: HashMap<String, usize>,
-    all_have_gravity: bool,
-    all_have_accelerations: bool,
-}
-
-impl Default for Poses {
-    fn default() -> Self {
-        let (sums, by_label) = (Vec::new(), HashMap::new());
-        Self { sums, by_label, all_have_gravity: true, all_have_accelerations: true }
-    }
 }
 
 impl Poses {

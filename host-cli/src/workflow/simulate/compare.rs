@@ -22,17 +22,6 @@ pub struct MeasuredCondition {
     pub sd_drag_n: Option<f64>,
 }
 
-/// The channel of a condition.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum ConditionChannel {
-    /// None: the robot runs free.
-    Free,
-    /// One that deflects the beams by so much, in m.
-    Deflection(f64),
-    /// One of a width, in m.
-    Width(f64),
-}
-
 /// Reads a table of trials, one row each, with the columns `condition` and `drag_mean_n`, in the
 /// order in which the conditions appear.
 ///
@@ -44,12 +33,12 @@ pub fn read_trials(path: &Path) -> Result<Vec<MeasuredCondition>, CsvTableError>
     let drag = table.column(&["drag_mean_n"])?;
     let mut groups: Vec<(String, Vec<f64>, usize)> = Vec::new();
     while let Some(record) = table.next()? {
-        let name = record.text(condition);
+        let name = record.get(condition).unwrap_or_default();
         let at = groups.iter().position(|group| group.0 == name).unwrap_or_else(|| {
             groups.push((name.to_owned(), Vec::new(), 0));
             groups.len() - 1
         });
-        match record.number(drag)? {
+        match table.number(&record, drag)? {
             Some(drag) => groups[at].1.push(drag),
             None => groups[at].2 += 1,
         }
@@ -57,8 +46,7 @@ pub fn read_trials(path: &Path) -> Result<Vec<MeasuredCondition>, CsvTableError>
     let conditions: Vec<MeasuredCondition> =
         groups.into_iter().filter_map(MeasuredCondition::new).collect();
     if conditions.is_empty() {
-        let column = table.name(drag).to_owned();
-        return Err(CsvTableError::Empty { path: table.path().to_path_buf(), column });
+        return Err(table.empty(drag));
     }
     Ok(conditions)
 }

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use csv::StringRecord;
 use shell_data::hint::quoted;
 
 /// A table that cannot be used.
@@ -58,13 +59,6 @@ pub(super) struct CsvTable {
     header: Vec<String>,
 }
 
-/// A row of a [`CsvTable`].
-pub(super) struct CsvRecord<'a> {
-    path: &'a Path,
-    header: &'a [String],
-    record: csv::StringRecord,
-}
-
 impl CsvTable {
     pub(super) fn open(path: &Path) -> Result<Self, CsvTableError> {
         let failed = |source| CsvTableError::Read { path: path.to_path_buf(), source };
@@ -91,39 +85,39 @@ impl CsvTable {
         &self.header[column]
     }
 
-    pub(super) fn path(&self) -> &Path {
-        &self.path
-    }
-
-    pub(super) fn next(&mut self) -> Result<Option<CsvRecord<'_>>, CsvTableError> {
-        let mut record = csv::StringRecord::new();
+    /// The next row.
+    pub(super) fn next(&mut self) -> Result<Option<StringRecord>, CsvTableError> {
+        let mut record = StringRecord::new();
         match self.reader.read_record(&mut record) {
-            Ok(true) => Ok(Some(CsvRecord { path: &self.path, header: &self.header, record })),
+            Ok(true) => Ok(Some(record)),
             Ok(false) => Ok(None),
             Err(source) => Err(CsvTableError::Read { path: self.path.clone(), source }),
         }
     }
-}
-
-impl CsvRecord<'_> {
-    pub(super) fn text(&self, column: usize) -> &str {
-        self.record.get(column).unwrap_or_default()
-    }
 
     /// `None` where nothing stands.
-    pub(super) fn number(&self, column: usize) -> Result<Option<f64>, CsvTableError> {
-        let text = self.text(column);
+    pub(super) fn number(
+        &self,
+        record: &StringRecord,
+        column: usize,
+    ) -> Result<Option<f64>, CsvTableError> {
+        let text = record.get(column).unwrap_or_default();
         if text.is_empty() {
             return Ok(None);
         }
         match text.parse::<f64>() {
             Ok(value) if value.is_finite() => Ok(Some(value)),
             _ => Err(CsvTableError::NotANumber {
-                path: self.path.to_path_buf(),
-                line: self.record.position().map_or(0, csv::Position::line),
+                path: self.path.clone(),
+                line: record.position().map_or(0, csv::Position::line),
                 column: self.header[column].clone(),
                 text: text.to_owned(),
             }),
         }
+    }
+
+    /// What is said of a table without a value in a column.
+    pub(super) fn empty(&self, column: usize) -> CsvTableError {
+        CsvTableError::Empty { path: self.path.clone(), column: self.header[column].clone() }
     }
 }

@@ -65,14 +65,12 @@ pub fn read_trace(
     let sign = if table.name(drag).eq_ignore_ascii_case("fx_n") { -1.0 } else { 1.0 };
     let mut points = Vec::new();
     while let Some(record) = table.next()? {
-        if let (Some(position), Some(drag)) = (record.number(position)?, record.number(drag)?) {
+        let number = |column| table.number(&record, column);
+        if let (Some(position), Some(drag)) = (number(position)?, number(drag)?) {
             points.push((position, sign * drag));
         }
     }
-    let Some(&(first, _)) = points.first() else {
-        let column = table.name(drag).to_owned();
-        return Err(CsvTableError::Empty { path: table.path().to_path_buf(), column });
-    };
+    let Some(&(first, _)) = points.first() else { return Err(table.empty(drag)) };
     if let Some(SteadyPassage { speed_m_s, entry_s, entry_x_m }) = passage
         && table.name(position).eq_ignore_ascii_case("t_s")
     {

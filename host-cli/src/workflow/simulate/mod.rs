@@ -4,6 +4,6 @@ mod compare;
 mod csv_columns;
 mod curve;
 
-pub use compare::{ConditionChannel, MeasuredCondition, read_trials};
+pub use compare::{MeasuredCondition, read_trials};
 pub use csv_columns::CsvTableError;
 pub use curve::{SteadyPassage, curve, read_trace};

@@ -7,11 +7,11 @@ mod reading;
 use log_file::ReadOptions;
 use reading::RecordedTrial;
 use trial::{
-    Diagnostic, LogTimes, NoWindow, Proposal, Trace, TraceExtent, Trial, TrialError, TrialOptions,
-    TrialResult, check_window, propose_window,
+    Diagnostic, LogTimes, NoWindow, Proposal, Trace, TraceExtent, Trial, TrialOptions, TrialResult,
+    check_window, propose_window,
 };
 
-pub use doubtful::{Doubt, DoubtfulRow, doubtful_rows};
+pub use doubtful::doubtful_rows;
 pub use job::{TrialJob, TrialLogError};
 
 /// When the robot enters the channel and when it leaves, s on the log's clock; `None` for what is to
@@ -29,10 +29,6 @@ pub struct WindowTimes {
 pub struct Evaluated {
     /// The results.
     pub result: TrialResult,
-    /// The times of the log.
-    pub times: LogTimes,
-    /// Rows in the log.
-    pub rows: u64,
     /// The log's checksum, if it was asked for.
     pub checksum: Option<String>,
 }
@@ -56,12 +52,14 @@ pub fn evaluate_log(job: &TrialJob<'_>, trial: &Trial) -> Result<Evaluated, Tria
     let recorded = RecordedTrial::read(job, (trial.t_enter_s, trial.t_exit_s))?;
     // What is wrong with the window says more than that there are no rows in it.
     check_window(trial, &recorded.times)?;
-    let mut evaluated = evaluated(job, trial, recorded)?;
-    let rows = evaluated.1;
+    let mut result = recorded.evaluate(job, trial)?;
+    let RecordedTrial { summary, zero, .. } = recorded;
+    result.diagnostics.extend(zero.and_then(Diagnostic::moved_zero));
+    let rows = summary.skipped_rows;
     if rows > 0 {
-        evaluated.0.result.diagnostics.push(Diagnostic::SkippedRows { rows });
+        result.diagnostics.push(Diagnostic::SkippedRows { rows });
     }
-    Ok(evaluated.0)
+    Ok(Evaluated { result, checksum: summary.checksum })
 }
 
 /// Evaluates a trial on its log, whose entry and exit are those of `window`, found in the drag where
@@ -89,20 +87,6 @@ pub fn evaluate_in_window(
     Ok(evaluated)
 }
 
-/// Evaluates a log from its first row to its last, with its trace, as if it were one trial: what a
-/// window is looked for in.
-///
-/// # Errors
-/// [`TrialLogError`] as of [`evaluate_log`].
-pub fn evaluate_whole(job: &TrialJob<'_>) -> Result<Evaluated, TrialLogError> {
-    let options = TrialOptions { trace: TraceExtent::Log, ..job.options };
-    let job = TrialJob { options, ..*job };
-    let recorded = RecordedTrial::read(&job, (f64::NEG_INFINITY, f64::INFINITY))?;
-    let LogTimes { first_s, last_s, .. } = recorded.times;
-    let trial = Trial::from_window(job.log.path().display().to_string(), (first_s, last_s));
-    Ok(evaluated(&job, &trial, recorded)?.0)
-}
-
 /// Looks for entry and exit in the drag of a whole log, filtered without delay whatever the options
 /// say: a filter that lags behind would make the window late.
 ///
@@ -112,8 +96,14 @@ pub fn search_window(job: &TrialJob<'_>) -> Result<WindowSearch, TrialLogError> 
     if job.instrument.calibration.is_none() {
         return Err(TrialLogError::NoCalibration);
     }
-    let options = TrialOptions { forces: job.options.forces.zero_phase(), ..job.options };
-    let TrialResult { row, trace, .. } = evaluate_whole(&TrialJob { options, ..*job })?.result;
+    let forces = job.options.forces.zero_phase();
+    let options = TrialOptions { forces, trace: TraceExtent::Log, ..job.options };
+    let job = TrialJob { options, ..*job };
+    // The whole log as if it were one trial.
+    let recorded = RecordedTrial::read(&job, (f64::NEG_INFINITY, f64::INFINITY))?;
+    let LogTimes { first_s, last_s, .. } = recorded.times;
+    let trial = Trial::from_window(job.log.path().display().to_string(), (first_s, last_s));
+    let TrialResult { row, trace, .. } = recorded.evaluate(&job, &trial)?;
     let Trace { t_s, wrench: [fx, ..], .. } = trace.unwrap_or_default();
     let drag_n: Vec<f64> = fx.iter().map(|fx| -fx).collect();
     if drag_n.is_empty() {
@@ -121,17 +111,4 @@ pub fn search_window(job: &TrialJob<'_>) -> Result<WindowSearch, TrialLogError> 
     }
     let proposal = propose_window(&t_s, &drag_n, row.stride_frequency_hz.map(f64::recip));
     Ok(WindowSearch { time_s: t_s, drag_n, proposal })
-}
-
-/// A trial evaluated on what was read, and how many bad rows were left out.
-fn evaluated(
-    job: &TrialJob<'_>,
-    trial: &Trial,
-    recorded: RecordedTrial,
-) -> Result<(Evaluated, u64), TrialError> {
-    let mut result = recorded.evaluate(job, trial)?;
-    let RecordedTrial { times, summary, zero, .. } = recorded;
-    result.diagnostics.extend(zero.and_then(Diagnostic::moved_zero));
-    let evaluated = Evaluated { result, times, rows: summary.rows, checksum: summary.checksum };
-    Ok((evaluated, summary.skipped_rows))
 }

@@ -11,7 +11,7 @@ use shellcal::workflow::align::{
 };
 use shellcal::workflow::remark::used_rows;
 
-use super::choices::one_of;
+use super::choices::{number_in, one_of};
 use super::figure_size::FigureSize;
 use super::frames::FrameArgs;
 use super::mapping::{FORMATS, MappingArgs, TIME_UNITS, parse_column};
@@ -43,7 +43,7 @@ pub(crate) struct AlignArgs {
     figure_size: FigureSize,
 
     /// Time that the board averages a frame over, in s: the reference is averaged likewise
-    #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = parse_exposure)]
+    #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = number_in(0.0..=1.0, "expected a time from 0 to 1 s"))]
     averaging: f64,
 
     /// Column of the reference with a signal whose edges the board has recorded as well, in `sync_s`: its name
@@ -331,12 +331,5 @@ fn note_left_out(printer: &mut Printer, what: &str, left_out: &LeftOut) {
         if count > 0 {
             printer.note(format!("{what}: rows {why}: {count}"));
         }
-    }
-}
-
-fn parse_exposure(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(seconds) if (0.0..=1.0).contains(&seconds) => Ok(seconds),
-        _ => Err("expected a time from 0 to 1 s".to_owned()),
     }
 }

@@ -126,66 +126,52 @@ impl BoardArgs {
             ),
         };
         match action {
-            BoardAction::Identify => print_identity(&self.client(port)?.identify()?, printer),
-            BoardAction::Status => print_status(&mut self.client(port)?, printer),
-            BoardAction::SelfTest => self_test(&mut self.client(port)?, printer),
-            action => {
-                self.change(port, action, printer)?;
-                printer.finish(&json!({ "done": true }), |printer| {
-                    printer.note("done");
-                    Ok(())
-                })
+            BoardAction::Identify => {
+                return print_identity(&self.client(port)?.identify()?, printer);
             }
-        }
-    }
-
-    /// Does what changes the board.
-    fn change(
-        &self,
-        port: &str,
-        action: &BoardAction,
-        printer: &mut Printer,
-    ) -> anyhow::Result<()> {
-        let calibration = match action {
-            // Before the port is touched: a file that cannot be used changes nothing.
-            BoardAction::Upload { calibration, edited } => {
-                Some(for_board(&edited.read(calibration)?.calibration)?)
+            BoardAction::Status => return print_status(&mut self.client(port)?, printer),
+            BoardAction::SelfTest => return self_test(&mut self.client(port)?, printer),
+            BoardAction::Start => self.order(port, [Command::Start])?,
+            BoardAction::Stop => self.order(port, [Command::Stop])?,
+            BoardAction::Rate { hz } => {
+                let period_us = (1e6 / hz).round() as u32;
+                self.order(port, [Command::SetPeriod { period_us }])?;
             }
-            _ => None,
-        };
-        let mut client = self.client(port)?;
-        match action {
+            BoardAction::Sampling { conversions, settling } => {
+                let conversions =
+                    conversions.map(|conversions| Command::SetOversampling { conversions });
+                let settling = settling.map(|settling_us| Command::SetSettling { settling_us });
+                self.order(port, conversions.into_iter().chain(settling))?;
+            }
+            BoardAction::Mode { stream } => self.order(port, [Command::SetStream(*stream)])?,
+            BoardAction::Zero { frames } => {
+                self.order(port, [Command::Zero { frames: *frames }])?;
+            }
             BoardAction::Baud { rate } => {
+                let client = self.client(port)?;
                 if self.serial.port(port).is_tcp() {
                     anyhow::bail!("`{port}` is a connection over TCP, which has no rate");
                 }
                 let connect = |baud, board| self.connect(port, baud, board);
                 set_baud(client, [self.serial.baud, *rate], connect, printer)?;
             }
-            BoardAction::Bootloader => start_bootloader(&mut client, port, printer)?,
-            BoardAction::Start => client.order(Command::Start)?,
-            BoardAction::Stop => client.order(Command::Stop)?,
-            BoardAction::Rate { hz } => {
-                client.order(Command::SetPeriod { period_us: (1e6 / hz).round() as u32 })?;
-            }
-            BoardAction::Sampling { conversions, settling } => {
-                if let Some(conversions) = *conversions {
-                    client.order(Command::SetOversampling { conversions })?;
-                }
-                if let Some(settling_us) = *settling {
-                    client.order(Command::SetSettling { settling_us })?;
-                }
-            }
-            BoardAction::Mode { stream } => client.order(Command::SetStream(*stream))?,
-            BoardAction::Zero { frames } => client.order(Command::Zero { frames: *frames })?,
-            BoardAction::Upload { .. } => {
-                let calibration = calibration.context("no calibration to upload")?;
-                let crc = client.upload(&calibration)?;
+            BoardAction::Bootloader => start_bootloader(&mut self.client(port)?, port, printer)?,
+            BoardAction::Upload { calibration, edited } => {
+                // Before the port is touched: a file that cannot be used changes nothing.
+                let calibration = for_board(&edited.read(calibration)?.calibration)?;
+                let crc = self.client(port)?.upload(&calibration)?;
                 printer.note(format!("the board has kept the calibration, CRC-32 {crc:#010x}"));
             }
-            // Answered without a change.
-            BoardAction::Identify | BoardAction::Status | BoardAction::SelfTest => {}
         }
+        printer.finish(&json!({ "done": true }), |printer| {
+            printer.note("done");
+            Ok(())
+        })
+    }
+
+    fn order(&self, port: &str, commands: impl IntoIterator<Item = Command>) -> anyhow::Result<()> {
+        let mut client = self.client(port)?;
+        commands.into_iter().try_for_each(|command| client.order(command))?;
         Ok(())
     }
 

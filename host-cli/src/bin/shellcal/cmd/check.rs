@@ -2,7 +2,7 @@
 
 use calibration::quality::significant;
 use serde::Serialize;
-use shell_data::wrench::{Axis, PerAxis};
+use shell_data::wrench::{Axes, PerAxis};
 use shellcal::workflow::check::{CheckedLoad, check_weights};
 
 use super::edited::EditedArg;
@@ -42,23 +42,10 @@ pub(crate) struct CheckArgs {
 
 /// What `--json` prints.
 #[derive(Serialize)]
-struct CheckReport {
+struct CheckReport<'a> {
     passes: bool,
     axes: Vec<&'static str>,
-    loads: Vec<LoadComparison>,
-}
-
-#[derive(Serialize)]
-struct LoadComparison {
-    group: String,
-    load: String,
-    /// N and N·m.
-    stated: PerAxis<f64>,
-    measured: PerAxis<f64>,
-    /// The largest difference that is to be expected.
-    allowed: PerAxis<f64>,
-    /// Axes that differ by more.
-    off: Vec<&'static str>,
+    loads: &'a [CheckedLoad],
 }
 
 impl CheckArgs {
@@ -68,29 +55,13 @@ impl CheckArgs {
         let mapping = self.mapping.mapping_for(&file);
         let logs = open_logs(&self.logs, ("--wrench-from", &[]), &mapping)?;
         tell_remembered(printer, &self.calibration, &mapping, &logs);
-        let axes: Vec<Axis> = file.calibration.axes.iter().collect();
-        let read = self.mapping.read_options();
-        let checked = check_weights(&file, &logs, &table, &read)?;
-        let off = |of: &CheckedLoad| -> Vec<Axis> {
-            axes.iter().copied().filter(|axis| of.is_off(*axis)).collect()
-        };
-        let passes = checked.iter().all(|of| off(of).is_empty());
-        let report = |of: &CheckedLoad| LoadComparison {
-            group: of.load.group.clone(),
-            load: of.load.to_string(),
-            stated: of.stated,
-            measured: of.measured,
-            allowed: of.allowed,
-            off: off(of).into_iter().map(Axis::column).collect(),
-        };
+        let axes = file.calibration.axes;
+        let checked = check_weights(&file, &logs, &table, &self.mapping.read_options())?;
+        let passes = checked.iter().all(|of| of.off.is_empty());
         if printer.json() {
-            printer.document(&CheckReport {
-                passes,
-                axes: file.calibration.axes.columns(),
-                loads: checked.iter().map(report).collect(),
-            })?;
+            printer.document(&CheckReport { passes, axes: axes.columns(), loads: &checked })?;
         } else {
-            print(printer, &checked, &axes)?;
+            print(printer, &checked, axes)?;
             printer.line(match passes {
                 true => {
                     "passes: every difference is within what errors of sensor and weights explain"
@@ -104,21 +75,21 @@ impl CheckArgs {
     }
 }
 
-fn print(printer: &mut Printer, checked: &[CheckedLoad], axes: &[Axis]) -> anyhow::Result<()> {
+fn print(printer: &mut Printer, checked: &[CheckedLoad], axes: Axes) -> anyhow::Result<()> {
     let mut rows = Vec::new();
     for of in checked {
-        for &axis in axes {
+        for axis in axes.iter() {
             let value = |values: &PerAxis<f64>| significant(values[axis.index()], 3);
             let difference = of.measured[axis.index()] - of.stated[axis.index()];
             rows.push(vec![
-                of.load.group.clone(),
+                of.group.clone(),
                 axis.name().to_owned(),
                 value(&of.stated),
                 value(&of.measured),
                 significant(difference, 2),
                 significant(of.allowed[axis.index()], 2),
                 axis.unit().to_owned(),
-                if of.is_off(axis) { "off".to_owned() } else { String::new() },
+                if of.off.contains(axis) { "off".to_owned() } else { String::new() },
             ]);
         }
     }

@@ -1,5 +1,7 @@
 //! Models, solvers and the like as values of options, by the names that the library gives them.
 
+use std::ops::{Bound, RangeBounds};
+
 use calibration::Basis;
 use calibration::fit::{CovarianceRule, ModelRule};
 use calibration::solver::SolverKind;
@@ -21,6 +23,21 @@ pub(crate) fn one_of<T: Copy + Send + Sync + 'static>(
         let known = choices.iter().find(|(name, ..)| *name == text);
         known.map(|(.., value)| *value).ok_or("no such name")
     })
+}
+
+/// Numbers above 0 that are finite.
+pub(super) const POSITIVE: (Bound<f64>, Bound<f64>) =
+    (Bound::Excluded(0.0), Bound::Included(f64::MAX));
+
+/// Reads a number of a range; what is expected is said of any other.
+pub(super) fn number_in(
+    range: impl RangeBounds<f64> + Clone + Send + Sync + 'static,
+    expected: &'static str,
+) -> impl TypedValueParser<Value = f64> {
+    move |text: &str| {
+        let number = text.parse().ok().filter(|number| range.contains(number));
+        number.ok_or(expected)
+    }
 }
 
 /// A family of features.

@@ -11,40 +11,40 @@ pub(crate) struct ForceArgs {
     /// Subtract the mean wrench of the first N frames [default: 50], where rows that repeat a frame do
     /// not count; or, with `rests`, a zero that runs straight from one stretch at rest to the next
     #[arg(long, value_name = "N|rests", group = "tares", help_heading = "Taring", value_parser = parse_tare)]
-    tare: Option<TareRule>,
+    pub(super) tare: Option<TareRule>,
 
     /// Subtract the mean wrench between two times, in s on the log's clock
     #[arg(long, value_name = "START:END", group = "tares", help_heading = "Taring", value_parser = parse_window)]
-    tare_time: Option<TimeWindow>,
+    pub(super) tare_time: Option<TimeWindow>,
 
     /// Subtract nothing
     #[arg(long, group = "tares", help_heading = "Taring")]
-    no_tare: bool,
+    pub(super) no_tare: bool,
 
     /// Cutoff of the Butterworth low-pass, in Hz [default: 10, where the log's rate is above 20 Hz]
     #[arg(long, value_name = "HZ", help_heading = "Filtering")]
-    lowpass: Option<f64>,
+    pub(super) lowpass: Option<f64>,
 
     /// Do not filter
     #[arg(long, conflicts_with = "lowpass", help_heading = "Filtering")]
-    no_lowpass: bool,
+    pub(super) no_lowpass: bool,
 
     /// Number of poles of the low-pass
     #[arg(long, value_name = "N", default_value_t = 4, help_heading = "Filtering")]
-    order: usize,
+    pub(super) order: usize,
 
     /// Filter forward only: forces lag behind, some 40 ms at 10 Hz [default: forward and backward,
     /// without delay, -6 dB at the cutoff]
     #[arg(long, help_heading = "Filtering")]
-    causal: bool,
+    pub(super) causal: bool,
 
     /// Filter forward and backward, which is the default
     #[arg(long, conflicts_with = "causal", hide = true)]
-    zero_phase: bool,
+    pub(super) zero_phase: bool,
 
     /// Rows per second, for the low-pass [default: one over the median period of the first 50 rows]
     #[arg(long, value_name = "HZ", help_heading = "Filtering")]
-    rate: Option<f64>,
+    pub(super) rate: Option<f64>,
 }
 
 impl ForceArgs {

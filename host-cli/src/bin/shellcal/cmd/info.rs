@@ -10,6 +10,7 @@ use super::mapping::{FORMATS, MappingArgs};
 use crate::files::InputPath;
 use crate::outcome::Outcome;
 use crate::printer::Printer;
+use crate::tables::{NOTHING, or_dash};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -60,7 +61,6 @@ const FILES_IN_FULL: usize = 5;
 
 /// A line for each log.
 fn print_overview(infos: &[Info], printer: &mut Printer) -> anyhow::Result<()> {
-    let none = || "–".to_owned();
     let row = |info: &Info| {
         let time = info.time.as_ref();
         let notes: usize = info.columns.iter().filter(|column| column.has_note()).count();
@@ -68,10 +68,9 @@ fn print_overview(infos: &[Info], printer: &mut Printer) -> anyhow::Result<()> {
             info.file.clone(),
             info.rows.to_string(),
             info.skipped_rows.to_string(),
-            time.map_or_else(none, |time| format!("{:.1}", time.duration_s)),
-            time.and_then(|time| time.median_rate_hz)
-                .map_or_else(none, |rate| format!("{rate:.1}")),
-            time.map_or_else(none, |time| (time.gaps + time.backward_steps).to_string()),
+            or_dash(time.map(|time| time.duration_s), 1),
+            or_dash(time.and_then(|time| time.median_rate_hz), 1),
+            time.map_or(NOTHING.to_owned(), |time| (time.gaps + time.backward_steps).to_string()),
             notes.to_string(),
             info.outliers.len().to_string(),
         ]

@@ -1,10 +1,10 @@
 //! How readings become forces while they arrive: the flags of `record`, `live` and `stream`.
 
 use board_link::recording::LiveForces;
-use forces::{ForceOptions, LowPass, TareRule};
+use forces::{ForceOptions, RowRule, TareRule};
 
 use super::edited::EditedArg;
-use super::frames::{describe_forces, parse_tare};
+use super::frames::{ForceArgs, describe_forces, parse_tare};
 use crate::files::InputPath;
 use crate::printer::Printer;
 
@@ -57,18 +57,17 @@ impl LiveForceArgs {
     }
 
     fn options(&self) -> ForceOptions {
-        let usual = ForceOptions::default();
-        let cutoff_hz = self.lowpass.unwrap_or(LowPass::default().cutoff_hz);
-        let low_pass = LowPass { cutoff_hz, order: self.order, zero_phase: false };
-        let options = ForceOptions {
-            tare: match self.tare {
-                _ if self.no_tare => TareRule::Untared,
-                tare => tare.unwrap_or(usual.tare),
-            },
-            low_pass: (!self.no_lowpass).then_some(low_pass),
-            low_pass_is_optional: self.lowpass.is_none(),
-            ..usual
+        let forces = ForceArgs {
+            tare: self.tare,
+            tare_time: None,
+            no_tare: self.no_tare,
+            lowpass: self.lowpass,
+            no_lowpass: self.no_lowpass,
+            order: self.order,
+            causal: true,
+            zero_phase: false,
+            rate: None,
         };
-        options.causal()
+        forces.options(RowRule::Time)
     }
 }

@@ -147,7 +147,7 @@ impl MergeArgs {
         let sum = merged.sum.as_ref().context("no partial fits were given")?;
         if let Some(destination) = destination {
             let to_stdout = matches!(destination, OpenOutput::Stdout);
-            destination.write(sum, printer)?;
+            destination.write(sum)?;
             self.report(printer, &merged, sum, None, to_stdout)?;
             return Ok(Outcome::Done);
         }

@@ -38,7 +38,20 @@ impl OpenOutput {
         path.map_or(Ok(Self::Stdout), |path| outputs.create(path).map(Self::File))
     }
 
-    pub(super) fn write(mut self, partial: &PartialFit, _: &Printer) -> anyhow::Result<()> {
+    /// The same for rows, which `--json` would mix with its document.
+    pub(super) fn for_rows(
+        path: Option<&OutputPath>,
+        printer: &Printer,
+        outputs: &Outputs,
+    ) -> anyhow::Result<Self> {
+        anyhow::ensure!(
+            path.is_some() || !printer.json(),
+            "`--json` needs `--output`: standard output has the rows"
+        );
+        Ok(Self::create(path, outputs)?)
+    }
+
+    pub(super) fn write(mut self, partial: &PartialFit) -> anyhow::Result<()> {
         self.write_all(partial.to_json().as_bytes())?;
         self.finish()
     }

@@ -1,7 +1,7 @@
 //! How the errors of a calibration are printed, by `fit` and `eval` alike.
 
 use calibration::quality::{AxisQuality, significant};
-use shell_data::wrench::{Axis, PerAxis};
+use shell_data::wrench::{Axes, Axis, PerAxis};
 
 /// One row of the table: RMS, max and R² of every set side by side, and the unit.
 pub(super) fn table_row(axis: Axis, sets: &[&PerAxis<AxisQuality>]) -> Vec<String> {
@@ -21,4 +21,13 @@ pub(super) fn table_row(axis: Axis, sets: &[&PerAxis<AxisQuality>]) -> Vec<Strin
 /// R² down to the digit that tells it from 1.
 fn r_squared(value: f64) -> String {
     if value < 0.9999 { format!("{value:.4}") } else { format!("{value:.7}") }
+}
+
+/// Values of axes in one line, as `Fx 0.12 N, Fy 0.3 N`, or without their units.
+pub(super) fn in_line(axes: Axes, values: &PerAxis<f64>, with_units: bool) -> String {
+    let value = |axis: Axis| {
+        let unit = if with_units { format!(" {}", axis.unit()) } else { String::new() };
+        format!("{} {}{unit}", axis.name(), significant(values[axis.index()], 3))
+    };
+    axes.iter().map(value).collect::<Vec<_>>().join(", ")
 }

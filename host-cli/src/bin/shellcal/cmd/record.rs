@@ -5,9 +5,9 @@ use std::time::Duration;
 use board_link::recording::{PROTOCOLS, protocol_name};
 use board_link::{
     AppendWriter, LogSink, RecordOptions, Recorded, RecordedBoard, RecordingProgress, Sinks,
-    Source, Unwatched, Watcher, record,
+    Source, Unwatched, record,
 };
-use frame_stream::{RowOptions, StreamHandle};
+use frame_stream::RowOptions;
 use shared_proto::Protocol;
 use shell_data::wrench::Axis;
 use shellcal::workflow::live::clock;
@@ -100,7 +100,12 @@ impl RecordArgs {
             AppendWriter::create(path, self.overwrite)
                 .map(|file| Box::new(file) as Box<dyn LogSink>)
         };
-        let (watcher, streamed) = self.watcher(printer, &options)?;
+        let forces = options.forces.clone();
+        let rows = RowOptions { forces, from_log: false, one_time: !self.as_sampled };
+        let commands = self.stream.is_given().then(|| streaming::commands(printer, None));
+        let beside = Box::new(Unwatched);
+        let (watcher, streamed) =
+            self.stream.watch(printer, rows, commands.transpose()?, beside)?;
         let sinks = Sinks {
             log: self.output.as_ref().map(writer).transpose()?,
             raw: self.raw.as_ref().map(writer).transpose()?,
@@ -117,18 +122,6 @@ impl RecordArgs {
         report(&recorded?, printer)?;
         Ok(Outcome::Done)
     }
-
-    /// What looks on: a stream, if there is one, with commands from the standard input.
-    fn watcher(
-        &self,
-        printer: &mut Printer,
-        options: &RecordOptions,
-    ) -> anyhow::Result<(Box<dyn Watcher>, Option<StreamHandle>)> {
-        let one_time = !self.as_sampled;
-        let rows = RowOptions { forces: options.forces.clone(), from_log: false, one_time };
-        let commands = self.stream.is_given().then(|| streaming::commands(printer, None));
-        self.stream.watch(printer, rows, commands.transpose()?, Box::new(Unwatched))
-    }
 }
 
 /// The line that is shown while it runs.
@@ -144,8 +137,6 @@ fn describe(progress: &RecordingProgress, width: usize) -> String {
         }
         None => format!("{time}  {bytes} bytes, no frame so far"),
         Some(protocol) => {
-            let losses = losses.in_words();
-            let losses = if losses.is_empty() { "nothing lost".to_owned() } else { losses };
             let name = protocol_name(protocol);
             let frames = format!("{frames} frames");
             let waiting = format!("{waiting} waiting");
@@ -157,7 +148,7 @@ fn describe(progress: &RecordingProgress, width: usize) -> String {
                 (4, frames),
                 (5, waiting),
                 (6, name.to_owned()),
-                (3, losses),
+                (3, losses.in_words()),
             ];
             parts.extend(forces.map(|forces| (0, forces)));
             fitted(parts, width)
@@ -213,22 +204,18 @@ fn report(recorded: &Recorded, printer: &mut Printer) -> anyhow::Result<()> {
     if printer.json() {
         return printer.document(recorded);
     }
-    let losses = recorded.losses.in_words();
     printer.line(format!(
         "{} frames over {:.3} s of the board's time ({}); {}",
         recorded.frames,
         recorded.board_time_s,
         recorded.framing.unwrap_or("no framing"),
-        if losses.is_empty() { "nothing lost" } else { &losses },
+        recorded.losses.in_words(),
     ))?;
     for RecordedBoard { address, log, frames, losses } in &recorded.boards {
-        let losses = losses.in_words();
         let position =
             log.as_ref().map_or_else(String::new, |log| format!(" in `{}`", log.display()));
-        printer.line(format!(
-            "board {address}: {frames} frames{position}; {}",
-            if losses.is_empty() { "nothing lost" } else { &losses },
-        ))?;
+        printer
+            .line(format!("board {address}: {frames} frames{position}; {}", losses.in_words(),))?;
     }
     Ok(())
 }

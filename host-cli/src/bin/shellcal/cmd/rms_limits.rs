@@ -3,14 +3,18 @@
 use shell_data::wrench::Axes;
 use shellcal::workflow::gates::Gates;
 
+use super::choices::number_in;
+
+const LIMIT: &str = "expected a finite number that is not negative";
+
 #[derive(Debug, clap::Args)]
 pub(super) struct RmsLimits {
     /// Fail when the RMS error of Fx, Fy or Fz is above this many N, or one of them is not compared
-    #[arg(long, value_name = "N", value_parser = limit)]
+    #[arg(long, value_name = "N", value_parser = number_in(0.0..=f64::MAX, LIMIT))]
     max_rms: Option<f64>,
 
     /// Fail when the RMS error of Mx, My or Mz is above this many N·m, or one of them is not compared
-    #[arg(long, value_name = "N·m", value_parser = limit)]
+    #[arg(long, value_name = "N·m", value_parser = number_in(0.0..=f64::MAX, LIMIT))]
     max_rms_moment: Option<f64>,
 }
 
@@ -23,12 +27,5 @@ impl RmsLimits {
     /// The gates that they are, for these axes and no others.
     pub(super) fn gates(&self, axes: Option<Axes>) -> Gates {
         Gates { force_n: self.max_rms, moment_nm: self.max_rms_moment, axes }
-    }
-}
-
-fn limit(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(limit) if limit >= 0.0 && limit.is_finite() => Ok(limit),
-        _ => Err("expected a finite number that is not negative".to_owned()),
     }
 }

@@ -16,6 +16,7 @@ use simulation::radio::{Books, Faults};
 use simulation::sensor_model::LoadTable;
 use simulation::simulated_board::{BoardSettings, Load, SimulatedBoard};
 
+use super::choices::number_in;
 use crate::files::{InputOrStdin, OutputLocation};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
@@ -44,7 +45,7 @@ pub(crate) struct SimulationArgs {
     noise_scale: f64,
 
     /// Times after the start at which the sync input rises, s: 2,30.5
-    #[arg(long, conflicts_with = "port", value_name = "S,…", value_delimiter = ',', value_parser = parse_time)]
+    #[arg(long, conflicts_with = "port", value_name = "S,…", value_delimiter = ',', value_parser = number_in(0.0..=1e9, "a time in s after the board's start"))]
     sync: Vec<f64>,
 
     /// Share of packets that the radio loses
@@ -258,13 +259,6 @@ fn parse_bursts(text: &str) -> Result<(f64, f64), String> {
     text.split_once(':')
         .and_then(|(share, packets)| Some((parse(share)?, parse(packets)?)))
         .ok_or_else(|| "a share and a number of packets, such as 0.002:10".to_owned())
-}
-
-fn parse_time(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(time_s) if (0.0..=1e9).contains(&time_s) => Ok(time_s),
-        _ => Err("a time in s after the board's start".to_owned()),
-    }
 }
 
 fn parse_delay(text: &str) -> Result<f64, String> {

@@ -14,7 +14,7 @@ use log_file::Log;
 use shared_proto::Protocol;
 use shellcal::workflow::live::play;
 
-use super::choices::one_of;
+use super::choices::{POSITIVE, number_in, one_of};
 use super::live_forces::LiveForceArgs;
 use super::mapping::MappingArgs;
 use super::ports::is_port;
@@ -56,7 +56,7 @@ pub(crate) struct StreamArgs {
     forces: LiveForceArgs,
 
     /// Rows per second, where frames are more: filtered against aliasing, which delays them by some 1/HZ
-    #[arg(long, value_name = "HZ", value_parser = parse_rate)]
+    #[arg(long, value_name = "HZ", value_parser = number_in(POSITIVE, "a rate in Hz above 0, such as 50"))]
     rate: Option<f64>,
 
     /// Bring the channels of a frame to one time, as `record` does; each frame waits for three after it
@@ -161,7 +161,6 @@ impl StreamArgs {
         let sinks = Sinks { watcher: Some(watcher), ..Sinks::default() };
         let recorded = record(&mut source, sinks, &options, stop, &mut |_| {})?;
         let losses = recorded.losses.in_words();
-        let losses = if losses.is_empty() { "nothing lost" } else { &losses };
         printer.note(format!("{} frames from the board; {losses}", recorded.frames));
         Ok(())
     }
@@ -197,9 +196,4 @@ pub(super) fn parse_speed(text: &str) -> Result<f64, String> {
         true => Ok(speed),
         false => Err("a factor from 0.001 to 1000".to_owned()),
     }
-}
-
-fn parse_rate(text: &str) -> Result<f64, String> {
-    let rate = text.parse().ok().filter(|rate: &f64| rate.is_finite() && *rate > 0.0);
-    rate.ok_or_else(|| "a rate in Hz above 0, such as 50".to_owned())
 }

@@ -1,6 +1,6 @@
 //! `shellcal synth`: recordings made from physics.
 
-use std::io::{self, BufWriter, Write};
+use std::io::{self, Write};
 
 use clap::Subcommand;
 use output_file::Outputs;
@@ -9,6 +9,7 @@ use simulation::sensor_model::{RecordingKind, RecordingSettings, SensorRecording
 use simulation::synthetic_log::SyntheticLayout;
 
 use super::choices::one_of;
+use super::partial_output::OpenOutput;
 use super::row_limit::RowLimit;
 use super::synth_pair::PairArgs;
 use super::synth_trial::{SynthTrialArgs, TrialsArgs};
@@ -137,19 +138,10 @@ impl RecordingArgs {
             adc_bits: self.adc_bits,
             elastic: self.elastic,
         })?;
-        let Some(path) = &self.output else {
-            anyhow::ensure!(
-                !printer.json(),
-                "`--json` needs `--output`: standard output has the rows"
-            );
-            let mut out = BufWriter::with_capacity(1 << 16, io::stdout().lock());
-            self.write(&mut out, kind, rows, recording, printer)?;
-            out.flush()?;
-            return Ok(Outcome::Done);
-        };
-        let mut out = outputs.create(path)?;
+        let mut out = OpenOutput::for_rows(self.output.as_ref(), printer, outputs)?;
         let (bytes, rows_saturated) = self.write(&mut out, kind, rows, recording, printer)?;
-        out.commit()?;
+        out.finish()?;
+        let Some(path) = &self.output else { return Ok(Outcome::Done) };
         let Self { seed, unit_seed, .. } = *self;
         let summary = SynthSummary { file: path, rows, bytes, rows_saturated, seed, unit_seed };
         printer.finish(&summary, |printer| {

@@ -1,7 +1,5 @@
 //! `shellcal synth trial` and `synth trials`: the virtual robot's runs through the channel.
 
-use std::io;
-
 use output_file::Outputs;
 use serde::Serialize;
 use shellcal::workflow::synthetic_trials::{MANIFEST, SetTrial, truth_json, write_log, write_set};
@@ -9,6 +7,7 @@ use simulation::synthetic_trial::TrialLayout;
 use simulation::virtual_robot::{ChannelForces, Counter, TrialSettings, VirtualTrial};
 
 use super::choices::one_of;
+use super::partial_output::OpenOutput;
 use crate::files::{OutputLocation, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
@@ -185,17 +184,10 @@ impl SynthTrialArgs {
         if let Some(path) = &self.truth {
             outputs.write(path, &truth_json(&truth))?;
         }
-        let Some(path) = &self.output else {
-            anyhow::ensure!(
-                !printer.json(),
-                "`--json` needs `--output`: standard output has the rows"
-            );
-            write_log(&mut io::stdout().lock(), &trial, layout)?;
-            return Ok(Outcome::Done);
-        };
-        let mut out = outputs.create(path)?;
+        let mut out = OpenOutput::for_rows(self.output.as_ref(), printer, outputs)?;
         let rows = write_log(&mut out, &trial, layout)?;
-        out.commit()?;
+        out.finish()?;
+        let Some(path) = &self.output else { return Ok(Outcome::Done) };
         let made = Made { file: path, rows, truth: &truth };
         printer.finish(&made, |printer| {
             printer.line(format!(

@@ -13,6 +13,7 @@ use shell_data::hint::quoted;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
 use crate::printer::Printer;
+use crate::tables::or_dash;
 
 pub(super) fn print_cross_validation(
     printer: &mut Printer,
@@ -22,12 +23,11 @@ pub(super) fn print_cross_validation(
     let ratios = cv.ratios();
     let rows = (axes.iter()).map(|axis| {
         let i = axis.index();
-        let none = || "–".to_owned();
         vec![
             axis.name().to_owned(),
             significant(cv.grouped[i].rms, 4),
-            cv.random.map_or_else(none, |random| significant(random[i].rms, 4)),
-            ratios[i].map_or_else(none, |ratio| format!("{ratio:.2}")),
+            cv.random.map_or("–".to_owned(), |random| significant(random[i].rms, 4)),
+            or_dash(ratios[i], 2),
             significant(cv.grouped[i].bias, 2),
             axis.unit().to_owned(),
         ]
@@ -184,17 +184,13 @@ pub(super) fn print_selection(
 /// The candidate of each family with the smallest error; the chosen one of its family.
 fn best_of_each(selection: &Selection) -> Vec<&Candidate> {
     let chosen = &selection.candidates[selection.chosen];
+    let score = |candidate: &Candidate| candidate.errors.map_or(f64::INFINITY, |of| of.score);
     let families = selection.candidates.chunk_by(|a, b| a.basis == b.basis);
-    let score = |candidate: &&Candidate| candidate.errors.map_or(f64::INFINITY, |of| of.score);
-    let best = |family: &'_ [Candidate]| -> usize {
-        let positions = family.iter().enumerate().map(|(at, candidate)| (at, score(&candidate)));
-        positions.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(at, _)| at)
-    };
-    let mut found = Vec::new();
-    for family in families {
-        found.push(if family[0].basis == chosen.basis { chosen } else { &family[best(family)] });
-    }
-    found
+    let best = families.filter_map(|family| match family[0].basis == chosen.basis {
+        true => Some(chosen),
+        false => family.iter().min_by(|a, b| score(a).total_cmp(&score(b))),
+    });
+    best.collect()
 }
 
 pub(super) fn print_excitation(

@@ -22,7 +22,7 @@ use shellcal::workflow::partial::KeptGroups;
 
 use self::plan::FitPlan;
 use self::verdict::print_verdict;
-use super::choices::{self, COVARIANCES, one_of};
+use super::choices::{self, COVARIANCES, number_in, one_of};
 use super::figure_size::FigureSize;
 use super::mapping::MappingArgs;
 use super::rms_limits::RmsLimits;
@@ -99,7 +99,7 @@ pub(crate) struct FitArgs {
     #[arg(
         long,
         value_name = "SHARE",
-        value_parser = parse_share,
+        value_parser = number_in(0.0..1.0, "a share from 0 to 1, such as 1e-8"),
         help_heading = "Model",
         hide_short_help = true
     )]
@@ -350,11 +350,6 @@ impl FitArgs {
         failures.iter().for_each(|failure| printer.warning(failure.to_string()));
         if failures.is_empty() { Outcome::Done } else { Outcome::CheckFailed }
     }
-}
-
-fn parse_share(text: &str) -> Result<f64, String> {
-    let share = text.parse().ok().filter(|share| (0.0..1.0).contains(share));
-    share.ok_or_else(|| "a share from 0 to 1, such as 1e-8".to_owned())
 }
 
 fn parse_lag(text: &str) -> Result<LagArg, String> {

@@ -55,7 +55,7 @@ impl FitArgs {
         partial.columns = self.mapping.specified(&train);
         partial.sensor_serial = self.serial.clone();
         printer.remarks(absent_axes(partial.axes));
-        destination.write(&partial, printer)?;
+        destination.write(&partial)?;
         let (rows, model) = (partial.sums.rows(), partial.model);
         if printer.json() {
             return printer.document(&serde_json::json!({ "model": model.name(), "rows": rows }));

@@ -3,13 +3,13 @@
 use calibration::Kind;
 use calibration::fit::{Fit, PhysicsFit};
 use calibration::physics::{COVERAGE_LEVEL, FactorTrial, PhysicsCalibration, PhysicsValidation};
-use calibration::quality::significant;
 use calibration_file::CalibrationFile;
 use calibration_file::stored::{Stored, StoredExcitation, StoredGroupIntervals};
 use serde::Serialize;
-use shell_data::wrench::{Axes, Axis, PerAxis};
+use shell_data::wrench::{Axes, PerAxis};
 use shellcal::workflow::hung_loads::HungReference;
 
+use super::super::quality::in_line;
 use super::super::validation::{FoundReport, print_cross_validation, print_selection};
 use super::hung_loads::{self, HungReport};
 use super::report::{ErrorReport, RowCounts, compared, print_errors, print_rows};
@@ -123,17 +123,11 @@ pub(super) fn report(
         (&diagnostics.cross_validation, of_rows.validation.as_ref())
     {
         print_cross_validation(printer, found, Axes::ALL)?;
-        let medians = validation.median();
-        let median = |axis: Axis| {
-            format!("{} {} {}", axis.name(), significant(medians[axis.index()], 3), axis.unit())
-        };
-        printer.line(format!("median error of a group: {}", Axis::ALL.map(median).join(", ")))?;
-        let scores = validation.scores();
-        let score =
-            |axis: Axis| format!("{} {}", axis.name(), significant(scores[axis.index()], 3));
+        let medians = in_line(Axes::ALL, &validation.median(), true);
+        printer.line(format!("median error of a group: {medians}"))?;
+        let scores = in_line(Axes::ALL, &validation.scores(), false);
         printer.line(format!(
-            "RMS of held-out errors in standard errors (1 where those are right): {}",
-            Axis::ALL.map(score).join(", ")
+            "RMS of held-out errors in standard errors (1 where those are right): {scores}"
         ))?;
     }
     if let Some(selection) = &diagnostics.selection {
@@ -151,7 +145,6 @@ fn tell_factors(printer: &mut Printer, physics: &PhysicsCalibration) {
     let Some(Ok(factors)) = physics.intervals.as_ref().map(|of| of.factors(COVERAGE_LEVEL)) else {
         return;
     };
-    let factor = |axis: Axis| format!("{} {}", axis.name(), significant(factors[axis.index()], 3));
-    let factors = Axis::ALL.map(factor).join(", ");
+    let factors = in_line(Axes::ALL, &factors, false);
     printer.detail(format!("95 % interval in standard errors of each frame: {factors}"));
 }

@@ -9,7 +9,7 @@ use calibration::fit::{
     CovarianceRule, Fit, FitOptions, HeldOut, ModelRule, OutlierRule, Outliers, Workers,
 };
 use calibration::solver::SolverKind;
-use calibration_file::{CalibrationFile, matrix};
+use calibration_file::{CalibrationFile, Origin, matrix};
 use figures::fit_figure;
 use indicatif::ProgressBar;
 use load_table::HungLoads;
@@ -18,7 +18,7 @@ use output_file::{AtomicFile, Outputs};
 use report::OutlierTable;
 use shell_data::hint::quoted;
 use shell_data::wrench::Axes;
-use shellcal::workflow::fit::{FileFacts, FitData, calibration_file, sources};
+use shellcal::workflow::fit::{FitData, calibration_file, sources};
 use shellcal::workflow::fit_report::{ReportFacts, html, plots};
 use shellcal::workflow::hung_loads::HungReference;
 use shellcal::workflow::outliers::NamedOutliers;
@@ -182,14 +182,15 @@ impl<'a> FitPlan<'a> {
 
     /// The calibration file.
     pub(super) fn file(&self, data: &FitData, fitted: &Fit) -> anyhow::Result<CalibrationFile> {
-        let facts = FileFacts {
+        let origin = Origin {
             made_by: shellcal::PROGRAM.to_owned(),
             date: origin::date()?,
             sensor_serial: self.args.serial.clone(),
             sources: sources((&self.train, &self.test), data, fitted)?,
             columns: self.args.mapping.specified(&self.train),
+            ..Origin::default()
         };
-        Ok(calibration_file(fitted, facts))
+        Ok(calibration_file(fitted, origin))
     }
 
     /// The report.

@@ -5,17 +5,18 @@ use std::path::Path;
 use calibration::quality::significant;
 use calibration::recalibration::{Change, ChangedQuantity, Recalibration};
 use calibration_file::stored::{OfAxes, Stored};
-use calibration_file::{CalibrationFile, Role, SourceFile};
+use calibration_file::{CalibrationFile, Origin, Role, SourceFile};
 use log_file::{Log, ReadOptions, checksum};
 use output_file::Outputs;
 use serde::Serialize;
 use shell_data::wrench::{Axes, Axis, PerAxis};
-use shellcal::workflow::fit::{FileFacts, log_sources};
+use shellcal::workflow::fit::log_sources;
 use shellcal::workflow::recalibration::{Recalibrated, recalibrate};
 
 use super::super::mapping::{open_logs, tell_remembered};
 use super::super::origin;
 use super::super::plan::read_table;
+use super::super::quality::in_line;
 use super::FitArgs;
 use crate::files::InputPath;
 use crate::outcome::Outcome;
@@ -80,14 +81,15 @@ impl FitArgs {
         let read = ReadOptions { checksum: self.keeps(), ..self.mapping.read_options() };
         let recalibrated = recalibrate(&before, &logs, table.as_ref(), &read)?;
         if let Some(output) = output {
-            let facts = FileFacts {
+            let origin = Origin {
                 made_by: shellcal::PROGRAM.to_owned(),
                 date: origin::date()?,
                 sensor_serial: self.serial.clone(),
                 sources: sources(path, &before, &logs, &recalibrated)?,
                 columns: self.mapping.specified(&logs),
+                ..Origin::default()
             };
-            output.commit_with(recalibrated.file(&before, facts).to_json().as_bytes())?;
+            output.commit_with(recalibrated.file(&before, origin).to_json().as_bytes())?;
         }
         report(printer, path, &recalibrated)?;
         Ok(match recalibrated.found.is_contradicted() {
@@ -176,11 +178,8 @@ fn lines(name: &str, of: &Recalibrated) -> Vec<String> {
         significant(found.ln_evidence, 3),
     )];
     said.extend(found.held_out.map(|errors| {
-        let error = |axis: Axis| {
-            format!("{} {} {}", axis.name(), significant(errors[axis.index()].rms, 3), axis.unit())
-        };
-        let errors: Vec<_> = found.calibration.axes.iter().map(error).collect();
-        format!("error on loads that were held out: {}", errors.join(", "))
+        let errors = in_line(found.calibration.axes, &errors.map(|axis| axis.rms), true);
+        format!("error on loads that were held out: {errors}")
     }));
     said
 }

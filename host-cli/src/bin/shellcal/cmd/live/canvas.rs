@@ -45,6 +45,11 @@ impl CharacterCanvas {
         }
     }
 
+    /// The column and row of each cell.
+    pub(super) fn cells(&self) -> impl Iterator<Item = (usize, usize)> {
+        (0..self.cells.len()).map(|at| (at % self.columns, at / self.columns))
+    }
+
     /// The character of a cell, `None` if it is empty.
     pub(super) fn character(&self, column: usize, row: usize, ascii: bool) -> Option<char> {
         let bits = *self.cells.get(row * self.columns + column)?;

@@ -7,7 +7,7 @@ use ratatui_core::layout::Rect;
 use ratatui_core::style::{Color, Modifier};
 
 use super::canvas::{ACROSS, CharacterCanvas, DOWN};
-use super::screen::{LiveScreen, decimals, put_char};
+use super::screen::{LiveScreen, decimals};
 
 /// Dots of a letter, across and down.
 const LETTER: usize = 8;
@@ -80,14 +80,8 @@ impl LiveScreen<'_> {
                     set.for_each(|x| canvas.dot((at * LETTER + x) as i64, y));
                 }
             }
-            for row in 0..rows {
-                for column in 0..columns * line.chars().count() {
-                    if let Some(dots) = canvas.character(column, usize::from(row), self.ascii) {
-                        let at = (area.x + column as u16, area.y + position * rows + row);
-                        put_char(buffer, at, dots, style);
-                    }
-                }
-            }
+            let at = (area.x, area.y + position * rows);
+            self.draw_canvas(buffer, at, (&canvas, style), |_, _| None);
         }
         rows * lines.len() as u16
     }

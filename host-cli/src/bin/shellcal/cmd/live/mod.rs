@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 
 use board_link::recording::{LiveForces, PROTOCOLS};
 use board_link::{LogSink, PortOptions, RecordOptions, Sinks, Source, Watcher, record};
-use frame_stream::{RowOptions, StreamHandle};
+use frame_stream::RowOptions;
 use live_view::web::Server;
 use live_view::{Guide, LiveModel, LiveSetup};
 use log_file::Log;
@@ -139,7 +139,9 @@ impl LiveArgs {
         let mut logs = self.logs(is_port)?;
         let guide = self.guide(is_port)?;
         // What cannot work is said before the screen is taken.
-        let (watcher, streamed) = self.watcher(printer, &forces, &feed, is_port)?;
+        let stream = RowOptions { forces: forces.clone(), from_log: !is_port, one_time: false };
+        let view = Box::new(feed.clone());
+        let (watcher, streamed) = self.stream.watch(printer, stream, None, view)?;
         let display = self.display()?;
         let first =
             logs.as_mut().filter(|_| self.output.is_some()).map(LogSeries::begin).transpose()?;
@@ -168,11 +170,8 @@ impl LiveArgs {
                     &until,
                 )
             }
-            Display::Browser(server, address) => {
-                let danger = "whoever has its address can look on and end a recording";
-                announce(printer, server.address(), &address, danger)
-                    .and_then(|()| browser::run(&mut session, server, &until))
-            }
+            Display::Browser(server, address) => announce(printer, server.address(), &address)
+                .and_then(|()| browser::run(&mut session, server, &until)),
         };
         done.store(true, Ordering::Relaxed);
         let ended =
@@ -211,18 +210,6 @@ impl LiveArgs {
         );
         let table = super::plan::read_table(path)?;
         Ok(Some(guide_through(&table)))
-    }
-
-    /// What looks on: the view, and the stream if there is one.
-    fn watcher(
-        &self,
-        printer: &mut Printer,
-        forces: &Option<LiveForces>,
-        feed: &Feed,
-        is_port: bool,
-    ) -> anyhow::Result<(Box<dyn Watcher>, Option<StreamHandle>)> {
-        let rows = RowOptions { forces: forces.clone(), from_log: !is_port, one_time: false };
-        self.stream.watch(printer, rows, None, feed.watcher())
     }
 
     /// Opens what it is shown in.
@@ -286,16 +273,12 @@ impl LiveArgs {
 }
 
 /// Says where to look, and what others who can may do.
-fn announce(
-    printer: &mut Printer,
-    at: SocketAddr,
-    address: &str,
-    danger: &str,
-) -> anyhow::Result<()> {
+fn announce(printer: &mut Printer, at: SocketAddr, address: &str) -> anyhow::Result<()> {
     if !at.ip().is_loopback() {
-        printer.warning(format!(
-            "other machines reach this view, and what is sent is not encrypted: {danger}"
-        ));
+        printer.warning(
+            "other machines reach this view, and what is sent is not encrypted: whoever has its address can look on \
+             and end a recording",
+        );
     }
     match printer.json() {
         true => printer.document(&json!({ "address": address })),

@@ -157,14 +157,25 @@ impl LiveScreen<'_> {
         let zero = (low <= 0.0 && 0.0 <= high).then(|| dot(0.0) as usize / DOWN);
         let style = self.style(Some(colour), Modifier::empty());
         let line = if self.ascii { '-' } else { '┈' };
-        for row in 0..rows {
-            for column in 0..columns {
-                let at = (area.x + LABEL + column as u16, area.y + row as u16);
-                match canvas.character(column, row, self.ascii) {
-                    Some(dots) => put_char(buffer, at, dots, style),
-                    None if zero == Some(row) => put_char(buffer, at, line, dim),
-                    None => {}
-                }
+        let zero_line = |_, row| (zero == Some(row)).then_some(line);
+        self.draw_canvas(buffer, (area.x + LABEL, area.y), (&canvas, style), zero_line);
+    }
+
+    /// Draws what is on a canvas, and where that is empty, dimmed, what is `behind` it at a column and a row.
+    pub(super) fn draw_canvas(
+        &self,
+        buffer: &mut Buffer,
+        (x, y): (u16, u16),
+        (canvas, style): (&CharacterCanvas, Style),
+        behind: impl Fn(usize, usize) -> Option<char>,
+    ) {
+        let dim = self.style(None, Modifier::DIM);
+        for (column, row) in canvas.cells() {
+            let at = (x + column as u16, y + row as u16);
+            match (canvas.character(column, row, self.ascii), behind(column, row)) {
+                (Some(dots), _) => put_char(buffer, at, dots, style),
+                (None, Some(behind)) => put_char(buffer, at, behind, dim),
+                (None, None) => {}
             }
         }
     }
@@ -272,22 +283,13 @@ impl LiveScreen<'_> {
         let style = self.style(Some(Color::Cyan), Modifier::BOLD);
         let axes = if self.ascii { ['|', '-', '+'] } else { ['│', '─', '┼'] };
         let (middle, level) = (centre.0 as usize / ACROSS, centre.1 as usize / DOWN);
-        for row in 0..rows {
-            for column in 0..columns {
-                let at = (area.x + column as u16, area.y + row as u16);
-                let axis = match (column == middle, row == level) {
-                    (true, true) => Some(axes[2]),
-                    (true, false) => Some(axes[0]),
-                    (false, true) => Some(axes[1]),
-                    _ => None,
-                };
-                match (canvas.character(column, row, self.ascii), axis) {
-                    (Some(dots), _) => put_char(buffer, at, dots, style),
-                    (None, Some(axis)) => put_char(buffer, at, axis, dim),
-                    (None, None) => {}
-                }
-            }
-        }
+        let cross = |column, row| match (column == middle, row == level) {
+            (true, true) => Some(axes[2]),
+            (true, false) => Some(axes[0]),
+            (false, true) => Some(axes[1]),
+            _ => None,
+        };
+        self.draw_canvas(buffer, (area.x, area.y), (&canvas, style), cross);
         self.put(buffer, area.x + middle as u16 + 1, area.y, up, dim);
         let end = if mirrored { area.x } else { area.x + area.width - 1 };
         self.put(buffer, end, area.y + (level as u16).saturating_sub(1), across, dim);
@@ -327,7 +329,7 @@ fn end_of(name: &str, room: usize, ascii: bool) -> String {
     cut.chars().chain(name.chars().skip(length - kept)).collect()
 }
 
-pub(super) fn put_char(buffer: &mut Buffer, at: (u16, u16), character: char, style: Style) {
+fn put_char(buffer: &mut Buffer, at: (u16, u16), character: char, style: Style) {
     if let Some(cell) = buffer.cell_mut(at) {
         cell.set_char(character).set_style(style);
     }

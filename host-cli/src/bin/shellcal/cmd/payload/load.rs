@@ -8,6 +8,7 @@ use log_file::{ColumnRef, Log, Mapping, ReadOptions};
 use shellcal::workflow::convert::ConvertSummary;
 use shellcal::workflow::payload::{MotionColumns, find_motion_lag, read_motion};
 
+use crate::cmd::choices::number_in;
 use crate::cmd::mapping::{ColumnList, parse_columns};
 use crate::files::InputPath;
 use crate::printer::Printer;
@@ -26,7 +27,7 @@ pub(in crate::cmd) struct MotionColumnArgs {
     accelerations: Option<ColumnList>,
 
     /// Gravity, m/s², where columns do not say it [default: that of the payload file, else 9.80665]
-    #[arg(long, value_name = "M/S²", value_parser = parse_gravity)]
+    #[arg(long, value_name = "M/S²", value_parser = number_in(0.1..=30.0, "expected m/s², from 0.1 to 30"))]
     gravity: Option<f64>,
 }
 
@@ -144,12 +145,5 @@ impl MotionArgs {
         };
         let parts: Vec<String> = [of(false), of(true)].into_iter().flatten().collect();
         printer.note(format!("standard deviation: {}", parts.join(", ")));
-    }
-}
-
-fn parse_gravity(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(gravity) if (0.1..=30.0).contains(&gravity) => Ok(gravity),
-        _ => Err("expected m/s², from 0.1 to 30".to_owned()),
     }
 }

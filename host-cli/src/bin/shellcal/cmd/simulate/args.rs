@@ -1,11 +1,12 @@
 //! The options of `shellcal simulate`.
 
+use std::ops::Bound;
+
 use beam_channel::{Angle, Beam, Channel, Ellipse, Normal, Pose, Rules, Setup};
 use simulation::channel_study::{GridAxis, Uncertain};
 
-use super::quantity::{
-    angle, grid_axis, length, positive_length, pressure, share, speed, uncertain,
-};
+use super::quantity::{angle, grid_axis, length, positive_length, pressure, uncertain};
+use crate::cmd::choices::{POSITIVE, number_in};
 use crate::cmd::figure_size::FigureSize;
 use crate::files::{InputPath, OutputPath};
 
@@ -18,6 +19,9 @@ Examples:
   shellcal simulate --grid friction=0:1:11 --grid rx=6cm,9cm
   shellcal simulate --uncertain thickness=5% --uncertain friction=0.05
   shellcal simulate --compare trials.csv               measured drags beside the model's";
+
+/// A share of a whole, between its ends.
+const INSIDE: (Bound<f64>, Bound<f64>) = (Bound::Excluded(0.0), Bound::Excluded(1.0));
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
@@ -160,7 +164,7 @@ pub(super) struct SweepArgs {
     pub(super) step: f64,
 
     /// Speed of the body in m/s: adds the time, 0 at the first position
-    #[arg(long, value_name = "M_PER_S", value_parser = speed)]
+    #[arg(long, value_name = "M_PER_S", value_parser = number_in(POSITIVE, "expected a speed above zero, in m/s"))]
     pub(super) speed: Option<f64>,
 
     /// Print the force of every beam that touches at this position
@@ -190,7 +194,7 @@ pub(super) struct StudyArgs {
     pub(super) seed: u64,
 
     /// Share of the draws within an interval
-    #[arg(long, value_name = "SHARE", default_value_t = 0.95, value_parser = share)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.95, value_parser = number_in(INSIDE, "expected a number between 0 and 1"))]
     pub(super) level: f64,
 }
 

@@ -1,15 +1,17 @@
 //! Measured trials beside the model.
 
 use anyhow::bail;
+use beam_channel::Setup;
 use serde::Serialize;
-use shellcal::workflow::simulate::{ConditionChannel, MeasuredCondition, read_trials};
+use shellcal::workflow::simulate::{MeasuredCondition, read_trials};
 use simulation::channel_study::{ChannelDiagnostic, ChannelSummary};
 
 use super::args::{SimulateArgs, of_deflection, of_width};
-use super::format::{cm, or_dash};
+use super::format::cm;
 use super::model;
 use super::quantity::length;
 use crate::printer::Printer;
+use crate::tables::or_dash;
 
 /// One condition, measured and simulated.
 #[derive(Debug, Serialize)]
@@ -44,12 +46,7 @@ impl SimulateArgs {
     }
 
     fn simulate(&self, measured: MeasuredCondition) -> anyhow::Result<ConditionComparison> {
-        let base = self.geometry.setup();
-        let setup = match self.channel_of(&measured.name)? {
-            ConditionChannel::Free => None,
-            ConditionChannel::Deflection(depth) => Some(of_deflection(&base, depth)),
-            ConditionChannel::Width(width) => Some(of_width(&base, width)),
-        };
+        let setup = self.setup_of(&measured.name)?;
         let summary = setup
             .map(|setup| model(&setup).map(|model| ChannelSummary::new(&model)))
             .transpose()?;
@@ -70,18 +67,19 @@ impl SimulateArgs {
         })
     }
 
-    /// The channel that a condition's name stands for.
-    fn channel_of(&self, name: &str) -> anyhow::Result<ConditionChannel> {
+    /// The channel that a condition's name stands for; `None` where the robot runs free.
+    fn setup_of(&self, name: &str) -> anyhow::Result<Option<Setup>> {
+        let base = self.geometry.setup();
         let given = self.trials.condition.iter().find(|(given, _)| given == name);
         if let Some(&(_, width)) = given {
-            return Ok(ConditionChannel::Width(width));
+            return Ok(Some(of_width(&base, width)));
         }
         if name.eq_ignore_ascii_case("free") {
-            return Ok(ConditionChannel::Free);
+            return Ok(None);
         }
         // A bare number could be anything.
         match length(name) {
-            Ok(depth) if name.ends_with('m') => Ok(ConditionChannel::Deflection(depth)),
+            Ok(depth) if name.ends_with('m') => Ok(Some(of_deflection(&base, depth))),
             _ => bail!(
                 "condition `{name}` is neither `free` nor a deflection with its unit, such as \
                  `3 cm`: give its channel with `--condition \"{name}=WIDTH\"`"

@@ -7,11 +7,6 @@ pub(super) fn cm(length_m: f64) -> String {
     format!("{}", rounded + 0.0)
 }
 
-/// A figure, or a dash where there is none.
-pub(super) fn or_dash(value: Option<f64>, decimals: usize) -> String {
-    value.map_or_else(|| "–".to_owned(), |value| format!("{value:.decimals$}"))
-}
-
 /// A share in %, without digits that rounding made.
 pub(super) fn percent(share: f64) -> f64 {
     (share * 1e8).round() / 1e6

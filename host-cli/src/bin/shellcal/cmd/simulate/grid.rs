@@ -8,9 +8,9 @@ use serde::Serialize;
 use simulation::channel_study::{ChannelSummary, GridAxis, GridCell, Parameter, grid};
 
 use super::args::SimulateArgs;
-use super::format::or_dash;
 use crate::outcome::Outcome;
 use crate::printer::Printer;
+use crate::tables::or_dash;
 
 /// Combinations at most.
 const MOST_CELLS: f64 = 1e8;

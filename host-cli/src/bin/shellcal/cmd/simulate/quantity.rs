@@ -78,22 +78,6 @@ pub(super) fn angle(text: &str) -> Result<f64, String> {
     quantity(text, Dimension::Angle)
 }
 
-/// A speed above zero.
-pub(super) fn speed(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(speed) if speed > 0.0 && f64::is_finite(speed) => Ok(speed),
-        _ => Err("expected a speed above zero, in m/s".to_owned()),
-    }
-}
-
-/// A share of a whole, between its ends.
-pub(super) fn share(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(share) if share > 0.0 && share < 1.0 => Ok(share),
-        _ => Err("expected a number between 0 and 1".to_owned()),
-    }
-}
-
 /// `NAME=FROM:TO:COUNT` or `NAME=VALUE,VALUE,…`.
 pub(super) fn grid_axis(text: &str) -> Result<GridAxis, String> {
     let (parameter, values) = named(text)?;

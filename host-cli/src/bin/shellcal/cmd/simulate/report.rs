@@ -5,8 +5,9 @@ use serde::Serialize;
 use simulation::channel_study::{DrawStatistics, Parameter};
 
 use super::channel::ChannelReport;
-use super::format::{cm, or_dash, percent};
+use super::format::{cm, percent};
 use crate::printer::Printer;
+use crate::tables::or_dash;
 
 /// What all channels have in common, for `--json`.
 #[derive(Debug, Serialize)]

@@ -1,11 +1,11 @@
 //! `shellcal batch`: all trials of a manifest.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::bail;
 use output_file::Outputs;
 use serde::Serialize;
-use shellcal::workflow::batch::{self, Batch, BatchOptions, FailedRow, FileStamp, stamp};
+use shellcal::workflow::batch::{Batch, BatchOptions, FailedRow, FileStamp, stamp};
 use trial::manifest::{Manifest, Shard};
 use trial::{ConditionRow, TrialOptions, TrialResult};
 
@@ -108,7 +108,8 @@ impl BatchArgs {
         let files = || self.watched();
         watch::run(printer, files, |printer| {
             outputs.renew();
-            let equipment: Vec<FileStamp> = self.evaluation.files().map(stamp).collect();
+            let equipment: Vec<FileStamp> =
+                self.evaluation.files_by_role().map(|(_, path)| stamp(path)).collect();
             // Under another calibration or profile all results are others.
             let kept = before.take().filter(|(files, _)| *files == equipment);
             match self.once(printer, outputs, kept.as_ref().map(|(_, batch)| batch)) {
@@ -125,7 +126,7 @@ impl BatchArgs {
             let entries = manifest.rows.into_iter().flatten();
             entries.map(|entry| folder.join(entry.file.value)).collect::<Vec<_>>()
         });
-        let own = self.evaluation.files().map(Path::to_path_buf);
+        let own = self.evaluation.files_by_role().map(|(_, path)| path.to_path_buf());
         let own = own.chain([self.manifest.to_path_buf()]);
         own.chain(logs.unwrap_or_default()).collect()
     }
@@ -158,35 +159,17 @@ impl BatchArgs {
         before: Option<&Batch>,
     ) -> anyhow::Result<BatchRun> {
         let figures = self.output.figure_folder(outputs)?;
-        let rows = manifest.rows.len();
-        let share = self.shard.map_or(rows, |shard| shard.rows(rows).len());
-        let bar = printer.progress_of("trials", share as u64);
-        let progress = |done: usize| bar.set_position(done as u64);
         let options = BatchOptions {
-            trial: self.options(equipment),
-            mapping: &equipment.mapping,
-            read: self.evaluation.read_options(),
             conditions: self.conditions.as_deref(),
             before,
             shard: self.shard,
-            progress: Some(&progress),
+            ..self.evaluation.batch_options(equipment, self.output.trace_extent())
         };
-        let batch = batch::run(
-            manifest,
-            manifest::folder(&self.manifest),
-            equipment.instrument(),
-            &options,
-            |position, result| {
-                self.output.write_trial(
-                    outputs,
-                    position,
-                    result,
-                    figures.as_ref(),
-                    &equipment.profile,
-                )
-            },
-        );
-        bar.finish_and_clear();
+        let (path, profile) = (&self.manifest, &equipment.profile);
+        let keep = |position, result: &mut _| {
+            self.output.write_trial(outputs, position, result, figures.as_ref(), profile)
+        };
+        let batch = manifest::evaluate(printer, path, manifest, equipment, options, keep);
         let conditions = match self.shard {
             // Statistics are of all trials.
             Some(_) => Vec::new(),
@@ -252,7 +235,7 @@ impl BatchArgs {
             });
             return printer.document(&BatchDocument {
                 manifest: &self.manifest,
-                calibration: self.evaluation.calibration_file(),
+                calibration: self.evaluation.calibration(),
                 profile: &equipment.profile,
                 options: self.options(equipment),
                 trials: trials.collect(),

@@ -5,7 +5,7 @@ use anyhow::Context;
 use calibration_file::CalibrationFile;
 use log_file::{Log, Mapping, ReadOptions};
 use output_file::Outputs;
-use shellcal::workflow::certificate::{CertificateFacts, budget, intervals, weight_rows};
+use shellcal::workflow::certificate::{budget, intervals, weight_rows};
 use shellcal::workflow::check::check_weights;
 use shellcal::workflow::report::calibration_facts;
 
@@ -71,9 +71,7 @@ impl CertificateArgs {
         let read = ReadOptions { checksum: false, ..evaluation.read_options() };
         let unloaded = self.unloaded.as_ref();
         let unloaded = unloaded.map(|path| Log::open(path, &mapping)).transpose()?;
-        let facts =
-            CertificateFacts { unloaded: unloaded.as_ref(), reference: self.reference_error };
-        let budget = budget(&file, &facts, &read)?;
+        let budget = budget(&file, unloaded.as_ref(), self.reference_error, &read)?;
         let weights = self.weights(&file, &mapping, &read)?;
         let shown = path.display().to_string();
         let serial = file.origin.sensor_serial.as_deref().unwrap_or(&shown);

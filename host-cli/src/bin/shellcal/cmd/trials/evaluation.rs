@@ -7,6 +7,7 @@ use calibration_file::CalibrationFile;
 use calibration_file::input;
 use forces::RowRule;
 use log_file::{Mapping, ReadOptions};
+use shellcal::workflow::batch::BatchOptions;
 use trial::{Instrument, Profile, TraceExtent, TrialOptions};
 
 use crate::cmd::edited::EditedArg;
@@ -85,6 +86,23 @@ impl EvaluationArgs {
         }
     }
 
+    /// Those of all trials of a manifest.
+    pub(crate) fn batch_options<'a>(
+        &self,
+        equipment: &'a Equipment,
+        trace: TraceExtent,
+    ) -> BatchOptions<'a> {
+        BatchOptions {
+            trial: self.options(equipment, trace),
+            mapping: &equipment.mapping,
+            read: self.read_options(),
+            conditions: None,
+            before: None,
+            shard: None,
+            progress: None,
+        }
+    }
+
     /// Says how forces are made, where there are any.
     pub(crate) fn note_forces(&self, printer: &mut Printer, options: &TrialOptions) {
         if self.calibration.is_some() {
@@ -96,23 +114,14 @@ impl EvaluationArgs {
         ReadOptions { checksum: true, ..self.mapping.read_options() }
     }
 
-    pub(crate) fn calibration_file(&self) -> Option<&InputPath> {
+    pub(crate) fn calibration(&self) -> Option<&InputPath> {
         self.calibration.as_ref()
-    }
-
-    pub(crate) fn calibration(&self) -> Option<&Path> {
-        self.calibration.as_ref().map(|path| path.as_path())
     }
 
     /// The files that results depend on beside manifest and logs, and what they are.
     pub(crate) fn files_by_role(&self) -> impl Iterator<Item = (&'static str, &Path)> {
         let calibration = self.calibration.iter().map(|path| ("calibration", path.as_path()));
         calibration.chain(self.profile.iter().map(|path| ("profile", path.as_path())))
-    }
-
-    /// The files that results depend on beside manifest and logs.
-    pub(crate) fn files(&self) -> impl Iterator<Item = &Path> {
-        self.calibration.iter().chain(&self.profile).map(|path| path.as_path())
     }
 }
 

@@ -6,11 +6,11 @@ use anyhow::{Context, bail};
 use calibration_file::input;
 use output_file::{OutputError, Outputs};
 use shell_data::hint::did_you_mean;
-use shellcal::workflow::batch::{self, Batch, BatchOptions};
+use shellcal::workflow::batch::{self, Batch, BatchOptions, FailedRow};
 use trial::manifest::{CellPosition, Manifest};
-use trial::{TraceExtent, TrialOptions, TrialResult};
+use trial::{TrialOptions, TrialResult};
 
-use super::evaluation::{Equipment, EvaluationArgs};
+use super::evaluation::Equipment;
 use crate::printer::Printer;
 
 /// Reads a manifest, and sees to it that no output replaces its logs.
@@ -32,14 +32,23 @@ pub(super) fn parse(path: &Path) -> anyhow::Result<Manifest> {
 
 /// Whether the trials of a manifest have the condition that others are to be compared with.
 pub(super) fn check_reference(manifest: &Manifest, reference: Option<&str>) -> anyhow::Result<()> {
-    let Some(reference) = reference else { return Ok(()) };
     let entries = manifest.rows.iter().flatten().filter(|entry| !entry.exclude);
-    let names: Vec<&str> = entries.map(|entry| &*entry.condition.value).collect();
+    require_condition("trial", entries.map(|entry| &*entry.condition.value), reference)
+}
+
+/// Whether one of the `conditions` is the `reference`, if there is to be one.
+pub(super) fn require_condition<'a>(
+    what: &str,
+    conditions: impl Iterator<Item = &'a str>,
+    reference: Option<&str>,
+) -> anyhow::Result<()> {
+    let Some(reference) = reference else { return Ok(()) };
+    let names: Vec<&str> = conditions.collect();
     if names.contains(&reference) {
         return Ok(());
     }
     let hint = did_you_mean(reference, names);
-    bail!("no trial has the condition `{reference}` of `--reference`{hint}")
+    bail!("no {what} has the condition `{reference}` of `--reference`{hint}")
 }
 
 /// The folder that the logs of a manifest are relative to.
@@ -53,27 +62,20 @@ pub(super) fn stem(position: CellPosition, result: &TrialResult) -> String {
     format!("{stem}.{}", position.line)
 }
 
-/// Evaluates the trials of a manifest with traces of the whole logs, which `keep` may use and should
-/// reduce.
+/// Evaluates the trials of a manifest, with a progress bar. `keep` may use traces and should reduce them.
 pub(super) fn evaluate(
     printer: &Printer,
     path: &Path,
     manifest: &Manifest,
-    evaluation: &EvaluationArgs,
     equipment: &Equipment,
+    options: BatchOptions<'_>,
     keep: impl Fn(CellPosition, &mut TrialResult) -> Result<(), OutputError> + Sync,
 ) -> Batch {
-    let bar = printer.progress_of("trials", manifest.rows.len() as u64);
+    let rows = manifest.rows.len();
+    let share = options.shard.map_or(rows, |shard| shard.rows(rows).len());
+    let bar = printer.progress_of("trials", share as u64);
     let progress = |done: usize| bar.set_position(done as u64);
-    let options = BatchOptions {
-        trial: evaluation.options(equipment, TraceExtent::Log),
-        mapping: &equipment.mapping,
-        read: evaluation.read_options(),
-        conditions: None,
-        before: None,
-        shard: None,
-        progress: Some(&progress),
-    };
+    let options = BatchOptions { progress: Some(&progress), ..options };
     let batch = batch::run(manifest, folder(path), equipment.instrument(), &options, keep);
     bar.finish_and_clear();
     batch
@@ -92,10 +94,16 @@ pub(super) fn slow_filter(batch: &Batch, options: &TrialOptions) -> Option<Strin
     })
 }
 
-/// Tells which trials could not be evaluated; whether there were any.
-pub(super) fn tell_failures(printer: &mut Printer, path: &Path, batch: &Batch) -> bool {
-    for failure in &batch.failures {
-        printer.failure(format!("{}:{}: {}", path.display(), failure.position, failure.message));
-    }
-    !batch.failures.is_empty()
+/// Tells which trials could not be evaluated: the files of these, and why.
+pub(super) fn tell_failures(
+    printer: &mut Printer,
+    path: &Path,
+    batch: &Batch,
+) -> Vec<(String, String)> {
+    let of = |failure: &FailedRow| {
+        let why = format!("{}:{}: {}", path.display(), failure.position, failure.message);
+        printer.failure(&why);
+        (failure.file.clone(), why)
+    };
+    batch.failures.iter().map(of).collect()
 }

@@ -164,14 +164,11 @@ impl ResultArgs {
         let results = batch.trials.iter().map(|trial| &trial.evaluated.result);
         let tables: [NamedTable; 3] =
             [trials_table(results.clone()), strides_table(results), conditions_table(conditions)];
-        if let Some(directory) = &self.csv {
-            for (file, table) in table_files(directory, shard, "csv").iter().zip(&tables) {
-                outputs.write(file, &table.to_csv())?;
-            }
-        }
-        if let Some(directory) = &self.parquet {
-            for (file, table) in table_files(directory, shard, "parquet").iter().zip(&tables) {
-                outputs.write(file, &table.to_parquet()?)?;
+        for (directory, extension) in [(&self.csv, "csv"), (&self.parquet, "parquet")] {
+            let Some(directory) = directory else { continue };
+            for (file, table) in table_files(directory, shard, extension).iter().zip(&tables) {
+                let bytes = if extension == "csv" { table.to_csv() } else { table.to_parquet()? };
+                outputs.write(file, &bytes)?;
             }
         }
         Ok(())

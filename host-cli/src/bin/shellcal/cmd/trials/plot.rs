@@ -173,8 +173,9 @@ impl ManyArgs {
             Ok(())
         };
         let path = &self.manifest;
-        let batch = manifest::evaluate(printer, path, &manifest, evaluation, &equipment, keep);
-        let failed = manifest::tell_failures(printer, path, &batch);
+        let options = evaluation.batch_options(&equipment, TraceExtent::Log);
+        let batch = manifest::evaluate(printer, path, &manifest, &equipment, options, keep);
+        let failures = manifest::tell_failures(printer, path, &batch);
         let title = |usual: &str| self.title.clone().unwrap_or_else(|| usual.to_owned());
         let figure = if phase {
             let options = evaluation.options(&equipment, TraceExtent::Log);
@@ -195,7 +196,7 @@ impl ManyArgs {
             box_figure(size, &title("Energies and specific resistance"), &conditions)
         };
         let outcome = self.drawing.write(printer, plot, figure, None)?;
-        Ok(if failed { Outcome::CheckFailed } else { outcome })
+        Ok(if !failures.is_empty() { Outcome::CheckFailed } else { outcome })
     }
 }
 

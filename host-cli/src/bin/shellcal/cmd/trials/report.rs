@@ -5,7 +5,6 @@ use std::path::Path;
 use ::report::{Heading, Input, Report};
 use anyhow::Context;
 use output_file::Outputs;
-use shellcal::workflow::batch::{Batch, FailedRow};
 use shellcal::workflow::figures::reduce_trace;
 use shellcal::workflow::report;
 use trial::{TraceExtent, TrialResult};
@@ -71,8 +70,9 @@ impl ReportArgs {
             Ok(())
         };
         let evaluation = &self.evaluation;
-        let mut batch = manifest::evaluate(printer, path, &manifest, evaluation, &equipment, keep);
-        let failed = manifest::tell_failures(printer, path, &batch);
+        let options = evaluation.batch_options(&equipment, TraceExtent::Log);
+        let mut batch = manifest::evaluate(printer, path, &manifest, &equipment, options, keep);
+        let failures = manifest::tell_failures(printer, path, &batch);
         anyhow::ensure!(!batch.trials.is_empty(), "no trial could be evaluated");
 
         let conditions = batch.statistics(self.reference.as_deref(), self.seed);
@@ -84,7 +84,6 @@ impl ReportArgs {
         let mut warnings: Vec<String> =
             manifest.suspicious().iter().map(|problem| format!("{shown}:{problem}")).collect();
         warnings.extend(manifest::slow_filter(&batch, &options));
-        let failures = failures(path, &batch);
         let (mapping, read) = (&equipment.mapping, evaluation.read_options());
         let doubtful = report::doubtful(&batch, mapping, equipment.instrument(), options, read)?;
         let trials: Vec<TrialResult> =
@@ -115,7 +114,7 @@ impl ReportArgs {
         let html = document.html();
         out.commit_with(html.as_bytes())?;
         let outcome = self.summarise(printer, html.len(), [trials.len(), failures.len()])?;
-        Ok(if failed { Outcome::CheckFailed } else { outcome })
+        Ok(if !failures.is_empty() { Outcome::CheckFailed } else { outcome })
     }
 
     fn summarise(
@@ -144,13 +143,4 @@ impl ReportArgs {
         };
         files.map(input).collect()
     }
-}
-
-/// The logs that could not be evaluated, and why not.
-fn failures(manifest: &Path, batch: &Batch) -> Vec<(String, String)> {
-    let of = |failure: &FailedRow| {
-        let why = format!("{}:{}: {}", manifest.display(), failure.position, failure.message);
-        (failure.file.clone(), why)
-    };
-    batch.failures.iter().map(of).collect()
 }

@@ -8,9 +8,7 @@ use trial::{
 };
 
 use crate::printer::Printer;
-
-/// A value that is missing.
-const NOTHING: &str = "–";
+use crate::tables::{NOTHING, or_dash};
 
 /// One row a trial.
 pub(super) fn trials(printer: &mut Printer, results: &[&TrialResult]) -> anyhow::Result<()> {
@@ -37,12 +35,12 @@ fn trial(row: &TrialRow) -> Vec<String> {
         row.condition.clone(),
         format!("{:.3} to {:.3}", row.t_enter_s, row.t_exit_s),
         format!("{:.3}", row.velocity_m_s),
-        number(row.drag_mean_n, 4),
-        number(row.lift_mean_n, 4),
-        number(row.drag_energy_j.map(|energy| 1e3 * energy), 2),
+        or_dash(row.drag_mean_n, 4),
+        or_dash(row.lift_mean_n, 4),
+        or_dash(row.drag_energy_j.map(|energy| 1e3 * energy), 2),
         interval(row.drag_energy_95_j, 1e3, 2),
-        number(row.electrical_energy_j, 3),
-        number(row.specific_resistance, 2),
+        or_dash(row.electrical_energy_j, 3),
+        or_dash(row.specific_resistance, 2),
         row.strides.map_or_else(|| NOTHING.to_owned(), |strides| strides.to_string()),
     ]
 }
@@ -64,11 +62,11 @@ pub(super) fn strides(printer: &mut Printer, strides: &[StrideRow]) -> anyhow::R
             stride.stride.to_string(),
             format!("{:.4}", stride.t_start_s),
             format!("{:.4}", stride.period_s),
-            number(stride.drag_mean_n, 4),
-            number(stride.lift_mean_n, 4),
-            number(stride.drag_energy_j.map(|energy| 1e3 * energy), 3),
-            number(stride.electrical_energy_j, 4),
-            number(stride.specific_resistance, 2),
+            or_dash(stride.drag_mean_n, 4),
+            or_dash(stride.lift_mean_n, 4),
+            or_dash(stride.drag_energy_j.map(|energy| 1e3 * energy), 3),
+            or_dash(stride.electrical_energy_j, 4),
+            or_dash(stride.specific_resistance, 2),
         ]
     };
     printer.table(&header, strides.iter().map(row))
@@ -132,16 +130,16 @@ pub(super) fn statistics(
         let mut cells = vec![
             (*condition).to_owned(),
             s.n.to_string(),
-            number(Some(factor * s.mean), decimals),
+            or_dash(Some(factor * s.mean), decimals),
             interval(s.mean_95, factor, decimals),
-            number(s.sd.map(|sd| factor * sd), decimals),
+            or_dash(s.sd.map(|sd| factor * sd), decimals),
             range(s.q1, s.q3),
-            number(Some(factor * s.median), decimals),
+            or_dash(Some(factor * s.median), decimals),
             range(s.whisker_low, s.whisker_high),
             s.outliers.len().to_string(),
         ];
         if name.is_some() {
-            cells.push(number(difference.map(|d| factor * d.mean), decimals));
+            cells.push(or_dash(difference.map(|d| factor * d.mean), decimals));
             cells.push(interval(difference.and_then(|d| d.mean_95), factor, decimals));
         }
         cells
@@ -180,10 +178,6 @@ pub(super) fn diagnostics(printer: &mut Printer, results: &[(String, &TrialResul
             Severity::Warning => printer.warning(text),
         }
     }
-}
-
-fn number(value: Option<f64>, decimals: usize) -> String {
-    value.map_or_else(|| NOTHING.to_owned(), |value| format!("{value:.decimals$}"))
 }
 
 fn interval(interval: Option<Interval>, factor: f64, decimals: usize) -> String {

@@ -1,10 +1,10 @@
 //! `shellcal stats`: statistics of a table of values by condition.
 
-use anyhow::{Context, bail};
+use anyhow::Context;
 use calibration_file::input;
-use shell_data::hint::did_you_mean;
 use trial::ValueTable;
 
+use super::manifest::require_condition;
 use super::show;
 use crate::files::InputPath;
 use crate::outcome::Outcome;
@@ -62,13 +62,8 @@ impl StatsArgs {
              with `--by`, or raise `--max-conditions`",
             table.by
         );
-        if let Some(reference) = &self.reference {
-            let names: Vec<&str> = table.conditions.iter().map(|(name, _)| &**name).collect();
-            if !names.contains(&&**reference) {
-                let hint = did_you_mean(reference, names);
-                bail!("no row has the condition `{reference}` of `--reference`{hint}");
-            }
-        }
+        let conditions = table.conditions.iter().map(|(name, _)| &**name);
+        require_condition("row", conditions, self.reference.as_deref())?;
         for (quantity, &empty) in table.quantities.iter().zip(&table.empty) {
             if empty > 0 {
                 printer.note(format!("{quantity}: {empty} empty cells are left out"));

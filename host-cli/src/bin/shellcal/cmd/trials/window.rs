@@ -122,13 +122,9 @@ impl WindowArgs {
 
 impl LogWindow {
     fn new(log: String, proposal: Result<Proposal, NoWindow>) -> Self {
-        match proposal {
-            Ok(proposal) => {
-                Self { log, proposal: Some(proposal), good: proposal.is_good(), reason: None }
-            }
-            Err(reason) => {
-                Self { log, proposal: None, good: false, reason: Some(reason.to_string()) }
-            }
-        }
+        let reason = proposal.as_ref().err().map(NoWindow::to_string);
+        let proposal = proposal.ok();
+        let good = proposal.as_ref().is_some_and(Proposal::is_good);
+        Self { log, proposal, good, reason }
     }
 }
