@@ -177,9 +177,11 @@ impl Taken {
     }
 }
 
-/// What is streamed, with which calibration, and what the converter sees. No wrench explains the last, at which the
-/// steps of the inversion end last.
-const WORKLOADS: [(&str, Stream, fn() -> Calibration, fn() -> Vec<PlayedFrame>); 4] = [
+/// Name, what is streamed, with which calibration, and what the converter sees.
+type Workload = (&'static str, Stream, fn() -> Calibration, fn() -> Vec<PlayedFrame>);
+
+/// No wrench explains the last, at which the steps of the inversion end last.
+const WORKLOADS: [Workload; 4] = [
     ("readings", Stream::Raw, workload::cubic, workload::everywhere),
     ("wrenches, cubic", Stream::Wrench, workload::cubic, workload::everywhere),
     ("wrenches, physics", Stream::Wrench, workload::physics, workload::poses),
