@@ -37,7 +37,7 @@ type Predicted<'py> = (Bound<'py, PyArray2<f64>>, Option<Bound<'py, PyArray2<f64
 
 /// Arrays as Python gives them: readings, wrench, for each row the position of its label with the labels,
 /// how often each row is there, how much it counts, and its time.
-type RowArrays<'py> = (
+pub(crate) type RowArrays<'py> = (
     PyReadonlyArray2<'py, f64>,
     PyReadonlyArray2<'py, f64>,
     Option<(PyReadonlyArray1<'py, u32>, Vec<String>)>,
@@ -53,7 +53,7 @@ fn no_time(error: NoTime) -> PythonMessage {
 }
 
 /// Passes the rows to `fit` without the interpreter's lock.
-fn over_rows<T: Send>(
+pub(crate) fn over_rows<T: Send>(
     py: Python<'_>,
     (x, y, groups, repeats, weights, time): RowArrays<'_>,
     progress: Option<Py<PyAny>>,
@@ -74,14 +74,14 @@ fn over_rows<T: Send>(
 }
 
 /// Where a calibration of arrays says that it comes from.
-fn source(rows: &Arrays<'_, '_>) -> Vec<SourceFile> {
-    vec![SourceFile {
+pub(crate) fn source(rows: &Arrays<'_, '_>) -> SourceFile {
+    SourceFile {
         role: Role::Train,
         path: "<array>".into(),
         checksum: Some(rows.checksum()),
         digest: None,
         rows: rows.rows() as u64,
-    }]
+    }
 }
 
 /// Fits a calibration. Returns it with what is to be known of it, and the verdict.
@@ -149,7 +149,7 @@ pub(crate) fn fit(
             made_by,
             date,
             sensor_serial: serial,
-            sources: source(rows),
+            sources: vec![source(rows)],
             ..Origin::default()
         };
         let verdict = fitted.verdict().lines();

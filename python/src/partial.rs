@@ -7,7 +7,7 @@ use calibration::fit::{
 };
 use calibration::validation::grouped::{Apart, GroupKind, GroupedMoments, RandomSplit};
 use calibration::{Basis, FitError, Model};
-use calibration_file::{PartialFit, PartialGroups, PartialStream, Role, SourceFile, Sums};
+use calibration_file::{PartialFit, PartialGroups, PartialStream, SourceFile, Sums};
 use log_file::{Log, ReadOptions};
 use numpy::{PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
@@ -15,9 +15,8 @@ use pyo3::types::PyBytes;
 use shellcal::workflow::merge;
 use shellcal::workflow::partial::{self, KeptGroups, PartialOptions};
 
-use crate::arrays::{Arrays, Weights};
 use crate::error::{PythonFailure, PythonMessage};
-use crate::fitted::Fitted;
+use crate::fitted::{Fitted, over_rows, source};
 use crate::interrupt::without_lock;
 use crate::log::{ReadRules, mapping};
 use crate::options;
@@ -52,12 +51,7 @@ impl Partial {
     ) -> Result<Self, PythonFailure> {
         let (model, intercept, kept, seed) = what;
         let basis = largest_basis(&model)?;
-        let (readings, wrench) = (x.as_array(), y.as_array());
-        let positions =
-            groups.as_ref().map(|(positions, labels)| (positions.as_array(), labels.as_slice()));
-        without_lock(py, None, |watch| {
-            let (groups, weights) = (positions, Weights::Equal);
-            let rows = Arrays { readings, wrench, groups, time: None, weights, watch };
+        over_rows(py, (x, y, groups, None, None, None), None, |rows| {
             let split = match kept {
                 Some(_) => random_split(RANDOM_FOLDS, seed),
                 None => RandomSplit::default(),
@@ -70,13 +64,8 @@ impl Partial {
             let model = Model { basis, intercept, channels: total.channels(), memory: 0 };
             let mut partial = PartialFit::new(model, Sums::Exact(total));
             (partial.made_by, partial.date) = made;
-            partial.sources = vec![SourceFile {
-                role: Role::Train,
-                path: name,
-                checksum: Some(rows.checksum()),
-                digest: Some(data.fingerprint().to_string()),
-                rows: readings.nrows() as u64,
-            }];
+            let digest = Some(data.fingerprint().to_string());
+            partial.sources = vec![SourceFile { path: name, digest, ..source(rows) }];
             if kept.is_some() {
                 let first_in = vec![0; sums.groups.len()];
                 let GroupedMoments { groups, random, .. } = sums;

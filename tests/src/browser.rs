@@ -9,10 +9,12 @@
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::process::{ChildStdin, ChildStdout, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
+
+use crate::program::Running;
 
 /// When to give up, which is no statement on how long it should take.
 const PATIENCE: Duration = Duration::from_secs(300);
@@ -20,7 +22,7 @@ const PATIENCE: Duration = Duration::from_secs(300);
 /// A browser with one page.
 #[derive(Debug)]
 pub struct Browser {
-    process: Child,
+    _process: Running,
     to: ChildStdin,
     from: BufReader<ChildStdout>,
     session: String,
@@ -46,7 +48,7 @@ impl Browser {
         let to = process.stdin.take().unwrap();
         let from = BufReader::new(process.stdout.take().unwrap());
         let mut browser = Self {
-            process,
+            _process: Running(process),
             to,
             from,
             session: String::new(),
@@ -254,12 +256,5 @@ impl Browser {
             }
             self.events.push(message);
         }
-    }
-}
-
-impl Drop for Browser {
-    fn drop(&mut self) {
-        let _ = self.process.kill();
-        let _ = self.process.wait();
     }
 }

@@ -9,10 +9,12 @@ use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::process::{ChildStdin, ChildStdout, Command, Stdio};
 
 use serde_json::{Value, json};
 use shared_proto::CHANNELS;
+
+use crate::program::Running;
 
 /// Dark and lit code of every channel.
 pub type PlayedFrame = [(u16, u16); CHANNELS];
@@ -134,7 +136,7 @@ pub const ROM_STACK: u32 = 0x2000_2F40;
 /// A board that obeys.
 #[derive(Debug)]
 pub struct FlashedBoard {
-    child: Child,
+    _process: Running,
     orders: ChildStdin,
     reports: BufReader<ChildStdout>,
 }
@@ -146,7 +148,7 @@ impl FlashedBoard {
         let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
         let orders = child.stdin.take().unwrap();
         let reports = BufReader::new(child.stdout.take().unwrap());
-        Self { child, orders, reports }
+        Self { _process: Running(child), orders, reports }
     }
 
     fn order(&mut self, order: &Value) -> Report {
@@ -238,12 +240,5 @@ impl FlashedBoard {
     /// The core goes on at an address, as after a damaged return address.
     pub fn jump(&mut self, address: u32) {
         self.order(&json!({ "jump": address }));
-    }
-}
-
-impl Drop for FlashedBoard {
-    fn drop(&mut self) {
-        _ = self.child.kill();
-        _ = self.child.wait();
     }
 }

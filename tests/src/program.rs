@@ -38,6 +38,17 @@ pub fn python() -> Command {
     Command::new(std::env::var_os(PYTHON).unwrap())
 }
 
+/// A program that is ended with its owner, if it has not ended by itself.
+#[derive(Debug)]
+pub struct Running(pub Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        _ = self.0.kill();
+        _ = self.0.wait();
+    }
+}
+
 /// Starts a command in a directory; spaces separate its arguments.
 pub fn start(dir: &(impl AsRef<Path> + ?Sized), arguments: &str) -> Child {
     command(dir)

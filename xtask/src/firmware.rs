@@ -14,7 +14,7 @@ use shared_proto::{Calibration, Stream};
 use system_tests::flashed::PlayedFrame;
 use system_tests::workload;
 
-use crate::image::{self, Board, Footprint};
+use crate::image::{self, Board};
 use crate::model;
 use crate::stack;
 use crate::steps::workspace;
@@ -104,17 +104,18 @@ pub(crate) fn build(board: Board) -> Result<PathBuf> {
 
 impl Taken {
     fn measure(board: Board, image: &Path) -> Result<Self> {
-        let Footprint { flash, ram } = image::footprint(image)?;
+        let (flash, ram) = image::footprint(image)?;
         let stack_bound = stack::bound(image)?;
         let mut taken = Self { flash, ram, stack_bound, ..Self::default() };
         match model::find(board) {
             Ok(model) => {
-                for Workload { name, mode, calibration, played } in WORKLOADS {
+                for (name, mode, calibration, played) in WORKLOADS {
                     let (played, calibration) = (played(), calibration());
-                    let stream = model::measure(&model, mode, &played, &calibration, RATE_HZ)?;
-                    let instructions = (stream.instructions_per_frame * 10.0).round() / 10.0;
+                    let (instructions, stack) =
+                        model::measure(&model, mode, &played, &calibration, RATE_HZ)?;
+                    let instructions = (instructions * 10.0).round() / 10.0;
                     taken.instructions.insert(name.to_owned(), instructions);
-                    taken.stack_seen = taken.stack_seen.max(stream.stack);
+                    taken.stack_seen = taken.stack_seen.max(stack);
                 }
             }
             Err(reason) => eprintln!("{reason:#}: the flashed image is not executed"),
@@ -176,34 +177,13 @@ impl Taken {
     }
 }
 
-/// What is streamed.
-struct Workload {
-    name: &'static str,
-    mode: Stream,
-    calibration: fn() -> Calibration,
-    played: fn() -> Vec<PlayedFrame>,
-}
-
-impl Workload {
-    const fn new(
-        name: &'static str,
-        mode: Stream,
-        calibration: fn() -> Calibration,
-        played: fn() -> Vec<PlayedFrame>,
-    ) -> Self {
-        Self { name, mode, calibration, played }
-    }
-}
+/// Name, what is streamed, with which calibration, and what the converter sees.
+type Workload = (&'static str, Stream, fn() -> Calibration, fn() -> Vec<PlayedFrame>);
 
 /// No wrench explains the last, at which the steps of the inversion end last.
 const WORKLOADS: [Workload; 4] = [
-    Workload::new("readings", Stream::Raw, workload::cubic, workload::everywhere),
-    Workload::new("wrenches, cubic", Stream::Wrench, workload::cubic, workload::everywhere),
-    Workload::new("wrenches, physics", Stream::Wrench, workload::physics, workload::poses),
-    Workload::new(
-        "physics, no wrench fits",
-        Stream::Wrench,
-        workload::physics,
-        workload::everywhere,
-    ),
+    ("readings", Stream::Raw, workload::cubic, workload::everywhere),
+    ("wrenches, cubic", Stream::Wrench, workload::cubic, workload::everywhere),
+    ("wrenches, physics", Stream::Wrench, workload::physics, workload::poses),
+    ("physics, no wrench fits", Stream::Wrench, workload::physics, workload::everywhere),
 ];

@@ -92,32 +92,24 @@ fn target_dir() -> PathBuf {
     workspace().join("target/firmware")
 }
 
-/// Memory that an image takes whatever it does, in bytes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Footprint {
-    /// Code, constants and initial values.
-    pub(crate) flash: u64,
-    /// Variables, the futures of all tasks among them; not the stack.
-    pub(crate) ram: u64,
-}
-
-/// What the image in a file takes.
-pub(crate) fn footprint(path: &Path) -> Result<Footprint> {
+/// Memory that the image in a file takes whatever it does, in bytes: flash for code, constants and initial values, and
+/// RAM for variables, the futures of all tasks among them, but not for the stack.
+pub(crate) fn footprint(path: &Path) -> Result<(u64, u64)> {
     let bytes = std::fs::read(path).with_context(|| format!("cannot read `{}`", path.display()))?;
     let file = object::File::parse(&*bytes)
         .with_context(|| format!("`{}` is not an image", path.display()))?;
-    let mut footprint = Footprint::default();
+    let (mut flash, mut ram) = (0, 0);
     for section in file.sections() {
         let SectionFlags::Elf { sh_flags, .. } = section.flags() else { continue };
         if !sh_flags.contains(elf::SHF_ALLOC) {
             continue;
         }
         if section.kind() != SectionKind::UninitializedData {
-            footprint.flash += section.size();
+            flash += section.size();
         }
         if section.address() >= RAM.into() {
-            footprint.ram += section.size();
+            ram += section.size();
         }
     }
-    Ok(footprint)
+    Ok((flash, ram))
 }

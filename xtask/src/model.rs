@@ -40,23 +40,15 @@ pub(crate) fn find(board: Board) -> Result<Model> {
     Ok(Model { board: board.name(), image, python })
 }
 
-/// A stream of the flashed image.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct MeasuredStream {
-    /// Instructions from one frame to the next.
-    pub(crate) instructions_per_frame: f64,
-    /// The deepest that the stack has been, in bytes.
-    pub(crate) stack: u32,
-}
-
-/// Streams after an upload, at the settings after a reset.
+/// Streams after an upload, at the settings after a reset. Returns the instructions from one frame to the next, and the
+/// deepest that the stack has been, in bytes.
 pub(crate) fn measure(
     model: &Model,
     stream: Stream,
     played: &[PlayedFrame],
     calibration: &Calibration,
     rate_hz: f64,
-) -> Result<MeasuredStream> {
+) -> Result<(f64, u32)> {
     let dir = steps::scratch("emulation")?;
     let mut board = FlashedBoard::start(model, played, &dir);
     board.run(ORDER_S);
@@ -70,7 +62,7 @@ pub(crate) fn measure(
     ensure!(after.resets.is_empty() && !after.sent.is_empty(), "the flashed image does not stream");
     let instructions = (after.instructions - before.instructions) as f64;
     let frames = (after.time_s - before.time_s) * rate_hz;
-    Ok(MeasuredStream { instructions_per_frame: instructions / frames, stack: after.stack })
+    Ok((instructions / frames, after.stack))
 }
 
 fn orders(stream: Stream, calibration: &Calibration) -> Vec<Order> {

@@ -7,11 +7,12 @@
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 
 use anyhow::{Context, Result, ensure};
 use system_tests::browser::Browser;
 use system_tests::chromium;
+use system_tests::program::Running;
 
 use crate::base64::decode_base64;
 use crate::steps::{build_shellcal, run, scratch, workspace};
@@ -64,7 +65,7 @@ fn photograph_live(
     live.current_dir(workspace().join("calibration-data"));
     live.args(["live", "synthetic-test.csv", "--calibration"]).arg(calibration);
     live.args(["--no-tare", "--speed", "4", "--window", "60", "--serve"]);
-    let mut server = PageServer(live.stdin(Stdio::null()).stdout(Stdio::piped()).spawn()?);
+    let mut server = Running(live.stdin(Stdio::null()).stdout(Stdio::piped()).spawn()?);
     let mut line = String::new();
     BufReader::new(server.0.stdout.as_mut().context("no output")?).read_line(&mut line)?;
     let address = line.trim_end().strip_prefix("live at ").with_context(|| line.clone())?;
@@ -76,14 +77,4 @@ fn photograph_live(
     fs::write(picture, decode_base64(&browser.screenshot()))?;
     eprintln!("    {}", picture.display());
     Ok(())
-}
-
-/// The program that serves the page; it ends with the task.
-struct PageServer(Child);
-
-impl Drop for PageServer {
-    fn drop(&mut self) {
-        _ = self.0.kill();
-        _ = self.0.wait();
-    }
 }

@@ -76,7 +76,7 @@ pub fn channel_figure(size: Size, title: &str, curves: &[ChannelCurve]) -> Figur
     legend.draw(&mut canvas, upper.area, bottom, |canvas, i, [from, to]| {
         canvas.line(from, to, palette::series(i), if curves[i].measured { 0.8 } else { 1.6 });
     });
-    Figure::new(canvas.finish())
+    canvas.finish()
 }
 
 fn draw(canvas: &mut Canvas, panel: &Panel, points: &[(f64, f64)], colour: &str, measured: bool) {

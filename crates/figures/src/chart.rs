@@ -74,7 +74,7 @@ impl Chart {
             let middle = (f64::midpoint(from.0, to.0), from.1);
             self.series[i].draw_marks(canvas, &[from, to], &[middle], palette::series(i));
         });
-        Figure::new(canvas.finish())
+        canvas.finish()
     }
 }
 

@@ -54,7 +54,7 @@ pub fn coverage_figure(train: &[PerAxis<f64>], test: &[PerAxis<f64>]) -> Figure 
         });
         panel.draw_frame(&mut canvas);
     }
-    Figure::new(canvas.finish())
+    canvas.finish()
 }
 
 #[cfg(test)]

@@ -4,12 +4,17 @@ use std::path::{Path, PathBuf};
 
 use super::pdf;
 use super::pixels;
-use super::svg::Drawing;
+use super::size::Size;
+use super::svg::DrawnShape;
 
 /// A finished picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Figure {
-    drawing: Drawing,
+    pub(super) size: Size,
+    pub(super) width: f64,
+    pub(super) height: f64,
+    pub(super) svg: String,
+    pub(super) shapes: Vec<DrawnShape>,
 }
 
 /// A file format for pictures.
@@ -57,18 +62,9 @@ impl Format {
 }
 
 impl Figure {
-    pub(super) fn new(drawing: Drawing) -> Self {
-        Self { drawing }
-    }
-
-    #[cfg(test)]
-    pub(super) fn drawing(&self) -> &Drawing {
-        &self.drawing
-    }
-
     /// The picture as an SVG document.
     pub fn svg(&self) -> &str {
-        &self.drawing.svg
+        &self.svg
     }
 
     /// The picture as the content of a file.
@@ -78,10 +74,8 @@ impl Figure {
     pub fn render(&self, format: Format) -> Result<Vec<u8>, PlotError> {
         match format {
             Format::Svg => Ok(self.svg().as_bytes().to_vec()),
-            Format::Pdf => pdf::pdf(&self.drawing).map_err(|reason| PlotError::Render { reason }),
-            Format::Png => {
-                pixels::png(&self.drawing).map_err(|reason| PlotError::Render { reason })
-            }
+            Format::Pdf => pdf::pdf(self).map_err(|reason| PlotError::Render { reason }),
+            Format::Png => pixels::png(self).map_err(|reason| PlotError::Render { reason }),
         }
     }
 }
@@ -96,7 +90,7 @@ mod tests {
     fn ink(text: &str) -> usize {
         let mut canvas = Canvas::new(200.0, 40.0);
         canvas.text((100.0, 25.0), text, Style::TITLE);
-        let png = Figure::new(canvas.finish()).render(Format::Png).unwrap();
+        let png = canvas.finish().render(Format::Png).unwrap();
         let pixels = Pixmap::decode_png(&png).unwrap();
         assert_eq!((pixels.width(), pixels.height()), (400, 80));
         pixels.pixels().iter().filter(|pixel| pixel.red() < 128).count()

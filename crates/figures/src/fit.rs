@@ -180,10 +180,8 @@ pub fn fit_figure(
         let i = axis.index();
         let left = (grid.side + MARGINS) * (position % grid.columns) as f64 + LEFT_MARGIN;
         let top = TOP + grid.block_height() * (position / grid.columns) as f64 + 24.0;
-        let data =
-            AgreementView { data: &shown.axes[i], cells: &agreement[i], plateaus: &found[i] };
         let area = Rect { left, top, width: grid.side, height: grid.side };
-        draw_agreement(&mut canvas, area, axis, &data, colours);
+        draw_agreement(&mut canvas, area, axis, &shown.axes[i], &agreement[i], &found[i], colours);
         let top_below = area.bottom() + BOTTOM_MARGIN + 14.0;
         let below = Rect { top: top_below, height: RESIDUAL_HEIGHT, ..area };
         let outline = test.map(|_| &train.axes[i]);
@@ -196,28 +194,20 @@ pub fn fit_figure(
         };
         canvas.text((area.right(), top - 9.0), &text, Style::LABEL.anchored(Anchor::End));
     }
-    Figure::new(canvas.finish())
-}
-
-/// What is shown of predicted against measured.
-struct AgreementView<'a> {
-    data: &'a AxisPlot,
-    cells: &'a [HistogramCell],
-    plateaus: &'a [LoadPlateau],
+    canvas.finish()
 }
 
 fn draw_agreement(
     canvas: &mut Canvas,
     area: Rect,
     axis: Axis,
-    view: &AgreementView<'_>,
+    data: &AxisPlot,
+    cells: &[HistogramCell],
+    plateaus: &[LoadPlateau],
     colours: ColourScale,
 ) {
-    let range = view
-        .data
-        .agreement
-        .ranges()
-        .map_or(ValueRange { low: -1.0, high: 1.0 }, |[x, y]| x.union(y));
+    let range =
+        data.agreement.ranges().map_or(ValueRange { low: -1.0, high: 1.0 }, |[x, y]| x.union(y));
     let scale = |what: &str| {
         let quantity = format!("{what} {}", axis.name());
         PlotAxis::new(&quantity, axis.unit(), Spacing::Linear, range.low, range.high).padded(0.04)
@@ -225,8 +215,8 @@ fn draw_agreement(
     let panel = Panel { area, x: scale("measured"), y: scale("predicted") };
     canvas.text((area.left, area.top - 9.0), axis.name(), Style::TITLE.anchored(Anchor::Start));
     panel.draw_grid(canvas);
-    draw_cells(canvas, &panel, view.cells, colours);
-    let means = view.plateaus.iter().map(|p| ((p.measured, p.predicted), p.sd));
+    draw_cells(canvas, &panel, cells, colours);
+    let means = plateaus.iter().map(|p| ((p.measured, p.predicted), p.sd));
     draw_plateaus(canvas, &panel, means);
     let (from, to) = panel.x.range;
     let ((x0, y0), (x1, y1)) = (panel.place(from, from), panel.place(to, to));

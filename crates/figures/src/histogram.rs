@@ -9,11 +9,10 @@ use super::bins::Bins;
 /// for the final cells and independent of the order of points, blocks and merges. At least half of
 /// the bins of each axis span the data.
 #[derive(Clone, Debug)]
-pub struct Histogram2d {
+pub(super) struct Histogram2d {
     bins: [usize; 2],
     grid: Option<CellGrid>,
     points: u64,
-    skipped: u64,
 }
 
 #[derive(Clone, Debug)]
@@ -63,16 +62,16 @@ impl Histogram2d {
     ///
     /// # Panics
     /// If an axis has fewer than 2 bins: data on both sides of zero need as many.
-    pub fn new(bins_x: usize, bins_y: usize) -> Self {
+    pub(super) fn new(bins_x: usize, bins_y: usize) -> Self {
         assert!(bins_x >= 2 && bins_y >= 2, "at least two bins on each axis");
-        Self { bins: [bins_x, bins_y], grid: None, points: 0, skipped: 0 }
+        Self { bins: [bins_x, bins_y], grid: None, points: 0 }
     }
 
-    /// Counts the points (`x[i]`, `y[i]`); those that are not finite are [skipped](Self::skipped).
+    /// Counts the points (`x[i]`, `y[i]`); those that are not finite are left out.
     ///
     /// # Panics
     /// If the slices differ in length.
-    pub fn add(&mut self, x: &[f64], y: &[f64]) {
+    pub(super) fn add(&mut self, x: &[f64], y: &[f64]) {
         assert_eq!(x.len(), y.len(), "one y for every x");
         let mut range = [ValueRange::EMPTY; 2];
         let mut finite = 0;
@@ -82,11 +81,10 @@ impl Histogram2d {
                 finite += 1;
             }
         }
-        self.skipped += (x.len() - finite) as u64;
         if finite == 0 {
             return;
         }
-        self.points += finite as u64;
+        self.points += finite;
         let grid = self.cover(range);
         let (column, row, width) = (grid.x.locator(), grid.y.locator(), grid.x.count);
         for (&x, &y) in x.iter().zip(y) {
@@ -100,23 +98,17 @@ impl Histogram2d {
     ///
     /// # Panics
     /// If the numbers of bins differ.
-    pub fn merge(&mut self, other: &Self) {
+    pub(super) fn merge(&mut self, other: &Self) {
         assert_eq!(self.bins, other.bins, "histograms of the same shape");
         self.points += other.points;
-        self.skipped += other.skipped;
         if let Some(theirs) = &other.grid {
             self.cover([theirs.range_x, theirs.range_y]).absorb(theirs);
         }
     }
 
     /// Number of points counted.
-    pub fn points(&self) -> u64 {
+    pub(super) fn points(&self) -> u64 {
         self.points
-    }
-
-    /// Number of points left out because a coordinate was not finite.
-    pub fn skipped(&self) -> u64 {
-        self.skipped
     }
 
     /// The smallest and largest x and y, `None` while empty.
@@ -264,9 +256,9 @@ mod tests {
     }
 
     #[test]
-    fn points_that_are_not_finite_are_left_out_and_counted() {
+    fn points_that_are_not_finite_are_left_out() {
         let histogram = of(&[(1.0, f64::NAN), (f64::INFINITY, 1.0), (1.0, 1.0)]);
-        assert_eq!((histogram.points(), histogram.skipped()), (1, 2));
+        assert_eq!(histogram.points(), 1);
         let nothing = of(&[(f64::NAN, 0.0)]);
         assert!(nothing.cells([0, 0]).is_empty() && nothing.marginal_y().is_empty());
     }

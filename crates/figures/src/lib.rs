@@ -1,7 +1,7 @@
 //! Figures: data in, a finished picture out, as SVG text, PDF or PNG bytes.
 //!
-//! Data flows in block by block into accumulators of fixed size ([`Histogram2d`], [`FitPlot`],
-//! [`WrenchTrace`]), so a picture of ten million rows costs the memory and the file size of one of
+//! Data flows in block by block into accumulators of fixed size ([`FitPlot`], [`WrenchTrace`]),
+//! so a picture of ten million rows costs the memory and the file size of one of
 //! ten thousand. Accumulators find their own ranges, and what they hold does not depend on how the
 //! rows were split into blocks or in which order parts were merged. The drawing is deterministic
 //! to the byte.
@@ -42,7 +42,6 @@ pub use chart::{Chart, ChartMark, Series};
 pub use coverage::coverage_figure;
 pub use figure::{Figure, Format, PlotError};
 pub use fit::{FitPlot, fit_figure};
-pub use histogram::Histogram2d;
 pub use matching::match_figure;
 pub use scale::{PlotAxis, Spacing};
 pub use size::Size;

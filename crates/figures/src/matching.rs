@@ -54,7 +54,7 @@ pub fn match_figure(size: Size, title: &str, quality: &Quality) -> Figure {
     let (right, above) = (panel.area.right(), panel.area.top - 8.0);
     let legend = Style::LABEL.anchored(Anchor::End);
     canvas.text((right, above), "points: readings; line: the aligned reference, mapped", legend);
-    Figure::new(canvas.finish())
+    canvas.finish()
 }
 
 fn draw(canvas: &mut Canvas, panel: &Panel, series: &[(&[(f64, f64)], ChartMark)]) {

@@ -13,10 +13,11 @@ use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use ttf_parser::Face;
 
+use super::figure::Figure;
 use super::lettering;
 use super::palette;
 use super::path::{Step, steps};
-use super::svg::{Anchor, Drawing, DrawnShape, Pen, PenKind, Style, number};
+use super::svg::{Anchor, DrawnShape, Pen, PenKind, Style, number};
 
 /// Points to a CSS pixel: 72 and 96 to the inch.
 const POINTS: f64 = 0.75;
@@ -31,12 +32,12 @@ const FONTS: [&str; 2] = ["R", "B"];
 ///
 /// # Errors
 /// A message, if the program's font cannot be read.
-pub(super) fn pdf(drawing: &Drawing) -> Result<Vec<u8>, String> {
+pub(super) fn pdf(figure: &Figure) -> Result<Vec<u8>, String> {
     let mut page = PdfPage { content: String::new(), glyphs: [BTreeMap::new(), BTreeMap::new()] };
-    let points = POINTS * drawing.size.scale();
-    let height = number(drawing.height * points);
+    let points = POINTS * figure.size.scale();
+    let height = number(figure.height * points);
     let _ = writeln!(page.content, "{points} 0 0 -{points} 0 {height} cm");
-    for shape in &drawing.shapes {
+    for shape in &figure.shapes {
         page.draw(shape)?;
     }
     let mut file = PdfFile::new();
@@ -49,7 +50,7 @@ pub(super) fn pdf(drawing: &Drawing) -> Result<Vec<u8>, String> {
     }
     let content = file.stream("", page.content.as_bytes());
     let pages = file.objects.len() + 2;
-    let width = number(drawing.width * points);
+    let width = number(figure.width * points);
     let leaf = file.add(&format!(
         "<< /Type /Page /Parent {pages} 0 R /MediaBox [0 0 {width} {height}] /Contents {content} 0 R \
          /Resources << /Font << {fonts}>> >> >>"
@@ -391,11 +392,11 @@ mod tests {
 
     #[test]
     fn the_same_drawing_makes_the_same_bytes() {
-        let drawing = || {
+        let figure = || {
             let mut canvas = Canvas::new(20.0, 10.0);
             canvas.text((1.0, 1.0), "a", Style::LABEL);
             canvas.finish()
         };
-        assert_eq!(pdf(&drawing()), pdf(&drawing()));
+        assert_eq!(pdf(&figure()), pdf(&figure()));
     }
 }

@@ -5,23 +5,24 @@ use tiny_skia::{
     Transform,
 };
 
+use super::figure::Figure;
 use super::lettering;
 use super::palette;
 use super::path::{Step, steps};
-use super::svg::{Drawing, DrawnShape, Pen, PenKind};
+use super::svg::{DrawnShape, Pen, PenKind};
 
 /// The drawing on white, as a PNG file.
 ///
 /// # Errors
 /// A message, if it is too large.
-pub(super) fn png(drawing: &Drawing) -> Result<Vec<u8>, String> {
-    let scale = drawing.size.pixels() as f32;
-    let [width, height] = [drawing.width, drawing.height].map(|side| (side as f32 * scale).ceil());
+pub(super) fn png(figure: &Figure) -> Result<Vec<u8>, String> {
+    let scale = figure.size.pixels() as f32;
+    let [width, height] = [figure.width, figure.height].map(|side| (side as f32 * scale).ceil());
     let mut pixels =
         Pixmap::new(width as u32, height as u32).ok_or_else(|| "it is too large".to_owned())?;
     pixels.fill(Color::WHITE);
     let mut painter = Painter { pixels, clip: None, whole: Transform::from_scale(scale, scale) };
-    drawing.shapes.iter().for_each(|shape| painter.paint(shape));
+    figure.shapes.iter().for_each(|shape| painter.paint(shape));
     painter.pixels.encode_png().map_err(|error| error.to_string())
 }
 

@@ -3,6 +3,7 @@
 
 use std::fmt::Write;
 
+use super::figure::Figure;
 use super::palette;
 use super::size::Size;
 use shell_data::escape;
@@ -16,16 +17,6 @@ pub(super) struct Canvas {
     body: String,
     clips: usize,
     shapes: Vec<DrawnShape>,
-}
-
-/// A finished drawing.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct Drawing {
-    pub(super) size: Size,
-    pub(super) width: f64,
-    pub(super) height: f64,
-    pub(super) svg: String,
-    pub(super) shapes: Vec<DrawnShape>,
 }
 
 /// A shape, as the SVG has it. Paths are in SVG path syntax, of lines only; colours are `#rrggbb`.
@@ -284,7 +275,7 @@ impl Canvas {
     }
 
     /// The finished document, on white.
-    pub(super) fn finish(self) -> Drawing {
+    pub(super) fn finish(self) -> Figure {
         let [width, height] = [self.width, self.height].map(number);
         let [wide, high] = match self.size.width_mm() {
             None => [width.clone(), height.clone()],
@@ -299,7 +290,7 @@ impl Canvas {
             self.body
         );
         let Self { size, width, height, shapes, .. } = self;
-        Drawing { size, width, height, svg, shapes }
+        Figure { size, width, height, svg, shapes }
     }
 }
 

@@ -16,7 +16,7 @@ use shell_data::wrench::{Axis, PerAxis};
 const SLIVERS: usize = 2048;
 
 /// A wrench over time, reduced to what a figure needs.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct WrenchTrace {
     axes: PerAxis<TraceCurve>,
 }
@@ -43,16 +43,10 @@ struct Sliver {
     last: (f64, f64),
 }
 
-impl Default for WrenchTrace {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl WrenchTrace {
     /// No rows yet.
     pub fn new() -> Self {
-        Self { axes: std::array::from_fn(|_| TraceCurve::default()) }
+        Self::default()
     }
 
     /// Adds a block of rows: time in s, six columns of wrench in the order of [`Axis::ALL`], N and
@@ -196,7 +190,7 @@ pub fn trace_figure(size: Size, title: &str, trace: &WrenchTrace) -> Figure {
             panel.draw_x_labels(&mut canvas);
         }
     }
-    Figure::new(canvas.finish())
+    canvas.finish()
 }
 
 /// The range of the values, and zero unless it is far from all of them: what the sensor was tared to

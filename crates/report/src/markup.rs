@@ -59,21 +59,21 @@ impl From<&str> for TableCell {
     }
 }
 
-/// A table in a box that scrolls on narrow screens. `header` has names and, where a column is text,
-/// `true`.
+/// A table in a box that scrolls on narrow screens. A column is text where it is in the first of `rows`.
 pub(super) fn table(
     caption: &str,
-    header: &[(&str, bool)],
+    header: &[impl AsRef<str>],
     rows: impl IntoIterator<Item = Vec<TableCell>>,
 ) -> String {
-    let caption = escape(caption);
+    let (caption, rows): (_, Vec<_>) = (escape(caption), rows.into_iter().collect());
     let mut html = format!(
         "<div class=\"table\" tabindex=\"0\" role=\"region\" aria-label=\"{caption}\">\n<table>\n\
          <caption>{caption}</caption>\n<thead><tr>"
     );
-    for (name, is_text) in header {
-        let class = if *is_text { " class=\"text\"" } else { "" };
-        let _ = write!(html, "<th scope=\"col\"{class}>{}</th>", escape(name));
+    for (column, name) in header.iter().enumerate() {
+        let is_text = rows.first().is_some_and(|row| !matches!(row[column], TableCell::Figure(_)));
+        let class = if is_text { " class=\"text\"" } else { "" };
+        let _ = write!(html, "<th scope=\"col\"{class}>{}</th>", escape(name.as_ref()));
     }
     html.push_str("</tr></thead>\n<tbody>\n");
     for row in rows {

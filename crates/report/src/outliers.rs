@@ -30,7 +30,7 @@ impl OutlierTable {
         if self.count == 0 {
             return "<p>None was found.</p>\n".to_owned();
         }
-        let header = [("log", true), ("line", false), ("what", true)];
+        let header = ["log", "line", "what"];
         let cells = |row: &OutlierRow| {
             vec![
                 TableCell::Text(row.file.clone()),

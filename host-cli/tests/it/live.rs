@@ -8,7 +8,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use serialport::{SerialPort, TTYPort};
-use system_tests::program::{self, Recording, succeed};
+use system_tests::program::{self, Recording, Running, succeed};
 
 /// What a terminal shows, as far as the view uses it: moves, and text.
 struct Screen {
@@ -199,7 +199,9 @@ impl Terminal {
 }
 
 /// A board at 1 kHz on the port `board` of a directory.
-pub(crate) struct Board(Child);
+pub(crate) struct Board {
+    _process: Running,
+}
 
 impl Board {
     pub(crate) fn start(dir: &Path) -> Self {
@@ -208,7 +210,8 @@ impl Board {
 
     /// At so many frames a second. A pty keeps some hundred of them for a program that the machine lets wait.
     pub(crate) fn start_at(dir: &Path, rate_hz: u32) -> Self {
-        let board = Self(program::start(dir, "board --simulate --symlink board --seed 2"));
+        let board = program::start(dir, "board --simulate --symlink board --seed 2");
+        let board = Self { _process: Running(board) };
         let deadline = Instant::now() + Duration::from_secs(60);
         while !dir.join("board").exists() {
             assert!(Instant::now() < deadline, "there is no board");
@@ -218,13 +221,6 @@ impl Board {
             program::run_patiently(dir, &format!("board board {order}"), 0);
         }
         board
-    }
-}
-
-impl Drop for Board {
-    fn drop(&mut self) {
-        _ = self.0.kill();
-        _ = self.0.wait();
     }
 }
 
@@ -258,7 +254,7 @@ fn a_plan_leads_through_its_loads_and_labels_their_rows() {
     fs::write(dir.join("plan.csv"), "group,force_n,direction\nahead,1.5,+x\nastern,1.5,-x\n")
         .unwrap();
     let _board =
-        Board(program::start(dir, "board --simulate --load load.csv --symlink board --seed 2"));
+        Running(program::start(dir, "board --simulate --load load.csv --symlink board --seed 2"));
     let deadline = Instant::now() + Duration::from_secs(60);
     while !dir.join("board").exists() {
         assert!(Instant::now() < deadline, "there is no board");

@@ -4,12 +4,12 @@ use std::fs;
 use std::io::{self, BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Stdio};
+use std::process::Stdio;
 use std::thread;
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
-use system_tests::program::{self, Recording, ended, succeed};
+use system_tests::program::{self, Recording, Running, ended, succeed};
 use system_tests::random::Random;
 
 /// When to give up, which is no statement on how long it should take.
@@ -17,7 +17,7 @@ const PATIENCE: Duration = Duration::from_secs(60);
 
 /// A view that is served.
 struct View {
-    child: Child,
+    child: Running,
     said: BufReader<std::process::ChildStdout>,
     /// `127.0.0.1:PORT`.
     at: String,
@@ -46,7 +46,7 @@ impl View {
         });
         let (at, token) = address.split_once("/?token=").unwrap();
         let (at, token) = (at.to_owned(), token.to_owned());
-        Self { child, said, at, token }
+        Self { child: Running(child), said, at, token }
     }
 
     fn connect(&self) -> TcpStream {
@@ -86,19 +86,12 @@ impl View {
 
     /// Ctrl-C: what is said at the end, of a run that ends well.
     fn end(mut self) -> String {
-        program::interrupt(&self.child);
+        program::interrupt(&self.child.0);
         let mut said = String::new();
         self.said.read_to_string(&mut said).unwrap();
-        let status = self.child.wait().unwrap();
+        let status = self.child.0.wait().unwrap();
         assert_eq!(status.code(), Some(0), "{said}");
         said
-    }
-}
-
-impl Drop for View {
-    fn drop(&mut self) {
-        _ = self.child.kill();
-        _ = self.child.wait();
     }
 }
 

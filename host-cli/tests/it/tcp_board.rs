@@ -3,14 +3,14 @@
 use std::io::{BufRead, BufReader, Read};
 use std::net::TcpStream;
 use std::path::Path;
-use std::process::{Child, Stdio};
+use std::process::Stdio;
 use std::time::Duration;
 
-use system_tests::program::{self, Recording};
+use system_tests::program::{self, Recording, Running};
 
 /// A board that ends with the test.
 struct Board {
-    process: Child,
+    _process: Running,
     /// Its name, `tcp://…`.
     port: String,
 }
@@ -23,14 +23,7 @@ impl Board {
         let mut line = String::new();
         BufReader::new(process.stdout.take().unwrap()).read_line(&mut line).unwrap();
         let port = line.trim().strip_prefix("simulated board on ").unwrap().to_owned();
-        Self { process, port }
-    }
-}
-
-impl Drop for Board {
-    fn drop(&mut self) {
-        let _ = self.process.kill();
-        let _ = self.process.wait();
+        Self { _process: Running(process), port }
     }
 }
 

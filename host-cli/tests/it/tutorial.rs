@@ -3,9 +3,9 @@
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 
-use system_tests::program::Recording;
+use system_tests::program::{Recording, Running};
 
 use super::book::root;
 
@@ -68,16 +68,6 @@ fn are_like(lines: &[&str], expected: &[String]) -> bool {
     }
 }
 
-/// Ends a command that runs in the background, however the test ends.
-struct Background(Child);
-
-impl Drop for Background {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
-
 /// A shell in a folder, with the program on its path.
 fn shell(folder: &Path, command: &str) -> Command {
     let program = Path::new(env!("CARGO_BIN_EXE_shellcal")).parent().unwrap();
@@ -99,7 +89,7 @@ fn the_tutorial_leads_from_nothing_to_the_report() {
         if let Some(command) = command.strip_suffix(" &") {
             // `exec`, so that it is the program itself that is ended.
             let mut shell = shell(folder, &format!("exec {command}"));
-            let mut child = Background(shell.stdout(Stdio::piped()).spawn().unwrap());
+            let mut child = Running(shell.stdout(Stdio::piped()).spawn().unwrap());
             let mut first = String::new();
             let output = child.0.stdout.take().unwrap();
             BufReader::new(output).read_line(&mut first).unwrap();

@@ -8,7 +8,7 @@
 use std::collections::VecDeque;
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::sync::{Arc, Condvar, Mutex};
 use std::thread;
 use std::time::Duration;
@@ -17,6 +17,7 @@ use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use serialport::{SerialPort, TTYPort};
 use shared_proto::xbee::{Address, ApiFrame, Deframer, Mode};
+use system_tests::program::Running;
 
 /// Bytes that are kept before the emulator is stopped, and until it goes on.
 const HIGH_WATER: usize = 1 << 14;
@@ -36,7 +37,7 @@ pub enum BaseStation {
 
 /// A board in the emulator, and a pty that leads to it.
 pub struct EmulatedBoard {
-    emulator: Child,
+    _emulator: Running,
     /// The host's end of the pty.
     pub port: String,
 }
@@ -68,14 +69,7 @@ impl EmulatedBoard {
         thread::spawn(move || here.take_from_board(from_board, base));
         thread::spawn(move || shared.give_to_host(pty));
         thread::spawn(move || give_to_board(from_host, serial, base));
-        Self { emulator, port }
-    }
-}
-
-impl Drop for EmulatedBoard {
-    fn drop(&mut self) {
-        _ = self.emulator.kill();
-        _ = self.emulator.wait();
+        Self { _emulator: Running(emulator), port }
     }
 }
 

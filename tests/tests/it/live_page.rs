@@ -2,14 +2,14 @@
 
 use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::{Child, Stdio};
+use std::process::Stdio;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use serde_json::Value;
 use simulation::simulated_board::{BoardSettings, Load, SimulatedBoard};
 use system_tests::browser::Browser;
 use system_tests::chromium;
-use system_tests::program::{Recording, command, interrupt, run, run_patiently};
+use system_tests::program::{Recording, Running, command, interrupt, run, run_patiently};
 
 use crate::page_rules::{check_rules, contrast, keep};
 
@@ -33,7 +33,7 @@ impl Board {
 
 /// The program that serves the page.
 struct Server {
-    child: Child,
+    child: Running,
     address: String,
 }
 
@@ -48,24 +48,17 @@ impl Server {
         let mut line = String::new();
         BufReader::new(child.stdout.as_mut().unwrap()).read_line(&mut line).unwrap();
         let address = line.trim_end().strip_prefix("live at ").unwrap_or_else(|| panic!("{line}"));
-        Self { address: address.to_owned(), child }
+        Self { address: address.to_owned(), child: Running(child) }
     }
 
     /// Waits until it has ended well: only then are its logs whole.
     fn wait(mut self) {
         let deadline = SystemTime::now() + Duration::from_secs(60);
-        while self.child.try_wait().unwrap().is_none() {
+        while self.child.0.try_wait().unwrap().is_none() {
             assert!(SystemTime::now() < deadline, "it does not end");
             std::thread::sleep(Duration::from_millis(20));
         }
-        assert_eq!(self.child.wait().unwrap().code(), Some(0));
-    }
-}
-
-impl Drop for Server {
-    fn drop(&mut self) {
-        _ = self.child.kill();
-        _ = self.child.wait();
+        assert_eq!(self.child.0.wait().unwrap().code(), Some(0));
     }
 }
 
@@ -170,7 +163,7 @@ fn the_page_follows_the_board() {
 
     browser.click("document.querySelector('[data-order=record]')");
     browser.wait_for("document.getElementById('message').textContent === 'recorded `log.csv`'");
-    interrupt(&server.child);
+    interrupt(&server.child.0);
     browser.wait_for("document.getElementById('state').textContent === 'the program has ended'");
     assert_eq!(browser.complaints(), Vec::<String>::new());
     // The page asks for itself, its events and its orders.
@@ -247,7 +240,7 @@ fn a_plan_is_followed_load_by_load() {
     browser.click("document.querySelector('[data-order=record]')");
     browser.wait_for("document.getElementById('message').textContent === 'recorded `log.csv`'");
     assert_eq!(browser.complaints(), Vec::<String>::new());
-    interrupt(&server.child);
+    interrupt(&server.child.0);
     server.wait();
     let log = Recording::read(&dir.join("log.csv"));
     let index = log.numbers("index");
@@ -260,15 +253,5 @@ fn a_plan_is_followed_load_by_load() {
         assert!((150..=260).contains(&forces.len()), "{group}: {} rows", forces.len());
         // The calibration's error, and creep.
         assert!(forces.iter().all(|found| (found - fx).abs() < 0.5), "{group}: {forces:?}");
-    }
-}
-
-/// A program that is ended.
-struct Running(Child);
-
-impl Drop for Running {
-    fn drop(&mut self) {
-        _ = self.0.kill();
-        _ = self.0.wait();
     }
 }

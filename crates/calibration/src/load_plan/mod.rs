@@ -18,7 +18,7 @@
 
 mod coupling;
 mod covariance;
-mod next_load;
+mod dataset_loads;
 mod planner;
 mod replay;
 mod sensors;
@@ -27,7 +27,7 @@ mod surface;
 mod tests;
 
 pub use self::coupling::{Coupling, couplings};
-pub use self::next_load::{UsefulLoad, loads_of_dataset, most_useful_load};
+pub use self::dataset_loads::loads_of_dataset;
 pub use self::planner::{Criterion, PlannedLoad, Planner, PredictedError};
 pub use self::replay::{Order, Replay, ReplayError, ReplayOptions};
 pub use self::sensors::SensorKnowledge;

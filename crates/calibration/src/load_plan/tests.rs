@@ -155,26 +155,3 @@ fn a_load_that_breaks_a_coupling_is_named() {
     assert_eq!(couplings(&pushes, &candidates[..1])[0].broken_by, None);
     assert_eq!(couplings(&[], &candidates), []);
 }
-
-#[test]
-fn the_pair_of_axes_that_was_never_loaded_together_is_the_most_useful() {
-    let mut seen = Vec::new();
-    for first in 0..6 {
-        for second in first..6 {
-            for signs in [[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]] {
-                let mut one = [0.0; 6];
-                one[second] = signs[1];
-                one[first] = signs[0];
-                seen.extend(((first, second) != (0, 5)).then_some(one));
-            }
-        }
-    }
-    let useful = most_useful_load(&seen, None).unwrap();
-    assert_eq!(useful.wrench.map(f64::abs), [1.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
-    assert!(useful.improvement > 0.0 && useful.to_string().starts_with("Fx"), "{useful}");
-    assert_eq!(most_useful_load(&[], None), None);
-    // What presses downwards only is not pulled upwards.
-    let down: Vec<PerAxis<f64>> =
-        (0..9).map(|i| [0.0, 0.0, -f64::from(i), 0.0, 0.0, 0.0]).collect();
-    assert_eq!(most_useful_load(&down, None).unwrap().to_string(), "Fz −8.0 N");
-}

@@ -65,7 +65,7 @@ pub fn box_figure(size: Size, title: &str, rows: &[ConditionRow]) -> Figure {
         }
     }
     draw_key(&mut canvas, bottom + 10.0, size);
-    Figure::new(canvas.finish())
+    canvas.finish()
 }
 
 /// Says what the marks are, in one line, or in two where that is too long.

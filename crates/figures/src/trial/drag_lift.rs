@@ -63,5 +63,5 @@ pub fn drag_lift_figure(size: Size, title: &str, trace: &Trace, passage: &Passag
     draw_lines(&mut canvas, &panel, &lines);
     panel.draw_frame(&mut canvas);
     draw_legend(&mut canvas, panel.area, &keys);
-    Figure::new(canvas.finish())
+    canvas.finish()
 }

@@ -197,7 +197,7 @@ fn empty_figure(size: Size, title: &str, reason: &str) -> Figure {
     let mut canvas = canvas(size, TOP + 60.0);
     draw_title(&mut canvas, title);
     canvas.text((16.0, TOP + 12.0), reason, Style::LABEL.anchored(Anchor::Start));
-    Figure::new(canvas.finish())
+    canvas.finish()
 }
 
 #[cfg(test)]
@@ -327,21 +327,20 @@ mod tests {
     /// As a page of a paper takes it: the width, letters of 5 to 7 pt, nothing cut off at the edges, and no text
     /// over another.
     fn assert_printable(figure: &Figure, size: Size, width_mm: f64) {
-        let drawing = figure.drawing();
         let svg = figure.svg();
         assert!(svg.contains(&format!("width=\"{width_mm}mm\"")), "{}", &svg[..200]);
         let pt = size.scale() * 0.75;
         // The width of the page in a PDF, in pt of 1/72 inch.
         let page = width_mm / 25.4 * 72.0;
         let mut texts: Vec<(&String, tiny_skia::Rect)> = Vec::new();
-        assert!((drawing.width * pt - page).abs() < 1e-9, "{} {page}", drawing.width * pt);
-        for shape in &drawing.shapes {
+        assert!((figure.width * pt - page).abs() < 1e-9, "{} {page}", figure.width * pt);
+        for shape in &figure.shapes {
             let DrawnShape::Text { at, text, style } = shape else { continue };
             // Half a hundredth: sizes are written with two decimals.
             assert!((4.995..=7.005).contains(&(style.size * pt)), "{text}: {} pt", style.size * pt);
             let Some((path, position)) = lettering::outline(text, *at, *style) else { continue };
             let bounds = path.transform(position).unwrap().bounds();
-            let (right, bottom) = (drawing.width as f32, drawing.height as f32);
+            let (right, bottom) = (figure.width as f32, figure.height as f32);
             let is_inside = bounds.left() >= 0.0 && bounds.top() >= 0.0;
             assert!(is_inside, "{text} at {bounds:?}");
             assert!(bounds.right() <= right && bounds.bottom() <= bottom, "{text} at {bounds:?}");

@@ -65,7 +65,7 @@ pub fn phase_figure(size: Size, title: &str, conditions: &[(String, PhaseProfile
         }
     }
     draw_legend(&mut canvas, wide_area(size, top - 4.0, HEIGHT), &keys);
-    Figure::new(canvas.finish())
+    canvas.finish()
 }
 
 fn draw_panel(

@@ -70,7 +70,7 @@ pub fn stack_figure(
         let shading = if i == 0 { &shading[..] } else { &[] };
         draw_legend(&mut canvas, area, row.keys.iter().chain(shading));
     }
-    Figure::new(canvas.finish())
+    canvas.finish()
 }
 
 impl StackRow<'_> {

@@ -70,5 +70,5 @@ pub fn window_figure(
             canvas.text(at, &text, Style::LABEL.anchored(Anchor::Start));
         }
     }
-    Figure::new(canvas.finish())
+    canvas.finish()
 }

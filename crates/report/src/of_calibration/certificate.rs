@@ -123,8 +123,7 @@ impl Certificate<'_> {
             let unit = [TableCell::Text(scale.unit.clone())];
             name.into_iter().chain(figures).chain(unit).collect()
         };
-        let header =
-            [("axis", true), ("least", false), ("most", false), ("RMS", false), ("unit", true)];
+        let header = ["axis", "least", "most", "RMS", "unit"];
         let rows = self.calibration.axes.iter().map(row);
         table("Loads of the calibration; outside them it is not valid", &header, rows)
     }
@@ -163,9 +162,9 @@ impl Certificate<'_> {
         let mut rows: Vec<Vec<TableCell>> = self.budget.iter().map(line).collect();
         rows.push(sum("combined standard uncertainty", combined, "root of the sum of the squares"));
         rows.push(sum("expanded uncertainty, k = 2", expanded, "95 % of normal errors"));
-        let mut header = vec![("standard uncertainty", true), ("type", true)];
-        header.extend(names.iter().map(|name| (name.as_str(), false)));
-        header.push(("from", true));
+        let mut header = vec!["standard uncertainty", "type"];
+        header.extend(names.iter().map(String::as_str));
+        header.push("from");
         let mut html = table("Uncertainty budget of a single frame", &header, rows);
         let unknown: Vec<&str> =
             self.budget.iter().filter(|of| of.standard.is_none()).map(|of| of.source).collect();
@@ -195,16 +194,8 @@ impl Certificate<'_> {
             row.push(TableCell::from(if of.is_off { "off" } else { "passes" }));
             row
         };
-        let header = [
-            ("load", true),
-            ("axis", true),
-            ("stated", false),
-            ("measured", false),
-            ("difference", false),
-            ("allowed", false),
-            ("unit", true),
-            ("result", true),
-        ];
+        let header =
+            ["load", "axis", "stated", "measured", "difference", "allowed", "unit", "result"];
         let rows = self.weights.iter().map(row);
         table("Known weights on the calibrated sensor", &header, rows)
     }

@@ -99,15 +99,8 @@ fn coverage(report: &CalibrationReport<'_>) -> String {
         let of = &excitation.axes[axis.index()];
         vec![of.min, of.max]
     });
-    let header = [
-        ("axis", true),
-        ("least", false),
-        ("most", false),
-        ("RMS", false),
-        ("unit", true),
-        ("rows above zero (%)", false),
-        ("rows below zero (%)", false),
-    ];
+    let header =
+        ["axis", "least", "most", "RMS", "unit", "rows above zero (%)", "rows below zero (%)"];
     let row = |axis: Axis| {
         let (of, scale) = (&excitation.axes[axis.index()], &scales[axis.index() / 3]);
         vec![
@@ -121,8 +114,8 @@ fn coverage(report: &CalibrationReport<'_>) -> String {
         ]
     };
     let mut html = html + &table("Training loads", &header, axes.iter().map(row));
-    let mut header = vec![("axis", true)];
-    header.extend(axes.iter().map(|axis| (axis.name(), false)));
+    let mut header = vec!["axis"];
+    header.extend(axes.iter().map(Axis::name));
     let row = |axis: Axis| {
         let mut row = vec![TableCell::from(axis.name())];
         let with = axes.of(&excitation.correlation[axis.index()]);
@@ -196,9 +189,9 @@ fn group_table(caption: &str, groups: &[(&str, &GroupRow)], axes: Axes) -> Strin
         cells
     };
     let load = format!("mean load ({}; {})", loads[0].unit, loads[1].unit);
-    let mut header = vec![("data", true), ("group", true), ("rows", false)];
-    header.extend(names.iter().map(|name| (name.as_str(), false)));
-    header.push((&load, true));
+    let mut header = vec!["data", "group", "rows"];
+    header.extend(names.iter().map(String::as_str));
+    header.push(&load);
     table(caption, &header, groups.iter().map(text))
 }
 
@@ -212,14 +205,8 @@ fn model(report: &CalibrationReport<'_>) -> String {
 }
 
 fn compared(selection: &Selection) -> String {
-    let header = [
-        ("model", true),
-        ("features", false),
-        ("ridge", false),
-        ("squared error of the variance", false),
-        ("± standard error", false),
-        ("note", true),
-    ];
+    let header =
+        ["model", "features", "ridge", "squared error of the variance", "± standard error", "note"];
     let row = |(at, candidate): (usize, &Candidate)| {
         let mark = match at {
             at if at == selection.chosen => "chosen",

@@ -4,7 +4,7 @@ use super::super::markup::{TableCell, table};
 use super::super::units::ColumnUnit;
 use super::super::{CalibrationFacts, CalibrationSource, Report};
 use super::parts::facts_table;
-use shell_data::wrench::Axis;
+use shell_data::wrench::{Axis, PerAxis};
 
 pub(super) fn calibration(report: &Report<'_>) -> String {
     let Some(calibration) = &report.calibration else { return String::new() };
@@ -18,7 +18,7 @@ pub(crate) fn sources_table(calibration: &CalibrationFacts<'_>) -> String {
     if calibration.sources.is_empty() {
         return String::new();
     }
-    let header = [("used to", true), ("file", true), ("rows", false), ("checksum", true)];
+    let header = ["used to", "file", "rows", "checksum"];
     let row = |source: &CalibrationSource| {
         vec![
             TableCell::from(source.role),
@@ -31,33 +31,30 @@ pub(crate) fn sources_table(calibration: &CalibrationFacts<'_>) -> String {
     table("What the calibration was made from", &header, rows)
 }
 
-/// A column of figures, one for each axis.
-type ErrorColumn<'a> = (&'static str, Box<dyn Fn(Axis) -> Option<f64> + 'a>);
-
 /// The errors of each axis on training data, on groups that were held out, and on test data, as far as they
 /// are known; forces in one unit, moments in another.
 pub(crate) fn errors_table(calibration: &CalibrationFacts<'_>) -> String {
-    let mut columns: Vec<ErrorColumn<'_>> = Vec::new();
+    let mut columns: Vec<(&str, PerAxis<Option<f64>>)> = Vec::new();
     if let Some(train) = calibration.train {
-        columns.push(("RMS, training", Box::new(|axis| Some(train[axis.index()].rms))));
+        columns.push(("RMS, training", train.map(|axis| Some(axis.rms))));
     }
     if let Some(held_out) = calibration.cross_validation {
-        columns.push(("RMS, held out", Box::new(|axis| Some(held_out.grouped[axis.index()].rms))));
+        columns.push(("RMS, held out", held_out.grouped.map(|axis| Some(axis.rms))));
     }
     if let Some(test) = calibration.test {
-        columns.push(("RMS, test", Box::new(|axis| Some(test[axis.index()].rms))));
+        columns.push(("RMS, test", test.map(|axis| Some(axis.rms))));
     }
     let Some(on) = calibration.test.or(calibration.train) else { return String::new() };
-    columns.push(("largest", Box::new(|axis| on[axis.index()].max)));
-    columns.push(("bias", Box::new(|axis| Some(on[axis.index()].bias))));
-    let scales = scales(|axis| columns.iter().filter_map(|(_, of)| of(axis)).collect());
-    let mut header = vec![("axis", true)];
-    header.extend(columns.iter().map(|(name, _)| (*name, false)));
-    header.extend([("R²", false), ("unit", true)]);
+    columns.push(("largest", on.map(|axis| axis.max)));
+    columns.push(("bias", on.map(|axis| Some(axis.bias))));
+    let scales = scales(|axis| columns.iter().filter_map(|(_, of)| of[axis.index()]).collect());
+    let mut header = vec!["axis"];
+    header.extend(columns.iter().map(|(name, _)| *name));
+    header.extend(["R²", "unit"]);
     let row = |axis: Axis| {
         let scale = &scales[axis.index() / 3];
         let mut row = vec![TableCell::from(axis.name())];
-        row.extend(columns.iter().map(|(_, of)| TableCell::Figure(scale.value(of(axis)))));
+        row.extend(columns.iter().map(|(_, of)| TableCell::Figure(scale.value(of[axis.index()]))));
         row.push(TableCell::from(on[axis.index()].r_squared));
         row.push(TableCell::Text(scale.unit.clone()));
         row

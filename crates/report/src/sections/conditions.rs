@@ -28,19 +28,11 @@ pub(super) fn conditions(report: &Report<'_>, numbers: &ReportNumbers) -> String
         let rows: Vec<Vec<TableCell>> = of_quantity.iter().map(cells).collect();
         let reference = report.conditions.iter().find_map(|row| row.difference.as_ref());
         let less = reference.map(|difference| format!("difference from {}", difference.reference));
-        let mut header = vec![("condition", true), ("per", true), ("n", false), ("mean", false)];
-        header.extend(less.as_deref().map(|less| (less, false)));
+        let mut header = vec!["condition", "per", "n", "mean"];
+        header.extend(less.as_deref());
         html += &table(&scale.name(&capital(quantity.name())), &header, rows);
         let spread = of_quantity.iter().map(|row| spread_cells(row, &scale));
-        let header = [
-            ("condition", true),
-            ("per", true),
-            ("sd", false),
-            ("median", false),
-            ("quartiles", false),
-            ("whiskers", false),
-            ("outliers", false),
-        ];
+        let header = ["condition", "per", "sd", "median", "quartiles", "whiskers", "outliers"];
         let caption = format!("Spread of {}", scale.name(quantity.name()));
         html += &folded(&caption, &table(&caption, &header, spread));
     }

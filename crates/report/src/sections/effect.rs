@@ -33,13 +33,13 @@ pub(super) fn effect(report: &Report<'_>, numbers: &ReportNumbers) -> String {
     for (at, plot) in numbers.effects.iter().enumerate() {
         html += &plot_figure(&format!("effect-{at}"), " effect", &alt(plot), &caption(plot));
     }
-    let mut header = vec![("condition".to_owned(), true), ("trials".to_owned(), false)];
+    let mut header = vec!["condition".to_owned(), "trials".to_owned()];
     let mut columns: Vec<Vec<String>> = Vec::new();
     for &quantity in &quantities {
         let rows = rows(quantity);
         let scale = scale_of(&rows, quantity);
         let of = |name: &str| rows.iter().find(|row| row.condition == name);
-        header.push((scale.name(quantity.name()), false));
+        header.push(scale.name(quantity.name()));
         let mean = |name: &&str| {
             of(name).map_or("–".to_owned(), |row| {
                 scale.estimate(Some(row.statistics.mean), row.statistics.mean_95)
@@ -47,7 +47,7 @@ pub(super) fn effect(report: &Report<'_>, numbers: &ReportNumbers) -> String {
         };
         columns.push(names.iter().map(mean).collect());
         if let Some(reference) = reference {
-            header.push((format!("difference from {}", reference.reference), false));
+            header.push(format!("difference from {}", reference.reference));
             let less = |name: &&str| match of(name).and_then(|row| row.difference.as_ref()) {
                 Some(difference) => scale.estimate(Some(difference.mean), difference.mean_95),
                 None => "–".to_owned(),
@@ -67,8 +67,6 @@ pub(super) fn effect(report: &Report<'_>, numbers: &ReportNumbers) -> String {
         row.extend(columns.iter().map(|column| TableCell::Figure(column[at].clone())));
         row
     });
-    let header: Vec<(&str, bool)> =
-        header.iter().map(|(name, is_text)| (name.as_str(), *is_text)).collect();
     html + &table("Mean per trial, with the half width of its 95 % interval", &header, cells)
 }
 

@@ -118,7 +118,7 @@ fn origin(report: &Report<'_>) -> String {
     if !settings.is_empty() {
         html += &facts_table("Settings", &settings);
     }
-    let header = [("used as", true), ("file", true), ("bytes", false), ("checksum", true)];
+    let header = ["used as", "file", "bytes", "checksum"];
     let rows = report.inputs.iter().map(|input| {
         vec![
             TableCell::Text(input.role.clone()),

@@ -6,7 +6,7 @@ pub(crate) fn facts_table(caption: &str, facts: &[(&str, String)]) -> String {
     let rows = facts
         .iter()
         .map(|(name, value)| vec![TableCell::from(*name), TableCell::Long(value.clone())]);
-    table(caption, &[("what", true), ("value", true)], rows)
+    table(caption, &["what", "value"], rows)
 }
 
 pub(super) fn plot_figure(id: &str, class: &str, alt: &str, caption: &str) -> String {

@@ -85,9 +85,9 @@ fn trial_tables(trials: &[TrialResult]) -> String {
         energy.name("drag energy"),
         electrical.name("electrical energy"),
     ];
-    let mut header = vec![("log", true), ("condition", true)];
-    header.extend(names.iter().map(|name| (name.as_str(), false)));
-    header.push(("specific resistance", false));
+    let mut header = vec!["log", "condition"];
+    header.extend(names.iter().map(String::as_str));
+    header.push("specific resistance");
     let results = |TrialResult { row, .. }: &TrialResult| {
         vec![
             TableCell::Text(row.file.clone()),
@@ -101,14 +101,7 @@ fn trial_tables(trials: &[TrialResult]) -> String {
     };
     let rows = trials.iter().map(results);
     let html = table("One row for each trial", &header, rows);
-    let header = [
-        ("log", true),
-        ("entry (s)", false),
-        ("exit (s)", false),
-        ("speed (m/s)", false),
-        ("strides", false),
-        ("strides/s", false),
-    ];
+    let header = ["log", "entry (s)", "exit (s)", "speed (m/s)", "strides", "strides/s"];
     let times = |TrialResult { row, .. }: &TrialResult| {
         vec![
             TableCell::Text(row.file.clone()),
@@ -132,14 +125,14 @@ fn strides(strides: &[StrideRow]) -> String {
     let electrical = ColumnUnit::new("J", strides.iter().filter_map(|row| row.electrical_energy_j));
     let names = [energy.name("drag energy"), electrical.name("electrical energy")];
     let header = [
-        ("stride", false),
-        ("start (s)", false),
-        ("end (s)", false),
-        ("drag (N)", false),
-        ("lift (N)", false),
-        (names[0].as_str(), false),
-        (names[1].as_str(), false),
-        ("specific resistance", false),
+        "stride",
+        "start (s)",
+        "end (s)",
+        "drag (N)",
+        "lift (N)",
+        &names[0],
+        &names[1],
+        "specific resistance",
     ];
     let rows = strides.iter().map(|row| {
         vec![
