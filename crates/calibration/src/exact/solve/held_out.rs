@@ -14,8 +14,6 @@
 //! its rounding error is below `p·2⁻⁹⁸·t` for p features: cancellation would have to cost 20 digits
 //! before the tenth was wrong.
 
-use pulp::NullaryFnOnce;
-
 use super::cholesky::{AxisRow, Bordered, ElementLanes, LANES};
 use super::double_double_matrix::DoubleDoubleMatrix;
 use super::fit::{ExactFit, SolveError};
@@ -26,7 +24,7 @@ use crate::exact::moments::rounding::power_of_two;
 use crate::exact::moments::rounding::round;
 use crate::model::Term;
 use crate::quality::AxisQuality;
-use shell_data::instructions::arch;
+use shell_data::vectorised;
 use shell_data::wrench::PerAxis;
 
 /// Pivots of Cholesky, relative to the diagonal, above which its coefficients have more than ten
@@ -160,8 +158,7 @@ impl EquationScales {
         part: &PartMoments,
         coefficients: &[AxisRow],
     ) -> PerAxis<HeldOutErrors> {
-        let (sums, squares) =
-            arch().dispatch(ErrorSums { columns: &self.columns, part, coefficients });
+        let (sums, squares) = error_sums(&self.columns, part, coefficients);
         std::array::from_fn(|axis| {
             let unit = power_of_two(self.axes[axis]);
             HeldOutErrors {
@@ -201,19 +198,13 @@ fn solve_wide(gram: &DoubleDoubleMatrix, right: &[AxisRow]) -> Option<Vec<AxisRo
     (sure && finite).then_some(coefficients)
 }
 
-/// Sums of errors and of their squares, scaled.
-struct ErrorSums<'a> {
-    columns: &'a [i32],
-    part: &'a PartMoments,
-    coefficients: &'a [AxisRow],
-}
-
-impl NullaryFnOnce for ErrorSums<'_> {
-    type Output = (AxisRow, AxisRow);
-
-    #[inline(always)]
-    fn call(self) -> (AxisRow, AxisRow) {
-        let Self { columns, part, coefficients } = self;
+vectorised! {
+    /// Sums of errors and of their squares, scaled.
+    fn error_sums(
+        columns: &[i32],
+        part: &PartMoments,
+        coefficients: &[AxisRow],
+    ) -> (AxisRow, AxisRow) {
         let mut sums = ElementLanes::new(&part.wrench.map(|sum| -sum));
         let mut squares = part.squares;
         let lanes: Vec<ElementLanes> = coefficients.iter().map(ElementLanes::new).collect();
