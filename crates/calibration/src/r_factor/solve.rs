@@ -195,35 +195,6 @@ impl RFactor {
     }
 }
 
-/// Solves `min ‖X·C − Y‖` for dense `X` (n × p) and `Y` (n × q).
-///
-/// # Errors
-/// As [`RFactor::solve`].
-///
-/// # Panics
-/// If `x` and `y` differ in their number of rows.
-pub fn least_squares(
-    x: MatRef<'_, f64>,
-    y: MatRef<'_, f64>,
-    ridge: Ridge,
-) -> Result<LeastSquares, LeastSquaresError> {
-    assert_eq!(x.nrows(), y.nrows(), "as many rows in X as in Y");
-    let mut workspace = Workspace::new(x.ncols(), y.ncols());
-    let mut r_factor = RFactor::new(x.ncols(), y.ncols());
-    let step = workspace.rows();
-    for start in (0..x.nrows()).step_by(step) {
-        let rows = step.min(x.nrows() - start);
-        r_factor.absorb(rows, &mut workspace, |columns, stride| {
-            for (j, column) in columns.chunks_mut(stride).enumerate() {
-                let source = if j < x.ncols() { x.col(j) } else { y.col(j - x.ncols()) };
-                let rows = source.subrows(start, rows);
-                column.iter_mut().zip(rows.iter()).for_each(|(to, from)| *to = *from);
-            }
-        });
-    }
-    r_factor.solve(ridge)
-}
-
 #[cfg(test)]
 mod tests {
     use faer::Col;
@@ -237,6 +208,35 @@ mod tests {
     fn noise(rows: usize, columns: usize, seed: u64) -> Mat<f64> {
         let mut random = Random(seed);
         Mat::from_fn(rows, columns, |_, _| 2.0 * random.unit() - 1.0)
+    }
+
+    /// Solves `min ‖X·C − Y‖` for dense `X` (n × p) and `Y` (n × q).
+    ///
+    /// # Errors
+    /// As [`RFactor::solve`].
+    ///
+    /// # Panics
+    /// If `x` and `y` differ in their number of rows.
+    fn least_squares(
+        x: MatRef<'_, f64>,
+        y: MatRef<'_, f64>,
+        ridge: Ridge,
+    ) -> Result<LeastSquares, LeastSquaresError> {
+        assert_eq!(x.nrows(), y.nrows(), "as many rows in X as in Y");
+        let mut workspace = Workspace::new(x.ncols(), y.ncols());
+        let mut r_factor = RFactor::new(x.ncols(), y.ncols());
+        let step = workspace.rows();
+        for start in (0..x.nrows()).step_by(step) {
+            let rows = step.min(x.nrows() - start);
+            r_factor.absorb(rows, &mut workspace, |columns, stride| {
+                for (j, column) in columns.chunks_mut(stride).enumerate() {
+                    let source = if j < x.ncols() { x.col(j) } else { y.col(j - x.ncols()) };
+                    let rows = source.subrows(start, rows);
+                    column.iter_mut().zip(rows.iter()).for_each(|(to, from)| *to = *from);
+                }
+            });
+        }
+        r_factor.solve(ridge)
     }
 
     fn difference(a: &Mat<f64>, b: &Mat<f64>) -> f64 {
