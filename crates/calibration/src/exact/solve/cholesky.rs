@@ -9,6 +9,11 @@ pub(crate) const LANES: usize = 8;
 /// One row of right-hand sides or solutions.
 pub(crate) type AxisRow = [DoubleDouble; LANES];
 
+/// The row of what belongs to each of the six axes.
+pub(crate) fn axis_row(of: impl Fn(usize) -> DoubleDouble) -> AxisRow {
+    std::array::from_fn(|axis| if axis < 6 { of(axis) } else { DoubleDouble::ZERO })
+}
+
 /// A row with its heads and tails apart, each a vector: what loops work on.
 #[derive(Clone, Copy)]
 pub(crate) struct ElementLanes {
@@ -72,6 +77,11 @@ impl Bordered {
     pub(crate) fn set(&mut self, row: usize, column: usize, value: DoubleDouble) {
         let at = row * self.width + column;
         (self.head[at], self.tail[at]) = (value.to_f64(), value.tail());
+    }
+
+    /// The border beside a row, of one column for each axis.
+    pub(crate) fn border(&self, row: usize) -> AxisRow {
+        axis_row(|axis| self.get(row, self.size + axis))
     }
 
     /// Factors the matrix; what is left in the corner of the border is `D − BᵀA⁻¹B`.

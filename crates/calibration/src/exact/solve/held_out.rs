@@ -16,9 +16,9 @@
 
 use super::cholesky::{AxisRow, Bordered, ElementLanes, LANES};
 use super::double_double_matrix::DoubleDoubleMatrix;
+use super::equations::penalty_of;
 use super::fit::{ExactFit, SolveError};
 use super::partition::{EquationScales, PartMoments, PartitionedMoments, counted_coefficients};
-use crate::double_double::DoubleDouble;
 use crate::exact::moments::product_sums::Moments;
 use crate::exact::moments::rounding::power_of_two;
 use crate::exact::moments::rounding::round;
@@ -140,10 +140,7 @@ impl EquationScales {
         for (a, term) in self.terms.iter().enumerate() {
             if ridge > 0.0 && *term != Term::INTERCEPT {
                 let square = gram.diagonal_mut(a);
-                // As for all rows: a column of zeros keeps its coefficient at zero.
-                let penalised =
-                    if *square == DoubleDouble::ZERO { DoubleDouble::ONE } else { *square };
-                *square += penalised * DoubleDouble::from(ridge);
+                *square += penalty_of(*square, ridge);
             }
         }
         let right: Vec<AxisRow> = (all.right.iter().zip(&part.right))
@@ -185,14 +182,7 @@ fn solve_wide(gram: &DoubleDoubleMatrix, right: &[AxisRow]) -> Option<Vec<AxisRo
         root * root > SMALLEST_PIVOT * gram.get(a, a).to_f64()
     };
     let sure = (0..size).all(is_sure);
-    let mut coefficients: Vec<AxisRow> = (0..size)
-        .map(|a| {
-            std::array::from_fn(|axis| match axis {
-                0..6 => bordered.get(a, size + axis),
-                _ => DoubleDouble::ZERO,
-            })
-        })
-        .collect();
+    let mut coefficients: Vec<AxisRow> = (0..size).map(|a| bordered.border(a)).collect();
     bordered.solve_upper(&mut coefficients);
     let finite = coefficients.iter().flatten().all(|c| c.is_finite());
     (sure && finite).then_some(coefficients)
