@@ -77,7 +77,7 @@ impl RFactor {
         if !self.r.is_all_finite() {
             return Err(LeastSquaresError::NotFinite);
         }
-        let (equilibrated, norms) = self.equilibrated();
+        let (equilibrated, norms) = equilibrated(self.r());
         let Spectrum { smallest, largest, rank } = self.spectrum(&equilibrated)?;
         if rank < p && ridge.lambda == 0.0 {
             let svd = equilibrated.svd().map_err(|_| LeastSquaresError::NotFinite)?;
@@ -163,18 +163,10 @@ impl RFactor {
     /// `R` and `Z` after the rows of a ridge have been added.
     pub(crate) fn damped_parts(&self, ridge: Ridge) -> (Mat<f64>, Mat<f64>) {
         let (p, q) = (self.features, self.r.nrows() - self.features);
-        let (_, norms) = self.equilibrated();
+        let (_, norms) = equilibrated(self.r());
         let damped = self.damped(&norms, ridge);
         let part = |from, columns| damped.as_ref().submatrix(0, from, p, columns).to_owned();
         (part(0, p), part(p, q))
-    }
-
-    /// `R` with columns of norm one, and the norms. A column of zeros stays as it is.
-    fn equilibrated(&self) -> (Mat<f64>, Vec<f64>) {
-        let norms: Vec<f64> = (0..self.features).map(|j| self.r().col(j).norm_l2()).collect();
-        let unit = |j: usize| if norms[j] > 0.0 { norms[j] } else { 1.0 };
-        let p = self.features;
-        (Mat::from_fn(p, p, |i, j| self.r()[(i, j)] / unit(j)), norms)
     }
 
     /// The R factor after the rows `√λ·D` of the ridge have been added.
@@ -183,7 +175,6 @@ impl RFactor {
         if ridge.lambda > 0.0 {
             let mut penalty = RFactor::new(self.features, self.r.nrows() - self.features);
             for (j, &norm) in norms.iter().enumerate() {
-                let norm = if norm > 0.0 { norm } else { 1.0 };
                 if ridge.free_column != Some(j) {
                     penalty.r[(j, j)] = ridge.lambda.sqrt() * norm;
                 }
@@ -193,6 +184,13 @@ impl RFactor {
         }
         damped.r
     }
+}
+
+/// A matrix with columns of norm one, and what they were divided by. A column of zeros stays as it is.
+pub(crate) fn equilibrated(matrix: MatRef<'_, f64>) -> (Mat<f64>, Vec<f64>) {
+    let unit = |norm: f64| if norm > 0.0 { norm } else { 1.0 };
+    let norms: Vec<f64> = matrix.col_iter().map(|column| unit(column.norm_l2())).collect();
+    (Mat::from_fn(matrix.nrows(), matrix.ncols(), |i, j| matrix[(i, j)] / norms[j]), norms)
 }
 
 #[cfg(test)]
