@@ -25,7 +25,7 @@ pub(super) type RowLanes = [f64; LANES];
 
 /// How one feature is made.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Recipe {
+pub(crate) enum Recipe {
     /// The standardised reading of a channel.
     Reading(usize),
     /// The product of two features that come before.
@@ -158,7 +158,8 @@ fn load(column: &[f64]) -> RowLanes {
     }
 }
 
-fn recipe(terms: &[Term]) -> Vec<Recipe> {
+/// How each of the terms of a model is made.
+pub(crate) fn recipe(terms: &[Term]) -> Vec<Recipe> {
     let position = |factors: &[u8]| {
         let term = Term::product(factors);
         terms.iter().position(|t| *t == term).expect("a model contains the factors of its terms")

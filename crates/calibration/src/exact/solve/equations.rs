@@ -5,7 +5,7 @@ use num_bigint::BigInt;
 use num_traits::Zero;
 
 use super::cholesky::{AxisRow, Bordered, LANES};
-use super::fit::{CholeskyFactor, CountedFeatures, ExactFit, SolveError};
+use super::fit::{CountedFeatures, ExactFit, SolveError};
 use super::multipliers::Multipliers;
 use crate::double_double::DoubleDouble;
 use crate::exact::moments::layout::pair;
@@ -259,7 +259,8 @@ impl<'a> IntegerEquations<'a> {
             total_squares: std::array::from_fn(|axis| self.moments.total_square(axis)),
             condition,
             rank,
-            factor: CholeskyFactor { cholesky, exponents },
+            cholesky,
+            exponents,
             counted: CountedFeatures { centre: self.centre, reach: self.reach, stretch },
         })
     }
