@@ -87,10 +87,7 @@ pub fn fit_by(
     let free_column = model.intercept.then(|| features.len() - 1);
     let mut rows = FeatureRows { rows, features: &features, ranges: None };
     let ridge = Ridge { lambda, free_column };
-    let solved = match method {
-        Method::RidgeGcv => least_squares::ridge_by_gcv(&mut rows, free_column),
-        _ => least_squares::solve(&mut rows, method, ridge).map(|solved| (solved, lambda)),
-    };
+    let solved = least_squares::solve(&mut rows, method, ridge);
     let ranges = rows.ranges.unwrap_or_else(|| ReadingRanges::new(model.columns()));
     match solved {
         Ok((solved, lambda)) => Ok((Solution::new(&features, solved, lambda), ranges)),
