@@ -6,12 +6,11 @@
 //! TOMS 44, 2017), relative error below 2⁻¹⁰² for sums and 2⁻¹⁰⁰ for products and quotients.
 //! Products use the fused multiply-add of `f64::mul_add`, exact on every machine.
 
-use std::cmp::Ordering;
 use std::iter::Sum;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
 /// A head and a tail, `|tail| ≤ ulp(head) / 2`.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd)]
 pub struct DoubleDouble {
     head: f64,
     tail: f64,
@@ -184,15 +183,6 @@ impl SubAssign for DoubleDouble {
 impl Sum for DoubleDouble {
     fn sum<I: Iterator<Item = Self>>(values: I) -> Self {
         values.fold(Self::ZERO, Add::add)
-    }
-}
-
-impl PartialOrd for DoubleDouble {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        match self.head.partial_cmp(&other.head) {
-            Some(Ordering::Equal) => self.tail.partial_cmp(&other.tail),
-            order => order,
-        }
     }
 }
 

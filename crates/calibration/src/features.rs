@@ -5,11 +5,9 @@
 
 use std::ops::Range;
 
-use pulp::NullaryFnOnce;
-
 use super::model::{Model, Term};
 use super::scaling::Scaling;
-use shell_data::instructions::arch;
+use shell_data::vectorised;
 
 /// The features of a model, in the order of its [terms](Model::terms), ready to be evaluated.
 #[derive(Clone, Debug, PartialEq)]
@@ -27,7 +25,7 @@ pub(super) type RowLanes = [f64; LANES];
 
 /// How one feature is made.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Recipe {
+pub(crate) enum Recipe {
     /// The standardised reading of a channel.
     Reading(usize),
     /// The product of two features that come before.
@@ -85,7 +83,7 @@ impl Features {
         columns: &mut [f64],
         stride: usize,
     ) {
-        arch().dispatch(Fill { features: self, readings, rows, columns, stride });
+        fill(self, readings, rows, columns, stride);
     }
 
     /// The features of the [`LANES`] rows from `start`, of which the last may be missing: those repeat
@@ -121,21 +119,14 @@ impl Features {
     }
 }
 
-/// The loops over columns, inlined whole into code for the widest vectors of the machine.
-struct Fill<'a> {
-    features: &'a Features,
-    readings: &'a [Vec<f64>],
-    rows: Range<usize>,
-    columns: &'a mut [f64],
-    stride: usize,
-}
-
-impl NullaryFnOnce for Fill<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        let Fill { features, readings, rows, columns, stride } = self;
+vectorised! {
+    fn fill(
+        features: &Features,
+        readings: &[Vec<f64>],
+        rows: Range<usize>,
+        columns: &mut [f64],
+        stride: usize,
+    ) {
         let n = rows.len();
         for (j, recipe) in features.recipe.iter().enumerate() {
             let (before, column) = columns.split_at_mut(j * stride);
@@ -167,7 +158,8 @@ fn load(column: &[f64]) -> RowLanes {
     }
 }
 
-fn recipe(terms: &[Term]) -> Vec<Recipe> {
+/// How each of the terms of a model is made.
+pub(crate) fn recipe(terms: &[Term]) -> Vec<Recipe> {
     let position = |factors: &[u8]| {
         let term = Term::product(factors);
         terms.iter().position(|t| *t == term).expect("a model contains the factors of its terms")

@@ -12,8 +12,6 @@
 //! is bridged by time. A row that comes late, after rows of later times, is compared with what `e` is by then and
 //! changes nothing. Where the clock jumps, the terms start anew at zero, as at the start of a log. They are causal.
 
-use std::borrow::Cow;
-
 use shell_data::block::Block;
 
 /// What time is counted in.
@@ -141,20 +139,6 @@ impl MemoryState {
         block.readings.extend(terms);
         Ok(())
     }
-}
-
-/// The readings of the next rows with their memory terms, if a calibration has any.
-///
-/// # Errors
-/// [`NoTime`].
-pub fn extended<'a>(
-    state: Option<&mut MemoryState>,
-    times_s: &[f64],
-    readings: &'a [Vec<f64>],
-) -> Result<Cow<'a, [Vec<f64>]>, NoTime> {
-    let Some(state) = state else { return Ok(Cow::Borrowed(readings)) };
-    let terms = state.terms(times_s, readings)?;
-    Ok(Cow::Owned(readings.iter().cloned().chain(terms).collect()))
 }
 
 #[cfg(test)]

@@ -5,11 +5,9 @@
 
 use std::ops::Range;
 
-use pulp::{Simd, WithSimd};
-
 use super::features::{Features, Recipe};
 use crate::double_double::{two_product, two_sum};
-use shell_data::instructions::arch;
+use shell_data::vectorised;
 
 impl Features {
     /// Fills features and what rounding leaves out of them, laid out as by [`Features::fill`].
@@ -46,7 +44,7 @@ impl Features {
                         (&heads_before[j * stride..][..n], &tails_before[j * stride..][..n])
                     };
                     let (x, y) = (of(a), of(b));
-                    arch().dispatch(Products { x, y, head, tail });
+                    fill_product(x, y, head, tail);
                 }
             }
             is_rounded |= tail.iter().any(|&rest| rest != 0.0);
@@ -55,20 +53,15 @@ impl Features {
     }
 }
 
-/// Products of two columns, each of heads and tails.
-struct Products<'a> {
-    x: (&'a [f64], &'a [f64]),
-    y: (&'a [f64], &'a [f64]),
-    head: &'a mut [f64],
-    tail: &'a mut [f64],
-}
-
-impl WithSimd for Products<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Self { x: (x, u), y: (y, v), head, tail } = self;
+vectorised! {
+    /// Products of two columns, each of heads and tails.
+    fn fill_product(
+        x: (&[f64], &[f64]),
+        y: (&[f64], &[f64]),
+        head: &mut [f64],
+        tail: &mut [f64],
+    ) {
+        let ((x, u), (y, v)) = (x, y);
         let operands = x.iter().zip(u).zip(y.iter().zip(v));
         for ((head, tail), ((&x, &u), (&y, &v))) in head.iter_mut().zip(tail).zip(operands) {
             let (product, error) = two_product(x, y);

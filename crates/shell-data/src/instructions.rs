@@ -6,6 +6,8 @@
 use std::sync::LazyLock;
 
 use pulp::Arch;
+#[doc(hidden)]
+pub use pulp::NullaryFnOnce;
 
 /// The variable of the environment that names a set: `avx512`, `avx2`, `neon`, or `none` for those that
 /// every processor has.
@@ -62,6 +64,54 @@ pub fn chosen() -> Result<Arch, UnknownInstructions> {
 pub fn arch() -> Arch {
     static CHOSEN: LazyLock<Arch> = LazyLock::new(|| chosen().unwrap_or_default());
     *CHOSEN
+}
+
+/// Defines functions whose loops are compiled for the vectors of every set, and run with those of
+/// [`arch`](crate::instructions::arch).
+///
+/// The body is inlined whole into code for the widest vectors. What it calls is too if it is `#[inline(always)]`; a closure
+/// may stay a function of its own, which then knows nothing of wide vectors, and calls the library for every fused
+/// multiply-add.
+///
+/// ```
+/// shell_data::vectorised! {
+///     /// `y += c·x`.
+///     pub fn add_multiple(y: &mut [f64], c: f64, x: &[f64]) {
+///         for (y, &x) in y.iter_mut().zip(x) {
+///             *y = c.mul_add(x, *y);
+///         }
+///     }
+/// }
+/// let mut y = [1.0, 2.0];
+/// add_multiple(&mut y, 2.0, &[3.0, 4.0]);
+/// assert_eq!(y, [7.0, 10.0]);
+/// ```
+#[macro_export]
+macro_rules! vectorised {
+    (@output) => { () };
+    (@output $output:ty) => { $output };
+    ($(
+        $(#[$attribute:meta])*
+        $visibility:vis fn $name:ident($($argument:ident: $type:ty),+ $(,)?) $(-> $output:ty)?
+        $body:block
+    )+) => {$(
+        $(#[$attribute])*
+        $visibility fn $name($($argument: $type),+) $(-> $output)? {
+            struct Call<A>(A);
+
+            impl $crate::instructions::NullaryFnOnce for Call<($($type,)+)> {
+                type Output = $crate::vectorised!(@output $($output)?);
+
+                #[inline(always)]
+                fn call(self) -> Self::Output {
+                    let Self(($($argument,)+)) = self;
+                    $body
+                }
+            }
+
+            $crate::instructions::arch().dispatch(Call(($($argument,)+)))
+        }
+    )+};
 }
 
 #[cfg(test)]

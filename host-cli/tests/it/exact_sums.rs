@@ -12,7 +12,7 @@ use calibration::solver::{
 };
 use proptest::prelude::*;
 use shell_data::block::Block;
-use shell_data::wrench::Axis;
+use shell_data::wrench::{Axes, Axis};
 use system_tests::random::Random;
 
 type Columns = Vec<Vec<f64>>;
@@ -174,7 +174,7 @@ fn one_two_and_seven_threads_give_the_same_solution() {
 fn moments_survive_being_written_down() {
     let (readings, wrench) = rows(4, 300, 3, 16);
     let moments = sum(Basis::Poly3, &readings, &wrench).unwrap();
-    let stored = StoredMoments::from(&moments);
+    let stored = StoredMoments::of(&moments, Axes::ALL);
     assert_eq!(Moments::try_from(stored.clone()).unwrap(), moments);
     let spoil: [fn(&mut StoredMoments); 4] = [
         |stored| stored.rows += 1,

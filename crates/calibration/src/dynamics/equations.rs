@@ -78,33 +78,28 @@ pub(super) struct FoldEquations<'a> {
 /// Squared errors on each fold that was held out, per axis.
 #[derive(Clone, Debug)]
 pub(super) struct FoldErrors {
-    rows: Vec<u64>,
-    squares: Vec<PerAxis<f64>>,
-    /// Relative to the variance of each axis, averaged over those that vary.
-    scores: Vec<f64>,
+    rows: u64,
+    squares: PerAxis<f64>,
+    /// Rows of each fold, and its errors relative to the variance of each axis, averaged over those that vary.
+    scores: Vec<(u64, f64)>,
     /// The same less what noise of readings and loads makes of it.
-    systematic: Vec<f64>,
+    systematic: Vec<(u64, f64)>,
 }
 
 impl FoldErrors {
     /// The score of all rows.
     pub(super) fn score(&self) -> f64 {
-        self.mean(&self.scores)
+        FoldMean::new(&self.scores).value
     }
 
     /// The score less the part of noise: what a search is to lower. Terms that only average noise raise it.
     pub(super) fn systematic(&self) -> f64 {
-        self.mean(&self.systematic)
-    }
-
-    fn mean(&self, of_folds: &[f64]) -> f64 {
-        let folds = self.rows.iter().copied().zip(of_folds.iter().copied());
-        FoldMean::new(&folds.collect::<Vec<_>>()).value
+        FoldMean::new(&self.systematic).value
     }
 
     /// Whether errors of `later` are lower by more than a standard error.
     pub(super) fn are_lowered_by(&self, later: &Self) -> bool {
-        let gain = self.gain(&self.scores, &later.scores);
+        let gain = gain(&self.scores, &later.scores);
         gain.value > gain.standard_error
     }
 
@@ -113,23 +108,21 @@ impl FoldErrors {
         let least = share * self.score();
         let of = [(&self.scores, &later.scores), (&self.systematic, &later.systematic)];
         of.into_iter().all(|(before, after)| {
-            let gain = self.gain(before, after);
+            let gain = gain(before, after);
             gain.value > gain.standard_error && gain.value > least
         })
     }
 
-    /// By how much a score is lower.
-    fn gain(&self, before: &[f64], after: &[f64]) -> FoldMean {
-        let lower = before.iter().zip(after).map(|(before, after)| before - after);
-        FoldMean::new(&self.rows.iter().copied().zip(lower).collect::<Vec<_>>())
-    }
-
     /// Root mean squares, N and N·m.
     pub(super) fn rms(&self) -> PerAxis<f64> {
-        let rows = self.rows.iter().sum::<u64>() as f64;
-        let of = |axis: usize| self.squares.iter().map(|squares| squares[axis]).sum::<f64>();
-        std::array::from_fn(|axis| (of(axis) / rows).sqrt())
+        self.squares.map(|squares| (squares / self.rows as f64).sqrt())
     }
+}
+
+/// By how much a score is lower.
+fn gain(before: &[(u64, f64)], after: &[(u64, f64)]) -> FoldMean {
+    let lower = |(&(rows, before), (_, after)): (&(u64, f64), &(u64, f64))| (rows, before - after);
+    FoldMean::new(&before.iter().zip(after).map(lower).collect::<Vec<_>>())
 }
 
 impl<'a> FoldEquations<'a> {
@@ -207,27 +200,24 @@ impl<'a> FoldEquations<'a> {
     ) -> Option<FoldErrors> {
         let folds = self.of_folds(terms, loads);
         let time_constants: Vec<f64> = terms.iter().map(|of| of.time_constant).collect();
-        let mut errors = FoldErrors {
-            rows: Vec::new(),
-            squares: Vec::new(),
-            scores: Vec::new(),
-            systematic: Vec::new(),
-        };
+        let mut errors =
+            FoldErrors { rows: 0, squares: [0.0; 6], scores: Vec::new(), systematic: Vec::new() };
         let varying: Vec<usize> = (0..6).filter(|&axis| self.variances[axis] > 0.0).collect();
         for (position, fold) in folds.iter().enumerate() {
             let rest = NormalEquations::all_but(&folds, position)?.solve(RIDGE, self.ones())?;
             let found = fold.errors(rest.as_ref(), self.ones());
-            let rows = self.samples.folds[position].len();
+            let rows = self.samples.folds[position].len() as u64;
             let noise = self.samples.noise.of_wrench(rest.as_ref(), &time_constants);
             let mean = |of: &dyn Fn(usize) -> f64| {
                 let relative = varying.iter().map(|&axis| of(axis) / self.variances[axis]);
                 relative.sum::<f64>() / varying.len().max(1) as f64
             };
             let score = mean(&|axis| found[axis].squares / rows as f64);
-            errors.systematic.push(score - mean(&|axis| noise[axis] + loads.noise[axis]));
-            errors.rows.push(rows as u64);
-            errors.squares.push(found.map(|of| of.squares));
-            errors.scores.push(score);
+            let noise = mean(&|axis| noise[axis] + loads.noise[axis]);
+            errors.rows += rows;
+            errors.squares.iter_mut().zip(&found).for_each(|(sum, of)| *sum += of.squares);
+            errors.scores.push((rows, score));
+            errors.systematic.push((rows, score - noise));
         }
         Some(errors)
     }

@@ -145,6 +145,6 @@ pub fn find(
         return Ok(if has_given { Ok(given) } else { Err(reason) });
     }
     let found = SearchRows::new(data, &clock, intercept)
-        .map(|samples| search::search(&samples, rule, &given, &clock, workers));
+        .map(|samples| search::search(&samples, rule, &given, workers));
     Ok(found.ok_or(NotSearched::FewRows))
 }

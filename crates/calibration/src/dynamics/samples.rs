@@ -47,7 +47,7 @@ struct LogPart<'a> {
 /// Rows of several logs.
 pub(super) struct SearchRows<'a> {
     logs: Vec<LogPart<'a>>,
-    clock: RowClock,
+    pub(super) clock: RowClock,
     channels: usize,
     /// The used rows of each fold, numbered over all logs.
     pub(super) folds: Vec<Range<usize>>,

@@ -10,7 +10,6 @@
 //! that were held out are least.
 
 use super::equations::{FoldEquations, FoldErrors, LoadColumns, MemoryColumns};
-use super::prepared::RowClock;
 use super::samples::SearchRows;
 use super::{Dynamics, DynamicsRule, Gain, LagRule, MemoryRule, ReferenceLag};
 use crate::passes::{Workers, map};
@@ -62,11 +61,10 @@ pub(super) fn search(
     samples: &SearchRows<'_>,
     rule: &DynamicsRule<'_>,
     given: &Dynamics,
-    clock: &RowClock,
     workers: Workers<'_>,
 ) -> Dynamics {
     let search = DynamicsSearch { equations: FoldEquations::new(samples), workers };
-    search.run(rule, given, clock).unwrap_or_else(|| given.clone())
+    search.run(rule, given).unwrap_or_else(|| given.clone())
 }
 
 struct DynamicsSearch<'a> {
@@ -85,7 +83,7 @@ impl DynamicsSearch<'_> {
     }
 
     /// `None` where nothing can be found.
-    fn run(&self, rule: &DynamicsRule<'_>, given: &Dynamics, clock: &RowClock) -> Option<Dynamics> {
+    fn run(&self, rule: &DynamicsRule<'_>, given: &Dynamics) -> Option<Dynamics> {
         let plain = self.errors(&[], 0.0)?;
         if plain.score() < NOTHING_LEFT {
             return None;
@@ -122,10 +120,10 @@ impl DynamicsSearch<'_> {
         let times: Vec<f64> = terms.iter().map(|of| of.time_constant).collect();
         let memory = match rule.memory {
             MemoryRule::Auto if times.is_empty() => None,
-            MemoryRule::Auto => Some(clock.memory(&times).ok()?),
+            MemoryRule::Auto => Some(self.samples().clock.memory(&times).ok()?),
             MemoryRule::Given(_) => given.memory.clone(),
         };
-        let time_base = clock.time_base;
+        let time_base = self.samples().clock.time_base;
         Some(Dynamics {
             time_base,
             lag: (lag != 0.0).then_some(ReferenceLag { time_base, by: lag }),

@@ -104,6 +104,6 @@ pub fn solve_dense(
     if !(rows.x.is_all_finite() && rows.y.is_all_finite()) {
         return Err(LeastSquaresError::NotFinite);
     }
-    let solved = solve(&mut rows, method, ridge)?;
+    let (solved, _) = solve(&mut rows, method, ridge)?;
     rows.unscaled(solved)
 }

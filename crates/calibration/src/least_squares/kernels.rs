@@ -7,6 +7,7 @@ use pulp::{Simd, WithSimd};
 
 use crate::double_double::{DoubleDouble, two_product, two_sum};
 use shell_data::instructions::arch;
+use shell_data::vectorised;
 
 /// Sums carried side by side: a vector of them, so that the operations of one term hide how long each takes.
 pub(super) const LANES: usize = 8;
@@ -142,24 +143,14 @@ impl WithSimd for CompensatedDots<'_> {
     }
 }
 
-/// `y += c·x`, each element with a relative error of a few 2⁻¹⁰⁵ of `|y| + |c·x|`.
-pub(super) fn add_multiple(heads: &mut [f64], tails: &mut [f64], c: DoubleDouble, x: Wide<'_>) {
-    arch().dispatch(CompensatedAdd { heads, tails, c, x });
-}
-
-struct CompensatedAdd<'a> {
-    heads: &'a mut [f64],
-    tails: &'a mut [f64],
-    c: DoubleDouble,
-    x: Wide<'a>,
-}
-
-impl WithSimd for CompensatedAdd<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Self { heads, tails, c, x } = self;
+vectorised! {
+    /// `y += c·x`, each element with a relative error of a few 2⁻¹⁰⁵ of `|y| + |c·x|`.
+    pub(super) fn add_multiple(
+        heads: &mut [f64],
+        tails: &mut [f64],
+        c: DoubleDouble,
+        x: Wide<'_>,
+    ) {
         let y = heads.iter_mut().zip(tails).zip(x.heads);
         if x.tails.is_empty() {
             y.for_each(|((head, tail), &x)| add(head, tail, c, x, 0.0));

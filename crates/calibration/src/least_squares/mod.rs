@@ -37,6 +37,6 @@ mod wide_qr;
 pub use self::dense::{Dense, solve_dense};
 pub(crate) use self::huber::clip_of_sizes;
 pub use self::rows::{Reduction, RowChunk, Rows, Shape};
+pub(crate) use self::solve::solve_r_factor;
 pub use self::solve::{Method, solve};
-pub(crate) use self::solve::{ridge_by_gcv, solve_r_factor};
 pub use super::r_factor::{LeastSquares, LeastSquaresError, Ridge};

@@ -9,7 +9,7 @@ use faer::prelude::*;
 use faer::{Mat, Par};
 
 use crate::r_factor::RFactor;
-use crate::r_factor::{LeastSquares, LeastSquaresError, Ridge};
+use crate::r_factor::{LeastSquares, LeastSquaresError, Ridge, equilibrated};
 
 /// Solves by QR with column pivoting of the equilibrated R factor.
 ///
@@ -18,9 +18,7 @@ use crate::r_factor::{LeastSquares, LeastSquaresError, Ridge};
 pub(super) fn pivoted(r_factor: &RFactor, ridge: Ridge) -> Result<LeastSquares, LeastSquaresError> {
     let mut solved = r_factor.solve(ridge)?;
     let (r, z) = r_factor.damped_parts(ridge);
-    let p = r.ncols();
-    let norms: Vec<f64> = r.col_iter().map(|column| column.norm_l2()).collect();
-    let unit = Mat::from_fn(p, p, |i, j| r[(i, j)] / norms[j]);
+    let (unit, norms) = equilibrated(r.as_ref());
     let pivoted = unit.col_piv_qr();
     let mut rotated = pivoted.compute_Q().transpose() * &z;
     triangular_solve::solve_upper_triangular_in_place(pivoted.R(), rotated.as_mut(), Par::Seq);
@@ -75,9 +73,7 @@ fn by_singular_values(
     share: f64,
 ) -> Result<LeastSquares, LeastSquaresError> {
     let p = r.ncols();
-    let unit = |norm: f64| if norm > 0.0 { norm } else { 1.0 };
-    let norms: Vec<f64> = r.col_iter().map(|column| unit(column.norm_l2())).collect();
-    let scaled = Mat::from_fn(p, p, |i, j| r[(i, j)] / norms[j]);
+    let (scaled, norms) = equilibrated(r);
     let svd = scaled.svd().map_err(|_| LeastSquaresError::NotFinite)?;
     let values: Vec<f64> = svd.S().column_vector().iter().copied().collect();
     let largest = values.first().copied().unwrap_or(0.0);

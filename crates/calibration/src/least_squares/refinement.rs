@@ -12,7 +12,7 @@ use faer::{Mat, MatRef};
 
 use super::kernels::{LANES, LaneSums, Wide, add_multiple, add_products};
 use super::qr::FormRFactor;
-use super::rows::{Reduction, RowChunk, Rows, Shape};
+use super::rows::{Reduction, RowChunk, Rows, Shape, WideColumns};
 use super::wide_matrix::WideMatrix;
 use crate::double_double::DoubleDouble;
 use crate::r_factor::{LeastSquares, LeastSquaresError, Ridge};
@@ -26,21 +26,11 @@ struct FormGradient {
     coefficients: WideMatrix,
 }
 
-/// A gradient and the products of the residuals, by columns.
-struct Gradient {
-    gradient: Vec<LaneSums>,
-    products: Vec<LaneSums>,
-}
-
-/// Residuals of a chunk.
-struct Residuals {
-    heads: Vec<f64>,
-    tails: Vec<f64>,
-}
-
 impl Reduction for FormGradient {
-    type Partial = Gradient;
-    type Scratch = Residuals;
+    /// Products of each column of `[X | Y − X·C]` with the residuals, which are its last columns.
+    type Partial = Vec<LaneSums>;
+    /// The residuals of a chunk.
+    type Scratch = WideColumns;
     const WIDE: bool = true;
 
     /// As many as stay in a core's second cache: each column is used at two times.
@@ -50,27 +40,22 @@ impl Reduction for FormGradient {
         (BYTES / (16 * columns.max(1))).next_multiple_of(LANES)
     }
 
-    fn empty(&self) -> Gradient {
-        let Shape { features: p, outputs: q } = self.shape;
-        let zeros = |count: usize| vec![LaneSums::default(); count];
-        Gradient { gradient: zeros(p * q), products: zeros(q * q) }
+    fn empty(&self) -> Vec<LaneSums> {
+        vec![LaneSums::default(); self.shape.columns() * self.shape.outputs]
     }
 
-    fn scratch(&self) -> Residuals {
-        Residuals { heads: Vec::new(), tails: Vec::new() }
+    fn scratch(&self) -> WideColumns {
+        WideColumns::default()
     }
 
-    fn absorb(&self, sums: &mut Gradient, chunk: &RowChunk<'_>, scratch: &mut Residuals) {
+    fn absorb(&self, sums: &mut Vec<LaneSums>, chunk: &RowChunk<'_>, scratch: &mut WideColumns) {
         let Shape { features: p, outputs: q } = self.shape;
         let rows = chunk.rows;
-        let Residuals { heads, tails } = scratch;
-        heads.clear();
-        (0..q).for_each(|a| heads.extend(chunk.column(p + a)));
-        tails.clear();
-        tails.resize(q * rows, 0.0);
         if rows == 0 {
             return;
         }
+        scratch.copy(chunk, p..p + q);
+        let WideColumns { heads, tails, .. } = scratch;
         // Feature by feature, so that each is fetched once.
         for j in 0..p {
             let residuals = heads.chunks_mut(rows).zip(tails.chunks_mut(rows));
@@ -81,20 +66,14 @@ impl Reduction for FormGradient {
         let residuals: Vec<Wide<'_>> = std::iter::zip(heads.chunks(rows), tails.chunks(rows))
             .map(|(heads, tails)| Wide { heads, tails })
             .collect();
-        for (j, sums) in sums.gradient.chunks_mut(q).enumerate() {
-            add_products(sums, &residuals, chunk.wide(j));
-        }
-        for (a, sums) in sums.products.chunks_mut(q).enumerate() {
-            add_products(sums, &residuals, residuals[a]);
+        for (j, sums) in sums.chunks_mut(q).enumerate() {
+            let column = if j < p { chunk.wide(j) } else { residuals[j - p] };
+            add_products(sums, &residuals, column);
         }
     }
 
-    fn merge(&self, earlier: &mut Gradient, later: Gradient) {
-        let pairs =
-            [(&mut earlier.gradient, later.gradient), (&mut earlier.products, later.products)];
-        for (earlier, later) in pairs {
-            earlier.iter_mut().zip(&later).for_each(|(sum, later)| sum.merge(later));
-        }
+    fn merge(&self, earlier: &mut Vec<LaneSums>, later: Vec<LaneSums>) {
+        earlier.iter_mut().zip(&later).for_each(|(sum, later)| sum.merge(later));
     }
 }
 
@@ -114,10 +93,12 @@ pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares,
     // What one correction leaves of the error: a cautious figure until one has been measured.
     let mut contraction = 16.0 * p as f64 * f64::EPSILON * solved.condition;
     let mut before: Option<Vec<f64>> = None;
+    let ill_conditioned =
+        LeastSquaresError::IllConditioned { limit: 0.1 / f64::EPSILON / (p as f64).sqrt() };
     for _ in 0..MOST_CORRECTIONS {
         let pass = FormGradient { shape, coefficients };
         let sums = rows.pass(&pass)?;
-        let mut gradient = WideMatrix::from_fn(p, q, |j, a| sums.gradient[j * q + a].total());
+        let mut gradient = WideMatrix::from_fn(p, q, |j, a| sums[j * q + a].total());
         coefficients = pass.coefficients;
         for a in 0..q {
             for (j, &penalty) in penalties.iter().enumerate() {
@@ -134,8 +115,7 @@ pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares,
             let ratio = sizes.iter().zip(before).map(|(now, before)| now / before);
             contraction = ratio.filter(|r| r.is_finite()).fold(0.0, f64::max);
             if contraction > 0.5 && !is_settled(correction.as_ref(), &coefficients, &norms, 1.0) {
-                let limit = 0.1 / f64::EPSILON / (p as f64).sqrt();
-                return Err(LeastSquaresError::IllConditioned { limit }.into());
+                return Err(ill_conditioned.into());
             }
         }
         for a in 0..q {
@@ -146,7 +126,7 @@ pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares,
         // The residuals are those before the correction, which takes its own part out of them.
         let removed = inner.transpose() * &inner;
         solved.residual_products = Mat::from_fn(q, q, |a, b| {
-            let product = sums.products[a.min(b) * q + a.max(b)].total().to_f64() - removed[(a, b)];
+            let product = sums[(p + a.min(b)) * q + a.max(b)].total().to_f64() - removed[(a, b)];
             if a == b { product.max(0.0) } else { product }
         });
         if is_settled(correction.as_ref(), &coefficients, &norms, contraction) {
@@ -155,8 +135,7 @@ pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares,
         }
         before = Some(sizes);
     }
-    let limit = 0.1 / f64::EPSILON / (p as f64).sqrt();
-    Err(LeastSquaresError::IllConditioned { limit }.into())
+    Err(ill_conditioned.into())
 }
 
 /// Whether `contraction` times the last correction is below what an `f64` can show, coefficient by

@@ -1,5 +1,7 @@
 //! Rows in chunks, and what a pass over them computes.
 
+use std::ops::Range;
+
 use super::kernels;
 use crate::r_factor::LeastSquaresError;
 
@@ -40,6 +42,29 @@ impl<'a> RowChunk<'a> {
     #[inline(always)]
     pub(super) fn wide(&self, j: usize) -> kernels::Wide<'a> {
         kernels::Wide { heads: self.column(j), tails: self.tail(j) }
+    }
+}
+
+/// Columns of equal height, one after the other, and what rounding left out of each element.
+#[derive(Clone, Debug, Default)]
+pub(super) struct WideColumns {
+    pub(super) height: usize,
+    pub(super) heads: Vec<f64>,
+    pub(super) tails: Vec<f64>,
+}
+
+impl WideColumns {
+    /// Makes them copies of columns of a chunk.
+    pub(super) fn copy(&mut self, chunk: &RowChunk<'_>, columns: Range<usize>) {
+        self.height = chunk.rows;
+        self.heads.clear();
+        self.tails.clear();
+        for j in columns {
+            let kernels::Wide { heads, tails } = chunk.wide(j);
+            self.heads.extend(heads);
+            self.tails.extend(tails);
+            self.tails.resize(self.heads.len(), 0.0);
+        }
     }
 }
 

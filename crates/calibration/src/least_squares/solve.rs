@@ -37,7 +37,7 @@ pub enum Method {
     Huber,
 }
 
-/// Solves `min ‖X·C − Y‖² + λ·‖D·C‖²`.
+/// Solves `min ‖X·C − Y‖² + λ·‖D·C‖²`, and says which λ it was.
 ///
 /// With [`Method::RidgeGcv`], `ridge` says only which column is free of it.
 ///
@@ -48,37 +48,23 @@ pub fn solve<R: Rows>(
     rows: &mut R,
     method: Method,
     ridge: Ridge,
-) -> Result<LeastSquares, R::Error> {
+) -> Result<(LeastSquares, f64), R::Error> {
     let shape = rows.shape();
-    Ok(match method {
-        Method::Tsqr => rows.pass(&FormRFactor { shape })?.solve(ridge)?,
-        Method::PivotedQr => rank_revealing::pivoted(&rows.pass(&FormRFactor { shape })?, ridge)?,
-        Method::Svd { truncate } => {
-            rank_revealing::svd(&rows.pass(&FormRFactor { shape })?, ridge, truncate)?
+    let solved = match method {
+        Method::Tsqr | Method::Svd { .. } | Method::RidgeGcv => {
+            return Ok(solve_r_factor(&rows.pass(&FormRFactor { shape })?, method, ridge)?);
         }
-        Method::RidgeGcv => ridge_by_gcv(rows, ridge.free_column)?.0,
+        Method::PivotedQr => rank_revealing::pivoted(&rows.pass(&FormRFactor { shape })?, ridge)?,
         Method::Gram => rows.pass(&FormGram { shape })?.solve(ridge)?,
         Method::WideGram => rows.pass(&FormWideGram { shape })?.solve(ridge)?,
         Method::WideTsqr => rows.pass(&FactorWide { shape })?.solve(ridge)?,
         Method::RefinedTsqr => refinement::solve(rows, ridge)?,
         Method::Huber => huber::solve(rows, ridge)?,
-    })
+    };
+    Ok((solved, ridge.lambda))
 }
 
-/// The solution with the ridge that generalised cross-validation finds, and its λ.
-///
-/// # Errors
-/// As [`solve`].
-pub(crate) fn ridge_by_gcv<R: Rows>(
-    rows: &mut R,
-    free_column: Option<usize>,
-) -> Result<(LeastSquares, f64), R::Error> {
-    let ridge = Ridge { lambda: 0.0, free_column };
-    let r_factor = rows.pass(&FormRFactor { shape: rows.shape() })?;
-    Ok(solve_r_factor(&r_factor, Method::RidgeGcv, ridge)?)
-}
-
-/// Solves for rows of which the R factor is known, and says which λ it was. Singular values and a ridge by GCV
+/// As [`solve`], for rows of which the R factor is known. Singular values and a ridge by GCV
 /// are had from the R factor; every other method that weighs rows alike differs from QR by rounding.
 ///
 /// # Errors

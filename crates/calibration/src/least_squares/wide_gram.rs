@@ -4,7 +4,7 @@ use faer::Mat;
 
 use super::kernels::{LANES, dot};
 use super::rows::{Reduction, RowChunk, Shape};
-use super::wide_matrix::{WideMatrix, WideRFactor, spectrum};
+use super::wide_matrix::{WideMatrix, solve_triangle, spectrum};
 use crate::double_double::DoubleDouble;
 use crate::r_factor::{LeastSquares, LeastSquaresError, Ridge};
 
@@ -107,22 +107,22 @@ impl WideGram {
         let Some(r) = damped.cholesky() else { return Err(ill_conditioned) };
         let right = WideMatrix::from_fn(p, q, |i, a| self.product(i, p + a).scaled(scales[i]));
         let z = r.solve_transposed(&right);
-        let coefficients = r.solve_upper(&z);
-        let residual = |a: usize, b: usize| {
+        let residual_products = |c: &WideMatrix| {
             let cross = |a: usize, b: usize| -> DoubleDouble {
-                (0..p).map(|i| coefficients[(i, a)] * right[(i, b)]).sum()
+                (0..p).map(|i| c[(i, a)] * right[(i, b)]).sum()
             };
-            let squares = (0..p).map(|i| {
-                let row: DoubleDouble = (0..p).map(|j| gram[(i, j)] * coefficients[(j, b)]).sum();
-                coefficients[(i, a)] * row
-            });
-            let value = self.product(p + a, p + b) - cross(a, b) - cross(b, a)
-                + squares.sum::<DoubleDouble>();
-            if a == b { value.to_f64().max(0.0) } else { value.to_f64() }
+            Mat::from_fn(q, q, |a, b| {
+                let squares = (0..p).map(|i| {
+                    let row: DoubleDouble = (0..p).map(|j| gram[(i, j)] * c[(j, b)]).sum();
+                    c[(i, a)] * row
+                });
+                let value = self.product(p + a, p + b) - cross(a, b) - cross(b, a)
+                    + squares.sum::<DoubleDouble>();
+                if a == b { value.to_f64().max(0.0) } else { value.to_f64() }
+            })
         };
-        let residual_products = Mat::from_fn(q, q, residual);
-        let r_factor = WideRFactor { r, z, residual_products, rows: self.rows };
-        let mut solved = match r_factor.solve(bound.sqrt()) {
+        let solved = solve_triangle(&r, &z, bound.sqrt(), self.rows, residual_products);
+        let mut solved = match solved {
             Err(LeastSquaresError::RankDeficient { .. }) => return Err(ill_conditioned),
             solved => solved?,
         };

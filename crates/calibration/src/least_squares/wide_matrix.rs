@@ -5,7 +5,7 @@ use std::ops::{Index, IndexMut};
 use faer::Mat;
 
 use crate::double_double::DoubleDouble;
-use crate::r_factor::{LeastSquares, LeastSquaresError};
+use crate::r_factor::{LeastSquares, LeastSquaresError, equilibrated};
 
 /// A matrix in double-double, column-major.
 #[derive(Clone, Debug)]
@@ -136,64 +136,52 @@ impl IndexMut<(usize, usize)> for WideMatrix {
     }
 }
 
-/// A least-squares problem reduced to its R factor.
-pub(super) struct WideRFactor {
-    /// `R`, p × p, the ridge among its rows.
-    pub(super) r: WideMatrix,
-    /// `QᵀY`, p × q.
-    pub(super) z: WideMatrix,
-    /// `(Y − X·C)ᵀ(Y − X·C)`, q × q, as far as it is not due to the ridge.
-    pub(super) residual_products: Mat<f64>,
-    pub(super) rows: u64,
-}
-
-impl WideRFactor {
-    /// Solves for the coefficients.
-    ///
-    /// `resolution` is how large a singular value of `R`, columns scaled to norm one, rounding may
-    /// have made out of zero. Singular values are those of the inverse, which `f64` gives to full
-    /// relative accuracy, so that a condition number of 10²⁰ is reported as such.
-    pub(super) fn solve(&self, resolution: f64) -> Result<LeastSquares, LeastSquaresError> {
-        let (p, q) = (self.r.columns, self.z.columns);
-        if !self.r.is_finite() || !self.z.is_finite() {
-            return Err(LeastSquaresError::NotFinite);
-        }
-        let norm = |j: usize| {
-            let squares = self.r.column(j).iter().map(|e| e.to_f64() * e.to_f64());
-            Some(squares.sum::<f64>().sqrt()).filter(|&n| n > 0.0).unwrap_or(1.0)
-        };
-        let norms: Vec<f64> = (0..p).map(norm).collect();
-        let unit = WideMatrix::from_fn(p, p, |i, j| self.r[(i, j)] / DoubleDouble::from(norms[j]));
-        let inverse = unit.solve_upper(&WideMatrix::identity(p));
-        let size = largest_singular_value(&unit)?;
-        // Rounding dependent columns leaves a singular value that is zero or tiny.
-        let condition = if inverse.is_finite() {
-            size * largest_singular_value(&inverse)?
-        } else {
-            f64::INFINITY
-        };
-        if condition * resolution >= size {
-            return Err(rank_loss(&unit, &norms, resolution));
-        }
-        let solved = self.r.solve_upper(&self.z);
-        let coefficients = solved.to_f64();
-        let factor = Mat::from_fn(p, p, |i, j| inverse[(i, j)].to_f64() / norms[i]);
-        if !coefficients.is_all_finite() || !factor.is_all_finite() {
-            return Err(LeastSquaresError::NotFinite);
-        }
-        debug_assert_eq!(self.residual_products.nrows(), q);
-        let residual_products = self.residual_products.clone();
-        let rows = self.rows;
-        Ok(LeastSquares { coefficients, factor, residual_products, rows, condition, rank: p })
+/// Solves the least-squares problem that is reduced to `R`, p × p, the ridge among its rows, and `Z = QᵀY`, p × q.
+///
+/// `resolution` is how large a singular value of `R`, columns scaled to norm one, rounding may
+/// have made out of zero. Singular values are those of the inverse, which `f64` gives to full
+/// relative accuracy, so that a condition number of 10²⁰ is reported as such.
+///
+/// `residual_products` is `(Y − X·C)ᵀ(Y − X·C)` of `C`, q × q, as far as it is not due to the ridge.
+pub(super) fn solve_triangle(
+    r: &WideMatrix,
+    z: &WideMatrix,
+    resolution: f64,
+    rows: u64,
+    residual_products: impl FnOnce(&WideMatrix) -> Mat<f64>,
+) -> Result<LeastSquares, LeastSquaresError> {
+    let p = r.columns;
+    if !r.is_finite() || !z.is_finite() {
+        return Err(LeastSquaresError::NotFinite);
     }
+    let norm = |j: usize| {
+        let squares = r.column(j).iter().map(|e| e.to_f64() * e.to_f64());
+        Some(squares.sum::<f64>().sqrt()).filter(|&n| n > 0.0).unwrap_or(1.0)
+    };
+    let norms: Vec<f64> = (0..p).map(norm).collect();
+    let unit = WideMatrix::from_fn(p, p, |i, j| r[(i, j)] / DoubleDouble::from(norms[j]));
+    let inverse = unit.solve_upper(&WideMatrix::identity(p));
+    let size = largest_singular_value(&unit)?;
+    // Rounding dependent columns leaves a singular value that is zero or tiny.
+    let condition =
+        if inverse.is_finite() { size * largest_singular_value(&inverse)? } else { f64::INFINITY };
+    if condition * resolution >= size {
+        return Err(rank_loss(&unit, &norms, resolution));
+    }
+    let solved = r.solve_upper(z);
+    let coefficients = solved.to_f64();
+    let factor = Mat::from_fn(p, p, |i, j| inverse[(i, j)].to_f64() / norms[i]);
+    if !coefficients.is_all_finite() || !factor.is_all_finite() {
+        return Err(LeastSquaresError::NotFinite);
+    }
+    let residual_products = residual_products(&solved);
+    Ok(LeastSquares { coefficients, factor, residual_products, rows, condition, rank: p })
 }
 
 /// Condition number and rank, as far as `f64` can tell, of the upper triangle `r` with columns
 /// scaled to norm one: for what a ridge has made solvable.
 pub(super) fn spectrum(r: &Mat<f64>) -> Result<(f64, usize), LeastSquaresError> {
-    let norms: Vec<f64> = r.col_iter().map(|column| column.norm_l2()).collect();
-    let unit = |j: usize| if norms[j] > 0.0 { norms[j] } else { 1.0 };
-    let scaled = Mat::from_fn(r.nrows(), r.ncols(), |i, j| r[(i, j)] / unit(j));
+    let (scaled, _) = equilibrated(r.as_ref());
     let values = scaled.singular_values().map_err(|_| LeastSquaresError::NotFinite)?;
     let (Some(largest), Some(smallest)) = (values.first(), values.last()) else {
         return Ok((1.0, 0));

@@ -4,8 +4,8 @@
 use faer::Mat;
 
 use super::kernels::{Wide, add_multiple, dot};
-use super::rows::{Reduction, RowChunk, Shape};
-use super::wide_matrix::{WideMatrix, WideRFactor, spectrum};
+use super::rows::{Reduction, RowChunk, Shape, WideColumns};
+use super::wide_matrix::{WideMatrix, solve_triangle, spectrum};
 use crate::double_double::DoubleDouble;
 use crate::r_factor::{LeastSquares, LeastSquaresError, Ridge};
 
@@ -22,17 +22,10 @@ pub(super) struct Factored {
     r: WideMatrix,
 }
 
-/// Rows to be eliminated, column by column.
-#[derive(Clone, Debug, Default)]
-pub(super) struct PendingRows {
-    rows: usize,
-    heads: Vec<f64>,
-    tails: Vec<f64>,
-}
-
 impl Reduction for FactorWide {
     type Partial = Factored;
-    type Scratch = PendingRows;
+    /// Rows to be eliminated.
+    type Scratch = WideColumns;
     const WIDE: bool = true;
 
     fn empty(&self) -> Factored {
@@ -40,20 +33,12 @@ impl Reduction for FactorWide {
         Factored { shape: self.shape, rows: 0, r: WideMatrix::zeros(columns, columns) }
     }
 
-    fn scratch(&self) -> PendingRows {
-        PendingRows::default()
+    fn scratch(&self) -> WideColumns {
+        WideColumns::default()
     }
 
-    fn absorb(&self, partial: &mut Factored, chunk: &RowChunk<'_>, scratch: &mut PendingRows) {
-        scratch.rows = chunk.rows;
-        scratch.heads.clear();
-        scratch.tails.clear();
-        for j in 0..self.shape.columns() {
-            let Wide { heads, tails } = chunk.wide(j);
-            scratch.heads.extend(heads);
-            scratch.tails.extend(tails);
-            scratch.tails.resize(scratch.heads.len(), 0.0);
-        }
+    fn absorb(&self, partial: &mut Factored, chunk: &RowChunk<'_>, scratch: &mut WideColumns) {
+        scratch.copy(chunk, 0..self.shape.columns());
         partial.eliminate(scratch);
         partial.rows += chunk.rows as u64;
     }
@@ -61,8 +46,8 @@ impl Reduction for FactorWide {
     fn merge(&self, earlier: &mut Factored, later: Factored) {
         let columns = self.shape.columns();
         let elements = || (0..columns).flat_map(|j| later.r.column(j));
-        earlier.eliminate(&mut PendingRows {
-            rows: columns,
+        earlier.eliminate(&mut WideColumns {
+            height: columns,
             heads: elements().map(|e| e.to_f64()).collect(),
             tails: elements().map(|e| e.tail()).collect(),
         });
@@ -75,10 +60,9 @@ impl Factored {
     ///
     /// Column `k` of the stack has a diagonal element and the rows below the R factor, and nothing
     /// between them; its reflector touches just these rows.
-    fn eliminate(&mut self, rows: &mut PendingRows) {
+    fn eliminate(&mut self, rows: &mut WideColumns) {
         let n = self.shape.columns();
-        let PendingRows { rows: height, heads, tails } = rows;
-        let height = *height;
+        let WideColumns { height, ref mut heads, ref mut tails } = *rows;
         if height == 0 {
             return;
         }
@@ -125,7 +109,7 @@ impl Factored {
             };
             let n = self.shape.columns();
             let mut penalty =
-                PendingRows { rows: p, heads: vec![0.0; p * n], tails: vec![0.0; p * n] };
+                WideColumns { height: p, heads: vec![0.0; p * n], tails: vec![0.0; p * n] };
             for j in (0..p).filter(|&j| ridge.free_column != Some(j)) {
                 let norm = norm(j);
                 let norm = if norm > 0.0 { norm } else { 1.0 };
@@ -136,20 +120,19 @@ impl Factored {
         let r = WideMatrix::from_fn(p, p, |i, j| damped.r[(i, j)]);
         let z = WideMatrix::from_fn(p, q, |i, a| damped.r[(i, p + a)]);
         // With a ridge the coefficients do not fit the rows exactly even within the columns' span.
-        let coefficients = r.solve_upper(&z);
-        let misfit = WideMatrix::from_fn(p, q, |i, a| {
-            let fitted = (i..p).map(|k| self.r[(i, k)] * coefficients[(k, a)]).sum();
-            self.r[(i, p + a)] - fitted
-        });
-        let products = |a: usize, b: usize| {
-            let within = misfit.column(a).iter().zip(misfit.column(b)).map(|(&a, &b)| a * b);
-            let beyond = (p..p + q).map(|i| self.r[(i, p + a)] * self.r[(i, p + b)]);
-            within.chain(beyond).sum::<DoubleDouble>().to_f64()
+        let residual_products = |coefficients: &WideMatrix| {
+            let misfit = WideMatrix::from_fn(p, q, |i, a| {
+                let fitted = (i..p).map(|k| self.r[(i, k)] * coefficients[(k, a)]).sum();
+                self.r[(i, p + a)] - fitted
+            });
+            Mat::from_fn(q, q, |a, b| {
+                let within = misfit.column(a).iter().zip(misfit.column(b)).map(|(&a, &b)| a * b);
+                let beyond = (p..p + q).map(|i| self.r[(i, p + a)] * self.r[(i, p + b)]);
+                within.chain(beyond).sum::<DoubleDouble>().to_f64()
+            })
         };
-        let residual_products = Mat::from_fn(q, q, products);
-        let r_factor = WideRFactor { r, z, residual_products, rows: self.rows };
         let rounding = p as f64 * 2.0 * (f64::EPSILON / 2.0).powi(2);
-        let mut solved = r_factor.solve(64.0 * rounding)?;
+        let mut solved = solve_triangle(&r, &z, 64.0 * rounding, self.rows, residual_products)?;
         if ridge.lambda > 0.0 {
             let undamped = Mat::from_fn(p, p, |i, j| self.r[(i, j)].to_f64());
             (solved.condition, solved.rank) = spectrum(&undamped)?;
@@ -158,7 +141,7 @@ impl Factored {
         // Where the residual is large, its share of the error grows with the square of the
         // condition number (Björck 1996, §1.4.3): at most one part in a hundred.
         let steepest = (0..q).map(|a| {
-            let fitted: f64 = r_factor.z.column(a).iter().map(|e| e.to_f64() * e.to_f64()).sum();
+            let fitted: f64 = z.column(a).iter().map(|e| e.to_f64() * e.to_f64()).sum();
             (solved.residual_products[(a, a)] / fitted.max(f64::MIN_POSITIVE)).sqrt()
         });
         let limit = (1e-2 / rounding / steepest.fold(1e-13, f64::max)).sqrt();

@@ -77,7 +77,7 @@ impl RFactor {
         if !self.r.is_all_finite() {
             return Err(LeastSquaresError::NotFinite);
         }
-        let (equilibrated, norms) = self.equilibrated();
+        let (equilibrated, norms) = equilibrated(self.r());
         let Spectrum { smallest, largest, rank } = self.spectrum(&equilibrated)?;
         if rank < p && ridge.lambda == 0.0 {
             let svd = equilibrated.svd().map_err(|_| LeastSquaresError::NotFinite)?;
@@ -163,18 +163,10 @@ impl RFactor {
     /// `R` and `Z` after the rows of a ridge have been added.
     pub(crate) fn damped_parts(&self, ridge: Ridge) -> (Mat<f64>, Mat<f64>) {
         let (p, q) = (self.features, self.r.nrows() - self.features);
-        let (_, norms) = self.equilibrated();
+        let (_, norms) = equilibrated(self.r());
         let damped = self.damped(&norms, ridge);
         let part = |from, columns| damped.as_ref().submatrix(0, from, p, columns).to_owned();
         (part(0, p), part(p, q))
-    }
-
-    /// `R` with columns of norm one, and the norms. A column of zeros stays as it is.
-    fn equilibrated(&self) -> (Mat<f64>, Vec<f64>) {
-        let norms: Vec<f64> = (0..self.features).map(|j| self.r().col(j).norm_l2()).collect();
-        let unit = |j: usize| if norms[j] > 0.0 { norms[j] } else { 1.0 };
-        let p = self.features;
-        (Mat::from_fn(p, p, |i, j| self.r()[(i, j)] / unit(j)), norms)
     }
 
     /// The R factor after the rows `√λ·D` of the ridge have been added.
@@ -183,7 +175,6 @@ impl RFactor {
         if ridge.lambda > 0.0 {
             let mut penalty = RFactor::new(self.features, self.r.nrows() - self.features);
             for (j, &norm) in norms.iter().enumerate() {
-                let norm = if norm > 0.0 { norm } else { 1.0 };
                 if ridge.free_column != Some(j) {
                     penalty.r[(j, j)] = ridge.lambda.sqrt() * norm;
                 }
@@ -195,33 +186,11 @@ impl RFactor {
     }
 }
 
-/// Solves `min ‖X·C − Y‖` for dense `X` (n × p) and `Y` (n × q).
-///
-/// # Errors
-/// As [`RFactor::solve`].
-///
-/// # Panics
-/// If `x` and `y` differ in their number of rows.
-pub fn least_squares(
-    x: MatRef<'_, f64>,
-    y: MatRef<'_, f64>,
-    ridge: Ridge,
-) -> Result<LeastSquares, LeastSquaresError> {
-    assert_eq!(x.nrows(), y.nrows(), "as many rows in X as in Y");
-    let mut workspace = Workspace::new(x.ncols(), y.ncols());
-    let mut r_factor = RFactor::new(x.ncols(), y.ncols());
-    let step = workspace.rows();
-    for start in (0..x.nrows()).step_by(step) {
-        let rows = step.min(x.nrows() - start);
-        r_factor.absorb(rows, &mut workspace, |columns, stride| {
-            for (j, column) in columns.chunks_mut(stride).enumerate() {
-                let source = if j < x.ncols() { x.col(j) } else { y.col(j - x.ncols()) };
-                let rows = source.subrows(start, rows);
-                column.iter_mut().zip(rows.iter()).for_each(|(to, from)| *to = *from);
-            }
-        });
-    }
-    r_factor.solve(ridge)
+/// A matrix with columns of norm one, and what they were divided by. A column of zeros stays as it is.
+pub(crate) fn equilibrated(matrix: MatRef<'_, f64>) -> (Mat<f64>, Vec<f64>) {
+    let unit = |norm: f64| if norm > 0.0 { norm } else { 1.0 };
+    let norms: Vec<f64> = matrix.col_iter().map(|column| unit(column.norm_l2())).collect();
+    (Mat::from_fn(matrix.nrows(), matrix.ncols(), |i, j| matrix[(i, j)] / norms[j]), norms)
 }
 
 #[cfg(test)]
@@ -237,6 +206,35 @@ mod tests {
     fn noise(rows: usize, columns: usize, seed: u64) -> Mat<f64> {
         let mut random = Random(seed);
         Mat::from_fn(rows, columns, |_, _| 2.0 * random.unit() - 1.0)
+    }
+
+    /// Solves `min ‖X·C − Y‖` for dense `X` (n × p) and `Y` (n × q).
+    ///
+    /// # Errors
+    /// As [`RFactor::solve`].
+    ///
+    /// # Panics
+    /// If `x` and `y` differ in their number of rows.
+    fn least_squares(
+        x: MatRef<'_, f64>,
+        y: MatRef<'_, f64>,
+        ridge: Ridge,
+    ) -> Result<LeastSquares, LeastSquaresError> {
+        assert_eq!(x.nrows(), y.nrows(), "as many rows in X as in Y");
+        let mut workspace = Workspace::new(x.ncols(), y.ncols());
+        let mut r_factor = RFactor::new(x.ncols(), y.ncols());
+        let step = workspace.rows();
+        for start in (0..x.nrows()).step_by(step) {
+            let rows = step.min(x.nrows() - start);
+            r_factor.absorb(rows, &mut workspace, |columns, stride| {
+                for (j, column) in columns.chunks_mut(stride).enumerate() {
+                    let source = if j < x.ncols() { x.col(j) } else { y.col(j - x.ncols()) };
+                    let rows = source.subrows(start, rows);
+                    column.iter_mut().zip(rows.iter()).for_each(|(to, from)| *to = *from);
+                }
+            });
+        }
+        r_factor.solve(ridge)
     }
 
     fn difference(a: &Mat<f64>, b: &Mat<f64>) -> f64 {

@@ -69,36 +69,6 @@ fn fit_exactly(
     Ok((solve_moments(&moments, &problem.model, problem.ridge, &ranges)?, ranges))
 }
 
-/// A pass that finds the ranges of the rows as it goes.
-struct WithRanges<'a, P> {
-    channels: usize,
-    pass: &'a P,
-}
-
-impl<P: Pass> Pass for WithRanges<'_, P> {
-    type Partial = (ReadingRanges, P::Partial);
-
-    const ANY_ORDER: bool = P::ANY_ORDER;
-
-    fn rows_together(&self) -> usize {
-        self.pass.rows_together()
-    }
-
-    fn empty(&self) -> Self::Partial {
-        (ReadingRanges::new(self.channels), self.pass.empty())
-    }
-
-    fn absorb(&self, partial: &mut Self::Partial, block: &Block) -> Result<(), FitError> {
-        partial.0.merge(&ReadingRanges::from_block(block, self.channels)?);
-        self.pass.absorb(&mut partial.1, block)
-    }
-
-    fn merge(&self, earlier: &mut Self::Partial, later: Self::Partial) {
-        earlier.0.merge(&later.0);
-        self.pass.merge(&mut earlier.1, later.1);
-    }
-}
-
 /// As [`fit`], by a method of [`least_squares`] on the features.
 ///
 /// # Errors
@@ -117,10 +87,7 @@ pub fn fit_by(
     let free_column = model.intercept.then(|| features.len() - 1);
     let mut rows = FeatureRows { rows, features: &features, ranges: None };
     let ridge = Ridge { lambda, free_column };
-    let solved = match method {
-        Method::RidgeGcv => least_squares::ridge_by_gcv(&mut rows, free_column),
-        _ => least_squares::solve(&mut rows, method, ridge).map(|solved| (solved, lambda)),
-    };
+    let solved = least_squares::solve(&mut rows, method, ridge);
     let ranges = rows.ranges.unwrap_or_else(|| ReadingRanges::new(model.columns()));
     match solved {
         Ok((solved, lambda)) => Ok((Solution::new(&features, solved, lambda), ranges)),
@@ -159,7 +126,6 @@ impl least_squares::Rows for FeatureRows<'_> {
 
     fn pass<R: Reduction>(&mut self, reduction: &R) -> Result<R::Partial, Self::Error> {
         let pass = OverFeatures { features: self.features, shape: self.shape(), reduction };
-        let pass = WithRanges { channels: self.features.model().columns(), pass: &pass };
         let (ranges, partial) = self.rows.reduce(&pass).map_err(Stopped::Reading)?;
         self.ranges.get_or_insert(ranges);
         Ok(partial)
@@ -173,7 +139,7 @@ fn scale_rows(columns: &mut [f64], stride: usize, weights: &[f64]) {
     }
 }
 
-/// A reduction of features as a pass over blocks.
+/// A reduction of features as a pass over blocks, which finds the ranges of the readings as it goes.
 struct OverFeatures<'a, R> {
     features: &'a Features,
     shape: Shape,
@@ -181,17 +147,18 @@ struct OverFeatures<'a, R> {
 }
 
 impl<R: Reduction> Pass for OverFeatures<'_, R> {
-    type Partial = R::Partial;
+    type Partial = (ReadingRanges, R::Partial);
 
     fn rows_together(&self) -> usize {
         self.reduction.chunk_rows(self.shape.columns())
     }
 
-    fn empty(&self) -> R::Partial {
-        self.reduction.empty()
+    fn empty(&self) -> Self::Partial {
+        (ReadingRanges::new(self.features.model().columns()), self.reduction.empty())
     }
 
-    fn absorb(&self, partial: &mut R::Partial, block: &Block) -> Result<(), FitError> {
+    fn absorb(&self, (ranges, partial): &mut Self::Partial, block: &Block) -> Result<(), FitError> {
+        ranges.merge(&ReadingRanges::from_block(block, self.features.model().columns())?);
         let p = self.features.len();
         let stride = self.reduction.chunk_rows(self.shape.columns()).min(block.rows);
         let mut heads = vec![0.0; stride * self.shape.columns()];
@@ -220,8 +187,9 @@ impl<R: Reduction> Pass for OverFeatures<'_, R> {
         Ok(())
     }
 
-    fn merge(&self, earlier: &mut R::Partial, later: R::Partial) {
-        self.reduction.merge(earlier, later);
+    fn merge(&self, earlier: &mut Self::Partial, later: Self::Partial) {
+        earlier.0.merge(&later.0);
+        self.reduction.merge(&mut earlier.1, later.1);
     }
 }
 

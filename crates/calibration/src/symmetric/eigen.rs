@@ -4,11 +4,9 @@
 //! Values are right to some rounding errors of the largest. The vectors stay products of reflections and rotations: a few vectors are turned into their basis and back at
 //! less than what the basis takes.
 
-use pulp::{Simd, WithSimd};
-
 use super::SymmetricMatrix;
 use super::reflection::Reflection;
-use shell_data::instructions::arch;
+use shell_data::vectorised;
 
 /// Steps for one eigenvalue: two as a rule.
 const MOST_STEPS: usize = 60;
@@ -25,8 +23,8 @@ pub(crate) struct Eigen {
 
 impl SymmetricMatrix {
     /// `None` if the matrix is not finite.
-    pub(crate) fn eigen(self) -> Option<Eigen> {
-        let (mut values, mut beside, reflections) = arch().dispatch(Tridiagonal(self));
+    pub(crate) fn eigen(mut self) -> Option<Eigen> {
+        let (mut values, mut beside, reflections) = tridiagonal(&mut self);
         let rotations = implicit_ql(&mut values, &mut beside)?;
         Some(Eigen { values, reflections, rotations })
     }
@@ -62,16 +60,11 @@ impl Eigen {
     }
 }
 
-/// Diagonal, what is beside it, and the reflections that leave these.
-struct Tridiagonal(SymmetricMatrix);
-
-impl WithSimd for Tridiagonal {
-    type Output = (Vec<f64>, Vec<f64>, Vec<Reflection>);
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(mut self, _: S) -> Self::Output {
-        let size = self.0.size;
-        let mut rest = self.0.upper.as_mut_slice();
+vectorised! {
+    /// Diagonal, what is beside it, and the reflections that leave these.
+    fn tridiagonal(a: &mut SymmetricMatrix) -> (Vec<f64>, Vec<f64>, Vec<Reflection>) {
+        let size = a.size;
+        let mut rest = a.upper.as_mut_slice();
         let (mut diagonal, mut beside) = (Vec::with_capacity(size), Vec::with_capacity(size));
         let mut reflections = Vec::with_capacity(size);
         for length in (1..=size).rev() {

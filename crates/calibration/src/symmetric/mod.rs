@@ -9,9 +9,8 @@ mod reflection;
 mod squares;
 mod triangle;
 
-use pulp::{Simd, WithSimd};
-
 use shell_data::instructions::arch;
+use shell_data::vectorised;
 
 use squares::SubtractSquares;
 pub(crate) use triangle::UpperTriangle;
@@ -67,20 +66,15 @@ impl SymmetricMatrix {
 
     /// The factor `U` of `A = Uᵀ·U`; `None` if the matrix is not positive definite in floating point.
     pub(crate) fn cholesky(mut self) -> Option<UpperTriangle> {
-        arch().dispatch(Factorise(&mut self)).then_some(UpperTriangle(self))
+        factorise(&mut self).then_some(UpperTriangle(self))
     }
 }
 
-/// Makes the upper triangle that of the factor; false if there is none.
-struct Factorise<'a>(&'a mut SymmetricMatrix);
-
-impl WithSimd for Factorise<'_> {
-    type Output = bool;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> bool {
-        let mut rest = self.0.upper.as_mut_slice();
-        for size in (1..=self.0.size).rev() {
+vectorised! {
+    /// Makes the upper triangle that of the factor; false if there is none.
+    fn factorise(a: &mut SymmetricMatrix) -> bool {
+        let mut rest = a.upper.as_mut_slice();
+        for size in (1..=a.size).rev() {
             let (row, below) = rest.split_at_mut(size);
             if !(row[0] > 0.0 && row[0].is_finite()) {
                 return false;

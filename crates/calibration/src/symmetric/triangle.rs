@@ -1,11 +1,10 @@
 //! Upper triangles: factors, their inverses, and roots of sums of squares.
 
 use faer::Mat;
-use pulp::{Simd, WithSimd};
 
 use super::reflection::Reflection;
 use super::{SymmetricMatrix, add_multiple, first, product};
-use shell_data::instructions::arch;
+use shell_data::vectorised;
 
 /// An upper triangular matrix.
 #[derive(Clone, Debug)]
@@ -45,9 +44,9 @@ impl UpperTriangle {
     /// `T` with `T·Tᵀ = MᵀM`, of the rows of `M`: by Householder's reflections of `M` with its columns backwards.
     pub(crate) fn root_of_squares(rows: &[Vec<f64>], size: usize) -> Self {
         let backwards = (0..size).rev();
-        let columns: Vec<Vec<f64>> =
+        let mut columns: Vec<Vec<f64>> =
             backwards.map(|column| rows.iter().map(|row| row[column]).collect()).collect();
-        arch().dispatch(RootOfSquares { columns, rows: rows.len() })
+        root_of_columns(&mut columns, rows.len())
     }
 
     /// `U⁻ᵀ·b`.
@@ -79,7 +78,7 @@ impl UpperTriangle {
 
     /// `U⁻¹`, not finite if a number of the diagonal is zero.
     pub(crate) fn inverse(mut self) -> Self {
-        arch().dispatch(InvertFactor(&mut self.0));
+        invert(&mut self.0);
         self
     }
 
@@ -104,38 +103,12 @@ impl UpperTriangle {
 
     /// `Tᵀ·A·T`.
     pub(crate) fn congruence(&self, a: &SymmetricMatrix) -> SymmetricMatrix {
-        arch().dispatch(Congruence { of: self, a })
+        congruence(self, a)
     }
 
     /// The trace of `Tᵀ·A·T`.
     pub(crate) fn trace_with(&self, a: &SymmetricMatrix) -> f64 {
-        arch().dispatch(ComputeTrace { of: self, a })
-    }
-}
-
-struct InvertFactor<'a>(&'a mut SymmetricMatrix);
-
-impl WithSimd for InvertFactor<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let size = self.0.size;
-        let mut inverse = vec![0.0; size];
-        // From the last row up: those below are inverted.
-        for i in (0..size).rev() {
-            let (row, mut below) = self.0.upper[first(size, i)..].split_at_mut(size - i);
-            let inverse = &mut inverse[..size - i];
-            inverse.fill(0.0);
-            for (k, u) in row.iter().enumerate().skip(1) {
-                let (next, others) = below.split_at_mut(size - i - k);
-                add_multiple(&mut inverse[k..], -u, next);
-                below = others;
-            }
-            inverse[0] = 1.0;
-            let diagonal = row[0];
-            row.iter_mut().zip(inverse).for_each(|(to, x)| *to = *x / diagonal);
-        }
+        trace_of_congruence(self, a)
     }
 }
 
@@ -150,71 +123,62 @@ fn row_of_product(a: &SymmetricMatrix, t: &UpperTriangle, i: usize, row: &mut [f
     }
 }
 
-struct Congruence<'a> {
-    of: &'a UpperTriangle,
-    a: &'a SymmetricMatrix,
-}
+vectorised! {
+    fn invert(factor: &mut SymmetricMatrix) {
+        let size = factor.size;
+        let mut inverse = vec![0.0; size];
+        // From the last row up: those below are inverted.
+        for i in (0..size).rev() {
+            let (row, mut below) = factor.upper[first(size, i)..].split_at_mut(size - i);
+            let inverse = &mut inverse[..size - i];
+            inverse.fill(0.0);
+            for (k, u) in row.iter().enumerate().skip(1) {
+                let (next, others) = below.split_at_mut(size - i - k);
+                add_multiple(&mut inverse[k..], -u, next);
+                below = others;
+            }
+            inverse[0] = 1.0;
+            let diagonal = row[0];
+            row.iter_mut().zip(inverse).for_each(|(to, x)| *to = *x / diagonal);
+        }
+    }
 
-impl WithSimd for Congruence<'_> {
-    type Output = SymmetricMatrix;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> SymmetricMatrix {
-        let size = self.a.size;
+    fn congruence(t: &UpperTriangle, a: &SymmetricMatrix) -> SymmetricMatrix {
+        let size = a.size;
         let mut product = SymmetricMatrix::zeros(size);
         let mut row = vec![0.0; size];
         for k in 0..size {
             let row = &mut row[k..];
-            row_of_product(self.a, self.of, k, row);
-            for (j, t) in self.of.row(k).iter().enumerate() {
-                add_multiple(product.row_mut(k + j), *t, &row[j..]);
+            row_of_product(a, t, k, row);
+            for (j, element) in t.row(k).iter().enumerate() {
+                add_multiple(product.row_mut(k + j), *element, &row[j..]);
             }
         }
         product
     }
-}
 
-struct ComputeTrace<'a> {
-    of: &'a UpperTriangle,
-    a: &'a SymmetricMatrix,
-}
-
-impl WithSimd for ComputeTrace<'_> {
-    type Output = f64;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> f64 {
-        let mut row = vec![0.0; self.a.size];
+    fn trace_of_congruence(t: &UpperTriangle, a: &SymmetricMatrix) -> f64 {
+        let mut row = vec![0.0; a.size];
         let mut trace = 0.0;
-        for k in 0..self.a.size {
-            row_of_product(self.a, self.of, k, &mut row[k..]);
-            trace += product(self.of.row(k), &row[k..]);
+        for k in 0..a.size {
+            row_of_product(a, t, k, &mut row[k..]);
+            trace += product(t.row(k), &row[k..]);
         }
         trace
     }
-}
 
-struct RootOfSquares {
-    /// Those of `M`, the last first.
-    columns: Vec<Vec<f64>>,
-    rows: usize,
-}
-
-impl WithSimd for RootOfSquares {
-    type Output = UpperTriangle;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(mut self, _: S) -> UpperTriangle {
-        let size = self.columns.len();
-        for k in 0..size.min(self.rows) {
-            let (done, rest) = self.columns.split_at_mut(k + 1);
+    /// The columns are those of `M`, the last first.
+    fn root_of_columns(columns: &mut [Vec<f64>], rows: usize) -> UpperTriangle {
+        let size = columns.len();
+        for k in 0..size.min(rows) {
+            let (done, rest) = columns.split_at_mut(k + 1);
             let (reflection, left) = Reflection::new(&done[k][k..]);
             done[k][k] = left;
             rest.iter_mut().for_each(|column| reflection.apply(&mut column[k..]));
         }
         let last = size - 1;
         // Rows and columns of R, from the last to the first.
-        UpperTriangle::from_fn(size, |i, j| match self.columns[last - i].get(last - j) {
+        UpperTriangle::from_fn(size, |i, j| match columns[last - i].get(last - j) {
             Some(element) => *element,
             None => 0.0,
         })

@@ -1,9 +1,7 @@
 //! The unit and the range of the readings of a channel.
 
-use pulp::NullaryFnOnce;
-
 use super::reading_unit::ReadingUnit;
-use shell_data::instructions::arch;
+use shell_data::vectorised;
 
 /// The unit and the range of the readings of a channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,7 +56,7 @@ impl ChannelRange {
 /// bits.
 pub(crate) fn scan_column(column: &[f64], known: ReadingUnit) -> Result<ChannelRange, f64> {
     if known == ReadingUnit::COUNT {
-        let (lowest, highest, integers) = arch().dispatch(ScanIntegers(column));
+        let (lowest, highest, integers) = scan_integers(column);
         if integers && (column.is_empty() || fits(lowest) && fits(highest)) {
             return Ok(ChannelRange {
                 unit: known,
@@ -87,20 +85,15 @@ fn fits(count: f64) -> bool {
     count.abs() < f64::from(1 << 16)
 }
 
-/// Smallest, largest, and whether all are integers.
-struct ScanIntegers<'a>(&'a [f64]);
-
-impl NullaryFnOnce for ScanIntegers<'_> {
-    type Output = (f64, f64, bool);
-
-    #[inline(always)]
-    fn call(self) -> (f64, f64, bool) {
+vectorised! {
+    /// Smallest, largest, and whether all are integers.
+    fn scan_integers(column: &[f64]) -> (f64, f64, bool) {
         /// Adding and taking it away rounds to an integer.
         const ROUND: f64 = 1.5 * (1u64 << 52) as f64;
         let mut lowest = [f64::INFINITY; 32];
         let mut highest = [f64::NEG_INFINITY; 32];
         let mut odd = [0.0; 32];
-        let (chunks, rest) = self.0.as_chunks::<32>();
+        let (chunks, rest) = column.as_chunks::<32>();
         for chunk in chunks {
             for i in 0..32 {
                 let x = chunk[i];

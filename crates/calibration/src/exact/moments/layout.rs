@@ -17,6 +17,7 @@ use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hash, Hasher};
 use std::ops::Range;
 
+use crate::features::{Recipe, recipe};
 use crate::model::{Basis, Model, Term};
 
 /// The largest degree of a product of two features.
@@ -111,9 +112,8 @@ pub(crate) struct ShiftStep {
 pub(crate) struct MomentLayout {
     /// The features without the constant, in the order of the model.
     pub(crate) features: Vec<Term>,
-    /// How each feature comes from earlier ones: a channel alone or an earlier feature times a
-    /// channel.
-    pub(crate) recipe: Vec<(Option<usize>, usize)>,
+    /// How each feature comes from earlier ones.
+    pub(crate) recipe: Vec<Recipe>,
     /// The blocks of products.
     pub(crate) groups: Vec<ProductGroup>,
     /// Where each channel alone stands among the features.
@@ -144,7 +144,6 @@ impl MomentLayout {
         }
         let index: MonomialIndex = monomials.iter().enumerate().map(|(i, &m)| (m, i)).collect();
         debug_assert_eq!(index.len(), monomials.len(), "every monomial once");
-        let recipe = features.iter().map(|term| recipe(term, &index)).collect();
         let singles = (0..features.len()).filter(|&f| features[f].factors().len() == 1).collect();
         let steps = (0..channels)
             .map(|channel| {
@@ -152,7 +151,7 @@ impl MomentLayout {
                 (steps(&monomials, &index, channel), steps(of_features, &index, channel))
             })
             .collect();
-        Self { features, recipe, groups, singles, monomials, index, steps }
+        Self { recipe: recipe(&features), features, groups, singles, monomials, index, steps }
     }
 
     /// Number of distinct sums of products of features, with the number of rows.
@@ -288,12 +287,6 @@ fn mixed(features: &[Term], channels: usize, degree: usize) -> Vec<ProductGroup>
             ProductGroup { left, right: first..features.len() }
         })
         .collect()
-}
-
-fn recipe(term: &Term, index: &MonomialIndex) -> (Option<usize>, usize) {
-    let (&last, rest) = term.factors().split_last().expect("a feature is not the constant");
-    let rest = Monomial::product(Term::product(rest), Term::INTERCEPT);
-    (index[&rest].checked_sub(1), usize::from(last))
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! From integers of any length to double-doubles, and back.
 
 use num_bigint::BigInt;
-use num_traits::ToPrimitive;
+use num_traits::{Float, ToPrimitive};
 
 use crate::double_double::DoubleDouble;
 
@@ -57,12 +57,6 @@ pub(crate) fn shifted(value: DoubleDouble, exponent: i32) -> DoubleDouble {
 
 /// A finite number as an integer times a power of two.
 pub(crate) fn integer(value: f64) -> (BigInt, i32) {
-    let bits = value.abs().to_bits();
-    let (exponent, fraction) = ((bits >> 52) as i32, bits & ((1 << 52) - 1));
-    let (significand, exponent) = match exponent {
-        0 => (fraction, -1074),
-        _ => (fraction | 1 << 52, exponent - 1075),
-    };
-    let integer = BigInt::from(significand);
-    (if value.is_sign_negative() { -integer } else { integer }, exponent)
+    let (significand, exponent, sign) = value.integer_decode();
+    (BigInt::from(significand) * sign, exponent.into())
 }

@@ -58,26 +58,6 @@ pub struct StoredIntegers {
 #[error("{0}")]
 pub struct StoredMomentsError(String);
 
-impl From<ChannelRange> for StoredRange {
-    fn from(range: ChannelRange) -> Self {
-        let ChannelRange { unit, lowest, highest } = range;
-        Self { twos: unit.twos, fives: unit.fives, lowest, highest }
-    }
-}
-
-impl From<StoredRange> for ChannelRange {
-    fn from(range: StoredRange) -> Self {
-        let StoredRange { twos, fives, lowest, highest } = range;
-        Self { unit: ReadingUnit { twos, fives }, lowest, highest }
-    }
-}
-
-impl From<&Moments> for StoredMoments {
-    fn from(moments: &Moments) -> Self {
-        Self::of(moments, Axes::ALL)
-    }
-}
-
 /// The most digits of an integer. Products of two loads, which are doubles between 10⁻³⁰⁸ and 10¹⁵, take some 700.
 const MAX_DIGITS: usize = 2_000;
 
@@ -105,11 +85,17 @@ impl StoredMoments {
             exponent: scaled.exponent,
             values: scaled.values.iter().map(BigInt::to_string).collect(),
         };
+        let range = |&ChannelRange { unit, lowest, highest }: &ChannelRange| StoredRange {
+            twos: unit.twos,
+            fives: unit.fives,
+            lowest,
+            highest,
+        };
         Self {
             basis: moments.basis,
             axes,
             rows: moments.rows,
-            channels: moments.channels.iter().map(|&range| range.into()).collect(),
+            channels: moments.channels.iter().map(range).collect(),
             readings: moments.readings.iter().map(i128::to_string).collect(),
             wrench: axes.iter().map(|axis| stored(&moments.wrench[axis.index()])).collect(),
             squares: pairs(axes)
@@ -130,8 +116,12 @@ impl TryFrom<StoredMoments> for Moments {
 
 impl Moments {
     fn from_stored(stored: StoredMoments) -> Result<Self, String> {
-        let channels: Vec<ChannelRange> =
-            stored.channels.iter().map(|&range| range.into()).collect();
+        let range = |&StoredRange { twos, fives, lowest, highest }: &StoredRange| ChannelRange {
+            unit: ReadingUnit { twos, fives },
+            lowest,
+            highest,
+        };
+        let channels: Vec<ChannelRange> = stored.channels.iter().map(range).collect();
         if stored.channels.is_empty() || stored.channels.len() > 255 {
             return Err(format!("`{}` channels, expected 1 to 255", stored.channels.len()));
         }

@@ -1,15 +1,18 @@
 //! Cholesky factorisation in double-double arithmetic, vectorised.
 
-use pulp::NullaryFnOnce;
-
 use crate::double_double::DoubleDouble;
-use shell_data::instructions::arch;
+use shell_data::vectorised;
 
 /// Right-hand sides that are solved for at once: six axes, and two idle ones to fill a vector.
 pub(crate) const LANES: usize = 8;
 
 /// One row of right-hand sides or solutions.
 pub(crate) type AxisRow = [DoubleDouble; LANES];
+
+/// The row of what belongs to each of the six axes.
+pub(crate) fn axis_row(of: impl Fn(usize) -> DoubleDouble) -> AxisRow {
+    std::array::from_fn(|axis| if axis < 6 { of(axis) } else { DoubleDouble::ZERO })
+}
 
 /// A row with its heads and tails apart, each a vector: what loops work on.
 #[derive(Clone, Copy)]
@@ -76,35 +79,51 @@ impl Bordered {
         (self.head[at], self.tail[at]) = (value.to_f64(), value.tail());
     }
 
+    /// The border beside a row, of one column for each axis.
+    pub(crate) fn border(&self, row: usize) -> AxisRow {
+        axis_row(|axis| self.get(row, self.size + axis))
+    }
+
     /// Factors the matrix; what is left in the corner of the border is `D − BᵀA⁻¹B`.
     ///
     /// # Errors
     /// The column at which the matrix turned out not to be positive definite.
     pub(crate) fn factor(&mut self) -> Result<(), usize> {
-        arch().dispatch(BorderedFactor(self))
+        factor_bordered(self)
     }
 
-    #[inline(always)]
-    fn factor_inline(&mut self) -> Result<(), usize> {
-        let width = self.width;
-        for k in 0..self.size {
-            let pivot = self.get(k, k);
+    /// `x` with `R·x = y`, in place.
+    pub(crate) fn solve_upper(&self, y: &mut [AxisRow]) {
+        solve_upper(self, y);
+    }
+
+    /// `y` with `Rᵀ·y = b`, in place.
+    pub(crate) fn solve_lower(&self, b: &mut [AxisRow]) {
+        solve_lower(self, b);
+    }
+}
+
+vectorised! {
+    fn factor_bordered(a: &mut Bordered) -> Result<(), usize> {
+        let width = a.width;
+        for k in 0..a.size {
+            let pivot = a.get(k, k);
             if pivot.to_f64().is_nan() || pivot.to_f64() <= 0.0 {
                 return Err(k);
             }
             let root = pivot.sqrt();
             let inverse = DoubleDouble::ONE / root;
             let row = k * width + k..(k + 1) * width;
-            for (head, tail) in self.head[row.clone()].iter_mut().zip(&mut self.tail[row]) {
+            for (head, tail) in a.head[row.clone()].iter_mut().zip(&mut a.tail[row]) {
                 let scaled = DoubleDouble::from_parts(*head, *tail) * inverse;
                 (*head, *tail) = (scaled.to_f64(), scaled.tail());
             }
-            self.set(k, k, root);
+            a.set(k, k, root);
             for i in k + 1..width {
-                let factor = -self.get(k, i);
+                let factor = -a.get(k, i);
                 let split = i * width;
-                let (above_head, head) = self.head.split_at_mut(split);
-                let (above_tail, tail) = self.tail.split_at_mut(split);
+                let (above_head, head) = a.head.split_at_mut(split);
+                let (above_tail, tail) = a.tail.split_at_mut(split);
                 let above = k * width + i..(k + 1) * width;
                 let count = width - i;
                 let head = &mut head[i..][..count];
@@ -122,38 +141,7 @@ impl Bordered {
         Ok(())
     }
 
-    /// `x` with `R·x = y`, in place.
-    pub(crate) fn solve_upper(&self, y: &mut [AxisRow]) {
-        arch().dispatch(SolveUpper(self, y));
-    }
-
-    /// `y` with `Rᵀ·y = b`, in place.
-    pub(crate) fn solve_lower(&self, b: &mut [AxisRow]) {
-        arch().dispatch(SolveLower(self, b));
-    }
-}
-
-// What follows is inlined whole into code for the widest vectors of the machine; closures are not.
-
-struct BorderedFactor<'a>(&'a mut Bordered);
-
-impl NullaryFnOnce for BorderedFactor<'_> {
-    type Output = Result<(), usize>;
-
-    #[inline(always)]
-    fn call(self) -> Result<(), usize> {
-        self.0.factor_inline()
-    }
-}
-
-struct SolveUpper<'a>(&'a Bordered, &'a mut [AxisRow]);
-
-impl NullaryFnOnce for SolveUpper<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        let Self(factor, y) = self;
+    fn solve_upper(factor: &Bordered, y: &mut [AxisRow]) {
         for k in (0..factor.size).rev() {
             let (rows, solved) = y.split_at_mut(k + 1);
             let mut row = rows[k];
@@ -163,16 +151,8 @@ impl NullaryFnOnce for SolveUpper<'_> {
             rows[k] = divide(&row, factor.get(k, k));
         }
     }
-}
 
-struct SolveLower<'a>(&'a Bordered, &'a mut [AxisRow]);
-
-impl NullaryFnOnce for SolveLower<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        let Self(factor, b) = self;
+    fn solve_lower(factor: &Bordered, b: &mut [AxisRow]) {
         for k in 0..factor.size {
             let (solved, rest) = b.split_at_mut(k + 1);
             solved[k] = divide(&solved[k], factor.get(k, k));

@@ -10,14 +10,13 @@ use faer::linalg::triangular_solve::{
     solve_lower_triangular_in_place, solve_upper_triangular_in_place,
 };
 use faer::{Mat, Par, Side};
-use pulp::NullaryFnOnce;
 
 use super::cholesky::{AxisRow, ElementLanes, LANES};
 use crate::double_double::DoubleDouble;
 use crate::exact::moments::rounding::power_of_two;
 use crate::exact::moments::rounding::round;
 use crate::symmetric::SymmetricMatrix;
-use shell_data::instructions::arch;
+use shell_data::vectorised;
 
 /// A symmetric matrix.
 #[derive(Clone, Debug)]
@@ -68,7 +67,7 @@ impl DoubleDoubleMatrix {
 
     /// `b − A·x`.
     pub(crate) fn residual(&self, b: &[AxisRow], x: &[AxisRow]) -> Vec<AxisRow> {
-        arch().dispatch(ExactResidual { matrix: self, b, x })
+        residual(self, b, x)
     }
 
     /// `x` with `A·x = b`, to about 20 digits; `None` if that cannot be computed this way.
@@ -112,18 +111,8 @@ impl DoubleDoubleMatrix {
     }
 }
 
-struct ExactResidual<'a> {
-    matrix: &'a DoubleDoubleMatrix,
-    b: &'a [AxisRow],
-    x: &'a [AxisRow],
-}
-
-impl NullaryFnOnce for ExactResidual<'_> {
-    type Output = Vec<AxisRow>;
-
-    #[inline(always)]
-    fn call(self) -> Vec<AxisRow> {
-        let Self { matrix, b, x } = self;
+vectorised! {
+    fn residual(matrix: &DoubleDoubleMatrix, b: &[AxisRow], x: &[AxisRow]) -> Vec<AxisRow> {
         let x: Vec<ElementLanes> = x.iter().map(ElementLanes::new).collect();
         let mut residual: Vec<ElementLanes> = b.iter().map(ElementLanes::new).collect();
         let mut upper = &matrix.upper[..];

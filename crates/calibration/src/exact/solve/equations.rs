@@ -5,7 +5,7 @@ use num_bigint::BigInt;
 use num_traits::Zero;
 
 use super::cholesky::{AxisRow, Bordered, LANES};
-use super::fit::{CholeskyFactor, CountedFeatures, ExactFit, SolveError};
+use super::fit::{CountedFeatures, ExactFit, SolveError};
 use super::multipliers::Multipliers;
 use crate::double_double::DoubleDouble;
 use crate::exact::moments::layout::pair;
@@ -47,9 +47,9 @@ impl<'a> IntegerEquations<'a> {
         model: &Model,
         terms: Vec<Term>,
         positions: Vec<usize>,
-        centre: &[i64],
     ) -> Self {
-        let (readings, wrench) = moments.about(centre);
+        let centre = moments.centre(model);
+        let (readings, wrench) = moments.about(&centre);
         let sums = 0..=moments.layout.features.len();
         let wrench = wrench.map(|axis| sums.clone().map(|position| axis.value(position)).collect());
         let (columns, axes) = moments.norms(&readings, &positions, terms.len());
@@ -58,7 +58,7 @@ impl<'a> IntegerEquations<'a> {
             axes,
             model: *model,
             reach: centre.iter().enumerate().map(|(i, &c)| moments.reach(i, c)).collect(),
-            centre: centre.to_vec(),
+            centre,
             terms,
             readings,
             wrench,
@@ -78,10 +78,8 @@ impl<'a> IntegerEquations<'a> {
             }
             if self.terms[a] != Term::INTERCEPT && ridge > 0.0 {
                 let square = bordered.get(a, a);
-                // A column of zeros: any penalty keeps its coefficient at zero.
-                let square = if square == DoubleDouble::ZERO { DoubleDouble::ONE } else { square };
-                *penalty = square * DoubleDouble::from(ridge);
-                bordered.set(a, a, bordered.get(a, a) + *penalty);
+                *penalty = penalty_of(square, ridge);
+                bordered.set(a, a, square + *penalty);
             }
             for axis in 0..6 {
                 let (value, exponent) = self.right(a, axis);
@@ -96,9 +94,9 @@ impl<'a> IntegerEquations<'a> {
                 bordered.set(size + a, size + b, round_scaled(&square.values[0], exponent));
             }
         }
-        let products: Vec<AxisRow> = (0..size + 6).map(|a| border(&bordered, a)).collect();
+        let products: Vec<AxisRow> = (0..size + 6).map(|a| bordered.border(a)).collect();
         bordered.factor().map_err(|_| SolveError::NearlyDependent)?;
-        let mut coefficients: Vec<AxisRow> = (0..size).map(|a| border(&bordered, a)).collect();
+        let mut coefficients: Vec<AxisRow> = (0..size).map(|a| bordered.border(a)).collect();
         bordered.solve_upper(&mut coefficients);
         let condition = condition(&bordered);
         if !condition.is_finite() {
@@ -108,7 +106,7 @@ impl<'a> IntegerEquations<'a> {
             self.refine(&bordered, &penalties, &mut coefficients)?;
         }
         let residuals = if ridge == 0.0 {
-            (0..6).map(|a| border(&bordered, size + a)).collect()
+            (0..6).map(|a| bordered.border(size + a)).collect()
         } else {
             penalised_residuals(&products, &coefficients, &penalties)
         };
@@ -261,19 +259,18 @@ impl<'a> IntegerEquations<'a> {
             total_squares: std::array::from_fn(|axis| self.moments.total_square(axis)),
             condition,
             rank,
-            factor: CholeskyFactor { cholesky, exponents },
+            cholesky,
+            exponents,
             counted: CountedFeatures { centre: self.centre, reach: self.reach, stretch },
         })
     }
 }
 
-fn border(bordered: &Bordered, row: usize) -> AxisRow {
-    let first = bordered.size;
-    std::array::from_fn(
-        |axis| {
-            if axis < 6 { bordered.get(row, first + axis) } else { DoubleDouble::ZERO }
-        },
-    )
+/// What a ridge adds to the square of a column.
+pub(super) fn penalty_of(square: DoubleDouble, ridge: f64) -> DoubleDouble {
+    // A column of zeros: any penalty keeps its coefficient at zero.
+    let square = if square == DoubleDouble::ZERO { DoubleDouble::ONE } else { square };
+    square * DoubleDouble::from(ridge)
 }
 
 /// `WᵀW − CᵀB − CᵀPC`, which are the residuals of `(A + P)·C = B`.

@@ -32,7 +32,10 @@ pub struct ExactFit {
     pub condition: f64,
     /// Independent features: all, unless a ridge stands in for the others.
     pub rank: usize,
-    pub(crate) factor: CholeskyFactor,
+    /// The Cholesky factor of scaled features.
+    pub(crate) cholesky: Bordered,
+    /// `2^exponent` times a column of it is that of the centred and scaled feature.
+    pub(crate) exponents: Vec<i32>,
     pub(crate) counted: CountedFeatures,
 }
 
@@ -70,14 +73,6 @@ pub enum SolveError {
     },
 }
 
-/// The Cholesky factor of scaled features.
-#[derive(Clone, Debug)]
-pub(crate) struct CholeskyFactor {
-    pub(crate) cholesky: Bordered,
-    /// `2^exponent` times a column of it is that of the centred and scaled feature.
-    pub(crate) exponents: Vec<i32>,
-}
-
 /// The features of readings that are counted in the units of the sums.
 #[derive(Clone, Debug)]
 pub(crate) struct CountedFeatures {
@@ -102,7 +97,7 @@ impl ExactFit {
     /// Upper triangular `R` with `RᵀR = XᵀX`, ridge included: columns are features of centred and
     /// scaled readings. In `f64`, which is enough for standard errors.
     pub fn r_factor(&self) -> Mat<f64> {
-        let CholeskyFactor { cholesky, exponents } = &self.factor;
+        let Self { cholesky, exponents, .. } = self;
         Mat::from_fn(cholesky.size, cholesky.size, |i, j| match i <= j {
             true => (shifted(cholesky.get(i, j), -exponents[j]) * self.counted.stretch[j]).to_f64(),
             false => 0.0,

@@ -14,19 +14,17 @@
 //! its rounding error is below `p·2⁻⁹⁸·t` for p features: cancellation would have to cost 20 digits
 //! before the tenth was wrong.
 
-use pulp::NullaryFnOnce;
-
 use super::cholesky::{AxisRow, Bordered, ElementLanes, LANES};
 use super::double_double_matrix::DoubleDoubleMatrix;
+use super::equations::penalty_of;
 use super::fit::{ExactFit, SolveError};
 use super::partition::{EquationScales, PartMoments, PartitionedMoments, counted_coefficients};
-use crate::double_double::DoubleDouble;
 use crate::exact::moments::product_sums::Moments;
 use crate::exact::moments::rounding::power_of_two;
 use crate::exact::moments::rounding::round;
 use crate::model::Term;
 use crate::quality::AxisQuality;
-use shell_data::instructions::arch;
+use shell_data::vectorised;
 use shell_data::wrench::PerAxis;
 
 /// Pivots of Cholesky, relative to the diagonal, above which its coefficients have more than ten
@@ -142,10 +140,7 @@ impl EquationScales {
         for (a, term) in self.terms.iter().enumerate() {
             if ridge > 0.0 && *term != Term::INTERCEPT {
                 let square = gram.diagonal_mut(a);
-                // As for all rows: a column of zeros keeps its coefficient at zero.
-                let penalised =
-                    if *square == DoubleDouble::ZERO { DoubleDouble::ONE } else { *square };
-                *square += penalised * DoubleDouble::from(ridge);
+                *square += penalty_of(*square, ridge);
             }
         }
         let right: Vec<AxisRow> = (all.right.iter().zip(&part.right))
@@ -160,8 +155,7 @@ impl EquationScales {
         part: &PartMoments,
         coefficients: &[AxisRow],
     ) -> PerAxis<HeldOutErrors> {
-        let (sums, squares) =
-            arch().dispatch(ErrorSums { columns: &self.columns, part, coefficients });
+        let (sums, squares) = error_sums(&self.columns, part, coefficients);
         std::array::from_fn(|axis| {
             let unit = power_of_two(self.axes[axis]);
             HeldOutErrors {
@@ -188,32 +182,19 @@ fn solve_wide(gram: &DoubleDoubleMatrix, right: &[AxisRow]) -> Option<Vec<AxisRo
         root * root > SMALLEST_PIVOT * gram.get(a, a).to_f64()
     };
     let sure = (0..size).all(is_sure);
-    let mut coefficients: Vec<AxisRow> = (0..size)
-        .map(|a| {
-            std::array::from_fn(|axis| match axis {
-                0..6 => bordered.get(a, size + axis),
-                _ => DoubleDouble::ZERO,
-            })
-        })
-        .collect();
+    let mut coefficients: Vec<AxisRow> = (0..size).map(|a| bordered.border(a)).collect();
     bordered.solve_upper(&mut coefficients);
     let finite = coefficients.iter().flatten().all(|c| c.is_finite());
     (sure && finite).then_some(coefficients)
 }
 
-/// Sums of errors and of their squares, scaled.
-struct ErrorSums<'a> {
-    columns: &'a [i32],
-    part: &'a PartMoments,
-    coefficients: &'a [AxisRow],
-}
-
-impl NullaryFnOnce for ErrorSums<'_> {
-    type Output = (AxisRow, AxisRow);
-
-    #[inline(always)]
-    fn call(self) -> (AxisRow, AxisRow) {
-        let Self { columns, part, coefficients } = self;
+vectorised! {
+    /// Sums of errors and of their squares, scaled.
+    fn error_sums(
+        columns: &[i32],
+        part: &PartMoments,
+        coefficients: &[AxisRow],
+    ) -> (AxisRow, AxisRow) {
         let mut sums = ElementLanes::new(&part.wrench.map(|sum| -sum));
         let mut squares = part.squares;
         let lanes: Vec<ElementLanes> = coefficients.iter().map(ElementLanes::new).collect();

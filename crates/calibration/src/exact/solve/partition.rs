@@ -1,9 +1,8 @@
 //! Sums over some of the rows, in the units of all: what fits without a part, and the spread of
 //! coefficients from part to part, are computed from.
 
-use super::cholesky::AxisRow;
+use super::cholesky::{AxisRow, axis_row};
 use super::fit::{ExactFit, SolveError};
-use super::scales::contains;
 use crate::double_double::DoubleDouble;
 use crate::exact::moments::layout::pair;
 use crate::exact::moments::product_sums::Moments;
@@ -51,23 +50,11 @@ impl<'a> PartitionedMoments<'a> {
     /// [`SolveError::OtherFeatures`] if the features of the model were not summed;
     /// [`SolveError::TooFewRows`] for zero rows.
     pub fn new(total: &'a Moments, model: &Model) -> Result<Self, SolveError> {
-        let terms = model.terms();
-        if model.channels != total.channels() || !contains(total, &terms) {
-            let summed = Model {
-                basis: total.basis(),
-                intercept: true,
-                channels: total.channels(),
-                memory: 0,
-            };
-            return Err(SolveError::OtherFeatures { summed: summed.name(), asked: model.name() });
-        }
+        let terms = total.summed_terms(model)?;
         if total.rows() == 0 {
             return Err(SolveError::TooFewRows { rows: 0, coefficients: terms.len() });
         }
-        let centre = (0..model.channels)
-            .map(|i| if model.intercept { total.rounded_mean(i) } else { 0 })
-            .collect();
-        let scales = EquationScales::new(total, terms, centre);
+        let scales = EquationScales::new(total, terms, total.centre(model));
         let all = scales.part(total);
         Ok(Self { total, model: *model, scales, all })
     }
@@ -107,9 +94,6 @@ impl EquationScales {
             .map(|&term| moments.layout.position(term, Term::INTERCEPT))
             .collect();
         let upper = (0..size).flat_map(|a| &self.positions[a * size + a..(a + 1) * size]);
-        let per_axis = |of: &dyn Fn(usize) -> DoubleDouble| -> AxisRow {
-            std::array::from_fn(|i| if i < 6 { of(i) } else { DoubleDouble::ZERO })
-        };
         let sum = |axis: usize, position: usize, column: i32| {
             let exponent = moments.wrench[axis].exponent - column - self.axes[axis];
             wrench[axis].rounded(position, exponent)
@@ -119,10 +103,10 @@ impl EquationScales {
             gram: upper.map(|&position| readings[position]).collect(),
             features: ones.iter().map(|&position| readings[position]).collect(),
             right: (ones.iter().zip(&self.columns))
-                .map(|(&position, &column)| per_axis(&|axis| sum(axis, position, column)))
+                .map(|(&position, &column)| axis_row(|axis| sum(axis, position, column)))
                 .collect(),
-            wrench: per_axis(&|axis| sum(axis, 0, 0)),
-            squares: per_axis(&|axis| {
+            wrench: axis_row(|axis| sum(axis, 0, 0)),
+            squares: axis_row(|axis| {
                 let square = &moments.squares[pair(axis, axis)];
                 round_scaled(&square.values[0], square.exponent - 2 * self.axes[axis])
             }),
@@ -133,7 +117,7 @@ impl EquationScales {
 /// The coefficients of a fit for features as they are counted, axes as lanes.
 pub(crate) fn counted_coefficients(fit: &ExactFit) -> Vec<AxisRow> {
     let row = |(row, &stretch): (&PerAxis<DoubleDouble>, &DoubleDouble)| -> AxisRow {
-        std::array::from_fn(|i| row.get(i).map_or(DoubleDouble::ZERO, |&c| c * stretch))
+        axis_row(|axis| row[axis] * stretch)
     };
     fit.coefficients.iter().zip(&fit.counted.stretch).map(row).collect()
 }

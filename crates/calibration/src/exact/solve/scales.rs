@@ -1,10 +1,11 @@
 //! What the sums say before anything is solved: means, norms, ranges and variances.
 
+use super::fit::SolveError;
 use crate::double_double::DoubleDouble;
 use crate::exact::moments::layout::pair;
 use crate::exact::moments::product_sums::Moments;
 use crate::exact::moments::rounding::round_scaled;
-use crate::model::Term;
+use crate::model::{Model, Term};
 use shell_data::wrench::Axis;
 
 impl Moments {
@@ -45,6 +46,30 @@ impl Moments {
         (columns.collect(), axes)
     }
 
+    /// The terms of a model.
+    ///
+    /// # Errors
+    /// [`SolveError::OtherFeatures`] if the products of one of them were not summed.
+    pub(crate) fn summed_terms(&self, model: &Model) -> Result<Vec<Term>, SolveError> {
+        let terms = model.terms();
+        let is_summed =
+            |term: &Term| *term == Term::INTERCEPT || self.layout.features.contains(term);
+        if model.channels == self.channels() && terms.iter().all(is_summed) {
+            return Ok(terms);
+        }
+        let (basis, channels) = (self.basis, self.channels());
+        let summed = Model { basis, intercept: true, channels, memory: 0 };
+        Err(SolveError::OtherFeatures { summed: summed.name(), asked: model.name() })
+    }
+
+    /// Where the origin of each channel is moved to before a model is solved for: its mean, rounded, if there is an
+    /// intercept.
+    pub(crate) fn centre(&self, model: &Model) -> Vec<i64> {
+        (0..model.channels)
+            .map(|i| if model.intercept { self.rounded_mean(i) } else { 0 })
+            .collect()
+    }
+
     pub(crate) fn rounded_mean(&self, channel: usize) -> i64 {
         let sum = self.readings[1 + self.layout.single(channel)];
         let rows = i128::from(self.rows);
@@ -57,10 +82,6 @@ impl Moments {
         let reach = (range.highest - centre).max(centre - range.lowest).max(1);
         (reach as u64).next_power_of_two().ilog2() as i32
     }
-}
-
-pub(crate) fn contains(moments: &Moments, terms: &[Term]) -> bool {
-    terms.iter().all(|term| *term == Term::INTERCEPT || moments.layout.features.contains(term))
 }
 
 impl Moments {

@@ -13,7 +13,6 @@
 use super::equations::IntegerEquations;
 use super::fit::{ExactFit, SolveError};
 use super::rank::rank_loss;
-use super::scales::contains;
 use crate::exact::moments::product_sums::Moments;
 use crate::model::Model;
 
@@ -28,19 +27,10 @@ impl Moments {
     /// # Errors
     /// [`SolveError`] if the rows do not determine the coefficients.
     pub fn solve(&self, model: &Model, ridge: f64) -> Result<ExactFit, SolveError> {
-        let terms = model.terms();
         if !(ridge >= 0.0 && ridge.is_finite()) {
             return Err(SolveError::Ridge(ridge));
         }
-        if model.channels != self.channels.len() || !contains(self, &terms) {
-            let summed = Model {
-                basis: self.basis,
-                intercept: true,
-                channels: self.channels.len(),
-                memory: 0,
-            };
-            return Err(SolveError::OtherFeatures { summed: summed.name(), asked: model.name() });
-        }
+        let terms = self.summed_terms(model)?;
         if self.rows < terms.len() as u64 && ridge == 0.0 || self.rows == 0 {
             return Err(SolveError::TooFewRows { rows: self.rows, coefficients: terms.len() });
         }
@@ -50,9 +40,6 @@ impl Moments {
         if let Some(loss) = loss.filter(|_| ridge == 0.0) {
             return Err(SolveError::RankDeficient(loss));
         }
-        let centre: Vec<i64> = (0..model.channels)
-            .map(|i| if model.intercept { self.rounded_mean(i) } else { 0 })
-            .collect();
-        IntegerEquations::new(self, model, terms, positions, &centre).solve(ridge, rank)
+        IntegerEquations::new(self, model, terms, positions).solve(ridge, rank)
     }
 }

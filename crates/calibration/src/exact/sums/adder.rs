@@ -61,14 +61,6 @@ impl Adder {
         Ok(())
     }
 
-    /// Adds the rows of `later`, as [`Accumulator::merge`] does.
-    ///
-    /// # Errors
-    /// [`ExactError`] if the rows of both cannot be summed exactly.
-    pub fn merge(&mut self, sums: &mut Accumulator, later: Accumulator) -> Result<(), ExactError> {
-        self.with_scratch(sums, |sums| sums.merge(later))
-    }
-
     /// The sums over all rows of `sums`, as [`Accumulator::finish`] returns them.
     ///
     /// # Errors

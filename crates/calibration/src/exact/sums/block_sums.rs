@@ -8,6 +8,7 @@ use super::open_sums::OpenSums;
 use super::plan::{LimbColumn, SummationPlan};
 use crate::exact::moments::layout::MomentLayout;
 use crate::exact::moments::rounding::power_of_two;
+use crate::features::Recipe;
 
 /// Working memory.
 #[derive(Clone, Debug, Default)]
@@ -108,21 +109,22 @@ fn fill(
     readings: &[f64],
     features: &mut [f64],
 ) {
-    for (f, &(factor, channel)) in layout.recipe.iter().enumerate() {
+    for (f, recipe) in layout.recipe.iter().enumerate() {
         let (before, now) = features.split_at_mut(plan.firsts[f] * ROWS);
         let now = &mut now[..ROWS];
-        match factor {
-            None => {
+        match *recipe {
+            Recipe::One => unreachable!("the constant is not among the features of sums"),
+            Recipe::Reading(channel) => {
                 let centre = plan.centre[channel] as f64;
                 for (x, s) in now.iter_mut().zip(&readings[channel * ROWS..][..ROWS]) {
                     *x = s - centre;
                 }
                 now[rows..].fill(0.0);
             }
-            Some(factor) => {
-                let single = &before[plan.firsts[layout.single(channel)] * ROWS..][..ROWS];
-                let factor = &before[plan.firsts[factor] * ROWS..][..ROWS];
-                for ((x, a), b) in now.iter_mut().zip(factor).zip(single) {
+            Recipe::Product(a, b) => {
+                let a = &before[plan.firsts[a] * ROWS..][..ROWS];
+                let b = &before[plan.firsts[b] * ROWS..][..ROWS];
+                for ((x, a), b) in now.iter_mut().zip(a).zip(b) {
                     *x = a * b;
                 }
             }

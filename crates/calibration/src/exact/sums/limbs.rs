@@ -11,6 +11,8 @@
 //! There are two ways to that, and the cheaper one is taken: to cut the left operands only, into limbs
 //! as narrow as the right ones, whole features, demand; or to cut both sides and the wrench alike.
 
+use num_traits::Float;
+
 use super::kernel::ROWS;
 use crate::exact::moments::layout::MomentLayout;
 use crate::exact::moments::rounding::power_of_two;
@@ -154,12 +156,8 @@ impl BinaryPlaces {
     pub(crate) fn new(values: &[f64]) -> Self {
         let mut places = Self::NONE;
         for &value in values.iter().filter(|&&v| v != 0.0 && v.is_finite()) {
-            let bits = value.to_bits();
-            let (exponent, fraction) = ((bits >> 52) as i32 & 0x7ff, bits & ((1 << 52) - 1));
-            let (significand, unit) = match exponent {
-                0 => (fraction, -1074),
-                _ => (fraction | 1 << 52, exponent - 1075),
-            };
+            let (significand, exponent, _) = value.integer_decode();
+            let unit = i32::from(exponent);
             places.low = places.low.min(unit + significand.trailing_zeros() as i32);
             places.high = places.high.max(unit + 64 - significand.leading_zeros() as i32);
         }

@@ -1,15 +1,65 @@
-//! The ranges of the readings of a block of rows.
+//! Which readings a calibration has seen: rows, and the range of each channel.
+//!
+//! Found in the same pass as the fit, whatever the solver. It says where a calibration may be
+//! trusted, and names channels that never moved.
 
-use pulp::NullaryFnOnce;
-
-use super::ranges::{ReadingRange, ReadingRanges};
 use crate::error::FitError;
 use shell_data::block::Block;
 use shell_data::dataset::Dataset;
-use shell_data::instructions::arch;
+use shell_data::vectorised;
 use shell_data::wrench::Axis;
 
+/// The smallest and the largest reading of one channel, in counts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReadingRange {
+    /// The smallest reading.
+    pub min: f64,
+    /// The largest reading.
+    pub max: f64,
+}
+
+/// Rows seen and the range of each channel over them. Merges in any order.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReadingRanges {
+    /// Number of rows.
+    pub rows: u64,
+    /// One range per channel; `min > max` for zero rows.
+    pub channels: Vec<ReadingRange>,
+}
+
+impl ReadingRange {
+    const NOTHING: ReadingRange = ReadingRange { min: f64::INFINITY, max: f64::NEG_INFINITY };
+
+    /// Whether `reading` lies within.
+    pub fn contains(&self, reading: f64) -> bool {
+        self.min <= reading && reading <= self.max
+    }
+
+    /// Whether there was only ever one value.
+    pub fn is_constant(&self) -> bool {
+        self.min == self.max
+    }
+
+    fn merge(&mut self, other: ReadingRange) {
+        self.min = self.min.min(other.min);
+        self.max = self.max.max(other.max);
+    }
+}
+
 impl ReadingRanges {
+    /// No rows of `channels` channels.
+    pub fn new(channels: usize) -> Self {
+        Self { rows: 0, channels: vec![ReadingRange::NOTHING; channels] }
+    }
+
+    /// Adds the rows of `other`.
+    pub fn merge(&mut self, other: &ReadingRanges) {
+        self.rows += other.rows;
+        for (range, &other) in self.channels.iter_mut().zip(&other.channels) {
+            range.merge(other);
+        }
+    }
+
     /// The ranges of one block.
     ///
     /// # Errors
@@ -23,12 +73,12 @@ impl ReadingRanges {
             .map(|i| format!("s{i}"))
             .chain(Axis::ALL.map(|axis| axis.name().to_owned()));
         for (name, column) in names.zip(block.readings.iter().chain(&block.wrench)) {
-            if !arch().dispatch(AllFinite(column)) {
+            if !are_finite(column) {
                 let row = column.iter().position(|x| !x.is_finite()).unwrap_or(0);
                 return Err(FitError::NotFinite { column: name, row });
             }
         }
-        let ranges = block.readings.iter().map(|c| arch().dispatch(RangeOf(c))).collect();
+        let ranges = block.readings.iter().map(|column| range_of(column)).collect();
         Ok(Self { rows: block.rows as u64, channels: ranges })
     }
 
@@ -43,24 +93,22 @@ impl ReadingRanges {
         }
         Ok(all)
     }
+
+    /// The channels, from 0, that only ever had one value.
+    pub fn constant_channels(&self) -> Vec<usize> {
+        (0..self.channels.len()).filter(|&i| self.channels[i].is_constant()).collect()
+    }
 }
 
 /// Interleaved sums and extremes.
 const LANES: usize = 16;
 
-/// Whether all numbers of a column are finite, inlined whole into code for the widest vectors of the
-/// machine.
-struct AllFinite<'a>(&'a [f64]);
-
-impl NullaryFnOnce for AllFinite<'_> {
-    type Output = bool;
-
-    #[inline(always)]
-    fn call(self) -> bool {
+vectorised! {
+    fn are_finite(column: &[f64]) -> bool {
         // A product with zero is NaN for what is not finite; sums of zeros vectorise, early exits do
         // not.
         let mut zeros = [0.0; LANES];
-        let (chunks, rest) = self.0.as_chunks::<LANES>();
+        let (chunks, rest) = column.as_chunks::<LANES>();
         for chunk in chunks {
             for (zero, x) in zeros.iter_mut().zip(chunk) {
                 *zero += x * 0.0;
@@ -68,18 +116,10 @@ impl NullaryFnOnce for AllFinite<'_> {
         }
         zeros.iter().all(|&zero| zero == 0.0) && rest.iter().all(|x| x.is_finite())
     }
-}
 
-/// The range of a column, inlined in the same way.
-struct RangeOf<'a>(&'a [f64]);
-
-impl NullaryFnOnce for RangeOf<'_> {
-    type Output = ReadingRange;
-
-    #[inline(always)]
-    fn call(self) -> ReadingRange {
+    fn range_of(column: &[f64]) -> ReadingRange {
         let (mut min, mut max) = ([f64::INFINITY; LANES], [f64::NEG_INFINITY; LANES]);
-        let (chunks, rest) = self.0.as_chunks::<LANES>();
+        let (chunks, rest) = column.as_chunks::<LANES>();
         for chunk in chunks {
             for i in 0..LANES {
                 min[i] = if chunk[i] < min[i] { chunk[i] } else { min[i] };
