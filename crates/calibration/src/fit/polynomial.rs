@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::evaluation::{BlockErrors, BlockEvaluator, EvalOptions, Evaluation};
+use super::evaluation::{BlockEvaluator, EvalOptions, Evaluation};
 use super::model_choice::{Clusters, ModelChoice};
 use super::{CovarianceRule, FitOptions, LARGEST};
 use crate::conversion::Calibration;
@@ -274,7 +274,8 @@ impl Leaks {
 /// What one block adds.
 struct BlockFacts {
     log: usize,
-    errors: BlockErrors,
+    errors: Evaluation,
+    tested: Vec<TestedRow>,
     loads: Option<WrenchSums>,
     fingerprint: Option<Fingerprint>,
     sample: Option<RowSample>,
@@ -301,7 +302,7 @@ impl RowErrors {
         without_range.valid_range = None;
         let work = |evaluator: &mut BlockEvaluator, (log, block): &(usize, &LabelledBlock)| {
             let (is_train, rows) = (*log < logs, &block.rows);
-            let errors = match is_train {
+            let (errors, tested) = match is_train {
                 true => evaluator.evaluate(&without_range, rows, look),
                 false => evaluator.evaluate(calibration, rows, &EvalOptions::default()),
             };
@@ -309,6 +310,7 @@ impl RowErrors {
             Ok(BlockFacts {
                 log: *log,
                 errors,
+                tested,
                 loads: is_train.then(|| WrenchSums::new(&rows.wrench)),
                 // A log by itself is a copy of none, and without tests there is nothing on its plateaus.
                 fingerprint: (all_logs().count() > 1).then(|| Fingerprint::new(rows)),
@@ -318,9 +320,9 @@ impl RowErrors {
         let (mut loads, mut tested) = (WrenchSums::default(), Vec::new());
         let (mut train_rows, mut test_rows) = (RowSample::default(), RowSample::default());
         let fold = |block: BlockFacts| {
-            evaluations[block.log].add(&block.errors);
+            evaluations[block.log].merge(&block.errors);
             if block.log < logs {
-                tested.push(block.errors.tested);
+                tested.push(block.tested);
             }
             if let Some(of_block) = block.loads {
                 loads.merge(&of_block);
