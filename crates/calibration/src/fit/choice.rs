@@ -2,8 +2,8 @@
 
 use super::model_choice::{Clusters, FewGroups, ModelChoice};
 use super::refits::{
-    self, FOLDS, MOST_ALONE, MOST_COMPARED, RANDOM_FOLDS, Refit, few_by_fold, random_split,
-    rows_in_one, select_by_normal_equations,
+    self, FOLDS, MOST_ALONE, MOST_COMPARED, RANDOM_FOLDS, few_by_fold, random_split, rows_in_one,
+    select_by_normal_equations,
 };
 use super::{CovarianceRule, FitOptions, ModelRule};
 use crate::error::FitError;
@@ -94,8 +94,8 @@ fn choose_model(training: Training<'_>, options: &FitOptions<'_>) -> Result<Mode
     let known = FitOptions { model: basis.into(), ridge, cross_validation: None, ..*options };
     let mut choice = choose_labelled(Some((group_by, labelled.clone())), &known)?;
     if options.validation().is_some() {
-        let refit = Refit { basis, ridge, options };
-        choice.cross_validation = Some(refits::cross_validate(&labelled, held_out, &refit)?);
+        let found = refits::cross_validate(&labelled, held_out, (basis, ridge), options)?;
+        choice.cross_validation = Some(found);
     }
     Ok(ModelChoice { selection, group_by: Some(group_by), labelled: Some(labelled), ..choice })
 }
