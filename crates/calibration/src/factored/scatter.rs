@@ -316,12 +316,12 @@ mod tests {
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
         let (solution, mut groups) = fitted(&block, model);
         let found =
-            Covariance::from_factored(&groups, &solution, (Method::Tsqr, 0.0), Workers::ONE)
+            Covariance::from_factored(&groups, None, &solution, (Method::Tsqr, 0.0), Workers::ONE)
                 .unwrap_err();
         assert_eq!(found, ValidationError::Alone { groups: vec!["4".to_owned()] });
         groups.groups.truncate(1);
         let found =
-            Covariance::from_factored(&groups, &solution, (Method::Tsqr, 0.0), Workers::ONE)
+            Covariance::from_factored(&groups, None, &solution, (Method::Tsqr, 0.0), Workers::ONE)
                 .unwrap_err();
         assert_eq!(found, ValidationError::TooFewGroups { found: 1 });
     }

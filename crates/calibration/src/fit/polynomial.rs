@@ -147,12 +147,8 @@ pub(super) fn covariance(
         }
         (Some(Clusters::RFactors { rows, held_out_together }), _) => {
             let method = r_factor_method(solver, truncate);
-            match held_out_together {
-                None => Covariance::from_factored(rows, solution, (method, ridge), workers),
-                Some(together) => {
-                    Covariance::from_files(rows, together, solution, (method, ridge), workers)
-                }
-            }
+            let together = held_out_together.as_deref();
+            Covariance::from_factored(rows, together, solution, (method, ridge), workers)
         }
         // Features of other solvers are about another centre than that of the sums.
         (None, Some(_)) if solver != SolverKind::Exact => Err(ValidationError::OtherSolver),
