@@ -320,7 +320,7 @@ impl<'a> OutlierSearch<'a> {
         let with_suspects = |block: &usize| !self.blocks[*block].suspects.is_empty();
         let blocks: Vec<usize> = (0..self.blocks.len()).filter(with_suspects).collect();
         // Other passes count these rows for the progress bar.
-        let tested = map(&blocks, 0, self.options.workers, test_block)?;
+        let tested = map(&blocks, self.options.workers, test_block)?;
         Ok(tested.into_iter().flatten().collect())
     }
 

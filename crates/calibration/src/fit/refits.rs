@@ -183,7 +183,7 @@ impl PolynomialProblem {
                 errors => Ok(errors),
             },
         };
-        map(&(0..held_out).collect::<Vec<_>>(), 0, workers, errors)
+        map(&(0..held_out).collect::<Vec<_>>(), workers, errors)
     }
 }
 
