@@ -239,19 +239,19 @@ impl<'a> OutlierSearch<'a> {
         (*log, rows.offset, suspect.tested.row)
     }
 
-    /// Passes all blocks to `work`, on any thread, and what comes of them to `fold`, in order.
+    /// What `work` makes of every block, on any thread, in the order of the blocks.
     fn each_block<S: Default + Send, T: Send>(
         &self,
         work: impl Fn(&mut S, &SearchedBlock<'_>) -> T + Sync,
-        mut fold: impl FnMut(T) + Send,
-    ) -> Result<(), FitError> {
-        let fold = |value| {
-            fold(value);
+    ) -> Result<Vec<T>, FitError> {
+        let mut all = Vec::with_capacity(self.blocks.len());
+        let fold = |of_block| {
+            all.push(of_block);
             Ok(())
         };
         let work = |state: &mut S, block: &SearchedBlock<'_>| Ok(work(state, block));
         each(&self.blocks, |block| block.rows, self.options.workers, S::default, work, fold)?;
-        Ok(())
+        Ok(all)
     }
 
     /// Looks through all rows for further suspects.
@@ -270,8 +270,7 @@ impl<'a> OutlierSearch<'a> {
             found.dedup();
             found
         };
-        let mut found = Vec::with_capacity(self.blocks.len());
-        self.each_block(find, |suspects| found.push(suspects))?;
+        let found = self.each_block(find)?;
         for (block, suspects) in self.blocks.iter_mut().zip(found) {
             block.suspects = suspects;
         }
@@ -334,8 +333,7 @@ impl<'a> OutlierSearch<'a> {
             }
             outside
         };
-        let mut found = Vec::new();
-        self.each_block(find, |outside| found.push(outside))?;
+        let found = self.each_block(find)?;
         let of_block = |(block, outside): (usize, Vec<TestedRow>)| {
             outside.into_iter().map(move |tested| Suspect { block, tested })
         };
