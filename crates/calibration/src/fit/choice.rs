@@ -299,7 +299,7 @@ impl FitOptions<'_> {
             choice = self.select(choice, &sums)?;
         }
         let channels = sums.total().map_or(0, Moments::channels);
-        let model = Model { basis: choice.basis, intercept: self.intercept, channels, memory: 0 };
+        let model = self.model_without_memory(choice.basis, channels);
         self.test_group_count(&mut choice, &model, sums.groups.len());
         if self.validation().is_some() {
             let found = cross_validate(&sums, &model, choice.ridge, self.folds())?;
@@ -310,6 +310,10 @@ impl FitOptions<'_> {
         }
         choice.sums = Some(sums);
         Ok(choice)
+    }
+
+    pub(super) fn model_without_memory(&self, basis: Basis, channels: usize) -> Model {
+        Model { basis, intercept: self.intercept, channels, memory: 0 }
     }
 
     /// A model of the rows of a data set.
