@@ -8,6 +8,7 @@ use crate::passes::{Rows, Workers};
 use crate::validation::grouped::{RandomSplit, assign};
 use shell_data::block::Block;
 use shell_data::dataset::{Dataset, sample};
+use shell_data::statistics::RunningVariance;
 use shell_data::wrench::Axes;
 
 /// Rows of a data set by group.
@@ -140,6 +141,15 @@ impl GroupedRows {
         let Block { wrench, readings, .. } = &*self.blocks[run.block as usize];
         let column = if position < 6 { &wrench[position] } else { &readings[position - 6] };
         &column[run.first as usize..(run.first + run.rows) as usize]
+    }
+
+    /// The spread of a column, which is counted as in [`column`](Self::column), over some rows.
+    pub(crate) fn spread(&self, runs: &[Run], position: usize) -> RunningVariance {
+        let mut all = RunningVariance::default();
+        for run in runs {
+            all.merge(&RunningVariance::new(self.of_run(run, position)));
+        }
+        all
     }
 
     /// Copies of readings and wrench of some runs, `rows` at a time.

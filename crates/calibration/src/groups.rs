@@ -1,16 +1,15 @@
 //! Which rows belong together: by a column, by file, or as found in the rows themselves.
 
-use std::collections::HashMap;
 use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
 
+use crate::grouped_rows::GroupedRows;
 use crate::validation::grouped::GroupKind;
 use crate::validation::plateaus::{PlateauFinder, Steps, Stretches};
 use shell_data::block::Block;
 use shell_data::dataset::{BLOCK_ROWS, Dataset, LogRows};
 use shell_data::statistics::RunningVariance;
-use shell_data::wrench::PerAxis;
 
 /// What is held out together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -208,23 +207,11 @@ pub(crate) fn has_poses(data: &Dataset) -> bool {
 }
 
 fn loads_are_constant_in_groups(data: &Dataset) -> bool {
-    let (mut all, mut groups) = (PerAxis::<RunningVariance>::default(), HashMap::new());
-    for (_, block) in data.blocks() {
-        let mut start = 0;
-        for (label, rows) in &*block.labels {
-            let of =
-                |axis: usize| RunningVariance::new(&block.rows.wrench[axis][start..start + rows]);
-            let own =
-                groups.entry(label.clone()).or_insert_with(PerAxis::<RunningVariance>::default);
-            for axis in 0..6 {
-                own[axis].merge(&of(axis));
-                all[axis].merge(&of(axis));
-            }
-            start += rows;
-        }
-    }
-    let within = |axis: usize| groups.values().map(|own| own[axis].squares).sum::<f64>();
-    (0..6).all(|axis| within(axis) <= WITHIN_POSES * all[axis].squares)
+    let (rows, _) = GroupedRows::from_labels(data);
+    (0..6).all(|axis| {
+        let within: f64 = rows.groups().map(|runs| rows.spread(runs, axis).squares).sum();
+        within <= WITHIN_POSES * rows.spread(rows.runs(), axis).squares
+    })
 }
 
 /// Whether a log may have plateaus, going by a sample of its rows; one of the first rows only does not tell.

@@ -175,24 +175,16 @@ pub(crate) fn each<I: Sync, S: Send, T: Send>(
     on_threads(items, |item| rows_of(item).rows, workers, init, work, fold)
 }
 
-/// What `work` makes of every item, on any thread, in the order of the items. Whoever watches is told of `rows` for
-/// each.
+/// What `work` makes of every item, on any thread, in the order of the items.
 ///
 /// # Errors
 /// As [`each`].
 pub(crate) fn map<I: Sync, T: Send>(
     items: &[I],
-    rows: usize,
     workers: Workers<'_>,
     work: impl Fn(&I) -> Result<T, FitError> + Sync,
 ) -> Result<Vec<T>, FitError> {
-    let mut results = Vec::with_capacity(items.len());
-    let fold = |result| {
-        results.push(result);
-        Ok(())
-    };
-    on_threads(items, |_| rows, workers, || (), |(), item| work(item), fold)?;
-    Ok(results)
+    map_folds(items, Workers { folds: None, ..workers }, work)
 }
 
 /// The same of folds that take seconds each: whoever watches is told how many are done.

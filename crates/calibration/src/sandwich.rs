@@ -24,6 +24,7 @@
 use faer::linalg::matmul::triangular::{BlockStructure, matmul};
 use faer::{Accum, Mat, MatRef, Par};
 
+use crate::exact::HeldOutErrors;
 use crate::symmetric::{SymmetricMatrix, UpperTriangle, add_multiple, product};
 use shell_data::wrench::PerAxis;
 
@@ -66,7 +67,8 @@ pub enum ScatterError {
 /// The scatter of a fit while its groups are being added.
 #[derive(Debug)]
 pub(crate) struct ScatterSums {
-    /// `v_g` of every group.
+    groups: usize,
+    /// `v_g` of every group that has one.
     scores: PerAxis<Vec<Vec<f64>>>,
     products: PerAxis<PerAxis<f64>>,
     /// The identity less all `K_g`, where these must add up to it.
@@ -76,20 +78,18 @@ pub(crate) struct ScatterSums {
     squares: PerAxis<f64>,
 }
 
-/// Rows, sum of the errors and of their squares, for each axis.
-pub(crate) type ErrorSums = PerAxis<(u64, f64, f64)>;
-
 impl ScatterSums {
-    /// Of so many groups and features, before any group; `products` are those of the residuals of all rows.
+    /// Of so many features, before any group; `products` are those of the residuals of all rows.
     /// `all_directions` says that the fit has no ridge and has left out no direction, so that the `K_g` must add up to
     /// the identity.
     pub(crate) fn new(
-        (groups, features): (usize, usize),
+        features: usize,
         products: PerAxis<PerAxis<f64>>,
         all_directions: bool,
     ) -> Self {
         Self {
-            scores: std::array::from_fn(|_| vec![vec![0.0; features]; groups]),
+            groups: 0,
+            scores: PerAxis::default(),
             products,
             defect: all_directions.then(|| SymmetricMatrix::identity(features)),
             alone: Vec::new(),
@@ -106,29 +106,27 @@ impl ScatterSums {
         }
     }
 
-    /// Adds the group at `position`, of its `v_g`: `None` if it alone determines a direction.
+    /// Adds the next group by its `v_g`: `None` if it alone determines a direction.
     pub(crate) fn add(
         &mut self,
-        position: usize,
         score: Option<PerAxis<Vec<f64>>>,
-        errors: &ErrorSums,
+        errors: &PerAxis<HeldOutErrors>,
     ) {
-        match score {
-            Some(score) => self.put(position, score, errors),
-            None => self.alone.push(position),
-        }
-    }
-
-    fn put(&mut self, position: usize, score: PerAxis<Vec<f64>>, errors: &ErrorSums) {
-        for (axis, (rows, sum, squares)) in errors.iter().enumerate() {
-            self.common[axis] += sum * sum / *rows as f64;
-            self.squares[axis] += squares;
+        let position = self.groups;
+        self.groups += 1;
+        let Some(score) = score else {
+            self.alone.push(position);
+            return;
+        };
+        for (axis, of) in errors.iter().enumerate() {
+            self.common[axis] += of.sum * of.sum / of.rows as f64;
+            self.squares[axis] += of.squares;
         }
         for (products, a) in self.products.iter_mut().zip(&score) {
             products.iter_mut().zip(&score).for_each(|(sum, b)| *sum += product(a, b));
         }
         for (scores, score) in self.scores.iter_mut().zip(score) {
-            scores[position] = score;
+            scores.push(score);
         }
     }
 
@@ -149,7 +147,7 @@ impl ScatterSums {
             false => 0.0,
         });
         Ok(GroupScatter {
-            groups: self.scores[0].len(),
+            groups: self.groups,
             factors: self.scores.each_ref().map(|scores| {
                 let rows: Vec<_> = scores.iter().map(|score| factor.times(score)).collect();
                 UpperTriangle::root_of_squares(&rows, features).matrix()

@@ -227,7 +227,7 @@ impl DynamicsSearch<'_> {
             .take_while(|tau| *tau <= most)
             .filter(|tau| terms.iter().all(|of| is_apart(of.time_constant, *tau)))
             .collect();
-        let scored = grid.iter().zip(map(&grid, 0, self.workers, score).ok()?);
+        let scored = grid.iter().zip(map(&grid, self.workers, score).ok()?);
         let (&new, (_, own)) = scored.min_by(|a, b| a.1.0.total_cmp(&b.1.0))?;
         *lag = own;
         let times = terms.iter().map(|of| of.time_constant).chain([new]);
@@ -290,7 +290,7 @@ impl DynamicsSearch<'_> {
             Ok(TriedTerms { score, lag, terms })
         };
         let mut tried =
-            map(&[centre, centre / factor, centre * factor], 0, self.workers, attempt).ok()?;
+            map(&[centre, centre / factor, centre * factor], self.workers, attempt).ok()?;
         let slope = tried[1].score - tried[2].score;
         let curvature = tried[1].score + tried[2].score - 2.0 * tried[0].score;
         if curvature.is_finite() && curvature > 0.0 {

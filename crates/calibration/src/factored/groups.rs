@@ -159,7 +159,7 @@ impl FactoredGroups {
             blocks.try_for_each(|block| factored.absorb(&block, &mut workspace))?;
             Ok(factored)
         };
-        let factored = map(&rows.groups().collect::<Vec<_>>(), 0, workers, factor)?;
+        let factored = map(&rows.groups().collect::<Vec<_>>(), workers, factor)?;
         Ok(Self { groups: labels.into_iter().zip(factored).collect() })
     }
 

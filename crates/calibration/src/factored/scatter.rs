@@ -37,7 +37,7 @@ impl FactoredGroups {
         let products =
             std::array::from_fn(|a| std::array::from_fn(|b| products[(a.min(b), a.max(b))]));
         let all_directions = solution.ridge == 0.0 && solution.rank == factor.nrows();
-        let mut sums = ScatterSums::new((groups.len(), factor.nrows()), products, all_directions);
+        let mut sums = ScatterSums::new(factor.nrows(), products, all_directions);
         let start = || {
             let shares = all_directions.then(|| SymmetricMatrix::zeros(factor.nrows()));
             (AboutCentre::new(solution), shares)
@@ -50,32 +50,24 @@ impl FactoredGroups {
             let (r, z) = rows.significant_rows();
             let (columns, misfit) = (&r * factors, z - &r * coefficients);
             let errors = rows.errors_of(coefficients.as_ref());
-            let errors = errors.map(|of| (of.rows, of.sum, of.squares));
             let score = corrected_rows((columns.as_ref(), misfit.as_ref()), shares.as_mut())?;
             Ok((score, errors))
         };
-        let (mut position, mut failed) = (0, None);
-        let add = |found| {
-            match found {
-                Ok((score, errors)) => sums.add(position, score, &errors),
-                Err(error) => failed = failed.take().or(Some(error)),
-            }
-            position += 1;
+        let mut all = Vec::with_capacity(groups.len());
+        let add = |of_group| {
+            all.push(of_group);
             Ok(())
         };
         let work = |state: &mut _, rows: &&'a FactoredRows| Ok(of_group(state, rows));
         let states = on_threads(&groups, |_| 0, Workers::new(threads), start, work, add);
         let states = states.expect("nobody watches, and what fails is kept");
-        match failed {
-            Some(error) => Err(error),
-            None => {
-                states
-                    .iter()
-                    .filter_map(|(_, shares)| shares.as_ref())
-                    .for_each(|of| sums.take_off(of));
-                sums.finish(&UpperTriangle::new(factor))
-            }
+        for of_group in all {
+            let (score, errors) = of_group?;
+            sums.add(score, &errors);
         }
+        let shares = states.iter().filter_map(|(_, shares)| shares.as_ref());
+        shares.for_each(|of| sums.take_off(of));
+        sums.finish(&UpperTriangle::new(factor))
     }
 
     /// What the fit to all other groups, whose coefficients scatter by `scatter`, says of a group.
@@ -324,12 +316,12 @@ mod tests {
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
         let (solution, mut groups) = fitted(&block, model);
         let found =
-            Covariance::from_factored(&groups, &solution, (Method::Tsqr, 0.0), Workers::ONE)
+            Covariance::from_factored(&groups, None, &solution, (Method::Tsqr, 0.0), Workers::ONE)
                 .unwrap_err();
         assert_eq!(found, ValidationError::Alone { groups: vec!["4".to_owned()] });
         groups.groups.truncate(1);
         let found =
-            Covariance::from_factored(&groups, &solution, (Method::Tsqr, 0.0), Workers::ONE)
+            Covariance::from_factored(&groups, None, &solution, (Method::Tsqr, 0.0), Workers::ONE)
                 .unwrap_err();
         assert_eq!(found, ValidationError::TooFewGroups { found: 1 });
     }

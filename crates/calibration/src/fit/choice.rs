@@ -2,8 +2,8 @@
 
 use super::model_choice::{Clusters, FewGroups, ModelChoice};
 use super::refits::{
-    self, FOLDS, MOST_ALONE, MOST_COMPARED, RANDOM_FOLDS, Refit, few_by_fold, random_split,
-    rows_in_one, select_by_normal_equations,
+    self, FOLDS, MOST_ALONE, MOST_COMPARED, RANDOM_FOLDS, few_by_fold, random_split, rows_in_one,
+    select_by_normal_equations,
 };
 use super::{CovarianceRule, FitOptions, ModelRule};
 use crate::error::FitError;
@@ -94,8 +94,8 @@ fn choose_model(training: Training<'_>, options: &FitOptions<'_>) -> Result<Mode
     let known = FitOptions { model: basis.into(), ridge, cross_validation: None, ..*options };
     let mut choice = choose_labelled(Some((group_by, labelled.clone())), &known)?;
     if options.validation().is_some() {
-        let refit = Refit { basis, ridge, options };
-        choice.cross_validation = Some(refits::cross_validate(&labelled, held_out, &refit)?);
+        let found = refits::cross_validate(&labelled, held_out, (basis, ridge), options)?;
+        choice.cross_validation = Some(found);
     }
     Ok(ModelChoice { selection, group_by: Some(group_by), labelled: Some(labelled), ..choice })
 }
@@ -299,7 +299,7 @@ impl FitOptions<'_> {
             choice = self.select(choice, &sums)?;
         }
         let channels = sums.total().map_or(0, Moments::channels);
-        let model = Model { basis: choice.basis, intercept: self.intercept, channels, memory: 0 };
+        let model = self.model_without_memory(choice.basis, channels);
         self.test_group_count(&mut choice, &model, sums.groups.len());
         if self.validation().is_some() {
             let found = cross_validate(&sums, &model, choice.ridge, self.folds())?;
@@ -310,6 +310,10 @@ impl FitOptions<'_> {
         }
         choice.sums = Some(sums);
         Ok(choice)
+    }
+
+    pub(super) fn model_without_memory(&self, basis: Basis, channels: usize) -> Model {
+        Model { basis, intercept: self.intercept, channels, memory: 0 }
     }
 
     /// A model of the rows of a data set.

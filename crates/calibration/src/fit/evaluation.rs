@@ -68,13 +68,6 @@ impl Evaluation {
         let [fx, fy, fz, mx, my, mz] = self.errors.map(|errors| errors.quality());
         Some([fx?, fy?, fz?, mx?, my?, mz?])
     }
-
-    /// Adds the rows of a block.
-    pub(super) fn add(&mut self, block: &BlockErrors) {
-        self.rows += block.rows;
-        self.out_of_range_rows += block.out_of_range;
-        quality::merge(&mut self.errors, &block.errors);
-    }
 }
 
 /// The errors of a calibration on each log of a data set.
@@ -88,24 +81,15 @@ pub fn evaluate(
 ) -> Result<Vec<Evaluation>, FitError> {
     let mut evaluations: Vec<_> = data.logs.iter().map(Evaluation::before).collect();
     let work = |evaluator: &mut BlockEvaluator, (log, block): &(usize, &LabelledBlock)| {
-        Ok((*log, evaluator.evaluate(calibration, &block.rows, &EvalOptions::default())))
+        Ok((*log, evaluator.evaluate(calibration, &block.rows, &EvalOptions::default()).0))
     };
-    let fold = |(log, errors): (usize, BlockErrors)| {
-        evaluations[log].add(&errors);
+    let fold = |(log, errors): (usize, Evaluation)| {
+        evaluations[log].merge(&errors);
         Ok(())
     };
     let blocks: Vec<_> = data.blocks().collect();
     each(&blocks, |(_, block)| &block.rows, workers, BlockEvaluator::default, work, fold)?;
     Ok(evaluations)
-}
-
-/// What is known of one block.
-pub(super) struct BlockErrors {
-    rows: u64,
-    out_of_range: u64,
-    errors: PerAxis<AxisErrors>,
-    /// Rows that were tested as outliers, if that was asked for.
-    pub(super) tested: Vec<TestedRow>,
 }
 
 /// What is looked at beside the errors.
@@ -128,12 +112,13 @@ pub(super) struct BlockEvaluator {
 
 impl BlockEvaluator {
     /// Compares the wrench that `calibration` predicts for the rows of `block` with the measured one.
+    /// Beside the errors are the rows that were tested as outliers, if that was asked for.
     pub(super) fn evaluate(
         &mut self,
         calibration: &Calibration,
         block: &Block,
         options: &EvalOptions<'_>,
-    ) -> BlockErrors {
+    ) -> (Evaluation, Vec<TestedRow>) {
         let Self { predicted, sizes } = self;
         calibration.wrench(&block.readings, predicted);
         if let Some(units) = options.size_unit {
@@ -144,12 +129,13 @@ impl BlockEvaluator {
         let test =
             |test: &RowTest<'_>| test.test(block, &test.suspects(block, predicted), predicted);
         let tested = options.row_test.map(test).unwrap_or_default();
-        BlockErrors {
+        let errors = Evaluation {
             rows: block.rows as u64,
-            out_of_range: calibration.rows_out_of_range(&block.readings),
+            out_of_range_rows: calibration.rows_out_of_range(&block.readings),
             errors: quality::errors(predicted, &block.wrench),
-            tested,
-        }
+            ..Evaluation::default()
+        };
+        (errors, tested)
     }
 
     /// The sizes of errors that the evaluators of all threads have counted, added up.

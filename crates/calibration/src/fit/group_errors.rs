@@ -32,12 +32,6 @@ pub struct GroupErrors {
     pub errors: PerAxis<AxisErrors>,
 }
 
-/// What one block adds.
-struct BlockGroupErrors {
-    groups: Vec<(String, u64, PerAxis<f64>, PerAxis<AxisErrors>)>,
-    loads: Vec<PerAxis<f64>>,
-}
-
 /// The errors on each group of labelled rows. Of the loads about `sample` are kept.
 ///
 /// # Errors
@@ -50,22 +44,22 @@ pub fn group_errors(
 ) -> Result<GroupedErrors, FitError> {
     let stride = (data.rows() / sample.max(1)).max(1) as usize;
     let work = |(): &mut (), (_, block): &(usize, &LabelledBlock)| {
-        Ok(BlockGroupErrors::new(calibration, &block.rows, &block.labels, stride))
+        Ok(GroupedErrors::of_block(calibration, &block.rows, &block.labels, stride))
     };
     let mut positions: HashMap<String, usize> = HashMap::new();
     let mut all = GroupedErrors::default();
-    let fold = |BlockGroupErrors { groups, loads }| {
-        all.loads.extend(loads);
-        for (label, rows, sums, errors) in groups {
-            let at = *positions.entry(label.clone()).or_insert(all.groups.len());
+    let fold = |of_block: GroupedErrors| {
+        all.loads.extend(of_block.loads);
+        for group in of_block.groups {
+            let at = *positions.entry(group.label.clone()).or_insert(all.groups.len());
             if at == all.groups.len() {
-                let (load, errors) = (PerAxis::default(), PerAxis::default());
+                let (label, load, errors) = (group.label, PerAxis::default(), PerAxis::default());
                 all.groups.push(GroupErrors { label, rows: 0, load, errors });
             }
-            let group = &mut all.groups[at];
-            group.rows += rows;
-            group.load.iter_mut().zip(sums).for_each(|(load, sum)| *load += sum);
-            quality::merge(&mut group.errors, &errors);
+            let known = &mut all.groups[at];
+            known.rows += group.rows;
+            known.load.iter_mut().zip(group.load).for_each(|(load, sum)| *load += sum);
+            quality::merge(&mut known.errors, &group.errors);
         }
         Ok(())
     };
@@ -77,8 +71,9 @@ pub fn group_errors(
     Ok(all)
 }
 
-impl BlockGroupErrors {
-    fn new(
+impl GroupedErrors {
+    /// Those of one block, with sums of loads in place of means.
+    fn of_block(
         calibration: &Calibration,
         block: &Block,
         labels: &[(String, usize)],
@@ -98,11 +93,11 @@ impl BlockGroupErrors {
             }
             let measured: PerAxis<&[f64]> =
                 std::array::from_fn(|axis| &block.wrench[axis][of_group.clone()]);
-            let sums = measured.map(|axis| axis.iter().sum());
+            let load = measured.map(|axis| axis.iter().sum());
             let errors = std::array::from_fn(|axis| {
                 AxisErrors::new(&predicted[axis][of_group.clone()], measured[axis])
             });
-            groups.push((label.clone(), *rows as u64, sums, errors));
+            groups.push(GroupErrors { label: label.clone(), rows: *rows as u64, load, errors });
         }
         Self { groups, loads }
     }

@@ -10,7 +10,6 @@ use crate::exact::{Moments, PartitionedMoments, SolveError};
 use crate::factored::{FactoredGroups, FactoredRows};
 use crate::groups::HeldOut;
 use crate::least_squares::Method;
-use crate::model::Model;
 use crate::quality::AxisQuality;
 use crate::reading_ranges::ReadingRanges;
 use crate::solver::{Solution, SolverKind, solve_moments};
@@ -64,12 +63,7 @@ fn solve_exactly(
         Some((by, sums)) => options.decide(options.open(Some(by.into())), sums)?,
         None => options.without_groups()?,
     };
-    let model = Model {
-        basis: choice.basis,
-        intercept: options.intercept,
-        channels: total.channels(),
-        memory: 0,
-    };
+    let model = options.model_without_memory(choice.basis, total.channels());
     let parts = PartitionedMoments::new(total, &model);
     if let Err(error @ SolveError::OtherFeatures { .. }) = parts {
         return Err(ValidationError::from(error).into());
@@ -91,12 +85,7 @@ fn solve_r_factor(
         Some((by, groups)) => choose_r_factors(by, groups, options)?,
         None => options.without_groups()?,
     };
-    let model = Model {
-        basis: choice.basis,
-        intercept: options.intercept,
-        channels: total.channels(),
-        memory: 0,
-    };
+    let model = options.model_without_memory(choice.basis, total.channels());
     let solution = total.solve(&model, choice.ridge)?;
     let train = total.quality(&solution).ok_or(FitError::NoRows)?;
     let ranges = total.reading_ranges().clone();
@@ -118,8 +107,7 @@ fn choose_r_factors(
     }
     if let Some(held_out) = options.validation() {
         let channels = groups.groups.first().map_or(0, |(_, rows)| rows.channels());
-        let model =
-            Model { basis: choice.basis, intercept: options.intercept, channels, memory: 0 };
+        let model = options.model_without_memory(choice.basis, channels);
         let folds = match held_out {
             HeldOut::Folds(folds) => Some(folds),
             _ => None,

@@ -48,7 +48,7 @@ pub use self::evaluation::{Evaluation, evaluate};
 pub use self::group_errors::{GroupErrors, GroupedErrors, group_errors};
 pub use self::model_choice::FewGroups;
 pub use self::options::{CovarianceRule, FitOptions, GroupsAsked, ModelRule, OutlierRule};
-pub use self::outlier_search::{OutlierTest, find_outliers};
+pub use self::outlier_search::find_outliers;
 pub use self::outliers::{Outlier, OutlierColumn, Outliers, Reason, RowName};
 pub use self::paired::{Better, PairedError, PairedErrors, paired_errors};
 pub use self::physics::{ModelComparison, PhysicsFit};
@@ -320,7 +320,7 @@ fn drop_outliers(train: &Dataset, options: &FitOptions<'_>) -> Result<Outliers, 
     if !drops && options.valid_range.is_none() {
         return Ok(Outliers::default());
     }
-    let mut found = find_outliers(train, &options.outlier_test())?;
+    let mut found = find_outliers(train, options)?;
     if !drops {
         found.rows.retain(|row| row.reason == Reason::OutOfRange);
     }
@@ -511,7 +511,7 @@ fn name_outliers(
     known: Option<KnownFit<'_>>,
     options: &FitOptions<'_>,
 ) -> Result<Outliers, FitError> {
-    let mut found = outlier_search::search(training.data, &options.outlier_test(), known)?;
+    let mut found = outlier_search::search(training.data, options, known)?;
     // Those outside the valid range have been left out.
     found.rows.retain(|row| row.reason != Reason::OutOfRange);
     Ok(found)

@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use super::outlier_search::OutlierTest;
 use super::physics;
 use super::warning::Warning;
 use crate::dynamics::DynamicsRule;
@@ -176,17 +175,6 @@ impl FitOptions<'_> {
     pub(super) fn looks_for_outliers(&self) -> bool {
         // A mean is no row that was recorded.
         !self.means && self.outliers == OutlierRule::Report
-    }
-
-    pub(super) fn outlier_test(&self) -> OutlierTest<'_> {
-        OutlierTest {
-            basis: self.basis().unwrap_or(Basis::Cubic),
-            intercept: self.intercept,
-            ridge: self.ridge,
-            fresh: self.fresh,
-            valid_range: self.valid_range,
-            workers: self.workers,
-        }
     }
 
     /// What can be had of rows that have weights, which no exact sum can take: a plain least-squares fit, and

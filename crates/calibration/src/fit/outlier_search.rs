@@ -3,12 +3,13 @@
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 
+use super::FitOptions;
 use super::outliers::{Outlier, OutlierColumn, Outliers, Reason};
 use super::polynomial::{PolynomialProblem, Solved, solve};
 use crate::error::FitError;
 use crate::exact::Accumulator;
 use crate::model::{Basis, Model};
-use crate::passes::{Rows, Workers, each, map};
+use crate::passes::{Rows, each, map};
 use crate::solver::{Solution, SolverKind, solve_moments};
 use crate::validation::outliers::{LIMIT, RowTest, TestedRow};
 use crate::validation::spread::Spread;
@@ -32,49 +33,19 @@ const FAR_FROM_NEIGHBOURS: f64 = 2.0;
 /// A load of so many standard deviations is not possible.
 const FAR_BEYOND_LOADS: f64 = 10.0;
 
-/// What rows are tested by.
-#[derive(Clone, Copy, Debug)]
-pub struct OutlierTest<'a> {
-    /// The family of features.
-    pub basis: Basis,
-    /// Whether there is a constant beside them.
-    pub intercept: bool,
-    /// λ of a ridge on columns of norm one.
-    pub ridge: f64,
-    /// Use only rows whose readings differ from those of the row before.
-    pub fresh: bool,
-    /// Readings outside are wrong whatever else they are.
-    pub valid_range: Option<[f64; 2]>,
-    /// Who works on it.
-    pub workers: Workers<'a>,
-}
-
-impl Default for OutlierTest<'_> {
-    /// By the cubic model.
-    fn default() -> Self {
-        Self {
-            basis: Basis::Cubic,
-            intercept: true,
-            ridge: 0.0,
-            fresh: false,
-            valid_range: None,
-            workers: Workers::default(),
-        }
-    }
-}
-
 /// A row of one of the blocks that are searched, while it is looked at.
 struct Suspect {
     block: usize,
     tested: TestedRow,
 }
 
-/// Looks for outliers in `data`.
+/// Looks for outliers in `data` by the family of features that `options` name, and by the cubic model where they name
+/// none.
 ///
 /// # Errors
 /// [`FitError`] if the other rows do not determine a calibration.
-pub fn find_outliers(data: &Dataset, test: &OutlierTest<'_>) -> Result<Outliers, FitError> {
-    search(data, test, None)
+pub fn find_outliers(data: &Dataset, options: &FitOptions<'_>) -> Result<Outliers, FitError> {
+    search(data, options, None)
 }
 
 /// A fit to all rows, their spread, and the rows of each block that were tested by the fit.
@@ -87,15 +58,15 @@ pub(super) struct KnownFit<'a> {
 /// As [`find_outliers`], where the fit to all rows may be `known`.
 pub(super) fn search(
     data: &Dataset,
-    test: &OutlierTest<'_>,
+    options: &FitOptions<'_>,
     known: Option<KnownFit<'_>>,
 ) -> Result<Outliers, FitError> {
     let (known, spread) = match known {
         Some(KnownFit { fit, spread, tested }) => (Some((fit, tested)), spread),
-        None => (None, Spread::new(data, test.workers)?),
+        None => (None, Spread::new(data, options.workers)?),
     };
-    let mut search = OutlierSearch::new(data, test, &spread);
-    let out_of_range = match test.valid_range {
+    let mut search = OutlierSearch::new(data, options, &spread);
+    let out_of_range = match options.valid_range {
         None => Vec::new(),
         Some(range) => search.rows_outside(range)?,
     };
@@ -139,7 +110,7 @@ pub(super) fn search(
         }
     }
     let named = suspects.iter().filter_map(|suspect| search.name(suspect, None));
-    let outside = out_of_range.iter().filter_map(|of| search.name(of, test.valid_range));
+    let outside = out_of_range.iter().filter_map(|of| search.name(of, options.valid_range));
     let mut rows: Vec<Outlier> = named.chain(outside).collect();
     rows.sort_by_key(|row| (row.log, row.offset, row.row));
     let rms = (!rows.is_empty()).then(|| search.rms([&all, &fit], &left_out)).flatten();
@@ -196,7 +167,7 @@ struct SearchedBlock<'a> {
 /// Rows that are searched.
 struct OutlierSearch<'a> {
     data: &'a Dataset,
-    test: &'a OutlierTest<'a>,
+    options: &'a FitOptions<'a>,
     blocks: Vec<SearchedBlock<'a>>,
     spread: &'a Spread,
     /// The standard deviations of the errors of the fit by which rows were looked at last.
@@ -204,14 +175,14 @@ struct OutlierSearch<'a> {
 }
 
 impl<'a> OutlierSearch<'a> {
-    fn new(data: &'a Dataset, test: &'a OutlierTest<'a>, spread: &'a Spread) -> Self {
+    fn new(data: &'a Dataset, options: &'a FitOptions<'a>, spread: &'a Spread) -> Self {
         let of = |(log, block): (usize, &'a LabelledBlock)| SearchedBlock {
             log,
             rows: &block.rows,
             suspects: Vec::new(),
         };
         let blocks = data.blocks().map(of).collect();
-        Self { data, test, blocks, spread, looked_by: None }
+        Self { data, options, blocks, spread, looked_by: None }
     }
 
     fn row_test<'f>(&self, fit: &'f Solved) -> Option<RowTest<'f>>
@@ -233,24 +204,19 @@ impl<'a> OutlierSearch<'a> {
     }
 
     fn model(&self) -> Model {
-        Model {
-            basis: self.test.basis,
-            intercept: self.test.intercept,
-            channels: self.data.channels(),
-            memory: self.data.memory_terms(),
-        }
+        self.options.model_of(self.data, self.options.basis().unwrap_or(Basis::Cubic))
     }
 
     fn solve(&self, excluded: impl Iterator<Item = RowKey>) -> Result<Solved, FitError> {
-        let used = self.data.select(self.test.fresh, &excluded.collect());
+        let used = self.data.select(self.options.fresh, &excluded.collect());
         let problem = PolynomialProblem {
             model: self.model(),
             solver: SolverKind::Exact,
-            ridge: self.test.ridge,
+            ridge: self.options.ridge,
             truncate: None,
         };
         let sample = self.data.logs.first().map(|log| &log.sample);
-        solve(&problem, None, &Rows::new(&used, self.test.workers), sample)
+        solve(&problem, None, &Rows::new(&used, self.options.workers), sample)
     }
 
     /// The fit `all` without some of its rows, `left_out`; it was made without those of `never`.
@@ -261,7 +227,7 @@ impl<'a> OutlierSearch<'a> {
         never: &RowKeys,
     ) -> Result<Solved, FitError> {
         let rows = gather(&self.blocks, left_out);
-        match without(all, &rows, &self.model(), self.test.ridge)? {
+        match without(all, &rows, &self.model(), self.options.ridge)? {
             Some(fit) => Ok(fit),
             None => self.solve(never.iter().chain(left_out).copied()),
         }
@@ -273,24 +239,24 @@ impl<'a> OutlierSearch<'a> {
         (*log, rows.offset, suspect.tested.row)
     }
 
-    /// Passes all blocks to `work`, on any thread, and what comes of them to `fold`, in order.
+    /// What `work` makes of every block, on any thread, in the order of the blocks.
     fn each_block<S: Default + Send, T: Send>(
         &self,
         work: impl Fn(&mut S, &SearchedBlock<'_>) -> T + Sync,
-        mut fold: impl FnMut(T) + Send,
-    ) -> Result<(), FitError> {
-        let fold = |value| {
-            fold(value);
+    ) -> Result<Vec<T>, FitError> {
+        let mut all = Vec::with_capacity(self.blocks.len());
+        let fold = |of_block| {
+            all.push(of_block);
             Ok(())
         };
         let work = |state: &mut S, block: &SearchedBlock<'_>| Ok(work(state, block));
-        each(&self.blocks, |block| block.rows, self.test.workers, S::default, work, fold)?;
-        Ok(())
+        each(&self.blocks, |block| block.rows, self.options.workers, S::default, work, fold)?;
+        Ok(all)
     }
 
     /// Looks through all rows for further suspects.
     fn look(&mut self, test: &RowTest<'_>) -> Result<(), FitError> {
-        let fresh = self.test.fresh;
+        let fresh = self.options.fresh;
         let find = |room: &mut PerAxis<Vec<f64>>, block: &SearchedBlock<'_>| {
             let SearchedBlock { rows, suspects, .. } = block;
             test.predict(&rows.readings, room);
@@ -304,8 +270,7 @@ impl<'a> OutlierSearch<'a> {
             found.dedup();
             found
         };
-        let mut found = Vec::with_capacity(self.blocks.len());
-        self.each_block(find, |suspects| found.push(suspects))?;
+        let found = self.each_block(find)?;
         for (block, suspects) in self.blocks.iter_mut().zip(found) {
             block.suspects = suspects;
         }
@@ -354,7 +319,7 @@ impl<'a> OutlierSearch<'a> {
         let with_suspects = |block: &usize| !self.blocks[*block].suspects.is_empty();
         let blocks: Vec<usize> = (0..self.blocks.len()).filter(with_suspects).collect();
         // Other passes count these rows for the progress bar.
-        let tested = map(&blocks, 0, self.test.workers, test_block)?;
+        let tested = map(&blocks, self.options.workers, test_block)?;
         Ok(tested.into_iter().flatten().collect())
     }
 
@@ -362,14 +327,13 @@ impl<'a> OutlierSearch<'a> {
     fn rows_outside(&self, range: [f64; 2]) -> Result<Vec<Suspect>, FitError> {
         let find = |(): &mut (), block: &SearchedBlock<'_>| {
             let mut outside = outside(block.rows, range);
-            if self.test.fresh {
+            if self.options.fresh {
                 let fresh = block.rows.fresh_rows();
                 outside.retain(|of| fresh[of.row]);
             }
             outside
         };
-        let mut found = Vec::new();
-        self.each_block(find, |outside| found.push(outside))?;
+        let found = self.each_block(find)?;
         let of_block = |(block, outside): (usize, Vec<TestedRow>)| {
             outside.into_iter().map(move |tested| Suspect { block, tested })
         };

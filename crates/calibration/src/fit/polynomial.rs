@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::evaluation::{BlockErrors, BlockEvaluator, EvalOptions, Evaluation};
+use super::evaluation::{BlockEvaluator, EvalOptions, Evaluation};
 use super::model_choice::{Clusters, ModelChoice};
 use super::{CovarianceRule, FitOptions, LARGEST};
 use crate::conversion::Calibration;
@@ -147,12 +147,8 @@ pub(super) fn covariance(
         }
         (Some(Clusters::RFactors { rows, held_out_together }), _) => {
             let method = r_factor_method(solver, truncate);
-            match held_out_together {
-                None => Covariance::from_factored(rows, solution, (method, ridge), workers),
-                Some(together) => {
-                    Covariance::from_files(rows, together, solution, (method, ridge), workers)
-                }
-            }
+            let together = held_out_together.as_deref();
+            Covariance::from_factored(rows, together, solution, (method, ridge), workers)
         }
         // Features of other solvers are about another centre than that of the sums.
         (None, Some(_)) if solver != SolverKind::Exact => Err(ValidationError::OtherSolver),
@@ -274,7 +270,8 @@ impl Leaks {
 /// What one block adds.
 struct BlockFacts {
     log: usize,
-    errors: BlockErrors,
+    errors: Evaluation,
+    tested: Vec<TestedRow>,
     loads: Option<WrenchSums>,
     fingerprint: Option<Fingerprint>,
     sample: Option<RowSample>,
@@ -301,7 +298,7 @@ impl RowErrors {
         without_range.valid_range = None;
         let work = |evaluator: &mut BlockEvaluator, (log, block): &(usize, &LabelledBlock)| {
             let (is_train, rows) = (*log < logs, &block.rows);
-            let errors = match is_train {
+            let (errors, tested) = match is_train {
                 true => evaluator.evaluate(&without_range, rows, look),
                 false => evaluator.evaluate(calibration, rows, &EvalOptions::default()),
             };
@@ -309,6 +306,7 @@ impl RowErrors {
             Ok(BlockFacts {
                 log: *log,
                 errors,
+                tested,
                 loads: is_train.then(|| WrenchSums::new(&rows.wrench)),
                 // A log by itself is a copy of none, and without tests there is nothing on its plateaus.
                 fingerprint: (all_logs().count() > 1).then(|| Fingerprint::new(rows)),
@@ -318,9 +316,9 @@ impl RowErrors {
         let (mut loads, mut tested) = (WrenchSums::default(), Vec::new());
         let (mut train_rows, mut test_rows) = (RowSample::default(), RowSample::default());
         let fold = |block: BlockFacts| {
-            evaluations[block.log].add(&block.errors);
+            evaluations[block.log].merge(&block.errors);
             if block.log < logs {
-                tested.push(block.errors.tested);
+                tested.push(block.tested);
             }
             if let Some(of_block) = block.loads {
                 loads.merge(&of_block);

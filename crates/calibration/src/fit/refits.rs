@@ -12,7 +12,7 @@ use crate::exact::HeldOutErrors;
 use crate::factored::FactoredGroups;
 use crate::grouped_rows::{GroupedRows, Run, count};
 use crate::groups::HeldOut;
-use crate::model::{Basis, Model};
+use crate::model::Basis;
 use crate::passes::{Rows, Workers, map};
 use crate::scaling::Scaling;
 use crate::solver::SolverKind;
@@ -50,14 +50,6 @@ const HELD_OUT: usize = 2;
 /// The random split into so many folds, two of which are held out.
 pub fn random_split(folds: usize, seed: u64) -> RandomSplit {
     RandomSplit { folds, held_out: folds.min(HELD_OUT), seed }
-}
-
-/// What is fitted without each fold.
-#[derive(Clone, Copy)]
-pub(super) struct Refit<'a> {
-    pub(super) basis: Basis,
-    pub(super) ridge: f64,
-    pub(super) options: &'a FitOptions<'a>,
 }
 
 /// Chooses the family of features, and its ridge if that is zero, by folds of groups of labelled rows.
@@ -107,11 +99,14 @@ pub(super) fn rows_in_one(data: &Dataset) -> Block {
 pub(super) fn cross_validate(
     data: &Dataset,
     held_out: HeldOut,
-    refit: &Refit<'_>,
+    (basis, ridge): (Basis, f64),
+    options: &FitOptions<'_>,
 ) -> Result<CrossValidation, FitError> {
     let (rows, labels) = GroupedRows::from_labels(data);
     let groups = labels.len();
-    let model = refit.options.model_of(data, refit.basis);
+    let FitOptions { solver, truncate, workers, .. } = *options;
+    let model = options.model_of(data, basis);
+    let problem = PolynomialProblem { model, solver, ridge, truncate };
     let are_alone = groups <= MOST_ALONE && groups * model.term_count().pow(2) <= MOST_NUMBERS;
     let (folds, random_folds) = match held_out {
         HeldOut::Folds(folds) => (folds, folds),
@@ -119,17 +114,17 @@ pub(super) fn cross_validate(
         _ => (FOLDS, RANDOM_FOLDS),
     };
     let fold_of = fold_of_groups(&rows, folds)?;
-    let errors = refit.errors_without_each(model, &rows.regrouped(&fold_of), folds)?;
+    let errors = problem.errors_without_each(&rows.regrouped(&fold_of), folds, workers)?;
     let of_groups = labels.into_iter().zip(&fold_of);
     let undetermined = of_groups.filter(|(_, fold)| errors[**fold].is_err());
     let undetermined = undetermined.map(|(label, _)| label).collect();
     let (grouped, _) = over_folds(errors.into_iter().map(|errors| (&[][..], errors)))?;
     let (mut random, mut at_random) = (Ok(Vec::new()), 0);
     if data.memory_terms() == 0 {
-        let split = random_split(random_folds, refit.options.seed);
+        let split = random_split(random_folds, options.seed);
         let parts = GroupedRows::from_split(data, &split);
         at_random = (0..split.held_out).filter(|&fold| !parts.group(fold).is_empty()).count();
-        random = refit.errors_without_each(model, &parts, at_random)?.into_iter().collect();
+        random = problem.errors_without_each(&parts, at_random, workers)?.into_iter().collect();
     }
     Ok(CrossValidation {
         groups,
@@ -145,16 +140,16 @@ pub(super) fn cross_validate(
     })
 }
 
-impl Refit<'_> {
+impl PolynomialProblem {
     /// The errors on each of the first groups of rows, of a fit to all others: from R factors of the groups, if the solver
     /// weighs rows alike, and if they have the digits for it.
     fn errors_without_each(
         &self,
-        model: Model,
         groups: &GroupedRows,
         held_out: usize,
+        workers: Workers<'_>,
     ) -> Result<Vec<Result<PerAxis<HeldOutErrors>, FitError>>, FitError> {
-        let FitOptions { solver, truncate, workers, .. } = *self.options;
+        let Self { model, solver, ridge, truncate } = *self;
         let all: Vec<&[Run]> = groups.groups().collect();
         let sample = groups.sample();
         let scaling = Scaling::from_sample(&sample.readings, true);
@@ -168,7 +163,7 @@ impl Refit<'_> {
         let others = factored.as_ref().and_then(FactoredGroups::without_each);
         let method = r_factor_method(solver, truncate);
         let by_r_factors = |position: usize| {
-            let rest = others.as_ref()?[position].solve_by(method, &model, self.ridge).ok()?;
+            let rest = others.as_ref()?[position].solve_by(method, &model, ridge).ok()?;
             factored.as_ref()?.groups[position].1.errors(&rest)
         };
         let copy = |runs: &&[Run]| groups.copied(runs, BLOCK_ROWS).collect::<Vec<_>>();
@@ -177,8 +172,7 @@ impl Refit<'_> {
             let one = Workers { threads: 1, ..workers };
             let kept = copies.iter().enumerate().filter(|(at, _)| *at != position);
             let rows = Rows::from_blocks(kept.flat_map(|(_, blocks)| blocks), one);
-            let problem = PolynomialProblem { model, solver, ridge: self.ridge, truncate };
-            let calibration = calibrate(&problem, &rows, &sample)?;
+            let calibration = calibrate(self, &rows, &sample)?;
             let errors = copies[position].iter().map(|block| errors_on(&calibration, block));
             Ok(HeldOutErrors::total(&errors.collect::<Vec<_>>()))
         };
@@ -189,7 +183,7 @@ impl Refit<'_> {
                 errors => Ok(errors),
             },
         };
-        map(&(0..held_out).collect::<Vec<_>>(), 0, workers, errors)
+        map(&(0..held_out).collect::<Vec<_>>(), workers, errors)
     }
 }
 

@@ -238,7 +238,7 @@ impl CandidateData<'_> {
     /// What `work` makes of every fold, on all threads.
     fn map<T: Send>(&self, work: impl Fn(usize) -> T + Sync) -> Result<Vec<T>, FitError> {
         let folds: Vec<usize> = (0..self.folds.len()).collect();
-        map(&folds, 0, self.workers, |&fold| Ok(work(fold)))
+        map(&folds, self.workers, |&fold| Ok(work(fold)))
     }
 
     fn model(&self, fold: usize, fitted: &FittedParameters, at: (f64, f64)) -> PhysicsModel {

@@ -152,6 +152,7 @@ mod tests {
                     let rows = factored(block, &solution).unwrap();
                     Covariance::from_factored(
                         &rows,
+                        None,
                         &solution,
                         (crate::least_squares::Method::Tsqr, 0.0),
                         Workers::ONE,

@@ -130,34 +130,23 @@ impl Covariance {
     }
 
     /// The same of a solution by `method`, from R factors of its rows: for rows that could not be summed
-    /// exactly, and methods that sums do not serve. `ridge` is what was asked for.
+    /// exactly, and methods that sums do not serve. The ridge is what was asked for. Groups that are stretches of time are
+    /// held out by whole `files` or each alone, as these say.
     ///
     /// # Errors
     /// As [`Covariance::from_groups`].
     pub fn from_factored(
         rows: &FactoredGroups,
+        files: Option<&[Range<usize>]>,
         solution: &Solution,
-        (method, ridge): (Method, f64),
+        by: (Method, f64),
         workers: Workers<'_>,
     ) -> Result<Self, ValidationError> {
-        Self::from_r_factors(rows, solution, workers, |_| {
-            held_out_intervals_factored(rows, &solution.model, (method, ridge), workers)
-        })
-    }
-
-    /// The same of stretches of time, which are held out by whole files or each alone.
-    ///
-    /// # Errors
-    /// As [`Covariance::from_groups`].
-    pub fn from_files(
-        rows: &FactoredGroups,
-        files: &[Range<usize>],
-        solution: &Solution,
-        (method, ridge): (Method, f64),
-        workers: Workers<'_>,
-    ) -> Result<Self, ValidationError> {
-        Self::from_r_factors(rows, solution, workers, |scatter| {
-            held_out_intervals_of_files(rows, files, (solution, scatter), (method, ridge), workers)
+        Self::from_r_factors(rows, solution, workers, |scatter| match files {
+            None => held_out_intervals_factored(rows, &solution.model, by, workers),
+            Some(files) => {
+                held_out_intervals_of_files(rows, files, (solution, scatter), by, workers)
+            }
         })
     }
 

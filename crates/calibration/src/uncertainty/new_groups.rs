@@ -117,7 +117,7 @@ fn each<T: Send>(
     workers: Workers<'_>,
     score: impl Fn(usize) -> T + Sync,
 ) -> Option<Vec<T>> {
-    map(&(0..groups).collect::<Vec<_>>(), 0, workers, |&group| Ok(score(group))).ok()
+    map(&(0..groups).collect::<Vec<_>>(), workers, |&group| Ok(score(group))).ok()
 }
 
 /// Mean and scatter of the errors of a group, in standard errors, by the fit to all others; `None` where that

@@ -23,7 +23,6 @@ use crate::model::{Basis, Model};
 use crate::passes::Workers;
 use crate::scaling::Scaling;
 use crate::solver::Centring;
-use shell_data::statistics::RunningVariance;
 use shell_data::wrench::{Axis, PerAxis};
 
 /// Families of more features than this are left out of a choice: the covariance of one over groups of rows, an
@@ -196,10 +195,7 @@ impl<'a> HeldOutFolds<'a> {
 
     fn variances(&self) -> PerAxis<f64> {
         Axis::ALL.map(|axis| {
-            let mut all = RunningVariance::default();
-            for run in self.folds.runs() {
-                all.merge(&RunningVariance::new(self.folds.of_run(run, axis.index())));
-            }
+            let all = self.folds.spread(self.folds.runs(), axis.index());
             all.squares / all.count.max(1) as f64
         })
     }

@@ -79,7 +79,7 @@ pub fn select(
     let groups = sums.groups.len();
     let whole = sums.total().filter(|_| groups > 1);
     let whole = whole.ok_or(ValidationError::TooFewGroups { found: groups })?;
-    let folds = fold_groups(sums, groups.min(FOLDS))?;
+    let folds = folds(sums)?;
     let variances = Axis::ALL.map(|axis| whole.variance(axis));
     let model = |basis| Model { basis, intercept, channels: whole.channels(), memory: 0 };
     let errors_of = |basis: Basis| -> Result<Option<ErrorsByRidge<'_>>, ValidationError> {
@@ -97,9 +97,7 @@ pub fn select(
             Ok(errors.map(Result::ok).collect())
         })))
     };
-    let mut selection = choose(model, ridges, &variances, errors_of)?;
-    selection.folds = folds.len();
-    Ok(selection)
+    choose(model, ridges, &variances, errors_of)
 }
 
 /// The errors on each fold by ridge; `None` where the model cannot be fitted without one of them.

@@ -46,9 +46,9 @@ impl PartitionedMoments<'_> {
             counted.row_mut(i).iter_mut().for_each(|x| *x *= stretch);
         }
         let (size, coefficients) = (counted.size(), counted_coefficients(&fit));
-        let groups: Vec<&Moments> = groups.iter().copied().filter(|g| g.rows() > 0).collect();
-        let mut sums = ScatterSums::new((groups.len(), size), fit.residual_products, ridge == 0.0);
-        for (position, group) in groups.iter().enumerate() {
+        let groups = groups.iter().filter(|group| group.rows() > 0);
+        let mut sums = ScatterSums::new(size, fit.residual_products, ridge == 0.0);
+        for group in groups {
             let part = scales.part(&group.in_units_of(self.total));
             let gram = DoubleDoubleMatrix::new(part.gram.iter().copied(), &scales.columns);
             let errors = scales.errors(&part, &coefficients);
@@ -58,9 +58,8 @@ impl PartitionedMoments<'_> {
                 let score: Vec<f64> = score.iter().map(|row| row[axis].to_f64()).collect();
                 counted.transposed_times(&score)
             });
-            let errors = errors.map(|of| (of.rows, of.sum, of.squares));
             sums.take_off(&share);
-            sums.add(position, corrected(share, score)?, &errors);
+            sums.add(corrected(share, score)?, &errors);
         }
         Ok(sums.finish(&factor)?)
     }

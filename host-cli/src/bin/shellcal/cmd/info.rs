@@ -1,6 +1,6 @@
 //! `shellcal info`: what a log is, before anything is computed from it.
 
-use calibration::fit::{OutlierTest, Workers, find_outliers};
+use calibration::fit::{FitOptions, Workers, find_outliers};
 use log_file::summary::{ColumnSummary, LogSummary};
 use log_file::{Column, FileKind, Log, LogError, LogFormat, Meaning, Wanted, read_logs};
 use serde::Serialize;
@@ -111,7 +111,7 @@ fn outliers(log: &Log, args: &MappingArgs) -> anyhow::Result<NamedOutliers> {
     let log = std::slice::from_ref(log);
     let rows = read_logs(log, &wanted, &args.read_options())?;
     let workers = Workers::new(args.threads.map_or(0, usize::from));
-    let found = find_outliers(&rows, &OutlierTest { workers, ..OutlierTest::default() })?;
+    let found = find_outliers(&rows, &FitOptions { workers, ..FitOptions::default() })?;
     Ok(NamedOutliers::new(found, log, &rows, &wanted)?)
 }
 
