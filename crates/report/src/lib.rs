@@ -17,7 +17,9 @@ mod units;
 use content::MOST_TRACES;
 pub use content::{CalibrationFacts, CalibrationSource, Heading, Input, Report};
 pub use markup::figure;
-pub use of_calibration::{CalibrationReport, Certificate, Contribution, EvaluationType, WeightRow};
+pub use of_calibration::{
+    CalibrationReport, Certificate, CheckedLoad, Contribution, EvaluationType,
+};
 pub use outliers::{OutlierRow, OutlierTable};
 use page::ReportPage;
 use shell_data::escape;

@@ -6,7 +6,7 @@ mod limits;
 
 use std::fmt::Write;
 
-pub use certificate::{Certificate, Contribution, EvaluationType, WeightRow};
+pub use certificate::{Certificate, CheckedLoad, Contribution, EvaluationType};
 pub use content::CalibrationReport;
 use limits::limits;
 
