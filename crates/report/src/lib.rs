@@ -18,7 +18,7 @@ use content::MOST_TRACES;
 pub use content::{CalibrationFacts, CalibrationSource, Heading, Input, Report};
 pub use markup::figure;
 pub use of_calibration::{
-    CalibrationReport, Certificate, Contribution, EvaluationType, FewGroups, GroupRow, WeightRow,
+    CalibrationReport, Certificate, CheckedLoad, Contribution, EvaluationType,
 };
 pub use outliers::{OutlierRow, OutlierTable};
 use page::ReportPage;

@@ -136,7 +136,7 @@ fn effects(report: &Report<'_>) -> Vec<EffectPlot> {
         let of = |row: &&ConditionRow| row.quantity == quantity && row.per == Per::Trial;
         report.conditions.iter().filter(of).collect()
     };
-    let found = QUANTITIES.into_iter().map(|quantity| (quantity, rows(quantity)));
+    let found = Quantity::COMPARED.into_iter().map(|quantity| (quantity, rows(quantity)));
     let Some((quantity, rows)) = found.into_iter().find(|(_, rows)| !rows.is_empty()) else {
         return Vec::new();
     };
@@ -168,13 +168,9 @@ fn effects(report: &Report<'_>) -> Vec<EffectPlot> {
     vec![EffectPlot { quantity: quantity.name(), unit: scale.unit.clone(), reference, conditions }]
 }
 
-/// What conditions are compared by, the first first.
-pub(super) const QUANTITIES: [Quantity; 3] =
-    [Quantity::DragEnergy, Quantity::ElectricalEnergy, Quantity::SpecificResistance];
-
 fn boxes(report: &Report<'_>) -> Vec<BoxPlot> {
     let mut plots = Vec::new();
-    for quantity in QUANTITIES {
+    for quantity in Quantity::COMPARED {
         for per in Per::ALL {
             let rows =
                 report.conditions.iter().filter(|row| row.quantity == quantity && row.per == per);

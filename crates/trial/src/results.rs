@@ -163,6 +163,10 @@ impl Quantity {
         Self::SpecificResistance,
     ];
 
+    /// What conditions are compared by, the first first.
+    pub const COMPARED: [Self; 3] =
+        [Self::DragEnergy, Self::ElectricalEnergy, Self::SpecificResistance];
+
     /// What people call it, the name of its column, and its unit.
     const fn texts(self) -> [&'static str; 3] {
         match self {

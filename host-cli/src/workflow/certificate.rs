@@ -9,10 +9,8 @@ use calibration::Kind;
 use calibration::physics::COVERAGE_LEVEL;
 use calibration_file::CalibrationFile;
 use log_file::{Log, ReadOptions};
-use report::{Contribution, EvaluationType, WeightRow};
+use report::{Contribution, EvaluationType};
 use shell_data::wrench::{AxisValues, PerAxis};
-
-use super::check::CheckedLoad;
 
 /// The uncertainty of a single frame, by what makes it. A log of the `unloaded` sensor tells repeatability and drift;
 /// `reference` is the standard uncertainty of the reference, N and N·m.
@@ -150,18 +148,4 @@ pub fn intervals(file: &CalibrationFile) -> String {
         false => "The calibration has no 95 % intervals of single frames: no groups of rows were held out for them.",
     }
     .to_owned()
-}
-
-/// Weights that were checked, axis by axis.
-pub fn weight_rows(checked: &[CheckedLoad], file: &CalibrationFile) -> Vec<WeightRow> {
-    let row = |of: &CheckedLoad, axis: shell_data::wrench::Axis| WeightRow {
-        load: format!("{}: {}", of.group, of.load),
-        axis,
-        stated: of.stated[axis.index()],
-        measured: of.measured[axis.index()],
-        allowed: of.allowed[axis.index()],
-        is_off: of.off.contains(axis),
-    };
-    let axes = file.calibration.axes;
-    checked.iter().flat_map(|of| axes.iter().map(move |axis| row(of, axis))).collect()
 }

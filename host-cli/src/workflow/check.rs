@@ -8,36 +8,14 @@ use calibration::physics::COVERAGE_LEVEL;
 use calibration_file::CalibrationFile;
 use load_table::{HungLoad, HungLoads};
 use log_file::{Log, ReadOptions};
-use serde::{Serialize, Serializer};
+use report::CheckedLoad;
 use shell_data::dataset::Dataset;
-use shell_data::wrench::{Axes, Axis, PerAxis};
+use shell_data::wrench::{Axis, PerAxis};
 
 /// Half the width of a 95 % interval of normal errors in standard errors, and how many times wider a difference may be:
 /// three standard errors, which one morning in twenty exceeds on one of a dozen numbers.
 const HALF_WIDTH: f64 = 1.96;
 const MARGIN: f64 = 1.53;
-
-/// A known weight beside what the sensor says.
-#[derive(Clone, Debug, Serialize)]
-pub struct CheckedLoad {
-    /// The label of the weight.
-    pub group: String,
-    /// The weight in words.
-    pub load: String,
-    /// What it is, N and N·m.
-    pub stated: PerAxis<f64>,
-    /// What the sensor says, N and N·m.
-    pub measured: PerAxis<f64>,
-    /// How far these may differ.
-    pub allowed: PerAxis<f64>,
-    /// The calibrated axes that differ by more.
-    #[serde(serialize_with = "columns")]
-    pub off: Axes,
-}
-
-fn columns<S: Serializer>(axes: &Axes, serializer: S) -> Result<S::Ok, S::Error> {
-    axes.columns().serialize(serializer)
-}
 
 /// Compares the weights of a table with what a calibration makes of the readings at them. If the table has a line
 /// without a load, its wrench is the zero.

@@ -1,12 +1,12 @@
 //! A fit as one HTML file, and its figure.
 
 use super::fit::add_to_plot;
-use super::report::{calibration_facts, group_rows};
+use super::report::calibration_facts;
 use calibration::FitError;
 use calibration::fit::{Fit, FitMethod, FoundKind, GroupBy, group_errors, label_poses_or_files};
 use calibration_file::CalibrationFile;
 use figures::{FitPlot, Size, coverage_figure, fit_figure};
-use report::{CalibrationReport, FewGroups, Heading, OutlierTable};
+use report::{CalibrationReport, Heading, OutlierTable};
 use shell_data::dataset::Dataset;
 
 /// So many loads are drawn of the training rows, and as many of the test rows.
@@ -64,16 +64,14 @@ pub fn html(fit: &Fit, file: &CalibrationFile, facts: ReportFacts<'_>) -> Result
         rank: fit.rank(),
         has_standard_errors: calibration.has_standard_errors(),
         verdict: &fit.verdict().lines(),
-        few_groups: fit
-            .few_groups
-            .map(|few| FewGroups { features: few.features, groups: few.groups }),
+        few_groups: fit.few_groups,
         selection: fit.selection.as_ref(),
         reasons: &reasons,
         warnings: &better.into_iter().collect::<Vec<_>>(),
         excitation: diagnostics.and_then(|diagnostics| diagnostics.excitation.as_ref()),
         test_rows: [tested.rows, tested.out_of_range_rows],
-        train_groups: &group_rows(&train.groups),
-        test_groups: &group_rows(&test.groups),
+        train_groups: &train.groups,
+        test_groups: &test.groups,
         outliers: facts.outliers,
         figure: &fit_figure(Size::Screen, &title, axes, &of_train, of_test.as_ref()),
         coverage: &coverage_figure(&train.loads, &test.loads),

@@ -5,13 +5,10 @@ use std::path::Path;
 
 use super::batch::Batch;
 use super::trial::{TrialJob, doubtful_rows};
-use calibration::fit::GroupErrors;
 use calibration_file::{CalibrationFile, Role};
 use forces::RowRule;
 use log_file::{Log, LogError, Mapping, ReadOptions, checksum};
-use report::{
-    CalibrationFacts, CalibrationSource, GroupRow, Input, OutlierRow, OutlierTable, figure,
-};
+use report::{CalibrationFacts, CalibrationSource, Input, OutlierRow, OutlierTable, figure};
 use trial::{Diagnostic, Instrument, Profile, TrialOptions};
 
 /// A file with its checksum.
@@ -122,17 +119,6 @@ pub fn calibration_facts<'a>(path: &str, file: &'a CalibrationFile) -> Calibrati
         test: origin.diagnostics.as_ref().and_then(|diagnostics| diagnostics.test.as_ref()),
         sources: sources.collect(),
     }
-}
-
-/// What a report says of groups.
-pub fn group_rows(groups: &[GroupErrors]) -> Vec<GroupRow> {
-    let row = |group: &GroupErrors| GroupRow {
-        label: group.label.clone(),
-        rows: group.rows,
-        load: group.load,
-        rms: group.errors.map(|axis| axis.quality().map_or(f64::NAN, |quality| quality.rms)),
-    };
-    groups.iter().map(row).collect()
 }
 
 /// How trials were evaluated: name and value.

@@ -17,8 +17,6 @@ const HEIGHT: f64 = 150.0;
 const PITCH: f64 = 185.0;
 /// From one line of the key to the next.
 const KEY_PITCH: f64 = 15.0;
-const QUANTITIES: [Quantity; 3] =
-    [Quantity::DragEnergy, Quantity::ElectricalEnergy, Quantity::SpecificResistance];
 const FILL: &str = "#d8e6f0";
 /// Up to this many values of a condition each is drawn: quartiles of fewer say little.
 const MOST_POINTS: usize = 12;
@@ -30,7 +28,7 @@ pub fn box_figure(size: Size, title: &str, rows: &[ConditionRow]) -> Figure {
     let of = |quantity: Quantity, per: Per| -> Vec<&ConditionRow> {
         rows.iter().filter(|row| row.quantity == quantity && row.per == per).collect()
     };
-    let shown: Vec<_> = QUANTITIES
+    let shown: Vec<_> = Quantity::COMPARED
         .into_iter()
         .filter(|&quantity| Per::ALL.into_iter().any(|per| !of(quantity, per).is_empty()))
         .collect();
@@ -40,7 +38,7 @@ pub fn box_figure(size: Size, title: &str, rows: &[ConditionRow]) -> Figure {
     let count = shown.len();
     let width = (size.width(WIDTH) - 2.0 * (LEFT_MARGIN + 8.0) - 28.0) / 2.0;
     let drawn: Vec<&ConditionRow> =
-        rows.iter().filter(|row| QUANTITIES.contains(&row.quantity)).collect();
+        rows.iter().filter(|row| Quantity::COMPARED.contains(&row.quantity)).collect();
     let labels = BoxLabels::new(size, &drawn, width);
     let pitch = PITCH + labels.height();
     let bottom = TOP - 8.0 + pitch * count as f64 + labels.below_last();

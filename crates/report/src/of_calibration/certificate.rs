@@ -9,7 +9,8 @@ use super::super::sections::parts::facts_table;
 use super::super::units::ColumnUnit;
 use super::super::{CalibrationFacts, Heading};
 use calibration::validation::excitation::Excitation;
-use shell_data::wrench::{Axis, PerAxis};
+use serde::{Serialize, Serializer};
+use shell_data::wrench::{Axes, Axis, PerAxis};
 
 /// The coverage factor: 95 % of normal errors.
 const COVERAGE: f64 = 2.0;
@@ -28,7 +29,7 @@ pub struct Certificate<'a> {
     /// What is to be said of the 95 % intervals of single frames.
     pub intervals: &'a str,
     /// Known weights beside what the sensor said of them.
-    pub weights: &'a [WeightRow],
+    pub weights: &'a [CheckedLoad],
 }
 
 /// A line of an uncertainty budget.
@@ -55,21 +56,26 @@ pub enum EvaluationType {
     TypeB,
 }
 
-/// A known weight on the calibrated sensor, and one axis of it.
-#[derive(Clone, Debug, PartialEq)]
-pub struct WeightRow {
-    /// The load.
+/// A known weight beside what the sensor says.
+#[derive(Clone, Debug, Serialize)]
+pub struct CheckedLoad {
+    /// The label of the weight.
+    pub group: String,
+    /// The weight in words.
     pub load: String,
-    /// The axis.
-    pub axis: Axis,
-    /// What hung there, what the sensor said, and the largest difference that is to be expected.
-    pub stated: f64,
-    /// See there.
-    pub measured: f64,
-    /// See there.
-    pub allowed: f64,
-    /// Whether it differs by more.
-    pub is_off: bool,
+    /// What it is, N and N·m.
+    pub stated: PerAxis<f64>,
+    /// What the sensor says, N and N·m.
+    pub measured: PerAxis<f64>,
+    /// How far these may differ.
+    pub allowed: PerAxis<f64>,
+    /// The calibrated axes that differ by more.
+    #[serde(serialize_with = "columns")]
+    pub off: Axes,
+}
+
+fn columns<S: Serializer>(axes: &Axes, serializer: S) -> Result<S::Ok, S::Error> {
+    axes.columns().serialize(serializer)
 }
 
 impl Certificate<'_> {
@@ -184,19 +190,22 @@ impl Certificate<'_> {
         if self.weights.is_empty() {
             return String::new();
         }
-        let row = |of: &WeightRow| {
-            let scale = ColumnUnit::new(of.axis.unit(), [of.stated, of.measured, of.allowed]);
-            let difference = of.measured - of.stated;
-            let figures = [of.stated, of.measured, difference, of.allowed];
-            let mut row = vec![TableCell::Text(of.load.clone()), TableCell::from(of.axis.name())];
+        let row = |of: &CheckedLoad, axis: Axis| {
+            let [stated, measured, allowed] =
+                [of.stated, of.measured, of.allowed].map(|values| values[axis.index()]);
+            let scale = ColumnUnit::new(axis.unit(), [stated, measured, allowed]);
+            let figures = [stated, measured, measured - stated, allowed];
+            let name = format!("{}: {}", of.group, of.load);
+            let mut row = vec![TableCell::Text(name), TableCell::from(axis.name())];
             row.extend(figures.map(|x| TableCell::Figure(scale.value(Some(x)))));
             row.push(TableCell::Text(scale.unit));
-            row.push(TableCell::from(if of.is_off { "off" } else { "passes" }));
+            row.push(TableCell::from(if of.off.contains(axis) { "off" } else { "passes" }));
             row
         };
         let header =
             ["load", "axis", "stated", "measured", "difference", "allowed", "unit", "result"];
-        let rows = self.weights.iter().map(row);
+        let axes = self.calibration.axes;
+        let rows = self.weights.iter().flat_map(|of| axes.iter().map(move |axis| row(of, axis)));
         table("Known weights on the calibrated sensor", &header, rows)
     }
 

@@ -2,10 +2,10 @@
 
 use super::super::outliers::OutlierTable;
 use super::super::{CalibrationFacts, Heading};
+use calibration::fit::{FewGroups, GroupErrors};
 use calibration::validation::excitation::Excitation;
 use calibration::validation::selection::Selection;
 use figures::Figure;
-use shell_data::wrench::PerAxis;
 
 /// What the report of a calibration says. N and N·m.
 #[derive(Clone, Debug)]
@@ -35,35 +35,13 @@ pub struct CalibrationReport<'a> {
     /// Rows of the test logs, and those of them with a reading outside the range of the training data.
     pub test_rows: [u64; 2],
     /// Errors by group of the training logs.
-    pub train_groups: &'a [GroupRow],
+    pub train_groups: &'a [GroupErrors],
     /// Errors by group of the test logs.
-    pub test_groups: &'a [GroupRow],
+    pub test_groups: &'a [GroupErrors],
     /// Suspicious rows; `None` where nobody looked.
     pub outliers: Option<OutlierTable>,
     /// Predicted against measured.
     pub figure: &'a Figure,
     /// The loads of training and test rows.
     pub coverage: &'a Figure,
-}
-
-/// More than half as many features as groups.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct FewGroups {
-    /// Features of the model.
-    pub features: usize,
-    /// Groups of rows.
-    pub groups: usize,
-}
-
-/// A group of rows and the errors on it.
-#[derive(Clone, Debug, PartialEq)]
-pub struct GroupRow {
-    /// A label, a file, a plateau.
-    pub label: String,
-    /// Its rows.
-    pub rows: u64,
-    /// The mean wrench that was measured.
-    pub load: PerAxis<f64>,
-    /// Root mean square of predicted less measured.
-    pub rms: PerAxis<f64>,
 }

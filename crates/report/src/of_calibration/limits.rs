@@ -1,7 +1,8 @@
 //! What a calibration must not be used for, as far as its own fit tells.
 
 use super::super::units::ColumnUnit;
-use super::{CalibrationReport, FewGroups};
+use super::CalibrationReport;
+use calibration::fit::FewGroups;
 use calibration::validation::cross_validation::CrossValidation;
 use shell_data::wrench::Axis;
 

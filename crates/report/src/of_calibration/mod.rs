@@ -6,14 +6,15 @@ mod limits;
 
 use std::fmt::Write;
 
-pub use certificate::{Certificate, Contribution, EvaluationType, WeightRow};
-pub use content::{CalibrationReport, FewGroups, GroupRow};
+pub use certificate::{Certificate, CheckedLoad, Contribution, EvaluationType};
+pub use content::CalibrationReport;
 use limits::limits;
 
 use super::markup::{TableCell, escape, figure, table};
 use super::page::{PageSection, ReportPage};
 use super::sections::calibration::{errors_table, scales, sources_table};
 use super::sections::parts::{drawing, facts_table, folded};
+use calibration::fit::GroupErrors;
 use calibration::validation::selection::{Candidate, Selection};
 use shell_data::wrench::{Axes, Axis};
 
@@ -133,20 +134,20 @@ fn coverage(report: &CalibrationReport<'_>) -> String {
 
 /// The groups with the largest errors, and all of them, folded.
 fn by_group(report: &CalibrationReport<'_>) -> String {
-    let mut rows: Vec<(&str, &GroupRow)> = Vec::new();
+    let mut rows: Vec<(&str, &GroupErrors)> = Vec::new();
     rows.extend(report.train_groups.iter().map(|group| ("training", group)));
     rows.extend(report.test_groups.iter().map(|group| ("test", group)));
     let axes = report.calibration.axes;
     let typical: Vec<f64> = axes
         .iter()
         .map(|axis| {
-            let squares = rows.iter().map(|(_, row)| row.rms[axis.index()].powi(2));
+            let squares = rows.iter().map(|(_, row)| rms(row, axis).powi(2));
             (squares.sum::<f64>() / rows.len() as f64).sqrt().max(f64::MIN_POSITIVE)
         })
         .collect();
-    let size = |row: &GroupRow| {
-        let rms = axes.of(&row.rms);
-        rms.iter().zip(&typical).map(|(rms, typical)| rms / typical).fold(0.0, f64::max)
+    let size = |row: &GroupErrors| {
+        let relative = axes.iter().zip(&typical).map(|(axis, typical)| rms(row, axis) / typical);
+        relative.fold(0.0, f64::max)
     };
     let mut worst = rows.clone();
     worst.sort_by(|a, b| size(b.1).total_cmp(&size(a.1)));
@@ -168,23 +169,28 @@ fn by_group(report: &CalibrationReport<'_>) -> String {
     html
 }
 
-fn group_table(caption: &str, groups: &[(&str, &GroupRow)], axes: Axes) -> String {
-    let values = |of: fn(&GroupRow, usize) -> f64| {
-        scales(|axis| groups.iter().map(|(_, row)| of(row, axis.index())).collect())
+/// The root mean square of predicted less measured.
+fn rms(group: &GroupErrors, axis: Axis) -> f64 {
+    group.errors[axis.index()].quality().map_or(f64::NAN, |quality| quality.rms)
+}
+
+fn group_table(caption: &str, groups: &[(&str, &GroupErrors)], axes: Axes) -> String {
+    let values = |of: fn(&GroupErrors, Axis) -> f64| {
+        scales(|axis| groups.iter().map(|(_, row)| of(row, axis)).collect())
     };
-    let (errors, loads) = (values(|row, axis| row.rms[axis]), values(|row, axis| row.load[axis]));
+    let (errors, loads) = (values(rms), values(|row, axis| row.load[axis.index()]));
     let mut names = Vec::new();
     for axis in axes.iter() {
         names.push(errors[axis.index() / 3].name(axis.name()));
     }
-    let text = |(set, row): &(&str, &GroupRow)| {
+    let text = |(set, row): &(&str, &GroupErrors)| {
+        let error =
+            |axis: Axis| TableCell::Figure(errors[axis.index() / 3].value(Some(rms(row, axis))));
         let load = |axis: Axis| loads[axis.index() / 3].value(Some(row.load[axis.index()]));
         let mut cells =
             vec![TableCell::Text((*set).to_owned()), TableCell::Text(row.label.clone())];
         cells.push(TableCell::from(row.rows));
-        cells.extend(axes.iter().map(|axis| {
-            TableCell::Figure(errors[axis.index() / 3].value(Some(row.rms[axis.index()])))
-        }));
+        cells.extend(axes.iter().map(error));
         cells.push(TableCell::Text(axes.iter().map(load).collect::<Vec<_>>().join(" ")));
         cells
     };

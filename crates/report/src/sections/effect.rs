@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use super::super::Report;
 use super::super::markup::{TableCell, escape, table};
-use super::super::numbers::{EffectPlot, QUANTITIES, ReportNumbers};
+use super::super::numbers::{EffectPlot, ReportNumbers};
 use super::super::units::ColumnUnit;
 use super::parts::{capital, plot_figure};
 use trial::{ConditionRow, MeanDifference, Per, Quantity};
@@ -15,7 +15,7 @@ pub(super) fn effect(report: &Report<'_>, numbers: &ReportNumbers) -> String {
         report.conditions.iter().filter(per_trial).collect()
     };
     let quantities: Vec<Quantity> =
-        QUANTITIES.into_iter().filter(|&quantity| !rows(quantity).is_empty()).collect();
+        Quantity::COMPARED.into_iter().filter(|&quantity| !rows(quantity).is_empty()).collect();
     let mut names: Vec<&str> = Vec::new();
     for row in quantities.iter().flat_map(|&quantity| rows(quantity)) {
         if !names.contains(&row.condition.as_str()) {

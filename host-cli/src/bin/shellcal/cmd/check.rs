@@ -1,9 +1,10 @@
 //! `shellcal check`: known weights on a calibrated sensor, pass or fail.
 
 use calibration::quality::significant;
+use report::CheckedLoad;
 use serde::Serialize;
 use shell_data::wrench::{Axes, PerAxis};
-use shellcal::workflow::check::{CheckedLoad, check_weights};
+use shellcal::workflow::check::check_weights;
 
 use super::edited::EditedArg;
 use super::mapping::{MappingArgs, open_logs, tell_remembered};

@@ -1,11 +1,11 @@
 //! `shellcal report CAL.json --certificate`: a calibration on one page to print.
 
-use ::report::{Certificate, Heading, WeightRow};
+use ::report::{Certificate, CheckedLoad, Heading};
 use anyhow::Context;
 use calibration_file::CalibrationFile;
 use log_file::{Log, Mapping, ReadOptions};
 use output_file::Outputs;
-use shellcal::workflow::certificate::{budget, intervals, weight_rows};
+use shellcal::workflow::certificate::{budget, intervals};
 use shellcal::workflow::check::check_weights;
 use shellcal::workflow::report::calibration_facts;
 
@@ -95,7 +95,7 @@ impl CertificateArgs {
             weights: &weights,
         };
         out.commit_with(certificate.html().as_bytes())?;
-        let off = weights.iter().filter(|of| of.is_off).count();
+        let off = weights.iter().map(|of| of.off.count()).sum::<usize>();
         let axes = file.calibration.axes;
         let summary = serde_json::json!({
             "file": output,
@@ -120,9 +120,9 @@ impl CertificateArgs {
         file: &CalibrationFile,
         mapping: &Mapping,
         read: &ReadOptions<'_>,
-    ) -> anyhow::Result<Vec<WeightRow>> {
+    ) -> anyhow::Result<Vec<CheckedLoad>> {
         let Some(table) = &self.weights else { return Ok(Vec::new()) };
         let logs = open_logs(&self.weights_log, ("--wrench-from", &[]), mapping)?;
-        Ok(weight_rows(&check_weights(file, &logs, &read_table(table)?, read)?, file))
+        Ok(check_weights(file, &logs, &read_table(table)?, read)?)
     }
 }

@@ -74,8 +74,7 @@ pub(super) fn strides(printer: &mut Printer, strides: &[StrideRow]) -> anyhow::R
 
 /// One table a quantity, per trial and per stride.
 pub(super) fn conditions(printer: &mut Printer, rows: &[ConditionRow]) -> anyhow::Result<()> {
-    for quantity in [Quantity::DragEnergy, Quantity::ElectricalEnergy, Quantity::SpecificResistance]
-    {
+    for quantity in Quantity::COMPARED {
         for per in Per::ALL {
             let wanted = |row: &&ConditionRow| row.quantity == quantity && row.per == per;
             let rows: Vec<_> = rows.iter().filter(wanted).collect();
