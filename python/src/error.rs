@@ -7,7 +7,7 @@ use calibration::FitError;
 use calibration::physics::PhysicsError;
 use calibration::validation::ValidationError;
 use calibration_file::{CalibrationFileError, MergeError, Problem};
-use log_file::{LogError, PlacedProblem, RowProblem};
+use log_file::{FieldProblem, LogError, PlacedProblem, RowProblem};
 use pyo3::prelude::*;
 use shell_data::hint::with_causes;
 use shellcal::workflow::WorkflowError;
@@ -72,12 +72,11 @@ impl From<LogError> for PythonFailure {
         let told = match &error {
             LogError::At { path, position, problem } => {
                 let column = match problem {
-                    PlacedProblem::Row(
-                        RowProblem::NotANumber { field, .. }
-                        | RowProblem::NotFinite { field, .. }
-                        | RowProblem::Unbelievable { field, .. }
-                        | RowProblem::EmptyField { field },
-                    ) => Some(field.column as u64 + 1),
+                    PlacedProblem::Row(RowProblem::Field { field, problem, .. })
+                        if *problem != FieldProblem::NotADate =>
+                    {
+                        Some(field.column as u64 + 1)
+                    }
                     _ => None,
                 };
                 PythonMessage { line: position.number(), column, ..told.in_file(path) }

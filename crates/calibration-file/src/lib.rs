@@ -36,7 +36,6 @@ pub mod input;
 mod layout;
 mod matlab;
 pub mod matrix;
-mod moments;
 mod origin;
 mod partial;
 pub mod payload_file;

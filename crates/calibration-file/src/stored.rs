@@ -8,6 +8,7 @@
 use std::path::PathBuf;
 
 use calibration::dynamics::ReferenceLag;
+use calibration::exact::{ChannelRange, ReadingUnit, StoredIntegers, StoredMoments};
 use calibration::memory::{MemoryTerms, TimeBase};
 use calibration::model::{Basis, Model};
 use calibration::physics::response::{PARAMETERS, Parameters};
@@ -61,8 +62,8 @@ macro_rules! as_it_is {
     )*};
 }
 
-as_it_is!(bool, f64, u64, usize, String, Role, Parameters, [Parameters; PARAMETERS], Loadings);
-as_it_is!(Vector, Matrix);
+as_it_is!(bool, f64, i32, i64, u32, u64, usize, String);
+as_it_is!(Role, Parameters, [Parameters; PARAMETERS], Loadings, Vector, Matrix);
 
 /// A path in a document. Names that are not Unicode, which JSON cannot hold, are written with
 /// replacement characters.
@@ -426,6 +427,19 @@ stored!(StoredAxisExcitation of AxisExcitation {
     load_positive: f64,
     load_negative: f64,
 });
+
+// Messages about damaged sums have the names of these types.
+stored!(MomentsDocument of StoredMoments {
+    basis: Name<Basis>,
+    rows: u64,
+    channels: Vec<WrittenRange>,
+    readings: Vec<String>,
+    wrench: Vec<Integers>,
+    squares: Vec<Integers>,
+});
+stored!(WrittenRange of ChannelRange { unit: Unit, lowest: i64, highest: i64 });
+stored!(Unit of ReadingUnit { twos: u32, fives: u32 });
+stored!(Integers of StoredIntegers { exponent: i32, values: Vec<String> });
 
 stored!(StoredPayload of Payload {
     mass_kg: f64,

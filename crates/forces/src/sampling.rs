@@ -10,7 +10,6 @@ const GAP: f64 = 10.0;
 /// The periods between frames, in a histogram with equal steps of their logarithm.
 #[derive(Clone, Debug)]
 pub struct Sampling {
-    frames: u64,
     last_s: Option<f64>,
     /// Number and sum of the periods of each step.
     steps: Vec<(u64, f64)>,
@@ -42,7 +41,7 @@ impl Sampling {
     /// No frames yet.
     pub fn new() -> Self {
         let steps = vec![(0, 0.0); 2 * DOUBLINGS as usize * STEPS as usize];
-        Self { frames: 0, last_s: None, steps, backwards: 0 }
+        Self { last_s: None, steps, backwards: 0 }
     }
 
     /// The next frames' times, s.
@@ -60,12 +59,6 @@ impl Sampling {
                 }
             }
         }
-        self.frames += time_s.len() as u64;
-    }
-
-    /// Number of frames.
-    pub fn frames(&self) -> u64 {
-        self.frames
     }
 
     /// The rate; `None` unless time has moved on between some frames.
@@ -108,7 +101,6 @@ mod tests {
         let (a, b) = times.split_at(times.len() / 2);
         sampling.add(a);
         sampling.add(b);
-        assert_eq!(sampling.frames(), times.len() as u64);
         sampling.rate()
     }
 

@@ -315,49 +315,21 @@ impl fmt::Display for LogPosition {
 }
 
 /// What is wrong with a row.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RowProblem {
-    /// A field is not a number.
-    #[error("{field}: expected a number, found `{found}`")]
-    NotANumber {
+    /// A field is not what its column needs.
+    #[error("{field}: expected {problem}, found {}", match problem {
+        FieldProblem::Empty => "nothing".to_owned(),
+        _ => format!("`{found}`"),
+    })]
+    Field {
         /// Which.
         field: Field,
+        /// What is wrong with it.
+        problem: FieldProblem,
         /// Its content.
         found: String,
-    },
-    /// A field is no date, where others of the column are.
-    #[error("{field}: expected a date and time such as 2026-03-01T12:00:00.25, found `{found}`")]
-    NotADate {
-        /// Which.
-        field: Field,
-        /// Its content.
-        found: String,
-    },
-    /// A field is NaN or infinite, or a number too large for a double.
-    #[error("{field}: expected a finite number, found `{found}`")]
-    NotFinite {
-        /// Which.
-        field: Field,
-        /// Its content.
-        found: String,
-    },
-    /// A reading is beyond what any converter gives, or a load beyond what any sensor measures: damage, or
-    /// another quantity.
-    #[error("{field}: expected {expected}, found `{found}`")]
-    Unbelievable {
-        /// Which.
-        field: Field,
-        /// Its content.
-        found: String,
-        /// What there may be.
-        expected: String,
-    },
-    /// A field is empty.
-    #[error("{field}: expected a number, found nothing")]
-    EmptyField {
-        /// Which.
-        field: Field,
     },
     /// The row has more or fewer columns than the header or the first row.
     #[error("expected {expected} columns, found {found}")]
@@ -379,6 +351,36 @@ pub enum RowProblem {
         expected: usize,
         /// The payload.
         found: String,
+    },
+}
+
+/// What is wrong with a field; shown is what was expected of it.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum FieldProblem {
+    /// It is empty.
+    #[error("a number")]
+    Empty,
+    /// It is not a number.
+    #[error("a number")]
+    NotANumber,
+    /// It is no date, where others of the column are.
+    #[error("a date and time such as 2026-03-01T12:00:00.25")]
+    NotADate,
+    /// It is NaN or infinite, or a number too large for a double.
+    #[error("a finite number")]
+    NotFinite,
+    /// A reading is beyond what any converter gives: damage, or another quantity.
+    #[error("a reading of at most {largest} counts")]
+    UnbelievableReading {
+        /// The largest that there may be.
+        largest: f64,
+    },
+    /// A load is beyond what any sensor measures: damage, or another quantity.
+    #[error("a load of at most {largest:e} N or N·m")]
+    UnbelievableLoad {
+        /// The largest that there may be.
+        largest: f64,
     },
 }
 

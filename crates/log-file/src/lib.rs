@@ -56,7 +56,9 @@ mod read;
 mod stream;
 pub mod summary;
 
-pub use error::{Field, LogError, LogPosition, PlacedProblem, RowMismatch, RowProblem};
+pub use error::{
+    Field, FieldProblem, LogError, LogPosition, PlacedProblem, RowMismatch, RowProblem,
+};
 pub use format::columns::Column;
 pub use format::mapping::{ColumnRef, LogFormat, Mapping, MomentUnit, TimeUnit, named_axis};
 pub use format::meaning::Meaning;

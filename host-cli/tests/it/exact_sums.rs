@@ -175,17 +175,17 @@ fn moments_survive_being_written_down() {
     let (readings, wrench) = rows(4, 300, 3, 16);
     let moments = sum(Basis::Poly3, &readings, &wrench).unwrap();
     let stored = StoredMoments::of(&moments, Axes::ALL);
-    assert_eq!(Moments::try_from(stored.clone()).unwrap(), moments);
+    assert_eq!(Moments::from_stored(stored.clone(), Axes::ALL).unwrap(), moments);
     let spoil: [fn(&mut StoredMoments); 4] = [
         |stored| stored.rows += 1,
         |stored| stored.basis = Basis::Cubic,
-        |stored| stored.channels[0].fives = 40,
+        |stored| stored.channels[0].unit.fives = 40,
         |stored| stored.channels[0].lowest = -99_999,
     ];
     for (case, spoil) in spoil.into_iter().enumerate() {
         let mut spoilt = stored.clone();
         spoil(&mut spoilt);
-        assert!(Moments::try_from(spoilt).is_err(), "{case}");
+        assert!(Moments::from_stored(spoilt, Axes::ALL).is_err(), "{case}");
     }
 }
 

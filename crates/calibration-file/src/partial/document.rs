@@ -20,12 +20,14 @@ use std::collections::HashSet;
 use std::path::Path;
 
 use super::super::layout::to_json;
-use super::super::moments::MomentsDocument;
 use super::super::r_factor::RFactorDocument;
-use super::super::stored::{Name, Stored, StoredColumnNames, StoredModel, StoredSource, axes_of};
+use super::super::stored::{
+    MomentsDocument, Name, Stored, StoredColumnNames, StoredModel, StoredSource, axes_of,
+};
 use super::super::{CalibrationFileError, Problem, Role};
 use super::{PartialFit, PartialGroup, PartialGroups, Sums};
 use crate::{checksum, input};
+use calibration::exact::{Moments, StoredMoments};
 use calibration::model::Model;
 use calibration::validation::grouped::{GroupKind, GroupedMoments, MAX_GROUPS, RandomSplit};
 use serde::{Deserialize, Serialize};
@@ -204,7 +206,7 @@ impl GroupsDocument {
             random_folds: folds,
             held_out_folds: held_out,
             seed,
-            random: (groups.random.iter()).map(|sums| MomentsDocument::new(sums, axes)).collect(),
+            random: groups.random.iter().map(|sums| stored_moments(sums, axes)).collect(),
             sums: groups.groups.iter().map(group).collect(),
         }
     }
@@ -268,7 +270,7 @@ impl GroupsDocument {
         }
         let mut random = Vec::new();
         for moments in self.random {
-            let moments = moments.value(axes)?;
+            let moments = read_moments(moments, axes)?;
             let is_part = match total {
                 Sums::Exact(total) => moments.can_be_part_of(total),
                 Sums::Factored(_) => false,
@@ -296,9 +298,21 @@ fn field(sums: &Sums) -> &'static str {
 
 fn moments(sums: &Sums, axes: Axes) -> Option<MomentsDocument> {
     match sums {
-        Sums::Exact(moments) => Some(MomentsDocument::new(moments, axes)),
+        Sums::Exact(moments) => Some(stored_moments(moments, axes)),
         Sums::Factored(_) => None,
     }
+}
+
+/// Integers as decimal strings, of these axes alone.
+fn stored_moments(moments: &Moments, axes: Axes) -> MomentsDocument {
+    Stored::of(&StoredMoments::of(moments, axes), axes)
+}
+
+/// # Errors
+/// What does not fit together.
+fn read_moments(document: MomentsDocument, axes: Axes) -> Result<Moments, String> {
+    let stored = document.value(axes)?;
+    Moments::from_stored(stored, axes).map_err(|error| format!("`moments`: {error}"))
 }
 
 fn triangle(sums: &Sums, axes: Axes) -> Option<RFactorDocument> {
@@ -315,7 +329,7 @@ fn sums(
     axes: Axes,
 ) -> Result<Sums, String> {
     match (moments, triangle) {
-        (Some(moments), None) => Ok(Sums::Exact(moments.value(axes)?)),
+        (Some(moments), None) => Ok(Sums::Exact(read_moments(moments, axes)?)),
         (None, Some(triangle)) => Ok(Sums::Factored(triangle.value(axes)?)),
         (None, None) => Err("missing field `moments` or `triangle`".to_owned()),
         (Some(_), Some(_)) => Err("it has both `moments` and `triangle`".to_owned()),

@@ -18,7 +18,9 @@ mod solve;
 mod sums;
 
 pub use self::error::{ExactError, MAX_ROWS};
-pub use self::moments::{Moments, StoredIntegers, StoredMoments, StoredMomentsError, StoredRange};
+pub use self::moments::{
+    ChannelRange, Moments, ReadingUnit, StoredIntegers, StoredMoments, StoredMomentsError,
+};
 pub use self::solve::{
     ExactFit, ExactRankLoss, GroupScatterError, HeldOutErrors, NewGroup, PartMoments,
     PartitionedMoments, Relation, SolveError,

@@ -70,11 +70,6 @@ impl Motion {
         (self.times_s[0], self.times_s[self.times_s.len() - 1])
     }
 
-    /// The usual interval between samples, s.
-    pub fn period_s(&self) -> f64 {
-        self.period_s
-    }
-
     /// Apparent gravity at a time, m/s².
     pub fn at(&self, time_s: f64) -> Vector {
         let after = self.times_s.partition_point(|&time| time <= time_s);

@@ -7,9 +7,9 @@ use super::columns::{Column, ColumnRoles, ColumnsError, recognise};
 use super::mapping::{LogFormat, Mapping, TimeUnit};
 use super::matrices::by_shape;
 use super::meaning::{Meaning, names_a_unit};
-use crate::error::{LogError, PlacedProblem};
+use crate::error::{FieldProblem, LogError, PlacedProblem};
 use crate::parse::console;
-use crate::parse::number::{NumberError, parse_date, parse_field};
+use crate::parse::number::{parse_date, parse_field};
 use crate::parse::rows::is_comment;
 use crate::stream::clock_turns::ClockTurns;
 use crate::stream::decimal_comma;
@@ -402,7 +402,7 @@ fn separator(line: &[u8]) -> u8 {
 }
 
 fn is_number(field: &[u8]) -> bool {
-    matches!(parse_field(field), Ok(_) | Err(NumberError::NotFinite))
+    matches!(parse_field(field), Ok(_) | Err(FieldProblem::NotFinite))
 }
 
 /// Whether some line reports a received payload, `SRC: 0x2052 |  [69, 20, …]`.

@@ -8,17 +8,7 @@
 //! decision about what is a number at all.
 
 use super::nearest::nearest;
-
-/// What a field holds that is not a finite number.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum NumberError {
-    Empty,
-    NotANumber,
-    NotADate,
-    NotFinite,
-    /// A number that a reading cannot be.
-    Unbelievable,
-}
+use crate::error::FieldProblem;
 
 /// The number that starts at `bytes[at]` if it is a plain decimal (`-12`, `-0.125`), and where it
 /// ends. `None` leaves the field to [`parse_field`]; so must the caller where what follows the
@@ -142,23 +132,23 @@ fn leading_15_digits(bytes: &[u8], at: usize) -> Option<(u64, usize)> {
 }
 
 /// The finite number that the whole of `field` spells, with spaces around it allowed.
-pub(crate) fn parse_field(field: &[u8]) -> Result<f64, NumberError> {
+pub(crate) fn parse_field(field: &[u8]) -> Result<f64, FieldProblem> {
     let field = field.trim_ascii();
     if field.is_empty() {
-        return Err(NumberError::Empty);
+        return Err(FieldProblem::Empty);
     }
-    let text = std::str::from_utf8(field).map_err(|_| NumberError::NotANumber)?;
+    let text = std::str::from_utf8(field).map_err(|_| FieldProblem::NotANumber)?;
     match text.parse::<f64>() {
         Ok(value) if value.is_finite() => Ok(value),
-        Ok(_) => Err(NumberError::NotFinite),
-        Err(_) => Err(NumberError::NotANumber),
+        Ok(_) => Err(FieldProblem::NotFinite),
+        Err(_) => Err(FieldProblem::NotANumber),
     }
 }
 
 /// The seconds since 1970 that the whole of `field` spells as a date and time.
-pub(crate) fn parse_date(field: &[u8]) -> Result<f64, NumberError> {
-    let text = std::str::from_utf8(field).map_err(|_| NumberError::NotADate)?;
-    table_file::seconds_of_iso(text).ok_or(NumberError::NotADate)
+pub(crate) fn parse_date(field: &[u8]) -> Result<f64, FieldProblem> {
+    let text = std::str::from_utf8(field).map_err(|_| FieldProblem::NotADate)?;
+    table_file::seconds_of_iso(text).ok_or(FieldProblem::NotADate)
 }
 
 /// The value and number of the digits, up to eight, that stand at `bytes[at]`; `None` where fewer
@@ -212,7 +202,7 @@ mod tests {
     use super::*;
 
     /// What a reader of rows does: the short way where it reaches the end of the field.
-    fn parse(text: &str) -> Result<f64, NumberError> {
+    fn parse(text: &str) -> Result<f64, FieldProblem> {
         let mut bytes = [BEFORE, text.as_bytes()].concat();
         // What follows a field in a file, so that whole words can be loaded.
         bytes.extend_from_slice(b",12345678901234567890\n");
@@ -233,7 +223,7 @@ mod tests {
             (Ok(value), Ok(expected)) => {
                 prop_assert_eq!(value.to_bits(), expected.to_bits(), "{:?}", text);
             }
-            (Err(NumberError::NotFinite), Ok(expected)) => {
+            (Err(FieldProblem::NotFinite), Ok(expected)) => {
                 prop_assert!(!expected.is_finite(), "{:?}", text);
             }
             (Err(_), Err(_)) => {}
@@ -330,10 +320,10 @@ mod tests {
 
     #[test]
     fn what_is_no_finite_number_is_told_apart() {
-        assert_eq!(parse("  "), Err(NumberError::Empty));
-        assert_eq!(parse("1,5"), Err(NumberError::NotANumber));
-        assert_eq!(parse("NaN"), Err(NumberError::NotFinite));
-        assert_eq!(parse("1e999"), Err(NumberError::NotFinite));
+        assert_eq!(parse("  "), Err(FieldProblem::Empty));
+        assert_eq!(parse("1,5"), Err(FieldProblem::NotANumber));
+        assert_eq!(parse("NaN"), Err(FieldProblem::NotFinite));
+        assert_eq!(parse("1e999"), Err(FieldProblem::NotFinite));
         assert_eq!(parse(" 1.5 "), Ok(1.5));
     }
 }

@@ -16,11 +16,11 @@ use super::field_ends::FieldEnds;
 use super::instruction_set::{ColumnFields, InstructionSet, Portable};
 #[cfg(all(target_arch = "aarch64", target_endian = "little"))]
 use super::neon::Neon;
-use super::number::{NumberError, parse_date, parse_field};
+use super::number::{parse_date, parse_field};
 use super::parsed_rows::ParsedRows;
 #[cfg(target_arch = "x86_64")]
 use super::{avx2::Avx2, avx512::Widest};
-use crate::error::{Field, RowProblem};
+use crate::error::{Field, FieldProblem, RowProblem};
 
 /// Which columns of a row are parsed, and how.
 #[derive(Debug)]
@@ -245,6 +245,17 @@ impl RowPlan {
         }
     }
 
+    /// The number, unless it is too large for its column.
+    fn believed(&self, step: ColumnUse, value: f64) -> Result<f64, FieldProblem> {
+        match self.largest(step) {
+            Some(largest) if value.abs() > largest => Err(match step {
+                ColumnUse::Load => FieldProblem::UnbelievableLoad { largest },
+                _ => FieldProblem::UnbelievableReading { largest },
+            }),
+            _ => Ok(value),
+        }
+    }
+
     /// The same for lines with quotes, by the csv crate.
     fn parse_quoted(
         &self,
@@ -297,16 +308,11 @@ impl RowPlan {
             found += 1;
             match self.uses.get(column) {
                 Some(step) if step.is_number() => {
-                    let largest = self.largest(*step);
                     let parsed_field = match step {
                         ColumnUse::Date => parse_date(field),
-                        _ => parse_field(field),
+                        _ => parse_field(field).and_then(|value| self.believed(*step, value)),
                     };
                     match parsed_field {
-                        Ok(value) if largest.is_some_and(|largest| value.abs() > largest) => {
-                            let error = NumberError::Unbelievable;
-                            problem = problem.or_else(|| Some(self.problem(error, column, field)));
-                        }
                         Ok(value) => parsed.put(slot, value),
                         Err(error) => {
                             problem = problem.or_else(|| Some(self.problem(error, column, field)));
@@ -337,30 +343,14 @@ impl RowPlan {
         }
     }
 
-    fn problem(&self, error: NumberError, column: usize, field: &[u8]) -> RowProblem {
+    fn problem(&self, problem: FieldProblem, column: usize, field: &[u8]) -> RowProblem {
         let name = self.names[column].clone();
-        let field_at = Field { column, name };
-        let found = || {
-            let text = String::from_utf8_lossy(field.trim_ascii()).into_owned();
-            match text.char_indices().nth(40) {
-                Some((at, _)) => format!("{}…", &text[..at]),
-                None => text,
-            }
-        };
-        match error {
-            NumberError::Empty => RowProblem::EmptyField { field: field_at },
-            NumberError::NotANumber => RowProblem::NotANumber { field: field_at, found: found() },
-            NumberError::NotADate => RowProblem::NotADate { field: field_at, found: found() },
-            NumberError::NotFinite => RowProblem::NotFinite { field: field_at, found: found() },
-            NumberError::Unbelievable => RowProblem::Unbelievable {
-                field: field_at,
-                found: found(),
-                expected: match self.uses[column] {
-                    ColumnUse::Load => format!("a load of at most {LARGEST_LOAD:e} N or N·m"),
-                    _ => format!("a reading of at most {} counts", self.largest_reading),
-                },
-            },
+        let mut found = String::from_utf8_lossy(field.trim_ascii()).into_owned();
+        if let Some((at, _)) = found.char_indices().nth(40) {
+            found.truncate(at);
+            found.push('…');
         }
+        RowProblem::Field { field: Field { column, name }, problem, found }
     }
 }
 
@@ -415,7 +405,9 @@ fn is_cut(result: &Result<(), (RowProblem, bool)>, columns: usize, is_open: bool
     let is_short = match result {
         Err((RowProblem::ColumnCount { expected, found }, _)) => found < expected,
         // Right after a separator.
-        Err((RowProblem::EmptyField { field }, _)) => field.column + 1 == columns,
+        Err((RowProblem::Field { field, problem: FieldProblem::Empty, .. }, _)) => {
+            field.column + 1 == columns
+        }
         _ => false,
     };
     is_open && is_short

@@ -40,13 +40,7 @@ impl Log {
 
     /// Rows of decimal commas are parsed with points; what is wrong is shown as the file has it.
     fn show_as_written(&self, offset: u64, problem: &mut RowProblem) {
-        let (RowProblem::NotANumber { field, found }
-        | RowProblem::NotADate { field, found }
-        | RowProblem::NotFinite { field, found }
-        | RowProblem::Unbelievable { field, found, .. }) = problem
-        else {
-            return;
-        };
+        let RowProblem::Field { field, found, .. } = problem else { return };
         let Ok(line) = self.line_at(offset) else { return };
         let written = line.split(|&byte| byte == self.layout.separator).nth(field.column);
         let Some(written) = written.map(<[u8]>::trim_ascii) else { return };

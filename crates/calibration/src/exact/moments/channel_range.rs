@@ -5,13 +5,13 @@ use shell_data::vectorised;
 
 /// The unit and the range of the readings of a channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct ChannelRange {
+pub struct ChannelRange {
     /// Readings are integers times this.
-    pub(crate) unit: ReadingUnit,
+    pub unit: ReadingUnit,
     /// The smallest of these integers.
-    pub(crate) lowest: i64,
-    /// The largest of them.
-    pub(crate) highest: i64,
+    pub lowest: i64,
+    /// The largest of them; below `lowest` for zero rows.
+    pub highest: i64,
 }
 
 impl ChannelRange {

@@ -11,5 +11,7 @@ pub(crate) mod rounding;
 pub(crate) mod scaled_integers;
 mod stored;
 
+pub use self::channel_range::ChannelRange;
 pub use self::product_sums::Moments;
-pub use self::stored::{StoredIntegers, StoredMoments, StoredMomentsError, StoredRange};
+pub use self::reading_unit::ReadingUnit;
+pub use self::stored::{StoredIntegers, StoredMoments, StoredMomentsError};

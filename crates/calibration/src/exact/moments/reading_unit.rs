@@ -5,11 +5,13 @@
 //! in sixteenths, decimals in tenths or hundredths. The common unit of all rows does not depend on
 //! their order.
 
-/// The part of a count that readings are integer multiples of.
+/// The part of a count that readings are integer multiples of: 2⁻ᵏ·5⁻ᵐ counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct ReadingUnit {
-    pub(crate) twos: u32,
-    pub(crate) fives: u32,
+pub struct ReadingUnit {
+    /// This is k.
+    pub twos: u32,
+    /// And this is m.
+    pub fives: u32,
 }
 
 impl ReadingUnit {

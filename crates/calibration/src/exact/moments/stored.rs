@@ -5,7 +5,6 @@ use num_bigint::BigInt;
 use super::channel_range::ChannelRange;
 use super::layout::pair;
 use super::product_sums::Moments;
-use super::reading_unit::ReadingUnit;
 use super::scaled_integers::ScaledIntegers;
 use crate::exact::error::MAX_ROWS;
 use crate::model::{Basis, Model};
@@ -17,31 +16,16 @@ use shell_data::wrench::{Axes, Axis};
 pub struct StoredMoments {
     /// The features that were summed.
     pub basis: Basis,
-    /// The axes that there are sums of; those of the others are zero.
-    pub axes: Axes,
     /// Rows.
     pub rows: u64,
     /// The range of each channel.
-    pub channels: Vec<StoredRange>,
+    pub channels: Vec<ChannelRange>,
     /// Sums of products of readings, one per distinct product.
     pub readings: Vec<String>,
     /// Sums of products of readings and one axis of the wrench, for each axis that there is.
     pub wrench: Vec<StoredIntegers>,
     /// Sums of products of two axes of the wrench, for each pair of those.
     pub squares: Vec<StoredIntegers>,
-}
-
-/// The readings of a channel: integers times a unit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct StoredRange {
-    /// The unit is 2⁻ᵏ·5⁻ᵐ counts; this is k.
-    pub twos: u32,
-    /// And this is m.
-    pub fives: u32,
-    /// The smallest of the integers.
-    pub lowest: i64,
-    /// The largest; below `lowest` for zero rows.
-    pub highest: i64,
 }
 
 /// Integers times a power of two.
@@ -85,17 +69,10 @@ impl StoredMoments {
             exponent: scaled.exponent,
             values: scaled.values.iter().map(BigInt::to_string).collect(),
         };
-        let range = |&ChannelRange { unit, lowest, highest }: &ChannelRange| StoredRange {
-            twos: unit.twos,
-            fives: unit.fives,
-            lowest,
-            highest,
-        };
         Self {
             basis: moments.basis,
-            axes,
             rows: moments.rows,
-            channels: moments.channels.iter().map(range).collect(),
+            channels: moments.channels.clone(),
             readings: moments.readings.iter().map(i128::to_string).collect(),
             wrench: axes.iter().map(|axis| stored(&moments.wrench[axis.index()])).collect(),
             squares: pairs(axes)
@@ -106,22 +83,16 @@ impl StoredMoments {
     }
 }
 
-impl TryFrom<StoredMoments> for Moments {
-    type Error = StoredMomentsError;
-
-    fn try_from(stored: StoredMoments) -> Result<Self, StoredMomentsError> {
-        Self::from_stored(stored).map_err(StoredMomentsError)
-    }
-}
-
 impl Moments {
-    fn from_stored(stored: StoredMoments) -> Result<Self, String> {
-        let range = |&StoredRange { twos, fives, lowest, highest }: &StoredRange| ChannelRange {
-            unit: ReadingUnit { twos, fives },
-            lowest,
-            highest,
-        };
-        let channels: Vec<ChannelRange> = stored.channels.iter().map(range).collect();
+    /// Sums of these axes; those of the others are zero.
+    ///
+    /// # Errors
+    /// [`StoredMomentsError`] if they cannot be the sums of any rows.
+    pub fn from_stored(stored: StoredMoments, axes: Axes) -> Result<Self, StoredMomentsError> {
+        Self::checked(stored, axes).map_err(StoredMomentsError)
+    }
+
+    fn checked(stored: StoredMoments, axes: Axes) -> Result<Self, String> {
         if stored.channels.is_empty() || stored.channels.len() > 255 {
             return Err(format!("`{}` channels, expected 1 to 255", stored.channels.len()));
         }
@@ -134,7 +105,7 @@ impl Moments {
         model.check_size().map_err(|error| error.to_string())?;
         let mut moments = Moments::new(stored.basis, stored.channels.len());
         let sane = |c: &ChannelRange| c.fits() && c.unit.is_sane();
-        if !channels.iter().all(sane) || stored.rows > MAX_ROWS {
+        if !stored.channels.iter().all(sane) || stored.rows > MAX_ROWS {
             return Err("ranges or rows beyond what can be summed exactly".to_owned());
         }
         let expect = |what: &str, found: usize, expected: usize| {
@@ -143,8 +114,8 @@ impl Moments {
                 .ok_or_else(|| format!("`{found}` {what}, expected `{expected}`"))
         };
         expect("sums of readings", stored.readings.len(), moments.readings.len())?;
-        let squares = pairs(stored.axes);
-        expect("axes", stored.wrench.len(), stored.axes.count())?;
+        let squares = pairs(axes);
+        expect("axes", stored.wrench.len(), axes.count())?;
         expect("products of axes", stored.squares.len(), squares.len())?;
         for (sum, text) in moments.readings.iter_mut().zip(&stored.readings) {
             let text = of_digits(text)?;
@@ -165,14 +136,14 @@ impl Moments {
             *sums = ScaledIntegers::new(stored.exponent, std::mem::take(&mut sums.values));
             Ok(())
         };
-        for (axis, of) in stored.axes.iter().zip(&stored.wrench) {
+        for (axis, of) in axes.iter().zip(&stored.wrench) {
             parse(&mut moments.wrench[axis.index()], of)?;
         }
         for (position, of) in squares.into_iter().zip(&stored.squares) {
             parse(&mut moments.squares[position], of)?;
         }
         moments.rows = stored.rows;
-        moments.channels = channels;
+        moments.channels = stored.channels;
         moments.check_possible()?;
         Ok(moments)
     }

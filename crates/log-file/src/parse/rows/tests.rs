@@ -125,7 +125,12 @@ fn readings_that_no_converter_gives_and_loads_that_no_sensor_measures_are_wrong(
             let mut parsed = ParsedRows::default();
             parsed.clear(3, 0);
             let error = plan.parse_lines(lines.as_bytes(), false, &mut parsed).unwrap_err();
-            assert!(matches!(error.problem, RowProblem::Unbelievable { .. }), "{error:?}");
+            let RowProblem::Field { problem, .. } = &error.problem else { panic!("{error:?}") };
+            let is_unbelievable = matches!(
+                problem,
+                FieldProblem::UnbelievableReading { .. } | FieldProblem::UnbelievableLoad { .. }
+            );
+            assert!(is_unbelievable, "{error:?}");
             assert_eq!(error.offset, position * right.len());
             parsed.clear(3, 0);
             plan.parse_lines(lines.as_bytes(), true, &mut parsed).unwrap();
