@@ -5,6 +5,7 @@
 
 use pulp::NullaryFnOnce;
 use shell_data::instructions::arch;
+use shell_data::vectorised;
 
 /// Σ a b for each `b` of `others`.
 pub(super) fn dots<'b>(a: &[f64], others: impl Iterator<Item = &'b [f64]>, sums: &mut [f64]) {
@@ -41,36 +42,22 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     sums.iter().sum::<f64>() + rest
 }
 
-/// Σ_j w_j r_j, where the rows r_j follow one another in `rows`, for two sets of weights.
-pub(super) fn combine(
-    rows: &[f64],
-    weights: [[f64; 4]; 2],
-    values: &mut [f64],
-    slopes: &mut [f64],
-) {
-    arch().dispatch(Combine { rows, weights, values, slopes });
-}
-
-struct Combine<'a> {
-    rows: &'a [f64],
-    weights: [[f64; 4]; 2],
-    values: &'a mut [f64],
-    slopes: &'a mut [f64],
-}
-
-impl NullaryFnOnce for Combine<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        let width = self.values.len();
-        let (a, rest) = self.rows.split_at(width);
+vectorised! {
+    /// Σ_j w_j r_j, where the rows r_j follow one another in `rows`, for two sets of weights.
+    pub(super) fn combine(
+        rows: &[f64],
+        weights: [[f64; 4]; 2],
+        values: &mut [f64],
+        slopes: &mut [f64],
+    ) {
+        let width = values.len();
+        let (a, rest) = rows.split_at(width);
         let (b, rest) = rest.split_at(width);
         let (c, d) = rest.split_at(width);
-        let (d, slopes) = (&d[..width], &mut self.slopes[..width]);
-        let [v, s] = self.weights;
+        let (d, slopes) = (&d[..width], &mut slopes[..width]);
+        let [v, s] = weights;
         for i in 0..width {
-            self.values[i] = v[0] * a[i] + v[1] * b[i] + v[2] * c[i] + v[3] * d[i];
+            values[i] = v[0] * a[i] + v[1] * b[i] + v[2] * c[i] + v[3] * d[i];
             slopes[i] = s[0] * a[i] + s[1] * b[i] + s[2] * c[i] + s[3] * d[i];
         }
     }

@@ -2,8 +2,6 @@
 
 use std::borrow::Cow;
 
-use pulp::NullaryFnOnce;
-
 use super::dynamics::{ReferenceLag, prepared};
 use super::error::FitError;
 use super::memory::{MemoryState, MemoryTerms, TimeBase};
@@ -15,7 +13,7 @@ use super::scaling::Scaling;
 use super::solver::Solution;
 use super::uncertainty::Covariance;
 use shell_data::dataset::Dataset;
-use shell_data::instructions::arch;
+use shell_data::vectorised;
 use shell_data::wrench::{Axes, PerAxis};
 
 /// A fitted model and what is needed to apply and to trust it.
@@ -179,10 +177,8 @@ impl Calibration {
         let rows = readings.first().map_or(0, Vec::len);
         let columns = readings.iter().zip(self.valid_range.iter().flatten());
         // Where a calibration is used as it should be, there is no such column.
-        let arch = arch();
-        let outside: Vec<_> = columns
-            .filter(|&(column, &range)| arch.dispatch(LeavesRange { column, range }))
-            .collect();
+        let outside: Vec<_> =
+            columns.filter(|&(column, &range)| leaves_range(column, range)).collect();
         if outside.is_empty() {
             return 0;
         }
@@ -199,19 +195,9 @@ impl Calibration {
     }
 }
 
-/// Whether any reading of a channel lies outside a range, inlined whole into code for the widest
-/// vectors of the machine.
-struct LeavesRange<'a> {
-    column: &'a [f64],
-    range: ReadingRange,
-}
-
-impl NullaryFnOnce for LeavesRange<'_> {
-    type Output = bool;
-
-    #[inline(always)]
-    fn call(self) -> bool {
-        let Self { column, range } = self;
+vectorised! {
+    /// Whether any reading of a channel lies outside a range.
+    fn leaves_range(column: &[f64], range: ReadingRange) -> bool {
         column.iter().fold(false, |any, &s| any | !range.contains(s))
     }
 }

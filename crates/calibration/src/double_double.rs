@@ -88,11 +88,6 @@ impl DoubleDouble {
         self.head.is_finite() && self.tail.is_finite()
     }
 
-    /// The magnitude.
-    pub fn abs(self) -> Self {
-        if self.head < 0.0 { -self } else { self }
-    }
-
     /// The square root by one step of Newton's method on the root of the head (Karp's trick).
     /// Zero for zero, NaN for a negative number.
     #[inline(always)]
@@ -193,6 +188,13 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+
+    impl DoubleDouble {
+        /// The magnitude.
+        pub(crate) fn abs(self) -> Self {
+            if self.head < 0.0 { -self } else { self }
+        }
+    }
 
     fn exact(value: DoubleDouble) -> BigRational {
         let part = |x| BigRational::from_float(x).expect("a finite number");

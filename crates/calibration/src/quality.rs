@@ -2,10 +2,8 @@
 //!
 //! Everything is a [`RunningVariance`], computed block by block and merged.
 
-use pulp::NullaryFnOnce;
-
-use shell_data::instructions::arch;
 use shell_data::statistics::RunningVariance;
+use shell_data::vectorised;
 use shell_data::wrench::PerAxis;
 
 /// How far predictions are from measurements, on one axis, while it is being summed.
@@ -42,7 +40,7 @@ impl AxisErrors {
     /// The same with room for the errors, which may be used again.
     fn with_room(predicted: &[f64], measured: &[f64], errors: &mut Vec<f64>) -> Self {
         assert_eq!(predicted.len(), measured.len(), "a prediction for every measurement");
-        arch().dispatch(ErrorsOf { predicted, measured, errors })
+        axis_errors(predicted, measured, errors)
     }
 
     /// Adds the rows of `other`.
@@ -91,19 +89,8 @@ pub fn significant(value: f64, digits: usize) -> String {
     format!("{value:.decimals$}")
 }
 
-/// [`AxisErrors::new`], inlined whole into code for the widest vectors of the machine.
-struct ErrorsOf<'a> {
-    predicted: &'a [f64],
-    measured: &'a [f64],
-    errors: &'a mut Vec<f64>,
-}
-
-impl NullaryFnOnce for ErrorsOf<'_> {
-    type Output = AxisErrors;
-
-    #[inline(always)]
-    fn call(self) -> AxisErrors {
-        let Self { predicted, measured, errors } = self;
+vectorised! {
+    fn axis_errors(predicted: &[f64], measured: &[f64], errors: &mut Vec<f64>) -> AxisErrors {
         errors.clear();
         errors.extend(predicted.iter().zip(measured).map(|(p, m)| p - m));
         let mut largest = [0.0; LANES];

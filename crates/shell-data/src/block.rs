@@ -3,8 +3,7 @@
 //! Logs are read and worked on in blocks, so that memory does not grow with the length of a file
 //! and the inner loops run down contiguous columns.
 
-use crate::instructions::arch;
-use pulp::NullaryFnOnce;
+use crate::vectorised;
 
 /// A run of consecutive rows of a log. Columns that were not asked for are empty.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -73,7 +72,7 @@ impl Block {
         }
         let firsts = self.channels().iter().map(|column| &column[0]);
         let repeats_before = self.readings_before.as_ref().is_some_and(|b| firsts.eq(b));
-        usize::from(repeats_before) + arch().dispatch(RepeatedRows(self.channels()))
+        usize::from(repeats_before) + count_repeated(self.channels())
     }
 
     /// The rows for which `keep` is true, in every column.
@@ -117,16 +116,10 @@ pub(crate) fn kept_runs(runs: &[(String, usize)], keep: &[bool]) -> Vec<(String,
     kept.filter(|(_, rows)| *rows > 0).map(|(label, rows)| (label.clone(), rows)).collect()
 }
 
-/// Counts rows that equal the row before, inlined into code for the widest vectors of the machine.
-struct RepeatedRows<'a>(&'a [Vec<f64>]);
-
-impl NullaryFnOnce for RepeatedRows<'_> {
-    type Output = usize;
-
-    #[inline(always)]
-    fn call(self) -> usize {
+vectorised! {
+    /// Counts rows that equal the row before; there is at least one column.
+    fn count_repeated(columns: &[Vec<f64>]) -> usize {
         const ROWS: usize = 32;
-        let columns = self.0;
         let rows = columns[0].len();
         let mut repeated = 0;
         for start in (1..rows).step_by(ROWS) {

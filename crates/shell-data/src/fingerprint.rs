@@ -5,10 +5,7 @@
 
 use std::fmt;
 
-use pulp::NullaryFnOnce;
-
-use crate::Block;
-use crate::instructions::arch;
+use crate::{Block, vectorised};
 
 /// What is left of the rows of a log: equal for equal rows in any order, and for others hardly ever.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -29,7 +26,7 @@ impl fmt::Display for Fingerprint {
 impl Fingerprint {
     /// Of readings and wrench of the rows of a block.
     pub fn new(block: &Block) -> Self {
-        arch().dispatch(OfBlock(block))
+        fingerprint(block)
     }
 
     /// How many rows it is of.
@@ -86,15 +83,8 @@ pub fn hash(values: impl Iterator<Item = f64>) -> u64 {
     values.fold(0, |hash: u64, value| mixed(hash.rotate_left(23) ^ value.to_bits()))
 }
 
-/// [`Fingerprint::new`], inlined whole into code for the widest vectors of the processor.
-struct OfBlock<'a>(&'a Block);
-
-impl NullaryFnOnce for OfBlock<'_> {
-    type Output = Fingerprint;
-
-    #[inline(always)]
-    fn call(self) -> Fingerprint {
-        let block = self.0;
+vectorised! {
+    fn fingerprint(block: &Block) -> Fingerprint {
         let columns = block.readings.iter().chain(&block.wrench);
         let hashes = row_hashes(0, block.rows, columns.map(Vec::as_slice));
         let mut fingerprint = Fingerprint { rows: block.rows as u64, ..Fingerprint::default() };

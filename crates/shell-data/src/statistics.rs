@@ -11,8 +11,7 @@
 //! assert_eq!((all.count, all.mean, all.squares), (4, 3.0, 14.0));
 //! ```
 
-use crate::instructions::arch;
-use pulp::NullaryFnOnce;
+use crate::vectorised;
 
 /// Number, mean and sum of squared deviations of some values; merges with that of other values.
 ///
@@ -50,7 +49,7 @@ impl MergeWeights {
 impl RunningVariance {
     /// Of the values in `column`, in two passes.
     pub fn new(column: &[f64]) -> Self {
-        arch().dispatch(VarianceOf(column))
+        variance(column)
     }
 
     /// As [`Self::new`], to be inlined into vectorised code of the caller.
@@ -95,15 +94,9 @@ impl RunningVariance {
     }
 }
 
-/// [`RunningVariance::new`], inlined whole into code for the widest vectors of the machine.
-struct VarianceOf<'a>(&'a [f64]);
-
-impl NullaryFnOnce for VarianceOf<'_> {
-    type Output = RunningVariance;
-
-    #[inline(always)]
-    fn call(self) -> RunningVariance {
-        RunningVariance::from_inlined(self.0)
+vectorised! {
+    fn variance(column: &[f64]) -> RunningVariance {
+        RunningVariance::from_inlined(column)
     }
 }
 

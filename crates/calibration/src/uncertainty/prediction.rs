@@ -1,12 +1,10 @@
 //! Standard errors of converted samples, with or without a tare.
 
-use pulp::NullaryFnOnce;
-
 use super::covariance::{CoefficientCovariance, Covariance, TriangularColumns};
 use crate::conversion::{Calibration, Kind};
 use crate::features::{Features, LANES, RowLanes};
 use crate::physics::Flags;
-use shell_data::instructions::arch;
+use shell_data::vectorised;
 use shell_data::wrench::PerAxis;
 
 /// The unloaded state that later samples are measured from.
@@ -106,16 +104,7 @@ impl Calibration {
             }
         };
         let Some(covariance) = &self.covariance else { return false };
-        let features = vec![[0.0; LANES]; polynomial.features().len()];
-        arch().dispatch(PredictErrors {
-            features: polynomial.features(),
-            covariance,
-            readings,
-            rows,
-            tare,
-            lanes: features,
-            errors,
-        });
+        predict_errors(polynomial.features(), covariance, readings, rows, tare, errors);
         true
     }
 }
@@ -144,23 +133,16 @@ fn tared(mut errors: PerAxis<Vec<f64>>, tare: Option<&Tare>) -> PerAxis<Vec<f64>
     errors
 }
 
-/// The loop over rows, inlined whole into code for the widest vectors of the machine.
-struct PredictErrors<'a> {
-    features: &'a Features,
-    covariance: &'a Covariance,
-    readings: &'a [Vec<f64>],
-    rows: usize,
-    tare: Option<&'a Tare>,
-    lanes: Vec<RowLanes>,
-    errors: &'a mut PerAxis<Vec<f64>>,
-}
-
-impl NullaryFnOnce for PredictErrors<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        let PredictErrors { features, covariance, readings, rows, tare, mut lanes, errors } = self;
+vectorised! {
+    fn predict_errors(
+        features: &Features,
+        covariance: &Covariance,
+        readings: &[Vec<f64>],
+        rows: usize,
+        tare: Option<&Tare>,
+        errors: &mut PerAxis<Vec<f64>>,
+    ) {
+        let mut lanes = vec![[0.0; LANES]; features.len()];
         let own: PerAxis<f64> = std::array::from_fn(|axis| {
             let shared = covariance.shared.map_or(0.0, |shared| shared[axis]);
             let of_tare = |tare: &Tare| shared + (1.0 - shared) / tare.frames as f64;

@@ -8,11 +8,9 @@
 
 use std::fmt;
 
-use pulp::NullaryFnOnce;
-
 use crate::symmetric::SymmetricMatrix;
-use shell_data::instructions::arch;
 use shell_data::statistics::MergeWeights;
+use shell_data::vectorised;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
 /// The share of an axis's sum of squares below which a sign counts as hardly loaded.
@@ -142,7 +140,7 @@ impl WrenchSums {
         if rows == 0 {
             return Self::default();
         }
-        arch().dispatch(AddWrenches(wrench))
+        wrench_sums(wrench)
     }
 
     /// Adds the rows of `other`.
@@ -199,16 +197,9 @@ impl WrenchSums {
     }
 }
 
-/// [`WrenchSums::new`] of at least one row, inlined whole into code for the widest vectors of the
-/// machine.
-struct AddWrenches<'a>(&'a [Vec<f64>]);
-
-impl NullaryFnOnce for AddWrenches<'_> {
-    type Output = WrenchSums;
-
-    #[inline(always)]
-    fn call(self) -> WrenchSums {
-        let wrench = self.0;
+vectorised! {
+    /// [`WrenchSums::new`] of at least one row.
+    fn wrench_sums(wrench: &[Vec<f64>]) -> WrenchSums {
         let rows = wrench[0].len();
         let mut sums = WrenchSums { rows: rows as u64, ..WrenchSums::default() };
         // A loop: the closure of an array may stay a call, and then knows nothing of vectors.

@@ -31,15 +31,14 @@
 use std::ops::Range;
 
 use faer::Mat;
-use pulp::NullaryFnOnce;
 
 use crate::conversion::Calibration;
-use crate::features::{Features, LANES, RowLanes};
+use crate::features::{Features, LANES};
 use crate::reading_ranges::ReadingRanges;
 use crate::solver::Solution;
 use crate::validation::spread::Spread;
 use shell_data::block::Block;
-use shell_data::instructions::arch;
+use shell_data::vectorised;
 use shell_data::wrench::PerAxis;
 
 /// The largest size of an error of a row that belongs, at the least.
@@ -185,7 +184,7 @@ impl<'a> RowTest<'a> {
     /// No public function here is generic: that would be compiled with whoever calls it, and programs may
     /// be optimised for size.
     pub fn suspects(&self, block: &Block, predicted: &PerAxis<Vec<f64>>) -> Vec<usize> {
-        let excess = arch().dispatch(Excess { test: self, predicted, block });
+        let excess = row_excess(self, predicted, block);
         excess.iter().enumerate().filter(|(_, excess)| **excess > 1.0).map(|(row, _)| row).collect()
     }
 
@@ -268,29 +267,14 @@ impl<'a> RowTest<'a> {
         };
         let of_rows = |column: &Vec<f64>| positions.iter().map(|of| column[of.at]).collect();
         let readings: Vec<Vec<f64>> = columns.readings.iter().map(of_rows).collect();
-        positions.iter().zip(self.leverages(&readings)).map(test_row).collect()
+        positions.iter().zip(leverages(self, &readings)).map(test_row).collect()
     }
+}
 
+vectorised! {
     /// `‖Fᵀx‖²` of each row.
-    fn leverages(&self, readings: &[Vec<f64>]) -> Vec<f64> {
-        let features = vec![[0.0; LANES]; self.features.len()];
-        arch().dispatch(Leverages { test: self, readings, features })
-    }
-}
-
-/// Leverages of all rows, some at a time, inlined whole into code for the widest vectors of the processor.
-struct Leverages<'a> {
-    test: &'a RowTest<'a>,
-    readings: &'a [Vec<f64>],
-    features: Vec<RowLanes>,
-}
-
-impl NullaryFnOnce for Leverages<'_> {
-    type Output = Vec<f64>;
-
-    #[inline(always)]
-    fn call(self) -> Vec<f64> {
-        let Self { test, readings, mut features } = self;
+    fn leverages(test: &RowTest<'_>, readings: &[Vec<f64>]) -> Vec<f64> {
+        let mut features = vec![[0.0; LANES]; test.features.len()];
         let rows = readings.first().map_or(0, Vec::len);
         let mut leverages = Vec::with_capacity(rows + LANES);
         for start in (0..rows).step_by(LANES) {
@@ -372,77 +356,65 @@ fn copy_rows(rows: &[usize], block: &Block) -> (Block, Vec<TestPosition>) {
     (copies, positions)
 }
 
-/// By how much each row exceeds what is not looked at: the largest of its errors,
-/// distances of readings from their mean and jumps, each in units of its limit. Inlined whole into code for
-/// the widest vectors of the processor.
-struct Excess<'a> {
-    test: &'a RowTest<'a>,
-    predicted: &'a PerAxis<Vec<f64>>,
-    block: &'a Block,
-}
-
-impl NullaryFnOnce for Excess<'_> {
-    type Output = Vec<f64>;
-
-    #[inline(always)]
-    fn call(self) -> Vec<f64> {
+vectorised! {
+    /// By how much each row exceeds what is not looked at: the largest of its errors,
+    /// distances of readings from their mean and jumps, each in units of its limit.
+    fn row_excess(test: &RowTest<'_>, predicted: &PerAxis<Vec<f64>>, block: &Block) -> Vec<f64> {
         /// Rows that are looked at together: what they exceed stays in registers.
         const TOGETHER: usize = 16;
-        let Spread { means, deviations, changes } = self.test.spread;
+        let Spread { means, deviations, changes } = test.spread;
         let limits = |((&mean, &sd), &change): ((&f64, &f64), &f64)| {
             [mean, (LOOK_AT_READING * sd).recip(), (SPIKE * change).min(JUMP * sd).recip()]
         };
         let limits: Vec<[f64; 3]> = means.iter().zip(deviations).zip(changes).map(limits).collect();
-        let rows = self.block.rows;
+        let rows = block.rows;
         let mut excess = Vec::with_capacity(rows);
         while excess.len() < rows {
             let row = excess.len();
             if row > 0 && row + TOGETHER < rows {
                 let beside = [row - 1, row + 1];
-                excess.extend(self.of_rows::<TOGETHER>(row, beside, &limits));
+                excess.extend(excess_of::<TOGETHER>(test, predicted, block, row, beside, &limits));
                 continue;
             }
             // What is beside the first and the last row is in other blocks: they are beside one row.
             let beside = [row.checked_sub(1), Some(row + 1).filter(|&after| after < rows)];
             let known = beside[0].or(beside[1]).unwrap_or(row);
             let beside = beside.map(|beside| beside.unwrap_or(known));
-            excess.extend(self.of_rows::<1>(row, beside, &limits));
+            excess.extend(excess_of::<1>(test, predicted, block, row, beside, &limits));
         }
         excess
     }
 }
 
-impl Excess<'_> {
-    /// Of some rows from `row` on, and those beside them from `before` and from `after` on. Of each column of readings
-    /// there are the mean and one over the limits of the distance from it and of a jump.
-    #[inline(always)]
-    fn of_rows<const N: usize>(
-        &self,
-        row: usize,
-        [before, after]: [usize; 2],
-        limits: &[[f64; 3]],
-    ) -> [f64; N] {
-        let Self { test: RowTest { noise, .. }, predicted, block } = self;
-        let mut excess = [0.0; N];
-        for axis in 0..6 {
-            let scale = (LOOK_AT_ERROR * noise[axis]).recip();
-            let p: &[f64; N] = lanes(&predicted[axis], row);
-            let m: &[f64; N] = lanes(&block.wrench[axis], row);
-            for i in 0..N {
-                raise(&mut excess[i], (p[i] - m[i]).abs() * scale);
-            }
+/// The excess of some rows from `row` on, and those beside them from `before` and from `after` on. Of each column of
+/// readings there are the mean and one over the limits of the distance from it and of a jump.
+#[inline(always)]
+fn excess_of<const N: usize>(
+    test: &RowTest<'_>,
+    predicted: &PerAxis<Vec<f64>>,
+    block: &Block,
+    row: usize,
+    [before, after]: [usize; 2],
+    limits: &[[f64; 3]],
+) -> [f64; N] {
+    let mut excess = [0.0; N];
+    for (axis, predicted) in predicted.iter().enumerate() {
+        let scale = (LOOK_AT_ERROR * test.noise[axis]).recip();
+        let p: &[f64; N] = lanes(predicted, row);
+        let m: &[f64; N] = lanes(&block.wrench[axis], row);
+        for i in 0..N {
+            raise(&mut excess[i], (p[i] - m[i]).abs() * scale);
         }
-        for (column, &[mean, scale, jump_scale]) in block.readings.iter().zip(limits) {
-            let value: &[f64; N] = lanes(column, row);
-            let (before, after): (&[f64; N], &[f64; N]) =
-                (lanes(column, before), lanes(column, after));
-            for i in 0..N {
-                raise(&mut excess[i], (value[i] - mean).abs() * scale);
-                raise(&mut excess[i], jump(value[i], [before[i], after[i]]) * jump_scale);
-            }
-        }
-        excess
     }
+    for (column, &[mean, scale, jump_scale]) in block.readings.iter().zip(limits) {
+        let value: &[f64; N] = lanes(column, row);
+        let (before, after): (&[f64; N], &[f64; N]) = (lanes(column, before), lanes(column, after));
+        for i in 0..N {
+            raise(&mut excess[i], (value[i] - mean).abs() * scale);
+            raise(&mut excess[i], jump(value[i], [before[i], after[i]]) * jump_scale);
+        }
+    }
+    excess
 }
 
 #[inline(always)]

@@ -85,15 +85,6 @@ pub(crate) struct CountedFeatures {
 }
 
 impl ExactFit {
-    /// The fraction of the variance of each axis that the fit explains; `None` for an axis that
-    /// does not vary.
-    pub fn r_squared(&self) -> PerAxis<Option<f64>> {
-        std::array::from_fn(|axis| {
-            let total = self.total_squares[axis];
-            (total > 0.0).then(|| 1.0 - self.residual_products[axis][axis] / total)
-        })
-    }
-
     /// Upper triangular `R` with `RᵀR = XᵀX`, ridge included: columns are features of centred and
     /// scaled readings. In `f64`, which is enough for standard errors.
     pub fn r_factor(&self) -> Mat<f64> {

@@ -116,15 +116,6 @@ impl Inversion {
         }
     }
 
-    /// The wrench of one frame of readings, in counts.
-    ///
-    /// # Panics
-    /// If there are not as many readings as the model has channels.
-    pub fn invert(&self, readings: &[f64]) -> Estimate {
-        let columns: Vec<Vec<f64>> = readings.iter().map(|&reading| vec![reading]).collect();
-        self.estimates(&columns).row(0)
-    }
-
     /// The wrenches of all rows. `readings` has one column per channel, in counts.
     ///
     /// # Panics
@@ -243,6 +234,17 @@ mod tests {
     use super::super::Sensor;
     use super::super::response::{Answer, PARAMETERS, Parameters};
     use super::*;
+
+    impl Inversion {
+        /// The wrench of one frame of readings, in counts.
+        ///
+        /// # Panics
+        /// If there are not as many readings as the model has channels.
+        pub(crate) fn invert(&self, readings: &[f64]) -> Estimate {
+            let columns: Vec<Vec<f64>> = readings.iter().map(|&reading| vec![reading]).collect();
+            self.estimates(&columns).row(0)
+        }
+    }
 
     fn parameters(sensor: usize) -> Parameters {
         let gain = |axis: usize| match (sensor + 3 * axis) % 7 {
