@@ -6,7 +6,7 @@
 //! - [`fingerprint`]: whether two logs hold the same rows;
 //! - [`hint`]: what to do about an error;
 //! - [`instructions`]: which vectors of the processor are worked with;
-//! - [`statistics`]: mean and variance, block by block;
+//! - [`statistics`]: mean and variance, block by block, and the median;
 //! - [`telemetry`]: the columns of a robot's telemetry.
 //!
 //! SI units throughout (s, N, N·m). Frame: x forward, y left, z up.
