@@ -1,7 +1,7 @@
 //! Calibrations: fitted to arrays, read and written, applied.
 
 use std::path::PathBuf;
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 
 use calibration::Kind;
 use calibration::dynamics::{DynamicsRule, LagRule, MemoryRule};
@@ -13,6 +13,7 @@ use figures::{FitPlot, Size, fit_figure};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, ndarray::Array2};
 use pyo3::prelude::*;
 use shell_data::dataset::{BLOCK_ROWS, Dataset};
+use shell_data::lock::lock;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 use shellcal::workflow::fit::calibration_file;
 
@@ -312,7 +313,7 @@ impl Fitted {
         }
         let mut columns: Vec<Vec<f64>> =
             readings.into_iter().map(|reading| vec![reading]).collect();
-        if let Some(memory) = &mut *self.1.lock().unwrap_or_else(PoisonError::into_inner) {
+        if let Some(memory) = &mut *lock(&self.1) {
             columns.extend(memory.terms(time_s.as_slice(), &columns).map_err(no_time)?);
         }
         let mut wrench = PerAxis::default();

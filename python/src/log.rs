@@ -4,13 +4,13 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use log_file::{
-    ColumnRef, Log, LogFormat, Mapping, Meaning, MomentUnit, ReadOptions, TimeUnit, Wanted,
-    named_axis,
+    FORMATS, Log, Mapping, Meaning, MomentUnit, ReadOptions, TIME_UNITS, Wanted, parse_column,
+    parse_columns, parse_wrench,
 };
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
 use shell_data::block::Block;
-use shell_data::wrench::{Axis, PerAxis};
+use shell_data::wrench::Axis;
 
 use crate::error::{PythonFailure, PythonMessage};
 use crate::interrupt::without_lock;
@@ -110,36 +110,27 @@ pub(crate) fn mapping(names: &OptionColumns) -> Result<Mapping, PythonFailure> {
             let message = format!("{option} is `{text}`, expected {expected}");
             PythonFailure::from(PythonMessage::new("OptionError", message))
         };
+        let impossible = |problem: String| {
+            let message = format!("{option} is `{text}`: {problem}");
+            PythonFailure::from(PythonMessage::new("OptionError", message))
+        };
         match option.as_str() {
             "format" => {
-                mapping.format = Some(match text.as_str() {
-                    "telemetry" => LogFormat::Telemetry,
-                    "csv" => LogFormat::Csv,
-                    "training" => LogFormat::Training,
-                    "reference" => LogFormat::Reference,
-                    "console" => LogFormat::Console,
-                    _ => {
-                        return Err(refused(
-                            "`telemetry`, `csv`, `training`, `reference` or `console`",
-                        ));
-                    }
-                });
+                let expected = "`telemetry`, `csv`, `training`, `reference` or `console`";
+                let known = FORMATS.iter().find(|(name, ..)| name == text);
+                mapping.format = Some(known.ok_or_else(|| refused(expected))?.2);
             }
-            "sensors" => mapping.sensors = Some(list(text)),
+            "sensors" => mapping.sensors = Some(parse_columns(text).map_err(impossible)?),
             "wrench" => {
                 let expected = "six columns, Fx to Mz, or their axes: `fx=a,fz=b`";
-                mapping.wrench = Some(wrench(text).ok_or_else(|| refused(expected))?);
+                mapping.wrench = Some(parse_wrench(text).map_err(|_| refused(expected))?);
             }
-            "time" => mapping.time = Some(column(text)),
-            "group" => mapping.group = Some(column(text)),
+            "time" => mapping.time = Some(parse_column(text).map_err(impossible)?),
+            "group" => mapping.group = Some(parse_column(text).map_err(impossible)?),
             "time_unit" => {
-                mapping.time_unit = Some(match text.as_str() {
-                    "s" => TimeUnit::Second,
-                    "ms" => TimeUnit::Millisecond,
-                    "us" => TimeUnit::Microsecond,
-                    "ns" => TimeUnit::Nanosecond,
-                    _ => return Err(refused("`s`, `ms`, `us` or `ns`")),
-                });
+                let known = TIME_UNITS.iter().find(|(name, ..)| name == text);
+                let refused = || refused("`s`, `ms`, `us` or `ns`");
+                mapping.time_unit = Some(known.ok_or_else(refused)?.2);
             }
             "moment_unit" => {
                 mapping.moment_unit = Some(match text.as_str() {
@@ -152,52 +143,4 @@ pub(crate) fn mapping(names: &OptionColumns) -> Result<Mapping, PythonFailure> {
         }
     }
     Ok(mapping)
-}
-
-/// Six columns, the name of a matrix of six, or `fx=a,fz=b`: columns of axes that are named.
-fn wrench(text: &str) -> Option<PerAxis<Option<ColumnRef>>> {
-    let items = || text.split(',');
-    if !items().any(|item| named_axis(item).is_some()) {
-        let columns = match list(text).as_slice() {
-            [ColumnRef::Name(matrix)] => ColumnRef::columns_of_matrix(matrix, 6),
-            columns => columns.to_vec(),
-        };
-        let six = <[ColumnRef; 6]>::try_from(columns).ok()?;
-        return Some(six.map(Some));
-    }
-    let mut columns: PerAxis<Option<ColumnRef>> = PerAxis::default();
-    for item in items() {
-        let (axis, name) = named_axis(item).filter(|(_, name)| !name.trim().is_empty())?;
-        let taken = columns[axis.index()].replace(column(name));
-        if taken.is_some() {
-            return None;
-        }
-    }
-    Some(columns)
-}
-
-/// A column by its position, from 1, or its name.
-fn column(text: &str) -> ColumnRef {
-    match text.trim().parse() {
-        Ok(position) => ColumnRef::Position(position),
-        Err(_) => ColumnRef::Name(text.trim().to_owned()),
-    }
-}
-
-/// Columns: names and positions separated by commas, `2-9` for several positions.
-fn list(text: &str) -> Vec<ColumnRef> {
-    let part = |part: &str| -> Vec<ColumnRef> {
-        let range = part.split_once('-');
-        let range = range.and_then(|(a, b)| {
-            Some((a.trim().parse::<usize>().ok()?, b.trim().parse::<usize>().ok()?))
-        });
-        match range {
-            // No log has more columns; what is beyond is refused by the log.
-            Some((first, last)) => (first..=usize::min(last, first.saturating_add(4096)))
-                .map(ColumnRef::Position)
-                .collect(),
-            None => vec![column(part)],
-        }
-    };
-    text.split(',').flat_map(part).collect()
 }

@@ -2,7 +2,7 @@
 //! to send go out. The port and the clock are the page's.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use board_link::recording::{LiveForces, PROTOCOLS};
@@ -17,6 +17,7 @@ use output_file::OutputError;
 use serde::Deserialize;
 use serde_json::{Value, json};
 use shared_proto::{Command, Framing, Identity, Protocol};
+use shell_data::lock::lock;
 use shell_data::wrench::Axes;
 use shellcal::workflow::live::{
     Feed, LiveAction, LiveRows, LiveSession, LogMaker, LogSeries, guide_through,
@@ -228,7 +229,7 @@ impl PageLogs {
     }
 
     fn with<T>(&self, act: impl FnOnce(&mut PageState) -> T) -> T {
-        act(&mut self.state.lock().unwrap_or_else(PoisonError::into_inner))
+        act(&mut lock(&self.state))
     }
 
     fn log(&self, name: String) -> Box<dyn LogSink> {

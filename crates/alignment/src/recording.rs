@@ -1,6 +1,7 @@
 //! A recording made ready: rows in order of time, repeats left out, saturated rows marked.
 
 use super::error::{AlignError, RecordingSide};
+use shell_data::statistics::upper_median;
 
 /// What one sensor recorded on its own clock.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -175,8 +176,7 @@ fn in_range(columns: &[Vec<f64>]) -> Vec<bool> {
 
 fn median_step(time_s: &[f64]) -> f64 {
     let mut steps: Vec<f64> = time_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    let middle = steps.len() / 2;
-    *steps.select_nth_unstable_by(middle, f64::total_cmp).1
+    upper_median(&mut steps).expect("a recording has two rows at least")
 }
 
 /// The smallest change from row to row that is not none.

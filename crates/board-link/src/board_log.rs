@@ -7,7 +7,8 @@ use serde::Serialize;
 use super::LogSink;
 use super::record::RecordOptions;
 use super::record_error::RecordError;
-use crate::recording::{BoardFrame, BoardSource, FrameLabel, Losses, RowWriter};
+use crate::recording::{BoardFrame, BoardSource, Losses, RowWriter};
+use shell_data::block::FrameLabel;
 use shell_data::wrench::AxisValues;
 
 /// The most frames that wait for a label: 82 s at 100 Hz, in case the view has stopped to settle them.

@@ -15,6 +15,7 @@ use super::{
     Source, Uplink, Watcher, record,
 };
 use crate::recording::BoardFrame;
+use shell_data::lock::lock;
 
 /// Bits per second that boards and XBees are set to, the likeliest first.
 const BAUDS: [u32; 9] =
@@ -131,11 +132,6 @@ impl Watcher for Keep {
     fn see(&mut self, frames: &[BoardFrame]) {
         lock(&self.0).extend_from_slice(frames);
     }
-}
-
-/// What a thread that has ended badly has left is as good as anything.
-fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
 }
 
 fn ask(client: &mut Client<Box<dyn Connection>>, found: &mut Handshake) -> Result<(), LinkError> {

@@ -12,9 +12,10 @@ use super::record_error::RecordError;
 use super::resume::StartedBoards;
 use super::watcher::{RecordCommand, RecordingProgress, Watcher};
 use crate::recording::{
-    BoardSource, Boards, FrameLabel, HeardBoard, Losses, NoFrame, RecognisedProtocol, Recognition,
+    BoardSource, Boards, HeardBoard, Losses, NoFrame, RecognisedProtocol, Recognition,
     protocol_name,
 };
+use shell_data::block::FrameLabel;
 
 /// How long frames wait for those that overtook them before they are written. A kill loses as much,
 /// and what the recognition of the protocol holds at the start.

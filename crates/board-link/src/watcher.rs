@@ -5,7 +5,8 @@ use std::time::Duration;
 use shared_proto::Protocol;
 
 use super::LogSink;
-use crate::recording::{BoardFrame, FrameLabel, Losses};
+use crate::recording::{BoardFrame, Losses};
+use shell_data::block::FrameLabel;
 use shell_data::wrench::AxisValues;
 
 /// Looks on while a recording is made. It is called on the thread that records, so it must not wait.

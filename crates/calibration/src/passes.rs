@@ -12,6 +12,7 @@ use std::sync::{LazyLock, Mutex, PoisonError};
 use crate::FitError;
 use shell_data::block::Block;
 use shell_data::dataset::Dataset;
+use shell_data::lock::lock;
 
 /// Who works on the rows, and who watches.
 #[derive(Clone, Copy, Default)]
@@ -237,7 +238,7 @@ pub(crate) fn on_threads<I: Sync, S: Send, T: Send>(
                 if goes_on { Ok(value) } else { Err(FitError::Interrupted) }
             });
             // A poisoned lock means that a thread has panicked, and the panic will be passed on.
-            if !folded.lock().unwrap_or_else(PoisonError::into_inner).add(position, result) {
+            if !lock(&folded).add(position, result) {
                 return state;
             }
         }

@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Receiver;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use board_link::recording::BoardFrame;
@@ -14,6 +14,7 @@ use crate::encoding::{RowEncoder, StreamFormat};
 use crate::latency::{Latency, LatencySummary};
 use crate::readers::{ReaderSummary, Readers};
 use crate::rows::{FrameRows, StreamError, StreamRow};
+use shell_data::lock::lock;
 
 /// What passes frames on.
 #[derive(Debug)]
@@ -179,7 +180,7 @@ impl StreamWatcher {
 
 impl Watcher for StreamWatcher {
     fn see(&mut self, frames: &[BoardFrame]) {
-        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut state = lock(&self.state);
         if let StreamState::Running(stream) = &mut *state {
             let pushed = stream.push(frames, &mut self.marks);
             if let Some(stop) = &self.stop
@@ -209,7 +210,7 @@ impl StreamHandle {
     /// # Errors
     /// [`StreamError`]: why it has ended before.
     pub fn finish(&self) -> Result<Option<StreamSummary>, StreamError> {
-        let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut state = lock(&self.0);
         match std::mem::replace(&mut *state, StreamState::Ended(None)) {
             StreamState::Running(stream) => Ok(Some(stream.finish())),
             StreamState::Ended(Some(error)) => Err(error),

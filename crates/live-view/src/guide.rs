@@ -17,6 +17,7 @@ use serde::Serialize;
 
 use super::history::LiveRow;
 use shared_proto::CHANNELS;
+use shell_data::block::FrameLabel;
 use shell_data::wrench::PerAxis;
 
 /// A stretch as long as this is looked at, s.
@@ -47,17 +48,6 @@ pub struct GuidedLoad {
     pub wrench: PerAxis<f64>,
     /// What it is expected to tell, in any unit.
     pub gain: f64,
-}
-
-/// Rows of a load that was held: all from one frame to another.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct HeldLoad {
-    /// The first frame.
-    pub from: i64,
-    /// The last.
-    pub until: i64,
-    /// The label.
-    pub group: String,
 }
 
 /// What is being waited for.
@@ -146,7 +136,7 @@ impl Guide {
     }
 
     /// Takes the next row; the load, if it completes one.
-    pub fn push(&mut self, row: &LiveRow) -> Option<HeldLoad> {
+    pub fn push(&mut self, row: &LiveRow) -> Option<FrameLabel> {
         let values = match (row.readings, row.wrench) {
             (Some(readings), _) => readings,
             (None, Some(wrench)) => std::array::from_fn(|at| wrench.get(at).map_or(0.0, |x| *x)),
@@ -244,7 +234,7 @@ impl Guide {
         }
     }
 
-    fn hold(&mut self, time_s: f64, index: i64) -> Option<HeldLoad> {
+    fn hold(&mut self, time_s: f64, index: i64) -> Option<FrameLabel> {
         let (since_s, from) = self.still_since?;
         if time_s - since_s < HOLD_S {
             return None;
@@ -256,7 +246,7 @@ impl Guide {
         if self.phase != GuidePhase::Done {
             self.phase = GuidePhase::Release;
         }
-        Some(HeldLoad { from, until: index, group })
+        Some(FrameLabel { from, until: index, group })
     }
 
     /// Goes on by some places, around the end, and past loads that are recorded if it goes forward.
@@ -334,7 +324,7 @@ mod tests {
     /// A board at 100 Hz.
     struct Bench {
         index: i64,
-        found: Vec<HeldLoad>,
+        found: Vec<FrameLabel>,
     }
 
     impl Bench {
@@ -374,7 +364,7 @@ mod tests {
         bench.apply(&mut guide, 1.02, 1.2, true);
         let view = guide.view();
         // 2 s of stillness from the middle of the first still second, which may begin with the last of a movement.
-        assert_eq!(bench.found, [HeldLoad { from: 350, until: 550, group: "a".to_owned() }]);
+        assert_eq!(bench.found, [FrameLabel { from: 350, until: 550, group: "a".to_owned() }]);
         assert_eq!((view.phase, view.number, view.recorded), (GuidePhase::Release, 2, 1));
         assert!((view.remaining_gain - 0.5).abs() < 1e-12);
         // It stays on: nothing more is recorded of it. The second load is none at all.

@@ -67,16 +67,6 @@ impl History {
         self.rows.range(first..)
     }
 
-    /// How many rows are kept.
-    pub fn len(&self) -> usize {
-        self.rows.len()
-    }
-
-    /// Whether there is none.
-    pub fn is_empty(&self) -> bool {
-        self.rows.is_empty()
-    }
-
     /// The least and the greatest value in each of so many columns over the last `span_s` seconds, the
     /// newest on the right; `None` where no row falls.
     pub fn columns(
@@ -132,12 +122,12 @@ mod tests {
         for i in 0..200_000 {
             history.push(row(f64::from(i) / 1000.0, 0.0));
         }
-        assert!((60_000..=60_001).contains(&history.len()), "{}", history.len());
+        assert!((60_000..=60_001).contains(&history.rows.len()), "{}", history.rows.len());
         history.push(row(199.9975, 3.0));
         let late: Vec<f64> = history.last(0.003).map(|row| row.time_s).collect();
         assert_eq!(late, [199.997, 199.9975, 199.998, 199.999]);
         // A clock that begins again does not show the past.
         history.push(row(0.0, 0.0));
-        assert_eq!(history.len(), 1);
+        assert_eq!(history.rows.len(), 1);
     }
 }

@@ -19,7 +19,7 @@ mod scale;
 #[allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "serves a page")]
 pub mod web;
 
-pub use guide::{Guide, GuidePhase, GuideView, GuidedLoad, HOLD_S, HeldLoad};
+pub use guide::{Guide, GuidePhase, GuideView, GuidedLoad, HOLD_S};
 pub use history::{History, LiveRow};
 pub use model::{ChannelState, ChannelView, LiveModel, LiveSetup, Mark, TraceView};
 pub use picture::Picture;

@@ -60,7 +60,10 @@ pub use error::{
     Field, FieldProblem, LogError, LogPosition, PlacedProblem, RowMismatch, RowProblem,
 };
 pub use format::columns::Column;
-pub use format::mapping::{ColumnRef, LogFormat, Mapping, MomentUnit, TimeUnit, named_axis};
+pub use format::mapping::{
+    ColumnRef, FORMATS, LogFormat, Mapping, MomentUnit, TIME_UNITS, TimeUnit, parse_column,
+    parse_columns, parse_wrench,
+};
 pub use format::meaning::Meaning;
 pub use log::Log;
 pub use read::all::{read_all, threads_for};

@@ -15,10 +15,11 @@ mod identity;
 mod temporary;
 
 use shell_data::hint::Hint;
+use shell_data::lock::lock;
 use std::fs::{self, File, Permissions};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard};
 
 use identity::{FileIdentity, Files};
 use temporary::Temporary;
@@ -136,7 +137,7 @@ impl Outputs {
     }
 
     fn known(&self) -> MutexGuard<'_, KnownFile> {
-        self.known.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.known)
     }
 
     /// Says that `path` is read, so no output may replace it.

@@ -4,8 +4,9 @@ use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard};
 
+use shell_data::lock::lock;
 use tempfile::NamedTempFile;
 
 static UNFINISHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
@@ -16,12 +17,12 @@ static BEFORE: Mutex<Option<fn()>> = Mutex::new(None);
 /// Has `prepare` called before the first temporary file is made, which is when there is something to
 /// remove: many commands make none.
 pub fn before_unfinished(prepare: fn()) {
-    *BEFORE.lock().unwrap_or_else(PoisonError::into_inner) = Some(prepare);
+    *lock(&BEFORE) = Some(prepare);
 }
 
 fn unfinished() -> MutexGuard<'static, BTreeSet<PathBuf>> {
     // Whoever panicked while holding it has left the list whole: each change is one call.
-    UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
+    lock(&UNFINISHED)
 }
 
 /// Removes the temporary files of all outputs that are not finished.
@@ -52,7 +53,7 @@ impl Temporary {
         // a new file has the permissions of its folder.
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        if let Some(prepare) = BEFORE.lock().unwrap_or_else(PoisonError::into_inner).take() {
+        if let Some(prepare) = lock(&BEFORE).take() {
             prepare();
         }
         let mut unfinished = unfinished();

@@ -5,6 +5,17 @@
 
 use crate::vectorised;
 
+/// Frames that belong together, such as those of a load that was held: all from one to another.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FrameLabel {
+    /// The index of the first.
+    pub from: i64,
+    /// That of the last.
+    pub until: i64,
+    /// The label of the group.
+    pub group: String,
+}
+
 /// A run of consecutive rows of a log. Columns that were not asked for are empty.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Block {

@@ -6,7 +6,8 @@
 //! - [`fingerprint`]: whether two logs hold the same rows;
 //! - [`hint`]: what to do about an error;
 //! - [`instructions`]: which vectors of the processor are worked with;
-//! - [`statistics`]: mean and variance, block by block;
+//! - [`lock`]: locks that a panic elsewhere leaves usable;
+//! - [`statistics`]: mean and variance, block by block, and the median;
 //! - [`telemetry`]: the columns of a robot's telemetry.
 //!
 //! SI units throughout (s, N, N·m). Frame: x forward, y left, z up.
@@ -34,6 +35,7 @@ pub mod escape;
 pub mod fingerprint;
 pub mod hint;
 pub mod instructions;
+pub mod lock;
 pub mod random;
 pub mod statistics;
 pub mod telemetry;

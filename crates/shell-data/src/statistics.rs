@@ -1,4 +1,4 @@
-//! Mean and variance, block by block.
+//! Mean and variance, block by block, and the median.
 //!
 //! Blocks are merged by the formula of Chan, Golub and LeVeque (Amer. Statist. 37, 1983), which does
 //! not cancel: a mean that is large against the spread costs no digits.
@@ -25,6 +25,13 @@ pub struct RunningVariance {
     pub mean: f64,
     /// Sum of their squared deviations from the mean.
     pub squares: f64,
+}
+
+/// The middle one of the values in their order, the upper one where two are in the middle; `None` without values.
+/// The values are put into another order.
+pub fn upper_median(values: &mut [f64]) -> Option<f64> {
+    let middle = values.len() / 2;
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 /// The weights of the differences of two means `a` and `b` when sums about them are merged:
@@ -126,6 +133,13 @@ fn sums_about(column: &[f64], origin: f64) -> (f64, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_median_is_the_upper_one_of_two() {
+        assert_eq!(upper_median(&mut []), None);
+        assert_eq!(upper_median(&mut [3.0, 1.0, 2.0]), Some(2.0));
+        assert_eq!(upper_median(&mut [4.0, 1.0, 3.0, 2.0]), Some(3.0));
+    }
 
     #[test]
     fn a_large_offset_costs_no_digits() {

@@ -9,6 +9,7 @@ use super::input::TrialRows;
 use super::leg::{STILL_RAD, Strides, unwrap};
 use super::profile::Profile;
 use forces::TareFrames;
+use shell_data::statistics::upper_median;
 use shell_data::telemetry::Telemetry;
 
 /// A stall is reported when the leg stands still for this many strides.
@@ -103,8 +104,7 @@ pub(super) fn diagnose_legs(strides: Option<&Strides>, diagnostics: &mut Vec<Dia
         return;
     };
     let mut periods: Vec<f64> = strides.spans().map(|(start, end)| end - start).collect();
-    periods.sort_unstable_by(f64::total_cmp);
-    match periods.get(periods.len() / 2) {
+    match upper_median(&mut periods) {
         None => diagnostics.push(Diagnostic::NoStride),
         Some(median) if strides.longest_still_s > STALL_STRIDES * median => {
             diagnostics.push(Diagnostic::StalledLeg { longest_s: strides.longest_still_s });

@@ -10,6 +10,7 @@ use super::diagnostic::Diagnostic;
 use super::input::TrialRows;
 use super::profile::Profile;
 use super::telemetry_column::key_of;
+use shell_data::statistics::upper_median;
 use shell_data::telemetry::Telemetry;
 
 /// Power at every row, W.
@@ -95,9 +96,7 @@ impl PowerColumns<'_> {
             return Err(Diagnostic::NoBattery { rows: empty, of: in_window.len() as u64 });
         }
         let volts = self.scaled(Telemetry::Battery, self.profile.telemetry.battery_v_per_count);
-        let mut sorted = in_window.to_vec();
-        sorted.sort_unstable_by(f64::total_cmp);
-        if let Some(&reads) = sorted.get(sorted.len() / 2) {
+        if let Some(reads) = upper_median(&mut in_window.to_vec()) {
             let unit = self.profile.unit(Telemetry::Battery);
             let battery_v = reads * unit.unwrap_or(self.profile.telemetry.battery_v_per_count);
             if !BATTERY_V.contains(&battery_v) {

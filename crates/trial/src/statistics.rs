@@ -96,14 +96,6 @@ pub struct MeanDifference {
 }
 
 impl ValueSample {
-    /// Values that have nothing to do with each other, one a trial. Values that are not finite are
-    /// left out.
-    pub fn independent(values: impl IntoIterator<Item = f64>) -> Self {
-        let mut sample = Self::default();
-        values.into_iter().for_each(|value| sample.add_cluster([value]));
-        sample
-    }
-
     /// Adds the values of one trial's strides. Values that are not finite are left out.
     pub fn add_cluster(&mut self, values: impl IntoIterator<Item = f64>) {
         let before = self.values.len();
@@ -112,11 +104,6 @@ impl ValueSample {
         if !new.is_empty() {
             self.clusters.push((new.iter().sum(), new.len()));
         }
-    }
-
-    /// All values.
-    pub fn values(&self) -> &[f64] {
-        &self.values
     }
 
     /// The numbers; `None` without values. The same `seed` gives the same interval.
@@ -295,8 +282,15 @@ fn influence(samples: &[Signed<'_>], means: &[f64]) -> (f64, f64) {
 mod tests {
     use super::*;
 
+    /// Values that have nothing to do with each other, one a trial.
+    fn independent(values: impl IntoIterator<Item = f64>) -> ValueSample {
+        let mut sample = ValueSample::default();
+        values.into_iter().for_each(|value| sample.add_cluster([value]));
+        sample
+    }
+
     fn of(values: &[f64]) -> Statistics {
-        ValueSample::independent(values.iter().copied()).statistics(1).unwrap()
+        independent(values.iter().copied()).statistics(1).unwrap()
     }
 
     /// `numpy.percentile` and `matplotlib.cbook.boxplot_stats` of the same values.
@@ -332,7 +326,7 @@ mod tests {
         let s = of(&[5.0]);
         assert_eq!((s.n, s.mean, s.sd, s.mean_95), (1, 5.0, None, None));
         assert_eq!((s.q1, s.whisker_high), (5.0, 5.0));
-        assert_eq!(ValueSample::independent([f64::NAN]).statistics(1), None);
+        assert_eq!(independent([f64::NAN]).statistics(1), None);
         assert_eq!(of(&[1.0, 2.0, 3.0, 4.0]).mean_95, None);
         let s = of(&[2.0; 5]);
         assert_eq!((s.sd, s.mean_95), (Some(0.0), Some(Interval { low: 2.0, high: 2.0 })));
@@ -356,7 +350,7 @@ mod tests {
         let mut stream = RandomStream::new(8, Purpose::Readings, 0);
         let held = (0..10_000).filter(|_| {
             let values = (0..trials).map(|_| value(&mut stream));
-            let s = ValueSample::independent(values.collect::<Vec<_>>());
+            let s = independent(values.collect::<Vec<_>>());
             interval(&[(1.0, &s.clusters)], 1).is_some_and(|i| i.low < mean && mean < i.high)
         });
         held.count() as f64 / 10_000.0
@@ -420,7 +414,7 @@ mod tests {
         let a: Vec<f64> = (0..30).map(|_| stream.normal()).collect();
         let b: Vec<f64> = (0..50).map(|_| 2.0 + 3.0 * stream.normal()).collect();
         let se = (1.0 / 30.0_f64 + 9.0 / 50.0).sqrt();
-        let [a, b] = [a, b].map(ValueSample::independent);
+        let [a, b] = [a, b].map(independent);
         let d = b.difference(&a, "a", 1).unwrap();
         let Interval { low, high } = d.mean_95.unwrap();
         assert!(low < 2.0 && 2.0 < high && d.reference == "a");

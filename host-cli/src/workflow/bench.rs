@@ -21,6 +21,7 @@ use calibration::solver::{self, FitProblem, Solution, SolverKind};
 use calibration::{Basis, FitError, Model};
 use figures::{Chart, ChartMark, Figure, PlotAxis, Series, Size, Spacing};
 use shell_data::block::Block;
+use shell_data::statistics::upper_median;
 
 /// What an `f64` cannot show: errors below this count as this.
 pub const SMALLEST_ERROR: f64 = f64::EPSILON / 2.0;
@@ -185,8 +186,8 @@ fn measure(
             break solved;
         }
     };
-    seconds.sort_unstable_by(f64::total_cmp);
-    let mut measurement = Measurement { seconds: seconds[seconds.len() / 2], ..unmeasured };
+    let seconds = upper_median(&mut seconds).expect("it was solved once at least");
+    let mut measurement = Measurement { seconds, ..unmeasured };
     let is_least_squares = !matches!(kind, SolverKind::RidgeGcv | SolverKind::Huber);
     match solved {
         Ok(solution) if is_least_squares => {

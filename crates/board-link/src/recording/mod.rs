@@ -32,6 +32,6 @@ pub use edges::BoardEdge;
 pub use forces::{Force, LiveForces, RunningForces, UnsuitableCalibration};
 pub use reception::{BoardFrame, Content, Losses, Measured, Reception};
 pub use recognition::{NoFrame, PROTOCOLS, RecognisedProtocol, Recognition, protocol_name};
-pub use rows::{FrameLabel, RowWriter, row_flags, write_time};
+pub use rows::{RowWriter, row_flags, write_time};
 pub use simultaneous::Simultaneous;
 pub(crate) use wire::PacketWire;

@@ -33,18 +33,8 @@ use super::reception::{BoardFrame, Content, Measured};
 use super::simultaneous::Simultaneous;
 use forces::ForceError;
 use shared_proto::{CHANNELS, COUNTS_PER_LSB, Health};
+use shell_data::block::FrameLabel;
 use shell_data::wrench::{Axes, AxisValues};
-
-/// Frames that belong together: all from one to another.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct FrameLabel {
-    /// The first.
-    pub from: i64,
-    /// The last.
-    pub until: i64,
-    /// The label of the group.
-    pub group: String,
-}
 
 /// Writes frames as CSV lines.
 #[derive(Clone, Debug)]

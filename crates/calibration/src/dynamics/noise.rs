@@ -12,6 +12,7 @@
 use faer::{Mat, MatRef};
 
 use crate::features::Features;
+use shell_data::statistics::upper_median;
 use shell_data::wrench::PerAxis;
 
 /// Rows whose gradients stand for all, about.
@@ -122,11 +123,7 @@ pub(super) fn variance<'a>(
             }
         }
     }
-    if differences.is_empty() {
-        return 0.0;
-    }
-    let middle = differences.len() / 2;
-    let (_, &mut median, _) = differences.select_nth_unstable_by(middle, f64::total_cmp);
+    let Some(median) = upper_median(&mut differences) else { return 0.0 };
     let ordinary = differences.iter().filter(|of| median == 0.0 || **of <= JUMP * median);
     let (count, squares) =
         ordinary.fold((0.0, 0.0), |(count, squares), of| (count + 1.0, squares + of * of));

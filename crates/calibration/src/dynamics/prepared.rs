@@ -7,6 +7,7 @@ use super::{FitError, GAP_PERIODS};
 use crate::memory::{MemoryTerms, NoTime, TimeBase};
 use shell_data::block::Block;
 use shell_data::dataset::{Dataset, LogRows, sample};
+use shell_data::statistics::upper_median;
 
 /// How time passes in some logs.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,8 +56,7 @@ impl RowClock {
 /// The median of the steps that move on.
 fn median_step(mut steps: Vec<f64>) -> Option<f64> {
     steps.retain(|&step| step > 0.0);
-    let middle = steps.len() / 2;
-    (!steps.is_empty()).then(|| *steps.select_nth_unstable_by(middle, f64::total_cmp).1)
+    upper_median(&mut steps)
 }
 
 /// The rows as a calibration with this memory and lag takes them.

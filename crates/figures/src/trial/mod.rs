@@ -22,6 +22,7 @@ use super::panel::{LEFT_MARGIN, Panel};
 use super::size::Size;
 use super::svg::{Anchor, Canvas, Rect, Style, text_width};
 use super::trace::TraceCurve;
+use shell_data::statistics::upper_median;
 use trial::Trace;
 
 /// Width of a figure on a screen: a column of 88 mm at twice its size.
@@ -96,8 +97,7 @@ pub fn smoothed(time_s: &[f64], values: &[f64], width_s: f64) -> Vec<f64> {
 pub fn stride_s(trace: &Trace) -> Option<f64> {
     let mut lengths: Vec<f64> =
         trace.stride_times_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    lengths.sort_unstable_by(f64::total_cmp);
-    lengths.get(lengths.len() / 2).copied()
+    upper_median(&mut lengths)
 }
 
 /// The smallest and the largest of all values, and zero.

@@ -1,6 +1,7 @@
 //! Apparent gravity in the sensor's frame over time.
 
 use super::vector::{Vector, add, scaled, subtract};
+use shell_data::statistics::upper_median;
 
 /// Beyond so many usual intervals from its nearest sample a motion is not known.
 const FAR: f64 = 10.0;
@@ -51,11 +52,8 @@ impl Motion {
         }
         let mut periods: Vec<f64> =
             motion.times_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
-        if periods.is_empty() {
-            return Err(MotionError::TooFewSamples(motion.times_s.len()));
-        }
-        let middle = periods.len() / 2;
-        motion.period_s = *periods.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let too_few = MotionError::TooFewSamples(motion.times_s.len());
+        motion.period_s = upper_median(&mut periods).ok_or(too_few)?;
         Ok(motion)
     }
 

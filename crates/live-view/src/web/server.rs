@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 
 use super::access::{is_host_ours, is_same};
 use super::request::{HttpRefusal, LONGEST, Request, RequestMethod, end_of_head, parse};
+use shell_data::lock::lock;
 
 /// Connections that may see something, at a time; a page needs one, and a second for a moment.
 const CONNECTIONS: usize = 16;
@@ -146,7 +147,7 @@ impl Server {
 impl ServerShared {
     /// A thread that has ended badly has left the state whole: nothing under the lock can fail half way.
     fn state(&self) -> MutexGuard<'_, ServerState> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.state)
     }
 
     /// Gives a connection a thread.

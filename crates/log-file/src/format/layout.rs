@@ -14,6 +14,7 @@ use crate::parse::rows::is_comment;
 use crate::stream::clock_turns::ClockTurns;
 use crate::stream::decimal_comma;
 use crate::stream::source::LogSource;
+use shell_data::statistics::upper_median;
 use table_file::{FileKind, Table};
 
 /// How much of a file is looked at. A header must fit.
@@ -172,8 +173,7 @@ fn median_step(head: &[u8], rows_start: usize, separator: u8, at: usize) -> Opti
     }
     let steps = times.windows(2).map(|pair| pair[1] - pair[0]);
     let mut steps: Vec<f64> = steps.filter(|step| *step > 0.0).collect();
-    steps.sort_unstable_by(f64::total_cmp);
-    steps.get(steps.len() / 2).copied()
+    upper_median(&mut steps)
 }
 
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";

@@ -87,8 +87,97 @@ pub struct Mapping {
     pub usual: Option<ColumnNames>,
 }
 
+/// The names of the kinds of log, and what they are.
+pub const FORMATS: [(&str, &str, LogFormat); 5] = [
+    ("telemetry", "Robot telemetry with `%` header lines", LogFormat::Telemetry),
+    ("csv", "Separated values, names in the first line", LogFormat::Csv),
+    ("training", "No header: time, eight sensors, six wrench columns", LogFormat::Training),
+    (
+        "reference",
+        "Reference sensor: two columns to drop, time, six wrench columns, three accelerations",
+        LogFormat::Reference,
+    ),
+    ("console", "Base-station console with received payloads", LogFormat::Console),
+];
+
+/// The names of the units of time, which need no explanation.
+pub const TIME_UNITS: [(&str, &str, TimeUnit); 4] = [
+    ("s", "", TimeUnit::Second),
+    ("ms", "", TimeUnit::Millisecond),
+    ("us", "", TimeUnit::Microsecond),
+    ("ns", "", TimeUnit::Nanosecond),
+];
+
+/// Keeps a slip of the finger from asking for 10⁹ columns.
+const MAX_POSITION: usize = 4096;
+
+/// A number is a position, anything else a name.
+///
+/// # Errors
+/// What is wrong with a text that is neither, in words.
+pub fn parse_column(text: &str) -> Result<ColumnRef, String> {
+    match (text.trim(), text.trim().parse()) {
+        ("", _) => Err("expected the name or position of a column".to_owned()),
+        (_, Ok(0)) => Err("the first column is 1".to_owned()),
+        (_, Ok(position)) => Ok(ColumnRef::Position(position)),
+        (name, Err(_)) => Ok(ColumnRef::Name(name.to_owned())),
+    }
+}
+
+/// Names and positions separated by commas; `2-9` is the positions 2 to 9.
+///
+/// # Errors
+/// As [`parse_column`], and for a range that holds no position or more than any log has.
+pub fn parse_columns(text: &str) -> Result<Vec<ColumnRef>, String> {
+    let mut columns = Vec::new();
+    for item in text.split(',') {
+        let ends = item.split_once('-').map(|(a, b)| (a.trim().parse(), b.trim().parse()));
+        match ends {
+            Some((Ok(first), Ok(last))) => {
+                if !(1..=last).contains(&first) || last > MAX_POSITION {
+                    return Err(format!(
+                        "`{item}` is not a range of positions from 1 to {MAX_POSITION}"
+                    ));
+                }
+                columns.extend((first..=last).map(ColumnRef::Position));
+            }
+            _ => columns.push(parse_column(item)?),
+        }
+    }
+    Ok(columns)
+}
+
+/// Six columns, the name of a matrix of six, or `fx=a,fz=b`: columns of axes that are named.
+///
+/// # Errors
+/// As [`parse_columns`], and for columns that are not six or an axis that is unknown or named twice.
+pub fn parse_wrench(text: &str) -> Result<PerAxis<Option<ColumnRef>>, String> {
+    let items: Vec<&str> = text.split(',').collect();
+    if !items.iter().any(|item| named_axis(item).is_some()) {
+        let columns = parse_columns(text)?;
+        let found = columns.len();
+        let columns = match columns.as_slice() {
+            [ColumnRef::Name(matrix)] => ColumnRef::columns_of_matrix(matrix, 6),
+            _ => columns,
+        };
+        let six = columns.into_iter().map(Some).collect::<Vec<_>>().try_into();
+        return six.map_err(|_| {
+            format!("{found} columns, expected all six (Fx to Mz), or their axes: `fx=a,fz=b`")
+        });
+    }
+    let mut columns: PerAxis<Option<ColumnRef>> = PerAxis::default();
+    for item in &items {
+        let (axis, column) =
+            named_axis(item).ok_or_else(|| format!("`{item}`: expected an axis, as in `fx=a`"))?;
+        if columns[axis.index()].replace(parse_column(column)?).is_some() {
+            return Err(format!("`{}` has two columns", axis.name()));
+        }
+    }
+    Ok(columns)
+}
+
 /// An axis and what is said of its column, in `fx=a`.
-pub fn named_axis(item: &str) -> Option<(Axis, &str)> {
+fn named_axis(item: &str) -> Option<(Axis, &str)> {
     let (name, column) = item.split_once('=')?;
     let axis = Axis::ALL.into_iter().find(|axis| axis.name().eq_ignore_ascii_case(name.trim()))?;
     Some((axis, column))
@@ -121,5 +210,45 @@ impl Mapping {
         }
         mapping.group = mapping.group.or_else(|| usual.group.filter(has).map(name));
         mapping
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_are_names_places_and_ranges() {
+        let columns = parse_columns("a,3, s-1 ,5-7").unwrap();
+        let name = |name: &str| ColumnRef::Name(name.to_owned());
+        let position = ColumnRef::Position;
+        assert_eq!(
+            columns,
+            [name("a"), position(3), name("s-1"), position(5), position(6), position(7)]
+        );
+    }
+
+    #[test]
+    fn impossible_places_are_refused() {
+        for text in ["0", "", "a,,b", "0-3", "5-2", "1-1000000000"] {
+            assert!(parse_columns(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn a_wrench_has_six_columns_or_names_its_axes() {
+        assert!(parse_wrench("1-5").unwrap_err().contains("5 columns, expected all six"));
+        let six = parse_wrench("1-6").unwrap();
+        assert_eq!(six[5], Some(ColumnRef::Position(6)));
+        let six = parse_wrench("ft").unwrap();
+        assert_eq!(six[5], Some(ColumnRef::Name("ft6".to_owned())));
+        let two = parse_wrench("Fz=up, fx=3").unwrap();
+        let name = ColumnRef::Name("up".to_owned());
+        assert_eq!(two, [Some(ColumnRef::Position(3)), None, Some(name), None, None, None]);
+        assert!(parse_wrench("fx=a,b").unwrap_err().contains("`b`: expected an axis"));
+        assert!(parse_wrench("fx=a,FX=b").unwrap_err().contains("`Fx` has two columns"));
+        assert!(parse_wrench("fx=").is_err());
+        // What only looks like an axis is a name as any other.
+        assert!(parse_wrench("a=1,b,c,d,e,f").is_ok());
     }
 }

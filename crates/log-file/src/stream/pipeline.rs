@@ -4,6 +4,7 @@
 //! at the end: what does not depend on order is summed there, without locks. Which thread gets
 //! which piece is left to chance; the pieces and the order of the results are not.
 
+use shell_data::lock::lock;
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
@@ -309,11 +310,6 @@ impl<'a, P: Pieces, T> Queue<'a, P, T> {
         progress.waiting -= 1;
         progress
     }
-}
-
-/// A poisoned lock means that a thread has panicked; the scope passes the panic on.
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Lets the other threads go when this one panics, or they would wait for its result for ever.

@@ -12,7 +12,7 @@ use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use flate2::bufread::MultiGzDecoder;
 use table_file::{
@@ -25,6 +25,7 @@ use super::utf16::Utf16;
 use super::zstd::{self, Zstd};
 use crate::checksum::{self, Checksum};
 use crate::error::{LogError, LogPosition, PlacedProblem};
+use shell_data::lock::lock;
 
 /// A file to be read from its start any number of times.
 #[derive(Clone, Debug)]
@@ -391,10 +392,6 @@ impl ByteStream {
     pub(crate) fn checksum(&self) -> Option<String> {
         self.checksum.as_ref().map(|checksum| lock(checksum).finish())
     }
-}
-
-fn lock(checksum: &Mutex<Checksum>) -> MutexGuard<'_, Checksum> {
-    checksum.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Read for ByteStream {

@@ -1,13 +1,14 @@
 //! The sensor model as the front end of a board: conversions, dark and lit.
 
 use std::fmt;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use firmware::{Clock, FrontEnd};
 use shared_proto::{COUNTS_PER_LSB, Vitals};
 
 use super::PacedClock;
 use crate::sensor_model::{Exposure, LoadScript, LoadTable, SensorModel};
+use shell_data::lock::lock;
 use shell_data::wrench::PerAxis;
 
 /// Light from outside as a fraction of the full scale: what a lit room leaves under the shell. The
@@ -50,7 +51,7 @@ impl Load {
             Self::Hands { rest_s, .. } if time_s < *rest_s => PerAxis::default(),
             Self::Hands { rest_s, script } => script.wrench_at(time_s - *rest_s),
             Self::Table(table) => table.wrench_at(time_s),
-            Self::Commanded(wrench) => *wrench.lock().unwrap_or_else(PoisonError::into_inner),
+            Self::Commanded(wrench) => *lock(wrench),
         }
     }
 }

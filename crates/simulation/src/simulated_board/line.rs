@@ -6,7 +6,7 @@ use std::net::SocketAddr;
 use std::sync::mpsc::{
     Receiver as Queue, RecvTimeoutError, SyncSender, TrySendError, sync_channel,
 };
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -19,6 +19,7 @@ use serialport::{SerialPort, TTYPort};
 
 use super::socket::Socket;
 use crate::radio::Radio;
+use shell_data::lock::lock;
 
 /// Packets that wait for the host before the board is held up, as by CTS: some seconds at 100 Hz.
 const QUEUE: usize = 512;
@@ -67,11 +68,6 @@ impl SerialLine {
         thread::spawn(move || give_to_board(from_host, &down, &to_board));
         Self { port, sender: LineSender(queue), receiver: LineReceiver(input) }
     }
-}
-
-/// A panic elsewhere does not make the books wrong.
-pub(super) fn lock(radio: &Mutex<Radio>) -> MutexGuard<'_, Radio> {
-    radio.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// From the board: what is written at once goes into one packet.

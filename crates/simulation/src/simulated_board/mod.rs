@@ -34,6 +34,7 @@ use shared_proto::{Board, Identity, ResetCause};
 use crate::radio::{BadFault, Books, Faults, Radio};
 use crate::sensor_model::{ModelError, SensorModel, SensorParameters};
 use line::{LineReceiver, LineSender, SerialLine};
+use shell_data::lock::lock;
 use sync_script::SyncScript;
 
 /// A board to simulate.
@@ -138,7 +139,7 @@ impl SimulatedBoard {
 
     /// What the radio has done to packets to the host, and to those to the board.
     pub fn books(&self) -> [Books; 2] {
-        self.radios.each_ref().map(|radio| line::lock(radio).books())
+        self.radios.each_ref().map(|radio| lock(radio).books())
     }
 }
 

@@ -1,8 +1,9 @@
 //! The serial line of a simulated board over TCP, where there are no ptys or the host is elsewhere.
 
+use shell_data::lock::lock;
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::thread;
 use std::time::Duration;
 
@@ -53,7 +54,7 @@ impl Socket {
 
     /// A panic elsewhere does not make the connection wrong.
     fn current(&self) -> MutexGuard<'_, CurrentPeer> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.0)
     }
 
     /// The host, and its number.

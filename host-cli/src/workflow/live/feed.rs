@@ -1,10 +1,11 @@
 //! What passes between the thread that records and the one that shows.
 
 use std::collections::VecDeque;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use board_link::recording::BoardFrame;
 use board_link::{RecordCommand, RecordingProgress, Watcher};
+use shell_data::lock::lock;
 
 /// Frames that wait to be shown, at most: half a minute at 1 kHz.
 const WAITING: usize = 32_768;
@@ -68,7 +69,7 @@ impl Feed {
 
     fn with<T>(&self, act: impl FnOnce(&mut FeedState) -> T) -> T {
         // A thread that has ended badly has left the state whole: nothing in here can fail half way.
-        act(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+        act(&mut lock(&self.0))
     }
 }
 

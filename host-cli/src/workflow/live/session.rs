@@ -3,12 +3,13 @@
 use std::fmt::Debug;
 use std::time::Duration;
 
-use board_link::recording::{FrameLabel, protocol_name};
+use board_link::recording::protocol_name;
 use board_link::{LogSink, RecordCommand, RecordingProgress};
 use forces::ForceError;
-use live_view::{Guide, GuidePhase, GuideView, HeldLoad, LiveModel, Picture};
+use live_view::{Guide, GuidePhase, GuideView, LiveModel, Picture};
 use output_file::OutputError;
 use serde::Serialize;
+use shell_data::block::FrameLabel;
 
 use super::{Feed, LiveRows};
 
@@ -200,8 +201,8 @@ impl LiveSession {
     }
 
     /// Has the rows of a load that was held labelled.
-    fn label(&mut self, held: HeldLoad) {
-        let HeldLoad { from, until, group } = held;
+    fn label(&mut self, held: FrameLabel) {
+        let group = &held.group;
         let is_recorded = self.recording().is_some();
         self.message = match is_recorded {
             true => format!("recorded `{group}`"),
@@ -212,7 +213,7 @@ impl LiveSession {
             }
             false => format!("`{group}` was held"),
         };
-        self.feed.ask(RecordCommand::Label(FrameLabel { from, until, group }));
+        self.feed.ask(RecordCommand::Label(held));
     }
 
     /// Takes the frames that have come, `elapsed` after the start. Whether the source has ended for good, which a log that
@@ -226,7 +227,7 @@ impl LiveSession {
         let news = self.rows.of(&frames)?;
         news.iter().for_each(|row| self.model.push(*row));
         if let Some(guide) = &mut self.guide {
-            let held: Vec<HeldLoad> = news.iter().filter_map(|row| guide.push(row)).collect();
+            let held: Vec<FrameLabel> = news.iter().filter_map(|row| guide.push(row)).collect();
             let first_unsettled = guide.first_unsettled();
             held.into_iter().for_each(|held| self.label(held));
             first_unsettled.into_iter().for_each(|i| self.feed.ask(RecordCommand::Settled(i)));

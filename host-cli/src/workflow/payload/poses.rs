@@ -10,6 +10,7 @@ use forces::payload::{
 };
 use log_file::{Log, LogError, ReadOptions, Wanted};
 use shell_data::block::Block;
+use shell_data::statistics::upper_median;
 use shell_data::wrench::{Axes, PerAxis};
 
 /// What poses told.
@@ -173,8 +174,7 @@ fn unit_m_s2(
     gravity_m_s2: f64,
 ) -> Result<f64, PayloadLogError> {
     let mut sizes: Vec<f64> = accelerations.iter().map(|a| norm(*a)).collect();
-    sizes.sort_unstable_by(f64::total_cmp);
-    let size = sizes.get(sizes.len() / 2).copied().unwrap_or_default();
+    let size = upper_median(&mut sizes).unwrap_or_default();
     // Offsets of an accelerometer are within a tenth of what it measures.
     match size {
         0.8..1.2 => Ok(gravity_m_s2),

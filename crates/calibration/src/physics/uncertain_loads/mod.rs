@@ -28,6 +28,7 @@ use super::observation::Observation;
 use super::response::{Answer, PARAMETERS, Parameters, move_by};
 use super::sensor::Prior;
 use crate::symmetric::SymmetricMatrix;
+use shell_data::statistics::upper_median;
 use shell_data::wrench::PerAxis;
 
 /// Degrees of freedom of Student's prior: one load in a few dozen may be far off.
@@ -313,8 +314,7 @@ impl LoadSearch<'_> {
         let scatter = LoadQuantity::ALL.map(|quantity| {
             let forces = self.at.own.iter().zip(self.loads).filter(|(_, load)| is_force(load));
             let mut sizes: Vec<f64> = forces.map(|(own, _)| quantity.length(own)).collect();
-            sizes.sort_unstable_by(f64::total_cmp);
-            sizes.get(sizes.len() / 2).map_or(0.0, |middle| middle / quantity.median())
+            upper_median(&mut sizes).map_or(0.0, |middle| middle / quantity.median())
         });
         let suspicious = |own: &[f64; OWN]| {
             let distance =

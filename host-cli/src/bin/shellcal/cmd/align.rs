@@ -3,7 +3,7 @@
 use alignment::{Aligned, ClockMap, EdgeMatch, LeftOut, Quality};
 use anyhow::{Context, bail};
 use figures::match_figure;
-use log_file::{ColumnRef, Log, LogFormat, Mapping, TimeUnit};
+use log_file::{ColumnRef, FORMATS, Log, LogFormat, Mapping, TIME_UNITS, TimeUnit, parse_column};
 use output_file::Outputs;
 use serde::Serialize;
 use shellcal::workflow::align::{
@@ -14,7 +14,7 @@ use shellcal::workflow::remark::used_rows;
 use super::choices::{number_in, one_of};
 use super::figure_size::FigureSize;
 use super::frames::FrameArgs;
-use super::mapping::{FORMATS, MappingArgs, TIME_UNITS, parse_column};
+use super::mapping::MappingArgs;
 use super::partial_output::OpenOutput;
 use crate::files::{InputPath, OutputPath};
 use crate::hints;

@@ -10,7 +10,7 @@ use calibration_file::Diagnostics;
 use calibration_file::payload_file::PayloadFile;
 use figures::{WrenchTrace, trace_figure};
 use forces::RowRule;
-use log_file::{Log, Meaning};
+use log_file::{ColumnRef, Log, Meaning, parse_columns};
 use output_file::Outputs;
 use serde::Serialize;
 use shell_data::wrench::Axis;
@@ -22,7 +22,7 @@ use shellcal::workflow::convert::{
 use super::edited::EditedArg;
 use super::figure_size::FigureSize;
 use super::frames::{ForceArgs, FrameArgs};
-use super::mapping::{ColumnList, MappingArgs, parse_columns, tell_remembered};
+use super::mapping::{ColumnList, MappingArgs, tell_remembered};
 use super::partial_output::OpenOutput;
 use super::payload::load::MotionArgs;
 use crate::files::{InputPath, OutputLocation, OutputPath};
@@ -292,13 +292,14 @@ impl ConvertArgs {
 
     fn kept_positions(&self, log: &Log) -> anyhow::Result<Vec<usize>> {
         let Some(columns) = &self.keep else { return Ok(Vec::new()) };
-        if columns.is_word("all") && log.column_positions(columns.references()).is_err() {
+        let is_all = matches!(columns.as_slice(), [ColumnRef::Name(name)] if name == "all");
+        if is_all && log.column_positions(columns).is_err() {
             let is_other =
                 |meaning: Meaning| !matches!(meaning, Meaning::Time(_) | Meaning::Sensor(_));
             let columns = log.columns().iter().enumerate();
             return Ok(columns.filter(|(_, it)| is_other(it.meaning)).map(|(at, _)| at).collect());
         }
-        Ok(log.column_positions(columns.references())?)
+        Ok(log.column_positions(columns)?)
     }
 
     /// Everything that log and calibration have to give, or what was asked for by name.

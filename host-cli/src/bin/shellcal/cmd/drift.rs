@@ -3,7 +3,7 @@
 use figures::{Chart, ChartMark, Figure, PlotAxis, Series, Size, Spacing, trace_figure};
 use forces::drift::{Drift, Trend};
 use forces::stationary::{FALSE_ALARMS, ZeroChange, largest_change};
-use log_file::{ColumnRef, Log};
+use log_file::{ColumnRef, Log, parse_column};
 use output_file::Outputs;
 use serde::Serialize;
 use shellcal::workflow::drift::{DriftOptions, DriftSummary, drift};
@@ -11,7 +11,7 @@ use shellcal::workflow::drift::{DriftOptions, DriftSummary, drift};
 use super::edited::EditedArg;
 use super::figure_size::FigureSize;
 use super::frames::FrameArgs;
-use super::mapping::{MappingArgs, parse_column, tell_remembered};
+use super::mapping::{MappingArgs, tell_remembered};
 use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;

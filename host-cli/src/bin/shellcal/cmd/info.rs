@@ -2,11 +2,11 @@
 
 use calibration::fit::{FitOptions, Workers, find_outliers};
 use log_file::summary::{ColumnSummary, LogSummary};
-use log_file::{Column, FileKind, Log, LogError, LogFormat, Meaning, Wanted, read_logs};
+use log_file::{Column, FORMATS, FileKind, Log, LogError, LogFormat, Meaning, Wanted, read_logs};
 use serde::Serialize;
 use shellcal::workflow::outliers::{NamedOutliers, OutlierReport};
 
-use super::mapping::{FORMATS, MappingArgs};
+use super::mapping::MappingArgs;
 use crate::files::InputPath;
 use crate::outcome::Outcome;
 use crate::printer::Printer;

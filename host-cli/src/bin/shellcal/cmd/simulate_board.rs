@@ -4,13 +4,14 @@ use std::io::{self, BufRead};
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
 use log_file::{Log, LogError, Mapping, ReadOptions, Wanted};
 use serde_json::json;
+use shell_data::lock::lock;
 use shell_data::wrench::{Axes, PerAxis};
 use simulation::radio::{Books, Faults};
 use simulation::sensor_model::LoadTable;
@@ -144,7 +145,7 @@ impl SimulationArgs {
         let listen = move || {
             for line in io::stdin().lock().lines().map_while(Result::ok) {
                 match parse_load(&line) {
-                    Some(wrench) => *load.lock().unwrap_or_else(PoisonError::into_inner) = wrench,
+                    Some(wrench) => *lock(&load) = wrench,
                     None => printer
                         .warning(format!("`{line}` is no load: FX,FY,FZ,MX,MY,MZ in N and N·m")),
                 }

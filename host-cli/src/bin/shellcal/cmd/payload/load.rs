@@ -4,12 +4,12 @@ use anyhow::bail;
 use calibration::Calibration;
 use calibration_file::payload_file::PayloadFile;
 use forces::payload::{CarriedLoad, Lag};
-use log_file::{ColumnRef, Log, Mapping, ReadOptions};
+use log_file::{Log, Mapping, ReadOptions, parse_columns};
 use shellcal::workflow::convert::ConvertSummary;
 use shellcal::workflow::payload::{MotionColumns, find_motion_lag, read_motion};
 
 use crate::cmd::choices::number_in;
-use crate::cmd::mapping::{ColumnList, parse_columns};
+use crate::cmd::mapping::ColumnList;
 use crate::files::InputPath;
 use crate::printer::Printer;
 
@@ -50,12 +50,9 @@ pub(in crate::cmd) struct MotionArgs {
 impl MotionColumnArgs {
     /// `gravity_m_s2` is what is taken unless the user says otherwise.
     pub(super) fn columns(&self, gravity_m_s2: f64) -> MotionColumns {
-        let references = |columns: &Option<ColumnList>| -> Option<Vec<ColumnRef>> {
-            columns.as_ref().map(|columns| columns.references().to_vec())
-        };
         MotionColumns {
-            orientation: references(&self.orientation),
-            accelerations: references(&self.accelerations),
+            orientation: self.orientation.clone(),
+            accelerations: self.accelerations.clone(),
             gravity_m_s2: self.gravity.unwrap_or(gravity_m_s2),
         }
     }
