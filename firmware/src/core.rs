@@ -9,7 +9,6 @@ use crate::line::{Change, LineState};
 use crate::outbox::Outbox;
 use crate::session::Session;
 use crate::settings::Settings;
-use crate::station::BoardSetup;
 use crate::upload::Record;
 use shared_proto::{
     Answer, BoardId, Boot, CHANNELS, Command, Frame as WireFrame, Identity, PacketOrigin, Refusal,
@@ -18,6 +17,27 @@ use shared_proto::{
 
 /// Time between two words of the board's health, in µs.
 const HEALTH_US: u64 = 1_000_000;
+
+/// What a board is and how it has started.
+#[derive(Clone, Debug)]
+pub struct BoardSetup {
+    /// What the board says it is.
+    pub identity: Identity,
+    /// A number that is new at every start.
+    pub start: u16,
+    /// Why it has started.
+    pub reset_cause: ResetCause,
+    /// What it said before, if that is why.
+    pub last_words: LastWords,
+    /// Time of one conversion in ns, rounded up: what the host is told fits into a period.
+    pub conversion_ns: u32,
+    /// The rate of the serial line; `None` if it has none and is never the bottleneck.
+    pub rate: Option<Baud>,
+    /// Rates that the line to the host can be set to.
+    pub rates: &'static [Baud],
+    /// Whether the chip has a bootloader of its own that listens on that line.
+    pub has_bootloader: bool,
+}
 
 /// Session, outbox and counts.
 #[derive(Debug)]

@@ -27,6 +27,7 @@ mod station;
 mod upload;
 mod wrench;
 
+pub use crate::core::BoardSetup;
 pub use baud::Baud;
 pub use board::{
     Chip, Clock, FrontEnd, NoChip, SeenEdge, Storage, StorageError, SyncInput, VITALS_US, Watchdog,
@@ -35,7 +36,7 @@ pub use factory::Factory;
 pub use last_words::LastWords;
 pub use settings::Settings;
 pub use slots::Slots;
-pub use station::{BoardSetup, Station};
+pub use station::Station;
 pub use upload::{RECORD, Record};
 pub use wrench::Converter;
 

@@ -10,10 +10,8 @@
 //! wake each other by signals.
 
 use crate::acquisition::{acquire, illuminate};
-use crate::baud::Baud;
 use crate::board::{Chip, Clock, FrontEnd, Storage, SyncInput, Watchdog};
-use crate::core::{Core, HealthDue, OnLine};
-use crate::last_words::LastWords;
+use crate::core::{BoardSetup, Core, HealthDue, OnLine};
 use crate::line::Change;
 use crate::upload::Record;
 use core::cell::RefCell;
@@ -22,7 +20,7 @@ use embassy_futures::select::select;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal;
 use embedded_io_async::{Read, Write};
-use shared_proto::{Decoder, Event, Framing, Identity, Packet, ReceivedPacket, ResetCause, Vitals};
+use shared_proto::{Decoder, Event, Framing, Packet, ReceivedPacket, Vitals};
 
 /// Longest time between two signs of life, in µs.
 const ALIVE_US: u64 = 250_000;
@@ -33,27 +31,6 @@ const DRAIN_US: u64 = 2_500;
 
 /// Pause after an error of the receiver, so that a line that is stuck does not take all the time.
 const RETRY_US: u64 = 10_000;
-
-/// What a board is and how it has started.
-#[derive(Clone, Debug)]
-pub struct BoardSetup {
-    /// What the board says it is.
-    pub identity: Identity,
-    /// A number that is new at every start.
-    pub start: u16,
-    /// Why it has started.
-    pub reset_cause: ResetCause,
-    /// What it said before, if that is why.
-    pub last_words: LastWords,
-    /// Time of one conversion in ns, rounded up: what the host is told fits into a period.
-    pub conversion_ns: u32,
-    /// The rate of the serial line; `None` if it has none and is never the bottleneck.
-    pub rate: Option<Baud>,
-    /// Rates that the line to the host can be set to.
-    pub rates: &'static [Baud],
-    /// Whether the chip has a bootloader of its own that listens on that line.
-    pub has_bootloader: bool,
-}
 
 type Wake = Signal<NoopRawMutex, ()>;
 

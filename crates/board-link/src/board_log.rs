@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use serde::Serialize;
 
 use super::LogSink;
-use super::record::RecordOptions;
 use super::record_error::RecordError;
+use super::record_options::RecordOptions;
 use crate::recording::{BoardFrame, BoardSource, Losses, RowWriter};
 use shell_data::block::FrameLabel;
 use shell_data::wrench::AxisValues;

@@ -1,13 +1,12 @@
 //! The figure of a body in a channel of beams: drag over position, and the beams that touch below.
 
-use super::figure::Figure;
 use super::histogram::ValueRange;
 use super::legend::Legend;
 use super::palette;
 use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
 use super::scale::{PlotAxis, Spacing};
 use super::size::Size;
-use super::svg::{Anchor, Canvas, Rect, Style, polyline};
+use super::svg::{Anchor, Canvas, Figure, Rect, Style, polyline};
 
 /// A line of the figure.
 #[derive(Clone, Debug, PartialEq)]

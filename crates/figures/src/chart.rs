@@ -1,12 +1,11 @@
 //! Lines and points on one pair of axes, linear or logarithmic.
 
-use super::figure::Figure;
 use super::legend::Legend;
 use super::palette;
 use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
 use super::scale::PlotAxis;
 use super::size::Size;
-use super::svg::{Anchor, Canvas, Rect, Style, polyline};
+use super::svg::{Anchor, Canvas, Figure, Rect, Style, polyline};
 
 /// How the points of a series are drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

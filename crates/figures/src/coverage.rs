@@ -1,11 +1,10 @@
 //! Which loads a calibration was made from: forces against forces, moments against moments.
 
-use super::figure::Figure;
 use super::histogram::ValueRange;
 use super::palette;
 use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
 use super::scale::{PlotAxis, Spacing};
-use super::svg::{Anchor, Canvas, Rect, Style};
+use super::svg::{Anchor, Canvas, Figure, Rect, Style};
 use shell_data::wrench::{Axis, PerAxis};
 
 /// What is drawn against what, x first.

@@ -1,21 +1,10 @@
-//! A finished picture and its file formats.
+//! The file formats of a finished picture.
 
 use std::path::{Path, PathBuf};
 
 use super::pdf;
 use super::pixels;
-use super::size::Size;
-use super::svg::DrawnShape;
-
-/// A finished picture.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Figure {
-    pub(super) size: Size,
-    pub(super) width: f64,
-    pub(super) height: f64,
-    pub(super) svg: String,
-    pub(super) shapes: Vec<DrawnShape>,
-}
+use super::svg::Figure;
 
 /// A file format for pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -62,11 +51,6 @@ impl Format {
 }
 
 impl Figure {
-    /// The picture as an SVG document.
-    pub fn svg(&self) -> &str {
-        &self.svg
-    }
-
     /// The picture as the content of a file.
     ///
     /// # Errors

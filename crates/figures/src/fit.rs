@@ -3,14 +3,13 @@
 //! The residual is predicted minus measured, so that a positive one means a prediction too high.
 
 use super::density::{ColourScale, doublings, draw_cells};
-use super::figure::Figure;
 use super::histogram::{Histogram2d, HistogramCell, ValueRange};
 use super::palette;
 use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
 use super::plateau::{LoadPlateau, draw_plateaus, plateaus};
 use super::scale::{PlotAxis, Spacing, decimal};
 use super::size::Size;
-use super::svg::{Anchor, Canvas, Rect, Style, number, point};
+use super::svg::{Anchor, Canvas, Figure, Rect, Style, number, point};
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
 /// Cells of the histogram of predicted against measured.

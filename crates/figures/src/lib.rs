@@ -40,11 +40,12 @@ use ruzstd::decoding::StreamingDecoder;
 pub use beam_channel::{ChannelCurve, channel_figure};
 pub use chart::{Chart, ChartMark, Series};
 pub use coverage::coverage_figure;
-pub use figure::{Figure, Format, PlotError};
+pub use figure::{Format, PlotError};
 pub use fit::{FitPlot, fit_figure};
 pub use matching::match_figure;
 pub use scale::{PlotAxis, Spacing};
 pub use size::Size;
+pub use svg::Figure;
 pub use trace::{WrenchTrace, trace_figure};
 
 /// The content of an asset that stands in the program compressed, by Zstandard.

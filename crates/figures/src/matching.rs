@@ -2,13 +2,12 @@
 //! reference predicts.
 
 use super::chart::ChartMark;
-use super::figure::Figure;
 use super::histogram::ValueRange;
 use super::palette;
 use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
 use super::scale::{PlotAxis, Spacing};
 use super::size::Size;
-use super::svg::{Anchor, Canvas, Rect, Style, polyline};
+use super::svg::{Anchor, Canvas, Figure, Rect, Style, polyline};
 use alignment::Quality;
 
 const WIDTH: f64 = 860.0;

@@ -13,11 +13,10 @@ use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use ttf_parser::Face;
 
-use super::figure::Figure;
 use super::lettering;
 use super::palette;
 use super::path::{Step, steps};
-use super::svg::{Anchor, DrawnShape, Pen, PenKind, Style, number};
+use super::svg::{Anchor, DrawnShape, Figure, Pen, PenKind, Style, number};
 
 /// Points to a CSS pixel: 72 and 96 to the inch.
 const POINTS: f64 = 0.75;

@@ -5,11 +5,10 @@ use tiny_skia::{
     Transform,
 };
 
-use super::figure::Figure;
 use super::lettering;
 use super::palette;
 use super::path::{Step, steps};
-use super::svg::{DrawnShape, Pen, PenKind};
+use super::svg::{DrawnShape, Figure, Pen, PenKind};
 
 /// The drawing on white, as a PNG file.
 ///

@@ -3,7 +3,6 @@
 
 use std::fmt::Write;
 
-use super::figure::Figure;
 use super::palette;
 use super::size::Size;
 use shell_data::escape;
@@ -17,6 +16,16 @@ pub(super) struct Canvas {
     body: String,
     clips: usize,
     shapes: Vec<DrawnShape>,
+}
+
+/// A finished picture.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Figure {
+    pub(super) size: Size,
+    pub(super) width: f64,
+    pub(super) height: f64,
+    pub(super) svg: String,
+    pub(super) shapes: Vec<DrawnShape>,
 }
 
 /// A shape, as the SVG has it. Paths are in SVG path syntax, of lines only; colours are `#rrggbb`.
@@ -128,6 +137,13 @@ impl Style {
 /// of running text less.
 pub(super) fn text_width(text: &str, size: f64) -> f64 {
     0.64 * size * text.chars().count() as f64
+}
+
+impl Figure {
+    /// The picture as an SVG document.
+    pub fn svg(&self) -> &str {
+        &self.svg
+    }
 }
 
 impl Canvas {

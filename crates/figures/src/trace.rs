@@ -3,13 +3,12 @@
 //! Time Series Data Aggregation", VLDB 2014).
 
 use super::bins::Bins;
-use super::figure::Figure;
 use super::histogram::ValueRange;
 use super::palette;
 use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
 use super::scale::{PlotAxis, Spacing};
 use super::size::Size;
-use super::svg::{Anchor, Canvas, Rect, Style, point};
+use super::svg::{Anchor, Canvas, Figure, Rect, Style, point};
 use shell_data::wrench::{Axis, PerAxis};
 
 /// Slivers of time held: at least half of them, more than there are pixels, cover the log.

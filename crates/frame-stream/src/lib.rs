@@ -15,6 +15,7 @@
     reason = "serves sockets, keeps time"
 )]
 
+mod batch;
 mod command;
 mod decimation;
 mod destination;

@@ -7,7 +7,7 @@ use std::sync::{Arc, OnceLock};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use crate::readers::FrameBatch;
+use crate::batch::FrameBatch;
 
 /// Rows that wait, at most: four seconds at 1 kHz.
 const WAITING: u64 = 4096;

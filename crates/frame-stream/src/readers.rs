@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use output_file::OutputError;
 
+use crate::batch::FrameBatch;
 use crate::destination::Destination;
 use crate::encoding::RowEncoder;
 use crate::pipe::PipeReader;
@@ -43,13 +44,6 @@ struct StreamReader {
     /// Rows that it was handed, and that it lost.
     handed: u64,
     lost: u64,
-}
-
-/// Rows that are handed over together: they arrive as a whole, or are lost as a whole.
-#[derive(Debug, Default)]
-pub(crate) struct FrameBatch {
-    pub(crate) bytes: Vec<u8>,
-    pub(crate) rows: u64,
 }
 
 #[derive(Debug)]

@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use std::net::TcpStream;
 use std::time::Duration;
 
-use crate::readers::FrameBatch;
+use crate::batch::FrameBatch;
 
 /// Bytes that wait beside those of the system, at most: two seconds at 1 kHz.
 const WAITING: usize = 1 << 20;

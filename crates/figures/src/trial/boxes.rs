@@ -1,13 +1,12 @@
 //! Box plots by condition: drag energy, electrical energy and specific resistance, per trial and
 //! per stride.
 
-use super::super::figure::Figure;
 use super::super::histogram::ValueRange;
 use super::super::palette;
 use super::super::panel::{LEFT_MARGIN, Panel};
 use super::super::scale::{PlotAxis, Spacing};
 use super::super::size::Size;
-use super::super::svg::{Anchor, Canvas, Rect, Style, number, point};
+use super::super::svg::{Anchor, Canvas, Figure, Rect, Style, number, point};
 use super::labels::BoxLabels;
 use super::{TOP, WIDTH, canvas, draw_title, empty_figure};
 use trial::{ConditionRow, Per, Quantity, Statistics};

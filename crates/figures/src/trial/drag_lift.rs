@@ -1,9 +1,9 @@
 //! Drag and lift against time.
 
-use super::super::figure::Figure;
 use super::super::panel::{BOTTOM_MARGIN, Panel};
 use super::super::scale::{PlotAxis, Spacing};
 use super::super::size::Size;
+use super::super::svg::Figure;
 use super::{
     DASHED, LegendKey, PALE, Passage, SOLID, canvas, draw_legend, draw_lines, draw_title,
     empty_figure, line, range_with_zero, smoothed, stride_s, top_below, wide_area,

@@ -16,11 +16,10 @@ pub use shading::Passage;
 pub use stack::stack_figure;
 pub use window::window_figure;
 
-use super::figure::Figure;
 use super::palette;
 use super::panel::{LEFT_MARGIN, Panel};
 use super::size::Size;
-use super::svg::{Anchor, Canvas, Rect, Style, text_width};
+use super::svg::{Anchor, Canvas, Figure, Rect, Style, text_width};
 use super::trace::TraceCurve;
 use shell_data::statistics::upper_median;
 use trial::Trace;

@@ -2,12 +2,11 @@
 
 use std::f64::consts::{PI, TAU};
 
-use super::super::figure::Figure;
 use super::super::palette;
 use super::super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
 use super::super::scale::{PlotAxis, Spacing};
 use super::super::size::Size;
-use super::super::svg::{Anchor, Canvas, Rect, Style, point};
+use super::super::svg::{Anchor, Canvas, Figure, Rect, Style, point};
 use super::{
     CurvePen, DASHED, LegendKey, SOLID, WIDTH, canvas, draw_legend, draw_title, empty_figure,
     top_below, wide_area,

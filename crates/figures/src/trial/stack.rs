@@ -2,10 +2,10 @@
 
 use std::f64::consts::TAU;
 
-use super::super::figure::Figure;
 use super::super::panel::{BOTTOM_MARGIN, Panel};
 use super::super::scale::{PlotAxis, Spacing};
 use super::super::size::Size;
+use super::super::svg::Figure;
 use super::{
     CurvePen, DASHED, LegendKey, Passage, SOLID, TraceCurve, canvas, draw_legend, draw_lines,
     draw_title, empty_figure, line, range_with_zero, top_below, wide_area,

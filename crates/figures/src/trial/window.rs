@@ -1,10 +1,9 @@
 //! A proposed window over the drag that it was found in, for review.
 
-use super::super::figure::Figure;
 use super::super::panel::{BOTTOM_MARGIN, Panel};
 use super::super::scale::{PlotAxis, Spacing};
 use super::super::size::Size;
-use super::super::svg::{Anchor, Style, number};
+use super::super::svg::{Anchor, Figure, Style, number};
 use super::{
     CurvePen, DASHED, LegendKey, Passage, TOP, canvas, draw_legend, draw_lines, draw_title,
     empty_figure, line, range_with_zero, wide_area,
