@@ -67,7 +67,7 @@ pub fn arch() -> Arch {
 }
 
 /// Defines functions whose loops are compiled for the vectors of every set, and run with those of
-/// [`arch`](crate::instructions::arch).
+/// [`arch`].
 ///
 /// The body is inlined whole into code for the widest vectors. What it calls is too if it is `#[inline(always)]`; a closure
 /// may stay a function of its own, which then knows nothing of wide vectors, and calls the library for every fused
