@@ -63,8 +63,9 @@ fn checksum_of(path: &Path) -> Option<String> {
     checksum::of_stream(file).ok()
 }
 
-/// What is wrong with a calibration of this age: `None` where its date says nothing, an error if it is to come.
-/// `changed` are the sources that are there and are not what they were.
+/// What is wrong with a calibration. `age` is the time since its date: `None` if it has none that can be read, `Err` with
+/// the time until then if the date is in the future. `changed` are source files that exist with other content than when
+/// they were fitted.
 pub fn check_calibration(
     file: &CalibrationFile,
     age: Option<Result<Duration, Duration>>,

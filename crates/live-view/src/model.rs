@@ -100,7 +100,7 @@ pub struct LiveModel {
     /// What is shown while it stands still.
     frozen: Option<Box<History>>,
     window: usize,
-    /// Subtracted from what is shown; begun, it is the mean wrench of the next rows.
+    /// The wrench that is subtracted before showing: once begun, the mean of the next rows.
     pub tare: RunningTare,
     marks: Vec<Mark>,
     marked: u32,

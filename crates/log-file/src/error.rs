@@ -354,7 +354,7 @@ pub enum RowProblem {
     },
 }
 
-/// What is wrong with a field; shown is what was expected of it.
+/// What is wrong with a field. Its text says what was expected.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum FieldProblem {

@@ -61,7 +61,7 @@ pub(crate) struct ChunkStream<R> {
     skip: u64,
     carry: Vec<u8>,
     context: Vec<u8>,
-    /// A clock that may wrap around, which is looked at.
+    /// Counts how often a clock has wrapped around, where one may.
     pub(crate) clock: Option<ClockTurns>,
     /// Whether decimal points are made of decimal commas.
     pub(crate) has_decimal_commas: bool,

@@ -8,9 +8,9 @@
 /// The part of a count that readings are integer multiples of: 2⁻ᵏ·5⁻ᵐ counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ReadingUnit {
-    /// This is k.
+    /// k, the power of two.
     pub twos: u32,
-    /// And this is m.
+    /// m, the power of five.
     pub fives: u32,
 }
 
