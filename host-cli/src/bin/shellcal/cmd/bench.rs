@@ -16,6 +16,7 @@ use super::mapping::MappingArgs;
 use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
+use crate::tables::NOTHING;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -116,7 +117,7 @@ fn print(printer: &mut Printer, bench: &ModelBench) -> anyhow::Result<()> {
         "{}: {} features, {} rows, condition {:.1e}; errors relative to `{}`",
         bench.model, bench.features, bench.rows, bench.condition, bench.reference
     ))?;
-    let error = |error: Option<f64>| error.map_or("–".to_owned(), |e| format!("{e:.1e}"));
+    let error = |error: Option<f64>| error.map_or(NOTHING.to_owned(), |e| format!("{e:.1e}"));
     let row = |m: &bench::Measurement| {
         vec![
             format!("{}{}", m.solver, if m.on_front { " *" } else { "" }),

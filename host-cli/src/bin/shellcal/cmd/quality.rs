@@ -1,5 +1,6 @@
 //! How the errors of a calibration are printed, by `fit` and `eval` alike.
 
+use crate::tables::NOTHING;
 use calibration::quality::{AxisQuality, significant};
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
@@ -7,8 +8,8 @@ use shell_data::wrench::{Axes, Axis, PerAxis};
 pub(super) fn table_row(axis: Axis, sets: &[&PerAxis<AxisQuality>]) -> Vec<String> {
     let figures: [fn(&AxisQuality) -> String; 3] = [
         |quality| significant(quality.rms, 4),
-        |quality| quality.max.map_or("–".to_owned(), |max| significant(max, 4)),
-        |quality| quality.r_squared.map_or("–".to_owned(), r_squared),
+        |quality| quality.max.map_or(NOTHING.to_owned(), |max| significant(max, 4)),
+        |quality| quality.r_squared.map_or(NOTHING.to_owned(), r_squared),
     ];
     let mut row = vec![axis.name().to_owned()];
     for figure in figures {

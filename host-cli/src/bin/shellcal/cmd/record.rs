@@ -215,7 +215,7 @@ fn report(recorded: &Recorded, printer: &mut Printer) -> anyhow::Result<()> {
         let position =
             log.as_ref().map_or_else(String::new, |log| format!(" in `{}`", log.display()));
         printer
-            .line(format!("board {address}: {frames} frames{position}; {}", losses.in_words(),))?;
+            .line(format!("board {address}: {frames} frames{position}; {}", losses.in_words()))?;
     }
     Ok(())
 }

@@ -13,7 +13,7 @@ use shell_data::hint::quoted;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
 use crate::printer::Printer;
-use crate::tables::or_dash;
+use crate::tables::{NOTHING, or_dash};
 
 pub(super) fn print_cross_validation(
     printer: &mut Printer,
@@ -26,7 +26,7 @@ pub(super) fn print_cross_validation(
         vec![
             axis.name().to_owned(),
             significant(cv.grouped[i].rms, 4),
-            cv.random.map_or("–".to_owned(), |random| significant(random[i].rms, 4)),
+            cv.random.map_or(NOTHING.to_owned(), |random| significant(random[i].rms, 4)),
             or_dash(ratios[i], 2),
             significant(cv.grouped[i].bias, 2),
             axis.unit().to_owned(),
@@ -153,7 +153,7 @@ pub(super) fn print_selection(
             format!("{:e}", candidate.ridge),
         ];
         match candidate.errors {
-            None => row.extend(std::iter::repeat_n("–".to_owned(), axes.count())),
+            None => row.extend(std::iter::repeat_n(NOTHING.to_owned(), axes.count())),
             Some(errors) => {
                 row.extend(axes.of(&errors.rms).into_iter().map(|rms| significant(rms, 3)));
             }
@@ -162,7 +162,8 @@ pub(super) fn print_selection(
     };
     let mut rows: Vec<Vec<String>> = best_of_each(selection).into_iter().map(row).collect();
     if let Some(found) = physics {
-        let mut row = vec![format!("physics{}", mark(takes_physics)), "–".into(), "–".into()];
+        let mut row =
+            vec![format!("physics{}", mark(takes_physics)), NOTHING.into(), NOTHING.into()];
         row.extend(axes.of(&found.comparison.rms[0]).into_iter().map(|rms| significant(rms, 3)));
         rows.push(row);
     }

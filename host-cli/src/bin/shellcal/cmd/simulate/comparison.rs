@@ -11,7 +11,7 @@ use super::format::cm;
 use super::model;
 use super::quantity::length;
 use crate::printer::Printer;
-use crate::tables::or_dash;
+use crate::tables::{NOTHING, or_dash};
 
 /// One condition, measured and simulated.
 #[derive(Debug, Serialize)]
@@ -95,7 +95,7 @@ pub(super) fn print(
     let rows = comparison.iter().map(|row| {
         vec![
             row.measured.name.clone(),
-            row.width_m.map_or_else(|| "–".to_owned(), cm),
+            row.width_m.map_or_else(|| NOTHING.to_owned(), cm),
             row.measured.trials.to_string(),
             format!("{:.4}", row.measured.mean_drag_n),
             or_dash(row.measured.sd_drag_n, 4),

@@ -7,7 +7,7 @@ use simulation::channel_study::{DrawStatistics, Parameter};
 use super::channel::ChannelReport;
 use super::format::{cm, percent};
 use crate::printer::Printer;
-use crate::tables::or_dash;
+use crate::tables::{NOTHING, or_dash};
 
 /// What all channels have in common, for `--json`.
 #[derive(Debug, Serialize)]
@@ -37,7 +37,7 @@ impl SetupReport {
 
 /// "5–6", and both walls where they differ.
 fn contacts(least: Option<[u32; 2]>, greatest: Option<[u32; 2]>) -> String {
-    let (Some(least), Some(greatest)) = (least, greatest) else { return "–".to_owned() };
+    let (Some(least), Some(greatest)) = (least, greatest) else { return NOTHING.to_owned() };
     let wall = |i: usize| match (least[i], greatest[i]) {
         (least, greatest) if least == greatest => format!("{least}"),
         (least, greatest) => format!("{least}–{greatest}"),
