@@ -85,6 +85,11 @@ fn days_since_1970(year: i64, month: i64, day: i64) -> i64 {
     era * 146_097 + of_era * 365 + of_era / 4 - of_era / 100 + of_year - 719_468
 }
 
+/// A date and time in UTC by its seconds since 1970, in ISO 8601 with a `Z`.
+pub fn iso_of_seconds(seconds: u64) -> String {
+    iso_of(seconds.try_into().unwrap_or(i64::MAX), 1) + "Z"
+}
+
 /// The date and time at `units` of which `per_second` make a second, since 1970, in ISO 8601.
 pub(crate) fn iso_of(units: i64, per_second: i64) -> String {
     let (seconds, part) = (units.div_euclid(per_second), units.rem_euclid(per_second));

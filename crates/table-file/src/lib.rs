@@ -38,7 +38,7 @@ mod xml;
 mod zip;
 
 pub use arrays::Array;
-pub use calendar::seconds_of_iso;
+pub use calendar::{iso_of_seconds, seconds_of_iso};
 pub use error::TableError;
 pub use kind::{FileKind, RECOGNISED_BYTES, Recognised, recognise};
 pub use mat5::arrays;

@@ -4,10 +4,12 @@ use std::cell::{Cell, RefCell};
 use std::future::poll_fn;
 use std::pin::pin;
 use std::rc::Rc;
-use std::task::Poll;
+use std::sync::Arc;
+use std::task::{Context, Poll, Wake, Waker};
+use std::thread::{self, Thread};
+use std::time::{Duration, Instant};
 
 use embassy_futures::yield_now;
-use embassy_time::{Duration, Instant, Timer};
 use firmware::Clock;
 
 /// A process that is waited for is woken so much later, and makes up for it without waiting: the forty waits of a frame
@@ -41,11 +43,32 @@ impl PacedClock {
         Self { start: Instant::now(), time: Rc::default() }
     }
 
+    /// Runs the firmware to its end. Between its steps the thread sleeps until the first time that is waited for, or until
+    /// it is woken.
+    pub(super) fn run<F: Future>(&self, firmware: F) -> F::Output {
+        let waker = Waker::from(Arc::new(WakeThread(thread::current())));
+        let mut firmware = pin!(firmware);
+        loop {
+            if let Poll::Ready(output) = firmware.as_mut().poll(&mut Context::from_waker(&waker)) {
+                return output;
+            }
+            let due = self.first_wait_us().map(Duration::from_micros);
+            match due.and_then(|due| due.checked_add(LATE)) {
+                Some(due) => thread::park_timeout(due.saturating_sub(self.start.elapsed())),
+                None => thread::park(),
+            }
+        }
+    }
+
+    fn first_wait_us(&self) -> Option<u64> {
+        self.time.waits_us.borrow().iter().copied().min()
+    }
+
     /// Follows the wall as far as the first time that is waited for.
     fn advance(&self) {
-        let Time { now_us, waits_us } = &*self.time;
-        let first_us = waits_us.borrow().iter().copied().fold(u64::MAX, u64::min);
-        now_us.set(now_us.get().max(self.start.elapsed().as_micros().min(first_us)));
+        let wall_us = self.start.elapsed().as_micros() as u64;
+        let reached_us = self.first_wait_us().map_or(wall_us, |first_us| first_us.min(wall_us));
+        self.time.now_us.set(self.now_us().max(reached_us));
     }
 }
 
@@ -58,22 +81,20 @@ impl Clock for PacedClock {
         let _wait = Wait::new(&self.time, at_us);
         // Others have their turn even when there is nothing to wait for.
         yield_now().await;
-        let far = Duration::from_secs(3600);
-        let due = self.start.checked_add(Duration::from_micros(at_us));
-        let due = due.and_then(|due| due.checked_add(LATE));
-        let mut timer = pin!(Timer::at(due.unwrap_or(Instant::now() + far)));
-        poll_fn(|context| {
+        poll_fn(|_| {
             self.advance();
-            if self.now_us() >= at_us {
-                return Poll::Ready(());
-            }
-            // Due, but somebody waits for an earlier time and has the next turn.
-            if timer.as_mut().poll(context).is_ready() {
-                context.waker().wake_by_ref();
-            }
-            Poll::Pending
+            if self.now_us() >= at_us { Poll::Ready(()) } else { Poll::Pending }
         })
         .await;
+    }
+}
+
+/// Wakes a thread that is parked.
+struct WakeThread(Thread);
+
+impl Wake for WakeThread {
+    fn wake(self: Arc<Self>) {
+        self.0.unpark();
     }
 }
 
@@ -101,8 +122,6 @@ impl Drop for Wait<'_> {
 
 #[cfg(test)]
 mod tests {
-    use std::thread;
-
     use embassy_futures::join::join;
 
     use super::*;
@@ -113,10 +132,10 @@ mod tests {
     fn time_stops_for_each_that_waits() {
         let clock = PacedClock::start();
         let mut seen = Vec::new();
-        pollster::block_on(join(clock.wait_until_us(20_000), async {
+        clock.run(join(clock.wait_until_us(20_000), async {
             for at_us in (1..=10).map(|it| it * 1000) {
                 // Longer than the wait: the wall is ahead.
-                thread::sleep(std::time::Duration::from_millis(2));
+                thread::sleep(Duration::from_millis(2));
                 clock.wait_until_us(at_us).await;
                 seen.push(clock.now_us());
             }

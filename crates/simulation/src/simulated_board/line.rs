@@ -12,11 +12,12 @@ use std::time::{Duration, Instant};
 
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::pipe::Pipe;
-use embassy_time::Timer;
 use embedded_io_async::{ErrorType, Read, Write};
+use firmware::Clock;
 #[cfg(unix)]
 use serialport::{SerialPort, TTYPort};
 
+use super::PacedClock;
 use super::socket::Socket;
 use crate::radio::Radio;
 use shell_data::lock::lock;
@@ -33,7 +34,7 @@ type InputPipe = Pipe<CriticalSectionRawMutex, 1024>;
 pub(super) struct SerialLine {
     /// The name of the host's end.
     pub(super) port: String,
-    pub(super) sender: LineSender,
+    pub(super) packets: SyncSender<Vec<u8>>,
     pub(super) receiver: LineReceiver,
 }
 
@@ -66,12 +67,15 @@ impl SerialLine {
         let to_board = Arc::clone(&input);
         thread::spawn(move || give_to_host(&packets, &up, to_host));
         thread::spawn(move || give_to_board(from_host, &down, &to_board));
-        Self { port, sender: LineSender(queue), receiver: LineReceiver(input) }
+        Self { port, packets: queue, receiver: LineReceiver(input) }
     }
 }
 
 /// From the board: what is written at once goes into one packet.
-pub(super) struct LineSender(SyncSender<Vec<u8>>);
+pub(super) struct LineSender {
+    pub(super) packets: SyncSender<Vec<u8>>,
+    pub(super) clock: PacedClock,
+}
 
 impl ErrorType for LineSender {
     type Error = Infallible;
@@ -80,9 +84,9 @@ impl ErrorType for LineSender {
 impl Write for LineSender {
     async fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
         let mut packet = bytes.to_vec();
-        while let Err(TrySendError::Full(back)) = self.0.try_send(packet) {
+        while let Err(TrySendError::Full(back)) = self.packets.try_send(packet) {
             packet = back;
-            Timer::after_millis(1).await;
+            self.clock.wait_until_us(self.clock.now_us() + 1000).await;
         }
         Ok(bytes.len())
     }

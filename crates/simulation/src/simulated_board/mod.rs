@@ -1,7 +1,7 @@
 //! A board without hardware: the firmware's own library in this process, on a pty or over TCP.
 //!
 //! ```text
-//! load ─ SensorModel ─ Instrument ─ firmware (embassy, std) ─ Radio ─ pty, TCP ─▶ whoever opens it
+//! load ─ SensorModel ─ Instrument ─ firmware (embassy) ─ Radio ─ pty, TCP ─▶ whoever opens it
 //!                                          ▲                    │
 //!                                          └────────────────────┘
 //! ```
@@ -122,12 +122,13 @@ impl SimulatedBoard {
         // The two ways of the radio fail independently.
         let radio = |way| Radio::new(faults, seed << 1 | way).map(|it| Arc::new(Mutex::new(it)));
         let radios = [radio(0)?, radio(1)?];
-        let SerialLine { port, sender, receiver } = line(&radios)?;
+        let SerialLine { port, packets, receiver } = line(&radios)?;
         thread::spawn(move || {
             let clock = PacedClock::start();
             let front_end = SimulatedInstrument::new(sensor, load, clock.clone());
             let sync_input = SyncScript::new(clock.clone(), &sync_s);
-            pollster::block_on(board(unit_seed, front_end, sync_input, clock, receiver, sender));
+            let sender = LineSender { packets, clock: clock.clone() };
+            clock.run(board(unit_seed, front_end, sync_input, clock.clone(), receiver, sender));
         });
         Ok(Self { port, radios })
     }

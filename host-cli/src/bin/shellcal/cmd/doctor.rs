@@ -16,6 +16,7 @@ use doctor::{
 use log_file::Log;
 use serde::Serialize;
 use shared_proto::{Framing, Protocol};
+use table_file::seconds_of_iso;
 
 use super::choices::one_of;
 use super::mapping::MappingArgs;
@@ -245,7 +246,8 @@ fn is_document(path: &Path) -> anyhow::Result<bool> {
 
 /// How old a date is; an error if it is to come.
 fn age(date: &str) -> Option<Result<Duration, Duration>> {
-    let then = humantime::parse_rfc3339(date).ok()?;
-    let now = humantime::parse_rfc3339(&origin::date().ok()?).ok()?;
-    Some(now.duration_since(then).map_err(|error| error.duration()))
+    let now = seconds_of_iso(&origin::date().ok()?)?;
+    let age_s = now - seconds_of_iso(date)?;
+    let age = Duration::try_from_secs_f64(age_s.abs()).ok()?;
+    Some(if age_s < 0.0 { Err(age) } else { Ok(age) })
 }

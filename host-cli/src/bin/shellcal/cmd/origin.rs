@@ -1,9 +1,9 @@
 //! Who made a file, and when.
 
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 use anyhow::Context;
-use humantime::format_rfc3339_seconds;
+use table_file::iso_of_seconds;
 
 /// The last second that RFC 3339 has four digits of a year for: 9999-12-31T23:59:59Z.
 const LAST_SECOND: u64 = 253_402_300_799;
@@ -23,7 +23,7 @@ pub(in crate::cmd) fn date() -> anyhow::Result<String> {
         }
         Err(_) => SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs(),
     };
-    Ok(format_rfc3339_seconds(UNIX_EPOCH + Duration::from_secs(seconds)).to_string())
+    Ok(iso_of_seconds(seconds))
 }
 
 /// What the command was called with, so that a shell takes it again.

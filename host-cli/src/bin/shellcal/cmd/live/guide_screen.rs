@@ -1,12 +1,11 @@
 //! The planned load that is next, above the traces: in large type where there is room.
 
+use crossterm::style::{Attribute, Color};
 use font8x8::legacy::{BASIC_LEGACY, LATIN_LEGACY};
 use live_view::{GuidePhase, GuideView};
-use ratatui_core::buffer::Buffer;
-use ratatui_core::layout::Rect;
-use ratatui_core::style::{Color, Modifier};
 
 use super::canvas::{ACROSS, CharacterCanvas, DOWN};
+use super::cells::{Area, CellGrid};
 use super::screen::{LiveScreen, decimals};
 
 /// Dots of a letter, across and down.
@@ -21,22 +20,22 @@ const BAR: usize = 10;
 
 impl LiveScreen<'_> {
     /// Draws the next load at the top of `area`; how many rows it took.
-    pub(super) fn draw_guide(&self, buffer: &mut Buffer, area: Rect) -> u16 {
+    pub(super) fn draw_guide(&self, grid: &mut CellGrid, area: Area) -> u16 {
         let Some(guide) = self.guide else { return 0 };
         let text = match guide.phase {
             GuidePhase::Done => format!("all {} loads are recorded", guide.count),
             _ => guide.text.clone(),
         };
         let used = match area.height + 3 >= LEAST_ROWS {
-            true => self.draw_large(buffer, area, &text),
+            true => self.draw_large(grid, area, &text),
             false => {
-                let style = self.style(Some(Color::Cyan), Modifier::BOLD);
-                self.put(buffer, area.x, area.y, &text, style);
+                let style = self.style(Some(Color::DarkCyan), Some(Attribute::Bold));
+                self.put(grid, area.x, area.y, &text, style);
                 1
             }
         };
         let line = self.guide_line(guide);
-        self.put(buffer, area.x, area.y + used, &line, self.style(None, Modifier::BOLD));
+        self.put(grid, area.x, area.y + used, &line, self.style(None, Some(Attribute::Bold)));
         used + 1
     }
 
@@ -67,10 +66,10 @@ impl LiveScreen<'_> {
     }
 
     /// Lines of letters of eight by eight dots, broken between words; how many rows they took.
-    fn draw_large(&self, buffer: &mut Buffer, area: Rect, text: &str) -> u16 {
+    fn draw_large(&self, grid: &mut CellGrid, area: Area, text: &str) -> u16 {
         let (columns, rows) = (LETTER / ACROSS, (LETTER / DOWN) as u16);
         let lines = broken(text, usize::from(area.width) / columns);
-        let style = self.style(Some(Color::Cyan), Modifier::BOLD);
+        let style = self.style(Some(Color::DarkCyan), Some(Attribute::Bold));
         for (position, line) in (0..).zip(&lines) {
             let mut canvas =
                 CharacterCanvas::new(columns * line.chars().count(), usize::from(rows));
@@ -81,7 +80,7 @@ impl LiveScreen<'_> {
                 }
             }
             let at = (area.x, area.y + position * rows);
-            self.draw_canvas(buffer, at, (&canvas, style), |_, _| None);
+            self.draw_canvas(grid, at, (&canvas, style), |_, _| None);
         }
         rows * lines.len() as u16
     }

@@ -2,6 +2,7 @@
 
 mod browser;
 mod canvas;
+mod cells;
 mod guide_screen;
 mod log_files;
 mod screen;

@@ -1,12 +1,11 @@
 //! The screen of `shellcal live`: traces on the left, channels and arrows on the right.
 
+use crossterm::style::{Attribute, Color, ContentStyle};
 use live_view::{ChannelState, ChannelView, GuideView, LiveModel, TraceView};
-use ratatui_core::buffer::Buffer;
-use ratatui_core::layout::Rect;
-use ratatui_core::style::{Color, Modifier, Style};
 use shell_data::escape::is_invisible;
 
 use super::canvas::{ACROSS, CharacterCanvas, DOWN};
+use super::cells::{Area, CellGrid};
 
 /// All that is shown.
 #[derive(Debug)]
@@ -41,28 +40,28 @@ const KEYS_OF_GUIDE: &str =
     "n next load  b back  t tare  space pause  +/- zoom  m mark  r record  q quit";
 
 impl LiveScreen<'_> {
-    pub(super) fn draw(&self, buffer: &mut Buffer) {
-        let Rect { width, height, .. } = buffer.area;
+    pub(super) fn draw(&self, grid: &mut CellGrid) {
+        let (width, height) = grid.size();
         if width < LEAST.0 || height < LEAST.1 {
             let (columns, rows) = LEAST;
             let text = format!("the screen is {width} x {height}; {columns} x {rows} are needed");
-            self.put(buffer, 0, 0, &text, Style::new());
+            self.put(grid, 0, 0, &text, ContentStyle::new());
             return;
         }
-        self.draw_header(buffer, width);
+        self.draw_header(grid, width);
         let panel = if width >= 120 { 44 } else { 27 };
-        let above = 1 + self.draw_guide(buffer, Rect { x: 0, y: 1, width, height: height - 3 });
-        let body = Rect { x: 0, y: above, width: width - panel - 1, height: height - 2 - above };
-        self.draw_traces(buffer, body);
-        let right = Rect { x: width - panel, width: panel, ..body };
-        self.draw_panel(buffer, right);
-        self.put(buffer, 0, height - 2, self.message, Style::new());
+        let above = 1 + self.draw_guide(grid, Area { x: 0, y: 1, width, height: height - 3 });
+        let body = Area { x: 0, y: above, width: width - panel - 1, height: height - 2 - above };
+        self.draw_traces(grid, body);
+        let right = Area { x: width - panel, width: panel, ..body };
+        self.draw_panel(grid, right);
+        self.put(grid, 0, height - 2, self.message, ContentStyle::new());
         let keys = if self.guide.is_some() { KEYS_OF_GUIDE } else { KEYS };
-        self.put(buffer, 0, height - 1, keys, self.style(None, Modifier::DIM));
+        self.put(grid, 0, height - 1, keys, self.style(None, Some(Attribute::Dim)));
     }
 
     /// The state and the flags are always there whole; names have what room they leave.
-    fn draw_header(&self, buffer: &mut Buffer, width: u16) {
+    fn draw_header(&self, grid: &mut CellGrid, width: u16) {
         let mut flags = String::new();
         if self.model.is_paused() {
             flags += " PAUSED";
@@ -85,56 +84,56 @@ impl LiveScreen<'_> {
         let left = usize::from(width - flags_length).saturating_sub(self.state.chars().count() + 3);
         let source = end_of(self.source, left.max(LEAST_NAME), self.ascii);
         let line = format!("{source}  {}", self.state);
-        self.put(buffer, 0, 0, &line, self.style(None, Modifier::BOLD));
-        let style = self.style(Some(Color::Yellow), Modifier::REVERSED);
-        self.put(buffer, width - flags_length, 0, &flags, style);
+        self.put(grid, 0, 0, &line, self.style(None, Some(Attribute::Bold)));
+        let style = self.style(Some(Color::DarkYellow), Some(Attribute::Reverse));
+        self.put(grid, width - flags_length, 0, &flags, style);
     }
 
-    fn draw_traces(&self, buffer: &mut Buffer, area: Rect) {
+    fn draw_traces(&self, grid: &mut CellGrid, area: Area) {
         let columns = area.width - LABEL;
         let traces = self.model.traces(usize::from(columns) * ACROSS);
         if traces.is_empty() {
             self.put(
-                buffer,
+                grid,
                 2,
                 area.y + area.height / 2,
                 "nothing has arrived so far",
-                Style::new(),
+                ContentStyle::new(),
             );
             return;
         }
         // A line for the axis of time.
         let rows = ((area.height - 1) / traces.len() as u16).max(1);
         for (position, trace) in (0..).zip(&traces) {
-            let area = Rect { y: area.y + position * rows, height: rows, ..area };
-            self.draw_trace(buffer, area, trace, colour(usize::from(position)));
+            let area = Area { y: area.y + position * rows, height: rows, ..area };
+            self.draw_trace(grid, area, trace, colour(usize::from(position)));
         }
         let axis = area.y + rows * traces.len() as u16;
         let span = format!("-{} s", self.model.window_s());
-        self.put(buffer, LABEL, axis, &span, self.style(None, Modifier::DIM));
+        self.put(grid, LABEL, axis, &span, self.style(None, Some(Attribute::Dim)));
         let now = self.model.time_s().map_or_else(String::new, |time_s| format!("{time_s:.1} s"));
         let at = area.width.saturating_sub(now.chars().count() as u16);
-        self.put(buffer, at, axis, &now, self.style(None, Modifier::DIM));
-        self.draw_marks(buffer, area, axis, columns);
+        self.put(grid, at, axis, &now, self.style(None, Some(Attribute::Dim)));
+        self.draw_marks(grid, area, axis, columns);
     }
 
-    fn draw_trace(&self, buffer: &mut Buffer, area: Rect, trace: &TraceView, colour: Color) {
+    fn draw_trace(&self, grid: &mut CellGrid, area: Area, trace: &TraceView, colour: Color) {
         let (low, high) = trace.range;
         let decimals = decimals(high - low);
         let value = format!("{:<3}{:>+8.decimals$} {}", trace.name, trace.value, trace.unit);
-        self.put(buffer, area.x, area.y, &value, self.style(Some(colour), Modifier::BOLD));
+        self.put(grid, area.x, area.y, &value, self.style(Some(colour), Some(Attribute::Bold)));
         let noise = format!("sd {:.*}", decimals + 1, trace.noise);
         let scale = match low == -high {
             true => format!("±{}", short(high)),
             false => format!("{} … {}", short(low), short(high)),
         };
-        let dim = self.style(None, Modifier::DIM);
+        let dim = self.style(None, Some(Attribute::Dim));
         match area.height {
             1 => {}
-            2 => self.put(buffer, area.x, area.y + 1, &format!("{noise} {scale}"), dim),
+            2 => self.put(grid, area.x, area.y + 1, &format!("{noise} {scale}"), dim),
             _ => {
-                self.put(buffer, area.x, area.y + 1, &noise, dim);
-                self.put(buffer, area.x, area.y + 2, &scale, dim);
+                self.put(grid, area.x, area.y + 1, &noise, dim);
+                self.put(grid, area.x, area.y + 2, &scale, dim);
             }
         }
         let (columns, rows) = (usize::from(area.width - LABEL), usize::from(area.height));
@@ -155,82 +154,82 @@ impl LiveScreen<'_> {
             }
         }
         let zero = (low <= 0.0 && 0.0 <= high).then(|| dot(0.0) as usize / DOWN);
-        let style = self.style(Some(colour), Modifier::empty());
+        let style = self.style(Some(colour), None);
         let line = if self.ascii { '-' } else { '┈' };
         let zero_line = |_, row| (zero == Some(row)).then_some(line);
-        self.draw_canvas(buffer, (area.x + LABEL, area.y), (&canvas, style), zero_line);
+        self.draw_canvas(grid, (area.x + LABEL, area.y), (&canvas, style), zero_line);
     }
 
     /// Draws what is on a canvas, and where that is empty, dimmed, what is `behind` it at a column and a row.
     pub(super) fn draw_canvas(
         &self,
-        buffer: &mut Buffer,
+        grid: &mut CellGrid,
         (x, y): (u16, u16),
-        (canvas, style): (&CharacterCanvas, Style),
+        (canvas, style): (&CharacterCanvas, ContentStyle),
         behind: impl Fn(usize, usize) -> Option<char>,
     ) {
-        let dim = self.style(None, Modifier::DIM);
+        let dim = self.style(None, Some(Attribute::Dim));
         for (column, row) in canvas.cells() {
             let at = (x + column as u16, y + row as u16);
             match (canvas.character(column, row, self.ascii), behind(column, row)) {
-                (Some(dots), _) => put_char(buffer, at, dots, style),
-                (None, Some(behind)) => put_char(buffer, at, behind, dim),
+                (Some(dots), _) => grid.put_char(at, dots, style),
+                (None, Some(behind)) => grid.put_char(at, behind, dim),
                 (None, None) => {}
             }
         }
     }
 
-    fn draw_marks(&self, buffer: &mut Buffer, area: Rect, axis: u16, columns: u16) {
+    fn draw_marks(&self, grid: &mut CellGrid, area: Area, axis: u16, columns: u16) {
         let line = if self.ascii { '|' } else { '╎' };
-        let style = self.style(Some(Color::Yellow), Modifier::empty());
+        let style = self.style(Some(Color::DarkYellow), None);
         for (number, position) in self.model.marks_shown() {
             let column = (position * f64::from(columns)).min(f64::from(columns - 1)) as u16;
             let x = area.x + LABEL + column;
             for y in area.y..axis {
-                if buffer[(x, y)].symbol() == " " {
-                    put_char(buffer, (x, y), line, style);
+                if grid.is_blank((x, y)) {
+                    grid.put_char((x, y), line, style);
                 }
             }
-            self.put(buffer, x, axis, &format!("{number}"), style);
+            self.put(grid, x, axis, &format!("{number}"), style);
         }
     }
 
-    fn draw_panel(&self, buffer: &mut Buffer, area: Rect) {
+    fn draw_panel(&self, grid: &mut CellGrid, area: Area) {
         let channels = self.model.channels();
         for (position, channel) in (0..).zip(&channels) {
-            self.draw_channel(buffer, area, area.y + position, usize::from(position), channel);
+            self.draw_channel(grid, area, area.y + position, usize::from(position), channel);
         }
         let used = if channels.is_empty() { 0 } else { channels.len() as u16 + 1 };
-        let rest = Rect { y: area.y + used, height: area.height.saturating_sub(used), ..area };
+        let rest = Area { y: area.y + used, height: area.height.saturating_sub(used), ..area };
         let Some((force, reach)) = self.model.force() else { return };
         if rest.height < 5 {
             return;
         }
         let half = rest.width / 2;
-        let left = Rect { width: half - 1, ..rest };
-        let right = Rect { x: rest.x + half, width: half, ..rest };
+        let left = Area { width: half - 1, ..rest };
+        let right = Area { x: rest.x + half, width: half, ..rest };
         let [fx, fy, fz] = force;
         // From above with x up and y to the left, and from the right with z up and x to the right.
-        self.draw_arrow(buffer, left, ("top", "x", "y", true), (-fy, fx), reach);
-        self.draw_arrow(buffer, right, ("side", "z", "x", false), (fx, fz), reach);
+        self.draw_arrow(grid, left, ("top", "x", "y", true), (-fy, fx), reach);
+        self.draw_arrow(grid, right, ("side", "z", "x", false), (fx, fz), reach);
     }
 
     fn draw_channel(
         &self,
-        buffer: &mut Buffer,
-        area: Rect,
+        grid: &mut CellGrid,
+        area: Area,
         y: u16,
         channel: usize,
         view: &ChannelView,
     ) {
         let (note, tint) = match view.state {
             ChannelState::Fine => (' ', None),
-            ChannelState::Outside => ('!', Some(Color::Yellow)),
-            ChannelState::Saturated => ('#', Some(Color::Red)),
+            ChannelState::Outside => ('!', Some(Color::DarkYellow)),
+            ChannelState::Saturated => ('#', Some(Color::DarkRed)),
         };
         let label = format!("s{} {:>6.0}{note}", channel + 1, view.reading);
-        let style = self.style(tint, Modifier::empty());
-        self.put(buffer, area.x, y, &label, style);
+        let style = self.style(tint, None);
+        self.put(grid, area.x, y, &label, style);
         let start = area.x + label.chars().count() as u16;
         let width = area.x + area.width - start;
         let (low, high) = match view.range {
@@ -246,27 +245,27 @@ impl LiveScreen<'_> {
             start + (share * f64::from(width - 1)).round() as u16
         };
         let (rail, head) = if self.ascii { ('-', 'o') } else { ('─', '●') };
-        let dim = self.style(None, Modifier::DIM);
-        (start..start + width).for_each(|x| put_char(buffer, (x, y), rail, dim));
+        let dim = self.style(None, Some(Attribute::Dim));
+        (start..start + width).for_each(|x| grid.put_char((x, y), rail, dim));
         if let Some((low, high)) = view.range {
-            put_char(buffer, (position(low), y), '[', dim);
-            put_char(buffer, (position(high), y), ']', dim);
+            grid.put_char((position(low), y), '[', dim);
+            grid.put_char((position(high), y), ']', dim);
         }
-        put_char(buffer, (position(view.reading), y), head, style);
+        grid.put_char((position(view.reading), y), head, style);
     }
 
     fn draw_arrow(
         &self,
-        buffer: &mut Buffer,
-        area: Rect,
+        grid: &mut CellGrid,
+        area: Area,
         (name, up, across, mirrored): (&str, &str, &str, bool),
         (right, above): (f64, f64),
         reach: f64,
     ) {
-        let dim = self.style(None, Modifier::DIM);
+        let dim = self.style(None, Some(Attribute::Dim));
         let title = format!("{name} {}N", short(reach));
-        self.put(buffer, area.x, area.y, &title, dim);
-        let area = Rect { y: area.y + 1, height: area.height - 1, ..area };
+        self.put(grid, area.x, area.y, &title, dim);
+        let area = Area { y: area.y + 1, height: area.height - 1, ..area };
         let (columns, rows) = (usize::from(area.width), usize::from(area.height));
         let mut canvas = CharacterCanvas::new(columns, rows);
         let centre = ((columns * ACROSS / 2) as i64, (rows * DOWN / 2) as i64);
@@ -280,7 +279,7 @@ impl LiveScreen<'_> {
         for (dx, dy) in [(-1, 0), (1, 0), (0, -1), (0, 1)] {
             canvas.dot(tip.0 + dx, tip.1 + dy);
         }
-        let style = self.style(Some(Color::Cyan), Modifier::BOLD);
+        let style = self.style(Some(Color::DarkCyan), Some(Attribute::Bold));
         let axes = if self.ascii { ['|', '-', '+'] } else { ['│', '─', '┼'] };
         let (middle, level) = (centre.0 as usize / ACROSS, centre.1 as usize / DOWN);
         let cross = |column, row| match (column == middle, row == level) {
@@ -289,31 +288,34 @@ impl LiveScreen<'_> {
             (false, true) => Some(axes[1]),
             _ => None,
         };
-        self.draw_canvas(buffer, (area.x, area.y), (&canvas, style), cross);
-        self.put(buffer, area.x + middle as u16 + 1, area.y, up, dim);
+        self.draw_canvas(grid, (area.x, area.y), (&canvas, style), cross);
+        self.put(grid, area.x + middle as u16 + 1, area.y, up, dim);
         let end = if mirrored { area.x } else { area.x + area.width - 1 };
-        self.put(buffer, end, area.y + (level as u16).saturating_sub(1), across, dim);
+        self.put(grid, end, area.y + (level as u16).saturating_sub(1), across, dim);
     }
 
-    pub(super) fn put(&self, buffer: &mut Buffer, x: u16, y: u16, text: &str, style: Style) {
-        let area = buffer.area;
-        if x < area.width && y < area.height {
-            // What names and errors hold must not steer the terminal.
-            let text: String = text.chars().filter(|&c| !is_invisible(c)).collect();
-            let text = if self.ascii {
-                text.replace('±', "+-").replace('…', "..").replace('·', ".")
-            } else {
-                text
-            };
-            buffer.set_stringn(x, y, text, usize::from(area.width - x), style);
-        }
+    pub(super) fn put(&self, grid: &mut CellGrid, x: u16, y: u16, text: &str, style: ContentStyle) {
+        // What names and errors hold must not steer the terminal.
+        let text: String = text.chars().filter(|&c| !is_invisible(c)).collect();
+        let text = match self.ascii {
+            true => text.replace('±', "+-").replace('…', "..").replace('·', "."),
+            false => text,
+        };
+        grid.put_text((x, y), &text, style);
     }
 
-    pub(super) fn style(&self, colour: Option<Color>, modifier: Modifier) -> Style {
-        match (self.color, colour) {
-            (false, _) => Style::new(),
-            (true, None) => Style::new().add_modifier(modifier),
-            (true, Some(colour)) => Style::new().fg(colour).add_modifier(modifier),
+    pub(super) fn style(
+        &self,
+        colour: Option<Color>,
+        attribute: Option<Attribute>,
+    ) -> ContentStyle {
+        match self.color {
+            true => ContentStyle {
+                foreground_color: colour,
+                attributes: attribute.as_slice().into(),
+                ..ContentStyle::new()
+            },
+            false => ContentStyle::new(),
         }
     }
 }
@@ -329,15 +331,15 @@ fn end_of(name: &str, room: usize, ascii: bool) -> String {
     cut.chars().chain(name.chars().skip(length - kept)).collect()
 }
 
-fn put_char(buffer: &mut Buffer, at: (u16, u16), character: char, style: Style) {
-    if let Some(cell) = buffer.cell_mut(at) {
-        cell.set_char(character).set_style(style);
-    }
-}
-
 fn colour(position: usize) -> Color {
-    const COLOURS: [Color; 6] =
-        [Color::Red, Color::Green, Color::Blue, Color::Magenta, Color::Yellow, Color::Cyan];
+    const COLOURS: [Color; 6] = [
+        Color::DarkRed,
+        Color::DarkGreen,
+        Color::DarkBlue,
+        Color::DarkMagenta,
+        Color::DarkYellow,
+        Color::DarkCyan,
+    ];
     COLOURS[position % COLOURS.len()]
 }
 
@@ -361,8 +363,6 @@ mod tests {
     use super::*;
     use calibration::reading_ranges::ReadingRange;
     use live_view::{GuidePhase, LiveRow, LiveSetup};
-    use ratatui_core::backend::TestBackend;
-    use ratatui_core::terminal::Terminal;
 
     /// A push to the right and a stroke upwards, with a channel out of its range, one saturated, and a mark.
     fn model(forces: bool) -> LiveModel {
@@ -398,7 +398,6 @@ mod tests {
         ascii: bool,
         color: bool,
     ) -> String {
-        let mut terminal = Terminal::new(TestBackend::new(size.0, size.1)).unwrap();
         let screen = LiveScreen {
             model,
             guide,
@@ -409,20 +408,11 @@ mod tests {
             ascii,
             color,
         };
-        terminal.draw(|frame| screen.draw(frame.buffer_mut())).unwrap();
-        let buffer = terminal.backend().buffer();
-        if !color {
-            let is_plain = |cell: &ratatui_core::buffer::Cell| {
-                (cell.fg, cell.bg, cell.modifier) == (Color::Reset, Color::Reset, Modifier::empty())
-            };
-            let plain = buffer.content.iter().all(is_plain);
-            assert!(plain, "without colour there is none, and no other style");
-        }
-        let line = |y| {
-            let cells = (0..size.0).map(|x| buffer[(x, y)].symbol());
-            cells.collect::<String>().trim_end().to_owned()
-        };
-        (0..size.1).map(line).collect::<Vec<_>>().join("\n") + "\n"
+        let mut grid = CellGrid::new(size);
+        screen.draw(&mut grid);
+        assert!(color || grid.is_plain(), "without colour there is none, and no other style");
+        let lines = grid.text_of_lines();
+        lines.iter().map(|line| line.trim_end()).collect::<Vec<_>>().join("\n") + "\n"
     }
 
     fn assert_golden(name: &str, screen: &str) {
@@ -494,7 +484,7 @@ mod tests {
         let path = "/home/user/a/very/long/way/to/the/place/where/recordings/of/the/day/are/kept/run-17.csv";
         for (state, recording) in [("played to its end", None), ("playing, 00:00:10", Some(path))] {
             for (width, ascii) in [(60, false), (80, true), (200, false)] {
-                let mut buffer = Buffer::empty(Rect::new(0, 0, width, 24));
+                let mut grid = CellGrid::new((width, 24));
                 let (message, color) = ("", false);
                 let screen = LiveScreen {
                     model: &model,
@@ -506,8 +496,8 @@ mod tests {
                     ascii,
                     color,
                 };
-                screen.draw(&mut buffer);
-                let header: String = (0..width).map(|x| buffer[(x, 0)].symbol()).collect();
+                screen.draw(&mut grid);
+                let header = &grid.text_of_lines()[0];
                 let names = header.split("  ").filter(|part| part.contains("run-17.csv")).count();
                 assert_eq!(names, if recording.is_some() { 2 } else { 1 }, "{header}");
                 assert!(header.contains(state), "{header}");

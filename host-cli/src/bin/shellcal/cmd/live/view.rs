@@ -1,27 +1,23 @@
 //! A live view in the terminal: draw, obey keys.
 
-use std::io::{self, IsTerminal, Stdout};
+use std::io::{self, IsTerminal, Write};
 use std::time::Instant;
 
 use anyhow::Context;
-use ratatui_core::backend::Backend;
-use ratatui_core::layout::{Rect, Size};
-use ratatui_core::terminal::{Terminal, TerminalOptions, Viewport};
-use ratatui_crossterm::CrosstermBackend;
-use ratatui_crossterm::crossterm::event::{
-    self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers,
+use crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+use crossterm::terminal::{
+    self, Clear, ClearType, EnterAlternateScreen, LeaveAlternateScreen, disable_raw_mode,
+    enable_raw_mode,
 };
-use ratatui_crossterm::crossterm::terminal::{
-    EnterAlternateScreen, LeaveAlternateScreen, disable_raw_mode, enable_raw_mode,
-};
-use ratatui_crossterm::crossterm::{cursor, execute};
+use crossterm::{cursor, execute, queue};
 use shellcal::workflow::live::{LiveAction, LiveSession, PERIOD};
 
+use super::cells::CellGrid;
 use super::log_files::Until;
 use super::screen::LiveScreen;
 
 /// The screen of a terminal that does not tell its size, as VT100 had it.
-const UNKNOWN_SIZE: Rect = Rect::new(0, 0, 80, 24);
+const UNKNOWN_SIZE: (u16, u16) = (80, 24);
 
 /// How a terminal is drawn on.
 #[derive(Clone, Copy, Debug)]
@@ -49,19 +45,36 @@ pub(super) fn is_utf8() -> bool {
 }
 
 /// The terminal while it is drawn on; dropped, it is as it was.
-struct RawTerminal(Terminal<CrosstermBackend<Stdout>>);
+struct RawTerminal {
+    shown: CellGrid,
+}
 
 impl RawTerminal {
     fn enter() -> anyhow::Result<Self> {
         enable_raw_mode().context("cannot take keys from the terminal")?;
         execute!(io::stdout(), EnterAlternateScreen, cursor::Hide)?;
-        let backend = CrosstermBackend::new(io::stdout());
+        Ok(Self { shown: CellGrid::new((0, 0)) })
+    }
+
+    /// Shows a picture in one write.
+    fn show(&mut self, screen: &LiveScreen<'_>) -> io::Result<()> {
         // A console on a serial port says that it has no columns and no rows.
-        let viewport = match backend.size()? {
-            Size { width: 0, .. } | Size { height: 0, .. } => Viewport::Fixed(UNKNOWN_SIZE),
-            _ => Viewport::Fullscreen,
+        let size = match terminal::size()? {
+            (0, _) | (_, 0) => UNKNOWN_SIZE,
+            size => size,
         };
-        Ok(Self(Terminal::with_options(backend, TerminalOptions { viewport })?))
+        let mut written = Vec::new();
+        let mut picture = CellGrid::new(size);
+        if self.shown.size() != size {
+            self.shown = CellGrid::new(size);
+            queue!(written, Clear(ClearType::All))?;
+        }
+        screen.draw(&mut picture);
+        picture.write_over(&self.shown, &mut written)?;
+        self.shown = picture;
+        let mut terminal = io::stdout().lock();
+        terminal.write_all(&written)?;
+        terminal.flush()
     }
 }
 
@@ -93,7 +106,7 @@ pub(super) fn run(
             ascii: look.is_ascii,
             color: look.color,
         };
-        stage.0.draw(|frame| screen.draw(frame.buffer_mut()))?;
+        stage.show(&screen)?;
         session.count_picture();
         due = (due + PERIOD).max(Instant::now());
         // Keys are obeyed at once, and seen in the next picture.

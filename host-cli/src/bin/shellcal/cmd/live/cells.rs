@@ -1,0 +1,169 @@
+//! The cells of a terminal's screen: each picture is drawn anew, and its lines that have changed are written.
+
+use std::io::{self, Write};
+
+use crossterm::cursor::MoveTo;
+use crossterm::queue;
+use crossterm::style::{ContentStyle, PrintStyledContent};
+use unicode_width::UnicodeWidthChar;
+
+/// A part of a screen, in cells from its upper left corner.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Area {
+    pub(super) x: u16,
+    pub(super) y: u16,
+    pub(super) width: u16,
+    pub(super) height: u16,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+struct Cell {
+    /// A character with the marks on it; nothing where a wide one began in the cell before.
+    text: String,
+    style: ContentStyle,
+}
+
+#[derive(Debug, PartialEq)]
+pub(super) struct CellGrid {
+    size: (u16, u16),
+    /// Line by line.
+    cells: Vec<Cell>,
+}
+
+impl CellGrid {
+    /// Blank, of so many columns and rows.
+    pub(super) fn new(size: (u16, u16)) -> Self {
+        let blank = Cell { text: " ".to_owned(), style: ContentStyle::new() };
+        Self { size, cells: vec![blank; usize::from(size.0) * usize::from(size.1)] }
+    }
+
+    /// Columns and rows.
+    pub(super) fn size(&self) -> (u16, u16) {
+        self.size
+    }
+
+    /// Draws a character of one column; beyond the edges nothing is drawn.
+    pub(super) fn put_char(&mut self, at: (u16, u16), character: char, style: ContentStyle) {
+        self.put_cell(at, character.to_string(), style);
+    }
+
+    /// Draws a text in a line as far as there is room.
+    pub(super) fn put_text(&mut self, (mut x, y): (u16, u16), text: &str, style: ContentStyle) {
+        for character in text.chars() {
+            let columns = character.width().unwrap_or(0) as u16;
+            match (columns, x.checked_sub(1)) {
+                (0, None) => {}
+                (0, Some(before)) => {
+                    if let Some(cell) = self.cell_mut((before, y)) {
+                        cell.text.push(character);
+                    }
+                }
+                _ if columns > self.size.0.saturating_sub(x) => return,
+                _ => {
+                    self.put_char((x, y), character, style);
+                    (1..columns)
+                        .for_each(|more| self.put_cell((x + more, y), String::new(), style));
+                    x += columns;
+                }
+            }
+        }
+    }
+
+    fn put_cell(&mut self, at: (u16, u16), text: String, style: ContentStyle) {
+        if let Some(cell) = self.cell_mut(at) {
+            *cell = Cell { text, style };
+        }
+    }
+
+    fn cell_mut(&mut self, (x, y): (u16, u16)) -> Option<&mut Cell> {
+        let columns = self.size.0;
+        let index = usize::from(y) * usize::from(columns) + usize::from(x);
+        (x < columns).then(|| self.cells.get_mut(index)).flatten()
+    }
+
+    /// Whether nothing was drawn in a cell.
+    pub(super) fn is_blank(&mut self, at: (u16, u16)) -> bool {
+        self.cell_mut(at).is_some_and(|cell| cell.text == " ")
+    }
+
+    fn lines(&self) -> impl Iterator<Item = &[Cell]> {
+        self.cells.chunks(usize::from(self.size.0).max(1))
+    }
+
+    /// Writes the lines that differ from those of the grid of the same size that a terminal shows.
+    pub(super) fn write_over(&self, shown: &Self, terminal: &mut impl Write) -> io::Result<()> {
+        for ((y, line), before) in (0..).zip(self.lines()).zip(shown.lines()) {
+            if line == before {
+                continue;
+            }
+            queue!(terminal, MoveTo(0, y))?;
+            for run in line.chunk_by(|one, next| one.style == next.style) {
+                let text: String = run.iter().map(|cell| cell.text.as_str()).collect();
+                queue!(terminal, PrintStyledContent(run[0].style.apply(text)))?;
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+impl CellGrid {
+    pub(super) fn text_of_lines(&self) -> Vec<String> {
+        self.lines().map(|line| line.iter().map(|cell| cell.text.as_str()).collect()).collect()
+    }
+
+    pub(super) fn is_plain(&self) -> bool {
+        self.cells.iter().all(|cell| cell.style == ContentStyle::new())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crossterm::style::Stylize;
+
+    fn written(grid: &CellGrid, shown: &CellGrid) -> String {
+        let mut terminal = Vec::new();
+        grid.write_over(shown, &mut terminal).unwrap();
+        String::from_utf8(terminal).unwrap()
+    }
+
+    /// Escape sequences of ECMA-48: `CSI row;column H` moves, `CSI 1 m` is bold, `CSI 0 m` ends all styles.
+    #[test]
+    fn only_lines_that_changed_are_written() {
+        let blank = CellGrid::new((4, 3));
+        let mut grid = CellGrid::new((4, 3));
+        assert_eq!(written(&grid, &blank), "");
+        grid.put_text((1, 1), "ab", ContentStyle::new().bold());
+        assert_eq!(written(&grid, &blank), "\x1b[2;1H \x1b[1mab\x1b[0m ");
+        let mut next = CellGrid::new((4, 3));
+        next.put_text((1, 1), "ab", ContentStyle::new().bold());
+        next.put_char((3, 2), 'c', ContentStyle::new());
+        assert_eq!(written(&next, &grid), "\x1b[3;1H   c");
+    }
+
+    /// Widths of Unicode's annex 11: Han characters take two columns, a combining mark takes none.
+    #[test]
+    fn wide_characters_and_marks_take_the_columns_of_a_terminal() {
+        let mut grid = CellGrid::new((5, 1));
+        grid.put_text((0, 0), "u\u{308}力覚x", ContentStyle::new());
+        assert_eq!(grid.text_of_lines(), ["u\u{308}力覚"]);
+        let mut cut = CellGrid::new((4, 1));
+        cut.put_text((0, 0), "\u{308}a力覚", ContentStyle::new());
+        assert_eq!(cut.text_of_lines(), ["a力 "], "half of a wide character is not drawn");
+    }
+
+    #[test]
+    fn what_lies_beyond_the_edges_is_left_out() {
+        for size in [(0, 0), (3, 0), (0, 3), (3, 2)] {
+            let mut grid = CellGrid::new(size);
+            for at in [(0, 5), (3, 0), (2, 1), (u16::MAX, u16::MAX)] {
+                grid.put_char(at, 'x', ContentStyle::new());
+                grid.put_text(at, "long 力", ContentStyle::new());
+                assert!(!grid.is_blank(at));
+            }
+            let shown = CellGrid::new(size);
+            written(&grid, &shown);
+        }
+    }
+}
