@@ -13,7 +13,6 @@ use super::scaling::Scaling;
 use super::solver::Solution;
 use super::uncertainty::Covariance;
 use shell_data::dataset::Dataset;
-use shell_data::vectorised;
 use shell_data::wrench::{Axes, PerAxis};
 
 /// A fitted model and what is needed to apply and to trust it.
@@ -174,16 +173,7 @@ impl Calibration {
 
     /// The number of rows with a reading outside the range of the training data.
     pub fn rows_out_of_range(&self, readings: &[Vec<f64>]) -> u64 {
-        let rows = readings.first().map_or(0, Vec::len);
-        let columns = readings.iter().zip(self.valid_range.iter().flatten());
-        // Where a calibration is used as it should be, there is no such column.
-        let outside: Vec<_> =
-            columns.filter(|&(column, &range)| leaves_range(column, range)).collect();
-        if outside.is_empty() {
-            return 0;
-        }
-        let is_outside = |row: &usize| outside.iter().any(|(c, range)| !range.contains(c[*row]));
-        (0..rows).filter(is_outside).count() as u64
+        self.out_of_range(readings).into_iter().filter(|&flags| flags != 0).count() as u64
     }
 
     /// Number of rows, after a check of the shape that callers promise.
@@ -192,13 +182,6 @@ impl Calibration {
         let rows = readings.first().map_or(0, Vec::len);
         assert!(readings.iter().all(|column| column.len() == rows), "columns of one length");
         rows
-    }
-}
-
-vectorised! {
-    /// Whether any reading of a channel lies outside a range.
-    fn leaves_range(column: &[f64], range: ReadingRange) -> bool {
-        column.iter().fold(false, |any, &s| any | !range.contains(s))
     }
 }
 

@@ -62,10 +62,8 @@ impl GroupedRows {
         let mut rows = Self::default();
         for (_, block) in data.blocks() {
             let block = &block.rows;
-            let columns: Vec<&[f64]> =
-                block.readings.iter().chain(&block.wrench).map(Vec::as_slice).collect();
             let mut fold_of = vec![split.held_out; block.rows];
-            for (fold, assigned) in assign(&columns, block.rows, split).iter().enumerate() {
+            for (fold, assigned) in assign(block, split).iter().enumerate() {
                 assigned.iter().for_each(|&row| fold_of[row] = fold);
             }
             let mut first = 0;

@@ -98,6 +98,17 @@ impl FoundKind {
             Self::Stretches => "stretches",
         }
     }
+
+    /// What one of them is called, what several are, and what these are in full.
+    fn words(self) -> [&'static str; 3] {
+        match self {
+            Self::Plateaus => ["plateau", "poses", "plateaus of constant load"],
+            Self::Recordings => {
+                ["recording", "recordings", "recordings between jumps of the clock"]
+            }
+            Self::Stretches => ["stretch", "stretches of time", "stretches of time"],
+        }
+    }
 }
 
 /// Groups that were found in logs without a group column: how many, and how long they are.
@@ -140,11 +151,7 @@ impl GroupBy {
         match self {
             Self::File => "files",
             Self::Column => "groups",
-            Self::Found(groups) => match groups.kind {
-                FoundKind::Plateaus => "poses",
-                FoundKind::Recordings => "recordings",
-                FoundKind::Stretches => "stretches of time",
-            },
+            Self::Found(groups) => groups.kind.words()[1],
         }
     }
 
@@ -187,11 +194,13 @@ pub fn label_poses_or_files(data: &Dataset) -> Dataset {
 
 /// The rows labelled by groups that errors may be alike in, as far as a sample of them says that there are any.
 pub(crate) fn label_poses(data: &Dataset) -> Option<(GroupBy, Dataset)> {
+    given(data).or_else(|| label_plateaus(data))
+}
+
+/// The rows labelled by plateaus, where all logs may have some.
+fn label_plateaus(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     let may_have = |log: &LogRows| may_have_plateaus(&log.sample, log.is_sampled_at_start);
-    match given(data) {
-        None if data.logs.iter().all(may_have) => label_groups(data, HeldOut::Plateaus),
-        given => given,
-    }
+    data.logs.iter().all(may_have).then(|| label_groups(data, HeldOut::Plateaus))?
 }
 
 /// Most of the variance of the loads that is within the groups of a column if these are poses.
@@ -199,10 +208,9 @@ const WITHIN_POSES: f64 = 0.1;
 
 /// Whether rows are in poses: the groups of a column in which loads hardly change, or plateaus in all logs.
 pub(crate) fn has_poses(data: &Dataset) -> bool {
-    let may_have = |log: &LogRows| may_have_plateaus(&log.sample, log.is_sampled_at_start);
     match data.logs.iter().all(|log| log.has_groups) {
         true => loads_are_constant_in_groups(data),
-        false => data.logs.iter().all(may_have) && label_groups(data, HeldOut::Plateaus).is_some(),
+        false => label_plateaus(data).is_some(),
     }
 }
 
@@ -350,11 +358,7 @@ fn label_found(data: &Dataset, kind: FoundKind, rows: Vec<Vec<u64>>) -> (GroupBy
 
 /// Labels the rows of a log whose groups have so many rows, numbered from `first` on.
 fn label_stretches(log: &mut LogRows, kind: FoundKind, rows: &[u64], first: usize) {
-    let name = match kind {
-        FoundKind::Plateaus => "plateau",
-        FoundKind::Recordings => "recording",
-        FoundKind::Stretches => "stretch",
-    };
+    let [name, ..] = kind.words();
     let mut groups = rows.iter().copied().zip(first..);
     let (mut left, mut number) = (0, 0);
     for block in &mut log.blocks {
@@ -375,11 +379,7 @@ fn label_stretches(log: &mut LogRows, kind: FoundKind, rows: &[u64], first: usiz
 impl fmt::Display for FoundGroups {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { kind, groups, rows_min, rows_median, rows_max } = self;
-        let what = match kind {
-            FoundKind::Plateaus => "plateaus of constant load",
-            FoundKind::Recordings => "recordings between jumps of the clock",
-            FoundKind::Stretches => "stretches of time",
-        };
+        let [.., what] = kind.words();
         match rows_min == rows_max {
             true => write!(f, "{groups} {what}, {rows_min} rows each"),
             false => {

@@ -53,10 +53,9 @@ pub fn label_holds(data: &Dataset, labels: &[String]) -> Result<Dataset, HoldMis
 }
 
 fn holds(log: &LogRows) -> Vec<ReadingHold> {
-    let blocks: Vec<_> = log.blocks.iter().map(|block| block.rows.as_ref().clone()).collect();
-    let sample = sample(blocks.iter());
-    let mut finder = PlateauFinder::new(Steps::from_sample(&[], &sample.readings));
-    blocks.iter().for_each(|block| finder.add(&block.time_s, &block.readings));
+    let blocks = || log.blocks.iter().map(|block| &*block.rows);
+    let mut finder = PlateauFinder::new(Steps::from_sample(&[], &sample(blocks()).readings));
+    blocks().for_each(|block| finder.add(&block.time_s, &block.readings));
     finder.holds()
 }
 

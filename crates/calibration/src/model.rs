@@ -29,32 +29,28 @@ impl Basis {
 
     /// The name in files and on the command line.
     pub const fn name(self) -> &'static str {
-        match self {
-            Basis::Linear => "linear",
-            Basis::Cubic => "cubic",
-            Basis::Quadratic => "quadratic",
-            Basis::CubicProducts => "cubic+products",
-            Basis::Poly3 => "poly3",
-        }
+        self.facts().0
     }
 
     /// What its features are, in a few words.
     pub const fn description(self) -> &'static str {
-        match self {
-            Basis::Linear => "Each reading",
-            Basis::Cubic => "Each reading, its square and its cube",
-            Basis::Quadratic => "Products of up to two readings",
-            Basis::CubicProducts => "As `cubic`, and products of two readings",
-            Basis::Poly3 => "Products of up to three readings",
-        }
+        self.facts().1
     }
 
     /// The largest number of readings in one product.
     pub const fn degree(self) -> usize {
+        self.facts().2
+    }
+
+    const fn facts(self) -> (&'static str, &'static str, usize) {
         match self {
-            Basis::Linear => 1,
-            Basis::Quadratic => 2,
-            Basis::Cubic | Basis::CubicProducts | Basis::Poly3 => 3,
+            Basis::Linear => ("linear", "Each reading", 1),
+            Basis::Cubic => ("cubic", "Each reading, its square and its cube", 3),
+            Basis::Quadratic => ("quadratic", "Products of up to two readings", 2),
+            Basis::CubicProducts => {
+                ("cubic+products", "As `cubic`, and products of two readings", 3)
+            }
+            Basis::Poly3 => ("poly3", "Products of up to three readings", 3),
         }
     }
 }

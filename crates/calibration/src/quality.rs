@@ -34,13 +34,8 @@ impl AxisErrors {
     /// # Panics
     /// If they are not.
     pub fn new(predicted: &[f64], measured: &[f64]) -> Self {
-        Self::with_room(predicted, measured, &mut Vec::new())
-    }
-
-    /// The same with room for the errors, which may be used again.
-    fn with_room(predicted: &[f64], measured: &[f64], errors: &mut Vec<f64>) -> Self {
         assert_eq!(predicted.len(), measured.len(), "a prediction for every measurement");
-        axis_errors(predicted, measured, errors)
+        axis_errors(predicted, measured)
     }
 
     /// Adds the rows of `other`.
@@ -70,8 +65,7 @@ impl AxisErrors {
 
 /// The errors of all axes over one block. Columns are as long as each other, N and N·m.
 pub fn errors(predicted: &PerAxis<Vec<f64>>, measured: &[Vec<f64>]) -> PerAxis<AxisErrors> {
-    let mut room = Vec::new();
-    std::array::from_fn(|axis| AxisErrors::with_room(&predicted[axis], &measured[axis], &mut room))
+    std::array::from_fn(|axis| AxisErrors::new(&predicted[axis], &measured[axis]))
 }
 
 /// Adds the rows of `other` to `all`, axis by axis.
@@ -90,9 +84,8 @@ pub fn significant(value: f64, digits: usize) -> String {
 }
 
 vectorised! {
-    fn axis_errors(predicted: &[f64], measured: &[f64], errors: &mut Vec<f64>) -> AxisErrors {
-        errors.clear();
-        errors.extend(predicted.iter().zip(measured).map(|(p, m)| p - m));
+    fn axis_errors(predicted: &[f64], measured: &[f64]) -> AxisErrors {
+        let errors: Vec<f64> = predicted.iter().zip(measured).map(|(p, m)| p - m).collect();
         let mut largest = [0.0; LANES];
         for chunk in errors.chunks(LANES) {
             for (largest, error) in largest.iter_mut().zip(chunk) {
@@ -100,7 +93,7 @@ vectorised! {
             }
         }
         AxisErrors {
-            error: RunningVariance::from_inlined(errors),
+            error: RunningVariance::from_inlined(&errors),
             measured: RunningVariance::from_inlined(measured),
             max: largest.into_iter().fold(0.0, f64::max),
         }

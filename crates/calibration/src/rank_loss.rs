@@ -5,6 +5,7 @@
 
 use std::fmt;
 
+use faer::perm::swap_cols_idx;
 use faer::prelude::*;
 use faer::{Col, ColRef, Mat, MatRef};
 
@@ -138,15 +139,9 @@ fn echelon(mut v: Mat<f64>) -> Mat<f64> {
         let Some((row, column)) = pivots.max_by(|&a, &b| v[a].abs().total_cmp(&v[b].abs())) else {
             break;
         };
-        for i in 0..v.nrows() {
-            let kept = v[(i, k)];
-            v[(i, k)] = v[(i, column)];
-            v[(i, column)] = kept;
-        }
+        swap_cols_idx(v.as_mut(), k, column);
         let pivot = v[(row, k)];
-        for i in 0..v.nrows() {
-            v[(i, k)] /= pivot;
-        }
+        v.col_mut(k).iter_mut().for_each(|x| *x /= pivot);
         for j in (0..v.ncols()).filter(|&j| j != k) {
             let share = v[(row, j)];
             for i in 0..v.nrows() {

@@ -123,8 +123,7 @@ impl Group {
         if rows == 0 {
             return Ok(());
         }
-        let added = self.rows.absorb(&block, workspace);
-        added.map_err(|error| ValidationError::Rows(Box::new(error)))
+        Ok(self.rows.absorb(&block, workspace)?)
     }
 }
 
@@ -165,10 +164,7 @@ impl FactoredGroups {
 
     /// All rows; `None` where there is no group.
     pub fn total(&self) -> Option<FactoredRows> {
-        let mut groups = self.groups.iter().map(|(_, rows)| rows);
-        let mut all = groups.next()?.clone();
-        groups.for_each(|rows| all.merge(rows));
-        Some(all)
+        FactoredRows::merged(self.groups.iter().map(|(_, rows)| rows))
     }
 
     /// Neighbours together, each group of the result with the rows of a range that is not empty.

@@ -17,7 +17,6 @@
 //! R factors of recordings that were made apart merge, and the features of a smaller model are among those of a
 //! larger one. What depends on the order of the rows is the last digits, no more.
 
-mod change;
 mod groups;
 mod rows;
 mod scatter;

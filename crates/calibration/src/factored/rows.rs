@@ -1,18 +1,20 @@
 //! Some rows.
 
+use std::collections::HashMap;
+
 use faer::{Mat, MatRef};
 
-use super::change::change;
 use crate::FitError;
 use crate::exact::HeldOutErrors;
 use crate::features::Features;
 use crate::least_squares::{Method, solve_r_factor};
-use crate::model::{Basis, Model};
+use crate::model::{Basis, Model, Term};
 use crate::quality::AxisQuality;
 use crate::r_factor::{RFactor, Ridge, Workspace};
 use crate::reading_ranges::ReadingRanges;
 use crate::scaling::{ChannelSample, Scaling};
 use crate::solver::Solution;
+use crate::uncertainty::triangular_columns;
 use shell_data::block::Block;
 use shell_data::wrench::{Axis, PerAxis};
 
@@ -21,7 +23,7 @@ use shell_data::wrench::{Axis, PerAxis};
 pub struct FactoredRows {
     features: Features,
     ranges: ReadingRanges,
-    r_factor: RFactor,
+    pub(super) r_factor: RFactor,
 }
 
 impl FactoredRows {
@@ -94,8 +96,7 @@ impl FactoredRows {
 
     /// The upper triangular matrix by its columns, of lengths 1, 2, …: features, then the wrench.
     pub fn columns(&self) -> Vec<Vec<f64>> {
-        let whole = self.r_factor.whole();
-        (0..whole.ncols()).map(|j| (0..=j).map(|i| whole[(i, j)]).collect()).collect()
+        triangular_columns(self.r_factor.whole())
     }
 
     /// The bytes that a set of rows takes.
@@ -145,6 +146,14 @@ impl FactoredRows {
             }
         }
         self.ranges.merge(&later.ranges);
+    }
+
+    /// All of some rows, about the centre of the first; `None` of none.
+    pub(crate) fn merged<'a>(parts: impl IntoIterator<Item = &'a Self>) -> Option<Self> {
+        let mut parts = parts.into_iter();
+        let mut all = parts.next()?.clone();
+        parts.for_each(|part| all.merge(part));
+        Some(all)
     }
 
     /// The features of `model` about the centre of `scaling`, as sums of these; `None` if some are not among
@@ -254,9 +263,39 @@ impl FactoredRows {
         let scaling = Scaling::identity(model.columns());
         self.change(model, &scaling).is_some()
     }
+}
 
-    /// `R` and `Z` without the rows of `R` that are rounding errors.
-    pub(super) fn significant_rows(&self) -> (Mat<f64>, Mat<f64>) {
-        self.r_factor.significant_rows()
+/// Features of one model as sums of those of another: `T`, terms of `from` × terms of `model`; `None` where `from` lacks
+/// a product that it takes.
+///
+/// With `z = (s − c)/k` and `z' = (s − c')/k'` a reading is `z' = a·z + b`, `a = k/k'`, `b = (c − c')/k'`, so every
+/// product of `z'` is a sum of products of `z`: `X' = X·T`. Scales are powers of two, which leaves `a` exact.
+fn change(from: &Features, model: &Model, scaling: &Scaling) -> Option<Mat<f64>> {
+    let (own, wanted) = (from.model().terms(), model.terms());
+    let positions: HashMap<Term, usize> = own.iter().copied().zip(0..).collect();
+    let channel = |&channel: &u8| {
+        let (i, about) = (usize::from(channel), from.scaling());
+        let scale = scaling.scale[i];
+        (about.scale[i] / scale, (about.centre[i] - scaling.centre[i]) / scale)
+    };
+    let mut change = Mat::zeros(own.len(), wanted.len());
+    for (column, term) in wanted.iter().enumerate() {
+        let factors = term.factors();
+        for chosen in 0..1_u32 << factors.len() {
+            let (mut share, mut kept) = (1.0, Vec::new());
+            for (i, factor) in factors.iter().enumerate() {
+                let (a, b) = channel(factor);
+                if chosen & (1 << i) != 0 {
+                    share *= a;
+                    kept.push(*factor);
+                } else {
+                    share *= b;
+                }
+            }
+            if share != 0.0 {
+                change[(*positions.get(&Term::product(&kept))?, column)] += share;
+            }
+        }
     }
+    Some(change)
 }

@@ -47,7 +47,7 @@ impl FactoredGroups {
             let express = |change: Mat<f64>| (&change * factor, &change * &solution.coefficients);
             let parts = about.centre_of(rows, express).ok_or(ScatterError::NearlyDependent)?;
             let (factors, coefficients) = parts;
-            let (r, z) = rows.significant_rows();
+            let (r, z) = rows.r_factor.significant_rows();
             let (columns, misfit) = (&r * factors, z - &r * coefficients);
             let errors = rows.errors_of(coefficients.as_ref());
             let score = corrected_rows((columns.as_ref(), misfit.as_ref()), shares.as_mut())?;
@@ -96,7 +96,7 @@ impl FactoredGroups {
                 scatter.factors.each_ref().map(|factor| &change * without_zeros(factor))
             };
             let (factors, count) = (about.centre_of(rows, express)?, rows.rows().max(1) as f64);
-            let (r, _) = rows.significant_rows();
+            let (r, _) = rows.r_factor.significant_rows();
             let variance = |factor: &Mat<f64>| (&r * factor).squared_norm_l2() / count;
             variances.push(factors.each_ref().map(variance));
         }

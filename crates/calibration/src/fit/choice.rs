@@ -28,16 +28,18 @@ use shell_data::dataset::{Dataset, LabelledBlock, RowSet};
 /// The fewest groups that standard errors come from unless they are asked for by name.
 const FEWEST_GROUPS: usize = 10;
 
-/// Training rows of which those that are used are selected when they have been labelled: groups are found in
-/// all rows.
+/// What is fitted, and how. Of the training rows those that are used are selected when they have been labelled: groups
+/// are found in all rows.
 #[derive(Clone, Copy)]
-pub(super) struct Training<'a> {
-    pub(super) data: &'a Dataset,
+pub(super) struct FitInput<'a> {
+    pub(super) train: &'a Dataset,
     pub(super) excluded: &'a RowSet,
     pub(super) fresh: bool,
+    pub(super) test: &'a Dataset,
+    pub(super) options: &'a FitOptions<'a>,
 }
 
-impl Training<'_> {
+impl FitInput<'_> {
     /// Whether all rows are used.
     pub(super) fn uses_all(&self) -> bool {
         !self.fresh && self.excluded.is_empty()
@@ -45,12 +47,12 @@ impl Training<'_> {
 
     /// The rows that are used.
     pub(super) fn used(&self) -> Dataset {
-        self.data.select(self.fresh, self.excluded)
+        self.train.select(self.fresh, self.excluded)
     }
 
     /// The same labelled by what can be held out.
     pub(super) fn labelled(&self, held_out: HeldOut) -> Option<(GroupBy, Dataset)> {
-        self.select(label_groups(self.data, held_out))
+        self.select(label_groups(self.train, held_out))
     }
 
     fn select(&self, labelled: Option<(GroupBy, Dataset)>) -> Option<(GroupBy, Dataset)> {
@@ -62,54 +64,44 @@ impl Training<'_> {
 ///
 /// # Errors
 /// [`FitError`] if rows cannot be summed, or there are no groups to hold out.
-pub(super) fn choose(
-    training: Training<'_>,
-    options: &FitOptions<'_>,
-) -> Result<ModelChoice, FitError> {
-    let mut choice = choose_model(training, options)?;
-    options.cluster_files(&mut choice)?;
+pub(super) fn choose(input: FitInput<'_>) -> Result<ModelChoice, FitError> {
+    let mut choice = choose_model(input)?;
+    input.options.cluster_files(&mut choice)?;
     Ok(choice)
 }
 
-fn choose_model(training: Training<'_>, options: &FitOptions<'_>) -> Result<ModelChoice, FitError> {
+fn choose_model(input: FitInput<'_>) -> Result<ModelChoice, FitError> {
+    let options = input.options;
     // A family is chosen by exact sums wherever there are any, whatever solver then fits it.
     let by_sums =
         !options.validates() || options.basis().is_none() || options.solver == SolverKind::Exact;
     if by_sums {
-        match choose_by_sums(training, options) {
+        match choose_by_sums(input) {
             Err(FitError::NotExact(_)) if options.validates() => {}
             choice => return choice,
         }
     }
     let held_out = options.held_out();
-    let (group_by, labelled) = training.labelled(held_out).ok_or(FitError::NoGroups)?;
-    let (basis, ridge, selection) = match options.basis() {
-        Some(basis) => (basis, options.ridge, None),
-        None => {
-            let selection = select_by_normal_equations(&labelled, options)?;
-            let chosen = &selection.candidates[selection.chosen];
-            (chosen.basis, chosen.ridge, Some(selection))
-        }
-    };
-    let known = FitOptions { model: basis.into(), ridge, cross_validation: None, ..*options };
-    let mut choice = choose_labelled(Some((group_by, labelled.clone())), &known)?;
-    if options.validation().is_some() {
-        let found = refits::cross_validate(&labelled, held_out, (basis, ridge), options)?;
-        choice.cross_validation = Some(found);
+    let (group_by, labelled) = input.labelled(held_out).ok_or(FitError::NoGroups)?;
+    let mut chosen = options.open(Some(group_by));
+    if options.basis().is_none() {
+        chosen.take(select_by_normal_equations(&labelled, options)?);
     }
-    Ok(ModelChoice { selection, group_by: Some(group_by), labelled: Some(labelled), ..choice })
+    let ModelChoice { basis, ridge, selection, .. } = chosen;
+    let known = FitOptions { model: basis.into(), ridge, cross_validation: None, ..*options };
+    let choice = choose_labelled(Some((group_by, labelled.clone())), &known)?;
+    let found = refits::cross_validate(&labelled, held_out, (basis, ridge), options)?;
+    Ok(ModelChoice { selection, cross_validation: Some(found), ..choice })
 }
 
-fn choose_by_sums(
-    training: Training<'_>,
-    options: &FitOptions<'_>,
-) -> Result<ModelChoice, FitError> {
+fn choose_by_sums(input: FitInput<'_>) -> Result<ModelChoice, FitError> {
+    let options = input.options;
     let asks_for_groups = options.validates() || options.covariance == CovarianceRule::Groups;
     let labelled = match asks_for_groups {
-        _ if training.data.has_weights() => None,
-        true => training.labelled(options.held_out()),
+        _ if input.train.has_weights() => None,
+        true => input.labelled(options.held_out()),
         false if options.covariance != CovarianceRule::Auto => None,
-        false => training.select(label_poses(training.data)),
+        false => input.select(label_poses(input.train)),
     };
     choose_labelled(labelled, options)
 }
@@ -120,34 +112,31 @@ fn choose_labelled(
 ) -> Result<ModelChoice, FitError> {
     let validates = options.validates();
     let mut choice = options.open(labelled.as_ref().map(|(by, _)| *by));
-    let rows = labelled.as_ref().map(|(_, rows)| rows.clone());
-    choice.labelled.clone_from(&rows);
+    choice.labelled = labelled.map(|(_, rows)| rows);
     if !validates && !choice.by_group {
         return Ok(choice);
     }
-    let rows = rows.ok_or(FitError::NoGroups)?;
+    let rows = choice.labelled.clone().ok_or(FitError::NoGroups)?;
     if options.basis().is_none() {
-        return choose_by_folds(labelled, &rows, options);
+        return choose_by_folds(choice.group_by.zip(choice.labelled), &rows, options);
     }
-    if !validates && options.solver != SolverKind::Exact {
-        return options.cluster(choice, &rows);
-    }
-    let sums = sum_groups_or_sets(&rows, choice.basis, options);
-    let sums = match sums {
-        Err(FitError::NotExact(_)) if !validates => {
-            let found = factor_groups(&rows, choice.basis, options.workers);
-            return options.decide_by_r_factors(choice, found);
+    let is_exact = options.solver == SolverKind::Exact;
+    if validates || is_exact {
+        match sum_groups_or_sets(&rows, choice.basis, options) {
+            // Standard errors by group take R factors as well.
+            Err(FitError::NotExact(_)) if !validates => {}
+            Err(FitError::Validation(reason)) if !validates => {
+                return Ok(ModelChoice { not_grouped: Some(reason), ..choice });
+            }
+            sums => {
+                choice = options.decide(choice, sums?)?;
+                if is_exact || !choice.by_group {
+                    return Ok(choice);
+                }
+            }
         }
-        Err(FitError::Validation(reason)) if !validates => {
-            return Ok(ModelChoice { not_grouped: Some(reason), ..choice });
-        }
-        sums => sums?,
-    };
-    let choice = options.decide(choice, sums)?;
-    match choice.by_group && options.solver != SolverKind::Exact {
-        true => options.cluster(choice, &rows),
-        false => Ok(choice),
     }
+    options.cluster(choice, &rows)
 }
 
 /// Chooses the model by folds of groups, on some of the rows of each, and sums all of them for that.
@@ -157,13 +146,10 @@ fn choose_by_folds(
     options: &FitOptions<'_>,
 ) -> Result<ModelChoice, FitError> {
     let (rows, labels) = GroupedRows::from_labels(rows);
-    let chosen = {
-        let open = options.open(None);
-        let few = few_by_fold(&rows, MOST_COMPARED)?.to_dataset();
-        let split = RandomSplit::default();
-        let sums = sum_groups(&few, open.basis, (Apart::Groups, split), options.workers)?;
-        options.select(open, &sums)?
-    };
+    let few = few_by_fold(&rows, MOST_COMPARED)?.to_dataset();
+    let (mut chosen, split) = (options.open(None), RandomSplit::default());
+    let sums = sum_groups(&few, chosen.basis, (Apart::Groups, split), options.workers)?;
+    options.select(&mut chosen, &sums)?;
     let ModelChoice { basis, ridge, selection, advice, .. } = chosen;
     let cross_validation = match options.cross_validation {
         None if labels.len() > MAX_GROUPS => Some(HeldOut::Folds(selection::FOLDS)),
@@ -224,20 +210,6 @@ pub fn sum_groups(
     Ok(sums.finish(own)?)
 }
 
-/// The R factors of labelled rows by group.
-fn factor_groups(
-    data: &Dataset,
-    basis: Basis,
-    workers: Workers<'_>,
-) -> Result<FactoredGroups, FitError> {
-    let (channels, memory) = (data.channels(), data.memory_terms());
-    let model = Model { basis, intercept: true, channels, memory };
-    model.check_size()?;
-    let sample = data.logs.first().map_or(&[][..], |log| &log.sample.readings);
-    let (rows, labels) = GroupedRows::from_labels(data);
-    FactoredGroups::from_rows(&rows, labels, (model, Scaling::from_sample(sample, true)), workers)
-}
-
 impl FitOptions<'_> {
     /// Whether it takes groups to answer what is asked.
     pub(super) fn validates(&self) -> bool {
@@ -296,7 +268,7 @@ impl FitOptions<'_> {
         sums: GroupedMoments,
     ) -> Result<ModelChoice, FitError> {
         if self.basis().is_none() {
-            choice = self.select(choice, &sums)?;
+            self.select(&mut choice, &sums)?;
         }
         let channels = sums.total().map_or(0, Moments::channels);
         let model = self.model_without_memory(choice.basis, channels);
@@ -323,16 +295,11 @@ impl FitOptions<'_> {
     }
 
     /// Chooses the family of features, and the ridge, by groups that are held out.
-    fn select(&self, choice: ModelChoice, sums: &GroupedMoments) -> Result<ModelChoice, FitError> {
+    fn select(&self, choice: &mut ModelChoice, sums: &GroupedMoments) -> Result<(), FitError> {
         let selection = selection::select(sums, self.intercept, self.ridges())?;
-        let chosen = &selection.candidates[selection.chosen];
-        Ok(ModelChoice {
-            basis: chosen.basis,
-            ridge: chosen.ridge,
-            advice: Some(Advice::new(sums, self.intercept, &selection, None)?),
-            selection: Some(selection),
-            ..choice
-        })
+        choice.advice = Some(Advice::new(sums, self.intercept, &selection, None)?);
+        choice.take(selection);
+        Ok(())
     }
 
     /// The ridges that are tried.
@@ -344,16 +311,8 @@ impl FitOptions<'_> {
     pub(super) fn decide_by_r_factors(
         &self,
         mut choice: ModelChoice,
-        rows: Result<FactoredGroups, FitError>,
-    ) -> Result<ModelChoice, FitError> {
-        let rows = match rows {
-            // Better standard errors were not asked for by name.
-            Err(FitError::Validation(reason)) => {
-                choice.not_grouped = Some(reason);
-                return Ok(choice);
-            }
-            rows => rows?,
-        };
+        rows: FactoredGroups,
+    ) -> ModelChoice {
         let first = rows.groups.first().map(|(_, rows)| rows.model());
         let (channels, memory) = first.map_or((0, 0), |of| (of.channels, of.memory));
         let model = Model { basis: choice.basis, intercept: self.intercept, channels, memory };
@@ -363,7 +322,28 @@ impl FitOptions<'_> {
         let are_long = choice.has_long_stretches(rows.groups.len(), all_rows, &model);
         let held_out_together = are_long.then(each_alone);
         choice.clusters = Some(Clusters::RFactors { rows, held_out_together });
-        Ok(choice)
+        choice
+    }
+
+    /// The R factors of labelled rows by group. Where they cannot be had, `choice` knows why: better standard errors were
+    /// not asked for by name.
+    fn factor_groups(
+        &self,
+        choice: &mut ModelChoice,
+        data: &Dataset,
+    ) -> Result<Option<FactoredGroups>, FitError> {
+        let model = Model { intercept: true, ..self.model_of(data, choice.basis) };
+        model.check_size()?;
+        let sample = data.logs.first().map_or(&[][..], |log| &log.sample.readings);
+        let by = (model, Scaling::from_sample(sample, true));
+        let (rows, labels) = GroupedRows::from_labels(data);
+        match FactoredGroups::from_rows(&rows, labels, by, self.workers) {
+            Err(FitError::Validation(reason)) => {
+                choice.not_grouped = Some(reason);
+                Ok(None)
+            }
+            rows => rows.map(Some),
+        }
     }
 
     /// Where files of motion were held out, standard errors and intervals come from stretches of these.
@@ -379,10 +359,8 @@ impl FitOptions<'_> {
             0..=MOST_ALONE => files,
             _ => files.chunks(most).map(|of| of[0].start..of[of.len() - 1].end).collect(),
         });
-        match factor_groups(&rows, choice.basis, self.workers) {
-            Ok(rows) => choice.clusters = Some(Clusters::RFactors { rows, held_out_together }),
-            Err(FitError::Validation(reason)) => choice.not_grouped = Some(reason),
-            Err(reason) => return Err(reason),
+        if let Some(rows) = self.factor_groups(choice, &rows)? {
+            choice.clusters = Some(Clusters::RFactors { rows, held_out_together });
         }
         choice.by_group = choice.not_grouped.is_none();
         Ok(())
@@ -391,21 +369,14 @@ impl FitOptions<'_> {
     /// Keeps the labelled rows as the solver's standard errors by group need them.
     fn cluster(&self, mut choice: ModelChoice, rows: &Dataset) -> Result<ModelChoice, FitError> {
         if self.solver != SolverKind::Huber {
-            let found = factor_groups(rows, choice.basis, self.workers);
-            return self.decide_by_r_factors(choice, found);
+            return Ok(match self.factor_groups(&mut choice, rows)? {
+                Some(rows) => self.decide_by_r_factors(choice, rows),
+                None => choice,
+            });
         }
-        let all = rows_in_one(rows);
-        let mut labels: Vec<&str> = all.groups.iter().map(|(label, _)| label.as_str()).collect();
-        labels.sort_unstable();
-        labels.dedup();
-        let model = Model {
-            basis: choice.basis,
-            intercept: self.intercept,
-            channels: rows.channels(),
-            memory: 0,
-        };
-        self.test_group_count(&mut choice, &model, labels.len());
-        choice.clusters = Some(Clusters::Rows(all));
+        let model = self.model_without_memory(choice.basis, rows.channels());
+        self.test_group_count(&mut choice, &model, GroupedRows::from_labels(rows).1.len());
+        choice.clusters = Some(Clusters::Rows(rows_in_one(rows)));
         Ok(choice)
     }
 

@@ -3,13 +3,11 @@
 
 use super::model_choice::ModelChoice;
 use super::polynomial::covariance;
-use super::{Fit, FitOptions, Warning};
+use super::{Fit, FitOptions};
 use crate::conversion::Calibration;
 use crate::error::FitError;
 use crate::exact::{Moments, PartitionedMoments, SolveError};
 use crate::factored::{FactoredGroups, FactoredRows};
-use crate::groups::HeldOut;
-use crate::least_squares::Method;
 use crate::quality::AxisQuality;
 use crate::reading_ranges::ReadingRanges;
 use crate::solver::{Solution, SolverKind, solve_moments};
@@ -40,14 +38,9 @@ pub fn fit_sums(sums: RowSums<'_>, axes: Axes, options: &FitOptions<'_>) -> Resu
     };
     let mut calibration = Calibration::from_solution(&solution, &ranges);
     calibration.axes = axes;
-    let (covariance, not_grouped) =
-        covariance(&solution, (solver, None), &choice, options.covariance, options.workers);
+    let (covariance, not_grouped) = covariance(&solution, solver, &choice, options);
     calibration.covariance = covariance;
-    let mut warnings = Vec::new();
-    if let Some(reason) = choice.not_grouped.clone().or(not_grouped) {
-        warnings.push(options.tell_not_grouped(reason)?);
-    }
-    warnings.extend(choice.few_groups.map(Warning::FewGroups));
+    let warnings = options.warn_of_groups(&choice, not_grouped)?.collect();
     Ok(Fit { warnings, ..Fit::from_choice(calibration, choice, (solution, solver, None), train) })
 }
 
@@ -99,26 +92,18 @@ fn choose_r_factors(
 ) -> Result<ModelChoice, FitError> {
     let mut choice = options.open(Some(by.into()));
     if options.basis().is_none() {
-        let selection = factored::select(&groups, options.intercept, options.ridges())
-            .map_err(FitError::from)?;
-        let chosen = &selection.candidates[selection.chosen];
-        (choice.basis, choice.ridge) = (chosen.basis, chosen.ridge);
-        choice.selection = Some(selection);
+        choice.take(factored::select(&groups, options.intercept, options.ridges())?);
     }
-    if let Some(held_out) = options.validation() {
+    if options.validation().is_some() {
         let channels = groups.groups.first().map_or(0, |(_, rows)| rows.channels());
         let model = options.model_without_memory(choice.basis, channels);
-        let folds = match held_out {
-            HeldOut::Folds(folds) => Some(folds),
-            _ => None,
-        };
-        let found = factored::cross_validate(&groups, &model, (Method::Tsqr, choice.ridge), folds)?;
+        let found = factored::cross_validate(&groups, &model, choice.ridge, options.folds())?;
         choice.cross_validation = Some(found);
     }
-    match choice.by_group {
-        true => options.decide_by_r_factors(choice, Ok(groups)),
-        false => Ok(choice),
-    }
+    Ok(match choice.by_group {
+        true => options.decide_by_r_factors(choice, groups),
+        false => choice,
+    })
 }
 
 impl FitOptions<'_> {

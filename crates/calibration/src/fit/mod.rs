@@ -61,12 +61,12 @@ pub use crate::groups::{
 pub use crate::holds::{HoldMismatch, label_holds};
 pub use crate::passes::Workers;
 
-use self::choice::{Training, choose};
+use self::choice::{FitInput, choose};
 use self::model_choice::ModelChoice;
 use self::outlier_search::KnownFit;
 use self::physics::TriedPhysics;
 pub use self::polynomial::Leaks;
-use self::polynomial::PolynomialFit;
+use self::polynomial::{PolynomialFit, RowErrors};
 use crate::conversion::{Calibration, Kind};
 use crate::dynamics::{Dynamics, NotSearched};
 use crate::error::FitError;
@@ -81,6 +81,7 @@ use crate::validation::outliers::TestedRow;
 use crate::validation::selection::Selection;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::PerAxis;
+use std::mem::take;
 
 /// The largest coefficient or squared error that a calibration's document takes.
 pub const LARGEST: f64 = 1e100;
@@ -208,17 +209,16 @@ impl Fit {
         Evaluation::total(&self.tests)
     }
 
-    /// A fit of which nothing is known but what a polynomial's choice and solution say.
-    fn from_choice(
+    /// A fit of which nothing else is known.
+    fn new(
         calibration: Calibration,
-        choice: ModelChoice,
-        (solution, solver, truncate): (Solution, SolverKind, Option<f64>),
+        method: FitMethod,
+        rows: u64,
         train: PerAxis<AxisQuality>,
     ) -> Self {
-        let (rows, found_groups) = (solution.rows, choice.found_groups());
         Self {
             calibration,
-            method: FitMethod::Polynomial { solution: Box::new(solution), solver, truncate },
+            method,
             used: Dataset::default(),
             tested: Dataset::default(),
             rows,
@@ -229,13 +229,13 @@ impl Fit {
             tests: Vec::new(),
             excitation: None,
             leaks: Leaks::default(),
-            group_by: choice.group_by,
-            found_groups,
-            few_groups: choice.few_groups,
-            selection: choice.selection,
-            cross_validation: choice.cross_validation,
+            group_by: None,
+            found_groups: None,
+            few_groups: None,
+            selection: None,
+            cross_validation: None,
             not_judged: None,
-            advice: choice.advice,
+            advice: None,
             comparison: None,
             means: None,
             dropped: Outliers::default(),
@@ -243,6 +243,44 @@ impl Fit {
             dynamics: None,
             warnings: Vec::new(),
         }
+    }
+
+    /// What a polynomial's choice and solution say.
+    fn from_choice(
+        calibration: Calibration,
+        choice: ModelChoice,
+        (solution, solver, truncate): (Solution, SolverKind, Option<f64>),
+        train: PerAxis<AxisQuality>,
+    ) -> Self {
+        let (rows, found_groups) = (solution.rows, choice.found_groups());
+        let method = FitMethod::Polynomial { solution: Box::new(solution), solver, truncate };
+        Self {
+            group_by: choice.group_by,
+            found_groups,
+            few_groups: choice.few_groups,
+            selection: choice.selection,
+            cross_validation: choice.cross_validation,
+            advice: choice.advice,
+            ..Self::new(calibration, method, rows, train)
+        }
+    }
+
+    /// The same with the errors on the rows that were `used` and on those of tests, and what they have to say.
+    fn with_errors(self, used: Dataset, tested: &Dataset, errors: RowErrors) -> Self {
+        let train = Evaluation::total(&errors.train);
+        let mut fitted = Self {
+            used,
+            tested: tested.clone(),
+            rows_of_logs: errors.train.iter().map(|log| log.rows).collect(),
+            skipped_rows: train.skipped_rows,
+            repeated_rows: train.repeated_rows,
+            excitation: errors.loads.excitation(),
+            leaks: errors.leaks,
+            tests: errors.test,
+            ..self
+        };
+        fitted.warn();
+        fitted
     }
 
     /// What errors, groups and covariance have to say.
@@ -303,12 +341,9 @@ pub fn fit(train: Dataset, test: Dataset, options: &FitOptions<'_>) -> Result<Fi
     let (train, test) = (&prepared.train, &prepared.test);
     let dropped = drop_outliers(train, options)?;
     let excluded = dropped.excluded();
-    let training = Training { data: train, excluded: &excluded, fresh: options.fresh };
     let test = &test.select(options.fresh, &Default::default());
-    let mut fitted = match options.means {
-        true => fit_to_means(training, test, options)?,
-        false => fit_rows(training, test, options)?,
-    };
+    let input = FitInput { train, excluded: &excluded, fresh: options.fresh, test, options };
+    let mut fitted = if options.means { fit_to_means(input)? } else { fit_rows(input)? };
     fitted.dropped = dropped;
     prepared.complete(&mut fitted);
     Ok(fitted)
@@ -327,17 +362,13 @@ fn drop_outliers(train: &Dataset, options: &FitOptions<'_>) -> Result<Outliers, 
     Ok(found)
 }
 
-fn fit_to_means(
-    training: Training<'_>,
-    test: &Dataset,
-    options: &FitOptions<'_>,
-) -> Result<Fit, FitError> {
-    let held_out = options.validation().unwrap_or(HeldOut::Auto);
-    let labelled = training.labelled(held_out).filter(|(by, _)| !by.is_stretches());
+fn fit_to_means(input: FitInput<'_>) -> Result<Fit, FitError> {
+    let held_out = input.options.validation().unwrap_or(HeldOut::Auto);
+    let labelled = input.labelled(held_out).filter(|(by, _)| !by.is_stretches());
     let (by, rows) = labelled.ok_or(FitError::NoGroups)?;
     let means = means::group_means(&rows)?;
-    let of_means = Training { data: &means, fresh: false, excluded: &Default::default() };
-    let mut fitted = fit_rows(of_means, test, options)?;
+    let of_means = FitInput { train: &means, fresh: false, excluded: &Default::default(), ..input };
+    let mut fitted = fit_rows(of_means)?;
     fitted.rows_of_logs = rows.logs.iter().map(|log| log.rows()).collect();
     fitted.found_groups = fitted.found_groups.or_else(|| by.found());
     fitted.means = Some(MeansOf {
@@ -348,21 +379,18 @@ fn fit_to_means(
     Ok(fitted)
 }
 
-fn fit_rows(
-    training: Training<'_>,
-    test: &Dataset,
-    options: &FitOptions<'_>,
-) -> Result<Fit, FitError> {
+fn fit_rows(input: FitInput<'_>) -> Result<Fit, FitError> {
+    let options = input.options;
     match options.model {
-        ModelRule::Physics => fit_physics(training, test, None, options),
-        ModelRule::Given(_) => fit_polynomial(training, test, choose(training, options)?, options),
-        ModelRule::Auto => match choose_any(training, options) {
-            Ok(choice) => fit_best(training, test, choice, options),
+        ModelRule::Physics => fit_physics(input, None),
+        ModelRule::Given(_) => fit_polynomial(input, choose(input)?),
+        ModelRule::Auto => match choose_any(input) {
+            Ok(choice) => fit_best(input, choice),
             Err(reason @ FitError::Interrupted) => Err(reason),
             Err(reason) if options.cross_validation.is_some() => Err(reason),
             Err(reason) => {
                 let given = FitOptions { model: Basis::Cubic.into(), ..*options };
-                let fitted = fit_rows(training, test, &given)?;
+                let fitted = fit_rows(FitInput { options: &given, ..input })?;
                 Ok(Fit { not_judged: Some(reason), ..fitted })
             }
         },
@@ -370,35 +398,30 @@ fn fit_rows(
 }
 
 /// Chooses a polynomial, of rows that count alike.
-fn choose_any(training: Training<'_>, options: &FitOptions<'_>) -> Result<ModelChoice, FitError> {
-    match training.data.has_weights() {
+fn choose_any(input: FitInput<'_>) -> Result<ModelChoice, FitError> {
+    match input.train.has_weights() {
         true => Err(FitError::Weights { what: "the choice of a model" }),
-        false => choose(training, options),
+        false => choose(input),
     }
 }
 
 /// Fits the polynomial that was chosen or, where it errs less on held-out groups, the physics model.
-fn fit_best(
-    training: Training<'_>,
-    test: &Dataset,
-    choice: ModelChoice,
-    options: &FitOptions<'_>,
-) -> Result<Fit, FitError> {
-    let found = match options.why_no_physics(training.data) {
+fn fit_best(input: FitInput<'_>, choice: ModelChoice) -> Result<Fit, FitError> {
+    let found = match input.options.why_no_physics(input.train) {
         Some(reason) => Some(Err(reason)),
-        None if training.data.memory_terms() > 0 => {
+        None if input.train.memory_terms() > 0 => {
             Some(Err("it has no memory terms, which pay here".to_owned()))
         }
         // Physics is fitted to rows.
-        None if options.means => None,
-        None => match ModelComparison::of(training, &choice, options) {
+        None if input.options.means => None,
+        None => match ModelComparison::of(input, &choice) {
             Err(FitError::Interrupted) => return Err(FitError::Interrupted),
             found => found.map_err(|error| error.to_string()).transpose(),
         },
     };
     let comparison = match found {
         Some(Ok((comparison, tried))) if comparison.physics_is_better() => {
-            let fitted = fit_physics(training, test, tried, options)?;
+            let fitted = fit_physics(input, tried)?;
             return Ok(Fit {
                 selection: choice.selection,
                 comparison: Some(Ok(comparison)),
@@ -407,17 +430,13 @@ fn fit_best(
         }
         found => found.map(|found| found.map(|(comparison, _)| comparison)),
     };
-    fit_polynomial(training, test, choice, options).map(|fitted| Fit { comparison, ..fitted })
+    fit_polynomial(input, choice).map(|fitted| Fit { comparison, ..fitted })
 }
 
-fn fit_polynomial(
-    training: Training<'_>,
-    test: &Dataset,
-    mut choice: ModelChoice,
-    options: &FitOptions<'_>,
-) -> Result<Fit, FitError> {
-    let used = choice.labelled.take().unwrap_or_else(|| training.used());
-    let PolynomialFit { calibration, solved, not_grouped, errors, spread } =
+fn fit_polynomial(input: FitInput<'_>, mut choice: ModelChoice) -> Result<Fit, FitError> {
+    let FitInput { test, options, .. } = input;
+    let used = choice.labelled.take().unwrap_or_else(|| input.used());
+    let PolynomialFit { calibration, solved, not_grouped, mut errors, spread } =
         polynomial::fit(&used, test, &choice, options)?;
     let mut warnings = Vec::new();
     if used.has_weights() && options.solver == SolverKind::Exact {
@@ -426,92 +445,51 @@ fn fit_polynomial(
     let condition = solved.solution.condition;
     let loses_digits = condition.is_nan() || condition > AS_GOOD_AS_EXACT;
     warnings.extend(solved.not_exact.clone().filter(|_| loses_digits).map(Warning::NotExact));
-    if let Some(reason) = choice.not_grouped.clone().or(not_grouped) {
-        warnings.push(options.tell_not_grouped(reason)?);
-    }
-    warnings.extend(choice.few_groups.map(Warning::FewGroups));
-    let train = Evaluation::total(&errors.train);
-    let quality = train.quality().ok_or(FitError::NoRows)?;
+    warnings.extend(options.warn_of_groups(&choice, not_grouped)?);
+    let quality = Evaluation::total(&errors.train).quality().ok_or(FitError::NoRows)?;
     let has_outliers = errors.tested.iter().flatten().any(TestedRow::starts_search);
     let outliers = spread.filter(|_| has_outliers).map(|spread| {
         let judged_by = FitOptions { model: choice.basis.into(), ridge: choice.ridge, ..*options };
-        let is_same_fit = training.uses_all() && options.solver == SolverKind::Exact;
-        let known = KnownFit { fit: &solved, spread, tested: errors.tested };
-        name_outliers(training, is_same_fit.then_some(known), &judged_by)
+        let is_same_fit = input.uses_all() && options.solver == SolverKind::Exact;
+        let known = KnownFit { fit: &solved, spread, tested: take(&mut errors.tested) };
+        name_outliers(input.train, is_same_fit.then_some(known), &judged_by)
     });
     let how = (solved.solution, solved.solver, options.truncate);
-    let mut fitted = Fit {
-        used,
-        tested: test.clone(),
-        rows_of_logs: errors.train.iter().map(|log| log.rows).collect(),
-        skipped_rows: train.skipped_rows,
-        repeated_rows: train.repeated_rows,
-        excitation: errors.loads.excitation(),
-        leaks: errors.leaks,
-        tests: errors.test,
-        outliers,
-        warnings,
-        ..Fit::from_choice(calibration, choice, how, quality)
-    };
-    fitted.warn();
-    Ok(fitted)
+    let fitted = Fit { outliers, warnings, ..Fit::from_choice(calibration, choice, how, quality) };
+    Ok(fitted.with_errors(used, test, errors))
 }
 
-fn fit_physics(
-    training: Training<'_>,
-    test: &Dataset,
-    tried: Option<TriedPhysics>,
-    options: &FitOptions<'_>,
-) -> Result<Fit, FitError> {
+fn fit_physics(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fit, FitError> {
     // The physics model has no memory terms.
-    let (data, test) = (training.data.without_memory(), &test.without_memory());
-    let training = Training { data: &data, ..training };
-    let physics::FittedPhysics { calibration, used, physics, errors } =
-        physics::fit(training, test, tried, options)?;
-    let train = Evaluation::total(&errors.train);
+    let [train, test] = &[input.train, input.test].map(Dataset::without_memory);
+    let input = FitInput { train, test, ..input };
+    let physics::FittedPhysics { calibration, used, physics, errors } = physics::fit(input, tried)?;
+    let of_train = Evaluation::total(&errors.train);
     let group_by = physics.group_by;
     // They are told by a polynomial: what they do to that is not what they do to this model.
-    let looks = train.has_large_errors() && options.looks_for_outliers();
+    let looks = of_train.has_large_errors() && input.options.looks_for_outliers();
     let outliers =
-        looks.then(|| Ok(Outliers { rms: None, ..name_outliers(training, None, options)? }));
-    let mut fitted = Fit {
-        calibration,
-        used,
-        tested: test.clone(),
-        rows: train.rows,
-        rows_of_logs: errors.train.iter().map(|log| log.rows).collect(),
-        skipped_rows: train.skipped_rows,
-        repeated_rows: train.repeated_rows,
-        train: train.quality().ok_or(FitError::NoRows)?,
-        excitation: errors.loads.excitation(),
-        leaks: errors.leaks,
-        tests: errors.test,
+        looks.then(|| Ok(Outliers { rms: None, ..name_outliers(train, None, input.options)? }));
+    let cross_validation = physics.cross_validation();
+    let quality = of_train.quality().ok_or(FitError::NoRows)?;
+    let method = FitMethod::Physics(Box::new(physics));
+    let fitted = Fit {
         group_by: Some(group_by),
         found_groups: group_by.found(),
-        few_groups: None,
-        selection: None,
-        cross_validation: physics.cross_validation(),
-        not_judged: None,
-        advice: None,
-        comparison: None,
-        means: None,
-        dropped: Outliers::default(),
+        cross_validation,
         outliers,
-        dynamics: None,
-        warnings: Vec::new(),
-        method: FitMethod::Physics(Box::new(physics)),
+        ..Fit::new(calibration, method, of_train.rows, quality)
     };
-    fitted.warn();
-    Ok(fitted)
+    Ok(fitted.with_errors(used, test, errors))
 }
 
 /// Looks for outliers that were used, by a fit that may be known.
 fn name_outliers(
-    training: Training<'_>,
+    train: &Dataset,
     known: Option<KnownFit<'_>>,
     options: &FitOptions<'_>,
 ) -> Result<Outliers, FitError> {
-    let mut found = outlier_search::search(training.data, options, known)?;
+    let mut found = outlier_search::search(train, options, known)?;
     // Those outside the valid range have been left out.
     found.rows.retain(|row| row.reason != Reason::OutOfRange);
     Ok(found)

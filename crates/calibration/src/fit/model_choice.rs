@@ -52,6 +52,13 @@ pub(super) struct ModelChoice {
 }
 
 impl ModelChoice {
+    /// Takes the model that was selected.
+    pub(super) fn take(&mut self, selection: Selection) {
+        let chosen = &selection.candidates[selection.chosen];
+        (self.basis, self.ridge) = (chosen.basis, chosen.ridge);
+        self.selection = Some(selection);
+    }
+
     /// The groups that were found, where they are not given.
     pub(super) fn found_groups(&self) -> Option<FoundGroups> {
         let is_used = self.sums.is_some()

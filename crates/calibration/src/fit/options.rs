@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::model_choice::ModelChoice;
 use super::physics;
 use super::warning::Warning;
 use crate::dynamics::DynamicsRule;
@@ -201,12 +202,20 @@ impl FitOptions<'_> {
         }
     }
 
-    /// Standard errors that were asked for and cannot be had are an error; those that are only
-    /// better are not.
-    pub(super) fn tell_not_grouped(&self, reason: ValidationError) -> Result<Warning, FitError> {
-        match self.covariance {
-            CovarianceRule::Groups => Err(FitError::NoGroupCovariance(reason)),
-            _ => Ok(Warning::NotGrouped(reason)),
-        }
+    /// Why there are no standard errors by group, as far as either knows. Those that were asked for and cannot be had are
+    /// an error; those that are only better are not.
+    pub(super) fn warn_of_groups(
+        &self,
+        choice: &ModelChoice,
+        not_grouped: Option<ValidationError>,
+    ) -> Result<impl Iterator<Item = Warning> + use<>, FitError> {
+        let reason = choice.not_grouped.clone().or(not_grouped);
+        let not_grouped = match (reason, self.covariance) {
+            (Some(reason), CovarianceRule::Groups) => {
+                return Err(FitError::NoGroupCovariance(reason));
+            }
+            (reason, _) => reason.map(Warning::NotGrouped),
+        };
+        Ok(not_grouped.into_iter().chain(choice.few_groups.map(Warning::FewGroups)))
     }
 }

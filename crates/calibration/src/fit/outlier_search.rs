@@ -71,16 +71,12 @@ pub(super) fn search(
         Some(range) => search.rows_outside(range)?,
     };
     let never: RowKeys = out_of_range.iter().map(|of| search.key(of)).collect();
-    let mut known_tests = None;
-    let is_of_blocks = |(_, tested): &(_, Vec<_>)| tested.len() == search.blocks.len();
-    let all = match known.filter(|known| never.is_empty() && is_of_blocks(known)) {
-        Some((fit, tested)) => {
-            known_tests = Some(search.start_from(fit, tested));
-            Cow::Borrowed(fit)
-        }
-        None => Cow::Owned(search.solve(never.iter().copied())?),
+    let (all, mut known_tests) = match known {
+        Some((fit, tested)) => (Cow::Borrowed(fit), Some(search.start_from(fit, tested))),
+        None => (Cow::Owned(search.solve(never.iter().copied())?), None),
     };
-    let (mut left_out, mut suspects, mut fit) = (RowKeys::new(), Vec::new(), Cow::Borrowed(&*all));
+    let (mut left_out, mut suspects) = (RowKeys::new(), Vec::new());
+    let mut fit = Cow::Borrowed(&all.solution);
     let mut tried = BTreeSet::from([left_out.clone()]);
     let most = MANY.max((LARGEST_SHARE * data.rows() as f64) as usize);
     for round in 0..MOST_ROUNDS {
@@ -113,7 +109,7 @@ pub(super) fn search(
     let outside = out_of_range.iter().filter_map(|of| search.name(of, options.valid_range));
     let mut rows: Vec<Outlier> = named.chain(outside).collect();
     rows.sort_by_key(|row| (row.log, row.offset, row.row));
-    let rms = (!rows.is_empty()).then(|| search.rms([&all, &fit], &left_out)).flatten();
+    let rms = (!rows.is_empty()).then(|| search.rms([&all.solution, &fit], &left_out)).flatten();
     Ok(Outliers { rows, too_many: None, rms })
 }
 
@@ -134,11 +130,11 @@ fn without(
     rows: &Block,
     model: &Model,
     ridge: f64,
-) -> Result<Option<Solved>, FitError> {
+) -> Result<Option<Solution>, FitError> {
     /// More are better taken out of sums, or left out of a pass: what is kept of each is as long as the features.
     const MOST_TAKEN_OUT: usize = 4096;
     let few = rows.rows <= MOST_TAKEN_OUT;
-    let solution = match (few.then(|| all.solution.without(rows)).flatten(), &all.sums) {
+    Ok(match (few.then(|| all.solution.without(rows)).flatten(), &all.sums) {
         (None, Some(sums)) => {
             let mut part = Accumulator::new(sums.basis(), sums.channels());
             part.absorb(&rows.readings, &rows.wrench)?;
@@ -146,15 +142,7 @@ fn without(
             Some(solve_moments(&rest, model, ridge, &all.ranges)?)
         }
         (solution, _) => solution,
-    };
-    let solved = |solution| Solved {
-        solution,
-        ranges: all.ranges.clone(),
-        solver: all.solver,
-        not_exact: None,
-        sums: None,
-    };
-    Ok(solution.map(solved))
+    })
 }
 
 /// A block of rows, and which of them are to be tested, ascending.
@@ -185,16 +173,13 @@ impl<'a> OutlierSearch<'a> {
         Self { data, options, blocks, spread, looked_by: None }
     }
 
-    fn row_test<'f>(&self, fit: &'f Solved) -> Option<RowTest<'f>>
-    where
-        'a: 'f,
-    {
-        RowTest::new(&fit.solution, &fit.ranges, self.spread)
+    fn row_test(&self, fit: &Solution) -> Option<RowTest<'a>> {
+        RowTest::new(fit, self.spread)
     }
 
     /// Begins with the rows of each block that were tested by the fit to all rows.
     fn start_from(&mut self, fit: &Solved, tested: Vec<Vec<TestedRow>>) -> Vec<Suspect> {
-        self.looked_by = self.row_test(fit).map(|test| *test.noise());
+        self.looked_by = self.row_test(&fit.solution).map(|test| test.noise);
         let mut all = Vec::new();
         for (block, tested) in tested.into_iter().enumerate() {
             self.blocks[block].suspects = tested.iter().map(|of| of.row).collect();
@@ -225,11 +210,11 @@ impl<'a> OutlierSearch<'a> {
         all: &Solved,
         left_out: &RowKeys,
         never: &RowKeys,
-    ) -> Result<Solved, FitError> {
+    ) -> Result<Solution, FitError> {
         let rows = gather(&self.blocks, left_out);
         match without(all, &rows, &self.model(), self.options.ridge)? {
             Some(fit) => Ok(fit),
-            None => self.solve(never.iter().chain(left_out).copied()),
+            None => Ok(self.solve(never.iter().chain(left_out).copied())?.solution),
         }
     }
 
@@ -256,15 +241,10 @@ impl<'a> OutlierSearch<'a> {
 
     /// Looks through all rows for further suspects.
     fn look(&mut self, test: &RowTest<'_>) -> Result<(), FitError> {
-        let fresh = self.options.fresh;
         let find = |room: &mut PerAxis<Vec<f64>>, block: &SearchedBlock<'_>| {
             let SearchedBlock { rows, suspects, .. } = block;
-            test.predict(&rows.readings, room);
-            let mut found = test.suspects(rows, room);
-            if fresh {
-                let fresh = rows.fresh_rows();
-                found.retain(|&row| fresh[row]);
-            }
+            test.calibration.wrench(&rows.readings, room);
+            let mut found = self.used_rows(rows, test.suspects(rows, room));
             found.extend(suspects);
             found.sort_unstable();
             found.dedup();
@@ -298,7 +278,7 @@ impl<'a> OutlierSearch<'a> {
             }
         }
         self.look(test)?;
-        self.looked_by = Some(*test.noise());
+        self.looked_by = Some(test.noise);
         let tested = self.test_suspects(test, excluded)?;
         let limit = limit_beyond(&tested, most, 0.0);
         Ok((tested, limit))
@@ -324,32 +304,37 @@ impl<'a> OutlierSearch<'a> {
     }
 
     /// The rows with a reading outside a range.
-    fn rows_outside(&self, range: [f64; 2]) -> Result<Vec<Suspect>, FitError> {
+    fn rows_outside(&self, [least, most]: [f64; 2]) -> Result<Vec<Suspect>, FitError> {
+        let range = least..=most;
         let find = |(): &mut (), block: &SearchedBlock<'_>| {
-            let mut outside = outside(block.rows, range);
-            if self.options.fresh {
-                let fresh = block.rows.fresh_rows();
-                outside.retain(|of| fresh[of.row]);
-            }
-            outside
+            let columns = &block.rows.readings;
+            let is_outside = |row: &usize| columns.iter().any(|of| !range.contains(&of[*row]));
+            self.used_rows(block.rows, (0..block.rows.rows).filter(is_outside).collect())
         };
-        let found = self.each_block(find)?;
-        let of_block = |(block, outside): (usize, Vec<TestedRow>)| {
-            outside.into_iter().map(move |tested| Suspect { block, tested })
-        };
-        Ok(found.into_iter().enumerate().flat_map(of_block).collect())
+        let suspect = |block| move |row| Suspect { block, tested: TestedRow::unseen(row) };
+        let found = self.each_block(find)?.into_iter().enumerate();
+        Ok(found.flat_map(|(block, rows)| rows.into_iter().map(suspect(block))).collect())
+    }
+
+    /// Those of some rows of a block that are used.
+    fn used_rows(&self, block: &Block, mut rows: Vec<usize>) -> Vec<usize> {
+        if self.options.fresh {
+            let fresh = block.fresh_rows();
+            rows.retain(|&row| fresh[row]);
+        }
+        rows
     }
 
     /// Errors of the fit to all rows, and of that without those `left_out`, on the rows that both are to hold for.
     ///
     /// Those of the first are what is left of the sum of its squared errors without those of the rows left out. That
     /// loses few digits: a row that errs by far more than all others bends the fit, and they err, too.
-    fn rms(&self, [all, without]: [&Solved; 2], left_out: &RowKeys) -> Option<[PerAxis<f64>; 2]> {
+    fn rms(&self, [all, without]: [&Solution; 2], left_out: &RowKeys) -> Option<[PerAxis<f64>; 2]> {
         let left_out = gather(&self.blocks, left_out);
         let mut predicted = PerAxis::default();
-        self.row_test(all)?.predict(&left_out.readings, &mut predicted);
-        let rms = |of: &Solved, axis: usize, (rows, square): (usize, f64)| {
-            let Solution { residual_products, rows: all, .. } = &of.solution;
+        self.row_test(all)?.calibration.wrench(&left_out.readings, &mut predicted);
+        let rms = |of: &Solution, axis: usize, (rows, square): (usize, f64)| {
+            let Solution { residual_products, rows: all, .. } = of;
             let rest = (residual_products[(axis, axis)] - square).max(0.0);
             (rest / (all - rows as u64) as f64).sqrt()
         };
@@ -430,11 +415,4 @@ fn gather(blocks: &[SearchedBlock<'_>], wanted: &RowKeys) -> Block {
         meant.for_each(|&row| gathered.append(rows, row..row + 1));
     }
     gathered
-}
-
-/// The rows of a block with a reading outside a range.
-fn outside(block: &Block, [least, most]: [f64; 2]) -> Vec<TestedRow> {
-    let is_outside =
-        |row: &usize| block.readings.iter().any(|column| !(least..=most).contains(&column[*row]));
-    (0..block.rows).filter(is_outside).map(TestedRow::unseen).collect()
 }

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use super::FitOptions;
-use super::choice::Training;
+use super::choice::FitInput;
 use super::evaluation::EvalOptions;
 use super::model_choice::ModelChoice;
 use super::polynomial::RowErrors;
@@ -19,7 +19,7 @@ use crate::physics::{
 use crate::quality::significant;
 use crate::reading_ranges::ReadingRanges;
 use crate::validation::comparison::Comparison;
-use crate::validation::cross_validation::{CrossValidation, HeldOutQuality, assign_groups};
+use crate::validation::cross_validation::{CrossValidation, HeldOutQuality, assign_groups, sizes};
 use crate::validation::grouped::GroupedMoments;
 use crate::validation::{ValidationError, selection};
 use shell_data::dataset::Dataset;
@@ -99,13 +99,12 @@ pub(super) struct TriedPhysics {
 /// Fits the physics model and finds its errors on the training rows and on those of tests. `tried` is it,
 /// where it has been compared already.
 pub(super) fn fit(
-    training: Training<'_>,
-    test: &Dataset,
+    input: FitInput<'_>,
     tried: Option<TriedPhysics>,
-    options: &FitOptions<'_>,
 ) -> Result<FittedPhysics, FitError> {
-    check(training.data)?;
-    let labelled = training.labelled(options.held_out());
+    let FitInput { train, test, options, .. } = input;
+    check(train)?;
+    let labelled = input.labelled(options.held_out());
     let (group_by, used) = labelled.ok_or(FitError::NoGroups)?;
     let (mut rows, labels) = TrainingRows::from_dataset(&used);
     if let Some(stated) = options.stated_loads {
@@ -169,10 +168,10 @@ impl ModelComparison {
     /// errors there. `None` where none was chosen by sums, or where the polynomial leaves little to win: groups are
     /// many, and it errs hardly more on those that are held out.
     pub(super) fn of(
-        training: Training<'_>,
+        input: FitInput<'_>,
         choice: &ModelChoice,
-        options: &FitOptions<'_>,
     ) -> Result<Option<(Self, Option<TriedPhysics>)>, FitError> {
+        let options = input.options;
         let Some((sums, _)) = choice.sums.as_ref().zip(choice.selection.as_ref()) else {
             return Ok(None);
         };
@@ -180,7 +179,7 @@ impl ModelComparison {
         if sums.group_count != sums.groups.len() {
             return Ok(None);
         }
-        let Some(labelled) = training.labelled(options.held_out()) else { return Ok(None) };
+        let Some(labelled) = input.labelled(options.held_out()) else { return Ok(None) };
         let model = options.model_of(&labelled.1, choice.basis);
         match is_worth_trying(sums, labelled.0, &model, choice)? {
             true => Self::new(&labelled, sums, (model, choice.ridge), options).map(Some),
@@ -195,7 +194,7 @@ impl ModelComparison {
         options: &FitOptions<'_>,
     ) -> Result<(Self, Option<TriedPhysics>), FitError> {
         let (rows, labels) = TrainingRows::from_dataset(labelled);
-        let sizes: Vec<u64> = sums.groups.iter().map(|(_, moments)| moments.rows()).collect();
+        let sizes = sizes(sums);
         let held_out = options.validation().unwrap_or(HeldOut::Auto);
         let mut folds = assign_groups(&sizes, fold_count(held_out, sizes.len(), *group_by))?;
         let mut polynomial = selection::errors_by_fold(sums, &model, ridge, &folds)?;

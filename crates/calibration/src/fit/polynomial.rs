@@ -11,7 +11,7 @@ use crate::exact::{ExactError, Moments};
 use crate::least_squares::Method;
 use crate::magnitudes::Magnitudes;
 use crate::model::Model;
-use crate::passes::{Rows, Workers, each};
+use crate::passes::{Rows, each};
 use crate::polynomial::Polynomial;
 use crate::quality::AxisQuality;
 use crate::reading_ranges::ReadingRanges;
@@ -127,16 +127,15 @@ pub(super) fn r_factor_method(solver: SolverKind, truncate: Option<f64>) -> Meth
 /// The covariance as far as it can be had, and why not by groups where it is of independent rows.
 pub(super) fn covariance(
     solution: &Solution,
-    (solver, truncate): (SolverKind, Option<f64>),
+    solver: SolverKind,
     choice: &ModelChoice,
-    rule: CovarianceRule,
-    workers: Workers<'_>,
+    options: &FitOptions<'_>,
 ) -> (Option<Covariance>, Option<ValidationError>) {
-    if rule == CovarianceRule::Nothing || choice.few_groups.is_some() {
+    if options.covariance == CovarianceRule::Nothing || choice.few_groups.is_some() {
         return (None, None);
     }
     let by_rows = || Covariance::from_rows(solution);
-    let ridge = choice.ridge;
+    let (ridge, workers) = (choice.ridge, options.workers);
     let found = match (&choice.clusters, &choice.sums) {
         _ if !choice.by_group => return (by_rows(), None),
         (Some(Clusters::Rows(rows)), _) => {
@@ -146,7 +145,7 @@ pub(super) fn covariance(
             Err(ValidationError::OtherSolver)
         }
         (Some(Clusters::RFactors { rows, held_out_together }), _) => {
-            let method = r_factor_method(solver, truncate);
+            let method = r_factor_method(solver, options.truncate);
             let together = held_out_together.as_deref();
             Covariance::from_factored(rows, together, solution, (method, ridge), workers)
         }
@@ -155,8 +154,7 @@ pub(super) fn covariance(
         (None, Some(sums)) => {
             let are_long =
                 choice.has_long_stretches(sums.groups.len(), solution.rows, &solution.model);
-            let of = if are_long { Covariance::from_stretches } else { Covariance::from_groups };
-            of(sums, &solution.model, ridge, workers)
+            Covariance::from_groups(sums, &solution.model, ridge, are_long, workers)
         }
         (None, None) => return (by_rows(), None),
     };
@@ -202,18 +200,12 @@ pub(super) fn fit(
     let Solved { solution, ranges, solver, .. } = &solved;
     let mut calibration = Calibration::from_solution(solution, ranges);
     calibration.axes = train.logs[0].axes;
-    let (mut covariance, not_grouped) = covariance(
-        solution,
-        (*solver, options.truncate),
-        choice,
-        options.covariance,
-        options.workers,
-    );
+    let (mut covariance, not_grouped) = covariance(solution, *solver, choice, options);
     let unit = covariance.as_ref().map(|_| root_mean_square(solution));
     // Outliers are told by a fit to rows that count alike.
     let looks = options.looks_for_outliers() && !train.has_weights();
     let spread = looks.then(|| Spread::new(train, options.workers)).transpose()?;
-    let row_test = spread.as_ref().and_then(|spread| RowTest::new(solution, ranges, spread));
+    let row_test = spread.as_ref().and_then(|spread| RowTest::new(solution, spread));
     let look = EvalOptions { size_unit: unit.as_ref(), row_test: row_test.as_ref() };
     let errors = RowErrors::new(&calibration, train, test, &look, options)?;
     if let Some([earlier, later]) = errors.copy {
@@ -271,10 +263,10 @@ impl Leaks {
 struct BlockFacts {
     log: usize,
     errors: Evaluation,
-    tested: Vec<TestedRow>,
-    loads: Option<WrenchSums>,
-    fingerprint: Option<Fingerprint>,
-    sample: Option<RowSample>,
+    /// `None` of test rows.
+    trained: Option<(Vec<TestedRow>, WrenchSums)>,
+    fingerprint: Fingerprint,
+    sample: RowSample,
 }
 
 impl RowErrors {
@@ -303,33 +295,29 @@ impl RowErrors {
                 false => evaluator.evaluate(calibration, rows, &EvalOptions::default()),
             };
             let stride = strides[usize::from(!is_train)];
+            // A log by itself is a copy of none, and without tests there is nothing on its plateaus.
+            let (may_be_copy, has_tests) = (all_logs().count() > 1, !test.logs.is_empty());
             Ok(BlockFacts {
                 log: *log,
                 errors,
-                tested,
-                loads: is_train.then(|| WrenchSums::new(&rows.wrench)),
-                // A log by itself is a copy of none, and without tests there is nothing on its plateaus.
-                fingerprint: (all_logs().count() > 1).then(|| Fingerprint::new(rows)),
-                sample: (!test.logs.is_empty()).then(|| RowSample::new(rows, stride)),
+                trained: is_train.then(|| (tested, WrenchSums::new(&rows.wrench))),
+                fingerprint: if may_be_copy {
+                    Fingerprint::new(rows)
+                } else {
+                    Fingerprint::default()
+                },
+                sample: if has_tests { RowSample::new(rows, stride) } else { RowSample::default() },
             })
         };
         let (mut loads, mut tested) = (WrenchSums::default(), Vec::new());
-        let (mut train_rows, mut test_rows) = (RowSample::default(), RowSample::default());
+        let mut samples = [RowSample::default(), RowSample::default()];
         let fold = |block: BlockFacts| {
             evaluations[block.log].merge(&block.errors);
-            if block.log < logs {
-                tested.push(block.tested);
-            }
-            if let Some(of_block) = block.loads {
-                loads.merge(&of_block);
-            }
-            if let Some(fingerprint) = block.fingerprint {
-                fingerprints[block.log].merge(fingerprint);
-            }
-            match block.sample {
-                Some(sample) if block.log < logs => train_rows.add(sample),
-                Some(sample) => test_rows.add(sample),
-                None => {}
+            fingerprints[block.log].merge(block.fingerprint);
+            samples[usize::from(block.log >= logs)].add(block.sample);
+            if let Some((of_block, loads_of_block)) = block.trained {
+                tested.push(of_block);
+                loads.merge(&loads_of_block);
             }
             Ok(())
         };
@@ -341,6 +329,7 @@ impl RowErrors {
             <[usize; 2]>::from(positions).map(|at| name(at).unwrap_or_default())
         });
         let test = evaluations.split_off(logs);
+        let [train_rows, test_rows] = samples;
         Ok(Self {
             train: evaluations,
             test,

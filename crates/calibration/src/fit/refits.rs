@@ -17,11 +17,9 @@ use crate::passes::{Rows, Workers, map};
 use crate::scaling::Scaling;
 use crate::solver::SolverKind;
 use crate::validation::ValidationError;
-use crate::validation::cross_validation::{
-    CrossValidation, HeldOutQuality, assign_groups, over_folds,
-};
+use crate::validation::cross_validation::{CrossValidation, assign_groups};
 use crate::validation::grouped::RandomSplit;
-use crate::validation::normal_equations::HeldOutFolds;
+use crate::validation::normal_equations;
 use crate::validation::selection::{self, Selection};
 use shell_data::block::Block;
 use shell_data::dataset::{BLOCK_ROWS, Dataset};
@@ -60,8 +58,8 @@ pub(super) fn select_by_normal_equations(
     let largest = options.model_of(data, Basis::Poly3).term_count();
     let most = MOST_COMPARED.max(ROWS_PER_FEATURE * largest);
     let folds = few_by_fold(&GroupedRows::from_labels(data).0, most)?;
-    let folds = HeldOutFolds::new(&folds, options.model_of(data, Basis::Linear))?;
-    Ok(folds.select(options.ridges())?)
+    let model = options.model_of(data, Basis::Linear);
+    Ok(normal_equations::select(&folds, model, options.ridges())?)
 }
 
 /// At most so many rows, as many in turn of each group, and more where groups are many; groups are assigned to folds.
@@ -118,26 +116,17 @@ pub(super) fn cross_validate(
     let of_groups = labels.into_iter().zip(&fold_of);
     let undetermined = of_groups.filter(|(_, fold)| errors[**fold].is_err());
     let undetermined = undetermined.map(|(label, _)| label).collect();
-    let (grouped, _) = over_folds(errors.into_iter().map(|errors| (&[][..], errors)))?;
-    let (mut random, mut at_random) = (Ok(Vec::new()), 0);
-    if data.memory_terms() == 0 {
-        let split = random_split(random_folds, options.seed);
-        let parts = GroupedRows::from_split(data, &split);
-        at_random = (0..split.held_out).filter(|&fold| !parts.group(fold).is_empty()).count();
-        random = problem.errors_without_each(&parts, at_random, workers)?.into_iter().collect();
+    let on_folds = errors.into_iter().map(|errors| (Vec::new(), errors));
+    let found = CrossValidation::from_folds((groups, rows.row_count() as u64), on_folds)?;
+    let found = CrossValidation { undetermined, ..found };
+    if data.memory_terms() > 0 {
+        return Ok(found);
     }
-    Ok(CrossValidation {
-        groups,
-        folds,
-        rows: rows.row_count() as u64,
-        undetermined,
-        grouped,
-        random_folds: at_random,
-        random: random
-            .ok()
-            .filter(|folds| !folds.is_empty())
-            .map(|folds: Vec<_>| HeldOutErrors::total(&folds).map(HeldOutQuality::from)),
-    })
+    let split = random_split(random_folds, options.seed);
+    let parts = GroupedRows::from_split(data, &split);
+    let with_rows = (0..split.held_out).filter(|&fold| !parts.group(fold).is_empty()).count();
+    let at_random = problem.errors_without_each(&parts, with_rows, workers)?.into_iter();
+    Ok(found.beside_random(with_rows, at_random.collect::<Result<_, _>>().ok()))
 }
 
 impl PolynomialProblem {

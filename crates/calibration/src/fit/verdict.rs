@@ -2,7 +2,6 @@
 //! use the calibration for, and what to record next.
 
 use super::{Fit, FitMethod, Leaks};
-use crate::conversion::Kind;
 use crate::error::FitError;
 use crate::groups::GroupBy;
 use crate::physics::COVERAGE_LEVEL;
@@ -310,8 +309,8 @@ fn mean_standard_errors(fit: &Fit, residual_sd: &PerAxis<f64>) -> PerAxis<f64> {
 }
 
 fn interval(fit: &Fit) -> Result<FrameInterval, String> {
-    match (fit.calibration.kind(), &fit.method) {
-        (Kind::Polynomial(_), _) => {
+    match &fit.method {
+        FitMethod::Polynomial { .. } => {
             let covariance = fit.calibration.covariance.as_ref();
             let covariance = covariance.ok_or(match fit.few_groups {
                 Some(_) => "the groups are too few for so many features",
@@ -322,16 +321,13 @@ fn interval(fit: &Fit) -> Result<FrameInterval, String> {
             let half_width = std::array::from_fn(|axis| factors[axis] * errors[axis]);
             Ok(FrameInterval { half_width, held: None })
         }
-        (Kind::Physics(_), FitMethod::Physics(physics)) => {
+        FitMethod::Physics(physics) => {
             let validation = physics.validation.as_ref().ok_or("nothing was held out")?;
             let coverage = validation.coverage().ok_or("too few groups were held out")?;
             Ok(FrameInterval {
                 half_width: coverage.map(|(_, half)| half),
                 held: Some(coverage.map(|(share, _)| share)),
             })
-        }
-        (Kind::Physics(_), FitMethod::Polynomial { .. }) => {
-            unreachable!("a physics model was fitted")
         }
     }
 }

@@ -36,9 +36,8 @@ impl Covariance {
         ridge: f64,
         workers: Workers<'_>,
     ) -> Result<Self, ValidationError> {
-        let of_rows = |error| ValidationError::Rows(Box::new(error));
         let rows = factored(block, solution)?;
-        let clipped = factored(&clipped(block, solution).map_err(of_rows)?, solution)?;
+        let clipped = factored(&clipped(block, solution)?, solution)?;
         let score = |group: usize| {
             let rest = without(block, &rows.groups[group].0);
             let problem =

@@ -2,14 +2,14 @@
 
 use std::ops::Range;
 
-use faer::Mat;
+use faer::MatRef;
 
 use super::interval::{ErrorShape, NoIntervals, normal_quantile, student_quantile};
 use super::new_groups::{
     held_out_intervals, held_out_intervals_factored, held_out_intervals_of_files,
     held_out_intervals_of_stretches,
 };
-use crate::exact::{GroupScatterError, PartitionedMoments, SolveError};
+use crate::exact::{GroupScatterError, SolveError};
 use crate::factored::FactoredGroups;
 use crate::least_squares::Method;
 use crate::model::Model;
@@ -71,7 +71,9 @@ impl Covariance {
                 std::array::from_fn(|b| products[(a, b)] / degrees_of_freedom as f64)
             }),
             degrees_of_freedom,
-            coefficients: CoefficientCovariance::Rows { factor: columns(factor) },
+            coefficients: CoefficientCovariance::Rows {
+                factor: triangular_columns(factor.as_ref()),
+            },
             shape: None,
             shared: None,
             intervals: None,
@@ -79,7 +81,8 @@ impl Covariance {
     }
 
     /// The covariance of the fit of `model` to all rows of `sums`, errors being alike within its
-    /// groups. `ridge` is as in [`Moments::solve`](crate::exact::Moments::solve).
+    /// groups. `ridge` is as in [`Moments::solve`](crate::exact::Moments::solve). Groups may be stretches of time that
+    /// nothing else tells apart.
     ///
     /// # Errors
     /// [`ValidationError`] if there are too few groups, or without one of them the model cannot be
@@ -88,45 +91,23 @@ impl Covariance {
         sums: &GroupedMoments,
         model: &Model,
         ridge: f64,
+        are_stretches: bool,
         workers: Workers<'_>,
     ) -> Result<Self, ValidationError> {
-        Self::from_sums(sums, (model, ridge), |_| held_out_intervals(sums, model, ridge, workers))
-    }
-
-    /// The same of stretches of time that nothing else tells apart.
-    ///
-    /// # Errors
-    /// As [`Covariance::from_groups`].
-    pub fn from_stretches(
-        sums: &GroupedMoments,
-        model: &Model,
-        ridge: f64,
-        workers: Workers<'_>,
-    ) -> Result<Self, ValidationError> {
-        Self::from_sums(sums, (model, ridge), |scatter| {
-            held_out_intervals_of_stretches(sums, scatter, (model, ridge), workers)
-        })
-    }
-
-    /// The scatter of a solution over groups, with the intervals that are found if there is one.
-    fn from_sums(
-        sums: &GroupedMoments,
-        (model, ridge): (&Model, f64),
-        intervals: impl FnOnce(&GroupScatter) -> Option<GroupIntervals>,
-    ) -> Result<Self, ValidationError> {
-        let total = sums.total().filter(|_| sums.groups.len() > 1);
-        let total = total.ok_or(ValidationError::TooFewGroups { found: sums.groups.len() })?;
+        let parts = sums.partitioned(model)?;
         let groups: Vec<_> = sums.groups.iter().map(|(_, moments)| moments).collect();
-        let found =
-            PartitionedMoments::new(total, model)?.by_group(&groups, ridge).map_err(|error| {
-                let label = |position: usize| sums.groups[position].0.clone();
-                match error {
-                    GroupScatterError::Solve(error) => ValidationError::Solve(error),
-                    GroupScatterError::Scatter(error) => why_no_scatter(error, label),
-                }
-            })?;
-        let intervals = intervals(&found);
-        Ok(Self::from_scatter(found, total.rows(), intervals))
+        let found = parts.by_group(&groups, ridge).map_err(|error| {
+            let label = |position: usize| sums.groups[position].0.clone();
+            match error {
+                GroupScatterError::Solve(error) => ValidationError::Solve(error),
+                GroupScatterError::Scatter(error) => why_no_scatter(error, label),
+            }
+        })?;
+        let intervals = match are_stretches {
+            true => held_out_intervals_of_stretches(&parts, &groups, &found, ridge, workers),
+            false => held_out_intervals(&parts, &groups, ridge, workers),
+        };
+        Ok(Self::from_scatter(found, parts.total.rows(), intervals))
     }
 
     /// The same of a solution by `method`, from R factors of its rows: for rows that could not be summed
@@ -150,7 +131,7 @@ impl Covariance {
         })
     }
 
-    /// As [`Covariance::from_sums`], from R factors.
+    /// As [`Covariance::from_groups`], from R factors, with the intervals that are found from the scatter.
     pub(super) fn from_r_factors(
         rows: &FactoredGroups,
         solution: &Solution,
@@ -174,7 +155,7 @@ impl Covariance {
             degrees_of_freedom: found.groups as u64 - 1,
             coefficients: CoefficientCovariance::Groups {
                 groups: found.groups as u64,
-                factors: found.factors.each_ref().map(columns),
+                factors: found.factors.each_ref().map(|of| triangular_columns(of.as_ref())),
             },
             shape: None,
             shared: Some(found.shared),
@@ -221,6 +202,7 @@ fn why_no_scatter(error: ScatterError, label: impl Fn(usize) -> String) -> Valid
     }
 }
 
-fn columns(factor: &Mat<f64>) -> TriangularColumns {
+/// The upper triangle of a matrix.
+pub(crate) fn triangular_columns(factor: MatRef<'_, f64>) -> TriangularColumns {
     (0..factor.ncols()).map(|j| (0..=j).map(|i| factor[(i, j)]).collect()).collect()
 }

@@ -32,6 +32,8 @@ mod interval;
 mod new_groups;
 mod prediction;
 
+pub(crate) use self::covariance::triangular_columns;
 pub use self::covariance::{CoefficientCovariance, Covariance, TriangularColumns};
 pub use self::interval::{ErrorShape, HIGHEST_LEVEL, NoIntervals, student_quantile};
+pub(crate) use self::prediction::spread;
 pub use self::prediction::{Tare, Trust};

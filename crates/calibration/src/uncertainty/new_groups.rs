@@ -14,7 +14,6 @@ use crate::passes::{Workers, map};
 use crate::physics::GroupIntervals;
 use crate::sandwich::GroupScatter;
 use crate::solver::Solution;
-use crate::validation::grouped::GroupedMoments;
 use shell_data::wrench::PerAxis;
 
 /// With more groups than this the scatter of the groups and the shape of the training errors say enough (95.0
@@ -22,34 +21,30 @@ use shell_data::wrench::PerAxis;
 /// long.
 const MOST_GROUPS: usize = 50;
 
-/// The intervals of the fit of `model` to all rows of `sums`; `None` where there are many groups.
+/// The intervals of a fit to all `groups`, from the errors on each of a fit to the others; `None` where there are many.
 pub(super) fn held_out_intervals(
-    sums: &GroupedMoments,
-    model: &Model,
+    parts: &PartitionedMoments<'_>,
+    groups: &[&Moments],
     ridge: f64,
     workers: Workers<'_>,
 ) -> Option<GroupIntervals> {
-    let groups = sums.groups.len();
-    let whole = sums.total()?;
-    of_scores(groups, workers, |group| score_without(sums, whole, model, ridge, group))
+    of_scores(groups.len(), workers, |group| score_without(parts, groups, ridge, group))
 }
 
 /// The same of stretches of time, which are as many as there may be. The standard errors are those of the fit to all,
 /// to which one stretch adds little: of poly3, 40 scatters of 39 stretches take most of a fit.
 pub(super) fn held_out_intervals_of_stretches(
-    sums: &GroupedMoments,
+    parts: &PartitionedMoments<'_>,
+    groups: &[&Moments],
     scatter: &GroupScatter,
-    (model, ridge): (&Model, f64),
+    ridge: f64,
     workers: Workers<'_>,
 ) -> Option<GroupIntervals> {
-    let whole = sums.total()?;
-    let groups: Vec<&Moments> = sums.groups.iter().map(|(_, moments)| moments).collect();
-    let parts = PartitionedMoments::new(whole, model).ok()?;
-    let of_all = parts.on_new_groups(scatter, &groups, ridge).ok()?;
+    let of_all = parts.on_new_groups(scatter, groups, ridge).ok()?;
     of_scores(groups.len(), workers, |group| {
         let errors = parts.held_out(groups[group], &parts.part(groups[group]), ridge).ok()?;
         let new = NewGroup { errors, variance: of_all[group].variance };
-        Some(score_of(&new, scatter, whole.rows()))
+        Some(score_of(&new, scatter, parts.total.rows()))
     })
 }
 
@@ -123,17 +118,15 @@ fn each<T: Send>(
 /// Mean and scatter of the errors of a group, in standard errors, by the fit to all others; `None` where that
 /// cannot be.
 fn score_without(
-    sums: &GroupedMoments,
-    whole: &Moments,
-    model: &Model,
+    parts: &PartitionedMoments<'_>,
+    groups: &[&Moments],
     ridge: f64,
     group: usize,
 ) -> Option<PerAxis<(f64, f64)>> {
-    let held_out = &sums.groups[group].1;
-    let rest = whole.without(held_out);
-    let others = sums.groups.iter().enumerate().filter(|(other, _)| *other != group);
-    let others: Vec<&Moments> = others.map(|(_, (_, moments))| moments).collect();
-    let parts = PartitionedMoments::new(&rest, model).ok()?;
+    let mut others = groups.to_vec();
+    let held_out = others.remove(group);
+    let rest = parts.total.without(held_out);
+    let parts = PartitionedMoments::new(&rest, &parts.model).ok()?;
     let scatter = parts.by_group(&others, ridge).ok()?;
     let new = parts.on_new_groups(&scatter, &[held_out], ridge).ok()?;
     Some(score_of(&new[0], &scatter, rest.rows()))
@@ -158,7 +151,7 @@ mod tests {
     use super::super::Covariance;
     use super::*;
     use crate::model::Basis;
-    use crate::validation::grouped::{Apart, GroupSums, RandomSplit};
+    use crate::validation::grouped::{Apart, GroupSums, GroupedMoments, RandomSplit};
     use shell_data::block::Block;
     use system_tests::random::Random;
 
@@ -196,6 +189,10 @@ mod tests {
         sums.finish([worker]).unwrap()
     }
 
+    fn groups_of(sums: &GroupedMoments) -> Vec<&Moments> {
+        sums.groups.iter().map(|(_, moments)| moments).collect()
+    }
+
     /// Fits and standard errors of the rows without each group, by the ordinary ways of the crate.
     #[test]
     fn scores_are_those_of_fits_to_the_other_rows() {
@@ -203,8 +200,8 @@ mod tests {
         let block = block(12);
         let grouped = sums(&block);
         for group in [0, 7] {
-            let whole = grouped.total().unwrap();
-            let found = score_without(&grouped, whole, &model, 0.0, group).unwrap();
+            let parts = grouped.partitioned(&model).unwrap();
+            let found = score_without(&parts, &groups_of(&grouped), 0.0, group).unwrap();
             let is_in = |row: usize| row / 12 == group;
             let rest = block.kept(&(0..block.rows).map(|row| !is_in(row)).collect::<Vec<_>>());
             let part = block.kept(&(0..block.rows).map(is_in).collect::<Vec<_>>());
@@ -214,7 +211,7 @@ mod tests {
             let solution = crate::solver::solve_moments(total, &model, 0.0, &ranges).unwrap();
             let mut calibration = crate::Calibration::from_solution(&solution, &ranges);
             calibration.covariance =
-                Some(Covariance::from_groups(&rest, &model, 0.0, Workers::ONE).unwrap());
+                Some(Covariance::from_groups(&rest, &model, 0.0, false, Workers::ONE).unwrap());
             let (mut wrench, mut errors) = (PerAxis::default(), PerAxis::default());
             calibration.wrench(&part.readings, &mut wrench);
             assert!(calibration.standard_errors(&part.readings, None, &mut errors));
@@ -236,12 +233,12 @@ mod tests {
     fn the_scatter_of_all_stretches_does_for_those_without_one() {
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
         let sums = sums(&block(40));
-        let groups: Vec<&Moments> = sums.groups.iter().map(|(_, moments)| moments).collect();
-        let parts = PartitionedMoments::new(sums.total().unwrap(), &model).unwrap();
+        let groups = groups_of(&sums);
+        let parts = sums.partitioned(&model).unwrap();
         let scatter = parts.by_group(&groups, 0.0).unwrap();
-        let all =
-            held_out_intervals_of_stretches(&sums, &scatter, (&model, 0.0), Workers::ONE).unwrap();
-        let without = held_out_intervals(&sums, &model, 0.0, Workers::ONE).unwrap();
+        let all = held_out_intervals_of_stretches(&parts, &groups, &scatter, 0.0, Workers::ONE);
+        let without = held_out_intervals(&parts, &groups, 0.0, Workers::ONE).unwrap();
+        let all = all.unwrap();
         let (all, without) = (all.factors(0.95).unwrap(), without.factors(0.95).unwrap());
         for (all, without) in all.into_iter().zip(without) {
             // A stretch has a fortieth of the variance, one that errs by two standard errors a tenth.
@@ -252,7 +249,11 @@ mod tests {
     #[test]
     fn many_groups_need_no_intervals_of_their_own_and_few_tell_low_levels_only() {
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
-        let of = |groups| held_out_intervals(&sums(&block(groups)), &model, 0.0, Workers::ONE);
+        let of = |groups| {
+            let sums = sums(&block(groups));
+            let parts = sums.partitioned(&model).unwrap();
+            held_out_intervals(&parts, &groups_of(&sums), 0.0, Workers::ONE)
+        };
         assert_eq!(of(MOST_GROUPS + 1), None);
         assert!(of(MOST_GROUPS).unwrap().factors(0.95).is_ok());
         let few = of(12).unwrap();

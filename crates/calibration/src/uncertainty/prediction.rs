@@ -183,7 +183,7 @@ vectorised! {
 
 /// `‖factorᵀ·x‖²` of each lane.
 #[inline(always)]
-fn spread(factor: &TriangularColumns, lanes: &[RowLanes]) -> RowLanes {
+pub(crate) fn spread(factor: &TriangularColumns, lanes: &[RowLanes]) -> RowLanes {
     let mut spread = [0.0; LANES];
     for column in factor {
         let mut product = [0.0; LANES];

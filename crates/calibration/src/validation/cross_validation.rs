@@ -46,6 +46,51 @@ pub struct CrossValidation {
 }
 
 impl CrossValidation {
+    /// From the errors on folds of so many groups and rows, each with the labels of its groups.
+    ///
+    /// # Errors
+    /// That of a fold, if no row could be held out.
+    pub(crate) fn from_folds<E>(
+        (groups, rows): (usize, u64),
+        folds: impl ExactSizeIterator<Item = (Vec<String>, Result<PerAxis<HeldOutErrors>, E>)>,
+    ) -> Result<Self, E> {
+        let count = folds.len();
+        let (mut known, mut undetermined, mut reason) = (Vec::new(), Vec::new(), None);
+        for (labels, errors) in folds {
+            match errors {
+                Ok(errors) => known.push(errors),
+                Err(error) => {
+                    undetermined.extend(labels);
+                    reason = Some(error);
+                }
+            }
+        }
+        let total = HeldOutErrors::total(&known);
+        match reason.filter(|_| total[0].rows == 0) {
+            Some(reason) => Err(reason),
+            None => Ok(Self {
+                groups,
+                folds: count,
+                rows,
+                undetermined,
+                grouped: total.map(HeldOutQuality::from),
+                random_folds: 0,
+                random: None,
+            }),
+        }
+    }
+
+    /// The same beside the errors on so many folds of rows that were drawn at random, where they are known.
+    pub(crate) fn beside_random(
+        self,
+        random_folds: usize,
+        errors: Option<Vec<PerAxis<HeldOutErrors>>>,
+    ) -> Self {
+        let errors = errors.filter(|errors| !errors.is_empty());
+        let random = errors.map(|errors| HeldOutErrors::total(&errors).map(HeldOutQuality::from));
+        Self { random_folds, random, ..self }
+    }
+
     /// For each axis how many times the random error the grouped one is; `None` where there is
     /// no random error to compare with.
     pub fn ratios(&self) -> PerAxis<Option<f64>> {
@@ -77,50 +122,25 @@ pub fn cross_validate(
     ridge: f64,
     folds: Option<usize>,
 ) -> Result<CrossValidation, ValidationError> {
-    let whole = sums.total().filter(|_| sums.groups.len() > 1);
-    let whole = whole.ok_or(ValidationError::TooFewGroups { found: sums.groups.len() })?;
-    let parts = PartitionedMoments::new(whole, model)?;
-    let folds = match folds {
-        Some(folds) => fold_groups(sums, folds)?,
-        None => (0..sums.groups.len()).map(|group| vec![group]).collect(),
+    let parts = sums.partitioned(model)?;
+    let on_fold = |fold: Vec<usize>| {
+        let errors = errors_on(&parts, &sums.groups, &fold, ridge)?;
+        Ok((labels_of(&sums.groups, &fold), errors))
     };
-    let errors = |fold: &Vec<usize>| errors_on(&parts, &sums.groups, fold, ridge);
-    let errors: Vec<_> = folds.iter().map(errors).collect::<Result<_, _>>()?;
-    let (grouped, undetermined) = over_folds(folds.iter().map(Vec::as_slice).zip(errors))
-        .map_err(ValidationError::Undetermined)?;
-    Ok(CrossValidation {
-        groups: sums.group_count,
-        folds: folds.len(),
-        rows: whole.rows(),
-        undetermined: undetermined.into_iter().map(|group| sums.groups[group].0.clone()).collect(),
-        grouped,
-        random_folds: sums.random.len(),
-        random: random_errors(&parts, &sums.random, ridge),
-    })
+    let on_folds = assign_to_folds(&sizes(sums), folds)?.into_iter().map(on_fold);
+    let on_folds = on_folds.collect::<Result<Vec<_>, ValidationError>>()?;
+    let of_all = (sums.group_count, parts.total.rows());
+    let found = CrossValidation::from_folds(of_all, on_folds.into_iter());
+    let with_rows = sums.random.iter().filter(|moments| moments.rows() > 0);
+    let at_random = with_rows.map(|part| parts.held_out(part, &parts.part(part), ridge).ok());
+    Ok(found
+        .map_err(ValidationError::Undetermined)?
+        .beside_random(sums.random.len(), at_random.collect()))
 }
 
-/// The errors over all folds without which the model can be fitted, and the groups of the other folds.
-///
-/// # Errors
-/// That of a fold, if no row could be held out.
-pub(crate) fn over_folds<'a, E>(
-    folds: impl IntoIterator<Item = (&'a [usize], Result<PerAxis<HeldOutErrors>, E>)>,
-) -> Result<(PerAxis<HeldOutQuality>, Vec<usize>), E> {
-    let (mut known, mut undetermined, mut reason) = (Vec::new(), Vec::new(), None);
-    for (groups, errors) in folds {
-        match errors {
-            Ok(errors) => known.push(errors),
-            Err(error) => {
-                undetermined.extend(groups);
-                reason = Some(error);
-            }
-        }
-    }
-    let total = HeldOutErrors::total(&known);
-    match reason.filter(|_| total[0].rows == 0) {
-        Some(reason) => Err(reason),
-        None => Ok((total.map(HeldOutQuality::from), undetermined)),
-    }
+/// The labels of some of `groups`.
+pub(super) fn labels_of<T>(groups: &[(String, T)], positions: &[usize]) -> Vec<String> {
+    positions.iter().map(|&group| groups[group].0.clone()).collect()
 }
 
 /// The errors on a fold of groups of a fit to all others; the inner error where that cannot be.
@@ -140,25 +160,20 @@ pub(super) fn errors_on(
     Ok(parts.held_out(&moments, &parts.part(&moments), ridge))
 }
 
-/// `None` if there are no folds, or any of them cannot be left out.
-fn random_errors(
-    parts: &PartitionedMoments<'_>,
-    random: &[Moments],
-    ridge: f64,
-) -> Option<PerAxis<HeldOutQuality>> {
-    let parts_with_rows = random.iter().filter(|moments| moments.rows() > 0);
-    let errors = |part: &Moments| parts.held_out(part, &parts.part(part), ridge).ok();
-    let errors: Vec<_> = parts_with_rows.map(errors).collect::<Option<_>>()?;
-    (!errors.is_empty()).then(|| HeldOutErrors::total(&errors).map(HeldOutQuality::from))
+/// The rows of each group.
+pub(crate) fn sizes(sums: &GroupedMoments) -> Vec<u64> {
+    sums.groups.iter().map(|(_, moments)| moments.rows()).collect()
 }
 
-/// Groups, by their positions, assigned to folds of about the same number of rows.
-pub(super) fn fold_groups(
-    sums: &GroupedMoments,
-    folds: usize,
+/// Groups of so many rows in so many folds, or each alone.
+pub(super) fn assign_to_folds(
+    rows: &[u64],
+    folds: Option<usize>,
 ) -> Result<Vec<Vec<usize>>, ValidationError> {
-    let rows: Vec<u64> = sums.groups.iter().map(|(_, moments)| moments.rows()).collect();
-    assign_groups(&rows, folds)
+    match folds {
+        Some(folds) => assign_groups(rows, folds),
+        None => Ok((0..rows.len()).map(|group| vec![group]).collect()),
+    }
 }
 
 /// Groups of so many rows, by their positions, assigned to folds of about the same number of rows: the largest

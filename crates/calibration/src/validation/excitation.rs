@@ -6,8 +6,6 @@
 //! about its mean, 1 where the axes move independently. Some correlation is the shell's own: a
 //! push from the side at some height is a force and a moment.
 
-use std::fmt;
-
 use crate::symmetric::SymmetricMatrix;
 use shell_data::statistics::MergeWeights;
 use shell_data::vectorised;
@@ -76,13 +74,21 @@ pub struct AxisExcitation {
     pub load_negative: f64,
 }
 
-/// What is missing from the training loads.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// What is missing from the training loads, and what to record.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Gap {
     /// An axis that never changes.
+    #[error("{name} never changes: record loads on {name}", name = .0.name())]
     Unloaded(Axis),
     /// An axis that is hardly loaded one way: upwards if `positive`.
+    #[error(
+        "{name} is hardly loaded towards {sign}{name} ({:.1} % of its square sum): record such loads if the sensor will \
+         see them",
+        100.0 * share,
+        name = axis.name(),
+        sign = if *positive { '+' } else { '−' }
+    )]
     OneSided {
         /// The axis.
         axis: Axis,
@@ -92,6 +98,11 @@ pub enum Gap {
         share: f64,
     },
     /// Two axes that nearly always move together.
+    #[error(
+        "{} and {} nearly always move together (correlation {correlation:.2}): record loads that tell them apart",
+        first.name(),
+        second.name()
+    )]
     Together {
         /// One axis.
         first: Axis,
@@ -100,33 +111,6 @@ pub enum Gap {
         /// Their correlation.
         correlation: f64,
     },
-}
-
-impl fmt::Display for Gap {
-    /// What is missing, and what to record.
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Unloaded(axis) => {
-                write!(f, "{0} never changes: record loads on {0}", axis.name())
-            }
-            Self::OneSided { axis, positive, share } => {
-                let (sign, name) = (if *positive { '+' } else { '−' }, axis.name());
-                write!(
-                    f,
-                    "{name} is hardly loaded towards {sign}{name} ({:.1} % of its square sum): \
-                     record such loads if the sensor will see them",
-                    100.0 * share
-                )
-            }
-            Self::Together { first, second, correlation } => write!(
-                f,
-                "{} and {} nearly always move together (correlation {correlation:.2}): record loads \
-                 that tell them apart",
-                first.name(),
-                second.name()
-            ),
-        }
-    }
 }
 
 impl WrenchSums {

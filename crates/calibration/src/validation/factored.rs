@@ -1,10 +1,9 @@
 //! Errors on groups that were held out, and the choice of a model, from [R factors](crate::factored).
 
 use super::ValidationError;
-use super::cross_validation::{CrossValidation, assign_groups, over_folds};
+use super::cross_validation::{CrossValidation, assign_groups, assign_to_folds, labels_of};
 use super::selection::{ErrorsByRidge, FOLDS, Selection, choose};
 use crate::factored::{FactoredGroups, FactoredRows};
-use crate::least_squares::Method;
 use crate::model::{Basis, Model};
 
 /// The rows of a fold, and all others.
@@ -21,30 +20,17 @@ struct Fold {
 pub fn cross_validate(
     rows: &FactoredGroups,
     model: &Model,
-    (method, ridge): (Method, f64),
+    ridge: f64,
     folds: Option<usize>,
 ) -> Result<CrossValidation, ValidationError> {
-    let assigned = match folds {
-        Some(folds) => assign_groups(&sizes(rows), folds)?,
-        None => (0..rows.groups.len()).map(|group| vec![group]).collect(),
+    let sizes = sizes(rows);
+    let on_fold = |fold: Fold| {
+        let solution = fold.rest.solve(model, ridge);
+        let errors = solution.map(|of| fold.held_out.errors(&of).unwrap_or_default());
+        (labels_of(&rows.groups, &fold.groups), errors)
     };
-    let folds = parted(rows, assigned)?;
-    let errors = |fold: &Fold| {
-        let solution = fold.rest.solve_by(method, model, ridge)?;
-        Ok(fold.held_out.errors(&solution).unwrap_or_default())
-    };
-    let errors = folds.iter().map(|fold| (&fold.groups[..], errors(fold)));
-    let (grouped, undetermined) =
-        over_folds(errors).map_err(|error| ValidationError::Rows(Box::new(error)))?;
-    Ok(CrossValidation {
-        groups: rows.groups.len(),
-        folds: folds.len(),
-        rows: rows.groups.iter().map(|(_, rows)| rows.rows()).sum(),
-        undetermined: undetermined.into_iter().map(|group| rows.groups[group].0.clone()).collect(),
-        grouped,
-        random_folds: 0,
-        random: None,
-    })
+    let on_folds = parted(rows, assign_to_folds(&sizes, folds)?)?.into_iter().map(on_fold);
+    Ok(CrossValidation::from_folds((sizes.len(), sizes.iter().sum()), on_folds)?)
 }
 
 /// As [`select`](super::selection::select), of the families within the one that was kept.
@@ -87,9 +73,7 @@ fn sizes(rows: &FactoredGroups) -> Vec<u64> {
 /// The rows of each fold of groups and of all others.
 fn parted(rows: &FactoredGroups, assigned: Vec<Vec<usize>>) -> Result<Vec<Fold>, ValidationError> {
     let merged = |groups: &Vec<usize>| {
-        let mut parts = groups.iter().map(|&group| &rows.groups[group].1);
-        let mut all = parts.next()?.clone();
-        parts.for_each(|part| all.merge(part));
+        let all = FactoredRows::merged(groups.iter().map(|&group| &rows.groups[group].1))?;
         Some((String::new(), all))
     };
     let folds = FactoredGroups { groups: assigned.iter().filter_map(merged).collect() };

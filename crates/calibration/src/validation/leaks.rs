@@ -7,6 +7,7 @@
 //! may be in any order. Where the reference flickers by more than its last digit this says nothing.
 
 use std::collections::HashMap;
+use std::iter::repeat_n;
 
 use shell_data::block::Block;
 use shell_data::dataset::Dataset;
@@ -89,17 +90,14 @@ impl RowSample {
     /// Rows of a labelled data set, with their groups.
     fn from_groups(data: &Dataset) -> Self {
         let (stride, mut sample) = (Self::stride(data.rows()), Self::default());
-        let mut labels = HashMap::new();
+        let mut groups = HashMap::new();
         for (_, block) in data.blocks() {
-            let mut groups = Vec::with_capacity(block.rows.rows);
-            for (label, rows) in &*block.labels {
-                let next = labels.len();
-                let group = *labels.entry(label.clone()).or_insert(next);
-                groups.extend(std::iter::repeat_n(group, *rows));
-            }
             let mut of_block = Self::new(&block.rows, stride);
-            let places = groups.into_iter().step_by(stride);
-            of_block.rows.iter_mut().zip(places).for_each(|(row, group)| row.group = group);
+            let labels = block.labels.iter().flat_map(|(label, rows)| repeat_n(label, *rows));
+            for (row, label) in of_block.rows.iter_mut().zip(labels.step_by(stride)) {
+                let next = groups.len();
+                row.group = *groups.entry(label).or_insert(next);
+            }
             sample.add(of_block);
         }
         sample

@@ -77,6 +77,12 @@ pub enum ValidationError {
     NoModel,
 }
 
+impl From<FitError> for ValidationError {
+    fn from(error: FitError) -> Self {
+        Self::Rows(Box::new(error))
+    }
+}
+
 impl Hint for ValidationError {
     fn hint(&self) -> Option<String> {
         let text = match self {

@@ -21,7 +21,6 @@ use crate::features::Features;
 use crate::grouped_rows::{GroupedRows, Run, count};
 use crate::model::{Basis, Model};
 use crate::passes::Workers;
-use crate::scaling::Scaling;
 use crate::solver::Centring;
 use shell_data::wrench::{Axis, PerAxis};
 
@@ -137,68 +136,45 @@ impl NormalEquations {
     }
 }
 
-/// Folds of rows, to be held out in turn.
-pub(crate) struct HeldOutFolds<'a> {
-    folds: &'a GroupedRows,
+/// Compares the families of features by errors on each group of rows, held out in turn, each family with `ridges` (and
+/// larger ones, as [`select`](super::selection::select) does). `model` says what is beside the family.
+///
+/// # Errors
+/// [`ValidationError`] if there are too few groups, a row is not finite, or no model can be fitted.
+pub(crate) fn select(
+    rows: &GroupedRows,
     model: Model,
-    scaling: Scaling,
-}
-
-impl<'a> HeldOutFolds<'a> {
-    /// Each group of rows is a fold.
-    ///
-    /// # Errors
-    /// [`ValidationError`] if there are too few folds, or a row is not finite.
-    pub(crate) fn new(folds: &'a GroupedRows, model: Model) -> Result<Self, ValidationError> {
-        let found = folds.groups().count();
-        if found < 2 {
-            return Err(ValidationError::TooFewGroups { found });
-        }
-        let centring = Centring { channels: model.columns(), intercept: model.intercept };
-        let sums = folds.all(Workers::ONE).reduce(&centring);
-        let scaling =
-            centring.scaling(&sums.map_err(|error| ValidationError::Rows(Box::new(error)))?);
-        Ok(Self { folds, model, scaling })
+    ridges: &[f64],
+) -> Result<Selection, ValidationError> {
+    let found = rows.groups().count();
+    if found < 2 {
+        return Err(ValidationError::TooFewGroups { found });
     }
-
-    /// What finds the errors on each fold by ridge.
-    fn errors_of(&self, basis: Basis) -> ErrorsByRidge<'static> {
-        let features = Features::new(Model { basis, ..self.model }, self.scaling.clone());
-        let ones = self.model.intercept.then(|| features.len() - 1);
-        let folds: Vec<_> = self
-            .folds
-            .groups()
-            .map(|runs| NormalEquations::new(&features, self.folds, runs))
-            .collect();
-        Box::new(move |ridge| {
+    let centring = Centring { channels: model.columns(), intercept: model.intercept };
+    let scaling = centring.scaling(&rows.all(Workers::ONE).reduce(&centring)?);
+    let model = |basis| Model { basis, ..model };
+    let errors_of = |basis: Basis| -> Result<Option<ErrorsByRidge<'_>>, ValidationError> {
+        let model = model(basis);
+        if model.term_count() > MOST_FEATURES {
+            return Ok(None);
+        }
+        let features = Features::new(model, scaling.clone());
+        let ones = model.intercept.then(|| features.len() - 1);
+        let products = |runs| NormalEquations::new(&features, rows, runs);
+        let folds: Vec<_> = rows.groups().map(products).collect();
+        Ok(Some(Box::new(move |ridge| {
             let errors = |position: usize| {
                 let rest = NormalEquations::all_but(&folds, position)?.solve(ridge, ones)?;
                 Some(folds[position].errors(rest.as_ref(), ones))
             };
             Ok((0..folds.len()).map(errors).collect())
-        })
-    }
-
-    /// Compares the families of features, each with `ridges` (and larger ones, as
-    /// [`select`](super::selection::select) does).
-    ///
-    /// # Errors
-    /// [`ValidationError`] if no model can be fitted.
-    pub(crate) fn select(&self, ridges: &[f64]) -> Result<Selection, ValidationError> {
-        let model = |basis| Model { basis, ..self.model };
-        let errors_of = |basis: Basis| {
-            let is_small = model(basis).term_count() <= MOST_FEATURES;
-            Ok(is_small.then(|| self.errors_of(basis)))
-        };
-        choose(model, ridges, &self.variances(), errors_of)
-    }
-
-    fn variances(&self) -> PerAxis<f64> {
-        Axis::ALL.map(|axis| {
-            let all = self.folds.spread(self.folds.runs(), axis.index());
-            all.squares / all.count.max(1) as f64
-        })
-    }
+        })))
+    };
+    let variances = Axis::ALL.map(|axis| {
+        let all = rows.spread(rows.runs(), axis.index());
+        all.squares / all.count.max(1) as f64
+    });
+    choose(model, ridges, &variances, errors_of)
 }
 
 #[cfg(test)]
@@ -248,7 +224,7 @@ mod tests {
             GroupedRows::from_labels(&Dataset::from_blocks("folds", Axes::ALL, folds)).0
         };
         let one = of(folds[..1].to_vec());
-        let found = HeldOutFolds::new(&of(folds), model).unwrap().select(&ridges).unwrap();
+        let found = select(&of(folds), model, &ridges).unwrap();
         assert_eq!((found.folds, found.best, found.chosen), (7, exact.best, exact.chosen));
         assert_eq!(found.candidates.len(), exact.candidates.len());
         for (found, exact) in found.candidates.iter().zip(&exact.candidates) {
@@ -259,7 +235,7 @@ mod tests {
             let pairs = found.rms.iter().zip(exact.rms);
             assert!(pairs.clone().all(|(a, b)| (a / b - 1.0).abs() < 1e-9), "{found:?} {exact:?}");
         }
-        let few = HeldOutFolds::new(&one, model).map(|_| ()).unwrap_err();
+        let few = select(&one, model, &ridges).unwrap_err();
         assert_eq!(few, ValidationError::TooFewGroups { found: 1 });
     }
 }

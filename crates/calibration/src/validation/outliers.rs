@@ -28,14 +28,11 @@
 //! mean square error by a tenth it takes a size of `0.46·√n`, which is above 10 from 470 rows on. Where many errors are
 //! large, a search raises it to what is far beyond all of them.
 
-use std::ops::Range;
-
-use faer::Mat;
-
 use crate::conversion::Calibration;
 use crate::features::{Features, LANES};
 use crate::reading_ranges::ReadingRanges;
 use crate::solver::Solution;
+use crate::uncertainty::{TriangularColumns, spread, triangular_columns};
 use crate::validation::spread::Spread;
 use shell_data::block::Block;
 use shell_data::vectorised;
@@ -74,16 +71,18 @@ const SMALLEST_NOISE: f64 = 1e-4;
 #[derive(Debug)]
 pub struct RowTest<'a> {
     spread: &'a Spread,
-    calibration: Calibration,
+    /// What predicts the wrench.
+    pub calibration: Calibration,
     features: Features,
-    factor: &'a Mat<f64>,
-    noise: PerAxis<f64>,
+    factor: TriangularColumns,
+    /// The standard deviation of the errors of each axis, N and N·m.
+    pub noise: PerAxis<f64>,
     /// Coefficients by rows.
     average_leverage: f64,
 }
 
 /// A row that was looked at.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TestedRow {
     /// The row of the block.
     pub row: usize,
@@ -127,23 +126,13 @@ impl TestedRow {
 
     /// A row that is not tested by a fit.
     pub fn unseen(row: usize) -> Self {
-        Self {
-            row,
-            error: [0.0; 6],
-            size: 0.0,
-            axis: 0,
-            errs_alone: false,
-            far: 0.0,
-            is_far_alone: false,
-            takes_over: false,
-            is_spike: false,
-        }
+        Self { row, ..Self::default() }
     }
 }
 
 impl<'a> RowTest<'a> {
     /// By a solution to rows with a spread. `None` if there are no more rows than coefficients.
-    pub fn new(solution: &'a Solution, ranges: &ReadingRanges, spread: &'a Spread) -> Option<Self> {
+    pub fn new(solution: &Solution, spread: &'a Spread) -> Option<Self> {
         let features = Features::new(solution.model, solution.scaling.clone());
         let free = solution.rows.checked_sub(features.len() as u64).filter(|&free| free > 0)?;
         let channels = solution.model.columns();
@@ -154,17 +143,12 @@ impl<'a> RowTest<'a> {
         });
         Some(Self {
             spread,
-            calibration: Calibration::from_solution(solution, ranges),
+            calibration: Calibration::from_solution(solution, &ReadingRanges::new(channels)),
             average_leverage: features.len() as f64 / solution.rows as f64,
             features,
-            factor: solution.factor.matrix(),
+            factor: triangular_columns(solution.factor.matrix().as_ref()),
             noise,
         })
-    }
-
-    /// The wrench of each row of some readings.
-    pub fn predict(&self, readings: &[Vec<f64>], predicted: &mut PerAxis<Vec<f64>>) {
-        self.calibration.wrench(readings, predicted);
     }
 
     /// The largest size of the errors of rows that are no [suspects](Self::suspects) of a fit with `noise`, if both fits
@@ -172,11 +156,6 @@ impl<'a> RowTest<'a> {
     pub fn largest_unseen(&self, noise: &PerAxis<f64>) -> f64 {
         let sizes = noise.iter().zip(&self.noise).map(|(noise, own)| LOOK_AT_ERROR * noise / own);
         sizes.fold(0.0, f64::max)
-    }
-
-    /// The standard deviation of the errors of each axis, N and N·m.
-    pub fn noise(&self) -> &PerAxis<f64> {
-        &self.noise
     }
 
     /// The rows of a block to test: those with a large error, a far reading, a jump or a spike.
@@ -211,7 +190,7 @@ impl<'a> RowTest<'a> {
     ) -> Vec<TestedRow> {
         let (copies, positions) = copy_rows(rows, block);
         let mut predicted = PerAxis::default();
-        self.predict(&copies.readings, &mut predicted);
+        self.calibration.wrench(&copies.readings, &mut predicted);
         self.test_at(&positions, &copies, &predicted, has_left_out)
     }
 
@@ -279,19 +258,7 @@ vectorised! {
         let mut leverages = Vec::with_capacity(rows + LANES);
         for start in (0..rows).step_by(LANES) {
             test.features.lanes(readings, start, &mut features);
-            let mut sums = [0.0; LANES];
-            for (j, column) in test.factor.col_iter().enumerate() {
-                let mut products = [0.0; LANES];
-                for (x, &f) in features[..=j].iter().zip(column.iter()) {
-                    for i in 0..LANES {
-                        products[i] = x[i].mul_add(f, products[i]);
-                    }
-                }
-                for i in 0..LANES {
-                    sums[i] = products[i].mul_add(products[i], sums[i]);
-                }
-            }
-            leverages.extend(sums);
+            leverages.extend(spread(&test.factor, &features));
         }
         leverages.truncate(rows);
         leverages
@@ -326,33 +293,15 @@ impl TestPosition {
 fn copy_rows(rows: &[usize], block: &Block) -> (Block, Vec<TestPosition>) {
     /// The largest distance in [`BESIDE`].
     const REACH: usize = 2;
-    let (mut runs, mut copied) = (Vec::<Range<usize>>::new(), 0);
-    let mut positions = Vec::with_capacity(rows.len());
-    for &row in rows {
-        let near = row.saturating_sub(REACH)..block.rows.min(row + REACH + 1);
-        match runs.last_mut().filter(|last| near.start <= last.end) {
-            Some(last) => {
-                copied += near.end - last.end;
-                last.end = near.end;
-            }
-            None => {
-                copied += near.len();
-                runs.push(near.clone());
-            }
-        }
-        positions.push(TestPosition { row, at: copied - (near.end - row), rows: block.rows });
-    }
-    let copy = |column: &Vec<f64>| {
-        let mut copy = Vec::with_capacity(copied);
-        runs.iter().for_each(|run| copy.extend_from_slice(&column[run.clone()]));
-        copy
+    let mut copies = Block::default();
+    let mut copied = 0;
+    let position = |&row: &usize| {
+        let near = copied.max(row.saturating_sub(REACH))..block.rows.min(row + REACH + 1);
+        copied = near.end;
+        copies.append(block, near);
+        TestPosition { row, at: copies.rows - (copied - row), rows: block.rows }
     };
-    let copies = Block {
-        rows: copied,
-        readings: block.readings.iter().map(copy).collect(),
-        wrench: block.wrench.iter().map(copy).collect(),
-        ..Block::default()
-    };
+    let positions = rows.iter().map(position).collect();
     (copies, positions)
 }
 
@@ -360,66 +309,33 @@ vectorised! {
     /// By how much each row exceeds what is not looked at: the largest of its errors,
     /// distances of readings from their mean and jumps, each in units of its limit.
     fn row_excess(test: &RowTest<'_>, predicted: &PerAxis<Vec<f64>>, block: &Block) -> Vec<f64> {
-        /// Rows that are looked at together: what they exceed stays in registers.
-        const TOGETHER: usize = 16;
+        let mut excess = vec![0.0; block.rows];
+        for (axis, (predicted, measured)) in predicted.iter().zip(&block.wrench).enumerate() {
+            let scale = (LOOK_AT_ERROR * test.noise[axis]).recip();
+            for ((excess, p), m) in excess.iter_mut().zip(predicted).zip(measured) {
+                raise(excess, (p - m).abs() * scale);
+            }
+        }
         let Spread { means, deviations, changes } = test.spread;
-        let limits = |((&mean, &sd), &change): ((&f64, &f64), &f64)| {
-            [mean, (LOOK_AT_READING * sd).recip(), (SPIKE * change).min(JUMP * sd).recip()]
-        };
-        let limits: Vec<[f64; 3]> = means.iter().zip(deviations).zip(changes).map(limits).collect();
-        let rows = block.rows;
-        let mut excess = Vec::with_capacity(rows);
-        while excess.len() < rows {
-            let row = excess.len();
-            if row > 0 && row + TOGETHER < rows {
-                let beside = [row - 1, row + 1];
-                excess.extend(excess_of::<TOGETHER>(test, predicted, block, row, beside, &limits));
-                continue;
+        let spreads = means.iter().zip(deviations).zip(changes);
+        for (column, ((mean, sd), change)) in block.readings.iter().zip(spreads) {
+            let scale = (LOOK_AT_READING * sd).recip();
+            for (excess, value) in excess.iter_mut().zip(column) {
+                raise(excess, (value - mean).abs() * scale);
+            }
+            let scale = (SPIKE * change).min(JUMP * sd).recip();
+            let rows = excess.get_mut(1..).unwrap_or_default();
+            for (excess, of) in rows.iter_mut().zip(column.windows(3)) {
+                raise(excess, jump(of[1], [of[0], of[2]]) * scale);
             }
             // What is beside the first and the last row is in other blocks: they are beside one row.
-            let beside = [row.checked_sub(1), Some(row + 1).filter(|&after| after < rows)];
-            let known = beside[0].or(beside[1]).unwrap_or(row);
-            let beside = beside.map(|beside| beside.unwrap_or(known));
-            excess.extend(excess_of::<1>(test, predicted, block, row, beside, &limits));
+            if let ([first, second, ..], [.., before, last]) = (&column[..], &column[..]) {
+                raise(&mut excess[0], jump(*first, [*second; 2]) * scale);
+                raise(&mut excess[block.rows - 1], jump(*last, [*before; 2]) * scale);
+            }
         }
         excess
     }
-}
-
-/// The excess of some rows from `row` on, and those beside them from `before` and from `after` on. Of each column of
-/// readings there are the mean and one over the limits of the distance from it and of a jump.
-#[inline(always)]
-fn excess_of<const N: usize>(
-    test: &RowTest<'_>,
-    predicted: &PerAxis<Vec<f64>>,
-    block: &Block,
-    row: usize,
-    [before, after]: [usize; 2],
-    limits: &[[f64; 3]],
-) -> [f64; N] {
-    let mut excess = [0.0; N];
-    for (axis, predicted) in predicted.iter().enumerate() {
-        let scale = (LOOK_AT_ERROR * test.noise[axis]).recip();
-        let p: &[f64; N] = lanes(predicted, row);
-        let m: &[f64; N] = lanes(&block.wrench[axis], row);
-        for i in 0..N {
-            raise(&mut excess[i], (p[i] - m[i]).abs() * scale);
-        }
-    }
-    for (column, &[mean, scale, jump_scale]) in block.readings.iter().zip(limits) {
-        let value: &[f64; N] = lanes(column, row);
-        let (before, after): (&[f64; N], &[f64; N]) = (lanes(column, before), lanes(column, after));
-        for i in 0..N {
-            raise(&mut excess[i], (value[i] - mean).abs() * scale);
-            raise(&mut excess[i], jump(value[i], [before[i], after[i]]) * jump_scale);
-        }
-    }
-    excess
-}
-
-#[inline(always)]
-fn lanes<const N: usize>(column: &[f64], row: usize) -> &[f64; N] {
-    column[row..].first_chunk().expect("rows of the block")
 }
 
 /// Where a limit is zero, zero in its units is not a number and raises nothing.

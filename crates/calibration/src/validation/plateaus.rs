@@ -214,11 +214,9 @@ impl<const N: usize> PlateauFinder<N> {
         let row = self.rows;
         self.rows += 1;
         let before_s = std::mem::replace(&mut self.last_s, now_s);
-        let (mut starts_anew, mut jumps) = (false, false);
-        if let (Some(before), Some(now)) = (before_s, now_s) {
-            (starts_anew, jumps) =
-                (self.steps.starts_anew(before, now), self.steps.jumps(before, now));
-        }
+        let times = before_s.zip(now_s);
+        let starts_anew = times.is_some_and(|(before, now)| self.steps.starts_anew(before, now));
+        let jumps = times.is_some_and(|(before, now)| self.steps.jumps(before, now));
         // What has more of either than there may be groups is of no use as groups.
         if jumps && self.jumps.len() <= MAX_GROUPS {
             self.jumps.push(row);

@@ -10,7 +10,7 @@
 
 use super::ValidationError;
 use super::comparison::{Comparison, FoldMean, RelativeErrors, varying};
-use super::cross_validation::{errors_on, fold_groups};
+use super::cross_validation::{assign_groups, errors_on, sizes};
 use super::grouped::{GroupedMoments, total};
 use crate::exact::{HeldOutErrors, PartitionedMoments};
 use crate::model::{Basis, Model};
@@ -76,9 +76,7 @@ pub fn select(
     intercept: bool,
     ridges: &[f64],
 ) -> Result<Selection, ValidationError> {
-    let groups = sums.groups.len();
-    let whole = sums.total().filter(|_| groups > 1);
-    let whole = whole.ok_or(ValidationError::TooFewGroups { found: groups })?;
+    let whole = sums.all_of_several()?;
     let folds = folds(sums)?;
     let variances = Axis::ALL.map(|axis| whole.variance(axis));
     let model = |basis| Model { basis, intercept, channels: whole.channels(), memory: 0 };
@@ -164,7 +162,7 @@ fn is_best(candidates: &[Candidate]) -> bool {
 /// # Errors
 /// [`ValidationError`] if there are too few groups.
 pub fn folds(sums: &GroupedMoments) -> Result<Vec<Vec<usize>>, ValidationError> {
-    fold_groups(sums, sums.groups.len().min(FOLDS))
+    assign_groups(&sizes(sums), sums.groups.len().min(FOLDS))
 }
 
 /// The errors of a model on each of `folds`, positions of groups in `sums`; `None` if it cannot be fitted without one
@@ -178,9 +176,7 @@ pub fn errors_by_fold(
     ridge: f64,
     folds: &[Vec<usize>],
 ) -> Result<Option<Vec<PerAxis<HeldOutErrors>>>, ValidationError> {
-    let whole = sums.total().filter(|_| sums.groups.len() > 1);
-    let whole = whole.ok_or(ValidationError::TooFewGroups { found: sums.groups.len() })?;
-    let parts = PartitionedMoments::new(whole, model)?;
+    let parts = sums.partitioned(model)?;
     let errors = folds
         .iter()
         .map(|fold| errors_on(&parts, &sums.groups, fold, ridge))

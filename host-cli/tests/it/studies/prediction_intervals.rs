@@ -172,7 +172,7 @@ fn standard_errors_of_a_fit_hold_where_errors_are_those_of_poses_and_naive_ones_
         let mut predicted = PerAxis::default();
         calibration.wrench(&at.map(|s| vec![s]), &mut predicted);
         let covariances = [
-            Covariance::from_groups(&sums, &model, 0.0, Workers::ONE).unwrap(),
+            Covariance::from_groups(&sums, &model, 0.0, false, Workers::ONE).unwrap(),
             Covariance::from_rows(&solution).unwrap(),
         ];
         for (covariance, held) in covariances.iter().zip(&mut held) {

@@ -48,7 +48,7 @@ fn calibrate(seed: u64, rows: usize, elastic: bool) -> (Calibration, [f64; 6]) {
     let model = Model { basis: Basis::Cubic, intercept: true, channels: 8, memory: 0 };
     let solution = solve_moments(total, &model, 0.0, &total.reading_ranges()).unwrap();
     let mut calibration = Calibration::from_solution(&solution, &total.reading_ranges());
-    let covariance = Covariance::from_groups(&sums, &model, 0.0, Workers::ONE).unwrap();
+    let covariance = Covariance::from_groups(&sums, &model, 0.0, false, Workers::ONE).unwrap();
     let unexplained = std::array::from_fn(|axis| {
         let values = &block.wrench[axis];
         let mean = values.iter().sum::<f64>() / rows as f64;

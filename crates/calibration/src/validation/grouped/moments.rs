@@ -1,6 +1,8 @@
 //! Exact sums by group.
 
-use crate::exact::{ExactError, Moments};
+use crate::exact::{ExactError, Moments, PartitionedMoments};
+use crate::model::Model;
+use crate::validation::ValidationError;
 
 /// What a group is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,6 +49,23 @@ impl GroupedMoments {
     pub fn new(groups: Vec<(String, Moments)>, random: Vec<Moments>) -> Result<Self, ExactError> {
         let total = total(groups.iter().map(|(_, moments)| moments))?;
         Ok(Self { group_count: groups.len(), groups, random, total })
+    }
+
+    /// The sums of all rows, of which those of groups are parts.
+    ///
+    /// # Errors
+    /// [`ValidationError`] if there are fewer than two groups, or the sums do not suit the model.
+    pub(crate) fn partitioned(
+        &self,
+        model: &Model,
+    ) -> Result<PartitionedMoments<'_>, ValidationError> {
+        Ok(PartitionedMoments::new(self.all_of_several()?, model)?)
+    }
+
+    /// The sums over the rows of all groups, which are two at least.
+    pub(crate) fn all_of_several(&self) -> Result<&Moments, ValidationError> {
+        let found = self.groups.len();
+        self.total().filter(|_| found > 1).ok_or(ValidationError::TooFewGroups { found })
     }
 
     /// The sums over the rows of all groups; `None` for zero groups.

@@ -1,5 +1,6 @@
 //! Rows assigned at random into folds.
 
+use shell_data::block::Block;
 use shell_data::fingerprint::row_hashes;
 
 /// How rows are assigned at random, for the naive figure.
@@ -16,12 +17,13 @@ pub struct RandomSplit {
 
 /// The rows of the folds that are held out: at random, but a row, and all that equal it, always to the
 /// same fold, whatever blocks a log is cut into and whatever other columns it has.
-pub fn assign(columns: &[&[f64]], rows: usize, split: &RandomSplit) -> Vec<Vec<usize>> {
+pub fn assign(block: &Block, split: &RandomSplit) -> Vec<Vec<usize>> {
     let mut assigned = vec![Vec::new(); split.held_out];
     if split.held_out == 0 {
         return assigned;
     }
-    let hashes = row_hashes(mix(split.seed), rows, columns.iter().copied());
+    let columns = block.readings.iter().chain(&block.wrench).map(Vec::as_slice);
+    let hashes = row_hashes(mix(split.seed), block.rows, columns);
     for (row, hash) in hashes.into_iter().enumerate() {
         let fold = ((u128::from(mix(hash)) * split.folds as u128) >> 64) as usize;
         assigned.get_mut(fold).into_iter().for_each(|fold| fold.push(row));
@@ -45,21 +47,25 @@ mod tests {
     fn rows_are_dealt_evenly_each_once_and_by_the_seed() {
         let column: Vec<f64> = (0..10_000).map(f64::from).collect();
         let split = RandomSplit { folds: 10, held_out: 10, seed: 7 };
-        let assigned = assign(&[&column], 10_000, &split);
+        let assign = |column: &[f64], split: RandomSplit| {
+            let readings = vec![column.to_vec()];
+            super::assign(&Block { rows: column.len(), readings, ..Block::default() }, &split)
+        };
+        let assigned = assign(&column, split);
         let mut all: Vec<usize> = assigned.iter().flatten().copied().collect();
         all.sort_unstable();
         assert_eq!(all, (0..10_000).collect::<Vec<_>>());
         // Binomial: mean 1000, standard deviation 30; five of those.
         assert!(assigned.iter().all(|rows| rows.len().abs_diff(1000) < 150));
-        assert_ne!(assign(&[&column], 10_000, &RandomSplit { seed: 8, ..split }), assigned);
+        assert_ne!(assign(&column, RandomSplit { seed: 8, ..split }), assigned);
         // The same rows, whatever block they come in.
         let [first, second] = [&column[..4321], &column[4321..]];
-        let parts = assign(&[first], 4321, &split).into_iter().zip(assign(&[second], 5679, &split));
+        let parts = assign(first, split).into_iter().zip(assign(second, split));
         let parts: Vec<Vec<usize>> = parts
             .map(|(a, b)| a.into_iter().chain(b.iter().map(|row| row + 4321)).collect())
             .collect();
         assert_eq!(parts, assigned);
-        let some = assign(&[&column], 10_000, &RandomSplit { held_out: 3, ..split });
+        let some = assign(&column, RandomSplit { held_out: 3, ..split });
         assert_eq!(some, assigned[..3]);
     }
 }

@@ -8,6 +8,7 @@ use crate::exact::{Accumulator, Adder, Moments};
 use crate::model::Basis;
 use crate::validation::ValidationError;
 use shell_data::block::Block;
+use shell_data::dataset::LabelRuns;
 
 /// The largest number of groups.
 pub const MAX_GROUPS: usize = 2000;
@@ -89,20 +90,11 @@ impl GroupWorker {
     ) -> Result<BlockGroups, ValidationError> {
         let columns: Vec<&[f64]> =
             block.readings.iter().chain(&block.wrench).map(Vec::as_slice).collect();
-        let (mut assigned, sets);
-        let runs = match self.apart {
-            Apart::Groups => {
-                assigned = Vec::new();
-                labels
-            }
-            Apart::Sets => {
-                (sets, assigned) = assign_to_sets(labels);
-                assigned.sort_unstable();
-                assigned.dedup();
-                &sets[..]
-            }
+        let (sets, assigned) = match self.apart {
+            Apart::Groups => (None, Vec::new()),
+            Apart::Sets => assign_to_sets(labels),
         };
-        let labels = rows_by_label(runs);
+        let labels = rows_by_label(sets.as_deref().unwrap_or(labels));
         let mut groups =
             BlockGroups { labels: Vec::with_capacity(labels.len()), assigned, settled: Vec::new() };
         for (label, rows) in labels {
@@ -110,7 +102,7 @@ impl GroupWorker {
             groups.labels.push(label);
             groups.settled.extend(self.add_rows(index, &columns, &rows)?);
         }
-        for (fold, rows) in assign(&columns, block.rows, &self.random).iter().enumerate() {
+        for (fold, rows) in assign(block, &self.random).iter().enumerate() {
             groups.settled.extend(self.add_rows(fold, &columns, rows)?);
         }
         Ok(groups)
@@ -183,14 +175,17 @@ impl GroupWorker {
 
 /// The same runs with the labels of their sets, and the hashes of their groups: always the same set for
 /// one label.
-fn assign_to_sets(runs: &[(String, usize)]) -> (Vec<(String, usize)>, Vec<u64>) {
+fn assign_to_sets(runs: &[(String, usize)]) -> (Option<LabelRuns>, Vec<u64>) {
     let assign = |(label, rows): &(String, usize)| {
         // FNV-1a, mixed: its high bits are poor for short labels.
         let fnv = |hash: u64, byte: &u8| (hash ^ u64::from(*byte)).wrapping_mul(0x100_0000_01b3);
         let hash = mix(label.as_bytes().iter().fold(0xcbf2_9ce4_8422_2325, fnv));
         ((format!("set {}", hash % MAX_GROUPS as u64 + 1), *rows), hash)
     };
-    runs.iter().map(assign).unzip()
+    let (sets, mut hashes): (_, Vec<u64>) = runs.iter().map(assign).unzip();
+    hashes.sort_unstable();
+    hashes.dedup();
+    (Some(sets), hashes)
 }
 
 /// The rows of every label, labels in the order of their first rows.
