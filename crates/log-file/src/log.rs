@@ -4,8 +4,9 @@ use std::io::{self, Read, Write};
 use std::path::Path;
 use std::sync::Arc;
 
+use crate::checksum;
 use crate::error::{LogError, PlacedProblem};
-use crate::format::columns::{Column, ColumnsError, positions};
+use crate::format::columns::{Column, positions};
 use crate::format::layout::{FileLayout, HEAD_BYTES, recognise_layout};
 use crate::format::mapping::{ColumnRef, LogFormat, Mapping};
 use crate::format::meaning::{Meaning, axis_of_other_unit};
@@ -218,7 +219,7 @@ impl Log {
 
     /// The file that stands beside it, if one does.
     pub fn companion(&self) -> Option<&Path> {
-        self.source.companion()
+        self.source.companion.as_ref().map(|companion| companion.path.as_path())
     }
 
     /// The checksum of that file.
@@ -226,7 +227,9 @@ impl Log {
     /// # Errors
     /// [`LogError`] if it cannot be read.
     pub fn companion_checksum(&self) -> Result<Option<String>, LogError> {
-        self.source.companion_checksum()
+        let Some(companion) = &self.source.companion else { return Ok(None) };
+        let checksum = checksum::of_stream(companion.open_file()?);
+        checksum.map(Some).map_err(|error| companion.error(error))
     }
 
     fn column_names(&self) -> Vec<String> {
@@ -313,11 +316,7 @@ impl Log {
     /// [`PlacedProblem::MissingColumns`] with all that are not there.
     pub fn column_positions(&self, references: &[ColumnRef]) -> Result<Vec<usize>, LogError> {
         let names = self.column_names();
-        positions(&names, references).map_err(|error| {
-            let missing = match error {
-                ColumnsError::Missing(missing) => missing,
-                ColumnsError::Duplicate { .. } => Vec::new(),
-            };
+        positions(&names, references).map_err(|missing| {
             self.error_in_names(PlacedProblem::MissingColumns { missing, found: names })
         })
     }

@@ -56,10 +56,8 @@ pub struct ColumnSummary {
     pub rows_at_max: u64,
     /// How often the greatest value below that occurs.
     pub rows_below_max: u64,
-    rows_at_zero: u64,
-    /// How often the full scale of 12 bits occurs.
-    rows_at_12_bits: u64,
-    rows_at_16_bits: u64,
+    /// How often each of [`ENDS`] occurs.
+    rows_at_ends: [u64; 3],
     below_max: f64,
     /// How often the column got to its greatest value from below the next lower one: flicker does not count.
     rises_to_max: u64,
@@ -80,9 +78,7 @@ impl Default for ColumnSummary {
             max: f64::NEG_INFINITY,
             rows_at_max: 0,
             rows_below_max: 0,
-            rows_at_zero: 0,
-            rows_at_12_bits: 0,
-            rows_at_16_bits: 0,
+            rows_at_ends: [0; 3],
             below_max: f64::NEG_INFINITY,
             rises_to_max: 0,
             is_counts: true,
@@ -103,9 +99,9 @@ impl ColumnSummary {
                 self.values.push(value);
             }
             self.min = self.min.min(value);
-            self.rows_at_zero += u64::from(value == 0.0);
-            self.rows_at_12_bits += u64::from(value == 4095.0);
-            self.rows_at_16_bits += u64::from(value == 65535.0);
+            for (rows, end) in self.rows_at_ends.iter_mut().zip(ENDS) {
+                *rows += u64::from(value == f64::from(end));
+            }
             self.is_counts &= value >= 0.0 && (value * 16.0).fract() == 0.0;
             if value > self.max {
                 (self.below_max, self.rows_below_max) = (self.max, self.rows_at_max);
@@ -163,12 +159,8 @@ impl ColumnSummary {
     /// The ends of a converter's range, and how many rows stand there. None of a column whose values are not
     /// counts: volts and fractions may well be 0.
     pub fn rows_at_ends(&self) -> [(u16, u64); 3] {
-        let rows = [
-            (0, self.rows_at_zero),
-            (4095, self.rows_at_12_bits),
-            (u16::MAX, self.rows_at_16_bits),
-        ];
-        rows.map(|(end, rows)| (end, if self.is_counts { rows } else { 0 }))
+        let rows = |at: usize| if self.is_counts { self.rows_at_ends[at] } else { 0 };
+        std::array::from_fn(|at| (ENDS[at], rows(at)))
     }
 
     /// How many rows stand at an end of a converter's range.
@@ -176,6 +168,9 @@ impl ColumnSummary {
         self.rows_at_ends().iter().map(|(_, rows)| rows).sum()
     }
 }
+
+/// The ends of the ranges of converters of 12 and of 16 bits.
+const ENDS: [u16; 3] = [0, 4095, u16::MAX];
 
 /// A limit is met again and again; the highest of several poses is met once.
 const RISES: u64 = 3;
@@ -447,7 +442,7 @@ mod tests {
     fn saturated_and_constant_columns_are_found() {
         let saturated = column(&[0.0, 5.0, 4095.0, 4095.0, 65535.0]);
         assert_eq!(saturated.saturated_rows(), 4);
-        assert_eq!((saturated.rows_at_zero, saturated.rows_at_12_bits), (1, 2));
+        assert_eq!(saturated.rows_at_ends[..2], [1, 2]);
         assert!(column(&[3.0, 3.0]).is_constant());
         assert!(!column(&[3.0]).is_constant());
         assert_eq!(column(&[3.0]).sd(), 0.0);

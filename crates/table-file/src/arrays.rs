@@ -3,11 +3,11 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use crate::budget;
+use crate::budget::{self, Unpacked};
 use crate::element::Element;
 use crate::error::TableError;
 use crate::kind::FileKind;
-use crate::rows::{Cell, ColumnLayout, RowBatch, RowStream, batch_rows};
+use crate::rows::{Cell, RowBatch, RowSource, RowStream, batch_rows};
 
 /// An array.
 #[derive(Clone, Debug)]
@@ -152,35 +152,17 @@ pub(crate) fn names(all: &[ArrayColumns]) -> Option<Vec<String>> {
     Some(all.iter().flat_map(names).collect())
 }
 
-/// Arrays that are a table.
+/// The rows of arrays of one length, from one on.
 #[derive(Clone, Debug)]
-pub(crate) struct ArrayTable {
-    arrays: Vec<(ArrayColumns, ArrayNumbers)>,
-    names: Option<Vec<String>>,
-}
-
-impl ArrayTable {
-    /// Of arrays of one length.
-    pub(crate) fn new(arrays: Vec<(ArrayColumns, ArrayNumbers)>) -> Self {
-        let columns: Vec<_> = arrays.iter().map(|(columns, _)| columns.clone()).collect();
-        Self { arrays, names: names(&columns) }
-    }
-}
-
-impl ColumnLayout for ArrayTable {
-    fn names(&self) -> Option<&[String]> {
-        self.names.as_deref()
-    }
-
-    fn rows(&self) -> Result<Box<dyn RowStream>, TableError> {
-        Ok(Box::new(ArrayRows { arrays: self.arrays.clone(), row: 0 }))
-    }
-}
-
-/// The rows of arrays of one length.
 pub(crate) struct ArrayRows {
     pub(crate) arrays: Vec<(ArrayColumns, ArrayNumbers)>,
     pub(crate) row: usize,
+}
+
+impl RowSource for ArrayRows {
+    fn rows(&self, _: Range<usize>, _: Unpacked) -> Result<Box<dyn RowStream>, TableError> {
+        Ok(Box::new(self.clone()))
+    }
 }
 
 impl RowStream for ArrayRows {

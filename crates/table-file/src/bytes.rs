@@ -1,4 +1,4 @@
-//! Bytes that are taken off a slice, which may end anywhere.
+//! Bytes that are taken off a slice, which may end anywhere; and numbers of several bytes.
 
 /// What is left of a slice.
 #[derive(Clone, Copy, Debug)]
@@ -60,4 +60,13 @@ impl<'a> ByteReader<'a> {
 pub(crate) fn part(bytes: &[u8], start: u64, length: u64) -> Option<&[u8]> {
     let start = usize::try_from(start).ok()?;
     bytes.get(start..)?.get(..usize::try_from(length).ok()?)
+}
+
+/// Adds a number in groups of seven bits, the lowest first.
+pub(crate) fn push_varint(bytes: &mut Vec<u8>, mut value: u64) {
+    while value >= 0x80 {
+        bytes.push(value as u8 | 0x80);
+        value >>= 7;
+    }
+    bytes.push(value as u8);
 }

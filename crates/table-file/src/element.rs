@@ -23,6 +23,11 @@ impl Element {
         }
     }
 
+    /// Whether it may have a fraction.
+    pub(crate) fn is_real(self) -> bool {
+        matches!(self, Self::Half | Self::Single | Self::Double)
+    }
+
     /// The number in `bytes`, of which there are as many as it has.
     pub(crate) fn cell(self, bytes: &[u8], is_little: bool) -> Cell {
         // In the lowest bytes of a word.
@@ -48,7 +53,7 @@ impl Element {
 }
 
 /// A number of half precision (IEEE 754 binary16).
-pub(crate) fn half(bits: u16) -> f64 {
+fn half(bits: u16) -> f64 {
     let sign = if bits >> 15 == 1 { -1.0 } else { 1.0 };
     let (exponent, fraction) = (i32::from(bits >> 10 & 0x1f), f64::from(bits & 0x3ff));
     sign * match exponent {

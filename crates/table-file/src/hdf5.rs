@@ -2,6 +2,7 @@
 //! format; what of it is a log, and how much memory a file may ask for, is decided here.
 
 use std::io::Read;
+use std::ops::Range;
 use std::sync::Arc;
 
 use hdf5_pure::{
@@ -10,11 +11,11 @@ use hdf5_pure::{
 };
 
 use crate::arrays::{ArrayColumns, ArrayNumbers, ArrayRows, columns_of_log, names};
-use crate::budget;
+use crate::budget::{self, Unpacked};
 use crate::element::Element;
 use crate::error::TableError;
 use crate::kind::FileKind;
-use crate::rows::{ColumnLayout, RowStream};
+use crate::rows::{NamedRows, RowSource, RowStream};
 use crate::source::FileSource;
 
 const KIND: FileKind = FileKind::Hdf5;
@@ -43,13 +44,9 @@ struct Hdf5Table {
     file: FileSource,
     sets: Vec<ArrayColumns>,
     is_by_row: bool,
-    names: Option<Vec<String>>,
 }
 
-pub(crate) fn open(
-    source: &FileSource,
-    part: Option<&str>,
-) -> Result<Arc<dyn ColumnLayout>, TableError> {
+pub(crate) fn open(source: &FileSource, part: Option<&str>) -> Result<NamedRows, TableError> {
     let mut head = Vec::new();
     source.open()?.take(MATLAB.len() as u64).read_to_end(&mut head)?;
     let is_by_row = head != MATLAB;
@@ -61,8 +58,7 @@ pub(crate) fn open(
     found.add(&file.root(), "", DEPTH)?;
     let wanted = columns_of_log(KIND, &found.sets, part)?;
     let sets: Vec<_> = wanted.into_iter().map(|at| found.sets[at].clone()).collect();
-    let names = names(&sets);
-    Ok(Arc::new(Hdf5Table { file: source.clone(), sets, is_by_row, names }))
+    Ok((names(&sets), Arc::new(Hdf5Table { file: source.clone(), sets, is_by_row })))
 }
 
 /// Vectors and matrices of numbers.
@@ -160,12 +156,8 @@ fn element(set: &Dataset) -> Option<(Element, bool)> {
     }
 }
 
-impl ColumnLayout for Hdf5Table {
-    fn names(&self) -> Option<&[String]> {
-        self.names.as_deref()
-    }
-
-    fn rows(&self) -> Result<Box<dyn RowStream>, TableError> {
+impl RowSource for Hdf5Table {
+    fn rows(&self, _: Range<usize>, _: Unpacked) -> Result<Box<dyn RowStream>, TableError> {
         let file = read(&self.file)?;
         let limit = ANY.saturating_add(file.file_size().saturating_mul(RATIO));
         let mut left = limit.min(budget::IN_MEMORY);

@@ -6,12 +6,12 @@ use std::sync::Arc;
 
 use flate2::read::ZlibDecoder;
 
-use crate::arrays::{Array, ArrayColumns, ArrayNumbers, ArrayTable, columns_of_log};
+use crate::arrays::{Array, ArrayColumns, ArrayNumbers, ArrayRows, columns_of_log, names};
 use crate::budget;
 use crate::element::Element;
 use crate::error::TableError;
 use crate::kind::FileKind;
-use crate::rows::ColumnLayout;
+use crate::rows::NamedRows;
 use crate::source::FileSource;
 
 const KIND: FileKind = FileKind::Matlab;
@@ -175,10 +175,7 @@ fn element(kind: u32) -> Option<Element> {
 }
 
 /// The arrays of a file that make up a log.
-pub(crate) fn open(
-    file: &FileSource,
-    part: Option<&str>,
-) -> Result<Arc<dyn ColumnLayout>, TableError> {
+pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<NamedRows, TableError> {
     let file = file.open()?;
     let length = file.length()?;
     budget::within(KIND, || "the file".to_owned(), length, budget::IN_MEMORY)?;
@@ -188,5 +185,7 @@ pub(crate) fn open(
     let (columns, numbers): (Vec<ArrayColumns>, Vec<ArrayNumbers>) = arrays.unzip();
     let wanted = columns_of_log(KIND, &columns, part)?;
     let arrays = wanted.into_iter().map(|at| (columns[at].clone(), numbers[at].clone()));
-    Ok(Arc::new(ArrayTable::new(arrays.collect())))
+    let arrays: Vec<_> = arrays.collect();
+    let columns: Vec<_> = arrays.iter().map(|(columns, _)| columns.clone()).collect();
+    Ok((names(&columns), Arc::new(ArrayRows { arrays, row: 0 })))
 }

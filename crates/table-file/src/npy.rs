@@ -2,15 +2,18 @@
 //! two dimensions, of numbers or of records with named fields.
 
 use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::ops::Range;
 use std::sync::Arc;
 
-use crate::budget;
+use serde_json::Value;
+
+use crate::budget::{self, Unpacked};
 use crate::calendar::iso_of;
 use crate::element::Element;
 use crate::error::TableError;
 use crate::kind::FileKind;
-use crate::python_literal::{self, Literal};
-use crate::rows::{Cell, ColumnLayout, RowBatch, RowStream, batch_rows};
+use crate::python_literal;
+use crate::rows::{Cell, NamedRows, RowBatch, RowSource, RowStream, batch_rows};
 use crate::source::{FileSource, OpenFile};
 
 const KIND: FileKind = FileKind::NumPy;
@@ -24,7 +27,6 @@ struct Npy {
     rows: u64,
     row_bytes: u64,
     columns: Vec<ValueOffset>,
-    names: Option<Vec<String>>,
     /// Column after column, not row after row.
     by_column: bool,
 }
@@ -62,7 +64,7 @@ impl NumberKind {
     }
 }
 
-pub(crate) fn open(source: &FileSource) -> Result<Arc<dyn ColumnLayout>, TableError> {
+pub(crate) fn open(source: &FileSource) -> Result<NamedRows, TableError> {
     let mut file = source.open()?;
     let cut = |error| KIND.unread(error, "its header is cut off");
     let mut start = [0; 10];
@@ -81,7 +83,7 @@ pub(crate) fn open(source: &FileSource) -> Result<Arc<dyn ColumnLayout>, TableEr
     let mut header = vec![0; size];
     file.read_exact(&mut header).map_err(cut)?;
     let header = String::from_utf8_lossy(&header);
-    let npy = layout(source, &header, before + length)?;
+    let (names, npy) = layout(source, &header, before + length)?;
     let (expected, found) = (npy.rows.saturating_mul(npy.row_bytes), file.length()?);
     let found = found.saturating_sub(npy.start);
     if found < expected {
@@ -89,24 +91,24 @@ pub(crate) fn open(source: &FileSource) -> Result<Arc<dyn ColumnLayout>, TableEr
             KIND.damaged(format!("its {} rows take {expected} bytes, {found} are there", npy.rows))
         );
     }
-    Ok(Arc::new(npy))
+    Ok((names, Arc::new(npy)))
 }
 
-/// What a header says.
-fn layout(file: &FileSource, header: &str, start: u64) -> Result<Npy, TableError> {
-    let Some(Literal::Dictionary(entries)) = python_literal::parse(header) else {
+/// What a header says: the names of the columns, if they have any, and where they are.
+fn layout(
+    file: &FileSource,
+    header: &str,
+    start: u64,
+) -> Result<(Option<Vec<String>>, Npy), TableError> {
+    let Some(Value::Object(entries)) = python_literal::parse(header) else {
         return Err(KIND.damaged("its header is not a dictionary"));
     };
-    let entry = |name: &str| {
-        let found = entries.iter().find(|(key, _)| *key == Literal::Text(name.to_owned()));
-        found
-            .map(|(_, value)| value)
-            .ok_or_else(|| KIND.damaged(format!("its header has no `{name}`")))
-    };
+    let missing = |name: &str| KIND.damaged(format!("its header has no `{name}`"));
+    let entry = |name: &str| entries.get(name).ok_or_else(|| missing(name));
     let shape = shape(entry("shape")?).ok_or_else(|| KIND.damaged("its shape is none"))?;
-    let by_column = *entry("fortran_order")? == Literal::Truth(true);
+    let by_column = *entry("fortran_order")? == Value::Bool(true);
     let (columns, names, record) = match entry("descr")? {
-        Literal::Text(kind) => {
+        Value::String(kind) => {
             let (kind, is_little) = self::kind(kind)?;
             let count = match *shape {
                 [_] => 1,
@@ -116,7 +118,7 @@ fn layout(file: &FileSource, header: &str, start: u64) -> Result<Npy, TableError
             let columns = positions(0, kind, is_little, count)?;
             (columns, None, kind.size() as u64 * count)
         }
-        Literal::List(fields) => {
+        Value::Array(fields) => {
             if shape.len() != 1 {
                 return Err(dimensions(&shape));
             }
@@ -127,19 +129,16 @@ fn layout(file: &FileSource, header: &str, start: u64) -> Result<Npy, TableError
     };
     let by_column = by_column && columns.len() > 1 && names.is_none();
     let rows = shape.first().copied().unwrap_or(0);
-    Ok(Npy { file: file.clone(), start, rows, row_bytes: record, columns, names, by_column })
+    let file = file.clone();
+    Ok((names, Npy { file, start, rows, row_bytes: record, columns, by_column }))
 }
 
 fn dimensions(shape: &[u64]) -> TableError {
     KIND.unsupported(format!("an array of shape {shape:?}, expected one of rows and columns"))
 }
 
-fn shape(shape: &Literal) -> Option<Vec<u64>> {
-    let Literal::List(sides) = shape else { return None };
-    sides
-        .iter()
-        .map(|side| if let Literal::Whole(side) = side { Some(*side) } else { None })
-        .collect()
+fn shape(shape: &Value) -> Option<Vec<u64>> {
+    shape.as_array()?.iter().map(Value::as_u64).collect()
 }
 
 fn positions(
@@ -156,13 +155,13 @@ fn positions(
 }
 
 /// The columns of a record, their names, and its size.
-fn record(fields: &[Literal]) -> Result<(Vec<ValueOffset>, Vec<String>, u64), TableError> {
+fn record(fields: &[Value]) -> Result<(Vec<ValueOffset>, Vec<String>, u64), TableError> {
     let (mut columns, mut names, mut offset) = (Vec::new(), Vec::new(), 0);
     for field in fields {
-        let Literal::List(parts) = field else { return Err(KIND.damaged("a field is no tuple")) };
+        let Value::Array(parts) = field else { return Err(KIND.damaged("a field is no tuple")) };
         let (name, kind, count) = match parts.as_slice() {
-            [Literal::Text(name), Literal::Text(kind)] => (name, kind, None),
-            [Literal::Text(name), Literal::Text(kind), sides] => {
+            [Value::String(name), Value::String(kind)] => (name, kind, None),
+            [Value::String(name), Value::String(kind), sides] => {
                 let sides =
                     shape(sides).ok_or_else(|| KIND.damaged("the shape of a field is none"))?;
                 (name, kind, Some(sides.iter().fold(1, |all: u64, side| all.saturating_mul(*side))))
@@ -225,12 +224,8 @@ fn kind(name: &str) -> Result<(NumberKind, bool), TableError> {
     Ok((kind, is_little))
 }
 
-impl ColumnLayout for Npy {
-    fn names(&self) -> Option<&[String]> {
-        self.names.as_deref()
-    }
-
-    fn rows(&self) -> Result<Box<dyn RowStream>, TableError> {
+impl RowSource for Npy {
+    fn rows(&self, _: Range<usize>, _: Unpacked) -> Result<Box<dyn RowStream>, TableError> {
         let mut file = BufReader::with_capacity(1 << 16, self.file.open()?);
         file.seek(SeekFrom::Start(self.start))?;
         Ok(Box::new(NpyRows { npy: self.clone(), file, row: 0, bytes: Vec::new() }))

@@ -1,7 +1,10 @@
 //! What every kind of table gives: the names of its columns, and a stream of its rows.
 
 use std::fmt;
+use std::ops::Range;
+use std::sync::Arc;
 
+use crate::budget::Unpacked;
 use crate::error::TableError;
 
 /// A value in a table.
@@ -26,50 +29,27 @@ pub(crate) fn batch_rows(columns: usize) -> usize {
     ((1 << 15) / columns.max(1)).max(1)
 }
 
-/// What the lines of a table's text are in the file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Numbering {
-    /// A first line of names, then the rows from 1.
-    Named,
-    /// The rows from 1.
-    Unnamed,
-    /// Rows as the file itself numbers them, from 1, with names in one of them or nowhere.
-    Sheet,
-}
+/// The names of the columns, `None` where they have none or the rows hold them; and what their rows are in.
+pub(crate) type NamedRows = (Option<Vec<String>>, Arc<dyn RowSource>);
 
 /// What a format knows of one of its files.
-pub(crate) trait ColumnLayout: fmt::Debug + Send + Sync {
-    /// The names of the columns; `None` where they have none, or the rows hold them.
-    fn names(&self) -> Option<&[String]>;
-
-    fn numbering(&self) -> Numbering {
-        match self.names() {
-            Some(_) => Numbering::Named,
-            None => Numbering::Unnamed,
-        }
-    }
-
+pub(crate) trait RowSource: fmt::Debug + Send + Sync {
     /// What a column holds, from 0, if that is not read: its cells are missing then.
     fn unread(&self, _column: usize) -> Option<&'static str> {
         None
     }
 
-    /// The rows, from the first on.
-    fn rows(&self) -> Result<Box<dyn RowStream>, TableError>;
-
-    /// The parts that the rows are stored in, where they can be read apart from each other.
-    fn parts(&self) -> Option<Box<dyn RowParts>> {
-        None
+    /// How many parts the rows are stored in, any of which can be read without those before it.
+    fn parts(&self) -> usize {
+        1
     }
-}
 
-/// Rows in parts, any of which can be read without those before it.
-pub(crate) trait RowParts: Send + Sync {
-    /// How many there are.
-    fn count(&self) -> usize;
-
-    /// The rows of one.
-    fn rows(&self, part: usize) -> Result<Box<dyn RowStream>, TableError>;
+    /// The rows of some parts; what is unpacked for them counts as part of `unpacked`.
+    fn rows(
+        &self,
+        parts: Range<usize>,
+        unpacked: Unpacked,
+    ) -> Result<Box<dyn RowStream>, TableError>;
 }
 
 /// A stream of rows.

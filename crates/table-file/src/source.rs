@@ -1,7 +1,7 @@
 //! The bytes of a file: on disk, or in memory where there is no disk.
 
 use std::fs::File;
-use std::io::{self, Cursor, Read, Seek, SeekFrom};
+use std::io::{self, Cursor, Read, Seek};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -21,8 +21,8 @@ impl FileSource {
     /// [`io::Error`] if a file on disk cannot be opened.
     pub fn open(&self) -> io::Result<OpenFile> {
         Ok(match self {
-            Self::Disk(path) => OpenFile::Disk(File::open(path)?),
-            Self::Memory(bytes) => OpenFile::Memory(Cursor::new(Arc::clone(bytes))),
+            Self::Disk(path) => Box::new(File::open(path)?),
+            Self::Memory(bytes) => Box::new(Cursor::new(Arc::clone(bytes))),
         })
     }
 }
@@ -34,41 +34,25 @@ impl From<&Path> for FileSource {
 }
 
 /// A file that is read.
-#[derive(Debug)]
-pub enum OpenFile {
-    /// On disk.
-    Disk(File),
-    /// In memory.
-    Memory(Cursor<Arc<[u8]>>),
-}
+pub type OpenFile = Box<dyn FileBytes>;
 
-impl OpenFile {
-    /// Its length in bytes.
+/// The bytes of an open file.
+pub trait FileBytes: Read + Seek + Send {
+    /// Their number.
     ///
     /// # Errors
     /// [`io::Error`] if the system does not say.
-    pub fn length(&self) -> io::Result<u64> {
-        match self {
-            Self::Disk(file) => Ok(file.metadata()?.len()),
-            Self::Memory(bytes) => Ok(bytes.get_ref().len() as u64),
-        }
+    fn length(&self) -> io::Result<u64>;
+}
+
+impl FileBytes for File {
+    fn length(&self) -> io::Result<u64> {
+        Ok(self.metadata()?.len())
     }
 }
 
-impl Read for OpenFile {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        match self {
-            Self::Disk(file) => file.read(buffer),
-            Self::Memory(bytes) => bytes.read(buffer),
-        }
-    }
-}
-
-impl Seek for OpenFile {
-    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
-        match self {
-            Self::Disk(file) => file.seek(to),
-            Self::Memory(bytes) => bytes.seek(to),
-        }
+impl FileBytes for Cursor<Arc<[u8]>> {
+    fn length(&self) -> io::Result<u64> {
+        Ok(self.get_ref().len() as u64)
     }
 }

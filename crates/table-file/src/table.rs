@@ -4,15 +4,16 @@ use std::sync::Arc;
 
 use crate::error::TableError;
 use crate::kind::FileKind;
-use crate::rows::{ColumnLayout, Numbering};
+use crate::rows::RowSource;
 use crate::source::FileSource;
 use crate::{hdf5, mat5, mcap, npy, parquet, xlsx};
 
 /// A table in a file.
 #[derive(Clone, Debug)]
 pub struct Table {
-    pub(crate) layout: Arc<dyn ColumnLayout>,
     kind: FileKind,
+    names: Option<Vec<String>>,
+    pub(crate) rows: Arc<dyn RowSource>,
 }
 
 impl Table {
@@ -27,7 +28,7 @@ impl Table {
         part: Option<&str>,
     ) -> Result<Self, TableError> {
         let file = &file.into();
-        let layout: Arc<dyn ColumnLayout> = match kind {
+        let (names, rows) = match kind {
             FileKind::Hdf5 => hdf5::open(file, part)?,
             FileKind::Matlab => mat5::open(file, part)?,
             FileKind::Mcap => mcap::open(file, part)?,
@@ -35,7 +36,7 @@ impl Table {
             FileKind::Parquet => parquet::open(file)?,
             FileKind::Xlsx => xlsx::open(file, part)?,
         };
-        Ok(Self { layout, kind })
+        Ok(Self { kind, names, rows })
     }
 
     /// What kind of file it is.
@@ -45,7 +46,7 @@ impl Table {
 
     /// The names of its columns; `None` where they have none, or the rows hold them.
     pub fn names(&self) -> Option<&[String]> {
-        self.layout.names()
+        self.names.as_deref()
     }
 
     /// Checks that the values of a column, from 0, are read.
@@ -53,13 +54,8 @@ impl Table {
     /// # Errors
     /// [`TableError::Unsupported`] with its name and what it holds.
     pub fn check_is_read(&self, column: usize) -> Result<(), TableError> {
-        let Some(what) = self.layout.unread(column) else { return Ok(()) };
+        let Some(what) = self.rows.unread(column) else { return Ok(()) };
         let name = self.names().and_then(|names| names.get(column)).map_or("", String::as_str);
         Err(self.kind.unsupported(format!("column `{name}` holds values of type {what}")))
-    }
-
-    /// What the lines of its text are in the file.
-    pub fn numbering(&self) -> Numbering {
-        self.layout.numbering()
     }
 }

@@ -1,18 +1,27 @@
 //! The compact protocol of Thrift ("Thrift Compact protocol encoding"), which Parquet's metadata is
 //! written in, as values whose fields are looked up by number.
 
-use crate::bytes::ByteReader;
+use crate::bytes::{ByteReader, push_varint};
 
 /// A value.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Value {
     Truth(bool),
+    /// A number of 32 bits to be written; one that is read is a [`Value::Whole`].
+    Int(i32),
     Whole(i64),
-    Real,
+
     Bytes(Vec<u8>),
     List(Vec<Value>),
     Struct(Vec<(i16, Value)>),
 }
+
+/// Types of values, as far as they are written.
+const INT: u8 = 5;
+const WHOLE: u8 = 6;
+const BYTES: u8 = 8;
+const LIST: u8 = 9;
+const STRUCT: u8 = 12;
 
 /// How deep values may be nested.
 const DEPTH: usize = 32;
@@ -44,6 +53,67 @@ impl Value {
             _ => None,
         }
     }
+}
+
+impl From<&str> for Value {
+    fn from(text: &str) -> Self {
+        Self::Bytes(text.as_bytes().to_vec())
+    }
+}
+
+impl Value {
+    fn kind(&self) -> u8 {
+        match self {
+            Self::Truth(true) => 1,
+            Self::Truth(false) => 2,
+            Self::Int(_) => INT,
+            Self::Whole(_) => WHOLE,
+            Self::Bytes(_) => BYTES,
+            Self::List(_) => LIST,
+            Self::Struct(_) => STRUCT,
+        }
+    }
+
+    /// Adds the value, but for its type. The elements of a list are of the type of its first.
+    pub(crate) fn write(&self, bytes: &mut Vec<u8>) {
+        match self {
+            // The type of a field says it all.
+            Self::Truth(_) => {}
+            Self::Int(value) => push_varint(bytes, zigzag((*value).into())),
+            Self::Whole(value) => push_varint(bytes, zigzag(*value)),
+            Self::Bytes(value) => {
+                push_varint(bytes, value.len() as u64);
+                bytes.extend_from_slice(value);
+            }
+            Self::List(values) => {
+                let kind = values.first().map_or(STRUCT, Self::kind);
+                match values.len() {
+                    count @ 0..15 => bytes.push((count as u8) << 4 | kind),
+                    count => {
+                        bytes.push(0xf0 | kind);
+                        push_varint(bytes, count as u64);
+                    }
+                }
+                values.iter().for_each(|value| value.write(bytes));
+            }
+            Self::Struct(fields) => {
+                let mut last = 0;
+                for (number, value) in fields {
+                    // A field's number is written as its distance to the one before, of four bits.
+                    debug_assert!((last + 1..last + 16).contains(number), "fields in order");
+                    bytes.push(((number - last) as u8) << 4 | value.kind());
+                    value.write(bytes);
+                    last = *number;
+                }
+                bytes.push(0);
+            }
+        }
+    }
+}
+
+/// Small numbers of either sign become small numbers.
+fn zigzag(value: i64) -> u64 {
+    (value << 1 ^ value >> 63) as u64
 }
 
 /// Reads a struct; `None` where it is damaged or cut off.
@@ -78,11 +148,9 @@ fn value(bytes: &mut ByteReader<'_>, kind: u8, depth: usize) -> Option<Value> {
         1 | 2 => Value::Truth(bytes.u8()? == 1),
         3 => Value::Whole(i64::from(bytes.u8()? as i8)),
         4..=6 => Value::Whole(bytes.zigzag()?),
-        7 => {
-            bytes.take(8)?;
-            Value::Real
-        }
-        8 => {
+        // Of a number with a point nothing is kept.
+        7 => bytes.take(8).map(|_| Value::Bytes(Vec::new()))?,
+        BYTES => {
             let length = usize::try_from(bytes.varint()?).ok()?;
             Value::Bytes(bytes.take(length)?.to_vec())
         }
@@ -116,7 +184,7 @@ fn value(bytes: &mut ByteReader<'_>, kind: u8, depth: usize) -> Option<Value> {
             }
             Value::Struct(Vec::new())
         }
-        12 => structure(bytes, depth)?,
+        STRUCT => structure(bytes, depth)?,
         _ => return None,
     })
 }
@@ -138,5 +206,30 @@ mod tests {
             assert_eq!(read(&mut ByteReader::new(&bytes[..length])), None);
         }
         assert_eq!(read(&mut ByteReader::new(&[0x1c; 1000])), None, "nested without end");
+    }
+
+    #[test]
+    fn what_is_written_reads_back() {
+        let numbers = [i64::MIN, -1, 0, 127, 128, i64::MAX];
+        let structs = numbers.iter().map(|&number| Value::Struct(vec![(15, Value::Whole(number))]));
+        let written = Value::Struct(vec![
+            (1, Value::Int(i32::MIN)),
+            (2, Value::List(structs.collect())),
+            (3, Value::Bytes(vec![b'x'; 300])),
+            (18, Value::Struct(vec![(3, Value::List(vec!["ab".into()]))])),
+            (19, Value::List(vec![Value::Int(-7); 20])),
+            (20, Value::Truth(true)),
+        ]);
+        let mut bytes = Vec::new();
+        written.write(&mut bytes);
+        let value = read(&mut ByteReader::new(&bytes)).unwrap();
+        assert_eq!(value.whole(1), Some(i32::MIN.into()));
+        let found: Vec<_> = value.list(2).unwrap().iter().map(|it| it.whole(15).unwrap()).collect();
+        assert_eq!(found, numbers);
+        assert_eq!(value.text(3), Some("x".repeat(300)));
+        let inner = value.field(18).unwrap();
+        assert_eq!(inner.list(3), Some(&[Value::Bytes(b"ab".to_vec())][..]));
+        assert_eq!(value.list(19), Some(&[const { Value::Whole(-7) }; 20][..]));
+        assert_eq!(value.field(20), Some(&Value::Truth(true)));
     }
 }

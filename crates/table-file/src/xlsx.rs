@@ -5,13 +5,14 @@
 
 use std::collections::HashSet;
 use std::io::Read;
+use std::ops::Range;
 use std::sync::Arc;
 
-use crate::budget;
+use crate::budget::{self, Unpacked};
 use crate::calendar::iso_of;
 use crate::error::TableError;
 use crate::kind::FileKind;
-use crate::rows::{Cell, ColumnLayout, Numbering, RowBatch, RowStream};
+use crate::rows::{Cell, NamedRows, RowBatch, RowSource, RowStream};
 use crate::source::FileSource;
 use crate::xml::{Xml, XmlElement, XmlEvent};
 use crate::zip::{ZipEntry, entries};
@@ -53,10 +54,7 @@ fn each(
     Ok(())
 }
 
-pub(crate) fn open(
-    file: &FileSource,
-    part: Option<&str>,
-) -> Result<Arc<dyn ColumnLayout>, TableError> {
+pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<NamedRows, TableError> {
     let files = entries(file)?;
     let find = |name: &str| {
         let name = name.trim_start_matches('/');
@@ -110,7 +108,8 @@ pub(crate) fn open(
     if let Some(styles) = find("xl/styles.xml") {
         shared.dates = dates(file, styles)?;
     }
-    Ok(Arc::new(Sheet { file: file.clone(), entry, shared: Arc::new(shared) }))
+    // Names are in a row, or nowhere.
+    Ok((None, Arc::new(Sheet { file: file.clone(), entry, shared: Arc::new(shared) })))
 }
 
 fn shared_texts(file: &FileSource, entry: &ZipEntry) -> Result<Vec<String>, TableError> {
@@ -198,16 +197,8 @@ fn is_date(code: &str) -> bool {
     }) && !code.eq_ignore_ascii_case("general")
 }
 
-impl ColumnLayout for Sheet {
-    fn names(&self) -> Option<&[String]> {
-        None
-    }
-
-    fn numbering(&self) -> Numbering {
-        Numbering::Sheet
-    }
-
-    fn rows(&self) -> Result<Box<dyn RowStream>, TableError> {
+impl RowSource for Sheet {
+    fn rows(&self, _: Range<usize>, _: Unpacked) -> Result<Box<dyn RowStream>, TableError> {
         Ok(Box::new(SheetRows {
             name: self.entry.name.clone(),
             xml: Xml::new(self.entry.open(&self.file)?),
@@ -267,6 +258,7 @@ impl SheetRows {
         let mut number = *before + 1;
         let mut cells: Vec<Cell> = Vec::new();
         let mut cell: Option<OpenCell> = None;
+        let mut in_value = false;
         loop {
             let Some(event) = xml.next().map_err(wrong)? else { return Ok(None) };
             match event {
@@ -283,25 +275,18 @@ impl SheetRows {
                         let misplaced = || format!("a cell of row {number} has no place");
                         let opened = OpenCell::new(&element, cells.len());
                         cell = Some(opened.ok_or_else(|| wrong(misplaced()))?);
+                        in_value = false;
                     }
-                    "v" | "t" => {
-                        if let Some(cell) = &mut cell {
-                            cell.is_open = true;
-                        }
-                    }
+                    "v" | "t" => in_value = true,
                     _ => {}
                 },
                 XmlEvent::Text(text) => {
-                    if let Some(cell) = cell.as_mut().filter(|cell| cell.is_open) {
+                    if let Some(cell) = cell.as_mut().filter(|_| in_value) {
                         cell.text.push_str(&text);
                     }
                 }
                 XmlEvent::End(name) => match name.as_str() {
-                    "v" | "t" => {
-                        if let Some(cell) = &mut cell {
-                            cell.is_open = false;
-                        }
-                    }
+                    "v" | "t" => in_value = false,
                     "c" => {
                         if let Some(cell) = cell.take() {
                             let position = cell.column;
@@ -327,7 +312,6 @@ struct OpenCell {
     kind: String,
     style: usize,
     text: String,
-    is_open: bool,
 }
 
 impl OpenCell {
@@ -349,7 +333,6 @@ impl OpenCell {
             kind: element.attribute("t").unwrap_or_default(),
             style: element.attribute("s").and_then(|style| style.parse().ok()).unwrap_or(0),
             text: String::new(),
-            is_open: false,
         })
     }
 

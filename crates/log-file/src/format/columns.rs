@@ -79,7 +79,8 @@ fn apply_mapping(
     meanings: &mut [Meaning],
 ) -> Result<Option<usize>, ColumnsError> {
     let find = |references: Option<&[ColumnRef]>| {
-        references.map(|references| positions(names, references)).transpose()
+        let found = references.map(|references| positions(names, references));
+        found.transpose().map_err(ColumnsError::Missing)
     };
     let sensors = mapping.sensors.as_ref().map(|all| of_matrices(names, all));
     let sensors = find(sensors.as_deref())?;
@@ -139,18 +140,15 @@ fn of_matrices(names: &[String], references: &[ColumnRef]) -> Vec<ColumnRef> {
     all.flat_map(|one| columns(one).unwrap_or_else(|| vec![one.clone()])).collect()
 }
 
-/// The positions of the columns that a user refers to.
+/// The positions of the columns that a user refers to, or those that are not there, in words.
 pub(crate) fn positions(
     names: &[String],
     references: &[ColumnRef],
-) -> Result<Vec<usize>, ColumnsError> {
-    let found: Vec<_> = references.iter().map(|r| (r, position(names, r))).collect();
-    let missing: Vec<_> =
-        found.iter().filter(|(_, at)| at.is_none()).map(|(r, _)| r.to_string()).collect();
-    match missing.is_empty() {
-        true => Ok(found.into_iter().filter_map(|(_, at)| at).collect()),
-        false => Err(ColumnsError::Missing(missing)),
-    }
+) -> Result<Vec<usize>, Vec<String>> {
+    let found: Vec<_> = references.iter().map(|r| position(names, r)).collect();
+    let missing = references.iter().zip(&found).filter(|(_, at)| at.is_none());
+    let missing: Vec<String> = missing.map(|(reference, _)| reference.to_string()).collect();
+    if missing.is_empty() { Ok(found.into_iter().flatten().collect()) } else { Err(missing) }
 }
 
 /// Where the column is that a user points to. A name is taken exactly, or else without regard to

@@ -58,6 +58,14 @@ struct Header {
     has_decimal_commas: bool,
 }
 
+impl Header {
+    /// One of names and values separated by commas, without units.
+    fn new(format: LogFormat, names: Vec<String>, rows_start: usize, names_line: u64) -> Self {
+        let (separator, units, has_decimal_commas) = (b',', Vec::new(), false);
+        Self { format, separator, names, units, rows_start, names_line, has_decimal_commas }
+    }
+}
+
 /// Recognises the layout of the log that starts with `head`; `whole` if that is the whole log.
 pub(crate) fn recognise_layout(
     source: &LogSource,
@@ -162,8 +170,8 @@ const CLOCK_ROWS: usize = 64;
 
 /// The median step from one row's time to the next one's, of whole numbers that grow.
 fn median_step(head: &[u8], rows_start: usize, separator: u8, at: usize) -> Option<f64> {
-    let first = LayoutLine::first_with_text(head, rows_start, 1);
-    let lines = std::iter::successors(first, |line| LayoutLine::after(head, line));
+    let first = LayoutLine::first_with_text(head, rows_start, 1)?;
+    let lines = first.and_after(head);
     // The last line of the head may be cut off.
     let lines = lines.filter(|line| line.next < head.len()).take(CLOCK_ROWS);
     let time = |line: LayoutLine<'_>| parse_field(fields(line.text, separator).get(at)?).ok();
@@ -197,15 +205,10 @@ fn read_header(
     };
     match format {
         LogFormat::Telemetry => telemetry_header(source, head, &first),
-        LogFormat::Console => Ok(Header {
-            format,
-            separator: b',',
-            names: CONSOLE.map(str::to_owned).to_vec(),
-            units: Vec::new(),
-            rows_start: start,
-            names_line: first.number,
-            has_decimal_commas: false,
-        }),
+        LogFormat::Console => {
+            let names = CONSOLE.map(str::to_owned).to_vec();
+            Ok(Header::new(format, names, start, first.number))
+        }
         LogFormat::Csv | LogFormat::Training | LogFormat::Reference => {
             separated_header(source, head, &first, mapping)
         }
@@ -218,30 +221,21 @@ fn telemetry_header(
     head: &[u8],
     first: &LayoutLine<'_>,
 ) -> Result<Header, LogError> {
-    let mut names = None;
-    let mut line = Some(*first);
-    let mut rows_start = head.len();
-    while let Some(this) = line {
-        if !this.text.starts_with(b"%") {
-            rows_start = this.start;
+    let (mut names, mut rows_start) = (None, head.len());
+    for line in first.and_after(head) {
+        if !line.text.starts_with(b"%") {
+            rows_start = line.start;
             break;
         }
-        if this.text.contains(&b'|') {
-            names = Some(this);
+        if line.text.contains(&b'|') {
+            names = Some(line);
         }
-        line = LayoutLine::after(head, &this);
     }
     let names = names.ok_or_else(|| LogError::NoColumnNames { path: source.path.clone() })?;
     let text = String::from_utf8_lossy(names.text);
-    Ok(Header {
-        format: LogFormat::Telemetry,
-        separator: b',',
-        names: text.trim_start_matches('%').split('|').map(|name| name.trim().to_owned()).collect(),
-        units: Vec::new(),
-        rows_start,
-        names_line: names.number,
-        has_decimal_commas: false,
-    })
+    let line = names.number;
+    let names = text.trim_start_matches('%').split('|').map(|name| name.trim().to_owned());
+    Ok(Header::new(LogFormat::Telemetry, names.collect(), rows_start, line))
 }
 
 /// Separated values: names if the first line is mostly not numbers, or else a known layout.
@@ -265,18 +259,12 @@ fn separated_header(
     };
     let found = fields(first);
     let has_names = table_names.is_some() || !is_numeric(&found);
-    let texts = |fields: Vec<Vec<u8>>| {
-        let text = |f: &Vec<u8>| String::from_utf8_lossy(f).trim().to_owned();
-        fields.iter().map(text).collect::<Vec<_>>()
-    };
+    let format = mapping.format.unwrap_or(LogFormat::Csv);
+    let rows_start = if has_names { first.next } else { first.start };
     let mut header = Header {
-        format: mapping.format.unwrap_or(LogFormat::Csv),
         separator,
-        names: Vec::new(),
-        units: Vec::new(),
-        rows_start: if has_names { first.next } else { first.start },
-        names_line: first.number,
         has_decimal_commas: has_commas && has_decimal_commas(head, first, separator),
+        ..Header::new(format, Vec::new(), rows_start, first.number)
     };
     let named_above = (!has_names).then(|| names_in_comment(head, first, separator, found.len()));
     let fixed = match (mapping.format, found.len()) {
@@ -300,7 +288,7 @@ fn separated_header(
         return Ok(Header { names, names_line: line, ..header });
     }
     if has_names {
-        header.names = table_names.map_or_else(|| texts(found), <[String]>::to_vec);
+        header.names = table_names.map_or_else(|| texts(&found), <[String]>::to_vec);
         // A line of units is one of texts above one of numbers.
         let second = LayoutLine::after(head, first).map(|line| (line, fields(&line)));
         if let Some((line, units)) = second.filter(|_| table_names.is_none())
@@ -308,7 +296,7 @@ fn separated_header(
             && !units.iter().any(|field| is_number(field) || is_number(&with_points(field)))
             && LayoutLine::after(head, &line).is_some_and(|third| is_numeric(&fields(&third)))
         {
-            header.units = texts(units);
+            header.units = texts(&units);
             header.rows_start = line.next;
         }
         return Ok(header);
@@ -332,10 +320,7 @@ fn names_in_comment(
 ) -> Option<(u64, Vec<String>)> {
     let comment = head[..first.start].trim_ascii_end().rsplit(|&byte| byte == b'\n').next()?;
     let comment = comment.trim_ascii().strip_prefix(b"#")?;
-    let names: Vec<String> = fields(comment, separator)
-        .iter()
-        .map(|field| String::from_utf8_lossy(field).trim().to_owned())
-        .collect();
+    let names = texts(&fields(comment, separator));
     let is_name = |name: &String| !name.is_empty() && !is_number(name.as_bytes());
     let lines = memchr::memchr_iter(b'\n', &head[..first.start]).count() as u64;
     (columns > 1 && names.len() == columns && names.iter().all(is_name)).then_some((lines, names))
@@ -346,12 +331,13 @@ const LOOKED_AT: usize = 16;
 
 /// Whether some field of the first rows is a number once its comma is a point, and none else.
 fn has_decimal_commas(head: &[u8], first: &LayoutLine<'_>, separator: u8) -> bool {
-    let lines =
-        std::iter::successors(Some(*first), |line| LayoutLine::after(head, line)).take(LOOKED_AT);
     let is_decimal = |field: &Vec<u8>| {
         field.contains(&b',') && !is_number(field) && is_number(&with_points(field))
     };
-    lines.into_iter().any(|line| fields(line.text, separator).iter().any(is_decimal))
+    first
+        .and_after(head)
+        .take(LOOKED_AT)
+        .any(|line| fields(line.text, separator).iter().any(is_decimal))
 }
 
 fn with_points(field: &[u8]) -> Vec<u8> {
@@ -380,6 +366,10 @@ fn fields(line: &[u8], separator: u8) -> Vec<Vec<u8>> {
         Ok(true) => record.iter().map(<[u8]>::to_vec).collect(),
         _ => Vec::new(),
     }
+}
+
+fn texts(fields: &[Vec<u8>]) -> Vec<String> {
+    fields.iter().map(|field| String::from_utf8_lossy(field).trim().to_owned()).collect()
 }
 
 /// The separator that a line has most of, outside quotes; a comma where there is none.
@@ -465,6 +455,11 @@ impl<'a> LayoutLine<'a> {
     /// The next such line.
     fn after(head: &'a [u8], line: &Self) -> Option<Self> {
         Self::first_with_text(head, line.next, line.number + 1)
+    }
+
+    /// This line and those after it.
+    fn and_after(self, head: &'a [u8]) -> impl Iterator<Item = Self> {
+        std::iter::successors(Some(self), move |line| Self::after(head, line))
     }
 }
 

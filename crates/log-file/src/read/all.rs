@@ -8,8 +8,6 @@ use super::request::{ReadOptions, Wanted};
 use crate::error::LogError;
 use crate::log::Log;
 use crate::parse::plan::{BlockBuffer, ReadPlan};
-use crate::parse::rows::RowError;
-use crate::stream::chunk::Chunk;
 use crate::stream::log_chunks::{LogChunk, LogChunks};
 use crate::stream::pipeline;
 use shell_data::block::Block;
@@ -91,109 +89,56 @@ pub(crate) fn read_each<S: Send, T: Send, E: From<LogError>>(
     let threads = threads_for(logs, options);
     let mut chunks = LogChunks::new(logs, options.checksum, threads);
     let bytes_read = Arc::clone(&chunks.bytes_read);
-    let mut summaries = Summaries::new(logs);
+    let mut found = vec![SummaryAndLines::default(); logs.len()];
+    // How many logs have been read and have rows.
+    let mut checked = 0;
     let workers = pipeline::run(
         &mut chunks,
         threads,
         || (BlockBuffer::default(), init()),
         |(buffer, state), LogChunk { log, chunk }| {
-            let log = *log;
-            buffer.fill(&plans[log], chunk, options.skip_bad_rows).map_err(|error| BadRow {
-                log,
-                offset: chunk.offset,
-                error,
-            })?;
-            let counts = ChunkCounts::new(log, chunk, buffer);
-            let value = (counts.rows > 0).then(|| map(state, log, &mut buffer.block));
-            Ok((counts, value))
+            let filled = buffer.fill(&plans[*log], chunk, options.skip_bad_rows);
+            let parsed = filled.map(|()| {
+                let summary = ReadSummary {
+                    rows: buffer.block.rows as u64,
+                    repeated_rows: buffer.block.repeated_rows() as u64,
+                    skipped_rows: buffer.parsed.skipped,
+                    checksum: None,
+                };
+                let value = (summary.rows > 0).then(|| map(state, *log, &mut buffer.block));
+                (summary, line_count(chunk.lines()), value)
+            });
+            (*log, chunk.offset, parsed)
         },
         E::from,
-        |result| {
-            let (counts, value) = result.map_err(|BadRow { log, offset, error }| {
-                E::from(logs[log].row_error(offset, error))
-            })?;
-            summaries.add(&counts)?;
+        |(log, offset, parsed)| {
+            let bad_row = |error| E::from(logs[log].row_error(offset, error));
+            let (of_chunk, line_count, value) = parsed.map_err(bad_row)?;
+            check_rows(&logs[checked..log], &found[checked..log])?;
+            checked = log;
+            let (summary, lines) = &mut found[log];
+            summary.rows += of_chunk.rows;
+            summary.repeated_rows += of_chunk.repeated_rows;
+            summary.skipped_rows += of_chunk.skipped_rows;
+            lines.add(offset, of_chunk.rows as usize, line_count);
             if let Some(progress) = options.progress {
                 progress(bytes_read.load(Ordering::Relaxed));
             }
-            value.map_or(Ok(()), |value| fold(counts.log, value))
+            value.map_or(Ok(()), |value| fold(log, value))
         },
     )?;
-    let summaries = summaries.finish(chunks.checksums)?;
-    Ok((summaries, workers.into_iter().map(|(_, state)| state).collect()))
-}
-
-/// How many rows a chunk has, and lines.
-struct ChunkCounts {
-    log: usize,
-    offset: u64,
-    lines: u64,
-    rows: usize,
-    repeated: usize,
-    skipped: u64,
-}
-
-impl ChunkCounts {
-    fn new(log: usize, chunk: &Chunk, buffer: &BlockBuffer) -> Self {
-        Self {
-            log,
-            offset: chunk.offset,
-            lines: line_count(chunk.lines()),
-            rows: buffer.block.rows,
-            repeated: buffer.block.repeated_rows(),
-            skipped: buffer.parsed.skipped,
-        }
+    check_rows(&logs[checked..], &found[checked..])?;
+    for ((summary, _), checksum) in found.iter_mut().zip(chunks.checksums) {
+        summary.checksum = checksum;
     }
+    Ok((found, workers.into_iter().map(|(_, state)| state).collect()))
 }
 
-/// A bad row, in the chunk that starts at `offset` of a log.
-struct BadRow {
-    log: usize,
-    offset: u64,
-    error: RowError,
-}
-
-/// The summaries of logs that are read one after another.
-struct Summaries<'a> {
-    logs: &'a [&'a Log],
-    summaries: Vec<SummaryAndLines>,
-    /// The number of logs that have been read and have rows.
-    checked: usize,
-}
-
-impl<'a> Summaries<'a> {
-    fn new(logs: &'a [&'a Log]) -> Self {
-        Self { logs, summaries: vec![SummaryAndLines::default(); logs.len()], checked: 0 }
-    }
-
-    /// Adds a chunk, after all chunks before it.
-    fn add(&mut self, chunk: &ChunkCounts) -> Result<(), LogError> {
-        self.check_before(chunk.log)?;
-        let (summary, lines) = &mut self.summaries[chunk.log];
-        summary.rows += chunk.rows as u64;
-        summary.repeated_rows += chunk.repeated as u64;
-        summary.skipped_rows += chunk.skipped;
-        lines.add(chunk.offset, chunk.rows, chunk.lines);
-        Ok(())
-    }
-
-    /// Checks that the logs before `end` have rows, once each.
-    fn check_before(&mut self, end: usize) -> Result<(), LogError> {
-        for log in self.checked..end {
-            let (summary, _) = &self.summaries[log];
-            if summary.rows == 0 && summary.skipped_rows == 0 {
-                return Err(LogError::NoRows { path: self.logs[log].path().to_owned() });
-            }
-        }
-        self.checked = self.checked.max(end);
-        Ok(())
-    }
-
-    fn finish(mut self, checksums: Vec<Option<String>>) -> Result<Vec<SummaryAndLines>, LogError> {
-        self.check_before(self.logs.len())?;
-        for ((summary, _), checksum) in self.summaries.iter_mut().zip(checksums) {
-            summary.checksum = checksum;
-        }
-        Ok(self.summaries)
+/// Checks that each of some logs that have been read has rows.
+fn check_rows(logs: &[&Log], found: &[SummaryAndLines]) -> Result<(), LogError> {
+    let is_empty = |(summary, _): &SummaryAndLines| summary.rows == 0 && summary.skipped_rows == 0;
+    match logs.iter().zip(found).find(|(_, found)| is_empty(found)) {
+        Some((log, _)) => Err(LogError::NoRows { path: log.path().to_owned() }),
+        None => Ok(()),
     }
 }

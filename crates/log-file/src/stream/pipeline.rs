@@ -1,12 +1,21 @@
 //! Works on the pieces of a sequence on several threads and hands the results over in order.
 //!
-//! The caller's thread works too. Every thread has a state of its own, made by `init` and returned
-//! at the end: what does not depend on order is summed there, without locks. Which thread gets
-//! which piece is left to chance; the pieces and the order of the results are not.
+//! ```text
+//! pieces ─▶ workers ─▶ results with their numbers ─▶ caller: fold, in order
+//!              ▲                                              │
+//!              └────────── room for another result ───────────┘
+//! ```
+//!
+//! Every thread has a state of its own, made by `init` and returned at the end: what does not depend on order is
+//! summed there, without locks. Which thread gets which piece is left to chance; the pieces and the order of the
+//! results are not.
 
 use shell_data::lock::lock;
 use std::collections::VecDeque;
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::Mutex;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::thread::ScopedJoinHandle;
 
 /// A sequence that is cut into pieces, one after another.
 pub trait Pieces: Send {
@@ -25,13 +34,13 @@ pub trait Pieces: Send {
     fn next(&mut self, piece: &mut Self::Piece) -> Result<bool, Self::Error>;
 }
 
-/// How many finished pieces per thread may wait for an earlier one: bounds the memory.
+/// How many pieces per thread may be in work or wait for an earlier one: bounds the memory.
 const WAITING_PER_THREAD: usize = 4;
 
 /// Passes every piece of `pieces` to `work` and the results to `fold`, in the order of the pieces.
 ///
 /// `work` may change the piece, which is memory to be used again, and the state of its thread.
-/// Returns the states of all threads, that of the caller first.
+/// Returns the states of all threads, first the one of the first piece.
 ///
 /// ```
 /// use std::convert::Infallible;
@@ -89,236 +98,185 @@ pub fn run<P: Pieces, S: Send, T: Send, E>(
             break;
         }
     }
-    let queue = Queue::new(pieces, WAITING_PER_THREAD * threads);
-    let (states, mut outcome) = (Mutex::new(Vec::new()), Ok(()));
-    let worker = || {
-        let _stop = StopOnPanic(&queue);
-        let (mut state, mut piece) = (init(), P::Piece::default());
-        while queue.wait_for_room() && queue.work_on_next(&mut state, &mut piece, &work) {}
-        lock(&states).push(state);
-    };
-    let mut caller = || {
-        let _stop = StopOnPanic(&queue);
-        outcome = queue.work_and_fold(&mut state, &mut piece, &work, &failed, &mut fold);
-        queue.stop();
-    };
-    on_threads(threads - 1, &worker, &mut caller);
-    outcome?;
-    let others = states.into_inner().unwrap_or_else(PoisonError::into_inner);
-    Ok(std::iter::once(state).chain(others).collect())
+    let (room, wait_for_room) = channel();
+    let source = &Mutex::new(PieceSource { pieces, next: 0, room: wait_for_room });
+    for _ in 0..WAITING_PER_THREAD * threads {
+        // The other end is there.
+        let _ = room.send(());
+    }
+    let (results, finished) = channel();
+    let states = std::iter::once(state).chain(std::iter::repeat_with(init)).take(threads);
+    let work = &work;
+    std::thread::scope(move |scope| {
+        let worker = |state| {
+            let results = results.clone();
+            scope.spawn(move || work_on_pieces(source, state, work, &results))
+        };
+        let workers: Vec<_> = states.map(worker).collect();
+        drop(results);
+        let outcome = fold_in_order(finished, room, failed, fold);
+        let join = |worker: ScopedJoinHandle<'_, S>| {
+            worker.join().unwrap_or_else(|panic| resume_unwind(panic))
+        };
+        let states = workers.into_iter().map(join).collect();
+        outcome.map(|()| states)
+    })
 }
 
-/// Runs `worker` on so many threads and `caller` on this one, until all have returned. A panic of one of them is
-/// passed on.
-fn on_threads(workers: usize, worker: &(dyn Fn() + Sync), caller: &mut dyn FnMut()) {
-    std::thread::scope(|scope| {
-        let workers: Vec<_> = (0..workers).map(|_| scope.spawn(worker)).collect();
-        caller();
-        for worker in workers {
-            if let Err(panic) = worker.join() {
-                std::panic::resume_unwind(panic);
-            }
-        }
-    });
-}
-
-struct Queue<'a, P: Pieces, T> {
-    source: Mutex<PieceSource<'a, P>>,
-    progress: Mutex<PipelineProgress<T, P::Error>>,
-    changed: Condvar,
-    /// How many results may wait.
-    room: usize,
-}
-
-/// The pieces, and the number of the next one.
+/// The pieces, the number of the next one, and leave to work on it.
 struct PieceSource<'a, P> {
     pieces: &'a mut P,
     next: usize,
+    room: Receiver<()>,
 }
 
-struct PipelineProgress<T, E> {
-    finished: InOrder<Result<T, E>>,
-    /// The number of pieces, once it is known.
-    pieces: Option<usize>,
-    stopped: bool,
-    /// The number of threads that wait for a change.
-    waiting: usize,
-}
+/// What came of the piece of a number: a result, an error in place of the piece, or a panic.
+type Numbered<T, E> = (usize, std::thread::Result<Result<T, E>>);
 
-/// Results that are handed over in order and come in any: those that are missing among them are in work.
-///
-/// Not a map: pipelines are compiled for each of their uses, and the code of so many maps was a twentieth of
-/// the program.
-struct InOrder<R> {
-    /// From the next on.
-    waiting: VecDeque<Option<R>>,
-    /// The number of the next.
-    next: usize,
-    /// How many there are.
-    count: usize,
-}
-
-impl<R> InOrder<R> {
-    fn new() -> Self {
-        Self { waiting: VecDeque::new(), next: 0, count: 0 }
-    }
-
-    /// Files the result of such a number, which has not been handed over.
-    fn insert(&mut self, number: usize, result: R) {
-        let position = number - self.next;
-        while self.waiting.len() <= position {
-            self.waiting.push_back(None);
+/// Works on pieces until there are no more or nobody wants the results.
+fn work_on_pieces<P: Pieces, S, T>(
+    source: &Mutex<PieceSource<'_, P>>,
+    mut state: S,
+    work: impl Fn(&mut S, &mut P::Piece) -> T,
+    results: &Sender<Numbered<T, P::Error>>,
+) -> S {
+    let mut piece = P::Piece::default();
+    loop {
+        let mut source = lock(source);
+        if source.room.recv().is_err() {
+            return state;
         }
-        self.waiting[position] = Some(result);
-        self.count += 1;
-    }
-
-    fn has_next(&self) -> bool {
-        matches!(self.waiting.front(), Some(Some(_)))
-    }
-
-    fn take_next(&mut self) -> Option<R> {
-        let result = self.waiting.front_mut()?.take()?;
-        self.waiting.pop_front();
-        (self.next, self.count) = (self.next + 1, self.count - 1);
-        Some(result)
-    }
-}
-
-enum Finished<T, E> {
-    Result(Result<T, E>),
-    NotYet { all_taken: bool },
-    All,
-}
-
-impl<'a, P: Pieces, T> Queue<'a, P, T> {
-    fn new(pieces: &'a mut P, room: usize) -> Self {
-        let progress =
-            PipelineProgress { finished: InOrder::new(), pieces: None, stopped: false, waiting: 0 };
-        Self {
-            source: Mutex::new(PieceSource { pieces, next: 0 }),
-            progress: Mutex::new(progress),
-            changed: Condvar::new(),
-            room,
-        }
-    }
-
-    fn progress(&self) -> MutexGuard<'_, PipelineProgress<T, P::Error>> {
-        lock(&self.progress)
-    }
-
-    /// The caller's part: hands over results in order and works on pieces in between.
-    fn work_and_fold<S, E>(
-        &self,
-        state: &mut S,
-        piece: &mut P::Piece,
-        work: impl Fn(&mut S, &mut P::Piece) -> T,
-        failed: impl Fn(P::Error) -> E,
-        mut fold: impl FnMut(T) -> Result<(), E>,
-    ) -> Result<(), E> {
-        loop {
-            match self.take_finished() {
-                Finished::Result(result) => fold(result.map_err(&failed)?)?,
-                Finished::NotYet { all_taken: false } => {
-                    self.work_on_next(state, piece, &work);
-                }
-                Finished::NotYet { all_taken: true } if self.wait_for_finished() => {}
-                Finished::NotYet { .. } | Finished::All => return Ok(()),
-            }
-        }
-    }
-
-    /// Takes a piece, works on it, files the result; `false` at the end of the stream.
-    fn work_on_next<S>(
-        &self,
-        state: &mut S,
-        piece: &mut P::Piece,
-        work: impl Fn(&mut S, &mut P::Piece) -> T,
-    ) -> bool {
-        let mut source = lock(&self.source);
-        let index = source.next;
-        source.next += 1;
-        let next = source.pieces.next(piece);
-        if source.pieces.ended() || !matches!(next, Ok(true)) {
-            let pieces = if matches!(next, Ok(false)) { index } else { index + 1 };
-            self.change(|progress| *progress.pieces.get_or_insert(pieces));
-        }
-        drop(source);
-        let result = match next {
-            Ok(false) => return false,
-            Ok(true) => Ok(work(state, piece)),
+        let next = match source.pieces.next(&mut piece) {
+            Ok(false) => return state,
+            Ok(true) => Ok(()),
             Err(error) => Err(error),
         };
-        let more = result.is_ok();
-        self.change(|progress| progress.finished.insert(index, result));
-        more
-    }
-
-    /// Waits until fewer than `room` results wait; `false` when there is nothing left to do.
-    fn wait_for_room(&self) -> bool {
-        let mut progress = self.progress();
-        while !progress.stopped && progress.pieces.is_none() && progress.finished.count >= self.room
-        {
-            progress = self.wait(progress);
+        let number = source.next;
+        source.next += 1;
+        drop(source);
+        let result = catch_unwind(AssertUnwindSafe(|| next.map(|()| work(&mut state, &mut piece))));
+        let is_result = matches!(result, Ok(Ok(_)));
+        if results.send((number, result)).is_err() || !is_result {
+            return state;
         }
-        !progress.stopped && progress.pieces.is_none()
-    }
-
-    fn take_finished(&self) -> Finished<T, P::Error> {
-        self.change(|progress| {
-            let next = progress.finished.next;
-            match progress.finished.take_next() {
-                Some(result) => Finished::Result(result),
-                None if progress.pieces.is_some_and(|pieces| next >= pieces) => Finished::All,
-                None => Finished::NotYet { all_taken: progress.pieces.is_some() },
-            }
-        })
-    }
-
-    /// Waits for the next result in order; `false` if it will never come.
-    fn wait_for_finished(&self) -> bool {
-        let mut progress = self.progress();
-        while !progress.stopped && !progress.finished.has_next() {
-            progress = self.wait(progress);
-        }
-        !progress.stopped
-    }
-
-    fn stop(&self) {
-        self.change(|progress| progress.stopped = true);
-    }
-
-    /// Changes the progress and wakes the threads that wait for that, if there are any.
-    fn change<R>(&self, change: impl FnOnce(&mut PipelineProgress<T, P::Error>) -> R) -> R {
-        let mut progress = self.progress();
-        let result = change(&mut progress);
-        let waiting = progress.waiting;
-        drop(progress);
-        if waiting > 0 {
-            self.changed.notify_all();
-        }
-        result
-    }
-
-    /// Waits for a change.
-    fn wait<'s>(
-        &self,
-        mut progress: MutexGuard<'s, PipelineProgress<T, P::Error>>,
-    ) -> MutexGuard<'s, PipelineProgress<T, P::Error>> {
-        progress.waiting += 1;
-        let mut progress = self.changed.wait(progress).unwrap_or_else(PoisonError::into_inner);
-        progress.waiting -= 1;
-        progress
     }
 }
 
-/// Lets the other threads go when this one panics, or they would wait for its result for ever.
-struct StopOnPanic<'a, 'b, P: Pieces, T>(&'a Queue<'b, P, T>);
+/// Passes results to `fold` in the order of their numbers, until the workers have ended; each makes room for another.
+/// Drops what the workers wait for at the end, or when `fold` panics.
+fn fold_in_order<T, E, F>(
+    finished: Receiver<Numbered<T, E>>,
+    room: Sender<()>,
+    failed: impl Fn(E) -> F,
+    mut fold: impl FnMut(T) -> Result<(), F>,
+) -> Result<(), F> {
+    // From the next number on; those that are missing are in work.
+    let (mut waiting, mut next) = (VecDeque::new(), 0);
+    for (number, result) in finished {
+        let position = number - next;
+        if waiting.len() <= position {
+            waiting.resize_with(position + 1, || None);
+        }
+        waiting[position] = Some(result);
+        while let Some(result) = waiting.front_mut().and_then(Option::take) {
+            waiting.pop_front();
+            next += 1;
+            let result = result.unwrap_or_else(|panic| resume_unwind(panic));
+            fold(result.map_err(&failed)?)?;
+            // Workers that have ended need no room.
+            let _ = room.send(());
+        }
+    }
+    Ok(())
+}
 
-impl<P: Pieces, T> Drop for StopOnPanic<'_, '_, P, T> {
-    fn drop(&mut self) {
-        if std::thread::panicking() {
-            self.0.stop();
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+
+    /// So many numbers from 0, then an error if that is asked.
+    struct Numbers {
+        next: usize,
+        end: usize,
+        fails: bool,
+    }
+
+    impl Pieces for Numbers {
+        type Piece = usize;
+        type Error = String;
+
+        fn ended(&self) -> bool {
+            !self.fails && self.next >= self.end
+        }
+
+        fn next(&mut self, piece: &mut usize) -> Result<bool, String> {
+            *piece = self.next;
+            self.next += 1;
+            match self.next > self.end && self.fails {
+                true => Err("no more".to_owned()),
+                false => Ok(*piece < self.end),
+            }
+        }
+    }
+
+    fn numbers(end: usize) -> Numbers {
+        Numbers { next: 0, end, fails: false }
+    }
+
+    #[test]
+    fn results_are_in_order_and_every_thread_has_a_state() {
+        for (threads, end) in [(1, 0), (1, 50), (2, 1), (2, 50), (7, 500)] {
+            let mut found = Vec::new();
+            let work = |sum: &mut usize, number: &mut usize| {
+                *sum += *number;
+                // The first of every few takes longest.
+                let pause = if number.is_multiple_of(9) { 300 } else { 0 };
+                std::thread::sleep(Duration::from_micros(pause));
+                *number
+            };
+            let fold = |number| {
+                found.push(number);
+                Ok(())
+            };
+            let sums =
+                run(&mut numbers(end), threads, || 0, work, |error: String| error, fold).unwrap();
+            assert!(found.iter().copied().eq(0..end), "{threads}, {end}");
+            assert_eq!(sums.iter().sum::<usize>(), end * end.saturating_sub(1) / 2);
+            assert_eq!(sums.len(), if end > 1 { threads } else { 1 });
+        }
+    }
+
+    #[test]
+    fn the_first_error_in_order_ends_it() {
+        for threads in [1, 2, 5] {
+            for (end, refused, expected) in [(40, 99, "no more"), (40, 20, "20"), (2000, 3, "3")] {
+                let mut pieces = Numbers { fails: true, ..numbers(end) };
+                let fold = |number: usize| match number == refused {
+                    true => Err(number.to_string()),
+                    false => Ok(()),
+                };
+                let work = |(): &mut (), number: &mut usize| *number;
+                let error = run(&mut pieces, threads, || (), work, |error| error, fold);
+                assert_eq!(error.unwrap_err(), expected);
+            }
+        }
+    }
+
+    #[test]
+    fn a_panic_of_any_thread_is_passed_on() {
+        for in_fold in [false, true] {
+            let work = |(): &mut (), number: &mut usize| {
+                assert!(in_fold || *number != 30, "in work");
+                *number
+            };
+            let fold = |number| {
+                assert!(!in_fold || number != 30, "in fold");
+                Ok(())
+            };
+            let whole = || run(&mut numbers(3000), 3, || (), work, |error: String| error, fold);
+            assert!(catch_unwind(AssertUnwindSafe(whole)).is_err());
         }
     }
 }

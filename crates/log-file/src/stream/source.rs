@@ -15,15 +15,13 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 use flate2::bufread::MultiGzDecoder;
-use table_file::{
-    FileKind, FileSource, Numbering, OpenFile, Recognised, Table, TableError, TextStream,
-};
+use table_file::{FileKind, FileSource, OpenFile, Recognised, Table, TableError, TextStream};
 use tempfile::TempPath;
 
 use super::companion::{CompanionLines, Joined, RowMismatch, Sides};
 use super::utf16::Utf16;
 use super::zstd::{self, Zstd};
-use crate::checksum::{self, Checksum};
+use crate::checksum::Checksum;
 use crate::error::{LogError, LogPosition, PlacedProblem};
 use shell_data::lock::lock;
 
@@ -41,7 +39,7 @@ pub(crate) struct LogSource {
     /// Keeps a file that stands in for standard input, or was made.
     _spool: Option<Arc<TempPath>>,
     /// A file whose columns stand beside those of this one, row by row.
-    companion: Option<Arc<LogSource>>,
+    pub(crate) companion: Option<Arc<LogSource>>,
 }
 
 /// What the text of a log is in.
@@ -170,18 +168,6 @@ impl LogSource {
         Self { companion: Some(Arc::new(companion)), ..self }
     }
 
-    /// The file beside it, if there is one.
-    pub(crate) fn companion(&self) -> Option<&Path> {
-        self.companion.as_ref().map(|companion| companion.path.as_path())
-    }
-
-    /// The checksum of the file beside it, if there is one.
-    pub(crate) fn companion_checksum(&self) -> Result<Option<String>, LogError> {
-        let Some(companion) = &self.companion else { return Ok(None) };
-        let checksum = checksum::of_stream(companion.open_file()?);
-        checksum.map(Some).map_err(|error| companion.error(error))
-    }
-
     /// What the first lines of this and the file beside it say; `None` without such a file.
     pub(crate) fn sides(&self) -> Result<Option<Sides>, LogError> {
         let Some(companion) = &self.companion else { return Ok(None) };
@@ -307,11 +293,11 @@ impl LogSource {
 
     /// What a line of the text, from 1, is in the file.
     pub(crate) fn position(&self, line: u64) -> LogPosition {
-        match (self.as_table().map(Table::numbering), line) {
+        match (self.as_table().map(Table::names), line) {
             (None, line) => LogPosition::Line(line),
-            (Some(Numbering::Named), 0 | 1) => LogPosition::Names,
-            (Some(Numbering::Named), line) => LogPosition::Row(line - 1),
-            (Some(_), line) => LogPosition::Row(line),
+            (Some(Some(_)), 0 | 1) => LogPosition::Names,
+            (Some(Some(_)), line) => LogPosition::Row(line - 1),
+            (Some(None), line) => LogPosition::Row(line),
         }
     }
 

@@ -7,15 +7,16 @@
 mod message;
 mod records;
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::ops::Range;
 use std::sync::Arc;
 
 use self::message::FieldKind;
 use self::records::{McapRecord, Records};
-use crate::budget;
+use crate::budget::{self, Unpacked};
 use crate::error::TableError;
 use crate::kind::FileKind;
-use crate::rows::{Cell, ColumnLayout, RowBatch, RowStream, batch_rows};
+use crate::rows::{Cell, NamedRows, RowBatch, RowSource, RowStream, batch_rows};
 use crate::source::FileSource;
 
 const KIND: FileKind = FileKind::Mcap;
@@ -28,7 +29,7 @@ const WAITING: usize = 4096;
 struct McapRecording {
     file: FileSource,
     topics: Arc<Vec<Topic>>,
-    names: Vec<String>,
+    columns: usize,
     /// Whether time is that in the messages, not when they were logged.
     by_stamp: bool,
 }
@@ -37,7 +38,7 @@ struct McapRecording {
 #[derive(Clone, Debug)]
 struct Topic {
     /// One number for each channel.
-    channels: Vec<u16>,
+    channels: BTreeSet<u16>,
     name: String,
     kind: FieldKind,
     /// The names of its columns, the first of which is at `start`.
@@ -45,11 +46,8 @@ struct Topic {
     start: usize,
 }
 
-pub(crate) fn open(
-    file: &FileSource,
-    part: Option<&str>,
-) -> Result<Arc<dyn ColumnLayout>, TableError> {
-    let mut records = Records::open(file)?;
+pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<NamedRows, TableError> {
+    let mut records = Records::open(file, Unpacked::default())?;
     let mut schemas = HashMap::new();
     let mut topics: Vec<Topic> = Vec::new();
     let mut others = Vec::new();
@@ -61,25 +59,17 @@ pub(crate) fn open(
                 let schema = schemas.get(&schema).map_or("", String::as_str);
                 let known = topics.iter_mut().find(|known| known.name == topic);
                 match (known, FieldKind::new(schema, &encoding)) {
-                    (Some(known), Some(kind)) if known.kind == kind => known.channels.push(id),
+                    // The same channels are listed in every chunk.
+                    (Some(known), Some(kind)) if known.kind == kind => {
+                        known.channels.insert(id);
+                    }
                     (_, Some(kind)) => {
-                        let (columns, start) = (Vec::new(), 0);
-                        topics.push(Topic {
-                            channels: vec![id],
-                            name: topic,
-                            kind,
-                            columns,
-                            start,
-                        });
+                        let (channels, columns) = (BTreeSet::from([id]), Vec::new());
+                        topics.push(Topic { channels, name: topic, kind, columns, start: 0 });
                         budget::check_columns(KIND, topics.len())?;
                     }
                     (_, None) => others.push(topic),
                 }
-                // The same channels are listed in every chunk.
-                topics.iter_mut().for_each(|topic| {
-                    topic.channels.sort_unstable();
-                    topic.channels.dedup();
-                });
                 if others.len() > budget::COLUMNS {
                     others.dedup();
                     budget::check_columns(KIND, others.len())?;
@@ -133,7 +123,9 @@ pub(crate) fn open(
     if names[1..].iter().any(is_time) {
         "log_time".clone_into(&mut names[0]);
     }
-    Ok(Arc::new(McapRecording { file: file.clone(), topics: Arc::new(topics), names, by_stamp }))
+    let (topics, columns) = (Arc::new(topics), names.len());
+    let recording = McapRecording { file: file.clone(), topics, columns, by_stamp };
+    Ok((Some(names), Arc::new(recording)))
 }
 
 fn wrong(topic: &Topic, log_time: u64, what: &str) -> TableError {
@@ -145,16 +137,12 @@ fn seconds(ns: u64) -> String {
     format!("{}.{:09}", ns / 1_000_000_000, ns % 1_000_000_000)
 }
 
-impl ColumnLayout for McapRecording {
-    fn names(&self) -> Option<&[String]> {
-        Some(&self.names)
-    }
-
-    fn rows(&self) -> Result<Box<dyn RowStream>, TableError> {
+impl RowSource for McapRecording {
+    fn rows(&self, _: Range<usize>, unpacked: Unpacked) -> Result<Box<dyn RowStream>, TableError> {
         Ok(Box::new(RecordingRows {
-            records: Records::open(&self.file)?,
+            records: Records::open(&self.file, unpacked)?,
             topics: Arc::clone(&self.topics),
-            columns: self.names.len(),
+            columns: self.columns,
             by_stamp: self.by_stamp,
             waiting: BTreeMap::new(),
         }))

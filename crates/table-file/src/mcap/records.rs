@@ -34,11 +34,11 @@ pub(super) struct Records {
 }
 
 impl Records {
-    pub(super) fn open(file: &FileSource) -> Result<Self, TableError> {
+    pub(super) fn open(file: &FileSource, unpacked: Unpacked) -> Result<Self, TableError> {
         let file = file.open()?;
         let length = file.length()?;
         let file = BufReader::with_capacity(1 << 16, file);
-        let (chunk, unpacked) = (Vec::new(), Unpacked::default());
+        let chunk = Vec::new();
         let mut records = Self { file, at: 0, length, chunk, in_chunk: 0, unpacked, ended: false };
         let mut magic = [0; 8];
         records.read(&mut magic)?;

@@ -26,6 +26,12 @@ impl Hybrid {
         (width <= 32).then_some(Self { bytes, at: 0, width, run: EncodedRun::Same(0, 0) })
     }
 
+    /// Single bits, packed without a head.
+    pub(super) fn bits(bytes: Vec<u8>) -> Self {
+        let run = EncodedRun::Packed(8 * bytes.len() as u64, 0);
+        Self { at: bytes.len(), bytes, width: 1, run }
+    }
+
     pub(crate) fn next(&mut self) -> Option<u64> {
         loop {
             match &mut self.run {

@@ -21,7 +21,7 @@ use crate::bytes::ByteReader;
 use crate::codec::Codec;
 use crate::error::TableError;
 use crate::kind::FileKind;
-use crate::rows::{Cell, ColumnLayout, RowBatch, RowParts, RowStream, batch_rows};
+use crate::rows::{Cell, NamedRows, RowBatch, RowSource, RowStream, batch_rows};
 use crate::source::{FileSource, OpenFile};
 use crate::thrift::{self, Value};
 
@@ -34,11 +34,10 @@ const FOOTER: u64 = 4 << 20;
 const VALUES_PER_BYTE: u64 = 2048;
 
 /// A table in a file.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 struct ParquetTable {
     file: FileSource,
     leaves: Arc<Vec<Leaf>>,
-    names: Vec<String>,
     groups: Arc<Vec<RowGroup>>,
 }
 
@@ -57,7 +56,7 @@ struct ColumnChunk {
     bytes: u64,
 }
 
-pub(crate) fn open(source: &FileSource) -> Result<Arc<dyn ColumnLayout>, TableError> {
+pub(crate) fn open(source: &FileSource) -> Result<NamedRows, TableError> {
     let mut file = source.open()?;
     let length = file.length()?;
     let footer = footer(&mut file, length)?;
@@ -81,7 +80,7 @@ pub(crate) fn open(source: &FileSource) -> Result<Arc<dyn ColumnLayout>, TableEr
     }
     let names = leaves.iter().map(|leaf| leaf.name.clone()).collect();
     let (leaves, groups) = (Arc::new(leaves), Arc::new(groups));
-    Ok(Arc::new(ParquetTable { file: source.clone(), leaves, names, groups }))
+    Ok((Some(names), Arc::new(ParquetTable { file: source.clone(), leaves, groups })))
 }
 
 fn footer(file: &mut OpenFile, length: u64) -> Result<Value, TableError> {
@@ -150,40 +149,30 @@ fn row_group(
     Ok(RowGroup { rows, chunks: chunks.collect::<Result<_, _>>()? })
 }
 
-impl ColumnLayout for ParquetTable {
-    fn names(&self) -> Option<&[String]> {
-        Some(&self.names)
-    }
-
+impl RowSource for ParquetTable {
     fn unread(&self, column: usize) -> Option<&'static str> {
         self.leaves.get(column)?.kind.opaque()
     }
 
-    fn rows(&self) -> Result<Box<dyn RowStream>, TableError> {
-        let all = 0..self.groups.len();
-        Ok(Box::new(ParquetRows::open(self, all, Unpacked::default())?))
+    fn parts(&self) -> usize {
+        self.groups.len()
     }
 
-    fn parts(&self) -> Option<Box<dyn RowParts>> {
-        Some(Box::new(ParquetGroups { table: self.clone(), unpacked: Unpacked::default() }))
-    }
-}
-
-/// The row groups, each of which can be read alone.
-struct ParquetGroups {
-    table: ParquetTable,
-    /// Of all of them.
-    unpacked: Unpacked,
-}
-
-impl RowParts for ParquetGroups {
-    fn count(&self) -> usize {
-        self.table.groups.len()
-    }
-
-    fn rows(&self, group: usize) -> Result<Box<dyn RowStream>, TableError> {
-        let groups = group..group + 1;
-        Ok(Box::new(ParquetRows::open(&self.table, groups, self.unpacked.clone())?))
+    fn rows(
+        &self,
+        parts: Range<usize>,
+        unpacked: Unpacked,
+    ) -> Result<Box<dyn RowStream>, TableError> {
+        let file = self.file.open()?;
+        let length = file.length()?;
+        Ok(Box::new(ParquetRows {
+            source: ParquetSource { file, length, held: 0, unpacked },
+            leaves: Arc::clone(&self.leaves),
+            groups: Arc::clone(&self.groups),
+            next_groups: parts,
+            rows_left: 0,
+            columns: Vec::new(),
+        }))
     }
 }
 
@@ -196,14 +185,6 @@ struct ParquetSource {
     unpacked: Unpacked,
 }
 
-impl ParquetSource {
-    fn open(file: &FileSource, unpacked: Unpacked) -> Result<Self, TableError> {
-        let file = file.open()?;
-        let length = file.length()?;
-        Ok(Self { file, length, held: 0, unpacked })
-    }
-}
-
 struct ParquetRows {
     source: ParquetSource,
     leaves: Arc<Vec<Leaf>>,
@@ -212,24 +193,6 @@ struct ParquetRows {
     /// Of the current row group.
     rows_left: u64,
     columns: Vec<ColumnReader>,
-}
-
-impl ParquetRows {
-    /// The rows of some row groups.
-    fn open(
-        table: &ParquetTable,
-        groups: Range<usize>,
-        unpacked: Unpacked,
-    ) -> Result<Self, TableError> {
-        Ok(Self {
-            source: ParquetSource::open(&table.file, unpacked)?,
-            leaves: Arc::clone(&table.leaves),
-            groups: Arc::clone(&table.groups),
-            next_groups: groups,
-            rows_left: 0,
-            columns: Vec::new(),
-        })
-    }
 }
 
 impl RowStream for ParquetRows {

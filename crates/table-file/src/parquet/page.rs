@@ -3,13 +3,13 @@
 use std::io::{Read, Seek, SeekFrom};
 
 use super::encoding::{Delta, Hybrid};
-use super::schema::{Leaf, Physical, PhysicalType};
+use super::schema::{Leaf, LeafType};
 use super::{ColumnChunk, KIND, ParquetSource};
 use crate::budget;
 use crate::bytes::ByteReader;
 use crate::calendar::iso_of;
 use crate::codec::{Codec, unpack};
-use crate::element::{Element, half};
+use crate::element::Element;
 use crate::error::TableError;
 use crate::rows::Cell;
 use crate::source::OpenFile;
@@ -38,8 +38,7 @@ struct Page {
 
 enum PageValues {
     Plain(Vec<u8>, usize),
-    Bits(Vec<u8>, usize),
-    Runs(Hybrid),
+    Truths(Hybrid),
     Indices(Hybrid),
     Delta(Delta),
     /// The first bytes of all values, then the second, …: so many values, the next.
@@ -149,24 +148,19 @@ impl ColumnReader {
             }
             DATA => {
                 let mut bytes = unpack(&packed, self.codec, head.unpacked)?;
-                let levels = match leaf.levels {
-                    0 => None,
-                    levels => {
-                        if whole(3) != Some(3) {
-                            return Err(
-                                KIND.unsupported(format!("column `{name}`: levels as bits"))
-                            );
-                        }
-                        let length = ByteReader::new(&bytes).u32().ok_or_else(wrong)? as usize;
-                        let level_bytes = bytes.get(4..).and_then(|rest| rest.get(..length));
-                        let level_bytes = level_bytes.ok_or_else(wrong)?.to_vec();
-                        bytes.drain(..4 + length);
-                        Hybrid::new(level_bytes, width(levels))
+                let mut levels = Vec::new();
+                if leaf.levels > 0 {
+                    if whole(3) != Some(3) {
+                        return Err(KIND.unsupported(format!("column `{name}`: levels as bits")));
                     }
-                };
+                    let mut rest = ByteReader::new(&bytes);
+                    let level_bytes = rest.u32().and_then(|length| rest.take(length as usize));
+                    levels.extend_from_slice(level_bytes.ok_or_else(wrong)?);
+                    bytes.drain(..4 + levels.len());
+                }
                 let left = count(1).ok_or_else(wrong)?;
                 let values = self.values(bytes, whole(2), leaf)?;
-                self.page = Some(Page { left, levels, values, bytes: head.unpacked });
+                self.page = Some(Page::new(left, levels, values, leaf, head.unpacked));
             }
             DATA_2 => {
                 let size = |number| count(number).and_then(|size| usize::try_from(size).ok());
@@ -180,15 +174,10 @@ impl ColumnReader {
                     true => Vec::new(),
                     false => unpack(values, codec, unpacked)?,
                 };
-                let levels = match leaf.levels {
-                    0 => None,
-                    levels_of_leaf => {
-                        Hybrid::new(levels[repetition..].to_vec(), width(levels_of_leaf))
-                    }
-                };
                 let values = self.values(values, whole(4), leaf)?;
                 let left = count(1).ok_or_else(wrong)?;
-                self.page = Some(Page { left, levels, values, bytes: head.unpacked });
+                let levels = levels[repetition..].to_vec();
+                self.page = Some(Page::new(left, levels, values, leaf, head.unpacked));
             }
             // An index.
             _ => {}
@@ -238,9 +227,12 @@ impl ColumnReader {
         leaf: &Leaf,
     ) -> Result<PageValues, TableError> {
         let wrong = || KIND.damaged(format!("column `{}`: a page of values", leaf.name));
-        let is_whole = matches!(leaf.physical, Physical::Int32 | Physical::Int64);
+        let is_whole = match leaf.kind {
+            LeafType::Number(element) => !element.is_real(),
+            kind => matches!(kind, LeafType::Time(..) | LeafType::Days(_)),
+        };
         Ok(match encoding {
-            Some(0) if leaf.physical == Physical::Boolean => PageValues::Bits(bytes, 0),
+            Some(0) if leaf.kind == LeafType::Truth => PageValues::Truths(Hybrid::bits(bytes)),
             Some(0) => PageValues::Plain(bytes, 0),
             Some(2 | 8) => match bytes.split_first() {
                 // A page without values.
@@ -249,42 +241,36 @@ impl ColumnReader {
                     PageValues::Indices(Hybrid::new(rest.to_vec(), width.into()).ok_or_else(wrong)?)
                 }
             },
-            Some(3) if leaf.physical == Physical::Boolean => {
+            Some(3) if leaf.kind == LeafType::Truth => {
                 let runs = bytes.get(4..).ok_or_else(wrong)?.to_vec();
-                PageValues::Runs(Hybrid::new(runs, 1).ok_or_else(wrong)?)
+                PageValues::Truths(Hybrid::new(runs, 1).ok_or_else(wrong)?)
             }
             Some(5) if is_whole => PageValues::Delta(Delta::new(bytes).ok_or_else(wrong)?),
-            Some(9) if size(leaf.physical).is_some() => {
-                let count = bytes.len() / size(leaf.physical).unwrap_or(1);
+            Some(9) if leaf.kind.size().is_some() => {
+                let count = bytes.len() / leaf.kind.size().unwrap_or(1);
                 PageValues::Split(bytes, count, 0)
             }
             other => {
                 let name = match other {
                     Some(6) => "DELTA_LENGTH_BYTE_ARRAY".to_owned(),
                     Some(7) => "DELTA_BYTE_ARRAY".to_owned(),
-                    other => format!("{}", other.unwrap_or(-1)),
+                    other => other.unwrap_or(-1).to_string(),
                 };
-                return Err(
-                    KIND.unsupported(format!("column `{}` has the encoding {name}", leaf.name))
-                );
+                let what = format!("column `{}` has the encoding {name}", leaf.name);
+                return Err(KIND.unsupported(what));
             }
         })
     }
 }
 
-/// The bits of the highest level.
-fn width(levels: u8) -> u32 {
-    u8::BITS - levels.leading_zeros()
-}
-
-/// The bytes of a value, if they are always as many.
-fn size(physical: Physical) -> Option<usize> {
-    match physical {
-        Physical::Int32 | Physical::Float => Some(4),
-        Physical::Int64 | Physical::Double => Some(8),
-        Physical::Int96 => Some(12),
-        Physical::Fixed(size) => Some(size),
-        Physical::Boolean | Physical::Bytes => None,
+impl Page {
+    fn new(left: u64, levels: Vec<u8>, values: PageValues, leaf: &Leaf, bytes: u64) -> Self {
+        let levels = match leaf.levels {
+            0 => None,
+            // As many bits as the highest has.
+            highest => Hybrid::new(levels, u8::BITS - highest.leading_zeros()),
+        };
+        Self { left, levels, values, bytes }
     }
 }
 
@@ -292,7 +278,7 @@ impl PageValues {
     fn next(&mut self, leaf: &Leaf, dictionary: &[Cell]) -> Option<Cell> {
         match self {
             Self::Plain(bytes, at) => {
-                let size = match size(leaf.physical) {
+                let size = match leaf.kind.size() {
                     Some(size) => size,
                     None => {
                         let length = ByteReader::new(bytes.get(*at..)?).u32()?;
@@ -304,22 +290,13 @@ impl PageValues {
                 *at += size;
                 Some(cell(value, leaf))
             }
-            Self::Bits(bytes, at) => {
-                let byte = bytes.get(*at / 8)?;
-                let bit = byte >> (*at % 8) & 1;
-                *at += 1;
-                Some(Cell::Whole(i64::from(bit)))
-            }
-            Self::Runs(runs) => Some(Cell::Whole(i64::from(runs.next()? != 0))),
+            Self::Truths(truths) => Some(Cell::Whole(i64::from(truths.next()? != 0))),
             Self::Indices(indices) => {
                 dictionary.get(usize::try_from(indices.next()?).ok()?).cloned()
             }
             Self::Delta(delta) => {
-                let value = delta.next()?;
-                Some(match leaf.physical {
-                    Physical::Int32 => cell(&(value as i32).to_le_bytes(), leaf),
-                    _ => cell(&value.to_le_bytes(), leaf),
-                })
+                // The lowest bytes of the difference are those of shorter numbers.
+                Some(cell(&delta.next()?.to_le_bytes()[..leaf.kind.size()?], leaf))
             }
             Self::Split(bytes, count, at) => {
                 if at >= count {
@@ -327,7 +304,7 @@ impl PageValues {
                 }
                 let value: Vec<u8> = bytes.iter().skip(*at).step_by(*count).copied().collect();
                 *at += 1;
-                Some(cell(value.get(..size(leaf.physical)?)?, leaf))
+                Some(cell(value.get(..leaf.kind.size()?)?, leaf))
             }
         }
     }
@@ -335,18 +312,14 @@ impl PageValues {
 
 /// The value in some bytes, of which there are as many as its type has.
 fn cell(bytes: &[u8], leaf: &Leaf) -> Cell {
-    let whole = |element: Element| element.cell(bytes, true);
-    let size = bytes.len().min(8) as u8;
-    match (leaf.kind, leaf.physical) {
-        (_, Physical::Float) => whole(Element::Single),
-        (_, Physical::Double) => whole(Element::Double),
-        (PhysicalType::Half, _) => match bytes {
-            &[low, high] => Cell::Real(half(u16::from_le_bytes([low, high]))),
-            _ => Cell::Missing,
-        },
-        (PhysicalType::Text, _) => Cell::Text(String::from_utf8_lossy(bytes).into_owned()),
-        (PhysicalType::Unsigned, _) => whole(Element::Unsigned(size)),
-        (_, Physical::Int96) => {
+    let date = |element: Element, in_units: i64, per_second| match element.cell(bytes, true) {
+        Cell::Whole(value) => Cell::Text(iso_of(value.saturating_mul(in_units), per_second)),
+        cell => cell,
+    };
+    match leaf.kind {
+        LeafType::Number(element) => element.cell(bytes, true),
+        LeafType::Text => Cell::Text(String::from_utf8_lossy(bytes).into_owned()),
+        LeafType::DayAndTime => {
             // Nanoseconds of the day, and the Julian day, of which 2,440,588 began in 1970.
             let mut rest = ByteReader::new(bytes);
             let (of_day, day) = (rest.i64().unwrap_or(0), rest.i32().unwrap_or(0));
@@ -354,14 +327,8 @@ fn cell(bytes: &[u8], leaf: &Leaf) -> Cell {
             let at = seconds.saturating_mul(1_000_000_000).saturating_add(of_day);
             Cell::Text(iso_of(at, 1_000_000_000))
         }
-        (PhysicalType::Time(per_second), _) => match whole(Element::Signed(size)) {
-            Cell::Whole(units) => Cell::Text(iso_of(units, per_second)),
-            cell => cell,
-        },
-        (PhysicalType::Days, _) => match whole(Element::Signed(size)) {
-            Cell::Whole(days) => Cell::Text(iso_of(days.saturating_mul(86_400), 1)),
-            cell => cell,
-        },
-        _ => whole(Element::Signed(size)),
+        LeafType::Time(element, per_second) => date(element, 1, per_second),
+        LeafType::Days(element) => date(element, 86_400, 1),
+        LeafType::Truth | LeafType::Opaque(_) => Cell::Missing,
     }
 }

@@ -2,6 +2,7 @@
 
 use super::KIND;
 use crate::budget;
+use crate::element::Element;
 use crate::error::TableError;
 use crate::thrift::Value;
 
@@ -10,41 +11,39 @@ use crate::thrift::Value;
 pub(super) struct Leaf {
     /// Its path in the tree, joined by dots.
     pub(super) name: String,
-    pub(super) kind: PhysicalType,
-    /// How a value is stored.
-    pub(super) physical: Physical,
+    pub(super) kind: LeafType,
     /// Its definition level where there is a value: how many of its path may be absent.
     pub(super) levels: u8,
 }
 
+/// What the values of a column mean, and how they are stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Physical {
-    Boolean,
-    Int32,
-    Int64,
-    Int96,
-    Float,
-    Double,
-    Bytes,
-    Fixed(usize),
-}
-
-/// What the values of a column mean.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum PhysicalType {
-    /// A number as it is stored.
-    Number,
-    Unsigned,
-    Half,
+pub(super) enum LeafType {
+    Truth,
+    Number(Element),
     Text,
-    /// So many of its unit make a second.
-    Time(i64),
-    Days,
+    /// Integers, of which so many make a second.
+    Time(Element, i64),
+    /// Integers that count days.
+    Days(Element),
+    /// A day and its nanoseconds, in 96 bits.
+    DayAndTime,
     /// What is not read.
     Opaque(&'static str),
 }
 
-impl PhysicalType {
+impl LeafType {
+    /// The bytes of a value, if they are always as many.
+    pub(super) fn size(self) -> Option<usize> {
+        match self {
+            Self::Number(element) | Self::Time(element, _) | Self::Days(element) => {
+                Some(element.size())
+            }
+            Self::DayAndTime => Some(12),
+            Self::Truth | Self::Text | Self::Opaque(_) => None,
+        }
+    }
+
     pub(super) fn opaque(self) -> Option<&'static str> {
         match self {
             Self::Opaque(what) => Some(what),
@@ -107,62 +106,60 @@ fn add<'a>(
         return (0..children).try_for_each(|_| add(elements, &here, leaves));
     }
     budget::check_columns(KIND, leaves.len() + 1)?;
-    let physical = match element.whole(1) {
-        Some(0) => Physical::Boolean,
-        Some(1) => Physical::Int32,
-        Some(2) => Physical::Int64,
-        Some(3) => Physical::Int96,
-        Some(4) => Physical::Float,
-        Some(5) => Physical::Double,
-        Some(6) => Physical::Bytes,
-        Some(7) => {
-            let length = element.whole(2).and_then(|length| usize::try_from(length).ok());
-            let length = length.filter(|length| (1..1 << 20).contains(length));
-            Physical::Fixed(length.ok_or_else(|| KIND.damaged(format!("column `{}`", here.path)))?)
-        }
-        _ => return Err(KIND.damaged(format!("column `{}` has no type", here.path))),
-    };
-    let kind =
-        if here.is_repeated { PhysicalType::Opaque("list") } else { kind(element, physical) };
-    leaves.push(Leaf { name: here.path, kind, physical, levels: here.levels });
+    let kind = kind(element, &here.path)?;
+    let kind = if here.is_repeated { LeafType::Opaque("list") } else { kind };
+    leaves.push(Leaf { name: here.path, kind, levels: here.levels });
     Ok(())
 }
 
-fn kind(element: &Value, physical: Physical) -> PhysicalType {
+/// The type of the column at `path`, from the type that its values are stored as and the logical one.
+fn kind(element: &Value, path: &str) -> Result<LeafType, TableError> {
     let logical = element.field(10);
     let has = |number| logical.is_some_and(|logical| logical.field(number).is_some());
     let converted = element.whole(6);
-    if converted == Some(5) || has(5) {
-        return PhysicalType::Opaque("decimal");
-    }
-    match physical {
-        Physical::Boolean | Physical::Float | Physical::Double => PhysicalType::Number,
-        Physical::Int96 => PhysicalType::Time(1_000_000_000),
-        Physical::Bytes => match converted {
-            Some(0 | 4 | 19) => PhysicalType::Text,
-            _ if has(1) || has(4) || has(12) => PhysicalType::Text,
+    let kind = match element.whole(1) {
+        Some(0) => LeafType::Truth,
+        Some(1) => integer_kind(element, 4),
+        Some(2) => integer_kind(element, 8),
+        Some(3) => LeafType::DayAndTime,
+        Some(4) => LeafType::Number(Element::Single),
+        Some(5) => LeafType::Number(Element::Double),
+        Some(6) => match converted {
+            Some(0 | 4 | 19) => LeafType::Text,
+            _ if has(1) || has(4) || has(12) => LeafType::Text,
             // Some writers do not say that their bytes are text.
-            None if logical.is_none() => PhysicalType::Text,
-            _ => PhysicalType::Opaque("binary"),
+            None if logical.is_none() => LeafType::Text,
+            _ => LeafType::Opaque("binary"),
         },
-        Physical::Fixed(2) if has(15) => PhysicalType::Half,
-        Physical::Fixed(_) => PhysicalType::Opaque("binary"),
-        Physical::Int32 | Physical::Int64 => {
-            let unit = logical.and_then(|it| it.field(8)).and_then(|it| it.field(2));
-            let unit = unit.and_then(|unit| (1..=3).find(|&number| unit.field(number).is_some()));
-            let unsigned = logical.and_then(|it| it.field(10)).and_then(|it| it.field(2));
-            match converted {
-                _ if has(6) => PhysicalType::Days,
-                _ if has(7) => PhysicalType::Opaque("time of day"),
-                _ if unit.is_some() => PhysicalType::Time(1000_i64.pow(unit.unwrap_or(1) as u32)),
-                _ if unsigned == Some(&Value::Truth(false)) => PhysicalType::Unsigned,
-                Some(6) => PhysicalType::Days,
-                Some(7 | 8) => PhysicalType::Opaque("time of day"),
-                Some(9) => PhysicalType::Time(1_000),
-                Some(10) => PhysicalType::Time(1_000_000),
-                Some(11..=14) => PhysicalType::Unsigned,
-                _ => PhysicalType::Number,
-            }
-        }
+        Some(7) => match element.whole(2) {
+            Some(2) if has(15) => LeafType::Number(Element::Half),
+            Some(1..0x10_0000) => LeafType::Opaque("binary"),
+            _ => return Err(KIND.damaged(format!("column `{path}`"))),
+        },
+        _ => return Err(KIND.damaged(format!("column `{path}` has no type"))),
+    };
+    let is_decimal = converted == Some(5) || has(5);
+    Ok(if is_decimal { LeafType::Opaque("decimal") } else { kind })
+}
+
+/// The type of a column of integers of so many bytes.
+fn integer_kind(element: &Value, size: u8) -> LeafType {
+    let signed = Element::Signed(size);
+    let logical = element.field(10);
+    let of_logical = |number| logical.and_then(|logical| logical.field(number));
+    let unit = of_logical(8).and_then(|it| it.field(2));
+    let unit = unit.and_then(|unit| (1..=3).find(|&number| unit.field(number).is_some()));
+    let is_signed = of_logical(10).and_then(|it| it.field(2));
+    match (element.whole(6), unit) {
+        _ if of_logical(6).is_some() => LeafType::Days(signed),
+        _ if of_logical(7).is_some() => LeafType::Opaque("time of day"),
+        (_, Some(unit)) => LeafType::Time(signed, 1000_i64.pow(unit as u32)),
+        _ if is_signed == Some(&Value::Truth(false)) => LeafType::Number(Element::Unsigned(size)),
+        (Some(6), _) => LeafType::Days(signed),
+        (Some(7 | 8), _) => LeafType::Opaque("time of day"),
+        (Some(9), _) => LeafType::Time(signed, 1_000),
+        (Some(10), _) => LeafType::Time(signed, 1_000_000),
+        (Some(11..=14), _) => LeafType::Number(Element::Unsigned(size)),
+        _ => LeafType::Number(signed),
     }
 }

@@ -4,11 +4,13 @@ mod parts;
 mod stream;
 
 use std::io::{self, Read};
+use std::sync::Arc;
 
 use shell_data::escape;
 
 use self::parts::TextOfParts;
 pub use self::stream::{TextSource, TextStream};
+use crate::budget::Unpacked;
 use crate::error::TableError;
 use crate::rows::{Cell, RowBatch, RowStream};
 use crate::table::Table;
@@ -46,14 +48,13 @@ impl Table {
             }
             text.push(b'\n');
         }
-        let parts = self.layout.parts().filter(|parts| threads > 1 && parts.count() > 1);
-        Ok(match parts {
-            Some(parts) => Box::new(TextStream::new(text, TextOfParts::new(parts, threads))),
-            None => {
-                let rows = TextOfRows { rows: self.layout.rows()?, batch: RowBatch::new() };
-                Box::new(TextStream::new(text, rows))
-            }
-        })
+        let parts = self.rows.parts();
+        if threads > 1 && parts > 1 {
+            let rows = TextOfParts::new(Arc::clone(&self.rows), threads);
+            return Ok(Box::new(TextStream::new(text, rows)));
+        }
+        let rows = self.rows.rows(0..parts, Unpacked::default())?;
+        Ok(Box::new(TextStream::new(text, TextOfRows { rows, batch: RowBatch::new() })))
     }
 }
 

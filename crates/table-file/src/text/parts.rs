@@ -13,8 +13,9 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
 use super::write_rows;
+use crate::budget::Unpacked;
 use crate::error::TableError;
-use crate::rows::{RowBatch, RowParts};
+use crate::rows::{RowBatch, RowSource};
 
 /// How many pieces of text may wait in all; one takes about half a megabyte.
 const WAITING_PIECES: usize = 48;
@@ -24,8 +25,10 @@ type TextPiece = Result<Option<Vec<u8>>, TableError>;
 
 /// The text of all parts, piece by piece. Threads are started when the first piece is asked for.
 pub(super) struct TextOfParts {
-    parts: Arc<dyn RowParts>,
+    rows: Arc<dyn RowSource>,
     threads: usize,
+    /// Of all parts.
+    unpacked: Unpacked,
     /// The part whose text is taken.
     current: usize,
     pieces: Vec<Receiver<TextPiece>>,
@@ -33,15 +36,15 @@ pub(super) struct TextOfParts {
 }
 
 impl TextOfParts {
-    pub(super) fn new(parts: Box<dyn RowParts>, threads: usize) -> Self {
-        let threads = threads.min(parts.count());
+    pub(super) fn new(rows: Arc<dyn RowSource>, threads: usize) -> Self {
+        let threads = threads.min(rows.parts());
         let (pieces, workers) = (Vec::new(), Vec::new());
-        Self { parts: parts.into(), threads, current: 0, pieces, workers }
+        Self { rows, threads, unpacked: Unpacked::default(), current: 0, pieces, workers }
     }
 
     /// Puts the next piece into `text`; `false` if there are no more.
     pub(super) fn next(&mut self, text: &mut Vec<u8>) -> Result<bool, TableError> {
-        while self.current < self.parts.count() {
+        while self.current < self.rows.parts() {
             if self.workers.len() < self.threads {
                 self.start()?;
             }
@@ -63,9 +66,10 @@ impl TextOfParts {
         for first in self.workers.len()..self.threads {
             let room = (WAITING_PIECES / self.threads).max(1);
             let (pieces, received) = sync_channel(room);
-            let (parts, step) = (Arc::clone(&self.parts), self.threads);
+            let parts = (first..self.rows.parts()).step_by(self.threads);
+            let (rows, unpacked) = (Arc::clone(&self.rows), self.unpacked.clone());
             let thread = std::thread::Builder::new().name("table part".to_owned());
-            self.workers.push(thread.spawn(move || work(&*parts, first, step, &pieces))?);
+            self.workers.push(thread.spawn(move || work(&*rows, parts, &unpacked, &pieces))?);
             self.pieces.push(received);
         }
         Ok(())
@@ -83,11 +87,16 @@ impl Drop for TextOfParts {
     }
 }
 
-/// Makes text of every `step`th part from `first` on, until an error or until nobody wants more.
-fn work(parts: &dyn RowParts, first: usize, step: usize, pieces: &SyncSender<TextPiece>) {
-    for part in (first..parts.count()).step_by(step) {
+/// Makes text of some parts, until an error or until nobody wants more.
+fn work(
+    rows: &dyn RowSource,
+    parts: impl Iterator<Item = usize>,
+    unpacked: &Unpacked,
+    pieces: &SyncSender<TextPiece>,
+) {
+    for part in parts {
         let send = |text| pieces.send(Ok(Some(text))).is_ok();
-        let end = match write_part(parts, part, send) {
+        let end = match write_part(rows, part, unpacked, send) {
             Ok(true) => Ok(None),
             Ok(false) => return,
             Err(error) => Err(error),
@@ -101,11 +110,13 @@ fn work(parts: &dyn RowParts, first: usize, step: usize, pieces: &SyncSender<Tex
 
 /// Makes text of a part; `false` if `send` wants no more.
 fn write_part(
-    parts: &dyn RowParts,
+    rows: &dyn RowSource,
     part: usize,
+    unpacked: &Unpacked,
     send: impl Fn(Vec<u8>) -> bool,
 ) -> Result<bool, TableError> {
-    let (mut rows, mut batch) = (parts.rows(part)?, RowBatch::new());
+    let mut rows = rows.rows(part..part + 1, unpacked.clone())?;
+    let mut batch = RowBatch::new();
     while rows.next(&mut batch)? {
         let mut text = Vec::new();
         write_rows(&batch, &mut text);
@@ -119,6 +130,7 @@ fn write_part(
 #[cfg(test)]
 mod tests {
     use std::io::Read;
+    use std::ops::Range;
     use std::sync::atomic::{AtomicUsize, Ordering};
 
     use super::*;
@@ -141,12 +153,16 @@ mod tests {
         is_damaged: bool,
     }
 
-    impl RowParts for Numbers {
-        fn count(&self) -> usize {
+    impl RowSource for Numbers {
+        fn parts(&self) -> usize {
             self.batches.len()
         }
 
-        fn rows(&self, part: usize) -> Result<Box<dyn RowStream>, TableError> {
+        fn rows(
+            &self,
+            Range { start: part, .. }: Range<usize>,
+            _: Unpacked,
+        ) -> Result<Box<dyn RowStream>, TableError> {
             self.begun.fetch_add(1, Ordering::Relaxed);
             let is_damaged = self.is_damaged && part + 1 == self.batches.len();
             Ok(Box::new(Batches { part, next: 0, end: self.batches[part], is_damaged }))
@@ -173,7 +189,7 @@ mod tests {
 
     fn text(numbers: Numbers, threads: usize) -> (Vec<u8>, Option<String>) {
         let mut text = Vec::new();
-        let mut stream = TextStream::new(Vec::new(), TextOfParts::new(Box::new(numbers), threads));
+        let mut stream = TextStream::new(Vec::new(), TextOfParts::new(Arc::new(numbers), threads));
         let error = stream.read_to_end(&mut text).err().map(|error| error.to_string());
         (text, error)
     }
@@ -201,7 +217,7 @@ mod tests {
         let begun = Arc::new(AtomicUsize::new(0));
         let numbers =
             Numbers { batches: vec![90; 9], is_damaged: false, begun: Arc::clone(&begun) };
-        let mut stream = TextStream::new(Vec::new(), TextOfParts::new(Box::new(numbers), 3));
+        let mut stream = TextStream::new(Vec::new(), TextOfParts::new(Arc::new(numbers), 3));
         assert_eq!(begun.load(Ordering::Relaxed), 0);
         stream.read_exact(&mut [0; 100]).unwrap();
         drop(stream);

@@ -2,14 +2,7 @@
 
 use std::io::{self, Write};
 
-use super::{ColumnValues, Columns, TableWriter};
-
-/// Writes a `.mat` file, when all rows are there.
-pub struct MatWriter<W> {
-    out: W,
-    names: Vec<(String, bool)>,
-    columns: Columns,
-}
+use super::HeldColumn;
 
 /// Kinds of elements.
 const INT8: u32 = 1;
@@ -23,44 +16,36 @@ const MATRIX: u32 = 14;
 const CHARACTERS: u32 = 4;
 const DOUBLES: u32 = 6;
 
-impl<W: Write> MatWriter<W> {
-    /// A file of these columns; whether each holds texts. Names become those of variables.
-    pub fn new(out: W, columns: &[(String, bool)]) -> Self {
-        let names = columns.iter().map(|(name, is_text)| (variable(name), *is_text)).collect();
-        Self { out, names, columns: Columns::default() }
+/// An array of so many rows and columns; its elements are of `kind`, `bytes` of them, written by
+/// `content`.
+fn array<W: Write>(
+    out: &mut W,
+    name: &str,
+    class: u32,
+    size: [usize; 2],
+    kind: u32,
+    content: &[u8],
+) -> io::Result<()> {
+    let long = |length: usize| {
+        let error = || io::Error::other("a variable of a MATLAB file has at most 2 GB");
+        i32::try_from(length).map_err(|_| error()).map(|length| length as u32)
+    };
+    let [rows, columns] = [long(size[0])?, long(size[1])?];
+    let mut head = Vec::new();
+    element(&mut head, UINT32, &[class.to_le_bytes(), [0; 4]].concat());
+    element(&mut head, INT32, &[rows.to_le_bytes(), columns.to_le_bytes()].concat());
+    element(&mut head, INT8, name.as_bytes());
+    let padding = content.len().next_multiple_of(8) - content.len();
+    let bytes = long(head.len() + 8 + content.len() + padding)?;
+    for word in [MATRIX, bytes] {
+        out.write_all(&word.to_le_bytes())?;
     }
-
-    /// An array of so many rows and columns; its elements are of `kind`, `bytes` of them, written by
-    /// `content`.
-    fn array(
-        &mut self,
-        name: &str,
-        class: u32,
-        size: [usize; 2],
-        kind: u32,
-        content: &[u8],
-    ) -> io::Result<()> {
-        let long = |length: usize| {
-            let error = || io::Error::other("a variable of a MATLAB file has at most 2 GB");
-            i32::try_from(length).map_err(|_| error()).map(|length| length as u32)
-        };
-        let [rows, columns] = [long(size[0])?, long(size[1])?];
-        let mut head = Vec::new();
-        element(&mut head, UINT32, &[class.to_le_bytes(), [0; 4]].concat());
-        element(&mut head, INT32, &[rows.to_le_bytes(), columns.to_le_bytes()].concat());
-        element(&mut head, INT8, name.as_bytes());
-        let padding = content.len().next_multiple_of(8) - content.len();
-        let bytes = long(head.len() + 8 + content.len() + padding)?;
-        for word in [MATRIX, bytes] {
-            self.out.write_all(&word.to_le_bytes())?;
-        }
-        self.out.write_all(&head)?;
-        for word in [kind, long(content.len())?] {
-            self.out.write_all(&word.to_le_bytes())?;
-        }
-        self.out.write_all(content)?;
-        self.out.write_all(&[0; 8][..padding])
+    out.write_all(&head)?;
+    for word in [kind, long(content.len())?] {
+        out.write_all(&word.to_le_bytes())?;
     }
+    out.write_all(content)?;
+    out.write_all(&[0; 8][..padding])
 }
 
 /// An element, its content filled up to a multiple of eight bytes.
@@ -79,41 +64,32 @@ fn variable(name: &str) -> String {
     if begins { name } else { format!("x{name}").chars().take(63).collect() }
 }
 
-impl<W: Write> TableWriter for MatWriter<W> {
-    fn write(&mut self, columns: &[ColumnValues<'_>]) -> io::Result<()> {
-        self.columns.add(columns);
-        Ok(())
-    }
-
-    fn finish(&mut self) -> io::Result<()> {
-        let mut header = b"MATLAB 5.0 MAT-file, written by shellcal".to_vec();
-        header.resize(124, b' ');
-        header.extend([0, 1, b'I', b'M']);
-        self.out.write_all(&header)?;
-        let rows = self.columns.rows();
-        let columns = std::mem::take(&mut self.columns);
-        let names = self.names.clone();
-        for (position, (name, is_text)) in names.iter().enumerate() {
-            if !is_text {
-                let numbers = &columns.numbers[position];
-                let content: Vec<u8> =
-                    numbers.iter().flat_map(|value| value.to_le_bytes()).collect();
-                self.array(name, DOUBLES, [rows, 1], DOUBLE, &content)?;
-                continue;
-            }
-            // A matrix of characters, filled up with spaces, column by column.
-            let texts: Vec<Vec<u16>> =
-                columns.texts[position].iter().map(|text| text.encode_utf16().collect()).collect();
-            let width = texts.iter().map(Vec::len).max().unwrap_or(0);
-            let mut content = Vec::with_capacity(2 * rows * width);
-            for at in 0..width {
-                for text in &texts {
-                    let character = text.get(at).copied().unwrap_or(u16::from(b' '));
-                    content.extend(character.to_le_bytes());
-                }
-            }
-            self.array(name, CHARACTERS, [rows, width], UINT16, &content)?;
+/// Writes a `.mat` file.
+pub(super) fn write<W: Write>(out: &mut W, columns: &[HeldColumn]) -> io::Result<()> {
+    let mut header = b"MATLAB 5.0 MAT-file, written by shellcal".to_vec();
+    header.resize(124, b' ');
+    header.extend([0, 1, b'I', b'M']);
+    out.write_all(&header)?;
+    let rows = columns.iter().map(HeldColumn::rows).max().unwrap_or(0);
+    for column in columns {
+        let name = variable(&column.name);
+        if !column.is_text {
+            let content = column.numbers.iter().flat_map(|value| value.to_le_bytes());
+            array(out, &name, DOUBLES, [rows, 1], DOUBLE, &content.collect::<Vec<_>>())?;
+            continue;
         }
-        self.out.flush()
+        // A matrix of characters, filled up with spaces, column by column.
+        let texts: Vec<Vec<u16>> =
+            column.texts.iter().map(|text| text.encode_utf16().collect()).collect();
+        let width = texts.iter().map(Vec::len).max().unwrap_or(0);
+        let mut content = Vec::with_capacity(2 * rows * width);
+        for at in 0..width {
+            for text in &texts {
+                let character = text.get(at).copied().unwrap_or(u16::from(b' '));
+                content.extend(character.to_le_bytes());
+            }
+        }
+        array(out, &name, CHARACTERS, [rows, width], UINT16, &content)?;
     }
+    Ok(())
 }

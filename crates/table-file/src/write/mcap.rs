@@ -236,10 +236,7 @@ impl McapChunk {
     /// What stands before the messages.
     fn head(&self) -> Vec<u8> {
         let bytes = self.records.len() as u64;
-        let mut content = Vec::new();
-        content.extend(self.times.0.to_le_bytes());
-        content.extend(self.times.1.to_le_bytes());
-        content.extend(bytes.to_le_bytes());
+        let mut content = [self.times.0, self.times.1, bytes].map(u64::to_le_bytes).concat();
         content.extend(self.checksum.to_le_bytes());
         text(&mut content, UNCOMPRESSED);
         content.extend(bytes.to_le_bytes());
@@ -335,17 +332,14 @@ impl<W: Write> McapWriter<W> {
             self.bytes(&record(MESSAGE_INDEX, &content))?;
             self.counts[position] += (messages.len() / INDEX_BYTES) as u64;
         }
-        let mut content = Vec::new();
-        for number in [chunk.times.0, chunk.times.1, start, index_start - start] {
-            content.extend(number.to_le_bytes());
-        }
+        let numbers = [chunk.times.0, chunk.times.1, start, index_start - start];
+        let mut content = numbers.map(u64::to_le_bytes).concat();
         content.extend((offsets.len() as u32).to_le_bytes());
         content.extend(offsets);
         content.extend((self.at - index_start).to_le_bytes());
         text(&mut content, UNCOMPRESSED);
-        for _ in ["in the file", "unpacked"] {
-            content.extend((chunk.records.len() as u64).to_le_bytes());
-        }
+        // In the file, and unpacked.
+        content.extend([chunk.records.len() as u64; 2].map(u64::to_le_bytes).concat());
         self.chunks.push(record(CHUNK_INDEX, &content));
         let (first, last) = self.times.unwrap_or(chunk.times);
         self.times = Some((first.min(chunk.times.0), last.max(chunk.times.1)));
@@ -378,9 +372,7 @@ impl<W: Write> McapWriter<W> {
         summary.extend(offsets);
         // The checksum covers the summary and the footer before it.
         summary.push(FOOTER);
-        summary.extend(20_u64.to_le_bytes());
-        summary.extend(start.to_le_bytes());
-        summary.extend(offsets_start.to_le_bytes());
+        summary.extend([20, start, offsets_start].map(u64::to_le_bytes).concat());
         let checksum = crc32fast::hash(&summary);
         summary.extend(checksum.to_le_bytes());
         summary.extend(b"\x89MCAP0\r\n");

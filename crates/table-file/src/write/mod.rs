@@ -7,12 +7,9 @@ mod mat5;
 pub mod mcap;
 mod npy;
 mod parquet;
-mod thrift;
 
-use std::io;
+use std::io::{self, Write};
 
-pub use mat5::MatWriter;
-pub use npy::NpyWriter;
 pub use parquet::{Cells, ParquetWriter, parquet_file};
 
 /// Some rows of a column.
@@ -48,28 +45,67 @@ pub trait TableWriter {
     fn finish(&mut self) -> io::Result<()>;
 }
 
-/// The columns of a table in memory.
-#[derive(Debug, Default)]
-struct Columns {
-    numbers: Vec<Vec<f64>>,
-    texts: Vec<Vec<String>>,
+/// A table that is held in memory until all rows are there, in a file that begins with their number.
+pub struct HeldTable<W> {
+    out: W,
+    columns: Vec<HeldColumn>,
+    format: fn(&mut W, &[HeldColumn]) -> io::Result<()>,
 }
 
-impl Columns {
-    /// Adds rows; a column is in the one list or in the other.
-    fn add(&mut self, columns: &[ColumnValues<'_>]) {
-        self.numbers.resize_with(columns.len(), Vec::new);
-        self.texts.resize_with(columns.len(), Vec::new);
-        for (position, values) in columns.iter().enumerate() {
-            match values {
-                ColumnValues::Numbers(values) => self.numbers[position].extend_from_slice(values),
-                ColumnValues::Texts(values) => self.texts[position].extend_from_slice(values),
-            }
-        }
+/// A column: its values are in the one list or in the other.
+struct HeldColumn {
+    name: String,
+    is_text: bool,
+    numbers: Vec<f64>,
+    texts: Vec<String>,
+}
+
+impl HeldColumn {
+    fn rows(&self) -> usize {
+        self.numbers.len().max(self.texts.len())
+    }
+}
+
+impl<W: Write> HeldTable<W> {
+    /// An array of NumPy, one record for each row, of these columns; whether each holds texts.
+    pub fn numpy(out: W, columns: &[(String, bool)]) -> Self {
+        Self::new(out, columns, npy::write)
     }
 
-    fn rows(&self) -> usize {
-        let lengths = self.numbers.iter().map(Vec::len);
-        lengths.zip(self.texts.iter().map(Vec::len)).map(|(a, b)| a.max(b)).max().unwrap_or(0)
+    /// A MATLAB 5 file, one variable for each of these columns; whether each holds texts. Names become those of
+    /// variables.
+    pub fn matlab(out: W, columns: &[(String, bool)]) -> Self {
+        Self::new(out, columns, mat5::write)
+    }
+
+    fn new(
+        out: W,
+        columns: &[(String, bool)],
+        format: fn(&mut W, &[HeldColumn]) -> io::Result<()>,
+    ) -> Self {
+        let column = |(name, is_text): &(String, bool)| HeldColumn {
+            name: name.clone(),
+            is_text: *is_text,
+            numbers: Vec::new(),
+            texts: Vec::new(),
+        };
+        Self { out, columns: columns.iter().map(column).collect(), format }
+    }
+}
+
+impl<W: Write> TableWriter for HeldTable<W> {
+    fn write(&mut self, columns: &[ColumnValues<'_>]) -> io::Result<()> {
+        for (held, values) in self.columns.iter_mut().zip(columns) {
+            match values {
+                ColumnValues::Numbers(values) => held.numbers.extend_from_slice(values),
+                ColumnValues::Texts(values) => held.texts.extend_from_slice(values),
+            }
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self) -> io::Result<()> {
+        (self.format)(&mut self.out, &self.columns)?;
+        self.out.flush()
     }
 }

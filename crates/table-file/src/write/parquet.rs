@@ -6,8 +6,9 @@
 
 use std::io::{self, Write};
 
-use super::thrift::{Fields, structure, varint};
 use super::{ColumnValues, TableWriter};
+use crate::bytes::push_varint;
+use crate::thrift::Value::{self, Int, List, Struct, Whole};
 
 const MAGIC: &[u8] = b"PAR1";
 
@@ -114,7 +115,7 @@ pub struct ParquetWriter<W> {
     columns: Vec<(String, ColumnType)>,
     rows: u64,
     /// What the footer says of each row group.
-    groups: Vec<Vec<u8>>,
+    groups: Vec<Value>,
 }
 
 impl<W: Write> ParquetWriter<W> {
@@ -146,51 +147,40 @@ impl<W: Write> ParquetWriter<W> {
         }
         let bytes = (self.at - start) as i64;
         let unpacked_bytes: i64 = chunks.iter().map(|(_, chunk)| chunk.unpacked_bytes).sum();
-        let mut group = Vec::new();
-        structure(&mut group, |fields| {
-            let columns = self.columns.iter().zip(&chunks);
-            fields.structures(1, columns, |fields, ((name, kind), (at, chunk))| {
-                fields.long(2, *at);
-                fields.structure(3, |fields| chunk.describe(fields, name, *kind, *at, rows));
-            });
-            fields.long(2, unpacked_bytes);
-            fields.long(3, rows);
-            fields.long(5, start as i64);
-            fields.long(6, bytes);
+        let columns = self.columns.iter().zip(&chunks).map(|((name, kind), (at, chunk))| {
+            Struct(vec![(2, Whole(*at)), (3, chunk.describe(name, *kind, *at, rows))])
         });
-        self.groups.push(group);
+        self.groups.push(Struct(vec![
+            (1, List(columns.collect())),
+            (2, Whole(unpacked_bytes)),
+            (3, Whole(rows)),
+            (5, Whole(start as i64)),
+            (6, Whole(bytes)),
+        ]));
         self.rows += rows as u64;
         Ok(())
     }
 
-    fn footer(&self) -> Vec<u8> {
-        let mut footer = Vec::new();
-        structure(&mut footer, |fields| {
-            fields.int(1, 1);
-            // The root of the schema, then its columns.
-            let elements: Vec<_> =
-                std::iter::once(None).chain(self.columns.iter().map(Some)).collect();
-            fields.structures(2, elements.into_iter(), |fields, element| match element {
-                None => {
-                    fields.bytes(4, b"schema");
-                    fields.int(5, self.columns.len() as i32);
-                }
-                Some((name, kind)) => {
-                    fields.int(1, kind.physical);
-                    fields.int(3, kind.repetition);
-                    fields.bytes(4, name.as_bytes());
-                    if kind.physical == BYTE_ARRAY {
-                        fields.int(6, UTF8);
-                        fields.structure(10, |logical| logical.structure(1, |_| {}));
-                    }
-                }
-            });
-            fields.long(3, self.rows as i64);
-            fields.written_structures(4, &self.groups);
-            let creator = concat!("shellcal version ", env!("CARGO_PKG_VERSION"));
-            fields.bytes(6, creator.as_bytes());
-        });
-        footer
+    fn footer(&mut self) -> Value {
+        // The root of the schema, then its columns.
+        let mut schema =
+            vec![Struct(vec![(4, "schema".into()), (5, Int(self.columns.len() as i32))])];
+        schema.extend(self.columns.iter().map(|(name, kind)| {
+            let mut element =
+                vec![(1, Int(kind.physical)), (3, Int(kind.repetition)), (4, name.as_str().into())];
+            if kind.physical == BYTE_ARRAY {
+                element.push((6, Int(UTF8)));
+                element.push((10, Struct(vec![(1, Struct(Vec::new()))])));
+            }
+            Struct(element)
+        }));
+        Struct(vec![
+            (1, Int(1)),
+            (2, List(schema)),
+            (3, Whole(self.rows as i64)),
+            (4, List(std::mem::take(&mut self.groups))),
+            (6, concat!("shellcal version ", env!("CARGO_PKG_VERSION")).into()),
+        ])
     }
 }
 
@@ -203,7 +193,8 @@ impl<W: Write> TableWriter for ParquetWriter<W> {
     }
 
     fn finish(&mut self) -> io::Result<()> {
-        let footer = self.footer();
+        let mut footer = Vec::new();
+        self.footer().write(&mut footer);
         let length = u32::try_from(footer.len())
             .map_err(|_| io::Error::other("the footer of a Parquet file has at most 4 GB"))?;
         self.out.write_all(&footer)?;
@@ -254,34 +245,34 @@ impl EncodedChunk {
         };
         let packed = i32::try_from(content.len()).map_err(long)?;
         let mut bytes = Vec::new();
-        structure(&mut bytes, |fields| {
-            fields.int(1, DATA_PAGE);
-            fields.int(2, unpacked);
-            fields.int(3, packed);
-            fields.int(4, crc32fast::hash(&content) as i32);
-            fields.structure(5, |fields| {
-                fields.int(1, cells.len() as i32);
-                fields.int(2, PLAIN);
-                fields.int(3, RUNS);
-                fields.int(4, RUNS);
-            });
-        });
+        let count = Int(cells.len() as i32);
+        let page = vec![(1, count), (2, Int(PLAIN)), (3, Int(RUNS)), (4, Int(RUNS))];
+        let head = Struct(vec![
+            (1, Int(DATA_PAGE)),
+            (2, Int(unpacked)),
+            (3, Int(packed)),
+            (4, Int(crc32fast::hash(&content) as i32)),
+            (5, Struct(page)),
+        ]);
+        head.write(&mut bytes);
         let unpacked_bytes = bytes.len() as i64 + i64::from(unpacked);
         bytes.extend_from_slice(&content);
         Ok(Self { bytes, unpacked_bytes, codec, missing })
     }
 
     /// What the footer says of it, where it begins at a position in the file.
-    fn describe(&self, fields: &mut Fields<'_>, name: &str, kind: ColumnType, at: i64, rows: i64) {
-        fields.int(1, kind.physical);
-        fields.ints(2, &[PLAIN, RUNS]);
-        fields.texts_of_one(3, name);
-        fields.int(4, self.codec);
-        fields.long(5, rows);
-        fields.long(6, self.unpacked_bytes);
-        fields.long(7, self.bytes.len() as i64);
-        fields.long(9, at);
-        fields.structure(12, |fields| fields.long(3, self.missing));
+    fn describe(&self, name: &str, kind: ColumnType, at: i64, rows: i64) -> Value {
+        Struct(vec![
+            (1, Int(kind.physical)),
+            (2, List(vec![Int(PLAIN), Int(RUNS)])),
+            (3, List(vec![name.into()])),
+            (4, Int(self.codec)),
+            (5, Whole(rows)),
+            (6, Whole(self.unpacked_bytes)),
+            (7, Whole(self.bytes.len() as i64)),
+            (9, Whole(at)),
+            (12, Struct(vec![(3, Whole(self.missing))])),
+        ])
     }
 }
 
@@ -295,7 +286,7 @@ fn levels<T>(bytes: &mut Vec<u8>, values: &[Option<T>]) -> io::Result<i64> {
     let groups = values.chunks(8);
     let mut bits = Vec::with_capacity(groups.len() + 5);
     // One run of values that are packed by eight.
-    varint(&mut bits, (groups.len() as u64) << 1 | 1);
+    push_varint(&mut bits, (groups.len() as u64) << 1 | 1);
     bits.extend(groups.map(|group| {
         let bit = |(position, value): (usize, &Option<T>)| u8::from(value.is_some()) << position;
         group.iter().enumerate().map(bit).sum::<u8>()

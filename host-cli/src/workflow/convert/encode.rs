@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use table_file::write::mcap::{
     ChunkBuilder, McapChannel, McapChunk, McapWriter, static_transform, wrench_stamped,
 };
-use table_file::write::{ColumnValues, MatWriter, NpyWriter, ParquetWriter, TableWriter};
+use table_file::write::{ColumnValues, HeldTable, ParquetWriter, TableWriter};
 
 use super::error::ConvertError;
 use super::frames::ConvertedFrames;
@@ -200,8 +200,8 @@ impl<'a> EncodedOutput<'a> {
                 return Ok(Self::Recording(writer, Some(frame.clone())));
             }
             OutputFormat::Parquet => Box::new(ParquetWriter::new(out, &columns())?),
-            OutputFormat::Matlab => Box::new(MatWriter::new(out, &columns())),
-            OutputFormat::NumPy => Box::new(NpyWriter::new(out, &columns())),
+            OutputFormat::Matlab => Box::new(HeldTable::matlab(out, &columns())),
+            OutputFormat::NumPy => Box::new(HeldTable::numpy(out, &columns())),
         };
         Ok(Self::Table { writer, waiting: EncodedColumns::default() })
     }
