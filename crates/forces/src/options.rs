@@ -25,10 +25,11 @@ pub struct ForceOptions {
 }
 
 /// Which frames are unloaded; their mean wrench is subtracted.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum TareRule {
     /// None: the calibration's own zero.
+    #[default]
     Untared,
     /// The first fresh frames of the log ([`RowRule::Rows`]: its first rows).
     First(usize),
@@ -53,11 +54,12 @@ pub struct LowPass {
 }
 
 /// What a row stands for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RowRule {
     /// The moment that its clock shows. Missing rows are held for the filter; means and integrals are
     /// over time, straight between rows.
+    #[default]
     Time,
     /// A sample, as the lab's notebooks took it: every row is a frame, the filter steps once a row,
     /// means are over rows, and energy is the sum of each row's power times the time since the row

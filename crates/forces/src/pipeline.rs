@@ -10,15 +10,19 @@ use super::signal::{BlockPlan, SignalFilter};
 use super::stationary::{StationaryInterval, StationaryZeros};
 use super::{LowPass, RowRule, TareResult};
 
-/// From readings to forces, for one log.
-#[derive(Clone, Debug)]
+/// From readings to forces, for one log. The default has the calibration's own zero, unfiltered: what
+/// [`ForceOptions::RAW`](super::ForceOptions::RAW) gives on any log.
+#[derive(Clone, Debug, Default)]
 pub struct ForcePipeline {
     pub(super) rule: RowRule,
-    pub(super) tare: Option<Tare>,
+    /// The tare; of one that follows the stationary intervals, the first.
+    pub tare: Option<Tare>,
     /// What is subtracted in place of the tare's mean, where the tare follows the stationary intervals.
     pub(super) zeros: Option<StationaryZeros>,
-    pub(super) tare_result: Option<TareResult>,
-    pub(super) low_pass: Option<AppliedLowPass>,
+    /// What was taken as unloaded.
+    pub tare_result: Option<TareResult>,
+    /// The low-pass; `None` if forces are not filtered.
+    pub low_pass: Option<AppliedLowPass>,
     pub(super) filter: Option<(Clock, BlockPlan)>,
 }
 
@@ -40,34 +44,6 @@ pub struct ForceStream {
 }
 
 impl ForcePipeline {
-    /// The calibration's own zero, unfiltered: what [`ForceOptions::RAW`](super::ForceOptions::RAW)
-    /// gives on any log.
-    pub fn raw() -> Self {
-        Self {
-            rule: RowRule::Time,
-            tare: None,
-            zeros: None,
-            tare_result: None,
-            low_pass: None,
-            filter: None,
-        }
-    }
-
-    /// The tare; of one that follows the stationary intervals, the first.
-    pub fn tare(&self) -> Option<&Tare> {
-        self.tare.as_ref()
-    }
-
-    /// What was taken as unloaded.
-    pub fn tare_result(&self) -> Option<&TareResult> {
-        self.tare_result.as_ref()
-    }
-
-    /// The low-pass; `None` if forces are not filtered.
-    pub fn low_pass(&self) -> Option<AppliedLowPass> {
-        self.low_pass
-    }
-
     /// Follows another rest, if the tare does that, while a log is recorded.
     pub fn follow(&mut self, calibration: &Calibration, rest: &StationaryInterval) {
         if let Some(zeros) = &mut self.zeros {

@@ -32,18 +32,14 @@ pub struct Rate {
 }
 
 impl Default for Sampling {
+    /// No frames yet.
     fn default() -> Self {
-        Self::new()
+        let steps = vec![(0, 0.0); 2 * DOUBLINGS as usize * STEPS as usize];
+        Self { last_s: None, steps, backwards: 0 }
     }
 }
 
 impl Sampling {
-    /// No frames yet.
-    pub fn new() -> Self {
-        let steps = vec![(0, 0.0); 2 * DOUBLINGS as usize * STEPS as usize];
-        Self { last_s: None, steps, backwards: 0 }
-    }
-
     /// The next frames' times, s.
     pub fn add(&mut self, time_s: &[f64]) {
         for &time in time_s {
@@ -96,7 +92,7 @@ mod tests {
     use super::*;
 
     fn rate(times: &[f64]) -> Option<Rate> {
-        let mut sampling = Sampling::new();
+        let mut sampling = Sampling::default();
         // In two pieces: a period must not get lost between blocks.
         let (a, b) = times.split_at(times.len() / 2);
         sampling.add(a);

@@ -20,25 +20,23 @@ pub struct PipelineSetup {
 impl PipelineSetup {
     /// Nothing read yet.
     pub fn new(options: ForceOptions) -> Self {
-        Self::from_options(options, false)
+        let tare = TareSearch::new(options.tare, options.rule);
+        Self { options, tare, clock: ClockSearch::default() }
     }
 
     /// The same, keeping the frames of the tare.
     pub fn keeping_frames(options: ForceOptions) -> Self {
-        Self::from_options(options, true)
+        let mut setup = Self::new(options);
+        setup.tare.frames = Some(TareFrames::default());
+        setup
     }
 
     /// The same while a log is recorded: of a tare that follows the stationary intervals only the first is looked for,
     /// and [`ForcePipeline::follow`] is told of all of them.
     pub fn while_recording(options: ForceOptions) -> Self {
-        let mut setup = Self::from_options(options, false);
-        setup.tare.end_at_first_rest();
+        let mut setup = Self::new(options);
+        setup.tare.ends_at_first_rest = true;
         setup
-    }
-
-    fn from_options(options: ForceOptions, keep_frames: bool) -> Self {
-        let tare = TareSearch::new(options.tare, options.rule, keep_frames);
-        Self { options, tare, clock: ClockSearch::default() }
     }
 
     /// Takes the next rows, for tare and clock.

@@ -23,11 +23,12 @@ pub(super) struct BlockPlan {
     memory: u64,
 }
 
-/// A low-pass with its state.
+/// A low-pass with its state: of one without phase what lies since the last pause, of a causal one the filter since.
 #[derive(Clone, Debug)]
-pub(super) enum SignalFilter {
-    ZeroPhase(ZeroPhase),
-    Causal(Causal),
+pub(super) struct SignalFilter {
+    plan: BlockPlan,
+    segment: Option<Segment>,
+    running: Option<Running>,
 }
 
 impl BlockPlan {
@@ -59,14 +60,36 @@ impl BlockPlan {
         let (start, end) = (self.span(self.block(first)).start, self.span(self.block(last)).end);
         start.saturating_sub(self.memory)..end + self.memory + 1
     }
+
+    /// Answers the rows in a block, whose span the segment holds as far as it goes.
+    fn answer(
+        &self,
+        segment: &mut Segment,
+        block: u64,
+        answers: &mut Vec<f64>,
+    ) -> Result<(), FilterError> {
+        let span = self.span(block);
+        let (start, end) = (span.start.max(segment.base), span.end.min(segment.end()));
+        let mut even =
+            segment.even[(start - segment.base) as usize..][..(end - start) as usize].to_vec();
+        self.design.zero_phase(&mut even)?;
+        let block_end = (block + 1) * self.length();
+        let count = segment.waiting.partition_point(|&slot| slot < block_end);
+        answers.extend(segment.waiting.drain(..count).map(|slot| even[(slot - start) as usize]));
+        Ok(())
+    }
+
+    /// A causal filter that takes `value` at `slot` as its first.
+    fn started(&self, slot: u64, value: f64) -> Filter {
+        let mut filter = Filter::new(&self.design);
+        filter.settle(if self.at_rest && slot == 0 { 0.0 } else { value });
+        filter
+    }
 }
 
 impl SignalFilter {
     pub(super) fn new(plan: BlockPlan) -> Self {
-        match plan.zero_phase {
-            true => Self::ZeroPhase(ZeroPhase { plan, segment: None }),
-            false => Self::Causal(Causal { plan, segment: None }),
-        }
+        Self { plan, segment: None, running: None }
     }
 
     /// Takes the next values, at ascending slots, and appends the answers that are known by now to
@@ -82,9 +105,9 @@ impl SignalFilter {
         answers: &mut Vec<f64>,
     ) -> Result<(), FilterError> {
         for (&slot, &value) in slots.iter().zip(values) {
-            match self {
-                Self::ZeroPhase(filter) => filter.push(slot, value, answers)?,
-                Self::Causal(filter) => filter.push(slot, value, answers),
+            match self.plan.zero_phase {
+                true => self.push_zero_phase(slot, value, answers)?,
+                false => self.push_causal(slot, value, answers),
             }
         }
         Ok(())
@@ -95,18 +118,80 @@ impl SignalFilter {
     /// # Errors
     /// [`FilterError::TooFewSamples`] if the whole log is too short.
     pub(super) fn finish(&mut self, answers: &mut Vec<f64>) -> Result<(), FilterError> {
-        match self {
-            Self::ZeroPhase(filter) => filter.finish(answers),
-            Self::Causal(_) => Ok(()),
-        }
+        let is_whole_log = self.segment.as_ref().is_some_and(|segment| segment.start == 0);
+        self.close(is_whole_log, answers)
     }
-}
 
-/// Forward and backward, as soon as all that a block depends on is there.
-#[derive(Clone, Debug)]
-pub(super) struct ZeroPhase {
-    plan: BlockPlan,
-    segment: Option<Segment>,
+    /// Filters forward and backward, as soon as all that a block depends on is there.
+    fn push_zero_phase(
+        &mut self,
+        slot: u64,
+        value: f64,
+        answers: &mut Vec<f64>,
+    ) -> Result<(), FilterError> {
+        let paused = |segment: &Segment| slot - (segment.end() - 1) > self.plan.memory;
+        if self.segment.as_ref().is_some_and(paused) {
+            self.close(false, answers)?;
+        }
+        let plan = &self.plan;
+        let Some(segment) = &mut self.segment else {
+            self.segment = Some(Segment::new(slot, value));
+            return Ok(());
+        };
+        // Blocks that nothing later can change.
+        while let Some(&first) = segment.waiting.first() {
+            let block = plan.block(first);
+            let end = plan.span(block).end;
+            if slot < end {
+                break;
+            }
+            segment.hold_until(end);
+            plan.answer(segment, block, answers)?;
+        }
+        segment.hold_until(slot);
+        let first = *segment.waiting.first().unwrap_or(&slot);
+        segment.forget_before(plan.span(plan.block(first)).start);
+        if segment.end() > slot {
+            let last = segment.even.len() - 1;
+            segment.even[last] = value;
+        } else {
+            segment.even.push(value);
+        }
+        segment.waiting.push(slot);
+        Ok(())
+    }
+
+    /// Answers all that waits; what is too short to be filtered is continued by its last value, but
+    /// for a whole log.
+    fn close(&mut self, is_whole_log: bool, answers: &mut Vec<f64>) -> Result<(), FilterError> {
+        let Some(mut segment) = self.segment.take() else { return Ok(()) };
+        let reach = self.plan.design.zero_phase_reach() as u64;
+        if !is_whole_log {
+            segment.hold_until(segment.start + reach + 1);
+        }
+        while let Some(&first) = segment.waiting.first() {
+            self.plan.answer(&mut segment, self.plan.block(first), answers)?;
+        }
+        Ok(())
+    }
+
+    /// Filters forward only, one answer a row.
+    fn push_causal(&mut self, slot: u64, value: f64, answers: &mut Vec<f64>) {
+        let plan = &self.plan;
+        let paused = |running: &Running| slot - running.slot > plan.memory;
+        let mut running = match self.running.take() {
+            Some(running) if !paused(&running) => running,
+            _ => {
+                Running { start: slot, filter: plan.started(slot, value), next: None, slot, value }
+            }
+        };
+        while running.slot < slot {
+            running.step(plan);
+        }
+        running.value = value;
+        answers.push(running.filter.peek(value));
+        self.running = Some(running);
+    }
 }
 
 /// What lies between two pauses.
@@ -145,87 +230,6 @@ impl Segment {
     }
 }
 
-impl ZeroPhase {
-    fn push(&mut self, slot: u64, value: f64, answers: &mut Vec<f64>) -> Result<(), FilterError> {
-        let paused = |segment: &Segment| slot - (segment.end() - 1) > self.plan.memory;
-        if self.segment.as_ref().is_some_and(paused) {
-            self.close(false, answers)?;
-        }
-        let plan = &self.plan;
-        let Some(segment) = &mut self.segment else {
-            self.segment = Some(Segment::new(slot, value));
-            return Ok(());
-        };
-        // Blocks that nothing later can change.
-        while let Some(&first) = segment.waiting.first() {
-            let block = plan.block(first);
-            let end = plan.span(block).end;
-            if slot < end {
-                break;
-            }
-            segment.hold_until(end);
-            plan.answer(segment, block, answers)?;
-        }
-        segment.hold_until(slot);
-        let first = *segment.waiting.first().unwrap_or(&slot);
-        segment.forget_before(plan.span(plan.block(first)).start);
-        if segment.end() > slot {
-            let last = segment.even.len() - 1;
-            segment.even[last] = value;
-        } else {
-            segment.even.push(value);
-        }
-        segment.waiting.push(slot);
-        Ok(())
-    }
-
-    fn finish(&mut self, answers: &mut Vec<f64>) -> Result<(), FilterError> {
-        let is_whole_log = self.segment.as_ref().is_some_and(|segment| segment.start == 0);
-        self.close(is_whole_log, answers)
-    }
-
-    /// Answers all that waits; what is too short to be filtered is continued by its last value, but
-    /// for a whole log.
-    fn close(&mut self, is_whole_log: bool, answers: &mut Vec<f64>) -> Result<(), FilterError> {
-        let Some(mut segment) = self.segment.take() else { return Ok(()) };
-        let reach = self.plan.design.zero_phase_reach() as u64;
-        if !is_whole_log {
-            segment.hold_until(segment.start + reach + 1);
-        }
-        while let Some(&first) = segment.waiting.first() {
-            self.plan.answer(&mut segment, self.plan.block(first), answers)?;
-        }
-        Ok(())
-    }
-}
-
-impl BlockPlan {
-    /// Answers the rows in a block, whose span the segment holds as far as it goes.
-    fn answer(
-        &self,
-        segment: &mut Segment,
-        block: u64,
-        answers: &mut Vec<f64>,
-    ) -> Result<(), FilterError> {
-        let span = self.span(block);
-        let (start, end) = (span.start.max(segment.base), span.end.min(segment.end()));
-        let mut even =
-            segment.even[(start - segment.base) as usize..][..(end - start) as usize].to_vec();
-        self.design.zero_phase(&mut even)?;
-        let block_end = (block + 1) * self.length();
-        let count = segment.waiting.partition_point(|&slot| slot < block_end);
-        answers.extend(segment.waiting.drain(..count).map(|slot| even[(slot - start) as usize]));
-        Ok(())
-    }
-}
-
-/// Forward only, one answer a row.
-#[derive(Clone, Debug)]
-pub(super) struct Causal {
-    plan: BlockPlan,
-    segment: Option<Running>,
-}
-
 /// A causal filter between two pauses.
 #[derive(Clone, Debug)]
 struct Running {
@@ -236,25 +240,6 @@ struct Running {
     next: Option<Filter>,
     slot: u64,
     value: f64,
-}
-
-impl Causal {
-    fn push(&mut self, slot: u64, value: f64, answers: &mut Vec<f64>) {
-        let plan = &self.plan;
-        let paused = |running: &Running| slot - running.slot > plan.memory;
-        let mut running = match self.segment.take() {
-            Some(running) if !paused(&running) => running,
-            _ => {
-                Running { start: slot, filter: plan.started(slot, value), next: None, slot, value }
-            }
-        };
-        while running.slot < slot {
-            running.step(plan);
-        }
-        running.value = value;
-        answers.push(running.filter.peek(value));
-        self.segment = Some(running);
-    }
 }
 
 impl Running {
@@ -273,15 +258,6 @@ impl Running {
         {
             self.filter = next;
         }
-    }
-}
-
-impl BlockPlan {
-    /// A causal filter that takes `value` at `slot` as its first.
-    fn started(&self, slot: u64, value: f64) -> Filter {
-        let mut filter = Filter::new(&self.design);
-        filter.settle(if self.at_rest && slot == 0 { 0.0 } else { value });
-        filter
     }
 }
 

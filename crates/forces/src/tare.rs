@@ -12,7 +12,7 @@ use super::{ForceError, RowRule, TareRule};
 const CHUNK: usize = 4096;
 
 /// The tare, as far as the log has been read.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct TareSearch {
     rule: TareRule,
     rows: RowRule,
@@ -25,11 +25,11 @@ pub(super) struct TareSearch {
     found_s: Option<(f64, f64)>,
     seen_s: Option<(f64, f64)>,
     /// The frames themselves, if they are kept.
-    frames: Option<TareFrames>,
+    pub(super) frames: Option<TareFrames>,
     /// Where the tare follows them: the stationary intervals, and the zeros at these.
     rests: Option<(StationaryFinder, StationaryZeros)>,
     /// Leave all stationary intervals but the first to somebody else.
-    ends_at_first_rest: bool,
+    pub(super) ends_at_first_rest: bool,
 }
 
 /// The frames of a tare: of one that follows the stationary intervals, those of the first.
@@ -80,32 +80,13 @@ pub struct FirstRows<'a> {
 }
 
 impl TareSearch {
-    /// Nothing found yet; `keep_frames` keeps the frames beside their mean.
-    pub(super) fn new(rule: TareRule, rows: RowRule, keep_frames: bool) -> Self {
-        Self {
-            rule,
-            rows,
-            is_done: rule == TareRule::Untared,
-            chunk: Vec::new(),
-            mean: None,
-            spread: PerAxis::default(),
-            found: 0,
-            found_s: None,
-            seen_s: None,
-            frames: keep_frames.then(TareFrames::default),
-            rests: match rule {
-                TareRule::Rests { causal } => {
-                    Some((StationaryFinder::default(), StationaryZeros::new(causal)))
-                }
-                _ => None,
-            },
-            ends_at_first_rest: false,
-        }
-    }
-
-    /// Looks for the frames of the first rest alone.
-    pub(super) fn end_at_first_rest(&mut self) {
-        self.ends_at_first_rest = true;
+    /// Nothing found yet.
+    pub(super) fn new(rule: TareRule, rows: RowRule) -> Self {
+        let rests = match rule {
+            TareRule::Rests { causal } => Some((<_>::default(), StationaryZeros::new(causal))),
+            _ => None,
+        };
+        Self { rule, rows, is_done: rule == TareRule::Untared, rests, ..Self::default() }
     }
 
     /// Whether all frames are found.
@@ -126,36 +107,32 @@ impl TareSearch {
         if !self.ends_at_first_rest {
             self.look_for_rests(calibration, rows);
         }
+        let wanted = match self.rule {
+            TareRule::First(frames) => frames,
+            TareRule::Rests { .. } => STATIONARY_FRAMES,
+            TareRule::Untared | TareRule::Between(..) => usize::MAX,
+        };
+        // Further stationary intervals are looked for after the first.
+        let ends = self.ends_at_first_rest || !self.rule.follows_rests();
         for row in 0..rows.fresh.len() {
             let time = rows.times_s.get(row).copied();
             if let (Some(time), false) = (time, self.is_done) {
                 self.seen_s = Some((self.seen_s.map_or(time, |(first, _)| first), time));
             }
-            match self.rule {
-                TareRule::Untared => return,
-                TareRule::First(frames) => self.is_done |= self.found >= frames,
-                TareRule::Between(_, end_s) => self.is_done |= time.is_none_or(|time| time > end_s),
-                TareRule::Rests { .. } if self.found >= STATIONARY_FRAMES => {
-                    self.is_done = self.ends_at_first_rest;
-                    return;
+            let (is_early, is_late) = match self.rule {
+                TareRule::Between(start_s, end_s) => {
+                    (time.is_some_and(|time| time < start_s), time.is_none_or(|time| time > end_s))
                 }
-                TareRule::Rests { .. } => {}
-            }
-            if self.is_done {
+                _ => (false, false),
+            };
+            self.is_done |= is_late || ends && self.found >= wanted;
+            if self.is_done || self.found >= wanted {
                 return;
             }
-            let early = matches!((self.rule, time), (TareRule::Between(start_s, _), Some(time)) if time < start_s);
-            if early || (self.rows == RowRule::Time && !rows.fresh[row]) {
-                continue;
+            if !is_early && (self.rows == RowRule::Rows || rows.fresh[row]) {
+                self.take(calibration, rows, row);
+                self.is_done = ends && self.found >= wanted;
             }
-            self.take(calibration, rows, row);
-            self.is_done = match self.rule {
-                TareRule::First(frames) => self.found >= frames,
-                TareRule::Rests { .. } => {
-                    self.ends_at_first_rest && self.found >= STATIONARY_FRAMES
-                }
-                _ => false,
-            };
         }
     }
 
@@ -164,12 +141,8 @@ impl TareSearch {
         let by_row = self.rows == RowRule::Rows;
         let frames: Vec<bool> = rows.fresh.iter().map(|&fresh| fresh || by_row).collect();
         let pick = |column: &[f64]| -> Vec<f64> {
-            column
-                .iter()
-                .zip(&frames)
-                .filter(|(_, frame)| **frame)
-                .map(|(value, _)| *value)
-                .collect()
+            let rows = column.iter().zip(&frames);
+            rows.filter(|(_, is_frame)| **is_frame).map(|(value, _)| *value).collect()
         };
         // At rest there is nothing to remember.
         let channels = rows.readings.iter().take(calibration.channels());
@@ -303,7 +276,8 @@ mod tests {
 
     /// Twelve rows a second apart, each frame in two rows: 0, 0, 1, 1, …, looked at in pieces.
     fn search(rule: TareRule, rows: RowRule) -> Result<FoundTare, ForceError> {
-        let mut search = TareSearch::new(rule, rows, true);
+        let mut search = TareSearch::new(rule, rows);
+        search.frames = Some(TareFrames::default());
         let times: Vec<f64> = (0..12).map(f64::from).collect();
         let readings: Vec<f64> = times.iter().map(|t| (t / 2.0).floor()).collect();
         let fresh: Vec<bool> = (0..12).map(|i| i % 2 == 0).collect();
@@ -351,7 +325,7 @@ mod tests {
         let readings: Vec<f64> = (0..10_000).map(|i| f64::from(i * i % 4093) / 7.0).collect();
         let fresh = vec![true; readings.len()];
         let tare = |piece: usize| {
-            let mut search = TareSearch::new(TareRule::First(9000), RowRule::Time, false);
+            let mut search = TareSearch::new(TareRule::First(9000), RowRule::Time);
             for (readings, fresh) in readings.chunks(piece).zip(fresh.chunks(piece)) {
                 let readings = [readings.to_vec()];
                 let rows = FirstRows { times_s: &[], readings: &readings, fresh, leg: None };

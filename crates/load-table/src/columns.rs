@@ -123,29 +123,22 @@ pub(crate) fn pull(
     number: impl Fn(ColumnQuantity) -> Option<f64>,
     word: Option<&str>,
 ) -> Result<Pull, String> {
-    let three = |of: fn(usize) -> ColumnQuantity| {
-        let found = [0, 1, 2].map(|axis| number(of(axis)));
-        found.iter().any(Option::is_some).then(|| found.map(|value| value.unwrap_or(0.0)))
-    };
+    let three = |of: fn(usize) -> ColumnQuantity| some_of([0, 1, 2].map(|axis| number(of(axis))));
     let (mass_kg, force_n) = match (number(ColumnQuantity::Mass), number(ColumnQuantity::Force)) {
         (Some(_), Some(_)) => return Err("both a mass and a force".to_owned()),
         (Some(mass), None) => (Some(mass), mass * STANDARD_GRAVITY),
         (None, Some(force)) => (None, force),
         (None, None) => {
-            let found = [0, 1, 2, 3, 4, 5].map(|axis| number(ColumnQuantity::Wrench(axis)));
-            return match found.iter().any(Option::is_some) {
-                true => Ok(Pull::Wrench(found.map(|value| value.unwrap_or(0.0)))),
-                false => Err("no mass, no force and no wrench".to_owned()),
-            };
+            let wrench =
+                some_of([0, 1, 2, 3, 4, 5].map(|axis| number(ColumnQuantity::Wrench(axis))));
+            let missing = || "no mass, no force and no wrench".to_owned();
+            return wrench.map(Pull::Wrench).ok_or_else(missing);
         }
     };
     if force_n < 0.0 {
         return Err("a load below zero: turn its direction around".to_owned());
     }
-    let angles = |first, second| {
-        let found = [number(first), number(second)];
-        found.iter().any(Option::is_some).then(|| found.map(|value| value.unwrap_or(0.0)))
-    };
+    let angles = |first, second| some_of([number(first), number(second)]);
     let turned = angles(ColumnQuantity::Roll, ColumnQuantity::Pitch)
         .or_else(|| number(ColumnQuantity::Yaw).map(|_| [0.0, 0.0]));
     let ways = [
@@ -171,6 +164,11 @@ pub(crate) fn pull(
     }
     let point_m = three(ColumnQuantity::Point).unwrap_or_default();
     Ok(Pull::Force { force_n, mass_kg, point_m, direction: along.map(|x| x / length) })
+}
+
+/// Numbers of which at least one is given, with 0 for the others.
+fn some_of<const N: usize>(numbers: [Option<f64>; N]) -> Option<[f64; N]> {
+    numbers.iter().any(Option::is_some).then(|| numbers.map(Option::unwrap_or_default))
 }
 
 /// The errors that a line states of its load, and those that are usual where it says nothing.

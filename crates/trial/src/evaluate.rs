@@ -127,7 +127,7 @@ impl TrialEvaluation<'_> {
     /// known.
     fn half_widths(&self, span: &Span) -> Option<PerAxis<f64>> {
         let TrialInput { instrument, pipeline, tare_frames, options, .. } = *self.input;
-        let tare = tare_frames.zip(pipeline?.tare());
+        let tare = tare_frames.zip(pipeline?.tare.as_ref());
         let forces = self.signals.forces.as_ref()?;
         half_widths(instrument.calibration?, tare, forces, span, options.unexplained)
     }

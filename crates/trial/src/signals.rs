@@ -102,7 +102,7 @@ fn find_forces(
         diagnostics.push(Diagnostic::NoSensors);
         return Ok(None);
     };
-    if let (Some(low_pass), None) = (input.options.forces.low_pass, pipeline.low_pass()) {
+    if let (Some(low_pass), None) = (input.options.forces.low_pass, pipeline.low_pass) {
         diagnostics.push(Diagnostic::Unfiltered { cutoff_hz: low_pass.cutoff_hz });
     }
     // Results need two axes; traces show all.

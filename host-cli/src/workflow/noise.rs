@@ -70,7 +70,7 @@ pub fn noise(
     let wanted = Wanted { readings: true, time, ..Wanted::default() };
     log.require(&wanted)?;
     check_channels(log, calibration.channels())?;
-    let pipeline = ForcePipeline::raw();
+    let pipeline = ForcePipeline::default();
     let mut axes = PerAxis::<ColumnStatistics>::default();
     let mut channels = vec![ColumnStatistics::default(); log.channels()];
     let mut watch = ZeroWatch::default();

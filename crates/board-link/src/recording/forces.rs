@@ -132,7 +132,7 @@ impl RunningForces {
         }
         let tare = match &self.stage {
             ForceStage::Setup { .. } => None,
-            ForceStage::Running { pipeline, .. } => pipeline.tare(),
+            ForceStage::Running { pipeline, .. } => pipeline.tare.as_ref(),
         };
         let mut errors = PerAxis::default();
         self.calibration.standard_errors(&columns(frames), tare, &mut errors);

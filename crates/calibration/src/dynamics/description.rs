@@ -16,15 +16,11 @@ impl fmt::Display for Dynamics {
                     format!(" ± {}", time_in(error, lag.by.abs(), self.time_base))
                 });
                 let unit = unit(lag.by.abs(), self.time_base);
-                match lag.by > 0.0 {
-                    true => {
-                        write!(f, "the reference lags behind the readings by {by}{error} {unit}")?
-                    }
-                    false => {
-                        write!(f, "the readings lag behind the reference by {by}{error} {unit}")?
-                    }
-                }
-                f.write_str(", which the fit makes up for")?;
+                let what = match lag.by > 0.0 {
+                    true => "the reference lags behind the readings",
+                    false => "the readings lag behind the reference",
+                };
+                write!(f, "{what} by {by}{error} {unit}, which the fit makes up for")?;
             }
             None => f.write_str("no lag between readings and reference")?,
         }

@@ -22,57 +22,43 @@ fn products(samples: &SearchRows<'_>, a: &Mat<f64>, b: &Mat<f64>) -> Vec<Mat<f64
     samples.folds.iter().map(of).collect()
 }
 
-/// The memory terms of one time constant.
-pub(super) struct MemoryColumns {
-    pub(super) time_constant: f64,
+/// Columns with their products by the features and by each other, fold by fold.
+pub(super) struct ProductColumns {
     pub(super) columns: Mat<f64>,
     with_features: Vec<Mat<f64>>,
     with_each_other: Vec<Mat<f64>>,
+}
+
+impl ProductColumns {
+    pub(super) fn new(samples: &SearchRows<'_>, columns: Mat<f64>) -> Self {
+        Self {
+            with_features: products(samples, &samples.features, &columns),
+            with_each_other: products(samples, &columns, &columns),
+            columns,
+        }
+    }
+}
+
+/// The memory terms of one time constant.
+pub(super) struct MemoryColumns {
+    pub(super) time_constant: f64,
+    terms: ProductColumns,
 }
 
 impl MemoryColumns {
     pub(super) fn new(samples: &SearchRows<'_>, time_constant: f64) -> Self {
-        let columns = samples.memory_terms(time_constant);
-        Self {
-            time_constant,
-            with_features: products(samples, &samples.features, &columns),
-            with_each_other: products(samples, &columns, &columns),
-            columns,
-        }
-    }
-}
-
-/// The loads at one lag.
-pub(super) struct LoadColumns {
-    pub(super) columns: Mat<f64>,
-    /// The variance of their noise, N² and (N·m)².
-    noise: PerAxis<f64>,
-    with_features: Vec<Mat<f64>>,
-    with_each_other: Vec<Mat<f64>>,
-}
-
-impl LoadColumns {
-    pub(super) fn new(samples: &SearchRows<'_>, by: f64) -> Self {
-        Self { noise: samples.noise_of_loads(by), ..Self::from_samples(samples, samples.loads(by)) }
-    }
-
-    pub(super) fn from_samples(samples: &SearchRows<'_>, columns: Mat<f64>) -> Self {
-        Self {
-            noise: [0.0; 6],
-            with_features: products(samples, &samples.features, &columns),
-            with_each_other: products(samples, &columns, &columns),
-            columns,
-        }
+        let terms = ProductColumns::new(samples, samples.memory_terms(time_constant));
+        Self { time_constant, terms }
     }
 }
 
 /// The equations of features and some memory terms.
 pub(super) struct FoldEquations<'a> {
-    samples: &'a SearchRows<'a>,
+    pub(super) samples: &'a SearchRows<'a>,
     /// `XᵀX` of the features of each fold.
     features: Vec<Mat<f64>>,
-    /// The variance of each axis.
-    variances: PerAxis<f64>,
+    /// Variances of the axes; 0 of those that do not vary.
+    pub(super) variances: PerAxis<f64>,
 }
 
 /// Squared errors on each fold that was held out, per axis.
@@ -141,23 +127,15 @@ impl<'a> FoldEquations<'a> {
         }
     }
 
-    pub(super) fn samples(&self) -> &'a SearchRows<'a> {
-        self.samples
-    }
-
-    /// Variances of the axes; 0 of those that do not vary.
-    pub(super) fn variances(&self) -> &PerAxis<f64> {
-        &self.variances
-    }
-
     /// The position of the constant.
     fn ones(&self) -> Option<usize> {
         self.samples.has_intercept.then(|| self.samples.features.ncols() - 1)
     }
 
-    fn of_folds(&self, terms: &[&MemoryColumns], loads: &LoadColumns) -> Vec<NormalEquations> {
-        let with_loads: Vec<_> =
-            terms.iter().map(|of| products(self.samples, &of.columns, &loads.columns)).collect();
+    fn of_folds(&self, terms: &[&MemoryColumns], loads: &ProductColumns) -> Vec<NormalEquations> {
+        let terms: Vec<&ProductColumns> = terms.iter().map(|of| &of.terms).collect();
+        let with = |of: &&ProductColumns| products(self.samples, &of.columns, &loads.columns);
+        let with_loads: Vec<_> = terms.iter().map(with).collect();
         let mut between = Vec::new();
         for (i, a) in terms.iter().enumerate() {
             for (j, b) in terms.iter().enumerate().skip(i + 1) {
@@ -192,13 +170,11 @@ impl<'a> FoldEquations<'a> {
         (0..self.samples.folds.len()).map(of_fold).collect()
     }
 
-    /// The errors on each fold of fits without it; `None` where one cannot be made.
-    pub(super) fn errors(
-        &self,
-        terms: &[&MemoryColumns],
-        loads: &LoadColumns,
-    ) -> Option<FoldErrors> {
-        let folds = self.of_folds(terms, loads);
+    /// The errors on each fold of fits without it, at a lag; `None` where one cannot be made.
+    pub(super) fn errors(&self, terms: &[&MemoryColumns], lag: f64) -> Option<FoldErrors> {
+        let loads = ProductColumns::new(self.samples, self.samples.loads(lag));
+        let folds = self.of_folds(terms, &loads);
+        let load_noise = self.samples.noise_of_loads(lag);
         let time_constants: Vec<f64> = terms.iter().map(|of| of.time_constant).collect();
         let mut errors =
             FoldErrors { rows: 0, squares: [0.0; 6], scores: Vec::new(), systematic: Vec::new() };
@@ -213,7 +189,7 @@ impl<'a> FoldEquations<'a> {
                 relative.sum::<f64>() / varying.len().max(1) as f64
             };
             let score = mean(&|axis| found[axis].squares / rows as f64);
-            let noise = mean(&|axis| noise[axis] + loads.noise[axis]);
+            let noise = mean(&|axis| noise[axis] + load_noise[axis]);
             errors.rows += rows;
             errors.squares.iter_mut().zip(&found).for_each(|(sum, of)| *sum += of.squares);
             errors.scores.push((rows, score));
@@ -226,7 +202,7 @@ impl<'a> FoldEquations<'a> {
     pub(super) fn unexplained(
         &self,
         terms: &[&MemoryColumns],
-        columns: &LoadColumns,
+        columns: &ProductColumns,
     ) -> Option<Mat<f64>> {
         let folds = self.of_folds(terms, columns);
         let (first, others) = folds.split_first()?;
@@ -241,7 +217,8 @@ impl<'a> FoldEquations<'a> {
         };
         take_off(&self.samples.features, 0);
         for (term, of) in terms.iter().enumerate() {
-            take_off(&of.columns, p + term * of.columns.ncols());
+            let part = &of.terms.columns;
+            take_off(part, p + term * part.ncols());
         }
         Some(left)
     }

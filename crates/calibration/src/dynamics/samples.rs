@@ -144,11 +144,6 @@ impl<'a> SearchRows<'a> {
         self.features.nrows()
     }
 
-    /// The usual time between rows.
-    pub(super) fn period(&self) -> f64 {
-        self.clock.period
-    }
-
     /// The longest stretch without a gap.
     pub(super) fn longest(&self) -> f64 {
         let of_log = |log: &LogPart<'_>| {

@@ -9,7 +9,7 @@
 //! and a lag look alike while the longer memory is missing), then moved, with those before, to where errors on rows
 //! that were held out are least.
 
-use super::equations::{FoldEquations, FoldErrors, LoadColumns, MemoryColumns};
+use super::equations::{FoldEquations, FoldErrors, MemoryColumns, ProductColumns};
 use super::samples::SearchRows;
 use super::{Dynamics, DynamicsRule, Gain, LagRule, MemoryRule, ReferenceLag};
 use crate::passes::{Workers, map};
@@ -74,12 +74,12 @@ struct DynamicsSearch<'a> {
 
 impl DynamicsSearch<'_> {
     fn samples(&self) -> &SearchRows<'_> {
-        self.equations.samples()
+        self.equations.samples
     }
 
     fn errors(&self, terms: &[MemoryColumns], lag: f64) -> Option<FoldErrors> {
         let terms: Vec<&MemoryColumns> = terms.iter().collect();
-        self.equations.errors(&terms, &LoadColumns::new(self.samples(), lag))
+        self.equations.errors(&terms, lag)
     }
 
     /// `None` where nothing can be found.
@@ -140,7 +140,7 @@ impl DynamicsSearch<'_> {
 
     /// The lag of least error among a few.
     fn start(&self) -> f64 {
-        let period = self.samples().period();
+        let period = self.samples().clock.period;
         let score = |rows: &&f64| {
             self.errors(&[], **rows * period).map_or(f64::INFINITY, |errors| errors.systematic())
         };
@@ -158,17 +158,18 @@ impl DynamicsSearch<'_> {
 
     /// The lag by the method of the module, from a first guess, in so many steps at most.
     fn lag(&self, terms: &[&MemoryColumns], start: f64, steps: usize) -> Option<LagEstimate> {
-        let (samples, period) = (self.samples(), self.samples().period());
+        let (samples, period) = (self.samples(), self.samples().clock.period);
         let mut weights = None;
+        let unexplained =
+            |columns| self.equations.unexplained(terms, &ProductColumns::new(samples, columns));
         // `Σ r·D⊥` of each fold, and `Σ D⊥²`, axes weighted by their residuals.
         let mut moments = |lag: f64| -> Option<(Vec<f64>, f64)> {
-            let residual = self.equations.unexplained(terms, &LoadColumns::new(samples, lag))?;
-            let slope = LoadColumns::from_samples(samples, samples.slopes(lag));
-            let slope = self.equations.unexplained(terms, &slope)?;
+            let residual = unexplained(samples.loads(lag))?;
+            let slope = unexplained(samples.slopes(lag))?;
             let weights = weights.get_or_insert_with(|| {
                 std::array::from_fn::<f64, 6, _>(|axis| {
                     let square = residual.col(axis).squared_norm_l2();
-                    let varies = self.equations.variances()[axis] > 0.0 && square > 0.0;
+                    let varies = self.equations.variances[axis] > 0.0 && square > 0.0;
                     if varies { samples.rows() as f64 / square } else { 0.0 }
                 })
             });
@@ -216,7 +217,7 @@ impl DynamicsSearch<'_> {
         rule: &DynamicsRule<'_>,
     ) -> Option<Vec<MemoryColumns>> {
         let samples = self.samples();
-        let (least, most) = (samples.period(), samples.longest() / 4.0);
+        let (least, most) = (samples.clock.period, samples.longest() / 4.0);
         let score = |&tau: &f64| {
             let new = MemoryColumns::new(samples, tau);
             let all: Vec<&MemoryColumns> = terms.iter().chain([&new]).collect();
@@ -257,7 +258,7 @@ impl DynamicsSearch<'_> {
             LagRule::Auto => self.lag(terms, lag, steps).map_or(lag, |found| found.lag),
             LagRule::Given(_) => lag,
         };
-        let errors = self.equations.errors(terms, &LoadColumns::new(self.samples(), own));
+        let errors = self.equations.errors(terms, own);
         (errors.map_or(f64::INFINITY, |errors| errors.systematic()), own)
     }
 

@@ -1,5 +1,7 @@
 //! A covariance matrix, and what an observation makes of it.
 
+use crate::physics::cholesky::diagonal;
+
 /// `C`, symmetric.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct CovarianceMatrix<const N: usize>(pub(super) Box<[[f64; N]; N]>);
@@ -7,9 +9,7 @@ pub(super) struct CovarianceMatrix<const N: usize>(pub(super) Box<[[f64; N]; N]>
 impl<const N: usize> CovarianceMatrix<N> {
     /// Independent parameters with these variances.
     pub(super) fn from_variances(variances: &[f64; N]) -> Self {
-        let mut c = Box::new([[0.0; N]; N]);
-        variances.iter().enumerate().for_each(|(i, variance)| c[i][i] = *variance);
-        Self(c)
+        Self(Box::new(diagonal(*variances)))
     }
 
     /// `C·x`.

@@ -3,7 +3,7 @@
 use super::covariance::{CovarianceMatrix, dot};
 use crate::physics::cholesky::Cholesky;
 use crate::physics::response::{Answer, PARAMETERS, Parameters};
-use crate::physics::{Noise, PhysicsCalibration, PhysicsModel};
+use crate::physics::{Noise, PhysicsCalibration, PhysicsModel, Sensor};
 use shell_data::wrench::PerAxis;
 
 /// The level of an interval of one standard error, of normal errors.
@@ -12,7 +12,8 @@ const ONE_SIGMA: f64 = 0.683;
 /// A physics model whose covariances are those after some more loads, readings unknown.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SensorKnowledge {
-    sensors: Vec<(Parameters, CovarianceMatrix<PARAMETERS>)>,
+    parameters: Vec<Parameters>,
+    covariances: Vec<CovarianceMatrix<PARAMETERS>>,
     noise: Noise,
     scale: PerAxis<f64>,
     /// `λ·Σ_w⁻¹`.
@@ -44,11 +45,10 @@ impl SensorKnowledge {
 
     /// What a model says.
     pub fn from_model(model: &PhysicsModel) -> Self {
-        let sensor = |sensor: &crate::physics::Sensor| {
-            (sensor.parameters, CovarianceMatrix(Box::new(sensor.covariance)))
-        };
+        let covariance = |of: &Sensor| CovarianceMatrix(Box::new(of.covariance));
         Self {
-            sensors: model.sensors.iter().map(sensor).collect(),
+            parameters: model.sensors.iter().map(|of| of.parameters).collect(),
+            covariances: model.sensors.iter().map(covariance).collect(),
             noise: model.noise,
             scale: model.wrench_scale,
             prior: model.load_precision.map(|row| row.map(|x| model.lambda * x)),
@@ -58,7 +58,7 @@ impl SensorKnowledge {
 
     pub(super) fn answers(&self, load: &PerAxis<f64>) -> Answers {
         let x: PerAxis<f64> = std::array::from_fn(|axis| load[axis] / self.scale[axis]);
-        let of = |(parameters, _): &(Parameters, _)| {
+        let of = |parameters: &Parameters| {
             let answer = Answer::at(parameters, &x);
             AnswerOf {
                 gradient: answer.gradient(&x),
@@ -66,43 +66,36 @@ impl SensorKnowledge {
                 noise: self.noise.variance(answer.slope),
             }
         };
-        Answers(self.sensors.iter().map(of).collect())
+        Answers(self.parameters.iter().map(of).collect())
     }
 
     pub(super) fn observe(&mut self, load: &PerAxis<f64>) {
         let Answers(answers) = self.answers(load);
-        for ((_, covariance), answer) in self.sensors.iter_mut().zip(&answers) {
+        for (covariance, answer) in self.covariances.iter_mut().zip(&answers) {
             covariance.observe(&answer.gradient, answer.noise);
         }
     }
 
     /// `Σᵢ ln(1 + jᵢᵀCᵢjᵢ/vᵢ)`.
     pub(super) fn gain(&self, Answers(answers): &Answers) -> f64 {
-        let of = |((_, covariance), answer): (
-            &(Parameters, CovarianceMatrix<PARAMETERS>),
-            &AnswerOf,
-        )| { (covariance.variance(&answer.gradient) / answer.noise).ln_1p() };
-        self.sensors.iter().zip(answers).map(of).sum()
+        let pairs = self.covariances.iter().zip(answers);
+        pairs.map(|(of, answer)| (of.variance(&answer.gradient) / answer.noise).ln_1p()).sum()
     }
 
     /// The mean variances of a wrench over some loads, in the model's scales; with `next`, after that load, too.
     pub(super) fn mean_variances(&self, range: &[Answers], next: Option<&Answers>) -> PerAxis<f64> {
         let known: Option<Vec<(Parameters, f64)>> = next.map(|Answers(next)| {
-            let of = |((_, covariance), answer): (
-                &(Parameters, CovarianceMatrix<PARAMETERS>),
-                &AnswerOf,
-            )| {
-                let known = covariance.times(&answer.gradient);
+            let of = |(of, answer): (&CovarianceMatrix<PARAMETERS>, &AnswerOf)| {
+                let known = of.times(&answer.gradient);
                 (known, answer.noise + dot(&known, &answer.gradient).max(0.0))
             };
-            self.sensors.iter().zip(next).map(of).collect()
+            self.covariances.iter().zip(next).map(of).collect()
         });
         let mut sums = [0.0; 6];
         for Answers(answers) in range {
             let mut information = self.prior;
-            for (position, (answer, (_, covariance))) in
-                answers.iter().zip(&self.sensors).enumerate()
-            {
+            let pairs = answers.iter().zip(&self.covariances);
+            for (position, (answer, covariance)) in pairs.enumerate() {
                 let mut unsure = covariance.variance(&answer.gradient);
                 if let Some(known) = &known {
                     let (known, divisor) = &known[position];
@@ -111,9 +104,8 @@ impl SensorKnowledge {
                 let weight = (answer.noise + unsure.max(0.0)).recip();
                 for (row, slope) in information.iter_mut().zip(answer.slopes) {
                     let share = weight * slope;
-                    row.iter_mut()
-                        .zip(answer.slopes)
-                        .for_each(|(sum, other)| *sum += share * other);
+                    let pairs = row.iter_mut().zip(answer.slopes);
+                    pairs.for_each(|(sum, other)| *sum += share * other);
                 }
             }
             // The prior makes it positive definite; a load where rounding does not is left out of the mean.

@@ -58,11 +58,8 @@ impl PhysicsCalibration {
             let groups: BTreeSet<u64> = fold.groups.iter().copied().collect();
             let inversion = Inversion::new(&fold.model);
             let every = |rows: usize| rows.div_ceil(MOST_SCORED);
-            for some in rows.convert(&groups, every, |readings| inversion.estimates(readings)) {
-                for (row, &group) in some.groups.iter().enumerate() {
-                    let error = some.errors.each_ref().map(|column| column[row]);
-                    scores.add(group, &error, &some.estimates.row(row).standard_errors);
-                }
+            for row in rows.convert(&groups, every, |readings| inversion.estimates(readings)) {
+                scores.add(row.group, &row.errors, &row.standard_errors);
             }
         }
         let error_scale = scores.rescale(MODEL_GROUPS);

@@ -154,32 +154,23 @@ impl Choice {
         }
         let rest = folds.iter().map(|fold| scales.apply(&fold.rest)).collect();
         let before = before.and_then(|of| of.start.rescaled(&scales));
-        let of_width = |(position, &width): (usize, &f64)| match &before {
-            Some(before) => fit_from(&data, width, &before.widths[position]),
-            None => fit(&data, width),
-        };
-        let widths: Vec<FittedParameters> = WIDTHS.iter().enumerate().map(of_width).collect();
         let tries = CandidateData { channels, scales, folds, rest, workers };
-
-        let of_folds: Vec<Vec<Fits>> = tries.map(|fold| {
-            let pairs = WIDTHS.into_iter().zip(&widths);
-            pairs
-                .map(|(width, whole)| {
-                    tries.fits(fold, width, fit_from(&tries.rest[fold], width, whole))
-                })
-                .collect()
-        })?;
-        let trials: Vec<ScoredCandidate> = (WIDTHS.iter().enumerate())
-            .flat_map(|(position, &width)| {
-                tries.scores(of_folds.iter().map(|of| &of[position]), width)
-            })
-            .collect();
+        let (mut trials, mut tried_widths) = (Vec::new(), Vec::new());
+        for (position, width) in WIDTHS.into_iter().enumerate() {
+            let whole = match &before {
+                Some(before) => fit_from(&data, width, &before.widths[position]),
+                None => fit(&data, width),
+            };
+            let fits = tries.fits(width, |rest| fit_from(rest, width, &whole))?;
+            trials.extend(tries.scores(&fits, width));
+            tried_widths.push((whole, fits));
+        }
+        let widths: Vec<FittedParameters> =
+            tried_widths.iter().map(|(whole, _)| whole.clone()).collect();
         let best = best(&trials);
-        let (width, position) = (trials[best].width, best / LAMBDAS.len());
-        let of_width = of_folds.into_iter().map(|mut of| of.swap_remove(position));
-        let mut chosen = (widths[position].clone(), of_width.collect::<Vec<Fits>>());
-        let mut lambda = trials[best].lambda;
-
+        let ScoredCandidate { mut lambda, width, .. } = trials[best];
+        let position = best / LAMBDAS.len();
+        let mut chosen = tried_widths.swap_remove(position);
         let (mut factor_trials, mut factors) = (Vec::new(), Vec::new());
         let counts = if tries.folds.len() < FEWEST_FOLDS { 0..0 } else { 1..FACTORS + 1 };
         for count in counts {
@@ -187,16 +178,14 @@ impl Choice {
                 Some(before) => fit_factors_from(&data, width, before),
                 None => fit_factors(&data, width, &widths[position], count),
             };
-            let fits: Vec<Fits> = tries.map(|fold| {
-                tries.fits(fold, width, fit_factors_from(&tries.rest[fold], width, &whole))
-            })?;
+            let fits = tries.fits(width, |rest| fit_factors_from(rest, width, &whole))?;
             let trial = tries.compare(count, width, &fits, &chosen.1);
             factor_trials.push(trial);
             factors.push(whole.clone());
             if !trial.is_taken() {
                 break;
             }
-            let scores = tries.scores(fits.iter(), width);
+            let scores = tries.scores(&fits, width);
             lambda = scores[self::best(&scores)].lambda;
             chosen = (whole, fits);
         }
@@ -235,34 +224,37 @@ impl FirstFits {
 }
 
 impl CandidateData<'_> {
-    /// What `work` makes of every fold, on all threads.
-    fn map<T: Send>(&self, work: impl Fn(usize) -> T + Sync) -> Result<Vec<T>, FitError> {
-        let folds: Vec<usize> = (0..self.folds.len()).collect();
-        map(&folds, self.workers, |&fold| Ok(work(fold)))
-    }
-
     fn model(&self, fold: usize, fitted: &FittedParameters, at: (f64, f64)) -> PhysicsModel {
         PhysicsModel::from_fit(self.channels, &self.scales, &self.rest[fold], fitted, at)
     }
 
-    /// A fit without a fold, with its squared errors there.
-    fn fits(&self, fold: usize, width: f64, fitted: FittedParameters) -> Fits {
-        let mut model = self.model(fold, &fitted, (LAMBDAS[0], width));
-        let mut inversion = Inversion::new(&model);
-        let square = |lambda| {
-            model.lambda = lambda;
-            inversion.set_prior(&model);
-            let squares = inversion.squared_errors(&self.folds[fold].held_out, &model.wrench_scale);
-            squares.iter().sum::<f64>()
-        };
-        let squares = LAMBDAS.map(square);
-        (fitted, squares)
+    /// Fits without each fold, on all threads, with their squared errors there.
+    fn fits(
+        &self,
+        width: f64,
+        fit: impl Fn(&Scaled) -> FittedParameters + Sync,
+    ) -> Result<Vec<Fits>, FitError> {
+        let folds: Vec<usize> = (0..self.folds.len()).collect();
+        map(&folds, self.workers, |&fold| {
+            let fitted = fit(&self.rest[fold]);
+            let mut model = self.model(fold, &fitted, (LAMBDAS[0], width));
+            let mut inversion = Inversion::new(&model);
+            let held_out = &self.folds[fold].held_out;
+            let squares = LAMBDAS.map(|lambda| {
+                model.lambda = lambda;
+                inversion.set_prior(&model);
+                inversion.squared_errors(held_out, &model.wrench_scale).iter().sum()
+            });
+            Ok((fitted, squares))
+        })
     }
 
-    fn scores<'b>(&self, fits: impl Iterator<Item = &'b Fits>, width: f64) -> Vec<ScoredCandidate> {
+    fn scores(&self, fits: &[Fits], width: f64) -> Vec<ScoredCandidate> {
         let count = 6.0 * self.folds.iter().map(|fold| fold.held_out.len()).sum::<usize>() as f64;
         let mut sums = [0.0; LAMBDAS.len()];
-        fits.for_each(|(_, squares)| sums.iter_mut().zip(squares).for_each(|(sum, s)| *sum += s));
+        for (_, squares) in fits {
+            sums.iter_mut().zip(squares).for_each(|(sum, square)| *sum += square);
+        }
         let trial = |(sum, lambda)| ScoredCandidate { lambda, width, score: sum / count };
         sums.into_iter().zip(LAMBDAS).map(trial).collect()
     }

@@ -5,8 +5,15 @@
 
 use pulp::{Scalar, Simd};
 
+use super::lanes::Lanes;
+
+/// The matrix with these numbers on its diagonal.
+pub(crate) fn diagonal<const N: usize>(of: [f64; N]) -> [[f64; N]; N] {
+    std::array::from_fn(|i| std::array::from_fn(|j| if i == j { of[i] } else { 0.0 }))
+}
+
 pub(super) fn identity<const N: usize>() -> [[f64; N]; N] {
-    std::array::from_fn(|i| std::array::from_fn(|j| f64::from(u8::from(i == j))))
+    diagonal([1.0; N])
 }
 
 /// The lower factor of `A = L·Lᵀ`.
@@ -17,20 +24,20 @@ impl<const N: usize> Cholesky<N> {
     /// `None` if `a` is not positive definite in floating point.
     #[inline]
     pub(crate) fn new(a: &[[f64; N]; N]) -> Option<Self> {
-        let factor = LaneCholesky::new(Scalar, a);
-        let is_of_pivot = |inverse: &f64| *inverse > 0.0 && inverse.is_finite();
+        let factor = LaneCholesky::new(&a.map(|row| row.map(scalar)));
+        let is_of_pivot = |inverse: &Lanes<Scalar>| inverse.1 > 0.0 && inverse.1.is_finite();
         factor.inverse.iter().all(is_of_pivot).then_some(Self(factor))
     }
 
     /// `A⁻¹·b`.
     #[inline]
     pub(crate) fn solve(&self, b: &[f64; N]) -> [f64; N] {
-        self.0.solve(Scalar, b)
+        self.0.solve(&b.map(scalar)).map(|x| x.1)
     }
 
     /// `ln det A`.
     pub(super) fn ln_determinant(&self) -> f64 {
-        -2.0 * self.0.inverse.iter().map(|&x| libm::log(x)).sum::<f64>()
+        -2.0 * self.0.inverse.iter().map(|x| libm::log(x.1)).sum::<f64>()
     }
 
     /// `A⁻¹`.
@@ -41,33 +48,37 @@ impl<const N: usize> Cholesky<N> {
     /// `L⁻¹·b`.
     #[inline]
     pub(super) fn forward(&self, b: &[f64; N]) -> [f64; N] {
-        self.0.forward(Scalar, b)
+        self.0.forward(&b.map(scalar)).map(|x| x.1)
     }
+}
+
+fn scalar(x: f64) -> Lanes<Scalar> {
+    Lanes(Scalar, x)
 }
 
 /// The same of one matrix per lane; not numbers in a lane whose `A` is not positive definite.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LaneCholesky<S: Simd, const N: usize> {
-    l: [[S::f64s; N]; N],
+    l: [[Lanes<S>; N]; N],
     /// `1/L[j][j]`.
-    inverse: [S::f64s; N],
+    inverse: [Lanes<S>; N],
 }
 
 impl<S: Simd, const N: usize> LaneCholesky<S, N> {
     /// Reads the lower triangle of `a`.
     #[inline(always)]
-    pub(super) fn new(simd: S, a: &[[S::f64s; N]; N]) -> Self {
-        let one = simd.splat_f64s(1.0);
+    pub(super) fn new(a: &[[Lanes<S>; N]; N]) -> Self {
+        let one = Lanes::splat(a[0][0].0, 1.0);
         let (mut l, mut inverse) = (*a, [one; N]);
         for j in 0..N {
             for i in j..N {
                 for k in 0..j {
-                    l[i][j] = simd.sub_f64s(l[i][j], simd.mul_f64s(l[i][k], l[j][k]));
+                    l[i][j] = l[i][j] - l[i][k] * l[j][k];
                 }
             }
-            inverse[j] = simd.div_f64s(one, simd.sqrt_f64s(l[j][j]));
+            inverse[j] = one / l[j][j].sqrt();
             for row in &mut l[j..] {
-                row[j] = simd.mul_f64s(row[j], inverse[j]);
+                row[j] = row[j] * inverse[j];
             }
         }
         Self { l, inverse }
@@ -75,45 +86,45 @@ impl<S: Simd, const N: usize> LaneCholesky<S, N> {
 
     /// `A⁻¹·b`.
     #[inline(always)]
-    pub(super) fn solve(&self, simd: S, b: &[S::f64s; N]) -> [S::f64s; N] {
-        let mut x = self.forward(simd, b);
+    pub(super) fn solve(&self, b: &[Lanes<S>; N]) -> [Lanes<S>; N] {
+        let mut x = self.forward(b);
         for i in (0..N).rev() {
             for k in i + 1..N {
-                x[i] = simd.sub_f64s(x[i], simd.mul_f64s(self.l[k][i], x[k]));
+                x[i] = x[i] - self.l[k][i] * x[k];
             }
-            x[i] = simd.mul_f64s(x[i], self.inverse[i]);
+            x[i] = x[i] * self.inverse[i];
         }
         x
     }
 
     /// `L⁻¹·b`.
     #[inline(always)]
-    fn forward(&self, simd: S, b: &[S::f64s; N]) -> [S::f64s; N] {
+    fn forward(&self, b: &[Lanes<S>; N]) -> [Lanes<S>; N] {
         let mut x = *b;
         for i in 0..N {
             for k in 0..i {
-                x[i] = simd.sub_f64s(x[i], simd.mul_f64s(self.l[i][k], x[k]));
+                x[i] = x[i] - self.l[i][k] * x[k];
             }
-            x[i] = simd.mul_f64s(x[i], self.inverse[i]);
+            x[i] = x[i] * self.inverse[i];
         }
         x
     }
 
     /// The diagonal of `A⁻¹`: the sums of the squares of the columns of `L⁻¹`.
     #[inline(always)]
-    pub(super) fn inverse_diagonal(&self, simd: S) -> [S::f64s; N] {
-        let zero = simd.splat_f64s(0.0);
+    pub(super) fn inverse_diagonal(&self) -> [Lanes<S>; N] {
+        let zero = Lanes::splat(self.inverse[0].0, 0.0);
         std::array::from_fn(|j| {
             let (mut column, mut sum) = ([zero; N], zero);
             column[j] = self.inverse[j];
             for i in j..N {
                 for k in j..i {
-                    column[i] = simd.sub_f64s(column[i], simd.mul_f64s(self.l[i][k], column[k]));
+                    column[i] = column[i] - self.l[i][k] * column[k];
                 }
                 if i > j {
-                    column[i] = simd.mul_f64s(column[i], self.inverse[i]);
+                    column[i] = column[i] * self.inverse[i];
                 }
-                sum = simd.add_f64s(simd.mul_f64s(column[i], column[i]), sum);
+                sum = column[i] * column[i] + sum;
             }
             sum
         })
@@ -152,13 +163,14 @@ mod tests {
             std::array::from_fn(|j| if i == j { 9.0 + i as f64 } else { 1.0 / (1 + i + j) as f64 })
         });
         let b = [1.0, -2.0, 0.5, 3.0, 0.0, 7.0];
-        let (lanes, expected) = (LaneCholesky::new(Scalar, &a), Cholesky::new(&a).unwrap());
-        let (x, y) = (lanes.solve(Scalar, &b), expected.solve(&b));
-        let (d, inverse) = (lanes.inverse_diagonal(Scalar), expected.inverse());
+        let lanes = LaneCholesky::new(&a.map(|row| row.map(scalar)));
+        let expected = Cholesky::new(&a).unwrap();
+        let (x, y) = (lanes.solve(&b.map(scalar)), expected.solve(&b));
+        let (d, inverse) = (lanes.inverse_diagonal(), expected.inverse());
         for i in 0..6 {
-            assert!((x[i] - y[i]).abs() < 1e-14 && (d[i] - inverse[i][i]).abs() < 1e-14);
+            assert!((x[i].1 - y[i]).abs() < 1e-14 && (d[i].1 - inverse[i][i]).abs() < 1e-14);
         }
-        let indefinite = LaneCholesky::new(Scalar, &a.map(|row| row.map(|x| -x)));
-        assert!(indefinite.solve(Scalar, &b)[0].is_nan());
+        let indefinite = LaneCholesky::new(&a.map(|row| row.map(|x| scalar(-x))));
+        assert!(indefinite.solve(&b.map(scalar))[0].1.is_nan());
     }
 }

@@ -1,10 +1,9 @@
 //! One step of expectation maximisation (EM) for the loadings, several rows at a time.
 
 use pulp::{Simd, WithSimd};
-use shell_data::instructions::arch;
 
 use super::cholesky::{Cholesky, LaneCholesky};
-use super::lanes::{MOST_LANES, add_product, load_rows, store_rows};
+use super::lanes::{Lanes, MOST_LANES, add_rows};
 use super::loadings::{FACTORS, Loadings};
 use super::noise::{Noise, Residuals};
 use super::observation::MOST_CHANNELS;
@@ -22,65 +21,42 @@ pub(super) struct Expectation {
     with_residual: Vec<[Vec<f64>; FACTORS]>,
 }
 
-impl Expectation {
-    /// The E step. `parameter_variances` has the variances of each curve that come from its parameters.
-    pub(super) fn new(
-        curves: &[Curve],
-        parameter_variances: &[Vec<f64>],
-        loadings: &[Loadings],
-        noise: Noise,
-    ) -> Self {
-        arch().dispatch(Expect { curves, parameter_variances, loadings, noise })
-    }
-
-    /// The M step for a sensor: its most likely loadings, and its first `rows` residuals less the factors.
-    pub(super) fn maximise(
-        &self,
-        sensor: usize,
-        (curve, variances): (&Curve, &[f64]),
-        noise: Noise,
-        rows: usize,
-    ) -> (Loadings, Residuals) {
-        arch().dispatch(Maximise { of: self, sensor, curve, variances, noise, rows })
-    }
+/// The E step.
+pub(super) struct Expect<'a> {
+    pub(super) curves: &'a [Curve],
+    /// The variances of each curve that come from its parameters.
+    pub(super) variances: &'a [Vec<f64>],
+    pub(super) loadings: &'a [Loadings],
+    pub(super) noise: Noise,
 }
 
-struct Expect<'a> {
-    curves: &'a [Curve],
-    parameter_variances: &'a [Vec<f64>],
-    loadings: &'a [Loadings],
-    noise: Noise,
-}
-
-struct Maximise<'a> {
-    of: &'a Expectation,
-    sensor: usize,
-    curve: &'a Curve,
-    variances: &'a [f64],
-    noise: Noise,
-    rows: usize,
+/// The M step for a sensor: its most likely loadings, and its first `rows` residuals less the factors.
+pub(super) struct Maximise<'a> {
+    pub(super) of: &'a Expectation,
+    pub(super) sensor: usize,
+    pub(super) curve: &'a Curve,
+    pub(super) variances: &'a [f64],
+    pub(super) noise: Noise,
+    pub(super) rows: usize,
 }
 
 /// The slopes of a curve at some rows, and those over the variance of the readings there.
 #[inline(always)]
-fn slopes<S: Simd>(simd: S, curve: &Curve, first: usize, noise: Noise) -> (S::f64s, S::f64s) {
-    let slope = load_rows::<S>(&curve.gradient[0], first);
-    let variance = noise.variances_at(simd, simd.mul_f64s(slope, slope));
-    (slope, simd.div_f64s(slope, variance))
+fn slopes<S: Simd>(simd: S, curve: &Curve, first: usize, noise: Noise) -> (Lanes<S>, Lanes<S>) {
+    let slope = Lanes::load(simd, &curve.gradient[0], first);
+    (slope, slope / noise.variance_at(slope * slope))
 }
 
 /// `square += scale·a·aᵀ`.
 #[inline(always)]
 fn add_square<S: Simd>(
-    simd: S,
-    square: &mut [[S::f64s; FACTORS]; FACTORS],
-    scale: S::f64s,
-    a: &[S::f64s; FACTORS],
+    square: &mut [[Lanes<S>; FACTORS]; FACTORS],
+    scale: Lanes<S>,
+    a: &[Lanes<S>; FACTORS],
 ) {
     for (row, &ak) in square.iter_mut().zip(a) {
-        let scaled = simd.mul_f64s(scale, ak);
         for (sum, &al) in row.iter_mut().zip(a) {
-            *sum = simd.add_f64s(simd.mul_f64s(scaled, al), *sum);
+            *sum = scale * ak * al + *sum;
         }
     }
 }
@@ -90,8 +66,8 @@ impl WithSimd for Expect<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Expectation {
-        let Self { curves, parameter_variances, loadings, noise } = self;
-        let (zero, one) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0));
+        let Self { curves, variances, loadings, noise } = self;
+        let (zero, one) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 1.0));
         let length = curves.first().map_or(0, |curve| curve.residual.len());
         let columns = || std::array::from_fn(|_| vec![0.0; length]);
         let mut expected = Expectation {
@@ -105,38 +81,35 @@ impl WithSimd for Expect<'_> {
             let mut weighted = [[zero; FACTORS]; MOST_CHANNELS];
             for ((curve, c), weighted) in curves.iter().zip(loadings).zip(&mut weighted) {
                 let (slope, weight) = slopes(simd, curve, first, noise);
-                let residual = load_rows::<S>(&curve.residual, first);
+                let residual = Lanes::load(simd, &curve.residual, first);
                 for k in 0..FACTORS {
-                    weighted[k] = simd.mul_f64s(weight, simd.splat_f64s(c[k]));
-                    pull[k] = simd.add_f64s(simd.mul_f64s(weighted[k], residual), pull[k]);
+                    weighted[k] = weight * c[k];
+                    pull[k] = weighted[k] * residual + pull[k];
                     for l in 0..FACTORS {
-                        let loading = simd.mul_f64s(slope, simd.splat_f64s(c[l]));
-                        m[k][l] = simd.add_f64s(simd.mul_f64s(weighted[k], loading), m[k][l]);
+                        m[k][l] = weighted[k] * (slope * c[l]) + m[k][l];
                     }
                 }
             }
-            let factor = LaneCholesky::new(simd, &m);
-            let mean = factor.solve(simd, &pull);
+            let factor = LaneCholesky::new(&m);
+            let mean = factor.solve(&pull);
             let mut square = [[zero; FACTORS]; FACTORS];
             for (k, column) in square.iter_mut().enumerate() {
                 column[k] = one;
-                *column = factor.solve(simd, column);
+                *column = factor.solve(column);
             }
-            add_square(simd, &mut square, one, &mean);
+            add_square(&mut square, one, &mean);
             for (sensor, (curve, weighted)) in curves.iter().zip(&weighted).enumerate() {
-                let gain = factor.solve(simd, weighted);
-                let variance = load_rows::<S>(&parameter_variances[sensor], first);
-                add_square(simd, &mut square, variance, &gain);
-                let residual = load_rows::<S>(&curve.residual, first);
+                let gain = factor.solve(weighted);
+                let variance = Lanes::load(simd, &variances[sensor], first);
+                add_square(&mut square, variance, &gain);
+                let residual = Lanes::load(simd, &curve.residual, first);
                 for (k, column) in expected.with_residual[sensor].iter_mut().enumerate() {
-                    let (of_mean, of_gain) =
-                        (simd.mul_f64s(mean[k], residual), simd.mul_f64s(gain[k], variance));
-                    store_rows::<S>(column, first, simd.add_f64s(of_mean, of_gain));
+                    (mean[k] * residual + gain[k] * variance).store(column, first);
                 }
             }
             for (columns, row) in expected.square.iter_mut().zip(square) {
                 for (column, element) in columns.iter_mut().zip(row) {
-                    store_rows::<S>(column, first, element);
+                    element.store(column, first);
                 }
             }
         }
@@ -155,13 +128,12 @@ impl WithSimd for Maximise<'_> {
         let mut b = [[0.0; MOST_LANES]; FACTORS];
         for first in (0..variances.len()).step_by(S::F64_LANES) {
             let (slope, weight) = slopes(simd, curve, first, self.noise);
-            let by_slope = simd.mul_f64s(weight, slope);
             for k in 0..FACTORS {
-                let pull = (weight, load_rows::<S>(&with_residual[k], first));
-                add_product(simd, &mut b[k], first, pull);
+                let with_residual = Lanes::load(simd, &with_residual[k], first);
+                add_rows(&mut b[k], first, weight * with_residual);
                 for l in 0..FACTORS {
-                    let square = (by_slope, load_rows::<S>(&square[k][l], first));
-                    add_product(simd, &mut a[k][l], first, square);
+                    let square = Lanes::load(simd, &square[k][l], first);
+                    add_rows(&mut a[k][l], first, weight * slope * square);
                 }
             }
         }
@@ -173,26 +145,20 @@ impl WithSimd for Maximise<'_> {
         let column = || vec![0.0; variances.len()];
         let mut residuals = Residuals { squares: column(), slope_squares: column() };
         for first in (0..variances.len()).step_by(S::F64_LANES) {
-            let slope = load_rows::<S>(&curve.gradient[0], first);
-            let residual = load_rows::<S>(&curve.residual, first);
-            let mut left = simd.mul_f64s(residual, residual);
-            left = simd.add_f64s(left, load_rows::<S>(variances, first));
+            let slope = Lanes::load(simd, &curve.gradient[0], first);
+            let residual = Lanes::load(simd, &curve.residual, first);
+            let mut left = residual * residual + Lanes::load(simd, variances, first);
             for k in 0..FACTORS {
-                let mut of_square = simd.splat_f64s(0.0);
+                let mut of_square = Lanes::splat(simd, 0.0);
                 for l in 0..FACTORS {
-                    let product =
-                        simd.mul_f64s(simd.splat_f64s(c[l]), load_rows::<S>(&square[k][l], first));
-                    of_square = simd.add_f64s(product, of_square);
+                    of_square = Lanes::load(simd, &square[k][l], first) * c[l] + of_square;
                 }
-                let with_residual = load_rows::<S>(&with_residual[k], first);
-                let twice = simd.add_f64s(with_residual, with_residual);
-                let term = simd.sub_f64s(simd.mul_f64s(slope, of_square), twice);
-                let loading = simd.mul_f64s(slope, simd.splat_f64s(c[k]));
-                left = simd.add_f64s(simd.mul_f64s(loading, term), left);
+                let with_residual = Lanes::load(simd, &with_residual[k], first);
+                let term = slope * of_square - (with_residual + with_residual);
+                left = slope * c[k] * term + left;
             }
-            let left = simd.max_f64s(left, simd.splat_f64s(0.0));
-            store_rows::<S>(&mut residuals.squares, first, left);
-            store_rows::<S>(&mut residuals.slope_squares, first, simd.mul_f64s(slope, slope));
+            left.max(0.0).store(&mut residuals.squares, first);
+            (slope * slope).store(&mut residuals.slope_squares, first);
         }
         residuals.squares.truncate(self.rows);
         residuals.slope_squares.truncate(self.rows);

@@ -11,14 +11,14 @@
 //! of all sensors at once, on residuals whitened by V.
 
 use super::cholesky::{Cholesky, identity};
-use super::data::Data;
-use super::expectation::Expectation;
+use super::expectation::{Expect, Maximise};
 use super::fit::{FittedParameters, Scaled, common_prior, sensors};
 use super::loadings::{FACTORS, Loadings, add_factors, factor_count};
 use super::response::{PARAMETERS, Parameters, move_by};
-use super::sensor::Prior;
+use super::sensor::{Data, Prior};
 use super::sums::Curve;
 use crate::symmetric::SymmetricMatrix;
+use shell_data::instructions::arch;
 
 /// Effort of a fit, and of one from nearly the same observations. In a round the loadings and variances make
 /// [`EM_STEPS`], the parameters [`STEPS`].
@@ -135,15 +135,19 @@ impl<'a> Joint<'a> {
             pairs.map(|(curve, c)| curve.parameter_variances(c)).collect();
         let FittedParameters { loadings, noise, .. } = &mut self.fitted;
         for _ in 0..EM_STEPS {
-            let expected = Expectation::new(curves, &variances, loadings, *noise);
+            let now = *noise;
+            let of =
+                &arch().dispatch(Expect { curves, variances: &variances, loadings, noise: now });
             let mut all = Vec::with_capacity(curves.len());
-            for (sensor, c) in loadings.iter_mut().enumerate() {
-                let of = (&curves[sensor], &*variances[sensor]);
+            for (sensor, (c, variances)) in loadings.iter_mut().zip(&variances).enumerate() {
+                let curve = &curves[sensor];
+                let rows = self.rows;
+                let m_step = Maximise { of, sensor, curve, variances, noise: now, rows };
                 let residuals;
-                (*c, residuals) = expected.maximise(sensor, of, *noise, self.rows);
+                (*c, residuals) = arch().dispatch(m_step);
                 all.push(residuals);
             }
-            *noise = noise.refine(&all, 1);
+            *noise = now.refine(&all, 1);
         }
     }
 

@@ -6,14 +6,13 @@
 //! Data Analysis, 3rd ed., §5.4). Rounds of steps over the sensors' parameters, the common means
 //! and the two variances of [`Noise`] each raise the posterior density.
 
-use super::cholesky::Cholesky;
-use super::data::Data;
+use super::cholesky::{Cholesky, diagonal};
 use super::lanes::MOST_LANES;
 use super::loadings::{FACTORS, Loadings};
 use super::noise::{Noise, Residuals};
 use super::observation::{Observation, wrench_scale};
 use super::response::{PARAMETERS, Parameters, SHAPE};
-use super::sensor::{ParameterEstimate, Prior};
+use super::sensor::{Data, ParameterEstimate, Prior};
 use super::sums::residuals;
 use shell_data::wrench::PerAxis;
 
@@ -212,12 +211,8 @@ fn covariances(
     let of = |(sensor, estimate): (&Data<'_>, &ParameterEstimate)| {
         let information = sensor.cost(&estimate.parameters, prior).information;
         // The prior makes it positive definite; where rounding does not, the prior is what is left.
-        Cholesky::new(&information).map_or_else(|| prior_covariance(prior), |f| f.inverse())
+        Cholesky::new(&information)
+            .map_or_else(|| diagonal(prior.sd.map(|sd| sd.powi(2))), |f| f.inverse())
     };
     sensors.iter().zip(estimates).map(of).collect()
-}
-
-fn prior_covariance(prior: &Prior) -> [Parameters; PARAMETERS] {
-    let diagonal = |i: usize, j: usize| if i == j { prior.sd[i].powi(2) } else { 0.0 };
-    std::array::from_fn(|i| std::array::from_fn(|j| diagonal(i, j)))
 }

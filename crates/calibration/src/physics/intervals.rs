@@ -75,8 +75,7 @@ impl Scores {
     /// The intervals.
     pub(super) fn intervals(&self) -> GroupIntervals {
         let groups = self.0.len();
-        let levels: Vec<f64> =
-            LEVELS.iter().copied().filter(|&level| groups_needed(level) <= groups).collect();
+        let levels = levels_known(groups);
         let factors = std::array::from_fn(|axis| {
             let mut scores = Vec::new();
             for of_group in self.0.values() {
@@ -134,6 +133,11 @@ fn groups_needed(level: f64) -> usize {
     (level / (1.0 - level) - 1e-9).ceil() as usize
 }
 
+/// Those of [`LEVELS`] that so many groups tell.
+fn levels_known(groups: usize) -> Vec<f64> {
+    LEVELS.into_iter().filter(|&level| groups_needed(level) <= groups).collect()
+}
+
 /// For each level, ascending, the least score that with those below has that mass.
 fn quantiles(scores: &[(f64, f64)], levels: &[f64]) -> Vec<f64> {
     let (mut rest, mut mass, mut quantile) = (scores.iter(), 0.0, 0.0);
@@ -153,8 +157,7 @@ impl GroupIntervals {
     /// evenly. Levels that would take more than is known are left out.
     pub fn from_groups(scores: &[PerAxis<(f64, f64)>]) -> Self {
         let groups = scores.len();
-        let is_known = |level: f64| groups_needed(level) <= groups;
-        let mut levels: Vec<f64> = LEVELS.into_iter().filter(|&level| is_known(level)).collect();
+        let mut levels = levels_known(groups);
         let mut factors: PerAxis<Vec<f64>> = std::array::from_fn(|axis| {
             levels.iter().map(|&level| size_between(scores, axis, level)).collect()
         });

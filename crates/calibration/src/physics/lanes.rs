@@ -6,6 +6,8 @@
 //! Loops and not `fold`: its closure may stay a function of its own, without wide vectors, as in
 //! [`vectors`](crate::vectors).
 
+use std::ops::{Add, Div, Mul, Sub};
+
 use pulp::Simd;
 
 use super::response::{PARAMETERS, SHAPE};
@@ -17,155 +19,211 @@ const FAR: f64 = 40.0;
 const SQUARINGS: usize = 8;
 
 /// `1/k!` for `k` from 10 to 0. For `|r| ≤ 40/256` the next term is below 4e-17.
-const EXP: [f64; 11] = [
-    1.0 / 3_628_800.0,
-    1.0 / 362_880.0,
-    1.0 / 40_320.0,
-    1.0 / 5_040.0,
-    1.0 / 720.0,
-    1.0 / 120.0,
-    1.0 / 24.0,
-    1.0 / 6.0,
-    0.5,
-    1.0,
-    1.0,
-];
+const EXP: [f64; 11] =
+    shares(1.0, [3628800.0, 362880.0, 40320.0, 5040.0, 720.0, 120.0, 24.0, 6.0, 2.0, 1.0, 1.0]);
 
 /// `2/(2k + 1)` for `k` from 13 to 0, the series of `2·artanh(z)/z` in `z²`. For `z ≤ 1/3` the next
 /// term is below 1e-14.
-const ARTANH: [f64; 14] = [
-    2.0 / 27.0,
-    2.0 / 25.0,
-    2.0 / 23.0,
-    2.0 / 21.0,
-    2.0 / 19.0,
-    2.0 / 17.0,
-    2.0 / 15.0,
-    2.0 / 13.0,
-    2.0 / 11.0,
-    2.0 / 9.0,
-    2.0 / 7.0,
-    2.0 / 5.0,
-    2.0 / 3.0,
-    2.0,
-];
+const ARTANH: [f64; 14] =
+    shares(2.0, [27.0, 25.0, 23.0, 21.0, 19.0, 17.0, 15.0, 13.0, 11.0, 9.0, 7.0, 5.0, 3.0, 1.0]);
+
+/// A number divided by each of some others.
+const fn shares<const N: usize>(of: f64, mut by: [f64; N]) -> [f64; N] {
+    let mut position = 0;
+    while position < N {
+        by[position] = of / by[position];
+        position += 1;
+    }
+    by
+}
 
 /// The most rows in a vector.
 pub(super) const MOST_LANES: usize = 8;
 
-/// The values of a vector, and then zeros.
-#[inline(always)]
-pub(super) fn store<S: Simd>(vector: S::f64s) -> [f64; MOST_LANES] {
-    let mut values = [0.0; MOST_LANES];
-    store_rows::<S>(&mut values, 0, vector);
-    values
+/// A number for each of several rows. Every operation is inlined into code for the vectors in use.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Lanes<S: Simd>(pub(super) S, pub(super) S::f64s);
+
+impl<S: Simd> Lanes<S> {
+    /// The same number for all rows.
+    #[inline(always)]
+    pub(super) fn splat(simd: S, value: f64) -> Self {
+        Self(simd, simd.splat_f64s(value))
+    }
+
+    /// The rows of a column from `first` on, as many as a vector holds.
+    #[inline(always)]
+    pub(super) fn load(simd: S, column: &[f64], first: usize) -> Self {
+        Self(simd, S::as_simd_f64s(&column[first..first + S::F64_LANES]).0[0])
+    }
+
+    /// Writes the rows of a column from `first` on.
+    #[inline(always)]
+    pub(super) fn store(self, column: &mut [f64], first: usize) {
+        S::as_mut_simd_f64s(&mut column[first..first + S::F64_LANES]).0[0] = self.1;
+    }
+
+    /// The numbers, and then zeros.
+    #[inline(always)]
+    pub(super) fn values(self) -> [f64; MOST_LANES] {
+        let mut values = [0.0; MOST_LANES];
+        self.store(&mut values, 0);
+        values
+    }
+
+    #[inline(always)]
+    pub(super) fn sqrt(self) -> Self {
+        Self(self.0, self.0.sqrt_f64s(self.1))
+    }
+
+    #[inline(always)]
+    pub(super) fn min(self, most: f64) -> Self {
+        Self(self.0, self.0.min_f64s(self.1, self.0.splat_f64s(most)))
+    }
+
+    #[inline(always)]
+    pub(super) fn max(self, least: f64) -> Self {
+        Self(self.0, self.0.max_f64s(self.1, self.0.splat_f64s(least)))
+    }
+
+    /// In which rows it is less than `limit`.
+    #[inline(always)]
+    pub(super) fn is_below(self, limit: f64) -> S::m64s {
+        self.0.less_than_f64s(self.1, self.0.splat_f64s(limit))
+    }
+
+    /// In which rows it is greater than 0.
+    #[inline(always)]
+    pub(super) fn is_positive(self) -> S::m64s {
+        self.0.greater_than_f64s(self.1, self.0.splat_f64s(0.0))
+    }
+
+    /// `other` in the rows of `mask`.
+    #[inline(always)]
+    pub(super) fn replaced(self, mask: S::m64s, other: Self) -> Self {
+        Self(self.0, self.0.select_f64s(mask, other.1, self.1))
+    }
 }
 
-/// The rows of a column from `first` on, as many as a vector holds.
-#[inline(always)]
-pub(super) fn load_rows<S: Simd>(column: &[f64], first: usize) -> S::f64s {
-    S::as_simd_f64s(&column[first..first + S::F64_LANES]).0[0]
+/// With other lanes, and with one number for all rows.
+macro_rules! operators {
+    ($($Operator:ident $method:ident $vectors:ident)*) => {$(
+        impl<S: Simd> $Operator for Lanes<S> {
+            type Output = Self;
+
+            #[inline(always)]
+            fn $method(self, other: Self) -> Self {
+                Self(self.0, self.0.$vectors(self.1, other.1))
+            }
+        }
+
+        impl<S: Simd> $Operator<f64> for Lanes<S> {
+            type Output = Self;
+
+            #[inline(always)]
+            fn $method(self, other: f64) -> Self {
+                self.$method(Self::splat(self.0, other))
+            }
+        }
+    )*};
 }
 
-/// Writes a vector to the rows of a column from `first` on.
-#[inline(always)]
-pub(super) fn store_rows<S: Simd>(column: &mut [f64], first: usize, rows: S::f64s) {
-    S::as_mut_simd_f64s(&mut column[first..first + S::F64_LANES]).0[0] = rows;
-}
+operators!(Add add add_f64s Sub sub sub_f64s Mul mul mul_f64s Div div div_f64s);
 
-/// Adds the products of rows from `first` on to the lanes of a sum that those rows belong to.
+/// Adds rows from `first` on to the lanes of a sum that those rows belong to.
 #[inline(always)]
-pub(super) fn add_product<S: Simd>(
-    simd: S,
-    sums: &mut [f64; MOST_LANES],
-    first: usize,
-    (a, b): (S::f64s, S::f64s),
-) {
+pub(super) fn add_rows<S: Simd>(sums: &mut [f64; MOST_LANES], first: usize, rows: Lanes<S>) {
     let lane = first % MOST_LANES;
-    let sum = load_rows::<S>(sums, lane);
-    store_rows::<S>(sums, lane, simd.add_f64s(simd.mul_f64s(a, b), sum));
+    (rows + Lanes::load(rows.0, sums, lane)).store(sums, lane);
 }
 
 /// `start + aᵀx`, of as many numbers as the shorter has.
 #[inline(always)]
-pub(super) fn linear<S: Simd>(simd: S, start: f64, a: &[f64], x: &[S::f64s]) -> S::f64s {
-    let mut sum = simd.splat_f64s(start);
+pub(super) fn linear<S: Simd>(start: f64, a: &[f64], x: &[Lanes<S>]) -> Lanes<S> {
+    let mut sum = Lanes::splat(x[0].0, start);
     for (&a, &x) in a.iter().zip(x) {
-        sum = simd.add_f64s(simd.mul_f64s(simd.splat_f64s(a), x), sum);
+        sum = x * a + sum;
     }
     sum
+}
+
+/// `gᵀCg`, not below zero. `rows` are those of `C`, which may end early.
+#[inline(always)]
+pub(super) fn quadratic_form<'a, S: Simd>(
+    g: &[Lanes<S>; PARAMETERS],
+    rows: impl Iterator<Item = &'a [f64]>,
+) -> Lanes<S> {
+    let mut sum = Lanes::splat(g[0].0, 0.0);
+    for (&gi, row) in g.iter().zip(rows) {
+        sum = gi * linear(0.0, row, g) + sum;
+    }
+    sum.max(0.0)
 }
 
 /// [`Answer`](crate::physics::response::Answer) in lanes: the answer less `lo`, and its derivatives.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Answers<S: Simd> {
     /// `y − lo`, also the derivative by ln h.
-    pub(super) height: S::f64s,
+    pub(super) height: Lanes<S>,
     /// `dy/dq`.
-    pub(super) slope: S::f64s,
+    pub(super) slope: Lanes<S>,
     /// The derivative by ln ν.
-    pub(super) by_shape: S::f64s,
+    pub(super) by_shape: Lanes<S>,
 }
 
 impl<S: Simd> Answers<S> {
     /// At the displacements `q`, to some 1e-13 of `h`.
     #[inline(always)]
-    pub(super) fn at(simd: S, q: S::f64s, h: f64, nu: f64) -> Self {
-        let (zero, one) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0));
-        let e = exp_of_negative(simd, simd.abs_f64s(q));
-        let below = simd.div_f64s(one, simd.add_f64s(one, e));
+    pub(super) fn at(q: Lanes<S>, h: f64, nu: f64) -> Self {
+        let simd = q.0;
+        let e = exp_of_negative(Lanes(simd, simd.abs_f64s(q.1)));
+        let below = Lanes::splat(simd, 1.0) / (e + 1.0);
         // 1 − σ(q).
-        let is_negative = simd.less_than_f64s(q, zero);
-        let rest = simd.select_f64s(is_negative, below, simd.mul_f64s(e, below));
-        let minus_ln_sigma = simd.sub_f64s(ln_of_one_and(simd, e), simd.min_f64s(q, zero));
-        let nu = simd.splat_f64s(nu);
-        let power = exp_of_negative(simd, simd.mul_f64s(nu, minus_ln_sigma));
-        let height = simd.mul_f64s(simd.splat_f64s(h), power);
-        let by_nu = simd.mul_f64s(nu, height);
-        Self {
-            height,
-            slope: simd.mul_f64s(by_nu, rest),
-            by_shape: simd.neg_f64s(simd.mul_f64s(by_nu, minus_ln_sigma)),
-        }
+        let rest = (e * below).replaced(q.is_below(0.0), below);
+        let minus_ln_sigma = ln_of_one_and(e) - q.min(0.0);
+        let height = exp_of_negative(minus_ln_sigma * nu) * h;
+        let by_nu = height * nu;
+        let by_shape = by_nu * minus_ln_sigma;
+        Self { height, slope: by_nu * rest, by_shape: Lanes(simd, simd.neg_f64s(by_shape.1)) }
     }
 
     /// `dy/dp` for every parameter, at the wrench that `x` begins with.
     #[inline(always)]
-    pub(super) fn gradient(&self, simd: S, x: &[S::f64s]) -> [S::f64s; PARAMETERS] {
+    pub(super) fn gradient(&self, x: &[Lanes<S>]) -> [Lanes<S>; PARAMETERS] {
         let mut gradient = [self.slope; PARAMETERS];
         for (g, &x) in gradient[1..SHAPE].iter_mut().zip(x) {
-            *g = simd.mul_f64s(self.slope, x);
+            *g = self.slope * x;
         }
-        gradient[SHAPE..].copy_from_slice(&[simd.splat_f64s(1.0), self.height, self.by_shape]);
+        let one = Lanes::splat(self.slope.0, 1.0);
+        gradient[SHAPE..].copy_from_slice(&[one, self.height, self.by_shape]);
         gradient
     }
 }
 
 /// `e⁻ˣ` for `x ≥ 0`.
 #[inline(always)]
-fn exp_of_negative<S: Simd>(simd: S, x: S::f64s) -> S::f64s {
-    let share = simd.splat_f64s(-1.0 / (1_u32 << SQUARINGS) as f64);
-    let r = simd.mul_f64s(simd.min_f64s(x, simd.splat_f64s(FAR)), share);
-    let mut power = polynomial(simd, r, &EXP);
+fn exp_of_negative<S: Simd>(x: Lanes<S>) -> Lanes<S> {
+    let share = -1.0 / (1_u32 << SQUARINGS) as f64;
+    let mut power = polynomial(x.min(FAR) * share, &EXP);
     for _ in 0..SQUARINGS {
-        power = simd.mul_f64s(power, power);
+        power = power * power;
     }
     power
 }
 
 /// `ln(1 + e)` for `0 ≤ e ≤ 1`.
 #[inline(always)]
-fn ln_of_one_and<S: Simd>(simd: S, e: S::f64s) -> S::f64s {
-    let z = simd.div_f64s(e, simd.add_f64s(simd.splat_f64s(2.0), e));
-    simd.mul_f64s(z, polynomial(simd, simd.mul_f64s(z, z), &ARTANH))
+fn ln_of_one_and<S: Simd>(e: Lanes<S>) -> Lanes<S> {
+    let z = e / (e + 2.0);
+    z * polynomial(z * z, &ARTANH)
 }
 
 /// The polynomial with these coefficients, that of the highest power first.
 #[inline(always)]
-fn polynomial<S: Simd, const N: usize>(simd: S, x: S::f64s, coefficients: &[f64; N]) -> S::f64s {
-    let mut sum = simd.splat_f64s(coefficients[0]);
+fn polynomial<S: Simd, const N: usize>(x: Lanes<S>, coefficients: &[f64; N]) -> Lanes<S> {
+    let mut sum = Lanes::splat(x.0, coefficients[0]);
     for &c in &coefficients[1..] {
-        sum = simd.add_f64s(simd.mul_f64s(sum, x), simd.splat_f64s(c));
+        sum = sum * x + c;
     }
     sum
 }
@@ -189,8 +247,8 @@ mod tests {
 
         #[inline(always)]
         fn with_simd<S: Simd>(self, simd: S) -> [f64; 3] {
-            let found = Answers::<S>::at(simd, simd.splat_f64s(self.q), self.h, self.nu);
-            [found.height, found.slope, found.by_shape].map(|lanes| store::<S>(lanes)[0])
+            let found = Answers::at(Lanes::splat(simd, self.q), self.h, self.nu);
+            [found.height, found.slope, found.by_shape].map(|lanes| lanes.values()[0])
         }
     }
 

@@ -19,7 +19,6 @@ mod calibration;
 mod cells;
 mod choice;
 pub(crate) mod cholesky;
-mod data;
 mod expectation;
 mod factors;
 mod fit;

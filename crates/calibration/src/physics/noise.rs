@@ -13,10 +13,10 @@
 //! is `r² + gᵀCg`, with `C` the covariance of the parameters (Dempster, Laird & Rubin, J. R. Stat.
 //! Soc. B 39, 1977).
 
-use pulp::{Simd, WithSimd};
-use shell_data::instructions::arch;
+use std::ops::{Add, Mul};
 
-use super::lanes::{MOST_LANES, add_product, load_rows};
+use super::lanes::MOST_LANES;
+use shell_data::vectorised;
 
 /// Least variances, of a reading in units of its range: a thousandth squared, less than one count
 /// of ten bits.
@@ -46,22 +46,18 @@ impl Noise {
     pub(super) const START: Self = Self { reading: 4e-4, displacement: 0.0225 };
 
     /// The variance of an answer where the curve has this slope.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn variance(&self, slope: f64) -> f64 {
         self.variance_at(slope * slope)
     }
 
-    /// The variance of an answer where the curve has a slope of this square.
-    #[inline]
-    pub(super) fn variance_at(&self, slope_square: f64) -> f64 {
-        slope_square * self.displacement + self.reading
-    }
-
-    /// [`variance_at`](Self::variance_at) in lanes.
+    /// The variance of an answer where the curve has a slope of this square, or of several.
     #[inline(always)]
-    pub(super) fn variances_at<S: Simd>(&self, simd: S, slope_squares: S::f64s) -> S::f64s {
-        let of_displacement = simd.mul_f64s(slope_squares, simd.splat_f64s(self.displacement));
-        simd.add_f64s(of_displacement, simd.splat_f64s(self.reading))
+    pub(super) fn variance_at<T: Add<f64, Output = T> + Mul<f64, Output = T>>(
+        &self,
+        slope_square: T,
+    ) -> T {
+        slope_square * self.displacement + self.reading
     }
 
     /// The variances of greatest likelihood, `steps` fixed-point steps on from these.
@@ -69,7 +65,7 @@ impl Noise {
         (0..steps).fold(self, |noise, _| {
             let mut sums = [[0.0; MOST_LANES]; 5];
             for residuals in residuals {
-                arch().dispatch(Add { sums: &mut sums, noise, residuals });
+                add(&mut sums, noise, residuals);
             }
             let [a, b, c, d, e] = sums.map(|lanes| lanes.iter().sum::<f64>());
             let Self { reading, displacement } = noise;
@@ -87,52 +83,30 @@ impl Noise {
 /// Sums of `1`, `g`, `g²`, `r²` and `g·r²` over `v²`, with `g = (df/dq)²`, in interleaved lanes.
 type LikelihoodSums = [[f64; MOST_LANES]; 5];
 
-/// Adds the residuals of a sensor.
-struct Add<'a> {
-    sums: &'a mut LikelihoodSums,
-    noise: Noise,
-    residuals: &'a Residuals,
-}
-
-impl WithSimd for Add<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let Self { sums, noise, residuals } = self;
-        let (squares, last_squares) = residuals.squares.as_chunks();
-        let (slope_squares, last_slope_squares) = residuals.slope_squares.as_chunks();
-        for (squares, slope_squares) in squares.iter().zip(slope_squares) {
-            add_rows(simd, sums, noise, [squares, slope_squares, &[1.0; MOST_LANES]]);
+vectorised! {
+    /// Adds the residuals of a sensor.
+    fn add(sums: &mut LikelihoodSums, noise: Noise, residuals: &Residuals) {
+        let (squares, last_squares) = residuals.squares.as_chunks::<MOST_LANES>();
+        let (slopes, last_slopes) = residuals.slope_squares.as_chunks::<MOST_LANES>();
+        for (squares, slopes) in squares.iter().zip(slopes) {
+            for lane in 0..MOST_LANES {
+                add_row(sums, lane, noise, (squares[lane], slopes[lane]));
+            }
         }
-        // The last rows are padded with rows of weight zero.
-        let mut padded = [[0.0; MOST_LANES]; 3];
-        let count = last_squares.len();
-        padded[0][..count].copy_from_slice(last_squares);
-        padded[1][..count].copy_from_slice(last_slope_squares);
-        padded[2][..count].fill(1.0);
-        add_rows(simd, sums, noise, padded.each_ref());
+        for (lane, (&square, &slope)) in last_squares.iter().zip(last_slopes).enumerate() {
+            add_row(sums, lane, noise, (square, slope));
+        }
     }
 }
 
-/// Adds rows; `ones` is 1 for a row and 0 for padding.
 #[inline(always)]
-fn add_rows<S: Simd>(
-    simd: S,
-    sums: &mut LikelihoodSums,
-    noise: Noise,
-    [squares, slope_squares, ones]: [&[f64; MOST_LANES]; 3],
-) {
-    for lane in (0..MOST_LANES).step_by(S::F64_LANES) {
-        let (square, g) = (load_rows::<S>(squares, lane), load_rows::<S>(slope_squares, lane));
-        let one = load_rows::<S>(ones, lane);
-        let variance = noise.variances_at(simd, g);
-        let weight = simd.div_f64s(one, simd.mul_f64s(variance, variance));
-        let by_g = simd.mul_f64s(weight, g);
-        let products = [(weight, one), (weight, g), (by_g, g), (weight, square), (by_g, square)];
-        for (sum, product) in sums.iter_mut().zip(products) {
-            add_product(simd, sum, lane, product);
-        }
+fn add_row(sums: &mut LikelihoodSums, lane: usize, noise: Noise, (square, g): (f64, f64)) {
+    let variance = noise.variance_at(g);
+    let weight = 1.0 / (variance * variance);
+    let by_g = weight * g;
+    let products = [weight, by_g, by_g * g, weight * square, by_g * square];
+    for (sum, product) in sums.iter_mut().zip(products) {
+        sum[lane] += product;
     }
 }
 

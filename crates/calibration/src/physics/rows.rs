@@ -20,14 +20,13 @@ pub struct TrainingRows {
     pub judged_by: BTreeMap<u64, PerAxis<f64>>,
 }
 
-/// Rows converted by a model that has not seen them.
-pub(super) struct HeldOutRows {
-    /// Their groups.
-    pub(super) groups: Vec<u64>,
-    /// Predicted less what they are judged by, N and N·m.
-    pub(super) errors: PerAxis<Vec<f64>>,
-    /// What the model says of them.
-    pub(super) estimates: Estimates,
+/// A row converted by a model that has not seen it.
+pub(super) struct HeldOutRow {
+    pub(super) group: u64,
+    /// Predicted less what it is judged by, N and N·m.
+    pub(super) errors: PerAxis<f64>,
+    /// N and N·m, as the model says.
+    pub(super) standard_errors: PerAxis<f64>,
 }
 
 impl TrainingRows {
@@ -67,7 +66,7 @@ impl TrainingRows {
         groups: &'a BTreeSet<u64>,
         every: impl Fn(usize) -> usize + 'a,
         estimates: impl Fn(&[Vec<f64>]) -> Estimates + 'a,
-    ) -> impl Iterator<Item = HeldOutRows> + 'a {
+    ) -> impl Iterator<Item = HeldOutRow> + 'a {
         let spread = move |runs: &'a [Run]| {
             let rows =
                 runs.iter().flat_map(|run| (0..run.rows() as usize).map(move |row| (run, row)));
@@ -75,34 +74,32 @@ impl TrainingRows {
         };
         let held_out = self.rows.groups().filter(|runs| groups.contains(&runs[0].group()));
         let mut rows = held_out.flat_map(spread);
-        std::iter::from_fn(move || {
+        let parts = std::iter::from_fn(move || {
             let some: Vec<(&Run, usize)> = rows.by_ref().take(ROWS_AT_ONCE).collect();
             (!some.is_empty()).then(|| self.convert_rows(&some, &estimates))
-        })
+        });
+        parts.flatten()
     }
 
     fn convert_rows(
         &self,
         rows: &[(&Run, usize)],
         estimates: impl Fn(&[Vec<f64>]) -> Estimates,
-    ) -> HeldOutRows {
+    ) -> Vec<HeldOutRow> {
         let value = |run: &Run, row: usize, position: usize| self.rows.of_run(run, position)[row];
         let readings =
             |channel: usize| rows.iter().map(|&(run, row)| value(run, row, 6 + channel)).collect();
         let estimates = estimates(&(0..self.channels).map(readings).collect::<Vec<_>>());
-        let error = |axis: usize| {
-            let judge = |run: &Run, row: usize| {
-                let stated = self.judged_by.get(&run.group());
-                stated.map_or_else(|| value(run, row, axis), |wrench| wrench[axis])
-            };
-            let pairs = rows.iter().zip(&estimates.wrench[axis]);
-            pairs.map(|(&(run, row), predicted)| predicted - judge(run, row)).collect()
+        let convert = |(at, &(run, row)): (usize, &(&Run, usize))| {
+            let (estimate, stated) = (estimates.row(at), self.judged_by.get(&run.group()));
+            let judge = |axis| stated.map_or_else(|| value(run, row, axis), |wrench| wrench[axis]);
+            HeldOutRow {
+                group: run.group(),
+                errors: std::array::from_fn(|axis| estimate.wrench[axis] - judge(axis)),
+                standard_errors: estimate.standard_errors,
+            }
         };
-        HeldOutRows {
-            groups: rows.iter().map(|(run, _)| run.group()).collect(),
-            errors: std::array::from_fn(error),
-            estimates,
-        }
+        rows.iter().enumerate().map(convert).collect()
     }
 }
 
@@ -112,6 +109,7 @@ mod tests {
     use shell_data::wrench::Axes;
 
     use super::*;
+    use crate::physics::Flags;
 
     #[test]
     fn every_third_row_of_a_group_is_converted_and_held_against_its_own_wrench() {
@@ -126,13 +124,14 @@ mod tests {
         assert_eq!((rows.row_count(), labels.len()), (18_000, 3));
         let as_read = |readings: &[Vec<f64>]| Estimates {
             wrench: std::array::from_fn(|_| readings[0].clone()),
-            ..Estimates::default()
+            standard_errors: std::array::from_fn(|_| readings[0].clone()),
+            flags: vec![Flags::default(); readings[0].len()],
         };
         let held_out = BTreeSet::from([0, 2]);
-        let found: Vec<HeldOutRows> = rows.convert(&held_out, |_| 3, as_read).collect();
-        let groups: Vec<u64> = found.iter().flat_map(|some| some.groups.clone()).collect();
+        let found: Vec<HeldOutRow> = rows.convert(&held_out, |_| 3, as_read).collect();
+        let groups: Vec<u64> = found.iter().map(|row| row.group).collect();
         assert_eq!(groups, [vec![0; 2000], vec![2; 2000]].concat());
-        let errors: Vec<f64> = found.iter().flat_map(|some| some.errors[4].clone()).collect();
+        let errors: Vec<f64> = found.iter().map(|row| row.errors[4]).collect();
         let expected = |group: u32| {
             let rows = (0..18_000).filter(move |row| row / 1500 % 3 == group);
             rows.step_by(3).map(|row| -f64::from(row))

@@ -5,10 +5,10 @@
 
 use pulp::{Simd, WithSimd};
 
-use super::data::Data;
-use super::lanes::{Answers, MOST_LANES, linear, load_rows, store_rows};
+use super::lanes::{Answers, Lanes, MOST_LANES, linear, quadratic_form};
 use super::noise::Residuals;
 use super::response::{PARAMETERS, Parameters, SHAPE};
+use super::sensor::Data;
 use shell_data::instructions::arch;
 
 /// Rows whose products are summed before those of the next.
@@ -93,16 +93,15 @@ impl WithSimd for CurveOf<'_> {
         let column = || vec![0.0; data.readings.len()];
         let mut curve = Curve { residual: column(), gradient: std::array::from_fn(|_| column()) };
         for first in (0..data.readings.len()).step_by(S::F64_LANES) {
-            let mut x = [simd.splat_f64s(0.0); 6];
+            let mut x = [Lanes::splat(simd, 0.0); 6];
             for (x, column) in x.iter_mut().zip(data.wrench) {
-                *x = load_rows::<S>(column, first);
+                *x = Lanes::load(simd, column, first);
             }
-            let answers = Answers::at(simd, linear(simd, p[0], &p[1..], &x), h, nu);
-            let value = simd.add_f64s(answers.height, simd.splat_f64s(p[SHAPE]));
-            let readings = load_rows::<S>(data.readings, first);
-            store_rows::<S>(&mut curve.residual, first, simd.sub_f64s(readings, value));
-            for (column, g) in curve.gradient.iter_mut().zip(answers.gradient(simd, &x)) {
-                store_rows::<S>(column, first, g);
+            let answers = Answers::at(linear(p[0], &p[1..], &x), h, nu);
+            let residual = Lanes::load(simd, data.readings, first) - (answers.height + p[SHAPE]);
+            residual.store(&mut curve.residual, first);
+            for (column, g) in curve.gradient.iter_mut().zip(answers.gradient(&x)) {
+                g.store(column, first);
             }
         }
         for column in curve.gradient.iter_mut().chain([&mut curve.residual]) {
@@ -153,12 +152,12 @@ impl WithSimd for VariancesOf<'_> {
         let Self { curve, covariance } = self;
         let mut variances = vec![0.0; curve.residual.len()];
         for first in (0..variances.len()).step_by(S::F64_LANES) {
-            let mut gradient = [simd.splat_f64s(0.0); PARAMETERS];
+            let mut gradient = [Lanes::splat(simd, 0.0); PARAMETERS];
             for (g, column) in gradient.iter_mut().zip(&curve.gradient) {
-                *g = load_rows::<S>(column, first);
+                *g = Lanes::load(simd, column, first);
             }
-            let variance = quadratic_form(simd, &gradient, covariance);
-            store_rows::<S>(&mut variances, first, variance);
+            let rows = covariance.iter().map(|row| &row[..]);
+            quadratic_form(&gradient, rows).store(&mut variances, first);
         }
         variances
     }
@@ -181,28 +180,12 @@ fn add_products<S: Simd>(
     b: &[f64],
 ) {
     for lane in (0..MOST_LANES).step_by(S::F64_LANES) {
-        let mut sum = load_rows::<S>(sums, lane);
+        let mut sum = Lanes::load(simd, sums, lane);
         for (a, b) in a.as_chunks::<MOST_LANES>().0.iter().zip(b.as_chunks::<MOST_LANES>().0) {
-            let product = simd.mul_f64s(load_rows::<S>(a, lane), load_rows::<S>(b, lane));
-            sum = simd.add_f64s(product, sum);
+            sum = Lanes::load(simd, a, lane) * Lanes::load(simd, b, lane) + sum;
         }
-        store_rows::<S>(sums, lane, sum);
+        sum.store(sums, lane);
     }
-}
-
-/// `gᵀCg`, not below zero.
-#[inline(always)]
-fn quadratic_form<S: Simd>(
-    simd: S,
-    g: &[S::f64s; PARAMETERS],
-    c: &[Parameters; PARAMETERS],
-) -> S::f64s {
-    let zero = simd.splat_f64s(0.0);
-    let mut sum = zero;
-    for (&gi, row) in g.iter().zip(c) {
-        sum = simd.add_f64s(simd.mul_f64s(gi, linear(simd, 0.0, row, g)), sum);
-    }
-    simd.max_f64s(sum, zero)
 }
 
 #[cfg(test)]

@@ -69,15 +69,12 @@ impl PhysicsValidation {
 
     /// The errors on all rows.
     pub fn total(&self) -> PerAxis<HeldOutErrors> {
-        HeldOutErrors::total(self.groups().map(|group| &group.errors))
+        total(self.groups())
     }
 
     /// The errors on the rows of each fold.
     pub fn by_fold(&self) -> Vec<PerAxis<HeldOutErrors>> {
-        self.folds
-            .iter()
-            .map(|fold| HeldOutErrors::total(fold.iter().map(|group| &group.errors)))
-            .collect()
+        self.folds.iter().map(total).collect()
     }
 
     /// The median over the groups of the size of their mean error, N and N·m.
@@ -86,12 +83,8 @@ impl PhysicsValidation {
             let mut sizes: Vec<f64> =
                 self.groups().map(|group| group.errors[axis].bias().abs()).collect();
             sizes.sort_unstable_by(f64::total_cmp);
-            let middle = sizes.len() / 2;
-            match sizes.len() {
-                0 => f64::NAN,
-                n if n % 2 == 1 => sizes[middle],
-                _ => f64::midpoint(sizes[middle - 1], sizes[middle]),
-            }
+            let middle = |last: usize| f64::midpoint(sizes[last / 2], sizes[last.div_ceil(2)]);
+            sizes.len().checked_sub(1).map_or(f64::NAN, middle)
         })
     }
 
@@ -135,10 +128,13 @@ pub(crate) fn usual_errors(
         let held_out: BTreeSet<u64> = fold.iter().copied().collect();
         let model = usual(&sample.without(&held_out))?;
         let fitted = PhysicsCalibration::new(model, [1.0; 6]);
-        let groups = errors(rows, &held_out, &fitted);
-        Ok(HeldOutErrors::total(groups.iter().map(|group| &group.errors)))
+        Ok(total(&errors(rows, &held_out, &fitted)))
     };
     map_folds(folds, workers, of_fold)
+}
+
+fn total<'a>(groups: impl IntoIterator<Item = &'a GroupErrors>) -> PerAxis<HeldOutErrors> {
+    HeldOutErrors::total(groups.into_iter().map(|group| &group.errors))
 }
 
 fn errors(
@@ -150,24 +146,21 @@ fn errors(
     let mut groups = BTreeMap::<u64, GroupErrors>::new();
     let every = rows.row_count().div_ceil(MOST_JUDGED);
     let all = rows.convert(held_out, |_| every, |readings| fitted.estimates(readings));
-    for found in all {
-        for (row, &group) in found.groups.iter().enumerate() {
-            let of = groups.entry(group).or_insert_with(|| GroupErrors {
-                group,
-                covered: factors.map(|_| PerAxis::default()),
-                ..GroupErrors::default()
-            });
-            for axis in 0..6 {
-                let error = found.errors[axis][row];
-                let one = HeldOutErrors { rows: 1, sum: error, squares: error * error };
-                of.errors[axis].merge(&one);
-                let standard_error = found.estimates.standard_errors[axis][row];
-                of.scores[axis] += (error / standard_error).powi(2);
-                if let (Some(covered), Some(factors)) = (&mut of.covered, &factors) {
-                    let half = factors[axis] * standard_error;
-                    covered[axis] += u64::from(error.abs() <= half);
-                    of.half_widths[axis] += half;
-                }
+    for row in all {
+        let of = groups.entry(row.group).or_insert_with(|| GroupErrors {
+            group: row.group,
+            covered: factors.map(|_| PerAxis::default()),
+            ..GroupErrors::default()
+        });
+        for axis in 0..6 {
+            let (error, standard_error) = (row.errors[axis], row.standard_errors[axis]);
+            let one = HeldOutErrors { rows: 1, sum: error, squares: error * error };
+            of.errors[axis].merge(&one);
+            of.scores[axis] += (error / standard_error).powi(2);
+            if let (Some(covered), Some(factors)) = (&mut of.covered, &factors) {
+                let half = factors[axis] * standard_error;
+                covered[axis] += u64::from(error.abs() <= half);
+                of.half_widths[axis] += half;
             }
         }
     }

@@ -7,10 +7,13 @@ use super::FilterError;
 /// A Butterworth low-pass: maximally flat, −3.01 dB at the cutoff, gain 1 at zero frequency.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Butterworth {
-    order: usize,
-    cutoff_hz: f64,
-    rate_hz: f64,
-    sections: Vec<FilterSection>,
+    /// Number of poles.
+    pub(super) order: usize,
+    /// The frequency that is attenuated to 1/√2, Hz.
+    pub(super) cutoff_hz: f64,
+    /// The sampling rate designed for, Hz.
+    pub(super) rate_hz: f64,
+    pub(super) sections: Vec<FilterSection>,
 }
 
 /// A part of the filter with one real pole or one pair of complex poles.
@@ -63,25 +66,6 @@ impl Butterworth {
         });
         let sections = real.into_iter().chain(pairs).collect();
         Ok(Self { order, cutoff_hz, rate_hz, sections })
-    }
-
-    /// Number of poles.
-    pub fn order(&self) -> usize {
-        self.order
-    }
-
-    /// The frequency that is attenuated to 1/√2, Hz.
-    pub fn cutoff_hz(&self) -> f64 {
-        self.cutoff_hz
-    }
-
-    /// The sampling rate designed for, Hz.
-    pub fn rate_hz(&self) -> f64 {
-        self.rate_hz
-    }
-
-    pub(super) fn sections(&self) -> &[FilterSection] {
-        &self.sections
     }
 }
 

@@ -16,8 +16,8 @@ impl Butterworth {
         // The slowest poles, at the angle θ = π/(2·order) from the imaginary axis, lose a factor e in
         // 1/(2π·cutoff·sin θ); near half the rate the bilinear transform makes them faster or slower,
         // which the loop sees.
-        let angle = std::f64::consts::FRAC_PI_2 / self.order() as f64;
-        let rate = std::f64::consts::TAU * self.cutoff_hz() / self.rate_hz() * angle.sin();
+        let angle = std::f64::consts::FRAC_PI_2 / self.order as f64;
+        let rate = std::f64::consts::TAU * self.cutoff_hz / self.rate_hz * angle.sin();
         let piece = (4.0 / rate).ceil() as usize;
         let mut filter = Filter::new(self);
         let mut response = vec![0.0; piece];

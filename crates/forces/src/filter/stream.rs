@@ -22,7 +22,7 @@ impl Filter {
     /// A filter at rest at zero.
     pub fn new(design: &Butterworth) -> Self {
         let at_rest = |&section| (section, FilterState::default());
-        Self { sections: design.sections().iter().map(at_rest).collect() }
+        Self { sections: design.sections.iter().map(at_rest).collect() }
     }
 
     /// Puts the filter in the state in which an endless constant `value` would have left it, as

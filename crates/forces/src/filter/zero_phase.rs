@@ -5,7 +5,7 @@ use super::{Butterworth, Filter, FilterError};
 impl Butterworth {
     /// How far a signal is continued at either end: it must be longer than that.
     pub(crate) fn zero_phase_reach(&self) -> usize {
-        3 * (self.order() + 1)
+        3 * (self.order + 1)
     }
 
     /// Filters a whole signal forward, then backward: no delay, and the attenuation of the filter

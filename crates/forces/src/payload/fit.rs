@@ -168,15 +168,14 @@ pub(super) fn spread(
 /// Whether gravity turns about two axes or more.
 pub(super) fn check_spread([along, beside]: [f64; 2]) -> Result<(), PayloadError> {
     let spread_deg = beside.to_degrees();
-    if along.is_nan() || along < LEAST_SPREAD {
-        let lost = "neither mass nor centre of mass";
-        return Err(PayloadError::SameOrientation { spread_deg, lost });
-    }
-    if beside < LEAST_SPREAD {
-        let lost = "nothing of the centre of mass along that one";
-        return Err(PayloadError::SameOrientation { spread_deg, lost });
-    }
-    Ok(())
+    let lost = if along.is_nan() || along < LEAST_SPREAD {
+        "neither mass nor centre of mass"
+    } else if beside < LEAST_SPREAD {
+        "nothing of the centre of mass along that one"
+    } else {
+        return Ok(());
+    };
+    Err(PayloadError::SameOrientation { spread_deg, lost })
 }
 
 #[cfg(test)]

@@ -128,7 +128,7 @@ impl WatchedFrames {
 
 impl FrameConverter<'_> {
     pub(super) fn convert(&self, block: &mut Block) -> ConvertedRows {
-        match self.pipeline.low_pass() {
+        match self.pipeline.low_pass {
             None => self.convert_used(block),
             Some(_) => self.convert_all(block),
         }
@@ -215,7 +215,7 @@ impl FrameConverter<'_> {
             ..ConvertedFrames::default()
         };
         let errors = options.columns.need_errors();
-        let trust = calibration.trust(&block.readings, pipeline.tare(), errors);
+        let trust = calibration.trust(&block.readings, pipeline.tare.as_ref(), errors);
         (frames.standard_errors, frames.left_out) = (trust.standard_errors, trust.left_out);
         // Flagged frames are counted, whether or not the flags are written.
         frames.out_of_range = calibration.out_of_range(&block.readings);

@@ -101,7 +101,7 @@ pub fn convert(
         || calibration.needs_time()
         || options.forces.tare.follows_rests()
         || trace.is_some()
-        || pipeline.low_pass().is_some()
+        || pipeline.low_pass.is_some()
         || options.load.is_some();
     let OutputPlan { format, keep, keep_texts } = plan;
     let (others, texts) = (keep.clone(), keep_texts.clone());
@@ -133,7 +133,7 @@ pub fn convert(
         |block| {
             let rows = converter.convert(block);
             // What is not filtered is encoded by the workers.
-            let encoded = pipeline.low_pass().is_none().then(|| encoder.encode(&rows.frames));
+            let encoded = pipeline.low_pass.is_none().then(|| encoder.encode(&rows.frames));
             (rows, encoded)
         },
         |(rows, encoded)| {
@@ -157,8 +157,8 @@ pub fn convert(
         skipped_rows: summary.skipped_rows,
         frames: totals.frames,
         rows_used: options.rows,
-        tare: pipeline.tare_result().cloned(),
-        low_pass: pipeline.low_pass(),
+        tare: pipeline.tare_result.clone(),
+        low_pass: pipeline.low_pass,
         sampling,
         out_of_range_frames: totals.out_of_range,
         saturated_frames: totals.saturated,

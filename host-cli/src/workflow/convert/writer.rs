@@ -51,7 +51,7 @@ impl<'a> Writer<'a> {
             stream: pipeline.stream(&Axis::ALL),
             waiting: ConvertedFrames::default(),
             waiting_rows: Vec::new(),
-            sampling: pipeline.low_pass().map(|_| Sampling::new()),
+            sampling: pipeline.low_pass.map(|_| Sampling::default()),
             latest_s: f64::NEG_INFINITY,
             totals,
         }

@@ -121,7 +121,7 @@ impl<'a> Reading<'a> {
             watch: watches.then(ZeroWatch::default),
             takes_all: options.trace == TraceExtent::Log,
             needed_s: None,
-            sampling: Sampling::new(),
+            sampling: Sampling::default(),
             rows: 0,
             first_s: None,
             last_s: None,

@@ -149,30 +149,11 @@ impl Inversion {
 
     /// The wrenches with all sensors that have a reading, and the least sum of each row.
     fn solve(&self, readings: &[Vec<f64>]) -> (Estimates, Vec<f64>) {
-        let rows = readings.first().map_or(0, Vec::len);
-        let column = || vec![0.0; rows];
-        let mut out = Estimates {
-            wrench: std::array::from_fn(|_| column()),
-            standard_errors: std::array::from_fn(|_| column()),
-            flags: vec![Flags::default(); rows],
-        };
-        let mut sums = column();
-        let (out_of, sums_of) = (&mut out, &mut sums);
         match self.factors {
-            0 => self.dispatch::<6>(readings, out_of, sums_of),
-            1 => self.dispatch::<7>(readings, out_of, sums_of),
-            _ => self.dispatch::<MOST_UNKNOWNS>(readings, out_of, sums_of),
+            0 => arch().dispatch(Invert::<'_, 6> { inversion: self, readings }),
+            1 => arch().dispatch(Invert::<'_, 7> { inversion: self, readings }),
+            _ => arch().dispatch(Invert::<'_, MOST_UNKNOWNS> { inversion: self, readings }),
         }
-        (out, sums)
-    }
-
-    fn dispatch<const N: usize>(
-        &self,
-        readings: &[Vec<f64>],
-        out: &mut Estimates,
-        sums: &mut [f64],
-    ) {
-        arch().dispatch(Invert::<'_, N> { inversion: self, readings, out, sums });
     }
 
     /// Solves rows with a reading that does not fit again, without the sensor that leaves the least
