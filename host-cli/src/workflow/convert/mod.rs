@@ -37,7 +37,7 @@ use encode::{EncodedOutput, Encoder};
 use figures::WrenchTrace;
 use forces::stationary::ZeroWatch;
 use frames::FrameConverter;
-use log_file::{Log, Meaning, Wanted};
+use log_file::Wanted;
 use shell_data::wrench::PerAxis;
 use survey::survey;
 use table::WrenchTable;
@@ -58,18 +58,6 @@ pub(super) fn interval_factors(
             Ok(intervals.factors(level).map_err(NoIntervals::from)?)
         }
     }
-}
-
-/// The names of the channels, as the log has them.
-fn channel_names(log: &Log) -> Vec<String> {
-    let mut channels: Vec<(usize, String)> = Vec::new();
-    for column in log.columns() {
-        if let Meaning::Sensor(channel) = column.meaning {
-            channels.push((channel, column.name.clone()));
-        }
-    }
-    channels.sort_unstable();
-    channels.into_iter().map(|(_, name)| name).collect()
 }
 
 /// Converts a log and writes the result to `out`, as `plan` says; `trace` is given the wrench as well.
@@ -112,7 +100,9 @@ pub fn convert(
     let named = |positions: &[usize]| -> Vec<String> {
         positions.iter().map(|&at| log.columns()[at].name.clone()).collect()
     };
-    let (kept, channels) = ([named(keep), named(keep_texts)], channel_names(log));
+    let kept = [named(keep), named(keep_texts)];
+    let channels = &log.value_names()[..log.channels()];
+    let channels: Vec<String> = channels.iter().map(|name| (*name).to_owned()).collect();
     let table = WrenchTable::new(options.columns, factors.unwrap_or_default(), &kept, &channels);
     let encoder = Encoder { table: &table, format, channels };
     let keeps_readings = encoder.needs_readings();
@@ -149,7 +139,7 @@ pub fn convert(
     )?;
     let (totals, sampling) = writer.finish()?;
     if totals.frames == 0 {
-        return Err(ConvertError::NoFrames { path: log.path().display().to_string() });
+        return Err(ConvertError::NoFrames(log.path().display().to_string()));
     }
     Ok(ConvertSummary {
         rows: summary.rows,

@@ -153,11 +153,8 @@ impl<'a> Reading<'a> {
         if !fresh.contains(&false) {
             return watch.look_at(&block.time_s, &block.readings);
         }
-        let pick = |column: &Vec<f64>| -> Vec<f64> {
-            column.iter().zip(fresh).filter(|(_, fresh)| **fresh).map(|(value, _)| *value).collect()
-        };
-        let readings: Vec<Vec<f64>> = block.readings.iter().map(pick).collect();
-        watch.look_at(&pick(&block.time_s), &readings);
+        let fresh = block.kept(fresh);
+        watch.look_at(&fresh.time_s, &fresh.readings);
     }
 
     fn wants_tare(&self, last_s: f64) -> bool {
