@@ -57,7 +57,6 @@ pub use self::partial::{
     MergeError, Mismatch, PartialFit, PartialGroup, PartialGroups, PartialStream, Sums,
 };
 use calibration::plausibility::Implausible;
-use calibration::validation::excitation::AxisExcitation;
 use calibration::{Calibration, Kind};
 use input::DocumentKind;
 use shell_data::wrench::{Axis, PerAxis};
@@ -258,8 +257,7 @@ impl CalibrationFile {
     /// The largest magnitude of the training loads, N or N·m, if it is known.
     fn largest_load(&self) -> Option<f64> {
         let excitation = self.origin.diagnostics.as_ref()?.excitation.as_ref()?;
-        let largest = |axis: &AxisExcitation| axis.max.abs().max(axis.min.abs());
-        excitation.axes.iter().map(largest).reduce(f64::max)
+        excitation.largest_loads().into_iter().reduce(f64::max)
     }
 
     /// The JSON document.

@@ -2,11 +2,11 @@
 //! calibrated sensor.
 
 use super::WorkflowError;
+use super::convert::interval_factors;
 use super::drift::{DriftOptions, drift};
 use super::noise::{NoiseOptions, noise};
 use super::recalibration::known_errors;
 use super::selection::RowFilter;
-use calibration::Kind;
 use calibration::physics::COVERAGE_LEVEL;
 use calibration::validation::cross_validation::CrossValidation;
 use calibration_file::CalibrationFile;
@@ -107,17 +107,7 @@ fn by_axis<T>(values: &AxisValues<T>, of: impl Fn(&T) -> f64) -> PerAxis<f64> {
 
 /// What is to be said of the intervals of converted frames.
 pub fn intervals(file: &CalibrationFile) -> String {
-    let calibration = &file.calibration;
-    let groups = match calibration.kind() {
-        Kind::Polynomial(_) => calibration
-            .covariance
-            .as_ref()
-            .is_some_and(|of| of.interval_factors(COVERAGE_LEVEL).is_ok()),
-        Kind::Physics(physics) => {
-            physics.intervals.as_ref().is_some_and(|of| of.factors(COVERAGE_LEVEL).is_ok())
-        }
-    };
-    match groups {
+    match interval_factors(&file.calibration, COVERAGE_LEVEL).is_ok() {
         true => "`shellcal convert` gives the 95 % interval of each frame, which is narrower or wider than this with \
                  the load; it comes from groups of rows that were held out.",
         false => "The calibration has no 95 % intervals of single frames: no groups of rows were held out for them.",

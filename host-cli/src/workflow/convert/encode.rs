@@ -8,7 +8,7 @@ use table_file::write::mcap::{
 use table_file::write::{ColumnValues, MatWriter, NpyWriter, ParquetWriter, TableWriter};
 
 use super::error::ConvertError;
-use super::frames::ConvertedFrames;
+use super::frames::{ConvertedFrames, append};
 use super::options::{OutputFormat, RecordingFrame};
 use super::table::WrenchTable;
 
@@ -42,11 +42,6 @@ pub(super) struct EncodedColumns {
 }
 
 impl Encoder<'_> {
-    /// Whether the readings are written, too.
-    pub(super) fn needs_readings(&self) -> bool {
-        matches!(self.format, OutputFormat::Mcap(_))
-    }
-
     pub(super) fn encode(&self, frames: &ConvertedFrames) -> Result<EncodedFrames, ConvertError> {
         Ok(match self.format {
             OutputFormat::Csv => {
@@ -57,12 +52,7 @@ impl Encoder<'_> {
             OutputFormat::Mcap(frame) => EncodedFrames::Chunk(self.chunk(frames, &frame.id)?),
             _ => EncodedFrames::EncodedColumns(EncodedColumns {
                 numbers: self.table.numbers(frames),
-                texts: {
-                    let flags = |row: usize| self.table.flags(frames, row);
-                    let flags = || (0..frames.len()).map(flags).collect();
-                    let flags = self.table.has_flags().then(flags);
-                    frames.texts.iter().cloned().chain(flags).collect()
-                },
+                texts: self.table.texts(frames),
             }),
         })
     }
@@ -250,15 +240,12 @@ impl EncodedColumns {
         self.numbers.first().map_or(self.texts.first().map_or(0, Vec::len), Vec::len)
     }
 
-    fn append(&mut self, next: Self) {
+    fn append(&mut self, mut next: Self) {
         // Of no frames there are not even all the columns.
-        if next.rows() == 0 {
-            return;
+        if next.rows() > 0 {
+            append(&mut self.numbers, &mut next.numbers);
+            append(&mut self.texts, &mut next.texts);
         }
-        self.numbers.resize_with(next.numbers.len(), Vec::new);
-        self.numbers.iter_mut().zip(next.numbers).for_each(|(column, next)| column.extend(next));
-        self.texts.resize_with(next.texts.len(), Vec::new);
-        self.texts.iter_mut().zip(next.texts).for_each(|(column, next)| column.extend(next));
     }
 
     fn write(self, writer: &mut dyn TableWriter) -> io::Result<()> {

@@ -65,6 +65,12 @@ pub(super) struct FrameConverter<'a> {
     pub(super) watch: Option<bool>,
 }
 
+/// Adds rows to columns, which there may be none of so far.
+pub(super) fn append<T>(columns: &mut Vec<Vec<T>>, next: &mut [Vec<T>]) {
+    columns.resize_with(next.len(), Vec::new);
+    columns.iter_mut().zip(next).for_each(|(column, next)| column.append(next));
+}
+
 impl ConvertedFrames {
     /// Number of frames.
     pub(super) fn len(&self) -> usize {
@@ -80,14 +86,9 @@ impl ConvertedFrames {
         for (column, next) in self.standard_errors.iter_mut().zip(&mut next.standard_errors) {
             column.append(next);
         }
-        self.texts.resize_with(next.texts.len(), Vec::new);
-        self.texts.iter_mut().zip(&mut next.texts).for_each(|(column, next)| column.append(next));
-        for (columns, next) in
-            [(&mut self.readings, &mut next.readings), (&mut self.kept, &mut next.kept)]
-        {
-            columns.resize_with(next.len(), Vec::new);
-            columns.iter_mut().zip(next).for_each(|(column, next)| column.append(next));
-        }
+        append(&mut self.readings, &mut next.readings);
+        append(&mut self.kept, &mut next.kept);
+        append(&mut self.texts, &mut next.texts);
     }
 
     /// Takes the first `count` frames, whose wrenches are `wrench`.

@@ -74,7 +74,9 @@ pub fn convert(
     log.require(&Wanted { readings: true, time: options.columns.time, ..Wanted::default() })?;
     check_channels(log, calibration.channels())?;
     let is_whole = options.columns.time && options.columns.axes == [true; 6];
-    if matches!(plan.format, OutputFormat::Mcap(_)) && !is_whole {
+    // Beside the wrenches, such a recording has the readings.
+    let keeps_readings = matches!(plan.format, OutputFormat::Mcap(_));
+    if keeps_readings && !is_whole {
         return Err(ConvertError::PartOfWrench);
     }
     let absent = options.columns.axes().without(calibration.axes);
@@ -105,7 +107,6 @@ pub fn convert(
     let channels: Vec<String> = channels.iter().map(|name| (*name).to_owned()).collect();
     let table = WrenchTable::new(options.columns, factors.unwrap_or_default(), &kept, &channels);
     let encoder = Encoder { table: &table, format, channels };
-    let keeps_readings = encoder.needs_readings();
     let repeats_are_frames = !log.repeats_are_stale() && options.rows == RowFilter::All;
     let watch = (time && options.load.is_none()).then_some(repeats_are_frames);
     let converter =

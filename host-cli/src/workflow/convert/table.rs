@@ -86,10 +86,6 @@ impl WrenchTable {
         names
     }
 
-    pub(super) fn has_flags(&self) -> bool {
-        self.columns.flags
-    }
-
     /// The line of names.
     pub(super) fn header(&self) -> String {
         let names = self.names();
@@ -104,11 +100,15 @@ impl WrenchTable {
         self.columns_of(frames).into_iter().map(values).collect()
     }
 
-    /// The flags of a frame.
-    pub(super) fn flags(&self, frames: &ConvertedFrames, row: usize) -> String {
-        let mut text = Vec::new();
-        self.write_flags(frames, row, &mut text);
-        String::from_utf8_lossy(&text).into_owned()
+    /// The columns of text: those that are carried along, and the flags.
+    pub(super) fn texts(&self, frames: &ConvertedFrames) -> Vec<Vec<String>> {
+        let flags = |row: usize| {
+            let mut text = Vec::new();
+            self.write_flags(frames, row, &mut text);
+            String::from_utf8_lossy(&text).into_owned()
+        };
+        let flags = self.columns.flags.then(|| (0..frames.len()).map(flags).collect());
+        frames.texts.iter().cloned().chain(flags).collect()
     }
 
     /// Adds the flags of a frame: channels out of range, saturated and left out.
