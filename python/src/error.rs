@@ -124,8 +124,8 @@ impl From<Problem> for PythonFailure {
 
 fn placed(told: PythonMessage, problem: &Problem) -> PythonMessage {
     match problem {
-        Problem::NotJson { line, column, .. } | Problem::Field { line, column, .. } => {
-            PythonMessage { line: Some(*line as u64), column: Some(*column as u64), ..told }
+        Problem::NotJson(at) | Problem::Field(at) => {
+            PythonMessage { line: Some(at.line as u64), column: Some(at.column as u64), ..told }
         }
         Problem::SchemaVersion { .. } => PythonMessage {
             hint: Some("use the version of shellcal that wrote it, or a later one"),

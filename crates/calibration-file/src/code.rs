@@ -6,7 +6,8 @@
 //! take the times of the frames, and a state that is passed on from call to call.
 
 use calibration::memory::{MemoryTerms, TimeBase};
-use calibration::physics::PhysicsModel;
+use calibration::model::Term;
+use calibration::physics::{PhysicsModel, Sensor};
 use calibration::{Kind, Polynomial};
 use shell_data::escape;
 use shell_data::wrench::Axes;
@@ -30,8 +31,12 @@ struct Constant {
 }
 
 impl Constant {
+    fn new(name: &'static str, comment: &'static str, rows: Vec<Vec<f64>>) -> Self {
+        Self { name, comment, rows }
+    }
+
     fn row(name: &'static str, comment: &'static str, row: Vec<f64>) -> Self {
-        Self { name, comment, rows: vec![row] }
+        Self::new(name, comment, vec![row])
     }
 }
 
@@ -54,35 +59,37 @@ pub fn to_code(file: &CalibrationFile, language: Language, name: &str) -> String
     };
     constants.extend(memory.into_iter().flat_map(memory_constants));
     let (columns, head) = (axes.columns(), head(file));
-    let arguments = if memory.is_some() { "readings, times, state" } else { "readings" };
+    let (arguments, results, python_memory, matlab_memory) = match memory {
+        None => ("readings", "w", "", ""),
+        Some(_) => (
+            "readings, times, state",
+            "[w, state]",
+            include_str!("../assets/export/memory.py"),
+            include_str!("../assets/export/memory.m"),
+        ),
+    };
     match language {
         Language::Python => {
             let head = python(&constants, &escape::python(&head), &columns, (name, arguments));
-            let of_memory = memory.map_or("", |_| include_str!("../assets/export/memory.py"));
-            head + python_body + of_memory
+            head + python_body + python_memory
         }
         Language::Matlab => {
-            let results = if memory.is_some() { "[w, state]" } else { "w" };
             let signature = format!("{results} = {name}({arguments})");
             let head = escape::matlab_comment(&head);
-            let head = matlab(&constants, &head, &columns, (name, &signature));
-            let of_memory = memory.map_or("", |_| include_str!("../assets/export/memory.m"));
-            head + of_memory + matlab_body
+            matlab(&constants, &head, &columns, (name, &signature)) + matlab_memory + matlab_body
         }
     }
 }
 
 fn memory_constants(memory: &MemoryTerms) -> [Constant; 3] {
-    let by_time = memory.time_base == TimeBase::Seconds;
-    let unit = if by_time { "s" } else { "rows" };
+    let (unit, by_time) = match memory.time_base {
+        TimeBase::Seconds => ("s", 1.0),
+        TimeBase::Rows => ("rows", 0.0),
+    };
     [
         Constant::row("TIME_CONSTANTS", unit, memory.time_constants.clone()),
         Constant::row("GAP", unit, vec![memory.gap.unwrap_or(f64::MAX)]),
-        Constant::row(
-            "BY_TIME",
-            "whether these are by time, not by row",
-            vec![f64::from(u8::from(by_time))],
-        ),
+        Constant::row("BY_TIME", "whether these are by time, not by row", vec![by_time]),
     ]
 }
 
@@ -100,33 +107,26 @@ fn head(file: &CalibrationFile) -> String {
 fn polynomial_constants(polynomial: &Polynomial, axes: Axes) -> Vec<Constant> {
     let model = polynomial.model();
     let none = model.columns() as f64;
-    let positions = |term: &calibration::model::Term| {
-        let mut positions: Vec<f64> =
-            term.factors().iter().map(|&channel| f64::from(channel)).collect();
-        positions.resize(model.basis.degree(), none);
-        positions
+    let positions = |term: &Term| {
+        let positions = term.factors().iter().map(|&channel| f64::from(channel));
+        positions.chain(std::iter::repeat(none)).take(model.basis.degree()).collect()
     };
     let scaling = polynomial.scaling();
+    let factors = model.terms().iter().map(positions).collect();
+    let products = "a row for each feature: the channels it is a product of, from 0";
+    let coefficients = polynomial.coefficients().iter().map(|row| axes.of(row)).collect();
     vec![
         Constant::row("CENTRE", "counts", scaling.centre.clone()),
         Constant::row("SCALE", "counts", scaling.scale.clone()),
-        Constant {
-            name: "FACTORS",
-            comment: "a row for each feature: the channels it is a product of, from 0",
-            rows: model.terms().iter().map(positions).collect(),
-        },
-        Constant {
-            name: "COEFFICIENTS",
-            comment: "a row for each feature: N and N*m",
-            rows: polynomial.coefficients().iter().map(|row| axes.of(row)).collect(),
-        },
+        Constant::new("FACTORS", products, factors),
+        Constant::new("COEFFICIENTS", "a row for each feature: N and N*m", coefficients),
     ]
 }
 
 fn physics_constants(model: &PhysicsModel) -> Vec<Constant> {
-    let of =
-        |value: fn(&calibration::physics::Sensor) -> f64| model.sensors.iter().map(value).collect();
+    let of = |value: fn(&Sensor) -> f64| model.sensors.iter().map(value).collect();
     let factors = model.factor_count();
+    let parameters = model.sensors.iter().map(|sensor| sensor.parameters.to_vec()).collect();
     let gains = model.sensors.iter().map(|sensor| {
         sensor.parameters[1..7].iter().chain(&sensor.loadings[..factors]).copied().collect()
     });
@@ -135,39 +135,28 @@ fn physics_constants(model: &PhysicsModel) -> Vec<Constant> {
         Some(x) => model.lambda * x,
         None => f64::from(u8::from(i == j)),
     };
-    let unknowns = 6 + factors;
+    let unknowns = 0..6 + factors;
+    let prior = unknowns.clone().map(|i| unknowns.clone().map(|j| prior(i, j)).collect());
+    let noise = vec![model.noise.reading, model.noise.displacement];
+    let displaces =
+        "a row for each sensor: a, then what each factor that the sensors share displaces";
     let covariances = model.sensors.iter().flat_map(|sensor| &sensor.covariance);
+    let covariances = covariances.map(|row| row.to_vec()).collect();
     vec![
         Constant::row("CHANNELS", "of a frame", vec![model.channels as f64]),
         Constant::row("CHANNEL", "of each sensor, from 0", of(|sensor| sensor.channel as f64)),
         Constant::row("LEAST", "counts", of(|sensor| sensor.least)),
         Constant::row("RANGE", "counts", of(|sensor| sensor.range)),
         Constant::row("WRENCH_SCALE", "N and N*m", model.wrench_scale.to_vec()),
-        Constant {
-            name: "PRIOR",
-            comment: "P",
-            rows: (0..unknowns).map(|i| (0..unknowns).map(|j| prior(i, j)).collect()).collect(),
-        },
-        Constant::row(
-            "NOISE",
-            "sigma**2, tau**2",
-            vec![model.noise.reading, model.noise.displacement],
+        Constant::new("PRIOR", "P", prior.collect()),
+        Constant::row("NOISE", "sigma**2, tau**2", noise),
+        Constant::new(
+            "PARAMETERS",
+            "a row for each sensor: b, a (six), lo, ln h, ln nu",
+            parameters,
         ),
-        Constant {
-            name: "PARAMETERS",
-            comment: "a row for each sensor: b, a (six), lo, ln h, ln nu",
-            rows: model.sensors.iter().map(|sensor| sensor.parameters.to_vec()).collect(),
-        },
-        Constant {
-            name: "GAINS",
-            comment: "a row for each sensor: a, then what each factor that the sensors share displaces",
-            rows: gains.collect(),
-        },
-        Constant {
-            name: "COVARIANCE",
-            comment: "of the parameters, ten rows for each sensor",
-            rows: covariances.map(|row| row.to_vec()).collect(),
-        },
+        Constant::new("GAINS", displaces, gains.collect()),
+        Constant::new("COVARIANCE", "of the parameters, ten rows for each sensor", covariances),
     ]
 }
 
@@ -210,16 +199,11 @@ fn matlab(
          N*m. readings\n%   has a column for each channel, in counts.\n\n",
         name.to_uppercase()
     );
+    let of_row =
+        |row: &Vec<f64>| row.iter().map(|value| format!("{value:?}")).collect::<Vec<_>>().join(" ");
     for Constant { name, comment, rows } in constants {
-        text += &format!("    % {comment}\n    {name} = [");
-        for (position, row) in rows.iter().enumerate() {
-            if position > 0 {
-                text += "\n        ";
-            }
-            let values: Vec<String> = row.iter().map(|value| format!("{value:?}")).collect();
-            text += &values.join(" ");
-        }
-        text += "];\n";
+        let rows: Vec<String> = rows.iter().map(of_row).collect();
+        text += &format!("    % {comment}\n    {name} = [{}];\n", rows.join("\n        "));
     }
     text + "\n"
 }

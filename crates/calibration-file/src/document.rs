@@ -151,25 +151,26 @@ impl PolynomialDocument {
                 CoefficientCovariance::Rows { factor } => vec![factor],
                 CoefficientCovariance::Groups { factors, .. } => factors.iter().collect(),
             };
-            let factors = factors.into_iter().flatten().flatten();
-            if covariance.residual.iter().flatten().chain(shape).chain(factors).any(is_too_large) {
+            let numbers = covariance.residual.iter().flatten().chain(shape);
+            if numbers.chain(factors.iter().copied().flatten().flatten()).any(is_too_large) {
                 return Err(format!("`covariance` has a number beyond {LARGEST:e}"));
             }
             let triangle = |name: &str, factor: &[Vec<f64>]| {
                 count(name, factor.len(), terms.len())?;
-                factor
-                    .iter()
-                    .enumerate()
+                let mut columns = factor.iter().enumerate();
+                columns
                     .try_for_each(|(j, column)| count(&format!("{name}[{j}]"), column.len(), j + 1))
             };
-            match &covariance.coefficients {
-                CoefficientCovariance::Rows { factor } => {
-                    triangle("covariance.coefficients.rows.factor", factor)?;
-                }
-                CoefficientCovariance::Groups { factors, .. } => {
-                    for (axis, factor) in factors.iter().enumerate() {
-                        let name = format!("covariance.coefficients.groups.factors[{axis}]");
-                        triangle(&name, factor)?;
+            for (axis, factor) in factors.into_iter().enumerate() {
+                match covariance.coefficients {
+                    CoefficientCovariance::Rows { .. } => {
+                        triangle("covariance.coefficients.rows.factor", factor)?;
+                    }
+                    CoefficientCovariance::Groups { .. } => {
+                        triangle(
+                            &format!("covariance.coefficients.groups.factors[{axis}]"),
+                            factor,
+                        )?;
                     }
                 }
             }
@@ -324,10 +325,8 @@ mod tests {
 
     #[test]
     fn what_is_not_json_is_told_with_its_place() {
-        let Problem::NotJson { line: 2, column, .. } = parse(b"{\n  nonsense").unwrap_err() else {
-            panic!()
-        };
-        assert_eq!(column, 3);
+        let Problem::NotJson(fault) = parse(b"{\n  nonsense").unwrap_err() else { panic!() };
+        assert_eq!((fault.line, fault.column), (2, 3));
         let overflow = file().to_json().replace("0.1", "1e999");
         assert!(matches!(parse(overflow.as_bytes()), Err(Problem::NotJson { .. })));
         let nan = file().to_json().replace("0.1", "NaN");
@@ -337,8 +336,8 @@ mod tests {
     #[test]
     fn a_missing_field_is_named() {
         let text = file().to_json().replace("\"scaling\"", "\"scalling\"");
-        let Err(Problem::Field { message, .. }) = parse(text.as_bytes()) else { panic!() };
-        assert!(message.contains("missing field `scaling`"), "{message}");
+        let Err(Problem::Field(fault)) = parse(text.as_bytes()) else { panic!() };
+        assert!(fault.message.contains("missing field `scaling`"), "{fault:?}");
     }
 
     #[test]

@@ -53,9 +53,10 @@ use serde::de::IgnoredAny;
 pub use self::checksum::ChecksumError;
 use self::matrix::MatrixError;
 pub use self::origin::{Diagnostics, Origin, Role, SolverRecord, SourceFile};
-pub use self::partial::{MergeError, PartialFit, PartialGroup, PartialGroups, PartialStream, Sums};
+pub use self::partial::{
+    MergeError, Mismatch, PartialFit, PartialGroup, PartialGroups, PartialStream, Sums,
+};
 use calibration::plausibility::Implausible;
-use calibration::validation::excitation::AxisExcitation;
 use calibration::{Calibration, Kind};
 use input::DocumentKind;
 use shell_data::wrench::{Axis, PerAxis};
@@ -98,7 +99,7 @@ pub struct CalibrationFileError {
 impl Hint for CalibrationFileError {
     fn hint(&self) -> Option<String> {
         let text = match &self.problem {
-            Problem::NotJson { .. } => {
+            Problem::NotJson(_) => {
                 "a calibration is the JSON file that `shellcal fit --output` or `shellcal import` writes"
             }
             Problem::SchemaVersion { found } if *found > SCHEMA_VERSION => {
@@ -122,25 +123,11 @@ pub enum Problem {
     #[error("cannot read it: {0}")]
     Io(io::Error),
     /// It is not JSON, or a number does not fit into an `f64`.
-    #[error("line {line}, column {column}: not valid JSON: {message}")]
-    NotJson {
-        /// Line, from 1.
-        line: usize,
-        /// Column, from 1.
-        column: usize,
-        /// What the parser says.
-        message: String,
-    },
+    #[error("line {}, column {}: not valid JSON: {}", .0.line, .0.column, .0.message)]
+    NotJson(JsonFault),
     /// A field is missing or of another type.
-    #[error("line {line}, column {column}: not a calibration: {message}")]
-    Field {
-        /// Line, from 1.
-        line: usize,
-        /// Column, from 1.
-        column: usize,
-        /// Which field, and what was expected.
-        message: String,
-    },
+    #[error("line {}, column {}: not a calibration: {}", .0.line, .0.column, .0.message)]
+    Field(JsonFault),
     /// Written by a program of another time.
     #[error("its schema version is `{found}`, this program reads up to `{SCHEMA_VERSION}`")]
     SchemaVersion {
@@ -161,31 +148,39 @@ pub enum Problem {
     Matrix(matrix::MatrixError),
 }
 
+/// What is wrong with a JSON document, and where.
+#[derive(Debug)]
+pub struct JsonFault {
+    /// Line, from 1.
+    pub line: usize,
+    /// Column, from 1.
+    pub column: usize,
+    /// What the parser says; of a field, which, and what was expected.
+    pub message: String,
+}
+
+impl From<&serde_json::Error> for JsonFault {
+    fn from(error: &serde_json::Error) -> Self {
+        let text = error.to_string();
+        let message = text.split(" at line ").next().unwrap_or(&text).to_owned();
+        Self { line: error.line(), column: error.column(), message }
+    }
+}
+
 impl Problem {
     /// The same where so many lines stand before the document.
-    fn after_lines(self, before: usize) -> Self {
-        match self {
-            Self::NotJson { line, column, message } => {
-                Self::NotJson { line: line + before, column, message }
-            }
-            Self::Field { line, column, message } => {
-                Self::Field { line: line + before, column, message }
-            }
-            other => other,
+    fn after_lines(mut self, before: usize) -> Self {
+        if let Self::NotJson(fault) | Self::Field(fault) = &mut self {
+            fault.line += before;
         }
+        self
     }
 }
 
 impl From<serde_json::Error> for Problem {
     fn from(error: serde_json::Error) -> Self {
-        let (line, column) = (error.line(), error.column());
-        let text = error.to_string();
-        let message = text.split(" at line ").next().unwrap_or(&text).to_owned();
-        if error.is_data() {
-            Self::Field { line, column, message }
-        } else {
-            Self::NotJson { line, column, message }
-        }
+        let kind = if error.is_data() { Self::Field } else { Self::NotJson };
+        kind(JsonFault::from(&error))
     }
 }
 
@@ -262,8 +257,7 @@ impl CalibrationFile {
     /// The largest magnitude of the training loads, N or N·m, if it is known.
     fn largest_load(&self) -> Option<f64> {
         let excitation = self.origin.diagnostics.as_ref()?.excitation.as_ref()?;
-        let largest = |axis: &AxisExcitation| axis.max.abs().max(axis.min.abs());
-        excitation.axes.iter().map(largest).reduce(f64::max)
+        excitation.largest_loads().into_iter().reduce(f64::max)
     }
 
     /// The JSON document.

@@ -215,23 +215,13 @@ pub(super) fn from_values(
     value: impl Fn(usize, usize) -> f64,
     options: &ImportOptions,
 ) -> Result<Calibration, MatrixError> {
-    let models = Basis::ALL.into_iter().flat_map(|basis| {
-        [false, true].map(|intercept| Model {
-            basis,
-            intercept,
-            channels: BARE_CHANNELS,
-            memory: 0,
-        })
-    });
     let (features, transposed) = match (rows, columns) {
         (features, 6) => (features, false),
         (6, features) => (features, true),
         _ => return Err(MatrixError::Shape { rows, columns }),
     };
-    let model = models
-        .into_iter()
-        .find(|model| model.terms().len() == features)
-        .ok_or(MatrixError::Shape { rows, columns })?;
+    let model = models(BARE_CHANNELS).find(|model| model.terms().len() == features);
+    let model = model.ok_or(MatrixError::Shape { rows, columns })?;
     let unit = options.moment_unit.map_or(MILLI, divisor);
     let coefficient = |feature, axis: Axis| {
         let index = axis.index();
@@ -257,14 +247,18 @@ fn from_raw_readings(
 fn model_of(coefficients: &HashMap<Term, PerAxis<f64>>) -> Option<Model> {
     let intercept = coefficients.contains_key(&Term::INTERCEPT);
     let last = coefficients.keys().flat_map(|term| term.factors()).max()?;
-    let channels = usize::from(*last) + 1;
-    let models =
-        Basis::ALL.into_iter().map(|basis| Model { basis, intercept, channels, memory: 0 });
-    models.into_iter().find(|model| {
+    models(usize::from(*last) + 1).find(|model| {
         // Counted first: a file that names one channel 200 must not make a million terms.
-        model.term_count() == coefficients.len()
+        model.intercept == intercept
+            && model.term_count() == coefficients.len()
             && model.terms().iter().all(|term| coefficients.contains_key(term))
     })
+}
+
+/// The models of so many channels.
+fn models(channels: usize) -> impl Iterator<Item = Model> {
+    let model = move |basis, intercept| Model { basis, intercept, channels, memory: 0 };
+    Basis::ALL.into_iter().flat_map(move |basis| [model(basis, false), model(basis, true)])
 }
 
 /// `s1`, `s1^2`, `s1*s2^2`, `1`.

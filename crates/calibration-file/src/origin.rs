@@ -42,7 +42,7 @@ pub struct SolverRecord {
 }
 
 /// How well a fit went.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Diagnostics {
     /// Rows fitted.
     pub rows: u64,

@@ -14,10 +14,10 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::LARGEST;
 use crate::input::{self, DocumentKind};
 use crate::stored::{Stored, StoredAccelerometer, StoredPayload};
-use forces::payload::{Accelerometer, PayloadFit, STANDARD_GRAVITY_M_S2};
+use crate::{JsonFault, LARGEST};
+use forces::payload::{Accelerometer, PayloadFit, STANDARD_GRAVITY_M_S2, Vector};
 use shell_data::wrench::Axes;
 
 /// The version of the documents that this program writes and reads.
@@ -52,15 +52,9 @@ pub struct PayloadFileError {
 }
 
 #[derive(Serialize, Deserialize)]
-struct PayloadVersion {
+struct PayloadDocument {
     kind: String,
     schema_version: u64,
-}
-
-#[derive(Serialize, Deserialize)]
-struct PayloadDocument {
-    #[serde(flatten)]
-    version: PayloadVersion,
     made_by: String,
     date: String,
     sources: Vec<StoredSource>,
@@ -104,9 +98,8 @@ impl PayloadFile {
     /// What is wrong, and where.
     pub fn parse(text: &[u8]) -> Result<Self, String> {
         let said = |error: serde_json::Error| {
-            let text = error.to_string();
-            let message = text.split(" at line ").next().unwrap_or(&text).to_owned();
-            format!("line {}, column {}: {message}", error.line(), error.column())
+            let JsonFault { line, column, message } = JsonFault::from(&error);
+            format!("line {line}, column {column}: {message}")
         };
         // A document of another kind or version may differ in any other field.
         let version: serde_json::Value = serde_json::from_slice(text).map_err(said)?;
@@ -148,7 +141,8 @@ impl PayloadFile {
             rows: *rows,
         };
         let document = PayloadDocument {
-            version: PayloadVersion { kind: KIND.to_owned(), schema_version: SCHEMA_VERSION },
+            kind: KIND.to_owned(),
+            schema_version: SCHEMA_VERSION,
             made_by: self.made_by.clone(),
             date: self.date.clone(),
             sources: self.sources.iter().map(source).collect(),
@@ -176,20 +170,19 @@ impl PayloadDocument {
             let found = self.gravity_m_s2;
             return Err(format!("`gravity_m_s2` is `{found}`, expected m/s², from 0.1 to 30"));
         }
-        let mut numbers: Vec<(&str, f64)> = Vec::new();
-        for (name, vector) in [
+        let mut vectors = vec![
             ("centre_m", centre_m),
             ("force_bias_n", force_bias_n),
             ("moment_bias_nm", moment_bias_nm),
-        ] {
-            numbers.extend(vector.iter().map(|value| (name, *value)));
+        ];
+        if let Some(StoredAccelerometer { matrix, offset_m_s2, .. }) = &self.accelerometer {
+            vectors.extend(matrix.iter().map(|row| ("accelerometer.matrix", row)));
+            vectors.push(("accelerometer.offset_m_s2", offset_m_s2));
         }
-        if let Some(it) = &self.accelerometer {
-            numbers
-                .extend(it.matrix.iter().flatten().map(|value| ("accelerometer.matrix", *value)));
-            numbers.extend(it.offset_m_s2.map(|value| ("accelerometer.offset_m_s2", value)));
-        }
-        match numbers.into_iter().find(|(_, value)| value.abs() > LARGEST) {
+        let is_too_large = |value: &&f64| value.abs() > LARGEST;
+        let too_large =
+            |(name, vector): (_, &Vector)| Some((name, *vector.iter().find(is_too_large)?));
+        match vectors.into_iter().find_map(too_large) {
             Some((name, value)) => Err(format!("`{name}` holds `{value}`, which is too large")),
             None => Ok(()),
         }

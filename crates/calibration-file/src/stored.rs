@@ -153,12 +153,6 @@ pub trait Blank: Clone {
     fn blank(&self) -> Self;
 }
 
-impl Blank for f64 {
-    fn blank(&self) -> Self {
-        0.0
-    }
-}
-
 impl<T: Blank> Blank for Vec<T> {
     fn blank(&self) -> Self {
         self.iter().map(Blank::blank).collect()
@@ -181,16 +175,22 @@ macro_rules! blank_by_default {
     )*};
 }
 
-blank_by_default!(AxisQuality, HeldOutQuality, AxisExcitation, Option<String>);
+blank_by_default!(f64, AxisQuality, HeldOutQuality, AxisExcitation, Option<String>);
 
 /// A type of the documents, field by field, and its conversions from and to the one that the program works
-/// with.
+/// with. Where it is `None`, a field with `= default` is left out.
 macro_rules! stored {
-    ($name:ident of $value:ident { $($(#[$meta:meta])* $field:ident: $type:ty),* $(,)? }) => {
+    ($name:ident of $value:ident {
+        $($(#[$meta:meta])* $field:ident: $type:ty $(= $default:ident)?),* $(,)?
+    }) => {
         #[doc = concat!("[`", stringify!($value), "`] in a document.")]
         #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
         #[allow(missing_docs, reason = "the fields are those of the program's type")]
-        pub struct $name { $($(#[$meta])* pub $field: $type),* }
+        pub struct $name {$(
+            $(#[$meta])*
+            $(#[serde($default, skip_serializing_if = "Option::is_none")])?
+            pub $field: $type
+        ),*}
 
         impl Stored for $name {
             type Value = $value;
@@ -213,28 +213,20 @@ stored!(StoredOrigin of Origin {
     solver: Option<StoredSolverRecord>,
     diagnostics: Option<StoredDiagnostics>,
     sources: Vec<StoredSource>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    columns: Option<StoredColumnNames>,
+    columns: Option<StoredColumnNames> = default,
 });
 stored!(StoredColumnNames of ColumnNames {
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    sensors: Option<Vec<String>>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    wrench: Option<OfAxes<Option<String>>>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    moment_unit: Option<Name<MomentUnit>>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    time: Option<String>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    time_unit: Option<Name<TimeUnit>>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    group: Option<String>,
+    sensors: Option<Vec<String>> = default,
+    wrench: Option<OfAxes<Option<String>>> = default,
+    moment_unit: Option<Name<MomentUnit>> = default,
+    time: Option<String> = default,
+    time_unit: Option<Name<TimeUnit>> = default,
+    group: Option<String> = default,
 });
 stored!(StoredSolverRecord of SolverRecord {
     name: Name<SolverKind>,
     ridge: f64,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    truncate: Option<f64>,
+    truncate: Option<f64> = default,
 });
 stored!(StoredDiagnostics of Diagnostics {
     rows: u64,
@@ -244,23 +236,17 @@ stored!(StoredDiagnostics of Diagnostics {
     condition: Option<f64>,
     train: OfAxes<StoredQuality>,
     test: Option<OfAxes<StoredQuality>>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    cross_validation: Option<StoredCrossValidation>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    selection: Option<StoredSelection>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    excitation: Option<StoredExcitation>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    test_leak: Option<f64>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    group_leak: Option<f64>,
+    cross_validation: Option<StoredCrossValidation> = default,
+    selection: Option<StoredSelection> = default,
+    excitation: Option<StoredExcitation> = default,
+    test_leak: Option<f64> = default,
+    group_leak: Option<f64> = default,
 });
 stored!(StoredSource of SourceFile {
     role: Role,
     path: StoredPath,
     checksum: Option<String>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    digest: Option<String>,
+    digest: Option<String> = default,
     rows: u64,
 });
 
@@ -274,8 +260,7 @@ stored!(StoredModel of Model {
 stored!(StoredMemory of MemoryTerms {
     time_base: Name<TimeBase>,
     time_constants: Vec<f64>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    gap: Option<f64>,
+    gap: Option<f64> = default,
 });
 stored!(StoredLag of ReferenceLag { time_base: Name<TimeBase>, by: f64 });
 stored!(StoredScaling of Scaling { centre: Vec<f64>, scale: Vec<f64> });
@@ -285,12 +270,9 @@ stored!(StoredCovariance of Covariance {
     residual: OfAxes<OfAxes<f64>>,
     degrees_of_freedom: u64,
     coefficients: StoredCoefficientCovariance,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    shape: Option<StoredErrorShape>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    shared: Option<OfAxes<f64>>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    intervals: Option<StoredGroupIntervals>,
+    shape: Option<StoredErrorShape> = default,
+    shared: Option<OfAxes<f64>> = default,
+    intervals: Option<StoredGroupIntervals> = default,
 });
 stored!(StoredErrorShape of ErrorShape { levels: Vec<f64>, quantiles: OfAxes<Vec<f64>> });
 

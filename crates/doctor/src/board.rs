@@ -9,7 +9,7 @@ use crate::channels::{
     ENOUGH_FRAMES, check_channels, identical_columns, outside, without_consequences,
 };
 use crate::finding::percent;
-use board_link::recording::{BoardFrame, Measured, protocol_name};
+use board_link::recording::{BoardFrame, Losses, Measured, protocol_name};
 use board_link::{Handshake, Heard, LinkError, Stretch, for_board, serial_text};
 use log_file::summary::LogSummary;
 
@@ -53,11 +53,10 @@ pub fn check_board(facts: &BoardObservations<'_>) -> Vec<Finding> {
     }
     match &facts.handshake.stream {
         Some(Ok(stretch)) => findings.extend(check_stream(stretch, facts)),
-        Some(Err(error)) => findings.push(Finding::fault(
-            "no-frames",
-            error.to_string(),
-            "switch the board off and on; if it stays silent, flash it with `cargo xtask flash`",
-        )),
+        Some(Err(error)) => {
+            let advice = "switch the board off and on; if it stays silent, flash it with `cargo xtask flash`";
+            findings.push(Finding::fault("no-frames", error.to_string(), advice));
+        }
         None => {}
     }
     findings
@@ -81,23 +80,17 @@ fn heard(facts: &BoardObservations<'_>) -> Vec<Finding> {
             let name = protocol_name(protocol);
             let mut findings = Vec::new();
             if baud != asked {
-                findings.push(Finding::fault(
-                    "baud",
-                    format!("the board is heard at {baud} baud, not at {asked}"),
-                    format!("give `--baud {baud}`, or set the radio to {asked}"),
-                ));
+                let seen = format!("the board is heard at {baud} baud, not at {asked}");
+                let advice = format!("give `--baud {baud}`, or set the radio to {asked}");
+                findings.push(Finding::fault("baud", seen, advice));
             }
             // Who reads the original board has to say so nowhere.
             let is_told = protocol == Protocol::Original;
             if protocol != facts.protocol && !is_told {
-                findings.push(Finding::fault(
-                    "framing",
-                    format!(
-                        "the base station frames bytes as `{name}`, not as `{}`",
-                        protocol_name(facts.protocol)
-                    ),
-                    format!("give `--framing {name}`, or set its parameter AP"),
-                ));
+                let asked = protocol_name(facts.protocol);
+                let seen = format!("the base station frames bytes as `{name}`, not as `{asked}`");
+                let advice = format!("give `--framing {name}`, or set its parameter AP");
+                findings.push(Finding::fault("framing", seen, advice));
             }
             if findings.is_empty() {
                 findings.push(Finding::fine("link", format!("{baud} baud, framing `{name}`")));
@@ -108,25 +101,27 @@ fn heard(facts: &BoardObservations<'_>) -> Vec<Finding> {
 }
 
 fn answerless(trouble: &LinkError) -> Finding {
-    let seen = trouble.to_string();
-    match trouble {
-        LinkError::OtherVersion { .. } => Finding::fault(
+    let (check, advice) = match trouble {
+        LinkError::OtherVersion { .. } => (
             "protocol-version",
-            seen,
             "flash the board with the firmware of this program: `cargo xtask flash`",
         ),
-        LinkError::SeveralBoards { .. } => Finding::fault(
+        LinkError::SeveralBoards { .. } => (
             "several-boards",
-            seen,
             "switch the others off, or give `--to` the address of one in API mode",
         ),
-        LinkError::NoAnswer { .. } => Finding::fault(
-            "deaf",
-            format!("frames arrive, but there is {seen}"),
-            "check the wire or radio from the host to the board: RX of the board, RTS and CTS",
-        ),
-        _ => Finding::fault("question", seen, "ask again; look at the cable if it happens twice"),
-    }
+        LinkError::NoAnswer { .. } => {
+            let advice =
+                "check the wire or radio from the host to the board: RX of the board, RTS and CTS";
+            return Finding::fault(
+                "deaf",
+                format!("frames arrive, but there is {trouble}"),
+                advice,
+            );
+        }
+        _ => ("question", "ask again; look at the cable if it happens twice"),
+    };
+    Finding::fault(check, trouble.to_string(), advice)
 }
 
 fn check_identity(identity: &Identity, facts: &BoardObservations<'_>) -> Vec<Finding> {
@@ -145,14 +140,11 @@ fn check_identity(identity: &Identity, facts: &BoardObservations<'_>) -> Vec<Fin
     let serial = serial_text(&identity.serial);
     let is_number =
         |label: &&str| label.len() == serial.len() && label.bytes().all(|b| b.is_ascii_hexdigit());
-    if let Some(label) =
-        label.filter(is_number).filter(|label| !label.eq_ignore_ascii_case(&serial))
-    {
-        findings.push(Finding::fault(
-            "serial",
-            format!("the calibration is of sensor {label}, the board is {serial}"),
-            "take the calibration of this sensor, or the sensor of this calibration",
-        ));
+    let other = label.filter(is_number).filter(|label| !label.eq_ignore_ascii_case(&serial));
+    if let Some(label) = other {
+        let seen = format!("the calibration is of sensor {label}, the board is {serial}");
+        let advice = "take the calibration of this sensor, or the sensor of this calibration";
+        findings.push(Finding::fault("serial", seen, advice));
     }
     findings
 }
@@ -160,33 +152,26 @@ fn check_identity(identity: &Identity, facts: &BoardObservations<'_>) -> Vec<Fin
 fn check_status(status: &Status, facts: &BoardObservations<'_>) -> Vec<Finding> {
     let mut findings = vec![reset(status, facts)];
     findings.extend(calibrated(status, facts));
-    if status.late > 0 {
-        findings.push(Finding::warning(
-            "late",
-            format!(
-                "{} of {} frames were not taken, because their time had passed; the longest took \
-                 {} µs of {}",
-                status.late, status.frames, status.longest_frame_us, status.period_us
-            ),
-            "lower the rate, the conversions or the settling time: `shellcal board PORT rate`",
-        ));
+    let Status { late, frames, overflowed, damaged, longest_frame_us, period_us, .. } = *status;
+    if late > 0 {
+        let seen = format!(
+            "{late} of {frames} frames were not taken, because their time had passed; the longest took \
+             {longest_frame_us} µs of {period_us}"
+        );
+        let advice =
+            "lower the rate, the conversions or the settling time: `shellcal board PORT rate`";
+        findings.push(Finding::warning("late", seen, advice));
     }
-    if status.overflowed > 0 {
-        findings.push(Finding::warning(
-            "overflow",
-            format!(
-                "{} of {} frames were not sent, because the line was too slow",
-                status.overflowed, status.frames
-            ),
-            "lower the rate, or raise the speed of the line",
-        ));
+    if overflowed > 0 {
+        let seen =
+            format!("{overflowed} of {frames} frames were not sent, because the line was too slow");
+        let advice = "lower the rate, or raise the speed of the line";
+        findings.push(Finding::warning("overflow", seen, advice));
     }
-    if status.damaged > 0 {
-        findings.push(Finding::warning(
-            "uplink",
-            format!("{} commands arrived damaged at the board", status.damaged),
-            "look at the way from the host to the board: the radio's range, the cable",
-        ));
+    if damaged > 0 {
+        let seen = format!("{damaged} commands arrived damaged at the board");
+        let advice = "look at the way from the host to the board: the radio's range, the cable";
+        findings.push(Finding::warning("uplink", seen, advice));
     }
     findings
 }
@@ -216,13 +201,10 @@ fn reset(status: &Status, facts: &BoardObservations<'_>) -> Finding {
 fn calibrated(status: &Status, facts: &BoardObservations<'_>) -> Option<Finding> {
     let is_streaming_wrenches = status.stream == Stream::Wrench;
     if !status.calibrated {
-        return is_streaming_wrenches.then(|| {
-            Finding::fault(
-                "board-calibration",
-                "the board is to stream wrenches and has no calibration",
-                "`shellcal board PORT upload CAL`, or `mode raw`",
-            )
-        });
+        let seen = "the board is to stream wrenches and has no calibration";
+        let advice = "`shellcal board PORT upload CAL`, or `mode raw`";
+        let finding = || Finding::fault("board-calibration", seen, advice);
+        return is_streaming_wrenches.then(finding);
     }
     let on_board = format!("{:#010x}", status.calibration_crc32);
     let Some((calibration, _)) = facts.calibration else {
@@ -247,33 +229,23 @@ fn check_stream(stretch: &Stretch, facts: &BoardObservations<'_>) -> Vec<Finding
     let interval_us = summary.timing.median_interval_s().map(|interval| interval * 1e6);
     if let (Some(set), Some(found)) = (period_us, interval_us) {
         let seen = format!("{:.2} Hz, set are {:.2} Hz", 1e6 / found, 1e6 / set);
+        let advice = "the board cannot keep the rate: `shellcal board PORT rate` sets a lower one";
         findings.push(match (found / set - 1.0).abs() <= RATE_ERROR {
             true => Finding::fine("rate", seen),
-            false => Finding::fault(
-                "rate",
-                seen,
-                "the board cannot keep the rate: `shellcal board PORT rate` sets a lower one",
-            ),
+            false => Finding::fault("rate", seen, advice),
         });
     }
-    if stretch.recorded.losses.restarts > 0 {
-        findings.push(Finding::fault(
-            "restart",
-            format!(
-                "the board restarted {} times while it was listened to",
-                stretch.recorded.losses.restarts
-            ),
-            "look at its supply: `shellcal board PORT status` says why it started",
-        ));
+    let restarts = stretch.recorded.losses.restarts;
+    if restarts > 0 {
+        let seen = format!("the board restarted {restarts} times while it was listened to");
+        let advice = "look at its supply: `shellcal board PORT status` says why it started";
+        findings.push(Finding::fault("restart", seen, advice));
     }
     if !summary.readings.is_empty() && summary.rows < ENOUGH_FRAMES {
-        findings.push(Finding::warning(
-            "short",
-            format!("{} frames", summary.rows),
-            format!(
-                "listen longer with `--listen`: channels are judged from {ENOUGH_FRAMES} frames on"
-            ),
-        ));
+        let advice = format!(
+            "listen longer with `--listen`: channels are judged from {ENOUGH_FRAMES} frames on"
+        );
+        findings.push(Finding::warning("short", format!("{} frames", summary.rows), advice));
     }
     let calibration = facts.calibration.map(|(calibration, _)| calibration);
     let calibration =
@@ -287,32 +259,23 @@ fn check_stream(stretch: &Stretch, facts: &BoardObservations<'_>) -> Vec<Finding
 }
 
 fn lost(stretch: &Stretch) -> Vec<Finding> {
-    let losses = &stretch.recorded.losses;
-    let sent = (stretch.recorded.frames + losses.missing).max(1) as f64;
-    let share = losses.missing as f64 / sent;
-    let mut findings = Vec::new();
+    let Losses { missing, bad_crc, damaged, dropped_on_board: dropped, .. } =
+        stretch.recorded.losses;
+    let sent = (stretch.recorded.frames + missing).max(1) as f64;
+    let share = missing as f64 / sent;
     let seen = format!(
-        "{} of {sent} frames did not arrive ({}), {} packets damaged",
-        losses.missing,
+        "{missing} of {sent} frames did not arrive ({}), {} packets damaged",
         percent(share),
-        losses.bad_crc + losses.damaged
+        bad_crc + damaged
     );
     let advice = "bring the radios nearer, free of metal, or to another channel; over a wire, look at \
                   the ground and the speed";
-    findings.push(match share {
-        _ if share > MANY_LOST => Finding::fault("losses", seen, advice),
-        _ if share > FEW_LOST => Finding::warning("losses", seen, advice),
-        _ => Finding::fine("losses", seen),
-    });
-    if losses.dropped_on_board as f64 > FEW_LOST * sent {
-        findings.push(Finding::fault(
-            "dropped",
-            format!(
-                "the board dropped {} frames while it was listened to",
-                losses.dropped_on_board
-            ),
-            "its line or its time is too short: lower the rate, or raise the speed of the line",
-        ));
+    let mut findings = vec![Finding::graded("losses", share, [FEW_LOST, MANY_LOST], seen, advice)];
+    if dropped as f64 > FEW_LOST * sent {
+        let seen = format!("the board dropped {dropped} frames while it was listened to");
+        let advice =
+            "its line or its time is too short: lower the rate, or raise the speed of the line";
+        findings.push(Finding::fault("dropped", seen, advice));
     }
     findings
 }

@@ -66,7 +66,7 @@ fn checksum_of(path: &Path) -> Option<String> {
 /// What is wrong with a calibration. `age` is the time since its date: `None` if it has none that can be read, `Err` with
 /// the time until then if the date is in the future. `changed` are source files that exist with other content than when
 /// they were fitted.
-pub fn check_calibration(
+fn check_calibration(
     file: &CalibrationFile,
     age: Option<Result<Duration, Duration>>,
     changed: &[&Path],
@@ -81,76 +81,65 @@ pub fn check_calibration(
             findings.extend(check_explained(known, calibration.axes));
             findings.extend(check_loads(known, calibration.axes));
         }
-        None => findings.push(Finding::warning(
-            "no-diagnostics",
-            "nothing is known of its errors",
-            "hold it against a log with `shellcal eval`",
-        )),
+        None => {
+            let advice = "hold it against a log with `shellcal eval`";
+            let seen = "nothing is known of its errors";
+            findings.push(Finding::warning("no-diagnostics", seen, advice));
+        }
     }
     let columns = origin.columns.as_ref();
     let names = columns.and_then(|columns| columns.sensors.as_deref()).unwrap_or_default();
     findings.extend(check_ranges(calibration, names));
     if matches!(calibration.kind(), Kind::Polynomial(_)) && calibration.covariance.is_none() {
-        findings.push(Finding::warning(
-            "no-covariance",
-            "it has no covariance, so forces come without standard errors",
-            "fit it again without `--model`: it then takes a model that its groups of rows can judge",
-        ));
+        let seen = "it has no covariance, so forces come without standard errors";
+        let advice = "fit it again without `--model`: it then takes a model that its groups of rows can judge";
+        findings.push(Finding::warning("no-covariance", seen, advice));
     }
     findings.extend(age.and_then(check_age));
     findings.extend(changed.iter().map(|path| {
-        Finding::warning(
-            "source-changed",
-            format!("`{}` is not what it was when this was fitted", path.display()),
-            "fit again, or find the file of that day",
-        )
+        let seen = format!("`{}` is not what it was when this was fitted", path.display());
+        Finding::warning("source-changed", seen, "fit again, or find the file of that day")
     }));
     findings
 }
 
-fn features(calibration: &Calibration) -> Option<usize> {
-    calibration.polynomial().map(|polynomial| polynomial.coefficients().len())
-}
-
 fn check_fit(known: &Diagnostics, calibration: &Calibration) -> Vec<Finding> {
-    let mut findings = Vec::new();
-    if let Some(features) = features(calibration).filter(|&features| known.rank < features) {
-        findings.push(Finding::fault(
-            "rank",
-            format!("the training data determine {} of its {features} features", known.rank),
-            "record loads on every axis and both ways, or take a smaller `--model`",
-        ));
-    }
     // The features are a polynomial's: the physics model has none.
-    match known.condition {
-        _ if features(calibration).is_none() => {}
-        Some(condition) if condition <= CONDITION => {}
-        condition => findings.push(Finding::warning(
-            "condition",
-            match condition {
-                Some(condition) => {
-                    format!("its features are hard to tell apart, condition {condition:.1e}")
-                }
-                None => "its features cannot be told apart".to_owned(),
-            },
-            "record loads that move the channels independently, or fit with `--ridge`",
-        )),
-    }
-    if let Some(features) = features(calibration)
-        && known.rows < ROWS_PER_FEATURE * features as u64
-    {
-        findings.push(Finding::warning(
-            "few-rows",
-            format!("{} rows for {features} features", known.rows),
-            "record more, or take a smaller `--model`",
-        ));
-    }
+    let mut findings = calibration
+        .polynomial()
+        .map_or_else(Vec::new, |polynomial| check_features(known, polynomial.coefficients().len()));
     let skipped = known.skipped_rows as f64 / (known.rows + known.skipped_rows).max(1) as f64;
     if skipped > SKIPPED {
+        let seen = format!("{} of the training rows were wrong and left out", percent(skipped));
+        let advice = "look at what was wrong with them: `shellcal info` without `--skip-bad-rows` names the first";
+        findings.push(Finding::warning("skipped", seen, advice));
+    }
+    findings
+}
+
+/// Whether the training data tell so many features.
+fn check_features(known: &Diagnostics, features: usize) -> Vec<Finding> {
+    let Diagnostics { rank, rows, condition, .. } = *known;
+    let mut findings = Vec::new();
+    if rank < features {
+        let seen = format!("the training data determine {rank} of its {features} features");
+        let advice = "record loads on every axis and both ways, or take a smaller `--model`";
+        findings.push(Finding::fault("rank", seen, advice));
+    }
+    if condition.is_none_or(|condition| condition > CONDITION) {
+        let seen = match condition {
+            Some(of) => format!("its features are hard to tell apart, condition {of:.1e}"),
+            None => "its features cannot be told apart".to_owned(),
+        };
+        let advice = "record loads that move the channels independently, or fit with `--ridge`";
+        findings.push(Finding::warning("condition", seen, advice));
+    }
+    if rows < ROWS_PER_FEATURE * features as u64 {
+        let seen = format!("{rows} rows for {features} features");
         findings.push(Finding::warning(
-            "skipped",
-            format!("{} of the training rows were wrong and left out", percent(skipped)),
-            "look at what was wrong with them: `shellcal info` without `--skip-bad-rows` names the first",
+            "few-rows",
+            seen,
+            "record more, or take a smaller `--model`",
         ));
     }
     findings
@@ -158,25 +147,16 @@ fn check_fit(known: &Diagnostics, calibration: &Calibration) -> Vec<Finding> {
 
 /// Errors that were measured on rows which the fit has all but seen.
 fn check_leaks(known: &Diagnostics) -> Vec<Finding> {
-    let test = known.test_leak.map(|share| {
-        Finding::fault(
-            "test-leaks",
-            format!(
-                "{} of its test rows were recorded at poses of the training data",
-                percent(share)
-            ),
-            "test on other poses: whole poses have to be on one side of a split, not rows",
-        )
+    let test = known.test_leak.map(percent).map(|share| {
+        let seen = format!("{share} of its test rows were recorded at poses of the training data");
+        let advice = "test on other poses: whole poses have to be on one side of a split, not rows";
+        Finding::fault("test-leaks", seen, advice)
     });
-    let groups = known.group_leak.map(|share| {
-        Finding::fault(
-            "groups-leak",
-            format!(
-                "{} of its training rows share their pose with rows of other groups",
-                percent(share)
-            ),
-            "fit again with one group label for each pose (`--group`)",
-        )
+    let groups = known.group_leak.map(percent).map(|share| {
+        let seen =
+            format!("{share} of its training rows share their pose with rows of other groups");
+        let advice = "fit again with one group label for each pose (`--group`)";
+        Finding::fault("groups-leak", seen, advice)
     });
     test.into_iter().chain(groups).collect()
 }
@@ -190,27 +170,21 @@ fn check_errors(known: &Diagnostics, axes: Axes) -> Vec<Finding> {
     let held_out = held_out.map(|cv| ("held-out groups", cv.grouped.map(|axis| axis.rms)));
     let sets: Vec<_> = tested.into_iter().chain(held_out).collect();
     if sets.is_empty() {
-        findings.push(Finding::warning(
-            "untested",
-            "it was not tested on data that it has not seen",
-            "fit without `--model`, or with `--test` and a recording of another session, or with `--cv`",
-        ));
+        let seen = "it was not tested on data that it has not seen";
+        let advice = "fit without `--model`, or with `--test` and a recording of another session, or with `--cv`";
+        findings.push(Finding::warning("untested", seen, advice));
     }
     for (name, rms) in sets {
         let ratio = |axis: Axis| rms[axis.index()] / known.train[axis.index()].rms;
         let ratios = axes.iter().map(|axis| (axis, ratio(axis)));
         let worst = ratios.filter(|(_, ratio)| ratio.is_finite());
         let Some((axis, ratio)) = worst.max_by(|a, b| a.1.total_cmp(&b.1)) else { continue };
-        let seen = format!(
-            "the error of {} on {name} is {ratio:.1} times that on the training data",
-            axis.name()
-        );
+        let axis = axis.name();
+        let seen =
+            format!("the error of {axis} on {name} is {ratio:.1} times that on the training data");
+        let advice = "take a smaller model (`--model auto` chooses one), or record more poses";
         findings.push(match ratio > OVERFIT {
-            true => Finding::fault(
-                "overfit",
-                seen,
-                "take a smaller model (`--model auto` chooses one), or record more poses",
-            ),
+            true => Finding::fault("overfit", seen, advice),
             false => Finding::fine("errors", seen),
         });
     }
@@ -223,11 +197,9 @@ fn check_explained(known: &Diagnostics, axes: Axes) -> Vec<Finding> {
     let explained = |axis: Axis| errors[axis.index()].r_squared.map(|share| (axis, share));
     let little = axes.iter().filter_map(explained).filter(|(_, share)| *share < EXPLAINED);
     let finding = |(axis, share): (Axis, f64)| {
-        Finding::warning(
-            "explains-little",
-            format!("R² of {} is {share:.2}: it explains little of that axis", axis.name()),
-            "record larger loads on that axis, or do not use it; `shellcal fit --model auto` compares models",
-        )
+        let seen = format!("R² of {} is {share:.2}: it explains little of that axis", axis.name());
+        let advice = "record larger loads on that axis, or do not use it; `shellcal fit --model auto` compares models";
+        Finding::warning("explains-little", seen, advice)
     };
     little.map(finding).collect()
 }
@@ -235,30 +207,26 @@ fn check_explained(known: &Diagnostics, axes: Axes) -> Vec<Finding> {
 fn check_loads(known: &Diagnostics, axes: Axes) -> Vec<Finding> {
     let gaps = known.excitation.iter().flat_map(|excitation| excitation.gaps(axes));
     let finding = |gap| match gap {
-        Gap::Unloaded(axis) => Some(Finding::fault(
-            "axis-unloaded",
-            format!("{} never changed in the training data", axis.name()),
-            format!("record loads on {}: nothing is known of it", axis.name()),
-        )),
-        Gap::OneSided { axis, positive, share } => Some(Finding::warning(
-            "axis-one-sided",
-            format!(
-                "{0} was hardly loaded towards {1}{0} ({2} of its square sum)",
-                axis.name(),
-                if positive { '+' } else { '−' },
-                percent(share)
-            ),
-            "record such loads if the sensor will see them",
-        )),
-        Gap::Together { first, second, correlation } => Some(Finding::warning(
-            "axes-together",
-            format!(
-                "{} and {} nearly always moved together (correlation {correlation:.2})",
-                first.name(),
-                second.name()
-            ),
-            "record loads that tell them apart",
-        )),
+        Gap::Unloaded(axis) => {
+            let seen = format!("{} never changed in the training data", axis.name());
+            let advice = format!("record loads on {}: nothing is known of it", axis.name());
+            Some(Finding::fault("axis-unloaded", seen, advice))
+        }
+        Gap::OneSided { axis, positive, share } => {
+            let (axis, sign) = (axis.name(), if positive { '+' } else { '−' });
+            let share = percent(share);
+            let seen = format!(
+                "{axis} was hardly loaded towards {sign}{axis} ({share} of its square sum)"
+            );
+            let advice = "record such loads if the sensor will see them";
+            Some(Finding::warning("axis-one-sided", seen, advice))
+        }
+        Gap::Together { first, second, correlation } => {
+            let axes = format!("{} and {}", first.name(), second.name());
+            let seen =
+                format!("{axes} nearly always moved together (correlation {correlation:.2})");
+            Some(Finding::warning("axes-together", seen, "record loads that tell them apart"))
+        }
         _ => None,
     };
     gaps.filter_map(finding).collect()
@@ -266,28 +234,22 @@ fn check_loads(known: &Diagnostics, axes: Axes) -> Vec<Finding> {
 
 fn check_ranges(calibration: &Calibration, names: &[String]) -> Vec<Finding> {
     let Some(ranges) = &calibration.valid_range else {
-        return vec![Finding::warning(
-            "no-range",
-            "the range of its training data is not known, so nothing is flagged as outside",
-            "fit it from logs with `shellcal fit`",
-        )];
+        let seen = "the range of its training data is not known, so nothing is flagged as outside";
+        return vec![Finding::warning("no-range", seen, "fit it from logs with `shellcal fit`")];
     };
     let mut findings = Vec::new();
     for (channel, range) in ranges.iter().enumerate() {
         let name = channel_name(names, channel);
         if range.is_constant() {
-            findings.push(Finding::fault(
-                "channel-dead",
-                format!("{name} was {} in all of the training data", range.min),
-                "check that photointerrupter, and record again",
-            ));
+            let seen = format!("{name} was {} in all of the training data", range.min);
+            let advice = "check that photointerrupter, and record again";
+            findings.push(Finding::fault("channel-dead", seen, advice));
         } else if is_at_an_end(range) {
-            findings.push(Finding::fault(
-                "channel-saturated",
-                format!("{name} was at an end of the converter's range in the training data"),
-                "change the distance of the reflector or the emitter's current, and record again; or \
-                 leave such rows out with `fit --valid-range`",
-            ));
+            let seen =
+                format!("{name} was at an end of the converter's range in the training data");
+            let advice = "change the distance of the reflector or the emitter's current, and record again; or \
+                          leave such rows out with `fit --valid-range`";
+            findings.push(Finding::fault("channel-saturated", seen, advice));
         }
     }
     findings
@@ -302,17 +264,16 @@ fn is_at_an_end(range: &ReadingRange) -> bool {
 
 fn check_age(age: Result<Duration, Duration>) -> Option<Finding> {
     let days = |age: Duration| age.as_secs() / 86_400;
-    match age {
-        Ok(age) if age > OLD => Some(Finding::warning(
-            "age",
+    let (seen, advice) = match age {
+        Ok(age) if age > OLD => (
             format!("it was made {} days ago", days(age)),
             "test it on a new recording with `shellcal eval --max-rms`",
-        )),
-        Err(ahead) if ahead > Duration::from_secs(86_400) => Some(Finding::warning(
-            "age",
+        ),
+        Err(ahead) if ahead > Duration::from_secs(86_400) => (
             format!("it will have been made in {} days", days(ahead)),
             "one of the clocks is wrong: that of this computer, or that of the one it was made on",
-        )),
-        _ => None,
-    }
+        ),
+        _ => return None,
+    };
+    Some(Finding::warning("age", seen, advice))
 }

@@ -3,8 +3,8 @@
 use calibration::Calibration;
 use shell_data::wrench::PerAxis;
 
-use crate::Finding;
 use crate::finding::percent;
+use crate::{Finding, FindingSeverity};
 use log_file::summary::LogSummary;
 
 /// Fewer frames say nothing about a channel.
@@ -33,13 +33,13 @@ pub(crate) fn check_channels(
         let name = channel_name(names, channel);
         let saturated = column.saturated_rows();
         if column.is_constant() {
-            let (seen, advice) = match saturated {
-                0 => (
-                    format!("{name} is {} in every frame", column.min),
+            let (seen, advice) = match (saturated, column.min) {
+                (0, at) => (
+                    format!("{name} is {at} in every frame"),
                     "check the photointerrupter's supply and the wire of its output",
                 ),
-                _ => (
-                    format!("{name} stands at {}, an end of the converter's range", column.min),
+                (_, at) => (
+                    format!("{name} stands at {at}, an end of the converter's range"),
                     "check whether the photointerrupter is connected: an open input and a short \
                      stand at an end of the range",
                 ),
@@ -48,11 +48,9 @@ pub(crate) fn check_channels(
             continue;
         }
         if saturated > 0 {
-            let share = saturated as f64 / column.rows as f64;
-            let seen = format!(
-                "{name} is at an end of the converter's range in {} of the frames",
-                percent(share)
-            );
+            let share = percent(saturated as f64 / column.rows as f64);
+            let seen =
+                format!("{name} is at an end of the converter's range in {share} of the frames");
             let advice = "change the distance of the reflector or the emitter's current; forces of \
                           such frames are wrong";
             findings.push(Finding::fault("channel-saturated", seen, advice));
@@ -69,15 +67,10 @@ pub(crate) fn check_channels(
         }
     }
     for &(first, second) in identical {
-        findings.push(Finding::fault(
-            "channels-identical",
-            format!(
-                "{} and {} are the same in every frame",
-                channel_name(names, first),
-                channel_name(names, second)
-            ),
-            "two inputs share a wire, or a column was copied",
-        ));
+        let [first, second] = [first, second].map(|channel| channel_name(names, channel));
+        let seen = format!("{first} and {second} are the same in every frame");
+        let advice = "two inputs share a wire, or a column was copied";
+        findings.push(Finding::fault("channels-identical", seen, advice));
     }
     if let Some(calibration) = calibration {
         findings.extend(swapped(summary, names, calibration));
@@ -124,25 +117,22 @@ fn swapped(summary: &LogSummary, names: &[String], calibration: &Calibration) ->
     };
     let now = errors(&readings)?;
     let mut best = (0, 0, 1.0);
-    for first in 0..readings.len() {
-        for second in first + 1..readings.len() {
-            readings.swap(first, second);
-            let then = errors(&readings)?;
-            readings.swap(first, second);
-            let ratios = std::iter::zip(now, then).map(|(now, then)| now / then);
-            let factor = ratios.product::<f64>().powf(1.0 / 6.0);
-            if factor > best.2 {
-                best = (first, second, factor);
-            }
+    for (first, second) in pairs(readings.len()) {
+        readings.swap(first, second);
+        let then = errors(&readings)?;
+        readings.swap(first, second);
+        let ratios = std::iter::zip(now, then).map(|(now, then)| now / then);
+        let factor = ratios.product::<f64>().powf(1.0 / 6.0);
+        if factor > best.2 {
+            best = (first, second, factor);
         }
     }
     let (first, second, factor) = best;
     (factor > UNLIKELY).then(|| {
+        let [first, second] = [first, second].map(|channel| channel_name(names, channel));
         let seen = format!(
-            "with {} and {} exchanged, forces are {factor:.1} times as certain: each reads what the \
-             other should",
-            channel_name(names, first),
-            channel_name(names, second)
+            "with {first} and {second} exchanged, forces are {factor:.1} times as certain: each reads what the \
+             other should"
         );
         let advice = "exchange their wires, or name the columns in the order of the calibration with \
                       `--sensors`";
@@ -154,14 +144,15 @@ fn swapped(summary: &LogSummary, names: &[String], calibration: &Calibration) ->
 pub(crate) fn outside(rows: u64, of: u64) -> Option<Finding> {
     let share = rows as f64 / of.max(1) as f64;
     let seen = format!("{} of the frames are outside the calibrated range", percent(share));
-    let [some, most] = OUTSIDE;
     let advice = "calibrate over the loads that occur; if nothing touches the shell, it or a \
                   reflector has moved since: calibrate again";
-    match share {
-        _ if share > most => Some(Finding::fault("range", seen, advice)),
-        _ if share > some => Some(Finding::warning("range", seen, advice)),
-        _ => None,
-    }
+    let finding = Finding::graded("range", share, OUTSIDE, seen, advice);
+    (finding.severity != FindingSeverity::Fine).then_some(finding)
+}
+
+/// All pairs of so many columns.
+pub(crate) fn pairs(columns: usize) -> impl Iterator<Item = (usize, usize)> {
+    (0..columns).flat_map(move |first| (first + 1..columns).map(move |second| (first, second)))
 }
 
 /// Pairs of columns that are the same, of those in `before` if that is known.
@@ -169,11 +160,7 @@ pub(crate) fn identical_in(
     columns: &[Vec<f64>],
     before: Option<Vec<(usize, usize)>>,
 ) -> Vec<(usize, usize)> {
-    let all = || {
-        let pairs = |first: usize| (first + 1..columns.len()).map(move |second| (first, second));
-        (0..columns.len()).flat_map(pairs).collect::<Vec<_>>()
-    };
-    let mut pairs = before.unwrap_or_else(all);
+    let mut pairs = before.unwrap_or_else(|| pairs(columns.len()).collect());
     pairs.retain(|&(first, second)| columns[first] == columns[second]);
     pairs
 }

@@ -49,6 +49,21 @@ impl Finding {
     ) -> Self {
         Self { severity: FindingSeverity::Fault, ..Self::warning(check, seen, advice) }
     }
+
+    /// A share that is a warning above `some`, and a fault above `most`.
+    pub(crate) fn graded(
+        check: &'static str,
+        share: f64,
+        [some, most]: [f64; 2],
+        seen: String,
+        advice: &str,
+    ) -> Self {
+        match share {
+            _ if share > most => Self::fault(check, seen, advice),
+            _ if share > some => Self::warning(check, seen, advice),
+            _ => Self::fine(check, seen),
+        }
+    }
 }
 
 /// A share as people read it.

@@ -4,9 +4,9 @@
 //! port, board, file ─▶ what is known of it ─▶ checks ─▶ findings
 //! ```
 //!
-//! [`check_port`], [`check_board`], [`check_log`] and [`check_calibration`] are pure: they look at what is
-//! known and give [`Finding`]s, each with what was seen and what to do about it. [`examine_log`] and
-//! [`examine_calibration`] read files first; [`board_link::handshake`] asks the board.
+//! Checks look at what is known and give [`Finding`]s, each with what was seen and what to do about it.
+//! [`check_port`] and [`check_board`] are pure, after [`board_link::handshake`] has asked the board;
+//! [`examine_log`] and [`examine_calibration`] read files first.
 //!
 //! A [`FindingSeverity::Fault`] makes results wrong or impossible. A [`FindingSeverity::Warning`] may, or makes
 //! them worse than they could be.
@@ -28,8 +28,7 @@ mod port;
 mod poses;
 
 pub use board::{BoardObservations, check_board};
-pub use calibration_checks::{check_calibration, examine_calibration};
+pub use calibration_checks::examine_calibration;
 pub use finding::{Finding, FindingSeverity};
-pub use log::{CalibratedObservations, LogObservations, check_log, examine_log};
+pub use log::examine_log;
 pub use port::check_port;
-pub use poses::PoseJump;

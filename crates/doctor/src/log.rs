@@ -2,15 +2,17 @@
 
 use calibration::Calibration;
 use calibration::quality::{self, AxisErrors};
-use calibration::validation::excitation::LONGEST_LEVER_M;
-use log_file::{Log, LogError, Meaning, ReadOptions, Wanted};
+use calibration::validation::excitation::{Excitation, LONGEST_LEVER_M};
+use log_file::{Column, Log, LogError, Meaning, ReadOptions, Wanted};
 use shell_data::block::Block;
 use shell_data::hint::with_causes;
 use shell_data::statistics::RunningVariance;
-use shell_data::wrench::{Axes, Axis, PerAxis};
+use shell_data::wrench::{Axis, PerAxis};
 
 use crate::Finding;
-use crate::channels::{channel_name, check_channels, identical_in, outside, without_consequences};
+use crate::channels::{
+    channel_name, check_channels, identical_in, outside, pairs, without_consequences,
+};
 use crate::finding::percent;
 use crate::poses::{LabelledRows, PoseJump};
 use calibration_file::CalibrationFile;
@@ -39,49 +41,8 @@ const SWAP_ROWS: usize = 20_000;
 const DRIFT: f64 = 0.02;
 const DRIFT_SCATTER: f64 = 4.0;
 
-/// What is known of a log.
-#[derive(Clone, Debug, Default)]
-pub struct LogObservations {
-    /// Wrong rows, and what is wrong with the first.
-    pub bad_rows: Option<(u64, String)>,
-    /// The names of its channels.
-    pub channel_names: Vec<String>,
-    /// Whether it has time.
-    pub has_time: bool,
-    /// Whether it has the wrench of a reference.
-    pub has_wrench: bool,
-    /// Whether equal readings in a row are one frame.
-    pub repeats_are_stale: bool,
-    /// Timing and columns.
-    pub summary: LogSummary,
-    /// Frames that did not arrive, by the column `missing`.
-    pub missing: Option<f64>,
-    /// Poses of constant load in which the readings jump.
-    pub jumps: Vec<PoseJump>,
-    /// Channels that are the same in every row.
-    pub identical: Vec<(usize, usize)>,
-    /// Root mean square of the moments over that of the forces, m.
-    pub lever_m: Option<f64>,
-    /// What a calibration says of it.
-    pub calibrated: Option<CalibratedObservations>,
-}
-
-/// What a calibration says of a log.
-#[derive(Clone, Debug, Default)]
-pub struct CalibratedObservations {
-    /// How many channels it is for.
-    pub channels: usize,
-    /// Rows outside the range of its training data.
-    pub rows_outside: u64,
-    /// RMS error over that of the training data, the axis where that is largest, where the log has
-    /// measured the wrench.
-    pub worse: Option<(Axis, f64)>,
-    /// Two channels after whose exchange the error is so many times smaller.
-    pub swap: Option<(usize, usize, f64)>,
-    /// How far the zero has moved from the first to the last tenth, where both are quiet, and the largest
-    /// load of the training data: N and N·m.
-    pub drift: Vec<(Axis, f64, f64)>,
-}
+/// Rows whose mean wrench is kept, to tell the ends of a log by.
+const STEP: usize = 64;
 
 /// Reads a log, if it could be opened, and checks it, with a calibration if there is one.
 pub fn examine_log(
@@ -89,8 +50,8 @@ pub fn examine_log(
     read: &ReadOptions<'_>,
     calibration: Option<&CalibrationFile>,
 ) -> Vec<Finding> {
-    match log.and_then(|log| read_facts(&log, read, calibration)) {
-        Ok(facts) => check_log(&facts, calibration.map(|file| &file.calibration)),
+    match log.and_then(|log| Ok(LogObservations::read(&log, read, calibration)?.check())) {
+        Ok(findings) => findings,
         Err(error) => {
             let advice = "name the columns, for example `--sensors 1-8 --wrench 9-14`; `--wrench-from` takes the \
                           wrench from another file; `docs/logs.md` has the formats that are read";
@@ -99,113 +60,112 @@ pub fn examine_log(
     }
 }
 
-fn read_facts(
-    log: &Log,
-    read: &ReadOptions<'_>,
-    calibration: Option<&CalibrationFile>,
-) -> Result<LogObservations, LogError> {
-    let strict = ReadOptions { skip_bad_rows: false, ..*read };
-    let first = match Collector::new(log, calibration).read(log, &strict) {
-        Ok(facts) => return Ok(facts),
-        Err(error) => with_causes(&error),
-    };
-    let lenient = ReadOptions { skip_bad_rows: true, ..*read };
-    let mut facts = Collector::new(log, calibration).read(log, &lenient)?;
-    let rows = facts.bad_rows.map_or(1, |(rows, _)| rows);
-    facts.bad_rows = Some((rows, first));
-    Ok(facts)
-}
-
-/// What is gathered from block to block.
-struct Collector<'a> {
-    facts: LogObservations,
+/// What is known of a log, gathered from block to block.
+struct LogObservations<'a> {
+    log: &'a Log,
     calibration: Option<&'a CalibrationFile>,
-    /// The position of the column `missing`.
-    missing: Option<usize>,
-    /// Those of the log.
-    axes: Axes,
+    /// Wrong rows.
+    bad_rows: u64,
+    /// What is wrong with the first of them.
+    first_bad: String,
+    /// The names of the channels.
+    names: Vec<String>,
+    /// Timing and columns.
+    summary: LogSummary,
+    /// Frames that did not arrive, by the column `missing`.
+    missing: Option<f64>,
+    /// Sums of squares of the forces and of the moments.
     squares: [f64; 2],
     labelled: LabelledRows,
+    /// Channels that are the same in every row.
     identical: Option<Vec<(usize, usize)>>,
+    /// Rows outside the range of the calibration's training data.
+    rows_outside: u64,
     errors: PerAxis<AxisErrors>,
     /// Rows for the search for swapped channels.
     kept: Block,
-    /// Time and untared wrench in steps of [`STEP`] rows.
+    /// Untared wrench in steps of [`STEP`] rows.
     means: Vec<PerAxis<RunningVariance>>,
 }
 
-/// Rows whose mean wrench is kept, to tell the ends of a log by.
-const STEP: usize = 64;
+impl<'a> LogObservations<'a> {
+    /// Reads a log; without its wrong rows, if it has some.
+    fn read(
+        log: &'a Log,
+        read: &ReadOptions<'_>,
+        calibration: Option<&'a CalibrationFile>,
+    ) -> Result<Self, LogError> {
+        let strict = ReadOptions { skip_bad_rows: false, ..*read };
+        Self::gather(log, &strict, calibration).or_else(|error| {
+            let lenient = ReadOptions { skip_bad_rows: true, ..*read };
+            let found = Self::gather(log, &lenient, calibration)?;
+            let (bad_rows, first_bad) = (found.bad_rows.max(1), with_causes(&error));
+            Ok(Self { bad_rows, first_bad, ..found })
+        })
+    }
 
-impl<'a> Collector<'a> {
-    fn new(log: &Log, calibration: Option<&'a CalibrationFile>) -> Self {
-        let is_missing = |column: &log_file::Column| {
-            column.name == "missing" && column.meaning == Meaning::Other
-        };
-        Self {
-            facts: LogObservations {
-                channel_names: log.value_names()[..log.channels()]
-                    .iter()
-                    .map(|name| (*name).to_owned())
-                    .collect(),
-                has_time: log.has_time(),
-                has_wrench: log.has_wrench(),
-                repeats_are_stale: log.repeats_are_stale(),
-                ..LogObservations::default()
-            },
-            axes: log.axes(),
+    fn gather(
+        log: &'a Log,
+        read: &ReadOptions<'_>,
+        calibration: Option<&'a CalibrationFile>,
+    ) -> Result<Self, LogError> {
+        let names = &log.value_names()[..log.channels()];
+        let mut found = Self {
+            log,
             calibration,
-            missing: log.columns().iter().position(is_missing),
+            bad_rows: 0,
+            first_bad: String::new(),
+            names: names.iter().map(|name| (*name).to_owned()).collect(),
+            summary: LogSummary::default(),
+            missing: None,
             squares: [0.0; 2],
             labelled: LabelledRows::default(),
             identical: None,
+            rows_outside: 0,
             errors: PerAxis::default(),
             kept: Block::default(),
             means: Vec::new(),
-        }
-    }
-
-    fn read(mut self, log: &Log, options: &ReadOptions<'_>) -> Result<LogObservations, LogError> {
+        };
+        let is_missing =
+            |column: &Column| column.name == "missing" && column.meaning == Meaning::Other;
         let wanted = Wanted {
             time: log.has_time(),
             readings: log.channels() > 0,
             wrench: log.has_wrench(),
             groups: log.has_groups() && log.has_wrench(),
-            others: self.missing.into_iter().collect(),
+            others: log.columns().iter().position(is_missing).into_iter().collect(),
             ..Wanted::default()
         };
-        let summary = log.read(&wanted, options, std::mem::take, |block| {
-            self.add(&block);
+        let summary = log.read(&wanted, read, std::mem::take, |block| {
+            found.add(&block);
             Ok::<_, LogError>(())
         })?;
-        if summary.skipped_rows > 0 {
-            self.facts.bad_rows = Some((summary.skipped_rows, String::new()));
-        }
-        Ok(self.finish(log.channels()))
+        found.bad_rows = summary.skipped_rows;
+        Ok(found)
     }
 
     fn add(&mut self, block: &Block) {
-        self.facts.summary.add(block);
+        self.summary.add(block);
         self.labelled.add(block);
         if let [missing] = &block.others[..] {
-            *self.facts.missing.get_or_insert(0.0) += missing.iter().sum::<f64>();
+            *self.missing.get_or_insert(0.0) += missing.iter().sum::<f64>();
         }
         let same = identical_in(&block.readings, self.identical.take());
         self.identical = Some(same);
         for (axis, column) in block.wrench.iter().enumerate() {
             self.squares[axis / 3] += column.iter().map(|value| value * value).sum::<f64>();
         }
-        let Some(file) = self.calibration else { return };
-        if block.readings.len() != file.calibration.channels() {
+        let Some(CalibrationFile { calibration, .. }) = self.calibration else { return };
+        if block.readings.len() != calibration.channels() {
             return;
         }
-        let facts = self.facts.calibrated.get_or_insert_default();
-        facts.rows_outside += file.calibration.rows_out_of_range(&block.readings);
+        self.rows_outside += calibration.rows_out_of_range(&block.readings);
         let mut wrench = PerAxis::default();
-        file.calibration.wrench(&block.readings, &mut wrench);
+        calibration.wrench(&block.readings, &mut wrench);
         if !block.wrench.is_empty() {
             quality::merge(&mut self.errors, &quality::errors(&wrench, &block.wrench));
-            self.keep(block);
+            let rows = block.rows.min(SWAP_ROWS - self.kept.rows);
+            self.kept.append(block, 0..rows);
         }
         for start in (0..block.rows).step_by(STEP) {
             let end = (start + STEP).min(block.rows);
@@ -213,52 +173,195 @@ impl<'a> Collector<'a> {
         }
     }
 
-    fn keep(&mut self, block: &Block) {
-        let rows = block.rows.min(SWAP_ROWS - self.kept.rows);
-        for (kept, columns) in
-            [(&mut self.kept.readings, &block.readings), (&mut self.kept.wrench, &block.wrench)]
-        {
-            kept.resize_with(columns.len(), Vec::new);
-            kept.iter_mut().zip(columns).for_each(|(kept, column)| kept.extend(&column[..rows]));
+    /// What is wrong with the log.
+    fn check(&self) -> Vec<Finding> {
+        let Self { summary, names, .. } = self;
+        if summary.readings.is_empty() && summary.wrench.is_empty() {
+            let seen = "no column holds readings, and no six a wrench";
+            let advice =
+                "name them with `--sensors` or `--wrench`; `shellcal info` lists the columns";
+            return vec![Finding::fault("no-values", seen, advice)];
         }
-        self.kept.rows += rows;
+        let mut findings = Vec::new();
+        if self.bad_rows > 0 {
+            let seen = format!("{} wrong rows; the first: {}", self.bad_rows, self.first_bad);
+            let advice = "correct them, or leave them out with `--skip-bad-rows`";
+            findings.push(Finding::fault("bad-rows", seen, advice));
+        }
+        findings.extend(self.check_length());
+        findings.extend(self.check_timing());
+        findings.extend(self.check_lever());
+        let calibration = self.calibration.map(|file| &file.calibration);
+        let of_its_size = calibration.filter(|of| of.channels() == summary.readings.len());
+        let is_constant = |channel: usize| summary.readings[channel].is_constant();
+        let identical = self.identical.iter().flatten().copied();
+        let identical: Vec<_> = identical.filter(|&(first, _)| !is_constant(first)).collect();
+        findings.extend(check_channels(summary, names, &identical, of_its_size));
+        findings.extend(self.labelled.jumps().iter().map(|jump| {
+            let ([before, after], name) = (jump.means, channel_name(names, jump.channel));
+            let PoseJump { pose, rows_before, .. } = jump;
+            let seen = format!(
+                "in pose `{pose}` {name} jumps from {before:.1} to {after:.1} after {rows_before} rows; its load is \
+                 constant"
+            );
+            let advice = "rows of another pose under this label, or the sensor slipped: take them out";
+            Finding::warning("pose-jump", seen, advice)
+        }));
+        findings.extend(self.calibration.into_iter().flat_map(|file| self.check_calibrated(file)));
+        without_consequences(findings)
     }
 
-    fn finish(mut self, channels: usize) -> LogObservations {
-        let constant = |channel: usize| self.facts.summary.readings[channel].is_constant();
-        let pairs = self.identical.unwrap_or_default().into_iter();
-        self.facts.identical = pairs.filter(|&(first, _)| !constant(first)).collect();
-        self.facts.jumps = self.labelled.jumps();
+    fn check_length(&self) -> Option<Finding> {
+        let summary = &self.summary;
+        let repeats = if self.log.repeats_are_stale() { summary.repeated_rows } else { 0 };
+        let frames = summary.rows - repeats;
+        (frames < TARE_FRAMES && !summary.readings.is_empty()).then(|| {
+            let advice = format!("record longer: a tare alone takes {TARE_FRAMES}");
+            Finding::warning("short", format!("{frames} frames"), advice)
+        })
+    }
+
+    fn check_lever(&self) -> Option<Finding> {
         let [forces, moments] = self.squares;
-        let is_known = forces > 0.0 && self.axes.are_all();
-        self.facts.lever_m = is_known.then(|| (moments / forces).sqrt());
-        let Some(file) = self.calibration else { return self.facts };
-        let calibrated = self.facts.calibrated.get_or_insert_default();
-        calibrated.channels = file.calibration.channels();
-        if calibrated.channels != channels {
-            return self.facts;
-        }
-        let trained = file.origin.diagnostics.as_ref().map(|known| known.train);
-        if let (Some(trained), Some(found)) = (trained, quality_of(&self.errors)) {
-            let ratio = |axis: Axis| found[axis.index()].rms / trained[axis.index()].rms;
-            let axes = file.calibration.axes.and(self.axes);
-            let ratios = axes.iter().map(|axis| (axis, ratio(axis)));
-            let worst = ratios.max_by(|a, b| a.1.total_cmp(&b.1));
-            calibrated.worse = worst.filter(|(_, ratio)| ratio.is_finite());
-            if calibrated.worse.is_some_and(|(_, ratio)| ratio > WORSE) {
-                calibrated.swap = find_swap(&file.calibration, &self.kept);
-            }
-        }
-        let loads = file.origin.diagnostics.as_ref().and_then(|known| known.excitation.as_ref());
-        if let Some(loads) = loads {
-            calibrated.drift = drift(&self.means, &loads.largest_loads());
-        }
-        self.facts
+        let lever_m = (moments / forces).sqrt();
+        let is_known = forces > 0.0 && self.log.axes().are_all();
+        (is_known && lever_m > LONGEST_LEVER_M).then(|| {
+            let seen = format!("moments over forces make a lever of {lever_m:.1} m");
+            let advice = "the moments are in mN·m (which is N·mm), it seems: give `--moment-unit mnm`, or name the \
+                          columns so";
+            Finding::fault("moment-unit", seen, advice)
+        })
     }
-}
 
-fn quality_of(errors: &PerAxis<AxisErrors>) -> Option<Vec<quality::AxisQuality>> {
-    errors.iter().map(AxisErrors::quality).collect()
+    fn check_timing(&self) -> Vec<Finding> {
+        let (rows, timing) = (self.summary.rows, &self.summary.timing);
+        let backward = timing.backward_steps;
+        if !self.log.has_time() {
+            let advice = "name it with `--time` if there is one; without it `fit` finds no lag, `convert` needs \
+                          `--rate` or `--no-lowpass`, and losses cannot be seen";
+            return vec![Finding::warning("no-time", "there is no column of time", advice)];
+        }
+        if backward as f64 > NO_CLOCK * rows as f64 {
+            let seen =
+                format!("what is taken for time runs backwards at {backward} of {rows} rows");
+            let advice = "it holds no times: name the columns with `--sensors`, `--wrench` and `--time`; without a \
+                          line of names they are taken for what their number suggests";
+            return vec![Finding::fault("no-clock", seen, advice)];
+        }
+        let mut findings = Vec::new();
+        if let Some(row) = timing.first_backward_row {
+            let seen = format!("time runs backwards {backward} times, first at row {}", row + 1);
+            // A fit takes recordings that were put together as groups.
+            findings.push(match self.log.has_wrench() {
+                true => {
+                    let advice = "recordings that were put together, it seems: `fit` takes each as a group of its \
+                                  own; `convert` needs `--no-lowpass`";
+                    Finding::warning("time-backward", seen, advice)
+                }
+                false => {
+                    let advice =
+                        "recordings that were put together: take them apart; or a clock that was set";
+                    Finding::fault("time-backward", seen, advice)
+                }
+            });
+        }
+        if timing.equal_times > rows / 100 {
+            let seen =
+                format!("{} of {rows} rows have the time of the row before", timing.equal_times);
+            let advice =
+                "the clock is too coarse, or rows were written twice: take one with more digits";
+            findings.push(Finding::warning("time-equal", seen, advice));
+        }
+        findings.push(self.check_losses());
+        if let (Some(interval), Some(jitter)) = (timing.median_interval_s(), timing.jitter_s())
+            && jitter > JITTER * interval
+        {
+            let (interval, jitter) = (interval * 1e3, jitter * 1e3);
+            let seen = format!("intervals of {interval:.3} ms scatter by {jitter:.3} ms");
+            let advice = "these are times of arrival, it seems: take the clock of the board, and set the adapter's \
+                          latency timer to 1 ms";
+            findings.push(Finding::warning("jitter", seen, advice));
+        }
+        findings.extend(self.check_repeats());
+        findings
+    }
+
+    /// Rows that are missing, by the log's own count where it has one, else by its clock.
+    fn check_losses(&self) -> Finding {
+        let gaps = self.summary.timing.gaps();
+        let missing = self.missing.unwrap_or(gaps.missing_rows as f64);
+        let frames = self.summary.rows as f64 + missing;
+        let share = missing / frames.max(1.0);
+        let seen = format!("{missing} of {frames} frames are missing ({})", percent(share));
+        let advice =
+            "results hold the frame before for each; `shellcal doctor PORT` looks for the reason";
+        Finding::graded("losses", share, MISSING, seen, advice)
+    }
+
+    fn check_repeats(&self) -> Option<Finding> {
+        let summary = &self.summary;
+        let share = summary.repeated_rows as f64 / summary.rows.max(1) as f64;
+        let is_alive = summary.readings.iter().any(|column| !column.is_constant());
+        (!self.log.repeats_are_stale() && share > 0.5 && is_alive).then(|| {
+            let seen =
+                format!("{} of the rows repeat the readings of the row before", percent(share));
+            let advice =
+                "the log runs faster than the sensor: thin it out, or record at the sensor's rate";
+            Finding::warning("repeats", seen, advice)
+        })
+    }
+
+    fn check_calibrated(&self, file: &CalibrationFile) -> Vec<Finding> {
+        let (channels, calibrated) = (self.summary.readings.len(), file.calibration.channels());
+        if channels != calibrated {
+            let seen =
+                format!("the log has {channels} channels, the calibration is for {calibrated}");
+            let advice =
+                "name the columns with `--sensors`, or take the calibration of this sensor";
+            return vec![Finding::fault("channels-other", seen, advice)];
+        }
+        let outside = outside(self.rows_outside, self.summary.rows);
+        let worse = self.check_errors(file);
+        let mut findings: Vec<Finding> = outside.into_iter().chain(worse).collect();
+        let known = file.origin.diagnostics.as_ref();
+        let loads = known.and_then(|known| known.excitation.as_ref());
+        let largest = loads.map(Excitation::largest_loads);
+        for (axis, moved, of) in
+            largest.into_iter().flat_map(|largest| drift(&self.means, &largest))
+        {
+            let (name, unit, share) = (axis.name(), axis.unit(), percent(moved.abs() / of));
+            let seen = format!(
+                "{name} has moved by {moved:.3} {unit} from the first tenth to the last ({share} of its range)"
+            );
+            let advice = "if nothing touched the shell then: let it warm up, tare more often, and keep light off it";
+            findings.push(Finding::warning("drift", seen, advice));
+        }
+        findings
+    }
+
+    /// The error on the log beside that on the training data, and a reason for it.
+    fn check_errors(&self, file: &CalibrationFile) -> Option<Finding> {
+        let trained = file.origin.diagnostics.as_ref()?.train;
+        let found: Vec<_> = self.errors.iter().map(AxisErrors::quality).collect::<Option<_>>()?;
+        let ratio = |axis: Axis| found[axis.index()].rms / trained[axis.index()].rms;
+        let axes = file.calibration.axes.and(self.log.axes());
+        let ratios = axes.iter().map(|axis| (axis, ratio(axis)));
+        let worst = ratios.max_by(|a, b| a.1.total_cmp(&b.1));
+        let (axis, ratio) = worst.filter(|(_, ratio)| ratio.is_finite() && *ratio > WORSE)?;
+        if let Some((first, second, factor)) = find_swap(&file.calibration, &self.kept) {
+            let [first, second] = [first, second].map(|at| channel_name(&self.names, at));
+            let seen = format!(
+                "with {first} and {second} exchanged, the error is {factor:.1} times smaller"
+            );
+            let advice = "exchange their wires, or name the columns in the order of the calibration with `--sensors`";
+            return Some(Finding::fault("channels-swapped", seen, advice));
+        }
+        let seen =
+            format!("the error of {} is {ratio:.1} times that of the training data", axis.name());
+        let advice = "this is not the sensor that was calibrated, not as it was then, or beyond its range; \
+                      `shellcal fit --outliers report` names outliers";
+        Some(Finding::fault("error", seen, advice))
+    }
 }
 
 /// The exchange of two channels that makes the error smallest, if it does so by far.
@@ -274,14 +377,12 @@ fn find_swap(calibration: &Calibration, rows: &Block) -> Option<(usize, usize, f
     let mut readings = rows.readings.clone();
     let now = error(&readings);
     let mut best = None;
-    for first in 0..readings.len() {
-        for second in first + 1..readings.len() {
-            readings.swap(first, second);
-            let then = error(&readings);
-            readings.swap(first, second);
-            if best.is_none_or(|(_, _, least)| then < least) {
-                best = Some((first, second, then));
-            }
+    for (first, second) in pairs(readings.len()) {
+        readings.swap(first, second);
+        let then = error(&readings);
+        readings.swap(first, second);
+        if best.is_none_or(|(_, _, least)| then < least) {
+            best = Some((first, second, then));
         }
     }
     let (first, second, then) = best?;
@@ -316,212 +417,4 @@ fn drift(means: &[PerAxis<RunningVariance>], largest: &PerAxis<f64>) -> Vec<(Axi
         moved.abs() > DRIFT * largest[axis.index()] && moved.abs() > DRIFT_SCATTER * sd
     });
     moved.map(|(axis, moved, _)| (axis, moved, largest[axis.index()])).collect()
-}
-
-/// What is wrong with a log.
-pub fn check_log(facts: &LogObservations, calibration: Option<&Calibration>) -> Vec<Finding> {
-    if facts.summary.readings.is_empty() && facts.summary.wrench.is_empty() {
-        let seen = "no column holds readings, and no six a wrench";
-        let advice = "name them with `--sensors` or `--wrench`; `shellcal info` lists the columns";
-        return vec![Finding::fault("no-values", seen, advice)];
-    }
-    let mut findings = Vec::new();
-    if let Some((rows, first)) = &facts.bad_rows {
-        findings.push(Finding::fault(
-            "bad-rows",
-            format!("{rows} wrong rows; the first: {first}"),
-            "correct them, or leave them out with `--skip-bad-rows`",
-        ));
-    }
-    findings.extend(check_length(facts));
-    findings.extend(check_timing(facts));
-    if let Some(lever_m) = facts.lever_m.filter(|&lever_m| lever_m > LONGEST_LEVER_M) {
-        findings.push(Finding::fault(
-            "moment-unit",
-            format!("moments over forces make a lever of {lever_m:.1} m"),
-            "the moments are in mN·m (which is N·mm), it seems: give `--moment-unit mnm`, or name the columns so",
-        ));
-    }
-    let of_its_size =
-        calibration.filter(|calibration| calibration.channels() == facts.summary.readings.len());
-    let names = &facts.channel_names;
-    findings.extend(check_channels(&facts.summary, names, &facts.identical, of_its_size));
-    findings.extend(facts.jumps.iter().map(|jump| {
-        let [before, after] = jump.means;
-        Finding::warning(
-            "pose-jump",
-            format!(
-                "in pose `{}` {} jumps from {before:.1} to {after:.1} after {} rows; its load is constant",
-                jump.pose,
-                channel_name(names, jump.channel),
-                jump.rows_before
-            ),
-            "rows of another pose under this label, or the sensor slipped: take them out",
-        )
-    }));
-    if let Some(calibrated) = &facts.calibrated {
-        findings.extend(check_calibrated(calibrated, &facts.summary, names));
-    }
-    without_consequences(findings)
-}
-
-fn check_length(facts: &LogObservations) -> Option<Finding> {
-    let summary = &facts.summary;
-    let frames = summary.rows - if facts.repeats_are_stale { summary.repeated_rows } else { 0 };
-    (frames < TARE_FRAMES && !summary.readings.is_empty()).then(|| {
-        Finding::warning(
-            "short",
-            format!("{frames} frames"),
-            format!("record longer: a tare alone takes {TARE_FRAMES}"),
-        )
-    })
-}
-
-fn check_timing(facts: &LogObservations) -> Vec<Finding> {
-    let summary = &facts.summary;
-    let timing = &summary.timing;
-    if !facts.has_time {
-        return vec![Finding::warning(
-            "no-time",
-            "there is no column of time",
-            "name it with `--time` if there is one; without it `fit` finds no lag, `convert` needs `--rate` or \
-             `--no-lowpass`, and losses cannot be seen",
-        )];
-    }
-    if timing.backward_steps as f64 > NO_CLOCK * summary.rows as f64 {
-        return vec![Finding::fault(
-            "no-clock",
-            format!(
-                "what is taken for time runs backwards at {} of {} rows",
-                timing.backward_steps, summary.rows
-            ),
-            "it holds no times: name the columns with `--sensors`, `--wrench` and `--time`; without a line of names \
-             they are taken for what their number suggests",
-        )];
-    }
-    let mut findings = Vec::new();
-    if let Some(row) = timing.first_backward_row {
-        let seen = format!(
-            "time runs backwards {} times, first at row {}",
-            timing.backward_steps,
-            row + 1
-        );
-        // A fit takes recordings that were put together as groups.
-        findings.push(match facts.has_wrench {
-            true => Finding::warning(
-                "time-backward",
-                seen,
-                "recordings that were put together, it seems: `fit` takes each as a group of its own; \
-                 `convert` needs `--no-lowpass`",
-            ),
-            false => Finding::fault(
-                "time-backward",
-                seen,
-                "recordings that were put together: take them apart; or a clock that was set",
-            ),
-        });
-    }
-    if timing.equal_times > summary.rows / 100 {
-        findings.push(Finding::warning(
-            "time-equal",
-            format!(
-                "{} of {} rows have the time of the row before",
-                timing.equal_times, summary.rows
-            ),
-            "the clock is too coarse, or rows were written twice: take one with more digits",
-        ));
-    }
-    findings.extend(check_losses(facts));
-    if let (Some(interval), Some(jitter)) = (timing.median_interval_s(), timing.jitter_s())
-        && jitter > JITTER * interval
-    {
-        findings.push(Finding::warning(
-            "jitter",
-            format!(
-                "intervals of {:.3} ms scatter by {:.3} ms",
-                interval * 1e3,
-                jitter * 1e3
-            ),
-            "these are times of arrival, it seems: take the clock of the board, and set the adapter's \
-             latency timer to 1 ms",
-        ));
-    }
-    if facts.repeats_are_stale {
-        return findings;
-    }
-    let share = summary.repeated_rows as f64 / summary.rows.max(1) as f64;
-    let is_alive = summary.readings.iter().any(|column| !column.is_constant());
-    if share > 0.5 && is_alive {
-        findings.push(Finding::warning(
-            "repeats",
-            format!("{} of the rows repeat the readings of the row before", percent(share)),
-            "the log runs faster than the sensor: thin it out, or record at the sensor's rate",
-        ));
-    }
-    findings
-}
-
-/// Rows that are missing, by the log's own count where it has one, else by its clock.
-fn check_losses(facts: &LogObservations) -> Option<Finding> {
-    let rows = facts.summary.rows as f64;
-    let gaps = facts.summary.timing.gaps();
-    let missing = facts.missing.unwrap_or(gaps.missing_rows as f64);
-    let share = missing / (rows + missing).max(1.0);
-    let seen = format!("{missing} of {} frames are missing ({})", rows + missing, percent(share));
-    let advice =
-        "results hold the frame before for each; `shellcal doctor PORT` looks for the reason";
-    let [some, most] = MISSING;
-    Some(match share {
-        _ if share > most => Finding::fault("losses", seen, advice),
-        _ if share > some => Finding::warning("losses", seen, advice),
-        _ => Finding::fine("losses", seen),
-    })
-}
-
-fn check_calibrated(
-    facts: &CalibratedObservations,
-    summary: &LogSummary,
-    names: &[String],
-) -> Vec<Finding> {
-    let channels = summary.readings.len();
-    if channels != facts.channels {
-        return vec![Finding::fault(
-            "channels-other",
-            format!("the log has {channels} channels, the calibration is for {}", facts.channels),
-            "name the columns with `--sensors`, or take the calibration of this sensor",
-        )];
-    }
-    let mut findings: Vec<Finding> =
-        outside(facts.rows_outside, summary.rows).into_iter().collect();
-    if let Some((first, second, factor)) = facts.swap {
-        findings.push(Finding::fault(
-            "channels-swapped",
-            format!(
-                "with {} and {} exchanged, the error is {factor:.1} times smaller",
-                channel_name(names, first),
-                channel_name(names, second)
-            ),
-            "exchange their wires, or name the columns in the order of the calibration with `--sensors`",
-        ));
-    } else if let Some((axis, ratio)) = facts.worse.filter(|(_, ratio)| *ratio > WORSE) {
-        findings.push(Finding::fault(
-            "error",
-            format!("the error of {} is {ratio:.1} times that of the training data", axis.name()),
-            "this is not the sensor that was calibrated, not as it was then, or beyond its range; \
-             `shellcal fit --outliers report` names outliers",
-        ));
-    }
-    for &(axis, moved, of) in &facts.drift {
-        findings.push(Finding::warning(
-            "drift",
-            format!(
-                "{} has moved by {moved:.3} {} from the first tenth to the last ({} of its range)",
-                axis.name(),
-                axis.unit(),
-                percent(moved.abs() / of)
-            ),
-            "if nothing touched the shell then: let it warm up, tare more often, and keep light off it",
-        ));
-    }
-    findings
 }

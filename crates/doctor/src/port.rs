@@ -31,12 +31,12 @@ pub fn check_port(port: &PortState) -> Vec<Finding> {
 }
 
 fn refused(port: &PortState, refusal: &LinkError) -> Finding {
+    let seen = refusal.to_string();
     match refusal {
-        LinkError::Missing { .. } => Finding::fault(
-            "port-missing",
-            refusal.to_string(),
-            "plug the adapter in; `shellcal ports` lists the ports there are",
-        ),
+        LinkError::Missing { .. } => {
+            let advice = "plug the adapter in; `shellcal ports` lists the ports there are";
+            Finding::fault("port-missing", seen, advice)
+        }
         LinkError::Denied { .. } => {
             let group = port.group.as_deref().unwrap_or("dialout");
             let advice = match port.in_group {
@@ -49,26 +49,19 @@ fn refused(port: &PortState, refusal: &LinkError) -> Finding {
                     "join the group that may: `sudo usermod -aG {group} $USER`, then log in again"
                 ),
             };
-            Finding::fault("port-permission", refusal.to_string(), advice)
+            Finding::fault("port-permission", seen, advice)
         }
         LinkError::Busy { .. } => {
             let (seen, advice) = match &port.holder {
-                Some((name, id)) => {
-                    let seen = format!("port `{}` is in use by `{name}` ({id})", port.port);
-                    (seen, format!("end it, by `kill {id}` if need be"))
-                }
-                None => (
-                    refusal.to_string(),
-                    "end that program; `sudo fuser -v PORT` names it".to_owned(),
+                Some((name, id)) => (
+                    format!("port `{}` is in use by `{name}` ({id})", port.port),
+                    format!("end it, by `kill {id}` if need be"),
                 ),
+                None => (seen, "end that program; `sudo fuser -v PORT` names it".to_owned()),
             };
             Finding::fault("port-in-use", seen, advice)
         }
-        _ => Finding::fault(
-            "port-open",
-            refusal.to_string(),
-            "name a serial port; `shellcal ports` lists them",
-        ),
+        _ => Finding::fault("port-open", seen, "name a serial port; `shellcal ports` lists them"),
     }
 }
 

@@ -28,21 +28,21 @@ pub(crate) struct LabelledRows {
 #[derive(Debug)]
 struct LabelledRun {
     label: String,
-    readings: Vec<Vec<f64>>,
-    wrench: Vec<Vec<f64>>,
+    /// Their readings and wrench.
+    rows: Block,
 }
 
 /// A jump of the readings under a constant load.
 #[derive(Clone, Debug, PartialEq)]
-pub struct PoseJump {
+pub(crate) struct PoseJump {
     /// The label of the pose.
-    pub pose: String,
+    pub(crate) pose: String,
     /// Rows of the pose before the jump.
-    pub rows_before: usize,
+    pub(crate) rows_before: usize,
     /// The channel that jumps farthest for its range, from 0.
-    pub channel: usize,
+    pub(crate) channel: usize,
     /// Its mean before and after.
-    pub means: [f64; 2],
+    pub(crate) means: [f64; 2],
 }
 
 impl LabelledRows {
@@ -58,42 +58,34 @@ impl LabelledRows {
             let range = start..start + rows;
             start = range.end;
             if self.runs.last().is_none_or(|last| last.label != *label) {
-                let columns = |of: &[Vec<f64>]| vec![Vec::new(); of.len()];
-                let (readings, wrench) = (columns(&block.readings), columns(&block.wrench));
-                self.runs.push(LabelledRun { label: label.clone(), readings, wrench });
+                self.runs.push(LabelledRun { label: label.clone(), rows: Block::default() });
             }
-            let Some(run) = self.runs.last_mut() else { continue };
-            for (kept, columns) in
-                [(&mut run.readings, &block.readings), (&mut run.wrench, &block.wrench)]
-            {
-                kept.iter_mut().zip(columns).for_each(|(kept, column)| {
-                    kept.extend_from_slice(&column[range.clone()]);
-                });
+            if let Some(run) = self.runs.last_mut() {
+                run.rows.append(block, range);
             }
         }
     }
 
     /// The jumps, one at most for each run of a label.
     pub(crate) fn jumps(&self) -> Vec<PoseJump> {
-        let loads = ranges(self.runs.iter().map(|run| &run.wrench));
-        let readings = ranges(self.runs.iter().map(|run| &run.readings));
-        let is_held = |wrench: &[Vec<f64>]| {
+        let loads = ranges(self.runs.iter().map(|run| &run.rows.wrench));
+        let readings = ranges(self.runs.iter().map(|run| &run.rows.readings));
+        let is_held = |wrench: &Vec<Vec<f64>>| {
             let within = ranges(std::iter::once(wrench));
-            !wrench.is_empty()
-                && std::iter::zip(&within, &loads)
-                    .all(|(within, all)| *within <= CONSTANT_LOAD * all)
+            let is_constant = |(within, all): (&f64, &f64)| *within <= CONSTANT_LOAD * all;
+            !wrench.is_empty() && std::iter::zip(&within, &loads).all(is_constant)
         };
-        let held = self.runs.iter().filter(|run| is_held(&run.wrench));
-        held.filter_map(|run| jump(&run.label, &run.readings, &readings)).collect()
+        let held = self.runs.iter().filter(|run| is_held(&run.rows.wrench));
+        held.filter_map(|run| jump(&run.label, &run.rows.readings, &readings)).collect()
     }
 }
 
 /// Greatest less least value of each column over all runs.
-fn ranges<'a, C: AsRef<[Vec<f64>]> + 'a + ?Sized>(runs: impl Iterator<Item = &'a C>) -> Vec<f64> {
+fn ranges<'a>(runs: impl Iterator<Item = &'a Vec<Vec<f64>>>) -> Vec<f64> {
     let mut ranges: Vec<[f64; 2]> = Vec::new();
     for columns in runs {
-        ranges.resize(columns.as_ref().len(), [f64::INFINITY, f64::NEG_INFINITY]);
-        for ([low, high], column) in ranges.iter_mut().zip(columns.as_ref()) {
+        ranges.resize(columns.len(), [f64::INFINITY, f64::NEG_INFINITY]);
+        for ([low, high], column) in ranges.iter_mut().zip(columns) {
             *low = column.iter().copied().fold(*low, f64::min);
             *high = column.iter().copied().fold(*high, f64::max);
         }

@@ -263,7 +263,7 @@ impl AtomicFile {
     /// # Errors
     /// As for [`commit`](Self::commit).
     pub fn commit_with(mut self, bytes: &[u8]) -> Result<(), OutputError> {
-        match self.target.write_all(bytes) {
+        match self.target.writer().write_all(bytes) {
             Ok(()) => self.commit(),
             Err(source) => Err(OutputError::failed(self.path, source)),
         }
@@ -304,6 +304,13 @@ impl OutputTarget {
         }
     }
 
+    fn writer(&mut self) -> &mut dyn Write {
+        match self {
+            OutputTarget::Replace { file, .. } => file,
+            OutputTarget::Device(file) => file,
+        }
+    }
+
     fn finish(self) -> io::Result<()> {
         if let OutputTarget::Replace { file, path, permissions } = self {
             let mut file = file.into_inner().map_err(io::IntoInnerError::into_error)?;
@@ -317,29 +324,13 @@ impl OutputTarget {
     }
 }
 
-impl Write for OutputTarget {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        match self {
-            OutputTarget::Replace { file, .. } => file.write(bytes),
-            OutputTarget::Device(file) => file.write(bytes),
-        }
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        match self {
-            OutputTarget::Replace { file, .. } => file.flush(),
-            OutputTarget::Device(file) => file.flush(),
-        }
-    }
-}
-
 impl Write for AtomicFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.target.write(bytes).map_err(|error| self.named(error))
+        self.target.writer().write(bytes).map_err(|error| self.named(error))
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        self.target.flush().map_err(|error| self.named(error))
+        self.target.writer().flush().map_err(|error| self.named(error))
     }
 }
 

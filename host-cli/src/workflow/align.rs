@@ -86,20 +86,16 @@ pub fn align_logs(
     options: &AlignOptions,
     read: &ReadOptions<'_>,
 ) -> Result<AlignedLogs, AlignLogsError> {
-    let wrench = Wanted { time: true, wrench: true, ..Wanted::default() };
-    let readings = Wanted { time: true, readings: true, ..Wanted::default() };
+    let mut wrench = Wanted { time: true, wrench: true, ..Wanted::default() };
+    let mut readings = Wanted { time: true, readings: true, ..Wanted::default() };
     // Both are looked at before the first is read.
     reference.require(&wrench)?;
     reference.require_axes(Axes::ALL)?;
     board.require(&readings)?;
-    let signal = options.sync.as_ref().map(std::slice::from_ref);
-    let signal = signal.map(|column| reference.column_positions(column));
-    let wrench = Wanted { others: signal.transpose()?.unwrap_or_default(), ..wrench };
-    let edge_times = options
-        .sync
-        .as_ref()
-        .map(|_| board.column_positions(&[ColumnRef::Name(EDGE_TIMES.to_owned())]));
-    let readings = Wanted { texts: edge_times.transpose()?.unwrap_or_default(), ..readings };
+    if let Some(signal) = &options.sync {
+        wrench.others = reference.column_positions(std::slice::from_ref(signal))?;
+        readings.texts = board.column_positions(&[ColumnRef::Name(EDGE_TIMES.to_owned())])?;
+    }
     let Read { recording: wrench, signal, summary: reference_summary, .. } =
         columns(reference, &wrench, read)?;
     let Read { recording: readings, edges_s, summary: board_summary, .. } =

@@ -12,7 +12,7 @@
 
 use std::time::Instant;
 
-use faer::Mat;
+use faer::{Mat, MatRef};
 use serde::Serialize;
 
 use calibration::features::Features;
@@ -219,21 +219,17 @@ fn prediction_error(blocks: &[Block], features: &Features, difference: &Mat<f64>
     const ROWS: usize = 512;
     let mut largest = [0.0_f64; 6];
     let mut squares = [0.0_f64; 6];
-    let mut columns = Mat::<f64>::zeros(ROWS, features.len());
     for block in blocks {
         for (sum, axis) in squares.iter_mut().zip(&block.wrench) {
             *sum += axis.iter().map(|w| w * w).sum::<f64>();
         }
         for start in (0..block.rows).step_by(ROWS) {
             let rows = start..block.rows.min(start + ROWS);
-            let stride = columns.col_stride() as usize;
-            let count = rows.len();
-            let mut flat = vec![0.0; stride * features.len()];
-            features.fill(&block.readings, rows, &mut flat, stride);
-            for (to, from) in columns.col_iter_mut().zip(flat.chunks(stride)) {
-                to.iter_mut().zip(from).for_each(|(to, from)| *to = *from);
-            }
-            let errors = columns.subrows(0, count) * difference;
+            let (count, width) = (rows.len(), features.len());
+            let mut columns = vec![0.0; ROWS * width];
+            features.fill(&block.readings, rows, &mut columns, ROWS);
+            let columns = MatRef::from_column_major_slice_with_stride(&columns, count, width, ROWS);
+            let errors = columns * difference;
             for (largest, errors) in largest.iter_mut().zip(errors.col_iter()) {
                 *largest = errors.iter().fold(*largest, |l, e| l.max(e.abs()));
             }

@@ -2,11 +2,13 @@
 //! calibrated sensor.
 
 use super::WorkflowError;
+use super::convert::interval_factors;
 use super::drift::{DriftOptions, drift};
 use super::noise::{NoiseOptions, noise};
+use super::recalibration::known_errors;
 use super::selection::RowFilter;
-use calibration::Kind;
 use calibration::physics::COVERAGE_LEVEL;
+use calibration::validation::cross_validation::CrossValidation;
 use calibration_file::CalibrationFile;
 use log_file::{Log, ReadOptions};
 use report::{Contribution, EvaluationType};
@@ -28,40 +30,32 @@ pub fn budget(
         Some(log) => {
             let options = NoiseOptions { rows: RowFilter::Fresh, window: None };
             let found = noise(log, &file.calibration, &options, read)?;
-            budget.push(Contribution {
-                source: "repeatability",
-                evaluation: EvaluationType::TypeA,
-                basis: format!(
-                    "scatter of {} frames of the unloaded sensor, `{}`",
-                    found.frames,
-                    log.path().display()
-                ),
-                standard: Some(by_axis(&found.axes, |scatter| scatter.rms)),
-                is_part: true,
-            });
+            let (frames, path) = (found.frames, log.path().display());
+            let basis = format!("scatter of {frames} frames of the unloaded sensor, `{path}`");
+            let standard = by_axis(&found.axes, |scatter| scatter.rms);
+            let scatter = measured("repeatability", basis, Some(standard));
+            budget.push(Contribution { is_part: true, ..scatter });
             budget.push(of_drift(file, log, read)?);
         }
-        None => budget.push(Contribution {
-            source: "drift of the zero",
-            evaluation: EvaluationType::TypeA,
-            basis: "not stated: a log of the unloaded sensor tells it".to_owned(),
-            standard: None,
-            is_part: false,
-        }),
+        None => {
+            let basis = "not stated: a log of the unloaded sensor tells it".to_owned();
+            budget.push(measured("drift of the zero", basis, None));
+        }
     }
-    budget.push(Contribution {
-        source: "reference",
-        evaluation: EvaluationType::TypeB,
-        basis: match reference {
-            Some(_) => "as stated for the reference sensor or the weights".to_owned(),
-            None => "not stated".to_owned(),
-        },
-        standard: reference.map(|[force, moment]| {
-            std::array::from_fn(|axis| if axis < 3 { force } else { moment })
-        }),
-        is_part: false,
-    });
+    let basis = match reference {
+        Some(_) => "as stated for the reference sensor or the weights",
+        None => "not stated",
+    };
+    let standard = reference
+        .map(|[force, moment]| std::array::from_fn(|axis| if axis < 3 { force } else { moment }));
+    let stated = measured("reference", basis.to_owned(), standard);
+    budget.push(Contribution { evaluation: EvaluationType::TypeB, ..stated });
     Ok(budget)
+}
+
+/// What observations tell, and no other line has already.
+fn measured(source: &'static str, basis: String, standard: Option<PerAxis<f64>>) -> Contribution {
+    Contribution { source, evaluation: EvaluationType::TypeA, basis, standard, is_part: false }
 }
 
 /// Errors on loads that were not used, or the best that the file knows.
@@ -69,31 +63,20 @@ fn of_model(file: &CalibrationFile) -> Contribution {
     let known = file.origin.diagnostics.as_ref();
     let held_out = known.and_then(|of| of.cross_validation.as_ref());
     let test = known.and_then(|of| of.test.as_ref());
-    let (standard, basis) = match (held_out, test, known) {
-        (Some(found), _, _) => {
-            let basis = format!(
-                "root mean square error on {} groups of rows that were not used for the fit",
-                found.groups
-            );
-            (Some(found.grouped.map(|axis| axis.rms)), basis)
+    let basis = match (held_out, test, known) {
+        (Some(CrossValidation { groups, .. }), _, _) => {
+            format!(
+                "root mean square error on {groups} groups of rows that were not used for the fit"
+            )
         }
-        (None, Some(test), _) => {
-            (Some(test.map(|axis| axis.rms)), "root mean square error on test logs".to_owned())
-        }
-        (None, None, Some(known)) => (
-            Some(known.train.map(|axis| axis.rms)),
+        (None, Some(_), _) => "root mean square error on test logs".to_owned(),
+        (None, None, Some(_)) => {
             "root mean square error on the rows that were fitted: too small for new loads"
-                .to_owned(),
-        ),
-        (None, None, None) => (None, "the calibration file does not say".to_owned()),
+                .to_owned()
+        }
+        (None, None, None) => "the calibration file does not say".to_owned(),
     };
-    Contribution {
-        source: "model and mounting",
-        evaluation: EvaluationType::TypeA,
-        basis,
-        standard,
-        is_part: false,
-    }
+    measured("model and mounting", basis, known_errors(file))
 }
 
 fn of_drift(
@@ -103,25 +86,17 @@ fn of_drift(
 ) -> Result<Contribution, WorkflowError> {
     let calibration = Some(&file.calibration);
     let options = DriftOptions { calibration, ..DriftOptions::default() };
-    let (standard, basis) = match drift(log, &options, RowFilter::Fresh, read) {
+    let (basis, standard) = match drift(log, &options, RowFilter::Fresh, read) {
         Ok(found) => {
             let rests = found.rests;
-            let spread = found.axes.map(|axes| by_axis(&axes, |of| of.wander));
-            (
-                spread,
-                format!("standard deviation of the zero at {rests} rests, tared before the first"),
-            )
+            let basis =
+                format!("standard deviation of the zero at {rests} rests, tared before the first");
+            (basis, found.axes.map(|axes| by_axis(&axes, |of| of.wander)))
         }
         Err(error @ WorkflowError::Log(_)) => return Err(error),
-        Err(error) => (None, format!("not stated: {error}")),
+        Err(error) => (format!("not stated: {error}"), None),
     };
-    Ok(Contribution {
-        source: "drift of the zero",
-        evaluation: EvaluationType::TypeA,
-        basis,
-        standard,
-        is_part: false,
-    })
+    Ok(measured("drift of the zero", basis, standard))
 }
 
 fn by_axis<T>(values: &AxisValues<T>, of: impl Fn(&T) -> f64) -> PerAxis<f64> {
@@ -132,17 +107,7 @@ fn by_axis<T>(values: &AxisValues<T>, of: impl Fn(&T) -> f64) -> PerAxis<f64> {
 
 /// What is to be said of the intervals of converted frames.
 pub fn intervals(file: &CalibrationFile) -> String {
-    let calibration = &file.calibration;
-    let groups = match calibration.kind() {
-        Kind::Polynomial(_) => calibration
-            .covariance
-            .as_ref()
-            .is_some_and(|of| of.interval_factors(COVERAGE_LEVEL).is_ok()),
-        Kind::Physics(physics) => {
-            physics.intervals.as_ref().is_some_and(|of| of.factors(COVERAGE_LEVEL).is_ok())
-        }
-    };
-    match groups {
+    match interval_factors(&file.calibration, COVERAGE_LEVEL).is_ok() {
         true => "`shellcal convert` gives the 95 % interval of each frame, which is narrower or wider than this with \
                  the load; it comes from groups of rows that were held out.",
         false => "The calibration has no 95 % intervals of single frames: no groups of rows were held out for them.",

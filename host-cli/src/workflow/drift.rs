@@ -121,10 +121,7 @@ pub fn drift(
         }
     };
     let known = temperatures.iter().copied().flatten();
-    let extremes = |ends: Option<[f64; 2]>, at: f64| match ends {
-        None => Some([at, at]),
-        Some([low, high]) => Some([low.min(at), high.max(at)]),
-    };
+    let extremes = known.clone().reduce(f64::min).zip(known.reduce(f64::max));
     let means = |levels: &Vec<QuietLevel>| levels.iter().map(|level| level.mean).collect();
     Ok(DriftSummary {
         rows: summary.rows,
@@ -132,7 +129,7 @@ pub fn drift(
         rests: times_s.len(),
         first_s: times_s[0],
         last_s: times_s[times_s.len() - 1],
-        temperature: known.fold(None, extremes),
+        temperature: extremes.map(|(low, high)| [low, high]),
         axes: axis_drifts,
         channels: channel_drifts,
         zeros: Zeros {

@@ -75,13 +75,10 @@ impl<'a> FigureFolder<'a> {
     ) -> Result<(), OutputError> {
         let figure = box_figure(self.size, "Energies and specific resistance", conditions);
         self.write("boxes", &figure)?;
-        match phases.is_empty() {
-            true => Ok(()),
-            false => {
-                let figure = phase_figure(self.size, "Drag and lift over a stride", phases);
-                self.write("phase", &figure)
-            }
+        if phases.is_empty() {
+            return Ok(());
         }
+        self.write("phase", &phase_figure(self.size, "Drag and lift over a stride", phases))
     }
 
     fn write(&self, name: &str, figure: &Figure) -> Result<(), OutputError> {
@@ -129,11 +126,9 @@ pub fn reduce_trace(result: &mut TrialResult, profile: &Profile, thinned: bool) 
 /// The window, or where it has many strides the ten in its middle, s.
 pub fn some_strides(row: &TrialRow, trace: &Trace) -> [f64; 2] {
     let times = &trace.stride_times_s;
-    match times.len().checked_sub(STRIDES + STRIDES / 2) {
-        Some(_) => {
-            let first = (times.len() - STRIDES) / 2;
-            [times[first], times[first + STRIDES]]
-        }
-        None => [row.t_enter_s, row.t_exit_s],
+    if times.len() < STRIDES + STRIDES / 2 {
+        return [row.t_enter_s, row.t_exit_s];
     }
+    let first = (times.len() - STRIDES) / 2;
+    [times[first], times[first + STRIDES]]
 }

@@ -81,14 +81,10 @@ pub fn html(fit: &Fit, file: &CalibrationFile, facts: ReportFacts<'_>) -> Result
 
 /// The rows that were fitted, by poses where those are known.
 fn labelled(fitted: &Fit) -> Dataset {
-    match fitted.group_by {
-        Some(GroupBy::Found(found)) if found.kind == FoundKind::Recordings => {
-            match &fitted.method {
-                FitMethod::Polynomial { .. } => fitted.used.clone(),
-                FitMethod::Physics(_) => label_poses_or_files(&fitted.used),
-            }
-        }
-        Some(_) => fitted.used.clone(),
-        None => label_poses_or_files(&fitted.used),
-    }
+    let has_poses = match (fitted.group_by, &fitted.method) {
+        (None, _) => false,
+        (Some(GroupBy::Found(found)), FitMethod::Physics(_)) => found.kind != FoundKind::Recordings,
+        (Some(_), _) => true,
+    };
+    if has_poses { fitted.used.clone() } else { label_poses_or_files(&fitted.used) }
 }

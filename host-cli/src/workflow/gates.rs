@@ -1,6 +1,5 @@
 //! Limits on the errors of a calibration: whatever is asked for is compared, or it fails.
 
-use std::fmt;
 use std::path::PathBuf;
 
 use calibration::quality::significant;
@@ -31,9 +30,10 @@ pub struct ComparedAxes {
 }
 
 /// Why a calibration does not pass.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum GateFailure {
     /// Axes that were asked for are not in a log.
+    #[error("not compared: {axes}, which `{}` does not have", path.display())]
     NotCompared {
         /// The log.
         path: PathBuf,
@@ -41,6 +41,10 @@ pub enum GateFailure {
         axes: Axes,
     },
     /// An error is above its limit.
+    #[error(
+        "the RMS error of `{}` is {rms} {unit}, above the limit of {limit} {unit}",
+        axis.name(), rms = significant(*rms, 4), limit = significant(*limit, 4), unit = axis.unit()
+    )]
     Above {
         /// The axis.
         axis: Axis,
@@ -85,24 +89,6 @@ impl Hint for GateError {
                 Some("leave the limit out, or add an axis to `--axes`".to_owned())
             }
             Self::Log(error) => error.hint(),
-        }
-    }
-}
-
-impl fmt::Display for GateFailure {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::NotCompared { path, axes } => {
-                write!(f, "not compared: {axes}, which `{}` does not have", path.display())
-            }
-            Self::Above { axis, rms, limit } => {
-                let (name, unit) = (axis.name(), axis.unit());
-                let (rms, limit) = (significant(*rms, 4), significant(*limit, 4));
-                write!(
-                    f,
-                    "the RMS error of `{name}` is {rms} {unit}, above the limit of {limit} {unit}"
-                )
-            }
         }
     }
 }

@@ -12,6 +12,9 @@ use shell_data::wrench::{Axes, Axis};
 /// As many rows as a report lists: more would hide what else is said.
 const LISTED: usize = 100;
 
+/// The columns of a list of rows.
+const HEADER: &str = "file,line,reason,axis,error_n_or_nm,error_in_sd,column,value,before,after";
+
 /// What `--json` prints of a row.
 #[derive(Debug, Serialize)]
 pub struct OutlierReport {
@@ -104,19 +107,7 @@ impl NamedOutliers {
     /// [`csv::Error`] if `output` does not take them.
     pub fn write(&self, output: &mut dyn Write) -> csv::Result<()> {
         let mut table = csv::Writer::from_writer(output);
-        let header = [
-            "file",
-            "line",
-            "reason",
-            "axis",
-            "error_n_or_nm",
-            "error_in_sd",
-            "column",
-            "value",
-            "before",
-            "after",
-        ];
-        table.write_record(header)?;
+        table.write_record(HEADER.split(','))?;
         let number = |value: Option<f64>| value.map_or_else(String::new, |value| value.to_string());
         for row in self.report() {
             let column = row.columns.first();

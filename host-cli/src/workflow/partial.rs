@@ -82,13 +82,9 @@ pub fn sum(logs: &mut [Log], options: &PartialOptions<'_>) -> Result<PartialFit,
         Some(_) => random_split(RANDOM_FOLDS, options.seed),
         None => RandomSplit::default(),
     };
-    let stream = BlockStream {
-        logs,
-        basis: options.basis,
-        by: group_by.unwrap_or(GroupKind::File),
-        fresh: options.fresh,
-        read: ReadOptions { checksum: true, ..options.read },
-    };
+    let read = ReadOptions { checksum: true, ..options.read };
+    let options = PartialOptions { read, ..*options };
+    let stream = BlockStream { logs, by: group_by.unwrap_or(GroupKind::File), options };
     let kept = match options.r_factors {
         true => stream.factor(),
         false => match stream.sum(random) {
@@ -98,13 +94,8 @@ pub fn sum(logs: &mut [Log], options: &PartialOptions<'_>) -> Result<PartialFit,
     };
     let KeptLogs { total, groups, random, rows } = kept?;
     let ReadRows { first_in, summaries, digests } = rows;
-    let model = Model {
-        basis: options.basis,
-        intercept: options.intercept,
-        channels: total.channels(),
-        memory: 0,
-    };
-    let mut partial = PartialFit::new(model, total);
+    let (basis, intercept, channels) = (options.basis, options.intercept, total.channels());
+    let mut partial = PartialFit::new(Model { basis, intercept, channels, memory: 0 }, total);
     partial.axes = axes;
     partial.summed = logs.first().map(|log| log.specified_values(options.mapping));
     partial.groups = group_by.map(|by| PartialGroups::new(by, random, groups, &first_in));
@@ -131,19 +122,17 @@ pub fn sum(logs: &mut [Log], options: &PartialOptions<'_>) -> Result<PartialFit,
 /// Logs that are read block by block.
 struct BlockStream<'a> {
     logs: &'a [Log],
-    basis: Basis,
     by: GroupKind,
-    fresh: bool,
-    read: ReadOptions<'a>,
+    options: PartialOptions<'a>,
 }
 
 impl BlockStream<'_> {
-    /// The number of channels, if all logs have as many, and features are not too many.
-    fn channels(&self) -> Result<usize, WorkflowError> {
+    /// What is summed, if all logs have as many channels, and features are not too many.
+    fn model(&self) -> Result<Model, WorkflowError> {
         let channels = check_logs(self.logs, &[], &self.wanted())?.channels();
-        let model = Model { basis: self.basis, intercept: true, channels, memory: 0 };
+        let model = Model { basis: self.options.basis, intercept: true, channels, memory: 0 };
         model.check_size().map_err(FitError::from)?;
-        Ok(channels)
+        Ok(model)
     }
 
     fn wanted(&self) -> Wanted {
@@ -156,7 +145,7 @@ impl BlockStream<'_> {
         if self.by == GroupKind::File {
             block.groups = vec![(self.logs[log].path().display().to_string(), block.rows)];
         }
-        if self.fresh {
+        if self.options.fresh {
             *block = block.kept(&block.fresh_rows());
         }
     }
@@ -184,14 +173,14 @@ impl BlockStream<'_> {
         };
         let logs: Vec<&Log> = self.logs.iter().collect();
         let (summaries, states) =
-            log_file::read_all(&logs, &self.wanted(), &self.read, init, map, fold)?;
+            log_file::read_all(&logs, &self.wanted(), &self.options.read, init, map, fold)?;
         Ok((ReadRows { first_in, summaries, digests }, states))
     }
 
     /// The exact sums by group.
     fn sum(&self, split: RandomSplit) -> Result<KeptLogs, WorkflowError> {
-        let channels = self.channels()?;
-        let mut sums = GroupSums::new(self.basis, channels, Apart::Groups, split);
+        let Model { basis, channels, .. } = self.model()?;
+        let mut sums = GroupSums::new(basis, channels, Apart::Groups, split);
         let empty = sums.worker();
         let map = |worker: &mut GroupWorker, block: &mut Block| {
             // Names what is not finite, as every fit does.
@@ -217,8 +206,7 @@ impl BlockStream<'_> {
 
     /// R factors by group.
     fn factor(&self) -> Result<KeptLogs, WorkflowError> {
-        let channels = self.channels()?;
-        let model = Model { basis: self.basis, intercept: true, channels, memory: 0 };
+        let model = self.model()?;
         let sample = Wanted { readings: true, ..Wanted::default() };
         let sample = self.logs.first().ok_or(WorkflowError::NoLogs)?.sample(&sample)?;
         let mut groups = GroupFactors::new(model, Scaling::from_sample(&sample.readings, true));

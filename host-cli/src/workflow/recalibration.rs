@@ -99,7 +99,6 @@ impl Recalibrated {
             rank: fitted.map_or(0, |of| of.rank),
             condition: fitted.and_then(|of| of.condition),
             train,
-            test: None,
             cross_validation: found.held_out.map(|grouped| CrossValidation {
                 groups: *loads,
                 folds: *loads,
@@ -109,10 +108,7 @@ impl Recalibrated {
                 random_folds: 0,
                 random: None,
             }),
-            selection: None,
-            excitation: None,
-            test_leak: None,
-            group_leak: None,
+            ..Diagnostics::default()
         });
         CalibrationFile {
             calibration: found.calibration.clone(),

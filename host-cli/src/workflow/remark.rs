@@ -1,5 +1,6 @@
 //! What is to be known of a result beside its figures, worded once for all who show it.
 
+use std::fmt::Display;
 use std::path::Path;
 
 use super::selection::RowFilter;
@@ -66,31 +67,17 @@ pub fn about_fit(fit: &Fit) -> Vec<Remark> {
     let mut remarks: Vec<Remark> = absent_axes(fit.calibration.axes).into_iter().collect();
     remarks.extend(fit.found_groups.map(found_groups));
     if let Some(means) = fit.means {
-        let without = match means.skipped_rows {
-            0 => String::new(),
-            skipped => format!(", {skipped} skipped"),
-        };
         let (groups, rows) = (means.groups, means.rows);
-        remarks.push(Remark::Note(format!(
-            "a row is the mean of a group: {groups} of {rows} rows{without}"
-        )));
-    }
-    match &fit.dynamics {
-        Some(Ok(found)) => remarks.push(Remark::Note(found.to_string())),
-        Some(Err(reason)) => {
-            let text = format!("lag and memory were not searched for: {reason}");
-            remarks.push(Remark::Note(text));
+        let mut text = format!("a row is the mean of a group: {groups} of {rows} rows");
+        if means.skipped_rows > 0 {
+            text += &format!(", {} skipped", means.skipped_rows);
         }
-        None => {}
+        remarks.push(Remark::Note(text));
     }
-    match &fit.comparison {
-        Some(Ok(comparison)) => remarks.push(Remark::Note(comparison.to_string())),
-        Some(Err(reason)) => {
-            let text = format!("the physics model was not compared: {reason}");
-            remarks.push(Remark::Note(text));
-        }
-        None => {}
-    }
+    let searched = fit.dynamics.as_ref();
+    remarks.extend(searched.map(|of| found_or_why(of, "lag and memory were not searched for")));
+    let compared = fit.comparison.as_ref();
+    remarks.extend(compared.map(|of| found_or_why(of, "the physics model was not compared")));
     let early = fit.warnings.iter().filter(|warning| !is_about_table(warning));
     remarks.extend(early.map(Remark::from));
     if let Some(Err(reason)) = &fit.outliers {
@@ -98,6 +85,14 @@ pub fn about_fit(fit: &Fit) -> Vec<Remark> {
         remarks.push(Remark::Note(text));
     }
     remarks
+}
+
+/// What was found, or why it was not.
+fn found_or_why(found: &Result<impl Display, impl Display>, not_found: &str) -> Remark {
+    Remark::Note(match found {
+        Ok(found) => found.to_string(),
+        Err(reason) => format!("{not_found}: {reason}"),
+    })
 }
 
 /// What is to be known of the table of errors of a fit.

@@ -91,7 +91,8 @@ pub fn calibration_facts<'a>(path: &str, file: &'a CalibrationFile) -> Calibrati
     if let Some(solver) = &origin.solver {
         facts.push(("solver", format!("{}, ridge {}", solver.name.name(), figure(solver.ridge))));
     }
-    if let Some(diagnostics) = &origin.diagnostics {
+    let known = origin.diagnostics.as_ref();
+    if let Some(diagnostics) = known {
         facts.push(("rows fitted", diagnostics.rows.to_string()));
         facts.push(("rank", diagnostics.rank.to_string()));
         facts.push(("condition number", figure(diagnostics.condition)));
@@ -111,12 +112,9 @@ pub fn calibration_facts<'a>(path: &str, file: &'a CalibrationFile) -> Calibrati
     CalibrationFacts {
         facts,
         axes: calibration.axes,
-        train: origin.diagnostics.as_ref().map(|diagnostics| &diagnostics.train),
-        cross_validation: origin
-            .diagnostics
-            .as_ref()
-            .and_then(|diagnostics| diagnostics.cross_validation.as_ref()),
-        test: origin.diagnostics.as_ref().and_then(|diagnostics| diagnostics.test.as_ref()),
+        train: known.map(|known| &known.train),
+        cross_validation: known.and_then(|known| known.cross_validation.as_ref()),
+        test: known.and_then(|known| known.test.as_ref()),
         sources: sources.collect(),
     }
 }
@@ -130,14 +128,12 @@ pub fn settings(options: &TrialOptions, profile: &Profile, seed: u64) -> Vec<(St
         RowRule::Time => "by time",
         RowRule::Rows => "by row",
     };
-    let mut settings: Vec<(String, String)> = [
-        ("tare", options.forces.tare.to_string()),
-        ("low-pass", low_pass),
-        ("means and integrals", rule.to_owned()),
-        ("bootstrap seed", seed.to_string()),
-    ]
-    .map(|(name, value)| (name.to_owned(), value))
-    .into();
+    let mut settings = vec![
+        ("tare".to_owned(), options.forces.tare.to_string()),
+        ("low-pass".to_owned(), low_pass),
+        ("means and integrals".to_owned(), rule.to_owned()),
+        ("bootstrap seed".to_owned(), seed.to_string()),
+    ];
     let Ok(serde_json::Value::Object(tables)) = serde_json::to_value(profile) else {
         return settings;
     };

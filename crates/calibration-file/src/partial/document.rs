@@ -132,6 +132,7 @@ impl PartialFit {
 
     /// The JSON document.
     pub fn to_json(&self) -> String {
+        let (moments, triangle) = stored_sums(&self.sums, self.axes);
         checksum::add(&to_json(&PartialDocument {
             partial_schema_version: PARTIAL_SCHEMA_VERSION,
             made_by: self.made_by.clone(),
@@ -145,8 +146,8 @@ impl PartialFit {
                 .then(|| self.axes.iter().map(|axis| axis.column().to_owned()).collect()),
             summed: self.summed.clone(),
             sensor_serial: self.sensor_serial.clone(),
-            moments: moments(&self.sums, self.axes),
-            triangle: triangle(&self.sums, self.axes),
+            moments,
+            triangle,
             groups: self.groups.as_ref().map(|groups| GroupsDocument::new(groups, self.axes)),
         }))
     }
@@ -194,12 +195,10 @@ impl PartialDocument {
 impl GroupsDocument {
     fn new(groups: &PartialGroups, axes: Axes) -> Self {
         let RandomSplit { folds, held_out, seed } = groups.split;
-        let group = |group: &PartialGroup| GroupDocument {
-            label: group.label.clone(),
-            source: group.source,
-            place: group.position,
-            moments: moments(&group.sums, axes),
-            triangle: triangle(&group.sums, axes),
+        let group = |group: &PartialGroup| {
+            let (moments, triangle) = stored_sums(&group.sums, axes);
+            let (label, source, place) = (group.label.clone(), group.source, group.position);
+            GroupDocument { label, source, place, moments, triangle }
         };
         Self {
             by: Name::of(&groups.by, axes),
@@ -219,6 +218,7 @@ impl GroupsDocument {
         sources: usize,
         axes: Axes,
     ) -> Result<PartialGroups, String> {
+        let Self { random_folds: folds, held_out_folds: held_out, seed, .. } = self;
         let (mut moments_of, mut groups, mut rows) = (Vec::new(), Vec::new(), 0_u64);
         let (mut labels, mut places) = (HashSet::new(), HashSet::new());
         if self.sums.len() > MAX_GROUPS {
@@ -251,22 +251,14 @@ impl GroupsDocument {
         if !is_whole {
             return Err(format!("the sums of the groups do not add up to `{}`", field(total)));
         }
-        let split = RandomSplit {
-            folds: self.random_folds,
-            held_out: self.held_out_folds,
-            seed: self.seed,
-        };
         let assigned = match total {
-            Sums::Exact(_) => (1..=split.folds).contains(&split.held_out),
-            Sums::Factored(_) => split.held_out == 0,
+            Sums::Exact(_) => (1..=folds).contains(&held_out),
+            Sums::Factored(_) => held_out == 0,
         };
-        if !assigned || self.random.len() != split.held_out {
-            return Err(format!(
-                "`random` has {} sums, for {} folds of {} that are held out",
-                self.random.len(),
-                split.held_out,
-                split.folds
-            ));
+        let found = self.random.len();
+        if !assigned || found != held_out {
+            let of = format!("{held_out} folds of {folds} that are held out");
+            return Err(format!("`random` has {found} sums, for {of}"));
         }
         let mut random = Vec::new();
         for moments in self.random {
@@ -280,6 +272,7 @@ impl GroupsDocument {
             }
             random.push(moments);
         }
+        let split = RandomSplit { folds, held_out, seed };
         Ok(PartialGroups { by: self.by.value(axes)?, split, groups, random })
     }
 }
@@ -296,10 +289,11 @@ fn field(sums: &Sums) -> &'static str {
     }
 }
 
-fn moments(sums: &Sums, axes: Axes) -> Option<MomentsDocument> {
+/// What the two fields have.
+fn stored_sums(sums: &Sums, axes: Axes) -> (Option<MomentsDocument>, Option<RFactorDocument>) {
     match sums {
-        Sums::Exact(moments) => Some(stored_moments(moments, axes)),
-        Sums::Factored(_) => None,
+        Sums::Exact(moments) => (Some(stored_moments(moments, axes)), None),
+        Sums::Factored(rows) => (None, Some(RFactorDocument::new(rows, axes))),
     }
 }
 
@@ -313,13 +307,6 @@ fn stored_moments(moments: &Moments, axes: Axes) -> MomentsDocument {
 fn read_moments(document: MomentsDocument, axes: Axes) -> Result<Moments, String> {
     let stored = document.value(axes)?;
     Moments::from_stored(stored, axes).map_err(|error| format!("`moments`: {error}"))
-}
-
-fn triangle(sums: &Sums, axes: Axes) -> Option<RFactorDocument> {
-    match sums {
-        Sums::Exact(_) => None,
-        Sums::Factored(rows) => Some(RFactorDocument::new(rows, axes)),
-    }
 }
 
 /// What one of the two fields has.

@@ -4,14 +4,14 @@
 //! group knows where its first row is, and groups are put into the order that one fit over all files
 //! meets them in, files by name; in whatever order partial fits were merged.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
 use calibration::exact::Moments;
 use calibration::factored::FactoredGroups;
 use calibration::validation::grouped::{GroupKind, GroupedMoments, MAX_GROUPS, RandomSplit};
 
-use super::{MergeError, PartialFit, SourceFile, Sums};
+use super::{MergeError, Mismatch, PartialFit, SourceFile, Sums, expect};
 
 /// The sums of a partial fit, apart by group.
 #[derive(Clone, Debug, PartialEq)]
@@ -60,18 +60,16 @@ impl PartialGroups {
 
     /// Whether the groups of `other` can be added.
     pub(super) fn check(&self, other: &Self) -> Result<(), MergeError> {
-        if self.by != other.by {
-            return Err(MergeError::GroupsAre { expected: self.by.name(), found: other.by.name() });
-        }
+        expect(self.by.name(), other.by.name(), MergeError::GroupsAre)?;
         if self.split != other.split {
-            return Err(MergeError::Split { expected: self.split.seed, found: other.split.seed });
+            let (expected, found) = (self.split.seed, other.split.seed);
+            return Err(MergeError::Split(Mismatch { expected, found }));
         }
-        let known: HashMap<&str, ()> =
-            self.groups.iter().map(|group| (group.label.as_str(), ())).collect();
-        let shared = |group: &&PartialGroup| known.contains_key(group.label.as_str());
+        let known: HashSet<&str> = self.groups.iter().map(|group| group.label.as_str()).collect();
+        let shared = |group: &&PartialGroup| known.contains(group.label.as_str());
         let shared_count = other.groups.iter().filter(shared).count();
         if self.groups.len() + other.groups.len() - shared_count > MAX_GROUPS {
-            return Err(MergeError::TooManyGroups { limit: MAX_GROUPS });
+            return Err(MergeError::TooManyGroups);
         }
         match (self.by, other.groups.iter().find(shared)) {
             (GroupKind::File, Some(group)) => Err(MergeError::SameName(group.label.clone())),

@@ -17,6 +17,7 @@ pub use self::sums::Sums;
 use super::{Role, SourceFile};
 use calibration::exact::ExactError;
 use calibration::model::Model;
+use calibration::validation::grouped::MAX_GROUPS;
 use shell_data::ColumnNames;
 use shell_data::hint::Hint;
 use shell_data::wrench::Axes;
@@ -51,33 +52,39 @@ pub struct PartialFit {
     pub groups: Option<PartialGroups>,
 }
 
+/// What should be the same in two partial fits.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mismatch<T> {
+    /// That of the first.
+    pub expected: T,
+    /// That of the other.
+    pub found: T,
+}
+
+/// Whether both have the same.
+fn expect<T: PartialEq>(
+    expected: T,
+    found: T,
+    error: fn(Mismatch<T>) -> MergeError,
+) -> Result<(), MergeError> {
+    match expected == found {
+        true => Ok(()),
+        false => Err(error(Mismatch { expected, found })),
+    }
+}
+
 /// Why two partial fits cannot be merged.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MergeError {
     /// They are parts of different fits.
-    #[error("it is for `{found}`, expected `{expected}`")]
-    Model {
-        /// The model of the first.
-        expected: String,
-        /// The model of the other.
-        found: String,
-    },
+    #[error("it is for `{}`, expected `{}`", .0.found, .0.expected)]
+    Model(Mismatch<String>),
     /// They are for different sensors.
-    #[error("it has `{found}` channels, expected `{expected}`")]
-    Channels {
-        /// Channels of the first.
-        expected: usize,
-        /// Channels of the other.
-        found: usize,
-    },
+    #[error("it has `{}` channels, expected `{}`", .0.found, .0.expected)]
+    Channels(Mismatch<usize>),
     /// Their logs have different axes of the wrench.
-    #[error("it has the axes {found}, expected {expected}")]
-    Axes {
-        /// Axes of the first.
-        expected: Axes,
-        /// Axes of the other.
-        found: Axes,
-    },
+    #[error("it has the axes {}, expected {}", .0.found, .0.expected)]
+    Axes(Mismatch<Axes>),
     /// They are of different columns, or of the same in another order or unit.
     #[error("its column {position} is `{found}`, expected `{expected}`")]
     Columns {
@@ -89,55 +96,29 @@ pub enum MergeError {
         found: String,
     },
     /// They are of different sensors by their labels.
-    #[error("it is of the sensor `{found}`, expected `{expected}`")]
-    Serial {
-        /// The sensor of the first.
-        expected: String,
-        /// The sensor of the other.
-        found: String,
-    },
+    #[error("it is of the sensor `{}`, expected `{}`", .0.found, .0.expected)]
+    Serial(Mismatch<String>),
     /// A file would be counted twice.
     #[error("its rows of `{0}` have been counted already")]
     Twice(String),
     /// One has exact sums, the other R factors.
-    #[error("it has {found}, expected {expected}: readings or loads of one are no exact sums")]
-    Kind {
-        /// What the first has.
-        expected: &'static str,
-        /// What the other has.
-        found: &'static str,
-    },
-    /// One keeps its groups, the other does not.
-    #[error("it keeps {} sums of groups, expected {}", which(*.found), which(!*.found))]
-    Groups {
-        /// Whether the other keeps them.
-        found: bool,
-    },
+    #[error("it has {}, expected {}: readings or loads of one are no exact sums", .0.found, .0.expected)]
+    Kind(Mismatch<&'static str>),
+    /// One keeps its groups, the other, as it says, does not; or the other way round.
+    #[error("it keeps {} sums of groups, expected {}", which(*.0), which(!*.0))]
+    Groups(bool),
     /// Their groups are of different kinds.
-    #[error("its groups are those of `{found}`, expected `{expected}`")]
-    GroupsAre {
-        /// What those of the first are.
-        expected: &'static str,
-        /// What those of the other are.
-        found: &'static str,
-    },
-    /// Rows were assigned to random folds in different ways.
-    #[error("its rows were assigned at random by the seed `{found}`, expected `{expected}`")]
-    Split {
-        /// The seed of the first.
-        expected: u64,
-        /// The seed of the other.
-        found: u64,
-    },
+    #[error("its groups are those of `{}`, expected `{}`", .0.found, .0.expected)]
+    GroupsAre(Mismatch<&'static str>),
+    /// Rows were assigned to random folds in different ways: the seeds.
+    #[error("its rows were assigned at random by the seed `{}`, expected `{}`", .0.found, .0.expected)]
+    Split(Mismatch<u64>),
     /// Files are groups, and two of them have one name.
     #[error("another file with other rows is called `{0}` as well")]
     SameName(String),
     /// More than are fitted.
-    #[error("both have more than `{limit}` groups together")]
-    TooManyGroups {
-        /// The largest number.
-        limit: usize,
-    },
+    #[error("both have more than `{MAX_GROUPS}` groups together")]
+    TooManyGroups,
     /// The sums of both together cannot be exact.
     #[error(transparent)]
     NotExact(#[from] ExactError),
@@ -166,7 +147,7 @@ impl Hint for MergeError {
             Self::SameName(_) => {
                 "groups are files: give them different names, such as those of their folders"
             }
-            Self::TooManyGroups { .. } => "name a column of fewer groups with `--group`",
+            Self::TooManyGroups => "name a column of fewer groups with `--group`",
             _ => return None,
         };
         Some(text.to_owned())
@@ -197,31 +178,23 @@ impl PartialFit {
     /// # Errors
     /// [`MergeError`] if both are not parts of one fit; `self` is then as it was.
     pub fn merge(&mut self, other: &PartialFit) -> Result<(), MergeError> {
-        if self.model.channels != other.model.channels {
-            let (expected, found) = (self.model.channels, other.model.channels);
-            return Err(MergeError::Channels { expected, found });
-        }
+        expect(self.model.channels, other.model.channels, MergeError::Channels)?;
         if self.model != other.model {
             let (expected, found) = (self.model.name(), other.model.name());
-            return Err(MergeError::Model { expected, found });
+            return Err(MergeError::Model(Mismatch { expected, found }));
         }
-        if self.axes != other.axes {
-            return Err(MergeError::Axes { expected: self.axes, found: other.axes });
-        }
+        expect(self.axes, other.axes, MergeError::Axes)?;
         self.check_columns(other)?;
         // Two logs may well have one wrench.
         let mut logs = other.sources.iter().filter(|source| source.role != Role::Wrench);
         if let Some(source) = logs.find(|source| self.has_counted(source)) {
             return Err(MergeError::Twice(source.path.display().to_string()));
         }
-        if self.sums.kind() != other.sums.kind() {
-            let (expected, found) = (self.sums.kind(), other.sums.kind());
-            return Err(MergeError::Kind { expected, found });
-        }
+        expect(self.sums.kind(), other.sums.kind(), MergeError::Kind)?;
         match (&self.groups, &other.groups) {
             (Some(groups), Some(others)) => groups.check(others)?,
             (None, None) => {}
-            (_, others) => return Err(MergeError::Groups { found: others.is_some() }),
+            (_, others) => return Err(MergeError::Groups(others.is_some())),
         }
         // Parts fit wherever the whole does, so nothing fails from here on.
         self.sums.merge(&other.sums)?;
@@ -250,12 +223,9 @@ impl PartialFit {
                 return Err(MergeError::Columns { position: at + 1, expected, found });
             }
         }
-        match (&self.sensor_serial, &other.sensor_serial) {
-            (Some(expected), Some(found)) if expected != found => {
-                let (expected, found) = (expected.clone(), found.clone());
-                Err(MergeError::Serial { expected, found })
-            }
-            _ => Ok(()),
+        match self.sensor_serial.clone().zip(other.sensor_serial.clone()) {
+            Some((expected, found)) => expect(expected, found, MergeError::Serial),
+            None => Ok(()),
         }
     }
 

@@ -133,7 +133,8 @@ mod tests {
             assert!(stream.next().unwrap().is_ok());
             let error = stream.next().unwrap().unwrap_err();
             match error.problem {
-                Problem::Field { line: found, .. } | Problem::NotJson { line: found, .. } => {
+                Problem::Field(fault) | Problem::NotJson(fault) => {
+                    let found = fault.line;
                     assert!(found > lines && line.is_none_or(|line| found == lines + line));
                 }
                 problem => panic!("{problem}"),

@@ -53,9 +53,7 @@ impl Sums {
         match (&mut *self, other) {
             (Self::Exact(own), Self::Exact(other)) => own.merge(other)?,
             (Self::Factored(own), Self::Factored(other)) => own.merge(other),
-            (own, other) => {
-                return Err(MergeError::Kind { expected: own.kind(), found: other.kind() });
-            }
+            (own, other) => super::expect(own.kind(), other.kind(), MergeError::Kind)?,
         }
         Ok(())
     }

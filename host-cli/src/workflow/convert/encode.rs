@@ -8,7 +8,7 @@ use table_file::write::mcap::{
 use table_file::write::{ColumnValues, HeldTable, ParquetWriter, TableWriter};
 
 use super::error::ConvertError;
-use super::frames::ConvertedFrames;
+use super::frames::{ConvertedFrames, append};
 use super::options::{OutputFormat, RecordingFrame};
 use super::table::WrenchTable;
 
@@ -42,11 +42,6 @@ pub(super) struct EncodedColumns {
 }
 
 impl Encoder<'_> {
-    /// Whether the readings are written, too.
-    pub(super) fn needs_readings(&self) -> bool {
-        matches!(self.format, OutputFormat::Mcap(_))
-    }
-
     pub(super) fn encode(&self, frames: &ConvertedFrames) -> Result<EncodedFrames, ConvertError> {
         Ok(match self.format {
             OutputFormat::Csv => {
@@ -57,12 +52,7 @@ impl Encoder<'_> {
             OutputFormat::Mcap(frame) => EncodedFrames::Chunk(self.chunk(frames, &frame.id)?),
             _ => EncodedFrames::EncodedColumns(EncodedColumns {
                 numbers: self.table.numbers(frames),
-                texts: {
-                    let flags = |row: usize| self.table.flags(frames, row);
-                    let flags = || (0..frames.len()).map(flags).collect();
-                    let flags = self.table.has_flags().then(flags);
-                    frames.texts.iter().cloned().chain(flags).collect()
-                },
+                texts: self.table.texts(frames),
             }),
         })
     }
@@ -75,25 +65,21 @@ impl Encoder<'_> {
         let numbers = self.table.numbers(frames);
         // Time and wrench are in messages of their own.
         let names: Vec<String> = self.table.names().into_iter().skip(7).collect();
-        let details = self.channels.iter().zip(&frames.readings);
-        let details = details.chain(names.iter().zip(&numbers[7..]));
         // The names as they stand in every message, after the brace or comma.
-        let key = |name: &String| serde_json::to_string(name).map(|name| format!("{name}:"));
-        let texts = names[numbers.len() - 7..].iter().zip(&frames.texts);
-        let texts: Vec<(String, &Vec<String>)> = texts
-            .map(|(name, values)| Ok((key(name)?, values)))
-            .collect::<Result<_, serde_json::Error>>()
-            .map_err(io::Error::other)?;
-        let details = details.map(|(name, values)| Ok((key(name)?, values)));
-        let details: Vec<(String, &Vec<f64>)> =
-            details.collect::<Result<_, serde_json::Error>>().map_err(io::Error::other)?;
+        let key = |name: &String| Ok(format!("{}:", serde_json::to_string(name)?));
+        let names = self.channels.iter().chain(&names);
+        let keys: Vec<String> = names.map(key).collect::<io::Result<_>>()?;
+        let (of_numbers, of_texts) = keys.split_at(self.channels.len() + numbers.len() - 7);
+        let columns = frames.readings.iter().chain(&numbers[7..]);
+        let details: Vec<(&String, &Vec<f64>)> = of_numbers.iter().zip(columns).collect();
+        let texts: Vec<_> = of_texts.iter().zip(&frames.texts).collect();
         // Two messages with their heads; numbers have up to 24 digits.
         let names: usize = details.iter().map(|(name, _)| name.len() + 25).sum();
         let mut chunk = ChunkBuilder::with_capacity(frames.len() * (160 + frame_id.len() + names));
         let mut digits = zmij::Buffer::new();
         for row in 0..frames.len() {
             let time_s = frames.time_s[row];
-            let time_ns = nanoseconds(time_s).ok_or(ConvertError::Epoch { time_s })?;
+            let time_ns = nanoseconds(time_s).ok_or(ConvertError::Epoch(time_s))?;
             let wrench = frames.wrench.each_ref().map(|axis| axis[row]);
             chunk.message(0, time_ns, |message| {
                 wrench_stamped(message, time_ns, frame_id, wrench);
@@ -183,9 +169,7 @@ impl<'a> EncodedOutput<'a> {
         };
         let writer: Box<dyn TableWriter + 'a> = match encoder.format {
             OutputFormat::Csv => {
-                let mut text = Vec::new();
-                encoder.table.header(&mut text);
-                out.write_all(&text)?;
+                out.write_all(encoder.table.header().as_bytes())?;
                 return Ok(Self::Text(out));
             }
             OutputFormat::Mcap(frame) => {
@@ -256,15 +240,12 @@ impl EncodedColumns {
         self.numbers.first().map_or(self.texts.first().map_or(0, Vec::len), Vec::len)
     }
 
-    fn append(&mut self, next: Self) {
+    fn append(&mut self, mut next: Self) {
         // Of no frames there are not even all the columns.
-        if next.rows() == 0 {
-            return;
+        if next.rows() > 0 {
+            append(&mut self.numbers, &mut next.numbers);
+            append(&mut self.texts, &mut next.texts);
         }
-        self.numbers.resize_with(next.numbers.len(), Vec::new);
-        self.numbers.iter_mut().zip(next.numbers).for_each(|(column, next)| column.extend(next));
-        self.texts.resize_with(next.texts.len(), Vec::new);
-        self.texts.iter_mut().zip(next.texts).for_each(|(column, next)| column.extend(next));
     }
 
     fn write(self, writer: &mut dyn TableWriter) -> io::Result<()> {

@@ -34,17 +34,11 @@ pub enum ConvertError {
         axes: Axes,
     },
     /// A time that no message can carry.
-    #[error("the time `{time_s}` s is none since 1970 that a message can carry")]
-    Epoch {
-        /// The time.
-        time_s: f64,
-    },
+    #[error("the time `{0}` s is none since 1970 that a message can carry")]
+    Epoch(f64),
     /// All rows were left out.
-    #[error("`{path}`: no row is left to convert")]
-    NoFrames {
-        /// The log.
-        path: String,
-    },
+    #[error("`{0}`: no row is left to convert")]
+    NoFrames(String),
     /// The calibration is for another sensor.
     #[error(transparent)]
     Channels(#[from] ChannelMismatch),
@@ -64,11 +58,8 @@ pub enum ConvertError {
     )]
     RestsUnderLoad,
     /// Stationary intervals are stretches of time.
-    #[error("`{path}` has no time column, without which no rests are found for the tare to follow")]
-    RestsWithoutTime {
-        /// The log.
-        path: String,
-    },
+    #[error("`{0}` has no time column, without which no rests are found for the tare to follow")]
+    RestsWithoutTime(String),
     /// No frame within the tare window.
     #[error(
         "`{path}` has no frame between `{start}` and `{end}` s to tare on: \
@@ -135,7 +126,7 @@ impl Hint for ConvertError {
             Self::RestsUnderLoad => {
                 "leave out `--tare rests`, or take the weight off by `payload subtract` first"
             }
-            Self::RestsWithoutTime { .. } => "name it with `--time`, or tare on the first frames",
+            Self::RestsWithoutTime(_) => "name it with `--time`, or tare on the first frames",
             Self::TareTime { .. } => "`shellcal info` tells the times of a log",
             Self::NoRate { .. } => {
                 "say how many rows there are in a second with `--rate`, or leave the filter out with `--no-lowpass`"

@@ -65,6 +65,12 @@ pub(super) struct FrameConverter<'a> {
     pub(super) watch: Option<bool>,
 }
 
+/// Adds rows to columns, which there may be none of so far.
+pub(super) fn append<T>(columns: &mut Vec<Vec<T>>, next: &mut [Vec<T>]) {
+    columns.resize_with(next.len(), Vec::new);
+    columns.iter_mut().zip(next).for_each(|(column, next)| column.append(next));
+}
+
 impl ConvertedFrames {
     /// Number of frames.
     pub(super) fn len(&self) -> usize {
@@ -80,14 +86,9 @@ impl ConvertedFrames {
         for (column, next) in self.standard_errors.iter_mut().zip(&mut next.standard_errors) {
             column.append(next);
         }
-        self.texts.resize_with(next.texts.len(), Vec::new);
-        self.texts.iter_mut().zip(&mut next.texts).for_each(|(column, next)| column.append(next));
-        for (columns, next) in
-            [(&mut self.readings, &mut next.readings), (&mut self.kept, &mut next.kept)]
-        {
-            columns.resize_with(next.len(), Vec::new);
-            columns.iter_mut().zip(next).for_each(|(column, next)| column.append(next));
-        }
+        append(&mut self.readings, &mut next.readings);
+        append(&mut self.kept, &mut next.kept);
+        append(&mut self.texts, &mut next.texts);
     }
 
     /// Takes the first `count` frames, whose wrenches are `wrench`.
@@ -109,23 +110,6 @@ impl ConvertedFrames {
     }
 }
 
-impl WatchedFrames {
-    fn columns(&mut self) -> impl Iterator<Item = &mut Vec<f64>> {
-        std::iter::once(&mut self.times_s).chain(&mut self.readings)
-    }
-
-    fn retain(&mut self, keep: &[bool]) {
-        for column in self.columns() {
-            let mut keep = keep.iter();
-            column.retain(|_| keep.next().is_some_and(|keep| *keep));
-        }
-    }
-
-    fn remove_first(&mut self) {
-        self.columns().for_each(|column| drop(column.drain(..1)));
-    }
-}
-
 impl FrameConverter<'_> {
     pub(super) fn convert(&self, block: &mut Block) -> ConvertedRows {
         match self.pipeline.low_pass {
@@ -140,20 +124,10 @@ impl FrameConverter<'_> {
         let is_fresh = (self.options.rows == RowFilter::All && self.watch == Some(false))
             .then(|| block.fresh_rows());
         self.options.rows.select(block);
+        let watched = self.watched(block, is_fresh.as_deref());
         let mut wrench = self.pipeline.wrench(self.calibration, &block.time_s, &block.readings);
         let without_motion = self.take_off_load(&block.time_s, &mut wrench);
         let frames = ConvertedFrames { wrench, ..self.frames(block) };
-        let watched = self.watch.map(|_| {
-            let readings = match self.keeps_readings {
-                true => frames.readings.clone(),
-                false => channels_of(block),
-            };
-            let mut watched = WatchedFrames { times_s: frames.time_s.clone(), readings };
-            if let Some(is_fresh) = is_fresh {
-                watched.retain(&is_fresh);
-            }
-            watched
-        });
         ConvertedRows { frames, without_motion, watched, ..ConvertedRows::default() }
     }
 
@@ -177,19 +151,7 @@ impl FrameConverter<'_> {
         let mut wrench = by_frame.map(spread);
         self.pipeline.tare_off(&time_s, &mut wrench);
         let without_motion = self.take_off_load(&time_s, &mut wrench);
-        let watched = self.watch.map(|repeats_are_frames| match repeats_are_frames {
-            true => WatchedFrames { times_s: time_s.clone(), readings: block.channels().to_vec() },
-            false => {
-                let mut readings = readings;
-                readings.truncate(block.channels().len());
-                let mut watched = WatchedFrames { times_s: pick(&time_s), readings };
-                // The first row is converted even if it repeats the block before.
-                if fresh.first() == Some(&false) {
-                    watched.remove_first();
-                }
-                watched
-            }
-        });
+        let watched = self.watched(block, (self.watch == Some(false)).then_some(&fresh));
         self.options.rows.select(block);
         let frames = self.frames(block);
         let written = match self.options.rows {
@@ -197,6 +159,20 @@ impl FrameConverter<'_> {
             RowFilter::All => vec![true; time_s.len()],
         };
         ConvertedRows { time_s, wrench, written, frames, without_motion, watched }
+    }
+
+    /// The rows of a block that the zero is watched in, if it is: those for which `is_fresh` is true, or all.
+    fn watched(&self, block: &Block, is_fresh: Option<&[bool]>) -> Option<WatchedFrames> {
+        self.watch?;
+        let rows = |column: &Vec<f64>| match is_fresh {
+            None => column.clone(),
+            Some(fresh) => {
+                let rows = column.iter().zip(fresh).filter(|(_, fresh)| **fresh);
+                rows.map(|(value, _)| *value).collect()
+            }
+        };
+        let readings = block.channels().iter().map(rows).collect();
+        Some(WatchedFrames { times_s: rows(&block.time_s), readings })
     }
 
     /// Takes off what the sensor carries; returns the number of rows where that is not known.
@@ -227,16 +203,11 @@ impl FrameConverter<'_> {
             *flags |= plateau;
         }
         if self.keeps_readings {
-            frames.readings = channels_of(block);
+            block.drop_memory();
+            frames.readings = std::mem::take(&mut block.readings);
         }
         frames
     }
-}
-
-/// Takes the readings of a block, without memory terms.
-fn channels_of(block: &mut Block) -> Vec<Vec<f64>> {
-    block.drop_memory();
-    std::mem::take(&mut block.readings)
 }
 
 /// The text of every row, from runs of equal ones.

@@ -37,7 +37,7 @@ use encode::{EncodedOutput, Encoder};
 use figures::WrenchTrace;
 use forces::stationary::ZeroWatch;
 use frames::FrameConverter;
-use log_file::{Log, Meaning, Wanted};
+use log_file::Wanted;
 use shell_data::wrench::PerAxis;
 use survey::survey;
 use table::WrenchTable;
@@ -60,18 +60,6 @@ pub(super) fn interval_factors(
     }
 }
 
-/// The names of the channels, as the log has them.
-fn channel_names(log: &Log) -> Vec<String> {
-    let mut channels: Vec<(usize, String)> = Vec::new();
-    for column in log.columns() {
-        if let Meaning::Sensor(channel) = column.meaning {
-            channels.push((channel, column.name.clone()));
-        }
-    }
-    channels.sort_unstable();
-    channels.into_iter().map(|(_, name)| name).collect()
-}
-
 /// Converts a log and writes the result to `out`, as `plan` says; `trace` is given the wrench as well.
 ///
 /// # Errors
@@ -86,7 +74,9 @@ pub fn convert(
     log.require(&Wanted { readings: true, time: options.columns.time, ..Wanted::default() })?;
     check_channels(log, calibration.channels())?;
     let is_whole = options.columns.time && options.columns.axes == [true; 6];
-    if matches!(plan.format, OutputFormat::Mcap(_)) && !is_whole {
+    // Beside the wrenches, such a recording has the readings.
+    let keeps_readings = matches!(plan.format, OutputFormat::Mcap(_));
+    if keeps_readings && !is_whole {
         return Err(ConvertError::PartOfWrench);
     }
     let absent = options.columns.axes().without(calibration.axes);
@@ -112,10 +102,11 @@ pub fn convert(
     let named = |positions: &[usize]| -> Vec<String> {
         positions.iter().map(|&at| log.columns()[at].name.clone()).collect()
     };
-    let (kept, channels) = ([named(keep), named(keep_texts)], channel_names(log));
+    let kept = [named(keep), named(keep_texts)];
+    let channels = &log.value_names()[..log.channels()];
+    let channels: Vec<String> = channels.iter().map(|name| (*name).to_owned()).collect();
     let table = WrenchTable::new(options.columns, factors.unwrap_or_default(), &kept, &channels);
     let encoder = Encoder { table: &table, format, channels };
-    let keeps_readings = encoder.needs_readings();
     let repeats_are_frames = !log.repeats_are_stale() && options.rows == RowFilter::All;
     let watch = (time && options.load.is_none()).then_some(repeats_are_frames);
     let converter =
@@ -149,7 +140,7 @@ pub fn convert(
     )?;
     let (totals, sampling) = writer.finish()?;
     if totals.frames == 0 {
-        return Err(ConvertError::NoFrames { path: log.path().display().to_string() });
+        return Err(ConvertError::NoFrames(log.path().display().to_string()));
     }
     Ok(ConvertSummary {
         rows: summary.rows,

@@ -23,8 +23,7 @@ pub(super) fn survey(
             return Err(ConvertError::RestsUnderLoad);
         }
         if !log.has_time() {
-            let path = log.path().display().to_string();
-            return Err(ConvertError::RestsWithoutTime { path });
+            return Err(ConvertError::RestsWithoutTime(log.path().display().to_string()));
         }
     }
     let mut setup = match options.load {

@@ -86,19 +86,11 @@ impl WrenchTable {
         names
     }
 
-    pub(super) fn has_flags(&self) -> bool {
-        self.columns.flags
-    }
-
     /// The line of names.
-    pub(super) fn header(&self, text: &mut Vec<u8>) {
-        for (position, name) in self.names().iter().enumerate() {
-            if position > 0 {
-                text.push(b',');
-            }
-            text.extend_from_slice(escape::csv_field(name).as_bytes());
-        }
-        text.push(b'\n');
+    pub(super) fn header(&self) -> String {
+        let names = self.names();
+        let fields: Vec<_> = names.iter().map(|name| escape::csv_field(name)).collect();
+        fields.join(",") + "\n"
     }
 
     /// The columns of numbers.
@@ -108,11 +100,15 @@ impl WrenchTable {
         self.columns_of(frames).into_iter().map(values).collect()
     }
 
-    /// The flags of a frame.
-    pub(super) fn flags(&self, frames: &ConvertedFrames, row: usize) -> String {
-        let mut text = Vec::new();
-        self.write_flags(frames, row, &mut text);
-        String::from_utf8_lossy(&text).into_owned()
+    /// The columns of text: those that are carried along, and the flags.
+    pub(super) fn texts(&self, frames: &ConvertedFrames) -> Vec<Vec<String>> {
+        let flags = |row: usize| {
+            let mut text = Vec::new();
+            self.write_flags(frames, row, &mut text);
+            String::from_utf8_lossy(&text).into_owned()
+        };
+        let flags = self.columns.flags.then(|| (0..frames.len()).map(flags).collect());
+        frames.texts.iter().cloned().chain(flags).collect()
     }
 
     /// Adds the flags of a frame: channels out of range, saturated and left out.
@@ -165,23 +161,19 @@ impl WrenchTable {
         text.reserve(frames.len() * (22 * columns.len() + 8));
         let mut digits = zmij::Buffer::new();
         for row in 0..frames.len() {
-            for (i, column) in columns.iter().enumerate() {
-                if i > 0 {
-                    text.push(b',');
-                }
+            for column in &columns {
                 text.extend_from_slice(digits.format(column.at(row)).as_bytes());
+                text.push(b',');
             }
-            for (position, column) in frames.texts.iter().enumerate() {
-                if position > 0 || !columns.is_empty() {
-                    text.push(b',');
-                }
+            for column in &frames.texts {
                 text.extend_from_slice(escape::csv_field(&column[row]).as_bytes());
+                text.push(b',');
             }
             if flags {
-                if !columns.is_empty() || !frames.texts.is_empty() {
-                    text.push(b',');
-                }
                 self.write_flags(frames, row, text);
+            } else if !columns.is_empty() || !frames.texts.is_empty() {
+                // No comma after the last.
+                text.pop();
             }
             text.push(b'\n');
         }
@@ -221,14 +213,13 @@ mod tests {
     }
 
     fn written(columns: TableColumns) -> String {
-        let mut text = Vec::new();
         let table = WrenchTable::new(
             columns,
             [2.0; 6],
             &Default::default(),
             &["S1", "S2", "gap 3"].map(str::to_owned),
         );
-        table.header(&mut text);
+        let mut text = table.header().into_bytes();
         table.rows(&frames(), &mut text);
         String::from_utf8(text).unwrap()
     }

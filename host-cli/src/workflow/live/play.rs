@@ -7,6 +7,7 @@ use log_file::{Log, LogError, ReadOptions, Wanted};
 use shared_proto::CHANNELS;
 use shell_data::block::Block;
 
+use crate::workflow::selection::Stop;
 use board_link::recording::{BoardFrame, Measured};
 
 /// How often the clock is looked at.
@@ -61,20 +62,8 @@ pub fn play(
     let mut player = Player { see, is_held, stop, clock: PlayClock::new(speed), index: 0 };
     let played = log.read(&wanted, read, std::mem::take, |block| player.play(&block));
     match played {
-        Ok(_) | Err(Ended::Stopped) => Ok(player.index as u64),
-        Err(Ended::Log(error)) => Err(error.into()),
-    }
-}
-
-/// Why a log is not read on.
-enum Ended {
-    Stopped,
-    Log(LogError),
-}
-
-impl From<LogError> for Ended {
-    fn from(error: LogError) -> Self {
-        Self::Log(error)
+        Ok(_) | Err(Stop::Enough) => Ok(player.index as u64),
+        Err(Stop::Failed(error)) => Err(error),
     }
 }
 
@@ -97,11 +86,11 @@ struct PlayClock {
 }
 
 impl Player<'_> {
-    fn play(&mut self, block: &Block) -> Result<(), Ended> {
+    fn play(&mut self, block: &Block) -> Result<(), Stop<PlayError>> {
         let mut sent = 0;
         while sent < block.rows {
             if self.stop.load(Ordering::Relaxed) {
-                return Err(Ended::Stopped);
+                return Err(Stop::Enough);
             }
             let due = self.clock.due(Instant::now(), &block.time_s[sent..], (self.is_held)());
             let frames: Vec<BoardFrame> =

@@ -1,7 +1,7 @@
 //! The columns of a log that say how a sensor lies and moves.
 
 use forces::payload::{STANDARD_GRAVITY_M_S2, Vector, norm};
-use log_file::{ColumnRef, Log, LogError};
+use log_file::{ColumnRef, Log, Wanted};
 
 use super::PayloadLogError;
 
@@ -77,7 +77,7 @@ impl MotionColumns {
                     3 => (Orientation::Gravity, at),
                     4 => (Orientation::Quaternion, at),
                     9 => (Orientation::LastRow, at[6..].to_vec()),
-                    found => return Err(PayloadLogError::OrientationColumns { found }),
+                    found => return Err(PayloadLogError::OrientationColumns(found)),
                 }]
             }
             None => {
@@ -88,21 +88,22 @@ impl MotionColumns {
         let accelerations = match &self.accelerations {
             Some(references) => match log.column_positions(references)? {
                 at if at.len() == 3 => Some(at),
-                at => return Err(PayloadLogError::AccelerationColumns { found: at.len() }),
+                at => return Err(PayloadLogError::AccelerationColumns(at.len())),
             },
             None => by_name(&USUAL_ACCELERATIONS),
         };
         let is_named = self.orientation.is_some();
         let found = FoundColumns { orientations, is_named, accelerations };
         if found.orientations.is_empty() && found.accelerations.is_none() {
-            return Err(PayloadLogError::NoMotion { path: log.path().to_path_buf() });
+            return Err(PayloadLogError::NoMotion(log.path().to_path_buf()));
         }
+        log.require(&Wanted { others: found.positions(), ..Wanted::default() })?;
         Ok(found)
     }
 }
 
 impl FoundColumns {
-    /// All positions, to be [read](log_file::Wanted::others); and what is then at which position of a row.
+    /// All positions, to be [read](Wanted::others); and what is then at which position of a row.
     pub(super) fn positions(&self) -> Vec<usize> {
         let orientations = self.orientations.iter().map(|(_, at)| at);
         orientations.chain(&self.accelerations).flatten().copied().collect()
@@ -214,14 +215,6 @@ fn positions(log: &Log, names: &[&str]) -> Option<Vec<usize>> {
         })
     };
     names.iter().map(position).collect()
-}
-
-/// Which columns a motion is read from, if they are there.
-///
-/// # Errors
-/// [`LogError::At`].
-pub(super) fn require(log: &Log, found: &FoundColumns) -> Result<(), LogError> {
-    log.require(&log_file::Wanted { others: found.positions(), ..Default::default() })
 }
 
 #[cfg(test)]

@@ -30,27 +30,18 @@ pub enum PayloadLogError {
     /// Nothing says how the sensor lies.
     #[error(
         "`{}` has no columns of orientation (`gx gy gz` of gravity, `r11` … `r33`, `qx qy qz qw`) or \
-         acceleration (`ax ay az`)", path.display()
+         acceleration (`ax ay az`)", .0.display()
     )]
-    NoMotion {
-        /// The log.
-        path: PathBuf,
-    },
+    NoMotion(PathBuf),
     /// A number of columns that stands for nothing.
     #[error(
-        "`{found}` columns of orientation, expected 3 (gravity), 4 (quaternion x y z w) or 9 (rotation matrix, \
+        "`{0}` columns of orientation, expected 3 (gravity), 4 (quaternion x y z w) or 9 (rotation matrix, \
          row by row)"
     )]
-    OrientationColumns {
-        /// How many there are.
-        found: usize,
-    },
+    OrientationColumns(usize),
     /// A number of columns of acceleration other than three.
-    #[error("`{found}` columns of acceleration, expected 3")]
-    AccelerationColumns {
-        /// How many there are.
-        found: usize,
-    },
+    #[error("`{0}` columns of acceleration, expected 3")]
+    AccelerationColumns(usize),
     /// Values that are no rotation or direction.
     #[error("`{}`, data row {row}: {what}", path.display())]
     NoOrientation {
@@ -73,12 +64,9 @@ pub enum PayloadLogError {
     },
     /// Accelerations without a frame.
     #[error(
-        "`{}` has accelerations, but the payload does not know the accelerometer's frame", path.display()
+        "`{}` has accelerations, but the payload does not know the accelerometer's frame", .0.display()
     )]
-    UnknownFrame {
-        /// The log.
-        path: PathBuf,
-    },
+    UnknownFrame(PathBuf),
     /// Samples that are no motion.
     #[error("`{}`: {error}", path.display())]
     Motion {
@@ -94,9 +82,7 @@ impl Hint for PayloadLogError {
         let text = match self {
             Self::Log(error) => return error.hint(),
             Self::Payload(error) => return error.hint(),
-            Self::NoMotion { .. }
-            | Self::OrientationColumns { .. }
-            | Self::AccelerationColumns { .. } => {
+            Self::NoMotion(_) | Self::OrientationColumns(_) | Self::AccelerationColumns(_) => {
                 "name the columns with `--orientation` or `--accelerations`, in a run those of another log with \
                  `--motion`"
             }
@@ -106,7 +92,7 @@ impl Hint for PayloadLogError {
             Self::AccelerationUnit { .. } => {
                 "scale them to m/s², or give orientations besides: then any unit will do"
             }
-            Self::UnknownFrame { .. } => {
+            Self::UnknownFrame(_) => {
                 "fit the payload to poses that have accelerations, too, or name columns of `--orientation`"
             }
             Self::Motion { .. } => "`shellcal info` tells the times of a log",

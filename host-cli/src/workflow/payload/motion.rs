@@ -1,7 +1,7 @@
 //! How a sensor moved, from a log.
 
 use super::PayloadLogError;
-use super::columns::{MotionColumns, require};
+use super::columns::MotionColumns;
 use crate::workflow::selection::{Stop, read_with_memory};
 use calibration::Calibration;
 use forces::payload::{Accelerometer, Lag, Motion, Payload, Vector, find_lag};
@@ -22,7 +22,6 @@ pub fn read_motion(
     read: &ReadOptions<'_>,
 ) -> Result<(Motion, bool), PayloadLogError> {
     let found = columns.find(log)?;
-    require(log, &found)?;
     let wanted = Wanted { time: true, others: found.positions(), ..Wanted::default() };
     let mut times_s: Vec<f64> = Vec::new();
     let mut others: Vec<Vec<f64>> = vec![Vec::new(); wanted.others.len()];
@@ -43,10 +42,8 @@ pub fn read_motion(
         }
         (_, accelerations) => match found.gravity(log, &others, columns.gravity_m_s2)? {
             Some(gravity) => (gravity, false),
-            None if accelerations.is_some() => {
-                return Err(PayloadLogError::UnknownFrame { path: path() });
-            }
-            None => return Err(PayloadLogError::NoMotion { path: path() }),
+            None if accelerations.is_some() => return Err(PayloadLogError::UnknownFrame(path())),
+            None => return Err(PayloadLogError::NoMotion(path())),
         },
     };
     let gravity: Vec<Vector> = gravity;

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use super::PayloadLogError;
-use super::columns::{MotionColumns, require};
+use super::columns::MotionColumns;
 use forces::payload::{
     Accelerometer, PayloadFit, PayloadPose, STANDARD_GRAVITY_M_S2, Vector, fit, frame_from_forces,
     norm,
@@ -78,7 +78,6 @@ pub fn fit_payload(
     let (mut rows, mut skipped_rows) = (Vec::new(), 0);
     for log in logs {
         let found = columns.find(log)?;
-        require(log, &found)?;
         log.require_axes(Axes::ALL)?;
         let wanted = Wanted {
             wrench: true,
@@ -100,7 +99,7 @@ pub fn fit_payload(
         let gravity = found.gravity(log, &others, columns.gravity_m_s2)?;
         let accelerations = found.accelerations(&others);
         if gravity.is_none() && accelerations.is_none() {
-            return Err(PayloadLogError::NoMotion { path: log.path().to_path_buf() });
+            return Err(PayloadLogError::NoMotion(log.path().to_path_buf()));
         }
         all_have_gravity &= gravity.is_some();
         all_have_accelerations &= accelerations.is_some();
@@ -135,7 +134,7 @@ pub fn fit_payload(
         let gravity = accelerations.iter().map(|a| found.gravity(*a)).collect();
         (gravity, Some(found), GravityFrom::Accelerations)
     } else {
-        return Err(PayloadLogError::NoMotion { path: first.path().to_path_buf() });
+        return Err(PayloadLogError::NoMotion(first.path().to_path_buf()));
     };
     let poses: Vec<PayloadPose> = sums
         .iter()

@@ -18,10 +18,7 @@ pub enum CsvTableError {
         source: csv::Error,
     },
     /// A column is missing.
-    #[error(
-        "`{}`, line 1: no column {wanted}; found {found}",
-        path.display()
-    )]
+    #[error("`{}`, line 1: no column {wanted}; found {found}", path.display())]
     NoColumn {
         /// The file.
         path: PathBuf,

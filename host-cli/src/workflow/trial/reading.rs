@@ -67,7 +67,6 @@ struct Reading<'a> {
     enter_s: f64,
     exit_s: f64,
     wanted: Wanted,
-    kinds: Vec<Telemetry>,
     /// The calibration and the search for tare and clock, where there are forces.
     setup: Option<(&'a Calibration, PipelineSetup)>,
     /// The memory terms of the calibration, which take every row from the first on.
@@ -104,14 +103,14 @@ impl<'a> Reading<'a> {
             };
             found.extend(position.map(|position| (kind, position)));
         }
-        let (kinds, others): (Vec<_>, Vec<_>) = found.into_iter().unzip();
+        let (kinds, others): (Vec<Telemetry>, Vec<_>) = found.into_iter().unzip();
         let readings = instrument.calibration.is_some() && channels > 0;
         let calibration = instrument.calibration;
         let calibration = calibration.filter(|of| of.channels() == channels);
         let setup = |of| (of, PipelineSetup::keeping_frames(options.forces));
         let tare = options.forces.tare;
         let watches = calibration.is_some() && tare != TareRule::Untared && !tare.follows_rests();
-        let telemetry = kinds.iter().map(|kind| (*kind, Vec::new())).collect();
+        let telemetry = kinds.into_iter().map(|kind| (kind, Vec::new())).collect();
         Ok(Self {
             enter_s: window.0,
             exit_s: window.1,
@@ -127,7 +126,6 @@ impl<'a> Reading<'a> {
             last_s: None,
             repeats_are_stale: log.repeats_are_stale(),
             trial_rows: TrialRows { telemetry, ..TrialRows::default() },
-            kinds,
         })
     }
 
@@ -153,11 +151,8 @@ impl<'a> Reading<'a> {
         if !fresh.contains(&false) {
             return watch.look_at(&block.time_s, &block.readings);
         }
-        let pick = |column: &Vec<f64>| -> Vec<f64> {
-            column.iter().zip(fresh).filter(|(_, fresh)| **fresh).map(|(value, _)| *value).collect()
-        };
-        let readings: Vec<Vec<f64>> = block.readings.iter().map(pick).collect();
-        watch.look_at(&pick(&block.time_s), &readings);
+        let fresh = block.kept(fresh);
+        watch.look_at(&fresh.time_s, &fresh.readings);
     }
 
     fn wants_tare(&self, last_s: f64) -> bool {
@@ -206,7 +201,8 @@ impl RowSelection for Reading<'_> {
             memory.extend(block).expect("times, which are wanted");
         }
         if self.wants_tare(block.time_s[block.rows - 1]) {
-            let leg = self.kinds.iter().position(|kind| *kind == Telemetry::RightLeg);
+            let mut kinds = self.trial_rows.telemetry.iter().map(|(kind, _)| *kind);
+            let leg = kinds.position(|kind| kind == Telemetry::RightLeg);
             let leg = leg.map(|at| &*block.others[at]);
             let (times_s, readings) = (&*block.time_s, &*block.readings);
             if let Some((calibration, setup)) = &mut self.setup {
