@@ -87,14 +87,13 @@ pub(crate) enum HealthDue {
 }
 
 impl<'a> Core<'a> {
-    /// The state after a reset, with word of it in the outbox. A frame may start late by `tolerance_us`; `record` is
-    /// where uploads are put together.
-    pub(crate) fn new(setup: BoardSetup, tolerance_us: u32, record: &'a mut Record) -> Self {
+    /// The state after a reset, with word of it in the outbox. `record` is where uploads are put
+    /// together.
+    pub(crate) fn new(setup: BoardSetup, record: &'a mut Record) -> Self {
         let BoardSetup { identity, start, reset_cause, last_words, rate, .. } = setup;
         let limits = Limits {
             min_period_us: identity.min_period_us,
             conversion_ns: setup.conversion_ns,
-            tolerance_us,
             bytes_per_s: rate.map(Baud::bytes_per_s),
             rates: setup.rates,
             has_bootloader: setup.has_bootloader,

@@ -48,7 +48,7 @@ impl<'a, C: Clock> Station<'a, C> {
     /// A board after its start. Uploads are put together in `record`.
     pub fn new(setup: BoardSetup, clock: C, record: &'a mut Record) -> Self {
         let conversion_ns = setup.conversion_ns;
-        let core = Core::new(setup, C::TOLERANCE_US, record);
+        let core = Core::new(setup, record);
         let (changed, outgoing, alive) = (Wake::new(), Wake::new(), Wake::new());
         Self { core: RefCell::new(core), clock, conversion_ns, changed, outgoing, alive }
     }
