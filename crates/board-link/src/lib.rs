@@ -24,7 +24,7 @@ mod source;
 mod upload;
 mod watcher;
 
-pub use append_writer::AppendWriter;
+pub use append_writer::{AppendWriter, open_growing};
 pub use board_log::RecordedBoard;
 pub use client::{Client, Uplink};
 pub use handshake::{Handshake, HandshakeOptions, Heard, Stretch, handshake};

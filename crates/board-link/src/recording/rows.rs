@@ -38,20 +38,20 @@ use shell_data::wrench::{Axes, AxisValues};
 
 /// Writes frames as CSV lines.
 #[derive(Clone, Debug)]
-pub struct RowWriter {
+pub(crate) struct RowWriter {
     content: Content,
     forces: Option<RunningForces>,
     last_index: Option<i64>,
-    /// Marks that are to be set, with the frames from which on.
-    marks: VecDeque<(i64, u32)>,
+    /// Marks that are to be set, each on the first row from the frame of an index on.
+    pub(crate) marks: VecDeque<(i64, u32)>,
     /// Labels of stretches; `None` where there is no column for them.
-    labels: Option<Vec<FrameLabel>>,
+    pub(crate) labels: Option<Vec<FrameLabel>>,
     simultaneous: Simultaneous,
     has_rssi: bool,
     /// What the board has said last, °C.
     temperature_c: Option<f64>,
     /// Frames that hold something else than the columns.
-    pub other_content: u64,
+    pub(crate) other_content: u64,
 }
 
 impl RowWriter {
@@ -60,7 +60,7 @@ impl RowWriter {
     ///
     /// # Errors
     /// [`UnsuitableCalibration`].
-    pub fn new(
+    pub(crate) fn new(
         first: &BoardFrame,
         numbered: bool,
         forces: Option<LiveForces>,
@@ -84,14 +84,8 @@ impl RowWriter {
         })
     }
 
-    /// With a column for the labels of groups.
-    #[must_use]
-    pub fn with_labels(self) -> Self {
-        Self { labels: Some(Vec::new()), ..self }
-    }
-
     /// The line that names the columns.
-    pub fn header(&self) -> String {
+    pub(crate) fn header(&self) -> String {
         let mut names = vec!["t_s".to_owned()];
         let readings = matches!(self.content, Content::Readings { .. });
         if readings {
@@ -128,7 +122,7 @@ impl RowWriter {
     ///
     /// # Errors
     /// [`ForceError`] if the low-pass that was asked for is impossible at the rate of the frames.
-    pub fn write(
+    pub(crate) fn write(
         &mut self,
         frames: &mut Vec<BoardFrame>,
         text: &mut Vec<u8>,
@@ -140,7 +134,7 @@ impl RowWriter {
     ///
     /// # Errors
     /// As [`write`](Self::write).
-    pub fn finish(&mut self, text: &mut Vec<u8>) -> Result<(), ForceError> {
+    pub(crate) fn finish(&mut self, text: &mut Vec<u8>) -> Result<(), ForceError> {
         self.take(&mut Vec::new(), true, text)
     }
 
@@ -206,18 +200,6 @@ impl RowWriter {
             text.push(b'\n');
         }
         Ok(())
-    }
-
-    /// Flags the first row from the frame `index` on, that has not been written, with a mark.
-    pub fn mark(&mut self, index: i64, number: u32) {
-        self.marks.push_back((index, number));
-    }
-
-    /// Labels the frames of a stretch that have not been written.
-    pub fn label(&mut self, label: FrameLabel) {
-        if let Some(labels) = &mut self.labels {
-            labels.push(label);
-        }
     }
 
     /// The newest wrench, where there are forces.
