@@ -75,12 +75,8 @@ pub(super) fn parse(head: &[u8]) -> Result<Request<'_>, HttpRefusal> {
     let text = std::str::from_utf8(head).map_err(|_| HttpRefusal::Malformed)?;
     let text = text.strip_suffix("\r\n\r\n").ok_or(HttpRefusal::Malformed)?;
     let mut lines = text.split("\r\n");
-    let mut words = lines.next().unwrap_or_default().split(' ');
-    let (Some(method), Some(target), Some(version), None) =
-        (words.next(), words.next(), words.next(), words.next())
-    else {
-        return Err(HttpRefusal::Malformed);
-    };
+    let words: Vec<&str> = lines.next().unwrap_or_default().split(' ').collect();
+    let [method, target, version] = words[..] else { return Err(HttpRefusal::Malformed) };
     if !version.starts_with("HTTP/") || !target.starts_with('/') {
         return Err(HttpRefusal::Malformed);
     }
