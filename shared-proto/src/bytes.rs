@@ -44,11 +44,6 @@ impl<const N: usize> Bytes<N> {
         true
     }
 
-    /// Keeps the first `len` bytes.
-    pub(crate) fn truncate(&mut self, len: usize) {
-        self.len = self.len.min(len as u16);
-    }
-
     pub(crate) fn clear(&mut self) {
         self.len = 0;
     }
