@@ -30,7 +30,7 @@ mod wire;
 pub use boards::{BoardSource, Boards, HeardBoard};
 pub use edges::BoardEdge;
 pub use forces::{Force, LiveForces, RunningForces, UnsuitableCalibration};
-pub use reception::{BoardFrame, Content, Losses, Measured, Reception};
+pub use reception::{BoardFrame, Losses, Measured, Reception};
 pub use recognition::{NoFrame, PROTOCOLS, Recognition, protocol_name};
 pub(crate) use rows::RowWriter;
 pub use rows::{row_flags, write_time};

@@ -50,16 +50,14 @@ pub enum Measured {
     Wrench([f64; AXES]),
 }
 
-/// What the frames of a log hold, which decides on its columns.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Content {
-    /// Readings; `numbered` unless they come from the original board.
-    Readings {
-        /// Whether frames have sequence numbers.
-        numbered: bool,
-    },
-    /// Wrenches.
-    Wrench,
+impl Measured {
+    /// The readings, if it holds them.
+    pub(crate) fn readings(&self) -> Option<&[f64; CHANNELS]> {
+        match self {
+            Self::Readings(readings) => Some(readings),
+            Self::Wrench(_) => None,
+        }
+    }
 }
 
 /// What arrived, and what did not.
@@ -358,14 +356,6 @@ impl BoardFrame {
             edge: None,
             skewed: false,
             rssi_dbm: None,
-        }
-    }
-
-    /// What it holds, for the columns of a log.
-    pub fn content(&self, numbered: bool) -> Content {
-        match self.measured {
-            Measured::Readings(_) => Content::Readings { numbered },
-            Measured::Wrench(_) => Content::Wrench,
         }
     }
 
