@@ -40,12 +40,14 @@ impl AppendWriter {
         Ok(Self { path, file, length: 0, pending, regular, failed: false })
     }
 
-    /// Whether the file still has a name: where it was removed while it grew, all in it is lost.
+    /// Whether the file still has a name: where it was removed while it grew, all in it is lost. Elsewhere than on Unix
+    /// a file that is open cannot be removed.
     fn check_there(&self) -> io::Result<()> {
-        match is_removed(&self.file)? {
-            true => Err(io::Error::new(io::ErrorKind::NotFound, "it was removed meanwhile")),
-            false => Ok(()),
+        #[cfg(unix)]
+        if std::os::unix::fs::MetadataExt::nlink(&self.file.metadata()?) == 0 {
+            return Err(io::Error::new(io::ErrorKind::NotFound, "it was removed meanwhile"));
         }
+        Ok(())
     }
 
     fn cut(&mut self) -> io::Result<()> {
@@ -139,15 +141,3 @@ pub fn open_growing(path: &Path, overwrite: bool) -> Result<(File, bool), Output
 
 /// Names that are tried for the log of a further board.
 const MOST_NAMES: u32 = 1000;
-
-#[cfg(unix)]
-fn is_removed(file: &File) -> io::Result<bool> {
-    use std::os::unix::fs::MetadataExt;
-    Ok(file.metadata()?.nlink() == 0)
-}
-
-/// Elsewhere a file that is open cannot be removed.
-#[cfg(not(unix))]
-fn is_removed(_: &File) -> io::Result<bool> {
-    Ok(false)
-}

@@ -127,34 +127,21 @@ impl Losses {
 
 impl std::ops::AddAssign for Losses {
     fn add_assign(&mut self, other: Self) {
-        let Self {
-            missing,
-            gaps,
-            duplicates,
-            reordered,
-            bad_crc,
-            damaged,
-            skipped_bytes,
-            unknown,
-            dropped_on_board,
-            restarts,
-            missing_edges,
-            edges_left_out,
-            uncertain,
-        } = other;
-        self.missing += missing;
-        self.gaps += gaps;
-        self.duplicates += duplicates;
-        self.reordered += reordered;
-        self.bad_crc += bad_crc;
-        self.damaged += damaged;
-        self.skipped_bytes += skipped_bytes;
-        self.unknown += unknown;
-        self.dropped_on_board += dropped_on_board;
-        self.restarts += restarts;
-        self.missing_edges += missing_edges;
-        self.edges_left_out += edges_left_out;
-        self.uncertain += uncertain;
+        *self = Self {
+            missing: self.missing + other.missing,
+            gaps: self.gaps + other.gaps,
+            duplicates: self.duplicates + other.duplicates,
+            reordered: self.reordered + other.reordered,
+            bad_crc: self.bad_crc + other.bad_crc,
+            damaged: self.damaged + other.damaged,
+            skipped_bytes: self.skipped_bytes + other.skipped_bytes,
+            unknown: self.unknown + other.unknown,
+            dropped_on_board: self.dropped_on_board + other.dropped_on_board,
+            restarts: self.restarts + other.restarts,
+            missing_edges: self.missing_edges + other.missing_edges,
+            edges_left_out: self.edges_left_out + other.edges_left_out,
+            uncertain: self.uncertain + other.uncertain,
+        };
     }
 }
 
