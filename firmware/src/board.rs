@@ -54,12 +54,6 @@ pub const VITALS_US: u64 = 250;
 
 /// Time since the reset.
 pub trait Clock {
-    /// How late a frame may start, in µs; a slot that cannot be kept so well is skipped.
-    ///
-    /// The default is a hundredth of the 10 ms period. Where something wakes the firmware less
-    /// punctually than a timer's interrupt does, it has to be more.
-    const TOLERANCE_US: u32 = 100;
-
     /// Now, in µs; never goes back.
     fn now_us(&self) -> u64;
 

@@ -11,8 +11,8 @@ use crate::session::Session;
 use crate::settings::Settings;
 use crate::upload::Record;
 use shared_proto::{
-    Answer, BoardId, Boot, CHANNELS, Command, Frame as WireFrame, Identity, PacketOrigin, Refusal,
-    ResetCause, Status, Stream, Values, Vitals,
+    Answer, BoardId, Boot, CHANNELS, Command, Frame as WireFrame, Health, Identity, PacketOrigin,
+    Refusal, ResetCause, Sample, Status, Stream, Values, Vitals,
 };
 
 /// Time between two words of the board's health, in µs.
@@ -50,7 +50,8 @@ pub(crate) struct Core<'a> {
     pub(crate) outbox: Outbox,
     frames: u32,
     late: u32,
-    damaged: u16,
+    /// Frames that have arrived damaged since the reset.
+    pub(crate) damaged: u16,
     foreign: u16,
     last_words: LastWords,
     longest_frame_us: u16,
@@ -87,14 +88,13 @@ pub(crate) enum HealthDue {
 }
 
 impl<'a> Core<'a> {
-    /// The state after a reset, with word of it in the outbox. A frame may start late by `tolerance_us`; `record` is
-    /// where uploads are put together.
-    pub(crate) fn new(setup: BoardSetup, tolerance_us: u32, record: &'a mut Record) -> Self {
+    /// The state after a reset, with word of it in the outbox. `record` is where uploads are put
+    /// together.
+    pub(crate) fn new(setup: BoardSetup, record: &'a mut Record) -> Self {
         let BoardSetup { identity, start, reset_cause, last_words, rate, .. } = setup;
         let limits = Limits {
             min_period_us: identity.min_period_us,
             conversion_ns: setup.conversion_ns,
-            tolerance_us,
             bytes_per_s: rate.map(Baud::bytes_per_s),
             rates: setup.rates,
             has_bootloader: setup.has_bootloader,
@@ -158,10 +158,13 @@ impl<'a> Core<'a> {
         end_us: u64,
         vitals: Option<Vitals>,
     ) {
+        // The host unwraps the clock.
+        let clock_us = start_us as u32;
         if let Some(vitals) = vitals {
             self.health_at_us = end_us + HEALTH_US;
             self.described = Some(self.session.settings);
-            self.outbox.push_health(start_us as u32, frame.timing, vitals, frame.dark);
+            let Frame { timing, dark, .. } = *frame;
+            self.outbox.push_health(Health { sequence: 0, clock_us, timing, vitals, dark });
         }
         self.frames = self.frames.wrapping_add(1);
         let duration_us = u16::try_from(end_us.saturating_sub(start_us)).unwrap_or(u16::MAX);
@@ -175,9 +178,8 @@ impl<'a> Core<'a> {
             (Stream::Wrench, Some(wrench)) => Values::Wrench(wrench),
             _ => Values::Readings(frame.readings),
         };
-        // The host unwraps the clock.
-        let clock_us = start_us as u32;
-        self.outbox.push_sample(clock_us, values, frame.saturated, self.late);
+        let (saturated, dropped) = (frame.saturated, self.late as u8);
+        self.outbox.push_sample(Sample { sequence: 0, clock_us, values, saturated, dropped });
     }
 
     /// Does what a command asks and puts the answer into the outbox. Commands for another board are
@@ -237,16 +239,6 @@ impl<'a> Core<'a> {
     pub(crate) fn finish_self_test(&mut self, test: &SelfTest, rise: [i16; CHANNELS]) {
         let answer = Answer::SelfTest { emitter: test.emitter, rise };
         self.outbox.push_answer(test.number, answer);
-    }
-
-    /// Answers a command of another version of the protocol, whose number cannot be known.
-    pub(crate) fn refuse_other_version(&mut self) {
-        self.outbox.push_answer(0, Answer::Refused(Refusal::OtherVersion));
-    }
-
-    /// So many frames have arrived damaged since the reset.
-    pub(crate) fn set_damaged(&mut self, damaged: u64) {
-        self.damaged = damaged as u16;
     }
 
     /// Whether the rate of before is to be set again, for nothing was heard at the new one.

@@ -16,8 +16,6 @@ pub(crate) struct Limits {
     pub(crate) min_period_us: u32,
     /// Time of a conversion in ns, rounded up.
     pub(crate) conversion_ns: u32,
-    /// How late a frame may start in µs, see [`crate::Clock::TOLERANCE_US`].
-    pub(crate) tolerance_us: u32,
     /// What the serial line carries, in bytes per second; `None` if it is never the bottleneck.
     pub(crate) bytes_per_s: Option<u32>,
     /// Rates that the line can be set to.
@@ -81,7 +79,6 @@ mod tests {
     const LIMITS: Limits = Limits {
         min_period_us: 1_000,
         conversion_ns: 3_250,
-        tolerance_us: 100,
         bytes_per_s: Some(5_760),
         rates: &[],
         has_bootloader: false,

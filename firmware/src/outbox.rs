@@ -2,10 +2,7 @@
 
 use crate::board::SeenEdge;
 use heapless::Deque;
-use shared_proto::{
-    Answer, Boot, CHANNELS, Edge, Frame, Health, Packet, PacketOrigin, Sample, Timing, Values,
-    Vitals,
-};
+use shared_proto::{Answer, Boot, Edge, Frame, Health, Packet, PacketOrigin, Sample};
 
 /// Samples that can wait: 160 ms at 100 Hz. Word of the board's health takes the place of one.
 pub(crate) const SAMPLES: usize = 16;
@@ -19,13 +16,7 @@ pub(crate) const EDGES: usize = 8;
 /// What waits behind the samples before it.
 #[derive(Clone, Copy, Debug)]
 enum Waiting {
-    Sample {
-        clock_us: u32,
-        values: Values,
-        saturated: u8,
-        /// Frames not taken until then.
-        late: u32,
-    },
+    Sample(Sample),
     Health(Health),
 }
 
@@ -60,21 +51,15 @@ impl Outbox {
         self.overflowed
     }
 
-    /// A sample for the host; `late` is how many frames were not taken so far.
-    pub(crate) fn push_sample(&mut self, clock_us: u32, values: Values, saturated: u8, late: u32) {
-        self.push(Waiting::Sample { clock_us, values, saturated, late });
+    /// A sample for the host, with the frames that were not taken so far for those that were dropped. It gets its number
+    /// when it goes out.
+    pub(crate) fn push_sample(&mut self, sample: Sample) {
+        self.push(Waiting::Sample(sample));
     }
 
-    /// How the board is, before the samples that are pushed after it.
-    pub(crate) fn push_health(
-        &mut self,
-        clock_us: u32,
-        timing: Timing,
-        vitals: Vitals,
-        dark: [u16; CHANNELS],
-    ) {
-        // The number is given when it goes out.
-        self.push(Waiting::Health(Health { sequence: 0, clock_us, timing, vitals, dark }));
+    /// How the board is, before the samples that are pushed after it. It gets its number when it goes out.
+    pub(crate) fn push_health(&mut self, health: Health) {
+        self.push(Waiting::Health(health));
     }
 
     /// An edge at the sync input.
@@ -88,7 +73,7 @@ impl Outbox {
     fn push(&mut self, waiting: Waiting) {
         if self.stream.is_full() {
             let dropped = self.stream.pop_front();
-            let is_sample = matches!(dropped, Some(Waiting::Sample { .. }));
+            let is_sample = matches!(dropped, Some(Waiting::Sample(_)));
             self.overflowed = self.overflowed.wrapping_add(u32::from(is_sample));
         }
         // There is room now.
@@ -121,11 +106,11 @@ impl Outbox {
         let sequence = self.sequence;
         let packet = match self.stream.pop_front()? {
             Waiting::Health(health) => Packet::Health(Health { sequence, ..health }),
-            Waiting::Sample { clock_us, values, saturated, late } => {
+            Waiting::Sample(sample) => {
                 self.sequence = sequence.wrapping_add(1);
                 // All that were dropped are older than those that wait.
-                let dropped = late.wrapping_add(self.overflowed) as u8;
-                Packet::Sample(Sample { sequence, clock_us, values, saturated, dropped })
+                let dropped = sample.dropped.wrapping_add(self.overflowed as u8);
+                Packet::Sample(Sample { sequence, dropped, ..sample })
             }
         };
         Some(packet.encode_from(self.origin))
@@ -137,6 +122,7 @@ mod tests {
     extern crate std;
 
     use super::*;
+    use shared_proto::{Timing, Values, Vitals};
     use std::vec::Vec;
 
     const ORIGIN: PacketOrigin = PacketOrigin { board: 7, start: 9 };
@@ -153,7 +139,9 @@ mod tests {
 
     fn push(outbox: &mut Outbox, count: u16, late: u32) {
         for i in 0..count {
-            outbox.push_sample(u32::from(i), Values::Readings([i; 8]), 0, late);
+            let (clock_us, values) = (u32::from(i), Values::Readings([i; 8]));
+            let dropped = late as u8;
+            outbox.push_sample(Sample { sequence: 0, clock_us, values, saturated: 0, dropped });
         }
     }
 
@@ -191,14 +179,15 @@ mod tests {
         push(&mut outbox, 2, 0);
         let vitals = Vitals { temperature_cdeg: Some(2_512), ..Vitals::default() };
         let timing = Timing { first_us: 300, step_us: 500 };
-        outbox.push_health(7, timing, vitals, [9; 8]);
+        let health = Health { sequence: 0, clock_us: 7, timing, vitals, dark: [9; 8] };
+        outbox.push_health(health);
         push(&mut outbox, 1, 0);
-        let health = Health { sequence: 2, clock_us: 7, timing, vitals, dark: [9; 8] };
+        let health = Health { sequence: 2, ..health };
         let out = sent(&mut outbox);
         assert_eq!(out[2], Packet::Health(health));
         assert!(matches!(out[3], Packet::Sample(Sample { sequence: 2, .. })));
         // One that is dropped is no sample that was.
-        outbox.push_health(8, timing, vitals, [9; 8]);
+        outbox.push_health(Health { clock_us: 8, ..health });
         push(&mut outbox, SAMPLES as u16, 0);
         assert_eq!(outbox.overflowed(), 0);
     }

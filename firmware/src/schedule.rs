@@ -2,25 +2,27 @@
 
 use core::num::{NonZeroU32, NonZeroU64};
 
+/// How late a frame may start, in µs; a slot that cannot be kept so well is skipped. It is a hundredth of the 10 ms
+/// period.
+const TOLERANCE_US: u64 = 100;
+
 /// Slots at a fixed distance from the first: the error of one does not carry over to the next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Schedule {
     next_us: u64,
     period_us: NonZeroU32,
-    tolerance_us: u32,
 }
 
 impl Schedule {
-    /// The first slot is at `first_us`, the others every `period_us`, which is at least 1; a frame
-    /// may start later than its slot by `tolerance_us`.
-    pub(crate) fn new(first_us: u64, period_us: u32, tolerance_us: u32) -> Self {
+    /// The first slot is at `first_us`, the others every `period_us`, which is at least 1.
+    pub(crate) fn new(first_us: u64, period_us: u32) -> Self {
         let period_us = NonZeroU32::new(period_us).unwrap_or(NonZeroU32::MIN);
-        Self { next_us: first_us, period_us, tolerance_us }
+        Self { next_us: first_us, period_us }
     }
 
     /// Time of the next slot that can still be kept, and how many before it cannot.
     pub(crate) fn next(&mut self, now_us: u64) -> (u64, u32) {
-        let latest_us = self.next_us.saturating_add(u64::from(self.tolerance_us));
+        let latest_us = self.next_us.saturating_add(TOLERANCE_US);
         let late_us = now_us.saturating_sub(latest_us);
         if late_us == 0 {
             return (self.next_us, 0); // nearly always, and without a 64-bit division
@@ -46,7 +48,7 @@ mod tests {
 
     #[test]
     fn slots_do_not_drift_with_the_time_that_frames_take() {
-        let mut schedule = Schedule::new(1_000, 10_000, 100);
+        let mut schedule = Schedule::new(1_000, 10_000);
         for slot in 0..1_000_000 {
             let at = 1_000 + slot * 10_000;
             assert_eq!(schedule.next(at + slot % 100), (at, 0));
@@ -56,7 +58,7 @@ mod tests {
 
     #[test]
     fn slots_that_have_passed_are_skipped_and_counted() {
-        let mut schedule = Schedule::new(0, 10_000, 100);
+        let mut schedule = Schedule::new(0, 10_000);
         schedule.advance();
         assert_eq!(schedule.next(10_100), (10_000, 0));
         assert_eq!(schedule.next(10_101), (20_000, 1));
@@ -71,7 +73,7 @@ mod tests {
             period_us in 1..20_000_u32,
             frames in prop::collection::vec(0..60_000_u64, 1..200),
         ) {
-            let mut schedule = Schedule::new(7, period_us, 100);
+            let mut schedule = Schedule::new(7, period_us);
             let (mut now, mut slots) = (0, 0_u64);
             for frame_us in frames {
                 let (at, skipped) = schedule.next(now);

@@ -74,20 +74,20 @@ impl<'a> Session<'a> {
         storage: &mut S,
     ) -> Result<(), Refusal> {
         match *command {
-            Command::Identify | Command::Status | Command::LastWords { .. } => Ok(()),
             Command::SetBaud { baud } => self.set_baud(baud),
             Command::Bootloader if !self.limits.has_bootloader => Err(Refusal::NotOnThisBoard),
-            Command::Bootloader => {
-                self.schedule = None;
-                Ok(())
-            }
             Command::SelfTest { emitter } if usize::from(emitter) >= CHANNELS => {
                 Err(Refusal::OutOfRange)
             }
             Command::SelfTest { .. } if self.is_streaming() => Err(Refusal::Streaming),
-            Command::SelfTest { .. } => Ok(()),
-            Command::Start => self.start(now_us),
-            Command::Stop => {
+            Command::Identify | Command::Status => Ok(()),
+            Command::LastWords { .. } | Command::SelfTest { .. } => Ok(()),
+            Command::Start => {
+                let schedule = self.schedule_from(now_us, &self.settings);
+                self.schedule.get_or_insert(schedule);
+                Ok(())
+            }
+            Command::Stop | Command::Bootloader => {
                 self.schedule = None;
                 Ok(())
             }
@@ -146,13 +146,6 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
-    fn start(&mut self, now_us: u64) -> Result<(), Refusal> {
-        if self.schedule.is_none() {
-            self.schedule = Some(self.schedule_from(now_us, &self.settings));
-        }
-        Ok(())
-    }
-
     fn change(&mut self, settings: Settings, now_us: u64) -> Result<(), Refusal> {
         self.limits.check(&settings)?;
         if self.is_streaming() && settings.period_us != self.settings.period_us {
@@ -164,7 +157,7 @@ impl<'a> Session<'a> {
     }
 
     fn schedule_from(&self, first_us: u64, settings: &Settings) -> Schedule {
-        Schedule::new(first_us, settings.period_us, self.limits.tolerance_us)
+        Schedule::new(first_us, settings.period_us)
     }
 
     /// The upload is kept, so that a commit whose answer was lost can be sent again.
@@ -193,7 +186,8 @@ mod tests {
 
     use super::*;
     use crate::board::StorageError;
-    use crate::slots::{CutOutcome, FakeFlash, Slots};
+    use crate::slots::Slots;
+    use crate::slots::tests::fake_flash::{CutOutcome, FakeFlash};
     use crate::upload::RECORD;
     use shared_proto::{
         AXES, CHANNELS, Calibration, Cubic, FEATURES, MAX_PIECE, Physics, PhysicsSensor, Piece,
@@ -224,7 +218,6 @@ mod tests {
     const LIMITS: Limits = Limits {
         min_period_us: 1_000,
         conversion_ns: 1_500,
-        tolerance_us: 100,
         bytes_per_s: None,
         rates: &[],
         has_bootloader: false,
@@ -450,7 +443,7 @@ mod tests {
                 assert_eq!(session.execute(&command, 0, &mut slots), Ok(()));
             }
             // The first two operations erase, the third writes the first double word.
-            slots.flash_mut().cut_power(2, outcome);
+            slots.flash.cut_power(2, outcome);
             let [rest @ .., commit] = &upload(&new.to_bytes(), new_crc)[..] else { panic!() };
             for command in rest {
                 assert_eq!(session.execute(command, 0, &mut slots), Ok(()));
@@ -459,7 +452,7 @@ mod tests {
             assert_eq!(refused, Err(Refusal::StorageFailed));
             assert_eq!(session.calibration_crc32, old_crc);
 
-            slots.flash_mut().restore_power();
+            slots.flash.restore_power();
             assert_eq!(started(&mut slots).calibration_crc32, old_crc);
             // The upload is still there: the commit can be tried again.
             assert_eq!(session.execute(commit, 0, &mut slots), Ok(()));

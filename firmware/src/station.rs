@@ -20,7 +20,7 @@ use embassy_futures::select::select;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal;
 use embedded_io_async::{Read, Write};
-use shared_proto::{Decoder, Event, Framing, Packet, ReceivedPacket, Vitals};
+use shared_proto::{Answer, Decoder, Event, Framing, Packet, ReceivedPacket, Refusal, Vitals};
 
 /// Longest time between two signs of life, in µs.
 const ALIVE_US: u64 = 250_000;
@@ -48,7 +48,7 @@ impl<'a, C: Clock> Station<'a, C> {
     /// A board after its start. Uploads are put together in `record`.
     pub fn new(setup: BoardSetup, clock: C, record: &'a mut Record) -> Self {
         let conversion_ns = setup.conversion_ns;
-        let core = Core::new(setup, C::TOLERANCE_US, record);
+        let core = Core::new(setup, record);
         let (changed, outgoing, alive) = (Wake::new(), Wake::new(), Wake::new());
         Self { core: RefCell::new(core), clock, conversion_ns, changed, outgoing, alive }
     }
@@ -147,11 +147,14 @@ impl<'a, C: Clock> Station<'a, C> {
                     core.line.heard();
                     core.command(number, to, &command, self.clock.now_us(), &mut storage);
                 }
-                Event::OtherVersion { command: true, .. } => core.refuse_other_version(),
+                Event::OtherVersion { command: true, .. } => {
+                    // Its number cannot be known.
+                    core.outbox.push_answer(0, Answer::Refused(Refusal::OtherVersion));
+                }
                 _ => {}
             });
             let counters = decoder.counters();
-            core.set_damaged(counters.bad_crc + counters.malformed);
+            core.damaged = (counters.bad_crc + counters.malformed) as u16;
             self.changed.signal(());
             self.outgoing.signal(());
         }

@@ -2,23 +2,14 @@
 
 use crate::bytes::{Bytes, Reader};
 use crate::calibration::crc32;
+use crate::field::{Field, fields, variants};
 
-/// Gives an enum its one-byte codes both ways. A code without a variant is `Other`, so that what a
-/// newer board says can be read by an older host as far as it goes.
+/// Gives an enum without fields its [`variants`], and the way from a code by itself.
 macro_rules! codes {
-    ($name:ident { $($variant:ident = $code:literal),+ $(,)? }) => {
+    ($name:ident { $($variant:ident = $code:literal),+ }) => {
+        variants!($name { $($code = $variant,)+ _ = Other { 0 } });
+
         impl $name {
-            /// All variants that have a name, in the order of their codes.
-            pub const ALL: &[Self] = &[$(Self::$variant),+];
-
-            /// The code on the wire.
-            pub const fn code(self) -> u8 {
-                match self {
-                    $(Self::$variant => $code,)+
-                    Self::Other(code) => code,
-                }
-            }
-
             /// The variant of a code.
             pub const fn from_code(code: u8) -> Self {
                 match code {
@@ -127,23 +118,9 @@ impl Identity {
     pub fn id(&self) -> BoardId {
         BoardId::from_serial(&self.serial)
     }
-
-    pub(crate) fn write<const N: usize>(&self, out: &mut Bytes<N>) {
-        out.push(self.board.code());
-        out.extend(&self.firmware);
-        out.extend(&self.serial);
-        out.extend(&self.min_period_us.to_le_bytes());
-    }
-
-    pub(crate) fn read(body: &mut Reader<'_>) -> Option<Self> {
-        Some(Self {
-            board: Board::from_code(body.u8()?),
-            firmware: body.array()?,
-            serial: body.array()?,
-            min_period_us: body.u32()?,
-        })
-    }
 }
+
+fields!(Identity { board, firmware, serial, min_period_us });
 
 /// How a board does. All counts are since the last reset and wrap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -182,46 +159,42 @@ pub struct Status {
     pub foreign: u16,
 }
 
-impl Status {
-    pub(crate) fn write<const N: usize>(&self, out: &mut Bytes<N>) {
+impl Field for Status {
+    fn write<const N: usize>(&self, out: &mut Bytes<N>) {
         let flags = u8::from(self.streaming)
             | u8::from(self.calibrated) << 1
             | u8::from(self.zeroed) << 2
             | self.stream.code() << 3;
         out.push(flags);
-        out.push(self.reset_cause.code());
-        out.extend(&self.period_us.to_le_bytes());
-        out.push(self.conversions);
-        out.extend(&self.settling_us.to_le_bytes());
-        out.extend(&self.uptime_s.to_le_bytes());
-        out.extend(&self.frames.to_le_bytes());
-        out.extend(&self.late.to_le_bytes());
-        out.extend(&self.overflowed.to_le_bytes());
-        out.extend(&self.damaged.to_le_bytes());
-        out.extend(&self.longest_frame_us.to_le_bytes());
-        out.extend(&self.calibration_crc32.to_le_bytes());
-        out.extend(&self.foreign.to_le_bytes());
+        self.reset_cause.write(out);
+        self.period_us.write(out);
+        self.conversions.write(out);
+        self.settling_us.write(out);
+        [self.uptime_s, self.frames, self.late, self.overflowed].write(out);
+        [self.damaged, self.longest_frame_us].write(out);
+        self.calibration_crc32.write(out);
+        self.foreign.write(out);
     }
 
-    pub(crate) fn read(body: &mut Reader<'_>) -> Option<Self> {
-        let flags = body.u8()?;
+    fn read(body: &mut Reader<'_>) -> Option<Self> {
+        let flags: u8 = body.get()?;
         Some(Self {
             streaming: flags & 1 != 0,
             calibrated: flags & 2 != 0,
             zeroed: flags & 4 != 0,
             stream: Stream::from_code(flags >> 3),
-            reset_cause: ResetCause::from_code(body.u8()?),
-            period_us: body.u32()?,
-            conversions: body.u8()?,
-            settling_us: body.u16()?,
-            uptime_s: body.u32()?,
-            frames: body.u32()?,
-            late: body.u32()?,
-            overflowed: body.u32()?,
-            damaged: body.u16()?,
-            longest_frame_us: body.u16()?,
-            calibration_crc32: body.u32()?,
-            foreign: body.u16()?,
+            reset_cause: body.get()?,
+            period_us: body.get()?,
+            conversions: body.get()?,
+            settling_us: body.get()?,
+            uptime_s: body.get()?,
+            frames: body.get()?,
+            late: body.get()?,
+            overflowed: body.get()?,
+            damaged: body.get()?,
+            longest_frame_us: body.get()?,
+            calibration_crc32: body.get()?,
+            foreign: body.get()?,
         })
     }
 }

@@ -1,7 +1,9 @@
-//! Byte strings of bounded length, and reading and writing of little-endian fields.
+//! Byte strings of bounded length, and what takes fields off them.
 
 use core::fmt;
 use core::ops::Deref;
+
+use crate::field::Field;
 
 /// Up to `N` bytes in place; `N` is at most 65,535.
 #[derive(Clone, Copy)]
@@ -40,11 +42,6 @@ impl<const N: usize> Bytes<N> {
         room.copy_from_slice(slice);
         self.len += slice.len() as u16;
         true
-    }
-
-    /// Keeps the first `len` bytes.
-    pub(crate) fn truncate(&mut self, len: usize) {
-        self.len = self.len.min(len as u16);
     }
 
     pub(crate) fn clear(&mut self) {
@@ -110,37 +107,9 @@ impl<'a> Reader<'a> {
         Some(*field)
     }
 
-    pub(crate) fn u8(&mut self) -> Option<u8> {
-        self.array().map(|[byte]| byte)
-    }
-
-    pub(crate) fn u16(&mut self) -> Option<u16> {
-        self.array().map(u16::from_le_bytes)
-    }
-
-    pub(crate) fn u32(&mut self) -> Option<u32> {
-        self.array().map(u32::from_le_bytes)
-    }
-
-    pub(crate) fn f32(&mut self) -> Option<f32> {
-        self.array().map(f32::from_le_bytes)
-    }
-
-    /// As many numbers as wanted, each as `number` reads one.
-    pub(crate) fn numbers<T: Copy + Default, const K: usize>(
-        &mut self,
-        number: impl Fn(&mut Self) -> Option<T>,
-    ) -> Option<[T; K]> {
-        let mut numbers = [T::default(); K];
-        for position in &mut numbers {
-            *position = number(self)?;
-        }
-        Some(numbers)
-    }
-
-    /// What is left.
-    pub(crate) fn rest(self) -> &'a [u8] {
-        self.0
+    /// The next field.
+    pub(crate) fn get<F: Field>(&mut self) -> Option<F> {
+        F::read(self)
     }
 
     /// `value` if nothing is left.

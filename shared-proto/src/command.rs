@@ -6,6 +6,7 @@
 use crate::CHANNELS;
 use crate::board::{Identity, Status, Stream};
 use crate::bytes::{Bytes, Reader};
+use crate::field::variants;
 
 /// Most bytes of a calibration in one command, or of last words in one answer.
 pub const MAX_PIECE: usize = 32;
@@ -98,85 +99,33 @@ impl Command {
         )
     }
 
-    /// The code that names the command on the wire.
-    pub const fn code(&self) -> u8 {
-        match self {
-            Self::Identify => 0x01,
-            Self::Status => 0x02,
-            Self::Start => 0x03,
-            Self::Stop => 0x04,
-            Self::SetPeriod { .. } => 0x05,
-            Self::SetOversampling { .. } => 0x06,
-            Self::SetSettling { .. } => 0x07,
-            Self::SetStream(_) => 0x08,
-            Self::BeginCalibration { .. } => 0x09,
-            Self::CalibrationPiece { .. } => 0x0A,
-            Self::CommitCalibration => 0x0B,
-            Self::Zero { .. } => 0x0C,
-            Self::LastWords { .. } => 0x0D,
-            Self::SelfTest { .. } => 0x10,
-            Self::SetBaud { .. } => 0x11,
-            Self::Bootloader => 0x12,
-            Self::Unknown { code } => *code,
-        }
-    }
-
-    pub(crate) fn write<const N: usize>(&self, out: &mut Bytes<N>) {
-        out.push(self.code());
-        match self {
-            Self::Identify | Self::Status | Self::Start | Self::Stop => {}
-            Self::CommitCalibration | Self::Bootloader | Self::Unknown { .. } => {}
-            Self::SetPeriod { period_us } => out.extend(&period_us.to_le_bytes()),
-            Self::SetOversampling { conversions } => out.push(*conversions),
-            Self::SetSettling { settling_us } => out.extend(&settling_us.to_le_bytes()),
-            Self::SetStream(stream) => out.push(stream.code()),
-            Self::BeginCalibration { size, crc32 } => {
-                out.extend(&size.to_le_bytes());
-                out.extend(&crc32.to_le_bytes());
-            }
-            Self::CalibrationPiece { offset, data } => {
-                out.extend(&offset.to_le_bytes());
-                out.extend(data);
-            }
-            Self::Zero { frames } => out.extend(&frames.to_le_bytes()),
-            Self::LastWords { offset } => out.extend(&offset.to_le_bytes()),
-            Self::SelfTest { emitter } => out.push(*emitter),
-            Self::SetBaud { baud } => out.extend(&baud.to_le_bytes()),
-        }
-    }
-
     /// `None` if there is not even a code.
-    pub(crate) fn read(mut body: Reader<'_>) -> Option<Self> {
-        let code = body.u8()?;
-        Some(Self::read_arguments(code, body).unwrap_or(Self::Unknown { code }))
-    }
-
-    fn read_arguments(code: u8, mut body: Reader<'_>) -> Option<Self> {
-        let command = match code {
-            0x01 => Self::Identify,
-            0x02 => Self::Status,
-            0x03 => Self::Start,
-            0x04 => Self::Stop,
-            0x05 => Self::SetPeriod { period_us: body.u32()? },
-            0x06 => Self::SetOversampling { conversions: body.u8()? },
-            0x07 => Self::SetSettling { settling_us: body.u16()? },
-            0x08 => Self::SetStream(Stream::from_code(body.u8()?)),
-            0x09 => Self::BeginCalibration { size: body.u32()?, crc32: body.u32()? },
-            0x0A => {
-                let offset = body.u16()?;
-                return Some(Self::CalibrationPiece { offset, data: Piece::copy_of(body.rest())? });
-            }
-            0x0B => Self::CommitCalibration,
-            0x0C => Self::Zero { frames: body.u16()? },
-            0x0D => Self::LastWords { offset: body.u16()? },
-            0x10 => Self::SelfTest { emitter: body.u8()? },
-            0x11 => Self::SetBaud { baud: body.u32()? },
-            0x12 => Self::Bootloader,
-            _ => return None,
-        };
-        body.end(command)
+    pub(crate) fn read_all(mut body: Reader<'_>) -> Option<Self> {
+        let code = *body.0.first()?;
+        let command = body.get().and_then(|command| body.end(command));
+        Some(command.unwrap_or(Self::Unknown { code }))
     }
 }
+
+variants!(Command {
+    0x01 = Identify,
+    0x02 = Status,
+    0x03 = Start,
+    0x04 = Stop,
+    0x05 = SetPeriod { period_us },
+    0x06 = SetOversampling { conversions },
+    0x07 = SetSettling { settling_us },
+    0x08 = SetStream(stream),
+    0x09 = BeginCalibration { size, crc32 },
+    0x0A = CalibrationPiece { offset, data },
+    0x0B = CommitCalibration,
+    0x0C = Zero { frames },
+    0x0D = LastWords { offset },
+    0x10 = SelfTest { emitter },
+    0x11 = SetBaud { baud },
+    0x12 = Bootloader,
+    _ = Unknown { code }
+});
 
 /// What the board has to say to a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -212,63 +161,24 @@ pub enum Answer {
 }
 
 impl Answer {
-    const DONE: u8 = 0x00;
-    const IDENTITY: u8 = 0x01;
-    const STATUS: u8 = 0x02;
-    const REFUSED: u8 = 0x03;
-    const LAST_WORDS: u8 = 0x04;
-    const SELF_TEST: u8 = 0x06;
-
-    pub(crate) fn write<const N: usize>(&self, out: &mut Bytes<N>) {
-        match self {
-            Self::Done => out.push(Self::DONE),
-            Self::Identity(identity) => {
-                out.push(Self::IDENTITY);
-                identity.write(out);
-            }
-            Self::Status(status) => {
-                out.push(Self::STATUS);
-                status.write(out);
-            }
-            Self::Refused(refusal) => {
-                out.push(Self::REFUSED);
-                refusal.write(out);
-            }
-            Self::LastWords { len, text } => {
-                out.push(Self::LAST_WORDS);
-                out.extend(&len.to_le_bytes());
-                out.extend(text);
-            }
-            Self::SelfTest { emitter, rise } => {
-                out.push(Self::SELF_TEST);
-                out.push(*emitter);
-                rise.iter().for_each(|rise| out.extend(&rise.to_le_bytes()));
-            }
-            Self::Other { code } => out.push(*code),
+    pub(crate) fn read_all(mut body: Reader<'_>) -> Option<Self> {
+        match body.get()? {
+            // What a newer board adds to a reason, or says in a way of its own, is not looked at.
+            answer @ (Self::Refused(_) | Self::Other { .. }) => Some(answer),
+            answer => body.end(answer),
         }
     }
-
-    pub(crate) fn read(mut body: Reader<'_>) -> Option<Self> {
-        let answer = match body.u8()? {
-            Self::DONE => Self::Done,
-            Self::IDENTITY => Self::Identity(Identity::read(&mut body)?),
-            Self::STATUS => Self::Status(Status::read(&mut body)?),
-            // What a newer board adds to a reason is not looked at.
-            Self::REFUSED => return Some(Self::Refused(Refusal::read(&mut body)?)),
-            Self::LAST_WORDS => {
-                let len = body.u16()?;
-                return Some(Self::LastWords { len, text: Piece::copy_of(body.rest())? });
-            }
-            Self::SELF_TEST => {
-                let emitter = body.u8()?;
-                let rise = body.numbers(|body| body.u16().map(u16::cast_signed))?;
-                Self::SelfTest { emitter, rise }
-            }
-            code => return Some(Self::Other { code }),
-        };
-        body.end(answer)
-    }
 }
+
+variants!(Answer {
+    0x00 = Done,
+    0x01 = Identity(identity),
+    0x02 = Status(status),
+    0x03 = Refused(refusal),
+    0x04 = LastWords { len, text },
+    0x06 = SelfTest { emitter, rise },
+    _ = Other { code }
+});
 
 /// Why the board does not do what it was asked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -312,52 +222,20 @@ pub enum Refusal {
     Other(u8),
 }
 
-impl Refusal {
-    /// The code on the wire.
-    pub const fn code(self) -> u8 {
-        match self {
-            Self::UnknownCommand => 1,
-            Self::OtherVersion => 2,
-            Self::OutOfRange => 3,
-            Self::PeriodTooShort { .. } => 4,
-            Self::NoCalibration => 5,
-            Self::NoUpload => 6,
-            Self::WrongOffset => 7,
-            Self::WrongSize => 8,
-            Self::WrongCrc => 9,
-            Self::BadCalibration => 10,
-            Self::StorageFailed => 11,
-            Self::LineTooSlow { .. } => 12,
-            Self::Streaming => 16,
-            Self::NotOnThisBoard => 17,
-            Self::Other(code) => code,
-        }
-    }
-
-    fn write<const N: usize>(self, out: &mut Bytes<N>) {
-        out.push(self.code());
-        if let Self::PeriodTooShort { shortest_us } | Self::LineTooSlow { shortest_us } = self {
-            out.extend(&shortest_us.to_le_bytes());
-        }
-    }
-
-    fn read(body: &mut Reader<'_>) -> Option<Self> {
-        Some(match body.u8()? {
-            1 => Self::UnknownCommand,
-            2 => Self::OtherVersion,
-            3 => Self::OutOfRange,
-            4 => Self::PeriodTooShort { shortest_us: body.u32()? },
-            5 => Self::NoCalibration,
-            6 => Self::NoUpload,
-            7 => Self::WrongOffset,
-            8 => Self::WrongSize,
-            9 => Self::WrongCrc,
-            10 => Self::BadCalibration,
-            11 => Self::StorageFailed,
-            12 => Self::LineTooSlow { shortest_us: body.u32()? },
-            16 => Self::Streaming,
-            17 => Self::NotOnThisBoard,
-            code => Self::Other(code),
-        })
-    }
-}
+variants!(Refusal {
+    1 = UnknownCommand,
+    2 = OtherVersion,
+    3 = OutOfRange,
+    4 = PeriodTooShort { shortest_us },
+    5 = NoCalibration,
+    6 = NoUpload,
+    7 = WrongOffset,
+    8 = WrongSize,
+    9 = WrongCrc,
+    10 = BadCalibration,
+    11 = StorageFailed,
+    12 = LineTooSlow { shortest_us },
+    16 = Streaming,
+    17 = NotOnThisBoard,
+    _ = Other { 0 }
+});

@@ -32,30 +32,22 @@ pub(crate) const fn is_escaped(byte: u8) -> bool {
 }
 
 /// Masks a plain packet, appends the CRC of what goes out, and frames both.
-pub(crate) fn encode(mut packet: Plain, crc: impl Fn(&[u8]) -> u16) -> Frame {
-    let len = packet.len();
-    for mask in 0..=255 {
-        if last_code(&packet, mask).is_none() {
-            continue;
-        }
-        mask_and_check(&mut packet, mask, &crc);
-        if last_code(&packet, 0).is_some_and(|code| !is_escaped(code)) {
-            return cobs(&packet);
-        }
-        packet.truncate(len);
-        packet.as_mut_slice().iter_mut().for_each(|byte| *byte ^= mask);
-    }
+pub(crate) fn encode(packet: Plain, crc: impl Fn(&[u8]) -> u16) -> Frame {
+    let masks = (0..=255).filter(|&mask| last_code(&packet, mask).is_some());
+    let mut tries = masks.map(|mask| masked(packet, mask, &crc));
+    let is_good = |packet: &Plain| last_code(packet, 0).is_some_and(|code| !is_escaped(code));
     // A length of 16 or 18 bytes is left without a mask where its COBS code is one of the four; no
     // sample has such a length, and an escape more does no harm elsewhere.
-    let mask = (0..=255).find(|&mask| last_code(&packet, mask).is_some()).unwrap_or(0);
-    mask_and_check(&mut packet, mask, &crc);
+    let first = tries.next().unwrap_or_else(|| masked(packet, 0, &crc));
+    let packet = [first].into_iter().chain(tries).find(is_good).unwrap_or(first);
     cobs(&packet)
 }
 
-fn mask_and_check(packet: &mut Plain, mask: u8, crc: impl Fn(&[u8]) -> u16) {
+fn masked(mut packet: Plain, mask: u8, crc: impl Fn(&[u8]) -> u16) -> Plain {
     packet.as_mut_slice().iter_mut().for_each(|byte| *byte ^= mask);
-    let crc = crc(packet);
+    let crc = crc(&packet);
     packet.extend(&crc.to_le_bytes());
+    packet
 }
 
 /// The COBS code that is open at the end of a packet with this mask; `None` if a byte before it is

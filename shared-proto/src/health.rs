@@ -2,6 +2,7 @@
 
 use crate::CHANNELS;
 use crate::bytes::{Bytes, Reader};
+use crate::field::{Field, fields};
 
 /// When the readings of a frame are taken, after the time that its sample says.
 ///
@@ -41,21 +42,22 @@ pub struct Health {
     pub dark: [u16; CHANNELS],
 }
 
-impl Vitals {
-    const NO_TEMPERATURE: i16 = i16::MIN;
+fields!(Timing { first_us, step_us });
 
+/// For a temperature that is not known.
+const NO_TEMPERATURE: i16 = i16::MIN;
+
+impl Field for Vitals {
     fn write<const N: usize>(&self, out: &mut Bytes<N>) {
-        let temperature = self.temperature_cdeg.unwrap_or(Self::NO_TEMPERATURE);
-        out.extend(&temperature.to_le_bytes());
-        out.extend(&self.supply_mv.unwrap_or(0).to_le_bytes());
-        out.extend(&self.reference.unwrap_or(0).to_le_bytes());
+        self.temperature_cdeg.unwrap_or(NO_TEMPERATURE).write(out);
+        [self.supply_mv, self.reference].map(Option::unwrap_or_default).write(out);
     }
 
     fn read(body: &mut Reader<'_>) -> Option<Self> {
-        let temperature = body.u16()?.cast_signed();
-        let (supply, reference) = (body.u16()?, body.u16()?);
+        let temperature = body.get()?;
+        let [supply, reference] = body.get()?;
         Some(Self {
-            temperature_cdeg: (temperature != Self::NO_TEMPERATURE).then_some(temperature),
+            temperature_cdeg: (temperature != NO_TEMPERATURE).then_some(temperature),
             supply_mv: (supply != 0).then_some(supply),
             reference: (reference != 0).then_some(reference),
         })
@@ -64,19 +66,15 @@ impl Vitals {
 
 impl Health {
     pub(crate) fn write<const N: usize>(&self, out: &mut Bytes<N>) {
-        out.extend(&self.clock_us.to_le_bytes());
-        out.extend(&self.timing.first_us.to_le_bytes());
-        out.extend(&self.timing.step_us.to_le_bytes());
+        self.clock_us.write(out);
+        self.timing.write(out);
         self.vitals.write(out);
-        self.dark.iter().for_each(|dark| out.extend(&dark.to_le_bytes()));
+        self.dark.write(out);
     }
 
     /// What a newer board adds is not looked at.
     pub(crate) fn read(sequence: u16, mut body: Reader<'_>) -> Option<Self> {
-        let clock_us = body.u32()?;
-        let timing = Timing { first_us: body.u16()?, step_us: body.u16()? };
-        let vitals = Vitals::read(&mut body)?;
-        let dark = body.numbers(Reader::u16)?;
-        Some(Self { sequence, clock_us, timing, vitals, dark })
+        let (clock_us, timing) = (body.get()?, body.get()?);
+        Some(Self { sequence, clock_us, timing, vitals: body.get()?, dark: body.get()? })
     }
 }

@@ -42,6 +42,7 @@ mod command;
 mod decoder;
 mod detect;
 mod error;
+mod field;
 mod frame;
 mod health;
 mod packet;

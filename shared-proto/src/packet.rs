@@ -4,6 +4,7 @@ use crate::board::{Board, BoardId, ResetCause};
 use crate::bytes::Reader;
 use crate::command::{Answer, Command};
 use crate::error::DecodeError;
+use crate::field::{Field, fields};
 use crate::frame::{self, Frame, Plain};
 use crate::health::Health;
 use crate::{AXES, CHANNELS};
@@ -165,17 +166,16 @@ impl Packet {
         let mut packet = Plain::new();
         packet.push(0);
         packet.push(VERSION << 4 | kind);
-        packet.extend(&number.to_le_bytes());
+        number.write(&mut packet);
         if kind != COMMAND {
-            packet.extend(&origin.board.to_le_bytes());
-            packet.extend(&origin.start.to_le_bytes());
+            origin.write(&mut packet);
         }
         match self {
             Self::Sample(sample) => sample.write(&mut packet),
             Self::Health(health) => health.write(&mut packet),
-            Self::Edge(edge) => edge.write(&mut packet),
+            Self::Edge(edge) => edge.clock_us.write(&mut packet),
             Self::Command { to, command, .. } => {
-                packet.extend(&BoardId::code(*to).to_le_bytes());
+                BoardId::code(*to).write(&mut packet);
                 command.write(&mut packet);
             }
             Self::Answer { answer, .. } => answer.write(&mut packet),
@@ -214,27 +214,30 @@ impl Packet {
     }
 
     fn read(version: u8, kind: u8, body: &mut Reader<'_>) -> Result<ReceivedPacket, DecodeError> {
-        let number = body.u16().ok_or(DecodeError::Body)?;
+        let number = body.get().ok_or(DecodeError::Body)?;
         let origin = match version == VERSION && kind != COMMAND {
-            true => Some(PacketOrigin::read(body).ok_or(DecodeError::Body)?),
+            true => Some(body.get().ok_or(DecodeError::Body)?),
             false => None,
         };
-        let body = Reader(body.0);
+        let mut body = Reader(body.0);
         let packet = match kind {
             SAMPLE_READINGS | SAMPLE_WRENCH => Sample::read(kind, number, body).map(Self::Sample),
             HEALTH => Health::read(number, body).map(Self::Health),
-            EDGE => Edge::read(number, body).map(Self::Edge),
+            EDGE => {
+                let clock_us = body.get().ok_or(DecodeError::Body)?;
+                body.end(Self::Edge(Edge { number, clock_us }))
+            }
             COMMAND => Self::read_command(number, body),
-            ANSWER => Answer::read(body).map(|answer| Self::Answer { number, answer }),
-            BOOT => Boot::read(body).map(Self::Boot),
+            ANSWER => Answer::read_all(body).map(|answer| Self::Answer { number, answer }),
+            BOOT => body.get().and_then(|boot| body.end(Self::Boot(boot))),
             kind => return Err(DecodeError::UnknownKind(kind)),
         };
         Ok(ReceivedPacket { origin, packet: packet.ok_or(DecodeError::Body)? })
     }
 
     fn read_command(number: u16, mut body: Reader<'_>) -> Option<Self> {
-        let to = BoardId::from_code(body.u32()?);
-        Some(Self::Command { number, to, command: Command::read(body)? })
+        let to = BoardId::from_code(body.get()?);
+        Some(Self::Command { number, to, command: Command::read_all(body)? })
     }
 
     /// Whether a header is one of a version that is read.
@@ -246,62 +249,27 @@ impl Packet {
     }
 }
 
-impl PacketOrigin {
-    fn read(body: &mut Reader<'_>) -> Option<Self> {
-        Some(Self { board: body.u16()?, start: body.u16()? })
-    }
-}
+fields!(PacketOrigin { board, start });
+fields!(Boot { board, firmware, cause });
 
 impl Sample {
     fn write(&self, out: &mut Plain) {
-        out.extend(&self.clock_us.to_le_bytes());
+        self.clock_us.write(out);
         match &self.values {
-            Values::Readings(readings) => {
-                readings.iter().for_each(|reading| out.extend(&reading.to_le_bytes()));
-            }
-            Values::Wrench(wrench) => {
-                wrench.iter().for_each(|value| out.extend(&value.to_le_bytes()));
-            }
+            Values::Readings(readings) => readings.write(out),
+            Values::Wrench(wrench) => wrench.write(out),
         }
         out.push(self.saturated);
         out.push(self.dropped);
     }
 
     fn read(kind: u8, sequence: u16, mut body: Reader<'_>) -> Option<Self> {
-        let clock_us = body.u32()?;
+        let clock_us = body.get()?;
         let values = match kind {
-            SAMPLE_READINGS => Values::Readings(body.numbers(Reader::u16)?),
-            _ => Values::Wrench(body.numbers(Reader::f32)?),
+            SAMPLE_READINGS => Values::Readings(body.get()?),
+            _ => Values::Wrench(body.get()?),
         };
-        let (saturated, dropped) = (body.u8()?, body.u8()?);
+        let (saturated, dropped) = (body.get()?, body.get()?);
         body.end(Self { sequence, clock_us, values, saturated, dropped })
-    }
-}
-
-impl Edge {
-    fn write(&self, out: &mut Plain) {
-        out.extend(&self.clock_us.to_le_bytes());
-    }
-
-    fn read(number: u16, mut body: Reader<'_>) -> Option<Self> {
-        let clock_us = body.u32()?;
-        body.end(Self { number, clock_us })
-    }
-}
-
-impl Boot {
-    fn write(&self, out: &mut Plain) {
-        out.push(self.board.code());
-        out.extend(&self.firmware);
-        out.push(self.cause.code());
-    }
-
-    fn read(mut body: Reader<'_>) -> Option<Self> {
-        let boot = Self {
-            board: Board::from_code(body.u8()?),
-            firmware: body.array()?,
-            cause: ResetCause::from_code(body.u8()?),
-        };
-        body.end(boot)
     }
 }

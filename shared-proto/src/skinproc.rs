@@ -43,9 +43,10 @@ pub fn decode_scan(payload: &[u8]) -> Option<Scan> {
     if rest.array()? != [SCAN, SCAN_PAYLOAD] {
         return None;
     }
-    let readings = rest.numbers(|rest| rest.u16().filter(|&reading| reading < 1 << 12))?;
-    let clock_us = rest.u32()?;
-    rest.end(Scan { readings, clock_us })
+    let readings: [u16; CHANNELS] = rest.get()?;
+    let clock_us = rest.get()?;
+    let is_scan = readings.iter().all(|&reading| reading < 1 << 12);
+    rest.end(Scan { readings, clock_us }).filter(|_| is_scan)
 }
 
 /// Turns a byte stream into scans.

@@ -27,8 +27,7 @@ pub struct AppendWriter {
 }
 
 impl AppendWriter {
-    /// Makes the file. One that exists is left alone unless `overwrite`; devices and pipes are
-    /// written to.
+    /// Makes the file as [`open_growing`] does.
     ///
     /// # Errors
     /// [`OutputError`] if it cannot be made, or is named as a table in binary; its source has kind `AlreadyExists` if it is there.
@@ -36,34 +35,19 @@ impl AppendWriter {
         if path.as_os_str() == "-" {
             return Err(OutputError::Stdout);
         }
-        OutputError::check_text(path)?;
-        let is_device = path.exists() && !path.is_file() && !path.is_dir();
-        let mut options = OpenOptions::new();
-        match (is_device, overwrite) {
-            (true, _) => options.write(true),
-            (false, true) => options.write(true).create(true).truncate(true),
-            (false, false) => options.write(true).create_new(true),
-        };
-        let path = path.to_path_buf();
-        match options.open(&path) {
-            Ok(file) => Ok(Self {
-                path,
-                file,
-                length: 0,
-                pending: Vec::new(),
-                regular: !is_device,
-                failed: false,
-            }),
-            Err(source) => Err(OutputError::failed(path, source)),
-        }
+        let (file, regular) = open_growing(path, overwrite)?;
+        let (path, pending) = (path.to_path_buf(), Vec::new());
+        Ok(Self { path, file, length: 0, pending, regular, failed: false })
     }
 
-    /// Whether the file still has a name: where it was removed while it grew, all in it is lost.
+    /// Whether the file still has a name: where it was removed while it grew, all in it is lost. Elsewhere than on Unix
+    /// a file that is open cannot be removed.
     fn check_there(&self) -> io::Result<()> {
-        match is_removed(&self.file)? {
-            true => Err(io::Error::new(io::ErrorKind::NotFound, "it was removed meanwhile")),
-            false => Ok(()),
+        #[cfg(unix)]
+        if std::os::unix::fs::MetadataExt::nlink(&self.file.metadata()?) == 0 {
+            return Err(io::Error::new(io::ErrorKind::NotFound, "it was removed meanwhile"));
         }
+        Ok(())
     }
 
     fn cut(&mut self) -> io::Result<()> {
@@ -128,29 +112,32 @@ impl LogSink for AppendWriter {
         let stem = self.path.file_stem().unwrap_or_default().to_string_lossy();
         let dot = self.path.extension().map(|it| format!(".{}", it.to_string_lossy()));
         let dot = dot.unwrap_or_default();
-        let mut number = 1;
-        loop {
+        let path = |number: u32| {
             let number_text = if number == 1 { String::new() } else { format!("-{number}") };
-            let path = self.path.with_file_name(format!("{stem}-{board}{number_text}{dot}"));
-            if number == MOST_NAMES || !path.exists() {
-                return Ok(Box::new(Self::create(&path, false)?));
-            }
-            number += 1;
-        }
+            self.path.with_file_name(format!("{stem}-{board}{number_text}{dot}"))
+        };
+        let free = (1..MOST_NAMES).map(path).find(|path| !path.exists());
+        Ok(Box::new(Self::create(&free.unwrap_or_else(|| path(MOST_NAMES)), false)?))
     }
+}
+
+/// Opens a file that is to grow, and tells whether it is one: devices and pipes are written to. A file that exists is left
+/// alone unless `overwrite`.
+///
+/// # Errors
+/// [`OutputError`] if it cannot be made, or is named as a table in binary; its source has kind `AlreadyExists` if it is there.
+pub fn open_growing(path: &Path, overwrite: bool) -> Result<(File, bool), OutputError> {
+    OutputError::check_text(path)?;
+    let is_device = path.exists() && !path.is_file() && !path.is_dir();
+    let mut options = OpenOptions::new();
+    match (is_device, overwrite) {
+        (true, _) => options.write(true),
+        (false, true) => options.write(true).create(true).truncate(true),
+        (false, false) => options.write(true).create_new(true),
+    };
+    let file = options.open(path).map_err(|source| OutputError::failed(path, source))?;
+    Ok((file, !is_device))
 }
 
 /// Names that are tried for the log of a further board.
 const MOST_NAMES: u32 = 1000;
-
-#[cfg(unix)]
-fn is_removed(file: &File) -> io::Result<bool> {
-    use std::os::unix::fs::MetadataExt;
-    Ok(file.metadata()?.nlink() == 0)
-}
-
-/// Elsewhere a file that is open cannot be removed.
-#[cfg(not(unix))]
-fn is_removed(_: &File) -> io::Result<bool> {
-    Ok(false)
-}

@@ -74,8 +74,8 @@ impl BoardLog {
         };
         if self.rows.is_none() {
             let (forces, as_sampled) = (options.forces.clone(), options.as_sampled);
-            let rows = RowWriter::new(first, numbered, forces, as_sampled)?;
-            let rows = if options.labels { rows.with_labels() } else { rows };
+            let mut rows = RowWriter::new(first, numbered, forces, as_sampled)?;
+            rows.labels = options.labels.then(Vec::new);
             log.pending().extend_from_slice(rows.header().as_bytes());
             self.rows = Some(rows);
         }
@@ -96,8 +96,8 @@ impl BoardLog {
     /// Writes frames to the log, if there are both.
     fn write_rows(&mut self, frames: &mut Vec<BoardFrame>) -> Result<(), RecordError> {
         let (Some(rows), Some(log)) = (&mut self.rows, &mut self.log) else { return Ok(()) };
-        self.labels.drain(..).for_each(|label| rows.label(label));
-        self.marks.drain(..).for_each(|(index, number)| rows.mark(index, number));
+        rows.labels.iter_mut().for_each(|labels| labels.append(&mut self.labels));
+        rows.marks.extend(self.marks.drain(..));
         rows.write(frames, log.pending())?;
         log.flush()?;
         Ok(())

@@ -24,7 +24,7 @@ mod source;
 mod upload;
 mod watcher;
 
-pub use append_writer::AppendWriter;
+pub use append_writer::{AppendWriter, open_growing};
 pub use board_log::RecordedBoard;
 pub use client::{Client, Uplink};
 pub use handshake::{Handshake, HandshakeOptions, Heard, Stretch, handshake};
@@ -213,14 +213,8 @@ fn refusal_text(refusal: Refusal) -> String {
         Refusal::UnknownCommand => "its firmware does not know the command",
         Refusal::OtherVersion => "it speaks another version of the protocol",
         Refusal::OutOfRange => "a value is outside its range",
-        Refusal::PeriodTooShort { shortest_us } => {
-            let rate = fastest(shortest_us);
-            return format!("conversions and settling take longer than the period; {rate}");
-        }
-        Refusal::LineTooSlow { shortest_us } => {
-            let rate = fastest(shortest_us);
-            return format!("its serial line does not carry so many samples; {rate}");
-        }
+        Refusal::PeriodTooShort { .. } => "conversions and settling take longer than the period",
+        Refusal::LineTooSlow { .. } => "its serial line does not carry so many samples",
         Refusal::NoCalibration => "it has no calibration",
         Refusal::NoUpload => "no upload was begun",
         Refusal::WrongOffset => "a piece is missing",
@@ -235,12 +229,14 @@ fn refusal_text(refusal: Refusal) -> String {
         }
         _ => "for a reason that this program does not know",
     };
-    reason.to_owned()
-}
-
-/// What would fit, in words.
-fn fastest(shortest_us: u32) -> String {
-    format!("{:.1} Hz would do", (1e7 / f64::from(shortest_us.max(1))).floor() / 10.0)
+    let fits = match refusal {
+        Refusal::PeriodTooShort { shortest_us } | Refusal::LineTooSlow { shortest_us } => {
+            let fastest_hz = (1e7 / f64::from(shortest_us.max(1))).floor() / 10.0;
+            format!("; {fastest_hz:.1} Hz would do")
+        }
+        _ => String::new(),
+    };
+    format!("{reason}{fits}")
 }
 
 /// A serial number as `shellcal board identify` prints it.

@@ -6,6 +6,7 @@ use std::net::{TcpStream, ToSocketAddrs};
 use std::time::Duration;
 
 use serde::Serialize;
+pub use serialport::FlowControl;
 use serialport::{ErrorKind, SerialPortType};
 
 use super::LinkError;
@@ -33,18 +34,6 @@ pub struct PortOptions {
     pub baud: u32,
     /// Who may hold up whom.
     pub flow_control: FlowControl,
-}
-
-/// How sender and receiver hold each other up.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum FlowControl {
-    /// Not at all.
-    #[default]
-    None,
-    /// RTS/CTS.
-    Hardware,
-    /// XON/XOFF.
-    Software,
 }
 
 /// A port of this computer.
@@ -102,13 +91,8 @@ impl PortOptions {
                 .map_err(|reason| LinkError::Open { port: self.port.clone(), reason })?;
             return Ok(Box::new(connection));
         }
-        let flow_control = match self.flow_control {
-            FlowControl::None => serialport::FlowControl::None,
-            FlowControl::Hardware => serialport::FlowControl::Hardware,
-            FlowControl::Software => serialport::FlowControl::Software,
-        };
         let port = serialport::new(&self.port, self.baud)
-            .flow_control(flow_control)
+            .flow_control(self.flow_control)
             .timeout(READ_TIMEOUT)
             .open()
             .map_err(|error| self.explain(&error))?;

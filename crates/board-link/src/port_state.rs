@@ -120,7 +120,8 @@ fn group(_: &Path, _: &SystemFiles) -> (Option<String>, Option<bool>) {
     (None, None)
 }
 
-#[cfg(all(test, unix))]
+#[cfg(unix)]
+#[cfg(test)]
 mod tests {
     use super::*;
     use crate::FlowControl;

@@ -13,8 +13,7 @@ use super::record_options::RecordOptions;
 use super::resume::StartedBoards;
 use super::watcher::{RecordCommand, RecordingProgress, Watcher};
 use crate::recording::{
-    BoardSource, Boards, HeardBoard, Losses, NoFrame, RecognisedProtocol, Recognition,
-    protocol_name,
+    BoardSource, Boards, HeardBoard, Losses, NoFrame, Recognition, protocol_name,
 };
 use shell_data::block::FrameLabel;
 
@@ -107,11 +106,15 @@ enum RecordStage {
 }
 
 impl RecordStage {
-    fn heard(&self) -> &[HeardBoard] {
+    fn receiving(&self) -> Option<(Protocol, &Boards)> {
         match self {
-            Self::Recognising(_) => &[],
-            Self::Receiving(_, boards) => boards.heard(),
+            Self::Recognising(_) => None,
+            Self::Receiving(protocol, boards) => Some((*protocol, boards)),
         }
+    }
+
+    fn heard(&self) -> &[HeardBoard] {
+        self.receiving().map_or(&[], |(_, boards)| boards.heard())
     }
 }
 
@@ -212,11 +215,11 @@ impl Recorder {
 
     fn recognised(
         &mut self,
-        recognised: Result<Option<RecognisedProtocol>, NoFrame>,
+        recognised: Result<Option<(Protocol, Vec<u8>)>, NoFrame>,
     ) -> Result<(), RecordError> {
         let recognised = recognised
             .map_err(|problem| RecordError::NoFrame { source_name: self.name.clone(), problem })?;
-        if let Some(RecognisedProtocol { protocol, bytes }) = recognised {
+        if let Some((protocol, bytes)) = recognised {
             let mut boards = Box::new(Boards::new(protocol));
             boards.feed(&bytes, None);
             self.stage = RecordStage::Receiving(protocol, boards);
@@ -363,17 +366,8 @@ impl Recorder {
     }
 
     fn state(&self) -> (Option<Protocol>, Losses) {
-        match &self.stage {
-            RecordStage::Recognising(_) => (None, Losses::default()),
-            RecordStage::Receiving(protocol, boards) => (Some(*protocol), boards.losses()),
-        }
-    }
-
-    fn losses_of(&self, sender: BoardSource) -> Losses {
-        match &self.stage {
-            RecordStage::Recognising(_) => Losses::default(),
-            RecordStage::Receiving(_, boards) => boards.losses_of(sender),
-        }
+        let state = self.stage.receiving().map(|(protocol, boards)| (protocol, boards.losses()));
+        state.map_or((None, Losses::default()), |(protocol, losses)| (Some(protocol), losses))
     }
 
     /// What it was, after this time.
@@ -390,11 +384,11 @@ impl Recorder {
             other_content: self.logs.iter().map(BoardLog::other_content).sum(),
             reconnections: 0,
             boot: self.stage.heard().iter().find_map(|board| board.reception.boot),
-            boards: match &self.logs[..] {
-                [] | [_] => Vec::new(),
-                several => {
-                    several.iter().map(|log| log.recorded(self.losses_of(log.sender))).collect()
+            boards: match (&self.logs[..], self.stage.receiving()) {
+                (several @ [_, _, ..], Some((_, boards))) => {
+                    several.iter().map(|log| log.recorded(boards.losses_of(log.sender))).collect()
                 }
+                _ => Vec::new(),
             },
         }
     }

@@ -38,25 +38,23 @@ impl StartedBoards {
                 }
                 // Version 2 says neither.
                 (None, ..) if reception.start.is_some() => {
-                    bytes.extend(to_all(
-                        uplink,
-                        &[Command::Identify, Command::Start, Command::Status],
-                    ));
+                    let commands = [Command::Identify, Command::Start, Command::Status];
+                    bytes.extend(to_all(uplink, &commands));
                 }
                 (None, ..) if !reception.has_begun() => {
                     bytes.extend(to_all(uplink, &[Command::Start]));
                 }
-                (Some((_, wanted)), Some(identity), None) => {
-                    bytes.extend(restart(uplink, &identity, wanted));
-                }
-                (Some((_, wanted)), Some(identity), Some(status)) if !is_as(wanted, &status) => {
+                (Some((_, wanted)), Some(identity), status)
+                    if status.is_none_or(|status| !is_as(wanted, &status)) =>
+                {
                     bytes.extend(restart(uplink, &identity, wanted));
                 }
                 (Some((_, wanted)), Some(identity), _) => {
                     let patience = SILENCE + 3 * Duration::from_micros(wanted.period_us.into());
                     let is_silent = board.heard_at.is_some_and(|at| now > at + patience);
-                    let ask = |()| uplink.encode(0, Some(identity.id()), Command::Status);
-                    bytes.extend(is_silent.then_some(()).map(ask).unwrap_or_default());
+                    if is_silent {
+                        bytes.extend(uplink.encode(0, Some(identity.id()), Command::Status));
+                    }
                 }
                 _ => {}
             }

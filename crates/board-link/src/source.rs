@@ -119,33 +119,32 @@ impl Source {
                 }
                 Err(error) => Err(replay_error(path, &error)),
             },
-            Inner::Port { port: Some(port), options, reconnect, .. } => {
+            Inner::Port { port, options, reconnect, retry } => {
+                let Some(connection) = port else {
+                    std::thread::sleep(Duration::from_millis(20));
+                    if retry.elapsed() >= RETRY {
+                        *retry = Instant::now();
+                        *port = options.open().ok();
+                        self.reconnections += u64::from(port.is_some());
+                    }
+                    return Ok(SourceInput::Nothing);
+                };
                 std::thread::sleep(PACE.saturating_sub(self.read_at.elapsed()));
-                let error = match read_port(&mut **port, buffer) {
-                    Ok(0) => return Ok(SourceInput::Nothing),
+                match read_port(&mut **connection, buffer) {
+                    Ok(0) => Ok(SourceInput::Nothing),
                     Ok(count) => {
                         self.read_at = Instant::now();
-                        return Ok(SourceInput::Bytes(count));
+                        Ok(SourceInput::Bytes(count))
                     }
-                    Err(error) => error,
-                };
-                if !*reconnect {
-                    let (port, reason) = (options.port.clone(), error.to_string());
-                    return Err(LinkError::Lost { port, reason });
+                    Err(_) if *reconnect => {
+                        *port = None;
+                        Ok(SourceInput::Nothing)
+                    }
+                    Err(error) => {
+                        let (port, reason) = (options.port.clone(), error.to_string());
+                        Err(LinkError::Lost { port, reason })
+                    }
                 }
-                if let Inner::Port { port, .. } = &mut self.inner {
-                    *port = None;
-                }
-                Ok(SourceInput::Nothing)
-            }
-            Inner::Port { port: port @ None, options, retry, .. } => {
-                std::thread::sleep(Duration::from_millis(20));
-                if retry.elapsed() >= RETRY {
-                    *retry = Instant::now();
-                    *port = options.open().ok();
-                    self.reconnections += u64::from(port.is_some());
-                }
-                Ok(SourceInput::Nothing)
             }
         }
     }

@@ -25,45 +25,31 @@ pub enum StreamFormat {
 pub struct RowEncoder {
     format: StreamFormat,
     axes: Axes,
-    readings: Vec<FieldPrefix>,
-    wrench: Vec<FieldPrefix>,
-    errors: Vec<FieldPrefix>,
-}
-
-/// A column: its name, and what stands before its values.
-#[derive(Clone, Debug)]
-struct FieldPrefix {
-    name: String,
-    before: String,
+    /// The names of readings, wrench and standard errors, those that there are.
+    names: [Vec<String>; 3],
 }
 
 impl RowEncoder {
     /// For rows such as `first`, whose wrenches have these axes.
     pub fn new(format: StreamFormat, axes: Axes, first: &StreamRow) -> Self {
-        let fields = |names: Vec<String>, there: bool| -> Vec<FieldPrefix> {
-            let wanted = there || format == StreamFormat::JsonLines;
-            let field = |name: String| match format {
-                StreamFormat::JsonLines => FieldPrefix { before: format!(",\"{name}\":"), name },
-                StreamFormat::Csv => FieldPrefix { before: ",".to_owned(), name },
-            };
-            names.into_iter().filter(|_| wanted).map(field).collect()
-        };
-        let readings = (1..=CHANNELS).map(|channel| format!("s{channel}")).collect();
-        let wrench: Vec<String> = axes.columns().into_iter().map(str::to_owned).collect();
+        let readings: Vec<_> = (1..=CHANNELS).map(|channel| format!("s{channel}")).collect();
+        let wrench: Vec<_> = axes.columns().into_iter().map(str::to_owned).collect();
         let errors = wrench.iter().map(|name| name.replace('_', "_se_")).collect();
-        Self {
-            format,
-            axes,
-            readings: fields(readings, first.readings.is_some()),
-            wrench: fields(wrench, first.wrench.is_some()),
-            errors: fields(errors, first.standard_errors.is_some()),
-        }
+        let names = [
+            (readings, first.readings.is_some()),
+            (wrench, first.wrench.is_some()),
+            (errors, first.standard_errors.is_some()),
+        ]
+        .map(|(names, is_there)| {
+            let is_wanted = is_there || format == StreamFormat::JsonLines;
+            if is_wanted { names } else { Vec::new() }
+        });
+        Self { format, axes, names }
     }
 
     /// The line that names the columns, if there is one.
     pub fn header(&self) -> Option<Vec<u8>> {
-        let fields = [&self.readings, &self.wrench, &self.errors].into_iter().flatten();
-        let names: String = fields.map(|field| format!(",{}", field.name)).collect();
+        let names: String = self.names.iter().flatten().map(|name| format!(",{name}")).collect();
         let line = format!("t_s,index,host_s{names},flags,row,lost\n");
         (self.format == StreamFormat::Csv).then(|| line.into_bytes())
     }
@@ -71,23 +57,25 @@ impl RowEncoder {
     /// A row but for its end, which is [`end`](Self::end) of each reader.
     pub fn begin(&self, row: &StreamRow) -> Vec<u8> {
         let mut text = Vec::with_capacity(512);
-        let [time, index, host] = match self.format {
-            StreamFormat::JsonLines => ["{\"t_s\":", ",\"index\":", ",\"host_s\":"],
-            StreamFormat::Csv => ["", ",", ","],
+        let [time, index, host, flags, end] = match self.format {
+            StreamFormat::JsonLines => {
+                ["{\"t_s\":", ",\"index\":", ",\"host_s\":", ",\"flags\":\"", "\""]
+            }
+            StreamFormat::Csv => ["", ",", ",", ",", ""],
         };
         text.extend_from_slice(time.as_bytes());
         write_time(row.time_us, &mut text);
         text.extend_from_slice(format!("{index}{}{host}", row.index).as_bytes());
         write_time(row.host_us, &mut text);
-        self.numbers(&self.readings, row.readings.as_ref().map(|it| it.to_vec()), &mut text);
-        self.numbers(&self.wrench, row.wrench.map(|it| self.axes.of(&it)), &mut text);
-        self.numbers(&self.errors, row.standard_errors.map(|it| self.axes.of(&it)), &mut text);
-        match self.format {
-            StreamFormat::JsonLines => {
-                text.extend_from_slice(format!(",\"flags\":\"{}\"", row.flags).as_bytes());
-            }
-            StreamFormat::Csv => text.extend_from_slice(format!(",{}", row.flags).as_bytes()),
+        let values = [
+            row.readings.map(|readings| readings.to_vec()),
+            row.wrench.map(|wrench| self.axes.of(&wrench)),
+            row.standard_errors.map(|errors| self.axes.of(&errors)),
+        ];
+        for (names, values) in self.names.iter().zip(values) {
+            self.write_numbers(names, values, &mut text);
         }
+        text.extend_from_slice(format!("{flags}{}{end}", row.flags).as_bytes());
         text
     }
 
@@ -100,25 +88,25 @@ impl RowEncoder {
         .into_bytes()
     }
 
-    fn numbers(&self, fields: &[FieldPrefix], values: Option<Vec<f64>>, text: &mut Vec<u8>) {
+    fn write_numbers(&self, names: &[String], values: Option<Vec<f64>>, text: &mut Vec<u8>) {
         let is_csv = self.format == StreamFormat::Csv;
         if values.is_none() && !is_csv {
             return;
         }
         let mut digits = zmij::Buffer::new();
-        for (at, field) in fields.iter().enumerate() {
-            text.extend_from_slice(field.before.as_bytes());
+        for (at, name) in names.iter().enumerate() {
+            match is_csv {
+                true => text.push(b','),
+                false => text.extend_from_slice(format!(",\"{name}\":").as_bytes()),
+            }
             let value = values.as_ref().map(|values| values[at]).filter(|value| value.is_finite());
             match value {
                 Some(value) => {
                     let digits = digits.format(value);
                     let digits = digits.strip_suffix(".0").unwrap_or(digits);
                     // An integer of JSON has no negative zero.
-                    text.extend_from_slice(if digits == "-0" {
-                        b"-0.0"
-                    } else {
-                        digits.as_bytes()
-                    });
+                    let digits = if digits == "-0" { "-0.0" } else { digits };
+                    text.extend_from_slice(digits.as_bytes());
                 }
                 None if is_csv => {}
                 None => text.extend_from_slice(b"null"),

@@ -1,10 +1,10 @@
 //! Whoever reads a stream. None is waited for.
 
-use std::fs::OpenOptions;
 use std::io;
 use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, TcpListener, UdpSocket};
 use std::time::{Duration, Instant};
 
+use board_link::open_growing;
 use output_file::OutputError;
 
 use crate::batch::FrameBatch;
@@ -84,14 +84,7 @@ impl Readers {
                 }
                 Destination::Stdout => PipeReader::new("stdout", io::stdout()).map(Transport::Pipe),
                 Destination::File(path) => {
-                    OutputError::check_text(path)?;
-                    let mut options = OpenOptions::new();
-                    options.write(true).create(true).truncate(true);
-                    if !overwrite && !is_device(path) {
-                        options = OpenOptions::new();
-                        options.write(true).create_new(true);
-                    }
-                    let file = options.open(path).map_err(|it| OutputError::failed(path, it))?;
+                    let (file, _) = open_growing(path, overwrite)?;
                     PipeReader::new("file", file).map(Transport::Pipe)
                 }
                 Destination::Udp(address) => datagrams(*address).map(Transport::Udp),
@@ -162,10 +155,6 @@ impl Readers {
         let rest: Vec<_> = rest.collect();
         self.gone.into_iter().chain(rest).collect()
     }
-}
-
-fn is_device(path: &std::path::Path) -> bool {
-    path.exists() && !path.is_file() && !path.is_dir()
 }
 
 fn datagrams(to: SocketAddr) -> io::Result<UdpSocket> {

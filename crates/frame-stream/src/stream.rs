@@ -19,13 +19,11 @@ use shell_data::lock::lock;
 /// What passes frames on.
 #[derive(Debug)]
 pub struct FrameStream {
-    rows: FrameRows,
+    options: StreamOptions,
     decimator: Option<Decimator>,
-    format: StreamFormat,
     encoder: Option<RowEncoder>,
     readers: Readers,
     latency: Latency,
-    commands: Option<Receiver<StreamCommand>>,
     frames: u64,
     sent: u64,
     newest: Option<i64>,
@@ -61,13 +59,11 @@ impl FrameStream {
     /// Nothing has come yet.
     pub fn new(options: StreamOptions, readers: Readers) -> Self {
         Self {
-            rows: options.rows,
             decimator: options.rate_hz.map(Decimator::new),
-            format: options.format,
+            options,
             encoder: None,
             readers,
             latency: Latency::default(),
-            commands: options.commands,
             frames: 0,
             sent: 0,
             newest: None,
@@ -90,7 +86,7 @@ impl FrameStream {
     ) -> Result<(), StreamError> {
         self.frames += frames.len() as u64;
         self.obey(frames, marks);
-        let mut rows = self.rows.of(frames, now_us())?;
+        let mut rows = self.options.rows.of(frames, now_us())?;
         if let Some(decimator) = &mut self.decimator {
             rows = decimator.push(rows);
         }
@@ -102,7 +98,7 @@ impl FrameStream {
     }
 
     fn send(&mut self, row: &StreamRow, is_first: bool) {
-        let (format, axes) = (self.format, self.rows.axes);
+        let (format, axes) = (self.options.format, self.options.rows.axes);
         let encoder = self.encoder.get_or_insert_with(|| RowEncoder::new(format, axes, row));
         self.readers.send(&encoder.begin(row), encoder);
         self.sent += 1;
@@ -114,13 +110,13 @@ impl FrameStream {
     }
 
     fn obey(&mut self, frames: &[BoardFrame], marks: &mut Vec<RecordCommand>) {
-        while let Some(Ok(command)) = self.commands.as_ref().map(Receiver::try_recv) {
+        while let Some(Ok(command)) = self.options.commands.as_ref().map(Receiver::try_recv) {
             match command {
-                StreamCommand::Tare => self.rows.tare.begin(),
-                StreamCommand::Untare => self.rows.tare.clear(),
+                StreamCommand::Tare => self.options.rows.tare.begin(),
+                StreamCommand::Untare => self.options.rows.tare.clear(),
                 StreamCommand::Rate(rate_hz) => self.decimator = rate_hz.map(Decimator::new),
                 StreamCommand::Mark => {
-                    let number = self.rows.mark();
+                    let number = self.options.rows.mark();
                     let index = frames.first().map_or(0, |frame| frame.index);
                     marks.push(RecordCommand::Mark { index, number });
                 }

@@ -11,15 +11,10 @@
 //! whose erasing or writing was cut short has a wrong CRC, or cannot be read at all where the memory
 //! checks itself; either way it does not count.
 
-#[cfg(test)]
-mod fake_flash;
-
 use crate::board::{Storage, StorageError};
 use crate::upload::{RECORD, Record};
 use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
 use embedded_storage::nor_flash::NorFlash;
-#[cfg(test)]
-pub(crate) use fake_flash::{CutOutcome, FakeFlash};
 
 /// Generation and CRC-32, in bytes.
 const TAIL: usize = 8;
@@ -36,7 +31,7 @@ static CRC32: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
 /// takes.
 #[derive(Clone, Debug)]
 pub struct Slots<F> {
-    flash: F,
+    pub(crate) flash: F,
 }
 
 impl<F: NorFlash> Slots<F> {
@@ -44,11 +39,6 @@ impl<F: NorFlash> Slots<F> {
     pub const fn new(flash: F) -> Self {
         const { assert!(SLOT.is_multiple_of(F::WRITE_SIZE), "a slot is written in whole words") };
         Self { flash }
-    }
-
-    #[cfg(test)]
-    pub(crate) fn flash_mut(&mut self) -> &mut F {
-        &mut self.flash
     }
 
     /// The first byte of a slot.
@@ -133,98 +123,4 @@ impl<F: NorFlash> Storage for Slots<F> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn record(fill: u8) -> Record {
-        core::array::from_fn(|i| fill ^ i as u8)
-    }
-
-    fn load<F: NorFlash>(slots: &mut Slots<F>) -> Record {
-        let mut record = [0; RECORD];
-        slots.load(&mut record);
-        record
-    }
-
-    const NOTHING: Record = [0xFF; RECORD];
-
-    #[test]
-    fn the_last_record_that_was_stored_is_loaded() {
-        let mut slots = Slots::new(FakeFlash::new());
-        assert_eq!(load(&mut slots), NOTHING);
-        for fill in 0..20 {
-            assert_eq!(slots.store(&record(fill)), Ok(()));
-            assert_eq!(load(&mut slots), record(fill));
-        }
-    }
-
-    #[test]
-    fn generations_wrap() {
-        let mut slots = Slots::new(FakeFlash::new());
-        slots.replace(0, u32::MAX - 1, &record(0)).unwrap();
-        for fill in 1..5 {
-            slots.store(&record(fill)).unwrap();
-            assert_eq!(load(&mut slots), record(fill));
-        }
-    }
-
-    /// Two sectors, and 285 double words.
-    const OPERATIONS: usize = 2 + SLOT / 8;
-
-    #[test]
-    fn storing_takes_as_many_operations_as_the_cuts_below() {
-        let mut slots = Slots::new(FakeFlash::new());
-        slots.store(&record(1)).unwrap();
-        assert_eq!(slots.flash.operations(), OPERATIONS);
-    }
-
-    // Every operation, every way in which it can be cut short, from every state that slots can be
-    // in: both empty, one written, both written.
-    #[test]
-    fn a_power_cut_at_any_operation_leaves_the_old_record_or_the_new_one() {
-        for before in 0..4 {
-            let mut slots = Slots::new(FakeFlash::new());
-            (0..before).for_each(|fill| slots.store(&record(fill)).unwrap());
-            let old = load(&mut slots);
-            for operation in 0..OPERATIONS {
-                for outcome in CutOutcome::ALL {
-                    let mut cut = slots.clone();
-                    cut.flash.cut_power(operation, outcome);
-                    assert_eq!(cut.store(&record(100)), Err(StorageError));
-                    cut.flash.restore_power();
-
-                    let kept = load(&mut cut);
-                    let last = operation == OPERATIONS - 1 && outcome == CutOutcome::Complete;
-                    let expected = if last { record(100) } else { old };
-                    assert_eq!(kept, expected, "{before} {operation} {outcome:?}");
-                    // The slots are as good as before.
-                    assert_eq!(cut.store(&record(101)), Ok(()), "{before} {operation} {outcome:?}");
-                    assert_eq!(load(&mut cut), record(101));
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn a_memory_that_erases_but_does_not_write_keeps_the_old_record() {
-        let mut slots = Slots::new(FakeFlash::new());
-        for fill in 0..3 {
-            slots.store(&record(fill)).unwrap();
-            slots.flash.set_writable(false);
-            assert_eq!(slots.store(&record(50)), Err(StorageError));
-            assert_eq!(load(&mut slots), record(fill));
-            slots.flash.set_writable(true);
-        }
-    }
-
-    #[test]
-    fn a_bit_that_has_changed_makes_the_record_before_the_one_in_use() {
-        let mut slots = Slots::new(FakeFlash::new());
-        slots.store(&record(1)).unwrap();
-        slots.store(&record(2)).unwrap();
-        slots.flash.damage(2 * FakeFlash::SECTOR + 5);
-        assert_eq!(load(&mut slots), record(1));
-        slots.flash.damage(RECORD);
-        assert_eq!(load(&mut slots), NOTHING);
-    }
-}
+pub(crate) mod tests;

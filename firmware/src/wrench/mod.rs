@@ -3,25 +3,17 @@
 mod cubic;
 mod physics;
 
-use self::cubic::Powers;
 use nalgebra::SVector;
-use shared_proto::{AXES, CHANNELS, Calibration, Physics};
+use shared_proto::{AXES, CHANNELS, Calibration};
 
 type Wrench = SVector<f32, AXES>;
 
 /// Applies a calibration and a zero, in single precision.
 #[derive(Clone, Debug)]
 pub struct Converter {
-    model: Model,
+    calibration: Calibration,
     zero: Option<Wrench>,
     taring: Option<Taring>,
-}
-
-#[derive(Clone, Debug)]
-#[expect(clippy::large_enum_variant, reason = "there is no heap to put one on")]
-enum Model {
-    Powers(Powers),
-    Physics(Physics),
 }
 
 /// A mean that is being taken.
@@ -35,11 +27,7 @@ struct Taring {
 impl Converter {
     /// A converter without a zero.
     pub fn new(calibration: Calibration) -> Self {
-        let model = match calibration {
-            Calibration::Cubic(cubic) => Model::Powers(Powers::new(&cubic)),
-            Calibration::Physics(physics) => Model::Physics(physics),
-        };
-        Self { model, zero: None, taring: None }
+        Self { calibration, zero: None, taring: None }
     }
 
     /// Fx, Fy, Fz in N and Mx, My, Mz in N·m of a frame of readings in counts, of which the channels whose bit is
@@ -47,9 +35,9 @@ impl Converter {
     ///
     /// While a zero is taken, the frame goes into it.
     pub fn convert(&mut self, readings: &[u16; CHANNELS], saturated: u8) -> [f32; AXES] {
-        let wrench = match &self.model {
-            Model::Powers(powers) => powers.wrench(readings),
-            Model::Physics(model) => physics::invert(model, readings, saturated).into(),
+        let wrench = match &self.calibration {
+            Calibration::Cubic(cubic) => cubic::wrench(cubic, readings),
+            Calibration::Physics(model) => physics::invert(model, readings, saturated).into(),
         };
         self.tare(wrench);
         (wrench - self.zero.unwrap_or_default()).into()

@@ -1,5 +1,6 @@
 //! The `cubic` model in single precision.
 
+use super::Range;
 use crate::{AXES, CHANNELS};
 
 /// Features of the model: z, z², z³ of each channel, channel by channel.
@@ -36,24 +37,17 @@ impl Cubic {
         intercept: [0.0; AXES],
     };
 
-    /// Its numbers in their order.
-    pub(super) fn each(&self, mut number: impl FnMut(f32)) {
-        let parts: [&[f32]; 4] =
-            [&self.centre, &self.scale, self.coefficients.as_flattened(), &self.intercept];
-        parts.into_iter().flatten().for_each(|&value| number(value));
-    }
-
-    /// Takes its numbers in their order; `None` if one is missing; what was taken before is then to be dropped.
-    pub(super) fn fill(&mut self, numbers: &mut impl FnMut() -> Option<f32>) -> Option<()> {
+    /// Calls `number` for each of its numbers in their order, with the range that it is in, until one is not taken.
+    pub(super) fn each(
+        &mut self,
+        mut number: impl FnMut(&mut f32, &Range) -> Option<()>,
+    ) -> Option<()> {
         let parts: [&mut [f32]; 4] = [
             &mut self.centre,
             &mut self.scale,
             self.coefficients.as_flattened_mut(),
             &mut self.intercept,
         ];
-        for number in parts.into_iter().flatten() {
-            *number = numbers()?;
-        }
-        Some(())
+        parts.into_iter().flatten().try_for_each(|value| number(value, &(f32::MIN..=f32::MAX)))
     }
 }

@@ -10,8 +10,13 @@ pub use self::cubic::{Cubic, FEATURES};
 pub use self::physics::{FACTOR, PRIOR, Physics, PhysicsSensor};
 
 use crate::bytes::{Bytes, Reader};
+use crate::field::Field;
 use crate::{AXES, CHANNELS};
+use core::ops::RangeInclusive;
 use crc::{CRC_32_ISO_HDLC, Crc};
+
+/// What a number may be.
+type Range = RangeInclusive<f32>;
 
 /// CRC-32 of a calibration in bytes (ISO-HDLC, that of zip and PNG).
 ///
@@ -50,16 +55,16 @@ impl Calibration {
     /// The bytes to upload: kind, channels, axes, a zero, and the numbers.
     pub fn to_bytes(&self) -> CalibrationBytes {
         let mut bytes = CalibrationBytes::new();
-        match self {
-            Self::Cubic(cubic) => {
-                bytes.extend(&head(Cubic::KIND));
-                cubic.each(|number| bytes.extend(&number.to_le_bytes()));
-            }
-            Self::Physics(physics) => {
-                bytes.extend(&head(Physics::KIND));
-                physics.each(|number| bytes.extend(&number.to_le_bytes()));
-            }
-        }
+        let mut calibration = self.clone();
+        bytes.extend(&head(match self {
+            Self::Cubic(_) => Cubic::KIND,
+            Self::Physics(_) => Physics::KIND,
+        }));
+        // None is refused here.
+        _ = calibration.each(|number, _| {
+            number.write(&mut bytes);
+            Some(())
+        });
         bytes
     }
 
@@ -77,12 +82,19 @@ impl Calibration {
         } else {
             return None;
         };
-        let mut numbers = || rest.f32().filter(|number| number.is_finite());
-        match &mut calibration {
-            Self::Cubic(cubic) => cubic.fill(&mut numbers)?,
-            Self::Physics(physics) => physics.fill(&mut numbers)?,
-        }
+        calibration.each(|number, range| {
+            *number = rest.get().filter(|number| range.contains(number))?;
+            Some(())
+        })?;
         rest.end(calibration)
+    }
+
+    /// Calls `number` for each number in its order, with the range that it is in, until one is not taken.
+    fn each(&mut self, number: impl FnMut(&mut f32, &Range) -> Option<()>) -> Option<()> {
+        match self {
+            Self::Cubic(cubic) => cubic.each(number),
+            Self::Physics(physics) => physics.each(number),
+        }
     }
 }
 

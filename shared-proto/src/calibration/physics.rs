@@ -1,5 +1,8 @@
 //! The physics model in single precision: a curve for each sensor, and what inverting them needs.
 
+use core::slice::from_mut;
+
+use super::Range;
 use crate::{AXES, CHANNELS};
 
 /// Numbers in the lower triangle of the prior's precision, row by row.
@@ -52,23 +55,6 @@ pub struct PhysicsSensor {
     pub factor: [f32; FACTOR],
 }
 
-/// What the board computes with stays finite in single precision while the numbers are within these. They are far
-/// from those of any sensor: the scales of the model make all that it fits of order one.
-mod range {
-    use core::ops::RangeInclusive;
-
-    pub(super) const WRENCH_SCALE: RangeInclusive<f32> = 1e-9..=1e9;
-    pub(super) const PRIOR: RangeInclusive<f32> = -1e12..=1e12;
-    pub(super) const READING_VARIANCE: RangeInclusive<f32> = 1e-12..=1e6;
-    pub(super) const DISPLACEMENT_VARIANCE: RangeInclusive<f32> = 0.0..=1e6;
-    pub(super) const LEAST: RangeInclusive<f32> = -1e6..=1e6;
-    pub(super) const PER_COUNT: RangeInclusive<f32> = 0.0..=1.0;
-    pub(super) const DISPLACEMENT: RangeInclusive<f32> = -1e4..=1e4;
-    pub(super) const LOW: RangeInclusive<f32> = -1e3..=1e3;
-    pub(super) const CURVE: RangeInclusive<f32> = 1e-3..=1e3;
-    pub(super) const FACTOR: RangeInclusive<f32> = -1e4..=1e4;
-}
-
 impl Physics {
     /// Its kind, the first byte.
     pub(super) const KIND: u8 = 2;
@@ -85,46 +71,30 @@ impl Physics {
         sensors: [PhysicsSensor::NONE; CHANNELS],
     };
 
-    /// Its numbers in their order.
-    pub(super) fn each(&self, mut number: impl FnMut(f32)) {
-        let mut all = |part: &[f32]| part.iter().for_each(|&value| number(value));
-        all(&self.wrench_scale);
-        all(&self.prior);
-        all(&[self.reading_variance, self.displacement_variance]);
-        for sensor in &self.sensors {
-            all(&[sensor.least, sensor.per_count, sensor.offset]);
-            all(&sensor.gains);
-            all(&[sensor.low, sensor.height, sensor.shape]);
-            all(&sensor.factor);
-        }
-    }
-
-    /// Takes its numbers in their order; `None` if one is missing or outside its range; what was taken before is then to be dropped.
-    pub(super) fn fill(&mut self, numbers: &mut impl FnMut() -> Option<f32>) -> Option<()> {
-        let mut within = |range: core::ops::RangeInclusive<f32>| {
-            numbers().filter(|number| range.contains(number))
+    /// Calls `number` for each of its numbers in their order, with the range that it is in, until one is not taken.
+    ///
+    /// What the board computes with stays finite in single precision while the numbers are within these ranges. They
+    /// are far from those of any sensor: the scales of the model make all that it fits of order one.
+    pub(super) fn each(
+        &mut self,
+        mut number: impl FnMut(&mut f32, &Range) -> Option<()>,
+    ) -> Option<()> {
+        let mut all = |numbers: &mut [f32], range: Range| {
+            numbers.iter_mut().try_for_each(|value| number(value, &range))
         };
-        for scale in &mut self.wrench_scale {
-            *scale = within(range::WRENCH_SCALE)?;
-        }
-        for precision in &mut self.prior {
-            *precision = within(range::PRIOR)?;
-        }
-        self.reading_variance = within(range::READING_VARIANCE)?;
-        self.displacement_variance = within(range::DISPLACEMENT_VARIANCE)?;
+        all(&mut self.wrench_scale, 1e-9..=1e9)?;
+        all(&mut self.prior, -1e12..=1e12)?;
+        all(from_mut(&mut self.reading_variance), 1e-12..=1e6)?;
+        all(from_mut(&mut self.displacement_variance), 0.0..=1e6)?;
         for sensor in &mut self.sensors {
-            sensor.least = within(range::LEAST)?;
-            sensor.per_count = within(range::PER_COUNT)?;
-            sensor.offset = within(range::DISPLACEMENT)?;
-            for gain in &mut sensor.gains {
-                *gain = within(range::DISPLACEMENT)?;
-            }
-            sensor.low = within(range::LOW)?;
-            sensor.height = within(range::CURVE)?;
-            sensor.shape = within(range::CURVE)?;
-            for number in &mut sensor.factor {
-                *number = within(range::FACTOR)?;
-            }
+            all(from_mut(&mut sensor.least), -1e6..=1e6)?;
+            all(from_mut(&mut sensor.per_count), 0.0..=1.0)?;
+            all(from_mut(&mut sensor.offset), -1e4..=1e4)?;
+            all(&mut sensor.gains, -1e4..=1e4)?;
+            all(from_mut(&mut sensor.low), -1e3..=1e3)?;
+            all(from_mut(&mut sensor.height), 1e-3..=1e3)?;
+            all(from_mut(&mut sensor.shape), 1e-3..=1e3)?;
+            all(&mut sensor.factor, -1e4..=1e4)?;
         }
         Some(())
     }

@@ -92,29 +92,29 @@ impl<'a> ApiFrame<'a> {
     /// The frame whose data, between length and checksum, this is; `None` if it is too short.
     pub fn parse(data: &'a [u8]) -> Option<Self> {
         let mut rest = Reader(data);
-        let kind = rest.u8()?;
+        let kind: u8 = rest.get()?;
         Some(match kind {
             0x00 | 0x01 | 0x10 => {
-                let (id, to) = (rest.u8()?, Address::read(kind, &mut rest)?);
-                let _options = rest.u8()?;
+                let (id, to) = (rest.get()?, Address::read(kind, &mut rest)?);
+                let _options: u8 = rest.get()?;
                 if kind == 0x10 {
-                    let _radius = rest.u8()?;
+                    let _radius: u8 = rest.get()?;
                 }
-                Self::Transmit { id, to, payload: rest.rest() }
+                Self::Transmit { id, to, payload: rest.0 }
             }
             0x80 | 0x81 | 0x90 => {
                 let from = Address::read(kind, &mut rest)?;
-                let rssi = if kind == 0x90 { None } else { Some(rest.u8()?) };
-                let _options = rest.u8()?;
-                Self::Receive { from, rssi, payload: rest.rest() }
+                let rssi = if kind == 0x90 { None } else { Some(rest.get()?) };
+                let _options: u8 = rest.get()?;
+                Self::Receive { from, rssi, payload: rest.0 }
             }
             0x89 => {
-                let (id, status) = (rest.u8()?, rest.u8()?);
+                let (id, status) = (rest.get()?, rest.get()?);
                 Self::TransmitStatus(TransmitStatus { id, status })
             }
             0x8B => {
-                let (id, _short, _retries) = (rest.u8()?, rest.u16()?, rest.u8()?);
-                Self::TransmitStatus(TransmitStatus { id, status: rest.u8()? })
+                let [id, _short_high, _short_low, _retries, status]: [u8; 5] = rest.get()?;
+                Self::TransmitStatus(TransmitStatus { id, status })
             }
             _ => Self::Other { kind },
         })

@@ -178,18 +178,12 @@ fn damage(decoder: &Decoder) -> Losses {
 impl BoardSource {
     /// What a log is named by.
     pub(crate) fn text(self) -> String {
-        match self {
-            Self { address: Some(address), .. } => address_text(address),
-            Self { board, .. } => board.map_or_else(String::new, |board| format!("{board:04x}")),
+        // Addresses in hexadecimal digits, as `X-CTU` and the manuals write them.
+        match self.address {
+            Some(Address::Short(short)) => format!("{short:04x}"),
+            Some(Address::Long(long) | Address::Zigbee { long, .. }) => format!("{long:016x}"),
+            None => self.board.map_or_else(String::new, |board| format!("{board:04x}")),
         }
-    }
-}
-
-/// An address in hexadecimal digits, as `X-CTU` and the manuals write them.
-fn address_text(address: Address) -> String {
-    match address {
-        Address::Short(short) => format!("{short:04x}"),
-        Address::Long(long) | Address::Zigbee { long, .. } => format!("{long:016x}"),
     }
 }
 

@@ -1,6 +1,6 @@
 //! Forces beside the readings, by the [force pipeline](forces), as frames come.
 
-use super::reception::{BoardFrame, Measured};
+use super::reception::BoardFrame;
 use calibration::Calibration;
 use calibration::memory::MemoryState;
 use forces::stationary::StationaryFinder;
@@ -194,10 +194,8 @@ fn follow(
 /// The readings of frames, column by column.
 fn columns(frames: &[BoardFrame]) -> Vec<Vec<f64>> {
     let column = |channel: usize| {
-        let reading = |frame: &BoardFrame| match &frame.measured {
-            Measured::Readings(readings) => readings[channel],
-            Measured::Wrench(_) => f64::NAN,
-        };
+        let reading =
+            |frame: &BoardFrame| frame.measured.readings().map_or(f64::NAN, |it| it[channel]);
         frames.iter().map(reading).collect()
     };
     (0..CHANNELS).map(column).collect()

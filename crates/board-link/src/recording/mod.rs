@@ -6,7 +6,7 @@
 //!
 //! [`Boards`] cuts packets and has a [`Reception`] for every board that is heard.
 //! [`Reception`] unwraps sequence and clock, finds restarts of the board and leaves out frames that those
-//! around them contradict; [`RowWriter`] puts the
+//! around them contradict; `RowWriter` puts the
 //! frames of a batch in order, marks gaps and adds forces where there is a calibration. The channels of
 //! a frame are brought to one time; nothing else is interpolated: a frame that did
 //! not arrive has no row, and the row after it says how many are missing.
@@ -30,8 +30,9 @@ mod wire;
 pub use boards::{BoardSource, Boards, HeardBoard};
 pub use edges::BoardEdge;
 pub use forces::{Force, LiveForces, RunningForces, UnsuitableCalibration};
-pub use reception::{BoardFrame, Content, Losses, Measured, Reception};
-pub use recognition::{NoFrame, PROTOCOLS, RecognisedProtocol, Recognition, protocol_name};
-pub use rows::{RowWriter, row_flags, write_time};
+pub use reception::{BoardFrame, Losses, Measured, Reception};
+pub use recognition::{NoFrame, PROTOCOLS, Recognition, protocol_name};
+pub(crate) use rows::RowWriter;
+pub use rows::{row_flags, write_time};
 pub use simultaneous::Simultaneous;
 pub(crate) use wire::PacketWire;

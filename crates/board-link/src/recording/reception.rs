@@ -50,16 +50,14 @@ pub enum Measured {
     Wrench([f64; AXES]),
 }
 
-/// What the frames of a log hold, which decides on its columns.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Content {
-    /// Readings; `numbered` unless they come from the original board.
-    Readings {
-        /// Whether frames have sequence numbers.
-        numbered: bool,
-    },
-    /// Wrenches.
-    Wrench,
+impl Measured {
+    /// The readings, if it holds them.
+    pub(crate) fn readings(&self) -> Option<&[f64; CHANNELS]> {
+        match self {
+            Self::Readings(readings) => Some(readings),
+            Self::Wrench(_) => None,
+        }
+    }
 }
 
 /// What arrived, and what did not.
@@ -129,34 +127,21 @@ impl Losses {
 
 impl std::ops::AddAssign for Losses {
     fn add_assign(&mut self, other: Self) {
-        let Self {
-            missing,
-            gaps,
-            duplicates,
-            reordered,
-            bad_crc,
-            damaged,
-            skipped_bytes,
-            unknown,
-            dropped_on_board,
-            restarts,
-            missing_edges,
-            edges_left_out,
-            uncertain,
-        } = other;
-        self.missing += missing;
-        self.gaps += gaps;
-        self.duplicates += duplicates;
-        self.reordered += reordered;
-        self.bad_crc += bad_crc;
-        self.damaged += damaged;
-        self.skipped_bytes += skipped_bytes;
-        self.unknown += unknown;
-        self.dropped_on_board += dropped_on_board;
-        self.restarts += restarts;
-        self.missing_edges += missing_edges;
-        self.edges_left_out += edges_left_out;
-        self.uncertain += uncertain;
+        *self = Self {
+            missing: self.missing + other.missing,
+            gaps: self.gaps + other.gaps,
+            duplicates: self.duplicates + other.duplicates,
+            reordered: self.reordered + other.reordered,
+            bad_crc: self.bad_crc + other.bad_crc,
+            damaged: self.damaged + other.damaged,
+            skipped_bytes: self.skipped_bytes + other.skipped_bytes,
+            unknown: self.unknown + other.unknown,
+            dropped_on_board: self.dropped_on_board + other.dropped_on_board,
+            restarts: self.restarts + other.restarts,
+            missing_edges: self.missing_edges + other.missing_edges,
+            edges_left_out: self.edges_left_out + other.edges_left_out,
+            uncertain: self.uncertain + other.uncertain,
+        };
     }
 }
 
@@ -170,7 +155,7 @@ fn is_zero(count: &u64) -> bool {
 pub struct Reception {
     timeline: Timeline,
     /// A frame that does not follow on those before it, until the next one tells what it is.
-    held: Option<Held>,
+    held: Option<(Stamp, BoardFrame)>,
     contradicted: u64,
     last_dropped: Option<u8>,
     dropped_on_board: u64,
@@ -187,16 +172,6 @@ pub struct Reception {
     health: Option<Health>,
     edges: EdgeTracker,
     host_us: Option<u64>,
-}
-
-/// A sample, and what was known when it arrived.
-#[derive(Clone, Copy, Debug)]
-struct Held {
-    sample: Sample,
-    stamp: Stamp,
-    timing: Option<Timing>,
-    health: Option<Health>,
-    rssi_dbm: Option<i16>,
 }
 
 impl Reception {
@@ -252,8 +227,10 @@ impl Reception {
     fn take_sample(&mut self, sample: Sample, rssi_dbm: Option<i16>, frames: &mut Vec<BoardFrame>) {
         let Sample { sequence, clock_us, dropped, .. } = sample;
         let stamp = Stamp { sequence, clock_us, dropped, start: self.start, host_us: self.host_us };
-        let (timing, health) = (self.timing, self.health.take());
-        let arrived = Held { sample, stamp, timing, health, rssi_dbm };
+        // Number and time follow from its position.
+        let mut frame = BoardFrame::from_sample(&sample);
+        (frame.timing, frame.health, frame.rssi_dbm) = (self.timing, self.health.take(), rssi_dbm);
+        let arrived = (stamp, frame);
         let held = self.held.take();
         if self.timeline.is_followed_by(&stamp) {
             self.contradicted += u64::from(held.is_some());
@@ -261,8 +238,8 @@ impl Reception {
             return self.give(arrived, placed, frames);
         }
         match held {
-            Some(held) if held.stamp.precedes(&stamp) => {
-                let placed = self.timeline.jump(held.stamp);
+            Some(held) if held.0.precedes(&stamp) => {
+                let placed = self.timeline.jump(held.0);
                 self.give(held, placed, frames);
                 // It follows now, or the rate has changed once more.
                 let placed = match self.timeline.is_followed_by(&stamp) {
@@ -278,24 +255,26 @@ impl Reception {
         }
     }
 
-    fn give(&mut self, arrived: Held, placed: FramePosition, frames: &mut Vec<BoardFrame>) {
+    fn give(
+        &mut self,
+        (stamp, frame): (Stamp, BoardFrame),
+        placed: FramePosition,
+        frames: &mut Vec<BoardFrame>,
+    ) {
         let FramePosition { index, time_us, arrival, restarted } = placed;
         if arrival == Arrival::Duplicate {
             return;
         }
-        let Held { sample, timing, health, rssi_dbm, .. } = arrived;
         if restarted {
             self.last_dropped = None;
         }
         if arrival != Arrival::Late {
-            let before = self.last_dropped.replace(sample.dropped);
-            let step = before.map_or(0, |before| sample.dropped.wrapping_sub(before));
+            let before = self.last_dropped.replace(stamp.dropped);
+            let step = before.map_or(0, |before| stamp.dropped.wrapping_sub(before));
             self.dropped_on_board += u64::from(step);
         }
-        let mut frame = BoardFrame::from_sample(&sample, index, time_us, restarted);
-        (frame.timing, frame.health, frame.rssi_dbm) = (timing, health, rssi_dbm);
-        frame.edge = self.edges.give(sample.clock_us, time_us);
-        frames.push(frame);
+        let edge = self.edges.give(stamp.clock_us, time_us);
+        frames.push(BoardFrame { index, time_us, restarted, edge, ..frame });
     }
 
     /// Takes a scan of the original board, which has no numbers; its clock went back where it has restarted.
@@ -307,11 +286,11 @@ impl Reception {
     ) {
         let sequence = index as u16;
         let stamp = Stamp { sequence, clock_us: scan.clock_us, ..Stamp::default() };
-        let placed = match self.timeline.is_forward(&stamp) {
+        let FramePosition { time_us, restarted, .. } = match self.timeline.is_forward(&stamp) {
             true => self.timeline.follow(stamp),
             false => self.timeline.jump(stamp),
         };
-        frames.push(BoardFrame::from_scan(scan, FramePosition { index, ..placed }));
+        frames.push(BoardFrame { index, time_us, restarted, ..BoardFrame::from_scan(scan) });
     }
 
     /// Ends the stream: what is held then is the only frame, or one that those before it contradict.
@@ -321,7 +300,7 @@ impl Reception {
             self.contradicted += 1;
             return;
         }
-        let placed = self.timeline.follow(held.stamp);
+        let placed = self.timeline.follow(held.0);
         self.give(held, placed, frames);
     }
 
@@ -367,15 +346,7 @@ impl BoardFrame {
         }
     }
 
-    /// What it holds, for the columns of a log.
-    pub fn content(&self, numbered: bool) -> Content {
-        match self.measured {
-            Measured::Readings(_) => Content::Readings { numbered },
-            Measured::Wrench(_) => Content::Wrench,
-        }
-    }
-
-    fn from_sample(sample: &Sample, index: i64, time_us: i64, restarted: bool) -> Self {
+    fn from_sample(sample: &Sample) -> Self {
         let measured = match sample.values {
             Values::Readings(counts) => Measured::Readings(
                 counts.map(|counts| f64::from(counts) / f64::from(COUNTS_PER_LSB)),
@@ -383,15 +354,14 @@ impl BoardFrame {
             Values::Wrench(wrench) => Measured::Wrench(wrench.map(f64::from)),
         };
         let (saturated, dropped) = (sample.saturated, sample.dropped);
-        Self { saturated, dropped, restarted, ..Self::new(time_us, index, measured) }
+        Self { saturated, dropped, ..Self::new(0, 0, measured) }
     }
 
-    fn from_scan(scan: &skinproc::Scan, placed: FramePosition) -> Self {
+    fn from_scan(scan: &skinproc::Scan) -> Self {
         let saturated = (0..CHANNELS)
             .filter(|&channel| matches!(scan.readings[channel], 0 | FULL_SCALE))
             .fold(0, |mask, channel| mask | 1 << channel);
         let measured = Measured::Readings(scan.readings.map(f64::from));
-        let FramePosition { index, time_us, restarted, .. } = placed;
-        Self { saturated, restarted, ..Self::new(time_us, index, measured) }
+        Self { saturated, ..Self::new(0, 0, measured) }
     }
 }

@@ -44,15 +44,6 @@ pub struct Recognition {
     first_at: Option<Duration>,
 }
 
-/// A protocol, and the bytes that it was recognised by, which are still to be decoded.
-#[derive(Clone, Debug, PartialEq)]
-pub struct RecognisedProtocol {
-    /// The protocol.
-    pub protocol: Protocol,
-    /// All bytes since the start of the stream.
-    pub bytes: Vec<u8>,
-}
-
 /// Bytes in which there is no frame of the protocol wanted.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoFrame {
@@ -92,7 +83,8 @@ impl Recognition {
         Self { asked_for, bytes: Vec::new(), first_at: None }
     }
 
-    /// Takes bytes that arrived at time `now`; `None` as long as more are needed.
+    /// Takes bytes that arrived at time `now`: the protocol, and all bytes since the start of the stream, which are still
+    /// to be decoded; `None` as long as more are needed.
     ///
     /// # Errors
     /// [`NoFrame`] once there is little hope.
@@ -100,7 +92,7 @@ impl Recognition {
         &mut self,
         bytes: &[u8],
         now: Duration,
-    ) -> Result<Option<RecognisedProtocol>, NoFrame> {
+    ) -> Result<Option<(Protocol, Vec<u8>)>, NoFrame> {
         self.bytes.extend_from_slice(bytes);
         if self.bytes.is_empty() {
             return Ok(None);
@@ -123,14 +115,14 @@ impl Recognition {
     ///
     /// # Errors
     /// [`NoFrame`].
-    pub fn finish(&mut self) -> Result<Option<RecognisedProtocol>, NoFrame> {
+    pub fn finish(&mut self) -> Result<Option<(Protocol, Vec<u8>)>, NoFrame> {
         match self.bytes.is_empty() {
             true => Ok(None),
             false => self.recognise()?.ok_or_else(|| self.no_frame()).map(Some),
         }
     }
 
-    fn recognise(&mut self) -> Result<Option<RecognisedProtocol>, NoFrame> {
+    fn recognise(&mut self) -> Result<Option<(Protocol, Vec<u8>)>, NoFrame> {
         let found = match self.asked_for {
             Some(protocol) => (protocol.frames_in(&self.bytes).0 > 0).then_some(protocol),
             None => detect(&self.bytes),
@@ -139,7 +131,7 @@ impl Recognition {
         if let Some(version) = other_version(protocol, &self.bytes) {
             return Err(NoFrame::OtherVersion { version });
         }
-        Ok(Some(RecognisedProtocol { protocol, bytes: std::mem::take(&mut self.bytes) }))
+        Ok(Some((protocol, std::mem::take(&mut self.bytes))))
     }
 
     fn no_frame(&self) -> NoFrame {

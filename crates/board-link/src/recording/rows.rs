@@ -29,7 +29,7 @@ use std::collections::VecDeque;
 
 use super::edges::BoardEdge;
 use super::forces::{Force, LiveForces, RunningForces, UnsuitableCalibration};
-use super::reception::{BoardFrame, Content, Measured};
+use super::reception::{BoardFrame, Measured};
 use super::simultaneous::Simultaneous;
 use forces::ForceError;
 use shared_proto::{CHANNELS, COUNTS_PER_LSB, Health};
@@ -38,20 +38,23 @@ use shell_data::wrench::{Axes, AxisValues};
 
 /// Writes frames as CSV lines.
 #[derive(Clone, Debug)]
-pub struct RowWriter {
-    content: Content,
+pub(crate) struct RowWriter {
+    /// Readings, or the wrenches of the board.
+    holds_readings: bool,
+    /// Whether frames have sequence numbers: all but those of the original board.
+    is_numbered: bool,
     forces: Option<RunningForces>,
     last_index: Option<i64>,
-    /// Marks that are to be set, with the frames from which on.
-    marks: VecDeque<(i64, u32)>,
+    /// Marks that are to be set, each on the first row from the frame of an index on.
+    pub(crate) marks: VecDeque<(i64, u32)>,
     /// Labels of stretches; `None` where there is no column for them.
-    labels: Option<Vec<FrameLabel>>,
+    pub(crate) labels: Option<Vec<FrameLabel>>,
     simultaneous: Simultaneous,
     has_rssi: bool,
     /// What the board has said last, °C.
     temperature_c: Option<f64>,
     /// Frames that hold something else than the columns.
-    pub other_content: u64,
+    pub(crate) other_content: u64,
 }
 
 impl RowWriter {
@@ -60,19 +63,20 @@ impl RowWriter {
     ///
     /// # Errors
     /// [`UnsuitableCalibration`].
-    pub fn new(
+    pub(crate) fn new(
         first: &BoardFrame,
         numbered: bool,
         forces: Option<LiveForces>,
         as_sampled: bool,
     ) -> Result<Self, UnsuitableCalibration> {
-        let content = first.content(numbered);
+        let holds_readings = first.measured.readings().is_some();
         let forces = forces.map(RunningForces::new).transpose()?;
-        if forces.is_some() && content == Content::Wrench {
+        if forces.is_some() && !holds_readings {
             return Err(UnsuitableCalibration::Wrenches);
         }
         Ok(Self {
-            content,
+            holds_readings,
+            is_numbered: numbered || !holds_readings,
             forces,
             last_index: None,
             has_rssi: first.rssi_dbm.is_some(),
@@ -84,21 +88,14 @@ impl RowWriter {
         })
     }
 
-    /// With a column for the labels of groups.
-    #[must_use]
-    pub fn with_labels(self) -> Self {
-        Self { labels: Some(Vec::new()), ..self }
-    }
-
     /// The line that names the columns.
-    pub fn header(&self) -> String {
+    pub(crate) fn header(&self) -> String {
         let mut names = vec!["t_s".to_owned()];
-        let readings = matches!(self.content, Content::Readings { .. });
-        if readings {
+        if self.holds_readings {
             names.extend((1..=CHANNELS).map(|channel| format!("s{channel}")));
         }
         names.extend(self.axes().columns().into_iter().map(str::to_owned));
-        if self.is_numbered() {
+        if self.is_numbered {
             names.extend(["index", "missing", "dropped"].map(str::to_owned));
             names.extend(["temperature_c", "supply_v", "vrefint"].map(str::to_owned));
             names.extend((1..=CHANNELS).map(|channel| format!("dark{channel}")));
@@ -116,10 +113,10 @@ impl RowWriter {
 
     /// The axes of the wrench that are written.
     fn axes(&self) -> Axes {
-        match (&self.content, &self.forces) {
-            (Content::Wrench, _) => Axes::ALL,
-            (Content::Readings { .. }, Some(forces)) => forces.axes(),
-            (Content::Readings { .. }, None) => Axes::NONE,
+        match &self.forces {
+            _ if !self.holds_readings => Axes::ALL,
+            Some(forces) => forces.axes(),
+            None => Axes::NONE,
         }
     }
 
@@ -128,7 +125,7 @@ impl RowWriter {
     ///
     /// # Errors
     /// [`ForceError`] if the low-pass that was asked for is impossible at the rate of the frames.
-    pub fn write(
+    pub(crate) fn write(
         &mut self,
         frames: &mut Vec<BoardFrame>,
         text: &mut Vec<u8>,
@@ -140,7 +137,7 @@ impl RowWriter {
     ///
     /// # Errors
     /// As [`write`](Self::write).
-    pub fn finish(&mut self, text: &mut Vec<u8>) -> Result<(), ForceError> {
+    pub(crate) fn finish(&mut self, text: &mut Vec<u8>) -> Result<(), ForceError> {
         self.take(&mut Vec::new(), true, text)
     }
 
@@ -151,11 +148,10 @@ impl RowWriter {
         text: &mut Vec<u8>,
     ) -> Result<(), ForceError> {
         frames.sort_by_key(|frame| frame.index);
-        let numbered = self.is_numbered();
         let before = frames.len();
-        frames.retain(|frame| frame.content(numbered) == self.content);
+        frames.retain(|frame| frame.measured.readings().is_some() == self.holds_readings);
         self.other_content += (before - frames.len()) as u64;
-        let frames = match numbered {
+        let frames = match self.is_numbered {
             true => self.simultaneous.take(frames.drain(..), ended),
             false => std::mem::take(frames),
         };
@@ -176,7 +172,7 @@ impl RowWriter {
             if let Some(force) = force {
                 write_numbers(&self.axes().of(&force.wrench), text);
             }
-            if numbered {
+            if self.is_numbered {
                 let missing = step.map_or(0, |step| (step - 1).max(0));
                 text.extend_from_slice(
                     format!(",{},{missing},{}", frame.index, frame.dropped).as_bytes(),
@@ -208,25 +204,9 @@ impl RowWriter {
         Ok(())
     }
 
-    /// Flags the first row from the frame `index` on, that has not been written, with a mark.
-    pub fn mark(&mut self, index: i64, number: u32) {
-        self.marks.push_back((index, number));
-    }
-
-    /// Labels the frames of a stretch that have not been written.
-    pub fn label(&mut self, label: FrameLabel) {
-        if let Some(labels) = &mut self.labels {
-            labels.push(label);
-        }
-    }
-
     /// The newest wrench, where there are forces.
     pub(crate) fn newest_wrench(&self) -> Option<AxisValues<f64>> {
         self.forces.as_ref().and_then(RunningForces::newest)
-    }
-
-    fn is_numbered(&self) -> bool {
-        self.content != Content::Readings { numbered: false }
     }
 }
 

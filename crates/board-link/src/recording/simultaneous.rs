@@ -141,10 +141,8 @@ fn at_one_time(all: &[BoardFrame], at: usize) -> BoardFrame {
     let times: Vec<f64> = points.iter().map(|p| (p.time_us - all[at].time_us) as f64).collect();
     for (channel, reading) in readings.iter_mut().enumerate() {
         let ahead_us = f64::from(timing.step_us) * ((CHANNELS as f64 - 1.0) / 2.0 - channel as f64);
-        let values = points.iter().map(|point| match point.measured {
-            Measured::Readings(readings) => readings[channel],
-            Measured::Wrench(_) => f64::NAN, // no frame of a run of readings
-        });
+        // All frames of a run hold readings.
+        let values = points.iter().filter_map(|point| Some(point.measured.readings()?[channel]));
         let value = interpolate(&times, values, ahead_us);
         let counts = f64::from(COUNTS_PER_LSB);
         *reading = ((value * counts).round() / counts).clamp(0.0, LARGEST);
@@ -159,8 +157,7 @@ fn run(all: &[BoardFrame], at: usize) -> std::ops::Range<usize> {
     let step = |left: usize| -> Option<f64> {
         let (a, b) = (all.get(left)?, all.get(left + 1)?);
         let follows = b.index == a.index + 1 && !b.restarted && b.dropped == a.dropped;
-        let alike =
-            matches!((&a.measured, &b.measured), (Measured::Readings(_), Measured::Readings(_)));
+        let alike = a.measured.readings().is_some() && b.measured.readings().is_some();
         let step = b.time_us - a.time_us;
         (follows && alike && step > 0).then_some(step as f64)
     };

@@ -44,13 +44,8 @@ pub enum NotForBoard {
 
 impl Hint for NotForBoard {
     fn hint(&self) -> Option<String> {
-        let text = match self {
-            Self::Basis { .. } => {
-                "fit one for the board with `shellcal fit --model cubic` or `physics`"
-            }
-            _ => return None,
-        };
-        Some(text.to_owned())
+        let text = "fit one for the board with `shellcal fit --model cubic` or `physics`";
+        matches!(self, Self::Basis { .. }).then(|| text.to_owned())
     }
 }
 

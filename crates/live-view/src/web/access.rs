@@ -1,7 +1,7 @@
 //! Who may ask.
 
 use std::hint::black_box;
-use std::net::{IpAddr, Ipv6Addr};
+use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr};
 
 /// Whether two secrets are the same, in a time that does not tell where they differ.
 pub(super) fn is_same(given: &str, secret: &str) -> bool {
@@ -15,26 +15,12 @@ pub(super) fn is_same(given: &str, secret: &str) -> bool {
 /// A page of another site could let its own name point to this machine ("DNS rebinding"), and would then
 /// be taken for ours by the browser. It has to send that name.
 pub(super) fn is_host_ours(host: &str) -> bool {
-    let (name, port) = match host.strip_prefix('[') {
-        Some(rest) => match rest.split_once(']') {
-            Some((name, "")) => (name, None),
-            Some((name, rest)) => match rest.strip_prefix(':') {
-                Some(port) => (name, Some(port)),
-                None => return false,
-            },
-            None => return false,
-        },
-        None => match host.split_once(':') {
-            Some((name, port)) => (name, Some(port)),
-            None => (host, None),
-        },
-    };
-    let is_address = match host.starts_with('[') {
-        true => name.parse::<Ipv6Addr>().is_ok(),
-        false => name.parse::<IpAddr>().is_ok_and(|address| address.is_ipv4()),
-    };
-    port.is_none_or(|port| port.parse::<u16>().is_ok())
-        && (is_address || name.eq_ignore_ascii_case("localhost"))
+    let bare = host.strip_prefix('[').and_then(|rest| rest.strip_suffix(']'));
+    let (name, port) = host.split_once(':').unwrap_or((host, "0"));
+    host.parse::<SocketAddr>().is_ok()
+        || host.parse::<Ipv4Addr>().is_ok()
+        || bare.is_some_and(|address| address.parse::<Ipv6Addr>().is_ok())
+        || name.eq_ignore_ascii_case("localhost") && port.parse::<u16>().is_ok()
 }
 
 #[cfg(test)]

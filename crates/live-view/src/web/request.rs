@@ -22,26 +22,22 @@ impl HttpRefusal {
     /// The line of the status (RFC 9110), and what to say to people.
     pub(super) fn status(self) -> (&'static str, &'static str) {
         match self {
-            HttpRefusal::Malformed => ("400 Bad Request", "this is no request of HTTP 1.1"),
-            HttpRefusal::NoToken => (
+            Self::Malformed => ("400 Bad Request", "this is no request of HTTP 1.1"),
+            Self::NoToken => (
                 "403 Forbidden",
                 "the token is missing or is that of an earlier run: open the address as it was printed",
             ),
-            HttpRefusal::NotFound => ("404 Not Found", "there is no such page"),
-            HttpRefusal::RequestMethod => {
-                ("405 Method Not Allowed", "pages are read, orders are posted")
-            }
-            HttpRefusal::TooSlow => ("408 Request Timeout", "the request took too long"),
-            HttpRefusal::Body => ("413 Content Too Large", "no request has a body"),
-            HttpRefusal::Host => (
+            Self::NotFound => ("404 Not Found", "there is no such page"),
+            Self::RequestMethod => ("405 Method Not Allowed", "pages are read, orders are posted"),
+            Self::TooSlow => ("408 Request Timeout", "the request took too long"),
+            Self::Body => ("413 Content Too Large", "no request has a body"),
+            Self::Host => (
                 "421 Misdirected Request",
                 "open the address as it was printed: by number, or as localhost",
             ),
-            HttpRefusal::TooLong => {
-                ("431 Request Header Fields Too Large", "the request is too long")
-            }
-            HttpRefusal::Busy => ("503 Service Unavailable", "too many connections or orders wait"),
-            HttpRefusal::Version => ("505 HTTP Version Not Supported", "only HTTP 1.1 is spoken"),
+            Self::TooLong => ("431 Request Header Fields Too Large", "the request is too long"),
+            Self::Busy => ("503 Service Unavailable", "too many connections or orders wait"),
+            Self::Version => ("505 HTTP Version Not Supported", "only HTTP 1.1 is spoken"),
         }
     }
 }
@@ -75,12 +71,8 @@ pub(super) fn parse(head: &[u8]) -> Result<Request<'_>, HttpRefusal> {
     let text = std::str::from_utf8(head).map_err(|_| HttpRefusal::Malformed)?;
     let text = text.strip_suffix("\r\n\r\n").ok_or(HttpRefusal::Malformed)?;
     let mut lines = text.split("\r\n");
-    let mut words = lines.next().unwrap_or_default().split(' ');
-    let (Some(method), Some(target), Some(version), None) =
-        (words.next(), words.next(), words.next(), words.next())
-    else {
-        return Err(HttpRefusal::Malformed);
-    };
+    let words: Vec<&str> = lines.next().unwrap_or_default().split(' ').collect();
+    let [method, target, version] = words[..] else { return Err(HttpRefusal::Malformed) };
     if !version.starts_with("HTTP/") || !target.starts_with('/') {
         return Err(HttpRefusal::Malformed);
     }

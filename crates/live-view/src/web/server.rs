@@ -169,23 +169,25 @@ impl ServerShared {
     /// Reads the request of a stranger, who is one until it is allowed, and answers it.
     fn serve(self: &Arc<Self>, stream: &mut TcpStream, stranger: Stranger) -> io::Result<()> {
         let mut buffer = [0; LONGEST];
-        let answered = match read_head(stream, &mut buffer) {
-            Ok(None) => return Ok(()),
-            Ok(Some(head)) => match parse(head).and_then(|request| self.allow(request)) {
-                Ok(request) => match Seat::take(self) {
-                    Some(_seat) => {
-                        drop(stranger);
-                        let answered = self.answer(stream, &request)?;
-                        return finish(stream, answered, &mut buffer);
-                    }
-                    None => Err(HttpRefusal::Busy),
-                },
-                Err(refusal) => Err(refusal),
-            },
+        let request = match read_head(stream, &mut buffer) {
+            Ok(None) | Err(None) => return Ok(()),
             Err(Some(refusal)) => Err(refusal),
-            Err(None) => return Ok(()),
+            Ok(Some(head)) => parse(head).and_then(|request| self.allow(request)),
         };
-        finish(stream, answered, &mut buffer)
+        let seat = || Counted::new(self, |state| &mut state.connections, CONNECTIONS);
+        let seat = request.is_ok().then(seat).flatten();
+        let answered = match (request, &seat) {
+            (Err(refusal), _) => Err(refusal),
+            (Ok(_), None) => Err(HttpRefusal::Busy),
+            (Ok(request), Some(_)) => {
+                drop(stranger);
+                self.answer(stream, &request)?
+            }
+        };
+        if let Err(refusal) = answered {
+            refuse(stream, refusal)?;
+        }
+        close(stream, &mut buffer)
     }
 
     fn allow<'a>(&self, request: Request<'a>) -> Result<Request<'a>, HttpRefusal> {
@@ -240,7 +242,9 @@ impl ServerShared {
         send_head(stream, "200 OK", "Content-Type: text/event-stream\r\n")?;
         // How soon to come back after a connection was lost, ms.
         stream.write_all(b"retry: 500\n\n")?;
-        let (_listener, mut seen) = Listener::new(self);
+        // What has come before is old where nobody has listened.
+        let mut seen = self.state().number;
+        let _listener = Counted::new(self, |state| &mut state.listeners, usize::MAX);
         while let Some(event) = self.next_event(&mut seen) {
             stream.write_all(event.as_bytes())?;
         }
@@ -262,18 +266,6 @@ impl ServerShared {
         *seen = state.number;
         Some(Arc::clone(&state.event))
     }
-}
-
-/// Says what was refused, and ends a connection.
-fn finish(
-    stream: &mut TcpStream,
-    answered: Result<(), HttpRefusal>,
-    buffer: &mut [u8; LONGEST],
-) -> io::Result<()> {
-    if let Err(refusal) = answered {
-        refuse(stream, refusal)?;
-    }
-    close(stream, buffer)
 }
 
 /// A connection that has not sent the token yet.
@@ -306,44 +298,33 @@ impl Drop for Stranger {
     }
 }
 
-/// A connection that is counted.
-struct Seat(Arc<ServerShared>);
+/// A connection or a listener, counted as long as it is there.
+struct Counted<'a> {
+    shared: &'a ServerShared,
+    count: fn(&mut ServerState) -> &mut usize,
+}
 
-impl Seat {
-    fn take(shared: &Arc<ServerShared>) -> Option<Self> {
+impl<'a> Counted<'a> {
+    /// One more, unless there are so many already.
+    fn new(
+        shared: &'a ServerShared,
+        count: fn(&mut ServerState) -> &mut usize,
+        most: usize,
+    ) -> Option<Self> {
         let mut state = shared.state();
-        if state.connections >= CONNECTIONS {
+        let counted = count(&mut state);
+        if *counted >= most {
             return None;
         }
-        state.connections += 1;
-        Some(Self(Arc::clone(shared)))
+        *counted += 1;
+        Some(Self { shared, count })
     }
 }
 
-impl Drop for Seat {
+impl Drop for Counted<'_> {
     fn drop(&mut self) {
-        self.0.state().connections -= 1;
-    }
-}
-
-/// A listener that is counted.
-struct Listener<'a>(&'a ServerShared);
-
-impl<'a> Listener<'a> {
-    /// With the number of the newest event, which is an old one where nobody has listened.
-    fn new(shared: &'a ServerShared) -> (Self, u64) {
-        let mut state = shared.state();
-        state.listeners += 1;
-        let number = state.number;
-        drop(state);
-        (Self(shared), number)
-    }
-}
-
-impl Drop for Listener<'_> {
-    fn drop(&mut self) {
-        self.0.state().listeners -= 1;
-        self.0.changed.notify_all();
+        *(self.count)(&mut self.shared.state()) -= 1;
+        self.shared.changed.notify_all();
     }
 }
 

@@ -28,16 +28,11 @@ pub struct GridCell {
 pub fn grid<'a>(setup: &'a Setup, axes: &'a [GridAxis]) -> impl Iterator<Item = GridCell> + 'a {
     let count: usize = axes.iter().map(|axis| axis.values.len()).product();
     (0..count).map(move |mut number| {
-        let mut values: Vec<f64> = axes
-            .iter()
-            .rev()
-            .map(|axis| {
-                let value = axis.values[number % axis.values.len()];
-                number /= axis.values.len();
-                value
-            })
-            .collect();
-        values.reverse();
+        let mut values = vec![0.0; axes.len()];
+        for (axis, value) in axes.iter().zip(&mut values).rev() {
+            *value = axis.values[number % axis.values.len()];
+            number /= axis.values.len();
+        }
         let mut changed = *setup;
         for (axis, &value) in axes.iter().zip(&values) {
             axis.parameter.set(&mut changed, value);

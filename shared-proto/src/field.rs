@@ -1,0 +1,112 @@
+//! Fields of a packet as they stand on the wire: numbers are little-endian, one field right after the other.
+
+use crate::bytes::{Bytes, Reader};
+
+/// What a packet is made of.
+pub(crate) trait Field: Sized {
+    /// Appends it.
+    fn write<const N: usize>(&self, out: &mut Bytes<N>);
+
+    /// Takes it off the front; `None` if it is not there.
+    fn read(body: &mut Reader<'_>) -> Option<Self>;
+}
+
+macro_rules! numbers {
+    ($($number:ty),+) => {
+        $(impl Field for $number {
+            fn write<const N: usize>(&self, out: &mut Bytes<N>) {
+                out.extend(&self.to_le_bytes());
+            }
+
+            fn read(body: &mut Reader<'_>) -> Option<Self> {
+                body.array().map(Self::from_le_bytes)
+            }
+        })+
+    };
+}
+
+numbers!(u8, u16, i16, u32, f32);
+
+impl<F: Field + Copy + Default, const K: usize> Field for [F; K] {
+    fn write<const N: usize>(&self, out: &mut Bytes<N>) {
+        self.iter().for_each(|field| field.write(out));
+    }
+
+    fn read(body: &mut Reader<'_>) -> Option<Self> {
+        let mut fields = [F::default(); K];
+        for field in &mut fields {
+            *field = F::read(body)?;
+        }
+        Some(fields)
+    }
+}
+
+/// All that is left; `None` if it is too long.
+impl<const K: usize> Field for Bytes<K> {
+    fn write<const N: usize>(&self, out: &mut Bytes<N>) {
+        out.extend(self);
+    }
+
+    fn read(body: &mut Reader<'_>) -> Option<Self> {
+        Self::copy_of(core::mem::take(&mut body.0))
+    }
+}
+
+/// Makes a struct a field: its own fields in this order.
+macro_rules! fields {
+    ($name:ident { $($field:ident),+ }) => {
+        impl $crate::field::Field for $name {
+            fn write<const N: usize>(&self, out: &mut $crate::bytes::Bytes<N>) {
+                $(self.$field.write(out);)+
+            }
+
+            fn read(body: &mut $crate::bytes::Reader<'_>) -> Option<Self> {
+                Some(Self { $($field: $crate::field::Field::read(body)?),+ })
+            }
+        }
+    };
+}
+
+/// Makes an enum a field: the code of the variant, a byte, and then the variant's own fields in this order. A code
+/// without a variant is the last one, so that what a newer end says can be read as far as it goes.
+macro_rules! variants {
+    ($name:ident {
+        $($code:literal = $variant:ident $(($value:ident))? $({ $($field:ident),+ })?,)+
+        _ = $other:ident { $unknown:tt }
+    }) => {
+        impl $name {
+            /// The code on the wire.
+            pub const fn code(&self) -> u8 {
+                match self {
+                    $(Self::$variant { .. } => $code,)+
+                    Self::$other { $unknown: code } => *code,
+                }
+            }
+        }
+
+        impl $crate::field::Field for $name {
+            fn write<const N: usize>(&self, out: &mut $crate::bytes::Bytes<N>) {
+                out.push(self.code());
+                match self {
+                    $(Self::$variant $(($value))? $({ $($field),+ })? => {
+                        $($value.write(out);)?
+                        $($($field.write(out);)+)?
+                    })+
+                    Self::$other { .. } => {}
+                }
+            }
+
+            fn read(body: &mut $crate::bytes::Reader<'_>) -> Option<Self> {
+                Some(match body.get()? {
+                    $($code => {
+                        $(let $value = body.get()?;)?
+                        Self::$variant $(($value))? $({ $($field: body.get()?),+ })?
+                    })+
+                    code => Self::$other { $unknown: code },
+                })
+            }
+        }
+    };
+}
+
+pub(crate) use {fields, variants};
