@@ -92,13 +92,10 @@ struct Labels {
 
 impl Labels {
     fn position(&mut self, label: String) -> u32 {
-        if let Some(&position) = self.positions.get(&label) {
-            return position;
-        }
-        let position = self.names.len() as u32;
-        self.names.push(label.clone());
-        self.positions.insert(label, position);
-        position
+        *self.positions.entry(label).or_insert_with_key(|label| {
+            self.names.push(label.clone());
+            self.names.len() as u32 - 1
+        })
     }
 }
 
@@ -106,14 +103,12 @@ impl Labels {
 pub(crate) fn mapping(names: &OptionColumns) -> Result<Mapping, PythonFailure> {
     let mut mapping = Mapping::default();
     for (option, text) in names {
-        let refused = |expected: &str| {
-            let message = format!("{option} is `{text}`, expected {expected}");
+        let wrong = |how: &str| {
+            let message = format!("{option} is `{text}`{how}");
             PythonFailure::from(PythonMessage::new("OptionError", message))
         };
-        let impossible = |problem: String| {
-            let message = format!("{option} is `{text}`: {problem}");
-            PythonFailure::from(PythonMessage::new("OptionError", message))
-        };
+        let refused = |expected: &str| wrong(&format!(", expected {expected}"));
+        let impossible = |problem: String| wrong(&format!(": {problem}"));
         match option.as_str() {
             "format" => {
                 let expected = "`telemetry`, `csv`, `training`, `reference` or `console`";

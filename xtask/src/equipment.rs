@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::process::Command;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use system_tests::chromium;
 
 use crate::need::{Need, Way};
@@ -29,18 +29,9 @@ pub(crate) fn axe() -> Result<PathBuf> {
     if !file.exists() {
         ensure!(installed("npm", &["--version"]), "`npm` is missing");
         let mut npm = Command::new("npm");
-        npm.args([
-            "install",
-            "--silent",
-            "--no-audit",
-            "--no-fund",
-            "--ignore-scripts",
-            "--prefix",
-        ]);
-        steps::run("axe-core", npm.arg(&folder).arg("axe-core@4.10.3"))?;
-        if !file.exists() {
-            bail!("npm has installed no `{}`", file.display());
-        }
+        npm.args(["install", "--silent", "--no-audit", "--no-fund", "--ignore-scripts"]);
+        steps::run("axe-core", npm.arg("--prefix").arg(&folder).arg("axe-core@4.10.3"))?;
+        ensure!(file.exists(), "npm has installed no `{}`", file.display());
     }
     file.canonicalize().context("axe-core is gone")
 }

@@ -46,7 +46,7 @@ const RECORD_HEAD: &str = "\
 pub(crate) fn run(args: FirmwareArgs) -> Result<()> {
     let recorded = MeasuredImages::read()?;
     let toolchain = toolchain::set_up()?;
-    let compiler: Vec<&str> = toolchain.version.split(' ').take(2).collect();
+    let compiler: Vec<&str> = toolchain.compiler.version.split(' ').take(2).collect();
     let mut measured = MeasuredImages { compiler: compiler.join(" "), boards: BTreeMap::new() };
     let mut exceeded = Vec::new();
     for board in Board::ALL {
@@ -54,7 +54,7 @@ pub(crate) fn run(args: FirmwareArgs) -> Result<()> {
         let image = board.build(&toolchain)?;
         let before = recorded.boards.get(board.name()).cloned().unwrap_or_default();
         let taken = Taken::measure(board, &image)?;
-        println!("{}: {}", image.display(), toolchain.version);
+        println!("{}: {}", image.display(), toolchain.compiler.version);
         taken.print(board, &before, &recorded.compiler);
         let what = taken.exceeds(board, &before).into_iter();
         exceeded.extend(what.map(|what| format!("{what} of {}", board.name())));
@@ -79,8 +79,8 @@ struct Taken {
     flash: u64,
     ram: u64,
     /// A bound, and the deepest that was seen.
-    stack_bound: u32,
-    stack_seen: u32,
+    stack_bound: u64,
+    stack_seen: u64,
     /// From one frame to the next, by workload.
     instructions: BTreeMap<String, f64>,
 }
@@ -105,7 +105,7 @@ pub(crate) fn build(board: Board) -> Result<PathBuf> {
 impl Taken {
     fn measure(board: Board, image: &Path) -> Result<Self> {
         let (flash, ram) = image::footprint(image)?;
-        let stack_bound = stack::bound(image)?;
+        let stack_bound = stack::bound(image)?.into();
         let mut taken = Self { flash, ram, stack_bound, ..Self::default() };
         match model::find(board) {
             Ok(model) => {
@@ -115,7 +115,7 @@ impl Taken {
                         model::measure(&model, mode, &played, &calibration, RATE_HZ)?;
                     let instructions = (instructions * 10.0).round() / 10.0;
                     taken.instructions.insert(name.to_owned(), instructions);
-                    taken.stack_seen = taken.stack_seen.max(stack);
+                    taken.stack_seen = taken.stack_seen.max(stack.into());
                 }
             }
             Err(reason) => eprintln!("{reason:#}: the flashed image is not executed"),
@@ -151,18 +151,8 @@ impl Taken {
         let sizes = [
             ("flash", self.flash, before.flash, board.flash_size()),
             ("static RAM", self.ram, before.ram, board.ram_size()),
-            (
-                "stack at most",
-                self.stack_bound.into(),
-                before.stack_bound.into(),
-                board.stack_size().into(),
-            ),
-            (
-                "stack seen",
-                self.stack_seen.into(),
-                before.stack_seen.into(),
-                board.stack_size().into(),
-            ),
+            ("stack at most", self.stack_bound, before.stack_bound, board.stack_size()),
+            ("stack seen", self.stack_seen, before.stack_seen, board.stack_size()),
         ];
         println!("  {:<24} {:>12} {:>12} {:>12}", "", "now", "recorded", "of");
         for (name, now, then, room) in sizes {

@@ -1,6 +1,7 @@
 //! The images of the firmware: building them, and what they take.
 
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use anyhow::{Context, Result};
 use object::{Object, ObjectSection, SectionFlags, SectionKind, elf};
@@ -42,7 +43,7 @@ impl Board {
     }
 
     /// What its linker script gives to the stack: all of SRAM1.
-    pub(crate) fn stack_size(self) -> u32 {
+    pub(crate) fn stack_size(self) -> u64 {
         match self {
             Self::SkinProc => 48 * 1024,
             Self::NucleoG491re => 80 * 1024,
@@ -64,21 +65,22 @@ impl Board {
 
     /// Lints what only the board's target compiles; warnings are errors.
     pub(crate) fn lint(self, toolchain: &Toolchain) -> Result<()> {
-        let mut cargo = toolchain.command("clippy");
-        cargo.args(["--features", self.name(), "--bin", self.name(), "--target-dir"]);
-        cargo.arg(target_dir()).args(["--", "-D", "warnings"]);
-        steps::run(&format!("lints of {}", self.name()), &mut cargo)
+        let mut cargo = self.cargo("clippy", toolchain);
+        steps::run(&format!("lints of {}", self.name()), cargo.args(["--", "-D", "warnings"]))
     }
 
     /// Builds its image and returns where it is.
     pub(crate) fn build(self, toolchain: &Toolchain) -> Result<PathBuf> {
-        let mut cargo = toolchain.command("build");
-        cargo.args(["--features", self.name(), "--bin", self.name(), "--target-dir"]);
-        steps::run(
-            &format!("build {} ({})", self.name(), toolchain.version),
-            cargo.arg(target_dir()),
-        )?;
+        let title = format!("build {} ({})", self.name(), toolchain.compiler.version);
+        steps::run(&title, &mut self.cargo("build", toolchain))?;
         Ok(self.image())
+    }
+
+    fn cargo(self, name: &str, toolchain: &Toolchain) -> Command {
+        let mut cargo = toolchain.command(name);
+        cargo.args(["--features", self.name(), "--bin", self.name(), "--target-dir"]);
+        cargo.arg(target_dir());
+        cargo
     }
 
     /// Where its image is once it has been built.

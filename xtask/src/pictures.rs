@@ -44,12 +44,9 @@ pub(crate) fn check() -> Result<()> {
 fn draw_fit(shellcal: &Path, figure: &Path) -> Result<PathBuf> {
     let calibration = scratch("pictures")?.join("calibration.json");
     let mut fit = Command::new(shellcal);
-    fit.current_dir(workspace().join("calibration-data"))
-        .args(["fit", "synthetic-train.csv", "--test", "synthetic-test.csv", "--quiet"])
-        .arg("--output")
-        .arg(&calibration)
-        .arg("--plot")
-        .arg(figure);
+    fit.current_dir(workspace().join("calibration-data"));
+    fit.args(["fit", "synthetic-train.csv", "--test", "synthetic-test.csv", "--quiet"]);
+    fit.arg("--output").arg(&calibration).arg("--plot").arg(figure);
     run("figure of the calibration", &mut fit)?;
     Ok(calibration)
 }

@@ -27,9 +27,7 @@ pub(crate) const NEED: Need = Need {
 /// A compiler that can build and link for the board.
 #[derive(Debug)]
 pub(crate) struct Toolchain {
-    compiler: Compiler,
-    /// What the compiler says it is.
-    pub(crate) version: String,
+    pub(crate) compiler: Compiler,
     /// `None` for the compiler's own.
     linker: Option<&'static str>,
 }
@@ -49,9 +47,8 @@ impl Toolchain {
     fn new(compiler: Compiler) -> Option<Self> {
         let has_own = compiler.rustlib.join(&compiler.host).join("bin/rust-lld").exists();
         let linker = (!has_own).then_some(GNU_LINKER);
-        let version = compiler.version.clone();
         let has_linker = linker.is_none_or(|linker| installed(linker, &["--version"]));
-        has_linker.then_some(Self { compiler, version, linker })
+        has_linker.then_some(Self { compiler, linker })
     }
 
     /// A command of cargo on the package `firmware` for the board.

@@ -107,7 +107,7 @@ impl FamilyChoice {
         let (hessian, gradient) = projected.normal_equations();
         let white = inverse(hessian)?;
         let step = white.map(|row| row[0] * gradient[0] + row[1] * gradient[1]);
-        let (rows, log_volume) = (gram.total(), projected.log_volume());
+        let (rows, log_volume) = (gram.total, projected.log_volume());
         let parameters = (projected.used * channels) as f64;
         let criterion = rows * log_volume + parameters * rows.ln();
         Some(Self { keep, is_quick, step, white, log_volume, criterion })

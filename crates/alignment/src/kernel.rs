@@ -20,7 +20,8 @@ const PER_LOBE: f64 = 512.0;
 /// A symmetric low-pass kernel, in 1/s, tabulated.
 #[derive(Clone, Debug)]
 pub struct Kernel {
-    half_width_s: f64,
+    /// The kernel is zero beyond this distance, s.
+    pub(crate) half_width_s: f64,
     per_s: f64,
     table: Vec<f64>,
 }
@@ -57,11 +58,6 @@ impl Kernel {
         Self { half_width_s, per_s, table }
     }
 
-    /// The kernel is zero beyond this distance, s.
-    pub(crate) fn half_width_s(&self) -> f64 {
-        self.half_width_s
-    }
-
     /// The kernel at a distance of at most `half_width_s` either way, 1/s.
     #[inline]
     pub fn at(&self, distance_s: f64) -> f64 {
@@ -93,8 +89,8 @@ mod tests {
     /// The kernel's gain at a frequency, by the trapezoidal rule over fine steps.
     fn gain(kernel: &Kernel, frequency_hz: f64) -> f64 {
         let steps = 200_000;
-        let step_s = 2.0 * kernel.half_width_s() / f64::from(steps);
-        let x = |i: i32| f64::from(i) * step_s - kernel.half_width_s();
+        let step_s = 2.0 * kernel.half_width_s / f64::from(steps);
+        let x = |i: i32| f64::from(i) * step_s - kernel.half_width_s;
         let term = |i| kernel.at(x(i)) * (2.0 * PI * frequency_hz * x(i)).cos() * step_s;
         (0..=steps).map(term).sum()
     }

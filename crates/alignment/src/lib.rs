@@ -110,7 +110,7 @@ impl ClockMap {
 }
 
 /// How well two recordings match.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Quality {
     /// Share of the readings' variance that the aligned reference explains, through the map with
     /// memory, mean over the channels.
@@ -174,24 +174,15 @@ pub fn align(
     board: Recording,
     options: Options,
 ) -> Result<Aligned, AlignError> {
-    line_up(reference, board, None, options)
+    align_by_edges(reference, board, None, options)
 }
 
-/// As [`align`], with clocks by the edges of a signal that both have recorded. The loads then tell which
+/// As [`align`], with clocks by the edges of a signal where both have recorded one. The loads then tell which
 /// edge is which where the edges do not, and need not match otherwise.
 ///
 /// # Errors
 /// [`AlignError`] if a recording is too short, or if it is not clear which edge is which.
 pub fn align_by_edges(
-    reference: Recording,
-    board: Recording,
-    edges: Edges,
-    options: Options,
-) -> Result<Aligned, AlignError> {
-    line_up(reference, board, Some(edges), options)
-}
-
-fn line_up(
     reference: Recording,
     board: Recording,
     edges: Option<Edges>,
@@ -235,7 +226,7 @@ fn by_loads(reference: &Clean, board: &Clean) -> Result<(ClockMap, Quality), Ali
     if skew_ppm.abs() > LARGEST_SKEW_PPM {
         return Err(AlignError::Skew { skew_ppm, limit_ppm: LARGEST_SKEW_PPM });
     }
-    let WarpEstimate { warp, covariance, white, .. } = estimate;
+    let WarpEstimate { warp, covariance, mut quality } = estimate;
     let clock = ClockMap {
         offset_s: warp.offset_s + reference.start_s - board.start_s,
         skew: warp.skew,
@@ -244,20 +235,9 @@ fn by_loads(reference: &Clean, board: &Clean) -> Result<(ClockMap, Quality), Ali
         skew_se: covariance[1][1].sqrt(),
         covariance_s: covariance[0][1],
     };
-    let mut excerpt = estimate.excerpt;
-    excerpt.points.iter_mut().for_each(|[time_s, ..]| *time_s += board.start_s);
-    let quality = Quality {
-        excerpt,
-        explained: estimate.explained,
-        residual_counts: estimate.residual,
-        rows: estimate.rows,
-        search_explained: found.explained,
-        search_ratio: found.ratio,
-        search: found.scores,
-        spring_delay_s: estimate.delay_s,
-        white_se: [white[0][0].sqrt(), white[1][1].sqrt()],
-    };
-    Ok((clock, quality))
+    quality.excerpt.points.iter_mut().for_each(|[time_s, ..]| *time_s += board.start_s);
+    let Match { explained: search_explained, ratio: search_ratio, scores: search, .. } = found;
+    Ok((clock, Quality { search_explained, search_ratio, search, ..quality }))
 }
 
 /// Searches with one stretch of the board log after another, the liveliest first, until one has a
@@ -309,7 +289,7 @@ fn clearest(
         return refined(found.offset_s);
     }
     let offsets = std::iter::once(found.offset_s).chain(found.rivals.iter().copied());
-    let unexplained = |estimate: &WarpEstimate| 1.0 - estimate.explained;
+    let unexplained = |estimate: &WarpEstimate| 1.0 - estimate.quality.explained;
     let mut estimates: Vec<WarpEstimate> =
         offsets.filter_map(|offset_s| refined(offset_s).ok()).collect();
     estimates.sort_by(|a, b| unexplained(a).total_cmp(&unexplained(b)));

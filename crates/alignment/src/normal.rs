@@ -23,7 +23,8 @@ pub(super) struct GramSums {
     sums: Mat<f64>,
     features: usize,
     channels: usize,
-    total: f64,
+    /// The sum of the weights.
+    pub(super) total: f64,
 }
 
 impl GramSums {
@@ -43,11 +44,6 @@ impl GramSums {
         let rows = MatRef::from_row_major_slice(rows, rows.len() / width, width);
         matmul(self.sums.as_mut(), Accum::Add, rows.transpose(), rows, 1.0, Par::Seq);
         self.total += weights;
-    }
-
-    /// The sum of the weights.
-    pub(super) fn total(&self) -> f64 {
-        self.total
     }
 }
 

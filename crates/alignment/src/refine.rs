@@ -26,7 +26,6 @@
 
 use faer::{Mat, MatRef};
 
-use super::Excerpt;
 use super::choice::Candidates;
 use super::error::{AlignError, LEAST_OVERLAP_S};
 use super::frames::BoardFrames;
@@ -36,6 +35,7 @@ use super::optics::{Bend, POWERS, Straight};
 use super::response::{Family, MemoryModel};
 use super::trajectory::Trajectory;
 use super::uncertainty::{MatchedRow, ResidualSums};
+use super::{Excerpt, Quality};
 
 /// Rows per Gram update.
 const BLOCK: usize = 256;
@@ -94,17 +94,8 @@ pub(super) struct WarpEstimate {
     pub(super) warp: Warp,
     /// Covariance of offset (s) and skew.
     pub(super) covariance: [[f64; 2]; 2],
-    /// How late the springs make the readings, which the model takes off, s.
-    pub(super) delay_s: f64,
-    /// The covariance if the residuals were white.
-    pub(super) white: [[f64; 2]; 2],
-    /// RMS residual of each channel, counts of the straightened reading.
-    pub(super) residual: Vec<f64>,
-    /// Share of the readings' variance explained.
-    pub(super) explained: f64,
-    pub(super) rows: usize,
-    /// Times since the start of the board's recording.
-    pub(super) excerpt: Excerpt,
+    /// What is known without the search; times since the start of the board's recording.
+    pub(super) quality: Quality,
 }
 
 /// What is known of the sensor so far.
@@ -138,7 +129,7 @@ impl KnownSensor {
 
     /// With plays beside the axes, whose share is not known yet.
     fn with_channels(mut self, trajectory: &Trajectory) -> Self {
-        let linear = self.map.subrows(CONSTANTS, self.map.nrows() - CONSTANTS);
+        let linear = linear(&self.map);
         self.model = self.model.with_channels(linear, |direction| trajectory.reach(direction));
         let features = CONSTANTS + self.model.features();
         self.map.resize_with(features, self.map.ncols(), |_, _| 0.0);
@@ -158,11 +149,11 @@ impl KnownSensor {
         self.map.copy_from(&projected.map);
         self.bends.clone_from(&projected.bends);
     }
+}
 
-    /// The map without constant and drift.
-    fn linear(&self) -> MatRef<'_, f64> {
-        self.map.subrows(CONSTANTS, self.map.nrows() - CONSTANTS)
-    }
+/// A map without constant and drift.
+fn linear(map: &Mat<f64>) -> MatRef<'_, f64> {
+    map.subrows(CONSTANTS, map.nrows() - CONSTANTS)
 }
 
 /// Where the steps came to rest.
@@ -191,12 +182,12 @@ pub(super) fn refine(
     if overlap_s < LEAST_OVERLAP_S {
         return Err(AlignError::ShortOverlap { overlap_s, needed_s: LEAST_OVERLAP_S });
     }
-    let mut current = KnownSensor::new(trajectory.axes(), frames.channels);
+    let mut current = KnownSensor::new(trajectory.axes, frames.channels);
     let mut warp = start.about(problem.pivot_s);
     let mut settled = problem.settle(&mut warp, &mut current, prior_skew, (MEMORY_STEPS, SMALL))?;
     let mut spread = [0.0; 2];
     if prior_skew.is_none() {
-        let all = MemoryModel::most_features(trajectory.axes(), frames.channels);
+        let all = MemoryModel::most_features(trajectory.axes, frames.channels);
         if problem.rows.len() >= ROWS_PER_FEATURE * all {
             current = current.with_channels(trajectory);
             settled = problem.settle(&mut warp, &mut current, None, (0, ROUGH))?;
@@ -298,8 +289,7 @@ impl<'a> WarpProblem<'a> {
                 nearly = (step_s < NEARLY_S).then_some(settled);
             }
             if iteration < memory_steps {
-                let linear = current.map.subrows(CONSTANTS, current.map.nrows() - CONSTANTS);
-                current.model.learn_shares(linear);
+                current.model.learn_shares(linear(&current.map));
             }
         }
         nearly.ok_or(AlignError::NotConverged { step_s })
@@ -385,21 +375,21 @@ impl<'a> WarpProblem<'a> {
         let SettledWarp { projected, white, .. } = settled;
         let channels = self.frames.channels;
         let weights = projected.weights().unwrap_or_else(|| Mat::identity(channels, channels));
-        let (map, model) = (current.linear(), &current.model);
+        let (map, model) = (linear(&current.map), &current.model);
         let mut sums = ResidualSums::new(&projected.along, &weights, map, -self.half_span_s);
         self.for_each(&warp, current, |row| sums.add(row, &row.features[CONSTANTS..], model));
         let covariance = sums.covariance(*white, spread);
-        let (channel, centre_s) = sums.steepest();
-        WarpEstimate {
-            warp,
-            covariance,
-            white: *white,
-            delay_s: sums.delay_s(),
-            residual: sums.residual(),
+        let (_, channel, centre_s) = sums.steepest;
+        let quality = Quality {
+            white_se: [white[0][0].sqrt(), white[1][1].sqrt()],
+            spring_delay_s: sums.delay_s(),
+            residual_counts: sums.residual(),
             explained: sums.explained(),
             rows: sums.rows,
             excerpt: self.excerpt(&warp, current, channel, centre_s),
-        }
+            ..Quality::default()
+        };
+        WarpEstimate { warp, covariance, quality }
     }
 
     /// A channel around a time from the pivot.

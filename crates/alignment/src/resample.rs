@@ -60,7 +60,7 @@ impl<'a> Resampler<'a> {
     /// value.
     pub(super) fn at(&mut self, time_s: f64, values: &mut [f64]) -> bool {
         let time = &self.source.time_s;
-        let reach_s = self.kernel.half_width_s();
+        let reach_s = self.kernel.half_width_s;
         let (from, to) = (time_s - reach_s, time_s + reach_s);
         if !(from >= 0.0 && to <= self.source.span_s()) {
             return false;
@@ -169,7 +169,7 @@ mod tests {
         let clipped = source.time_s.partition_point(|&t| t < 1.5);
         source.in_range[clipped] = false;
         let kernel = Kernel::new(100.0, 0.0, STOPBAND_DB);
-        let reach_s = kernel.half_width_s();
+        let reach_s = kernel.half_width_s;
         let mut resampler = Resampler::new(&source, &kernel, 100.0);
         let mut covered = |t: f64| resampler.at(t, &mut [0.0]);
         for t in [-1.0, 0.0, 0.9 * reach_s, 1.005, 1.0 - 0.9 * reach_s, 1.5, 1.95, 2.5, f64::NAN] {

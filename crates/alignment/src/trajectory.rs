@@ -17,7 +17,7 @@ const STOPBAND_DB: f64 = 50.0;
 #[derive(Debug)]
 pub(super) struct Trajectory {
     pub(super) step_s: f64,
-    axes: usize,
+    pub(super) axes: usize,
     /// Row by row; zero mean.
     values: Vec<f64>,
     valid: Vec<bool>,
@@ -57,10 +57,6 @@ impl Trajectory {
         }
         let largest = axes.iter().map(|&axis| largest[axis]).collect();
         Self { step_s, axes: axes.len(), values, valid, largest }
-    }
-
-    pub(super) fn axes(&self) -> usize {
-        self.axes
     }
 
     /// How far the load goes in a direction of the wrench, of which each axis is scaled to 1.

@@ -68,7 +68,7 @@ pub(super) struct ResidualSums<'a> {
     /// Time of the last row from the pivot, s.
     end_s: f64,
     /// Slope, channel and time from the pivot where a reading changes fastest.
-    steepest: (f64, usize, f64),
+    pub(super) steepest: (f64, usize, f64),
     late_features: Vec<f64>,
     late_part: Vec<f64>,
 }
@@ -191,11 +191,6 @@ impl<'a> ResidualSums<'a> {
         });
         let (count, sum) = left.fold((0.0, 0.0), |(count, sum), left| (count + 1.0, sum + left));
         if count > 0.0 { 1.0 - sum / count } else { 0.0 }
-    }
-
-    /// The channel that changes fastest, and when, from the pivot.
-    pub(super) fn steepest(&self) -> (usize, f64) {
-        (self.steepest.1, self.steepest.2)
     }
 }
 

@@ -35,8 +35,8 @@ pub fn channel_figure(size: Size, title: &str, curves: &[ChannelCurve]) -> Figur
     let upper = Rect { left, top: TOP, width: legend.panels(left, WIDTH), height: DRAG_HEIGHT };
     let lower = Rect { top: upper.bottom() + GAP, height: CONTACTS_HEIGHT, ..upper };
     let bottom = lower.bottom() + BOTTOM_MARGIN + 6.0;
-    let (width, height) = legend.canvas(upper, bottom);
-    let mut canvas = Canvas::sized(size, width, height);
+    let (wide, high) = legend.canvas(upper, bottom);
+    let mut canvas = Canvas::sized(size, wide, high);
     let style = Style::TITLE.anchored(Anchor::Start);
     canvas.text((left, TOP - 16.0), title, style);
 
@@ -58,13 +58,11 @@ pub fn channel_figure(size: Size, title: &str, curves: &[ChannelCurve]) -> Figur
         canvas.clipped(panel.area, |canvas| {
             for measured in [true, false] {
                 for (i, curve) in curves.iter().enumerate().filter(|c| c.1.measured == measured) {
-                    draw(
-                        canvas,
-                        panel,
-                        [&curve.drag, &curve.contacts][of],
-                        palette::series(i),
-                        measured,
-                    );
+                    let points = [&curve.drag, &curve.contacts][of].iter();
+                    let path = polyline(points.map(|&(x, y)| panel.place(x, y)));
+                    if !path.is_empty() {
+                        canvas.stroke(&path, palette::series(i), width(measured));
+                    }
                 }
             }
         });
@@ -73,16 +71,14 @@ pub fn channel_figure(size: Size, title: &str, curves: &[ChannelCurve]) -> Figur
     canvas.frame(upper.area, palette::INK);
     lower.draw_frame(&mut canvas);
     legend.draw(&mut canvas, upper.area, bottom, |canvas, i, [from, to]| {
-        canvas.line(from, to, palette::series(i), if curves[i].measured { 0.8 } else { 1.6 });
+        canvas.line(from, to, palette::series(i), width(curves[i].measured));
     });
     canvas.finish()
 }
 
-fn draw(canvas: &mut Canvas, panel: &Panel, points: &[(f64, f64)], colour: &str, measured: bool) {
-    if !points.is_empty() {
-        let path = polyline(points.iter().map(|&(x, y)| panel.place(x, y)));
-        canvas.stroke(&path, colour, if measured { 0.8 } else { 1.6 });
-    }
+/// How wide a curve is stroked.
+fn width(measured: bool) -> f64 {
+    if measured { 0.8 } else { 1.6 }
 }
 
 #[cfg(test)]

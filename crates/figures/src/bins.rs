@@ -44,6 +44,14 @@ impl Bins {
         }
     }
 
+    /// A window that holds the finite range `[low, high]`: this one if it does, else one with the same or wider bins.
+    pub(super) fn widened(self, low: f64, high: f64) -> Self {
+        match self.contains(low) && self.contains(high) {
+            true => self,
+            false => Self::around_from(self.exponent, low, high, self.count),
+        }
+    }
+
     /// Whether a value lies in the window.
     pub(super) fn contains(&self, value: f64) -> bool {
         let offset = floor_index(value, self.exponent) - self.first as f64;

@@ -36,7 +36,6 @@ impl ColourScale {
             canvas.cells(&path, &level_colour(level), bar.height);
         }
         canvas.frame(bar, palette::INK);
-        let label = Style::LABEL.anchored(Anchor::Middle);
         let decades = (self.most as f64).log10();
         let every = (decades * 30.0 / bar.width).ceil().max(1.0) as u32;
         for decade in (0..=decades as u32).step_by(every as usize) {
@@ -47,7 +46,7 @@ impl ColourScale {
             } else {
                 format!("10{}", superscript(decade as i32))
             };
-            canvas.text((x, bar.bottom() + 14.0), &text, label);
+            canvas.text((x, bar.bottom() + 14.0), &text, Style::LABEL);
         }
         canvas.text((bar.left - 8.0, bar.bottom()), quantity, Style::LABEL.anchored(Anchor::End));
     }
@@ -56,7 +55,7 @@ impl ColourScale {
 /// How often to double the cells of a histogram so that neighbours in it still touch: about twice as
 /// many cells along each axis as the square root of the points, and no smaller than a pixel.
 pub(super) fn doublings(histogram: &Histogram2d, bins: usize, pixels: f64) -> u32 {
-    let wanted = (2.0 * (histogram.points() as f64).sqrt()).clamp(32.0, pixels.max(32.0));
+    let wanted = (2.0 * (histogram.points as f64).sqrt()).clamp(32.0, pixels.max(32.0));
     (bins as f64 / wanted).log2().floor().max(0.0) as u32
 }
 

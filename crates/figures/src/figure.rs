@@ -58,7 +58,7 @@ impl Figure {
     pub fn render(&self, format: Format) -> Result<Vec<u8>, PlotError> {
         match format {
             Format::Svg => Ok(self.svg().as_bytes().to_vec()),
-            Format::Pdf => pdf::pdf(self).map_err(|reason| PlotError::Render { reason }),
+            Format::Pdf => Ok(pdf::pdf(self)),
             Format::Png => pixels::png(self).map_err(|reason| PlotError::Render { reason }),
         }
     }

@@ -80,7 +80,7 @@ impl FitPlot {
 
     /// Number of rows with a finite prediction and measurement, that of the axis with fewest.
     pub fn rows(&self) -> u64 {
-        self.axes.iter().map(|axis| axis.residual.points()).min().unwrap_or(0)
+        self.axes.iter().map(|axis| axis.residual.points).min().unwrap_or(0)
     }
 }
 
@@ -96,7 +96,7 @@ impl AxisPlot {
 
     /// Root of the mean square residual, N or N·m.
     fn rms(&self) -> f64 {
-        (self.squares / self.residual.points().max(1) as f64).sqrt()
+        (self.squares / self.residual.points.max(1) as f64).sqrt()
     }
 }
 
@@ -240,7 +240,7 @@ impl ResidualView {
         let empty = ValueRange { low: -1.0, high: 1.0 };
         let [predicted, all] = histogram.ranges().unwrap_or([empty; 2]);
         let marginal = histogram.marginal_y();
-        let core = core(&marginal, histogram.points()).unwrap_or(all);
+        let core = core(&marginal, histogram.points).unwrap_or(all);
         let reach = core.high.abs().max(core.low.abs()) * 2.0;
         let everything = all.high.abs().max(all.low.abs());
         let reach = if everything > 2.0 * reach { reach } else { everything };

@@ -1,5 +1,7 @@
 //! A two-dimensional histogram that finds its own ranges.
 
+use std::array;
+
 use super::bins::Bins;
 
 /// Counts of points (x, y) in equal rectangular cells.
@@ -12,15 +14,15 @@ use super::bins::Bins;
 pub(super) struct Histogram2d {
     bins: [usize; 2],
     grid: Option<CellGrid>,
-    points: u64,
+    /// Number of points counted.
+    pub(super) points: u64,
 }
 
 #[derive(Clone, Debug)]
 struct CellGrid {
-    x: Bins,
-    y: Bins,
-    range_x: ValueRange,
-    range_y: ValueRange,
+    /// Of x and of y, as the ranges.
+    bins: [Bins; 2],
+    ranges: [ValueRange; 2],
     /// Row by row, y ascending.
     counts: Vec<u64>,
 }
@@ -86,7 +88,7 @@ impl Histogram2d {
         }
         self.points += finite;
         let grid = self.cover(range);
-        let (column, row, width) = (grid.x.locator(), grid.y.locator(), grid.x.count);
+        let ([column, row], width) = (grid.bins.map(|bins| bins.locator()), grid.bins[0].count);
         for (&x, &y) in x.iter().zip(y) {
             if x.is_finite() && y.is_finite() {
                 grid.counts[row(y) * width + column(x)] += 1;
@@ -102,36 +104,27 @@ impl Histogram2d {
         assert_eq!(self.bins, other.bins, "histograms of the same shape");
         self.points += other.points;
         if let Some(theirs) = &other.grid {
-            self.cover([theirs.range_x, theirs.range_y]).absorb(theirs);
+            self.cover(theirs.ranges).absorb(theirs);
         }
-    }
-
-    /// Number of points counted.
-    pub(super) fn points(&self) -> u64 {
-        self.points
     }
 
     /// The smallest and largest x and y, `None` while empty.
     pub(super) fn ranges(&self) -> Option<[ValueRange; 2]> {
-        self.grid.as_ref().map(|grid| [grid.range_x, grid.range_y])
+        self.grid.as_ref().map(|grid| grid.ranges)
     }
 
     /// The cells that are not empty, row by row; cells merged 2^`doublings` by 2^`doublings`.
     pub(super) fn cells(&self, doublings: [u32; 2]) -> Vec<HistogramCell> {
         let Some(grid) = &self.grid else { return Vec::new() };
-        let mut coarse = CellGrid::empty(
-            grid.x.coarsened(doublings[0]),
-            grid.y.coarsened(doublings[1]),
-            [grid.range_x, grid.range_y],
-        );
+        let bins = array::from_fn(|i| grid.bins[i].coarsened(doublings[i]));
+        let mut coarse = CellGrid::empty(bins, grid.ranges);
         coarse.absorb(grid);
-        let CellGrid { x, y, counts, .. } = coarse;
-        let edges = |bins: Bins, i: usize| ValueRange { low: bins.edge(i), high: bins.edge(i + 1) };
+        let CellGrid { bins: [x, y], counts, .. } = coarse;
         let occupied = counts.iter().enumerate().filter(|&(_, &count)| count > 0);
         occupied
             .map(|(i, &count)| HistogramCell {
-                x: edges(x, i % x.count),
-                y: edges(y, i / x.count),
+                x: x.edges(i % x.count),
+                y: y.edges(i / x.count),
                 count,
             })
             .collect()
@@ -140,36 +133,28 @@ impl Histogram2d {
     /// The counts over y alone: edges of each bin from the first to the last that is not empty.
     pub(super) fn marginal_y(&self) -> Vec<(ValueRange, u64)> {
         let Some(grid) = &self.grid else { return Vec::new() };
-        let locate = grid.y.locator();
-        (locate(grid.range_y.low)..=locate(grid.range_y.high))
-            .map(|row| {
-                let range = ValueRange { low: grid.y.edge(row), high: grid.y.edge(row + 1) };
-                (range, grid.counts[row * grid.x.count..][..grid.x.count].iter().sum())
-            })
-            .collect()
+        let ([x, y], [_, range]) = (grid.bins, grid.ranges);
+        let locate = y.locator();
+        let total = |row: usize| grid.counts[row * x.count..][..x.count].iter().sum();
+        let rows = locate(range.low)..=locate(range.high);
+        rows.map(|row| (y.edges(row), total(row))).collect()
     }
 
     /// The grid, made to cover a range as well as all it covers already.
-    fn cover(&mut self, [mut range_x, mut range_y]: [ValueRange; 2]) -> &mut CellGrid {
-        let [bins_x, bins_y] = self.bins;
+    fn cover(&mut self, ranges: [ValueRange; 2]) -> &mut CellGrid {
         let grid = match self.grid.take() {
-            None => CellGrid::empty(
-                Bins::around(range_x.low, range_x.high, bins_x),
-                Bins::around(range_y.low, range_y.high, bins_y),
-                [range_x, range_y],
-            ),
-            Some(mut grid) => {
-                range_x = range_x.union(grid.range_x);
-                range_y = range_y.union(grid.range_y);
-                if grid.x.covers(range_x) && grid.y.covers(range_y) {
-                    (grid.range_x, grid.range_y) = (range_x, range_y);
-                    grid
+            None => {
+                let around = |i: usize| Bins::around(ranges[i].low, ranges[i].high, self.bins[i]);
+                CellGrid::empty(array::from_fn(around), ranges)
+            }
+            Some(grid) => {
+                let ranges = array::from_fn(|i| ranges[i].union(grid.ranges[i]));
+                let widened = |i: usize| grid.bins[i].widened(ranges[i].low, ranges[i].high);
+                let bins = array::from_fn(widened);
+                if bins == grid.bins {
+                    CellGrid { ranges, ..grid }
                 } else {
-                    let mut wider = CellGrid::empty(
-                        Bins::around_from(grid.x.exponent, range_x.low, range_x.high, bins_x),
-                        Bins::around_from(grid.y.exponent, range_y.low, range_y.high, bins_y),
-                        [range_x, range_y],
-                    );
+                    let mut wider = CellGrid::empty(bins, ranges);
                     wider.absorb(&grid);
                     wider
                 }
@@ -180,22 +165,23 @@ impl Histogram2d {
 }
 
 impl Bins {
-    fn covers(&self, range: ValueRange) -> bool {
-        self.contains(range.low) && self.contains(range.high)
+    fn edges(&self, position: usize) -> ValueRange {
+        ValueRange { low: self.edge(position), high: self.edge(position + 1) }
     }
 }
 
 impl CellGrid {
-    fn empty(x: Bins, y: Bins, [range_x, range_y]: [ValueRange; 2]) -> Self {
-        Self { x, y, range_x, range_y, counts: vec![0; x.count * y.count] }
+    fn empty(bins: [Bins; 2], ranges: [ValueRange; 2]) -> Self {
+        Self { bins, ranges, counts: vec![0; bins[0].count * bins[1].count] }
     }
 
     /// Adds the counts of a grid that has equal or finer cells inside this one's range.
     fn absorb(&mut self, finer: &Self) {
-        for (row, counts) in finer.counts.chunks_exact(finer.x.count).enumerate() {
+        let ([x, y], [finer_x, finer_y]) = (self.bins, finer.bins);
+        for (row, counts) in finer.counts.chunks_exact(finer_x.count).enumerate() {
             for (column, &count) in counts.iter().enumerate().filter(|&(_, &count)| count > 0) {
-                let row = self.y.position_of(&finer.y, row);
-                self.counts[row * self.x.count + self.x.position_of(&finer.x, column)] += count;
+                let row = y.position_of(&finer_y, row);
+                self.counts[row * x.count + x.position_of(&finer_x, column)] += count;
             }
         }
     }
@@ -251,14 +237,14 @@ mod tests {
             let histogram = of(&points);
             let total: u64 = histogram.marginal_y().iter().map(|&(_, count)| count).sum();
             prop_assert_eq!(total, points.len() as u64);
-            prop_assert_eq!(histogram.points(), points.len() as u64);
+            prop_assert_eq!(histogram.points, points.len() as u64);
         }
     }
 
     #[test]
     fn points_that_are_not_finite_are_left_out() {
         let histogram = of(&[(1.0, f64::NAN), (f64::INFINITY, 1.0), (1.0, 1.0)]);
-        assert_eq!(histogram.points(), 1);
+        assert_eq!(histogram.points, 1);
         let nothing = of(&[(f64::NAN, 0.0)]);
         assert!(nothing.cells([0, 0]).is_empty() && nothing.marginal_y().is_empty());
     }

@@ -5,25 +5,25 @@ use std::sync::LazyLock;
 use tiny_skia::{Path, PathBuilder, Transform};
 use ttf_parser::{Face, OutlineBuilder};
 
-use super::svg::{Anchor, Style};
+use super::svg::Style;
 
-static REGULAR: LazyLock<Option<Face<'static>>> =
+static REGULAR: LazyLock<Face<'static>> =
     LazyLock::new(|| font(include_bytes!("../assets/DejaVuSans-subset.ttf.zst")));
-static BOLD: LazyLock<Option<Face<'static>>> =
+static BOLD: LazyLock<Face<'static>> =
     LazyLock::new(|| font(include_bytes!("../assets/DejaVuSans-Bold-subset.ttf.zst")));
 
-fn font(asset: &[u8]) -> Option<Face<'static>> {
-    Face::parse(crate::decompressed(asset).leak(), 0).ok()
+fn font(asset: &[u8]) -> Face<'static> {
+    Face::parse(crate::decompressed(asset).leak(), 0).expect("an asset is a font")
 }
 
 /// A font of the program.
-pub(super) fn face(bold: bool) -> Option<&'static Face<'static>> {
-    if bold { &BOLD } else { &REGULAR }.as_ref()
+pub(super) fn face(bold: bool) -> &'static Face<'static> {
+    if bold { &BOLD } else { &REGULAR }
 }
 
 /// How wide a text is, in the units of its size.
 pub(super) fn width(text: &str, style: Style) -> f64 {
-    let Some(face) = face(style.bold) else { return 0.0 };
+    let face = face(style.bold);
     let advance = |character| {
         let glyph = face.glyph_index(character).unwrap_or_default();
         f64::from(face.glyph_hor_advance(glyph).unwrap_or(0))
@@ -36,7 +36,7 @@ pub(super) fn width(text: &str, style: Style) -> f64 {
 /// Letters stand side by side by their widths: the fonts of the program have no kerning. A character
 /// that they lack is drawn as their sign for that.
 pub(super) fn outline(text: &str, at: (f64, f64), style: Style) -> Option<(Path, Transform)> {
-    let face = face(style.bold)?;
+    let face = face(style.bold);
     let mut outline = Outline { path: PathBuilder::new(), left: 0.0 };
     for character in text.chars() {
         let glyph = face.glyph_index(character).unwrap_or_default();
@@ -45,11 +45,7 @@ pub(super) fn outline(text: &str, at: (f64, f64), style: Style) -> Option<(Path,
         }
         outline.left += f32::from(face.glyph_hor_advance(glyph).unwrap_or(0));
     }
-    let start = match style.anchor {
-        Anchor::Start => 0.0,
-        Anchor::Middle => -0.5 * outline.left,
-        Anchor::End => -outline.left,
-    };
+    let start = style.anchor.start() * outline.left;
     let scale = style.size as f32 / f32::from(face.units_per_em());
     let turn = if style.upright { -90.0 } else { 0.0 };
     // In the font y is up.

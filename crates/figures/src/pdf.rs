@@ -16,7 +16,7 @@ use ttf_parser::Face;
 use super::lettering;
 use super::palette;
 use super::path::{Step, steps};
-use super::svg::{Anchor, DrawnShape, Figure, Pen, PenKind, Style, number};
+use super::svg::{DrawnShape, Figure, Pen, PenKind, Style, number};
 
 /// Points to a CSS pixel: 72 and 96 to the inch.
 const POINTS: f64 = 0.75;
@@ -28,22 +28,17 @@ const QUARTER: f64 = 0.552_284_75;
 const FONTS: [&str; 2] = ["R", "B"];
 
 /// The drawing on white, as a PDF file, the same bytes on every machine.
-///
-/// # Errors
-/// A message, if the program's font cannot be read.
-pub(super) fn pdf(figure: &Figure) -> Result<Vec<u8>, String> {
+pub(super) fn pdf(figure: &Figure) -> Vec<u8> {
     let mut page = PdfPage { content: String::new(), glyphs: [BTreeMap::new(), BTreeMap::new()] };
     let points = POINTS * figure.size.scale();
     let height = number(figure.height * points);
     let _ = writeln!(page.content, "{points} 0 0 -{points} 0 {height} cm");
-    for shape in &figure.shapes {
-        page.draw(shape)?;
-    }
+    figure.shapes.iter().for_each(|shape| page.draw(shape));
     let mut file = PdfFile::new();
     let mut fonts = String::new();
     for ((name, used), bold) in FONTS.iter().zip(&page.glyphs).zip([false, true]) {
         if !used.is_empty() {
-            let font = embed(&mut file, face(bold)?, used, bold);
+            let font = embed(&mut file, lettering::face(bold), used, bold);
             let _ = write!(fonts, "/{name} {font} 0 R ");
         }
     }
@@ -56,11 +51,7 @@ pub(super) fn pdf(figure: &Figure) -> Result<Vec<u8>, String> {
     ));
     let pages = file.add(&format!("<< /Type /Pages /Kids [{leaf} 0 R] /Count 1 >>"));
     let catalog = file.add(&format!("<< /Type /Catalog /Pages {pages} 0 R >>"));
-    Ok(file.finish(catalog))
-}
-
-fn face(bold: bool) -> Result<&'static Face<'static>, String> {
-    lettering::face(bold).ok_or_else(|| "its font cannot be read".to_owned())
+    file.finish(catalog)
 }
 
 /// The content of the page, and the glyphs of each font in it with what they stand for.
@@ -70,7 +61,7 @@ struct PdfPage {
 }
 
 impl PdfPage {
-    fn draw(&mut self, shape: &DrawnShape) -> Result<(), String> {
+    fn draw(&mut self, shape: &DrawnShape) {
         match shape {
             DrawnShape::Stroke { path, colour, pen } => {
                 self.pen(colour, *pen);
@@ -85,17 +76,16 @@ impl PdfPage {
                 self.circle(*centre, *radius, "f");
             }
             DrawnShape::Ring { centre, radius, colour } => {
-                self.pen(colour, Pen { width: 1.0, kind: PenKind::Plain });
+                self.pen(colour, Pen::FINE);
                 self.circle(*centre, *radius, "s");
             }
-            DrawnShape::Text { at, text, style } => self.text(*at, text, *style)?,
+            DrawnShape::Text { at, text, style } => self.text(*at, text, *style),
             DrawnShape::Clip(rect) => {
                 self.content.push_str("q\n");
                 self.path(&rect.path(), "W n");
             }
             DrawnShape::EndClip => self.content.push_str("Q\n"),
         }
-        Ok(())
     }
 
     fn pen(&mut self, colour: &str, pen: Pen) {
@@ -130,12 +120,8 @@ impl PdfPage {
         let at =
             |dx: f64, dy: f64| format!("{} {}", number(x + dx * radius), number(y + dy * radius));
         let _ = write!(self.content, "{} m ", at(1.0, 0.0));
-        for (from, to) in [
-            ((1.0, 0.0), (0.0, 1.0)),
-            ((0.0, 1.0), (-1.0, 0.0)),
-            ((-1.0, 0.0), (0.0, -1.0)),
-            ((0.0, -1.0), (1.0, 0.0)),
-        ] {
+        let corners = [(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0), (1.0, 0.0)];
+        for (from, to) in corners.iter().zip(&corners[1..]) {
             let _ = write!(
                 self.content,
                 "{} {} {} c ",
@@ -147,24 +133,16 @@ impl PdfPage {
         let _ = writeln!(self.content, "{paint}");
     }
 
-    fn text(&mut self, (x, y): (f64, f64), text: &str, style: Style) -> Result<(), String> {
-        let face = face(style.bold)?;
+    fn text(&mut self, (x, y): (f64, f64), text: &str, style: Style) {
+        let face = lettering::face(style.bold);
         let mut numbers = String::new();
-        let mut width = 0.0;
         for character in text.chars() {
             let glyph = face.glyph_index(character).unwrap_or_default();
-            width += f64::from(face.glyph_hor_advance(glyph).unwrap_or(0));
             self.glyphs[usize::from(style.bold)].insert(glyph.0, character);
             let _ = write!(numbers, "{:04x}", glyph.0);
         }
         let size = style.size;
-        let shift = match style.anchor {
-            Anchor::Start => 0.0,
-            Anchor::Middle => -0.5,
-            Anchor::End => -1.0,
-        } * width
-            * size
-            / f64::from(face.units_per_em());
+        let shift = f64::from(style.anchor.start()) * lettering::width(text, style);
         // Against the page, whose y axis points down; to be read from below, turned to the left.
         let (axes, x, y) = match style.upright {
             false => ([size, 0.0, 0.0, -size], x + shift, y),
@@ -177,7 +155,6 @@ impl PdfPage {
             self.content,
             "BT {ink} rg /{name} 1 Tf {a} {b} {c} {d} {x} {y} Tm <{numbers}> Tj ET"
         );
-        Ok(())
     }
 }
 
@@ -309,7 +286,7 @@ mod tests {
 
     use flate2::read::ZlibDecoder;
 
-    use super::super::svg::{Canvas, Rect};
+    use super::super::svg::{Anchor, Canvas, Rect};
     use super::*;
 
     fn find(bytes: &[u8], what: &[u8]) -> Option<usize> {
@@ -350,7 +327,7 @@ mod tests {
         canvas.ring((1.0, 1.0), 1.0, "#000000");
         canvas.text((50.0, 60.0), "Fx (N·m) ±10⁻³", Style::LABEL.anchored(Anchor::Start));
         canvas.text((5.0, 6.0), "bold", Style { upright: true, ..Style::TITLE });
-        let file = pdf(&canvas.finish()).unwrap();
+        let file = pdf(&canvas.finish());
         let objects = objects(&file);
         let texts: Vec<String> = objects
             .iter()

@@ -41,8 +41,7 @@ impl Painter {
                 self.fill(circle(*centre, *radius), colour, self.whole);
             }
             DrawnShape::Ring { centre, radius, colour } => {
-                let pen = Pen { width: 1.0, kind: PenKind::Plain };
-                self.stroke(circle(*centre, *radius), colour, pen);
+                self.stroke(circle(*centre, *radius), colour, Pen::FINE);
             }
             DrawnShape::Text { at, text, style } => {
                 if let Some((path, transform)) = lettering::outline(text, *at, *style) {

@@ -44,10 +44,7 @@ impl Size {
 
     /// CSS pixels to a unit of the drawing.
     pub(super) fn scale(self) -> f64 {
-        match self {
-            Self::Screen => 1.0,
-            Self::Single | Self::Double => LARGEST_PT / LARGEST * PIXELS / POINTS,
-        }
+        if self == Self::Screen { 1.0 } else { LARGEST_PT / LARGEST * PIXELS / POINTS }
     }
 
     /// The width of the drawing in its units, where `usual` is that on a screen.
@@ -62,18 +59,12 @@ impl Size {
 
     /// The size of letters that are so large on a screen, in units of the drawing.
     pub(super) fn letters(self, size: f64) -> f64 {
-        match self {
-            Self::Screen => size,
-            Self::Single | Self::Double => size.max(LEAST_PT / LARGEST_PT * LARGEST),
-        }
+        if self == Self::Screen { size } else { size.max(LEAST_PT / LARGEST_PT * LARGEST) }
     }
 
     /// Pixels of a PNG to a unit of the drawing.
     pub(super) fn pixels(self) -> f64 {
-        match self {
-            Self::Screen => SCREEN_PIXELS,
-            Self::Single | Self::Double => self.scale() * PRINT_DPI / PIXELS,
-        }
+        if self == Self::Screen { SCREEN_PIXELS } else { self.scale() * PRINT_DPI / PIXELS }
     }
 
     /// Whether what stands beside each other has to be made narrow.

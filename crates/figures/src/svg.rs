@@ -10,7 +10,7 @@ use shell_data::escape;
 /// What figures draw on.
 #[derive(Debug)]
 pub(super) struct Canvas {
-    size: Size,
+    pub(super) size: Size,
     width: f64,
     height: f64,
     body: String,
@@ -68,6 +68,11 @@ pub(super) struct Pen {
     pub(super) kind: PenKind,
 }
 
+impl Pen {
+    /// Of frames and rings.
+    pub(super) const FINE: Self = Self { width: 1.0, kind: PenKind::Plain };
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum PenKind {
     /// A line with mitred corners.
@@ -103,6 +108,11 @@ impl Rect {
         let [right, bottom, left] = [self.right(), self.bottom(), self.left].map(number);
         format!("M{}H{right}V{bottom}H{left}Z", point(self.left, self.top))
     }
+
+    fn attributes(&self) -> String {
+        let [x, y, width, height] = [self.left, self.top, self.width, self.height].map(number);
+        format!(r#"x="{x}" y="{y}" width="{width}" height="{height}""#)
+    }
 }
 
 /// Which point of a text is at the position given.
@@ -111,6 +121,17 @@ pub(super) enum Anchor {
     Start,
     Middle,
     End,
+}
+
+impl Anchor {
+    /// How far the text begins from the position, in widths of it.
+    pub(super) fn start(self) -> f32 {
+        match self {
+            Self::Start => 0.0,
+            Self::Middle => -0.5,
+            Self::End => -1.0,
+        }
+    }
 }
 
 /// How a text is set.
@@ -157,53 +178,44 @@ impl Canvas {
         Self { size, width, height, body: String::new(), clips: 0, shapes: Vec::new() }
     }
 
-    pub(super) fn size(&self) -> Size {
-        self.size
-    }
-
     pub(super) fn line(&mut self, from: (f64, f64), to: (f64, f64), colour: &str, width: f64) {
-        let path = format!("M{}H{}", point(from.0, from.1), number(to.0));
-        let path = if from.1 == to.1 {
-            path
-        } else {
-            format!("M{}L{}", point(from.0, from.1), point(to.0, to.1))
+        let end = match from.1 == to.1 {
+            true => format!("H{}", number(to.0)),
+            false => format!("L{}", point(to.0, to.1)),
         };
+        let path = format!("M{}{end}", point(from.0, from.1));
         self.stroke(&path, colour, width);
     }
 
     /// Strokes a path given in SVG path syntax.
     pub(super) fn stroke(&mut self, path: &str, colour: &str, width: f64) {
-        let _ = writeln!(
-            self.body,
-            r#"<path d="{path}" fill="none" stroke="{colour}" stroke-width="{}" stroke-linejoin="round"/>"#,
-            number(width)
-        );
-        self.remember_stroke(path, colour, width, PenKind::Round);
+        self.stroke_with(path, colour, Pen { width, kind: PenKind::Round });
     }
 
-    fn remember_stroke(&mut self, path: &str, colour: &str, width: f64, kind: PenKind) {
+    fn stroke_with(&mut self, path: &str, colour: &str, pen: Pen) {
+        let (fill, kind) = match pen.kind {
+            PenKind::Plain => (r#" fill="none""#, ""),
+            PenKind::Round => (r#" fill="none""#, r#" stroke-linejoin="round""#),
+            PenKind::Dashed => (r#" fill="none""#, r#" stroke-dasharray="5 3""#),
+            PenKind::Crisp => ("", r#" shape-rendering="crispEdges""#),
+        };
+        let width = number(pen.width);
+        let _ = writeln!(
+            self.body,
+            r#"<path d="{path}"{fill} stroke="{colour}" stroke-width="{width}"{kind}/>"#
+        );
         let (path, colour) = (path.to_owned(), colour.to_owned());
-        self.shapes.push(DrawnShape::Stroke { path, colour, pen: Pen { width, kind } });
+        self.shapes.push(DrawnShape::Stroke { path, colour, pen });
     }
 
     /// As [`Self::stroke`], broken into dashes.
     pub(super) fn dashes(&mut self, path: &str, colour: &str, width: f64) {
-        let _ = writeln!(
-            self.body,
-            r#"<path d="{path}" fill="none" stroke="{colour}" stroke-width="{}" stroke-dasharray="5 3"/>"#,
-            number(width)
-        );
-        self.remember_stroke(path, colour, width, PenKind::Dashed);
+        self.stroke_with(path, colour, Pen { width, kind: PenKind::Dashed });
     }
 
     /// Strokes rows of cells that must meet without seams, `height` high.
     pub(super) fn cells(&mut self, path: &str, colour: &str, height: f64) {
-        let _ = writeln!(
-            self.body,
-            r#"<path d="{path}" stroke="{colour}" stroke-width="{}" shape-rendering="crispEdges"/>"#,
-            number(height)
-        );
-        self.remember_stroke(path, colour, height, PenKind::Crisp);
+        self.stroke_with(path, colour, Pen { width: height, kind: PenKind::Crisp });
     }
 
     /// Fills a path given in SVG path syntax.
@@ -213,14 +225,10 @@ impl Canvas {
     }
 
     pub(super) fn frame(&mut self, rect: Rect, colour: &str) {
-        let path = rect.path();
-        let Rect { left, top, width, height } = rect;
-        let [left, top, width, height] = [left, top, width, height].map(number);
-        let _ = writeln!(
-            self.body,
-            r#"<rect x="{left}" y="{top}" width="{width}" height="{height}" fill="none" stroke="{colour}"/>"#
-        );
-        self.remember_stroke(&path, colour, 1.0, PenKind::Plain);
+        let attributes = rect.attributes();
+        let _ = writeln!(self.body, r#"<rect {attributes} fill="none" stroke="{colour}"/>"#);
+        let (path, colour) = (rect.path(), colour.to_owned());
+        self.shapes.push(DrawnShape::Stroke { path, colour, pen: Pen::FINE });
     }
 
     pub(super) fn circle(&mut self, centre: (f64, f64), radius: f64, colour: &str) {
@@ -260,11 +268,8 @@ impl Canvas {
             Anchor::End => r#" text-anchor="end""#,
         };
         let weight = if style.bold { r#" font-weight="bold""# } else { "" };
-        let turn = if style.upright {
-            format!(r#" transform="rotate(-90 {x} {y})""#)
-        } else {
-            String::new()
-        };
+        let turn = style.upright.then(|| format!(r#" transform="rotate(-90 {x} {y})""#));
+        let turn = turn.unwrap_or_default();
         let title = title.map(|title| format!("<title>{}</title>", escape::markup(title)));
         let _ = writeln!(
             self.body,
@@ -279,10 +284,10 @@ impl Canvas {
         self.shapes.push(DrawnShape::Clip(rect));
         self.clips += 1;
         let id = self.clips;
-        let [left, top, width, height] = [rect.left, rect.top, rect.width, rect.height].map(number);
+        let rect = rect.attributes();
         let _ = writeln!(
             self.body,
-            r##"<clipPath id="clip{id}"><rect x="{left}" y="{top}" width="{width}" height="{height}"/></clipPath>
+            r##"<clipPath id="clip{id}"><rect {rect}/></clipPath>
 <g clip-path="url(#clip{id})">"##
         );
         draw(self);

@@ -88,11 +88,10 @@ impl TraceCurve {
             None => Window::empty(Bins::around(range.low, range.high, SLIVERS), range),
             Some(mut window) => {
                 window.time = window.time.union(range);
-                let ValueRange { low, high } = window.time;
-                if window.bins.contains(low) && window.bins.contains(high) {
+                let bins = window.bins.widened(window.time.low, window.time.high);
+                if bins == window.bins {
                     window
                 } else {
-                    let bins = Bins::around_from(window.bins.exponent, low, high, SLIVERS);
                     let mut wider = Window::empty(bins, window.time);
                     wider.absorb(&window);
                     wider
@@ -153,9 +152,8 @@ const PANEL_PITCH: f64 = 118.0;
 pub fn trace_figure(size: Size, title: &str, trace: &WrenchTrace) -> Figure {
     let shown: Vec<_> = Axis::ALL
         .into_iter()
-        .filter_map(|axis| {
-            Some((axis, &trace.axes[axis.index()], trace.axes[axis.index()].window.as_ref()?))
-        })
+        .zip(&trace.axes)
+        .filter_map(|(axis, trace)| Some((axis, trace, trace.window.as_ref()?)))
         .collect();
     let panels = shown.len().max(1) as f64;
     let mut canvas =

@@ -24,6 +24,13 @@ pub struct Heading<'a> {
     pub command: &'a str,
 }
 
+impl Heading<'_> {
+    /// Who made it, and when.
+    pub(crate) fn made(&self) -> String {
+        format!("{}, {}.", self.made_by, self.date)
+    }
+}
+
 /// What a report says. Times are in s on each log's clock, all else in SI units.
 #[derive(Clone, Debug)]
 pub struct Report<'a> {

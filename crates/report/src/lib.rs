@@ -21,14 +21,21 @@ pub use of_calibration::{
     CalibrationReport, Certificate, CheckedLoad, Contribution, EvaluationType,
 };
 pub use outliers::{OutlierRow, OutlierTable};
-use page::ReportPage;
+use page::page;
 use shell_data::escape;
+use trial::{ConditionRow, Per, Quantity};
 
 const SCRIPT: &str = include_str!("../assets/report.js");
 const PLOTLY: &[u8] = include_bytes!("../assets/plotly-cartesian.min.js.zst");
 const PLOTLY_LICENCE: &str = include_str!("../assets/plotly-LICENSE.txt");
 
 impl Report<'_> {
+    /// The statistics of a quantity over trials.
+    fn of_trials(&self, quantity: Quantity) -> Vec<&ConditionRow> {
+        let is_wanted = |row: &&ConditionRow| row.quantity == quantity && row.per == Per::Trial;
+        self.conditions.iter().filter(is_wanted).collect()
+    }
+
     /// The report as the content of an HTML file.
     pub fn html(&self) -> String {
         let numbers = numbers::ReportNumbers::new(self);
@@ -44,12 +51,7 @@ impl Report<'_> {
 {SCRIPT}</script>
 "#
         );
-        ReportPage {
-            heading: self.heading,
-            subtitle: &sections::subtitle(self),
-            sections: sections::of(self, &numbers),
-            script: Some((script, "The plots need JavaScript; the tables do not.")),
-        }
-        .html()
+        let script = Some((&*script, "The plots need JavaScript; the tables do not."));
+        page(self.heading, &sections::subtitle(self), &sections::of(self, &numbers), script)
     }
 }

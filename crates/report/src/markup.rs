@@ -59,6 +59,11 @@ impl From<&str> for TableCell {
     }
 }
 
+/// A cell of a text that may be broken.
+pub(super) fn long(text: &str) -> TableCell {
+    TableCell::Long(text.to_owned())
+}
+
 /// A table in a box that scrolls on narrow screens. A column is text where it is in the first of `rows`.
 pub(super) fn table(
     caption: &str,
@@ -79,13 +84,12 @@ pub(super) fn table(
     for row in rows {
         html.push_str("<tr>");
         for cell in row {
-            let _ = match cell {
-                TableCell::Text(text) => write!(html, "<td class=\"text\">{}</td>", escape(&text)),
-                TableCell::Long(text) => {
-                    write!(html, "<td class=\"text long\">{}</td>", escape(&text))
-                }
-                TableCell::Figure(text) => write!(html, "<td>{}</td>", escape(&text)),
+            let (class, text) = match cell {
+                TableCell::Text(text) => (" class=\"text\"", text),
+                TableCell::Long(text) => (" class=\"text long\"", text),
+                TableCell::Figure(text) => ("", text),
             };
+            let _ = write!(html, "<td{class}>{}</td>", escape(&text));
         }
         html.push_str("</tr>\n");
     }

@@ -10,7 +10,7 @@ use serde::{Serialize, Serializer};
 use super::units::ColumnUnit;
 use super::{MOST_TRACES, Report};
 use figures::trial::{Passage, smoothed, stride_s};
-use trial::{ConditionRow, Interval, Per, PhaseForce, PhaseProfile, Quantity, Trace, TrialResult};
+use trial::{ConditionRow, Per, PhaseForce, PhaseProfile, Quantity, Trace, TrialResult};
 
 #[derive(Serialize)]
 pub(super) struct ReportNumbers {
@@ -132,39 +132,33 @@ impl ReportNumbers {
 
 /// One figure: of drag energy or, without it, of the first quantity that there is.
 fn effects(report: &Report<'_>) -> Vec<EffectPlot> {
-    let rows = |quantity: Quantity| -> Vec<&ConditionRow> {
-        let of = |row: &&ConditionRow| row.quantity == quantity && row.per == Per::Trial;
-        report.conditions.iter().filter(of).collect()
-    };
-    let found = Quantity::COMPARED.into_iter().map(|quantity| (quantity, rows(quantity)));
-    let Some((quantity, rows)) = found.into_iter().find(|(_, rows)| !rows.is_empty()) else {
+    let mut found = Quantity::COMPARED.into_iter().map(|of| (of, report.of_trials(of)));
+    let Some((quantity, rows)) = found.find(|(_, rows)| !rows.is_empty()) else {
         return Vec::new();
     };
     let reference = rows.iter().find_map(|row| row.difference.as_ref());
     let reference = reference.map(|difference| difference.reference.clone());
-    let shown = |row: &&ConditionRow| -> Option<(String, usize, f64, Option<Interval>)> {
-        let (name, n) = (row.condition.clone(), row.statistics.n);
-        match (&reference, &row.difference) {
-            (None, _) => Some((name, n, row.statistics.mean, row.statistics.mean_95)),
-            (Some(_), Some(less)) => Some((name, n, less.mean, less.mean_95)),
-            (Some(_), None) => None,
-        }
+    let of = |row: &ConditionRow| match (&reference, &row.difference) {
+        (None, _) => Some((row.statistics.mean, row.statistics.mean_95)),
+        (Some(_), less) => less.as_ref().map(|less| (less.mean, less.mean_95)),
     };
-    let shown: Vec<_> = rows.iter().filter_map(shown).collect();
-    let scale = ColumnUnit::new(quantity.unit(), shown.iter().map(|(_, _, mean, _)| *mean));
-    let numbers = |(name, trials, mean, interval): (String, usize, f64, Option<Interval>)| {
+    let means = rows.iter().filter_map(|row| Some(of(row)?.0));
+    let scale = ColumnUnit::new(quantity.unit(), means);
+    let numbers = |row: &&ConditionRow| {
+        let (mean, interval) = of(row)?;
         let scaled = |value: f64| Short(scale.factor * value);
-        let text = format!("{name} {} {}", scale.estimate(Some(mean), interval), scale.unit);
-        EffectNumbers {
-            name,
-            trials,
+        let estimate = scale.estimate(Some(mean), interval);
+        let text = format!("{} {estimate} {}", row.condition, scale.unit);
+        Some(EffectNumbers {
+            name: row.condition.clone(),
+            trials: row.statistics.n,
             mean: scaled(mean),
             low: interval.map(|interval| scaled(interval.low)),
             high: interval.map(|interval| scaled(interval.high)),
             text: text.trim_end().to_owned(),
-        }
+        })
     };
-    let conditions = shown.into_iter().map(numbers).collect();
+    let conditions = rows.iter().filter_map(numbers).collect();
     vec![EffectPlot { quantity: quantity.name(), unit: scale.unit.clone(), reference, conditions }]
 }
 
@@ -204,39 +198,36 @@ fn boxes(report: &Report<'_>) -> Vec<BoxPlot> {
 }
 
 /// The values behind a box, and what each is of.
-fn values(
-    trials: &[TrialResult],
+fn values<'a>(
+    trials: &'a [TrialResult],
     condition: &str,
     quantity: Quantity,
     per: Per,
 ) -> (Vec<f64>, Vec<String>) {
     let of_condition = trials.iter().filter(|trial| trial.row.condition == condition);
-    let pairs: Vec<(f64, String)> = match per {
-        Per::Trial => of_condition
-            .filter_map(|trial| Some((quantity.of_trial(&trial.row)?, trial.row.file.clone())))
-            .collect(),
-        Per::Stride => of_condition
-            .flat_map(|trial| {
-                trial.stride_rows.iter().filter_map(|stride| {
-                    let label = format!("{}, stride {}", trial.row.file, stride.stride);
-                    Some((quantity.of_stride(stride)?, label))
-                })
-            })
-            .collect(),
+    let of_trial = |TrialResult { row, .. }: &'a TrialResult| {
+        Some((quantity.of_trial(row)?, row.file.clone()))
     };
-    pairs.into_iter().unzip()
+    let of_strides = |TrialResult { row, stride_rows, .. }: &'a TrialResult| {
+        stride_rows.iter().filter_map(move |stride| {
+            let label = format!("{}, stride {}", row.file, stride.stride);
+            Some((quantity.of_stride(stride)?, label))
+        })
+    };
+    match per {
+        Per::Trial => of_condition.filter_map(of_trial).unzip(),
+        Per::Stride => of_condition.flat_map(of_strides).unzip(),
+    }
 }
 
 fn phases(report: &Report<'_>) -> Vec<PhasePlot> {
-    let profiles = report.phases;
-    if profiles.is_empty() {
+    if report.phases.is_empty() {
         return Vec::new();
     }
     let short = |values: &[f64]| values.iter().map(|&value| Short(value)).collect();
     let plot = |quantity, force: fn(&PhaseProfile) -> &PhaseForce| PhasePlot {
         quantity,
-        conditions: profiles
-            .iter()
+        conditions: (report.phases.iter())
             .map(|(name, profile)| PhaseNumbers {
                 name: name.clone(),
                 strides: profile.strides,

@@ -1,6 +1,6 @@
 //! Rows of logs that are not to be trusted, and why.
 
-use super::markup::{TableCell, escape, table};
+use super::markup::{escape, long, table};
 
 /// Rows that are not to be trusted.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -31,18 +31,13 @@ impl OutlierTable {
             return "<p>None was found.</p>\n".to_owned();
         }
         let header = ["log", "line", "what"];
-        let cells = |row: &OutlierRow| {
-            vec![
-                TableCell::Text(row.file.clone()),
-                TableCell::from(row.line),
-                TableCell::Long(row.what.clone()),
-            ]
-        };
+        let cells =
+            |row: &OutlierRow| vec![row.file.as_str().into(), row.line.into(), long(&row.what)];
         let caption = match self.rows.len() == self.count {
             true => caption.to_owned(),
             false => format!("The first {} of them", self.rows.len()),
         };
-        let rows: Vec<_> = self.rows.iter().map(cells).collect();
-        format!("<p>{}</p>\n{}", escape(sentence), table(&caption, &header, rows))
+        let table = table(&caption, &header, self.rows.iter().map(cells));
+        format!("<p>{}</p>\n{table}", escape(sentence))
     }
 }

@@ -7,55 +7,31 @@ use super::markup::escape;
 
 const STYLE: &str = include_str!("../assets/report.css");
 
-/// A part of a report with a heading of its own.
-pub(super) struct PageSection {
-    /// Its anchor.
-    pub(super) id: &'static str,
-    /// Its heading.
-    pub(super) name: &'static str,
-    /// HTML; empty for a section that is left out.
-    pub(super) content: String,
-}
+/// A part of a report with a heading of its own: its anchor, its heading, and HTML, which is empty for a section
+/// that is left out.
+pub(super) type PageSection = (&'static str, &'static str, String);
 
-impl PageSection {
-    pub(super) fn new(id: &'static str, name: &'static str, content: String) -> Self {
-        Self { id, name, content }
+/// The content of a file with `subtitle`, a text, below its title. `script` are elements, and what is said where
+/// they do not run. The file needs no network, and a content security policy forbids everything that is not in it.
+pub(super) fn page(
+    heading: Heading<'_>,
+    subtitle: &str,
+    sections: &[PageSection],
+    script: Option<(&str, &str)>,
+) -> String {
+    let [title, made_by, subtitle] = [heading.title, heading.made_by, subtitle].map(escape);
+    let (mut links, mut main) = (String::new(), String::new());
+    for (id, name, content) in sections.iter().filter(|(.., content)| !content.is_empty()) {
+        let _ = writeln!(links, "<li><a href=\"#{id}\">{name}</a></li>");
+        let _ = write!(
+            main,
+            "<section aria-labelledby=\"{id}\">\n<h2 id=\"{id}\">{name}</h2>\n{content}</section>\n"
+        );
     }
-}
-
-/// What a page is made of.
-pub(super) struct ReportPage<'a> {
-    pub(super) heading: Heading<'a>,
-    /// Below the title, as text.
-    pub(super) subtitle: &'a str,
-    pub(super) sections: Vec<PageSection>,
-    /// Script elements, and what is said where they do not run.
-    pub(super) script: Option<(String, &'static str)>,
-}
-
-impl ReportPage<'_> {
-    /// The content of the file. It needs no network, and a content security policy forbids everything that
-    /// is not in it.
-    pub(super) fn html(&self) -> String {
-        let [title, made_by, subtitle] =
-            [self.heading.title, self.heading.made_by, self.subtitle].map(escape);
-        let shown = || self.sections.iter().filter(|section| !section.content.is_empty());
-        let (mut links, mut main) = (String::new(), String::new());
-        for PageSection { id, name, content } in shown() {
-            let _ = writeln!(links, "<li><a href=\"#{id}\">{name}</a></li>");
-            let _ = write!(
-                main,
-                "<section aria-labelledby=\"{id}\">\n<h2 id=\"{id}\">{name}</h2>\n{content}</section>\n"
-            );
-        }
-        let (script, without) = match &self.script {
-            Some((script, without)) => {
-                (script.as_str(), format!("<noscript><p>{without}</p></noscript>\n"))
-            }
-            None => ("", String::new()),
-        };
-        format!(
-            r##"<!doctype html>
+    let without = script.map(|(_, without)| format!("<noscript><p>{without}</p></noscript>\n"));
+    let (without, script) = (without.unwrap_or_default(), script.unwrap_or_default().0);
+    format!(
+        r##"<!doctype html>
 <html lang="en">
 <head>
 <meta charset="utf-8">
@@ -80,6 +56,5 @@ impl ReportPage<'_> {
 {script}</body>
 </html>
 "##
-        )
-    }
+    )
 }

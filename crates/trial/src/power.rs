@@ -95,15 +95,15 @@ impl PowerColumns<'_> {
         if empty > 0 {
             return Err(Diagnostic::NoBattery { rows: empty, of: in_window.len() as u64 });
         }
-        let volts = self.scaled(Telemetry::Battery, self.profile.telemetry.battery_v_per_count);
-        if let Some(reads) = upper_median(&mut in_window.to_vec()) {
-            let unit = self.profile.unit(Telemetry::Battery);
-            let battery_v = reads * unit.unwrap_or(self.profile.telemetry.battery_v_per_count);
-            if !BATTERY_V.contains(&battery_v) {
-                return Err(Diagnostic::BatteryUnit { reads, battery_v });
+        let unit = self.profile.unit(Telemetry::Battery);
+        let unit = unit.unwrap_or(self.profile.telemetry.battery_v_per_count);
+        let reads = upper_median(&mut in_window.to_vec());
+        match reads.map(|reads| (reads, reads * unit)) {
+            Some((reads, battery_v)) if !BATTERY_V.contains(&battery_v) => {
+                Err(Diagnostic::BatteryUnit { reads, battery_v })
             }
+            _ => Ok(counts.iter().map(|value| value * unit).collect()),
         }
-        Ok(volts)
     }
 
     /// By the formula of the motors.

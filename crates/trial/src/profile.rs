@@ -272,7 +272,7 @@ mod tests {
         ] {
             let error = Profile::parse(&text.replace(old, new)).unwrap_err();
             assert!(error.message.contains(message), "{error}");
-            assert_eq!(error.line, line, "{error}");
+            assert_eq!(error.position.line, line, "{error}");
         }
     }
 
@@ -289,11 +289,11 @@ mod tests {
             assert!(error.message.contains(message), "{error}");
             let line =
                 1 + VELOCIROACH.lines().position(|line| line.starts_with("mass_kg")).unwrap();
-            assert_eq!(error.line, line, "{error}");
+            assert_eq!(error.position.line, line, "{error}");
         }
         let error = Profile::parse(&VELOCIROACH.replace("mass_kg", "# ")).unwrap_err();
         assert!(error.message.contains("missing field `mass_kg`"), "{error}");
         let error = Profile::parse("name = ").unwrap_err();
-        assert_eq!(error.line, 1);
+        assert_eq!(error.position.line, 1);
     }
 }

@@ -37,7 +37,8 @@ impl Signals {
     ) -> Result<Self, TrialError> {
         let TrialInput { trial, instrument, rows, tare_frames, .. } = *input;
         let forces = find_forces(input, diagnostics)?;
-        let power = find_power(input, window.clone(), diagnostics);
+        let power = Power::new(rows, instrument.profile, window.clone());
+        let power = power.map_err(|why| diagnostics.push(why)).ok();
         if forces.is_none() && power.is_none() {
             let reasons: Vec<String> = diagnostics.iter().map(Diagnostic::to_string).collect();
             return Err(TrialError::Nothing(reasons.join("; ")));
@@ -116,13 +117,4 @@ fn find_forces(
     };
     let axes: Vec<Axis> = axes.iter().collect();
     TrialForces::new(input.rows, calibration, pipeline, &axes).map(Some)
-}
-
-fn find_power(
-    input: &TrialInput<'_>,
-    window: Range<usize>,
-    diagnostics: &mut Vec<Diagnostic>,
-) -> Option<Power> {
-    let power = Power::new(input.rows, input.instrument.profile, window);
-    power.map_err(|why| diagnostics.push(why)).ok()
 }

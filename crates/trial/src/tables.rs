@@ -6,14 +6,29 @@ use super::trace::Trace;
 use shell_data::wrench::Axis;
 use table_file::named_table::{NamedColumn, NamedTable};
 
+/// What rows are made of, to be turned into columns.
+struct TableRows<T>(Vec<T>);
+
+impl<T> TableRows<T> {
+    fn text(&self, of: impl Fn(&T) -> String) -> NamedColumn {
+        NamedColumn::Text(self.0.iter().map(of).collect())
+    }
+
+    fn number(&self, of: impl Fn(&T) -> Option<f64>) -> NamedColumn {
+        NamedColumn::Number(self.0.iter().map(of).collect())
+    }
+
+    fn count(&self, of: impl Fn(&T) -> Option<u64>) -> NamedColumn {
+        NamedColumn::Count(self.0.iter().map(of).collect())
+    }
+}
+
 /// One row a trial.
-pub fn trials_table<'a>(results: impl Iterator<Item = &'a TrialResult> + Clone) -> NamedTable {
-    let rows = || results.clone().map(|result| &result.row);
-    let text =
-        |of: fn(&TrialRow) -> &str| NamedColumn::Text(rows().map(|r| of(r).to_owned()).collect());
-    let number = |of: fn(&TrialRow) -> Option<f64>| NamedColumn::Number(rows().map(of).collect());
-    let count = |of: fn(&TrialRow) -> Option<u64>| NamedColumn::Count(rows().map(of).collect());
-    let warnings = results.clone().map(|result| joined(&result.diagnostics)).collect();
+pub fn trials_table<'a>(results: impl Iterator<Item = &'a TrialResult>) -> NamedTable {
+    let results = TableRows(results.collect());
+    let text = |of: fn(&TrialRow) -> &str| results.text(|result| of(&result.row).to_owned());
+    let number = |of: fn(&TrialRow) -> Option<f64>| results.number(|result| of(&result.row));
+    let count = |of: fn(&TrialRow) -> Option<u64>| results.count(|result| of(&result.row));
     NamedTable::new([
         ("file", text(|r| &r.file)),
         ("condition", text(|r| &r.condition)),
@@ -37,38 +52,27 @@ pub fn trials_table<'a>(results: impl Iterator<Item = &'a TrialResult> + Clone) 
         ("specific_resistance", number(|r| r.specific_resistance)),
         ("strides", count(|r| r.strides)),
         ("stride_frequency_hz", number(|r| r.stride_frequency_hz)),
-        ("warnings", NamedColumn::Text(warnings)),
+        ("warnings", results.text(|result| joined(&result.diagnostics))),
     ])
 }
 
 /// One row a stride.
-pub fn strides_table<'a>(results: impl Iterator<Item = &'a TrialResult> + Clone) -> NamedTable {
-    let rows = || {
-        let of_trial = |result: &'a TrialResult| {
-            result.stride_rows.iter().map(move |stride| (&result.row, stride))
-        };
-        results.clone().flat_map(of_trial)
+pub fn strides_table<'a>(results: impl Iterator<Item = &'a TrialResult>) -> NamedTable {
+    let of_trial = |result: &'a TrialResult| {
+        result.stride_rows.iter().map(move |stride| (&result.row, stride))
     };
-    let text = |of: fn(&TrialRow) -> &str| {
-        NamedColumn::Text(rows().map(|(trial, _)| of(trial).to_owned()).collect())
-    };
-    let number = |of: fn(&StrideRow) -> Option<f64>| {
-        NamedColumn::Number(rows().map(|(_, stride)| of(stride)).collect())
-    };
-    let count = |of: fn(&StrideRow) -> u64| {
-        NamedColumn::Count(rows().map(|(_, stride)| Some(of(stride))).collect())
-    };
-    let enter = rows().map(|(trial, _)| Some(trial.t_enter_s)).collect();
+    let rows = TableRows(results.flat_map(of_trial).collect());
+    let number = |of: fn(&StrideRow) -> Option<f64>| rows.number(|(_, stride)| of(stride));
     NamedTable::new([
-        ("file", text(|r| &r.file)),
-        ("condition", text(|r| &r.condition)),
+        ("file", rows.text(|(trial, _)| trial.file.clone())),
+        ("condition", rows.text(|(trial, _)| trial.condition.clone())),
         // Which trial it is, where a log has several.
-        ("t_enter_s", NamedColumn::Number(enter)),
-        ("stride", count(|r| r.stride)),
+        ("t_enter_s", rows.number(|(trial, _)| Some(trial.t_enter_s))),
+        ("stride", rows.count(|(_, stride)| Some(stride.stride))),
         ("t_start_s", number(|r| Some(r.t_start_s))),
         ("t_end_s", number(|r| Some(r.t_end_s))),
         ("period_s", number(|r| Some(r.period_s))),
-        ("rows", count(|r| r.rows)),
+        ("rows", rows.count(|(_, stride)| Some(stride.rows))),
         ("drag_mean_n", number(|r| r.drag_mean_n)),
         ("lift_mean_n", number(|r| r.lift_mean_n)),
         ("drag_energy_j", number(|r| r.drag_energy_j)),
@@ -80,26 +84,21 @@ pub fn strides_table<'a>(results: impl Iterator<Item = &'a TrialResult> + Clone)
 
 /// One row for each quantity of each condition.
 pub fn conditions_table(rows: &[ConditionRow]) -> NamedTable {
-    let text =
-        |of: &dyn Fn(&ConditionRow) -> String| NamedColumn::Text(rows.iter().map(of).collect());
-    let number =
-        |of: fn(&ConditionRow) -> Option<f64>| NamedColumn::Number(rows.iter().map(of).collect());
-    let count = |of: fn(&ConditionRow) -> usize| {
-        NamedColumn::Count(rows.iter().map(|row| Some(of(row) as u64)).collect())
-    };
-    let outliers = |row: &ConditionRow| {
+    let rows = TableRows(rows.iter().collect());
+    let number = |of: fn(&ConditionRow) -> Option<f64>| rows.number(|row| of(row));
+    let outliers = rows.text(|row| {
         let outliers = row.statistics.outliers.iter().map(f64::to_string);
         outliers.collect::<Vec<_>>().join(" ")
-    };
-    let reference = |row: &ConditionRow| {
+    });
+    let reference = rows.text(|row| {
         row.difference.as_ref().map(|difference| difference.reference.clone()).unwrap_or_default()
-    };
+    });
     NamedTable::new([
-        ("condition", text(&|row| row.condition.clone())),
-        ("per", text(&|row| row.per.name().to_owned())),
-        ("quantity", text(&|row| row.quantity.column().to_owned())),
-        ("n", count(|row| row.statistics.n)),
-        ("trials", count(|row| row.statistics.trials)),
+        ("condition", rows.text(|row| row.condition.clone())),
+        ("per", rows.text(|row| row.per.name().to_owned())),
+        ("quantity", rows.text(|row| row.quantity.column().to_owned())),
+        ("n", rows.count(|row| Some(row.statistics.n as u64))),
+        ("trials", rows.count(|row| Some(row.statistics.trials as u64))),
         ("mean", number(|row| Some(row.statistics.mean))),
         ("sd", number(|row| row.statistics.sd)),
         ("mean_low", number(|row| row.statistics.mean_95.map(|interval| interval.low))),
@@ -109,8 +108,8 @@ pub fn conditions_table(rows: &[ConditionRow]) -> NamedTable {
         ("q3", number(|row| Some(row.statistics.q3))),
         ("whisker_low", number(|row| Some(row.statistics.whisker_low))),
         ("whisker_high", number(|row| Some(row.statistics.whisker_high))),
-        ("outliers", text(&outliers)),
-        ("reference", text(&reference)),
+        ("outliers", outliers),
+        ("reference", reference),
         ("difference", number(|row| row.difference.as_ref().map(|d| d.mean))),
         ("difference_low", number(|row| Some(row.difference.as_ref()?.mean_95?.low))),
         ("difference_high", number(|row| Some(row.difference.as_ref()?.mean_95?.high))),

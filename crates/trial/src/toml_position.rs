@@ -2,14 +2,14 @@
 
 use serde::de::DeserializeOwned;
 
+use super::manifest::CellPosition;
+
 /// What is wrong with a document, and where.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("line {line}, column {column}: {message}")]
+#[error("line {}, column {}: {message}", position.line, position.column)]
 pub struct TomlError {
-    /// The line, from 1.
-    pub line: usize,
-    /// The column, in characters from 1.
-    pub column: usize,
+    /// Where.
+    pub position: CellPosition,
     /// What is wrong.
     pub message: String,
 }
@@ -17,13 +17,7 @@ pub struct TomlError {
 impl TomlError {
     /// An error at a byte of `text`.
     pub(super) fn at(text: &str, byte: usize, message: String) -> Self {
-        let before = text.get(..byte).unwrap_or(text);
-        let line_start = before.rfind('\n').map_or(0, |at| at + 1);
-        Self {
-            line: 1 + before.matches('\n').count(),
-            column: 1 + before[line_start..].chars().count(),
-            message,
-        }
+        Self { position: CellPosition::of_byte(text, byte), message }
     }
 
     /// An error at a `key` of a `[table]`.

@@ -9,9 +9,7 @@ use std::io::{self, Write};
 use std::path::PathBuf;
 
 use super::selection::RowFilter;
-use alignment::{
-    AlignError, Aligned, Edges, Options, Recording, align, align_by_edges, rising_edges,
-};
+use alignment::{AlignError, Aligned, Edges, Options, Recording, align_by_edges, rising_edges};
 use log_file::{ColumnRef, Log, LogError, ReadOptions, ReadSummary, Wanted};
 use shell_data::wrench::{Axes, Axis};
 
@@ -107,14 +105,10 @@ pub fn align_logs(
         exposure_s: options.exposure_s,
         repeats_are_stale: options.rows == RowFilter::Fresh,
     };
-    let aligned = match has_edges {
-        true => align_by_edges(wrench, readings, edges, options),
-        false => align(wrench, readings, options),
-    };
-    let aligned = aligned.map_err(|source| AlignLogsError::Align {
-        reference: reference.path().to_owned(),
-        board: board.path().to_owned(),
-        source,
+    let edges = has_edges.then_some(edges);
+    let aligned = align_by_edges(wrench, readings, edges, options).map_err(|source| {
+        let (reference, board) = (reference.path().to_owned(), board.path().to_owned());
+        AlignLogsError::Align { reference, board, source }
     })?;
     Ok(AlignedLogs { aligned, reference: reference_summary, board: board_summary })
 }

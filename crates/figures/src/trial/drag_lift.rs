@@ -20,11 +20,8 @@ pub fn drag_lift_figure(size: Size, title: &str, trace: &Trace, passage: &Passag
     };
     let [fx, _, fz, ..] = &trace.wrench;
     if fx.is_empty() || fz.is_empty() {
-        return empty_figure(
-            size,
-            title,
-            "no forces: the log has no sensors, or no calibration was given",
-        );
+        let reason = "no forces: the log has no sensors, or no calibration was given";
+        return empty_figure(size, title, reason);
     }
     let drag: Vec<f64> = fx.iter().map(|force| -force).collect();
     let lift = fz;

@@ -37,16 +37,16 @@ impl<'a> BoxLabels<'a> {
 
     /// From the edge of a panel to the end of what stands below it.
     pub(super) fn height(&self) -> f64 {
-        self.to_counts() + self.counts.height()
+        self.to_counts() + self.counts.height
     }
 
     /// What stands below the last panel more than below the others.
     pub(super) fn below_last(&self) -> f64 {
-        if self.names.are_upright() { self.names.height() } else { 0.0 }
+        if self.names.are_upright() { self.names.height } else { 0.0 }
     }
 
     fn to_counts(&self) -> f64 {
-        if self.names.are_upright() { -3.0 } else { self.names.height() - 3.0 }
+        if self.names.are_upright() { -3.0 } else { self.names.height - 3.0 }
     }
 
     /// Below a panel: `is_last` in its column.
@@ -69,7 +69,7 @@ impl<'a> BoxLabels<'a> {
         }
         let names = match self.names.are_upright() {
             true if !is_last => return,
-            true => counts + self.counts.height(),
+            true => counts + self.counts.height,
             false => edge,
         };
         for condition in &self.conditions {

@@ -157,7 +157,7 @@ fn draw_legend<'a>(
     area: Rect,
     keys: impl IntoIterator<Item = &'a LegendKey<'a>>,
 ) {
-    let rows = legend_rows(canvas.size(), (area.left, area.right()), keys);
+    let rows = legend_rows(canvas.size, (area.left, area.right()), keys);
     for (above, row) in rows.iter().rev().enumerate() {
         let y = area.top - 12.0 - LEGEND_PITCH * above as f64;
         row.iter().for_each(|&(left, key)| key.draw(canvas, left, y));

@@ -23,7 +23,7 @@ pub(super) struct Names {
     lines: usize,
     room: f64,
     /// From the edge above to the end of the longest name.
-    height: f64,
+    pub(super) height: f64,
 }
 
 impl Names {
@@ -46,11 +46,6 @@ impl Names {
         // The shortest lines that hold all names.
         let rooms = (4..).map(|step| 5.0 * f64::from(step)).take_while(|room| *room < MOST_ROOM);
         rooms.map(upright).find(holds).unwrap_or(upright(MOST_ROOM))
-    }
-
-    /// From the edge above the names to their end.
-    pub(super) fn height(&self) -> f64 {
-        self.height
     }
 
     pub(super) fn are_upright(&self) -> bool {
@@ -155,11 +150,11 @@ mod tests {
         let names = ["cheetah-trot-soft-terrain-0.5m/s", "free"];
         let set = |pitch| Names::new(style, &names, pitch);
         let wide = set(300.0);
-        assert_eq!((wide.shortened(names[0]).len(), wide.height()), (1, ONE_LINE));
+        assert_eq!((wide.shortened(names[0]).len(), wide.height), (1, ONE_LINE));
         assert_eq!(set(100.0).shortened(names[0]), ["cheetah-trot-", "soft-terrain-", "0.5m/s"]);
-        assert_eq!(set(100.0).height(), 16.0 + 2.0 * LINE);
+        assert_eq!(set(100.0).height, 16.0 + 2.0 * LINE);
         let upright = set(30.0);
-        assert!(upright.style.upright && upright.height() < 7.0 + MOST_ROOM);
+        assert!(upright.style.upright && upright.height < 7.0 + MOST_ROOM);
         assert_eq!(upright.shortened(names[0]).concat(), names[0]);
         let long = "cheetah-trot-over-carpet-and-soft-terrain-0.5m/s";
         let cut = Names::new(style, &[long], 12.0).shortened(long);

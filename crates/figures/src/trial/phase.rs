@@ -78,17 +78,9 @@ fn draw_panel(
             force.mean_n.iter().zip(&force.sd_n).map(|(mean, sd)| mean + sign * sd).collect();
         // A turn goes on where it ends: the curve reaches both edges.
         let n = values.len();
-        let around = (0..n + 2).map(|i| {
-            let turn = if i == 0 {
-                -TAU
-            } else if i > n {
-                TAU
-            } else {
-                0.0
-            };
-            (phase_rad[(i + n - 1) % n] + turn, values[(i + n - 1) % n])
-        });
-        let positions = around.map(|(phase, value)| panel.place(phase, value));
+        let turn = (0..n).map(|i| (i, 0.0));
+        let around = [(n - 1, -TAU)].into_iter().chain(turn).chain([(0, TAU)]);
+        let positions = around.map(|(i, turn)| panel.place(phase_rad[i] + turn, values[i]));
         positions.map(|(x, y)| point(x, y)).collect()
     };
     let (below, mean, mut above) = (placed(-1.0), placed(0.0), placed(1.0));

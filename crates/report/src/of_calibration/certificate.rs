@@ -3,11 +3,12 @@
 use std::fmt::Write;
 
 use super::super::markup::{TableCell, escape, table};
-use super::super::page::{PageSection, ReportPage};
+use super::super::page::page;
 use super::super::sections::calibration::{scales, sources_table};
 use super::super::sections::parts::facts_table;
 use super::super::units::ColumnUnit;
 use super::super::{CalibrationFacts, Heading};
+use super::{LOADS, loads};
 use calibration::validation::excitation::Excitation;
 use serde::{Serialize, Serializer};
 use shell_data::wrench::{Axes, Axis, PerAxis};
@@ -82,11 +83,8 @@ impl Certificate<'_> {
     /// The combined standard uncertainty of each axis: the root of the sum of the squares that are known (GUM, 5.1.2).
     pub fn combined(&self) -> PerAxis<f64> {
         let parts = self.budget.iter().filter(|of| !of.is_part).filter_map(|of| of.standard);
-        let mut squares = PerAxis::default();
-        for part in parts {
-            squares.iter_mut().zip(part).for_each(|(sum, u): (&mut f64, f64)| *sum += u * u);
-        }
-        squares.map(f64::sqrt)
+        let squares = |axis: usize| parts.clone().map(move |part| part[axis] * part[axis]);
+        std::array::from_fn(|axis| squares(axis).fold(0.0, |sum, square| sum + square).sqrt())
     }
 
     /// The expanded uncertainty of each axis: that times the coverage factor 2 (GUM, 6.2.1).
@@ -96,23 +94,15 @@ impl Certificate<'_> {
 
     /// The certificate as the content of an HTML file.
     pub fn html(&self) -> String {
-        ReportPage {
-            heading: self.heading,
-            subtitle: &format!("{}, {}.", self.heading.made_by, self.heading.date),
-            sections: vec![
-                PageSection::new(
-                    "sensor",
-                    "The sensor and its calibration",
-                    facts_table("The calibration", &self.calibration.facts),
-                ),
-                PageSection::new("loads", "Loads that were calibrated", self.loads()),
-                PageSection::new("uncertainty", "Uncertainty", self.uncertainty()),
-                PageSection::new("weights", "Check weights", self.checked()),
-                PageSection::new("origin", "Traceability", self.origin()),
-            ],
-            script: None,
-        }
-        .html()
+        let facts = facts_table("The calibration", &self.calibration.facts);
+        let sections = [
+            ("sensor", "The sensor and its calibration", facts),
+            ("loads", "Loads that were calibrated", self.loads()),
+            ("uncertainty", "Uncertainty", self.uncertainty()),
+            ("weights", "Check weights", self.checked()),
+            ("origin", "Traceability", self.origin()),
+        ];
+        page(self.heading, &self.heading.made(), &sections, None)
     }
 
     fn loads(&self) -> String {
@@ -120,18 +110,8 @@ impl Certificate<'_> {
             return "<p>The calibration file does not say which loads it was made from.</p>\n"
                 .into();
         };
-        let range = |axis: Axis| &excitation.axes[axis.index()];
-        let scales = scales(|axis| vec![range(axis).min, range(axis).max]);
-        let row = |axis: Axis| {
-            let (of, scale) = (range(axis), &scales[axis.index() / 3]);
-            let figures = [of.min, of.max, of.rms].map(|x| TableCell::Figure(scale.value(Some(x))));
-            let name = [TableCell::from(axis.name())];
-            let unit = [TableCell::Text(scale.unit.clone())];
-            name.into_iter().chain(figures).chain(unit).collect()
-        };
-        let header = ["axis", "least", "most", "RMS", "unit"];
-        let rows = self.calibration.axes.iter().map(row);
-        table("Loads of the calibration; outside them it is not valid", &header, rows)
+        let rows = loads(excitation, self.calibration.axes);
+        table("Loads of the calibration; outside them it is not valid", &LOADS, rows)
     }
 
     fn uncertainty(&self) -> String {
@@ -147,27 +127,24 @@ impl Certificate<'_> {
             };
             axes.iter().map(value).collect::<Vec<_>>()
         };
-        let line = |of: &Contribution| {
+        let line = |name: &str, kind: &str, values: Option<PerAxis<f64>>, basis: &str| {
+            let mut row = vec![TableCell::from(name), TableCell::from(kind)];
+            row.extend(figures(values));
+            row.push(TableCell::Long(basis.to_owned()));
+            row
+        };
+        let contribution = |of: &Contribution| {
             let kind = match of.evaluation {
                 EvaluationType::TypeA => "A",
                 EvaluationType::TypeB => "B",
             };
-            let source =
-                if of.is_part { format!("of which {}", of.source) } else { of.source.into() };
-            let mut row = vec![TableCell::Text(source), TableCell::from(kind)];
-            row.extend(figures(of.standard));
-            row.push(TableCell::Long(of.basis.clone()));
-            row
+            let part = if of.is_part { "of which " } else { "" };
+            line(&format!("{part}{}", of.source), kind, of.standard, &of.basis)
         };
-        let sum = |name: &str, values: PerAxis<f64>, basis: &str| {
-            let mut row = vec![TableCell::from(name), TableCell::from("")];
-            row.extend(figures(Some(values)));
-            row.push(TableCell::Long(basis.to_owned()));
-            row
-        };
-        let mut rows: Vec<Vec<TableCell>> = self.budget.iter().map(line).collect();
-        rows.push(sum("combined standard uncertainty", combined, "root of the sum of the squares"));
-        rows.push(sum("expanded uncertainty, k = 2", expanded, "95 % of normal errors"));
+        let mut rows: Vec<Vec<TableCell>> = self.budget.iter().map(contribution).collect();
+        let sum = "combined standard uncertainty";
+        rows.push(line(sum, "", Some(combined), "root of the sum of the squares"));
+        rows.push(line("expanded uncertainty, k = 2", "", Some(expanded), "95 % of normal errors"));
         let mut header = vec!["standard uncertainty", "type"];
         header.extend(names.iter().map(String::as_str));
         header.push("from");
@@ -176,10 +153,10 @@ impl Certificate<'_> {
             self.budget.iter().filter(|of| of.standard.is_none()).map(|of| of.source).collect();
         if !unknown.is_empty() {
             let unknown = unknown.join(", ");
+            let unknown = escape(&unknown);
             let _ = writeln!(
                 html,
-                "<p class=\"warning\"><strong>Not in the sum:</strong> {}, of which nothing was stated.</p>",
-                escape(&unknown)
+                "<p class=\"warning\"><strong>Not in the sum:</strong> {unknown}, of which nothing was stated.</p>"
             );
         }
         let _ = writeln!(html, "<p>{}</p>", escape(self.intervals));

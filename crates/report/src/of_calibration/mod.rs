@@ -11,10 +11,11 @@ pub use content::CalibrationReport;
 use limits::limits;
 
 use super::markup::{TableCell, escape, figure, table};
-use super::page::{PageSection, ReportPage};
+use super::page::page;
 use super::sections::calibration::{errors_table, scales, sources_table};
 use super::sections::parts::{drawing, facts_table, folded};
 use calibration::fit::GroupErrors;
+use calibration::validation::excitation::Excitation;
 use calibration::validation::selection::{Candidate, Selection};
 use shell_data::wrench::{Axes, Axis};
 
@@ -31,22 +32,17 @@ impl CalibrationReport<'_> {
             0 | 1 => String::new(),
             _ => by_group(self),
         };
-        ReportPage {
-            heading: self.heading,
-            subtitle: &format!("{}, {}.", self.heading.made_by, self.heading.date),
-            sections: vec![
-                PageSection::new("answer", "How far it can be trusted", answer(self)),
-                PageSection::new("limits", "What it must not be used for", list(&limits(self))),
-                PageSection::new("figure", "Predicted against measured", predicted(self)),
-                PageSection::new("coverage", "Which loads were calibrated", coverage(self)),
-                PageSection::new("groups", "By pose", groups),
-                PageSection::new("model", "Which model, and why", model(self)),
-                PageSection::new("outliers", "Suspicious rows", outliers(self)),
-                PageSection::new("origin", "To make it again", origin(self)),
-            ],
-            script: None,
-        }
-        .html()
+        let sections = [
+            ("answer", "How far it can be trusted", answer(self)),
+            ("limits", "What it must not be used for", list(&limits(self))),
+            ("figure", "Predicted against measured", predicted(self)),
+            ("coverage", "Which loads were calibrated", coverage(self)),
+            ("groups", "By pose", groups),
+            ("model", "Which model, and why", model(self)),
+            ("outliers", "Suspicious rows", outliers(self)),
+            ("origin", "To make it again", origin(self)),
+        ];
+        page(self.heading, &self.heading.made(), &sections, None)
     }
 }
 
@@ -96,25 +92,16 @@ fn coverage(report: &CalibrationReport<'_>) -> String {
     };
     let alt = format!("{caption}. {}", axes.iter().map(range).collect::<Vec<_>>().join(", "));
     let html = drawing("loads", report.coverage.svg(), &alt, caption);
-    let scales = scales(|axis| {
+    let mut header = LOADS.to_vec();
+    header.extend(["rows above zero (%)", "rows below zero (%)"]);
+    let row = |(axis, mut cells): (Axis, Vec<TableCell>)| {
         let of = &excitation.axes[axis.index()];
-        vec![of.min, of.max]
-    });
-    let header =
-        ["axis", "least", "most", "RMS", "unit", "rows above zero (%)", "rows below zero (%)"];
-    let row = |axis: Axis| {
-        let (of, scale) = (&excitation.axes[axis.index()], &scales[axis.index() / 3]);
-        vec![
-            TableCell::from(axis.name()),
-            TableCell::Figure(scale.value(Some(of.min))),
-            TableCell::Figure(scale.value(Some(of.max))),
-            TableCell::Figure(scale.value(Some(of.rms))),
-            TableCell::Text(scale.unit.clone()),
-            TableCell::Figure(format!("{:.0}", 100.0 * of.rows_positive)),
-            TableCell::Figure(format!("{:.0}", 100.0 * of.rows_negative)),
-        ]
+        let shares = [of.rows_positive, of.rows_negative];
+        cells.extend(shares.map(|share| TableCell::Figure(format!("{:.0}", 100.0 * share))));
+        cells
     };
-    let mut html = html + &table("Training loads", &header, axes.iter().map(row));
+    let rows = axes.iter().zip(loads(excitation, axes)).map(row);
+    let mut html = html + &table("Training loads", &header, rows);
     let mut header = vec!["axis"];
     header.extend(axes.iter().map(Axis::name));
     let row = |axis: Axis| {
@@ -130,6 +117,22 @@ fn coverage(report: &CalibrationReport<'_>) -> String {
     let correlation = table("Correlation of training loads", &header, rows);
     html += &folded("Which loads came together", &correlation);
     html
+}
+
+/// What [`loads`] are.
+const LOADS: [&str; 5] = ["axis", "least", "most", "RMS", "unit"];
+
+/// The cells of each axis on the loads of the training rows.
+fn loads(excitation: &Excitation, axes: Axes) -> impl Iterator<Item = Vec<TableCell>> {
+    let range = |axis: Axis| &excitation.axes[axis.index()];
+    let scales = scales(|axis| vec![range(axis).min, range(axis).max]);
+    axes.iter().map(move |axis| {
+        let (of, scale) = (range(axis), &scales[axis.index() / 3]);
+        let mut cells = vec![TableCell::from(axis.name())];
+        cells.extend([of.min, of.max, of.rms].map(|x| TableCell::Figure(scale.value(Some(x)))));
+        cells.push(TableCell::Text(scale.unit.clone()));
+        cells
+    })
 }
 
 /// The groups with the largest errors, and all of them, folded.
@@ -179,10 +182,8 @@ fn group_table(caption: &str, groups: &[(&str, &GroupErrors)], axes: Axes) -> St
         scales(|axis| groups.iter().map(|(_, row)| of(row, axis)).collect())
     };
     let (errors, loads) = (values(rms), values(|row, axis| row.load[axis.index()]));
-    let mut names = Vec::new();
-    for axis in axes.iter() {
-        names.push(errors[axis.index() / 3].name(axis.name()));
-    }
+    let name = |axis: Axis| errors[axis.index() / 3].name(axis.name());
+    let names: Vec<String> = axes.iter().map(name).collect();
     let text = |(set, row): &(&str, &GroupErrors)| {
         let error =
             |axis: Axis| TableCell::Figure(errors[axis.index() / 3].value(Some(rms(row, axis))));

@@ -1,9 +1,10 @@
 //! What converted the readings.
 
-use super::super::markup::{TableCell, table};
+use super::super::markup::{TableCell, long, table};
 use super::super::units::ColumnUnit;
 use super::super::{CalibrationFacts, CalibrationSource, Report};
 use super::parts::facts_table;
+use calibration::quality::AxisQuality;
 use shell_data::wrench::{Axis, PerAxis};
 
 pub(super) fn calibration(report: &Report<'_>) -> String {
@@ -19,13 +20,9 @@ pub(crate) fn sources_table(calibration: &CalibrationFacts<'_>) -> String {
         return String::new();
     }
     let header = ["used to", "file", "rows", "checksum"];
-    let row = |source: &CalibrationSource| {
-        vec![
-            TableCell::from(source.role),
-            TableCell::Text(source.path.clone()),
-            TableCell::from(source.rows),
-            TableCell::Long(source.checksum.clone().unwrap_or_default()),
-        ]
+    let row = |of: &CalibrationSource| {
+        let checksum = long(of.checksum.as_deref().unwrap_or_default());
+        vec![of.role.into(), of.path.as_str().into(), of.rows.into(), checksum]
     };
     let rows = calibration.sources.iter().map(row);
     table("What the calibration was made from", &header, rows)
@@ -35,15 +32,11 @@ pub(crate) fn sources_table(calibration: &CalibrationFacts<'_>) -> String {
 /// are known; forces in one unit, moments in another.
 pub(crate) fn errors_table(calibration: &CalibrationFacts<'_>) -> String {
     let mut columns: Vec<(&str, PerAxis<Option<f64>>)> = Vec::new();
-    if let Some(train) = calibration.train {
-        columns.push(("RMS, training", train.map(|axis| Some(axis.rms))));
-    }
-    if let Some(held_out) = calibration.cross_validation {
-        columns.push(("RMS, held out", held_out.grouped.map(|axis| Some(axis.rms))));
-    }
-    if let Some(test) = calibration.test {
-        columns.push(("RMS, test", test.map(|axis| Some(axis.rms))));
-    }
+    let rms = |axes: &PerAxis<AxisQuality>| axes.map(|axis| Some(axis.rms));
+    columns.extend(calibration.train.map(|train| ("RMS, training", rms(train))));
+    let held_out = calibration.cross_validation.map(|of| of.grouped.map(|axis| Some(axis.rms)));
+    columns.extend(held_out.map(|held_out| ("RMS, held out", held_out)));
+    columns.extend(calibration.test.map(|test| ("RMS, test", rms(test))));
     let Some(on) = calibration.test.or(calibration.train) else { return String::new() };
     columns.push(("largest", on.map(|axis| axis.max)));
     columns.push(("bias", on.map(|axis| Some(axis.bias))));

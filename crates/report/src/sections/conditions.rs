@@ -50,10 +50,8 @@ fn condition_cells(row: &ConditionRow, scale: &ColumnUnit, has_reference: bool) 
     ];
     if has_reference {
         let difference = row.difference.as_ref();
-        cells.push(TableCell::Figure(match difference {
-            Some(difference) => scale.estimate(Some(difference.mean), difference.mean_95),
-            None => "–".to_owned(),
-        }));
+        let (mean, interval) = (difference.map(|d| d.mean), difference.and_then(|d| d.mean_95));
+        cells.push(TableCell::Figure(scale.estimate(mean, interval)));
     }
     cells
 }

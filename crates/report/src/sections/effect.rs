@@ -7,17 +7,15 @@ use super::super::markup::{TableCell, escape, table};
 use super::super::numbers::{EffectPlot, ReportNumbers};
 use super::super::units::ColumnUnit;
 use super::parts::{capital, plot_figure};
-use trial::{ConditionRow, MeanDifference, Per, Quantity};
+use trial::{ConditionRow, Interval, MeanDifference, Quantity};
 
 pub(super) fn effect(report: &Report<'_>, numbers: &ReportNumbers) -> String {
-    let rows = |quantity: Quantity| -> Vec<&ConditionRow> {
-        let per_trial = |row: &&ConditionRow| row.quantity == quantity && row.per == Per::Trial;
-        report.conditions.iter().filter(per_trial).collect()
-    };
+    let rows = |quantity: Quantity| report.of_trials(quantity);
     let quantities: Vec<Quantity> =
         Quantity::COMPARED.into_iter().filter(|&quantity| !rows(quantity).is_empty()).collect();
+    let all = || quantities.iter().flat_map(|&quantity| rows(quantity));
     let mut names: Vec<&str> = Vec::new();
-    for row in quantities.iter().flat_map(|&quantity| rows(quantity)) {
+    for row in all() {
         if !names.contains(&row.condition.as_str()) {
             names.push(&row.condition);
         }
@@ -28,7 +26,7 @@ pub(super) fn effect(report: &Report<'_>, numbers: &ReportNumbers) -> String {
     let reference = report.conditions.iter().find_map(|row| row.difference.as_ref());
     let mut html = String::new();
     if let Some(reference) = reference {
-        html += &answers(&quantities, rows, reference);
+        html += &answers(&quantities, report, reference);
     }
     for (at, plot) in numbers.effects.iter().enumerate() {
         html += &plot_figure(&format!("effect-{at}"), " effect", &alt(plot), &caption(plot));
@@ -41,25 +39,21 @@ pub(super) fn effect(report: &Report<'_>, numbers: &ReportNumbers) -> String {
         let of = |name: &str| rows.iter().find(|row| row.condition == name);
         header.push(scale.name(quantity.name()));
         let mean = |name: &&str| {
-            of(name).map_or("–".to_owned(), |row| {
-                scale.estimate(Some(row.statistics.mean), row.statistics.mean_95)
-            })
+            let of = of(name).map(|row| &row.statistics);
+            scale.estimate(of.map(|of| of.mean), of.and_then(|of| of.mean_95))
         };
         columns.push(names.iter().map(mean).collect());
         if let Some(reference) = reference {
             header.push(format!("difference from {}", reference.reference));
-            let less = |name: &&str| match of(name).and_then(|row| row.difference.as_ref()) {
-                Some(difference) => scale.estimate(Some(difference.mean), difference.mean_95),
-                None => "–".to_owned(),
+            let less = |name: &&str| {
+                let less = of(name).and_then(|row| row.difference.as_ref());
+                scale.estimate(less.map(|less| less.mean), less.and_then(|less| less.mean_95))
             };
             columns.push(names.iter().map(less).collect());
         }
     }
     let trials = |name: &str| {
-        let of_condition = |row: &&&ConditionRow| row.condition == name;
-        let all: Vec<&ConditionRow> =
-            quantities.iter().flat_map(|&quantity| rows(quantity)).collect();
-        all.iter().filter(of_condition).map(|row| row.statistics.n as u64).max()
+        all().filter(|row| row.condition == name).map(|row| row.statistics.n as u64).max()
     };
     let cells = names.iter().enumerate().map(|(at, name)| {
         let mut row =
@@ -75,34 +69,25 @@ fn scale_of(rows: &[&ConditionRow], quantity: Quantity) -> ColumnUnit {
 }
 
 /// A sentence for every quantity: how conditions differ from the reference.
-fn answers<'a>(
-    quantities: &[Quantity],
-    rows: impl Fn(Quantity) -> Vec<&'a ConditionRow>,
-    reference: &MeanDifference,
-) -> String {
+fn answers(quantities: &[Quantity], report: &Report<'_>, reference: &MeanDifference) -> String {
     let mut html = String::new();
     for &quantity in quantities {
-        let rows = rows(quantity);
+        let rows = report.of_trials(quantity);
         let scale = scale_of(&rows, quantity);
-        let differs = |row: &&ConditionRow| {
-            let interval = row.difference.as_ref().and_then(|difference| difference.mean_95);
-            interval.is_some_and(|interval| interval.low > 0.0 || interval.high < 0.0)
-        };
-        let compared: Vec<&ConditionRow> =
-            rows.iter().copied().filter(|row| row.difference.is_some()).collect();
-        if compared.is_empty() {
+        if rows.iter().all(|row| row.difference.is_none()) {
             continue;
         }
-        let said = |row: &ConditionRow| {
+        // Those with an interval: the condition, how much it differs, and from where to where that may be.
+        let known = rows.iter().filter_map(|row| {
             let difference = row.difference.as_ref()?;
-            let by = scale.estimate(Some(difference.mean), difference.mean_95);
-            let unit = if scale.unit.is_empty() { "" } else { " " };
-            Some(format!("<strong>{}</strong> by {by}{unit}{}", escape(&row.condition), scale.unit))
-        };
-        let known = compared.iter().filter(|row| {
-            row.difference.as_ref().is_some_and(|difference| difference.mean_95.is_some())
+            Some((&row.condition, difference.mean, difference.mean_95?))
         });
-        let known: Vec<&ConditionRow> = known.copied().collect();
+        let known: Vec<(&String, f64, Interval)> = known.collect();
+        let said = |(condition, mean, interval): &(&String, f64, Interval)| {
+            let by = scale.estimate(Some(*mean), Some(*interval));
+            let unit = if scale.unit.is_empty() { "" } else { " " };
+            format!("<strong>{}</strong> by {by}{unit}{}", escape(condition), scale.unit)
+        };
         let _ = write!(html, "<p>{} per trial ", capital(quantity.name()));
         let from = escape(&reference.reference);
         if known.is_empty() {
@@ -112,13 +97,13 @@ fn answers<'a>(
             );
             continue;
         }
-        let differing: Vec<_> = known.iter().copied().filter(|row| differs(row)).collect();
-        let listed: Vec<String> = differing.iter().filter_map(|row| said(row)).collect();
+        let differing = known.iter().filter(|(.., of)| of.low > 0.0 || of.high < 0.0);
+        let listed: Vec<String> = differing.map(said).collect();
         let _ = match listed.is_empty() {
             true => write!(html, "differs from that of {from} in no condition"),
             false => write!(html, "differs from that of {from}: {}", listed.join(", ")),
         };
-        let _ = match (listed.is_empty(), known.len() - differing.len()) {
+        let _ = match (listed.is_empty(), known.len() - listed.len()) {
             (true, _) | (_, 0) => writeln!(html, ".</p>"),
             (_, alike) => writeln!(html, "; of {alike} more it cannot be told.</p>"),
         };

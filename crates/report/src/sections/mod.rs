@@ -14,23 +14,23 @@ use effect::effect;
 use parts::facts_table;
 use trials::trials;
 
-use super::Report;
-use super::markup::{TableCell, escape, table};
+use super::markup::{escape, long, table};
 use super::numbers::ReportNumbers;
 use super::page::PageSection;
+use super::{Input, Report};
 use trial::Severity;
 
 /// All of them, from top to bottom.
 pub(super) fn of(report: &Report<'_>, numbers: &ReportNumbers) -> Vec<PageSection> {
     vec![
-        PageSection::new("effect", "What came out", effect(report, numbers)),
-        PageSection::new("warnings", "Warnings", warnings(report)),
-        PageSection::new("conditions", "By condition", conditions(report, numbers)),
-        PageSection::new("phase", "Over a stride", phase(numbers)),
-        PageSection::new("trials", "Trials", trials(report, numbers)),
-        PageSection::new("doubtful", "Readings that cannot be trusted", doubtful(report)),
-        PageSection::new("calibration", "Calibration", calibration(report)),
-        PageSection::new("origin", "To make it again", origin(report)),
+        ("effect", "What came out", effect(report, numbers)),
+        ("warnings", "Warnings", warnings(report)),
+        ("conditions", "By condition", conditions(report, numbers)),
+        ("phase", "Over a stride", phase(numbers)),
+        ("trials", "Trials", trials(report, numbers)),
+        ("doubtful", "Readings that cannot be trusted", doubtful(report)),
+        ("calibration", "Calibration", calibration(report)),
+        ("origin", "To make it again", origin(report)),
     ]
 }
 
@@ -42,38 +42,29 @@ pub(super) fn subtitle(report: &Report<'_>) -> String {
         0 => String::new(),
         failed => format!(", {failed} that could not be evaluated"),
     };
-    format!("{}, {}. {count} trial{s}{failed}.", report.heading.made_by, report.heading.date)
+    format!("{} {count} trial{s}{failed}.", report.heading.made())
 }
 
 fn warnings(report: &Report<'_>) -> String {
-    let mut html = String::new();
     let mut items = String::new();
-    for warning in report.warnings {
-        let _ = writeln!(
-            items,
-            "<li class=\"warning\"><strong>Warning:</strong> {}</li>",
-            escape(warning)
-        );
-    }
+    let mut item = |class: &str, word: &str, text: &str| {
+        let text = escape(text);
+        let _ = writeln!(items, "<li class=\"{class}\"><strong>{word}:</strong> {text}</li>");
+    };
+    report.warnings.iter().for_each(|warning| item("warning", "Warning", warning));
     for (file, reason) in report.failed {
-        let (file, reason) = (escape(file), escape(reason));
-        let _ = writeln!(
-            items,
-            "<li class=\"warning\"><strong>Not evaluated:</strong> {file}: {reason}</li>"
-        );
+        item("warning", "Not evaluated", &format!("{file}: {reason}"));
     }
     // A line for each kind of diagnostic: its first, and how many more there are.
     let mut kinds: Vec<(Severity, &str, String, usize)> = Vec::new();
     for trial in report.trials {
         for diagnostic in &trial.diagnostics {
-            match kinds
-                .iter_mut()
-                .find(|known| (known.0, known.1) == (diagnostic.severity(), diagnostic.code()))
-            {
+            let (severity, code) = (diagnostic.severity(), diagnostic.code());
+            match kinds.iter_mut().find(|known| (known.0, known.1) == (severity, code)) {
                 Some((_, _, _, more)) => *more += 1,
                 None => {
                     let text = format!("{}: {diagnostic}", trial.row.file);
-                    kinds.push((diagnostic.severity(), diagnostic.code(), text, 0));
+                    kinds.push((severity, code, text, 0));
                 }
             }
         }
@@ -81,24 +72,20 @@ fn warnings(report: &Report<'_>) -> String {
     kinds.sort_by_key(|kind| std::cmp::Reverse(kind.0));
     for (severity, _, text, more) in kinds {
         let (class, word) = match severity {
-            Severity::Warning => ("warning", "Warning:"),
-            Severity::Note => ("note", "Note:"),
+            Severity::Warning => ("warning", "Warning"),
+            Severity::Note => ("note", "Note"),
         };
         let more = match more {
             0 => String::new(),
             1 => " (also in another trial)".to_owned(),
             more => format!(" (also in {more} other trials)"),
         };
-        let text = escape(&text);
-        let _ = writeln!(items, "<li class=\"{class}\"><strong>{word}</strong> {text}{more}</li>");
+        item(class, word, &(text + &more));
     }
     match items.is_empty() {
-        true => html.push_str("<p>None.</p>\n"),
-        false => {
-            let _ = write!(html, "<ul>\n{items}</ul>\n");
-        }
+        true => "<p>None.</p>\n".to_owned(),
+        false => format!("<ul>\n{items}</ul>\n"),
     }
-    html
 }
 
 fn doubtful(report: &Report<'_>) -> String {
@@ -119,14 +106,8 @@ fn origin(report: &Report<'_>) -> String {
         html += &facts_table("Settings", &settings);
     }
     let header = ["used as", "file", "bytes", "checksum"];
-    let rows = report.inputs.iter().map(|input| {
-        vec![
-            TableCell::Text(input.role.clone()),
-            TableCell::Text(input.path.clone()),
-            TableCell::from(input.bytes),
-            TableCell::Long(input.checksum.clone()),
-        ]
+    let rows = report.inputs.iter().map(|Input { role, path, bytes, checksum }| {
+        vec![role.as_str().into(), path.as_str().into(), (*bytes).into(), long(checksum)]
     });
-    html += &table("What went in", &header, rows);
-    html
+    html + &table("What went in", &header, rows)
 }

@@ -1,11 +1,9 @@
 //! Tables, figures and numbers that several sections have.
 
-use super::super::markup::{TableCell, escape, table};
+use super::super::markup::{TableCell, escape, long, table};
 
 pub(crate) fn facts_table(caption: &str, facts: &[(&str, String)]) -> String {
-    let rows = facts
-        .iter()
-        .map(|(name, value)| vec![TableCell::from(*name), TableCell::Long(value.clone())]);
+    let rows = facts.iter().map(|(name, value)| vec![TableCell::from(*name), long(value)]);
     table(caption, &["what", "value"], rows)
 }
 

@@ -37,9 +37,7 @@ pub(super) fn parse(text: &str) -> Result<Manifest, ManifestProblem> {
     let mut manifest = Manifest::default();
     loop {
         let read = reader.read_record(&mut record);
-        if !read
-            .map_err(|error| problem_at(CellPosition { line: 1, column: 1 }, error.to_string()))?
-        {
+        if !read.map_err(|error| ManifestProblem::new(CellPosition::START, error.to_string()))? {
             break;
         }
         let start = record.position().map_or(0, |position| position.byte() as usize);
@@ -50,15 +48,8 @@ pub(super) fn parse(text: &str) -> Result<Manifest, ManifestProblem> {
             Some(keys) => manifest.rows.push(row(keys, &record, &lexed)),
         }
     }
-    if keys.is_none() {
-        let position = CellPosition { line: 1, column: 1 };
-        return Err(problem_at(position, "the manifest is empty".to_owned()));
-    }
-    Ok(manifest)
-}
-
-fn problem_at(position: CellPosition, message: String) -> ManifestProblem {
-    ManifestProblem { position, message }
+    let empty = || ManifestProblem::new(CellPosition::START, "the manifest is empty".to_owned());
+    keys.map(|_| manifest).ok_or_else(empty)
 }
 
 /// What each column is.
@@ -74,18 +65,18 @@ fn header(
         if key.is_none() && !name.is_empty() {
             let hint = did_you_mean(&plain, KEYS);
             let message = format!("unknown column `{name}`{hint}");
-            return Err(problem_at(lexed.field(i), message));
+            return Err(ManifestProblem::new(lexed.field(i), message));
         }
         if key.is_some() && keys.contains(&key) {
             let message = format!("a second column `{name}`");
-            return Err(problem_at(lexed.field(i), message));
+            return Err(ManifestProblem::new(lexed.field(i), message));
         }
         keys.push(key);
     }
     let absent = KEYS[..REQUIRED].iter().filter(|key| !keys.contains(&Some(**key)));
     match &*quoted(absent, ", ") {
         "" => Ok(keys),
-        absent => Err(problem_at(lexed.field(0), format!("no column {absent}"))),
+        absent => Err(ManifestProblem::new(lexed.field(0), format!("no column {absent}"))),
     }
 }
 
@@ -96,7 +87,7 @@ fn row(
 ) -> Result<super::Entry, ManifestProblem> {
     if record.len() > keys.len() {
         let message = format!("{} fields, the header has {}", record.len(), keys.len());
-        return Err(problem_at(lexed.field(keys.len()), message));
+        return Err(ManifestProblem::new(lexed.field(keys.len()), message));
     }
     let get = |key: &str| {
         let column = keys.iter().position(|known| *known == Some(key))?;

@@ -75,6 +75,24 @@ pub struct ManifestProblem {
     pub message: String,
 }
 
+impl ManifestProblem {
+    pub(crate) fn new(position: CellPosition, message: String) -> Self {
+        Self { position, message }
+    }
+}
+
+impl CellPosition {
+    pub(crate) const START: Self = Self { line: 1, column: 1 };
+
+    /// That of a byte of a text.
+    pub(crate) fn of_byte(text: &str, byte: usize) -> Self {
+        let before = text.get(..byte).unwrap_or(text);
+        let line_start = before.rfind('\n').map_or(0, |at| at + 1);
+        let column = 1 + before[line_start..].chars().count();
+        Self { line: 1 + before.matches('\n').count(), column }
+    }
+}
+
 impl fmt::Display for CellPosition {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}:{}", self.line, self.column)

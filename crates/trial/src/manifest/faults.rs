@@ -33,7 +33,7 @@ impl Manifest {
                     moment(twin.enter.value),
                     moment(twin.exit.value)
                 );
-                let problem = ManifestProblem { position: entry.enter.position, message };
+                let problem = ManifestProblem::new(entry.enter.position, message);
                 faults.push(Fault { row, problem });
                 continue;
             }
@@ -42,10 +42,8 @@ impl Manifest {
             if let Some(declared) = declared.filter(|known| !known.contains(&condition.value)) {
                 let hint = did_you_mean(&condition.value, declared.iter().map(String::as_str));
                 let message = format!("`{}` is none of the conditions{hint}", condition.value);
-                faults.push(Fault {
-                    row,
-                    problem: ManifestProblem { position: condition.position, message },
-                });
+                let problem = ManifestProblem::new(condition.position, message);
+                faults.push(Fault { row, problem });
             }
         }
         faults

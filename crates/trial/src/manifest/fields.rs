@@ -43,52 +43,50 @@ impl EntryFields<'_> {
             && exit <= enter
         {
             let message = format!("the exit at `{exit}` s is not after the entry at `{enter}` s");
-            return Err(ManifestProblem { position: entry.exit.position, message });
+            return Err(ManifestProblem::new(entry.exit.position, message));
         }
         Ok(entry)
     }
 
     fn text(&self, key: &str) -> Result<Placed<String>, ManifestProblem> {
-        let missing =
-            || ManifestProblem { position: self.position, message: format!("`{key}` is missing") };
+        let missing = || ManifestProblem::new(self.position, format!("`{key}` is missing"));
         (self.get)(key).ok_or_else(missing)
     }
 
     fn moment(&self, key: &str) -> Result<Placed<Moment>, ManifestProblem> {
-        let Placed { value, position } = self.text(key)?;
-        let moment = match value.parse::<f64>() {
-            _ if value.eq_ignore_ascii_case("auto") => Moment::Auto,
-            Ok(time) if time.is_finite() => Moment::At(time),
-            _ => {
-                let message = format!("`{key}` is `{value}`, expected a time in s or `auto`");
-                return Err(ManifestProblem { position, message });
-            }
-        };
-        Ok(Placed { value: moment, position })
+        read(key, self.text(key)?, "a time in s or `auto`", |text| match text.parse::<f64>() {
+            _ if text.eq_ignore_ascii_case("auto") => Some(Moment::Auto),
+            Ok(time) if time.is_finite() => Some(Moment::At(time)),
+            _ => None,
+        })
     }
 
     fn positive(&self, key: &str) -> Result<Option<Placed<f64>>, ManifestProblem> {
-        let Some(Placed { value, position }) = (self.get)(key) else { return Ok(None) };
-        match value.parse::<f64>() {
-            Ok(number) if number > 0.0 && number.is_finite() => {
-                Ok(Some(Placed { value: number, position }))
-            }
-            _ => {
-                let message = format!("`{key}` is `{value}`, expected a positive number");
-                Err(ManifestProblem { position, message })
-            }
-        }
+        let number = |text: &str| text.parse().ok().filter(|&x: &f64| x > 0.0 && x.is_finite());
+        (self.get)(key).map(|cell| read(key, cell, "a positive number", number)).transpose()
     }
 
     fn flag(&self, key: &str) -> Result<bool, ManifestProblem> {
-        let Some(Placed { value, position }) = (self.get)(key) else { return Ok(false) };
-        match value.to_ascii_lowercase().as_str() {
-            "yes" | "true" | "x" | "1" => Ok(true),
-            "no" | "false" | "0" => Ok(false),
-            _ => {
-                let message = format!("`{key}` is `{value}`, expected `yes`, `no` or nothing");
-                Err(ManifestProblem { position, message })
+        let Some(cell) = (self.get)(key) else { return Ok(false) };
+        let flag = read(key, cell, "`yes`, `no` or nothing", |text| {
+            match text.to_ascii_lowercase().as_str() {
+                "yes" | "true" | "x" | "1" => Some(true),
+                "no" | "false" | "0" => Some(false),
+                _ => None,
             }
-        }
+        });
+        Ok(flag?.value)
     }
+}
+
+/// The value of a cell by `meaning`; a problem that says what is `expected` where the text has none.
+fn read<T>(
+    key: &str,
+    Placed { value, position }: Placed<String>,
+    expected: &str,
+    meaning: impl Fn(&str) -> Option<T>,
+) -> Result<Placed<T>, ManifestProblem> {
+    let refused = || format!("`{key}` is `{value}`, expected {expected}");
+    let found = meaning(&value).ok_or_else(|| ManifestProblem::new(position, refused()));
+    Ok(Placed { value: found?, position })
 }

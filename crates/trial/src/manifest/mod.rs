@@ -31,11 +31,8 @@ impl Manifest {
     pub fn parse(text: &str, is_toml: bool) -> Result<Self, ManifestProblem> {
         let manifest = if is_toml { toml::parse(text)? } else { csv::parse(text)? };
         if manifest.rows.is_empty() {
-            let position = CellPosition { line: 1, column: 1 };
-            return Err(ManifestProblem {
-                position,
-                message: "the manifest has no trials".to_owned(),
-            });
+            let message = "the manifest has no trials".to_owned();
+            return Err(ManifestProblem::new(CellPosition::START, message));
         }
         Ok(manifest)
     }

@@ -19,14 +19,9 @@ struct TomlManifest {
 }
 
 pub(super) fn parse(text: &str) -> Result<Manifest, ManifestProblem> {
-    let document: TomlManifest = parse_toml(text).map_err(|error| {
-        let position = CellPosition { line: error.line, column: error.column };
-        ManifestProblem { position, message: error.message }
-    })?;
-    let position = |byte: usize| {
-        let TomlError { line, column, .. } = TomlError::at(text, byte, String::new());
-        CellPosition { line, column }
-    };
+    let document: TomlManifest = parse_toml(text)
+        .map_err(|TomlError { position, message }| ManifestProblem::new(position, message))?;
+    let position = |byte: usize| CellPosition::of_byte(text, byte);
     let row = |trial: &Spanned<BTreeMap<String, Spanned<Value>>>| {
         let at = position(trial.span().start);
         for (key, value) in trial.get_ref() {
@@ -39,7 +34,7 @@ pub(super) fn parse(text: &str) -> Result<Manifest, ManifestProblem> {
                     true => format!("`{key}` is no single value"),
                     false => format!("unknown key `{key}`{hint}"),
                 };
-                return Err(ManifestProblem { position: position(value.span().start), message });
+                return Err(ManifestProblem::new(position(value.span().start), message));
             }
         }
         let get = |key: &str| {
