@@ -136,7 +136,7 @@ const APART_S: f64 = 2e-3;
 const POOR: f64 = 0.9;
 
 impl AlignArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         if printer.json() && self.output.is_none() {
             bail!("`--json` needs `--output`: the training log would go to the same place");
         }
@@ -211,7 +211,7 @@ impl AlignArgs {
 
     fn report(
         &self,
-        printer: &mut Printer,
+        printer: &Printer,
         aligned: &Aligned,
         rows: WrittenRows,
     ) -> anyhow::Result<()> {
@@ -247,12 +247,7 @@ impl AlignArgs {
         self.print(printer, aligned, rows)
     }
 
-    fn print(
-        &self,
-        printer: &mut Printer,
-        aligned: &Aligned,
-        rows: WrittenRows,
-    ) -> anyhow::Result<()> {
+    fn print(&self, printer: &Printer, aligned: &Aligned, rows: WrittenRows) -> anyhow::Result<()> {
         let clock = &aligned.clock;
         let offset = format!("offset at {:.3} s (ms)", clock.pivot_s);
         let table = [
@@ -285,7 +280,7 @@ impl AlignArgs {
     }
 
     /// What the edges of a sync signal were, if one was named.
-    fn report_edges(&self, printer: &mut Printer, aligned: &Aligned) -> anyhow::Result<()> {
+    fn report_edges(&self, printer: &Printer, aligned: &Aligned) -> anyhow::Result<()> {
         let Some(column) = &self.sync else { return Ok(()) };
         let Some(edges) = &aligned.edges else {
             printer.warning(format!(
@@ -320,7 +315,7 @@ impl AlignArgs {
     }
 }
 
-fn note_left_out(printer: &mut Printer, what: &str, left_out: &LeftOut) {
+fn note_left_out(printer: &Printer, what: &str, left_out: &LeftOut) {
     let LeftOut { not_finite, not_later, repeated, saturated } = *left_out;
     for (count, why) in [
         (not_finite, "left out, not finite"),

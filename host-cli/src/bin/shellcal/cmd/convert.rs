@@ -22,22 +22,19 @@ use shellcal::workflow::convert::{
 use super::edited::EditedArg;
 use super::figure_size::FigureSize;
 use super::frames::{ForceArgs, FrameArgs};
-use super::mapping::{ColumnList, MappingArgs, tell_remembered};
+use super::mapping::{ColumnList, MappingArgs, open_logs, tell_remembered};
 use super::partial_output::OpenOutput;
 use super::payload::load::MotionArgs;
 use crate::files::{InputPath, OutputLocation, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
-const EXAMPLES: &str = "\
-Examples:
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
   shellcal convert calibration.json run3.txt -o run3.csv
   shellcal convert calibration.json run3.txt --interval=99
   shellcal convert calibration.json run3.txt --tare-time 0:0.2 --lowpass 20
-  shellcal convert calibration.json run*.txt --output-dir wrenches";
-
-#[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
+  shellcal convert calibration.json run*.txt --output-dir wrenches")]
 pub(crate) struct ConvertArgs {
     /// Calibration file
     #[arg(value_name = "CAL")]
@@ -75,19 +72,13 @@ pub(crate) struct ConvertArgs {
 
     /// What to write, of t, fx, fy, fz, mx, my, mz, se (standard errors), flags [default: all there
     /// is]
-    #[arg(long, value_name = "LIST", value_delimiter = ',')]
-    columns: Option<Vec<ColumnArg>>,
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = COLUMNS)]
+    columns: Option<Vec<String>>,
 
     /// Add both ends of the interval that holds so many percent of the true values [default level:
     /// 95]. With a low-pass it is as wide as before it, which is more than needed
-    #[arg(
-        long,
-        value_name = "PERCENT",
-        num_args = 0..=1,
-        require_equals = true,
-        default_missing_value = "95",
-        value_parser = parse_level
-    )]
+    #[arg(long, value_name = "PERCENT", num_args = 0..=1, require_equals = true, default_missing_value = "95",
+        value_parser = parse_level)]
     interval: Option<f64>,
 
     /// Draw the wrench over time, to .svg, .pdf or .png
@@ -125,21 +116,11 @@ pub(crate) struct ConvertArgs {
     mapping: MappingArgs,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum ColumnArg {
-    T,
-    Fx,
-    Fy,
-    Fz,
-    Mx,
-    My,
-    Mz,
-    Se,
-    Flags,
-}
+/// What can be written.
+const COLUMNS: [&str; 9] = ["t", "fx", "fy", "fz", "mx", "my", "mz", "se", "flags"];
 
 impl ConvertArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let targets = self.targets(printer.json(), outputs)?;
         let file = self.edited.read(&self.calibration)?;
         let mapping = self.mapping.mapping_for(&file);
@@ -150,8 +131,7 @@ impl ConvertArgs {
                 "`--motion`, `--orientation` and `--accelerations` are of use with `--payload` only"
             );
         }
-        let open = |path: &InputPath| Log::open(path, &mapping);
-        let logs = self.logs.iter().map(open).collect::<Result<Vec<_>, _>>()?;
+        let logs = open_logs(&self.logs, ("", &[]), &mapping)?;
         tell_remembered(printer, &self.calibration, &mapping, &logs);
         let mut plot = self.figure_size.create(self.plot.as_ref(), outputs)?;
 
@@ -193,7 +173,7 @@ impl ConvertArgs {
         diagnostics: Option<&Diagnostics>,
         (target, outputs): (Option<&Path>, &Outputs),
         trace: Option<&mut WrenchTrace>,
-        printer: &mut Printer,
+        printer: &Printer,
     ) -> anyhow::Result<ConvertSummary> {
         let log = conversion.log;
         let mut plan = OutputPlan::default();
@@ -223,7 +203,7 @@ impl ConvertArgs {
         log: &Log,
         summary: &ConvertSummary,
         diagnostics: Option<&Diagnostics>,
-        printer: &mut Printer,
+        printer: &Printer,
     ) -> anyhow::Result<()> {
         let Some(text) = summary.tare_doubt(log.path(), diagnostics) else { return Ok(()) };
         ensure!(
@@ -307,15 +287,9 @@ impl ConvertArgs {
         match &self.columns {
             None => TableColumns { interval: self.interval, ..all },
             Some(columns) => {
-                let asked = |column| columns.contains(&column);
-                use ColumnArg::{Flags, Fx, Fy, Fz, Mx, My, Mz, Se, T};
-                TableColumns {
-                    time: asked(T),
-                    axes: [Fx, Fy, Fz, Mx, My, Mz].map(asked),
-                    standard_errors: asked(Se),
-                    interval: self.interval,
-                    flags: asked(Flags),
-                }
+                let [time, axes @ .., standard_errors, flags] =
+                    COLUMNS.map(|column| columns.iter().any(|asked| asked == column));
+                TableColumns { time, axes, standard_errors, interval: self.interval, flags }
             }
         }
     }
@@ -330,7 +304,7 @@ struct LogDocument {
     summary: ConvertSummary,
 }
 
-fn print_axes(printer: &mut Printer, summary: &ConvertSummary) -> anyhow::Result<()> {
+fn print_axes(printer: &Printer, summary: &ConvertSummary) -> anyhow::Result<()> {
     let row = |(axis, value): &(Axis, AxisSummary)| {
         let decimals = if axis.is_moment() { 6 } else { 4 };
         let figures = [value.min, value.mean, value.max].map(|v| format!("{v:.decimals$}"));

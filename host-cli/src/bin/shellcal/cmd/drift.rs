@@ -16,14 +16,11 @@ use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
-const EXAMPLES: &str = "\
-Examples:
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
   shellcal drift unloaded.csv
   shellcal drift run3.csv --calibration calibration.json --plot drift.svg
-  shellcal drift oven.csv --calibration calibration.json --temperature 10";
-
-#[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
+  shellcal drift oven.csv --calibration calibration.json --temperature 10")]
 pub(crate) struct DriftArgs {
     /// Logs of a sensor that is at rest and unloaded at the start and now and then, of any format
     #[arg(required = true, value_name = "LOG")]
@@ -65,7 +62,7 @@ struct LogDrift {
 }
 
 impl DriftArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let several = self.logs.len();
         anyhow::ensure!(
             self.plot.is_none() || several == 1,
@@ -118,7 +115,7 @@ fn moved(summary: &DriftSummary) -> Option<(usize, ZeroChange)> {
 }
 
 impl LogDrift {
-    fn print(&self, printer: &mut Printer) -> anyhow::Result<()> {
+    fn print(&self, printer: &Printer) -> anyhow::Result<()> {
         let Self { log, summary, .. } = self;
         let DriftSummary { rests, first_s, last_s, .. } = *summary;
         printer.line(format!(

@@ -10,13 +10,10 @@ use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
-const EXAMPLES: &str = "\
-Examples:
-  shellcal import N_matrix.mat -o calibration.json
-  shellcal import N_matrix.csv -o calibration.json --serial shell-7";
-
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
+#[command(after_help = "Examples:
+  shellcal import N_matrix.mat -o calibration.json
+  shellcal import N_matrix.csv -o calibration.json --serial shell-7")]
 pub(crate) struct ImportArgs {
     /// The matrix
     #[arg(value_name = "FILE.csv|mat")]
@@ -47,7 +44,7 @@ struct ImportedModel {
 }
 
 impl ImportArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let output = outputs.create(&self.output)?;
         let options = ImportOptions {
             moment_unit: self.moment_unit.map(Into::into),

@@ -20,7 +20,7 @@ pub(crate) struct ManArgs {
 impl ManArgs {
     pub(crate) fn run(
         &self,
-        printer: &mut Printer,
+        printer: &Printer,
         outputs: &Outputs,
         mut command: Command,
     ) -> anyhow::Result<Outcome> {

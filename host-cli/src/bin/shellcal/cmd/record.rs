@@ -76,7 +76,7 @@ pub(crate) struct RecordArgs {
 }
 
 impl RecordArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         if self.forces.is_given() && self.output.is_none() && !self.stream.is_given() {
             anyhow::bail!(
                 "`--calibration` is for a log or a stream: name `--output` or `--stream`"
@@ -188,7 +188,7 @@ fn terminal_width() -> usize {
     size.map_or(80, |(_, columns)| usize::from(columns).max(1))
 }
 
-fn report(recorded: &Recorded, printer: &mut Printer) -> anyhow::Result<()> {
+fn report(recorded: &Recorded, printer: &Printer) -> anyhow::Result<()> {
     if recorded.losses.edges_left_out > 0 {
         printer.warning(format!(
             "{} sync edges are not in the log: a row has one, and there was none after them",

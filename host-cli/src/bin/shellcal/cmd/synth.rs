@@ -105,7 +105,7 @@ struct SynthSummary<'a> {
 }
 
 impl SynthArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         match &self.kind {
             // The paper's sizes; for noise, less than a minute.
             KindArgs::Train(args) => args.run(RecordingKind::Training, 77_522, printer, outputs),
@@ -123,7 +123,7 @@ impl RecordingArgs {
         &self,
         kind: RecordingKind,
         default_rows: u64,
-        printer: &mut Printer,
+        printer: &Printer,
         outputs: &Outputs,
     ) -> anyhow::Result<Outcome> {
         let rows = self.rows.unwrap_or(default_rows);

@@ -89,7 +89,7 @@ struct PairTruth {
 }
 
 impl PairArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let settings = PairSettings {
             seed: self.seed,
             unit_seed: self.unit_seed,

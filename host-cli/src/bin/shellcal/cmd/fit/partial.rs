@@ -19,7 +19,7 @@ impl FitArgs {
     pub(super) fn write_partial(
         &self,
         path: &OutputOrStdout,
-        printer: &mut Printer,
+        printer: &Printer,
         outputs: &Outputs,
     ) -> anyhow::Result<()> {
         let wrenches = ("--wrench-from", self.wrench_from.as_slice());

@@ -69,7 +69,7 @@ impl From<&FactorTrial> for FactorsTried {
 }
 
 pub(super) fn report(
-    printer: &mut Printer,
+    printer: &Printer,
     fitted: &Fit,
     (of_rows, hung): (&PhysicsFit, Option<&HungReference>),
     file: &CalibrationFile,
@@ -141,7 +141,7 @@ pub(super) fn report(
 }
 
 /// Says how wide the intervals of `convert` are, with `--verbose`.
-fn tell_factors(printer: &mut Printer, physics: &PhysicsCalibration) {
+fn tell_factors(printer: &Printer, physics: &PhysicsCalibration) {
     let Some(Ok(factors)) = physics.intervals.as_ref().map(|of| of.factors(COVERAGE_LEVEL)) else {
         return;
     };

@@ -29,7 +29,7 @@ use super::super::figure_size::FigureFile;
 use super::super::mapping::open_logs;
 use super::super::origin;
 use super::super::plan::read_table;
-use super::{FitArgs, LagArg, MemoryArg};
+use super::{FitArgs, MemoryArg};
 use crate::files::OutputPath;
 use crate::printer::Printer;
 
@@ -92,7 +92,7 @@ impl<'a> FitPlan<'a> {
     /// Reads the logs and fits.
     pub(super) fn fit(
         &self,
-        printer: &mut Printer,
+        printer: &Printer,
     ) -> anyhow::Result<(FitData, Option<HungReference>, Fit)> {
         let bytes = self.train.iter().chain(&self.test).map(Log::bytes).sum();
         let bar = printer.progress("fit", bytes);
@@ -162,7 +162,7 @@ impl<'a> FitPlan<'a> {
     }
 
     /// Says what is to be known of a fit beside its figures.
-    pub(super) fn tell(&self, fitted: &Fit, named: &NamedRows, printer: &mut Printer) {
+    pub(super) fn tell(&self, fitted: &Fit, named: &NamedRows, printer: &Printer) {
         if let (Some(dropped), Some(path)) = (&named.dropped, &self.args.dropped) {
             printer.remarks(dropped.remarks());
             let (rows, path) = (dropped.count(), path.display());
@@ -317,8 +317,8 @@ impl FitArgs {
         DynamicsRule {
             lag: match self.lag {
                 None => default.lag,
-                Some(LagArg::Auto) => LagRule::Auto,
-                Some(LagArg::Given(by)) => LagRule::Given(if has_time { by / 1e3 } else { by }),
+                Some(LagRule::Given(by_ms)) if has_time => LagRule::Given(by_ms / 1e3),
+                Some(lag) => lag,
             },
             memory: match &self.memory_terms {
                 // A matrix has none.
@@ -327,7 +327,7 @@ impl FitArgs {
                 Some(MemoryArg::Auto) => MemoryRule::Auto,
                 Some(MemoryArg::Given(times)) => MemoryRule::Given(times),
             },
-            in_groups: matches!(self.lag, Some(LagArg::Auto))
+            in_groups: self.lag == Some(LagRule::Auto)
                 || matches!(self.memory_terms, Some(MemoryArg::Auto)),
         }
     }

@@ -69,7 +69,7 @@ impl FitArgs {
     pub(super) fn recalibrate(
         &self,
         path: &InputPath,
-        printer: &mut Printer,
+        printer: &Printer,
         outputs: &Outputs,
     ) -> anyhow::Result<Outcome> {
         let before = CalibrationFile::read(path)?;
@@ -119,7 +119,7 @@ fn sources(
     Ok(files)
 }
 
-fn report(printer: &mut Printer, path: &Path, of: &Recalibrated) -> anyhow::Result<()> {
+fn report(printer: &Printer, path: &Path, of: &Recalibrated) -> anyhow::Result<()> {
     let (found, axes) = (&of.found, of.found.calibration.axes);
     let name = path.display().to_string();
     let text = lines(&name, of);
@@ -184,7 +184,7 @@ fn lines(name: &str, of: &Recalibrated) -> Vec<String> {
     said
 }
 
-fn print_change(printer: &mut Printer, found: &Recalibration) -> anyhow::Result<()> {
+fn print_change(printer: &Printer, found: &Recalibration) -> anyhow::Result<()> {
     let (change, errors) = (&found.change, &found.standard_errors);
     let is_in = |of: ChangedQuantity| found.quantities.contains(&of);
     let with_error = |scale: f64, value: f64, error: f64| {
@@ -223,7 +223,7 @@ fn print_change(printer: &mut Printer, found: &Recalibration) -> anyhow::Result<
     Ok(())
 }
 
-fn print_errors(printer: &mut Printer, found: &Recalibration, axes: Axes) -> anyhow::Result<()> {
+fn print_errors(printer: &Printer, found: &Recalibration, axes: Axes) -> anyhow::Result<()> {
     let mut header = vec!["axis", "RMS before", "RMS after"];
     header.extend(found.held_out.map(|_| "RMS held out"));
     header.push("unit");

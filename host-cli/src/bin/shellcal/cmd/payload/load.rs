@@ -96,12 +96,7 @@ impl MotionArgs {
     }
 
     /// Says what was taken off.
-    pub(in crate::cmd) fn report(
-        &self,
-        printer: &mut Printer,
-        log: &Log,
-        summary: &ConvertSummary,
-    ) {
+    pub(in crate::cmd) fn report(&self, printer: &Printer, log: &Log, summary: &ConvertSummary) {
         let Some(load) = &summary.load else { return };
         let path = log.path().display();
         printer.note(match load.has_inertia {

@@ -32,7 +32,7 @@ enum PayloadAction {
 }
 
 impl PayloadArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         match &self.action {
             PayloadAction::Fit(args) => args.run(printer, outputs),
             PayloadAction::Subtract(args) => args.run(printer, outputs),

@@ -23,13 +23,6 @@ use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
-const EXAMPLES: &str = "\
-Examples:
-  shellcal plan --masses 0.2kg,0.5kg --point 0,0,40 --point 30,0,40 --directions +x,-x,+y,-y,down -o plan.csv
-  shellcal plan --box fx=-5..5,fy=-5..5,fz=-10..0,mx=-0.2..0.2,my=-0.2..0.2,mz=-0.1..0.1
-  shellcal plan session1.csv --rig loads.csv --until 0.5N
-  shellcal plan session1.csv --replay 20 --held-out 8 --plot orders.svg";
-
 /// Loads of a plan that is given no end.
 const USUAL_COUNT: usize = 16;
 
@@ -37,7 +30,11 @@ const USUAL_COUNT: usize = 16;
 const MOST_COUNT: usize = 200;
 
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
+#[command(after_help = "Examples:
+  shellcal plan --masses 0.2kg,0.5kg --point 0,0,40 --point 30,0,40 --directions +x,-x,+y,-y,down -o plan.csv
+  shellcal plan --box fx=-5..5,fy=-5..5,fz=-10..0,mx=-0.2..0.2,my=-0.2..0.2,mz=-0.1..0.1
+  shellcal plan session1.csv --rig loads.csv --until 0.5N
+  shellcal plan session1.csv --replay 20 --held-out 8 --plot orders.svg")]
 #[group(skip)]
 pub(crate) struct PlanArgs {
     /// What was recorded so far: logs with readings and a measured wrench, or a calibration of the physics model
@@ -112,7 +109,7 @@ struct LoadPlan {
 }
 
 impl PlanArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let figure = self.figure_size.create(self.plot.as_ref(), outputs)?;
         if let Some(splits) = self.replay.splits() {
             let logs = open_logs(&self.recorded, ("", &[]), &self.mapping.mapping())?;
@@ -135,7 +132,7 @@ impl PlanArgs {
         printer.finish(&plan.document(), |printer| plan.print(printer))
     }
 
-    fn plan(&self, table: HungLoads, printer: &mut Printer) -> anyhow::Result<LoadPlan> {
+    fn plan(&self, table: HungLoads, printer: &Printer) -> anyhow::Result<LoadPlan> {
         let candidates: Vec<PerAxis<f64>> = table.loads().iter().map(HungLoad::wrench).collect();
         let session = self.session(printer)?;
         let mut planner = match (session.sensors, self.by) {

@@ -28,11 +28,7 @@ struct CellReport {
 }
 
 impl SimulateArgs {
-    pub(super) fn run_grid(
-        &self,
-        printer: &mut Printer,
-        outputs: &Outputs,
-    ) -> anyhow::Result<Outcome> {
+    pub(super) fn run_grid(&self, printer: &Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let (base, axes) = self.axes();
         let count: f64 = axes.iter().map(|axis| axis.values.len() as f64).product();
         ensure!(count <= MOST_CELLS, "the grid would have {count:.1e} combinations");

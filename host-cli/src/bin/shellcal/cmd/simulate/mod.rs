@@ -40,7 +40,7 @@ struct SimulationDocument<'a> {
 }
 
 impl SimulateArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         if !self.study.grid.is_empty() {
             return self.run_grid(printer, outputs);
         }

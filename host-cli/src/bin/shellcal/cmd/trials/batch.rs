@@ -16,8 +16,8 @@ use crate::files::InputPath;
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
-const EXAMPLES: &str = "\
-Examples:
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
   shellcal batch manifest.csv --calibration calibration.json --csv results
   shellcal batch manifest.csv --calibration calibration.json --reference free --traces traces
   shellcal batch manifest.toml --calibration calibration.json --json > results.json
@@ -25,10 +25,7 @@ Examples:
 
 A manifest is CSV with the columns file, condition, t_enter_s, t_exit_s and, if wanted,
 velocity_m_s, mass_kg, channel_length_m, notes, exclude; or TOML with the same keys in [[trial]]
-tables. Times are in s on the log's clock, or `auto`. Files are relative to the manifest.";
-
-#[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
+tables. Times are in s on the log's clock, or `auto`. Files are relative to the manifest.")]
 pub(crate) struct BatchArgs {
     /// Which trials there are: CSV or `.toml`
     #[arg(value_name = "MANIFEST")]
@@ -96,7 +93,7 @@ struct BatchRun {
 }
 
 impl BatchArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         self.output.prepare(outputs, self.shard)?;
         if !self.watch {
             return self.once(printer, outputs, None).map(|(_, outcome)| outcome);
@@ -133,7 +130,7 @@ impl BatchArgs {
 
     fn once(
         &self,
-        printer: &mut Printer,
+        printer: &Printer,
         outputs: &Outputs,
         before: Option<&Batch>,
     ) -> anyhow::Result<(Batch, Outcome)> {
@@ -152,7 +149,7 @@ impl BatchArgs {
 
     fn evaluate(
         &self,
-        printer: &mut Printer,
+        printer: &Printer,
         outputs: &Outputs,
         manifest: &Manifest,
         equipment: &Equipment,
@@ -194,12 +191,7 @@ impl BatchArgs {
         Ok(BatchRun { batch, conditions, warnings })
     }
 
-    fn show(
-        &self,
-        printer: &mut Printer,
-        equipment: &Equipment,
-        run: &BatchRun,
-    ) -> anyhow::Result<()> {
+    fn show(&self, printer: &Printer, equipment: &Equipment, run: &BatchRun) -> anyhow::Result<()> {
         let BatchRun { batch, conditions, warnings } = run;
         let manifest = self.manifest.display();
         let results: Vec<_> = batch

@@ -96,7 +96,7 @@ pub(super) fn slow_filter(batch: &Batch, options: &TrialOptions) -> Option<Strin
 
 /// Tells which trials could not be evaluated: the files of these, and why.
 pub(super) fn tell_failures(
-    printer: &mut Printer,
+    printer: &Printer,
     path: &Path,
     batch: &Batch,
 ) -> Vec<(String, String)> {

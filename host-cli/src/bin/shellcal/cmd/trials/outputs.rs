@@ -94,12 +94,8 @@ impl ResultArgs {
         outputs: &'a Outputs,
     ) -> anyhow::Result<Option<FigureFolder<'a>>> {
         let Some(directory) = &self.figures else { return Ok(None) };
-        Ok(Some(FigureFolder::create(
-            outputs,
-            directory,
-            &self.figure_format,
-            self.figure_size.size,
-        )?))
+        let (formats, size) = (&self.figure_format, self.figure_size.size);
+        Ok(Some(FigureFolder::create(outputs, directory, formats, size)?))
     }
 
     /// What has to be kept of a log for the outputs.

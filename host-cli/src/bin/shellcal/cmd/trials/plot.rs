@@ -19,16 +19,13 @@ use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
-const EXAMPLES: &str = "\
-Examples:
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
   shellcal plot drag run3.txt --enter 4.2 --exit 8.9 --calibration calibration.json --output drag.svg
   shellcal plot telemetry run3.txt --calibration calibration.json --between 5:6 --output run3.png
   shellcal plot boxes manifest.csv --calibration calibration.json --output boxes.svg
 
-`shellcal batch --figures DIR` makes all of them.";
-
-#[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
+`shellcal batch --figures DIR` makes all of them.")]
 pub(crate) struct PlotArgs {
     #[command(subcommand)]
     kind: PlotKind,
@@ -102,7 +99,7 @@ struct DrawingArgs {
 }
 
 impl PlotArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         match &self.kind {
             PlotKind::Drag(args) => args.run(printer, outputs, false),
             PlotKind::Telemetry(args) => args.run(printer, outputs, true),
@@ -115,12 +112,12 @@ impl PlotArgs {
 impl OneArgs {
     fn run(
         &self,
-        printer: &mut Printer,
+        printer: &Printer,
         outputs: &Outputs,
         telemetry: bool,
     ) -> anyhow::Result<Outcome> {
-        let plot = self.drawing.open(outputs)?;
-        let (size, evaluation) = (self.drawing.figure_size.size, &self.drawing.evaluation);
+        let DrawingArgs { output, figure_size, evaluation } = &self.drawing;
+        let (plot, size) = (figure_size.open(output, outputs)?, figure_size.size);
         let equipment = evaluation.equipment()?;
         let log = Log::open(&self.log, &equipment.mapping)?;
         let options = evaluation.options(&equipment, TraceExtent::Log);
@@ -158,14 +155,9 @@ impl OneArgs {
 }
 
 impl ManyArgs {
-    fn run(
-        &self,
-        printer: &mut Printer,
-        outputs: &Outputs,
-        phase: bool,
-    ) -> anyhow::Result<Outcome> {
-        let plot = self.drawing.open(outputs)?;
-        let (size, evaluation) = (self.drawing.figure_size.size, &self.drawing.evaluation);
+    fn run(&self, printer: &Printer, outputs: &Outputs, phase: bool) -> anyhow::Result<Outcome> {
+        let DrawingArgs { output, figure_size, evaluation } = &self.drawing;
+        let (plot, size) = (figure_size.open(output, outputs)?, figure_size.size);
         let equipment = evaluation.equipment()?;
         let manifest = manifest::read(&self.manifest, outputs)?;
         let keep = |_, result: &mut _| {
@@ -201,14 +193,9 @@ impl ManyArgs {
 }
 
 impl DrawingArgs {
-    /// Opens the file: a path that cannot be written is an error before the work.
-    fn open(&self, outputs: &Outputs) -> anyhow::Result<FigureFile> {
-        self.figure_size.open(&self.output, outputs)
-    }
-
     fn write(
         &self,
-        printer: &mut Printer,
+        printer: &Printer,
         plot: FigureFile,
         figure: Figure,
         row: Option<&TrialRow>,

@@ -17,14 +17,11 @@ use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
-const EXAMPLES: &str = "\
-Examples:
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
   shellcal report manifest.csv --calibration calibration.json
   shellcal report manifest.csv --calibration calibration.json --reference free --output beams.html
-  shellcal report calibration.json --certificate --unloaded rest.csv --output certificate.html";
-
-#[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
+  shellcal report calibration.json --certificate --unloaded rest.csv --output certificate.html")]
 pub(crate) struct ReportArgs {
     /// Which trials there are: CSV or `.toml`; with `--certificate`: a calibration
     #[arg(value_name = "MANIFEST")]
@@ -54,7 +51,7 @@ pub(crate) struct ReportArgs {
 }
 
 impl ReportArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         if self.certificate.certificate {
             let calibration = (&self.manifest, self.title.as_deref());
             let (certificate, evaluation) = (&self.certificate, &self.evaluation);
@@ -119,7 +116,7 @@ impl ReportArgs {
 
     fn summarise(
         &self,
-        printer: &mut Printer,
+        printer: &Printer,
         bytes: usize,
         [trials, failures]: [usize; 2],
     ) -> anyhow::Result<Outcome> {

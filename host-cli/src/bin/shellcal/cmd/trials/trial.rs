@@ -13,14 +13,11 @@ use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
-const EXAMPLES: &str = "\
-Examples:
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
   shellcal trial run3.txt --enter 4.2 --exit 8.9 --calibration calibration.json
   shellcal trial run3.txt --calibration calibration.json --trace run3.trace.csv
-  shellcal trial run3.txt --enter 4.2 --exit 8.9 --mass 0.091";
-
-#[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
+  shellcal trial run3.txt --enter 4.2 --exit 8.9 --mass 0.091")]
 pub(crate) struct TrialArgs {
     /// Log of the trial, plain or gzip
     #[arg(value_name = "LOG")]
@@ -73,7 +70,7 @@ struct TrialDocument<'a> {
 }
 
 impl TrialArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let equipment = self.evaluation.equipment()?;
         let trace = match (&self.trace, self.whole_log) {
             (None, _) => TraceExtent::Nothing,

@@ -13,16 +13,13 @@ use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
-const EXAMPLES: &str = "\
-Examples:
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
   shellcal window run3.txt --calibration calibration.json --plot window.svg
   shellcal window *.txt --calibration calibration.json --json
 
 The confidence is the share of the slow variation of the drag that one passage through a channel explains. Look
-at the figure where it is below 0.8; below 0.5 nothing is proposed, and the exit code is 1.";
-
-#[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
+at the figure where it is below 0.8; below 0.5 nothing is proposed, and the exit code is 1.")]
 pub(crate) struct WindowArgs {
     /// Logs of trials, plain or gzip
     #[arg(required = true, value_name = "LOG")]
@@ -52,7 +49,7 @@ struct LogWindow {
 }
 
 impl WindowArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let equipment = self.evaluation.equipment()?;
         anyhow::ensure!(
             equipment.calibration.is_some(),
@@ -84,7 +81,7 @@ impl WindowArgs {
         Ok(if refused { Outcome::CheckFailed } else { Outcome::Done })
     }
 
-    fn print(&self, printer: &mut Printer, found: &[LogWindow]) -> anyhow::Result<()> {
+    fn print(&self, printer: &Printer, found: &[LogWindow]) -> anyhow::Result<()> {
         if printer.json() {
             return printer.document(&found);
         }
