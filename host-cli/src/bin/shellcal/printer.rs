@@ -9,9 +9,11 @@ use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle, TermLike};
 use log_file::{Log, ReadOptions};
+use output_file::{AtomicFile, Outputs};
 use serde::Serialize;
 use shell_data::escape;
 
+use crate::files::OutputPath;
 use crate::outcome::Outcome;
 use crate::tables::{self, TableForm};
 
@@ -104,11 +106,13 @@ pub(crate) struct Printer {
     options: OutputArgs,
     /// Whether a table was printed.
     has_table: Arc<AtomicBool>,
+    /// The files that the command reads and writes.
+    pub(crate) files: Arc<Outputs>,
 }
 
 impl Printer {
     pub(crate) fn new(options: OutputArgs) -> Self {
-        Self { options, has_table: Arc::default() }
+        Self { options, has_table: Arc::default(), files: Arc::new(Outputs::new()) }
     }
 
     /// Whether the user asked for one JSON document in place of tables.
@@ -143,6 +147,11 @@ impl Printer {
         Ok(Outcome::Done)
     }
 
+    /// Opens the file that is to be written, if one is.
+    pub(crate) fn create(&self, path: Option<&OutputPath>) -> anyhow::Result<Option<AtomicFile>> {
+        Ok(path.map(|path| self.files.create(path)).transpose()?)
+    }
+
     /// Prints what would be a file of its own, as it stands.
     pub(crate) fn file(&self, content: &[u8]) -> anyhow::Result<()> {
         Ok(io::stdout().lock().write_all(content)?)
@@ -162,15 +171,10 @@ impl Printer {
     ) -> anyhow::Result<()> {
         let text = escape::terminal(text.as_ref());
         match self.options.form {
-            TableForm::Csv => {
-                self.note(format!("{word}{text}"));
-                return Ok(());
-            }
+            TableForm::Csv => self.note(format!("{word}{text}")),
+            TableForm::Markdown if text.is_empty() => {}
             // Each line a paragraph of its own.
-            TableForm::Markdown if !text.is_empty() => {
-                writeln!(io::stdout().lock(), "{word}{text}\n")?;
-            }
-            TableForm::Markdown => {}
+            TableForm::Markdown => writeln!(io::stdout().lock(), "{word}{text}\n")?,
             TableForm::Text => {
                 let word = tint.paint(word, self.is_colored());
                 writeln!(io::stdout().lock(), "{word}{text}")?;

@@ -5,7 +5,6 @@ use std::path::Path;
 use calibration::Basis;
 use calibration::solver::SolverKind;
 use log_file::{Wanted, read_dataset};
-use output_file::Outputs;
 use shell_data::block::Block;
 use shellcal::workflow::bench::{self, ErrorKind, ModelBench};
 use simulation::synthetic_block;
@@ -57,8 +56,8 @@ pub(crate) struct BenchArgs {
 }
 
 impl BenchArgs {
-    pub(crate) fn run(&self, printer: &Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
-        let opened = self.open_plots(outputs)?;
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+        let opened = self.open_plots(printer)?;
         let blocks = self.blocks(printer)?;
         let bases = if self.model.is_empty() { &Basis::ALL[..] } else { &self.model };
         let kinds = if self.solver.is_empty() { &SolverKind::ALL[..] } else { &self.solver };
@@ -83,9 +82,9 @@ impl BenchArgs {
         Ok(Outcome::Done)
     }
 
-    fn open_plots(&self, outputs: &Outputs) -> anyhow::Result<Vec<(ErrorKind, FigureFile)>> {
+    fn open_plots(&self, printer: &Printer) -> anyhow::Result<Vec<(ErrorKind, FigureFile)>> {
         let Some(path) = &self.plot else { return Ok(Vec::new()) };
-        let open = |kind, path: &Path| anyhow::Ok((kind, self.figure_size.open(path, outputs)?));
+        let open = |kind, path: &Path| anyhow::Ok((kind, self.figure_size.open(path, printer)?));
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
         let extension = path.extension().unwrap_or_default().to_string_lossy();
         let beside = path.with_file_name(format!("{stem}-prediction.{extension}"));

@@ -202,21 +202,15 @@ fn self_test(client: &mut BoardClient, printer: &Printer) -> anyhow::Result<Outc
     let mut rises = Vec::new();
     for emitter in 0..CHANNELS {
         let rise = client.self_test(emitter as u8)?;
-        match judge(emitter, &rise) {
-            Ok(()) if !printer.json() => printer.line(format!(
-                "emitter {} raises channel {} by {} steps and no other",
-                emitter + 1,
-                emitter + 1,
-                rise[emitter]
-            ))?,
-            Ok(()) => {}
-            Err(fault) => {
-                if !printer.json() {
-                    printer.line(fault.to_string())?;
-                }
-                faults.push(fault.to_string());
-            }
+        let (number, steps) = (emitter + 1, rise[emitter]);
+        let fault = judge(emitter, &rise).err().map(|fault| fault.to_string());
+        if !printer.json() {
+            let passes = || {
+                format!("emitter {number} raises channel {number} by {steps} steps and no other")
+            };
+            printer.line(fault.clone().unwrap_or_else(passes))?;
         }
+        faults.extend(fault);
         rises.push(rise);
     }
     if printer.json() {

@@ -11,7 +11,6 @@ use calibration_file::payload_file::PayloadFile;
 use figures::{WrenchTrace, trace_figure};
 use forces::RowRule;
 use log_file::{ColumnRef, Log, Meaning, parse_columns};
-use output_file::Outputs;
 use serde::Serialize;
 use shell_data::wrench::Axis;
 use shellcal::workflow::convert::{
@@ -120,8 +119,8 @@ pub(crate) struct ConvertArgs {
 const COLUMNS: [&str; 9] = ["t", "fx", "fy", "fz", "mx", "my", "mz", "se", "flags"];
 
 impl ConvertArgs {
-    pub(crate) fn run(&self, printer: &Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
-        let targets = self.targets(printer.json(), outputs)?;
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+        let targets = self.targets(printer)?;
         let file = self.edited.read(&self.calibration)?;
         let mapping = self.mapping.mapping_for(&file);
         let (calibration, diagnostics) = (file.calibration, file.origin.diagnostics);
@@ -133,7 +132,7 @@ impl ConvertArgs {
         }
         let logs = open_logs(&self.logs, ("", &[]), &mapping)?;
         tell_remembered(printer, &self.calibration, &mapping, &logs);
-        let mut plot = self.figure_size.create(self.plot.as_ref(), outputs)?;
+        let mut plot = self.figure_size.create(self.plot.as_ref(), printer)?;
 
         let mut conversions = Vec::new();
         for (log, target) in logs.iter().zip(targets) {
@@ -143,7 +142,7 @@ impl ConvertArgs {
             let load = payload.as_ref().map(load).transpose()?;
             let options = ConvertOptions { load, ..self.options(log, &calibration) };
             let conversion = Conversion { log, calibration: &calibration, options: &options, read };
-            let to = (target.as_deref(), outputs);
+            let to = target.as_deref();
             let summary =
                 self.convert(conversion, diagnostics.as_ref(), to, trace.as_mut(), printer)?;
             if let (Some(trace), Some(plot)) = (trace, plot.take()) {
@@ -171,7 +170,7 @@ impl ConvertArgs {
         &self,
         conversion: Conversion<'_>,
         diagnostics: Option<&Diagnostics>,
-        (target, outputs): (Option<&Path>, &Outputs),
+        target: Option<&Path>,
         trace: Option<&mut WrenchTrace>,
         printer: &Printer,
     ) -> anyhow::Result<ConvertSummary> {
@@ -182,7 +181,7 @@ impl ConvertArgs {
             None => OpenOutput::Stdout,
             Some(path) => {
                 plan.format = OutputFormat::from_path(path, &self.frame())?;
-                OpenOutput::File(outputs.create(path)?)
+                OpenOutput::File(printer.files.create(path)?)
             }
         };
         let summary = printer.scan(log, conversion.read, |read| {
@@ -216,13 +215,13 @@ impl ConvertArgs {
 
     /// The file that each log's table goes to, `None` for the standard output; every clash is found here, before any
     /// work.
-    fn targets(&self, json: bool, outputs: &Outputs) -> anyhow::Result<Vec<Option<PathBuf>>> {
+    fn targets(&self, printer: &Printer) -> anyhow::Result<Vec<Option<PathBuf>>> {
         if self.plot.is_some() && self.logs.len() > 1 {
             bail!("`--plot` draws one log, `{}` were given", self.logs.len());
         }
-        let targets: Vec<Option<PathBuf>> = match (&self.output, &self.output_dir) {
-            (Some(file), _) if file.as_os_str() == "-" && self.logs.len() == 1 => vec![None],
-            (Some(file), _) if self.logs.len() == 1 => {
+        let file = self.output.as_ref().filter(|file| file.as_os_str() != "-");
+        let targets: Vec<Option<PathBuf>> = match (file, &self.output_dir) {
+            (Some(file), None) if self.logs.len() == 1 => {
                 OutputFormat::from_path(file, &self.frame())?;
                 vec![Some(file.to_path_buf())]
             }
@@ -234,16 +233,16 @@ impl ConvertArgs {
             }
             _ => bail!("`{}` logs need `--output-dir` for their tables", self.logs.len()),
         };
-        if json && targets == [None] {
+        if printer.json() && targets == [None] {
             bail!(
                 "`--json` needs `--output` or `--output-dir`: the table would go to the same place"
             );
         }
         // Those in a folder are not named on the command line.
         if self.output_dir.is_some() {
-            targets.iter().flatten().try_for_each(|path| outputs.announce(path))?;
+            targets.iter().flatten().try_for_each(|path| printer.files.announce(path))?;
         }
-        targets.iter().flatten().try_for_each(|path| outputs.probe(path))?;
+        targets.iter().flatten().try_for_each(|path| printer.files.probe(path))?;
         Ok(targets)
     }
 

@@ -4,7 +4,6 @@ use figures::{Chart, ChartMark, Figure, PlotAxis, Series, Size, Spacing, trace_f
 use forces::drift::{Drift, Trend};
 use forces::stationary::{FALSE_ALARMS, ZeroChange, largest_change};
 use log_file::{ColumnRef, Log, parse_column};
-use output_file::Outputs;
 use serde::Serialize;
 use shellcal::workflow::drift::{DriftOptions, DriftSummary, drift};
 
@@ -62,13 +61,13 @@ struct LogDrift {
 }
 
 impl DriftArgs {
-    pub(crate) fn run(&self, printer: &Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let several = self.logs.len();
         anyhow::ensure!(
             self.plot.is_none() || several == 1,
             "`--plot` draws one log, `{several}` were given"
         );
-        let mut plot = self.figure_size.create(self.plot.as_ref(), outputs)?;
+        let mut plot = self.figure_size.create(self.plot.as_ref(), printer)?;
         let file = self.calibration.as_ref().map(|path| self.edited.read(path)).transpose()?;
         let mapping = match &file {
             Some(file) => self.mapping.mapping_for(file),

@@ -8,7 +8,6 @@ use calibration_file::{CalibrationFile, Role, SourceFile};
 use clap::builder::TypedValueParser;
 use figures::{FitPlot, fit_figure};
 use log_file::{Log, ReadOptions, Wanted, read_dataset};
-use output_file::Outputs;
 use serde::Serialize;
 use shell_data::dataset::{Dataset, RowSet};
 use shell_data::wrench::{Axes, Axis, PerAxis};
@@ -99,7 +98,7 @@ struct Document {
 }
 
 impl EvalArgs {
-    pub(crate) fn run(&self, printer: &Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let file = self.edited.read(&self.calibration)?;
         self.check_logs()?;
         let mapping = self.mapping.mapping_for(&file);
@@ -112,7 +111,7 @@ impl EvalArgs {
         let axes = compared.axes;
         note_axes(printer, &compared, gates.asked());
         calibration.axes = axes;
-        let figure = self.figure_size.create(self.plot.as_ref(), outputs)?;
+        let figure = self.figure_size.create(self.plot.as_ref(), printer)?;
         let mut plot = figure.is_some().then(FitPlot::new);
 
         let bar = printer.progress("eval", logs.iter().map(Log::bytes).sum());

@@ -6,7 +6,6 @@ use std::path::Path;
 use anyhow::{Context, bail, ensure};
 use calibration_file::code::{Language, to_code};
 use calibration_file::matrix;
-use output_file::Outputs;
 
 use super::edited::EditedArg;
 use crate::files::{InputPath, OutputPath};
@@ -33,7 +32,7 @@ pub(crate) struct ExportArgs {
 }
 
 impl ExportArgs {
-    pub(crate) fn run(&self, printer: &Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let file = self.edited.read(&self.calibration)?;
         let text = match self.output.extension().and_then(OsStr::to_str) {
             Some("py") => to_code(&file, Language::Python, identifier(&self.output)?),
@@ -50,7 +49,7 @@ impl ExportArgs {
             }
             _ => bail!("`{}` ends in none of `.py`, `.m` and `.csv`", self.output.display()),
         };
-        outputs.write(&self.output, text.as_bytes())?;
+        printer.files.write(&self.output, text.as_bytes())?;
         printer.note(
             "readings go in as counts, untared; the mean wrench of a rest is to be taken off",
         );

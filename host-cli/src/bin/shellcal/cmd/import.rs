@@ -1,7 +1,6 @@
 //! `shellcal import`: a calibration from a coefficient matrix.
 
 use calibration_file::{CalibrationFile, matrix::ImportOptions};
-use output_file::Outputs;
 use serde::Serialize;
 
 use super::mapping::MomentUnitArg;
@@ -44,8 +43,8 @@ struct ImportedModel {
 }
 
 impl ImportArgs {
-    pub(crate) fn run(&self, printer: &Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
-        let output = outputs.create(&self.output)?;
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+        let output = printer.files.create(&self.output)?;
         let options = ImportOptions {
             moment_unit: self.moment_unit.map(Into::into),
             variable: self.variable.clone(),

@@ -9,7 +9,6 @@ use calibration_file::stored::{
     OfAxes, Stored, StoredCrossValidation, StoredQuality, StoredSelection,
 };
 use calibration_file::{CalibrationFile, PartialFit, Sums};
-use output_file::Outputs;
 use serde::Serialize;
 use shell_data::hint::quoted;
 use shellcal::workflow::merge;
@@ -126,10 +125,10 @@ struct Merged {
 }
 
 impl MergeArgs {
-    pub(crate) fn run(&self, printer: &Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
-        let output = self.output.as_ref().map(|path| outputs.create(path)).transpose()?;
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+        let output = printer.create(self.output.as_ref())?;
         let partial = self.partial.as_ref();
-        let destination = partial.map(|path| OpenOutput::open(path, printer, outputs));
+        let destination = partial.map(|path| OpenOutput::open(path, printer));
         let destination = destination.transpose()?;
         let merged = self.merged(printer)?;
         let sum = merged.sum.as_ref().context("no partial fits were given")?;

@@ -14,6 +14,7 @@ use shellcal::workflow::live::clock;
 
 use super::choices::one_of;
 use super::live_forces::LiveForceArgs;
+use super::quality::by_unit;
 use super::serial::SerialArgs;
 use super::streaming::{self, StreamToArgs};
 use crate::files::{InputPath, OutputPath};
@@ -158,15 +159,11 @@ fn describe(progress: &RecordingProgress, width: usize) -> String {
 
 /// The newest wrench, its axes named.
 fn forces_in_words(wrench: &[(Axis, f64)]) -> String {
-    let of = |moments: bool| {
-        let values = wrench.iter().filter(|(axis, _)| axis.is_moment() == moments);
-        let decimals = if moments { 3 } else { 2 };
-        let values = values.map(|(axis, value)| format!("{} {value:.decimals$}", axis.name()));
-        let values: Vec<String> = values.collect();
-        let unit = if moments { "N·m" } else { "N" };
-        (!values.is_empty()).then(|| format!("{} {unit}", values.join(" ")))
+    let text = |axis: Axis, value| {
+        let decimals = if axis.is_moment() { 3 } else { 2 };
+        format!("{} {value:.decimals$}", axis.name())
     };
-    [of(false), of(true)].into_iter().flatten().collect::<Vec<_>>().join("  ")
+    by_unit(wrench, text).collect::<Vec<_>>().join("  ")
 }
 
 /// As many of the parts as fit beside each other; of too many those are left out whose number is largest.

@@ -109,18 +109,10 @@ impl StreamArgs {
             anyhow::bail!("`--latency` is for a port: what is in a log has long been measured");
         }
         let forces = self.forces.read(printer)?;
-        let log = match from_log {
-            true => Some(Log::open(&self.name, &self.mapping.mapping())?),
-            false => None,
-        };
+        let log = from_log.then(|| Log::open(&self.name, &self.mapping.mapping())).transpose()?;
         let stop = signals::stop_flag()?;
-        let source = match from_log {
-            true => None,
-            false => {
-                let port = self.serial.port(&self.name.to_string_lossy());
-                Some(Source::port(port, self.reconnect)?)
-            }
-        };
+        let port = self.serial.port(&self.name.to_string_lossy());
+        let source = (!from_log).then(|| Source::port(port, self.reconnect)).transpose()?;
         let at_end = self.until_eof.then(|| Arc::clone(&stop));
         let options = StreamOptions {
             rows: FrameRows::new(RowOptions { forces, from_log, one_time: self.one_time })?,

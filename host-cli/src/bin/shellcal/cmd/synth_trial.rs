@@ -1,6 +1,5 @@
 //! `shellcal synth trial` and `synth trials`: the virtual robot's runs through the channel.
 
-use output_file::Outputs;
 use serde::Serialize;
 use shellcal::workflow::synthetic_trials::{MANIFEST, SetTrial, truth_json, write_log, write_set};
 use simulation::synthetic_trial::TrialLayout;
@@ -158,7 +157,7 @@ impl CommonArgs {
 }
 
 impl SynthTrialArgs {
-    pub(super) fn run(&self, printer: &Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(super) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let mut condition = self.condition;
         condition.drag_n = self.drag.unwrap_or(condition.drag_n);
         condition.lift_n = self.lift.unwrap_or(condition.lift_n);
@@ -176,9 +175,9 @@ impl SynthTrialArgs {
         };
         let truth = trial.truth();
         if let Some(path) = &self.truth {
-            outputs.write(path, &truth_json(&truth))?;
+            printer.files.write(path, &truth_json(&truth))?;
         }
-        let mut out = OpenOutput::for_rows(self.output.as_ref(), printer, outputs)?;
+        let mut out = OpenOutput::for_rows(self.output.as_ref(), printer)?;
         let rows = write_log(&mut out, &trial, layout)?;
         out.finish()?;
         let Some(path) = &self.output else { return Ok(Outcome::Done) };
@@ -197,13 +196,13 @@ impl SynthTrialArgs {
 }
 
 impl TrialsArgs {
-    pub(super) fn run(&self, printer: &Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(super) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let base = self.common.settings(ChannelForces::PAPER[0]);
         let count = self.per_condition * ChannelForces::PAPER.len() as u64;
         /// Of a trial, about.
         const BYTES: u64 = 1_000_000;
         let bar = printer.progress("making trials", count * BYTES);
-        let trials = write_set(outputs, &self.directory, base, self.per_condition, |done| {
+        let trials = write_set(&printer.files, &self.directory, base, self.per_condition, |done| {
             bar.set_position(done * BYTES)
         });
         bar.finish_and_clear();

@@ -16,7 +16,6 @@ use calibration::dynamics::LagRule;
 use calibration::fit::{CovarianceRule, Fit, FitMethod, HeldOut, ModelRule, OutlierRule};
 use calibration::solver::SolverKind;
 use calibration::validation::grouped::GroupKind;
-use output_file::Outputs;
 use shell_data::wrench::Axes;
 use shellcal::workflow::gates::ComparedAxes;
 use shellcal::workflow::partial::KeptGroups;
@@ -224,16 +223,16 @@ const OUTLIERS: [(&str, &str, OutlierRule); 3] = [
 ];
 
 impl FitArgs {
-    pub(crate) fn run(&self, printer: &Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let start = Instant::now();
         if let Some(path) = &self.partial {
-            self.write_partial(path, printer, outputs)?;
+            self.write_partial(path, printer)?;
             return Ok(Outcome::Done);
         }
         if let Some(before) = &self.from {
-            return self.recalibrate(before, printer, outputs);
+            return self.recalibrate(before, printer);
         }
-        let plan = FitPlan::from_args(self, outputs)?;
+        let mut plan = FitPlan::from_args(self, printer)?;
         let (data, hung, fitted) = plan.fit(printer)?;
         let named = plan.name_rows(&data, &fitted)?;
         let file = plan.file(&data, &fitted)?;
@@ -270,7 +269,7 @@ impl FitArgs {
         let gates = self.limits.gates(None);
         let axes = fitted.calibration.axes;
         let absent = gates.asked().without(axes);
-        let missing = self.train.iter().filter(|_| !absent.is_empty()).take(1);
+        let missing = self.train.iter().take(usize::from(!absent.is_empty()));
         let missing = missing.map(|log| (log.to_path_buf(), absent)).collect();
         let compared = ComparedAxes { axes, missing, uncalibrated: Axes::NONE };
         let failures = gates.failures(&compared, &unseen.rms);

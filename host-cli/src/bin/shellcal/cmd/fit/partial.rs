@@ -4,7 +4,6 @@ use calibration::Basis;
 use calibration::fit::ModelRule;
 use calibration::solver::SolverKind;
 use calibration_file::Sums;
-use output_file::Outputs;
 use shellcal::workflow::partial::{self, PartialOptions};
 use shellcal::workflow::remark::absent_axes;
 
@@ -20,7 +19,6 @@ impl FitArgs {
         &self,
         path: &OutputOrStdout,
         printer: &Printer,
-        outputs: &Outputs,
     ) -> anyhow::Result<()> {
         let wrenches = ("--wrench-from", self.wrench_from.as_slice());
         let mapping = self.mapping.mapping();
@@ -38,7 +36,7 @@ impl FitArgs {
                 anyhow::bail!("`--partial` is for polynomials in the readings: physics has no sums")
             }
         };
-        let destination = OpenOutput::open(path, printer, outputs)?;
+        let destination = OpenOutput::open(path, printer)?;
         let options = PartialOptions {
             basis,
             intercept: !self.no_intercept,

@@ -62,12 +62,6 @@ struct FactorsTried {
     standard_error: f64,
 }
 
-impl From<&FactorTrial> for FactorsTried {
-    fn from(&FactorTrial { factors, gain, standard_error }: &FactorTrial) -> Self {
-        Self { factors, gain, standard_error }
-    }
-}
-
 pub(super) fn report(
     printer: &Printer,
     fitted: &Fit,
@@ -81,6 +75,10 @@ pub(super) fn report(
         return Ok(());
     };
     let model = physics.model();
+    let tried = |of: &FactorTrial| {
+        let FactorTrial { factors, gain, standard_error } = *of;
+        FactorsTried { factors, gain, standard_error }
+    };
     let coverage = of_rows.validation.as_ref().and_then(PhysicsValidation::coverage);
     if printer.json() {
         return printer.document(&PhysicsReport {
@@ -94,7 +92,7 @@ pub(super) fn report(
             lambda: model.lambda,
             prior_width: model.prior_width,
             factors: model.factor_count(),
-            factors_tried: of_rows.choice.factor_trials.iter().map(FactorsTried::from).collect(),
+            factors_tried: of_rows.choice.factor_trials.iter().map(tried).collect(),
             standard_error_scale: *physics.error_scale(),
             errors: ErrorReport::new(fitted, diagnostics, Axes::ALL),
             median_of_groups: of_rows.validation.as_ref().map(PhysicsValidation::median),

@@ -7,7 +7,6 @@ use calibration::recalibration::{Change, ChangedQuantity, Recalibration};
 use calibration_file::stored::{OfAxes, Stored};
 use calibration_file::{CalibrationFile, Origin, Role, SourceFile};
 use log_file::{Log, ReadOptions, checksum};
-use output_file::Outputs;
 use serde::Serialize;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 use shellcal::workflow::fit::log_sources;
@@ -70,14 +69,13 @@ impl FitArgs {
         &self,
         path: &InputPath,
         printer: &Printer,
-        outputs: &Outputs,
     ) -> anyhow::Result<Outcome> {
         let before = CalibrationFile::read(path)?;
         let mapping = self.mapping.mapping_for(&before);
         let logs = open_logs(&self.train, ("--wrench-from", &self.wrench_from), &mapping)?;
         tell_remembered(printer, path, &mapping, &logs);
         let table = self.loads.as_ref().map(read_table).transpose()?;
-        let output = self.output.as_ref().map(|path| outputs.create(path)).transpose()?;
+        let output = printer.create(self.output.as_ref())?;
         let read = ReadOptions { checksum: self.keeps(), ..self.mapping.read_options() };
         let recalibrated = recalibrate(&before, &logs, table.as_ref(), &read)?;
         if let Some(output) = output {
@@ -92,10 +90,8 @@ impl FitArgs {
             output.commit_with(recalibrated.file(&before, origin).to_json().as_bytes())?;
         }
         report(printer, path, &recalibrated)?;
-        Ok(match recalibrated.found.is_contradicted() {
-            true => Outcome::CheckFailed,
-            false => Outcome::Done,
-        })
+        let fails = recalibrated.found.is_contradicted();
+        Ok(if fails { Outcome::CheckFailed } else { Outcome::Done })
     }
 }
 

@@ -2,7 +2,6 @@
 
 use calibration_file::payload_file::PayloadFile;
 use forces::payload::{LEAST_SPREAD, Payload, PayloadFit, STANDARD_GRAVITY_M_S2};
-use output_file::Outputs;
 use shellcal::workflow::payload::{FittedPayload, GravityFrom, fit_payload};
 
 use super::load::MotionColumnArgs;
@@ -38,10 +37,10 @@ pub(crate) struct PayloadFitArgs {
 }
 
 impl PayloadFitArgs {
-    pub(crate) fn run(&self, printer: &Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let mapping = self.mapping.mapping();
         let logs = open_logs(&self.logs, ("", &[]), &mapping)?;
-        let output = self.output.as_ref().map(|path| outputs.create(path)).transpose()?;
+        let output = printer.create(self.output.as_ref())?;
         let found = fit_payload(
             &logs,
             &self.columns.columns(STANDARD_GRAVITY_M_S2),

@@ -7,7 +7,6 @@ use calibration::{Basis, Calibration, Model};
 use calibration_file::payload_file::PayloadFile;
 use forces::RowRule;
 use log_file::{ColumnRef, Log, Mapping, Meaning, MomentUnit, Wanted};
-use output_file::Outputs;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 use shellcal::workflow::convert::{
     Conversion, ConvertOptions, OutputFormat, OutputPlan, RecordingFrame, TableColumns, convert,
@@ -54,7 +53,7 @@ pub(crate) struct SubtractArgs {
 }
 
 impl SubtractArgs {
-    pub(crate) fn run(&self, printer: &Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         if printer.json() && self.output.is_none() {
             anyhow::bail!("`--json` needs `--output`: the table would go to the same place");
         }
@@ -81,7 +80,7 @@ impl SubtractArgs {
             full_scale: None,
         };
         let plan = OutputPlan { format, ..OutputPlan::default() };
-        let mut out = OpenOutput::create(self.output.as_ref(), outputs)?;
+        let mut out = OpenOutput::create(self.output.as_ref(), printer)?;
         let (calibration, options) = (&calibration, &options);
         let summary = printer.scan(&log, read, |read| {
             let conversion = Conversion { log: &log, calibration, options, read };

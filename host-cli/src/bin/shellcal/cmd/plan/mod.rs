@@ -10,7 +10,6 @@ use calibration::load_plan::{
 };
 use calibration_file::CalibrationFile;
 use load_table::{HungLoad, HungLoads};
-use output_file::Outputs;
 use shell_data::wrench::PerAxis;
 use shellcal::workflow::plan::RecordedSession;
 
@@ -109,8 +108,8 @@ struct LoadPlan {
 }
 
 impl PlanArgs {
-    pub(crate) fn run(&self, printer: &Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
-        let figure = self.figure_size.create(self.plot.as_ref(), outputs)?;
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+        let figure = self.figure_size.create(self.plot.as_ref(), printer)?;
         if let Some(splits) = self.replay.splits() {
             let logs = open_logs(&self.recorded, ("", &[]), &self.mapping.mapping())?;
             let read = self.mapping.read_options();
@@ -121,7 +120,7 @@ impl PlanArgs {
                 "nothing is said of the rig: give its loads with `--rig`, `--masses`, or `--box`"
             );
         };
-        let output = self.output.as_ref().map(|path| outputs.create(path)).transpose()?;
+        let output = printer.create(self.output.as_ref())?;
         let plan = self.plan(table, printer)?;
         if let Some(output) = output {
             output.commit_with(plan.csv().as_bytes())?;

@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 
 use anyhow::bail;
-use output_file::Outputs;
 use serde::Serialize;
 use shellcal::workflow::batch::{Batch, BatchOptions, FailedRow, FileStamp, stamp};
 use trial::manifest::{Manifest, Shard};
@@ -93,23 +92,23 @@ struct BatchRun {
 }
 
 impl BatchArgs {
-    pub(crate) fn run(&self, printer: &Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
-        self.output.prepare(outputs, self.shard)?;
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+        self.output.prepare(printer, self.shard)?;
         if !self.watch {
-            return self.once(printer, outputs, None).map(|(_, outcome)| outcome);
+            return self.once(printer, None).map(|(_, outcome)| outcome);
         }
         if printer.json() {
             bail!("`--watch` prints tables again and again, `--json` one document");
         }
         let mut before: Option<(Vec<FileStamp>, Batch)> = None;
         let files = || self.watched();
-        watch::run(printer, files, |printer| {
-            outputs.renew();
+        watch::run(printer, files, || {
+            printer.files.renew();
             let equipment: Vec<FileStamp> =
                 self.evaluation.files_by_role().map(|(_, path)| stamp(path)).collect();
             // Under another calibration or profile all results are others.
             let kept = before.take().filter(|(files, _)| *files == equipment);
-            match self.once(printer, outputs, kept.as_ref().map(|(_, batch)| batch)) {
+            match self.once(printer, kept.as_ref().map(|(_, batch)| batch)) {
                 Ok((batch, _)) => before = Some((equipment, batch)),
                 Err(error) => printer.error(&error, None),
             }
@@ -128,16 +127,11 @@ impl BatchArgs {
         own.chain(logs.unwrap_or_default()).collect()
     }
 
-    fn once(
-        &self,
-        printer: &Printer,
-        outputs: &Outputs,
-        before: Option<&Batch>,
-    ) -> anyhow::Result<(Batch, Outcome)> {
+    fn once(&self, printer: &Printer, before: Option<&Batch>) -> anyhow::Result<(Batch, Outcome)> {
         let equipment = self.evaluation.equipment()?;
-        let manifest = manifest::read(&self.manifest, outputs)?;
+        let manifest = manifest::read(&self.manifest, printer)?;
         manifest::check_reference(&manifest, self.reference.as_deref())?;
-        let run = self.evaluate(printer, outputs, &manifest, &equipment, before)?;
+        let run = self.evaluate(printer, &manifest, &equipment, before)?;
         let is_whole = run.batch.failures.is_empty();
         self.show(printer, &equipment, &run)?;
         Ok((run.batch, if is_whole { Outcome::Done } else { Outcome::CheckFailed }))
@@ -150,12 +144,11 @@ impl BatchArgs {
     fn evaluate(
         &self,
         printer: &Printer,
-        outputs: &Outputs,
         manifest: &Manifest,
         equipment: &Equipment,
         before: Option<&Batch>,
     ) -> anyhow::Result<BatchRun> {
-        let figures = self.output.figure_folder(outputs)?;
+        let figures = self.output.figure_folder(printer)?;
         let options = BatchOptions {
             conditions: self.conditions.as_deref(),
             before,
@@ -164,7 +157,7 @@ impl BatchArgs {
         };
         let (path, profile) = (&self.manifest, &equipment.profile);
         let keep = |position, result: &mut _| {
-            self.output.write_trial(outputs, position, result, figures.as_ref(), profile)
+            self.output.write_trial(printer, position, result, figures.as_ref(), profile)
         };
         let batch = manifest::evaluate(printer, path, manifest, equipment, options, keep);
         let conditions = match self.shard {
@@ -172,7 +165,7 @@ impl BatchArgs {
             Some(_) => Vec::new(),
             None => batch.statistics(self.reference.as_deref(), self.seed),
         };
-        self.output.write_tables(outputs, &batch, &conditions, self.shard)?;
+        self.output.write_tables(printer, &batch, &conditions, self.shard)?;
         if let Some(figures) = &figures {
             if self.shard.is_none() {
                 figures.write_batch(&conditions, &batch.phases())?;

@@ -4,7 +4,6 @@ use ::report::{Certificate, CheckedLoad, Heading};
 use anyhow::Context;
 use calibration_file::CalibrationFile;
 use log_file::{Log, Mapping, ReadOptions};
-use output_file::Outputs;
 use shellcal::workflow::certificate::{budget, intervals};
 use shellcal::workflow::check::check_weights;
 use shellcal::workflow::report::calibration_facts;
@@ -56,9 +55,8 @@ impl CertificateArgs {
         evaluation: &EvaluationArgs,
         output: &OutputPath,
         printer: &Printer,
-        outputs: &Outputs,
     ) -> anyhow::Result<Outcome> {
-        let out = outputs.create(output)?;
+        let out = printer.files.create(output)?;
         let file = evaluation.edited.read(path)?;
         let mapping = evaluation.mapping.mapping_for(&file);
         let read = ReadOptions { checksum: false, ..evaluation.read_options() };

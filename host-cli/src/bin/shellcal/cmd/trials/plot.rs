@@ -5,7 +5,6 @@ use clap::Subcommand;
 use figures::Figure;
 use figures::trial::{box_figure, drag_lift_figure, phase_figure, stack_figure};
 use log_file::Log;
-use output_file::Outputs;
 use shellcal::workflow::figures::{passage, reduce_trace, some_strides, title};
 use shellcal::workflow::selection::TimeWindow;
 use shellcal::workflow::trial::{TrialJob, WindowTimes, evaluate_in_window};
@@ -99,25 +98,20 @@ struct DrawingArgs {
 }
 
 impl PlotArgs {
-    pub(crate) fn run(&self, printer: &Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         match &self.kind {
-            PlotKind::Drag(args) => args.run(printer, outputs, false),
-            PlotKind::Telemetry(args) => args.run(printer, outputs, true),
-            PlotKind::Phase(args) => args.run(printer, outputs, true),
-            PlotKind::Boxes(args) => args.run(printer, outputs, false),
+            PlotKind::Drag(args) => args.run(printer, false),
+            PlotKind::Telemetry(args) => args.run(printer, true),
+            PlotKind::Phase(args) => args.run(printer, true),
+            PlotKind::Boxes(args) => args.run(printer, false),
         }
     }
 }
 
 impl OneArgs {
-    fn run(
-        &self,
-        printer: &Printer,
-        outputs: &Outputs,
-        telemetry: bool,
-    ) -> anyhow::Result<Outcome> {
+    fn run(&self, printer: &Printer, telemetry: bool) -> anyhow::Result<Outcome> {
         let DrawingArgs { output, figure_size, evaluation } = &self.drawing;
-        let (plot, size) = (figure_size.open(output, outputs)?, figure_size.size);
+        let (plot, size) = (figure_size.open(output, printer)?, figure_size.size);
         let equipment = evaluation.equipment()?;
         let log = Log::open(&self.log, &equipment.mapping)?;
         let options = evaluation.options(&equipment, TraceExtent::Log);
@@ -155,11 +149,11 @@ impl OneArgs {
 }
 
 impl ManyArgs {
-    fn run(&self, printer: &Printer, outputs: &Outputs, phase: bool) -> anyhow::Result<Outcome> {
+    fn run(&self, printer: &Printer, phase: bool) -> anyhow::Result<Outcome> {
         let DrawingArgs { output, figure_size, evaluation } = &self.drawing;
-        let (plot, size) = (figure_size.open(output, outputs)?, figure_size.size);
+        let (plot, size) = (figure_size.open(output, printer)?, figure_size.size);
         let equipment = evaluation.equipment()?;
-        let manifest = manifest::read(&self.manifest, outputs)?;
+        let manifest = manifest::read(&self.manifest, printer)?;
         let keep = |_, result: &mut _| {
             reduce_trace(result, &equipment.profile, false);
             Ok(())

@@ -4,7 +4,6 @@ use std::path::Path;
 
 use ::report::{Heading, Input, Report};
 use anyhow::Context;
-use output_file::Outputs;
 use shellcal::workflow::figures::reduce_trace;
 use shellcal::workflow::report;
 use trial::{TraceExtent, TrialResult};
@@ -51,16 +50,16 @@ pub(crate) struct ReportArgs {
 }
 
 impl ReportArgs {
-    pub(crate) fn run(&self, printer: &Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         if self.certificate.certificate {
             let calibration = (&self.manifest, self.title.as_deref());
             let (certificate, evaluation) = (&self.certificate, &self.evaluation);
-            return certificate.run(calibration, evaluation, &self.output, printer, outputs);
+            return certificate.run(calibration, evaluation, &self.output, printer);
         }
-        let out = outputs.create(&self.output)?;
+        let out = printer.files.create(&self.output)?;
         let equipment = self.evaluation.equipment()?;
         let path = &self.manifest;
-        let manifest = manifest::read(path, outputs)?;
+        let manifest = manifest::read(path, printer)?;
         manifest::check_reference(&manifest, self.reference.as_deref())?;
         let keep = |_, result: &mut _| {
             reduce_trace(result, &equipment.profile, true);

@@ -1,7 +1,6 @@
 //! `shellcal trial`: the results of one trial.
 
 use log_file::Log;
-use output_file::Outputs;
 use serde::Serialize;
 use shellcal::workflow::trial::{TrialJob, WindowTimes, evaluate_in_window};
 use trial::tables::{strides_table, trace_table};
@@ -70,7 +69,7 @@ struct TrialDocument<'a> {
 }
 
 impl TrialArgs {
-    pub(crate) fn run(&self, printer: &Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let equipment = self.evaluation.equipment()?;
         let trace = match (&self.trace, self.whole_log) {
             (None, _) => TraceExtent::Nothing,
@@ -79,7 +78,7 @@ impl TrialArgs {
         };
         let options = self.evaluation.options(&equipment, trace);
         let log = Log::open(&self.log, &equipment.mapping)?;
-        let trace_file = self.trace.as_ref().map(|path| outputs.create(path)).transpose()?;
+        let trace_file = printer.create(self.trace.as_ref())?;
         let name = self.log.display().to_string();
         let trial = Trial {
             velocity_m_s: self.velocity,
@@ -97,7 +96,7 @@ impl TrialArgs {
             file.commit_with(&trace_table(trace).to_csv())?;
         }
         if let Some(path) = &self.strides {
-            outputs.write(path, &strides_table(std::iter::once(result)).to_csv())?;
+            printer.files.write(path, &strides_table(std::iter::once(result)).to_csv())?;
         }
         self.evaluation.note_forces(printer, &options);
         show::diagnostics(printer, &[(name, result)]);
