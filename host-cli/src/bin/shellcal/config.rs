@@ -31,26 +31,15 @@ pub(crate) struct ConfigArgs {
     no_config: bool,
 }
 
-/// What a key is in the help of commands: options of the same name are others elsewhere.
-const KEYS: [(&str, Option<&str>); 18] = [
-    ("format", Some("Reading logs")),
-    ("table", Some("Reading logs")),
-    ("sensors", Some("Reading logs")),
-    ("wrench", Some("Reading logs")),
-    ("time", Some("Reading logs")),
-    ("time-unit", Some("Reading logs")),
-    ("group", Some("Reading logs")),
-    ("moment-unit", Some("Reading logs")),
-    ("tare", Some("Taring")),
-    ("tare-time", Some("Taring")),
-    ("no-tare", Some("Taring")),
-    ("lowpass", Some("Filtering")),
-    ("no-lowpass", Some("Filtering")),
-    ("order", Some("Filtering")),
-    ("causal", Some("Filtering")),
-    ("rate", Some("Filtering")),
-    ("profile", None),
-    ("reference", None),
+/// Keys by the heading of their options in the help of commands: options of the same name are others elsewhere.
+const KEYS: [(Option<&str>, &[&str]); 4] = [
+    (
+        Some("Reading logs"),
+        &["format", "table", "sensors", "wrench", "time", "time-unit", "group", "moment-unit"],
+    ),
+    (Some("Taring"), &["tare", "tare-time", "no-tare"]),
+    (Some("Filtering"), &["lowpass", "no-lowpass", "order", "causal", "rate"]),
+    (None, &["profile", "reference"]),
 ];
 
 /// Options that say the same thing: if the command line has one, no other is taken from the file.
@@ -96,15 +85,14 @@ pub(crate) fn configure(
     let (of_command, given) = innermost(command, &matches);
     let mut added = Vec::new();
     let mut taken = Vec::new();
-    for (key, heading) in KEYS {
+    for (key, _) in options_of_keys(of_command) {
         let Some((_, value)) = config.settings.get(key) else { continue };
         let is_given = |key: &str| {
             option(of_command, key).is_some_and(|option| is_on_command_line(given, option))
         };
         let alternatives = ALTERNATIVES.iter().find(|all| all.contains(&key));
         let said = alternatives.map_or(is_given(key), |all| all.iter().any(|key| is_given(key)));
-        let is_same = |option: &Arg| heading.is_none() || option.get_help_heading() == heading;
-        if said || !option(of_command, key).is_some_and(is_same) {
+        if said {
             continue;
         }
         let mut argument = OsString::from(format!("--{key}"));
@@ -138,14 +126,12 @@ impl Configured {
     }
 
     /// Says where each setting comes from, if that is wanted.
-    pub(crate) fn explain(&self, command: &Command, printer: &mut Printer) {
+    pub(crate) fn explain(&self, command: &Command, printer: &Printer) {
         let (of_command, given) = innermost(command, &self.matches);
         if !printer.is_verbose() {
             return;
         }
-        for (key, heading) in KEYS {
-            let is_same = |option: &&Arg| heading.is_none() || option.get_help_heading() == heading;
-            let Some(option) = option(of_command, key).filter(is_same) else { continue };
+        for (key, option) in options_of_keys(of_command) {
             let values = given.get_raw(option.get_id().as_str()).into_iter().flatten();
             let values: Vec<_> = values.map(|value| value.to_string_lossy()).collect();
             let line = self.config.as_ref().and_then(|config| {
@@ -173,6 +159,16 @@ fn innermost<'a>(
         (command, matches) = (subcommand, of_subcommand);
     }
     (command, matches)
+}
+
+/// The keys that a command has an option for, in their order.
+fn options_of_keys(command: &Command) -> impl Iterator<Item = (&'static str, &Arg)> {
+    let keys =
+        KEYS.into_iter().flat_map(|(heading, keys)| keys.iter().map(move |key| (heading, *key)));
+    keys.filter_map(|(heading, key)| {
+        let is_same = |option: &&Arg| heading.is_none() || option.get_help_heading() == heading;
+        Some((key, option(command, key).filter(is_same)?))
+    })
 }
 
 fn option<'a>(command: &'a Command, long: &str) -> Option<&'a Arg> {
@@ -220,11 +216,10 @@ impl Config {
             let line = line_of(key.span().start);
             let wrong = |what: String| anyhow::anyhow!("`{}`, line {line}: {what}", path.display());
             let key = key.into_inner();
-            if !KEYS.iter().any(|(known, _)| *known == key) {
-                let near = |known: &&str| strsim::jaro_winkler(known, &key);
-                let nearest = KEYS.iter().map(|(known, _)| *known);
-                let nearest =
-                    nearest.max_by(|a, b| near(a).total_cmp(&near(b))).unwrap_or_default();
+            let known = KEYS.iter().flat_map(|(_, keys)| *keys);
+            if !known.clone().any(|known| *known == key) {
+                let near = |known: &&&str| strsim::jaro_winkler(known, &key);
+                let nearest = known.max_by(|a, b| near(a).total_cmp(&near(b))).unwrap_or(&"");
                 return Err(wrong(format!("unknown key `{key}`; the nearest is `{nearest}`")));
             }
             let value = match value {

@@ -76,12 +76,11 @@ impl OutputOrStdout {
     }
 }
 
-/// All files that the command line names.
+/// Tells `outputs` of all files that the command line names.
 ///
 /// # Errors
 /// [`OutputError`] if an output is an input or another output.
-pub(crate) fn outputs(mut matches: &ArgMatches) -> Result<Outputs, OutputError> {
-    let outputs = Outputs::new();
+pub(crate) fn collect(mut matches: &ArgMatches, outputs: &Outputs) -> Result<(), OutputError> {
     loop {
         values::<InputPath>(matches).try_for_each(|path| outputs.protect(path))?;
         let mut files = values::<InputOrStdin>(matches).filter(|path| !path.is_stdin());
@@ -91,7 +90,7 @@ pub(crate) fn outputs(mut matches: &ArgMatches) -> Result<Outputs, OutputError> 
         files.try_for_each(|path| outputs.announce(path))?;
         match matches.subcommand() {
             Some((_, subcommand)) => matches = subcommand,
-            None => return Ok(outputs),
+            None => return Ok(()),
         }
     }
 }

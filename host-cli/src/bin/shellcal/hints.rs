@@ -4,19 +4,8 @@ use std::error::Error;
 use std::io;
 
 use beam_channel::SetupError;
-use board_link::{LinkError, NotForBoard, RecordError};
-use calibration::FitError;
-use calibration::validation::ValidationError;
-use calibration_file::{CalibrationFileError, MergeError};
-use log_file::LogError;
-use output_file::OutputError;
 use shell_data::hint::Hint;
-use shellcal::workflow::align::AlignLogsError;
-use shellcal::workflow::convert::ConvertError;
-use shellcal::workflow::gates::GateError;
-use shellcal::workflow::payload::PayloadLogError;
-use shellcal::workflow::trial::TrialLogError;
-use shellcal::workflow::{ChannelMismatch, WorkflowError};
+use shellcal::workflow;
 
 /// The next step after `error`, where one is known.
 pub(crate) fn for_error(error: &anyhow::Error) -> Option<String> {
@@ -28,22 +17,22 @@ pub(crate) fn for_error(error: &anyhow::Error) -> Option<String> {
 
 /// An error in a chain does not say which hints it has: every type that has some is tried.
 const HINTS: [fn(&(dyn Error + 'static)) -> Option<String>; 16] = [
-    hint::<AlignLogsError>,
-    hint::<CalibrationFileError>,
-    hint::<ChannelMismatch>,
-    hint::<ConvertError>,
-    hint::<FitError>,
-    hint::<GateError>,
-    hint::<LinkError>,
-    hint::<LogError>,
-    hint::<MergeError>,
-    hint::<NotForBoard>,
-    hint::<OutputError>,
-    hint::<PayloadLogError>,
-    hint::<RecordError>,
-    hint::<TrialLogError>,
-    hint::<ValidationError>,
-    hint::<WorkflowError>,
+    hint::<board_link::LinkError>,
+    hint::<board_link::NotForBoard>,
+    hint::<board_link::RecordError>,
+    hint::<calibration::FitError>,
+    hint::<calibration::validation::ValidationError>,
+    hint::<calibration_file::CalibrationFileError>,
+    hint::<calibration_file::MergeError>,
+    hint::<log_file::LogError>,
+    hint::<output_file::OutputError>,
+    hint::<workflow::ChannelMismatch>,
+    hint::<workflow::WorkflowError>,
+    hint::<workflow::align::AlignLogsError>,
+    hint::<workflow::convert::ConvertError>,
+    hint::<workflow::gates::GateError>,
+    hint::<workflow::payload::PayloadLogError>,
+    hint::<workflow::trial::TrialLogError>,
 ];
 
 fn hint<E: Error + Hint + 'static>(cause: &(dyn Error + 'static)) -> Option<String> {

@@ -68,10 +68,10 @@ fn run(
     if let Some(why) = files::misplaced_value(command, &configured.matches, &words) {
         anyhow::bail!(why);
     }
-    let outputs = files::outputs(&configured.matches)?;
+    files::collect(&configured.matches, &printer.files)?;
     if let Some(file) = configured.file() {
-        outputs.protect(file)?;
+        printer.files.protect(file)?;
     }
     configured.explain(command, printer);
-    args.command.run(printer, &outputs, args::Args::command)
+    args.command.run(printer, args::Args::command)
 }

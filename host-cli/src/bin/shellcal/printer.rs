@@ -3,13 +3,17 @@
 use shellcal::workflow::remark::Remark;
 use std::borrow::Cow;
 use std::io::{self, IsTerminal, Write};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle, TermLike};
 use log_file::{Log, ReadOptions};
+use output_file::{AtomicFile, Outputs};
 use serde::Serialize;
 use shell_data::escape;
 
+use crate::files::OutputPath;
 use crate::outcome::Outcome;
 use crate::tables::{self, TableForm};
 
@@ -93,17 +97,22 @@ impl Tint {
     }
 }
 
+/// A column of a table: its name, and what it shows of a record.
+pub(crate) type TableColumn<'a, T> = (&'a str, &'a dyn Fn(&T) -> String);
+
 /// Where a command's results and remarks go.
 #[derive(Clone, Debug)]
 pub(crate) struct Printer {
     options: OutputArgs,
     /// Whether a table was printed.
-    has_table: bool,
+    has_table: Arc<AtomicBool>,
+    /// The files that the command reads and writes.
+    pub(crate) files: Arc<Outputs>,
 }
 
 impl Printer {
     pub(crate) fn new(options: OutputArgs) -> Self {
-        Self { options, has_table: false }
+        Self { options, has_table: Arc::default(), files: Arc::new(Outputs::new()) }
     }
 
     /// Whether the user asked for one JSON document in place of tables.
@@ -117,7 +126,7 @@ impl Printer {
     }
 
     /// Prints the result of a command as one JSON document, every figure at full precision.
-    pub(crate) fn document(&mut self, value: &impl Serialize) -> anyhow::Result<()> {
+    pub(crate) fn document(&self, value: &impl Serialize) -> anyhow::Result<()> {
         // At one go: stdout would pass it on line by line.
         let text = serde_json::to_string_pretty(value).map_err(io::Error::from)? + "\n";
         io::stdout().lock().write_all(escape::json(&text).as_bytes())?;
@@ -127,9 +136,9 @@ impl Printer {
     /// Prints the result of a command that is done: as one JSON document where that was asked for, otherwise as
     /// `print` shows it.
     pub(crate) fn finish(
-        &mut self,
+        &self,
         value: &impl Serialize,
-        print: impl FnOnce(&mut Self) -> anyhow::Result<()>,
+        print: impl FnOnce(&Self) -> anyhow::Result<()>,
     ) -> anyhow::Result<Outcome> {
         match self.json() {
             true => self.document(value)?,
@@ -138,34 +147,34 @@ impl Printer {
         Ok(Outcome::Done)
     }
 
+    /// Opens the file that is to be written, if one is.
+    pub(crate) fn create(&self, path: Option<&OutputPath>) -> anyhow::Result<Option<AtomicFile>> {
+        Ok(path.map(|path| self.files.create(path)).transpose()?)
+    }
+
     /// Prints what would be a file of its own, as it stands.
-    pub(crate) fn file(&mut self, content: &[u8]) -> anyhow::Result<()> {
+    pub(crate) fn file(&self, content: &[u8]) -> anyhow::Result<()> {
         Ok(io::stdout().lock().write_all(content)?)
     }
 
     /// Prints one line of a result that people read.
-    pub(crate) fn line(&mut self, text: impl AsRef<str>) -> anyhow::Result<()> {
+    pub(crate) fn line(&self, text: impl AsRef<str>) -> anyhow::Result<()> {
         self.tinted("", Tint::None, text)
     }
 
     /// The same with a word before it that is coloured.
     pub(crate) fn tinted(
-        &mut self,
+        &self,
         word: &str,
         tint: Tint,
         text: impl AsRef<str>,
     ) -> anyhow::Result<()> {
         let text = escape::terminal(text.as_ref());
         match self.options.form {
-            TableForm::Csv => {
-                self.note(format!("{word}{text}"));
-                return Ok(());
-            }
+            TableForm::Csv => self.note(format!("{word}{text}")),
+            TableForm::Markdown if text.is_empty() => {}
             // Each line a paragraph of its own.
-            TableForm::Markdown if !text.is_empty() => {
-                writeln!(io::stdout().lock(), "{word}{text}\n")?;
-            }
-            TableForm::Markdown => {}
+            TableForm::Markdown => writeln!(io::stdout().lock(), "{word}{text}\n")?,
             TableForm::Text => {
                 let word = tint.paint(word, self.is_colored());
                 writeln!(io::stdout().lock(), "{word}{text}")?;
@@ -176,14 +185,14 @@ impl Printer {
 
     /// Prints a table: the first column is a label, the others are numbers.
     pub(crate) fn table(
-        &mut self,
+        &self,
         header: &[&str],
         rows: impl IntoIterator<Item = Vec<String>>,
     ) -> anyhow::Result<()> {
         let form = self.options.form;
         let mut text = String::new();
         // Of several tables every one stands on its own.
-        if form == TableForm::Csv && std::mem::replace(&mut self.has_table, true) {
+        if form == TableForm::Csv && self.has_table.swap(true, Ordering::Relaxed) {
             text.push('\n');
         }
         let rows: Vec<Vec<String>> = rows.into_iter().collect();
@@ -198,15 +207,26 @@ impl Printer {
         Ok(())
     }
 
+    /// Prints a table with a row for each record.
+    pub(crate) fn records<T>(
+        &self,
+        columns: &[TableColumn<'_, T>],
+        records: impl IntoIterator<Item = T>,
+    ) -> anyhow::Result<()> {
+        let header: Vec<&str> = columns.iter().map(|(name, _)| *name).collect();
+        let row = |record: T| columns.iter().map(|(_, cell)| cell(&record)).collect();
+        self.table(&header, records.into_iter().map(row))
+    }
+
     /// Writes a note about the work to stderr, but not with `--quiet`.
-    pub(crate) fn note(&mut self, text: impl AsRef<str>) {
+    pub(crate) fn note(&self, text: impl AsRef<str>) {
         if !self.options.quiet {
             self.talk("", Tint::None, text.as_ref());
         }
     }
 
     /// Notes and warnings.
-    pub(crate) fn remarks(&mut self, remarks: impl IntoIterator<Item = Remark>) {
+    pub(crate) fn remarks(&self, remarks: impl IntoIterator<Item = Remark>) {
         for remark in remarks {
             match remark {
                 Remark::Note(text) => self.note(text),
@@ -221,24 +241,24 @@ impl Printer {
     }
 
     /// Writes a note about how the work is done to stderr, with `--verbose` only.
-    pub(crate) fn detail(&mut self, text: impl AsRef<str>) {
+    pub(crate) fn detail(&self, text: impl AsRef<str>) {
         if self.options.verbose {
             self.talk("", Tint::None, text.as_ref());
         }
     }
 
     /// Warns on stderr, even when quiet: the user must not miss it.
-    pub(crate) fn warning(&mut self, text: impl AsRef<str>) {
+    pub(crate) fn warning(&self, text: impl AsRef<str>) {
         self.talk("warning: ", Tint::Warning, text.as_ref());
     }
 
     /// Reports what could not be done among other things that could.
-    pub(crate) fn failure(&mut self, text: impl AsRef<str>) {
+    pub(crate) fn failure(&self, text: impl AsRef<str>) {
         self.talk("error: ", Tint::Bad, text.as_ref());
     }
 
     /// Reports why the command could not run.
-    pub(crate) fn error(&mut self, error: &anyhow::Error, hint: Option<&str>) {
+    pub(crate) fn error(&self, error: &anyhow::Error, hint: Option<&str>) {
         self.talk("error: ", Tint::Bad, &format!("{error:#}"));
         if let Some(hint) = hint {
             self.talk("hint: ", Tint::Hint, hint);

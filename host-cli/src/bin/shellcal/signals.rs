@@ -15,7 +15,7 @@ static STOP: OnceLock<Arc<AtomicBool>> = OnceLock::new();
 pub(crate) fn listen() {
     static BEGUN: Once = Once::new();
     BEGUN.call_once(|| {
-        let _ = platform::listen(platform::wanted());
+        let _ = platform::listen(false);
     });
 }
 
@@ -24,7 +24,7 @@ pub(crate) fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
     let flag = Arc::clone(STOP.get_or_init(Arc::default));
     listen();
     // Whoever wants to be stopped can be, even where a shell has it started in the background.
-    platform::listen(platform::unwanted()).context("cannot listen for Ctrl-C")?;
+    platform::listen(true).context("cannot listen for Ctrl-C")?;
     Ok(flag)
 }
 
@@ -51,19 +51,16 @@ mod platform {
     use signal_hook::iterator::Signals;
     use signal_hook::low_level::emulate_default_handler;
 
-    /// Those that end the program, as things are.
-    pub(super) fn wanted() -> Vec<c_int> {
+    /// Listens for signals that end the program as things are, or for those that are ignored and still meant for a
+    /// command that waits for them.
+    pub(super) fn listen(are_ignored: bool) -> io::Result<()> {
+        let wanted: &[c_int] = match are_ignored {
+            true => &[SIGINT, SIGTERM],
+            false => &[SIGINT, SIGTERM, SIGHUP],
+        };
         let ignored = ignored();
-        [SIGINT, SIGTERM, SIGHUP].into_iter().filter(|&signal| !is_in(ignored, signal)).collect()
-    }
-
-    /// Those that would not, and are still meant for a command that waits for them.
-    pub(super) fn unwanted() -> Vec<c_int> {
-        let ignored = ignored();
-        [SIGINT, SIGTERM].into_iter().filter(|&signal| is_in(ignored, signal)).collect()
-    }
-
-    pub(super) fn listen(signals: Vec<c_int>) -> io::Result<()> {
+        let is_wanted = |signal: &&c_int| is_in(ignored, **signal) == are_ignored;
+        let signals: Vec<&c_int> = wanted.iter().filter(is_wanted).collect();
         if signals.is_empty() {
             return Ok(());
         }
@@ -98,16 +95,9 @@ mod platform {
     /// What a program returns that was ended by Ctrl-C.
     const ENDED: i32 = 130;
 
-    pub(super) fn wanted() -> bool {
-        true
-    }
-
-    pub(super) fn unwanted() -> bool {
-        false
-    }
-
-    pub(super) fn listen(wanted: bool) -> io::Result<()> {
-        if !wanted {
+    /// Nothing is ignored here.
+    pub(super) fn listen(are_ignored: bool) -> io::Result<()> {
+        if are_ignored {
             return Ok(());
         }
         let handler = || {

@@ -4,7 +4,6 @@ use alignment::{Aligned, ClockMap, EdgeMatch, LeftOut, Quality};
 use anyhow::{Context, bail};
 use figures::match_figure;
 use log_file::{ColumnRef, FORMATS, Log, LogFormat, Mapping, TIME_UNITS, TimeUnit, parse_column};
-use output_file::Outputs;
 use serde::Serialize;
 use shellcal::workflow::align::{
     AlignLogsError, AlignOptions, AlignedLogs, WrittenRows, align_logs, write_training,
@@ -136,15 +135,15 @@ const APART_S: f64 = 2e-3;
 const POOR: f64 = 0.9;
 
 impl AlignArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         if printer.json() && self.output.is_none() {
             bail!("`--json` needs `--output`: the training log would go to the same place");
         }
         let (reference_mapping, log_mapping) = self.mappings();
         let reference = Log::open(&self.reference, &reference_mapping)?;
         let log = Log::open(&self.log, &log_mapping)?;
-        let mut output = OpenOutput::create(self.output.as_ref(), outputs)?;
-        let plot = self.figure_size.create(self.plot.as_ref(), outputs)?;
+        let mut output = OpenOutput::create(self.output.as_ref(), printer)?;
+        let plot = self.figure_size.create(self.plot.as_ref(), printer)?;
 
         let rows = self.frames.rows(&log);
         let sync = self.sync.clone();
@@ -211,7 +210,7 @@ impl AlignArgs {
 
     fn report(
         &self,
-        printer: &mut Printer,
+        printer: &Printer,
         aligned: &Aligned,
         rows: WrittenRows,
     ) -> anyhow::Result<()> {
@@ -247,12 +246,7 @@ impl AlignArgs {
         self.print(printer, aligned, rows)
     }
 
-    fn print(
-        &self,
-        printer: &mut Printer,
-        aligned: &Aligned,
-        rows: WrittenRows,
-    ) -> anyhow::Result<()> {
+    fn print(&self, printer: &Printer, aligned: &Aligned, rows: WrittenRows) -> anyhow::Result<()> {
         let clock = &aligned.clock;
         let offset = format!("offset at {:.3} s (ms)", clock.pivot_s);
         let table = [
@@ -285,7 +279,7 @@ impl AlignArgs {
     }
 
     /// What the edges of a sync signal were, if one was named.
-    fn report_edges(&self, printer: &mut Printer, aligned: &Aligned) -> anyhow::Result<()> {
+    fn report_edges(&self, printer: &Printer, aligned: &Aligned) -> anyhow::Result<()> {
         let Some(column) = &self.sync else { return Ok(()) };
         let Some(edges) = &aligned.edges else {
             printer.warning(format!(
@@ -320,7 +314,7 @@ impl AlignArgs {
     }
 }
 
-fn note_left_out(printer: &mut Printer, what: &str, left_out: &LeftOut) {
+fn note_left_out(printer: &Printer, what: &str, left_out: &LeftOut) {
     let LeftOut { not_finite, not_later, repeated, saturated } = *left_out;
     for (count, why) in [
         (not_finite, "left out, not finite"),

@@ -4,28 +4,24 @@ use std::path::Path;
 
 use calibration::Basis;
 use calibration::solver::SolverKind;
-use log_file::{Log, Wanted, read_dataset};
-use output_file::Outputs;
+use log_file::{Wanted, read_dataset};
 use shell_data::block::Block;
 use shellcal::workflow::bench::{self, ErrorKind, ModelBench};
 use simulation::synthetic_block;
 
 use super::choices;
 use super::figure_size::{FigureFile, FigureSize};
-use super::mapping::MappingArgs;
+use super::mapping::{MappingArgs, open_logs};
 use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
-use crate::printer::Printer;
+use crate::printer::{Printer, TableColumn};
 use crate::tables::NOTHING;
 
-const EXAMPLES: &str = "\
-Examples:
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
   shellcal bench train.csv
   shellcal bench train.csv --model cubic --solver exact,tsqr,gram --plot solvers.svg
-  shellcal bench --rows 10000 --json";
-
-#[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
+  shellcal bench --rows 10000 --json")]
 pub(crate) struct BenchArgs {
     /// Training logs, plain or gzip [default: rows of the sensor model]
     #[arg(value_name = "TRAIN")]
@@ -60,8 +56,8 @@ pub(crate) struct BenchArgs {
 }
 
 impl BenchArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
-        let opened = self.open_plots(outputs)?;
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+        let opened = self.open_plots(printer)?;
         let blocks = self.blocks(printer)?;
         let bases = if self.model.is_empty() { &Basis::ALL[..] } else { &self.model };
         let kinds = if self.solver.is_empty() { &SolverKind::ALL[..] } else { &self.solver };
@@ -86,24 +82,23 @@ impl BenchArgs {
         Ok(Outcome::Done)
     }
 
-    fn open_plots(&self, outputs: &Outputs) -> anyhow::Result<Vec<(ErrorKind, FigureFile)>> {
+    fn open_plots(&self, printer: &Printer) -> anyhow::Result<Vec<(ErrorKind, FigureFile)>> {
         let Some(path) = &self.plot else { return Ok(Vec::new()) };
-        let open = |kind, path: &Path| anyhow::Ok((kind, self.figure_size.open(path, outputs)?));
+        let open = |kind, path: &Path| anyhow::Ok((kind, self.figure_size.open(path, printer)?));
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
         let extension = path.extension().unwrap_or_default().to_string_lossy();
         let beside = path.with_file_name(format!("{stem}-prediction.{extension}"));
         Ok(vec![open(ErrorKind::Coefficients, path)?, open(ErrorKind::Prediction, &beside)?])
     }
 
-    fn blocks(&self, printer: &mut Printer) -> anyhow::Result<Vec<Block>> {
+    fn blocks(&self, printer: &Printer) -> anyhow::Result<Vec<Block>> {
         if self.train.is_empty() {
             printer.note(format!("{} rows of the sensor model", self.rows));
             return Ok(synthetic_block::training(self.rows));
         }
         let mapping = self.mapping.mapping();
         let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
-        let open = |path: &InputPath| Log::open(path, &mapping);
-        let logs = self.train.iter().map(open).collect::<Result<Vec<_>, _>>()?;
+        let logs = open_logs(&self.train, ("", &[]), &mapping)?;
         let wanted: Vec<_> = logs.iter().map(|log| (log, wanted.clone())).collect();
         let rows = read_dataset(&wanted, &self.mapping.read_options())?;
         let alike = rows.logs.iter().all(|log| log.channels == rows.channels());
@@ -112,22 +107,22 @@ impl BenchArgs {
     }
 }
 
-fn print(printer: &mut Printer, bench: &ModelBench) -> anyhow::Result<()> {
+fn print(printer: &Printer, bench: &ModelBench) -> anyhow::Result<()> {
     printer.line(format!(
         "{}: {} features, {} rows, condition {:.1e}; errors relative to `{}`",
         bench.model, bench.features, bench.rows, bench.condition, bench.reference
     ))?;
     let error = |error: Option<f64>| error.map_or(NOTHING.to_owned(), |e| format!("{e:.1e}"));
-    let row = |m: &bench::Measurement| {
-        vec![
-            format!("{}{}", m.solver, if m.on_front { " *" } else { "" }),
-            format!("{:.2}", 1e3 * m.seconds),
-            if m.refused.is_some() { "refused".to_owned() } else { error(m.coefficient_error) },
-            error(m.prediction_error),
-        ]
-    };
-    let rows = bench.solvers.iter().map(row);
-    printer.table(&["solver", "time (ms)", "coefficient error", "prediction error"], rows)?;
+    let columns: [TableColumn<'_, &bench::Measurement>; 4] = [
+        ("solver", &|m| format!("{}{}", m.solver, if m.on_front { " *" } else { "" })),
+        ("time (ms)", &|m| format!("{:.2}", 1e3 * m.seconds)),
+        ("coefficient error", &|m| match m.refused {
+            Some(_) => "refused".to_owned(),
+            None => error(m.coefficient_error),
+        }),
+        ("prediction error", &|m| error(m.prediction_error)),
+    ];
+    printer.records(&columns, &bench.solvers)?;
     for m in &bench.solvers {
         if let Some(reason) = &m.refused {
             printer.note(format!("{}, {}: {reason}", bench.model, m.solver));

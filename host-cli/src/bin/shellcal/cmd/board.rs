@@ -1,7 +1,5 @@
 //! `shellcal board`: asks a board and tells it what to do.
 
-use std::io::{Read, Write};
-
 use anyhow::Context;
 use board_link::recording::PROTOCOLS;
 use board_link::{Client, PortOptions, Uplink, board_text, for_board, judge, serial_text};
@@ -10,7 +8,7 @@ use serde_json::json;
 use shared_proto::{BoardId, CHANNELS, Command, Identity, Protocol, ResetCause, Stream};
 
 use super::board_line::{BoardClient, set_baud, start_bootloader};
-use super::choices::one_of;
+use super::choices::{number_within, one_of};
 use super::edited::EditedArg;
 use super::serial::{SerialArgs, first_number};
 use crate::files::InputPath;
@@ -58,7 +56,7 @@ enum BoardAction {
     /// Set the rate of frames
     Rate {
         /// Frames per second
-        #[arg(value_name = "HZ", value_parser = parse_rate)]
+        #[arg(value_name = "HZ", value_parser = number_within(0.001..=1e6, RATE))]
         hz: f64,
     },
     /// Set how a reading is taken
@@ -108,7 +106,7 @@ const STREAMS: [(&str, &str, Stream); 2] =
     [("raw", "Readings", Stream::Raw), ("wrench", "Wrenches", Stream::Wrench)];
 
 impl BoardArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let (port, action) = match (&self.port, &self.action) {
             (Some(port), _) if self.simulate => anyhow::bail!(
                 "`{port}` is too much: a simulated board makes its own port and prints its name; \
@@ -199,29 +197,20 @@ impl BoardArgs {
 }
 
 /// Lights the emitters one by one and says what they do.
-fn self_test<P: Read + Write>(
-    client: &mut Client<P>,
-    printer: &mut Printer,
-) -> anyhow::Result<Outcome> {
+fn self_test(client: &mut BoardClient, printer: &Printer) -> anyhow::Result<Outcome> {
     let mut faults = Vec::new();
     let mut rises = Vec::new();
     for emitter in 0..CHANNELS {
         let rise = client.self_test(emitter as u8)?;
-        match judge(emitter, &rise) {
-            Ok(()) if !printer.json() => printer.line(format!(
-                "emitter {} raises channel {} by {} steps and no other",
-                emitter + 1,
-                emitter + 1,
-                rise[emitter]
-            ))?,
-            Ok(()) => {}
-            Err(fault) => {
-                if !printer.json() {
-                    printer.line(fault.to_string())?;
-                }
-                faults.push(fault.to_string());
-            }
+        let (number, steps) = (emitter + 1, rise[emitter]);
+        let fault = judge(emitter, &rise).err().map(|fault| fault.to_string());
+        if !printer.json() {
+            let passes = || {
+                format!("emitter {number} raises channel {number} by {steps} steps and no other")
+            };
+            printer.line(fault.clone().unwrap_or_else(passes))?;
         }
+        faults.extend(fault);
         rises.push(rise);
     }
     if printer.json() {
@@ -230,7 +219,7 @@ fn self_test<P: Read + Write>(
     Ok(if faults.is_empty() { Outcome::Done } else { Outcome::CheckFailed })
 }
 
-fn print_identity(identity: &Identity, printer: &mut Printer) -> anyhow::Result<Outcome> {
+fn print_identity(identity: &Identity, printer: &Printer) -> anyhow::Result<Outcome> {
     let [major, minor, patch] = identity.firmware;
     let firmware = format!("{major}.{minor}.{patch}");
     let serial = serial_text(&identity.serial);
@@ -247,10 +236,7 @@ fn print_identity(identity: &Identity, printer: &mut Printer) -> anyhow::Result<
     })
 }
 
-fn print_status<P: Read + Write>(
-    client: &mut Client<P>,
-    printer: &mut Printer,
-) -> anyhow::Result<Outcome> {
+fn print_status(client: &mut BoardClient, printer: &Printer) -> anyhow::Result<Outcome> {
     let status = client.status()?;
     let stream = match status.stream {
         Stream::Raw => "readings".to_owned(),
@@ -318,10 +304,4 @@ fn parse_serial(text: &str) -> Result<BoardId, String> {
 const SERIAL: &str = "24 hexadecimal digits";
 
 /// Rates whose period in µs fits the command.
-fn parse_rate(text: &str) -> Result<f64, String> {
-    let rate: f64 = text.parse().map_err(|_| "a number of frames per second".to_owned())?;
-    match (0.001..=1e6).contains(&rate) {
-        true => Ok(rate),
-        false => Err("a rate from 0.001 to 1000000 Hz".to_owned()),
-    }
-}
+const RATE: [&str; 2] = ["a number of frames per second", "a rate from 0.001 to 1000000 Hz"];

@@ -19,7 +19,7 @@ pub(super) fn set_baud(
     mut client: BoardClient,
     [old, new]: [u32; 2],
     connect: impl Fn(u32, Option<BoardId>) -> anyhow::Result<BoardClient>,
-    printer: &mut Printer,
+    printer: &Printer,
 ) -> anyhow::Result<()> {
     let board = client.identify()?.id();
     match client.order(Command::SetBaud { baud: new }) {
@@ -48,7 +48,7 @@ pub(super) fn set_baud(
 pub(super) fn start_bootloader(
     client: &mut BoardClient,
     port: &str,
-    printer: &mut Printer,
+    printer: &Printer,
 ) -> anyhow::Result<()> {
     let started = client.order(Command::Bootloader);
     if let Err(LinkError::NoAnswer { .. }) = started {

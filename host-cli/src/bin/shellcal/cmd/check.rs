@@ -3,7 +3,7 @@
 use calibration::quality::significant;
 use report::CheckedLoad;
 use serde::Serialize;
-use shell_data::wrench::{Axes, PerAxis};
+use shell_data::wrench::{Axes, Axis};
 use shellcal::workflow::check::check_weights;
 
 use super::edited::EditedArg;
@@ -11,15 +11,12 @@ use super::mapping::{MappingArgs, open_logs, tell_remembered};
 use super::plan::read_table;
 use crate::files::InputPath;
 use crate::outcome::Outcome;
-use crate::printer::Printer;
-
-const EXAMPLES: &str = "\
-Examples:
-  shellcal check calibration.json weight.csv morning.csv
-  shellcal check calibration.json weight.csv morning.csv --quiet || echo calibrate again";
+use crate::printer::{Printer, TableColumn};
 
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
+#[command(after_help = "Examples:
+  shellcal check calibration.json weight.csv morning.csv
+  shellcal check calibration.json weight.csv morning.csv --quiet || echo calibrate again")]
 pub(crate) struct CheckArgs {
     /// The calibration
     #[arg(value_name = "CAL.json")]
@@ -50,7 +47,7 @@ struct CheckReport<'a> {
 }
 
 impl CheckArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let file = self.edited.read(&self.calibration)?;
         let table = read_table(&self.loads)?;
         let mapping = self.mapping.mapping_for(&file);
@@ -76,24 +73,17 @@ impl CheckArgs {
     }
 }
 
-fn print(printer: &mut Printer, checked: &[CheckedLoad], axes: Axes) -> anyhow::Result<()> {
-    let mut rows = Vec::new();
-    for of in checked {
-        for axis in axes.iter() {
-            let value = |values: &PerAxis<f64>| significant(values[axis.index()], 3);
-            let difference = of.measured[axis.index()] - of.stated[axis.index()];
-            rows.push(vec![
-                of.group.clone(),
-                axis.name().to_owned(),
-                value(&of.stated),
-                value(&of.measured),
-                significant(difference, 2),
-                significant(of.allowed[axis.index()], 2),
-                axis.unit().to_owned(),
-                if of.off.contains(axis) { "off".to_owned() } else { String::new() },
-            ]);
-        }
-    }
-    let header = ["load", "axis", "stated", "measured", "difference", "allowed", "unit", ""];
-    printer.table(&header, rows)
+fn print(printer: &Printer, checked: &[CheckedLoad], axes: Axes) -> anyhow::Result<()> {
+    let difference = |of: &CheckedLoad, axis: usize| of.measured[axis] - of.stated[axis];
+    let columns: [TableColumn<'_, (&CheckedLoad, Axis)>; 8] = [
+        ("load", &|(of, _)| of.group.clone()),
+        ("axis", &|(_, axis)| axis.name().to_owned()),
+        ("stated", &|(of, axis)| significant(of.stated[axis.index()], 3)),
+        ("measured", &|(of, axis)| significant(of.measured[axis.index()], 3)),
+        ("difference", &|(of, axis)| significant(difference(of, axis.index()), 2)),
+        ("allowed", &|(of, axis)| significant(of.allowed[axis.index()], 2)),
+        ("unit", &|(_, axis)| axis.unit().to_owned()),
+        ("", &|(of, axis)| if of.off.contains(*axis) { "off".to_owned() } else { String::new() }),
+    ];
+    printer.records(&columns, checked.iter().flat_map(|of| axes.iter().map(move |axis| (of, axis))))
 }

@@ -40,6 +40,23 @@ pub(super) fn number_in(
     }
 }
 
+/// The same, where what is no number is told apart from what is outside.
+pub(super) fn number_within(
+    range: impl RangeBounds<f64> + Clone + Send + Sync + 'static,
+    [no_number, outside]: [&'static str; 2],
+) -> impl TypedValueParser<Value = f64> {
+    move |text: &str| {
+        let number = text.parse().map_err(|_| no_number)?;
+        if range.contains(&number) { Ok(number) } else { Err(outside) }
+    }
+}
+
+/// As many finite numbers as are wanted, with commas between them.
+pub(super) fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
+    let number = |part: &str| part.trim().parse().ok().filter(|number: &f64| number.is_finite());
+    text.split(',').map(number).collect::<Option<Vec<f64>>>()?.try_into().ok()
+}
+
 /// A family of features.
 pub(super) fn basis() -> impl TypedValueParser<Value = Basis> {
     one_of(&Basis::ALL.map(|basis| (basis.name(), basis.description(), basis)))

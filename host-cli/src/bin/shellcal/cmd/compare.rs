@@ -12,15 +12,12 @@ use shellcal::workflow::remark::found_groups;
 use super::mapping::{MappingArgs, open_logs, tell_remembered};
 use crate::files::InputPath;
 use crate::outcome::Outcome;
-use crate::printer::Printer;
-
-const EXAMPLES: &str = "\
-Examples:
-  shellcal compare monday.json tuesday.json --test poses.csv
-  shellcal compare cubic.json physics.json --test test-*.csv --json";
+use crate::printer::{Printer, TableColumn};
 
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
+#[command(after_help = "Examples:
+  shellcal compare monday.json tuesday.json --test poses.csv
+  shellcal compare cubic.json physics.json --test test-*.csv --json")]
 pub(crate) struct CompareArgs {
     /// One calibration
     #[arg(value_name = "A.json")]
@@ -60,7 +57,7 @@ struct ComparedAxis {
 }
 
 impl CompareArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let [first, second] = [&self.first, &self.second].map(|path| CalibrationFile::read(path));
         let (first, second) = (first?, second?);
         let mapping = self.mapping.mapping_for(&first);
@@ -104,12 +101,7 @@ impl CompareArgs {
         Ok(paired_errors(files.map(|file| &file.calibration), &data, workers)?)
     }
 
-    fn report(
-        &self,
-        found: &PairedErrors,
-        axes: Axes,
-        printer: &mut Printer,
-    ) -> anyhow::Result<()> {
+    fn report(&self, found: &PairedErrors, axes: Axes, printer: &Printer) -> anyhow::Result<()> {
         if printer.json() {
             let axes = axes.iter().map(|axis| ComparedAxis::new(axis, &found.axes[axis.index()]));
             let (rows, groups) = (found.rows, found.groups);
@@ -123,26 +115,23 @@ impl CompareArgs {
             found.groups,
             found.group_by.plural(),
         ))?;
-        let row = |axis: Axis| {
-            let of = found.axes[axis.index()];
-            let digits = |value: f64| significant(value, 3);
-            let better = match of.better() {
-                Better::First => "A errs less",
-                Better::Second => "B errs less",
-                Better::Neither => "no significant difference",
-            };
-            vec![
-                axis.name().to_owned(),
-                digits(of.rms[0]),
-                digits(of.rms[1]),
-                digits(of.difference),
-                format!("{} … {}", digits(of.interval()[0]), digits(of.interval()[1])),
-                axis.unit().to_owned(),
-                better.to_owned(),
-            ]
+        let of = |axis: &Axis| &found.axes[axis.index()];
+        let digits = |value: f64| significant(value, 3);
+        let better = |axis: &Axis| match of(axis).better() {
+            Better::First => "A errs less",
+            Better::Second => "B errs less",
+            Better::Neither => "no significant difference",
         };
-        let rows = axes.iter().map(row);
-        printer.table(&["axis", "RMS A", "RMS B", "A − B", "95 % CI", "unit", "conclusion"], rows)
+        let columns: [TableColumn<'_, Axis>; 7] = [
+            ("axis", &|axis| axis.name().to_owned()),
+            ("RMS A", &|axis| digits(of(axis).rms[0])),
+            ("RMS B", &|axis| digits(of(axis).rms[1])),
+            ("A − B", &|axis| digits(of(axis).difference)),
+            ("95 % CI", &|axis| of(axis).interval().map(digits).join(" … ")),
+            ("unit", &|axis| axis.unit().to_owned()),
+            ("conclusion", &|axis| better(axis).to_owned()),
+        ];
+        printer.records(&columns, axes.iter())
     }
 }
 

@@ -20,11 +20,7 @@ pub(crate) struct CompletionsArgs {
 }
 
 impl CompletionsArgs {
-    pub(crate) fn run(
-        &self,
-        printer: &mut Printer,
-        mut command: Command,
-    ) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer, mut command: Command) -> anyhow::Result<Outcome> {
         command.build();
         let mut command = with_hints(command);
         let name = command.get_name().to_owned();

@@ -11,7 +11,6 @@ use calibration_file::payload_file::PayloadFile;
 use figures::{WrenchTrace, trace_figure};
 use forces::RowRule;
 use log_file::{ColumnRef, Log, Meaning, parse_columns};
-use output_file::Outputs;
 use serde::Serialize;
 use shell_data::wrench::Axis;
 use shellcal::workflow::convert::{
@@ -22,22 +21,19 @@ use shellcal::workflow::convert::{
 use super::edited::EditedArg;
 use super::figure_size::FigureSize;
 use super::frames::{ForceArgs, FrameArgs};
-use super::mapping::{ColumnList, MappingArgs, tell_remembered};
+use super::mapping::{ColumnList, MappingArgs, open_logs, tell_remembered};
 use super::partial_output::OpenOutput;
 use super::payload::load::MotionArgs;
 use crate::files::{InputPath, OutputLocation, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
-const EXAMPLES: &str = "\
-Examples:
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
   shellcal convert calibration.json run3.txt -o run3.csv
   shellcal convert calibration.json run3.txt --interval=99
   shellcal convert calibration.json run3.txt --tare-time 0:0.2 --lowpass 20
-  shellcal convert calibration.json run*.txt --output-dir wrenches";
-
-#[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
+  shellcal convert calibration.json run*.txt --output-dir wrenches")]
 pub(crate) struct ConvertArgs {
     /// Calibration file
     #[arg(value_name = "CAL")]
@@ -75,19 +71,13 @@ pub(crate) struct ConvertArgs {
 
     /// What to write, of t, fx, fy, fz, mx, my, mz, se (standard errors), flags [default: all there
     /// is]
-    #[arg(long, value_name = "LIST", value_delimiter = ',')]
-    columns: Option<Vec<ColumnArg>>,
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = COLUMNS)]
+    columns: Option<Vec<String>>,
 
     /// Add both ends of the interval that holds so many percent of the true values [default level:
     /// 95]. With a low-pass it is as wide as before it, which is more than needed
-    #[arg(
-        long,
-        value_name = "PERCENT",
-        num_args = 0..=1,
-        require_equals = true,
-        default_missing_value = "95",
-        value_parser = parse_level
-    )]
+    #[arg(long, value_name = "PERCENT", num_args = 0..=1, require_equals = true, default_missing_value = "95",
+        value_parser = parse_level)]
     interval: Option<f64>,
 
     /// Draw the wrench over time, to .svg, .pdf or .png
@@ -125,22 +115,12 @@ pub(crate) struct ConvertArgs {
     mapping: MappingArgs,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum ColumnArg {
-    T,
-    Fx,
-    Fy,
-    Fz,
-    Mx,
-    My,
-    Mz,
-    Se,
-    Flags,
-}
+/// What can be written.
+const COLUMNS: [&str; 9] = ["t", "fx", "fy", "fz", "mx", "my", "mz", "se", "flags"];
 
 impl ConvertArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
-        let targets = self.targets(printer.json(), outputs)?;
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+        let targets = self.targets(printer)?;
         let file = self.edited.read(&self.calibration)?;
         let mapping = self.mapping.mapping_for(&file);
         let (calibration, diagnostics) = (file.calibration, file.origin.diagnostics);
@@ -150,10 +130,9 @@ impl ConvertArgs {
                 "`--motion`, `--orientation` and `--accelerations` are of use with `--payload` only"
             );
         }
-        let open = |path: &InputPath| Log::open(path, &mapping);
-        let logs = self.logs.iter().map(open).collect::<Result<Vec<_>, _>>()?;
+        let logs = open_logs(&self.logs, ("", &[]), &mapping)?;
         tell_remembered(printer, &self.calibration, &mapping, &logs);
-        let mut plot = self.figure_size.create(self.plot.as_ref(), outputs)?;
+        let mut plot = self.figure_size.create(self.plot.as_ref(), printer)?;
 
         let mut conversions = Vec::new();
         for (log, target) in logs.iter().zip(targets) {
@@ -163,7 +142,7 @@ impl ConvertArgs {
             let load = payload.as_ref().map(load).transpose()?;
             let options = ConvertOptions { load, ..self.options(log, &calibration) };
             let conversion = Conversion { log, calibration: &calibration, options: &options, read };
-            let to = (target.as_deref(), outputs);
+            let to = target.as_deref();
             let summary =
                 self.convert(conversion, diagnostics.as_ref(), to, trace.as_mut(), printer)?;
             if let (Some(trace), Some(plot)) = (trace, plot.take()) {
@@ -191,9 +170,9 @@ impl ConvertArgs {
         &self,
         conversion: Conversion<'_>,
         diagnostics: Option<&Diagnostics>,
-        (target, outputs): (Option<&Path>, &Outputs),
+        target: Option<&Path>,
         trace: Option<&mut WrenchTrace>,
-        printer: &mut Printer,
+        printer: &Printer,
     ) -> anyhow::Result<ConvertSummary> {
         let log = conversion.log;
         let mut plan = OutputPlan::default();
@@ -202,7 +181,7 @@ impl ConvertArgs {
             None => OpenOutput::Stdout,
             Some(path) => {
                 plan.format = OutputFormat::from_path(path, &self.frame())?;
-                OpenOutput::File(outputs.create(path)?)
+                OpenOutput::File(printer.files.create(path)?)
             }
         };
         let summary = printer.scan(log, conversion.read, |read| {
@@ -223,7 +202,7 @@ impl ConvertArgs {
         log: &Log,
         summary: &ConvertSummary,
         diagnostics: Option<&Diagnostics>,
-        printer: &mut Printer,
+        printer: &Printer,
     ) -> anyhow::Result<()> {
         let Some(text) = summary.tare_doubt(log.path(), diagnostics) else { return Ok(()) };
         ensure!(
@@ -236,13 +215,13 @@ impl ConvertArgs {
 
     /// The file that each log's table goes to, `None` for the standard output; every clash is found here, before any
     /// work.
-    fn targets(&self, json: bool, outputs: &Outputs) -> anyhow::Result<Vec<Option<PathBuf>>> {
+    fn targets(&self, printer: &Printer) -> anyhow::Result<Vec<Option<PathBuf>>> {
         if self.plot.is_some() && self.logs.len() > 1 {
             bail!("`--plot` draws one log, `{}` were given", self.logs.len());
         }
-        let targets: Vec<Option<PathBuf>> = match (&self.output, &self.output_dir) {
-            (Some(file), _) if file.as_os_str() == "-" && self.logs.len() == 1 => vec![None],
-            (Some(file), _) if self.logs.len() == 1 => {
+        let file = self.output.as_ref().filter(|file| file.as_os_str() != "-");
+        let targets: Vec<Option<PathBuf>> = match (file, &self.output_dir) {
+            (Some(file), None) if self.logs.len() == 1 => {
                 OutputFormat::from_path(file, &self.frame())?;
                 vec![Some(file.to_path_buf())]
             }
@@ -254,16 +233,16 @@ impl ConvertArgs {
             }
             _ => bail!("`{}` logs need `--output-dir` for their tables", self.logs.len()),
         };
-        if json && targets == [None] {
+        if printer.json() && targets == [None] {
             bail!(
                 "`--json` needs `--output` or `--output-dir`: the table would go to the same place"
             );
         }
         // Those in a folder are not named on the command line.
         if self.output_dir.is_some() {
-            targets.iter().flatten().try_for_each(|path| outputs.announce(path))?;
+            targets.iter().flatten().try_for_each(|path| printer.files.announce(path))?;
         }
-        targets.iter().flatten().try_for_each(|path| outputs.probe(path))?;
+        targets.iter().flatten().try_for_each(|path| printer.files.probe(path))?;
         Ok(targets)
     }
 
@@ -307,15 +286,9 @@ impl ConvertArgs {
         match &self.columns {
             None => TableColumns { interval: self.interval, ..all },
             Some(columns) => {
-                let asked = |column| columns.contains(&column);
-                use ColumnArg::{Flags, Fx, Fy, Fz, Mx, My, Mz, Se, T};
-                TableColumns {
-                    time: asked(T),
-                    axes: [Fx, Fy, Fz, Mx, My, Mz].map(asked),
-                    standard_errors: asked(Se),
-                    interval: self.interval,
-                    flags: asked(Flags),
-                }
+                let [time, axes @ .., standard_errors, flags] =
+                    COLUMNS.map(|column| columns.iter().any(|asked| asked == column));
+                TableColumns { time, axes, standard_errors, interval: self.interval, flags }
             }
         }
     }
@@ -330,7 +303,7 @@ struct LogDocument {
     summary: ConvertSummary,
 }
 
-fn print_axes(printer: &mut Printer, summary: &ConvertSummary) -> anyhow::Result<()> {
+fn print_axes(printer: &Printer, summary: &ConvertSummary) -> anyhow::Result<()> {
     let row = |(axis, value): &(Axis, AxisSummary)| {
         let decimals = if axis.is_moment() { 6 } else { 4 };
         let figures = [value.min, value.mean, value.max].map(|v| format!("{v:.decimals$}"));

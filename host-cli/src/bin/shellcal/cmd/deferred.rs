@@ -14,20 +14,12 @@ pub(crate) struct Deferred<T>(Box<T>);
 
 impl<T: Args> Args for Deferred<T> {
     fn augment_args(command: Command) -> Command {
-        command.defer(augment::<T>)
+        command.defer(|command| keep_about(command, T::augment_args))
     }
 
     fn augment_args_for_update(command: Command) -> Command {
-        command.defer(augment_for_update::<T>)
+        command.defer(|command| keep_about(command, T::augment_args_for_update))
     }
-}
-
-fn augment<T: Args>(command: Command) -> Command {
-    keep_about(command, T::augment_args)
-}
-
-fn augment_for_update<T: Args>(command: Command) -> Command {
-    keep_about(command, T::augment_args_for_update)
 }
 
 /// Sets of arguments that are part of others would say what they are for, too. What is there before are the

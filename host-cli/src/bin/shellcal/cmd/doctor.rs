@@ -29,14 +29,11 @@ use crate::outcome::Outcome;
 use crate::printer::{Printer, Tint};
 use crate::signals;
 
-const EXAMPLES: &str = "\
-Examples:
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
   shellcal doctor
   shellcal doctor /dev/ttyUSB0 --calibration calibration.json
-  shellcal doctor calibration.json run3.csv --calibration calibration.json";
-
-#[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
+  shellcal doctor calibration.json run3.csv --calibration calibration.json")]
 pub(crate) struct DoctorArgs {
     /// Ports, logs and calibrations to look at
     #[arg(value_name = "PORT|LOG|CAL")]
@@ -82,7 +79,7 @@ struct Diagnosis {
 }
 
 impl DoctorArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let calibration =
             self.calibration.as_ref().map(|path| CalibrationFile::read(path)).transpose()?;
         let (mut examined, mut wrenches) = (Vec::new(), self.wrench_from.iter());
@@ -114,7 +111,7 @@ impl DoctorArgs {
         path: &Path,
         wrenches: &mut std::slice::Iter<'_, InputPath>,
         calibration: Option<&CalibrationFile>,
-        printer: &mut Printer,
+        printer: &Printer,
     ) -> anyhow::Result<Examination> {
         let name = path.display().to_string();
         if is_port(path) {
@@ -140,7 +137,7 @@ impl DoctorArgs {
         &self,
         port: &str,
         calibration: Option<&CalibrationFile>,
-        printer: &mut Printer,
+        printer: &Printer,
     ) -> anyhow::Result<Examination> {
         let options = self.serial.port(port);
         let state = PortState::new(&options, &SystemFiles::default());
@@ -205,7 +202,7 @@ impl DoctorArgs {
 }
 
 impl Diagnosis {
-    fn print(&self, printer: &mut Printer) -> anyhow::Result<()> {
+    fn print(&self, printer: &Printer) -> anyhow::Result<()> {
         for one in &self.examined {
             printer.line(&one.name)?;
             for finding in &one.findings {

@@ -4,7 +4,6 @@ use figures::{Chart, ChartMark, Figure, PlotAxis, Series, Size, Spacing, trace_f
 use forces::drift::{Drift, Trend};
 use forces::stationary::{FALSE_ALARMS, ZeroChange, largest_change};
 use log_file::{ColumnRef, Log, parse_column};
-use output_file::Outputs;
 use serde::Serialize;
 use shellcal::workflow::drift::{DriftOptions, DriftSummary, drift};
 
@@ -16,14 +15,11 @@ use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
-const EXAMPLES: &str = "\
-Examples:
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
   shellcal drift unloaded.csv
   shellcal drift run3.csv --calibration calibration.json --plot drift.svg
-  shellcal drift oven.csv --calibration calibration.json --temperature 10";
-
-#[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
+  shellcal drift oven.csv --calibration calibration.json --temperature 10")]
 pub(crate) struct DriftArgs {
     /// Logs of a sensor that is at rest and unloaded at the start and now and then, of any format
     #[arg(required = true, value_name = "LOG")]
@@ -65,13 +61,13 @@ struct LogDrift {
 }
 
 impl DriftArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let several = self.logs.len();
         anyhow::ensure!(
             self.plot.is_none() || several == 1,
             "`--plot` draws one log, `{several}` were given"
         );
-        let mut plot = self.figure_size.create(self.plot.as_ref(), outputs)?;
+        let mut plot = self.figure_size.create(self.plot.as_ref(), printer)?;
         let file = self.calibration.as_ref().map(|path| self.edited.read(path)).transpose()?;
         let mapping = match &file {
             Some(file) => self.mapping.mapping_for(file),
@@ -118,7 +114,7 @@ fn moved(summary: &DriftSummary) -> Option<(usize, ZeroChange)> {
 }
 
 impl LogDrift {
-    fn print(&self, printer: &mut Printer) -> anyhow::Result<()> {
+    fn print(&self, printer: &Printer) -> anyhow::Result<()> {
         let Self { log, summary, .. } = self;
         let DriftSummary { rests, first_s, last_s, .. } = *summary;
         printer.line(format!(

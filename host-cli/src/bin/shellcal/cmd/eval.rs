@@ -5,9 +5,9 @@ use calibration::fit::{Evaluation, Workers, evaluate};
 use calibration::quality::{AxisQuality, significant};
 use calibration_file::stored::{OfAxes, Stored, StoredQuality};
 use calibration_file::{CalibrationFile, Role, SourceFile};
+use clap::builder::TypedValueParser;
 use figures::{FitPlot, fit_figure};
 use log_file::{Log, ReadOptions, Wanted, read_dataset};
-use output_file::Outputs;
 use serde::Serialize;
 use shell_data::dataset::{Dataset, RowSet};
 use shell_data::wrench::{Axes, Axis, PerAxis};
@@ -25,13 +25,10 @@ use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
-const EXAMPLES: &str = "\
-Examples:
-  shellcal eval calibration.json test.csv
-  shellcal eval calibration.json test-*.csv --max-rms 0.15 || echo too far off";
-
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
+#[command(after_help = "Examples:
+  shellcal eval calibration.json test.csv
+  shellcal eval calibration.json test-*.csv --max-rms 0.15 || echo too far off")]
 pub(crate) struct EvalArgs {
     /// The calibration
     #[arg(value_name = "CAL.json")]
@@ -52,7 +49,7 @@ pub(crate) struct EvalArgs {
     limits: RmsLimits,
 
     /// Compare these axes and no others, such as `fx,fz`; fail when a log does not have one of them
-    #[arg(long, value_name = "AXES", value_delimiter = ',', value_parser = one_of(&AXES))]
+    #[arg(long, value_name = "AXES", value_delimiter = ',', value_parser = axis())]
     axes: Vec<Axis>,
 
     /// Leave out rows that repeat the readings of the row before
@@ -70,14 +67,11 @@ pub(crate) struct EvalArgs {
     mapping: MappingArgs,
 }
 
-const AXES: [(&str, &str, Axis); 6] = [
-    ("fx", "", Axis::Fx),
-    ("fy", "", Axis::Fy),
-    ("fz", "", Axis::Fz),
-    ("mx", "", Axis::Mx),
-    ("my", "", Axis::My),
-    ("mz", "", Axis::Mz),
-];
+/// An axis by its short name.
+fn axis() -> impl TypedValueParser<Value = Axis> {
+    let names = ["fx", "fy", "fz", "mx", "my", "mz"];
+    one_of(&Axis::ALL.map(|axis| (names[axis.index()], "", axis)))
+}
 
 /// What `--json` prints of one log, or of all.
 #[derive(Serialize)]
@@ -104,7 +98,7 @@ struct Document {
 }
 
 impl EvalArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let file = self.edited.read(&self.calibration)?;
         self.check_logs()?;
         let mapping = self.mapping.mapping_for(&file);
@@ -117,7 +111,7 @@ impl EvalArgs {
         let axes = compared.axes;
         note_axes(printer, &compared, gates.asked());
         calibration.axes = axes;
-        let figure = self.figure_size.create(self.plot.as_ref(), outputs)?;
+        let figure = self.figure_size.create(self.plot.as_ref(), printer)?;
         let mut plot = figure.is_some().then(FitPlot::new);
 
         let bar = printer.progress("eval", logs.iter().map(Log::bytes).sum());
@@ -199,7 +193,7 @@ fn is_trained_on(rows: &Dataset, sources: &[SourceFile]) -> bool {
 }
 
 /// Says what is not compared; what was `asked` for fails later.
-fn note_axes(printer: &mut Printer, compared: &ComparedAxes, asked: Axes) {
+fn note_axes(printer: &Printer, compared: &ComparedAxes, asked: Axes) {
     for (path, absent) in &compared.missing {
         let (path, absent) = (path.display(), absent.without(asked));
         if absent.is_empty() {
@@ -214,7 +208,7 @@ fn note_axes(printer: &mut Printer, compared: &ComparedAxes, asked: Axes) {
 }
 
 fn show(
-    printer: &mut Printer,
+    printer: &Printer,
     (logs, all): (Vec<EvalReport>, EvalReport),
     axes: Axes,
     failures: &[GateFailure],
@@ -261,7 +255,7 @@ fn report(log: Option<String>, evaluation: &Evaluation, axes: Axes) -> anyhow::R
     })
 }
 
-fn print(printer: &mut Printer, report: &EvalReport, axes: Axes) -> anyhow::Result<()> {
+fn print(printer: &Printer, report: &EvalReport, axes: Axes) -> anyhow::Result<()> {
     let name = report.log.as_deref().unwrap_or("all logs");
     printer.line(format!(
         "{name}: {} rows used, {} skipped, {} repeated, {} outside the calibrated range",

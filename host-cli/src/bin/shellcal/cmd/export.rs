@@ -6,21 +6,17 @@ use std::path::Path;
 use anyhow::{Context, bail, ensure};
 use calibration_file::code::{Language, to_code};
 use calibration_file::matrix;
-use output_file::Outputs;
 
 use super::edited::EditedArg;
 use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
-const EXAMPLES: &str = "\
-Examples:
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
   shellcal export calibration.json shell_wrench.py     from shell_wrench import wrench
   shellcal export calibration.json shell_wrench.m      w = shell_wrench(readings)
-  shellcal export calibration.json matrix.csv";
-
-#[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
+  shellcal export calibration.json matrix.csv")]
 pub(crate) struct ExportArgs {
     /// The calibration
     #[arg(value_name = "CAL")]
@@ -36,7 +32,7 @@ pub(crate) struct ExportArgs {
 }
 
 impl ExportArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let file = self.edited.read(&self.calibration)?;
         let text = match self.output.extension().and_then(OsStr::to_str) {
             Some("py") => to_code(&file, Language::Python, identifier(&self.output)?),
@@ -53,7 +49,7 @@ impl ExportArgs {
             }
             _ => bail!("`{}` ends in none of `.py`, `.m` and `.csv`", self.output.display()),
         };
-        outputs.write(&self.output, text.as_bytes())?;
+        printer.files.write(&self.output, text.as_bytes())?;
         printer.note(
             "readings go in as counts, untared; the mean wrench of a rest is to be taken off",
         );

@@ -3,10 +3,11 @@
 use std::path::Path;
 
 use figures::{Figure, Format, Size};
-use output_file::{AtomicFile, Outputs};
+use output_file::AtomicFile;
 
 use super::choices::one_of;
 use crate::files::OutputPath;
+use crate::printer::Printer;
 
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(super) struct FigureSize {
@@ -42,14 +43,14 @@ impl FigureSize {
     pub(super) fn create(
         self,
         path: Option<&OutputPath>,
-        outputs: &Outputs,
+        printer: &Printer,
     ) -> anyhow::Result<Option<FigureFile>> {
-        path.map(|path| self.open(path, outputs)).transpose()
+        path.map(|path| self.open(path, printer)).transpose()
     }
 
     /// Opens the file of a figure; its name says the format.
-    pub(super) fn open(self, path: &Path, outputs: &Outputs) -> anyhow::Result<FigureFile> {
+    pub(super) fn open(self, path: &Path, printer: &Printer) -> anyhow::Result<FigureFile> {
         let format = Format::from_path(path)?;
-        Ok(FigureFile { file: outputs.create(path)?, format, size: self.size })
+        Ok(FigureFile { file: printer.files.create(path)?, format, size: self.size })
     }
 }

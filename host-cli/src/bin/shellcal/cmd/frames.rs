@@ -6,7 +6,7 @@ use log_file::Log;
 use shellcal::workflow::selection::{RowFilter, TimeWindow};
 
 /// How readings become forces.
-#[derive(Clone, Copy, Debug, clap::Args)]
+#[derive(Clone, Copy, Debug, Default, clap::Args)]
 pub(crate) struct ForceArgs {
     /// Subtract the mean wrench of the first N frames [default: 50], where rows that repeat a frame do
     /// not count; or, with `rests`, a zero that runs straight from one stretch at rest to the next

@@ -1,7 +1,6 @@
 //! `shellcal import`: a calibration from a coefficient matrix.
 
 use calibration_file::{CalibrationFile, matrix::ImportOptions};
-use output_file::Outputs;
 use serde::Serialize;
 
 use super::mapping::MomentUnitArg;
@@ -10,13 +9,10 @@ use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
-const EXAMPLES: &str = "\
-Examples:
-  shellcal import N_matrix.mat -o calibration.json
-  shellcal import N_matrix.csv -o calibration.json --serial shell-7";
-
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
+#[command(after_help = "Examples:
+  shellcal import N_matrix.mat -o calibration.json
+  shellcal import N_matrix.csv -o calibration.json --serial shell-7")]
 pub(crate) struct ImportArgs {
     /// The matrix
     #[arg(value_name = "FILE.csv|mat")]
@@ -47,8 +43,8 @@ struct ImportedModel {
 }
 
 impl ImportArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
-        let output = outputs.create(&self.output)?;
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+        let output = printer.files.create(&self.output)?;
         let options = ImportOptions {
             moment_unit: self.moment_unit.map(Into::into),
             variable: self.variable.clone(),

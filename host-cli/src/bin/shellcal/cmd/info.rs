@@ -9,16 +9,13 @@ use shellcal::workflow::outliers::{NamedOutliers, OutlierReport};
 use super::mapping::MappingArgs;
 use crate::files::InputPath;
 use crate::outcome::Outcome;
-use crate::printer::Printer;
+use crate::printer::{Printer, TableColumn};
 use crate::tables::{NOTHING, or_dash};
 
-const EXAMPLES: &str = "\
-Examples:
-  shellcal info run3.txt
-  shellcal info recordings/*.csv.gz --json";
-
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
+#[command(after_help = "Examples:
+  shellcal info run3.txt
+  shellcal info recordings/*.csv.gz --json")]
 pub(crate) struct InfoArgs {
     /// Logs, plain or gzip
     #[arg(required = true, value_name = "FILE")]
@@ -29,7 +26,7 @@ pub(crate) struct InfoArgs {
 }
 
 impl InfoArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let mapping = self.mapping.mapping();
         let mut infos = Vec::new();
         for file in &self.files {
@@ -60,27 +57,24 @@ impl InfoArgs {
 const FILES_IN_FULL: usize = 5;
 
 /// A line for each log.
-fn print_overview(infos: &[Info], printer: &mut Printer) -> anyhow::Result<()> {
-    let row = |info: &Info| {
-        let time = info.time.as_ref();
-        let notes: usize = info.columns.iter().filter(|column| column.has_note()).count();
-        vec![
-            info.file.clone(),
-            info.rows.to_string(),
-            info.skipped_rows.to_string(),
-            or_dash(time.map(|time| time.duration_s), 1),
-            or_dash(time.and_then(|time| time.median_rate_hz), 1),
-            time.map_or(NOTHING.to_owned(), |time| (time.gaps + time.backward_steps).to_string()),
-            notes.to_string(),
-            info.outliers.len().to_string(),
-        ]
-    };
-    let header =
-        ["file", "rows", "bad", "seconds", "Hz", "gaps", "columns with a note", "outliers"];
-    printer.table(&header, infos.iter().map(row))
+fn print_overview(infos: &[Info], printer: &Printer) -> anyhow::Result<()> {
+    let gaps = |time: &TimeInfo| (time.gaps + time.backward_steps).to_string();
+    let columns: [TableColumn<'_, &Info>; 8] = [
+        ("file", &|info| info.file.clone()),
+        ("rows", &|info| info.rows.to_string()),
+        ("bad", &|info| info.skipped_rows.to_string()),
+        ("seconds", &|info| or_dash(info.time.as_ref().map(|time| time.duration_s), 1)),
+        ("Hz", &|info| or_dash(info.time.as_ref().and_then(|time| time.median_rate_hz), 1)),
+        ("gaps", &|info| info.time.as_ref().map_or(NOTHING.to_owned(), gaps)),
+        ("columns with a note", &|info| {
+            info.columns.iter().filter(|column| column.has_note()).count().to_string()
+        }),
+        ("outliers", &|info| info.outliers.len().to_string()),
+    ];
+    printer.records(&columns, infos)
 }
 
-fn summary(log: &Log, args: &MappingArgs, printer: &mut Printer) -> anyhow::Result<Info> {
+fn summary(log: &Log, args: &MappingArgs, printer: &Printer) -> anyhow::Result<Info> {
     let wanted = Wanted {
         time: log.has_time(),
         readings: log.channels() > 0,
@@ -212,7 +206,7 @@ impl Info {
         }
     }
 
-    fn print(&self, printer: &mut Printer) -> anyhow::Result<()> {
+    fn print(&self, printer: &Printer) -> anyhow::Result<()> {
         let packed = self.compression.map_or_else(String::new, |name| format!(", {name}"));
         printer.line(format!("{}: {}{packed}", self.file, self.title))?;
         let mut rows = format!("  rows      {}", self.rows);
@@ -265,7 +259,7 @@ impl TimeInfo {
         })
     }
 
-    fn print(&self, printer: &mut Printer) -> anyhow::Result<()> {
+    fn print(&self, printer: &Printer) -> anyhow::Result<()> {
         printer.line(format!(
             "  time      {:.6} s to {:.6} s, {:.3} s",
             self.start_s, self.end_s, self.duration_s

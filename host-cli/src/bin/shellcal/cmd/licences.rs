@@ -12,7 +12,7 @@ const NOTICES: &str = include_str!("../../../../assets/licences.tsv");
 pub(crate) struct LicencesArgs {}
 
 impl LicencesArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let rows: Vec<Vec<String>> =
             NOTICES.lines().map(|line| line.split('\t').map(str::to_owned).collect()).collect();
         let (version, licence) = (env!("CARGO_PKG_VERSION"), env!("CARGO_PKG_LICENSE"));

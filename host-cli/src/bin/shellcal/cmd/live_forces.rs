@@ -48,7 +48,7 @@ impl LiveForceArgs {
     }
 
     /// The calibration with its options, which are noted; `None` if there is none.
-    pub(crate) fn read(&self, printer: &mut Printer) -> anyhow::Result<Option<LiveForces>> {
+    pub(crate) fn read(&self, printer: &Printer) -> anyhow::Result<Option<LiveForces>> {
         let Some(path) = &self.calibration else { return Ok(None) };
         let calibration = self.edited.read(path)?.calibration;
         let options = self.options();
@@ -59,14 +59,12 @@ impl LiveForceArgs {
     fn options(&self) -> ForceOptions {
         let forces = ForceArgs {
             tare: self.tare,
-            tare_time: None,
             no_tare: self.no_tare,
             lowpass: self.lowpass,
             no_lowpass: self.no_lowpass,
             order: self.order,
             causal: true,
-            zero_phase: false,
-            rate: None,
+            ..ForceArgs::default()
         };
         forces.options(RowRule::Time)
     }

@@ -3,7 +3,6 @@
 use anyhow::Context;
 use clap::Command;
 use clap_mangen::Man;
-use output_file::Outputs;
 
 use crate::files::OutputLocation;
 use crate::outcome::Outcome;
@@ -18,30 +17,25 @@ pub(crate) struct ManArgs {
 }
 
 impl ManArgs {
-    pub(crate) fn run(
-        &self,
-        printer: &mut Printer,
-        outputs: &Outputs,
-        mut command: Command,
-    ) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer, mut command: Command) -> anyhow::Result<Outcome> {
         std::fs::create_dir_all(&self.directory)
             .with_context(|| format!("cannot make `{}`", self.directory.display()))?;
         command.build();
-        let count = self.write(command, outputs)?;
+        let count = self.write(command, printer)?;
         printer.note(format!("{count} pages in `{}`", self.directory.display()));
         Ok(Outcome::Done)
     }
 
     /// Writes the page of a command and those of its subcommands; says how many.
-    fn write(&self, command: Command, outputs: &Outputs) -> anyhow::Result<usize> {
+    fn write(&self, command: Command, printer: &Printer) -> anyhow::Result<usize> {
         let is_page = |command: &&Command| !command.is_hide_set() && command.get_name() != "help";
         let subcommands: Vec<Command> =
             command.get_subcommands().filter(is_page).cloned().collect();
         let page = Man::new(command);
         let mut bytes = Vec::new();
         page.render(&mut bytes)?;
-        outputs.write(self.directory.join(page.get_filename()), &bytes)?;
-        let of_subcommands = subcommands.into_iter().map(|command| self.write(command, outputs));
+        printer.files.write(self.directory.join(page.get_filename()), &bytes)?;
+        let of_subcommands = subcommands.into_iter().map(|command| self.write(command, printer));
         of_subcommands.sum::<anyhow::Result<usize>>().map(|count| count + 1)
     }
 }

@@ -100,7 +100,7 @@ impl MappingArgs {
 
 /// Says which columns of logs are those that a calibration remembers.
 pub(crate) fn tell_remembered(
-    printer: &mut Printer,
+    printer: &Printer,
     calibration: &InputPath,
     mapping: &Mapping,
     logs: &[Log],

@@ -9,7 +9,6 @@ use calibration_file::stored::{
     OfAxes, Stored, StoredCrossValidation, StoredQuality, StoredSelection,
 };
 use calibration_file::{CalibrationFile, PartialFit, Sums};
-use output_file::Outputs;
 use serde::Serialize;
 use shell_data::hint::quoted;
 use shellcal::workflow::merge;
@@ -35,11 +34,8 @@ pub(crate) struct MergeArgs {
     output: Option<OutputPath>,
 
     /// Write what has been merged as one partial fit, and fit nothing (`-` for the standard output)
-    #[arg(
-        long,
-        value_name = "FILE.json",
-        conflicts_with_all = ["output", "ridge", "model", "cv", "covariance", "no_covariance"]
-    )]
+    #[arg(long, value_name = "FILE.json",
+        conflicts_with_all = ["output", "ridge", "model", "cv", "covariance", "no_covariance"])]
     partial: Option<OutputOrStdout>,
 
     /// Leave out partial fits whose files have all been counted already, and say so: for queues that
@@ -54,15 +50,9 @@ pub(crate) struct MergeArgs {
 
     /// Find the errors on groups of rows that were held out, of partial fits with `--groups`; a number
     /// K assigns the groups to K folds
-    #[arg(
-        long,
-        value_name = "K",
-        num_args = 0..=1,
-        require_equals = true,
-        default_missing_value = "auto",
-        value_parser = parse_folds
-    )]
-    cv: Option<Folds>,
+    #[arg(long, value_name = "K", num_args = 0..=1, require_equals = true, default_missing_value = "auto",
+        value_parser = parse_folds)]
+    cv: Option<HeldOut>,
 
     /// Penalise large coefficients: λ, relative to features of norm one, such as 1e-6
     #[arg(long, value_name = "LAMBDA", default_value_t = 0.0, hide_default_value = true)]
@@ -85,13 +75,10 @@ pub(crate) struct MergeArgs {
 }
 
 /// Each group alone, or so many folds of groups.
-#[derive(Clone, Copy, Debug)]
-struct Folds(Option<usize>);
-
-fn parse_folds(text: &str) -> Result<Folds, String> {
-    match (text, text.parse()) {
-        ("auto", _) => Ok(Folds(None)),
-        (_, Ok(folds @ 2..)) => Ok(Folds(Some(folds))),
+fn parse_folds(text: &str) -> Result<HeldOut, String> {
+    match (text, text.parse::<usize>()) {
+        ("auto", _) => Ok(HeldOut::from(None)),
+        (_, Ok(folds @ 2..)) => Ok(HeldOut::from(Some(folds))),
         _ => {
             Err("expected a number of folds from 2 up; what a group is, the partial fits say"
                 .into())
@@ -138,10 +125,10 @@ struct Merged {
 }
 
 impl MergeArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
-        let output = self.output.as_ref().map(|path| outputs.create(path)).transpose()?;
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+        let output = printer.create(self.output.as_ref())?;
         let partial = self.partial.as_ref();
-        let destination = partial.map(|path| OpenOutput::open(path, printer, outputs));
+        let destination = partial.map(|path| OpenOutput::open(path, printer));
         let destination = destination.transpose()?;
         let merged = self.merged(printer)?;
         let sum = merged.sum.as_ref().context("no partial fits were given")?;
@@ -168,7 +155,7 @@ impl MergeArgs {
         );
         Ok(FitOptions {
             ridge: self.ridge,
-            cross_validation: self.cv.map(|Folds(folds)| HeldOut::from(folds)),
+            cross_validation: self.cv,
             covariance: match self.no_covariance {
                 true => CovarianceRule::Nothing,
                 false => self.covariance,
@@ -177,7 +164,7 @@ impl MergeArgs {
         })
     }
 
-    fn merged(&self, printer: &mut Printer) -> anyhow::Result<Merged> {
+    fn merged(&self, printer: &Printer) -> anyhow::Result<Merged> {
         let mut merged = Merged::default();
         for path in &self.partials {
             if path.is_stdin() {
@@ -208,7 +195,7 @@ impl MergeArgs {
         merged: &mut Merged,
         partial: PartialFit,
         path: &InputOrStdin,
-        printer: &mut Printer,
+        printer: &Printer,
     ) -> anyhow::Result<()> {
         merged.read += 1;
         let position = match path.is_stdin() {
@@ -229,7 +216,7 @@ impl MergeArgs {
     }
 
     /// What could not be had of what was asked for.
-    fn warn(&self, fitted: &Fit, is_exact: bool, printer: &mut Printer) {
+    fn warn(&self, fitted: &Fit, is_exact: bool, printer: &Printer) {
         fitted.warnings.iter().for_each(|warning| printer.warning(warning.to_string()));
         if fitted.selection.is_some() {
             printer
@@ -250,7 +237,7 @@ impl MergeArgs {
 
     fn report(
         &self,
-        printer: &mut Printer,
+        printer: &Printer,
         merged: &Merged,
         sum: &PartialFit,
         file: Option<&CalibrationFile>,

@@ -49,7 +49,6 @@ mod trials;
 mod validation;
 
 use clap::Subcommand;
-use output_file::Outputs;
 
 use crate::outcome::Outcome;
 use crate::printer::Printer;
@@ -249,7 +248,6 @@ impl Command {
     pub(crate) fn run(
         &self,
         printer: &mut Printer,
-        outputs: &Outputs,
         whole: fn() -> clap::Command,
     ) -> anyhow::Result<Outcome> {
         match self {
@@ -261,31 +259,31 @@ impl Command {
             Command::Stream(args) => args.run(printer),
             Command::Doctor(args) => args.run(printer),
             Command::Info(args) => args.run(printer),
-            Command::Align(args) => args.run(printer, outputs),
-            Command::Plan(args) => args.run(printer, outputs),
-            Command::Fit(args) => args.run(printer, outputs),
-            Command::Merge(args) => args.run(printer, outputs),
-            Command::Eval(args) => args.run(printer, outputs),
+            Command::Align(args) => args.run(printer),
+            Command::Plan(args) => args.run(printer),
+            Command::Fit(args) => args.run(printer),
+            Command::Merge(args) => args.run(printer),
+            Command::Eval(args) => args.run(printer),
             Command::Check(args) => args.run(printer),
             Command::Compare(args) => args.run(printer),
-            Command::Convert(args) => args.run(printer, outputs),
-            Command::Payload(args) => args.run(printer, outputs),
+            Command::Convert(args) => args.run(printer),
+            Command::Payload(args) => args.run(printer),
             Command::Noise(args) => args.run(printer),
-            Command::Drift(args) => args.run(printer, outputs),
-            Command::Trial(args) => args.run(printer, outputs),
-            Command::Batch(args) => args.run(printer, outputs),
-            Command::Window(args) => args.run(printer, outputs),
-            Command::Plot(args) => args.run(printer, outputs),
-            Command::Report(args) => args.run(printer, outputs),
+            Command::Drift(args) => args.run(printer),
+            Command::Trial(args) => args.run(printer),
+            Command::Batch(args) => args.run(printer),
+            Command::Window(args) => args.run(printer),
+            Command::Plot(args) => args.run(printer),
+            Command::Report(args) => args.run(printer),
             Command::Stats(args) => args.run(printer),
             Command::Profile(args) => args.run(printer),
-            Command::Import(args) => args.run(printer, outputs),
-            Command::Export(args) => args.run(printer, outputs),
-            Command::Bench(args) => args.run(printer, outputs),
-            Command::Synth(args) => args.run(printer, outputs),
-            Command::Simulate(args) => args.run(printer, outputs),
+            Command::Import(args) => args.run(printer),
+            Command::Export(args) => args.run(printer),
+            Command::Bench(args) => args.run(printer),
+            Command::Synth(args) => args.run(printer),
+            Command::Simulate(args) => args.run(printer),
             Command::Completions(args) => args.run(printer, whole()),
-            Command::Man(args) => args.run(printer, outputs, whole()),
+            Command::Man(args) => args.run(printer, whole()),
             Command::Licences(args) => args.run(printer),
         }
     }

@@ -13,13 +13,10 @@ use crate::files::InputPath;
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
-const EXAMPLES: &str = "\
-Examples:
-  shellcal noise calibration.json unloaded.csv
-  shellcal noise calibration.json run3.txt --window 0:0.1";
-
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
+#[command(after_help = "Examples:
+  shellcal noise calibration.json unloaded.csv
+  shellcal noise calibration.json run3.txt --window 0:0.1")]
 pub(crate) struct NoiseArgs {
     /// Calibration file
     #[arg(value_name = "CAL")]
@@ -52,7 +49,7 @@ struct LogNoise {
 }
 
 impl NoiseArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let file = self.edited.read(&self.calibration)?;
         let mapping = self.mapping.mapping_for(&file);
         let calibration = file.calibration;
@@ -74,7 +71,7 @@ impl NoiseArgs {
 }
 
 impl LogNoise {
-    fn print(&self, printer: &mut Printer) -> anyhow::Result<()> {
+    fn print(&self, printer: &Printer) -> anyhow::Result<()> {
         printer.line(format!("{}: noise of {} frames", self.log, self.summary.frames))?;
         let axes = self.summary.axes.iter().map(|(axis, scatter)| {
             let decimals = if axis.is_moment() { 6 } else { 4 };

@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 
 use calibration_file::PartialFit;
-use output_file::{AtomicFile, OutputError, Outputs};
+use output_file::AtomicFile;
 
 use crate::files::{OutputOrStdout, OutputPath};
 use crate::printer::Printer;
@@ -15,13 +15,9 @@ pub(super) enum OpenOutput {
 }
 
 impl OpenOutput {
-    pub(super) fn open(
-        path: &OutputOrStdout,
-        printer: &Printer,
-        outputs: &Outputs,
-    ) -> anyhow::Result<Self> {
+    pub(super) fn open(path: &OutputOrStdout, printer: &Printer) -> anyhow::Result<Self> {
         if !path.is_stdout() {
-            return Ok(Self::File(outputs.create(path)?));
+            return Ok(Self::File(printer.files.create(path)?));
         }
         anyhow::ensure!(
             !printer.json(),
@@ -31,24 +27,17 @@ impl OpenOutput {
     }
 
     /// The file at `path`, or without one the standard output.
-    pub(super) fn create(
-        path: Option<&OutputPath>,
-        outputs: &Outputs,
-    ) -> Result<Self, OutputError> {
-        path.map_or(Ok(Self::Stdout), |path| outputs.create(path).map(Self::File))
+    pub(super) fn create(path: Option<&OutputPath>, printer: &Printer) -> anyhow::Result<Self> {
+        Ok(printer.create(path)?.map_or(Self::Stdout, Self::File))
     }
 
     /// The same for rows, which `--json` would mix with its document.
-    pub(super) fn for_rows(
-        path: Option<&OutputPath>,
-        printer: &Printer,
-        outputs: &Outputs,
-    ) -> anyhow::Result<Self> {
+    pub(super) fn for_rows(path: Option<&OutputPath>, printer: &Printer) -> anyhow::Result<Self> {
         anyhow::ensure!(
             path.is_some() || !printer.json(),
             "`--json` needs `--output`: standard output has the rows"
         );
-        Ok(Self::create(path, outputs)?)
+        Self::create(path, printer)
     }
 
     pub(super) fn write(mut self, partial: &PartialFit) -> anyhow::Result<()> {

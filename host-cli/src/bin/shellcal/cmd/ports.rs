@@ -11,7 +11,7 @@ use crate::printer::Printer;
 pub(crate) struct PortsArgs {}
 
 impl PortsArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let ports = ports()?;
         printer.finish(&ports, |printer| {
             if ports.is_empty() {

@@ -24,6 +24,17 @@ fn r_squared(value: f64) -> String {
     if value < 0.9999 { format!("{value:.4}") } else { format!("{value:.7}") }
 }
 
+/// The forces, and the moments, of some axes in their order, each as `text` has it, with the unit after them.
+pub(super) fn by_unit(
+    values: &[(Axis, f64)],
+    text: impl Fn(Axis, f64) -> String,
+) -> impl Iterator<Item = String> {
+    values.chunk_by(|(a, _), (b, _)| a.unit() == b.unit()).map(move |group| {
+        let texts: Vec<String> = group.iter().map(|&(axis, value)| text(axis, value)).collect();
+        format!("{} {}", texts.join(" "), group[0].0.unit())
+    })
+}
+
 /// Values of axes in one line, as `Fx 0.12 N, Fy 0.3 N`, or without their units.
 pub(super) fn in_line(axes: Axes, values: &PerAxis<f64>, with_units: bool) -> String {
     let value = |axis: Axis| {

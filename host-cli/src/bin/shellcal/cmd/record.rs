@@ -14,6 +14,7 @@ use shellcal::workflow::live::clock;
 
 use super::choices::one_of;
 use super::live_forces::LiveForceArgs;
+use super::quality::by_unit;
 use super::serial::SerialArgs;
 use super::streaming::{self, StreamToArgs};
 use crate::files::{InputPath, OutputPath};
@@ -76,7 +77,7 @@ pub(crate) struct RecordArgs {
 }
 
 impl RecordArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         if self.forces.is_given() && self.output.is_none() && !self.stream.is_given() {
             anyhow::bail!(
                 "`--calibration` is for a log or a stream: name `--output` or `--stream`"
@@ -158,15 +159,11 @@ fn describe(progress: &RecordingProgress, width: usize) -> String {
 
 /// The newest wrench, its axes named.
 fn forces_in_words(wrench: &[(Axis, f64)]) -> String {
-    let of = |moments: bool| {
-        let values = wrench.iter().filter(|(axis, _)| axis.is_moment() == moments);
-        let decimals = if moments { 3 } else { 2 };
-        let values = values.map(|(axis, value)| format!("{} {value:.decimals$}", axis.name()));
-        let values: Vec<String> = values.collect();
-        let unit = if moments { "N·m" } else { "N" };
-        (!values.is_empty()).then(|| format!("{} {unit}", values.join(" ")))
+    let text = |axis: Axis, value| {
+        let decimals = if axis.is_moment() { 3 } else { 2 };
+        format!("{} {value:.decimals$}", axis.name())
     };
-    [of(false), of(true)].into_iter().flatten().collect::<Vec<_>>().join("  ")
+    by_unit(wrench, text).collect::<Vec<_>>().join("  ")
 }
 
 /// As many of the parts as fit beside each other; of too many those are left out whose number is largest.
@@ -188,7 +185,7 @@ fn terminal_width() -> usize {
     size.map_or(80, |(_, columns)| usize::from(columns).max(1))
 }
 
-fn report(recorded: &Recorded, printer: &mut Printer) -> anyhow::Result<()> {
+fn report(recorded: &Recorded, printer: &Printer) -> anyhow::Result<()> {
     if recorded.losses.edges_left_out > 0 {
         printer.warning(format!(
             "{} sync edges are not in the log: a row has one, and there was none after them",

@@ -17,7 +17,7 @@ use simulation::radio::{Books, Faults};
 use simulation::sensor_model::LoadTable;
 use simulation::simulated_board::{BoardSettings, Load, SimulatedBoard};
 
-use super::choices::number_in;
+use super::choices::{number_in, number_within, numbers};
 use crate::files::{InputOrStdin, OutputLocation};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
@@ -70,7 +70,7 @@ pub(crate) struct SimulationArgs {
     corruption: f64,
 
     /// Time that every packet takes, ms
-    #[arg(long, conflicts_with = "port", value_name = "MS", default_value_t = 0.0, value_parser = parse_delay)]
+    #[arg(long, conflicts_with = "port", value_name = "MS", default_value_t = 0.0, value_parser = number_within(0.0..=10_000.0, ["a time in ms", "a time from 0 to 10000 ms"]))]
     delay: f64,
 
     /// Be reached over TCP at this address, by one program at a time, as `tcp://HOST:PORT`; port 0 is one that
@@ -95,7 +95,7 @@ pub(crate) struct SimulationArgs {
 const HOLD_US: u64 = 80_000;
 
 impl SimulationArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let stop = signals::stop_flag()?;
         let commanded = Arc::default();
         let load = match &self.load {
@@ -141,10 +141,10 @@ impl SimulationArgs {
         load: Arc<Mutex<PerAxis<f64>>>,
         stop: Arc<AtomicBool>,
     ) -> io::Result<()> {
-        let (mut printer, until_eof) = (printer.clone(), self.until_eof);
+        let (printer, until_eof) = (printer.clone(), self.until_eof);
         let listen = move || {
             for line in io::stdin().lock().lines().map_while(Result::ok) {
-                match parse_load(&line) {
+                match numbers(&line) {
                     Some(wrench) => *lock(&load) = wrench,
                     None => printer
                         .warning(format!("`{line}` is no load: FX,FY,FZ,MX,MY,MZ in N and N·m")),
@@ -191,12 +191,6 @@ fn describe(way: &str, books: &Books) -> String {
         "packets {way}: {sent} sent, {lost} lost, {lost_in_bursts} lost in bursts, {duplicated} \
          sent twice, {held_back} held back, {corrupted} corrupted"
     )
-}
-
-fn parse_load(line: &str) -> Option<PerAxis<f64>> {
-    let number = |field: &str| field.trim().parse().ok().filter(|number: &f64| number.is_finite());
-    let numbers: Vec<f64> = line.split(',').map(number).collect::<Option<_>>()?;
-    numbers.try_into().ok()
 }
 
 /// The load in a log.
@@ -260,12 +254,4 @@ fn parse_bursts(text: &str) -> Result<(f64, f64), String> {
     text.split_once(':')
         .and_then(|(share, packets)| Some((parse(share)?, parse(packets)?)))
         .ok_or_else(|| "a share and a number of packets, such as 0.002:10".to_owned())
-}
-
-fn parse_delay(text: &str) -> Result<f64, String> {
-    let delay: f64 = text.parse().map_err(|_| "a time in ms".to_owned())?;
-    match (0.0..=10_000.0).contains(&delay) {
-        true => Ok(delay),
-        false => Err("a time from 0 to 10000 ms".to_owned()),
-    }
 }

@@ -26,14 +26,11 @@ use crate::outcome::Outcome;
 use crate::printer::Printer;
 use crate::signals;
 
-const EXAMPLES: &str = "\
-Examples:
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
   shellcal stream /dev/ttyUSB0 --start --calibration calibration.json | my-program
   shellcal stream /dev/ttyUSB0 --start --calibration calibration.json -o udp:127.0.0.1:9870
-  shellcal stream run3.csv --calibration calibration.json -o tcp:9000 -o run3.jsonl --rate 50";
-
-#[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
+  shellcal stream run3.csv --calibration calibration.json -o tcp:9000 -o run3.jsonl --rate 50")]
 pub(crate) struct StreamArgs {
     /// Serial port, or a log to play; `shellcal ports` lists the ports
     #[arg(value_name = "PORT|LOG")]
@@ -106,24 +103,16 @@ const ENCODINGS: [(&str, &str, StreamFormat); 2] = [
 ];
 
 impl StreamArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let from_log = !is_port(&self.name);
         if from_log && self.latency {
             anyhow::bail!("`--latency` is for a port: what is in a log has long been measured");
         }
         let forces = self.forces.read(printer)?;
-        let log = match from_log {
-            true => Some(Log::open(&self.name, &self.mapping.mapping())?),
-            false => None,
-        };
+        let log = from_log.then(|| Log::open(&self.name, &self.mapping.mapping())).transpose()?;
         let stop = signals::stop_flag()?;
-        let source = match from_log {
-            true => None,
-            false => {
-                let port = self.serial.port(&self.name.to_string_lossy());
-                Some(Source::port(port, self.reconnect)?)
-            }
-        };
+        let port = self.serial.port(&self.name.to_string_lossy());
+        let source = (!from_log).then(|| Source::port(port, self.reconnect)).transpose()?;
         let at_end = self.until_eof.then(|| Arc::clone(&stop));
         let options = StreamOptions {
             rows: FrameRows::new(RowOptions { forces, from_log, one_time: self.one_time })?,
@@ -150,7 +139,7 @@ impl StreamArgs {
         mut source: Source,
         watcher: Box<dyn Watcher>,
         stop: &AtomicBool,
-        printer: &mut Printer,
+        printer: &Printer,
     ) -> anyhow::Result<()> {
         let options = RecordOptions {
             protocol: self.framing,
@@ -178,7 +167,7 @@ impl StreamArgs {
         Ok(())
     }
 
-    fn report(&self, printer: &mut Printer, handle: &StreamHandle) -> anyhow::Result<()> {
+    fn report(&self, printer: &Printer, handle: &StreamHandle) -> anyhow::Result<()> {
         let summary = streaming::finish(printer, Some(handle))?;
         if let Some(latency) = summary.and_then(|summary| summary.latency)
             && self.latency

@@ -31,7 +31,7 @@ impl StreamToArgs {
     /// Lets the stream look on beside another watcher. Its end does not end the recording.
     pub(crate) fn watch(
         &self,
-        printer: &mut Printer,
+        printer: &Printer,
         rows: RowOptions,
         commands: Option<Receiver<StreamCommand>>,
         beside: Box<dyn Watcher>,
@@ -54,7 +54,7 @@ impl StreamToArgs {
 
 /// Opens all destinations, and says where readers can come to.
 pub(crate) fn open(
-    printer: &mut Printer,
+    printer: &Printer,
     to: &[Destination],
     overwrite: bool,
 ) -> anyhow::Result<Readers> {
@@ -72,11 +72,11 @@ pub(crate) fn open(
 
 /// Commands from the standard input, a line each. `at_end` is set when there are no more.
 pub(crate) fn commands(
-    printer: &mut Printer,
+    printer: &Printer,
     at_end: Option<Arc<AtomicBool>>,
 ) -> io::Result<Receiver<StreamCommand>> {
     let (sender, commands) = channel();
-    let mut printer = printer.clone();
+    let printer = printer.clone();
     let listen = move || {
         for line in io::stdin().lock().lines() {
             match line.map(|line| line.parse::<StreamCommand>()) {
@@ -99,7 +99,7 @@ pub(crate) fn commands(
 
 /// Ends a stream, and says what came of it.
 pub(crate) fn finish(
-    printer: &mut Printer,
+    printer: &Printer,
     handle: Option<&StreamHandle>,
 ) -> anyhow::Result<Option<StreamSummary>> {
     let Some(summary) = handle.map(StreamHandle::finish).transpose()?.flatten() else {

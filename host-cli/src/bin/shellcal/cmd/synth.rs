@@ -3,7 +3,6 @@
 use std::io::{self, Write};
 
 use clap::Subcommand;
-use output_file::Outputs;
 use serde::Serialize;
 use simulation::sensor_model::{RecordingKind, RecordingSettings, SensorRecording};
 use simulation::synthetic_log::SyntheticLayout;
@@ -105,15 +104,15 @@ struct SynthSummary<'a> {
 }
 
 impl SynthArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         match &self.kind {
             // The paper's sizes; for noise, less than a minute.
-            KindArgs::Train(args) => args.run(RecordingKind::Training, 77_522, printer, outputs),
-            KindArgs::Test(args) => args.run(RecordingKind::Test, 19_932, printer, outputs),
-            KindArgs::Pair(args) => args.run(printer, outputs),
-            KindArgs::Trial(args) => args.run(printer, outputs),
-            KindArgs::Trials(args) => args.run(printer, outputs),
-            KindArgs::Zero(args) => args.run(RecordingKind::Zero, 5_000, printer, outputs),
+            KindArgs::Train(args) => args.run(RecordingKind::Training, 77_522, printer),
+            KindArgs::Test(args) => args.run(RecordingKind::Test, 19_932, printer),
+            KindArgs::Pair(args) => args.run(printer),
+            KindArgs::Trial(args) => args.run(printer),
+            KindArgs::Trials(args) => args.run(printer),
+            KindArgs::Zero(args) => args.run(RecordingKind::Zero, 5_000, printer),
         }
     }
 }
@@ -123,8 +122,7 @@ impl RecordingArgs {
         &self,
         kind: RecordingKind,
         default_rows: u64,
-        printer: &mut Printer,
-        outputs: &Outputs,
+        printer: &Printer,
     ) -> anyhow::Result<Outcome> {
         let rows = self.rows.unwrap_or(default_rows);
         self.limit.check(rows as f64)?;
@@ -138,7 +136,7 @@ impl RecordingArgs {
             adc_bits: self.adc_bits,
             elastic: self.elastic,
         })?;
-        let mut out = OpenOutput::for_rows(self.output.as_ref(), printer, outputs)?;
+        let mut out = OpenOutput::for_rows(self.output.as_ref(), printer)?;
         let (bytes, rows_saturated) = self.write(&mut out, kind, rows, recording, printer)?;
         out.finish()?;
         let Some(path) = &self.output else { return Ok(Outcome::Done) };

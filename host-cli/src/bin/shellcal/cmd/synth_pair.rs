@@ -2,7 +2,6 @@
 
 use std::io::Write;
 
-use output_file::Outputs;
 use serde::Serialize;
 use simulation::sensor_model::{Pair, PairSettings};
 use simulation::synthetic_log::{
@@ -89,7 +88,7 @@ struct PairTruth {
 }
 
 impl PairArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let settings = PairSettings {
             seed: self.seed,
             unit_seed: self.unit_seed,
@@ -107,7 +106,7 @@ impl PairArgs {
         let board = self.duration * self.rate;
         self.limit.check(board.max((self.duration + 2.0 * self.margin) * self.reference_rate))?;
         let (mut reference, mut log) =
-            (outputs.create(&self.reference)?, outputs.create(&self.log)?);
+            (printer.files.create(&self.reference)?, printer.files.create(&self.log)?);
         let (mut reference_rows, mut log_rows) = (0, 0);
         write_wrench_header(&mut reference)?;
         for (time_s, wrench) in pair.reference() {
@@ -132,7 +131,7 @@ impl PairArgs {
         if let Some(path) = &self.truth {
             let mut text = serde_json::to_vec_pretty(&truth)?;
             text.push(b'\n');
-            outputs.write(path, &text)?;
+            printer.files.write(path, &text)?;
         }
         printer.finish(&truth, |printer| {
             printer.line(format!(

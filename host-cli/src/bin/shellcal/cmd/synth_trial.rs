@@ -1,6 +1,5 @@
 //! `shellcal synth trial` and `synth trials`: the virtual robot's runs through the channel.
 
-use output_file::Outputs;
 use serde::Serialize;
 use shellcal::workflow::synthetic_trials::{MANIFEST, SetTrial, truth_json, write_log, write_set};
 use simulation::synthetic_trial::TrialLayout;
@@ -12,25 +11,15 @@ use crate::files::{OutputLocation, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
-const TRIAL_EXAMPLES: &str = "\
-Examples:
-  shellcal synth trial --condition '3 cm' --output run.txt --truth run.truth.json
-  shellcal synth trial --stride-frequency 1 --missing 0.1 --stall --output run.txt";
-
-const TRIALS_EXAMPLES: &str = "\
-Example:
-  shellcal synth trials trials
-  shellcal synth train --output train.csv
-  shellcal fit train.csv --output calibration.json
-  shellcal batch trials/manifest.csv --calibration calibration.json";
-
 /// One trial of a virtual robot in the channel, with known truth
 ///
 /// Leg motion, drag and lift of the condition, the legs' shaking, battery and motors; telemetry at
 /// 1 kHz in the lab's format, with sensors fresh at 100 Hz. The calibration of the same unit is that
 /// of `synth train`.
 #[derive(Clone, Debug, clap::Args)]
-#[command(after_help = TRIAL_EXAMPLES)]
+#[command(after_help = "Examples:
+  shellcal synth trial --condition '3 cm' --output run.txt --truth run.truth.json
+  shellcal synth trial --stride-frequency 1 --missing 0.1 --stall --output run.txt")]
 pub(super) struct SynthTrialArgs {
     /// What the robot runs through: the channel's largest deflection
     #[arg(long, value_parser = one_of(&ChannelForces::PAPER.map(|of| (of.name, "", of))), value_name = "NAME", default_value = "3 cm")]
@@ -82,7 +71,11 @@ pub(super) struct SynthTrialArgs {
 
 /// An example set: trials in all five conditions, their truth, and a manifest for `shellcal batch`
 #[derive(Clone, Debug, clap::Args)]
-#[command(after_help = TRIALS_EXAMPLES)]
+#[command(after_help = "Example:
+  shellcal synth trials trials
+  shellcal synth train --output train.csv
+  shellcal fit train.csv --output calibration.json
+  shellcal batch trials/manifest.csv --calibration calibration.json")]
 pub(super) struct TrialsArgs {
     /// Directory to write into; made if it is not there
     #[arg(value_name = "DIR")]
@@ -164,7 +157,7 @@ impl CommonArgs {
 }
 
 impl SynthTrialArgs {
-    pub(super) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(super) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let mut condition = self.condition;
         condition.drag_n = self.drag.unwrap_or(condition.drag_n);
         condition.lift_n = self.lift.unwrap_or(condition.lift_n);
@@ -182,9 +175,9 @@ impl SynthTrialArgs {
         };
         let truth = trial.truth();
         if let Some(path) = &self.truth {
-            outputs.write(path, &truth_json(&truth))?;
+            printer.files.write(path, &truth_json(&truth))?;
         }
-        let mut out = OpenOutput::for_rows(self.output.as_ref(), printer, outputs)?;
+        let mut out = OpenOutput::for_rows(self.output.as_ref(), printer)?;
         let rows = write_log(&mut out, &trial, layout)?;
         out.finish()?;
         let Some(path) = &self.output else { return Ok(Outcome::Done) };
@@ -203,13 +196,13 @@ impl SynthTrialArgs {
 }
 
 impl TrialsArgs {
-    pub(super) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(super) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let base = self.common.settings(ChannelForces::PAPER[0]);
         let count = self.per_condition * ChannelForces::PAPER.len() as u64;
         /// Of a trial, about.
         const BYTES: u64 = 1_000_000;
         let bar = printer.progress("making trials", count * BYTES);
-        let trials = write_set(outputs, &self.directory, base, self.per_condition, |done| {
+        let trials = write_set(&printer.files, &self.directory, base, self.per_condition, |done| {
             bar.set_position(done * BYTES)
         });
         bar.finish_and_clear();

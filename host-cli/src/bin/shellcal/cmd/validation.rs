@@ -12,29 +12,28 @@ use serde::Serialize;
 use shell_data::hint::quoted;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-use crate::printer::Printer;
+use crate::printer::{Printer, TableColumn};
 use crate::tables::{NOTHING, or_dash};
 
 pub(super) fn print_cross_validation(
-    printer: &mut Printer,
+    printer: &Printer,
     cv: &CrossValidation,
     axes: Axes,
 ) -> anyhow::Result<()> {
     let ratios = cv.ratios();
-    let rows = (axes.iter()).map(|axis| {
-        let i = axis.index();
-        vec![
-            axis.name().to_owned(),
-            significant(cv.grouped[i].rms, 4),
-            cv.random.map_or(NOTHING.to_owned(), |random| significant(random[i].rms, 4)),
-            or_dash(ratios[i], 2),
-            significant(cv.grouped[i].bias, 2),
-            axis.unit().to_owned(),
-        ]
-    });
+    let random_rms = |axis: &Axis| cv.random.map(|random| random[axis.index()].rms);
+    let columns: [TableColumn<'_, Axis>; 6] = [
+        ("held out", &|axis| axis.name().to_owned()),
+        ("RMS new groups", &|axis| significant(cv.grouped[axis.index()].rms, 4)),
+        ("RMS random", &|axis| {
+            random_rms(axis).map_or(NOTHING.to_owned(), |rms| significant(rms, 4))
+        }),
+        ("ratio", &|axis| or_dash(ratios[axis.index()], 2)),
+        ("bias new groups", &|axis| significant(cv.grouped[axis.index()].bias, 2)),
+        ("unit", &|axis| axis.unit().to_owned()),
+    ];
     printer.line("")?;
-    let header = ["held out", "RMS new groups", "RMS random", "ratio", "bias new groups", "unit"];
-    printer.table(&header, rows)?;
+    printer.records(&columns, axes.iter())?;
     let how = match cv.folds == cv.groups {
         true => "leave-one-group-out".to_owned(),
         false => format!("{}-fold", cv.folds),
@@ -115,7 +114,7 @@ pub(super) fn log_ratio(ratio: ErrorRatio) -> [f64; 2] {
 
 /// The closing word on which model to take.
 pub(super) fn print_advice(
-    printer: &mut Printer,
+    printer: &Printer,
     advice: &Advice,
     model: Basis,
     cv: Option<&CrossValidation>,
@@ -138,7 +137,7 @@ pub(super) fn print_advice(
 /// The models that were compared, each with its best ridge, and which was chosen; `physics` is what was held against
 /// the polynomial.
 pub(super) fn print_selection(
-    printer: &mut Printer,
+    printer: &Printer,
     selection: &Selection,
     physics: Option<&ModelComparison>,
     axes: Axes,
@@ -195,7 +194,7 @@ fn best_of_each(selection: &Selection) -> Vec<&Candidate> {
 }
 
 pub(super) fn print_excitation(
-    printer: &mut Printer,
+    printer: &Printer,
     excitation: &Excitation,
     axes: Axes,
 ) -> anyhow::Result<()> {

@@ -7,7 +7,7 @@ use serde::Serialize;
 use shell_data::wrench::PerAxis;
 use shellcal::workflow::hung_loads::HungReference;
 
-use crate::printer::Printer;
+use crate::printer::{Printer, TableColumn};
 
 /// Scatter in stated errors from which those are said to be too small.
 const TOO_SMALL: f64 = 1.5;
@@ -80,33 +80,33 @@ fn name(quantity: LoadQuantity) -> &'static str {
 }
 
 /// The table of corrections.
-pub(super) fn print(printer: &mut Printer, hung: &HungReference) -> anyhow::Result<()> {
-    let row = |(load, found): (&HungLoad, &CorrectedLoad)| {
-        let [x, y, z] = found.lever_m.map(|metres| format!("{:+.1}", 1e3 * metres));
-        vec![
-            load.group.clone(),
-            load.to_string(),
-            format!("{:+.3}", found.force_n.0),
-            format!(
-                "{:.1} ± {:.1}",
-                found.angle_rad.0.to_degrees(),
-                found.angle_rad.1.to_degrees()
-            ),
-            format!("{x} {y} {z}"),
-            found.suspicious.map_or_else(String::new, |of| format!("{}?", name(of))),
-        ]
-    };
-    let rows = hung.loads.iter().zip(&hung.corrected.loads).map(row);
-    printer.table(&["load", "as stated", "size N", "angle °", "point mm", ""], rows)?;
+pub(super) fn print(printer: &Printer, hung: &HungReference) -> anyhow::Result<()> {
+    let degrees = |radians: f64| format!("{:.1}", radians.to_degrees());
+    let columns: [TableColumn<'_, (&HungLoad, &CorrectedLoad)>; 6] = [
+        ("load", &|(load, _)| load.group.clone()),
+        ("as stated", &|(load, _)| load.to_string()),
+        ("size N", &|(_, found)| format!("{:+.3}", found.force_n.0)),
+        ("angle °", &|(_, found)| <[f64; 2]>::from(found.angle_rad).map(degrees).join(" ± ")),
+        ("point mm", &|(_, found)| millimetres(found.lever_m)),
+        ("", &|(_, found)| {
+            found.suspicious.map_or_else(String::new, |of| format!("{}?", name(of)))
+        }),
+    ];
+    printer.records(&columns, hung.loads.iter().zip(&hung.corrected.loads))?;
     for (label, offset) in hung.mountings.iter().zip(&hung.corrected.mountings) {
-        let [x, y, z] = offset.map(|metres| format!("{:+.1}", 1e3 * metres));
-        printer.line(format!("mounting `{label}`: its levers are off by {x} {y} {z} mm"))?;
+        let offset = millimetres(*offset);
+        printer.line(format!("mounting `{label}`: its levers are off by {offset} mm"))?;
     }
     Ok(())
 }
 
+/// An offset along x, y and z.
+fn millimetres(offset_m: [f64; 3]) -> String {
+    offset_m.map(|metres| format!("{:+.1}", 1e3 * metres)).join(" ")
+}
+
 /// Says which lines of the table are probably wrong, and what errors are against.
-pub(super) fn tell(hung: &HungReference, printer: &mut Printer) {
+pub(super) fn tell(hung: &HungReference, printer: &Printer) {
     for (load, found) in hung.suspicious() {
         printer.warning(warning(load, found));
     }
@@ -143,8 +143,8 @@ fn warning(load: &HungLoad, found: &CorrectedLoad) -> String {
             )
         }
         (Some(LoadQuantity::Lever), _) => {
-            let [x, y, z] = found.lever_m.map(|metres| format!("{:+.1}", 1e3 * metres));
-            format!("{of} pulled at a point off by {x} {y} {z} mm: a mistyped lever?")
+            let offset = millimetres(found.lever_m);
+            format!("{of} pulled at a point off by {offset} mm: a mistyped lever?")
         }
         _ => {
             let (off, error) = found.force_n;

@@ -12,10 +12,10 @@ mod verdict;
 use shellcal::workflow::remark::about_table;
 use std::time::Instant;
 
+use calibration::dynamics::LagRule;
 use calibration::fit::{CovarianceRule, Fit, FitMethod, HeldOut, ModelRule, OutlierRule};
 use calibration::solver::SolverKind;
 use calibration::validation::grouped::GroupKind;
-use output_file::Outputs;
 use shell_data::wrench::Axes;
 use shellcal::workflow::gates::ComparedAxes;
 use shellcal::workflow::partial::KeptGroups;
@@ -30,17 +30,14 @@ use crate::files::{InputPath, OutputOrStdout, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
-const EXAMPLES: &str = "\
-Examples:
+#[derive(Debug, clap::Args)]
+#[command(before_help = "Examples:
   shellcal fit poses.csv -o calibration.json
   shellcal fit monday.csv tuesday.csv --test wednesday.csv --report fit.html
   shellcal fit session.csv --loads loads.csv -o calibration.json
   shellcal fit four-poses.csv --from calibration.json -o remounted.json
   shellcal fit train.csv --model cubic -o calibration.json
-  shellcal fit log.txt --sensors S1,S2,S3,S4 --wrench 10-15 --moment-unit mNm";
-
-#[derive(Debug, clap::Args)]
-#[command(before_help = EXAMPLES)]
+  shellcal fit log.txt --sensors S1,S2,S3,S4 --wrench 10-15 --moment-unit mNm")]
 #[group(skip)]
 #[command(group = clap::ArgGroup::new("held_out").args(["cv", "groups"]).multiple(true))]
 pub(crate) struct FitArgs {
@@ -84,59 +81,30 @@ pub(crate) struct FitArgs {
     ridge: f64,
 
     /// How to solve the least-squares problem
-    #[arg(
-        long,
-        value_name = "SOLVER",
-        value_parser = choices::solver(),
-        default_value = "exact",
-        help_heading = "Model",
-        hide_short_help = true
-    )]
+    #[arg(long, value_name = "SOLVER", value_parser = choices::solver(), default_value = "exact",
+        help_heading = "Model", hide_short_help = true)]
     solver: SolverKind,
 
     /// With `--solver svd`: leave out directions that the data hardly excite, those whose singular
     /// value is below this share of the largest, such as 1e-8
-    #[arg(
-        long,
-        value_name = "SHARE",
-        value_parser = number_in(0.0..1.0, "a share from 0 to 1, such as 1e-8"),
-        help_heading = "Model",
-        hide_short_help = true
-    )]
+    #[arg(long, value_name = "SHARE", value_parser = number_in(0.0..1.0, "a share from 0 to 1, such as 1e-8"),
+        help_heading = "Model", hide_short_help = true)]
     truncate: Option<f64>,
 
     /// How many ms later than the readings the reference shows a load (rows, where logs have no time); `auto`
     /// finds it [default: `auto` where the model is chosen, otherwise 0]
-    #[arg(
-        long,
-        value_name = "auto|MS",
-        value_parser = parse_lag,
-        allow_hyphen_values = true,
-        help_heading = "Model"
-    )]
-    lag: Option<LagArg>,
+    #[arg(long, value_name = "auto|MS", value_parser = parse_lag, allow_hyphen_values = true, help_heading = "Model")]
+    lag: Option<LagRule>,
 
     /// Let each channel remember: terms `s - EMA(s)` with these time constants (rows, where logs have no time);
     /// `auto` takes those that lower held-out errors [default: `auto` where the model is chosen, otherwise none]
-    #[arg(
-        long,
-        value_name = "auto|none|SECONDS,...",
-        value_parser = parse_memory,
-        help_heading = "Model"
-    )]
+    #[arg(long, value_name = "auto|none|SECONDS,...", value_parser = parse_memory, help_heading = "Model")]
     memory_terms: Option<MemoryArg>,
 
     /// Hold out these groups of rows, with any model: each group of the group column, each file, or each pose
     /// of constant load that is found; a number K assigns the groups to K folds
-    #[arg(
-        long,
-        value_name = "file|column|plateau|K",
-        num_args = 0..=1,
-        require_equals = true,
-        default_missing_value = "auto",
-        value_parser = clap::value_parser!(HeldOut),
-        help_heading = "Validation"
-    )]
+    #[arg(long, value_name = "file|column|plateau|K", num_args = 0..=1, require_equals = true,
+        default_missing_value = "auto", value_parser = clap::value_parser!(HeldOut), help_heading = "Validation")]
     cv: Option<HeldOut>,
 
     /// Seed of the random split that errors on held-out groups are compared with
@@ -154,14 +122,8 @@ pub(crate) struct FitArgs {
     limits: RmsLimits,
 
     /// What standard errors and intervals of `convert` come from
-    #[arg(
-        long,
-        value_name = "OF",
-        value_parser = one_of(&COVARIANCES),
-        default_value = "auto",
-        help_heading = "Validation",
-        hide_short_help = true
-    )]
+    #[arg(long, value_name = "OF", value_parser = one_of(&COVARIANCES), default_value = "auto",
+        help_heading = "Validation", hide_short_help = true)]
     covariance: CovarianceRule,
 
     /// Leave out rows that repeat the readings of the row before
@@ -173,13 +135,7 @@ pub(crate) struct FitArgs {
     outliers: Option<OutlierRule>,
 
     /// Readings outside are wrong: leave out rows with any
-    #[arg(
-        long,
-        value_name = "LO:HI",
-        value_parser = parse_range,
-        allow_hyphen_values = true,
-        help_heading = "Rows"
-    )]
+    #[arg(long, value_name = "LO:HI", value_parser = parse_range, allow_hyphen_values = true, help_heading = "Rows")]
     valid_range: Option<[f64; 2]>,
 
     /// List the rows that `--outliers drop` and `--valid-range` leave out, and why (CSV)
@@ -194,26 +150,17 @@ pub(crate) struct FitArgs {
     /// Take the wrench from a table of the loads that were hung, one line for each pose: mass or force, point and
     /// direction, with their errors. Loads are matched by the group column, otherwise in order by stretches of still
     /// readings
-    #[arg(
-        long,
-        value_name = "LOADS.csv",
+    #[arg(long, value_name = "LOADS.csv",
         conflicts_with_all = ["wrench_from", "partial", "means", "outliers", "valid_range", "cv", "lag", "memory_terms"],
-        help_heading = "Reading logs"
-    )]
+        help_heading = "Reading logs")]
     loads: Option<InputPath>,
 
     /// Bring this calibration up to date by a few loads, after the sensor was mounted again or has aged: finds what
     /// has changed of zeros, gains, lever and turn, and leaves all else as it is. The loads are held still
-    #[arg(
-        long,
-        value_name = "CAL.json",
-        conflicts_with_all = [
-            "test", "report", "plot", "model", "no_intercept", "ridge", "solver", "truncate", "lag", "memory_terms",
-            "cv", "covariance", "max_rms", "max_rms_moment", "fresh", "outliers", "valid_range", "dropped", "means",
-            "partial", "export_matrix",
-        ],
-        help_heading = "Model"
-    )]
+    #[arg(long, value_name = "CAL.json", help_heading = "Model",
+        conflicts_with_all = ["test", "report", "plot", "model", "no_intercept", "ridge", "solver", "truncate", "lag",
+            "memory_terms", "cv", "covariance", "max_rms", "max_rms_moment", "fresh", "outliers", "valid_range",
+            "dropped", "means", "partial", "export_matrix"])]
     from: Option<InputPath>,
 
     /// Take the wrench from these files, one for each training log, row by row
@@ -226,29 +173,16 @@ pub(crate) struct FitArgs {
 
     /// Sum the rows, write the sums for `shellcal merge`, and fit nothing (JSON; `-` for the standard
     /// output)
-    #[arg(
-        long,
-        value_name = "FILE.json",
+    #[arg(long, value_name = "FILE.json",
         conflicts_with_all = ["test", "output", "export_matrix", "plot", "report", "ridge", "truncate", "cv", "dropped", "valid_range", "max_rms", "max_rms_moment", "lag", "memory_terms"],
-        help_heading = "Partial fits",
-        hide_short_help = true
-    )]
+        help_heading = "Partial fits", hide_short_help = true)]
     partial: Option<OutputOrStdout>,
 
     /// With `--partial`: keep the sums of each group, so that `merge` can validate, choose a model and
     /// find standard errors by group
-    #[arg(
-        long,
-        value_parser = one_of(&GROUPS),
-        value_name = "file|column",
-        num_args = 0..=1,
-        require_equals = true,
-        default_missing_value = "auto",
-        hide_possible_values = true,
-        requires = "partial",
-        help_heading = "Partial fits",
-        hide_short_help = true
-    )]
+    #[arg(long, value_parser = one_of(&GROUPS), value_name = "file|column", num_args = 0..=1, require_equals = true,
+        default_missing_value = "auto", hide_possible_values = true, requires = "partial",
+        help_heading = "Partial fits", hide_short_help = true)]
     groups: Option<KeptGroups>,
 
     /// Write the coefficients for raw readings, one row per feature, moments in mN·m (CSV)
@@ -273,14 +207,6 @@ const GROUPS: [(&str, &str, KeptGroups); 3] = [
     ("column", "Those of the group column", KeptGroups::By(GroupKind::Column)),
 ];
 
-/// The lag of the reference.
-#[derive(Clone, Copy, Debug)]
-enum LagArg {
-    Auto,
-    /// In ms, or rows.
-    Given(f64),
-}
-
 /// Memory terms.
 #[derive(Clone, Debug)]
 enum MemoryArg {
@@ -297,16 +223,16 @@ const OUTLIERS: [(&str, &str, OutlierRule); 3] = [
 ];
 
 impl FitArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let start = Instant::now();
         if let Some(path) = &self.partial {
-            self.write_partial(path, printer, outputs)?;
+            self.write_partial(path, printer)?;
             return Ok(Outcome::Done);
         }
         if let Some(before) = &self.from {
-            return self.recalibrate(before, printer, outputs);
+            return self.recalibrate(before, printer);
         }
-        let plan = FitPlan::from_args(self, outputs)?;
+        let mut plan = FitPlan::from_args(self, printer)?;
         let (data, hung, fitted) = plan.fit(printer)?;
         let named = plan.name_rows(&data, &fitted)?;
         let file = plan.file(&data, &fitted)?;
@@ -332,7 +258,7 @@ impl FitArgs {
     }
 
     /// Whether the errors on rows that were not used are within their limits.
-    fn outcome(&self, fitted: &Fit, printer: &mut Printer) -> Outcome {
+    fn outcome(&self, fitted: &Fit, printer: &Printer) -> Outcome {
         if !self.limits.are_given() {
             return Outcome::Done;
         }
@@ -343,7 +269,7 @@ impl FitArgs {
         let gates = self.limits.gates(None);
         let axes = fitted.calibration.axes;
         let absent = gates.asked().without(axes);
-        let missing = self.train.iter().filter(|_| !absent.is_empty()).take(1);
+        let missing = self.train.iter().take(usize::from(!absent.is_empty()));
         let missing = missing.map(|log| (log.to_path_buf(), absent)).collect();
         let compared = ComparedAxes { axes, missing, uncalibrated: Axes::NONE };
         let failures = gates.failures(&compared, &unseen.rms);
@@ -352,11 +278,12 @@ impl FitArgs {
     }
 }
 
-fn parse_lag(text: &str) -> Result<LagArg, String> {
+/// In ms, or rows.
+fn parse_lag(text: &str) -> Result<LagRule, String> {
     match text {
-        "auto" => Ok(LagArg::Auto),
+        "auto" => Ok(LagRule::Auto),
         _ => match text.parse() {
-            Ok(lag) if f64::is_finite(lag) => Ok(LagArg::Given(lag)),
+            Ok(lag) if f64::is_finite(lag) => Ok(LagRule::Given(lag)),
             _ => Err("expected `auto`, or a time in ms such as 3.1".to_owned()),
         },
     }

@@ -4,7 +4,6 @@ use calibration::Basis;
 use calibration::fit::ModelRule;
 use calibration::solver::SolverKind;
 use calibration_file::Sums;
-use output_file::Outputs;
 use shellcal::workflow::partial::{self, PartialOptions};
 use shellcal::workflow::remark::absent_axes;
 
@@ -19,8 +18,7 @@ impl FitArgs {
     pub(super) fn write_partial(
         &self,
         path: &OutputOrStdout,
-        printer: &mut Printer,
-        outputs: &Outputs,
+        printer: &Printer,
     ) -> anyhow::Result<()> {
         let wrenches = ("--wrench-from", self.wrench_from.as_slice());
         let mapping = self.mapping.mapping();
@@ -38,7 +36,7 @@ impl FitArgs {
                 anyhow::bail!("`--partial` is for polynomials in the readings: physics has no sums")
             }
         };
-        let destination = OpenOutput::open(path, printer, outputs)?;
+        let destination = OpenOutput::open(path, printer)?;
         let options = PartialOptions {
             basis,
             intercept: !self.no_intercept,

@@ -62,14 +62,8 @@ struct FactorsTried {
     standard_error: f64,
 }
 
-impl From<&FactorTrial> for FactorsTried {
-    fn from(&FactorTrial { factors, gain, standard_error }: &FactorTrial) -> Self {
-        Self { factors, gain, standard_error }
-    }
-}
-
 pub(super) fn report(
-    printer: &mut Printer,
+    printer: &Printer,
     fitted: &Fit,
     (of_rows, hung): (&PhysicsFit, Option<&HungReference>),
     file: &CalibrationFile,
@@ -81,6 +75,10 @@ pub(super) fn report(
         return Ok(());
     };
     let model = physics.model();
+    let tried = |of: &FactorTrial| {
+        let FactorTrial { factors, gain, standard_error } = *of;
+        FactorsTried { factors, gain, standard_error }
+    };
     let coverage = of_rows.validation.as_ref().and_then(PhysicsValidation::coverage);
     if printer.json() {
         return printer.document(&PhysicsReport {
@@ -94,7 +92,7 @@ pub(super) fn report(
             lambda: model.lambda,
             prior_width: model.prior_width,
             factors: model.factor_count(),
-            factors_tried: of_rows.choice.factor_trials.iter().map(FactorsTried::from).collect(),
+            factors_tried: of_rows.choice.factor_trials.iter().map(tried).collect(),
             standard_error_scale: *physics.error_scale(),
             errors: ErrorReport::new(fitted, diagnostics, Axes::ALL),
             median_of_groups: of_rows.validation.as_ref().map(PhysicsValidation::median),
@@ -141,7 +139,7 @@ pub(super) fn report(
 }
 
 /// Says how wide the intervals of `convert` are, with `--verbose`.
-fn tell_factors(printer: &mut Printer, physics: &PhysicsCalibration) {
+fn tell_factors(printer: &Printer, physics: &PhysicsCalibration) {
     let Some(Ok(factors)) = physics.intervals.as_ref().map(|of| of.factors(COVERAGE_LEVEL)) else {
         return;
     };

@@ -1,6 +1,5 @@
 //! What `shellcal fit` has to do, with all arguments checked and all files open before the work begins.
 
-use std::cell::RefCell;
 use std::sync::OnceLock;
 
 use anyhow::Context;
@@ -14,7 +13,7 @@ use figures::fit_figure;
 use indicatif::ProgressBar;
 use load_table::HungLoads;
 use log_file::{Log, ReadOptions, Wanted};
-use output_file::{AtomicFile, Outputs};
+use output_file::AtomicFile;
 use report::OutlierTable;
 use shell_data::hint::quoted;
 use shell_data::wrench::Axes;
@@ -29,8 +28,7 @@ use super::super::figure_size::FigureFile;
 use super::super::mapping::open_logs;
 use super::super::origin;
 use super::super::plan::read_table;
-use super::{FitArgs, LagArg, MemoryArg};
-use crate::files::OutputPath;
+use super::{FitArgs, MemoryArg};
 use crate::printer::Printer;
 
 /// A fit to be made.
@@ -40,12 +38,6 @@ pub(super) struct FitPlan<'a> {
     test: Vec<Log>,
     loads: Option<HungLoads>,
     options: FitOptions<'a>,
-    opened: RefCell<Opened>,
-}
-
-/// The files that are written.
-#[derive(Default)]
-struct Opened {
     calibration: Option<AtomicFile>,
     matrix: Option<AtomicFile>,
     plot: Option<FigureFile>,
@@ -63,7 +55,7 @@ pub(super) struct NamedRows {
 
 impl<'a> FitPlan<'a> {
     /// Checks the arguments, opens the logs, and all files that are written.
-    pub(super) fn from_args(args: &'a FitArgs, outputs: &Outputs) -> anyhow::Result<Self> {
+    pub(super) fn from_args(args: &'a FitArgs, printer: &Printer) -> anyhow::Result<Self> {
         args.check()?;
         let mapping = args.mapping.mapping();
         let train = open_logs(&args.train, ("--wrench-from", &args.wrench_from), &mapping)?;
@@ -76,23 +68,24 @@ impl<'a> FitPlan<'a> {
             }
             Some(_) => test.iter_mut().try_for_each(|log| log.keep_axes(Axes::ALL))?,
         }
-        let open =
-            |path: &Option<OutputPath>| path.as_ref().map(|path| outputs.create(path)).transpose();
-        let opened = Opened {
-            dropped: open(&args.dropped)?,
-            calibration: open(&args.output)?,
-            matrix: open(&args.export_matrix)?,
-            plot: args.figure_size.create(args.plot.as_ref(), outputs)?,
-            report: open(&args.report)?,
-        };
-        let options = args.options(train.iter().all(Log::has_time));
-        Ok(Self { args, train, test, loads, options, opened: opened.into() })
+        Ok(Self {
+            args,
+            options: args.options(train.iter().all(Log::has_time)),
+            train,
+            test,
+            loads,
+            dropped: printer.create(args.dropped.as_ref())?,
+            calibration: printer.create(args.output.as_ref())?,
+            matrix: printer.create(args.export_matrix.as_ref())?,
+            plot: args.figure_size.create(args.plot.as_ref(), printer)?,
+            report: printer.create(args.report.as_ref())?,
+        })
     }
 
     /// Reads the logs and fits.
     pub(super) fn fit(
         &self,
-        printer: &mut Printer,
+        printer: &Printer,
     ) -> anyhow::Result<(FitData, Option<HungReference>, Fit)> {
         let bytes = self.train.iter().chain(&self.test).map(Log::bytes).sum();
         let bar = printer.progress("fit", bytes);
@@ -139,13 +132,14 @@ impl<'a> FitPlan<'a> {
     }
 
     /// Names the outliers, and lists the rows that were left out.
-    pub(super) fn name_rows(&self, data: &FitData, fitted: &Fit) -> anyhow::Result<NamedRows> {
+    pub(super) fn name_rows(&mut self, data: &FitData, fitted: &Fit) -> anyhow::Result<NamedRows> {
         // Where no row was wrong, lines are counted without what is in them.
         let anything = Wanted::default();
         let wanted = if fitted.skipped_rows == 0 { &anything } else { &data.wanted };
+        let dropped = self.dropped.take();
         let name =
             |found: &Outliers| NamedOutliers::new(found.clone(), &self.train, &data.train, wanted);
-        let dropped = match self.opened.borrow_mut().dropped.take() {
+        let dropped = match dropped {
             Some(mut output) => {
                 let dropped = name(&fitted.dropped)?;
                 dropped.write(&mut output)?;
@@ -162,7 +156,7 @@ impl<'a> FitPlan<'a> {
     }
 
     /// Says what is to be known of a fit beside its figures.
-    pub(super) fn tell(&self, fitted: &Fit, named: &NamedRows, printer: &mut Printer) {
+    pub(super) fn tell(&self, fitted: &Fit, named: &NamedRows, printer: &Printer) {
         if let (Some(dropped), Some(path)) = (&named.dropped, &self.args.dropped) {
             printer.remarks(dropped.remarks());
             let (rows, path) = (dropped.count(), path.display());
@@ -223,22 +217,23 @@ impl<'a> FitPlan<'a> {
 
     /// Writes all files.
     pub(super) fn write(
-        &self,
+        &mut self,
         file: &CalibrationFile,
         fitted: &Fit,
         html: Option<&str>,
     ) -> anyhow::Result<()> {
-        let opened = self.opened.take();
-        if let (Some(output), Some(html)) = (opened.report, html) {
+        if let (Some(output), Some(html)) = (self.report.take(), html) {
             output.commit_with(html.as_bytes())?;
         }
-        if let Some(output) = opened.calibration {
+        if let Some(output) = self.calibration.take() {
             output.commit_with(file.to_json().as_bytes())?;
         }
-        if let (Some(output), Some(polynomial)) = (opened.matrix, file.calibration.polynomial()) {
+        if let (Some(output), Some(polynomial)) =
+            (self.matrix.take(), file.calibration.polynomial())
+        {
             output.commit_with(matrix::to_csv(polynomial, file.calibration.axes).as_bytes())?;
         }
-        if let Some(plot) = opened.plot {
+        if let Some(plot) = self.plot.take() {
             let (train, test) = plots(fitted);
             let title = format!("Calibration {}", file.calibration.name());
             let axes = file.calibration.axes;
@@ -317,8 +312,8 @@ impl FitArgs {
         DynamicsRule {
             lag: match self.lag {
                 None => default.lag,
-                Some(LagArg::Auto) => LagRule::Auto,
-                Some(LagArg::Given(by)) => LagRule::Given(if has_time { by / 1e3 } else { by }),
+                Some(LagRule::Given(by_ms)) if has_time => LagRule::Given(by_ms / 1e3),
+                Some(lag) => lag,
             },
             memory: match &self.memory_terms {
                 // A matrix has none.
@@ -327,7 +322,7 @@ impl FitArgs {
                 Some(MemoryArg::Auto) => MemoryRule::Auto,
                 Some(MemoryArg::Given(times)) => MemoryRule::Given(times),
             },
-            in_groups: matches!(self.lag, Some(LagArg::Auto))
+            in_groups: self.lag == Some(LagRule::Auto)
                 || matches!(self.memory_terms, Some(MemoryArg::Auto)),
         }
     }

@@ -7,7 +7,6 @@ use calibration::recalibration::{Change, ChangedQuantity, Recalibration};
 use calibration_file::stored::{OfAxes, Stored};
 use calibration_file::{CalibrationFile, Origin, Role, SourceFile};
 use log_file::{Log, ReadOptions, checksum};
-use output_file::Outputs;
 use serde::Serialize;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 use shellcal::workflow::fit::log_sources;
@@ -69,15 +68,14 @@ impl FitArgs {
     pub(super) fn recalibrate(
         &self,
         path: &InputPath,
-        printer: &mut Printer,
-        outputs: &Outputs,
+        printer: &Printer,
     ) -> anyhow::Result<Outcome> {
         let before = CalibrationFile::read(path)?;
         let mapping = self.mapping.mapping_for(&before);
         let logs = open_logs(&self.train, ("--wrench-from", &self.wrench_from), &mapping)?;
         tell_remembered(printer, path, &mapping, &logs);
         let table = self.loads.as_ref().map(read_table).transpose()?;
-        let output = self.output.as_ref().map(|path| outputs.create(path)).transpose()?;
+        let output = printer.create(self.output.as_ref())?;
         let read = ReadOptions { checksum: self.keeps(), ..self.mapping.read_options() };
         let recalibrated = recalibrate(&before, &logs, table.as_ref(), &read)?;
         if let Some(output) = output {
@@ -92,10 +90,8 @@ impl FitArgs {
             output.commit_with(recalibrated.file(&before, origin).to_json().as_bytes())?;
         }
         report(printer, path, &recalibrated)?;
-        Ok(match recalibrated.found.is_contradicted() {
-            true => Outcome::CheckFailed,
-            false => Outcome::Done,
-        })
+        let fails = recalibrated.found.is_contradicted();
+        Ok(if fails { Outcome::CheckFailed } else { Outcome::Done })
     }
 }
 
@@ -119,7 +115,7 @@ fn sources(
     Ok(files)
 }
 
-fn report(printer: &mut Printer, path: &Path, of: &Recalibrated) -> anyhow::Result<()> {
+fn report(printer: &Printer, path: &Path, of: &Recalibrated) -> anyhow::Result<()> {
     let (found, axes) = (&of.found, of.found.calibration.axes);
     let name = path.display().to_string();
     let text = lines(&name, of);
@@ -184,7 +180,7 @@ fn lines(name: &str, of: &Recalibrated) -> Vec<String> {
     said
 }
 
-fn print_change(printer: &mut Printer, found: &Recalibration) -> anyhow::Result<()> {
+fn print_change(printer: &Printer, found: &Recalibration) -> anyhow::Result<()> {
     let (change, errors) = (&found.change, &found.standard_errors);
     let is_in = |of: ChangedQuantity| found.quantities.contains(&of);
     let with_error = |scale: f64, value: f64, error: f64| {
@@ -223,7 +219,7 @@ fn print_change(printer: &mut Printer, found: &Recalibration) -> anyhow::Result<
     Ok(())
 }
 
-fn print_errors(printer: &mut Printer, found: &Recalibration, axes: Axes) -> anyhow::Result<()> {
+fn print_errors(printer: &Printer, found: &Recalibration, axes: Axes) -> anyhow::Result<()> {
     let mut header = vec!["axis", "RMS before", "RMS after"];
     header.extend(found.held_out.map(|_| "RMS held out"));
     header.push("unit");

@@ -168,7 +168,7 @@ impl CovarianceReport {
 
 /// The table of errors on training and test rows.
 pub(super) fn print_errors(
-    printer: &mut Printer,
+    printer: &Printer,
     diagnostics: &Diagnostics,
     axes: Axes,
 ) -> anyhow::Result<()> {
@@ -187,7 +187,7 @@ pub(super) fn print_errors(
 
 /// How many rows there were, and which loads they measured.
 pub(super) fn print_rows(
-    printer: &mut Printer,
+    printer: &Printer,
     diagnostics: &Diagnostics,
     seconds: f64,
     axes: Axes,
@@ -220,7 +220,7 @@ fn ridge(ridge: f64, intercept: bool) -> String {
 }
 
 pub(super) fn report(
-    printer: &mut Printer,
+    printer: &Printer,
     fitted: &Fit,
     file: &CalibrationFile,
     named: &NamedRows,

@@ -8,7 +8,7 @@ use shell_data::wrench::Axis;
 use crate::printer::Printer;
 
 /// Prints the verdict, before all else.
-pub(super) fn print_verdict(printer: &mut Printer, verdict: &Verdict) -> anyhow::Result<()> {
+pub(super) fn print_verdict(printer: &Printer, verdict: &Verdict) -> anyhow::Result<()> {
     verdict.lines().into_iter().try_for_each(|line| printer.line(line))?;
     printer.line("")
 }

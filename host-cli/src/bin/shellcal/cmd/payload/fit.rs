@@ -1,24 +1,15 @@
 //! `shellcal payload fit`: from poses at rest to what the sensor carries.
 
-use std::io::Write;
-
 use calibration_file::payload_file::PayloadFile;
 use forces::payload::{LEAST_SPREAD, Payload, PayloadFit, STANDARD_GRAVITY_M_S2};
-use log_file::Log;
-use output_file::Outputs;
 use shellcal::workflow::payload::{FittedPayload, GravityFrom, fit_payload};
 
 use super::load::MotionColumnArgs;
-use crate::cmd::mapping::MappingArgs;
+use crate::cmd::mapping::{MappingArgs, open_logs};
 use crate::cmd::origin;
 use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
-
-const EXAMPLES: &str = "\
-Examples:
-  shellcal payload fit poses.csv -o payload.json
-  shellcal payload fit poses.csv --group pose --gravity 9.82085 -o payload.json";
 
 /// More rows than this that no label puts together are hardly poses.
 const MANY_POSES: usize = 500;
@@ -26,7 +17,9 @@ const MANY_POSES: usize = 500;
 const POOR_SPREAD: f64 = 100.0 * LEAST_SPREAD;
 
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
+#[command(after_help = "Examples:
+  shellcal payload fit poses.csv -o payload.json
+  shellcal payload fit poses.csv --group pose --gravity 9.82085 -o payload.json")]
 pub(crate) struct PayloadFitArgs {
     /// Logs of wrenches at rest
     #[arg(required = true, value_name = "LOG")]
@@ -44,11 +37,10 @@ pub(crate) struct PayloadFitArgs {
 }
 
 impl PayloadFitArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let mapping = self.mapping.mapping();
-        let open = |path: &InputPath| Log::open(path, &mapping);
-        let logs = self.logs.iter().map(open).collect::<Result<Vec<_>, _>>()?;
-        let output = self.output.as_ref().map(|path| outputs.create(path)).transpose()?;
+        let logs = open_logs(&self.logs, ("", &[]), &mapping)?;
+        let output = printer.create(self.output.as_ref())?;
         let found = fit_payload(
             &logs,
             &self.columns.columns(STANDARD_GRAVITY_M_S2),
@@ -62,9 +54,8 @@ impl PayloadFitArgs {
             date: origin::date()?,
             sources: paths.zip(found.rows.iter().copied()).collect(),
         };
-        if let Some(mut output) = output {
-            output.write_all(file.to_json().as_bytes())?;
-            output.commit()?;
+        if let Some(output) = output {
+            output.commit_with(file.to_json().as_bytes())?;
         }
         if printer.json() {
             printer.file(file.to_json().as_bytes())?;
@@ -77,7 +68,7 @@ impl PayloadFitArgs {
 }
 
 /// The ten numbers with their standard errors.
-fn print(printer: &mut Printer, fit: &PayloadFit) -> anyhow::Result<()> {
+fn print(printer: &Printer, fit: &PayloadFit) -> anyhow::Result<()> {
     let rows = rows(&fit.payload, &fit.standard_errors).into_iter().map(
         |(name, value, error, decimals)| {
             vec![name, format!("{value:.decimals$}"), format!("{error:.decimals$}")]
@@ -108,7 +99,7 @@ fn rows(payload: &Payload, errors: &Payload) -> Vec<(String, f64, f64, usize)> {
 }
 
 /// How it was found, and where that may not suffice.
-fn say(printer: &mut Printer, found: &FittedPayload) {
+fn say(printer: &Printer, found: &FittedPayload) {
     let FittedPayload { fit, accelerometer, gravity_from, is_grouped, skipped_rows, .. } = found;
     if *skipped_rows > 0 {
         printer.note(format!("{skipped_rows} bad rows left out"));

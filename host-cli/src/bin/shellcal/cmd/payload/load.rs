@@ -5,11 +5,13 @@ use calibration::Calibration;
 use calibration_file::payload_file::PayloadFile;
 use forces::payload::{CarriedLoad, Lag};
 use log_file::{Log, Mapping, ReadOptions, parse_columns};
+use shell_data::wrench::Axis;
 use shellcal::workflow::convert::ConvertSummary;
 use shellcal::workflow::payload::{MotionColumns, find_motion_lag, read_motion};
 
 use crate::cmd::choices::number_in;
 use crate::cmd::mapping::ColumnList;
+use crate::cmd::quality::by_unit;
 use crate::files::InputPath;
 use crate::printer::Printer;
 
@@ -96,12 +98,7 @@ impl MotionArgs {
     }
 
     /// Says what was taken off.
-    pub(in crate::cmd) fn report(
-        &self,
-        printer: &mut Printer,
-        log: &Log,
-        summary: &ConvertSummary,
-    ) {
+    pub(in crate::cmd) fn report(&self, printer: &Printer, log: &Log, summary: &ConvertSummary) {
         let Some(load) = &summary.load else { return };
         let path = log.path().display();
         printer.note(match load.has_inertia {
@@ -132,15 +129,8 @@ impl MotionArgs {
                 load.rows_without_motion
             ));
         }
-        let of = |moments: bool| {
-            let values =
-                load.standard_deviation.iter().filter(|(axis, _)| axis.is_moment() == moments);
-            let decimals = if moments { 5 } else { 4 };
-            let values: Vec<String> = values.map(|(_, sd)| format!("{sd:.decimals$}")).collect();
-            let unit = if moments { "N·m" } else { "N" };
-            (!values.is_empty()).then(|| format!("{} {unit}", values.join(" ")))
-        };
-        let parts: Vec<String> = [of(false), of(true)].into_iter().flatten().collect();
+        let text = |axis: Axis, sd| format!("{sd:.*}", if axis.is_moment() { 5 } else { 4 });
+        let parts: Vec<String> = by_unit(&load.standard_deviation, text).collect();
         printer.note(format!("standard deviation: {}", parts.join(", ")));
     }
 }

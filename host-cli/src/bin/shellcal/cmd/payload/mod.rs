@@ -5,7 +5,6 @@ pub(in crate::cmd) mod load;
 mod subtract;
 
 use clap::Subcommand;
-use output_file::Outputs;
 
 use crate::outcome::Outcome;
 use crate::printer::Printer;
@@ -32,10 +31,10 @@ enum PayloadAction {
 }
 
 impl PayloadArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         match &self.action {
-            PayloadAction::Fit(args) => args.run(printer, outputs),
-            PayloadAction::Subtract(args) => args.run(printer, outputs),
+            PayloadAction::Fit(args) => args.run(printer),
+            PayloadAction::Subtract(args) => args.run(printer),
         }
     }
 }

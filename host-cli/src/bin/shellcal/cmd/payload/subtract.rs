@@ -7,7 +7,6 @@ use calibration::{Basis, Calibration, Model};
 use calibration_file::payload_file::PayloadFile;
 use forces::RowRule;
 use log_file::{ColumnRef, Log, Mapping, Meaning, MomentUnit, Wanted};
-use output_file::Outputs;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 use shellcal::workflow::convert::{
     Conversion, ConvertOptions, OutputFormat, OutputPlan, RecordingFrame, TableColumns, convert,
@@ -25,13 +24,10 @@ use crate::printer::Printer;
 /// Channels of a wrench.
 const AXES: usize = Axis::ALL.len();
 
-const EXAMPLES: &str = "\
-Examples:
-  shellcal payload subtract payload.json wrench.csv -o contact.csv
-  shellcal payload subtract payload.json wrench.csv --motion accelerations.csv --lowpass 20 -o contact.csv";
-
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
+#[command(after_help = "Examples:
+  shellcal payload subtract payload.json wrench.csv -o contact.csv
+  shellcal payload subtract payload.json wrench.csv --motion accelerations.csv --lowpass 20 -o contact.csv")]
 pub(crate) struct SubtractArgs {
     /// Payload file
     #[arg(value_name = "PAYLOAD")]
@@ -57,7 +53,7 @@ pub(crate) struct SubtractArgs {
 }
 
 impl SubtractArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         if printer.json() && self.output.is_none() {
             anyhow::bail!("`--json` needs `--output`: the table would go to the same place");
         }
@@ -84,7 +80,7 @@ impl SubtractArgs {
             full_scale: None,
         };
         let plan = OutputPlan { format, ..OutputPlan::default() };
-        let mut out = OpenOutput::create(self.output.as_ref(), outputs)?;
+        let mut out = OpenOutput::create(self.output.as_ref(), printer)?;
         let (calibration, options) = (&calibration, &options);
         let summary = printer.scan(&log, read, |read| {
             let conversion = Conversion { log: &log, calibration, options, read };
@@ -104,15 +100,13 @@ fn wrench_log(path: &InputPath, mapping: Mapping) -> anyhow::Result<(Log, Calibr
     let log = Log::open(path, &mapping)?;
     log.require(&Wanted { time: true, wrench: true, ..Wanted::default() })?;
     log.require_axes(Axes::ALL)?;
+    let unit = |is_milli: bool| if is_milli { 1e-3 } else { 1.0 };
     let mut columns: PerAxis<(usize, f64)> = Default::default();
     for (position, column) in log.columns().iter().enumerate() {
         match column.meaning {
-            Meaning::Force(axis, milli) => {
-                columns[axis.index()] = (position, if milli { 1e-3 } else { 1.0 });
-            }
-            Meaning::Moment(axis, unit) => {
-                let milli = unit == MomentUnit::MillinewtonMetre;
-                columns[axis.index()] = (position, if milli { 1e-3 } else { 1.0 });
+            Meaning::Force(axis, milli) => columns[axis.index()] = (position, unit(milli)),
+            Meaning::Moment(axis, of) => {
+                columns[axis.index()] = (position, unit(of == MomentUnit::MillinewtonMetre));
             }
             _ => {}
         }

@@ -10,7 +10,6 @@ use calibration::load_plan::{
 };
 use calibration_file::CalibrationFile;
 use load_table::{HungLoad, HungLoads};
-use output_file::Outputs;
 use shell_data::wrench::PerAxis;
 use shellcal::workflow::plan::RecordedSession;
 
@@ -23,13 +22,6 @@ use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
-const EXAMPLES: &str = "\
-Examples:
-  shellcal plan --masses 0.2kg,0.5kg --point 0,0,40 --point 30,0,40 --directions +x,-x,+y,-y,down -o plan.csv
-  shellcal plan --box fx=-5..5,fy=-5..5,fz=-10..0,mx=-0.2..0.2,my=-0.2..0.2,mz=-0.1..0.1
-  shellcal plan session1.csv --rig loads.csv --until 0.5N
-  shellcal plan session1.csv --replay 20 --held-out 8 --plot orders.svg";
-
 /// Loads of a plan that is given no end.
 const USUAL_COUNT: usize = 16;
 
@@ -37,7 +29,11 @@ const USUAL_COUNT: usize = 16;
 const MOST_COUNT: usize = 200;
 
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
+#[command(after_help = "Examples:
+  shellcal plan --masses 0.2kg,0.5kg --point 0,0,40 --point 30,0,40 --directions +x,-x,+y,-y,down -o plan.csv
+  shellcal plan --box fx=-5..5,fy=-5..5,fz=-10..0,mx=-0.2..0.2,my=-0.2..0.2,mz=-0.1..0.1
+  shellcal plan session1.csv --rig loads.csv --until 0.5N
+  shellcal plan session1.csv --replay 20 --held-out 8 --plot orders.svg")]
 #[group(skip)]
 pub(crate) struct PlanArgs {
     /// What was recorded so far: logs with readings and a measured wrench, or a calibration of the physics model
@@ -112,8 +108,8 @@ struct LoadPlan {
 }
 
 impl PlanArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
-        let figure = self.figure_size.create(self.plot.as_ref(), outputs)?;
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+        let figure = self.figure_size.create(self.plot.as_ref(), printer)?;
         if let Some(splits) = self.replay.splits() {
             let logs = open_logs(&self.recorded, ("", &[]), &self.mapping.mapping())?;
             let read = self.mapping.read_options();
@@ -124,7 +120,7 @@ impl PlanArgs {
                 "nothing is said of the rig: give its loads with `--rig`, `--masses`, or `--box`"
             );
         };
-        let output = self.output.as_ref().map(|path| outputs.create(path)).transpose()?;
+        let output = printer.create(self.output.as_ref())?;
         let plan = self.plan(table, printer)?;
         if let Some(output) = output {
             output.commit_with(plan.csv().as_bytes())?;
@@ -135,7 +131,7 @@ impl PlanArgs {
         printer.finish(&plan.document(), |printer| plan.print(printer))
     }
 
-    fn plan(&self, table: HungLoads, printer: &mut Printer) -> anyhow::Result<LoadPlan> {
+    fn plan(&self, table: HungLoads, printer: &Printer) -> anyhow::Result<LoadPlan> {
         let candidates: Vec<PerAxis<f64>> = table.loads().iter().map(HungLoad::wrench).collect();
         let session = self.session(printer)?;
         let mut planner = match (session.sensors, self.by) {

@@ -68,7 +68,7 @@ impl ReplayArgs {
         logs: &[Log],
         read: &ReadOptions<'_>,
         figure: Option<FigureFile>,
-        printer: &mut Printer,
+        printer: &Printer,
     ) -> anyhow::Result<Outcome> {
         let options = ReplayOptions {
             held_out: self.held_out as usize,
@@ -109,11 +109,7 @@ fn document(splits: u64, replayed: &Replay) -> ReplayDocument {
     ReplayDocument { splits, poses: replayed.poses.clone(), orders: Order::ALL.map(order).into() }
 }
 
-fn print(
-    printer: &mut Printer,
-    document: &ReplayDocument,
-    replayed: &Replay,
-) -> anyhow::Result<()> {
+fn print(printer: &Printer, document: &ReplayDocument, replayed: &Replay) -> anyhow::Result<()> {
     printer.line(format!(
         "error on poses that were held out, relative to the load, mean of {} splits",
         document.splits

@@ -110,7 +110,7 @@ impl LoadPlan {
         self.table.to_csv(&lines, &more)
     }
 
-    pub(super) fn print(&self, printer: &mut Printer) -> anyhow::Result<()> {
+    pub(super) fn print(&self, printer: &Printer) -> anyhow::Result<()> {
         let recorded = match self.recorded {
             0 => String::new(),
             poses => format!(" after {poses} poses"),

@@ -3,6 +3,7 @@
 use anyhow::Context;
 use load_table::{Combinations, HungLoads, WrenchBox};
 
+use crate::cmd::choices::numbers;
 use crate::files::InputPath;
 
 #[derive(Debug, clap::Args)]
@@ -70,12 +71,7 @@ fn parse_mass(text: &str) -> Result<f64, String> {
 }
 
 fn parse_point(text: &str) -> Result<[f64; 3], String> {
-    let numbers: Option<Vec<f64>> = text
-        .split(',')
-        .map(|number| number.trim().parse().ok().filter(|x: &f64| x.is_finite()))
-        .collect();
-    let point = numbers.and_then(|numbers| numbers.try_into().ok());
-    point.ok_or_else(|| "expected three coordinates in mm, such as 30,0,40".to_owned())
+    numbers(text).ok_or_else(|| "expected three coordinates in mm, such as 30,0,40".to_owned())
 }
 
 fn parse_direction(text: &str) -> Result<String, String> {

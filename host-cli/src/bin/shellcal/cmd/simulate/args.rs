@@ -10,21 +10,18 @@ use crate::cmd::choices::{POSITIVE, number_in};
 use crate::cmd::figure_size::FigureSize;
 use crate::files::{InputPath, OutputPath};
 
-const EXAMPLES: &str = "\
-Examples:
+/// A share of a whole, between its ends.
+const INSIDE: (Bound<f64>, Bound<f64>) = (Bound::Excluded(0.0), Bound::Excluded(1.0));
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
   shellcal simulate                                    the paper's channels: 1, 2 and 3 cm
   shellcal simulate --width 7cm --output sweep.csv     drag at every mm of the way
   shellcal simulate --plot drag.svg                    the paper's figure
   shellcal simulate --at 10cm --deflection 2cm         every beam's force at one position
   shellcal simulate --grid friction=0:1:11 --grid rx=6cm,9cm
   shellcal simulate --uncertain thickness=5% --uncertain friction=0.05
-  shellcal simulate --compare trials.csv               measured drags beside the model's";
-
-/// A share of a whole, between its ends.
-const INSIDE: (Bound<f64>, Bound<f64>) = (Bound::Excluded(0.0), Bound::Excluded(1.0));
-
-#[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
+  shellcal simulate --compare trials.csv               measured drags beside the model's")]
 pub(crate) struct SimulateArgs {
     /// Deflections of the beams, d = ry − width/2 [default: 1cm,2cm,3cm]
     #[arg(long, value_name = "LENGTH", value_delimiter = ',', value_parser = length,

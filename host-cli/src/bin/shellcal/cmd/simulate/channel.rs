@@ -5,7 +5,7 @@ use serde::Serialize;
 use simulation::channel_study::{BeamRow, ChannelSummary, MonteCarlo, SweepRow, beam_rows};
 
 use super::format::cm;
-use crate::printer::Printer;
+use crate::printer::{Printer, TableColumn};
 
 /// One channel.
 #[derive(Debug, Serialize)]
@@ -46,7 +46,7 @@ impl ChannelReport {
         Self { summary: ChannelSummary::new(model), at, uncertainty: None, positions: None }
     }
 
-    pub(super) fn warn(&self, printer: &mut Printer) {
+    pub(super) fn warn(&self, printer: &Printer) {
         for remark in &self.summary.remarks {
             printer.warning(format!("channel of {} cm: {remark}", cm(self.summary.width_m)));
         }
@@ -63,7 +63,7 @@ impl ChannelReport {
     }
 
     /// The forces at the position asked for, if one was.
-    pub(super) fn print_beams(&self, printer: &mut Printer) -> anyhow::Result<()> {
+    pub(super) fn print_beams(&self, printer: &Printer) -> anyhow::Result<()> {
         let Some(Position { x_m, drag_n, fy_n, mz_nm, beams }) = &self.at else { return Ok(()) };
         printer.line("")?;
         printer.line(format!(
@@ -71,17 +71,14 @@ impl ChannelReport {
             cm(self.summary.width_m),
             cm(*x_m)
         ))?;
-        let rows = beams.iter().map(|beam| {
-            vec![
-                format!("{} {}", beam.wall, beam.beam),
-                cm(beam.base_m),
-                format!("{:.2}", beam.phi_rad.to_degrees()),
-                format!("{:.2}", beam.deflection_rad.to_degrees()),
-                format!("{:.6}", beam.fx_n),
-                format!("{:.6}", beam.fy_n),
-            ]
-        });
-        let header = ["beam", "base (cm)", "φ (°)", "Δθ (°)", "Fx (N)", "Fy (N)"];
-        printer.table(&header, rows)
+        let columns: [TableColumn<'_, &BeamRow>; 6] = [
+            ("beam", &|beam| format!("{} {}", beam.wall, beam.beam)),
+            ("base (cm)", &|beam| cm(beam.base_m)),
+            ("φ (°)", &|beam| format!("{:.2}", beam.phi_rad.to_degrees())),
+            ("Δθ (°)", &|beam| format!("{:.2}", beam.deflection_rad.to_degrees())),
+            ("Fx (N)", &|beam| format!("{:.6}", beam.fx_n)),
+            ("Fy (N)", &|beam| format!("{:.6}", beam.fy_n)),
+        ];
+        printer.records(&columns, beams)
     }
 }

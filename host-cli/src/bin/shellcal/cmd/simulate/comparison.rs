@@ -10,7 +10,7 @@ use super::args::{SimulateArgs, of_deflection, of_width};
 use super::format::cm;
 use super::model;
 use super::quantity::length;
-use crate::printer::Printer;
+use crate::printer::{Printer, TableColumn};
 use crate::tables::{NOTHING, or_dash};
 
 /// One condition, measured and simulated.
@@ -88,39 +88,23 @@ impl SimulateArgs {
     }
 }
 
-pub(super) fn print(
-    printer: &mut Printer,
-    comparison: &[ConditionComparison],
-) -> anyhow::Result<()> {
-    let rows = comparison.iter().map(|row| {
-        vec![
-            row.measured.name.clone(),
-            row.width_m.map_or_else(|| NOTHING.to_owned(), cm),
-            row.measured.trials.to_string(),
-            format!("{:.4}", row.measured.mean_drag_n),
-            or_dash(row.measured.sd_drag_n, 4),
-            format!("{:.4}", row.simulated_drag_n),
-            format!("{:.4}", row.over_prediction_n),
-            or_dash(row.ratio, 2),
-        ]
-    });
-    printer.line("")?;
-    let header = [
-        "condition",
-        "width (cm)",
-        "trials",
-        "measured (N)",
-        "s.d. (N)",
-        "simulated (N)",
-        "over-prediction (N)",
-        "ratio",
+pub(super) fn print(printer: &Printer, comparison: &[ConditionComparison]) -> anyhow::Result<()> {
+    let columns: [TableColumn<'_, &ConditionComparison>; 8] = [
+        ("condition", &|row| row.measured.name.clone()),
+        ("width (cm)", &|row| row.width_m.map_or_else(|| NOTHING.to_owned(), cm)),
+        ("trials", &|row| row.measured.trials.to_string()),
+        ("measured (N)", &|row| format!("{:.4}", row.measured.mean_drag_n)),
+        ("s.d. (N)", &|row| or_dash(row.measured.sd_drag_n, 4)),
+        ("simulated (N)", &|row| format!("{:.4}", row.simulated_drag_n)),
+        ("over-prediction (N)", &|row| format!("{:.4}", row.over_prediction_n)),
+        ("ratio", &|row| or_dash(row.ratio, 2)),
     ];
-    printer.table(&header, rows)?;
-    Ok(())
+    printer.line("")?;
+    printer.records(&columns, comparison)
 }
 
 /// What to know before trusting the comparison.
-pub(super) fn warn(printer: &mut Printer, comparison: &[ConditionComparison]) {
+pub(super) fn warn(printer: &Printer, comparison: &[ConditionComparison]) {
     for row in comparison {
         for remark in &row.remarks {
             printer.warning(format!("condition `{}`: {remark}", row.measured.name));

@@ -3,7 +3,6 @@
 use std::io::Write;
 
 use anyhow::ensure;
-use output_file::Outputs;
 use serde::Serialize;
 use simulation::channel_study::{ChannelSummary, GridAxis, GridCell, Parameter, grid};
 
@@ -15,9 +14,6 @@ use crate::tables::or_dash;
 /// Combinations at most.
 const MOST_CELLS: f64 = 1e8;
 
-/// Combinations between two reports of progress.
-const CHUNK: usize = 64;
-
 /// What `--json` says of a combination.
 #[derive(Debug, Serialize)]
 struct CellReport {
@@ -28,11 +24,7 @@ struct CellReport {
 }
 
 impl SimulateArgs {
-    pub(super) fn run_grid(
-        &self,
-        printer: &mut Printer,
-        outputs: &Outputs,
-    ) -> anyhow::Result<Outcome> {
+    pub(super) fn run_grid(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let (base, axes) = self.axes();
         let count: f64 = axes.iter().map(|axis| axis.values.len() as f64).product();
         ensure!(count <= MOST_CELLS, "the grid would have {count:.1e} combinations");
@@ -40,7 +32,7 @@ impl SimulateArgs {
             let twice = axes[..i].iter().any(|other| other.parameter == axis.parameter);
             ensure!(!twice, "`--grid {}` is given twice", axis.parameter.name());
         }
-        let mut output = self.sweep.output.as_ref().map(|path| outputs.create(path)).transpose()?;
+        let mut output = printer.create(self.sweep.output.as_ref())?;
         let names: Vec<String> = axes.iter().map(|axis| axis.parameter.column()).collect();
         if let Some(file) = &mut output {
             writeln!(
@@ -51,16 +43,14 @@ impl SimulateArgs {
         }
         let bar = printer.count("combinations", count as u64);
         let (mut rows, mut reports, mut refused) = (Vec::new(), Vec::new(), 0);
-        for (i, cell) in grid(&base, &axes).enumerate() {
+        for cell in grid(&base, &axes) {
             refused += usize::from(cell.outcome.is_err());
             match &mut output {
                 Some(file) => writeln!(file, "{}", csv_row(&cell))?,
                 None if printer.json() => reports.push(report(&names, cell)),
                 None => rows.push(table_row(&cell)),
             }
-            if i % CHUNK == 0 {
-                bar.set_position(i as u64);
-            }
+            bar.inc(1);
         }
         bar.finish_and_clear();
         let written = output.is_some();

@@ -11,7 +11,6 @@ mod report;
 
 use anyhow::Context;
 use beam_channel::{Model, Setup};
-use output_file::Outputs;
 use serde::Serialize;
 use simulation::channel_study::{Course, monte_carlo};
 
@@ -40,14 +39,14 @@ struct SimulationDocument<'a> {
 }
 
 impl SimulateArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         if !self.study.grid.is_empty() {
-            return self.run_grid(printer, outputs);
+            return self.run_grid(printer);
         }
         let setups = self.setups();
         let models = setups.iter().map(model).collect::<anyhow::Result<Vec<_>>>()?;
         let course = self.course(&models)?;
-        let mut files = SweepFiles::open(&self.sweep, outputs)?;
+        let mut files = SweepFiles::open(&self.sweep, printer)?;
         let comparison = self.compare()?;
         comparison::warn(printer, comparison.as_deref().unwrap_or_default());
 

@@ -4,14 +4,13 @@ use std::io::Write;
 
 use beam_channel::Model;
 use figures::channel_figure;
-use output_file::{AtomicFile, Outputs};
+use output_file::AtomicFile;
 use shellcal::workflow::simulate::{SteadyPassage, curve, read_trace};
 use simulation::channel_study::{Course, beam_rows};
 
 use super::args::SweepArgs;
 use super::format::cm;
 use crate::cmd::figure_size::FigureFile;
-use crate::files::OutputPath;
 use crate::printer::Printer;
 
 /// What is written.
@@ -21,15 +20,11 @@ pub(super) struct SweepFiles {
     plot: Option<FigureFile>,
 }
 
-/// Rows between two reports of progress.
-const CHUNK: usize = 1024;
-
 impl SweepFiles {
-    pub(super) fn open(args: &SweepArgs, outputs: &Outputs) -> anyhow::Result<Self> {
-        let plot = args.figure_size.create(args.plot.as_ref(), outputs)?;
-        let open =
-            |path: &Option<OutputPath>| path.as_ref().map(|path| outputs.create(path)).transpose();
-        let (mut sweep, mut beams) = (open(&args.output)?, open(&args.beam_forces)?);
+    pub(super) fn open(args: &SweepArgs, printer: &Printer) -> anyhow::Result<Self> {
+        let plot = args.figure_size.create(args.plot.as_ref(), printer)?;
+        let mut sweep = printer.create(args.output.as_ref())?;
+        let mut beams = printer.create(args.beam_forces.as_ref())?;
         let time = if args.speed.is_some() { "t_s," } else { "" };
         if let Some(file) = &mut sweep {
             let columns = "x_m,drag_n,fy_n,mz_nm,contacts_left,contacts_right";
@@ -53,18 +48,17 @@ impl SweepFiles {
         let channel = model.setup().channel.width_m;
         let time = |t_s: Option<f64>| t_s.map_or_else(String::new, |t_s| format!("{t_s},"));
         if let Some(file) = &mut self.sweep {
-            for (i, row) in course.rows(model).enumerate() {
+            for row in course.rows(model) {
                 let [x, drag, fy, mz] = [row.x_m, row.drag_n, row.fy_n, row.mz_nm];
                 let (left, right) = (row.contacts_left, row.contacts_right);
                 let time = time(row.t_s);
                 writeln!(file, "{channel},{time}{x},{drag},{fy},{mz},{left},{right}")?;
-                if i % CHUNK == 0 {
-                    bar.set_position(i as u64);
-                }
+                bar.inc(1);
             }
         }
         if let Some(file) = &mut self.beams {
-            for (i, x) in course.positions().enumerate() {
+            bar.set_position(0);
+            for x in course.positions() {
                 let time = time(course.time_s(x));
                 for row in beam_rows(model, x) {
                     let (wall, beam, base) = (row.wall, row.beam, row.base_m);
@@ -75,9 +69,7 @@ impl SweepFiles {
                         "{channel},{time}{x},{wall},{beam},{base},{phi},{turn},{fx},{fy},{mz}"
                     )?;
                 }
-                if i % CHUNK == 0 {
-                    bar.set_position(i as u64);
-                }
+                bar.inc(1);
             }
         }
         bar.finish_and_clear();

@@ -2,11 +2,11 @@
 
 use beam_channel::{Angle, Normal, Setup};
 use serde::Serialize;
-use simulation::channel_study::{DrawStatistics, Parameter};
+use simulation::channel_study::{ChannelSummary, DrawStatistics, Parameter};
 
 use super::channel::ChannelReport;
 use super::format::{cm, percent};
-use crate::printer::Printer;
+use crate::printer::{Printer, TableColumn};
 use crate::tables::{NOTHING, or_dash};
 
 /// What all channels have in common, for `--json`.
@@ -45,36 +45,21 @@ fn contacts(least: Option<[u32; 2]>, greatest: Option<[u32; 2]>) -> String {
     if wall(0) == wall(1) { wall(0) } else { format!("{}, {}", wall(0), wall(1)) }
 }
 
-pub(super) fn print_channels(
-    printer: &mut Printer,
-    reports: &[ChannelReport],
-) -> anyhow::Result<()> {
-    let rows = reports.iter().map(|report| {
-        let summary = &report.summary;
-        vec![
-            cm(summary.width_m),
-            cm(summary.deflection_m),
-            contacts(summary.min_contacts, summary.max_contacts),
-            or_dash(summary.mean_drag_n, 4),
-            or_dash(summary.minimum_drag_n, 4),
-            or_dash(summary.peak_drag_n, 4),
-            format!("{:.3}", 1e3 * summary.energy_j),
-        ]
-    });
-    let header = [
-        "width (cm)",
-        "deflection (cm)",
-        "beams per side",
-        "mean drag (N)",
-        "minimum (N)",
-        "peak (N)",
-        "energy (mJ)",
+pub(super) fn print_channels(printer: &Printer, reports: &[ChannelReport]) -> anyhow::Result<()> {
+    let columns: [TableColumn<'_, &ChannelSummary>; 7] = [
+        ("width (cm)", &|of| cm(of.width_m)),
+        ("deflection (cm)", &|of| cm(of.deflection_m)),
+        ("beams per side", &|of| contacts(of.min_contacts, of.max_contacts)),
+        ("mean drag (N)", &|of| or_dash(of.mean_drag_n, 4)),
+        ("minimum (N)", &|of| or_dash(of.minimum_drag_n, 4)),
+        ("peak (N)", &|of| or_dash(of.peak_drag_n, 4)),
+        ("energy (mJ)", &|of| format!("{:.3}", 1e3 * of.energy_j)),
     ];
-    printer.table(&header, rows)
+    printer.records(&columns, reports.iter().map(|report| &report.summary))
 }
 
 pub(super) fn print_uncertainty(
-    printer: &mut Printer,
+    printer: &Printer,
     reports: &[ChannelReport],
 ) -> anyhow::Result<()> {
     let with = || reports.iter().filter_map(|r| Some((&r.summary, r.uncertainty.as_ref()?)));

@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 
 use anyhow::bail;
-use output_file::Outputs;
 use serde::Serialize;
 use shellcal::workflow::batch::{Batch, BatchOptions, FailedRow, FileStamp, stamp};
 use trial::manifest::{Manifest, Shard};
@@ -16,8 +15,8 @@ use crate::files::InputPath;
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
-const EXAMPLES: &str = "\
-Examples:
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
   shellcal batch manifest.csv --calibration calibration.json --csv results
   shellcal batch manifest.csv --calibration calibration.json --reference free --traces traces
   shellcal batch manifest.toml --calibration calibration.json --json > results.json
@@ -25,10 +24,7 @@ Examples:
 
 A manifest is CSV with the columns file, condition, t_enter_s, t_exit_s and, if wanted,
 velocity_m_s, mass_kg, channel_length_m, notes, exclude; or TOML with the same keys in [[trial]]
-tables. Times are in s on the log's clock, or `auto`. Files are relative to the manifest.";
-
-#[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
+tables. Times are in s on the log's clock, or `auto`. Files are relative to the manifest.")]
 pub(crate) struct BatchArgs {
     /// Which trials there are: CSV or `.toml`
     #[arg(value_name = "MANIFEST")]
@@ -96,23 +92,23 @@ struct BatchRun {
 }
 
 impl BatchArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
-        self.output.prepare(outputs, self.shard)?;
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+        self.output.prepare(printer, self.shard)?;
         if !self.watch {
-            return self.once(printer, outputs, None).map(|(_, outcome)| outcome);
+            return self.once(printer, None).map(|(_, outcome)| outcome);
         }
         if printer.json() {
             bail!("`--watch` prints tables again and again, `--json` one document");
         }
         let mut before: Option<(Vec<FileStamp>, Batch)> = None;
         let files = || self.watched();
-        watch::run(printer, files, |printer| {
-            outputs.renew();
+        watch::run(printer, files, || {
+            printer.files.renew();
             let equipment: Vec<FileStamp> =
                 self.evaluation.files_by_role().map(|(_, path)| stamp(path)).collect();
             // Under another calibration or profile all results are others.
             let kept = before.take().filter(|(files, _)| *files == equipment);
-            match self.once(printer, outputs, kept.as_ref().map(|(_, batch)| batch)) {
+            match self.once(printer, kept.as_ref().map(|(_, batch)| batch)) {
                 Ok((batch, _)) => before = Some((equipment, batch)),
                 Err(error) => printer.error(&error, None),
             }
@@ -131,16 +127,11 @@ impl BatchArgs {
         own.chain(logs.unwrap_or_default()).collect()
     }
 
-    fn once(
-        &self,
-        printer: &mut Printer,
-        outputs: &Outputs,
-        before: Option<&Batch>,
-    ) -> anyhow::Result<(Batch, Outcome)> {
+    fn once(&self, printer: &Printer, before: Option<&Batch>) -> anyhow::Result<(Batch, Outcome)> {
         let equipment = self.evaluation.equipment()?;
-        let manifest = manifest::read(&self.manifest, outputs)?;
+        let manifest = manifest::read(&self.manifest, printer)?;
         manifest::check_reference(&manifest, self.reference.as_deref())?;
-        let run = self.evaluate(printer, outputs, &manifest, &equipment, before)?;
+        let run = self.evaluate(printer, &manifest, &equipment, before)?;
         let is_whole = run.batch.failures.is_empty();
         self.show(printer, &equipment, &run)?;
         Ok((run.batch, if is_whole { Outcome::Done } else { Outcome::CheckFailed }))
@@ -152,13 +143,12 @@ impl BatchArgs {
 
     fn evaluate(
         &self,
-        printer: &mut Printer,
-        outputs: &Outputs,
+        printer: &Printer,
         manifest: &Manifest,
         equipment: &Equipment,
         before: Option<&Batch>,
     ) -> anyhow::Result<BatchRun> {
-        let figures = self.output.figure_folder(outputs)?;
+        let figures = self.output.figure_folder(printer)?;
         let options = BatchOptions {
             conditions: self.conditions.as_deref(),
             before,
@@ -167,7 +157,7 @@ impl BatchArgs {
         };
         let (path, profile) = (&self.manifest, &equipment.profile);
         let keep = |position, result: &mut _| {
-            self.output.write_trial(outputs, position, result, figures.as_ref(), profile)
+            self.output.write_trial(printer, position, result, figures.as_ref(), profile)
         };
         let batch = manifest::evaluate(printer, path, manifest, equipment, options, keep);
         let conditions = match self.shard {
@@ -175,7 +165,7 @@ impl BatchArgs {
             Some(_) => Vec::new(),
             None => batch.statistics(self.reference.as_deref(), self.seed),
         };
-        self.output.write_tables(outputs, &batch, &conditions, self.shard)?;
+        self.output.write_tables(printer, &batch, &conditions, self.shard)?;
         if let Some(figures) = &figures {
             if self.shard.is_none() {
                 figures.write_batch(&conditions, &batch.phases())?;
@@ -194,12 +184,7 @@ impl BatchArgs {
         Ok(BatchRun { batch, conditions, warnings })
     }
 
-    fn show(
-        &self,
-        printer: &mut Printer,
-        equipment: &Equipment,
-        run: &BatchRun,
-    ) -> anyhow::Result<()> {
+    fn show(&self, printer: &Printer, equipment: &Equipment, run: &BatchRun) -> anyhow::Result<()> {
         let BatchRun { batch, conditions, warnings } = run;
         let manifest = self.manifest.display();
         let results: Vec<_> = batch

@@ -4,12 +4,12 @@ use ::report::{Certificate, CheckedLoad, Heading};
 use anyhow::Context;
 use calibration_file::CalibrationFile;
 use log_file::{Log, Mapping, ReadOptions};
-use output_file::Outputs;
 use shellcal::workflow::certificate::{budget, intervals};
 use shellcal::workflow::check::check_weights;
 use shellcal::workflow::report::calibration_facts;
 
 use super::evaluation::EvaluationArgs;
+use crate::cmd::choices::numbers;
 use crate::cmd::mapping::open_logs;
 use crate::cmd::origin;
 use crate::cmd::plan::read_table;
@@ -30,13 +30,7 @@ pub(super) struct CertificateArgs {
     unloaded: Option<InputPath>,
 
     /// The standard uncertainty of the reference sensor or the weights, in N and N·m
-    #[arg(
-        long,
-        value_name = "N,N·m",
-        num_args = 1,
-        value_parser = parse_errors,
-        requires = "certificate"
-    )]
+    #[arg(long, value_name = "N,N·m", num_args = 1, value_parser = parse_errors, requires = "certificate")]
     reference_error: Option<[f64; 2]>,
 
     /// Known weights that were hung on the calibrated sensor, as `check` takes them
@@ -49,9 +43,7 @@ pub(super) struct CertificateArgs {
 }
 
 fn parse_errors(text: &str) -> Result<[f64; 2], String> {
-    let number = |text: &str| text.trim().parse().ok().filter(|x: &f64| x.is_finite() && *x >= 0.0);
-    let pair =
-        text.split_once(',').and_then(|(force, moment)| Some([number(force)?, number(moment)?]));
+    let pair = numbers(text).filter(|pair| pair.iter().all(|x| *x >= 0.0));
     pair.ok_or_else(|| "expected two numbers of 0 or more, such as `0.05,0.001`".to_owned())
 }
 
@@ -62,10 +54,9 @@ impl CertificateArgs {
         (path, title): (&InputPath, Option<&str>),
         evaluation: &EvaluationArgs,
         output: &OutputPath,
-        printer: &mut Printer,
-        outputs: &Outputs,
+        printer: &Printer,
     ) -> anyhow::Result<Outcome> {
-        let out = outputs.create(output)?;
+        let out = printer.files.create(output)?;
         let file = evaluation.edited.read(path)?;
         let mapping = evaluation.mapping.mapping_for(&file);
         let read = ReadOptions { checksum: false, ..evaluation.read_options() };

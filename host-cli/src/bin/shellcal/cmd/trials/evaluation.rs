@@ -104,7 +104,7 @@ impl EvaluationArgs {
     }
 
     /// Says how forces are made, where there are any.
-    pub(crate) fn note_forces(&self, printer: &mut Printer, options: &TrialOptions) {
+    pub(crate) fn note_forces(&self, printer: &Printer, options: &TrialOptions) {
         if self.calibration.is_some() {
             printer.note(describe_forces(&options.forces));
         }

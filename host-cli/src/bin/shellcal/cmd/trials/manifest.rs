@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context, bail};
 use calibration_file::input;
-use output_file::{OutputError, Outputs};
+use output_file::OutputError;
 use shell_data::hint::did_you_mean;
 use shellcal::workflow::batch::{self, Batch, BatchOptions, FailedRow};
 use trial::manifest::{CellPosition, Manifest};
@@ -14,10 +14,10 @@ use super::evaluation::Equipment;
 use crate::printer::Printer;
 
 /// Reads a manifest, and sees to it that no output replaces its logs.
-pub(super) fn read(path: &Path, outputs: &Outputs) -> anyhow::Result<Manifest> {
+pub(super) fn read(path: &Path, printer: &Printer) -> anyhow::Result<Manifest> {
     let manifest = parse(path)?;
     for entry in manifest.rows.iter().flatten() {
-        outputs.protect(&folder(path).join(&entry.file.value))?;
+        printer.files.protect(&folder(path).join(&entry.file.value))?;
     }
     Ok(manifest)
 }
@@ -96,7 +96,7 @@ pub(super) fn slow_filter(batch: &Batch, options: &TrialOptions) -> Option<Strin
 
 /// Tells which trials could not be evaluated: the files of these, and why.
 pub(super) fn tell_failures(
-    printer: &mut Printer,
+    printer: &Printer,
     path: &Path,
     batch: &Batch,
 ) -> Vec<(String, String)> {

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use figures::Format;
-use output_file::{OutputError, Outputs};
+use output_file::OutputError;
 use shellcal::workflow::batch::Batch;
 use shellcal::workflow::figures::{FigureFolder, reduce_trace};
 use table_file::named_table::NamedTable;
@@ -16,20 +16,18 @@ use super::manifest;
 use crate::cmd::choices::one_of;
 use crate::cmd::figure_size::FigureSize;
 use crate::files::OutputLocation;
+use crate::printer::Printer;
 
 /// The tables of a batch, which are also the names of their files. A share of the trials has no conditions.
 const TABLES: [&str; 3] = ["trials", "strides", "conditions"];
 
 /// The files of the tables in a directory: `trials.csv`, or `trials/part-00003-of-00100.csv` of a share.
 fn table_files(directory: &Path, shard: Option<Shard>, extension: &str) -> Vec<PathBuf> {
-    match shard {
-        None => TABLES.map(|table| directory.join(format!("{table}.{extension}"))).to_vec(),
-        Some(shard) => {
-            let file =
-                |table: &&str| directory.join(table).join(format!("{}.{extension}", shard.stem()));
-            TABLES[..2].iter().map(file).collect()
-        }
-    }
+    let Some(shard) = shard else {
+        return TABLES.map(|table| directory.join(format!("{table}.{extension}"))).to_vec();
+    };
+    let name = format!("{}.{extension}", shard.stem());
+    TABLES[..2].iter().map(|table| directory.join(table).join(&name)).collect()
 }
 
 /// What is written, and where.
@@ -74,7 +72,7 @@ const FORMATS: [(&str, &str, Format); 3] = [
 
 impl ResultArgs {
     /// Makes the directories and finds out whether tables can be written, before any work.
-    pub(crate) fn prepare(&self, outputs: &Outputs, shard: Option<Shard>) -> anyhow::Result<()> {
+    pub(crate) fn prepare(&self, printer: &Printer, shard: Option<Shard>) -> anyhow::Result<()> {
         if let Some(directory) = &self.traces {
             create(directory)?;
         }
@@ -82,7 +80,7 @@ impl ResultArgs {
             let Some(directory) = directory else { continue };
             for file in table_files(directory, shard, extension) {
                 create(file.parent().unwrap_or(directory))?;
-                outputs.probe(&file)?;
+                printer.files.probe(&file)?;
             }
         }
         Ok(())
@@ -91,15 +89,11 @@ impl ResultArgs {
     /// The directory of figures, made if it is not there.
     pub(crate) fn figure_folder<'a>(
         &self,
-        outputs: &'a Outputs,
+        printer: &'a Printer,
     ) -> anyhow::Result<Option<FigureFolder<'a>>> {
         let Some(directory) = &self.figures else { return Ok(None) };
-        Ok(Some(FigureFolder::create(
-            outputs,
-            directory,
-            &self.figure_format,
-            self.figure_size.size,
-        )?))
+        let (formats, size) = (&self.figure_format, self.figure_size.size);
+        Ok(Some(FigureFolder::create(&printer.files, directory, formats, size)?))
     }
 
     /// What has to be kept of a log for the outputs.
@@ -115,7 +109,7 @@ impl ResultArgs {
     /// Writes figures and trace of a trial, and lets the trace go.
     pub(crate) fn write_trial(
         &self,
-        outputs: &Outputs,
+        printer: &Printer,
         position: CellPosition,
         result: &mut TrialResult,
         figures: Option<&FigureFolder<'_>>,
@@ -124,7 +118,14 @@ impl ResultArgs {
         if let (Some(figures), Some(trace)) = (figures, &result.trace) {
             figures.write_trial(&manifest::stem(position, result), &result.row, trace, profile)?;
         }
-        self.write_trace(outputs, position, result)?;
+        if let (Some(directory), Some(trace)) = (&self.traces, &result.trace) {
+            let path = directory.join(format!("{}.csv", manifest::stem(position, result)));
+            let table = match self.whole_logs {
+                true => trace_table(trace),
+                false => trace_table(&trace.within(result.row.t_enter_s, result.row.t_exit_s)),
+            };
+            printer.files.write(path, &table.to_csv())?;
+        }
         match figures {
             Some(_) => reduce_trace(result, profile, false),
             None => result.trace = None,
@@ -132,28 +133,10 @@ impl ResultArgs {
         Ok(())
     }
 
-    /// Writes the trace of a trial.
-    fn write_trace(
-        &self,
-        outputs: &Outputs,
-        position: CellPosition,
-        result: &TrialResult,
-    ) -> Result<(), OutputError> {
-        let (Some(directory), Some(trace)) = (&self.traces, &result.trace) else {
-            return Ok(());
-        };
-        let path = directory.join(format!("{}.csv", manifest::stem(position, result)));
-        let table = match self.whole_logs {
-            true => trace_table(trace),
-            false => trace_table(&trace.within(result.row.t_enter_s, result.row.t_exit_s)),
-        };
-        outputs.write(path, &table.to_csv())
-    }
-
     /// Writes the tables.
     pub(crate) fn write_tables(
         &self,
-        outputs: &Outputs,
+        printer: &Printer,
         batch: &Batch,
         conditions: &[ConditionRow],
         shard: Option<Shard>,
@@ -168,7 +151,7 @@ impl ResultArgs {
             let Some(directory) = directory else { continue };
             for (file, table) in table_files(directory, shard, extension).iter().zip(&tables) {
                 let bytes = if extension == "csv" { table.to_csv() } else { table.to_parquet()? };
-                outputs.write(file, &bytes)?;
+                printer.files.write(file, &bytes)?;
             }
         }
         Ok(())

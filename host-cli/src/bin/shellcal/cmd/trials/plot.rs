@@ -5,7 +5,6 @@ use clap::Subcommand;
 use figures::Figure;
 use figures::trial::{box_figure, drag_lift_figure, phase_figure, stack_figure};
 use log_file::Log;
-use output_file::Outputs;
 use shellcal::workflow::figures::{passage, reduce_trace, some_strides, title};
 use shellcal::workflow::selection::TimeWindow;
 use shellcal::workflow::trial::{TrialJob, WindowTimes, evaluate_in_window};
@@ -19,16 +18,13 @@ use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
-const EXAMPLES: &str = "\
-Examples:
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
   shellcal plot drag run3.txt --enter 4.2 --exit 8.9 --calibration calibration.json --output drag.svg
   shellcal plot telemetry run3.txt --calibration calibration.json --between 5:6 --output run3.png
   shellcal plot boxes manifest.csv --calibration calibration.json --output boxes.svg
 
-`shellcal batch --figures DIR` makes all of them.";
-
-#[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
+`shellcal batch --figures DIR` makes all of them.")]
 pub(crate) struct PlotArgs {
     #[command(subcommand)]
     kind: PlotKind,
@@ -102,25 +98,20 @@ struct DrawingArgs {
 }
 
 impl PlotArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         match &self.kind {
-            PlotKind::Drag(args) => args.run(printer, outputs, false),
-            PlotKind::Telemetry(args) => args.run(printer, outputs, true),
-            PlotKind::Phase(args) => args.run(printer, outputs, true),
-            PlotKind::Boxes(args) => args.run(printer, outputs, false),
+            PlotKind::Drag(args) => args.run(printer, false),
+            PlotKind::Telemetry(args) => args.run(printer, true),
+            PlotKind::Phase(args) => args.run(printer, true),
+            PlotKind::Boxes(args) => args.run(printer, false),
         }
     }
 }
 
 impl OneArgs {
-    fn run(
-        &self,
-        printer: &mut Printer,
-        outputs: &Outputs,
-        telemetry: bool,
-    ) -> anyhow::Result<Outcome> {
-        let plot = self.drawing.open(outputs)?;
-        let (size, evaluation) = (self.drawing.figure_size.size, &self.drawing.evaluation);
+    fn run(&self, printer: &Printer, telemetry: bool) -> anyhow::Result<Outcome> {
+        let DrawingArgs { output, figure_size, evaluation } = &self.drawing;
+        let (plot, size) = (figure_size.open(output, printer)?, figure_size.size);
         let equipment = evaluation.equipment()?;
         let log = Log::open(&self.log, &equipment.mapping)?;
         let options = evaluation.options(&equipment, TraceExtent::Log);
@@ -158,16 +149,11 @@ impl OneArgs {
 }
 
 impl ManyArgs {
-    fn run(
-        &self,
-        printer: &mut Printer,
-        outputs: &Outputs,
-        phase: bool,
-    ) -> anyhow::Result<Outcome> {
-        let plot = self.drawing.open(outputs)?;
-        let (size, evaluation) = (self.drawing.figure_size.size, &self.drawing.evaluation);
+    fn run(&self, printer: &Printer, phase: bool) -> anyhow::Result<Outcome> {
+        let DrawingArgs { output, figure_size, evaluation } = &self.drawing;
+        let (plot, size) = (figure_size.open(output, printer)?, figure_size.size);
         let equipment = evaluation.equipment()?;
-        let manifest = manifest::read(&self.manifest, outputs)?;
+        let manifest = manifest::read(&self.manifest, printer)?;
         let keep = |_, result: &mut _| {
             reduce_trace(result, &equipment.profile, false);
             Ok(())
@@ -201,14 +187,9 @@ impl ManyArgs {
 }
 
 impl DrawingArgs {
-    /// Opens the file: a path that cannot be written is an error before the work.
-    fn open(&self, outputs: &Outputs) -> anyhow::Result<FigureFile> {
-        self.figure_size.open(&self.output, outputs)
-    }
-
     fn write(
         &self,
-        printer: &mut Printer,
+        printer: &Printer,
         plot: FigureFile,
         figure: Figure,
         row: Option<&TrialRow>,

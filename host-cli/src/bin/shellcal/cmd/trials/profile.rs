@@ -10,7 +10,7 @@ use crate::printer::Printer;
 pub(crate) struct ProfileArgs {}
 
 impl ProfileArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         printer.finish(&Profile::velociroach(), |printer| printer.line(VELOCIROACH.trim_end()))
     }
 }

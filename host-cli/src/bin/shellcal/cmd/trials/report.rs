@@ -4,7 +4,6 @@ use std::path::Path;
 
 use ::report::{Heading, Input, Report};
 use anyhow::Context;
-use output_file::Outputs;
 use shellcal::workflow::figures::reduce_trace;
 use shellcal::workflow::report;
 use trial::{TraceExtent, TrialResult};
@@ -17,14 +16,11 @@ use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
-const EXAMPLES: &str = "\
-Examples:
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
   shellcal report manifest.csv --calibration calibration.json
   shellcal report manifest.csv --calibration calibration.json --reference free --output beams.html
-  shellcal report calibration.json --certificate --unloaded rest.csv --output certificate.html";
-
-#[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
+  shellcal report calibration.json --certificate --unloaded rest.csv --output certificate.html")]
 pub(crate) struct ReportArgs {
     /// Which trials there are: CSV or `.toml`; with `--certificate`: a calibration
     #[arg(value_name = "MANIFEST")]
@@ -54,16 +50,16 @@ pub(crate) struct ReportArgs {
 }
 
 impl ReportArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         if self.certificate.certificate {
             let calibration = (&self.manifest, self.title.as_deref());
             let (certificate, evaluation) = (&self.certificate, &self.evaluation);
-            return certificate.run(calibration, evaluation, &self.output, printer, outputs);
+            return certificate.run(calibration, evaluation, &self.output, printer);
         }
-        let out = outputs.create(&self.output)?;
+        let out = printer.files.create(&self.output)?;
         let equipment = self.evaluation.equipment()?;
         let path = &self.manifest;
-        let manifest = manifest::read(path, outputs)?;
+        let manifest = manifest::read(path, printer)?;
         manifest::check_reference(&manifest, self.reference.as_deref())?;
         let keep = |_, result: &mut _| {
             reduce_trace(result, &equipment.profile, true);
@@ -119,7 +115,7 @@ impl ReportArgs {
 
     fn summarise(
         &self,
-        printer: &mut Printer,
+        printer: &Printer,
         bytes: usize,
         [trials, failures]: [usize; 2],
     ) -> anyhow::Result<Outcome> {

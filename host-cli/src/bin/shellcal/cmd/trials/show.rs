@@ -7,73 +7,44 @@ use trial::{
     StrideRow, TrialResult, TrialRow,
 };
 
-use crate::printer::Printer;
+use crate::printer::{Printer, TableColumn};
 use crate::tables::{NOTHING, or_dash};
 
 /// One row a trial.
-pub(super) fn trials(printer: &mut Printer, results: &[&TrialResult]) -> anyhow::Result<()> {
-    let header = [
-        "trial",
-        "condition",
-        "window (s)",
-        "v (m/s)",
-        "drag (N)",
-        "lift (N)",
-        "drag energy (mJ)",
-        "95 % interval",
-        "electrical (J)",
-        "spec. resistance",
-        "strides",
+pub(super) fn trials(printer: &Printer, results: &[&TrialResult]) -> anyhow::Result<()> {
+    let columns: [TableColumn<'_, &TrialRow>; 11] = [
+        ("trial", &|row| row.file.clone()),
+        ("condition", &|row| row.condition.clone()),
+        ("window (s)", &|row| format!("{:.3} to {:.3}", row.t_enter_s, row.t_exit_s)),
+        ("v (m/s)", &|row| format!("{:.3}", row.velocity_m_s)),
+        ("drag (N)", &|row| or_dash(row.drag_mean_n, 4)),
+        ("lift (N)", &|row| or_dash(row.lift_mean_n, 4)),
+        ("drag energy (mJ)", &|row| or_dash(row.drag_energy_j.map(|energy| 1e3 * energy), 2)),
+        ("95 % interval", &|row| interval(row.drag_energy_95_j, 1e3, 2)),
+        ("electrical (J)", &|row| or_dash(row.electrical_energy_j, 3)),
+        ("spec. resistance", &|row| or_dash(row.specific_resistance, 2)),
+        ("strides", &|row| row.strides.map_or(NOTHING.to_owned(), |strides| strides.to_string())),
     ];
-    let rows = results.iter().map(|result| trial(&result.row)).collect::<Vec<_>>();
-    printer.table(&header, rows)
-}
-
-fn trial(row: &TrialRow) -> Vec<String> {
-    vec![
-        row.file.clone(),
-        row.condition.clone(),
-        format!("{:.3} to {:.3}", row.t_enter_s, row.t_exit_s),
-        format!("{:.3}", row.velocity_m_s),
-        or_dash(row.drag_mean_n, 4),
-        or_dash(row.lift_mean_n, 4),
-        or_dash(row.drag_energy_j.map(|energy| 1e3 * energy), 2),
-        interval(row.drag_energy_95_j, 1e3, 2),
-        or_dash(row.electrical_energy_j, 3),
-        or_dash(row.specific_resistance, 2),
-        row.strides.map_or_else(|| NOTHING.to_owned(), |strides| strides.to_string()),
-    ]
+    printer.records(&columns, results.iter().map(|result| &result.row))
 }
 
 /// One row a stride.
-pub(super) fn strides(printer: &mut Printer, strides: &[StrideRow]) -> anyhow::Result<()> {
-    let header = [
-        "stride",
-        "start (s)",
-        "period (s)",
-        "drag (N)",
-        "lift (N)",
-        "drag energy (mJ)",
-        "electrical (J)",
-        "spec. resistance",
+pub(super) fn strides(printer: &Printer, strides: &[StrideRow]) -> anyhow::Result<()> {
+    let columns: [TableColumn<'_, &StrideRow>; 8] = [
+        ("stride", &|row| row.stride.to_string()),
+        ("start (s)", &|row| format!("{:.4}", row.t_start_s)),
+        ("period (s)", &|row| format!("{:.4}", row.period_s)),
+        ("drag (N)", &|row| or_dash(row.drag_mean_n, 4)),
+        ("lift (N)", &|row| or_dash(row.lift_mean_n, 4)),
+        ("drag energy (mJ)", &|row| or_dash(row.drag_energy_j.map(|energy| 1e3 * energy), 3)),
+        ("electrical (J)", &|row| or_dash(row.electrical_energy_j, 4)),
+        ("spec. resistance", &|row| or_dash(row.specific_resistance, 2)),
     ];
-    let row = |stride: &StrideRow| {
-        vec![
-            stride.stride.to_string(),
-            format!("{:.4}", stride.t_start_s),
-            format!("{:.4}", stride.period_s),
-            or_dash(stride.drag_mean_n, 4),
-            or_dash(stride.lift_mean_n, 4),
-            or_dash(stride.drag_energy_j.map(|energy| 1e3 * energy), 3),
-            or_dash(stride.electrical_energy_j, 4),
-            or_dash(stride.specific_resistance, 2),
-        ]
-    };
-    printer.table(&header, strides.iter().map(row))
+    printer.records(&columns, strides)
 }
 
 /// One table a quantity, per trial and per stride.
-pub(super) fn conditions(printer: &mut Printer, rows: &[ConditionRow]) -> anyhow::Result<()> {
+pub(super) fn conditions(printer: &Printer, rows: &[ConditionRow]) -> anyhow::Result<()> {
     for quantity in Quantity::COMPARED {
         for per in Per::ALL {
             let wanted = |row: &&ConditionRow| row.quantity == quantity && row.per == per;
@@ -103,47 +74,32 @@ pub(super) type ConditionNumbers<'a> = (&'a str, &'a Statistics, Option<&'a Mean
 
 /// The numbers of some conditions, times `factor`.
 pub(super) fn statistics(
-    printer: &mut Printer,
+    printer: &Printer,
     rows: &[ConditionNumbers<'_>],
     factor: f64,
 ) -> anyhow::Result<()> {
-    let mut header = vec![
-        "condition",
-        "n",
-        "mean",
-        "95 % interval",
-        "sd",
-        "quartiles",
-        "median",
-        "whiskers",
-        "outliers",
-    ];
-    let reference = rows.iter().find_map(|(_, _, difference)| *difference);
-    let name = reference.map(|difference| format!("minus {}", difference.reference));
-    if let Some(name) = &name {
-        header.extend([name.as_str(), "95 % CI"]);
-    }
     let decimals = decimals(rows.iter().map(|(_, s, _)| factor * s.mean));
-    let row = |(condition, s, difference): &ConditionNumbers<'_>| {
-        let range = |low, high| interval(Some(Interval { low, high }), factor, decimals);
-        let mut cells = vec![
-            (*condition).to_owned(),
-            s.n.to_string(),
-            or_dash(Some(factor * s.mean), decimals),
-            interval(s.mean_95, factor, decimals),
-            or_dash(s.sd.map(|sd| factor * sd), decimals),
-            range(s.q1, s.q3),
-            or_dash(Some(factor * s.median), decimals),
-            range(s.whisker_low, s.whisker_high),
-            s.outliers.len().to_string(),
-        ];
-        if name.is_some() {
-            cells.push(or_dash(difference.map(|d| factor * d.mean), decimals));
-            cells.push(interval(difference.and_then(|d| d.mean_95), factor, decimals));
-        }
-        cells
-    };
-    printer.table(&header, rows.iter().map(row))
+    let value = |value: Option<f64>| or_dash(value.map(|value| factor * value), decimals);
+    let interval = |of: Option<Interval>| interval(of, factor, decimals);
+    let range = |low, high| interval(Some(Interval { low, high }));
+    let reference = rows.iter().find_map(|(.., difference)| *difference);
+    let name = reference.map_or(String::new(), |of| format!("minus {}", of.reference));
+    let columns: [TableColumn<'_, &ConditionNumbers<'_>>; 11] = [
+        ("condition", &|(condition, ..)| (*condition).to_owned()),
+        ("n", &|(_, s, _)| s.n.to_string()),
+        ("mean", &|(_, s, _)| value(Some(s.mean))),
+        ("95 % interval", &|(_, s, _)| interval(s.mean_95)),
+        ("sd", &|(_, s, _)| value(s.sd)),
+        ("quartiles", &|(_, s, _)| range(s.q1, s.q3)),
+        ("median", &|(_, s, _)| value(Some(s.median))),
+        ("whiskers", &|(_, s, _)| range(s.whisker_low, s.whisker_high)),
+        ("outliers", &|(_, s, _)| s.outliers.len().to_string()),
+        (&name, &|(.., difference)| value(difference.map(|of| of.mean))),
+        ("95 % CI", &|(.., difference)| interval(difference.and_then(|of| of.mean_95))),
+    ];
+    // The last two are for a reference.
+    let shown = if reference.is_some() { columns.len() } else { columns.len() - 2 };
+    printer.records(&columns[..shown], rows)
 }
 
 /// Three digits or so of the largest of some values.
@@ -154,7 +110,7 @@ fn decimals(values: impl Iterator<Item = f64>) -> usize {
 
 /// Says what to know about the results on stderr: diagnostics of a kind once, for the first trial that
 /// has it, and in how many others it is the same. `positions` are where the trials are said.
-pub(super) fn diagnostics(printer: &mut Printer, results: &[(String, &TrialResult)]) {
+pub(super) fn diagnostics(printer: &Printer, results: &[(String, &TrialResult)]) {
     let mut kinds: BTreeMap<(Severity, &str), Vec<(&str, &Diagnostic)>> = BTreeMap::new();
     for (position, result) in results {
         for diagnostic in &result.diagnostics {

@@ -10,13 +10,10 @@ use crate::files::InputPath;
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
-const EXAMPLES: &str = "\
-Examples:
-  shellcal stats specific_resistance_per_stride.csv
-  shellcal stats results/strides.csv --by condition --of drag_energy_j --trial file";
-
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
+#[command(after_help = "Examples:
+  shellcal stats specific_resistance_per_stride.csv
+  shellcal stats results/strides.csv --by condition --of drag_energy_j --trial file")]
 pub(crate) struct StatsArgs {
     /// Table, as CSV with a header
     #[arg(value_name = "TABLE")]
@@ -48,7 +45,7 @@ pub(crate) struct StatsArgs {
 }
 
 impl StatsArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let path = self.table.display();
         let text =
             input::read_text(&self.table).with_context(|| format!("cannot read `{path}`"))?;

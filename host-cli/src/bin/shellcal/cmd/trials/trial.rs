@@ -1,7 +1,6 @@
 //! `shellcal trial`: the results of one trial.
 
 use log_file::Log;
-use output_file::Outputs;
 use serde::Serialize;
 use shellcal::workflow::trial::{TrialJob, WindowTimes, evaluate_in_window};
 use trial::tables::{strides_table, trace_table};
@@ -13,14 +12,11 @@ use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
-const EXAMPLES: &str = "\
-Examples:
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
   shellcal trial run3.txt --enter 4.2 --exit 8.9 --calibration calibration.json
   shellcal trial run3.txt --calibration calibration.json --trace run3.trace.csv
-  shellcal trial run3.txt --enter 4.2 --exit 8.9 --mass 0.091";
-
-#[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
+  shellcal trial run3.txt --enter 4.2 --exit 8.9 --mass 0.091")]
 pub(crate) struct TrialArgs {
     /// Log of the trial, plain or gzip
     #[arg(value_name = "LOG")]
@@ -73,7 +69,7 @@ struct TrialDocument<'a> {
 }
 
 impl TrialArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let equipment = self.evaluation.equipment()?;
         let trace = match (&self.trace, self.whole_log) {
             (None, _) => TraceExtent::Nothing,
@@ -82,7 +78,7 @@ impl TrialArgs {
         };
         let options = self.evaluation.options(&equipment, trace);
         let log = Log::open(&self.log, &equipment.mapping)?;
-        let trace_file = self.trace.as_ref().map(|path| outputs.create(path)).transpose()?;
+        let trace_file = printer.create(self.trace.as_ref())?;
         let name = self.log.display().to_string();
         let trial = Trial {
             velocity_m_s: self.velocity,
@@ -100,7 +96,7 @@ impl TrialArgs {
             file.commit_with(&trace_table(trace).to_csv())?;
         }
         if let Some(path) = &self.strides {
-            outputs.write(path, &strides_table(std::iter::once(result)).to_csv())?;
+            printer.files.write(path, &strides_table(std::iter::once(result)).to_csv())?;
         }
         self.evaluation.note_forces(printer, &options);
         show::diagnostics(printer, &[(name, result)]);

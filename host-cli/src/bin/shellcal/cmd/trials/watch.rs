@@ -13,9 +13,9 @@ const EVERY: Duration = Duration::from_millis(300);
 
 /// Does `job` now and whenever one of `files` changes, comes or goes; until the program is ended.
 pub(super) fn run(
-    printer: &mut Printer,
+    printer: &Printer,
     files: impl Fn() -> Vec<PathBuf>,
-    mut job: impl FnMut(&mut Printer),
+    mut job: impl FnMut(),
 ) -> anyhow::Result<Outcome> {
     let stamps = |files: &[PathBuf]| -> Vec<FileStamp> {
         files.iter().map(PathBuf::as_path).map(stamp).collect()
@@ -24,7 +24,7 @@ pub(super) fn run(
         // Looked at before the job: what changes meanwhile has changed.
         let files = files();
         let seen = stamps(&files);
-        job(printer);
+        job();
         printer.note(format!("watching {} files; Ctrl-C ends", files.len()));
         while stamps(&files) == seen {
             std::thread::sleep(EVERY);

@@ -2,7 +2,6 @@
 
 use figures::trial::window_figure;
 use log_file::Log;
-use output_file::Outputs;
 use serde::Serialize;
 use shellcal::workflow::trial::{TrialJob, WindowSearch, search_window};
 use trial::{GOOD_CONFIDENCE, NoWindow, Proposal, TraceExtent, TrialOptions};
@@ -11,18 +10,15 @@ use super::evaluation::EvaluationArgs;
 use crate::cmd::figure_size::FigureSize;
 use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
-use crate::printer::Printer;
+use crate::printer::{Printer, TableColumn};
 
-const EXAMPLES: &str = "\
-Examples:
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
   shellcal window run3.txt --calibration calibration.json --plot window.svg
   shellcal window *.txt --calibration calibration.json --json
 
 The confidence is the share of the slow variation of the drag that one passage through a channel explains. Look
-at the figure where it is below 0.8; below 0.5 nothing is proposed, and the exit code is 1.";
-
-#[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
+at the figure where it is below 0.8; below 0.5 nothing is proposed, and the exit code is 1.")]
 pub(crate) struct WindowArgs {
     /// Logs of trials, plain or gzip
     #[arg(required = true, value_name = "LOG")]
@@ -52,7 +48,7 @@ struct LogWindow {
 }
 
 impl WindowArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let equipment = self.evaluation.equipment()?;
         anyhow::ensure!(
             equipment.calibration.is_some(),
@@ -63,7 +59,7 @@ impl WindowArgs {
             "`--plot` draws one log, and there are {}",
             self.logs.len()
         );
-        let mut plot = self.figure_size.create(self.plot.as_ref(), outputs)?;
+        let mut plot = self.figure_size.create(self.plot.as_ref(), printer)?;
         let options = self.evaluation.options(&equipment, TraceExtent::Log);
         let mut found = Vec::new();
         for path in &self.logs {
@@ -84,28 +80,23 @@ impl WindowArgs {
         Ok(if refused { Outcome::CheckFailed } else { Outcome::Done })
     }
 
-    fn print(&self, printer: &mut Printer, found: &[LogWindow]) -> anyhow::Result<()> {
+    fn print(&self, printer: &Printer, found: &[LogWindow]) -> anyhow::Result<()> {
         if printer.json() {
             return printer.document(&found);
         }
-        let header =
-            ["log", "entry (s)", "± se", "exit (s)", "± se", "drag (N)", "± se", "confidence"];
-        let rows: Vec<Vec<String>> = found
-            .iter()
-            .filter_map(|LogWindow { log, proposal, .. }| {
-                let p = (*proposal)?;
-                let mut row = vec![log.clone()];
-                row.extend(
-                    [p.t_enter_s, p.t_enter_se_s, p.t_exit_s, p.t_exit_se_s]
-                        .map(|t| format!("{t:.3}")),
-                );
-                row.extend([p.drag_n, p.drag_se_n].map(|force| format!("{force:.4}")));
-                row.push(format!("{:.2}", p.confidence));
-                Some(row)
-            })
-            .collect();
-        if !rows.is_empty() {
-            printer.table(&header, rows)?;
+        let columns: [TableColumn<'_, (&String, Proposal)>; 8] = [
+            ("log", &|(log, _)| (*log).clone()),
+            ("entry (s)", &|(_, found)| format!("{:.3}", found.t_enter_s)),
+            ("± se", &|(_, found)| format!("{:.3}", found.t_enter_se_s)),
+            ("exit (s)", &|(_, found)| format!("{:.3}", found.t_exit_s)),
+            ("± se", &|(_, found)| format!("{:.3}", found.t_exit_se_s)),
+            ("drag (N)", &|(_, found)| format!("{:.4}", found.drag_n)),
+            ("± se", &|(_, found)| format!("{:.4}", found.drag_se_n)),
+            ("confidence", &|(_, found)| format!("{:.2}", found.confidence)),
+        ];
+        let proposed = found.iter().filter_map(|of| Some((&of.log, of.proposal?)));
+        if proposed.clone().next().is_some() {
+            printer.records(&columns, proposed)?;
         }
         for LogWindow { log, proposal, reason, .. } in found {
             match (proposal, reason) {
