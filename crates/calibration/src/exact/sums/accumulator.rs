@@ -50,16 +50,6 @@ impl Accumulator {
         Self::with_layout(basis, layout, ExpectedRows::nothing(channels))
     }
 
-    /// Prepares for rows such as these, which saves work later and has no influence on results.
-    pub fn expect<C: AsRef<[f64]>>(&mut self, readings: &[C], wrench: &[C]) {
-        let mut expected = self.expected.clone();
-        expected.expect_readings(readings);
-        expected.expect_wrench(wrench);
-        if expected.in_counts() {
-            self.expected = expected;
-        }
-    }
-
     /// No rows yet.
     fn with_layout(basis: Basis, layout: Arc<MomentLayout>, expected: ExpectedRows) -> Self {
         let channels = layout.channels();
