@@ -3,8 +3,6 @@
 //! Logs are read and worked on in blocks, so that memory does not grow with the length of a file
 //! and the inner loops run down contiguous columns.
 
-use crate::vectorised;
-
 /// Frames that belong together, such as those of a load that was held: all from one to another.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FrameLabel {
@@ -75,15 +73,11 @@ impl Block {
     }
 
     /// The number of rows that are not fresh, see [`Block::fresh_rows`]; 0 without readings.
-    ///
-    /// Cheaper than telling which they are: most rows differ in the first columns.
     pub fn repeated_rows(&self) -> usize {
-        if self.rows == 0 || self.readings.is_empty() {
-            return 0;
+        match self.readings.is_empty() {
+            true => 0,
+            false => self.fresh_rows().iter().filter(|fresh| !**fresh).count(),
         }
-        let firsts = self.channels().iter().map(|column| &column[0]);
-        let repeats_before = self.readings_before.as_ref().is_some_and(|b| firsts.eq(b));
-        usize::from(repeats_before) + count_repeated(self.channels())
     }
 
     /// The rows for which `keep` is true, in every column.
@@ -125,33 +119,6 @@ pub(crate) fn kept_runs(runs: &[(String, usize)], keep: &[bool]) -> Vec<(String,
         (label, own.iter().filter(|&&keep| keep).count())
     });
     kept.filter(|(_, rows)| *rows > 0).map(|(label, rows)| (label.clone(), rows)).collect()
-}
-
-vectorised! {
-    /// Counts rows that equal the row before; there is at least one column.
-    fn count_repeated(columns: &[Vec<f64>]) -> usize {
-        const ROWS: usize = 32;
-        let rows = columns[0].len();
-        let mut repeated = 0;
-        for start in (1..rows).step_by(ROWS) {
-            let count = ROWS.min(rows - start);
-            let mut same = [0_u64; ROWS];
-            same[..count].fill(1);
-            for column in columns {
-                let (before, now) = (&column[start - 1..][..count], &column[start..][..count]);
-                let mut any = 0;
-                for ((same, a), b) in same.iter_mut().zip(before).zip(now) {
-                    *same &= u64::from(a == b);
-                    any |= *same;
-                }
-                if any == 0 {
-                    break;
-                }
-            }
-            repeated += same.iter().sum::<u64>();
-        }
-        repeated as usize
-    }
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use std::sync::LazyLock;
 
 use pulp::Arch;
 #[doc(hidden)]
-pub use pulp::NullaryFnOnce;
+pub use pulp::{NullaryFnOnce, Simd, WithSimd};
 
 /// The variable of the environment that names a set: `avx512`, `avx2`, `neon`, or `none` for those that
 /// every processor has.
@@ -86,6 +86,9 @@ pub fn arch() -> Arch {
 /// add_multiple(&mut y, 2.0, &[3.0, 4.0]);
 /// assert_eq!(y, [7.0, 10.0]);
 /// ```
+///
+/// A function that names the vectors itself begins with a parameter for them, which its callers leave out:
+/// `fn add<S: Simd>(simd: S, …)`, one to an invocation.
 #[macro_export]
 macro_rules! vectorised {
     (@output) => { () };
@@ -112,6 +115,30 @@ macro_rules! vectorised {
             $crate::instructions::arch().dispatch(Call(($($argument,)+)))
         }
     )+};
+    (
+        $(#[$attribute:meta])*
+        $visibility:vis fn $name:ident<$vectors:ident: Simd>(
+            $simd:ident: $_:ident, $($argument:ident: $type:ty),+ $(,)?
+        ) $(-> $output:ty)?
+        $body:block
+    ) => {
+        $(#[$attribute])*
+        $visibility fn $name($($argument: $type),+) $(-> $output)? {
+            struct Call<A>(A);
+
+            impl $crate::instructions::WithSimd for Call<($($type,)+)> {
+                type Output = $crate::vectorised!(@output $($output)?);
+
+                #[inline(always)]
+                fn with_simd<$vectors: $crate::instructions::Simd>(self, $simd: $vectors) -> Self::Output {
+                    let Self(($($argument,)+)) = self;
+                    $body
+                }
+            }
+
+            $crate::instructions::arch().dispatch(Call(($($argument,)+)))
+        }
+    };
 }
 
 #[cfg(test)]

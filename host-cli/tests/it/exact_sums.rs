@@ -142,7 +142,7 @@ fn solve_on_threads(
     threads: usize,
 ) -> Solution {
     let rows = Rows::from_blocks(blocks, Workers::new(threads));
-    let moments = exact_moments(model, &rows, blocks.first()).unwrap();
+    let moments = exact_moments(model, &rows).unwrap();
     solve_moments(&moments, &model, 0.0, ranges).unwrap()
 }
 
@@ -372,7 +372,7 @@ fn a_ridge_is_that_of_householder_qr_and_answers_where_rank_is_lost() {
     let model = Model { basis: Basis::Linear, intercept: true, channels: 8, memory: 0 };
     let scaling = Scaling::from_sample(&readings, true);
     let problem = FitProblem { model, scaling, ridge: 1e-3 };
-    let moments = exact_moments(model, &(&rows).into(), None).unwrap();
+    let moments = exact_moments(model, &(&rows).into()).unwrap();
     let exact = solve_moments(&moments, &model, 1e-3, &ranges).unwrap();
     let problem = FitProblem { scaling: exact.scaling.clone(), ..problem };
     let (tsqr, _) = solver::fit(SolverKind::Tsqr, problem, &(&rows).into()).unwrap();

@@ -62,7 +62,7 @@ pub(super) fn solve(
 ) -> Result<Solved, FitError> {
     let solver = problem.solver;
     let not_exact = match solver {
-        SolverKind::Exact => match solve_exactly(problem, total, rows, sample) {
+        SolverKind::Exact => match solve_exactly(problem, total, rows) {
             Err(FitError::NotExact(error)) => Some(error),
             found => return found,
         },
@@ -77,11 +77,10 @@ fn solve_exactly(
     problem: &PolynomialProblem,
     total: Option<&Moments>,
     rows: &Rows<'_>,
-    sample: Option<&Block>,
 ) -> Result<Solved, FitError> {
     let sums = match total {
         Some(total) => total.clone(),
-        None => solver::exact_moments(problem.model, rows, sample)?,
+        None => solver::exact_moments(problem.model, rows)?,
     };
     let ranges = sums.reading_ranges();
     let solution = solver::solve_moments(&sums, &problem.model, problem.ridge, &ranges)?;

@@ -122,7 +122,8 @@ mod tests {
     use faer::linalg::solvers::Solve;
     use faer::{Mat, Side};
 
-    use super::super::{Dense, Method, Ridge, solve_dense};
+    use super::super::dense::{Dense, solve_dense};
+    use super::super::{Method, Ridge};
 
     /// GCV from its definition, by the matrix that takes `Y` to its prediction.
     fn gcv(x: &Mat<f64>, y: &Mat<f64>, lambda: f64) -> f64 {

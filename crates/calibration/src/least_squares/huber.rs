@@ -271,7 +271,8 @@ pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares,
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Dense, Method, solve_dense};
+    use super::super::Method;
+    use super::super::dense::{Dense, solve_dense};
     use faer::linalg::solvers::SolveLstsq;
     use system_tests::random::Random;
 

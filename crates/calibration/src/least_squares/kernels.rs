@@ -3,10 +3,9 @@
 //! Compiled for the widest vectors that the machine has, as those of
 //! [`vectors`](crate::vectors).
 
-use pulp::{Simd, WithSimd};
+use pulp::Simd;
 
 use crate::double_double::{DoubleDouble, two_product, two_sum};
-use shell_data::instructions::arch;
 use shell_data::vectorised;
 
 /// Sums carried side by side: a vector of them, so that the operations of one term hide how long each takes.
@@ -122,23 +121,9 @@ pub(super) fn dot(x: Wide<'_>, y: Wide<'_>) -> DoubleDouble {
     sum.total()
 }
 
-/// Adds `xᵀy` to the sum of each `x`.
-pub(super) fn add_products(sums: &mut [LaneSums], x: &[Wide<'_>], y: Wide<'_>) {
-    arch().dispatch(CompensatedDots { sums, x, y });
-}
-
-struct CompensatedDots<'a> {
-    sums: &'a mut [LaneSums],
-    x: &'a [Wide<'a>],
-    y: Wide<'a>,
-}
-
-impl WithSimd for CompensatedDots<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let Self { sums, x, y } = self;
+vectorised! {
+    /// Adds `xᵀy` to the sum of each `x`.
+    pub(super) fn add_products<S: Simd>(simd: S, sums: &mut [LaneSums], x: &[Wide<'_>], y: Wide<'_>) {
         sums.iter_mut().zip(x).for_each(|(sum, &x)| sum.add_product(simd, x, y));
     }
 }

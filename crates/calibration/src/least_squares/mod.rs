@@ -20,6 +20,8 @@
 //! method that cannot tell full rank from a loss of rank, or whose error would leave no digit,
 //! answers with [`LeastSquaresError::IllConditioned`] and not with numbers.
 
+#[cfg(test)]
+#[path = "tests/dense.rs"]
 mod dense;
 mod gcv;
 mod gram;
@@ -34,7 +36,6 @@ mod wide_gram;
 mod wide_matrix;
 mod wide_qr;
 
-pub use self::dense::{Dense, solve_dense};
 pub(crate) use self::huber::clip_of_sizes;
 pub use self::rows::{Reduction, RowChunk, Rows, Shape};
 pub(crate) use self::solve::solve_r_factor;

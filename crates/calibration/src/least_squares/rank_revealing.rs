@@ -110,7 +110,8 @@ fn with_residuals_of(mut solved: LeastSquares, r_factor: &RFactor) -> LeastSquar
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Dense, Method, solve_dense};
+    use super::super::Method;
+    use super::super::dense::{Dense, solve_dense};
     use super::*;
 
     fn noise(i: usize, j: usize) -> f64 {

@@ -13,7 +13,7 @@ use faer::{Mat, MatRef};
 use super::kernels::{LANES, LaneSums, Wide, add_multiple, add_products};
 use super::qr::FormRFactor;
 use super::rows::{Reduction, RowChunk, Rows, Shape, WideColumns};
-use super::wide_matrix::WideMatrix;
+use super::wide_matrix::{WideMatrix, rounded};
 use crate::double_double::DoubleDouble;
 use crate::r_factor::{LeastSquares, LeastSquaresError, Ridge};
 
@@ -105,7 +105,7 @@ pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares,
                 gradient[(j, a)] -= coefficients[(j, a)] * DoubleDouble::from(penalty);
             }
         }
-        let inner = solved.factor.transpose() * gradient.to_f64();
+        let inner = solved.factor.transpose() * rounded(&gradient);
         let correction = &solved.factor * &inner;
         if !correction.is_all_finite() {
             return Err(LeastSquaresError::NotFinite.into());
@@ -130,7 +130,7 @@ pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares,
             if a == b { product.max(0.0) } else { product }
         });
         if is_settled(correction.as_ref(), &coefficients, &norms, contraction) {
-            solved.coefficients = coefficients.to_f64();
+            solved.coefficients = rounded(&coefficients);
             return Ok(solved);
         }
         before = Some(sizes);
@@ -149,7 +149,7 @@ fn is_settled(
 ) -> bool {
     const NEGLIGIBLE: f64 = 1e-26;
     (0..correction.ncols()).all(|a| {
-        let column = coefficients.column(a);
+        let column = coefficients.col_as_slice(a);
         let sizes = column.iter().zip(norms).map(|(c, norm)| c.to_f64().abs() * norm);
         let largest = sizes.fold(0.0, f64::max);
         (0..norms.len()).all(|j| {

@@ -4,7 +4,9 @@ use faer::Mat;
 
 use super::kernels::{LANES, dot};
 use super::rows::{Reduction, RowChunk, Shape};
-use super::wide_matrix::{WideMatrix, solve_triangle, spectrum};
+use super::wide_matrix::{
+    WideMatrix, cholesky, product, rounded, solve_transposed, solve_triangle, spectrum,
+};
 use crate::double_double::DoubleDouble;
 use crate::r_factor::{LeastSquares, LeastSquaresError, Ridge};
 
@@ -104,13 +106,11 @@ impl WideGram {
         // An error of one part in a thousand of the coefficients in the worst case.
         let limit = (1e-3 / bound).sqrt();
         let ill_conditioned = LeastSquaresError::IllConditioned { limit };
-        let Some(r) = damped.cholesky() else { return Err(ill_conditioned) };
+        let Some(r) = cholesky(&damped) else { return Err(ill_conditioned) };
         let right = WideMatrix::from_fn(p, q, |i, a| self.product(i, p + a).scaled(scales[i]));
-        let z = r.solve_transposed(&right);
+        let z = solve_transposed(&r, &right);
         let residual_products = |c: &WideMatrix| {
-            let cross = |a: usize, b: usize| -> DoubleDouble {
-                (0..p).map(|i| c[(i, a)] * right[(i, b)]).sum()
-            };
+            let cross = |a: usize, b: usize| product(c.col_as_slice(a), right.col_as_slice(b));
             Mat::from_fn(q, q, |a, b| {
                 let squares = (0..p).map(|i| {
                     let row: DoubleDouble = (0..p).map(|j| gram[(i, j)] * c[(j, b)]).sum();
@@ -128,8 +128,8 @@ impl WideGram {
         };
         if ridge.lambda > 0.0 {
             // Without the ridge there may be no R factor: the columns may be dependent.
-            (solved.condition, solved.rank) = match gram.cholesky() {
-                Some(r) => spectrum(&r.to_f64())?,
+            (solved.condition, solved.rank) = match cholesky(&gram) {
+                Some(r) => spectrum(&rounded(&r))?,
                 None => (f64::INFINITY, p - 1),
             };
         } else if solved.condition > limit {

@@ -1,139 +1,98 @@
 //! Small matrices in double-double, and the answer that a wide R factor gives.
 
-use std::ops::{Index, IndexMut};
-
 use faer::Mat;
 
 use crate::double_double::DoubleDouble;
 use crate::r_factor::{LeastSquares, LeastSquaresError, equilibrated};
 
-/// A matrix in double-double, column-major.
-#[derive(Clone, Debug)]
-pub(super) struct WideMatrix {
-    rows: usize,
-    columns: usize,
-    elements: Vec<DoubleDouble>,
+/// A matrix in double-double.
+pub(super) type WideMatrix = Mat<DoubleDouble>;
+
+pub(super) fn rounded(matrix: &WideMatrix) -> Mat<f64> {
+    Mat::from_fn(matrix.nrows(), matrix.ncols(), |i, j| matrix[(i, j)].to_f64())
 }
 
-impl WideMatrix {
-    pub(super) fn zeros(rows: usize, columns: usize) -> Self {
-        Self { rows, columns, elements: vec![DoubleDouble::ZERO; rows * columns] }
-    }
+pub(super) fn is_finite(matrix: &WideMatrix) -> bool {
+    matrix.col_iter().flat_map(|column| column.iter()).all(|e| e.is_finite())
+}
 
-    pub(super) fn from_fn(
-        rows: usize,
-        columns: usize,
-        element: impl Fn(usize, usize) -> DoubleDouble,
-    ) -> Self {
-        let position = |k: usize| (k % rows, k / rows);
-        let elements = (0..rows * columns).map(position).map(|(i, j)| element(i, j)).collect();
-        Self { rows, columns, elements }
-    }
+/// `Σ aᵢ·bᵢ` of the elements that both have.
+pub(super) fn product(a: &[DoubleDouble], b: &[DoubleDouble]) -> DoubleDouble {
+    a.iter().zip(b).map(|(&a, &b)| a * b).sum()
+}
 
-    pub(super) fn column(&self, j: usize) -> &[DoubleDouble] {
-        &self.elements[j * self.rows..][..self.rows]
+/// `XᵀX = RᵀR`; `None` if a pivot is not positive.
+pub(super) fn cholesky(gram: &WideMatrix) -> Option<WideMatrix> {
+    let p = gram.ncols();
+    let mut r = WideMatrix::from_fn(p, p, |_, _| DoubleDouble::ZERO);
+    for j in 0..p {
+        for i in 0..=j {
+            let rest = gram[(i, j)] - product(&r.col_as_slice(i)[..i], r.col_as_slice(j));
+            if i < j {
+                r[(i, j)] = rest / r[(i, i)];
+            } else if rest.to_f64() > 0.0 {
+                r[(j, j)] = rest.sqrt();
+            } else {
+                return None;
+            }
+        }
     }
+    Some(r)
+}
 
-    pub(super) fn to_f64(&self) -> Mat<f64> {
-        Mat::from_fn(self.rows, self.columns, |i, j| self[(i, j)].to_f64())
+/// Solves `R·C = Z` with an upper triangle `R`.
+pub(super) fn solve_upper(r: &WideMatrix, z: &WideMatrix) -> WideMatrix {
+    let p = r.ncols();
+    let mut c = z.clone();
+    for a in 0..z.ncols() {
+        for i in (0..p).rev() {
+            let known = (i + 1..p).map(|k| r[(i, k)] * c[(k, a)]).sum();
+            c[(i, a)] = (c[(i, a)] - known) / r[(i, i)];
+        }
     }
+    c
+}
 
-    pub(super) fn is_finite(&self) -> bool {
-        self.elements.iter().all(|e| e.is_finite())
+/// Solves `Rᵀ·C = Z` with an upper triangle `R`.
+pub(super) fn solve_transposed(r: &WideMatrix, z: &WideMatrix) -> WideMatrix {
+    let mut c = z.clone();
+    for a in 0..z.ncols() {
+        for i in 0..r.ncols() {
+            let known = product(&r.col_as_slice(i)[..i], c.col_as_slice(a));
+            c[(i, a)] = (c[(i, a)] - known) / r[(i, i)];
+        }
     }
+    c
+}
 
-    /// `XᵀX = RᵀR`; `None` if a pivot is not positive.
-    pub(super) fn cholesky(&self) -> Option<Self> {
-        let p = self.columns;
-        let mut r = Self::zeros(p, p);
-        for j in 0..p {
-            for i in 0..=j {
-                let (a, b) = (&r.column(i)[..i], &r.column(j)[..i]);
-                let rest = self[(i, j)] - a.iter().zip(b).map(|(&a, &b)| a * b).sum();
-                if i < j {
-                    r[(i, j)] = rest / r[(i, i)];
-                } else if rest.to_f64() > 0.0 {
-                    r[(j, j)] = rest.sqrt();
-                } else {
-                    return None;
+/// Column pivots of the upper triangle `R`, each the column that stands out most from those
+/// before it, and by how much: Gram–Schmidt with every column put right twice.
+fn pivots(r: &WideMatrix) -> Vec<(usize, f64)> {
+    let mut rest: Vec<Vec<DoubleDouble>> =
+        (0..r.ncols()).map(|j| r.col_as_slice(j).to_vec()).collect();
+    let mut left: Vec<usize> = (0..r.ncols()).collect();
+    let mut pivots = Vec::new();
+    let norm = |v: &[DoubleDouble]| product(v, v).sqrt();
+    while !left.is_empty() {
+        let norms: Vec<f64> = left.iter().map(|&j| norm(&rest[j]).to_f64()).collect();
+        let at = (0..left.len()).max_by(|&a, &b| norms[a].total_cmp(&norms[b])).unwrap_or(0);
+        let pivot = left.remove(at);
+        pivots.push((pivot, norms[at]));
+        let length = norm(&rest[pivot]);
+        if length.to_f64() == 0.0 {
+            continue;
+        }
+        let direction: Vec<DoubleDouble> = rest[pivot].iter().map(|&e| e / length).collect();
+        for &j in &left {
+            for _ in 0..2 {
+                let share = product(&direction, &rest[j]);
+                for (e, &d) in rest[j].iter_mut().zip(&direction) {
+                    *e -= share * d;
                 }
             }
         }
-        Some(r)
     }
-
-    /// Solves `R·C = Z` with `R` this upper triangle.
-    pub(super) fn solve_upper(&self, z: &Self) -> Self {
-        let p = self.columns;
-        let mut c = z.clone();
-        for a in 0..z.columns {
-            for i in (0..p).rev() {
-                let known = (i + 1..p).map(|k| self[(i, k)] * c[(k, a)]).sum();
-                c[(i, a)] = (c[(i, a)] - known) / self[(i, i)];
-            }
-        }
-        c
-    }
-
-    /// Solves `Rᵀ·C = Z` with `R` this upper triangle.
-    pub(super) fn solve_transposed(&self, z: &Self) -> Self {
-        let mut c = z.clone();
-        for a in 0..z.columns {
-            for i in 0..self.columns {
-                let known = (0..i).map(|k| self[(k, i)] * c[(k, a)]).sum();
-                c[(i, a)] = (c[(i, a)] - known) / self[(i, i)];
-            }
-        }
-        c
-    }
-    fn identity(order: usize) -> Self {
-        let element = |i, j| if i == j { DoubleDouble::ONE } else { DoubleDouble::ZERO };
-        Self::from_fn(order, order, element)
-    }
-
-    /// Column pivots of the upper triangle `R`, each the column that stands out most from those
-    /// before it, and by how much: Gram–Schmidt with every column put right twice.
-    fn pivots(&self) -> Vec<(usize, f64)> {
-        let mut rest: Vec<Vec<DoubleDouble>> =
-            (0..self.columns).map(|j| self.column(j).to_vec()).collect();
-        let mut left: Vec<usize> = (0..self.columns).collect();
-        let mut pivots = Vec::new();
-        let norm = |v: &[DoubleDouble]| v.iter().map(|&e| e * e).sum::<DoubleDouble>().sqrt();
-        while !left.is_empty() {
-            let norms: Vec<f64> = left.iter().map(|&j| norm(&rest[j]).to_f64()).collect();
-            let at = (0..left.len()).max_by(|&a, &b| norms[a].total_cmp(&norms[b])).unwrap_or(0);
-            let pivot = left.remove(at);
-            pivots.push((pivot, norms[at]));
-            let length = norm(&rest[pivot]);
-            if length.to_f64() == 0.0 {
-                continue;
-            }
-            let direction: Vec<DoubleDouble> = rest[pivot].iter().map(|&e| e / length).collect();
-            for &j in &left {
-                for _ in 0..2 {
-                    let share: DoubleDouble =
-                        direction.iter().zip(&rest[j]).map(|(&a, &b)| a * b).sum();
-                    for (e, &d) in rest[j].iter_mut().zip(&direction) {
-                        *e -= share * d;
-                    }
-                }
-            }
-        }
-        pivots
-    }
-}
-
-impl Index<(usize, usize)> for WideMatrix {
-    type Output = DoubleDouble;
-    fn index(&self, (i, j): (usize, usize)) -> &DoubleDouble {
-        &self.elements[j * self.rows + i]
-    }
-}
-
-impl IndexMut<(usize, usize)> for WideMatrix {
-    fn index_mut(&mut self, (i, j): (usize, usize)) -> &mut DoubleDouble {
-        &mut self.elements[j * self.rows + i]
-    }
+    pivots
 }
 
 /// Solves the least-squares problem that is reduced to `R`, p × p, the ridge among its rows, and `Z = QᵀY`, p × q.
@@ -150,26 +109,27 @@ pub(super) fn solve_triangle(
     rows: u64,
     residual_products: impl FnOnce(&WideMatrix) -> Mat<f64>,
 ) -> Result<LeastSquares, LeastSquaresError> {
-    let p = r.columns;
-    if !r.is_finite() || !z.is_finite() {
+    let p = r.ncols();
+    if !is_finite(r) || !is_finite(z) {
         return Err(LeastSquaresError::NotFinite);
     }
     let norm = |j: usize| {
-        let squares = r.column(j).iter().map(|e| e.to_f64() * e.to_f64());
+        let squares = r.col_as_slice(j).iter().map(|e| e.to_f64() * e.to_f64());
         Some(squares.sum::<f64>().sqrt()).filter(|&n| n > 0.0).unwrap_or(1.0)
     };
     let norms: Vec<f64> = (0..p).map(norm).collect();
     let unit = WideMatrix::from_fn(p, p, |i, j| r[(i, j)] / DoubleDouble::from(norms[j]));
-    let inverse = unit.solve_upper(&WideMatrix::identity(p));
+    let identity = WideMatrix::from_fn(p, p, |i, j| f64::from(u8::from(i == j)).into());
+    let inverse = solve_upper(&unit, &identity);
     let size = largest_singular_value(&unit)?;
     // Rounding dependent columns leaves a singular value that is zero or tiny.
     let condition =
-        if inverse.is_finite() { size * largest_singular_value(&inverse)? } else { f64::INFINITY };
+        if is_finite(&inverse) { size * largest_singular_value(&inverse)? } else { f64::INFINITY };
     if condition * resolution >= size {
         return Err(rank_loss(&unit, &norms, resolution));
     }
-    let solved = r.solve_upper(z);
-    let coefficients = solved.to_f64();
+    let solved = solve_upper(r, z);
+    let coefficients = rounded(&solved);
     let factor = Mat::from_fn(p, p, |i, j| inverse[(i, j)].to_f64() / norms[i]);
     if !coefficients.is_all_finite() || !factor.is_all_finite() {
         return Err(LeastSquaresError::NotFinite);
@@ -191,24 +151,22 @@ pub(super) fn spectrum(r: &Mat<f64>) -> Result<(f64, usize), LeastSquaresError> 
 }
 
 fn largest_singular_value(m: &WideMatrix) -> Result<f64, LeastSquaresError> {
-    let values = m.to_f64().singular_values().map_err(|_| LeastSquaresError::NotFinite)?;
+    let values = rounded(m).singular_values().map_err(|_| LeastSquaresError::NotFinite)?;
     Ok(values.first().copied().unwrap_or(1.0))
 }
 
 /// The loss of rank of a R factor whose columns have norm one.
 fn rank_loss(unit: &WideMatrix, norms: &[f64], resolution: f64) -> LeastSquaresError {
-    let p = unit.columns;
-    let pivots = unit.pivots();
+    let p = unit.ncols();
+    let pivots = pivots(unit);
     let standing_out = pivots.iter().filter(|&&(_, length)| length > resolution).count();
     let rank = standing_out.min(p - 1);
     let (kept, dependent) = pivots.split_at(rank);
     // Each dependent column as a combination of those kept, by normal equations in double-double.
-    let dot = |a: usize, b: usize| -> DoubleDouble {
-        unit.column(a).iter().zip(unit.column(b)).map(|(&a, &b)| a * b).sum()
-    };
+    let dot = |a: usize, b: usize| product(unit.col_as_slice(a), unit.col_as_slice(b));
     let gram = WideMatrix::from_fn(rank, rank, |i, j| dot(kept[i].0, kept[j].0));
     let right = WideMatrix::from_fn(rank, p - rank, |i, a| dot(kept[i].0, dependent[a].0));
-    let shares = gram.cholesky().map(|r| r.solve_upper(&r.solve_transposed(&right)));
+    let shares = cholesky(&gram).map(|r| solve_upper(&r, &solve_transposed(&r, &right)));
     let mut directions = Mat::zeros(p, p - rank);
     for (a, &(column, _)) in dependent.iter().enumerate() {
         directions[(column, a)] = 1.0;

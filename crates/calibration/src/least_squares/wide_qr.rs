@@ -5,7 +5,7 @@ use faer::Mat;
 
 use super::kernels::{Wide, add_multiple, dot};
 use super::rows::{Reduction, RowChunk, Shape, WideColumns};
-use super::wide_matrix::{WideMatrix, solve_triangle, spectrum};
+use super::wide_matrix::{WideMatrix, is_finite, product, solve_triangle, spectrum};
 use crate::double_double::DoubleDouble;
 use crate::r_factor::{LeastSquares, LeastSquaresError, Ridge};
 
@@ -30,7 +30,11 @@ impl Reduction for FactorWide {
 
     fn empty(&self) -> Factored {
         let columns = self.shape.columns();
-        Factored { shape: self.shape, rows: 0, r: WideMatrix::zeros(columns, columns) }
+        Factored {
+            shape: self.shape,
+            rows: 0,
+            r: WideMatrix::from_fn(columns, columns, |_, _| DoubleDouble::ZERO),
+        }
     }
 
     fn scratch(&self) -> WideColumns {
@@ -45,7 +49,7 @@ impl Reduction for FactorWide {
 
     fn merge(&self, earlier: &mut Factored, later: Factored) {
         let columns = self.shape.columns();
-        let elements = || (0..columns).flat_map(|j| later.r.column(j));
+        let elements = || (0..columns).flat_map(|j| later.r.col_as_slice(j));
         earlier.eliminate(&mut WideColumns {
             height: columns,
             heads: elements().map(|e| e.to_f64()).collect(),
@@ -99,13 +103,14 @@ impl Factored {
         if self.rows < p as u64 && ridge.lambda == 0.0 {
             return Err(LeastSquaresError::TooFewRows { rows: self.rows, columns: p });
         }
-        if !self.r.is_finite() {
+        if !is_finite(&self.r) {
             return Err(LeastSquaresError::NotFinite);
         }
         let mut damped = self.clone();
         if ridge.lambda > 0.0 {
             let norm = |j: usize| {
-                self.r.column(j).iter().map(|&e| e * e).sum::<DoubleDouble>().sqrt().to_f64()
+                let column = self.r.col_as_slice(j);
+                product(column, column).sqrt().to_f64()
             };
             let n = self.shape.columns();
             let mut penalty =
@@ -126,7 +131,8 @@ impl Factored {
                 self.r[(i, p + a)] - fitted
             });
             Mat::from_fn(q, q, |a, b| {
-                let within = misfit.column(a).iter().zip(misfit.column(b)).map(|(&a, &b)| a * b);
+                let (left, right) = (misfit.col_as_slice(a), misfit.col_as_slice(b));
+                let within = left.iter().zip(right).map(|(&a, &b)| a * b);
                 let beyond = (p..p + q).map(|i| self.r[(i, p + a)] * self.r[(i, p + b)]);
                 within.chain(beyond).sum::<DoubleDouble>().to_f64()
             })
@@ -141,7 +147,7 @@ impl Factored {
         // Where the residual is large, its share of the error grows with the square of the
         // condition number (Björck 1996, §1.4.3): at most one part in a hundred.
         let steepest = (0..q).map(|a| {
-            let fitted: f64 = z.column(a).iter().map(|e| e.to_f64() * e.to_f64()).sum();
+            let fitted: f64 = z.col_as_slice(a).iter().map(|e| e.to_f64() * e.to_f64()).sum();
             (solved.residual_products[(a, a)] / fitted.max(f64::MIN_POSITIVE)).sqrt()
         });
         let limit = (1e-2 / rounding / steepest.fold(1e-13, f64::max)).sqrt();

@@ -41,11 +41,6 @@ impl Exact {
     pub fn new(model: Model) -> Self {
         Self { empty: Accumulator::new(model.basis, model.channels) }
     }
-
-    /// Prepares for rows such as those of `sample`, which saves work later.
-    pub fn expect(&mut self, sample: &Block) {
-        self.empty.expect(&sample.readings, &sample.wrench);
-    }
 }
 
 impl Pass for Exact {

@@ -38,25 +38,16 @@ pub fn fit(
     fit_by(method, problem, rows)
 }
 
-/// The exact sums of the rows, for [`solve_moments`] and all else that can be told from them. A sample of the rows
-/// may save work and has no influence on the sums.
+/// The exact sums of the rows, for [`solve_moments`] and all else that can be told from them.
 ///
 /// # Errors
 /// [`FitError::NotExact`] if they cannot be exact.
-pub fn exact_moments(
-    model: Model,
-    rows: &Rows<'_>,
-    sample: Option<&Block>,
-) -> Result<Moments, FitError> {
+pub fn exact_moments(model: Model, rows: &Rows<'_>) -> Result<Moments, FitError> {
     model.check_size()?;
     if model.memory > 0 {
         return Err(FitError::NotExact(ExactError::MemoryTerms));
     }
-    let mut exact = Exact::new(model);
-    if let Some(sample) = sample.filter(|sample| sample.rows > 0) {
-        exact.expect(sample);
-    }
-    rows.reduce(&exact)?.finish()
+    rows.reduce(&Exact::new(model))?.finish()
 }
 
 /// The exact solver, which needs one pass and whose sums know the ranges.
@@ -64,7 +55,7 @@ fn fit_exactly(
     problem: &FitProblem,
     rows: &Rows<'_>,
 ) -> Result<(Solution, ReadingRanges), FitError> {
-    let moments = exact_moments(problem.model, rows, None)?;
+    let moments = exact_moments(problem.model, rows)?;
     let ranges = moments.reading_ranges();
     Ok((solve_moments(&moments, &problem.model, problem.ridge, &ranges)?, ranges))
 }

@@ -43,35 +43,25 @@ impl SolverKind {
 
     /// The name in files and on the command line.
     pub const fn name(self) -> &'static str {
-        match self {
-            SolverKind::Exact => "exact",
-            SolverKind::Tsqr => "tsqr",
-            SolverKind::RefinedTsqr => "refined-tsqr",
-            SolverKind::PivotedQr => "pivoted-qr",
-            SolverKind::Svd => "svd",
-            SolverKind::Gram => "gram",
-            SolverKind::WideGram => "wide-gram",
-            SolverKind::WideTsqr => "wide-tsqr",
-            SolverKind::RidgeGcv => "ridge-gcv",
-            SolverKind::Huber => "huber",
-        }
+        NAMES[self as usize].0
     }
 
     /// What it does, in a few words.
     pub const fn description(self) -> &'static str {
-        match self {
-            SolverKind::Exact => {
-                "Exact sums of integer readings; `refined-tsqr` where readings are not integers"
-            }
-            SolverKind::Tsqr => "Householder QR over row blocks",
-            SolverKind::RefinedTsqr => "The same, corrected by residuals in double-double",
-            SolverKind::PivotedQr => "QR with column pivoting",
-            SolverKind::Svd => "Singular values",
-            SolverKind::Gram => "Normal equations in double precision: fast and coarse",
-            SolverKind::WideGram => "Normal equations in double-double",
-            SolverKind::WideTsqr => "Householder QR in double-double: slow and sure",
-            SolverKind::RidgeGcv => "Ridge, its parameter chosen by generalised cross-validation",
-            SolverKind::Huber => "Huber's M-estimator: rows far off count less",
-        }
+        NAMES[self as usize].1
     }
 }
+
+/// The names of the solvers and what they do, in the order of [`SolverKind`].
+const NAMES: [(&str, &str); 10] = [
+    ("exact", "Exact sums of integer readings; `refined-tsqr` where readings are not integers"),
+    ("tsqr", "Householder QR over row blocks"),
+    ("refined-tsqr", "The same, corrected by residuals in double-double"),
+    ("pivoted-qr", "QR with column pivoting"),
+    ("svd", "Singular values"),
+    ("gram", "Normal equations in double precision: fast and coarse"),
+    ("wide-gram", "Normal equations in double-double"),
+    ("wide-tsqr", "Householder QR in double-double: slow and sure"),
+    ("ridge-gcv", "Ridge, its parameter chosen by generalised cross-validation"),
+    ("huber", "Huber's M-estimator: rows far off count less"),
+];

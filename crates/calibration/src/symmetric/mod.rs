@@ -9,10 +9,8 @@ mod reflection;
 mod squares;
 mod triangle;
 
-use shell_data::instructions::arch;
 use shell_data::vectorised;
 
-use squares::SubtractSquares;
 pub(crate) use triangle::UpperTriangle;
 
 /// The upper triangle of a symmetric matrix, row after row.
@@ -61,7 +59,7 @@ impl SymmetricMatrix {
 
     /// Subtracts `x·xᵀ` of each of these, as long as a row.
     pub(crate) fn subtract_squares(&mut self, of: &[Vec<f64>]) {
-        arch().dispatch(SubtractSquares { from: self, squares_of: of });
+        squares::subtract_squares(self, of);
     }
 
     /// The factor `U` of `A = Uᵀ·U`; `None` if the matrix is not positive definite in floating point.

@@ -4,15 +4,10 @@
 
 use std::ops::Range;
 
-use pulp::{Simd, WithSimd};
+use pulp::Simd;
 
 use super::SymmetricMatrix;
-
-pub(super) struct SubtractSquares<'a> {
-    pub(super) from: &'a mut SymmetricMatrix,
-    /// Vectors as long as a row.
-    pub(super) squares_of: &'a [Vec<f64>],
-}
+use shell_data::vectorised;
 
 /// Columns and rows of a tile, which stays in registers while squares are subtracted.
 const TILE_COLUMNS: usize = 8;
@@ -21,16 +16,14 @@ const TILE_ROWS: usize = 4;
 /// Vectors that are packed at once: as many as fit the first-level cache.
 const VECTORS_AT_ONCE: usize = 64;
 
-impl WithSimd for SubtractSquares<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let bands = self.from.size.div_ceil(TILE_COLUMNS);
-        let at_once = VECTORS_AT_ONCE.min(self.squares_of.len()).max(1);
+vectorised! {
+    /// Subtracts `x·xᵀ` of each of `vectors`, as long as a row.
+    pub(super) fn subtract_squares<S: Simd>(simd: S, from: &mut SymmetricMatrix, vectors: &[Vec<f64>]) {
+        let bands = from.size.div_ceil(TILE_COLUMNS);
+        let at_once = VECTORS_AT_ONCE.min(vectors.len()).max(1);
         // For each band of columns, that band of every vector, with zeros beyond the last column.
         let mut packed = vec![[0.0; TILE_COLUMNS]; bands * at_once];
-        for of in self.squares_of.chunks(at_once) {
+        for of in vectors.chunks(at_once) {
             for (position, x) in of.iter().enumerate() {
                 let (whole, rest) = x.as_chunks::<TILE_COLUMNS>();
                 for (band, columns) in whole.iter().enumerate() {
@@ -45,10 +38,10 @@ impl WithSimd for SubtractSquares<'_> {
                 for first in (0..(band + 1) * TILE_COLUMNS).step_by(TILE_ROWS) {
                     let rows = &packed[first / TILE_COLUMNS * at_once..][..of.len()];
                     let tile = Tile { first_row: first, first_column: band * TILE_COLUMNS };
-                    let mut values = tile.load(self.from);
+                    let mut values = tile.load(from);
                     let rows = (rows, first % TILE_COLUMNS);
                     subtract_from_tile(simd, &mut values, rows, columns);
-                    tile.store(&values, self.from);
+                    tile.store(&values, from);
                 }
             }
         }

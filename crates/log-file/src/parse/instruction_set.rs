@@ -1,6 +1,6 @@
 //! The operations of [`super::rows`] on many bytes at once, for each instruction set.
 
-use super::number::{parse_digits, parse_long, parse_plain};
+use super::number::{parse_digits, parse_long};
 
 /// The number of bytes that are searched together.
 pub(crate) const BLOCK: usize = 64;
@@ -36,7 +36,8 @@ pub(crate) trait InstructionSet: Copy {
     /// `None` leaves the field to [`super::number::parse_field`].
     fn plain_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64>;
 
-    /// The first numbers of a column that are whole and have up to eight digits; how many there are.
+    /// The first numbers of a column that are whole and have up to eight digits; how many were parsed, which may be
+    /// fewer than there are.
     #[inline(always)]
     fn whole_numbers(self, lines: &[u8], fields: ColumnFields<'_>, values: &mut [f64]) -> usize {
         for (row, value) in values.iter_mut().enumerate() {
@@ -45,13 +46,6 @@ pub(crate) trait InstructionSet: Copy {
             *value = number as i64 as f64;
         }
         values.len()
-    }
-
-    /// The first numbers of a column that are plain decimals, as many as are found several at a time.
-    /// The others are left to [`InstructionSet::plain_number`].
-    #[inline(always)]
-    fn plain_numbers(self, _lines: &[u8], _fields: ColumnFields<'_>, _values: &mut [f64]) -> usize {
-        0
     }
 }
 
@@ -63,35 +57,13 @@ pub(crate) struct ColumnFields<'a> {
     pub(crate) ends: (&'a [u32], usize),
 }
 
-impl<'a> ColumnFields<'a> {
+impl ColumnFields<'_> {
     /// Where the field of a row starts and ends.
     #[inline(always)]
     pub(crate) fn position(self, row: usize) -> (usize, usize) {
         let (befores, ends) = (self.befores, self.ends);
         let start = befores.0[row * befores.1].wrapping_add(1);
         (start as usize, ends.0[row * ends.1] as usize)
-    }
-
-    /// Where the fields of `N` rows start and end.
-    #[cfg(target_arch = "x86_64")]
-    #[inline(always)]
-    pub(crate) fn some<const N: usize>(self, row: usize) -> [(usize, usize); N] {
-        let mut positions = [(0, 0); N];
-        for (lane, position) in positions.iter_mut().enumerate() {
-            *position = self.position(row + lane);
-        }
-        positions
-    }
-
-    /// The fields without those of the first `rows` rows.
-    #[inline(always)]
-    pub(crate) fn after_rows(self, rows: usize) -> ColumnFields<'a> {
-        // The slices end with the field of the last row: there is nothing after all rows, and a row
-        // further would start beyond the end.
-        let from = |(positions, stride): (&'a [u32], usize)| {
-            (&positions[(rows * stride).min(positions.len())..], stride)
-        };
-        ColumnFields { befores: from(self.befores), ends: from(self.ends) }
     }
 }
 
@@ -123,9 +95,6 @@ impl InstructionSet for Portable {
 
     #[inline(always)]
     fn plain_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64> {
-        match parse_plain(lines, at) {
-            Some((value, number_end)) if number_end == end => Some(value),
-            _ => parse_long(lines, at, end),
-        }
+        parse_long(lines, at, end)
     }
 }

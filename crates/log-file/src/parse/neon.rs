@@ -1,11 +1,11 @@
 //! [`InstructionSet`] in the registers of aarch64: marks are looked for in 16 bytes at a time, four times, and
-//! the digits of a number of up to 16 bytes are joined within one register, those of up to 32 in two.
+//! the digits of a number of up to 32 bytes are joined within two registers.
 
 use std::arch::aarch64::uint8x16_t;
 
 use pulp::aarch64::Neon as Registers;
 
-use super::digit_registers::{CLOSE_UP, DigitRegisters, LAST};
+use super::digit_registers::DigitRegisters;
 use super::instruction_set::{BLOCK, InstructionSet, Portable};
 
 /// Processors with NEON: all of aarch64 that run a system with programs.
@@ -37,36 +37,7 @@ impl InstructionSet for Neon {
 // No closures here, nor below: what is not inlined into code for these processors cannot use their registers.
 impl DigitRegisters for Neon {
     #[inline(always)]
-    fn digits(self, register: &[u8; 16], mut length: usize) -> Option<(u64, usize)> {
-        let neon = self.0.neon;
-        let mut register = self.load(register);
-        let points = self.marks(neon.vceqq_u8(register, neon.vdupq_n_u8(b'.')));
-        let points = points.checked_shr(64 - 4 * length as u32).unwrap_or(0);
-        let mut decimals = 0;
-        if points != 0 {
-            // The point is closed up.
-            let whole_digits = points.trailing_zeros() as usize / 4;
-            length -= 1;
-            decimals = length.wrapping_sub(whole_digits);
-            let close_up = CLOSE_UP.get(decimals)?;
-            if decimals == 0 || whole_digits == 0 {
-                return None;
-            }
-            register = neon.vqtbl1q_u8(register, self.load(close_up));
-        }
-        // What precedes the number becomes zeros.
-        let last = LAST.get(length.wrapping_sub(1)).filter(|_| length <= 15)?;
-        let values = neon.vsubq_u8(register, neon.vdupq_n_u8(b'0'));
-        let values = neon.vandq_u8(values, self.load(last));
-        let is_number = neon.vmaxvq_u8(values) <= 9;
-        is_number.then(|| {
-            let [high, low] = self.join(values);
-            (high * 100_000_000 + low, decimals)
-        })
-    }
-
-    #[inline(always)]
-    fn many_digits(self, lines: &[u8], start: usize, end: usize) -> Option<(u64, usize)> {
+    fn digits(self, lines: &[u8], start: usize, end: usize) -> Option<(u64, usize)> {
         let neon = self.0.neon;
         let length = end - start;
         let register: &[u8; 32] = lines.get(end.wrapping_sub(32)..)?.first_chunk()?;
@@ -78,17 +49,14 @@ impl DigitRegisters for Neon {
         let closer: &[u8; 16] = closer.first_chunk()?;
         let (mut high, mut low) = (self.load(before), self.load(last));
         let point = neon.vdupq_n_u8(b'.');
+        let of_high = u128::from(self.marks(neon.vceqq_u8(high, point)));
+        let of_low = u128::from(self.marks(neon.vceqq_u8(low, point)));
         // Those in front of the number are shifted out.
-        let of_high =
-            self.marks(neon.vceqq_u8(high, point)).checked_shr(128 - 4 * length as u32)?;
-        let of_low = self.marks(neon.vceqq_u8(low, point));
+        let points = (of_high | of_low << 64).checked_shr(128 - 4 * length as u32)?;
         let (mut digits, mut decimals) = (length, 0);
-        if of_high | of_low != 0 {
+        if points != 0 {
             // The point is closed up. A second one is no digit.
-            let whole_digits = match of_high {
-                0 => length - 16 + of_low.trailing_zeros() as usize / 4,
-                _ => of_high.trailing_zeros() as usize / 4,
-            };
+            let whole_digits = points.trailing_zeros() as usize / 4;
             digits -= 1;
             decimals = digits - whole_digits;
             if decimals == 0 || whole_digits == 0 {

@@ -1,37 +1,13 @@
 //! Decimal numbers to doubles, to the same bits as [`str::parse`].
 //!
-//! Plain decimals of at most 2⁵³ as an integer take a short way: their digits are read eight at a
-//! time within one 64-bit word, and `mantissa / 10ᵏ` with k ≤ 22 is then correctly rounded, since
-//! both are exact doubles (W. D. Clinger, "How to read floating point numbers accurately", PLDI
-//! 1990). Those of up to 64 bits, with an exponent or not, are rounded by [`nearest`]. Everything
-//! else (longer mantissas, spaces, signs of plus) is left to the standard library, and so is the
-//! decision about what is a number at all.
+//! Digits are read eight at a time within one 64-bit word. Of decimals of at most 2⁵³ as an integer
+//! `mantissa / 10ᵏ` with k ≤ 22 is correctly rounded, since both are exact doubles (W. D. Clinger, "How to
+//! read floating point numbers accurately", PLDI 1990). Those of up to 64 bits, with an exponent or not,
+//! are rounded by [`nearest`]. Everything else (longer mantissas, spaces, signs of plus) is left to the
+//! standard library, and so is the decision about what is a number at all.
 
 use super::nearest::nearest;
 use crate::error::FieldProblem;
-
-/// The number that starts at `bytes[at]` if it is a plain decimal (`-12`, `-0.125`), and where it
-/// ends. `None` leaves the field to [`parse_field`]; so must the caller where what follows the
-/// number does not end the field.
-#[inline(always)]
-pub(crate) fn parse_plain(bytes: &[u8], at: usize) -> Option<(f64, usize)> {
-    let negative = *bytes.get(at)? == b'-';
-    let mut end = at + usize::from(negative);
-    let (mut mantissa, digits) = leading_15_digits(bytes, end)?;
-    end += digits;
-    let mut decimals = 0;
-    if *bytes.get(end)? == b'.' {
-        let fraction;
-        (fraction, decimals) = leading_15_digits(bytes, end + 1)?;
-        // Nineteen digits always fit 64 bits.
-        if digits + decimals > 19 {
-            return None;
-        }
-        mantissa = mantissa * POWERS_OF_TEN[decimals] + fraction;
-        end += 1 + decimals;
-    }
-    (mantissa <= 1 << 53).then(|| (quotient(negative, mantissa, decimals), end))
-}
 
 /// The number that all of `bytes[at..end]` spells if its digits fit 64 bits: a decimal with or without
 /// an exponent (`-0.30432148234712341`, `9.6e-05`).
@@ -56,7 +32,10 @@ pub(crate) fn parse_long(bytes: &[u8], at: usize, end: usize) -> Option<f64> {
 /// `±mantissa · 10^exponent`, correctly rounded; `None` for powers that no recording needs.
 #[inline(always)]
 pub(crate) fn signed(negative: bool, mantissa: u64, exponent: i32) -> Option<f64> {
-    let magnitude = nearest(mantissa, exponent)?;
+    let magnitude = match EXACT_POWERS_OF_TEN.get(exponent.wrapping_neg() as usize) {
+        Some(power) if mantissa <= 1 << 53 => mantissa as i64 as f64 / power,
+        _ => nearest(mantissa, exponent)?,
+    };
     Some(f64::from_bits(magnitude.to_bits() | u64::from(negative) << 63))
 }
 
@@ -101,34 +80,6 @@ pub(crate) fn parse_digits(bytes: &[u8], at: usize, end: usize) -> Option<u64> {
     let before = 64 - 8 * length;
     let values = (word ^ 0x3030_3030_3030_3030) >> before << before;
     (others(values) == 0).then(|| eight_digits(values))
-}
-
-/// `±mantissa / 10^decimals`, correctly rounded for mantissas up to 2⁵³ and 22 decimals; at most 15
-/// are asked for.
-#[inline(always)]
-pub(crate) fn quotient(negative: bool, mantissa: u64, decimals: usize) -> f64 {
-    let mut magnitude = mantissa as i64 as f64;
-    // Most readings are whole, and a division is the longest step of all.
-    if decimals > 0 {
-        magnitude /= EXACT_POWERS_OF_TEN[decimals];
-    }
-    f64::from_bits(magnitude.to_bits() | u64::from(negative) << 63)
-}
-
-/// The value and number of the digits that stand at `bytes[at]`; `None` unless there are 1 to 15.
-#[inline(always)]
-fn leading_15_digits(bytes: &[u8], at: usize) -> Option<(u64, usize)> {
-    let (value, digits) = leading_digits(bytes, at)?;
-    match digits {
-        0 => None,
-        8 => match leading_digits(bytes, at + 8)? {
-            (_, 8) => None,
-            (more, more_digits) => {
-                Some((value * POWERS_OF_TEN[more_digits] + more, 8 + more_digits))
-            }
-        },
-        _ => Some((value, digits)),
-    }
 }
 
 /// The finite number that the whole of `field` spells, with spaces around it allowed.
@@ -182,8 +133,8 @@ fn eight_digits(values: u64) -> u64 {
     high.wrapping_add(low) >> 32
 }
 
-const POWERS_OF_TEN: [u64; 16] = {
-    let mut powers = [1; 16];
+const POWERS_OF_TEN: [u64; 9] = {
+    let mut powers = [1; 9];
     let mut i = 1;
     while i < powers.len() {
         powers[i] = 10 * powers[i - 1];
@@ -192,7 +143,7 @@ const POWERS_OF_TEN: [u64; 16] = {
     powers
 };
 
-pub(crate) const EXACT_POWERS_OF_TEN: [f64; 16] =
+const EXACT_POWERS_OF_TEN: [f64; 16] =
     [1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15];
 
 #[cfg(test)]
@@ -201,18 +152,13 @@ mod tests {
 
     use super::*;
 
-    /// What a reader of rows does: the short way where it reaches the end of the field.
+    /// What a reader of rows does: the short way where it can.
     fn parse(text: &str) -> Result<f64, FieldProblem> {
         let mut bytes = [BEFORE, text.as_bytes()].concat();
         // What follows a field in a file, so that whole words can be loaded.
         bytes.extend_from_slice(b",12345678901234567890\n");
         let (start, end) = (BEFORE.len(), BEFORE.len() + text.len());
-        let short = parse_plain(&bytes, start).filter(|(_, at)| *at == end).map(|(value, _)| value);
-        let long = parse_long(&bytes, start, end);
-        if let (Some(short), Some(long)) = (short, long) {
-            assert_eq!(short.to_bits(), long.to_bits(), "{text:?}");
-        }
-        short.or(long).map_or_else(|| parse_field(text.as_bytes()), Ok)
+        parse_long(&bytes, start, end).map_or_else(|| parse_field(text.as_bytes()), Ok)
     }
 
     /// What precedes a field in a file.
@@ -265,7 +211,6 @@ mod tests {
         #[test]
         fn any_bytes_are_read_without_a_panic(bytes in proptest::collection::vec(any::<u8>(), 0..80)) {
             for at in 0..bytes.len() + 2 {
-                let _ = parse_plain(&bytes, at);
                 for end in 0..bytes.len() + 2 {
                     let _ = parse_long(&bytes, at, end);
                 }

@@ -452,8 +452,7 @@ fn parse_column(
 ) -> Option<usize> {
     // Readings are short integers: as long as they are, so are the next.
     let whole = set.whole_numbers(lines, fields, values);
-    let plain = set.plain_numbers(lines, fields.after_rows(whole), &mut values[whole..]);
-    for (row, value) in values.iter_mut().enumerate().skip(whole + plain) {
+    for (row, value) in values.iter_mut().enumerate().skip(whole) {
         let (start, end) = fields.position(row);
         *value = match set.plain_number(lines, start, end) {
             Some(number) => number,

@@ -1,12 +1,16 @@
 //! A problem, its exact answer, and how many digits of it a method gets.
 
 use calibration::least_squares::{
-    Dense, LeastSquares, LeastSquaresError, Method, Ridge, solve_dense,
+    LeastSquares, LeastSquaresError, Method, Reduction, Ridge, RowChunk, Rows, Shape, solve,
 };
 use faer::Mat;
 use num_rational::BigRational;
 
+use self::dense::{Dense, solve_dense};
 use super::exact;
+
+#[path = "../../../../crates/calibration/src/least_squares/tests/dense.rs"]
+mod dense;
 
 /// The methods that minimise the sum of squares, and what the tables call them.
 pub(crate) const METHODS: [(&str, Method); 7] = [

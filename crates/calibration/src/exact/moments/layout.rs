@@ -14,7 +14,6 @@
 //! one triangle of the Gram matrix has 13,695. The powers of the cubic basis split likewise.
 
 use std::collections::HashMap;
-use std::hash::{BuildHasherDefault, Hash, Hasher};
 use std::ops::Range;
 
 use crate::features::{Recipe, recipe};
@@ -24,7 +23,7 @@ use crate::model::{Basis, Model, Term};
 const MAX_DEGREE: usize = 6;
 
 /// A product of up to six readings.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Monomial {
     /// Channels in ascending order, counted from 1; zeros, the empty factor, in front.
     factors: [u8; MAX_DEGREE],
@@ -59,36 +58,6 @@ impl Monomial {
     }
 }
 
-impl Hash for Monomial {
-    fn hash<H: Hasher>(&self, state: &mut H) {
-        let mut bytes = [0; 8];
-        bytes[..MAX_DEGREE].copy_from_slice(&self.factors);
-        state.write_u64(u64::from_le_bytes(bytes));
-    }
-}
-
-/// A multiplicative hash of one integer (Knuth, TAOCP 3, §6.4): keys come from the model, not from
-/// strangers.
-#[derive(Clone, Default)]
-struct Multiplicative(u64);
-
-impl Hasher for Multiplicative {
-    fn write(&mut self, bytes: &[u8]) {
-        bytes.iter().for_each(|&byte| self.write_u64(u64::from(byte)));
-    }
-
-    fn write_u64(&mut self, value: u64) {
-        let product = u128::from(self.0 ^ value) * 0x9e37_79b9_7f4a_7c15;
-        self.0 = product as u64 ^ (product >> 64) as u64;
-    }
-
-    fn finish(&self) -> u64 {
-        self.0
-    }
-}
-
-type MonomialIndex = HashMap<Monomial, usize, BuildHasherDefault<Multiplicative>>;
-
 /// One dense block of products of features.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ProductGroup {
@@ -119,7 +88,7 @@ pub(crate) struct MomentLayout {
     /// Where each channel alone stands among the features.
     singles: Vec<usize>,
     monomials: Vec<Monomial>,
-    index: MonomialIndex,
+    index: HashMap<Monomial, usize>,
     /// For each channel the steps for all sums, and for those of one and the features.
     steps: Vec<(Vec<ShiftStep>, Vec<ShiftStep>)>,
 }
@@ -142,7 +111,7 @@ impl MomentLayout {
                 right.map(move |r| Monomial::product(features[l], features[r]))
             }));
         }
-        let index: MonomialIndex = monomials.iter().enumerate().map(|(i, &m)| (m, i)).collect();
+        let index: HashMap<_, _> = monomials.iter().enumerate().map(|(i, &m)| (m, i)).collect();
         debug_assert_eq!(index.len(), monomials.len(), "every monomial once");
         let singles = (0..features.len()).filter(|&f| features[f].factors().len() == 1).collect();
         let steps = (0..channels)
@@ -202,7 +171,11 @@ pub(crate) const fn pair(left: usize, right: usize) -> usize {
     left * (13 - left) / 2 + right - left
 }
 
-fn steps(monomials: &[Monomial], index: &MonomialIndex, channel: usize) -> Vec<ShiftStep> {
+fn steps(
+    monomials: &[Monomial],
+    index: &HashMap<Monomial, usize>,
+    channel: usize,
+) -> Vec<ShiftStep> {
     let step = |(of, m): (usize, &Monomial)| {
         let exponent = m.exponent(channel);
         (exponent > 0).then(|| ShiftStep { of, from: index[&m.without(channel)], exponent })

@@ -9,7 +9,7 @@
 
 use std::sync::Arc;
 
-use super::block_sums::{Scratch, SumBlock};
+use super::block_sums::{Scratch, sum_block};
 use super::digits::{Digits, Numbers};
 use super::expected_rows::ExpectedRows;
 use super::kernel::ROWS;
@@ -23,7 +23,6 @@ use crate::exact::moments::layout::MomentLayout;
 use crate::exact::moments::product_sums::Moments;
 use crate::exact::moments::reading_unit::count;
 use crate::model::Basis;
-use shell_data::instructions::arch;
 use shell_data::wrench::Axis;
 
 /// Sums rows of readings and wrenches exactly, in memory that does not grow with the rows.
@@ -49,16 +48,6 @@ impl Accumulator {
     pub fn new(basis: Basis, channels: usize) -> Self {
         let layout = Arc::new(MomentLayout::new(basis, channels));
         Self::with_layout(basis, layout, ExpectedRows::nothing(channels))
-    }
-
-    /// Prepares for rows such as these, which saves work later and has no influence on results.
-    pub fn expect<C: AsRef<[f64]>>(&mut self, readings: &[C], wrench: &[C]) {
-        let mut expected = self.expected.clone();
-        expected.expect_readings(readings);
-        expected.expect_wrench(wrench);
-        if expected.in_counts() {
-            self.expected = expected;
-        }
     }
 
     /// No rows yet.
@@ -243,14 +232,8 @@ impl Accumulator {
 
     fn sum(&mut self) -> bool {
         let open = self.open.as_mut().expect("opened before");
-        arch().dispatch(SumBlock {
-            layout: &self.layout,
-            open,
-            rows: self.staged,
-            readings: &self.readings,
-            wrench: &self.wrench,
-            scratch: &mut self.scratch,
-        })
+        let (readings, wrench) = (&self.readings, &self.wrench);
+        sum_block(&self.layout, open, self.staged, readings, wrench, &mut self.scratch)
     }
 
     /// Puts the open sums away and opens new ones that cover all rows so far and those staged.

@@ -1,6 +1,6 @@
 //! Sums over one block of rows: from readings and wrench to the sums of all products.
 
-use pulp::{Simd, WithSimd};
+use pulp::Simd;
 
 use super::kernel::{ROWS, products};
 use super::limbs::Limbs;
@@ -9,6 +9,7 @@ use super::plan::{LimbColumn, SummationPlan};
 use crate::exact::moments::layout::MomentLayout;
 use crate::exact::moments::rounding::power_of_two;
 use crate::features::Recipe;
+use shell_data::vectorised;
 
 /// Working memory.
 #[derive(Clone, Debug, Default)]
@@ -32,25 +33,21 @@ impl Scratch {
     }
 }
 
-/// Adds the first `rows` rows of a block to open sums, unless the digits do not cover the wrench:
-/// says whether.
-pub(crate) struct SumBlock<'a> {
-    pub(crate) layout: &'a MomentLayout,
-    pub(crate) open: &'a mut OpenSums,
-    pub(crate) rows: usize,
-    /// Columns of [`ROWS`] integers, one per channel.
-    pub(crate) readings: &'a [f64],
-    /// Columns of [`ROWS`] numbers, one per axis, zero beyond the rows.
-    pub(crate) wrench: &'a [f64],
-    pub(crate) scratch: &'a mut Scratch,
-}
-
-impl WithSimd for SumBlock<'_> {
-    type Output = bool;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> bool {
-        let Self { layout, open, rows, readings, wrench: axes, scratch } = self;
+vectorised! {
+    /// Adds the first `rows` rows of a block to open sums, unless the digits do not cover the wrench:
+    /// says whether.
+    ///
+    /// `readings` are columns of [`ROWS`] integers, one per channel; `axes` are columns of [`ROWS`] numbers, one per
+    /// axis of the wrench, zero beyond the rows.
+    pub(crate) fn sum_block<S: Simd>(
+        simd: S,
+        layout: &MomentLayout,
+        open: &mut OpenSums,
+        rows: usize,
+        readings: &[f64],
+        axes: &[f64],
+        scratch: &mut Scratch,
+    ) -> bool {
         let plan = &*open.plan;
         scratch.resize(plan);
         let Scratch { features, wrench, sums } = scratch;

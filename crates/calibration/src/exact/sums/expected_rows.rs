@@ -8,7 +8,6 @@ use std::sync::Arc;
 use super::digits::Numbers;
 use super::plan::SummationPlan;
 use crate::exact::moments::channel_range::ChannelRange;
-use crate::exact::moments::channel_range::scan_column;
 use crate::exact::moments::reading_unit::ReadingUnit;
 
 /// Ranges and steps that rows are expected to keep to.
@@ -45,15 +44,6 @@ impl ExpectedRows {
             }
         }
         self.merge_numbers(&other.numbers);
-    }
-
-    /// Expects such readings. Columns that cannot be summed exactly are ignored.
-    pub(crate) fn expect_readings<C: AsRef<[f64]>>(&mut self, readings: &[C]) {
-        for (expected, column) in self.channels.iter_mut().zip(readings) {
-            if let Ok(found) = scan_column(column.as_ref(), ReadingUnit::COUNT) {
-                expected.merge(&found);
-            }
-        }
     }
 
     /// Expects such a wrench.

@@ -1,18 +1,17 @@
-//! Rows of matrices in memory.
+//! Rows of matrices in memory, for the tests here and for the certified problems of the program.
 
 use faer::{Mat, MatRef};
 
-use super::Method;
-use super::rows::{Reduction, RowChunk, Rows, Shape};
-use super::solve::solve;
-use crate::r_factor::{LeastSquares, LeastSquaresError, Ridge};
+use super::{
+    LeastSquares, LeastSquaresError, Method, Reduction, Ridge, RowChunk, Rows, Shape, solve,
+};
 
 /// `X` and `Y` in memory.
 ///
 /// Columns are multiplied by powers of two that bring their largest element near one, so that
 /// squares neither overflow nor underflow: any units will do, subnormal ones too.
 #[derive(Clone, Debug)]
-pub struct Dense<'a> {
+pub(crate) struct Dense<'a> {
     x: MatRef<'a, f64>,
     /// What rounding left out of `x`.
     tails: Option<MatRef<'a, f64>>,
@@ -26,7 +25,11 @@ impl<'a> Dense<'a> {
     ///
     /// # Panics
     /// If the shapes do not fit.
-    pub fn new(x: MatRef<'a, f64>, tails: Option<MatRef<'a, f64>>, y: MatRef<'a, f64>) -> Self {
+    pub(crate) fn new(
+        x: MatRef<'a, f64>,
+        tails: Option<MatRef<'a, f64>>,
+        y: MatRef<'a, f64>,
+    ) -> Self {
         assert_eq!(x.nrows(), y.nrows(), "as many rows in X as in Y");
         assert!(tails.is_none_or(|tails| tails.shape() == x.shape()), "as many tails as heads");
         let units = x.col_iter().chain(y.col_iter()).map(|column| {
@@ -96,7 +99,7 @@ impl Rows for Dense<'_> {
 ///
 /// # Errors
 /// As [`solve`]; also where a coefficient is too large for an `f64`.
-pub fn solve_dense(
+pub(crate) fn solve_dense(
     mut rows: Dense<'_>,
     method: Method,
     ridge: Ridge,
