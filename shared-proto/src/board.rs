@@ -1,8 +1,8 @@
 //! A board: its identity, stream and status.
 
-use crate::bytes::{Bytes, Reader};
+use crate::bytes::Bytes;
 use crate::calibration::crc32;
-use crate::field::{Field, fields, variants};
+use crate::field::{Field, Reader, fields, variants};
 
 /// Gives an enum without fields its [`variants`], and the way from a code by itself.
 macro_rules! codes {

@@ -1,9 +1,7 @@
-//! Byte strings of bounded length, and what takes fields off them.
+//! Byte strings of bounded length.
 
 use core::fmt;
 use core::ops::Deref;
-
-use crate::field::Field;
 
 /// Up to `N` bytes in place; `N` is at most 65,535.
 #[derive(Clone, Copy)]
@@ -94,26 +92,5 @@ impl<const N: usize> Eq for Bytes<N> {}
 impl<const N: usize> fmt::Debug for Bytes<N> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:02x?}", &**self)
-    }
-}
-
-/// Takes fields off the front of a slice.
-pub(crate) struct Reader<'a>(pub(crate) &'a [u8]);
-
-impl<'a> Reader<'a> {
-    pub(crate) fn array<const K: usize>(&mut self) -> Option<[u8; K]> {
-        let (field, rest) = self.0.split_first_chunk()?;
-        self.0 = rest;
-        Some(*field)
-    }
-
-    /// The next field.
-    pub(crate) fn get<F: Field>(&mut self) -> Option<F> {
-        F::read(self)
-    }
-
-    /// `value` if nothing is left.
-    pub(crate) fn end<T>(self, value: T) -> Option<T> {
-        self.0.is_empty().then_some(value)
     }
 }

@@ -5,8 +5,8 @@
 
 use crate::CHANNELS;
 use crate::board::{Identity, Status, Stream};
-use crate::bytes::{Bytes, Reader};
-use crate::field::variants;
+use crate::bytes::Bytes;
+use crate::field::{Reader, variants};
 
 /// Most bytes of a calibration in one command, or of last words in one answer.
 pub const MAX_PIECE: usize = 32;

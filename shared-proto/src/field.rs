@@ -1,6 +1,6 @@
 //! Fields of a packet as they stand on the wire: numbers are little-endian, one field right after the other.
 
-use crate::bytes::{Bytes, Reader};
+use crate::bytes::Bytes;
 
 /// What a packet is made of.
 pub(crate) trait Field: Sized {
@@ -9,6 +9,27 @@ pub(crate) trait Field: Sized {
 
     /// Takes it off the front; `None` if it is not there.
     fn read(body: &mut Reader<'_>) -> Option<Self>;
+}
+
+/// Takes fields off the front of a slice.
+pub(crate) struct Reader<'a>(pub(crate) &'a [u8]);
+
+impl<'a> Reader<'a> {
+    pub(crate) fn array<const K: usize>(&mut self) -> Option<[u8; K]> {
+        let (field, rest) = self.0.split_first_chunk()?;
+        self.0 = rest;
+        Some(*field)
+    }
+
+    /// The next field.
+    pub(crate) fn get<F: Field>(&mut self) -> Option<F> {
+        F::read(self)
+    }
+
+    /// `value` if nothing is left.
+    pub(crate) fn end<T>(self, value: T) -> Option<T> {
+        self.0.is_empty().then_some(value)
+    }
 }
 
 macro_rules! numbers {
@@ -60,7 +81,7 @@ macro_rules! fields {
                 $(self.$field.write(out);)+
             }
 
-            fn read(body: &mut $crate::bytes::Reader<'_>) -> Option<Self> {
+            fn read(body: &mut $crate::field::Reader<'_>) -> Option<Self> {
                 Some(Self { $($field: $crate::field::Field::read(body)?),+ })
             }
         }
@@ -96,7 +117,7 @@ macro_rules! variants {
                 }
             }
 
-            fn read(body: &mut $crate::bytes::Reader<'_>) -> Option<Self> {
+            fn read(body: &mut $crate::field::Reader<'_>) -> Option<Self> {
                 Some(match body.get()? {
                     $($code => {
                         $(let $value = body.get()?;)?

@@ -1,8 +1,8 @@
 //! What a board says of itself while it streams: when its readings are taken, and how it is.
 
 use crate::CHANNELS;
-use crate::bytes::{Bytes, Reader};
-use crate::field::{Field, fields};
+use crate::bytes::Bytes;
+use crate::field::{Field, Reader, fields};
 
 /// When the readings of a frame are taken, after the time that its sample says.
 ///

@@ -1,10 +1,9 @@
 //! The packets: what each kind holds and where.
 
 use crate::board::{Board, BoardId, ResetCause};
-use crate::bytes::Reader;
 use crate::command::{Answer, Command};
 use crate::error::DecodeError;
-use crate::field::{Field, fields};
+use crate::field::{Field, Reader, fields};
 use crate::frame::{self, Frame, Plain};
 use crate::health::Health;
 use crate::{AXES, CHANNELS};

@@ -7,7 +7,8 @@
 //! follows.
 
 use crate::CHANNELS;
-use crate::bytes::{Bytes, Reader};
+use crate::bytes::Bytes;
+use crate::field::Reader;
 
 /// Length of a scan in bytes, letter and length included.
 pub const SCAN_LEN: usize = 22;

@@ -11,6 +11,7 @@
 //! `needed_s` of the pipeline's set-up says how far around. `docs/trials.md` has the formulas
 //! and definitions, the crate `forces` the way from readings to forces.
 
+mod cell_position;
 mod diagnose;
 mod diagnostic;
 mod error;

@@ -2,7 +2,7 @@
 
 use serde::de::DeserializeOwned;
 
-use super::manifest::CellPosition;
+use super::cell_position::CellPosition;
 
 /// What is wrong with a document, and where.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

@@ -9,8 +9,8 @@ mod physics;
 pub use self::cubic::{Cubic, FEATURES};
 pub use self::physics::{FACTOR, PRIOR, Physics, PhysicsSensor};
 
-use crate::bytes::{Bytes, Reader};
-use crate::field::Field;
+use crate::bytes::Bytes;
+use crate::field::{Field, Reader};
 use crate::{AXES, CHANNELS};
 use core::ops::RangeInclusive;
 use crc::{CRC_32_ISO_HDLC, Crc};

@@ -9,7 +9,8 @@
 
 mod deframer;
 
-use crate::bytes::{Bytes, Reader};
+use crate::bytes::Bytes;
+use crate::field::Reader;
 use crate::frame::is_escaped;
 pub use deframer::Deframer;
 

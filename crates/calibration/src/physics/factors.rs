@@ -15,8 +15,8 @@ use super::expectation::{Expect, Maximise};
 use super::fit::{FittedParameters, Scaled, common_prior, sensors};
 use super::loadings::{FACTORS, Loadings, add_factors, factor_count};
 use super::response::{PARAMETERS, Parameters, move_by};
-use super::sensor::{Data, Prior};
-use super::sums::Curve;
+use super::sensor::Prior;
+use super::sums::{Curve, Data};
 use crate::symmetric::SymmetricMatrix;
 use shell_data::instructions::arch;
 

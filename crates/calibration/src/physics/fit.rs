@@ -12,8 +12,8 @@ use super::loadings::{FACTORS, Loadings};
 use super::noise::{Noise, Residuals};
 use super::observation::{Observation, wrench_scale};
 use super::response::{PARAMETERS, Parameters, SHAPE};
-use super::sensor::{Data, ParameterEstimate, Prior};
-use super::sums::residuals;
+use super::sensor::{ParameterEstimate, Prior};
+use super::sums::{Data, residuals};
 use shell_data::wrench::PerAxis;
 
 /// Variance of the prior of a common mean, over that of a sensor about it.

@@ -11,28 +11,13 @@
 
 use super::cholesky::Cholesky;
 use super::response::{PARAMETERS, Parameters, SHAPE, displacement, move_by};
-use super::sums::{Cost, Curve};
-use shell_data::wrench::PerAxis;
+use super::sums::{Cost, Curve, Data};
 
 /// Values of ν to start from, on either side of the logistic curve's 1.
 const STARTS: [f64; 2] = [0.7, 1.6];
 
 /// A start takes readings to within this share of the plateaus, beyond which noise would rule.
 const MARGIN: f64 = 0.02;
-
-/// What one sensor is fitted to. Columns are as long as a multiple of
-/// [`MOST_LANES`](super::lanes::MOST_LANES) from `rows` on; what is added has no weight.
-#[derive(Clone, Debug)]
-pub(super) struct Data<'a> {
-    /// Wrenches, in units of the model's scales.
-    pub(super) wrench: &'a PerAxis<Vec<f64>>,
-    /// Readings, in ranges above the least.
-    pub(super) readings: &'a [f64],
-    /// Rows of the data.
-    pub(super) rows: usize,
-    /// Inverse variances.
-    pub(super) weights: Vec<f64>,
-}
 
 /// Priors: means and standard deviations.
 #[derive(Clone, Copy, Debug, PartialEq)]

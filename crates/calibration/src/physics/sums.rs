@@ -8,11 +8,25 @@ use pulp::{Simd, WithSimd};
 use super::lanes::{Answers, Lanes, MOST_LANES, linear, quadratic_form};
 use super::noise::Residuals;
 use super::response::{PARAMETERS, Parameters, SHAPE};
-use super::sensor::Data;
 use shell_data::instructions::arch;
+use shell_data::wrench::PerAxis;
 
 /// Rows whose products are summed before those of the next.
 const ROWS_AT_ONCE: usize = 64;
+
+/// What one sensor is fitted to. Columns are as long as a multiple of
+/// [`MOST_LANES`] from `rows` on; what is added has no weight.
+#[derive(Clone, Debug)]
+pub(super) struct Data<'a> {
+    /// Wrenches, in units of the model's scales.
+    pub(super) wrench: &'a PerAxis<Vec<f64>>,
+    /// Readings, in ranges above the least.
+    pub(super) readings: &'a [f64],
+    /// Rows of the data.
+    pub(super) rows: usize,
+    /// Inverse variances.
+    pub(super) weights: Vec<f64>,
+}
 
 /// A sum of squares at some parameters, its curvature and where it falls: of the residuals `r = y − f` with their
 /// weights and gradients `g = df/dp`, and then of a prior.

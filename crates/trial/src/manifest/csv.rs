@@ -2,8 +2,9 @@
 
 use csv::{ReaderBuilder, StringRecord, Trim};
 
-use super::entry::{CellPosition, Manifest, ManifestProblem, Placed};
+use super::entry::{Manifest, ManifestProblem, Placed};
 use super::fields::{EntryFields, KEYS, REQUIRED};
+use crate::cell_position::CellPosition;
 use shell_data::hint::{did_you_mean, quoted};
 
 /// Other names that columns go by.

@@ -3,7 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
 
-use super::entry::{CellPosition, Entry, Manifest, ManifestProblem, Moment};
+use super::entry::{Entry, Manifest, ManifestProblem, Moment};
+use crate::cell_position::CellPosition;
 use shell_data::hint::{did_you_mean, suggest};
 
 /// A row that cannot be evaluated, by its number among the manifest's rows.

@@ -1,6 +1,7 @@
 //! The fields of an entry, from text.
 
-use super::entry::{CellPosition, Entry, ManifestProblem, Moment, Placed};
+use super::entry::{Entry, ManifestProblem, Moment, Placed};
+use crate::cell_position::CellPosition;
 
 /// What is left of an entry's fields once they are read.
 pub(super) struct EntryFields<'a> {

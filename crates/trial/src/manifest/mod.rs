@@ -18,7 +18,8 @@ mod fields;
 mod shard;
 mod toml;
 
-pub use entry::{CellPosition, Entry, Manifest, ManifestProblem, Moment, Placed};
+pub use crate::cell_position::CellPosition;
+pub use entry::{Entry, Manifest, ManifestProblem, Moment, Placed};
 pub use faults::Fault;
 pub use shard::Shard;
 

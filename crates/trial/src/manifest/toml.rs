@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 use serde::Deserialize;
 use toml::{Spanned, Value};
 
-use super::entry::{CellPosition, Manifest, ManifestProblem, Placed};
+use super::entry::{Manifest, ManifestProblem, Placed};
 use super::fields::{EntryFields, KEYS};
+use crate::cell_position::CellPosition;
 use crate::toml_position::{TomlError, parse as parse_toml};
 use shell_data::hint::did_you_mean;
 
