@@ -72,7 +72,8 @@ impl Data<'_> {
         prior: &Prior,
         steps: usize,
     ) -> f64 {
-        let mut cost = self.cost(&estimate.parameters, prior);
+        let mut curve = Curve::new(&estimate.parameters, self);
+        let mut cost = self.cost_along(&curve, &estimate.parameters, prior);
         for _ in 0..steps {
             let mut damped = cost.information;
             (0..PARAMETERS).for_each(|i| damped[i][i] *= 1.0 + estimate.damping);
@@ -80,7 +81,8 @@ impl Data<'_> {
             if let Some(factor) = Cholesky::new(&damped) {
                 move_by([&mut next], &factor.solve(&cost.descent));
             }
-            let next_cost = self.cost(&next, prior);
+            curve = curve.moved(&next, self);
+            let next_cost = self.cost_along(&curve, &next, prior);
             let better = next_cost.value < cost.value;
             if better {
                 (estimate.parameters, cost) = (next, next_cost);

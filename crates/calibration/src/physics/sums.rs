@@ -68,7 +68,14 @@ pub(super) struct Curve {
 impl Curve {
     /// At the parameters `p`.
     pub(super) fn new(p: &Parameters, data: &Data<'_>) -> Self {
-        arch().dispatch(CurveOf { p, data })
+        let column = || vec![0.0; data.readings.len()];
+        let curve = Self { residual: column(), gradient: std::array::from_fn(|_| column()) };
+        curve.moved(p, data)
+    }
+
+    /// The same at other parameters, in the same memory.
+    pub(super) fn moved(self, p: &Parameters, data: &Data<'_>) -> Self {
+        arch().dispatch(CurveOf { curve: self, p, data })
     }
 
     /// The sum over the rows with these weights.
@@ -83,6 +90,7 @@ impl Curve {
 }
 
 struct CurveOf<'a> {
+    curve: Curve,
     p: &'a Parameters,
     data: &'a Data<'a>,
 }
@@ -102,10 +110,8 @@ impl WithSimd for CurveOf<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Curve {
-        let Self { p, data } = self;
+        let Self { mut curve, p, data } = self;
         let (h, nu) = (libm::exp(p[SHAPE + 1]), libm::exp(p[SHAPE + 2]));
-        let column = || vec![0.0; data.readings.len()];
-        let mut curve = Curve { residual: column(), gradient: std::array::from_fn(|_| column()) };
         for first in (0..data.readings.len()).step_by(S::F64_LANES) {
             let mut x = [Lanes::splat(simd, 0.0); 6];
             for (x, column) in x.iter_mut().zip(data.wrench) {
@@ -234,7 +240,8 @@ mod tests {
         assert!((found.value - cost).abs() < 1e-10);
         assert!((found.information[9][4] - information).abs() < 1e-10);
         assert!((found.descent[8] - descent).abs() < 1e-10);
-        let narrow_curve = CurveOf { p: &p, data: &data }.with_simd(Scalar);
+        let narrow_curve =
+            CurveOf { curve: Curve::new(&[0.1; 10], &data), p: &p, data: &data }.with_simd(Scalar);
         assert_eq!(curve.residual, narrow_curve.residual);
         assert_eq!(curve.gradient, narrow_curve.gradient);
         let narrow = CostOf { curve: &curve, weights: &data.weights }.with_simd(Scalar);

@@ -50,7 +50,7 @@ struct ChangeEquations {
 /// What some observations say with some priors.
 struct Posterior {
     /// The unknowns, and their standard errors.
-    mean: Col<f64>,
+    mean: Vec<f64>,
     errors: Vec<f64>,
     /// The least sum of squares, of differences and unknowns in their stated errors.
     cost: f64,
@@ -111,7 +111,7 @@ impl ChangeEquations {
         let cost = self.square - (0..size).map(|i| descent[i] * z[i]).sum::<f64>();
         let ln_determinant = (0..size).map(|i| 2.0 * factor.L()[(i, i)].ln()).sum::<f64>();
         Some(Posterior {
-            mean: Col::from_fn(size, |i| sds[i] * z[i]),
+            mean: (0..size).map(|i| sds[i] * z[i]).collect(),
             errors: (0..size).map(|i| sds[i] * inverse[(i, i)].sqrt()).collect(),
             cost,
             ln_evidence: -0.5 * (cost + ln_determinant),
@@ -153,14 +153,13 @@ impl<'a> ChangeSearch<'a> {
             shares = self.most_probable(&all);
             found = all.posterior(&self.sds(&shares));
             let Some(of) = &found else { break };
-            at = (0..at.len()).map(|i| of.mean[i]).collect();
+            at.clone_from(&of.mean);
         }
         let sds = self.sds(&shares);
         let without = |group: &ChangeEquations| {
             let mut rest = all.clone();
             rest.add(group, -1.0);
-            let found = rest.posterior(&sds);
-            found.map_or_else(|| at.clone(), |of| (0..at.len()).map(|i| of.mean[i]).collect())
+            rest.posterior(&sds).map_or_else(|| at.clone(), |of| of.mean)
         };
         let rows: usize = self.factors.iter().map(Mat::nrows).sum();
         let rms = |cost: f64| (cost / rows as f64).sqrt();
