@@ -483,6 +483,24 @@ mod tests {
         assert!(rows() >= 1400, "{} rows", rows());
     }
 
+    /// A recording that is killed keeps all but its last second, once it has waited 1.2 s for the board's word.
+    #[test]
+    fn frames_are_written_within_a_second() {
+        let dir = tempfile::tempdir().unwrap();
+        let log = dir.path().join("log.csv");
+        let writer = AppendWriter::create(&log, false).unwrap();
+        let sinks = Sinks { log: Some(Box::new(writer)), ..Sinks::default() };
+        let mut session = Recorder::new("port", sinks, RecordOptions::default());
+        let rows = || std::fs::read_to_string(&log).unwrap().lines().skip(1).count();
+        for frame in 0..1000 {
+            let now = Duration::from_millis(10 * u64::from(frame));
+            session.take(&bytes_of(frame..frame + 1), now, None).unwrap();
+            session.tend(now, None).unwrap();
+            let due = if frame < 220 { 0 } else { usize::from(frame) - 99 };
+            assert!(rows() >= due, "{} rows at {now:?}", rows());
+        }
+    }
+
     #[test]
     fn frames_that_nobody_settles_do_not_wait_for_ever() {
         let dir = tempfile::tempdir().unwrap();
