@@ -260,6 +260,34 @@ fn files_cut_anywhere_are_errors_that_name_them() {
     }
 }
 
+/// Channels are listed again in every chunk of a long recording: those of two topics that hold no forces, three thousand
+/// times in turn, are no more topics than two.
+#[test]
+fn topics_that_are_not_read_are_counted_once() {
+    let bytes = std::fs::read(seeds().join("mcap/none.mcap")).unwrap();
+    // An opcode, the length of what follows, and that; texts with their length before them (the specification of MCAP).
+    let channel = |id: u16| {
+        let topic = if id.is_multiple_of(2) { "/tf" } else { "/image" };
+        let mut body = [id.to_le_bytes(), [0; 2]].concat();
+        for text in [topic, "cdr"] {
+            body.extend((text.len() as u32).to_le_bytes());
+            body.extend(text.as_bytes());
+        }
+        body.extend([0; 4]);
+        [&[4][..], &(body.len() as u64).to_le_bytes(), &body].concat()
+    };
+    let magic = 8;
+    let header = 9 + u64::from_le_bytes(bytes[magic + 1..magic + 9].try_into().unwrap()) as usize;
+    let mut long = bytes[..magic + header].to_vec();
+    long.extend((0..6000).flat_map(|number| channel(50_000 + number)));
+    long.extend(&bytes[magic + header..]);
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("long.mcap");
+    std::fs::write(&path, &long).unwrap();
+    let expected = rows(&seeds().join("mcap/none.mcap"), 1).unwrap();
+    assert_eq!(rows(&path, 1).unwrap().0, expected.0);
+}
+
 #[test]
 fn faults_are_named_by_row_and_column() {
     let dir = tempfile::tempdir().unwrap();

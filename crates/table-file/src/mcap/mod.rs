@@ -50,7 +50,7 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<NamedRows, T
     let mut records = Records::open(file, Unpacked::default())?;
     let mut schemas = HashMap::new();
     let mut topics: Vec<Topic> = Vec::new();
-    let mut others = Vec::new();
+    let mut others = BTreeSet::new();
     let mut by_stamp = false;
     while let Some(record) = records.next()? {
         match record {
@@ -68,11 +68,10 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<NamedRows, T
                         topics.push(Topic { channels, name: topic, kind, columns, start: 0 });
                         budget::check_columns(KIND, topics.len())?;
                     }
-                    (_, None) => others.push(topic),
-                }
-                if others.len() > budget::COLUMNS {
-                    others.dedup();
-                    budget::check_columns(KIND, others.len())?;
+                    (_, None) => {
+                        others.insert(topic);
+                        budget::check_columns(KIND, others.len())?;
+                    }
                 }
             }
             McapRecord::Message { channel, log_time, data } => {
@@ -93,8 +92,7 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<NamedRows, T
         TableError::Choice { kind: KIND, part: part_name, wanted, found }
     };
     if topics.is_empty() && part.is_none() {
-        others.sort_unstable();
-        others.dedup();
+        let others = Vec::from_iter(others);
         return Err(KIND.unsupported(format!(
             "no messages of type geometry_msgs/msg/WrenchStamped or in JSON; its topics are {others:?}"
         )));
