@@ -163,7 +163,7 @@ pub enum Answer {
 impl Answer {
     pub(crate) fn read_all(mut body: Reader<'_>) -> Option<Self> {
         match body.get()? {
-            // What a newer board adds to a reason, or says in a way of its own, is not looked at.
+            // A newer board may add bytes to a reason, and send answers that are not known: what follows is ignored.
             answer @ (Self::Refused(_) | Self::Other { .. }) => Some(answer),
             answer => body.end(answer),
         }

@@ -2,12 +2,12 @@
 
 use crate::bytes::Bytes;
 
-/// What a packet is made of.
+/// A field of a packet.
 pub(crate) trait Field: Sized {
-    /// Appends it.
+    /// Appends the field to a packet.
     fn write<const N: usize>(&self, out: &mut Bytes<N>);
 
-    /// Takes it off the front; `None` if it is not there.
+    /// Reads the field from the front; `None` if there are too few bytes.
     fn read(body: &mut Reader<'_>) -> Option<Self>;
 }
 
@@ -62,7 +62,7 @@ impl<F: Field + Copy + Default, const K: usize> Field for [F; K] {
     }
 }
 
-/// All that is left; `None` if it is too long.
+/// The rest of the packet; `None` if that is too long.
 impl<const K: usize> Field for Bytes<K> {
     fn write<const N: usize>(&self, out: &mut Bytes<N>) {
         out.extend(self);

@@ -255,7 +255,7 @@ fn model_of(coefficients: &HashMap<Term, PerAxis<f64>>) -> Option<Model> {
     })
 }
 
-/// The models of so many channels.
+/// All models of some number of channels.
 fn models(channels: usize) -> impl Iterator<Item = Model> {
     let model = move |basis, intercept| Model { basis, intercept, channels, memory: 0 };
     Basis::ALL.into_iter().flat_map(move |basis| [model(basis, false), model(basis, true)])

@@ -99,7 +99,7 @@ impl FoundKind {
         }
     }
 
-    /// What one of them is called, what several are, and what these are in full.
+    /// Their name in singular, in plural, and in full.
     fn words(self) -> [&'static str; 3] {
         match self {
             Self::Plateaus => ["plateau", "poses", "plateaus of constant load"],

@@ -150,7 +150,7 @@ pub(crate) fn outside(rows: u64, of: u64) -> Option<Finding> {
     (finding.severity != FindingSeverity::Fine).then_some(finding)
 }
 
-/// All pairs of so many columns.
+/// All pairs of columns.
 pub(crate) fn pairs(columns: usize) -> impl Iterator<Item = (usize, usize)> {
     (0..columns).flat_map(move |first| (first + 1..columns).map(move |second| (first, second)))
 }

@@ -4,7 +4,7 @@
 //! port, board, file ─▶ what is known of it ─▶ checks ─▶ findings
 //! ```
 //!
-//! Checks look at what is known and give [`Finding`]s, each with what was seen and what to do about it.
+//! Checks take observations and return [`Finding`]s, each with what was seen and what to do about it.
 //! [`check_port`] and [`check_board`] are pure, after [`board_link::handshake`] has asked the board;
 //! [`examine_log`] and [`examine_calibration`] read files first.
 //!

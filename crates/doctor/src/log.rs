@@ -60,13 +60,13 @@ pub fn examine_log(
     }
 }
 
-/// What is known of a log, gathered from block to block.
+/// Observations on a log, collected block by block.
 struct LogObservations<'a> {
     log: &'a Log,
     calibration: Option<&'a CalibrationFile>,
-    /// Wrong rows.
+    /// The number of rows that cannot be read.
     bad_rows: u64,
-    /// What is wrong with the first of them.
+    /// The error of the first of them.
     first_bad: String,
     /// The names of the channels.
     names: Vec<String>,

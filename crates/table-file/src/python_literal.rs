@@ -1,4 +1,4 @@
-//! The literals of Python that a NumPy header is made of, read as the JSON that they all but are.
+//! Reads the Python literals of a NumPy header, by rewriting them as JSON.
 
 use serde_json::Value;
 

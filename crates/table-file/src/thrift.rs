@@ -16,7 +16,7 @@ pub(crate) enum Value {
     Struct(Vec<(i16, Value)>),
 }
 
-/// Types of values, as far as they are written.
+/// Type codes of the values that are written.
 const INT: u8 = 5;
 const WHOLE: u8 = 6;
 const BYTES: u8 = 8;
@@ -77,7 +77,7 @@ impl Value {
     /// Adds the value, but for its type. The elements of a list are of the type of its first.
     pub(crate) fn write(&self, bytes: &mut Vec<u8>) {
         match self {
-            // The type of a field says it all.
+            // The type code holds the value; no bytes follow.
             Self::Truth(_) => {}
             Self::Int(value) => push_varint(bytes, zigzag((*value).into())),
             Self::Whole(value) => push_varint(bytes, zigzag(*value)),
@@ -148,7 +148,7 @@ fn value(bytes: &mut ByteReader<'_>, kind: u8, depth: usize) -> Option<Value> {
         1 | 2 => Value::Truth(bytes.u8()? == 1),
         3 => Value::Whole(i64::from(bytes.u8()? as i8)),
         4..=6 => Value::Whole(bytes.zigzag()?),
-        // Of a number with a point nothing is kept.
+        // Floating-point values are skipped.
         7 => bytes.take(8).map(|_| Value::Bytes(Vec::new()))?,
         BYTES => {
             let length = usize::try_from(bytes.varint()?).ok()?;

@@ -6,7 +6,7 @@ use super::trace::Trace;
 use shell_data::wrench::Axis;
 use table_file::named_table::{NamedColumn, NamedTable};
 
-/// What rows are made of, to be turned into columns.
+/// The records of a table, which is made column by column.
 struct TableRows<T>(Vec<T>);
 
 impl<T> TableRows<T> {

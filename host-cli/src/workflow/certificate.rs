@@ -53,7 +53,7 @@ pub fn budget(
     Ok(budget)
 }
 
-/// What observations tell, and no other line has already.
+/// An uncertainty that was measured (type A) and is not part of another line.
 fn measured(source: &'static str, basis: String, standard: Option<PerAxis<f64>>) -> Contribution {
     Contribution { source, evaluation: EvaluationType::TypeA, basis, standard, is_part: false }
 }

@@ -87,7 +87,7 @@ pub fn about_fit(fit: &Fit) -> Vec<Remark> {
     remarks
 }
 
-/// What was found, or why it was not.
+/// A note on a result, or on why there is none.
 fn found_or_why(found: &Result<impl Display, impl Display>, not_found: &str) -> Remark {
     Remark::Note(match found {
         Ok(found) => found.to_string(),

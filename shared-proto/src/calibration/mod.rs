@@ -15,7 +15,7 @@ use crate::{AXES, CHANNELS};
 use core::ops::RangeInclusive;
 use crc::{CRC_32_ISO_HDLC, Crc};
 
-/// What a number may be.
+/// The range that a number must be in.
 type Range = RangeInclusive<f32>;
 
 /// CRC-32 of a calibration in bytes (ISO-HDLC, that of zip and PNG).
@@ -60,7 +60,7 @@ impl Calibration {
             Self::Cubic(_) => Cubic::KIND,
             Self::Physics(_) => Physics::KIND,
         }));
-        // None is refused here.
+        // The visitor accepts every number.
         _ = calibration.each(|number, _| {
             number.write(&mut bytes);
             Some(())

@@ -289,7 +289,7 @@ fn field(sums: &Sums) -> &'static str {
     }
 }
 
-/// What the two fields have.
+/// The stored moments, or the stored R factor.
 fn stored_sums(sums: &Sums, axes: Axes) -> (Option<MomentsDocument>, Option<RFactorDocument>) {
     match sums {
         Sums::Exact(moments) => (Some(stored_moments(moments, axes)), None),

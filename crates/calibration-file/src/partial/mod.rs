@@ -52,16 +52,16 @@ pub struct PartialFit {
     pub groups: Option<PartialGroups>,
 }
 
-/// What should be the same in two partial fits.
+/// A property that differs between two partial fits that are to be merged.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mismatch<T> {
-    /// That of the first.
+    /// Its value in the first.
     pub expected: T,
-    /// That of the other.
+    /// Its value in the second.
     pub found: T,
 }
 
-/// Whether both have the same.
+/// Compares a property of two partial fits.
 fn expect<T: PartialEq>(
     expected: T,
     found: T,
@@ -104,7 +104,7 @@ pub enum MergeError {
     /// One has exact sums, the other R factors.
     #[error("it has {}, expected {}: readings or loads of one are no exact sums", .0.found, .0.expected)]
     Kind(Mismatch<&'static str>),
-    /// One keeps its groups, the other, as it says, does not; or the other way round.
+    /// Only one of them has sums of groups: the second, if true.
     #[error("it keeps {} sums of groups, expected {}", which(*.0), which(!*.0))]
     Groups(bool),
     /// Their groups are of different kinds.

@@ -148,7 +148,7 @@ impl FactoredRows {
         self.ranges.merge(&later.ranges);
     }
 
-    /// All of some rows, about the centre of the first; `None` of none.
+    /// All parts merged, about the centre of the first; `None` without parts.
     pub(crate) fn merged<'a>(parts: impl IntoIterator<Item = &'a Self>) -> Option<Self> {
         let mut parts = parts.into_iter();
         let mut all = parts.next()?.clone();

@@ -209,7 +209,7 @@ impl Fit {
         Evaluation::total(&self.tests)
     }
 
-    /// A fit of which nothing else is known.
+    /// A fit without other results so far.
     fn new(
         calibration: Calibration,
         method: FitMethod,
@@ -245,7 +245,7 @@ impl Fit {
         }
     }
 
-    /// What a polynomial's choice and solution say.
+    /// A polynomial fit, from the choice of its model and its solution.
     fn from_choice(
         calibration: Calibration,
         choice: ModelChoice,
@@ -265,7 +265,7 @@ impl Fit {
         }
     }
 
-    /// The same with the errors on the rows that were `used` and on those of tests, and what they have to say.
+    /// Adds the errors on the rows `used` for training and on test rows, and the warnings that follow from them.
     fn with_errors(self, used: Dataset, tested: &Dataset, errors: RowErrors) -> Self {
         let train = Evaluation::total(&errors.train);
         let mut fitted = Self {

@@ -316,7 +316,7 @@ impl<'a> OutlierSearch<'a> {
         Ok(found.flat_map(|(block, rows)| rows.into_iter().map(suspect(block))).collect())
     }
 
-    /// Those of some rows of a block that are used.
+    /// Those of `rows` of a block that the fit uses.
     fn used_rows(&self, block: &Block, mut rows: Vec<usize>) -> Vec<usize> {
         if self.options.fresh {
             let fresh = block.fresh_rows();

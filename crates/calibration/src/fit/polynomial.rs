@@ -262,7 +262,7 @@ impl Leaks {
 struct BlockFacts {
     log: usize,
     errors: Evaluation,
-    /// `None` of test rows.
+    /// `None` for test rows.
     trained: Option<(Vec<TestedRow>, WrenchSums)>,
     fingerprint: Fingerprint,
     sample: RowSample,

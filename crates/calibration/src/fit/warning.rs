@@ -95,7 +95,7 @@ impl Warning {
     }
 }
 
-/// Channels as people call them.
+/// Channel names, from `s1`.
 fn names(channels: &[usize]) -> String {
     let names: Vec<String> = channels.iter().map(|channel| format!("s{}", channel + 1)).collect();
     names.join(", ")

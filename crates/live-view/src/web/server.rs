@@ -298,14 +298,14 @@ impl Drop for Stranger {
     }
 }
 
-/// A connection or a listener, counted as long as it is there.
+/// Counts a connection or a listener until it is dropped.
 struct Counted<'a> {
     shared: &'a ServerShared,
     count: fn(&mut ServerState) -> &mut usize,
 }
 
 impl<'a> Counted<'a> {
-    /// One more, unless there are so many already.
+    /// Counts one more, unless there are `most` already.
     fn new(
         shared: &'a ServerShared,
         count: fn(&mut ServerState) -> &mut usize,

@@ -123,14 +123,14 @@ pub fn run<P: Pieces, S: Send, T: Send, E>(
     })
 }
 
-/// The pieces, the number of the next one, and leave to work on it.
+/// The pieces, the number of the next one, and a permit for each that may be started.
 struct PieceSource<'a, P> {
     pieces: &'a mut P,
     next: usize,
     room: Receiver<()>,
 }
 
-/// What came of the piece of a number: a result, an error in place of the piece, or a panic.
+/// The number of a piece, and its result, the error in its place, or a panic.
 type Numbered<T, E> = (usize, std::thread::Result<Result<T, E>>);
 
 /// Works on pieces until there are no more or nobody wants the results.

@@ -119,7 +119,7 @@ fn coverage(report: &CalibrationReport<'_>) -> String {
     html
 }
 
-/// What [`loads`] are.
+/// The header of the table of [`loads`].
 const LOADS: [&str; 5] = ["axis", "least", "most", "RMS", "unit"];
 
 /// The cells of each axis on the loads of the training rows.

@@ -77,7 +77,7 @@ fn answers(quantities: &[Quantity], report: &Report<'_>, reference: &MeanDiffere
         if rows.iter().all(|row| row.difference.is_none()) {
             continue;
         }
-        // Those with an interval: the condition, how much it differs, and from where to where that may be.
+        // Conditions with a confidence interval: name, difference, interval.
         let known = rows.iter().filter_map(|row| {
             let difference = row.difference.as_ref()?;
             Some((&row.condition, difference.mean, difference.mean_95?))

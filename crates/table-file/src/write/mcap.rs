@@ -338,7 +338,7 @@ impl<W: Write> McapWriter<W> {
         content.extend(offsets);
         content.extend((self.at - index_start).to_le_bytes());
         text(&mut content, UNCOMPRESSED);
-        // In the file, and unpacked.
+        // Compressed and uncompressed size.
         content.extend([chunk.records.len() as u64; 2].map(u64::to_le_bytes).concat());
         self.chunks.push(record(CHUNK_INDEX, &content));
         let (first, last) = self.times.unwrap_or(chunk.times);

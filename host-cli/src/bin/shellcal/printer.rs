@@ -147,7 +147,7 @@ impl Printer {
         Ok(Outcome::Done)
     }
 
-    /// Opens the file that is to be written, if one is.
+    /// Creates an output file, if one is named.
     pub(crate) fn create(&self, path: Option<&OutputPath>) -> anyhow::Result<Option<AtomicFile>> {
         Ok(path.map(|path| self.files.create(path)).transpose()?)
     }

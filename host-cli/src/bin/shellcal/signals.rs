@@ -95,7 +95,7 @@ mod platform {
     /// What a program returns that was ended by Ctrl-C.
     const ENDED: i32 = 130;
 
-    /// Nothing is ignored here.
+    /// Signals are never ignored here.
     pub(super) fn listen(are_ignored: bool) -> io::Result<()> {
         if are_ignored {
             return Ok(());

@@ -31,7 +31,7 @@ pub(super) struct Invert<'a, const N: usize> {
 }
 
 impl<const N: usize> WithSimd for Invert<'_, N> {
-    /// With the sums that were minimised.
+    /// The estimates, and the minimum that each was found at.
     type Output = (Estimates, Vec<f64>);
 
     #[inline(always)]

@@ -34,13 +34,10 @@ pub(super) fn number_in(
     range: impl RangeBounds<f64> + Clone + Send + Sync + 'static,
     expected: &'static str,
 ) -> impl TypedValueParser<Value = f64> {
-    move |text: &str| {
-        let number = text.parse().ok().filter(|number| range.contains(number));
-        number.ok_or(expected)
-    }
+    number_within(range, [expected; 2])
 }
 
-/// The same, where what is no number is told apart from what is outside.
+/// As [`number_in`], with a message for text that is no number and another for numbers outside the range.
 pub(super) fn number_within(
     range: impl RangeBounds<f64> + Clone + Send + Sync + 'static,
     [no_number, outside]: [&'static str; 2],
@@ -51,7 +48,7 @@ pub(super) fn number_within(
     }
 }
 
-/// As many finite numbers as are wanted, with commas between them.
+/// Exactly `N` finite numbers, separated by commas.
 pub(super) fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
     let number = |part: &str| part.trim().parse().ok().filter(|number: &f64| number.is_finite());
     text.split(',').map(number).collect::<Option<Vec<f64>>>()?.try_into().ok()

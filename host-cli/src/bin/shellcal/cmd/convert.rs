@@ -115,7 +115,7 @@ pub(crate) struct ConvertArgs {
     mapping: MappingArgs,
 }
 
-/// What can be written.
+/// The columns that `--columns` can name.
 const COLUMNS: [&str; 9] = ["t", "fx", "fy", "fz", "mx", "my", "mz", "se", "flags"];
 
 impl ConvertArgs {

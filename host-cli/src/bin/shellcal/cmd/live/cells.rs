@@ -18,7 +18,7 @@ pub(super) struct Area {
 
 #[derive(Clone, Debug, PartialEq)]
 struct Cell {
-    /// A character with the marks on it; nothing where a wide one began in the cell before.
+    /// A character and its combining marks; empty in the second cell of a wide character.
     text: String,
     style: ContentStyle,
 }
@@ -26,7 +26,7 @@ struct Cell {
 #[derive(Debug, PartialEq)]
 pub(super) struct CellGrid {
     size: (u16, u16),
-    /// Line by line.
+    /// Row by row.
     cells: Vec<Cell>,
 }
 

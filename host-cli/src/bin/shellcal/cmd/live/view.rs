@@ -56,7 +56,7 @@ impl RawTerminal {
         Ok(Self { shown: CellGrid::new((0, 0)) })
     }
 
-    /// Shows a picture in one write.
+    /// Draws the screen, and writes the lines that have changed in one piece.
     fn show(&mut self, screen: &LiveScreen<'_>) -> io::Result<()> {
         // A console on a serial port says that it has no columns and no rows.
         let size = match terminal::size()? {
