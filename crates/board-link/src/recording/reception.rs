@@ -238,9 +238,9 @@ impl Reception {
             return self.give(arrived, placed, frames);
         }
         match held {
-            Some(held) if held.0.precedes(&stamp) => {
-                let placed = self.timeline.jump(held.0);
-                self.give(held, placed, frames);
+            Some((before, frame)) if before.precedes(&stamp) => {
+                let placed = self.timeline.jump(before);
+                self.give((before, frame), placed, frames);
                 // It follows now, or the rate has changed once more.
                 let placed = match self.timeline.is_followed_by(&stamp) {
                     true => self.timeline.follow(stamp),

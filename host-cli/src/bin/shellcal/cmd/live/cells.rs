@@ -18,8 +18,10 @@ pub(super) struct Area {
 
 #[derive(Clone, Debug, PartialEq)]
 struct Cell {
-    /// A character and its combining marks; empty in the second cell of a wide character.
-    text: String,
+    /// `None` in the second cell of a wide character.
+    character: Option<char>,
+    /// Combining marks on the character.
+    marks: String,
     style: ContentStyle,
 }
 
@@ -33,7 +35,7 @@ pub(super) struct CellGrid {
 impl CellGrid {
     /// Blank, of so many columns and rows.
     pub(super) fn new(size: (u16, u16)) -> Self {
-        let blank = Cell { text: " ".to_owned(), style: ContentStyle::new() };
+        let blank = Cell { character: Some(' '), marks: String::new(), style: ContentStyle::new() };
         Self { size, cells: vec![blank; usize::from(size.0) * usize::from(size.1)] }
     }
 
@@ -44,7 +46,7 @@ impl CellGrid {
 
     /// Draws a character of one column; beyond the edges nothing is drawn.
     pub(super) fn put_char(&mut self, at: (u16, u16), character: char, style: ContentStyle) {
-        self.put_cell(at, character.to_string(), style);
+        self.put_cell(at, Some(character), style);
     }
 
     /// Draws a text in a line as far as there is room.
@@ -55,35 +57,38 @@ impl CellGrid {
                 (0, None) => {}
                 (0, Some(before)) => {
                     if let Some(cell) = self.cell_mut((before, y)) {
-                        cell.text.push(character);
+                        cell.marks.push(character);
                     }
                 }
                 _ if columns > self.size.0.saturating_sub(x) => return,
                 _ => {
                     self.put_char((x, y), character, style);
-                    (1..columns)
-                        .for_each(|more| self.put_cell((x + more, y), String::new(), style));
+                    (1..columns).for_each(|more| self.put_cell((x + more, y), None, style));
                     x += columns;
                 }
             }
         }
     }
 
-    fn put_cell(&mut self, at: (u16, u16), text: String, style: ContentStyle) {
+    fn put_cell(&mut self, at: (u16, u16), character: Option<char>, style: ContentStyle) {
         if let Some(cell) = self.cell_mut(at) {
-            *cell = Cell { text, style };
+            *cell = Cell { character, marks: String::new(), style };
         }
     }
 
-    fn cell_mut(&mut self, (x, y): (u16, u16)) -> Option<&mut Cell> {
-        let columns = self.size.0;
-        let index = usize::from(y) * usize::from(columns) + usize::from(x);
-        (x < columns).then(|| self.cells.get_mut(index)).flatten()
+    fn cell_mut(&mut self, at: (u16, u16)) -> Option<&mut Cell> {
+        self.index(at).and_then(|index| self.cells.get_mut(index))
     }
 
     /// Whether nothing was drawn in a cell.
-    pub(super) fn is_blank(&mut self, at: (u16, u16)) -> bool {
-        self.cell_mut(at).is_some_and(|cell| cell.text == " ")
+    pub(super) fn is_blank(&self, at: (u16, u16)) -> bool {
+        let cell = self.index(at).and_then(|index| self.cells.get(index));
+        cell.is_some_and(|cell| cell.character == Some(' '))
+    }
+
+    fn index(&self, (x, y): (u16, u16)) -> Option<usize> {
+        let columns = self.size.0;
+        (x < columns).then(|| usize::from(y) * usize::from(columns) + usize::from(x))
     }
 
     fn lines(&self) -> impl Iterator<Item = &[Cell]> {
@@ -98,18 +103,26 @@ impl CellGrid {
             }
             queue!(terminal, MoveTo(0, y))?;
             for run in line.chunk_by(|one, next| one.style == next.style) {
-                let text: String = run.iter().map(|cell| cell.text.as_str()).collect();
-                queue!(terminal, PrintStyledContent(run[0].style.apply(text)))?;
+                queue!(terminal, PrintStyledContent(run[0].style.apply(text_of(run))))?;
             }
         }
         Ok(())
     }
 }
 
+fn text_of(cells: &[Cell]) -> String {
+    let mut text = String::with_capacity(cells.len());
+    for cell in cells {
+        text.extend(cell.character);
+        text.push_str(&cell.marks);
+    }
+    text
+}
+
 #[cfg(test)]
 impl CellGrid {
     pub(super) fn text_of_lines(&self) -> Vec<String> {
-        self.lines().map(|line| line.iter().map(|cell| cell.text.as_str()).collect()).collect()
+        self.lines().map(text_of).collect()
     }
 
     pub(super) fn is_plain(&self) -> bool {
