@@ -7,7 +7,7 @@ use std::sync::LazyLock;
 
 use pulp::Arch;
 #[doc(hidden)]
-pub use pulp::{NullaryFnOnce, Simd, WithSimd};
+pub use pulp::{Simd, WithSimd};
 
 /// The variable of the environment that names a set: `avx512`, `avx2`, `neon`, or `none` for those that
 /// every processor has.
@@ -98,21 +98,10 @@ macro_rules! vectorised {
         $visibility:vis fn $name:ident($($argument:ident: $type:ty),+ $(,)?) $(-> $output:ty)?
         $body:block
     )+) => {$(
-        $(#[$attribute])*
-        $visibility fn $name($($argument: $type),+) $(-> $output)? {
-            struct Call<A>(A);
-
-            impl $crate::instructions::NullaryFnOnce for Call<($($type,)+)> {
-                type Output = $crate::vectorised!(@output $($output)?);
-
-                #[inline(always)]
-                fn call(self) -> Self::Output {
-                    let Self(($($argument,)+)) = self;
-                    $body
-                }
-            }
-
-            $crate::instructions::arch().dispatch(Call(($($argument,)+)))
+        $crate::vectorised! {
+            $(#[$attribute])*
+            $visibility fn $name<S: Simd>(_simd: S, $($argument: $type),+) $(-> $output)?
+            $body
         }
     )+};
     (
