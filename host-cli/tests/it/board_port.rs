@@ -11,12 +11,34 @@ use std::time::{Duration, Instant};
 use serialport::TTYPort;
 use shared_proto::{
     Answer, Board, BoardId, Calibration, Command, Decoder, Event, Framing, Identity, Packet,
-    ReceivedPacket, Refusal, ResetCause, Status, Stream, crc32,
+    Refusal, ResetCause, Status, Stream, crc32,
 };
 use system_tests::program::{refused, succeed};
 
 use crate::support::board::pty;
 use crate::support::recording::{assert_rows_are, calibration, frame, read_log};
+
+/// Writes what `obey` replies to each command that arrives, until it is stopped.
+fn serve(
+    mut port: TTYPort,
+    stopped: &AtomicBool,
+    mut obey: impl FnMut(u16, Option<BoardId>, Command) -> Vec<u8>,
+) {
+    let (mut decoder, mut buffer) = (Decoder::new(Framing::Cobs), [0; 256]);
+    while !stopped.load(Ordering::Relaxed) {
+        let Ok(count) = port.read(&mut buffer) else {
+            thread::sleep(Duration::from_millis(1));
+            continue;
+        };
+        let mut replies = Vec::new();
+        decoder.feed(&buffer[..count], |event| {
+            let Event::Packet(received) = event else { return };
+            let Packet::Command { number, to, command } = received.packet else { return };
+            replies.extend(obey(number, to, command));
+        });
+        let _ = port.write_all(&replies);
+    }
+}
 
 /// A board that obeys, but hears only every second frame, and streams noise and old answers between.
 struct FakeBoard {
@@ -26,50 +48,31 @@ struct FakeBoard {
 }
 
 impl FakeBoard {
-    fn start(mut port: TTYPort, deaf: bool, keeps: bool) -> Self {
+    fn start(port: TTYPort, deaf: bool, keeps: bool) -> Self {
         let (stop, heard) = (Arc::new(AtomicBool::new(false)), Arc::new(Mutex::new(Vec::new())));
         let (stopped, commands) = (Arc::clone(&stop), Arc::clone(&heard));
         let thread = thread::spawn(move || {
-            let mut decoder = Decoder::new(Framing::Cobs);
             let (mut upload, mut crc, mut arrivals) = (Vec::new(), 0, 0);
             let (mut last, mut reply) = (None, Answer::Done);
-            let mut buffer = [0; 256];
-            while !stopped.load(Ordering::Relaxed) {
-                let Ok(count) = port.read(&mut buffer) else {
-                    thread::sleep(Duration::from_millis(1));
-                    continue;
-                };
-                let mut asked = Vec::new();
-                decoder.feed(&buffer[..count], |event| {
-                    if let Event::Packet(ReceivedPacket {
-                        packet: Packet::Command { number, to, command },
-                        ..
-                    }) = event
-                    {
-                        let ours = to.map_or(command.is_for_all(), |to| to == id());
-                        assert!(ours, "{command:?} does not name the board");
-                        asked.push((number, command));
-                    }
-                });
-                for (number, command) in asked {
-                    arrivals += 1;
-                    if deaf || arrivals % 2 == 1 {
-                        continue;
-                    }
-                    // A repeat of what was answered too late, on a busy machine, is answered again.
-                    if last != Some(number) {
-                        last = Some(number);
-                        commands.lock().unwrap().push(command);
-                        reply = answer(&command, &mut upload, &mut crc, keeps);
-                    }
-                    let stale = Answer::Refused(Refusal::OutOfRange);
-                    let stale = Packet::Answer { number: number.wrapping_sub(1), answer: stale };
-                    for packet in [stale, Packet::Answer { number, answer: reply }] {
-                        let _ = port.write_all(&frame(7));
-                        let _ = port.write_all(&packet.encode());
-                    }
+            serve(port, &stopped, |number, to, command| {
+                let ours = to.map_or(command.is_for_all(), |to| to == id());
+                assert!(ours, "{command:?} does not name the board");
+                arrivals += 1;
+                if deaf || arrivals % 2 == 1 {
+                    return Vec::new();
                 }
-            }
+                // A repeat of what was answered too late, on a busy machine, is answered again.
+                if last != Some(number) {
+                    last = Some(number);
+                    commands.lock().unwrap().push(command);
+                    reply = answer(&command, &mut upload, &mut crc, keeps);
+                }
+                let stale = Answer::Refused(Refusal::OutOfRange);
+                let stale = Packet::Answer { number: number.wrapping_sub(1), answer: stale };
+                let replies = [stale, Packet::Answer { number, answer: reply }];
+                let bytes = replies.iter().flat_map(|packet| [frame(7), packet.encode().to_vec()]);
+                bytes.collect::<Vec<_>>().concat()
+            });
         });
         Self { stop, heard, thread }
     }
@@ -241,43 +244,32 @@ fn of_two_boards_one_has_to_be_named() {
     where_the_board_is_not_held_up(|| {
         let dir = tempfile::tempdir().unwrap();
         let other = *b"another one.";
-        let (mut port, name) = pty();
+        let (port, name) = pty();
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = Arc::clone(&stop);
         // Two boards behind one port: both answer to a question, and one to an order that names it.
         let thread = thread::spawn(move || {
-            let (mut decoder, mut orders) = (Decoder::new(Framing::Cobs), Vec::new());
-            let mut buffer = [0; 256];
-            while !stopped.load(Ordering::Relaxed) {
-                let Ok(count) = port.read(&mut buffer) else {
-                    thread::sleep(Duration::from_millis(1));
-                    continue;
-                };
+            let mut orders = Vec::new();
+            serve(port, &stopped, |number, to, command| {
                 let mut replies = Vec::new();
-                decoder.feed(&buffer[..count], |event| {
-                    let Event::Packet(received) = event else { return };
-                    let Packet::Command { number, to, command } = received.packet else { return };
-                    for serial in [SERIAL, other] {
-                        let is_ours = to.is_none_or(|to| to == BoardId::from_serial(&serial));
-                        if !is_ours {
-                            continue;
-                        }
-                        let answer = match answer(&command, &mut Vec::new(), &mut 0, true) {
-                            Answer::Identity(identity) => {
-                                Answer::Identity(Identity { serial, ..identity })
-                            }
-                            answer => answer,
-                        };
-                        if !command.is_for_all() {
-                            orders.push((serial, command));
-                        }
-                        replies.push(Packet::Answer { number, answer });
+                for serial in [SERIAL, other] {
+                    let is_ours = to.is_none_or(|to| to == BoardId::from_serial(&serial));
+                    if !is_ours {
+                        continue;
                     }
-                });
-                for reply in replies {
-                    let _ = port.write_all(&reply.encode());
+                    let answer = match answer(&command, &mut Vec::new(), &mut 0, true) {
+                        Answer::Identity(identity) => {
+                            Answer::Identity(Identity { serial, ..identity })
+                        }
+                        answer => answer,
+                    };
+                    if !command.is_for_all() {
+                        orders.push((serial, command));
+                    }
+                    replies.extend_from_slice(&Packet::Answer { number, answer }.encode());
                 }
-            }
+                replies
+            });
             orders
         });
         let error = refused(dir.path(), &format!("board {name} rate 250"));
