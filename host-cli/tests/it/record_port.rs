@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::io::{Read, Write};
+use std::path::Path;
 use std::process::{Child, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -20,25 +21,29 @@ use crate::support::recording::{assert_rows_are, calibration, column, frame, rea
 /// Sends frame after frame at 200 Hz; the first go out once somebody has opened the port.
 struct Sender {
     stop: Arc<AtomicBool>,
-    /// How many are sent, and when the last of them was.
+    /// How many are sent, and the bytes of those of this sender.
     sent: Arc<AtomicU64>,
+    bytes: Arc<AtomicU64>,
     thread: JoinHandle<TTYPort>,
 }
 
 impl Sender {
     fn start(mut board: TTYPort, first: u64) -> Self {
         let (stop, sent) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicU64::new(first)));
-        let (stopped, count) = (Arc::clone(&stop), Arc::clone(&sent));
+        let bytes = Arc::new(AtomicU64::new(0));
+        let (stopped, count, length) = (Arc::clone(&stop), Arc::clone(&sent), Arc::clone(&bytes));
         let thread = thread::spawn(move || {
             while !stopped.load(Ordering::Relaxed) {
-                if board.write_all(&frame(count.load(Ordering::Relaxed))).is_ok() {
+                let frame = frame(count.load(Ordering::Relaxed));
+                if board.write_all(&frame).is_ok() {
                     count.fetch_add(1, Ordering::Relaxed);
+                    length.fetch_add(frame.len() as u64, Ordering::Relaxed);
                 }
                 thread::sleep(Duration::from_millis(5));
             }
             board
         });
-        Self { stop, sent, thread }
+        Self { stop, sent, bytes, thread }
     }
 
     fn sent(&self) -> u64 {
@@ -57,6 +62,19 @@ impl Sender {
         self.stop.store(true, Ordering::Relaxed);
         self.thread.join().unwrap()
     }
+
+    /// Stops, and waits until the program has read all that was sent: the file of raw bytes, which is flushed while it
+    /// records, has got so much longer than `length`.
+    fn stop_when_read(self, raw: &Path, length: u64) -> TTYPort {
+        let bytes = Arc::clone(&self.bytes);
+        let board = self.stop();
+        let deadline = Instant::now() + Duration::from_secs(60);
+        while fs::metadata(raw).unwrap().len() < length + bytes.load(Ordering::Relaxed) {
+            assert!(Instant::now() < deadline, "not all is read");
+            thread::sleep(Duration::from_millis(5));
+        }
+        board
+    }
 }
 
 fn signal(child: &Child, name: &str) {
@@ -72,9 +90,7 @@ fn ctrl_c_ends_a_recording_with_every_frame_in_it() {
     let sender = Sender::start(board, 0);
     sender.wait_for(100);
     let sent_count = sender.sent.clone();
-    let _board = sender.stop();
-    // Time for the last bytes to be read.
-    thread::sleep(Duration::from_secs(1));
+    let _board = sender.stop_when_read(&dir.path().join("raw"), 0);
     signal(&child, "-INT");
     let output = child.wait_with_output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
@@ -156,7 +172,7 @@ fn kill_after(moment: Duration) {
 #[test]
 fn an_unplugged_adapter_is_an_error_and_the_log_is_whole() {
     let dir = tempfile::tempdir().unwrap();
-    let child = start_before_the_port(dir.path(), "record adapter -o log.csv");
+    let child = start_before_the_port(dir.path(), "record adapter -o log.csv --raw raw");
     let (board, port) = pty();
     std::os::unix::fs::symlink(&port, dir.path().join("adapter")).unwrap();
     let sender = Sender::start(board, 0);
@@ -169,9 +185,7 @@ fn an_unplugged_adapter_is_an_error_and_the_log_is_whole() {
         thread::sleep(Duration::from_millis(2));
     }
     let sent = sender.sent.clone();
-    let board = sender.stop();
-    thread::sleep(Duration::from_secs(1));
-    drop(board);
+    drop(sender.stop_when_read(&dir.path().join("raw"), 0));
     let output = child.wait_with_output().unwrap();
     let error = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(2), "{error}");
@@ -184,13 +198,15 @@ fn an_unplugged_adapter_is_an_error_and_the_log_is_whole() {
 fn an_adapter_that_comes_back_goes_on_in_the_same_log() {
     let dir = tempfile::tempdir().unwrap();
     let link = dir.path().join("adapter");
-    let child = start_before_the_port(dir.path(), "record adapter -o log.csv --reconnect");
+    let child =
+        start_before_the_port(dir.path(), "record adapter -o log.csv --raw raw --reconnect");
+    let raw = dir.path().join("raw");
     let (board, port) = pty();
     std::os::unix::fs::symlink(&port, &link).unwrap();
     let sender = Sender::start(board, 0);
     sender.wait_for(80);
-    let board = sender.stop();
-    thread::sleep(Duration::from_secs(1));
+    let board = sender.stop_when_read(&raw, 0);
+    let length = fs::metadata(&raw).unwrap().len();
     // The new pty first, so that it does not get the name of the old one.
     let (again, port) = pty();
     drop(board);
@@ -199,8 +215,7 @@ fn an_adapter_that_comes_back_goes_on_in_the_same_log() {
     let sender = Sender::start(again, 1000);
     sender.wait_for(1060);
     let sent = sender.sent.clone();
-    let _board = sender.stop();
-    thread::sleep(Duration::from_secs(1));
+    let _board = sender.stop_when_read(&raw, length);
     signal(&child, "-TERM");
     let output = child.wait_with_output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
