@@ -1,7 +1,6 @@
 //! How much memory a file may ask for.
 
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::error::TableError;
 use crate::kind::FileKind;
@@ -18,7 +17,7 @@ const RATIO: u64 = 32;
 
 /// What is unpacked of a file in all, part after part, by all threads: time is a budget, too.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Unpacked(Arc<AtomicU64>);
+pub(crate) struct Unpacked(Arc<Mutex<u64>>);
 
 impl Unpacked {
     /// Counts `bytes` more of a file of so many bytes, before they are unpacked.
@@ -28,10 +27,9 @@ impl Unpacked {
         bytes: u64,
         file_bytes: u64,
     ) -> Result<(), TableError> {
-        let add = |all: u64| Some(all.saturating_add(bytes));
-        let before = self.0.fetch_update(Ordering::Relaxed, Ordering::Relaxed, add);
-        let all = before.unwrap_or_else(|all| all).saturating_add(bytes);
-        check(kind, || "what is compressed".to_owned(), all, file_bytes.saturating_mul(16))
+        let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        *all = all.saturating_add(bytes);
+        check(kind, || "what is compressed".to_owned(), *all, file_bytes.saturating_mul(16))
             .map(drop)
     }
 }
