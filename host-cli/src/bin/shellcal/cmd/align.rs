@@ -17,8 +17,7 @@ use super::mapping::MappingArgs;
 use super::partial_output::OpenOutput;
 use crate::files::{InputPath, OutputPath};
 use crate::hints;
-use crate::outcome::Outcome;
-use crate::printer::Printer;
+use crate::printer::{Outcome, Printer};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct AlignArgs {

@@ -13,7 +13,6 @@ use super::choices;
 use super::figure_size::{FigureFile, FigureSize};
 use super::mapping::{MappingArgs, open_logs};
 use crate::files::{InputPath, OutputPath};
-use crate::outcome::Outcome;
 use crate::printer::{Printer, TableColumn};
 use crate::tables::NOTHING;
 
@@ -56,7 +55,7 @@ pub(crate) struct BenchArgs {
 }
 
 impl BenchArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let opened = self.open_plots(printer)?;
         let blocks = self.blocks(printer)?;
         let bases = if self.model.is_empty() { &Basis::ALL[..] } else { &self.model };
@@ -74,12 +73,11 @@ impl BenchArgs {
             plot.draw(|size| bench::figure(size, &benches, kind))?;
         }
         if printer.json() {
-            printer.document(&benches)?;
-            return Ok(Outcome::Done);
+            return printer.document(&benches);
         }
         benches.iter().try_for_each(|bench| print(printer, bench))?;
         printer.note("`*`: no other solver is both faster and more accurate");
-        Ok(Outcome::Done)
+        Ok(())
     }
 
     fn open_plots(&self, printer: &Printer) -> anyhow::Result<Vec<(ErrorKind, FigureFile)>> {

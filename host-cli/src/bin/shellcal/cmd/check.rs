@@ -10,8 +10,7 @@ use super::edited::EditedArg;
 use super::mapping::{MappingArgs, open_logs, tell_remembered};
 use super::plan::read_table;
 use crate::files::InputPath;
-use crate::outcome::Outcome;
-use crate::printer::{Printer, TableColumn};
+use crate::printer::{Outcome, Printer, TableColumn};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:

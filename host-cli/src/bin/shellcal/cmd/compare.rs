@@ -11,7 +11,6 @@ use shellcal::workflow::remark::found_groups;
 
 use super::mapping::{MappingArgs, open_logs, tell_remembered};
 use crate::files::InputPath;
-use crate::outcome::Outcome;
 use crate::printer::{Printer, TableColumn};
 
 #[derive(Debug, clap::Args)]
@@ -57,7 +56,7 @@ struct ComparedAxis {
 }
 
 impl CompareArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let [first, second] = [&self.first, &self.second].map(|path| CalibrationFile::read(path));
         let (first, second) = (first?, second?);
         let mapping = self.mapping.mapping_for(&first);
@@ -83,8 +82,7 @@ impl CompareArgs {
         if let Some(groups) = found.group_by.found() {
             printer.remarks([found_groups(groups)]);
         }
-        self.report(&found, axes, printer)?;
-        Ok(Outcome::Done)
+        self.report(&found, axes, printer)
     }
 
     fn compare(&self, files: [&CalibrationFile; 2], logs: &[Log]) -> anyhow::Result<PairedErrors> {

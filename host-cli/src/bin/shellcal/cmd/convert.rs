@@ -25,7 +25,6 @@ use super::mapping::{ColumnList, MappingArgs, open_logs, tell_remembered};
 use super::partial_output::OpenOutput;
 use super::payload::load::MotionArgs;
 use crate::files::{InputPath, OutputLocation, OutputPath};
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]
@@ -119,7 +118,7 @@ pub(crate) struct ConvertArgs {
 const COLUMNS: [&str; 9] = ["t", "fx", "fy", "fz", "mx", "my", "mz", "se", "flags"];
 
 impl ConvertArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let targets = self.targets(printer)?;
         let file = self.edited.read(&self.calibration)?;
         let mapping = self.mapping.mapping_for(&file);
@@ -163,7 +162,7 @@ impl ConvertArgs {
         if printer.json() {
             printer.document(&conversions)?;
         }
-        Ok(Outcome::Done)
+        Ok(())
     }
 
     fn convert(

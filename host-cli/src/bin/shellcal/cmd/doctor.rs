@@ -25,8 +25,7 @@ use super::ports::is_port;
 use super::record::parse_duration;
 use super::serial::{SerialArgs, first_number};
 use crate::files::InputPath;
-use crate::outcome::Outcome;
-use crate::printer::{Printer, Tint};
+use crate::printer::{Outcome, Printer, Tint};
 use crate::signals;
 
 #[derive(Debug, clap::Args)]

@@ -12,7 +12,6 @@ use super::figure_size::FigureSize;
 use super::frames::FrameArgs;
 use super::mapping::{MappingArgs, tell_remembered};
 use crate::files::{InputPath, OutputPath};
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]
@@ -61,7 +60,7 @@ struct LogDrift {
 }
 
 impl DriftArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let several = self.logs.len();
         anyhow::ensure!(
             self.plot.is_none() || several == 1,

@@ -22,8 +22,7 @@ use super::mapping::{MappingArgs, open_logs, tell_remembered};
 use super::quality::table_row;
 use super::rms_limits::RmsLimits;
 use crate::files::{InputPath, OutputPath};
-use crate::outcome::Outcome;
-use crate::printer::Printer;
+use crate::printer::{Outcome, Printer};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:

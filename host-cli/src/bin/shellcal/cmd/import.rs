@@ -6,7 +6,6 @@ use serde::Serialize;
 use super::mapping::MomentUnitArg;
 use super::origin;
 use crate::files::{InputPath, OutputPath};
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]
@@ -43,7 +42,7 @@ struct ImportedModel {
 }
 
 impl ImportArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let output = printer.files.create(&self.output)?;
         let options = ImportOptions {
             moment_unit: self.moment_unit.map(Into::into),
@@ -59,7 +58,7 @@ impl ImportArgs {
         let model = polynomial.model();
         let (channels, features) = (model.channels, model.term_count());
         let imported = ImportedModel { model: model.name(), channels, features };
-        let outcome = printer.finish(&imported, |printer| {
+        printer.finish(&imported, |printer| {
             printer.line(format!(
                 "{}: {features} features of {channels} channels by 6 axes",
                 model.name()
@@ -68,6 +67,6 @@ impl ImportArgs {
         if !model.intercept {
             printer.note("without an intercept wrenches are right only after a tare");
         }
-        Ok(outcome)
+        Ok(())
     }
 }

@@ -8,7 +8,6 @@ use shellcal::workflow::outliers::{NamedOutliers, OutlierReport};
 
 use super::mapping::MappingArgs;
 use crate::files::InputPath;
-use crate::outcome::Outcome;
 use crate::printer::{Printer, TableColumn};
 use crate::tables::{NOTHING, or_dash};
 
@@ -26,7 +25,7 @@ pub(crate) struct InfoArgs {
 }
 
 impl InfoArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let mapping = self.mapping.mapping();
         let mut infos = Vec::new();
         for file in &self.files {

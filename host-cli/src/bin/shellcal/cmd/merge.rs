@@ -20,7 +20,6 @@ use super::partial_output::OpenOutput;
 use super::quality::table_row;
 use super::validation::{print_cross_validation, print_selection};
 use crate::files::{InputOrStdin, OutputOrStdout, OutputPath};
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]
@@ -125,7 +124,7 @@ struct Merged {
 }
 
 impl MergeArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let output = printer.create(self.output.as_ref())?;
         let partial = self.partial.as_ref();
         let destination = partial.map(|path| OpenOutput::open(path, printer));
@@ -135,8 +134,7 @@ impl MergeArgs {
         if let Some(destination) = destination {
             let to_stdout = matches!(destination, OpenOutput::Stdout);
             destination.write(sum)?;
-            self.report(printer, &merged, sum, None, to_stdout)?;
-            return Ok(Outcome::Done);
+            return self.report(printer, &merged, sum, None, to_stdout);
         }
         let fitted = merge::fit(sum, self.model, &self.options()?)?;
         self.warn(&fitted, matches!(sum.sums, Sums::Exact(_)), printer);
@@ -144,8 +142,7 @@ impl MergeArgs {
         if let Some(output) = output {
             output.commit_with(file.to_json().as_bytes())?;
         }
-        self.report(printer, &merged, sum, Some(&file), false)?;
-        Ok(Outcome::Done)
+        self.report(printer, &merged, sum, Some(&file), false)
     }
 
     fn options(&self) -> anyhow::Result<FitOptions<'static>> {

@@ -10,7 +10,6 @@ use super::edited::EditedArg;
 use super::frames::{FrameArgs, parse_window};
 use super::mapping::{MappingArgs, tell_remembered};
 use crate::files::InputPath;
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]
@@ -49,7 +48,7 @@ struct LogNoise {
 }
 
 impl NoiseArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let file = self.edited.read(&self.calibration)?;
         let mapping = self.mapping.mapping_for(&file);
         let calibration = file.calibration;

@@ -19,7 +19,6 @@ use simulation::simulated_board::{BoardSettings, Load, SimulatedBoard};
 
 use super::choices::{number_in, number_within, numbers};
 use crate::files::{InputOrStdin, OutputLocation};
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 use crate::signals;
 
@@ -95,7 +94,7 @@ pub(crate) struct SimulationArgs {
 const HOLD_US: u64 = 80_000;
 
 impl SimulationArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let stop = signals::stop_flag()?;
         let commanded = Arc::default();
         let load = match &self.load {
@@ -120,7 +119,7 @@ impl SimulationArgs {
         };
         let _symlink = self.symlink.as_deref().map(|path| Symlink::make(path, board.port()));
         let _symlink = _symlink.transpose()?;
-        let outcome = printer.finish(&json!({ "port": board.port() }), |printer| {
+        printer.finish(&json!({ "port": board.port() }), |printer| {
             printer.line(format!("simulated board on {}", board.port()))
         })?;
         let started = Instant::now();
@@ -131,7 +130,7 @@ impl SimulationArgs {
         for (way, books) in ["to the host", "to the board"].into_iter().zip(board.books()) {
             printer.note(describe(way, &books));
         }
-        Ok(outcome)
+        Ok(())
     }
 
     /// Takes loads from the standard input, and ends with it if that is wanted.

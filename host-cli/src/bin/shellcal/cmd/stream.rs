@@ -22,7 +22,6 @@ use super::record::parse_duration;
 use super::serial::SerialArgs;
 use super::streaming;
 use crate::files::InputPath;
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 use crate::signals;
 
@@ -103,7 +102,7 @@ const ENCODINGS: [(&str, &str, StreamFormat); 2] = [
 ];
 
 impl StreamArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let from_log = !is_port(&self.name);
         if from_log && self.latency {
             anyhow::bail!("`--latency` is for a port: what is in a log has long been measured");
@@ -130,8 +129,7 @@ impl StreamArgs {
             (None, None) => Ok(()),
         };
         self.report(printer, &handle)?;
-        ended?;
-        Ok(Outcome::Done)
+        ended
     }
 
     fn record(

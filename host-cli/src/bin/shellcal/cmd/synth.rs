@@ -13,7 +13,6 @@ use super::row_limit::RowLimit;
 use super::synth_pair::PairArgs;
 use super::synth_trial::{SynthTrialArgs, TrialsArgs};
 use crate::files::OutputPath;
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]
@@ -104,7 +103,7 @@ struct SynthSummary<'a> {
 }
 
 impl SynthArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         match &self.kind {
             // The paper's sizes; for noise, less than a minute.
             KindArgs::Train(args) => args.run(RecordingKind::Training, 77_522, printer),
@@ -118,12 +117,7 @@ impl SynthArgs {
 }
 
 impl RecordingArgs {
-    fn run(
-        &self,
-        kind: RecordingKind,
-        default_rows: u64,
-        printer: &Printer,
-    ) -> anyhow::Result<Outcome> {
+    fn run(&self, kind: RecordingKind, default_rows: u64, printer: &Printer) -> anyhow::Result<()> {
         let rows = self.rows.unwrap_or(default_rows);
         self.limit.check(rows as f64)?;
         let recording = SensorRecording::new(RecordingSettings {
@@ -139,7 +133,7 @@ impl RecordingArgs {
         let mut out = OpenOutput::for_rows(self.output.as_ref(), printer)?;
         let (bytes, rows_saturated) = self.write(&mut out, kind, rows, recording, printer)?;
         out.finish()?;
-        let Some(path) = &self.output else { return Ok(Outcome::Done) };
+        let Some(path) = &self.output else { return Ok(()) };
         let Self { seed, unit_seed, .. } = *self;
         let summary = SynthSummary { file: path, rows, bytes, rows_saturated, seed, unit_seed };
         printer.finish(&summary, |printer| {

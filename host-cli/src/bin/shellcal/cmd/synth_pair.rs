@@ -10,7 +10,6 @@ use simulation::synthetic_log::{
 
 use super::row_limit::RowLimit;
 use crate::files::OutputPath;
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 /// One session recorded on two clocks, with known offset and skew
@@ -88,7 +87,7 @@ struct PairTruth {
 }
 
 impl PairArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let settings = PairSettings {
             seed: self.seed,
             unit_seed: self.unit_seed,

@@ -8,7 +8,6 @@ use simulation::virtual_robot::{ChannelForces, Counter, TrialSettings, VirtualTr
 use super::choices::one_of;
 use super::partial_output::OpenOutput;
 use crate::files::{OutputLocation, OutputPath};
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 /// One trial of a virtual robot in the channel, with known truth
@@ -157,7 +156,7 @@ impl CommonArgs {
 }
 
 impl SynthTrialArgs {
-    pub(super) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(super) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let mut condition = self.condition;
         condition.drag_n = self.drag.unwrap_or(condition.drag_n);
         condition.lift_n = self.lift.unwrap_or(condition.lift_n);
@@ -180,7 +179,7 @@ impl SynthTrialArgs {
         let mut out = OpenOutput::for_rows(self.output.as_ref(), printer)?;
         let rows = write_log(&mut out, &trial, layout)?;
         out.finish()?;
-        let Some(path) = &self.output else { return Ok(Outcome::Done) };
+        let Some(path) = &self.output else { return Ok(()) };
         let made = Made { file: path, rows, truth: &truth };
         printer.finish(&made, |printer| {
             printer.line(format!(
@@ -196,7 +195,7 @@ impl SynthTrialArgs {
 }
 
 impl TrialsArgs {
-    pub(super) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(super) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let base = self.common.settings(ChannelForces::PAPER[0]);
         let count = self.per_condition * ChannelForces::PAPER.len() as u64;
         /// Of a trial, about.

@@ -27,8 +27,7 @@ use super::figure_size::FigureSize;
 use super::mapping::MappingArgs;
 use super::rms_limits::RmsLimits;
 use crate::files::{InputPath, OutputOrStdout, OutputPath};
-use crate::outcome::Outcome;
-use crate::printer::Printer;
+use crate::printer::{Outcome, Printer};
 
 #[derive(Debug, clap::Args)]
 #[command(before_help = "Examples:

@@ -18,8 +18,7 @@ use super::super::plan::read_table;
 use super::super::quality::in_line;
 use super::FitArgs;
 use crate::files::InputPath;
-use crate::outcome::Outcome;
-use crate::printer::Printer;
+use crate::printer::{Outcome, Printer};
 
 /// What `--json` prints.
 #[derive(Serialize)]

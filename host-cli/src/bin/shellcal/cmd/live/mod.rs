@@ -34,7 +34,6 @@ use super::serial::SerialArgs;
 use super::stream::parse_speed;
 use super::streaming::{self, StreamToArgs};
 use crate::files::{InputPath, OutputPath};
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 use crate::signals;
 use log_files::{LogFiles, Until};
@@ -129,7 +128,7 @@ enum Display {
 type SourceEnd = anyhow::Result<()>;
 
 impl LiveArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let forces = self.forces.read(printer)?;
         let ranges = forces.as_ref().and_then(|forces| forces.calibration.valid_range.clone());
         let rows = LiveRows::new(forces.clone())?;
@@ -185,8 +184,7 @@ impl LiveArgs {
                 false => printer.line(line)?,
             }
         }
-        ended?;
-        Ok(Outcome::Done)
+        ended
     }
 
     /// The logs that are written; `None` where nothing can be recorded.
@@ -274,7 +272,7 @@ impl LiveArgs {
 }
 
 /// Says where to look, and what others who can may do.
-fn announce(printer: &mut Printer, at: SocketAddr, address: &str) -> anyhow::Result<()> {
+fn announce(printer: &Printer, at: SocketAddr, address: &str) -> anyhow::Result<()> {
     if !at.ip().is_loopback() {
         printer.warning(
             "other machines reach this view, and what is sent is not encrypted: whoever has its address can look on \

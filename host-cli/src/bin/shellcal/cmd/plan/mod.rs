@@ -19,7 +19,6 @@ use super::choices::one_of;
 use super::figure_size::FigureSize;
 use super::mapping::{MappingArgs, open_logs};
 use crate::files::{InputPath, OutputPath};
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 /// Loads of a plan that is given no end.
@@ -108,7 +107,7 @@ struct LoadPlan {
 }
 
 impl PlanArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let figure = self.figure_size.create(self.plot.as_ref(), printer)?;
         if let Some(splits) = self.replay.splits() {
             let logs = open_logs(&self.recorded, ("", &[]), &self.mapping.mapping())?;

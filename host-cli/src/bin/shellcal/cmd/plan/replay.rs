@@ -12,7 +12,6 @@ use shellcal::workflow::plan::observations;
 
 use super::super::figure_size::FigureFile;
 use super::report::chart;
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 /// How near to the error with all poses counts as there.
@@ -69,7 +68,7 @@ impl ReplayArgs {
         read: &ReadOptions<'_>,
         figure: Option<FigureFile>,
         printer: &Printer,
-    ) -> anyhow::Result<Outcome> {
+    ) -> anyhow::Result<()> {
         let options = ReplayOptions {
             held_out: self.held_out as usize,
             start: self.start as usize,

@@ -7,7 +7,6 @@ use serde::Serialize;
 use simulation::channel_study::{ChannelSummary, GridAxis, GridCell, Parameter, grid};
 
 use super::args::SimulateArgs;
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 use crate::tables::or_dash;
 
@@ -24,7 +23,7 @@ struct CellReport {
 }
 
 impl SimulateArgs {
-    pub(super) fn run_grid(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(super) fn run_grid(&self, printer: &Printer) -> anyhow::Result<()> {
         let (base, axes) = self.axes();
         let count: f64 = axes.iter().map(|axis| axis.values.len() as f64).product();
         ensure!(count <= MOST_CELLS, "the grid would have {count:.1e} combinations");
@@ -67,7 +66,7 @@ impl SimulateArgs {
         if refused > 0 {
             printer.warning(format!("{refused} combinations make no sense, or the body jams"));
         }
-        Ok(Outcome::Done)
+        Ok(())
     }
 
     /// The channels' widths are an axis too, unless one was asked for.

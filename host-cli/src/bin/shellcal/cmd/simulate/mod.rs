@@ -16,7 +16,6 @@ use simulation::channel_study::{Course, monte_carlo};
 
 pub(crate) use args::SimulateArgs;
 
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 use channel::ChannelReport;
 use comparison::ConditionComparison;
@@ -39,7 +38,7 @@ struct SimulationDocument<'a> {
 }
 
 impl SimulateArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         if !self.study.grid.is_empty() {
             return self.run_grid(printer);
         }
@@ -76,14 +75,13 @@ impl SimulateArgs {
         if printer.json() {
             let setup = report::SetupReport::new(&self.geometry.setup());
             let comparison = comparison.as_deref();
-            printer.document(&SimulationDocument { setup, channels: &reports, comparison })?;
-            return Ok(Outcome::Done);
+            let channels = &reports;
+            return printer.document(&SimulationDocument { setup, channels, comparison });
         }
         report::print_channels(printer, &reports)?;
         reports.iter().try_for_each(|report| report.print_beams(printer))?;
         report::print_uncertainty(printer, &reports)?;
-        comparison.map_or(Ok(()), |comparison| comparison::print(printer, &comparison))?;
-        Ok(Outcome::Done)
+        comparison.map_or(Ok(()), |comparison| comparison::print(printer, &comparison))
     }
 
     /// The positions of the sweep, the same for all channels.

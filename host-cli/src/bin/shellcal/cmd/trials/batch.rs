@@ -12,8 +12,7 @@ use super::evaluation::{Equipment, EvaluationArgs};
 use super::outputs::ResultArgs;
 use super::{manifest, show, watch};
 use crate::files::InputPath;
-use crate::outcome::Outcome;
-use crate::printer::Printer;
+use crate::printer::{Outcome, Printer};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:

@@ -7,7 +7,6 @@ use trial::ValueTable;
 use super::manifest::require_condition;
 use super::show;
 use crate::files::InputPath;
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]
@@ -45,7 +44,7 @@ pub(crate) struct StatsArgs {
 }
 
 impl StatsArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let path = self.table.display();
         let text =
             input::read_text(&self.table).with_context(|| format!("cannot read `{path}`"))?;

@@ -9,7 +9,6 @@ use trial::{TraceExtent, Trial, TrialOptions, TrialResult};
 use super::evaluation::EvaluationArgs;
 use super::show;
 use crate::files::{InputPath, OutputPath};
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]
@@ -69,7 +68,7 @@ struct TrialDocument<'a> {
 }
 
 impl TrialArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let equipment = self.evaluation.equipment()?;
         let trace = match (&self.trace, self.whole_log) {
             (None, _) => TraceExtent::Nothing,

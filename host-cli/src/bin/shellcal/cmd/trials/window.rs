@@ -9,8 +9,7 @@ use trial::{GOOD_CONFIDENCE, NoWindow, Proposal, TraceExtent, TrialOptions};
 use super::evaluation::EvaluationArgs;
 use crate::cmd::figure_size::FigureSize;
 use crate::files::{InputPath, OutputPath};
-use crate::outcome::Outcome;
-use crate::printer::{Printer, TableColumn};
+use crate::printer::{Outcome, Printer, TableColumn};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
