@@ -3,6 +3,7 @@
 mod args;
 mod cmd;
 mod config;
+mod document;
 mod files;
 mod hints;
 mod printer;

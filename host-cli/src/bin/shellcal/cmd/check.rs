@@ -2,13 +2,13 @@
 
 use calibration::quality::significant;
 use report::CheckedLoad;
-use serde::Serialize;
 use shell_data::wrench::{Axes, Axis};
 use shellcal::workflow::check::check_weights;
 
 use super::edited::EditedArg;
 use super::mapping::{MappingArgs, open_logs, tell_remembered};
 use super::plan::read_table;
+use crate::document::document;
 use crate::files::InputPath;
 use crate::printer::{Outcome, Printer, TableColumn};
 
@@ -37,14 +37,6 @@ pub(crate) struct CheckArgs {
     mapping: MappingArgs,
 }
 
-/// What `--json` prints.
-#[derive(Serialize)]
-struct CheckReport<'a> {
-    passes: bool,
-    axes: Vec<&'static str>,
-    loads: &'a [CheckedLoad],
-}
-
 impl CheckArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let file = self.edited.read(&self.calibration)?;
@@ -56,7 +48,8 @@ impl CheckArgs {
         let checked = check_weights(&file, &logs, &table, &self.mapping.read_options())?;
         let passes = checked.iter().all(|of| of.off.is_empty());
         if printer.json() {
-            printer.document(&CheckReport { passes, axes: axes.columns(), loads: &checked })?;
+            printer
+                .document(&document! { passes: passes, axes: axes.columns(), loads: &checked })?;
         } else {
             print(printer, &checked, axes)?;
             printer.line(match passes {

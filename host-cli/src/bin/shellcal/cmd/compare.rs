@@ -10,6 +10,7 @@ use shellcal::workflow::check_channels;
 use shellcal::workflow::remark::found_groups;
 
 use super::mapping::{MappingArgs, open_logs, tell_remembered};
+use crate::document::document;
 use crate::files::InputPath;
 use crate::printer::{Printer, TableColumn};
 
@@ -32,27 +33,6 @@ pub(crate) struct CompareArgs {
 
     #[command(flatten)]
     mapping: MappingArgs,
-}
-
-/// What `--json` prints.
-#[derive(Serialize)]
-struct CompareDocument {
-    rows: u64,
-    groups: usize,
-    axes: Vec<ComparedAxis>,
-}
-
-#[derive(Serialize)]
-struct ComparedAxis {
-    axis: &'static str,
-    /// Of both, N or N·m.
-    rms: [f64; 2],
-    /// The first less the second.
-    difference: f64,
-    /// The 95 % interval of the difference.
-    interval_95: [f64; 2],
-    /// `first`, `second` or null.
-    better: Option<&'static str>,
 }
 
 impl CompareArgs {
@@ -101,9 +81,12 @@ impl CompareArgs {
 
     fn report(&self, found: &PairedErrors, axes: Axes, printer: &Printer) -> anyhow::Result<()> {
         if printer.json() {
-            let axes = axes.iter().map(|axis| ComparedAxis::new(axis, &found.axes[axis.index()]));
-            let (rows, groups) = (found.rows, found.groups);
-            return printer.document(&CompareDocument { rows, groups, axes: axes.collect() });
+            let axes = axes.iter().map(|axis| compared(axis, &found.axes[axis.index()]));
+            return printer.document(&document! {
+                rows: found.rows,
+                groups: found.groups,
+                axes: axes.collect::<Vec<_>>(),
+            });
         }
         printer.line(format!(
             "A = `{}`, B = `{}`, on {} rows of {} {}",
@@ -133,18 +116,20 @@ impl CompareArgs {
     }
 }
 
-impl ComparedAxis {
-    fn new(axis: Axis, of: &PairedError) -> Self {
-        Self {
-            axis: axis.column(),
-            rms: of.rms,
-            difference: of.difference,
-            interval_95: of.interval(),
-            better: match of.better() {
-                Better::First => Some("first"),
-                Better::Second => Some("second"),
-                Better::Neither => None,
-            },
-        }
+/// What `--json` prints of an axis.
+fn compared(axis: Axis, of: &PairedError) -> impl Serialize {
+    document! {
+        axis: axis.column(),
+        // Of both, N or N·m.
+        rms: of.rms,
+        // The first less the second.
+        difference: of.difference,
+        // The 95 % interval of the difference.
+        interval_95: of.interval(),
+        better: match of.better() {
+            Better::First => Some("first"),
+            Better::Second => Some("second"),
+            Better::Neither => None,
+        },
     }
 }

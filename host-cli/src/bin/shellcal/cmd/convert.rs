@@ -11,7 +11,6 @@ use calibration_file::payload_file::PayloadFile;
 use figures::{WrenchTrace, trace_figure};
 use forces::RowRule;
 use log_file::{ColumnRef, Log, Meaning, parse_columns};
-use serde::Serialize;
 use shell_data::wrench::Axis;
 use shellcal::workflow::convert::{
     AxisSummary, Conversion, ConvertOptions, ConvertSummary, DEFAULT_FRAME_ID, FrameMount,
@@ -24,6 +23,7 @@ use super::frames::{ForceArgs, FrameArgs};
 use super::mapping::{ColumnList, MappingArgs, open_logs, tell_remembered};
 use super::partial_output::OpenOutput;
 use super::payload::load::MotionArgs;
+use crate::document::document;
 use crate::files::{InputPath, OutputLocation, OutputPath};
 use crate::printer::Printer;
 
@@ -153,10 +153,10 @@ impl ConvertArgs {
                 printer.line(format!("{} -> {}", log.path().display(), path.display()))?;
                 print_axes(printer, &summary)?;
             }
-            conversions.push(LogDocument {
+            conversions.push(document! {
                 log: log.path().display().to_string(),
                 output: target.map(|path| path.display().to_string()),
-                summary,
+                ..summary: summary,
             });
         }
         if printer.json() {
@@ -291,15 +291,6 @@ impl ConvertArgs {
             }
         }
     }
-}
-
-/// What `--json` says of one log.
-#[derive(Debug, Serialize)]
-struct LogDocument {
-    log: String,
-    output: Option<String>,
-    #[serde(flatten)]
-    summary: ConvertSummary,
 }
 
 fn print_axes(printer: &Printer, summary: &ConvertSummary) -> anyhow::Result<()> {

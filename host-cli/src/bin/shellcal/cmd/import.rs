@@ -1,10 +1,10 @@
 //! `shellcal import`: a calibration from a coefficient matrix.
 
 use calibration_file::{CalibrationFile, matrix::ImportOptions};
-use serde::Serialize;
 
 use super::mapping::MomentUnitArg;
 use super::origin;
+use crate::document::document;
 use crate::files::{InputPath, OutputPath};
 use crate::printer::Printer;
 
@@ -34,13 +34,6 @@ pub(crate) struct ImportArgs {
     serial: Option<String>,
 }
 
-#[derive(Serialize)]
-struct ImportedModel {
-    model: String,
-    channels: usize,
-    features: usize,
-}
-
 impl ImportArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let output = printer.files.create(&self.output)?;
@@ -57,12 +50,10 @@ impl ImportArgs {
         let polynomial = file.calibration.polynomial().expect("a matrix is one of a polynomial");
         let model = polynomial.model();
         let (channels, features) = (model.channels, model.term_count());
-        let imported = ImportedModel { model: model.name(), channels, features };
+        let name = model.name();
+        let imported = document! { model: &name, channels: channels, features: features };
         printer.finish(&imported, |printer| {
-            printer.line(format!(
-                "{}: {features} features of {channels} channels by 6 axes",
-                model.name()
-            ))
+            printer.line(format!("{name}: {features} features of {channels} channels by 6 axes"))
         })?;
         if !model.intercept {
             printer.note("without an intercept wrenches are right only after a tare");

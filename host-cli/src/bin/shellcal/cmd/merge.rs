@@ -9,7 +9,6 @@ use calibration_file::stored::{
     OfAxes, Stored, StoredCrossValidation, StoredQuality, StoredSelection,
 };
 use calibration_file::{CalibrationFile, PartialFit, Sums};
-use serde::Serialize;
 use shell_data::hint::quoted;
 use shellcal::workflow::merge;
 
@@ -19,6 +18,7 @@ use super::origin;
 use super::partial_output::OpenOutput;
 use super::quality::table_row;
 use super::validation::{print_cross_validation, print_selection};
+use crate::document::document;
 use crate::files::{InputOrStdin, OutputOrStdout, OutputPath};
 use crate::printer::Printer;
 
@@ -83,34 +83,6 @@ fn parse_folds(text: &str) -> Result<HeldOut, String> {
                 .into())
         }
     }
-}
-
-/// What `--json` prints.
-#[derive(Serialize)]
-struct MergeReport {
-    model: String,
-    partial_fits: usize,
-    #[serde(skip_serializing_if = "is_zero")]
-    skipped_partial_fits: usize,
-    files: usize,
-    rows: u64,
-    skipped_rows: u64,
-    repeated_rows: u64,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    groups: Option<usize>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    condition: Option<f64>,
-    axes: Vec<&'static str>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    train: Option<OfAxes<StoredQuality>>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    cross_validation: Option<StoredCrossValidation>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    selection: Option<StoredSelection>,
-}
-
-fn is_zero(count: &usize) -> bool {
-    *count == 0
 }
 
 /// Partial fits put together.
@@ -245,20 +217,21 @@ impl MergeArgs {
         let fit = file.and_then(|file| file.origin.diagnostics.as_ref());
         let name = file.map_or_else(|| sum.model.name(), |file| file.calibration.name());
         if printer.json() {
-            return printer.document(&MergeReport {
+            return printer.document(&document! {
                 model: name,
                 partial_fits: merged.read,
-                skipped_partial_fits: merged.skipped,
-                files,
-                rows,
+                skipped_partial_fits?: (merged.skipped > 0).then_some(merged.skipped),
+                files: files,
+                rows: rows,
                 skipped_rows: sum.skipped_rows,
                 repeated_rows: sum.repeated_rows,
-                groups,
-                condition: fit.and_then(|fit| fit.condition),
+                groups?: groups,
+                condition?: fit.and_then(|fit| fit.condition),
                 axes: axes.columns(),
-                train: fit.map(|fit| Stored::of(&fit.train, axes)),
-                cross_validation: fit.and_then(|fit| Stored::of(&fit.cross_validation, axes)),
-                selection: fit.and_then(|fit| Stored::of(&fit.selection, axes)),
+                train?: fit.map(|fit| OfAxes::<StoredQuality>::of(&fit.train, axes)),
+                cross_validation?: fit
+                    .and_then(|fit| Option::<StoredCrossValidation>::of(&fit.cross_validation, axes)),
+                selection?: fit.and_then(|fit| Option::<StoredSelection>::of(&fit.selection, axes)),
             });
         }
         let mut summary = format!("{name}: {rows} rows of {files} files");

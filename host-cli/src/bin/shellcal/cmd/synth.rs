@@ -3,7 +3,6 @@
 use std::io::{self, Write};
 
 use clap::Subcommand;
-use serde::Serialize;
 use simulation::sensor_model::{RecordingKind, RecordingSettings, SensorRecording};
 use simulation::synthetic_log::SyntheticLayout;
 
@@ -12,6 +11,7 @@ use super::partial_output::OpenOutput;
 use super::row_limit::RowLimit;
 use super::synth_pair::PairArgs;
 use super::synth_trial::{SynthTrialArgs, TrialsArgs};
+use crate::document::document;
 use crate::files::OutputPath;
 use crate::printer::Printer;
 
@@ -91,17 +91,6 @@ const LAYOUTS: [(&str, &str, SyntheticLayout); 3] = [
     ("training", "No header; time, eight readings, six wrench columns", SyntheticLayout::Training),
 ];
 
-/// What was made, for `--json`.
-#[derive(Serialize)]
-struct SynthSummary<'a> {
-    file: &'a OutputPath,
-    rows: u64,
-    bytes: u64,
-    rows_saturated: u64,
-    seed: u64,
-    unit_seed: u64,
-}
-
 impl SynthArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         match &self.kind {
@@ -134,8 +123,14 @@ impl RecordingArgs {
         let (bytes, rows_saturated) = self.write(&mut out, kind, rows, recording, printer)?;
         out.finish()?;
         let Some(path) = &self.output else { return Ok(()) };
-        let Self { seed, unit_seed, .. } = *self;
-        let summary = SynthSummary { file: path, rows, bytes, rows_saturated, seed, unit_seed };
+        let summary = document! {
+            file: path,
+            rows: rows,
+            bytes: bytes,
+            rows_saturated: rows_saturated,
+            seed: self.seed,
+            unit_seed: self.unit_seed,
+        };
         printer.finish(&summary, |printer| {
             printer.note(format!("{rows} synthetic rows in `{}`", path.display()));
             Ok(())

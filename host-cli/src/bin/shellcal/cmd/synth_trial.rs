@@ -1,12 +1,12 @@
 //! `shellcal synth trial` and `synth trials`: the virtual robot's runs through the channel.
 
-use serde::Serialize;
-use shellcal::workflow::synthetic_trials::{MANIFEST, SetTrial, truth_json, write_log, write_set};
+use shellcal::workflow::synthetic_trials::{MANIFEST, truth_json, write_log, write_set};
 use simulation::synthetic_trial::TrialLayout;
 use simulation::virtual_robot::{ChannelForces, Counter, TrialSettings, VirtualTrial};
 
 use super::choices::one_of;
 use super::partial_output::OpenOutput;
+use crate::document::document;
 use crate::files::{OutputLocation, OutputPath};
 use crate::printer::Printer;
 
@@ -126,21 +126,6 @@ const COUNTERS: [(&str, &str, Counter); 3] = [
     ("turn", "From 0 to 65535 in each turn", Counter::Turn),
 ];
 
-/// What was made, for `--json`.
-#[derive(Serialize)]
-struct Made<'a> {
-    file: &'a OutputPath,
-    rows: u64,
-    truth: &'a simulation::virtual_robot::Truth,
-}
-
-/// The set that was made, for `--json`.
-#[derive(Serialize)]
-struct MadeSet<'a> {
-    manifest: String,
-    trials: &'a [SetTrial],
-}
-
 impl CommonArgs {
     fn settings(&self, condition: ChannelForces) -> TrialSettings {
         TrialSettings {
@@ -180,7 +165,7 @@ impl SynthTrialArgs {
         let rows = write_log(&mut out, &trial, layout)?;
         out.finish()?;
         let Some(path) = &self.output else { return Ok(()) };
-        let made = Made { file: path, rows, truth: &truth };
+        let made = document! { file: path, rows: rows, truth: &truth };
         printer.finish(&made, |printer| {
             printer.line(format!(
                 "{rows} synthetic rows in `{}`: {}, in the channel from {} s to {} s, {} strides",
@@ -209,6 +194,7 @@ impl TrialsArgs {
         let manifest = self.directory.join(MANIFEST).display().to_string();
         let rows: u64 = trials.iter().map(|trial| trial.rows).sum();
         let line = format!("{count} synthetic trials, {rows} rows; manifest `{manifest}`");
-        printer.finish(&MadeSet { manifest, trials: &trials }, |printer| printer.line(line))
+        let made = document! { manifest: manifest, trials: trials };
+        printer.finish(&made, |printer| printer.line(line))
     }
 }

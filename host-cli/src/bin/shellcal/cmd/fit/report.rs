@@ -11,158 +11,77 @@ use calibration_file::stored::{
 use calibration_file::{CalibrationFile, Diagnostics};
 use serde::Serialize;
 use shell_data::wrench::{Axes, PerAxis};
-use shellcal::workflow::outliers::{NamedOutliers, OutlierReport};
+use shellcal::workflow::outliers::NamedOutliers;
 
 use super::super::quality::table_row;
 use super::super::validation::{
-    ComparisonReport, FoundReport, log_ratio, print_advice, print_cross_validation,
-    print_excitation, print_selection,
+    comparison, groups_found, log_ratio, print_advice, print_cross_validation, print_excitation,
+    print_selection,
 };
-use super::dynamics::DynamicsReport;
+use super::dynamics::dynamics;
 use super::plan::NamedRows;
-use super::verdict::VerdictReport;
+use super::verdict;
+use crate::document::document;
 use crate::printer::Printer;
 
-/// What `--json` prints.
-#[derive(Serialize)]
-struct FitReport {
-    model: String,
-    verdict: VerdictReport,
-    solver: StoredSolverRecord,
-    #[serde(flatten)]
-    counts: RowCounts,
-    /// The share of test rows that were recorded at plateaus of the training data.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    test_share_on_training_plateaus: Option<f64>,
-    features: usize,
-    rank: usize,
-    condition: Option<f64>,
-    #[serde(flatten)]
-    errors: ErrorReport,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    advice: Option<AdviceReport>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    groups_found: Option<FoundReport>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    outliers: Option<Vec<OutlierReport>>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    dropped: Option<Vec<OutlierReport>>,
-    excitation: Option<StoredExcitation>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    covariance: Option<CovarianceReport>,
-    time_s: f64,
-}
-
-/// The rows of a fit.
-#[derive(Serialize)]
-pub(super) struct RowCounts {
-    rows: u64,
-    skipped_rows: u64,
-    repeated_rows: u64,
-    test_rows: u64,
-    test_rows_out_of_range: u64,
-}
-
-/// What a fit says of its errors, whatever was fitted.
-#[derive(Serialize)]
-pub(super) struct ErrorReport {
-    axes: Vec<&'static str>,
-    train: OfAxes<StoredQuality>,
-    test: Option<OfAxes<StoredQuality>>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    cross_validation: Option<StoredCrossValidation>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    selection: Option<StoredSelection>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    dynamics: Option<DynamicsReport>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    weighing: Option<ComparisonReport>,
-}
-
-impl RowCounts {
-    pub(super) fn new(fitted: &Fit, diagnostics: &Diagnostics) -> Self {
-        let test = fitted.test();
-        Self {
-            rows: diagnostics.rows,
-            skipped_rows: diagnostics.skipped_rows,
-            repeated_rows: diagnostics.repeated_rows,
-            test_rows: test.rows,
-            test_rows_out_of_range: test.out_of_range_rows,
-        }
+/// What `--json` prints of the rows of a fit.
+pub(super) fn row_counts(fitted: &Fit, diagnostics: &Diagnostics) -> impl Serialize {
+    let test = fitted.test();
+    document! {
+        rows: diagnostics.rows,
+        skipped_rows: diagnostics.skipped_rows,
+        repeated_rows: diagnostics.repeated_rows,
+        test_rows: test.rows,
+        test_rows_out_of_range: test.out_of_range_rows,
     }
 }
 
-impl ErrorReport {
-    pub(super) fn new(fitted: &Fit, diagnostics: &Diagnostics, axes: Axes) -> Self {
-        Self {
-            axes: axes.columns(),
-            train: Stored::of(&diagnostics.train, axes),
-            test: Stored::of(&diagnostics.test, axes),
-            cross_validation: Stored::of(&diagnostics.cross_validation, axes),
-            selection: Stored::of(&diagnostics.selection, axes),
-            dynamics: DynamicsReport::from_fit(fitted, axes),
-            weighing: ComparisonReport::new(fitted),
-        }
+/// What `--json` prints of errors, whatever was fitted.
+pub(super) fn errors(fitted: &Fit, of: &Diagnostics, axes: Axes) -> impl Serialize {
+    document! {
+        axes: axes.columns(),
+        train: OfAxes::<StoredQuality>::of(&of.train, axes),
+        test: Option::<OfAxes<StoredQuality>>::of(&of.test, axes),
+        cross_validation?: Option::<StoredCrossValidation>::of(&of.cross_validation, axes),
+        selection?: Option::<StoredSelection>::of(&of.selection, axes),
+        dynamics?: fitted.dynamics.as_ref().map(|found| dynamics(found, axes)),
+        weighing?: compared(fitted).map(comparison),
     }
 }
 
-/// What held-out errors say to do.
-#[derive(Serialize)]
-struct AdviceReport {
-    folds: usize,
-    best: StoredCandidate,
-    cautious: StoredCandidate,
-    /// Natural logarithm of the error of the cautious choice relative to that of the best, and its standard error; zeros
-    /// where they are one.
-    log_ratio: [f64; 2],
-    /// Whether another model predicts new groups better than the one that was fitted.
-    another_is_better: bool,
-    ridge_is_at_limit: bool,
-}
-
-impl AdviceReport {
-    fn new(advice: &Advice, axes: Axes) -> Self {
-        let caution = advice.caution.map(|of| log_ratio(of.all));
-        Self {
-            folds: advice.folds,
-            best: Stored::of(&advice.best, axes),
-            cautious: Stored::of(&advice.cautious, axes),
-            log_ratio: caution.unwrap_or_default(),
-            another_is_better: advice.another_is_better(),
-            ridge_is_at_limit: advice.ridge_is_at_limit,
-        }
+/// What held-out errors say to do, for `--json`.
+fn advice(advice: &Advice, axes: Axes) -> impl Serialize {
+    document! {
+        folds: advice.folds,
+        best: StoredCandidate::of(&advice.best, axes),
+        cautious: StoredCandidate::of(&advice.cautious, axes),
+        // Natural logarithm of the error of the cautious choice relative to that of the best, and its standard error;
+        // zeros where they are one.
+        log_ratio: advice.caution.map(|of| log_ratio(of.all)).unwrap_or_default(),
+        // Whether another model predicts new groups better than the one that was fitted.
+        another_is_better: advice.another_is_better(),
+        ridge_is_at_limit: advice.ridge_is_at_limit,
     }
 }
 
-/// What standard errors come from, and the covariance of the errors of a row.
-#[derive(Serialize)]
-struct CovarianceReport {
-    /// Groups of rows; absent where rows are taken as independent.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    groups: Option<u64>,
-    degrees_of_freedom: u64,
-    /// In products of N and N·m.
-    residual: OfAxes<OfAxes<f64>>,
-    /// Half the width of a 95 % prediction interval, coefficients taken as certain, N and N·m; `None` where
-    /// groups are too few to tell.
-    interval_95: Option<OfAxes<f64>>,
-}
-
-impl CovarianceReport {
-    fn new(covariance: &Covariance, axes: Axes) -> Self {
-        let groups = match &covariance.coefficients {
-            CoefficientCovariance::Groups { groups, .. } => Some(*groups),
-            CoefficientCovariance::Rows { .. } => None,
-        };
-        let (sd, factors) = (covariance.residual_sd(), covariance.interval_factors(0.95));
-        Self {
-            groups,
-            degrees_of_freedom: covariance.degrees_of_freedom,
-            residual: Stored::of(&covariance.residual, axes),
-            interval_95: factors.ok().map(|factors| {
-                Stored::of(&std::array::from_fn(|axis| factors[axis] * sd[axis]), axes)
-            }),
-        }
+/// What standard errors come from, and the covariance of the errors of a row, for `--json`.
+fn covariance(covariance: &Covariance, axes: Axes) -> impl Serialize {
+    let groups = match &covariance.coefficients {
+        CoefficientCovariance::Groups { groups, .. } => Some(*groups),
+        CoefficientCovariance::Rows { .. } => None,
+    };
+    let (sd, factors) = (covariance.residual_sd(), covariance.interval_factors(0.95).ok());
+    let half_width =
+        |factors: PerAxis<f64>| axes.of(&std::array::from_fn(|axis| factors[axis] * sd[axis]));
+    document! {
+        // Groups of rows; absent where rows are taken as independent.
+        groups?: groups,
+        degrees_of_freedom: covariance.degrees_of_freedom,
+        // In products of N and N·m.
+        residual: OfAxes::<OfAxes<f64>>::of(&covariance.residual, axes),
+        // Half the width of a 95 % prediction interval, coefficients taken as certain, N and N·m; `null` where
+        // groups are too few to tell.
+        interval_95: factors.map(half_width),
     }
 }
 
@@ -232,25 +151,25 @@ pub(super) fn report(
         return Ok(());
     };
     let model = solution.model;
-    let covariance = fitted.calibration.covariance.as_ref();
     let axes = fitted.calibration.axes;
     if printer.json() {
-        return printer.document(&FitReport {
+        return printer.document(&document! {
             model: model.name(),
-            verdict: VerdictReport::from(&fitted.verdict()),
-            solver: Stored::of(&solver, axes),
-            counts: RowCounts::new(fitted, diagnostics),
-            test_share_on_training_plateaus: fitted.leaks.test,
+            verdict: verdict::document(&fitted.verdict()),
+            solver: StoredSolverRecord::of(&solver, axes),
+            ..counts: row_counts(fitted, diagnostics),
+            // The share of test rows that were recorded at plateaus of the training data.
+            test_share_on_training_plateaus?: fitted.leaks.test,
             features: model.term_count(),
             rank: diagnostics.rank,
             condition: diagnostics.condition,
-            errors: ErrorReport::new(fitted, diagnostics, axes),
-            advice: fitted.advice.as_ref().map(|advice| AdviceReport::new(advice, axes)),
-            groups_found: fitted.found_groups.map(FoundReport::from),
-            outliers: named.used.as_ref().map(NamedOutliers::report),
-            dropped: named.dropped.as_ref().map(NamedOutliers::report),
-            excitation: Stored::of(&diagnostics.excitation, axes),
-            covariance: covariance.map(|covariance| CovarianceReport::new(covariance, axes)),
+            ..errors: errors(fitted, diagnostics, axes),
+            advice?: fitted.advice.as_ref().map(|found| advice(found, axes)),
+            groups_found?: fitted.found_groups.map(groups_found),
+            outliers?: named.used.as_ref().map(NamedOutliers::report),
+            dropped?: named.dropped.as_ref().map(NamedOutliers::report),
+            excitation: Option::<StoredExcitation>::of(&diagnostics.excitation, axes),
+            covariance?: fitted.calibration.covariance.as_ref().map(|of| covariance(of, axes)),
             time_s: seconds,
         });
     }
