@@ -1,85 +1,54 @@
 //! What is said of a plan: table, JSON, CSV, figure.
 
-use calibration::load_plan::PredictedError;
+use calibration::load_plan::{Coupling, PlannedLoad, PredictedError};
 use calibration::quality::significant;
 use figures::{Chart, ChartMark, Figure, PlotAxis, Series, Size, Spacing};
 use serde::Serialize;
-use shell_data::wrench::{Axis, PerAxis};
+use shell_data::wrench::Axis;
 
 use super::LoadPlan;
+use crate::document::document;
 use crate::printer::Printer;
 
-/// What `--json` prints.
-#[derive(Serialize)]
-pub(super) struct PlanDocument {
-    criterion: &'static str,
-    recorded_poses: usize,
-    error_before: StoredError,
-    loads: Vec<StoredLoad>,
-    /// Whether `--until` is reached; `null` without it.
-    reached: Option<bool>,
-    couplings: Vec<StoredCoupling>,
-}
-
-#[derive(Serialize)]
-struct StoredLoad {
-    step: usize,
-    group: String,
-    load: String,
-    wrench: PerAxis<f64>,
-    gain_nats: f64,
-    predicted_error: StoredError,
-}
-
-/// In N and N·m, or relative to one pose.
-#[derive(Serialize)]
-#[serde(rename_all = "snake_case")]
-enum StoredError {
-    Wrench(PerAxis<f64>),
-    RelativeToPose(f64),
-}
-
-#[derive(Serialize)]
-struct StoredCoupling {
-    axes: [&'static str; 2],
-    correlation: f64,
-    broken_by: Option<String>,
-    correlation_after: Option<f64>,
-}
-
-impl From<PredictedError> for StoredError {
-    fn from(error: PredictedError) -> Self {
-        match error {
-            PredictedError::Wrench(errors) => Self::Wrench(errors),
-            PredictedError::Relative(error) => Self::RelativeToPose(error),
-        }
-    }
+/// What `--json` prints of an error: in N and N·m, or relative to one pose.
+fn error(of: PredictedError) -> impl Serialize {
+    let (wrench, relative) = match of {
+        PredictedError::Wrench(errors) => (Some(errors), None),
+        PredictedError::Relative(error) => (None, Some(error)),
+    };
+    document! { wrench?: wrench, relative_to_pose?: relative }
 }
 
 impl LoadPlan {
-    pub(super) fn document(&self) -> PlanDocument {
+    /// What `--json` prints.
+    pub(super) fn document(&self) -> impl Serialize {
         let loads = self.table.loads();
-        let load = |(step, planned): (usize, &calibration::load_plan::PlannedLoad)| StoredLoad {
-            step,
-            group: loads[planned.candidate].group.clone(),
-            load: loads[planned.candidate].to_string(),
-            wrench: loads[planned.candidate].wrench(),
-            gain_nats: planned.gain,
-            predicted_error: planned.error.into(),
+        let load = |(step, planned): (usize, &PlannedLoad)| {
+            document! {
+                step: step,
+                group: &loads[planned.candidate].group,
+                load: loads[planned.candidate].to_string(),
+                wrench: loads[planned.candidate].wrench(),
+                gain_nats: planned.gain,
+                predicted_error: error(planned.error),
+            }
         };
-        let coupling = |coupling: &calibration::load_plan::Coupling| StoredCoupling {
-            axes: [coupling.first.name(), coupling.second.name()],
-            correlation: coupling.correlation,
-            broken_by: coupling.broken_by.map(|(at, _)| loads[at].group.clone()),
-            correlation_after: coupling.broken_by.map(|(_, after)| after),
+        let coupling = |of: &Coupling| {
+            document! {
+                axes: [of.first.name(), of.second.name()],
+                correlation: of.correlation,
+                broken_by: of.broken_by.map(|(at, _)| &loads[at].group),
+                correlation_after: of.broken_by.map(|(_, after)| after),
+            }
         };
-        PlanDocument {
+        document! {
             criterion: self.criterion,
             recorded_poses: self.recorded,
-            error_before: self.before.into(),
-            loads: (1..).zip(&self.order).map(load).collect(),
+            error_before: error(self.before),
+            loads: (1..).zip(&self.order).map(load).collect::<Vec<_>>(),
+            // Whether `--until` is reached; `null` without it.
             reached: self.limits.map(|limits| limits.are_met(&self.error_after())),
-            couplings: self.couplings.iter().map(coupling).collect(),
+            couplings: self.couplings.iter().map(coupling).collect::<Vec<_>>(),
         }
     }
 

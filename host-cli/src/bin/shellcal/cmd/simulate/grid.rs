@@ -1,5 +1,6 @@
 //! Every combination of parameter values.
 
+use std::collections::BTreeMap;
 use std::io::Write;
 
 use anyhow::ensure;
@@ -7,20 +8,12 @@ use serde::Serialize;
 use simulation::channel_study::{ChannelSummary, GridAxis, GridCell, Parameter, grid};
 
 use super::args::SimulateArgs;
+use crate::document::document;
 use crate::printer::Printer;
 use crate::tables::or_dash;
 
 /// Combinations at most.
 const MOST_CELLS: f64 = 1e8;
-
-/// What `--json` says of a combination.
-#[derive(Debug, Serialize)]
-struct CellReport {
-    parameters: serde_json::Map<String, serde_json::Value>,
-    #[serde(flatten)]
-    summary: Option<ChannelSummary>,
-    error: Option<String>,
-}
 
 impl SimulateArgs {
     pub(super) fn run_grid(&self, printer: &Printer) -> anyhow::Result<()> {
@@ -119,11 +112,11 @@ fn rounded(value: f64) -> String {
     text.parse::<f64>().map_or(text, |value| value.to_string())
 }
 
-fn report(names: &[String], cell: GridCell) -> CellReport {
-    let values = cell.values.iter().map(|&value| value.into());
-    let parameters = names.iter().cloned().zip(values).collect();
-    match cell.outcome {
-        Ok(summary) => CellReport { parameters, summary: Some(summary), error: None },
-        Err(error) => CellReport { parameters, summary: None, error: Some(error.to_string()) },
+/// What `--json` says of a combination.
+fn report<'a>(names: &'a [String], cell: GridCell) -> impl Serialize + use<'a> {
+    document! {
+        parameters: names.iter().zip(cell.values).collect::<BTreeMap<_, _>>(),
+        ..summary: cell.outcome.as_ref().ok().cloned(),
+        error: cell.outcome.err().map(|error| error.to_string()),
     }
 }
