@@ -5,7 +5,7 @@
 /// `name?: value` takes an `Option` and leaves the field out where that is `None`; `..name: value` stands for the
 /// fields of another document.
 macro_rules! document {
-    ($($fields:tt)+) => { $crate::document::document_of!([] [] [] $($fields)+) };
+    ($($fields:tt)+) => { document_of!([] [] [] $($fields)+) };
 }
 
 /// Takes one field after the other to the type parameters, the fields and the values of a type of its own.
@@ -19,12 +19,12 @@ macro_rules! document_of {
         document::Document { $($value)+ }
     }};
     ([$($n:tt)*] [$($f:tt)*] [$($v:tt)*] ..$name:ident: $value:expr $(, $($rest:tt)*)?) => {
-        $crate::document::document_of!(
+        document_of!(
             [$($n)* $name] [$($f)* #[serde(flatten)] pub(super) $name: $name,] [$($v)* $name: $value,] $($($rest)*)?
         )
     };
     ([$($n:tt)*] [$($f:tt)*] [$($v:tt)*] $name:ident?: $value:expr $(, $($rest:tt)*)?) => {
-        $crate::document::document_of!(
+        document_of!(
             [$($n)* $name]
             [$($f)* #[serde(skip_serializing_if = "Option::is_none")] pub(super) $name: Option<$name>,]
             [$($v)* $name: $value,]
@@ -32,10 +32,8 @@ macro_rules! document_of {
         )
     };
     ([$($n:tt)*] [$($f:tt)*] [$($v:tt)*] $name:ident: $value:expr $(, $($rest:tt)*)?) => {
-        $crate::document::document_of!(
+        document_of!(
             [$($n)* $name] [$($f)* pub(super) $name: $name,] [$($v)* $name: $value,] $($($rest)*)?
         )
     };
 }
-
-pub(crate) use {document, document_of};

@@ -1,9 +1,11 @@
 //! `shellcal`: from the recordings of an optical force/torque shell to forces and moments.
 
+#[macro_use]
+mod document;
+
 mod args;
 mod cmd;
 mod config;
-mod document;
 mod files;
 mod hints;
 mod printer;

@@ -15,7 +15,6 @@ use super::figure_size::FigureSize;
 use super::frames::FrameArgs;
 use super::mapping::MappingArgs;
 use super::partial_output::OpenOutput;
-use crate::document::document;
 use crate::files::{InputPath, OutputPath};
 use crate::hints;
 use crate::printer::{Outcome, Printer};

@@ -8,7 +8,6 @@ use shellcal::workflow::check::check_weights;
 use super::edited::EditedArg;
 use super::mapping::{MappingArgs, open_logs, tell_remembered};
 use super::plan::read_table;
-use crate::document::document;
 use crate::files::InputPath;
 use crate::printer::{Outcome, Printer, TableColumn};
 

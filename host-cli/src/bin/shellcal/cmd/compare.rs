@@ -10,7 +10,6 @@ use shellcal::workflow::check_channels;
 use shellcal::workflow::remark::found_groups;
 
 use super::mapping::{MappingArgs, open_logs, tell_remembered};
-use crate::document::document;
 use crate::files::InputPath;
 use crate::printer::{Printer, TableColumn};
 

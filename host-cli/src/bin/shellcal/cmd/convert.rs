@@ -23,7 +23,6 @@ use super::frames::{ForceArgs, FrameArgs};
 use super::mapping::{ColumnList, MappingArgs, open_logs, tell_remembered};
 use super::partial_output::OpenOutput;
 use super::payload::load::MotionArgs;
-use crate::document::document;
 use crate::files::{InputPath, OutputLocation, OutputPath};
 use crate::printer::Printer;
 
@@ -186,30 +185,20 @@ impl ConvertArgs {
         let summary = printer.scan(log, conversion.read, |read| {
             convert(&Conversion { read, ..conversion }, &plan, &mut out, trace)
         })?;
-        self.check_tare(log, &summary, diagnostics, printer)?;
+        if let Some(text) = summary.tare_doubt(log.path(), diagnostics) {
+            // A tare that was not taken at rest.
+            ensure!(
+                !self.strict,
+                "{text}; take frames at rest with `--tare-time`, or keep the zero of the calibration with `--no-tare`"
+            );
+            printer.warning(text);
+        }
         out.finish()?;
         Ok(summary)
     }
 
     fn frame(&self) -> RecordingFrame {
         RecordingFrame { id: self.frame_id.clone(), mount: self.mount.clone() }
-    }
-
-    /// Warns of a tare that was not taken at rest, or refuses it.
-    fn check_tare(
-        &self,
-        log: &Log,
-        summary: &ConvertSummary,
-        diagnostics: Option<&Diagnostics>,
-        printer: &Printer,
-    ) -> anyhow::Result<()> {
-        let Some(text) = summary.tare_doubt(log.path(), diagnostics) else { return Ok(()) };
-        ensure!(
-            !self.strict,
-            "{text}; take frames at rest with `--tare-time`, or keep the zero of the calibration with `--no-tare`"
-        );
-        printer.warning(text);
-        Ok(())
     }
 
     /// The file that each log's table goes to, `None` for the standard output; every clash is found here, before any

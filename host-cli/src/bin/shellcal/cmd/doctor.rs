@@ -179,15 +179,8 @@ impl DoctorArgs {
     fn examine_ports(&self) -> anyhow::Result<Vec<Examination>> {
         let found = ports()?;
         if found.is_empty() {
-            let finding = Finding {
-                check: "no-port",
-                severity: FindingSeverity::Fault,
-                seen: "this computer has no serial port".to_owned(),
-                advice: Some(
-                    "plug the adapter in; `shellcal board --simulate` is a board without one"
-                        .to_owned(),
-                ),
-            };
+            let advice = "plug the adapter in; `shellcal board --simulate` is a board without one";
+            let finding = Finding::fault("no-port", "this computer has no serial port", advice);
             let name = "ports".to_owned();
             return Ok(vec![Examination { name, kind: "port", findings: vec![finding] }]);
         }

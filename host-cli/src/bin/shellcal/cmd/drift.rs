@@ -10,7 +10,6 @@ use super::edited::EditedArg;
 use super::figure_size::FigureSize;
 use super::frames::FrameArgs;
 use super::mapping::{MappingArgs, tell_remembered};
-use crate::document::document;
 use crate::files::{InputPath, OutputPath};
 use crate::printer::Printer;
 
@@ -58,10 +57,7 @@ impl DriftArgs {
         );
         let mut plot = self.figure_size.create(self.plot.as_ref(), printer)?;
         let file = self.calibration.as_ref().map(|path| self.edited.read(path)).transpose()?;
-        let mapping = match &file {
-            Some(file) => self.mapping.mapping_for(file),
-            None => self.mapping.mapping(),
-        };
+        let mapping = self.mapping.mapping_for(file.as_ref());
         let options = DriftOptions {
             calibration: file.as_ref().map(|file| &file.calibration),
             temperature: self.temperature.clone(),

@@ -22,7 +22,6 @@ use super::figure_size::FigureSize;
 use super::mapping::{MappingArgs, open_logs, tell_remembered};
 use super::quality::table_row;
 use super::rms_limits::RmsLimits;
-use crate::document::document;
 use crate::files::{InputPath, OutputPath};
 use crate::printer::{Outcome, Printer};
 

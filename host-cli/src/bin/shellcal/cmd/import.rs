@@ -1,10 +1,11 @@
 //! `shellcal import`: a calibration from a coefficient matrix.
 
 use calibration_file::{CalibrationFile, matrix::ImportOptions};
+use log_file::MomentUnit;
 
-use super::mapping::MomentUnitArg;
+use super::choices::one_of;
+use super::mapping::MOMENT_UNITS;
 use super::origin;
-use crate::document::document;
 use crate::files::{InputPath, OutputPath};
 use crate::printer::Printer;
 
@@ -26,8 +27,8 @@ pub(crate) struct ImportArgs {
     variable: Option<String>,
 
     /// The unit of moments [default: what the header says, else mN·m]
-    #[arg(long, value_name = "UNIT")]
-    moment_unit: Option<MomentUnitArg>,
+    #[arg(long, value_name = "UNIT", value_parser = one_of(&MOMENT_UNITS))]
+    moment_unit: Option<MomentUnit>,
 
     /// The label of the sensor, for the calibration file
     #[arg(long, value_name = "SERIAL")]
@@ -37,10 +38,8 @@ pub(crate) struct ImportArgs {
 impl ImportArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let output = printer.files.create(&self.output)?;
-        let options = ImportOptions {
-            moment_unit: self.moment_unit.map(Into::into),
-            variable: self.variable.clone(),
-        };
+        let options =
+            ImportOptions { moment_unit: self.moment_unit, variable: self.variable.clone() };
         let mut file = CalibrationFile::import(&self.matrix, &options)?;
         file.origin.made_by = shellcal::PROGRAM.to_owned();
         file.origin.date = origin::date()?;

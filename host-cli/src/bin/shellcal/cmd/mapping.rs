@@ -1,7 +1,6 @@
 //! The flags of every command that reads logs: what their columns are, and how they are read.
 
 use calibration_file::CalibrationFile;
-use clap::ValueEnum;
 use log_file::{
     ColumnRef, FORMATS, Log, LogFormat, Mapping, MomentUnit, ReadOptions, TIME_UNITS, TimeUnit,
     parse_column, parse_columns, parse_wrench,
@@ -48,8 +47,8 @@ pub(crate) struct MappingArgs {
     pub(crate) group: Option<ColumnRef>,
 
     /// The unit of the moment columns, whatever their names say
-    #[arg(long, value_name = "UNIT")]
-    pub(crate) moment_unit: Option<MomentUnitArg>,
+    #[arg(long, value_name = "UNIT", value_parser = one_of(&MOMENT_UNITS))]
+    pub(crate) moment_unit: Option<MomentUnit>,
 
     /// Leave out rows that are wrong, and say how many
     #[arg(long)]
@@ -71,14 +70,18 @@ impl MappingArgs {
             time: self.time.clone(),
             time_unit: self.time_unit,
             group: self.group.clone(),
-            moment_unit: self.moment_unit.map(MomentUnit::from),
+            moment_unit: self.moment_unit,
             usual: None,
         }
     }
 
-    /// What the user says about the columns of logs that a calibration is for.
-    pub(crate) fn mapping_for(&self, calibration: &CalibrationFile) -> Mapping {
-        Mapping { usual: calibration.origin.columns.clone(), ..self.mapping() }
+    /// What the user says about the columns of logs that a calibration is for, if there is one.
+    pub(crate) fn mapping_for<'a>(
+        &self,
+        calibration: impl Into<Option<&'a CalibrationFile>>,
+    ) -> Mapping {
+        let usual = calibration.into().and_then(|file| file.origin.columns.clone());
+        Mapping { usual, ..self.mapping() }
     }
 
     /// The columns of training logs that the user names, if any.
@@ -140,21 +143,8 @@ type WrenchColumns = PerAxis<Option<ColumnRef>>;
 /// A list of columns, which is one value of an option.
 pub(crate) type ColumnList = Vec<ColumnRef>;
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum MomentUnitArg {
-    /// N·m
-    #[value(name = "N·m", aliases = ["nm", "Nm", "N.m"])]
-    NewtonMetre,
-    /// mN·m, the same as N·mm
-    #[value(name = "mN·m", aliases = ["mnm", "mNm", "mN.m", "N·mm", "Nmm", "nmm", "N.mm"])]
-    MillinewtonMetre,
-}
-
-impl From<MomentUnitArg> for MomentUnit {
-    fn from(unit: MomentUnitArg) -> Self {
-        match unit {
-            MomentUnitArg::NewtonMetre => MomentUnit::NewtonMetre,
-            MomentUnitArg::MillinewtonMetre => MomentUnit::MillinewtonMetre,
-        }
-    }
-}
+/// Units of moments.
+pub(super) const MOMENT_UNITS: [(&str, &str, MomentUnit); 2] = [
+    ("N·m|nm|Nm|N.m", "N·m", MomentUnit::NewtonMetre),
+    ("mN·m|mnm|mNm|mN.m|N·mm|Nmm|nmm|N.mm", "mN·m, the same as N·mm", MomentUnit::MillinewtonMetre),
+];

@@ -16,9 +16,8 @@ use super::choices::{self, COVARIANCES, one_of};
 use super::edited::EditedArg;
 use super::origin;
 use super::partial_output::OpenOutput;
-use super::quality::table_row;
+use super::quality::print_errors;
 use super::validation::{print_cross_validation, print_selection};
-use crate::document::document;
 use crate::files::{InputOrStdin, OutputOrStdout, OutputPath};
 use crate::printer::Printer;
 
@@ -248,8 +247,7 @@ impl MergeArgs {
         if let Some(selection) = &fit.selection {
             print_selection(printer, selection, None, axes)?;
         }
-        let table = axes.iter().map(|axis| table_row(axis, &[&fit.train]));
-        printer.table(&["axis", "RMS train", "max train", "R² train", "unit"], table)?;
+        print_errors(printer, fit, axes)?;
         let condition = fit.condition.map_or("infinite".into(), |c| significant(c, 3));
         summary += &format!(", rank {}, condition {condition}", fit.rank);
         printer.line(summary)?;

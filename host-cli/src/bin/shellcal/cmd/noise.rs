@@ -10,7 +10,6 @@ use shellcal::workflow::selection::TimeWindow;
 use super::edited::EditedArg;
 use super::frames::{FrameArgs, parse_window};
 use super::mapping::{MappingArgs, tell_remembered};
-use crate::document::document;
 use crate::files::InputPath;
 use crate::printer::Printer;
 

@@ -1,8 +1,11 @@
 //! How the errors of a calibration are printed, by `fit` and `eval` alike.
 
-use crate::tables::NOTHING;
 use calibration::quality::{AxisQuality, significant};
+use calibration_file::Diagnostics;
 use shell_data::wrench::{Axes, Axis, PerAxis};
+
+use crate::printer::Printer;
+use crate::tables::NOTHING;
 
 /// One row of the table: RMS, max and R² of every set side by side, and the unit.
 pub(super) fn table_row(axis: Axis, sets: &[&PerAxis<AxisQuality>]) -> Vec<String> {
@@ -17,6 +20,25 @@ pub(super) fn table_row(axis: Axis, sets: &[&PerAxis<AxisQuality>]) -> Vec<Strin
     }
     row.push(axis.unit().to_owned());
     row
+}
+
+/// The table of errors on training and test rows.
+pub(super) fn print_errors(
+    printer: &Printer,
+    diagnostics: &Diagnostics,
+    axes: Axes,
+) -> anyhow::Result<()> {
+    let sets: Vec<&PerAxis<AxisQuality>> =
+        [Some(&diagnostics.train), diagnostics.test.as_ref()].into_iter().flatten().collect();
+    let mut header = vec!["axis"];
+    for (train, test) in
+        [("RMS train", "RMS test"), ("max train", "max test"), ("R² train", "R² test")]
+    {
+        header.extend([train, test].iter().take(sets.len()));
+    }
+    header.push("unit");
+    let rows = axes.iter().map(|axis| table_row(axis, &sets));
+    printer.table(&header, rows)
 }
 
 /// R² down to the digit that tells it from 1.

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use board_link::recording::PROTOCOLS;
 use board_link::{RecordOptions, Sinks, Source, Unwatched, Watcher, record};
+use clap::builder::TypedValueParser;
 use frame_stream::{
     Destination, FrameRows, FrameStream, RowOptions, StreamFormat, StreamHandle, StreamOptions,
     StreamWatcher,
@@ -14,7 +15,7 @@ use log_file::Log;
 use shared_proto::Protocol;
 use shellcal::workflow::live::play;
 
-use super::choices::{POSITIVE, number_in, one_of};
+use super::choices::{POSITIVE, number_in, number_within, one_of};
 use super::live_forces::LiveForceArgs;
 use super::mapping::MappingArgs;
 use super::ports::is_port;
@@ -76,7 +77,7 @@ pub(crate) struct StreamArgs {
     until_eof: bool,
 
     /// How many times as fast a log is played
-    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = parse_speed)]
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = speed())]
     speed: f64,
 
     /// Say at the end how late rows were: median and 99th percentile of the time from the board's clock to the
@@ -177,10 +178,6 @@ impl StreamArgs {
 }
 
 /// A factor on the pace of a log.
-pub(super) fn parse_speed(text: &str) -> Result<f64, String> {
-    let speed: f64 = text.parse().map_err(|_| "a factor, such as 4".to_owned())?;
-    match (0.001..=1000.0).contains(&speed) {
-        true => Ok(speed),
-        false => Err("a factor from 0.001 to 1000".to_owned()),
-    }
+pub(super) fn speed() -> impl TypedValueParser<Value = f64> {
+    number_within(0.001..=1000.0, ["a factor, such as 4", "a factor from 0.001 to 1000"])
 }

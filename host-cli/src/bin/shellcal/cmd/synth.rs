@@ -11,7 +11,6 @@ use super::partial_output::OpenOutput;
 use super::row_limit::RowLimit;
 use super::synth_pair::PairArgs;
 use super::synth_trial::{SynthTrialArgs, TrialsArgs};
-use crate::document::document;
 use crate::files::OutputPath;
 use crate::printer::Printer;
 

@@ -8,7 +8,6 @@ use simulation::synthetic_log::{
 };
 
 use super::row_limit::RowLimit;
-use crate::document::document;
 use crate::files::OutputPath;
 use crate::printer::Printer;
 

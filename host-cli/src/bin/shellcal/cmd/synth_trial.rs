@@ -6,7 +6,6 @@ use simulation::virtual_robot::{ChannelForces, Counter, TrialSettings, VirtualTr
 
 use super::choices::one_of;
 use super::partial_output::OpenOutput;
-use crate::document::document;
 use crate::files::{OutputLocation, OutputPath};
 use crate::printer::Printer;
 

@@ -12,7 +12,6 @@ use serde::Serialize;
 use shell_data::hint::quoted;
 use shell_data::wrench::{Axes, Axis};
 
-use crate::document::document;
 use crate::printer::{Printer, TableColumn};
 use crate::tables::{NOTHING, or_dash};
 

@@ -6,7 +6,6 @@ use load_table::{HungLoad, Pull};
 use serde::Serialize;
 use shellcal::workflow::hung_loads::HungReference;
 
-use crate::document::document;
 use crate::printer::{Printer, TableColumn};
 
 /// Scatter in stated errors from which those are said to be too small.

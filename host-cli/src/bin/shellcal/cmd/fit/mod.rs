@@ -1,13 +1,11 @@
 //! `shellcal fit`: from training logs to a calibration.
 
-mod dynamics;
 mod hung_loads;
 mod partial;
 mod physics;
 mod plan;
 mod recalibration;
 mod report;
-mod verdict;
 
 use shellcal::workflow::remark::about_table;
 use std::time::Instant;
@@ -21,7 +19,6 @@ use shellcal::workflow::gates::ComparedAxes;
 use shellcal::workflow::partial::KeptGroups;
 
 use self::plan::FitPlan;
-use self::verdict::print_verdict;
 use super::choices::{self, COVARIANCES, number_in, one_of};
 use super::figure_size::FigureSize;
 use super::mapping::MappingArgs;
@@ -238,7 +235,7 @@ impl FitArgs {
         let html = self.report.as_ref().map(|_| plan.html(&file, &fitted, &named)).transpose()?;
         plan.write(&file, &fitted, html.as_deref())?;
         if !printer.json() {
-            print_verdict(printer, &fitted.verdict())?;
+            report::print_verdict(printer, &fitted.verdict())?;
         }
         plan.tell(&fitted, &named, printer);
         let seconds = start.elapsed().as_secs_f64();

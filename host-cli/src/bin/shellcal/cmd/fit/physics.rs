@@ -8,11 +8,10 @@ use calibration_file::stored::{Stored, StoredExcitation, StoredGroupIntervals};
 use shell_data::wrench::Axes;
 use shellcal::workflow::hung_loads::HungReference;
 
-use super::super::quality::in_line;
+use super::super::quality::{in_line, print_errors};
 use super::super::validation::{groups_found, print_cross_validation, print_selection};
-use super::report::{compared, errors, print_errors, print_rows, row_counts};
-use super::{hung_loads, verdict};
-use crate::document::document;
+use super::hung_loads;
+use super::report::{compared, errors, print_rows, row_counts, verdict};
 use crate::printer::Printer;
 
 pub(super) fn report(
@@ -41,7 +40,7 @@ pub(super) fn report(
         let coverage = validation.and_then(PhysicsValidation::coverage);
         return printer.document(&document! {
             model: file.calibration.name(),
-            verdict: verdict::document(&fitted.verdict()),
+            verdict: verdict(&fitted.verdict()),
             ..counts: row_counts(fitted, diagnostics),
             observations: of_rows.observations,
             groups: of_rows.groups,

@@ -16,7 +16,6 @@ use super::super::origin;
 use super::super::plan::read_table;
 use super::super::quality::in_line;
 use super::FitArgs;
-use crate::document::document;
 use crate::files::InputPath;
 use crate::printer::{Outcome, Printer};
 

@@ -1,7 +1,8 @@
 //! What `shellcal fit` prints.
 
-use calibration::fit::{Fit, ModelComparison};
-use calibration::quality::{AxisQuality, significant};
+use calibration::dynamics::{Dynamics, NotSearched};
+use calibration::fit::{Fit, ModelComparison, UnseenRows, Verdict};
+use calibration::quality::significant;
 use calibration::uncertainty::{CoefficientCovariance, Covariance};
 use calibration::validation::advice::Advice;
 use calibration_file::stored::{
@@ -13,16 +14,45 @@ use serde::Serialize;
 use shell_data::wrench::{Axes, PerAxis};
 use shellcal::workflow::outliers::NamedOutliers;
 
-use super::super::quality::table_row;
+use super::super::quality::print_errors;
 use super::super::validation::{
     comparison, groups_found, log_ratio, print_advice, print_cross_validation, print_excitation,
     print_selection,
 };
-use super::dynamics::dynamics;
 use super::plan::NamedRows;
-use super::verdict;
-use crate::document::document;
 use crate::printer::Printer;
+
+/// Prints the verdict, before all else.
+pub(super) fn print_verdict(printer: &Printer, verdict: &Verdict) -> anyhow::Result<()> {
+    verdict.lines().into_iter().try_for_each(|line| printer.line(line))?;
+    printer.line("")
+}
+
+/// What `--json` prints of it.
+pub(super) fn verdict(verdict: &Verdict) -> impl Serialize + use<> {
+    let (axes, unseen) = (verdict.axes, verdict.unseen.as_ref().ok());
+    let interval = verdict.interval.as_ref().ok();
+    document! {
+        // The same in words.
+        text: verdict.lines(),
+        // Errors on rows that were not used, N and N·m.
+        unseen_rms?: unseen.map(|of| axes.of(&of.rms)),
+        // The same over the range of the training loads.
+        unseen_share_of_range?: unseen.map(|of| axes.of(&of.share_of_range)),
+        unseen_rows?: unseen.map(|of| match of.on {
+            UnseenRows::HeldOut { are_shuffled: false, .. } => "held_out",
+            UnseenRows::HeldOut { are_shuffled: true, .. } => "held_out_of_shuffled_rows",
+            UnseenRows::Test(_) => "test",
+        }),
+        // Half the width of what holds 95 % of single frames, N and N·m.
+        interval_95?: interval.map(|of| axes.of(&of.half_width)),
+        // The share of held-out rows within it, where they were counted.
+        interval_95_held?: interval.and_then(|of| of.held).map(|held| axes.of(&held)),
+        usable: verdict.is_usable(),
+        // Axes whose error is about as large as the loads.
+        useless_axes: verdict.useless.columns(),
+    }
+}
 
 /// What `--json` prints of the rows of a fit.
 pub(super) fn row_counts(fitted: &Fit, diagnostics: &Diagnostics) -> impl Serialize {
@@ -46,6 +76,28 @@ pub(super) fn errors(fitted: &Fit, of: &Diagnostics, axes: Axes) -> impl Seriali
         selection?: Option::<StoredSelection>::of(&of.selection, axes),
         dynamics?: fitted.dynamics.as_ref().map(|found| dynamics(found, axes)),
         weighing?: compared(fitted).map(comparison),
+    }
+}
+
+/// What `--json` says of lag and memory: what was found, or why nothing was searched for.
+fn dynamics(of: &Result<Dynamics, NotSearched>, axes: Axes) -> impl Serialize {
+    let found = of.as_ref().ok();
+    let memory = found.and_then(|found| found.memory.as_ref());
+    document! {
+        not_searched?: of.as_ref().err().map(ToString::to_string),
+        // `s` or `rows`.
+        time_base?: found.map(|found| found.time_base.unit()),
+        // Of the reference, in units of the time base; 0 for none.
+        lag: found.and_then(|found| found.lag).map_or(0.0, |lag| lag.by),
+        lag_standard_error?: found.and_then(|found| found.lag_standard_error),
+        time_constants: memory.map_or(&[][..], |memory| &memory.time_constants),
+        // Errors of the family that was searched on, N and N·m.
+        held_out_rms?: found.and_then(|found| found.gain).map(|gain| document! {
+            folds: gain.folds,
+            plain: axes.of(&gain.plain),
+            with_lag: axes.of(&gain.with_lag),
+            with_lag_and_memory: axes.of(&gain.with_all),
+        }),
     }
 }
 
@@ -83,25 +135,6 @@ fn covariance(covariance: &Covariance, axes: Axes) -> impl Serialize {
         // groups are too few to tell.
         interval_95: factors.map(half_width),
     }
-}
-
-/// The table of errors on training and test rows.
-pub(super) fn print_errors(
-    printer: &Printer,
-    diagnostics: &Diagnostics,
-    axes: Axes,
-) -> anyhow::Result<()> {
-    let sets: Vec<&PerAxis<AxisQuality>> =
-        [Some(&diagnostics.train), diagnostics.test.as_ref()].into_iter().flatten().collect();
-    let mut header = vec!["axis"];
-    for (train, test) in
-        [("RMS train", "RMS test"), ("max train", "max test"), ("R² train", "R² test")]
-    {
-        header.extend([train, test].iter().take(sets.len()));
-    }
-    header.push("unit");
-    let rows = axes.iter().map(|axis| table_row(axis, &sets));
-    printer.table(&header, rows)
 }
 
 /// How many rows there were, and which loads they measured.
@@ -155,7 +188,7 @@ pub(super) fn report(
     if printer.json() {
         return printer.document(&document! {
             model: model.name(),
-            verdict: verdict::document(&fitted.verdict()),
+            verdict: verdict(&fitted.verdict()),
             solver: StoredSolverRecord::of(&solver, axes),
             ..counts: row_counts(fitted, diagnostics),
             // The share of test rows that were recorded at plateaus of the training data.

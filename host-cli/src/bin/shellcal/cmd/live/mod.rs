@@ -31,7 +31,7 @@ use super::mapping::MappingArgs;
 use super::ports::is_port;
 use super::record::parse_duration;
 use super::serial::SerialArgs;
-use super::stream::parse_speed;
+use super::stream::speed;
 use super::streaming::{self, StreamToArgs};
 use crate::files::{InputPath, OutputPath};
 use crate::printer::Printer;
@@ -84,7 +84,7 @@ pub(crate) struct LiveArgs {
     window: f64,
 
     /// How many times as fast a log is played
-    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = parse_speed)]
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = speed())]
     speed: f64,
 
     /// End after so many seconds

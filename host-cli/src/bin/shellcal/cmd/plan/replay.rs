@@ -11,7 +11,6 @@ use shellcal::workflow::plan::observations;
 
 use super::super::figure_size::FigureFile;
 use super::report::chart;
-use crate::document::document;
 use crate::printer::Printer;
 
 /// How near to the error with all poses counts as there.

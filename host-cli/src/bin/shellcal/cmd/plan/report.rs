@@ -6,8 +6,7 @@ use figures::{Chart, ChartMark, Figure, PlotAxis, Series, Size, Spacing};
 use serde::Serialize;
 use shell_data::wrench::Axis;
 
-use super::LoadPlan;
-use crate::document::document;
+use super::{LoadPlan, are_met};
 use crate::printer::Printer;
 
 /// What `--json` prints of an error: in N and N·m, or relative to one pose.
@@ -47,7 +46,7 @@ impl LoadPlan {
             error_before: error(self.before),
             loads: (1..).zip(&self.order).map(load).collect::<Vec<_>>(),
             // Whether `--until` is reached; `null` without it.
-            reached: self.limits.map(|limits| limits.are_met(&self.error_after())),
+            reached: self.limits.map(|limits| are_met(limits, &self.error_after())),
             couplings: self.couplings.iter().map(coupling).collect::<Vec<_>>(),
         }
     }
@@ -124,10 +123,10 @@ impl LoadPlan {
         let count = self.order.len();
         match self.limits {
             Some(limits) if count == 0 => {
-                debug_assert!(limits.are_met(&self.before), "a plan ends where it is good enough");
+                debug_assert!(are_met(limits, &self.before), "a plan ends where it is good enough");
                 said.push(format!("no more loads are needed: predicted error {before}"));
             }
-            Some(limits) if limits.are_met(&self.error_after()) => {
+            Some(limits) if are_met(limits, &self.error_after()) => {
                 let loads = if count == 1 { "load" } else { "loads" };
                 said.push(format!("{count} more {loads} for {after}; now {before}"));
             }

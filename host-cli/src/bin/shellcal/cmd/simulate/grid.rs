@@ -5,10 +5,9 @@ use std::io::Write;
 
 use anyhow::ensure;
 use serde::Serialize;
-use simulation::channel_study::{ChannelSummary, GridAxis, GridCell, Parameter, grid};
+use simulation::channel_study::{GridAxis, GridCell, Parameter, grid};
 
 use super::args::SimulateArgs;
-use crate::document::document;
 use crate::printer::Printer;
 use crate::tables::or_dash;
 
@@ -74,35 +73,26 @@ impl SimulateArgs {
     }
 }
 
+/// Mean, minimum and peak of the drag in N, and the energy in J, as far as there are any.
+fn figures(cell: &GridCell) -> [Option<f64>; 4] {
+    let summary = cell.outcome.as_ref().ok();
+    let figures =
+        summary.map(|of| [of.mean_drag_n, of.minimum_drag_n, of.peak_drag_n, Some(of.energy_j)]);
+    figures.unwrap_or_default()
+}
+
 fn csv_row(cell: &GridCell) -> String {
-    let mut fields: Vec<String> = cell.values.iter().map(f64::to_string).collect();
-    match &cell.outcome {
-        Ok(summary) => {
-            let energy = Some(summary.energy_j);
-            let drags = [summary.mean_drag_n, summary.minimum_drag_n, summary.peak_drag_n];
-            let figures = drags.into_iter().chain([energy]);
-            fields.extend(figures.map(|value| value.map_or_else(String::new, |v| v.to_string())));
-            fields.push(String::new());
-        }
-        Err(error) => {
-            fields.extend([""; 4].map(str::to_owned));
-            fields.push(format!("\"{error}\""));
-        }
-    }
-    fields.join(",")
+    let number = |value: Option<f64>| value.map_or_else(String::new, |value| value.to_string());
+    let error = cell.outcome.as_ref().err().map(|error| format!("\"{error}\""));
+    let values = cell.values.iter().copied().map(Some).chain(figures(cell)).map(number);
+    values.chain([error.unwrap_or_default()]).collect::<Vec<_>>().join(",")
 }
 
 fn table_row(cell: &GridCell) -> Vec<String> {
-    let summary = cell.outcome.as_ref().ok();
-    let figure =
-        |of: fn(&ChannelSummary) -> Option<f64>, decimals| or_dash(summary.and_then(of), decimals);
+    let [drags @ .., energy] = figures(cell);
     let mut row: Vec<String> = cell.values.iter().map(|value| rounded(*value)).collect();
-    row.extend([
-        figure(|summary| summary.mean_drag_n, 4),
-        figure(|summary| summary.minimum_drag_n, 4),
-        figure(|summary| summary.peak_drag_n, 4),
-        figure(|summary| Some(1e3 * summary.energy_j), 3),
-    ]);
+    row.extend(drags.map(|drag: Option<f64>| or_dash(drag, 4)));
+    row.push(or_dash(energy.map(|energy| 1e3 * energy), 3));
     row
 }
 

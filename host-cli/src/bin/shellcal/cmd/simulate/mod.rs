@@ -15,7 +15,6 @@ use simulation::channel_study::{Course, monte_carlo};
 
 pub(crate) use args::SimulateArgs;
 
-use crate::document::document;
 use crate::printer::Printer;
 use channel::ChannelReport;
 use outputs::SweepFiles;

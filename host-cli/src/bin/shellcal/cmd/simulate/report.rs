@@ -8,7 +8,6 @@ use simulation::channel_study::{ChannelSummary, DrawStatistics, Parameter};
 
 use super::channel::ChannelReport;
 use super::format::{cm, percent};
-use crate::document::document;
 use crate::printer::{Printer, TableColumn};
 use crate::tables::{NOTHING, or_dash};
 

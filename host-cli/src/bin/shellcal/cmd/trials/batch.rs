@@ -10,7 +10,6 @@ use trial::{ConditionRow, TrialOptions, TrialResult};
 use super::evaluation::{Equipment, EvaluationArgs};
 use super::outputs::ResultArgs;
 use super::{manifest, show, watch};
-use crate::document::document;
 use crate::files::InputPath;
 use crate::printer::{Outcome, Printer};
 

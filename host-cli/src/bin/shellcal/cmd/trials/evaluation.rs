@@ -69,10 +69,7 @@ impl EvaluationArgs {
             None => Profile::velociroach(),
             Some(path) => read_profile(path)?,
         };
-        let mapping = match &calibration {
-            Some(calibration) => self.mapping.mapping_for(calibration),
-            None => self.mapping.mapping(),
-        };
+        let mapping = self.mapping.mapping_for(calibration.as_ref());
         Ok(Equipment { profile, calibration, mapping })
     }
 

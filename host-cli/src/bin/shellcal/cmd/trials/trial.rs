@@ -7,7 +7,6 @@ use trial::{TraceExtent, Trial};
 
 use super::evaluation::EvaluationArgs;
 use super::show;
-use crate::document::document;
 use crate::files::{InputPath, OutputPath};
 use crate::printer::Printer;
 

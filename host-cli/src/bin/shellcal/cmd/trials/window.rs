@@ -7,7 +7,6 @@ use trial::{GOOD_CONFIDENCE, NoWindow, Proposal, TraceExtent, TrialOptions};
 
 use super::evaluation::EvaluationArgs;
 use crate::cmd::figure_size::FigureSize;
-use crate::document::document;
 use crate::files::{InputPath, OutputPath};
 use crate::printer::{Outcome, Printer, TableColumn};
 
