@@ -9,7 +9,7 @@ use shared_proto::{BoardId, CHANNELS, Command, Protocol, ResetCause, Stream};
 
 use super::board_line::{BoardClient, set_baud, start_bootloader};
 use super::choices::{number_within, one_of};
-use super::edited::EditedArg;
+use super::mapping::EditedArg;
 use super::serial::{SerialArgs, first_number};
 use crate::files::InputPath;
 use crate::printer::{Outcome, Printer};

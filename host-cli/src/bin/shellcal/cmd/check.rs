@@ -5,8 +5,7 @@ use report::CheckedLoad;
 use shell_data::wrench::{Axes, Axis};
 use shellcal::workflow::check::check_weights;
 
-use super::edited::EditedArg;
-use super::mapping::{MappingArgs, open_logs, tell_remembered};
+use super::mapping::{EditedArg, MappingArgs, open_logs, tell_remembered};
 use super::plan::read_table;
 use crate::files::InputPath;
 use crate::printer::{Outcome, Printer, TableColumn};

@@ -17,11 +17,10 @@ use shellcal::workflow::fit::add_to_plot;
 use shellcal::workflow::gates::{ComparedAxes, GateFailure};
 
 use super::choices::one_of;
-use super::edited::EditedArg;
 use super::figure_size::FigureSize;
-use super::mapping::{MappingArgs, open_logs, tell_remembered};
+use super::limits::RmsLimits;
+use super::mapping::{EditedArg, MappingArgs, open_logs, tell_remembered};
 use super::quality::table_row;
-use super::rms_limits::RmsLimits;
 use crate::files::{InputPath, OutputPath};
 use crate::printer::{Outcome, Printer};
 

@@ -7,7 +7,7 @@ use anyhow::{Context, bail, ensure};
 use calibration_file::code::{Language, to_code};
 use calibration_file::matrix;
 
-use super::edited::EditedArg;
+use super::mapping::EditedArg;
 use crate::files::{InputPath, OutputPath};
 use crate::printer::Printer;
 

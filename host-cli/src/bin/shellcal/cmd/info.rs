@@ -3,7 +3,7 @@
 use calibration::fit::{FitOptions, Workers, find_outliers};
 use log_file::summary::{ColumnSummary, LogSummary};
 use log_file::{Column, FORMATS, FileKind, Log, LogError, LogFormat, Meaning, Wanted, read_logs};
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 use shellcal::workflow::outliers::{NamedOutliers, OutlierReport};
 
 use super::mapping::MappingArgs;
@@ -66,7 +66,7 @@ fn print_overview(infos: &[Info], printer: &Printer) -> anyhow::Result<()> {
         ("Hz", &|info| or_dash(info.time.as_ref().and_then(|time| time.median_rate_hz), 1)),
         ("gaps", &|info| info.time.as_ref().map_or(NOTHING.to_owned(), gaps)),
         ("columns with a note", &|info| {
-            info.columns.iter().filter(|column| column.has_note()).count().to_string()
+            info.columns.iter().filter(|column| !column.note().is_empty()).count().to_string()
         }),
         ("outliers", &|info| info.outliers.len().to_string()),
     ];
@@ -149,37 +149,48 @@ struct TimeInfo {
     equal_times: u64,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug)]
 struct ColumnInfo {
     column: usize,
     name: String,
     meaning: Option<String>,
-    #[serde(flatten)]
-    values: Option<ValueInfo>,
-}
-
-#[derive(Debug, Serialize)]
-struct ValueInfo {
-    min: f64,
-    mean: f64,
-    max: f64,
-    sd: f64,
-    constant: bool,
+    values: Option<ColumnSummary>,
     /// Only readings can saturate.
-    #[serde(flatten)]
-    limits: Option<LimitInfo>,
+    is_reading: bool,
 }
 
-#[derive(Debug, Serialize)]
-struct LimitInfo {
-    rows_at_0: u64,
-    rows_at_4095: u64,
-    rows_at_65535: u64,
-    rows_at_max: u64,
-    pinned_at_max: bool,
-    /// How many values there are, where the channel is almost constant.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    quiet_values: Option<usize>,
+impl Serialize for ColumnInfo {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let limits = |of: &ColumnSummary| {
+            let [at_0, at_4095, at_65535] = of.rows_at_ends().map(|(_, rows)| rows);
+            document! {
+                rows_at_0: at_0,
+                rows_at_4095: at_4095,
+                rows_at_65535: at_65535,
+                rows_at_max: of.rows_at_max,
+                pinned_at_max: of.is_pinned_at_max(),
+                // How many values there are, where the channel is almost constant.
+                quiet_values?: of.quiet_values(),
+            }
+        };
+        let values = |of: &ColumnSummary| {
+            document! {
+                min: of.min,
+                mean: of.mean(),
+                max: of.max,
+                sd: of.sd(),
+                constant: of.is_constant(),
+                ..limits: self.is_reading.then(|| limits(of)),
+            }
+        };
+        let column = document! {
+            column: self.column,
+            name: &self.name,
+            meaning: &self.meaning,
+            ..values: self.values.as_ref().map(values),
+        };
+        column.serialize(serializer)
+    }
 }
 
 impl Info {
@@ -300,72 +311,43 @@ impl TimeInfo {
 impl ColumnInfo {
     fn new(position: usize, column: &Column, summary: &LogSummary) -> Self {
         let values = match column.meaning {
-            Meaning::Sensor(channel) => summary.readings.get(channel).map(|s| (s, true)),
-            Meaning::Force(axis, _) | Meaning::Moment(axis, _) => {
-                summary.wrench.get(axis.index()).map(|s| (s, false))
-            }
+            Meaning::Sensor(channel) => summary.readings.get(channel),
+            Meaning::Force(axis, _) | Meaning::Moment(axis, _) => summary.wrench.get(axis.index()),
             _ => None,
         };
         Self {
             column: position + 1,
             name: column.name.clone(),
             meaning: column.meaning.in_words(),
-            values: values.map(|(summary, readings)| ValueInfo::new(summary, readings)),
+            values: values.cloned(),
+            is_reading: matches!(column.meaning, Meaning::Sensor(_)),
         }
-    }
-
-    fn has_note(&self) -> bool {
-        self.values.as_ref().is_some_and(|values| !values.note().is_empty())
     }
 
     fn row(&self) -> Vec<String> {
         let meaning = self.meaning.clone().unwrap_or_default();
         let mut cells = vec![format!("{} {}", self.column, self.name), meaning];
         let Some(values) = &self.values else { return cells };
-        let decimals = if values.limits.is_some() { 2 } else { 4 };
-        let figures = [values.min, values.mean, values.max, values.sd];
+        let decimals = if self.is_reading { 2 } else { 4 };
+        let figures = [values.min, values.mean(), values.max, values.sd()];
         cells.extend(figures.map(|value| format!("{value:.decimals$}")));
-        cells.push(values.note());
+        cells.push(self.note());
         cells
-    }
-}
-
-impl ValueInfo {
-    fn new(summary: &ColumnSummary, readings: bool) -> Self {
-        let [(_, at_zero), (_, at_12_bits), (_, at_16_bits)] = summary.rows_at_ends();
-        Self {
-            min: summary.min,
-            mean: summary.mean(),
-            max: summary.max,
-            sd: summary.sd(),
-            constant: summary.is_constant(),
-            limits: readings.then(|| LimitInfo {
-                rows_at_0: at_zero,
-                rows_at_4095: at_12_bits,
-                rows_at_65535: at_16_bits,
-                rows_at_max: summary.rows_at_max,
-                pinned_at_max: summary.is_pinned_at_max(),
-                quiet_values: summary.quiet_values(),
-            }),
-        }
     }
 
     fn note(&self) -> String {
+        let Some(values) = &self.values else { return String::new() };
         let mut notes = Vec::new();
-        if self.constant {
+        if values.is_constant() {
             notes.push("constant".to_owned());
         }
-        if let Some(values) = self.limits.as_ref().and_then(|limits| limits.quiet_values) {
-            notes.push(format!("almost constant: {values} values"));
-        }
-        if let Some(limits) = &self.limits {
-            let ends =
-                [(0, limits.rows_at_0), (4095, limits.rows_at_4095), (65535, limits.rows_at_65535)];
-            for (end, rows) in ends.into_iter().filter(|(_, rows)| *rows > 0) {
-                notes.push(format!("saturated: {rows} rows at {end}"));
-            }
-            if limits.pinned_at_max && ![4095.0, 65535.0].contains(&self.max) {
-                notes.push(format!("pinned: {} rows at its maximum", limits.rows_at_max));
+        if self.is_reading {
+            let few = values.quiet_values();
+            notes.extend(few.map(|values| format!("almost constant: {values} values")));
+            let ends = values.rows_at_ends().into_iter().filter(|(_, rows)| *rows > 0);
+            notes.extend(ends.map(|(end, rows)| format!("saturated: {rows} rows at {end}")));
+            if values.is_pinned_at_max() && ![4095.0, 65535.0].contains(&values.max) {
+                notes.push(format!("pinned: {} rows at its maximum", values.rows_at_max));
             }
         }
         notes.join(", ")

@@ -1,6 +1,10 @@
-//! The flags of every command that reads logs: what their columns are, and how they are read.
+//! The flags of every command that reads logs or calibrations: what the columns of logs are, how they are read, and
+//! whether checksums are verified.
 
-use calibration_file::CalibrationFile;
+use std::io::BufRead;
+use std::path::Path;
+
+use calibration_file::{CalibrationFile, CalibrationFileError, PartialFit, PartialStream};
 use log_file::{
     ColumnRef, FORMATS, Log, LogFormat, Mapping, MomentUnit, ReadOptions, TIME_UNITS, TimeUnit,
     parse_column, parse_columns, parse_wrench,
@@ -98,6 +102,38 @@ impl MappingArgs {
             skip_bad_rows: self.skip_bad_rows,
             ..ReadOptions::default()
         }
+    }
+}
+
+/// `--edited`, of every command that uses a calibration or partial fits.
+#[derive(Clone, Copy, Debug, Default, clap::Args)]
+pub(crate) struct EditedArg {
+    /// Use a calibration or partial fit although it is not what `shellcal` wrote: its checksum is not verified
+    #[arg(long)]
+    edited: bool,
+}
+
+impl EditedArg {
+    /// Reads a calibration file.
+    pub(crate) fn read(self, path: &Path) -> Result<CalibrationFile, CalibrationFileError> {
+        match self.edited {
+            true => CalibrationFile::read_edited(path),
+            false => CalibrationFile::read(path),
+        }
+    }
+
+    /// Reads a partial fit.
+    pub(crate) fn partial(self, path: &Path) -> Result<PartialFit, CalibrationFileError> {
+        match self.edited {
+            true => PartialFit::read_edited(path),
+            false => PartialFit::read(path),
+        }
+    }
+
+    /// The partial fits of a stream.
+    pub(crate) fn partials<R: BufRead>(self, reader: R, name: &Path) -> PartialStream<R> {
+        let partials = PartialStream::new(reader, name);
+        if self.edited { partials.edited() } else { partials }
     }
 }
 

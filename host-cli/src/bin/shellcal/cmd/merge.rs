@@ -13,7 +13,7 @@ use shell_data::hint::quoted;
 use shellcal::workflow::merge;
 
 use super::choices::{self, COVARIANCES, one_of};
-use super::edited::EditedArg;
+use super::mapping::EditedArg;
 use super::origin;
 use super::partial_output::OpenOutput;
 use super::quality::print_errors;

@@ -12,7 +12,6 @@ mod convert;
 mod deferred;
 mod doctor;
 mod drift;
-mod edited;
 mod eval;
 mod export;
 mod figure_size;
@@ -21,6 +20,7 @@ mod frames;
 mod import;
 mod info;
 mod licences;
+mod limits;
 #[cfg(feature = "live")]
 mod live;
 mod live_forces;
@@ -35,8 +35,6 @@ mod plan;
 mod ports;
 mod quality;
 mod record;
-mod rms_limits;
-mod row_limit;
 mod serial;
 mod simulate;
 mod simulate_board;
@@ -76,7 +74,7 @@ macro_rules! commands {
             ) -> anyhow::Result<Outcome> {
                 match self {$(
                     $(#[cfg(feature = $feature)])?
-                    Self::$name(args) => args.run($printer $(, $more)?).map(Outcome::from),
+                    Self::$name(args) => args.0.run($printer $(, $more)?).map(Outcome::from),
                 )+}
             }
         }

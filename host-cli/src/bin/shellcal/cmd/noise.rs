@@ -7,9 +7,8 @@ use shellcal::workflow::noise::{NoiseOptions, NoiseSummary, Scatter, noise};
 use shellcal::workflow::remark::{moved_zero, used_rows};
 use shellcal::workflow::selection::TimeWindow;
 
-use super::edited::EditedArg;
 use super::frames::{FrameArgs, parse_window};
-use super::mapping::{MappingArgs, tell_remembered};
+use super::mapping::{EditedArg, MappingArgs, tell_remembered};
 use crate::files::InputPath;
 use crate::printer::Printer;
 

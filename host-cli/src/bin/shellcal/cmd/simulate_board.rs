@@ -1,10 +1,9 @@
 //! `shellcal board --simulate`: is a board, until Ctrl-C.
 
-use std::io::{self, BufRead};
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -18,6 +17,7 @@ use simulation::sensor_model::LoadTable;
 use simulation::simulated_board::{BoardSettings, Load, SimulatedBoard};
 
 use super::choices::{number_in, number_within, numbers};
+use super::streaming::each_line;
 use crate::files::{InputOrStdin, OutputLocation};
 use crate::printer::Printer;
 use crate::signals;
@@ -96,6 +96,7 @@ const HOLD_US: u64 = 80_000;
 impl SimulationArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let stop = signals::stop_flag()?;
+        // Set by lines of the standard input, which may end the board, too.
         let commanded = Arc::default();
         let load = match &self.load {
             Some(path) if path.is_stdin() => Load::Commanded(Arc::clone(&commanded)),
@@ -103,7 +104,12 @@ impl SimulationArgs {
             None => Load::hands(self.seed),
         };
         if self.until_eof || matches!(load, Load::Commanded(_)) {
-            self.listen(printer, commanded, Arc::clone(&stop))?;
+            let at_end = self.until_eof.then(|| Arc::clone(&stop));
+            each_line("load", printer, at_end, move |line| {
+                let wrong = || format!("`{line}` is no load: FX,FY,FZ,MX,MY,MZ in N and N·m");
+                *lock(&commanded) = numbers(line).ok_or_else(wrong)?;
+                Ok(true)
+            })?;
         }
         let settings = BoardSettings {
             load,
@@ -131,29 +137,6 @@ impl SimulationArgs {
             printer.note(describe(way, &books));
         }
         Ok(())
-    }
-
-    /// Takes loads from the standard input, and ends with it if that is wanted.
-    fn listen(
-        &self,
-        printer: &Printer,
-        load: Arc<Mutex<PerAxis<f64>>>,
-        stop: Arc<AtomicBool>,
-    ) -> io::Result<()> {
-        let (printer, until_eof) = (printer.clone(), self.until_eof);
-        let listen = move || {
-            for line in io::stdin().lock().lines().map_while(Result::ok) {
-                match numbers(&line) {
-                    Some(wrench) => *lock(&load) = wrench,
-                    None => printer
-                        .warning(format!("`{line}` is no load: FX,FY,FZ,MX,MY,MZ in N and N·m")),
-                }
-            }
-            if until_eof {
-                stop.store(true, Ordering::Relaxed);
-            }
-        };
-        thread::Builder::new().name("load".to_owned()).spawn(listen).map(drop)
     }
 
     fn faults(&self) -> Faults {

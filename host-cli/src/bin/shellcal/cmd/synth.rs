@@ -7,8 +7,8 @@ use simulation::sensor_model::{RecordingKind, RecordingSettings, SensorRecording
 use simulation::synthetic_log::SyntheticLayout;
 
 use super::choices::one_of;
+use super::limits::RowLimit;
 use super::partial_output::OpenOutput;
-use super::row_limit::RowLimit;
 use super::synth_pair::PairArgs;
 use super::synth_trial::{SynthTrialArgs, TrialsArgs};
 use crate::files::OutputPath;

@@ -7,7 +7,7 @@ use simulation::synthetic_log::{
     write_frame, write_frame_header, write_wrench_header, write_wrench_row,
 };
 
-use super::row_limit::RowLimit;
+use super::limits::RowLimit;
 use crate::files::OutputPath;
 use crate::printer::Printer;
 

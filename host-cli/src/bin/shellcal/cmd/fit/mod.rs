@@ -21,8 +21,8 @@ use shellcal::workflow::partial::KeptGroups;
 use self::plan::FitPlan;
 use super::choices::{self, COVARIANCES, number_in, one_of};
 use super::figure_size::FigureSize;
+use super::limits::RmsLimits;
 use super::mapping::MappingArgs;
-use super::rms_limits::RmsLimits;
 use crate::files::{InputPath, OutputOrStdout, OutputPath};
 use crate::printer::{Outcome, Printer};
 

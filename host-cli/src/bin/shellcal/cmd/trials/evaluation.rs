@@ -10,9 +10,8 @@ use log_file::{Mapping, ReadOptions};
 use shellcal::workflow::batch::BatchOptions;
 use trial::{Instrument, Profile, TraceExtent, TrialOptions};
 
-use crate::cmd::edited::EditedArg;
 use crate::cmd::frames::{ForceArgs, describe_forces};
-use crate::cmd::mapping::MappingArgs;
+use crate::cmd::mapping::{EditedArg, MappingArgs};
 use crate::files::InputPath;
 use crate::printer::Printer;
 
