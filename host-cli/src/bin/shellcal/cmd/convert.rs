@@ -3,8 +3,7 @@
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail, ensure};
-use calibration::Calibration;
+use anyhow::{bail, ensure};
 use calibration::uncertainty::HIGHEST_LEVEL;
 use calibration_file::Diagnostics;
 use calibration_file::payload_file::PayloadFile;
@@ -137,7 +136,14 @@ impl ConvertArgs {
             let read = self.mapping.read_options();
             let load = |file| self.motion.load(file, log, &calibration, &read, &mapping);
             let load = payload.as_ref().map(load).transpose()?;
-            let options = ConvertOptions { load, ..self.options(log, &calibration) };
+            let usual = ConvertOptions::new(log, &calibration);
+            let options = ConvertOptions {
+                load,
+                rows: self.frames.rows(log),
+                forces: self.forces.options(RowRule::Time),
+                columns: self.columns(usual.columns),
+                full_scale: self.full_scale.or(usual.full_scale),
+            };
             let conversion = Conversion { log, calibration: &calibration, options: &options, read };
             let to = target.as_deref();
             let summary =
@@ -214,8 +220,7 @@ impl ConvertArgs {
             }
             (None, None) if self.logs.len() == 1 => vec![None],
             (_, Some(directory)) => {
-                std::fs::create_dir_all(directory)
-                    .with_context(|| format!("cannot create `{}`", directory.display()))?;
+                directory.create()?;
                 self.logs.iter().map(|log| Some(directory.join(table_name(log)))).collect()
             }
             _ => bail!("`{}` logs need `--output-dir` for their tables", self.logs.len()),
@@ -231,17 +236,6 @@ impl ConvertArgs {
         }
         targets.iter().flatten().try_for_each(|path| printer.files.probe(path))?;
         Ok(targets)
-    }
-
-    fn options(&self, log: &Log, calibration: &Calibration) -> ConvertOptions {
-        let usual = ConvertOptions::new(log, calibration);
-        ConvertOptions {
-            rows: self.frames.rows(log),
-            forces: self.forces.options(RowRule::Time),
-            columns: self.columns(usual.columns),
-            full_scale: self.full_scale.or(usual.full_scale),
-            ..usual
-        }
     }
 
     /// The positions of the columns of text, and of numbers, that are carried along.

@@ -111,12 +111,22 @@ impl SimulationArgs {
                 Ok(true)
             })?;
         }
+        let (bursts, burst_packets) = self.bursts.unwrap_or_default();
         let settings = BoardSettings {
             load,
             seed: self.seed,
             unit_seed: self.unit_seed,
             noise_scale: self.noise_scale,
-            faults: self.faults(),
+            faults: Faults {
+                loss: self.loss,
+                bursts,
+                burst_packets,
+                duplication: self.duplication,
+                reordering: self.reordering,
+                hold_us: HOLD_US,
+                corruption: self.corruption,
+                delay_us: (self.delay * 1e3) as u64,
+            },
             sync_s: self.sync.clone(),
         };
         let board = match self.listen {
@@ -137,20 +147,6 @@ impl SimulationArgs {
             printer.note(describe(way, &books));
         }
         Ok(())
-    }
-
-    fn faults(&self) -> Faults {
-        let (bursts, burst_packets) = self.bursts.unwrap_or_default();
-        Faults {
-            loss: self.loss,
-            bursts,
-            burst_packets,
-            duplication: self.duplication,
-            reordering: self.reordering,
-            hold_us: HOLD_US,
-            corruption: self.corruption,
-            delay_us: (self.delay * 1e3) as u64,
-        }
     }
 }
 

@@ -8,8 +8,7 @@ use board_link::recording::PROTOCOLS;
 use board_link::{RecordOptions, Sinks, Source, Unwatched, Watcher, record};
 use clap::builder::TypedValueParser;
 use frame_stream::{
-    Destination, FrameRows, FrameStream, RowOptions, StreamFormat, StreamHandle, StreamOptions,
-    StreamWatcher,
+    Destination, FrameRows, FrameStream, RowOptions, StreamFormat, StreamOptions, StreamWatcher,
 };
 use log_file::Log;
 use shared_proto::Protocol;
@@ -129,7 +128,9 @@ impl StreamArgs {
             (None, Some(log)) => self.play(log, watcher, &stop),
             (None, None) => Ok(()),
         };
-        self.report(printer, &handle)?;
+        let summary = streaming::finish(printer, Some(&handle))?;
+        let latency = summary.and_then(|summary| summary.latency).filter(|_| self.latency);
+        latency.iter().for_each(|latency| printer.note(latency.to_string()));
         ended
     }
 
@@ -163,16 +164,6 @@ impl StreamArgs {
             }
         };
         play(log, &read, readings, self.speed, &|| false, stop, &mut see)?;
-        Ok(())
-    }
-
-    fn report(&self, printer: &Printer, handle: &StreamHandle) -> anyhow::Result<()> {
-        let summary = streaming::finish(printer, Some(handle))?;
-        if let Some(latency) = summary.and_then(|summary| summary.latency)
-            && self.latency
-        {
-            printer.note(latency.to_string());
-        }
         Ok(())
     }
 }

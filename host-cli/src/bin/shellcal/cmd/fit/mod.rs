@@ -232,8 +232,7 @@ impl FitArgs {
         let (data, hung, fitted) = plan.fit(printer)?;
         let named = plan.name_rows(&data, &fitted)?;
         let file = plan.file(&data, &fitted)?;
-        let html = self.report.as_ref().map(|_| plan.html(&file, &fitted, &named)).transpose()?;
-        plan.write(&file, &fitted, html.as_deref())?;
+        plan.write(&file, &fitted, &named)?;
         if !printer.json() {
             report::print_verdict(printer, &fitted.verdict())?;
         }

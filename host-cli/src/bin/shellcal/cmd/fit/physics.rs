@@ -2,7 +2,7 @@
 
 use calibration::Kind;
 use calibration::fit::{Fit, PhysicsFit};
-use calibration::physics::{COVERAGE_LEVEL, FactorTrial, PhysicsCalibration, PhysicsValidation};
+use calibration::physics::{COVERAGE_LEVEL, FactorTrial, PhysicsValidation};
 use calibration_file::CalibrationFile;
 use calibration_file::stored::{Stored, StoredExcitation, StoredGroupIntervals};
 use shell_data::wrench::Axes;
@@ -95,15 +95,10 @@ pub(super) fn report(
     if let Some(hung) = hung {
         hung_loads::print(printer, hung)?;
     }
-    tell_factors(printer, physics);
+    // How wide the intervals of `convert` are.
+    if let Some(Ok(factors)) = physics.intervals.as_ref().map(|of| of.factors(COVERAGE_LEVEL)) {
+        let factors = in_line(Axes::ALL, &factors, false);
+        printer.detail(format!("95 % interval in standard errors of each frame: {factors}"));
+    }
     Ok(())
-}
-
-/// Says how wide the intervals of `convert` are, with `--verbose`.
-fn tell_factors(printer: &Printer, physics: &PhysicsCalibration) {
-    let Some(Ok(factors)) = physics.intervals.as_ref().map(|of| of.factors(COVERAGE_LEVEL)) else {
-        return;
-    };
-    let factors = in_line(Axes::ALL, &factors, false);
-    printer.detail(format!("95 % interval in standard errors of each frame: {factors}"));
 }

@@ -160,40 +160,32 @@ impl LoadPlan {
     /// Predicted error against poses.
     pub(super) fn figure(&self, size: Size) -> Figure {
         let errors = std::iter::once(self.before).chain(self.order.iter().map(|of| of.error));
-        let errors: Vec<PredictedError> = errors.collect();
         let largest = |axis: Axis| {
             let loads = self.table.loads().iter().map(|load| load.wrench()[axis.index()].abs());
             loads.fold(0.0, f64::max)
         };
-        let points = |of: &dyn Fn(&PredictedError) -> f64| -> Vec<(f64, f64)> {
-            let numbered = (self.recorded..).zip(&errors);
-            numbered.map(|(poses, error)| (poses as f64, of(error))).collect()
-        };
-        let (name, series): (_, Vec<Series>) = match self.before {
+        let loaded = || Axis::ALL.into_iter().filter(|&axis| largest(axis) > 0.0);
+        let (name, labels) = match self.before {
             PredictedError::Relative(_) => {
-                let of = |error: &PredictedError| match error {
-                    PredictedError::Relative(error) => *error,
-                    PredictedError::Wrench(_) => f64::NAN,
-                };
-                let series =
-                    Series { label: "all axes".into(), points: points(&of), mark: ChartMark::Both };
-                ("standard error, in those of one pose", vec![series])
+                ("standard error, in those of one pose", vec!["all axes"])
             }
             PredictedError::Wrench(_) => {
-                let series = |axis: Axis| {
-                    let of = |error: &PredictedError| match error {
-                        PredictedError::Wrench(errors) => {
-                            100.0 * errors[axis.index()] / largest(axis)
-                        }
-                        PredictedError::Relative(_) => f64::NAN,
-                    };
-                    Series { label: axis.name().into(), points: points(&of), mark: ChartMark::Both }
-                };
-                let loaded = Axis::ALL.into_iter().filter(|&axis| largest(axis) > 0.0);
-                ("predicted error, % of the largest load", loaded.map(series).collect())
+                ("predicted error, % of the largest load", loaded().map(Axis::name).collect())
             }
         };
-        chart("Predicted error of a plan", name, Spacing::Log, series).figure(size)
+        let drawn = |error: &PredictedError| match error {
+            PredictedError::Relative(error) => vec![*error],
+            PredictedError::Wrench(errors) => {
+                loaded().map(|axis| 100.0 * errors[axis.index()] / largest(axis)).collect()
+            }
+        };
+        let drawn: Vec<Vec<f64>> = errors.map(|error| drawn(&error)).collect();
+        let series = labels.into_iter().enumerate().map(|(at, label)| Series {
+            label: label.to_owned(),
+            points: (self.recorded..).zip(&drawn).map(|(n, of)| (n as f64, of[at])).collect(),
+            mark: ChartMark::Both,
+        });
+        chart("Predicted error of a plan", name, Spacing::Log, series.collect()).figure(size)
     }
 }
 

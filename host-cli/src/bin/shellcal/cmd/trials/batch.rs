@@ -195,7 +195,7 @@ impl BatchArgs {
             });
             return printer.document(&document! {
                 manifest: &self.manifest,
-                calibration: self.evaluation.calibration(),
+                calibration: &self.evaluation.calibration,
                 profile: &equipment.profile,
                 options: self.options(equipment),
                 trials: trials.collect::<Vec<_>>(),

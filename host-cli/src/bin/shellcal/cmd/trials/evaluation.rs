@@ -2,9 +2,7 @@
 
 use std::path::Path;
 
-use anyhow::Context;
 use calibration_file::CalibrationFile;
-use calibration_file::input;
 use forces::RowRule;
 use log_file::{Mapping, ReadOptions};
 use shellcal::workflow::batch::BatchOptions;
@@ -12,7 +10,7 @@ use trial::{Instrument, Profile, TraceExtent, TrialOptions};
 
 use crate::cmd::frames::{ForceArgs, describe_forces};
 use crate::cmd::mapping::{EditedArg, MappingArgs};
-use crate::files::InputPath;
+use crate::files::{InputPath, read_text};
 use crate::printer::Printer;
 
 /// How trials are evaluated.
@@ -20,7 +18,7 @@ use crate::printer::Printer;
 pub(crate) struct EvaluationArgs {
     /// Calibration file; without one there are energies but no forces
     #[arg(long, short, value_name = "CAL")]
-    calibration: Option<InputPath>,
+    pub(super) calibration: Option<InputPath>,
 
     #[command(flatten)]
     pub(super) edited: EditedArg,
@@ -110,10 +108,6 @@ impl EvaluationArgs {
         ReadOptions { checksum: true, ..self.mapping.read_options() }
     }
 
-    pub(crate) fn calibration(&self) -> Option<&InputPath> {
-        self.calibration.as_ref()
-    }
-
     /// The files that results depend on beside manifest and logs, and what they are.
     pub(crate) fn files_by_role(&self) -> impl Iterator<Item = (&'static str, &Path)> {
         let calibration = self.calibration.iter().map(|path| ("calibration", path.as_path()));
@@ -122,7 +116,6 @@ impl EvaluationArgs {
 }
 
 fn read_profile(path: &Path) -> anyhow::Result<Profile> {
-    let text =
-        input::read_text(path).with_context(|| format!("cannot read `{}`", path.display()))?;
+    let text = read_text(path)?;
     Profile::parse(&text).map_err(|error| anyhow::anyhow!("`{}`, {error}", path.display()))
 }
