@@ -211,11 +211,6 @@ impl AlignArgs {
                 log_left_out: aligned.board_left_out,
             });
         }
-        self.print(printer, aligned, rows)
-    }
-
-    fn print(&self, printer: &Printer, aligned: &Aligned, rows: WrittenRows) -> anyhow::Result<()> {
-        let clock = &aligned.clock;
         let offset = format!("offset at {:.3} s (ms)", clock.pivot_s);
         let table = [
             (offset, 1e3 * clock.offset_s, 1e3 * clock.offset_se_s, 4),
@@ -224,7 +219,7 @@ impl AlignArgs {
         let table = table.map(|(name, value, error, decimals)| {
             vec![name, format!("{value:.decimals$}"), format!("{error:.decimals$}")]
         });
-        let explained = match &aligned.quality {
+        let explained = match quality {
             Some(quality) => format!(
                 "{} rows; the aligned reference explains {:.2} % of the readings; the second-best \
                  offset scores {:.0} % of the best",

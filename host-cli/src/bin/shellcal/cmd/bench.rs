@@ -14,7 +14,7 @@ use super::figure_size::{FigureFile, FigureSize};
 use super::mapping::{MappingArgs, open_logs};
 use crate::files::{InputPath, OutputPath};
 use crate::printer::{Printer, TableColumn};
-use crate::tables::NOTHING;
+use crate::tables::shown;
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -110,7 +110,7 @@ fn print(printer: &Printer, bench: &ModelBench) -> anyhow::Result<()> {
         "{}: {} features, {} rows, condition {:.1e}; errors relative to `{}`",
         bench.model, bench.features, bench.rows, bench.condition, bench.reference
     ))?;
-    let error = |error: Option<f64>| error.map_or(NOTHING.to_owned(), |e| format!("{e:.1e}"));
+    let error = |error: Option<f64>| shown(error, |e| format!("{e:.1e}"));
     let columns: [TableColumn<'_, &bench::Measurement>; 4] = [
         ("solver", &|m| format!("{}{}", m.solver, if m.on_front { " *" } else { "" })),
         ("time (ms)", &|m| format!("{:.2}", 1e3 * m.seconds)),

@@ -57,14 +57,6 @@ impl CompareArgs {
             log.require_axes(axes)?;
             log.keep_axes(axes)?;
         }
-        let found = self.compare([&first, &second], &logs)?;
-        if let Some(groups) = found.group_by.found() {
-            printer.remarks([found_groups(groups)]);
-        }
-        self.report(&found, axes, printer)
-    }
-
-    fn compare(&self, files: [&CalibrationFile; 2], logs: &[Log]) -> anyhow::Result<PairedErrors> {
         let has_groups = logs.iter().all(Log::has_groups);
         let wanted = Wanted {
             readings: true,
@@ -73,9 +65,13 @@ impl CompareArgs {
             time: !has_groups && logs.len() == 1 && logs[0].has_time(),
             ..Wanted::default()
         };
-        let data = read_logs(logs, &wanted, &self.mapping.read_options())?;
+        let data = read_logs(&logs, &wanted, &self.mapping.read_options())?;
         let workers = Workers::new(self.mapping.threads.map_or(0, usize::from));
-        Ok(paired_errors(files.map(|file| &file.calibration), &data, workers)?)
+        let found = paired_errors([&first, &second].map(|of| &of.calibration), &data, workers)?;
+        if let Some(groups) = found.group_by.found() {
+            printer.remarks([found_groups(groups)]);
+        }
+        self.report(&found, axes, printer)
     }
 
     fn report(&self, found: &PairedErrors, axes: Axes, printer: &Printer) -> anyhow::Result<()> {

@@ -115,7 +115,11 @@ impl DoctorArgs {
         let name = path.display().to_string();
         if is_port(path) {
             let port = path.to_str().context("the name of a port is text")?;
-            return self.examine_board(port, calibration, printer);
+            return self.examine_port(port, |options| {
+                let seconds = self.listen.as_secs_f64();
+                printer.note(format!("asking `{port}`, then listening for {seconds} s"));
+                self.ask_board(options, calibration)
+            });
         }
         let (kind, findings) = match is_document(path)? {
             true => ("calibration", examine_calibration(path, &age)),
@@ -132,19 +136,17 @@ impl DoctorArgs {
         Ok(Examination { name, kind, findings })
     }
 
-    fn examine_board(
+    /// What is found of a port, and by `ask` of its board if it can be opened.
+    fn examine_port(
         &self,
         port: &str,
-        calibration: Option<&CalibrationFile>,
-        printer: &Printer,
+        ask: impl FnOnce(PortOptions) -> anyhow::Result<Vec<Finding>>,
     ) -> anyhow::Result<Examination> {
         let options = self.serial.port(port);
         let state = PortState::new(&options, &SystemFiles::default());
         let mut findings = check_port(&state);
         if state.refusal.is_none() {
-            let seconds = self.listen.as_secs_f64();
-            printer.note(format!("asking `{port}`, then listening for {seconds} s"));
-            findings.extend(self.ask_board(options, calibration)?);
+            findings.extend(ask(options)?);
         }
         Ok(Examination { name: port.to_owned(), kind: "port", findings })
     }
@@ -184,12 +186,7 @@ impl DoctorArgs {
             let name = "ports".to_owned();
             return Ok(vec![Examination { name, kind: "port", findings: vec![finding] }]);
         }
-        let examine = |port: &str| {
-            let state = PortState::new(&self.serial.port(port), &SystemFiles::default());
-            let findings = check_port(&state);
-            Examination { name: port.to_owned(), kind: "port", findings }
-        };
-        Ok(found.iter().map(|port| examine(&port.port)).collect())
+        found.iter().map(|port| self.examine_port(&port.port, |_| Ok(Vec::new()))).collect()
     }
 }
 

@@ -1,7 +1,6 @@
 //! `shellcal eval`: the errors of a calibration against a measured wrench.
 
 use anyhow::Context;
-use calibration::Calibration;
 use calibration::fit::{Evaluation, Workers, evaluate};
 use calibration::quality::{AxisQuality, significant};
 use calibration_file::stored::{OfAxes, Stored, StoredQuality};
@@ -108,7 +107,10 @@ impl EvalArgs {
                 ..self.mapping.read_options()
             };
             check_channels(log, calibration.channels())?;
-            let rows = self.rows(log, &calibration, &read)?;
+            let time = calibration.needs_time() || log.has_time() && calibration.lag.is_some();
+            let wanted = Wanted { readings: true, wrench: true, time, ..Wanted::default() };
+            let rows = calibration.prepared(&read_dataset(&[(log, wanted)], &read)?)?;
+            let rows = rows.select(self.fresh, &RowSet::default());
             if is_trained_on(&rows, &sources) {
                 printer.warning(format!(
                     "`{}` was used for the fit: its errors are those of training, not of new loads",
@@ -149,19 +151,6 @@ impl EvalArgs {
             );
         }
         Ok(())
-    }
-
-    /// The rows of a log that are used.
-    fn rows(
-        &self,
-        log: &Log,
-        calibration: &Calibration,
-        read: &ReadOptions<'_>,
-    ) -> anyhow::Result<Dataset> {
-        let time = calibration.needs_time() || log.has_time() && calibration.lag.is_some();
-        let wanted = Wanted { readings: true, wrench: true, time, ..Wanted::default() };
-        let rows = calibration.prepared(&read_dataset(&[(log, wanted)], read)?)?;
-        Ok(rows.select(self.fresh, &RowSet::default()))
     }
 }
 

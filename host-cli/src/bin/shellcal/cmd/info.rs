@@ -9,7 +9,7 @@ use shellcal::workflow::outliers::{NamedOutliers, OutlierReport};
 use super::mapping::MappingArgs;
 use crate::files::InputPath;
 use crate::printer::{Printer, TableColumn};
-use crate::tables::{NOTHING, or_dash};
+use crate::tables::{or_dash, shown};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -64,7 +64,7 @@ fn print_overview(infos: &[Info], printer: &Printer) -> anyhow::Result<()> {
         ("bad", &|info| info.skipped_rows.to_string()),
         ("seconds", &|info| or_dash(info.time.as_ref().map(|time| time.duration_s), 1)),
         ("Hz", &|info| or_dash(info.time.as_ref().and_then(|time| time.median_rate_hz), 1)),
-        ("gaps", &|info| info.time.as_ref().map_or(NOTHING.to_owned(), gaps)),
+        ("gaps", &|info| shown(info.time.as_ref(), gaps)),
         ("columns with a note", &|info| {
             info.columns.iter().filter(|column| !column.note().is_empty()).count().to_string()
         }),
@@ -87,15 +87,26 @@ fn summary(log: &Log, args: &MappingArgs, printer: &Printer) -> anyhow::Result<I
             Ok::<(), LogError>(())
         })
     })?;
-    let mut info = Info::new(log, &summary, read.skipped_rows);
     // Without a calibration there is nothing to judge rows by, and nothing to say.
-    if log.has_wrench()
-        && let Ok(found) = outliers(log, args)
-    {
-        printer.remarks(found.remarks());
-        info.outliers = found.report();
-    }
-    Ok(info)
+    let found = log.has_wrench().then(|| outliers(log, args).ok()).flatten();
+    found.iter().for_each(|found| printer.remarks(found.remarks()));
+    let (has_readings, columns) = (log.channels() > 0, log.columns().iter().enumerate());
+    Ok(Info {
+        file: log.path().display().to_string(),
+        format: log.table_kind().map_or(format_name(log.format()), FileKind::key),
+        compressed: log.is_compressed(),
+        bytes: log.bytes(),
+        rows: summary.rows,
+        skipped_rows: read.skipped_rows,
+        repeated_rows: has_readings.then_some(summary.repeated_rows),
+        repeats_are_stale: log.repeats_are_stale(),
+        fresh_rate_hz: summary.fresh_rate_hz().filter(|_| has_readings),
+        time: TimeInfo::new(&summary),
+        columns: columns.map(|(at, column)| ColumnInfo::new(at, column, &summary)).collect(),
+        outliers: found.map_or_else(Vec::new, |found| found.report()),
+        title: log.kind(),
+        compression: log.compression(),
+    })
 }
 
 /// Suspicious rows, by the cubic model.
@@ -194,28 +205,6 @@ impl Serialize for ColumnInfo {
 }
 
 impl Info {
-    fn new(log: &Log, summary: &LogSummary, skipped_rows: u64) -> Self {
-        let columns = log.columns().iter().enumerate();
-        Self {
-            file: log.path().display().to_string(),
-            format: log.table_kind().map_or(format_name(log.format()), FileKind::key),
-            compressed: log.is_compressed(),
-            bytes: log.bytes(),
-            rows: summary.rows,
-            skipped_rows,
-            repeated_rows: (log.channels() > 0).then_some(summary.repeated_rows),
-            repeats_are_stale: log.repeats_are_stale(),
-            fresh_rate_hz: summary.fresh_rate_hz().filter(|_| log.channels() > 0),
-            time: TimeInfo::new(summary),
-            columns: columns
-                .map(|(position, column)| ColumnInfo::new(position, column, summary))
-                .collect(),
-            outliers: Vec::new(),
-            title: log.kind(),
-            compression: log.compression(),
-        }
-    }
-
     fn print(&self, printer: &Printer) -> anyhow::Result<()> {
         let packed = self.compression.map_or_else(String::new, |name| format!(", {name}"));
         printer.line(format!("{}: {}{packed}", self.file, self.title))?;

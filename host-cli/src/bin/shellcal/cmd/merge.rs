@@ -107,29 +107,24 @@ impl MergeArgs {
             destination.write(sum)?;
             return self.report(printer, &merged, sum, None, to_stdout);
         }
-        let fitted = merge::fit(sum, self.model, &self.options()?)?;
+        anyhow::ensure!(
+            self.model != Some(ModelRule::Physics),
+            "`physics` is fitted to rows, and partial fits have none"
+        );
+        let covariance = if self.no_covariance { CovarianceRule::Nothing } else { self.covariance };
+        let options = FitOptions {
+            ridge: self.ridge,
+            cross_validation: self.cv,
+            covariance,
+            ..FitOptions::default()
+        };
+        let fitted = merge::fit(sum, self.model, &options)?;
         self.warn(&fitted, matches!(sum.sums, Sums::Exact(_)), printer);
         let file = merge::file(&fitted, sum);
         if let Some(output) = output {
             output.commit_with(file.to_json().as_bytes())?;
         }
         self.report(printer, &merged, sum, Some(&file), false)
-    }
-
-    fn options(&self) -> anyhow::Result<FitOptions<'static>> {
-        anyhow::ensure!(
-            self.model != Some(ModelRule::Physics),
-            "`physics` is fitted to rows, and partial fits have none"
-        );
-        Ok(FitOptions {
-            ridge: self.ridge,
-            cross_validation: self.cv,
-            covariance: match self.no_covariance {
-                true => CovarianceRule::Nothing,
-                false => self.covariance,
-            },
-            ..FitOptions::default()
-        })
     }
 
     fn merged(&self, printer: &Printer) -> anyhow::Result<Merged> {

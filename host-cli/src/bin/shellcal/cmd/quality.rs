@@ -5,14 +5,14 @@ use calibration_file::Diagnostics;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
 use crate::printer::Printer;
-use crate::tables::NOTHING;
+use crate::tables::shown;
 
 /// One row of the table: RMS, max and R² of every set side by side, and the unit.
 pub(super) fn table_row(axis: Axis, sets: &[&PerAxis<AxisQuality>]) -> Vec<String> {
     let figures: [fn(&AxisQuality) -> String; 3] = [
         |quality| significant(quality.rms, 4),
-        |quality| quality.max.map_or(NOTHING.to_owned(), |max| significant(max, 4)),
-        |quality| quality.r_squared.map_or(NOTHING.to_owned(), r_squared),
+        |quality| shown(quality.max, |max| significant(max, 4)),
+        |quality| shown(quality.r_squared, r_squared),
     ];
     let mut row = vec![axis.name().to_owned()];
     for figure in figures {

@@ -1,6 +1,6 @@
 //! `shellcal synth`: recordings made from physics.
 
-use std::io::{self, Write};
+use std::io::Write;
 
 use clap::Subcommand;
 use simulation::sensor_model::{RecordingKind, RecordingSettings, SensorRecording};
@@ -119,32 +119,6 @@ impl RecordingArgs {
             elastic: self.elastic,
         })?;
         let mut out = OpenOutput::for_rows(self.output.as_ref(), printer)?;
-        let (bytes, rows_saturated) = self.write(&mut out, kind, rows, recording, printer)?;
-        out.finish()?;
-        let Some(path) = &self.output else { return Ok(()) };
-        let summary = document! {
-            file: path,
-            rows: rows,
-            bytes: bytes,
-            rows_saturated: rows_saturated,
-            seed: self.seed,
-            unit_seed: self.unit_seed,
-        };
-        printer.finish(&summary, |printer| {
-            printer.note(format!("{rows} synthetic rows in `{}`", path.display()));
-            Ok(())
-        })
-    }
-
-    /// Writes all rows; returns the bytes written and the rows with a saturated channel.
-    fn write(
-        &self,
-        out: &mut impl Write,
-        kind: RecordingKind,
-        rows: u64,
-        recording: SensorRecording,
-        printer: &Printer,
-    ) -> io::Result<(u64, u64)> {
         /// Rows between two looks at the progress bar, and bytes in such a stretch, about.
         const STRETCH: u64 = 1024;
         const ROW_BYTES: u64 = 100;
@@ -164,7 +138,21 @@ impl RecordingArgs {
             }
         }
         out.write_all(&text)?;
+        bytes += text.len() as u64;
         progress.finish_and_clear();
-        Ok((bytes + text.len() as u64, rows_saturated))
+        out.finish()?;
+        let Some(path) = &self.output else { return Ok(()) };
+        let summary = document! {
+            file: path,
+            rows: rows,
+            bytes: bytes,
+            rows_saturated: rows_saturated,
+            seed: self.seed,
+            unit_seed: self.unit_seed,
+        };
+        printer.finish(&summary, |printer| {
+            printer.note(format!("{rows} synthetic rows in `{}`", path.display()));
+            Ok(())
+        })
     }
 }

@@ -13,7 +13,7 @@ use shell_data::hint::quoted;
 use shell_data::wrench::{Axes, Axis};
 
 use crate::printer::{Printer, TableColumn};
-use crate::tables::{NOTHING, or_dash};
+use crate::tables::{NOTHING, or_dash, shown};
 
 pub(super) fn print_cross_validation(
     printer: &Printer,
@@ -25,9 +25,7 @@ pub(super) fn print_cross_validation(
     let columns: [TableColumn<'_, Axis>; 6] = [
         ("held out", &|axis| axis.name().to_owned()),
         ("RMS new groups", &|axis| significant(cv.grouped[axis.index()].rms, 4)),
-        ("RMS random", &|axis| {
-            random_rms(axis).map_or(NOTHING.to_owned(), |rms| significant(rms, 4))
-        }),
+        ("RMS random", &|axis| shown(random_rms(axis), |rms| significant(rms, 4))),
         ("ratio", &|axis| or_dash(ratios[axis.index()], 2)),
         ("bias new groups", &|axis| significant(cv.grouped[axis.index()].bias, 2)),
         ("unit", &|axis| axis.unit().to_owned()),
