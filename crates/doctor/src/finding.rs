@@ -42,11 +42,8 @@ impl Finding {
         Self { check, severity: FindingSeverity::Warning, seen, advice }
     }
 
-    pub(crate) fn fault(
-        check: &'static str,
-        seen: impl Into<String>,
-        advice: impl Into<String>,
-    ) -> Self {
+    /// What makes results wrong or impossible, and what to do about it.
+    pub fn fault(check: &'static str, seen: impl Into<String>, advice: impl Into<String>) -> Self {
         Self { severity: FindingSeverity::Fault, ..Self::warning(check, seen, advice) }
     }
 

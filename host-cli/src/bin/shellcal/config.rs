@@ -7,13 +7,12 @@ use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail};
-use calibration_file::input;
+use anyhow::bail;
 use clap::parser::ValueSource;
 use clap::{Arg, ArgMatches, Command};
 use toml::{Spanned, Value};
 
-use crate::files::InputPath;
+use crate::files::{InputPath, read_text};
 use crate::printer::{GLOBAL, Printer};
 
 /// Its name beside the data.
@@ -203,8 +202,7 @@ fn beside_data(command: &Command, matches: &ArgMatches) -> anyhow::Result<Option
 
 impl Config {
     fn read(path: PathBuf) -> anyhow::Result<Self> {
-        let text =
-            input::read_text(&path).with_context(|| format!("cannot read `{}`", path.display()))?;
+        let text = read_text(&path)?;
         let line_of = |at: usize| 1 + text.get(..at).unwrap_or_default().matches('\n').count();
         let values: BTreeMap<Spanned<String>, Value> = toml::from_str(&text).map_err(|error| {
             let line = line_of(error.span().map_or(0, |span| span.start));

@@ -7,6 +7,8 @@ use std::ffi::OsString;
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
 
+use anyhow::Context;
+use calibration_file::input;
 use clap::ArgMatches;
 use output_file::{OutputError, Outputs};
 use serde::{Serialize, Serializer};
@@ -74,6 +76,23 @@ impl OutputOrStdout {
     pub(crate) fn is_stdout(&self) -> bool {
         self.0.as_os_str() == "-"
     }
+}
+
+impl OutputLocation {
+    /// Makes the folder, if it is not there.
+    pub(crate) fn create(&self) -> anyhow::Result<()> {
+        create_folder(&self.0)
+    }
+}
+
+/// Makes a folder, if it is not there.
+pub(crate) fn create_folder(path: &Path) -> anyhow::Result<()> {
+    std::fs::create_dir_all(path).with_context(|| format!("cannot create `{}`", path.display()))
+}
+
+/// The text of a file.
+pub(crate) fn read_text(path: &Path) -> anyhow::Result<String> {
+    input::read_text(path).with_context(|| format!("cannot read `{}`", path.display()))
 }
 
 /// Tells `outputs` of all files that the command line names.

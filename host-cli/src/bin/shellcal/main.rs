@@ -1,11 +1,13 @@
 //! `shellcal`: from the recordings of an optical force/torque shell to forces and moments.
 
+#[macro_use]
+mod document;
+
 mod args;
 mod cmd;
 mod config;
 mod files;
 mod hints;
-mod outcome;
 mod printer;
 mod signals;
 mod tables;
@@ -27,8 +29,8 @@ fn main() -> ExitCode {
     let matches = matches.unwrap_or_else(|error| refuse(&error));
     let said = parsed(&mut command, &matches);
     output_file::before_unfinished(signals::listen);
-    let mut printer = printer::Printer::new(said.output);
-    match run(&mut command, &said.config, matches, &mut printer) {
+    let printer = printer::Printer::new(said.output);
+    match run(&mut command, &said.config, matches, &printer) {
         Ok(outcome) => outcome.into(),
         Err(error) if hints::is_closed_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
@@ -59,8 +61,8 @@ fn run(
     command: &mut clap::Command,
     config: &config::ConfigArgs,
     matches: ArgMatches,
-    printer: &mut printer::Printer,
-) -> anyhow::Result<outcome::Outcome> {
+    printer: &printer::Printer,
+) -> anyhow::Result<printer::Outcome> {
     instructions::chosen()?;
     let words: Vec<_> = std::env::args_os().collect();
     let configured = config::configure(words.clone(), command, config, matches)?;

@@ -3,6 +3,7 @@
 use shellcal::workflow::remark::Remark;
 use std::borrow::Cow;
 use std::io::{self, IsTerminal, Write};
+use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -14,8 +15,29 @@ use serde::Serialize;
 use shell_data::escape;
 
 use crate::files::OutputPath;
-use crate::outcome::Outcome;
 use crate::tables::{self, TableForm};
+
+/// How a command that could run has ended, and the exit code for it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Outcome {
+    /// Done.
+    Done = 0,
+    /// Ran, but a check that the user asked for has failed.
+    CheckFailed = 1,
+}
+
+/// Of commands that check nothing.
+impl From<()> for Outcome {
+    fn from((): ()) -> Self {
+        Self::Done
+    }
+}
+
+impl From<Outcome> for ExitCode {
+    fn from(outcome: Outcome) -> Self {
+        ExitCode::from(outcome as u8)
+    }
+}
 
 /// What help calls the options of every command, which stand at its end.
 pub(crate) const GLOBAL: &str = "Every command";
@@ -139,12 +161,8 @@ impl Printer {
         &self,
         value: &impl Serialize,
         print: impl FnOnce(&Self) -> anyhow::Result<()>,
-    ) -> anyhow::Result<Outcome> {
-        match self.json() {
-            true => self.document(value)?,
-            false => print(self)?,
-        }
-        Ok(Outcome::Done)
+    ) -> anyhow::Result<()> {
+        if self.json() { self.document(value) } else { print(self) }
     }
 
     /// Creates an output file, if one is named.

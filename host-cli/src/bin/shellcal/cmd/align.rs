@@ -1,6 +1,6 @@
 //! `shellcal align`: a reference's recording and a board log to one training log.
 
-use alignment::{Aligned, ClockMap, EdgeMatch, LeftOut, Quality};
+use alignment::{Aligned, ClockMap, LeftOut, Quality};
 use anyhow::{Context, bail};
 use figures::match_figure;
 use log_file::{ColumnRef, FORMATS, Log, LogFormat, Mapping, TIME_UNITS, TimeUnit, parse_column};
@@ -17,8 +17,7 @@ use super::mapping::MappingArgs;
 use super::partial_output::OpenOutput;
 use crate::files::{InputPath, OutputPath};
 use crate::hints;
-use crate::outcome::Outcome;
-use crate::printer::Printer;
+use crate::printer::{Outcome, Printer};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct AlignArgs {
@@ -77,50 +76,16 @@ struct ReferenceArgs {
     reference_time_unit: Option<TimeUnit>,
 }
 
-/// What `--json` says.
-#[derive(Debug, Serialize)]
-struct AlignReport<'a> {
-    reference: String,
-    log: String,
-    output: Option<String>,
-    /// t_reference = t_log + offset_s + skew · (t_log − pivot_s).
-    clock: ClockMap,
-    skew_ppm: f64,
-    rows: WrittenRows,
-    /// Edges of a sync signal, where the clock is by these.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    edges: Option<&'a EdgeMatch>,
-    /// How well the loads match, unless they do not and the clock is by edges.
-    #[serde(flatten)]
-    loads: Option<LoadMatch<'a>>,
-    reference_left_out: LeftOut,
-    log_left_out: LeftOut,
-}
-
-/// How well the loads match.
-#[derive(Debug, Serialize)]
-struct LoadMatch<'a> {
-    explained: f64,
-    residual_counts: &'a [f64],
-    spring_delay_s: f64,
-    white_offset_se_s: f64,
-    white_skew_se: f64,
-    search_explained: f64,
-    search_second_best: f64,
-}
-
-impl<'a> LoadMatch<'a> {
-    fn new(quality: &'a Quality) -> Self {
-        let [white_offset_se_s, white_skew_se] = quality.white_se;
-        Self {
-            explained: quality.explained,
-            residual_counts: &quality.residual_counts,
-            spring_delay_s: quality.spring_delay_s,
-            white_offset_se_s,
-            white_skew_se,
-            search_explained: quality.search_explained,
-            search_second_best: quality.search_ratio,
-        }
+/// How well the loads match, for `--json`.
+fn load_match(quality: &Quality) -> impl Serialize {
+    document! {
+        explained: quality.explained,
+        residual_counts: &quality.residual_counts,
+        spring_delay_s: quality.spring_delay_s,
+        white_offset_se_s: quality.white_se[0],
+        white_skew_se: quality.white_se[1],
+        search_explained: quality.search_explained,
+        search_second_best: quality.search_ratio,
     }
 }
 
@@ -230,24 +195,22 @@ impl AlignArgs {
         }
         self.report_edges(printer, aligned)?;
         if printer.json() {
-            return printer.document(&AlignReport {
-                reference: self.reference.display().to_string(),
-                log: self.log.display().to_string(),
-                output: self.output.as_ref().map(|path| path.display().to_string()),
-                clock: *clock,
+            return printer.document(&document! {
+                reference: &self.reference,
+                log: &self.log,
+                output: &self.output,
+                // t_reference = t_log + offset_s + skew · (t_log − pivot_s).
+                clock: clock,
                 skew_ppm: 1e6 * clock.skew,
-                rows,
-                edges: aligned.edges.as_ref(),
-                loads: quality.map(LoadMatch::new),
+                rows: rows,
+                // Edges of a sync signal, where the clock is by these.
+                edges?: aligned.edges.as_ref(),
+                // Unless they do not match and the clock is by edges.
+                ..loads: quality.map(load_match),
                 reference_left_out: aligned.reference_left_out,
                 log_left_out: aligned.board_left_out,
             });
         }
-        self.print(printer, aligned, rows)
-    }
-
-    fn print(&self, printer: &Printer, aligned: &Aligned, rows: WrittenRows) -> anyhow::Result<()> {
-        let clock = &aligned.clock;
         let offset = format!("offset at {:.3} s (ms)", clock.pivot_s);
         let table = [
             (offset, 1e3 * clock.offset_s, 1e3 * clock.offset_se_s, 4),
@@ -256,7 +219,7 @@ impl AlignArgs {
         let table = table.map(|(name, value, error, decimals)| {
             vec![name, format!("{value:.decimals$}"), format!("{error:.decimals$}")]
         });
-        let explained = match &aligned.quality {
+        let explained = match quality {
             Some(quality) => format!(
                 "{} rows; the aligned reference explains {:.2} % of the readings; the second-best \
                  offset scores {:.0} % of the best",

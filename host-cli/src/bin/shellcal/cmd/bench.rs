@@ -13,9 +13,8 @@ use super::choices;
 use super::figure_size::{FigureFile, FigureSize};
 use super::mapping::{MappingArgs, open_logs};
 use crate::files::{InputPath, OutputPath};
-use crate::outcome::Outcome;
 use crate::printer::{Printer, TableColumn};
-use crate::tables::NOTHING;
+use crate::tables::shown;
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -56,7 +55,7 @@ pub(crate) struct BenchArgs {
 }
 
 impl BenchArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let opened = self.open_plots(printer)?;
         let blocks = self.blocks(printer)?;
         let bases = if self.model.is_empty() { &Basis::ALL[..] } else { &self.model };
@@ -74,12 +73,11 @@ impl BenchArgs {
             plot.draw(|size| bench::figure(size, &benches, kind))?;
         }
         if printer.json() {
-            printer.document(&benches)?;
-            return Ok(Outcome::Done);
+            return printer.document(&benches);
         }
         benches.iter().try_for_each(|bench| print(printer, bench))?;
         printer.note("`*`: no other solver is both faster and more accurate");
-        Ok(Outcome::Done)
+        Ok(())
     }
 
     fn open_plots(&self, printer: &Printer) -> anyhow::Result<Vec<(ErrorKind, FigureFile)>> {
@@ -112,7 +110,7 @@ fn print(printer: &Printer, bench: &ModelBench) -> anyhow::Result<()> {
         "{}: {} features, {} rows, condition {:.1e}; errors relative to `{}`",
         bench.model, bench.features, bench.rows, bench.condition, bench.reference
     ))?;
-    let error = |error: Option<f64>| error.map_or(NOTHING.to_owned(), |e| format!("{e:.1e}"));
+    let error = |error: Option<f64>| shown(error, |e| format!("{e:.1e}"));
     let columns: [TableColumn<'_, &bench::Measurement>; 4] = [
         ("solver", &|m| format!("{}{}", m.solver, if m.on_front { " *" } else { "" })),
         ("time (ms)", &|m| format!("{:.2}", 1e3 * m.seconds)),

@@ -5,15 +5,14 @@ use board_link::recording::PROTOCOLS;
 use board_link::{Client, PortOptions, Uplink, board_text, for_board, judge, serial_text};
 use clap::Subcommand;
 use serde_json::json;
-use shared_proto::{BoardId, CHANNELS, Command, Identity, Protocol, ResetCause, Stream};
+use shared_proto::{BoardId, CHANNELS, Command, Protocol, ResetCause, Stream};
 
 use super::board_line::{BoardClient, set_baud, start_bootloader};
 use super::choices::{number_within, one_of};
-use super::edited::EditedArg;
+use super::mapping::EditedArg;
 use super::serial::{SerialArgs, first_number};
 use crate::files::InputPath;
-use crate::outcome::Outcome;
-use crate::printer::Printer;
+use crate::printer::{Outcome, Printer};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct BoardArgs {
@@ -113,7 +112,9 @@ impl BoardArgs {
                  `shellcal board --simulate` is all"
             ),
             (Some(port), Some(action)) => (port, action),
-            (None, None) if self.simulate => return self.simulation.run(printer),
+            (None, None) if self.simulate => {
+                return self.simulation.run(printer).map(Outcome::from);
+            }
             (None, _) => anyhow::bail!(
                 "a board is simulated by `shellcal board --simulate`, without an action; other \
                  commands name its port then"
@@ -125,9 +126,11 @@ impl BoardArgs {
         };
         match action {
             BoardAction::Identify => {
-                return print_identity(&self.client(port)?.identify()?, printer);
+                return print_identity(&mut self.client(port)?, printer).map(Outcome::from);
             }
-            BoardAction::Status => return print_status(&mut self.client(port)?, printer),
+            BoardAction::Status => {
+                return print_status(&mut self.client(port)?, printer).map(Outcome::from);
+            }
             BoardAction::SelfTest => return self_test(&mut self.client(port)?, printer),
             BoardAction::Start => self.order(port, [Command::Start])?,
             BoardAction::Stop => self.order(port, [Command::Stop])?,
@@ -161,10 +164,11 @@ impl BoardArgs {
                 printer.note(format!("the board has kept the calibration, CRC-32 {crc:#010x}"));
             }
         }
-        printer.finish(&json!({ "done": true }), |printer| {
-            printer.note("done");
-            Ok(())
-        })
+        match printer.json() {
+            true => printer.document(&json!({ "done": true }))?,
+            false => printer.note("done"),
+        }
+        Ok(Outcome::Done)
     }
 
     fn order(&self, port: &str, commands: impl IntoIterator<Item = Command>) -> anyhow::Result<()> {
@@ -219,7 +223,8 @@ fn self_test(client: &mut BoardClient, printer: &Printer) -> anyhow::Result<Outc
     Ok(if faults.is_empty() { Outcome::Done } else { Outcome::CheckFailed })
 }
 
-fn print_identity(identity: &Identity, printer: &Printer) -> anyhow::Result<Outcome> {
+fn print_identity(client: &mut BoardClient, printer: &Printer) -> anyhow::Result<()> {
+    let identity = client.identify()?;
     let [major, minor, patch] = identity.firmware;
     let firmware = format!("{major}.{minor}.{patch}");
     let serial = serial_text(&identity.serial);
@@ -236,7 +241,7 @@ fn print_identity(identity: &Identity, printer: &Printer) -> anyhow::Result<Outc
     })
 }
 
-fn print_status(client: &mut BoardClient, printer: &Printer) -> anyhow::Result<Outcome> {
+fn print_status(client: &mut BoardClient, printer: &Printer) -> anyhow::Result<()> {
     let status = client.status()?;
     let stream = match status.stream {
         Stream::Raw => "readings".to_owned(),
@@ -255,7 +260,7 @@ fn print_status(client: &mut BoardClient, printer: &Printer) -> anyhow::Result<O
     let rate_hz = 1e6 / f64::from(status.period_us);
     let calibration = format!("{:#010x}", status.calibration_crc32);
     if printer.json() {
-        printer.document(&json!({
+        return printer.document(&json!({
             "streaming": status.streaming, "stream": stream, "rate_hz": rate_hz,
             "conversions": status.conversions, "settling_us": status.settling_us,
             "calibration_crc32": status.calibrated.then_some(&calibration),
@@ -263,8 +268,7 @@ fn print_status(client: &mut BoardClient, printer: &Printer) -> anyhow::Result<O
             "overflowed": status.overflowed, "damaged": status.damaged,
             "longest_frame_us": status.longest_frame_us, "uptime_s": status.uptime_s,
             "reset_cause": cause, "last_words": last_words, "foreign": status.foreign,
-        }))?;
-        return Ok(Outcome::Done);
+        }));
     }
     let streams = if status.streaming { "streams" } else { "stopped;" };
     printer.line(format!("{streams} {stream} at {rate_hz} Hz"))?;
@@ -285,7 +289,7 @@ fn print_status(client: &mut BoardClient, printer: &Printer) -> anyhow::Result<O
     if let Some(words) = last_words {
         printer.line(format!("before it: {words}"))?;
     }
-    Ok(Outcome::Done)
+    Ok(())
 }
 
 /// A serial number of 12 bytes.

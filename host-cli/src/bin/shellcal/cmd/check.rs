@@ -2,16 +2,13 @@
 
 use calibration::quality::significant;
 use report::CheckedLoad;
-use serde::Serialize;
 use shell_data::wrench::{Axes, Axis};
 use shellcal::workflow::check::check_weights;
 
-use super::edited::EditedArg;
-use super::mapping::{MappingArgs, open_logs, tell_remembered};
+use super::mapping::{EditedArg, MappingArgs, open_logs, tell_remembered};
 use super::plan::read_table;
 use crate::files::InputPath;
-use crate::outcome::Outcome;
-use crate::printer::{Printer, TableColumn};
+use crate::printer::{Outcome, Printer, TableColumn};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -38,14 +35,6 @@ pub(crate) struct CheckArgs {
     mapping: MappingArgs,
 }
 
-/// What `--json` prints.
-#[derive(Serialize)]
-struct CheckReport<'a> {
-    passes: bool,
-    axes: Vec<&'static str>,
-    loads: &'a [CheckedLoad],
-}
-
 impl CheckArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let file = self.edited.read(&self.calibration)?;
@@ -57,7 +46,8 @@ impl CheckArgs {
         let checked = check_weights(&file, &logs, &table, &self.mapping.read_options())?;
         let passes = checked.iter().all(|of| of.off.is_empty());
         if printer.json() {
-            printer.document(&CheckReport { passes, axes: axes.columns(), loads: &checked })?;
+            printer
+                .document(&document! { passes: passes, axes: axes.columns(), loads: &checked })?;
         } else {
             print(printer, &checked, axes)?;
             printer.line(match passes {

@@ -7,7 +7,8 @@ use calibration::fit::{CovarianceRule, ModelRule};
 use calibration::solver::SolverKind;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
-/// A name, what help says of it, if anything, and the value that it stands for.
+/// A name, or several with `|` between them, of which help has the first; what it says of that, if anything; and the
+/// value that they stand for.
 type NamedChoice<T> = (&'static str, &'static str, T);
 
 /// Reads one of some names.
@@ -15,12 +16,13 @@ pub(crate) fn one_of<T: Copy + Send + Sync + 'static>(
     choices: &[NamedChoice<T>],
 ) -> impl TypedValueParser<Value = T> + use<T> {
     let choices = choices.to_vec();
-    let names = choices.iter().map(|&(name, help, _)| match help {
-        "" => PossibleValue::new(name),
-        help => PossibleValue::new(name).help(help),
+    let names = choices.iter().map(|&(names, help, _)| {
+        let mut names = names.split('|');
+        let name = PossibleValue::new(names.next().unwrap_or_default()).aliases(names);
+        if help.is_empty() { name } else { name.help(help) }
     });
     PossibleValuesParser::new(names).try_map(move |text| {
-        let known = choices.iter().find(|(name, ..)| *name == text);
+        let known = choices.iter().find(|(names, ..)| names.split('|').any(|name| name == text));
         known.map(|(.., value)| *value).ok_or("no such name")
     })
 }

@@ -11,7 +11,6 @@ use shellcal::workflow::remark::found_groups;
 
 use super::mapping::{MappingArgs, open_logs, tell_remembered};
 use crate::files::InputPath;
-use crate::outcome::Outcome;
 use crate::printer::{Printer, TableColumn};
 
 #[derive(Debug, clap::Args)]
@@ -35,29 +34,8 @@ pub(crate) struct CompareArgs {
     mapping: MappingArgs,
 }
 
-/// What `--json` prints.
-#[derive(Serialize)]
-struct CompareDocument {
-    rows: u64,
-    groups: usize,
-    axes: Vec<ComparedAxis>,
-}
-
-#[derive(Serialize)]
-struct ComparedAxis {
-    axis: &'static str,
-    /// Of both, N or N·m.
-    rms: [f64; 2],
-    /// The first less the second.
-    difference: f64,
-    /// The 95 % interval of the difference.
-    interval_95: [f64; 2],
-    /// `first`, `second` or null.
-    better: Option<&'static str>,
-}
-
 impl CompareArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let [first, second] = [&self.first, &self.second].map(|path| CalibrationFile::read(path));
         let (first, second) = (first?, second?);
         let mapping = self.mapping.mapping_for(&first);
@@ -79,15 +57,6 @@ impl CompareArgs {
             log.require_axes(axes)?;
             log.keep_axes(axes)?;
         }
-        let found = self.compare([&first, &second], &logs)?;
-        if let Some(groups) = found.group_by.found() {
-            printer.remarks([found_groups(groups)]);
-        }
-        self.report(&found, axes, printer)?;
-        Ok(Outcome::Done)
-    }
-
-    fn compare(&self, files: [&CalibrationFile; 2], logs: &[Log]) -> anyhow::Result<PairedErrors> {
         let has_groups = logs.iter().all(Log::has_groups);
         let wanted = Wanted {
             readings: true,
@@ -96,16 +65,23 @@ impl CompareArgs {
             time: !has_groups && logs.len() == 1 && logs[0].has_time(),
             ..Wanted::default()
         };
-        let data = read_logs(logs, &wanted, &self.mapping.read_options())?;
+        let data = read_logs(&logs, &wanted, &self.mapping.read_options())?;
         let workers = Workers::new(self.mapping.threads.map_or(0, usize::from));
-        Ok(paired_errors(files.map(|file| &file.calibration), &data, workers)?)
+        let found = paired_errors([&first, &second].map(|of| &of.calibration), &data, workers)?;
+        if let Some(groups) = found.group_by.found() {
+            printer.remarks([found_groups(groups)]);
+        }
+        self.report(&found, axes, printer)
     }
 
     fn report(&self, found: &PairedErrors, axes: Axes, printer: &Printer) -> anyhow::Result<()> {
         if printer.json() {
-            let axes = axes.iter().map(|axis| ComparedAxis::new(axis, &found.axes[axis.index()]));
-            let (rows, groups) = (found.rows, found.groups);
-            return printer.document(&CompareDocument { rows, groups, axes: axes.collect() });
+            let axes = axes.iter().map(|axis| compared(axis, &found.axes[axis.index()]));
+            return printer.document(&document! {
+                rows: found.rows,
+                groups: found.groups,
+                axes: axes.collect::<Vec<_>>(),
+            });
         }
         printer.line(format!(
             "A = `{}`, B = `{}`, on {} rows of {} {}",
@@ -135,18 +111,20 @@ impl CompareArgs {
     }
 }
 
-impl ComparedAxis {
-    fn new(axis: Axis, of: &PairedError) -> Self {
-        Self {
-            axis: axis.column(),
-            rms: of.rms,
-            difference: of.difference,
-            interval_95: of.interval(),
-            better: match of.better() {
-                Better::First => Some("first"),
-                Better::Second => Some("second"),
-                Better::Neither => None,
-            },
-        }
+/// What `--json` prints of an axis.
+fn compared(axis: Axis, of: &PairedError) -> impl Serialize {
+    document! {
+        axis: axis.column(),
+        // Of both, N or N·m.
+        rms: of.rms,
+        // The first less the second.
+        difference: of.difference,
+        // The 95 % interval of the difference.
+        interval_95: of.interval(),
+        better: match of.better() {
+            Better::First => Some("first"),
+            Better::Second => Some("second"),
+            Better::Neither => None,
+        },
     }
 }

@@ -6,7 +6,6 @@ use clap::{Arg, Command, ValueHint};
 use clap_complete::Shell;
 
 use crate::files::{InputPath, OutputLocation, OutputPath};
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]
@@ -20,14 +19,13 @@ pub(crate) struct CompletionsArgs {
 }
 
 impl CompletionsArgs {
-    pub(crate) fn run(&self, printer: &Printer, mut command: Command) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer, mut command: Command) -> anyhow::Result<()> {
         command.build();
         let mut command = with_hints(command);
         let name = command.get_name().to_owned();
         let mut script = Vec::new();
         clap_complete::generate(self.shell, &mut command, name, &mut script);
-        printer.file(&script)?;
-        Ok(Outcome::Done)
+        printer.file(&script)
     }
 }
 

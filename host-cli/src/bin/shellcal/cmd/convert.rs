@@ -3,29 +3,25 @@
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail, ensure};
-use calibration::Calibration;
+use anyhow::{bail, ensure};
 use calibration::uncertainty::HIGHEST_LEVEL;
 use calibration_file::Diagnostics;
 use calibration_file::payload_file::PayloadFile;
 use figures::{WrenchTrace, trace_figure};
 use forces::RowRule;
 use log_file::{ColumnRef, Log, Meaning, parse_columns};
-use serde::Serialize;
 use shell_data::wrench::Axis;
 use shellcal::workflow::convert::{
     AxisSummary, Conversion, ConvertOptions, ConvertSummary, DEFAULT_FRAME_ID, FrameMount,
     OutputFormat, OutputPlan, RecordingFrame, TableColumns, convert, table_name,
 };
 
-use super::edited::EditedArg;
 use super::figure_size::FigureSize;
 use super::frames::{ForceArgs, FrameArgs};
-use super::mapping::{ColumnList, MappingArgs, open_logs, tell_remembered};
+use super::mapping::{ColumnList, EditedArg, MappingArgs, open_logs, tell_remembered};
 use super::partial_output::OpenOutput;
 use super::payload::load::MotionArgs;
 use crate::files::{InputPath, OutputLocation, OutputPath};
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]
@@ -119,7 +115,7 @@ pub(crate) struct ConvertArgs {
 const COLUMNS: [&str; 9] = ["t", "fx", "fy", "fz", "mx", "my", "mz", "se", "flags"];
 
 impl ConvertArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let targets = self.targets(printer)?;
         let file = self.edited.read(&self.calibration)?;
         let mapping = self.mapping.mapping_for(&file);
@@ -140,7 +136,14 @@ impl ConvertArgs {
             let read = self.mapping.read_options();
             let load = |file| self.motion.load(file, log, &calibration, &read, &mapping);
             let load = payload.as_ref().map(load).transpose()?;
-            let options = ConvertOptions { load, ..self.options(log, &calibration) };
+            let usual = ConvertOptions::new(log, &calibration);
+            let options = ConvertOptions {
+                load,
+                rows: self.frames.rows(log),
+                forces: self.forces.options(RowRule::Time),
+                columns: self.columns(usual.columns),
+                full_scale: self.full_scale.or(usual.full_scale),
+            };
             let conversion = Conversion { log, calibration: &calibration, options: &options, read };
             let to = target.as_deref();
             let summary =
@@ -154,16 +157,16 @@ impl ConvertArgs {
                 printer.line(format!("{} -> {}", log.path().display(), path.display()))?;
                 print_axes(printer, &summary)?;
             }
-            conversions.push(LogDocument {
+            conversions.push(document! {
                 log: log.path().display().to_string(),
                 output: target.map(|path| path.display().to_string()),
-                summary,
+                ..summary: summary,
             });
         }
         if printer.json() {
             printer.document(&conversions)?;
         }
-        Ok(Outcome::Done)
+        Ok(())
     }
 
     fn convert(
@@ -187,30 +190,20 @@ impl ConvertArgs {
         let summary = printer.scan(log, conversion.read, |read| {
             convert(&Conversion { read, ..conversion }, &plan, &mut out, trace)
         })?;
-        self.check_tare(log, &summary, diagnostics, printer)?;
+        if let Some(text) = summary.tare_doubt(log.path(), diagnostics) {
+            // A tare that was not taken at rest.
+            ensure!(
+                !self.strict,
+                "{text}; take frames at rest with `--tare-time`, or keep the zero of the calibration with `--no-tare`"
+            );
+            printer.warning(text);
+        }
         out.finish()?;
         Ok(summary)
     }
 
     fn frame(&self) -> RecordingFrame {
         RecordingFrame { id: self.frame_id.clone(), mount: self.mount.clone() }
-    }
-
-    /// Warns of a tare that was not taken at rest, or refuses it.
-    fn check_tare(
-        &self,
-        log: &Log,
-        summary: &ConvertSummary,
-        diagnostics: Option<&Diagnostics>,
-        printer: &Printer,
-    ) -> anyhow::Result<()> {
-        let Some(text) = summary.tare_doubt(log.path(), diagnostics) else { return Ok(()) };
-        ensure!(
-            !self.strict,
-            "{text}; take frames at rest with `--tare-time`, or keep the zero of the calibration with `--no-tare`"
-        );
-        printer.warning(text);
-        Ok(())
     }
 
     /// The file that each log's table goes to, `None` for the standard output; every clash is found here, before any
@@ -227,8 +220,7 @@ impl ConvertArgs {
             }
             (None, None) if self.logs.len() == 1 => vec![None],
             (_, Some(directory)) => {
-                std::fs::create_dir_all(directory)
-                    .with_context(|| format!("cannot create `{}`", directory.display()))?;
+                directory.create()?;
                 self.logs.iter().map(|log| Some(directory.join(table_name(log)))).collect()
             }
             _ => bail!("`{}` logs need `--output-dir` for their tables", self.logs.len()),
@@ -244,17 +236,6 @@ impl ConvertArgs {
         }
         targets.iter().flatten().try_for_each(|path| printer.files.probe(path))?;
         Ok(targets)
-    }
-
-    fn options(&self, log: &Log, calibration: &Calibration) -> ConvertOptions {
-        let usual = ConvertOptions::new(log, calibration);
-        ConvertOptions {
-            rows: self.frames.rows(log),
-            forces: self.forces.options(RowRule::Time),
-            columns: self.columns(usual.columns),
-            full_scale: self.full_scale.or(usual.full_scale),
-            ..usual
-        }
     }
 
     /// The positions of the columns of text, and of numbers, that are carried along.
@@ -292,15 +273,6 @@ impl ConvertArgs {
             }
         }
     }
-}
-
-/// What `--json` says of one log.
-#[derive(Debug, Serialize)]
-struct LogDocument {
-    log: String,
-    output: Option<String>,
-    #[serde(flatten)]
-    summary: ConvertSummary,
 }
 
 fn print_axes(printer: &Printer, summary: &ConvertSummary) -> anyhow::Result<()> {

@@ -1,7 +1,5 @@
 //! Arguments that are not looked into before their subcommand is called.
 
-use std::ops::Deref;
-
 use clap::builder::Resettable;
 use clap::{ArgMatches, Args, Command, Error, FromArgMatches};
 
@@ -10,26 +8,27 @@ use clap::{ArgMatches, Args, Command, Error, FromArgMatches};
 ///
 /// What they are for is said where the subcommands are listed, as it is wanted there.
 #[derive(Debug)]
-pub(crate) struct Deferred<T>(Box<T>);
+pub(crate) struct Deferred<T>(pub(super) Box<T>);
 
 impl<T: Args> Args for Deferred<T> {
     fn augment_args(command: Command) -> Command {
-        command.defer(|command| keep_about(command, T::augment_args))
+        command.defer(keep_about::<T>)
     }
 
+    /// No command is ever brought up to date.
     fn augment_args_for_update(command: Command) -> Command {
-        command.defer(|command| keep_about(command, T::augment_args_for_update))
+        Self::augment_args(command)
     }
 }
 
 /// Sets of arguments that are part of others would say what they are for, too. What is there before are the
 /// options of every command, which go to the end of help.
-fn keep_about(command: Command, augment: fn(Command) -> Command) -> Command {
+fn keep_about<T: Args>(command: Command) -> Command {
     let about = Resettable::from(command.get_about().cloned());
     let long_about = Resettable::from(command.get_long_about().cloned());
     let shared: Vec<_> = command.get_arguments().map(|arg| arg.get_id().clone()).collect();
     let to_the_end = |command: Command, id: clap::Id| command.mut_arg(id, |arg| arg);
-    let command = shared.into_iter().fold(augment(command), to_the_end);
+    let command = shared.into_iter().fold(T::augment_args(command), to_the_end);
     command.about(about).long_about(long_about)
 }
 
@@ -40,13 +39,5 @@ impl<T: FromArgMatches> FromArgMatches for Deferred<T> {
 
     fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), Error> {
         self.0.update_from_arg_matches(matches)
-    }
-}
-
-impl<T> Deref for Deferred<T> {
-    type Target = T;
-
-    fn deref(&self) -> &T {
-        &self.0
     }
 }

@@ -25,8 +25,7 @@ use super::ports::is_port;
 use super::record::parse_duration;
 use super::serial::{SerialArgs, first_number};
 use crate::files::InputPath;
-use crate::outcome::Outcome;
-use crate::printer::{Printer, Tint};
+use crate::printer::{Outcome, Printer, Tint};
 use crate::signals;
 
 #[derive(Debug, clap::Args)]
@@ -116,7 +115,11 @@ impl DoctorArgs {
         let name = path.display().to_string();
         if is_port(path) {
             let port = path.to_str().context("the name of a port is text")?;
-            return self.examine_board(port, calibration, printer);
+            return self.examine_port(port, |options| {
+                let seconds = self.listen.as_secs_f64();
+                printer.note(format!("asking `{port}`, then listening for {seconds} s"));
+                self.ask_board(options, calibration)
+            });
         }
         let (kind, findings) = match is_document(path)? {
             true => ("calibration", examine_calibration(path, &age)),
@@ -133,19 +136,17 @@ impl DoctorArgs {
         Ok(Examination { name, kind, findings })
     }
 
-    fn examine_board(
+    /// What is found of a port, and by `ask` of its board if it can be opened.
+    fn examine_port(
         &self,
         port: &str,
-        calibration: Option<&CalibrationFile>,
-        printer: &Printer,
+        ask: impl FnOnce(PortOptions) -> anyhow::Result<Vec<Finding>>,
     ) -> anyhow::Result<Examination> {
         let options = self.serial.port(port);
         let state = PortState::new(&options, &SystemFiles::default());
         let mut findings = check_port(&state);
         if state.refusal.is_none() {
-            let seconds = self.listen.as_secs_f64();
-            printer.note(format!("asking `{port}`, then listening for {seconds} s"));
-            findings.extend(self.ask_board(options, calibration)?);
+            findings.extend(ask(options)?);
         }
         Ok(Examination { name: port.to_owned(), kind: "port", findings })
     }
@@ -180,24 +181,12 @@ impl DoctorArgs {
     fn examine_ports(&self) -> anyhow::Result<Vec<Examination>> {
         let found = ports()?;
         if found.is_empty() {
-            let finding = Finding {
-                check: "no-port",
-                severity: FindingSeverity::Fault,
-                seen: "this computer has no serial port".to_owned(),
-                advice: Some(
-                    "plug the adapter in; `shellcal board --simulate` is a board without one"
-                        .to_owned(),
-                ),
-            };
+            let advice = "plug the adapter in; `shellcal board --simulate` is a board without one";
+            let finding = Finding::fault("no-port", "this computer has no serial port", advice);
             let name = "ports".to_owned();
             return Ok(vec![Examination { name, kind: "port", findings: vec![finding] }]);
         }
-        let examine = |port: &str| {
-            let state = PortState::new(&self.serial.port(port), &SystemFiles::default());
-            let findings = check_port(&state);
-            Examination { name: port.to_owned(), kind: "port", findings }
-        };
-        Ok(found.iter().map(|port| examine(&port.port)).collect())
+        found.iter().map(|port| self.examine_port(&port.port, |_| Ok(Vec::new()))).collect()
     }
 }
 

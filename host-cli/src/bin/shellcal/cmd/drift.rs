@@ -4,15 +4,12 @@ use figures::{Chart, ChartMark, Figure, PlotAxis, Series, Size, Spacing, trace_f
 use forces::drift::{Drift, Trend};
 use forces::stationary::{FALSE_ALARMS, ZeroChange, largest_change};
 use log_file::{ColumnRef, Log, parse_column};
-use serde::Serialize;
 use shellcal::workflow::drift::{DriftOptions, DriftSummary, drift};
 
-use super::edited::EditedArg;
 use super::figure_size::FigureSize;
 use super::frames::FrameArgs;
-use super::mapping::{MappingArgs, tell_remembered};
+use super::mapping::{EditedArg, MappingArgs, tell_remembered};
 use crate::files::{InputPath, OutputPath};
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]
@@ -50,18 +47,8 @@ pub(crate) struct DriftArgs {
     mapping: MappingArgs,
 }
 
-/// What `--json` says of one log.
-#[derive(Serialize)]
-struct LogDrift {
-    log: String,
-    /// Whether a tare at the start holds to the end.
-    tare_holds: bool,
-    #[serde(flatten)]
-    summary: DriftSummary,
-}
-
 impl DriftArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let several = self.logs.len();
         anyhow::ensure!(
             self.plot.is_none() || several == 1,
@@ -69,10 +56,7 @@ impl DriftArgs {
         );
         let mut plot = self.figure_size.create(self.plot.as_ref(), printer)?;
         let file = self.calibration.as_ref().map(|path| self.edited.read(path)).transpose()?;
-        let mapping = match &file {
-            Some(file) => self.mapping.mapping_for(file),
-            None => self.mapping.mapping(),
-        };
+        let mapping = self.mapping.mapping_for(file.as_ref());
         let options = DriftOptions {
             calibration: file.as_ref().map(|file| &file.calibration),
             temperature: self.temperature.clone(),
@@ -90,10 +74,19 @@ impl DriftArgs {
             if let Some(plot) = plot.take() {
                 plot.draw(|size| figure(size, &name, &summary))?;
             }
-            let tare_holds = moved(&summary).is_none();
-            drifts.push(LogDrift { log: name, tare_holds, summary });
+            drifts.push((name, summary));
         }
-        printer.finish(&drifts, |printer| drifts.iter().try_for_each(|drift| drift.print(printer)))
+        let documents = drifts.iter().map(|(log, summary)| {
+            document! {
+                log: log,
+                // Whether a tare at the start holds to the end.
+                tare_holds: moved(summary).is_none(),
+                ..summary: summary,
+            }
+        });
+        printer.finish(&documents.collect::<Vec<_>>(), |printer| {
+            drifts.iter().try_for_each(|(log, summary)| print(printer, log, summary))
+        })
     }
 }
 
@@ -113,58 +106,55 @@ fn moved(summary: &DriftSummary) -> Option<(usize, ZeroChange)> {
     largest_change(all[..judged].iter().enumerate().map(|(i, (.., drift))| (i, drift.change)))
 }
 
-impl LogDrift {
-    fn print(&self, printer: &Printer) -> anyhow::Result<()> {
-        let Self { log, summary, .. } = self;
-        let DriftSummary { rests, first_s, last_s, .. } = *summary;
-        printer.line(format!(
-            "{log}: {rests} stretches at rest, the first about {first_s:.1} s, the last about {last_s:.1} s"
-        ))?;
-        let quantities = quantities(summary);
-        let has_trend = quantities.iter().any(|(.., drift)| drift.per_degree.is_some());
-        let mut header = vec!["zero of", "change", "noise", "wander", "per minute", "± SE"];
-        if has_trend {
-            header.extend(["per degree", "± SE"]);
-        }
-        let rows = quantities.iter().map(|(name, unit, decimals, drift)| {
-            let decimals = *decimals;
-            let shown = |value: f64| format!("{value:.decimals$}");
-            let ZeroChange { change, noise, .. } = drift.change;
-            let mut row = vec![format!("{name} ({unit})")];
-            row.extend([change, noise, drift.wander].map(shown));
-            let Trend { slope, standard_error, .. } = drift.per_s;
-            row.extend([60.0 * slope, 60.0 * standard_error].map(shown));
-            if has_trend {
-                let figures = drift.per_degree.map(|at| [at.slope, at.standard_error].map(shown));
-                row.extend(figures.unwrap_or_default());
-            }
-            row
-        });
-        printer.table(&header, rows)?;
-        match summary.temperature {
-            Some([low, high]) if has_trend => {
-                let better = by_temperature(&quantities);
-                printer.line(format!("temperature {low:.2} to {high:.2}: {better}"))?;
-            }
-            Some([at, _]) => printer.line(format!("temperature {at:.2} throughout"))?,
-            None => {}
-        }
-        printer.line(match moved(summary) {
-            None => "a tare at the start holds to the end: no zero moves beyond its noise".to_owned(),
-            Some((i, ZeroChange { change, noise, .. })) => {
-                let (name, unit, decimals, _) = &quantities[i];
-                format!(
-                    "a tare at the start does not hold: the zero of {name} moves by {change:.decimals$} {unit}, \
-                     with a noise of {noise:.decimals$}; `--tare rests` follows it"
-                )
-            }
-        })?;
-        printer.note(format!(
-            "a zero that stands still is said to move in {} % of logs at most",
-            100.0 * FALSE_ALARMS
-        ));
-        Ok(())
+fn print(printer: &Printer, log: &str, summary: &DriftSummary) -> anyhow::Result<()> {
+    let DriftSummary { rests, first_s, last_s, .. } = *summary;
+    printer.line(format!(
+        "{log}: {rests} stretches at rest, the first about {first_s:.1} s, the last about {last_s:.1} s"
+    ))?;
+    let quantities = quantities(summary);
+    let has_trend = quantities.iter().any(|(.., drift)| drift.per_degree.is_some());
+    let mut header = vec!["zero of", "change", "noise", "wander", "per minute", "± SE"];
+    if has_trend {
+        header.extend(["per degree", "± SE"]);
     }
+    let rows = quantities.iter().map(|(name, unit, decimals, drift)| {
+        let decimals = *decimals;
+        let shown = |value: f64| format!("{value:.decimals$}");
+        let ZeroChange { change, noise, .. } = drift.change;
+        let mut row = vec![format!("{name} ({unit})")];
+        row.extend([change, noise, drift.wander].map(shown));
+        let Trend { slope, standard_error, .. } = drift.per_s;
+        row.extend([60.0 * slope, 60.0 * standard_error].map(shown));
+        if has_trend {
+            let figures = drift.per_degree.map(|at| [at.slope, at.standard_error].map(shown));
+            row.extend(figures.unwrap_or_default());
+        }
+        row
+    });
+    printer.table(&header, rows)?;
+    match summary.temperature {
+        Some([low, high]) if has_trend => {
+            let better = by_temperature(&quantities);
+            printer.line(format!("temperature {low:.2} to {high:.2}: {better}"))?;
+        }
+        Some([at, _]) => printer.line(format!("temperature {at:.2} throughout"))?,
+        None => {}
+    }
+    printer.line(match moved(summary) {
+        None => "a tare at the start holds to the end: no zero moves beyond its noise".to_owned(),
+        Some((i, ZeroChange { change, noise, .. })) => {
+            let (name, unit, decimals, _) = &quantities[i];
+            format!(
+                "a tare at the start does not hold: the zero of {name} moves by {change:.decimals$} {unit}, \
+                 with a noise of {noise:.decimals$}; `--tare rests` follows it"
+            )
+        }
+    })?;
+    printer.note(format!(
+        "a zero that stands still is said to move in {} % of logs at most",
+        100.0 * FALSE_ALARMS
+    ));
+    Ok(())
 }
 
 /// Whether time or temperature follows the zeros better, over all quantities.

@@ -1,6 +1,6 @@
 //! `shellcal eval`: the errors of a calibration against a measured wrench.
 
-use calibration::Calibration;
+use anyhow::Context;
 use calibration::fit::{Evaluation, Workers, evaluate};
 use calibration::quality::{AxisQuality, significant};
 use calibration_file::stored::{OfAxes, Stored, StoredQuality};
@@ -16,14 +16,12 @@ use shellcal::workflow::fit::add_to_plot;
 use shellcal::workflow::gates::{ComparedAxes, GateFailure};
 
 use super::choices::one_of;
-use super::edited::EditedArg;
 use super::figure_size::FigureSize;
-use super::mapping::{MappingArgs, open_logs, tell_remembered};
+use super::limits::RmsLimits;
+use super::mapping::{EditedArg, MappingArgs, open_logs, tell_remembered};
 use super::quality::table_row;
-use super::rms_limits::RmsLimits;
 use crate::files::{InputPath, OutputPath};
-use crate::outcome::Outcome;
-use crate::printer::Printer;
+use crate::printer::{Outcome, Printer};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -73,28 +71,11 @@ fn axis() -> impl TypedValueParser<Value = Axis> {
     one_of(&Axis::ALL.map(|axis| (names[axis.index()], "", axis)))
 }
 
-/// What `--json` prints of one log, or of all.
-#[derive(Serialize)]
-struct EvalReport {
-    #[serde(skip_serializing_if = "Option::is_none")]
+/// The evaluation of one log, or of all.
+struct LogEvaluation {
     log: Option<String>,
-    rows: u64,
-    skipped_rows: u64,
-    repeated_rows: u64,
-    out_of_range_rows: u64,
-    errors: OfAxes<StoredQuality>,
-    #[serde(skip)]
+    evaluation: Evaluation,
     quality: PerAxis<AxisQuality>,
-}
-
-#[derive(Serialize)]
-struct Document {
-    axes: Vec<&'static str>,
-    logs: Vec<EvalReport>,
-    all: EvalReport,
-    above_limit: Vec<&'static str>,
-    /// Axes that were asked for and are not in all logs.
-    not_compared: Vec<&'static str>,
 }
 
 impl EvalArgs {
@@ -126,7 +107,10 @@ impl EvalArgs {
                 ..self.mapping.read_options()
             };
             check_channels(log, calibration.channels())?;
-            let rows = self.rows(log, &calibration, &read)?;
+            let time = calibration.needs_time() || log.has_time() && calibration.lag.is_some();
+            let wanted = Wanted { readings: true, wrench: true, time, ..Wanted::default() };
+            let rows = calibration.prepared(&read_dataset(&[(log, wanted)], &read)?)?;
+            let rows = rows.select(self.fresh, &RowSet::default());
             if is_trained_on(&rows, &sources) {
                 printer.warning(format!(
                     "`{}` was used for the fit: its errors are those of training, not of new loads",
@@ -134,11 +118,12 @@ impl EvalArgs {
                 ));
             }
             let evaluation = Evaluation::total(&evaluate(&calibration, &rows, workers)?);
+            all.merge(&evaluation);
             if let Some(plot) = &mut plot {
                 add_to_plot(plot, &calibration, &rows);
             }
-            all.merge(&evaluation);
-            reports.push(report(Some(log.path().display().to_string()), &evaluation, axes)?);
+            let name = Some(log.path().display().to_string());
+            reports.push(LogEvaluation::new(name, evaluation, axes)?);
             read_before += log.bytes();
         }
         bar.finish_and_clear();
@@ -147,7 +132,7 @@ impl EvalArgs {
             figure.draw(|size| fit_figure(size, &title, axes, plot, None))?;
         }
 
-        let all = report(None, &all, axes)?;
+        let all = LogEvaluation::new(None, all, axes)?;
         let failures = gates.failures(&compared, &all.quality.map(|axis| axis.rms));
         show(printer, (reports, all), axes, &failures)?;
         Ok(if failures.is_empty() { Outcome::Done } else { Outcome::CheckFailed })
@@ -166,19 +151,6 @@ impl EvalArgs {
             );
         }
         Ok(())
-    }
-
-    /// The rows of a log that are used.
-    fn rows(
-        &self,
-        log: &Log,
-        calibration: &Calibration,
-        read: &ReadOptions<'_>,
-    ) -> anyhow::Result<Dataset> {
-        let time = calibration.needs_time() || log.has_time() && calibration.lag.is_some();
-        let wanted = Wanted { readings: true, wrench: true, time, ..Wanted::default() };
-        let rows = calibration.prepared(&read_dataset(&[(log, wanted)], read)?)?;
-        Ok(rows.select(self.fresh, &RowSet::default()))
     }
 }
 
@@ -209,7 +181,7 @@ fn note_axes(printer: &Printer, compared: &ComparedAxes, asked: Axes) {
 
 fn show(
     printer: &Printer,
-    (logs, all): (Vec<EvalReport>, EvalReport),
+    (logs, all): (Vec<LogEvaluation>, LogEvaluation),
     axes: Axes,
     failures: &[GateFailure],
 ) -> anyhow::Result<()> {
@@ -223,49 +195,59 @@ fn show(
                 }
             }
         }
-        let (axes, not_compared) = (axes.columns(), not_compared.columns());
-        printer.document(&Document { axes, logs, all, above_limit, not_compared })?;
+        printer.document(&document! {
+            axes: axes.columns(),
+            logs: logs.iter().map(|of| of.document(axes)).collect::<Vec<_>>(),
+            all: all.document(axes),
+            above_limit: above_limit,
+            // Axes that were asked for and are not in all logs.
+            not_compared: not_compared.columns(),
+        })?;
     } else {
-        logs.iter().try_for_each(|report| print(printer, report, axes))?;
+        logs.iter().try_for_each(|of| of.print(printer, axes))?;
         if logs.len() > 1 {
-            print(printer, &all, axes)?;
+            all.print(printer, axes)?;
         }
     }
     failures.iter().for_each(|failure| printer.warning(failure.to_string()));
     Ok(())
 }
 
-fn report(log: Option<String>, evaluation: &Evaluation, axes: Axes) -> anyhow::Result<EvalReport> {
-    let Some(quality) = evaluation.quality() else {
-        let log = log.unwrap_or_default();
-        anyhow::bail!("`{log}`: no rows are left to compare");
-    };
-    if let Some(axis) = axes.iter().find(|axis| !quality[axis.index()].rms.is_finite()) {
-        let (log, name) = (log.unwrap_or_default(), axis.name());
-        anyhow::bail!("`{log}`: the error of {name} is too large for a number");
+impl LogEvaluation {
+    fn new(log: Option<String>, evaluation: Evaluation, axes: Axes) -> anyhow::Result<Self> {
+        let name = log.as_deref().unwrap_or_default();
+        let quality = evaluation.quality();
+        let quality = quality.with_context(|| format!("`{name}`: no rows are left to compare"))?;
+        if let Some(axis) = axes.iter().find(|axis| !quality[axis.index()].rms.is_finite()) {
+            anyhow::bail!("`{name}`: the error of {} is too large for a number", axis.name());
+        }
+        Ok(Self { log, evaluation, quality })
     }
-    Ok(EvalReport {
-        log,
-        rows: evaluation.rows,
-        skipped_rows: evaluation.skipped_rows,
-        repeated_rows: evaluation.repeated_rows,
-        out_of_range_rows: evaluation.out_of_range_rows,
-        errors: Stored::of(&quality, axes),
-        quality,
-    })
-}
 
-fn print(printer: &Printer, report: &EvalReport, axes: Axes) -> anyhow::Result<()> {
-    let name = report.log.as_deref().unwrap_or("all logs");
-    printer.line(format!(
-        "{name}: {} rows used, {} skipped, {} repeated, {} outside the calibrated range",
-        report.rows, report.skipped_rows, report.repeated_rows, report.out_of_range_rows
-    ))?;
-    let row = |axis: Axis| {
-        let mut row = table_row(axis, &[&report.quality]);
-        row.insert(3, significant(report.quality[axis.index()].bias, 4));
-        row
-    };
-    let rows = axes.iter().map(row);
-    printer.table(&["axis", "RMS", "max", "bias", "R²", "unit"], rows)
+    /// What `--json` prints.
+    fn document(&self, axes: Axes) -> impl Serialize {
+        document! {
+            log?: self.log.as_ref(),
+            rows: self.evaluation.rows,
+            skipped_rows: self.evaluation.skipped_rows,
+            repeated_rows: self.evaluation.repeated_rows,
+            out_of_range_rows: self.evaluation.out_of_range_rows,
+            errors: OfAxes::<StoredQuality>::of(&self.quality, axes),
+        }
+    }
+
+    fn print(&self, printer: &Printer, axes: Axes) -> anyhow::Result<()> {
+        let (name, of) = (self.log.as_deref().unwrap_or("all logs"), &self.evaluation);
+        printer.line(format!(
+            "{name}: {} rows used, {} skipped, {} repeated, {} outside the calibrated range",
+            of.rows, of.skipped_rows, of.repeated_rows, of.out_of_range_rows
+        ))?;
+        let row = |axis: Axis| {
+            let mut row = table_row(axis, &[&self.quality]);
+            row.insert(3, significant(self.quality[axis.index()].bias, 4));
+            row
+        };
+        let rows = axes.iter().map(row);
+        printer.table(&["axis", "RMS", "max", "bias", "R²", "unit"], rows)
+    }
 }

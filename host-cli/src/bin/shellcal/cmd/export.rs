@@ -7,9 +7,8 @@ use anyhow::{Context, bail, ensure};
 use calibration_file::code::{Language, to_code};
 use calibration_file::matrix;
 
-use super::edited::EditedArg;
+use super::mapping::EditedArg;
 use crate::files::{InputPath, OutputPath};
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]
@@ -32,7 +31,7 @@ pub(crate) struct ExportArgs {
 }
 
 impl ExportArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let file = self.edited.read(&self.calibration)?;
         let text = match self.output.extension().and_then(OsStr::to_str) {
             Some("py") => to_code(&file, Language::Python, identifier(&self.output)?),
@@ -53,7 +52,7 @@ impl ExportArgs {
         printer.note(
             "readings go in as counts, untared; the mean wrench of a rest is to be taken off",
         );
-        Ok(Outcome::Done)
+        Ok(())
     }
 }
 

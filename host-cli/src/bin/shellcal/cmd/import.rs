@@ -1,12 +1,12 @@
 //! `shellcal import`: a calibration from a coefficient matrix.
 
 use calibration_file::{CalibrationFile, matrix::ImportOptions};
-use serde::Serialize;
+use log_file::MomentUnit;
 
-use super::mapping::MomentUnitArg;
+use super::choices::one_of;
+use super::mapping::MOMENT_UNITS;
 use super::origin;
 use crate::files::{InputPath, OutputPath};
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]
@@ -27,28 +27,19 @@ pub(crate) struct ImportArgs {
     variable: Option<String>,
 
     /// The unit of moments [default: what the header says, else mN·m]
-    #[arg(long, value_name = "UNIT")]
-    moment_unit: Option<MomentUnitArg>,
+    #[arg(long, value_name = "UNIT", value_parser = one_of(&MOMENT_UNITS))]
+    moment_unit: Option<MomentUnit>,
 
     /// The label of the sensor, for the calibration file
     #[arg(long, value_name = "SERIAL")]
     serial: Option<String>,
 }
 
-#[derive(Serialize)]
-struct ImportedModel {
-    model: String,
-    channels: usize,
-    features: usize,
-}
-
 impl ImportArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let output = printer.files.create(&self.output)?;
-        let options = ImportOptions {
-            moment_unit: self.moment_unit.map(Into::into),
-            variable: self.variable.clone(),
-        };
+        let options =
+            ImportOptions { moment_unit: self.moment_unit, variable: self.variable.clone() };
         let mut file = CalibrationFile::import(&self.matrix, &options)?;
         file.origin.made_by = shellcal::PROGRAM.to_owned();
         file.origin.date = origin::date()?;
@@ -58,16 +49,14 @@ impl ImportArgs {
         let polynomial = file.calibration.polynomial().expect("a matrix is one of a polynomial");
         let model = polynomial.model();
         let (channels, features) = (model.channels, model.term_count());
-        let imported = ImportedModel { model: model.name(), channels, features };
-        let outcome = printer.finish(&imported, |printer| {
-            printer.line(format!(
-                "{}: {features} features of {channels} channels by 6 axes",
-                model.name()
-            ))
+        let name = model.name();
+        let imported = document! { model: &name, channels: channels, features: features };
+        printer.finish(&imported, |printer| {
+            printer.line(format!("{name}: {features} features of {channels} channels by 6 axes"))
         })?;
         if !model.intercept {
             printer.note("without an intercept wrenches are right only after a tare");
         }
-        Ok(outcome)
+        Ok(())
     }
 }

@@ -3,14 +3,13 @@
 use calibration::fit::{FitOptions, Workers, find_outliers};
 use log_file::summary::{ColumnSummary, LogSummary};
 use log_file::{Column, FORMATS, FileKind, Log, LogError, LogFormat, Meaning, Wanted, read_logs};
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 use shellcal::workflow::outliers::{NamedOutliers, OutlierReport};
 
 use super::mapping::MappingArgs;
 use crate::files::InputPath;
-use crate::outcome::Outcome;
 use crate::printer::{Printer, TableColumn};
-use crate::tables::{NOTHING, or_dash};
+use crate::tables::{or_dash, shown};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -26,7 +25,7 @@ pub(crate) struct InfoArgs {
 }
 
 impl InfoArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let mapping = self.mapping.mapping();
         let mut infos = Vec::new();
         for file in &self.files {
@@ -65,9 +64,9 @@ fn print_overview(infos: &[Info], printer: &Printer) -> anyhow::Result<()> {
         ("bad", &|info| info.skipped_rows.to_string()),
         ("seconds", &|info| or_dash(info.time.as_ref().map(|time| time.duration_s), 1)),
         ("Hz", &|info| or_dash(info.time.as_ref().and_then(|time| time.median_rate_hz), 1)),
-        ("gaps", &|info| info.time.as_ref().map_or(NOTHING.to_owned(), gaps)),
+        ("gaps", &|info| shown(info.time.as_ref(), gaps)),
         ("columns with a note", &|info| {
-            info.columns.iter().filter(|column| column.has_note()).count().to_string()
+            info.columns.iter().filter(|column| !column.note().is_empty()).count().to_string()
         }),
         ("outliers", &|info| info.outliers.len().to_string()),
     ];
@@ -88,15 +87,26 @@ fn summary(log: &Log, args: &MappingArgs, printer: &Printer) -> anyhow::Result<I
             Ok::<(), LogError>(())
         })
     })?;
-    let mut info = Info::new(log, &summary, read.skipped_rows);
     // Without a calibration there is nothing to judge rows by, and nothing to say.
-    if log.has_wrench()
-        && let Ok(found) = outliers(log, args)
-    {
-        printer.remarks(found.remarks());
-        info.outliers = found.report();
-    }
-    Ok(info)
+    let found = log.has_wrench().then(|| outliers(log, args).ok()).flatten();
+    found.iter().for_each(|found| printer.remarks(found.remarks()));
+    let (has_readings, columns) = (log.channels() > 0, log.columns().iter().enumerate());
+    Ok(Info {
+        file: log.path().display().to_string(),
+        format: log.table_kind().map_or(format_name(log.format()), FileKind::key),
+        compressed: log.is_compressed(),
+        bytes: log.bytes(),
+        rows: summary.rows,
+        skipped_rows: read.skipped_rows,
+        repeated_rows: has_readings.then_some(summary.repeated_rows),
+        repeats_are_stale: log.repeats_are_stale(),
+        fresh_rate_hz: summary.fresh_rate_hz().filter(|_| has_readings),
+        time: TimeInfo::new(&summary),
+        columns: columns.map(|(at, column)| ColumnInfo::new(at, column, &summary)).collect(),
+        outliers: found.map_or_else(Vec::new, |found| found.report()),
+        title: log.kind(),
+        compression: log.compression(),
+    })
 }
 
 /// Suspicious rows, by the cubic model.
@@ -150,62 +160,51 @@ struct TimeInfo {
     equal_times: u64,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug)]
 struct ColumnInfo {
     column: usize,
     name: String,
     meaning: Option<String>,
-    #[serde(flatten)]
-    values: Option<ValueInfo>,
-}
-
-#[derive(Debug, Serialize)]
-struct ValueInfo {
-    min: f64,
-    mean: f64,
-    max: f64,
-    sd: f64,
-    constant: bool,
+    values: Option<ColumnSummary>,
     /// Only readings can saturate.
-    #[serde(flatten)]
-    limits: Option<LimitInfo>,
+    is_reading: bool,
 }
 
-#[derive(Debug, Serialize)]
-struct LimitInfo {
-    rows_at_0: u64,
-    rows_at_4095: u64,
-    rows_at_65535: u64,
-    rows_at_max: u64,
-    pinned_at_max: bool,
-    /// How many values there are, where the channel is almost constant.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    quiet_values: Option<usize>,
+impl Serialize for ColumnInfo {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let limits = |of: &ColumnSummary| {
+            let [at_0, at_4095, at_65535] = of.rows_at_ends().map(|(_, rows)| rows);
+            document! {
+                rows_at_0: at_0,
+                rows_at_4095: at_4095,
+                rows_at_65535: at_65535,
+                rows_at_max: of.rows_at_max,
+                pinned_at_max: of.is_pinned_at_max(),
+                // How many values there are, where the channel is almost constant.
+                quiet_values?: of.quiet_values(),
+            }
+        };
+        let values = |of: &ColumnSummary| {
+            document! {
+                min: of.min,
+                mean: of.mean(),
+                max: of.max,
+                sd: of.sd(),
+                constant: of.is_constant(),
+                ..limits: self.is_reading.then(|| limits(of)),
+            }
+        };
+        let column = document! {
+            column: self.column,
+            name: &self.name,
+            meaning: &self.meaning,
+            ..values: self.values.as_ref().map(values),
+        };
+        column.serialize(serializer)
+    }
 }
 
 impl Info {
-    fn new(log: &Log, summary: &LogSummary, skipped_rows: u64) -> Self {
-        let columns = log.columns().iter().enumerate();
-        Self {
-            file: log.path().display().to_string(),
-            format: log.table_kind().map_or(format_name(log.format()), FileKind::key),
-            compressed: log.is_compressed(),
-            bytes: log.bytes(),
-            rows: summary.rows,
-            skipped_rows,
-            repeated_rows: (log.channels() > 0).then_some(summary.repeated_rows),
-            repeats_are_stale: log.repeats_are_stale(),
-            fresh_rate_hz: summary.fresh_rate_hz().filter(|_| log.channels() > 0),
-            time: TimeInfo::new(summary),
-            columns: columns
-                .map(|(position, column)| ColumnInfo::new(position, column, summary))
-                .collect(),
-            outliers: Vec::new(),
-            title: log.kind(),
-            compression: log.compression(),
-        }
-    }
-
     fn print(&self, printer: &Printer) -> anyhow::Result<()> {
         let packed = self.compression.map_or_else(String::new, |name| format!(", {name}"));
         printer.line(format!("{}: {}{packed}", self.file, self.title))?;
@@ -301,72 +300,43 @@ impl TimeInfo {
 impl ColumnInfo {
     fn new(position: usize, column: &Column, summary: &LogSummary) -> Self {
         let values = match column.meaning {
-            Meaning::Sensor(channel) => summary.readings.get(channel).map(|s| (s, true)),
-            Meaning::Force(axis, _) | Meaning::Moment(axis, _) => {
-                summary.wrench.get(axis.index()).map(|s| (s, false))
-            }
+            Meaning::Sensor(channel) => summary.readings.get(channel),
+            Meaning::Force(axis, _) | Meaning::Moment(axis, _) => summary.wrench.get(axis.index()),
             _ => None,
         };
         Self {
             column: position + 1,
             name: column.name.clone(),
             meaning: column.meaning.in_words(),
-            values: values.map(|(summary, readings)| ValueInfo::new(summary, readings)),
+            values: values.cloned(),
+            is_reading: matches!(column.meaning, Meaning::Sensor(_)),
         }
-    }
-
-    fn has_note(&self) -> bool {
-        self.values.as_ref().is_some_and(|values| !values.note().is_empty())
     }
 
     fn row(&self) -> Vec<String> {
         let meaning = self.meaning.clone().unwrap_or_default();
         let mut cells = vec![format!("{} {}", self.column, self.name), meaning];
         let Some(values) = &self.values else { return cells };
-        let decimals = if values.limits.is_some() { 2 } else { 4 };
-        let figures = [values.min, values.mean, values.max, values.sd];
+        let decimals = if self.is_reading { 2 } else { 4 };
+        let figures = [values.min, values.mean(), values.max, values.sd()];
         cells.extend(figures.map(|value| format!("{value:.decimals$}")));
-        cells.push(values.note());
+        cells.push(self.note());
         cells
-    }
-}
-
-impl ValueInfo {
-    fn new(summary: &ColumnSummary, readings: bool) -> Self {
-        let [(_, at_zero), (_, at_12_bits), (_, at_16_bits)] = summary.rows_at_ends();
-        Self {
-            min: summary.min,
-            mean: summary.mean(),
-            max: summary.max,
-            sd: summary.sd(),
-            constant: summary.is_constant(),
-            limits: readings.then(|| LimitInfo {
-                rows_at_0: at_zero,
-                rows_at_4095: at_12_bits,
-                rows_at_65535: at_16_bits,
-                rows_at_max: summary.rows_at_max,
-                pinned_at_max: summary.is_pinned_at_max(),
-                quiet_values: summary.quiet_values(),
-            }),
-        }
     }
 
     fn note(&self) -> String {
+        let Some(values) = &self.values else { return String::new() };
         let mut notes = Vec::new();
-        if self.constant {
+        if values.is_constant() {
             notes.push("constant".to_owned());
         }
-        if let Some(values) = self.limits.as_ref().and_then(|limits| limits.quiet_values) {
-            notes.push(format!("almost constant: {values} values"));
-        }
-        if let Some(limits) = &self.limits {
-            let ends =
-                [(0, limits.rows_at_0), (4095, limits.rows_at_4095), (65535, limits.rows_at_65535)];
-            for (end, rows) in ends.into_iter().filter(|(_, rows)| *rows > 0) {
-                notes.push(format!("saturated: {rows} rows at {end}"));
-            }
-            if limits.pinned_at_max && ![4095.0, 65535.0].contains(&self.max) {
-                notes.push(format!("pinned: {} rows at its maximum", limits.rows_at_max));
+        if self.is_reading {
+            let few = values.quiet_values();
+            notes.extend(few.map(|values| format!("almost constant: {values} values")));
+            let ends = values.rows_at_ends().into_iter().filter(|(_, rows)| *rows > 0);
+            notes.extend(ends.map(|(end, rows)| format!("saturated: {rows} rows at {end}")));
+            if values.is_pinned_at_max() && ![4095.0, 65535.0].contains(&values.max) {
+                notes.push(format!("pinned: {} rows at its maximum", values.rows_at_max));
             }
         }
         notes.join(", ")

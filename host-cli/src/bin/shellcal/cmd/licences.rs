@@ -2,7 +2,6 @@
 
 use serde_json::json;
 
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 /// Package, version and licence (SPDX) in a line each; `cargo xtask licences` writes it.
@@ -12,7 +11,7 @@ const NOTICES: &str = include_str!("../../../../assets/licences.tsv");
 pub(crate) struct LicencesArgs {}
 
 impl LicencesArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let rows: Vec<Vec<String>> =
             NOTICES.lines().map(|line| line.split('\t').map(str::to_owned).collect()).collect();
         let (version, licence) = (env!("CARGO_PKG_VERSION"), env!("CARGO_PKG_LICENSE"));

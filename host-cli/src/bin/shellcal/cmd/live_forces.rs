@@ -3,8 +3,8 @@
 use board_link::recording::LiveForces;
 use forces::{ForceOptions, RowRule, TareRule};
 
-use super::edited::EditedArg;
 use super::frames::{ForceArgs, describe_forces, parse_tare};
+use super::mapping::EditedArg;
 use crate::files::InputPath;
 use crate::printer::Printer;
 

@@ -5,7 +5,6 @@ use clap::Command;
 use clap_mangen::Man;
 
 use crate::files::OutputLocation;
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]
@@ -17,13 +16,13 @@ pub(crate) struct ManArgs {
 }
 
 impl ManArgs {
-    pub(crate) fn run(&self, printer: &Printer, mut command: Command) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer, mut command: Command) -> anyhow::Result<()> {
         std::fs::create_dir_all(&self.directory)
             .with_context(|| format!("cannot make `{}`", self.directory.display()))?;
         command.build();
         let count = self.write(command, printer)?;
         printer.note(format!("{count} pages in `{}`", self.directory.display()));
-        Ok(Outcome::Done)
+        Ok(())
     }
 
     /// Writes the page of a command and those of its subcommands; says how many.

@@ -1,7 +1,10 @@
-//! The flags of every command that reads logs: what their columns are, and how they are read.
+//! The flags of every command that reads logs or calibrations: what the columns of logs are, how they are read, and
+//! whether checksums are verified.
 
-use calibration_file::CalibrationFile;
-use clap::ValueEnum;
+use std::io::BufRead;
+use std::path::Path;
+
+use calibration_file::{CalibrationFile, CalibrationFileError, PartialFit, PartialStream};
 use log_file::{
     ColumnRef, FORMATS, Log, LogFormat, Mapping, MomentUnit, ReadOptions, TIME_UNITS, TimeUnit,
     parse_column, parse_columns, parse_wrench,
@@ -48,8 +51,8 @@ pub(crate) struct MappingArgs {
     pub(crate) group: Option<ColumnRef>,
 
     /// The unit of the moment columns, whatever their names say
-    #[arg(long, value_name = "UNIT")]
-    pub(crate) moment_unit: Option<MomentUnitArg>,
+    #[arg(long, value_name = "UNIT", value_parser = one_of(&MOMENT_UNITS))]
+    pub(crate) moment_unit: Option<MomentUnit>,
 
     /// Leave out rows that are wrong, and say how many
     #[arg(long)]
@@ -71,14 +74,18 @@ impl MappingArgs {
             time: self.time.clone(),
             time_unit: self.time_unit,
             group: self.group.clone(),
-            moment_unit: self.moment_unit.map(MomentUnit::from),
+            moment_unit: self.moment_unit,
             usual: None,
         }
     }
 
-    /// What the user says about the columns of logs that a calibration is for.
-    pub(crate) fn mapping_for(&self, calibration: &CalibrationFile) -> Mapping {
-        Mapping { usual: calibration.origin.columns.clone(), ..self.mapping() }
+    /// What the user says about the columns of logs that a calibration is for, if there is one.
+    pub(crate) fn mapping_for<'a>(
+        &self,
+        calibration: impl Into<Option<&'a CalibrationFile>>,
+    ) -> Mapping {
+        let usual = calibration.into().and_then(|file| file.origin.columns.clone());
+        Mapping { usual, ..self.mapping() }
     }
 
     /// The columns of training logs that the user names, if any.
@@ -95,6 +102,38 @@ impl MappingArgs {
             skip_bad_rows: self.skip_bad_rows,
             ..ReadOptions::default()
         }
+    }
+}
+
+/// `--edited`, of every command that uses a calibration or partial fits.
+#[derive(Clone, Copy, Debug, Default, clap::Args)]
+pub(crate) struct EditedArg {
+    /// Use a calibration or partial fit although it is not what `shellcal` wrote: its checksum is not verified
+    #[arg(long)]
+    edited: bool,
+}
+
+impl EditedArg {
+    /// Reads a calibration file.
+    pub(crate) fn read(self, path: &Path) -> Result<CalibrationFile, CalibrationFileError> {
+        match self.edited {
+            true => CalibrationFile::read_edited(path),
+            false => CalibrationFile::read(path),
+        }
+    }
+
+    /// Reads a partial fit.
+    pub(crate) fn partial(self, path: &Path) -> Result<PartialFit, CalibrationFileError> {
+        match self.edited {
+            true => PartialFit::read_edited(path),
+            false => PartialFit::read(path),
+        }
+    }
+
+    /// The partial fits of a stream.
+    pub(crate) fn partials<R: BufRead>(self, reader: R, name: &Path) -> PartialStream<R> {
+        let partials = PartialStream::new(reader, name);
+        if self.edited { partials.edited() } else { partials }
     }
 }
 
@@ -140,21 +179,8 @@ type WrenchColumns = PerAxis<Option<ColumnRef>>;
 /// A list of columns, which is one value of an option.
 pub(crate) type ColumnList = Vec<ColumnRef>;
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum MomentUnitArg {
-    /// N·m
-    #[value(name = "N·m", aliases = ["nm", "Nm", "N.m"])]
-    NewtonMetre,
-    /// mN·m, the same as N·mm
-    #[value(name = "mN·m", aliases = ["mnm", "mNm", "mN.m", "N·mm", "Nmm", "nmm", "N.mm"])]
-    MillinewtonMetre,
-}
-
-impl From<MomentUnitArg> for MomentUnit {
-    fn from(unit: MomentUnitArg) -> Self {
-        match unit {
-            MomentUnitArg::NewtonMetre => MomentUnit::NewtonMetre,
-            MomentUnitArg::MillinewtonMetre => MomentUnit::MillinewtonMetre,
-        }
-    }
-}
+/// Units of moments.
+pub(super) const MOMENT_UNITS: [(&str, &str, MomentUnit); 2] = [
+    ("N·m|nm|Nm|N.m", "N·m", MomentUnit::NewtonMetre),
+    ("mN·m|mnm|mNm|mN.m|N·mm|Nmm|nmm|N.mm", "mN·m, the same as N·mm", MomentUnit::MillinewtonMetre),
+];

@@ -9,18 +9,16 @@ use calibration_file::stored::{
     OfAxes, Stored, StoredCrossValidation, StoredQuality, StoredSelection,
 };
 use calibration_file::{CalibrationFile, PartialFit, Sums};
-use serde::Serialize;
 use shell_data::hint::quoted;
 use shellcal::workflow::merge;
 
 use super::choices::{self, COVARIANCES, one_of};
-use super::edited::EditedArg;
+use super::mapping::EditedArg;
 use super::origin;
 use super::partial_output::OpenOutput;
-use super::quality::table_row;
+use super::quality::print_errors;
 use super::validation::{print_cross_validation, print_selection};
 use crate::files::{InputOrStdin, OutputOrStdout, OutputPath};
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]
@@ -86,34 +84,6 @@ fn parse_folds(text: &str) -> Result<HeldOut, String> {
     }
 }
 
-/// What `--json` prints.
-#[derive(Serialize)]
-struct MergeReport {
-    model: String,
-    partial_fits: usize,
-    #[serde(skip_serializing_if = "is_zero")]
-    skipped_partial_fits: usize,
-    files: usize,
-    rows: u64,
-    skipped_rows: u64,
-    repeated_rows: u64,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    groups: Option<usize>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    condition: Option<f64>,
-    axes: Vec<&'static str>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    train: Option<OfAxes<StoredQuality>>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    cross_validation: Option<StoredCrossValidation>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    selection: Option<StoredSelection>,
-}
-
-fn is_zero(count: &usize) -> bool {
-    *count == 0
-}
-
 /// Partial fits put together.
 #[derive(Debug, Default)]
 struct Merged {
@@ -125,7 +95,7 @@ struct Merged {
 }
 
 impl MergeArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let output = printer.create(self.output.as_ref())?;
         let partial = self.partial.as_ref();
         let destination = partial.map(|path| OpenOutput::open(path, printer));
@@ -135,33 +105,26 @@ impl MergeArgs {
         if let Some(destination) = destination {
             let to_stdout = matches!(destination, OpenOutput::Stdout);
             destination.write(sum)?;
-            self.report(printer, &merged, sum, None, to_stdout)?;
-            return Ok(Outcome::Done);
+            return self.report(printer, &merged, sum, None, to_stdout);
         }
-        let fitted = merge::fit(sum, self.model, &self.options()?)?;
+        anyhow::ensure!(
+            self.model != Some(ModelRule::Physics),
+            "`physics` is fitted to rows, and partial fits have none"
+        );
+        let covariance = if self.no_covariance { CovarianceRule::Nothing } else { self.covariance };
+        let options = FitOptions {
+            ridge: self.ridge,
+            cross_validation: self.cv,
+            covariance,
+            ..FitOptions::default()
+        };
+        let fitted = merge::fit(sum, self.model, &options)?;
         self.warn(&fitted, matches!(sum.sums, Sums::Exact(_)), printer);
         let file = merge::file(&fitted, sum);
         if let Some(output) = output {
             output.commit_with(file.to_json().as_bytes())?;
         }
-        self.report(printer, &merged, sum, Some(&file), false)?;
-        Ok(Outcome::Done)
-    }
-
-    fn options(&self) -> anyhow::Result<FitOptions<'static>> {
-        anyhow::ensure!(
-            self.model != Some(ModelRule::Physics),
-            "`physics` is fitted to rows, and partial fits have none"
-        );
-        Ok(FitOptions {
-            ridge: self.ridge,
-            cross_validation: self.cv,
-            covariance: match self.no_covariance {
-                true => CovarianceRule::Nothing,
-                false => self.covariance,
-            },
-            ..FitOptions::default()
-        })
+        self.report(printer, &merged, sum, Some(&file), false)
     }
 
     fn merged(&self, printer: &Printer) -> anyhow::Result<Merged> {
@@ -248,20 +211,21 @@ impl MergeArgs {
         let fit = file.and_then(|file| file.origin.diagnostics.as_ref());
         let name = file.map_or_else(|| sum.model.name(), |file| file.calibration.name());
         if printer.json() {
-            return printer.document(&MergeReport {
+            return printer.document(&document! {
                 model: name,
                 partial_fits: merged.read,
-                skipped_partial_fits: merged.skipped,
-                files,
-                rows,
+                skipped_partial_fits?: (merged.skipped > 0).then_some(merged.skipped),
+                files: files,
+                rows: rows,
                 skipped_rows: sum.skipped_rows,
                 repeated_rows: sum.repeated_rows,
-                groups,
-                condition: fit.and_then(|fit| fit.condition),
+                groups?: groups,
+                condition?: fit.and_then(|fit| fit.condition),
                 axes: axes.columns(),
-                train: fit.map(|fit| Stored::of(&fit.train, axes)),
-                cross_validation: fit.and_then(|fit| Stored::of(&fit.cross_validation, axes)),
-                selection: fit.and_then(|fit| Stored::of(&fit.selection, axes)),
+                train?: fit.map(|fit| OfAxes::<StoredQuality>::of(&fit.train, axes)),
+                cross_validation?: fit
+                    .and_then(|fit| Option::<StoredCrossValidation>::of(&fit.cross_validation, axes)),
+                selection?: fit.and_then(|fit| Option::<StoredSelection>::of(&fit.selection, axes)),
             });
         }
         let mut summary = format!("{name}: {rows} rows of {files} files");
@@ -278,8 +242,7 @@ impl MergeArgs {
         if let Some(selection) = &fit.selection {
             print_selection(printer, selection, None, axes)?;
         }
-        let table = axes.iter().map(|axis| table_row(axis, &[&fit.train]));
-        printer.table(&["axis", "RMS train", "max train", "R² train", "unit"], table)?;
+        print_errors(printer, fit, axes)?;
         let condition = fit.condition.map_or("infinite".into(), |c| significant(c, 3));
         summary += &format!(", rank {}, condition {condition}", fit.rank);
         printer.line(summary)?;

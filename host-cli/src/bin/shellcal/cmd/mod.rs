@@ -12,7 +12,6 @@ mod convert;
 mod deferred;
 mod doctor;
 mod drift;
-mod edited;
 mod eval;
 mod export;
 mod figure_size;
@@ -21,6 +20,7 @@ mod frames;
 mod import;
 mod info;
 mod licences;
+mod limits;
 #[cfg(feature = "live")]
 mod live;
 mod live_forces;
@@ -35,8 +35,6 @@ mod plan;
 mod ports;
 mod quality;
 mod record;
-mod rms_limits;
-mod row_limit;
 mod serial;
 mod simulate;
 mod simulate_board;
@@ -50,20 +48,50 @@ mod validation;
 
 use clap::Subcommand;
 
-use crate::outcome::Outcome;
-use crate::printer::Printer;
+use crate::printer::{Outcome, Printer};
 use deferred::Deferred;
 
-#[derive(Debug, Subcommand)]
-pub(crate) enum Command {
+/// Defines the subcommands by what help says of them, their arguments, which have a `run`, and what that takes beside
+/// the printer; `if` is followed by the feature that a command needs.
+macro_rules! commands {
+    (run($printer:ident, $whole:ident): $(
+        $(#[$about:meta])*
+        $name:ident($args:ty $(, $more:expr)?) $(if $feature:literal)?,
+    )+) => {
+        #[derive(Debug, Subcommand)]
+        pub(crate) enum Command {$(
+            $(#[$about])*
+            $(#[cfg(feature = $feature)])?
+            $name(Deferred<$args>),
+        )+}
+
+        impl Command {
+            /// Runs it; the whole command line is what it is one of.
+            pub(crate) fn run(
+                &self,
+                $printer: &Printer,
+                $whole: fn() -> clap::Command,
+            ) -> anyhow::Result<Outcome> {
+                match self {$(
+                    $(#[cfg(feature = $feature)])?
+                    Self::$name(args) => args.0.run($printer $(, $more)?).map(Outcome::from),
+                )+}
+            }
+        }
+    };
+}
+
+commands! {
+    run(printer, whole):
+
     /// List the serial ports of this computer
-    Ports(Deferred<ports::PortsArgs>),
+    Ports(ports::PortsArgs),
 
     /// Ask a board what it is and how it does, and set it up; or be one
     ///
     /// With `--simulate` the program is a board itself, on a port of its own that it prints: the
     /// firmware's library over the sensor model, for who has no board.
-    Board(Deferred<board::BoardArgs>),
+    Board(board::BoardArgs),
 
     /// Record what a board sends as CSV, until Ctrl-C or for `--duration`
     ///
@@ -74,15 +102,14 @@ pub(crate) enum Command {
     /// time (sync, sync_s), and flags (s3:saturated, s3:range, late, restart, skewed, untared). The channels
     /// of a row are brought to one time, unless `--as-sampled`.
     /// The file grows by whole lines twice a second and keeps what has arrived whatever happens.
-    Record(Deferred<record::RecordArgs>),
+    Record(record::RecordArgs),
 
     /// Show forces and readings as they come, in the terminal or in a browser
     ///
     /// Traces of the six axes with scale and noise, the eight channels in their calibrated range, the
     /// force as an arrow from above and from the side, rate and losses. What is recorded does not wait
     /// for what is shown.
-    #[cfg(feature = "live")]
-    Live(Deferred<live::LiveArgs>),
+    Live(live::LiveArgs) if "live",
 
     /// Pass frames on to other programs as they arrive: JSON lines or CSV, over a pipe, UDP or TCP
     ///
@@ -90,7 +117,7 @@ pub(crate) enum Command {
     /// with a calibration the forces fx_n to mz_nm and their standard errors fx_se_n to mz_se_nm, flags, row (number of
     /// the row), and lost (rows that this reader was too slow for). A slow reader loses rows and delays no other.
     /// Lines on the standard input are commands: tare, untare, mark, rate HZ, rate all.
-    Stream(Deferred<stream::StreamArgs>),
+    Stream(stream::StreamArgs),
 
     /// Say what is wrong with a port and its board, a log or a calibration, and what to do about it
     ///
@@ -98,10 +125,10 @@ pub(crate) enum Command {
     /// fault, which makes results wrong or impossible; warnings alone leave it at 0. A board is only
     /// asked: nothing that it holds is changed, and a stream that stood still is stopped again. Without
     /// a name the ports of this computer are looked at.
-    Doctor(Deferred<doctor::DoctorArgs>),
+    Doctor(doctor::DoctorArgs),
 
     /// Say what a log is: format, columns, rows, timing, repeats, saturated or constant channels
-    Info(Deferred<info::InfoArgs>),
+    Info(info::InfoArgs),
 
     /// Line up a reference sensor's recording with a board log from another clock
     ///
@@ -109,14 +136,14 @@ pub(crate) enum Command {
     /// that both saw; no map from wrench to readings is needed. Writes a training log: the board's
     /// frames with the reference at the same times, low-passed below the board's Nyquist frequency.
     /// Where the match is not clear, nothing is written and the exit code is 1.
-    Align(Deferred<align::AlignArgs>),
+    Align(align::AlignArgs),
 
     /// Say which loads to hang next, in which order, and when that is enough
     ///
     /// Of all loads that the rig can do, the one that tells most comes next: by a D-optimal design before anything is
     /// recorded, and by what a model of the sensors does not know yet afterwards. A calibration then takes about half
     /// the poses of a random order.
-    Plan(Deferred<plan::PlanArgs>),
+    Plan(plan::PlanArgs),
 
     /// Fit a calibration to logs with readings and a measured wrench
     ///
@@ -124,106 +151,106 @@ pub(crate) enum Command {
     /// stretches of time) and takes the best. The output starts with a verdict: the error on data that were not
     /// used for the fit, the 95 % interval of a frame, what to use the calibration for, what to record next.
     /// Exits with 1 when that error is above `--max-rms`.
-    Fit(Deferred<fit::FitArgs>),
+    Fit(fit::FitArgs),
 
     /// Merge partial fits to a calibration
     ///
     /// Partial fits are written by `shellcal fit --partial`, on as many machines as there are files.
     /// Sums are exact: the result is the one fit over all their rows, bit for bit, in any order.
-    Merge(Deferred<merge::MergeArgs>),
+    Merge(merge::MergeArgs),
 
     /// Compare a calibration with the wrench measured in logs
     ///
     /// Exits with 1 when the RMS error of an axis over all logs is above its limit.
-    Eval(Deferred<eval::EvalArgs>),
+    Eval(eval::EvalArgs),
 
     /// Check a calibrated sensor with a known weight or two
     ///
     /// Compares the weights of a table with what the sensor says, axis by axis, and allows for the calibration's 95 %
     /// intervals and the errors of the weights. Exits with 1 when a difference is more than these explain.
-    Check(Deferred<check::CheckArgs>),
+    Check(check::CheckArgs),
 
     /// Compare two calibrations on the same test logs
     ///
     /// Prints the errors of both, their paired difference with a 95 % interval over groups of rows (the group column,
     /// files, poses that are found), and which errs less on each axis.
-    Compare(Deferred<compare::CompareArgs>),
+    Compare(compare::CompareArgs),
 
     /// Convert logs of readings to forces and moments
     ///
     /// Writes one row per frame: time, wrench, the standard error of each axis where the calibration
     /// carries a covariance, and flags for readings that cannot be trusted.
-    Convert(Deferred<convert::ConvertArgs>),
+    Convert(convert::ConvertArgs),
 
     /// Find what a sensor carries, and take its weight and inertia off a wrench
-    Payload(Deferred<payload::PayloadArgs>),
+    Payload(payload::PayloadArgs),
 
     /// Measure the noise of an unloaded sensor: RMS about the mean, per axis and channel
-    Noise(Deferred<noise::NoiseArgs>),
+    Noise(noise::NoiseArgs),
 
     /// Tell how the zero of an unloaded sensor moves: trend against time and temperature, wander
     ///
     /// Looks at the stretches of a log in which the sensor is at rest and unloaded, and says whether a
     /// tare at the start holds to the end.
-    Drift(Deferred<drift::DriftArgs>),
+    Drift(drift::DriftArgs),
 
     /// Evaluate one trial: drag, lift, energies and specific resistance, and those of its strides
     ///
     /// Without `--enter` and `--exit` the window is looked for in the drag.
-    Trial(Deferred<trials::trial::TrialArgs>),
+    Trial(trials::trial::TrialArgs),
 
     /// Evaluate all trials of a manifest: per trial, per stride, and by condition
     ///
     /// One bad trial does not hold up the others: it is named and left out, and the exit code is 1.
-    Batch(Deferred<trials::batch::BatchArgs>),
+    Batch(trials::batch::BatchArgs),
 
     /// Propose entry into the channel and exit from it: onset and end of sustained drag
     ///
     /// A manifest can say `auto` in place of times, and gets the same.
-    Window(Deferred<trials::window::WindowArgs>),
+    Window(trials::window::WindowArgs),
 
     /// Draw one figure of a trial or of a manifest's trials, as SVG, PDF or PNG
-    Plot(Deferred<trials::plot::PlotArgs>),
+    Plot(trials::plot::PlotArgs),
 
     /// Report on all trials of a manifest: tables and figures to zoom into, in one HTML file
     ///
     /// The file needs no network. It has what it takes to make it again: settings, command line, and the
     /// checksum of everything that went in.
-    Report(Deferred<trials::report::ReportArgs>),
+    Report(trials::report::ReportArgs),
 
     /// Statistics of a table of values by condition: mean, interval, quartiles, whiskers, differences
     ///
     /// One table for each column of numbers. Quartiles are those of NumPy and matplotlib (type 7),
     /// whiskers Tukey's, intervals BCa bootstrap intervals of the mean.
-    Stats(Deferred<trials::stats::StatsArgs>),
+    Stats(trials::stats::StatsArgs),
 
     /// Print the built-in robot profile, with the source of every constant
     ///
     /// To evaluate trials of another robot, keep it in a file, change it there, and name that file with
     /// `--profile`.
-    Profile(Deferred<trials::profile::ProfileArgs>),
+    Profile(trials::profile::ProfileArgs),
 
     /// Make a calibration from a coefficient matrix for raw readings
     ///
     /// CSV with a header `feature,Fx_N,…,Mz_mNm` and rows `s1^1,…`; bare numbers, features by axes or
     /// axes by features (8 channels; linear, cubic, quadratic or poly3, one feature more with an
     /// intercept); or a MATLAB 5 file with such a matrix.
-    Import(Deferred<import::ImportArgs>),
+    Import(import::ImportArgs),
 
     /// Write a calibration as a function in Python or MATLAB, or as a matrix
-    Export(Deferred<export::ExportArgs>),
+    Export(export::ExportArgs),
 
     /// Compare solvers on your data: run time against error
     ///
     /// Rows are read into memory first; then every solver fits every model on one thread. Errors are
     /// relative to an answer in twice the precision.
-    Bench(Deferred<bench::BenchArgs>),
+    Bench(bench::BenchArgs),
 
     /// Make a synthetic recording from a physical model of the sensor
     ///
     /// A rigid plate on springs, eight reflectors, the response of the GP2S60, noise, drift, creep and
     /// hysteresis, a reference sensor. The same command makes the same bytes on every machine.
-    Synth(Deferred<synth::SynthArgs>),
+    Synth(synth::SynthArgs),
 
     /// Simulate the body's drag in a channel of springy beams
     ///
@@ -231,60 +258,14 @@ pub(crate) enum Command {
     /// torsional spring. Prints, for every channel, the drag where the body is wholly among the beams,
     /// and the energy of a crossing. Lengths take mm, cm or m, and are in m without a unit; positions
     /// are those of the body's middle past the first beam.
-    Simulate(Deferred<simulate::SimulateArgs>),
+    Simulate(simulate::SimulateArgs),
 
     /// Print what bash, zsh, fish, PowerShell or elvish needs to complete command lines
-    Completions(Deferred<completions::CompletionsArgs>),
+    Completions(completions::CompletionsArgs, whole()),
 
     /// Write the manual: a page for each command
-    Man(Deferred<man::ManArgs>),
+    Man(man::ManArgs, whole()),
 
     /// List the packages that the program is made of, with their licences
-    Licences(Deferred<licences::LicencesArgs>),
-}
-
-impl Command {
-    /// Runs it; `whole` is the command line that it is one of.
-    pub(crate) fn run(
-        &self,
-        printer: &mut Printer,
-        whole: fn() -> clap::Command,
-    ) -> anyhow::Result<Outcome> {
-        match self {
-            Command::Ports(args) => args.run(printer),
-            Command::Board(args) => args.run(printer),
-            Command::Record(args) => args.run(printer),
-            #[cfg(feature = "live")]
-            Command::Live(args) => args.run(printer),
-            Command::Stream(args) => args.run(printer),
-            Command::Doctor(args) => args.run(printer),
-            Command::Info(args) => args.run(printer),
-            Command::Align(args) => args.run(printer),
-            Command::Plan(args) => args.run(printer),
-            Command::Fit(args) => args.run(printer),
-            Command::Merge(args) => args.run(printer),
-            Command::Eval(args) => args.run(printer),
-            Command::Check(args) => args.run(printer),
-            Command::Compare(args) => args.run(printer),
-            Command::Convert(args) => args.run(printer),
-            Command::Payload(args) => args.run(printer),
-            Command::Noise(args) => args.run(printer),
-            Command::Drift(args) => args.run(printer),
-            Command::Trial(args) => args.run(printer),
-            Command::Batch(args) => args.run(printer),
-            Command::Window(args) => args.run(printer),
-            Command::Plot(args) => args.run(printer),
-            Command::Report(args) => args.run(printer),
-            Command::Stats(args) => args.run(printer),
-            Command::Profile(args) => args.run(printer),
-            Command::Import(args) => args.run(printer),
-            Command::Export(args) => args.run(printer),
-            Command::Bench(args) => args.run(printer),
-            Command::Synth(args) => args.run(printer),
-            Command::Simulate(args) => args.run(printer),
-            Command::Completions(args) => args.run(printer, whole()),
-            Command::Man(args) => args.run(printer, whole()),
-            Command::Licences(args) => args.run(printer),
-        }
-    }
+    Licences(licences::LicencesArgs),
 }

@@ -1,16 +1,15 @@
 //! `shellcal noise`: how much an unloaded sensor scatters.
 
+use std::path::Path;
+
 use log_file::Log;
-use serde::Serialize;
 use shellcal::workflow::noise::{NoiseOptions, NoiseSummary, Scatter, noise};
 use shellcal::workflow::remark::{moved_zero, used_rows};
 use shellcal::workflow::selection::TimeWindow;
 
-use super::edited::EditedArg;
 use super::frames::{FrameArgs, parse_window};
-use super::mapping::{MappingArgs, tell_remembered};
+use super::mapping::{EditedArg, MappingArgs, tell_remembered};
 use crate::files::InputPath;
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]
@@ -40,16 +39,8 @@ pub(crate) struct NoiseArgs {
     mapping: MappingArgs,
 }
 
-/// What `--json` says of one log.
-#[derive(Debug, Serialize)]
-struct LogNoise {
-    log: String,
-    #[serde(flatten)]
-    summary: NoiseSummary,
-}
-
 impl NoiseArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let file = self.edited.read(&self.calibration)?;
         let mapping = self.mapping.mapping_for(&file);
         let calibration = file.calibration;
@@ -64,24 +55,24 @@ impl NoiseArgs {
             let counts = [summary.rows, summary.repeated_rows, summary.skipped_rows];
             printer.remarks([used_rows(path, summary.rows_used, counts)]);
             printer.remarks(summary.zero.as_ref().and_then(|zero| moved_zero(path, zero)));
-            noises.push(LogNoise { log: path.display().to_string(), summary });
+            noises.push((path, summary));
         }
-        printer.finish(&noises, |printer| noises.iter().try_for_each(|noise| noise.print(printer)))
+        let documents = noises.iter().map(|(log, of)| document! { log: log, ..summary: of });
+        printer.finish(&documents.collect::<Vec<_>>(), |printer| {
+            noises.iter().try_for_each(|(log, summary)| print(printer, log, summary))
+        })
     }
 }
 
-impl LogNoise {
-    fn print(&self, printer: &Printer) -> anyhow::Result<()> {
-        printer.line(format!("{}: noise of {} frames", self.log, self.summary.frames))?;
-        let axes = self.summary.axes.iter().map(|(axis, scatter)| {
-            let decimals = if axis.is_moment() { 6 } else { 4 };
-            row(format!("{} ({})", axis.name(), axis.unit()), scatter, decimals)
-        });
-        let channels = self.summary.channels.iter().enumerate();
-        let channels = channels.map(|(i, scatter)| row(format!("s{} (counts)", i + 1), scatter, 2));
-        let rows = axes.chain(channels);
-        printer.table(&["quantity", "RMS", "peak to peak", "mean"], rows)
-    }
+fn print(printer: &Printer, log: &Path, summary: &NoiseSummary) -> anyhow::Result<()> {
+    printer.line(format!("{}: noise of {} frames", log.display(), summary.frames))?;
+    let axes = summary.axes.iter().map(|(axis, scatter)| {
+        let decimals = if axis.is_moment() { 6 } else { 4 };
+        row(format!("{} ({})", axis.name(), axis.unit()), scatter, decimals)
+    });
+    let channels = summary.channels.iter().enumerate();
+    let channels = channels.map(|(i, scatter)| row(format!("s{} (counts)", i + 1), scatter, 2));
+    printer.table(&["quantity", "RMS", "peak to peak", "mean"], axes.chain(channels))
 }
 
 fn row(name: String, scatter: &Scatter, decimals: usize) -> Vec<String> {

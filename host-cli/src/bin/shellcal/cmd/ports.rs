@@ -4,14 +4,13 @@ use std::path::Path;
 
 use board_link::{TCP, ports};
 
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct PortsArgs {}
 
 impl PortsArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let ports = ports()?;
         printer.finish(&ports, |printer| {
             if ports.is_empty() {

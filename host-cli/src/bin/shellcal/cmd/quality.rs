@@ -1,15 +1,18 @@
 //! How the errors of a calibration are printed, by `fit` and `eval` alike.
 
-use crate::tables::NOTHING;
 use calibration::quality::{AxisQuality, significant};
+use calibration_file::Diagnostics;
 use shell_data::wrench::{Axes, Axis, PerAxis};
+
+use crate::printer::Printer;
+use crate::tables::shown;
 
 /// One row of the table: RMS, max and R² of every set side by side, and the unit.
 pub(super) fn table_row(axis: Axis, sets: &[&PerAxis<AxisQuality>]) -> Vec<String> {
     let figures: [fn(&AxisQuality) -> String; 3] = [
         |quality| significant(quality.rms, 4),
-        |quality| quality.max.map_or(NOTHING.to_owned(), |max| significant(max, 4)),
-        |quality| quality.r_squared.map_or(NOTHING.to_owned(), r_squared),
+        |quality| shown(quality.max, |max| significant(max, 4)),
+        |quality| shown(quality.r_squared, r_squared),
     ];
     let mut row = vec![axis.name().to_owned()];
     for figure in figures {
@@ -17,6 +20,25 @@ pub(super) fn table_row(axis: Axis, sets: &[&PerAxis<AxisQuality>]) -> Vec<Strin
     }
     row.push(axis.unit().to_owned());
     row
+}
+
+/// The table of errors on training and test rows.
+pub(super) fn print_errors(
+    printer: &Printer,
+    diagnostics: &Diagnostics,
+    axes: Axes,
+) -> anyhow::Result<()> {
+    let sets: Vec<&PerAxis<AxisQuality>> =
+        [Some(&diagnostics.train), diagnostics.test.as_ref()].into_iter().flatten().collect();
+    let mut header = vec!["axis"];
+    for (train, test) in
+        [("RMS train", "RMS test"), ("max train", "max test"), ("R² train", "R² test")]
+    {
+        header.extend([train, test].iter().take(sets.len()));
+    }
+    header.push("unit");
+    let rows = axes.iter().map(|axis| table_row(axis, &sets));
+    printer.table(&header, rows)
 }
 
 /// R² down to the digit that tells it from 1.

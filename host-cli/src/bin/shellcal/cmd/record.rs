@@ -18,7 +18,6 @@ use super::quality::by_unit;
 use super::serial::SerialArgs;
 use super::streaming::{self, StreamToArgs};
 use crate::files::{InputPath, OutputPath};
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 use crate::signals;
 
@@ -77,7 +76,7 @@ pub(crate) struct RecordArgs {
 }
 
 impl RecordArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         if self.forces.is_given() && self.output.is_none() && !self.stream.is_given() {
             anyhow::bail!(
                 "`--calibration` is for a log or a stream: name `--output` or `--stream`"
@@ -120,8 +119,7 @@ impl RecordArgs {
         let recorded = record(&mut source, sinks, &options, &stop, &mut show);
         status.finish_and_clear();
         streaming::finish(printer, streamed.as_ref())?;
-        report(&recorded?, printer)?;
-        Ok(Outcome::Done)
+        report(&recorded?, printer)
     }
 }
 

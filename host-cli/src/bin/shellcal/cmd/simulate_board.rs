@@ -1,10 +1,9 @@
 //! `shellcal board --simulate`: is a board, until Ctrl-C.
 
-use std::io::{self, BufRead};
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -18,8 +17,8 @@ use simulation::sensor_model::LoadTable;
 use simulation::simulated_board::{BoardSettings, Load, SimulatedBoard};
 
 use super::choices::{number_in, number_within, numbers};
+use super::streaming::each_line;
 use crate::files::{InputOrStdin, OutputLocation};
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 use crate::signals;
 
@@ -95,8 +94,9 @@ pub(crate) struct SimulationArgs {
 const HOLD_US: u64 = 80_000;
 
 impl SimulationArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let stop = signals::stop_flag()?;
+        // Set by lines of the standard input, which may end the board, too.
         let commanded = Arc::default();
         let load = match &self.load {
             Some(path) if path.is_stdin() => Load::Commanded(Arc::clone(&commanded)),
@@ -104,14 +104,29 @@ impl SimulationArgs {
             None => Load::hands(self.seed),
         };
         if self.until_eof || matches!(load, Load::Commanded(_)) {
-            self.listen(printer, commanded, Arc::clone(&stop))?;
+            let at_end = self.until_eof.then(|| Arc::clone(&stop));
+            each_line("load", printer, at_end, move |line| {
+                let wrong = || format!("`{line}` is no load: FX,FY,FZ,MX,MY,MZ in N and N·m");
+                *lock(&commanded) = numbers(line).ok_or_else(wrong)?;
+                Ok(true)
+            })?;
         }
+        let (bursts, burst_packets) = self.bursts.unwrap_or_default();
         let settings = BoardSettings {
             load,
             seed: self.seed,
             unit_seed: self.unit_seed,
             noise_scale: self.noise_scale,
-            faults: self.faults(),
+            faults: Faults {
+                loss: self.loss,
+                bursts,
+                burst_packets,
+                duplication: self.duplication,
+                reordering: self.reordering,
+                hold_us: HOLD_US,
+                corruption: self.corruption,
+                delay_us: (self.delay * 1e3) as u64,
+            },
             sync_s: self.sync.clone(),
         };
         let board = match self.listen {
@@ -120,7 +135,7 @@ impl SimulationArgs {
         };
         let _symlink = self.symlink.as_deref().map(|path| Symlink::make(path, board.port()));
         let _symlink = _symlink.transpose()?;
-        let outcome = printer.finish(&json!({ "port": board.port() }), |printer| {
+        printer.finish(&json!({ "port": board.port() }), |printer| {
             printer.line(format!("simulated board on {}", board.port()))
         })?;
         let started = Instant::now();
@@ -131,44 +146,7 @@ impl SimulationArgs {
         for (way, books) in ["to the host", "to the board"].into_iter().zip(board.books()) {
             printer.note(describe(way, &books));
         }
-        Ok(outcome)
-    }
-
-    /// Takes loads from the standard input, and ends with it if that is wanted.
-    fn listen(
-        &self,
-        printer: &Printer,
-        load: Arc<Mutex<PerAxis<f64>>>,
-        stop: Arc<AtomicBool>,
-    ) -> io::Result<()> {
-        let (printer, until_eof) = (printer.clone(), self.until_eof);
-        let listen = move || {
-            for line in io::stdin().lock().lines().map_while(Result::ok) {
-                match numbers(&line) {
-                    Some(wrench) => *lock(&load) = wrench,
-                    None => printer
-                        .warning(format!("`{line}` is no load: FX,FY,FZ,MX,MY,MZ in N and N·m")),
-                }
-            }
-            if until_eof {
-                stop.store(true, Ordering::Relaxed);
-            }
-        };
-        thread::Builder::new().name("load".to_owned()).spawn(listen).map(drop)
-    }
-
-    fn faults(&self) -> Faults {
-        let (bursts, burst_packets) = self.bursts.unwrap_or_default();
-        Faults {
-            loss: self.loss,
-            bursts,
-            burst_packets,
-            duplication: self.duplication,
-            reordering: self.reordering,
-            hold_us: HOLD_US,
-            corruption: self.corruption,
-            delay_us: (self.delay * 1e3) as u64,
-        }
+        Ok(())
     }
 }
 

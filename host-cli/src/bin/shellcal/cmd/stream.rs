@@ -6,15 +6,15 @@ use std::time::{Duration, Instant};
 
 use board_link::recording::PROTOCOLS;
 use board_link::{RecordOptions, Sinks, Source, Unwatched, Watcher, record};
+use clap::builder::TypedValueParser;
 use frame_stream::{
-    Destination, FrameRows, FrameStream, RowOptions, StreamFormat, StreamHandle, StreamOptions,
-    StreamWatcher,
+    Destination, FrameRows, FrameStream, RowOptions, StreamFormat, StreamOptions, StreamWatcher,
 };
 use log_file::Log;
 use shared_proto::Protocol;
 use shellcal::workflow::live::play;
 
-use super::choices::{POSITIVE, number_in, one_of};
+use super::choices::{POSITIVE, number_in, number_within, one_of};
 use super::live_forces::LiveForceArgs;
 use super::mapping::MappingArgs;
 use super::ports::is_port;
@@ -22,7 +22,6 @@ use super::record::parse_duration;
 use super::serial::SerialArgs;
 use super::streaming;
 use crate::files::InputPath;
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 use crate::signals;
 
@@ -77,7 +76,7 @@ pub(crate) struct StreamArgs {
     until_eof: bool,
 
     /// How many times as fast a log is played
-    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = parse_speed)]
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = speed())]
     speed: f64,
 
     /// Say at the end how late rows were: median and 99th percentile of the time from the board's clock to the
@@ -103,7 +102,7 @@ const ENCODINGS: [(&str, &str, StreamFormat); 2] = [
 ];
 
 impl StreamArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let from_log = !is_port(&self.name);
         if from_log && self.latency {
             anyhow::bail!("`--latency` is for a port: what is in a log has long been measured");
@@ -129,9 +128,10 @@ impl StreamArgs {
             (None, Some(log)) => self.play(log, watcher, &stop),
             (None, None) => Ok(()),
         };
-        self.report(printer, &handle)?;
-        ended?;
-        Ok(Outcome::Done)
+        let summary = streaming::finish(printer, Some(&handle))?;
+        let latency = summary.and_then(|summary| summary.latency).filter(|_| self.latency);
+        latency.iter().for_each(|latency| printer.note(latency.to_string()));
+        ended
     }
 
     fn record(
@@ -166,23 +166,9 @@ impl StreamArgs {
         play(log, &read, readings, self.speed, &|| false, stop, &mut see)?;
         Ok(())
     }
-
-    fn report(&self, printer: &Printer, handle: &StreamHandle) -> anyhow::Result<()> {
-        let summary = streaming::finish(printer, Some(handle))?;
-        if let Some(latency) = summary.and_then(|summary| summary.latency)
-            && self.latency
-        {
-            printer.note(latency.to_string());
-        }
-        Ok(())
-    }
 }
 
 /// A factor on the pace of a log.
-pub(super) fn parse_speed(text: &str) -> Result<f64, String> {
-    let speed: f64 = text.parse().map_err(|_| "a factor, such as 4".to_owned())?;
-    match (0.001..=1000.0).contains(&speed) {
-        true => Ok(speed),
-        false => Err("a factor from 0.001 to 1000".to_owned()),
-    }
+pub(super) fn speed() -> impl TypedValueParser<Value = f64> {
+    number_within(0.001..=1000.0, ["a factor, such as 4", "a factor from 0.001 to 1000"])
 }

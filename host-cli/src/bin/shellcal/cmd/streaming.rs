@@ -76,25 +76,35 @@ pub(crate) fn commands(
     at_end: Option<Arc<AtomicBool>>,
 ) -> io::Result<Receiver<StreamCommand>> {
     let (sender, commands) = channel();
+    each_line("commands", printer, at_end, move |line| {
+        let command: StreamCommand = line.parse().map_err(|unknown| format!("{unknown}"))?;
+        Ok(sender.send(command).is_ok())
+    })?;
+    Ok(commands)
+}
+
+/// Reads the standard input on a thread of this name. `take` says of each line whether it wants more, or what is wrong
+/// with it. `at_end` is set when there are no more.
+pub(crate) fn each_line(
+    name: &str,
+    printer: &Printer,
+    at_end: Option<Arc<AtomicBool>>,
+    mut take: impl FnMut(&str) -> Result<bool, String> + Send + 'static,
+) -> io::Result<()> {
     let printer = printer.clone();
     let listen = move || {
-        for line in io::stdin().lock().lines() {
-            match line.map(|line| line.parse::<StreamCommand>()) {
-                Ok(Ok(command)) => {
-                    if sender.send(command).is_err() {
-                        return;
-                    }
-                }
-                Ok(Err(unknown)) => printer.warning(unknown.to_string()),
-                Err(_) => break,
+        for line in io::stdin().lock().lines().map_while(Result::ok) {
+            match take(&line) {
+                Ok(true) => {}
+                Ok(false) => return,
+                Err(wrong) => printer.warning(wrong),
             }
         }
         if let Some(at_end) = at_end {
             at_end.store(true, Ordering::Relaxed);
         }
     };
-    thread::Builder::new().name("commands".to_owned()).spawn(listen)?;
-    Ok(commands)
+    thread::Builder::new().name(name.to_owned()).spawn(listen).map(drop)
 }
 
 /// Ends a stream, and says what came of it.

@@ -1,19 +1,17 @@
 //! `shellcal synth`: recordings made from physics.
 
-use std::io::{self, Write};
+use std::io::Write;
 
 use clap::Subcommand;
-use serde::Serialize;
 use simulation::sensor_model::{RecordingKind, RecordingSettings, SensorRecording};
 use simulation::synthetic_log::SyntheticLayout;
 
 use super::choices::one_of;
+use super::limits::RowLimit;
 use super::partial_output::OpenOutput;
-use super::row_limit::RowLimit;
 use super::synth_pair::PairArgs;
 use super::synth_trial::{SynthTrialArgs, TrialsArgs};
 use crate::files::OutputPath;
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]
@@ -92,19 +90,8 @@ const LAYOUTS: [(&str, &str, SyntheticLayout); 3] = [
     ("training", "No header; time, eight readings, six wrench columns", SyntheticLayout::Training),
 ];
 
-/// What was made, for `--json`.
-#[derive(Serialize)]
-struct SynthSummary<'a> {
-    file: &'a OutputPath,
-    rows: u64,
-    bytes: u64,
-    rows_saturated: u64,
-    seed: u64,
-    unit_seed: u64,
-}
-
 impl SynthArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         match &self.kind {
             // The paper's sizes; for noise, less than a minute.
             KindArgs::Train(args) => args.run(RecordingKind::Training, 77_522, printer),
@@ -118,12 +105,7 @@ impl SynthArgs {
 }
 
 impl RecordingArgs {
-    fn run(
-        &self,
-        kind: RecordingKind,
-        default_rows: u64,
-        printer: &Printer,
-    ) -> anyhow::Result<Outcome> {
+    fn run(&self, kind: RecordingKind, default_rows: u64, printer: &Printer) -> anyhow::Result<()> {
         let rows = self.rows.unwrap_or(default_rows);
         self.limit.check(rows as f64)?;
         let recording = SensorRecording::new(RecordingSettings {
@@ -137,26 +119,6 @@ impl RecordingArgs {
             elastic: self.elastic,
         })?;
         let mut out = OpenOutput::for_rows(self.output.as_ref(), printer)?;
-        let (bytes, rows_saturated) = self.write(&mut out, kind, rows, recording, printer)?;
-        out.finish()?;
-        let Some(path) = &self.output else { return Ok(Outcome::Done) };
-        let Self { seed, unit_seed, .. } = *self;
-        let summary = SynthSummary { file: path, rows, bytes, rows_saturated, seed, unit_seed };
-        printer.finish(&summary, |printer| {
-            printer.note(format!("{rows} synthetic rows in `{}`", path.display()));
-            Ok(())
-        })
-    }
-
-    /// Writes all rows; returns the bytes written and the rows with a saturated channel.
-    fn write(
-        &self,
-        out: &mut impl Write,
-        kind: RecordingKind,
-        rows: u64,
-        recording: SensorRecording,
-        printer: &Printer,
-    ) -> io::Result<(u64, u64)> {
         /// Rows between two looks at the progress bar, and bytes in such a stretch, about.
         const STRETCH: u64 = 1024;
         const ROW_BYTES: u64 = 100;
@@ -176,7 +138,21 @@ impl RecordingArgs {
             }
         }
         out.write_all(&text)?;
+        bytes += text.len() as u64;
         progress.finish_and_clear();
-        Ok((bytes + text.len() as u64, rows_saturated))
+        out.finish()?;
+        let Some(path) = &self.output else { return Ok(()) };
+        let summary = document! {
+            file: path,
+            rows: rows,
+            bytes: bytes,
+            rows_saturated: rows_saturated,
+            seed: self.seed,
+            unit_seed: self.unit_seed,
+        };
+        printer.finish(&summary, |printer| {
+            printer.note(format!("{rows} synthetic rows in `{}`", path.display()));
+            Ok(())
+        })
     }
 }

@@ -2,15 +2,13 @@
 
 use std::io::Write;
 
-use serde::Serialize;
 use simulation::sensor_model::{Pair, PairSettings};
 use simulation::synthetic_log::{
     write_frame, write_frame_header, write_wrench_header, write_wrench_row,
 };
 
-use super::row_limit::RowLimit;
+use super::limits::RowLimit;
 use crate::files::OutputPath;
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 /// One session recorded on two clocks, with known offset and skew
@@ -76,19 +74,8 @@ pub(crate) struct PairArgs {
     truth: Option<OutputPath>,
 }
 
-/// What is known of a pair.
-#[derive(Debug, Serialize)]
-struct PairTruth {
-    /// t_reference = t_log · (1 + skew) + offset_s.
-    offset_s: f64,
-    skew_ppm: f64,
-    reference_rows: u64,
-    log_rows: u64,
-    settings: PairSettings,
-}
-
 impl PairArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let settings = PairSettings {
             seed: self.seed,
             unit_seed: self.unit_seed,
@@ -107,7 +94,7 @@ impl PairArgs {
         self.limit.check(board.max((self.duration + 2.0 * self.margin) * self.reference_rate))?;
         let (mut reference, mut log) =
             (printer.files.create(&self.reference)?, printer.files.create(&self.log)?);
-        let (mut reference_rows, mut log_rows) = (0, 0);
+        let (mut reference_rows, mut log_rows) = (0_u64, 0_u64);
         write_wrench_header(&mut reference)?;
         for (time_s, wrench) in pair.reference() {
             write_wrench_row(&mut reference, time_s, &wrench)?;
@@ -121,12 +108,13 @@ impl PairArgs {
         log.flush()?;
         reference.commit()?;
         log.commit()?;
-        let truth = PairTruth {
+        let truth = document! {
+            // t_reference = t_log · (1 + skew) + offset_s.
             offset_s: self.offset,
             skew_ppm: self.skew,
-            reference_rows,
-            log_rows,
-            settings,
+            reference_rows: reference_rows,
+            log_rows: log_rows,
+            settings: settings,
         };
         if let Some(path) = &self.truth {
             let mut text = serde_json::to_vec_pretty(&truth)?;

@@ -1,14 +1,12 @@
 //! `shellcal synth trial` and `synth trials`: the virtual robot's runs through the channel.
 
-use serde::Serialize;
-use shellcal::workflow::synthetic_trials::{MANIFEST, SetTrial, truth_json, write_log, write_set};
+use shellcal::workflow::synthetic_trials::{MANIFEST, truth_json, write_log, write_set};
 use simulation::synthetic_trial::TrialLayout;
 use simulation::virtual_robot::{ChannelForces, Counter, TrialSettings, VirtualTrial};
 
 use super::choices::one_of;
 use super::partial_output::OpenOutput;
 use crate::files::{OutputLocation, OutputPath};
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 /// One trial of a virtual robot in the channel, with known truth
@@ -127,21 +125,6 @@ const COUNTERS: [(&str, &str, Counter); 3] = [
     ("turn", "From 0 to 65535 in each turn", Counter::Turn),
 ];
 
-/// What was made, for `--json`.
-#[derive(Serialize)]
-struct Made<'a> {
-    file: &'a OutputPath,
-    rows: u64,
-    truth: &'a simulation::virtual_robot::Truth,
-}
-
-/// The set that was made, for `--json`.
-#[derive(Serialize)]
-struct MadeSet<'a> {
-    manifest: String,
-    trials: &'a [SetTrial],
-}
-
 impl CommonArgs {
     fn settings(&self, condition: ChannelForces) -> TrialSettings {
         TrialSettings {
@@ -157,7 +140,7 @@ impl CommonArgs {
 }
 
 impl SynthTrialArgs {
-    pub(super) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(super) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let mut condition = self.condition;
         condition.drag_n = self.drag.unwrap_or(condition.drag_n);
         condition.lift_n = self.lift.unwrap_or(condition.lift_n);
@@ -180,8 +163,8 @@ impl SynthTrialArgs {
         let mut out = OpenOutput::for_rows(self.output.as_ref(), printer)?;
         let rows = write_log(&mut out, &trial, layout)?;
         out.finish()?;
-        let Some(path) = &self.output else { return Ok(Outcome::Done) };
-        let made = Made { file: path, rows, truth: &truth };
+        let Some(path) = &self.output else { return Ok(()) };
+        let made = document! { file: path, rows: rows, truth: &truth };
         printer.finish(&made, |printer| {
             printer.line(format!(
                 "{rows} synthetic rows in `{}`: {}, in the channel from {} s to {} s, {} strides",
@@ -196,7 +179,7 @@ impl SynthTrialArgs {
 }
 
 impl TrialsArgs {
-    pub(super) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(super) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let base = self.common.settings(ChannelForces::PAPER[0]);
         let count = self.per_condition * ChannelForces::PAPER.len() as u64;
         /// Of a trial, about.
@@ -210,6 +193,7 @@ impl TrialsArgs {
         let manifest = self.directory.join(MANIFEST).display().to_string();
         let rows: u64 = trials.iter().map(|trial| trial.rows).sum();
         let line = format!("{count} synthetic trials, {rows} rows; manifest `{manifest}`");
-        printer.finish(&MadeSet { manifest, trials: &trials }, |printer| printer.line(line))
+        let made = document! { manifest: manifest, trials: trials };
+        printer.finish(&made, |printer| printer.line(line))
     }
 }

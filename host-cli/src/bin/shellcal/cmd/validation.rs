@@ -1,7 +1,7 @@
 //! How held-out errors, the choice of a model and the coverage of the training loads are printed.
 
 use calibration::Basis;
-use calibration::fit::{Fit, FoundGroups, ModelComparison};
+use calibration::fit::{FoundGroups, ModelComparison};
 use calibration::quality::significant;
 use calibration::validation::advice::Advice;
 use calibration::validation::comparison::ErrorRatio;
@@ -10,10 +10,10 @@ use calibration::validation::excitation::Excitation;
 use calibration::validation::selection::{Candidate, Selection};
 use serde::Serialize;
 use shell_data::hint::quoted;
-use shell_data::wrench::{Axes, Axis, PerAxis};
+use shell_data::wrench::{Axes, Axis};
 
 use crate::printer::{Printer, TableColumn};
-use crate::tables::{NOTHING, or_dash};
+use crate::tables::{NOTHING, or_dash, shown};
 
 pub(super) fn print_cross_validation(
     printer: &Printer,
@@ -25,9 +25,7 @@ pub(super) fn print_cross_validation(
     let columns: [TableColumn<'_, Axis>; 6] = [
         ("held out", &|axis| axis.name().to_owned()),
         ("RMS new groups", &|axis| significant(cv.grouped[axis.index()].rms, 4)),
-        ("RMS random", &|axis| {
-            random_rms(axis).map_or(NOTHING.to_owned(), |rms| significant(rms, 4))
-        }),
+        ("RMS random", &|axis| shown(random_rms(axis), |rms| significant(rms, 4))),
         ("ratio", &|axis| or_dash(ratios[axis.index()], 2)),
         ("bias new groups", &|axis| significant(cv.grouped[axis.index()].bias, 2)),
         ("unit", &|axis| axis.unit().to_owned()),
@@ -58,52 +56,31 @@ pub(super) fn print_cross_validation(
 }
 
 /// What `--json` prints of groups that were found.
-#[derive(Serialize)]
-pub(super) struct FoundReport {
-    found: &'static str,
-    groups: usize,
-    rows_min: u64,
-    rows_median: u64,
-    rows_max: u64,
-}
-
-impl From<FoundGroups> for FoundReport {
-    fn from(groups: FoundGroups) -> Self {
-        let FoundGroups { kind, groups, rows_min, rows_median, rows_max } = groups;
-        Self { found: kind.name(), groups, rows_min, rows_median, rows_max }
+pub(super) fn groups_found(of: FoundGroups) -> impl Serialize {
+    document! {
+        found: of.kind.name(),
+        groups: of.groups,
+        rows_min: of.rows_min,
+        rows_median: of.rows_median,
+        rows_max: of.rows_max,
     }
 }
 
 /// What `--json` prints of a comparison of physics and a polynomial.
-#[derive(Serialize)]
-pub(super) struct ComparisonReport {
-    folds: usize,
-    polynomial: String,
-    /// On the same held-out rows, N and N·m.
-    physics_rms: PerAxis<f64>,
-    polynomial_rms: PerAxis<f64>,
-    /// Natural logarithm of the error of physics relative to that of the polynomial, in the mean over all axes, and its
-    /// standard error.
-    log_ratio: [f64; 2],
-    /// The same for each axis.
-    axes: PerAxis<[f64; 2]>,
-    physics_is_better: bool,
-}
-
-impl ComparisonReport {
-    pub(super) fn new(fit: &Fit) -> Option<Self> {
-        let found = fit.comparison.as_ref()?.as_ref().ok()?;
-        let comparison = &found.comparison;
-        let [physics_rms, polynomial_rms] = comparison.rms;
-        Some(Self {
-            folds: found.folds,
-            polynomial: found.model.name(),
-            physics_rms,
-            polynomial_rms,
-            log_ratio: log_ratio(comparison.all),
-            axes: comparison.axes.map(log_ratio),
-            physics_is_better: found.physics_is_better(),
-        })
+pub(super) fn comparison(found: &ModelComparison) -> impl Serialize {
+    let of = &found.comparison;
+    document! {
+        folds: found.folds,
+        polynomial: found.model.name(),
+        // On the same held-out rows, N and N·m.
+        physics_rms: of.rms[0],
+        polynomial_rms: of.rms[1],
+        // Natural logarithm of the error of physics relative to that of the polynomial, in the mean over all axes,
+        // and its standard error.
+        log_ratio: log_ratio(of.all),
+        // The same for each axis.
+        axes: of.axes.map(log_ratio),
+        physics_is_better: found.physics_is_better(),
     }
 }
 

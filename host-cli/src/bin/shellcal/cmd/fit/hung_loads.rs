@@ -4,7 +4,6 @@ use calibration::physics::uncertain_loads::{CorrectedLoad, LoadQuantity};
 use calibration::quality::significant;
 use load_table::{HungLoad, Pull};
 use serde::Serialize;
-use shell_data::wrench::PerAxis;
 use shellcal::workflow::hung_loads::HungReference;
 
 use crate::printer::{Printer, TableColumn};
@@ -13,61 +12,36 @@ use crate::printer::{Printer, TableColumn};
 const TOO_SMALL: f64 = 1.5;
 
 /// What `--json` prints.
-#[derive(Serialize)]
-pub(super) struct HungReport {
-    loads: Vec<LoadReport>,
-    mountings: Vec<MountingReport>,
-    /// Of sizes, directions and levers, in stated errors.
-    scatter_in_stated_errors: [f64; 3],
-    loads_without_readings: Vec<String>,
-    rows_without_load: u64,
-}
-
-#[derive(Serialize)]
-struct LoadReport {
-    group: String,
-    line: usize,
-    stated: String,
-    /// N and N·m, as it was found.
-    wrench: PerAxis<f64>,
-    /// Found less stated, with standard errors.
-    force_correction_n: [f64; 2],
-    angle_correction_deg: [f64; 2],
-    lever_correction_mm: [f64; 3],
-    /// What of the line is probably wrong.
-    suspicious: Option<&'static str>,
-}
-
-#[derive(Serialize)]
-struct MountingReport {
-    mounting: String,
-    lever_offset_mm: [f64; 3],
-}
-
-impl From<&HungReference> for HungReport {
-    fn from(hung: &HungReference) -> Self {
-        let load = |(load, found): (&HungLoad, &CorrectedLoad)| LoadReport {
+pub(super) fn document(hung: &HungReference) -> impl Serialize {
+    let load = |(load, found): (&HungLoad, &CorrectedLoad)| {
+        document! {
             group: load.group.clone(),
             line: load.line,
             stated: load.to_string(),
+            // N and N·m, as it was found.
             wrench: found.wrench,
-            force_correction_n: found.force_n.into(),
+            // Found less stated, with standard errors.
+            force_correction_n: found.force_n,
             angle_correction_deg: <[f64; 2]>::from(found.angle_rad).map(f64::to_degrees),
             lever_correction_mm: found.lever_m.map(|metres| 1e3 * metres),
+            // What of the line is probably wrong.
             suspicious: found.suspicious.map(name),
-        };
-        let offsets = hung.mountings.iter().zip(&hung.corrected.mountings);
-        let mounting = |(label, offset): (&String, &[f64; 3])| MountingReport {
+        }
+    };
+    let mounting = |(label, offset): (&String, &[f64; 3])| {
+        document! {
             mounting: label.clone(),
             lever_offset_mm: offset.map(|metres| 1e3 * metres),
-        };
-        Self {
-            loads: hung.loads.iter().zip(&hung.corrected.loads).map(load).collect(),
-            mountings: offsets.map(mounting).collect(),
-            scatter_in_stated_errors: hung.corrected.scatter,
-            loads_without_readings: hung.unread.clone(),
-            rows_without_load: hung.unloaded_rows,
         }
+    };
+    let (loads, mountings) = (&hung.corrected.loads, &hung.corrected.mountings);
+    document! {
+        loads: hung.loads.iter().zip(loads).map(load).collect::<Vec<_>>(),
+        mountings: hung.mountings.iter().zip(mountings).map(mounting).collect::<Vec<_>>(),
+        // Of sizes, directions and levers, in stated errors.
+        scatter_in_stated_errors: hung.corrected.scatter,
+        loads_without_readings: &hung.unread,
+        rows_without_load: hung.unloaded_rows,
     }
 }
 

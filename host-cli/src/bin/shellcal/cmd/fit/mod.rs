@@ -1,13 +1,11 @@
 //! `shellcal fit`: from training logs to a calibration.
 
-mod dynamics;
 mod hung_loads;
 mod partial;
 mod physics;
 mod plan;
 mod recalibration;
 mod report;
-mod verdict;
 
 use shellcal::workflow::remark::about_table;
 use std::time::Instant;
@@ -21,14 +19,12 @@ use shellcal::workflow::gates::ComparedAxes;
 use shellcal::workflow::partial::KeptGroups;
 
 use self::plan::FitPlan;
-use self::verdict::print_verdict;
 use super::choices::{self, COVARIANCES, number_in, one_of};
 use super::figure_size::FigureSize;
+use super::limits::RmsLimits;
 use super::mapping::MappingArgs;
-use super::rms_limits::RmsLimits;
 use crate::files::{InputPath, OutputOrStdout, OutputPath};
-use crate::outcome::Outcome;
-use crate::printer::Printer;
+use crate::printer::{Outcome, Printer};
 
 #[derive(Debug, clap::Args)]
 #[command(before_help = "Examples:
@@ -236,10 +232,9 @@ impl FitArgs {
         let (data, hung, fitted) = plan.fit(printer)?;
         let named = plan.name_rows(&data, &fitted)?;
         let file = plan.file(&data, &fitted)?;
-        let html = self.report.as_ref().map(|_| plan.html(&file, &fitted, &named)).transpose()?;
-        plan.write(&file, &fitted, html.as_deref())?;
+        plan.write(&file, &fitted, &named)?;
         if !printer.json() {
-            print_verdict(printer, &fitted.verdict())?;
+            report::print_verdict(printer, &fitted.verdict())?;
         }
         plan.tell(&fitted, &named, printer);
         let seconds = start.elapsed().as_secs_f64();

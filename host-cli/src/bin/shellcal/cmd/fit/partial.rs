@@ -37,12 +37,20 @@ impl FitArgs {
             }
         };
         let destination = OpenOutput::open(path, printer)?;
+        // Whether R factors are wanted wherever sums could be had.
+        let r_factors = match self.solver {
+            SolverKind::Exact => false,
+            SolverKind::Tsqr => true,
+            _ => anyhow::bail!(
+                "`--partial` keeps exact sums, or with `--solver tsqr` R factors: leave out `--solver`"
+            ),
+        };
         let options = PartialOptions {
             basis,
             intercept: !self.no_intercept,
             groups: self.groups,
             seed: self.cv_seed,
-            r_factors: self.keeps_r_factors()?,
+            r_factors,
             fresh: self.fresh,
             mapping: &mapping,
             read: self.mapping.read_options(),
@@ -71,16 +79,5 @@ impl FitArgs {
             return Ok(());
         }
         printer.line(done)
-    }
-
-    /// Whether R factors are wanted wherever sums could be had.
-    fn keeps_r_factors(&self) -> anyhow::Result<bool> {
-        match self.solver {
-            SolverKind::Exact => Ok(false),
-            SolverKind::Tsqr => Ok(true),
-            _ => anyhow::bail!(
-                "`--partial` keeps exact sums, or with `--solver tsqr` R factors: leave out `--solver`"
-            ),
-        }
     }
 }

@@ -136,23 +136,16 @@ impl<'a> FitPlan<'a> {
         // Where no row was wrong, lines are counted without what is in them.
         let anything = Wanted::default();
         let wanted = if fitted.skipped_rows == 0 { &anything } else { &data.wanted };
-        let dropped = self.dropped.take();
+        let output = self.dropped.take();
         let name =
             |found: &Outliers| NamedOutliers::new(found.clone(), &self.train, &data.train, wanted);
-        let dropped = match dropped {
-            Some(mut output) => {
-                let dropped = name(&fitted.dropped)?;
-                dropped.write(&mut output)?;
-                output.commit()?;
-                Some(dropped)
-            }
-            None => None,
-        };
-        let used = match &fitted.outliers {
-            Some(Ok(found)) => Some(name(found)?),
-            _ => None,
-        };
-        Ok(NamedRows { used, dropped })
+        let dropped = output.is_some().then(|| name(&fitted.dropped)).transpose()?;
+        if let (Some(rows), Some(mut output)) = (&dropped, output) {
+            rows.write(&mut output)?;
+            output.commit()?;
+        }
+        let used = fitted.outliers.as_ref().and_then(|found| found.as_ref().ok());
+        Ok(NamedRows { used: used.map(name).transpose()?, dropped })
     }
 
     /// Says what is to be known of a fit beside its figures.
@@ -187,20 +180,6 @@ impl<'a> FitPlan<'a> {
         Ok(calibration_file(fitted, origin))
     }
 
-    /// The report.
-    pub(super) fn html(
-        &self,
-        file: &CalibrationFile,
-        fitted: &Fit,
-        named: &NamedRows,
-    ) -> anyhow::Result<String> {
-        let output = self.args.output.as_ref();
-        let name = output.map_or("not written", |path| path.to_str().unwrap_or("?"));
-        let outliers = self.outlier_rows(named);
-        let facts = ReportFacts { name, command: &origin::command_line(), outliers };
-        Ok(html(fitted, file, facts)?)
-    }
-
     /// What a report says of outliers: those that were left out, or were named.
     fn outlier_rows(&self, named: &NamedRows) -> Option<OutlierTable> {
         let NamedRows { used, dropped } = named;
@@ -220,10 +199,14 @@ impl<'a> FitPlan<'a> {
         &mut self,
         file: &CalibrationFile,
         fitted: &Fit,
-        html: Option<&str>,
+        named: &NamedRows,
     ) -> anyhow::Result<()> {
-        if let (Some(output), Some(html)) = (self.report.take(), html) {
-            output.commit_with(html.as_bytes())?;
+        if let Some(report) = self.report.take() {
+            let output = self.args.output.as_ref();
+            let name = output.map_or("not written", |path| path.to_str().unwrap_or("?"));
+            let outliers = self.outlier_rows(named);
+            let facts = ReportFacts { name, command: &origin::command_line(), outliers };
+            report.commit_with(html(fitted, file, facts)?.as_bytes())?;
         }
         if let Some(output) = self.calibration.take() {
             output.commit_with(file.to_json().as_bytes())?;

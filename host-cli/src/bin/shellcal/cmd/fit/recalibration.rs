@@ -4,7 +4,6 @@ use std::path::Path;
 
 use calibration::quality::significant;
 use calibration::recalibration::{Change, ChangedQuantity, Recalibration};
-use calibration_file::stored::{OfAxes, Stored};
 use calibration_file::{CalibrationFile, Origin, Role, SourceFile};
 use log_file::{Log, ReadOptions, checksum};
 use serde::Serialize;
@@ -18,49 +17,15 @@ use super::super::plan::read_table;
 use super::super::quality::in_line;
 use super::FitArgs;
 use crate::files::InputPath;
-use crate::outcome::Outcome;
-use crate::printer::Printer;
+use crate::printer::{Outcome, Printer};
 
-/// What `--json` prints.
-#[derive(Serialize)]
-struct RecalibrationReport {
-    text: Vec<String>,
-    loads: usize,
-    rows: u64,
-    /// What has changed: of `zeros`, `gains`, `lever` and `turn`.
-    changed: Vec<&'static str>,
-    /// How much more probable that makes the loads, as a logarithm.
-    ln_evidence: f64,
-    change: ChangeReport,
-    standard_errors: ChangeReport,
-    contradicted: bool,
-    /// Root mean square of the differences before and after the change, in stated errors.
-    disagreement: [f64; 2],
-    axes: Vec<&'static str>,
-    /// Root mean square errors on the new loads, N and N·m.
-    rms_before: OfAxes<f64>,
-    rms_after: OfAxes<f64>,
-    /// Of loads that were held out.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    rms_held_out: Option<OfAxes<f64>>,
-}
-
-#[derive(Serialize)]
-struct ChangeReport {
-    zeros: Vec<f64>,
-    gains: Vec<f64>,
-    lever_m: [f64; 3],
-    turn_rad: [f64; 3],
-}
-
-impl From<&Change> for ChangeReport {
-    fn from(of: &Change) -> Self {
-        Self {
-            zeros: of.channels.iter().map(|channel| channel.zero).collect(),
-            gains: of.channels.iter().map(|channel| channel.gain).collect(),
-            lever_m: of.lever_m,
-            turn_rad: of.turn_rad,
-        }
+/// What `--json` prints of a change, or of its standard errors.
+fn change(of: &Change) -> impl Serialize {
+    document! {
+        zeros: of.channels.iter().map(|channel| channel.zero).collect::<Vec<_>>(),
+        gains: of.channels.iter().map(|channel| channel.gain).collect::<Vec<_>>(),
+        lever_m: of.lever_m,
+        turn_rad: of.turn_rad,
     }
 }
 
@@ -120,20 +85,25 @@ fn report(printer: &Printer, path: &Path, of: &Recalibrated) -> anyhow::Result<(
     let name = path.display().to_string();
     let text = lines(&name, of);
     if printer.json() {
-        return printer.document(&RecalibrationReport {
-            text,
+        return printer.document(&document! {
+            text: text,
             loads: of.loads,
             rows: of.rows.rows(),
-            changed: found.quantities.iter().map(|of| of.name()).collect(),
+            // What has changed: of `zeros`, `gains`, `lever` and `turn`.
+            changed: found.quantities.iter().map(|of| of.name()).collect::<Vec<_>>(),
+            // How much more probable that makes the loads, as a logarithm.
             ln_evidence: found.ln_evidence,
-            change: (&found.change).into(),
-            standard_errors: (&found.standard_errors).into(),
+            change: change(&found.change),
+            standard_errors: change(&found.standard_errors),
             contradicted: found.is_contradicted(),
+            // Root mean square of the differences before and after the change, in stated errors.
             disagreement: found.disagreement,
             axes: axes.columns(),
-            rms_before: Stored::of(&found.before, axes),
-            rms_after: Stored::of(&found.after, axes),
-            rms_held_out: found.held_out.map(|of| Stored::of(&of.map(|axis| axis.rms), axes)),
+            // Root mean square errors on the new loads, N and N·m.
+            rms_before: axes.of(&found.before),
+            rms_after: axes.of(&found.after),
+            // Of loads that were held out.
+            rms_held_out?: found.held_out.map(|of| axes.of(&of.map(|axis| axis.rms))),
         });
     }
     text.iter().try_for_each(|line| printer.line(line))?;

@@ -1,7 +1,8 @@
 //! What `shellcal fit` prints.
 
-use calibration::fit::{Fit, ModelComparison};
-use calibration::quality::{AxisQuality, significant};
+use calibration::dynamics::{Dynamics, NotSearched};
+use calibration::fit::{Fit, ModelComparison, UnseenRows, Verdict};
+use calibration::quality::significant;
 use calibration::uncertainty::{CoefficientCovariance, Covariance};
 use calibration::validation::advice::Advice;
 use calibration_file::stored::{
@@ -11,178 +12,129 @@ use calibration_file::stored::{
 use calibration_file::{CalibrationFile, Diagnostics};
 use serde::Serialize;
 use shell_data::wrench::{Axes, PerAxis};
-use shellcal::workflow::outliers::{NamedOutliers, OutlierReport};
+use shellcal::workflow::outliers::NamedOutliers;
 
-use super::super::quality::table_row;
+use super::super::quality::print_errors;
 use super::super::validation::{
-    ComparisonReport, FoundReport, log_ratio, print_advice, print_cross_validation,
-    print_excitation, print_selection,
+    comparison, groups_found, log_ratio, print_advice, print_cross_validation, print_excitation,
+    print_selection,
 };
-use super::dynamics::DynamicsReport;
 use super::plan::NamedRows;
-use super::verdict::VerdictReport;
 use crate::printer::Printer;
 
-/// What `--json` prints.
-#[derive(Serialize)]
-struct FitReport {
-    model: String,
-    verdict: VerdictReport,
-    solver: StoredSolverRecord,
-    #[serde(flatten)]
-    counts: RowCounts,
-    /// The share of test rows that were recorded at plateaus of the training data.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    test_share_on_training_plateaus: Option<f64>,
-    features: usize,
-    rank: usize,
-    condition: Option<f64>,
-    #[serde(flatten)]
-    errors: ErrorReport,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    advice: Option<AdviceReport>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    groups_found: Option<FoundReport>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    outliers: Option<Vec<OutlierReport>>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    dropped: Option<Vec<OutlierReport>>,
-    excitation: Option<StoredExcitation>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    covariance: Option<CovarianceReport>,
-    time_s: f64,
+/// Prints the verdict, before all else.
+pub(super) fn print_verdict(printer: &Printer, verdict: &Verdict) -> anyhow::Result<()> {
+    verdict.lines().into_iter().try_for_each(|line| printer.line(line))?;
+    printer.line("")
 }
 
-/// The rows of a fit.
-#[derive(Serialize)]
-pub(super) struct RowCounts {
-    rows: u64,
-    skipped_rows: u64,
-    repeated_rows: u64,
-    test_rows: u64,
-    test_rows_out_of_range: u64,
-}
-
-/// What a fit says of its errors, whatever was fitted.
-#[derive(Serialize)]
-pub(super) struct ErrorReport {
-    axes: Vec<&'static str>,
-    train: OfAxes<StoredQuality>,
-    test: Option<OfAxes<StoredQuality>>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    cross_validation: Option<StoredCrossValidation>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    selection: Option<StoredSelection>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    dynamics: Option<DynamicsReport>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    weighing: Option<ComparisonReport>,
-}
-
-impl RowCounts {
-    pub(super) fn new(fitted: &Fit, diagnostics: &Diagnostics) -> Self {
-        let test = fitted.test();
-        Self {
-            rows: diagnostics.rows,
-            skipped_rows: diagnostics.skipped_rows,
-            repeated_rows: diagnostics.repeated_rows,
-            test_rows: test.rows,
-            test_rows_out_of_range: test.out_of_range_rows,
-        }
+/// What `--json` prints of it.
+pub(super) fn verdict(verdict: &Verdict) -> impl Serialize + use<> {
+    let (axes, unseen) = (verdict.axes, verdict.unseen.as_ref().ok());
+    let interval = verdict.interval.as_ref().ok();
+    document! {
+        // The same in words.
+        text: verdict.lines(),
+        // Errors on rows that were not used, N and N·m.
+        unseen_rms?: unseen.map(|of| axes.of(&of.rms)),
+        // The same over the range of the training loads.
+        unseen_share_of_range?: unseen.map(|of| axes.of(&of.share_of_range)),
+        unseen_rows?: unseen.map(|of| match of.on {
+            UnseenRows::HeldOut { are_shuffled: false, .. } => "held_out",
+            UnseenRows::HeldOut { are_shuffled: true, .. } => "held_out_of_shuffled_rows",
+            UnseenRows::Test(_) => "test",
+        }),
+        // Half the width of what holds 95 % of single frames, N and N·m.
+        interval_95?: interval.map(|of| axes.of(&of.half_width)),
+        // The share of held-out rows within it, where they were counted.
+        interval_95_held?: interval.and_then(|of| of.held).map(|held| axes.of(&held)),
+        usable: verdict.is_usable(),
+        // Axes whose error is about as large as the loads.
+        useless_axes: verdict.useless.columns(),
     }
 }
 
-impl ErrorReport {
-    pub(super) fn new(fitted: &Fit, diagnostics: &Diagnostics, axes: Axes) -> Self {
-        Self {
-            axes: axes.columns(),
-            train: Stored::of(&diagnostics.train, axes),
-            test: Stored::of(&diagnostics.test, axes),
-            cross_validation: Stored::of(&diagnostics.cross_validation, axes),
-            selection: Stored::of(&diagnostics.selection, axes),
-            dynamics: DynamicsReport::from_fit(fitted, axes),
-            weighing: ComparisonReport::new(fitted),
-        }
+/// What `--json` prints of the rows of a fit.
+pub(super) fn row_counts(fitted: &Fit, diagnostics: &Diagnostics) -> impl Serialize {
+    let test = fitted.test();
+    document! {
+        rows: diagnostics.rows,
+        skipped_rows: diagnostics.skipped_rows,
+        repeated_rows: diagnostics.repeated_rows,
+        test_rows: test.rows,
+        test_rows_out_of_range: test.out_of_range_rows,
     }
 }
 
-/// What held-out errors say to do.
-#[derive(Serialize)]
-struct AdviceReport {
-    folds: usize,
-    best: StoredCandidate,
-    cautious: StoredCandidate,
-    /// Natural logarithm of the error of the cautious choice relative to that of the best, and its standard error; zeros
-    /// where they are one.
-    log_ratio: [f64; 2],
-    /// Whether another model predicts new groups better than the one that was fitted.
-    another_is_better: bool,
-    ridge_is_at_limit: bool,
-}
-
-impl AdviceReport {
-    fn new(advice: &Advice, axes: Axes) -> Self {
-        let caution = advice.caution.map(|of| log_ratio(of.all));
-        Self {
-            folds: advice.folds,
-            best: Stored::of(&advice.best, axes),
-            cautious: Stored::of(&advice.cautious, axes),
-            log_ratio: caution.unwrap_or_default(),
-            another_is_better: advice.another_is_better(),
-            ridge_is_at_limit: advice.ridge_is_at_limit,
-        }
+/// What `--json` prints of errors, whatever was fitted.
+pub(super) fn errors(fitted: &Fit, of: &Diagnostics, axes: Axes) -> impl Serialize {
+    document! {
+        axes: axes.columns(),
+        train: OfAxes::<StoredQuality>::of(&of.train, axes),
+        test: Option::<OfAxes<StoredQuality>>::of(&of.test, axes),
+        cross_validation?: Option::<StoredCrossValidation>::of(&of.cross_validation, axes),
+        selection?: Option::<StoredSelection>::of(&of.selection, axes),
+        dynamics?: fitted.dynamics.as_ref().map(|found| dynamics(found, axes)),
+        weighing?: compared(fitted).map(comparison),
     }
 }
 
-/// What standard errors come from, and the covariance of the errors of a row.
-#[derive(Serialize)]
-struct CovarianceReport {
-    /// Groups of rows; absent where rows are taken as independent.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    groups: Option<u64>,
-    degrees_of_freedom: u64,
-    /// In products of N and N·m.
-    residual: OfAxes<OfAxes<f64>>,
-    /// Half the width of a 95 % prediction interval, coefficients taken as certain, N and N·m; `None` where
-    /// groups are too few to tell.
-    interval_95: Option<OfAxes<f64>>,
-}
-
-impl CovarianceReport {
-    fn new(covariance: &Covariance, axes: Axes) -> Self {
-        let groups = match &covariance.coefficients {
-            CoefficientCovariance::Groups { groups, .. } => Some(*groups),
-            CoefficientCovariance::Rows { .. } => None,
-        };
-        let (sd, factors) = (covariance.residual_sd(), covariance.interval_factors(0.95));
-        Self {
-            groups,
-            degrees_of_freedom: covariance.degrees_of_freedom,
-            residual: Stored::of(&covariance.residual, axes),
-            interval_95: factors.ok().map(|factors| {
-                Stored::of(&std::array::from_fn(|axis| factors[axis] * sd[axis]), axes)
-            }),
-        }
+/// What `--json` says of lag and memory: what was found, or why nothing was searched for.
+fn dynamics(of: &Result<Dynamics, NotSearched>, axes: Axes) -> impl Serialize {
+    let found = of.as_ref().ok();
+    let memory = found.and_then(|found| found.memory.as_ref());
+    document! {
+        not_searched?: of.as_ref().err().map(ToString::to_string),
+        // `s` or `rows`.
+        time_base?: found.map(|found| found.time_base.unit()),
+        // Of the reference, in units of the time base; 0 for none.
+        lag: found.and_then(|found| found.lag).map_or(0.0, |lag| lag.by),
+        lag_standard_error?: found.and_then(|found| found.lag_standard_error),
+        time_constants: memory.map_or(&[][..], |memory| &memory.time_constants),
+        // Errors of the family that was searched on, N and N·m.
+        held_out_rms?: found.and_then(|found| found.gain).map(|gain| document! {
+            folds: gain.folds,
+            plain: axes.of(&gain.plain),
+            with_lag: axes.of(&gain.with_lag),
+            with_lag_and_memory: axes.of(&gain.with_all),
+        }),
     }
 }
 
-/// The table of errors on training and test rows.
-pub(super) fn print_errors(
-    printer: &Printer,
-    diagnostics: &Diagnostics,
-    axes: Axes,
-) -> anyhow::Result<()> {
-    let sets: Vec<&PerAxis<AxisQuality>> =
-        [Some(&diagnostics.train), diagnostics.test.as_ref()].into_iter().flatten().collect();
-    let mut header = vec!["axis"];
-    for (train, test) in
-        [("RMS train", "RMS test"), ("max train", "max test"), ("R² train", "R² test")]
-    {
-        header.extend([train, test].iter().take(sets.len()));
+/// What held-out errors say to do, for `--json`.
+fn advice(advice: &Advice, axes: Axes) -> impl Serialize {
+    document! {
+        folds: advice.folds,
+        best: StoredCandidate::of(&advice.best, axes),
+        cautious: StoredCandidate::of(&advice.cautious, axes),
+        // Natural logarithm of the error of the cautious choice relative to that of the best, and its standard error;
+        // zeros where they are one.
+        log_ratio: advice.caution.map(|of| log_ratio(of.all)).unwrap_or_default(),
+        // Whether another model predicts new groups better than the one that was fitted.
+        another_is_better: advice.another_is_better(),
+        ridge_is_at_limit: advice.ridge_is_at_limit,
     }
-    header.push("unit");
-    let rows = axes.iter().map(|axis| table_row(axis, &sets));
-    printer.table(&header, rows)
+}
+
+/// What standard errors come from, and the covariance of the errors of a row, for `--json`.
+fn covariance(covariance: &Covariance, axes: Axes) -> impl Serialize {
+    let groups = match &covariance.coefficients {
+        CoefficientCovariance::Groups { groups, .. } => Some(*groups),
+        CoefficientCovariance::Rows { .. } => None,
+    };
+    let (sd, factors) = (covariance.residual_sd(), covariance.interval_factors(0.95).ok());
+    let half_width =
+        |factors: PerAxis<f64>| axes.of(&std::array::from_fn(|axis| factors[axis] * sd[axis]));
+    document! {
+        // Groups of rows; absent where rows are taken as independent.
+        groups?: groups,
+        degrees_of_freedom: covariance.degrees_of_freedom,
+        // In products of N and N·m.
+        residual: OfAxes::<OfAxes<f64>>::of(&covariance.residual, axes),
+        // Half the width of a 95 % prediction interval, coefficients taken as certain, N and N·m; `null` where
+        // groups are too few to tell.
+        interval_95: factors.map(half_width),
+    }
 }
 
 /// How many rows there were, and which loads they measured.
@@ -232,25 +184,25 @@ pub(super) fn report(
         return Ok(());
     };
     let model = solution.model;
-    let covariance = fitted.calibration.covariance.as_ref();
     let axes = fitted.calibration.axes;
     if printer.json() {
-        return printer.document(&FitReport {
+        return printer.document(&document! {
             model: model.name(),
-            verdict: VerdictReport::from(&fitted.verdict()),
-            solver: Stored::of(&solver, axes),
-            counts: RowCounts::new(fitted, diagnostics),
-            test_share_on_training_plateaus: fitted.leaks.test,
+            verdict: verdict(&fitted.verdict()),
+            solver: StoredSolverRecord::of(&solver, axes),
+            ..counts: row_counts(fitted, diagnostics),
+            // The share of test rows that were recorded at plateaus of the training data.
+            test_share_on_training_plateaus?: fitted.leaks.test,
             features: model.term_count(),
             rank: diagnostics.rank,
             condition: diagnostics.condition,
-            errors: ErrorReport::new(fitted, diagnostics, axes),
-            advice: fitted.advice.as_ref().map(|advice| AdviceReport::new(advice, axes)),
-            groups_found: fitted.found_groups.map(FoundReport::from),
-            outliers: named.used.as_ref().map(NamedOutliers::report),
-            dropped: named.dropped.as_ref().map(NamedOutliers::report),
-            excitation: Stored::of(&diagnostics.excitation, axes),
-            covariance: covariance.map(|covariance| CovarianceReport::new(covariance, axes)),
+            ..errors: errors(fitted, diagnostics, axes),
+            advice?: fitted.advice.as_ref().map(|found| advice(found, axes)),
+            groups_found?: fitted.found_groups.map(groups_found),
+            outliers?: named.used.as_ref().map(NamedOutliers::report),
+            dropped?: named.dropped.as_ref().map(NamedOutliers::report),
+            excitation: Option::<StoredExcitation>::of(&diagnostics.excitation, axes),
+            covariance?: fitted.calibration.covariance.as_ref().map(|of| covariance(of, axes)),
             time_s: seconds,
         });
     }

@@ -15,9 +15,8 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use board_link::recording::{LiveForces, PROTOCOLS};
-use board_link::{LogSink, PortOptions, RecordOptions, Sinks, Source, Watcher, record};
+use board_link::{LogSink, RecordOptions, Sinks, Source, Watcher, record};
 use frame_stream::RowOptions;
-use live_view::web::Server;
 use live_view::{Guide, LiveModel, LiveSetup};
 use log_file::Log;
 use serde_json::json;
@@ -31,10 +30,9 @@ use super::mapping::MappingArgs;
 use super::ports::is_port;
 use super::record::parse_duration;
 use super::serial::SerialArgs;
-use super::stream::parse_speed;
+use super::stream::speed;
 use super::streaming::{self, StreamToArgs};
 use crate::files::{InputPath, OutputPath};
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 use crate::signals;
 use log_files::{LogFiles, Until};
@@ -85,7 +83,7 @@ pub(crate) struct LiveArgs {
     window: f64,
 
     /// How many times as fast a log is played
-    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = parse_speed)]
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = speed())]
     speed: f64,
 
     /// End after so many seconds
@@ -118,18 +116,8 @@ pub(crate) struct LiveArgs {
     mapping: MappingArgs,
 }
 
-/// Where a view is shown.
-enum Display {
-    Terminal,
-    /// With the address to open.
-    Browser(Server, String),
-}
-
-/// How a source has ended.
-type SourceEnd = anyhow::Result<()>;
-
 impl LiveArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let forces = self.forces.read(printer)?;
         let ranges = forces.as_ref().and_then(|forces| forces.calibration.valid_range.clone());
         let rows = LiveRows::new(forces.clone())?;
@@ -143,7 +131,10 @@ impl LiveArgs {
         let stream = RowOptions { forces: forces.clone(), from_log: !is_port, one_time: false };
         let view = Box::new(feed.clone());
         let (watcher, streamed) = self.stream.watch(printer, stream, None, view)?;
-        let display = self.display()?;
+        let browser = self.serve.map(browser::start).transpose()?;
+        if browser.is_none() {
+            view::require_terminal()?;
+        }
         let first =
             logs.as_mut().filter(|_| self.output.is_some()).map(LogSeries::begin).transpose()?;
         let calibrated = forces.as_ref().map(|forces| forces.calibration.axes);
@@ -162,17 +153,14 @@ impl LiveArgs {
             started: Instant::now(),
             duration: self.duration,
         };
-        let shown = match display {
-            Display::Terminal => {
-                let is_ascii = self.ascii || !view::is_utf8();
-                view::run(
-                    &mut session,
-                    Appearance { is_ascii, color: printer.is_colored() },
-                    &until,
-                )
-            }
-            Display::Browser(server, address) => announce(printer, server.address(), &address)
+        let shown = match browser {
+            Some((server, address)) => announce(printer, server.address(), &address)
                 .and_then(|()| browser::run(&mut session, server, &until)),
+            None => {
+                let is_ascii = self.ascii || !view::is_utf8();
+                let look = Appearance { is_ascii, color: printer.is_colored() };
+                view::run(&mut session, look, &until)
+            }
         };
         done.store(true, Ordering::Relaxed);
         let ended =
@@ -185,8 +173,7 @@ impl LiveArgs {
                 false => printer.line(line)?,
             }
         }
-        ended?;
-        Ok(Outcome::Done)
+        ended
     }
 
     /// The logs that are written; `None` where nothing can be recorded.
@@ -213,16 +200,6 @@ impl LiveArgs {
         Ok(Some(guide_through(&table)))
     }
 
-    /// Opens what it is shown in.
-    fn display(&self) -> anyhow::Result<Display> {
-        match self.serve {
-            Some(at) => {
-                browser::start(at).map(|(server, address)| Display::Browser(server, address))
-            }
-            None => view::require_terminal().map(|()| Display::Terminal),
-        }
-    }
-
     /// Records on a thread of its own, whatever the view does.
     fn record(
         &self,
@@ -232,25 +209,21 @@ impl LiveArgs {
         watcher: Box<dyn Watcher>,
         feed: &Feed,
         done: &Arc<AtomicBool>,
-    ) -> anyhow::Result<thread::JoinHandle<SourceEnd>> {
-        let options: PortOptions = self.serial.port(port);
-        let uplink = self.start.then(|| self.serial.uplink(self.framing)).transpose()?;
-        let options_of_recording = RecordOptions {
+    ) -> anyhow::Result<RunningSource> {
+        let options = RecordOptions {
             protocol: self.framing,
             forces,
-            start: uplink,
+            start: self.start.then(|| self.serial.uplink(self.framing)).transpose()?,
             labels: self.plan.is_some(),
             ..RecordOptions::default()
         };
-        let mut source = Source::port(options, true)?;
-        let (feed, done) = (feed.clone(), Arc::clone(done));
-        let run = move || {
+        let mut source = Source::port(self.serial.port(port), true)?;
+        let feed = feed.clone();
+        spawn("record", done, move |done| {
             let sinks = Sinks { log, raw: None, watcher: Some(watcher) };
-            let mut tell = |progress: &_| feed.report(progress);
-            let recorded = record(&mut source, sinks, &options_of_recording, &done, &mut tell);
-            end_with(recorded, &done)
-        };
-        Ok(thread::Builder::new().name("record".to_owned()).spawn(run)?)
+            record(&mut source, sinks, &options, done, &mut |progress| feed.report(progress))?;
+            Ok(())
+        })
     }
 
     fn play(
@@ -258,23 +231,23 @@ impl LiveArgs {
         mut watcher: Box<dyn Watcher>,
         feed: &Feed,
         done: &Arc<AtomicBool>,
-    ) -> anyhow::Result<(thread::JoinHandle<SourceEnd>, Axes)> {
+    ) -> anyhow::Result<(RunningSource, Axes)> {
         let log = Log::open(&self.name, &self.mapping.mapping())?;
         let (wants_readings, axes) = (self.forces.is_given(), log.axes());
         let read = self.mapping.read_options();
-        let (feed, done, speed) = (feed.clone(), Arc::clone(done), self.speed);
-        let run = move || {
+        let (feed, speed) = (feed.clone(), self.speed);
+        let source = spawn("play", done, move |done| {
             let is_held = || feed.is_held();
             let mut see = |frames: &_| watcher.see(frames);
-            let played = play(&log, &read, wants_readings, speed, &is_held, &done, &mut see);
-            end_with(played, &done)
-        };
-        Ok((thread::Builder::new().name("play".to_owned()).spawn(run)?, axes))
+            play(&log, &read, wants_readings, speed, &is_held, done, &mut see)?;
+            Ok(())
+        })?;
+        Ok((source, axes))
     }
 }
 
 /// Says where to look, and what others who can may do.
-fn announce(printer: &mut Printer, at: SocketAddr, address: &str) -> anyhow::Result<()> {
+fn announce(printer: &Printer, at: SocketAddr, address: &str) -> anyhow::Result<()> {
     if !at.ip().is_loopback() {
         printer.warning(
             "other machines reach this view, and what is sent is not encrypted: whoever has its address can look on \
@@ -290,13 +263,19 @@ fn announce(printer: &mut Printer, at: SocketAddr, address: &str) -> anyhow::Res
     }
 }
 
-/// A source that has failed ends the view, which would hide why.
-fn end_with<T, E: Into<anyhow::Error>>(result: Result<T, E>, done: &AtomicBool) -> SourceEnd {
-    match result {
-        Ok(_) => Ok(()),
-        Err(error) => {
-            done.store(true, Ordering::Relaxed);
-            Err(error.into())
-        }
-    }
+type RunningSource = thread::JoinHandle<anyhow::Result<()>>;
+
+/// Runs a source on a thread of this name. One that fails ends the view, which would hide why.
+fn spawn(
+    name: &str,
+    done: &Arc<AtomicBool>,
+    source: impl FnOnce(&AtomicBool) -> anyhow::Result<()> + Send + 'static,
+) -> anyhow::Result<RunningSource> {
+    let done = Arc::clone(done);
+    let run = move || {
+        let ended = source(&done);
+        done.fetch_or(ended.is_err(), Ordering::Relaxed);
+        ended
+    };
+    Ok(thread::Builder::new().name(name.to_owned()).spawn(run)?)
 }

@@ -8,7 +8,6 @@ use super::load::MotionColumnArgs;
 use crate::cmd::mapping::{MappingArgs, open_logs};
 use crate::cmd::origin;
 use crate::files::{InputPath, OutputPath};
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 /// More rows than this that no label puts together are hardly poses.
@@ -37,7 +36,7 @@ pub(crate) struct PayloadFitArgs {
 }
 
 impl PayloadFitArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let mapping = self.mapping.mapping();
         let logs = open_logs(&self.logs, ("", &[]), &mapping)?;
         let output = printer.create(self.output.as_ref())?;
@@ -63,7 +62,7 @@ impl PayloadFitArgs {
             print(printer, &found.fit)?;
         }
         say(printer, &found);
-        Ok(Outcome::Done)
+        Ok(())
     }
 }
 

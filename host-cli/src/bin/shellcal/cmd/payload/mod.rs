@@ -6,7 +6,6 @@ mod subtract;
 
 use clap::Subcommand;
 
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]
@@ -31,7 +30,7 @@ enum PayloadAction {
 }
 
 impl PayloadArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         match &self.action {
             PayloadAction::Fit(args) => args.run(printer),
             PayloadAction::Subtract(args) => args.run(printer),

@@ -18,7 +18,6 @@ use crate::cmd::frames::ForceArgs;
 use crate::cmd::mapping::MappingArgs;
 use crate::cmd::partial_output::OpenOutput;
 use crate::files::{InputPath, OutputPath};
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 /// Channels of a wrench.
@@ -53,7 +52,7 @@ pub(crate) struct SubtractArgs {
 }
 
 impl SubtractArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         if printer.json() && self.output.is_none() {
             anyhow::bail!("`--json` needs `--output`: the table would go to the same place");
         }
@@ -91,7 +90,7 @@ impl SubtractArgs {
         if printer.json() {
             printer.document(&summary)?;
         }
-        Ok(Outcome::Done)
+        Ok(())
     }
 }
 

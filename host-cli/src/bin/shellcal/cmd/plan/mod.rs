@@ -19,7 +19,6 @@ use super::choices::one_of;
 use super::figure_size::FigureSize;
 use super::mapping::{MappingArgs, open_logs};
 use crate::files::{InputPath, OutputPath};
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 /// Loads of a plan that is given no end.
@@ -88,12 +87,8 @@ const CRITERIA: [(&str, &str, CriterionArg); 3] = [
     ("d-optimal", "", CriterionArg::DOptimal),
 ];
 
-/// When a plan is long enough.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct PlanLimits {
-    force_n: Option<f64>,
-    moment_nm: Option<f64>,
-}
+/// When a plan is long enough: the error of forces in N and of moments in N·m.
+type PlanLimits = [Option<f64>; 2];
 
 /// Loads in their order, and what was known before.
 struct LoadPlan {
@@ -108,7 +103,7 @@ struct LoadPlan {
 }
 
 impl PlanArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let figure = self.figure_size.create(self.plot.as_ref(), printer)?;
         if let Some(splits) = self.replay.splits() {
             let logs = open_logs(&self.recorded, ("", &[]), &self.mapping.mapping())?;
@@ -165,7 +160,7 @@ impl PlanArgs {
             (None, None) => USUAL_COUNT,
         };
         let (mut order, mut error) = (Vec::new(), before);
-        while order.len() < count && !self.until.is_some_and(|limits| limits.are_met(&error)) {
+        while order.len() < count && !self.until.is_some_and(|limits| are_met(limits, &error)) {
             let Some(next) = planner.next() else { break };
             error = next.error;
             order.push(next);
@@ -208,23 +203,21 @@ impl PlanArgs {
     }
 }
 
-impl PlanLimits {
-    fn are_met(&self, error: &PredictedError) -> bool {
-        error.is_within(self.force_n, self.moment_nm)
-    }
+fn are_met([force_n, moment_nm]: PlanLimits, error: &PredictedError) -> bool {
+    error.is_within(force_n, moment_nm)
 }
 
 fn parse_limits(text: &str) -> Result<PlanLimits, String> {
-    let mut limits = PlanLimits { force_n: None, moment_nm: None };
+    let [mut force_n, mut moment_nm] = [None; 2];
     for part in text.split(',') {
         let part = part.trim().replace('·', "");
         let (number, limit) = match part.strip_suffix("Nm") {
-            Some(number) => (number, &mut limits.moment_nm),
-            None => (part.strip_suffix('N').unwrap_or_default(), &mut limits.force_n),
+            Some(number) => (number, &mut moment_nm),
+            None => (part.strip_suffix('N').unwrap_or_default(), &mut force_n),
         };
         let number = number.trim().parse::<f64>().ok().filter(|x| x.is_finite() && *x > 0.0);
         let expected = || "expected an error with its unit, such as 0.5N or 0.02Nm".to_owned();
         *limit = Some(number.ok_or_else(expected)?);
     }
-    Ok(limits)
+    Ok([force_n, moment_nm])
 }

@@ -7,12 +7,10 @@ use calibration::load_plan::{Order, Replay, ReplayOptions};
 use calibration::quality::significant;
 use figures::{ChartMark, Series, Spacing};
 use log_file::{Log, ReadOptions};
-use serde::Serialize;
 use shellcal::workflow::plan::observations;
 
 use super::super::figure_size::FigureFile;
 use super::report::chart;
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 /// How near to the error with all poses counts as there.
@@ -40,22 +38,6 @@ pub(super) struct ReplayArgs {
     seed: u64,
 }
 
-/// What `--json` prints.
-#[derive(Serialize)]
-struct ReplayDocument {
-    splits: u64,
-    poses: Vec<usize>,
-    orders: Vec<ReplayedOrder>,
-}
-
-#[derive(Serialize)]
-struct ReplayedOrder {
-    order: &'static str,
-    relative_errors: Vec<f64>,
-    /// The fewest from which on the error is within 15 % of that with all.
-    poses_needed: usize,
-}
-
 impl ReplayArgs {
     /// In how many splits a session is replayed, if it is.
     pub(super) fn splits(&self) -> Option<NonZeroU64> {
@@ -69,7 +51,7 @@ impl ReplayArgs {
         read: &ReadOptions<'_>,
         figure: Option<FigureFile>,
         printer: &Printer,
-    ) -> anyhow::Result<Outcome> {
+    ) -> anyhow::Result<()> {
         let options = ReplayOptions {
             held_out: self.held_out as usize,
             start: self.start as usize,
@@ -95,39 +77,38 @@ impl ReplayArgs {
             let chart = chart(&title, "error relative to the load", Spacing::Log, series);
             figure.draw(|size| chart.figure(size))?;
         }
-        let document = document(splits.get(), &replayed);
-        printer.finish(&document, |printer| print(printer, &document, &replayed))
+        let order = |order: Order| {
+            document! {
+                order: order.name(),
+                relative_errors: &replayed.errors[order as usize],
+                // The fewest from which on the error is within 15 % of that with all.
+                poses_needed: replayed.poses_within(order, NEAR),
+            }
+        };
+        let orders = Order::ALL.map(order);
+        let document = document! { splits: splits, poses: &replayed.poses, orders: orders };
+        printer.finish(&document, |printer| print(printer, splits, &replayed))
     }
 }
 
-fn document(splits: u64, replayed: &Replay) -> ReplayDocument {
-    let order = |order: Order| ReplayedOrder {
-        order: order.name(),
-        relative_errors: replayed.errors[order as usize].clone(),
-        poses_needed: replayed.poses_within(order, NEAR),
-    };
-    ReplayDocument { splits, poses: replayed.poses.clone(), orders: Order::ALL.map(order).into() }
-}
-
-fn print(printer: &Printer, document: &ReplayDocument, replayed: &Replay) -> anyhow::Result<()> {
+fn print(printer: &Printer, splits: NonZeroU64, replayed: &Replay) -> anyhow::Result<()> {
     printer.line(format!(
-        "error on poses that were held out, relative to the load, mean of {} splits",
-        document.splits
+        "error on poses that were held out, relative to the load, mean of {splits} splits"
     ))?;
-    let names: Vec<&str> = document.orders.iter().map(|of| of.order).collect();
-    let header: Vec<&str> = std::iter::once("poses").chain(names).collect();
+    let header: Vec<&str> = std::iter::once("poses").chain(Order::ALL.map(Order::name)).collect();
     let row = |(at, poses): (usize, &usize)| {
-        let errors = document.orders.iter().map(|of| significant(of.relative_errors[at], 3));
+        let errors = replayed.errors.iter().map(|errors| significant(errors[at], 3));
         std::iter::once(poses.to_string()).chain(errors).collect()
     };
-    let rows = document.poses.iter().enumerate().map(row);
+    let rows = replayed.poses.iter().enumerate().map(row);
     printer.table(&header, rows)?;
-    let random = replayed.poses_within(Order::Random, NEAR);
-    for order in &document.orders {
-        let share = 100.0 * order.poses_needed as f64 / random as f64;
+    let needed = |order| replayed.poses_within(order, NEAR);
+    for order in Order::ALL {
+        let share = 100.0 * needed(order) as f64 / needed(Order::Random) as f64;
         printer.line(format!(
             "{}: within 15 % of the error with all from {} poses on ({share:.0} % of those of a random order)",
-            order.order, order.poses_needed
+            order.name(),
+            needed(order)
         ))?;
     }
     Ok(())

@@ -1,85 +1,53 @@
 //! What is said of a plan: table, JSON, CSV, figure.
 
-use calibration::load_plan::PredictedError;
+use calibration::load_plan::{Coupling, PlannedLoad, PredictedError};
 use calibration::quality::significant;
 use figures::{Chart, ChartMark, Figure, PlotAxis, Series, Size, Spacing};
 use serde::Serialize;
-use shell_data::wrench::{Axis, PerAxis};
+use shell_data::wrench::Axis;
 
-use super::LoadPlan;
+use super::{LoadPlan, are_met};
 use crate::printer::Printer;
 
-/// What `--json` prints.
-#[derive(Serialize)]
-pub(super) struct PlanDocument {
-    criterion: &'static str,
-    recorded_poses: usize,
-    error_before: StoredError,
-    loads: Vec<StoredLoad>,
-    /// Whether `--until` is reached; `null` without it.
-    reached: Option<bool>,
-    couplings: Vec<StoredCoupling>,
-}
-
-#[derive(Serialize)]
-struct StoredLoad {
-    step: usize,
-    group: String,
-    load: String,
-    wrench: PerAxis<f64>,
-    gain_nats: f64,
-    predicted_error: StoredError,
-}
-
-/// In N and N·m, or relative to one pose.
-#[derive(Serialize)]
-#[serde(rename_all = "snake_case")]
-enum StoredError {
-    Wrench(PerAxis<f64>),
-    RelativeToPose(f64),
-}
-
-#[derive(Serialize)]
-struct StoredCoupling {
-    axes: [&'static str; 2],
-    correlation: f64,
-    broken_by: Option<String>,
-    correlation_after: Option<f64>,
-}
-
-impl From<PredictedError> for StoredError {
-    fn from(error: PredictedError) -> Self {
-        match error {
-            PredictedError::Wrench(errors) => Self::Wrench(errors),
-            PredictedError::Relative(error) => Self::RelativeToPose(error),
-        }
-    }
+/// What `--json` prints of an error: in N and N·m, or relative to one pose.
+fn error(of: PredictedError) -> impl Serialize {
+    let (wrench, relative) = match of {
+        PredictedError::Wrench(errors) => (Some(errors), None),
+        PredictedError::Relative(error) => (None, Some(error)),
+    };
+    document! { wrench?: wrench, relative_to_pose?: relative }
 }
 
 impl LoadPlan {
-    pub(super) fn document(&self) -> PlanDocument {
+    /// What `--json` prints.
+    pub(super) fn document(&self) -> impl Serialize {
         let loads = self.table.loads();
-        let load = |(step, planned): (usize, &calibration::load_plan::PlannedLoad)| StoredLoad {
-            step,
-            group: loads[planned.candidate].group.clone(),
-            load: loads[planned.candidate].to_string(),
-            wrench: loads[planned.candidate].wrench(),
-            gain_nats: planned.gain,
-            predicted_error: planned.error.into(),
+        let load = |(step, planned): (usize, &PlannedLoad)| {
+            document! {
+                step: step,
+                group: &loads[planned.candidate].group,
+                load: loads[planned.candidate].to_string(),
+                wrench: loads[planned.candidate].wrench(),
+                gain_nats: planned.gain,
+                predicted_error: error(planned.error),
+            }
         };
-        let coupling = |coupling: &calibration::load_plan::Coupling| StoredCoupling {
-            axes: [coupling.first.name(), coupling.second.name()],
-            correlation: coupling.correlation,
-            broken_by: coupling.broken_by.map(|(at, _)| loads[at].group.clone()),
-            correlation_after: coupling.broken_by.map(|(_, after)| after),
+        let coupling = |of: &Coupling| {
+            document! {
+                axes: [of.first.name(), of.second.name()],
+                correlation: of.correlation,
+                broken_by: of.broken_by.map(|(at, _)| &loads[at].group),
+                correlation_after: of.broken_by.map(|(_, after)| after),
+            }
         };
-        PlanDocument {
+        document! {
             criterion: self.criterion,
             recorded_poses: self.recorded,
-            error_before: self.before.into(),
-            loads: (1..).zip(&self.order).map(load).collect(),
-            reached: self.limits.map(|limits| limits.are_met(&self.error_after())),
-            couplings: self.couplings.iter().map(coupling).collect(),
+            error_before: error(self.before),
+            loads: (1..).zip(&self.order).map(load).collect::<Vec<_>>(),
+            // Whether `--until` is reached; `null` without it.
+            reached: self.limits.map(|limits| are_met(limits, &self.error_after())),
+            couplings: self.couplings.iter().map(coupling).collect::<Vec<_>>(),
         }
     }
 
@@ -155,10 +123,10 @@ impl LoadPlan {
         let count = self.order.len();
         match self.limits {
             Some(limits) if count == 0 => {
-                debug_assert!(limits.are_met(&self.before), "a plan ends where it is good enough");
+                debug_assert!(are_met(limits, &self.before), "a plan ends where it is good enough");
                 said.push(format!("no more loads are needed: predicted error {before}"));
             }
-            Some(limits) if limits.are_met(&self.error_after()) => {
+            Some(limits) if are_met(limits, &self.error_after()) => {
                 let loads = if count == 1 { "load" } else { "loads" };
                 said.push(format!("{count} more {loads} for {after}; now {before}"));
             }
@@ -192,40 +160,32 @@ impl LoadPlan {
     /// Predicted error against poses.
     pub(super) fn figure(&self, size: Size) -> Figure {
         let errors = std::iter::once(self.before).chain(self.order.iter().map(|of| of.error));
-        let errors: Vec<PredictedError> = errors.collect();
         let largest = |axis: Axis| {
             let loads = self.table.loads().iter().map(|load| load.wrench()[axis.index()].abs());
             loads.fold(0.0, f64::max)
         };
-        let points = |of: &dyn Fn(&PredictedError) -> f64| -> Vec<(f64, f64)> {
-            let numbered = (self.recorded..).zip(&errors);
-            numbered.map(|(poses, error)| (poses as f64, of(error))).collect()
-        };
-        let (name, series): (_, Vec<Series>) = match self.before {
+        let loaded = || Axis::ALL.into_iter().filter(|&axis| largest(axis) > 0.0);
+        let (name, labels) = match self.before {
             PredictedError::Relative(_) => {
-                let of = |error: &PredictedError| match error {
-                    PredictedError::Relative(error) => *error,
-                    PredictedError::Wrench(_) => f64::NAN,
-                };
-                let series =
-                    Series { label: "all axes".into(), points: points(&of), mark: ChartMark::Both };
-                ("standard error, in those of one pose", vec![series])
+                ("standard error, in those of one pose", vec!["all axes"])
             }
             PredictedError::Wrench(_) => {
-                let series = |axis: Axis| {
-                    let of = |error: &PredictedError| match error {
-                        PredictedError::Wrench(errors) => {
-                            100.0 * errors[axis.index()] / largest(axis)
-                        }
-                        PredictedError::Relative(_) => f64::NAN,
-                    };
-                    Series { label: axis.name().into(), points: points(&of), mark: ChartMark::Both }
-                };
-                let loaded = Axis::ALL.into_iter().filter(|&axis| largest(axis) > 0.0);
-                ("predicted error, % of the largest load", loaded.map(series).collect())
+                ("predicted error, % of the largest load", loaded().map(Axis::name).collect())
             }
         };
-        chart("Predicted error of a plan", name, Spacing::Log, series).figure(size)
+        let drawn = |error: &PredictedError| match error {
+            PredictedError::Relative(error) => vec![*error],
+            PredictedError::Wrench(errors) => {
+                loaded().map(|axis| 100.0 * errors[axis.index()] / largest(axis)).collect()
+            }
+        };
+        let drawn: Vec<Vec<f64>> = errors.map(|error| drawn(&error)).collect();
+        let series = labels.into_iter().enumerate().map(|(at, label)| Series {
+            label: label.to_owned(),
+            points: (self.recorded..).zip(&drawn).map(|(n, of)| (n as f64, of[at])).collect(),
+            mark: ChartMark::Both,
+        });
+        chart("Predicted error of a plan", name, Spacing::Log, series.collect()).figure(size)
     }
 }
 

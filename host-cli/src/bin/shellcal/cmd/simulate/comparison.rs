@@ -11,7 +11,7 @@ use super::format::cm;
 use super::model;
 use super::quantity::length;
 use crate::printer::{Printer, TableColumn};
-use crate::tables::{NOTHING, or_dash};
+use crate::tables::{or_dash, shown};
 
 /// One condition, measured and simulated.
 #[derive(Debug, Serialize)]
@@ -91,7 +91,7 @@ impl SimulateArgs {
 pub(super) fn print(printer: &Printer, comparison: &[ConditionComparison]) -> anyhow::Result<()> {
     let columns: [TableColumn<'_, &ConditionComparison>; 8] = [
         ("condition", &|row| row.measured.name.clone()),
-        ("width (cm)", &|row| row.width_m.map_or_else(|| NOTHING.to_owned(), cm)),
+        ("width (cm)", &|row| shown(row.width_m, cm)),
         ("trials", &|row| row.measured.trials.to_string()),
         ("measured (N)", &|row| format!("{:.4}", row.measured.mean_drag_n)),
         ("s.d. (N)", &|row| or_dash(row.measured.sd_drag_n, 4)),

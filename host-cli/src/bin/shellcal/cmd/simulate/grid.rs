@@ -1,30 +1,21 @@
 //! Every combination of parameter values.
 
+use std::collections::BTreeMap;
 use std::io::Write;
 
 use anyhow::ensure;
 use serde::Serialize;
-use simulation::channel_study::{ChannelSummary, GridAxis, GridCell, Parameter, grid};
+use simulation::channel_study::{GridAxis, GridCell, Parameter, grid};
 
 use super::args::SimulateArgs;
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 use crate::tables::or_dash;
 
 /// Combinations at most.
 const MOST_CELLS: f64 = 1e8;
 
-/// What `--json` says of a combination.
-#[derive(Debug, Serialize)]
-struct CellReport {
-    parameters: serde_json::Map<String, serde_json::Value>,
-    #[serde(flatten)]
-    summary: Option<ChannelSummary>,
-    error: Option<String>,
-}
-
 impl SimulateArgs {
-    pub(super) fn run_grid(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(super) fn run_grid(&self, printer: &Printer) -> anyhow::Result<()> {
         let (base, axes) = self.axes();
         let count: f64 = axes.iter().map(|axis| axis.values.len() as f64).product();
         ensure!(count <= MOST_CELLS, "the grid would have {count:.1e} combinations");
@@ -67,7 +58,7 @@ impl SimulateArgs {
         if refused > 0 {
             printer.warning(format!("{refused} combinations make no sense, or the body jams"));
         }
-        Ok(Outcome::Done)
+        Ok(())
     }
 
     /// The channels' widths are an axis too, unless one was asked for.
@@ -82,35 +73,26 @@ impl SimulateArgs {
     }
 }
 
+/// Mean, minimum and peak of the drag in N, and the energy in J, as far as there are any.
+fn figures(cell: &GridCell) -> [Option<f64>; 4] {
+    let summary = cell.outcome.as_ref().ok();
+    let figures =
+        summary.map(|of| [of.mean_drag_n, of.minimum_drag_n, of.peak_drag_n, Some(of.energy_j)]);
+    figures.unwrap_or_default()
+}
+
 fn csv_row(cell: &GridCell) -> String {
-    let mut fields: Vec<String> = cell.values.iter().map(f64::to_string).collect();
-    match &cell.outcome {
-        Ok(summary) => {
-            let energy = Some(summary.energy_j);
-            let drags = [summary.mean_drag_n, summary.minimum_drag_n, summary.peak_drag_n];
-            let figures = drags.into_iter().chain([energy]);
-            fields.extend(figures.map(|value| value.map_or_else(String::new, |v| v.to_string())));
-            fields.push(String::new());
-        }
-        Err(error) => {
-            fields.extend([""; 4].map(str::to_owned));
-            fields.push(format!("\"{error}\""));
-        }
-    }
-    fields.join(",")
+    let number = |value: Option<f64>| value.map_or_else(String::new, |value| value.to_string());
+    let error = cell.outcome.as_ref().err().map(|error| format!("\"{error}\""));
+    let values = cell.values.iter().copied().map(Some).chain(figures(cell)).map(number);
+    values.chain([error.unwrap_or_default()]).collect::<Vec<_>>().join(",")
 }
 
 fn table_row(cell: &GridCell) -> Vec<String> {
-    let summary = cell.outcome.as_ref().ok();
-    let figure =
-        |of: fn(&ChannelSummary) -> Option<f64>, decimals| or_dash(summary.and_then(of), decimals);
+    let [drags @ .., energy] = figures(cell);
     let mut row: Vec<String> = cell.values.iter().map(|value| rounded(*value)).collect();
-    row.extend([
-        figure(|summary| summary.mean_drag_n, 4),
-        figure(|summary| summary.minimum_drag_n, 4),
-        figure(|summary| summary.peak_drag_n, 4),
-        figure(|summary| Some(1e3 * summary.energy_j), 3),
-    ]);
+    row.extend(drags.map(|drag: Option<f64>| or_dash(drag, 4)));
+    row.push(or_dash(energy.map(|energy| 1e3 * energy), 3));
     row
 }
 
@@ -120,11 +102,11 @@ fn rounded(value: f64) -> String {
     text.parse::<f64>().map_or(text, |value| value.to_string())
 }
 
-fn report(names: &[String], cell: GridCell) -> CellReport {
-    let values = cell.values.iter().map(|&value| value.into());
-    let parameters = names.iter().cloned().zip(values).collect();
-    match cell.outcome {
-        Ok(summary) => CellReport { parameters, summary: Some(summary), error: None },
-        Err(error) => CellReport { parameters, summary: None, error: Some(error.to_string()) },
+/// What `--json` says of a combination.
+fn report<'a>(names: &'a [String], cell: GridCell) -> impl Serialize + use<'a> {
+    document! {
+        parameters: names.iter().zip(cell.values).collect::<BTreeMap<_, _>>(),
+        ..summary: cell.outcome.as_ref().ok().cloned(),
+        error: cell.outcome.err().map(|error| error.to_string()),
     }
 }

@@ -11,15 +11,12 @@ mod report;
 
 use anyhow::Context;
 use beam_channel::{Model, Setup};
-use serde::Serialize;
 use simulation::channel_study::{Course, monte_carlo};
 
 pub(crate) use args::SimulateArgs;
 
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 use channel::ChannelReport;
-use comparison::ConditionComparison;
 use outputs::SweepFiles;
 
 /// Room on either side of the contacts that a sweep shows by itself, in m.
@@ -28,18 +25,8 @@ const MARGIN_M: f64 = 0.01;
 /// Positions of a sweep at most.
 const MOST_POSITIONS: f64 = 1e9;
 
-/// What `--json` says.
-#[derive(Debug, Serialize)]
-struct SimulationDocument<'a> {
-    #[serde(flatten)]
-    setup: report::SetupReport,
-    channels: &'a [ChannelReport],
-    #[serde(skip_serializing_if = "Option::is_none")]
-    comparison: Option<&'a [ConditionComparison]>,
-}
-
 impl SimulateArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         if !self.study.grid.is_empty() {
             return self.run_grid(printer);
         }
@@ -74,16 +61,16 @@ impl SimulateArgs {
         files.commit()?;
 
         if printer.json() {
-            let setup = report::SetupReport::new(&self.geometry.setup());
-            let comparison = comparison.as_deref();
-            printer.document(&SimulationDocument { setup, channels: &reports, comparison })?;
-            return Ok(Outcome::Done);
+            return printer.document(&document! {
+                ..setup: report::setup(&self.geometry.setup()),
+                channels: reports,
+                comparison?: comparison,
+            });
         }
         report::print_channels(printer, &reports)?;
         reports.iter().try_for_each(|report| report.print_beams(printer))?;
         report::print_uncertainty(printer, &reports)?;
-        comparison.map_or(Ok(()), |comparison| comparison::print(printer, &comparison))?;
-        Ok(Outcome::Done)
+        comparison.map_or(Ok(()), |comparison| comparison::print(printer, &comparison))
     }
 
     /// The positions of the sweep, the same for all channels.

@@ -1,5 +1,7 @@
 //! Tables of channels.
 
+use std::collections::BTreeMap;
+
 use beam_channel::{Angle, Normal, Setup};
 use serde::Serialize;
 use simulation::channel_study::{ChannelSummary, DrawStatistics, Parameter};
@@ -10,28 +12,16 @@ use crate::printer::{Printer, TableColumn};
 use crate::tables::{NOTHING, or_dash};
 
 /// What all channels have in common, for `--json`.
-#[derive(Debug, Serialize)]
-pub(super) struct SetupReport {
-    parameters: serde_json::Map<String, serde_json::Value>,
-    beams: u32,
-    torsional_stiffness_nm_rad: f64,
-    as_printed: bool,
-    true_angle: bool,
-    #[serde(skip_serializing_if = "std::ops::Not::not")]
-    moment_balance: bool,
-}
-
-impl SetupReport {
-    pub(super) fn new(setup: &Setup) -> Self {
-        let common = Parameter::ALL.into_iter().filter(|&name| name != Parameter::Width);
-        Self {
-            parameters: common.map(|name| (name.column(), name.get(setup).into())).collect(),
-            beams: setup.channel.beams,
-            torsional_stiffness_nm_rad: setup.beam.torsional_stiffness(),
-            as_printed: setup.rules.normal == Normal::AsPrinted,
-            true_angle: setup.rules.angle == Angle::True,
-            moment_balance: setup.rules.normal == Normal::MomentBalance,
-        }
+pub(super) fn setup(setup: &Setup) -> impl Serialize + use<> {
+    let common = Parameter::ALL.into_iter().filter(|&name| name != Parameter::Width);
+    let parameters = common.map(|name| (name.column(), name.get(setup)));
+    document! {
+        parameters: parameters.collect::<BTreeMap<_, _>>(),
+        beams: setup.channel.beams,
+        torsional_stiffness_nm_rad: setup.beam.torsional_stiffness(),
+        as_printed: setup.rules.normal == Normal::AsPrinted,
+        true_angle: setup.rules.angle == Angle::True,
+        moment_balance?: (setup.rules.normal == Normal::MomentBalance).then_some(true),
     }
 }
 

@@ -3,8 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::bail;
-use serde::Serialize;
-use shellcal::workflow::batch::{Batch, BatchOptions, FailedRow, FileStamp, stamp};
+use shellcal::workflow::batch::{Batch, BatchOptions, FileStamp, stamp};
 use trial::manifest::{Manifest, Shard};
 use trial::{ConditionRow, TrialOptions, TrialResult};
 
@@ -12,8 +11,7 @@ use super::evaluation::{Equipment, EvaluationArgs};
 use super::outputs::ResultArgs;
 use super::{manifest, show, watch};
 use crate::files::InputPath;
-use crate::outcome::Outcome;
-use crate::printer::Printer;
+use crate::printer::{Outcome, Printer};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -56,31 +54,6 @@ pub(crate) struct BatchArgs {
 
     #[command(flatten)]
     evaluation: EvaluationArgs,
-}
-
-/// What `--json` says.
-#[derive(Serialize)]
-struct BatchDocument<'a> {
-    manifest: &'a InputPath,
-    calibration: Option<&'a InputPath>,
-    profile: &'a trial::Profile,
-    options: TrialOptions,
-    trials: Vec<BatchTrialDocument<'a>>,
-    failures: &'a [FailedRow],
-    excluded: usize,
-    /// The name of the share, if not all trials were to be evaluated.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    shard: Option<String>,
-    warnings: &'a [String],
-    conditions: &'a [ConditionRow],
-}
-
-#[derive(Serialize)]
-struct BatchTrialDocument<'a> {
-    line: usize,
-    checksum: Option<&'a str>,
-    #[serde(flatten)]
-    result: &'a TrialResult,
 }
 
 /// What came of a run.
@@ -213,22 +186,25 @@ impl BatchArgs {
             printer.note(format!("{} trials are left out, as the manifest says", batch.excluded));
         }
         if printer.json() {
-            let trials = batch.trials.iter().map(|trial| BatchTrialDocument {
-                line: trial.position.line,
-                checksum: trial.evaluated.checksum.as_deref(),
-                result: &trial.evaluated.result,
+            let trials = batch.trials.iter().map(|trial| {
+                document! {
+                    line: trial.position.line,
+                    checksum: &trial.evaluated.checksum,
+                    ..result: &trial.evaluated.result,
+                }
             });
-            return printer.document(&BatchDocument {
+            return printer.document(&document! {
                 manifest: &self.manifest,
-                calibration: self.evaluation.calibration(),
+                calibration: &self.evaluation.calibration,
                 profile: &equipment.profile,
                 options: self.options(equipment),
-                trials: trials.collect(),
+                trials: trials.collect::<Vec<_>>(),
                 failures: &batch.failures,
                 excluded: batch.excluded,
-                shard: self.shard.map(Shard::stem),
-                warnings,
-                conditions,
+                // The name of the share, if not all trials were to be evaluated.
+                shard?: self.shard.map(Shard::stem),
+                warnings: warnings,
+                conditions: conditions,
             });
         }
         let results: Vec<&TrialResult> = results.into_iter().map(|(_, result)| result).collect();

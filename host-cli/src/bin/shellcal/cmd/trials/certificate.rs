@@ -14,8 +14,7 @@ use crate::cmd::mapping::open_logs;
 use crate::cmd::origin;
 use crate::cmd::plan::read_table;
 use crate::files::{InputPath, OutputPath};
-use crate::outcome::Outcome;
-use crate::printer::Printer;
+use crate::printer::{Outcome, Printer};
 
 /// What a certificate is made from beside the calibration.
 #[derive(Debug, clap::Args)]
@@ -95,14 +94,14 @@ impl CertificateArgs {
             "expanded_uncertainty": axes.of(&certificate.expanded()),
             "weights_off": off,
         });
-        let outcome = printer.finish(&summary, |printer| {
+        printer.finish(&summary, |printer| {
             printer.line(format!("certificate of `{shown}` in `{}`", output.display()))
         })?;
         if off > 0 {
             printer.warning(format!("{off} check weights differ by more than is to be expected"));
             return Ok(Outcome::CheckFailed);
         }
-        Ok(outcome)
+        Ok(Outcome::Done)
     }
 
     /// The check weights, and what the calibration says of them.

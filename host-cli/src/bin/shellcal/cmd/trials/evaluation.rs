@@ -2,18 +2,15 @@
 
 use std::path::Path;
 
-use anyhow::Context;
 use calibration_file::CalibrationFile;
-use calibration_file::input;
 use forces::RowRule;
 use log_file::{Mapping, ReadOptions};
 use shellcal::workflow::batch::BatchOptions;
 use trial::{Instrument, Profile, TraceExtent, TrialOptions};
 
-use crate::cmd::edited::EditedArg;
 use crate::cmd::frames::{ForceArgs, describe_forces};
-use crate::cmd::mapping::MappingArgs;
-use crate::files::InputPath;
+use crate::cmd::mapping::{EditedArg, MappingArgs};
+use crate::files::{InputPath, read_text};
 use crate::printer::Printer;
 
 /// How trials are evaluated.
@@ -21,7 +18,7 @@ use crate::printer::Printer;
 pub(crate) struct EvaluationArgs {
     /// Calibration file; without one there are energies but no forces
     #[arg(long, short, value_name = "CAL")]
-    calibration: Option<InputPath>,
+    pub(super) calibration: Option<InputPath>,
 
     #[command(flatten)]
     pub(super) edited: EditedArg,
@@ -69,10 +66,7 @@ impl EvaluationArgs {
             None => Profile::velociroach(),
             Some(path) => read_profile(path)?,
         };
-        let mapping = match &calibration {
-            Some(calibration) => self.mapping.mapping_for(calibration),
-            None => self.mapping.mapping(),
-        };
+        let mapping = self.mapping.mapping_for(calibration.as_ref());
         Ok(Equipment { profile, calibration, mapping })
     }
 
@@ -114,10 +108,6 @@ impl EvaluationArgs {
         ReadOptions { checksum: true, ..self.mapping.read_options() }
     }
 
-    pub(crate) fn calibration(&self) -> Option<&InputPath> {
-        self.calibration.as_ref()
-    }
-
     /// The files that results depend on beside manifest and logs, and what they are.
     pub(crate) fn files_by_role(&self) -> impl Iterator<Item = (&'static str, &Path)> {
         let calibration = self.calibration.iter().map(|path| ("calibration", path.as_path()));
@@ -126,7 +116,6 @@ impl EvaluationArgs {
 }
 
 fn read_profile(path: &Path) -> anyhow::Result<Profile> {
-    let text =
-        input::read_text(path).with_context(|| format!("cannot read `{}`", path.display()))?;
+    let text = read_text(path)?;
     Profile::parse(&text).map_err(|error| anyhow::anyhow!("`{}`, {error}", path.display()))
 }

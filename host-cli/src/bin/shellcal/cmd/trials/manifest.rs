@@ -2,8 +2,7 @@
 
 use std::path::Path;
 
-use anyhow::{Context, bail};
-use calibration_file::input;
+use anyhow::bail;
 use output_file::OutputError;
 use shell_data::hint::did_you_mean;
 use shellcal::workflow::batch::{self, Batch, BatchOptions, FailedRow};
@@ -11,6 +10,7 @@ use trial::manifest::{CellPosition, Manifest};
 use trial::{TrialOptions, TrialResult};
 
 use super::evaluation::Equipment;
+use crate::files::read_text;
 use crate::printer::Printer;
 
 /// Reads a manifest, and sees to it that no output replaces its logs.
@@ -25,7 +25,7 @@ pub(super) fn read(path: &Path, printer: &Printer) -> anyhow::Result<Manifest> {
 /// A manifest from its file: CSV or `.toml`.
 pub(super) fn parse(path: &Path) -> anyhow::Result<Manifest> {
     let shown = path.display();
-    let text = input::read_text(path).with_context(|| format!("cannot read `{shown}`"))?;
+    let text = read_text(path)?;
     let is_toml = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
     Manifest::parse(&text, is_toml).map_err(|problem| anyhow::anyhow!("{shown}:{problem}"))
 }

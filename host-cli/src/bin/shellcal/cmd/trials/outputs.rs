@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Context;
 use figures::Format;
 use output_file::OutputError;
 use shellcal::workflow::batch::Batch;
@@ -15,7 +14,7 @@ use trial::{ConditionRow, Profile, TraceExtent, TrialResult};
 use super::manifest;
 use crate::cmd::choices::one_of;
 use crate::cmd::figure_size::FigureSize;
-use crate::files::OutputLocation;
+use crate::files::{OutputLocation, create_folder};
 use crate::printer::Printer;
 
 /// The tables of a batch, which are also the names of their files. A share of the trials has no conditions.
@@ -73,13 +72,11 @@ const FORMATS: [(&str, &str, Format); 3] = [
 impl ResultArgs {
     /// Makes the directories and finds out whether tables can be written, before any work.
     pub(crate) fn prepare(&self, printer: &Printer, shard: Option<Shard>) -> anyhow::Result<()> {
-        if let Some(directory) = &self.traces {
-            create(directory)?;
-        }
+        self.traces.iter().try_for_each(OutputLocation::create)?;
         for (directory, extension) in [(&self.csv, "csv"), (&self.parquet, "parquet")] {
             let Some(directory) = directory else { continue };
             for file in table_files(directory, shard, extension) {
-                create(file.parent().unwrap_or(directory))?;
+                create_folder(file.parent().unwrap_or(directory))?;
                 printer.files.probe(&file)?;
             }
         }
@@ -156,9 +153,4 @@ impl ResultArgs {
         }
         Ok(())
     }
-}
-
-fn create(directory: &Path) -> anyhow::Result<()> {
-    std::fs::create_dir_all(directory)
-        .with_context(|| format!("cannot create `{}`", directory.display()))
 }

@@ -15,8 +15,7 @@ use super::manifest;
 use crate::cmd::figure_size::{FigureFile, FigureSize};
 use crate::cmd::frames::parse_window;
 use crate::files::{InputPath, OutputPath};
-use crate::outcome::Outcome;
-use crate::printer::Printer;
+use crate::printer::{Outcome, Printer};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -100,8 +99,8 @@ struct DrawingArgs {
 impl PlotArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         match &self.kind {
-            PlotKind::Drag(args) => args.run(printer, false),
-            PlotKind::Telemetry(args) => args.run(printer, true),
+            PlotKind::Drag(args) => args.run(printer, false).map(Outcome::from),
+            PlotKind::Telemetry(args) => args.run(printer, true).map(Outcome::from),
             PlotKind::Phase(args) => args.run(printer, true),
             PlotKind::Boxes(args) => args.run(printer, false),
         }
@@ -109,7 +108,7 @@ impl PlotArgs {
 }
 
 impl OneArgs {
-    fn run(&self, printer: &Printer, telemetry: bool) -> anyhow::Result<Outcome> {
+    fn run(&self, printer: &Printer, telemetry: bool) -> anyhow::Result<()> {
         let DrawingArgs { output, figure_size, evaluation } = &self.drawing;
         let (plot, size) = (figure_size.open(output, printer)?, figure_size.size);
         let equipment = evaluation.equipment()?;
@@ -181,8 +180,8 @@ impl ManyArgs {
             }
             box_figure(size, &title("Energies and specific resistance"), &conditions)
         };
-        let outcome = self.drawing.write(printer, plot, figure, None)?;
-        Ok(if !failures.is_empty() { Outcome::CheckFailed } else { outcome })
+        self.drawing.write(printer, plot, figure, None)?;
+        Ok(if failures.is_empty() { Outcome::Done } else { Outcome::CheckFailed })
     }
 }
 
@@ -193,7 +192,7 @@ impl DrawingArgs {
         plot: FigureFile,
         figure: Figure,
         row: Option<&TrialRow>,
-    ) -> anyhow::Result<Outcome> {
+    ) -> anyhow::Result<()> {
         plot.draw(|_| figure)?;
         let window = row.map(|row| [row.t_enter_s, row.t_exit_s]);
         let document = serde_json::json!({ "file": self.output, "window_s": window });

@@ -2,7 +2,6 @@
 
 use trial::{Profile, VELOCIROACH};
 
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]
@@ -10,7 +9,7 @@ use crate::printer::Printer;
 pub(crate) struct ProfileArgs {}
 
 impl ProfileArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         printer.finish(&Profile::velociroach(), |printer| printer.line(VELOCIROACH.trim_end()))
     }
 }

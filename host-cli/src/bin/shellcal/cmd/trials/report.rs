@@ -13,8 +13,7 @@ use super::evaluation::EvaluationArgs;
 use super::manifest;
 use crate::cmd::origin;
 use crate::files::{InputPath, OutputPath};
-use crate::outcome::Outcome;
-use crate::printer::Printer;
+use crate::printer::{Outcome, Printer};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -84,7 +83,7 @@ impl ReportArgs {
         let doubtful = report::doubtful(&batch, mapping, equipment.instrument(), options, read)?;
         let trials: Vec<TrialResult> =
             batch.trials.drain(..).map(|trial| trial.evaluated.result).collect();
-        let name = evaluation.calibration().map(|path| path.display().to_string());
+        let name = evaluation.calibration.as_ref().map(|path| path.display().to_string());
         let calibration = name.zip(equipment.calibration.as_ref());
         let calibration = calibration.map(|(name, file)| report::calibration_facts(&name, file));
         let title = self.title.clone().unwrap_or_else(|| format!("Trials of {shown}"));
@@ -109,25 +108,14 @@ impl ReportArgs {
         };
         let html = document.html();
         out.commit_with(html.as_bytes())?;
-        let outcome = self.summarise(printer, html.len(), [trials.len(), failures.len()])?;
-        Ok(if !failures.is_empty() { Outcome::CheckFailed } else { outcome })
-    }
-
-    fn summarise(
-        &self,
-        printer: &Printer,
-        bytes: usize,
-        [trials, failures]: [usize; 2],
-    ) -> anyhow::Result<Outcome> {
+        let (trials, path) = (trials.len(), self.output.display());
         let summary = serde_json::json!({
-            "file": self.output,
-            "bytes": bytes,
-            "trials": trials,
-            "failures": failures,
+            "file": self.output, "bytes": html.len(), "trials": trials, "failures": failures.len(),
         });
         printer.finish(&summary, |printer| {
-            printer.line(format!("report on {trials} trials in `{}`", self.output.display()))
-        })
+            printer.line(format!("report on {trials} trials in `{path}`"))
+        })?;
+        Ok(if failures.is_empty() { Outcome::Done } else { Outcome::CheckFailed })
     }
 
     /// The files but for the logs, with their checksums.

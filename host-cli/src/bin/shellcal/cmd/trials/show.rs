@@ -8,7 +8,7 @@ use trial::{
 };
 
 use crate::printer::{Printer, TableColumn};
-use crate::tables::{NOTHING, or_dash};
+use crate::tables::{or_dash, shown};
 
 /// One row a trial.
 pub(super) fn trials(printer: &Printer, results: &[&TrialResult]) -> anyhow::Result<()> {
@@ -23,7 +23,7 @@ pub(super) fn trials(printer: &Printer, results: &[&TrialResult]) -> anyhow::Res
         ("95 % interval", &|row| interval(row.drag_energy_95_j, 1e3, 2)),
         ("electrical (J)", &|row| or_dash(row.electrical_energy_j, 3)),
         ("spec. resistance", &|row| or_dash(row.specific_resistance, 2)),
-        ("strides", &|row| row.strides.map_or(NOTHING.to_owned(), |strides| strides.to_string())),
+        ("strides", &|row| shown(row.strides, |strides| strides.to_string())),
     ];
     printer.records(&columns, results.iter().map(|result| &result.row))
 }
@@ -136,10 +136,7 @@ pub(super) fn diagnostics(printer: &Printer, results: &[(String, &TrialResult)])
 }
 
 fn interval(interval: Option<Interval>, factor: f64, decimals: usize) -> String {
-    interval.map_or_else(
-        || NOTHING.to_owned(),
-        |Interval { low, high }| {
-            format!("{:.decimals$} to {:.decimals$}", factor * low, factor * high)
-        },
-    )
+    shown(interval, |Interval { low, high }| {
+        format!("{:.decimals$} to {:.decimals$}", factor * low, factor * high)
+    })
 }

@@ -1,13 +1,10 @@
 //! `shellcal stats`: statistics of a table of values by condition.
 
-use anyhow::Context;
-use calibration_file::input;
 use trial::ValueTable;
 
 use super::manifest::require_condition;
 use super::show;
-use crate::files::InputPath;
-use crate::outcome::Outcome;
+use crate::files::{InputPath, read_text};
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]
@@ -45,10 +42,9 @@ pub(crate) struct StatsArgs {
 }
 
 impl StatsArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let path = self.table.display();
-        let text =
-            input::read_text(&self.table).with_context(|| format!("cannot read `{path}`"))?;
+        let text = read_text(&self.table)?;
         let (by, trial) = (self.by.as_deref(), self.trial.as_deref());
         let table = ValueTable::parse(&text, by, trial, self.of.as_deref())
             .map_err(|problem| anyhow::anyhow!("{path}:{problem}"))?;

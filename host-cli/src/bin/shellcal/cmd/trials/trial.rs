@@ -1,15 +1,13 @@
 //! `shellcal trial`: the results of one trial.
 
 use log_file::Log;
-use serde::Serialize;
 use shellcal::workflow::trial::{TrialJob, WindowTimes, evaluate_in_window};
 use trial::tables::{strides_table, trace_table};
-use trial::{TraceExtent, Trial, TrialOptions, TrialResult};
+use trial::{TraceExtent, Trial};
 
 use super::evaluation::EvaluationArgs;
 use super::show;
 use crate::files::{InputPath, OutputPath};
-use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]
@@ -58,18 +56,8 @@ pub(crate) struct TrialArgs {
     evaluation: EvaluationArgs,
 }
 
-/// What `--json` says.
-#[derive(Serialize)]
-struct TrialDocument<'a> {
-    #[serde(flatten)]
-    result: &'a TrialResult,
-    checksum: Option<&'a str>,
-    options: TrialOptions,
-    profile: &'a trial::Profile,
-}
-
 impl TrialArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let equipment = self.evaluation.equipment()?;
         let trace = match (&self.trace, self.whole_log) {
             (None, _) => TraceExtent::Nothing,
@@ -100,8 +88,13 @@ impl TrialArgs {
         }
         self.evaluation.note_forces(printer, &options);
         show::diagnostics(printer, &[(name, result)]);
-        let (checksum, profile) = (evaluated.checksum.as_deref(), &equipment.profile);
-        printer.finish(&TrialDocument { result, checksum, options, profile }, |printer| {
+        let document = document! {
+            ..result: result,
+            checksum: &evaluated.checksum,
+            options: options,
+            profile: &equipment.profile,
+        };
+        printer.finish(&document, |printer| {
             show::trials(printer, &[result])?;
             if !result.stride_rows.is_empty() {
                 printer.line("")?;

@@ -5,8 +5,7 @@ use std::time::Duration;
 
 use shellcal::workflow::batch::{FileStamp, stamp};
 
-use crate::outcome::Outcome;
-use crate::printer::Printer;
+use crate::printer::{Outcome, Printer};
 
 /// How often files are looked at. A look costs a system call a file.
 const EVERY: Duration = Duration::from_millis(300);

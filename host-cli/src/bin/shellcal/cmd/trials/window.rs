@@ -2,15 +2,13 @@
 
 use figures::trial::window_figure;
 use log_file::Log;
-use serde::Serialize;
 use shellcal::workflow::trial::{TrialJob, WindowSearch, search_window};
 use trial::{GOOD_CONFIDENCE, NoWindow, Proposal, TraceExtent, TrialOptions};
 
 use super::evaluation::EvaluationArgs;
 use crate::cmd::figure_size::FigureSize;
 use crate::files::{InputPath, OutputPath};
-use crate::outcome::Outcome;
-use crate::printer::{Printer, TableColumn};
+use crate::printer::{Outcome, Printer, TableColumn};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -35,17 +33,8 @@ pub(crate) struct WindowArgs {
     evaluation: EvaluationArgs,
 }
 
-/// What `--json` says of a log.
-#[derive(Serialize)]
-struct LogWindow {
-    log: String,
-    #[serde(flatten)]
-    proposal: Option<Proposal>,
-    /// Whether it can be used without a look at it.
-    good: bool,
-    /// Why no window was found.
-    reason: Option<String>,
-}
+/// What was found in a log.
+type LogWindow = (String, Result<Proposal, NoWindow>);
 
 impl WindowArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
@@ -71,51 +60,49 @@ impl WindowArgs {
             if let Some(plot) = plot.take() {
                 plot.draw(|size| window_figure(size, &name, &time_s, &drag_n, proposal.as_ref()))?;
             }
-            found.push(LogWindow::new(name, proposal));
+            found.push((name, proposal));
         }
         let forces = options.forces.zero_phase();
         self.evaluation.note_forces(printer, &TrialOptions { forces, ..options });
-        let refused = found.iter().any(|found| found.proposal.is_none());
-        self.print(printer, &found)?;
-        Ok(if refused { Outcome::CheckFailed } else { Outcome::Done })
-    }
-
-    fn print(&self, printer: &Printer, found: &[LogWindow]) -> anyhow::Result<()> {
-        if printer.json() {
-            return printer.document(&found);
-        }
-        let columns: [TableColumn<'_, (&String, Proposal)>; 8] = [
-            ("log", &|(log, _)| (*log).clone()),
-            ("entry (s)", &|(_, found)| format!("{:.3}", found.t_enter_s)),
-            ("± se", &|(_, found)| format!("{:.3}", found.t_enter_se_s)),
-            ("exit (s)", &|(_, found)| format!("{:.3}", found.t_exit_s)),
-            ("± se", &|(_, found)| format!("{:.3}", found.t_exit_se_s)),
-            ("drag (N)", &|(_, found)| format!("{:.4}", found.drag_n)),
-            ("± se", &|(_, found)| format!("{:.4}", found.drag_se_n)),
-            ("confidence", &|(_, found)| format!("{:.2}", found.confidence)),
-        ];
-        let proposed = found.iter().filter_map(|of| Some((&of.log, of.proposal?)));
-        if proposed.clone().next().is_some() {
-            printer.records(&columns, proposed)?;
-        }
-        for LogWindow { log, proposal, reason, .. } in found {
-            match (proposal, reason) {
-                (Some(proposal), _) if !proposal.is_good() => printer.warning(format!(
-                    "{log}: the confidence is below {GOOD_CONFIDENCE}: look at it with `--plot`"
-                )),
-                (None, Some(reason)) => printer.warning(format!("{log}: {reason}")),
-                _ => {}
+        let documents = found.iter().map(|(log, proposal)| {
+            document! {
+                log: log,
+                ..proposal: proposal.as_ref().ok(),
+                // Whether it can be used without a look at it.
+                good: proposal.as_ref().is_ok_and(Proposal::is_good),
+                // Why no window was found.
+                reason: proposal.as_ref().err().map(NoWindow::to_string),
             }
-        }
-        Ok(())
+        });
+        printer.finish(&documents.collect::<Vec<_>>(), |printer| print(printer, &found))?;
+        let refused = found.iter().any(|(_, proposal)| proposal.is_err());
+        Ok(if refused { Outcome::CheckFailed } else { Outcome::Done })
     }
 }
 
-impl LogWindow {
-    fn new(log: String, proposal: Result<Proposal, NoWindow>) -> Self {
-        let reason = proposal.as_ref().err().map(NoWindow::to_string);
-        let proposal = proposal.ok();
-        let good = proposal.as_ref().is_some_and(Proposal::is_good);
-        Self { log, proposal, good, reason }
+fn print(printer: &Printer, found: &[LogWindow]) -> anyhow::Result<()> {
+    let columns: [TableColumn<'_, (&String, Proposal)>; 8] = [
+        ("log", &|(log, _)| (*log).clone()),
+        ("entry (s)", &|(_, found)| format!("{:.3}", found.t_enter_s)),
+        ("± se", &|(_, found)| format!("{:.3}", found.t_enter_se_s)),
+        ("exit (s)", &|(_, found)| format!("{:.3}", found.t_exit_s)),
+        ("± se", &|(_, found)| format!("{:.3}", found.t_exit_se_s)),
+        ("drag (N)", &|(_, found)| format!("{:.4}", found.drag_n)),
+        ("± se", &|(_, found)| format!("{:.4}", found.drag_se_n)),
+        ("confidence", &|(_, found)| format!("{:.2}", found.confidence)),
+    ];
+    let proposed = found.iter().filter_map(|(log, of)| Some((log, *of.as_ref().ok()?)));
+    if proposed.clone().next().is_some() {
+        printer.records(&columns, proposed)?;
     }
+    for (log, proposal) in found {
+        match proposal {
+            Ok(proposal) if !proposal.is_good() => printer.warning(format!(
+                "{log}: the confidence is below {GOOD_CONFIDENCE}: look at it with `--plot`"
+            )),
+            Ok(_) => {}
+            Err(reason) => printer.warning(format!("{log}: {reason}")),
+        }
+    }
+    Ok(())
 }

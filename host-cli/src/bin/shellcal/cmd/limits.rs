@@ -1,4 +1,4 @@
-//! Limits of errors, above which a command fails: `fit` and `eval` have the same.
+//! Limits that several commands have: of errors, above which `fit` and `eval` fail, and of rows that are made.
 
 use shell_data::wrench::Axes;
 use shellcal::workflow::gates::Gates;
@@ -27,5 +27,25 @@ impl RmsLimits {
     /// The gates that they are, for these axes and no others.
     pub(super) fn gates(&self, axes: Option<Axes>) -> Gates {
         Gates { force_n: self.max_rms, moment_nm: self.max_rms_moment, axes }
+    }
+}
+
+/// How many rows are made at most: a slip of the finger must not fill the disk.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub(super) struct RowLimit {
+    /// Make no more rows than this: ten million take about one GB
+    #[arg(long, value_name = "N", default_value_t = 10_000_000)]
+    max_rows: u64,
+}
+
+impl RowLimit {
+    /// Checks a number of rows, which may be anything.
+    pub(super) fn check(self, rows: f64) -> anyhow::Result<()> {
+        anyhow::ensure!(
+            rows <= self.max_rows as f64,
+            "{rows:e} rows were asked for, at most {} are made; if you mean it, raise `--max-rows`",
+            self.max_rows
+        );
+        Ok(())
     }
 }

@@ -1,0 +1,39 @@
+//! Documents in JSON, whose fields are listed once: where they are filled in.
+
+/// A value that is written as a JSON object of these fields, in their order.
+///
+/// `name?: value` takes an `Option` and leaves the field out where that is `None`; `..name: value` stands for the
+/// fields of another document.
+macro_rules! document {
+    ($($fields:tt)+) => { document_of!([] [] [] $($fields)+) };
+}
+
+/// Takes one field after the other to the type parameters, the fields and the values of a type of its own.
+macro_rules! document_of {
+    ([$($name:ident)+] [$($field:tt)+] [$($value:tt)+]) => {{
+        #[expect(non_camel_case_types, reason = "the type of each field has its name")]
+        mod document {
+            #[derive(serde::Serialize)]
+            pub(super) struct Document<$($name),+> { $($field)+ }
+        }
+        document::Document { $($value)+ }
+    }};
+    ([$($n:tt)*] [$($f:tt)*] [$($v:tt)*] ..$name:ident: $value:expr $(, $($rest:tt)*)?) => {
+        document_of!(
+            [$($n)* $name] [$($f)* #[serde(flatten)] pub(super) $name: $name,] [$($v)* $name: $value,] $($($rest)*)?
+        )
+    };
+    ([$($n:tt)*] [$($f:tt)*] [$($v:tt)*] $name:ident?: $value:expr $(, $($rest:tt)*)?) => {
+        document_of!(
+            [$($n)* $name]
+            [$($f)* #[serde(skip_serializing_if = "Option::is_none")] pub(super) $name: Option<$name>,]
+            [$($v)* $name: $value,]
+            $($($rest)*)?
+        )
+    };
+    ([$($n:tt)*] [$($f:tt)*] [$($v:tt)*] $name:ident: $value:expr $(, $($rest:tt)*)?) => {
+        document_of!(
+            [$($n)* $name] [$($f)* pub(super) $name: $name,] [$($v)* $name: $value,] $($($rest)*)?
+        )
+    };
+}
