@@ -28,7 +28,7 @@ impl Scratch {
         let cross = plan.cross_columns().len() * plan.rights.len();
         let lefts = plan.groups.iter().map(|(lefts, _)| lefts.len()).max().unwrap_or(0);
         self.features.resize((plan.rights.len() + lefts) * ROWS, 0.0);
-        self.wrench.resize(plan.wrench_columns() * ROWS, 0.0);
+        self.wrench.resize(plan.cross_columns().end * ROWS, 0.0);
         self.sums.resize(products.max().unwrap_or(0).max(cross), 0.0);
     }
 }
@@ -54,10 +54,11 @@ vectorised! {
         if !cut_wrench(plan, axes, wrench) {
             return false;
         }
-        let ones = plan.square_columns();
-        let column = &mut wrench[ones * ROWS..][..ROWS];
-        column[..rows].fill(1.0);
-        column[rows..].fill(0.0);
+        let last = plan.cross_columns().end - 1;
+        for ones in [&mut wrench[last * ROWS..][..ROWS], &mut features[..ROWS]] {
+            ones[..rows].fill(1.0);
+            ones[rows..].fill(0.0);
+        }
         fill(layout, plan, rows, readings, features);
         cut_rights(plan, features);
 
@@ -82,8 +83,7 @@ vectorised! {
 /// Cuts the wrench into its digits; says whether they add up to it.
 #[inline(always)]
 fn cut_wrench(plan: &SummationPlan, axes: &[f64], wrench: &mut [f64]) -> bool {
-    let (squares, rest) = wrench.split_at_mut(plan.square_columns() * ROWS);
-    let cross = &mut rest[ROWS..];
+    let (squares, cross) = wrench.split_at_mut(plan.square_columns() * ROWS);
     for (digits, mut columns) in [(Some(&plan.squares), squares), (plan.cross.as_ref(), cross)] {
         for (digits, axis) in digits.into_iter().flatten().zip(axes.chunks_exact(ROWS)) {
             let now;
@@ -143,10 +143,10 @@ fn cut_rights(plan: &SummationPlan, features: &mut [f64]) {
 #[inline(always)]
 fn cut_lefts(plan: &SummationPlan, lefts: &[LimbColumn], features: &mut [f64]) {
     let (rights, mut columns) = features.split_at_mut(plan.rights.len() * ROWS);
-    for parts in lefts.chunk_by(|a, b| a.feature == b.feature) {
+    for parts in lefts.chunk_by(|a, b| a.position == b.position) {
         let now;
         (now, columns) = columns.split_at_mut(parts.len() * ROWS);
-        let whole = &rights[plan.firsts[parts[0].feature] * ROWS..][..ROWS];
+        let whole = &rights[plan.firsts[parts[0].position - 1] * ROWS..][..ROWS];
         Limbs::from_integers(plan.features.left.width, parts.len()).cut(whole, now);
     }
 }
