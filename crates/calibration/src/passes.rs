@@ -88,17 +88,15 @@ impl<'a> Rows<'a> {
             run.iter().try_for_each(|block| pass.absorb(partial, block))?;
             Ok(of_run)
         };
-        let merge = |partial: Option<P::Partial>| {
-            if let Some(partial) = partial {
-                pass.merge(&mut all, partial);
-            }
-            Ok(())
+        let merge = |partial: Option<P::Partial>| match partial {
+            Some(partial) => pass.merge(&mut all, partial),
+            None => Ok(()),
         };
         let runs = runs(&self.blocks, if P::ANY_ORDER { 1 } else { pass.rows_together() });
         let rows_of = |run: &&[&Block]| run.iter().map(|block| block.rows).sum();
         let workers = self.workers.worth(self.blocks.iter().copied());
         let own = on_threads(&runs, rows_of, workers, || None, work, merge)?;
-        own.into_iter().flatten().for_each(|partial| pass.merge(&mut all, partial));
+        own.into_iter().flatten().try_for_each(|partial| pass.merge(&mut all, partial))?;
         Ok(all)
     }
 }
@@ -155,7 +153,10 @@ pub trait Pass: Sync {
     fn absorb(&self, partial: &mut Self::Partial, block: &Block) -> Result<(), FitError>;
 
     /// Adds the rows of `later` to those of `earlier`.
-    fn merge(&self, earlier: &mut Self::Partial, later: Self::Partial);
+    ///
+    /// # Errors
+    /// [`FitError`] where the solver can work with either, but not with both.
+    fn merge(&self, earlier: &mut Self::Partial, later: Self::Partial) -> Result<(), FitError>;
 }
 
 /// Passes every item to `work`, on as many threads as its rows are worth; see [`on_threads`]. `rows_of` is the block of

@@ -129,7 +129,7 @@ fn solve_block_by_block(model: Model, blocks: &[Block], ranges: &ReadingRanges) 
     let exact = Exact::new(model);
     let mut all = exact.empty();
     for block in blocks {
-        exact.merge(&mut all, Rows::from(block).reduce(&exact).unwrap());
+        exact.merge(&mut all, Rows::from(block).reduce(&exact).unwrap()).unwrap();
     }
     solve_moments(&all.finish().unwrap(), &model, 0.0, ranges).unwrap()
 }

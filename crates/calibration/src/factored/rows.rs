@@ -236,15 +236,8 @@ impl FactoredRows {
     pub fn quality(&self, solution: &Solution) -> Option<PerAxis<AxisQuality>> {
         let errors = self.errors(solution).filter(|_| self.rows() > 0)?;
         let variances = self.load_variances();
-        Some(std::array::from_fn(|axis| {
-            let (error, total) = (errors[axis], variances[axis] * self.rows() as f64);
-            AxisQuality {
-                rms: error.rms(),
-                max: None,
-                bias: error.bias(),
-                r_squared: (total > 0.0).then(|| 1.0 - error.squares / total),
-            }
-        }))
+        let rows = self.rows() as f64;
+        Some(std::array::from_fn(|axis| errors[axis].quality(variances[axis] * rows)))
     }
 
     /// The variance of the wrench, squares of N and N·m.

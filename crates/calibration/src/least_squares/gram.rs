@@ -24,7 +24,6 @@ pub(super) struct Gram {
 
 impl Reduction for FormGram {
     type Partial = Gram;
-    type Scratch = ();
     const WIDE: bool = false;
 
     fn empty(&self) -> Gram {
@@ -32,9 +31,7 @@ impl Reduction for FormGram {
         Gram { shape: self.shape, rows: 0, additions: 0, products: Mat::zeros(columns, columns) }
     }
 
-    fn scratch(&self) {}
-
-    fn absorb(&self, gram: &mut Gram, chunk: &RowChunk<'_>, (): &mut ()) {
+    fn absorb(&self, gram: &mut Gram, chunk: &RowChunk<'_>) {
         let columns = self.shape.columns();
         let rows = MatRef::from_column_major_slice_with_stride(
             chunk.heads,

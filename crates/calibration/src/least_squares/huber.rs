@@ -116,7 +116,6 @@ impl Clipped {
 
 impl Reduction for FormClipped {
     type Partial = Clipped;
-    type Scratch = Vec<f64>;
     const WIDE: bool = false;
 
     fn empty(&self) -> Clipped {
@@ -131,15 +130,10 @@ impl Reduction for FormClipped {
         }
     }
 
-    fn scratch(&self) -> Vec<f64> {
-        Vec::new()
-    }
-
-    fn absorb(&self, sums: &mut Clipped, chunk: &RowChunk<'_>, residuals: &mut Vec<f64>) {
+    fn absorb(&self, sums: &mut Clipped, chunk: &RowChunk<'_>) {
         let Shape { features: p, outputs: q } = self.shape;
         let rows = chunk.rows;
-        residuals.clear();
-        (0..q).for_each(|a| residuals.extend(chunk.column(p + a)));
+        let mut residuals: Vec<f64> = (p..p + q).flat_map(|j| chunk.column(j)).copied().collect();
         for (a, residual) in residuals.chunks_mut(rows.max(1)).enumerate() {
             for j in 0..p {
                 let c = self.coefficients[(j, a)];

@@ -10,22 +10,18 @@ pub(super) struct FormRFactor {
 
 impl Reduction for FormRFactor {
     type Partial = RFactor;
-    type Scratch = Workspace;
     const WIDE: bool = false;
 
     fn empty(&self) -> RFactor {
         RFactor::new(self.shape.features, self.shape.outputs)
     }
 
-    fn scratch(&self) -> Workspace {
-        Workspace::new(self.shape.features, self.shape.outputs)
-    }
-
-    fn absorb(&self, partial: &mut RFactor, chunk: &RowChunk<'_>, scratch: &mut Workspace) {
-        let step = scratch.rows();
+    fn absorb(&self, partial: &mut RFactor, chunk: &RowChunk<'_>) {
+        let mut workspace = Workspace::new(self.shape.features, self.shape.outputs);
+        let step = workspace.rows();
         for start in (0..chunk.rows).step_by(step) {
             let rows = step.min(chunk.rows - start);
-            partial.absorb(rows, scratch, |columns, stride| {
+            partial.absorb(rows, &mut workspace, |columns, stride| {
                 for (j, column) in columns.chunks_mut(stride).enumerate() {
                     column[..rows].copy_from_slice(&chunk.column(j)[start..][..rows]);
                 }

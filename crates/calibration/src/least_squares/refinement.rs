@@ -29,8 +29,6 @@ struct FormGradient {
 impl Reduction for FormGradient {
     /// Products of each column of `[X | Y − X·C]` with the residuals, which are its last columns.
     type Partial = Vec<LaneSums>;
-    /// The residuals of a chunk.
-    type Scratch = WideColumns;
     const WIDE: bool = true;
 
     /// As many as stay in a core's second cache: each column is used at two times.
@@ -44,18 +42,13 @@ impl Reduction for FormGradient {
         vec![LaneSums::default(); self.shape.columns() * self.shape.outputs]
     }
 
-    fn scratch(&self) -> WideColumns {
-        WideColumns::default()
-    }
-
-    fn absorb(&self, sums: &mut Vec<LaneSums>, chunk: &RowChunk<'_>, scratch: &mut WideColumns) {
+    fn absorb(&self, sums: &mut Vec<LaneSums>, chunk: &RowChunk<'_>) {
         let Shape { features: p, outputs: q } = self.shape;
         let rows = chunk.rows;
         if rows == 0 {
             return;
         }
-        scratch.copy(chunk, p..p + q);
-        let WideColumns { heads, tails, .. } = scratch;
+        let WideColumns { mut heads, mut tails, .. } = WideColumns::new(chunk, p..p + q);
         // Feature by feature, so that each is fetched once.
         for j in 0..p {
             let residuals = heads.chunks_mut(rows).zip(tails.chunks_mut(rows));

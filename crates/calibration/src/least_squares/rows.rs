@@ -46,7 +46,7 @@ impl<'a> RowChunk<'a> {
 }
 
 /// Columns of equal height, one after the other, and what rounding left out of each element.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(super) struct WideColumns {
     pub(super) height: usize,
     pub(super) heads: Vec<f64>,
@@ -54,17 +54,17 @@ pub(super) struct WideColumns {
 }
 
 impl WideColumns {
-    /// Makes them copies of columns of a chunk.
-    pub(super) fn copy(&mut self, chunk: &RowChunk<'_>, columns: Range<usize>) {
-        self.height = chunk.rows;
-        self.heads.clear();
-        self.tails.clear();
+    /// Copies of columns of a chunk.
+    pub(super) fn new(chunk: &RowChunk<'_>, columns: Range<usize>) -> Self {
+        let elements = columns.len() * chunk.rows;
+        let (mut heads, mut tails) = (Vec::with_capacity(elements), Vec::with_capacity(elements));
         for j in columns {
-            let kernels::Wide { heads, tails } = chunk.wide(j);
-            self.heads.extend(heads);
-            self.tails.extend(tails);
-            self.tails.resize(self.heads.len(), 0.0);
+            let column = chunk.wide(j);
+            heads.extend(column.heads);
+            tails.extend(column.tails);
+            tails.resize(heads.len(), 0.0);
         }
+        Self { height: chunk.rows, heads, tails }
     }
 }
 
@@ -72,8 +72,6 @@ impl WideColumns {
 pub trait Reduction: Sync {
     /// The result for some of the rows.
     type Partial: Send;
-    /// Memory to be used again from chunk to chunk.
-    type Scratch;
     /// Whether [`RowChunk::tails`] are looked at.
     const WIDE: bool;
 
@@ -85,16 +83,8 @@ pub trait Reduction: Sync {
     /// The partial of zero rows, the identity of [`Self::merge`].
     fn empty(&self) -> Self::Partial;
 
-    /// Memory for [`Reduction::absorb`].
-    fn scratch(&self) -> Self::Scratch;
-
     /// Adds a chunk of at most [`Self::chunk_rows`] rows.
-    fn absorb(
-        &self,
-        partial: &mut Self::Partial,
-        chunk: &RowChunk<'_>,
-        scratch: &mut Self::Scratch,
-    );
+    fn absorb(&self, partial: &mut Self::Partial, chunk: &RowChunk<'_>);
 
     /// Adds the rows of `later` to those of `earlier`.
     fn merge(&self, earlier: &mut Self::Partial, later: Self::Partial);

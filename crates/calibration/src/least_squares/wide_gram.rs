@@ -27,7 +27,6 @@ pub(super) struct WideGram {
 
 impl Reduction for FormWideGram {
     type Partial = WideGram;
-    type Scratch = ();
     const WIDE: bool = true;
 
     fn empty(&self) -> WideGram {
@@ -36,9 +35,7 @@ impl Reduction for FormWideGram {
         WideGram { shape: self.shape, rows: 0, additions: 0, products }
     }
 
-    fn scratch(&self) {}
-
-    fn absorb(&self, gram: &mut WideGram, chunk: &RowChunk<'_>, (): &mut ()) {
+    fn absorb(&self, gram: &mut WideGram, chunk: &RowChunk<'_>) {
         let mut products = gram.products.iter_mut();
         for j in 0..self.shape.columns() {
             for (i, product) in (0..=j).zip(&mut products) {

@@ -24,8 +24,6 @@ pub(super) struct Factored {
 
 impl Reduction for FactorWide {
     type Partial = Factored;
-    /// Rows to be eliminated.
-    type Scratch = WideColumns;
     const WIDE: bool = true;
 
     fn empty(&self) -> Factored {
@@ -37,20 +35,15 @@ impl Reduction for FactorWide {
         }
     }
 
-    fn scratch(&self) -> WideColumns {
-        WideColumns::default()
-    }
-
-    fn absorb(&self, partial: &mut Factored, chunk: &RowChunk<'_>, scratch: &mut WideColumns) {
-        scratch.copy(chunk, 0..self.shape.columns());
-        partial.eliminate(scratch);
+    fn absorb(&self, partial: &mut Factored, chunk: &RowChunk<'_>) {
+        partial.eliminate(WideColumns::new(chunk, 0..self.shape.columns()));
         partial.rows += chunk.rows as u64;
     }
 
     fn merge(&self, earlier: &mut Factored, later: Factored) {
         let columns = self.shape.columns();
         let elements = || (0..columns).flat_map(|j| later.r.col_as_slice(j));
-        earlier.eliminate(&mut WideColumns {
+        earlier.eliminate(WideColumns {
             height: columns,
             heads: elements().map(|e| e.to_f64()).collect(),
             tails: elements().map(|e| e.tail()).collect(),
@@ -64,9 +57,9 @@ impl Factored {
     ///
     /// Column `k` of the stack has a diagonal element and the rows below the R factor, and nothing
     /// between them; its reflector touches just these rows.
-    fn eliminate(&mut self, rows: &mut WideColumns) {
+    fn eliminate(&mut self, rows: WideColumns) {
         let n = self.shape.columns();
-        let WideColumns { height, ref mut heads, ref mut tails } = *rows;
+        let WideColumns { height, mut heads, mut tails } = rows;
         if height == 0 {
             return;
         }
@@ -120,7 +113,7 @@ impl Factored {
                 let norm = if norm > 0.0 { norm } else { 1.0 };
                 penalty.heads[j * p + j] = ridge.lambda.sqrt() * norm;
             }
-            damped.eliminate(&mut penalty);
+            damped.eliminate(penalty);
         }
         let r = WideMatrix::from_fn(p, p, |i, j| damped.r[(i, j)]);
         let z = WideMatrix::from_fn(p, q, |i, a| damped.r[(i, p + a)]);

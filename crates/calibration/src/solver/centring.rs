@@ -66,10 +66,11 @@ impl Pass for Centring {
         Ok(())
     }
 
-    fn merge(&self, earlier: &mut ReadingSums, later: ReadingSums) {
+    fn merge(&self, earlier: &mut ReadingSums, later: ReadingSums) -> Result<(), FitError> {
         earlier.ranges.merge(&later.ranges);
         earlier.sums.iter_mut().zip(later.sums).for_each(|(sum, more)| *sum += more);
         earlier.integers.iter_mut().zip(later.integers).for_each(|(all, more)| *all &= more);
+        Ok(())
     }
 }
 
@@ -87,7 +88,7 @@ mod tests {
             for column in columns {
                 let readings = vec![column.to_vec()];
                 let block = Block { rows: column.len(), readings, ..Block::default() };
-                centring.merge(&mut all, Rows::from(&block).reduce(&centring).unwrap());
+                centring.merge(&mut all, Rows::from(&block).reduce(&centring).unwrap()).unwrap();
             }
             centring.scaling(&all)
         };

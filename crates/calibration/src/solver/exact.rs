@@ -3,7 +3,7 @@
 use faer::Mat;
 
 use super::solution::Solution;
-use crate::exact::{Accumulator, ExactError, ExactRankLoss, Moments, SolveError};
+use crate::exact::{Accumulator, ExactRankLoss, Moments, SolveError};
 use crate::factor::InverseFactor;
 use crate::passes::Pass;
 use crate::rank_loss::{Dependence, RankLoss};
@@ -22,20 +22,6 @@ pub struct Exact {
     empty: Accumulator,
 }
 
-/// The sums over some rows, or why there are none.
-#[derive(Clone, Debug)]
-pub struct ExactPartial(Result<Accumulator, ExactError>);
-
-impl ExactPartial {
-    /// The sums.
-    ///
-    /// # Errors
-    /// [`FitError::NotExact`] if they cannot be exact.
-    pub fn finish(self) -> Result<Moments, FitError> {
-        Ok(self.0?.finish()?)
-    }
-}
-
 impl Exact {
     /// Sums for the features of `model`.
     pub fn new(model: Model) -> Self {
@@ -44,30 +30,20 @@ impl Exact {
 }
 
 impl Pass for Exact {
-    type Partial = ExactPartial;
+    type Partial = Accumulator;
 
     const ANY_ORDER: bool = true;
 
-    fn empty(&self) -> ExactPartial {
-        ExactPartial(Ok(self.empty.clone()))
+    fn empty(&self) -> Accumulator {
+        self.empty.clone()
     }
 
-    fn absorb(&self, partial: &mut ExactPartial, block: &Block) -> Result<(), FitError> {
-        if let Ok(sums) = &mut partial.0 {
-            sums.absorb(&block.readings, &block.wrench)?;
-        }
-        Ok(())
+    fn absorb(&self, partial: &mut Accumulator, block: &Block) -> Result<(), FitError> {
+        Ok(partial.absorb(&block.readings, &block.wrench)?)
     }
 
-    fn merge(&self, earlier: &mut ExactPartial, later: ExactPartial) {
-        let merged = match (&mut earlier.0, later.0) {
-            (Ok(sums), Ok(later)) => sums.merge(later),
-            (Ok(_), Err(error)) => Err(error),
-            (Err(_), _) => return,
-        };
-        if let Err(error) = merged {
-            earlier.0 = Err(error);
-        }
+    fn merge(&self, earlier: &mut Accumulator, later: Accumulator) -> Result<(), FitError> {
+        Ok(earlier.merge(later)?)
     }
 }
 

@@ -47,7 +47,7 @@ pub fn exact_moments(model: Model, rows: &Rows<'_>) -> Result<Moments, FitError>
     if model.memory > 0 {
         return Err(FitError::NotExact(ExactError::MemoryTerms));
     }
-    rows.reduce(&Exact::new(model))?.finish()
+    Ok(rows.reduce(&Exact::new(model))?.finish()?)
 }
 
 /// The exact solver, which needs one pass and whose sums know the ranges.
@@ -154,7 +154,6 @@ impl<R: Reduction> Pass for OverFeatures<'_, R> {
         let stride = self.reduction.chunk_rows(self.shape.columns()).min(block.rows);
         let mut heads = vec![0.0; stride * self.shape.columns()];
         let mut tails = vec![0.0; if R::WIDE { stride * p } else { 0 }];
-        let mut scratch = self.reduction.scratch();
         for start in (0..block.rows).step_by(stride.max(1)) {
             let rows = start..block.rows.min(start + stride);
             let readings = &block.readings;
@@ -173,14 +172,15 @@ impl<R: Reduction> Pass for OverFeatures<'_, R> {
                 scale_rows(tails, stride, &block.weights[rows.clone()]);
             }
             let chunk = RowChunk { rows: rows.len(), stride, heads: &heads, tails };
-            self.reduction.absorb(partial, &chunk, &mut scratch);
+            self.reduction.absorb(partial, &chunk);
         }
         Ok(())
     }
 
-    fn merge(&self, earlier: &mut Self::Partial, later: Self::Partial) {
+    fn merge(&self, earlier: &mut Self::Partial, later: Self::Partial) -> Result<(), FitError> {
         earlier.0.merge(&later.0);
         self.reduction.merge(&mut earlier.1, later.1);
+        Ok(())
     }
 }
 

@@ -139,7 +139,7 @@ pub fn cross_validate(
 }
 
 /// The labels of some of `groups`.
-pub(super) fn labels_of<T>(groups: &[(String, T)], positions: &[usize]) -> Vec<String> {
+pub(crate) fn labels_of<T>(groups: &[(String, T)], positions: &[usize]) -> Vec<String> {
     positions.iter().map(|&group| groups[group].0.clone()).collect()
 }
 

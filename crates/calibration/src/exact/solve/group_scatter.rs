@@ -4,51 +4,31 @@
 //! which cancel: errors of about κ(X)²·2⁻⁵³ in a variance.
 
 use super::double_double_matrix::DoubleDoubleMatrix;
-use super::fit::SolveError;
-use super::partition::{PartitionedMoments, counted_coefficients};
+use super::partition::PartitionedMoments;
 use crate::exact::moments::product_sums::Moments;
 use crate::sandwich::{GroupScatter, ScatterError, ScatterSums, corrected};
 use crate::symmetric::UpperTriangle;
-
-/// Why groups say nothing about the scatter of the coefficients.
-#[derive(Clone, Debug, PartialEq)]
-pub enum GroupScatterError {
-    /// There are no coefficients.
-    Solve(SolveError),
-    /// The groups do not tell.
-    Scatter(ScatterError),
-}
-
-impl From<ScatterError> for GroupScatterError {
-    fn from(error: ScatterError) -> Self {
-        Self::Scatter(error)
-    }
-}
 
 impl PartitionedMoments<'_> {
     /// The scatter of the coefficients that fit all rows best, over `groups`, which are all rows.
     /// `ridge` is as in [`Moments::solve`]; the bias that it brings is left out.
     ///
     /// # Errors
-    /// [`GroupScatterError`] if some group alone determines a coefficient, or all together do not.
-    pub fn by_group(
-        &self,
-        groups: &[&Moments],
-        ridge: f64,
-    ) -> Result<GroupScatter, GroupScatterError> {
-        let fit = self.total.solve(&self.model, ridge).map_err(GroupScatterError::Solve)?;
-        let scales = self.scales_of(&fit);
-        let stretch: Vec<f64> = fit.counted.stretch.iter().map(|s| s.to_f64()).collect();
+    /// [`ScatterError`] if some group alone determines a coefficient, or all together do not.
+    pub fn by_group(&self, groups: &[&Moments], ridge: f64) -> Result<GroupScatter, ScatterError> {
+        let fit = self.total.solve(&self.model, ridge)?;
+        let stretch: Vec<f64> = fit.stretch.iter().map(|s| s.to_f64()).collect();
         let factor = UpperTriangle::new(&fit.r_factor()).inverse();
         // Rows are features: from those of the fit to those that are counted.
         let mut counted = factor.clone();
         for (i, stretch) in stretch.iter().enumerate() {
             counted.row_mut(i).iter_mut().for_each(|x| *x *= stretch);
         }
-        let (size, coefficients) = (counted.size(), counted_coefficients(&fit));
+        let (size, coefficients) = (counted.size(), fit.counted_coefficients());
         let groups = groups.iter().filter(|group| group.rows() > 0);
         let mut sums = ScatterSums::new(size, fit.residual_products, ridge == 0.0);
         for group in groups {
+            let scales = &fit.scales;
             let part = scales.part(&group.in_units_of(self.total));
             let gram = DoubleDoubleMatrix::new(part.gram.iter().copied(), &scales.columns);
             let errors = scales.errors(&part, &coefficients);
@@ -61,7 +41,7 @@ impl PartitionedMoments<'_> {
             sums.take_off(&share);
             sums.add(corrected(share, score)?, &errors);
         }
-        Ok(sums.finish(&factor)?)
+        sums.finish(&factor)
     }
 }
 
@@ -196,6 +176,6 @@ mod tests {
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
         let found = PartitionedMoments::new(&total, &model).unwrap();
         let found = found.by_group(&parts.iter().collect::<Vec<_>>(), 0.0);
-        assert_eq!(found.unwrap_err(), ScatterError::Alone(vec![3]).into());
+        assert_eq!(found.unwrap_err(), ScatterError::Alone(vec![3]));
     }
 }

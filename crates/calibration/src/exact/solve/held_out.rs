@@ -18,7 +18,7 @@ use super::cholesky::{AxisRow, Bordered, ElementLanes, LANES};
 use super::double_double_matrix::DoubleDoubleMatrix;
 use super::equations::penalty_of;
 use super::fit::{ExactFit, SolveError};
-use super::partition::{EquationScales, PartMoments, PartitionedMoments, counted_coefficients};
+use super::partition::{EquationScales, PartMoments, PartitionedMoments};
 use crate::exact::moments::product_sums::Moments;
 use crate::exact::moments::rounding::power_of_two;
 use crate::exact::moments::rounding::round;
@@ -68,6 +68,13 @@ impl HeldOutErrors {
     pub fn bias(&self) -> f64 {
         self.sum / self.rows as f64
     }
+
+    /// The figures beside the sum of squared differences of the measured wrench from its mean. There is
+    /// no largest error in sums.
+    pub(crate) fn quality(&self, total: f64) -> AxisQuality {
+        let r_squared = (total > 0.0).then(|| 1.0 - self.squares / total);
+        AxisQuality { rms: self.rms(), max: None, bias: self.bias(), r_squared }
+    }
 }
 
 impl PartitionedMoments<'_> {
@@ -90,45 +97,28 @@ impl PartitionedMoments<'_> {
         if rows < size as u64 && ridge == 0.0 || rows == 0 {
             return Err(SolveError::TooFewRows { rows, coefficients: size });
         }
-        match self.scales.solve(&self.all, part, ridge) {
-            Some(coefficients) => Ok(self.scales.errors(part, &coefficients)),
-            None => self.held_out_slowly(moments, ridge),
+        if let Some(coefficients) = self.scales.solve(&self.all, part, ridge) {
+            return Ok(self.scales.errors(part, &coefficients));
         }
+        // Slowly, with the certain rank and the refinement of a solution.
+        let fit = self.total.without(moments).solve(&self.model, ridge)?;
+        Ok(self.errors_of(&fit, moments))
     }
 
-    /// As [`Self::held_out`], with the certain rank and the refinement of [`Moments::solve`].
-    fn held_out_slowly(
-        &self,
-        part: &Moments,
-        ridge: f64,
-    ) -> Result<PerAxis<HeldOutErrors>, SolveError> {
-        let fit = self.total.without(part).solve(&self.model, ridge)?;
-        Ok(self.errors_of(&fit, part))
-    }
-
-    /// The figures of the fit to all rows on just these. There is no largest error in sums.
+    /// The figures of the fit to all rows on just these.
     ///
     /// # Errors
     /// [`SolveError`] if the rows do not determine the coefficients.
     pub fn in_sample(&self, ridge: f64) -> Result<PerAxis<AxisQuality>, SolveError> {
         let fit = self.total.solve(&self.model, ridge)?;
         let errors = self.errors_of(&fit, self.total);
-        Ok(std::array::from_fn(|axis| {
-            let (errors, total) = (errors[axis], self.total.total_square(axis));
-            AxisQuality {
-                rms: errors.rms(),
-                max: None,
-                bias: errors.bias(),
-                r_squared: (total > 0.0).then(|| 1.0 - errors.squares / total),
-            }
-        }))
+        Ok(std::array::from_fn(|axis| errors[axis].quality(self.total.total_square(axis))))
     }
 
     /// The errors on a part of a fit that has an origin and units of its own.
     fn errors_of(&self, fit: &ExactFit, part: &Moments) -> PerAxis<HeldOutErrors> {
-        let scales = self.scales_of(fit);
-        let coefficients = counted_coefficients(fit);
-        scales.errors(&scales.part(&part.in_units_of(self.total)), &coefficients)
+        let part = fit.scales.part(&part.in_units_of(self.total));
+        fit.scales.errors(&part, &fit.counted_coefficients())
     }
 }
 

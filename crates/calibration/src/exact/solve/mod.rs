@@ -5,7 +5,7 @@ pub(crate) mod cholesky;
 mod double_double_matrix;
 mod equations;
 pub(crate) mod fit;
-pub(crate) mod group_scatter;
+mod group_scatter;
 pub(crate) mod held_out;
 mod modular;
 mod multipliers;
@@ -16,7 +16,6 @@ mod scales;
 mod solver;
 
 pub use self::fit::{ExactFit, SolveError};
-pub use self::group_scatter::GroupScatterError;
 pub use self::held_out::HeldOutErrors;
 pub use self::new_groups::NewGroup;
 pub use self::partition::{PartMoments, PartitionedMoments};

@@ -6,7 +6,7 @@
 use super::double_double_matrix::DoubleDoubleMatrix;
 use super::fit::SolveError;
 use super::held_out::HeldOutErrors;
-use super::partition::{PartitionedMoments, counted_coefficients};
+use super::partition::PartitionedMoments;
 use crate::exact::moments::product_sums::Moments;
 use crate::sandwich::GroupScatter;
 use crate::symmetric::UpperTriangle;
@@ -34,8 +34,8 @@ impl PartitionedMoments<'_> {
         ridge: f64,
     ) -> Result<Vec<NewGroup>, SolveError> {
         let fit = self.total.solve(&self.model, ridge)?;
-        let (scales, coefficients) = (self.scales_of(&fit), counted_coefficients(&fit));
-        let stretch: Vec<f64> = fit.counted.stretch.iter().map(|s| s.to_f64()).collect();
+        let (scales, coefficients) = (&fit.scales, fit.counted_coefficients());
+        let stretch: Vec<f64> = fit.stretch.iter().map(|s| s.to_f64()).collect();
         // Rows are features: from those of the fit to those that are counted.
         let factors = scatter.factors.each_ref().map(|factor| {
             UpperTriangle::from_fn(factor.nrows(), |i, j| stretch[i] * factor[(i, j)])
