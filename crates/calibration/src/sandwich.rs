@@ -21,11 +21,11 @@
 //!
 //! Where `K_g` and `u_g` come from, exact sums or R factors of a QR factorisation, is not said here.
 
-use faer::linalg::matmul::triangular::{BlockStructure, matmul};
-use faer::{Accum, Mat, MatRef, Par};
+use faer::{Accum, Mat, MatRef};
 
 use crate::exact::{HeldOutErrors, SolveError};
 use crate::symmetric::{SymmetricMatrix, UpperTriangle, add_multiple, product};
+use crate::vectors::lower_product;
 use shell_data::wrench::PerAxis;
 
 /// A group whose `K_g` has an eigenvalue this near to one determines a direction alone.
@@ -214,19 +214,7 @@ pub(crate) fn corrected_rows(
 
 /// `M·Mᵀ`.
 fn gram(rows: MatRef<'_, f64>) -> SymmetricMatrix {
-    use BlockStructure::{Rectangular, TriangularLower};
     let mut products = Mat::zeros(rows.nrows(), rows.nrows());
-    let (to, columns) = (products.as_mut(), rows.transpose());
-    matmul(
-        to,
-        TriangularLower,
-        Accum::Replace,
-        rows,
-        Rectangular,
-        columns,
-        Rectangular,
-        1.0,
-        Par::Seq,
-    );
+    lower_product(products.as_mut(), Accum::Replace, rows);
     SymmetricMatrix::from_fn(rows.nrows(), |i, j| products[(j, i)])
 }

@@ -123,9 +123,9 @@ mod tests {
     use crate::factored::GroupFactors;
     use crate::features::Features;
     use crate::least_squares::Method;
-    use crate::scaling::Scaling;
     use crate::model::{Basis, Model};
     use crate::passes::Workers;
+    use crate::scaling::Scaling;
     use crate::solver::{self, FitProblem, SolverKind};
     use crate::uncertainty::Covariance;
     use crate::validation::ValidationError;

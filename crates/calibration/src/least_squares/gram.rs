@@ -1,11 +1,11 @@
 //! Normal equations in `f64`: the fast and coarse way.
 
-use faer::linalg::matmul::triangular::{self, BlockStructure};
 use faer::linalg::{triangular_inverse, triangular_solve};
 use faer::{Accum, Mat, MatRef, Par, Side};
 
 use super::rows::{Reduction, RowChunk, Shape};
 use crate::r_factor::{LeastSquares, LeastSquaresError, Ridge};
+use crate::vectors::lower_product;
 
 /// Forms the Gram matrix of `[X | Y]`.
 pub(super) struct FormGram {
@@ -39,17 +39,7 @@ impl Reduction for FormGram {
             columns,
             chunk.stride,
         );
-        triangular::matmul(
-            gram.products.as_mut(),
-            BlockStructure::TriangularLower,
-            Accum::Add,
-            rows.transpose(),
-            BlockStructure::Rectangular,
-            rows,
-            BlockStructure::Rectangular,
-            1.0,
-            Par::Seq,
-        );
+        lower_product(gram.products.as_mut(), Accum::Add, rows.transpose());
         gram.rows += chunk.rows as u64;
         gram.additions += 1;
     }

@@ -182,9 +182,7 @@ pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares,
     let mut solved = r_factor.solve(ridge)?;
     let n = solved.rows as f64;
     let norms: Vec<f64> = r_factor.r().col_iter().map(|column| column.norm_l2()).collect();
-    let penalty = |j: usize| {
-        if ridge.free_column == Some(j) { 0.0 } else { ridge.lambda * norms[j] * norms[j] }
-    };
+    let penalties = ridge.penalties(&norms);
     let rms = |a: usize| (solved.residual_products[(a, a)] / n).sqrt();
     let mut sigma: Vec<f64> = (0..q).map(rms).collect();
     // A column that is fitted without error is clipped nowhere, and its residuals are all alike.
@@ -216,7 +214,7 @@ pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares,
         let Clipped { mut gradient, products, inside, .. } = clipped;
         for a in 0..q {
             for j in 0..p {
-                gradient[(j, a)] -= penalty(j) * solved.coefficients[(j, a)];
+                gradient[(j, a)] -= penalties[j] * solved.coefficients[(j, a)];
             }
         }
         let inner = solved.factor.transpose() * &gradient;

@@ -77,10 +77,7 @@ pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares,
     let r_factor = rows.pass(&FormRFactor { shape })?;
     let mut solved = r_factor.solve_roughly(ridge)?;
     let norms: Vec<f64> = r_factor.r().col_iter().map(|column| column.norm_l2()).collect();
-    let penalty = |j: usize| {
-        if ridge.free_column == Some(j) { 0.0 } else { ridge.lambda * norms[j] * norms[j] }
-    };
-    let penalties: Vec<f64> = (0..p).map(penalty).collect();
+    let penalties = ridge.penalties(&norms);
     let start = &solved.coefficients;
     let mut coefficients = WideMatrix::from_fn(p, q, |i, a| start[(i, a)].into());
     // What one correction leaves of the error: a cautious figure until one has been measured.

@@ -153,22 +153,22 @@ pub(crate) fn select(
     let centring = Centring { channels: model.columns(), intercept: model.intercept };
     let scaling = centring.scaling(&rows.all(Workers::ONE).reduce(&centring)?);
     let model = |basis| Model { basis, ..model };
-    let errors_of = |basis: Basis| -> Result<Option<ErrorsByRidge<'_>>, ValidationError> {
+    let errors_of = |basis: Basis| -> Option<ErrorsByRidge<'_>> {
         let model = model(basis);
         if model.term_count() > MOST_FEATURES {
-            return Ok(None);
+            return None;
         }
         let features = Features::new(model, scaling.clone());
         let ones = model.intercept.then(|| features.len() - 1);
         let products = |runs| NormalEquations::new(&features, rows, runs);
         let folds: Vec<_> = rows.groups().map(products).collect();
-        Ok(Some(Box::new(move |ridge| {
+        Some(Box::new(move |ridge| {
             let errors = |position: usize| {
                 let rest = NormalEquations::all_but(&folds, position)?.solve(ridge, ones)?;
                 Some(folds[position].errors(rest.as_ref(), ones))
             };
-            Ok((0..folds.len()).map(errors).collect())
-        })))
+            (0..folds.len()).map(errors).collect()
+        }))
     };
     let variances = Axis::ALL.map(|axis| {
         let all = rows.spread(rows.runs(), axis.index());

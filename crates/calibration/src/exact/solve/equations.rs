@@ -4,7 +4,7 @@ use faer::Mat;
 use num_bigint::BigInt;
 use num_traits::Zero;
 
-use super::cholesky::{AxisRow, Bordered, LANES};
+use super::cholesky::{AxisRow, Bordered, LANES, factor, solve_lower, solve_upper};
 use super::fit::{ExactFit, SolveError};
 use super::multipliers::Multipliers;
 use super::partition::EquationScales;
@@ -77,9 +77,9 @@ impl<'a> IntegerEquations<'a> {
             }
         }
         let products: Vec<AxisRow> = (0..size + 6).map(|a| bordered.border(a)).collect();
-        bordered.factor().map_err(|_| SolveError::NearlyDependent)?;
+        factor(&mut bordered).map_err(|_| SolveError::NearlyDependent)?;
         let mut coefficients: Vec<AxisRow> = (0..size).map(|a| bordered.border(a)).collect();
-        bordered.solve_upper(&mut coefficients);
+        solve_upper(&bordered, &mut coefficients);
         let condition = condition(&bordered);
         if !condition.is_finite() {
             return Err(SolveError::NearlyDependent);
@@ -117,8 +117,8 @@ impl<'a> IntegerEquations<'a> {
         let mut before = f64::INFINITY;
         for _ in 0..ROUNDS {
             let mut correction = self.residual(penalties, coefficients);
-            cholesky.solve_lower(&mut correction);
-            cholesky.solve_upper(&mut correction);
+            solve_lower(cholesky, &mut correction);
+            solve_upper(cholesky, &mut correction);
             let mut largest: f64 = 0.0;
             for (row, correction) in coefficients.iter_mut().zip(&correction) {
                 for (c, &d) in row.iter_mut().zip(correction) {

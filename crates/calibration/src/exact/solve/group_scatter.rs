@@ -3,7 +3,7 @@
 //! `K_g` and `u_g` of a group come from its sums `A_g` and `s_g = B_g − A_g·C`. In `f64` but for the scores,
 //! which cancel: errors of about κ(X)²·2⁻⁵³ in a variance.
 
-use super::double_double_matrix::DoubleDoubleMatrix;
+use super::double_double_matrix::{DoubleDoubleMatrix, residual_of};
 use super::partition::PartitionedMoments;
 use crate::exact::moments::product_sums::Moments;
 use crate::sandwich::{GroupScatter, ScatterError, ScatterSums, corrected};
@@ -33,7 +33,7 @@ impl PartitionedMoments<'_> {
             let gram = DoubleDoubleMatrix::new(part.gram.iter().copied(), &scales.columns);
             let errors = scales.errors(&part, &coefficients);
             let share = counted.congruence(&gram.rounded());
-            let score = gram.residual(&part.right, &coefficients);
+            let score = residual_of(&gram, &part.right, &coefficients);
             let score = std::array::from_fn(|axis| {
                 let score: Vec<f64> = score.iter().map(|row| row[axis].to_f64()).collect();
                 counted.transposed_times(&score)

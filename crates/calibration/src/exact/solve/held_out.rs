@@ -14,7 +14,7 @@
 //! its rounding error is below `p·2⁻⁹⁸·t` for p features: cancellation would have to cost 20 digits
 //! before the tenth was wrong.
 
-use super::cholesky::{AxisRow, Bordered, ElementLanes, LANES};
+use super::cholesky::{AxisRow, Bordered, ElementLanes, LANES, factor, solve_upper};
 use super::double_double_matrix::DoubleDoubleMatrix;
 use super::equations::penalty_of;
 use super::fit::{ExactFit, SolveError};
@@ -166,14 +166,14 @@ fn solve_wide(gram: &DoubleDoubleMatrix, right: &[AxisRow]) -> Option<Vec<AxisRo
         (a..size).for_each(|b| bordered.set(a, b, gram.get(a, b)));
         (0..6).for_each(|axis| bordered.set(a, size + axis, right[axis]));
     }
-    bordered.factor().ok()?;
+    factor(&mut bordered).ok()?;
     let is_sure = |a: usize| {
         let root = bordered.get(a, a).to_f64();
         root * root > SMALLEST_PIVOT * gram.get(a, a).to_f64()
     };
     let sure = (0..size).all(is_sure);
     let mut coefficients: Vec<AxisRow> = (0..size).map(|a| bordered.border(a)).collect();
-    bordered.solve_upper(&mut coefficients);
+    solve_upper(&bordered, &mut coefficients);
     let finite = coefficients.iter().flatten().all(|c| c.is_finite());
     (sure && finite).then_some(coefficients)
 }
