@@ -94,15 +94,19 @@ impl Covariance {
         are_stretches: bool,
         workers: Workers<'_>,
     ) -> Result<Self, ValidationError> {
-        let parts = sums.partitioned(model)?;
+        let whole = sums.all_of_several()?;
         let groups: Vec<_> = sums.groups.iter().map(|(_, moments)| moments).collect();
-        let found = parts.by_group(&groups, ridge);
+        let fit = whole.solve(model, ridge)?;
+        let found = fit.scatter(&groups, ridge);
         let found = found.map_err(|error| why_no_scatter(error, &sums.groups))?;
         let intervals = match are_stretches {
-            true => held_out_intervals_of_stretches(&parts, &groups, &found, ridge, workers),
-            false => held_out_intervals(&parts, &groups, ridge, workers),
+            true => {
+                let parts = sums.partitioned(model)?;
+                held_out_intervals_of_stretches(&parts, (&fit, &found), &groups, ridge, workers)
+            }
+            false => held_out_intervals(whole, &groups, (model, ridge), workers),
         };
-        Ok(Self::from_scatter(found, parts.total.rows(), intervals))
+        Ok(Self::from_scatter(found, whole.rows(), intervals))
     }
 
     /// The same of a solution by `method`, from R factors of its rows: for rows that could not be summed

@@ -4,32 +4,31 @@
 //! which cancel: errors of about κ(X)²·2⁻⁵³ in a variance.
 
 use super::double_double_matrix::{DoubleDoubleMatrix, residual_of};
-use super::partition::PartitionedMoments;
+use super::fit::ExactFit;
 use crate::exact::moments::product_sums::Moments;
 use crate::sandwich::{GroupScatter, ScatterError, ScatterSums, corrected};
 use crate::symmetric::UpperTriangle;
 
-impl PartitionedMoments<'_> {
-    /// The scatter of the coefficients that fit all rows best, over `groups`, which are all rows.
-    /// `ridge` is as in [`Moments::solve`]; the bias that it brings is left out.
+impl ExactFit {
+    /// The scatter of the coefficients over `groups`, which are all rows that were fitted. `ridge` is what they were
+    /// fitted with; the bias that it brings is left out.
     ///
     /// # Errors
     /// [`ScatterError`] if some group alone determines a coefficient, or all together do not.
-    pub fn by_group(&self, groups: &[&Moments], ridge: f64) -> Result<GroupScatter, ScatterError> {
-        let fit = self.total.solve(&self.model, ridge)?;
-        let stretch: Vec<f64> = fit.stretch.iter().map(|s| s.to_f64()).collect();
-        let factor = UpperTriangle::new(&fit.r_factor()).inverse();
+    pub fn scatter(&self, groups: &[&Moments], ridge: f64) -> Result<GroupScatter, ScatterError> {
+        let stretch: Vec<f64> = self.stretch.iter().map(|s| s.to_f64()).collect();
+        let factor = UpperTriangle::new(&self.r_factor()).inverse();
         // Rows are features: from those of the fit to those that are counted.
         let mut counted = factor.clone();
         for (i, stretch) in stretch.iter().enumerate() {
             counted.row_mut(i).iter_mut().for_each(|x| *x *= stretch);
         }
-        let (size, coefficients) = (counted.size(), fit.counted_coefficients());
+        let (size, coefficients) = (counted.size(), self.counted_coefficients());
         let groups = groups.iter().filter(|group| group.rows() > 0);
-        let mut sums = ScatterSums::new(size, fit.residual_products, ridge == 0.0);
+        let mut sums = ScatterSums::new(size, self.residual_products, ridge == 0.0);
         for group in groups {
-            let scales = &fit.scales;
-            let part = scales.part(&group.in_units_of(self.total));
+            let scales = &self.scales;
+            let part = scales.part(group);
             let gram = DoubleDoubleMatrix::new(part.gram.iter().copied(), &scales.columns);
             let errors = scales.errors(&part, &coefficients);
             let share = counted.congruence(&gram.rounded());
@@ -103,11 +102,10 @@ mod tests {
         let parts: Vec<Moments> =
             (0..7).map(|g| moments(&readings, &wrench, |row| groups[row] == g)).collect();
         let model = Model { basis: Basis::Quadratic, intercept: true, channels: 2, memory: 0 };
-        let found = PartitionedMoments::new(&total, &model).unwrap();
-        let found = found.by_group(&parts.iter().collect::<Vec<_>>(), 0.0).unwrap();
+        let fit = total.solve(&model, 0.0).unwrap();
+        let found = fit.scatter(&parts.iter().collect::<Vec<_>>(), 0.0).unwrap();
 
         // Directly, row by row: hat matrix, its blocks, their inverse roots.
-        let fit = total.solve(&model, 0.0).unwrap();
         let z = |c: usize, row: usize| (readings[c][row] - fit.centre[c]) / fit.scale[c];
         let (n, p) = (groups.len(), 6);
         let x = Mat::from_fn(n, p, |row, j| {
@@ -174,8 +172,8 @@ mod tests {
         let parts: Vec<Moments> =
             (0..7).map(|g| moments(&readings, &wrench, |row| groups[row] == g)).collect();
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
-        let found = PartitionedMoments::new(&total, &model).unwrap();
-        let found = found.by_group(&parts.iter().collect::<Vec<_>>(), 0.0);
+        let fit = total.solve(&model, 0.0).unwrap();
+        let found = fit.scatter(&parts.iter().collect::<Vec<_>>(), 0.0);
         assert_eq!(found.unwrap_err(), ScatterError::Alone(vec![3]));
     }
 }

@@ -102,7 +102,7 @@ impl PartitionedMoments<'_> {
         }
         // Slowly, with the certain rank and the refinement of a solution.
         let fit = self.total.without(moments).solve(&self.model, ridge)?;
-        Ok(self.errors_of(&fit, moments))
+        Ok(fit.errors_on(moments))
     }
 
     /// The figures of the fit to all rows on just these.
@@ -111,14 +111,15 @@ impl PartitionedMoments<'_> {
     /// [`SolveError`] if the rows do not determine the coefficients.
     pub fn in_sample(&self, ridge: f64) -> Result<PerAxis<AxisQuality>, SolveError> {
         let fit = self.total.solve(&self.model, ridge)?;
-        let errors = self.errors_of(&fit, self.total);
+        let errors = fit.errors_on(self.total);
         Ok(std::array::from_fn(|axis| errors[axis].quality(self.total.total_square(axis))))
     }
+}
 
-    /// The errors on a part of a fit that has an origin and units of its own.
-    fn errors_of(&self, fit: &ExactFit, part: &Moments) -> PerAxis<HeldOutErrors> {
-        let part = fit.scales.part(&part.in_units_of(self.total));
-        fit.scales.errors(&part, &fit.counted_coefficients())
+impl ExactFit {
+    /// The errors on some rows, by its own origin and units.
+    fn errors_on(&self, rows: &Moments) -> PerAxis<HeldOutErrors> {
+        self.scales.errors(&self.scales.part(rows), &self.counted_coefficients())
     }
 }
 

@@ -5,6 +5,7 @@ use super::cholesky::{AxisRow, axis_row};
 use super::fit::SolveError;
 use crate::exact::moments::layout::pair;
 use crate::exact::moments::product_sums::Moments;
+use crate::exact::moments::reading_unit::ReadingUnit;
 use crate::exact::moments::rounding::round_scaled;
 use crate::model::{Model, Term};
 
@@ -38,6 +39,8 @@ pub(crate) struct EquationScales {
     pub(crate) terms: Vec<Term>,
     /// Where the products of each two terms stand among the sums of readings, row by row.
     pub(crate) positions: Vec<usize>,
+    /// What readings are counted in.
+    pub(crate) units: Vec<ReadingUnit>,
     pub(crate) centre: Vec<i64>,
     pub(crate) columns: Vec<i32>,
     pub(crate) axes: [i32; 6],
@@ -63,7 +66,7 @@ impl<'a> PartitionedMoments<'a> {
 
     /// The sums of some of the rows, in the form that is needed here.
     pub fn part(&self, moments: &Moments) -> PartMoments {
-        self.scales.part(&moments.in_units_of(self.total))
+        self.scales.part(moments)
     }
 }
 
@@ -89,10 +92,13 @@ impl EquationScales {
                 bits => half(square.exponent + bits as i32 - 1),
             }
         });
-        Self { columns: columns.collect(), axes, positions, centre, terms }
+        let (columns, units) = (columns.collect(), moments.units());
+        Self { columns, axes, positions, units, centre, terms }
     }
 
+    /// The sums of some of the rows, about this origin.
     pub(crate) fn part(&self, moments: &Moments) -> PartMoments {
+        let moments = moments.in_units(&self.units);
         let (readings, wrench) = moments.about(&self.centre);
         let size = self.terms.len();
         let ones: Vec<usize> = (self.terms.iter())
