@@ -91,11 +91,7 @@ pub fn solve_moments(
 
 /// Names the channels that cause the loss of rank: constant ones first, then other relations.
 fn explain(loss: ExactRankLoss, ranges: &ReadingRanges) -> RankLoss {
-    let constant = ranges.constant_channels();
-    let mut dependences: Vec<Dependence> = constant
-        .iter()
-        .map(|&channel| Dependence::Constant { channel, value: ranges.channels[channel].min })
-        .collect();
+    let (constant, mut dependences) = Dependence::constants(ranges);
     let moves = |channel: &u8| !constant.contains(&usize::from(*channel));
     let others = loss.relations.into_iter().filter(|r| r.feature.factors().iter().all(moves));
     dependences.extend(others.map(Dependence::from));

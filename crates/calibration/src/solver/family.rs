@@ -24,7 +24,12 @@ pub fn fit(
     rows: &Rows<'_>,
 ) -> Result<(Solution, ReadingRanges), FitError> {
     let method = match kind {
-        SolverKind::Exact => return fit_exactly(&problem, rows),
+        SolverKind::Exact => {
+            // One pass is enough, and its sums know the ranges.
+            let moments = exact_moments(problem.model, rows)?;
+            let ranges = moments.reading_ranges();
+            return Ok((solve_moments(&moments, &problem.model, problem.ridge, &ranges)?, ranges));
+        }
         SolverKind::Tsqr => Method::Tsqr,
         SolverKind::RefinedTsqr => Method::RefinedTsqr,
         SolverKind::PivotedQr => Method::PivotedQr,
@@ -48,16 +53,6 @@ pub fn exact_moments(model: Model, rows: &Rows<'_>) -> Result<Moments, FitError>
         return Err(FitError::NotExact(ExactError::MemoryTerms));
     }
     Ok(rows.reduce(&Exact::new(model))?.finish()?)
-}
-
-/// The exact solver, which needs one pass and whose sums know the ranges.
-fn fit_exactly(
-    problem: &FitProblem,
-    rows: &Rows<'_>,
-) -> Result<(Solution, ReadingRanges), FitError> {
-    let moments = exact_moments(problem.model, rows)?;
-    let ranges = moments.reading_ranges();
-    Ok((solve_moments(&moments, &problem.model, problem.ridge, &ranges)?, ranges))
 }
 
 /// As [`fit`], by a method of [`least_squares`] on the features.

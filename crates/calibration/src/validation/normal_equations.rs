@@ -51,7 +51,6 @@ impl NormalEquations {
     /// Of some rows.
     fn new(features: &Features, rows: &GroupedRows, runs: &[Run]) -> Self {
         let columns = features.len() + Axis::ALL.len();
-        let mut chunk = Mat::<f64>::zeros(CHUNK, columns);
         let mut products = Mat::zeros(columns, columns);
         let mut flat = vec![0.0; CHUNK * columns];
         for block in rows.copied(runs, CHUNK) {
@@ -60,10 +59,8 @@ impl NormalEquations {
             for (column, axis) in axes.zip(&block.wrench) {
                 column[..block.rows].copy_from_slice(axis);
             }
-            let view =
+            let part =
                 MatRef::from_column_major_slice_with_stride(&flat, block.rows, columns, CHUNK);
-            chunk.subrows_mut(0, block.rows).copy_from(view);
-            let part = chunk.subrows(0, block.rows);
             matmul(products.as_mut(), Accum::Add, part.transpose(), part, 1.0, Par::Seq);
         }
         Self { features: features.len(), rows: count(runs) as u64, products }

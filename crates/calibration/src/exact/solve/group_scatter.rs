@@ -7,7 +7,7 @@ use super::double_double_matrix::{DoubleDoubleMatrix, residual_of};
 use super::fit::ExactFit;
 use crate::exact::moments::product_sums::Moments;
 use crate::sandwich::{GroupScatter, ScatterError, ScatterSums, corrected};
-use crate::symmetric::UpperTriangle;
+use crate::symmetric::{UpperTriangle, congruence};
 
 impl ExactFit {
     /// The scatter of the coefficients over `groups`, which are all rows that were fitted. `ridge` is what they were
@@ -31,7 +31,7 @@ impl ExactFit {
             let part = scales.part(group);
             let gram = DoubleDoubleMatrix::new(part.gram.iter().copied(), &scales.columns);
             let errors = scales.errors(&part, &coefficients);
-            let share = counted.congruence(&gram.rounded());
+            let share = congruence(&counted, &gram.rounded());
             let score = residual_of(&gram, &part.right, &coefficients);
             let score = std::array::from_fn(|axis| {
                 let score: Vec<f64> = score.iter().map(|row| row[axis].to_f64()).collect();

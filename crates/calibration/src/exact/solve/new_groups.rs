@@ -8,7 +8,7 @@ use super::fit::ExactFit;
 use super::held_out::HeldOutErrors;
 use crate::exact::moments::product_sums::Moments;
 use crate::sandwich::GroupScatter;
-use crate::symmetric::UpperTriangle;
+use crate::symmetric::{UpperTriangle, trace_of_congruence};
 use shell_data::wrench::PerAxis;
 
 /// A group that was not fitted.
@@ -35,7 +35,7 @@ impl ExactFit {
                 DoubleDoubleMatrix::new(part.gram.iter().copied(), &scales.columns).rounded();
             let rows = part.rows.max(1) as f64;
             let variance =
-                factors.each_ref().map(|factor| factor.trace_with(&gram).max(0.0) / rows);
+                factors.each_ref().map(|factor| trace_of_congruence(factor, &gram).max(0.0) / rows);
             NewGroup { errors: scales.errors(&part, &coefficients), variance }
         };
         groups.iter().map(of_group).collect()

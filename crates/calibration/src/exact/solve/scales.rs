@@ -48,9 +48,14 @@ impl Moments {
     }
 
     pub(crate) fn rounded_mean(&self, channel: usize) -> i64 {
-        let sum = self.readings[1 + self.layout.single(channel)];
         let rows = i128::from(self.rows);
-        (sum + rows / 2).div_euclid(rows) as i64
+        (self.sum_of(channel) + rows / 2).div_euclid(rows) as i64
+    }
+
+    /// The sum of the readings of a channel.
+    pub(crate) fn sum_of(&self, channel: usize) -> i128 {
+        let channel = u8::try_from(channel).expect("as many channels as terms name");
+        self.readings[self.layout.position(Term::product(&[channel]), Term::INTERCEPT)]
     }
 
     /// The exponent of the power of two that no reading is farther from `centre` than.

@@ -225,21 +225,16 @@ impl Accumulator {
         let expected = &self.expected.channels;
         let centre: Vec<i64> = expected.iter().map(ChannelRange::middle).collect();
         let features = FeatureLimbs::new(distance(expected, &centre), &self.layout);
-        let cross_width = features.cross_width().unwrap_or(SQUARE_WIDTH);
+        let cross_width = features.cross_width();
         // Narrow digits will do for both, as they are as few.
-        let digits = |width: u32| -> Result<[Digits; 6], ExactError> {
-            let mut digits = [Digits::NONE; 6];
-            for axis in Axis::ALL {
+        let digits = |width: u32| -> Result<Vec<Digits>, ExactError> {
+            let of_axis = |axis: Axis| {
                 let numbers = self.expected.numbers[axis.index()];
-                digits[axis.index()] = match numbers.grid(cross_width) {
-                    Some(grid) => Digits::DigitGrid(grid),
-                    None => numbers
-                        .limbs(width)
-                        .map(Digits::Limbs)
-                        .ok_or(ExactError::TooManyPlaces { axis })?,
-                };
-            }
-            Ok(digits)
+                let grid = numbers.grid(cross_width).map(Digits::DigitGrid);
+                let digits = grid.or_else(|| numbers.limbs(width).map(Digits::Limbs));
+                digits.ok_or(ExactError::TooManyPlaces { axis })
+            };
+            Axis::ALL.into_iter().map(of_axis).collect()
         };
         let (squares, cross) = (digits(SQUARE_WIDTH)?, digits(cross_width)?);
         let plan = Arc::new(SummationPlan::new(&self.layout, centre, features, squares, cross));

@@ -81,9 +81,6 @@ pub(crate) struct DigitGrid {
 }
 
 impl Digits {
-    /// Those of zero.
-    pub(crate) const NONE: Self = Self::Limbs(Limbs { unit: 0, width: 1, count: 0 });
-
     /// How many there are.
     pub(crate) fn count(&self) -> usize {
         match self {

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use super::digits::Digits;
 use super::plan::SummationPlan;
 use crate::exact::moments::layout::{MomentLayout, pair};
 use crate::exact::moments::product_sums::Moments;
@@ -45,11 +46,12 @@ impl OpenSums {
         };
         // Of each axis, digit by digit.
         let digits = self.plan.cross_digits();
-        let wrench = digits.map(|digits| {
+        let planes = |digits: &Digits| {
             let mut planes = vec![vec![0; 1 + layout.features.len()]; digits.count()];
             planes.iter_mut().for_each(|plane| add_rights(plane));
             planes
-        });
+        };
+        let wrench: Vec<_> = digits.iter().map(planes).collect();
         add_rights(&mut moments.readings);
         self.add_squares(&mut moments, &mut sums);
         let back: Vec<i64> = self.plan.centre.iter().map(|c| -c).collect();

@@ -25,9 +25,9 @@ pub(crate) struct SummationPlan {
     /// are not among the right ones.
     pub(crate) groups: Vec<(Vec<LimbColumn>, Operands)>,
     /// Digits of each axis that are multiplied with those of other axes.
-    pub(crate) squares: [Digits; 6],
+    pub(crate) squares: Vec<Digits>,
     /// Digits of each axis that are multiplied with features, if not the same.
-    pub(crate) cross: Option<[Digits; 6]>,
+    pub(crate) cross: Option<Vec<Digits>>,
 }
 
 /// Ones, or a limb of a feature: the feature is the sum of its limbs, each times two to its shift.
@@ -50,8 +50,8 @@ impl SummationPlan {
         layout: &MomentLayout,
         centre: Vec<i64>,
         features: FeatureLimbs,
-        squares: [Digits; 6],
-        cross: [Digits; 6],
+        squares: Vec<Digits>,
+        cross: Vec<Digits>,
     ) -> Self {
         let FeatureLimbs { left, right, .. } = features;
         let parts = |feature: usize, count: usize, width: u32| {
@@ -98,18 +98,19 @@ impl SummationPlan {
     }
 
     /// The digits of each axis that are multiplied with features.
-    pub(crate) fn cross_digits(&self) -> &[Digits; 6] {
+    pub(crate) fn cross_digits(&self) -> &[Digits] {
         self.cross.as_ref().unwrap_or(&self.squares)
     }
 
     /// For every axis the columns that its digits are multiplied with: its own and those of later axes.
-    pub(crate) fn square_operands(&self) -> [Operands; 6] {
-        let mut start = 0;
-        self.squares.map(|digits| {
+    pub(crate) fn square_operands(&self) -> Vec<Operands> {
+        let (mut start, end) = (0, self.square_columns());
+        let of_axis = |digits: &Digits| {
             let own = start..start + digits.count();
             start = own.end;
-            Operands { right: own.start..self.square_columns(), left: own.collect() }
-        })
+            Operands { right: own.start..end, left: own.collect() }
+        };
+        self.squares.iter().map(of_axis).collect()
     }
 
     /// Number of sums.
