@@ -7,11 +7,6 @@ use super::rows::{Reduction, RowChunk, Shape};
 use crate::r_factor::{LeastSquares, LeastSquaresError, Ridge};
 use crate::vectors::lower_product;
 
-/// Forms the Gram matrix of `[X | Y]`.
-pub(super) struct FormGram {
-    pub(super) shape: Shape,
-}
-
 /// `[X | Y]ᵀ[X | Y]`, the lower half of it.
 #[derive(Clone, Debug)]
 pub(super) struct Gram {
@@ -22,16 +17,10 @@ pub(super) struct Gram {
     products: Mat<f64>,
 }
 
-impl Reduction for FormGram {
-    type Partial = Gram;
+impl Reduction for Gram {
     const WIDE: bool = false;
 
-    fn empty(&self) -> Gram {
-        let columns = self.shape.columns();
-        Gram { shape: self.shape, rows: 0, additions: 0, products: Mat::zeros(columns, columns) }
-    }
-
-    fn absorb(&self, gram: &mut Gram, chunk: &RowChunk<'_>) {
+    fn absorb(&mut self, chunk: &RowChunk<'_>) {
         let columns = self.shape.columns();
         let rows = MatRef::from_column_major_slice_with_stride(
             chunk.heads,
@@ -39,19 +28,25 @@ impl Reduction for FormGram {
             columns,
             chunk.stride,
         );
-        lower_product(gram.products.as_mut(), Accum::Add, rows.transpose());
-        gram.rows += chunk.rows as u64;
-        gram.additions += 1;
+        lower_product(self.products.as_mut(), Accum::Add, rows.transpose());
+        self.rows += chunk.rows as u64;
+        self.additions += 1;
     }
 
-    fn merge(&self, earlier: &mut Gram, later: Gram) {
-        earlier.products += later.products;
-        earlier.rows += later.rows;
-        earlier.additions += later.additions;
+    fn merge(&mut self, later: Self) {
+        self.products += later.products;
+        self.rows += later.rows;
+        self.additions += later.additions;
     }
 }
 
 impl Gram {
+    /// Of no rows.
+    pub(super) fn new(shape: Shape) -> Self {
+        let columns = shape.columns();
+        Self { shape, rows: 0, additions: 0, products: Mat::zeros(columns, columns) }
+    }
+
     /// Solves by Cholesky's factorisation with columns scaled to norm one.
     ///
     /// That the factorisation succeeds says nothing about rank. The elements of the scaled matrix

@@ -17,10 +17,9 @@
 
 use faer::Mat;
 
-use super::qr::FormRFactor;
 use super::rows::{Reduction, RowChunk, Rows, Shape};
 use crate::magnitudes::FineMagnitudes;
-use crate::r_factor::{LeastSquares, LeastSquaresError, Ridge};
+use crate::r_factor::{LeastSquares, LeastSquaresError, RFactor, Ridge};
 use crate::vectors::{add_multiple, dot};
 use std::ops::Range;
 
@@ -67,8 +66,8 @@ pub(crate) fn clip_of_sizes(sizes: &mut [f64]) -> f64 {
     CLIP * median / QUARTILE
 }
 
-/// Forms the gradient of clipped residuals.
-struct FormClipped {
+/// Which residuals are clipped, and where.
+struct Clipping {
     shape: Shape,
     coefficients: Mat<f64>,
     /// Where each column of `Y` is clipped, σ·k.
@@ -81,7 +80,8 @@ struct FormClipped {
 
 /// What clipped residuals add up to.
 #[derive(Clone)]
-struct Clipped {
+struct Clipped<'a> {
+    by: &'a Clipping,
     /// `XᵀΨ`, Ψ in units of `Y`.
     gradient: Mat<f64>,
     /// `ΨᵀΨ`.
@@ -94,7 +94,21 @@ struct Clipped {
     kept: Vec<Vec<f64>>,
 }
 
-impl Clipped {
+impl<'a> Clipped<'a> {
+    /// Of no rows.
+    fn new(by: &'a Clipping) -> Self {
+        let Shape { features: p, outputs: q } = by.shape;
+        Self {
+            by,
+            gradient: Mat::zeros(p, q),
+            products: Mat::zeros(q, q),
+            inside: vec![0; q],
+            sizes: vec![FineMagnitudes::new(); q],
+            below: vec![0; q],
+            kept: vec![Vec::new(); q],
+        }
+    }
+
     /// The median size of a column's residuals: of an even number the mean of both in the middle. `false`
     /// where it is from the histogram.
     fn median(&mut self, a: usize, rows: u64) -> (f64, bool) {
@@ -114,63 +128,51 @@ impl Clipped {
     }
 }
 
-impl Reduction for FormClipped {
-    type Partial = Clipped;
+impl Reduction for Clipped<'_> {
     const WIDE: bool = false;
 
-    fn empty(&self) -> Clipped {
-        let Shape { features: p, outputs: q } = self.shape;
-        Clipped {
-            gradient: Mat::zeros(p, q),
-            products: Mat::zeros(q, q),
-            inside: vec![0; q],
-            sizes: vec![FineMagnitudes::new(); q],
-            below: vec![0; q],
-            kept: vec![Vec::new(); q],
-        }
-    }
-
-    fn absorb(&self, sums: &mut Clipped, chunk: &RowChunk<'_>) {
-        let Shape { features: p, outputs: q } = self.shape;
+    fn absorb(&mut self, chunk: &RowChunk<'_>) {
+        let Clipping { shape, coefficients, clip, unit, near } = self.by;
+        let Shape { features: p, outputs: q } = *shape;
         let rows = chunk.rows;
         let mut residuals: Vec<f64> = (p..p + q).flat_map(|j| chunk.column(j)).copied().collect();
         for (a, residual) in residuals.chunks_mut(rows.max(1)).enumerate() {
             for j in 0..p {
-                let c = self.coefficients[(j, a)];
+                let c = coefficients[(j, a)];
                 add_multiple(residual, -c, chunk.column(j));
             }
-            let clip = self.clip[a];
-            let unit = self.unit[a].recip();
-            let near = self.near[a].clone();
+            let clip = clip[a];
+            let unit = unit[a].recip();
+            let near = near[a].clone();
             for r in residual.iter_mut() {
                 let size = r.abs() * unit;
-                sums.sizes[a].add(size);
-                sums.below[a] += u64::from(size < near.start);
+                self.sizes[a].add(size);
+                self.below[a] += u64::from(size < near.start);
                 if near.contains(&size) {
-                    sums.kept[a].push(size);
+                    self.kept[a].push(size);
                 }
-                sums.inside[a] += u64::from(r.abs() <= clip);
+                self.inside[a] += u64::from(r.abs() <= clip);
                 *r = r.clamp(-clip, clip);
             }
         }
         let clipped = |a: usize| &residuals[a * rows..][..rows];
         for a in 0..q {
             for j in 0..p {
-                sums.gradient[(j, a)] += dot(clipped(a), chunk.column(j));
+                self.gradient[(j, a)] += dot(clipped(a), chunk.column(j));
             }
             for b in 0..=a {
-                sums.products[(b, a)] += dot(clipped(a), clipped(b));
+                self.products[(b, a)] += dot(clipped(a), clipped(b));
             }
         }
     }
 
-    fn merge(&self, earlier: &mut Clipped, later: Clipped) {
-        earlier.gradient += later.gradient;
-        earlier.products += later.products;
-        earlier.inside.iter_mut().zip(later.inside).for_each(|(sum, n)| *sum += n);
-        earlier.sizes.iter_mut().zip(&later.sizes).for_each(|(sum, sizes)| sum.merge(sizes));
-        earlier.below.iter_mut().zip(later.below).for_each(|(sum, n)| *sum += n);
-        earlier.kept.iter_mut().zip(later.kept).for_each(|(kept, later)| kept.extend(later));
+    fn merge(&mut self, later: Self) {
+        self.gradient += later.gradient;
+        self.products += later.products;
+        self.inside.iter_mut().zip(later.inside).for_each(|(sum, n)| *sum += n);
+        self.sizes.iter_mut().zip(&later.sizes).for_each(|(sum, sizes)| sum.merge(sizes));
+        self.below.iter_mut().zip(later.below).for_each(|(sum, n)| *sum += n);
+        self.kept.iter_mut().zip(later.kept).for_each(|(kept, later)| kept.extend(later));
     }
 }
 
@@ -178,7 +180,7 @@ impl Reduction for FormClipped {
 pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares, R::Error> {
     let shape = rows.shape();
     let Shape { features: p, outputs: q } = shape;
-    let r_factor = rows.pass(&FormRFactor { shape })?;
+    let r_factor = rows.pass(&RFactor::new(p, q))?;
     let mut solved = r_factor.solve(ridge)?;
     let n = solved.rows as f64;
     let norms: Vec<f64> = r_factor.r().col_iter().map(|column| column.norm_l2()).collect();
@@ -208,8 +210,8 @@ pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares,
             }
         };
         let near = (0..q).map(near).collect();
-        let pass = FormClipped { shape, coefficients, clip, unit: unit.clone(), near };
-        let mut clipped = rows.pass(&pass)?;
+        let clipping = Clipping { shape, coefficients, clip, unit: unit.clone(), near };
+        let mut clipped = rows.pass(&Clipped::new(&clipping))?;
         let medians: Vec<_> = (0..q).map(|a| clipped.median(a, solved.rows)).collect();
         let Clipped { mut gradient, products, inside, .. } = clipped;
         for a in 0..q {

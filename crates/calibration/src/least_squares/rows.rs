@@ -68,26 +68,21 @@ impl WideColumns {
     }
 }
 
-/// What a pass over the rows computes.
-pub trait Reduction: Sync {
-    /// The result for some of the rows.
-    type Partial: Send;
+/// What a pass over the rows computes: the result for some of them, to begin with for none.
+pub trait Reduction: Clone + Send + Sync {
     /// Whether [`RowChunk::tails`] are looked at.
     const WIDE: bool;
 
     /// Rows of a chunk of so many columns at most.
-    fn chunk_rows(&self, columns: usize) -> usize {
+    fn chunk_rows(columns: usize) -> usize {
         RowChunk::rows_in_cache(columns)
     }
 
-    /// The partial of zero rows, the identity of [`Self::merge`].
-    fn empty(&self) -> Self::Partial;
-
     /// Adds a chunk of at most [`Self::chunk_rows`] rows.
-    fn absorb(&self, partial: &mut Self::Partial, chunk: &RowChunk<'_>);
+    fn absorb(&mut self, chunk: &RowChunk<'_>);
 
-    /// Adds the rows of `later` to those of `earlier`.
-    fn merge(&self, earlier: &mut Self::Partial, later: Self::Partial);
+    /// Adds the rows of `later`.
+    fn merge(&mut self, later: Self);
 }
 
 /// Rows that can be passed over any number of times.
@@ -98,11 +93,11 @@ pub trait Rows {
     /// Columns of `X` and of `Y`.
     fn shape(&self) -> Shape;
 
-    /// Reduces all rows.
+    /// Reduces all rows, from `empty` on, which is of none.
     ///
     /// # Errors
     /// If rows cannot be read.
-    fn pass<R: Reduction>(&mut self, reduction: &R) -> Result<R::Partial, Self::Error>;
+    fn pass<R: Reduction>(&mut self, empty: &R) -> Result<R, Self::Error>;
 }
 
 /// Columns of `X` and of `Y`.

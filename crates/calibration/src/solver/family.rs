@@ -110,8 +110,8 @@ impl least_squares::Rows for FeatureRows<'_> {
         Shape { features: self.features.len(), outputs: Axis::ALL.len() }
     }
 
-    fn pass<R: Reduction>(&mut self, reduction: &R) -> Result<R::Partial, Self::Error> {
-        let pass = OverFeatures { features: self.features, shape: self.shape(), reduction };
+    fn pass<R: Reduction>(&mut self, empty: &R) -> Result<R, Self::Error> {
+        let pass = OverFeatures { features: self.features, shape: self.shape(), empty };
         let (ranges, partial) = self.rows.reduce(&pass).map_err(Stopped::Reading)?;
         self.ranges.get_or_insert(ranges);
         Ok(partial)
@@ -129,24 +129,24 @@ fn scale_rows(columns: &mut [f64], stride: usize, weights: &[f64]) {
 struct OverFeatures<'a, R> {
     features: &'a Features,
     shape: Shape,
-    reduction: &'a R,
+    empty: &'a R,
 }
 
 impl<R: Reduction> Pass for OverFeatures<'_, R> {
-    type Partial = (ReadingRanges, R::Partial);
+    type Partial = (ReadingRanges, R);
 
     fn rows_together(&self) -> usize {
-        self.reduction.chunk_rows(self.shape.columns())
+        R::chunk_rows(self.shape.columns())
     }
 
     fn empty(&self) -> Self::Partial {
-        (ReadingRanges::new(self.features.model().columns()), self.reduction.empty())
+        (ReadingRanges::new(self.features.model().columns()), self.empty.clone())
     }
 
     fn absorb(&self, (ranges, partial): &mut Self::Partial, block: &Block) -> Result<(), FitError> {
         ranges.merge(&ReadingRanges::from_block(block, self.features.model().columns())?);
         let p = self.features.len();
-        let stride = self.reduction.chunk_rows(self.shape.columns()).min(block.rows);
+        let stride = R::chunk_rows(self.shape.columns()).min(block.rows);
         let mut heads = vec![0.0; stride * self.shape.columns()];
         let mut tails = vec![0.0; if R::WIDE { stride * p } else { 0 }];
         for start in (0..block.rows).step_by(stride.max(1)) {
@@ -167,14 +167,14 @@ impl<R: Reduction> Pass for OverFeatures<'_, R> {
                 scale_rows(tails, stride, &block.weights[rows.clone()]);
             }
             let chunk = RowChunk { rows: rows.len(), stride, heads: &heads, tails };
-            self.reduction.absorb(partial, &chunk);
+            partial.absorb(&chunk);
         }
         Ok(())
     }
 
     fn merge(&self, earlier: &mut Self::Partial, later: Self::Partial) -> Result<(), FitError> {
         earlier.0.merge(&later.0);
-        self.reduction.merge(&mut earlier.1, later.1);
+        earlier.1.merge(later.1);
         Ok(())
     }
 }
