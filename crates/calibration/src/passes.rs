@@ -73,30 +73,28 @@ impl<'a> Rows<'a> {
         Self { blocks: blocks.into_iter().collect(), workers }
     }
 
-    /// Reduces every block and merges the partials, in the order of the blocks where that matters.
+    /// Reduces every block from `empty` on, which is of none, and merges the results, in the order of the blocks where
+    /// that matters.
     ///
     /// # Errors
     /// [`FitError`] if the pass rejects a block, or whoever watches wants no more.
-    pub fn reduce<P: Pass>(&self, pass: &P) -> Result<P::Partial, FitError> {
-        let mut all = pass.empty();
-        let work = |own: &mut Option<P::Partial>, run: &&[&Block]| {
-            let mut of_run = (!P::ANY_ORDER).then(|| pass.empty());
+    pub fn reduce<P: Pass>(&self, empty: &P) -> Result<P, FitError> {
+        let mut all = empty.clone();
+        let work = |own: &mut Option<P>, run: &&[&Block]| {
+            let mut of_run = (!P::ANY_ORDER).then(|| empty.clone());
             let partial = match &mut of_run {
                 Some(partial) => partial,
-                None => own.get_or_insert_with(|| pass.empty()),
+                None => own.get_or_insert_with(|| empty.clone()),
             };
-            run.iter().try_for_each(|block| pass.absorb(partial, block))?;
+            run.iter().try_for_each(|block| partial.absorb(block))?;
             Ok(of_run)
         };
-        let merge = |partial: Option<P::Partial>| match partial {
-            Some(partial) => pass.merge(&mut all, partial),
-            None => Ok(()),
-        };
-        let runs = runs(&self.blocks, if P::ANY_ORDER { 1 } else { pass.rows_together() });
+        let merge = |of_run: Option<P>| of_run.map_or(Ok(()), |partial| all.merge(partial));
+        let runs = runs(&self.blocks, if P::ANY_ORDER { 1 } else { empty.rows_together() });
         let rows_of = |run: &&[&Block]| run.iter().map(|block| block.rows).sum();
         let workers = self.workers.worth(self.blocks.iter().copied());
         let own = on_threads(&runs, rows_of, workers, || None, work, merge)?;
-        own.into_iter().flatten().try_for_each(|partial| pass.merge(&mut all, partial))?;
+        own.into_iter().flatten().try_for_each(|partial| all.merge(partial))?;
         Ok(all)
     }
 }
@@ -128,35 +126,29 @@ impl<'a> From<&'a Block> for Rows<'a> {
     }
 }
 
-/// What a pass over rows computes.
-pub trait Pass: Sync {
-    /// The result of reducing some of the rows.
-    type Partial: Send;
-
-    /// Whether `merge` is commutative and associative, bit for bit: the partial does not depend on the
+/// What a pass over rows computes: the result for some of them, to begin with for none.
+pub trait Pass: Clone + Send + Sync {
+    /// Whether `merge` is commutative and associative, bit for bit: the result does not depend on the
     /// order and grouping of the rows.
     const ANY_ORDER: bool = false;
 
-    /// Rows that are best reduced to one partial, where order matters: merging may cost as much as adding that many.
+    /// Rows that are best reduced together, where order matters: merging may cost as much as adding that many.
     fn rows_together(&self) -> usize {
         1
     }
-
-    /// The partial of zero rows, the identity of [`Self::merge`].
-    fn empty(&self) -> Self::Partial;
 
     /// Adds the rows of a block. May be called on any thread.
     ///
     /// # Errors
     /// [`FitError`] where the solver cannot work with these readings or wrenches; what is left is
     /// of no further use.
-    fn absorb(&self, partial: &mut Self::Partial, block: &Block) -> Result<(), FitError>;
+    fn absorb(&mut self, block: &Block) -> Result<(), FitError>;
 
-    /// Adds the rows of `later` to those of `earlier`.
+    /// Adds the rows of `later`.
     ///
     /// # Errors
     /// [`FitError`] where the solver can work with either, but not with both.
-    fn merge(&self, earlier: &mut Self::Partial, later: Self::Partial) -> Result<(), FitError>;
+    fn merge(&mut self, later: Self) -> Result<(), FitError>;
 }
 
 /// Passes every item to `work`, on as many threads as its rows are worth; see [`on_threads`]. `rows_of` is the block of

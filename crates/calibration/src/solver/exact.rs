@@ -1,4 +1,6 @@
-//! The solver that sums without rounding.
+//! The solver that sums without rounding, see [`crate::exact`].
+//!
+//! The bits of its answer depend on the rows alone. It chooses its own centre and scale, from all rows.
 
 use faer::Mat;
 
@@ -12,38 +14,15 @@ use crate::scaling::Scaling;
 use crate::{FitError, Model};
 use shell_data::block::Block;
 
-/// Exact moments of integer readings, see [`crate::exact`].
-///
-/// The bits of its answer depend on the rows alone. It chooses its own centre and scale, from all
-/// rows.
-#[derive(Debug)]
-pub struct Exact {
-    /// Sums over zero rows.
-    empty: Accumulator,
-}
-
-impl Exact {
-    /// Sums for the features of `model`.
-    pub fn new(model: Model) -> Self {
-        Self { empty: Accumulator::new(model.basis, model.channels) }
-    }
-}
-
-impl Pass for Exact {
-    type Partial = Accumulator;
-
+impl Pass for Accumulator {
     const ANY_ORDER: bool = true;
 
-    fn empty(&self) -> Accumulator {
-        self.empty.clone()
+    fn absorb(&mut self, block: &Block) -> Result<(), FitError> {
+        Ok(self.absorb(&block.readings, &block.wrench)?)
     }
 
-    fn absorb(&self, partial: &mut Accumulator, block: &Block) -> Result<(), FitError> {
-        Ok(partial.absorb(&block.readings, &block.wrench)?)
-    }
-
-    fn merge(&self, earlier: &mut Accumulator, later: Accumulator) -> Result<(), FitError> {
-        Ok(earlier.merge(later)?)
+    fn merge(&mut self, later: Self) -> Result<(), FitError> {
+        Ok(self.merge(later)?)
     }
 }
 

@@ -1,10 +1,10 @@
 //! Every solver by its name, over rows that can be passed over as often as it asks.
 
 use super::FitProblem;
-use super::exact::{Exact, solve_moments};
+use super::exact::solve_moments;
 use super::kind::SolverKind;
 use super::solution::Solution;
-use crate::exact::{ExactError, Moments};
+use crate::exact::{Accumulator, ExactError, Moments};
 use crate::features::Features;
 use crate::least_squares::{self, LeastSquaresError, Method, Reduction, Ridge, RowChunk, Shape};
 use crate::passes::{Pass, Rows};
@@ -52,7 +52,7 @@ pub fn exact_moments(model: Model, rows: &Rows<'_>) -> Result<Moments, FitError>
     if model.memory > 0 {
         return Err(FitError::NotExact(ExactError::MemoryTerms));
     }
-    Ok(rows.reduce(&Exact::new(model))?.finish()?)
+    Ok(rows.reduce(&Accumulator::new(model.basis, model.channels))?.finish()?)
 }
 
 /// As [`fit`], by a method of [`least_squares`] on the features.
@@ -111,8 +111,10 @@ impl least_squares::Rows for FeatureRows<'_> {
     }
 
     fn pass<R: Reduction>(&mut self, empty: &R) -> Result<R, Self::Error> {
-        let pass = OverFeatures { features: self.features, shape: self.shape(), empty };
-        let (ranges, partial) = self.rows.reduce(&pass).map_err(Stopped::Reading)?;
+        let (features, partial) = (self.features, empty.clone());
+        let ranges = ReadingRanges::new(features.model().columns());
+        let found = self.rows.reduce(&OverFeatures { features, ranges, partial });
+        let OverFeatures { ranges, partial, .. } = found.map_err(Stopped::Reading)?;
         self.ranges.get_or_insert(ranges);
         Ok(partial)
     }
@@ -126,28 +128,30 @@ fn scale_rows(columns: &mut [f64], stride: usize, weights: &[f64]) {
 }
 
 /// A reduction of features as a pass over blocks, which finds the ranges of the readings as it goes.
+#[derive(Clone)]
 struct OverFeatures<'a, R> {
     features: &'a Features,
-    shape: Shape,
-    empty: &'a R,
+    ranges: ReadingRanges,
+    partial: R,
+}
+
+impl<R> OverFeatures<'_, R> {
+    /// Those of the features and of the wrench.
+    fn columns(&self) -> usize {
+        self.features.len() + Axis::ALL.len()
+    }
 }
 
 impl<R: Reduction> Pass for OverFeatures<'_, R> {
-    type Partial = (ReadingRanges, R);
-
     fn rows_together(&self) -> usize {
-        R::chunk_rows(self.shape.columns())
+        R::chunk_rows(self.columns())
     }
 
-    fn empty(&self) -> Self::Partial {
-        (ReadingRanges::new(self.features.model().columns()), self.empty.clone())
-    }
-
-    fn absorb(&self, (ranges, partial): &mut Self::Partial, block: &Block) -> Result<(), FitError> {
-        ranges.merge(&ReadingRanges::from_block(block, self.features.model().columns())?);
+    fn absorb(&mut self, block: &Block) -> Result<(), FitError> {
+        self.ranges.merge(&ReadingRanges::from_block(block, self.features.model().columns())?);
         let p = self.features.len();
-        let stride = R::chunk_rows(self.shape.columns()).min(block.rows);
-        let mut heads = vec![0.0; stride * self.shape.columns()];
+        let stride = R::chunk_rows(self.columns()).min(block.rows);
+        let mut heads = vec![0.0; stride * self.columns()];
         let mut tails = vec![0.0; if R::WIDE { stride * p } else { 0 }];
         for start in (0..block.rows).step_by(stride.max(1)) {
             let rows = start..block.rows.min(start + stride);
@@ -167,14 +171,14 @@ impl<R: Reduction> Pass for OverFeatures<'_, R> {
                 scale_rows(tails, stride, &block.weights[rows.clone()]);
             }
             let chunk = RowChunk { rows: rows.len(), stride, heads: &heads, tails };
-            partial.absorb(&chunk);
+            self.partial.absorb(&chunk);
         }
         Ok(())
     }
 
-    fn merge(&self, earlier: &mut Self::Partial, later: Self::Partial) -> Result<(), FitError> {
-        earlier.0.merge(&later.0);
-        earlier.1.merge(later.1);
+    fn merge(&mut self, later: Self) -> Result<(), FitError> {
+        self.ranges.merge(&later.ranges);
+        self.partial.merge(later.partial);
         Ok(())
     }
 }

@@ -21,7 +21,7 @@ use crate::features::Features;
 use crate::grouped_rows::{GroupedRows, Run, count};
 use crate::model::{Basis, Model};
 use crate::passes::Workers;
-use crate::solver::Centring;
+use crate::solver::ReadingSums;
 use shell_data::wrench::{Axis, PerAxis};
 
 /// Families of more features than this are left out of a choice: the covariance of one over groups of rows, an
@@ -147,8 +147,8 @@ pub(crate) fn select(
     if found < 2 {
         return Err(ValidationError::TooFewGroups { found });
     }
-    let centring = Centring { channels: model.columns(), intercept: model.intercept };
-    let scaling = centring.scaling(&rows.all(Workers::ONE).reduce(&centring)?);
+    let sums = rows.all(Workers::ONE).reduce(&ReadingSums::new(model.columns()))?;
+    let scaling = sums.scaling(model.intercept);
     let model = |basis| Model { basis, ..model };
     let errors_of = |basis: Basis| -> Option<ErrorsByRidge<'_>> {
         let model = model(basis);
