@@ -76,6 +76,7 @@ impl Gram {
         let undamped = scaled.self_adjoint_eigenvalues(Side::Lower).map_err(not_finite)?;
         let largest = undamped.last().copied().unwrap_or(0.0);
         let rank = undamped.iter().filter(|&&e| e > bound).count();
+        let gram = scaled.clone();
         for j in (0..p).filter(|&j| ridge.free_column != Some(j)) {
             scaled[(j, j)] += ridge.lambda;
         }
@@ -101,8 +102,6 @@ impl Gram {
         triangular_inverse::invert_upper_triangular(inverse.as_mut(), lower.transpose(), Par::Seq);
         let outputs = Mat::from_fn(q, q, |a, b| self.products[(p + a.max(b), p + a.min(b))]);
         // YᵀY − CᵀXᵀY − (XᵀY)ᵀC + CᵀXᵀX·C holds for any C, with a ridge too.
-        let gram =
-            Mat::from_fn(p, p, |i, j| self.products[(i.max(j), i.min(j))] / norms[i] / norms[j]);
         let cross = solved.transpose() * &right;
         let mut residual_products =
             outputs - &cross - cross.transpose() + solved.transpose() * (gram * &solved);

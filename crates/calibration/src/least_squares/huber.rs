@@ -58,12 +58,15 @@ const SMALLEST: f64 = 1e-12;
 /// # Panics
 /// If there is none.
 pub(crate) fn clip_of_sizes(sizes: &mut [f64]) -> f64 {
-    let middle = sizes.len() / 2;
-    let is_even = sizes.len().is_multiple_of(2);
-    let (below, &mut upper, _) = sizes.select_nth_unstable_by(middle, f64::total_cmp);
-    let lower = below.iter().copied().fold(0.0, f64::max);
-    let median = if is_even { 0.5 * (lower + upper) } else { upper };
-    CLIP * median / QUARTILE
+    let count = sizes.len();
+    CLIP * mean_of_ranks(sizes, [(count - 1) / 2, count / 2]) / QUARTILE
+}
+
+/// The mean of the sizes of two ranks, which are one or follow each other.
+fn mean_of_ranks(sizes: &mut [f64], [lower, upper]: [usize; 2]) -> f64 {
+    let (below, &mut middle, _) = sizes.select_nth_unstable_by(upper, f64::total_cmp);
+    let other = if lower == upper { middle } else { below.iter().copied().fold(0.0, f64::max) };
+    0.5 * (middle + other)
 }
 
 /// Which residuals are clipped, and where.
@@ -112,19 +115,14 @@ impl<'a> Clipped<'a> {
     /// The median size of a column's residuals: of an even number the mean of both in the middle. `false`
     /// where it is from the histogram.
     fn median(&mut self, a: usize, rows: u64) -> (f64, bool) {
-        let kept = &mut self.kept[a];
-        let position =
-            |rank: u64| rank.checked_sub(self.below[a]).map(|position| position as usize);
-        let (Some(lower), Some(upper)) = (position((rows - 1) / 2), position(rows / 2)) else {
-            return (self.sizes[a].quantile(0.5), false);
-        };
-        if upper >= kept.len() {
-            return (self.sizes[a].quantile(0.5), false);
+        let (kept, below) = (&mut self.kept[a], self.below[a]);
+        let position = |rank: u64| rank.checked_sub(below).map(|position| position as usize);
+        match [(rows - 1) / 2, rows / 2].map(position) {
+            [Some(lower), Some(upper)] if upper < kept.len() => {
+                (mean_of_ranks(kept, [lower, upper]), true)
+            }
+            _ => (self.sizes[a].quantile(0.5), false),
         }
-        let (below, middle, _) = kept.select_nth_unstable_by(upper, f64::total_cmp);
-        let middle = *middle;
-        let other = if lower == upper { middle } else { below.iter().copied().fold(0.0, f64::max) };
-        (0.5 * (middle + other), true)
     }
 }
 
