@@ -18,11 +18,11 @@ use super::cholesky::{AxisRow, Bordered, ElementLanes, LANES, factor, solve_uppe
 use super::double_double_matrix::DoubleDoubleMatrix;
 use super::equations::penalty_of;
 use super::fit::{ExactFit, SolveError};
-use super::partition::{EquationScales, PartMoments, PartitionedMoments};
+use super::partition::{EquationScales, PartMoments};
 use crate::exact::moments::product_sums::Moments;
 use crate::exact::moments::rounding::power_of_two;
 use crate::exact::moments::rounding::round;
-use crate::model::Term;
+use crate::model::{Model, Term};
 use crate::quality::AxisQuality;
 use shell_data::vectorised;
 use shell_data::wrench::PerAxis;
@@ -74,6 +74,39 @@ impl HeldOutErrors {
     pub(crate) fn quality(&self, total: f64) -> AxisQuality {
         let r_squared = (total > 0.0).then(|| 1.0 - self.squares / total);
         AxisQuality { rms: self.rms(), max: None, bias: self.bias(), r_squared }
+    }
+}
+
+/// Sums over all rows, ready to fit without parts of them.
+#[derive(Debug)]
+pub struct PartitionedMoments<'a> {
+    pub(crate) total: &'a Moments,
+    pub(crate) model: Model,
+    pub(crate) scales: EquationScales,
+    pub(crate) all: PartMoments,
+}
+
+impl<'a> PartitionedMoments<'a> {
+    /// Of the rows of `total`, to be fitted with `model`.
+    ///
+    /// # Errors
+    /// [`SolveError::OtherFeatures`] if the features of the model were not summed;
+    /// [`SolveError::TooFewRows`] for zero rows.
+    pub fn new(total: &'a Moments, model: &Model) -> Result<Self, SolveError> {
+        let terms = total.summed_terms(model)?;
+        if total.rows() == 0 {
+            return Err(SolveError::TooFewRows { rows: 0, coefficients: terms.len() });
+        }
+        let (centre, positions) = (total.centre(model), total.positions(&terms));
+        let readings = total.readings_about(&centre);
+        let scales = EquationScales::new(total, &readings, terms, positions, centre);
+        let all = scales.part(total);
+        Ok(Self { total, model: *model, scales, all })
+    }
+
+    /// The sums of some of the rows, in the form that is needed here.
+    pub fn part(&self, moments: &Moments) -> PartMoments {
+        self.scales.part(moments)
     }
 }
 

@@ -16,7 +16,7 @@ mod scales;
 mod solver;
 
 pub use self::fit::{ExactFit, SolveError};
-pub use self::held_out::HeldOutErrors;
+pub use self::held_out::{HeldOutErrors, PartitionedMoments};
 pub use self::new_groups::NewGroup;
-pub use self::partition::{PartMoments, PartitionedMoments};
+pub use self::partition::PartMoments;
 pub use self::rank::{ExactRankLoss, Relation};

@@ -2,21 +2,11 @@
 //! coefficients from part to part, are computed from.
 
 use super::cholesky::{AxisRow, axis_row};
-use super::fit::SolveError;
 use crate::exact::moments::layout::pair;
 use crate::exact::moments::product_sums::Moments;
 use crate::exact::moments::reading_unit::ReadingUnit;
 use crate::exact::moments::rounding::round_scaled;
-use crate::model::{Model, Term};
-
-/// Sums over all rows, ready to fit without parts of them.
-#[derive(Debug)]
-pub struct PartitionedMoments<'a> {
-    pub(crate) total: &'a Moments,
-    pub(crate) model: Model,
-    pub(crate) scales: EquationScales,
-    pub(crate) all: PartMoments,
-}
+use crate::model::Term;
 
 /// Sums over a part of the rows, in the units of all. As large as the normal equations.
 #[derive(Debug)]
@@ -44,30 +34,6 @@ pub(crate) struct EquationScales {
     pub(crate) centre: Vec<i64>,
     pub(crate) columns: Vec<i32>,
     pub(crate) axes: [i32; 6],
-}
-
-impl<'a> PartitionedMoments<'a> {
-    /// Of the rows of `total`, to be fitted with `model`.
-    ///
-    /// # Errors
-    /// [`SolveError::OtherFeatures`] if the features of the model were not summed;
-    /// [`SolveError::TooFewRows`] for zero rows.
-    pub fn new(total: &'a Moments, model: &Model) -> Result<Self, SolveError> {
-        let terms = total.summed_terms(model)?;
-        if total.rows() == 0 {
-            return Err(SolveError::TooFewRows { rows: 0, coefficients: terms.len() });
-        }
-        let (centre, positions) = (total.centre(model), total.positions(&terms));
-        let readings = total.readings_about(&centre);
-        let scales = EquationScales::new(total, &readings, terms, positions, centre);
-        let all = scales.part(total);
-        Ok(Self { total, model: *model, scales, all })
-    }
-
-    /// The sums of some of the rows, in the form that is needed here.
-    pub fn part(&self, moments: &Moments) -> PartMoments {
-        self.scales.part(moments)
-    }
 }
 
 impl EquationScales {
