@@ -4,7 +4,7 @@
 //! has finished the next; what does not depend on order ([`Pass::ANY_ORDER`]) is summed in a state of each thread and
 //! merged at the end. So results have the same bits for any number of threads.
 
-use std::collections::VecDeque;
+use std::collections::BTreeMap;
 use std::panic::resume_unwind;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{LazyLock, Mutex, PoisonError};
@@ -73,32 +73,28 @@ impl<'a> Rows<'a> {
         Self { blocks: blocks.into_iter().collect(), workers }
     }
 
-    /// Reduces every block and merges the partials, in the order of the blocks where that matters.
+    /// Reduces every block from `empty` on, which is of none, and merges the results, in the order of the blocks where
+    /// that matters.
     ///
     /// # Errors
     /// [`FitError`] if the pass rejects a block, or whoever watches wants no more.
-    pub fn reduce<P: Pass>(&self, pass: &P) -> Result<P::Partial, FitError> {
-        let mut all = pass.empty();
-        let work = |own: &mut Option<P::Partial>, run: &&[&Block]| {
-            let mut of_run = (!P::ANY_ORDER).then(|| pass.empty());
+    pub fn reduce<P: Pass>(&self, empty: &P) -> Result<P, FitError> {
+        let mut all = empty.clone();
+        let work = |own: &mut Option<P>, run: &&[&Block]| {
+            let mut of_run = (!P::ANY_ORDER).then(|| empty.clone());
             let partial = match &mut of_run {
                 Some(partial) => partial,
-                None => own.get_or_insert_with(|| pass.empty()),
+                None => own.get_or_insert_with(|| empty.clone()),
             };
-            run.iter().try_for_each(|block| pass.absorb(partial, block))?;
+            run.iter().try_for_each(|block| partial.absorb(block))?;
             Ok(of_run)
         };
-        let merge = |partial: Option<P::Partial>| {
-            if let Some(partial) = partial {
-                pass.merge(&mut all, partial);
-            }
-            Ok(())
-        };
-        let runs = runs(&self.blocks, if P::ANY_ORDER { 1 } else { pass.rows_together() });
+        let merge = |of_run: Option<P>| of_run.map_or(Ok(()), |partial| all.merge(partial));
+        let runs = runs(&self.blocks, if P::ANY_ORDER { 1 } else { empty.rows_together() });
         let rows_of = |run: &&[&Block]| run.iter().map(|block| block.rows).sum();
         let workers = self.workers.worth(self.blocks.iter().copied());
         let own = on_threads(&runs, rows_of, workers, || None, work, merge)?;
-        own.into_iter().flatten().for_each(|partial| pass.merge(&mut all, partial));
+        own.into_iter().flatten().try_for_each(|partial| all.merge(partial))?;
         Ok(all)
     }
 }
@@ -130,32 +126,29 @@ impl<'a> From<&'a Block> for Rows<'a> {
     }
 }
 
-/// What a pass over rows computes.
-pub trait Pass: Sync {
-    /// The result of reducing some of the rows.
-    type Partial: Send;
-
-    /// Whether `merge` is commutative and associative, bit for bit: the partial does not depend on the
+/// What a pass over rows computes: the result for some of them, to begin with for none.
+pub trait Pass: Clone + Send + Sync {
+    /// Whether `merge` is commutative and associative, bit for bit: the result does not depend on the
     /// order and grouping of the rows.
     const ANY_ORDER: bool = false;
 
-    /// Rows that are best reduced to one partial, where order matters: merging may cost as much as adding that many.
+    /// Rows that are best reduced together, where order matters: merging may cost as much as adding that many.
     fn rows_together(&self) -> usize {
         1
     }
-
-    /// The partial of zero rows, the identity of [`Self::merge`].
-    fn empty(&self) -> Self::Partial;
 
     /// Adds the rows of a block. May be called on any thread.
     ///
     /// # Errors
     /// [`FitError`] where the solver cannot work with these readings or wrenches; what is left is
     /// of no further use.
-    fn absorb(&self, partial: &mut Self::Partial, block: &Block) -> Result<(), FitError>;
+    fn absorb(&mut self, block: &Block) -> Result<(), FitError>;
 
-    /// Adds the rows of `later` to those of `earlier`.
-    fn merge(&self, earlier: &mut Self::Partial, later: Self::Partial);
+    /// Adds the rows of `later`.
+    ///
+    /// # Errors
+    /// [`FitError`] where the solver can work with either, but not with both.
+    fn merge(&mut self, later: Self) -> Result<(), FitError>;
 }
 
 /// Passes every item to `work`, on as many threads as its rows are worth; see [`on_threads`]. `rows_of` is the block of
@@ -227,7 +220,7 @@ pub(crate) fn on_threads<I: Sync, S: Send, T: Send>(
     };
     let next = AtomicUsize::new(0);
     let folded =
-        Mutex::new(OrderedFold { next: 0, waiting: VecDeque::new(), fold, outcome: Ok(()) });
+        Mutex::new(OrderedFold { next: 0, waiting: BTreeMap::new(), fold, outcome: Ok(()) });
     let worker = || {
         let mut state = init();
         loop {
@@ -262,8 +255,8 @@ pub(crate) fn on_threads<I: Sync, S: Send, T: Send>(
 struct OrderedFold<T, F> {
     /// Position of the first result that is not folded yet.
     next: usize,
-    /// The results from there on; `None` for those that have not come.
-    waiting: VecDeque<Option<Result<T, FitError>>>,
+    /// Results that have come after it, by position.
+    waiting: BTreeMap<usize, Result<T, FitError>>,
     fold: F,
     outcome: Result<(), FitError>,
 }
@@ -271,15 +264,10 @@ struct OrderedFold<T, F> {
 impl<T, F: FnMut(T) -> Result<(), FitError>> OrderedFold<T, F> {
     /// Adds the result of the item at a position; `false` if no more are wanted.
     fn add(&mut self, position: usize, result: Result<T, FitError>) -> bool {
-        let ahead = position - self.next;
-        while self.waiting.len() <= ahead {
-            self.waiting.push_back(None);
-        }
-        self.waiting[ahead] = Some(result);
+        self.waiting.insert(position, result);
         while self.outcome.is_ok()
-            && let Some(result) = self.waiting.front_mut().and_then(Option::take)
+            && let Some(result) = self.waiting.remove(&self.next)
         {
-            self.waiting.pop_front();
             self.next += 1;
             self.outcome = result.and_then(&mut self.fold);
         }

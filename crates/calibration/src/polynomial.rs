@@ -1,11 +1,9 @@
 //! Wrenches as sums of features of the readings.
 
-use pulp::{Simd, WithSimd};
-
-use super::features::{Features, LANES, RowLanes};
+use super::features::{Features, LANES};
 use super::model::Model;
 use super::scaling::Scaling;
-use shell_data::instructions::arch;
+use shell_data::vectorised;
 use shell_data::wrench::PerAxis;
 
 /// `W = X(s)·C`: the features of standardised readings, and their coefficients.
@@ -57,26 +55,19 @@ impl Polynomial {
         wrench: &mut PerAxis<Vec<f64>>,
     ) {
         wrench.iter_mut().for_each(|axis| axis.resize(rows, 0.0));
-        let features = vec![[0.0; LANES]; self.features.len()];
-        arch().dispatch(Convert { polynomial: self, readings, rows, features, wrench });
+        convert(self, readings, rows, wrench);
     }
 }
 
-/// The loop over rows, inlined whole into code for the widest vectors of the machine.
-struct Convert<'a> {
-    polynomial: &'a Polynomial,
-    readings: &'a [Vec<f64>],
-    rows: usize,
-    features: Vec<RowLanes>,
-    wrench: &'a mut PerAxis<Vec<f64>>,
-}
-
-impl WithSimd for Convert<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let Convert { polynomial, readings, rows, mut features, wrench } = self;
+vectorised! {
+    fn convert<S: Simd>(
+        simd: S,
+        polynomial: &Polynomial,
+        readings: &[Vec<f64>],
+        rows: usize,
+        wrench: &mut PerAxis<Vec<f64>>,
+    ) {
+        let mut features = vec![[0.0; LANES]; polynomial.features.len()];
         for start in (0..rows).step_by(LANES) {
             polynomial.features.lanes(readings, start, &mut features);
             let mut sums = [[0.0; LANES]; 6];

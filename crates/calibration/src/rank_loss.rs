@@ -70,11 +70,7 @@ impl RankLoss {
         r: MatRef<'_, f64>,
         null_space: MatRef<'_, f64>,
     ) -> Self {
-        let constant = ranges.constant_channels();
-        let mut dependences: Vec<Dependence> = constant
-            .iter()
-            .map(|&channel| Dependence::Constant { channel, value: ranges.channels[channel].min })
-            .collect();
+        let (constant, mut dependences) = Dependence::constants(ranges);
         let moving: Vec<usize> =
             (0..features.model().columns()).filter(|i| !constant.contains(i)).collect();
         dependences.extend(lines(features, r, &moving));
@@ -162,6 +158,19 @@ fn shares(terms: &[Term], direction: ColRef<'_, f64>) -> Vec<(Term, f64)> {
         .collect();
     shares.sort_by(|(_, a), (_, b)| b.abs().total_cmp(&a.abs()));
     shares
+}
+
+impl Dependence {
+    /// The channels that are constant, and that they are.
+    pub(crate) fn constants(ranges: &ReadingRanges) -> (Vec<usize>, Vec<Self>) {
+        let constant = ranges.constant_channels();
+        let of = |&channel: &usize| Dependence::Constant {
+            channel,
+            value: ranges.channels[channel].min,
+        };
+        let dependences = constant.iter().map(of).collect();
+        (constant, dependences)
+    }
 }
 
 impl From<Relation> for Dependence {

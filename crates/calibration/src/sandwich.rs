@@ -21,11 +21,11 @@
 //!
 //! Where `K_g` and `u_g` come from, exact sums or R factors of a QR factorisation, is not said here.
 
-use faer::linalg::matmul::triangular::{BlockStructure, matmul};
-use faer::{Accum, Mat, MatRef, Par};
+use faer::{Accum, Mat, MatRef};
 
-use crate::exact::HeldOutErrors;
+use crate::exact::{HeldOutErrors, SolveError};
 use crate::symmetric::{SymmetricMatrix, UpperTriangle, add_multiple, product};
+use crate::vectors::lower_product;
 use shell_data::wrench::PerAxis;
 
 /// A group whose `K_g` has an eigenvalue this near to one determines a direction alone.
@@ -56,12 +56,18 @@ impl GroupScatter {
 }
 
 /// Why groups say nothing about the scatter of the coefficients.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum ScatterError {
     /// The groups, by their positions, without which the rows do not determine the coefficients.
     Alone(Vec<usize>),
-    /// The features are too nearly dependent for this.
-    NearlyDependent,
+    /// There are no coefficients, or the features are too nearly dependent for this.
+    Solve(SolveError),
+}
+
+impl From<SolveError> for ScatterError {
+    fn from(error: SolveError) -> Self {
+        Self::Solve(error)
+    }
 }
 
 /// The scatter of a fit while its groups are being added.
@@ -136,7 +142,7 @@ impl ScatterSums {
         if let Some(defect) = &self.defect {
             let mut all = (0..features).flat_map(|i| defect.row(i));
             if !all.all(|x| x.abs() <= LARGEST_DEFECT) {
-                return Err(ScatterError::NearlyDependent);
+                return Err(SolveError::NearlyDependent.into());
             }
         }
         if !self.alone.is_empty() {
@@ -161,12 +167,12 @@ impl ScatterSums {
 /// `v_g` of `K_g`, features × features, and `u_g`; `None` if the group alone determines a direction.
 ///
 /// # Errors
-/// [`ScatterError::NearlyDependent`].
+/// [`SolveError::NearlyDependent`].
 pub(crate) fn corrected(
     share: SymmetricMatrix,
     score: PerAxis<Vec<f64>>,
-) -> Result<Option<PerAxis<Vec<f64>>>, ScatterError> {
-    let eigen = share.eigen().ok_or(ScatterError::NearlyDependent)?;
+) -> Result<Option<PerAxis<Vec<f64>>>, SolveError> {
+    let eigen = share.eigen().ok_or(SolveError::NearlyDependent)?;
     let rest: Vec<f64> = eigen.values.iter().map(|value| 1.0 - value.max(0.0)).collect();
     if rest.iter().any(|&rest| rest < ALONE) {
         return Ok(None);
@@ -183,11 +189,11 @@ pub(crate) fn corrected(
 /// `(I − K_g)^(−½)·u_g = Mᵀ·(I − M·Mᵀ)^(−½)·e`. `K_g` is added to `shares`, if there are any.
 ///
 /// # Errors
-/// [`ScatterError::NearlyDependent`].
+/// [`SolveError::NearlyDependent`].
 pub(crate) fn corrected_rows(
     (rows, misfit): (MatRef<'_, f64>, MatRef<'_, f64>),
     shares: Option<&mut SymmetricMatrix>,
-) -> Result<Option<PerAxis<Vec<f64>>>, ScatterError> {
+) -> Result<Option<PerAxis<Vec<f64>>>, SolveError> {
     let columns = |of: MatRef<'_, f64>| -> PerAxis<Vec<f64>> {
         std::array::from_fn(|axis| of.col(axis).iter().copied().collect())
     };
@@ -208,19 +214,7 @@ pub(crate) fn corrected_rows(
 
 /// `M·Mᵀ`.
 fn gram(rows: MatRef<'_, f64>) -> SymmetricMatrix {
-    use BlockStructure::{Rectangular, TriangularLower};
     let mut products = Mat::zeros(rows.nrows(), rows.nrows());
-    let (to, columns) = (products.as_mut(), rows.transpose());
-    matmul(
-        to,
-        TriangularLower,
-        Accum::Replace,
-        rows,
-        Rectangular,
-        columns,
-        Rectangular,
-        1.0,
-        Par::Seq,
-    );
+    lower_product(products.as_mut(), Accum::Replace, rows);
     SymmetricMatrix::from_fn(rows.nrows(), |i, j| products[(j, i)])
 }

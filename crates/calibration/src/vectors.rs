@@ -1,4 +1,8 @@
-//! Inner products and multiples of columns, compiled for the widest vectors that the machine has.
+//! Inner products and multiples of columns, compiled for the widest vectors that the machine has, and
+//! products of a matrix with itself.
+
+use faer::linalg::matmul::triangular::{BlockStructure, matmul};
+use faer::{Accum, MatMut, MatRef, Par};
 
 use shell_data::vectorised;
 
@@ -26,4 +30,10 @@ vectorised! {
             *y = c.mul_add(x, *y);
         }
     }
+}
+
+/// The lower half of `M·Mᵀ`, in place of what is there or added to it.
+pub(crate) fn lower_product(to: MatMut<'_, f64>, add: Accum, m: MatRef<'_, f64>) {
+    use BlockStructure::{Rectangular, TriangularLower};
+    matmul(to, TriangularLower, add, m, Rectangular, m.transpose(), Rectangular, 1.0, Par::Seq);
 }

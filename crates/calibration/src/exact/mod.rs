@@ -22,7 +22,7 @@ pub use self::moments::{
     ChannelRange, Moments, ReadingUnit, StoredIntegers, StoredMoments, StoredMomentsError,
 };
 pub use self::solve::{
-    ExactFit, ExactRankLoss, GroupScatterError, HeldOutErrors, NewGroup, PartMoments,
-    PartitionedMoments, Relation, SolveError,
+    ExactFit, ExactRankLoss, HeldOutErrors, NewGroup, PartMoments, PartitionedMoments, Relation,
+    SolveError,
 };
 pub use self::sums::{Accumulator, Adder};

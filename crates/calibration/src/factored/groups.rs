@@ -38,7 +38,7 @@ pub struct GroupFactors {
 struct Group {
     label: String,
     rows: FactoredRows,
-    /// Rows that are not yet among them.
+    /// Rows that are not yet among them, fewer than fill the workspace.
     waiting: Block,
 }
 
@@ -67,12 +67,15 @@ impl GroupFactors {
         let mut start = 0;
         for (label, rows) in labels {
             let position = self.position(label)?;
-            let group = &mut self.groups[position];
-            let waiting = &mut group.waiting;
-            waiting.append(block, start..start + rows);
-            start += rows;
-            if waiting.rows >= self.workspace.rows() {
-                group.settle(&mut self.workspace, false)?;
+            let (group, end) = (&mut self.groups[position], start + rows);
+            while start < end {
+                let room = self.workspace.rows() - group.waiting.rows;
+                let part = start..end.min(start + room);
+                start = part.end;
+                group.waiting.append(block, part);
+                if group.waiting.rows == self.workspace.rows() {
+                    group.settle(&mut self.workspace)?;
+                }
             }
         }
         Ok(())
@@ -96,8 +99,8 @@ impl GroupFactors {
     /// # Errors
     /// [`ValidationError::Rows`] if there is a row that no fit can take.
     pub fn finish(mut self) -> Result<FactoredGroups, ValidationError> {
-        for group in &mut self.groups {
-            group.settle(&mut self.workspace, true)?;
+        for group in self.groups.iter_mut().filter(|group| group.waiting.rows > 0) {
+            group.settle(&mut self.workspace)?;
         }
         let groups = self.groups.into_iter().map(|group| (group.label, group.rows)).collect();
         Ok(FactoredGroups { groups })
@@ -105,25 +108,9 @@ impl GroupFactors {
 }
 
 impl Group {
-    /// Factors as many of the rows that wait as fill the workspace some times, or all of them.
-    fn settle(&mut self, workspace: &mut Workspace, all: bool) -> Result<(), ValidationError> {
-        let waiting = &mut self.waiting;
-        let step = if all { 1 } else { workspace.rows() };
-        let rows = waiting.rows / step * step;
-        let mut block = Block { rows, ..Block::default() };
-        for (to, from) in
-            [(&mut block.readings, &mut waiting.readings), (&mut block.wrench, &mut waiting.wrench)]
-        {
-            to.extend(from.iter_mut().map(|column| {
-                let rest = column.split_off(rows);
-                std::mem::replace(column, rest)
-            }));
-        }
-        waiting.rows -= rows;
-        if rows == 0 {
-            return Ok(());
-        }
-        Ok(self.rows.absorb(&block, workspace)?)
+    /// Factors the rows that wait.
+    fn settle(&mut self, workspace: &mut Workspace) -> Result<(), ValidationError> {
+        Ok(self.rows.absorb(&std::mem::take(&mut self.waiting), workspace)?)
     }
 }
 

@@ -156,13 +156,6 @@ impl FactoredRows {
         Some(all)
     }
 
-    /// The features of `model` about the centre of `scaling`, as sums of these; `None` if some are not among
-    /// them.
-    pub(super) fn change(&self, model: &Model, scaling: &Scaling) -> Option<Mat<f64>> {
-        (model.columns() == self.model().columns())
-            .then(|| change(&self.features, model, scaling))?
-    }
-
     /// Centre and scale of these rows: about their mean, unless there is no constant to take it up.
     fn scaling_of_all(&self, intercept: bool) -> Scaling {
         let (r, ones) = (self.r_factor.r(), self.features.len() - 1);
@@ -236,15 +229,8 @@ impl FactoredRows {
     pub fn quality(&self, solution: &Solution) -> Option<PerAxis<AxisQuality>> {
         let errors = self.errors(solution).filter(|_| self.rows() > 0)?;
         let variances = self.load_variances();
-        Some(std::array::from_fn(|axis| {
-            let (error, total) = (errors[axis], variances[axis] * self.rows() as f64);
-            AxisQuality {
-                rms: error.rms(),
-                max: None,
-                bias: error.bias(),
-                r_squared: (total > 0.0).then(|| 1.0 - error.squares / total),
-            }
-        }))
+        let rows = self.rows() as f64;
+        Some(std::array::from_fn(|axis| errors[axis].quality(variances[axis] * rows)))
     }
 
     /// The variance of the wrench, squares of N and N·m.
@@ -265,37 +251,42 @@ impl FactoredRows {
     }
 }
 
-/// Features of one model as sums of those of another: `T`, terms of `from` × terms of `model`; `None` where `from` lacks
-/// a product that it takes.
-///
-/// With `z = (s − c)/k` and `z' = (s − c')/k'` a reading is `z' = a·z + b`, `a = k/k'`, `b = (c − c')/k'`, so every
-/// product of `z'` is a sum of products of `z`: `X' = X·T`. Scales are powers of two, which leaves `a` exact.
-fn change(from: &Features, model: &Model, scaling: &Scaling) -> Option<Mat<f64>> {
-    let (own, wanted) = (from.model().terms(), model.terms());
-    let positions: HashMap<Term, usize> = own.iter().copied().zip(0..).collect();
-    let channel = |&channel: &u8| {
-        let (i, about) = (usize::from(channel), from.scaling());
-        let scale = scaling.scale[i];
-        (about.scale[i] / scale, (about.centre[i] - scaling.centre[i]) / scale)
-    };
-    let mut change = Mat::zeros(own.len(), wanted.len());
-    for (column, term) in wanted.iter().enumerate() {
-        let factors = term.factors();
-        for chosen in 0..1_u32 << factors.len() {
-            let (mut share, mut kept) = (1.0, Vec::new());
-            for (i, factor) in factors.iter().enumerate() {
-                let (a, b) = channel(factor);
-                if chosen & (1 << i) != 0 {
-                    share *= a;
-                    kept.push(*factor);
-                } else {
-                    share *= b;
+impl FactoredRows {
+    /// The features of `model` about the centre of `scaling` as sums of these: `T`, terms of these × terms of `model`;
+    /// `None` where these lack a product that it takes.
+    ///
+    /// With `z = (s − c)/k` and `z' = (s − c')/k'` a reading is `z' = a·z + b`, `a = k/k'`, `b = (c − c')/k'`, so every
+    /// product of `z'` is a sum of products of `z`: `X' = X·T`. Scales are powers of two, which leaves `a` exact.
+    pub(super) fn change(&self, model: &Model, scaling: &Scaling) -> Option<Mat<f64>> {
+        if model.columns() != self.model().columns() {
+            return None;
+        }
+        let (own, wanted, about) = (self.model().terms(), model.terms(), self.scaling());
+        let positions: HashMap<Term, usize> = own.iter().copied().zip(0..).collect();
+        let channel = |&channel: &u8| {
+            let i = usize::from(channel);
+            let scale = scaling.scale[i];
+            (about.scale[i] / scale, (about.centre[i] - scaling.centre[i]) / scale)
+        };
+        let mut change = Mat::zeros(own.len(), wanted.len());
+        for (column, term) in wanted.iter().enumerate() {
+            let factors = term.factors();
+            for chosen in 0..1_u32 << factors.len() {
+                let (mut share, mut kept) = (1.0, Vec::new());
+                for (i, factor) in factors.iter().enumerate() {
+                    let (a, b) = channel(factor);
+                    if chosen & (1 << i) != 0 {
+                        share *= a;
+                        kept.push(*factor);
+                    } else {
+                        share *= b;
+                    }
+                }
+                if share != 0.0 {
+                    change[(*positions.get(&Term::product(&kept))?, column)] += share;
                 }
             }
-            if share != 0.0 {
-                change[(*positions.get(&Term::product(&kept))?, column)] += share;
-            }
         }
+        Some(change)
     }
-    Some(change)
 }

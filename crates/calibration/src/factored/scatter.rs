@@ -3,15 +3,15 @@
 //! With `M = R·F` for a group, `K_g = MᵀM` and `u_g = Mᵀ(Z − R·C)`: errors of about κ(X)·2⁻⁵³.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use faer::{Mat, MatRef};
 
 use super::groups::FactoredGroups;
 use super::rows::FactoredRows;
-use crate::exact::NewGroup;
+use crate::exact::{NewGroup, SolveError};
 use crate::passes::{Workers, on_threads};
 use crate::sandwich::{GroupScatter, ScatterError, ScatterSums, corrected_rows};
-use crate::scaling::Scaling;
 use crate::solver::Solution;
 use crate::symmetric::{SymmetricMatrix, UpperTriangle};
 use shell_data::wrench::PerAxis;
@@ -22,9 +22,9 @@ impl FactoredGroups {
     ///
     /// # Errors
     /// [`ScatterError`] if some group alone determines a coefficient, or the features are too nearly dependent.
-    pub(crate) fn scatter<'a>(
-        &'a self,
-        solution: &'a Solution,
+    pub(crate) fn scatter(
+        &self,
+        solution: &Solution,
         held_out: Option<usize>,
         threads: usize,
     ) -> Result<GroupScatter, ScatterError> {
@@ -38,35 +38,32 @@ impl FactoredGroups {
             std::array::from_fn(|a| std::array::from_fn(|b| products[(a.min(b), a.max(b))]));
         let all_directions = solution.ridge == 0.0 && solution.rank == factor.nrows();
         let mut sums = ScatterSums::new(factor.nrows(), products, all_directions);
-        let start = || {
-            let shares = all_directions.then(|| SymmetricMatrix::zeros(factor.nrows()));
-            (AboutCentre::new(solution), shares)
-        };
-        let of_group = |(about, shares): &mut (AboutCentre<'a, _>, Option<_>),
-                        rows: &'a FactoredRows| {
-            let express = |change: Mat<f64>| (&change * factor, &change * &solution.coefficients);
-            let parts = about.centre_of(rows, express).ok_or(ScatterError::NearlyDependent)?;
-            let (factors, coefficients) = parts;
+        // Each group with factor and coefficients about its centre.
+        let mut items = Vec::with_capacity(groups.len());
+        for run in by_centre(&groups, solution) {
+            let (groups, change) = run.ok_or(SolveError::NearlyDependent)?;
+            let parts = Arc::new((&change * factor, &change * &solution.coefficients));
+            items.extend(groups.iter().map(|rows| (*rows, Arc::clone(&parts))));
+        }
+        let start = || all_directions.then(|| SymmetricMatrix::zeros(factor.nrows()));
+        let work = |shares: &mut Option<_>, (rows, parts): &(&FactoredRows, Arc<_>)| {
+            let (factors, coefficients): &(Mat<f64>, Mat<f64>) = parts;
             let (r, z) = rows.r_factor.significant_rows();
             let (columns, misfit) = (&r * factors, z - &r * coefficients);
-            let errors = rows.errors_of(coefficients.as_ref());
-            let score = corrected_rows((columns.as_ref(), misfit.as_ref()), shares.as_mut())?;
-            Ok((score, errors))
+            let score = corrected_rows((columns.as_ref(), misfit.as_ref()), shares.as_mut());
+            Ok((score, rows.errors_of(coefficients.as_ref())))
         };
-        let mut all = Vec::with_capacity(groups.len());
+        let mut all = Vec::with_capacity(items.len());
         let add = |of_group| {
             all.push(of_group);
             Ok(())
         };
-        let work = |state: &mut _, rows: &&'a FactoredRows| Ok(of_group(state, rows));
-        let states = on_threads(&groups, |_| 0, Workers::new(threads), start, work, add);
-        let states = states.expect("nobody watches, and what fails is kept");
-        for of_group in all {
-            let (score, errors) = of_group?;
-            sums.add(score, &errors);
+        let shares = on_threads(&items, |_| 0, Workers::new(threads), start, work, add);
+        let shares = shares.expect("nobody watches, and what fails is kept");
+        for (score, errors) in all {
+            sums.add(score?, &errors);
         }
-        let shares = states.iter().filter_map(|(_, shares)| shares.as_ref());
-        shares.for_each(|of| sums.take_off(of));
+        shares.iter().flatten().for_each(|of| sums.take_off(of));
         sums.finish(&UpperTriangle::new(factor))
     }
 
@@ -89,16 +86,15 @@ impl FactoredGroups {
         solution: &Solution,
         scatter: &GroupScatter,
     ) -> Option<Vec<PerAxis<f64>>> {
-        let mut about = AboutCentre::new(solution);
-        let mut variances = Vec::with_capacity(groups.len());
-        for (_, rows) in &self.groups[groups] {
-            let express = |change: Mat<f64>| {
-                scatter.factors.each_ref().map(|factor| &change * without_zeros(factor))
-            };
-            let (factors, count) = (about.centre_of(rows, express)?, rows.rows().max(1) as f64);
-            let (r, _) = rows.r_factor.significant_rows();
-            let variance = |factor: &Mat<f64>| (&r * factor).squared_norm_l2() / count;
-            variances.push(factors.each_ref().map(variance));
+        let rows: Vec<_> = self.groups[groups].iter().map(|(_, rows)| rows).collect();
+        let mut variances = Vec::with_capacity(rows.len());
+        for run in by_centre(&rows, solution) {
+            let (groups, change) = run?;
+            let factors = scatter.factors.each_ref().map(|factor| &change * without_zeros(factor));
+            variances.extend(groups.iter().map(|rows| {
+                let (count, (r, _)) = (rows.rows().max(1) as f64, rows.r_factor.significant_rows());
+                factors.each_ref().map(|factor| (&r * factor).squared_norm_l2() / count)
+            }));
         }
         Some(variances)
     }
@@ -110,30 +106,15 @@ fn without_zeros(factor: &Mat<f64>) -> MatRef<'_, f64> {
     factor.as_ref().subcols(zeros, factor.ncols() - zeros)
 }
 
-/// A quantity of a solution, transformed to the centre of the readings that a group's features are about. It is computed
-/// again only where the centre changes: groups of merged recordings differ in it, others have one.
-struct AboutCentre<'a, T> {
-    solution: &'a Solution,
-    known: Option<(&'a Scaling, T)>,
-}
-
-impl<'a, T> AboutCentre<'a, T> {
-    fn new(solution: &'a Solution) -> Self {
-        Self { solution, known: None }
-    }
-
-    /// The quantity for some rows: `express` computes it from the change of basis.
-    fn centre_of(
-        &mut self,
-        rows: &'a FactoredRows,
-        express: impl FnOnce(Mat<f64>) -> T,
-    ) -> Option<&T> {
-        let Solution { model, scaling, .. } = self.solution;
-        let known = self.known.take().filter(|(about, _)| *about == rows.scaling());
-        let new = || Some((rows.scaling(), express(rows.change(model, scaling)?)));
-        let (_, known) = self.known.insert(known.or_else(new)?);
-        Some(known)
-    }
+/// Neighbours whose features are about one centre, and the features of a solution as sums of those; `None` where
+/// these lack some. Groups of merged recordings differ in their centres, others have one.
+fn by_centre<'a, 'b>(
+    groups: &'a [&'b FactoredRows],
+    solution: &Solution,
+) -> impl Iterator<Item = Option<(&'a [&'b FactoredRows], Mat<f64>)>> {
+    let Solution { model, scaling, .. } = solution;
+    let runs = groups.chunk_by(|a, b| a.scaling() == b.scaling());
+    runs.map(move |run| Some((run, run[0].change(model, scaling)?)))
 }
 
 #[cfg(test)]

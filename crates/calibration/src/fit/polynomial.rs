@@ -16,7 +16,7 @@ use crate::polynomial::Polynomial;
 use crate::quality::AxisQuality;
 use crate::reading_ranges::ReadingRanges;
 use crate::scaling::Scaling;
-use crate::solver::{self, Centring, FitProblem, Solution, SolverKind};
+use crate::solver::{self, FitProblem, ReadingSums, Solution, SolverKind};
 use crate::uncertainty::{Covariance, ErrorShape};
 use crate::validation::ValidationError;
 use crate::validation::excitation::WrenchSums;
@@ -101,10 +101,7 @@ fn solve_rounded(
         || (solver == SolverKind::Svd && truncate.is_some());
     let scaling = match sample.filter(|_| !is_penalised) {
         Some(sample) => Scaling::from_sample(&sample.readings, model.intercept),
-        None => {
-            let centring = Centring { channels: model.columns(), intercept: model.intercept };
-            centring.scaling(&rows.reduce(&centring)?)
-        }
+        None => rows.reduce(&ReadingSums::new(model.columns()))?.scaling(model.intercept),
     };
     let problem = FitProblem { model, scaling, ridge };
     match solver {

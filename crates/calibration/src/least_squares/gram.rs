@@ -1,16 +1,11 @@
 //! Normal equations in `f64`: the fast and coarse way.
 
-use faer::linalg::matmul::triangular::{self, BlockStructure};
 use faer::linalg::{triangular_inverse, triangular_solve};
 use faer::{Accum, Mat, MatRef, Par, Side};
 
 use super::rows::{Reduction, RowChunk, Shape};
 use crate::r_factor::{LeastSquares, LeastSquaresError, Ridge};
-
-/// Forms the Gram matrix of `[X | Y]`.
-pub(super) struct FormGram {
-    pub(super) shape: Shape,
-}
+use crate::vectors::lower_product;
 
 /// `[X | Y]ᵀ[X | Y]`, the lower half of it.
 #[derive(Clone, Debug)]
@@ -22,19 +17,10 @@ pub(super) struct Gram {
     products: Mat<f64>,
 }
 
-impl Reduction for FormGram {
-    type Partial = Gram;
-    type Scratch = ();
+impl Reduction for Gram {
     const WIDE: bool = false;
 
-    fn empty(&self) -> Gram {
-        let columns = self.shape.columns();
-        Gram { shape: self.shape, rows: 0, additions: 0, products: Mat::zeros(columns, columns) }
-    }
-
-    fn scratch(&self) {}
-
-    fn absorb(&self, gram: &mut Gram, chunk: &RowChunk<'_>, (): &mut ()) {
+    fn absorb(&mut self, chunk: &RowChunk<'_>) {
         let columns = self.shape.columns();
         let rows = MatRef::from_column_major_slice_with_stride(
             chunk.heads,
@@ -42,29 +28,25 @@ impl Reduction for FormGram {
             columns,
             chunk.stride,
         );
-        triangular::matmul(
-            gram.products.as_mut(),
-            BlockStructure::TriangularLower,
-            Accum::Add,
-            rows.transpose(),
-            BlockStructure::Rectangular,
-            rows,
-            BlockStructure::Rectangular,
-            1.0,
-            Par::Seq,
-        );
-        gram.rows += chunk.rows as u64;
-        gram.additions += 1;
+        lower_product(self.products.as_mut(), Accum::Add, rows.transpose());
+        self.rows += chunk.rows as u64;
+        self.additions += 1;
     }
 
-    fn merge(&self, earlier: &mut Gram, later: Gram) {
-        earlier.products += later.products;
-        earlier.rows += later.rows;
-        earlier.additions += later.additions;
+    fn merge(&mut self, later: Self) {
+        self.products += later.products;
+        self.rows += later.rows;
+        self.additions += later.additions;
     }
 }
 
 impl Gram {
+    /// Of no rows.
+    pub(super) fn new(shape: Shape) -> Self {
+        let columns = shape.columns();
+        Self { shape, rows: 0, additions: 0, products: Mat::zeros(columns, columns) }
+    }
+
     /// Solves by Cholesky's factorisation with columns scaled to norm one.
     ///
     /// That the factorisation succeeds says nothing about rank. The elements of the scaled matrix
@@ -94,6 +76,7 @@ impl Gram {
         let undamped = scaled.self_adjoint_eigenvalues(Side::Lower).map_err(not_finite)?;
         let largest = undamped.last().copied().unwrap_or(0.0);
         let rank = undamped.iter().filter(|&&e| e > bound).count();
+        let gram = scaled.clone();
         for j in (0..p).filter(|&j| ridge.free_column != Some(j)) {
             scaled[(j, j)] += ridge.lambda;
         }
@@ -119,8 +102,6 @@ impl Gram {
         triangular_inverse::invert_upper_triangular(inverse.as_mut(), lower.transpose(), Par::Seq);
         let outputs = Mat::from_fn(q, q, |a, b| self.products[(p + a.max(b), p + a.min(b))]);
         // YᵀY − CᵀXᵀY − (XᵀY)ᵀC + CᵀXᵀX·C holds for any C, with a ridge too.
-        let gram =
-            Mat::from_fn(p, p, |i, j| self.products[(i.max(j), i.min(j))] / norms[i] / norms[j]);
         let cross = solved.transpose() * &right;
         let mut residual_products =
             outputs - &cross - cross.transpose() + solved.transpose() * (gram * &solved);

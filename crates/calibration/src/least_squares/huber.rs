@@ -17,10 +17,9 @@
 
 use faer::Mat;
 
-use super::qr::FormRFactor;
 use super::rows::{Reduction, RowChunk, Rows, Shape};
 use crate::magnitudes::FineMagnitudes;
-use crate::r_factor::{LeastSquares, LeastSquaresError, Ridge};
+use crate::r_factor::{LeastSquares, LeastSquaresError, RFactor, Ridge};
 use crate::vectors::{add_multiple, dot};
 use std::ops::Range;
 
@@ -59,16 +58,19 @@ const SMALLEST: f64 = 1e-12;
 /// # Panics
 /// If there is none.
 pub(crate) fn clip_of_sizes(sizes: &mut [f64]) -> f64 {
-    let middle = sizes.len() / 2;
-    let is_even = sizes.len().is_multiple_of(2);
-    let (below, &mut upper, _) = sizes.select_nth_unstable_by(middle, f64::total_cmp);
-    let lower = below.iter().copied().fold(0.0, f64::max);
-    let median = if is_even { 0.5 * (lower + upper) } else { upper };
-    CLIP * median / QUARTILE
+    let count = sizes.len();
+    CLIP * mean_of_ranks(sizes, [(count - 1) / 2, count / 2]) / QUARTILE
 }
 
-/// Forms the gradient of clipped residuals.
-struct FormClipped {
+/// The mean of the sizes of two ranks, which are one or follow each other.
+fn mean_of_ranks(sizes: &mut [f64], [lower, upper]: [usize; 2]) -> f64 {
+    let (below, &mut middle, _) = sizes.select_nth_unstable_by(upper, f64::total_cmp);
+    let other = if lower == upper { middle } else { below.iter().copied().fold(0.0, f64::max) };
+    0.5 * (middle + other)
+}
+
+/// Which residuals are clipped, and where.
+struct Clipping {
     shape: Shape,
     coefficients: Mat<f64>,
     /// Where each column of `Y` is clipped, σ·k.
@@ -81,7 +83,8 @@ struct FormClipped {
 
 /// What clipped residuals add up to.
 #[derive(Clone)]
-struct Clipped {
+struct Clipped<'a> {
+    by: &'a Clipping,
     /// `XᵀΨ`, Ψ in units of `Y`.
     gradient: Mat<f64>,
     /// `ΨᵀΨ`.
@@ -94,34 +97,12 @@ struct Clipped {
     kept: Vec<Vec<f64>>,
 }
 
-impl Clipped {
-    /// The median size of a column's residuals: of an even number the mean of both in the middle. `false`
-    /// where it is from the histogram.
-    fn median(&mut self, a: usize, rows: u64) -> (f64, bool) {
-        let kept = &mut self.kept[a];
-        let position =
-            |rank: u64| rank.checked_sub(self.below[a]).map(|position| position as usize);
-        let (Some(lower), Some(upper)) = (position((rows - 1) / 2), position(rows / 2)) else {
-            return (self.sizes[a].quantile(0.5), false);
-        };
-        if upper >= kept.len() {
-            return (self.sizes[a].quantile(0.5), false);
-        }
-        let (below, middle, _) = kept.select_nth_unstable_by(upper, f64::total_cmp);
-        let middle = *middle;
-        let other = if lower == upper { middle } else { below.iter().copied().fold(0.0, f64::max) };
-        (0.5 * (middle + other), true)
-    }
-}
-
-impl Reduction for FormClipped {
-    type Partial = Clipped;
-    type Scratch = Vec<f64>;
-    const WIDE: bool = false;
-
-    fn empty(&self) -> Clipped {
-        let Shape { features: p, outputs: q } = self.shape;
-        Clipped {
+impl<'a> Clipped<'a> {
+    /// Of no rows.
+    fn new(by: &'a Clipping) -> Self {
+        let Shape { features: p, outputs: q } = by.shape;
+        Self {
+            by,
             gradient: Mat::zeros(p, q),
             products: Mat::zeros(q, q),
             inside: vec![0; q],
@@ -131,52 +112,65 @@ impl Reduction for FormClipped {
         }
     }
 
-    fn scratch(&self) -> Vec<f64> {
-        Vec::new()
+    /// The median size of a column's residuals: of an even number the mean of both in the middle. `false`
+    /// where it is from the histogram.
+    fn median(&mut self, a: usize, rows: u64) -> (f64, bool) {
+        let (kept, below) = (&mut self.kept[a], self.below[a]);
+        let position = |rank: u64| rank.checked_sub(below).map(|position| position as usize);
+        match [(rows - 1) / 2, rows / 2].map(position) {
+            [Some(lower), Some(upper)] if upper < kept.len() => {
+                (mean_of_ranks(kept, [lower, upper]), true)
+            }
+            _ => (self.sizes[a].quantile(0.5), false),
+        }
     }
+}
 
-    fn absorb(&self, sums: &mut Clipped, chunk: &RowChunk<'_>, residuals: &mut Vec<f64>) {
-        let Shape { features: p, outputs: q } = self.shape;
+impl Reduction for Clipped<'_> {
+    const WIDE: bool = false;
+
+    fn absorb(&mut self, chunk: &RowChunk<'_>) {
+        let Clipping { shape, coefficients, clip, unit, near } = self.by;
+        let Shape { features: p, outputs: q } = *shape;
         let rows = chunk.rows;
-        residuals.clear();
-        (0..q).for_each(|a| residuals.extend(chunk.column(p + a)));
+        let mut residuals: Vec<f64> = (p..p + q).flat_map(|j| chunk.column(j)).copied().collect();
         for (a, residual) in residuals.chunks_mut(rows.max(1)).enumerate() {
             for j in 0..p {
-                let c = self.coefficients[(j, a)];
+                let c = coefficients[(j, a)];
                 add_multiple(residual, -c, chunk.column(j));
             }
-            let clip = self.clip[a];
-            let unit = self.unit[a].recip();
-            let near = self.near[a].clone();
+            let clip = clip[a];
+            let unit = unit[a].recip();
+            let near = near[a].clone();
             for r in residual.iter_mut() {
                 let size = r.abs() * unit;
-                sums.sizes[a].add(size);
-                sums.below[a] += u64::from(size < near.start);
+                self.sizes[a].add(size);
+                self.below[a] += u64::from(size < near.start);
                 if near.contains(&size) {
-                    sums.kept[a].push(size);
+                    self.kept[a].push(size);
                 }
-                sums.inside[a] += u64::from(r.abs() <= clip);
+                self.inside[a] += u64::from(r.abs() <= clip);
                 *r = r.clamp(-clip, clip);
             }
         }
         let clipped = |a: usize| &residuals[a * rows..][..rows];
         for a in 0..q {
             for j in 0..p {
-                sums.gradient[(j, a)] += dot(clipped(a), chunk.column(j));
+                self.gradient[(j, a)] += dot(clipped(a), chunk.column(j));
             }
             for b in 0..=a {
-                sums.products[(b, a)] += dot(clipped(a), clipped(b));
+                self.products[(b, a)] += dot(clipped(a), clipped(b));
             }
         }
     }
 
-    fn merge(&self, earlier: &mut Clipped, later: Clipped) {
-        earlier.gradient += later.gradient;
-        earlier.products += later.products;
-        earlier.inside.iter_mut().zip(later.inside).for_each(|(sum, n)| *sum += n);
-        earlier.sizes.iter_mut().zip(&later.sizes).for_each(|(sum, sizes)| sum.merge(sizes));
-        earlier.below.iter_mut().zip(later.below).for_each(|(sum, n)| *sum += n);
-        earlier.kept.iter_mut().zip(later.kept).for_each(|(kept, later)| kept.extend(later));
+    fn merge(&mut self, later: Self) {
+        self.gradient += later.gradient;
+        self.products += later.products;
+        self.inside.iter_mut().zip(later.inside).for_each(|(sum, n)| *sum += n);
+        self.sizes.iter_mut().zip(&later.sizes).for_each(|(sum, sizes)| sum.merge(sizes));
+        self.below.iter_mut().zip(later.below).for_each(|(sum, n)| *sum += n);
+        self.kept.iter_mut().zip(later.kept).for_each(|(kept, later)| kept.extend(later));
     }
 }
 
@@ -184,13 +178,11 @@ impl Reduction for FormClipped {
 pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares, R::Error> {
     let shape = rows.shape();
     let Shape { features: p, outputs: q } = shape;
-    let r_factor = rows.pass(&FormRFactor { shape })?;
+    let r_factor = rows.pass(&RFactor::new(p, q))?;
     let mut solved = r_factor.solve(ridge)?;
     let n = solved.rows as f64;
     let norms: Vec<f64> = r_factor.r().col_iter().map(|column| column.norm_l2()).collect();
-    let penalty = |j: usize| {
-        if ridge.free_column == Some(j) { 0.0 } else { ridge.lambda * norms[j] * norms[j] }
-    };
+    let penalties = ridge.penalties(&norms);
     let rms = |a: usize| (solved.residual_products[(a, a)] / n).sqrt();
     let mut sigma: Vec<f64> = (0..q).map(rms).collect();
     // A column that is fitted without error is clipped nowhere, and its residuals are all alike.
@@ -216,13 +208,13 @@ pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares,
             }
         };
         let near = (0..q).map(near).collect();
-        let pass = FormClipped { shape, coefficients, clip, unit: unit.clone(), near };
-        let mut clipped = rows.pass(&pass)?;
+        let clipping = Clipping { shape, coefficients, clip, unit: unit.clone(), near };
+        let mut clipped = rows.pass(&Clipped::new(&clipping))?;
         let medians: Vec<_> = (0..q).map(|a| clipped.median(a, solved.rows)).collect();
         let Clipped { mut gradient, products, inside, .. } = clipped;
         for a in 0..q {
             for j in 0..p {
-                gradient[(j, a)] -= penalty(j) * solved.coefficients[(j, a)];
+                gradient[(j, a)] -= penalties[j] * solved.coefficients[(j, a)];
             }
         }
         let inner = solved.factor.transpose() * &gradient;

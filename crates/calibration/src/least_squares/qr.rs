@@ -1,31 +1,19 @@
 //! The pass that leaves the R factor of [`r_factor`](crate::r_factor).
 
-use super::rows::{Reduction, RowChunk, Shape};
+use super::rows::{Reduction, RowChunk};
 use crate::r_factor::{RFactor, Workspace};
 
-/// Householder QR over row blocks.
-pub(super) struct FormRFactor {
-    pub(super) shape: Shape,
-}
-
-impl Reduction for FormRFactor {
-    type Partial = RFactor;
-    type Scratch = Workspace;
+impl Reduction for RFactor {
     const WIDE: bool = false;
 
-    fn empty(&self) -> RFactor {
-        RFactor::new(self.shape.features, self.shape.outputs)
-    }
-
-    fn scratch(&self) -> Workspace {
-        Workspace::new(self.shape.features, self.shape.outputs)
-    }
-
-    fn absorb(&self, partial: &mut RFactor, chunk: &RowChunk<'_>, scratch: &mut Workspace) {
-        let step = scratch.rows();
+    /// By Householder QR over row blocks.
+    fn absorb(&mut self, chunk: &RowChunk<'_>) {
+        let features = self.r().ncols();
+        let mut workspace = Workspace::new(features, self.whole().ncols() - features);
+        let step = workspace.rows();
         for start in (0..chunk.rows).step_by(step) {
             let rows = step.min(chunk.rows - start);
-            partial.absorb(rows, scratch, |columns, stride| {
+            self.absorb(rows, &mut workspace, |columns, stride| {
                 for (j, column) in columns.chunks_mut(stride).enumerate() {
                     column[..rows].copy_from_slice(&chunk.column(j)[start..][..rows]);
                 }
@@ -33,7 +21,7 @@ impl Reduction for FormRFactor {
         }
     }
 
-    fn merge(&self, earlier: &mut RFactor, later: RFactor) {
-        earlier.merge(&later);
+    fn merge(&mut self, later: Self) {
+        self.merge(&later);
     }
 }

@@ -5,7 +5,6 @@
 //! p elements in place of n.
 
 use faer::linalg::triangular_solve;
-use faer::prelude::*;
 use faer::{Mat, Par};
 
 use crate::r_factor::RFactor;
@@ -45,46 +44,34 @@ pub(super) fn svd(
     if !r.is_all_finite() || !z.is_all_finite() {
         return Err(LeastSquaresError::NotFinite);
     }
-    let p = r.ncols();
-    let Some(share) = truncate else {
-        let solved = r_factor.solve(ridge)?;
-        return by_singular_values(solved, r.as_ref(), z.as_ref(), 0.0)
-            .map(|solved| with_residuals_of(solved, r_factor));
+    let (p, q) = z.shape();
+    let mut solved = match truncate {
+        None => r_factor.solve(ridge)?,
+        Some(_) if r_factor.rows() == 0 => {
+            return Err(LeastSquaresError::TooFewRows { rows: 0, columns: p });
+        }
+        Some(_) => LeastSquares {
+            coefficients: Mat::zeros(p, q),
+            factor: Mat::zeros(p, p),
+            residual_products: Mat::zeros(q, q),
+            rows: r_factor.rows(),
+            condition: 1.0,
+            rank: p,
+        },
     };
-    if r_factor.rows() == 0 {
-        return Err(LeastSquaresError::TooFewRows { rows: 0, columns: p });
-    }
-    let empty = LeastSquares {
-        coefficients: Mat::zeros(p, z.ncols()),
-        factor: Mat::zeros(p, p),
-        residual_products: Mat::zeros(z.ncols(), z.ncols()),
-        rows: r_factor.rows(),
-        condition: 1.0,
-        rank: p,
-    };
-    by_singular_values(empty, r.as_ref(), z.as_ref(), share)
-        .map(|solved| with_residuals_of(solved, r_factor))
-}
-
-fn by_singular_values(
-    mut solved: LeastSquares,
-    r: MatRef<'_, f64>,
-    z: MatRef<'_, f64>,
-    share: f64,
-) -> Result<LeastSquares, LeastSquaresError> {
-    let p = r.ncols();
-    let (scaled, norms) = equilibrated(r);
+    let share = truncate.unwrap_or(0.0);
+    let (scaled, norms) = equilibrated(r.as_ref());
     let svd = scaled.svd().map_err(|_| LeastSquaresError::NotFinite)?;
     let values: Vec<f64> = svd.S().column_vector().iter().copied().collect();
     let largest = values.first().copied().unwrap_or(0.0);
     let rank = values.iter().filter(|&&s| s > share * largest && s > 0.0).count();
-    let mut rotated = svd.U().transpose() * z;
+    let mut rotated = svd.U().transpose() * &z;
     for (i, &value) in values.iter().enumerate() {
         let weight = if i < rank { value.recip() } else { 0.0 };
         rotated.row_mut(i).iter_mut().for_each(|b| *b *= weight);
     }
     let coefficients = svd.V() * rotated;
-    solved.coefficients = Mat::from_fn(p, z.ncols(), |i, a| coefficients[(i, a)] / norms[i]);
+    solved.coefficients = Mat::from_fn(p, q, |i, a| coefficients[(i, a)] / norms[i]);
     if rank < p || share > 0.0 {
         // (XᵀX)⁺ = V·S⁻²·Vᵀ; a QR factorisation makes its root triangular.
         let root = Mat::from_fn(p, p, |i, j| {
@@ -100,7 +87,10 @@ fn by_singular_values(
         solved.condition = largest / values.get(rank.max(1) - 1).copied().unwrap_or(largest);
     }
     solved.rank = rank;
-    if solved.coefficients.is_all_finite() { Ok(solved) } else { Err(LeastSquaresError::NotFinite) }
+    if !solved.coefficients.is_all_finite() {
+        return Err(LeastSquaresError::NotFinite);
+    }
+    Ok(with_residuals_of(solved, r_factor))
 }
 
 fn with_residuals_of(mut solved: LeastSquares, r_factor: &RFactor) -> LeastSquares {

@@ -11,51 +11,40 @@
 use faer::{Mat, MatRef};
 
 use super::kernels::{LANES, LaneSums, Wide, add_multiple, add_products};
-use super::qr::FormRFactor;
 use super::rows::{Reduction, RowChunk, Rows, Shape, WideColumns};
 use super::wide_matrix::{WideMatrix, rounded};
 use crate::double_double::DoubleDouble;
-use crate::r_factor::{LeastSquares, LeastSquaresError, Ridge};
+use crate::r_factor::{LeastSquares, LeastSquaresError, RFactor, Ridge};
 
 /// Corrections made before giving up.
 const MOST_CORRECTIONS: usize = 12;
 
-/// Forms `Xᵀ(Y − X·C)`.
-struct FormGradient {
+/// `Xᵀ(Y − X·C)`.
+#[derive(Clone)]
+struct Gradient<'a> {
     shape: Shape,
-    coefficients: WideMatrix,
+    coefficients: &'a WideMatrix,
+    /// Products of each column of `[X | Y − X·C]` with the residuals, which are its last columns.
+    sums: Vec<LaneSums>,
 }
 
-impl Reduction for FormGradient {
-    /// Products of each column of `[X | Y − X·C]` with the residuals, which are its last columns.
-    type Partial = Vec<LaneSums>;
-    /// The residuals of a chunk.
-    type Scratch = WideColumns;
+impl Reduction for Gradient<'_> {
     const WIDE: bool = true;
 
     /// As many as stay in a core's second cache: each column is used at two times.
-    fn chunk_rows(&self, columns: usize) -> usize {
+    fn chunk_rows(columns: usize) -> usize {
         /// Bytes of heads and tails.
         const BYTES: usize = 1 << 19;
         (BYTES / (16 * columns.max(1))).next_multiple_of(LANES)
     }
 
-    fn empty(&self) -> Vec<LaneSums> {
-        vec![LaneSums::default(); self.shape.columns() * self.shape.outputs]
-    }
-
-    fn scratch(&self) -> WideColumns {
-        WideColumns::default()
-    }
-
-    fn absorb(&self, sums: &mut Vec<LaneSums>, chunk: &RowChunk<'_>, scratch: &mut WideColumns) {
+    fn absorb(&mut self, chunk: &RowChunk<'_>) {
         let Shape { features: p, outputs: q } = self.shape;
         let rows = chunk.rows;
         if rows == 0 {
             return;
         }
-        scratch.copy(chunk, p..p + q);
-        let WideColumns { heads, tails, .. } = scratch;
+        let WideColumns { mut heads, mut tails, .. } = WideColumns::new(chunk, p..p + q);
         // Feature by feature, so that each is fetched once.
         for j in 0..p {
             let residuals = heads.chunks_mut(rows).zip(tails.chunks_mut(rows));
@@ -66,14 +55,14 @@ impl Reduction for FormGradient {
         let residuals: Vec<Wide<'_>> = std::iter::zip(heads.chunks(rows), tails.chunks(rows))
             .map(|(heads, tails)| Wide { heads, tails })
             .collect();
-        for (j, sums) in sums.chunks_mut(q).enumerate() {
+        for (j, sums) in self.sums.chunks_mut(q).enumerate() {
             let column = if j < p { chunk.wide(j) } else { residuals[j - p] };
             add_products(sums, &residuals, column);
         }
     }
 
-    fn merge(&self, earlier: &mut Vec<LaneSums>, later: Vec<LaneSums>) {
-        earlier.iter_mut().zip(&later).for_each(|(sum, later)| sum.merge(later));
+    fn merge(&mut self, later: Self) {
+        self.sums.iter_mut().zip(&later.sums).for_each(|(sum, later)| sum.merge(later));
     }
 }
 
@@ -81,13 +70,10 @@ impl Reduction for FormGradient {
 pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares, R::Error> {
     let shape = rows.shape();
     let Shape { features: p, outputs: q } = shape;
-    let r_factor = rows.pass(&FormRFactor { shape })?;
+    let r_factor = rows.pass(&RFactor::new(p, q))?;
     let mut solved = r_factor.solve_roughly(ridge)?;
     let norms: Vec<f64> = r_factor.r().col_iter().map(|column| column.norm_l2()).collect();
-    let penalty = |j: usize| {
-        if ridge.free_column == Some(j) { 0.0 } else { ridge.lambda * norms[j] * norms[j] }
-    };
-    let penalties: Vec<f64> = (0..p).map(penalty).collect();
+    let penalties = ridge.penalties(&norms);
     let start = &solved.coefficients;
     let mut coefficients = WideMatrix::from_fn(p, q, |i, a| start[(i, a)].into());
     // What one correction leaves of the error: a cautious figure until one has been measured.
@@ -96,10 +82,10 @@ pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares,
     let ill_conditioned =
         LeastSquaresError::IllConditioned { limit: 0.1 / f64::EPSILON / (p as f64).sqrt() };
     for _ in 0..MOST_CORRECTIONS {
-        let pass = FormGradient { shape, coefficients };
-        let sums = rows.pass(&pass)?;
+        let sums = vec![LaneSums::default(); shape.columns() * q];
+        let Gradient { sums, .. } =
+            rows.pass(&Gradient { shape, coefficients: &coefficients, sums })?;
         let mut gradient = WideMatrix::from_fn(p, q, |j, a| sums[j * q + a].total());
-        coefficients = pass.coefficients;
         for a in 0..q {
             for (j, &penalty) in penalties.iter().enumerate() {
                 gradient[(j, a)] -= coefficients[(j, a)] * DoubleDouble::from(penalty);

@@ -46,7 +46,7 @@ impl<'a> RowChunk<'a> {
 }
 
 /// Columns of equal height, one after the other, and what rounding left out of each element.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(super) struct WideColumns {
     pub(super) height: usize,
     pub(super) heads: Vec<f64>,
@@ -54,50 +54,35 @@ pub(super) struct WideColumns {
 }
 
 impl WideColumns {
-    /// Makes them copies of columns of a chunk.
-    pub(super) fn copy(&mut self, chunk: &RowChunk<'_>, columns: Range<usize>) {
-        self.height = chunk.rows;
-        self.heads.clear();
-        self.tails.clear();
+    /// Copies of columns of a chunk.
+    pub(super) fn new(chunk: &RowChunk<'_>, columns: Range<usize>) -> Self {
+        let elements = columns.len() * chunk.rows;
+        let (mut heads, mut tails) = (Vec::with_capacity(elements), Vec::with_capacity(elements));
         for j in columns {
-            let kernels::Wide { heads, tails } = chunk.wide(j);
-            self.heads.extend(heads);
-            self.tails.extend(tails);
-            self.tails.resize(self.heads.len(), 0.0);
+            let column = chunk.wide(j);
+            heads.extend(column.heads);
+            tails.extend(column.tails);
+            tails.resize(heads.len(), 0.0);
         }
+        Self { height: chunk.rows, heads, tails }
     }
 }
 
-/// What a pass over the rows computes.
-pub trait Reduction: Sync {
-    /// The result for some of the rows.
-    type Partial: Send;
-    /// Memory to be used again from chunk to chunk.
-    type Scratch;
+/// What a pass over the rows computes: the result for some of them, to begin with for none.
+pub trait Reduction: Clone + Send + Sync {
     /// Whether [`RowChunk::tails`] are looked at.
     const WIDE: bool;
 
     /// Rows of a chunk of so many columns at most.
-    fn chunk_rows(&self, columns: usize) -> usize {
+    fn chunk_rows(columns: usize) -> usize {
         RowChunk::rows_in_cache(columns)
     }
 
-    /// The partial of zero rows, the identity of [`Self::merge`].
-    fn empty(&self) -> Self::Partial;
-
-    /// Memory for [`Reduction::absorb`].
-    fn scratch(&self) -> Self::Scratch;
-
     /// Adds a chunk of at most [`Self::chunk_rows`] rows.
-    fn absorb(
-        &self,
-        partial: &mut Self::Partial,
-        chunk: &RowChunk<'_>,
-        scratch: &mut Self::Scratch,
-    );
+    fn absorb(&mut self, chunk: &RowChunk<'_>);
 
-    /// Adds the rows of `later` to those of `earlier`.
-    fn merge(&self, earlier: &mut Self::Partial, later: Self::Partial);
+    /// Adds the rows of `later`.
+    fn merge(&mut self, later: Self);
 }
 
 /// Rows that can be passed over any number of times.
@@ -108,11 +93,11 @@ pub trait Rows {
     /// Columns of `X` and of `Y`.
     fn shape(&self) -> Shape;
 
-    /// Reduces all rows.
+    /// Reduces all rows, from `empty` on, which is of none.
     ///
     /// # Errors
     /// If rows cannot be read.
-    fn pass<R: Reduction>(&mut self, reduction: &R) -> Result<R::Partial, Self::Error>;
+    fn pass<R: Reduction>(&mut self, empty: &R) -> Result<R, Self::Error>;
 }
 
 /// Columns of `X` and of `Y`.

@@ -1,10 +1,9 @@
 //! Solving by any of the methods.
 
-use super::gram::FormGram;
-use super::qr::FormRFactor;
+use super::gram::Gram;
 use super::rows::Rows;
-use super::wide_gram::FormWideGram;
-use super::wide_qr::FactorWide;
+use super::wide_gram::WideGram;
+use super::wide_qr::WideRFactor;
 use super::{gcv, huber, rank_revealing, refinement};
 use crate::r_factor::{LeastSquares, LeastSquaresError, RFactor, Ridge};
 
@@ -50,14 +49,15 @@ pub fn solve<R: Rows>(
     ridge: Ridge,
 ) -> Result<(LeastSquares, f64), R::Error> {
     let shape = rows.shape();
+    let no_rows = || RFactor::new(shape.features, shape.outputs);
     let solved = match method {
         Method::Tsqr | Method::Svd { .. } | Method::RidgeGcv => {
-            return Ok(solve_r_factor(&rows.pass(&FormRFactor { shape })?, method, ridge)?);
+            return Ok(solve_r_factor(&rows.pass(&no_rows())?, method, ridge)?);
         }
-        Method::PivotedQr => rank_revealing::pivoted(&rows.pass(&FormRFactor { shape })?, ridge)?,
-        Method::Gram => rows.pass(&FormGram { shape })?.solve(ridge)?,
-        Method::WideGram => rows.pass(&FormWideGram { shape })?.solve(ridge)?,
-        Method::WideTsqr => rows.pass(&FactorWide { shape })?.solve(ridge)?,
+        Method::PivotedQr => rank_revealing::pivoted(&rows.pass(&no_rows())?, ridge)?,
+        Method::Gram => rows.pass(&Gram::new(shape))?.solve(ridge)?,
+        Method::WideGram => rows.pass(&WideGram::new(shape))?.solve(ridge)?,
+        Method::WideTsqr => rows.pass(&WideRFactor::new(shape))?.solve(ridge)?,
         Method::RefinedTsqr => refinement::solve(rows, ridge)?,
         Method::Huber => huber::solve(rows, ridge)?,
     };

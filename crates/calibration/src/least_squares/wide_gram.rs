@@ -10,12 +10,7 @@ use super::wide_matrix::{
 use crate::double_double::DoubleDouble;
 use crate::r_factor::{LeastSquares, LeastSquaresError, Ridge};
 
-/// Forms the Gram matrix of `[X | Y]` in double-double.
-pub(super) struct FormWideGram {
-    pub(super) shape: Shape,
-}
-
-/// `[X | Y]ᵀ[X | Y]`, the upper half of it, column by column.
+/// `[X | Y]ᵀ[X | Y]` in double-double, the upper half of it, column by column.
 #[derive(Clone, Debug)]
 pub(super) struct WideGram {
     shape: Shape,
@@ -25,40 +20,34 @@ pub(super) struct WideGram {
     products: Vec<DoubleDouble>,
 }
 
-impl Reduction for FormWideGram {
-    type Partial = WideGram;
-    type Scratch = ();
+impl Reduction for WideGram {
     const WIDE: bool = true;
 
-    fn empty(&self) -> WideGram {
-        let n = self.shape.columns();
-        let products = vec![DoubleDouble::ZERO; n * (n + 1) / 2];
-        WideGram { shape: self.shape, rows: 0, additions: 0, products }
-    }
-
-    fn scratch(&self) {}
-
-    fn absorb(&self, gram: &mut WideGram, chunk: &RowChunk<'_>, (): &mut ()) {
-        let mut products = gram.products.iter_mut();
+    fn absorb(&mut self, chunk: &RowChunk<'_>) {
+        let mut products = self.products.iter_mut();
         for j in 0..self.shape.columns() {
             for (i, product) in (0..=j).zip(&mut products) {
                 *product += dot(chunk.wide(i), chunk.wide(j));
             }
         }
-        gram.rows += chunk.rows as u64;
-        gram.additions += 1;
+        self.rows += chunk.rows as u64;
+        self.additions += 1;
     }
 
-    fn merge(&self, earlier: &mut WideGram, later: WideGram) {
-        for (sum, product) in earlier.products.iter_mut().zip(later.products) {
-            *sum += product;
-        }
-        earlier.rows += later.rows;
-        earlier.additions += later.additions;
+    fn merge(&mut self, later: Self) {
+        self.products.iter_mut().zip(later.products).for_each(|(sum, product)| *sum += product);
+        self.rows += later.rows;
+        self.additions += later.additions;
     }
 }
 
 impl WideGram {
+    /// Of no rows.
+    pub(super) fn new(shape: Shape) -> Self {
+        let n = shape.columns();
+        Self { shape, rows: 0, additions: 0, products: vec![DoubleDouble::ZERO; n * (n + 1) / 2] }
+    }
+
     fn product(&self, i: usize, j: usize) -> DoubleDouble {
         let (i, j) = (i.min(j), i.max(j));
         self.products[j * (j + 1) / 2 + i]

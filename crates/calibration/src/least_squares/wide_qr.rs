@@ -9,64 +9,48 @@ use super::wide_matrix::{WideMatrix, is_finite, product, solve_triangle, spectru
 use crate::double_double::DoubleDouble;
 use crate::r_factor::{LeastSquares, LeastSquaresError, Ridge};
 
-/// Factors `[X | Y]` in double-double.
-pub(super) struct FactorWide {
-    pub(super) shape: Shape,
-}
-
-/// The R factor of the rows seen so far, as that of [`crate::r_factor`].
+/// The R factor of the rows `[X | Y]` seen so far in double-double, as that of [`crate::r_factor`].
 #[derive(Clone, Debug)]
-pub(super) struct Factored {
+pub(super) struct WideRFactor {
     shape: Shape,
     rows: u64,
     r: WideMatrix,
 }
 
-impl Reduction for FactorWide {
-    type Partial = Factored;
-    /// Rows to be eliminated.
-    type Scratch = WideColumns;
+impl Reduction for WideRFactor {
     const WIDE: bool = true;
 
-    fn empty(&self) -> Factored {
-        let columns = self.shape.columns();
-        Factored {
-            shape: self.shape,
-            rows: 0,
-            r: WideMatrix::from_fn(columns, columns, |_, _| DoubleDouble::ZERO),
-        }
+    fn absorb(&mut self, chunk: &RowChunk<'_>) {
+        self.eliminate(WideColumns::new(chunk, 0..self.shape.columns()));
+        self.rows += chunk.rows as u64;
     }
 
-    fn scratch(&self) -> WideColumns {
-        WideColumns::default()
-    }
-
-    fn absorb(&self, partial: &mut Factored, chunk: &RowChunk<'_>, scratch: &mut WideColumns) {
-        scratch.copy(chunk, 0..self.shape.columns());
-        partial.eliminate(scratch);
-        partial.rows += chunk.rows as u64;
-    }
-
-    fn merge(&self, earlier: &mut Factored, later: Factored) {
+    fn merge(&mut self, later: Self) {
         let columns = self.shape.columns();
         let elements = || (0..columns).flat_map(|j| later.r.col_as_slice(j));
-        earlier.eliminate(&mut WideColumns {
+        self.eliminate(WideColumns {
             height: columns,
             heads: elements().map(|e| e.to_f64()).collect(),
             tails: elements().map(|e| e.tail()).collect(),
         });
-        earlier.rows += later.rows;
+        self.rows += later.rows;
     }
 }
 
-impl Factored {
+impl WideRFactor {
+    /// Of no rows.
+    pub(super) fn new(shape: Shape) -> Self {
+        let columns = shape.columns();
+        Self { shape, rows: 0, r: WideMatrix::from_fn(columns, columns, |_, _| DoubleDouble::ZERO) }
+    }
+
     /// Factors the R factor with `rows` below it.
     ///
     /// Column `k` of the stack has a diagonal element and the rows below the R factor, and nothing
     /// between them; its reflector touches just these rows.
-    fn eliminate(&mut self, rows: &mut WideColumns) {
+    fn eliminate(&mut self, rows: WideColumns) {
         let n = self.shape.columns();
-        let WideColumns { height, ref mut heads, ref mut tails } = *rows;
+        let WideColumns { height, mut heads, mut tails } = rows;
         if height == 0 {
             return;
         }
@@ -120,7 +104,7 @@ impl Factored {
                 let norm = if norm > 0.0 { norm } else { 1.0 };
                 penalty.heads[j * p + j] = ridge.lambda.sqrt() * norm;
             }
-            damped.eliminate(&mut penalty);
+            damped.eliminate(penalty);
         }
         let r = WideMatrix::from_fn(p, p, |i, j| damped.r[(i, j)]);
         let z = WideMatrix::from_fn(p, q, |i, a| damped.r[(i, p + a)]);

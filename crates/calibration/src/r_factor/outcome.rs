@@ -73,4 +73,13 @@ pub struct Ridge {
 impl Ridge {
     /// No penalty.
     pub const NONE: Ridge = Ridge { lambda: 0.0, free_column: None };
+
+    /// What it adds to the squares of columns with these norms.
+    pub(crate) fn penalties(&self, norms: &[f64]) -> Vec<f64> {
+        let penalty = |(j, norm): (usize, &f64)| match self.free_column == Some(j) {
+            true => 0.0,
+            false => self.lambda * norm * norm,
+        };
+        norms.iter().enumerate().map(penalty).collect()
+    }
 }

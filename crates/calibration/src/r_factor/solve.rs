@@ -8,13 +8,6 @@ use super::factor::RFactor;
 use super::householder::{Workspace, contiguous};
 use super::outcome::{LeastSquares, LeastSquaresError, Ridge};
 
-/// Singular values of a matrix, and how many are not zero.
-struct Spectrum {
-    smallest: f64,
-    largest: f64,
-    rank: usize,
-}
-
 impl RFactor {
     /// That of the rows of matrices no taller than wide.
     pub(crate) fn from_rows(x: &Mat<f64>, y: &Mat<f64>) -> Self {
@@ -78,7 +71,7 @@ impl RFactor {
             return Err(LeastSquaresError::NotFinite);
         }
         let (equilibrated, norms) = equilibrated(self.r());
-        let Spectrum { smallest, largest, rank } = self.spectrum(&equilibrated)?;
+        let (condition, rank) = self.condition_and_rank(&equilibrated)?;
         if rank < p && ridge.lambda == 0.0 {
             let svd = equilibrated.svd().map_err(|_| LeastSquaresError::NotFinite)?;
             let null_space = svd.V().subcols(rank, p - rank).to_owned();
@@ -106,13 +99,16 @@ impl RFactor {
             factor,
             residual_products,
             rows: self.rows,
-            condition: largest / smallest,
+            condition,
             rank,
         })
     }
 
-    /// What singular values say of the equilibrated `R`. All are needed only where one may be zero.
-    fn spectrum(&self, equilibrated: &Mat<f64>) -> Result<Spectrum, LeastSquaresError> {
+    /// Of the equilibrated `R`, by its singular values. All are needed only where one may be zero.
+    fn condition_and_rank(
+        &self,
+        equilibrated: &Mat<f64>,
+    ) -> Result<(f64, usize), LeastSquaresError> {
         let extremes = extreme_singular_values(equilibrated);
         let [smallest, largest] = extremes.ok_or(LeastSquaresError::NotFinite)?;
         let tolerance = self.rounding() * largest;
@@ -124,7 +120,7 @@ impl RFactor {
                 all.iter().filter(|&&value| value > tolerance).count()
             }
         };
-        Ok(Spectrum { smallest, largest, rank })
+        Ok((largest / smallest, rank))
     }
 
     /// What rounding leaves of a singular value that is zero, as a share of the largest: roundings

@@ -11,15 +11,6 @@ use crate::reading_ranges::ReadingRanges;
 use crate::scaling::{ChannelSample, Scaling};
 use shell_data::block::Block;
 
-/// The pass that finds them.
-#[derive(Clone, Copy, Debug)]
-pub struct Centring {
-    /// Number of channels.
-    pub channels: usize,
-    /// Whether readings are shifted at all.
-    pub intercept: bool,
-}
-
 /// What is known of the readings of some rows.
 #[derive(Clone, Debug)]
 pub struct ReadingSums {
@@ -29,47 +20,47 @@ pub struct ReadingSums {
     integers: Vec<bool>,
 }
 
-impl Centring {
-    /// Centre and scale of the rows in the sums.
-    pub fn scaling(&self, sums: &ReadingSums) -> Scaling {
-        let ReadingSums { ranges, sums, integers } = sums;
+impl ReadingSums {
+    /// Of no rows.
+    pub fn new(channels: usize) -> Self {
+        Self {
+            ranges: ReadingRanges::new(channels),
+            sums: vec![DoubleDouble::ZERO; channels],
+            integers: vec![true; channels],
+        }
+    }
+
+    /// Centre and scale of the rows; `intercept` says whether readings are shifted at all.
+    pub fn scaling(&self, intercept: bool) -> Scaling {
+        let Self { ranges, sums, integers } = self;
         let channel = |i: usize| ChannelSample {
             min: ranges.channels[i].min,
             max: ranges.channels[i].max,
             mean: sums[i].to_f64() / ranges.rows as f64,
             integers: integers[i],
         };
-        Scaling::from_channels((0..self.channels).map(channel), self.intercept)
+        Scaling::from_channels((0..sums.len()).map(channel), intercept)
     }
 }
 
-impl Pass for Centring {
-    type Partial = ReadingSums;
-
+impl Pass for ReadingSums {
     const ANY_ORDER: bool = true;
 
-    fn empty(&self) -> ReadingSums {
-        ReadingSums {
-            ranges: ReadingRanges::new(self.channels),
-            sums: vec![DoubleDouble::ZERO; self.channels],
-            integers: vec![true; self.channels],
-        }
-    }
-
-    fn absorb(&self, partial: &mut ReadingSums, block: &Block) -> Result<(), FitError> {
-        partial.ranges.merge(&ReadingRanges::from_block(block, self.channels)?);
+    fn absorb(&mut self, block: &Block) -> Result<(), FitError> {
+        self.ranges.merge(&ReadingRanges::from_block(block, self.sums.len())?);
         for (channel, column) in block.readings.iter().enumerate() {
-            let sum = &mut partial.sums[channel];
+            let sum = &mut self.sums[channel];
             *sum = column.iter().fold(*sum, |sum, &s| sum + DoubleDouble::from(s));
-            partial.integers[channel] &= column.iter().all(|s| s.fract() == 0.0);
+            self.integers[channel] &= column.iter().all(|s| s.fract() == 0.0);
         }
         Ok(())
     }
 
-    fn merge(&self, earlier: &mut ReadingSums, later: ReadingSums) {
-        earlier.ranges.merge(&later.ranges);
-        earlier.sums.iter_mut().zip(later.sums).for_each(|(sum, more)| *sum += more);
-        earlier.integers.iter_mut().zip(later.integers).for_each(|(all, more)| *all &= more);
+    fn merge(&mut self, later: Self) -> Result<(), FitError> {
+        self.ranges.merge(&later.ranges);
+        self.sums.iter_mut().zip(later.sums).for_each(|(sum, more)| *sum += more);
+        self.integers.iter_mut().zip(later.integers).for_each(|(all, more)| *all &= more);
+        Ok(())
     }
 }
 
@@ -81,15 +72,14 @@ mod tests {
     #[test]
     fn the_centre_is_the_mean_of_all_rows_in_any_order() {
         let column: Vec<f64> = (0..1000).map(|i| f64::from(i * 7919 % 4001) / 10.0).collect();
-        let centring = Centring { channels: 1, intercept: true };
         let scaling = |columns: &[&[f64]]| {
-            let mut all = centring.empty();
+            let (empty, mut all) = (ReadingSums::new(1), ReadingSums::new(1));
             for column in columns {
                 let readings = vec![column.to_vec()];
                 let block = Block { rows: column.len(), readings, ..Block::default() };
-                centring.merge(&mut all, Rows::from(&block).reduce(&centring).unwrap());
+                all.merge(Rows::from(&block).reduce(&empty).unwrap()).unwrap();
             }
-            centring.scaling(&all)
+            all.scaling(true)
         };
         let mut sorted = column.clone();
         sorted.sort_unstable_by(f64::total_cmp);

@@ -1,9 +1,11 @@
-//! The solver that sums without rounding.
+//! The solver that sums without rounding, see [`crate::exact`].
+//!
+//! The bits of its answer depend on the rows alone. It chooses its own centre and scale, from all rows.
 
 use faer::Mat;
 
 use super::solution::Solution;
-use crate::exact::{Accumulator, ExactError, ExactRankLoss, Moments, SolveError};
+use crate::exact::{Accumulator, ExactRankLoss, Moments, SolveError};
 use crate::factor::InverseFactor;
 use crate::passes::Pass;
 use crate::rank_loss::{Dependence, RankLoss};
@@ -12,62 +14,15 @@ use crate::scaling::Scaling;
 use crate::{FitError, Model};
 use shell_data::block::Block;
 
-/// Exact moments of integer readings, see [`crate::exact`].
-///
-/// The bits of its answer depend on the rows alone. It chooses its own centre and scale, from all
-/// rows.
-#[derive(Debug)]
-pub struct Exact {
-    /// Sums over zero rows.
-    empty: Accumulator,
-}
-
-/// The sums over some rows, or why there are none.
-#[derive(Clone, Debug)]
-pub struct ExactPartial(Result<Accumulator, ExactError>);
-
-impl ExactPartial {
-    /// The sums.
-    ///
-    /// # Errors
-    /// [`FitError::NotExact`] if they cannot be exact.
-    pub fn finish(self) -> Result<Moments, FitError> {
-        Ok(self.0?.finish()?)
-    }
-}
-
-impl Exact {
-    /// Sums for the features of `model`.
-    pub fn new(model: Model) -> Self {
-        Self { empty: Accumulator::new(model.basis, model.channels) }
-    }
-}
-
-impl Pass for Exact {
-    type Partial = ExactPartial;
-
+impl Pass for Accumulator {
     const ANY_ORDER: bool = true;
 
-    fn empty(&self) -> ExactPartial {
-        ExactPartial(Ok(self.empty.clone()))
+    fn absorb(&mut self, block: &Block) -> Result<(), FitError> {
+        Ok(self.absorb(&block.readings, &block.wrench)?)
     }
 
-    fn absorb(&self, partial: &mut ExactPartial, block: &Block) -> Result<(), FitError> {
-        if let Ok(sums) = &mut partial.0 {
-            sums.absorb(&block.readings, &block.wrench)?;
-        }
-        Ok(())
-    }
-
-    fn merge(&self, earlier: &mut ExactPartial, later: ExactPartial) {
-        let merged = match (&mut earlier.0, later.0) {
-            (Ok(sums), Ok(later)) => sums.merge(later),
-            (Ok(_), Err(error)) => Err(error),
-            (Err(_), _) => return,
-        };
-        if let Err(error) = merged {
-            earlier.0 = Err(error);
-        }
+    fn merge(&mut self, later: Self) -> Result<(), FitError> {
+        Ok(self.merge(later)?)
     }
 }
 
@@ -115,11 +70,7 @@ pub fn solve_moments(
 
 /// Names the channels that cause the loss of rank: constant ones first, then other relations.
 fn explain(loss: ExactRankLoss, ranges: &ReadingRanges) -> RankLoss {
-    let constant = ranges.constant_channels();
-    let mut dependences: Vec<Dependence> = constant
-        .iter()
-        .map(|&channel| Dependence::Constant { channel, value: ranges.channels[channel].min })
-        .collect();
+    let (constant, mut dependences) = Dependence::constants(ranges);
     let moves = |channel: &u8| !constant.contains(&usize::from(*channel));
     let others = loss.relations.into_iter().filter(|r| r.feature.factors().iter().all(moves));
     dependences.extend(others.map(Dependence::from));

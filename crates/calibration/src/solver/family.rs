@@ -1,10 +1,10 @@
 //! Every solver by its name, over rows that can be passed over as often as it asks.
 
 use super::FitProblem;
-use super::exact::{Exact, solve_moments};
+use super::exact::solve_moments;
 use super::kind::SolverKind;
 use super::solution::Solution;
-use crate::exact::{ExactError, Moments};
+use crate::exact::{Accumulator, ExactError, Moments};
 use crate::features::Features;
 use crate::least_squares::{self, LeastSquaresError, Method, Reduction, Ridge, RowChunk, Shape};
 use crate::passes::{Pass, Rows};
@@ -24,7 +24,12 @@ pub fn fit(
     rows: &Rows<'_>,
 ) -> Result<(Solution, ReadingRanges), FitError> {
     let method = match kind {
-        SolverKind::Exact => return fit_exactly(&problem, rows),
+        SolverKind::Exact => {
+            // One pass is enough, and its sums know the ranges.
+            let moments = exact_moments(problem.model, rows)?;
+            let ranges = moments.reading_ranges();
+            return Ok((solve_moments(&moments, &problem.model, problem.ridge, &ranges)?, ranges));
+        }
         SolverKind::Tsqr => Method::Tsqr,
         SolverKind::RefinedTsqr => Method::RefinedTsqr,
         SolverKind::PivotedQr => Method::PivotedQr,
@@ -47,17 +52,7 @@ pub fn exact_moments(model: Model, rows: &Rows<'_>) -> Result<Moments, FitError>
     if model.memory > 0 {
         return Err(FitError::NotExact(ExactError::MemoryTerms));
     }
-    rows.reduce(&Exact::new(model))?.finish()
-}
-
-/// The exact solver, which needs one pass and whose sums know the ranges.
-fn fit_exactly(
-    problem: &FitProblem,
-    rows: &Rows<'_>,
-) -> Result<(Solution, ReadingRanges), FitError> {
-    let moments = exact_moments(problem.model, rows)?;
-    let ranges = moments.reading_ranges();
-    Ok((solve_moments(&moments, &problem.model, problem.ridge, &ranges)?, ranges))
+    Ok(rows.reduce(&Accumulator::new(model.basis, model.channels))?.finish()?)
 }
 
 /// As [`fit`], by a method of [`least_squares`] on the features.
@@ -115,9 +110,11 @@ impl least_squares::Rows for FeatureRows<'_> {
         Shape { features: self.features.len(), outputs: Axis::ALL.len() }
     }
 
-    fn pass<R: Reduction>(&mut self, reduction: &R) -> Result<R::Partial, Self::Error> {
-        let pass = OverFeatures { features: self.features, shape: self.shape(), reduction };
-        let (ranges, partial) = self.rows.reduce(&pass).map_err(Stopped::Reading)?;
+    fn pass<R: Reduction>(&mut self, empty: &R) -> Result<R, Self::Error> {
+        let (features, partial) = (self.features, empty.clone());
+        let ranges = ReadingRanges::new(features.model().columns());
+        let found = self.rows.reduce(&OverFeatures { features, ranges, partial });
+        let OverFeatures { ranges, partial, .. } = found.map_err(Stopped::Reading)?;
         self.ranges.get_or_insert(ranges);
         Ok(partial)
     }
@@ -131,30 +128,31 @@ fn scale_rows(columns: &mut [f64], stride: usize, weights: &[f64]) {
 }
 
 /// A reduction of features as a pass over blocks, which finds the ranges of the readings as it goes.
+#[derive(Clone)]
 struct OverFeatures<'a, R> {
     features: &'a Features,
-    shape: Shape,
-    reduction: &'a R,
+    ranges: ReadingRanges,
+    partial: R,
+}
+
+impl<R> OverFeatures<'_, R> {
+    /// Those of the features and of the wrench.
+    fn columns(&self) -> usize {
+        self.features.len() + Axis::ALL.len()
+    }
 }
 
 impl<R: Reduction> Pass for OverFeatures<'_, R> {
-    type Partial = (ReadingRanges, R::Partial);
-
     fn rows_together(&self) -> usize {
-        self.reduction.chunk_rows(self.shape.columns())
+        R::chunk_rows(self.columns())
     }
 
-    fn empty(&self) -> Self::Partial {
-        (ReadingRanges::new(self.features.model().columns()), self.reduction.empty())
-    }
-
-    fn absorb(&self, (ranges, partial): &mut Self::Partial, block: &Block) -> Result<(), FitError> {
-        ranges.merge(&ReadingRanges::from_block(block, self.features.model().columns())?);
+    fn absorb(&mut self, block: &Block) -> Result<(), FitError> {
+        self.ranges.merge(&ReadingRanges::from_block(block, self.features.model().columns())?);
         let p = self.features.len();
-        let stride = self.reduction.chunk_rows(self.shape.columns()).min(block.rows);
-        let mut heads = vec![0.0; stride * self.shape.columns()];
+        let stride = R::chunk_rows(self.columns()).min(block.rows);
+        let mut heads = vec![0.0; stride * self.columns()];
         let mut tails = vec![0.0; if R::WIDE { stride * p } else { 0 }];
-        let mut scratch = self.reduction.scratch();
         for start in (0..block.rows).step_by(stride.max(1)) {
             let rows = start..block.rows.min(start + stride);
             let readings = &block.readings;
@@ -173,14 +171,15 @@ impl<R: Reduction> Pass for OverFeatures<'_, R> {
                 scale_rows(tails, stride, &block.weights[rows.clone()]);
             }
             let chunk = RowChunk { rows: rows.len(), stride, heads: &heads, tails };
-            self.reduction.absorb(partial, &chunk, &mut scratch);
+            self.partial.absorb(&chunk);
         }
         Ok(())
     }
 
-    fn merge(&self, earlier: &mut Self::Partial, later: Self::Partial) {
-        earlier.0.merge(&later.0);
-        self.reduction.merge(&mut earlier.1, later.1);
+    fn merge(&mut self, later: Self) -> Result<(), FitError> {
+        self.ranges.merge(&later.ranges);
+        self.partial.merge(later.partial);
+        Ok(())
     }
 }
 

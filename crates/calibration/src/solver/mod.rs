@@ -10,8 +10,8 @@ mod family;
 mod kind;
 mod solution;
 
-pub use self::centring::{Centring, ReadingSums};
-pub use self::exact::{Exact, ExactPartial, solve_moments};
+pub use self::centring::ReadingSums;
+pub use self::exact::solve_moments;
 pub use self::family::{exact_moments, fit, fit_by};
 pub use self::kind::SolverKind;
 pub use self::solution::Solution;

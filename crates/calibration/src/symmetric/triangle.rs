@@ -100,16 +100,6 @@ impl UpperTriangle {
         }
         sums
     }
-
-    /// `Tᵀ·A·T`.
-    pub(crate) fn congruence(&self, a: &SymmetricMatrix) -> SymmetricMatrix {
-        congruence(self, a)
-    }
-
-    /// The trace of `Tᵀ·A·T`.
-    pub(crate) fn trace_with(&self, a: &SymmetricMatrix) -> f64 {
-        trace_of_congruence(self, a)
-    }
 }
 
 /// A row of `A·T` from the diagonal on.
@@ -143,7 +133,8 @@ vectorised! {
         }
     }
 
-    fn congruence(t: &UpperTriangle, a: &SymmetricMatrix) -> SymmetricMatrix {
+    /// `Tᵀ·A·T`.
+    pub(crate) fn congruence(t: &UpperTriangle, a: &SymmetricMatrix) -> SymmetricMatrix {
         let size = a.size;
         let mut product = SymmetricMatrix::zeros(size);
         let mut row = vec![0.0; size];
@@ -157,7 +148,8 @@ vectorised! {
         product
     }
 
-    fn trace_of_congruence(t: &UpperTriangle, a: &SymmetricMatrix) -> f64 {
+    /// The trace of `Tᵀ·A·T`.
+    pub(crate) fn trace_of_congruence(t: &UpperTriangle, a: &SymmetricMatrix) -> f64 {
         let mut row = vec![0.0; a.size];
         let mut trace = 0.0;
         for k in 0..a.size {

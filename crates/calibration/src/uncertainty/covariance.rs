@@ -9,7 +9,6 @@ use super::new_groups::{
     held_out_intervals, held_out_intervals_factored, held_out_intervals_of_files,
     held_out_intervals_of_stretches,
 };
-use crate::exact::{GroupScatterError, SolveError};
 use crate::factored::FactoredGroups;
 use crate::least_squares::Method;
 use crate::model::Model;
@@ -18,6 +17,7 @@ use crate::physics::GroupIntervals;
 use crate::sandwich::{GroupScatter, ScatterError};
 use crate::solver::Solution;
 use crate::validation::ValidationError;
+use crate::validation::cross_validation::labels_of;
 use crate::validation::grouped::GroupedMoments;
 use shell_data::wrench::PerAxis;
 
@@ -94,20 +94,19 @@ impl Covariance {
         are_stretches: bool,
         workers: Workers<'_>,
     ) -> Result<Self, ValidationError> {
-        let parts = sums.partitioned(model)?;
+        let whole = sums.all_of_several()?;
         let groups: Vec<_> = sums.groups.iter().map(|(_, moments)| moments).collect();
-        let found = parts.by_group(&groups, ridge).map_err(|error| {
-            let label = |position: usize| sums.groups[position].0.clone();
-            match error {
-                GroupScatterError::Solve(error) => ValidationError::Solve(error),
-                GroupScatterError::Scatter(error) => why_no_scatter(error, label),
-            }
-        })?;
+        let fit = whole.solve(model, ridge)?;
+        let found = fit.scatter(&groups, ridge);
+        let found = found.map_err(|error| why_no_scatter(error, &sums.groups))?;
         let intervals = match are_stretches {
-            true => held_out_intervals_of_stretches(&parts, &groups, &found, ridge, workers),
-            false => held_out_intervals(&parts, &groups, ridge, workers),
+            true => {
+                let parts = sums.partitioned(model)?;
+                held_out_intervals_of_stretches(&parts, (&fit, &found), &groups, ridge, workers)
+            }
+            false => held_out_intervals(whole, &groups, (model, ridge), workers),
         };
-        Ok(Self::from_scatter(found, parts.total.rows(), intervals))
+        Ok(Self::from_scatter(found, whole.rows(), intervals))
     }
 
     /// The same of a solution by `method`, from R factors of its rows: for rows that could not be summed
@@ -142,9 +141,8 @@ impl Covariance {
         if groups < 2 {
             return Err(ValidationError::TooFewGroups { found: groups });
         }
-        let label = |position: usize| rows.groups[position].0.clone();
         let found = rows.scatter(solution, None, workers.threads);
-        let found = found.map_err(|error| why_no_scatter(error, label))?;
+        let found = found.map_err(|error| why_no_scatter(error, &rows.groups))?;
         let intervals = intervals(&found);
         Ok(Self::from_scatter(found, solution.rows, intervals))
     }
@@ -192,12 +190,12 @@ impl Covariance {
     }
 }
 
-/// Why there is no covariance; `label` is that of the group at a position.
-fn why_no_scatter(error: ScatterError, label: impl Fn(usize) -> String) -> ValidationError {
+/// Why there is no covariance over `groups`, each with its label.
+fn why_no_scatter<T>(error: ScatterError, groups: &[(String, T)]) -> ValidationError {
     match error {
-        ScatterError::NearlyDependent => ValidationError::Solve(SolveError::NearlyDependent),
+        ScatterError::Solve(error) => ValidationError::Solve(error),
         ScatterError::Alone(positions) => {
-            ValidationError::Alone { groups: positions.into_iter().map(label).collect() }
+            ValidationError::Alone { groups: labels_of(groups, &positions) }
         }
     }
 }

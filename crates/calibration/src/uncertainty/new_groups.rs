@@ -6,7 +6,7 @@
 
 use std::ops::Range;
 
-use crate::exact::{Moments, NewGroup, PartitionedMoments};
+use crate::exact::{ExactFit, Moments, NewGroup, PartitionedMoments};
 use crate::factored::FactoredGroups;
 use crate::least_squares::Method;
 use crate::model::Model;
@@ -23,24 +23,24 @@ const MOST_GROUPS: usize = 50;
 
 /// The intervals of a fit to all `groups`, from the errors on each of a fit to the others; `None` where there are many.
 pub(super) fn held_out_intervals(
-    parts: &PartitionedMoments<'_>,
+    total: &Moments,
     groups: &[&Moments],
-    ridge: f64,
+    by: (&Model, f64),
     workers: Workers<'_>,
 ) -> Option<GroupIntervals> {
-    of_scores(groups.len(), workers, |group| score_without(parts, groups, ridge, group))
+    of_scores(groups.len(), workers, |group| score_without(total, groups, by, group))
 }
 
 /// The same of stretches of time, which are as many as there may be. The standard errors are those of the fit to all,
 /// to which one stretch adds little: of poly3, 40 scatters of 39 stretches take most of a fit.
 pub(super) fn held_out_intervals_of_stretches(
     parts: &PartitionedMoments<'_>,
+    (fit, scatter): (&ExactFit, &GroupScatter),
     groups: &[&Moments],
-    scatter: &GroupScatter,
     ridge: f64,
     workers: Workers<'_>,
 ) -> Option<GroupIntervals> {
-    let of_all = parts.on_new_groups(scatter, groups, ridge).ok()?;
+    let of_all = fit.on_groups(scatter, groups);
     of_scores(groups.len(), workers, |group| {
         let errors = parts.held_out(groups[group], &parts.part(groups[group]), ridge).ok()?;
         let new = NewGroup { errors, variance: of_all[group].variance };
@@ -118,18 +118,17 @@ fn each<T: Send>(
 /// Mean and scatter of the errors of a group, in standard errors, by the fit to all others; `None` where that
 /// cannot be.
 fn score_without(
-    parts: &PartitionedMoments<'_>,
+    total: &Moments,
     groups: &[&Moments],
-    ridge: f64,
+    (model, ridge): (&Model, f64),
     group: usize,
 ) -> Option<PerAxis<(f64, f64)>> {
     let mut others = groups.to_vec();
     let held_out = others.remove(group);
-    let rest = parts.total.without(held_out);
-    let parts = PartitionedMoments::new(&rest, &parts.model).ok()?;
-    let scatter = parts.by_group(&others, ridge).ok()?;
-    let new = parts.on_new_groups(&scatter, &[held_out], ridge).ok()?;
-    Some(score_of(&new[0], &scatter, rest.rows()))
+    let fit = total.without(held_out).solve(model, ridge).ok()?;
+    let scatter = fit.scatter(&others, ridge).ok()?;
+    let new = fit.on_groups(&scatter, &[held_out]);
+    Some(score_of(&new[0], &scatter, fit.rows))
 }
 
 /// Mean and scatter of the errors of a group, in standard errors of the fit to so many other rows.
@@ -200,8 +199,8 @@ mod tests {
         let block = block(12);
         let grouped = sums(&block);
         for group in [0, 7] {
-            let parts = grouped.partitioned(&model).unwrap();
-            let found = score_without(&parts, &groups_of(&grouped), 0.0, group).unwrap();
+            let total = grouped.total().unwrap();
+            let found = score_without(total, &groups_of(&grouped), (&model, 0.0), group).unwrap();
             let is_in = |row: usize| row / 12 == group;
             let rest = block.kept(&(0..block.rows).map(|row| !is_in(row)).collect::<Vec<_>>());
             let part = block.kept(&(0..block.rows).map(is_in).collect::<Vec<_>>());
@@ -234,10 +233,11 @@ mod tests {
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
         let sums = sums(&block(40));
         let groups = groups_of(&sums);
-        let parts = sums.partitioned(&model).unwrap();
-        let scatter = parts.by_group(&groups, 0.0).unwrap();
-        let all = held_out_intervals_of_stretches(&parts, &groups, &scatter, 0.0, Workers::ONE);
-        let without = held_out_intervals(&parts, &groups, 0.0, Workers::ONE).unwrap();
+        let (parts, by) = (sums.partitioned(&model).unwrap(), (&model, 0.0));
+        let fit = parts.total.solve(&model, 0.0).unwrap();
+        let of_all = (&fit, &fit.scatter(&groups, 0.0).unwrap());
+        let all = held_out_intervals_of_stretches(&parts, of_all, &groups, 0.0, Workers::ONE);
+        let without = held_out_intervals(parts.total, &groups, by, Workers::ONE).unwrap();
         let all = all.unwrap();
         let (all, without) = (all.factors(0.95).unwrap(), without.factors(0.95).unwrap());
         for (all, without) in all.into_iter().zip(without) {
@@ -251,8 +251,8 @@ mod tests {
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
         let of = |groups| {
             let sums = sums(&block(groups));
-            let parts = sums.partitioned(&model).unwrap();
-            held_out_intervals(&parts, &groups_of(&sums), 0.0, Workers::ONE)
+            let total = sums.total().unwrap();
+            held_out_intervals(total, &groups_of(&sums), (&model, 0.0), Workers::ONE)
         };
         assert_eq!(of(MOST_GROUPS + 1), None);
         assert!(of(MOST_GROUPS).unwrap().factors(0.95).is_ok());

@@ -1,7 +1,7 @@
 //! Errors on groups that were not trained on, beside those on rows that were held out at random.
 
 use super::ValidationError;
-use super::grouped::{GroupedMoments, total};
+use super::grouped::GroupedMoments;
 use crate::exact::{HeldOutErrors, Moments, PartitionedMoments, SolveError};
 use crate::model::Model;
 use shell_data::wrench::{Axis, PerAxis};
@@ -123,41 +123,31 @@ pub fn cross_validate(
     folds: Option<usize>,
 ) -> Result<CrossValidation, ValidationError> {
     let parts = sums.partitioned(model)?;
-    let on_fold = |fold: Vec<usize>| {
-        let errors = errors_on(&parts, &sums.groups, &fold, ridge)?;
-        Ok((labels_of(&sums.groups, &fold), errors))
+    let folds = assign_to_folds(&sizes(sums), folds)?;
+    let on_fold = |fold: &Vec<usize>| {
+        (labels_of(&sums.groups, fold), errors_on(&parts, &sums.of_fold(fold), ridge))
     };
-    let on_folds = assign_to_folds(&sizes(sums), folds)?.into_iter().map(on_fold);
-    let on_folds = on_folds.collect::<Result<Vec<_>, ValidationError>>()?;
     let of_all = (sums.group_count, parts.total.rows());
-    let found = CrossValidation::from_folds(of_all, on_folds.into_iter());
+    let found = CrossValidation::from_folds(of_all, folds.iter().map(on_fold));
     let with_rows = sums.random.iter().filter(|moments| moments.rows() > 0);
-    let at_random = with_rows.map(|part| parts.held_out(part, &parts.part(part), ridge).ok());
+    let at_random = with_rows.map(|part| errors_on(&parts, part, ridge).ok());
     Ok(found
         .map_err(ValidationError::Undetermined)?
         .beside_random(sums.random.len(), at_random.collect()))
 }
 
 /// The labels of some of `groups`.
-pub(super) fn labels_of<T>(groups: &[(String, T)], positions: &[usize]) -> Vec<String> {
+pub(crate) fn labels_of<T>(groups: &[(String, T)], positions: &[usize]) -> Vec<String> {
     positions.iter().map(|&group| groups[group].0.clone()).collect()
 }
 
-/// The errors on a fold of groups of a fit to all others; the inner error where that cannot be.
+/// The errors on some of the rows of a fit to all others.
 pub(super) fn errors_on(
     parts: &PartitionedMoments<'_>,
-    groups: &[(String, Moments)],
-    fold: &[usize],
+    held_out: &Moments,
     ridge: f64,
-) -> Result<Result<PerAxis<HeldOutErrors>, SolveError>, ValidationError> {
-    if let [group] = fold {
-        let moments = &groups[*group].1;
-        return Ok(parts.held_out(moments, &parts.part(moments), ridge));
-    }
-    let Some(moments) = total(fold.iter().map(|&group| &groups[group].1))? else {
-        return Ok(Ok(PerAxis::default()));
-    };
-    Ok(parts.held_out(&moments, &parts.part(&moments), ridge))
+) -> Result<PerAxis<HeldOutErrors>, SolveError> {
+    parts.held_out(held_out, &parts.part(held_out), ridge)
 }
 
 /// The rows of each group.

@@ -46,18 +46,12 @@ pub fn select(
     let folds = parted(rows, assigned.map_err(|_| too_few(rows))?)?;
     let total = rows.total().ok_or_else(|| too_few(rows))?;
     let model = |basis| Model { basis, intercept, channels: total.channels(), memory: 0 };
-    let errors_of = |basis: Basis| -> Result<Option<ErrorsByRidge<'_>>, ValidationError> {
-        if !total.has_features_of(&model(basis)) {
-            return Ok(None);
-        }
-        let folds = &folds;
-        Ok(Some(Box::new(move |ridge| {
-            let errors = |fold: &Fold| {
-                let solution = fold.rest.solve(&model(basis), ridge).ok()?;
-                fold.held_out.errors(&solution)
-            };
-            Ok(folds.iter().map(errors).collect())
-        })))
+    let errors_of = |basis: Basis| -> Option<ErrorsByRidge<'_>> {
+        let (model, folds) = (model(basis), &folds);
+        total.has_features_of(&model).then_some(Box::new(move |ridge| {
+            let errors = |fold: &Fold| fold.held_out.errors(&fold.rest.solve(&model, ridge).ok()?);
+            folds.iter().map(errors).collect()
+        }))
     };
     choose(model, ridges, &total.load_variances(), errors_of)
 }

@@ -21,7 +21,7 @@ use crate::features::Features;
 use crate::grouped_rows::{GroupedRows, Run, count};
 use crate::model::{Basis, Model};
 use crate::passes::Workers;
-use crate::solver::Centring;
+use crate::solver::ReadingSums;
 use shell_data::wrench::{Axis, PerAxis};
 
 /// Families of more features than this are left out of a choice: the covariance of one over groups of rows, an
@@ -51,7 +51,6 @@ impl NormalEquations {
     /// Of some rows.
     fn new(features: &Features, rows: &GroupedRows, runs: &[Run]) -> Self {
         let columns = features.len() + Axis::ALL.len();
-        let mut chunk = Mat::<f64>::zeros(CHUNK, columns);
         let mut products = Mat::zeros(columns, columns);
         let mut flat = vec![0.0; CHUNK * columns];
         for block in rows.copied(runs, CHUNK) {
@@ -60,10 +59,8 @@ impl NormalEquations {
             for (column, axis) in axes.zip(&block.wrench) {
                 column[..block.rows].copy_from_slice(axis);
             }
-            let view =
+            let part =
                 MatRef::from_column_major_slice_with_stride(&flat, block.rows, columns, CHUNK);
-            chunk.subrows_mut(0, block.rows).copy_from(view);
-            let part = chunk.subrows(0, block.rows);
             matmul(products.as_mut(), Accum::Add, part.transpose(), part, 1.0, Par::Seq);
         }
         Self { features: features.len(), rows: count(runs) as u64, products }
@@ -150,25 +147,25 @@ pub(crate) fn select(
     if found < 2 {
         return Err(ValidationError::TooFewGroups { found });
     }
-    let centring = Centring { channels: model.columns(), intercept: model.intercept };
-    let scaling = centring.scaling(&rows.all(Workers::ONE).reduce(&centring)?);
+    let sums = rows.all(Workers::ONE).reduce(&ReadingSums::new(model.columns()))?;
+    let scaling = sums.scaling(model.intercept);
     let model = |basis| Model { basis, ..model };
-    let errors_of = |basis: Basis| -> Result<Option<ErrorsByRidge<'_>>, ValidationError> {
+    let errors_of = |basis: Basis| -> Option<ErrorsByRidge<'_>> {
         let model = model(basis);
         if model.term_count() > MOST_FEATURES {
-            return Ok(None);
+            return None;
         }
         let features = Features::new(model, scaling.clone());
         let ones = model.intercept.then(|| features.len() - 1);
         let products = |runs| NormalEquations::new(&features, rows, runs);
         let folds: Vec<_> = rows.groups().map(products).collect();
-        Ok(Some(Box::new(move |ridge| {
+        Some(Box::new(move |ridge| {
             let errors = |position: usize| {
                 let rest = NormalEquations::all_but(&folds, position)?.solve(ridge, ones)?;
                 Some(folds[position].errors(rest.as_ref(), ones))
             };
-            Ok((0..folds.len()).map(errors).collect())
-        })))
+            (0..folds.len()).map(errors).collect()
+        }))
     };
     let variances = Axis::ALL.map(|axis| {
         let all = rows.spread(rows.runs(), axis.index());

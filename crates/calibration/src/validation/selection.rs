@@ -11,7 +11,7 @@
 use super::ValidationError;
 use super::comparison::{Comparison, FoldMean, RelativeErrors, varying};
 use super::cross_validation::{assign_groups, errors_on, sizes};
-use super::grouped::{GroupedMoments, total};
+use super::grouped::GroupedMoments;
 use crate::exact::{HeldOutErrors, PartitionedMoments};
 use crate::model::{Basis, Model};
 use shell_data::wrench::{Axis, PerAxis};
@@ -80,60 +80,52 @@ pub fn select(
     let folds = folds(sums)?;
     let variances = Axis::ALL.map(|axis| whole.variance(axis));
     let model = |basis| Model { basis, intercept, channels: whole.channels(), memory: 0 };
-    let errors_of = |basis: Basis| -> Result<Option<ErrorsByRidge<'_>>, ValidationError> {
-        let Ok(parts) = PartitionedMoments::new(whole, &model(basis)) else { return Ok(None) };
+    let errors_of = |basis: Basis| -> Option<ErrorsByRidge<'_>> {
+        let parts = PartitionedMoments::new(whole, &model(basis)).ok()?;
         // The sums of a fold are the same for every ridge.
         let of_fold = |fold: &Vec<usize>| {
-            let moments = total(fold.iter().map(|&group| &sums.groups[group].1))?;
-            let moments = moments.expect("a fold of one group or more");
+            let moments = sums.of_fold(fold);
             let part = parts.part(&moments);
-            Ok((moments, part))
+            (moments, part)
         };
-        let of_folds = folds.iter().map(of_fold).collect::<Result<Vec<_>, ValidationError>>()?;
-        Ok(Some(Box::new(move |ridge| {
+        let of_folds: Vec<_> = folds.iter().map(of_fold).collect();
+        Some(Box::new(move |ridge| {
             let errors = of_folds.iter().map(|(all, part)| parts.held_out(all, part, ridge));
-            Ok(errors.map(Result::ok).collect())
-        })))
+            errors.map(Result::ok).collect()
+        }))
     };
     choose(model, ridges, &variances, errors_of)
 }
 
 /// The errors on each fold by ridge; `None` where the model cannot be fitted without one of them.
-pub(super) type ErrorsByRidge<'a> =
-    Box<dyn Fn(f64) -> Result<Option<Vec<PerAxis<HeldOutErrors>>>, ValidationError> + 'a>;
+pub(super) type ErrorsByRidge<'a> = Box<dyn Fn(f64) -> Option<Vec<PerAxis<HeldOutErrors>>> + 'a>;
 
 /// Compares models by the errors that `errors_of` gives of a family, if that can be fitted at all.
 pub(super) fn choose<'a>(
     model: impl Fn(Basis) -> Model,
     ridges: &[f64],
     variances: &PerAxis<f64>,
-    errors_of: impl Fn(Basis) -> Result<Option<ErrorsByRidge<'a>>, ValidationError>,
+    errors_of: impl Fn(Basis) -> Option<ErrorsByRidge<'a>>,
 ) -> Result<Selection, ValidationError> {
     let mut candidates = Vec::new();
     let mut of_folds: Vec<Vec<PerAxis<HeldOutErrors>>> = Vec::new();
     for basis in Basis::ALL {
-        let Some(errors) = errors_of(basis)? else { continue };
-        let mut try_ridge = |ridge: f64| -> Result<Candidate, ValidationError> {
-            let errors = errors(ridge)?;
+        let Some(errors) = errors_of(basis) else { continue };
+        let mut try_ridge = |ridge: f64| {
+            let errors = errors(ridge);
             of_folds.push(errors.clone().unwrap_or_default());
-            Ok(Candidate {
-                basis,
-                ridge,
-                features: model(basis).term_count(),
-                errors: errors.map(|errors| summarise(&errors, variances)),
-            })
+            let errors = errors.map(|errors| summarise(&errors, variances));
+            Candidate { basis, ridge, features: model(basis).term_count(), errors }
         };
         let first = candidates.len();
-        for &ridge in ridges {
-            candidates.push(try_ridge(ridge)?);
-        }
+        candidates.extend(ridges.iter().map(|&ridge| try_ridge(ridge)));
         while ridges.len() > 1
             && let [.., last] = &candidates[first..]
             && last.ridge < LARGEST_RIDGE
             && is_best(&candidates[first..])
         {
             let next = last.ridge * RIDGE_STEP;
-            candidates.push(try_ridge(next)?);
+            candidates.push(try_ridge(next));
         }
     }
     let scored = || candidates.iter().enumerate().filter_map(|(i, c)| Some((i, c, c.errors?)));
@@ -177,11 +169,7 @@ pub fn errors_by_fold(
     folds: &[Vec<usize>],
 ) -> Result<Option<Vec<PerAxis<HeldOutErrors>>>, ValidationError> {
     let parts = sums.partitioned(model)?;
-    let errors = folds
-        .iter()
-        .map(|fold| errors_on(&parts, &sums.groups, fold, ridge))
-        .collect::<Result<Vec<_>, _>>()?;
-    Ok(errors.into_iter().collect::<Result<_, _>>().ok())
+    Ok(folds.iter().map(|fold| errors_on(&parts, &sums.of_fold(fold), ridge).ok()).collect())
 }
 
 fn summarise(folds: &[PerAxis<HeldOutErrors>], variances: &PerAxis<f64>) -> CandidateErrors {

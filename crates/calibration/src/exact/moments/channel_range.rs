@@ -17,9 +17,7 @@ pub struct ChannelRange {
 impl ChannelRange {
     pub(crate) const EMPTY: Self =
         Self { unit: ReadingUnit::COUNT, lowest: i64::MAX, highest: i64::MIN };
-}
 
-impl ChannelRange {
     pub(crate) fn rescale(&mut self, unit: ReadingUnit) {
         if self.lowest <= self.highest {
             let factor = i64::from(self.unit.ratio(unit));

@@ -85,8 +85,6 @@ pub(crate) struct MomentLayout {
     pub(crate) recipe: Vec<Recipe>,
     /// The blocks of products.
     pub(crate) groups: Vec<ProductGroup>,
-    /// Where each channel alone stands among the features.
-    singles: Vec<usize>,
     monomials: Vec<Monomial>,
     index: HashMap<Monomial, usize>,
     /// For each channel the steps for all sums, and for those of one and the features.
@@ -113,14 +111,13 @@ impl MomentLayout {
         }
         let index: HashMap<_, _> = monomials.iter().enumerate().map(|(i, &m)| (m, i)).collect();
         debug_assert_eq!(index.len(), monomials.len(), "every monomial once");
-        let singles = (0..features.len()).filter(|&f| features[f].factors().len() == 1).collect();
         let steps = (0..channels)
             .map(|channel| {
                 let of_features = &monomials[..=features.len()];
                 (steps(&monomials, &index, channel), steps(of_features, &index, channel))
             })
             .collect();
-        Self { recipe: recipe(&features), features, groups, singles, monomials, index, steps }
+        Self { recipe: recipe(&features), features, groups, monomials, index, steps }
     }
 
     /// Number of distinct sums of products of features, with the number of rows.
@@ -130,12 +127,7 @@ impl MomentLayout {
 
     /// Number of channels.
     pub(crate) fn channels(&self) -> usize {
-        self.singles.len()
-    }
-
-    /// The feature that is a channel alone.
-    pub(crate) fn single(&self, channel: usize) -> usize {
-        self.singles[channel]
+        self.steps.len()
     }
 
     /// Where the sum of the product of two features stands.

@@ -24,12 +24,8 @@ impl Moments {
         let like = (self.basis, self.channels.len(), self.rows.min(whole.rows));
         like == (whole.basis, whole.channels.len(), self.rows)
             && self.channels.iter().zip(&whole.channels).all(within)
-            && whole.without(self).is_possible_rest()
-    }
-
-    /// The ranges of what is left are those of the whole, also where no rows are left.
-    fn is_possible_rest(&self) -> bool {
-        self.rows == 0 || self.check_possible().is_ok()
+            // The ranges of what is left are those of the whole, also where no rows are left.
+            && (self.rows == whole.rows || whole.without(self).check_possible().is_ok())
     }
 
     /// # Errors
@@ -43,7 +39,7 @@ impl Moments {
         }
         let rows = i128::from(self.rows);
         for (i, range) in self.channels.iter().enumerate() {
-            let sum = self.readings[1 + self.layout.single(i)];
+            let sum = self.sum_of(i);
             let (lowest, highest) = (i128::from(range.lowest), i128::from(range.highest));
             if lowest > highest || sum < lowest * rows || sum > highest * rows {
                 return Err(format!("the mean of channel {} is not within its range", i + 1));

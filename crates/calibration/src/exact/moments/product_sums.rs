@@ -102,8 +102,6 @@ impl Moments {
         if self.rows + other.rows > MAX_ROWS {
             return Err(ExactError::TooManyRows);
         }
-        let channels = self.channels.iter().zip(&other.channels);
-        let units: Vec<ReadingUnit> = channels.map(|(a, b)| a.unit.and(b.unit)).collect();
         let mut merged = self.channels.clone();
         for (channel, other) in merged.iter_mut().zip(&other.channels) {
             channel.merge(other);
@@ -111,14 +109,9 @@ impl Moments {
         if let Some(channel) = merged.iter().position(|c| !c.fits()) {
             return Err(ExactError::TooWide { channel });
         }
+        let units: Vec<ReadingUnit> = merged.iter().map(|channel| channel.unit).collect();
         self.rescale(&units);
-        let mut rescaled;
-        let mut other = other;
-        if other.channels.iter().zip(&units).any(|(c, &unit)| c.unit != unit) {
-            rescaled = other.clone();
-            rescaled.rescale(&units);
-            other = &rescaled;
-        }
+        let other = other.in_units(&units);
         self.channels = merged;
         self.rows += other.rows;
         for (sum, other) in self.readings.iter_mut().zip(&other.readings) {
@@ -152,7 +145,7 @@ impl Moments {
     /// ranges of the channels stay those of all rows.
     pub(crate) fn without(&self, part: &Moments) -> Moments {
         let mut rest = self.clone();
-        let part = part.in_units_of(self);
+        let part = part.in_units(&self.units());
         rest.rows -= part.rows;
         for (sum, part) in rest.readings.iter_mut().zip(&part.readings) {
             *sum = sum.wrapping_sub(*part);
@@ -165,15 +158,18 @@ impl Moments {
         rest
     }
 
-    /// These sums, of some of the rows of `whole`, with readings counted in its units.
-    pub(crate) fn in_units_of(&self, whole: &Moments) -> Cow<'_, Moments> {
-        let same = self.channels.iter().zip(&whole.channels).all(|(a, b)| a.unit == b.unit);
-        if same {
+    /// What the readings of each channel are counted in.
+    pub(crate) fn units(&self) -> Vec<ReadingUnit> {
+        self.channels.iter().map(|channel| channel.unit).collect()
+    }
+
+    /// These sums with readings counted in units that are theirs, or finer.
+    pub(crate) fn in_units(&self, units: &[ReadingUnit]) -> Cow<'_, Moments> {
+        if self.units() == units {
             return Cow::Borrowed(self);
         }
-        let units: Vec<ReadingUnit> = whole.channels.iter().map(|channel| channel.unit).collect();
         let mut rescaled = self.clone();
-        rescaled.rescale(&units);
+        rescaled.rescale(units);
         Cow::Owned(rescaled)
     }
 

@@ -83,28 +83,14 @@ impl Bordered {
     pub(crate) fn border(&self, row: usize) -> AxisRow {
         axis_row(|axis| self.get(row, self.size + axis))
     }
+}
 
+vectorised! {
     /// Factors the matrix; what is left in the corner of the border is `D − BᵀA⁻¹B`.
     ///
     /// # Errors
     /// The column at which the matrix turned out not to be positive definite.
-    pub(crate) fn factor(&mut self) -> Result<(), usize> {
-        factor_bordered(self)
-    }
-
-    /// `x` with `R·x = y`, in place.
-    pub(crate) fn solve_upper(&self, y: &mut [AxisRow]) {
-        solve_upper(self, y);
-    }
-
-    /// `y` with `Rᵀ·y = b`, in place.
-    pub(crate) fn solve_lower(&self, b: &mut [AxisRow]) {
-        solve_lower(self, b);
-    }
-}
-
-vectorised! {
-    fn factor_bordered(a: &mut Bordered) -> Result<(), usize> {
+    pub(crate) fn factor(a: &mut Bordered) -> Result<(), usize> {
         let width = a.width;
         for k in 0..a.size {
             let pivot = a.get(k, k);
@@ -141,7 +127,8 @@ vectorised! {
         Ok(())
     }
 
-    fn solve_upper(factor: &Bordered, y: &mut [AxisRow]) {
+    /// `x` with `R·x = y`, in place.
+    pub(crate) fn solve_upper(factor: &Bordered, y: &mut [AxisRow]) {
         for k in (0..factor.size).rev() {
             let (rows, solved) = y.split_at_mut(k + 1);
             let mut row = rows[k];
@@ -152,7 +139,8 @@ vectorised! {
         }
     }
 
-    fn solve_lower(factor: &Bordered, b: &mut [AxisRow]) {
+    /// `y` with `Rᵀ·y = b`, in place.
+    pub(crate) fn solve_lower(factor: &Bordered, b: &mut [AxisRow]) {
         for k in 0..factor.size {
             let (solved, rest) = b.split_at_mut(k + 1);
             solved[k] = divide(&solved[k], factor.get(k, k));
@@ -198,9 +186,9 @@ mod tests {
             }
             matrix.set(i, size, (0..size).map(|j| entry(i, j)).sum());
         }
-        matrix.factor().unwrap();
+        factor(&mut matrix).unwrap();
         let mut x: Vec<AxisRow> = (0..size).map(|k| [matrix.get(k, size); LANES]).collect();
-        matrix.solve_upper(&mut x);
+        solve_upper(&matrix, &mut x);
         for row in x {
             assert!((row[0].to_f64() - 1.0).abs() < 1e-13, "{row:?}");
         }
@@ -212,10 +200,10 @@ mod tests {
         for (i, j, value) in [(0, 0, 4.0), (0, 1, 2.0), (1, 1, 10.0)] {
             matrix.set(i, j, value.into());
         }
-        matrix.factor().unwrap();
+        factor(&mut matrix).unwrap();
         let mut x = [[DoubleDouble::from(10.0); LANES], [DoubleDouble::from(32.0); LANES]];
-        matrix.solve_lower(&mut x);
-        matrix.solve_upper(&mut x);
+        solve_lower(&matrix, &mut x);
+        solve_upper(&matrix, &mut x);
         assert_eq!(x.map(|row| row[7].to_f64()), [1.0, 3.0]);
     }
 
@@ -225,6 +213,6 @@ mod tests {
         for (i, j, value) in [(0, 0, 1.0), (0, 1, 2.0), (1, 1, 1.0)] {
             matrix.set(i, j, value.into());
         }
-        assert_eq!(matrix.factor(), Err(1));
+        assert_eq!(factor(&mut matrix), Err(1));
     }
 }

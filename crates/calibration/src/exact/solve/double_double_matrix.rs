@@ -65,11 +65,6 @@ impl DoubleDoubleMatrix {
         SymmetricMatrix::from_fn(self.size, |i, j| self.get(i, j).to_f64())
     }
 
-    /// `b − A·x`.
-    pub(crate) fn residual(&self, b: &[AxisRow], x: &[AxisRow]) -> Vec<AxisRow> {
-        residual(self, b, x)
-    }
-
     /// `x` with `A·x = b`, to about 20 digits; `None` if that cannot be computed this way.
     pub(crate) fn solve(&self, b: &[AxisRow]) -> Option<Vec<AxisRow>> {
         let matrix = Mat::from_fn(self.size, self.size, |i, j| self.get(i, j).to_f64());
@@ -104,7 +99,7 @@ impl DoubleDoubleMatrix {
             if largest * gain < DONE {
                 return Some(x);
             }
-            residual = self.residual(b, &x);
+            residual = residual_of(self, b, &x);
             before = largest;
         }
         None
@@ -112,7 +107,8 @@ impl DoubleDoubleMatrix {
 }
 
 vectorised! {
-    fn residual(matrix: &DoubleDoubleMatrix, b: &[AxisRow], x: &[AxisRow]) -> Vec<AxisRow> {
+    /// `b − A·x`.
+    pub(crate) fn residual_of(matrix: &DoubleDoubleMatrix, b: &[AxisRow], x: &[AxisRow]) -> Vec<AxisRow> {
         let x: Vec<ElementLanes> = x.iter().map(ElementLanes::new).collect();
         let mut residual: Vec<ElementLanes> = b.iter().map(ElementLanes::new).collect();
         let mut upper = &matrix.upper[..];

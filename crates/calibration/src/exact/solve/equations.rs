@@ -4,9 +4,10 @@ use faer::Mat;
 use num_bigint::BigInt;
 use num_traits::Zero;
 
-use super::cholesky::{AxisRow, Bordered, LANES};
-use super::fit::{CountedFeatures, ExactFit, SolveError};
+use super::cholesky::{AxisRow, Bordered, LANES, factor, solve_lower, solve_upper};
+use super::fit::{ExactFit, SolveError};
 use super::multipliers::Multipliers;
+use super::partition::EquationScales;
 use crate::double_double::DoubleDouble;
 use crate::exact::moments::layout::pair;
 use crate::exact::moments::product_sums::Moments;
@@ -27,18 +28,10 @@ const DONE: f64 = 1.0 / (1u64 << 60) as f64;
 pub(crate) struct IntegerEquations<'a> {
     moments: &'a Moments,
     model: Model,
-    terms: Vec<Term>,
-    centre: Vec<i64>,
-    reach: Vec<i32>,
+    scales: EquationScales,
     /// Sums about the centre, in the order of the layout.
     readings: Vec<i128>,
     wrench: [Vec<BigInt>; 6],
-    /// Where the products of each two terms stand in `readings`, row by row.
-    positions: Vec<usize>,
-    /// Columns are divided by two to these.
-    columns: Vec<i32>,
-    /// Axes are divided by two to these.
-    axes: [i32; 6],
 }
 
 impl<'a> IntegerEquations<'a> {
@@ -52,52 +45,41 @@ impl<'a> IntegerEquations<'a> {
         let (readings, wrench) = moments.about(&centre);
         let sums = 0..=moments.layout.features.len();
         let wrench = wrench.map(|axis| sums.clone().map(|position| axis.value(position)).collect());
-        let (columns, axes) = moments.norms(&readings, &positions, terms.len());
-        Self {
-            columns,
-            axes,
-            model: *model,
-            reach: centre.iter().enumerate().map(|(i, &c)| moments.reach(i, c)).collect(),
-            centre,
-            terms,
-            readings,
-            wrench,
-            positions,
-            moments,
-        }
+        let scales = EquationScales::new(moments, &readings, terms, positions, centre);
+        Self { moments, model: *model, scales, readings, wrench }
     }
 
     pub(crate) fn solve(self, ridge: f64, rank: usize) -> Result<ExactFit, SolveError> {
-        let size = self.terms.len();
+        let size = self.scales.terms.len();
         let mut bordered = Bordered::zero(size, 6);
         let mut penalties = vec![DoubleDouble::ZERO; size];
         for (a, penalty) in penalties.iter_mut().enumerate() {
             for b in a..size {
-                let scale = power_of_two(-self.columns[a] - self.columns[b]);
+                let scale = power_of_two(-self.scales.columns[a] - self.scales.columns[b]);
                 bordered.set(a, b, round(self.gram(a, b)).scaled(scale));
             }
-            if self.terms[a] != Term::INTERCEPT && ridge > 0.0 {
+            if self.scales.terms[a] != Term::INTERCEPT && ridge > 0.0 {
                 let square = bordered.get(a, a);
                 *penalty = penalty_of(square, ridge);
                 bordered.set(a, a, square + *penalty);
             }
             for axis in 0..6 {
                 let (value, exponent) = self.right(a, axis);
-                let exponent = exponent - self.columns[a] - self.axes[axis];
+                let exponent = exponent - self.scales.columns[a] - self.scales.axes[axis];
                 bordered.set(a, size + axis, round_scaled(value, exponent));
             }
         }
         for a in 0..6 {
             for b in a..6 {
                 let square = &self.moments.squares[pair(a, b)];
-                let exponent = square.exponent - self.axes[a] - self.axes[b];
+                let exponent = square.exponent - self.scales.axes[a] - self.scales.axes[b];
                 bordered.set(size + a, size + b, round_scaled(&square.values[0], exponent));
             }
         }
         let products: Vec<AxisRow> = (0..size + 6).map(|a| bordered.border(a)).collect();
-        bordered.factor().map_err(|_| SolveError::NearlyDependent)?;
+        factor(&mut bordered).map_err(|_| SolveError::NearlyDependent)?;
         let mut coefficients: Vec<AxisRow> = (0..size).map(|a| bordered.border(a)).collect();
-        bordered.solve_upper(&mut coefficients);
+        solve_upper(&bordered, &mut coefficients);
         let condition = condition(&bordered);
         if !condition.is_finite() {
             return Err(SolveError::NearlyDependent);
@@ -114,12 +96,12 @@ impl<'a> IntegerEquations<'a> {
     }
 
     fn gram(&self, a: usize, b: usize) -> i128 {
-        self.readings[self.positions[a * self.terms.len() + b]]
+        self.readings[self.scales.positions[a * self.scales.terms.len() + b]]
     }
 
     /// The sum of feature `a` times the wrench: integer and exponent.
     fn right(&self, a: usize, axis: usize) -> (&BigInt, i32) {
-        let position = self.moments.layout.position(self.terms[a], Term::INTERCEPT);
+        let position = self.moments.layout.position(self.scales.terms[a], Term::INTERCEPT);
         (&self.wrench[axis][position], self.moments.wrench[axis].exponent)
     }
 
@@ -135,8 +117,8 @@ impl<'a> IntegerEquations<'a> {
         let mut before = f64::INFINITY;
         for _ in 0..ROUNDS {
             let mut correction = self.residual(penalties, coefficients);
-            cholesky.solve_lower(&mut correction);
-            cholesky.solve_upper(&mut correction);
+            solve_lower(cholesky, &mut correction);
+            solve_upper(cholesky, &mut correction);
             let mut largest: f64 = 0.0;
             for (row, correction) in coefficients.iter_mut().zip(&correction) {
                 for (c, &d) in row.iter_mut().zip(correction) {
@@ -160,7 +142,7 @@ impl<'a> IntegerEquations<'a> {
 
     /// `b − (A + penalties)·c`, rounded once.
     fn residual(&self, penalties: &[DoubleDouble], coefficients: &[AxisRow]) -> Vec<AxisRow> {
-        let size = self.terms.len();
+        let size = self.scales.terms.len();
         let (units, integers) = self.integers(coefficients);
         let multipliers = Multipliers::new(&integers);
         let mut residual = vec![[DoubleDouble::ZERO; LANES]; size];
@@ -170,7 +152,7 @@ impl<'a> IntegerEquations<'a> {
                 let (right, exponent) = self.right(a, axis);
                 let lowest = units[axis].min(exponent);
                 let rest = (right << (exponent - lowest)) - (sum << (units[axis] - lowest));
-                let exponent = lowest - self.columns[a] - self.axes[axis];
+                let exponent = lowest - self.scales.columns[a] - self.scales.axes[axis];
                 let penalty = penalties[a] * coefficients[a][axis];
                 residual[axis] = round_scaled(&rest, exponent) - penalty;
             }
@@ -183,9 +165,9 @@ impl<'a> IntegerEquations<'a> {
     fn integers(&self, coefficients: &[AxisRow]) -> ([i32; 6], PerAxis<Vec<BigInt>>) {
         let mut units = [0; 6];
         let integers = std::array::from_fn(|axis| {
-            let parts: Vec<[(BigInt, i32); 2]> = (coefficients.iter().zip(&self.columns))
+            let parts: Vec<[(BigInt, i32); 2]> = (coefficients.iter().zip(&self.scales.columns))
                 .map(|(row, &column)| {
-                    let up = self.axes[axis] - column;
+                    let up = self.scales.axes[axis] - column;
                     [row[axis].to_f64(), row[axis].tail()].map(|x| {
                         let (integer, exponent) = integer(x);
                         (integer, exponent + up)
@@ -211,23 +193,24 @@ impl<'a> IntegerEquations<'a> {
         condition: f64,
         rank: usize,
     ) -> Result<ExactFit, SolveError> {
+        let EquationScales { ref centre, ref terms, ref columns, axes, .. } = self.scales;
         let unit = |i: usize| self.moments.channels[i].unit;
-        let exponents: Vec<i32> = (self.terms.iter().zip(&self.columns))
-            .map(|(term, &column)| {
-                let reach: i32 = term.factors().iter().map(|&c| self.reach[usize::from(c)]).sum();
-                reach - column
-            })
-            .collect();
+        let reach: Vec<i32> =
+            centre.iter().enumerate().map(|(i, &c)| self.moments.reach(i, c)).collect();
+        let reach_of = |term: &Term| term.factors().iter().map(|&c| reach[usize::from(c)]).sum();
+        let counted: Vec<i32> = terms.iter().map(reach_of).collect();
+        let exponents: Vec<i32> =
+            counted.iter().zip(columns).map(|(counted, column)| counted - column).collect();
         let stretch = |&c: &u8| {
             let unit = unit(usize::from(c));
             DoubleDouble::from(power_of_two(unit.nearest_power()))
                 / DoubleDouble::from(f64::from(unit.per_count()))
         };
-        let stretch: Vec<DoubleDouble> = (self.terms.iter())
+        let stretch: Vec<DoubleDouble> = (terms.iter())
             .map(|term| term.factors().iter().map(stretch).fold(DoubleDouble::ONE, |a, b| a * b))
             .collect();
         let scaled = |(row, (&exponent, &stretch)): (&AxisRow, (&i32, &DoubleDouble))| {
-            std::array::from_fn(|axis| shifted(row[axis], exponent + self.axes[axis]) / stretch)
+            std::array::from_fn(|axis| shifted(row[axis], exponent + axes[axis]) / stretch)
         };
         let coefficients: Vec<PerAxis<DoubleDouble>> =
             coefficients.iter().zip(exponents.iter().zip(&stretch)).map(scaled).collect();
@@ -238,21 +221,19 @@ impl<'a> IntegerEquations<'a> {
             std::array::from_fn(|b| {
                 let (low, high) = (a.min(b), a.max(b));
                 let product = residuals[low][high];
-                let product = shifted(product, self.axes[a] + self.axes[b]).to_f64();
+                let product = shifted(product, axes[a] + axes[b]).to_f64();
                 // Where nothing is left, rounding may leave less than nothing.
                 if a == b { product.max(0.0) } else { product }
             })
         });
-        let channels = 0..self.model.channels;
         Ok(ExactFit {
             model: self.model,
             rows: self.moments.rows,
-            centre: channels
-                .clone()
-                .map(|i| self.centre[i] as f64 / f64::from(unit(i).per_count()))
+            centre: (centre.iter().enumerate())
+                .map(|(i, &centre)| centre as f64 / f64::from(unit(i).per_count()))
                 .collect(),
-            scale: channels
-                .map(|i| power_of_two(self.reach[i] - unit(i).nearest_power()))
+            scale: (reach.iter().enumerate())
+                .map(|(i, reach)| power_of_two(reach - unit(i).nearest_power()))
                 .collect(),
             coefficients,
             residual_products,
@@ -261,7 +242,8 @@ impl<'a> IntegerEquations<'a> {
             rank,
             cholesky,
             exponents,
-            counted: CountedFeatures { centre: self.centre, reach: self.reach, stretch },
+            scales: EquationScales { columns: counted, axes: [0; 6], ..self.scales },
+            stretch,
         })
     }
 }

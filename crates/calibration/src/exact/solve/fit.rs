@@ -2,7 +2,8 @@
 
 use faer::Mat;
 
-use super::cholesky::Bordered;
+use super::cholesky::{AxisRow, Bordered, axis_row};
+use super::partition::EquationScales;
 use super::rank::ExactRankLoss;
 use crate::double_double::DoubleDouble;
 use crate::exact::moments::rounding::shifted;
@@ -36,7 +37,10 @@ pub struct ExactFit {
     pub(crate) cholesky: Bordered,
     /// `2^exponent` times a column of it is that of the centred and scaled feature.
     pub(crate) exponents: Vec<i32>,
-    pub(crate) counted: CountedFeatures,
+    /// Those of the features of readings that are counted in the units of the sums, in N and N·m.
+    pub(crate) scales: EquationScales,
+    /// How much larger a feature is than one that is counted so: one where units are powers of two.
+    pub(crate) stretch: Vec<DoubleDouble>,
 }
 
 /// Why the sums give no coefficients.
@@ -73,25 +77,22 @@ pub enum SolveError {
     },
 }
 
-/// The features of readings that are counted in the units of the sums.
-#[derive(Clone, Debug)]
-pub(crate) struct CountedFeatures {
-    /// What is subtracted.
-    pub(crate) centre: Vec<i64>,
-    /// The power of two that the rest is divided by.
-    pub(crate) reach: Vec<i32>,
-    /// How much larger a feature of [`ExactFit`] is than one of these: one where units are powers of two.
-    pub(crate) stretch: Vec<DoubleDouble>,
-}
-
 impl ExactFit {
     /// Upper triangular `R` with `RᵀR = XᵀX`, ridge included: columns are features of centred and
     /// scaled readings. In `f64`, which is enough for standard errors.
     pub fn r_factor(&self) -> Mat<f64> {
         let Self { cholesky, exponents, .. } = self;
         Mat::from_fn(cholesky.size, cholesky.size, |i, j| match i <= j {
-            true => (shifted(cholesky.get(i, j), -exponents[j]) * self.counted.stretch[j]).to_f64(),
+            true => (shifted(cholesky.get(i, j), -exponents[j]) * self.stretch[j]).to_f64(),
             false => 0.0,
         })
+    }
+
+    /// The coefficients for features as they are counted, axes as lanes.
+    pub(crate) fn counted_coefficients(&self) -> Vec<AxisRow> {
+        let row = |(row, &stretch): (&PerAxis<DoubleDouble>, &DoubleDouble)| -> AxisRow {
+            axis_row(|axis| row[axis] * stretch)
+        };
+        self.coefficients.iter().zip(&self.stretch).map(row).collect()
     }
 }

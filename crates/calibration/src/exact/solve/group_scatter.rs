@@ -3,57 +3,36 @@
 //! `K_g` and `u_g` of a group come from its sums `A_g` and `s_g = B_g − A_g·C`. In `f64` but for the scores,
 //! which cancel: errors of about κ(X)²·2⁻⁵³ in a variance.
 
-use super::double_double_matrix::DoubleDoubleMatrix;
-use super::fit::SolveError;
-use super::partition::{PartitionedMoments, counted_coefficients};
+use super::double_double_matrix::{DoubleDoubleMatrix, residual_of};
+use super::fit::ExactFit;
 use crate::exact::moments::product_sums::Moments;
 use crate::sandwich::{GroupScatter, ScatterError, ScatterSums, corrected};
-use crate::symmetric::UpperTriangle;
+use crate::symmetric::{UpperTriangle, congruence};
 
-/// Why groups say nothing about the scatter of the coefficients.
-#[derive(Clone, Debug, PartialEq)]
-pub enum GroupScatterError {
-    /// There are no coefficients.
-    Solve(SolveError),
-    /// The groups do not tell.
-    Scatter(ScatterError),
-}
-
-impl From<ScatterError> for GroupScatterError {
-    fn from(error: ScatterError) -> Self {
-        Self::Scatter(error)
-    }
-}
-
-impl PartitionedMoments<'_> {
-    /// The scatter of the coefficients that fit all rows best, over `groups`, which are all rows.
-    /// `ridge` is as in [`Moments::solve`]; the bias that it brings is left out.
+impl ExactFit {
+    /// The scatter of the coefficients over `groups`, which are all rows that were fitted. `ridge` is what they were
+    /// fitted with; the bias that it brings is left out.
     ///
     /// # Errors
-    /// [`GroupScatterError`] if some group alone determines a coefficient, or all together do not.
-    pub fn by_group(
-        &self,
-        groups: &[&Moments],
-        ridge: f64,
-    ) -> Result<GroupScatter, GroupScatterError> {
-        let fit = self.total.solve(&self.model, ridge).map_err(GroupScatterError::Solve)?;
-        let scales = self.scales_of(&fit);
-        let stretch: Vec<f64> = fit.counted.stretch.iter().map(|s| s.to_f64()).collect();
-        let factor = UpperTriangle::new(&fit.r_factor()).inverse();
+    /// [`ScatterError`] if some group alone determines a coefficient, or all together do not.
+    pub fn scatter(&self, groups: &[&Moments], ridge: f64) -> Result<GroupScatter, ScatterError> {
+        let stretch: Vec<f64> = self.stretch.iter().map(|s| s.to_f64()).collect();
+        let factor = UpperTriangle::new(&self.r_factor()).inverse();
         // Rows are features: from those of the fit to those that are counted.
         let mut counted = factor.clone();
         for (i, stretch) in stretch.iter().enumerate() {
             counted.row_mut(i).iter_mut().for_each(|x| *x *= stretch);
         }
-        let (size, coefficients) = (counted.size(), counted_coefficients(&fit));
+        let (size, coefficients) = (counted.size(), self.counted_coefficients());
         let groups = groups.iter().filter(|group| group.rows() > 0);
-        let mut sums = ScatterSums::new(size, fit.residual_products, ridge == 0.0);
+        let mut sums = ScatterSums::new(size, self.residual_products, ridge == 0.0);
         for group in groups {
-            let part = scales.part(&group.in_units_of(self.total));
+            let scales = &self.scales;
+            let part = scales.part(group);
             let gram = DoubleDoubleMatrix::new(part.gram.iter().copied(), &scales.columns);
             let errors = scales.errors(&part, &coefficients);
-            let share = counted.congruence(&gram.rounded());
-            let score = gram.residual(&part.right, &coefficients);
+            let share = congruence(&counted, &gram.rounded());
+            let score = residual_of(&gram, &part.right, &coefficients);
             let score = std::array::from_fn(|axis| {
                 let score: Vec<f64> = score.iter().map(|row| row[axis].to_f64()).collect();
                 counted.transposed_times(&score)
@@ -61,7 +40,7 @@ impl PartitionedMoments<'_> {
             sums.take_off(&share);
             sums.add(corrected(share, score)?, &errors);
         }
-        Ok(sums.finish(&factor)?)
+        sums.finish(&factor)
     }
 }
 
@@ -123,11 +102,10 @@ mod tests {
         let parts: Vec<Moments> =
             (0..7).map(|g| moments(&readings, &wrench, |row| groups[row] == g)).collect();
         let model = Model { basis: Basis::Quadratic, intercept: true, channels: 2, memory: 0 };
-        let found = PartitionedMoments::new(&total, &model).unwrap();
-        let found = found.by_group(&parts.iter().collect::<Vec<_>>(), 0.0).unwrap();
+        let fit = total.solve(&model, 0.0).unwrap();
+        let found = fit.scatter(&parts.iter().collect::<Vec<_>>(), 0.0).unwrap();
 
         // Directly, row by row: hat matrix, its blocks, their inverse roots.
-        let fit = total.solve(&model, 0.0).unwrap();
         let z = |c: usize, row: usize| (readings[c][row] - fit.centre[c]) / fit.scale[c];
         let (n, p) = (groups.len(), 6);
         let x = Mat::from_fn(n, p, |row, j| {
@@ -194,8 +172,8 @@ mod tests {
         let parts: Vec<Moments> =
             (0..7).map(|g| moments(&readings, &wrench, |row| groups[row] == g)).collect();
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
-        let found = PartitionedMoments::new(&total, &model).unwrap();
-        let found = found.by_group(&parts.iter().collect::<Vec<_>>(), 0.0);
-        assert_eq!(found.unwrap_err(), ScatterError::Alone(vec![3]).into());
+        let fit = total.solve(&model, 0.0).unwrap();
+        let found = fit.scatter(&parts.iter().collect::<Vec<_>>(), 0.0);
+        assert_eq!(found.unwrap_err(), ScatterError::Alone(vec![3]));
     }
 }

@@ -14,15 +14,15 @@
 //! its rounding error is below `p·2⁻⁹⁸·t` for p features: cancellation would have to cost 20 digits
 //! before the tenth was wrong.
 
-use super::cholesky::{AxisRow, Bordered, ElementLanes, LANES};
+use super::cholesky::{AxisRow, Bordered, ElementLanes, LANES, factor, solve_upper};
 use super::double_double_matrix::DoubleDoubleMatrix;
 use super::equations::penalty_of;
 use super::fit::{ExactFit, SolveError};
-use super::partition::{EquationScales, PartMoments, PartitionedMoments, counted_coefficients};
+use super::partition::{EquationScales, PartMoments};
 use crate::exact::moments::product_sums::Moments;
 use crate::exact::moments::rounding::power_of_two;
 use crate::exact::moments::rounding::round;
-use crate::model::Term;
+use crate::model::{Model, Term};
 use crate::quality::AxisQuality;
 use shell_data::vectorised;
 use shell_data::wrench::PerAxis;
@@ -68,6 +68,46 @@ impl HeldOutErrors {
     pub fn bias(&self) -> f64 {
         self.sum / self.rows as f64
     }
+
+    /// The figures beside the sum of squared differences of the measured wrench from its mean. There is
+    /// no largest error in sums.
+    pub(crate) fn quality(&self, total: f64) -> AxisQuality {
+        let r_squared = (total > 0.0).then(|| 1.0 - self.squares / total);
+        AxisQuality { rms: self.rms(), max: None, bias: self.bias(), r_squared }
+    }
+}
+
+/// Sums over all rows, ready to fit without parts of them.
+#[derive(Debug)]
+pub struct PartitionedMoments<'a> {
+    pub(crate) total: &'a Moments,
+    pub(crate) model: Model,
+    pub(crate) scales: EquationScales,
+    pub(crate) all: PartMoments,
+}
+
+impl<'a> PartitionedMoments<'a> {
+    /// Of the rows of `total`, to be fitted with `model`.
+    ///
+    /// # Errors
+    /// [`SolveError::OtherFeatures`] if the features of the model were not summed;
+    /// [`SolveError::TooFewRows`] for zero rows.
+    pub fn new(total: &'a Moments, model: &Model) -> Result<Self, SolveError> {
+        let terms = total.summed_terms(model)?;
+        if total.rows() == 0 {
+            return Err(SolveError::TooFewRows { rows: 0, coefficients: terms.len() });
+        }
+        let (centre, positions) = (total.centre(model), total.positions(&terms));
+        let readings = total.readings_about(&centre);
+        let scales = EquationScales::new(total, &readings, terms, positions, centre);
+        let all = scales.part(total);
+        Ok(Self { total, model: *model, scales, all })
+    }
+
+    /// The sums of some of the rows, in the form that is needed here.
+    pub fn part(&self, moments: &Moments) -> PartMoments {
+        self.scales.part(moments)
+    }
 }
 
 impl PartitionedMoments<'_> {
@@ -90,45 +130,29 @@ impl PartitionedMoments<'_> {
         if rows < size as u64 && ridge == 0.0 || rows == 0 {
             return Err(SolveError::TooFewRows { rows, coefficients: size });
         }
-        match self.scales.solve(&self.all, part, ridge) {
-            Some(coefficients) => Ok(self.scales.errors(part, &coefficients)),
-            None => self.held_out_slowly(moments, ridge),
+        if let Some(coefficients) = self.scales.solve(&self.all, part, ridge) {
+            return Ok(self.scales.errors(part, &coefficients));
         }
+        // Slowly, with the certain rank and the refinement of a solution.
+        let fit = self.total.without(moments).solve(&self.model, ridge)?;
+        Ok(fit.errors_on(moments))
     }
 
-    /// As [`Self::held_out`], with the certain rank and the refinement of [`Moments::solve`].
-    fn held_out_slowly(
-        &self,
-        part: &Moments,
-        ridge: f64,
-    ) -> Result<PerAxis<HeldOutErrors>, SolveError> {
-        let fit = self.total.without(part).solve(&self.model, ridge)?;
-        Ok(self.errors_of(&fit, part))
-    }
-
-    /// The figures of the fit to all rows on just these. There is no largest error in sums.
+    /// The figures of the fit to all rows on just these.
     ///
     /// # Errors
     /// [`SolveError`] if the rows do not determine the coefficients.
     pub fn in_sample(&self, ridge: f64) -> Result<PerAxis<AxisQuality>, SolveError> {
         let fit = self.total.solve(&self.model, ridge)?;
-        let errors = self.errors_of(&fit, self.total);
-        Ok(std::array::from_fn(|axis| {
-            let (errors, total) = (errors[axis], self.total.total_square(axis));
-            AxisQuality {
-                rms: errors.rms(),
-                max: None,
-                bias: errors.bias(),
-                r_squared: (total > 0.0).then(|| 1.0 - errors.squares / total),
-            }
-        }))
+        let errors = fit.errors_on(self.total);
+        Ok(std::array::from_fn(|axis| errors[axis].quality(self.total.total_square(axis))))
     }
+}
 
-    /// The errors on a part of a fit that has an origin and units of its own.
-    fn errors_of(&self, fit: &ExactFit, part: &Moments) -> PerAxis<HeldOutErrors> {
-        let scales = self.scales_of(fit);
-        let coefficients = counted_coefficients(fit);
-        scales.errors(&scales.part(&part.in_units_of(self.total)), &coefficients)
+impl ExactFit {
+    /// The errors on some rows, by its own origin and units.
+    fn errors_on(&self, rows: &Moments) -> PerAxis<HeldOutErrors> {
+        self.scales.errors(&self.scales.part(rows), &self.counted_coefficients())
     }
 }
 
@@ -176,14 +200,14 @@ fn solve_wide(gram: &DoubleDoubleMatrix, right: &[AxisRow]) -> Option<Vec<AxisRo
         (a..size).for_each(|b| bordered.set(a, b, gram.get(a, b)));
         (0..6).for_each(|axis| bordered.set(a, size + axis, right[axis]));
     }
-    bordered.factor().ok()?;
+    factor(&mut bordered).ok()?;
     let is_sure = |a: usize| {
         let root = bordered.get(a, a).to_f64();
         root * root > SMALLEST_PIVOT * gram.get(a, a).to_f64()
     };
     let sure = (0..size).all(is_sure);
     let mut coefficients: Vec<AxisRow> = (0..size).map(|a| bordered.border(a)).collect();
-    bordered.solve_upper(&mut coefficients);
+    solve_upper(&bordered, &mut coefficients);
     let finite = coefficients.iter().flatten().all(|c| c.is_finite());
     (sure && finite).then_some(coefficients)
 }

@@ -4,12 +4,11 @@
 //! that they bring is `tr(TᵀA_gT)/n`; its errors are as in [`held_out`](super::held_out).
 
 use super::double_double_matrix::DoubleDoubleMatrix;
-use super::fit::SolveError;
+use super::fit::ExactFit;
 use super::held_out::HeldOutErrors;
-use super::partition::{PartitionedMoments, counted_coefficients};
 use crate::exact::moments::product_sums::Moments;
 use crate::sandwich::GroupScatter;
-use crate::symmetric::UpperTriangle;
+use crate::symmetric::{UpperTriangle, trace_of_congruence};
 use shell_data::wrench::PerAxis;
 
 /// A group that was not fitted.
@@ -21,34 +20,24 @@ pub struct NewGroup {
     pub variance: PerAxis<f64>,
 }
 
-impl PartitionedMoments<'_> {
-    /// What the fit to all rows of these sums, whose coefficients scatter by `scatter`, says of groups of other
-    /// rows. `ridge` is as in [`Moments::solve`].
-    ///
-    /// # Errors
-    /// [`SolveError`] if the rows do not determine the coefficients.
-    pub fn on_new_groups(
-        &self,
-        scatter: &GroupScatter,
-        groups: &[&Moments],
-        ridge: f64,
-    ) -> Result<Vec<NewGroup>, SolveError> {
-        let fit = self.total.solve(&self.model, ridge)?;
-        let (scales, coefficients) = (self.scales_of(&fit), counted_coefficients(&fit));
-        let stretch: Vec<f64> = fit.counted.stretch.iter().map(|s| s.to_f64()).collect();
+impl ExactFit {
+    /// What the fit, whose coefficients scatter by `scatter`, says of groups of rows.
+    pub fn on_groups(&self, scatter: &GroupScatter, groups: &[&Moments]) -> Vec<NewGroup> {
+        let (scales, coefficients) = (&self.scales, self.counted_coefficients());
+        let stretch: Vec<f64> = self.stretch.iter().map(|s| s.to_f64()).collect();
         // Rows are features: from those of the fit to those that are counted.
         let factors = scatter.factors.each_ref().map(|factor| {
             UpperTriangle::from_fn(factor.nrows(), |i, j| stretch[i] * factor[(i, j)])
         });
         let of_group = |group: &&Moments| {
-            let part = scales.part(&group.in_units_of(self.total));
+            let part = scales.part(group);
             let gram =
                 DoubleDoubleMatrix::new(part.gram.iter().copied(), &scales.columns).rounded();
             let rows = part.rows.max(1) as f64;
             let variance =
-                factors.each_ref().map(|factor| factor.trace_with(&gram).max(0.0) / rows);
+                factors.each_ref().map(|factor| trace_of_congruence(factor, &gram).max(0.0) / rows);
             NewGroup { errors: scales.errors(&part, &coefficients), variance }
         };
-        Ok(groups.iter().map(of_group).collect())
+        groups.iter().map(of_group).collect()
     }
 }

@@ -2,22 +2,11 @@
 //! coefficients from part to part, are computed from.
 
 use super::cholesky::{AxisRow, axis_row};
-use super::fit::{ExactFit, SolveError};
-use crate::double_double::DoubleDouble;
 use crate::exact::moments::layout::pair;
 use crate::exact::moments::product_sums::Moments;
+use crate::exact::moments::reading_unit::ReadingUnit;
 use crate::exact::moments::rounding::round_scaled;
-use crate::model::{Model, Term};
-use shell_data::wrench::PerAxis;
-
-/// Sums over all rows, ready to fit without parts of them.
-#[derive(Debug)]
-pub struct PartitionedMoments<'a> {
-    pub(crate) total: &'a Moments,
-    pub(crate) model: Model,
-    pub(crate) scales: EquationScales,
-    pub(crate) all: PartMoments,
-}
+use crate::model::Term;
 
 /// Sums over a part of the rows, in the units of all. As large as the normal equations.
 #[derive(Debug)]
@@ -33,61 +22,49 @@ pub struct PartMoments {
     pub(crate) squares: AxisRow,
 }
 
-/// Where the origin is, and the powers of two that columns and axes are divided by.
-#[derive(Debug)]
+/// Where the origin is, and the powers of two that columns and axes are divided by: their exponents,
+/// zero where there are only zeros.
+#[derive(Clone, Debug)]
 pub(crate) struct EquationScales {
     pub(crate) terms: Vec<Term>,
+    /// Where the products of each two terms stand among the sums of readings, row by row.
     pub(crate) positions: Vec<usize>,
+    /// What readings are counted in.
+    pub(crate) units: Vec<ReadingUnit>,
     pub(crate) centre: Vec<i64>,
     pub(crate) columns: Vec<i32>,
     pub(crate) axes: [i32; 6],
 }
 
-impl<'a> PartitionedMoments<'a> {
-    /// Of the rows of `total`, to be fitted with `model`.
-    ///
-    /// # Errors
-    /// [`SolveError::OtherFeatures`] if the features of the model were not summed;
-    /// [`SolveError::TooFewRows`] for zero rows.
-    pub fn new(total: &'a Moments, model: &Model) -> Result<Self, SolveError> {
-        let terms = total.summed_terms(model)?;
-        if total.rows() == 0 {
-            return Err(SolveError::TooFewRows { rows: 0, coefficients: terms.len() });
-        }
-        let scales = EquationScales::new(total, terms, total.centre(model));
-        let all = scales.part(total);
-        Ok(Self { total, model: *model, scales, all })
-    }
-
-    /// The sums of some of the rows, in the form that is needed here.
-    pub fn part(&self, moments: &Moments) -> PartMoments {
-        self.scales.part(&moments.in_units_of(self.total))
-    }
-
-    /// The scales of a fit that has an origin and units of its own: its features as they are counted,
-    /// in N and N·m.
-    pub(crate) fn scales_of(&self, fit: &ExactFit) -> EquationScales {
-        let reach = |&c: &u8| fit.counted.reach[usize::from(c)];
-        let reach = |term: &Term| term.factors().iter().map(reach).sum();
-        EquationScales {
-            columns: self.scales.terms.iter().map(reach).collect(),
-            centre: fit.counted.centre.clone(),
-            positions: self.scales.positions.clone(),
-            axes: [0; 6],
-            terms: self.scales.terms.clone(),
-        }
-    }
-}
-
 impl EquationScales {
-    fn new(total: &Moments, terms: Vec<Term>, centre: Vec<i64>) -> Self {
-        let readings = total.readings_about(&centre);
-        let positions = total.positions(&terms);
-        let (columns, axes) = total.norms(&readings, &positions, terms.len());
-        Self { columns, axes, positions, centre, terms }
+    /// Powers of two just above the norms of columns and axes. `readings` are the sums of `moments` about the centre.
+    pub(crate) fn new(
+        moments: &Moments,
+        readings: &[i128],
+        terms: Vec<Term>,
+        positions: Vec<usize>,
+        centre: Vec<i64>,
+    ) -> Self {
+        let half = |exponent: i32| exponent.div_euclid(2) + 1;
+        let size = terms.len();
+        let columns = (0..size).map(|j| match readings[positions[j * size + j]] {
+            0 => 0,
+            square => half(square.ilog2() as i32),
+        });
+        let axes = std::array::from_fn(|axis| {
+            let square = &moments.squares[pair(axis, axis)];
+            match square.values[0].bits() {
+                0 => 0,
+                bits => half(square.exponent + bits as i32 - 1),
+            }
+        });
+        let (columns, units) = (columns.collect(), moments.units());
+        Self { columns, axes, positions, units, centre, terms }
     }
 
+    /// The sums of some of the rows, about this origin.
     pub(crate) fn part(&self, moments: &Moments) -> PartMoments {
+        let moments = moments.in_units(&self.units);
         let (readings, wrench) = moments.about(&self.centre);
         let size = self.terms.len();
         let ones: Vec<usize> = (self.terms.iter())
@@ -112,12 +89,4 @@ impl EquationScales {
             }),
         }
     }
-}
-
-/// The coefficients of a fit for features as they are counted, axes as lanes.
-pub(crate) fn counted_coefficients(fit: &ExactFit) -> Vec<AxisRow> {
-    let row = |(row, &stretch): (&PerAxis<DoubleDouble>, &DoubleDouble)| -> AxisRow {
-        axis_row(|axis| row[axis] * stretch)
-    };
-    fit.coefficients.iter().zip(&fit.counted.stretch).map(row).collect()
 }

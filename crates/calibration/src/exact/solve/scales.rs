@@ -1,4 +1,4 @@
-//! What the sums say before anything is solved: means, norms, ranges and variances.
+//! What the sums say before anything is solved: means, ranges and variances.
 
 use super::fit::SolveError;
 use crate::double_double::DoubleDouble;
@@ -21,29 +21,6 @@ impl Moments {
             }
         }
         positions
-    }
-
-    /// Exponents of the powers of two just above the norms of `size` columns, whose products stand
-    /// among `readings` at those positions, and of the six axes; 0 where there are only zeros.
-    pub(crate) fn norms(
-        &self,
-        readings: &[i128],
-        positions: &[usize],
-        size: usize,
-    ) -> (Vec<i32>, [i32; 6]) {
-        let half = |exponent: i32| exponent.div_euclid(2) + 1;
-        let columns = (0..size).map(|j| match readings[positions[j * size + j]] {
-            0 => 0,
-            square => half(square.ilog2() as i32),
-        });
-        let axes = std::array::from_fn(|axis| {
-            let square = &self.squares[pair(axis, axis)];
-            match square.values[0].bits() {
-                0 => 0,
-                bits => half(square.exponent + bits as i32 - 1),
-            }
-        });
-        (columns.collect(), axes)
     }
 
     /// The terms of a model.
@@ -71,9 +48,14 @@ impl Moments {
     }
 
     pub(crate) fn rounded_mean(&self, channel: usize) -> i64 {
-        let sum = self.readings[1 + self.layout.single(channel)];
         let rows = i128::from(self.rows);
-        (sum + rows / 2).div_euclid(rows) as i64
+        (self.sum_of(channel) + rows / 2).div_euclid(rows) as i64
+    }
+
+    /// The sum of the readings of a channel.
+    pub(crate) fn sum_of(&self, channel: usize) -> i128 {
+        let channel = u8::try_from(channel).expect("as many channels as terms name");
+        self.readings[self.layout.position(Term::product(&[channel]), Term::INTERCEPT)]
     }
 
     /// The exponent of the power of two that no reading is farther from `centre` than.
@@ -82,9 +64,7 @@ impl Moments {
         let reach = (range.highest - centre).max(centre - range.lowest).max(1);
         (reach as u64).next_power_of_two().ilog2() as i32
     }
-}
 
-impl Moments {
     /// The variance of an axis over all rows, in N² or (N·m)²; NaN for zero rows.
     pub fn variance(&self, axis: Axis) -> f64 {
         self.total_square(axis.index()) / self.rows as f64

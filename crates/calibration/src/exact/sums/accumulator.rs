@@ -11,7 +11,6 @@ use std::sync::Arc;
 
 use super::block_sums::{Scratch, sum_block};
 use super::digits::{Digits, Numbers};
-use super::expected_rows::ExpectedRows;
 use super::kernel::ROWS;
 use super::limbs::{FeatureLimbs, SQUARE_WIDTH};
 use super::open_sums::{MOST_BLOCKS, OpenSums};
@@ -34,31 +33,36 @@ pub struct Accumulator {
     closed: Option<Moments>,
     /// Units and ranges of the channels over all rows, staged ones included.
     channels: Vec<ChannelRange>,
-    pub(crate) expected: ExpectedRows,
+    pub(super) expected: ExpectedRows,
     open: Option<OpenSums>,
     /// Rows not yet summed: columns of [`ROWS`] numbers.
     staged: usize,
     readings: Vec<f64>,
     wrench: Vec<f64>,
-    pub(crate) scratch: Scratch,
+    pub(super) scratch: Scratch,
+}
+
+/// What rows are expected to keep to: what rows so far have kept to, or those of other sums. The plan
+/// of centre, limbs and digits is made for that. It decides how much work sums are, and has no
+/// influence on them.
+#[derive(Clone, Debug)]
+pub(super) struct ExpectedRows {
+    pub(super) channels: Vec<ChannelRange>,
+    numbers: [Numbers; 6],
+    /// The latest plan for such rows, in the units of the channels.
+    plan: Option<Arc<SummationPlan>>,
 }
 
 impl Accumulator {
     /// No rows yet, of `channels` channels.
     pub fn new(basis: Basis, channels: usize) -> Self {
-        let layout = Arc::new(MomentLayout::new(basis, channels));
-        Self::with_layout(basis, layout, ExpectedRows::nothing(channels))
-    }
-
-    /// No rows yet.
-    fn with_layout(basis: Basis, layout: Arc<MomentLayout>, expected: ExpectedRows) -> Self {
-        let channels = layout.channels();
+        let nothing = vec![ChannelRange::EMPTY; channels];
         Self {
             basis,
-            layout,
+            layout: Arc::new(MomentLayout::new(basis, channels)),
             closed: None,
-            channels: vec![ChannelRange::EMPTY; channels],
-            expected,
+            channels: nothing.clone(),
+            expected: ExpectedRows { channels: nothing, numbers: [Numbers::NONE; 6], plan: None },
             open: None,
             staged: 0,
             readings: vec![0.0; channels * ROWS],
@@ -75,46 +79,15 @@ impl Accumulator {
     ///
     /// # Panics
     /// If basis or number of channels differ.
-    pub fn merge(&mut self, mut other: Self) -> Result<(), ExactError> {
+    pub fn merge(&mut self, other: Self) -> Result<(), ExactError> {
         self.sum_staged()?;
-        std::mem::swap(&mut self.scratch, &mut other.scratch);
-        other.sum_staged()?;
-        std::mem::swap(&mut self.scratch, &mut other.scratch);
-        if let Some(closed) = other.closed.take() {
-            closed.add_to(&mut self.closed)?;
+        self.discard_plan()?;
+        let other = other.finish()?;
+        for (i, range) in other.channels.iter().enumerate() {
+            self.channels[i].merge(range);
+            self.expected.channels[i].merge(range);
         }
-        for i in 0..self.channels.len() {
-            if self.channels[i].unit != other.channels[i].unit {
-                self.discard_plan()?;
-            }
-            self.channels[i].merge(&other.channels[i]);
-            self.expected.channels[i].merge(&other.expected.channels[i]);
-            if !self.channels[i].fits() {
-                return Err(ExactError::TooWide { channel: i });
-            }
-        }
-        self.expected.merge_numbers(&other.expected.numbers);
-        let Some(open) = other.open.take_if(|open| open.rows > 0) else { return Ok(()) };
-        let same_units = self.channels.iter().zip(&other.channels);
-        if same_units.into_iter().any(|(a, b)| a.unit != b.unit) {
-            return self.close_into_moments(&open, &other.channels);
-        }
-        match &mut self.open {
-            None => {
-                self.expected.plan = Some(open.plan.clone());
-                self.open = Some(open);
-            }
-            Some(own) if own.plan == open.plan && own.blocks + open.blocks <= MOST_BLOCKS => {
-                own.add(&open);
-            }
-            // The later plan has seen more, and is more likely to be that of the next rows.
-            Some(own) => {
-                self.expected.plan = Some(open.plan.clone());
-                let own = std::mem::replace(own, open);
-                self.close_into_moments(&own, &self.channels.clone())?;
-            }
-        }
-        Ok(())
+        other.add_to(&mut self.closed)
     }
 
     /// Adds rows: `readings` in counts, one column per channel; `wrench` in N and N·m, six
@@ -136,7 +109,9 @@ impl Accumulator {
         assert!(readings.iter().chain(wrench).all(|c| c.as_ref().len() == rows), "lengths");
         self.widen_ranges(readings)?;
         if self.expected.plan.is_none() {
-            self.expected.expect_wrench(wrench);
+            for (numbers, column) in self.expected.numbers.iter_mut().zip(wrench) {
+                *numbers = numbers.and(Numbers::new(column.as_ref()));
+            }
         }
         let mut start = 0;
         while start < rows {
@@ -250,21 +225,16 @@ impl Accumulator {
         let expected = &self.expected.channels;
         let centre: Vec<i64> = expected.iter().map(ChannelRange::middle).collect();
         let features = FeatureLimbs::new(distance(expected, &centre), &self.layout);
-        let cross_width = features.cross_width().unwrap_or(SQUARE_WIDTH);
+        let cross_width = features.cross_width();
         // Narrow digits will do for both, as they are as few.
-        let digits = |width: u32| -> Result<[Digits; 6], ExactError> {
-            let mut digits = [Digits::NONE; 6];
-            for axis in Axis::ALL {
+        let digits = |width: u32| -> Result<Vec<Digits>, ExactError> {
+            let of_axis = |axis: Axis| {
                 let numbers = self.expected.numbers[axis.index()];
-                digits[axis.index()] = match numbers.grid(cross_width) {
-                    Some(grid) => Digits::DigitGrid(grid),
-                    None => numbers
-                        .limbs(width)
-                        .map(Digits::Limbs)
-                        .ok_or(ExactError::TooManyPlaces { axis })?,
-                };
-            }
-            Ok(digits)
+                let grid = numbers.grid(cross_width).map(Digits::DigitGrid);
+                let digits = grid.or_else(|| numbers.limbs(width).map(Digits::Limbs));
+                digits.ok_or(ExactError::TooManyPlaces { axis })
+            };
+            Axis::ALL.into_iter().map(of_axis).collect()
         };
         let (squares, cross) = (digits(SQUARE_WIDTH)?, digits(cross_width)?);
         let plan = Arc::new(SummationPlan::new(&self.layout, centre, features, squares, cross));
@@ -280,19 +250,9 @@ impl Accumulator {
     }
 
     fn close(&mut self) -> Result<(), ExactError> {
-        match self.open.take() {
-            Some(open) if open.rows > 0 => self.close_into_moments(&open, &self.channels.clone()),
-            _ => Ok(()),
-        }
-    }
-
-    fn close_into_moments(
-        &mut self,
-        open: &OpenSums,
-        channels: &[ChannelRange],
-    ) -> Result<(), ExactError> {
+        let Some(open) = self.open.take().filter(|open| open.rows > 0) else { return Ok(()) };
         let mut part = open.moments(&self.layout, self.basis);
-        part.channels = channels.to_vec();
+        part.channels.clone_from(&self.channels);
         part.add_to(&mut self.closed)
     }
 }

@@ -1,42 +1,32 @@
-//! Many accumulators of one worker, each of which learns from the rows of the others.
+//! Many accumulators of one worker, each of which begins with what the others expect.
 
 use super::accumulator::Accumulator;
 use super::block_sums::Scratch;
-use super::expected_rows::ExpectedRows;
 use crate::exact::error::ExactError;
 use crate::exact::moments::product_sums::Moments;
+use crate::exact::moments::reading_unit::ReadingUnit;
 use crate::model::Basis;
 
-/// Adds rows to [`Accumulator`]s of one basis so that they can be merged cheaply.
+/// Adds rows to [`Accumulator`]s of one basis.
 ///
-/// Merging is cheap between sums about the same centre in the same limbs. So each accumulator starts
-/// with the latest plan of these, which saves work and has no influence on results. All use one
-/// working memory.
+/// Each begins with the plan of the one that rows were last added to, which saves work and has no
+/// influence on results. All use one working memory.
 #[derive(Clone, Debug)]
 pub struct Adder {
     /// An accumulator without rows, to be copied.
     empty: Accumulator,
-    latest: ExpectedRows,
     scratch: Scratch,
 }
 
 impl Adder {
     /// For rows of `channels` channels.
     pub fn new(basis: Basis, channels: usize) -> Self {
-        Self {
-            empty: Accumulator::new(basis, channels),
-            latest: ExpectedRows::nothing(channels),
-            scratch: Scratch::default(),
-        }
+        Self { empty: Accumulator::new(basis, channels), scratch: Scratch::default() }
     }
 
     /// Sums over zero rows.
     pub fn begin(&self) -> Accumulator {
-        let mut sums = self.empty.clone();
-        if self.latest.in_counts() {
-            sums.expected = self.latest.clone();
-        }
-        sums
+        self.empty.clone()
     }
 
     /// Adds rows to `sums`, as [`Accumulator::absorb`] does.
@@ -52,11 +42,10 @@ impl Adder {
         readings: &[C],
         wrench: &[C],
     ) -> Result<(), ExactError> {
-        sums.expected.learn(&self.latest);
-        let before = sums.expected.plan.clone();
         self.with_scratch(sums, |sums| sums.absorb(readings, wrench))?;
-        if !sums.expected.has_plan(before.as_ref()) {
-            self.latest = sums.expected.clone();
+        // Readings with fractions are too rare for their ranges to be shared.
+        if sums.expected.channels.iter().all(|channel| channel.unit == ReadingUnit::COUNT) {
+            self.empty.expected.clone_from(&sums.expected);
         }
         Ok(())
     }

@@ -1,7 +1,5 @@
 //! Sums over one block of rows: from readings and wrench to the sums of all products.
 
-use pulp::Simd;
-
 use super::kernel::{ROWS, products};
 use super::limbs::Limbs;
 use super::open_sums::OpenSums;
@@ -20,16 +18,12 @@ pub(crate) struct Scratch {
 }
 
 impl Scratch {
-    fn resize(&mut self, plan: &SummationPlan) {
-        let squares = plan.square_operands();
-        let groups = plan.groups.iter().map(|(_, operands)| operands);
-        let products = groups.chain(&squares);
-        let products = products.map(|operands| operands.left.len() * operands.right.len());
-        let cross = plan.cross_columns().len() * plan.rights.len();
+    fn resize(&mut self, open: &OpenSums) {
+        let plan = &open.plan;
         let lefts = plan.groups.iter().map(|(lefts, _)| lefts.len()).max().unwrap_or(0);
         self.features.resize((plan.rights.len() + lefts) * ROWS, 0.0);
-        self.wrench.resize(plan.wrench_columns() * ROWS, 0.0);
-        self.sums.resize(products.max().unwrap_or(0).max(cross), 0.0);
+        self.wrench.resize(plan.cross_columns().end * ROWS, 0.0);
+        self.sums.resize(open.high.len(), 0.0);
     }
 }
 
@@ -48,30 +42,37 @@ vectorised! {
         axes: &[f64],
         scratch: &mut Scratch,
     ) -> bool {
+        scratch.resize(open);
         let plan = &*open.plan;
-        scratch.resize(plan);
         let Scratch { features, wrench, sums } = scratch;
         if !cut_wrench(plan, axes, wrench) {
             return false;
         }
-        let ones = plan.square_columns();
-        let column = &mut wrench[ones * ROWS..][..ROWS];
-        column[..rows].fill(1.0);
-        column[rows..].fill(0.0);
+        let last = plan.cross_columns().end - 1;
+        for ones in [&mut wrench[last * ROWS..][..ROWS], &mut features[..ROWS]] {
+            ones[..rows].fill(1.0);
+            ones[rows..].fill(0.0);
+        }
         fill(layout, plan, rows, readings, features);
         cut_rights(plan, features);
 
-        let mut target = Target { simd, sums, high: &mut open.high, low: &mut open.low };
+        let mut rest = &mut sums[..];
         for (lefts, group) in &plan.groups {
             cut_lefts(plan, lefts, features);
             let right = &features[group.right.start * ROWS..group.right.end * ROWS];
-            target.add_products(features, group.left.iter().copied(), right);
+            products(simd, features, group.left.iter().copied(), right, &mut rest);
         }
         let rights = &features[..plan.rights.len() * ROWS];
-        target.add_products(wrench, plan.cross_columns(), rights);
+        products(simd, wrench, plan.cross_columns(), rights, &mut rest);
         for axis in plan.square_operands() {
             let right = &wrench[axis.right.start * ROWS..axis.right.end * ROWS];
-            target.add_products(wrench, axis.left.iter().copied(), right);
+            products(simd, wrench, axis.left.iter().copied(), right, &mut rest);
+        }
+        let round = 1.5 * power_of_two(52 + 26);
+        for ((&sum, high), low) in sums.iter().zip(&mut open.high).zip(&mut open.low) {
+            let rounded = (sum + round) - round;
+            *high += rounded;
+            *low += sum - rounded;
         }
         open.rows += rows as u64;
         open.blocks += 1;
@@ -82,8 +83,7 @@ vectorised! {
 /// Cuts the wrench into its digits; says whether they add up to it.
 #[inline(always)]
 fn cut_wrench(plan: &SummationPlan, axes: &[f64], wrench: &mut [f64]) -> bool {
-    let (squares, rest) = wrench.split_at_mut(plan.square_columns() * ROWS);
-    let cross = &mut rest[ROWS..];
+    let (squares, cross) = wrench.split_at_mut(plan.square_columns() * ROWS);
     for (digits, mut columns) in [(Some(&plan.squares), squares), (plan.cross.as_ref(), cross)] {
         for (digits, axis) in digits.into_iter().flatten().zip(axes.chunks_exact(ROWS)) {
             let now;
@@ -143,43 +143,10 @@ fn cut_rights(plan: &SummationPlan, features: &mut [f64]) {
 #[inline(always)]
 fn cut_lefts(plan: &SummationPlan, lefts: &[LimbColumn], features: &mut [f64]) {
     let (rights, mut columns) = features.split_at_mut(plan.rights.len() * ROWS);
-    for parts in lefts.chunk_by(|a, b| a.feature == b.feature) {
+    for parts in lefts.chunk_by(|a, b| a.position == b.position) {
         let now;
         (now, columns) = columns.split_at_mut(parts.len() * ROWS);
-        let whole = &rights[plan.firsts[parts[0].feature] * ROWS..][..ROWS];
+        let whole = &rights[plan.firsts[parts[0].position - 1] * ROWS..][..ROWS];
         Limbs::from_integers(plan.features.left.width, parts.len()).cut(whole, now);
-    }
-}
-
-/// The sums that are added to, in their order.
-struct Target<'a, S> {
-    simd: S,
-    sums: &'a mut [f64],
-    high: &'a mut [f64],
-    low: &'a mut [f64],
-}
-
-impl<S: Simd> Target<'_, S> {
-    /// Adds the next sums: of products of some `left` of the `columns` and all on the right.
-    #[inline(always)]
-    fn add_products(
-        &mut self,
-        columns: &[f64],
-        left: impl ExactSizeIterator<Item = usize>,
-        right: &[f64],
-    ) {
-        let count = left.len() * (right.len() / ROWS);
-        let sums = &mut self.sums[..count];
-        products(self.simd, columns, left, right, sums);
-        let (high, rest) = std::mem::take(&mut self.high).split_at_mut(count);
-        self.high = rest;
-        let (low, rest) = std::mem::take(&mut self.low).split_at_mut(count);
-        self.low = rest;
-        let round = 1.5 * power_of_two(52 + 26);
-        for ((&sum, high), low) in sums.iter().zip(high).zip(low) {
-            let rounded = (sum + round) - round;
-            *high += rounded;
-            *low += sum - rounded;
-        }
     }
 }

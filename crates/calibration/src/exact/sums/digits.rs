@@ -12,7 +12,6 @@
 //! most `|n|·c·2⁻⁵²`; and `2^unit`, of which `x` and `c` are multiples, is at least `c·2⁻⁵³`.
 
 use num_bigint::BigInt;
-use num_traits::ToPrimitive;
 
 use super::kernel::ROWS;
 use super::limbs::{BinaryPlaces, Limbs};
@@ -82,9 +81,6 @@ pub(crate) struct DigitGrid {
 }
 
 impl Digits {
-    /// Those of zero.
-    pub(crate) const NONE: Self = Self::Limbs(Limbs { unit: 0, width: 1, count: 0 });
-
     /// How many there are.
     pub(crate) fn count(&self) -> usize {
         match self {
@@ -122,23 +118,6 @@ impl Digits {
                 narrow.map_or_else(|| self.join_joined(sums.map(BigInt::from)), BigInt::from)
             }
         }
-    }
-
-    /// Digits, lowest first, that [`Digits::join`] to `sum`, where there are some for sums of as
-    /// many numbers as can be.
-    pub(crate) fn split(&self, sum: BigInt) -> Vec<i128> {
-        let mut digits = Vec::with_capacity(self.count());
-        let mut rest = sum;
-        for _ in 1..self.count() {
-            let (higher, weight) = match self {
-                Self::Limbs(limbs) => (&rest >> limbs.width, BigInt::from(1) << limbs.width),
-                Self::DigitGrid(grid) => (&rest / grid.weights()[1], grid.weights()[1].into()),
-            };
-            digits.push(rest - &higher * weight);
-            rest = higher;
-        }
-        digits.push(rest);
-        digits.iter().map(|digit| digit.to_i128().expect("as long as a sum of digits")).collect()
     }
 
     /// The same where the sums over digits have been joined before.
@@ -269,8 +248,6 @@ mod tests {
                 let unit = power_of_two(-digits.unit());
                 let sum = digits.join([low as i128, high as i128].into_iter());
                 prop_assert_eq!(&sum, &BigInt::from((value * unit) as i128));
-                let split = digits.split(&sum << 30);
-                prop_assert_eq!(digits.join(split.into_iter()), sum << 30);
             }
         }
     }

@@ -11,17 +11,17 @@ use pulp::Simd;
 pub(crate) const ROWS: usize = 256;
 
 /// `out[l·n + r] = Σ left_l·right_r` over the rows of a block, for `n` columns on the right; those
-/// on the left are some of `columns`.
+/// on the left are some of `columns`. Takes what it fills off `out`.
 #[inline(always)]
 pub(crate) fn products<S: Simd>(
     simd: S,
     columns: &[f64],
     mut left: impl ExactSizeIterator<Item = usize>,
     right: &[f64],
-    mut out: &mut [f64],
+    out: &mut &mut [f64],
 ) {
     let rights = right.len() / ROWS;
-    debug_assert_eq!(out.len(), left.len() * rights);
+    let mut out = out.split_off_mut(..left.len() * rights).expect("room for all sums");
     let mut next = || column(columns, left.next().unwrap_or(0));
     while !out.is_empty() {
         // Five are better done as three and two than as four and one.
@@ -118,7 +118,7 @@ mod tests {
         type Output = ();
         #[inline(always)]
         fn with_simd<S: Simd>(self, simd: S) {
-            products(simd, self.0, 0..self.0.len() / ROWS, self.1, self.2);
+            products(simd, self.0, 0..self.0.len() / ROWS, self.1, &mut &mut *self.2);
         }
     }
 
@@ -139,7 +139,7 @@ mod tests {
                 shell_data::instructions::arch().dispatch(Products(&left, &right, &mut out));
                 assert_eq!(out, expected);
                 out.fill(f64::NAN);
-                products(pulp::Scalar::new(), &left, 0..lefts, &right, &mut out);
+                products(pulp::Scalar::new(), &left, 0..lefts, &right, &mut &mut out[..]);
                 assert_eq!(out, expected);
             }
         }

@@ -88,11 +88,10 @@ impl FeatureLimbs {
             && (left.counts[degree] == 1 || left.width == right.width)
     }
 
-    /// The width of the limbs of the wrench that are multiplied with features, unless those of
-    /// [`SQUARE_WIDTH`] will do.
-    pub(crate) fn cross_width(&self) -> Option<u32> {
-        let width = BITS - self.right_bits + 1;
-        (width < SQUARE_WIDTH).then_some(width)
+    /// The width of the limbs of the wrench that are multiplied with features: those of
+    /// [`SQUARE_WIDTH`], if these will do.
+    pub(crate) fn cross_width(&self) -> u32 {
+        (BITS - self.right_bits + 1).min(SQUARE_WIDTH)
     }
 
     /// About how many steps of work there are for a row: products and what it takes to cut.
@@ -115,8 +114,8 @@ impl FeatureLimbs {
             let left = Some(self.left.counts[degree]).filter(|_| !self.is_shared(degree));
             right.unwrap_or(0) + left.unwrap_or(0)
         });
-        let limbs = 6 * PLACES.div_ceil(self.cross_width().unwrap_or(SQUARE_WIDTH)) as usize;
-        let own_limbs = self.cross_width().map_or(0, |_| limbs);
+        let limbs = 6 * PLACES.div_ceil(self.cross_width()) as usize;
+        let own_limbs = if self.cross_width() < SQUARE_WIDTH { limbs } else { 0 };
         products.sum::<usize>() + (limbs + 1) * rights + CUT * (own_limbs + cut.sum::<usize>())
     }
 }
@@ -266,7 +265,7 @@ mod tests {
                     assert!(feature <= 1 << (places - 1), "the limbs hold the feature");
                     if cut.counts[degree] == 1 { feature } else { 1 << (cut.width - 1) }
                 };
-                let cross = limbs.cross_width().unwrap_or(SQUARE_WIDTH);
+                let cross = limbs.cross_width();
                 for right in 1..=basis.degree() {
                     let right = largest(&limbs.right, right);
                     for left in 1..=basis.degree() {

@@ -4,7 +4,6 @@ pub(crate) mod accumulator;
 pub(crate) mod adder;
 mod block_sums;
 mod digits;
-mod expected_rows;
 mod kernel;
 mod limbs;
 mod open_sums;

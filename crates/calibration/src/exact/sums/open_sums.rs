@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use super::digits::Digits;
 use super::plan::SummationPlan;
 use crate::exact::moments::layout::{MomentLayout, pair};
 use crate::exact::moments::product_sums::Moments;
@@ -18,8 +19,8 @@ pub(crate) struct OpenSums {
     pub(crate) plan: Arc<SummationPlan>,
     pub(crate) rows: u64,
     pub(crate) blocks: u64,
-    /// The multiples of 2²⁶ of the sums: those of the groups, then of the digits of the wrench
-    /// and ones with features, then of the digits of the wrench with each other and ones.
+    /// The multiples of 2²⁶ of the sums: those of the groups, then of the digits of the wrench and ones
+    /// with ones and features, then of the digits of the wrench with each other.
     pub(crate) high: Vec<f64>,
     /// What is not a multiple of 2²⁶ in each.
     pub(crate) low: Vec<f64>,
@@ -31,28 +32,30 @@ impl OpenSums {
         Self { plan, rows: 0, blocks: 0, high: vec![0.0; sums], low: vec![0.0; sums] }
     }
 
-    /// Adds sums of the same plan.
-    pub(crate) fn add(&mut self, other: &Self) {
-        self.rows += other.rows;
-        self.blocks += other.blocks;
-        for (own, other) in [(&mut self.high, &other.high), (&mut self.low, &other.low)] {
-            own.iter_mut().zip(other).for_each(|(own, other)| *own += other);
-        }
-    }
-
     /// The sums about the origin of the readings.
     pub(crate) fn moments(&self, layout: &Arc<MomentLayout>, basis: Basis) -> Moments {
         let mut moments = Moments::with_layout(basis, layout.clone());
         moments.rows = self.rows;
-        moments.readings[0] = i128::from(self.rows);
         let sums = self.high.iter().zip(&self.low);
         let mut sums = sums.map(|(&high, &low)| high as i128 + low as i128);
         self.add_products_of_features(layout, &mut moments, &mut sums);
-        let mut wrench = self.products_with_wrench(layout, &mut moments, &mut sums);
-        self.add_squares(&mut moments, &mut wrench, &mut sums);
+        let mut add_rights = |to: &mut [i128]| {
+            for right in &self.plan.rights {
+                to[right.position] += next(&mut sums) << right.shift;
+            }
+        };
+        // Of each axis, digit by digit.
+        let digits = self.plan.cross_digits();
+        let planes = |digits: &Digits| {
+            let mut planes = vec![vec![0; 1 + layout.features.len()]; digits.count()];
+            planes.iter_mut().for_each(|plane| add_rights(plane));
+            planes
+        };
+        let wrench: Vec<_> = digits.iter().map(planes).collect();
+        add_rights(&mut moments.readings);
+        self.add_squares(&mut moments, &mut sums);
         let back: Vec<i64> = self.plan.centre.iter().map(|c| -c).collect();
         layout.move_origin(&mut moments.readings, &back);
-        let digits = self.plan.cross_digits();
         for ((scaled, mut planes), digits) in moments.wrench.iter_mut().zip(wrench).zip(digits) {
             planes.iter_mut().for_each(|plane| layout.move_origin_of_features(plane, &back));
             let sum = |place| digits.join(planes.iter().map(|plane: &Vec<i128>| plane[place]));
@@ -75,10 +78,11 @@ impl OpenSums {
                 Some(left) => lefts[left],
                 None => plan.rights[column],
             };
-            for lefts in operands.left.chunk_by(|&a, &b| part(a).feature == part(b).feature) {
+            for lefts in operands.left.chunk_by(|&a, &b| part(a).position == part(b).position) {
                 for &left in lefts {
                     for right in &plan.rights[operands.right.clone()] {
-                        let sum = &mut moments.readings[first + right.feature - group.right.start];
+                        let place = first + right.position - (1 + group.right.start);
+                        let sum = &mut moments.readings[place];
                         let shift = part(left).shift + right.shift;
                         *sum = sum.wrapping_add(next(sums) << shift);
                     }
@@ -88,75 +92,27 @@ impl OpenSums {
         }
     }
 
-    /// Adds the sums of the features; returns those of each axis times the features, digit by digit,
-    /// with places for those of the axis alone.
-    fn products_with_wrench(
-        &self,
-        layout: &MomentLayout,
-        moments: &mut Moments,
-        sums: &mut impl Iterator<Item = i128>,
-    ) -> [Vec<Vec<i128>>; 6] {
-        let plan = &*self.plan;
-        let rights = &plan.rights;
-        let mut add_ones = |sums: &mut dyn Iterator<Item = i128>| {
-            for right in rights {
-                moments.readings[1 + right.feature] += next(sums) << right.shift;
-            }
-        };
-        if plan.cross.is_some() {
-            add_ones(sums);
-        }
-        let wrench = plan.cross_digits().map(|digits| {
-            let mut planes = vec![vec![0; layout.features.len() + 1]; digits.count()];
-            for plane in &mut planes {
-                for right in rights {
-                    plane[1 + right.feature] += next(sums) << right.shift;
-                }
-            }
-            planes
-        });
-        if plan.cross.is_none() {
-            add_ones(sums);
-        }
-        wrench
-    }
-
-    /// Adds the sums of products of axes, and to `wrench` those of the axes alone.
-    fn add_squares(
-        &self,
-        moments: &mut Moments,
-        wrench: &mut [Vec<Vec<i128>>; 6],
-        sums: &mut impl Iterator<Item = i128>,
-    ) {
-        let SummationPlan { squares, .. } = &*self.plan;
-        let cross = self.plan.cross_digits();
-        for (left, operands) in self.plan.square_operands().iter().enumerate() {
-            // Sums by digit on the left, then by axis and digit on the right, then one.
+    /// Adds the sums of products of axes.
+    fn add_squares(&self, moments: &mut Moments, sums: &mut impl Iterator<Item = i128>) {
+        let squares = &self.plan.squares;
+        for (left, operands) in self.plan.square_operands().into_iter().enumerate() {
+            // Sums by digit on the left, then by axis and digit on the right.
             let rows: Vec<Vec<i128>> = (0..squares[left].count())
                 .map(|_| operands.right.clone().map(|_| next(sums)).collect())
                 .collect();
-            let mut column = 0;
+            let mut columns = 0..operands.right.len();
             for right in left..6 {
-                let count = squares[right].count();
-                let of_digits = (column..column + count)
+                let of_digits = (columns.by_ref().take(squares[right].count()))
                     .map(|column| squares[left].join(rows.iter().map(|row| row[column])));
                 let sum = squares[right].join_joined(of_digits);
                 let exponent = squares[left].unit() + squares[right].unit();
                 moments.squares[pair(left, right)] = ScaledIntegers::new(exponent, vec![sum]);
-                column += count;
-            }
-            let ones = squares[left].join(rows.iter().map(|row| row[column]));
-            // The other sums of this axis may count in units of other digits.
-            let up = squares[left].unit() - cross[left].unit();
-            let ones = if up >= 0 { ones << up } else { ones >> -up };
-            for (plane, digit) in wrench[left].iter_mut().zip(cross[left].split(ones)) {
-                plane[0] = digit;
             }
         }
     }
 }
 
 /// The next of as many sums as the plan says.
-fn next<I: Iterator<Item = i128> + ?Sized>(sums: &mut I) -> i128 {
+fn next(sums: &mut impl Iterator<Item = i128>) -> i128 {
     sums.next().expect("one sum for every product")
 }

@@ -8,10 +8,10 @@ use crate::exact::moments::layout::MomentLayout;
 
 /// A plan of centre and limbs, with what follows from it for the work on a block of rows.
 ///
-/// Columns of features stand side by side: first the right operands, feature by feature, then, for
-/// one group of products after the other, those left operands that are not among them. Columns of
-/// the wrench, likewise: digits to be multiplied with each other, axis by axis, then ones, then
-/// digits for the features only.
+/// Columns of features stand side by side: first the right operands, ones before all features, then,
+/// for one group of products after the other, those left operands that are not among them. Columns of
+/// the wrench, likewise: digits to be multiplied with each other, axis by axis, then digits for the
+/// features only, then ones.
 #[derive(Debug, PartialEq)]
 pub(crate) struct SummationPlan {
     /// What is subtracted from the readings of each channel.
@@ -19,21 +19,22 @@ pub(crate) struct SummationPlan {
     pub(crate) features: FeatureLimbs,
     /// The column where the right operands of each feature begin, and where all of them end.
     pub(crate) firsts: Vec<usize>,
-    /// The right operands.
+    /// The right operands: ones, then those of the features.
     pub(crate) rights: Vec<LimbColumn>,
     /// The products of features, group by group of the layout, each with its left operands that
     /// are not among the right ones.
     pub(crate) groups: Vec<(Vec<LimbColumn>, Operands)>,
     /// Digits of each axis that are multiplied with those of other axes.
-    pub(crate) squares: [Digits; 6],
+    pub(crate) squares: Vec<Digits>,
     /// Digits of each axis that are multiplied with features, if not the same.
-    pub(crate) cross: Option<[Digits; 6]>,
+    pub(crate) cross: Option<Vec<Digits>>,
 }
 
-/// A limb of a feature: the feature is the sum of its limbs, each times two to its shift.
+/// Ones, or a limb of a feature: the feature is the sum of its limbs, each times two to its shift.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct LimbColumn {
-    pub(crate) feature: usize,
+    /// The place in the layout of the sums: 0 for ones, then the features.
+    pub(crate) position: usize,
     pub(crate) shift: u32,
 }
 
@@ -49,15 +50,16 @@ impl SummationPlan {
         layout: &MomentLayout,
         centre: Vec<i64>,
         features: FeatureLimbs,
-        squares: [Digits; 6],
-        cross: [Digits; 6],
+        squares: Vec<Digits>,
+        cross: Vec<Digits>,
     ) -> Self {
         let FeatureLimbs { left, right, .. } = features;
         let parts = |feature: usize, count: usize, width: u32| {
-            (0..count).map(move |limb| LimbColumn { feature, shift: limb as u32 * width })
+            (0..count)
+                .map(move |limb| LimbColumn { position: 1 + feature, shift: limb as u32 * width })
         };
         let degree = |feature: usize| layout.features[feature].factors().len();
-        let (mut firsts, mut rights) = (vec![0], Vec::new());
+        let (mut firsts, mut rights) = (vec![1], vec![LimbColumn { position: 0, shift: 0 }]);
         for feature in 0..layout.features.len() {
             rights.extend(parts(feature, right.counts[degree(feature)], right.width));
             firsts.push(rights.len());
@@ -81,40 +83,34 @@ impl SummationPlan {
         Self { centre, features, firsts, rights, groups, squares, cross }
     }
 
-    /// Columns of digits that are multiplied with each other; the column of ones comes after them.
+    /// Columns of digits that are multiplied with each other.
     pub(crate) fn square_columns(&self) -> usize {
         self.squares.iter().map(Digits::count).sum()
     }
 
-    /// Columns of the wrench.
-    pub(crate) fn wrench_columns(&self) -> usize {
-        let cross = self.cross.iter().flatten().map(Digits::count).sum::<usize>();
-        self.square_columns() + 1 + cross
-    }
-
-    /// The columns of the wrench that are multiplied with features: digits axis by axis and ones,
-    /// the latter last or first.
+    /// The columns of the wrench that are multiplied with features: digits axis by axis and ones, the
+    /// last column of all.
     pub(crate) fn cross_columns(&self) -> Range<usize> {
-        match self.cross {
-            None => 0..self.square_columns() + 1,
-            Some(_) => self.square_columns()..self.wrench_columns(),
-        }
+        let squares = self.square_columns();
+        let others = self.cross.iter().flatten().map(Digits::count).sum::<usize>();
+        let start = if self.cross.is_some() { squares } else { 0 };
+        start..squares + others + 1
     }
 
     /// The digits of each axis that are multiplied with features.
-    pub(crate) fn cross_digits(&self) -> &[Digits; 6] {
+    pub(crate) fn cross_digits(&self) -> &[Digits] {
         self.cross.as_ref().unwrap_or(&self.squares)
     }
 
-    /// For every axis the columns that its digits are multiplied with: its own, those of later axes
-    /// and ones.
-    pub(crate) fn square_operands(&self) -> [Operands; 6] {
-        let mut start = 0;
-        self.squares.map(|digits| {
+    /// For every axis the columns that its digits are multiplied with: its own and those of later axes.
+    pub(crate) fn square_operands(&self) -> Vec<Operands> {
+        let (mut start, end) = (0, self.square_columns());
+        let of_axis = |digits: &Digits| {
             let own = start..start + digits.count();
             start = own.end;
-            Operands { right: own.start..self.square_columns() + 1, left: own.collect() }
-        })
+            Operands { right: own.start..end, left: own.collect() }
+        };
+        self.squares.iter().map(of_axis).collect()
     }
 
     /// Number of sums.

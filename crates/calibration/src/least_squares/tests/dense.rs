@@ -66,12 +66,12 @@ impl Rows for Dense<'_> {
         Shape { features: self.x.ncols(), outputs: self.y.ncols() }
     }
 
-    fn pass<R: Reduction>(&mut self, reduction: &R) -> Result<R::Partial, LeastSquaresError> {
+    fn pass<R: Reduction>(&mut self, empty: &R) -> Result<R, LeastSquaresError> {
         let (p, columns) = (self.x.ncols(), self.shape().columns());
         let stride = RowChunk::rows_in_cache(columns);
         let mut heads = vec![0.0; stride * columns];
         let mut tails = vec![0.0; if R::WIDE && self.tails.is_some() { stride * p } else { 0 }];
-        let (mut partial, mut scratch) = (reduction.empty(), reduction.scratch());
+        let mut partial = empty.clone();
         for start in (0..self.x.nrows()).step_by(stride) {
             let rows = stride.min(self.x.nrows() - start);
             let scaled = |to: &mut [f64], from: faer::ColRef<'_, f64>, unit: i32| {
@@ -89,7 +89,7 @@ impl Rows for Dense<'_> {
                 }
             }
             let chunk = RowChunk { rows, stride, heads: &heads, tails: &tails };
-            reduction.absorb(&mut partial, &chunk, &mut scratch);
+            partial.absorb(&chunk);
         }
         Ok(partial)
     }

@@ -19,7 +19,6 @@ mod random_split;
 mod sums;
 mod worker;
 
-pub(super) use self::moments::total;
 pub use self::moments::{GroupKind, GroupedMoments};
 pub use self::random_split::{RandomSplit, assign};
 pub use self::sums::GroupSums;

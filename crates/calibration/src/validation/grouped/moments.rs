@@ -68,6 +68,15 @@ impl GroupedMoments {
         self.total().filter(|_| found > 1).ok_or(ValidationError::TooFewGroups { found })
     }
 
+    /// The sums over the rows of a fold of groups, by their positions.
+    ///
+    /// # Panics
+    /// If there are none.
+    pub(crate) fn of_fold(&self, fold: &[usize]) -> Moments {
+        let moments = total(fold.iter().map(|&group| &self.groups[group].1));
+        moments.expect("parts of sums that are exact").expect("a fold of one group or more")
+    }
+
     /// The sums over the rows of all groups; `None` for zero groups.
     pub fn total(&self) -> Option<&Moments> {
         self.total.as_ref()
@@ -75,9 +84,7 @@ impl GroupedMoments {
 }
 
 /// The sums of all `parts`.
-pub(crate) fn total<'a>(
-    parts: impl IntoIterator<Item = &'a Moments>,
-) -> Result<Option<Moments>, ExactError> {
+fn total<'a>(parts: impl IntoIterator<Item = &'a Moments>) -> Result<Option<Moments>, ExactError> {
     let mut parts = parts.into_iter();
     let Some(first) = parts.next() else { return Ok(None) };
     let mut total = first.clone();

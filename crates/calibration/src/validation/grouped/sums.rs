@@ -1,6 +1,7 @@
 //! Sums by group of all rows, from those of the workers.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashSet;
+use std::collections::btree_map::{BTreeMap, Entry};
 use std::sync::Arc;
 
 use super::moments::GroupedMoments;
@@ -17,12 +18,12 @@ pub struct GroupSums {
     channels: usize,
     apart: Apart,
     random: RandomSplit,
-    indices: HashMap<Arc<str>, usize>,
-    /// Sums of each group, in the order of their first rows.
-    groups: Vec<(Arc<str>, Option<Moments>)>,
+    /// The labels of the groups, in the order of their first rows.
+    labels: Vec<Arc<str>>,
+    /// Every group is among them, and those folds that have been handed over.
+    sums: BTreeMap<SummedRows, Option<Moments>>,
     /// Hashes of the groups that have been assigned to sets.
     assigned: HashSet<u64>,
-    folds: Vec<Option<Moments>>,
 }
 
 impl GroupSums {
@@ -33,16 +34,15 @@ impl GroupSums {
             channels,
             apart,
             random,
-            indices: HashMap::new(),
-            groups: Vec::new(),
+            labels: Vec::new(),
+            sums: BTreeMap::new(),
             assigned: HashSet::new(),
-            folds: vec![None; random.held_out],
         }
     }
 
     /// The number of groups, or sets of them, so far.
     pub fn group_count(&self) -> usize {
-        self.groups.len()
+        self.labels.len()
     }
 
     /// A worker without rows.
@@ -57,7 +57,14 @@ impl GroupSums {
     /// [`ValidationError::TooManyGroups`].
     pub fn add(&mut self, block: BlockGroups) -> Result<(), ValidationError> {
         for label in block.labels {
-            self.group(&label)?;
+            let Entry::Vacant(new) = self.sums.entry(SummedRows::Group(label.clone())) else {
+                continue;
+            };
+            if self.labels.len() == MAX_GROUPS {
+                return Err(ValidationError::TooManyGroups { limit: MAX_GROUPS });
+            }
+            new.insert(None);
+            self.labels.push(label);
         }
         self.assigned.extend(block.assigned);
         block.settled.into_iter().try_for_each(|(rows, moments)| self.add_moments(rows, moments))
@@ -77,9 +84,13 @@ impl GroupSums {
                 self.add_moments(rows, moments)?;
             }
         }
-        let sums = |(label, sums): (Arc<str>, Option<Moments>)| Some((label.to_string(), sums?));
-        let groups = self.groups.into_iter().filter_map(sums).collect();
-        let random = self.folds.into_iter().flatten().collect();
+        let mut sums_of = |summed: SummedRows| self.sums.remove(&summed).flatten();
+        let with_label = |label: Arc<str>| {
+            let name = label.to_string();
+            Some((name, sums_of(SummedRows::Group(label))?))
+        };
+        let groups = self.labels.into_iter().filter_map(with_label).collect();
+        let random = (0..self.random.held_out).map(SummedRows::Fold).filter_map(sums_of).collect();
         let mut grouped = GroupedMoments::new(groups, random)?;
         if self.apart == Apart::Sets {
             grouped.group_count = self.assigned.len();
@@ -88,27 +99,7 @@ impl GroupSums {
     }
 
     fn add_moments(&mut self, rows: SummedRows, moments: Moments) -> Result<(), ValidationError> {
-        let sums = match rows {
-            SummedRows::Fold(fold) => &mut self.folds[fold],
-            SummedRows::Group(label) => {
-                let group = self.group(&label)?;
-                &mut self.groups[group].1
-            }
-        };
-        Ok(moments.add_to(sums)?)
-    }
-
-    /// The index of a group.
-    fn group(&mut self, label: &Arc<str>) -> Result<usize, ValidationError> {
-        if let Some(&index) = self.indices.get(label) {
-            return Ok(index);
-        }
-        if self.groups.len() == MAX_GROUPS {
-            return Err(ValidationError::TooManyGroups { limit: MAX_GROUPS });
-        }
-        self.indices.insert(label.clone(), self.groups.len());
-        self.groups.push((label.clone(), None));
-        Ok(self.groups.len() - 1)
+        Ok(moments.add_to(self.sums.entry(rows).or_default())?)
     }
 }
 

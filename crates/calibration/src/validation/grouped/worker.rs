@@ -1,6 +1,6 @@
 //! Sums by group of the rows that one worker thread gets.
 
-use std::collections::{HashMap, VecDeque};
+use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::sync::Arc;
 
 use super::random_split::{RandomSplit, assign, mix};
@@ -35,15 +35,13 @@ pub struct GroupWorker {
     apart: Apart,
     random: RandomSplit,
     adder: Adder,
-    indices: HashMap<Arc<str>, usize>,
-    /// The sums of the random folds, then those of the groups in the order of their first rows.
-    sums: Vec<(SummedRows, Accumulator)>,
-    /// The sums in working form, by index, in the order of these.
-    open: VecDeque<usize>,
+    sums: BTreeMap<SummedRows, Accumulator>,
+    /// What has sums in working form, in the order of these.
+    open: VecDeque<SummedRows>,
 }
 
 /// The rows that are summed together.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum SummedRows {
     /// Those of a random fold.
     Fold(usize),
@@ -65,17 +63,8 @@ pub struct BlockGroups {
 impl GroupWorker {
     pub(super) fn new(basis: Basis, channels: usize, apart: Apart, random: RandomSplit) -> Self {
         let adder = Adder::new(basis, channels);
-        let fold = |fold| (SummedRows::Fold(fold), adder.begin());
-        let sums = (0..random.held_out).map(fold).collect();
-        Self {
-            channels,
-            apart,
-            random,
-            adder,
-            indices: HashMap::new(),
-            sums,
-            open: VecDeque::new(),
-        }
+        let (sums, open) = (BTreeMap::new(), VecDeque::new());
+        Self { channels, apart, random, adder, sums, open }
     }
 
     /// Adds the rows of a block, by their labels.
@@ -94,18 +83,15 @@ impl GroupWorker {
             Apart::Groups => (None, Vec::new()),
             Apart::Sets => assign_to_sets(labels),
         };
-        let labels = rows_by_label(sets.as_deref().unwrap_or(labels));
-        let mut groups =
-            BlockGroups { labels: Vec::with_capacity(labels.len()), assigned, settled: Vec::new() };
-        for (label, rows) in labels {
-            let (index, label) = self.group(label)?;
-            groups.labels.push(label);
-            groups.settled.extend(self.add_rows(index, &columns, &rows)?);
+        let (labels, rows): (Vec<Arc<str>>, Vec<_>) =
+            rows_by_label(sets.as_deref().unwrap_or(labels)).into_iter().unzip();
+        let groups = labels.iter().cloned().map(SummedRows::Group).zip(rows);
+        let folds = (0..).map(SummedRows::Fold).zip(assign(block, &self.random));
+        let mut settled = Vec::new();
+        for (summed, rows) in groups.chain(folds) {
+            settled.extend(self.add_rows(summed, &columns, &rows)?);
         }
-        for (fold, rows) in assign(block, &self.random).iter().enumerate() {
-            groups.settled.extend(self.add_rows(fold, &columns, rows)?);
-        }
-        Ok(groups)
+        Ok(BlockGroups { labels, assigned, settled })
     }
 
     /// The sums that have not been handed over.
@@ -116,60 +102,50 @@ impl GroupWorker {
         sums.into_iter().map(move |(rows, sums)| Ok((rows, self.adder.finish(sums)?)))
     }
 
-    /// The index of the sums of a group, and its label.
-    fn group(&mut self, label: &str) -> Result<(usize, Arc<str>), ValidationError> {
-        if let Some((label, &index)) = self.indices.get_key_value(label) {
-            return Ok((index, label.clone()));
-        }
-        if self.indices.len() == MAX_GROUPS {
-            return Err(ValidationError::TooManyGroups { limit: MAX_GROUPS });
-        }
-        let (index, label) = (self.sums.len(), Arc::<str>::from(label));
-        self.indices.insert(label.clone(), index);
-        self.sums.push((SummedRows::Group(label.clone()), self.adder.begin()));
-        Ok((index, label))
-    }
-
     /// Adds some rows of the columns to sums, each row once; returns sums to be handed over.
     fn add_rows(
         &mut self,
-        index: usize,
+        summed: SummedRows,
         columns: &[&[f64]],
         rows: &[usize],
     ) -> Result<Option<(SummedRows, Moments)>, ValidationError> {
         if columns.iter().all(|column| column.len() == rows.len()) {
-            return self.add_columns(index, columns);
+            return self.add_columns(summed, columns);
         }
         let gather = |column: &&[f64]| rows.iter().map(|&row| column[row]).collect();
         let gathered: Vec<Vec<f64>> = columns.iter().map(gather).collect();
-        self.add_columns(index, &gathered)
+        self.add_columns(summed, &gathered)
     }
 
     /// Adds all rows of the columns to sums; returns sums to be handed over.
     fn add_columns<C: AsRef<[f64]>>(
         &mut self,
-        index: usize,
+        summed: SummedRows,
         columns: &[C],
     ) -> Result<Option<(SummedRows, Moments)>, ValidationError> {
-        let sums = &mut self.sums[index].1;
+        if self.sums.len() == MAX_GROUPS + self.random.held_out && !self.sums.contains_key(&summed)
+        {
+            return Err(ValidationError::TooManyGroups { limit: MAX_GROUPS });
+        }
+        let sums = self.sums.entry(summed.clone()).or_insert_with(|| self.adder.begin());
         let was_open = sums.is_open();
         let (readings, wrench) = columns.split_at(self.channels);
         self.adder.add(sums, readings, wrench)?;
         if sums.is_open() && !was_open {
-            self.open.push_back(index);
+            self.open.push_back(summed);
         }
         if self.open.len() <= MAX_OPEN {
             return Ok(None);
         }
         let Some(longest) = self.open.pop_front() else { return Ok(None) };
-        let (rows, sums) = &mut self.sums[longest];
-        Ok(sums.settle()?.map(|moments| (rows.clone(), moments)))
+        let sums = self.sums.get_mut(&longest).expect("sums that are open");
+        Ok(sums.settle()?.map(|moments| (longest, moments)))
     }
 
     /// The number of sums in working form.
     #[cfg(test)]
     pub(super) fn open_sums(&self) -> usize {
-        self.sums.iter().filter(|(_, sums)| sums.is_open()).count()
+        self.sums.values().filter(|sums| sums.is_open()).count()
     }
 }
 
@@ -189,14 +165,14 @@ fn assign_to_sets(runs: &[(String, usize)]) -> (Option<LabelRuns>, Vec<u64>) {
 }
 
 /// The rows of every label, labels in the order of their first rows.
-fn rows_by_label(runs: &[(String, usize)]) -> Vec<(&str, Vec<usize>)> {
+fn rows_by_label(runs: &[(String, usize)]) -> Vec<(Arc<str>, Vec<usize>)> {
     let mut index: HashMap<&str, usize> = HashMap::new();
-    let mut labels: Vec<(&str, Vec<usize>)> = Vec::new();
+    let mut labels: Vec<(Arc<str>, Vec<usize>)> = Vec::new();
     let mut start = 0;
     for (label, rows) in runs {
         let at = *index.entry(label).or_insert(labels.len());
         if at == labels.len() {
-            labels.push((label, Vec::new()));
+            labels.push((label.as_str().into(), Vec::new()));
         }
         labels[at].1.extend(start..start + rows);
         start += rows;
@@ -211,6 +187,9 @@ mod tests {
     #[test]
     fn runs_of_one_label_are_put_together_in_the_order_of_first_rows() {
         let runs = [("b", 2), ("a", 1), ("b", 3), ("a", 4)].map(|(l, rows)| (l.to_owned(), rows));
-        assert_eq!(rows_by_label(&runs), [("b", vec![0, 1, 3, 4, 5]), ("a", vec![2, 6, 7, 8, 9])]);
+        assert_eq!(
+            rows_by_label(&runs),
+            [("b".into(), vec![0, 1, 3, 4, 5]), ("a".into(), vec![2, 6, 7, 8, 9])]
+        );
     }
 }
