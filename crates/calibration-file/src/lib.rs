@@ -29,6 +29,16 @@
 
 #![allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "reads files")]
 
+/// Returns what does not fit together as text, unless a condition holds.
+macro_rules! ensure {
+    ($holds:expr, $($text:tt)+) => {
+        let holds: bool = $holds;
+        if !holds {
+            return Err(format!($($text)+));
+        }
+    };
+}
+
 mod checksum;
 pub mod code;
 mod document;

@@ -4,12 +4,11 @@
 //! let go before the match is found. That is 8 bytes per value, 56 per row of the reference (64 with a sync
 //! signal) and 72 per frame of eight readings.
 
-use shell_data::hint::Hint;
 use std::io::{self, Write};
-use std::path::PathBuf;
 
+use super::WorkflowError;
 use super::selection::RowFilter;
-use alignment::{AlignError, Aligned, Edges, Options, Recording, align_by_edges, rising_edges};
+use alignment::{Aligned, Edges, Options, Recording, align_by_edges, rising_edges};
 use log_file::{ColumnRef, Log, LogError, ReadOptions, ReadSummary, Wanted};
 use shell_data::wrench::{Axes, Axis};
 
@@ -38,52 +37,17 @@ pub struct AlignedLogs {
     pub board: ReadSummary,
 }
 
-/// Two logs that cannot be lined up.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum AlignLogsError {
-    /// One of them cannot be read.
-    #[error(transparent)]
-    Log(#[from] LogError),
-    /// They do not match, or not clearly.
-    #[error("cannot align `{}` with `{}`", board.display(), reference.display())]
-    Align {
-        /// The reference's file.
-        reference: PathBuf,
-        /// The board's file.
-        board: PathBuf,
-        /// Why.
-        source: AlignError,
-    },
-}
-
-impl Hint for AlignLogsError {
-    fn hint(&self) -> Option<String> {
-        match self {
-            Self::Log(error) => error.hint(),
-            Self::Align { source, .. } => source.hint(),
-        }
-    }
-}
-
-impl AlignLogsError {
-    /// Whether the logs could be read and compared, but the match is not to be trusted.
-    pub fn is_refusal(&self) -> bool {
-        matches!(self, Self::Align { source, .. } if source.is_refusal())
-    }
-}
-
 /// Reads both logs and lines them up.
 ///
 /// # Errors
-/// [`AlignLogsError`] if a log cannot be read, lacks time, wrench or readings, or if there is no
+/// [`WorkflowError`] if a log cannot be read, lacks time, wrench or readings, or if there is no
 /// clear match.
 pub fn align_logs(
     reference: &Log,
     board: &Log,
     options: &AlignOptions,
     read: &ReadOptions<'_>,
-) -> Result<AlignedLogs, AlignLogsError> {
+) -> Result<AlignedLogs, WorkflowError> {
     let mut wrench = Wanted { time: true, wrench: true, ..Wanted::default() };
     let mut readings = Wanted { time: true, readings: true, ..Wanted::default() };
     // Both are looked at before the first is read.
@@ -108,7 +72,7 @@ pub fn align_logs(
     let edges = has_edges.then_some(edges);
     let aligned = align_by_edges(wrench, readings, edges, options).map_err(|source| {
         let (reference, board) = (reference.path().to_owned(), board.path().to_owned());
-        AlignLogsError::Align { reference, board, source }
+        WorkflowError::Align { reference, board, source }
     })?;
     Ok(AlignedLogs { aligned, reference: reference_summary, board: board_summary })
 }

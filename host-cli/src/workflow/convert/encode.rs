@@ -7,10 +7,10 @@ use table_file::write::mcap::{
 };
 use table_file::write::{ColumnValues, HeldTable, ParquetWriter, TableWriter};
 
-use super::error::ConvertError;
 use super::frames::{ConvertedFrames, append};
 use super::options::{OutputFormat, RecordingFrame};
 use super::table::WrenchTable;
+use crate::workflow::WorkflowError;
 
 /// The topics of a recording.
 const WRENCH_TOPIC: &str = "/wrench";
@@ -42,7 +42,7 @@ pub(super) struct EncodedColumns {
 }
 
 impl Encoder<'_> {
-    pub(super) fn encode(&self, frames: &ConvertedFrames) -> Result<EncodedFrames, ConvertError> {
+    pub(super) fn encode(&self, frames: &ConvertedFrames) -> Result<EncodedFrames, WorkflowError> {
         Ok(match self.format {
             OutputFormat::Csv => {
                 let mut text = Vec::new();
@@ -61,7 +61,7 @@ impl Encoder<'_> {
         &self,
         frames: &ConvertedFrames,
         frame_id: &str,
-    ) -> Result<Option<McapChunk>, ConvertError> {
+    ) -> Result<Option<McapChunk>, WorkflowError> {
         let numbers = self.table.numbers(frames);
         // Time and wrench are in messages of their own.
         let names: Vec<String> = self.table.names().into_iter().skip(7).collect();
@@ -79,7 +79,7 @@ impl Encoder<'_> {
         let mut digits = zmij::Buffer::new();
         for row in 0..frames.len() {
             let time_s = frames.time_s[row];
-            let time_ns = nanoseconds(time_s).ok_or(ConvertError::Epoch(time_s))?;
+            let time_ns = nanoseconds(time_s).ok_or(WorkflowError::Epoch(time_s))?;
             let wrench = frames.wrench.each_ref().map(|axis| axis[row]);
             chunk.message(0, time_ns, |message| {
                 wrench_stamped(message, time_ns, frame_id, wrench);

@@ -10,7 +10,6 @@
 //! where only fresh ones are written: which rows are written does not change the forces.
 
 mod encode;
-mod error;
 mod frames;
 mod options;
 mod remarks;
@@ -21,7 +20,6 @@ mod writer;
 
 use std::io::Write;
 
-pub use error::ConvertError;
 pub use options::{
     BadMount, Conversion, ConvertOptions, DEFAULT_FRAME_ID, FrameMount, OutputFormat, OutputPlan,
     RecordingFrame, TableColumns, UnknownExtension, table_name,
@@ -29,8 +27,8 @@ pub use options::{
 use summary::Totals;
 pub use summary::{AxisSummary, ConvertSummary, LoadSummary};
 
-use super::check_channels;
 use super::selection::{RowFilter, read_with_memory};
+use super::{WorkflowError, check_channels};
 use calibration::uncertainty::NoIntervals;
 use calibration::{Calibration, Kind};
 use encode::{EncodedOutput, Encoder};
@@ -47,14 +45,14 @@ use writer::Writer;
 pub(super) fn interval_factors(
     calibration: &Calibration,
     level: f64,
-) -> Result<PerAxis<f64>, ConvertError> {
+) -> Result<PerAxis<f64>, WorkflowError> {
     match calibration.kind() {
         Kind::Polynomial(_) => {
-            let covariance = calibration.covariance.as_ref().ok_or(ConvertError::NoCovariance)?;
+            let covariance = calibration.covariance.as_ref().ok_or(WorkflowError::NoCovariance)?;
             Ok(covariance.interval_factors(level)?)
         }
         Kind::Physics(physics) => {
-            let intervals = physics.intervals.as_ref().ok_or(ConvertError::NoCovariance)?;
+            let intervals = physics.intervals.as_ref().ok_or(WorkflowError::NoCovariance)?;
             Ok(intervals.factors(level).map_err(NoIntervals::from)?)
         }
     }
@@ -63,13 +61,13 @@ pub(super) fn interval_factors(
 /// Converts a log and writes the result to `out`, as `plan` says; `trace` is given the wrench as well.
 ///
 /// # Errors
-/// [`ConvertError`]; what has been written to `out` until then is not of use.
+/// [`WorkflowError`]; what has been written to `out` until then is not of use.
 pub fn convert(
     conversion: &Conversion<'_>,
     plan: &OutputPlan,
     out: &mut dyn Write,
     trace: Option<&mut WrenchTrace>,
-) -> Result<ConvertSummary, ConvertError> {
+) -> Result<ConvertSummary, WorkflowError> {
     let Conversion { log, calibration, options, read } = *conversion;
     log.require(&Wanted { readings: true, time: options.columns.time, ..Wanted::default() })?;
     check_channels(log, calibration.channels())?;
@@ -77,14 +75,14 @@ pub fn convert(
     // Beside the wrenches, such a recording has the readings.
     let keeps_readings = matches!(plan.format, OutputFormat::Mcap(_));
     if keeps_readings && !is_whole {
-        return Err(ConvertError::PartOfWrench);
+        return Err(WorkflowError::PartOfWrench);
     }
     let absent = options.columns.axes().without(calibration.axes);
     if !absent.is_empty() {
-        return Err(ConvertError::Axes { absent, axes: calibration.axes });
+        return Err(WorkflowError::AbsentAxes { absent, axes: calibration.axes });
     }
     if options.columns.need_errors() && !calibration.has_standard_errors() {
-        return Err(ConvertError::NoCovariance);
+        return Err(WorkflowError::NoCovariance);
     }
     let (pipeline, zero) = survey(conversion)?;
     let time = options.columns.time
@@ -140,7 +138,7 @@ pub fn convert(
     )?;
     let (totals, sampling) = writer.finish()?;
     if totals.frames == 0 {
-        return Err(ConvertError::NoFrames(log.path().display().to_string()));
+        return Err(WorkflowError::NoFrames(log.path().display().to_string()));
     }
     Ok(ConvertSummary {
         rows: summary.rows,

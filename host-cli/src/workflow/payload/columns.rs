@@ -3,7 +3,7 @@
 use forces::payload::{STANDARD_GRAVITY_M_S2, Vector, norm};
 use log_file::{ColumnRef, Log, Wanted};
 
-use super::PayloadLogError;
+use crate::workflow::WorkflowError;
 
 /// How far an orientation may be from one, as a share: logs have few digits.
 const ROUGH: f64 = 0.02;
@@ -68,7 +68,7 @@ const USUAL_ACCELERATIONS: [&[&str]; 4] = [
 
 impl MotionColumns {
     /// The columns of a log.
-    pub(super) fn find(&self, log: &Log) -> Result<FoundColumns, PayloadLogError> {
+    pub(super) fn find(&self, log: &Log) -> Result<FoundColumns, WorkflowError> {
         let by_name = |names: &[&[&str]]| names.iter().find_map(|names| positions(log, names));
         let orientations = match &self.orientation {
             Some(references) => {
@@ -77,7 +77,7 @@ impl MotionColumns {
                     3 => (Orientation::Gravity, at),
                     4 => (Orientation::Quaternion, at),
                     9 => (Orientation::LastRow, at[6..].to_vec()),
-                    found => return Err(PayloadLogError::OrientationColumns(found)),
+                    found => return Err(WorkflowError::OrientationColumns(found)),
                 }]
             }
             None => {
@@ -88,14 +88,14 @@ impl MotionColumns {
         let accelerations = match &self.accelerations {
             Some(references) => match log.column_positions(references)? {
                 at if at.len() == 3 => Some(at),
-                at => return Err(PayloadLogError::AccelerationColumns(at.len())),
+                at => return Err(WorkflowError::AccelerationColumns(at.len())),
             },
             None => by_name(&USUAL_ACCELERATIONS),
         };
         let is_named = self.orientation.is_some();
         let found = FoundColumns { orientations, is_named, accelerations };
         if found.orientations.is_empty() && found.accelerations.is_none() {
-            return Err(PayloadLogError::NoMotion(log.path().to_path_buf()));
+            return Err(WorkflowError::NoMotion(log.path().to_path_buf()));
         }
         log.require(&Wanted { others: found.positions(), ..Wanted::default() })?;
         Ok(found)
@@ -116,7 +116,7 @@ impl FoundColumns {
         log: &Log,
         columns: &[Vec<f64>],
         gravity_m_s2: f64,
-    ) -> Result<Option<Vec<Vector>>, PayloadLogError> {
+    ) -> Result<Option<Vec<Vector>>, WorkflowError> {
         let mut first = 0;
         for (orientation, at) in &self.orientations {
             let columns = &columns[first..first + at.len()];
@@ -127,7 +127,7 @@ impl FoundColumns {
                 Err(_) if *orientation == Orientation::Gravity && !self.is_named => {}
                 Err((row, what)) => {
                     let (path, row) = (log.path().to_path_buf(), row as u64 + 1);
-                    return Err(PayloadLogError::NoOrientation { path, row, what });
+                    return Err(WorkflowError::NoOrientation { path, row, what });
                 }
             }
         }

@@ -1,7 +1,7 @@
 //! How a sensor moved, from a log.
 
-use super::PayloadLogError;
 use super::columns::MotionColumns;
+use crate::workflow::WorkflowError;
 use crate::workflow::selection::{Stop, read_with_memory};
 use calibration::Calibration;
 use forces::payload::{Accelerometer, Lag, Motion, Payload, Vector, find_lag};
@@ -14,13 +14,13 @@ const LAG_ROWS: usize = 200_000;
 /// orientations, which say nothing of inertia. Also says whether accelerations were used.
 ///
 /// # Errors
-/// [`PayloadLogError`].
+/// [`WorkflowError`].
 pub fn read_motion(
     log: &Log,
     columns: &MotionColumns,
     accelerometer: Option<&Accelerometer>,
     read: &ReadOptions<'_>,
-) -> Result<(Motion, bool), PayloadLogError> {
+) -> Result<(Motion, bool), WorkflowError> {
     let found = columns.find(log)?;
     let wanted = Wanted { time: true, others: found.positions(), ..Wanted::default() };
     let mut times_s: Vec<f64> = Vec::new();
@@ -42,18 +42,18 @@ pub fn read_motion(
         }
         (_, accelerations) => match found.gravity(log, &others, columns.gravity_m_s2)? {
             Some(gravity) => (gravity, false),
-            None if accelerations.is_some() => return Err(PayloadLogError::UnknownFrame(path())),
-            None => return Err(PayloadLogError::NoMotion(path())),
+            None if accelerations.is_some() => return Err(WorkflowError::UnknownFrame(path())),
+            None => return Err(WorkflowError::NoMotion(path())),
         },
     };
     let gravity: Vec<Vector> = gravity;
     let bad = gravity.iter().position(|g| g.iter().any(|value| !value.is_finite()));
     if let Some(row) = bad {
         let what = "motion is not finite".to_owned();
-        return Err(PayloadLogError::NoOrientation { path: path(), row: row as u64 + 1, what });
+        return Err(WorkflowError::NoOrientation { path: path(), row: row as u64 + 1, what });
     }
     let motion = Motion::new(&times_s, &gravity);
-    Ok((motion.map_err(|error| PayloadLogError::Motion { path: path(), error })?, is_measured))
+    Ok((motion.map_err(|error| WorkflowError::Motion { path: path(), error })?, is_measured))
 }
 
 /// How late a motion is against a log of readings; `None` where that is not clear.

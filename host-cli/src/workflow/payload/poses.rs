@@ -2,8 +2,8 @@
 
 use std::collections::HashMap;
 
-use super::PayloadLogError;
 use super::columns::MotionColumns;
+use crate::workflow::WorkflowError;
 use forces::payload::{
     Accelerometer, PayloadFit, PayloadPose, STANDARD_GRAVITY_M_S2, Vector, fit, frame_from_forces,
     norm,
@@ -65,13 +65,13 @@ impl Sum {
 /// every row by itself.
 ///
 /// # Errors
-/// [`PayloadLogError`].
+/// [`WorkflowError`].
 pub fn fit_payload(
     logs: &[Log],
     columns: &MotionColumns,
     read: &ReadOptions<'_>,
-) -> Result<FittedPayload, PayloadLogError> {
-    let first = logs.first().ok_or(PayloadLogError::NoLogs)?;
+) -> Result<FittedPayload, WorkflowError> {
+    let first = logs.first().ok_or(WorkflowError::NoLogs)?;
     let is_grouped = logs.iter().all(Log::has_groups);
     let mut poses = Poses::default();
     let (mut all_have_gravity, mut all_have_accelerations) = (true, true);
@@ -99,7 +99,7 @@ pub fn fit_payload(
         let gravity = found.gravity(log, &others, columns.gravity_m_s2)?;
         let accelerations = found.accelerations(&others);
         if gravity.is_none() && accelerations.is_none() {
-            return Err(PayloadLogError::NoMotion(log.path().to_path_buf()));
+            return Err(WorkflowError::NoMotion(log.path().to_path_buf()));
         }
         all_have_gravity &= gravity.is_some();
         all_have_accelerations &= accelerations.is_some();
@@ -134,7 +134,7 @@ pub fn fit_payload(
         let gravity = accelerations.iter().map(|a| found.gravity(*a)).collect();
         (gravity, Some(found), GravityFrom::Accelerations)
     } else {
-        return Err(PayloadLogError::NoMotion(first.path().to_path_buf()));
+        return Err(WorkflowError::NoMotion(first.path().to_path_buf()));
     };
     let poses: Vec<PayloadPose> = sums
         .iter()
@@ -167,17 +167,13 @@ impl Poses {
 }
 
 /// What one of the accelerations at rest is, by their size.
-fn unit_m_s2(
-    log: &Log,
-    accelerations: &[Vector],
-    gravity_m_s2: f64,
-) -> Result<f64, PayloadLogError> {
+fn unit_m_s2(log: &Log, accelerations: &[Vector], gravity_m_s2: f64) -> Result<f64, WorkflowError> {
     let mut sizes: Vec<f64> = accelerations.iter().map(|a| norm(*a)).collect();
     let size = upper_median(&mut sizes).unwrap_or_default();
     // Offsets of an accelerometer are within a tenth of what it measures.
     match size {
         0.8..1.2 => Ok(gravity_m_s2),
         8.0..12.0 => Ok(gravity_m_s2 / STANDARD_GRAVITY_M_S2),
-        _ => Err(PayloadLogError::AccelerationUnit { path: log.path().to_path_buf(), size }),
+        _ => Err(WorkflowError::AccelerationUnit { path: log.path().to_path_buf(), size }),
     }
 }

@@ -6,7 +6,7 @@ use figures::match_figure;
 use log_file::{ColumnRef, FORMATS, Log, LogFormat, Mapping, TIME_UNITS, TimeUnit, parse_column};
 use serde::Serialize;
 use shellcal::workflow::align::{
-    AlignLogsError, AlignOptions, AlignedLogs, WrittenRows, align_logs, write_training,
+    AlignOptions, AlignedLogs, WrittenRows, align_logs, write_training,
 };
 use shellcal::workflow::remark::used_rows;
 
@@ -153,7 +153,7 @@ impl AlignArgs {
             align_logs(&reference, &log, &options, &read)
         });
         let AlignedLogs { aligned, reference: reference_read, board: log_read } = match logs {
-            Err(error @ AlignLogsError::Align { .. }) if error.is_refusal() => {
+            Err(error) if error.is_refusal() => {
                 let error = anyhow::Error::from(error);
                 printer.error(&error, hints::for_error(&error).as_deref());
                 return Ok(Outcome::CheckFailed);
