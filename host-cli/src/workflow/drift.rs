@@ -1,9 +1,10 @@
 //! How the zero of a log moves, from its first row to its last.
 
-use crate::workflow::selection::{RowFilter, by_column};
+use crate::workflow::selection::RowFilter;
 use crate::workflow::{WorkflowError, check_channels};
 use calibration::Calibration;
 use figures::WrenchTrace;
+use forces::by_column;
 use forces::drift::Drift;
 use forces::stationary::{QuietLevel, StationaryFinder, StationaryInterval};
 use log_file::{ColumnRef, Log, ReadOptions, Wanted};

@@ -3,11 +3,11 @@
 //! RMS about the mean, so that no tare is needed; the mean is the offset that a tare would remove. The
 //! forces are those of the [pipeline](forces) without a low-pass, which would hide the noise.
 
-use super::selection::{RowFilter, TimeWindow, by_column, read_with_memory};
+use super::selection::{RowFilter, TimeWindow, read_with_memory};
 use super::{WorkflowError, check_channels};
 use calibration::Calibration;
-use forces::ForcePipeline;
 use forces::stationary::{ZeroMove, ZeroWatch};
+use forces::{ForcePipeline, by_column};
 use log_file::{Log, ReadOptions, Wanted};
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::{AxisValues, PerAxis};

@@ -10,6 +10,7 @@ use figures::WrenchTrace;
 use forces::filter::{Butterworth, Filter, FilterError};
 use forces::{ForceError, ForceOptions, LowPass, TareRule};
 use log_file::{Log, Mapping, ReadOptions};
+use shell_data::wrench::{Axes, Axis};
 use shellcal::workflow::convert::{
     Conversion, ConvertOptions, ConvertSummary, OutputPlan, TableColumns, convert,
 };
@@ -53,7 +54,7 @@ fn csv(directory: &Path, frames: usize, repeats: usize) -> PathBuf {
 
 const ALL: TableColumns = TableColumns {
     time: true,
-    axes: [true; 6],
+    axes: Axes::ALL,
     standard_errors: false,
     interval: None,
     flags: true,
@@ -228,7 +229,7 @@ fn readings_that_cannot_be_trusted_are_flagged_and_counted() {
     calibration.valid_range = Some(vec![range; 3]);
     let columns = TableColumns {
         time: false,
-        axes: [false; 6],
+        axes: Axes::NONE,
         standard_errors: false,
         interval: None,
         flags: true,
@@ -278,7 +279,7 @@ fn standard_errors_are_those_of_the_calibration() {
 fn the_trace_sees_every_frame() {
     let directory = tempfile::tempdir().unwrap();
     let path = csv(directory.path(), 300, 1);
-    let axes = [false, false, true, false, false, false];
+    let axes = [Axis::Fz].into_iter().collect();
     let columns =
         TableColumns { time: false, axes, standard_errors: false, interval: None, flags: false };
     let options = ConvertOptions { columns, ..options() };

@@ -33,10 +33,11 @@ use calibration::uncertainty::NoIntervals;
 use calibration::{Calibration, Kind};
 use encode::{EncodedOutput, Encoder};
 use figures::WrenchTrace;
+use forces::sampling::Sampling;
 use forces::stationary::ZeroWatch;
-use frames::FrameConverter;
+use frames::{ConvertedFrames, FrameConverter};
 use log_file::Wanted;
-use shell_data::wrench::PerAxis;
+use shell_data::wrench::{Axis, PerAxis};
 use survey::survey;
 use table::WrenchTable;
 use writer::Writer;
@@ -71,13 +72,13 @@ pub fn convert(
     let Conversion { log, calibration, options, read } = *conversion;
     log.require(&Wanted { readings: true, time: options.columns.time, ..Wanted::default() })?;
     check_channels(log, calibration.channels())?;
-    let is_whole = options.columns.time && options.columns.axes == [true; 6];
+    let is_whole = options.columns.time && options.columns.axes.are_all();
     // Beside the wrenches, such a recording has the readings.
     let keeps_readings = matches!(plan.format, OutputFormat::Mcap(_));
     if keeps_readings && !is_whole {
         return Err(WorkflowError::PartOfWrench);
     }
-    let absent = options.columns.axes().without(calibration.axes);
+    let absent = options.columns.axes.without(calibration.axes);
     if !absent.is_empty() {
         return Err(WorkflowError::AbsentAxes { absent, axes: calibration.axes });
     }
@@ -101,19 +102,28 @@ pub fn convert(
         positions.iter().map(|&at| log.columns()[at].name.clone()).collect()
     };
     let kept = [named(keep), named(keep_texts)];
-    let channels = &log.value_names()[..log.channels()];
-    let channels: Vec<String> = channels.iter().map(|name| (*name).to_owned()).collect();
-    let table = WrenchTable::new(options.columns, factors.unwrap_or_default(), &kept, &channels);
-    let encoder = Encoder { table: &table, format, channels };
+    let readings = log.value_names().into_iter().take(log.channels()).map(str::to_owned).collect();
+    let table = WrenchTable::new(options.columns, factors.unwrap_or_default(), &kept, readings);
+    let encoder = Encoder { table, format };
     let repeats_are_frames = !log.repeats_are_stale() && options.rows == RowFilter::All;
     let watch = (time && options.load.is_none()).then_some(repeats_are_frames);
     let converter =
         FrameConverter { calibration, pipeline: &pipeline, zero, options, keeps_readings, watch };
     let mut zero_watch = ZeroWatch::default();
-    let output = EncodedOutput::new(&encoder, out)?;
-    let totals = Totals::new(options.load.is_some());
-    let mut writer =
-        Writer::new(log.path(), &encoder, &pipeline, output, trace, calibration.axes, totals);
+    let scatter = options.load.as_ref().map(|_| PerAxis::default());
+    let mut writer = Writer {
+        path: log.path(),
+        encoder: &encoder,
+        output: EncodedOutput::new(&encoder, out)?,
+        trace,
+        stream: pipeline.stream(&Axis::ALL),
+        waiting: ConvertedFrames::default(),
+        waiting_rows: Vec::new(),
+        sampling: Sampling::default(),
+        latest_s: f64::NEG_INFINITY,
+        axes: calibration.axes,
+        totals: Totals { scatter, ..Totals::default() },
+    };
     let mut rows_without_motion = 0;
     let summary = read_with_memory(
         log,
@@ -127,8 +137,8 @@ pub fn convert(
         },
         |(rows, encoded)| {
             rows_without_motion += rows.without_motion;
-            if let Some(frames) = &rows.watched {
-                zero_watch.look_at(&frames.times_s, &frames.readings);
+            if let Some((times_s, readings)) = &rows.watched {
+                zero_watch.look_at(times_s, readings);
             }
             match encoded {
                 Some(encoded) => writer.write(&rows.frames, encoded?),

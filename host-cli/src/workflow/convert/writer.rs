@@ -7,9 +7,9 @@ use super::frames::{ConvertedFrames, ConvertedRows};
 use super::summary::Totals;
 use crate::workflow::WorkflowError;
 use figures::WrenchTrace;
+use forces::ForceStream;
 use forces::filter::FilterError;
 use forces::sampling::{Rate, Sampling};
-use forces::{ForcePipeline, ForceStream};
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
 /// A clock that goes back by more than this has been set back; by less, a frame is late, s.
@@ -17,47 +17,23 @@ const LATE_S: f64 = 1.0;
 
 /// Writes frames in order, as soon as their forces are known.
 pub(super) struct Writer<'a> {
-    path: &'a Path,
-    encoder: &'a Encoder<'a>,
-    output: EncodedOutput<'a>,
-    trace: Option<&'a mut WrenchTrace>,
-    stream: ForceStream,
+    pub(super) path: &'a Path,
+    pub(super) encoder: &'a Encoder<'a>,
+    pub(super) output: EncodedOutput<'a>,
+    pub(super) trace: Option<&'a mut WrenchTrace>,
+    pub(super) stream: ForceStream,
     /// Frames whose forces are not known yet.
-    waiting: ConvertedFrames,
+    pub(super) waiting: ConvertedFrames,
     /// Of every row whose force is not known yet, whether it is written.
-    waiting_rows: Vec<bool>,
-    sampling: Option<Sampling>,
-    latest_s: f64,
+    pub(super) waiting_rows: Vec<bool>,
+    pub(super) sampling: Sampling,
+    pub(super) latest_s: f64,
     /// The axes that there are.
-    axes: Axes,
-    totals: Totals,
+    pub(super) axes: Axes,
+    pub(super) totals: Totals,
 }
 
-impl<'a> Writer<'a> {
-    pub(super) fn new(
-        path: &'a Path,
-        encoder: &'a Encoder<'a>,
-        pipeline: &ForcePipeline,
-        output: EncodedOutput<'a>,
-        trace: Option<&'a mut WrenchTrace>,
-        axes: Axes,
-        totals: Totals,
-    ) -> Self {
-        Self {
-            axes,
-            path,
-            encoder,
-            output,
-            trace,
-            stream: pipeline.stream(&Axis::ALL),
-            waiting: ConvertedFrames::default(),
-            waiting_rows: Vec::new(),
-            sampling: pipeline.low_pass.map(|_| Sampling::default()),
-            latest_s: f64::NEG_INFINITY,
-            totals,
-        }
-    }
-
+impl Writer<'_> {
     /// Writes frames, as `encoded`.
     pub(super) fn write(
         &mut self,
@@ -81,9 +57,7 @@ impl<'a> Writer<'a> {
     /// Filters the next rows, and writes those whose forces are known by now.
     pub(super) fn filter(&mut self, rows: ConvertedRows) -> Result<(), WorkflowError> {
         self.check_clock(&rows.time_s)?;
-        if let Some(sampling) = &mut self.sampling {
-            sampling.add(&rows.frames.time_s);
-        }
+        self.sampling.add(&rows.frames.time_s);
         self.waiting.append(rows.frames);
         self.waiting_rows.extend(rows.written);
         let answers = self.stream.push(&rows.time_s, rows.wrench);
@@ -125,6 +99,6 @@ impl<'a> Writer<'a> {
         let answers = self.stream.finish().map_err(|error| self.unfiltered(error))?;
         self.write_answers(&answers)?;
         self.output.finish()?;
-        Ok((self.totals, self.sampling.and_then(|sampling| sampling.rate())))
+        Ok((self.totals, self.sampling.rate()))
     }
 }
