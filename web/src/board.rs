@@ -115,7 +115,7 @@ impl BoardSession {
             self.session.obey(action);
         }
         if let Some(due) = self.recorder.tend(elapsed, Some(arrival))? {
-            self.feed.report(&due.progress);
+            self.feed.state().progress = Some(due.progress);
             commands = due.commands;
         }
         if turn.ends {

@@ -7,24 +7,12 @@
 use std::io::{self, Write};
 
 use super::WorkflowError;
-use super::selection::RowFilter;
 use alignment::{Aligned, Edges, Options, Recording, align_by_edges, rising_edges};
 use log_file::{ColumnRef, Log, LogError, ReadOptions, ReadSummary, Wanted};
 use shell_data::wrench::{Axes, Axis};
 
 /// The column of a board's log that has the times of edges, s.
 const EDGE_TIMES: &str = "sync_s";
-
-/// How two logs are aligned.
-#[derive(Clone, Debug, PartialEq)]
-pub struct AlignOptions {
-    /// Time that the board averages a frame over, s; 0 for an instant.
-    pub exposure_s: f64,
-    /// Which rows of the board log are frames.
-    pub rows: RowFilter,
-    /// The column of the reference that has a signal whose edges the board has recorded as well.
-    pub sync: Option<ColumnRef>,
-}
 
 /// Two logs lined up.
 #[derive(Debug)]
@@ -37,7 +25,8 @@ pub struct AlignedLogs {
     pub board: ReadSummary,
 }
 
-/// Reads both logs and lines them up.
+/// Reads both logs and lines them up. `sync` is the column of the reference that has a signal whose edges the board has
+/// recorded as well.
 ///
 /// # Errors
 /// [`WorkflowError`] if a log cannot be read, lacks time, wrench or readings, or if there is no
@@ -45,7 +34,8 @@ pub struct AlignedLogs {
 pub fn align_logs(
     reference: &Log,
     board: &Log,
-    options: &AlignOptions,
+    options: Options,
+    sync: Option<&ColumnRef>,
     read: &ReadOptions<'_>,
 ) -> Result<AlignedLogs, WorkflowError> {
     let mut wrench = Wanted { time: true, wrench: true, ..Wanted::default() };
@@ -54,7 +44,7 @@ pub fn align_logs(
     reference.require(&wrench)?;
     reference.require_axes(Axes::ALL)?;
     board.require(&readings)?;
-    if let Some(signal) = &options.sync {
+    if let Some(signal) = sync {
         wrench.others = reference.column_positions(std::slice::from_ref(signal))?;
         readings.texts = board.column_positions(&[ColumnRef::Name(EDGE_TIMES.to_owned())])?;
     }
@@ -65,10 +55,6 @@ pub fn align_logs(
     let (reference_s, resolution_s) = rising_edges(&wrench.time_s, &signal);
     let edges = Edges { reference_s, board_s: edges_s, resolution_s };
     let has_edges = !edges.reference_s.is_empty() && !edges.board_s.is_empty();
-    let options = Options {
-        exposure_s: options.exposure_s,
-        repeats_are_stale: options.rows == RowFilter::Fresh,
-    };
     let edges = has_edges.then_some(edges);
     let aligned = align_by_edges(wrench, readings, edges, options).map_err(|source| {
         let (reference, board) = (reference.path().to_owned(), board.path().to_owned());

@@ -70,14 +70,10 @@ pub(super) fn read_with_memory<T: Send, E: From<LogError>>(
     })
 }
 
-/// Why a reading of a log ends before its end.
-pub(super) enum Stop<E> {
-    Enough,
-    Failed(E),
-}
+/// Why a reading of a log ends before its end: an error, or `None` where enough is known.
+pub(super) type Stop = Option<LogError>;
 
-impl<E: From<LogError>> From<LogError> for Stop<E> {
-    fn from(error: LogError) -> Self {
-        Stop::Failed(error.into())
-    }
+/// Passes on the error of a reading, which may have ended before the end of the log.
+pub(super) fn passed<T>(read: Result<T, Stop>) -> Result<(), LogError> {
+    read.map_or_else(|stop| stop.map_or(Ok(()), Err), |_| Ok(()))
 }

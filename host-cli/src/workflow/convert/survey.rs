@@ -3,7 +3,7 @@
 
 use super::options::Conversion;
 use crate::workflow::WorkflowError;
-use crate::workflow::selection::{Stop, fresh_rows, read_with_memory};
+use crate::workflow::selection::{fresh_rows, passed, read_with_memory};
 use forces::{FirstRows, ForceError, ForcePipeline, PipelineSetup, TareRule};
 use log_file::Wanted;
 use shell_data::wrench::PerAxis;
@@ -48,13 +48,10 @@ pub(super) fn survey(
                 let (times_s, readings) = (&*block.time_s, &*block.readings);
                 let rows = FirstRows { times_s, readings, fresh: &fresh, leg: None };
                 setup.look_at(calibration, rows);
-                if setup.is_done() { Err(Stop::Enough) } else { Ok(()) }
+                if setup.is_done() { Err(None) } else { Ok(()) }
             },
         );
-        match read {
-            Ok(_) | Err(Stop::Enough) => {}
-            Err(Stop::Failed(error)) => return Err(error),
-        }
+        passed(read)?;
     }
     let path = || log.path().display().to_string();
     let finished = setup.finish(calibration);

@@ -2,7 +2,7 @@
 
 use super::columns::MotionColumns;
 use crate::workflow::WorkflowError;
-use crate::workflow::selection::{Stop, read_with_memory};
+use crate::workflow::selection::{passed, read_with_memory};
 use calibration::Calibration;
 use forces::payload::{Accelerometer, Lag, Motion, Payload, Vector, find_lag};
 use log_file::{Log, LogError, ReadOptions, Wanted};
@@ -70,7 +70,7 @@ pub fn find_motion_lag(
     let wanted = Wanted { time: true, readings: true, ..Wanted::default() };
     let mut times_s: Vec<f64> = Vec::new();
     let mut forces: [Vec<f64>; 3] = Default::default();
-    let result = read_with_memory(
+    let read = read_with_memory(
         log,
         (&wanted, read),
         calibration,
@@ -83,11 +83,9 @@ pub fn find_motion_lag(
         |(times, columns)| {
             times_s.extend(times);
             forces.iter_mut().zip(columns).for_each(|(all, column)| all.extend(column));
-            if times_s.len() >= LAG_ROWS { Err(Stop::Enough) } else { Ok(()) }
+            if times_s.len() >= LAG_ROWS { Err(None) } else { Ok(()) }
         },
     );
-    match result {
-        Ok(_) | Err(Stop::Enough) => Ok(find_lag(payload, motion, &times_s, &forces)),
-        Err(Stop::Failed(error)) => Err(error),
-    }
+    passed(read)?;
+    Ok(find_lag(payload, motion, &times_s, &forces))
 }

@@ -15,7 +15,9 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use board_link::recording::{LiveForces, PROTOCOLS};
-use board_link::{LogSink, PortOptions, RecordOptions, Sinks, Source, Watcher, record};
+use board_link::{
+    LogSink, PortOptions, RecordOptions, RecordingProgress, Sinks, Source, Watcher, record,
+};
 use frame_stream::RowOptions;
 use live_view::web::Server;
 use live_view::{Guide, LiveModel, LiveSetup};
@@ -246,7 +248,7 @@ impl LiveArgs {
         let (feed, done) = (feed.clone(), Arc::clone(done));
         let run = move || {
             let sinks = Sinks { log, raw: None, watcher: Some(watcher) };
-            let mut tell = |progress: &_| feed.report(progress);
+            let mut tell = |it: &RecordingProgress| feed.state().progress = Some(it.clone());
             let recorded = record(&mut source, sinks, &options_of_recording, &done, &mut tell);
             end_with(recorded, &done)
         };
@@ -264,7 +266,7 @@ impl LiveArgs {
         let read = self.mapping.read_options();
         let (feed, done, speed) = (feed.clone(), Arc::clone(done), self.speed);
         let run = move || {
-            let is_held = || feed.is_held();
+            let is_held = || feed.state().is_held;
             let mut see = |frames: &_| watcher.see(frames);
             let played = play(&log, &read, wants_readings, speed, &is_held, &done, &mut see);
             end_with(played, &done)
