@@ -59,21 +59,17 @@ pub(crate) fn read_log<'py>(
             names.extend(log.axes().columns().into_iter().map(str::to_owned));
         }
         names.extend(others.iter().map(|&position| log.columns()[position].name.clone()));
-        let mut columns = vec![Vec::new(); names.len()];
-        let is_there = Axis::ALL.map(|axis| log.axes().contains(axis));
-        let (mut positions, mut labels) = (Vec::new(), Labels::default());
         let read = ReadOptions { threads, skip_bad_rows, ..ReadOptions::default() };
-        let summary = log.read(&wanted, &read, std::mem::take, |block: Block| {
-            let Block { time_s, readings, wrench, groups, others, .. } = block;
-            let time = wanted.time.then_some(time_s);
-            let wrench = wrench.into_iter().zip(is_there).filter_map(|(of, is)| is.then_some(of));
-            let of_block = time.into_iter().chain(readings).chain(wrench).chain(others);
-            columns.iter_mut().zip(of_block).for_each(|(all, part)| all.extend(part));
-            for (label, rows) in groups {
-                positions.extend(std::iter::repeat_n(labels.position(label), rows));
-            }
-            Ok::<_, log_file::LogError>(())
-        })?;
+        let (block, summary) = log.read_whole(&wanted, &read)?;
+        let Block { time_s, readings, wrench, groups, others, .. } = block;
+        let is_there = Axis::ALL.map(|axis| log.axes().contains(axis));
+        let wrench = wrench.into_iter().zip(is_there).filter_map(|(of, is)| is.then_some(of));
+        let time = wanted.time.then_some(time_s).into_iter();
+        let columns = time.chain(readings).chain(wrench).chain(others);
+        let (mut positions, mut labels) = (Vec::new(), Labels::default());
+        for (label, rows) in groups {
+            positions.extend(std::iter::repeat_n(labels.position(label), rows));
+        }
         let groups = wanted.groups.then_some((positions, labels.names));
         let about = (log.format().to_string(), summary.skipped_rows, summary.repeated_rows);
         Ok((names.into_iter().zip(columns).collect::<Vec<_>>(), groups, about))

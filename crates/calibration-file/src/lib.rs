@@ -294,10 +294,10 @@ impl CalibrationFile {
         let calibration = if matlab::is_matlab(&bytes) {
             matlab::parse(&bytes, options)
         } else if bytes.contains(&0) {
-            let message = "it is neither text nor of version 5; save it with `-v6` or `-v7`";
-            Err(MatrixError::Matlab(message.to_owned()))
+            let why = "it is neither text nor of version 5; save it with `-v6` or `-v7`";
+            Err(matlab::unreadable(why))
         } else {
-            matrix::parse_csv(&bytes, options)
+            matrix::parse_csv(&bytes, options).map_err(MatrixError::Unusable)
         };
         let calibration = calibration.map_err(|error| problem(Problem::Matrix(error)))?;
         let rows = calibration.polynomial().map_or(0, |p| p.coefficients().len()) as u64;

@@ -8,7 +8,7 @@ use std::io::{self, Write};
 
 use super::WorkflowError;
 use alignment::{Aligned, Edges, Options, Recording, align_by_edges, rising_edges};
-use log_file::{ColumnRef, Log, LogError, ReadOptions, ReadSummary, Wanted};
+use log_file::{ColumnRef, Log, ReadOptions, ReadSummary, Wanted};
 use shell_data::wrench::{Axes, Axis};
 
 /// The column of a board's log that has the times of edges, s.
@@ -48,11 +48,14 @@ pub fn align_logs(
         wrench.others = reference.column_positions(std::slice::from_ref(signal))?;
         readings.texts = board.column_positions(&[ColumnRef::Name(EDGE_TIMES.to_owned())])?;
     }
-    let Read { recording: wrench, signal, summary: reference_summary, .. } =
-        columns(reference, &wrench, read)?;
-    let Read { recording: readings, edges_s, summary: board_summary, .. } =
-        columns(board, &readings, read)?;
-    let (reference_s, resolution_s) = rising_edges(&wrench.time_s, &signal);
+    let (with_wrench, reference_summary) = reference.read_whole(&wrench, read)?;
+    let (with_readings, board_summary) = board.read_whole(&readings, read)?;
+    let signal = with_wrench.others.concat();
+    let (reference_s, resolution_s) = rising_edges(&with_wrench.time_s, &signal);
+    let times = with_readings.texts.iter().flatten();
+    let edges_s = times.filter_map(|(text, _)| text.trim().parse::<f64>().ok()).collect();
+    let wrench = Recording { time_s: with_wrench.time_s, columns: with_wrench.wrench };
+    let readings = Recording { time_s: with_readings.time_s, columns: with_readings.readings };
     let edges = Edges { reference_s, board_s: edges_s, resolution_s };
     let has_edges = !edges.reference_s.is_empty() && !edges.board_s.is_empty();
     let edges = has_edges.then_some(edges);
@@ -61,34 +64,6 @@ pub fn align_logs(
         WorkflowError::Align { reference, board, source }
     })?;
     Ok(AlignedLogs { aligned, reference: reference_summary, board: board_summary })
-}
-
-/// What was read of a log.
-struct Read {
-    recording: Recording,
-    /// The signal with edges, a value for each row, where one was wanted.
-    signal: Vec<f64>,
-    /// The times of edges, s, where they were wanted.
-    edges_s: Vec<f64>,
-    summary: ReadSummary,
-}
-
-fn columns(log: &Log, wanted: &Wanted, read: &ReadOptions<'_>) -> Result<Read, LogError> {
-    let mut recording = Recording::default();
-    let (mut signal, mut edges_s) = (Vec::new(), Vec::new());
-    let summary = log.read(wanted, read, std::mem::take, |mut block| {
-        block.others.iter_mut().for_each(|values| signal.append(values));
-        let times = block.texts.iter().flatten();
-        edges_s.extend(times.filter_map(|(text, _)| text.trim().parse::<f64>().ok()));
-        let columns = if wanted.wrench { &mut block.wrench } else { &mut block.readings };
-        recording.columns.resize_with(columns.len(), Vec::new);
-        recording.time_s.append(&mut block.time_s);
-        for (all, column) in recording.columns.iter_mut().zip(columns) {
-            all.append(column);
-        }
-        Ok::<(), LogError>(())
-    })?;
-    Ok(Read { recording, signal, edges_s, summary })
 }
 
 /// How many rows of a training log were written, and how many were not.

@@ -161,42 +161,33 @@ impl Orientation {
             if is_near { Ok(()) } else { Err((row, text())) }
         };
         let vector = |row: usize| -> Vector { std::array::from_fn(|axis| columns[axis][row]) };
-        match self {
-            Self::Gravity => {
-                let mut sizes: Vec<f64> = (0..rows).map(|row| norm(vector(row))).collect();
-                let middle = rows / 2;
-                let median = *sizes.select_nth_unstable_by(middle, f64::total_cmp).1;
-                let is_m_s2 = (9.6..9.95).contains(&median);
-                let expected = if is_m_s2 { median } else { 1.0 };
-                let unit = if is_m_s2 { 1.0 } else { gravity_m_s2 };
-                let one = |row| {
-                    near(row, norm(vector(row)), expected, "gravity is")?;
-                    Ok(vector(row).map(|value| value * unit))
-                };
-                (0..rows).map(one).collect()
-            }
-            Self::LastRow => {
-                let one = |row| {
-                    near(row, norm(vector(row)), 1.0, "the last row of the rotation matrix is")?;
-                    Ok(down(vector(row)))
-                };
-                (0..rows).map(one).collect()
-            }
-            Self::Quaternion => {
-                let one = |row: usize| {
-                    let [x, y, z, w]: [f64; 4] = std::array::from_fn(|i| columns[i][row]);
-                    let square = x * x + y * y + z * z + w * w;
-                    near(row, square.sqrt(), 1.0, "the quaternion is")?;
-                    let up = [
-                        2.0 * (x * z - w * y),
-                        2.0 * (y * z + w * x),
-                        square - 2.0 * (x * x + y * y),
-                    ];
-                    Ok(down(up))
-                };
-                (0..rows).map(one).collect()
+        let (mut expected, mut unit) = (1.0, gravity_m_s2);
+        if self == Self::Gravity {
+            let mut sizes: Vec<f64> = (0..rows).map(|row| norm(vector(row))).collect();
+            let median = *sizes.select_nth_unstable_by(rows / 2, f64::total_cmp).1;
+            if (9.6..9.95).contains(&median) {
+                (expected, unit) = (median, 1.0);
             }
         }
+        let gravity = |row: usize| match self {
+            Self::Gravity => {
+                near(row, norm(vector(row)), expected, "gravity is")?;
+                Ok(vector(row).map(|value| value * unit))
+            }
+            Self::LastRow => {
+                near(row, norm(vector(row)), 1.0, "the last row of the rotation matrix is")?;
+                Ok(down(vector(row)))
+            }
+            Self::Quaternion => {
+                let [x, y, z, w]: [f64; 4] = std::array::from_fn(|i| columns[i][row]);
+                let square = x * x + y * y + z * z + w * w;
+                near(row, square.sqrt(), 1.0, "the quaternion is")?;
+                let up =
+                    [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), square - 2.0 * (x * x + y * y)];
+                Ok(down(up))
+            }
+        };
+        (0..rows).map(gravity).collect()
     }
 }
 

@@ -6,6 +6,7 @@ use crate::workflow::selection::{passed, read_with_memory};
 use calibration::Calibration;
 use forces::payload::{Accelerometer, Lag, Motion, Payload, Vector, find_lag};
 use log_file::{Log, LogError, ReadOptions, Wanted};
+use shell_data::block::Block;
 
 /// The most rows that the lag of two clocks is looked for in: minutes of a fast sensor.
 const LAG_ROWS: usize = 200_000;
@@ -23,18 +24,7 @@ pub fn read_motion(
 ) -> Result<(Motion, bool), WorkflowError> {
     let found = columns.find(log)?;
     let wanted = Wanted { time: true, others: found.positions(), ..Wanted::default() };
-    let mut times_s: Vec<f64> = Vec::new();
-    let mut others: Vec<Vec<f64>> = vec![Vec::new(); wanted.others.len()];
-    log.read(
-        &wanted,
-        read,
-        |block| (std::mem::take(&mut block.time_s), std::mem::take(&mut block.others)),
-        |(times, columns)| {
-            times_s.extend(times);
-            others.iter_mut().zip(columns).for_each(|(all, column)| all.extend(column));
-            Ok::<_, LogError>(())
-        },
-    )?;
+    let (Block { time_s, others, .. }, _) = log.read_whole(&wanted, read)?;
     let path = || log.path().to_path_buf();
     let (gravity, is_measured) = match (accelerometer, found.accelerations(&others)) {
         (Some(accelerometer), Some(accelerations)) => {
@@ -52,7 +42,7 @@ pub fn read_motion(
         let what = "motion is not finite".to_owned();
         return Err(WorkflowError::NoOrientation { path: path(), row: row as u64 + 1, what });
     }
-    let motion = Motion::new(&times_s, &gravity);
+    let motion = Motion::new(&time_s, &gravity);
     Ok((motion.map_err(|error| WorkflowError::Motion { path: path(), error })?, is_measured))
 }
 

@@ -8,8 +8,7 @@ use forces::payload::{
     Accelerometer, PayloadFit, PayloadPose, STANDARD_GRAVITY_M_S2, Vector, fit, frame_from_forces,
     norm,
 };
-use log_file::{Log, LogError, ReadOptions, Wanted};
-use shell_data::block::Block;
+use log_file::{Log, ReadOptions, Wanted};
 use shell_data::statistics::upper_median;
 use shell_data::wrench::{Axes, PerAxis};
 
@@ -85,38 +84,23 @@ pub fn fit_payload(
             others: found.positions(),
             ..Wanted::default()
         };
-        let mut blocks: Vec<Block> = Vec::new();
-        let summary = log.read(&wanted, read, std::mem::take, |block| {
-            blocks.push(block);
-            Ok::<_, LogError>(())
-        })?;
+        let (block, summary) = log.read_whole(&wanted, read)?;
         rows.push(summary.rows);
         skipped_rows += summary.skipped_rows;
-        let whole = |column: usize| -> Vec<f64> {
-            blocks.iter().flat_map(|block| block.others[column].iter().copied()).collect()
-        };
-        let others: Vec<Vec<f64>> = (0..wanted.others.len()).map(whole).collect();
-        let gravity = found.gravity(log, &others, columns.gravity_m_s2)?;
-        let accelerations = found.accelerations(&others);
+        let gravity = found.gravity(log, &block.others, columns.gravity_m_s2)?;
+        let accelerations = found.accelerations(&block.others);
         if gravity.is_none() && accelerations.is_none() {
             return Err(WorkflowError::NoMotion(log.path().to_path_buf()));
         }
         all_have_gravity &= gravity.is_some();
         all_have_accelerations &= accelerations.is_some();
-        let mut row = 0;
-        for block in &blocks {
-            let labels =
-                block.groups.iter().flat_map(|(label, rows)| std::iter::repeat_n(label, *rows));
-            let mut labels = labels.map(Some).chain(std::iter::repeat(None));
-            for position in 0..block.rows {
-                let at = |column: &Option<Vec<Vector>>| {
-                    column.as_ref().map_or([0.0; 3], |column| column[row])
-                };
-                let wrench = std::array::from_fn(|axis| block.wrench[axis][position]);
-                let label = labels.next().flatten();
-                poses.pose_of(label).add(wrench, at(&gravity), at(&accelerations));
-                row += 1;
-            }
+        let labels = block.groups.iter();
+        let labels = labels.flat_map(|(label, rows)| std::iter::repeat_n(Some(label), *rows));
+        for (row, label) in (0..block.rows).zip(labels.chain(std::iter::repeat(None))) {
+            let at =
+                |column: &Option<Vec<Vector>>| column.as_ref().map_or([0.0; 3], |all| all[row]);
+            let wrench = std::array::from_fn(|axis| block.wrench[axis][row]);
+            poses.pose_of(label).add(wrench, at(&gravity), at(&accelerations));
         }
     }
     let sums = poses.sums;
