@@ -66,33 +66,22 @@ pub(crate) fn read_log<'py>(
         let wrench = wrench.into_iter().zip(is_there).filter_map(|(of, is)| is.then_some(of));
         let time = wanted.time.then_some(time_s).into_iter();
         let columns = time.chain(readings).chain(wrench).chain(others);
-        let (mut positions, mut labels) = (Vec::new(), Labels::default());
+        // Labels in the order of their first rows.
+        let (mut positions, mut labels, mut known) = (Vec::new(), Vec::new(), BTreeMap::new());
         for (label, rows) in groups {
-            positions.extend(std::iter::repeat_n(labels.position(label), rows));
+            let position = *known.entry(label).or_insert_with_key(|label| {
+                labels.push(label.clone());
+                labels.len() as u32 - 1
+            });
+            positions.extend(std::iter::repeat_n(position, rows));
         }
-        let groups = wanted.groups.then_some((positions, labels.names));
+        let groups = wanted.groups.then_some((positions, labels));
         let about = (log.format().to_string(), summary.skipped_rows, summary.repeated_rows);
         Ok((names.into_iter().zip(columns).collect::<Vec<_>>(), groups, about))
     })?;
     let columns = columns.into_iter().map(|(name, of)| (name, of.into_pyarray(py))).collect();
     let groups = groups.map(|(positions, labels)| (positions.into_pyarray(py), labels));
     Ok((columns, groups, about))
-}
-
-/// Labels in the order of their first rows.
-#[derive(Default)]
-struct Labels {
-    names: Vec<String>,
-    positions: BTreeMap<String, u32>,
-}
-
-impl Labels {
-    fn position(&mut self, label: String) -> u32 {
-        *self.positions.entry(label).or_insert_with_key(|label| {
-            self.names.push(label.clone());
-            self.names.len() as u32 - 1
-        })
-    }
 }
 
 /// What the user says of the columns.

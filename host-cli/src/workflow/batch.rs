@@ -1,11 +1,12 @@
 //! All trials of a manifest: in parallel, in order, and none held up by another that is bad.
 
+use std::convert::Infallible;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use super::WorkflowError;
 use super::trial::{Evaluated, TrialJob, WindowTimes, evaluate_in_window};
-use log_file::pipeline::{self, Pieces};
+use log_file::pipeline;
 use log_file::{Log, Mapping, ReadOptions};
 use output_file::OutputError;
 use serde::Serialize;
@@ -98,8 +99,7 @@ pub fn run(
     }
     let mut batch = Batch::default();
     let mut done = 0;
-    let share = options.shard.map_or(0..rows.len(), |shard| shard.rows(rows.len()));
-    let mut numbers = RowNumbers { next: share.start, end: share.end };
+    let mut numbers = options.shard.map_or(0..rows.len(), |shard| shard.rows(rows.len()));
     let read = ReadOptions { progress: None, threads: 1, ..options.read };
     let work = |(): &mut (), number: &mut usize| -> Option<Result<BatchTrial, FailedRow>> {
         let file = match &manifest.rows[*number] {
@@ -134,33 +134,12 @@ pub fn run(
         if let Some(progress) = options.progress {
             progress(done);
         }
-        Ok::<_, std::convert::Infallible>(())
+        Ok::<_, Infallible>(())
     };
-    let never = |never: std::convert::Infallible| match never {};
+    let never = |never: Infallible| match never {};
     let threads = options.read.thread_count();
     let Ok(_) = pipeline::run(&mut numbers, threads, || (), work, never, fold);
     batch
-}
-
-/// The numbers of the rows that are evaluated.
-struct RowNumbers {
-    next: usize,
-    end: usize,
-}
-
-impl Pieces for RowNumbers {
-    type Piece = usize;
-    type Error = std::convert::Infallible;
-
-    fn ended(&self) -> bool {
-        self.next >= self.end
-    }
-
-    fn next(&mut self, piece: &mut usize) -> Result<bool, Self::Error> {
-        *piece = self.next;
-        self.next += 1;
-        Ok(*piece < self.end)
-    }
 }
 
 fn evaluate_entry(

@@ -71,8 +71,8 @@ pub fn noise(
     log.require(&wanted)?;
     check_channels(log, calibration.channels())?;
     let pipeline = ForcePipeline::default();
-    let mut axes = PerAxis::<ColumnStatistics>::default();
-    let mut channels = vec![ColumnStatistics::default(); log.channels()];
+    let mut axes: PerAxis<_> = [ColumnStatistics::new(&[]); 6];
+    let mut channels = vec![ColumnStatistics::new(&[]); log.channels()];
     let mut watch = ZeroWatch::default();
     let summary = read_with_memory(
         log,
@@ -120,13 +120,6 @@ struct ColumnStatistics {
     variance: RunningVariance,
     min: f64,
     max: f64,
-}
-
-impl Default for ColumnStatistics {
-    fn default() -> Self {
-        let variance = RunningVariance::default();
-        Self { variance, min: f64::INFINITY, max: f64::NEG_INFINITY }
-    }
 }
 
 impl ColumnStatistics {

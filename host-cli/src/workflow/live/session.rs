@@ -132,9 +132,10 @@ pub struct Shown<'a> {
 }
 
 impl LiveSession {
-    /// Of a source of this name; `logs` is `None` where nothing can be recorded.
+    /// Of a source of this name, with a guide if loads are planned; `logs` is `None` where nothing can be recorded.
     pub fn new(
         model: LiveModel,
+        guide: Option<Guide>,
         rows: LiveRows,
         feed: Feed,
         logs: Option<LogSeries>,
@@ -142,7 +143,7 @@ impl LiveSession {
     ) -> Self {
         Self {
             model,
-            guide: None,
+            guide,
             rows,
             feed,
             logs,
@@ -153,12 +154,6 @@ impl LiveSession {
             is_over: false,
             message: String::new(),
         }
-    }
-
-    /// With a guide through planned loads.
-    #[must_use]
-    pub fn guided(self, guide: Option<Guide>) -> Self {
-        Self { guide, ..self }
     }
 
     /// What is shown, as lines and numbers.

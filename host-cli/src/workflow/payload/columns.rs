@@ -2,6 +2,7 @@
 
 use forces::payload::{STANDARD_GRAVITY_M_S2, Vector, norm};
 use log_file::{ColumnRef, Log, Wanted};
+use shell_data::statistics::upper_median;
 
 use crate::workflow::WorkflowError;
 
@@ -164,7 +165,7 @@ impl Orientation {
         let (mut expected, mut unit) = (1.0, gravity_m_s2);
         if self == Self::Gravity {
             let mut sizes: Vec<f64> = (0..rows).map(|row| norm(vector(row))).collect();
-            let median = *sizes.select_nth_unstable_by(rows / 2, f64::total_cmp).1;
+            let median = upper_median(&mut sizes).unwrap_or_default();
             if (9.6..9.95).contains(&median) {
                 (expected, unit) = (median, 1.0);
             }

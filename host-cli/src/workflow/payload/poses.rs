@@ -72,7 +72,8 @@ pub fn fit_payload(
 ) -> Result<FittedPayload, WorkflowError> {
     let first = logs.first().ok_or(WorkflowError::NoLogs)?;
     let is_grouped = logs.iter().all(Log::has_groups);
-    let mut poses = Poses::default();
+    // Poses in the order in which they begin.
+    let (mut sums, mut by_label) = (Vec::<Sum>::new(), HashMap::new());
     let (mut all_have_gravity, mut all_have_accelerations) = (true, true);
     let (mut rows, mut skipped_rows) = (Vec::new(), 0);
     for log in logs {
@@ -100,10 +101,12 @@ pub fn fit_payload(
             let at =
                 |column: &Option<Vec<Vector>>| column.as_ref().map_or([0.0; 3], |all| all[row]);
             let wrench = std::array::from_fn(|axis| block.wrench[axis][row]);
-            poses.pose_of(label).add(wrench, at(&gravity), at(&accelerations));
+            let next = sums.len();
+            let pose = label.map_or(next, |label| *by_label.entry(label.clone()).or_insert(next));
+            sums.resize(next.max(pose + 1), Sum::default());
+            sums[pose].add(wrench, at(&gravity), at(&accelerations));
         }
     }
-    let sums = poses.sums;
     let accelerations: Vec<Vector> = sums.iter().map(|sum| sum.acceleration).collect();
     let (gravity, accelerometer, gravity_from) = if all_have_gravity {
         let gravity: Vec<Vector> = sums.iter().map(|sum| sum.gravity).collect();
@@ -127,27 +130,6 @@ pub fn fit_payload(
         .collect();
     let fit = fit(&poses)?;
     Ok(FittedPayload { fit, accelerometer, gravity_from, is_grouped, rows, skipped_rows })
-}
-
-/// Poses in the order in which they begin.
-#[derive(Default)]
-struct Poses {
-    sums: Vec<Sum>,
-    by_label: HashMap<String, usize>,
-}
-
-impl Poses {
-    fn pose_of(&mut self, label: Option<&String>) -> &mut Sum {
-        let next = self.sums.len();
-        let position = match label {
-            None => next,
-            Some(label) => *self.by_label.entry(label.clone()).or_insert(next),
-        };
-        if position == next {
-            self.sums.push(Sum::default());
-        }
-        &mut self.sums[position]
-    }
 }
 
 /// What one of the accelerations at rest is, by their size.

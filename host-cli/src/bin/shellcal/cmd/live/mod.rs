@@ -156,8 +156,7 @@ impl LiveArgs {
         // Without a calibration a wrench is the board's or the log's own.
         let axes = calibrated.unwrap_or(recorded);
         let model = LiveModel::new(LiveSetup { ranges, window_s: self.window, axes });
-        let session = LiveSession::new(model, rows, feed, logs, name);
-        let mut session = session.guided(guide);
+        let mut session = LiveSession::new(model, guide, rows, feed, logs, name);
         let until = Until {
             is_stopped: &|| stop.load(Ordering::Relaxed) || done.load(Ordering::Relaxed),
             is_over: &|| source.is_finished(),
