@@ -84,10 +84,19 @@ impl Arrays<'_, '_> {
     }
 
     fn fill(&self, rows: Range<usize>, block: &mut Block) {
-        let rows = self.positions(rows);
         block.rows = rows.len();
-        columns(&self.readings, &rows, &mut block.readings);
-        columns(&self.wrench, &rows, &mut block.wrench);
+        let range = rows.clone();
+        let rows = self.positions(rows);
+        let columns = |array: &ArrayView2<'_, f64>, out: &mut Vec<Vec<f64>>| match self.weights {
+            Weights::Repeats(_) => {
+                let column =
+                    |from: ArrayView1<'_, f64>| rows.iter().map(|&row| from[row]).collect();
+                *out = array.columns().into_iter().map(column).collect();
+            }
+            _ => range_of_columns(array, range.clone(), out),
+        };
+        columns(&self.readings, &mut block.readings);
+        columns(&self.wrench, &mut block.wrench);
         block.wrench.resize_with(Axis::ALL.len(), Vec::new);
         for axis in &mut block.wrench[self.wrench.ncols()..] {
             axis.clear();
@@ -95,16 +104,16 @@ impl Arrays<'_, '_> {
         }
         block.time_s.clear();
         if let Some(time) = self.time {
-            block.time_s.extend(rows.iter().map(|row| time[row]));
+            block.time_s.extend(rows.iter().map(|&row| time[row]));
         }
         block.weights.clear();
         if let Weights::Numbers(weights) = self.weights {
-            block.weights.extend(rows.iter().map(|row| weights[row]));
+            block.weights.extend(rows.iter().map(|&row| weights[row]));
         }
         block.groups.clear();
         let Some((positions, labels)) = self.groups else { return };
         let mut last = None;
-        for position in rows.iter().map(|row| positions[row]) {
+        for position in rows.iter().map(|&row| positions[row]) {
             match block.groups.last_mut().filter(|_| last == Some(position)) {
                 Some((_, count)) => *count += 1,
                 None => block.groups.push((labels[position as usize].clone(), 1)),
@@ -112,35 +121,10 @@ impl Arrays<'_, '_> {
             last = Some(position);
         }
     }
-}
 
-/// Which rows of the arrays.
-enum RowIndices {
-    Range(Range<usize>),
-    Each(Vec<usize>),
-}
-
-impl RowIndices {
-    fn len(&self) -> usize {
-        match self {
-            Self::Range(rows) => rows.len(),
-            Self::Each(rows) => rows.len(),
-        }
-    }
-
-    fn iter(&self) -> impl Iterator<Item = usize> {
-        let (range, each) = match self {
-            Self::Range(rows) => (rows.clone(), &[][..]),
-            Self::Each(rows) => (0..0, &rows[..]),
-        };
-        range.chain(each.iter().copied())
-    }
-}
-
-impl Arrays<'_, '_> {
-    /// Where some of the rows are.
-    fn positions(&self, rows: Range<usize>) -> RowIndices {
-        let Weights::Repeats(ends) = &self.weights else { return RowIndices::Range(rows) };
+    /// Where some of the rows are in the arrays.
+    fn positions(&self, rows: Range<usize>) -> Vec<usize> {
+        let Weights::Repeats(ends) = &self.weights else { return rows.collect() };
         let mut row = ends.partition_point(|&end| end <= rows.start as u64);
         let position = |at: usize| {
             while ends[row] <= at as u64 {
@@ -148,7 +132,7 @@ impl Arrays<'_, '_> {
             }
             row
         };
-        RowIndices::Each(rows.map(position).collect())
+        rows.map(position).collect()
     }
 
     /// What tells these rows from others, as checksums tell files.
@@ -192,21 +176,7 @@ fn put(row: ArrayView1<'_, f64>, bytes: &mut [u8]) {
     }
 }
 
-/// Some rows of an array as columns, each one run of memory.
-fn columns(array: &ArrayView2<'_, f64>, rows: &RowIndices, out: &mut Vec<Vec<f64>>) {
-    match rows {
-        RowIndices::Range(rows) => range_of_columns(array, rows.clone(), out),
-        RowIndices::Each(rows) => {
-            out.resize_with(array.ncols(), Vec::new);
-            for (column, from) in out.iter_mut().zip(array.columns()) {
-                column.clear();
-                column.extend(rows.iter().map(|&row| from[row]));
-            }
-        }
-    }
-}
-
-/// The same of rows that follow each other.
+/// Rows of an array that follow each other as columns, each one run of memory.
 pub(crate) fn range_of_columns(
     array: &ArrayView2<'_, f64>,
     rows: Range<usize>,

@@ -59,44 +59,29 @@ pub(crate) fn read_log<'py>(
             names.extend(log.axes().columns().into_iter().map(str::to_owned));
         }
         names.extend(others.iter().map(|&position| log.columns()[position].name.clone()));
-        let mut columns = vec![Vec::new(); names.len()];
-        let is_there = Axis::ALL.map(|axis| log.axes().contains(axis));
-        let (mut positions, mut labels) = (Vec::new(), Labels::default());
         let read = ReadOptions { threads, skip_bad_rows, ..ReadOptions::default() };
-        let summary = log.read(&wanted, &read, std::mem::take, |block: Block| {
-            let Block { time_s, readings, wrench, groups, others, .. } = block;
-            let time = wanted.time.then_some(time_s);
-            let wrench = wrench.into_iter().zip(is_there).filter_map(|(of, is)| is.then_some(of));
-            let of_block = time.into_iter().chain(readings).chain(wrench).chain(others);
-            columns.iter_mut().zip(of_block).for_each(|(all, part)| all.extend(part));
-            for (label, rows) in groups {
-                positions.extend(std::iter::repeat_n(labels.position(label), rows));
-            }
-            Ok::<_, log_file::LogError>(())
-        })?;
-        let groups = wanted.groups.then_some((positions, labels.names));
+        let (block, summary) = log.read_whole(&wanted, &read)?;
+        let Block { time_s, readings, wrench, groups, others, .. } = block;
+        let is_there = Axis::ALL.map(|axis| log.axes().contains(axis));
+        let wrench = wrench.into_iter().zip(is_there).filter_map(|(of, is)| is.then_some(of));
+        let time = wanted.time.then_some(time_s).into_iter();
+        let columns = time.chain(readings).chain(wrench).chain(others);
+        // Labels in the order of their first rows.
+        let (mut positions, mut labels, mut known) = (Vec::new(), Vec::new(), BTreeMap::new());
+        for (label, rows) in groups {
+            let position = *known.entry(label).or_insert_with_key(|label| {
+                labels.push(label.clone());
+                labels.len() as u32 - 1
+            });
+            positions.extend(std::iter::repeat_n(position, rows));
+        }
+        let groups = wanted.groups.then_some((positions, labels));
         let about = (log.format().to_string(), summary.skipped_rows, summary.repeated_rows);
         Ok((names.into_iter().zip(columns).collect::<Vec<_>>(), groups, about))
     })?;
     let columns = columns.into_iter().map(|(name, of)| (name, of.into_pyarray(py))).collect();
     let groups = groups.map(|(positions, labels)| (positions.into_pyarray(py), labels));
     Ok((columns, groups, about))
-}
-
-/// Labels in the order of their first rows.
-#[derive(Default)]
-struct Labels {
-    names: Vec<String>,
-    positions: BTreeMap<String, u32>,
-}
-
-impl Labels {
-    fn position(&mut self, label: String) -> u32 {
-        *self.positions.entry(label).or_insert_with_key(|label| {
-            self.names.push(label.clone());
-            self.names.len() as u32 - 1
-        })
-    }
 }
 
 /// What the user says of the columns.

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use calibration::fit::{
     FitOptions, HeldOut, ModelRule, RANDOM_FOLDS, Workers, random_split, sum_groups,
 };
-use calibration::validation::grouped::{Apart, GroupKind, GroupedMoments, RandomSplit};
+use calibration::validation::grouped::{Apart, GroupKind, RandomSplit};
 use calibration::{Basis, FitError, Model};
 use calibration_file::{PartialFit, PartialGroups, PartialStream, SourceFile, Sums};
 use log_file::{Log, ReadOptions};
@@ -68,12 +68,8 @@ impl Partial {
             partial.sources = vec![SourceFile { path: name, digest, ..source(rows) }];
             if kept.is_some() {
                 let first_in = vec![0; sums.groups.len()];
-                let GroupedMoments { groups, random, .. } = sums;
-                let exact = |(label, moments)| (label, Sums::Exact(moments));
-                let groups = groups.into_iter().map(exact).collect();
-                let random = (split, random);
-                partial.groups =
-                    Some(PartialGroups::new(GroupKind::Column, random, groups, &first_in));
+                let groups = PartialGroups::exact(GroupKind::Column, split, sums, &first_in);
+                partial.groups = Some(groups);
             }
             Ok(Self(partial))
         })

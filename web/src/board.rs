@@ -115,7 +115,7 @@ impl BoardSession {
             self.session.obey(action);
         }
         if let Some(due) = self.recorder.tend(elapsed, Some(arrival))? {
-            self.feed.report(&due.progress);
+            self.feed.state().progress = Some(due.progress);
             commands = due.commands;
         }
         if turn.ends {
@@ -160,8 +160,8 @@ impl Begin {
         let identify = |uplink: Uplink| uplink.encode(0, None, Command::Identify);
         commands.extend(uplink.map(identify).unwrap_or_default());
         let model = LiveModel::new(LiveSetup { ranges, window_s: WINDOW_S, axes });
-        let session = LiveSession::new(model, rows, feed.clone(), Some(series), self.name);
-        let session = session.guided(plan.as_ref().map(guide_through));
+        let (guide, feed_end) = (plan.as_ref().map(guide_through), feed.clone());
+        let session = LiveSession::new(model, guide, rows, feed_end, Some(series), self.name);
         Ok((BoardSession { recorder, session, feed, logs }, commands))
     }
 }

@@ -9,7 +9,6 @@ use output_file::OutputError;
 use serde_json::json;
 use shell_data::hint::Hint;
 use shellcal::workflow::WorkflowError;
-use shellcal::workflow::convert::ConvertError;
 
 use crate::Answer;
 
@@ -63,7 +62,7 @@ macro_rules! with_hint {
     )*};
 }
 
-with_hint!(ConvertError, FitError, LogError, OutputError, RecordError, WorkflowError);
+with_hint!(FitError, LogError, OutputError, RecordError, WorkflowError);
 
 impl From<Failure> for Answer {
     fn from(Failure { error, hint }: Failure) -> Self {

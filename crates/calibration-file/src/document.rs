@@ -12,7 +12,7 @@ use super::{
     CalibrationFile, FEWER_AXES_SCHEMA_VERSION, Problem, SCHEMA_VERSION, SIX_AXES_SCHEMA_VERSION,
 };
 use calibration::model::Model;
-use calibration::uncertainty::{CoefficientCovariance, ErrorShape};
+use calibration::uncertainty::{CoefficientCovariance, Covariance, ErrorShape};
 use calibration::{Calibration, Polynomial, model};
 use shell_data::wrench::Axes;
 
@@ -90,115 +90,97 @@ impl PolynomialDocument {
             FEWER_AXES_SCHEMA_VERSION => !axes.are_all(),
             _ => true,
         };
-        match is_allowed {
-            true => Ok(axes),
-            false => Err(format!(
-                "`axes` has {axes}: all six belong to version {SIX_AXES_SCHEMA_VERSION}, fewer to \
-                 version {FEWER_AXES_SCHEMA_VERSION}"
-            )),
-        }
+        ensure!(
+            is_allowed,
+            "`axes` has {axes}: all six belong to version {SIX_AXES_SCHEMA_VERSION}, fewer to \
+             version {FEWER_AXES_SCHEMA_VERSION}"
+        );
+        Ok(axes)
     }
 
     /// Whether the parts fit together, as the rest of the program takes for granted.
     fn check(&self, axes: Axes) -> Result<(), String> {
         let channels = self.model.channels;
         let most = model::MAX_CHANNELS;
-        if !(1..=most).contains(&channels) {
-            return Err(format!("`model.channels` is `{channels}`, expected 1 to {most}"));
-        }
+        let is_few = (1..=most).contains(&channels);
+        ensure!(is_few, "`model.channels` is `{channels}`, expected 1 to {most}");
         let model = self.model.clone().value(axes)?;
-        if model.memory > most || model.columns() > most {
-            return Err(format!("`model.memory` is `{}`, too many for its channels", model.memory));
-        }
+        let is_few = model.memory <= most && model.columns() <= most;
+        ensure!(is_few, "`model.memory` is `{}`, too many for its channels", model.memory);
         check_memory(self.memory.as_ref(), model.memory)?;
-        if self.lag.as_ref().is_some_and(|lag| lag.by.abs() > LARGEST) {
-            return Err(format!("`lag` has a number beyond {LARGEST:e}"));
-        }
-        let count = |name: &str, found: usize, expected: usize| match found == expected {
-            true => Ok(()),
-            false => Err(format!("`{name}` has `{found}` entries, the model needs `{expected}`")),
-        };
+        let is_small = |value: &f64| value.abs() <= LARGEST;
+        let lag = self.lag.as_ref();
+        ensure!(lag.is_none_or(|lag| is_small(&lag.by)), "`lag` has a number beyond {LARGEST:e}");
         // Before the terms are listed, of which there may be millions.
-        count("terms", self.terms.len(), model.term_count())?;
-        let terms = model.terms();
-        count("coefficients", self.coefficients.len(), terms.len())?;
-        count("scaling.centre", self.scaling.centre.len(), model.columns())?;
-        count("scaling.scale", self.scaling.scale.len(), model.columns())?;
+        check_count("terms", self.terms.len(), model.term_count())?;
+        let terms = term_names(&model);
+        check_count("coefficients", self.coefficients.len(), terms.len())?;
+        check_count("scaling.centre", self.scaling.centre.len(), model.columns())?;
+        check_count("scaling.scale", self.scaling.scale.len(), model.columns())?;
         if let Some(range) = &self.valid_range {
-            count("valid_range", range.len(), channels)?;
-            if range.iter().any(|range| range.min > range.max) {
-                return Err("`valid_range` has a `min` above its `max`".to_owned());
-            }
+            check_count("valid_range", range.len(), channels)?;
+            let is_range = range.iter().all(|range| range.min <= range.max);
+            ensure!(is_range, "`valid_range` has a `min` above its `max`");
         }
-        for (found, expected) in self.terms.iter().zip(term_names(&model)) {
-            if *found != expected {
-                return Err(format!("`terms` has `{found}` where the model has `{expected}`"));
-            }
+        for (found, expected) in self.terms.iter().zip(&terms) {
+            ensure!(found == expected, "`terms` has `{found}` where the model has `{expected}`");
         }
-        if let Some(scale) = self.scaling.scale.iter().find(|s| !is_power_of_two(**s)) {
-            return Err(format!("`scaling.scale` has `{scale}`, expected powers of two"));
+        for scale in &self.scaling.scale {
+            let is_allowed = is_power_of_two(*scale);
+            ensure!(is_allowed, "`scaling.scale` has `{scale}`, expected powers of two");
         }
-        if !self.model.intercept && self.scaling.centre.iter().any(|&centre| centre != 0.0) {
-            return Err("`scaling.centre` is not zero in a model without an intercept".to_owned());
-        }
-        let is_too_large = |value: &f64| value.abs() > LARGEST;
-        if self.coefficients.iter().flat_map(OfAxes::iter).any(is_too_large) {
-            return Err(format!("`coefficients` has a number beyond {LARGEST:e}"));
-        }
-        if let Some(covariance) = named("covariance", self.covariance.clone().value(axes))? {
-            let shape = covariance.shape.iter().flat_map(|shape| shape.quantiles.iter().flatten());
-            let factors: Vec<&Vec<Vec<f64>>> = match &covariance.coefficients {
-                CoefficientCovariance::Rows { factor } => vec![factor],
-                CoefficientCovariance::Groups { factors, .. } => factors.iter().collect(),
-            };
-            let numbers = covariance.residual.iter().flatten().chain(shape);
-            if numbers.chain(factors.iter().copied().flatten().flatten()).any(is_too_large) {
-                return Err(format!("`covariance` has a number beyond {LARGEST:e}"));
-            }
-            let triangle = |name: &str, factor: &[Vec<f64>]| {
-                count(name, factor.len(), terms.len())?;
-                let mut columns = factor.iter().enumerate();
-                columns
-                    .try_for_each(|(j, column)| count(&format!("{name}[{j}]"), column.len(), j + 1))
-            };
-            for (axis, factor) in factors.into_iter().enumerate() {
-                match covariance.coefficients {
-                    CoefficientCovariance::Rows { .. } => {
-                        triangle("covariance.coefficients.rows.factor", factor)?;
-                    }
-                    CoefficientCovariance::Groups { .. } => {
-                        triangle(
-                            &format!("covariance.coefficients.groups.factors[{axis}]"),
-                            factor,
-                        )?;
-                    }
-                }
-            }
-            if covariance.degrees_of_freedom == 0 {
-                return Err("`covariance.degrees_of_freedom` is `0`".to_owned());
-            }
-            covariance.shape.as_ref().map_or(Ok(()), ErrorShape::check)?;
-            if let Some(intervals) = &covariance.intervals {
-                check_intervals("covariance.intervals", intervals)?;
-            }
-            let is_share = |share: &f64| (0.0..=1.0).contains(share);
-            if !covariance.shared.iter().flatten().all(is_share) {
-                return Err("`covariance.shared` has a share that is not from 0 to 1".to_owned());
-            }
-            let residual = &covariance.residual;
-            let is_symmetric = |a: usize, b: usize| {
-                let size = (residual[a][a] * residual[b][b]).abs().sqrt();
-                (residual[a][b] - residual[b][a]).abs() <= 1e-6 * size
-            };
-            if !(0..36).all(|position| is_symmetric(position / 6, position % 6)) {
-                return Err("`covariance.residual` is not symmetric".to_owned());
-            }
-            if (0..6).any(|axis| covariance.residual[axis][axis] < 0.0) {
-                return Err("`covariance.residual` has a negative variance".to_owned());
-            }
-        }
-        Ok(())
+        let is_centred = self.model.intercept || self.scaling.centre.iter().all(|&x| x == 0.0);
+        ensure!(is_centred, "`scaling.centre` is not zero in a model without an intercept");
+        let are_small = self.coefficients.iter().flat_map(OfAxes::iter).all(is_small);
+        ensure!(are_small, "`coefficients` has a number beyond {LARGEST:e}");
+        let covariance = named("covariance", self.covariance.clone().value(axes))?;
+        covariance.map_or(Ok(()), |covariance| check_covariance(&covariance, terms.len()))
     }
+}
+
+/// Whether the parts of a covariance of the coefficients of so many terms fit together.
+fn check_covariance(covariance: &Covariance, terms: usize) -> Result<(), String> {
+    let Covariance { residual, coefficients, shape, shared, intervals, .. } = covariance;
+    let factors: Vec<(String, &Vec<Vec<f64>>)> = match coefficients {
+        CoefficientCovariance::Rows { factor } => vec![("rows.factor".to_owned(), factor)],
+        CoefficientCovariance::Groups { factors, .. } => {
+            let named = |(axis, factor)| (format!("groups.factors[{axis}]"), factor);
+            factors.iter().enumerate().map(named).collect()
+        }
+    };
+    let quantiles = shape.iter().flat_map(|shape| shape.quantiles.iter().flatten());
+    let numbers = residual.iter().flatten().chain(quantiles);
+    let mut numbers = numbers.chain(factors.iter().flat_map(|(_, factor)| factor.iter().flatten()));
+    let are_small = numbers.all(|value| value.abs() <= LARGEST);
+    ensure!(are_small, "`covariance` has a number beyond {LARGEST:e}");
+    for (name, factor) in factors {
+        let name = format!("covariance.coefficients.{name}");
+        check_count(&name, factor.len(), terms)?;
+        for (j, column) in factor.iter().enumerate() {
+            check_count(&format!("{name}[{j}]"), column.len(), j + 1)?;
+        }
+    }
+    ensure!(covariance.degrees_of_freedom > 0, "`covariance.degrees_of_freedom` is `0`");
+    shape.as_ref().map_or(Ok(()), ErrorShape::check)?;
+    if let Some(intervals) = intervals {
+        check_intervals("covariance.intervals", intervals)?;
+    }
+    let are_shares = shared.iter().flatten().all(|share| (0.0..=1.0).contains(share));
+    ensure!(are_shares, "`covariance.shared` has a share that is not from 0 to 1");
+    let is_symmetric = |a: usize, b: usize| {
+        let size = (residual[a][a] * residual[b][b]).abs().sqrt();
+        (residual[a][b] - residual[b][a]).abs() <= 1e-6 * size
+    };
+    let is_symmetric = (0..36).all(|position| is_symmetric(position / 6, position % 6));
+    ensure!(is_symmetric, "`covariance.residual` is not symmetric");
+    let is_positive = (0..6).all(|axis| residual[axis][axis] >= 0.0);
+    ensure!(is_positive, "`covariance.residual` has a negative variance");
+    Ok(())
+}
+
+fn check_count(name: &str, found: usize, expected: usize) -> Result<(), String> {
+    ensure!(found == expected, "`{name}` has `{found}` entries, the model needs `{expected}`");
+    Ok(())
 }
 
 /// Says in which field something does not fit.
@@ -219,7 +201,6 @@ mod tests {
     use calibration::reading_ranges::ReadingRange;
     use calibration::scaling::Scaling;
     use calibration::solver::SolverKind;
-    use calibration::uncertainty::Covariance;
     use shell_data::{Axis, ColumnNames, MomentUnit, TimeUnit};
 
     fn file() -> CalibrationFile {

@@ -29,6 +29,16 @@
 
 #![allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "reads files")]
 
+/// Returns what does not fit together as text, unless a condition holds.
+macro_rules! ensure {
+    ($holds:expr, $($text:tt)+) => {
+        let holds: bool = $holds;
+        if !holds {
+            return Err(format!($($text)+));
+        }
+    };
+}
+
 mod checksum;
 pub mod code;
 mod document;
@@ -284,10 +294,10 @@ impl CalibrationFile {
         let calibration = if matlab::is_matlab(&bytes) {
             matlab::parse(&bytes, options)
         } else if bytes.contains(&0) {
-            let message = "it is neither text nor of version 5; save it with `-v6` or `-v7`";
-            Err(MatrixError::Matlab(message.to_owned()))
+            let why = "it is neither text nor of version 5; save it with `-v6` or `-v7`";
+            Err(matlab::unreadable(why))
         } else {
-            matrix::parse_csv(&bytes, options)
+            matrix::parse_csv(&bytes, options).map_err(MatrixError::Unusable)
         };
         let calibration = calibration.map_err(|error| problem(Problem::Matrix(error)))?;
         let rows = calibration.polynomial().map_or(0, |p| p.coefficients().len()) as u64;

@@ -13,11 +13,9 @@ pub(super) fn is_matlab(bytes: &[u8]) -> bool {
 
 pub(super) fn parse(bytes: &[u8], options: &ImportOptions) -> Result<Calibration, MatrixError> {
     if bytes.starts_with(b"MATLAB 7.3") {
-        let message = "it is of version 7.3; save it with `-v6` or `-v7`";
-        return Err(MatrixError::Matlab(message.to_owned()));
+        return Err(unreadable("it is of version 7.3; save it with `-v6` or `-v7`"));
     }
-    let arrays = table_file::arrays(bytes);
-    let arrays = arrays.map_err(|error| MatrixError::Matlab(error.to_string()))?;
+    let arrays = table_file::arrays(bytes).map_err(|error| unreadable(&error.to_string()))?;
     let found = || arrays.iter().map(|array| array.name.clone()).collect();
     let named = |name: &str| arrays.iter().find(|array| array.name == name);
     let array = match (&options.variable, arrays.as_slice()) {
@@ -27,7 +25,7 @@ pub(super) fn parse(bytes: &[u8], options: &ImportOptions) -> Result<Calibration
     };
     let wanted = || options.variable.clone().unwrap_or_else(|| USUAL_NAMES.join("` or `"));
     let array = array.ok_or_else(|| MatrixError::Variable { wanted: wanted(), found: found() })?;
-    let wrong = |what: &str| MatrixError::Matlab(format!("`{}` {what}", array.name));
+    let wrong = |what: &str| unreadable(&format!("`{}` {what}", array.name));
     let &[rows, columns] = array.size.as_slice() else {
         return Err(wrong("has more than two dimensions"));
     };
@@ -39,6 +37,12 @@ pub(super) fn parse(bytes: &[u8], options: &ImportOptions) -> Result<Calibration
     }
     // MATLAB stores columns one after the other.
     from_values(rows, columns, |row, column| values[column * rows + row], options)
+        .map_err(MatrixError::Unusable)
+}
+
+/// What is said of a file that may be one of MATLAB.
+pub(super) fn unreadable(why: &str) -> MatrixError {
+    MatrixError::Unusable(format!("cannot be read as a MATLAB 5 file: {why}"))
 }
 
 #[cfg(test)]
@@ -114,10 +118,8 @@ mod tests {
         let error = parse(&bytes, Some("N")).unwrap_err();
         let found = ["x", "C", "late"].map(str::to_owned).to_vec();
         assert_eq!(error, MatrixError::Variable { wanted: "N".into(), found });
-        assert_eq!(
-            parse(&bytes, Some("x")).unwrap_err(),
-            MatrixError::Shape { rows: 2, columns: 2 }
-        );
+        let expected = "it is `2` by `2`, expected 6 axes by 8, 24, 44 or 164 features, one more with an intercept";
+        assert_eq!(parse(&bytes, Some("x")).unwrap_err().to_string(), expected);
     }
 
     #[test]

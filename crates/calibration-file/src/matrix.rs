@@ -28,62 +28,6 @@ pub struct ImportOptions {
 /// Why a file is no coefficient matrix.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum MatrixError {
-    /// A line that cannot be split into fields.
-    #[error("not a CSV file: {0}")]
-    Csv(String),
-    /// Not a number.
-    #[error("line {line}, column {column}: expected a finite number, found `{found}`")]
-    Number {
-        /// Line, from 1.
-        line: u64,
-        /// Column, from 1.
-        column: usize,
-        /// What is there.
-        found: String,
-    },
-    /// A header that does not name the six axes.
-    #[error("the header has `{found}` where `{expected}` is expected")]
-    Header {
-        /// What is there.
-        found: String,
-        /// What should be.
-        expected: String,
-    },
-    /// The name of a row is no product of readings.
-    #[error("line {line}: `{found}` is not a feature such as `s1^2`")]
-    Feature {
-        /// Line, from 1.
-        line: u64,
-        /// What is there.
-        found: String,
-    },
-    /// A row that is there twice.
-    #[error("line {line}: the feature `{name}` comes twice")]
-    Twice {
-        /// Line, from 1.
-        line: u64,
-        /// The feature.
-        name: String,
-    },
-    /// Features of no model.
-    #[error("its `{0}` features are not those of a model (linear, cubic, quadratic, poly3)")]
-    NoModel(usize),
-    /// Not features by six axes.
-    #[error(
-        "it is `{rows}` by `{columns}`, expected 6 axes by 8, 24, 44 or 164 features, one more with an intercept"
-    )]
-    Shape {
-        /// Rows.
-        rows: usize,
-        /// Columns.
-        columns: usize,
-    },
-    /// A coefficient that no sensor has.
-    #[error("a coefficient is `{0}`, beyond what calibrations can have")]
-    TooLarge(String),
-    /// A MATLAB file that cannot be read.
-    #[error("cannot be read as a MATLAB 5 file: {0}")]
-    Matlab(String),
     /// A MATLAB file without the variable.
     #[error("no matrix `{wanted}`; found `{}`", found.join("`, `"))]
     Variable {
@@ -92,6 +36,9 @@ pub enum MatrixError {
         /// Those that there are.
         found: Vec<String>,
     },
+    /// It cannot be read as one: what is wrong, and where.
+    #[error("{0}")]
+    Unusable(String),
 }
 
 /// The names of the columns of an exported matrix.
@@ -129,14 +76,14 @@ fn feature_name(term: &Term) -> String {
     powers.map(|run| format!("s{}^{}", run[0] + 1, run.len())).collect::<Vec<_>>().join("*")
 }
 
-pub(super) fn parse_csv(bytes: &[u8], options: &ImportOptions) -> Result<Calibration, MatrixError> {
+pub(super) fn parse_csv(bytes: &[u8], options: &ImportOptions) -> Result<Calibration, String> {
     let mut reader = csv::ReaderBuilder::new()
         .has_headers(false)
         .flexible(true)
         .trim(csv::Trim::All)
         .from_reader(bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes));
-    let records: Vec<csv::StringRecord> =
-        reader.records().collect::<Result<_, _>>().map_err(|e| MatrixError::Csv(e.to_string()))?;
+    let records: Result<Vec<csv::StringRecord>, _> = reader.records().collect();
+    let records = records.map_err(|error| format!("not a CSV file: {error}"))?;
     match records.split_first() {
         Some((header, rows)) if number(header.get(1).unwrap_or_default()).is_none() => {
             named(header, rows, options)
@@ -149,7 +96,7 @@ fn named(
     header: &csv::StringRecord,
     rows: &[csv::StringRecord],
     options: &ImportOptions,
-) -> Result<Calibration, MatrixError> {
+) -> Result<Calibration, String> {
     let axis_of = |found: &str| Axis::ALL.into_iter().find(|axis| found.starts_with(axis.name()));
     let axes: Axes = header.iter().skip(1).filter_map(axis_of).collect();
     let axes = if axes.is_empty() { Axes::ALL } else { axes };
@@ -167,8 +114,7 @@ fn named(
             (true, "Nm", None) => 1.0,
             (true, "mNm", None) => MILLI,
             _ => {
-                let expected = expected.to_owned();
-                return Err(MatrixError::Header { found: found.to_owned(), expected });
+                return Err(format!("the header has `{found}` where `{expected}` is expected"));
             }
         };
     }
@@ -177,27 +123,27 @@ fn named(
         let line = row.position().map_or(0, csv::Position::line);
         let name = row.get(0).unwrap_or_default();
         let term = parse_feature(name)
-            .ok_or_else(|| MatrixError::Feature { line, found: name.to_owned() })?;
+            .ok_or_else(|| format!("line {line}: `{name}` is not a feature such as `s1^2`"))?;
         let mut values = PerAxis::default();
         for (position, axis) in axes.iter().map(Axis::index).enumerate() {
             values[axis] = field(row, position + 1)? / units[axis];
         }
-        if coefficients.insert(term, values).is_some() {
-            return Err(MatrixError::Twice { line, name: name.to_owned() });
-        }
+        let is_new = coefficients.insert(term, values).is_none();
+        ensure!(is_new, "line {line}: the feature `{name}` comes twice");
     }
-    let no_model = MatrixError::NoModel(coefficients.len());
-    let model = model_of(&coefficients).ok_or(no_model)?;
+    let model = model_of(&coefficients).ok_or_else(|| {
+        let features = coefficients.len();
+        format!(
+            "its `{features}` features are not those of a model (linear, cubic, quadratic, poly3)"
+        )
+    })?;
     let ordered = model.terms().iter().map(|term| coefficients[term]).collect();
     let mut calibration = from_raw_readings(model, ordered)?;
     calibration.axes = axes;
     Ok(calibration)
 }
 
-fn bare(
-    records: &[csv::StringRecord],
-    options: &ImportOptions,
-) -> Result<Calibration, MatrixError> {
+fn bare(records: &[csv::StringRecord], options: &ImportOptions) -> Result<Calibration, String> {
     let columns = records.first().map_or(0, csv::StringRecord::len);
     let mut values = Vec::with_capacity(records.len() * columns);
     for record in records {
@@ -214,14 +160,19 @@ pub(super) fn from_values(
     columns: usize,
     value: impl Fn(usize, usize) -> f64,
     options: &ImportOptions,
-) -> Result<Calibration, MatrixError> {
+) -> Result<Calibration, String> {
+    let wrong_shape = || {
+        format!(
+            "it is `{rows}` by `{columns}`, expected 6 axes by 8, 24, 44 or 164 features, one more with an intercept"
+        )
+    };
     let (features, transposed) = match (rows, columns) {
         (features, 6) => (features, false),
         (6, features) => (features, true),
-        _ => return Err(MatrixError::Shape { rows, columns }),
+        _ => return Err(wrong_shape()),
     };
     let model = models(BARE_CHANNELS).find(|model| model.terms().len() == features);
-    let model = model.ok_or(MatrixError::Shape { rows, columns })?;
+    let model = model.ok_or_else(wrong_shape)?;
     let unit = options.moment_unit.map_or(MILLI, divisor);
     let coefficient = |feature, axis: Axis| {
         let index = axis.index();
@@ -233,14 +184,12 @@ pub(super) fn from_values(
 }
 
 /// The calibration of raw readings with these coefficients.
-fn from_raw_readings(
-    model: Model,
-    coefficients: Vec<PerAxis<f64>>,
-) -> Result<Calibration, MatrixError> {
-    match coefficients.iter().flatten().find(|value| value.abs() > LARGEST) {
-        Some(value) => Err(MatrixError::TooLarge(value.to_string())),
-        None => Ok(Calibration::new(model, Scaling::identity(model.channels), coefficients)),
+fn from_raw_readings(model: Model, coefficients: Vec<PerAxis<f64>>) -> Result<Calibration, String> {
+    for value in coefficients.iter().flatten() {
+        let is_small = value.abs() <= LARGEST;
+        ensure!(is_small, "a coefficient is `{value}`, beyond what calibrations can have");
     }
+    Ok(Calibration::new(model, Scaling::identity(model.channels), coefficients))
 }
 
 /// The model that has exactly these terms.
@@ -277,12 +226,11 @@ fn parse_feature(name: &str) -> Option<Term> {
     (factors.len() <= 3).then(|| Term::product(&factors))
 }
 
-fn field(record: &csv::StringRecord, column: usize) -> Result<f64, MatrixError> {
+fn field(record: &csv::StringRecord, column: usize) -> Result<f64, String> {
     let found = record.get(column).unwrap_or_default();
-    number(found).ok_or_else(|| MatrixError::Number {
-        line: record.position().map_or(0, csv::Position::line),
-        column: column + 1,
-        found: found.to_owned(),
+    number(found).ok_or_else(|| {
+        let (line, column) = (record.position().map_or(0, csv::Position::line), column + 1);
+        format!("line {line}, column {column}: expected a finite number, found `{found}`")
     })
 }
 
@@ -309,7 +257,7 @@ mod tests {
         Calibration::new(model, Scaling::identity(channels), rows.collect())
     }
 
-    fn import(text: &str) -> Result<Calibration, MatrixError> {
+    fn import(text: &str) -> Result<Calibration, String> {
         parse_csv(text.as_bytes(), &ImportOptions::default())
     }
 
@@ -397,7 +345,7 @@ mod tests {
             (header, "its `0` features"),
         ];
         for (text, expected) in cases {
-            let message = import(text).unwrap_err().to_string();
+            let message = import(text).unwrap_err();
             assert!(message.contains(expected), "{text}: {message}");
         }
     }

@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 use crate::input::{self, DocumentKind};
 use crate::stored::{Stored, StoredAccelerometer, StoredPayload};
 use crate::{JsonFault, LARGEST};
-use forces::payload::{Accelerometer, PayloadFit, STANDARD_GRAVITY_M_S2, Vector};
+use forces::payload::{Accelerometer, PayloadFit, STANDARD_GRAVITY_M_S2};
 use shell_data::wrench::Axes;
 
 /// The version of the documents that this program writes and reads.
@@ -103,18 +103,12 @@ impl PayloadFile {
         };
         // A document of another kind or version may differ in any other field.
         let version: serde_json::Value = serde_json::from_slice(text).map_err(said)?;
-        if version.get("kind").and_then(|kind| kind.as_str()) != Some(KIND) {
-            return Err(format!("it is no payload: `kind` is not `{KIND}`"));
-        }
-        match version.get("schema_version").and_then(serde_json::Value::as_u64) {
-            Some(SCHEMA_VERSION) => {}
-            Some(found) => {
-                return Err(format!(
-                    "its schema version is `{found}`, this program reads `{SCHEMA_VERSION}`"
-                ));
-            }
-            None => return Err("`schema_version` is missing".to_owned()),
-        }
+        let is_payload = version.get("kind").and_then(|kind| kind.as_str()) == Some(KIND);
+        ensure!(is_payload, "it is no payload: `kind` is not `{KIND}`");
+        let found = version.get("schema_version").and_then(serde_json::Value::as_u64);
+        let found = found.ok_or("`schema_version` is missing")?;
+        let is_known = found == SCHEMA_VERSION;
+        ensure!(is_known, "its schema version is `{found}`, this program reads `{SCHEMA_VERSION}`");
         let document: PayloadDocument = serde_json::from_slice(text).map_err(said)?;
         document.check()?;
         Ok(Self {
@@ -163,13 +157,11 @@ impl PayloadDocument {
     /// Whether its numbers are such as the rest of the program takes for granted.
     fn check(&self) -> Result<(), String> {
         let StoredPayload { mass_kg, centre_m, force_bias_n, moment_bias_nm } = &self.payload;
-        if !(*mass_kg > 0.0 && *mass_kg <= LARGEST) {
-            return Err(format!("`mass_kg` is `{mass_kg}`, expected a positive number"));
-        }
-        if !(0.1..=30.0).contains(&self.gravity_m_s2) {
-            let found = self.gravity_m_s2;
-            return Err(format!("`gravity_m_s2` is `{found}`, expected m/s², from 0.1 to 30"));
-        }
+        let is_positive = *mass_kg > 0.0 && *mass_kg <= LARGEST;
+        ensure!(is_positive, "`mass_kg` is `{mass_kg}`, expected a positive number");
+        let gravity = self.gravity_m_s2;
+        let is_gravity = (0.1..=30.0).contains(&gravity);
+        ensure!(is_gravity, "`gravity_m_s2` is `{gravity}`, expected m/s², from 0.1 to 30");
         let mut vectors = vec![
             ("centre_m", centre_m),
             ("force_bias_n", force_bias_n),
@@ -179,13 +171,13 @@ impl PayloadDocument {
             vectors.extend(matrix.iter().map(|row| ("accelerometer.matrix", row)));
             vectors.push(("accelerometer.offset_m_s2", offset_m_s2));
         }
-        let is_too_large = |value: &&f64| value.abs() > LARGEST;
-        let too_large =
-            |(name, vector): (_, &Vector)| Some((name, *vector.iter().find(is_too_large)?));
-        match vectors.into_iter().find_map(too_large) {
-            Some((name, value)) => Err(format!("`{name}` holds `{value}`, which is too large")),
-            None => Ok(()),
+        for (name, vector) in vectors {
+            for value in vector {
+                let is_small = value.abs() <= LARGEST;
+                ensure!(is_small, "`{name}` holds `{value}`, which is too large");
+            }
         }
+        Ok(())
     }
 }
 

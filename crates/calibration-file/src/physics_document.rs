@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::layout::to_json;
 use super::stored::{
     Stored, StoredGroupIntervals, StoredLag, StoredOrigin, StoredPhysicsModel, StoredReadingRange,
-    check_intervals,
+    StoredSensor, check_intervals,
 };
 use super::{CalibrationFile, Problem, SCHEMA_VERSION};
 use calibration::physics::PhysicsCalibration;
@@ -76,45 +76,32 @@ impl PhysicsDocument {
 
     /// Whether the parts fit together, as the rest of the program takes for granted.
     fn check(&self) -> Result<(), String> {
-        if self.model != NAME {
-            return Err(format!("`model` is `{}`, expected `{NAME}`", self.model));
-        }
-        for (found, axis) in self.axes.iter().zip(Axis::ALL) {
-            if found != axis.column() {
-                let expected = axis.column();
-                return Err(format!("`axes` has `{found}` where `{expected}` is expected"));
-            }
+        let is_physics = self.model == NAME;
+        ensure!(is_physics, "`model` is `{}`, expected `{NAME}`", self.model);
+        for (found, expected) in self.axes.iter().zip(Axis::ALL.map(Axis::column)) {
+            ensure!(found == expected, "`axes` has `{found}` where `{expected}` is expected");
         }
         let channels = self.physics.channels;
-        if !(1..=MOST_CHANNELS).contains(&channels) {
-            return Err(format!(
-                "`physics.channels` is `{channels}`, expected 1 to {MOST_CHANNELS}"
-            ));
-        }
-        if let Some(range) = self.valid_range.as_ref().filter(|range| range.len() != channels) {
-            let found = range.len();
-            return Err(format!("`valid_range` has `{found}` entries, expected `{channels}`"));
+        let is_few = (1..=MOST_CHANNELS).contains(&channels);
+        ensure!(is_few, "`physics.channels` is `{channels}`, expected 1 to {MOST_CHANNELS}");
+        if let Some(found) = self.valid_range.as_ref().map(Vec::len) {
+            let is_whole = found == channels;
+            ensure!(is_whole, "`valid_range` has `{found}` entries, expected `{channels}`");
         }
         let mut next = 0;
         for (position, sensor) in self.physics.sensors.iter().enumerate() {
-            if !(next..channels).contains(&sensor.channel) {
-                return Err(format!(
-                    "`physics.sensors[{position}].channel` is `{}`, expected `{next}` to `{}`",
-                    sensor.channel,
-                    channels - 1
-                ));
-            }
-            if sensor.range <= 0.0 {
-                return Err(format!("`physics.sensors[{position}].range` is `{}`", sensor.range));
-            }
-            next = sensor.channel + 1;
+            let (name, last) = (format!("physics.sensors[{position}]"), channels - 1);
+            let StoredSensor { channel, range, .. } = sensor;
+            let is_in_order = (next..=last).contains(channel);
+            ensure!(is_in_order, "`{name}.channel` is `{channel}`, expected `{next}` to `{last}`");
+            ensure!(*range > 0.0, "`{name}.range` is `{range}`");
+            next = channel + 1;
         }
-        if !self.standard_error_scale.iter().all(|&scale| scale > 0.0 && scale < f64::INFINITY) {
-            return Err("`standard_error_scale` is not above zero".to_owned());
-        }
-        if self.physics.wrench_scale.iter().any(|&scale| scale <= 0.0) {
-            return Err("`physics.wrench_scale` is not above zero".to_owned());
-        }
+        let is_positive = |scale: &f64| *scale > 0.0 && *scale < f64::INFINITY;
+        let are_positive = self.standard_error_scale.iter().all(is_positive);
+        ensure!(are_positive, "`standard_error_scale` is not above zero");
+        let are_positive = self.physics.wrench_scale.iter().all(is_positive);
+        ensure!(are_positive, "`physics.wrench_scale` is not above zero");
         Ok(())
     }
 }

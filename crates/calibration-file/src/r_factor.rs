@@ -35,36 +35,28 @@ impl RFactorDocument {
     /// # Errors
     /// What does not fit together.
     pub(super) fn value(self, axes: Axes) -> Result<FactoredRows, String> {
-        let named = |why: &str| format!("`triangle`: {why}");
         let (basis, scaling) = (self.basis.value(axes)?, self.scaling.value(axes)?);
         let Scaling { centre, scale } = &scaling;
         let channels: Vec<ReadingRange> = self.channels.value(axes)?;
         let count = channels.len();
-        if centre.len() != count || scale.len() != count || !(1..=MAX_CHANNELS).contains(&count) {
-            return Err(named("`scaling` and `channels` are not of as many channels"));
-        }
+        let are_as_many = centre.len() == count && scale.len() == count;
+        let are_as_many = are_as_many && (1..=MAX_CHANNELS).contains(&count);
+        ensure!(are_as_many, "`scaling` and `channels` are not of as many channels");
         let model = Model { basis, intercept: true, channels: count, memory: 0 };
-        model.check_size().map_err(|error| named(&error.to_string()))?;
+        model.check_size().map_err(|error| error.to_string())?;
         let is_power_of_two = |scale: &f64| scale.is_normal() && scale.to_bits() << 12 == 0;
-        if !scale.iter().all(|scale| *scale > 0.0 && is_power_of_two(scale)) {
-            return Err(named("a `scale` is no power of two"));
-        }
+        let are_powers = scale.iter().all(|scale| *scale > 0.0 && is_power_of_two(scale));
+        ensure!(are_powers, "a `scale` is no power of two");
         let small = |x: &f64| x.abs() <= LARGEST;
         let ranges = channels.iter().flat_map(|range| [&range.min, &range.max]);
-        if !ranges.chain(centre).chain(self.columns.iter().flatten()).all(small)
-            || self.rows == 0
-            || channels.iter().any(|range| range.min > range.max)
-        {
-            return Err(named("a number is too large, a range is empty, or there are no rows"));
-        }
+        let are_usable = ranges.chain(centre).chain(self.columns.iter().flatten()).all(small)
+            && self.rows > 0
+            && channels.iter().all(|range| range.min <= range.max);
+        ensure!(are_usable, "a number is too large, a range is empty, or there are no rows");
         let ranges = ReadingRanges { rows: self.rows, channels };
-        let rows =
-            FactoredRows::from_parts((model, scaling), ranges, &self.columns).ok_or_else(|| {
-                named("`columns` are not those of an upper triangular matrix of its size")
-            })?;
-        match rows.counts_its_rows() {
-            true => Ok(rows),
-            false => Err(named("the sum of ones is not the number of rows")),
-        }
+        let rows = FactoredRows::from_parts((model, scaling), ranges, &self.columns)
+            .ok_or("`columns` are not those of an upper triangular matrix of its size")?;
+        ensure!(rows.counts_its_rows(), "the sum of ones is not the number of rows");
+        Ok(rows)
     }
 }

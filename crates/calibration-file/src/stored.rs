@@ -112,11 +112,10 @@ pub(super) fn axes_of(columns: Option<&[String]>) -> Result<Axes, String> {
     let Some(columns) = columns else { return Ok(Axes::ALL) };
     let known = |column: &String| Axis::ALL.into_iter().find(|axis| axis.column() == *column);
     let axes: Axes = columns.iter().filter_map(known).collect();
-    if !axes.is_empty() && axes.columns() == columns {
-        return Ok(axes);
-    }
     let (found, all) = (columns.join("`, `"), Axes::ALL.columns().join("`, `"));
-    Err(format!("`axes` has `{found}`, expected some of `{all}`, in this order"))
+    let are_known = !axes.is_empty() && axes.columns() == columns;
+    ensure!(are_known, "`axes` has `{found}`, expected some of `{all}`, in this order");
+    Ok(axes)
 }
 
 /// One value for each axis that there is, in their order.
@@ -308,24 +307,21 @@ fn is_none(memory_terms: &usize) -> bool {
 /// Whether memory terms fit to a model of so many time constants, and are any.
 pub(super) fn check_memory(memory: Option<&StoredMemory>, expected: usize) -> Result<(), String> {
     let found = memory.map_or(0, |memory| memory.time_constants.len());
-    if found != expected {
-        return Err(format!("`memory` has `{found}` time constants, the model needs `{expected}`"));
+    let is_whole = found == expected;
+    ensure!(is_whole, "`memory` has `{found}` time constants, the model needs `{expected}`");
+    for time in memory.into_iter().flat_map(|of| of.time_constants.iter().chain(&of.gap)) {
+        let is_positive = *time > 0.0 && *time <= super::LARGEST;
+        ensure!(is_positive, "`memory` has the time `{time}`, which is not positive");
     }
-    let is_wrong = |time: &f64| !(*time > 0.0 && *time <= super::LARGEST);
-    let times = memory.into_iter().flat_map(|of| of.time_constants.iter().chain(&of.gap));
-    match times.copied().find(is_wrong) {
-        Some(time) => Err(format!("`memory` has the time `{time}`, which is not positive")),
-        None => Ok(()),
-    }
+    Ok(())
 }
 
 /// Whether the parts of intervals, in the field of this name, fit together.
 pub(super) fn check_intervals(name: &str, intervals: &GroupIntervals) -> Result<(), String> {
     let GroupIntervals { levels, factors, .. } = intervals;
     let ascending = levels.windows(2).all(|pair| pair[0] < pair[1]);
-    if !ascending || factors.iter().any(|factors| factors.len() != levels.len()) {
-        return Err(format!("`{name}.factors` are not one for each ascending level"));
-    }
+    let are_whole = ascending && factors.iter().all(|factors| factors.len() == levels.len());
+    ensure!(are_whole, "`{name}.factors` are not one for each ascending level");
     Ok(())
 }
 

@@ -5,9 +5,7 @@ use shared_proto::{Identity, Protocol, ResetCause, Status, Stream, crc32};
 use shell_data::block::Block;
 
 use crate::Finding;
-use crate::channels::{
-    ENOUGH_FRAMES, check_channels, identical_columns, outside, without_consequences,
-};
+use crate::channels::{ENOUGH_FRAMES, check_channels, identical_in, outside, without_consequences};
 use crate::finding::percent;
 use board_link::recording::{BoardFrame, Losses, Measured, protocol_name};
 use board_link::{Handshake, Heard, LinkError, Stretch, for_board, serial_text};
@@ -251,7 +249,7 @@ fn check_stream(stretch: &Stretch, facts: &BoardObservations<'_>) -> Vec<Finding
     let calibration =
         calibration.filter(|calibration| calibration.channels() == summary.readings.len());
     let readings = columns(&stretch.frames);
-    findings.extend(check_channels(&summary, &[], &identical_columns(&readings), calibration));
+    findings.extend(check_channels(&summary, &[], &identical_in(&readings, None), calibration));
     let outside = calibration
         .and_then(|calibration| outside(calibration.rows_out_of_range(&readings), summary.rows));
     findings.extend(outside);

@@ -17,7 +17,7 @@ const UNLIKELY: f64 = 2.0;
 /// Frames outside the calibrated range that make a warning, and a fault.
 const OUTSIDE: [f64; 2] = [0.05, 0.5];
 
-/// Saturated, dead, quiet and swapped channels.
+/// Saturated, dead, quiet, identical and swapped channels; `identical` are the pairs that are the same in every row.
 /// `names` are the channels' own; those that are missing are called s1, s2, ….
 pub(crate) fn check_channels(
     summary: &LogSummary,
@@ -66,7 +66,8 @@ pub(crate) fn check_channels(
             findings.push(Finding::warning("channel-quiet", seen, advice));
         }
     }
-    for &(first, second) in identical {
+    let is_alive = |&&(first, _): &&(usize, usize)| !summary.readings[first].is_constant();
+    for &(first, second) in identical.iter().filter(is_alive) {
         let [first, second] = [first, second].map(|channel| channel_name(names, channel));
         let seen = format!("{first} and {second} are the same in every frame");
         let advice = "two inputs share a wire, or a column was copied";
@@ -110,34 +111,47 @@ fn swapped(summary: &LogSummary, names: &[String], calibration: &Calibration) ->
     if summary.readings.len() != calibration.channels() {
         return None;
     }
-    let mut readings: Vec<_> = summary.readings.iter().map(|column| vec![column.mean()]).collect();
+    let readings: Vec<_> = summary.readings.iter().map(|column| vec![column.mean()]).collect();
     let errors = |readings: &[Vec<f64>]| {
         let mut errors = PerAxis::default();
         calibration.standard_errors(readings, None, &mut errors).then(|| errors.map(|axis| axis[0]))
     };
     let now = errors(&readings)?;
-    let mut best = (0, 0, 1.0);
+    let (channels, factor) = best_exchange(&readings, |readings| {
+        let ratios = std::iter::zip(now, errors(readings)?).map(|(now, then)| now / then);
+        Some(ratios.product::<f64>().powf(1.0 / 6.0))
+    })?;
+    (factor > UNLIKELY).then(|| {
+        let seen =
+            format!("forces are {factor:.1} times as certain: each reads what the other should");
+        exchanged(names, channels, &seen)
+    })
+}
+
+/// The exchange of two channels after which readings score highest, and this score.
+pub(crate) fn best_exchange(
+    readings: &[Vec<f64>],
+    score: impl Fn(&[Vec<f64>]) -> Option<f64>,
+) -> Option<((usize, usize), f64)> {
+    let mut readings = readings.to_vec();
+    let mut best = None;
     for (first, second) in pairs(readings.len()) {
         readings.swap(first, second);
-        let then = errors(&readings)?;
+        let found = score(&readings)?;
         readings.swap(first, second);
-        let ratios = std::iter::zip(now, then).map(|(now, then)| now / then);
-        let factor = ratios.product::<f64>().powf(1.0 / 6.0);
-        if factor > best.2 {
-            best = (first, second, factor);
+        if best.is_none_or(|(_, highest)| found > highest) {
+            best = Some(((first, second), found));
         }
     }
-    let (first, second, factor) = best;
-    (factor > UNLIKELY).then(|| {
-        let [first, second] = [first, second].map(|channel| channel_name(names, channel));
-        let seen = format!(
-            "with {first} and {second} exchanged, forces are {factor:.1} times as certain: each reads what the \
-             other should"
-        );
-        let advice = "exchange their wires, or name the columns in the order of the calibration with \
-                      `--sensors`";
-        Finding::fault("channels-swapped", seen, advice)
-    })
+    best
+}
+
+/// What is said of two channels that are better exchanged.
+pub(crate) fn exchanged(names: &[String], (first, second): (usize, usize), then: &str) -> Finding {
+    let [first, second] = [first, second].map(|channel| channel_name(names, channel));
+    let seen = format!("with {first} and {second} exchanged, {then}");
+    let advice = "exchange their wires, or name the columns in the order of the calibration with `--sensors`";
+    Finding::fault("channels-swapped", seen, advice)
 }
 
 /// Rows outside the range of the training data.
@@ -151,7 +165,7 @@ pub(crate) fn outside(rows: u64, of: u64) -> Option<Finding> {
 }
 
 /// All pairs of columns.
-pub(crate) fn pairs(columns: usize) -> impl Iterator<Item = (usize, usize)> {
+fn pairs(columns: usize) -> impl Iterator<Item = (usize, usize)> {
     (0..columns).flat_map(move |first| (first + 1..columns).map(move |second| (first, second)))
 }
 
@@ -163,11 +177,4 @@ pub(crate) fn identical_in(
     let mut pairs = before.unwrap_or_else(|| pairs(columns.len()).collect());
     pairs.retain(|&(first, second)| columns[first] == columns[second]);
     pairs
-}
-
-/// Pairs of columns that are the same, and change.
-pub(crate) fn identical_columns(columns: &[Vec<f64>]) -> Vec<(usize, usize)> {
-    let changes = |column: &[f64]| column.iter().any(|value| *value != column[0]);
-    let pairs = identical_in(columns, None).into_iter();
-    pairs.filter(|&(first, _)| changes(&columns[first])).collect()
 }

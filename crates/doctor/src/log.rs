@@ -11,7 +11,8 @@ use shell_data::wrench::{Axis, PerAxis};
 
 use crate::Finding;
 use crate::channels::{
-    channel_name, check_channels, identical_in, outside, pairs, without_consequences,
+    best_exchange, channel_name, check_channels, exchanged, identical_in, outside,
+    without_consequences,
 };
 use crate::finding::percent;
 use crate::poses::{LabelledRows, PoseJump};
@@ -50,7 +51,7 @@ pub fn examine_log(
     read: &ReadOptions<'_>,
     calibration: Option<&CalibrationFile>,
 ) -> Vec<Finding> {
-    match log.and_then(|log| Ok(LogObservations::read(&log, read, calibration)?.check())) {
+    match log.and_then(|log| Ok(LogObservations::read(&log, read, calibration)?.check(&log))) {
         Ok(findings) => findings,
         Err(error) => {
             let advice = "name the columns, for example `--sensors 1-8 --wrench 9-14`; `--wrench-from` takes the \
@@ -61,8 +62,8 @@ pub fn examine_log(
 }
 
 /// Observations on a log, collected block by block.
+#[derive(Default)]
 struct LogObservations<'a> {
-    log: &'a Log,
     calibration: Option<&'a CalibrationFile>,
     /// The number of rows that cannot be read.
     bad_rows: u64,
@@ -91,7 +92,7 @@ struct LogObservations<'a> {
 impl<'a> LogObservations<'a> {
     /// Reads a log; without its wrong rows, if it has some.
     fn read(
-        log: &'a Log,
+        log: &Log,
         read: &ReadOptions<'_>,
         calibration: Option<&'a CalibrationFile>,
     ) -> Result<Self, LogError> {
@@ -105,27 +106,12 @@ impl<'a> LogObservations<'a> {
     }
 
     fn gather(
-        log: &'a Log,
+        log: &Log,
         read: &ReadOptions<'_>,
         calibration: Option<&'a CalibrationFile>,
     ) -> Result<Self, LogError> {
-        let names = &log.value_names()[..log.channels()];
-        let mut found = Self {
-            log,
-            calibration,
-            bad_rows: 0,
-            first_bad: String::new(),
-            names: names.iter().map(|name| (*name).to_owned()).collect(),
-            summary: LogSummary::default(),
-            missing: None,
-            squares: [0.0; 2],
-            labelled: LabelledRows::default(),
-            identical: None,
-            rows_outside: 0,
-            errors: PerAxis::default(),
-            kept: Block::default(),
-            means: Vec::new(),
-        };
+        let names = log.value_names().into_iter().take(log.channels()).map(str::to_owned);
+        let mut found = Self { calibration, names: names.collect(), ..Self::default() };
         let is_missing =
             |column: &Column| column.name == "missing" && column.meaning == Meaning::Other;
         let wanted = Wanted {
@@ -174,7 +160,7 @@ impl<'a> LogObservations<'a> {
     }
 
     /// What is wrong with the log.
-    fn check(&self) -> Vec<Finding> {
+    fn check(&self, log: &Log) -> Vec<Finding> {
         let Self { summary, names, .. } = self;
         if summary.readings.is_empty() && summary.wrench.is_empty() {
             let seen = "no column holds readings, and no six a wrench";
@@ -188,15 +174,13 @@ impl<'a> LogObservations<'a> {
             let advice = "correct them, or leave them out with `--skip-bad-rows`";
             findings.push(Finding::fault("bad-rows", seen, advice));
         }
-        findings.extend(self.check_length());
-        findings.extend(self.check_timing());
-        findings.extend(self.check_lever());
+        findings.extend(self.check_length(log));
+        findings.extend(self.check_timing(log));
+        findings.extend(self.check_lever(log));
         let calibration = self.calibration.map(|file| &file.calibration);
         let of_its_size = calibration.filter(|of| of.channels() == summary.readings.len());
-        let is_constant = |channel: usize| summary.readings[channel].is_constant();
-        let identical = self.identical.iter().flatten().copied();
-        let identical: Vec<_> = identical.filter(|&(first, _)| !is_constant(first)).collect();
-        findings.extend(check_channels(summary, names, &identical, of_its_size));
+        let identical = self.identical.as_deref().unwrap_or_default();
+        findings.extend(check_channels(summary, names, identical, of_its_size));
         findings.extend(self.labelled.jumps().iter().map(|jump| {
             let ([before, after], name) = (jump.means, channel_name(names, jump.channel));
             let PoseJump { pose, rows_before, .. } = jump;
@@ -207,13 +191,14 @@ impl<'a> LogObservations<'a> {
             let advice = "rows of another pose under this label, or the sensor slipped: take them out";
             Finding::warning("pose-jump", seen, advice)
         }));
-        findings.extend(self.calibration.into_iter().flat_map(|file| self.check_calibrated(file)));
+        let calibrated = self.calibration.map(|file| self.check_calibrated(log, file));
+        findings.extend(calibrated.into_iter().flatten());
         without_consequences(findings)
     }
 
-    fn check_length(&self) -> Option<Finding> {
+    fn check_length(&self, log: &Log) -> Option<Finding> {
         let summary = &self.summary;
-        let repeats = if self.log.repeats_are_stale() { summary.repeated_rows } else { 0 };
+        let repeats = if log.repeats_are_stale() { summary.repeated_rows } else { 0 };
         let frames = summary.rows - repeats;
         (frames < TARE_FRAMES && !summary.readings.is_empty()).then(|| {
             let advice = format!("record longer: a tare alone takes {TARE_FRAMES}");
@@ -221,10 +206,10 @@ impl<'a> LogObservations<'a> {
         })
     }
 
-    fn check_lever(&self) -> Option<Finding> {
+    fn check_lever(&self, log: &Log) -> Option<Finding> {
         let [forces, moments] = self.squares;
         let lever_m = (moments / forces).sqrt();
-        let is_known = forces > 0.0 && self.log.axes().are_all();
+        let is_known = forces > 0.0 && log.axes().are_all();
         (is_known && lever_m > LONGEST_LEVER_M).then(|| {
             let seen = format!("moments over forces make a lever of {lever_m:.1} m");
             let advice = "the moments are in mN·m (which is N·mm), it seems: give `--moment-unit mnm`, or name the \
@@ -233,10 +218,10 @@ impl<'a> LogObservations<'a> {
         })
     }
 
-    fn check_timing(&self) -> Vec<Finding> {
+    fn check_timing(&self, log: &Log) -> Vec<Finding> {
         let (rows, timing) = (self.summary.rows, &self.summary.timing);
         let backward = timing.backward_steps;
-        if !self.log.has_time() {
+        if !log.has_time() {
             let advice = "name it with `--time` if there is one; without it `fit` finds no lag, `convert` needs \
                           `--rate` or `--no-lowpass`, and losses cannot be seen";
             return vec![Finding::warning("no-time", "there is no column of time", advice)];
@@ -252,7 +237,7 @@ impl<'a> LogObservations<'a> {
         if let Some(row) = timing.first_backward_row {
             let seen = format!("time runs backwards {backward} times, first at row {}", row + 1);
             // A fit takes recordings that were put together as groups.
-            findings.push(match self.log.has_wrench() {
+            findings.push(match log.has_wrench() {
                 true => {
                     let advice = "recordings that were put together, it seems: `fit` takes each as a group of its \
                                   own; `convert` needs `--no-lowpass`";
@@ -282,7 +267,7 @@ impl<'a> LogObservations<'a> {
                           latency timer to 1 ms";
             findings.push(Finding::warning("jitter", seen, advice));
         }
-        findings.extend(self.check_repeats());
+        findings.extend(self.check_repeats(log));
         findings
     }
 
@@ -298,11 +283,11 @@ impl<'a> LogObservations<'a> {
         Finding::graded("losses", share, MISSING, seen, advice)
     }
 
-    fn check_repeats(&self) -> Option<Finding> {
+    fn check_repeats(&self, log: &Log) -> Option<Finding> {
         let summary = &self.summary;
         let share = summary.repeated_rows as f64 / summary.rows.max(1) as f64;
         let is_alive = summary.readings.iter().any(|column| !column.is_constant());
-        (!self.log.repeats_are_stale() && share > 0.5 && is_alive).then(|| {
+        (!log.repeats_are_stale() && share > 0.5 && is_alive).then(|| {
             let seen =
                 format!("{} of the rows repeat the readings of the row before", percent(share));
             let advice =
@@ -311,7 +296,7 @@ impl<'a> LogObservations<'a> {
         })
     }
 
-    fn check_calibrated(&self, file: &CalibrationFile) -> Vec<Finding> {
+    fn check_calibrated(&self, log: &Log, file: &CalibrationFile) -> Vec<Finding> {
         let (channels, calibrated) = (self.summary.readings.len(), file.calibration.channels());
         if channels != calibrated {
             let seen =
@@ -321,7 +306,7 @@ impl<'a> LogObservations<'a> {
             return vec![Finding::fault("channels-other", seen, advice)];
         }
         let outside = outside(self.rows_outside, self.summary.rows);
-        let worse = self.check_errors(file);
+        let worse = self.check_errors(log, file);
         let mut findings: Vec<Finding> = outside.into_iter().chain(worse).collect();
         let known = file.origin.diagnostics.as_ref();
         let loads = known.and_then(|known| known.excitation.as_ref());
@@ -340,21 +325,17 @@ impl<'a> LogObservations<'a> {
     }
 
     /// The error on the log beside that on the training data, and a reason for it.
-    fn check_errors(&self, file: &CalibrationFile) -> Option<Finding> {
+    fn check_errors(&self, log: &Log, file: &CalibrationFile) -> Option<Finding> {
         let trained = file.origin.diagnostics.as_ref()?.train;
         let found: Vec<_> = self.errors.iter().map(AxisErrors::quality).collect::<Option<_>>()?;
         let ratio = |axis: Axis| found[axis.index()].rms / trained[axis.index()].rms;
-        let axes = file.calibration.axes.and(self.log.axes());
+        let axes = file.calibration.axes.and(log.axes());
         let ratios = axes.iter().map(|axis| (axis, ratio(axis)));
         let worst = ratios.max_by(|a, b| a.1.total_cmp(&b.1));
         let (axis, ratio) = worst.filter(|(_, ratio)| ratio.is_finite() && *ratio > WORSE)?;
-        if let Some((first, second, factor)) = find_swap(&file.calibration, &self.kept) {
-            let [first, second] = [first, second].map(|at| channel_name(&self.names, at));
-            let seen = format!(
-                "with {first} and {second} exchanged, the error is {factor:.1} times smaller"
-            );
-            let advice = "exchange their wires, or name the columns in the order of the calibration with `--sensors`";
-            return Some(Finding::fault("channels-swapped", seen, advice));
+        if let Some((channels, factor)) = find_swap(&file.calibration, &self.kept) {
+            let seen = format!("the error is {factor:.1} times smaller");
+            return Some(exchanged(&self.names, channels, &seen));
         }
         let seen =
             format!("the error of {} is {ratio:.1} times that of the training data", axis.name());
@@ -365,29 +346,19 @@ impl<'a> LogObservations<'a> {
 }
 
 /// The exchange of two channels that makes the error smallest, if it does so by far.
-fn find_swap(calibration: &Calibration, rows: &Block) -> Option<(usize, usize, f64)> {
-    let error = |readings: &[Vec<f64>]| {
+fn find_swap(calibration: &Calibration, rows: &Block) -> Option<((usize, usize), f64)> {
+    let explained = |readings: &[Vec<f64>]| {
         let mut wrench = PerAxis::default();
         calibration.wrench(readings, &mut wrench);
         let errors = quality::errors(&wrench, &rows.wrench);
         // Relative to the load, so that forces and moments count alike.
         let unexplained = |errors: &AxisErrors| Some(1.0 - errors.quality()?.r_squared?);
-        errors.iter().filter_map(unexplained).sum::<f64>()
+        Some(-errors.iter().filter_map(unexplained).sum::<f64>())
     };
-    let mut readings = rows.readings.clone();
-    let now = error(&readings);
-    let mut best = None;
-    for (first, second) in pairs(readings.len()) {
-        readings.swap(first, second);
-        let then = error(&readings);
-        readings.swap(first, second);
-        if best.is_none_or(|(_, _, least)| then < least) {
-            best = Some((first, second, then));
-        }
-    }
-    let (first, second, then) = best?;
+    let now = explained(&rows.readings)?;
+    let (channels, then) = best_exchange(&rows.readings, explained)?;
     let factor = (now / then).sqrt();
-    (factor > WORSE).then_some((first, second, factor))
+    (factor > WORSE).then_some((channels, factor))
 }
 
 /// How far the wrench has moved from the first tenth to the last, where both are quiet and nothing says

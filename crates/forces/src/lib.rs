@@ -51,5 +51,5 @@ pub use options::{DEFAULT_TARE_FRAMES, ForceOptions, LowPass, RowRule, TareRule}
 pub use pipeline::{AppliedLowPass, ForcePipeline, ForceStream};
 pub use running_tare::RunningTare;
 pub use setup::PipelineSetup;
-pub use tare::{FirstRows, TareFrames, TareResult};
+pub use tare::{FirstRows, TareFrames, TareResult, by_column};
 pub use tare_check::TareDoubt;

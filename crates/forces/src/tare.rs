@@ -254,7 +254,10 @@ fn mean_of_both(a: &Tare, b: &Tare) -> Tare {
 }
 
 /// Writes one value per axis under the axes' column names.
-pub(super) fn by_column<T: serde::Serialize, S: serde::Serializer>(
+///
+/// # Errors
+/// Whatever `serializer` says.
+pub fn by_column<T: serde::Serialize, S: serde::Serializer>(
     values: &AxisValues<T>,
     serializer: S,
 ) -> Result<S::Ok, S::Error> {

@@ -55,6 +55,21 @@ impl Block {
         self.memory_columns = 0;
     }
 
+    /// Adds the rows that follow, column by column.
+    pub fn join(&mut self, next: Self) {
+        fn join<T>(columns: &mut Vec<Vec<T>>, next: Vec<Vec<T>>) {
+            columns.resize_with(next.len(), Vec::new);
+            columns.iter_mut().zip(next).for_each(|(column, next)| column.extend(next));
+        }
+        self.rows += next.rows;
+        self.time_s.extend(next.time_s);
+        self.groups.extend(next.groups);
+        join(&mut self.readings, next.readings);
+        join(&mut self.wrench, next.wrench);
+        join(&mut self.others, next.others);
+        join(&mut self.texts, next.texts);
+    }
+
     /// For every row, whether its readings differ from those of the row before it.
     ///
     /// A repeat in a log that runs faster than its sensor is not a new frame. The first row of a

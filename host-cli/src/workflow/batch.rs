@@ -1,11 +1,13 @@
 //! All trials of a manifest: in parallel, in order, and none held up by another that is bad.
 
+use std::convert::Infallible;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-use super::trial::{Evaluated, TrialJob, TrialLogError, WindowTimes, evaluate_in_window};
-use log_file::pipeline::{self, Pieces};
-use log_file::{Log, LogError, Mapping, ReadOptions};
+use super::WorkflowError;
+use super::trial::{Evaluated, TrialJob, WindowTimes, evaluate_in_window};
+use log_file::pipeline;
+use log_file::{Log, Mapping, ReadOptions};
 use output_file::OutputError;
 use serde::Serialize;
 use shell_data::hint::with_causes;
@@ -80,19 +82,6 @@ pub fn stamp(path: &Path) -> FileStamp {
     Some((metadata.modified().ok()?, metadata.len()))
 }
 
-/// Why a row could not be evaluated.
-#[derive(Debug, thiserror::Error)]
-enum TrialRowError {
-    #[error("{}", .0.message)]
-    Manifest(ManifestProblem),
-    #[error(transparent)]
-    Log(#[from] LogError),
-    #[error(transparent)]
-    Trial(#[from] TrialLogError),
-    #[error(transparent)]
-    Output(#[from] OutputError),
-}
-
 /// Evaluates the trials of `manifest`, whose files are relative to `folder`. `keep` is given each
 /// result on the thread that has found it, to write what is too large to be held, and may take its
 /// trace; the results are in the order of the manifest, whatever the number of threads.
@@ -110,62 +99,47 @@ pub fn run(
     }
     let mut batch = Batch::default();
     let mut done = 0;
-    let share = options.shard.map_or(0..rows.len(), |shard| shard.rows(rows.len()));
-    let mut numbers = RowNumbers { next: share.start, end: share.end };
+    let mut numbers = options.shard.map_or(0..rows.len(), |shard| shard.rows(rows.len()));
     let read = ReadOptions { progress: None, threads: 1, ..options.read };
-    let work =
-        |(): &mut (), number: &mut usize| -> Option<Result<BatchTrial, (usize, TrialRowError)>> {
-            let number = *number;
-            let evaluated = match &rows[number] {
-                Ok(entry) if entry.exclude => return None,
-                Ok(entry) => evaluate_entry(entry, folder, instrument, options, &read),
-                Err(problem) => Err(TrialRowError::Manifest(problem.clone())),
-            };
-            let kept = evaluated.and_then(|mut trial| {
-                keep(trial.position, &mut trial.evaluated.result)?;
-                Ok(trial)
-            });
-            Some(kept.map_err(|error| (number, error)))
+    let work = |(): &mut (), number: &mut usize| -> Option<Result<BatchTrial, FailedRow>> {
+        let file = match &manifest.rows[*number] {
+            Ok(entry) => entry.file.value.clone(),
+            Err(_) => String::new(),
         };
+        let entry = match &rows[*number] {
+            Ok(entry) if entry.exclude => return None,
+            Ok(entry) => entry,
+            Err(ManifestProblem { position, message, .. }) => {
+                let (position, message) = (*position, message.clone());
+                return Some(Err(FailedRow { position, file, message }));
+            }
+        };
+        let evaluated = evaluate_entry(entry, folder, instrument, options, &read);
+        let evaluated =
+            evaluated.map_err(|error| (faulty_cell(entry, &error), with_causes(&error)));
+        let kept = evaluated.and_then(|mut trial| {
+            let kept = keep(trial.position, &mut trial.evaluated.result);
+            kept.map_err(|error| (entry.file.position, with_causes(&error)))?;
+            Ok(trial)
+        });
+        Some(kept.map_err(|(position, message)| FailedRow { position, file, message }))
+    };
     let fold = |outcome| {
         match outcome {
             None => batch.excluded += 1,
             Some(Ok(trial)) => batch.trials.push(trial),
-            Some(Err((number, error))) => {
-                batch.failures.push(failure(&rows[number], &manifest.rows[number], &error));
-            }
+            Some(Err(failed)) => batch.failures.push(failed),
         }
         done += 1;
         if let Some(progress) = options.progress {
             progress(done);
         }
-        Ok::<_, std::convert::Infallible>(())
+        Ok::<_, Infallible>(())
     };
-    let never = |never: std::convert::Infallible| match never {};
+    let never = |never: Infallible| match never {};
     let threads = options.read.thread_count();
     let Ok(_) = pipeline::run(&mut numbers, threads, || (), work, never, fold);
     batch
-}
-
-/// The numbers of the rows that are evaluated.
-struct RowNumbers {
-    next: usize,
-    end: usize,
-}
-
-impl Pieces for RowNumbers {
-    type Piece = usize;
-    type Error = std::convert::Infallible;
-
-    fn ended(&self) -> bool {
-        self.next >= self.end
-    }
-
-    fn next(&mut self, piece: &mut usize) -> Result<bool, Self::Error> {
-        *piece = self.next;
-        self.next += 1;
-        Ok(*piece < self.end)
-    }
 }
 
 fn evaluate_entry(
@@ -174,7 +148,7 @@ fn evaluate_entry(
     instrument: Instrument<'_>,
     options: &BatchOptions<'_>,
     read: &ReadOptions<'_>,
-) -> Result<BatchTrial, TrialRowError> {
+) -> Result<BatchTrial, WorkflowError> {
     let path = folder.join(&entry.file.value);
     let stamp = stamp(&path);
     let same = |trial: &&BatchTrial| trial.entry == *entry && trial.stamp == stamp;
@@ -197,33 +171,19 @@ fn evaluate_entry(
     Ok(BatchTrial { position: entry.position, path, evaluated, entry: entry.clone(), stamp })
 }
 
-/// Where in the manifest the fault of a row is, and what it is.
-fn failure(
-    row: &Result<&Entry, ManifestProblem>,
-    parsed: &Result<Entry, ManifestProblem>,
-    error: &TrialRowError,
-) -> FailedRow {
-    let file = parsed.as_ref().map(|entry| entry.file.value.clone()).unwrap_or_default();
-    let position = match (row, error) {
-        (Err(problem), _) => problem.position,
-        (Ok(entry), TrialRowError::Trial(TrialLogError::Trial(error))) => match error {
-            TrialError::OutsideLog { enter, first, .. } if enter < first => entry.enter.position,
-            TrialError::OutsideLog { .. } | TrialError::ExitBeforeEntry { .. } => {
-                entry.exit.position
-            }
-            TrialError::Gap { .. } => entry.enter.position,
-            _ => entry.file.position,
-        },
-        (
-            Ok(entry),
-            TrialRowError::Trial(
-                TrialLogError::Window(_) | TrialLogError::NoForces | TrialLogError::NoCalibration,
-            ),
-        ) => entry.enter.position,
-        (Ok(entry), _) => entry.file.position,
-    };
-    let message = with_causes(error);
-    FailedRow { position, file, message }
+/// The cell of a row that an error is about.
+fn faulty_cell(entry: &Entry, error: &WorkflowError) -> CellPosition {
+    match error {
+        WorkflowError::Trial(TrialError::OutsideLog { enter, first, .. }) if enter >= first => {
+            entry.exit.position
+        }
+        WorkflowError::Trial(TrialError::ExitBeforeEntry { .. }) => entry.exit.position,
+        WorkflowError::Trial(TrialError::OutsideLog { .. } | TrialError::Gap { .. })
+        | WorkflowError::Window(_)
+        | WorkflowError::NoForces
+        | WorkflowError::NoCalibration => entry.enter.position,
+        _ => entry.file.position,
+    }
 }
 
 impl Batch {

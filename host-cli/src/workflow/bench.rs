@@ -283,15 +283,12 @@ pub fn figure(size: Size, benches: &[ModelBench], kind: ErrorKind) -> Figure {
     fn of_bench(bench: &ModelBench) -> impl Iterator<Item = &Measurement> {
         bench.solvers.iter().filter(|m| m.solver != bench.reference)
     }
-    let names: Vec<&str> = benches
-        .iter()
-        .flat_map(|bench| of_bench(bench).filter(|m| point(m).is_some()).map(|m| m.solver))
-        .fold(Vec::new(), |mut names, name| {
-            if !names.contains(&name) {
-                names.push(name);
-            }
-            names
-        });
+    let mut names: Vec<&str> = Vec::new();
+    for measured in benches.iter().flat_map(of_bench).filter(|m| point(m).is_some()) {
+        if !names.contains(&measured.solver) {
+            names.push(measured.solver);
+        }
+    }
     let of_solver = |name: &&str| Series {
         label: (*name).to_owned(),
         points: benches

@@ -37,7 +37,7 @@ pub fn check_weights(
     let factors = match (interval_factors(calibration, COVERAGE_LEVEL), known) {
         (Ok(factors), _) => Ok(factors),
         (Err(_), Some(known)) => Err(known),
-        (Err(error), None) => return Err(Box::new(error).into()),
+        (Err(error), None) => return Err(error),
     };
     let (data, _) = hung_rows(logs, table, read)?;
     let data = calibration.prepared(&data)?;

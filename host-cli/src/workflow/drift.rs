@@ -1,9 +1,10 @@
 //! How the zero of a log moves, from its first row to its last.
 
-use crate::workflow::selection::{RowFilter, by_column};
+use crate::workflow::selection::RowFilter;
 use crate::workflow::{WorkflowError, check_channels};
 use calibration::Calibration;
 use figures::WrenchTrace;
+use forces::by_column;
 use forces::drift::Drift;
 use forces::stationary::{QuietLevel, StationaryFinder, StationaryInterval};
 use log_file::{ColumnRef, Log, ReadOptions, Wanted};
@@ -80,7 +81,8 @@ pub fn drift(
         check_channels(log, calibration.channels())?;
     }
     let mut finder = StationaryFinder::default();
-    let mut observed = Observed::new(log.channels());
+    let channels = vec![Vec::new(); log.channels()];
+    let mut observed = Observed { channels, ..Observed::default() };
     let mut warmth = Warmth::default();
     let summary = log.read(
         &wanted,
@@ -141,6 +143,7 @@ pub fn drift(
 }
 
 /// Levels at the stationary intervals, column by column.
+#[derive(Default)]
 struct Observed {
     times_s: Vec<f64>,
     axes: PerAxis<Vec<QuietLevel>>,
@@ -148,11 +151,6 @@ struct Observed {
 }
 
 impl Observed {
-    fn new(channels: usize) -> Self {
-        let channels = vec![Vec::new(); channels];
-        Self { times_s: Vec::new(), axes: PerAxis::default(), channels }
-    }
-
     fn add(&mut self, calibration: Option<&Calibration>, rest: &StationaryInterval) {
         self.times_s.push(rest.middle_s());
         for (levels, readings) in self.channels.iter_mut().zip(&rest.readings) {

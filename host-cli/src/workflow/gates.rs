@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
+use super::WorkflowError;
 use calibration::quality::significant;
-use log_file::{Log, LogError};
-use shell_data::hint::Hint;
+use log_file::Log;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
 /// What is asked of the errors.
@@ -55,44 +55,6 @@ pub enum GateFailure {
     },
 }
 
-/// What can never be compared.
-#[derive(Debug, thiserror::Error)]
-pub enum GateError {
-    /// The calibration does not have the axes.
-    #[error("{asked} cannot be compared: the calibration gives {calibrated} only")]
-    Uncalibrated {
-        /// What was asked for.
-        asked: Axes,
-        /// What the calibration has.
-        calibrated: Axes,
-    },
-    /// A limit is for axes that are left out.
-    #[error("the limit of {0} is for none of the axes that are compared")]
-    LimitsNothing(&'static str),
-    /// A log has none of the axes.
-    #[error(transparent)]
-    Log(#[from] LogError),
-}
-
-impl Hint for GateError {
-    fn hint(&self) -> Option<String> {
-        match self {
-            Self::Uncalibrated { asked, calibrated } => {
-                let names: Vec<_> =
-                    calibrated.iter().map(|axis| axis.name().to_lowercase()).collect();
-                Some(format!(
-                    "compare what there is with `--axes {}`, which leaves out {asked}",
-                    names.join(",")
-                ))
-            }
-            Self::LimitsNothing(_) => {
-                Some("leave the limit out, or add an axis to `--axes`".to_owned())
-            }
-            Self::Log(error) => error.hint(),
-        }
-    }
-}
-
 impl Gates {
     /// The limit of an axis.
     fn limit(&self, axis: Axis) -> Option<f64> {
@@ -108,8 +70,12 @@ impl Gates {
     /// The axes of `logs` that are compared with those of a calibration; the logs keep these alone.
     ///
     /// # Errors
-    /// [`GateError`] if what is asked for can never be compared, or nothing is left.
-    pub fn compare(&self, calibrated: Axes, logs: &mut [Log]) -> Result<ComparedAxes, GateError> {
+    /// [`WorkflowError`] if what is asked for can never be compared, or nothing is left.
+    pub fn compare(
+        &self,
+        calibrated: Axes,
+        logs: &mut [Log],
+    ) -> Result<ComparedAxes, WorkflowError> {
         let measured: Vec<Axes> = logs.iter().map(Log::axes).collect();
         let axes = self.comparable(calibrated, &measured)?;
         let wanted = self.axes.unwrap_or(calibrated);
@@ -125,18 +91,18 @@ impl Gates {
     }
 
     /// The axes that are compared where logs have `measured` ones.
-    fn comparable(&self, calibrated: Axes, measured: &[Axes]) -> Result<Axes, GateError> {
+    fn comparable(&self, calibrated: Axes, measured: &[Axes]) -> Result<Axes, WorkflowError> {
         for (limit, is_moment, name) in
             [(self.force_n, false, "the forces"), (self.moment_nm, true, "the moments")]
         {
             let is_limited = self.asked().iter().any(|axis| axis.is_moment() == is_moment);
             if limit.is_some() && !is_limited {
-                return Err(GateError::LimitsNothing(name));
+                return Err(WorkflowError::LimitsNothing(name));
             }
         }
         let asked = self.asked().without(calibrated);
         if !asked.is_empty() {
-            return Err(GateError::Uncalibrated { asked, calibrated });
+            return Err(WorkflowError::Uncalibrated { asked, calibrated });
         }
         Ok(measured.iter().fold(self.axes.unwrap_or(calibrated), |all, axes| all.and(*axes)))
     }

@@ -2,9 +2,9 @@
 
 use super::WorkflowError;
 use super::fit::calibration_file;
-use calibration::fit::merged::{RowSums, fit_sums};
+use calibration::fit::merged::fit_sums;
 use calibration::fit::{Fit, FitOptions, HeldOut, ModelRule, RANDOM_FOLDS};
-use calibration_file::{CalibrationFile, Origin, PartialFit, Sums};
+use calibration_file::{CalibrationFile, Origin, PartialFit};
 
 /// Fits a calibration to the sums of `merged`, which is [in order](PartialFit::put_in_order): its model, where
 /// none is given.
@@ -19,17 +19,11 @@ pub fn fit(
 ) -> Result<Fit, WorkflowError> {
     let model = model.unwrap_or(merged.model.basis.into());
     let options = FitOptions { model, intercept: merged.model.intercept, ..*options };
-    let sums = match &merged.sums {
-        Sums::Exact(total) => {
-            let folds = options.cross_validation.map(|held_out| match held_out {
-                HeldOut::Folds(folds) => folds,
-                _ => RANDOM_FOLDS,
-            });
-            RowSums::Exact(total, merged.grouped(folds)?)
-        }
-        Sums::Factored(total) => RowSums::Factored(total, merged.factored()),
-    };
-    let fit = fit_sums(sums, merged.axes, &options)?;
+    let folds = options.cross_validation.map(|held_out| match held_out {
+        HeldOut::Folds(folds) => folds,
+        _ => RANDOM_FOLDS,
+    });
+    let fit = fit_sums(merged.row_sums(folds)?, merged.axes, &options)?;
     let (skipped_rows, repeated_rows) = (merged.skipped_rows, merged.repeated_rows);
     Ok(Fit { skipped_rows, repeated_rows, ..fit })
 }

@@ -3,11 +3,11 @@
 //! RMS about the mean, so that no tare is needed; the mean is the offset that a tare would remove. The
 //! forces are those of the [pipeline](forces) without a low-pass, which would hide the noise.
 
-use super::selection::{RowFilter, TimeWindow, by_column, read_with_memory};
+use super::selection::{RowFilter, TimeWindow, read_with_memory};
 use super::{WorkflowError, check_channels};
 use calibration::Calibration;
-use forces::ForcePipeline;
 use forces::stationary::{ZeroMove, ZeroWatch};
+use forces::{ForcePipeline, by_column};
 use log_file::{Log, ReadOptions, Wanted};
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::{AxisValues, PerAxis};
@@ -71,8 +71,8 @@ pub fn noise(
     log.require(&wanted)?;
     check_channels(log, calibration.channels())?;
     let pipeline = ForcePipeline::default();
-    let mut axes = PerAxis::<ColumnStatistics>::default();
-    let mut channels = vec![ColumnStatistics::default(); log.channels()];
+    let mut axes: PerAxis<_> = [ColumnStatistics::new(&[]); 6];
+    let mut channels = vec![ColumnStatistics::new(&[]); log.channels()];
     let mut watch = ZeroWatch::default();
     let summary = read_with_memory(
         log,
@@ -120,13 +120,6 @@ struct ColumnStatistics {
     variance: RunningVariance,
     min: f64,
     max: f64,
-}
-
-impl Default for ColumnStatistics {
-    fn default() -> Self {
-        let variance = RunningVariance::default();
-        Self { variance, min: f64::INFINITY, max: f64::NEG_INFINITY }
-    }
 }
 
 impl ColumnStatistics {

@@ -2,13 +2,12 @@
 //! than the memory.
 
 use super::{WorkflowError, check_logs};
-use calibration::exact::Moments;
-use calibration::factored::{FactoredGroups, GroupFactors};
+use calibration::factored::GroupFactors;
 use calibration::fit::{RANDOM_FOLDS, random_split};
 use calibration::reading_ranges::ReadingRanges;
 use calibration::scaling::Scaling;
 use calibration::validation::grouped::{
-    Apart, BlockGroups, GroupKind, GroupSums, GroupWorker, GroupedMoments, RandomSplit,
+    Apart, BlockGroups, GroupKind, GroupSums, GroupWorker, RandomSplit,
 };
 use calibration::{Basis, FitError, Model};
 use calibration_file::{PartialFit, PartialGroups, Role, SourceFile, Sums};
@@ -46,13 +45,8 @@ pub enum KeptGroups {
     By(GroupKind),
 }
 
-/// What was kept of some logs.
-struct KeptLogs {
-    total: Sums,
-    groups: Vec<(String, Sums)>,
-    random: (RandomSplit, Vec<Moments>),
-    rows: ReadRows,
-}
+/// What was kept of some logs, also by group.
+type KeptLogs = (Sums, PartialGroups, ReadRows);
 
 /// What reading some logs found out beside sums.
 struct ReadRows {
@@ -92,13 +86,12 @@ pub fn sum(logs: &mut [Log], options: &PartialOptions<'_>) -> Result<PartialFit,
             sums => sums,
         },
     };
-    let KeptLogs { total, groups, random, rows } = kept?;
-    let ReadRows { first_in, summaries, digests } = rows;
+    let (total, groups, ReadRows { summaries, digests, .. }) = kept?;
     let (basis, intercept, channels) = (options.basis, options.intercept, total.channels());
     let mut partial = PartialFit::new(Model { basis, intercept, channels, memory: 0 }, total);
     partial.axes = axes;
     partial.summed = logs.first().map(|log| log.specified_values(options.mapping));
-    partial.groups = group_by.map(|by| PartialGroups::new(by, random, groups, &first_in));
+    partial.groups = group_by.map(|_| groups);
     for ((log, summary), digest) in logs.iter().zip(&summaries).zip(&digests) {
         partial.skipped_rows += summary.skipped_rows;
         partial.repeated_rows += summary.repeated_rows;
@@ -193,15 +186,8 @@ impl BlockStream<'_> {
         };
         let (rows, workers) = self.read(|| empty.clone(), map, add)?;
         let grouped = sums.finish(workers).map_err(FitError::from)?;
-        let total = grouped.total().ok_or(FitError::NoRows)?.clone();
-        let GroupedMoments { groups, random, .. } = grouped;
-        let exact = |(label, moments): (String, Moments)| (label, Sums::Exact(moments));
-        Ok(KeptLogs {
-            total: Sums::Exact(total),
-            groups: groups.into_iter().map(exact).collect(),
-            random: (split, random),
-            rows,
-        })
+        let total = Sums::Exact(grouped.total().ok_or(FitError::NoRows)?.clone());
+        Ok((total, PartialGroups::exact(self.by, split, grouped, &rows.first_in), rows))
     }
 
     /// R factors by group.
@@ -217,15 +203,7 @@ impl BlockStream<'_> {
         };
         let (rows, _) = self.read(|| (), map, add)?;
         let groups = groups.finish().map_err(FitError::from)?;
-        let total = groups.total().ok_or(FitError::NoRows)?;
-        let FactoredGroups { groups } = groups;
-        let groups = groups.into_iter().map(|(label, rows)| (label, Sums::Factored(rows)));
-        Ok(KeptLogs {
-            total: Sums::Factored(total),
-            groups: groups.collect(),
-            // Rows are not assigned at random: their R factor would have to be made without each fold.
-            random: (RandomSplit::default(), Vec::new()),
-            rows,
-        })
+        let total = Sums::Factored(groups.total().ok_or(FitError::NoRows)?);
+        Ok((total, PartialGroups::factored(self.by, groups, &rows.first_in), rows))
     }
 }

@@ -1,9 +1,8 @@
-//! Which rows of a log are used, and how results are laid out, for all jobs alike.
+//! Which rows of a log are used, for all jobs alike.
 
 use calibration::Calibration;
 use log_file::{Log, LogError, ReadOptions, ReadSummary, Wanted};
 use shell_data::block::Block;
-use shell_data::wrench::AxisValues;
 
 /// Which rows of a log are used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
@@ -71,22 +70,10 @@ pub(super) fn read_with_memory<T: Send, E: From<LogError>>(
     })
 }
 
-/// Why a reading of a log ends before its end.
-pub(super) enum Stop<E> {
-    Enough,
-    Failed(E),
-}
+/// Why a reading of a log ends before its end: an error, or `None` where enough is known.
+pub(super) type Stop = Option<LogError>;
 
-impl<E: From<LogError>> From<LogError> for Stop<E> {
-    fn from(error: LogError) -> Self {
-        Stop::Failed(error.into())
-    }
-}
-
-/// Writes the values of axes under the axes' column names.
-pub(super) fn by_column<T: serde::Serialize, S: serde::Serializer>(
-    values: &AxisValues<T>,
-    serializer: S,
-) -> Result<S::Ok, S::Error> {
-    serializer.collect_map(values.iter().map(|(axis, value)| (axis.column(), value)))
+/// Passes on the error of a reading, which may have ended before the end of the log.
+pub(super) fn passed<T>(read: Result<T, Stop>) -> Result<(), LogError> {
+    read.map_or_else(|stop| stop.map_or(Ok(()), Err), |_| Ok(()))
 }

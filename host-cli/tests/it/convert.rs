@@ -8,13 +8,14 @@ use calibration::uncertainty::{CoefficientCovariance, Covariance};
 use calibration::{Basis, Calibration, Model};
 use figures::WrenchTrace;
 use forces::filter::{Butterworth, Filter, FilterError};
-use forces::{ForceOptions, LowPass, TareRule};
+use forces::{ForceError, ForceOptions, LowPass, TareRule};
 use log_file::{Log, Mapping, ReadOptions};
-use shellcal::workflow::ChannelMismatch;
+use shell_data::wrench::{Axes, Axis};
 use shellcal::workflow::convert::{
-    Conversion, ConvertError, ConvertOptions, ConvertSummary, OutputPlan, TableColumns, convert,
+    Conversion, ConvertOptions, ConvertSummary, OutputPlan, TableColumns, convert,
 };
 use shellcal::workflow::selection::RowFilter;
+use shellcal::workflow::{ChannelMismatch, WorkflowError};
 use system_tests::real_recording;
 
 /// Coefficients without any pattern, in N per count.
@@ -53,7 +54,7 @@ fn csv(directory: &Path, frames: usize, repeats: usize) -> PathBuf {
 
 const ALL: TableColumns = TableColumns {
     time: true,
-    axes: [true; 6],
+    axes: Axes::ALL,
     standard_errors: false,
     interval: None,
     flags: true,
@@ -89,14 +90,14 @@ fn run_on(
     log: &Log,
     calibration: &Calibration,
     options: &ConvertOptions,
-) -> Result<(String, ConvertSummary), ConvertError> {
+) -> Result<(String, ConvertSummary), WorkflowError> {
     let mut out = Vec::new();
     let conversion = Conversion { log, calibration, options, read: ReadOptions::default() };
     let summary = convert(&conversion, &OutputPlan::default(), &mut out, None)?;
     Ok((String::from_utf8(out).unwrap(), summary))
 }
 
-fn run(path: &Path, options: &ConvertOptions) -> Result<(String, ConvertSummary), ConvertError> {
+fn run(path: &Path, options: &ConvertOptions) -> Result<(String, ConvertSummary), WorkflowError> {
     run_on(&open(path), &linear(3), options)
 }
 
@@ -228,7 +229,7 @@ fn readings_that_cannot_be_trusted_are_flagged_and_counted() {
     calibration.valid_range = Some(vec![range; 3]);
     let columns = TableColumns {
         time: false,
-        axes: [false; 6],
+        axes: Axes::NONE,
         standard_errors: false,
         interval: None,
         flags: true,
@@ -278,7 +279,7 @@ fn standard_errors_are_those_of_the_calibration() {
 fn the_trace_sees_every_frame() {
     let directory = tempfile::tempdir().unwrap();
     let path = csv(directory.path(), 300, 1);
-    let axes = [false, false, true, false, false, false];
+    let axes = [Axis::Fz].into_iter().collect();
     let columns =
         TableColumns { time: false, axes, standard_errors: false, interval: None, flags: false };
     let options = ConvertOptions { columns, ..options() };
@@ -298,7 +299,7 @@ fn what_cannot_be_done_is_said_by_name() {
     let tare = |tare| error(ConvertOptions { forces: tared(tare), ..options() });
     assert!(matches!(
         tare(TareRule::First(61)),
-        ConvertError::TareFrames { wanted: 61, found: 60, .. }
+        WorkflowError::Forces { error: ForceError::TareFrames { wanted: 61, found: 60 }, .. }
     ));
     let message = tare(TareRule::Between(1.0, 2.0)).to_string();
     assert!(
@@ -310,28 +311,33 @@ fn what_cannot_be_done_is_said_by_name() {
     let filter = |low_pass| error(ConvertOptions { forces: filtered(low_pass), ..options() });
     assert!(matches!(
         filter(low_pass(500.1, false)),
-        ConvertError::Filter(FilterError::Cutoff { .. })
+        WorkflowError::Forces { error: ForceError::Filter(FilterError::Cutoff { .. }), .. }
     ));
     let errors = TableColumns { standard_errors: true, ..ALL };
     let no_covariance = error(ConvertOptions { columns: errors, ..options() });
-    assert!(matches!(no_covariance, ConvertError::NoCovariance));
+    assert!(matches!(no_covariance, WorkflowError::NoCovariance));
     let other = run_on(&open(&path), &linear(8), &options()).unwrap_err();
-    assert!(matches!(other, ConvertError::Channels(ChannelMismatch { expected: 8, found: 3, .. })));
+    assert!(matches!(
+        other,
+        WorkflowError::Channels(ChannelMismatch { expected: 8, found: 3, .. })
+    ));
 
     let short = csv(directory.path(), 15, 1);
     let forces = filtered(low_pass(20.0, true));
     let options = || ConvertOptions { forces, ..options() };
     let error = run(&short, &options()).unwrap_err();
     let too_few = FilterError::TooFewSamples { samples: 15, needed: 16 };
-    assert!(matches!(error, ConvertError::Filter(error) if error == too_few));
+    let too_few = ForceError::Filter(too_few);
+    assert!(matches!(error, WorkflowError::Forces { error, .. } if error == too_few));
 
     std::fs::write(&short, "s1,s2,s3\n1,2,3\n4,5,6\n").unwrap();
     let error =
         run(&short, &ConvertOptions { columns: TableColumns { time: false, ..ALL }, ..options() });
-    assert!(matches!(error.unwrap_err(), ConvertError::NoRate { .. }));
+    let error = error.unwrap_err();
+    assert!(matches!(error, WorkflowError::Forces { error: ForceError::NoRate { .. }, .. }));
     std::fs::write(&short, "t_s,s1,s2,s3\n0,4e9,4e9,4e9\n").unwrap();
     let error = run_on(&open(&short), &calibration_that_overflows(), &self::options());
-    assert!(matches!(error.unwrap_err(), ConvertError::NotFinite { frame: 1, .. }));
+    assert!(matches!(error.unwrap_err(), WorkflowError::NotFinite { frame: 1, .. }));
 }
 
 fn calibration_that_overflows() -> Calibration {

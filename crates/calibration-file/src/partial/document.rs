@@ -159,19 +159,15 @@ impl PartialDocument {
     fn value(self) -> Result<PartialFit, String> {
         let axes = axes_of(self.axes.as_deref())?;
         let (model, sums) = (self.model.value(axes)?, sums(self.moments, self.triangle, axes)?);
-        if !suits(&sums, &model) {
-            return Err(format!("`{}` are not those of `model`", field(&sums)));
-        }
-        let columns = model.channels + axes.count();
-        if let Some(found) = self.summed.as_ref().map(Vec::len).filter(|&found| found != columns) {
-            return Err(format!("`summed` has {found} columns, expected {columns}"));
-        }
+        let field = field(&sums);
+        ensure!(suits(&sums, &model), "`{field}` are not those of `model`");
+        let (columns, found) = (model.channels + axes.count(), self.summed.as_ref().map(Vec::len));
+        let found = found.unwrap_or(columns);
+        ensure!(found == columns, "`summed` has {found} columns, expected {columns}");
         let logs = self.sources.iter().filter(|source| source.role != Role::Wrench);
         let rows = logs.fold(0, |rows: u64, source| rows.saturating_add(source.rows));
-        if rows != sums.rows() {
-            let (summed, field) = (sums.rows(), field(&sums));
-            return Err(format!("`sources` have {rows} rows, `{field}` are of {summed}"));
-        }
+        let summed = sums.rows();
+        ensure!(rows == summed, "`sources` have {rows} rows, `{field}` are of {summed}");
         let sources = self.sources.len();
         let groups =
             self.groups.map(|groups| groups.value(&model, &sums, sources, axes)).transpose()?;
@@ -221,19 +217,17 @@ impl GroupsDocument {
         let Self { random_folds: folds, held_out_folds: held_out, seed, .. } = self;
         let (mut moments_of, mut groups, mut rows) = (Vec::new(), Vec::new(), 0_u64);
         let (mut labels, mut places) = (HashSet::new(), HashSet::new());
-        if self.sums.len() > MAX_GROUPS {
-            return Err(format!("`groups` has more than {MAX_GROUPS}"));
-        }
+        ensure!(self.sums.len() <= MAX_GROUPS, "`groups` has more than {MAX_GROUPS}");
         for GroupDocument { label, source, place, moments, triangle } in self.sums {
-            let named = |why: &str| format!("group `{label}`: {why}");
-            let sums = sums(moments, triangle, axes).map_err(|error| named(&error))?;
-            if !suits(&sums, model) || sums.kind() != total.kind() {
-                return Err(named(&format!("`{}` are not those of `model`", field(&sums))));
-            }
-            if source >= sources || !places.insert((source, place)) || !labels.insert(label.clone())
-            {
-                return Err(named("its label or place is taken, or it is of no source"));
-            }
+            let sums = sums(moments, triangle, axes);
+            let sums = sums.map_err(|error| format!("group `{label}`: {error}"))?;
+            let (suits, field) = (suits(&sums, model) && sums.kind() == total.kind(), field(&sums));
+            ensure!(suits, "group `{label}`: `{field}` are not those of `model`");
+            let is_free = places.insert((source, place)) && labels.insert(label.clone());
+            ensure!(
+                source < sources && is_free,
+                "group `{label}`: its label or place is taken, or it is of no source"
+            );
             rows = rows.saturating_add(sums.rows());
             if let Sums::Exact(moments) = &sums {
                 moments_of.push((label.clone(), moments.clone()));
@@ -248,28 +242,22 @@ impl GroupsDocument {
             // Their last digits depend on the order in which they were merged.
             Sums::Factored(total) => rows == total.rows(),
         };
-        if !is_whole {
-            return Err(format!("the sums of the groups do not add up to `{}`", field(total)));
-        }
+        ensure!(is_whole, "the sums of the groups do not add up to `{}`", field(total));
         let assigned = match total {
             Sums::Exact(_) => (1..=folds).contains(&held_out),
             Sums::Factored(_) => held_out == 0,
         };
         let found = self.random.len();
-        if !assigned || found != held_out {
-            let of = format!("{held_out} folds of {folds} that are held out");
-            return Err(format!("`random` has {found} sums, for {of}"));
-        }
+        ensure!(
+            assigned && found == held_out,
+            "`random` has {found} sums, for {held_out} folds of {folds} that are held out"
+        );
         let mut random = Vec::new();
         for moments in self.random {
             let moments = read_moments(moments, axes)?;
-            let is_part = match total {
-                Sums::Exact(total) => moments.can_be_part_of(total),
-                Sums::Factored(_) => false,
-            };
-            if (moments.channels(), moments.basis()) != (model.channels, model.basis) || !is_part {
-                return Err("`random` are not sums of some of the rows".to_owned());
-            }
+            let is_part = matches!(total, Sums::Exact(total) if moments.can_be_part_of(total));
+            let suits = (moments.channels(), moments.basis()) == (model.channels, model.basis);
+            ensure!(suits && is_part, "`random` are not sums of some of the rows");
             random.push(moments);
         }
         let split = RandomSplit { folds, held_out, seed };
@@ -317,7 +305,10 @@ fn sums(
 ) -> Result<Sums, String> {
     match (moments, triangle) {
         (Some(moments), None) => Ok(Sums::Exact(read_moments(moments, axes)?)),
-        (None, Some(triangle)) => Ok(Sums::Factored(triangle.value(axes)?)),
+        (None, Some(triangle)) => {
+            let rows = triangle.value(axes).map_err(|error| format!("`triangle`: {error}"))?;
+            Ok(Sums::Factored(rows))
+        }
         (None, None) => Err("missing field `moments` or `triangle`".to_owned()),
         (Some(_), Some(_)) => Err("it has both `moments` and `triangle`".to_owned()),
     }

@@ -9,6 +9,7 @@ use std::path::Path;
 
 use calibration::exact::Moments;
 use calibration::factored::FactoredGroups;
+use calibration::fit::merged::RowSums;
 use calibration::validation::grouped::{GroupKind, GroupedMoments, MAX_GROUPS, RandomSplit};
 
 use super::{MergeError, Mismatch, PartialFit, SourceFile, Sums, expect};
@@ -40,22 +41,35 @@ pub struct PartialGroup {
 }
 
 impl PartialGroups {
-    /// The groups of `sums`, by label, and the sums of rows assigned by `split`; `first_in` names the source of
-    /// the first row of each.
-    pub fn new(
+    /// Those of `sums`, whose rows were assigned at random by `split`; `first_in` names the source of the first row
+    /// of each.
+    pub fn exact(
         by: GroupKind,
-        (split, random): (RandomSplit, Vec<Moments>),
-        sums: Vec<(String, Sums)>,
+        split: RandomSplit,
+        sums: GroupedMoments,
         first_in: &[usize],
     ) -> Self {
+        let GroupedMoments { groups, random, .. } = sums;
+        let groups = groups.into_iter().map(|(label, moments)| (label, Sums::Exact(moments)));
+        Self { split, random, ..Self::new(by, groups, first_in) }
+    }
+
+    /// Those whose rows are not summed exactly, and not assigned at random: their R factor would have to be made
+    /// without each fold.
+    pub fn factored(by: GroupKind, groups: FactoredGroups, first_in: &[usize]) -> Self {
+        let groups = groups.groups.into_iter();
+        Self::new(by, groups.map(|(label, rows)| (label, Sums::Factored(rows))), first_in)
+    }
+
+    fn new(by: GroupKind, sums: impl Iterator<Item = (String, Sums)>, first_in: &[usize]) -> Self {
         let (mut last, mut position) = (None, 0);
         let group = |((label, sums), &source): ((String, Sums), &usize)| {
             position = if last == Some(source) { position + 1 } else { 0 };
             last = Some(source);
             PartialGroup { label, source, position, sums }
         };
-        let groups = sums.into_iter().zip(first_in).map(group).collect();
-        Self { by, split, groups, random }
+        let groups = sums.zip(first_in).map(group).collect();
+        Self { by, split: RandomSplit::default(), groups, random: Vec::new() }
     }
 
     /// Whether the groups of `other` can be added.
@@ -115,35 +129,32 @@ fn rank(source: &SourceFile) -> (&Path, Option<&str>) {
 }
 
 impl PartialFit {
-    /// The sums by group, with the rows that were assigned at random if `random_folds` is the number of
+    /// The sums, also by group, with the rows that were assigned at random if `random_folds` is the number of
     /// folds that they were assigned to.
     ///
     /// # Errors
-    /// [`MergeError::NotExact`] if all together cannot be summed exactly.
-    pub fn grouped(
-        &self,
-        random_folds: Option<usize>,
-    ) -> Result<Option<(GroupKind, GroupedMoments)>, MergeError> {
-        let Some(groups) = &self.groups else { return Ok(None) };
-        let exact = |of: &PartialGroup| match &of.sums {
-            Sums::Exact(moments) => Some((of.label.clone(), moments.clone())),
-            Sums::Factored(_) => None,
-        };
-        let sums = groups.groups.iter().filter_map(exact).collect();
-        let is_dealt = random_folds == Some(groups.split.folds);
-        let random = if is_dealt { groups.random.clone() } else { Vec::new() };
-        Ok(Some((groups.by, GroupedMoments::new(sums, random)?)))
-    }
-
-    /// The rows by group, where they are not summed exactly.
-    pub fn factored(&self) -> Option<(GroupKind, FactoredGroups)> {
-        let groups = self.groups.as_ref()?;
-        let factored = |of: &PartialGroup| match &of.sums {
-            Sums::Factored(rows) => Some((of.label.clone(), rows.clone())),
-            Sums::Exact(_) => None,
-        };
-        let rows = groups.groups.iter().filter_map(factored).collect();
-        Some((groups.by, FactoredGroups { groups: rows }))
+    /// [`MergeError::NotExact`] if all groups together cannot be summed exactly.
+    pub fn row_sums(&self, random_folds: Option<usize>) -> Result<RowSums<'_>, MergeError> {
+        let (mut exact, mut factored) = (Vec::new(), Vec::new());
+        for PartialGroup { label, sums, .. } in self.groups.iter().flat_map(|of| &of.groups) {
+            match sums {
+                Sums::Exact(moments) => exact.push((label.clone(), moments.clone())),
+                Sums::Factored(rows) => factored.push((label.clone(), rows.clone())),
+            }
+        }
+        let groups = self.groups.as_ref();
+        Ok(match &self.sums {
+            Sums::Exact(total) => {
+                let dealt = groups.filter(|groups| random_folds == Some(groups.split.folds));
+                let random = dealt.map(|groups| groups.random.clone()).unwrap_or_default();
+                let grouped = groups.map(|of| Ok((of.by, GroupedMoments::new(exact, random)?)));
+                RowSums::Exact(total, grouped.transpose().map_err(MergeError::NotExact)?)
+            }
+            Sums::Factored(total) => {
+                let grouped = groups.map(|of| (of.by, FactoredGroups { groups: factored }));
+                RowSums::Factored(total, grouped)
+            }
+        })
     }
 
     /// Puts sources into the order of their names, and groups into that of their first rows. Without

@@ -34,6 +34,23 @@ impl Log {
         let (mut summaries, _) = read_all(&[self], wanted, options, || (), map, fold)?;
         Ok(summaries.pop().expect("one summary per log"))
     }
+
+    /// Reads all rows into one block.
+    ///
+    /// # Errors
+    /// As [`Log::read`].
+    pub fn read_whole(
+        &self,
+        wanted: &Wanted,
+        options: &ReadOptions<'_>,
+    ) -> Result<(Block, ReadSummary), LogError> {
+        let mut whole = Block::default();
+        let summary = self.read(wanted, options, std::mem::take, |block| {
+            whole.join(block);
+            Ok::<_, LogError>(())
+        })?;
+        Ok((whole, summary))
+    }
 }
 
 /// The most text that is read by one thread: another would be ready when it is done.

@@ -12,6 +12,8 @@
 
 use shell_data::lock::lock;
 use std::collections::VecDeque;
+use std::convert::Infallible;
+use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Mutex;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -34,6 +36,20 @@ pub trait Pieces: Send {
     fn next(&mut self, piece: &mut Self::Piece) -> Result<bool, Self::Error>;
 }
 
+/// Numbers, one by one.
+impl Pieces for Range<usize> {
+    type Piece = usize;
+    type Error = Infallible;
+
+    fn ended(&self) -> bool {
+        self.is_empty()
+    }
+
+    fn next(&mut self, piece: &mut usize) -> Result<bool, Infallible> {
+        Ok(Iterator::next(self).map(|number| *piece = number).is_some())
+    }
+}
+
 /// How many pieces per thread may be in work or wait for an earlier one: bounds the memory.
 const WAITING_PER_THREAD: usize = 4;
 
@@ -45,25 +61,10 @@ const WAITING_PER_THREAD: usize = 4;
 /// ```
 /// use std::convert::Infallible;
 ///
-/// use log_file::pipeline::{Pieces, run};
-///
-/// struct Numbers(std::ops::Range<u64>);
-///
-/// impl Pieces for Numbers {
-///     type Piece = u64;
-///     type Error = Infallible;
-///
-///     fn ended(&self) -> bool {
-///         self.0.is_empty()
-///     }
-///
-///     fn next(&mut self, piece: &mut u64) -> Result<bool, Infallible> {
-///         Ok(self.0.next().map(|number| *piece = number).is_some())
-///     }
-/// }
+/// use log_file::pipeline::run;
 ///
 /// let mut squares = Vec::new();
-/// let work = |sum: &mut u64, number: &mut u64| {
+/// let work = |sum: &mut usize, number: &mut usize| {
 ///     *sum += *number;
 ///     *number * *number
 /// };
@@ -71,7 +72,7 @@ const WAITING_PER_THREAD: usize = 4;
 ///     squares.push(square);
 ///     Ok::<_, Infallible>(())
 /// };
-/// let Ok(sums) = run(&mut Numbers(0..5), 2, || 0, work, |never| never, fold);
+/// let Ok(sums) = run(&mut (0..5), 2, || 0, work, |never| never, fold);
 /// assert_eq!(squares, [0, 1, 4, 9, 16]);
 /// assert_eq!(sums.iter().sum::<u64>(), 10);
 /// ```

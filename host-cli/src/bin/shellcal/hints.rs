@@ -16,7 +16,7 @@ pub(crate) fn for_error(error: &anyhow::Error) -> Option<String> {
 }
 
 /// An error in a chain does not say which hints it has: every type that has some is tried.
-const HINTS: [fn(&(dyn Error + 'static)) -> Option<String>; 16] = [
+const HINTS: [fn(&(dyn Error + 'static)) -> Option<String>; 11] = [
     hint::<board_link::LinkError>,
     hint::<board_link::NotForBoard>,
     hint::<board_link::RecordError>,
@@ -28,11 +28,6 @@ const HINTS: [fn(&(dyn Error + 'static)) -> Option<String>; 16] = [
     hint::<output_file::OutputError>,
     hint::<workflow::ChannelMismatch>,
     hint::<workflow::WorkflowError>,
-    hint::<workflow::align::AlignLogsError>,
-    hint::<workflow::convert::ConvertError>,
-    hint::<workflow::gates::GateError>,
-    hint::<workflow::payload::PayloadLogError>,
-    hint::<workflow::trial::TrialLogError>,
 ];
 
 fn hint<E: Error + Hint + 'static>(cause: &(dyn Error + 'static)) -> Option<String> {

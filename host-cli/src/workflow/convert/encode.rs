@@ -1,5 +1,6 @@
 //! Converted frames as what is written of them, on any thread and then in order.
 
+use std::borrow::Cow;
 use std::io::{self, Write};
 
 use table_file::write::mcap::{
@@ -7,10 +8,10 @@ use table_file::write::mcap::{
 };
 use table_file::write::{ColumnValues, HeldTable, ParquetWriter, TableWriter};
 
-use super::error::ConvertError;
 use super::frames::{ConvertedFrames, append};
 use super::options::{OutputFormat, RecordingFrame};
 use super::table::WrenchTable;
+use crate::workflow::WorkflowError;
 
 /// The topics of a recording.
 const WRENCH_TOPIC: &str = "/wrench";
@@ -21,10 +22,8 @@ const PART_ROWS: usize = 1 << 16;
 
 /// What makes bytes of frames, on any thread.
 pub(super) struct Encoder<'a> {
-    pub(super) table: &'a WrenchTable,
+    pub(super) table: WrenchTable,
     pub(super) format: &'a OutputFormat,
-    /// The names of the readings, as the log has them.
-    pub(super) channels: Vec<String>,
 }
 
 /// Some frames, as they are written.
@@ -42,7 +41,7 @@ pub(super) struct EncodedColumns {
 }
 
 impl Encoder<'_> {
-    pub(super) fn encode(&self, frames: &ConvertedFrames) -> Result<EncodedFrames, ConvertError> {
+    pub(super) fn encode(&self, frames: &ConvertedFrames) -> Result<EncodedFrames, WorkflowError> {
         Ok(match self.format {
             OutputFormat::Csv => {
                 let mut text = Vec::new();
@@ -51,7 +50,7 @@ impl Encoder<'_> {
             }
             OutputFormat::Mcap(frame) => EncodedFrames::Chunk(self.chunk(frames, &frame.id)?),
             _ => EncodedFrames::EncodedColumns(EncodedColumns {
-                numbers: self.table.numbers(frames),
+                numbers: self.table.numbers(frames).into_iter().map(Cow::into_owned).collect(),
                 texts: self.table.texts(frames),
             }),
         })
@@ -61,17 +60,15 @@ impl Encoder<'_> {
         &self,
         frames: &ConvertedFrames,
         frame_id: &str,
-    ) -> Result<Option<McapChunk>, ConvertError> {
+    ) -> Result<Option<McapChunk>, WorkflowError> {
         let numbers = self.table.numbers(frames);
-        // Time and wrench are in messages of their own.
-        let names: Vec<String> = self.table.names().into_iter().skip(7).collect();
         // The names as they stand in every message, after the brace or comma.
-        let key = |name: &String| Ok(format!("{}:", serde_json::to_string(name)?));
-        let names = self.channels.iter().chain(&names);
-        let keys: Vec<String> = names.map(key).collect::<io::Result<_>>()?;
-        let (of_numbers, of_texts) = keys.split_at(self.channels.len() + numbers.len() - 7);
-        let columns = frames.readings.iter().chain(&numbers[7..]);
-        let details: Vec<(&String, &Vec<f64>)> = of_numbers.iter().zip(columns).collect();
+        let key = |(name, _): (String, bool)| Ok(format!("{}:", serde_json::to_string(&name)?));
+        let keys: Vec<String> = self.details().map(key).collect::<io::Result<_>>()?;
+        let readings = frames.readings.iter().map(Vec::as_slice);
+        let columns: Vec<&[f64]> = readings.chain(numbers[7..].iter().map(|it| &**it)).collect();
+        let (of_numbers, of_texts) = keys.split_at(columns.len());
+        let details: Vec<(&String, &[f64])> = of_numbers.iter().zip(columns).collect();
         let texts: Vec<_> = of_texts.iter().zip(&frames.texts).collect();
         // Two messages with their heads; numbers have up to 24 digits.
         let names: usize = details.iter().map(|(name, _)| name.len() + 25).sum();
@@ -79,7 +76,7 @@ impl Encoder<'_> {
         let mut digits = zmij::Buffer::new();
         for row in 0..frames.len() {
             let time_s = frames.time_s[row];
-            let time_ns = nanoseconds(time_s).ok_or(ConvertError::Epoch(time_s))?;
+            let time_ns = nanoseconds(time_s).ok_or(WorkflowError::Epoch(time_s))?;
             let wrench = frames.wrench.each_ref().map(|axis| axis[row]);
             chunk.message(0, time_ns, |message| {
                 wrench_stamped(message, time_ns, frame_id, wrench);
@@ -109,23 +106,23 @@ impl Encoder<'_> {
         Ok(chunk.finish())
     }
 
+    /// What goes with a wrench, and whether it is text: the readings, and the columns but for time and wrench, which are
+    /// in messages of their own.
+    fn details(&self) -> impl Iterator<Item = (String, bool)> {
+        let readings = self.table.readings.iter().map(|name| (name.clone(), false));
+        readings.chain(self.table.names().into_iter().skip(7))
+    }
+
     /// The JSON schema of what goes with a wrench.
     fn details_schema(&self) -> String {
-        let names = self.channels.iter().cloned().chain(self.table.names().into_iter().skip(7));
-        let names: Vec<String> = names.collect();
-        let numbers = names.len() - self.table.text_columns();
-        let property = |(position, name): (usize, String)| {
-            let kind = if position < numbers { "number" } else { "string" };
-            (name, serde_json::json!({ "type": kind }))
-        };
-        let mut properties: serde_json::Map<_, _> =
-            names.into_iter().enumerate().map(property).collect();
-        properties.insert("flags".to_owned(), serde_json::json!({ "type": "string" }));
+        let details = self.details().chain([("flags".to_owned(), true)]);
+        let kind = |is_text| if is_text { "string" } else { "number" };
+        let property = |(name, is_text)| (name, serde_json::json!({ "type": kind(is_text) }));
         serde_json::json!({
             "$schema": "https://json-schema.org/draft/2020-12/schema",
             "title": "what goes with a wrench",
             "type": "object",
-            "properties": properties,
+            "properties": details.map(property).collect::<serde_json::Map<_, _>>(),
         })
         .to_string()
     }
@@ -161,12 +158,6 @@ pub(super) enum EncodedOutput<'a> {
 impl<'a> EncodedOutput<'a> {
     /// Writes what comes before the first frame.
     pub(super) fn new(encoder: &Encoder<'_>, out: &'a mut dyn Write) -> io::Result<Self> {
-        let columns = || {
-            let names = encoder.table.names();
-            let numbers = names.len() - encoder.table.text_columns();
-            let names = names.into_iter().enumerate();
-            names.map(|(position, name)| (name, position >= numbers)).collect::<Vec<_>>()
-        };
         let writer: Box<dyn TableWriter + 'a> = match encoder.format {
             OutputFormat::Csv => {
                 out.write_all(encoder.table.header().as_bytes())?;
@@ -183,9 +174,9 @@ impl<'a> EncodedOutput<'a> {
                 let writer = McapWriter::new(out, library, channels)?;
                 return Ok(Self::Recording(writer, Some(frame.clone())));
             }
-            OutputFormat::Parquet => Box::new(ParquetWriter::new(out, &columns())?),
-            OutputFormat::Matlab => Box::new(HeldTable::matlab(out, &columns())),
-            OutputFormat::NumPy => Box::new(HeldTable::numpy(out, &columns())),
+            OutputFormat::Parquet => Box::new(ParquetWriter::new(out, &encoder.table.names())?),
+            OutputFormat::Matlab => Box::new(HeldTable::matlab(out, &encoder.table.names())),
+            OutputFormat::NumPy => Box::new(HeldTable::numpy(out, &encoder.table.names())),
         };
         Ok(Self::Table { writer, waiting: EncodedColumns::default() })
     }

@@ -41,16 +41,11 @@ pub(super) struct ConvertedRows {
     pub(super) frames: ConvertedFrames,
     /// Rows whose load is not known.
     pub(super) without_motion: u64,
-    /// What the zero is watched in, if it is.
+    /// What the zero is watched in, if it is: the times (s) and readings of fresh frames.
     pub(super) watched: Option<WatchedFrames>,
 }
 
-/// Consecutive fresh frames as they were read.
-#[derive(Debug)]
-pub(super) struct WatchedFrames {
-    pub(super) times_s: Vec<f64>,
-    pub(super) readings: Vec<Vec<f64>>,
-}
+type WatchedFrames = (Vec<f64>, Vec<Vec<f64>>);
 
 /// What turns readings into frames.
 pub(super) struct FrameConverter<'a> {
@@ -171,8 +166,7 @@ impl FrameConverter<'_> {
                 rows.map(|(value, _)| *value).collect()
             }
         };
-        let readings = block.channels().iter().map(rows).collect();
-        Some(WatchedFrames { times_s: rows(&block.time_s), readings })
+        Some((rows(&block.time_s), block.channels().iter().map(rows).collect()))
     }
 
     /// Takes off what the sensor carries; returns the number of rows where that is not known.

@@ -10,7 +10,6 @@
 //! where only fresh ones are written: which rows are written does not change the forces.
 
 mod encode;
-mod error;
 mod frames;
 mod options;
 mod remarks;
@@ -21,7 +20,6 @@ mod writer;
 
 use std::io::Write;
 
-pub use error::ConvertError;
 pub use options::{
     BadMount, Conversion, ConvertOptions, DEFAULT_FRAME_ID, FrameMount, OutputFormat, OutputPlan,
     RecordingFrame, TableColumns, UnknownExtension, table_name,
@@ -29,16 +27,17 @@ pub use options::{
 use summary::Totals;
 pub use summary::{AxisSummary, ConvertSummary, LoadSummary};
 
-use super::check_channels;
 use super::selection::{RowFilter, read_with_memory};
+use super::{WorkflowError, check_channels};
 use calibration::uncertainty::NoIntervals;
 use calibration::{Calibration, Kind};
 use encode::{EncodedOutput, Encoder};
 use figures::WrenchTrace;
+use forces::sampling::Sampling;
 use forces::stationary::ZeroWatch;
-use frames::FrameConverter;
+use frames::{ConvertedFrames, FrameConverter};
 use log_file::Wanted;
-use shell_data::wrench::PerAxis;
+use shell_data::wrench::{Axis, PerAxis};
 use survey::survey;
 use table::WrenchTable;
 use writer::Writer;
@@ -47,14 +46,14 @@ use writer::Writer;
 pub(super) fn interval_factors(
     calibration: &Calibration,
     level: f64,
-) -> Result<PerAxis<f64>, ConvertError> {
+) -> Result<PerAxis<f64>, WorkflowError> {
     match calibration.kind() {
         Kind::Polynomial(_) => {
-            let covariance = calibration.covariance.as_ref().ok_or(ConvertError::NoCovariance)?;
+            let covariance = calibration.covariance.as_ref().ok_or(WorkflowError::NoCovariance)?;
             Ok(covariance.interval_factors(level)?)
         }
         Kind::Physics(physics) => {
-            let intervals = physics.intervals.as_ref().ok_or(ConvertError::NoCovariance)?;
+            let intervals = physics.intervals.as_ref().ok_or(WorkflowError::NoCovariance)?;
             Ok(intervals.factors(level).map_err(NoIntervals::from)?)
         }
     }
@@ -63,28 +62,28 @@ pub(super) fn interval_factors(
 /// Converts a log and writes the result to `out`, as `plan` says; `trace` is given the wrench as well.
 ///
 /// # Errors
-/// [`ConvertError`]; what has been written to `out` until then is not of use.
+/// [`WorkflowError`]; what has been written to `out` until then is not of use.
 pub fn convert(
     conversion: &Conversion<'_>,
     plan: &OutputPlan,
     out: &mut dyn Write,
     trace: Option<&mut WrenchTrace>,
-) -> Result<ConvertSummary, ConvertError> {
+) -> Result<ConvertSummary, WorkflowError> {
     let Conversion { log, calibration, options, read } = *conversion;
     log.require(&Wanted { readings: true, time: options.columns.time, ..Wanted::default() })?;
     check_channels(log, calibration.channels())?;
-    let is_whole = options.columns.time && options.columns.axes == [true; 6];
+    let is_whole = options.columns.time && options.columns.axes.are_all();
     // Beside the wrenches, such a recording has the readings.
     let keeps_readings = matches!(plan.format, OutputFormat::Mcap(_));
     if keeps_readings && !is_whole {
-        return Err(ConvertError::PartOfWrench);
+        return Err(WorkflowError::PartOfWrench);
     }
-    let absent = options.columns.axes().without(calibration.axes);
+    let absent = options.columns.axes.without(calibration.axes);
     if !absent.is_empty() {
-        return Err(ConvertError::Axes { absent, axes: calibration.axes });
+        return Err(WorkflowError::AbsentAxes { absent, axes: calibration.axes });
     }
     if options.columns.need_errors() && !calibration.has_standard_errors() {
-        return Err(ConvertError::NoCovariance);
+        return Err(WorkflowError::NoCovariance);
     }
     let (pipeline, zero) = survey(conversion)?;
     let time = options.columns.time
@@ -103,19 +102,28 @@ pub fn convert(
         positions.iter().map(|&at| log.columns()[at].name.clone()).collect()
     };
     let kept = [named(keep), named(keep_texts)];
-    let channels = &log.value_names()[..log.channels()];
-    let channels: Vec<String> = channels.iter().map(|name| (*name).to_owned()).collect();
-    let table = WrenchTable::new(options.columns, factors.unwrap_or_default(), &kept, &channels);
-    let encoder = Encoder { table: &table, format, channels };
+    let readings = log.value_names().into_iter().take(log.channels()).map(str::to_owned).collect();
+    let table = WrenchTable::new(options.columns, factors.unwrap_or_default(), &kept, readings);
+    let encoder = Encoder { table, format };
     let repeats_are_frames = !log.repeats_are_stale() && options.rows == RowFilter::All;
     let watch = (time && options.load.is_none()).then_some(repeats_are_frames);
     let converter =
         FrameConverter { calibration, pipeline: &pipeline, zero, options, keeps_readings, watch };
     let mut zero_watch = ZeroWatch::default();
-    let output = EncodedOutput::new(&encoder, out)?;
-    let totals = Totals::new(options.load.is_some());
-    let mut writer =
-        Writer::new(log.path(), &encoder, &pipeline, output, trace, calibration.axes, totals);
+    let scatter = options.load.as_ref().map(|_| PerAxis::default());
+    let mut writer = Writer {
+        path: log.path(),
+        encoder: &encoder,
+        output: EncodedOutput::new(&encoder, out)?,
+        trace,
+        stream: pipeline.stream(&Axis::ALL),
+        waiting: ConvertedFrames::default(),
+        waiting_rows: Vec::new(),
+        sampling: Sampling::default(),
+        latest_s: f64::NEG_INFINITY,
+        axes: calibration.axes,
+        totals: Totals { scatter, ..Totals::default() },
+    };
     let mut rows_without_motion = 0;
     let summary = read_with_memory(
         log,
@@ -129,8 +137,8 @@ pub fn convert(
         },
         |(rows, encoded)| {
             rows_without_motion += rows.without_motion;
-            if let Some(frames) = &rows.watched {
-                zero_watch.look_at(&frames.times_s, &frames.readings);
+            if let Some((times_s, readings)) = &rows.watched {
+                zero_watch.look_at(times_s, readings);
             }
             match encoded {
                 Some(encoded) => writer.write(&rows.frames, encoded?),
@@ -140,7 +148,7 @@ pub fn convert(
     )?;
     let (totals, sampling) = writer.finish()?;
     if totals.frames == 0 {
-        return Err(ConvertError::NoFrames(log.path().display().to_string()));
+        return Err(WorkflowError::NoFrames(log.path().display().to_string()));
     }
     Ok(ConvertSummary {
         rows: summary.rows,

@@ -8,7 +8,7 @@ use calibration::Calibration;
 use forces::ForceOptions;
 use forces::payload::CarriedLoad;
 use log_file::{Log, ReadOptions};
-use shell_data::wrench::{Axes, Axis, PerAxis};
+use shell_data::wrench::Axes;
 
 /// What is done to the readings of a log.
 #[derive(Clone, Debug)]
@@ -38,7 +38,7 @@ impl ConvertOptions {
             load: None,
             columns: TableColumns {
                 time: log.has_time(),
-                axes: Axis::ALL.map(|axis| calibration.axes.contains(axis)),
+                axes: calibration.axes,
                 standard_errors: calibration.has_standard_errors(),
                 interval: None,
                 flags: true,
@@ -67,7 +67,7 @@ pub struct TableColumns {
     /// Time in s.
     pub time: bool,
     /// The axes of the wrench, N and N·m.
-    pub axes: PerAxis<bool>,
+    pub axes: Axes,
     /// The standard error of each axis written, N and N·m: that of the frame before filtering.
     pub standard_errors: bool,
     /// The prediction interval of each axis written, N and N·m: the level, between 0 and 1. About
@@ -80,11 +80,6 @@ pub struct TableColumns {
 }
 
 impl TableColumns {
-    /// The axes that are written.
-    pub(super) fn axes(&self) -> Axes {
-        Axis::ALL.into_iter().filter(|axis| self.axes[axis.index()]).collect()
-    }
-
     /// Whether standard errors are needed.
     pub(super) fn need_errors(&self) -> bool {
         self.standard_errors || self.interval.is_some()

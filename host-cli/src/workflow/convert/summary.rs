@@ -1,11 +1,11 @@
 //! What a conversion has done.
 
 use super::frames::ConvertedFrames;
-use crate::workflow::selection::{RowFilter, by_column};
+use crate::workflow::selection::RowFilter;
 use forces::payload::Lag;
 use forces::sampling::Rate;
 use forces::stationary::ZeroMove;
-use forces::{AppliedLowPass, TareResult};
+use forces::{AppliedLowPass, TareResult, by_column};
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::{AxisValues, PerAxis};
 
@@ -85,17 +85,12 @@ pub(super) struct Totals {
     pub(super) out_of_range: u64,
     pub(super) saturated: u64,
     pub(super) left_out: u64,
-    axes: PerAxis<Option<(f64, f64, f64)>>,
+    pub(super) axes: PerAxis<Option<(f64, f64, f64)>>,
     /// Wanted where a load was taken off.
-    scatter: Option<PerAxis<RunningVariance>>,
+    pub(super) scatter: Option<PerAxis<RunningVariance>>,
 }
 
 impl Totals {
-    /// Nothing counted yet.
-    pub(super) fn new(with_scatter: bool) -> Self {
-        Self { scatter: with_scatter.then(PerAxis::default), ..Self::default() }
-    }
-
     /// Adds some frames; the number of the first whose wrench is not finite is an error.
     pub(super) fn add(&mut self, frames: &ConvertedFrames) -> Result<(), u64> {
         for (total, column) in self.axes.iter_mut().zip(&frames.wrench) {

@@ -1,5 +1,7 @@
 //! Converted frames as CSV text.
 
+use std::borrow::Cow;
+
 use super::frames::ConvertedFrames;
 use super::options::TableColumns;
 use shell_data::escape;
@@ -8,96 +10,87 @@ use shell_data::wrench::{Axis, PerAxis};
 /// The writer of a table.
 pub(super) struct WrenchTable {
     columns: TableColumns,
-    axes: Vec<Axis>,
     /// How many standard errors an interval reaches.
     factors: PerAxis<f64>,
-    /// The names of the log's columns that are carried along.
-    kept: Vec<String>,
-    /// Those of them that are text.
-    texts: Vec<String>,
+    /// The names of the columns: numbers, text, flags.
+    names: Vec<String>,
+    /// How many of them hold text, which are the last: those that are carried along, and the flags.
+    text_columns: usize,
+    /// The names of the readings, as the log has them.
+    pub(super) readings: Vec<String>,
     /// What the channels are called in flags.
     channels: Vec<String>,
 }
 
-/// What one column is made of.
-enum WrittenColumn<'a> {
-    Plain(&'a [f64]),
-    /// Either end of an interval: a value, a standard error and how many of it.
-    Bound(&'a [f64], &'a [f64], f64),
-}
-
-impl WrittenColumn<'_> {
-    fn at(&self, row: usize) -> f64 {
-        match self {
-            WrittenColumn::Plain(column) => column[row],
-            WrittenColumn::Bound(column, errors, factor) => column[row] + factor * errors[row],
-        }
-    }
-}
-
 impl WrenchTable {
     /// `factors` are those of the interval, if there is to be one; `kept` are the log's columns of numbers
-    /// and of text that are carried along, `channels` the names of the readings.
+    /// and of text that are carried along, `readings` the names of the readings.
     pub(super) fn new(
         columns: TableColumns,
         factors: PerAxis<f64>,
         kept: &[Vec<String>; 2],
-        channels: &[String],
+        readings: Vec<String>,
     ) -> Self {
-        let axes = Axis::ALL.into_iter().filter(|axis| columns.axes[axis.index()]).collect();
-        let channels = channels.iter().enumerate().map(|(at, name)| flag_name(at, name)).collect();
-        let (kept_numbers, texts) = (Vec::new(), Vec::new());
-        let mut table = Self { columns, axes, factors, kept: kept_numbers, texts, channels };
-        let own = table.names();
+        let named =
+            |end: &'static str| columns.axes.iter().map(move |it| it.column().replace('_', end));
+        let mut names = Vec::new();
+        names.extend(columns.time.then(|| "t_s".to_owned()));
+        names.extend(named("_"));
+        if columns.standard_errors {
+            names.extend(named("_se_"));
+        }
+        if columns.interval.is_some() {
+            names.extend(named("_lower_").chain(named("_upper_")));
+        }
+        let flags = columns.flags.then(|| "flags".to_owned());
         // Two columns of one name would be one too many.
-        let distinct = |name: &String| match own.contains(name) {
+        let distinct = |name: &String| match names.contains(name) || flags.as_ref() == Some(name) {
             true => format!("log_{name}"),
             false => name.clone(),
         };
-        let [numbers, texts] = kept.each_ref().map(|names| names.iter().map(distinct).collect());
-        (table.kept, table.texts) = (numbers, texts);
-        table
+        let kept_names: Vec<String> = kept.iter().flatten().map(distinct).collect();
+        let text_columns = kept[1].len() + usize::from(columns.flags);
+        names.extend(kept_names.into_iter().chain(flags));
+        let channels = readings.iter().enumerate().map(|(at, name)| flag_name(at, name)).collect();
+        Self { columns, factors, names, text_columns, readings, channels }
     }
 
-    /// How many columns hold text, which are the last: those that are carried along, and the flags.
-    pub(super) fn text_columns(&self) -> usize {
-        self.texts.len() + usize::from(self.columns.flags)
-    }
-
-    /// The names of the columns: numbers, text, flags.
-    pub(super) fn names(&self) -> Vec<String> {
-        let mut names = Vec::new();
-        if self.columns.time {
-            names.push("t_s".to_owned());
-        }
-        names.extend(self.axes.iter().map(|axis| axis.column().to_owned()));
-        if self.columns.standard_errors {
-            names.extend(self.axes.iter().map(|axis| axis.column().replace('_', "_se_")));
-        }
-        if self.columns.interval.is_some() {
-            for end in ["_lower_", "_upper_"] {
-                names.extend(self.axes.iter().map(|axis| axis.column().replace('_', end)));
-            }
-        }
-        names.extend(self.kept.iter().chain(&self.texts).cloned());
-        if self.columns.flags {
-            names.push("flags".to_owned());
-        }
-        names
+    /// The names of the columns, and whether each holds text.
+    pub(super) fn names(&self) -> Vec<(String, bool)> {
+        let numbers = self.names.len() - self.text_columns;
+        let names = self.names.iter().enumerate();
+        names.map(|(position, name)| (name.clone(), position >= numbers)).collect()
     }
 
     /// The line of names.
     pub(super) fn header(&self) -> String {
-        let names = self.names();
-        let fields: Vec<_> = names.iter().map(|name| escape::csv_field(name)).collect();
+        let fields: Vec<_> = self.names.iter().map(|name| escape::csv_field(name)).collect();
         fields.join(",") + "\n"
     }
 
     /// The columns of numbers.
-    pub(super) fn numbers(&self, frames: &ConvertedFrames) -> Vec<Vec<f64>> {
-        let values =
-            |column: WrittenColumn<'_>| (0..frames.len()).map(|row| column.at(row)).collect();
-        self.columns_of(frames).into_iter().map(values).collect()
+    pub(super) fn numbers<'a>(&self, frames: &'a ConvertedFrames) -> Vec<Cow<'a, [f64]>> {
+        let TableColumns { time, axes, standard_errors, interval, .. } = self.columns;
+        let of = |values: &'a PerAxis<Vec<f64>>| {
+            axes.iter().map(move |axis| Cow::from(&values[axis.index()]))
+        };
+        let mut columns = Vec::new();
+        columns.extend(time.then(|| Cow::from(&frames.time_s)));
+        columns.extend(of(&frames.wrench));
+        if standard_errors {
+            columns.extend(of(&frames.standard_errors));
+        }
+        if interval.is_some() {
+            for sign in [-1.0, 1.0] {
+                columns.extend(axes.iter().map(Axis::index).map(|axis| {
+                    let factor = sign * self.factors[axis];
+                    let pairs = frames.wrench[axis].iter().zip(&frames.standard_errors[axis]);
+                    pairs.map(|(value, error)| value + factor * error).collect::<Cow<'_, [f64]>>()
+                }));
+            }
+        }
+        columns.extend(frames.kept.iter().map(Cow::from));
+        columns
     }
 
     /// The columns of text: those that are carried along, and the flags.
@@ -130,39 +123,16 @@ impl WrenchTable {
         }
     }
 
-    fn columns_of<'a>(&self, frames: &'a ConvertedFrames) -> Vec<WrittenColumn<'a>> {
-        let TableColumns { time, standard_errors, interval, .. } = self.columns;
-        let wrench = |axis: &Axis| -> &'a [f64] { &frames.wrench[axis.index()] };
-        let error = |axis: &Axis| -> &'a [f64] { &frames.standard_errors[axis.index()] };
-        let mut columns = Vec::new();
-        if time {
-            columns.push(WrittenColumn::Plain(&frames.time_s));
-        }
-        columns.extend(self.axes.iter().map(|axis| WrittenColumn::Plain(wrench(axis))));
-        if standard_errors {
-            columns.extend(self.axes.iter().map(|axis| WrittenColumn::Plain(error(axis))));
-        }
-        if interval.is_some() {
-            for sign in [-1.0, 1.0] {
-                let factor = |axis: &Axis| sign * self.factors[axis.index()];
-                let bound = |axis| WrittenColumn::Bound(wrench(axis), error(axis), factor(axis));
-                columns.extend(self.axes.iter().map(bound));
-            }
-        }
-        columns.extend(frames.kept.iter().map(|column| WrittenColumn::Plain(column)));
-        columns
-    }
-
     /// Writes every number with the fewest digits that read back as the same number.
     pub(super) fn rows(&self, frames: &ConvertedFrames, text: &mut Vec<u8>) {
         let flags = self.columns.flags;
-        let columns = self.columns_of(frames);
+        let columns = self.numbers(frames);
         // Some 20 bytes a number; a little much costs less than growing.
         text.reserve(frames.len() * (22 * columns.len() + 8));
         let mut digits = zmij::Buffer::new();
         for row in 0..frames.len() {
             for column in &columns {
-                text.extend_from_slice(digits.format(column.at(row)).as_bytes());
+                text.extend_from_slice(digits.format(column[row]).as_bytes());
                 text.push(b',');
             }
             for column in &frames.texts {
@@ -196,6 +166,8 @@ fn flag_name(channel: usize, name: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use shell_data::wrench::Axes;
+
     use super::*;
 
     fn frames() -> ConvertedFrames {
@@ -217,7 +189,7 @@ mod tests {
             columns,
             [2.0; 6],
             &Default::default(),
-            &["S1", "S2", "gap 3"].map(str::to_owned),
+            ["S1", "S2", "gap 3"].map(str::to_owned).to_vec(),
         );
         let mut text = table.header().into_bytes();
         table.rows(&frames(), &mut text);
@@ -226,7 +198,7 @@ mod tests {
 
     #[test]
     fn columns_carry_their_units_and_numbers_read_back_as_the_same_bits() {
-        let axes = [true; 6];
+        let axes = Axes::ALL;
         let columns =
             TableColumns { time: true, axes, standard_errors: true, interval: None, flags: true };
         let text = written(columns);
@@ -252,7 +224,7 @@ mod tests {
 
     #[test]
     fn only_the_columns_asked_for_are_written() {
-        let axes = [false, false, true, false, false, false];
+        let axes = [Axis::Fz].into_iter().collect();
         let columns = TableColumns {
             time: false,
             axes,

@@ -3,12 +3,13 @@
 use std::path::Path;
 
 use super::encode::{EncodedFrames, EncodedOutput, Encoder};
-use super::error::ConvertError;
 use super::frames::{ConvertedFrames, ConvertedRows};
 use super::summary::Totals;
+use crate::workflow::WorkflowError;
 use figures::WrenchTrace;
+use forces::ForceStream;
+use forces::filter::FilterError;
 use forces::sampling::{Rate, Sampling};
-use forces::{ForcePipeline, ForceStream};
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
 /// A clock that goes back by more than this has been set back; by less, a frame is late, s.
@@ -16,56 +17,32 @@ const LATE_S: f64 = 1.0;
 
 /// Writes frames in order, as soon as their forces are known.
 pub(super) struct Writer<'a> {
-    path: &'a Path,
-    encoder: &'a Encoder<'a>,
-    output: EncodedOutput<'a>,
-    trace: Option<&'a mut WrenchTrace>,
-    stream: ForceStream,
+    pub(super) path: &'a Path,
+    pub(super) encoder: &'a Encoder<'a>,
+    pub(super) output: EncodedOutput<'a>,
+    pub(super) trace: Option<&'a mut WrenchTrace>,
+    pub(super) stream: ForceStream,
     /// Frames whose forces are not known yet.
-    waiting: ConvertedFrames,
+    pub(super) waiting: ConvertedFrames,
     /// Of every row whose force is not known yet, whether it is written.
-    waiting_rows: Vec<bool>,
-    sampling: Option<Sampling>,
-    latest_s: f64,
+    pub(super) waiting_rows: Vec<bool>,
+    pub(super) sampling: Sampling,
+    pub(super) latest_s: f64,
     /// The axes that there are.
-    axes: Axes,
-    totals: Totals,
+    pub(super) axes: Axes,
+    pub(super) totals: Totals,
 }
 
-impl<'a> Writer<'a> {
-    pub(super) fn new(
-        path: &'a Path,
-        encoder: &'a Encoder<'a>,
-        pipeline: &ForcePipeline,
-        output: EncodedOutput<'a>,
-        trace: Option<&'a mut WrenchTrace>,
-        axes: Axes,
-        totals: Totals,
-    ) -> Self {
-        Self {
-            axes,
-            path,
-            encoder,
-            output,
-            trace,
-            stream: pipeline.stream(&Axis::ALL),
-            waiting: ConvertedFrames::default(),
-            waiting_rows: Vec::new(),
-            sampling: pipeline.low_pass.map(|_| Sampling::default()),
-            latest_s: f64::NEG_INFINITY,
-            totals,
-        }
-    }
-
+impl Writer<'_> {
     /// Writes frames, as `encoded`.
     pub(super) fn write(
         &mut self,
         frames: &ConvertedFrames,
         encoded: EncodedFrames,
-    ) -> Result<(), ConvertError> {
+    ) -> Result<(), WorkflowError> {
         let path = || self.path.display().to_string();
         let added = self.totals.add(frames);
-        added.map_err(|frame| ConvertError::NotFinite { path: path(), frame })?;
+        added.map_err(|frame| WorkflowError::NotFinite { path: path(), frame })?;
         if let Some(trace) = &mut self.trace {
             // Columns of axes that there are not are empty in a trace.
             let column = |axis: Axis| match self.axes.contains(axis) {
@@ -78,23 +55,26 @@ impl<'a> Writer<'a> {
     }
 
     /// Filters the next rows, and writes those whose forces are known by now.
-    pub(super) fn filter(&mut self, rows: ConvertedRows) -> Result<(), ConvertError> {
+    pub(super) fn filter(&mut self, rows: ConvertedRows) -> Result<(), WorkflowError> {
         self.check_clock(&rows.time_s)?;
-        if let Some(sampling) = &mut self.sampling {
-            sampling.add(&rows.frames.time_s);
-        }
+        self.sampling.add(&rows.frames.time_s);
         self.waiting.append(rows.frames);
         self.waiting_rows.extend(rows.written);
-        let answers = self.stream.push(&rows.time_s, rows.wrench)?;
+        let answers = self.stream.push(&rows.time_s, rows.wrench);
+        let answers = answers.map_err(|error| self.unfiltered(error))?;
         self.write_answers(&answers)
     }
 
-    fn check_clock(&mut self, times_s: &[f64]) -> Result<(), ConvertError> {
+    fn unfiltered(&self, error: FilterError) -> WorkflowError {
+        WorkflowError::Forces { path: self.path.display().to_string(), error: error.into() }
+    }
+
+    fn check_clock(&mut self, times_s: &[f64]) -> Result<(), WorkflowError> {
         for &after in times_s {
             let before = self.latest_s;
             if after < before - LATE_S {
                 let path = self.path.display().to_string();
-                return Err(ConvertError::Backward { path, before, after });
+                return Err(WorkflowError::Backward { path, before, after });
             }
             self.latest_s = before.max(after);
         }
@@ -102,7 +82,7 @@ impl<'a> Writer<'a> {
     }
 
     /// Writes those of the oldest waiting rows that are to be written, with their forces.
-    fn write_answers(&mut self, answers: &PerAxis<Vec<f64>>) -> Result<(), ConvertError> {
+    fn write_answers(&mut self, answers: &PerAxis<Vec<f64>>) -> Result<(), WorkflowError> {
         let rows: Vec<bool> = self.waiting_rows.drain(..answers[0].len()).collect();
         let written = |column: &Vec<f64>| {
             let rows = column.iter().zip(&rows).filter(|(_, written)| **written);
@@ -115,10 +95,10 @@ impl<'a> Writer<'a> {
     }
 
     /// Writes what waits.
-    pub(super) fn finish(mut self) -> Result<(Totals, Option<Rate>), ConvertError> {
-        let answers = self.stream.finish()?;
+    pub(super) fn finish(mut self) -> Result<(Totals, Option<Rate>), WorkflowError> {
+        let answers = self.stream.finish().map_err(|error| self.unfiltered(error))?;
         self.write_answers(&answers)?;
         self.output.finish()?;
-        Ok((self.totals, self.sampling.and_then(|sampling| sampling.rate())))
+        Ok((self.totals, self.sampling.rate()))
     }
 }

@@ -1,7 +1,7 @@
 //! What passes between the thread that records and the one that shows.
 
 use std::collections::VecDeque;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard};
 
 use board_link::recording::BoardFrame;
 use board_link::{RecordCommand, RecordingProgress, Watcher};
@@ -14,77 +14,45 @@ const WAITING: usize = 32_768;
 #[derive(Clone, Debug, Default)]
 pub struct Feed(Arc<Mutex<FeedState>>);
 
+/// What has passed, and has not been looked at yet.
 #[derive(Debug, Default)]
-struct FeedState {
-    frames: VecDeque<BoardFrame>,
+pub struct FeedState {
+    /// The frames that wait to be shown.
+    pub frames: VecDeque<BoardFrame>,
     /// Frames that were not shown because nobody fetched them.
-    left_out: u64,
-    progress: Option<RecordingProgress>,
-    commands: VecDeque<RecordCommand>,
-    /// Set while a log is not to be played on.
-    is_held: bool,
+    pub left_out: u64,
+    /// How the recording goes.
+    pub progress: Option<RecordingProgress>,
+    /// What is to happen to the log.
+    pub commands: VecDeque<RecordCommand>,
+    /// Whether a log that is played is held.
+    pub is_held: bool,
 }
 
 impl Feed {
-    /// Fetches the frames that wait, in place of those in `frames`.
-    pub fn fetch(&self, frames: &mut Vec<BoardFrame>) {
-        frames.clear();
-        self.with(|state| frames.extend(state.frames.drain(..)));
-    }
-
-    /// Frames that wait.
-    pub fn waiting(&self) -> usize {
-        self.with(|state| state.frames.len())
-    }
-
-    /// Frames that were not shown because nobody fetched them.
-    pub fn left_out(&self) -> u64 {
-        self.with(|state| state.left_out)
-    }
-
-    /// Says how the recording goes.
-    pub fn report(&self, progress: &RecordingProgress) {
-        self.with(|state| state.progress = Some(progress.clone()));
-    }
-
-    /// How the recording goes.
-    pub fn progress(&self) -> Option<RecordingProgress> {
-        self.with(|state| state.progress.clone())
+    /// What has passed, which no other thread touches meanwhile.
+    pub fn state(&self) -> MutexGuard<'_, FeedState> {
+        // A thread that has ended badly has left the state whole: nothing in here can fail half way.
+        lock(&self.0)
     }
 
     /// Asks for something to happen to the log.
     pub fn ask(&self, command: RecordCommand) {
-        self.with(|state| state.commands.push_back(command));
-    }
-
-    /// Holds a log that is played, or lets it go on.
-    pub fn hold(&self, held: bool) {
-        self.with(|state| state.is_held = held);
-    }
-
-    /// Whether a log is held.
-    pub fn is_held(&self) -> bool {
-        self.with(|state| state.is_held)
-    }
-
-    fn with<T>(&self, act: impl FnOnce(&mut FeedState) -> T) -> T {
-        // A thread that has ended badly has left the state whole: nothing in here can fail half way.
-        act(&mut lock(&self.0))
+        self.state().commands.push_back(command);
     }
 }
 
 impl Watcher for Feed {
     fn see(&mut self, frames: &[BoardFrame]) {
-        self.with(|state| {
-            state.frames.extend(frames.iter().cloned());
-            let over = state.frames.len().saturating_sub(WAITING);
-            state.frames.drain(..over);
-            state.left_out += over as u64;
-        });
+        let mut state = self.state();
+        state.frames.extend(frames.iter().cloned());
+        let over = state.frames.len().saturating_sub(WAITING);
+        state.frames.drain(..over);
+        state.left_out += over as u64;
     }
 
     fn next_command(&mut self) -> Option<RecordCommand> {
-        self.with(|state| state.commands.pop_front())
+        self.state().commands.pop_front()
     }
 }
 
@@ -101,12 +69,9 @@ mod tests {
             let frames: Vec<_> = (start..start + 100).map(frame).collect();
             feed.see(&frames);
         }
-        let mut frames = Vec::new();
-        feed.fetch(&mut frames);
-        assert_eq!(frames.len(), WAITING);
-        assert_eq!(frames.last().map(|frame| frame.index), Some(39_999));
-        assert_eq!(feed.left_out(), 40_000 - WAITING as u64);
-        feed.fetch(&mut frames);
-        assert!(frames.is_empty());
+        let state = feed.state();
+        assert_eq!(state.frames.len(), WAITING);
+        assert_eq!(state.frames.back().map(|frame| frame.index), Some(39_999));
+        assert_eq!(state.left_out, 40_000 - WAITING as u64);
     }
 }

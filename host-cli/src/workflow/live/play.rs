@@ -7,7 +7,7 @@ use log_file::{Log, LogError, ReadOptions, Wanted};
 use shared_proto::CHANNELS;
 use shell_data::block::Block;
 
-use crate::workflow::selection::Stop;
+use crate::workflow::selection::{Stop, passed};
 use board_link::recording::{BoardFrame, Measured};
 
 /// How often the clock is looked at.
@@ -60,11 +60,8 @@ pub fn play(
     let wanted =
         Wanted { time: true, readings: is_readings, wrench: !is_readings, ..Wanted::default() };
     let mut player = Player { see, is_held, stop, clock: PlayClock::new(speed), index: 0 };
-    let played = log.read(&wanted, read, std::mem::take, |block| player.play(&block));
-    match played {
-        Ok(_) | Err(Stop::Enough) => Ok(player.index as u64),
-        Err(Stop::Failed(error)) => Err(error),
-    }
+    passed(log.read(&wanted, read, std::mem::take, |block| player.play(&block)))?;
+    Ok(player.index as u64)
 }
 
 struct Player<'a> {
@@ -86,11 +83,11 @@ struct PlayClock {
 }
 
 impl Player<'_> {
-    fn play(&mut self, block: &Block) -> Result<(), Stop<PlayError>> {
+    fn play(&mut self, block: &Block) -> Result<(), Stop> {
         let mut sent = 0;
         while sent < block.rows {
             if self.stop.load(Ordering::Relaxed) {
-                return Err(Stop::Enough);
+                return Err(None);
             }
             let due = self.clock.due(Instant::now(), &block.time_s[sent..], (self.is_held)());
             let frames: Vec<BoardFrame> =

@@ -3,7 +3,7 @@
 use std::fmt::Debug;
 use std::time::Duration;
 
-use board_link::recording::protocol_name;
+use board_link::recording::{BoardFrame, protocol_name};
 use board_link::{LogSink, RecordCommand, RecordingProgress};
 use forces::ForceError;
 use live_view::{Guide, GuidePhase, GuideView, LiveModel, Picture};
@@ -132,9 +132,10 @@ pub struct Shown<'a> {
 }
 
 impl LiveSession {
-    /// Of a source of this name; `logs` is `None` where nothing can be recorded.
+    /// Of a source of this name, with a guide if loads are planned; `logs` is `None` where nothing can be recorded.
     pub fn new(
         model: LiveModel,
+        guide: Option<Guide>,
         rows: LiveRows,
         feed: Feed,
         logs: Option<LogSeries>,
@@ -142,7 +143,7 @@ impl LiveSession {
     ) -> Self {
         Self {
             model,
-            guide: None,
+            guide,
             rows,
             feed,
             logs,
@@ -153,12 +154,6 @@ impl LiveSession {
             is_over: false,
             message: String::new(),
         }
-    }
-
-    /// With a guide through planned loads.
-    #[must_use]
-    pub fn guided(self, guide: Option<Guide>) -> Self {
-        Self { guide, ..self }
     }
 
     /// What is shown, as lines and numbers.
@@ -222,8 +217,7 @@ impl LiveSession {
     /// # Errors
     /// [`ForceError`] if the low-pass that was asked for is impossible at the rate of the frames.
     pub fn advance(&mut self, elapsed: Duration, is_source_over: bool) -> Result<bool, ForceError> {
-        let mut frames = Vec::new();
-        self.feed.fetch(&mut frames);
+        let frames: Vec<BoardFrame> = self.feed.state().frames.drain(..).collect();
         let news = self.rows.of(&frames)?;
         news.iter().for_each(|row| self.model.push(*row));
         if let Some(guide) = &mut self.guide {
@@ -234,7 +228,7 @@ impl LiveSession {
         }
         self.frames += frames.len() as u64;
         self.elapsed = elapsed;
-        self.is_over = is_source_over && self.feed.waiting() == 0;
+        self.is_over = is_source_over && self.feed.state().frames.is_empty();
         // A port that is gone for good has something to say, which a screen would hide.
         Ok(self.is_over && self.logs.is_some())
     }
@@ -257,7 +251,7 @@ impl LiveSession {
             }
             LiveAction::Pause => {
                 self.model.toggle_pause();
-                self.feed.hold(self.model.is_paused());
+                self.feed.state().is_held = self.model.is_paused();
                 let more = if self.logs.is_some() { "; recording goes on" } else { "" };
                 match self.model.is_paused() {
                     true => format!("paused{more}"),
@@ -321,7 +315,8 @@ impl LiveSession {
                 false => format!("playing, {}", clock(self.elapsed)),
             };
         }
-        let Some(progress) = self.feed.progress() else { return "waiting".to_owned() };
+        let progress = self.feed.state().progress.clone();
+        let Some(progress) = progress else { return "waiting".to_owned() };
         let RecordingProgress { rate_hz, frames, bytes, ref losses, .. } = progress;
         let time = clock(progress.elapsed);
         match progress.protocol {
@@ -341,7 +336,7 @@ impl LiveSession {
         let seconds = elapsed.as_secs_f64();
         let mut lines = vec![format!(
             "{frames} frames in {seconds:.1} s, {pictures} pictures, {} frames not shown",
-            self.feed.left_out()
+            self.feed.state().left_out
         )];
         let logs = self.logs.iter().flat_map(|logs| &logs.written);
         lines.extend(logs.map(|log| format!("recorded `{log}`")));

@@ -2,8 +2,9 @@
 
 use forces::payload::{STANDARD_GRAVITY_M_S2, Vector, norm};
 use log_file::{ColumnRef, Log, Wanted};
+use shell_data::statistics::upper_median;
 
-use super::PayloadLogError;
+use crate::workflow::WorkflowError;
 
 /// How far an orientation may be from one, as a share: logs have few digits.
 const ROUGH: f64 = 0.02;
@@ -68,7 +69,7 @@ const USUAL_ACCELERATIONS: [&[&str]; 4] = [
 
 impl MotionColumns {
     /// The columns of a log.
-    pub(super) fn find(&self, log: &Log) -> Result<FoundColumns, PayloadLogError> {
+    pub(super) fn find(&self, log: &Log) -> Result<FoundColumns, WorkflowError> {
         let by_name = |names: &[&[&str]]| names.iter().find_map(|names| positions(log, names));
         let orientations = match &self.orientation {
             Some(references) => {
@@ -77,7 +78,7 @@ impl MotionColumns {
                     3 => (Orientation::Gravity, at),
                     4 => (Orientation::Quaternion, at),
                     9 => (Orientation::LastRow, at[6..].to_vec()),
-                    found => return Err(PayloadLogError::OrientationColumns(found)),
+                    found => return Err(WorkflowError::OrientationColumns(found)),
                 }]
             }
             None => {
@@ -88,14 +89,14 @@ impl MotionColumns {
         let accelerations = match &self.accelerations {
             Some(references) => match log.column_positions(references)? {
                 at if at.len() == 3 => Some(at),
-                at => return Err(PayloadLogError::AccelerationColumns(at.len())),
+                at => return Err(WorkflowError::AccelerationColumns(at.len())),
             },
             None => by_name(&USUAL_ACCELERATIONS),
         };
         let is_named = self.orientation.is_some();
         let found = FoundColumns { orientations, is_named, accelerations };
         if found.orientations.is_empty() && found.accelerations.is_none() {
-            return Err(PayloadLogError::NoMotion(log.path().to_path_buf()));
+            return Err(WorkflowError::NoMotion(log.path().to_path_buf()));
         }
         log.require(&Wanted { others: found.positions(), ..Wanted::default() })?;
         Ok(found)
@@ -116,7 +117,7 @@ impl FoundColumns {
         log: &Log,
         columns: &[Vec<f64>],
         gravity_m_s2: f64,
-    ) -> Result<Option<Vec<Vector>>, PayloadLogError> {
+    ) -> Result<Option<Vec<Vector>>, WorkflowError> {
         let mut first = 0;
         for (orientation, at) in &self.orientations {
             let columns = &columns[first..first + at.len()];
@@ -127,7 +128,7 @@ impl FoundColumns {
                 Err(_) if *orientation == Orientation::Gravity && !self.is_named => {}
                 Err((row, what)) => {
                     let (path, row) = (log.path().to_path_buf(), row as u64 + 1);
-                    return Err(PayloadLogError::NoOrientation { path, row, what });
+                    return Err(WorkflowError::NoOrientation { path, row, what });
                 }
             }
         }
@@ -161,42 +162,33 @@ impl Orientation {
             if is_near { Ok(()) } else { Err((row, text())) }
         };
         let vector = |row: usize| -> Vector { std::array::from_fn(|axis| columns[axis][row]) };
-        match self {
-            Self::Gravity => {
-                let mut sizes: Vec<f64> = (0..rows).map(|row| norm(vector(row))).collect();
-                let middle = rows / 2;
-                let median = *sizes.select_nth_unstable_by(middle, f64::total_cmp).1;
-                let is_m_s2 = (9.6..9.95).contains(&median);
-                let expected = if is_m_s2 { median } else { 1.0 };
-                let unit = if is_m_s2 { 1.0 } else { gravity_m_s2 };
-                let one = |row| {
-                    near(row, norm(vector(row)), expected, "gravity is")?;
-                    Ok(vector(row).map(|value| value * unit))
-                };
-                (0..rows).map(one).collect()
-            }
-            Self::LastRow => {
-                let one = |row| {
-                    near(row, norm(vector(row)), 1.0, "the last row of the rotation matrix is")?;
-                    Ok(down(vector(row)))
-                };
-                (0..rows).map(one).collect()
-            }
-            Self::Quaternion => {
-                let one = |row: usize| {
-                    let [x, y, z, w]: [f64; 4] = std::array::from_fn(|i| columns[i][row]);
-                    let square = x * x + y * y + z * z + w * w;
-                    near(row, square.sqrt(), 1.0, "the quaternion is")?;
-                    let up = [
-                        2.0 * (x * z - w * y),
-                        2.0 * (y * z + w * x),
-                        square - 2.0 * (x * x + y * y),
-                    ];
-                    Ok(down(up))
-                };
-                (0..rows).map(one).collect()
+        let (mut expected, mut unit) = (1.0, gravity_m_s2);
+        if self == Self::Gravity {
+            let mut sizes: Vec<f64> = (0..rows).map(|row| norm(vector(row))).collect();
+            let median = upper_median(&mut sizes).unwrap_or_default();
+            if (9.6..9.95).contains(&median) {
+                (expected, unit) = (median, 1.0);
             }
         }
+        let gravity = |row: usize| match self {
+            Self::Gravity => {
+                near(row, norm(vector(row)), expected, "gravity is")?;
+                Ok(vector(row).map(|value| value * unit))
+            }
+            Self::LastRow => {
+                near(row, norm(vector(row)), 1.0, "the last row of the rotation matrix is")?;
+                Ok(down(vector(row)))
+            }
+            Self::Quaternion => {
+                let [x, y, z, w]: [f64; 4] = std::array::from_fn(|i| columns[i][row]);
+                let square = x * x + y * y + z * z + w * w;
+                near(row, square.sqrt(), 1.0, "the quaternion is")?;
+                let up =
+                    [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), square - 2.0 * (x * x + y * y)];
+                Ok(down(up))
+            }
+        };
+        (0..rows).map(gravity).collect()
     }
 }
 

@@ -1,11 +1,12 @@
 //! How a sensor moved, from a log.
 
-use super::PayloadLogError;
 use super::columns::MotionColumns;
-use crate::workflow::selection::{Stop, read_with_memory};
+use crate::workflow::WorkflowError;
+use crate::workflow::selection::{passed, read_with_memory};
 use calibration::Calibration;
 use forces::payload::{Accelerometer, Lag, Motion, Payload, Vector, find_lag};
 use log_file::{Log, LogError, ReadOptions, Wanted};
+use shell_data::block::Block;
 
 /// The most rows that the lag of two clocks is looked for in: minutes of a fast sensor.
 const LAG_ROWS: usize = 200_000;
@@ -14,27 +15,16 @@ const LAG_ROWS: usize = 200_000;
 /// orientations, which say nothing of inertia. Also says whether accelerations were used.
 ///
 /// # Errors
-/// [`PayloadLogError`].
+/// [`WorkflowError`].
 pub fn read_motion(
     log: &Log,
     columns: &MotionColumns,
     accelerometer: Option<&Accelerometer>,
     read: &ReadOptions<'_>,
-) -> Result<(Motion, bool), PayloadLogError> {
+) -> Result<(Motion, bool), WorkflowError> {
     let found = columns.find(log)?;
     let wanted = Wanted { time: true, others: found.positions(), ..Wanted::default() };
-    let mut times_s: Vec<f64> = Vec::new();
-    let mut others: Vec<Vec<f64>> = vec![Vec::new(); wanted.others.len()];
-    log.read(
-        &wanted,
-        read,
-        |block| (std::mem::take(&mut block.time_s), std::mem::take(&mut block.others)),
-        |(times, columns)| {
-            times_s.extend(times);
-            others.iter_mut().zip(columns).for_each(|(all, column)| all.extend(column));
-            Ok::<_, LogError>(())
-        },
-    )?;
+    let (Block { time_s, others, .. }, _) = log.read_whole(&wanted, read)?;
     let path = || log.path().to_path_buf();
     let (gravity, is_measured) = match (accelerometer, found.accelerations(&others)) {
         (Some(accelerometer), Some(accelerations)) => {
@@ -42,18 +32,18 @@ pub fn read_motion(
         }
         (_, accelerations) => match found.gravity(log, &others, columns.gravity_m_s2)? {
             Some(gravity) => (gravity, false),
-            None if accelerations.is_some() => return Err(PayloadLogError::UnknownFrame(path())),
-            None => return Err(PayloadLogError::NoMotion(path())),
+            None if accelerations.is_some() => return Err(WorkflowError::UnknownFrame(path())),
+            None => return Err(WorkflowError::NoMotion(path())),
         },
     };
     let gravity: Vec<Vector> = gravity;
     let bad = gravity.iter().position(|g| g.iter().any(|value| !value.is_finite()));
     if let Some(row) = bad {
         let what = "motion is not finite".to_owned();
-        return Err(PayloadLogError::NoOrientation { path: path(), row: row as u64 + 1, what });
+        return Err(WorkflowError::NoOrientation { path: path(), row: row as u64 + 1, what });
     }
-    let motion = Motion::new(&times_s, &gravity);
-    Ok((motion.map_err(|error| PayloadLogError::Motion { path: path(), error })?, is_measured))
+    let motion = Motion::new(&time_s, &gravity);
+    Ok((motion.map_err(|error| WorkflowError::Motion { path: path(), error })?, is_measured))
 }
 
 /// How late a motion is against a log of readings; `None` where that is not clear.
@@ -70,7 +60,7 @@ pub fn find_motion_lag(
     let wanted = Wanted { time: true, readings: true, ..Wanted::default() };
     let mut times_s: Vec<f64> = Vec::new();
     let mut forces: [Vec<f64>; 3] = Default::default();
-    let result = read_with_memory(
+    let read = read_with_memory(
         log,
         (&wanted, read),
         calibration,
@@ -83,11 +73,9 @@ pub fn find_motion_lag(
         |(times, columns)| {
             times_s.extend(times);
             forces.iter_mut().zip(columns).for_each(|(all, column)| all.extend(column));
-            if times_s.len() >= LAG_ROWS { Err(Stop::Enough) } else { Ok(()) }
+            if times_s.len() >= LAG_ROWS { Err(None) } else { Ok(()) }
         },
     );
-    match result {
-        Ok(_) | Err(Stop::Enough) => Ok(find_lag(payload, motion, &times_s, &forces)),
-        Err(Stop::Failed(error)) => Err(error),
-    }
+    passed(read)?;
+    Ok(find_lag(payload, motion, &times_s, &forces))
 }

@@ -2,14 +2,13 @@
 
 use std::collections::HashMap;
 
-use super::PayloadLogError;
 use super::columns::MotionColumns;
+use crate::workflow::WorkflowError;
 use forces::payload::{
     Accelerometer, PayloadFit, PayloadPose, STANDARD_GRAVITY_M_S2, Vector, fit, frame_from_forces,
     norm,
 };
-use log_file::{Log, LogError, ReadOptions, Wanted};
-use shell_data::block::Block;
+use log_file::{Log, ReadOptions, Wanted};
 use shell_data::statistics::upper_median;
 use shell_data::wrench::{Axes, PerAxis};
 
@@ -65,15 +64,16 @@ impl Sum {
 /// every row by itself.
 ///
 /// # Errors
-/// [`PayloadLogError`].
+/// [`WorkflowError`].
 pub fn fit_payload(
     logs: &[Log],
     columns: &MotionColumns,
     read: &ReadOptions<'_>,
-) -> Result<FittedPayload, PayloadLogError> {
-    let first = logs.first().ok_or(PayloadLogError::NoLogs)?;
+) -> Result<FittedPayload, WorkflowError> {
+    let first = logs.first().ok_or(WorkflowError::NoLogs)?;
     let is_grouped = logs.iter().all(Log::has_groups);
-    let mut poses = Poses::default();
+    // Poses in the order in which they begin.
+    let (mut sums, mut by_label) = (Vec::<Sum>::new(), HashMap::new());
     let (mut all_have_gravity, mut all_have_accelerations) = (true, true);
     let (mut rows, mut skipped_rows) = (Vec::new(), 0);
     for log in logs {
@@ -85,41 +85,28 @@ pub fn fit_payload(
             others: found.positions(),
             ..Wanted::default()
         };
-        let mut blocks: Vec<Block> = Vec::new();
-        let summary = log.read(&wanted, read, std::mem::take, |block| {
-            blocks.push(block);
-            Ok::<_, LogError>(())
-        })?;
+        let (block, summary) = log.read_whole(&wanted, read)?;
         rows.push(summary.rows);
         skipped_rows += summary.skipped_rows;
-        let whole = |column: usize| -> Vec<f64> {
-            blocks.iter().flat_map(|block| block.others[column].iter().copied()).collect()
-        };
-        let others: Vec<Vec<f64>> = (0..wanted.others.len()).map(whole).collect();
-        let gravity = found.gravity(log, &others, columns.gravity_m_s2)?;
-        let accelerations = found.accelerations(&others);
+        let gravity = found.gravity(log, &block.others, columns.gravity_m_s2)?;
+        let accelerations = found.accelerations(&block.others);
         if gravity.is_none() && accelerations.is_none() {
-            return Err(PayloadLogError::NoMotion(log.path().to_path_buf()));
+            return Err(WorkflowError::NoMotion(log.path().to_path_buf()));
         }
         all_have_gravity &= gravity.is_some();
         all_have_accelerations &= accelerations.is_some();
-        let mut row = 0;
-        for block in &blocks {
-            let labels =
-                block.groups.iter().flat_map(|(label, rows)| std::iter::repeat_n(label, *rows));
-            let mut labels = labels.map(Some).chain(std::iter::repeat(None));
-            for position in 0..block.rows {
-                let at = |column: &Option<Vec<Vector>>| {
-                    column.as_ref().map_or([0.0; 3], |column| column[row])
-                };
-                let wrench = std::array::from_fn(|axis| block.wrench[axis][position]);
-                let label = labels.next().flatten();
-                poses.pose_of(label).add(wrench, at(&gravity), at(&accelerations));
-                row += 1;
-            }
+        let labels = block.groups.iter();
+        let labels = labels.flat_map(|(label, rows)| std::iter::repeat_n(Some(label), *rows));
+        for (row, label) in (0..block.rows).zip(labels.chain(std::iter::repeat(None))) {
+            let at =
+                |column: &Option<Vec<Vector>>| column.as_ref().map_or([0.0; 3], |all| all[row]);
+            let wrench = std::array::from_fn(|axis| block.wrench[axis][row]);
+            let next = sums.len();
+            let pose = label.map_or(next, |label| *by_label.entry(label.clone()).or_insert(next));
+            sums.resize(next.max(pose + 1), Sum::default());
+            sums[pose].add(wrench, at(&gravity), at(&accelerations));
         }
     }
-    let sums = poses.sums;
     let accelerations: Vec<Vector> = sums.iter().map(|sum| sum.acceleration).collect();
     let (gravity, accelerometer, gravity_from) = if all_have_gravity {
         let gravity: Vec<Vector> = sums.iter().map(|sum| sum.gravity).collect();
@@ -134,7 +121,7 @@ pub fn fit_payload(
         let gravity = accelerations.iter().map(|a| found.gravity(*a)).collect();
         (gravity, Some(found), GravityFrom::Accelerations)
     } else {
-        return Err(PayloadLogError::NoMotion(first.path().to_path_buf()));
+        return Err(WorkflowError::NoMotion(first.path().to_path_buf()));
     };
     let poses: Vec<PayloadPose> = sums
         .iter()
@@ -145,39 +132,14 @@ pub fn fit_payload(
     Ok(FittedPayload { fit, accelerometer, gravity_from, is_grouped, rows, skipped_rows })
 }
 
-/// Poses in the order in which they begin.
-#[derive(Default)]
-struct Poses {
-    sums: Vec<Sum>,
-    by_label: HashMap<String, usize>,
-}
-
-impl Poses {
-    fn pose_of(&mut self, label: Option<&String>) -> &mut Sum {
-        let next = self.sums.len();
-        let position = match label {
-            None => next,
-            Some(label) => *self.by_label.entry(label.clone()).or_insert(next),
-        };
-        if position == next {
-            self.sums.push(Sum::default());
-        }
-        &mut self.sums[position]
-    }
-}
-
 /// What one of the accelerations at rest is, by their size.
-fn unit_m_s2(
-    log: &Log,
-    accelerations: &[Vector],
-    gravity_m_s2: f64,
-) -> Result<f64, PayloadLogError> {
+fn unit_m_s2(log: &Log, accelerations: &[Vector], gravity_m_s2: f64) -> Result<f64, WorkflowError> {
     let mut sizes: Vec<f64> = accelerations.iter().map(|a| norm(*a)).collect();
     let size = upper_median(&mut sizes).unwrap_or_default();
     // Offsets of an accelerometer are within a tenth of what it measures.
     match size {
         0.8..1.2 => Ok(gravity_m_s2),
         8.0..12.0 => Ok(gravity_m_s2 / STANDARD_GRAVITY_M_S2),
-        _ => Err(PayloadLogError::AccelerationUnit { path: log.path().to_path_buf(), size }),
+        _ => Err(WorkflowError::AccelerationUnit { path: log.path().to_path_buf(), size }),
     }
 }

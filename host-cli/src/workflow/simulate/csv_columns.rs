@@ -7,7 +7,6 @@ use shell_data::hint::quoted;
 
 /// A table that cannot be used.
 #[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
 pub enum CsvTableError {
     /// It cannot be read as CSV.
     #[error("cannot read `{}`", path.display())]
@@ -17,35 +16,13 @@ pub enum CsvTableError {
         /// What went wrong.
         source: csv::Error,
     },
-    /// A column is missing.
-    #[error("`{}`, line 1: no column {wanted}; found {found}", path.display())]
-    NoColumn {
+    /// What it lacks, and where.
+    #[error("`{}`{problem}", path.display())]
+    Unusable {
         /// The file.
         path: PathBuf,
-        /// Names that would do.
-        wanted: String,
-        /// The names there are.
-        found: String,
-    },
-    /// A field is no number.
-    #[error("`{}`, line {line}: `{text}` in column `{column}` is not a finite number", path.display())]
-    NotANumber {
-        /// The file.
-        path: PathBuf,
-        /// Counted from 1.
-        line: u64,
-        /// The column.
-        column: String,
-        /// What stands there.
-        text: String,
-    },
-    /// There are no rows.
-    #[error("`{}` has no rows with a value in column `{column}`", path.display())]
-    Empty {
-        /// The file.
-        path: PathBuf,
-        /// The column.
-        column: String,
+        /// What is wrong with it.
+        problem: String,
     },
 }
 
@@ -71,10 +48,9 @@ impl CsvTable {
     /// The position and name of the first of `names` that is there.
     pub(super) fn column(&self, names: &[&str]) -> Result<usize, CsvTableError> {
         let position = |name: &&str| self.header.iter().position(|h| h.eq_ignore_ascii_case(name));
-        names.iter().find_map(position).ok_or_else(|| CsvTableError::NoColumn {
-            path: self.path.clone(),
-            wanted: quoted(names, " or "),
-            found: quoted(&self.header, ", "),
+        names.iter().find_map(position).ok_or_else(|| {
+            let (wanted, found) = (quoted(names, " or "), quoted(&self.header, ", "));
+            self.unusable(format!(", line 1: no column {wanted}; found {found}"))
         })
     }
 
@@ -104,17 +80,21 @@ impl CsvTable {
         }
         match text.parse::<f64>() {
             Ok(value) if value.is_finite() => Ok(Some(value)),
-            _ => Err(CsvTableError::NotANumber {
-                path: self.path.clone(),
-                line: record.position().map_or(0, csv::Position::line),
-                column: self.header[column].clone(),
-                text: text.to_owned(),
-            }),
+            _ => {
+                let line = record.position().map_or(0, csv::Position::line);
+                let column = &self.header[column];
+                let problem = format!("`{text}` in column `{column}` is not a finite number");
+                Err(self.unusable(format!(", line {line}: {problem}")))
+            }
         }
     }
 
     /// What is said of a table without a value in a column.
     pub(super) fn empty(&self, column: usize) -> CsvTableError {
-        CsvTableError::Empty { path: self.path.clone(), column: self.header[column].clone() }
+        self.unusable(format!(" has no rows with a value in column `{}`", self.header[column]))
+    }
+
+    fn unusable(&self, problem: String) -> CsvTableError {
+        CsvTableError::Unusable { path: self.path.clone(), problem }
     }
 }

@@ -1,42 +1,12 @@
 //! The rows of a trial with readings that cannot be trusted, one by one.
 
 use super::job::TrialJob;
-use calibration::reading_ranges::ReadingRange;
 use log_file::{LogError, Wanted};
 use shell_data::BlockLines;
 use shell_data::block::Block;
 
 /// Rows of one log that are named.
 const NAMED: usize = 20;
-
-/// A row with readings that cannot be trusted, before its line is looked up.
-struct DoubtfulRow {
-    offset: u64,
-    row: usize,
-    time_s: f64,
-    readings: Vec<DoubtfulReading>,
-}
-
-struct DoubtfulReading {
-    channel: usize,
-    reading: f64,
-    /// The range of the training data that it is outside of; `None` at an end of the converter.
-    range: Option<ReadingRange>,
-}
-
-impl DoubtfulRow {
-    fn words(&self) -> String {
-        let of = |of: &DoubtfulReading| {
-            let why = match of.range {
-                None => "an end of the converter".to_owned(),
-                Some(ReadingRange { min, max, .. }) => format!("calibrated from {min} to {max}"),
-            };
-            format!("`s{}` is {}, {why}", of.channel + 1, of.reading)
-        };
-        let readings: Vec<String> = self.readings.iter().map(of).collect();
-        format!("{:.3} s: {}", self.time_s, readings.join("; "))
-    }
-}
 
 /// The frames between two times (s on the log's clock) with a reading that cannot be trusted: lines of the first of
 /// them, with the readings in words, and how many there are. Without a calibration there are none.
@@ -52,31 +22,33 @@ pub fn doubtful_rows(
     let Some(calibration) = ranges else { return Ok((Vec::new(), 0)) };
     let doubt = |channel: usize, reading: f64| {
         let range = calibration.valid_range.as_ref().and_then(|ranges| ranges.get(channel));
-        let range = match range {
-            _ if !(reading > 0.0 && reading < job.options.full_scale) => None,
-            Some(range) if !range.contains(reading) => Some(*range),
+        let why = match range {
+            _ if !(reading > 0.0 && reading < job.options.full_scale) => {
+                "an end of the converter".to_owned()
+            }
+            Some(range) if !range.contains(reading) => {
+                format!("calibrated from {} to {}", range.min, range.max)
+            }
             _ => return None,
         };
-        Some(DoubtfulReading { channel, reading, range })
+        Some(format!("`s{}` is {reading}, {why}", channel + 1))
     };
     let are_stale = log.repeats_are_stale();
     let wanted = Wanted { time: true, readings: true, ..Wanted::default() };
-    let look = |block: &mut Block| -> Vec<DoubtfulRow> {
+    let look = |block: &mut Block| -> Vec<((u64, usize), String)> {
         let fresh = if are_stale { block.fresh_rows() } else { vec![true; block.rows] };
-        let is_meant =
-            |row: &usize| fresh[*row] && (window_s[0]..=window_s[1]).contains(&block.time_s[*row]);
-        let found = |row: usize| {
-            let readings = block.readings.iter().enumerate();
-            let readings = readings.filter_map(|(channel, column)| doubt(channel, column[row]));
-            DoubtfulRow {
-                offset: block.offset,
-                row,
-                time_s: block.time_s[row],
-                readings: readings.collect(),
+        let words = |row: usize| {
+            let time_s = block.time_s[row];
+            if !fresh[row] || !(window_s[0]..=window_s[1]).contains(&time_s) {
+                return None;
             }
+            let readings = block.readings.iter().enumerate();
+            let doubts = readings.filter_map(|(channel, column)| doubt(channel, column[row]));
+            let doubts: Vec<String> = doubts.collect();
+            let words = || format!("{time_s:.3} s: {}", doubts.join("; "));
+            (!doubts.is_empty()).then(|| ((block.offset, row), words()))
         };
-        let rows = (0..block.rows).filter(is_meant).map(found);
-        rows.filter(|found| !found.readings.is_empty()).collect()
+        (0..block.rows).filter_map(words).collect()
     };
     let (mut first, mut count) = (Vec::new(), 0);
     log.read(&wanted, &job.read, look, |found| {
@@ -85,8 +57,7 @@ pub fn doubtful_rows(
         first.extend(found.into_iter().take(room));
         Ok::<_, LogError>(())
     })?;
-    let rows: Vec<_> = first.iter().map(|found| (found.offset, found.row)).collect();
+    let (rows, words): (Vec<_>, Vec<String>) = first.into_iter().unzip();
     let lines = log.lines_of_rows(&wanted, &rows, &BlockLines::default())?;
-    let words = first.iter().map(DoubtfulRow::words);
     Ok((lines.into_iter().zip(words).collect(), count))
 }

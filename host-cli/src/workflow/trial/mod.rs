@@ -4,6 +4,7 @@ mod doubtful;
 mod job;
 mod reading;
 
+use super::WorkflowError;
 use log_file::ReadOptions;
 use reading::RecordedTrial;
 use trial::{
@@ -12,7 +13,7 @@ use trial::{
 };
 
 pub use doubtful::doubtful_rows;
-pub use job::{TrialJob, TrialLogError};
+pub use job::TrialJob;
 
 /// When the robot enters the channel and when it leaves, s on the log's clock; `None` for what is to
 /// be found in the drag.
@@ -47,8 +48,8 @@ pub struct WindowSearch {
 /// Evaluates a trial on its log.
 ///
 /// # Errors
-/// [`TrialLogError`] if the log cannot be read or the trial not be evaluated on it.
-pub fn evaluate_log(job: &TrialJob<'_>, trial: &Trial) -> Result<Evaluated, TrialLogError> {
+/// [`WorkflowError`] if the log cannot be read or the trial not be evaluated on it.
+pub fn evaluate_log(job: &TrialJob<'_>, trial: &Trial) -> Result<Evaluated, WorkflowError> {
     let recorded = RecordedTrial::read(job, (trial.t_enter_s, trial.t_exit_s))?;
     // What is wrong with the window says more than that there are no rows in it.
     check_window(trial, &recorded.times)?;
@@ -66,12 +67,12 @@ pub fn evaluate_log(job: &TrialJob<'_>, trial: &Trial) -> Result<Evaluated, Tria
 /// they are not given. That they were found is among its diagnostics.
 ///
 /// # Errors
-/// [`TrialLogError`] if the log cannot be read, tells no window, or the trial cannot be evaluated on it.
+/// [`WorkflowError`] if the log cannot be read, tells no window, or the trial cannot be evaluated on it.
 pub fn evaluate_in_window(
     job: &TrialJob<'_>,
     trial: Trial,
     window: WindowTimes,
-) -> Result<Evaluated, TrialLogError> {
+) -> Result<Evaluated, WorkflowError> {
     let mut found = None;
     let (t_enter_s, t_exit_s) = match (window.enter_s, window.exit_s) {
         (Some(enter_s), Some(exit_s)) => (enter_s, exit_s),
@@ -91,10 +92,10 @@ pub fn evaluate_in_window(
 /// say: a filter that lags behind would make the window late.
 ///
 /// # Errors
-/// [`TrialLogError`] if the log cannot be evaluated, or gives no forces.
-pub fn search_window(job: &TrialJob<'_>) -> Result<WindowSearch, TrialLogError> {
+/// [`WorkflowError`] if the log cannot be evaluated, or gives no forces.
+pub fn search_window(job: &TrialJob<'_>) -> Result<WindowSearch, WorkflowError> {
     if job.instrument.calibration.is_none() {
-        return Err(TrialLogError::NoCalibration);
+        return Err(WorkflowError::NoCalibration);
     }
     let forces = job.options.forces.zero_phase();
     let options = TrialOptions { forces, trace: TraceExtent::Log, ..job.options };
@@ -107,7 +108,7 @@ pub fn search_window(job: &TrialJob<'_>) -> Result<WindowSearch, TrialLogError> 
     let Trace { t_s, wrench: [fx, ..], .. } = trace.unwrap_or_default();
     let drag_n: Vec<f64> = fx.iter().map(|fx| -fx).collect();
     if drag_n.is_empty() {
-        return Err(TrialLogError::NoForces);
+        return Err(WorkflowError::NoForces);
     }
     let proposal = propose_window(&t_s, &drag_n, row.stride_frequency_hz.map(f64::recip));
     Ok(WindowSearch { time_s: t_s, drag_n, proposal })

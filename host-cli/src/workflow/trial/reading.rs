@@ -1,6 +1,7 @@
 //! A trial's rows from its log: one pass, in which, without forces, of most rows the time alone is parsed.
 
-use super::job::{TrialJob, TrialLogError};
+use super::job::TrialJob;
+use crate::workflow::WorkflowError;
 use calibration::Calibration;
 use calibration::memory::MemoryState;
 use forces::sampling::Sampling;
@@ -29,7 +30,7 @@ pub(super) struct RecordedTrial {
 
 impl RecordedTrial {
     /// Reads what a window (s) needs.
-    pub(super) fn read(job: &TrialJob<'_>, window: (f64, f64)) -> Result<Self, TrialLogError> {
+    pub(super) fn read(job: &TrialJob<'_>, window: (f64, f64)) -> Result<Self, WorkflowError> {
         let mut reading = Reading::new(job, window)?;
         let wanted = reading.wanted.clone();
         let summary = job.log.read_where(&wanted, &job.read, &mut reading)?;
@@ -168,9 +169,9 @@ impl<'a> Reading<'a> {
 }
 
 impl RowSelection for Reading<'_> {
-    type Error = TrialLogError;
+    type Error = WorkflowError;
 
-    fn is_of_interest(&mut self, times: &[f64]) -> Result<bool, TrialLogError> {
+    fn is_of_interest(&mut self, times: &[f64]) -> Result<bool, WorkflowError> {
         for &time in times {
             self.rows += 1;
             match self.last_s.replace(time) {
@@ -191,7 +192,7 @@ impl RowSelection for Reading<'_> {
         Ok(self.wants_tare(last) || takes_all || (last >= low && first <= high))
     }
 
-    fn take(&mut self, block: &mut Block) -> Result<(), TrialLogError> {
+    fn take(&mut self, block: &mut Block) -> Result<(), WorkflowError> {
         let fresh = match self.repeats_are_stale {
             true => block.fresh_rows(),
             false => vec![true; block.rows],

@@ -1,14 +1,13 @@
 //! `shellcal align`: a reference's recording and a board log to one training log.
 
-use alignment::{Aligned, ClockMap, LeftOut, Quality};
+use alignment::{Aligned, ClockMap, LeftOut, Options, Quality};
 use anyhow::{Context, bail};
 use figures::match_figure;
 use log_file::{ColumnRef, FORMATS, Log, LogFormat, Mapping, TIME_UNITS, TimeUnit, parse_column};
 use serde::Serialize;
-use shellcal::workflow::align::{
-    AlignLogsError, AlignOptions, AlignedLogs, WrittenRows, align_logs, write_training,
-};
+use shellcal::workflow::align::{AlignedLogs, WrittenRows, align_logs, write_training};
 use shellcal::workflow::remark::used_rows;
+use shellcal::workflow::selection::RowFilter;
 
 use super::choices::{number_in, one_of};
 use super::figure_size::FigureSize;
@@ -111,14 +110,14 @@ impl AlignArgs {
         let plot = self.figure_size.create(self.plot.as_ref(), printer)?;
 
         let rows = self.frames.rows(&log);
-        let sync = self.sync.clone();
-        let options = AlignOptions { exposure_s: self.averaging, rows, sync };
+        let repeats_are_stale = rows == RowFilter::Fresh;
+        let options = Options { exposure_s: self.averaging, repeats_are_stale };
         let larger = if reference.bytes() > log.bytes() { &reference } else { &log };
         let logs = printer.scan(larger, self.mapping.read_options(), |read| {
-            align_logs(&reference, &log, &options, &read)
+            align_logs(&reference, &log, options, self.sync.as_ref(), &read)
         });
         let AlignedLogs { aligned, reference: reference_read, board: log_read } = match logs {
-            Err(error @ AlignLogsError::Align { .. }) if error.is_refusal() => {
+            Err(error) if error.is_refusal() => {
                 let error = anyhow::Error::from(error);
                 printer.error(&error, hints::for_error(&error).as_deref());
                 return Ok(Outcome::CheckFailed);

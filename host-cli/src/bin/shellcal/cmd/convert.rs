@@ -269,6 +269,7 @@ impl ConvertArgs {
             Some(columns) => {
                 let [time, axes @ .., standard_errors, flags] =
                     COLUMNS.map(|column| columns.iter().any(|asked| asked == column));
+                let axes = Axis::ALL.into_iter().filter(|axis| axes[axis.index()]).collect();
                 TableColumns { time, axes, standard_errors, interval: self.interval, flags }
             }
         }

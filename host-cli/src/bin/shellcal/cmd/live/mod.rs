@@ -15,7 +15,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use board_link::recording::{LiveForces, PROTOCOLS};
-use board_link::{LogSink, RecordOptions, Sinks, Source, Watcher, record};
+use board_link::{LogSink, RecordOptions, RecordingProgress, Sinks, Source, Watcher, record};
 use frame_stream::RowOptions;
 use live_view::{Guide, LiveModel, LiveSetup};
 use log_file::Log;
@@ -145,8 +145,7 @@ impl LiveArgs {
         // Without a calibration a wrench is the board's or the log's own.
         let axes = calibrated.unwrap_or(recorded);
         let model = LiveModel::new(LiveSetup { ranges, window_s: self.window, axes });
-        let session = LiveSession::new(model, rows, feed, logs, name);
-        let mut session = session.guided(guide);
+        let mut session = LiveSession::new(model, guide, rows, feed, logs, name);
         let until = Until {
             is_stopped: &|| stop.load(Ordering::Relaxed) || done.load(Ordering::Relaxed),
             is_over: &|| source.is_finished(),
@@ -221,7 +220,8 @@ impl LiveArgs {
         let feed = feed.clone();
         spawn("record", done, move |done| {
             let sinks = Sinks { log, raw: None, watcher: Some(watcher) };
-            record(&mut source, sinks, &options, done, &mut |progress| feed.report(progress))?;
+            let mut tell = |it: &RecordingProgress| feed.state().progress = Some(it.clone());
+            record(&mut source, sinks, &options, done, &mut tell)?;
             Ok(())
         })
     }
@@ -237,7 +237,7 @@ impl LiveArgs {
         let read = self.mapping.read_options();
         let (feed, speed) = (feed.clone(), self.speed);
         let source = spawn("play", done, move |done| {
-            let is_held = || feed.is_held();
+            let is_held = || feed.state().is_held;
             let mut see = |frames: &_| watcher.see(frames);
             play(&log, &read, wants_readings, speed, &is_held, done, &mut see)?;
             Ok(())

@@ -71,7 +71,7 @@ impl SubtractArgs {
             load: Some(load),
             columns: TableColumns {
                 time: true,
-                axes: [true; 6],
+                axes: Axes::ALL,
                 standard_errors: false,
                 interval: None,
                 flags: false,
