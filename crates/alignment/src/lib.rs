@@ -32,8 +32,8 @@ mod trajectory;
 mod uncertainty;
 
 pub use edges::{EdgeMatch, Edges, rising_edges};
-use error::LEAST_OVERLAP_S;
 pub use error::{AlignError, RecordingSide};
+use error::{LARGEST_SKEW_PPM, LEAST_OVERLAP_S};
 pub use kernel::Kernel;
 use kernel::STOPBAND_DB;
 pub use recording::{LeftOut, Recording};
@@ -45,9 +45,6 @@ use refine::{Warp, WarpEstimate, refine};
 use resample::Resampler;
 use trajectory::Trajectory;
 
-/// The largest skew that is believed, ppm: ten times what crystals differ by, and enough for most
-/// ceramic resonators.
-pub(crate) const LARGEST_SKEW_PPM: f64 = 1000.0;
 /// Loads faster than this are not matched: hands and taps are slower, and there are fewer rows to
 /// work through.
 const HIGHEST_MATCHED_RATE_HZ: f64 = 250.0;
@@ -224,7 +221,7 @@ fn by_loads(reference: &Clean, board: &Clean) -> Result<(ClockMap, Quality), Ali
     let estimate = clearest(&trajectory, &frames, &found, probe, board.span_s())?;
     let skew_ppm = 1e6 * estimate.warp.skew;
     if skew_ppm.abs() > LARGEST_SKEW_PPM {
-        return Err(AlignError::Skew { skew_ppm, limit_ppm: LARGEST_SKEW_PPM });
+        return Err(AlignError::Skew { skew_ppm });
     }
     let WarpEstimate { warp, covariance, mut quality } = estimate;
     let clock = ClockMap {
@@ -252,7 +249,7 @@ fn search(reference: &Clean, board: &Clean) -> Result<(Match, (f64, f64)), Align
     order.sort_unstable_by(|&a, &b| activity[b].total_cmp(&activity[a]).then(a.cmp(&b)));
     let mut refused = None;
     for &i in order.iter().take(PROBES) {
-        match coarse::find_match(reference, board, stretches[i], LEAST_OVERLAP_S) {
+        match coarse::find_match(reference, board, stretches[i]) {
             Ok(found) => return Ok((found, stretches.swap_remove(i))),
             Err(error) => refused = refused.or(Some(error)),
         }
@@ -297,7 +294,6 @@ fn clearest(
         best_s: found.offset_s,
         second_s,
         ratio: found.ratio,
-        accepted: coarse::HIGHEST_RATIO,
     };
     match &estimates[..] {
         [] => Err(unclear(found.rivals[0])),

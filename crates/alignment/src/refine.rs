@@ -180,7 +180,7 @@ pub(super) fn refine(
     let problem = WarpProblem::new(trajectory, frames, window, start);
     let overlap_s = 2.0 * problem.half_span_s;
     if overlap_s < LEAST_OVERLAP_S {
-        return Err(AlignError::ShortOverlap { overlap_s, needed_s: LEAST_OVERLAP_S });
+        return Err(AlignError::ShortOverlap { overlap_s });
     }
     let mut current = KnownSensor::new(trajectory.axes, frames.channels);
     let mut warp = start.about(problem.pivot_s);

@@ -14,6 +14,7 @@
 
 mod matching;
 
+use super::error::MOST_EDGES;
 use super::{AlignError, ClockMap, RecordingSide};
 use matching::Pairing;
 
@@ -23,9 +24,6 @@ const PRIOR_SKEW: f64 = 5e-3;
 
 /// The board's own error of an edge: its clock's step of 1 µs, and the interrupt's some µs.
 const BOARD_SD_S: f64 = 5e-6;
-
-/// More edges than this are no signal to line recordings up by.
-const MOST_EDGES: usize = 4096;
 
 /// As many pairs tell by how much they scatter.
 const ENOUGH_TO_SCATTER: usize = 5;
@@ -80,7 +78,7 @@ impl Edges {
             times.sort_unstable_by(f64::total_cmp);
             if times.len() > MOST_EDGES {
                 let edges = times.len();
-                return Err(AlignError::TooManyEdges { side, edges, most: MOST_EDGES });
+                return Err(AlignError::TooManyEdges { side, edges });
             }
         }
         let ways = matching::pairings(&self.reference_s, &self.board_s, self.resolution_s);
