@@ -8,7 +8,7 @@ use super::summary::{ChannelSummary, summarise};
 use shell_data::random::{Purpose, RandomStream};
 
 /// A parameter that is not known exactly: normal about its value.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug)]
 pub struct Uncertain {
     /// The parameter.
     pub parameter: Parameter,
@@ -137,15 +137,17 @@ fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
 mod tests {
     use super::*;
 
-    const FRICTION: Uncertain =
-        Uncertain { parameter: Parameter::Friction, spread: ParameterSpread::Absolute(0.05) };
+    fn friction() -> Uncertain {
+        let parameter = Parameter::named("friction").unwrap();
+        Uncertain { parameter, spread: ParameterSpread::Absolute(0.05) }
+    }
 
     #[test]
     fn a_figure_that_is_linear_in_a_parameter_has_its_distribution() {
         // The drag is linear in the friction: 0.185602193484356 N per unit at 1 cm, and 3 s.d. of
         // the standard errors of mean and s.d. with 2000 draws.
         let n = 2000;
-        let result = monte_carlo(&Setup::default(), &[FRICTION], n, 1, 0.95, &|_| ());
+        let result = monte_carlo(&Setup::default(), &[friction()], n, 1, 0.95, &|_| ());
         let found = result.mean_drag_n.unwrap();
         let sd = 0.05 * 0.185602193484356;
         let n = n as f64;
@@ -163,7 +165,7 @@ mod tests {
     fn draws_depend_on_the_seed_alone() {
         let run = |seed| {
             let progress = |_| ();
-            monte_carlo(&Setup::default(), &[FRICTION], 20, seed, 0.9, &progress).mean_drag_n
+            monte_carlo(&Setup::default(), &[friction()], 20, seed, 0.9, &progress).mean_drag_n
         };
         assert_eq!(run(1), run(1));
         assert_ne!(run(1), run(2));
@@ -171,8 +173,10 @@ mod tests {
 
     #[test]
     fn channels_that_make_no_sense_are_counted() {
-        let wild =
-            Uncertain { parameter: Parameter::BeamLength, spread: ParameterSpread::Relative(1.0) };
+        let wild = Uncertain {
+            parameter: Parameter::named("beam-length").unwrap(),
+            spread: ParameterSpread::Relative(1.0),
+        };
         let result = monte_carlo(&Setup::default(), &[wild], 200, 1, 0.9, &|_| ());
         // Below 5 mm the body jams: −0.81 s.d. and 21 % of the draws; five s.d. of their number.
         assert!((result.refused as f64 - 42.0).abs() < 29.0, "{}", result.refused);

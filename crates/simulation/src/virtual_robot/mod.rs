@@ -28,7 +28,7 @@ mod truth;
 
 pub use channel::ChannelForces;
 pub use gait::{Gait, LegSide};
-pub use telemetry::{COLUMNS, TelemetryRow};
+pub use telemetry::TelemetryRow;
 pub use truth::{StrideTruth, Truth};
 
 use std::f64::consts::TAU;
@@ -150,45 +150,6 @@ pub enum Counter {
     Turn,
 }
 
-/// Settings that make no trial.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-pub enum TrialSettingsError {
-    /// Too slow to get through, or too fast for the telemetry.
-    #[error("{stride_hz} strides per second, where 0.2 to 50 can be made")]
-    StrideFrequency {
-        /// What was asked for.
-        stride_hz: f64,
-    },
-    /// The robot has to stand for a while, and not for ever.
-    #[error("a lead-in of {lead_in_s} s, where 0 to 3600 s can be made")]
-    LeadIn {
-        /// What was asked for.
-        lead_in_s: f64,
-    },
-    /// Noise cannot be negative or infinite.
-    #[error("encoder noise of {counts} counts, where 0 to 1000 can be made")]
-    EncoderNoise {
-        /// What was asked for.
-        counts: f64,
-    },
-    /// Forces and a specific resistance that no trial has.
-    #[error(
-        "drag {drag_n} N, lift {lift_n} N and specific resistance {specific_resistance}, where forces \
-         up to 10 N and a resistance from 1 to 1000 can be made"
-    )]
-    Condition {
-        /// Drag asked for, N.
-        drag_n: f64,
-        /// Lift asked for, N.
-        lift_n: f64,
-        /// Specific resistance asked for.
-        specific_resistance: f64,
-    },
-    /// The sensor cannot be modelled.
-    #[error(transparent)]
-    Sensor(#[from] ModelError),
-}
-
 /// One trial: functions of time on the robot's clock, and the rows of its telemetry.
 #[derive(Clone, Debug)]
 pub struct VirtualTrial {
@@ -208,8 +169,8 @@ impl VirtualTrial {
     /// Sets a trial up.
     ///
     /// # Errors
-    /// [`TrialSettingsError`] if the settings make none.
-    pub fn new(settings: TrialSettings) -> Result<Self, TrialSettingsError> {
+    /// [`ModelError`] if the settings make none.
+    pub fn new(settings: TrialSettings) -> Result<Self, ModelError> {
         check(&settings)?;
         let constants = Constants::VELOCIROACH;
         let TrialSettings { seed, condition, stride_hz, lead_in_s, .. } = settings;
@@ -299,27 +260,31 @@ impl VirtualTrial {
     }
 }
 
-fn check(settings: &TrialSettings) -> Result<(), TrialSettingsError> {
-    let TrialSettings { condition, stride_hz, lead_in_s, noise_scale, missing, .. } = *settings;
+fn check(settings: &TrialSettings) -> Result<(), ModelError> {
+    let &TrialSettings { stride_hz, lead_in_s, encoder_noise, noise_scale, missing, .. } = settings;
+    let ChannelForces { drag_n, lift_n, specific_resistance, .. } = settings.condition;
+    let has_usual_forces = drag_n.abs() <= 10.0
+        && lift_n.abs() <= 10.0
+        && (1.0..=1000.0).contains(&specific_resistance);
+    let refuse = |asked, wanted| Err(ModelError::OutOfRange { asked, wanted });
     if !(0.2..=50.0).contains(&stride_hz) {
-        return Err(TrialSettingsError::StrideFrequency { stride_hz });
+        refuse(format!("{stride_hz} strides per second"), "0.2 to 50 can be made")
+    } else if !(0.0..=3600.0).contains(&lead_in_s) {
+        refuse(format!("a lead-in of {lead_in_s} s"), "0 to 3600 s can be made")
+    } else if !(0.0..=1000.0).contains(&encoder_noise) {
+        refuse(format!("encoder noise of {encoder_noise} counts"), "0 to 1000 can be made")
+    } else if !(noise_scale.is_finite() && noise_scale >= 0.0) {
+        Err(ModelError::NoiseScale { factor: noise_scale })
+    } else if !(0.0..1.0).contains(&missing) {
+        refuse(format!("a share of {missing} of the frames lost"), "0 to 1 (excluded) is wanted")
+    } else if !has_usual_forces {
+        refuse(
+            format!(
+                "drag {drag_n} N, lift {lift_n} N and specific resistance {specific_resistance}"
+            ),
+            "forces up to 10 N and a resistance from 1 to 1000 can be made",
+        )
+    } else {
+        Ok(())
     }
-    if !(0.0..=3600.0).contains(&lead_in_s) {
-        return Err(TrialSettingsError::LeadIn { lead_in_s });
-    }
-    if !(0.0..=1000.0).contains(&settings.encoder_noise) {
-        return Err(TrialSettingsError::EncoderNoise { counts: settings.encoder_noise });
-    }
-    if !(noise_scale.is_finite() && noise_scale >= 0.0) {
-        return Err(ModelError::NoiseScale { factor: noise_scale }.into());
-    }
-    if !(0.0..1.0).contains(&missing) {
-        return Err(ModelError::Loss { share: missing }.into());
-    }
-    let ChannelForces { drag_n, lift_n, specific_resistance, .. } = condition;
-    let forces_fit = drag_n.abs() <= 10.0 && lift_n.abs() <= 10.0;
-    if !(forces_fit && (1.0..=1000.0).contains(&specific_resistance)) {
-        return Err(TrialSettingsError::Condition { drag_n, lift_n, specific_resistance });
-    }
-    Ok(())
 }

@@ -23,9 +23,9 @@ pub(super) struct SetupReport {
 
 impl SetupReport {
     pub(super) fn new(setup: &Setup) -> Self {
-        let common = Parameter::ALL.into_iter().filter(|&name| name != Parameter::Width);
+        let common = Parameter::ALL.into_iter().filter(|of| of.name != Parameter::WIDTH.name);
         Self {
-            parameters: common.map(|name| (name.column(), name.get(setup).into())).collect(),
+            parameters: common.map(|of| (of.column(), of.get(setup).into())).collect(),
             beams: setup.channel.beams,
             torsional_stiffness_nm_rad: setup.beam.torsional_stiffness(),
             as_printed: setup.rules.normal == Normal::AsPrinted,
