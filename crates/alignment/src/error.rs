@@ -96,18 +96,12 @@ pub enum AlignError {
         /// Its score over that of the best.
         ratio: f64,
     },
-    /// What both have in common is too short for offset and skew.
-    #[error("the recordings overlap for {overlap_s:.3} s, where {LEAST_OVERLAP_S} s are needed")]
-    ShortOverlap {
-        /// Time that both cover, s.
-        overlap_s: f64,
-    },
-    /// The refinement left the neighbourhood of the match.
-    #[error("the refinement of the match does not settle (last step {step_s:.6} s)")]
-    NotConverged {
-        /// The last step of the offset, s.
-        step_s: f64,
-    },
+    /// What both have in common, s, is too short for offset and skew.
+    #[error("the recordings overlap for {0:.3} s, where {LEAST_OVERLAP_S} s are needed")]
+    ShortOverlap(f64),
+    /// The refinement left the neighbourhood of the match: its last step of the offset, s.
+    #[error("the refinement of the match does not settle (last step {0:.6} s)")]
+    NotConverged(f64),
     /// More edges than a signal to line recordings up by has.
     #[error(
         "{side}: {edges} edges, where a sync signal has {MOST_EDGES} at most; is it the right column?"
@@ -129,14 +123,11 @@ pub enum AlignError {
         /// Pairs of the best.
         matched: usize,
     },
-    /// The clocks run apart faster than clocks do.
+    /// The clocks run apart faster than clocks do: by how much, ppm.
     #[error(
-        "the clocks differ by {skew_ppm:.0} ppm, more than the {LARGEST_SKEW_PPM:.0} ppm of any crystal"
+        "the clocks differ by {0:.0} ppm, more than the {LARGEST_SKEW_PPM:.0} ppm of any crystal"
     )]
-    Skew {
-        /// The estimate, ppm.
-        skew_ppm: f64,
-    },
+    Skew(f64),
 }
 
 impl Hint for AlignError {
@@ -150,16 +141,16 @@ impl Hint for AlignError {
                 "a load that repeats itself fits at several offsets: tap the shell at uneven intervals, in \
                  different places"
             }
-            Self::TimeGoesBack { .. } | Self::Skew { .. } => {
+            Self::TimeGoesBack { .. } | Self::Skew(_) => {
                 "check the time columns and their units, `--time-unit` and `--reference-time-unit`"
             }
-            Self::TooShort { .. } | Self::ShortOverlap { .. } => {
+            Self::TooShort { .. } | Self::ShortOverlap(_) => {
                 "record for longer; `shellcal info` tells the times of a log"
             }
             Self::Constant { .. } => {
                 "check the cable, and that `--sensors` and `--wrench` name the right columns"
             }
-            Self::NotConverged { .. } => "record a few sharp taps in different directions",
+            Self::NotConverged(_) => "record a few sharp taps in different directions",
             _ => return None,
         };
         Some(text.to_owned())
@@ -173,9 +164,9 @@ impl AlignError {
             self,
             Self::NoMatch { .. }
                 | Self::Ambiguous { .. }
-                | Self::ShortOverlap { .. }
-                | Self::NotConverged { .. }
-                | Self::Skew { .. }
+                | Self::ShortOverlap(_)
+                | Self::NotConverged(_)
+                | Self::Skew(_)
                 | Self::EdgesUnclear { .. }
         )
     }

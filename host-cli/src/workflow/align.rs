@@ -9,7 +9,7 @@ use std::io::{self, Write};
 use std::path::PathBuf;
 
 use super::selection::RowFilter;
-use alignment::{AlignError, Aligned, Edges, Options, Recording, align_by_edges, rising_edges};
+use alignment::{AlignError, Aligned, Edges, Options, Recording, rising_edges};
 use log_file::{ColumnRef, Log, LogError, ReadOptions, ReadSummary, Wanted};
 use shell_data::wrench::{Axes, Axis};
 
@@ -104,9 +104,9 @@ pub fn align_logs(
     let options = Options {
         exposure_s: options.exposure_s,
         repeats_are_stale: options.rows == RowFilter::Fresh,
+        edges: has_edges.then_some(edges),
     };
-    let edges = has_edges.then_some(edges);
-    let aligned = align_by_edges(wrench, readings, edges, options).map_err(|source| {
+    let aligned = alignment::align(wrench, readings, options).map_err(|source| {
         let (reference, board) = (reference.path().to_owned(), board.path().to_owned());
         AlignLogsError::Align { reference, board, source }
     })?;

@@ -17,6 +17,7 @@ mod matching;
 use super::error::MOST_EDGES;
 use super::{AlignError, ClockMap, RecordingSide};
 use matching::Pairing;
+use shell_data::statistics::extremes;
 
 /// Standard deviation of the skew before anything is known: the board has a clock without a crystal, good
 /// to 1 % (DS11451, table "HSI16 oscillator characteristics").
@@ -156,10 +157,7 @@ fn choose<'a>(
 /// A signal is low below 40 % of its range and high above 60 %; an edge lies in the middle between the last
 /// low sample and the first high one. Samples that are not finite say nothing.
 pub fn rising_edges(time_s: &[f64], values: &[f64]) -> (Vec<f64>, f64) {
-    let finite = values.iter().filter(|value| value.is_finite());
-    let (least, most) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), &value| {
-        (least.min(value), most.max(value))
-    });
+    let (least, most) = extremes(values.iter().copied().filter(|value| value.is_finite()));
     let range = most - least;
     let (mut edges, mut squares) = (Vec::new(), 0.0);
     if range.is_nan() || range <= 0.0 {

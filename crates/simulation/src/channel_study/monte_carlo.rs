@@ -6,6 +6,7 @@ use serde::Serialize;
 use super::parameter::Parameter;
 use super::summary::{ChannelSummary, summarise};
 use shell_data::random::{Purpose, RandomStream};
+use shell_data::statistics::quantile;
 
 /// A parameter that is not known exactly: normal about its value.
 #[derive(Clone, Copy, Debug)]
@@ -109,28 +110,18 @@ fn drawn(setup: &Setup, uncertain: &[Uncertain], seed: u64, draw: usize) -> Setu
 impl DrawStatistics {
     /// `None` without values.
     fn new(mut values: Vec<f64>, level: f64) -> Option<Self> {
+        if values.is_empty() {
+            return None;
+        }
         values.sort_unstable_by(f64::total_cmp);
         let count = values.len() as f64;
         let mean = values.iter().sum::<f64>() / count;
         let squares: f64 = values.iter().map(|value| (value - mean) * (value - mean)).sum();
         let sd = if values.len() > 1 { (squares / (count - 1.0)).sqrt() } else { 0.0 };
         let tail = 0.5 * (1.0 - level);
-        Some(Self {
-            low: quantile(&values, tail)?,
-            median: quantile(&values, 0.5)?,
-            high: quantile(&values, 1.0 - tail)?,
-            mean,
-            sd,
-        })
+        let [low, median, high] = [tail, 0.5, 1.0 - tail].map(|share| quantile(&values, share));
+        Some(Self { low, median, high, mean, sd })
     }
-}
-
-/// By linear interpolation between order statistics (Hyndman and Fan's type 7).
-fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
-    let position = share * sorted.len().checked_sub(1)? as f64;
-    let below = position.floor() as usize;
-    let above = (below + 1).min(sorted.len() - 1);
-    Some(sorted[below] + (position - below as f64) * (sorted[above] - sorted[below]))
 }
 
 #[cfg(test)]
@@ -184,11 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn quantiles_lie_between_the_values() {
-        let values = [1.0, 2.0, 4.0];
-        assert_eq!(quantile(&values, 0.0), Some(1.0));
-        assert_eq!(quantile(&values, 0.75), Some(3.0));
-        assert_eq!(quantile(&values, 1.0), Some(4.0));
-        assert_eq!(quantile(&[], 0.5), None);
+    fn no_draws_have_no_figures() {
+        assert_eq!(DrawStatistics::new(Vec::new(), 0.5), None);
     }
 }

@@ -112,9 +112,7 @@ impl ChannelSummary {
             peak_x_m: plateau.map(|plateau| plateau.peak.x_m),
             minimum_drag_n: or_nothing(plateau.map(|plateau| plateau.minimum.drag_n)),
             minimum_x_m: plateau.map(|plateau| plateau.minimum.x_m),
-            mean_contacts: plateau
-                .map(|plateau| plateau.mean_contacts)
-                .or(free.then_some([0.0; 2])),
+            mean_contacts: plateau.map(|all| all.mean_contacts).or(free.then_some([0.0; 2])),
             min_contacts: plateau.map(|plateau| plateau.min_contacts).or(no_contacts),
             max_contacts: plateau.map(|plateau| plateau.max_contacts).or(no_contacts),
             energy_j,

@@ -74,16 +74,12 @@ pub struct Constants {
     pub motor_resistance_ohm: f64,
 }
 
-impl Constants {
-    /// Table I of the paper; 3.3 Ω as the lab takes it.
-    pub const VELOCIROACH: Self =
-        Self { mass_kg: 0.087, robot_m: 0.18, channel_m: 0.28, motor_resistance_ohm: 3.3 };
+/// Table I of the paper; 3.3 Ω as the lab takes it.
+const CONSTANTS: Constants =
+    Constants { mass_kg: 0.087, robot_m: 0.18, channel_m: 0.28, motor_resistance_ohm: 3.3 };
 
-    /// The robot's weight, N.
-    fn weight_n(&self) -> f64 {
-        self.mass_kg * GRAVITY
-    }
-}
+/// The robot's weight, N.
+const WEIGHT_N: f64 = CONSTANTS.mass_kg * GRAVITY;
 
 /// How a trial is made.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
@@ -154,7 +150,6 @@ pub enum Counter {
 #[derive(Clone, Debug)]
 pub struct VirtualTrial {
     settings: TrialSettings,
-    constants: Constants,
     gait: Gait,
     contact: BeamContact,
     drive: Drive,
@@ -172,26 +167,26 @@ impl VirtualTrial {
     /// [`ModelError`] if the settings make none.
     pub fn new(settings: TrialSettings) -> Result<Self, ModelError> {
         check(&settings)?;
-        let constants = Constants::VELOCIROACH;
         let TrialSettings { seed, condition, stride_hz, lead_in_s, .. } = settings;
         let mut random = RandomStream::new(seed, Purpose::Trial, 0);
-        let usual_w = drive::usual_power_w(&constants, stride_hz);
-        let usual_m_s = usual_w / (constants.weight_n() * condition.specific_resistance);
+        let usual_w = drive::usual_power_w(stride_hz);
+        let usual_m_s = usual_w / (WEIGHT_N * condition.specific_resistance);
         let velocity_m_s = usual_m_s * (1.0 + 0.03 * random.normal().clamp(-3.0, 3.0));
         // On the robot's clock, which counts whole µs.
         let to_us = |time_s: f64| (time_s * 1e6).round() / 1e6;
         let enter_s = to_us(lead_in_s + random.between(APPROACH_S[0], APPROACH_S[1]));
-        let exit_s = to_us(enter_s + constants.channel_m / velocity_m_s);
+        let exit_s = to_us(enter_s + CONSTANTS.channel_m / velocity_m_s);
         let window_s = [enter_s, exit_s];
         let stall_at = enter_s + random.between(0.3, 0.6) * (exit_s - enter_s);
         let stall_s = settings.stall.then_some([stall_at, stall_at + STALL_S]);
         let gait = Gait::new(stride_hz, lead_in_s, stall_s, &mut random);
-        let entering = constants.robot_m / (constants.robot_m + constants.channel_m);
+        let Constants { robot_m, channel_m, .. } = CONSTANTS;
+        let entering = robot_m / (robot_m + channel_m);
         let contact = BeamContact::new(condition, window_s, entering, velocity_m_s, &mut random);
         let rows = ((exit_s + AFTERWARDS_S - FIRST_S) / ROW_S).ceil() as u64;
         let times_s: Vec<f64> = (0..rows).map(|row| to_us(FIRST_S + row as f64 * ROW_S)).collect();
         let mut controller = RandomStream::new(seed, Purpose::Controller, 0);
-        let drive = Drive::new(&constants, &gait, lead_in_s, &times_s, &mut controller);
+        let drive = Drive::new(&gait, lead_in_s, &times_s, &mut controller);
         // Whole turns: the encoder's zero is a place on the leg. Two seconds of running, about.
         let span = TURN * (2.0 * stride_hz) as i64;
         let first_count = match settings.counter {
@@ -201,17 +196,7 @@ impl VirtualTrial {
             Counter::Turn => 0,
         };
         let frame_delay_s = random.between(0.0, FRAME_S);
-        Ok(Self {
-            settings,
-            constants,
-            gait,
-            contact,
-            drive,
-            window_s,
-            times_s,
-            first_count,
-            frame_delay_s,
-        })
+        Ok(Self { settings, gait, contact, drive, window_s, times_s, first_count, frame_delay_s })
     }
 
     /// How it was made.

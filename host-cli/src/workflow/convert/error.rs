@@ -156,7 +156,7 @@ impl ConvertError {
             ForceError::TareTime { start_s, end_s, first_s: first, last_s: last } => {
                 Self::TareTime { path, window: TimeWindow { start_s, end_s }, first, last }
             }
-            ForceError::NoRate { reason } => Self::NoRate { path, reason },
+            ForceError::NoRate(reason) => Self::NoRate { path, reason },
             ForceError::Filter(error) => Self::Filter(error),
         }
     }

@@ -8,6 +8,7 @@ use calibration_file::input;
 use forces::RowRule;
 use log_file::{Mapping, ReadOptions};
 use shellcal::workflow::batch::BatchOptions;
+use trial::manifest::{CellPosition, ManifestProblem};
 use trial::{Instrument, Profile, TraceExtent, TrialOptions};
 
 use crate::cmd::edited::EditedArg;
@@ -128,5 +129,8 @@ impl EvaluationArgs {
 fn read_profile(path: &Path) -> anyhow::Result<Profile> {
     let text =
         input::read_text(path).with_context(|| format!("cannot read `{}`", path.display()))?;
-    Profile::parse(&text).map_err(|error| anyhow::anyhow!("`{}`, {error}", path.display()))
+    Profile::parse(&text).map_err(|ManifestProblem { position, message }| {
+        let CellPosition { line, column } = position;
+        anyhow::anyhow!("`{}`, line {line}, column {column}: {message}", path.display())
+    })
 }
