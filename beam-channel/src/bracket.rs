@@ -19,10 +19,6 @@ pub(crate) const CLOSE: f64 = 1e-8;
 const STEPS: usize = 200;
 
 impl Bracket {
-    pub(crate) fn length(&self) -> f64 {
-        self.travel[1] - self.travel[0]
-    }
-
     /// The contact at a travel, at the nearer end outside this bracket: by Newton's method while its
     /// steps stay within the bracket and shrink, by bisection where they do not.
     #[cold]

@@ -24,11 +24,6 @@ pub struct Contact {
 }
 
 impl Contact {
-    /// How far the body has moved since it first touched the beam, in m.
-    pub fn travel_m(&self) -> f64 {
-        self.travel
-    }
-
     /// How far the body pushes the tip forward, in m.
     pub fn reach_m(&self) -> f64 {
         self.reach

@@ -35,7 +35,7 @@ pub(crate) struct Start {
 impl Start {
     /// Interpolates `z` at Chebyshev's nodes of `w`.
     pub(crate) fn new(path: &Path, bracket: &Bracket, first: &Contact) -> Self {
-        let length = bracket.length();
+        let length = bracket.travel[1] - bracket.travel[0];
         let mut start = Self { before: 1.0, scale: 1.0 / length, ..Self::default() };
         if bracket.z[0] == 0.0 {
             let (slope, bend) = (first.slope(), 2.0 * first.back);

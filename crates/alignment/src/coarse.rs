@@ -20,15 +20,11 @@ use rustfft::algorithm::Radix4;
 use rustfft::num_complex::Complex;
 use rustfft::{Fft as _, FftDirection, Length as _};
 
-use super::error::AlignError;
+use super::error::{AlignError, HIGHEST_RATIO, LEAST_EXPLAINED, LEAST_OVERLAP_S};
 use super::recording::Clean;
 
 /// The finest bins, s: below the duration of a tap.
 const BIN_S: f64 = 0.02;
-/// The readings' changes that the reference must explain.
-pub(super) const LEAST_EXPLAINED: f64 = 0.25;
-/// The highest score of another peak, relative to the best, that is no rival.
-pub(super) const HIGHEST_RATIO: f64 = 0.7;
 /// With more rivals than this a load is periodic.
 const MOST_RIVALS: usize = 4;
 /// Changes beyond this many standard deviations count as that many: a damaged frame must not
@@ -57,13 +53,12 @@ pub(super) fn find_match(
     reference: &Clean,
     board: &Clean,
     (from_s, to_s): (f64, f64),
-    needed_s: f64,
 ) -> Result<Match, AlignError> {
     let bin_s = BIN_S.max(1.5 * reference.period_s).max(1.5 * board.period_s);
     let x = Changes::new(reference, bin_s, (0.0, reference.span_s()));
     let y = Changes::new(board, bin_s, (from_s, to_s));
     let correlation = Correlation::new(&x, &y);
-    let needed_bins = needed_s / bin_s;
+    let needed_bins = LEAST_OVERLAP_S / bin_s;
     let lags = x.bins + y.bins - 1;
     let dims = x.columns.len() as f64;
     // Offsets run from −(y.bins − 1) to x.bins − 1.
@@ -85,7 +80,7 @@ pub(super) fn find_match(
     let peak = best.map_or(0.0, |i| scores[i]);
     let Some(best) = best.filter(|&i| explained[i] >= LEAST_EXPLAINED && most > 0.0) else {
         let explained = best.map_or(0.0, |i| explained[i]);
-        return Err(AlignError::NoMatch { explained, needed: LEAST_EXPLAINED });
+        return Err(AlignError::NoMatch { explained });
     };
     let peaks = peaks(&scores, best, HIGHEST_RATIO * peak);
     let ratio = peaks.first().map_or(0.0, |&i| scores[i] / peak);
@@ -93,7 +88,7 @@ pub(super) fn find_match(
     let rivals: Vec<f64> = peaks.iter().filter(is_rival).map(|&i| offset_of(i)).collect();
     if rivals.len() > MOST_RIVALS {
         let (best_s, second_s) = (offset_of(best), rivals[0]);
-        return Err(AlignError::Ambiguous { best_s, second_s, ratio, accepted: HIGHEST_RATIO });
+        return Err(AlignError::Ambiguous { best_s, second_s, ratio });
     }
     Ok(Match {
         offset_s: offset_of(best),

@@ -1,27 +1,32 @@
 //! Why two recordings could not be lined up.
 
 use shell_data::hint::Hint;
-use std::fmt;
 
 /// The least time that both recordings must cover, s.
 pub(crate) const LEAST_OVERLAP_S: f64 = 5.0;
 
+/// The readings' changes that the reference must explain.
+pub(crate) const LEAST_EXPLAINED: f64 = 0.25;
+
+/// The highest score of another peak, relative to the best, that is no rival.
+pub(crate) const HIGHEST_RATIO: f64 = 0.7;
+
+/// The largest skew that is believed, ppm: ten times what crystals differ by, and enough for most
+/// ceramic resonators.
+pub(crate) const LARGEST_SKEW_PPM: f64 = 1000.0;
+
+/// More edges than this are no signal to line recordings up by.
+pub(crate) const MOST_EDGES: usize = 4096;
+
 /// One of the two recordings.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RecordingSide {
     /// The reference sensor's.
+    #[error("reference")]
     Reference,
     /// The board's.
+    #[error("board log")]
     Board,
-}
-
-impl fmt::Display for RecordingSide {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            RecordingSide::Reference => "reference",
-            RecordingSide::Board => "board log",
-        })
-    }
 }
 
 /// Two recordings that cannot be lined up, or not with certainty.
@@ -71,19 +76,17 @@ pub enum AlignError {
     #[error(
         "no common load found: at the best offset the reference explains {:.0} % of what the \
          readings do, and {:.0} % are needed",
-        100.0 * explained, 100.0 * needed
+        100.0 * explained, 100.0 * LEAST_EXPLAINED
     )]
     NoMatch {
         /// Share of the readings' changes that the reference explains at the best offset.
         explained: f64,
-        /// The least share.
-        needed: f64,
     },
     /// Two offsets fit about equally well.
     #[error(
         "the match is ambiguous: an offset of {second_s:.3} s is {:.0} % as good as the best, \
          {best_s:.3} s (up to {:.0} % is accepted)",
-        100.0 * ratio, 100.0 * accepted
+        100.0 * ratio, 100.0 * HIGHEST_RATIO
     )]
     Ambiguous {
         /// The best offset, s, reference minus board.
@@ -92,34 +95,22 @@ pub enum AlignError {
         second_s: f64,
         /// Its score over that of the best.
         ratio: f64,
-        /// The highest ratio that counts as clear.
-        accepted: f64,
     },
-    /// What both have in common is too short for offset and skew.
-    #[error("the recordings overlap for {overlap_s:.3} s, where {needed_s} s are needed")]
-    ShortOverlap {
-        /// Time that both cover, s.
-        overlap_s: f64,
-        /// The least time, s.
-        needed_s: f64,
-    },
-    /// The refinement left the neighbourhood of the match.
-    #[error("the refinement of the match does not settle (last step {step_s:.6} s)")]
-    NotConverged {
-        /// The last step of the offset, s.
-        step_s: f64,
-    },
+    /// What both have in common, s, is too short for offset and skew.
+    #[error("the recordings overlap for {0:.3} s, where {LEAST_OVERLAP_S} s are needed")]
+    ShortOverlap(f64),
+    /// The refinement left the neighbourhood of the match: its last step of the offset, s.
+    #[error("the refinement of the match does not settle (last step {0:.6} s)")]
+    NotConverged(f64),
     /// More edges than a signal to line recordings up by has.
     #[error(
-        "{side}: {edges} edges, where a sync signal has {most} at most; is it the right column?"
+        "{side}: {edges} edges, where a sync signal has {MOST_EDGES} at most; is it the right column?"
     )]
     TooManyEdges {
         /// Which recording.
         side: RecordingSide,
         /// How many.
         edges: usize,
-        /// The most that are taken.
-        most: usize,
     },
     /// Which edge is which follows neither from the gaps between them nor from the loads.
     #[error(
@@ -132,16 +123,11 @@ pub enum AlignError {
         /// Pairs of the best.
         matched: usize,
     },
-    /// The clocks run apart faster than clocks do.
+    /// The clocks run apart faster than clocks do: by how much, ppm.
     #[error(
-        "the clocks differ by {skew_ppm:.0} ppm, more than the {limit_ppm:.0} ppm of any crystal"
+        "the clocks differ by {0:.0} ppm, more than the {LARGEST_SKEW_PPM:.0} ppm of any crystal"
     )]
-    Skew {
-        /// The estimate, ppm.
-        skew_ppm: f64,
-        /// The largest that is believed, ppm.
-        limit_ppm: f64,
-    },
+    Skew(f64),
 }
 
 impl Hint for AlignError {
@@ -155,16 +141,16 @@ impl Hint for AlignError {
                 "a load that repeats itself fits at several offsets: tap the shell at uneven intervals, in \
                  different places"
             }
-            Self::TimeGoesBack { .. } | Self::Skew { .. } => {
+            Self::TimeGoesBack { .. } | Self::Skew(_) => {
                 "check the time columns and their units, `--time-unit` and `--reference-time-unit`"
             }
-            Self::TooShort { .. } | Self::ShortOverlap { .. } => {
+            Self::TooShort { .. } | Self::ShortOverlap(_) => {
                 "record for longer; `shellcal info` tells the times of a log"
             }
             Self::Constant { .. } => {
                 "check the cable, and that `--sensors` and `--wrench` name the right columns"
             }
-            Self::NotConverged { .. } => "record a few sharp taps in different directions",
+            Self::NotConverged(_) => "record a few sharp taps in different directions",
             _ => return None,
         };
         Some(text.to_owned())
@@ -178,9 +164,9 @@ impl AlignError {
             self,
             Self::NoMatch { .. }
                 | Self::Ambiguous { .. }
-                | Self::ShortOverlap { .. }
-                | Self::NotConverged { .. }
-                | Self::Skew { .. }
+                | Self::ShortOverlap(_)
+                | Self::NotConverged(_)
+                | Self::Skew(_)
                 | Self::EdgesUnclear { .. }
         )
     }

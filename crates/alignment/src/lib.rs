@@ -32,8 +32,8 @@ mod trajectory;
 mod uncertainty;
 
 pub use edges::{EdgeMatch, Edges, rising_edges};
-use error::LEAST_OVERLAP_S;
 pub use error::{AlignError, RecordingSide};
+use error::{LARGEST_SKEW_PPM, LEAST_OVERLAP_S};
 pub use kernel::Kernel;
 use kernel::STOPBAND_DB;
 pub use recording::{LeftOut, Recording};
@@ -45,9 +45,6 @@ use refine::{Warp, WarpEstimate, refine};
 use resample::Resampler;
 use trajectory::Trajectory;
 
-/// The largest skew that is believed, ppm: ten times what crystals differ by, and enough for most
-/// ceramic resonators.
-pub(crate) const LARGEST_SKEW_PPM: f64 = 1000.0;
 /// Loads faster than this are not matched: hands and taps are slower, and there are fewer rows to
 /// work through.
 const HIGHEST_MATCHED_RATE_HZ: f64 = 250.0;
@@ -63,12 +60,14 @@ const PRIOR_SKEW: f64 = 2e-4;
 const CLEARLY: f64 = 4.0;
 
 /// How recordings are aligned.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Options {
     /// Time that the board averages a frame over, s; 0 for an instant.
     pub exposure_s: f64,
     /// Whether equal readings in a row are one frame logged repeatedly, at rest as well.
     pub repeats_are_stale: bool,
+    /// The edges of a signal that both have recorded, by which the clocks then are.
+    pub edges: Option<Edges>,
 }
 
 /// From the board's clock to the reference's.
@@ -157,7 +156,8 @@ pub struct Aligned {
     pub board_left_out: LeftOut,
     reference: Clean,
     board: Clean,
-    options: Options,
+    /// Time that the board averages a frame over, s.
+    exposure_s: f64,
 }
 
 /// Lines up `reference` (six axes, or those there are) with `board` (readings of any number of
@@ -167,30 +167,19 @@ pub struct Aligned {
 /// delays, be it in its filter or on the way to its clock, is part of the offset, so that a row of
 /// the board is paired with the load that made it.
 ///
+/// Where there are edges, the loads tell which edge is which where these do not, and need not match otherwise.
+///
 /// # Errors
-/// [`AlignError`] if a recording is too short or does not change, or if the match is not clear.
+/// [`AlignError`] if a recording is too short or does not change, if the match is not clear, or if it is not
+/// clear which edge is which.
 pub fn align(
     reference: Recording,
     board: Recording,
     options: Options,
 ) -> Result<Aligned, AlignError> {
-    align_by_edges(reference, board, None, options)
-}
-
-/// As [`align`], with clocks by the edges of a signal where both have recorded one. The loads then tell which
-/// edge is which where the edges do not, and need not match otherwise.
-///
-/// # Errors
-/// [`AlignError`] if a recording is too short, or if it is not clear which edge is which.
-pub fn align_by_edges(
-    reference: Recording,
-    board: Recording,
-    edges: Option<Edges>,
-    options: Options,
-) -> Result<Aligned, AlignError> {
+    let Options { exposure_s, repeats_are_stale, edges } = options;
     let reference = Clean::new(reference, RecordingSide::Reference, LEAST_OVERLAP_S, false)?;
-    let board =
-        Clean::new(board, RecordingSide::Board, LEAST_OVERLAP_S, options.repeats_are_stale)?;
+    let board = Clean::new(board, RecordingSide::Board, LEAST_OVERLAP_S, repeats_are_stale)?;
     let loads = by_loads(&reference, &board);
     let (clock, quality, edges) = match edges {
         Some(edges) => {
@@ -211,7 +200,7 @@ pub fn align_by_edges(
         board_left_out: board.left_out,
         reference,
         board,
-        options,
+        exposure_s,
     })
 }
 
@@ -224,7 +213,7 @@ fn by_loads(reference: &Clean, board: &Clean) -> Result<(ClockMap, Quality), Ali
     let estimate = clearest(&trajectory, &frames, &found, probe, board.span_s())?;
     let skew_ppm = 1e6 * estimate.warp.skew;
     if skew_ppm.abs() > LARGEST_SKEW_PPM {
-        return Err(AlignError::Skew { skew_ppm, limit_ppm: LARGEST_SKEW_PPM });
+        return Err(AlignError::Skew(skew_ppm));
     }
     let WarpEstimate { warp, covariance, mut quality } = estimate;
     let clock = ClockMap {
@@ -245,15 +234,14 @@ fn by_loads(reference: &Clean, board: &Clean) -> Result<(ClockMap, Quality), Ali
 fn search(reference: &Clean, board: &Clean) -> Result<(Match, (f64, f64)), AlignError> {
     let count = (board.span_s() / PROBE_S).ceil().max(1.0);
     let length_s = board.span_s() / count;
-    let mut stretches: Vec<(f64, f64)> =
-        (0..count as usize).map(|i| (i as f64 * length_s, (i + 1) as f64 * length_s)).collect();
-    let activity: Vec<f64> = stretches.iter().map(|&stretch| activity(board, stretch)).collect();
-    let mut order: Vec<usize> = (0..stretches.len()).collect();
-    order.sort_unstable_by(|&a, &b| activity[b].total_cmp(&activity[a]).then(a.cmp(&b)));
+    let stretches = (0..count as usize).map(|i| (i as f64 * length_s, (i + 1) as f64 * length_s));
+    let mut liveliest: Vec<_> =
+        stretches.map(|stretch| (activity(board, stretch), stretch)).collect();
+    liveliest.sort_by(|a, b| b.0.total_cmp(&a.0));
     let mut refused = None;
-    for &i in order.iter().take(PROBES) {
-        match coarse::find_match(reference, board, stretches[i], LEAST_OVERLAP_S) {
-            Ok(found) => return Ok((found, stretches.swap_remove(i))),
+    for (_, stretch) in liveliest.into_iter().take(PROBES) {
+        match coarse::find_match(reference, board, stretch) {
+            Ok(found) => return Ok((found, stretch)),
             Err(error) => refused = refused.or(Some(error)),
         }
     }
@@ -297,7 +285,6 @@ fn clearest(
         best_s: found.offset_s,
         second_s,
         ratio: found.ratio,
-        accepted: coarse::HIGHEST_RATIO,
     };
     match &estimates[..] {
         [] => Err(unclear(found.rivals[0])),
@@ -352,7 +339,7 @@ impl Aligned {
         mut row: impl FnMut(f64, &[f64], &[f64]) -> Result<(), E>,
     ) -> Result<usize, E> {
         let rate_hz = (1.0 / self.board.period_s).min(1.0 / self.reference.period_s);
-        let kernel = Kernel::new(rate_hz, self.options.exposure_s, STOPBAND_DB);
+        let kernel = Kernel::new(rate_hz, self.exposure_s, STOPBAND_DB);
         let mut resampler = Resampler::new(&self.reference, &kernel, rate_hz);
         let mut readings = vec![0.0; self.board.columns.len()];
         let mut wrench = vec![0.0; self.reference.columns.len()];

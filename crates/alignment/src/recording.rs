@@ -1,7 +1,7 @@
 //! A recording made ready: rows in order of time, repeats left out, saturated rows marked.
 
 use super::error::{AlignError, RecordingSide};
-use shell_data::statistics::upper_median;
+use shell_data::statistics::{extremes, upper_median};
 
 /// What one sensor recorded on its own clock.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -151,8 +151,7 @@ fn rows_to_keep(
 fn in_range(columns: &[Vec<f64>]) -> Vec<bool> {
     let mut inside = vec![true; columns.first().map_or(0, Vec::len)];
     for column in columns {
-        let low = column.iter().copied().fold(f64::INFINITY, f64::min);
-        let high = column.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let (low, high) = extremes(column.iter().copied());
         if low == high {
             continue;
         }

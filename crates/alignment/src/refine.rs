@@ -34,7 +34,7 @@ use super::normal::{GramSums, Projected, inverse};
 use super::optics::{Bend, POWERS, Straight};
 use super::response::{Family, MemoryModel};
 use super::trajectory::Trajectory;
-use super::uncertainty::{MatchedRow, ResidualSums};
+use super::uncertainty::{MatchedRow, ResidualSums, Solution};
 use super::{Excerpt, Quality};
 
 /// Rows per Gram update.
@@ -180,7 +180,7 @@ pub(super) fn refine(
     let problem = WarpProblem::new(trajectory, frames, window, start);
     let overlap_s = 2.0 * problem.half_span_s;
     if overlap_s < LEAST_OVERLAP_S {
-        return Err(AlignError::ShortOverlap { overlap_s, needed_s: LEAST_OVERLAP_S });
+        return Err(AlignError::ShortOverlap(overlap_s));
     }
     let mut current = KnownSensor::new(trajectory.axes, frames.channels);
     let mut warp = start.about(problem.pivot_s);
@@ -256,7 +256,7 @@ impl<'a> WarpProblem<'a> {
         for iteration in 0..STEPS {
             let gram = self.gram(warp, current);
             let Some(projected) = Projected::new(&gram, |i| current.keep[i]) else {
-                return Err(AlignError::NotConverged { step_s });
+                return Err(AlignError::NotConverged(step_s));
             };
             let (mut hessian, mut gradient) = projected.normal_equations();
             // Before the first map there are no slopes.
@@ -268,7 +268,7 @@ impl<'a> WarpProblem<'a> {
                     gradient[1] -= warp.skew / (sd * sd);
                 }
                 let Some(white) = inverse(hessian) else {
-                    return Err(AlignError::NotConverged { step_s });
+                    return Err(AlignError::NotConverged(step_s));
                 };
                 let full = white.map(|row| row[0] * gradient[0] + row[1] * gradient[1]);
                 let most = if iteration < FULL_STEPS { 1.0 } else { 0.5 };
@@ -278,7 +278,7 @@ impl<'a> WarpProblem<'a> {
                 step_s = full[0].abs();
                 let is_small = |i: usize| full[i] * full[i] < small * small * white[i][i];
                 if step_s.is_nan() || step_s > LOST_S {
-                    return Err(AlignError::NotConverged { step_s });
+                    return Err(AlignError::NotConverged(step_s));
                 }
                 let is_settled = iteration > memory_steps && is_small(0) && is_small(1);
                 let left = if is_settled { [0.0; 2] } else { full };
@@ -292,7 +292,7 @@ impl<'a> WarpProblem<'a> {
                 current.model.learn_shares(linear(&current.map));
             }
         }
-        nearly.ok_or(AlignError::NotConverged { step_s })
+        nearly.ok_or(AlignError::NotConverged(step_s))
     }
 
     /// Calls `each` with every row that the reference has a value for.
@@ -376,8 +376,9 @@ impl<'a> WarpProblem<'a> {
         let channels = self.frames.channels;
         let weights = projected.weights().unwrap_or_else(|| Mat::identity(channels, channels));
         let (map, model) = (linear(&current.map), &current.model);
-        let mut sums = ResidualSums::new(&projected.along, &weights, map, -self.half_span_s);
-        self.for_each(&warp, current, |row| sums.add(row, &row.features[CONSTANTS..], model));
+        let solution = Solution { along: &projected.along, weights: &weights, map, model };
+        let mut sums = ResidualSums::new(channels, -self.half_span_s);
+        self.for_each(&warp, current, |row| sums.add(row, &row.features[CONSTANTS..], &solution));
         let covariance = sums.covariance(*white, spread);
         let (_, channel, centre_s) = sums.steepest;
         let quality = Quality {

@@ -26,8 +26,6 @@ pub(super) struct Resampler<'a> {
     spacing_s: Vec<f64>,
     /// First row of the stretch without gaps that a row is in, and the row after its last.
     stretch: Vec<(u32, u32)>,
-    /// Where the kernel began at the last call: calls mostly go forward in time.
-    cursor: usize,
     weights: Vec<f64>,
 }
 
@@ -53,7 +51,7 @@ impl<'a> Resampler<'a> {
             }
             first = end;
         }
-        Self { source, kernel, spacing_s, stretch, cursor: 0, weights: Vec::new() }
+        Self { source, kernel, spacing_s, stretch, weights: Vec::new() }
     }
 
     /// The columns at `time_s` (on the reference's clock, since its start); false if there is no
@@ -65,22 +63,7 @@ impl<'a> Resampler<'a> {
         if !(from >= 0.0 && to <= self.source.span_s()) {
             return false;
         }
-        if time[self.cursor] > from {
-            self.cursor = 0;
-        }
-        // Forward by doubling steps, then by halves.
-        let mut step = 1;
-        while self.cursor + step < time.len() && time[self.cursor + step] < from {
-            self.cursor += step;
-            step *= 2;
-        }
-        let window = &time[self.cursor..(self.cursor + step).min(time.len())];
-        self.cursor += window.partition_point(|&t| t < from);
-        let first = self.cursor;
-        self.cursor = first.saturating_sub(1);
-        if first >= time.len() {
-            return false;
-        }
+        let first = time.partition_point(|&t| t < from);
         let (begin, end) = self.stretch[first];
         let begins_inside = (begin as usize) < first || time[first] == from;
         if !begins_inside || time[end as usize - 1] < to {

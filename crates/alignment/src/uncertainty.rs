@@ -40,15 +40,20 @@ pub(super) struct MatchedRow<'a> {
     pub(super) residual: &'a [f64],
 }
 
-/// Sums over the rows at the solution.
-#[derive(Debug)]
-pub(super) struct ResidualSums<'a> {
+/// The solution that rows are compared with.
+pub(super) struct Solution<'a> {
     /// Coefficients of [slope | slope · time] on the features.
-    along: &'a Mat<f64>,
+    pub(super) along: &'a Mat<f64>,
     /// W, the inverse of the residual covariance.
-    weights: &'a Mat<f64>,
+    pub(super) weights: &'a Mat<f64>,
     /// B without constant and drift.
-    map: MatRef<'a, f64>,
+    pub(super) map: MatRef<'a, f64>,
+    pub(super) model: &'a MemoryModel,
+}
+
+/// Sums over the rows at the solution.
+#[derive(Debug, Default)]
+pub(super) struct ResidualSums {
     /// Time of the first row from the pivot, s.
     start_s: f64,
     pub(super) rows: usize,
@@ -73,39 +78,20 @@ pub(super) struct ResidualSums<'a> {
     late_part: Vec<f64>,
 }
 
-impl<'a> ResidualSums<'a> {
-    pub(super) fn new(
-        along: &'a Mat<f64>,
-        weights: &'a Mat<f64>,
-        map: MatRef<'a, f64>,
-        start_s: f64,
-    ) -> Self {
-        let channels = weights.ncols();
-        Self {
-            along,
-            weights,
-            map,
-            start_s,
-            rows: 0,
-            scores: Vec::new(),
-            squares: vec![[0.0; 3]; channels],
-            late: [0.0; 2],
-            alike: 0.0,
-            before: vec![0.0; channels],
-            jumps: 0.0,
-            slope_before: vec![0.0; channels],
-            end_s: start_s,
-            steepest: (0.0, 0, 0.0),
-            late_features: vec![0.0; map.nrows()],
-            late_part: vec![0.0; channels],
-        }
+impl ResidualSums {
+    pub(super) fn new(channels: usize, start_s: f64) -> Self {
+        let [before, slope_before, late_part] = [0; 3].map(|_| vec![0.0; channels]);
+        let squares = vec![[0.0; 3]; channels];
+        let end_s = start_s;
+        Self { start_s, end_s, squares, before, slope_before, late_part, ..Self::default() }
     }
 
-    /// `of_load` are the features of `model`, without those that are none of the load.
-    pub(super) fn add(&mut self, row: &MatchedRow<'_>, of_load: &[f64], model: &MemoryModel) {
+    /// `of_load` are the features of the model, without those that are none of the load.
+    pub(super) fn add(&mut self, row: &MatchedRow<'_>, of_load: &[f64], at: &Solution<'_>) {
         self.rows += 1;
-        model.late(of_load, &mut self.late_features);
-        let map = (0..self.map.ncols()).map(|c| self.map.col(c).try_as_col_major());
+        self.late_features.resize(of_load.len(), 0.0);
+        at.model.late(of_load, &mut self.late_features);
+        let map = (0..at.map.ncols()).map(|c| at.map.col(c).try_as_col_major());
         let map = map.map(|column| column.expect("a column of a matrix").as_slice());
         dots(&self.late_features, map, &mut self.late_part);
         let bin = ((row.from_pivot_s - self.start_s).max(0.0) / SCORE_BIN_S) as usize;
@@ -125,7 +111,7 @@ impl<'a> ResidualSums<'a> {
                 self.steepest = (slope.abs(), channel, row.from_pivot_s);
             }
             let weighted = |x: &[f64]| -> f64 {
-                let column = self.weights.col_as_slice(channel);
+                let column = at.weights.col_as_slice(channel);
                 row.weight * column.iter().zip(x).map(|(w, x)| w * x).sum::<f64>()
             };
             let [weighted_residual, weighted_slope] = [row.residual, row.slope].map(weighted);
@@ -135,7 +121,7 @@ impl<'a> ResidualSums<'a> {
             self.late[1] += weighted_slope * slope;
             self.jumps += weighted(&change) * change[channel];
             for (parameter, time) in [1.0, row.from_pivot_s].into_iter().enumerate() {
-                let column = self.along.col_as_slice(parameter * self.squares.len() + channel);
+                let column = at.along.col_as_slice(parameter * self.squares.len() + channel);
                 let fitted: f64 = column.iter().zip(row.features).map(|(c, x)| c * x).sum();
                 self.scores[bin][parameter] += (slope * time - fitted) * weighted_residual;
             }

@@ -28,11 +28,8 @@ pub enum ForceError {
         last_s: f64,
     },
     /// The low-pass needs the rate, and the log does not give it.
-    #[error("the sampling rate, which a low-pass needs, is not known: {reason}")]
-    NoRate {
-        /// Why.
-        reason: &'static str,
-    },
+    #[error("the sampling rate, which a low-pass needs, is not known: {0}")]
+    NoRate(&'static str),
     /// The filter is impossible.
     #[error(transparent)]
     Filter(#[from] FilterError),

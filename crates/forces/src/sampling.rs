@@ -8,7 +8,7 @@ const DOUBLINGS: i32 = 30;
 const GAP: f64 = 10.0;
 
 /// The periods between frames, in a histogram with equal steps of their logarithm.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Sampling {
     last_s: Option<f64>,
     /// Number and sum of the periods of each step.
@@ -31,17 +31,10 @@ pub struct Rate {
     pub backwards: u64,
 }
 
-impl Default for Sampling {
-    /// No frames yet.
-    fn default() -> Self {
-        let steps = vec![(0, 0.0); 2 * DOUBLINGS as usize * STEPS as usize];
-        Self { last_s: None, steps, backwards: 0 }
-    }
-}
-
 impl Sampling {
     /// The next frames' times, s.
     pub fn add(&mut self, time_s: &[f64]) {
+        self.steps.resize(2 * DOUBLINGS as usize * STEPS as usize, (0, 0.0));
         for &time in time_s {
             if let Some(last) = self.last_s.replace(time) {
                 let period = time - last;

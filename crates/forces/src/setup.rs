@@ -14,7 +14,8 @@ use super::{ForceError, ForceOptions, RowRule, TareFrames, TareRule};
 pub struct PipelineSetup {
     options: ForceOptions,
     tare: TareSearch,
-    clock: ClockSearch,
+    /// The clock, as far as times have been read.
+    pub clock: ClockSearch,
 }
 
 impl PipelineSetup {
@@ -45,11 +46,6 @@ impl PipelineSetup {
         self.look_at_frames(calibration, rows);
     }
 
-    /// Takes the times of the next rows, s, for the clock alone.
-    pub fn look_at_times(&mut self, times_s: &[f64]) {
-        self.clock.look_at(times_s);
-    }
-
     /// Takes the next rows [that may hold frames of the tare](Self::wants_frames), for the tare alone.
     pub fn look_at_frames(&mut self, calibration: &Calibration, rows: FirstRows<'_>) {
         self.tare.look_at(calibration, rows);
@@ -60,19 +56,14 @@ impl PipelineSetup {
         self.tare.wants(last_s)
     }
 
-    /// Whether the clock is known.
-    pub fn has_clock(&self) -> bool {
-        self.clock.is_done()
-    }
-
     /// Whether all is known, so that no more rows are needed.
     pub fn is_done(&self) -> bool {
         let needs_clock = self.options.low_pass.is_some();
-        self.tare.is_done() && (!needs_clock || self.clock.is_done())
+        self.tare.is_done && (!needs_clock || self.clock.is_done())
     }
 
     /// The times between which rows are needed to know the forces between two times, s, if the clock
-    /// is [known](Self::has_clock).
+    /// is [known](ClockSearch::is_done).
     ///
     /// # Errors
     /// [`ForceError::Filter`].
@@ -97,8 +88,8 @@ impl PipelineSetup {
         let Some(low_pass) = self.options.low_pass else { return Ok(None) };
         let optional = self.options.low_pass_is_optional;
         let Some(clock) = self.clock.finish(self.options.rate_hz) else {
-            let reason = "time does not move on between its rows";
-            return if optional { Ok(None) } else { Err(ForceError::NoRate { reason }) };
+            let error = ForceError::NoRate("time does not move on between its rows");
+            return if optional { Ok(None) } else { Err(error) };
         };
         match Butterworth::low_pass(low_pass.order, low_pass.cutoff_hz, clock.rate_hz) {
             Ok(design) => {

@@ -81,9 +81,7 @@ impl BlockPlan {
 
     /// A causal filter that takes `value` at `slot` as its first.
     fn started(&self, slot: u64, value: f64) -> Filter {
-        let mut filter = Filter::new(&self.design);
-        filter.settle(if self.at_rest && slot == 0 { 0.0 } else { value });
-        filter
+        Filter::settled(&self.design, if self.at_rest && slot == 0 { 0.0 } else { value })
     }
 }
 

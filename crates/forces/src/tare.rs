@@ -16,7 +16,8 @@ const CHUNK: usize = 4096;
 pub(super) struct TareSearch {
     rule: TareRule,
     rows: RowRule,
-    is_done: bool,
+    /// Whether all frames are found.
+    pub(super) is_done: bool,
     /// Frames found that are not in `mean` yet: counts, one column a channel.
     chunk: Vec<Vec<f64>>,
     mean: Option<Tare>,
@@ -87,11 +88,6 @@ impl TareSearch {
             _ => None,
         };
         Self { rule, rows, is_done: rule == TareRule::Untared, rests, ..Self::default() }
-    }
-
-    /// Whether all frames are found.
-    pub(super) fn is_done(&self) -> bool {
-        self.is_done
     }
 
     /// Whether rows that end at `last_s` may be among what is looked for.

@@ -134,9 +134,7 @@ impl Filtered {
                     if steps == 0 { filter.peek(*value) } else { filtered(filter, *value) }
                 }
                 none => {
-                    let mut filter = Filter::new(&self.design);
-                    filter.settle(*value);
-                    *none = Some((filter, *value));
+                    *none = Some((Filter::settled(&self.design, *value), *value));
                     *value
                 }
             };

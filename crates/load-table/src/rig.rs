@@ -13,13 +13,8 @@ const MOST: usize = 20_000;
 #[non_exhaustive]
 pub enum RigError {
     /// A part of a list that cannot be read.
-    #[error("`{found}` is not {expected}")]
-    Part {
-        /// What was found.
-        found: String,
-        /// What was expected.
-        expected: &'static str,
-    },
+    #[error("`{0}` is not a range such as `fx=-5..5` (N) or `my=-0.2..0.2` (N·m)")]
+    Part(String),
     /// More loads than anyone hangs.
     #[error("`{0}` loads are too many, at most `{MOST}`: give fewer masses, points or directions")]
     TooMany(usize),
@@ -81,10 +76,7 @@ impl WrenchBox {
     pub fn parse(text: &str) -> Result<Self, RigError> {
         let mut ranges = [[0.0; 2]; 6];
         for part in text.split(',') {
-            let fault = || RigError::Part {
-                found: part.to_owned(),
-                expected: "a range such as `fx=-5..5` (N) or `my=-0.2..0.2` (N·m)",
-            };
+            let fault = || RigError::Part(part.to_owned());
             let (name, range) = part.split_once('=').ok_or_else(fault)?;
             let (low, high) = range.split_once("..").ok_or_else(fault)?;
             let name = name.trim().to_lowercase();

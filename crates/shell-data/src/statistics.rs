@@ -34,6 +34,21 @@ pub fn upper_median(values: &mut [f64]) -> Option<f64> {
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
+/// The quantile of ascending values, of which there are some, at rank `(n − 1)·share`: linear between the two
+/// nearest (type 7 of Hyndman & Fan, Am. Statist. 50, 1996).
+pub fn quantile(sorted: &[f64], share: f64) -> f64 {
+    let rank = (sorted.len() - 1) as f64 * share;
+    let below = rank as usize;
+    let above = (below + 1).min(sorted.len() - 1);
+    sorted[below] + (sorted[above] - sorted[below]) * (rank - below as f64)
+}
+
+/// The least and the greatest value; infinity and its negative without values.
+pub fn extremes(values: impl IntoIterator<Item = f64>) -> (f64, f64) {
+    let none = (f64::INFINITY, f64::NEG_INFINITY);
+    values.into_iter().fold(none, |(least, greatest), x| (least.min(x), greatest.max(x)))
+}
+
 /// The weights of the differences of two means `a` and `b` when sums about them are merged:
 /// `mean += (b − a)·weights.mean`, `Σ(x − x̄)(y − ȳ) += (b_x − a_x)·(b_y − a_y)·weights.product`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -139,6 +154,13 @@ mod tests {
         assert_eq!(upper_median(&mut []), None);
         assert_eq!(upper_median(&mut [3.0, 1.0, 2.0]), Some(2.0));
         assert_eq!(upper_median(&mut [4.0, 1.0, 3.0, 2.0]), Some(3.0));
+    }
+
+    #[test]
+    fn quantiles_lie_between_the_values() {
+        let values = [1.0, 2.0, 4.0];
+        assert_eq!([0.0, 0.75, 1.0].map(|share| quantile(&values, share)), [1.0, 3.0, 4.0]);
+        assert_eq!(extremes([2.0, -1.0, 4.0]), (-1.0, 4.0));
     }
 
     #[test]

@@ -6,7 +6,13 @@
 use std::io::{self, Write};
 
 use crate::sensor_model::{RecordingKind, SensorSample, SimulatedFrame};
-use shell_data::wrench::{Axis, PerAxis};
+use shell_data::wrench::PerAxis;
+
+/// The header of a board's log: time and readings.
+pub const FRAME_HEADER: &str = "t_s,s1,s2,s3,s4,s5,s6,s7,s8";
+
+/// The header of a reference's recording: time and wrench.
+pub const WRENCH_HEADER: &str = "t_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm";
 
 /// Which columns a log has, in which order and under which names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,18 +26,17 @@ pub enum SyntheticLayout {
 }
 
 impl SyntheticLayout {
-    /// Writes the line that names the columns, if the layout has one.
-    ///
-    /// # Errors
-    /// Whatever `out` says.
-    pub fn write_header(self, out: &mut impl Write, kind: RecordingKind) -> io::Result<()> {
+    /// The line that names the columns, empty if the layout has none.
+    pub fn header(self, kind: RecordingKind) -> &'static str {
         match self {
-            SyntheticLayout::Shellcal => {
-                let group = if kind == RecordingKind::Zero { "" } else { ",group" };
-                writeln!(out, "t_s{}{}{group}", channels(1), axes(Axis::column))
+            Self::Shellcal if kind == RecordingKind::Zero => {
+                "t_s,s1,s2,s3,s4,s5,s6,s7,s8,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm\n"
             }
-            SyntheticLayout::Peer => writeln!(out, "Timestamp{}{}", axes(Axis::name), channels(0)),
-            SyntheticLayout::Training => Ok(()),
+            Self::Shellcal => {
+                "t_s,s1,s2,s3,s4,s5,s6,s7,s8,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm,group\n"
+            }
+            Self::Peer => "Timestamp,Fx,Fy,Fz,Mx,My,Mz,s0,s1,s2,s3,s4,s5,s6,s7\n",
+            Self::Training => "",
         }
     }
 
@@ -45,34 +50,20 @@ impl SyntheticLayout {
         kind: RecordingKind,
         sample: &SensorSample,
     ) -> io::Result<()> {
-        write!(out, "{:.6}", sample.time_s)?;
-        match self {
-            SyntheticLayout::Shellcal => {
-                write_readings(out, &sample.frame)?;
-                write_wrench(out, &sample.wrench)?;
-                if kind != RecordingKind::Zero {
-                    write!(out, ",{}", sample.pose)?;
-                }
-            }
-            SyntheticLayout::Peer => {
-                write_wrench(out, &sample.wrench)?;
-                write_readings(out, &sample.frame)?;
-            }
-            SyntheticLayout::Training => {
-                write_readings(out, &sample.frame)?;
-                write_wrench(out, &sample.wrench)?;
-            }
+        let SensorSample { time_s, frame, wrench, pose } = sample;
+        write!(out, "{time_s:.6}")?;
+        if self == Self::Peer {
+            write_wrench(out, wrench)?;
+            write_readings(out, frame)?;
+        } else {
+            write_readings(out, frame)?;
+            write_wrench(out, wrench)?;
+        }
+        if self == Self::Shellcal && kind != RecordingKind::Zero {
+            write!(out, ",{pose}")?;
         }
         writeln!(out)
     }
-}
-
-/// Writes the header of a reference's recording: time and wrench.
-///
-/// # Errors
-/// Whatever `out` says.
-pub fn write_wrench_header(out: &mut impl Write) -> io::Result<()> {
-    writeln!(out, "t_s{}", axes(Axis::column))
 }
 
 /// Writes a row of a reference's recording.
@@ -89,14 +80,6 @@ pub fn write_wrench_row(
     writeln!(out)
 }
 
-/// Writes the header of a board's log: time and readings.
-///
-/// # Errors
-/// Whatever `out` says.
-pub fn write_frame_header(out: &mut impl Write) -> io::Result<()> {
-    writeln!(out, "t_s{}", channels(1))
-}
-
 /// Writes a row of a board's log; its clock counts µs.
 ///
 /// # Errors
@@ -105,16 +88,6 @@ pub fn write_frame(out: &mut impl Write, time_s: f64, frame: &SimulatedFrame) ->
     write!(out, "{time_s:.6}")?;
     write_readings(out, frame)?;
     writeln!(out)
-}
-
-/// The names of the channels, of which the first has this number, as they go on in a header.
-fn channels(first: usize) -> String {
-    (first..first + 8).map(|channel| format!(",s{channel}")).collect()
-}
-
-/// The names of the axes, as they go on in a header.
-fn axes(name: fn(Axis) -> &'static str) -> String {
-    Axis::ALL.map(|axis| format!(",{}", name(axis))).concat()
 }
 
 fn write_readings(out: &mut impl Write, frame: &SimulatedFrame) -> io::Result<()> {

@@ -2,8 +2,8 @@
 
 use std::io::{self, Write};
 
-use crate::virtual_robot::telemetry::TELEMETRY_COLUMNS;
-use crate::virtual_robot::{COLUMNS, TelemetryRow, TrialSettings};
+use crate::virtual_robot::telemetry::{COLUMNS, TELEMETRY_COLUMNS};
+use crate::virtual_robot::{TelemetryRow, TrialSettings};
 
 /// Which columns a trial's log has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,7 +31,8 @@ pub fn write_telemetry_header(
     writeln!(out, "%  Condition                = {}", condition.name)?;
     writeln!(out, "%  Seed                     = {seed}")?;
     writeln!(out, "% Columns: ")?;
-    writeln!(out, "% {}", shown(&COLUMNS, sensors).join(" | "))
+    let [robot, sensor] = COLUMNS;
+    writeln!(out, "% {robot}{}", if sensors { sensor } else { "" })
 }
 
 /// Writes a row of a telemetry text.
@@ -43,13 +44,6 @@ pub fn write_telemetry_row(
     row: &TelemetryRow,
     sensors: bool,
 ) -> io::Result<()> {
-    for (at, value) in shown(row, sensors).iter().enumerate() {
-        let separator = if at == 0 { "" } else { "," };
-        write!(out, "{separator}{value}")?;
-    }
-    writeln!(out)
-}
-
-fn shown<T>(row: &[T; COLUMNS.len()], sensors: bool) -> &[T] {
-    if sensors { row } else { &row[..TELEMETRY_COLUMNS] }
+    let shown = if sensors { row } else { &row[..TELEMETRY_COLUMNS] };
+    writeln!(out, "{}", shown.iter().map(i64::to_string).collect::<Vec<_>>().join(","))
 }

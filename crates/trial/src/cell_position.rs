@@ -1,4 +1,4 @@
-//! Where a value stands in a text.
+//! Where a value stands in a text, and what is wrong there.
 
 use std::fmt;
 
@@ -28,5 +28,33 @@ impl CellPosition {
 impl fmt::Display for CellPosition {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}:{}", self.line, self.column)
+    }
+}
+
+/// What is wrong at some position of a manifest, a profile or a table.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{position}: {message}")]
+pub struct ManifestProblem {
+    /// Where.
+    pub position: CellPosition,
+    /// What.
+    pub message: String,
+}
+
+impl ManifestProblem {
+    pub(crate) fn new(position: CellPosition, message: String) -> Self {
+        Self { position, message }
+    }
+
+    /// At a byte of `text`.
+    pub(crate) fn at(text: &str, byte: usize, message: String) -> Self {
+        Self { position: CellPosition::of_byte(text, byte), message }
+    }
+
+    /// At a `key` of a `[table]`.
+    pub(crate) fn at_key(text: &str, table: &str, key: &str, message: String) -> Self {
+        let header = text.find(&format!("[{table}]")).unwrap_or(0);
+        let byte = header + text[header..].find(key).unwrap_or(0);
+        Self::at(text, byte, message)
     }
 }

@@ -4,12 +4,12 @@ use std::ops::Range;
 
 use super::diagnostic::Diagnostic;
 use super::forces::TrialForces;
-use super::input::TrialInput;
-use super::input::TrialRows;
+use super::input::{TrialInput, TrialRows};
 use super::leg::{STILL_RAD, Strides, unwrap};
 use super::profile::Profile;
+use calibration::Calibration;
 use forces::TareFrames;
-use shell_data::statistics::upper_median;
+use shell_data::statistics::{extremes, upper_median};
 use shell_data::telemetry::Telemetry;
 
 /// A stall is reported when the leg stands still for this many strides.
@@ -24,20 +24,16 @@ pub(super) fn count_fresh(rows: &TrialRows, window: Range<usize>) -> u64 {
 pub(super) fn diagnose_rows(
     input: &TrialInput<'_>,
     window: Range<usize>,
-    diagnostics: &mut Vec<Diagnostic>,
-) {
+) -> [Option<Diagnostic>; 2] {
     let rows = window.len() as u64;
-    if !input.rows.readings.is_empty() {
-        let repeated = rows - count_fresh(input.rows, window.clone());
-        if repeated > 0 {
-            diagnostics.push(Diagnostic::RepeatedRows { rows, repeated });
-        }
-    }
+    let has_sensors = !input.rows.readings.is_empty();
+    let repeated = if has_sensors { rows - count_fresh(input.rows, window.clone()) } else { 0 };
     let missing = missing_rows(&input.rows.times_s[window], input.times.period_s);
-    if missing > 0 {
-        let (expected, rule) = (rows + missing, input.options.forces.rule);
-        diagnostics.push(Diagnostic::MissingRows { missing, expected, rule });
-    }
+    let (expected, rule) = (rows + missing, input.options.forces.rule);
+    [
+        (repeated > 0).then_some(Diagnostic::RepeatedRows { rows, repeated }),
+        (missing > 0).then_some(Diagnostic::MissingRows { missing, expected, rule }),
+    ]
 }
 
 /// How many rows are missing between ascending `times` of rows that should be `period_s` apart.
@@ -51,66 +47,53 @@ pub(super) fn diagnose_tare(
     tare: &TareFrames,
     profile: &Profile,
     enter_s: f64,
-    diagnostics: &mut Vec<Diagnostic>,
-) {
-    let (turned_rad, end_s) =
-        (turned_rad(tare, profile.leg_rad(Telemetry::RightLeg)), tare.end_s());
-    if turned_rad > STILL_RAD {
-        diagnostics.push(Diagnostic::MovingTare { turned_rad, end_s });
-    }
-    if end_s > enter_s {
-        diagnostics.push(Diagnostic::LateTare { end_s });
-    }
+) -> [Option<Diagnostic>; 2] {
+    let turned_rad = turned_rad(tare, profile.leg_rad(Telemetry::RightLeg));
+    let end_s = tare.end_s();
+    [
+        (turned_rad > STILL_RAD).then_some(Diagnostic::MovingTare { turned_rad, end_s }),
+        (end_s > enter_s).then_some(Diagnostic::LateTare(end_s)),
+    ]
 }
 
 /// By how much the right leg moves during a tare, rad; 0 if that is not known.
 fn turned_rad(tare: &TareFrames, rad_per_count: f64) -> f64 {
-    let angle = unwrap(&tare.times_s[..tare.leg.len()], &tare.leg, rad_per_count);
-    let span = |(low, high): (f64, f64), a: &f64| (low.min(*a), high.max(*a));
-    let (low, high) = angle.iter().fold((f64::INFINITY, f64::NEG_INFINITY), span);
+    let (low, high) = extremes(unwrap(&tare.times_s[..tare.leg.len()], &tare.leg, rad_per_count));
     (high - low).max(0.0)
 }
 
 /// Readings that cannot be trusted.
 pub(super) fn diagnose_frames(
-    input: &TrialInput<'_>,
-    forces: Option<&TrialForces>,
+    calibration: &Calibration,
+    forces: &TrialForces,
     window: Range<usize>,
-    diagnostics: &mut Vec<Diagnostic>,
-) {
-    let (Some(calibration), Some(forces)) = (input.instrument.calibration, forces) else { return };
+    full_scale: f64,
+) -> [Option<Diagnostic>; 2] {
     let of_rows = &forces.frame_of_row[window];
-    let (Some(&first), Some(&last)) = (of_rows.first(), of_rows.last()) else { return };
+    let (Some(&first), Some(&last)) = (of_rows.first(), of_rows.last()) else {
+        return [None, None];
+    };
     let of = (last - first + 1) as u64;
     let cut = |column: &Vec<f64>| column[first..=last].to_vec();
     let channels = forces.frames.iter().take(calibration.channels());
-    let frames: Vec<Vec<f64>> = channels.map(cut).collect();
-    let out = calibration.rows_out_of_range(&frames);
-    if out > 0 {
-        diagnostics.push(Diagnostic::OutOfRange { frames: out, of });
-    }
-    let inside = |reading: f64| reading > 0.0 && reading < input.options.full_scale;
-    let is_saturated = |frame: &usize| frames.iter().any(|column| !inside(column[*frame]));
+    let readings: Vec<Vec<f64>> = channels.map(cut).collect();
+    let inside = |reading: f64| reading > 0.0 && reading < full_scale;
+    let is_saturated = |frame: &usize| readings.iter().any(|column| !inside(column[*frame]));
     let saturated = (0..of as usize).filter(is_saturated).count() as u64;
-    if saturated > 0 {
-        diagnostics.push(Diagnostic::Saturated { frames: saturated, of });
-    }
+    let frames = calibration.rows_out_of_range(&readings);
+    [
+        (frames > 0).then_some(Diagnostic::OutOfRange { frames, of }),
+        (saturated > 0).then_some(Diagnostic::Saturated { frames: saturated, of }),
+    ]
 }
 
 /// Legs that do not turn.
-pub(super) fn diagnose_legs(strides: Option<&Strides>, diagnostics: &mut Vec<Diagnostic>) {
-    let Some(strides) = strides else {
-        diagnostics.push(Diagnostic::NoLeg);
-        return;
-    };
+pub(super) fn diagnose_legs(strides: Option<&Strides>) -> Option<Diagnostic> {
+    let Some(strides) = strides else { return Some(Diagnostic::NoLeg) };
     let mut periods: Vec<f64> = strides.spans().map(|(start, end)| end - start).collect();
-    match upper_median(&mut periods) {
-        None => diagnostics.push(Diagnostic::NoStride),
-        Some(median) if strides.longest_still_s > STALL_STRIDES * median => {
-            diagnostics.push(Diagnostic::StalledLeg { longest_s: strides.longest_still_s });
-        }
-        Some(_) => {}
-    }
+    let Some(median) = upper_median(&mut periods) else { return Some(Diagnostic::NoStride) };
+    let longest_s = strides.longest_still_s;
+    (longest_s > STALL_STRIDES * median).then_some(Diagnostic::StalledLeg(longest_s))
 }
 
 #[cfg(test)]

@@ -4,7 +4,6 @@ use serde::{Serialize, Serializer};
 
 use super::window::Proposal;
 use forces::RowRule;
-use forces::stationary::ZeroMove;
 
 /// How much a diagnostic matters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -53,11 +52,8 @@ pub enum Diagnostic {
     #[error("no calibration was given: {NO_FORCES}")]
     NoCalibration,
     /// Without these columns of telemetry: no electrical energy, no specific resistance.
-    #[error("the log has no {}: {NO_ENERGY}", missing.join(", no "))]
-    NoPower {
-        /// What is not there.
-        missing: Vec<&'static str>,
-    },
+    #[error("the log has no {}: {NO_ENERGY}", .0.join(", no "))]
+    NoPower(Vec<&'static str>),
     /// The battery reads zero (or less) in some rows of the window: no electrical energy.
     #[error("the battery reads no voltage in {rows} of {of} rows: {NO_ENERGY}")]
     NoBattery {
@@ -94,12 +90,9 @@ pub enum Diagnostic {
     /// The right leg does not complete a turn in the window.
     #[error("the right leg does not complete a turn in the window")]
     NoStride,
-    /// The right leg stood still for longer than two strides take.
-    #[error("the right leg stands still for {longest_s:.3} s")]
-    StalledLeg {
-        /// The longest time that the leg stood still, s.
-        longest_s: f64,
-    },
+    /// The right leg stood still for longer than two strides take: how long at most, s.
+    #[error("the right leg stands still for {0:.3} s")]
+    StalledLeg(f64),
     /// Frames with a reading outside the range of the training data.
     #[error("{frames} of {of} frames have a reading outside the range of the training data")]
     OutOfRange {
@@ -126,66 +119,33 @@ pub enum Diagnostic {
         /// When the tare ended, s.
         end_s: f64,
     },
-    /// The tare ends after the robot has entered the channel.
-    #[error("the tare ends at {end_s:.3} s, after the robot has entered the channel")]
-    LateTare {
-        /// When the tare ended, s.
-        end_s: f64,
-    },
-    /// The zero at the end of the log is not that of the tare.
-    #[error("{text}")]
-    MovedZero {
-        /// By how much, in words.
-        text: String,
-    },
+    /// The tare ends after the robot has entered the channel: when, s.
+    #[error("the tare ends at {0:.3} s, after the robot has entered the channel")]
+    LateTare(f64),
+    /// The zero at the end of the log is not that of the tare: by how much, in words.
+    #[error("{0}")]
+    MovedZero(String),
     /// The calibration carries no covariance: no intervals.
     #[error("the calibration carries no covariance: intervals are left out")]
     NoIntervals,
-    /// The rate of the log is too low for the usual low-pass: forces are not filtered.
-    #[error("the log's rate is too low for a low-pass of {cutoff_hz} Hz: forces are not filtered")]
-    Unfiltered {
-        /// The cutoff, Hz.
-        cutoff_hz: f64,
-    },
-    /// Rows that could not be read and were left out.
-    #[error("{rows} bad rows are left out")]
-    SkippedRows {
-        /// How many in the log.
-        rows: u64,
-    },
+    /// The rate of the log is too low for the usual low-pass, of this cutoff in Hz: forces are not filtered.
+    #[error("the log's rate is too low for a low-pass of {0} Hz: forces are not filtered")]
+    Unfiltered(f64),
+    /// How many rows of the log could not be read and were left out.
+    #[error("{0} bad rows are left out")]
+    SkippedRows(u64),
     /// The window was found in the forces.
     #[error(
         "the window was found in the drag: confidence {:.0} %, entry ± {:.3} s, exit ± {:.3} s",
-        100.0 * confidence, se_s.0, se_s.1
+        100.0 * .0.confidence, .0.t_enter_se_s, .0.t_exit_se_s
     )]
-    FoundWindow {
-        /// Share of the slow variation of the drag that one passage through a channel explains, 0 to 1.
-        confidence: f64,
-        /// Standard error of entry and exit, s.
-        se_s: (f64, f64),
-        /// Whether it can be used without a look at it.
-        is_good: bool,
-    },
+    FoundWindow(Proposal),
     /// Something said by whoever made the manifest.
     #[error("{0}")]
     Manifest(String),
 }
 
 impl Diagnostic {
-    /// That the window is `proposal`.
-    pub fn found_window(proposal: &Proposal) -> Self {
-        Self::FoundWindow {
-            confidence: proposal.confidence,
-            se_s: (proposal.t_enter_se_s, proposal.t_exit_se_s),
-            is_good: proposal.is_good(),
-        }
-    }
-
-    /// That the zero has moved, if it has.
-    pub fn moved_zero(zero: ZeroMove) -> Option<Self> {
-        zero.in_words().map(|text| Self::MovedZero { text })
-    }
-
     /// How much it matters.
     pub fn severity(&self) -> Severity {
         match self {
@@ -193,7 +153,7 @@ impl Diagnostic {
             Self::MissingRows { missing, expected, .. } if missing * 100 < *expected => {
                 Severity::Note
             }
-            Self::FoundWindow { is_good: true, .. } => Severity::Note,
+            Self::FoundWindow(window) if window.is_good() => Severity::Note,
             _ => Severity::Warning,
         }
     }
@@ -205,22 +165,22 @@ impl Diagnostic {
             Self::MissingRows { .. } => "missing_rows",
             Self::NoSensors => "no_sensors",
             Self::NoCalibration => "no_calibration",
-            Self::NoPower { .. } => "no_power",
+            Self::NoPower(_) => "no_power",
             Self::NoBattery { .. } => "no_battery",
             Self::BatteryUnit { .. } => "battery_unit",
             Self::NoUnit { .. } => "no_unit",
             Self::NoLeg => "no_leg",
             Self::NoStride => "no_stride",
-            Self::StalledLeg { .. } => "stalled_leg",
+            Self::StalledLeg(_) => "stalled_leg",
             Self::OutOfRange { .. } => "out_of_range",
             Self::Saturated { .. } => "saturated",
             Self::MovingTare { .. } => "moving_tare",
-            Self::LateTare { .. } => "late_tare",
-            Self::MovedZero { .. } => "moved_zero",
+            Self::LateTare(_) => "late_tare",
+            Self::MovedZero(_) => "moved_zero",
             Self::NoIntervals => "no_intervals",
-            Self::Unfiltered { .. } => "unfiltered",
-            Self::SkippedRows { .. } => "skipped_rows",
-            Self::FoundWindow { .. } => "found_window",
+            Self::Unfiltered(_) => "unfiltered",
+            Self::SkippedRows(_) => "skipped_rows",
+            Self::FoundWindow(_) => "found_window",
             Self::Manifest(_) => "manifest",
         }
     }

@@ -75,12 +75,9 @@ pub enum TrialError {
         /// Its own time, s.
         after: f64,
     },
-    /// The clock stands still.
-    #[error("the clock does not move on: `{rows}` rows, all at one time")]
-    NoClock {
-        /// Rows in the log.
-        rows: u64,
-    },
+    /// The clock stands still over all rows of the log, so many.
+    #[error("the clock does not move on: `{0}` rows, all at one time")]
+    NoClock(u64),
     /// The sensors are not those of the calibration.
     #[error("the log has `{found}` sensor channels, the calibration `{expected}`")]
     Channels {
@@ -95,12 +92,9 @@ pub enum TrialError {
     /// The log gives no forces as asked.
     #[error(transparent)]
     Forces(#[from] forces::ForceError),
-    /// A result is not a finite number.
-    #[error("{what} is not finite: readings or telemetry are far outside what they can be")]
-    NotFinite {
-        /// Which.
-        what: &'static str,
-    },
+    /// A result, which is named, is not a finite number.
+    #[error("{0} is not finite: readings or telemetry are far outside what they can be")]
+    NotFinite(&'static str),
 }
 
 impl Hint for TrialError {

@@ -12,10 +12,7 @@ use std::ops::Range;
 use super::diagnose::count_fresh;
 use super::diagnostic::Diagnostic;
 use super::error::{FEWEST_PERIODS, TrialError};
-use super::input::LogTimes;
-use super::input::TraceExtent;
-use super::input::Trial;
-use super::input::TrialInput;
+use super::input::{LogTimes, TraceExtent, Trial, TrialInput};
 use super::integral::{Span, rows_within};
 use super::leg::Strides;
 use super::profile::Profile;
@@ -26,14 +23,6 @@ use super::trace::Trace;
 use super::uncertainty::half_widths;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// A trial with its overrides filled in.
-struct Terms {
-    velocity_m_s: f64,
-    channel_length_m: f64,
-    /// m·g·v̄, W.
-    weight_power_w: f64,
-}
-
 /// Evaluates a trial on the rows around its window.
 ///
 /// # Errors
@@ -42,7 +31,7 @@ struct Terms {
 pub fn evaluate(input: &TrialInput<'_>) -> Result<TrialResult, TrialError> {
     let TrialInput { trial, rows, options, .. } = *input;
     check_window(trial, input.times)?;
-    let terms = Terms::new(trial, input.instrument.profile)?;
+    let [channel_length_m, velocity_m_s, weight_power_w] = terms(trial, input.instrument.profile)?;
     let (enter, exit) = (trial.t_enter_s, trial.t_exit_s);
     let span = Span::new(options.forces.rule, &rows.times_s, enter, exit);
     let span = span.ok_or(TrialError::Gap { enter, exit })?;
@@ -50,14 +39,16 @@ pub fn evaluate(input: &TrialInput<'_>) -> Result<TrialResult, TrialError> {
     let mut diagnostics: Vec<Diagnostic> =
         trial.notes.iter().cloned().map(Diagnostic::Manifest).collect();
     let signals = Signals::new(input, window.clone(), &mut diagnostics)?;
-    let evaluation = TrialEvaluation { input, terms, window, signals };
+    let evaluation =
+        TrialEvaluation { input, channel_length_m, velocity_m_s, weight_power_w, window, signals };
     let half_widths = evaluation.half_widths(&span);
     if evaluation.signals.forces.is_some() && half_widths.is_none() {
         diagnostics.push(Diagnostic::NoIntervals);
     }
     let row = evaluation.trial_row(&span, half_widths);
     check_finite(&row)?;
-    let stride_rows = evaluation.stride_rows();
+    let spans = evaluation.signals.strides.iter().flat_map(Strides::spans);
+    let stride_rows = (1..).zip(spans).map(|(k, span)| evaluation.stride_row(k, span)).collect();
     let trace = evaluation.trace();
     Ok(TrialResult { row, stride_rows, diagnostics, trace, phase: None })
 }
@@ -81,26 +72,27 @@ pub fn check_window(trial: &Trial, times: &LogTimes) -> Result<(), TrialError> {
     Ok(())
 }
 
-impl Terms {
-    fn new(trial: &Trial, profile: &Profile) -> Result<Self, TrialError> {
-        let positive = |what, value: f64| match value > 0.0 && value.is_finite() {
-            true => Ok(value),
-            false => Err(TrialError::NotPositive { what, value }),
-        };
-        let length = trial.channel_length_m.unwrap_or(profile.channel.length_m);
-        let length = positive("the channel length, m,", length)?;
-        let mass = positive("the mass, kg,", trial.mass_kg.unwrap_or(profile.robot.mass_kg))?;
-        let mean = length / (trial.t_exit_s - trial.t_enter_s);
-        let velocity = positive("the velocity, m/s,", trial.velocity_m_s.unwrap_or(mean))?;
-        let weight_power_w = mass * profile.robot.gravity_m_s2 * velocity;
-        Ok(Self { velocity_m_s: velocity, channel_length_m: length, weight_power_w })
-    }
+/// The length of the channel, m, the mean velocity, m/s, and m·g·v̄, W, of the trial or else of the profile.
+fn terms(trial: &Trial, profile: &Profile) -> Result<[f64; 3], TrialError> {
+    let positive = |what, value: f64| match value > 0.0 && value.is_finite() {
+        true => Ok(value),
+        false => Err(TrialError::NotPositive { what, value }),
+    };
+    let length = trial.channel_length_m.unwrap_or(profile.channel.length_m);
+    let length = positive("the channel length, m,", length)?;
+    let mass = positive("the mass, kg,", trial.mass_kg.unwrap_or(profile.robot.mass_kg))?;
+    let mean = length / (trial.t_exit_s - trial.t_enter_s);
+    let velocity = positive("the velocity, m/s,", trial.velocity_m_s.unwrap_or(mean))?;
+    Ok([length, velocity, mass * profile.robot.gravity_m_s2 * velocity])
 }
 
 /// A trial whose signals are known.
 struct TrialEvaluation<'a> {
     input: &'a TrialInput<'a>,
-    terms: Terms,
+    channel_length_m: f64,
+    velocity_m_s: f64,
+    /// m·g·v̄, W.
+    weight_power_w: f64,
     /// The rows in the window.
     window: Range<usize>,
     signals: Signals,
@@ -119,7 +111,7 @@ impl TrialEvaluation<'_> {
         let forces = self.signals.forces.as_ref();
         let mean = |axis: Axis| forces.map(|forces| span.mean(&forces.wrench[axis.index()]));
         let power = self.signals.power.as_ref();
-        let energy_j = power.map(|power| span.integral(&self.input.rows.times_s, &power.total_w));
+        let energy_j = power.map(|power| span.integral(&power.total_w));
         WindowMeans { fx_n: mean(Axis::Fx), fz_n: mean(Axis::Fz), energy_j }
     }
 
@@ -140,7 +132,7 @@ impl TrialEvaluation<'_> {
             let (value, half) = (value?, half_widths?[axis.index()] * factor);
             Some(Interval { low: value - half, high: value + half })
         };
-        let length_m = self.terms.channel_length_m;
+        let length_m = self.channel_length_m;
         let (drag, lift) = (means.fx_n.map(|fx| -fx), means.fz_n);
         let drag_energy = means.fx_n.map(|fx| fx * length_m);
         let mean_power = means.energy_j.map(|energy| energy / (exit - enter));
@@ -152,7 +144,7 @@ impl TrialEvaluation<'_> {
             t_enter_s: enter,
             t_exit_s: exit,
             duration_s: exit - enter,
-            velocity_m_s: self.terms.velocity_m_s,
+            velocity_m_s: self.velocity_m_s,
             rows: self.window.len() as u64,
             fresh_frames: has_forces.then(|| count_fresh(rows, self.window.clone())),
             drag_mean_n: drag,
@@ -163,35 +155,30 @@ impl TrialEvaluation<'_> {
             lift_mean_95_n: about(lift, 1.0, Axis::Fz),
             electrical_energy_j: means.energy_j,
             mean_power_w: mean_power,
-            specific_resistance: mean_power.map(|power| power / self.terms.weight_power_w),
+            specific_resistance: mean_power.map(|power| power / self.weight_power_w),
             strides: strides.map(|strides| strides.count() as u64),
             stride_frequency_hz: strides.and_then(Strides::frequency_hz),
         }
     }
 
-    fn stride_rows(&self) -> Vec<StrideRow> {
-        let spans = self.signals.strides.iter().flat_map(Strides::spans).enumerate();
-        spans.map(|(number, span)| self.stride_row(number, span)).collect()
-    }
-
-    fn stride_row(&self, number: usize, (start, end): (f64, f64)) -> StrideRow {
+    fn stride_row(&self, stride: u64, (start, end): (f64, f64)) -> StrideRow {
         let times = &self.input.rows.times_s;
         let span = Span::new(self.input.options.forces.rule, times, start, end);
         let means = span.map(|span| self.means(&span)).unwrap_or_default();
         let period = end - start;
         let mean_power = means.energy_j.map(|energy| energy / period);
         StrideRow {
-            stride: number as u64 + 1,
+            stride,
             t_start_s: start,
             t_end_s: end,
             period_s: period,
             rows: rows_within(times, start, end).len() as u64,
             drag_mean_n: means.fx_n.map(|fx| -fx),
             lift_mean_n: means.fz_n,
-            drag_energy_j: means.fx_n.map(|fx| fx * self.terms.velocity_m_s * period),
+            drag_energy_j: means.fx_n.map(|fx| fx * self.velocity_m_s * period),
             electrical_energy_j: means.energy_j,
             mean_power_w: mean_power,
-            specific_resistance: mean_power.map(|power| power / self.terms.weight_power_w),
+            specific_resistance: mean_power.map(|power| power / self.weight_power_w),
         }
     }
 
@@ -213,7 +200,7 @@ fn check_finite(row: &TrialRow) -> Result<(), TrialError> {
         ("the specific resistance", row.specific_resistance),
     ];
     match values.into_iter().find(|(_, value)| value.is_some_and(|value| !value.is_finite())) {
-        Some((what, _)) => Err(TrialError::NotFinite { what }),
+        Some((what, _)) => Err(TrialError::NotFinite(what)),
         None => Ok(()),
     }
 }

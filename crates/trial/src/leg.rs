@@ -2,7 +2,8 @@
 
 use std::f64::consts::TAU;
 
-use super::integral::TrapezoidWeights;
+use super::integral::rows_around;
+use shell_data::statistics::extremes;
 
 /// How far back the speed of a leg is looked at to tell by how much it has moved on, s: some
 /// encoder noise does not matter, and a gait is steady.
@@ -18,9 +19,7 @@ pub(super) const STILL_RAD: f64 = 0.1;
 /// to where the leg's speed of the last 20 ms would have taken it: right across missing rows
 /// as long as the speed changes by less than half a turn over the gap.
 pub(super) fn unwrap(times: &[f64], counts: &[f64], rad_per_count: f64) -> Vec<f64> {
-    let (low, high) = counts
-        .iter()
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &c| (low.min(c), high.max(c)));
+    let (low, high) = extremes(counts.iter().copied());
     let turn = TAU / rad_per_count;
     let wrap = if high - low < 1.5 * turn { turn } else { 2.0_f64.powi(32) };
     let mut unwrapped: Vec<f64> = Vec::with_capacity(counts.len());
@@ -58,9 +57,7 @@ impl Strides {
     /// A turn ends when the leg first gets there. What it goes back and makes good does not count
     /// twice, so noise, a stall or a reversal do not make strides.
     pub(super) fn new(times: &[f64], angle: &[f64], from_s: f64, to_s: f64) -> Self {
-        let Some(TrapezoidWeights { rows, .. }) = TrapezoidWeights::new(times, from_s, to_s) else {
-            return Self::default();
-        };
+        let Some(rows) = rows_around(times, from_s, to_s) else { return Self::default() };
         let (times, angle) = (&times[rows.clone()], &angle[rows]);
         let last = times.len() - 1;
         let start = between((times[0], angle[0]), (times[1], angle[1]), from_s);

@@ -45,7 +45,6 @@ pub use profile::{Motor, Profile, Robot, TelemetryScales, TrialChannel, VELOCIRO
 pub use results::{ConditionRow, Per, Quantity, StrideRow, TrialResult, TrialRow};
 pub use statistics::{Interval, MeanDifference, Statistics, ValueSample};
 pub use telemetry_column::TelemetryColumn;
-pub use toml_position::TomlError;
 pub use trace::Trace;
 pub use value_table::{ValueRow, ValueTable};
 pub use window::{GOOD_CONFIDENCE, NoWindow, Proposal, propose_window};

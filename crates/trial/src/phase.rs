@@ -37,19 +37,14 @@ impl PhaseProfile {
     /// without a row in some stretch (the leg stalled, or rows are missing) are left out; `None` if
     /// that leaves none or there are no forces.
     pub fn new<'a>(traces: impl IntoIterator<Item = (&'a Trace, [f64; 2])>) -> Option<Self> {
-        let mut drags = Vec::new();
-        let mut lifts = Vec::new();
+        let (mut drags, mut lifts) = (Vec::new(), Vec::new());
         for (trace, [from_s, to_s]) in traces {
-            for pair in trace.stride_times_s.windows(2) {
-                if pair[0] < from_s || pair[1] > to_s {
-                    continue;
-                }
-                let drag = stride(trace, [pair[0], pair[1]], Axis::Fx, -1.0);
-                let lift = stride(trace, [pair[0], pair[1]], Axis::Fz, 1.0);
-                if let (Some(drag), Some(lift)) = (drag, lift) {
-                    drags.push(drag);
-                    lifts.push(lift);
-                }
+            let spans = trace.stride_times_s.windows(2).map(|pair| [pair[0], pair[1]]);
+            for span in spans.filter(|[start, end]| *start >= from_s && *end <= to_s) {
+                let drag = stride(trace, span, Axis::Fx, -1.0);
+                let both = drag.zip(stride(trace, span, Axis::Fz, 1.0));
+                drags.extend(both.map(|(drag, _)| drag));
+                lifts.extend(both.map(|(_, lift)| lift));
             }
         }
         let phase = |i: usize| TAU * (i as f64 + 0.5) / PHASES as f64;
@@ -60,9 +55,7 @@ impl PhaseProfile {
             lift: PhaseForce::from_strides(&lifts),
         })
     }
-}
 
-impl PhaseProfile {
     /// Of the strides of both.
     pub fn merged(&self, other: &Self) -> Self {
         let strides = self.strides + other.strides;

@@ -116,7 +116,7 @@ impl PowerColumns<'_> {
             let unknown = unknown.into_iter().find(|kind| self.rows.telemetry(*kind).is_some());
             return Err(match unknown.and_then(|kind| Some((kind, key_of(kind)?))) {
                 Some((kind, key)) => Diagnostic::NoUnit { column: kind.name(), key },
-                None => Diagnostic::NoPower { missing },
+                None => Diagnostic::NoPower(missing),
             });
         }
         let battery = self.battery(window)?;

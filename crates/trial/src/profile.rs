@@ -10,8 +10,9 @@ use shell_data::hint::quoted;
 use shell_data::telemetry::Telemetry;
 use toml::Spanned;
 
+use super::cell_position::ManifestProblem;
 use super::telemetry_column::{TelemetryColumn, check_column, key_of};
-use super::toml_position::{TomlError, parse};
+use super::toml_position::parse;
 
 /// The built-in profile as a document, to start another from.
 pub const VELOCIROACH: &str = include_str!("../assets/profiles/velociroach.toml");
@@ -93,23 +94,29 @@ impl Profile {
     /// Reads a profile.
     ///
     /// # Errors
-    /// [`TomlError`] with line and column: no TOML, a key that is missing or unknown, a constant
+    /// [`ManifestProblem`] with line and column: no TOML, a key that is missing or unknown, a constant
     /// that is not a positive number, or a unit that the column cannot have.
-    pub fn parse(text: &str) -> Result<Self, TomlError> {
+    pub fn parse(text: &str) -> Result<Self, ManifestProblem> {
         let has_base = parse::<toml::Table>(text)?.contains_key("base");
         let profile: Self = if has_base { Differences::parse(text)? } else { parse(text)? };
         for (key, column) in &profile.columns {
             check_column(key, column)
-                .map_err(|message| TomlError::at_key(text, "columns", key, message))?;
+                .map_err(|message| ManifestProblem::at_key(text, "columns", key, message))?;
         }
-        let length = profile.robot.length_m.map(|length| ("robot", "length_m", length));
-        for (table, key, value) in profile.constants().into_iter().chain(length) {
-            if !(value > 0.0 && value.is_finite()) {
-                let message = format!("`{table}.{key}` is `{value}`, expected a positive number");
-                return Err(TomlError::at_key(text, table, key, message));
-            }
-        }
-        Ok(profile)
+        let document = toml::Table::try_from(&profile).expect("names and numbers");
+        let tables = document.iter().filter_map(|(name, value)| Some((name, value.as_table()?)));
+        let faults = tables.flat_map(|(table, constants)| {
+            let values = constants.iter().filter_map(|(key, value)| Some((key, value.as_float()?)));
+            values.filter(|(_, value)| !(*value > 0.0 && value.is_finite())).map(
+                move |(key, value)| {
+                    let message =
+                        format!("`{table}.{key}` is `{value}`, expected a positive number");
+                    ManifestProblem::at_key(text, table, key, message)
+                },
+            )
+        });
+        // The first in the text.
+        faults.min_by_key(|fault| fault.position).map_or(Ok(profile), Err)
     }
 
     /// What the profile says of a column of telemetry.
@@ -130,24 +137,6 @@ impl Profile {
     /// The angle of what a column of a leg's position counts, rad.
     pub(super) fn leg_rad(&self, leg: Telemetry) -> f64 {
         self.unit(leg).unwrap_or(self.telemetry.leg_rad_per_count)
-    }
-
-    /// All constants with their tables and keys.
-    fn constants(&self) -> [(&'static str, &'static str, f64); 11] {
-        let Self { telemetry, motor, robot, channel, .. } = self;
-        [
-            ("telemetry", "leg_rad_per_count", telemetry.leg_rad_per_count),
-            ("telemetry", "gyro_deg_s_per_count", telemetry.gyro_deg_s_per_count),
-            ("telemetry", "acceleration_m_s2_per_count", telemetry.acceleration_m_s2_per_count),
-            ("telemetry", "back_emf_v_per_count", telemetry.back_emf_v_per_count),
-            ("telemetry", "battery_v_per_count", telemetry.battery_v_per_count),
-            ("telemetry", "duty_counts", telemetry.duty_counts),
-            ("motor", "resistance_ohm", motor.resistance_ohm),
-            ("motor", "torque_constant_nm_per_a", motor.torque_constant_nm_per_a),
-            ("robot", "mass_kg", robot.mass_kg),
-            ("robot", "gravity_m_s2", robot.gravity_m_s2),
-            ("channel", "length_m", channel.length_m),
-        ]
     }
 }
 
@@ -173,12 +162,12 @@ struct Differences {
 }
 
 impl Differences {
-    fn parse(text: &str) -> Result<Profile, TomlError> {
+    fn parse(text: &str) -> Result<Profile, ManifestProblem> {
         let Self { base, name, columns, telemetry, motor, robot, channel } = parse(text)?;
         if base.get_ref() != "velociroach" {
             let message =
                 format!("no profile `{}` is built in, only `velociroach`", base.get_ref());
-            return Err(TomlError::at(text, base.span().start, message));
+            return Err(ManifestProblem::at(text, base.span().start, message));
         }
         let mut document: toml::Table = parse(VELOCIROACH)?;
         let tables =
@@ -189,7 +178,7 @@ impl Differences {
                 let Some(constant) = of_base.get_mut(key.get_ref()) else {
                     let known = quoted(of_base.keys(), ", ");
                     let message = format!("unknown field `{}`, expected {known}", key.get_ref());
-                    return Err(TomlError::at(text, key.span().start, message));
+                    return Err(ManifestProblem::at(text, key.span().start, message));
                 };
                 *constant = toml::Value::Float(value);
             }
@@ -197,7 +186,7 @@ impl Differences {
         // Every table and key is one of the base's, and every value a number.
         let mut profile: Profile = document
             .try_into()
-            .map_err(|error: toml::de::Error| TomlError::at(text, 0, error.to_string()))?;
+            .map_err(|error: toml::de::Error| ManifestProblem::at(text, 0, error.to_string()))?;
         profile.name = name.unwrap_or(profile.name);
         profile.columns = columns;
         Ok(profile)

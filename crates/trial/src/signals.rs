@@ -6,22 +6,20 @@ use super::diagnose::{diagnose_frames, diagnose_legs, diagnose_rows, diagnose_ta
 use super::diagnostic::Diagnostic;
 use super::error::TrialError;
 use super::forces::TrialForces;
-use super::input::TraceExtent;
-use super::input::TrialInput;
-use super::input::TrialRows;
+use super::input::{TraceExtent, TrialInput, TrialRows};
 use super::leg::{Strides, unwrap};
 use super::power::Power;
 use super::trace::Trace;
 use shell_data::telemetry::Telemetry;
-use shell_data::wrench::{Axes, Axis, PerAxis};
+use shell_data::wrench::{Axes, Axis};
 
 /// What can be computed of the rows of a trial.
 pub(super) struct Signals {
     pub(super) forces: Option<TrialForces>,
     pub(super) power: Option<Power>,
-    /// Angles, rad.
-    pub(super) right_leg: Option<Vec<f64>>,
-    pub(super) left_leg: Option<Vec<f64>>,
+    /// Angles, rad; empty where they are not known.
+    right_leg: Vec<f64>,
+    left_leg: Vec<f64>,
     pub(super) strides: Option<Strides>,
 }
 
@@ -35,7 +33,7 @@ impl Signals {
         window: Range<usize>,
         diagnostics: &mut Vec<Diagnostic>,
     ) -> Result<Self, TrialError> {
-        let TrialInput { trial, instrument, rows, tare_frames, .. } = *input;
+        let TrialInput { trial, instrument, rows, tare_frames, options, .. } = *input;
         let forces = find_forces(input, diagnostics)?;
         let power = Power::new(rows, instrument.profile, window.clone());
         let power = power.map_err(|why| diagnostics.push(why)).ok();
@@ -44,19 +42,20 @@ impl Signals {
             return Err(TrialError::Nothing(reasons.join("; ")));
         }
         let leg = |kind| {
-            let rad = instrument.profile.leg_rad(kind);
-            Some(unwrap(&rows.times_s, rows.telemetry(kind)?, rad))
+            let counts = rows.telemetry(kind).unwrap_or_default();
+            unwrap(&rows.times_s, counts, instrument.profile.leg_rad(kind))
         };
         let right_leg = leg(Telemetry::RightLeg);
         let (enter, exit) = (trial.t_enter_s, trial.t_exit_s);
-        let strides = right_leg.as_ref();
-        let strides = strides.map(|angle| Strides::new(&rows.times_s, angle, enter, exit));
-        diagnose_rows(input, window.clone(), diagnostics);
-        if let Some(tare) = tare_frames.filter(|_| forces.is_some()) {
-            diagnose_tare(tare, instrument.profile, enter, diagnostics);
+        let strides =
+            (!right_leg.is_empty()).then(|| Strides::new(&rows.times_s, &right_leg, enter, exit));
+        diagnostics.extend(diagnose_rows(input, window.clone()).into_iter().flatten());
+        if let (Some(calibration), Some(forces)) = (instrument.calibration, &forces) {
+            let of_tare = tare_frames.map(|tare| diagnose_tare(tare, instrument.profile, enter));
+            let of_frames = diagnose_frames(calibration, forces, window, options.full_scale);
+            diagnostics.extend(of_tare.into_iter().flatten().chain(of_frames).flatten());
         }
-        diagnose_frames(input, forces.as_ref(), window, diagnostics);
-        diagnose_legs(strides.as_ref(), diagnostics);
+        diagnostics.extend(diagnose_legs(strides.as_ref()));
         let left_leg = leg(Telemetry::LeftLeg);
         Ok(Self { forces, power, right_leg, left_leg, strides })
     }
@@ -64,23 +63,23 @@ impl Signals {
     /// The signals at some rows.
     pub(super) fn trace(&self, of: &TrialRows, rows: Range<usize>) -> Trace {
         let cut = |column: &[f64]| column.get(rows.clone()).unwrap_or_default().to_vec();
-        let cut_optional = |column: &Option<Vec<f64>>| cut(column.as_deref().unwrap_or_default());
-        let wrench = match &self.forces {
-            None => PerAxis::default(),
-            Some(forces) => forces.wrench.each_ref().map(|axis| cut(axis)),
+        let wrench = self.forces.as_ref().map(|forces| forces.wrench.each_ref().map(|of| cut(of)));
+        let (power_w, [right_power_w, left_power_w]) = match &self.power {
+            Some(Power { sides_w: Some(sides), .. }) => {
+                (Vec::new(), sides.each_ref().map(|w| cut(w)))
+            }
+            Some(Power { total_w, sides_w: None }) => (cut(total_w), Default::default()),
+            None => Default::default(),
         };
-        let sides = self.power.as_ref().and_then(|power| power.sides_w.as_ref());
-        let side = |position: usize| sides.map_or_else(Vec::new, |sides| cut(&sides[position]));
-        let total = self.power.as_ref().filter(|power| power.sides_w.is_none());
         Trace {
             t_s: cut(&of.times_s),
-            wrench,
+            wrench: wrench.unwrap_or_default(),
             fresh: of.fresh.get(rows.clone()).unwrap_or_default().to_vec(),
-            right_leg_rad: cut_optional(&self.right_leg),
-            left_leg_rad: cut_optional(&self.left_leg),
-            right_power_w: side(0),
-            left_power_w: side(1),
-            power_w: total.map_or_else(Vec::new, |power| cut(&power.total_w)),
+            right_leg_rad: cut(&self.right_leg),
+            left_leg_rad: cut(&self.left_leg),
+            right_power_w,
+            left_power_w,
+            power_w,
             stride_times_s: self.strides.as_ref().map_or_else(Vec::new, |s| s.times_s.clone()),
         }
     }
@@ -104,17 +103,14 @@ fn find_forces(
         return Ok(None);
     };
     if let (Some(low_pass), None) = (input.options.forces.low_pass, pipeline.low_pass) {
-        diagnostics.push(Diagnostic::Unfiltered { cutoff_hz: low_pass.cutoff_hz });
+        diagnostics.push(Diagnostic::Unfiltered(low_pass.cutoff_hz));
     }
     // Results need two axes; traces show all.
     let needed: Axes = [Axis::Fx, Axis::Fz].into_iter().collect();
     if !calibration.axes.contain(needed) {
         return Err(TrialError::Axes(needed.without(calibration.axes)));
     }
-    let axes = match input.options.trace {
-        TraceExtent::Nothing => needed,
-        TraceExtent::Window | TraceExtent::Log => calibration.axes,
-    };
-    let axes: Vec<Axis> = axes.iter().collect();
+    let traced = input.options.trace != TraceExtent::Nothing;
+    let axes: Vec<Axis> = if traced { calibration.axes } else { needed }.iter().collect();
     TrialForces::new(input.rows, calibration, pipeline, &axes).map(Some)
 }

@@ -18,6 +18,7 @@ use statrs::distribution::{ContinuousCDF, Normal};
 
 use calibration::uncertainty::student_quantile;
 use shell_data::random::{Purpose, RandomStream};
+use shell_data::statistics::quantile;
 
 /// How often a sample is drawn again.
 pub(crate) const RESAMPLES: usize = 4000;
@@ -154,14 +155,6 @@ impl ValueSample {
 fn mean(clusters: &[(f64, usize)]) -> f64 {
     let (sum, n) = clusters.iter().fold((0.0, 0), |(s, n), &(sum, count)| (s + sum, n + count));
     sum / n as f64
-}
-
-/// The quantile of ascending values at rank `(n − 1)·p`.
-fn quantile(sorted: &[f64], p: f64) -> f64 {
-    let rank = (sorted.len() - 1) as f64 * p;
-    let below = rank as usize;
-    let above = (below + 1).min(sorted.len() - 1);
-    sorted[below] + (sorted[above] - sorted[below]) * (rank - below as f64)
 }
 
 /// Trials of a sample with the sign of its mean in what is asked for.

@@ -26,13 +26,6 @@ use shell_data::wrench::{Axis, PerAxis};
 /// The share of the truth that intervals are to hold.
 const LEVEL: f64 = 0.95;
 
-/// A variance and how many degrees of freedom it was found with.
-#[derive(Clone, Copy, Debug)]
-struct VariancePart {
-    variance: f64,
-    degrees_of_freedom: f64,
-}
-
 /// Half the width of the 95 % interval of the mean of `forces` over `span` along Fx and Fz, N; `None` if the
 /// calibration carries no covariance. `unexplained` is 1 − R² of the training loads, where it is known.
 pub(super) fn half_widths(
@@ -46,7 +39,7 @@ pub(super) fn half_widths(
     let polynomial = calibration.polynomial()?;
     // What each frame counts for in the mean.
     let mut shares = vec![0.0; forces.frames.first().map_or(0, Vec::len)];
-    span.shares().for_each(|(row, share)| shares[forces.frame_of_row[row]] += share);
+    span.shares.iter().for_each(|&(row, share)| shares[forces.frame_of_row[row]] += share);
     let mut difference = mean_features(polynomial, &forces.frames, &shares);
     let mut of_tare = PerAxis::default();
     if let Some((frames, tare)) = tare {
@@ -62,26 +55,22 @@ pub(super) fn half_widths(
             }
             CoefficientCovariance::Groups { factors, .. } => square(&factors[axis], &difference),
         };
-        let mut parts = vec![VariancePart {
-            variance,
-            degrees_of_freedom: covariance.degrees_of_freedom as f64,
-        }];
+        let degrees_of_freedom = covariance.degrees_of_freedom as f64;
+        let mut parts = vec![(variance, degrees_of_freedom)];
         let noise: &[f64] = &of_tare[axis];
         if let Some(unexplained) = unexplained {
             let residual = covariance.residual[axis][axis];
             let lack = if residual > 0.0 { 1.0 - variance_of(noise) / residual } else { 0.0 };
             let load = span.mean(&forces.wrench[axis]);
-            let variance = unexplained[axis] * lack.max(0.0) * load * load;
-            parts.push(VariancePart { variance, ..parts[0] });
+            parts.push((unexplained[axis] * lack.max(0.0) * load * load, degrees_of_freedom));
         }
         if noise.len() > 1 {
             let frames = noise.len() as f64;
             let variance = long_run_variance(noise) * (1.0 / frames + own_frames);
-            parts.push(VariancePart { variance, degrees_of_freedom: frames - 1.0 });
+            parts.push((variance, frames - 1.0));
         } else {
             // Nothing is known of its zero and its noise but what the training rows scattered.
-            let variance = covariance.residual[axis][axis];
-            parts.push(VariancePart { variance, ..parts[0] });
+            parts.push((covariance.residual[axis][axis], degrees_of_freedom));
         }
         half_widths[axis] = half_width(&parts);
     }
@@ -138,13 +127,13 @@ fn long_run_variance(x: &[f64]) -> f64 {
     own + (1..=lags.min(x.len() - 1)).map(weighed).sum::<f64>().max(0.0)
 }
 
-fn half_width(parts: &[VariancePart]) -> f64 {
-    let variance: f64 = parts.iter().map(|part| part.variance).sum();
+/// Of variances, with the degrees of freedom that each was found with.
+fn half_width(parts: &[(f64, f64)]) -> f64 {
+    let variance: f64 = parts.iter().map(|part| part.0).sum();
     if variance <= 0.0 {
         return 0.0;
     }
-    let spread =
-        |part: &VariancePart| part.variance * part.variance / part.degrees_of_freedom.max(1.0);
+    let spread = |&(variance, degrees): &(f64, f64)| variance * variance / degrees.max(1.0);
     let degrees_of_freedom = variance * variance / parts.iter().map(spread).sum::<f64>();
     student_quantile(LEVEL, degrees_of_freedom) * variance.sqrt()
 }
@@ -179,9 +168,9 @@ mod tests {
 
     #[test]
     fn parts_of_equal_size_share_their_degrees_of_freedom() {
-        let part = VariancePart { variance: 2.0, degrees_of_freedom: 5.0 };
+        let part = (2.0, 5.0);
         // Welch–Satterthwaite: twice the degrees; t(0.95, 10) = 2.228.
         assert!((half_width(&[part, part]) - 2.0 * 2.228).abs() < 2e-3);
-        assert_eq!(half_width(&[VariancePart { variance: 0.0, ..part }]), 0.0);
+        assert_eq!(half_width(&[(0.0, 5.0)]), 0.0);
     }
 }

@@ -7,7 +7,7 @@
 use std::io::{self, Write};
 
 use super::WorkflowError;
-use alignment::{Aligned, Edges, Options, Recording, align_by_edges, rising_edges};
+use alignment::{Aligned, Edges, Options, Recording, rising_edges};
 use log_file::{ColumnRef, Log, ReadOptions, ReadSummary, Wanted};
 use shell_data::wrench::{Axes, Axis};
 
@@ -58,8 +58,8 @@ pub fn align_logs(
     let readings = Recording { time_s: with_readings.time_s, columns: with_readings.readings };
     let edges = Edges { reference_s, board_s: edges_s, resolution_s };
     let has_edges = !edges.reference_s.is_empty() && !edges.board_s.is_empty();
-    let edges = has_edges.then_some(edges);
-    let aligned = align_by_edges(wrench, readings, edges, options).map_err(|source| {
+    let options = Options { edges: has_edges.then_some(edges), ..options };
+    let aligned = alignment::align(wrench, readings, options).map_err(|source| {
         let (reference, board) = (reference.path().to_owned(), board.path().to_owned());
         WorkflowError::Align { reference, board, source }
     })?;

@@ -11,7 +11,7 @@ use log_file::{Log, Mapping, ReadOptions};
 use output_file::OutputError;
 use serde::Serialize;
 use shell_data::hint::with_causes;
-use trial::manifest::{CellPosition, Entry, Manifest, ManifestProblem, Moment, Shard};
+use trial::manifest::{CellPosition, Entry, Manifest, ManifestProblem, Shard};
 use trial::{
     ConditionRow, Instrument, Per, PhaseProfile, Quantity, Trial, TrialError, TrialOptions,
     TrialResult, ValueSample,
@@ -94,8 +94,8 @@ pub fn run(
 ) -> Batch {
     let mut rows: Vec<Result<&Entry, ManifestProblem>> =
         manifest.rows.iter().map(|row| row.as_ref().map_err(ManifestProblem::clone)).collect();
-    for fault in manifest.faults(options.conditions) {
-        rows[fault.row] = Err(fault.problem);
+    for (row, problem) in manifest.faults(options.conditions) {
+        rows[row] = Err(problem);
     }
     let mut batch = Batch::default();
     let mut done = 0;
@@ -156,13 +156,12 @@ fn evaluate_entry(
         return Ok(same.clone());
     }
     let log = Log::open(&path, options.mapping)?;
-    let given = |moment| if let Moment::At(time_s) = moment { Some(time_s) } else { None };
-    let window = WindowTimes { enter_s: given(entry.enter.value), exit_s: given(entry.exit.value) };
+    let window = WindowTimes { enter_s: entry.enter.value, exit_s: entry.exit.value };
     let trial = Trial {
         condition: entry.condition.value.clone(),
-        velocity_m_s: entry.velocity_m_s.as_ref().map(|placed| placed.value),
-        mass_kg: entry.mass_kg.as_ref().map(|placed| placed.value),
-        channel_length_m: entry.channel_length_m.as_ref().map(|placed| placed.value),
+        velocity_m_s: entry.velocity_m_s,
+        mass_kg: entry.mass_kg,
+        channel_length_m: entry.channel_length_m,
         notes: entry.notes.clone(),
         ..Trial::from_window(entry.file.value.clone(), (f64::NAN, f64::NAN))
     };

@@ -254,7 +254,7 @@ fn without_forces(path: &str, error: &ForceError) -> String {
             "`{path}` has no frame between `{start_s}` and `{end_s}` s to tare on: \
              its frames run from `{first_s}` to `{last_s}` s"
         ),
-        ForceError::NoRate { reason } => {
+        ForceError::NoRate(reason) => {
             format!("`{path}` does not tell the sampling rate, which a low-pass needs: {reason}")
         }
         ForceError::Filter(error) => error.to_string(),
@@ -295,7 +295,7 @@ impl Hint for WorkflowError {
             Self::Forces { error, .. } => match error {
                 ForceError::TareFrames { .. } => "take fewer frames with `--tare`, or `--no-tare`",
                 ForceError::TareTime { .. } => "`shellcal info` tells the times of a log",
-                ForceError::NoRate { .. } => {
+                ForceError::NoRate(_) => {
                     "say how many rows there are in a second with `--rate`, or leave the filter out with `--no-lowpass`"
                 }
                 ForceError::Filter(error) => return error.hint(),

@@ -5,11 +5,9 @@ use std::path::{Path, PathBuf};
 
 use output_file::{OutputError, Outputs};
 use simulation::sensor_model::ModelError;
-use simulation::synthetic_log::{write_frame, write_frame_header};
+use simulation::synthetic_log::{FRAME_HEADER, write_frame};
 use simulation::synthetic_trial::{TrialLayout, write_telemetry_header, write_telemetry_row};
-use simulation::virtual_robot::{
-    ChannelForces, TrialSettings, TrialSettingsError, Truth, VirtualTrial,
-};
+use simulation::virtual_robot::{ChannelForces, TrialSettings, Truth, VirtualTrial};
 
 /// A trial that could not be made.
 #[derive(Debug, thiserror::Error)]
@@ -17,10 +15,7 @@ use simulation::virtual_robot::{
 pub enum SyntheticTrialError {
     /// The settings make no trial.
     #[error(transparent)]
-    Settings(#[from] TrialSettingsError),
-    /// The sensor cannot be modelled.
-    #[error(transparent)]
-    Sensor(#[from] ModelError),
+    Settings(#[from] ModelError),
     /// The rows cannot be written.
     #[error("cannot write the trial")]
     Write(#[from] io::Error),
@@ -51,7 +46,7 @@ pub fn write_log(
     let mut text = Vec::new();
     match layout {
         TrialLayout::WithoutTelemetry => {
-            write_frame_header(&mut text)?;
+            writeln!(text, "{FRAME_HEADER}")?;
             for (time_s, frame) in trial.frames()? {
                 write_frame(&mut text, time_s, &frame)?;
                 rows += 1;

@@ -199,9 +199,7 @@ fn low_passes_are_those_of_the_filter_module_at_the_rate_of_the_log() {
             if zero_phase {
                 design.zero_phase(&mut column).unwrap();
             } else {
-                let mut filter = Filter::new(&design);
-                filter.settle(column[0]);
-                filter.process(&mut column);
+                Filter::settled(&design, column[0]).process(&mut column);
             }
             assert!(found.iter().map(|row| row[axis]).eq(column));
         }

@@ -8,7 +8,7 @@ use calibration::uncertainty::CoefficientCovariance;
 use calibration::validation::grouped::GroupKind;
 use calibration_file::{CalibrationFile, PartialFit};
 use system_tests::program;
-use trial::manifest::{Entry, Manifest, Moment};
+use trial::manifest::{Entry, Manifest};
 
 fn golden(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/it/golden").join(name)
@@ -89,11 +89,11 @@ fn manifests_mean_what_they_meant() {
             (first.file.value.as_str(), first.condition.value.as_str()),
             ("free-1.txt", "free")
         );
-        assert_eq!((first.enter.value, first.exit.value), (Moment::At(2.218), Moment::At(8.008)));
+        assert_eq!((first.enter.value, first.exit.value), (Some(2.218), Some(8.008)));
         let constants = [first.velocity_m_s, first.mass_kg, first.channel_length_m];
-        assert_eq!(constants.map(|value| value.unwrap().value), [0.048, 0.0416, 0.28]);
+        assert_eq!(constants.map(Option::unwrap), [0.048, 0.0416, 0.28]);
         assert!(first.notes.is_none() && !first.exclude);
-        assert_eq!((second.enter.value, second.exit.value), (Moment::Auto, Moment::Auto));
+        assert_eq!((second.enter.value, second.exit.value), (None, None));
         assert_eq!(second.notes.as_deref(), Some("slow, at first"));
         assert!(second.exclude && second.mass_kg.is_none());
     }

@@ -27,7 +27,7 @@ fn log(directory: &Path, kind: RecordingKind, seed: u64, rows: usize) -> Log {
     };
     let path = directory.join(format!("{seed}.csv"));
     let mut file = BufWriter::new(File::create(&path).unwrap());
-    SyntheticLayout::Shellcal.write_header(&mut file, kind).unwrap();
+    write!(file, "{}", SyntheticLayout::Shellcal.header(kind)).unwrap();
     for sample in SensorRecording::new(settings).unwrap().take(rows) {
         SyntheticLayout::Shellcal.write_row(&mut file, kind, &sample).unwrap();
     }

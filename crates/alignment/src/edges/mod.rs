@@ -14,8 +14,10 @@
 
 mod matching;
 
+use super::error::MOST_EDGES;
 use super::{AlignError, ClockMap, RecordingSide};
 use matching::Pairing;
+use shell_data::statistics::extremes;
 
 /// Standard deviation of the skew before anything is known: the board has a clock without a crystal, good
 /// to 1 % (DS11451, table "HSI16 oscillator characteristics").
@@ -23,9 +25,6 @@ const PRIOR_SKEW: f64 = 5e-3;
 
 /// The board's own error of an edge: its clock's step of 1 µs, and the interrupt's some µs.
 const BOARD_SD_S: f64 = 5e-6;
-
-/// More edges than this are no signal to line recordings up by.
-const MOST_EDGES: usize = 4096;
 
 /// As many pairs tell by how much they scatter.
 const ENOUGH_TO_SCATTER: usize = 5;
@@ -80,7 +79,7 @@ impl Edges {
             times.sort_unstable_by(f64::total_cmp);
             if times.len() > MOST_EDGES {
                 let edges = times.len();
-                return Err(AlignError::TooManyEdges { side, edges, most: MOST_EDGES });
+                return Err(AlignError::TooManyEdges { side, edges });
             }
         }
         let ways = matching::pairings(&self.reference_s, &self.board_s, self.resolution_s);
@@ -158,10 +157,7 @@ fn choose<'a>(
 /// A signal is low below 40 % of its range and high above 60 %; an edge lies in the middle between the last
 /// low sample and the first high one. Samples that are not finite say nothing.
 pub fn rising_edges(time_s: &[f64], values: &[f64]) -> (Vec<f64>, f64) {
-    let finite = values.iter().filter(|value| value.is_finite());
-    let (least, most) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), &value| {
-        (least.min(value), most.max(value))
-    });
+    let (least, most) = extremes(values.iter().copied().filter(|value| value.is_finite()));
     let range = most - least;
     let (mut edges, mut squares) = (Vec::new(), 0.0);
     if range.is_nan() || range <= 0.0 {

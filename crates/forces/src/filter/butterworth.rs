@@ -43,10 +43,10 @@ impl Butterworth {
     /// [`FilterError::TooSlow`] below a share of `LOWEST`(Self::LOWEST) of the rate.
     pub fn low_pass(order: usize, cutoff_hz: f64, rate_hz: f64) -> Result<Self, FilterError> {
         if !(1..=Self::LARGEST_ORDER).contains(&order) {
-            return Err(FilterError::Order { order });
+            return Err(FilterError::Order(order));
         }
         if !(rate_hz > 0.0 && rate_hz.is_finite()) {
-            return Err(FilterError::Rate { rate_hz });
+            return Err(FilterError::Rate(rate_hz));
         }
         let nyquist_hz = rate_hz / 2.0;
         if !(cutoff_hz > 0.0 && cutoff_hz < nyquist_hz) {
@@ -151,8 +151,8 @@ mod tests {
     #[test]
     fn what_cannot_be_designed_is_refused_by_name() {
         let of = |order, cutoff, rate| Butterworth::low_pass(order, cutoff, rate).unwrap_err();
-        assert_eq!(of(0, 10.0, 1000.0), FilterError::Order { order: 0 });
-        assert_eq!(of(17, 10.0, 1000.0), FilterError::Order { order: 17 });
+        assert_eq!(of(0, 10.0, 1000.0), FilterError::Order(0));
+        assert_eq!(of(17, 10.0, 1000.0), FilterError::Order(17));
         assert_eq!(
             of(4, 500.0, 1000.0).to_string(),
             "cutoff `500` Hz is not between 0 and half the sampling rate, `500` Hz"
@@ -165,7 +165,7 @@ mod tests {
             assert!(matches!(of(4, cutoff, 1000.0), FilterError::Cutoff { .. }));
         }
         for rate in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-            assert!(matches!(of(4, 10.0, rate), FilterError::Rate { .. }));
+            assert!(matches!(of(4, 10.0, rate), FilterError::Rate(_)));
         }
     }
 }

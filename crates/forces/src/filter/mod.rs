@@ -25,17 +25,11 @@ pub use stream::Filter;
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FilterError {
     /// An order of zero, or more poles than anyone can want.
-    #[error("filter order `{order}` is not between 1 and {}", Butterworth::LARGEST_ORDER)]
-    Order {
-        /// The order asked for.
-        order: usize,
-    },
+    #[error("filter order `{}` is not between 1 and {}", .0, Butterworth::LARGEST_ORDER)]
+    Order(usize),
     /// A sampling rate that is no positive number.
-    #[error("sampling rate `{rate_hz}` Hz is not a positive number")]
-    Rate {
-        /// The rate given, Hz.
-        rate_hz: f64,
-    },
+    #[error("sampling rate `{0}` Hz is not a positive number")]
+    Rate(f64),
     /// A cutoff that a signal sampled at this rate does not contain.
     #[error(
         "cutoff `{cutoff_hz}` Hz is not between 0 and half the sampling rate, `{nyquist_hz}` Hz"

@@ -5,14 +5,14 @@ use super::butterworth::{Butterworth, FilterSection};
 /// A causal low-pass with its state, to be fed a signal in pieces of any size.
 ///
 /// Starts at rest at zero, as `scipy.signal.lfilter` does: right for a signal that starts near
-/// zero, as a tared one does. [`settle`](Self::settle) starts it elsewhere.
+/// zero, as a tared one does. [`settled`](Self::settled) starts it elsewhere.
 #[derive(Clone, Debug)]
 pub struct Filter {
     sections: Vec<(FilterSection, FilterState)>,
 }
 
 /// The two integrators of a section: band-pass (of a pair alone) and low-pass.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 struct FilterState {
     band: f64,
     low: f64,
@@ -21,16 +21,14 @@ struct FilterState {
 impl Filter {
     /// A filter at rest at zero.
     pub fn new(design: &Butterworth) -> Self {
-        let at_rest = |&section| (section, FilterState::default());
-        Self { sections: design.sections.iter().map(at_rest).collect() }
+        Self::settled(design, 0.0)
     }
 
-    /// Puts the filter in the state in which an endless constant `value` would have left it, as
+    /// A filter in the state in which an endless constant `value` would have left it, as
     /// `sosfilt_zi` does: the answer to more of the same is exactly `value`.
-    pub fn settle(&mut self, value: f64) {
-        for (_, state) in &mut self.sections {
-            *state = FilterState { band: 0.0, low: value };
-        }
+    pub fn settled(design: &Butterworth, value: f64) -> Self {
+        let state = FilterState { band: 0.0, low: value };
+        Self { sections: design.sections.iter().map(|&section| (section, state)).collect() }
     }
 
     /// The answer to one more sample, which is not taken in: the state stays as it is.
@@ -104,10 +102,9 @@ mod tests {
 
     fn filtered(order: usize, cutoff: f64, rate: f64, settled: bool) -> Vec<f64> {
         let mut signal = test_signal();
-        let mut filter = Filter::new(&Butterworth::low_pass(order, cutoff, rate).unwrap());
-        if settled {
-            filter.settle(signal[0]);
-        }
+        let design = Butterworth::low_pass(order, cutoff, rate).unwrap();
+        let mut filter =
+            if settled { Filter::settled(&design, signal[0]) } else { Filter::new(&design) };
         filter.process(&mut signal);
         signal
     }
@@ -213,8 +210,8 @@ mod tests {
     #[test]
     fn a_constant_passes_unchanged_once_settled() {
         for order in 1..=8 {
-            let mut filter = Filter::new(&Butterworth::low_pass(order, 0.1, 1000.0).unwrap());
-            filter.settle(1.0 / 3.0);
+            let design = Butterworth::low_pass(order, 0.1, 1000.0).unwrap();
+            let mut filter = Filter::settled(&design, 1.0 / 3.0);
             let mut signal = vec![1.0 / 3.0; 10_000];
             filter.process(&mut signal);
             assert!(signal.iter().all(|&sample| sample == 1.0 / 3.0));

@@ -29,16 +29,14 @@ impl Butterworth {
         let after = inner.iter().rev().take(reach).map(|x| 2.0 * last - x);
         let mut after: Vec<f64> = after.collect();
 
-        let mut forward = Filter::new(self);
-        forward.settle(before[0]);
+        let mut forward = Filter::settled(self, before[0]);
         forward.process(&mut before);
         forward.process(samples);
         forward.process(&mut after);
 
         after.reverse();
         samples.reverse();
-        let mut backward = Filter::new(self);
-        backward.settle(after[0]);
+        let mut backward = Filter::settled(self, after[0]);
         backward.process(&mut after);
         backward.process(samples);
         samples.reverse();

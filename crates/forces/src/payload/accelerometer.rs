@@ -84,7 +84,7 @@ pub fn frame_from_forces(
     check_spread(spread(turns.clone(), accelerations.iter().copied()))?;
     let pulls = forces.iter().map(|force| subtract(*force, mean_f));
     let products = sum_of_products(turns.map(|turn| scaled(turn, -1.0)).zip(pulls));
-    let not_finite = || PayloadError::NotFinite { pose: 1 };
+    let not_finite = || PayloadError::NotFinite(1);
     let svd = Mat::from_fn(3, 3, |i, j| products[i][j]).svd().map_err(|_| not_finite())?;
     let (u, v) = (svd.U(), svd.V());
     let column =

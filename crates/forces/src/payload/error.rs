@@ -2,17 +2,15 @@
 
 use shell_data::hint::Hint;
 
+/// The least poses: each gives six equations, and a residual needs some to spare.
+pub(super) const LEAST_POSES: usize = 4;
+
 /// Poses that do not give what a sensor carries.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PayloadError {
-    /// Too few.
-    #[error("`{found}` poses are too few to tell what the sensor carries, `{needed}` are needed")]
-    TooFewPoses {
-        /// How many there are.
-        found: usize,
-        /// How many it takes.
-        needed: usize,
-    },
+    /// So many are too few.
+    #[error("`{0}` poses are too few to tell what the sensor carries, `{LEAST_POSES}` are needed")]
+    TooFewPoses(usize),
     /// Gravity has always pulled the same way, or its directions lie on a line.
     #[error(
         "gravity turns too little in the sensor's frame: by `{spread_deg:.2}`° in all but one direction, \
@@ -35,12 +33,9 @@ pub enum PayloadError {
         /// Its standard error.
         standard_error_kg: f64,
     },
-    /// A value that is infinite or NaN.
-    #[error("pose `{pose}` has a value that is not finite")]
-    NotFinite {
-        /// The pose, from 1.
-        pose: usize,
-    },
+    /// A value of a pose, counted from 1, is infinite or NaN.
+    #[error("pose `{0}` has a value that is not finite")]
+    NotFinite(usize),
 }
 
 impl Hint for PayloadError {
@@ -49,7 +44,7 @@ impl Hint for PayloadError {
             Self::NoMass { .. } => {
                 "does gravity point down in its columns, and is the wrench the load on the sensor, not its reaction?"
             }
-            Self::NotFinite { .. } => "leave the row out, or such rows with `--skip-bad-rows`",
+            Self::NotFinite(_) => "leave the row out, or such rows with `--skip-bad-rows`",
             _ => {
                 "record the sensor at rest in six directions or more: upright, upside down, on each side"
             }

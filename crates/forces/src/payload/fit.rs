@@ -14,11 +14,9 @@
 
 use shell_data::wrench::PerAxis;
 
+use super::error::LEAST_POSES;
 use super::vector::{Vector, add, cross, dot, inverse, mean, norm, scaled, subtract, times};
 use super::{Payload, PayloadError};
-
-/// The least poses: each gives six equations, and a residual needs some to spare.
-const LEAST_POSES: usize = 4;
 
 /// Directions of gravity whose spread, in radians root mean square beside their main line, is less than this
 /// tell nothing of the centre of mass.
@@ -59,12 +57,12 @@ pub struct PayloadFit {
 /// [`PayloadError`].
 pub fn fit(poses: &[PayloadPose]) -> Result<PayloadFit, PayloadError> {
     if poses.len() < LEAST_POSES {
-        return Err(PayloadError::TooFewPoses { found: poses.len(), needed: LEAST_POSES });
+        return Err(PayloadError::TooFewPoses(poses.len()));
     }
     let is_finite =
         |pose: &PayloadPose| pose.wrench.iter().chain(&pose.gravity_m_s2).all(|v| v.is_finite());
     if let Some(bad) = poses.iter().position(|pose| !is_finite(pose)) {
-        return Err(PayloadError::NotFinite { pose: bad + 1 });
+        return Err(PayloadError::NotFinite(bad + 1));
     }
     let n = poses.len() as f64;
     let force = |pose: &PayloadPose| [pose.wrench[0], pose.wrench[1], pose.wrench[2]];
@@ -256,7 +254,7 @@ mod tests {
     fn poses_that_do_not_suffice_are_told() {
         let at = |angle: f64| pose([0.0, 9.81 * angle.sin(), 9.81 * angle.cos()]);
         let few = fit(&[at(0.0), at(1.0), at(2.0)]).unwrap_err();
-        assert_eq!(few, PayloadError::TooFewPoses { found: 3, needed: 4 });
+        assert_eq!(few, PayloadError::TooFewPoses(3));
         let same = fit(&[at(1.0); 5]).unwrap_err();
         assert!(same.to_string().contains("neither mass nor centre"), "{same}");
         // Upright and upside down: a line.
@@ -273,6 +271,6 @@ mod tests {
         assert!(matches!(fit(&upwards), Err(PayloadError::NoMass { .. })));
         let mut bad = plane;
         bad[2].wrench[4] = f64::NAN;
-        assert_eq!(fit(&bad), Err(PayloadError::NotFinite { pose: 3 }));
+        assert_eq!(fit(&bad), Err(PayloadError::NotFinite(3)));
     }
 }

@@ -19,7 +19,7 @@ mod watch;
 use std::collections::VecDeque;
 use std::ops::Range;
 
-use shell_data::statistics::RunningVariance;
+use shell_data::statistics::{RunningVariance, extremes};
 
 use super::options::DEFAULT_TARE_FRAMES;
 
@@ -212,11 +212,11 @@ impl StationaryFinder {
     fn is_at_rest(&self, channel: usize, whole: &RunningVariance) -> bool {
         let known = self.known[channel];
         let quiet = QUIET * known.noise.max(LEAST_NOISE * known.zero.abs());
-        let means = || self.parts.iter().map(|part| part.levels[channel].mean);
-        let steps =
-            means().fold(f64::NEG_INFINITY, f64::max) - means().fold(f64::INFINITY, f64::min);
+        let (low, high) = extremes(self.parts.iter().map(|part| part.levels[channel].mean));
         let near = quiet.max(SAME_ZERO * (known.high - known.low));
-        whole.rms_about_mean() <= quiet && steps <= quiet && (whole.mean - known.zero).abs() <= near
+        whole.rms_about_mean() <= quiet
+            && high - low <= quiet
+            && (whole.mean - known.zero).abs() <= near
     }
 }
 

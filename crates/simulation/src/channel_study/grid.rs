@@ -6,7 +6,7 @@ use super::parameter::Parameter;
 use super::summary::{ChannelSummary, summarise};
 
 /// A parameter and the values it takes.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct GridAxis {
     /// The parameter.
     pub parameter: Parameter,
@@ -48,8 +48,11 @@ mod tests {
     #[test]
     fn every_combination_is_there_and_a_jam_does_not_stop_the_others() {
         let axes = [
-            GridAxis { parameter: Parameter::Friction, values: vec![0.0, 0.53] },
-            GridAxis { parameter: Parameter::BeamLength, values: vec![0.001, 0.027, 0.05] },
+            GridAxis { parameter: Parameter::named("friction").unwrap(), values: vec![0.0, 0.53] },
+            GridAxis {
+                parameter: Parameter::named("beam-length").unwrap(),
+                values: vec![0.001, 0.027, 0.05],
+            },
         ];
         let cells: Vec<_> = grid(&Setup::default(), &axes).collect();
         let values: Vec<_> = cells.iter().map(|cell| (cell.values[0], cell.values[1])).collect();

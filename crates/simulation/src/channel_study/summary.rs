@@ -1,7 +1,5 @@
 //! What a channel comes to: the figures of its plateau, its energy, and how far to trust them.
 
-use std::fmt;
-
 use beam_channel::{Model, Setup, SetupError, Side, Wall};
 use serde::Serialize;
 
@@ -44,19 +42,32 @@ pub struct ChannelSummary {
 }
 
 /// A reason to look twice at a result.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, thiserror::Error)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum ChannelDiagnostic {
     /// `d > L`.
+    #[error(
+        "the body reaches farther past the tips than a beam is long: it crosses the line of the bases and \
+         beams turn past 90°, where the model is not valid"
+    )]
     PastRightAngle,
     /// Tips snap across a part of the body.
+    #[error("tips snap across a part of the body on which they cannot rest")]
     Snaps,
     /// A yawed body meets faces before tips.
+    #[error(
+        "the body is yawed so far that it meets the beams' faces before their tips, which the model does \
+         not know of"
+    )]
     FacesFirst,
     /// The body is never wholly among the beams.
+    #[error("the channel is shorter than the body: there is no plateau")]
     NoPlateau,
     /// The plateau is shorter than one spacing.
+    #[error(
+        "the plateau is shorter than the spacing of the beams: its figures are those of a longer channel"
+    )]
     ShortPlateau,
 }
 
@@ -101,35 +112,12 @@ impl ChannelSummary {
             peak_x_m: plateau.map(|plateau| plateau.peak.x_m),
             minimum_drag_n: or_nothing(plateau.map(|plateau| plateau.minimum.drag_n)),
             minimum_x_m: plateau.map(|plateau| plateau.minimum.x_m),
-            mean_contacts: plateau
-                .map(|plateau| plateau.mean_contacts)
-                .or(free.then_some([0.0; 2])),
+            mean_contacts: plateau.map(|all| all.mean_contacts).or(free.then_some([0.0; 2])),
             min_contacts: plateau.map(|plateau| plateau.min_contacts).or(no_contacts),
             max_contacts: plateau.map(|plateau| plateau.max_contacts).or(no_contacts),
             energy_j,
             crossing_drag_n: extent.map_or(0.0, |[first, last]| energy_j / (last - first)),
             remarks: remarks.into_iter().filter_map(|(is, remark)| is.then_some(remark)).collect(),
         }
-    }
-}
-
-impl fmt::Display for ChannelDiagnostic {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::PastRightAngle => {
-                "the body reaches farther past the tips than a beam is long: it crosses the line \
-                 of the bases and beams turn past 90°, where the model is not valid"
-            }
-            Self::Snaps => "tips snap across a part of the body on which they cannot rest",
-            Self::FacesFirst => {
-                "the body is yawed so far that it meets the beams' faces before their tips, which \
-                 the model does not know of"
-            }
-            Self::NoPlateau => "the channel is shorter than the body: there is no plateau",
-            Self::ShortPlateau => {
-                "the plateau is shorter than the spacing of the beams: its figures are those of a \
-                 longer channel"
-            }
-        })
     }
 }

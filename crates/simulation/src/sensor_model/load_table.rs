@@ -23,12 +23,9 @@ pub enum BadLoad {
         /// Its time.
         time_s: f64,
     },
-    /// A load that is no number.
-    #[error("data row {row}: a load that is not finite")]
-    NotFinite {
-        /// Data row, from 1.
-        row: usize,
-    },
+    /// A load that is no number, in this data row from 1.
+    #[error("data row {0}: a load that is not finite")]
+    NotFinite(usize),
 }
 
 impl LoadTable {
@@ -43,7 +40,7 @@ impl LoadTable {
                 return Err(BadLoad::Order { row, time_s });
             }
             if !wrench.iter().all(|value| value.is_finite()) {
-                return Err(BadLoad::NotFinite { row });
+                return Err(BadLoad::NotFinite(row));
             }
             times_s.push(time_s);
             wrenches.push(wrench);
@@ -106,7 +103,7 @@ mod tests {
         let twice = LoadTable::new([(1.0, along_x(0.0)), (1.0, along_x(1.0))]);
         assert_eq!(twice, Err(BadLoad::Order { row: 2, time_s: 1.0 }));
         let infinite = LoadTable::new([(0.0, along_x(f64::INFINITY))]);
-        assert_eq!(infinite, Err(BadLoad::NotFinite { row: 1 }));
+        assert_eq!(infinite, Err(BadLoad::NotFinite(1)));
         assert!(LoadTable::new([(f64::NAN, along_x(0.0))]).is_err());
     }
 }

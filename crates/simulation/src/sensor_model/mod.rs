@@ -64,8 +64,8 @@ pub struct Exposure {
     pub dark: f64,
 }
 
-/// Parameters that describe no instrument.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+/// Settings that make no instrument, no recording or no trial.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ModelError {
     /// The plate could move without deforming a spring.
     #[error("the springs do not hold the plate in all six directions")]
@@ -84,19 +84,13 @@ pub enum ModelError {
         /// The start asked for.
         start_time_s: f64,
     },
-    /// Two clocks that are no clocks of one session.
-    #[error("clocks that differ by {skew} of themselves, where {most} at most can be modelled")]
-    Skew {
-        /// The skew asked for.
-        skew: f64,
-        /// The largest.
-        most: f64,
-    },
-    /// Not all frames, nor less than none, can get lost.
-    #[error("a share of {share} of the frames lost, where 0 to 1 (excluded) is wanted")]
-    Loss {
-        /// The share asked for.
-        share: f64,
+    /// A number outside the range of what can be modelled.
+    #[error("{asked}, where {wanted}")]
+    OutOfRange {
+        /// What was asked for.
+        asked: String,
+        /// What can be had.
+        wanted: &'static str,
     },
     /// Noise cannot be scaled by a negative or infinite factor.
     #[error("noise scaled by {factor}, where a factor of 0 or more is wanted")]

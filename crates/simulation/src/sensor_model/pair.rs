@@ -52,9 +52,6 @@ pub struct Pair {
     load: LoadScript,
 }
 
-/// Clocks that differ by more are none: steps of one would be years of the other.
-const MOST_SKEW: f64 = 0.1;
-
 impl Pair {
     /// Sets a session up.
     ///
@@ -68,16 +65,21 @@ impl Pair {
                 return Err(ModelError::Timing { rate_hz, start_time_s: offset_s });
             }
         }
-        if settings.skew.is_nan() || settings.skew.abs() > MOST_SKEW {
-            return Err(ModelError::Skew { skew: settings.skew, most: MOST_SKEW });
+        let PairSettings { skew, loss, .. } = settings;
+        let refuse = |asked, wanted| Err(ModelError::OutOfRange { asked, wanted });
+        // Beyond that, steps of one clock would be years of the other.
+        if skew.is_nan() || skew.abs() > 0.1 {
+            let asked = format!("clocks that differ by {skew} of themselves");
+            return refuse(asked, "0.1 at most can be modelled");
         }
         for time_s in [settings.duration_s, settings.margin_s] {
             if !time_s.is_finite() {
                 return Err(ModelError::Timing { rate_hz: board_rate_hz, start_time_s: time_s });
             }
         }
-        if !(0.0..1.0).contains(&settings.loss) {
-            return Err(ModelError::Loss { share: settings.loss });
+        if !(0.0..1.0).contains(&loss) {
+            let asked = format!("a share of {loss} of the frames lost");
+            return refuse(asked, "0 to 1 (excluded) is wanted");
         }
         let unit = SensorParameters::noisy_unit(settings.unit_seed, settings.noise_scale)?;
         let load = match settings.loaded {

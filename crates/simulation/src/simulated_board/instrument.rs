@@ -1,6 +1,5 @@
 //! The sensor model as the front end of a board: conversions, dark and lit.
 
-use std::fmt;
 use std::sync::{Arc, Mutex};
 
 use firmware::{Clock, FrontEnd};
@@ -57,17 +56,12 @@ impl Load {
 }
 
 /// Eight photointerrupters of the sensor model.
+#[derive(Debug)]
 pub struct SimulatedInstrument {
     sensor: SensorModel,
     load: Load,
     clock: PacedClock,
     lit: Option<usize>,
-}
-
-impl fmt::Debug for SimulatedInstrument {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Instrument").field("load", &self.load).finish_non_exhaustive()
-    }
 }
 
 impl SimulatedInstrument {

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::pipe::Pipe;
-use embedded_io_async::{ErrorType, Read, Write};
+use embedded_io_async::{ErrorType, Write};
 use firmware::Clock;
 #[cfg(unix)]
 use serialport::{SerialPort, TTYPort};
@@ -28,14 +28,15 @@ const QUEUE: usize = 512;
 /// How long a thread waits at most before it looks at the radio again.
 const TICK: Duration = Duration::from_millis(10);
 
-type InputPipe = Pipe<CriticalSectionRawMutex, 1024>;
+/// To the board.
+pub(super) type InputPipe = Pipe<CriticalSectionRawMutex, 1024>;
 
 /// The board's end.
 pub(super) struct SerialLine {
     /// The name of the host's end.
     pub(super) port: String,
     pub(super) packets: SyncSender<Vec<u8>>,
-    pub(super) receiver: LineReceiver,
+    pub(super) receiver: &'static InputPipe,
 }
 
 impl SerialLine {
@@ -63,11 +64,11 @@ impl SerialLine {
     ) -> Self {
         let [up, down] = radios.each_ref().map(Arc::clone);
         let (queue, packets) = sync_channel(QUEUE);
-        let input = Arc::new(InputPipe::new());
-        let to_board = Arc::clone(&input);
+        // Like the threads, for as long as the process runs.
+        let receiver: &InputPipe = Box::leak(Box::new(InputPipe::new()));
         thread::spawn(move || give_to_host(&packets, &up, to_host));
-        thread::spawn(move || give_to_board(from_host, &down, &to_board));
-        Self { port, packets: queue, receiver: LineReceiver(input) }
+        thread::spawn(move || give_to_board(from_host, &down, receiver));
+        Self { port, packets: queue, receiver }
     }
 }
 
@@ -93,19 +94,6 @@ impl Write for LineSender {
 
     async fn flush(&mut self) -> Result<(), Infallible> {
         Ok(())
-    }
-}
-
-/// To the board.
-pub(super) struct LineReceiver(Arc<InputPipe>);
-
-impl ErrorType for LineReceiver {
-    type Error = Infallible;
-}
-
-impl Read for LineReceiver {
-    async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Infallible> {
-        Ok(self.0.read(buffer).await)
     }
 }
 

@@ -33,7 +33,7 @@ use shared_proto::{Board, Identity, ResetCause};
 
 use crate::radio::{BadFault, Books, Faults, Radio};
 use crate::sensor_model::{ModelError, SensorModel, SensorParameters};
-use line::{LineReceiver, LineSender, SerialLine};
+use line::{LineSender, SerialLine};
 use shell_data::lock::lock;
 use sync_script::SyncScript;
 
@@ -127,8 +127,11 @@ impl SimulatedBoard {
             let clock = PacedClock::start();
             let front_end = SimulatedInstrument::new(sensor, load, clock.clone());
             let sync_input = SyncScript::new(clock.clone(), &sync_s);
-            let sender = LineSender { packets, clock: clock.clone() };
-            clock.run(board(unit_seed, front_end, sync_input, clock.clone(), receiver, sender));
+            let to_host = (LineSender { packets, clock: clock.clone() }, NoChip);
+            let from_host = (receiver, SlotMemory(None));
+            let mut record = [0; RECORD];
+            let station = Station::new(setup(unit_seed), clock.clone(), &mut record);
+            clock.run(station.run(front_end, to_host, from_host, sync_input, NoWatchdog));
         });
         Ok(Self { port, radios })
     }
@@ -154,22 +157,17 @@ fn serial(unit_seed: u64) -> [u8; 12] {
     serial
 }
 
-async fn board(
-    unit_seed: u64,
-    front_end: SimulatedInstrument,
-    sync_input: SyncScript,
-    clock: PacedClock,
-    receiver: LineReceiver,
-    sender: LineSender,
-) {
-    let setup = BoardSetup {
+/// What the firmware is told of its board.
+fn setup(unit_seed: u64) -> BoardSetup {
+    BoardSetup {
         identity: Identity {
             board: Board::Simulated,
             firmware: VERSION,
             serial: serial(unit_seed),
             min_period_us: 1_000,
         },
-        start: start_number(),
+        // From the system's source of randomness, which the standard library draws keys of hashes from.
+        start: RandomState::new().build_hasher().finish() as u16,
         reset_cause: ResetCause::Power,
         last_words: LastWords::new(),
         conversion_ns: instrument::CONVERSION_NS,
@@ -177,16 +175,7 @@ async fn board(
         rate: None,
         rates: &[],
         has_bootloader: false,
-    };
-    let mut record = [0; RECORD];
-    let station = Station::new(setup, clock, &mut record);
-    let storage = SlotMemory(None);
-    station.run(front_end, (sender, NoChip), (receiver, storage), sync_input, NoWatchdog).await;
-}
-
-/// From the system's source of randomness, which the standard library draws keys of hashes from.
-fn start_number() -> u16 {
-    RandomState::new().build_hasher().finish() as u16
+    }
 }
 
 struct SlotMemory(Option<Record>);

@@ -3,7 +3,7 @@
 use shell_data::lock::lock;
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
-use std::sync::{Arc, Mutex, MutexGuard};
+use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
 
@@ -42,7 +42,7 @@ impl Socket {
 
     /// Takes a host, unless there is one: that one is sent away.
     fn admit(&self, host: TcpStream, tick: Duration) {
-        let mut current = self.current();
+        let mut current = lock(&self.0);
         if current.host.as_ref().is_none_or(is_gone)
             && host.set_nodelay(true).is_ok()
             && host.set_read_timeout(Some(tick)).is_ok()
@@ -52,20 +52,15 @@ impl Socket {
         }
     }
 
-    /// A panic elsewhere does not make the connection wrong.
-    fn current(&self) -> MutexGuard<'_, CurrentPeer> {
-        lock(&self.0)
-    }
-
     /// The host, and its number.
     fn host(&self) -> Option<(TcpStream, u64)> {
-        let current = self.current();
+        let current = lock(&self.0);
         Some((current.host.as_ref()?.try_clone().ok()?, current.number))
     }
 
     /// Forgets a host that has gone, unless another has come.
     fn forget(&self, number: u64) {
-        let mut current = self.current();
+        let mut current = lock(&self.0);
         if current.number == number {
             current.host = None;
         }

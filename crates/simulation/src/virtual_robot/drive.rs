@@ -10,7 +10,7 @@
 //! so that the battery delivers I = |d| (V − e)/R to each of them and sags under it:
 //! V = V₀ − r ΣI − (what has been drained), solved for V, as it is linear in it.
 
-use super::Constants;
+use super::CONSTANTS;
 use super::gait::{Gait, LegSide};
 use shell_data::random::RandomStream;
 
@@ -34,7 +34,6 @@ const DRAIN_V_S: f64 = 0.002;
 /// Duty of both motors, row by row, and what follows from it.
 #[derive(Clone, Debug)]
 pub(super) struct Drive {
-    resistance_ohm: f64,
     start_s: f64,
     duty: [Vec<f64>; 2],
 }
@@ -42,7 +41,6 @@ pub(super) struct Drive {
 impl Drive {
     /// The controller's duty at each of the times.
     pub(super) fn new(
-        constants: &Constants,
         gait: &Gait,
         start_s: f64,
         times_s: &[f64],
@@ -63,7 +61,7 @@ impl Drive {
             };
             times_s.iter().map(at).collect()
         });
-        Self { resistance_ohm: constants.motor_resistance_ohm, start_s, duty }
+        Self { start_s, duty }
     }
 
     /// Duty of a motor from row `row` on, counts.
@@ -78,41 +76,35 @@ impl Drive {
 
     /// The battery's voltage at `time_s`, with the duty of row `row`, V.
     pub(super) fn battery_v(&self, gait: &Gait, row: usize, time_s: f64) -> f64 {
-        let emf_v = LegSide::BOTH.map(|side| Self::back_emf_v(gait, side, time_s));
-        self.sagging_v(emf_v, row, time_s)
-    }
-
-    /// The same with the back EMF of both motors.
-    fn sagging_v(&self, emf_v: [f64; 2], row: usize, time_s: f64) -> f64 {
         let drained_v = DRAIN_V_S * (time_s - self.start_s).max(0.0);
         // I = |d| (V − e)/R for each, V = V₀ − r ΣI.
         let (mut conductance, mut from_emf) = (0.0, 0.0);
-        for (side, emf_v) in LegSide::BOTH.into_iter().zip(emf_v) {
-            let share = self.duty(side, row).abs() / FULL_DUTY / self.resistance_ohm;
+        for side in LegSide::BOTH {
+            let share = self.duty(side, row).abs() / FULL_DUTY / CONSTANTS.motor_resistance_ohm;
             conductance += share;
-            from_emf += share * emf_v;
+            from_emf += share * Self::back_emf_v(gait, side, time_s);
         }
         (OPEN_V - drained_v + INTERNAL_OHM * from_emf) / (1.0 + INTERNAL_OHM * conductance)
     }
 
     /// Electrical power of both motors, W.
     pub(super) fn power_w(&self, gait: &Gait, row: usize, time_s: f64) -> f64 {
-        let emf_v = LegSide::BOTH.map(|side| Self::back_emf_v(gait, side, time_s));
-        let battery_v = self.sagging_v(emf_v, row, time_s);
-        let of = |(side, emf_v): (LegSide, f64)| {
+        let battery_v = self.battery_v(gait, row, time_s);
+        let of = |side: LegSide| {
+            let above_emf_v = battery_v - Self::back_emf_v(gait, side, time_s);
             let share = self.duty(side, row) / FULL_DUTY;
-            (share * battery_v * (battery_v - emf_v) / self.resistance_ohm).abs()
+            (share * battery_v * above_emf_v / CONSTANTS.motor_resistance_ohm).abs()
         };
-        LegSide::BOTH.into_iter().zip(emf_v).map(of).sum()
+        LegSide::BOTH.into_iter().map(of).sum()
     }
 }
 
 /// Mean power of both motors at a stride frequency, W, to some percent: it decides how fast the
 /// robot is, not what a trial is measured against.
-pub(super) fn usual_power_w(constants: &Constants, stride_hz: f64) -> f64 {
+pub(super) fn usual_power_w(stride_hz: f64) -> f64 {
     let battery_v = 3.76;
     let emf_v = BACK_EMF_V_S * std::f64::consts::TAU * stride_hz;
     // Duty below zero counts as power too, and there is a limit: 1,560 counts come out of 1,550.
     2.0 * 1560.0 / FULL_DUTY * battery_v * (battery_v - emf_v).abs()
-        / constants.motor_resistance_ohm
+        / CONSTANTS.motor_resistance_ohm
 }

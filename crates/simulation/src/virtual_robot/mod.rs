@@ -28,7 +28,7 @@ mod truth;
 
 pub use channel::ChannelForces;
 pub use gait::{Gait, LegSide};
-pub use telemetry::{COLUMNS, TelemetryRow};
+pub use telemetry::TelemetryRow;
 pub use truth::{StrideTruth, Truth};
 
 use std::f64::consts::TAU;
@@ -74,16 +74,12 @@ pub struct Constants {
     pub motor_resistance_ohm: f64,
 }
 
-impl Constants {
-    /// Table I of the paper; 3.3 Ω as the lab takes it.
-    pub const VELOCIROACH: Self =
-        Self { mass_kg: 0.087, robot_m: 0.18, channel_m: 0.28, motor_resistance_ohm: 3.3 };
+/// Table I of the paper; 3.3 Ω as the lab takes it.
+const CONSTANTS: Constants =
+    Constants { mass_kg: 0.087, robot_m: 0.18, channel_m: 0.28, motor_resistance_ohm: 3.3 };
 
-    /// The robot's weight, N.
-    fn weight_n(&self) -> f64 {
-        self.mass_kg * GRAVITY
-    }
-}
+/// The robot's weight, N.
+const WEIGHT_N: f64 = CONSTANTS.mass_kg * GRAVITY;
 
 /// How a trial is made.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
@@ -150,50 +146,10 @@ pub enum Counter {
     Turn,
 }
 
-/// Settings that make no trial.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-pub enum TrialSettingsError {
-    /// Too slow to get through, or too fast for the telemetry.
-    #[error("{stride_hz} strides per second, where 0.2 to 50 can be made")]
-    StrideFrequency {
-        /// What was asked for.
-        stride_hz: f64,
-    },
-    /// The robot has to stand for a while, and not for ever.
-    #[error("a lead-in of {lead_in_s} s, where 0 to 3600 s can be made")]
-    LeadIn {
-        /// What was asked for.
-        lead_in_s: f64,
-    },
-    /// Noise cannot be negative or infinite.
-    #[error("encoder noise of {counts} counts, where 0 to 1000 can be made")]
-    EncoderNoise {
-        /// What was asked for.
-        counts: f64,
-    },
-    /// Forces and a specific resistance that no trial has.
-    #[error(
-        "drag {drag_n} N, lift {lift_n} N and specific resistance {specific_resistance}, where forces \
-         up to 10 N and a resistance from 1 to 1000 can be made"
-    )]
-    Condition {
-        /// Drag asked for, N.
-        drag_n: f64,
-        /// Lift asked for, N.
-        lift_n: f64,
-        /// Specific resistance asked for.
-        specific_resistance: f64,
-    },
-    /// The sensor cannot be modelled.
-    #[error(transparent)]
-    Sensor(#[from] ModelError),
-}
-
 /// One trial: functions of time on the robot's clock, and the rows of its telemetry.
 #[derive(Clone, Debug)]
 pub struct VirtualTrial {
     settings: TrialSettings,
-    constants: Constants,
     gait: Gait,
     contact: BeamContact,
     drive: Drive,
@@ -208,29 +164,29 @@ impl VirtualTrial {
     /// Sets a trial up.
     ///
     /// # Errors
-    /// [`TrialSettingsError`] if the settings make none.
-    pub fn new(settings: TrialSettings) -> Result<Self, TrialSettingsError> {
+    /// [`ModelError`] if the settings make none.
+    pub fn new(settings: TrialSettings) -> Result<Self, ModelError> {
         check(&settings)?;
-        let constants = Constants::VELOCIROACH;
         let TrialSettings { seed, condition, stride_hz, lead_in_s, .. } = settings;
         let mut random = RandomStream::new(seed, Purpose::Trial, 0);
-        let usual_w = drive::usual_power_w(&constants, stride_hz);
-        let usual_m_s = usual_w / (constants.weight_n() * condition.specific_resistance);
+        let usual_w = drive::usual_power_w(stride_hz);
+        let usual_m_s = usual_w / (WEIGHT_N * condition.specific_resistance);
         let velocity_m_s = usual_m_s * (1.0 + 0.03 * random.normal().clamp(-3.0, 3.0));
         // On the robot's clock, which counts whole µs.
         let to_us = |time_s: f64| (time_s * 1e6).round() / 1e6;
         let enter_s = to_us(lead_in_s + random.between(APPROACH_S[0], APPROACH_S[1]));
-        let exit_s = to_us(enter_s + constants.channel_m / velocity_m_s);
+        let exit_s = to_us(enter_s + CONSTANTS.channel_m / velocity_m_s);
         let window_s = [enter_s, exit_s];
         let stall_at = enter_s + random.between(0.3, 0.6) * (exit_s - enter_s);
         let stall_s = settings.stall.then_some([stall_at, stall_at + STALL_S]);
         let gait = Gait::new(stride_hz, lead_in_s, stall_s, &mut random);
-        let entering = constants.robot_m / (constants.robot_m + constants.channel_m);
+        let Constants { robot_m, channel_m, .. } = CONSTANTS;
+        let entering = robot_m / (robot_m + channel_m);
         let contact = BeamContact::new(condition, window_s, entering, velocity_m_s, &mut random);
         let rows = ((exit_s + AFTERWARDS_S - FIRST_S) / ROW_S).ceil() as u64;
         let times_s: Vec<f64> = (0..rows).map(|row| to_us(FIRST_S + row as f64 * ROW_S)).collect();
         let mut controller = RandomStream::new(seed, Purpose::Controller, 0);
-        let drive = Drive::new(&constants, &gait, lead_in_s, &times_s, &mut controller);
+        let drive = Drive::new(&gait, lead_in_s, &times_s, &mut controller);
         // Whole turns: the encoder's zero is a place on the leg. Two seconds of running, about.
         let span = TURN * (2.0 * stride_hz) as i64;
         let first_count = match settings.counter {
@@ -240,17 +196,7 @@ impl VirtualTrial {
             Counter::Turn => 0,
         };
         let frame_delay_s = random.between(0.0, FRAME_S);
-        Ok(Self {
-            settings,
-            constants,
-            gait,
-            contact,
-            drive,
-            window_s,
-            times_s,
-            first_count,
-            frame_delay_s,
-        })
+        Ok(Self { settings, gait, contact, drive, window_s, times_s, first_count, frame_delay_s })
     }
 
     /// How it was made.
@@ -299,27 +245,31 @@ impl VirtualTrial {
     }
 }
 
-fn check(settings: &TrialSettings) -> Result<(), TrialSettingsError> {
-    let TrialSettings { condition, stride_hz, lead_in_s, noise_scale, missing, .. } = *settings;
+fn check(settings: &TrialSettings) -> Result<(), ModelError> {
+    let &TrialSettings { stride_hz, lead_in_s, encoder_noise, noise_scale, missing, .. } = settings;
+    let ChannelForces { drag_n, lift_n, specific_resistance, .. } = settings.condition;
+    let has_usual_forces = drag_n.abs() <= 10.0
+        && lift_n.abs() <= 10.0
+        && (1.0..=1000.0).contains(&specific_resistance);
+    let refuse = |asked, wanted| Err(ModelError::OutOfRange { asked, wanted });
     if !(0.2..=50.0).contains(&stride_hz) {
-        return Err(TrialSettingsError::StrideFrequency { stride_hz });
+        refuse(format!("{stride_hz} strides per second"), "0.2 to 50 can be made")
+    } else if !(0.0..=3600.0).contains(&lead_in_s) {
+        refuse(format!("a lead-in of {lead_in_s} s"), "0 to 3600 s can be made")
+    } else if !(0.0..=1000.0).contains(&encoder_noise) {
+        refuse(format!("encoder noise of {encoder_noise} counts"), "0 to 1000 can be made")
+    } else if !(noise_scale.is_finite() && noise_scale >= 0.0) {
+        Err(ModelError::NoiseScale { factor: noise_scale })
+    } else if !(0.0..1.0).contains(&missing) {
+        refuse(format!("a share of {missing} of the frames lost"), "0 to 1 (excluded) is wanted")
+    } else if !has_usual_forces {
+        refuse(
+            format!(
+                "drag {drag_n} N, lift {lift_n} N and specific resistance {specific_resistance}"
+            ),
+            "forces up to 10 N and a resistance from 1 to 1000 can be made",
+        )
+    } else {
+        Ok(())
     }
-    if !(0.0..=3600.0).contains(&lead_in_s) {
-        return Err(TrialSettingsError::LeadIn { lead_in_s });
-    }
-    if !(0.0..=1000.0).contains(&settings.encoder_noise) {
-        return Err(TrialSettingsError::EncoderNoise { counts: settings.encoder_noise });
-    }
-    if !(noise_scale.is_finite() && noise_scale >= 0.0) {
-        return Err(ModelError::NoiseScale { factor: noise_scale }.into());
-    }
-    if !(0.0..1.0).contains(&missing) {
-        return Err(ModelError::Loss { share: missing }.into());
-    }
-    let ChannelForces { drag_n, lift_n, specific_resistance, .. } = condition;
-    let forces_fit = drag_n.abs() <= 10.0 && lift_n.abs() <= 10.0;
-    if !(forces_fit && (1.0..=1000.0).contains(&specific_resistance)) {
-        return Err(TrialSettingsError::Condition { drag_n, lift_n, specific_resistance });
-    }
-    Ok(())
 }

@@ -6,39 +6,18 @@ use super::{GRAVITY, RAD_PER_COUNT, TURN};
 use crate::sensor_model::ModelError;
 use shell_data::random::{Purpose, RandomStream};
 
-/// The columns, as the lab names them.
-pub const COLUMNS: [&str; 24] = [
-    "time",
-    "Right Leg Pos",
-    "Left Leg Pos",
-    "Commanded Right Leg Pos",
-    "Commanded Left Leg Pos",
-    "DCR",
-    "DCL",
-    "GyroX",
-    "GyroY",
-    "GyroZ",
-    "AX",
-    "AY",
-    "AZ",
-    "RBEMF",
-    "LBEMF",
-    "VBatt",
-    "S1",
-    "S2",
-    "S3",
-    "S4",
-    "S5",
-    "S6",
-    "S7",
-    "S8",
+/// The columns, as the lab names them: those of the robot, then those of the sensor.
+pub(crate) const COLUMNS: [&str; 2] = [
+    "time | Right Leg Pos | Left Leg Pos | Commanded Right Leg Pos | Commanded Left Leg Pos | DCR | DCL | \
+     GyroX | GyroY | GyroZ | AX | AY | AZ | RBEMF | LBEMF | VBatt",
+    " | S1 | S2 | S3 | S4 | S5 | S6 | S7 | S8",
 ];
 
-/// How many of them are not the sensor's.
+/// How many columns are not the sensor's.
 pub(crate) const TELEMETRY_COLUMNS: usize = 16;
 
-/// One row of telemetry, in the order of [`COLUMNS`].
-pub type TelemetryRow = [i64; COLUMNS.len()];
+/// One row of telemetry, in the order of its columns.
+pub type TelemetryRow = [i64; 24];
 
 /// The encoders have 14 bits; their counts are shown as sixteen.
 const ENCODER_STEP: f64 = 4.0;
@@ -66,7 +45,7 @@ impl VirtualTrial {
             while let Some((_, frame)) = frames.next_if(|&(at_s, _)| at_s <= time_s) {
                 readings = frame.readings;
             }
-            let mut values = [0; COLUMNS.len()];
+            let mut values = TelemetryRow::default();
             self.write_telemetry(row, time_s, &mut noise, &mut values);
             for (value, reading) in values[TELEMETRY_COLUMNS..].iter_mut().zip(readings) {
                 *value = i64::from(reading);

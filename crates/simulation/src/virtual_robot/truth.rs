@@ -4,7 +4,7 @@
 //! integrated by Simpson's rule on its own: exact to some 1e-8 of the result, which the corners leave
 //! where legs start and stall.
 
-use super::{Constants, TrialSettings, VirtualTrial};
+use super::{CONSTANTS, Constants, TrialSettings, VirtualTrial, WEIGHT_N};
 use shell_data::wrench::PerAxis;
 
 /// What is true of a trial, in SI units.
@@ -56,11 +56,11 @@ pub struct StrideTruth {
 impl VirtualTrial {
     /// The truth of every result.
     pub fn truth(&self) -> Truth {
-        let Constants { channel_m, .. } = self.constants;
+        let Constants { channel_m, .. } = CONSTANTS;
         let [enter_s, exit_s] = self.window_s;
         let length_s = exit_s - enter_s;
         let velocity_m_s = channel_m / length_s;
-        let weight_w = self.constants.weight_n() * velocity_m_s;
+        let weight_w = WEIGHT_N * velocity_m_s;
         let sums = self.integrate(enter_s, exit_s);
         let mean_wrench: PerAxis<f64> = std::array::from_fn(|axis| sums[axis] / length_s);
         let turns_s = self.turns_s();
@@ -88,7 +88,7 @@ impl VirtualTrial {
             specific_resistance: sums[6] / length_s / weight_w,
             strides: strides.collect(),
             turns_s,
-            constants: self.constants,
+            constants: CONSTANTS,
             settings: self.settings,
         }
     }

@@ -2,9 +2,9 @@
 
 use csv::{ReaderBuilder, StringRecord, Trim};
 
-use super::entry::{Manifest, ManifestProblem, Placed};
+use super::entry::{Manifest, Placed};
 use super::fields::{EntryFields, KEYS, REQUIRED};
-use crate::cell_position::CellPosition;
+use crate::cell_position::{CellPosition, ManifestProblem};
 use shell_data::hint::{did_you_mean, quoted};
 
 /// Other names that columns go by.
@@ -140,7 +140,7 @@ impl Lexed {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Entry, Moment};
+    use super::super::Entry;
     use super::*;
 
     const HEADER: &str = "file,condition,t_enter_s,t_exit_s";
@@ -158,7 +158,7 @@ mod tests {
         assert_eq!(message, "6:9: `t_exit_s` is `5,0`, expected a time in s or `auto`");
         let second = rows[1].clone().unwrap();
         assert!(second.exclude && second.notes.is_none());
-        assert_eq!(second.enter.value, Moment::Auto);
+        assert_eq!(second.enter.value, None);
         assert_eq!((second.position.line, second.file.position.column), (7, 18));
         assert_eq!(rows.len(), 2);
     }

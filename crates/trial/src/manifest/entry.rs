@@ -1,6 +1,6 @@
 //! What a manifest says.
 
-use crate::cell_position::CellPosition;
+use crate::cell_position::{CellPosition, ManifestProblem};
 
 /// A manifest.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -20,29 +20,20 @@ pub struct Entry {
     pub file: Placed<String>,
     /// The condition.
     pub condition: Placed<String>,
-    /// Entry into the channel.
-    pub enter: Placed<Moment>,
-    /// Exit from it.
-    pub exit: Placed<Moment>,
+    /// Entry into the channel, s on the log's clock; `None` if it is to be found in the forces.
+    pub enter: Placed<Option<f64>>,
+    /// Exit from it, likewise.
+    pub exit: Placed<Option<f64>>,
     /// Mean velocity, m/s.
-    pub velocity_m_s: Option<Placed<f64>>,
+    pub velocity_m_s: Option<f64>,
     /// Mass, kg.
-    pub mass_kg: Option<Placed<f64>>,
+    pub mass_kg: Option<f64>,
     /// Length of the channel, m.
-    pub channel_length_m: Option<Placed<f64>>,
+    pub channel_length_m: Option<f64>,
     /// Notes.
     pub notes: Option<String>,
     /// Whether it is left out.
     pub exclude: bool,
-}
-
-/// When something happens.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Moment {
-    /// At this time, s on the log's clock.
-    At(f64),
-    /// To be found in the forces.
-    Auto,
 }
 
 /// A value and where it stands.
@@ -52,20 +43,4 @@ pub struct Placed<T> {
     pub value: T,
     /// Where it stands.
     pub position: CellPosition,
-}
-
-/// What is wrong at some position of a manifest.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{position}: {message}")]
-pub struct ManifestProblem {
-    /// Where.
-    pub position: CellPosition,
-    /// What.
-    pub message: String,
-}
-
-impl ManifestProblem {
-    pub(crate) fn new(position: CellPosition, message: String) -> Self {
-        Self { position, message }
-    }
 }

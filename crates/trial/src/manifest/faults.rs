@@ -3,24 +3,15 @@
 use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
 
-use super::entry::{Entry, Manifest, ManifestProblem, Moment};
-use crate::cell_position::CellPosition;
+use super::entry::{Entry, Manifest};
+use crate::cell_position::{CellPosition, ManifestProblem};
 use shell_data::hint::{did_you_mean, suggest};
 
-/// A row that cannot be evaluated, by its number among the manifest's rows.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Fault {
-    /// The row, from 0.
-    pub row: usize,
-    /// What is wrong.
-    pub problem: ManifestProblem,
-}
-
 impl Manifest {
-    /// The rows that go against other rows: those whose window overlaps that of an earlier trial on
+    /// The rows that go against other rows, by their numbers from 0: those whose window overlaps that of an earlier trial on
     /// the same log, and those whose condition is none of the declared ones (`declared`, or what the
     /// manifest itself says).
-    pub fn faults(&self, declared: Option<&[String]>) -> Vec<Fault> {
+    pub fn faults(&self, declared: Option<&[String]>) -> Vec<(usize, ManifestProblem)> {
         let declared = declared.or(self.conditions.as_deref());
         let mut faults = Vec::new();
         let mut before: BTreeMap<PathBuf, Vec<&Entry>> = BTreeMap::new();
@@ -34,8 +25,7 @@ impl Manifest {
                     moment(twin.enter.value),
                     moment(twin.exit.value)
                 );
-                let problem = ManifestProblem::new(entry.enter.position, message);
-                faults.push(Fault { row, problem });
+                faults.push((row, ManifestProblem::new(entry.enter.position, message)));
                 continue;
             }
             before.entry(file).or_default().push(entry);
@@ -43,8 +33,7 @@ impl Manifest {
             if let Some(declared) = declared.filter(|known| !known.contains(&condition.value)) {
                 let hint = did_you_mean(&condition.value, declared.iter().map(String::as_str));
                 let message = format!("`{}` is none of the conditions{hint}", condition.value);
-                let problem = ManifestProblem::new(condition.position, message);
-                faults.push(Fault { row, problem });
+                faults.push((row, ManifestProblem::new(condition.position, message)));
             }
         }
         faults
@@ -94,16 +83,14 @@ fn without_dots(file: &str) -> PathBuf {
 }
 
 fn overlap(a: &Entry, b: &Entry) -> bool {
-    let start = |moment| if let Moment::At(time) = moment { time } else { f64::NEG_INFINITY };
-    let end = |moment| if let Moment::At(time) = moment { time } else { f64::INFINITY };
-    start(a.enter.value) < end(b.exit.value) && start(b.enter.value) < end(a.exit.value)
+    let span = |of: &Entry| {
+        (of.enter.value.unwrap_or(f64::NEG_INFINITY), of.exit.value.unwrap_or(f64::INFINITY))
+    };
+    span(a).0 < span(b).1 && span(b).0 < span(a).1
 }
 
-fn moment(moment: Moment) -> String {
-    match moment {
-        Moment::At(time) => format!("`{time}` s"),
-        Moment::Auto => "`auto`".to_owned(),
-    }
+fn moment(time_s: Option<f64>) -> String {
+    time_s.map_or_else(|| "`auto`".to_owned(), |time_s| format!("`{time_s}` s"))
 }
 
 fn plain(name: &str) -> String {
@@ -130,7 +117,7 @@ mod tests {
     fn trials_that_overlap_on_one_log_are_told_and_others_are_not() {
         let manifest =
             manifest("a,x,1,3\nb,x,1,3\na,x,3,4\n./a,x,2.5,2.6\na,x,auto,0.5\nb,x,auto,auto\n");
-        let faults = messages(manifest.faults(None).into_iter().map(|fault| fault.problem));
+        let faults = messages(manifest.faults(None).into_iter().map(|(_, problem)| problem));
         assert_eq!(
             faults,
             [
@@ -144,7 +131,8 @@ mod tests {
     fn declared_conditions_are_all_there_may_be() {
         let manifest = manifest("a,free,1,3\nb,fre,1,3\n");
         let declared = ["free".to_owned(), "3 cm".to_owned()];
-        let faults = messages(manifest.faults(Some(&declared)).into_iter().map(|f| f.problem));
+        let faults =
+            messages(manifest.faults(Some(&declared)).into_iter().map(|(_, problem)| problem));
         assert_eq!(faults, ["3:3: `fre` is none of the conditions, did you mean `free`?"]);
     }
 

@@ -1,7 +1,7 @@
 //! The fields of an entry, from text.
 
-use super::entry::{Entry, ManifestProblem, Moment, Placed};
-use crate::cell_position::CellPosition;
+use super::entry::{Entry, Placed};
+use crate::cell_position::{CellPosition, ManifestProblem};
 
 /// What is left of an entry's fields once they are read.
 pub(super) struct EntryFields<'a> {
@@ -40,7 +40,7 @@ impl EntryFields<'_> {
             notes: (self.get)("notes").map(|notes| notes.value),
             exclude: self.flag("exclude")?,
         };
-        if let (Moment::At(enter), Moment::At(exit)) = (entry.enter.value, entry.exit.value)
+        if let (Some(enter), Some(exit)) = (entry.enter.value, entry.exit.value)
             && exit <= enter
         {
             let message = format!("the exit at `{exit}` s is not after the entry at `{enter}` s");
@@ -54,17 +54,18 @@ impl EntryFields<'_> {
         (self.get)(key).ok_or_else(missing)
     }
 
-    fn moment(&self, key: &str) -> Result<Placed<Moment>, ManifestProblem> {
+    fn moment(&self, key: &str) -> Result<Placed<Option<f64>>, ManifestProblem> {
         read(key, self.text(key)?, "a time in s or `auto`", |text| match text.parse::<f64>() {
-            _ if text.eq_ignore_ascii_case("auto") => Some(Moment::Auto),
-            Ok(time) if time.is_finite() => Some(Moment::At(time)),
+            _ if text.eq_ignore_ascii_case("auto") => Some(None),
+            Ok(time) if time.is_finite() => Some(Some(time)),
             _ => None,
         })
     }
 
-    fn positive(&self, key: &str) -> Result<Option<Placed<f64>>, ManifestProblem> {
+    fn positive(&self, key: &str) -> Result<Option<f64>, ManifestProblem> {
         let number = |text: &str| text.parse().ok().filter(|&x: &f64| x > 0.0 && x.is_finite());
-        (self.get)(key).map(|cell| read(key, cell, "a positive number", number)).transpose()
+        let read = |cell| Ok(read(key, cell, "a positive number", number)?.value);
+        (self.get)(key).map(read).transpose()
     }
 
     fn flag(&self, key: &str) -> Result<bool, ManifestProblem> {

@@ -18,9 +18,8 @@ mod fields;
 mod shard;
 mod toml;
 
-pub use crate::cell_position::CellPosition;
-pub use entry::{Entry, Manifest, ManifestProblem, Moment, Placed};
-pub use faults::Fault;
+pub use crate::cell_position::{CellPosition, ManifestProblem};
+pub use entry::{Entry, Manifest, Placed};
 pub use shard::Shard;
 
 impl Manifest {

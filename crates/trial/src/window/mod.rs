@@ -106,12 +106,9 @@ pub enum NoWindow {
         /// Share of the variation that it explains.
         confidence: f64,
     },
-    /// The log starts or ends within the drag.
-    #[error("the log {} within the drag: it holds no whole window", if *at_start { "starts" } else { "ends" })]
-    Cut {
-        /// Whether it is the start.
-        at_start: bool,
-    },
+    /// The log starts within the drag, or else ends within it.
+    #[error("the log {} within the drag: it holds no whole window", if *.0 { "starts" } else { "ends" })]
+    Cut(bool),
 }
 
 /// Proposes entry and exit from the drag −Fx in N at `time_s` in s: tared, not delayed by a filter
@@ -129,16 +126,9 @@ pub fn propose_window(
     stride_s: Option<f64>,
 ) -> Result<Proposal, NoWindow> {
     assert_eq!(time_s.len(), drag_n.len(), "one force per time");
-    let rows: Vec<(f64, f64)> = time_s
-        .iter()
-        .copied()
-        .zip(drag_n.iter().copied())
-        .filter(|(time_s, drag_n)| time_s.is_finite() && drag_n.is_finite())
-        .collect();
-    let (first, last) = match (rows.first(), rows.last()) {
-        (Some(first), Some(last)) => (first.0, last.0),
-        _ => (0.0, 0.0),
-    };
+    let rows = time_s.iter().copied().zip(drag_n.iter().copied());
+    let rows: Vec<(f64, f64)> = rows.filter(|row| row.0.is_finite() && row.1.is_finite()).collect();
+    let [first, last] = [rows.first(), rows.last()].map(|row| row.map_or(0.0, |row| row.0));
     let duration_s = last - first;
     let stride_s = stride_s.filter(|s| s.is_finite() && *s > 0.0).unwrap_or(USUAL_STRIDE_S);
     let bin_s = duration_s / BINS as f64;
@@ -185,7 +175,7 @@ fn judge(
         return Err(NoWindow::Unclear { t_enter_s, t_exit_s, confidence });
     }
     if t_enter_s - first < margin_s || last - t_exit_s < margin_s {
-        return Err(NoWindow::Cut { at_start: t_enter_s - first < margin_s });
+        return Err(NoWindow::Cut(t_enter_s - first < margin_s));
     }
     Ok(Proposal {
         t_enter_s,
@@ -283,7 +273,7 @@ mod tests {
         let plateau = DragPlateau { enter: 3.0, exit: 30.0, ramp: 0.03 };
         let time_s: Vec<f64> = (0..10_000).map(|i| 1e-3 * f64::from(i)).collect();
         let drag_n: Vec<f64> = time_s.iter().map(|&t| 0.3 * plateau.share(t)).collect();
-        assert_eq!(propose_window(&time_s, &drag_n, None), Err(NoWindow::Cut { at_start: false }));
+        assert_eq!(propose_window(&time_s, &drag_n, None), Err(NoWindow::Cut(false)));
         let upside_down: Vec<f64> = drag_n.iter().map(|drag| -drag).collect();
         assert!(propose_window(&time_s, &upside_down, None).is_err());
     }

@@ -36,7 +36,7 @@ pub(super) fn survey(
         let time = log.has_time() || by_time || forces.low_pass.is_some() || options.load.is_some();
         if forces.low_pass.is_some() && !log.has_time() {
             let (path, reason) = (log.path().display().to_string(), "it has no time column");
-            return Err(WorkflowError::Forces { path, error: ForceError::NoRate { reason } });
+            return Err(WorkflowError::Forces { path, error: ForceError::NoRate(reason) });
         }
         let wanted = Wanted { readings: true, time, ..Wanted::default() };
         let read = read_with_memory(

@@ -55,10 +55,10 @@ pub fn evaluate_log(job: &TrialJob<'_>, trial: &Trial) -> Result<Evaluated, Work
     check_window(trial, &recorded.times)?;
     let mut result = recorded.evaluate(job, trial)?;
     let RecordedTrial { summary, zero, .. } = recorded;
-    result.diagnostics.extend(zero.and_then(Diagnostic::moved_zero));
+    result.diagnostics.extend(zero.and_then(|zero| zero.in_words()).map(Diagnostic::MovedZero));
     let rows = summary.skipped_rows;
     if rows > 0 {
-        result.diagnostics.push(Diagnostic::SkippedRows { rows });
+        result.diagnostics.push(Diagnostic::SkippedRows(rows));
     }
     Ok(Evaluated { result, checksum: summary.checksum })
 }
@@ -79,7 +79,7 @@ pub fn evaluate_in_window(
         (enter_s, exit_s) => {
             let read = ReadOptions { checksum: false, progress: None, ..job.read };
             let proposal = search_window(&TrialJob { read, ..*job })?.proposal?;
-            found = Some(Diagnostic::found_window(&proposal));
+            found = Some(Diagnostic::FoundWindow(proposal));
             (enter_s.unwrap_or(proposal.t_enter_s), exit_s.unwrap_or(proposal.t_exit_s))
         }
     };

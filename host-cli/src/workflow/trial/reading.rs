@@ -139,7 +139,9 @@ impl<'a> Reading<'a> {
         let (low, high) = match &self.setup {
             _ if self.takes_all => everything,
             None => (self.enter_s, self.exit_s),
-            Some((_, setup)) if setup.has_clock() => setup.needed_s(self.enter_s, self.exit_s)?,
+            Some((_, setup)) if setup.clock.is_done() => {
+                setup.needed_s(self.enter_s, self.exit_s)?
+            }
             Some(_) => return Ok(everything),
         };
         let (low, high) = (low.min(self.enter_s - MARGIN_S), high.max(self.exit_s + MARGIN_S));
@@ -163,7 +165,7 @@ impl<'a> Reading<'a> {
     /// The times of the log, once it has been read.
     fn log_times(&self, rows: u64) -> Result<LogTimes, TrialError> {
         let ends = self.first_s.zip(self.last_s).zip(self.sampling.rate());
-        let ((first_s, last_s), rate) = ends.ok_or(TrialError::NoClock { rows })?;
+        let ((first_s, last_s), rate) = ends.ok_or(TrialError::NoClock(rows))?;
         Ok(LogTimes { first_s, last_s, period_s: 1.0 / rate.median_hz })
     }
 }
@@ -184,7 +186,7 @@ impl RowSelection for Reading<'_> {
         self.first_s = self.first_s.or(times.first().copied());
         self.sampling.add(times);
         if let Some((_, setup)) = &mut self.setup {
-            setup.look_at_times(times);
+            setup.clock.look_at(times);
         }
         let (low, high) = self.needed_s()?;
         let (first, last) = (times[0], times[times.len() - 1]);

@@ -50,7 +50,7 @@ fn session(seed: u64, poses: usize) -> (Vec<SensorSample>, Vec<SensorSample>) {
 fn log(folder: &Path, samples: &[SensorSample]) -> PathBuf {
     let path = folder.join("train.csv");
     let mut out = BufWriter::new(File::create(&path).unwrap());
-    SyntheticLayout::Shellcal.write_header(&mut out, RecordingKind::Training).unwrap();
+    write!(out, "{}", SyntheticLayout::Shellcal.header(RecordingKind::Training)).unwrap();
     for sample in samples {
         SyntheticLayout::Shellcal.write_row(&mut out, RecordingKind::Training, sample).unwrap();
     }

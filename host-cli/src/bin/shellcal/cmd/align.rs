@@ -111,7 +111,7 @@ impl AlignArgs {
 
         let rows = self.frames.rows(&log);
         let repeats_are_stale = rows == RowFilter::Fresh;
-        let options = Options { exposure_s: self.averaging, repeats_are_stale };
+        let options = Options { exposure_s: self.averaging, repeats_are_stale, edges: None };
         let larger = if reference.bytes() > log.bytes() { &reference } else { &log };
         let logs = printer.scan(larger, self.mapping.read_options(), |read| {
             align_logs(&reference, &log, options, self.sync.as_ref(), &read)

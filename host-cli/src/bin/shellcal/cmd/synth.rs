@@ -124,9 +124,8 @@ impl RecordingArgs {
         const ROW_BYTES: u64 = 100;
         let layout = self.layout;
         let progress = printer.progress("making rows", rows.saturating_mul(ROW_BYTES));
-        let mut text = Vec::new();
+        let mut text = layout.header(kind).as_bytes().to_vec();
         let (mut bytes, mut rows_saturated) = (0, 0);
-        layout.write_header(&mut text, kind)?;
         for (row, sample) in (1..=rows).zip(recording) {
             layout.write_row(&mut text, kind, &sample)?;
             rows_saturated += u64::from(sample.frame.saturated != 0);

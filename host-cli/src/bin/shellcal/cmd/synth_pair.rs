@@ -3,9 +3,7 @@
 use std::io::Write;
 
 use simulation::sensor_model::{Pair, PairSettings};
-use simulation::synthetic_log::{
-    write_frame, write_frame_header, write_wrench_header, write_wrench_row,
-};
+use simulation::synthetic_log::{FRAME_HEADER, WRENCH_HEADER, write_frame, write_wrench_row};
 
 use super::limits::RowLimit;
 use crate::files::OutputPath;
@@ -95,12 +93,12 @@ impl PairArgs {
         let (mut reference, mut log) =
             (printer.files.create(&self.reference)?, printer.files.create(&self.log)?);
         let (mut reference_rows, mut log_rows) = (0_u64, 0_u64);
-        write_wrench_header(&mut reference)?;
+        writeln!(reference, "{WRENCH_HEADER}")?;
         for (time_s, wrench) in pair.reference() {
             write_wrench_row(&mut reference, time_s, &wrench)?;
             reference_rows += 1;
         }
-        write_frame_header(&mut log)?;
+        writeln!(log, "{FRAME_HEADER}")?;
         for (time_s, frame) in pair.board()? {
             write_frame(&mut log, time_s, &frame)?;
             log_rows += 1;

@@ -20,8 +20,8 @@ impl SimulateArgs {
         let count: f64 = axes.iter().map(|axis| axis.values.len() as f64).product();
         ensure!(count <= MOST_CELLS, "the grid would have {count:.1e} combinations");
         for (i, axis) in axes.iter().enumerate() {
-            let twice = axes[..i].iter().any(|other| other.parameter == axis.parameter);
-            ensure!(!twice, "`--grid {}` is given twice", axis.parameter.name());
+            let twice = axes[..i].iter().any(|other| other.parameter.name == axis.parameter.name);
+            ensure!(!twice, "`--grid {}` is given twice", axis.parameter.name);
         }
         let mut output = printer.create(self.sweep.output.as_ref())?;
         let names: Vec<String> = axes.iter().map(|axis| axis.parameter.column()).collect();
@@ -65,9 +65,9 @@ impl SimulateArgs {
     fn axes(&self) -> (beam_channel::Setup, Vec<GridAxis>) {
         let setups = self.setups();
         let mut axes = self.study.grid.clone();
-        if axes.iter().all(|axis| axis.parameter != Parameter::Width) {
+        if axes.iter().all(|axis| axis.parameter.name != Parameter::WIDTH.name) {
             let values = setups.iter().map(|setup| setup.channel.width_m).collect();
-            axes.insert(0, GridAxis { parameter: Parameter::Width, values });
+            axes.insert(0, GridAxis { parameter: Parameter::WIDTH, values });
         }
         (setups[0], axes)
     }

@@ -81,7 +81,7 @@ pub(super) fn angle(text: &str) -> Result<f64, String> {
 /// `NAME=FROM:TO:COUNT` or `NAME=VALUE,VALUE,…`.
 pub(super) fn grid_axis(text: &str) -> Result<GridAxis, String> {
     let (parameter, values) = named(text)?;
-    let of = |text| quantity(text, parameter.dimension());
+    let of = |text| quantity(text, parameter.dimension);
     let values = match values.split(':').collect::<Vec<_>>()[..] {
         [list] => list.split(',').map(of).collect::<Result<Vec<_>, _>>()?,
         [from, to, count] => {
@@ -106,7 +106,7 @@ pub(super) fn uncertain(text: &str) -> Result<Uncertain, String> {
     let (parameter, sd) = named(text)?;
     let (value, spread): (f64, fn(f64) -> ParameterSpread) = match sd.trim().strip_suffix('%') {
         Some(share) => (quantity(share, Dimension::Number)? / 100.0, ParameterSpread::Relative),
-        None => (quantity(sd, parameter.dimension())?, ParameterSpread::Absolute),
+        None => (quantity(sd, parameter.dimension)?, ParameterSpread::Absolute),
     };
     if value < 0.0 {
         return Err("a standard deviation is not negative".to_owned());
@@ -116,9 +116,8 @@ pub(super) fn uncertain(text: &str) -> Result<Uncertain, String> {
 
 fn named(text: &str) -> Result<(Parameter, &str), String> {
     let (name, value) = text.split_once('=').ok_or("expected `NAME=…`")?;
-    let known = Parameter::ALL.into_iter().find(|parameter| parameter.name() == name.trim());
-    let known = known.ok_or_else(|| {
-        let names: Vec<_> = Parameter::ALL.iter().map(|parameter| parameter.name()).collect();
+    let known = Parameter::named(name.trim()).ok_or_else(|| {
+        let names: Vec<_> = Parameter::ALL.iter().map(|parameter| parameter.name).collect();
         format!("no parameter `{name}`; there are {}", names.join(", "))
     })?;
     Ok((known, value))

@@ -13,8 +13,8 @@ use crate::tables::{NOTHING, or_dash};
 
 /// What all channels have in common, for `--json`.
 pub(super) fn setup(setup: &Setup) -> impl Serialize + use<> {
-    let common = Parameter::ALL.into_iter().filter(|&name| name != Parameter::Width);
-    let parameters = common.map(|name| (name.column(), name.get(setup)));
+    let common = Parameter::ALL.into_iter().filter(|of| of.name != Parameter::WIDTH.name);
+    let parameters = common.map(|of| (of.column(), of.get(setup)));
     document! {
         parameters: parameters.collect::<BTreeMap<_, _>>(),
         beams: setup.channel.beams,

@@ -6,6 +6,7 @@ use calibration_file::CalibrationFile;
 use forces::RowRule;
 use log_file::{Mapping, ReadOptions};
 use shellcal::workflow::batch::BatchOptions;
+use trial::manifest::{CellPosition, ManifestProblem};
 use trial::{Instrument, Profile, TraceExtent, TrialOptions};
 
 use crate::cmd::frames::{ForceArgs, describe_forces};
@@ -117,5 +118,8 @@ impl EvaluationArgs {
 
 fn read_profile(path: &Path) -> anyhow::Result<Profile> {
     let text = read_text(path)?;
-    Profile::parse(&text).map_err(|error| anyhow::anyhow!("`{}`, {error}", path.display()))
+    Profile::parse(&text).map_err(|ManifestProblem { position, message }| {
+        let CellPosition { line, column } = position;
+        anyhow::anyhow!("`{}`, line {line}, column {column}: {message}", path.display())
+    })
 }
