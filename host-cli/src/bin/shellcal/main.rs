@@ -61,7 +61,7 @@ fn run(
     matches: ArgMatches,
     printer: &mut printer::Printer,
 ) -> anyhow::Result<outcome::Outcome> {
-    instructions::chosen()?;
+    instructions::chosen().map_err(anyhow::Error::msg)?;
     let words: Vec<_> = std::env::args_os().collect();
     let configured = config::configure(words.clone(), command, config, matches)?;
     let args = parsed(command, &configured.matches);
