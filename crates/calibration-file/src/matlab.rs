@@ -16,7 +16,7 @@ pub(super) fn parse(bytes: &[u8], options: &ImportOptions) -> Result<Calibration
         let message = "it is of version 7.3; save it with `-v6` or `-v7`";
         return Err(MatrixError::Matlab(message.to_owned()));
     }
-    let arrays = table_file::arrays(bytes);
+    let arrays = table_file::arrays(bytes.to_vec());
     let arrays = arrays.map_err(|error| MatrixError::Matlab(error.to_string()))?;
     let found = || arrays.iter().map(|array| array.name.clone()).collect();
     let named = |name: &str| arrays.iter().find(|array| array.name == name);

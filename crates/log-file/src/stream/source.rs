@@ -135,7 +135,7 @@ impl LogSource {
     }
 
     fn with_size(mut self) -> Result<Self, LogError> {
-        self.bytes = self.open_file()?.length().map_err(|error| self.error(error))?;
+        self.bytes = self.file.length().map_err(|error| self.error(error))?;
         Ok(self)
     }
 
