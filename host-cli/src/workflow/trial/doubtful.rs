@@ -3,16 +3,14 @@
 use super::job::TrialJob;
 use calibration::reading_ranges::ReadingRange;
 use log_file::{LogError, Wanted};
-use shell_data::BlockLines;
 use shell_data::block::Block;
 
 /// Rows of one log that are named.
 const NAMED: usize = 20;
 
-/// A row with readings that cannot be trusted, before its line is looked up.
+/// A row with readings that cannot be trusted.
 struct DoubtfulRow {
-    offset: u64,
-    row: usize,
+    line: u64,
     time_s: f64,
     readings: Vec<DoubtfulReading>,
 }
@@ -69,8 +67,7 @@ pub fn doubtful_rows(
             let readings = block.readings.iter().enumerate();
             let readings = readings.filter_map(|(channel, column)| doubt(channel, column[row]));
             DoubtfulRow {
-                offset: block.offset,
-                row,
+                line: block.lines.line(row),
                 time_s: block.time_s[row],
                 readings: readings.collect(),
             }
@@ -85,8 +82,5 @@ pub fn doubtful_rows(
         first.extend(found.into_iter().take(room));
         Ok::<_, LogError>(())
     })?;
-    let rows: Vec<_> = first.iter().map(|found| (found.offset, found.row)).collect();
-    let lines = log.lines_of_rows(&wanted, &rows, &BlockLines::default())?;
-    let words = first.iter().map(DoubtfulRow::words);
-    Ok((lines.into_iter().zip(words).collect(), count))
+    Ok((first.iter().map(|found| (found.line, found.words())).collect(), count))
 }

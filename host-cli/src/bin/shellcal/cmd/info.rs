@@ -106,7 +106,7 @@ fn outliers(log: &Log, args: &MappingArgs) -> anyhow::Result<NamedOutliers> {
     let rows = read_logs(log, &wanted, &args.read_options())?;
     let workers = Workers::new(args.threads.map_or(0, usize::from));
     let found = find_outliers(&rows, &FitOptions { workers, ..FitOptions::default() })?;
-    Ok(NamedOutliers::new(found, log, &rows, &wanted)?)
+    Ok(NamedOutliers::new(found, log, &rows))
 }
 
 /// What is said about a log; the field names are those of the JSON document.
@@ -189,7 +189,7 @@ impl Info {
         Self {
             file: log.path().display().to_string(),
             format: log.table_kind().map_or(format_name(log.format()), FileKind::key),
-            compressed: log.is_compressed(),
+            compressed: log.compression().is_some(),
             bytes: log.bytes(),
             rows: summary.rows,
             skipped_rows,
@@ -302,9 +302,7 @@ impl ColumnInfo {
     fn new(position: usize, column: &Column, summary: &LogSummary) -> Self {
         let values = match column.meaning {
             Meaning::Sensor(channel) => summary.readings.get(channel).map(|s| (s, true)),
-            Meaning::Force(axis, _) | Meaning::Moment(axis, _) => {
-                summary.wrench.get(axis.index()).map(|s| (s, false))
-            }
+            Meaning::Load(axis, _) => summary.wrench.get(axis.index()).map(|s| (s, false)),
             _ => None,
         };
         Self {

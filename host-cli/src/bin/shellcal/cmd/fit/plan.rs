@@ -12,7 +12,7 @@ use calibration_file::{CalibrationFile, Origin, matrix};
 use figures::fit_figure;
 use indicatif::ProgressBar;
 use load_table::HungLoads;
-use log_file::{Log, ReadOptions, Wanted};
+use log_file::{Log, ReadOptions};
 use output_file::AtomicFile;
 use report::OutlierTable;
 use shell_data::hint::quoted;
@@ -133,15 +133,11 @@ impl<'a> FitPlan<'a> {
 
     /// Names the outliers, and lists the rows that were left out.
     pub(super) fn name_rows(&mut self, data: &FitData, fitted: &Fit) -> anyhow::Result<NamedRows> {
-        // Where no row was wrong, lines are counted without what is in them.
-        let anything = Wanted::default();
-        let wanted = if fitted.skipped_rows == 0 { &anything } else { &data.wanted };
         let dropped = self.dropped.take();
-        let name =
-            |found: &Outliers| NamedOutliers::new(found.clone(), &self.train, &data.train, wanted);
+        let name = |found: &Outliers| NamedOutliers::new(found.clone(), &self.train, &data.train);
         let dropped = match dropped {
             Some(mut output) => {
-                let dropped = name(&fitted.dropped)?;
+                let dropped = name(&fitted.dropped);
                 dropped.write(&mut output)?;
                 output.commit()?;
                 Some(dropped)
@@ -149,7 +145,7 @@ impl<'a> FitPlan<'a> {
             None => None,
         };
         let used = match &fitted.outliers {
-            Some(Ok(found)) => Some(name(found)?),
+            Some(Ok(found)) => Some(name(found)),
             _ => None,
         };
         Ok(NamedRows { used, dropped })
