@@ -48,9 +48,9 @@ pub fn threads_for(logs: &[&Log], options: &ReadOptions<'_>) -> usize {
     }
 }
 
-/// Streams all of `logs` once, of each what is wanted, as [`Log::read`] does one of them, with a state for every worker thread, made by
-/// `init` and passed to `map`: `map` and `fold` also get the index of the log that a block is from. Returns a
-/// summary of each log and the states, these in no particular order.
+/// Streams all of `logs` once, of each what is wanted, as [`Log::read`] does one of them, with a state for every
+/// worker thread, made by `init` and passed to `map`: `map` and `fold` also get the index of the log that a block is
+/// from. Returns a summary of each log and the states, these in no particular order.
 ///
 /// # Errors
 /// As [`Log::read`], the first error in the order of logs and rows.
