@@ -72,10 +72,10 @@ impl From<LogError> for PythonFailure {
         let told = match &error {
             LogError::At { path, position, problem } => {
                 let column = match problem {
-                    PlacedProblem::Row(RowProblem::Field { field, problem, .. })
+                    PlacedProblem::Row(RowProblem::Field { column, problem, .. })
                         if *problem != FieldProblem::NotADate =>
                     {
-                        Some(field.column as u64 + 1)
+                        Some(*column as u64 + 1)
                     }
                     _ => None,
                 };
@@ -83,10 +83,10 @@ impl From<LogError> for PythonFailure {
             }
             LogError::Io { path, .. }
             | LogError::Gzip { path, .. }
-            | LogError::Empty { path }
-            | LogError::NoRows { path }
+            | LogError::Empty(path)
+            | LogError::NoRows(path)
             | LogError::Binary { path, .. }
-            | LogError::NoColumnNames { path } => told.in_file(path),
+            | LogError::NoColumnNames(path) => told.in_file(path),
             _ => told,
         };
         told.into()

@@ -76,9 +76,7 @@ impl FitRequest {
             },
         );
         let found = fitted.outliers.as_ref().and_then(|found| found.as_ref().ok());
-        let named =
-            found.map(|found| NamedOutliers::new(found.clone(), &train, &data.train, &data.wanted));
-        let named: Option<NamedOutliers> = named.transpose()?;
+        let named = found.map(|found| NamedOutliers::new(found.clone(), &train, &data.train));
         let mut remarks = about_fit(&fitted);
         remarks.extend(named.iter().flat_map(NamedOutliers::remarks));
         remarks.extend(about_table(&fitted));

@@ -15,7 +15,8 @@ pub(super) fn parse(bytes: &[u8], options: &ImportOptions) -> Result<Calibration
     if bytes.starts_with(b"MATLAB 7.3") {
         return Err(unreadable("it is of version 7.3; save it with `-v6` or `-v7`"));
     }
-    let arrays = table_file::arrays(bytes).map_err(|error| unreadable(&error.to_string()))?;
+    let arrays = table_file::arrays(bytes.to_vec());
+    let arrays = arrays.map_err(|error| unreadable(&error.to_string()))?;
     let found = || arrays.iter().map(|array| array.name.clone()).collect();
     let named = |name: &str| arrays.iter().find(|array| array.name == name);
     let array = match (&options.variable, arrays.as_slice()) {

@@ -1,5 +1,6 @@
 //! Errors in logs, with their position.
 
+use shared_proto::skinproc::SCAN_LEN;
 use shell_data::hint::{Hint, quoted, suggest};
 use std::fmt;
 use std::io;
@@ -66,11 +67,8 @@ pub enum LogError {
         remedy: &'static str,
     },
     /// The file is compressed, and no text.
-    #[error("`{}` is compressed, and what is in it is not text", path.display())]
-    PackedTable {
-        /// The file.
-        path: PathBuf,
-    },
+    #[error("`{}` is compressed, and what is in it is not text", .0.display())]
+    PackedTable(PathBuf),
     /// A table was asked for by name of a file that is one.
     #[error("`{}` is a single table, and has none called `{wanted}`", path.display())]
     NoParts {
@@ -80,17 +78,11 @@ pub enum LogError {
         wanted: String,
     },
     /// The file has no bytes, or blank lines only.
-    #[error("`{}` is empty", path.display())]
-    Empty {
-        /// The file.
-        path: PathBuf,
-    },
+    #[error("`{}` is empty", .0.display())]
+    Empty(PathBuf),
     /// The file has a header and nothing after it.
-    #[error("`{}` has a header but no rows", path.display())]
-    NoRows {
-        /// The file.
-        path: PathBuf,
-    },
+    #[error("`{}` has a header but no rows", .0.display())]
+    NoRows(PathBuf),
     /// The file is not text.
     #[error("`{}` is not a text file: byte {offset} is 0x{byte:02x}", path.display())]
     Binary {
@@ -102,11 +94,8 @@ pub enum LogError {
         byte: u8,
     },
     /// A telemetry log whose `%` lines name no columns.
-    #[error("`{}`: no `%` line names the columns, separated by `|`", path.display())]
-    NoColumnNames {
-        /// The file.
-        path: PathBuf,
-    },
+    #[error("`{}`: no `%` line names the columns, separated by `|`", .0.display())]
+    NoColumnNames(PathBuf),
     /// Something is wrong at a position of it.
     #[error("`{}`, {position}: {problem}", path.display())]
     At {
@@ -123,24 +112,18 @@ pub enum LogError {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PlacedProblem {
-    /// No line in sight ends.
-    #[error("longer than {limit} bytes")]
-    LineTooLong {
-        /// The longest line that is read.
-        limit: usize,
-    },
+    /// No line in sight ends: it is longer than the longest that is read.
+    #[error("longer than {0} bytes")]
+    LineTooLong(usize),
     /// Lines that end in a carriage return alone, as no program has written them for decades.
     #[error("lines end with a carriage return and no line feed")]
     CarriageReturns,
-    /// A file of numbers without a header, in none of the known layouts.
+    /// A file of numbers without a header, whose number of columns is that of no known layout.
     #[error(
-        "{found} columns and no header, expected 15 (time, eight sensors, six wrench \
+        "{0} columns and no header, expected 15 (time, eight sensors, six wrench \
          columns) or 12 (two to drop, time, six wrench columns, three accelerations)"
     )]
-    UnknownLayout {
-        /// How many columns it has.
-        found: usize,
-    },
+    UnknownLayout(usize),
     /// The requested format has another number of columns.
     #[error("{format} has {expected} columns, found {found}")]
     LayoutMismatch {
@@ -165,11 +148,8 @@ pub enum PlacedProblem {
         found: Vec<String>,
     },
     /// A column of the wrench is in a unit that is not read.
-    #[error("the unit of column `{column}` is not known")]
-    UnknownUnit {
-        /// The column.
-        column: String,
-    },
+    #[error("the unit of column `{0}` is not known")]
+    UnknownUnit(String),
     /// Times are whole numbers of one of two units.
     #[error(
         "the unit of column `{column}` is not known, which goes on by `{step}` from row to row"
@@ -202,7 +182,7 @@ impl Hint for LogError {
     fn hint(&self) -> Option<String> {
         let text = match self {
             Self::Foreign { remedy, .. } => remedy,
-            Self::PackedTable { .. } => "unpack it first; compressed logs are text",
+            Self::PackedTable(_) => "unpack it first; compressed logs are text",
             Self::NoParts { .. } => "leave out `--table`",
             Self::Table { problem: TableError::Choice { .. }, .. } => "choose with `--table NAME`",
             Self::Table { problem: TableError::Damaged { .. }, .. } => {
@@ -212,14 +192,14 @@ impl Hint for LogError {
             Self::Gzip { .. } | Self::Zstd { .. } => {
                 "copy the file again: it is cut short or damaged"
             }
-            Self::Empty { .. } | Self::NoRows { .. } => {
+            Self::Empty(_) | Self::NoRows(_) => {
                 "nothing was recorded, or the file was not copied to its end"
             }
             Self::Binary { .. } => {
                 "logs are text (telemetry, CSV, console), plain or compressed with gzip or zstd, or tables \
                  in Parquet, MATLAB, NumPy, Excel or MCAP"
             }
-            Self::NoColumnNames { .. } => {
+            Self::NoColumnNames(_) => {
                 "add the line that names the columns, `% time | … | S1 | …`, as the last `%` line"
             }
             Self::At { problem, .. } => return problem.hint(),
@@ -237,18 +217,18 @@ impl Hint for PlacedProblem {
             return Some(text);
         }
         let text = match self {
-            Self::LineTooLong { .. } => "this does not look like a log; are its line ends missing?",
+            Self::LineTooLong(_) => "this does not look like a log; are its line ends missing?",
             Self::CarriageReturns => {
                 "give its lines the ends that others have: `tr '\\r' '\\n' < OLD > NEW`"
             }
-            Self::UnknownLayout { .. } => {
+            Self::UnknownLayout(_) => {
                 "say which columns are which, `--sensors 2-9 --wrench 10-15 --time 1`"
             }
             Self::LayoutMismatch { .. } => "leave out `--format` to have it recognised",
             Self::MissingColumns { .. } => {
                 "name the columns with `--sensors`, `--wrench`, `--time` or `--group`"
             }
-            Self::UnknownUnit { .. } => {
+            Self::UnknownUnit(_) => {
                 "convert it to N or mN, moments to N·m, mN·m or N·mm, and name the column so (`fx_n`, `Mx [N*mm]`)"
             }
             Self::UnclearTimeUnit { .. } => {
@@ -319,13 +299,15 @@ impl fmt::Display for LogPosition {
 #[non_exhaustive]
 pub enum RowProblem {
     /// A field is not what its column needs.
-    #[error("{field}: expected {problem}, found {}", match problem {
+    #[error("column {} (`{name}`): expected {problem}, found {}", column + 1, match problem {
         FieldProblem::Empty => "nothing".to_owned(),
         _ => format!("`{found}`"),
     })]
     Field {
-        /// Which.
-        field: Field,
+        /// The position of its column in the row, from 0.
+        column: usize,
+        /// The name of its column.
+        name: String,
         /// What is wrong with it.
         problem: FieldProblem,
         /// Its content.
@@ -343,15 +325,8 @@ pub enum RowProblem {
     #[error("expected a closing quote on the same line")]
     OpenQuote,
     /// A payload begins like a scan, but is not one.
-    #[error(
-        "expected a scan of {expected} bytes (0 to 255) with readings below 4096, found `{found}`"
-    )]
-    Payload {
-        /// How many bytes a scan has.
-        expected: usize,
-        /// The payload.
-        found: String,
-    },
+    #[error("expected a scan of {SCAN_LEN} bytes (0 to 255) with readings below 4096, found `{0}`")]
+    Payload(String),
 }
 
 /// What is wrong with a field. Its text says what was expected.
@@ -370,31 +345,10 @@ pub enum FieldProblem {
     /// It is NaN or infinite, or a number too large for a double.
     #[error("a finite number")]
     NotFinite,
-    /// A reading is beyond what any converter gives: damage, or another quantity.
-    #[error("a reading of at most {largest} counts")]
-    UnbelievableReading {
-        /// The largest that there may be.
-        largest: f64,
-    },
-    /// A load is beyond what any sensor measures: damage, or another quantity.
-    #[error("a load of at most {largest:e} N or N·m")]
-    UnbelievableLoad {
-        /// The largest that there may be.
-        largest: f64,
-    },
-}
-
-/// The column of a field.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Field {
-    /// Its position in the row, from 0.
-    pub column: usize,
-    /// Its name.
-    pub name: String,
-}
-
-impl fmt::Display for Field {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "column {} (`{}`)", self.column + 1, self.name)
-    }
+    /// A reading is beyond the largest that any converter gives: damage, or another quantity.
+    #[error("a reading of at most {0} counts")]
+    UnbelievableReading(f64),
+    /// A load is beyond the largest that any sensor measures: damage, or another quantity.
+    #[error("a load of at most {0:e} N or N·m")]
+    UnbelievableLoad(f64),
 }

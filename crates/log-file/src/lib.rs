@@ -56,9 +56,7 @@ mod read;
 mod stream;
 pub mod summary;
 
-pub use error::{
-    Field, FieldProblem, LogError, LogPosition, PlacedProblem, RowMismatch, RowProblem,
-};
+pub use error::{FieldProblem, LogError, LogPosition, PlacedProblem, RowMismatch, RowProblem};
 pub use format::columns::Column;
 pub use format::mapping::{
     ColumnRef, FORMATS, LogFormat, Mapping, MomentUnit, TIME_UNITS, TimeUnit, parse_column,

@@ -1,17 +1,17 @@
 //! A log file whose layout has been recognised.
 
-use std::io::{self, Read, Write};
+use std::io::Read;
 use std::path::Path;
 use std::sync::Arc;
 
 use crate::checksum;
 use crate::error::{LogError, PlacedProblem};
-use crate::format::columns::{Column, positions};
+use crate::format::columns::{Column, duplicate, positions};
 use crate::format::layout::{FileLayout, HEAD_BYTES, recognise_layout};
 use crate::format::mapping::{ColumnRef, LogFormat, Mapping};
 use crate::format::meaning::{Meaning, axis_of_other_unit};
 use crate::read::request::Wanted;
-use crate::stream::chunk::{CHUNK_BYTES, ChunkStream};
+use crate::stream::chunk::{CHUNK_BYTES, ChunkError, ChunkStream, LINE_LIMIT};
 use crate::stream::source::{ByteStream, LogSource};
 use shell_data::ColumnNames;
 use shell_data::telemetry::Telemetry;
@@ -60,32 +60,16 @@ impl Log {
         let mut mapping = mapping.clone();
         if let Some(sides) = source.sides()?.filter(|sides| !sides.has_names) {
             let [readings, others] = sides.columns;
-            let positions = |from: usize, count: usize| {
-                (from + 1..=from + count).map(ColumnRef::Position).collect::<Vec<_>>()
-            };
             mapping.format = mapping.format.or(Some(LogFormat::Csv));
             if mapping.sensors.is_none() && mapping.time.is_none() {
-                mapping.sensors = Some(positions(0, readings));
+                mapping.sensors = Some((1..=readings).map(ColumnRef::Position).collect());
             }
             if mapping.wrench.is_none() && others == 6 {
-                let positions =
-                    positions(readings, others).into_iter().map(Some).collect::<Vec<_>>();
-                mapping.wrench = positions.try_into().ok();
+                let position = |axis| Some(ColumnRef::Position(readings + 1 + axis));
+                mapping.wrench = Some(std::array::from_fn(position));
             }
         }
         Self::new(source, &mapping)
-    }
-
-    /// A log of text that `write` writes, CSV with names; errors call it `path`.
-    ///
-    /// # Errors
-    /// [`LogError`] if there is no room for it, or it is no such text.
-    pub fn from_text(
-        path: &Path,
-        write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
-    ) -> Result<Self, LogError> {
-        let mapping = Mapping { format: Some(LogFormat::Csv), ..Mapping::default() };
-        Self::new(LogSource::from_text(path, write)?, &mapping)
     }
 
     fn new(source: LogSource, mapping: &Mapping) -> Result<Self, LogError> {
@@ -104,17 +88,21 @@ impl Log {
         Self { chunk_bytes: chunk_bytes.max(1), ..self }
     }
 
-    /// The chunks of its text from a line on that starts at the byte `start`.
-    pub(crate) fn chunks(
-        &self,
-        text: ByteStream,
-        start: u64,
-        chunk_bytes: usize,
-    ) -> ChunkStream<ByteStream> {
-        let mut chunks = ChunkStream::new(text, start, chunk_bytes);
+    /// The chunks of its rows in its text.
+    pub(crate) fn chunks(&self, text: ByteStream, chunk_bytes: usize) -> ChunkStream<ByteStream> {
+        let start = self.layout.header.rows_start as u64;
+        let mut chunks = ChunkStream::new(text, start, self.layout.rows_line, chunk_bytes);
         chunks.clock = self.layout.clock();
-        chunks.has_decimal_commas = self.layout.has_decimal_commas;
         chunks
+    }
+
+    pub(crate) fn chunk_error(&self, error: ChunkError) -> LogError {
+        match error {
+            ChunkError::Io(error) => self.source.error(error),
+            ChunkError::LineTooLong(line) => {
+                self.source.error_at(line, PlacedProblem::LineTooLong(LINE_LIMIT))
+            }
+        }
     }
 
     /// The file.
@@ -124,15 +112,13 @@ impl Log {
 
     /// Its format.
     pub fn format(&self) -> LogFormat {
-        self.layout.format
+        self.layout.header.format
     }
 
     /// What kind of file it is, in words.
     pub fn kind(&self) -> String {
-        match self.source.as_table() {
-            Some(table) => table.kind().to_string(),
-            None => self.layout.format.to_string(),
-        }
+        let kind = self.table_kind().map(|kind| kind.to_string());
+        kind.unwrap_or_else(|| self.layout.header.format.to_string())
     }
 
     /// Its columns and their meanings.
@@ -295,10 +281,9 @@ impl Log {
             .map(|(position, _)| position);
         match (positions.next(), positions.next()) {
             (Some(first), Some(second)) => {
-                let columns = [first, second];
-                let names = Box::new(columns.map(|at| self.layout.columns[at].name.clone()));
-                let meaning = telemetry.name().to_owned();
-                Err(self.error_in_names(PlacedProblem::DuplicateColumn { meaning, columns, names }))
+                let names = self.column_names();
+                let problem = duplicate(&names, telemetry.name().to_owned(), [first, second]);
+                Err(self.error_in_names(problem))
             }
             (position, _) => Ok(position),
         }
@@ -307,7 +292,7 @@ impl Log {
     /// Whether equal readings in a row are one frame logged repeatedly: the robot's telemetry runs
     /// faster than the sensor. Elsewhere they can be honest samples.
     pub fn repeats_are_stale(&self) -> bool {
-        self.layout.format == LogFormat::Telemetry
+        self.layout.header.format == LogFormat::Telemetry
     }
 
     /// Where the columns are that a user points to, from 0.
@@ -316,9 +301,7 @@ impl Log {
     /// [`PlacedProblem::MissingColumns`] with all that are not there.
     pub fn column_positions(&self, references: &[ColumnRef]) -> Result<Vec<usize>, LogError> {
         let names = self.column_names();
-        positions(&names, references).map_err(|missing| {
-            self.error_in_names(PlacedProblem::MissingColumns { missing, found: names })
-        })
+        positions(&names, references).map_err(|problem| self.error_in_names(problem))
     }
 
     /// What kind of table it is, if it is one in a binary file.
@@ -331,11 +314,6 @@ impl Log {
         self.source.compression()
     }
 
-    /// Whether the file is compressed.
-    pub fn is_compressed(&self) -> bool {
-        self.source.compression().is_some()
-    }
-
     /// The size of the file on disk.
     pub fn bytes(&self) -> u64 {
         self.source.bytes
@@ -346,20 +324,16 @@ impl Log {
     /// # Errors
     /// [`PlacedProblem::MissingColumns`] with all that are not, and what there is instead.
     pub fn require(&self, wanted: &Wanted) -> Result<(), LogError> {
-        let roles = &self.layout.roles;
-        let mut missing = Vec::new();
-        if wanted.time && roles.time.is_none() {
-            missing.push("time".to_owned());
-        }
-        if wanted.readings && roles.sensors.is_empty() {
-            missing.push("s1 … (sensors)".to_owned());
-        }
-        if wanted.wrench && !self.has_wrench() {
-            missing.extend(Axis::ALL.map(|axis| axis.name().to_owned()));
-        }
-        if wanted.groups && roles.group.is_none() {
-            missing.push("group".to_owned());
-        }
+        let axes = Axis::ALL.map(Axis::name);
+        let needed: [(bool, bool, &[&str]); 4] = [
+            (wanted.time, self.has_time(), &["time"]),
+            (wanted.readings, self.channels() > 0, &["s1 … (sensors)"]),
+            (wanted.wrench, self.has_wrench(), &axes),
+            (wanted.groups, self.has_groups(), &["group"]),
+        ];
+        let absent = needed.iter().filter(|(is_wanted, is_there, _)| *is_wanted && !is_there);
+        let names = absent.flat_map(|(.., names)| *names);
+        let mut missing: Vec<String> = names.map(|&name| name.to_owned()).collect();
         let columns = &self.layout.columns;
         let asked = wanted.others.iter().chain(&wanted.texts);
         let beyond = asked.filter(|&&at| at >= columns.len());
@@ -381,8 +355,7 @@ impl Log {
         match self.layout.columns.iter().find(lost) {
             None => Ok(()),
             Some(column) => {
-                let column = column.name.clone();
-                Err(self.error_in_names(PlacedProblem::UnknownUnit { column }))
+                Err(self.error_in_names(PlacedProblem::UnknownUnit(column.name.clone())))
             }
         }
     }
@@ -413,6 +386,6 @@ impl Log {
 
     /// The error of what is wrong with the names of columns.
     fn error_in_names(&self, problem: PlacedProblem) -> LogError {
-        self.source.error_at(self.layout.names_line, problem)
+        self.source.error_at(self.layout.header.names_line, problem)
     }
 }

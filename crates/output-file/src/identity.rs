@@ -27,17 +27,11 @@ impl FileIdentity {
 }
 
 /// Something about each of many files.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Files<T> {
     entries: Vec<T>,
     by_path: HashMap<PathBuf, usize>,
     by_number: HashMap<(u64, u64), usize>,
-}
-
-impl<T> Default for Files<T> {
-    fn default() -> Self {
-        Self { entries: Vec::new(), by_path: HashMap::new(), by_number: HashMap::new() }
-    }
 }
 
 impl<T> Files<T> {

@@ -19,7 +19,7 @@ use shell_data::lock::lock;
 use std::fs::{self, File, Permissions};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard};
+use std::sync::Mutex;
 
 use identity::{FileIdentity, Files};
 use temporary::Temporary;
@@ -39,15 +39,16 @@ struct KnownFile {
 }
 
 /// An output that was announced or opened.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct Claim {
     path: PathBuf,
     stage: OutputStage,
 }
 
 /// How far an output has come; no way leads back.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 enum OutputStage {
+    #[default]
     Announced,
     Probed,
     Opened,
@@ -84,14 +85,16 @@ pub enum OutputError {
     #[error("a recording is a file, and `-` stands for the standard output")]
     Stdout,
     /// It is named as a table in binary, which cannot be read before its end is written.
-    #[error("what grows is text, and `{}` is named as something else", path.display())]
-    NotText {
-        /// The file that was to be written.
-        path: PathBuf,
-    },
+    #[error("what grows is text, and `{}` is named as something else", .0.display())]
+    NotText(PathBuf),
 }
 
 impl OutputError {
+    /// The error of the system for a file.
+    pub fn failed(path: impl Into<PathBuf>, source: io::Error) -> Self {
+        Self::Failed { path: path.into(), source }
+    }
+
     /// Refuses a name of a file that frames are to be written to as text while they arrive.
     ///
     /// # Errors
@@ -100,7 +103,7 @@ impl OutputError {
         let extension = path.extension().map(|it| it.to_string_lossy().to_lowercase());
         let is_binary = |extension: &str| ["mcap", "parquet", "mat", "npy"].contains(&extension);
         match extension.as_deref().is_some_and(is_binary) {
-            true => Err(Self::NotText { path: path.to_path_buf() }),
+            true => Err(Self::NotText(path.to_path_buf())),
             false => Ok(()),
         }
     }
@@ -110,7 +113,7 @@ impl Hint for OutputError {
     fn hint(&self) -> Option<String> {
         let text = match self {
             Self::IsInput { .. } | Self::Twice { .. } => "choose another name for it",
-            Self::NotText { path } => {
+            Self::NotText(path) => {
                 let (path, log) = (path.display(), path.with_extension("csv"));
                 let log = log.display();
                 return Some(format!(
@@ -136,17 +139,13 @@ impl Outputs {
         Self::default()
     }
 
-    fn known(&self) -> MutexGuard<'_, KnownFile> {
-        lock(&self.known)
-    }
-
     /// Says that `path` is read, so no output may replace it.
     ///
     /// # Errors
     /// [`OutputError::IsInput`] if it is an output that was announced.
     pub fn protect(&self, path: &Path) -> Result<(), OutputError> {
         let Some(identity) = FileIdentity::from_path(path) else { return Ok(()) };
-        let mut known = self.known();
+        let mut known = lock(&self.known);
         if let Some(claim) = known.outputs.find(&identity) {
             let (path, input) = (claim.path.clone(), path.to_path_buf());
             return Err(OutputError::IsInput { path, input });
@@ -170,8 +169,7 @@ impl Outputs {
     /// # Errors
     /// [`OutputError`].
     pub fn probe(&self, path: &Path) -> Result<(), OutputError> {
-        self.claim(path, OutputStage::Probed)?;
-        OutputTarget::open(path).map(drop).map_err(|source| OutputError::failed(path, source))
+        self.open(path, OutputStage::Probed).map(drop)
     }
 
     /// Opens `path` for writing without touching what is there.
@@ -180,8 +178,11 @@ impl Outputs {
     /// [`OutputError`] if it is an input or another output, the directory does not exist or is not
     /// writable, or `path` is a directory.
     pub fn create(&self, path: impl AsRef<Path>) -> Result<AtomicFile, OutputError> {
-        let path = path.as_ref();
-        self.claim(path, OutputStage::Opened)?;
+        self.open(path.as_ref(), OutputStage::Opened)
+    }
+
+    fn open(&self, path: &Path, stage: OutputStage) -> Result<AtomicFile, OutputError> {
+        self.claim(path, stage)?;
         match OutputTarget::open(path) {
             Ok(target) => Ok(AtomicFile { path: path.to_path_buf(), target }),
             Err(source) => Err(OutputError::failed(path, source)),
@@ -198,12 +199,12 @@ impl Outputs {
 
     /// Lets every output be written once more, for a command that does its work again.
     pub fn renew(&self) {
-        self.known().outputs.iter_mut().for_each(|claim| claim.stage = OutputStage::Announced);
+        lock(&self.known).outputs.iter_mut().for_each(|claim| claim.stage = OutputStage::Announced);
     }
 
     fn claim(&self, path: &Path, stage: OutputStage) -> Result<(), OutputError> {
         let Some(identity) = FileIdentity::from_path(path) else { return Ok(()) };
-        let mut known = self.known();
+        let mut known = lock(&self.known);
         if let Some(input) = known.inputs.find(&identity) {
             let (path, input) = (path.to_path_buf(), input.clone());
             return Err(OutputError::IsInput { path, input });
@@ -221,12 +222,6 @@ impl Outputs {
 /// The other name of a file, if it has one.
 fn also(path: &Path, other: &Path) -> String {
     if path == other { String::new() } else { format!(", which is `{}`", other.display()) }
-}
-
-impl OutputError {
-    pub fn failed(path: impl Into<PathBuf>, source: io::Error) -> Self {
-        Self::Failed { path: path.into(), source }
-    }
 }
 
 /// A file that is being written and does not exist yet under its own name.

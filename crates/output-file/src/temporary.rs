@@ -4,11 +4,12 @@ use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard};
+use std::sync::Mutex;
 
 use shell_data::lock::lock;
 use tempfile::NamedTempFile;
 
+/// Each change of it is one call, so whoever panics while holding it leaves it whole.
 static UNFINISHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
 /// What is to be done before there is one, until it is done.
@@ -20,17 +21,12 @@ pub fn before_unfinished(prepare: fn()) {
     *lock(&BEFORE) = Some(prepare);
 }
 
-fn unfinished() -> MutexGuard<'static, BTreeSet<PathBuf>> {
-    // Whoever panicked while holding it has left the list whole: each change is one call.
-    lock(&UNFINISHED)
-}
-
 /// Removes the temporary files of all outputs that are not finished.
 ///
 /// For the end of the program by a signal: whoever opens or finishes an output afterwards waits for
 /// ever.
 pub fn remove_unfinished() {
-    let unfinished = unfinished();
+    let unfinished = lock(&UNFINISHED);
     for path in unfinished.iter() {
         // It may be gone already; there is nobody to tell, either.
         let _ = std::fs::remove_file(path);
@@ -56,7 +52,7 @@ impl Temporary {
         if let Some(prepare) = lock(&BEFORE).take() {
             prepare();
         }
-        let mut unfinished = unfinished();
+        let mut unfinished = lock(&UNFINISHED);
         let file = builder.tempfile_in(directory)?;
         unfinished.insert(file.path().to_path_buf());
         Ok(Self { file: Some(file) })
@@ -69,7 +65,7 @@ impl Temporary {
     }
 
     pub(super) fn rename(mut self, path: &Path) -> io::Result<()> {
-        let mut unfinished = unfinished();
+        let mut unfinished = lock(&UNFINISHED);
         let Some(file) = self.file.take() else { return Ok(()) };
         unfinished.remove(file.path());
         file.persist(path).map(drop).map_err(|error| error.error)
@@ -89,7 +85,7 @@ impl Write for Temporary {
 impl Drop for Temporary {
     fn drop(&mut self) {
         if let Some(file) = self.file.take() {
-            let mut unfinished = unfinished();
+            let mut unfinished = lock(&UNFINISHED);
             unfinished.remove(file.path());
             // Removed before a signal, which waits for the list, can end the program.
             drop(file);

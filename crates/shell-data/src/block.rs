@@ -14,6 +14,23 @@ pub struct FrameLabel {
     pub group: String,
 }
 
+/// The lines of a log that the rows of a block are on.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RowLines {
+    /// The number of the first line of the block.
+    pub first: u64,
+    /// Lines that are no rows: how many there are before which row, by row.
+    pub passed: Vec<(usize, u64)>,
+}
+
+impl RowLines {
+    /// The number of a row's line.
+    pub fn line(&self, row: usize) -> u64 {
+        let before = self.passed.iter().take_while(|(next, _)| *next <= row);
+        self.first + row as u64 + before.map(|(_, lines)| lines).sum::<u64>()
+    }
+}
+
 /// A run of consecutive rows of a log. Columns that were not asked for are empty.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Block {
@@ -21,6 +38,8 @@ pub struct Block {
     pub rows: usize,
     /// Where its text starts in the log, in bytes: no two blocks of a log have the same.
     pub offset: u64,
+    /// The lines that its rows are on, as it was read.
+    pub lines: RowLines,
     /// Time in s.
     pub time_s: Vec<f64>,
     /// Readings in counts, one column per channel; the last [`memory_columns`](Self::memory_columns) are terms that a
@@ -119,6 +138,7 @@ impl Block {
             groups: kept_runs(&self.groups, keep),
             texts: self.texts.iter().map(|runs| kept_runs(runs, keep)).collect(),
             offset: self.offset,
+            lines: self.lines.clone(),
             memory_columns: self.memory_columns,
             readings_before: self.readings_before.clone(),
         }

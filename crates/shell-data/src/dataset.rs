@@ -9,7 +9,7 @@ use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use crate::block::{Block, kept_runs};
+use crate::block::{Block, RowLines, kept_runs};
 use crate::fingerprint::Fingerprint;
 use crate::wrench::Axes;
 
@@ -37,30 +37,6 @@ pub struct ReadSummary {
     pub checksum: Option<String>,
 }
 
-/// The line numbers of a log's rows, from 0 after its header.
-#[derive(Clone, Debug, Default)]
-pub struct BlockLines {
-    lines: u64,
-    /// Offset and first line of each block in which every line is a row, by offset.
-    first_lines: Vec<(u64, u64)>,
-}
-
-impl BlockLines {
-    /// Adds the next block: its offset, rows and lines.
-    pub fn add(&mut self, offset: u64, rows: usize, lines: u64) {
-        if rows as u64 == lines {
-            self.first_lines.push((offset, self.lines));
-        }
-        self.lines += lines;
-    }
-
-    /// The line of a row of the block at an offset; `None` if the block has lines that are not rows.
-    pub fn line(&self, offset: u64, row: usize) -> Option<u64> {
-        let found = self.first_lines.binary_search_by_key(&offset, |&(offset, _)| offset).ok()?;
-        Some(self.first_lines[found].1 + row as u64)
-    }
-}
-
 /// Rows of readings and wrench in memory, log by log.
 #[derive(Clone, Debug, Default)]
 pub struct Dataset {
@@ -69,7 +45,7 @@ pub struct Dataset {
 }
 
 /// The rows of one log.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct LogRows {
     /// What messages call it: as a rule its path.
     pub name: PathBuf,
@@ -85,8 +61,8 @@ pub struct LogRows {
     pub sample: Block,
     /// What was read.
     pub summary: ReadSummary,
-    /// The lines that its rows are on.
-    pub lines: BlockLines,
+    /// The lines that the rows of each block are on, by the offset of the block.
+    pub lines: HashMap<u64, RowLines>,
     /// The rows.
     pub blocks: Vec<LabelledBlock>,
 }
@@ -155,11 +131,10 @@ impl Dataset {
             axes,
             channels: blocks.first().map_or(0, |block| block.channels().len()),
             has_groups,
-            is_sampled_at_start: false,
             sample: sample(blocks.iter()),
             summary: ReadSummary { rows: start, ..ReadSummary::default() },
-            lines: BlockLines::default(),
             blocks: blocks.into_iter().map(LabelledBlock::from).collect(),
+            ..LogRows::default()
         };
         Self { logs: vec![log] }
     }
@@ -182,8 +157,9 @@ impl Dataset {
 
     /// The blocks, each with the number of its log.
     pub fn blocks(&self) -> impl Iterator<Item = (usize, &LabelledBlock)> {
-        let of = |(at, log)| LogRows::used_blocks(log).map(move |block| (at, block));
-        self.logs.iter().enumerate().flat_map(of)
+        let numbered = self.logs.iter().enumerate();
+        let all = numbered.flat_map(|(at, log)| log.blocks.iter().map(move |block| (at, block)));
+        all.filter(|(_, block)| block.rows.rows > 0)
     }
 
     /// Moves the rows out: what is left says where they were read.
@@ -235,10 +211,6 @@ impl LogRows {
     /// Number of rows.
     pub fn rows(&self) -> u64 {
         self.blocks.iter().map(|block| block.rows.rows as u64).sum()
-    }
-
-    fn used_blocks(&self) -> impl Iterator<Item = &LabelledBlock> {
-        self.blocks.iter().filter(|block| block.rows.rows > 0)
     }
 }
 

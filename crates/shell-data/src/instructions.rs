@@ -13,22 +13,6 @@ pub use pulp::{Simd, WithSimd};
 /// every processor has.
 pub const VARIABLE: &str = "SHELLCAL_INSTRUCTIONS";
 
-/// Why a set of instructions cannot be worked with.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct UnknownInstructions {
-    name: String,
-    known: Vec<&'static str>,
-}
-
-impl std::fmt::Display for UnknownInstructions {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let known = self.known.join("`, `");
-        write!(f, "`{VARIABLE}` is `{}`, but this processor has `{known}`", self.name)
-    }
-}
-
-impl std::error::Error for UnknownInstructions {}
-
 /// The sets that this processor has, the widest first.
 pub fn available() -> Vec<(&'static str, Arch)> {
     let mut sets = Vec::new();
@@ -46,16 +30,17 @@ pub fn available() -> Vec<(&'static str, Arch)> {
 /// What the environment names; the widest that there is where it names none.
 ///
 /// # Errors
-/// [`UnknownInstructions`] if there is no such set, or this processor has not got it.
-pub fn chosen() -> Result<Arch, UnknownInstructions> {
+/// In words, if there is no such set, or this processor has not got it.
+pub fn chosen() -> Result<Arch, String> {
     let Some(name) = std::env::var_os(VARIABLE) else { return Ok(Arch::new()) };
     let sets = available();
     match sets.iter().find(|(known, _)| name == *known) {
         Some((_, set)) => Ok(*set),
-        None => Err(UnknownInstructions {
-            name: name.to_string_lossy().into_owned(),
-            known: sets.into_iter().map(|(known, _)| known).collect(),
-        }),
+        None => {
+            let known: Vec<&str> = sets.into_iter().map(|(known, _)| known).collect();
+            let (name, known) = (name.to_string_lossy(), known.join("`, `"));
+            Err(format!("`{VARIABLE}` is `{name}`, but this processor has `{known}`"))
+        }
     }
 }
 

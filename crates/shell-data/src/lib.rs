@@ -41,8 +41,8 @@ pub mod statistics;
 pub mod telemetry;
 pub mod wrench;
 
-pub use block::Block;
+pub use block::{Block, RowLines};
 pub use columns::{ColumnNames, TimeUnit};
-pub use dataset::{BlockLines, Dataset, ReadSummary};
+pub use dataset::{Dataset, ReadSummary};
 pub use telemetry::Telemetry;
 pub use wrench::{Axes, Axis, AxisValues, MomentUnit, PerAxis};

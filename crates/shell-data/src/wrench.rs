@@ -82,7 +82,7 @@ pub fn cross([ax, ay, az]: [f64; 3], [bx, by, bz]: [f64; 3]) -> [f64; 3] {
 /// Memory has a place for all six ([`PerAxis`]) wherever wrenches are worked with; in those of axes that
 /// there are not, columns are zero and coefficients are zero, and nothing of them leaves the program. What
 /// does leave it is what [`Axes::of`] picks.
-#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Default, PartialEq, Eq, Hash)]
 pub struct Axes(u8);
 
 impl Axes {

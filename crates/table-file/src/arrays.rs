@@ -102,47 +102,44 @@ impl ArrayColumns {
     }
 }
 
-/// Which of these make up a log: of those that `name` is the name of, or else of all, the ones that have as
-/// many rows as the longest.
+/// Those of `all` that make up a log, and the names of their columns: of those that `name` is the name of, or else
+/// of all, the ones that have as many rows as the longest. `of` gives their columns.
 ///
 /// # Errors
 /// [`TableError::Choice`] if there are none of the name, and what else keeps them from being a table.
-pub(crate) fn columns_of_log(
+pub(crate) fn columns_of_log<T>(
     kind: FileKind,
-    all: &[ArrayColumns],
+    all: Vec<T>,
+    of: fn(&T) -> &ArrayColumns,
     name: Option<&str>,
-) -> Result<Vec<usize>, TableError> {
-    let is_named = |columns: &ArrayColumns| name.is_none_or(|name| columns.is_of(name));
-    let is_wanted = |&at: &usize| !all[at].is_empty() && is_named(&all[at]);
-    let named: Vec<usize> = (0..all.len()).filter(is_wanted).collect();
-    let Some(longest) = named.iter().map(|&at| all[at].rows).max() else {
-        let Some(name) = name else {
+) -> Result<(Option<Vec<String>>, Vec<T>), TableError> {
+    let is_named = |array: &T| name.is_none_or(|name| of(array).is_of(name));
+    let (mut wanted, others): (Vec<T>, Vec<T>) =
+        all.into_iter().filter(|array| !of(array).is_empty()).partition(is_named);
+    let Some(longest) = wanted.iter().map(|array| of(array).rows).max() else {
+        if name.is_none() {
             return Err(kind.unsupported("no matrix or vector of real numbers"));
-        };
-        let found = all.iter().filter(|columns| !columns.is_empty());
-        return Err(TableError::Choice {
-            kind,
-            part: "matrix of real numbers",
-            wanted: Some(name.to_owned()),
-            found: found.map(|columns| columns.path.clone()).collect(),
-        });
+        }
+        let found = others.iter().map(|array| of(array).path.clone()).collect();
+        return Err(kind.choice("matrix of real numbers", name, found));
     };
-    let wanted: Vec<usize> = named.into_iter().filter(|&at| all[at].rows == longest).collect();
-    let count = wanted.iter().fold(0, |count: usize, &at| count.saturating_add(all[at].count));
+    wanted.retain(|array| of(array).rows == longest);
+    let columns: Vec<&ArrayColumns> = wanted.iter().map(of).collect();
+    let count = columns.iter().fold(0, |count: usize, of| count.saturating_add(of.count));
     budget::check_columns(kind, count)?;
-    Ok(wanted)
+    Ok((names(&columns), wanted))
 }
 
 /// The names of the columns of a table; `None` for a matrix alone, whose columns have none.
-pub(crate) fn names(all: &[ArrayColumns]) -> Option<Vec<String>> {
+fn names(all: &[&ArrayColumns]) -> Option<Vec<String>> {
     if let [ArrayColumns { count: 2.., .. }] = all {
         return None;
     }
-    let is_alone = |columns: &ArrayColumns| {
+    let is_alone = |columns: &&ArrayColumns| {
         all.iter().filter(|other| other.leaf() == columns.leaf()).count() == 1
     };
     let is_short = all.iter().all(is_alone);
-    let names = |columns: &ArrayColumns| {
+    let names = |columns: &&ArrayColumns| {
         let name = if is_short { columns.leaf() } else { &columns.path }.to_owned();
         match columns.count {
             1 => vec![name],

@@ -1,5 +1,6 @@
 //! How much memory a file may ask for.
 
+use std::fmt::Display;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::error::TableError;
@@ -29,8 +30,7 @@ impl Unpacked {
     ) -> Result<(), TableError> {
         let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         *all = all.saturating_add(bytes);
-        check(kind, || "what is compressed".to_owned(), *all, file_bytes.saturating_mul(16))
-            .map(drop)
+        check(kind, "what is compressed", *all, file_bytes.saturating_mul(16)).map(drop)
     }
 }
 
@@ -43,7 +43,7 @@ pub(crate) const COLUMNS: usize = 4096;
 /// Checks that so many `bytes` may be made of a part that has `stored` bytes in the file.
 pub(crate) fn check(
     kind: FileKind,
-    what: impl Fn() -> String,
+    what: impl Display,
     bytes: u64,
     stored: u64,
 ) -> Result<usize, TableError> {
@@ -53,23 +53,14 @@ pub(crate) fn check(
 /// Checks that a part takes no more than `limit`.
 pub(crate) fn within(
     kind: FileKind,
-    what: impl Fn() -> String,
+    what: impl Display,
     bytes: u64,
     limit: u64,
 ) -> Result<usize, TableError> {
     match usize::try_from(bytes) {
         Ok(size) if bytes <= limit => Ok(size),
-        _ => Err(TableError::TooLarge { kind, what: what(), bytes, limit }),
+        _ => Err(TableError::TooLarge { kind, what: what.to_string(), bytes, limit }),
     }
-}
-
-/// Checks the length of a description.
-pub(crate) fn check_description(
-    kind: FileKind,
-    what: &str,
-    bytes: u64,
-) -> Result<usize, TableError> {
-    within(kind, || what.to_owned(), bytes, DESCRIPTION)
 }
 
 /// Checks the number of columns.

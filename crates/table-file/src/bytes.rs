@@ -56,10 +56,36 @@ impl<'a> ByteReader<'a> {
     little_endian!(u8: u8, u16: u16, u32: u32, u64: u64, i32: i32, i64: i64, f64: f64);
 }
 
-/// Where a range of a given start and length lies in some bytes.
-pub(crate) fn part(bytes: &[u8], start: u64, length: u64) -> Option<&[u8]> {
-    let start = usize::try_from(start).ok()?;
-    bytes.get(start..)?.get(..usize::try_from(length).ok()?)
+/// Bytes written one after the other, the lowest of a number first.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct ByteWriter(pub(crate) Vec<u8>);
+
+impl ByteWriter {
+    pub(crate) fn bytes(mut self, bytes: &[u8]) -> Self {
+        self.0.extend_from_slice(bytes);
+        self
+    }
+
+    /// Bytes with their number before them, in 32 bits.
+    pub(crate) fn block(self, bytes: &[u8]) -> Self {
+        self.u32(bytes.len() as u32).bytes(bytes)
+    }
+
+    pub(crate) fn text(self, text: &str) -> Self {
+        self.block(text.as_bytes())
+    }
+
+    pub(crate) fn u16(self, number: u16) -> Self {
+        self.bytes(&number.to_le_bytes())
+    }
+
+    pub(crate) fn u32(self, number: u32) -> Self {
+        self.bytes(&number.to_le_bytes())
+    }
+
+    pub(crate) fn u64(self, number: u64) -> Self {
+        self.bytes(&number.to_le_bytes())
+    }
 }
 
 /// Adds a number in groups of seven bits, the lowest first.

@@ -23,11 +23,6 @@ impl Element {
         }
     }
 
-    /// Whether it may have a fraction.
-    pub(crate) fn is_real(self) -> bool {
-        matches!(self, Self::Half | Self::Single | Self::Double)
-    }
-
     /// The number in `bytes`, of which there are as many as it has.
     pub(crate) fn cell(self, bytes: &[u8], is_little: bool) -> Cell {
         // In the lowest bytes of a word.

@@ -74,6 +74,16 @@ impl FileKind {
         TableError::Unsupported { kind: self, what: what.into() }
     }
 
+    /// The error of a file of this kind that has several parts, or none of the name that is wanted.
+    pub(crate) fn choice(
+        self,
+        part: &'static str,
+        wanted: Option<&str>,
+        found: Vec<String>,
+    ) -> TableError {
+        TableError::Choice { kind: self, part, wanted: wanted.map(str::to_owned), found }
+    }
+
     /// The error of bytes that cannot be read: damage, if the file ends before them.
     pub(crate) fn unread(self, error: io::Error, what: impl Into<String>) -> TableError {
         match error.kind() {

@@ -10,7 +10,7 @@ use hdf5_pure::{
     Group, ReadSeekSource,
 };
 
-use crate::arrays::{ArrayColumns, ArrayNumbers, ArrayRows, columns_of_log, names};
+use crate::arrays::{ArrayColumns, ArrayNumbers, ArrayRows, columns_of_log};
 use crate::budget::{self, Unpacked};
 use crate::element::Element;
 use crate::error::TableError;
@@ -56,9 +56,8 @@ pub(crate) fn open(source: &FileSource, part: Option<&str>) -> Result<NamedRows,
     }
     let mut found = DataSets { is_by_row, ..DataSets::default() };
     found.add(&file.root(), "", DEPTH)?;
-    let wanted = columns_of_log(KIND, &found.sets, part)?;
-    let sets: Vec<_> = wanted.into_iter().map(|at| found.sets[at].clone()).collect();
-    Ok((names(&sets), Arc::new(Hdf5Table { file: source.clone(), sets, is_by_row })))
+    let (names, sets) = columns_of_log(KIND, found.sets, |columns| columns, part)?;
+    Ok((names, Arc::new(Hdf5Table { file: source.clone(), sets, is_by_row })))
 }
 
 /// Vectors and matrices of numbers.
@@ -172,7 +171,7 @@ impl RowSource for Hdf5Table {
             };
             let bytes = bytes_of(&set.shape().map_err(unreadable)?);
             let piece = bytes_of(&set.chunk_shape().map_err(unreadable)?.unwrap_or_default());
-            budget::within(KIND, || format!("`{path}`"), bytes.max(piece), left)?;
+            budget::within(KIND, format_args!("`{path}`"), bytes.max(piece), left)?;
             left -= bytes;
             let bytes = Arc::new(set.read_raw().map_err(unreadable)?);
             let range = 0..bytes.len();

@@ -132,11 +132,12 @@ pub fn recognise(head: &[u8]) -> Recognised {
             return Recognised::Table(kind);
         }
     }
+    let foreign = |what, remedy| Recognised::Foreign { what, remedy };
     // A stream of Arrow begins with the mark of a message and its length.
     if let Some([0xff, 0xff, 0xff, 0xff, _, _, length, 0]) = head.get(..8)
         && *length < 16
     {
-        return Recognised::Foreign { what: ARROW, remedy: AS_PARQUET };
+        return foreign(ARROW, AS_PARQUET);
     }
     if head.starts_with(b"PK\x03\x04") {
         return archive(head);
@@ -144,10 +145,10 @@ pub fn recognise(head: &[u8]) -> Recognised {
     if is_matlab_4(head) {
         let remedy =
             "save it in MATLAB with `save(…, '-v7')`, or in Python with `scipy.io.savemat`";
-        return Recognised::Foreign { what: "a MATLAB 4 file", remedy };
+        return foreign("a MATLAB 4 file", remedy);
     }
-    let foreign = FOREIGN.iter().find(|(start, ..)| head.starts_with(start));
-    foreign.map_or(Recognised::Unknown, |&(_, what, remedy)| Recognised::Foreign { what, remedy })
+    let found = FOREIGN.iter().find(|(start, ..)| head.starts_with(start));
+    found.map_or(Recognised::Unknown, |&(_, what, remedy)| foreign(what, remedy))
 }
 
 /// Whether a file begins with a matrix of MATLAB's level 4, which has no mark: five integers (type, rows,

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use flate2::read::ZlibDecoder;
 
-use crate::arrays::{Array, ArrayColumns, ArrayNumbers, ArrayRows, columns_of_log, names};
+use crate::arrays::{Array, ArrayColumns, ArrayNumbers, ArrayRows, columns_of_log};
 use crate::budget;
 use crate::element::Element;
 use crate::error::TableError;
@@ -35,11 +35,7 @@ const CUT_OFF: &str = "it is cut off";
 ///
 /// # Errors
 /// What is wrong with the file.
-pub fn arrays(file: &[u8]) -> Result<Vec<Array>, TableError> {
-    arrays_of(file.to_vec())
-}
-
-fn arrays_of(file: Vec<u8>) -> Result<Vec<Array>, TableError> {
+pub fn arrays(file: Vec<u8>) -> Result<Vec<Array>, TableError> {
     if file.len() < HEADER {
         return Err(KIND.damaged(format!("its header of {HEADER} bytes is cut off")));
     }
@@ -76,7 +72,7 @@ fn inflate(compressed: &[u8], file_bytes: usize, total: &mut u64) -> Result<Vec<
             return Ok(inflated);
         }
         *total += read as u64;
-        budget::check(KIND, || "what is compressed".to_owned(), *total, file_bytes as u64)?;
+        budget::check(KIND, "what is compressed", *total, file_bytes as u64)?;
         inflated.extend_from_slice(&piece[..read]);
     }
 }
@@ -157,7 +153,7 @@ fn integers(bytes: &[u8], is_little: bool) -> impl Iterator<Item = u32> + '_ {
     })
 }
 
-/// ArrayNumbers of an element: MATLAB writes whole numbers in fewer bytes than a double has.
+/// The numbers of an element: MATLAB writes whole numbers in fewer bytes than a double has.
 fn element(kind: u32) -> Option<Element> {
     Some(match kind {
         1 => Element::Signed(1),
@@ -176,16 +172,11 @@ fn element(kind: u32) -> Option<Element> {
 
 /// The arrays of a file that make up a log.
 pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<NamedRows, TableError> {
-    let file = file.open()?;
-    let length = file.length()?;
-    budget::within(KIND, || "the file".to_owned(), length, budget::IN_MEMORY)?;
+    budget::within(KIND, "the file", file.length()?, budget::IN_MEMORY)?;
     let mut bytes = Vec::new();
-    file.take(budget::IN_MEMORY).read_to_end(&mut bytes)?;
-    let arrays = arrays_of(bytes)?.into_iter().filter_map(Array::into_columns);
-    let (columns, numbers): (Vec<ArrayColumns>, Vec<ArrayNumbers>) = arrays.unzip();
-    let wanted = columns_of_log(KIND, &columns, part)?;
-    let arrays = wanted.into_iter().map(|at| (columns[at].clone(), numbers[at].clone()));
-    let arrays: Vec<_> = arrays.collect();
-    let columns: Vec<_> = arrays.iter().map(|(columns, _)| columns.clone()).collect();
-    Ok((names(&columns), Arc::new(ArrayRows { arrays, row: 0 })))
+    file.open()?.take(budget::IN_MEMORY).read_to_end(&mut bytes)?;
+    let arrays = arrays(bytes)?.into_iter().filter_map(Array::into_columns);
+    let arrays: Vec<(ArrayColumns, ArrayNumbers)> = arrays.collect();
+    let (names, arrays) = columns_of_log(KIND, arrays, |(columns, _)| columns, part)?;
+    Ok((names, Arc::new(ArrayRows { arrays, row: 0 })))
 }

@@ -12,31 +12,7 @@ use crate::write::{Cells, parquet_file};
 /// Columns of one length, each with a name that carries its unit.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NamedTable {
-    columns: Vec<(String, NamedColumn)>,
-}
-
-/// A column.
-#[derive(Clone, Debug, PartialEq)]
-pub enum NamedColumn {
-    /// Names and remarks.
-    Text(Vec<String>),
-    /// Numbers, some of which may be missing.
-    Number(Vec<Option<f64>>),
-    /// Numbers that are all there.
-    Full(Vec<f64>),
-    /// Counts, some of which may be missing.
-    Count(Vec<Option<u64>>),
-}
-
-impl NamedColumn {
-    fn cells(&self) -> Cells<'_> {
-        match self {
-            Self::Text(values) => Cells::Texts(values),
-            Self::Number(values) => Cells::OptionalNumbers(values),
-            Self::Full(values) => Cells::Numbers(values),
-            Self::Count(values) => Cells::OptionalCounts(values),
-        }
-    }
+    columns: Vec<(String, Cells<'static>)>,
 }
 
 impl NamedTable {
@@ -44,20 +20,16 @@ impl NamedTable {
     ///
     /// # Panics
     /// If they differ in length.
-    pub fn new<'a>(columns: impl IntoIterator<Item = (&'a str, NamedColumn)>) -> Self {
-        let named = |(name, column): (&str, NamedColumn)| (name.to_owned(), column);
-        let columns: Vec<_> = columns.into_iter().map(named).collect();
+    pub fn new<'a>(columns: impl IntoIterator<Item = (&'a str, Cells<'static>)>) -> Self {
+        let columns = columns.into_iter().map(|(name, cells)| (name.to_owned(), cells)).collect();
         let table = Self { columns };
-        assert!(
-            table.columns.iter().all(|(_, column)| column.cells().len() == table.rows()),
-            "one length"
-        );
+        assert!(table.columns.iter().all(|(_, cells)| cells.len() == table.rows()), "one length");
         table
     }
 
     /// Number of rows.
     pub fn rows(&self) -> usize {
-        self.columns.first().map_or(0, |(_, column)| column.cells().len())
+        self.columns.first().map_or(0, |(_, cells)| cells.len())
     }
 
     /// The table as CSV, with a line of names.
@@ -73,17 +45,17 @@ impl NamedTable {
                     text.push(b',');
                 }
                 match column {
-                    NamedColumn::Text(values) => {
+                    Cells::Text(values) => {
                         text.extend_from_slice(escape::csv_field(&values[row]).as_bytes())
                     }
-                    NamedColumn::Full(values) => {
+                    Cells::Full(values) => {
                         text.extend_from_slice(digits.format(values[row]).as_bytes());
                     }
-                    NamedColumn::Number(values) => {
+                    Cells::Number(values) => {
                         let value = values[row].map(|value| digits.format(value));
                         text.extend_from_slice(value.unwrap_or_default().as_bytes());
                     }
-                    NamedColumn::Count(values) => {
+                    Cells::Count(values) => {
                         let value = values[row].map(|value| value.to_string());
                         text.extend_from_slice(value.unwrap_or_default().as_bytes());
                     }
@@ -97,10 +69,9 @@ impl NamedTable {
     /// The table as a Parquet file.
     ///
     /// # Errors
-    /// What [`parquet_file`] says.
+    /// [`io::Error`] if a page takes more than the 2 GB that it may have.
     pub fn to_parquet(&self) -> io::Result<Vec<u8>> {
-        let columns = self.columns.iter().map(|(name, column)| (name.as_str(), column.cells()));
-        parquet_file(&columns.collect::<Vec<_>>())
+        parquet_file(&self.columns)
     }
 }
 
@@ -112,10 +83,10 @@ mod tests {
 
     fn table() -> NamedTable {
         NamedTable::new([
-            ("file", NamedColumn::Text(vec!["a, \"b\"".to_owned(), String::new()])),
-            ("drag_n", NamedColumn::Number(vec![Some(0.1), None])),
-            ("t_s", NamedColumn::Full(vec![1.0, -1e-300])),
-            ("rows", NamedColumn::Count(vec![None, Some(7)])),
+            ("file", Cells::Text(vec!["a, \"b\"".to_owned(), String::new()].into())),
+            ("drag_n", Cells::Number(vec![Some(0.1), None].into())),
+            ("t_s", Cells::Full(vec![1.0, -1e-300].into())),
+            ("rows", Cells::Count(vec![None, Some(7)].into())),
         ])
     }
 
@@ -135,8 +106,8 @@ mod tests {
         let names = (0..many).map(|row| format!("trial {}", row / 1000));
         let drag = (0..many).map(|row| (row % 3 > 0).then_some(f64::from(row) / 7.0));
         let long = NamedTable::new([
-            ("file", NamedColumn::Text(names.collect())),
-            ("drag_n", NamedColumn::Number(drag.collect())),
+            ("file", Cells::Text(names.collect())),
+            ("drag_n", Cells::Number(drag.collect())),
         ]);
         let file = tempfile::NamedTempFile::new().unwrap();
         for (table, line) in [(table(), 1), (long, 65_537)] {

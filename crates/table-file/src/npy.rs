@@ -79,12 +79,12 @@ pub(crate) fn open(source: &FileSource) -> Result<NamedRows, TableError> {
         }
         version => return Err(KIND.unsupported(format!("format version {version}"))),
     };
-    let size = budget::check_description(KIND, "its header", length)?;
+    let size = budget::within(KIND, "its header", length, budget::DESCRIPTION)?;
     let mut header = vec![0; size];
     file.read_exact(&mut header).map_err(cut)?;
     let header = String::from_utf8_lossy(&header);
     let (names, npy) = layout(source, &header, before + length)?;
-    let (expected, found) = (npy.rows.saturating_mul(npy.row_bytes), file.length()?);
+    let (expected, found) = (npy.rows.saturating_mul(npy.row_bytes), source.length()?);
     let found = found.saturating_sub(npy.start);
     if found < expected {
         return Err(
@@ -252,25 +252,21 @@ impl RowStream for NpyRows {
         batch.resize_with(columns, Vec::new);
         batch.iter_mut().for_each(Vec::clear);
         let cut = |error| KIND.unread(error, "its rows are cut off");
-        if self.npy.by_column {
-            let size = self.npy.columns[0].kind.size();
-            self.bytes.resize(rows as usize * size, 0);
-            for (column, position) in self.npy.columns.iter().enumerate() {
-                let at = (column as u64 * self.npy.rows + self.row) * size as u64;
-                self.file.seek(SeekFrom::Start(self.npy.start + at))?;
+        let Npy { by_column, columns, .. } = &self.npy;
+        let size = if *by_column { columns[0].kind.size() } else { self.npy.row_bytes as usize };
+        self.bytes.resize(rows as usize * size, 0);
+        for (at, (cells, position)) in batch.iter_mut().zip(columns).enumerate() {
+            if *by_column {
+                let before = (at as u64 * self.npy.rows + self.row) * size as u64;
+                self.file.seek(SeekFrom::Start(self.npy.start + before))?;
+            }
+            if *by_column || at == 0 {
                 self.file.read_exact(&mut self.bytes).map_err(cut)?;
-                let cells = self.bytes.chunks_exact(size).map(|bytes| position.cell(bytes));
-                batch[column].extend(cells);
             }
-        } else {
-            let size = self.npy.row_bytes as usize;
-            self.bytes.resize(rows as usize * size, 0);
-            self.file.read_exact(&mut self.bytes).map_err(cut)?;
-            for row in self.bytes.chunks_exact(size.max(1)) {
-                for (column, position) in batch.iter_mut().zip(&self.npy.columns) {
-                    column.push(position.cell(&row[position.offset..][..position.kind.size()]));
-                }
-            }
+            let offset = if *by_column { 0 } else { position.offset };
+            let values = self.bytes.chunks_exact(size.max(1));
+            let value = |bytes: &[u8]| position.cell(&bytes[offset..][..position.kind.size()]);
+            cells.extend(values.map(value));
         }
         self.row += rows;
         Ok(true)

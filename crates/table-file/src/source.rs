@@ -25,6 +25,17 @@ impl FileSource {
             Self::Memory(bytes) => Box::new(Cursor::new(Arc::clone(bytes))),
         })
     }
+
+    /// The number of its bytes.
+    ///
+    /// # Errors
+    /// [`io::Error`] if the system does not say.
+    pub fn length(&self) -> io::Result<u64> {
+        match self {
+            Self::Disk(path) => Ok(path.metadata()?.len()),
+            Self::Memory(bytes) => Ok(bytes.len() as u64),
+        }
+    }
 }
 
 impl From<&Path> for FileSource {
@@ -37,22 +48,6 @@ impl From<&Path> for FileSource {
 pub type OpenFile = Box<dyn FileBytes>;
 
 /// The bytes of an open file.
-pub trait FileBytes: Read + Seek + Send {
-    /// Their number.
-    ///
-    /// # Errors
-    /// [`io::Error`] if the system does not say.
-    fn length(&self) -> io::Result<u64>;
-}
+pub trait FileBytes: Read + Seek + Send {}
 
-impl FileBytes for File {
-    fn length(&self) -> io::Result<u64> {
-        Ok(self.metadata()?.len())
-    }
-}
-
-impl FileBytes for Cursor<Arc<[u8]>> {
-    fn length(&self) -> io::Result<u64> {
-        Ok(self.get_ref().len() as u64)
-    }
-}
+impl<T: Read + Seek + Send> FileBytes for T {}

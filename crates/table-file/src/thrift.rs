@@ -53,15 +53,7 @@ impl Value {
             _ => None,
         }
     }
-}
 
-impl From<&str> for Value {
-    fn from(text: &str) -> Self {
-        Self::Bytes(text.as_bytes().to_vec())
-    }
-}
-
-impl Value {
     fn kind(&self) -> u8 {
         match self {
             Self::Truth(true) => 1,
@@ -108,6 +100,12 @@ impl Value {
                 bytes.push(0);
             }
         }
+    }
+}
+
+impl From<&str> for Value {
+    fn from(text: &str) -> Self {
+        Self::Bytes(text.as_bytes().to_vec())
     }
 }
 

@@ -23,7 +23,7 @@ const KIND: FileKind = FileKind::Xlsx;
 const LAST_ROW: u64 = 1 << 20;
 
 /// A sheet of a workbook.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Sheet {
     file: FileSource,
     entry: ZipEntry,
@@ -81,12 +81,8 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<NamedRows, T
         None => sheets.first(),
     };
     let Some((_, id)) = wanted else {
-        return Err(TableError::Choice {
-            kind: KIND,
-            part: "sheet",
-            wanted: Some(part.unwrap_or_default().to_owned()),
-            found: sheets.into_iter().map(|(name, _)| name).collect(),
-        });
+        let found = sheets.into_iter().map(|(name, _)| name).collect();
+        return Err(KIND.choice("sheet", Some(part.unwrap_or_default()), found));
     };
     let mut target = None;
     if let Some(relations) = find("xl/_rels/workbook.xml.rels") {
@@ -136,13 +132,8 @@ fn shared_texts(file: &FileSource, entry: &ZipEntry) -> Result<Vec<String>, Tabl
                 _ => {}
             },
         }
-        budget::check(
-            KIND,
-            || "its texts".to_owned(),
-            bytes + text.len() as u64,
-            entry.stored_bytes(),
-        )
-        .map(drop)
+        let bytes = bytes + text.len() as u64;
+        budget::check(KIND, "its texts", bytes, entry.packed).map(drop)
     })?;
     Ok(texts)
 }
@@ -174,8 +165,7 @@ fn dates(file: &FileSource, entry: &ZipEntry) -> Result<HashSet<usize>, TableErr
             XmlEvent::End(name) if name == "cellXfs" => in_cells = false,
             _ => {}
         }
-        budget::check(KIND, || "its styles".to_owned(), 64 * style as u64, entry.stored_bytes())
-            .map(drop)
+        budget::check(KIND, "its styles", 64 * style as u64, entry.packed).map(drop)
     })?;
     Ok(dates)
 }
@@ -200,9 +190,8 @@ fn is_date(code: &str) -> bool {
 impl RowSource for Sheet {
     fn rows(&self, _: Range<usize>, _: Unpacked) -> Result<Box<dyn RowStream>, TableError> {
         Ok(Box::new(SheetRows {
-            name: self.entry.name.clone(),
+            sheet: self.clone(),
             xml: Xml::new(self.entry.open(&self.file)?),
-            shared: Arc::clone(&self.shared),
             row: 0,
             waiting: None,
             width: 0,
@@ -211,9 +200,8 @@ impl RowSource for Sheet {
 }
 
 struct SheetRows {
-    name: String,
+    sheet: Sheet,
     xml: Xml<Box<dyn Read + Send>>,
-    shared: Arc<SharedParts>,
     /// The last row that was given.
     row: u64,
     /// A row that is further down.
@@ -225,13 +213,11 @@ struct SheetRows {
 impl RowStream for SheetRows {
     fn next(&mut self, batch: &mut RowBatch) -> Result<bool, TableError> {
         // One row at a time: rows differ in length.
-        let (row, cells) = match self.waiting.take() {
-            Some(waiting) => waiting,
-            None => match self.next_row()? {
-                Some(row) => row,
-                None => return Ok(false),
-            },
+        let next = match self.waiting.take() {
+            None => self.next_row()?,
+            waiting => waiting,
         };
+        let Some((row, cells)) = next else { return Ok(false) };
         batch.clear();
         self.row += 1;
         if row > self.row {
@@ -253,8 +239,8 @@ impl RowStream for SheetRows {
 
 impl SheetRows {
     fn next_row(&mut self) -> Result<Option<(u64, Vec<Cell>)>, TableError> {
-        let Self { name: file, xml, shared, row: before, .. } = self;
-        let wrong = |what: String| KIND.damaged(format!("`{file}`: {what}"));
+        let Self { sheet, xml, row: before, .. } = self;
+        let wrong = |what: String| KIND.damaged(format!("`{}`: {what}", sheet.entry.name));
         let mut number = *before + 1;
         let mut cells: Vec<Cell> = Vec::new();
         let mut cell: Option<OpenCell> = None;
@@ -290,7 +276,7 @@ impl SheetRows {
                     "c" => {
                         if let Some(cell) = cell.take() {
                             let position = cell.column;
-                            let value = cell.value(shared).map_err(|what| {
+                            let value = cell.value(&sheet.shared).map_err(|what| {
                                 wrong(format!("row {number}, column {}: {what}", position + 1))
                             })?;
                             cells.resize(cells.len().max(position), Cell::Missing);

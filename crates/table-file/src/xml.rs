@@ -160,16 +160,12 @@ fn unescape(text: &str) -> String {
                 char::from_u32(code.ok()?)
             }
         });
-        match (character, reference) {
-            (Some(character), Some((_, after))) => {
-                plain.push(character);
-                rest = after;
-            }
-            _ => {
-                plain.push('&');
-                rest = after;
-            }
-        }
+        let (character, after) = match (character, reference) {
+            (Some(character), Some((_, after))) => (character, after),
+            _ => ('&', after),
+        };
+        plain.push(character);
+        rest = after;
     }
     plain.push_str(rest);
     plain

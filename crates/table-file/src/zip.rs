@@ -5,7 +5,7 @@ use std::io::{BufReader, Read, Seek, SeekFrom};
 use flate2::bufread::DeflateDecoder;
 
 use crate::budget;
-use crate::bytes::{ByteReader, part};
+use crate::bytes::ByteReader;
 use crate::error::TableError;
 use crate::kind::FileKind;
 use crate::source::FileSource;
@@ -19,7 +19,7 @@ pub(crate) struct ZipEntry {
     method: u16,
     is_encrypted: bool,
     /// Its length in the archive.
-    packed: u64,
+    pub(crate) packed: u64,
     /// Where its local header starts.
     start: u64,
 }
@@ -29,25 +29,21 @@ const END: u64 = 22 + 0xffff;
 
 /// The files of an archive.
 pub(crate) fn entries(file: &FileSource) -> Result<Vec<ZipEntry>, TableError> {
-    let mut file = file.open()?;
-    let length = file.length()?;
+    let (mut file, length) = (file.open()?, file.length()?);
     let start = length.saturating_sub(END);
     file.seek(SeekFrom::Start(start))?;
     let mut end = Vec::new();
     (&mut file).take(END).read_to_end(&mut end)?;
     let cut = || KIND.damaged("it is cut off: the directory of the archive is missing");
     let at = end.windows(4).rposition(|window| window == b"PK\x05\x06").ok_or_else(cut)?;
-    let mut record = ByteReader::new(&end[at + 4..]);
-    if record.rest.len() < 18 {
-        return Err(cut());
-    }
-    record.take(8).ok_or_else(cut)?;
-    let size = record.u32().map(u64::from).ok_or_else(cut)?;
-    let offset = record.u32().map(u64::from).ok_or_else(cut)?;
+    let record = end[at + 4..].first_chunk::<18>().ok_or_else(cut)?;
+    let mut record = ByteReader::new(&record[8..]);
+    let (size, offset) = record.u32().zip(record.u32()).ok_or_else(cut)?;
+    let (size, offset) = (u64::from(size), u64::from(offset));
     if offset == u64::from(u32::MAX) {
         return Err(KIND.unsupported("it is larger than 4 GB"));
     }
-    let bytes = budget::check_description(KIND, "the directory of the archive", size)?;
+    let bytes = budget::within(KIND, "the directory of the archive", size, budget::DESCRIPTION)?;
     if offset.checked_add(size).is_none_or(|end| end > length) {
         return Err(cut());
     }
@@ -106,14 +102,13 @@ impl ZipEntry {
         if self.is_encrypted {
             return Err(KIND.unsupported("it is encrypted"));
         }
-        let mut file = archive.open()?;
-        let length = file.length()?;
+        let (mut file, length) = (archive.open()?, archive.length()?);
         let mut header = [0; 30];
         file.seek(SeekFrom::Start(self.start))?;
         file.read_exact(&mut header).map_err(|_| wrong())?;
-        let sizes = part(&header, 26, 4).map(ByteReader::new);
-        let sizes = sizes.and_then(|mut sizes| sizes.u16().zip(sizes.u16())).ok_or_else(wrong)?;
-        let data = self.start + 30 + u64::from(sizes.0) + u64::from(sizes.1);
+        let mut sizes = ByteReader::new(&header[26..]);
+        let (name, extra) = sizes.u16().zip(sizes.u16()).ok_or_else(wrong)?;
+        let data = self.start + 30 + u64::from(name) + u64::from(extra);
         let is_there = data.checked_add(self.packed).is_some_and(|end| end <= length);
         if !header.starts_with(b"PK\x03\x04") || !is_there {
             return Err(wrong());
@@ -128,10 +123,5 @@ impl ZipEntry {
                 Err(KIND.unsupported(what))
             }
         }
-    }
-
-    /// Its length in the archive.
-    pub(crate) fn stored_bytes(&self) -> u64 {
-        self.packed
     }
 }

@@ -4,22 +4,23 @@ use super::diagnostic::Diagnostic;
 use super::results::{ConditionRow, StrideRow, TrialResult, TrialRow};
 use super::trace::Trace;
 use shell_data::wrench::Axis;
-use table_file::named_table::{NamedColumn, NamedTable};
+use table_file::named_table::NamedTable;
+use table_file::write::Cells;
 
 /// The records of a table, which is made column by column.
 struct TableRows<T>(Vec<T>);
 
 impl<T> TableRows<T> {
-    fn text(&self, of: impl Fn(&T) -> String) -> NamedColumn {
-        NamedColumn::Text(self.0.iter().map(of).collect())
+    fn text(&self, of: impl Fn(&T) -> String) -> Cells<'static> {
+        Cells::Text(self.0.iter().map(of).collect())
     }
 
-    fn number(&self, of: impl Fn(&T) -> Option<f64>) -> NamedColumn {
-        NamedColumn::Number(self.0.iter().map(of).collect())
+    fn number(&self, of: impl Fn(&T) -> Option<f64>) -> Cells<'static> {
+        Cells::Number(self.0.iter().map(of).collect())
     }
 
-    fn count(&self, of: impl Fn(&T) -> Option<u64>) -> NamedColumn {
-        NamedColumn::Count(self.0.iter().map(of).collect())
+    fn count(&self, of: impl Fn(&T) -> Option<u64>) -> Cells<'static> {
+        Cells::Count(self.0.iter().map(of).collect())
     }
 }
 
@@ -128,7 +129,7 @@ pub fn trace_table(trace: &Trace) -> NamedTable {
     ];
     let columns = std::iter::once(("t_s", &trace.t_s)).chain(axes).chain(others);
     let columns = columns.filter(|(_, column)| !column.is_empty());
-    NamedTable::new(columns.map(|(name, column)| (name, NamedColumn::Full(column.clone()))))
+    NamedTable::new(columns.map(|(name, column)| (name, Cells::Full(column.clone().into()))))
 }
 
 fn joined(diagnostics: &[Diagnostic]) -> String {

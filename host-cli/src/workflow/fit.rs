@@ -17,8 +17,6 @@ pub struct FitData {
     pub train: Dataset,
     /// Test rows.
     pub test: Dataset,
-    /// What was read of the training logs.
-    pub wanted: Wanted,
 }
 
 impl FitData {
@@ -44,7 +42,7 @@ impl FitData {
             .collect();
         let mut data = read_dataset(&logs, read)?;
         let tested = Dataset { logs: data.logs.split_off(train.len()) };
-        let mut read = Self { train: data, test: tested, wanted: of_train.clone() };
+        let mut read = Self { train: data, test: tested };
         sample_logs(&mut read.train, train, &of_train)?;
         if labels_tests {
             sample_logs(&mut read.test, test, &of_test)?;
@@ -94,7 +92,7 @@ fn wanted_for(logs: &[Log], asked: GroupsAsked, in_time: bool) -> Result<Wanted,
     let are_given = !logs.is_empty() && logs.iter().all(Log::has_groups);
     let is_given = are_given || logs.len() > 1;
     let may_be_found = |log: &Log| -> Result<bool, WorkflowError> {
-        Ok(may_have_plateaus(&log.sample(&rows_wanted())?, log.is_compressed()))
+        Ok(may_have_plateaus(&log.sample(&rows_wanted())?, log.compression().is_some()))
     };
     let (groups, finds) = match asked {
         GroupsAsked::Nothing => (false, false),

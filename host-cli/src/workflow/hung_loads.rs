@@ -52,7 +52,6 @@ impl HungReference {
         table: &HungLoads,
         read: &ReadOptions<'_>,
     ) -> Result<(FitData, Self), WorkflowError> {
-        let wanted = wanted(logs);
         let (mut data, unloaded_rows) = hung_rows(logs, table, read)?;
         let (rows, labels) = TrainingRows::from_dataset(&data);
         let observations = rows.observations().map_err(FitError::from)?;
@@ -61,7 +60,7 @@ impl HungReference {
         let found = reference.loads.iter().zip(&reference.corrected.loads);
         let found = found.map(|(load, found)| (load.group.as_str(), found.wrench)).collect();
         hang(&mut data, &found);
-        Ok((FitData { train: data, wanted, ..FitData::default() }, reference))
+        Ok((FitData { train: data, ..FitData::default() }, reference))
     }
 
     fn new(

@@ -4,7 +4,7 @@ use std::io::Write;
 
 use super::remark::Remark;
 use calibration::fit::{Outlier, OutlierColumn, Outliers, Reason, RowName};
-use log_file::{Column, Log, LogError, Meaning, MomentUnit, Wanted};
+use log_file::{Column, Log, Meaning};
 use serde::Serialize;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, Axis};
@@ -49,29 +49,16 @@ pub struct NamedOutliers {
 }
 
 impl NamedOutliers {
-    /// Names the rows that were found in `logs`, which were `read` as `wanted`.
-    ///
-    /// # Errors
-    /// [`LogError`] if a log can no longer be read.
-    pub fn new(
-        found: Outliers,
-        logs: &[Log],
-        read: &Dataset,
-        wanted: &Wanted,
-    ) -> Result<Self, LogError> {
-        let mut names = Vec::new();
-        for of_log in found.rows.chunk_by(|a, b| a.log == b.log) {
-            let (log, known) = (&logs[of_log[0].log], &read.logs[of_log[0].log].lines);
-            let rows: Vec<_> = of_log.iter().map(|row| (row.offset, row.row)).collect();
-            let lines = log.lines_of_rows(wanted, &rows, known)?;
-            names.extend(lines.into_iter().map(|line| RowName {
-                file: log.path().display().to_string(),
-                line,
-                columns: column_names(log),
-            }));
-        }
+    /// Names the rows that were found in `logs`, which were `read`.
+    pub fn new(found: Outliers, logs: &[Log], read: &Dataset) -> Self {
+        let name = |row: &Outlier| RowName {
+            file: logs[row.log].path().display().to_string(),
+            line: read.logs[row.log].lines[&row.offset].line(row.row),
+            columns: column_names(&logs[row.log]),
+        };
+        let names = found.rows.iter().map(name).collect();
         let axes = logs.first().map_or(Axes::ALL, Log::axes);
-        Ok(Self { found, names, axes })
+        Self { found, names, axes }
     }
 
     /// Names the first of them, and says what they are worth.
@@ -143,11 +130,7 @@ fn column_names(log: &Log) -> Vec<String> {
 
 /// The name of an axis's column, with the unit that its values were converted to.
 fn in_si_units(axis: Axis, name: &str, log: &Log) -> String {
-    let is_converted = |column: &Column| match column.meaning {
-        Meaning::Force(of, milli) => of == axis && milli,
-        Meaning::Moment(of, unit) => of == axis && unit != MomentUnit::NewtonMetre,
-        _ => false,
-    };
+    let is_converted = |column: &Column| column.meaning == Meaning::Load(axis, true);
     match log.columns().iter().any(is_converted) {
         true => format!("{name} in {}", axis.unit()),
         false => name.to_owned(),

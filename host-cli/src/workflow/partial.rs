@@ -164,9 +164,8 @@ impl BlockStream<'_> {
             first_in.resize(add(found)?, log);
             Ok(())
         };
-        let logs: Vec<&Log> = self.logs.iter().collect();
-        let (summaries, states) =
-            log_file::read_all(&logs, &self.wanted(), &self.options.read, init, map, fold)?;
+        let logs: Vec<_> = self.logs.iter().map(|log| (log, self.wanted())).collect();
+        let (summaries, states) = log_file::read_all(&logs, &self.options.read, init, map, fold)?;
         Ok((ReadRows { first_in, summaries, digests }, states))
     }
 

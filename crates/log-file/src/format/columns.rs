@@ -1,11 +1,11 @@
 //! The meaning of the columns of a log, from their names and from the mapping of the user.
 
-use super::mapping::{ColumnRef, LogFormat, Mapping};
+use super::mapping::{ColumnRef, LogFormat, Mapping, MomentUnit};
 use super::matrices;
 use super::meaning::{
     GROUPS, Meaning, default_time_unit, meaning_of, numbered, plain, split_unit, without_unit,
-    wrench_meaning,
 };
+use crate::error::PlacedProblem;
 use shell_data::wrench::{Axis, PerAxis};
 
 /// A column of a log.
@@ -26,11 +26,10 @@ pub(crate) struct ColumnRoles {
     pub(crate) group: Option<usize>,
 }
 
-/// Why columns could not be recognised.
-#[derive(Debug, PartialEq)]
-pub(crate) enum ColumnsError {
-    Missing(Vec<String>),
-    Duplicate { meaning: String, columns: [usize; 2] },
+/// The error of two columns that have one meaning.
+pub(crate) fn duplicate(names: &[String], meaning: String, columns: [usize; 2]) -> PlacedProblem {
+    let names = Box::new(columns.map(|at| names[at].clone()));
+    PlacedProblem::DuplicateColumn { meaning, columns, names }
 }
 
 /// Assigns a meaning to each named column; `units` belong to the names, if there are any.
@@ -39,7 +38,7 @@ pub(crate) fn recognise(
     units: &[String],
     format: LogFormat,
     mapping: &Mapping,
-) -> Result<(Vec<Column>, ColumnRoles), ColumnsError> {
+) -> Result<(Vec<Column>, ColumnRoles), PlacedProblem> {
     let with_unit = |(at, name): (usize, &String)| match units.get(at) {
         Some(unit) if !unit.is_empty() => format!("{name} ({unit})"),
         _ => name.clone(),
@@ -59,7 +58,9 @@ pub(crate) fn recognise(
     for meaning in &mut meanings {
         match meaning {
             Meaning::Time(unit) => *unit = mapping.time_unit.unwrap_or(*unit),
-            Meaning::Moment(_, unit) => *unit = mapping.moment_unit.unwrap_or(*unit),
+            Meaning::Load(axis, milli) if axis.is_moment() => {
+                *milli = mapping.moment_unit.map_or(*milli, |of| of != MomentUnit::NewtonMetre);
+            }
             _ => {}
         }
     }
@@ -77,10 +78,9 @@ fn apply_mapping(
     format: LogFormat,
     mapping: &Mapping,
     meanings: &mut [Meaning],
-) -> Result<Option<usize>, ColumnsError> {
+) -> Result<Option<usize>, PlacedProblem> {
     let find = |references: Option<&[ColumnRef]>| {
-        let found = references.map(|references| positions(names, references));
-        found.transpose().map_err(ColumnsError::Missing)
+        references.map(|references| positions(names, references)).transpose()
     };
     let sensors = mapping.sensors.as_ref().map(|all| of_matrices(names, all));
     let sensors = find(sensors.as_deref())?;
@@ -95,7 +95,7 @@ fn apply_mapping(
     let group = find(mapping.group.as_ref().map(std::slice::from_ref))?;
     let is_replaced = |meaning: &Meaning| match meaning {
         Meaning::Sensor(_) => sensors.is_some(),
-        Meaning::Force(..) | Meaning::Moment(..) => wrench.is_some(),
+        Meaning::Load(..) => wrench.is_some(),
         Meaning::Time(_) => time.is_some(),
         Meaning::Group => group.is_some(),
         Meaning::Telemetry(_) | Meaning::Other => false,
@@ -104,20 +104,23 @@ fn apply_mapping(
 
     let mapped = |positions: Option<Vec<usize>>| positions.into_iter().flatten();
     let sensors = mapped(sensors).enumerate().map(|(channel, at)| (at, Meaning::Sensor(channel)));
-    let wrench = mapped(wrench).zip(axes).map(|(at, axis)| (at, wrench_meaning(axis, false)));
+    let wrench = mapped(wrench).zip(axes).map(|(at, axis)| (at, Meaning::Load(axis, false)));
     let time = mapped(time).map(|at| (at, Meaning::Time(default_time_unit(format))));
     let group = mapped(group).next();
     let mut is_mapped = vec![false; names.len()];
     for (at, meaning) in sensors.chain(wrench).chain(time) {
         if std::mem::replace(&mut is_mapped[at], true) {
             let meaning = format!("mapped to {} and to something else", describe(meaning));
-            return Err(ColumnsError::Duplicate { meaning, columns: [at, at] });
+            return Err(duplicate(names, meaning, [at, at]));
         }
         // A unit in the name still counts.
         meanings[at] = match (meaning, named[at]) {
             (Meaning::Time(_), named @ Meaning::Time(_)) => named,
-            (Meaning::Force(axis, _), Meaning::Force(_, milli)) => Meaning::Force(axis, milli),
-            (Meaning::Moment(axis, _), Meaning::Moment(_, unit)) => Meaning::Moment(axis, unit),
+            (Meaning::Load(axis, _), Meaning::Load(of, milli))
+                if axis.is_moment() == of.is_moment() =>
+            {
+                Meaning::Load(axis, milli)
+            }
             _ => meaning,
         };
     }
@@ -140,15 +143,18 @@ fn of_matrices(names: &[String], references: &[ColumnRef]) -> Vec<ColumnRef> {
     all.flat_map(|one| columns(one).unwrap_or_else(|| vec![one.clone()])).collect()
 }
 
-/// The positions of the columns that a user refers to, or those that are not there, in words.
+/// The positions of the columns that a user refers to, or the error of those that are not there.
 pub(crate) fn positions(
     names: &[String],
     references: &[ColumnRef],
-) -> Result<Vec<usize>, Vec<String>> {
+) -> Result<Vec<usize>, PlacedProblem> {
     let found: Vec<_> = references.iter().map(|r| position(names, r)).collect();
     let missing = references.iter().zip(&found).filter(|(_, at)| at.is_none());
     let missing: Vec<String> = missing.map(|(reference, _)| reference.to_string()).collect();
-    if missing.is_empty() { Ok(found.into_iter().flatten().collect()) } else { Err(missing) }
+    match missing.is_empty() {
+        true => Ok(found.into_iter().flatten().collect()),
+        false => Err(PlacedProblem::MissingColumns { missing, found: names.to_vec() }),
+    }
 }
 
 /// Where the column is that a user points to. A name is taken exactly, or else without regard to
@@ -165,15 +171,13 @@ fn position(names: &[String], reference: &ColumnRef) -> Option<usize> {
 
 /// Turns meanings into places; a meaning that two columns have is an error, except for groups,
 /// where the first name of [`GROUPS`] wins.
-fn roles(names: &[String], meanings: &mut [Meaning]) -> Result<ColumnRoles, ColumnsError> {
+fn roles(names: &[String], meanings: &mut [Meaning]) -> Result<ColumnRoles, PlacedProblem> {
     let mut roles = ColumnRoles::default();
     let mut sensors: Vec<Option<usize>> = Vec::new();
     let mut first_channel = usize::MAX;
     let claim = |place: &mut Option<usize>, at: usize, meaning: Meaning| match place.replace(at) {
         None => Ok(()),
-        Some(first) => {
-            Err(ColumnsError::Duplicate { meaning: describe(meaning), columns: [first, at] })
-        }
+        Some(first) => Err(duplicate(names, describe(meaning), [first, at])),
     };
     for (at, &meaning) in meanings.iter().enumerate() {
         match meaning {
@@ -185,7 +189,7 @@ fn roles(names: &[String], meanings: &mut [Meaning]) -> Result<ColumnRoles, Colu
                 first_channel = first_channel.min(channel);
                 claim(&mut sensors[channel], at, meaning)?;
             }
-            Meaning::Force(axis, _) | Meaning::Moment(axis, _) => {
+            Meaning::Load(axis, _) => {
                 claim(&mut roles.wrench[axis.index()], at, meaning)?;
             }
             Meaning::Group | Meaning::Telemetry(_) | Meaning::Other => {}
@@ -209,7 +213,8 @@ fn roles(names: &[String], meanings: &mut [Meaning]) -> Result<ColumnRoles, Colu
     let missing: Vec<_> = (0..sensors.len()).filter(|&i| sensors[i].is_none()).collect();
     if !missing.is_empty() {
         let named = |i: usize| format!("s{}", i + first_channel.min(1));
-        return Err(ColumnsError::Missing(missing.into_iter().map(named).collect()));
+        let missing = missing.into_iter().map(named).collect();
+        return Err(PlacedProblem::MissingColumns { missing, found: names.to_vec() });
     }
     roles.sensors = sensors.iter().filter_map(|at| *at).collect();
     Ok(roles)
@@ -243,19 +248,13 @@ fn recognise_other_readings(names: &[String], meanings: &mut [Meaning]) {
 
 /// Where several columns are an axis and one has its usual name, the others are not needed.
 fn prefer_usual_names(names: &[String], meanings: &mut [Meaning]) {
-    let axis_of = |meaning: &Meaning| match meaning {
-        Meaning::Force(axis, _) | Meaning::Moment(axis, _) => Some(*axis),
-        _ => None,
-    };
     for axis in Axis::ALL {
         let is_usual = |at: usize| split_unit(&names[at]).0.eq_ignore_ascii_case(axis.name());
-        let places: Vec<usize> =
-            (0..names.len()).filter(|&at| axis_of(&meanings[at]) == Some(axis)).collect();
-        if places.iter().any(|&at| is_usual(at)) {
-            places
-                .iter()
-                .filter(|&&at| !is_usual(at))
-                .for_each(|&at| meanings[at] = Meaning::Other);
+        let is_axis = |at: &usize| matches!(meanings[*at], Meaning::Load(of, _) if of == axis);
+        let (usual, others): (Vec<usize>, Vec<usize>) =
+            (0..names.len()).filter(is_axis).partition(|&at| is_usual(at));
+        if !usual.is_empty() {
+            others.into_iter().for_each(|at| meanings[at] = Meaning::Other);
         }
     }
 }
@@ -264,7 +263,7 @@ fn describe(meaning: Meaning) -> String {
     match meaning {
         Meaning::Time(_) => "time".to_owned(),
         Meaning::Sensor(channel) => format!("sensor {channel}"),
-        Meaning::Force(axis, _) | Meaning::Moment(axis, _) => axis.name().to_owned(),
+        Meaning::Load(axis, _) => axis.name().to_owned(),
         Meaning::Group => "the group".to_owned(),
         Meaning::Telemetry(telemetry) => telemetry.name().to_owned(),
         Meaning::Other => "nothing".to_owned(),
@@ -273,7 +272,7 @@ fn describe(meaning: Meaning) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::mapping::{MomentUnit, TimeUnit};
+    use super::super::mapping::TimeUnit;
     use super::super::meaning::axis_of_other_unit;
     use super::*;
     use shell_data::ColumnNames;
@@ -283,8 +282,13 @@ mod tests {
         line.split(',').map(str::to_owned).collect()
     }
 
-    fn csv(line: &str) -> Result<(Vec<Column>, ColumnRoles), ColumnsError> {
+    fn csv(line: &str) -> Result<(Vec<Column>, ColumnRoles), PlacedProblem> {
         recognise(names(line), &[], LogFormat::Csv, &Mapping::default())
+    }
+
+    fn missing(problem: PlacedProblem) -> Vec<String> {
+        let PlacedProblem::MissingColumns { missing, .. } = problem else { panic!("{problem}") };
+        missing
     }
 
     fn refs(line: &str) -> Vec<ColumnRef> {
@@ -332,14 +336,13 @@ mod tests {
 
     #[test]
     fn a_gap_in_the_sensors_is_named() {
-        assert_eq!(csv("s1,s2,s4").unwrap_err(), ColumnsError::Missing(vec!["s3".to_owned()]));
-        assert_eq!(csv("s2").unwrap_err(), ColumnsError::Missing(vec!["s1".to_owned()]));
+        assert_eq!(missing(csv("s1,s2,s4").unwrap_err()), vec!["s3".to_owned()]);
+        assert_eq!(missing(csv("s2").unwrap_err()), vec!["s1".to_owned()]);
     }
 
     #[test]
     fn units_of_time_and_wrench_are_read_from_the_names() {
-        use Meaning::{Force, Moment, Other, Time};
-        use MomentUnit::{MillinewtonMetre, NewtonMetre};
+        use Meaning::{Load, Other, Time};
         for (name, meaning) in [
             ("t", Time(TimeUnit::Second)),
             ("Timestamp", Time(TimeUnit::Second)),
@@ -348,15 +351,15 @@ mod tests {
             ("time (µs)", Time(TimeUnit::Microsecond)),
             ("Time [ms]", Time(TimeUnit::Millisecond)),
             ("time_of_day", Other),
-            ("Fx", Force(Axis::Fx, false)),
-            ("fz_n", Force(Axis::Fz, false)),
-            ("Fy (mN)", Force(Axis::Fy, true)),
+            ("Fx", Load(Axis::Fx, false)),
+            ("fz_n", Load(Axis::Fz, false)),
+            ("Fy (mN)", Load(Axis::Fy, true)),
             ("fz_lbf", Other),
             ("Fz (lbf)", Other),
-            ("mx_nm", Moment(Axis::Mx, NewtonMetre)),
-            ("My (N·m)", Moment(Axis::My, NewtonMetre)),
-            ("Mz_mNm", Moment(Axis::Mz, MillinewtonMetre)),
-            ("Mz [N*mm]", Moment(Axis::Mz, MillinewtonMetre)),
+            ("mx_nm", Load(Axis::Mx, false)),
+            ("My (N·m)", Load(Axis::My, false)),
+            ("Mz_mNm", Load(Axis::Mz, true)),
+            ("Mz [N*mm]", Load(Axis::Mz, true)),
             ("VBatt", Meaning::Telemetry(Telemetry::Battery)),
             ("voltage", Other),
         ] {
@@ -408,8 +411,7 @@ mod tests {
     #[test]
     fn two_columns_for_one_thing_are_an_error() {
         let error = csv("time,s0,s1,S0").unwrap_err();
-        let expected = ColumnsError::Duplicate { meaning: "sensor 0".to_owned(), columns: [1, 3] };
-        assert_eq!(error, expected);
+        assert_eq!(error.to_string(), "columns 2 (`s0`) and 4 (`S0`) are both sensor 0");
         assert!(csv("time,Timestamp").is_err());
         assert!(csv("AX,AX").is_ok(), "columns that nobody needs may repeat");
     }
@@ -441,7 +443,7 @@ mod tests {
     #[test]
     fn any_column_can_name_the_groups_and_keeps_its_meaning() {
         for (name, meaning) in [
-            ("Fz", wrench_meaning(Axis::Fz, false)),
+            ("Fz", Meaning::Load(Axis::Fz, false)),
             ("t", Meaning::Time(TimeUnit::Second)),
             ("s2", Meaning::Sensor(1)),
             ("run", Meaning::Group),
@@ -462,10 +464,10 @@ mod tests {
     fn a_mapped_column_that_is_not_there_is_named() {
         let mapping = Mapping { sensors: Some(refs("a,x,y")), ..Mapping::default() };
         let error = recognise(names("a,b"), &[], LogFormat::Csv, &mapping).unwrap_err();
-        assert_eq!(error, ColumnsError::Missing(vec!["x".to_owned(), "y".to_owned()]));
+        assert_eq!(missing(error), vec!["x".to_owned(), "y".to_owned()]);
         let mapping = Mapping { time: Some(ColumnRef::Position(3)), ..Mapping::default() };
         let error = recognise(names("a,b"), &[], LogFormat::Csv, &mapping).unwrap_err();
-        assert_eq!(error, ColumnsError::Missing(vec!["column 3".to_owned()]));
+        assert_eq!(missing(error), vec!["column 3".to_owned()]);
         // A matrix is all its columns, unless one has its name.
         let mapping = Mapping { sensors: Some(refs("b,a")), ..Mapping::default() };
         assert_eq!(
@@ -485,8 +487,8 @@ mod tests {
         let mapping =
             Mapping { moment_unit: Some(MomentUnit::MillinewtonMetre), ..Mapping::default() };
         let (columns, _) = recognise(names("Mx,my_nm,Fx"), &[], LogFormat::Csv, &mapping).unwrap();
-        assert_eq!(columns[0].meaning, wrench_meaning(Axis::Mx, true));
-        assert_eq!(columns[1].meaning, wrench_meaning(Axis::My, true));
-        assert_eq!(columns[2].meaning, wrench_meaning(Axis::Fx, false));
+        assert_eq!(columns[0].meaning, Meaning::Load(Axis::Mx, true));
+        assert_eq!(columns[1].meaning, Meaning::Load(Axis::My, true));
+        assert_eq!(columns[2].meaning, Meaning::Load(Axis::Fx, false));
     }
 }

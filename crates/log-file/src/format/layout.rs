@@ -3,16 +3,17 @@
 
 use memchr::memchr;
 
-use super::columns::{Column, ColumnRoles, ColumnsError, recognise};
+use super::columns::{Column, ColumnRoles, recognise};
 use super::mapping::{LogFormat, Mapping, TimeUnit};
 use super::matrices::by_shape;
 use super::meaning::{Meaning, names_a_unit};
 use crate::error::{FieldProblem, LogError, PlacedProblem};
 use crate::parse::console;
 use crate::parse::number::{parse_date, parse_field};
-use crate::parse::rows::is_comment;
+use crate::parse::rows::{is_comment, quoted_fields};
+use crate::stream::chunk::line_ends;
 use crate::stream::clock_turns::ClockTurns;
-use crate::stream::decimal_comma;
+use crate::stream::decimal_comma::with_points;
 use crate::stream::source::LogSource;
 use shell_data::statistics::upper_median;
 use table_file::{FileKind, Table};
@@ -23,16 +24,11 @@ pub(crate) const HEAD_BYTES: u64 = 1 << 16;
 /// The layout of a log.
 #[derive(Debug)]
 pub(crate) struct FileLayout {
-    pub(crate) format: LogFormat,
-    pub(crate) separator: u8,
+    pub(crate) header: Header,
     pub(crate) columns: Vec<Column>,
     pub(crate) roles: ColumnRoles,
-    /// Where the first row starts, in the uncompressed file.
-    pub(crate) rows_start: u64,
-    /// The line that names the columns, or the first row where none does.
-    pub(crate) names_line: u64,
-    /// Whether numbers have decimal commas.
-    pub(crate) has_decimal_commas: bool,
+    /// The number of the line of the first row, from 1.
+    pub(crate) rows_line: u64,
     /// Whether times are dates, in ISO 8601.
     pub(crate) has_dates: bool,
 }
@@ -40,22 +36,26 @@ pub(crate) struct FileLayout {
 impl FileLayout {
     /// The clock, where it is one of 32 bits that wraps around: the robot's, in µs.
     pub(crate) fn clock(&self) -> Option<ClockTurns> {
-        let column = self.roles.time.filter(|_| self.format == LogFormat::Telemetry)?;
+        let column = self.roles.time.filter(|_| self.header.format == LogFormat::Telemetry)?;
         let in_us = self.columns[column].meaning.per_si_unit() == 1e6;
-        in_us.then(|| ClockTurns::new(self.separator, column))
+        in_us.then(|| ClockTurns::new(self.header.separator, column))
     }
 }
 
 /// What the lines before the rows say.
-struct Header {
-    format: LogFormat,
-    separator: u8,
+#[derive(Debug)]
+pub(crate) struct Header {
+    pub(crate) format: LogFormat,
+    pub(crate) separator: u8,
     names: Vec<String>,
     /// What a line below the names says of them; empty if there is none.
     units: Vec<String>,
-    rows_start: usize,
-    names_line: u64,
-    has_decimal_commas: bool,
+    /// Where the first row starts, in the uncompressed file.
+    pub(crate) rows_start: usize,
+    /// The line that names the columns, or the first row where none does.
+    pub(crate) names_line: u64,
+    /// Whether numbers have decimal commas.
+    pub(crate) has_decimal_commas: bool,
 }
 
 impl Header {
@@ -78,32 +78,21 @@ pub(crate) fn recognise_layout(
         return Err(LogError::Binary { path: path(), offset: offset as u64, byte });
     }
     if head.trim_ascii().is_empty() || head == BYTE_ORDER_MARK {
-        return Err(LogError::Empty { path: path() });
+        return Err(LogError::Empty(path()));
     }
     let header = read_header(source, head, whole, mapping)?;
     if whole && head[header.rows_start.min(head.len())..].trim_ascii().is_empty() {
-        return Err(LogError::NoRows { path: path() });
+        return Err(LogError::NoRows(path()));
     }
-    let Header { format, separator, names, units, rows_start, names_line, has_decimal_commas } =
-        header;
+    let Header { separator, ref names, rows_start, .. } = header;
+    let error = |problem| source.error_at(header.names_line, problem);
     let is_of_matrices = |table: &Table| matches!(table.kind(), FileKind::Hdf5 | FileKind::Matlab);
     let mapping = match source.as_whole_table().is_some_and(is_of_matrices) {
-        true => &by_shape(&names, mapping),
+        true => &by_shape(names, mapping),
         false => mapping,
     };
     let (mut columns, roles) =
-        recognise(names.clone(), &units, format, mapping).map_err(|error| {
-            let problem = match error {
-                ColumnsError::Missing(missing) => {
-                    PlacedProblem::MissingColumns { missing, found: names.clone() }
-                }
-                ColumnsError::Duplicate { meaning, columns } => {
-                    let names = Box::new(columns.map(|at| names[at].clone()));
-                    PlacedProblem::DuplicateColumn { meaning, columns, names }
-                }
-            };
-            source.error_at(names_line, problem)
-        })?;
+        recognise(names.clone(), &header.units, header.format, mapping).map_err(error)?;
     let first =
         LayoutLine::first_with_text(head, rows_start, 1).map(|line| fields(line.text, separator));
     let first_time = roles.time.and_then(|at| first.as_ref()?.get(at));
@@ -121,24 +110,13 @@ pub(crate) fn recognise_layout(
             None => step().map(unit_by_step).transpose(),
             epoch => Ok(epoch),
         };
-        let unclear = |step| {
-            let column = names[at].clone();
-            source.error_at(names_line, PlacedProblem::UnclearTimeUnit { column, step })
-        };
-        if let Some(unit) = unit.map_err(unclear)? {
+        let unclear = |step| PlacedProblem::UnclearTimeUnit { column: names[at].clone(), step };
+        if let Some(unit) = unit.map_err(|step| error(unclear(step)))? {
             columns[at].meaning = Meaning::Time(unit);
         }
     }
-    Ok(FileLayout {
-        format,
-        separator,
-        columns,
-        roles,
-        rows_start: rows_start as u64,
-        names_line,
-        has_decimal_commas,
-        has_dates,
-    })
+    let rows_line = 1 + line_ends(&head[..rows_start]);
+    Ok(FileLayout { header, columns, roles, rows_line, has_dates })
 }
 
 /// The unit of a clock that counts from 1970, by its digits: in the years 2001 to 2286 it has ten in s, thirteen in
@@ -146,9 +124,8 @@ pub(crate) fn recognise_layout(
 fn epoch_unit(first: &[u8]) -> Option<TimeUnit> {
     let time = parse_field(first).ok()?;
     let has_digits = |digits: i32| (10_f64.powi(digits - 1)..10_f64.powi(digits)).contains(&time);
-    let units =
-        [TimeUnit::Second, TimeUnit::Millisecond, TimeUnit::Microsecond, TimeUnit::Nanosecond];
-    units.into_iter().zip([10, 13, 16, 19]).find(|(_, digits)| has_digits(*digits)).map(|it| it.0)
+    let mut units = TimeUnit::ALL.into_iter().zip([10, 13, 16, 19]);
+    units.find(|(_, digits)| has_digits(*digits)).map(|(unit, _)| unit)
 }
 
 /// The unit of a clock whose whole numbers go on by so many from row to row, as far as 2 s are too long for that and
@@ -194,7 +171,7 @@ fn read_header(
 ) -> Result<Header, LogError> {
     let start = if head.starts_with(BYTE_ORDER_MARK) { BYTE_ORDER_MARK.len() } else { 0 };
     let first = LayoutLine::first_with_text(head, start, 1);
-    let Some(first) = first else { return Err(LogError::NoRows { path: source.path.clone() }) };
+    let Some(first) = first else { return Err(LogError::NoRows(source.path.clone())) };
     first.check(source, head, whole)?;
     let format = match mapping.format {
         Some(format) => format,
@@ -231,7 +208,7 @@ fn telemetry_header(
             names = Some(line);
         }
     }
-    let names = names.ok_or_else(|| LogError::NoColumnNames { path: source.path.clone() })?;
+    let names = names.ok_or_else(|| LogError::NoColumnNames(source.path.clone()))?;
     let text = String::from_utf8_lossy(names.text);
     let line = names.number;
     let names = text.trim_start_matches('%').split('|').map(|name| name.trim().to_owned());
@@ -303,7 +280,7 @@ fn separated_header(
     }
     // Numbers in an unknown order are of use only to someone who says which is which.
     if mapping.sensors.is_none() && mapping.wrench.is_none() && mapping.time.is_none() {
-        let problem = PlacedProblem::UnknownLayout { found: found.len() };
+        let problem = PlacedProblem::UnknownLayout(found.len());
         return Err(source.error_at(first.number, problem));
     }
     let names = (1..=found.len()).map(|i| format!("column {i}")).collect();
@@ -322,8 +299,8 @@ fn names_in_comment(
     let comment = comment.trim_ascii().strip_prefix(b"#")?;
     let names = texts(&fields(comment, separator));
     let is_name = |name: &String| !name.is_empty() && !is_number(name.as_bytes());
-    let lines = memchr::memchr_iter(b'\n', &head[..first.start]).count() as u64;
-    (columns > 1 && names.len() == columns && names.iter().all(is_name)).then_some((lines, names))
+    (columns > 1 && names.len() == columns && names.iter().all(is_name))
+        .then(|| (line_ends(&head[..first.start]), names))
 }
 
 /// How many rows are looked at for decimal commas.
@@ -340,12 +317,6 @@ fn has_decimal_commas(head: &[u8], first: &LayoutLine<'_>, separator: u8) -> boo
         .any(|line| fields(line.text, separator).iter().any(is_decimal))
 }
 
-fn with_points(field: &[u8]) -> Vec<u8> {
-    let mut field = field.to_vec();
-    decimal_comma::to_points(&mut field);
-    field
-}
-
 /// The columns of formats that do not name them.
 const TRAINING: [&str; 15] =
     ["time", "s1", "s2", "s3", "s4", "s5", "s6", "s7", "s8", "Fx", "Fy", "Fz", "Mx", "My", "Mz"];
@@ -358,14 +329,7 @@ fn fields(line: &[u8], separator: u8) -> Vec<Vec<u8>> {
     if !line.contains(&b'"') {
         return line.split(|&b| b == separator).map(<[u8]>::to_vec).collect();
     }
-    let mut reader = csv::ReaderBuilder::new();
-    reader.has_headers(false).delimiter(separator).flexible(true);
-    let mut record = csv::ByteRecord::new();
-    // Bytes in memory cannot fail to be read, and any line is some record.
-    match reader.from_reader(line).read_byte_record(&mut record) {
-        Ok(true) => record.iter().map(<[u8]>::to_vec).collect(),
-        _ => Vec::new(),
-    }
+    quoted_fields(line, separator).iter().map(<[u8]>::to_vec).collect()
 }
 
 fn texts(fields: &[Vec<u8>]) -> Vec<String> {
@@ -431,7 +395,7 @@ impl<'a> LayoutLine<'a> {
             return Err(source.error_at(self.number, PlacedProblem::CarriageReturns));
         }
         if !whole && self.next == head.len() && !head.ends_with(b"\n") {
-            let problem = PlacedProblem::LineTooLong { limit: head.len() };
+            let problem = PlacedProblem::LineTooLong(head.len());
             return Err(source.error_at(self.number, problem));
         }
         Ok(())

@@ -190,25 +190,23 @@ impl Mapping {
         let mut mapping = self.clone();
         let Some(usual) = mapping.usual.take() else { return mapping };
         let has = |column: &String| names.contains(column);
-        let name = |column: String| ColumnRef::Name(column);
-        if mapping.sensors.is_none()
-            && let Some(sensors) = usual.sensors.filter(|all| all.iter().all(has))
-        {
-            mapping.sensors = Some(sensors.into_iter().map(name).collect());
-        }
+        mapping.sensors = mapping.sensors.or_else(|| {
+            let sensors = usual.sensors.filter(|all| all.iter().all(has))?;
+            Some(sensors.into_iter().map(ColumnRef::Name).collect())
+        });
         if mapping.wrench.is_none()
             && let Some(wrench) = usual.wrench.filter(|all| all.iter().flatten().all(has))
         {
-            mapping.wrench = Some(wrench.map(|column| column.map(name)));
+            mapping.wrench = Some(wrench.map(|column| column.map(ColumnRef::Name)));
             mapping.moment_unit = mapping.moment_unit.or(usual.moment_unit);
         }
         if mapping.time.is_none()
             && let Some(time) = usual.time.filter(has)
         {
-            mapping.time = Some(name(time));
+            mapping.time = Some(ColumnRef::Name(time));
             mapping.time_unit = mapping.time_unit.or(usual.time_unit);
         }
-        mapping.group = mapping.group.or_else(|| usual.group.filter(has).map(name));
+        mapping.group = mapping.group.or_else(|| usual.group.filter(has).map(ColumnRef::Name));
         mapping
     }
 }

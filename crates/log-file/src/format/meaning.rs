@@ -3,7 +3,7 @@
 //! Names are compared without case, spaces and punctuation. A unit may follow a name: `fx_n`,
 //! `Mx (mN·m)`, `time_us`.
 
-use super::mapping::{LogFormat, MomentUnit, TimeUnit};
+use super::mapping::{LogFormat, TimeUnit};
 use shell_data::telemetry::Telemetry;
 use shell_data::wrench::Axis;
 
@@ -14,10 +14,8 @@ pub enum Meaning {
     Time(TimeUnit),
     /// The readings of this channel, from 0.
     Sensor(usize),
-    /// A force, in N or (`true`) mN.
-    Force(Axis, bool),
-    /// A moment.
-    Moment(Axis, MomentUnit),
+    /// A force or moment, in N and N·m or (`true`) in mN and mN·m.
+    Load(Axis, bool),
     /// The group (pose, session, trial) of a row.
     Group,
     /// Telemetry of the robot, in counts as its profile explains them.
@@ -29,17 +27,12 @@ pub enum Meaning {
 impl Meaning {
     /// What a column is taken for, with the unit that its values are in; `None` if for nothing.
     pub fn in_words(self) -> Option<String> {
-        let name = |axis: Axis| axis.name();
         Some(match self {
             Meaning::Time(unit) => format!("time ({})", unit.symbol()),
             Meaning::Sensor(channel) => format!("sensor {}", channel + 1),
-            Meaning::Force(axis, false) => format!("{} (N)", name(axis)),
+            Meaning::Load(axis, false) => format!("{} ({})", axis.name(), axis.unit()),
             // Values are in SI units.
-            Meaning::Force(axis, true) => format!("{} (N, from mN)", name(axis)),
-            Meaning::Moment(axis, MomentUnit::NewtonMetre) => format!("{} (N·m)", name(axis)),
-            Meaning::Moment(axis, MomentUnit::MillinewtonMetre) => {
-                format!("{} (N·m, from mN·m)", name(axis))
-            }
+            Meaning::Load(axis, true) => format!("{} ({1}, from m{1})", axis.name(), axis.unit()),
             Meaning::Group => "group".to_owned(),
             Meaning::Telemetry(telemetry) => telemetry.name().to_owned(),
             Meaning::Other => return None,
@@ -51,7 +44,7 @@ impl Meaning {
     pub(crate) fn per_si_unit(self) -> f64 {
         match self {
             Meaning::Time(unit) => unit.per_second(),
-            Meaning::Force(_, true) | Meaning::Moment(_, MomentUnit::MillinewtonMetre) => 1e3,
+            Meaning::Load(_, true) => 1e3,
             _ => 1.0,
         }
     }
@@ -103,9 +96,8 @@ pub(super) fn numbered(plain_name: &str, prefix: &str) -> Option<usize> {
 fn wrench_of(name: &str) -> Option<Meaning> {
     let (axis, unit) = axis_and_unit(name, &WRENCH_UNITS)?;
     Some(match (axis.is_moment(), unit.as_str()) {
-        (_, "") | (false, "n") | (true, "nm") => wrench_meaning(axis, false),
-        (false, "mn") => Meaning::Force(axis, true),
-        (true, "mnm" | "nmm") => wrench_meaning(axis, true),
+        (_, "") | (false, "n") | (true, "nm") => Meaning::Load(axis, false),
+        (false, "mn") | (true, "mnm" | "nmm") => Meaning::Load(axis, true),
         _ => Meaning::Other,
     })
 }
@@ -148,14 +140,6 @@ const OTHER_UNITS: [&str; 16] = [
     "lbf", "lb", "lbs", "ozf", "kgf", "gf", "kg", "g", "kn", "lbfin", "lbin", "inlb", "ftlb",
     "lbft", "kgcm", "ncm",
 ];
-
-pub(super) fn wrench_meaning(axis: Axis, milli: bool) -> Meaning {
-    match (axis.is_moment(), milli) {
-        (false, milli) => Meaning::Force(axis, milli),
-        (true, false) => Meaning::Moment(axis, MomentUnit::NewtonMetre),
-        (true, true) => Meaning::Moment(axis, MomentUnit::MillinewtonMetre),
-    }
-}
 
 /// The robot's telemetry counts µs; a time column that does not say is in s.
 pub(super) fn default_time_unit(format: LogFormat) -> TimeUnit {

@@ -5,8 +5,8 @@ use std::arch::x86_64::__m256i;
 
 use pulp::x86::V3;
 
-use super::digit_registers::DigitRegisters;
-use super::instruction_set::{BLOCK, InstructionSet, Portable};
+use super::instruction_set::{BLOCK, InstructionSet};
+use super::number::parse_long;
 
 /// Processors with AVX2 and what came before it.
 #[derive(Clone, Copy, Debug)]
@@ -29,14 +29,7 @@ impl InstructionSet for Avx2 {
         [self.places_of(wanted[0], halves), self.places_of(wanted[1], halves)]
     }
 
-    #[inline(always)]
-    fn plain_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64> {
-        self.decimal(lines, at, end)
-    }
-}
-
-// No closures here, nor below: what is not inlined into code for these processors cannot use their registers.
-impl DigitRegisters for Avx2 {
+    // No closures here, nor below: what is not inlined into code for these processors cannot use their registers.
     #[inline(always)]
     fn digits(self, lines: &[u8], start: usize, end: usize) -> Option<(u64, usize)> {
         const WIDTH: usize = 32;
@@ -87,7 +80,7 @@ impl DigitRegisters for Avx2 {
     fn other_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64> {
         self.run(
             #[inline(always)]
-            || Portable.plain_number(lines, at, end),
+            || parse_long(lines, at, end),
         )
     }
 }

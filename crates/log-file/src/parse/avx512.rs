@@ -55,8 +55,13 @@ impl InstructionSet for Widest {
     }
 
     #[inline(always)]
-    fn plain_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64> {
-        self.wide.plain_number(lines, at, end)
+    fn digits(self, lines: &[u8], start: usize, end: usize) -> Option<(u64, usize)> {
+        self.wide.digits(lines, start, end)
+    }
+
+    #[inline(always)]
+    fn other_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64> {
+        self.wide.other_number(lines, at, end)
     }
 
     #[inline(always)]

@@ -5,7 +5,7 @@
 //! passed over.
 
 use memchr::{memchr, memchr_iter};
-use shared_proto::skinproc::{SCAN_LEN, decode_scan};
+use shared_proto::skinproc::decode_scan;
 
 use super::number::parse_field;
 use super::parsed_rows::ParsedRows;
@@ -39,9 +39,13 @@ pub(crate) fn parse_lines(
                 }
                 parsed.rows += 1;
             }
-            Some(Err(_)) if skip_bad_rows => parsed.skipped += 1,
-            Some(Err(problem)) => return Err(RowError { offset: start, problem }),
-            Some(Ok(None)) | None => {}
+            Some(Err(problem)) if !skip_bad_rows => {
+                return Err(RowError { offset: start, problem });
+            }
+            other => {
+                parsed.skipped += u64::from(matches!(other, Some(Err(_))));
+                parsed.pass_lines(1);
+            }
         }
         start = end + 1;
     }
@@ -65,10 +69,9 @@ fn scan(list: &[u8]) -> Result<Option<ConsoleFrame>, RowProblem> {
     let byte =
         |item| parse_field(item).ok().filter(|value| BYTE.contains(value) && value.fract() == 0.0);
     let bytes: Option<Vec<u8>> = items().map(|item| byte(item).map(|value| value as u8)).collect();
-    let scan = bytes.and_then(|bytes| decode_scan(&bytes)).ok_or_else(|| RowProblem::Payload {
-        expected: SCAN_LEN,
-        found: String::from_utf8_lossy(list).into_owned(),
-    })?;
+    let text = || String::from_utf8_lossy(list).into_owned();
+    let scan = bytes.and_then(|bytes| decode_scan(&bytes));
+    let scan = scan.ok_or_else(|| RowProblem::Payload(text()))?;
     let mut frame = [0.0; 9];
     for (value, reading) in frame.iter_mut().zip(scan.readings) {
         *value = f64::from(reading);

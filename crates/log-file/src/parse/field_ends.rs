@@ -56,7 +56,7 @@ impl FieldEnds {
     }
 
     /// How many rows have as many fields as there are `columns`, before the first that has not or
-    /// whose end has not been found. Leaves out the carriage returns at the ends of lines.
+    /// whose end has not been found. Leaves out the carriage returns and blanks at the ends of lines.
     pub(crate) fn whole_rows(&mut self, lines: &[u8], columns: usize) -> usize {
         let last_fields = self.fields[..self.field_count].iter().skip(columns).step_by(columns);
         let mut rows = 0;
@@ -67,7 +67,7 @@ impl FieldEnds {
                 break;
             }
             rows += 1;
-            if lines[..*line as usize].last() == Some(&b'\r') {
+            while let Some(b'\r' | b' ') = lines[..*line as usize].last() {
                 *line -= 1;
             }
         }

@@ -1,6 +1,6 @@
 //! The operations of [`super::rows`] on many bytes at once, for each instruction set.
 
-use super::number::{parse_digits, parse_long};
+use super::number::{parse_digits, parse_long, signed};
 
 /// The number of bytes that are searched together.
 pub(crate) const BLOCK: usize = 64;
@@ -32,9 +32,27 @@ pub(crate) trait InstructionSet: Copy {
         count
     }
 
+    /// The number that the digits of `lines[start..end]` spell, up to 32 bytes, joined within a register or two,
+    /// and how many of them follow a point. `None` where there are no digits in front of the point or behind it,
+    /// more than fit 64 bits, or anything else.
+    fn digits(self, lines: &[u8], start: usize, end: usize) -> Option<(u64, usize)>;
+
+    /// The number that [`Self::digits`] leaves: out of the way of the loop that [`Self::plain_number`] is inlined in.
+    fn other_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64>;
+
     /// The number that all of `lines[at..end]` spells if it is a plain decimal (`-12`, `-0.125`).
     /// `None` leaves the field to [`super::number::parse_field`].
-    fn plain_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64>;
+    #[inline(always)]
+    fn plain_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64> {
+        let negative = *lines.get(at)? == b'-';
+        let start = at + usize::from(negative);
+        let length = end.wrapping_sub(start);
+        let plain = if length <= 32 { self.digits(lines, start, end) } else { None };
+        match plain {
+            Some((mantissa, decimals)) => signed(negative, mantissa, -(decimals as i32)),
+            None => self.other_number(lines, at, end),
+        }
+    }
 
     /// The first numbers of a column that are whole and have up to eight digits; how many were parsed, which may be
     /// fewer than there are.
@@ -93,8 +111,14 @@ impl InstructionSet for Portable {
         })
     }
 
+    /// Has no such registers.
     #[inline(always)]
-    fn plain_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64> {
+    fn digits(self, _: &[u8], _: usize, _: usize) -> Option<(u64, usize)> {
+        None
+    }
+
+    #[inline(always)]
+    fn other_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64> {
         parse_long(lines, at, end)
     }
 }

@@ -5,8 +5,6 @@ mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
 pub(crate) mod console;
-#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
-mod digit_registers;
 mod field_ends;
 mod instruction_set;
 mod nearest;

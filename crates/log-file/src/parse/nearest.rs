@@ -20,7 +20,8 @@ pub(crate) fn nearest(mantissa: u64, exponent: i32) -> Option<f64> {
     }
     let zeros = mantissa.leading_zeros();
     let mantissa = mantissa << zeros;
-    let [power, more] = POWERS_OF_FIVE[(exponent + LARGEST) as usize];
+    let power = POWERS_OF_FIVE[(exponent + LARGEST) as usize];
+    let (power, more) = ((power >> 64) as u64, power as u64);
     let mut product = u128::from(mantissa) * u128::from(power);
     if (product >> 64) as u64 & BEHIND == BEHIND {
         // What follows may carry into what is kept.
@@ -42,15 +43,15 @@ pub(crate) fn nearest(mantissa: u64, exponent: i32) -> Option<f64> {
     Some(f64::from_bits(((power_of_two - 1) << 52) + bits))
 }
 
-/// The first 128 bits of the powers of five, the higher half first: rounded down, but for the
+/// The first 128 bits of the powers of five: rounded down, but for the
 /// reciprocals of those below 2⁶⁴, which are rounded up.
-static POWERS_OF_FIVE: [[u64; 2]; 2 * LARGEST as usize + 1] = {
+static POWERS_OF_FIVE: [u128; 2 * LARGEST as usize + 1] = {
     let middle = LARGEST as usize;
-    let mut powers = [[0; 2]; 2 * LARGEST as usize + 1];
+    let mut powers = [0; 2 * LARGEST as usize + 1];
     let mut power: u128 = 1;
     let mut i = 0;
     while i <= middle {
-        powers[middle + i] = halves(power << power.leading_zeros());
+        powers[middle + i] = power << power.leading_zeros();
         if i < middle {
             power *= 5;
         }
@@ -68,15 +69,11 @@ static POWERS_OF_FIVE: [[u64; 2]; 2 * LARGEST as usize + 1] = {
             word += 1;
         }
         let first = first_128_bits(&quotient);
-        powers[middle - i] = halves(if i <= 27 { first + 1 } else { first });
+        powers[middle - i] = if i <= 27 { first + 1 } else { first };
         i += 1;
     }
     powers
 };
-
-const fn halves(bits: u128) -> [u64; 2] {
-    [(bits >> 64) as u64, bits as u64]
-}
 
 /// From the first one on.
 const fn first_128_bits(words: &[u64; 6]) -> u128 {

@@ -5,8 +5,8 @@ use std::arch::aarch64::uint8x16_t;
 
 use pulp::aarch64::Neon as Registers;
 
-use super::digit_registers::DigitRegisters;
-use super::instruction_set::{BLOCK, InstructionSet, Portable};
+use super::instruction_set::{BLOCK, InstructionSet};
+use super::number::parse_long;
 
 /// Processors with NEON: all of aarch64 that run a system with programs.
 #[derive(Clone, Copy, Debug)]
@@ -28,14 +28,7 @@ impl InstructionSet for Neon {
         [self.places_of(wanted[0], bytes), self.places_of(wanted[1], bytes)]
     }
 
-    #[inline(always)]
-    fn plain_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64> {
-        self.decimal(lines, at, end)
-    }
-}
-
-// No closures here, nor below: what is not inlined into code for these processors cannot use their registers.
-impl DigitRegisters for Neon {
+    // No closures here, nor below: what is not inlined into code for these processors cannot use their registers.
     #[inline(always)]
     fn digits(self, lines: &[u8], start: usize, end: usize) -> Option<(u64, usize)> {
         let neon = self.0.neon;
@@ -82,7 +75,7 @@ impl DigitRegisters for Neon {
 
     #[inline(never)]
     fn other_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64> {
-        Portable.plain_number(lines, at, end)
+        parse_long(lines, at, end)
     }
 }
 

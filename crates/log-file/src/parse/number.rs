@@ -133,15 +133,8 @@ fn eight_digits(values: u64) -> u64 {
     high.wrapping_add(low) >> 32
 }
 
-const POWERS_OF_TEN: [u64; 9] = {
-    let mut powers = [1; 9];
-    let mut i = 1;
-    while i < powers.len() {
-        powers[i] = 10 * powers[i - 1];
-        i += 1;
-    }
-    powers
-};
+const POWERS_OF_TEN: [u64; 9] =
+    [1, 10, 100, 1_000, 10_000, 100_000, 1_000_000, 10_000_000, 100_000_000];
 
 const EXACT_POWERS_OF_TEN: [f64; 16] =
     [1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15];

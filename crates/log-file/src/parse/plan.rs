@@ -5,12 +5,14 @@ use memchr::{memchr, memrchr};
 use super::console;
 use super::parsed_rows::ParsedRows;
 use super::rows::{ColumnUse, RowError, RowPlan};
+use crate::error::RowProblem;
 use crate::format::layout::FileLayout;
 use crate::format::mapping::LogFormat;
 use crate::read::request::Wanted;
-use crate::stream::chunk::Chunk;
-use crate::stream::clock_turns;
+use crate::stream::chunk::{Chunk, line_ends};
+use crate::stream::{clock_turns, decimal_comma};
 use shell_data::block::Block;
+use shell_data::instructions::arch;
 
 /// The largest reading in the robot's telemetry, whose converter has at most 16 bits.
 const LARGEST_LOGGED: f64 = 65_535.0;
@@ -22,6 +24,7 @@ const LARGEST_READING: f64 = 4_294_967_295.0;
 #[derive(Debug)]
 pub(crate) struct ReadPlan {
     rows: RowSyntax,
+    has_decimal_commas: bool,
     /// How many columns are parsed.
     numbers: usize,
     time: Option<OutputColumn>,
@@ -31,8 +34,9 @@ pub(crate) struct ReadPlan {
     /// Empty, or one for each axis that there is.
     wrench: Vec<Option<OutputColumn>>,
     others: Vec<OutputColumn>,
-    /// How many columns of text are wanted.
-    texts: usize,
+    /// How many columns of text are wanted, that of groups among them.
+    labels: usize,
+    has_groups: bool,
 }
 
 /// How rows are parsed.
@@ -59,15 +63,21 @@ pub(crate) struct BlockBuffer {
 
 impl BlockBuffer {
     /// Parses the lines of a chunk into the block.
+    ///
+    /// # Errors
+    /// The line of the first row that is wrong, and what is wrong with it.
     pub(crate) fn fill(
         &mut self,
         plan: &ReadPlan,
         chunk: &Chunk,
         skip_bad_rows: bool,
-    ) -> Result<(), RowError> {
-        plan.parse(chunk.lines(), skip_bad_rows, &mut self.parsed)?;
+    ) -> Result<(), (u64, RowProblem)> {
+        let lines = chunk.lines();
+        let placed =
+            |error: RowError| (chunk.line + line_ends(&lines[..error.offset]), error.problem);
+        plan.parse(lines, skip_bad_rows, &mut self.parsed).map_err(placed)?;
         plan.fill(&mut self.block, &mut self.parsed, &chunk.context, chunk.turns);
-        self.block.offset = chunk.offset;
+        (self.block.offset, self.block.lines.first) = (chunk.offset, chunk.line);
         Ok(())
     }
 }
@@ -93,7 +103,17 @@ impl ReadPlan {
         let outputs = |wanted: bool, positions: &[usize]| -> Vec<OutputColumn> {
             if wanted { positions.iter().map(output).collect() } else { Vec::new() }
         };
+        let column_use = |at: usize| match at {
+            _ if positions.binary_search(&at).is_err() => ColumnUse::Skip,
+            _ if layout.has_dates && roles.time == Some(at) => ColumnUse::Date,
+            _ if wanted.wrench && roles.wrench.contains(&Some(at)) => ColumnUse::Load,
+            _ if wanted.readings && roles.sensors.contains(&at) => ColumnUse::Reading,
+            _ => ColumnUse::Number,
+        };
+        let group = roles.group.filter(|_| wanted.groups);
+        let labels: Vec<usize> = wanted.texts.iter().copied().chain(group).collect();
         Self {
+            has_decimal_commas: layout.header.has_decimal_commas,
             numbers: positions.len(),
             time: roles.time.filter(|_| wanted.time).as_ref().map(output),
             clock_turns: layout.clock().is_some(),
@@ -103,21 +123,15 @@ impl ReadPlan {
                 false => Vec::new(),
             },
             others: outputs(true, &wanted.others),
-            texts: wanted.texts.len(),
-            rows: match layout.format {
+            labels: labels.len(),
+            has_groups: group.is_some(),
+            rows: match layout.header.format {
                 LogFormat::Console => RowSyntax::Console(positions),
                 _ => RowSyntax::Separated(RowPlan {
-                    separator: layout.separator,
-                    uses: column_uses(
-                        layout.columns.len(),
-                        &positions,
-                        if wanted.readings { &roles.sensors } else { &[] },
-                        roles.wrench.iter().flatten().filter(|_| wanted.wrench),
-                        roles.time.filter(|_| layout.has_dates),
-                    ),
-                    group: roles.group.filter(|_| wanted.groups),
-                    texts: wanted.texts.clone(),
-                    largest_reading: match layout.format {
+                    separator: layout.header.separator,
+                    uses: (0..layout.columns.len()).map(column_use).collect(),
+                    labels,
+                    largest_reading: match layout.header.format {
                         LogFormat::Telemetry => LARGEST_LOGGED,
                         _ => LARGEST_READING,
                     },
@@ -136,10 +150,13 @@ impl ReadPlan {
     ) -> Result<(), RowError> {
         match &self.rows {
             RowSyntax::Separated(plan) => {
-                // RowSyntax differ little in length; should they, the columns grow.
+                let points = self.has_decimal_commas.then(|| decimal_comma::with_points(lines));
+                let (written, lines) = (lines, points.as_deref().unwrap_or(lines));
+                // Rows differ little in length; should they, the columns grow.
                 let first = memchr(b'\n', lines).unwrap_or(lines.len()) + 1;
                 parsed.clear(self.numbers, lines.len() / first * 9 / 8);
-                plan.parse_lines(lines, skip_bad_rows, parsed)?;
+                plan.parse_lines(arch(), lines, skip_bad_rows, parsed)
+                    .map_err(|error| error.as_written(written, plan.separator))?;
                 parsed.finish();
                 Ok(())
             }
@@ -193,9 +210,10 @@ impl ReadPlan {
                 }
             }
         }
-        std::mem::swap(&mut block.groups, &mut parsed.groups);
-        parsed.texts.resize_with(self.texts, Vec::new);
-        std::mem::swap(&mut block.texts, &mut parsed.texts);
+        std::mem::swap(&mut block.lines.passed, &mut parsed.passed);
+        block.texts = std::mem::take(&mut parsed.labels);
+        block.texts.resize_with(self.labels, Vec::new);
+        block.groups = block.texts.pop_if(|_| self.has_groups).unwrap_or_default();
         block.readings_before = self.last_readings(context);
     }
 
@@ -212,28 +230,4 @@ impl ReadPlan {
         }
         None
     }
-}
-
-/// The use of each column.
-fn column_uses<'a>(
-    columns: usize,
-    positions: &[usize],
-    readings: &[usize],
-    loads: impl Iterator<Item = &'a usize>,
-    dates: Option<usize>,
-) -> Vec<ColumnUse> {
-    let mut column_uses = vec![ColumnUse::Skip; columns];
-    for &position in positions {
-        column_uses[position] = ColumnUse::Number;
-    }
-    for &position in readings {
-        column_uses[position] = ColumnUse::Reading;
-    }
-    for &position in loads {
-        column_uses[position] = ColumnUse::Load;
-    }
-    if let Some(dates) = dates.filter(|at| positions.contains(at)) {
-        column_uses[dates] = ColumnUse::Date;
-    }
-    column_uses
 }

@@ -2,15 +2,14 @@
 //!
 //! For a few rows at a time, the short way first finds where their fields end, then parses them
 //! column by column: no step waits for the one before it, and where columns hold numbers of one kind
-//! branches are predicted. Blank and bad rows are parsed one by one. Lines with quotes go to the csv
-//! crate, with the same results; a quoted field cannot contain a line break.
+//! branches are predicted. Blank and bad rows are parsed one by one, and so are lines with quotes that say
+//! something, by the csv crate; a quoted field cannot contain a line break.
 
 #[cfg(test)]
 mod tests;
 
 use memchr::{memchr, memchr_iter};
 use pulp::Arch;
-use shell_data::instructions::arch;
 
 use super::field_ends::FieldEnds;
 use super::instruction_set::{ColumnFields, InstructionSet, Portable};
@@ -20,7 +19,9 @@ use super::number::{parse_date, parse_field};
 use super::parsed_rows::ParsedRows;
 #[cfg(target_arch = "x86_64")]
 use super::{avx2::Avx2, avx512::Widest};
-use crate::error::{Field, FieldProblem, RowProblem};
+use crate::error::{FieldProblem, RowProblem};
+use crate::stream::chunk::line_ends;
+use crate::stream::decimal_comma::with_points;
 
 /// Which columns of a row are parsed, and how.
 #[derive(Debug)]
@@ -28,10 +29,8 @@ pub(crate) struct RowPlan {
     pub(crate) separator: u8,
     /// The use of each column.
     pub(crate) uses: Vec<ColumnUse>,
-    /// The column with the label of the row's group, whatever its use besides.
-    pub(crate) group: Option<usize>,
     /// Columns that are wanted as text, whatever their use besides.
-    pub(crate) texts: Vec<usize>,
+    pub(crate) labels: Vec<usize>,
     /// Names of all columns.
     pub(crate) names: Vec<String>,
     /// No converter gives a reading of a larger magnitude.
@@ -52,12 +51,6 @@ pub(crate) enum ColumnUse {
     Date,
 }
 
-impl ColumnUse {
-    fn is_number(self) -> bool {
-        self != Self::Skip
-    }
-}
-
 /// The largest load anywhere, in the units of the log: its square is far from the largest number.
 const LARGEST_LOAD: f64 = 1e15;
 
@@ -69,19 +62,25 @@ pub(crate) struct RowError {
     pub(crate) problem: RowProblem,
 }
 
-impl RowPlan {
-    /// Parses `lines` and adds their rows to `parsed`, to be finished when there are no more.
-    pub(crate) fn parse_lines(
-        &self,
-        lines: &[u8],
-        skip_bad_rows: bool,
-        parsed: &mut ParsedRows,
-    ) -> Result<(), RowError> {
-        self.parse_lines_by(arch(), lines, skip_bad_rows, parsed)
+impl RowError {
+    /// The same with the field as it is in `lines`, whose decimal commas were made points.
+    pub(crate) fn as_written(mut self, lines: &[u8], separator: u8) -> Self {
+        if let RowProblem::Field { column, found, .. } = &mut self.problem
+            && let Some(line) = lines[self.offset..].split(|&byte| byte == b'\n').next()
+            && let Some(written) = line.split(|&byte| byte == separator).nth(*column)
+            && let written = written.trim_ascii()
+            && with_points(written) == found.as_bytes()
+        {
+            *found = String::from_utf8_lossy(written).into_owned();
+        }
+        self
     }
+}
 
-    /// The same by one of the sets of instructions that this processor has.
-    fn parse_lines_by(
+impl RowPlan {
+    /// Parses `lines` by one of the sets of instructions that this processor has, and adds their rows to `parsed`,
+    /// to be finished when there are no more.
+    pub(crate) fn parse_lines(
         &self,
         instructions: Arch,
         lines: &[u8],
@@ -108,79 +107,49 @@ impl RowPlan {
         skip_bad_rows: bool,
         parsed: &mut ParsedRows,
     ) -> Result<(), RowError> {
-        if memchr(b'"', lines).is_some() {
-            // Quotes around whole fields say nothing; where all is right without them, it is with them.
-            if let Some(plain) = without_quotes(lines, self.separator) {
-                let (rows, skipped) = (parsed.rows, parsed.skipped);
-                let (groups, texts) = (parsed.groups.clone(), parsed.texts.clone());
-                if self.parse_unquoted(set, &plain, skip_bad_rows, parsed).is_ok() {
-                    return Ok(());
-                }
-                (parsed.rows, parsed.skipped) = (rows, skipped);
-                (parsed.groups, parsed.texts) = (groups, texts);
-            }
-            return self.parse_quoted(lines, skip_bad_rows, parsed);
-        }
-        self.parse_unquoted(set, lines, skip_bad_rows, parsed)
-    }
-
-    fn parse_unquoted(
-        &self,
-        set: impl InstructionSet,
-        lines: &[u8],
-        skip_bad_rows: bool,
-        parsed: &mut ParsedRows,
-    ) -> Result<(), RowError> {
+        let is_quoted = memchr(b'"', lines).is_some();
+        // Quotes around whole fields say nothing.
+        let bare = if is_quoted { without_quotes(lines, self.separator) } else { None };
+        let are_plain = !is_quoted || bare.is_some();
+        let lines = bare.as_deref().unwrap_or(lines);
+        let columns = self.uses.len();
         let mut ends = FieldEnds::default();
         let mut at = 0;
         while at < lines.len() {
-            at = self.parse_plain_rows(set, lines, at, &mut ends, parsed);
-            if at == lines.len() {
-                break;
+            if are_plain {
+                set.run(
+                    #[inline(always)]
+                    || ends.find(set, lines, at, self.separator, columns),
+                );
+                let whole = ends.whole_rows(lines, columns);
+                let right = self.parse_columns(set, lines, &ends, whole, parsed);
+                parsed.rows += right;
+                if right > 0 {
+                    at = ends.end_of(right, columns) + 1;
+                }
+                if right == whole && whole > 0 {
+                    continue;
+                }
             }
             // A blank line, a bad row or one with something unusual: look at it by itself.
             let end = memchr(b'\n', &lines[at..]).map_or(lines.len(), |i| at + i);
             let line = lines[at..end].strip_suffix(b"\r").unwrap_or(&lines[at..end]);
-            if !line.trim_ascii().is_empty() && !is_comment(line) {
-                let fields = line.split(|&byte| byte == self.separator);
-                let result = self.parse_fields(fields, parsed);
-                let may_skip =
-                    skip_bad_rows || is_cut(&result, self.names.len(), end == lines.len());
-                finish_row(result, at, may_skip, parsed)?;
+            match self.parse_line(line, parsed) {
+                None => parsed.pass_lines(1),
+                Some(result) => {
+                    let may_skip =
+                        skip_bad_rows || is_cut(&result, self.names.len(), end == lines.len());
+                    finish_row(result, at, may_skip, parsed)?;
+                }
             }
             at = end + 1;
             // More blank lines cost no more than their bytes.
-            at += lines.get(at..).map_or(0, blank_lines);
+            let rest = lines.get(at..).unwrap_or_default();
+            let blank = &rest[..blank_lines(rest)];
+            parsed.pass_lines(line_ends(blank));
+            at += blank.len();
         }
         Ok(())
-    }
-
-    /// Parses rows from `lines[at]` on; returns where the first row starts that is blank or wrong.
-    /// `ends` is room for the ends of fields.
-    fn parse_plain_rows<L: InstructionSet>(
-        &self,
-        set: L,
-        lines: &[u8],
-        mut at: usize,
-        ends: &mut FieldEnds,
-        parsed: &mut ParsedRows,
-    ) -> usize {
-        loop {
-            let columns = self.uses.len();
-            set.run(
-                #[inline(always)]
-                || ends.find(set, lines, at, self.separator, columns),
-            );
-            let whole = ends.whole_rows(lines, columns);
-            let right = self.parse_columns(set, lines, ends, whole, parsed);
-            parsed.rows += right;
-            if right > 0 {
-                at = ends.end_of(right, columns) + 1;
-            }
-            if right < whole || whole == 0 {
-                return at;
-            }
-        }
     }
 
     /// Parses `rows` rows, column by column, from the ends where their fields end; returns how
@@ -199,7 +168,9 @@ impl RowPlan {
         let mut right = rows;
         let count = self.uses.len();
         let mut columns = parsed.columns.iter_mut();
-        for (column, step) in self.uses.iter().enumerate().filter(|(_, step)| step.is_number()) {
+        for (column, step) in
+            self.uses.iter().enumerate().filter(|(_, step)| **step != ColumnUse::Skip)
+        {
             let Some(values) = columns.next() else { break };
             let rows = parsed.rows..parsed.rows + right;
             if values.len() < rows.end {
@@ -219,18 +190,11 @@ impl RowPlan {
                 right = believable(&values[..right], largest);
             }
         }
-        if let Some(group) = self.group {
-            let fields = ends.of_column(group, count);
-            for row in 0..right {
-                let (start, end) = fields.position(row);
-                parsed.push_group(lines[start..end].trim_ascii());
-            }
-        }
-        for (text, &column) in self.texts.iter().enumerate() {
+        for (label, &column) in self.labels.iter().enumerate() {
             let fields = ends.of_column(column, count);
             for row in 0..right {
                 let (start, end) = fields.position(row);
-                parsed.push_text(text, lines[start..end].trim_ascii());
+                parsed.push_label(label, &lines[start..end]);
             }
         }
         right
@@ -249,85 +213,56 @@ impl RowPlan {
     fn believed(&self, step: ColumnUse, value: f64) -> Result<f64, FieldProblem> {
         match self.largest(step) {
             Some(largest) if value.abs() > largest => Err(match step {
-                ColumnUse::Load => FieldProblem::UnbelievableLoad { largest },
-                _ => FieldProblem::UnbelievableReading { largest },
+                ColumnUse::Load => FieldProblem::UnbelievableLoad(largest),
+                _ => FieldProblem::UnbelievableReading(largest),
             }),
             _ => Ok(value),
         }
     }
 
-    /// The same for lines with quotes, by the csv crate.
-    fn parse_quoted(
-        &self,
-        lines: &[u8],
-        skip_bad_rows: bool,
-        parsed: &mut ParsedRows,
-    ) -> Result<(), RowError> {
-        let mut reader = csv::ReaderBuilder::new();
-        reader.has_headers(false).flexible(true).delimiter(self.separator);
-        // A carriage return within a line ends no row.
-        reader.terminator(csv::Terminator::Any(b'\n'));
-        let mut record = csv::ByteRecord::new();
-        let mut start = 0;
-        while start < lines.len() {
-            let end = memchr(b'\n', &lines[start..]).map_or(lines.len(), |i| start + i + 1);
-            let line = &lines[start..end];
-            // Bytes in memory cannot fail to be read, and any line is some record.
-            let content = line.strip_suffix(b"\n").unwrap_or(line);
-            let content = content.strip_suffix(b"\r").unwrap_or(content);
-            let found = reader.from_reader(content).read_byte_record(&mut record).unwrap_or(false);
-            let blank = record.len() == 1 && record[0].trim_ascii().is_empty();
-            if found && !blank && !is_comment(line) {
-                let closed = memchr_iter(b'"', line).count().is_multiple_of(2);
-                let result = match closed {
-                    true => self.parse_fields(record.iter(), parsed),
-                    false => Err((RowProblem::OpenQuote, false)),
-                };
-                let may_skip =
-                    skip_bad_rows || is_cut(&result, self.names.len(), !line.ends_with(b"\n"));
-                finish_row(result, start, may_skip, parsed)?;
-            }
-            start = end;
+    /// Parses the row of a line; `None` if it is blank or a comment.
+    fn parse_line(&self, line: &[u8], parsed: &mut ParsedRows) -> Option<Result<(), RowProblem>> {
+        if line.trim_ascii().is_empty() || is_comment(line) {
+            return None;
         }
-        Ok(())
+        if memchr(b'"', line).is_none() {
+            return Some(self.parse_fields(line.split(|&byte| byte == self.separator), parsed));
+        }
+        let record = quoted_fields(line, self.separator);
+        if record.len() == 1 && record[0].trim_ascii().is_empty() {
+            return None;
+        }
+        Some(match memchr_iter(b'"', line).count().is_multiple_of(2) {
+            true => self.parse_fields(record.iter(), parsed),
+            false => Err(RowProblem::OpenQuote),
+        })
     }
 
-    /// Parses a row from its fields; the whole row is in `parsed`, or `false` with nothing counted
-    /// but what [`ParsedRows::take_back_row`] takes back.
+    /// Parses a row from its fields, which is in `parsed` then, but not counted.
     fn parse_fields<'a>(
         &self,
         fields: impl Iterator<Item = &'a [u8]>,
         parsed: &mut ParsedRows,
-    ) -> Result<(), (RowProblem, bool)> {
-        let mut labelled = false;
-        let mut texts: Vec<(usize, &[u8])> = Vec::new();
-        let mut problem = None;
-        let mut found = 0;
-        let mut slot = 0;
+    ) -> Result<(), RowProblem> {
+        let mut labels: Vec<(usize, &[u8])> = Vec::new();
+        let (mut problem, mut found, mut slot) = (None, 0, 0);
         for (column, field) in fields.enumerate() {
             found += 1;
-            match self.uses.get(column) {
-                Some(step) if step.is_number() => {
-                    let parsed_field = match step {
-                        ColumnUse::Date => parse_date(field),
-                        _ => parse_field(field).and_then(|value| self.believed(*step, value)),
-                    };
-                    match parsed_field {
-                        Ok(value) => parsed.put(slot, value),
-                        Err(error) => {
-                            problem = problem.or_else(|| Some(self.problem(error, column, field)));
-                        }
+            if let Some(step) = self.uses.get(column).filter(|step| **step != ColumnUse::Skip) {
+                let number = match step {
+                    ColumnUse::Date => parse_date(field),
+                    _ => parse_field(field).and_then(|value| self.believed(*step, value)),
+                };
+                match number {
+                    Ok(value) => parsed.put(slot, value),
+                    Err(error) => {
+                        problem = problem.or_else(|| Some(self.problem(error, column, field)));
                     }
-                    slot += 1;
                 }
-                _ => {}
+                slot += 1;
             }
-            if self.group == Some(column) {
-                parsed.push_group(field.trim_ascii());
-                labelled = true;
-            }
-            let text = self.texts.iter().position(|&at| at == column);
-            texts.extend(text.map(|text| (text, field.trim_ascii())));
+            let of_column = self.labels.iter().enumerate().filter(|(_, at)| **at == column);
+            labels.extend(of_column.map(|(label, _)| (label, field)));
         }
         let expected = self.names.len();
         // A wrong number of columns says more than what that makes of the fields.
@@ -335,11 +270,11 @@ impl RowPlan {
             problem = Some(RowProblem::ColumnCount { expected, found });
         }
         match problem {
+            Some(problem) => Err(problem),
             None => {
-                texts.into_iter().for_each(|(text, field)| parsed.push_text(text, field));
+                labels.into_iter().for_each(|(label, field)| parsed.push_label(label, field));
                 Ok(())
             }
-            Some(problem) => Err((problem, labelled)),
         }
     }
 
@@ -350,7 +285,7 @@ impl RowPlan {
             found.truncate(at);
             found.push('…');
         }
-        RowProblem::Field { field: Field { column, name }, problem, found }
+        RowProblem::Field { column, name, problem, found }
     }
 }
 
@@ -364,26 +299,45 @@ fn believable(values: &[f64], largest: f64) -> usize {
     }
 }
 
-/// Lines without their quotes, if each stands around a whole field that needs none.
+/// The fields of a line with quotes, which are removed.
+pub(crate) fn quoted_fields(line: &[u8], separator: u8) -> csv::ByteRecord {
+    let mut reader = csv::ReaderBuilder::new();
+    reader.has_headers(false).flexible(true).delimiter(separator);
+    // A carriage return within a line ends no row.
+    reader.terminator(csv::Terminator::Any(b'\n'));
+    let mut record = csv::ByteRecord::new();
+    // Bytes in memory cannot fail to be read, and any line is some record.
+    let _ = reader.from_reader(line).read_byte_record(&mut record);
+    record
+}
+
+/// Lines without their quotes, if each stands around a whole field that needs none. Blanks at the ends of lines
+/// take their place, so that lines begin where they did.
 fn without_quotes(lines: &[u8], separator: u8) -> Option<Vec<u8>> {
     let ends_field = |byte: u8| byte == separator || byte == b'\n' || byte == b'\r';
-    let mut plain = Vec::with_capacity(lines.len());
-    let mut quotes = memchr_iter(b'"', lines);
-    let mut copied = 0;
-    while let Some(open) = quotes.next() {
-        let close = quotes.next()?;
-        let begins = open.checked_sub(1).is_none_or(|before| ends_field(lines[before]));
-        let ends = lines.get(close + 1).is_none_or(|&after| ends_field(after));
-        let field = &lines[open + 1..close];
-        if !begins || !ends || field.iter().any(|&byte| ends_field(byte)) {
-            return None;
+    let mut bare = Vec::with_capacity(lines.len());
+    for line in lines.split_inclusive(|&byte| byte == b'\n') {
+        let end = bare.len() + line.trim_ascii_end().len();
+        let mut quotes = memchr_iter(b'"', line);
+        let mut copied = 0;
+        while let Some(open) = quotes.next() {
+            let close = quotes.next()?;
+            let begins = open.checked_sub(1).is_none_or(|before| ends_field(line[before]));
+            let ends = line.get(close + 1).is_none_or(|&after| ends_field(after));
+            let field = &line[open + 1..close];
+            if !begins || !ends || field.iter().any(|&byte| ends_field(byte)) {
+                return None;
+            }
+            bare.extend_from_slice(&line[copied..open]);
+            bare.extend_from_slice(field);
+            copied = close + 1;
         }
-        plain.extend_from_slice(&lines[copied..open]);
-        plain.extend_from_slice(field);
-        copied = close + 1;
+        let (rest, line_end) = line[copied..].split_at(line.trim_ascii_end().len() - copied);
+        bare.extend_from_slice(rest);
+        bare.resize(end, b' ');
+        bare.extend_from_slice(line_end);
     }
-    plain.extend_from_slice(&lines[copied..]);
-    Some(plain)
+    Some(bare)
 }
 
 /// Whether a line is a comment.
@@ -401,12 +355,12 @@ fn blank_lines(lines: &[u8]) -> usize {
 
 /// Whether a row is cut off: the end of a file whose writer was killed or lost power. Such a row is
 /// skipped and is not an error.
-fn is_cut(result: &Result<(), (RowProblem, bool)>, columns: usize, is_open: bool) -> bool {
+fn is_cut(result: &Result<(), RowProblem>, columns: usize, is_open: bool) -> bool {
     let is_short = match result {
-        Err((RowProblem::ColumnCount { expected, found }, _)) => found < expected,
+        Err(RowProblem::ColumnCount { expected, found }) => found < expected,
         // Right after a separator.
-        Err((RowProblem::Field { field, problem: FieldProblem::Empty, .. }, _)) => {
-            field.column + 1 == columns
+        Err(RowProblem::Field { column, problem: FieldProblem::Empty, .. }) => {
+            column + 1 == columns
         }
         _ => false,
     };
@@ -414,15 +368,18 @@ fn is_cut(result: &Result<(), (RowProblem, bool)>, columns: usize, is_open: bool
 }
 
 fn finish_row(
-    result: Result<(), (RowProblem, bool)>,
+    result: Result<(), RowProblem>,
     offset: usize,
     skip_bad_rows: bool,
     parsed: &mut ParsedRows,
 ) -> Result<(), RowError> {
     match result {
         Ok(()) => parsed.rows += 1,
-        Err((_, labelled)) if skip_bad_rows => parsed.take_back_row(labelled),
-        Err((problem, _)) => return Err(RowError { offset, problem }),
+        Err(_) if skip_bad_rows => {
+            parsed.skipped += 1;
+            parsed.pass_lines(1);
+        }
+        Err(problem) => return Err(RowError { offset, problem }),
     }
     Ok(())
 }

@@ -3,15 +3,14 @@
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-use super::locate::line_count;
 use super::request::{ReadOptions, Wanted};
 use crate::error::LogError;
 use crate::log::Log;
 use crate::parse::plan::{BlockBuffer, ReadPlan};
 use crate::stream::log_chunks::{LogChunk, LogChunks};
 use crate::stream::pipeline;
+use shell_data::ReadSummary;
 use shell_data::block::Block;
-use shell_data::{BlockLines, ReadSummary};
 
 impl Log {
     /// Streams the whole log once: `map` gets its blocks on worker threads, `fold` gets the results
@@ -31,7 +30,7 @@ impl Log {
     ) -> Result<ReadSummary, E> {
         let map = |(): &mut (), _, block: &mut Block| map(block);
         let fold = |_, value| fold(value);
-        let (mut summaries, _) = read_all(&[self], wanted, options, || (), map, fold)?;
+        let (mut summaries, _) = read_all(&[(self, wanted.clone())], options, || (), map, fold)?;
         Ok(summaries.pop().expect("one summary per log"))
     }
 
@@ -66,36 +65,19 @@ pub fn threads_for(logs: &[&Log], options: &ReadOptions<'_>) -> usize {
     }
 }
 
-/// Streams all of `logs` once, as [`Log::read`] does one of them, with a state for every worker thread, made by
-/// `init` and passed to `map`: `map` and `fold` also get the index of the log that a block is from. Returns a
-/// summary of each log and the states, these in no particular order.
+/// Streams all of `logs` once, of each what is wanted, as [`Log::read`] does one of them, with a state for every
+/// worker thread, made by `init` and passed to `map`: `map` and `fold` also get the index of the log that a block is
+/// from. Returns a summary of each log and the states, these in no particular order.
 ///
 /// # Errors
 /// As [`Log::read`], the first error in the order of logs and rows.
 pub fn read_all<S: Send, T: Send, E: From<LogError>>(
-    logs: &[&Log],
-    wanted: &Wanted,
-    options: &ReadOptions<'_>,
-    init: impl Fn() -> S + Sync,
-    map: impl Fn(&mut S, usize, &mut Block) -> T + Sync,
-    fold: impl FnMut(usize, T) -> Result<(), E>,
-) -> Result<(Vec<ReadSummary>, Vec<S>), E> {
-    let logs: Vec<(&Log, Wanted)> = logs.iter().map(|&log| (log, wanted.clone())).collect();
-    let (found, states) = read_each(&logs, options, init, map, fold)?;
-    Ok((found.into_iter().map(|(summary, _)| summary).collect(), states))
-}
-
-/// What reading a log finds out about it.
-type SummaryAndLines = (ReadSummary, BlockLines);
-
-/// The same where other columns are wanted of each log; also returns the lines of its rows.
-pub(crate) fn read_each<S: Send, T: Send, E: From<LogError>>(
     logs: &[(&Log, Wanted)],
     options: &ReadOptions<'_>,
     init: impl Fn() -> S + Sync,
     map: impl Fn(&mut S, usize, &mut Block) -> T + Sync,
     mut fold: impl FnMut(usize, T) -> Result<(), E>,
-) -> Result<(Vec<SummaryAndLines>, Vec<S>), E> {
+) -> Result<(Vec<ReadSummary>, Vec<S>), E> {
     let plan = |(log, wanted): &(&Log, Wanted)| {
         log.require(wanted)?;
         Ok::<_, LogError>(ReadPlan::new(&log.layout, wanted))
@@ -105,8 +87,8 @@ pub(crate) fn read_each<S: Send, T: Send, E: From<LogError>>(
     let logs = &logs[..];
     let threads = threads_for(logs, options);
     let mut chunks = LogChunks::new(logs, options.checksum, threads);
-    let bytes_read = Arc::clone(&chunks.bytes_read);
-    let mut found = vec![SummaryAndLines::default(); logs.len()];
+    let bytes_read = Arc::clone(&chunks.meter.bytes);
+    let mut found = vec![ReadSummary::default(); logs.len()];
     // How many logs have been read and have rows.
     let mut checked = 0;
     let workers = pipeline::run(
@@ -123,21 +105,20 @@ pub(crate) fn read_each<S: Send, T: Send, E: From<LogError>>(
                     checksum: None,
                 };
                 let value = (summary.rows > 0).then(|| map(state, *log, &mut buffer.block));
-                (summary, line_count(chunk.lines()), value)
+                (summary, value)
             });
-            (*log, chunk.offset, parsed)
+            (*log, parsed)
         },
         E::from,
-        |(log, offset, parsed)| {
-            let bad_row = |error| E::from(logs[log].row_error(offset, error));
-            let (of_chunk, line_count, value) = parsed.map_err(bad_row)?;
+        |(log, parsed)| {
+            let bad_row = |(line, problem)| E::from(logs[log].source.error_at(line, problem));
+            let (of_chunk, value) = parsed.map_err(bad_row)?;
             check_rows(&logs[checked..log], &found[checked..log])?;
             checked = log;
-            let (summary, lines) = &mut found[log];
+            let summary = &mut found[log];
             summary.rows += of_chunk.rows;
             summary.repeated_rows += of_chunk.repeated_rows;
             summary.skipped_rows += of_chunk.skipped_rows;
-            lines.add(offset, of_chunk.rows as usize, line_count);
             if let Some(progress) = options.progress {
                 progress(bytes_read.load(Ordering::Relaxed));
             }
@@ -145,17 +126,17 @@ pub(crate) fn read_each<S: Send, T: Send, E: From<LogError>>(
         },
     )?;
     check_rows(&logs[checked..], &found[checked..])?;
-    for ((summary, _), checksum) in found.iter_mut().zip(chunks.checksums) {
+    for (summary, checksum) in found.iter_mut().zip(chunks.checksums) {
         summary.checksum = checksum;
     }
     Ok((found, workers.into_iter().map(|(_, state)| state).collect()))
 }
 
 /// Checks that each of some logs that have been read has rows.
-fn check_rows(logs: &[&Log], found: &[SummaryAndLines]) -> Result<(), LogError> {
-    let is_empty = |(summary, _): &SummaryAndLines| summary.rows == 0 && summary.skipped_rows == 0;
+fn check_rows(logs: &[&Log], found: &[ReadSummary]) -> Result<(), LogError> {
+    let is_empty = |summary: &ReadSummary| summary.rows == 0 && summary.skipped_rows == 0;
     match logs.iter().zip(found).find(|(_, found)| is_empty(found)) {
-        Some((log, _)) => Err(LogError::NoRows { path: log.path().to_owned() }),
+        Some((log, _)) => Err(LogError::NoRows(log.path().to_owned())),
         None => Ok(()),
     }
 }

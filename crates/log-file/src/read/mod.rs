@@ -2,7 +2,6 @@
 
 pub(crate) mod all;
 pub(crate) mod dataset;
-mod locate;
 pub(crate) mod request;
 pub(crate) mod sample;
 pub(crate) mod selection;

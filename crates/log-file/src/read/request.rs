@@ -1,7 +1,5 @@
 //! What is asked of a log, and what reading it reports.
 
-use std::sync::LazyLock;
-
 /// Which columns are wanted. The others are not parsed.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Wanted {
@@ -32,15 +30,11 @@ pub struct ReadOptions<'a> {
     pub progress: Option<&'a (dyn Fn(u64) + Sync)>,
 }
 
-/// One per core. Determined once, because the system reads several files for it.
-static AVAILABLE_THREADS: LazyLock<usize> =
-    LazyLock::new(|| std::thread::available_parallelism().map_or(1, usize::from));
-
 impl ReadOptions<'_> {
     /// The number of threads that parse.
     pub fn thread_count(&self) -> usize {
         match self.threads {
-            0 => *AVAILABLE_THREADS,
+            0 => std::thread::available_parallelism().map_or(1, usize::from),
             threads => threads,
         }
     }

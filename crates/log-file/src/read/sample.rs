@@ -2,6 +2,8 @@
 
 use std::io::{Read, Seek, SeekFrom};
 
+use memchr::{memchr, memrchr};
+
 use super::request::{ReadOptions, Wanted};
 use crate::error::LogError;
 use crate::format::mapping::LogFormat;
@@ -9,7 +11,6 @@ use crate::log::Log;
 use crate::parse::number::parse_field;
 use crate::parse::plan::{BlockBuffer, ReadPlan};
 use crate::stream::chunk::Chunk;
-use crate::stream::decimal_comma;
 use shell_data::block::Block;
 
 /// How many pieces of a file are read.
@@ -31,7 +32,8 @@ impl Log {
             false => self.spread_lines()?,
         };
         let BlockBuffer { mut parsed, mut block } = BlockBuffer::default();
-        plan.parse(&lines, true, &mut parsed).map_err(|error| self.row_error(0, error))?;
+        plan.parse(&lines, true, &mut parsed)
+            .map_err(|error| self.source.error_at(0, error.problem))?;
         plan.fill(&mut block, &mut parsed, &[], 0);
         Ok(block)
     }
@@ -67,51 +69,37 @@ impl Log {
     }
 
     fn bytes_of_rows(&self) -> u64 {
-        self.source.bytes.saturating_sub(self.layout.rows_start)
+        self.source.bytes.saturating_sub(self.layout.header.rows_start as u64)
     }
 
     /// As many lines from the start as a sample has.
     fn first_lines(&self) -> Result<Vec<u8>, LogError> {
         let bytes = (PIECES * PIECE_BYTES) as usize;
-        let mut chunks = self.chunks(self.source.open()?, self.layout.rows_start, bytes);
+        let mut chunks = self.chunks(self.source.open()?, bytes);
         let mut chunk = Chunk::default();
-        let mut lines = Vec::new();
-        if chunks.next(&mut chunk).map_err(|error| self.chunk_error(error))? {
-            lines.extend_from_slice(chunk.lines());
-        }
-        Ok(lines)
+        chunks.next(&mut chunk).map_err(|error| self.chunk_error(error))?;
+        Ok(chunk.lines().to_vec())
     }
 
     /// Lines from evenly spaced parts of the file.
     fn spread_lines(&self) -> Result<Vec<u8>, LogError> {
         let io = |error| self.source.error(error);
-        let mut lines = Vec::with_capacity((PIECES * PIECE_BYTES) as usize);
+        let (mut lines, mut bytes) = (Vec::new(), Vec::new());
         let mut file = self.source.open_file()?;
         let distance = (self.bytes_of_rows() - PIECE_BYTES) / (PIECES - 1);
         for piece in 0..PIECES {
-            let offset = self.layout.rows_start + distance * piece;
+            let offset = self.layout.header.rows_start as u64 + distance * piece;
             file.seek(SeekFrom::Start(offset)).map_err(io)?;
-            let start = lines.len();
-            Read::take(&mut file, PIECE_BYTES).read_to_end(&mut lines).map_err(io)?;
+            bytes.clear();
+            Read::take(&mut file, PIECE_BYTES).read_to_end(&mut bytes).map_err(io)?;
             // The first part starts with a row; the others start somewhere within one.
-            let whole = whole_lines(&lines[start..], piece > 0);
-            let (from, to) = (start + whole.start, start + whole.end);
-            lines.copy_within(from..to, start);
-            lines.truncate(start + to - from);
-        }
-        if self.layout.has_decimal_commas {
-            decimal_comma::to_points(&mut lines);
+            let end = memrchr(b'\n', &bytes).map_or(0, |at| at + 1);
+            let start = match piece {
+                0 => 0,
+                _ => memchr(b'\n', &bytes).map_or(end, |at| at + 1),
+            };
+            lines.extend_from_slice(&bytes[start..end]);
         }
         Ok(lines)
     }
-}
-
-/// The part of `bytes` that is whole lines, without the first when that may be the end of one.
-fn whole_lines(bytes: &[u8], drop_first: bool) -> std::ops::Range<usize> {
-    let end = memchr::memrchr(b'\n', bytes).map_or(0, |at| at + 1);
-    let start = match drop_first {
-        true => memchr::memchr(b'\n', bytes).map_or(end, |at| at + 1),
-        false => 0,
-    };
-    start..end
 }

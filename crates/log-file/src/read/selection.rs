@@ -1,6 +1,5 @@
 //! Reading only the parts of a log that are of interest.
 
-use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use super::request::{ReadOptions, Wanted};
@@ -8,6 +7,7 @@ use crate::error::LogError;
 use crate::log::Log;
 use crate::parse::plan::{BlockBuffer, ReadPlan};
 use crate::stream::chunk::Chunk;
+use crate::stream::source::ReadMeter;
 use shell_data::ReadSummary;
 use shell_data::block::Block;
 
@@ -47,10 +47,11 @@ impl Log {
         self.require(&Wanted { time: true, ..wanted.clone() })?;
         let time_only = ReadPlan::new(&self.layout, &Wanted { time: true, ..Wanted::default() });
         let plan = ReadPlan::new(&self.layout, wanted);
-        let bytes_read = Arc::default();
-        let stream = self.source.open_counting(options.checksum, 1, &bytes_read)?;
+        let mut meter = ReadMeter::default();
+        meter.begin(options.checksum);
+        let stream = self.source.open_counting(1, &meter)?;
         let chunk_bytes = self.chunk_bytes.min(SELECTED_BYTES);
-        let mut chunks = self.chunks(stream, self.layout.rows_start, chunk_bytes);
+        let mut chunks = self.chunks(stream, chunk_bytes);
         let mut chunk = Chunk::default();
         let (mut clock, mut rows) = (BlockBuffer::default(), BlockBuffer::default());
         let mut summary = ReadSummary::default();
@@ -58,7 +59,7 @@ impl Log {
             let fill = |plan: &ReadPlan, buffer: &mut BlockBuffer| {
                 buffer
                     .fill(plan, &chunk, options.skip_bad_rows)
-                    .map_err(|error| self.row_error(chunk.offset, error))?;
+                    .map_err(|(line, problem)| self.source.error_at(line, problem))?;
                 Ok::<_, LogError>(buffer.parsed.skipped)
             };
             let mut skipped = fill(&time_only, &mut clock)?;
@@ -72,13 +73,13 @@ impl Log {
             }
             summary.skipped_rows += skipped;
             if let Some(progress) = options.progress {
-                progress(bytes_read.load(Ordering::Relaxed));
+                progress(meter.bytes.load(Ordering::Relaxed));
             }
         }
         if summary.rows == 0 && summary.skipped_rows == 0 {
-            return Err(LogError::NoRows { path: self.source.path.clone() }.into());
+            return Err(LogError::NoRows(self.source.path.clone()).into());
         }
-        summary.checksum = chunks.stream().checksum();
+        summary.checksum = meter.checksum();
         Ok(summary)
     }
 }

@@ -5,10 +5,9 @@
 
 use std::io::{self, Read};
 
-use memchr::{memchr, memrchr};
+use memchr::{memchr, memchr_iter, memrchr};
 
 use super::clock_turns::ClockTurns;
-use super::decimal_comma;
 
 /// How many bytes are read at a time: few enough to stay in a core's cache from reading to parsing,
 /// with what they are parsed into.
@@ -28,6 +27,8 @@ const CONTEXT_BYTES: usize = 1 << 12;
 pub(crate) struct Chunk {
     /// Where the chunk starts, from the start of the (uncompressed) file.
     pub(crate) offset: u64,
+    /// The number of its first line in the file, from 1.
+    pub(crate) line: u64,
     /// The lines just before the chunk, a few kilobytes of them.
     pub(crate) context: Vec<u8>,
     /// How often a clock that wraps around has done so before the chunk.
@@ -47,7 +48,7 @@ impl Chunk {
 #[derive(Debug)]
 pub(crate) enum ChunkError {
     Io(io::Error),
-    /// A line that starts at this offset is longer than [`LINE_LIMIT`].
+    /// The line of this number is longer than [`LINE_LIMIT`].
     LineTooLong(u64),
 }
 
@@ -56,6 +57,8 @@ pub(crate) struct ChunkStream<R> {
     stream: R,
     chunk_bytes: usize,
     offset: u64,
+    /// The number of the next line.
+    line: u64,
     /// Bytes of the stream that have been read.
     position: u64,
     skip: u64,
@@ -63,32 +66,26 @@ pub(crate) struct ChunkStream<R> {
     context: Vec<u8>,
     /// Counts how often a clock has wrapped around, where one may.
     pub(crate) clock: Option<ClockTurns>,
-    /// Whether decimal points are made of decimal commas.
-    pub(crate) has_decimal_commas: bool,
     has_begun: bool,
     ended: bool,
 }
 
 impl<R: Read> ChunkStream<R> {
-    /// Cuts what follows the first `skip` bytes of `stream`, which end a line.
-    pub(crate) fn new(stream: R, skip: u64, chunk_bytes: usize) -> Self {
+    /// Cuts what follows the first `skip` bytes of `stream`, where the line of number `line` starts.
+    pub(crate) fn new(stream: R, skip: u64, line: u64, chunk_bytes: usize) -> Self {
         Self {
             stream,
             chunk_bytes,
             offset: skip,
+            line,
             position: skip,
             skip,
             carry: Vec::new(),
             context: Vec::new(),
             clock: None,
-            has_decimal_commas: false,
             has_begun: false,
             ended: false,
         }
-    }
-
-    pub(crate) fn stream(&self) -> &R {
-        &self.stream
     }
 
     /// Whether the whole stream has been read.
@@ -138,20 +135,18 @@ impl<R: Read> ChunkStream<R> {
             }
             if filled > LINE_LIMIT {
                 self.ended = true;
-                return Err(ChunkError::LineTooLong(self.offset));
+                return Err(ChunkError::LineTooLong(self.line));
             }
         };
         self.carry.clear();
         self.carry.extend_from_slice(&buffer[length..filled]);
-        if self.has_decimal_commas {
-            decimal_comma::to_points(&mut buffer[..length]);
-        }
         chunk.length = length;
-        chunk.offset = self.offset;
+        (chunk.offset, chunk.line) = (self.offset, self.line);
         std::mem::swap(&mut chunk.context, &mut self.context);
         self.keep_context(&chunk.buffer[..length]);
         chunk.turns = self.clock.as_mut().map_or(0, |clock| clock.before(&chunk.buffer[..length]));
         self.offset += length as u64;
+        self.line += line_ends(chunk.lines());
         Ok(length > 0)
     }
 
@@ -167,6 +162,11 @@ impl<R: Read> ChunkStream<R> {
         };
         self.context.extend_from_slice(&lines[start..]);
     }
+}
+
+/// How many lines end in a text.
+pub(crate) fn line_ends(text: &[u8]) -> u64 {
+    memchr_iter(b'\n', text).count() as u64
 }
 
 /// Reads until `buffer` is full or the stream ends, so that cuts do not depend on how many bytes
@@ -191,7 +191,7 @@ mod tests {
     use super::*;
 
     fn pieces(text: &[u8], chunk_bytes: usize) -> Vec<(u64, Vec<u8>, Vec<u8>)> {
-        let mut chunks = ChunkStream::new(text, 0, chunk_bytes);
+        let mut chunks = ChunkStream::new(text, 0, 1, chunk_bytes);
         let mut chunk = Chunk::default();
         let mut pieces = Vec::new();
         while chunks.next(&mut chunk).unwrap() {
@@ -229,8 +229,8 @@ mod tests {
 
     #[test]
     fn a_line_without_end_is_refused_before_it_fills_the_memory() {
-        let mut chunks = ChunkStream::new(io::repeat(b'7'), 0, CHUNK_BYTES);
+        let mut chunks = ChunkStream::new(io::repeat(b'7'), 0, 3, CHUNK_BYTES);
         let result = chunks.next(&mut Chunk::default());
-        assert!(matches!(result, Err(ChunkError::LineTooLong(0))));
+        assert!(matches!(result, Err(ChunkError::LineTooLong(3))));
     }
 }

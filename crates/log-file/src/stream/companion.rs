@@ -56,33 +56,29 @@ impl Sides {
             [first, second] => first.or(second).unwrap_or(b','),
         };
         let fields =
-            |line: &[u8]| line.split(|&byte| byte == separator).map(<[u8]>::to_vec).collect();
-        let fields: [Vec<Vec<u8>>; 2] = [first, second].map(fields);
-        let has_names = |fields: &Vec<Vec<u8>>| {
+            [first, second].map(|line| line.split(|&byte| byte == separator).collect::<Vec<_>>());
+        let [has_names, other] = fields.each_ref().map(|fields| {
             2 * fields.iter().filter(|field| is_number(field, separator)).count() < fields.len()
-        };
-        let [one, other] = fields.each_ref().map(has_names);
-        match one == other {
-            true => {
-                Ok(Self { separator, has_names: one, columns: fields.each_ref().map(Vec::len) })
-            }
+        });
+        match has_names == other {
+            true => Ok(Self { separator, has_names, columns: fields.map(|fields| fields.len()) }),
             false => Err(RowMismatch::Names),
         }
     }
 
     /// The names of the second, those that the first has too marked as such.
     fn names(self, [first, second]: [&[u8]; 2]) -> Vec<u8> {
-        let fields = |line: &'_ [u8]| {
-            let text = String::from_utf8_lossy(line).into_owned();
-            let names = text.split(char::from(self.separator)).map(|name| name.trim().to_owned());
-            names.collect::<Vec<_>>()
+        let separator = char::from(self.separator);
+        let [first, second] = [first, second].map(String::from_utf8_lossy);
+        let is_taken = |name: &str| {
+            first.split(separator).any(|taken| taken.trim().eq_ignore_ascii_case(name))
         };
-        let of_first = fields(first);
-        let is_taken =
-            |name: &String| of_first.iter().any(|taken| taken.eq_ignore_ascii_case(name));
-        let own = |name: String| if is_taken(&name) { format!("2nd {name}") } else { name };
-        let names: Vec<String> = fields(second).into_iter().map(own).collect();
-        names.join(&char::from(self.separator).to_string()).into_bytes()
+        let own = |name: &str| match is_taken(name) {
+            true => format!("2nd {name}"),
+            false => name.to_owned(),
+        };
+        let names: Vec<String> = second.split(separator).map(|name| own(name.trim())).collect();
+        names.join(&separator.to_string()).into_bytes()
     }
 }
 

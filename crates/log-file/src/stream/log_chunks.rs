@@ -1,11 +1,8 @@
 //! The chunks of several logs as one sequence, so that no thread waits at the end of a log.
 
-use std::sync::Arc;
-use std::sync::atomic::AtomicU64;
-
 use super::chunk::{Chunk, ChunkStream};
 use super::pipeline::Pieces;
-use super::source::ByteStream;
+use super::source::{ByteStream, ReadMeter};
 use crate::error::LogError;
 use crate::log::Log;
 
@@ -18,7 +15,7 @@ pub(crate) struct LogChunks<'a> {
     /// The log that is being read, or read next.
     current: usize,
     chunks: Option<ChunkStream<ByteStream>>,
-    pub(crate) bytes_read: Arc<AtomicU64>,
+    pub(crate) meter: ReadMeter,
     /// Checksums of the logs that have been read.
     pub(crate) checksums: Vec<Option<String>>,
 }
@@ -32,8 +29,8 @@ pub(crate) struct LogChunk {
 
 impl<'a> LogChunks<'a> {
     pub(crate) fn new(logs: &'a [&'a Log], checksum: bool, threads: usize) -> Self {
-        let (bytes_read, checksums) = (Arc::default(), Vec::new());
-        Self { logs, checksum, threads, current: 0, chunks: None, bytes_read, checksums }
+        let (meter, checksums) = (ReadMeter::default(), Vec::new());
+        Self { logs, checksum, threads, current: 0, chunks: None, meter, checksums }
     }
 }
 
@@ -51,14 +48,14 @@ impl Pieces for LogChunks<'_> {
             let chunks = match &mut self.chunks {
                 Some(chunks) => chunks,
                 none => {
-                    let stream =
-                        log.source.open_counting(self.checksum, self.threads, &self.bytes_read)?;
-                    none.insert(log.chunks(stream, log.layout.rows_start, log.chunk_bytes))
+                    self.meter.begin(self.checksum);
+                    let stream = log.source.open_counting(self.threads, &self.meter)?;
+                    none.insert(log.chunks(stream, log.chunk_bytes))
                 }
             };
             let any = chunks.next(&mut piece.chunk).map_err(|error| log.chunk_error(error))?;
             if chunks.ended() {
-                self.checksums.push(chunks.stream().checksum());
+                self.checksums.push(self.meter.checksum());
                 self.chunks = None;
                 self.current += 1;
             }

@@ -8,8 +8,7 @@
 //!
 //! What a file is, is known by its first bytes, not by its name.
 
-use std::fs::File;
-use std::io::{self, BufReader, BufWriter, Read, Write};
+use std::io::{self, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -36,7 +35,7 @@ pub(crate) struct LogSource {
     container: Container,
     /// Whether the text is UTF-16, with the highest byte of each pair first.
     utf16: Option<bool>,
-    /// Keeps a file that stands in for standard input, or was made.
+    /// Keeps a file that stands in for standard input.
     _spool: Option<Arc<TempPath>>,
     /// A file whose columns stand beside those of this one, row by row.
     pub(crate) companion: Option<Arc<LogSource>>,
@@ -57,7 +56,7 @@ impl LogSource {
     pub(crate) fn new(path: &Path, part: Option<&str>) -> Result<Self, LogError> {
         let mut source = Self::at(path);
         if path.as_os_str() == "-" {
-            source = source.with_spool(|file| io::copy(&mut io::stdin().lock(), file).map(drop))?;
+            source = source.with_stdin()?;
         }
         if let FileSource::Disk(path) = &source.file {
             // Before it is opened: whoever opens a pipe waits for its writer.
@@ -84,7 +83,8 @@ impl LogSource {
 
     /// The same with what it is by its first bytes.
     fn recognise(self, part: Option<&str>) -> Result<Self, LogError> {
-        let mut source = self.with_size()?;
+        let mut source = self;
+        source.bytes = source.file.length().map_err(|error| source.error(error))?;
         let start = source.start(source.open_file()?)?;
         source.container = match start.as_slice() {
             [0x1f, 0x8b, ..] => Container::Gzip,
@@ -108,7 +108,7 @@ impl LogSource {
             _ => {
                 let text = source.start(source.open()?)?;
                 if !matches!(table_file::recognise(&text), Recognised::Unknown) {
-                    return Err(LogError::PackedTable { path: source.path });
+                    return Err(LogError::PackedTable(source.path));
                 }
                 text
             }
@@ -119,24 +119,6 @@ impl LogSource {
             _ => None,
         };
         Ok(source)
-    }
-
-    /// Text that `write` writes, called `path`.
-    pub(crate) fn from_text(
-        path: &Path,
-        write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
-    ) -> Result<Self, LogError> {
-        let source = Self::at(path).with_spool(|file| {
-            let mut text = BufWriter::new(file);
-            write(&mut text)?;
-            text.flush()
-        })?;
-        source.with_size()
-    }
-
-    fn with_size(mut self) -> Result<Self, LogError> {
-        self.bytes = self.open_file()?.length().map_err(|error| self.error(error))?;
-        Ok(self)
     }
 
     /// A plain file of unknown size.
@@ -152,11 +134,11 @@ impl LogSource {
         }
     }
 
-    /// The same with what `write` writes in its place: logs are read several times.
-    fn with_spool(self, write: impl FnOnce(&mut File) -> io::Result<()>) -> Result<Self, LogError> {
+    /// The same with all of standard input in its place: logs are read several times.
+    fn with_stdin(self) -> Result<Self, LogError> {
         let spool = || {
             let mut file = tempfile::NamedTempFile::new()?;
-            write(file.as_file_mut())?;
+            io::copy(&mut io::stdin().lock(), file.as_file_mut())?;
             Ok(file.into_temp_path())
         };
         let spool = spool().map_err(|error| self.error(error))?;
@@ -176,7 +158,7 @@ impl LogSource {
             lines.next(1).map_err(|error| source.error(error))?;
             Ok::<_, LogError>(lines.line)
         };
-        let first = first_line(self, self.open_alone(false, 1, &Arc::default())?)?;
+        let first = first_line(self, self.open_alone(1, &ReadMeter::default())?)?;
         let second = first_line(companion, companion.open()?)?;
         let sides = Sides::new([&first, &second]);
         sides.map(Some).map_err(|problem| self.row_mismatch(problem))
@@ -209,57 +191,48 @@ impl LogSource {
 
     /// Opens the text at its start.
     pub(crate) fn open(&self) -> Result<ByteStream, LogError> {
-        self.open_counting(false, 1, &Arc::default())
+        self.open_counting(1, &ReadMeter::default())
     }
 
-    /// The same, by so many threads where a table is stored in parts; what is read of the file on disk is
-    /// added to `bytes`.
+    /// The same, by so many threads where a table is stored in parts; `meter` counts what is read of the file.
     pub(crate) fn open_counting(
         &self,
-        checksum: bool,
         threads: usize,
-        bytes: &Arc<AtomicU64>,
+        meter: &ReadMeter,
     ) -> Result<ByteStream, LogError> {
-        let stream = self.open_alone(checksum, threads, bytes)?;
+        let stream = self.open_alone(threads, meter)?;
         let Some(companion) = &self.companion else { return Ok(stream) };
-        let joined = Joined::new(stream.text, companion.open()?.text);
-        Ok(ByteStream { text: Box::new(TextStream::new(Vec::new(), joined)), ..stream })
+        let joined = Joined::new(stream, companion.open()?);
+        Ok(Box::new(TextStream::new(Vec::new(), joined)))
     }
 
     /// Opens the text of the file itself.
-    fn open_alone(
-        &self,
-        checksum: bool,
-        threads: usize,
-        bytes: &Arc<AtomicU64>,
-    ) -> Result<ByteStream, LogError> {
-        let checksum = checksum.then(Arc::<Mutex<Checksum>>::default);
-        let file = |bytes: &Arc<AtomicU64>| {
-            let (bytes, checksum) = (Arc::clone(bytes), checksum.clone());
-            Ok::<_, LogError>(CountingFile { file: self.open_file()?, bytes, checksum })
+    fn open_alone(&self, threads: usize, meter: &ReadMeter) -> Result<ByteStream, LogError> {
+        let file = |meter: &ReadMeter| {
+            Ok::<_, LogError>(CountingFile { file: self.open_file()?, meter: meter.clone() })
         };
-        let buffered = || Ok::<_, LogError>(BufReader::with_capacity(1 << 16, file(bytes)?));
-        let most = most_unpacked(self.bytes);
-        let mut text: Box<dyn Read + Send> = match &self.container {
-            Container::Plain => Box::new(file(bytes)?),
+        let buffered = || Ok::<_, LogError>(BufReader::with_capacity(1 << 16, file(meter)?));
+        let left = self.bytes.saturating_mul(UNPACKED_RATIO).saturating_add(64 << 20);
+        let text: ByteStream = match &self.container {
+            Container::Plain => Box::new(file(meter)?),
             Container::Gzip => {
-                Box::new(Unpacked { decoder: MultiGzDecoder::new(buffered()?), left: most })
+                Box::new(Unpacked { decoder: MultiGzDecoder::new(buffered()?), left })
             }
-            Container::Zstd => Box::new(Unpacked { decoder: Zstd::new(buffered()?), left: most }),
+            Container::Zstd => Box::new(Unpacked { decoder: Zstd::new(buffered()?), left }),
             Container::Table(table) => {
                 // Tables are not read from start to end, checksums are.
-                let mut whole = file(&Arc::default())?;
-                if checksum.is_some() {
+                if meter.checksum.is_some() {
+                    let mut whole = file(&ReadMeter { bytes: Arc::default(), ..meter.clone() })?;
                     io::copy(&mut whole, &mut io::sink()).map_err(|error| self.error(error))?;
                 }
                 let text = table.text_by(threads).map_err(|problem| self.table_error(problem))?;
-                Box::new(TableStream { text, left: self.bytes, bytes: Arc::clone(bytes) })
+                Box::new(TableStream { text, left: self.bytes, bytes: Arc::clone(&meter.bytes) })
             }
         };
-        if let Some(high_first) = self.utf16 {
-            text = Box::new(TextStream::new(Vec::new(), Utf16::new(text, high_first)));
-        }
-        Ok(ByteStream { text, checksum })
+        Ok(match self.utf16 {
+            None => text,
+            Some(high_first) => Box::new(TextStream::new(Vec::new(), Utf16::new(text, high_first))),
+        })
     }
 
     /// Whether the bytes of the file are those of the text.
@@ -338,13 +311,9 @@ impl LogSource {
     }
 }
 
-/// How many bytes may be unpacked of a file of so many. A log of numbers that were measured takes a third to a
-/// twentieth of its text when compressed; what unpacks to a thousand times its size costs time and says nothing.
-fn most_unpacked(bytes: u64) -> u64 {
-    bytes.saturating_mul(UNPACKED_RATIO).saturating_add(64 << 20)
-}
-
-/// How many times its size a compressed log may unpack to, beyond 64 MB.
+/// How many times its size a compressed log may unpack to, beyond 64 MB. A log of numbers that were measured takes a
+/// third to a twentieth of its text when compressed; what unpacks to a thousand times its size costs time and says
+/// nothing.
 const UNPACKED_RATIO: u64 = 128;
 
 /// A decoder that may give `left` more bytes.
@@ -368,36 +337,40 @@ impl<D: Read> Read for Unpacked<D> {
 }
 
 /// The text of a log from its start.
-pub(crate) struct ByteStream {
-    text: Box<dyn Read + Send>,
+pub(crate) type ByteStream = Box<dyn Read + Send>;
+
+/// What is counted while files on disk are read.
+#[derive(Clone, Default)]
+pub(crate) struct ReadMeter {
+    /// The bytes that have been read.
+    pub(crate) bytes: Arc<AtomicU64>,
+    /// The checksum of the file that is being read, where it is asked for.
     checksum: Option<Arc<Mutex<Checksum>>>,
 }
 
-impl ByteStream {
-    /// The checksum of the file on disk, once it has been read to its end.
+impl ReadMeter {
+    /// Begins another file.
+    pub(crate) fn begin(&mut self, checksum: bool) {
+        self.checksum = checksum.then(Arc::default);
+    }
+
+    /// The checksum of a file that has been read to its end.
     pub(crate) fn checksum(&self) -> Option<String> {
         self.checksum.as_ref().map(|checksum| lock(checksum).finish())
-    }
-}
-
-impl Read for ByteStream {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        self.text.read(buffer)
     }
 }
 
 /// A file that counts the bytes read from it and computes their checksum.
 struct CountingFile {
     file: OpenFile,
-    bytes: Arc<AtomicU64>,
-    checksum: Option<Arc<Mutex<Checksum>>>,
+    meter: ReadMeter,
 }
 
 impl Read for CountingFile {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let read = self.file.read(buffer)?;
-        self.bytes.fetch_add(read as u64, Ordering::Relaxed);
-        if let Some(checksum) = &self.checksum {
+        self.meter.bytes.fetch_add(read as u64, Ordering::Relaxed);
+        if let Some(checksum) = &self.meter.checksum {
             lock(checksum).update(&buffer[..read]);
         }
         Ok(read)

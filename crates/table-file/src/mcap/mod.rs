@@ -25,7 +25,7 @@ const KIND: FileKind = FileKind::Mcap;
 const WAITING: usize = 4096;
 
 /// A table in a recording.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct McapRecording {
     file: FileSource,
     topics: Arc<Vec<Topic>>,
@@ -87,10 +87,6 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<NamedRows, T
     }
     let found: Vec<String> = topics.iter().map(|topic| topic.name.clone()).collect();
     topics.retain(|topic| !topic.columns.is_empty() && part.is_none_or(|part| topic.name == part));
-    let choice = |part_name, wanted: Option<&str>, found| {
-        let wanted = wanted.map(str::to_owned);
-        TableError::Choice { kind: KIND, part: part_name, wanted, found }
-    };
     if topics.is_empty() && part.is_none() {
         let others = Vec::from_iter(others);
         return Err(KIND.unsupported(format!(
@@ -98,15 +94,12 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<NamedRows, T
         )));
     }
     if topics.is_empty() {
-        return Err(choice("topic", part, found));
+        return Err(KIND.choice("topic", part, found));
     }
-    let wrenches: Vec<String> = topics
-        .iter()
-        .filter(|topic| topic.kind != FieldKind::Json)
-        .map(|topic| topic.name.clone())
-        .collect();
+    let wrenches = topics.iter().filter(|topic| topic.kind != FieldKind::Json);
+    let wrenches: Vec<String> = wrenches.map(|topic| topic.name.clone()).collect();
     if wrenches.len() > 1 {
-        return Err(choice("topic of wrenches", None, wrenches));
+        return Err(KIND.choice("topic of wrenches", None, wrenches));
     }
     let mut names = vec!["t_s".to_owned()];
     for topic in &mut topics {
@@ -139,9 +132,7 @@ impl RowSource for McapRecording {
     fn rows(&self, _: Range<usize>, unpacked: Unpacked) -> Result<Box<dyn RowStream>, TableError> {
         Ok(Box::new(RecordingRows {
             records: Records::open(&self.file, unpacked)?,
-            topics: Arc::clone(&self.topics),
-            columns: self.columns,
-            by_stamp: self.by_stamp,
+            recording: self.clone(),
             waiting: BTreeMap::new(),
         }))
     }
@@ -149,9 +140,7 @@ impl RowSource for McapRecording {
 
 struct RecordingRows {
     records: Records,
-    topics: Arc<Vec<Topic>>,
-    columns: usize,
-    by_stamp: bool,
+    recording: McapRecording,
     /// Rows that some topics have not given a message for, by log time.
     waiting: BTreeMap<u64, WaitingRows>,
 }
@@ -163,9 +152,10 @@ struct WaitingRows {
 
 impl RowStream for RecordingRows {
     fn next(&mut self, batch: &mut RowBatch) -> Result<bool, TableError> {
-        batch.resize_with(self.columns, Vec::new);
+        let (topics, columns) = (Arc::clone(&self.recording.topics), self.recording.columns);
+        batch.resize_with(columns, Vec::new);
         batch.iter_mut().for_each(Vec::clear);
-        let rows = batch_rows(self.columns);
+        let rows = batch_rows(columns);
         while batch[0].len() < rows {
             let Some(record) = self.records.next()? else {
                 // A recording may end between two messages of a row.
@@ -175,7 +165,6 @@ impl RowStream for RecordingRows {
                 return Ok(!batch[0].is_empty());
             };
             let McapRecord::Message { channel, log_time, data } = record else { continue };
-            let topics = Arc::clone(&self.topics);
             let at = topics.iter().position(|topic| topic.channels.contains(&channel));
             let Some(at) = at else { continue };
             self.add(&topics[at], at, log_time, &data)?;
@@ -202,7 +191,7 @@ impl RecordingRows {
         data: &[u8],
     ) -> Result<(), TableError> {
         let message = topic.kind.decode(data).map_err(|what| wrong(topic, log_time, &what))?;
-        let (columns, topics) = (self.columns, self.topics.len());
+        let (columns, topics) = (self.recording.columns, self.recording.topics.len());
         let row = self.waiting.entry(log_time).or_insert_with(|| {
             let mut cells = vec![Cell::Missing; columns];
             cells[0] = Cell::Text(seconds(log_time));
@@ -215,7 +204,7 @@ impl RecordingRows {
                 seconds(log_time)
             )));
         }
-        if let (true, Some(stamp)) = (self.by_stamp, message.stamp_ns) {
+        if let (true, Some(stamp)) = (self.recording.by_stamp, message.stamp_ns) {
             row.cells[0] = Cell::Text(seconds(stamp));
         }
         let mut values = message.columns;
@@ -235,7 +224,8 @@ impl RecordingRows {
 
     /// The error of topics that have no rows in common.
     fn apart(&self) -> TableError {
-        let names: Vec<&str> = self.topics.iter().map(|topic| topic.name.as_str()).collect();
+        let topics = self.recording.topics.iter();
+        let names: Vec<&str> = topics.map(|topic| topic.name.as_str()).collect();
         KIND.unsupported(format!(
             "its topics {names:?} were logged at times of their own: choose one"
         ))

@@ -35,9 +35,8 @@ pub(super) struct Records {
 
 impl Records {
     pub(super) fn open(file: &FileSource, unpacked: Unpacked) -> Result<Self, TableError> {
-        let file = file.open()?;
         let length = file.length()?;
-        let file = BufReader::with_capacity(1 << 16, file);
+        let file = BufReader::with_capacity(1 << 16, file.open()?);
         let chunk = Vec::new();
         let mut records = Self { file, at: 0, length, chunk, in_chunk: 0, unpacked, ended: false };
         let mut magic = [0; 8];
@@ -97,7 +96,7 @@ impl Records {
                 Ok(None)
             }
             0x03..=0x05 => {
-                let what = || format!("the message at byte {at}");
+                let what = format_args!("the message at byte {at}");
                 let mut content = vec![0; budget::within(KIND, what, length, MESSAGE)?];
                 self.read(&mut content)?;
                 record(kind, &content)
@@ -140,8 +139,8 @@ fn chunk(
     };
     let packed = bytes.u64().and_then(|length| bytes.take(usize::try_from(length).ok()?));
     let packed = packed.ok_or_else(wrong)?;
-    let what = || format!("the chunk at byte {at}");
     count(size)?;
+    let what = format_args!("the chunk at byte {at}");
     let size = budget::check(KIND, what, size, content.len() as u64)?;
     let records = unpack(codec, packed, size)
         .map_err(|what| KIND.damaged(format!("the chunk at byte {at}: {what}")))?;

@@ -34,7 +34,7 @@ const FOOTER: u64 = 4 << 20;
 const VALUES_PER_BYTE: u64 = 2048;
 
 /// A table in a file.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct ParquetTable {
     file: FileSource,
     leaves: Arc<Vec<Leaf>>,
@@ -58,7 +58,7 @@ struct ColumnChunk {
 
 pub(crate) fn open(source: &FileSource) -> Result<NamedRows, TableError> {
     let mut file = source.open()?;
-    let length = file.length()?;
+    let length = source.length()?;
     let footer = footer(&mut file, length)?;
     let leaves = schema::leaves(&footer)?;
     let groups = footer.list(4).ok_or_else(|| KIND.damaged("its footer lists no row groups"))?;
@@ -75,7 +75,7 @@ pub(crate) fn open(source: &FileSource) -> Result<NamedRows, TableError> {
             KIND.damaged(format!("{rows} rows of {} columns in {length} bytes", leaves.len()))
         );
     }
-    if rows > 0 && !leaves.iter().any(|leaf| leaf.kind.is_read()) {
+    if rows > 0 && !leaves.iter().any(|leaf| leaf.kind.opaque().is_none()) {
         return Err(KIND.unsupported("no column of numbers or texts"));
     }
     let names = leaves.iter().map(|leaf| leaf.name.clone()).collect();
@@ -95,7 +95,7 @@ fn footer(file: &mut OpenFile, length: u64) -> Result<Value, TableError> {
         _ => return Err(cut()),
     }
     let bytes = u64::from(u32::from_le_bytes([end[0], end[1], end[2], end[3]]));
-    let size = budget::within(KIND, || "its footer".to_owned(), bytes, FOOTER)?;
+    let size = budget::within(KIND, "its footer", bytes, FOOTER)?;
     let start = before.checked_sub(bytes).ok_or_else(cut)?;
     file.seek(SeekFrom::Start(start))?;
     let mut footer = vec![0; size];
@@ -131,17 +131,16 @@ fn row_group(
             Some(6) => Codec::Zstd,
             Some(7) => Codec::Lz4Block,
             other => {
-                let name = match other {
+                let method = match other {
                     Some(3) => "LZO",
                     Some(4) => "Brotli",
                     Some(5) => "LZ4 as Hadoop does",
                     _ => "an unknown method",
                 };
-                let column = &leaf.name;
-                let what = format!(
-                    "column `{column}` is compressed with {name}, not Snappy, Zstandard or gzip"
-                );
-                return Err(KIND.unsupported(what));
+                return Err(KIND.unsupported(format!(
+                    "column `{}` is compressed with {method}, not Snappy, Zstandard or gzip",
+                    leaf.name
+                )));
             }
         };
         Ok(ColumnChunk { codec, start, bytes })
@@ -163,12 +162,10 @@ impl RowSource for ParquetTable {
         parts: Range<usize>,
         unpacked: Unpacked,
     ) -> Result<Box<dyn RowStream>, TableError> {
-        let file = self.file.open()?;
-        let length = file.length()?;
+        let (file, length) = (self.file.open()?, self.file.length()?);
         Ok(Box::new(ParquetRows {
             source: ParquetSource { file, length, held: 0, unpacked },
-            leaves: Arc::clone(&self.leaves),
-            groups: Arc::clone(&self.groups),
+            table: self.clone(),
             next_groups: parts,
             rows_left: 0,
             columns: Vec::new(),
@@ -187,8 +184,7 @@ struct ParquetSource {
 
 struct ParquetRows {
     source: ParquetSource,
-    leaves: Arc<Vec<Leaf>>,
-    groups: Arc<Vec<RowGroup>>,
+    table: ParquetTable,
     next_groups: Range<usize>,
     /// Of the current row group.
     rows_left: u64,
@@ -199,19 +195,18 @@ impl RowStream for ParquetRows {
     fn next(&mut self, batch: &mut RowBatch) -> Result<bool, TableError> {
         while self.rows_left == 0 {
             let next = self.next_groups.next();
-            let Some(group) = next.and_then(|group| self.groups.get(group)) else {
+            let Some(group) = next.and_then(|group| self.table.groups.get(group)) else {
                 return Ok(false);
             };
             self.rows_left = group.rows;
             self.columns = group.chunks.iter().map(|chunk| ColumnReader::new(*chunk)).collect();
         }
-        let rows = (batch_rows(self.leaves.len()) as u64).min(self.rows_left);
-        batch.resize_with(self.leaves.len(), Vec::new);
+        let leaves = &self.table.leaves;
+        let rows = (batch_rows(leaves.len()) as u64).min(self.rows_left);
+        batch.resize_with(leaves.len(), Vec::new);
         // What the pages of all columns hold at a time.
         self.source.held = self.columns.iter().map(ColumnReader::held).sum();
-        for ((cells, leaf), column) in
-            batch.iter_mut().zip(self.leaves.iter()).zip(&mut self.columns)
-        {
+        for ((cells, leaf), column) in batch.iter_mut().zip(&**leaves).zip(&mut self.columns) {
             cells.clear();
             match leaf.kind.opaque() {
                 Some(_) => cells.resize(rows as usize, Cell::Missing),

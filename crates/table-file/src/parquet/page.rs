@@ -1,8 +1,9 @@
 //! The pages of one column, one at a time.
 
 use std::io::{Read, Seek, SeekFrom};
+use std::sync::Arc;
 
-use super::encoding::{Delta, Hybrid};
+use super::encoding::{deltas, integers, single_bits};
 use super::schema::{Leaf, LeafType};
 use super::{ColumnChunk, KIND, ParquetSource};
 use crate::budget;
@@ -23,7 +24,7 @@ pub(super) struct ColumnReader {
     codec: Codec,
     at: u64,
     end: u64,
-    dictionary: Vec<Cell>,
+    dictionary: Arc<Vec<Cell>>,
     dictionary_bytes: u64,
     page: Option<Page>,
 }
@@ -31,19 +32,13 @@ pub(super) struct ColumnReader {
 /// A page that is being read.
 struct Page {
     left: u64,
-    levels: Option<Hybrid>,
+    levels: Option<Box<dyn Iterator<Item = u64> + Send>>,
     values: PageValues,
     bytes: u64,
 }
 
-enum PageValues {
-    Plain(Vec<u8>, usize),
-    Truths(Hybrid),
-    Indices(Hybrid),
-    Delta(Delta),
-    /// The first bytes of all values, then the second, …: so many values, the next.
-    Split(Vec<u8>, usize, usize),
-}
+/// The values of a page.
+type PageValues = Box<dyn Iterator<Item = Cell> + Send>;
 
 /// What the head of a page says.
 struct Head {
@@ -66,7 +61,7 @@ impl ColumnReader {
             codec: chunk.codec,
             at: chunk.start,
             end: chunk.start + chunk.bytes,
-            dictionary: Vec::new(),
+            dictionary: Arc::default(),
             dictionary_bytes: 0,
             page: None,
         }
@@ -97,7 +92,7 @@ impl ColumnReader {
                 Some(levels) => levels.next().ok_or_else(wrong)? == u64::from(leaf.levels),
             };
             cells.push(match is_there {
-                true => page.values.next(leaf, &self.dictionary).ok_or_else(wrong)?,
+                true => page.values.next().ok_or_else(wrong)?,
                 false => Cell::Missing,
             });
         }
@@ -112,7 +107,7 @@ impl ColumnReader {
         let head = self.head(file, name)?;
         unpacked.add(KIND, head.unpacked, stored)?;
         let held = others + self.dictionary_bytes + head.unpacked;
-        budget::check(KIND, || format!("column `{name}`"), held, stored)?;
+        budget::check(KIND, format_args!("column `{name}`"), held, stored)?;
         file.seek(SeekFrom::Start(self.at + head.bytes))?;
         let mut packed = vec![0; head.packed];
         file.read_exact(&mut packed)?;
@@ -127,24 +122,18 @@ impl ColumnReader {
                 .map_err(|what| KIND.damaged(format!("column `{name}`, a compressed page: {what}")))
         };
         let wrong = || KIND.damaged(format!("column `{name}`: the head of a page"));
-        match head.kind {
+        let (bytes, levels, encoding) = match head.kind {
             DICTIONARY => {
                 let bytes = unpack(&packed, self.codec, head.unpacked)?;
                 let values = count(1).ok_or_else(wrong)?;
                 self.dictionary_bytes =
                     head.unpacked + values.saturating_mul(size_of::<Cell>() as u64);
-                budget::check(
-                    KIND,
-                    || format!("column `{name}`"),
-                    others + self.dictionary_bytes,
-                    stored,
-                )?;
-                let mut plain = PageValues::Plain(bytes, 0);
-                self.dictionary.clear();
-                for _ in 0..values {
-                    let value = plain.next(leaf, &[]).ok_or_else(wrong)?;
-                    self.dictionary.push(value);
-                }
+                let held = others + self.dictionary_bytes;
+                budget::check(KIND, format_args!("column `{name}`"), held, stored)?;
+                let mut plain = plain(bytes, leaf.kind);
+                let cells = (0..values).map(|_| plain.next().ok_or_else(wrong));
+                self.dictionary = Arc::new(cells.collect::<Result<_, _>>()?);
+                return Ok(());
             }
             DATA => {
                 let mut bytes = unpack(&packed, self.codec, head.unpacked)?;
@@ -158,9 +147,7 @@ impl ColumnReader {
                     levels.extend_from_slice(level_bytes.ok_or_else(wrong)?);
                     bytes.drain(..4 + levels.len());
                 }
-                let left = count(1).ok_or_else(wrong)?;
-                let values = self.values(bytes, whole(2), leaf)?;
-                self.page = Some(Page::new(left, levels, values, leaf, head.unpacked));
+                (bytes, levels, whole(2))
             }
             DATA_2 => {
                 let size = |number| count(number).and_then(|size| usize::try_from(size).ok());
@@ -174,14 +161,20 @@ impl ColumnReader {
                     true => Vec::new(),
                     false => unpack(values, codec, unpacked)?,
                 };
-                let values = self.values(values, whole(4), leaf)?;
-                let left = count(1).ok_or_else(wrong)?;
-                let levels = levels[repetition..].to_vec();
-                self.page = Some(Page::new(left, levels, values, leaf, head.unpacked));
+                (values, levels[repetition..].to_vec(), whole(4))
             }
             // An index.
-            _ => {}
+            _ => return Ok(()),
+        };
+        let left = count(1).ok_or_else(wrong)?;
+        let values = self.values(bytes, encoding, leaf)?;
+        let mut page = Page { left, levels: None, values, bytes: head.unpacked };
+        if leaf.levels > 0 {
+            // As many bits as the highest has.
+            let levels = integers(levels, u8::BITS - leaf.levels.leading_zeros());
+            page.levels = Some(Box::new(levels.ok_or_else(wrong)?));
         }
+        self.page = Some(page);
         Ok(())
     }
 
@@ -227,30 +220,46 @@ impl ColumnReader {
         leaf: &Leaf,
     ) -> Result<PageValues, TableError> {
         let wrong = || KIND.damaged(format!("column `{}`: a page of values", leaf.name));
-        let is_whole = match leaf.kind {
-            LeafType::Number(element) => !element.is_real(),
-            kind => matches!(kind, LeafType::Time(..) | LeafType::Days(_)),
-        };
-        Ok(match encoding {
-            Some(0) if leaf.kind == LeafType::Truth => PageValues::Truths(Hybrid::bits(bytes)),
-            Some(0) => PageValues::Plain(bytes, 0),
-            Some(2 | 8) => match bytes.split_first() {
+        let kind = leaf.kind;
+        let is_truth = kind == LeafType::Truth;
+        let is_whole = matches!(
+            kind,
+            LeafType::Number(Element::Signed(_) | Element::Unsigned(_))
+                | LeafType::Time(..)
+                | LeafType::Days(_)
+        );
+        Ok(match (encoding, kind.size()) {
+            (Some(0), _) if is_truth => truths(single_bits(bytes)),
+            (Some(0), _) => plain(bytes, kind),
+            (Some(2 | 8), _) => match bytes.split_first() {
                 // A page without values.
-                None => PageValues::Plain(bytes, 0),
+                None => Box::new(std::iter::empty()),
                 Some((&width, rest)) => {
-                    PageValues::Indices(Hybrid::new(rest.to_vec(), width.into()).ok_or_else(wrong)?)
+                    let indices = integers(rest.to_vec(), width.into()).ok_or_else(wrong)?;
+                    let dictionary = Arc::clone(&self.dictionary);
+                    let value =
+                        move |index: u64| dictionary.get(usize::try_from(index).ok()?).cloned();
+                    Box::new(indices.map_while(value))
                 }
             },
-            Some(3) if leaf.kind == LeafType::Truth => {
+            (Some(3), _) if is_truth => {
                 let runs = bytes.get(4..).ok_or_else(wrong)?.to_vec();
-                PageValues::Truths(Hybrid::new(runs, 1).ok_or_else(wrong)?)
+                truths(integers(runs, 1).ok_or_else(wrong)?)
             }
-            Some(5) if is_whole => PageValues::Delta(Delta::new(bytes).ok_or_else(wrong)?),
-            Some(9) if leaf.kind.size().is_some() => {
-                let count = bytes.len() / leaf.kind.size().unwrap_or(1);
-                PageValues::Split(bytes, count, 0)
+            (Some(5), Some(size)) if is_whole => {
+                let values = deltas(bytes).ok_or_else(wrong)?;
+                // The lowest bytes of the difference are those of shorter numbers.
+                Box::new(values.map(move |value| cell(&value.to_le_bytes()[..size], kind)))
             }
-            other => {
+            // The first bytes of all values, then the second, ….
+            (Some(9), Some(size)) => {
+                let count = bytes.len() / size;
+                let value = move |at: usize| -> Vec<u8> {
+                    (0..size).map(|byte: usize| bytes[byte * count + at]).collect()
+                };
+                Box::new((0..count).map(move |at| cell(&value(at), kind)))
+            }
+            (other, _) => {
                 let name = match other {
                     Some(6) => "DELTA_LENGTH_BYTE_ARRAY".to_owned(),
                     Some(7) => "DELTA_BYTE_ARRAY".to_owned(),
@@ -263,60 +272,32 @@ impl ColumnReader {
     }
 }
 
-impl Page {
-    fn new(left: u64, levels: Vec<u8>, values: PageValues, leaf: &Leaf, bytes: u64) -> Self {
-        let levels = match leaf.levels {
-            0 => None,
-            // As many bits as the highest has.
-            highest => Hybrid::new(levels, u8::BITS - highest.leading_zeros()),
-        };
-        Self { left, levels, values, bytes }
-    }
+fn truths(bits: impl Iterator<Item = u64> + Send + 'static) -> PageValues {
+    Box::new(bits.map(|bit| Cell::Whole(i64::from(bit != 0))))
 }
 
-impl PageValues {
-    fn next(&mut self, leaf: &Leaf, dictionary: &[Cell]) -> Option<Cell> {
-        match self {
-            Self::Plain(bytes, at) => {
-                let size = match leaf.kind.size() {
-                    Some(size) => size,
-                    None => {
-                        let length = ByteReader::new(bytes.get(*at..)?).u32()?;
-                        *at += 4;
-                        usize::try_from(length).ok()?
-                    }
-                };
-                let value = bytes.get(*at..)?.get(..size)?;
-                *at += size;
-                Some(cell(value, leaf))
-            }
-            Self::Truths(truths) => Some(Cell::Whole(i64::from(truths.next()? != 0))),
-            Self::Indices(indices) => {
-                dictionary.get(usize::try_from(indices.next()?).ok()?).cloned()
-            }
-            Self::Delta(delta) => {
-                // The lowest bytes of the difference are those of shorter numbers.
-                Some(cell(&delta.next()?.to_le_bytes()[..leaf.kind.size()?], leaf))
-            }
-            Self::Split(bytes, count, at) => {
-                if at >= count {
-                    return None;
-                }
-                let value: Vec<u8> = bytes.iter().skip(*at).step_by(*count).copied().collect();
-                *at += 1;
-                Some(cell(value.get(..leaf.kind.size()?)?, leaf))
-            }
-        }
-    }
+/// Values one after the other, texts with their lengths before them.
+fn plain(bytes: Vec<u8>, kind: LeafType) -> PageValues {
+    let mut at = 0;
+    Box::new(std::iter::from_fn(move || {
+        let mut rest = ByteReader::new(bytes.get(at..)?);
+        let size = match kind.size() {
+            Some(size) => size,
+            None => usize::try_from(rest.u32()?).ok()?,
+        };
+        let value = rest.take(size)?;
+        at = bytes.len() - rest.rest.len();
+        Some(cell(value, kind))
+    }))
 }
 
 /// The value in some bytes, of which there are as many as its type has.
-fn cell(bytes: &[u8], leaf: &Leaf) -> Cell {
+fn cell(bytes: &[u8], kind: LeafType) -> Cell {
     let date = |element: Element, in_units: i64, per_second| match element.cell(bytes, true) {
         Cell::Whole(value) => Cell::Text(iso_of(value.saturating_mul(in_units), per_second)),
         cell => cell,
     };
-    match leaf.kind {
+    match kind {
         LeafType::Number(element) => element.cell(bytes, true),
         LeafType::Text => Cell::Text(String::from_utf8_lossy(bytes).into_owned()),
         LeafType::DayAndTime => {

@@ -50,10 +50,6 @@ impl LeafType {
             _ => None,
         }
     }
-
-    pub(super) fn is_read(self) -> bool {
-        self.opaque().is_none()
-    }
 }
 
 /// How deep the tree may be.

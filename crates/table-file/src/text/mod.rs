@@ -40,13 +40,8 @@ impl Table {
     pub fn text_by(&self, threads: usize) -> Result<Box<dyn Read + Send>, TableError> {
         let mut text = Vec::new();
         if let Some(names) = self.names() {
-            for (position, name) in names.iter().enumerate() {
-                if position > 0 {
-                    text.push(b',');
-                }
-                write_text(name, &mut text);
-            }
-            text.push(b'\n');
+            let line = names.iter().map(|name| vec![Cell::Text(name.clone())]);
+            write_rows(&line.collect(), &mut text);
         }
         let parts = self.rows.parts();
         if threads > 1 && parts > 1 {

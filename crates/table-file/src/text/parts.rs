@@ -87,44 +87,34 @@ impl Drop for TextOfParts {
     }
 }
 
-/// Makes text of some parts, until an error or until nobody wants more.
+/// Sends the text of some parts, and the error that ends it; until nobody wants more.
 fn work(
     rows: &dyn RowSource,
     parts: impl Iterator<Item = usize>,
     unpacked: &Unpacked,
     pieces: &SyncSender<TextPiece>,
 ) {
-    for part in parts {
-        let send = |text| pieces.send(Ok(Some(text))).is_ok();
-        let end = match write_part(rows, part, unpacked, send) {
-            Ok(true) => Ok(None),
-            Ok(false) => return,
-            Err(error) => Err(error),
-        };
-        let is_error = end.is_err();
-        if pieces.send(end).is_err() || is_error {
-            return;
+    let send_parts = || -> Result<(), TableError> {
+        for part in parts {
+            let mut rows = rows.rows(part..part + 1, unpacked.clone())?;
+            let mut batch = RowBatch::new();
+            while rows.next(&mut batch)? {
+                let mut text = Vec::new();
+                write_rows(&batch, &mut text);
+                if pieces.send(Ok(Some(text))).is_err() {
+                    return Ok(());
+                }
+            }
+            if pieces.send(Ok(None)).is_err() {
+                return Ok(());
+            }
         }
+        Ok(())
+    };
+    if let Err(error) = send_parts() {
+        // Whoever has gone does not miss it.
+        let _ = pieces.send(Err(error));
     }
-}
-
-/// Makes text of a part; `false` if `send` wants no more.
-fn write_part(
-    rows: &dyn RowSource,
-    part: usize,
-    unpacked: &Unpacked,
-    send: impl Fn(Vec<u8>) -> bool,
-) -> Result<bool, TableError> {
-    let mut rows = rows.rows(part..part + 1, unpacked.clone())?;
-    let mut batch = RowBatch::new();
-    while rows.next(&mut batch)? {
-        let mut text = Vec::new();
-        write_rows(&batch, &mut text);
-        if !send(text) {
-            return Ok(false);
-        }
-    }
-    Ok(true)
 }
 
 #[cfg(test)]

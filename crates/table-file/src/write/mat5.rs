@@ -65,12 +65,11 @@ fn variable(name: &str) -> String {
 }
 
 /// Writes a `.mat` file.
-pub(super) fn write<W: Write>(out: &mut W, columns: &[HeldColumn]) -> io::Result<()> {
+pub(super) fn write<W: Write>(out: &mut W, columns: &[HeldColumn], rows: usize) -> io::Result<()> {
     let mut header = b"MATLAB 5.0 MAT-file, written by shellcal".to_vec();
     header.resize(124, b' ');
     header.extend([0, 1, b'I', b'M']);
     out.write_all(&header)?;
-    let rows = columns.iter().map(HeldColumn::rows).max().unwrap_or(0);
     for column in columns {
         let name = variable(&column.name);
         if !column.is_text {

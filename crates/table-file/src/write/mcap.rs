@@ -5,6 +5,8 @@
 
 use std::io::{self, Write};
 
+use crate::bytes::ByteWriter;
+
 /// What a channel carries.
 #[derive(Clone, Debug)]
 pub struct McapChannel {
@@ -181,16 +183,15 @@ const FOOTER: u8 = 0x02;
 /// The name of no compression.
 const UNCOMPRESSED: &str = "";
 
-fn record(kind: u8, content: &[u8]) -> Vec<u8> {
-    let mut bytes = vec![kind];
-    bytes.extend((content.len() as u64).to_le_bytes());
-    bytes.extend(content);
-    bytes
+fn record(kind: u8, content: ByteWriter) -> Vec<u8> {
+    let head = ByteWriter(vec![kind]).u64(content.0.len() as u64);
+    head.bytes(&content.0).0
 }
 
-fn text(bytes: &mut Vec<u8>, text: &str) {
-    bytes.extend((text.len() as u32).to_le_bytes());
-    bytes.extend(text.as_bytes());
+/// The first and last of times, with those of others.
+fn with_times(times: Option<(u64, u64)>, others: (u64, u64)) -> (u64, u64) {
+    let (first, last) = times.unwrap_or(others);
+    (first.min(others.0), last.max(others.1))
 }
 
 impl ChunkBuilder {
@@ -206,15 +207,10 @@ impl ChunkBuilder {
         let start = self.records.len();
         self.index[position].extend_from_slice(&time_ns.to_le_bytes());
         self.index[position].extend_from_slice(&(start as u64).to_le_bytes());
-        let (first, last) = self.times.unwrap_or((time_ns, time_ns));
-        self.times = Some((first.min(time_ns), last.max(time_ns)));
+        self.times = Some(with_times(self.times, (time_ns, time_ns)));
         // Its length when it is known, channel, no sequence number, when it was logged and published.
-        let mut head = [0; 31];
-        head[0] = MESSAGE;
-        head[9..11].copy_from_slice(&(channel + 1).to_le_bytes());
-        head[15..23].copy_from_slice(&time_ns.to_le_bytes());
-        head[23..31].copy_from_slice(&time_ns.to_le_bytes());
-        self.records.extend_from_slice(&head);
+        let records = ByteWriter(std::mem::take(&mut self.records)).bytes(&[MESSAGE]).u64(0);
+        self.records = records.u16(channel + 1).u32(0).u64(time_ns).u64(time_ns).0;
         write(&mut self.records);
         let length = (self.records.len() - start - 9) as u64;
         self.records[start + 1..start + 9].copy_from_slice(&length.to_le_bytes());
@@ -236,14 +232,9 @@ impl McapChunk {
     /// What stands before the messages.
     fn head(&self) -> Vec<u8> {
         let bytes = self.records.len() as u64;
-        let mut content = [self.times.0, self.times.1, bytes].map(u64::to_le_bytes).concat();
-        content.extend(self.checksum.to_le_bytes());
-        text(&mut content, UNCOMPRESSED);
-        content.extend(bytes.to_le_bytes());
-        let mut head = vec![CHUNK];
-        head.extend((content.len() as u64 + bytes).to_le_bytes());
-        head.extend(content);
-        head
+        let content = ByteWriter::default().u64(self.times.0).u64(self.times.1).u64(bytes);
+        let content = content.u32(self.checksum).text(UNCOMPRESSED).u64(bytes).0;
+        ByteWriter(vec![CHUNK]).u64(content.len() as u64 + bytes).bytes(&content).0
     }
 }
 
@@ -266,10 +257,7 @@ impl<W: Write> McapWriter<W> {
         let counts = vec![0; channels.len()];
         let mut writer = Self { out, at: 0, channels, counts, times: None, chunks: Vec::new() };
         writer.bytes(b"\x89MCAP0\r\n")?;
-        let mut header = Vec::new();
-        text(&mut header, "ros2");
-        text(&mut header, library);
-        writer.bytes(&record(HEADER, &header))?;
+        writer.bytes(&record(HEADER, ByteWriter::default().text("ros2").text(library)))?;
         let (schemas, channels) = (writer.schemas(), writer.channels());
         writer.bytes(&schemas)?;
         writer.bytes(&channels)?;
@@ -284,9 +272,8 @@ impl<W: Write> McapWriter<W> {
     fn schemas(&self) -> Vec<u8> {
         let schema = |(position, channel): (usize, &McapChannel)| {
             let (name, language, definition) = channel.schema.as_ref()?;
-            let mut content = (position as u16 + 1).to_le_bytes().to_vec();
-            [name, language, &**definition].iter().for_each(|part| text(&mut content, part));
-            Some(record(SCHEMA, &content))
+            let content = ByteWriter::default().u16(position as u16 + 1);
+            Some(record(SCHEMA, content.text(name).text(language).text(definition)))
         };
         self.channels.iter().enumerate().filter_map(schema).flatten().collect()
     }
@@ -296,17 +283,12 @@ impl<W: Write> McapWriter<W> {
             let number = position as u16 + 1;
             // No schema is that of number 0.
             let schema = if channel.schema.is_some() { number } else { 0 };
-            let mut content = [number.to_le_bytes(), schema.to_le_bytes()].concat();
-            text(&mut content, &channel.topic);
-            text(&mut content, channel.encoding);
-            let mut metadata = Vec::new();
-            for (name, value) in &channel.metadata {
-                text(&mut metadata, name);
-                text(&mut metadata, value);
-            }
-            content.extend((metadata.len() as u32).to_le_bytes());
-            content.extend(metadata);
-            record(CHANNEL, &content)
+            let content = ByteWriter::default().u16(number).u16(schema);
+            let content = content.text(&channel.topic).text(channel.encoding);
+            let metadata = channel.metadata.iter();
+            let metadata = metadata
+                .fold(ByteWriter::default(), |all, (name, value)| all.text(name).text(value));
+            record(CHANNEL, content.block(&metadata.0))
         };
         self.channels.iter().enumerate().flat_map(channel).collect()
     }
@@ -320,29 +302,23 @@ impl<W: Write> McapWriter<W> {
         self.bytes(&chunk.head())?;
         self.bytes(&chunk.records)?;
         let index_start = self.at;
-        let mut offsets = Vec::new();
+        let mut offsets = ByteWriter::default();
         for (position, messages) in chunk.index.iter().enumerate().filter(|(_, it)| !it.is_empty())
         {
             let number = position as u16 + 1;
-            offsets.extend(number.to_le_bytes());
-            offsets.extend(self.at.to_le_bytes());
-            let mut content = number.to_le_bytes().to_vec();
-            content.extend((messages.len() as u32).to_le_bytes());
-            content.extend_from_slice(messages);
-            self.bytes(&record(MESSAGE_INDEX, &content))?;
+            offsets = offsets.u16(number).u64(self.at);
+            let content = ByteWriter::default().u16(number).block(messages);
+            self.bytes(&record(MESSAGE_INDEX, content))?;
             self.counts[position] += (messages.len() / INDEX_BYTES) as u64;
         }
-        let numbers = [chunk.times.0, chunk.times.1, start, index_start - start];
-        let mut content = numbers.map(u64::to_le_bytes).concat();
-        content.extend((offsets.len() as u32).to_le_bytes());
-        content.extend(offsets);
-        content.extend((self.at - index_start).to_le_bytes());
-        text(&mut content, UNCOMPRESSED);
+        let (first, last) = chunk.times;
+        let content = ByteWriter::default().u64(first).u64(last).u64(start);
+        let content = content.u64(index_start - start).block(&offsets.0);
         // Compressed and uncompressed size.
-        content.extend([chunk.records.len() as u64; 2].map(u64::to_le_bytes).concat());
-        self.chunks.push(record(CHUNK_INDEX, &content));
-        let (first, last) = self.times.unwrap_or(chunk.times);
-        self.times = Some((first.min(chunk.times.0), last.max(chunk.times.1)));
+        let bytes = chunk.records.len() as u64;
+        let content = content.u64(self.at - index_start).text(UNCOMPRESSED).u64(bytes).u64(bytes);
+        self.chunks.push(record(CHUNK_INDEX, content));
+        self.times = Some(with_times(self.times, chunk.times));
         Ok(())
     }
 
@@ -352,7 +328,7 @@ impl<W: Write> McapWriter<W> {
     /// What the system says.
     pub fn finish(&mut self) -> io::Result<()> {
         // Without a checksum of the data: each chunk has its own.
-        self.bytes(&record(DATA_END, &[0; 4]))?;
+        self.bytes(&record(DATA_END, ByteWriter::default().u32(0)))?;
         let start = self.at;
         let groups = [
             (SCHEMA, self.schemas()),
@@ -362,40 +338,29 @@ impl<W: Write> McapWriter<W> {
         ];
         let (mut summary, mut offsets) = (Vec::new(), Vec::new());
         for (kind, records) in groups.iter().filter(|(_, records)| !records.is_empty()) {
-            let mut content = vec![*kind];
-            content.extend((start + summary.len() as u64).to_le_bytes());
-            content.extend((records.len() as u64).to_le_bytes());
-            offsets.extend(record(SUMMARY_OFFSET, &content));
+            let content = ByteWriter(vec![*kind]).u64(start + summary.len() as u64);
+            offsets.extend(record(SUMMARY_OFFSET, content.u64(records.len() as u64)));
             summary.extend(records);
         }
         let offsets_start = start + summary.len() as u64;
         summary.extend(offsets);
         // The checksum covers the summary and the footer before it.
-        summary.push(FOOTER);
-        summary.extend([20, start, offsets_start].map(u64::to_le_bytes).concat());
-        let checksum = crc32fast::hash(&summary);
-        summary.extend(checksum.to_le_bytes());
-        summary.extend(b"\x89MCAP0\r\n");
-        self.bytes(&summary)?;
+        let summary = ByteWriter(summary).bytes(&[FOOTER]).u64(20).u64(start).u64(offsets_start);
+        let checksum = crc32fast::hash(&summary.0);
+        self.bytes(&summary.u32(checksum).bytes(b"\x89MCAP0\r\n").0)?;
         self.out.flush()
     }
 
     fn statistics(&self) -> Vec<u8> {
         let (first, last) = self.times.unwrap_or_default();
-        let mut content = self.counts.iter().sum::<u64>().to_le_bytes().to_vec();
         let schemas = self.channels.iter().filter(|channel| channel.schema.is_some()).count();
-        content.extend((schemas as u16).to_le_bytes());
-        content.extend((self.channels.len() as u32).to_le_bytes());
+        let content = ByteWriter::default().u64(self.counts.iter().sum()).u16(schemas as u16);
         // No attachments, no metadata.
-        content.extend([0; 8]);
-        content.extend((self.chunks.len() as u32).to_le_bytes());
-        content.extend(first.to_le_bytes());
-        content.extend(last.to_le_bytes());
-        content.extend((10 * self.counts.len() as u32).to_le_bytes());
-        for (position, count) in self.counts.iter().enumerate() {
-            content.extend((position as u16 + 1).to_le_bytes());
-            content.extend(count.to_le_bytes());
-        }
-        record(STATISTICS, &content)
+        let content = content.u32(self.channels.len() as u32).u32(0).u32(0);
+        let content = content.u32(self.chunks.len() as u32).u64(first).u64(last);
+        let numbered = (1..).zip(&self.counts);
+        let counts = numbered
+            .fold(ByteWriter::default(), |all, (number, count)| all.u16(number).u64(*count));
+        record(STATISTICS, content.block(&counts.0))
     }
 }

@@ -8,35 +8,43 @@ pub mod mcap;
 mod npy;
 mod parquet;
 
+use std::borrow::Cow;
 use std::io::{self, Write};
 
-pub use parquet::{Cells, ParquetWriter, parquet_file};
+pub use parquet::ParquetWriter;
+pub(crate) use parquet::parquet_file;
 
 /// Some rows of a column.
-#[derive(Clone, Copy, Debug)]
-pub enum ColumnValues<'a> {
-    /// Numbers.
-    Numbers(&'a [f64]),
-    /// Texts.
-    Texts(&'a [String]),
+#[derive(Clone, Debug, PartialEq)]
+pub enum Cells<'a> {
+    /// Names and remarks.
+    Text(Cow<'a, [String]>),
+    /// Numbers, some of which may be missing.
+    Number(Cow<'a, [Option<f64>]>),
+    /// Numbers that are all there.
+    Full(Cow<'a, [f64]>),
+    /// Counts, some of which may be missing.
+    Count(Cow<'a, [Option<u64>]>),
 }
 
-impl ColumnValues<'_> {
-    fn len(&self) -> usize {
+impl Cells<'_> {
+    pub(crate) fn len(&self) -> usize {
         match self {
-            Self::Numbers(values) => values.len(),
-            Self::Texts(values) => values.len(),
+            Self::Text(values) => values.len(),
+            Self::Number(values) => values.len(),
+            Self::Full(values) => values.len(),
+            Self::Count(values) => values.len(),
         }
     }
 }
 
 /// What writes a table: as many columns as it was made with, of the same types.
 pub trait TableWriter {
-    /// Adds rows.
+    /// Adds rows; to [`HeldTable`] those of columns without missing numbers.
     ///
     /// # Errors
     /// What the system says.
-    fn write(&mut self, columns: &[ColumnValues<'_>]) -> io::Result<()>;
+    fn write(&mut self, columns: &[Cells<'_>]) -> io::Result<()>;
 
     /// Writes what is left, and the end.
     ///
@@ -49,8 +57,12 @@ pub trait TableWriter {
 pub struct HeldTable<W> {
     out: W,
     columns: Vec<HeldColumn>,
-    format: fn(&mut W, &[HeldColumn]) -> io::Result<()>,
+    rows: usize,
+    format: Format<W>,
 }
+
+/// Writes so many rows of columns.
+type Format<W> = fn(&mut W, &[HeldColumn], usize) -> io::Result<()>;
 
 /// A column: its values are in the one list or in the other.
 struct HeldColumn {
@@ -58,12 +70,6 @@ struct HeldColumn {
     is_text: bool,
     numbers: Vec<f64>,
     texts: Vec<String>,
-}
-
-impl HeldColumn {
-    fn rows(&self) -> usize {
-        self.numbers.len().max(self.texts.len())
-    }
 }
 
 impl<W: Write> HeldTable<W> {
@@ -78,34 +84,35 @@ impl<W: Write> HeldTable<W> {
         Self::new(out, columns, mat5::write)
     }
 
-    fn new(
-        out: W,
-        columns: &[(String, bool)],
-        format: fn(&mut W, &[HeldColumn]) -> io::Result<()>,
-    ) -> Self {
+    fn new(out: W, columns: &[(String, bool)], format: Format<W>) -> Self {
         let column = |(name, is_text): &(String, bool)| HeldColumn {
             name: name.clone(),
             is_text: *is_text,
             numbers: Vec::new(),
             texts: Vec::new(),
         };
-        Self { out, columns: columns.iter().map(column).collect(), format }
+        Self { out, columns: columns.iter().map(column).collect(), rows: 0, format }
     }
 }
 
 impl<W: Write> TableWriter for HeldTable<W> {
-    fn write(&mut self, columns: &[ColumnValues<'_>]) -> io::Result<()> {
+    fn write(&mut self, columns: &[Cells<'_>]) -> io::Result<()> {
+        self.rows += columns.first().map_or(0, Cells::len);
         for (held, values) in self.columns.iter_mut().zip(columns) {
             match values {
-                ColumnValues::Numbers(values) => held.numbers.extend_from_slice(values),
-                ColumnValues::Texts(values) => held.texts.extend_from_slice(values),
+                Cells::Full(values) => held.numbers.extend_from_slice(values),
+                Cells::Text(values) => held.texts.extend_from_slice(values),
+                // These files have nothing for a number that is missing.
+                Cells::Number(_) | Cells::Count(_) => {
+                    return Err(io::ErrorKind::Unsupported.into());
+                }
             }
         }
         Ok(())
     }
 
     fn finish(&mut self) -> io::Result<()> {
-        (self.format)(&mut self.out, &self.columns)?;
+        (self.format)(&mut self.out, &self.columns, self.rows)?;
         self.out.flush()
     }
 }

@@ -5,8 +5,7 @@ use std::io::{self, Write};
 use super::HeldColumn;
 
 /// Writes an `.npy` file.
-pub(super) fn write<W: Write>(out: &mut W, columns: &[HeldColumn]) -> io::Result<()> {
-    let rows = columns.iter().map(HeldColumn::rows).max().unwrap_or(0);
+pub(super) fn write<W: Write>(out: &mut W, columns: &[HeldColumn], rows: usize) -> io::Result<()> {
     let mut fields = Vec::new();
     let mut widths = Vec::new();
     for column in columns {

@@ -5,8 +5,9 @@
 //! describes the groups, is all that is kept of them.
 
 use std::io::{self, Write};
+use std::ops::Range;
 
-use super::{ColumnValues, TableWriter};
+use super::{Cells, TableWriter};
 use crate::bytes::push_varint;
 use crate::thrift::Value::{self, Int, List, Struct, Whole};
 
@@ -33,57 +34,6 @@ const SNAPPY: i32 = 1;
 /// How many rows of a table in memory become one row group.
 const GROUP_ROWS: usize = 1 << 16;
 
-/// Some rows of a column.
-#[derive(Clone, Copy, Debug)]
-pub enum Cells<'a> {
-    /// Numbers.
-    Numbers(&'a [f64]),
-    /// Numbers, some of which may be missing.
-    OptionalNumbers(&'a [Option<f64>]),
-    /// Counts, some of which may be missing.
-    OptionalCounts(&'a [Option<u64>]),
-    /// Texts.
-    Texts(&'a [String]),
-}
-
-impl<'a> From<ColumnValues<'a>> for Cells<'a> {
-    fn from(values: ColumnValues<'a>) -> Self {
-        match values {
-            ColumnValues::Numbers(values) => Self::Numbers(values),
-            ColumnValues::Texts(values) => Self::Texts(values),
-        }
-    }
-}
-
-impl Cells<'_> {
-    pub(crate) fn len(&self) -> usize {
-        match self {
-            Self::Numbers(values) => values.len(),
-            Self::OptionalNumbers(values) => values.len(),
-            Self::OptionalCounts(values) => values.len(),
-            Self::Texts(values) => values.len(),
-        }
-    }
-
-    fn slice(self, start: usize, end: usize) -> Self {
-        match self {
-            Self::Numbers(values) => Self::Numbers(&values[start..end]),
-            Self::OptionalNumbers(values) => Self::OptionalNumbers(&values[start..end]),
-            Self::OptionalCounts(values) => Self::OptionalCounts(&values[start..end]),
-            Self::Texts(values) => Self::Texts(&values[start..end]),
-        }
-    }
-
-    fn kind(self) -> ColumnType {
-        match self {
-            Self::Numbers(_) => ColumnType { physical: DOUBLE, repetition: REQUIRED },
-            Self::OptionalNumbers(_) => ColumnType { physical: DOUBLE, repetition: OPTIONAL },
-            Self::OptionalCounts(_) => ColumnType { physical: INT64, repetition: OPTIONAL },
-            Self::Texts(_) => ColumnType { physical: BYTE_ARRAY, repetition: REQUIRED },
-        }
-    }
-}
-
 /// What a column is in the schema.
 #[derive(Clone, Copy, Debug)]
 struct ColumnType {
@@ -91,18 +41,30 @@ struct ColumnType {
     repetition: i32,
 }
 
+impl ColumnType {
+    fn new(cells: &Cells<'_>) -> Self {
+        let (physical, repetition) = match cells {
+            Cells::Text(_) => (BYTE_ARRAY, REQUIRED),
+            Cells::Number(_) => (DOUBLE, OPTIONAL),
+            Cells::Full(_) => (DOUBLE, REQUIRED),
+            Cells::Count(_) => (INT64, OPTIONAL),
+        };
+        Self { physical, repetition }
+    }
+}
+
 /// A table in memory as a Parquet file.
 ///
 /// # Errors
 /// [`io::Error`] if a page takes more than the 2 GB that it may have.
-pub fn parquet_file(columns: &[(&str, Cells<'_>)]) -> io::Result<Vec<u8>> {
+pub(crate) fn parquet_file(columns: &[(String, Cells<'_>)]) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    let kinds = columns.iter().map(|(name, cells)| ((*name).to_owned(), cells.kind())).collect();
-    let mut writer = ParquetWriter::from_kinds(&mut bytes, kinds)?;
+    let kinds = columns.iter().map(|(name, cells)| (name.clone(), ColumnType::new(cells)));
+    let mut writer = ParquetWriter::from_kinds(&mut bytes, kinds.collect())?;
     let rows = columns.first().map_or(0, |(_, cells)| cells.len());
     for start in (0..rows).step_by(GROUP_ROWS) {
-        let end = rows.min(start + GROUP_ROWS);
-        writer.group(columns.iter().map(|(_, cells)| cells.slice(start, end)))?;
+        let cells = columns.iter().map(|(_, cells)| cells);
+        writer.group(cells, start..rows.min(start + GROUP_ROWS))?;
     }
     writer.finish()?;
     Ok(bytes)
@@ -124,9 +86,11 @@ impl<W: Write> ParquetWriter<W> {
     /// # Errors
     /// What the system says.
     pub fn new(out: W, columns: &[(String, bool)]) -> io::Result<Self> {
-        let kind = |is_text| if is_text { Cells::Texts(&[]) } else { Cells::Numbers(&[]) }.kind();
-        let columns = columns.iter().map(|(name, is_text)| (name.clone(), kind(*is_text)));
-        Self::from_kinds(out, columns.collect())
+        let kind = |(name, is_text): &(String, bool)| {
+            let physical = if *is_text { BYTE_ARRAY } else { DOUBLE };
+            (name.clone(), ColumnType { physical, repetition: REQUIRED })
+        };
+        Self::from_kinds(out, columns.iter().map(kind).collect())
     }
 
     fn from_kinds(mut out: W, columns: Vec<(String, ColumnType)>) -> io::Result<Self> {
@@ -135,12 +99,15 @@ impl<W: Write> ParquetWriter<W> {
     }
 
     /// Writes rows as a group.
-    fn group<'a>(&mut self, columns: impl Iterator<Item = Cells<'a>>) -> io::Result<()> {
-        let start = self.at;
-        let (mut rows, mut chunks) = (0, Vec::new());
+    fn group<'a>(
+        &mut self,
+        columns: impl Iterator<Item = &'a Cells<'a>>,
+        range: Range<usize>,
+    ) -> io::Result<()> {
+        let (start, rows) = (self.at, range.len() as i64);
+        let mut chunks = Vec::new();
         for cells in columns {
-            rows = cells.len() as i64;
-            let chunk = EncodedChunk::new(cells)?;
+            let chunk = EncodedChunk::new(cells, range.clone())?;
             self.out.write_all(&chunk.bytes)?;
             chunks.push((self.at as i64, chunk));
             self.at += chunks.last().map_or(0, |(_, chunk)| chunk.bytes.len() as u64);
@@ -185,10 +152,10 @@ impl<W: Write> ParquetWriter<W> {
 }
 
 impl<W: Write> TableWriter for ParquetWriter<W> {
-    fn write(&mut self, columns: &[ColumnValues<'_>]) -> io::Result<()> {
-        match columns.first().map_or(0, ColumnValues::len) {
+    fn write(&mut self, columns: &[Cells<'_>]) -> io::Result<()> {
+        match columns.first().map_or(0, Cells::len) {
             0 => Ok(()),
-            _ => self.group(columns.iter().map(|&values| values.into())),
+            rows => self.group(columns.iter(), 0..rows),
         }
     }
 
@@ -213,24 +180,27 @@ struct EncodedChunk {
 }
 
 impl EncodedChunk {
-    fn new(cells: Cells<'_>) -> io::Result<Self> {
+    fn new(cells: &Cells<'_>, rows: Range<usize>) -> io::Result<Self> {
+        let count = Int(rows.len() as i32);
         let mut values = Vec::new();
         let (mut missing, mut codec) = (0, UNCOMPRESSED);
         match cells {
-            Cells::Numbers(numbers) => {
-                plain(&mut values, numbers.iter().map(|value| value.to_le_bytes()));
+            Cells::Full(numbers) => {
+                plain(&mut values, numbers[rows].iter().map(|value| value.to_le_bytes()));
             }
-            Cells::OptionalNumbers(numbers) => {
+            Cells::Number(numbers) => {
+                let numbers = &numbers[rows];
                 missing = levels(&mut values, numbers)?;
                 plain(&mut values, numbers.iter().flatten().map(|value| value.to_le_bytes()));
             }
-            Cells::OptionalCounts(counts) => {
+            Cells::Count(counts) => {
+                let counts = &counts[rows];
                 missing = levels(&mut values, counts)?;
                 plain(&mut values, counts.iter().flatten().map(|&count| count.to_le_bytes()));
             }
-            Cells::Texts(texts) => {
+            Cells::Text(texts) => {
                 codec = SNAPPY;
-                for text in texts {
+                for text in &texts[rows] {
                     let length = u32::try_from(text.len()).map_err(io::Error::other)?;
                     values.extend(length.to_le_bytes());
                     values.extend_from_slice(text.as_bytes());
@@ -245,7 +215,6 @@ impl EncodedChunk {
         };
         let packed = i32::try_from(content.len()).map_err(long)?;
         let mut bytes = Vec::new();
-        let count = Int(cells.len() as i32);
         let page = vec![(1, count), (2, Int(PLAIN)), (3, Int(RUNS)), (4, Int(RUNS))];
         let head = Struct(vec![
             (1, Int(DATA_PAGE)),
@@ -299,7 +268,7 @@ fn levels<T>(bytes: &mut Vec<u8>, values: &[Option<T>]) -> io::Result<i64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::parquet::encoding::Hybrid;
+    use crate::parquet::encoding::integers;
 
     #[test]
     fn levels_read_back_as_the_values_that_are_there() {
@@ -311,7 +280,7 @@ mod tests {
             assert_eq!(missing, count.div_ceil(3) as i64);
             let (length, bits) = bytes.split_first_chunk().unwrap();
             assert_eq!(u32::from_le_bytes(*length) as usize, bits.len());
-            let mut reader = Hybrid::new(bits.to_vec(), 1).unwrap();
+            let mut reader = integers(bits.to_vec(), 1).unwrap();
             let found: Vec<_> = values.iter().map(|_| reader.next().unwrap() == 1).collect();
             assert_eq!(found, values.iter().map(Option::is_some).collect::<Vec<_>>());
         }

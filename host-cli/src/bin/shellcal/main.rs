@@ -63,7 +63,7 @@ fn run(
     matches: ArgMatches,
     printer: &printer::Printer,
 ) -> anyhow::Result<printer::Outcome> {
-    instructions::chosen()?;
+    instructions::chosen().map_err(anyhow::Error::msg)?;
     let words: Vec<_> = std::env::args_os().collect();
     let configured = config::configure(words.clone(), command, config, matches)?;
     let args = parsed(command, &configured.matches);

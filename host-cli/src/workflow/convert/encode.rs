@@ -6,7 +6,7 @@ use std::io::{self, Write};
 use table_file::write::mcap::{
     ChunkBuilder, McapChannel, McapChunk, McapWriter, static_transform, wrench_stamped,
 };
-use table_file::write::{ColumnValues, HeldTable, ParquetWriter, TableWriter};
+use table_file::write::{Cells, HeldTable, ParquetWriter, TableWriter};
 
 use super::frames::{ConvertedFrames, append};
 use super::options::{OutputFormat, RecordingFrame};
@@ -243,9 +243,9 @@ impl EncodedColumns {
         if self.rows() == 0 {
             return Ok(());
         }
-        let mut values: Vec<ColumnValues<'_>> =
-            self.numbers.iter().map(|column| ColumnValues::Numbers(column)).collect();
-        values.extend(self.texts.iter().map(|column| ColumnValues::Texts(column)));
+        let mut values: Vec<Cells<'_>> =
+            self.numbers.iter().map(|column| Cells::Full(column.into())).collect();
+        values.extend(self.texts.iter().map(|column| Cells::Text(column.into())));
         writer.write(&values)
     }
 }

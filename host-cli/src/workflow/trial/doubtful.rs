@@ -2,7 +2,6 @@
 
 use super::job::TrialJob;
 use log_file::{LogError, Wanted};
-use shell_data::BlockLines;
 use shell_data::block::Block;
 
 /// Rows of one log that are named.
@@ -35,7 +34,7 @@ pub fn doubtful_rows(
     };
     let are_stale = log.repeats_are_stale();
     let wanted = Wanted { time: true, readings: true, ..Wanted::default() };
-    let look = |block: &mut Block| -> Vec<((u64, usize), String)> {
+    let look = |block: &mut Block| -> Vec<(u64, String)> {
         let fresh = if are_stale { block.fresh_rows() } else { vec![true; block.rows] };
         let words = |row: usize| {
             let time_s = block.time_s[row];
@@ -46,7 +45,7 @@ pub fn doubtful_rows(
             let doubts = readings.filter_map(|(channel, column)| doubt(channel, column[row]));
             let doubts: Vec<String> = doubts.collect();
             let words = || format!("{time_s:.3} s: {}", doubts.join("; "));
-            (!doubts.is_empty()).then(|| ((block.offset, row), words()))
+            (!doubts.is_empty()).then(|| (block.lines.line(row), words()))
         };
         (0..block.rows).filter_map(words).collect()
     };
@@ -57,7 +56,5 @@ pub fn doubtful_rows(
         first.extend(found.into_iter().take(room));
         Ok::<_, LogError>(())
     })?;
-    let (rows, words): (Vec<_>, Vec<String>) = first.into_iter().unzip();
-    let lines = log.lines_of_rows(&wanted, &rows, &BlockLines::default())?;
-    Ok((lines.into_iter().zip(words).collect(), count))
+    Ok((first, count))
 }

@@ -1,5 +1,5 @@
 use proptest::prelude::*;
-use shell_data::instructions::available;
+use shell_data::instructions::{arch, available};
 
 use super::*;
 
@@ -8,14 +8,13 @@ const NUMBERS: usize = 2;
 fn plan() -> RowPlan {
     let names = ["time", "group", "talk", "fx"].map(str::to_owned).to_vec();
     let uses = vec![ColumnUse::Number, ColumnUse::Skip, ColumnUse::Skip, ColumnUse::Number];
-    let texts = vec![2];
-    RowPlan { separator: b',', uses, group: Some(1), texts, names, largest_reading: 65_535.0 }
+    RowPlan { separator: b',', uses, labels: vec![2, 1], names, largest_reading: 65_535.0 }
 }
 
 fn parse(instructions: Arch, lines: &[u8], skip: bool) -> (Result<(), RowError>, ParsedRows) {
     let mut parsed = ParsedRows::default();
     parsed.clear(NUMBERS, 0);
-    let result = plan().parse_lines_by(instructions, lines, skip, &mut parsed);
+    let result = plan().parse_lines(instructions, lines, skip, &mut parsed);
     parsed.finish();
     (result, parsed)
 }
@@ -36,6 +35,8 @@ fn parse_slowly(lines: &[u8], skip: bool) -> (Result<(), RowError>, ParsedRows) 
             if let Err(error) = finish_row(result, offset, skip, &mut parsed) {
                 return (Err(error), parsed);
             }
+        } else if offset < lines.len() {
+            parsed.pass_lines(1);
         }
         offset += line.len() + 1;
     }
@@ -113,18 +114,40 @@ fn a_carriage_return_within_a_line_ends_no_row() {
 }
 
 #[test]
+fn quotes_around_whole_fields_say_nothing() {
+    let plain = "1,a,x,2\r\n\n3,b,,4.5\n-0.25,b,y,17";
+    for quoted in [
+        "\"1\",\"a\",\"x\",\"2\"\r\n\"\"\n3,\"b\",\"\",\"4.5\"\n\"-0.25\",b,y,\"17\"",
+        // One that is needed has all lines read one by one.
+        "1,a,\"x\",2\r\n\n3,\"b\",,4.5\n-0.25,b,\"y\",17\n\"# a \"\"remark\"\"\",\"a,b\"",
+    ] {
+        for (name, instructions) in available() {
+            let (result, found) = parse(instructions, quoted.as_bytes(), true);
+            let (_, expected) = parse(instructions, plain.as_bytes(), true);
+            assert!(result.is_ok(), "{name}");
+            assert_eq!((found.rows, &found.labels), (3, &expected.labels), "{name}");
+            assert_eq!(bits(&found), bits(&expected), "{name}");
+        }
+    }
+    let wrong = "\"1\",\"a\",\"x\",\"2\"\r\n\"oops\",a,,2\n";
+    let error = parse(arch(), wrong.as_bytes(), false).0.unwrap_err();
+    assert_eq!(error.offset, 17);
+    assert!(matches!(error.problem, RowProblem::Field { column: 0, found, .. } if found == "oops"));
+}
+
+#[test]
 fn readings_that_no_converter_gives_and_loads_that_no_sensor_measures_are_wrong() {
     let uses = vec![ColumnUse::Number, ColumnUse::Reading, ColumnUse::Load];
     let names = ["t", "s1", "fx"].map(str::to_owned).to_vec();
-    let (group, texts) = (Some(1), Vec::new());
-    let plan = RowPlan { separator: b',', uses, group, texts, names, largest_reading: 65_535.0 };
+    let labels = vec![1];
+    let plan = RowPlan { separator: b',', uses, labels, names, largest_reading: 65_535.0 };
     let right = "1e63,1063,-1e15\n";
     for position in [0, 1, 40, 300] {
         for wrong in ["1,1e63,0", "1,-65536,0", "1,65535.1,0", "1,0,1e200", "1,0,-1.1e15"] {
             let lines = format!("{}{wrong}\n{right}", right.repeat(position));
             let mut parsed = ParsedRows::default();
             parsed.clear(3, 0);
-            let error = plan.parse_lines(lines.as_bytes(), false, &mut parsed).unwrap_err();
+            let error = plan.parse_lines(arch(), lines.as_bytes(), false, &mut parsed).unwrap_err();
             let RowProblem::Field { problem, .. } = &error.problem else { panic!("{error:?}") };
             let is_unbelievable = matches!(
                 problem,
@@ -133,7 +156,7 @@ fn readings_that_no_converter_gives_and_loads_that_no_sensor_measures_are_wrong(
             assert!(is_unbelievable, "{error:?}");
             assert_eq!(error.offset, position * right.len());
             parsed.clear(3, 0);
-            plan.parse_lines(lines.as_bytes(), true, &mut parsed).unwrap();
+            plan.parse_lines(arch(), lines.as_bytes(), true, &mut parsed).unwrap();
             assert_eq!((parsed.rows, parsed.skipped), (position + 1, 1));
         }
     }

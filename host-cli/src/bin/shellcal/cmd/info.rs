@@ -94,7 +94,7 @@ fn summary(log: &Log, args: &MappingArgs, printer: &Printer) -> anyhow::Result<I
     Ok(Info {
         file: log.path().display().to_string(),
         format: log.table_kind().map_or(format_name(log.format()), FileKind::key),
-        compressed: log.is_compressed(),
+        compressed: log.compression().is_some(),
         bytes: log.bytes(),
         rows: summary.rows,
         skipped_rows: read.skipped_rows,
@@ -116,7 +116,7 @@ fn outliers(log: &Log, args: &MappingArgs) -> anyhow::Result<NamedOutliers> {
     let rows = read_logs(log, &wanted, &args.read_options())?;
     let workers = Workers::new(args.threads.map_or(0, usize::from));
     let found = find_outliers(&rows, &FitOptions { workers, ..FitOptions::default() })?;
-    Ok(NamedOutliers::new(found, log, &rows, &wanted)?)
+    Ok(NamedOutliers::new(found, log, &rows))
 }
 
 /// What is said about a log; the field names are those of the JSON document.
@@ -301,7 +301,7 @@ impl ColumnInfo {
     fn new(position: usize, column: &Column, summary: &LogSummary) -> Self {
         let values = match column.meaning {
             Meaning::Sensor(channel) => summary.readings.get(channel),
-            Meaning::Force(axis, _) | Meaning::Moment(axis, _) => summary.wrench.get(axis.index()),
+            Meaning::Load(axis, _) => summary.wrench.get(axis.index()),
             _ => None,
         };
         Self {

@@ -12,7 +12,7 @@ use calibration_file::{CalibrationFile, Origin, matrix};
 use figures::fit_figure;
 use indicatif::ProgressBar;
 use load_table::HungLoads;
-use log_file::{Log, ReadOptions, Wanted};
+use log_file::{Log, ReadOptions};
 use output_file::AtomicFile;
 use report::OutlierTable;
 use shell_data::hint::quoted;
@@ -133,19 +133,15 @@ impl<'a> FitPlan<'a> {
 
     /// Names the outliers, and lists the rows that were left out.
     pub(super) fn name_rows(&mut self, data: &FitData, fitted: &Fit) -> anyhow::Result<NamedRows> {
-        // Where no row was wrong, lines are counted without what is in them.
-        let anything = Wanted::default();
-        let wanted = if fitted.skipped_rows == 0 { &anything } else { &data.wanted };
         let output = self.dropped.take();
-        let name =
-            |found: &Outliers| NamedOutliers::new(found.clone(), &self.train, &data.train, wanted);
-        let dropped = output.is_some().then(|| name(&fitted.dropped)).transpose()?;
+        let name = |found: &Outliers| NamedOutliers::new(found.clone(), &self.train, &data.train);
+        let dropped = output.is_some().then(|| name(&fitted.dropped));
         if let (Some(rows), Some(mut output)) = (&dropped, output) {
             rows.write(&mut output)?;
             output.commit()?;
         }
         let used = fitted.outliers.as_ref().and_then(|found| found.as_ref().ok());
-        Ok(NamedRows { used: used.map(name).transpose()?, dropped })
+        Ok(NamedRows { used: used.map(name), dropped })
     }
 
     /// Says what is to be known of a fit beside its figures.

@@ -6,7 +6,7 @@ use calibration::scaling::Scaling;
 use calibration::{Basis, Calibration, Model};
 use calibration_file::payload_file::PayloadFile;
 use forces::RowRule;
-use log_file::{ColumnRef, Log, Mapping, Meaning, MomentUnit, Wanted};
+use log_file::{ColumnRef, Log, Mapping, Meaning, Wanted};
 use shell_data::wrench::{Axes, Axis, PerAxis};
 use shellcal::workflow::convert::{
     Conversion, ConvertOptions, OutputFormat, OutputPlan, RecordingFrame, TableColumns, convert,
@@ -99,15 +99,10 @@ fn wrench_log(path: &InputPath, mapping: Mapping) -> anyhow::Result<(Log, Calibr
     let log = Log::open(path, &mapping)?;
     log.require(&Wanted { time: true, wrench: true, ..Wanted::default() })?;
     log.require_axes(Axes::ALL)?;
-    let unit = |is_milli: bool| if is_milli { 1e-3 } else { 1.0 };
     let mut columns: PerAxis<(usize, f64)> = Default::default();
     for (position, column) in log.columns().iter().enumerate() {
-        match column.meaning {
-            Meaning::Force(axis, milli) => columns[axis.index()] = (position, unit(milli)),
-            Meaning::Moment(axis, of) => {
-                columns[axis.index()] = (position, unit(of == MomentUnit::MillinewtonMetre));
-            }
-            _ => {}
+        if let Meaning::Load(axis, is_milli) = column.meaning {
+            columns[axis.index()] = (position, if is_milli { 1e-3 } else { 1.0 });
         }
     }
     let sensors = columns.map(|(position, _)| ColumnRef::Position(position + 1)).to_vec();
