@@ -271,7 +271,7 @@ impl<P: Read + Write> Client<P> {
     }
 
     fn lost(&self, error: &std::io::Error) -> LinkError {
-        LinkError::Lost { port: self.name.clone(), reason: error.to_string() }
+        LinkError::lost(&self.name, error)
     }
 }
 

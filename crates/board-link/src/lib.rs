@@ -159,6 +159,12 @@ pub enum LinkError {
     },
 }
 
+impl LinkError {
+    fn lost(port: &str, error: &std::io::Error) -> Self {
+        Self::Lost { port: port.to_owned(), reason: error.to_string() }
+    }
+}
+
 /// What to do about a board that speaks another version of the protocol.
 const VERSIONS: &str = "flash the firmware that belongs to this version of shellcal";
 

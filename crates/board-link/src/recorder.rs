@@ -13,9 +13,8 @@ use super::record_options::RecordOptions;
 use super::resume::StartedBoards;
 use super::watcher::{RecordCommand, RecordingProgress, Watcher};
 use crate::recording::{
-    BoardSource, Boards, HeardBoard, Losses, NoFrame, Recognition, protocol_name,
+    Annotations, BoardSource, Boards, HeardBoard, Losses, NoFrame, Recognition, protocol_name,
 };
-use shell_data::block::FrameLabel;
 
 /// How long frames wait for those that overtook them before they are written. A kill loses as much,
 /// and what the recognition of the protocol holds at the start.
@@ -75,12 +74,8 @@ pub struct Recorder {
     sinks: Sinks,
     /// Waiting frames of the first board that the watcher has seen.
     shown: usize,
-    /// Marks that the first board's log has not got yet.
-    marks: Vec<(i64, u32)>,
-    /// Labels that are still to be written.
-    labels: Vec<FrameLabel>,
-    /// The index of the first frame that may still be labelled.
-    settled: Option<i64>,
+    /// For the first board's log, until there is one.
+    annotations: Annotations,
     /// One for each board that has sent frames, in the order in which they began.
     logs: Vec<BoardLog>,
     started: StartedBoards,
@@ -127,9 +122,7 @@ impl Recorder {
             options,
             sinks,
             shown: 0,
-            marks: Vec::new(),
-            labels: Vec::new(),
-            settled: None,
+            annotations: Annotations::default(),
             logs: Vec::new(),
             started: StartedBoards::default(),
             bytes: 0,
@@ -256,12 +249,6 @@ impl Recorder {
         self.shown = 0;
         let RecordStage::Receiving(protocol, boards) = &mut self.stage else { return Ok(()) };
         let numbered = matches!(protocol, Protocol::Packets(_));
-        // Also where no frame has come since: those that wait for a label may be written next.
-        if let Some(first) = self.logs.first_mut() {
-            first.marks.append(&mut self.marks);
-            first.labels.append(&mut self.labels);
-            first.settled = self.settled;
-        }
         for board in boards.heard_mut().iter_mut().filter(|board| !board.frames.is_empty()) {
             let found = self.logs.iter().position(|log| log.sender == board.sender);
             let at = match found {
@@ -269,7 +256,8 @@ impl Recorder {
                 None => {
                     let log = log_of(&mut self.sinks.log, &self.logs, board.sender)?;
                     let waits = self.options.labels && self.logs.is_empty();
-                    self.logs.push(BoardLog::new(board.sender, log, waits));
+                    let annotations = std::mem::take(&mut self.annotations);
+                    self.logs.push(BoardLog::new(board.sender, log, waits, annotations));
                     self.logs.len() - 1
                 }
             };
@@ -283,17 +271,19 @@ impl Recorder {
         while let Some(command) =
             self.sinks.watcher.as_mut().and_then(|watcher| watcher.next_command())
         {
+            let first = self.logs.first_mut();
+            let annotations = first.map_or(&mut self.annotations, |log| &mut log.annotations);
             let next = match command {
                 RecordCommand::Mark { index, number } => {
-                    self.marks.push((index, number));
+                    annotations.marks.push_back((index, number));
                     continue;
                 }
                 RecordCommand::Label(label) => {
-                    self.labels.push(label);
+                    annotations.labels.push(label);
                     continue;
                 }
                 RecordCommand::Settled(index) => {
-                    self.settled = Some(index);
+                    annotations.settled = Some(index);
                     continue;
                 }
                 RecordCommand::Record(writer) => Some(writer),
@@ -425,6 +415,7 @@ mod tests {
     use super::*;
     use crate::recording::BoardFrame;
     use shared_proto::{Packet, Sample, Values};
+    use shell_data::block::FrameLabel;
     use std::collections::VecDeque;
     use std::sync::atomic::AtomicBool;
 

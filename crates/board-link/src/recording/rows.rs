@@ -36,6 +36,17 @@ use shared_proto::{CHANNELS, COUNTS_PER_LSB, Health};
 use shell_data::block::FrameLabel;
 use shell_data::wrench::{Axes, AxisValues};
 
+/// What a watcher has said of frames that have not been written.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Annotations {
+    /// Marks that are to be set, each on the first row from the frame of an index on.
+    pub(crate) marks: VecDeque<(i64, u32)>,
+    /// Labels of stretches.
+    pub(crate) labels: Vec<FrameLabel>,
+    /// The index of the first frame that may still be labelled.
+    pub(crate) settled: Option<i64>,
+}
+
 /// Writes frames as CSV lines.
 #[derive(Clone, Debug)]
 pub(crate) struct RowWriter {
@@ -45,10 +56,8 @@ pub(crate) struct RowWriter {
     is_numbered: bool,
     forces: Option<RunningForces>,
     last_index: Option<i64>,
-    /// Marks that are to be set, each on the first row from the frame of an index on.
-    pub(crate) marks: VecDeque<(i64, u32)>,
-    /// Labels of stretches; `None` where there is no column for them.
-    pub(crate) labels: Option<Vec<FrameLabel>>,
+    /// Whether there is a column for labels.
+    has_labels: bool,
     simultaneous: Simultaneous,
     has_rssi: bool,
     /// What the board has said last, °C.
@@ -59,7 +68,7 @@ pub(crate) struct RowWriter {
 
 impl RowWriter {
     /// For frames such as the `first`, which have numbers or not, with forces if there is a calibration;
-    /// with `as_sampled` channels are not brought to one time.
+    /// with `as_sampled` channels are not brought to one time, `has_labels` makes a column for labels.
     ///
     /// # Errors
     /// [`UnsuitableCalibration`].
@@ -68,6 +77,7 @@ impl RowWriter {
         numbered: bool,
         forces: Option<LiveForces>,
         as_sampled: bool,
+        has_labels: bool,
     ) -> Result<Self, UnsuitableCalibration> {
         let holds_readings = first.measured.readings().is_some();
         let forces = forces.map(RunningForces::new).transpose()?;
@@ -81,8 +91,7 @@ impl RowWriter {
             last_index: None,
             has_rssi: first.rssi_dbm.is_some(),
             simultaneous: Simultaneous::new(as_sampled),
-            marks: VecDeque::new(),
-            labels: None,
+            has_labels,
             other_content: 0,
             temperature_c: None,
         })
@@ -104,7 +113,7 @@ impl RowWriter {
         if self.has_rssi {
             names.push("rssi_dbm".to_owned());
         }
-        if self.labels.is_some() {
+        if self.has_labels {
             names.push("group".to_owned());
         }
         names.push("flags".to_owned());
@@ -121,30 +130,15 @@ impl RowWriter {
     }
 
     /// Appends the rows of a batch of frames, in the order of their indices, and empties it. The last
-    /// frames may wait for those after them.
+    /// frames may wait for those after them, until `ended`.
     ///
     /// # Errors
     /// [`ForceError`] if the low-pass that was asked for is impossible at the rate of the frames.
     pub(crate) fn write(
         &mut self,
         frames: &mut Vec<BoardFrame>,
-        text: &mut Vec<u8>,
-    ) -> Result<(), ForceError> {
-        self.take(frames, false, text)
-    }
-
-    /// Appends the rows of the frames that wait.
-    ///
-    /// # Errors
-    /// As [`write`](Self::write).
-    pub(crate) fn finish(&mut self, text: &mut Vec<u8>) -> Result<(), ForceError> {
-        self.take(&mut Vec::new(), true, text)
-    }
-
-    fn take(
-        &mut self,
-        frames: &mut Vec<BoardFrame>,
         ended: bool,
+        annotations: &mut Annotations,
         text: &mut Vec<u8>,
     ) -> Result<(), ForceError> {
         frames.sort_by_key(|frame| frame.index);
@@ -184,17 +178,18 @@ impl RowWriter {
                 let rssi = frame.rssi_dbm.map_or_else(String::new, |dbm| dbm.to_string());
                 text.extend_from_slice(format!(",{rssi}").as_bytes());
             }
-            if let Some(labels) = &self.labels {
+            if self.has_labels {
+                let labels = &annotations.labels;
                 let is_in = |of: &&FrameLabel| (of.from..=of.until).contains(&frame.index);
                 text.push(b',');
                 write_label(labels.iter().find(is_in).map_or("", |of| &of.group), text);
             }
             text.push(b',');
             let mut flags = row_flags(&frame, force, is_late);
-            while let Some(&(index, number)) = self.marks.front()
+            while let Some(&(index, number)) = annotations.marks.front()
                 && frame.index >= index
             {
-                self.marks.pop_front();
+                annotations.marks.pop_front();
                 let space = if flags.is_empty() { "" } else { " " };
                 flags += &format!("{space}mark{number}");
             }
