@@ -105,8 +105,8 @@ impl RowWriter {
         }
         names.extend(self.axes().columns().into_iter().map(str::to_owned));
         if self.is_numbered {
-            names.extend(["index", "missing", "dropped"].map(str::to_owned));
-            names.extend(["temperature_c", "supply_v", "vrefint"].map(str::to_owned));
+            let numbers = ["index", "missing", "dropped", "temperature_c", "supply_v", "vrefint"];
+            names.extend(numbers.map(str::to_owned));
             names.extend((1..=CHANNELS).map(|channel| format!("dark{channel}")));
             names.extend(["sync", "sync_s"].map(str::to_owned));
         }
@@ -190,10 +190,9 @@ impl RowWriter {
                 && frame.index >= index
             {
                 annotations.marks.pop_front();
-                let space = if flags.is_empty() { "" } else { " " };
-                flags += &format!("{space}mark{number}");
+                flags.push(format!("mark{number}"));
             }
-            text.extend_from_slice(flags.as_bytes());
+            text.extend_from_slice(flags.join(" ").as_bytes());
             text.push(b'\n');
         }
         Ok(())
@@ -255,25 +254,18 @@ fn write_edge(edge: Option<&BoardEdge>, text: &mut Vec<u8>) {
     write_time(*time_us, text);
 }
 
-/// What is to be said of a frame, in words with spaces between; empty when all is well.
-pub fn row_flags(frame: &BoardFrame, force: Option<&Force>, is_late: bool) -> String {
-    let mut flags = Vec::new();
+/// What is to be said of a frame, in words; none when all is well.
+pub fn row_flags(frame: &BoardFrame, force: Option<&Force>, is_late: bool) -> Vec<String> {
+    let words = [
+        (force.is_some_and(|force| force.untared), "untared"),
+        (force.is_some_and(|force| force.unfiltered), "unfiltered"),
+        (frame.skewed, "skewed"),
+        (frame.restarted, "restart"),
+        (is_late, "late"),
+    ];
+    let words = words.into_iter().filter(|(applies, _)| *applies);
+    let mut flags: Vec<String> = words.map(|(_, word)| word.to_owned()).collect();
     let out_of_range = force.map_or(0, |force| force.out_of_range);
-    if force.is_some_and(|force| force.untared) {
-        flags.push("untared".to_owned());
-    }
-    if force.is_some_and(|force| force.unfiltered) {
-        flags.push("unfiltered".to_owned());
-    }
-    if frame.skewed {
-        flags.push("skewed".to_owned());
-    }
-    if frame.restarted {
-        flags.push("restart".to_owned());
-    }
-    if is_late {
-        flags.push("late".to_owned());
-    }
     for channel in 0..CHANNELS {
         if out_of_range >> channel & 1 == 1 {
             flags.push(format!("s{}:range", channel + 1));
@@ -282,5 +274,5 @@ pub fn row_flags(frame: &BoardFrame, force: Option<&Force>, is_late: bool) -> St
             flags.push(format!("s{}:saturated", channel + 1));
         }
     }
-    flags.join(" ")
+    flags
 }
