@@ -24,8 +24,6 @@ pub(crate) struct FrameBatch {
 #[derive(Debug)]
 pub(crate) struct PipeReader {
     batches: Option<Sender<FrameBatch>>,
-    /// Rows that were handed over.
-    handed: u64,
     /// Rows that have been written.
     written: Arc<AtomicU64>,
     /// `None` once it is known how it has ended.
@@ -39,21 +37,20 @@ impl PipeReader {
         let of_thread = Arc::clone(&written);
         let run = move || write_all(out, &receiver, &of_thread);
         let thread = Some(thread::Builder::new().name(name.to_owned()).spawn(run)?);
-        Ok(Self { batches: Some(batches), handed: 0, written, thread })
+        Ok(Self { batches: Some(batches), written, thread })
     }
 
-    /// Hands a batch over; `false` if there is no room.
+    /// Hands a batch over after so many rows; `false` if there is no room.
     ///
     /// # Errors
     /// That of the last write: the reader is gone.
-    pub(crate) fn send(&mut self, batch: FrameBatch) -> io::Result<bool> {
+    pub(crate) fn send(&mut self, batch: FrameBatch, handed: u64) -> io::Result<bool> {
         let Some(batches) = &self.batches else { return Ok(false) };
-        let handed = self.handed + batch.rows;
-        if handed - self.written.load(Ordering::Acquire) > WAITING && !self.has_ended() {
+        if handed + batch.rows - self.written.load(Ordering::Acquire) > WAITING && !self.has_ended()
+        {
             return Ok(false);
         }
         if batches.send(batch).is_ok() {
-            self.handed = handed;
             return Ok(true);
         }
         self.batches = None;

@@ -204,7 +204,7 @@ impl StreamReader {
         let batch = std::mem::take(&mut self.batch);
         let rows = batch.rows;
         let is_taken = match &mut self.way {
-            Transport::Pipe(pipe) => pipe.send(batch)?,
+            Transport::Pipe(pipe) => pipe.send(batch, self.handed)?,
             // Where it fails nobody listens there yet, or the network is down for now.
             Transport::Udp(socket) => socket.send(&batch.bytes).is_ok(),
         };

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use anyhow::Context;
 use board_link::recording::PROTOCOLS;
-use board_link::{HandshakeOptions, PortOptions, PortState, SystemFiles, Uplink, handshake, ports};
+use board_link::{HandshakeOptions, PortOptions, PortState, Uplink, handshake, ports};
 use calibration_file::CalibrationFile;
 use doctor::{
     BoardObservations, Finding, FindingSeverity, check_board, check_port, examine_calibration,
@@ -140,7 +140,7 @@ impl DoctorArgs {
         printer: &Printer,
     ) -> anyhow::Result<Examination> {
         let options = self.serial.port(port);
-        let state = PortState::new(&options, &SystemFiles::default());
+        let state = PortState::new(&options, Path::new("/"));
         let mut findings = check_port(&state);
         if state.refusal.is_none() {
             let seconds = self.listen.as_secs_f64();
@@ -193,7 +193,7 @@ impl DoctorArgs {
             return Ok(vec![Examination { name, kind: "port", findings: vec![finding] }]);
         }
         let examine = |port: &str| {
-            let state = PortState::new(&self.serial.port(port), &SystemFiles::default());
+            let state = PortState::new(&self.serial.port(port), Path::new("/"));
             let findings = check_port(&state);
             Examination { name: port.to_owned(), kind: "port", findings }
         };
