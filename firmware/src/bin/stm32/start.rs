@@ -2,7 +2,7 @@
 #![expect(unsafe_code, reason = "an interrupt is handled here")]
 
 use super::front_end::Photointerrupters;
-use super::last_words::{self, End};
+use super::last_words;
 use super::storage::Area;
 use super::sync_input;
 use super::tasks::{self, Stm32Station};
@@ -33,7 +33,8 @@ impl Past {
     /// To be called once, first of all: what is left of the past is forgotten.
     pub(crate) fn take() -> Self {
         let (end, last_words) = last_words::take().unzip();
-        Self { cause: reset_cause(end), last_words }
+        let cause = reset_cause();
+        Self { cause: end.unwrap_or(cause), last_words }
     }
 
     /// Says so to a debug probe. The clocks have to be set.
@@ -45,15 +46,13 @@ impl Past {
     }
 }
 
-/// Why the board has started (RM0394 and RM0440, RCC_CSR). Read once: the flags are cleared.
-fn reset_cause(end: Option<End>) -> ResetCause {
+/// Why the board has started, by its hardware (RM0394 and RM0440, RCC_CSR). Read once: the flags are cleared.
+fn reset_cause() -> ResetCause {
     let csr = pac::RCC.csr();
     let flags = csr.read();
     csr.modify(|csr| csr.set_rmvf(true));
     // The pin is pulled by every other cause too, so it comes last.
-    if let Some(end) = end {
-        end.cause()
-    } else if flags.iwdgrstf() || flags.wwdgrstf() {
+    if flags.iwdgrstf() || flags.wwdgrstf() {
         ResetCause::Watchdog
     } else if flags.borrstf() {
         ResetCause::Power
