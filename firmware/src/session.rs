@@ -310,7 +310,7 @@ mod tests {
             (Command::SetSettling { settling_us: 10_001 }, Refusal::OutOfRange),
             (Command::SetSettling { settling_us: 1_000 }, too_short(16_528)),
             (Command::SetStream(Stream::Other(7)), Refusal::UnknownCommand),
-            (Command::Unknown { code: 77 }, Refusal::UnknownCommand),
+            (Command::Unknown(77), Refusal::UnknownCommand),
         ];
         for (command, refusal) in refused {
             assert_eq!(bench.run(&command), Err(refusal), "{command:?}");

@@ -2,12 +2,20 @@
 
 use crate::bytes::Bytes;
 use crate::calibration::crc32;
-use crate::field::{Field, Reader, fields, variants};
+use crate::field::{Field, Reader, coded, fields};
 
-/// Gives an enum without fields its [`variants`], and the way from a code by itself.
+/// As [`coded`], of variants without fields: with the way from a code by itself, and with the last variant.
 macro_rules! codes {
-    ($name:ident { $($variant:ident = $code:literal),+ }) => {
-        variants!($name { $($code = $variant,)+ _ = Other { 0 } });
+    ($(#[$of_enum:meta])* pub enum $name:ident {
+        $($(#[$of_variant:meta])* $variant:ident = $code:literal,)+
+    }) => {
+        coded! {
+            $(#[$of_enum])*
+            pub enum $name {
+                $($(#[$of_variant])* $variant = $code,)+
+                _ = Other,
+            }
+        }
 
         impl $name {
             /// The variant of a code.
@@ -21,57 +29,51 @@ macro_rules! codes {
     };
 }
 
-/// Where the firmware runs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum Board {
-    /// STM32L432KC.
-    SkinProc,
-    /// A process on the host.
-    Simulated,
-    /// The Nucleo-G491RE: STM32G491RE.
-    NucleoG491re,
-    /// One that this version does not know.
-    Other(u8),
+codes! {
+    /// Where the firmware runs.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    #[non_exhaustive]
+    pub enum Board {
+        /// STM32L432KC.
+        SkinProc = 1,
+        /// A process on the host.
+        Simulated = 3,
+        /// The Nucleo-G491RE: STM32G491RE.
+        NucleoG491re = 4,
+    }
 }
 
-codes!(Board { SkinProc = 1, Simulated = 3, NucleoG491re = 4 });
-
-/// What the samples of the stream hold.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Stream {
-    /// Readings.
-    #[default]
-    Raw,
-    /// Wrenches, converted on the board.
-    Wrench,
-    /// One that this version does not know.
-    Other(u8),
+codes! {
+    /// What the samples of the stream hold.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+    pub enum Stream {
+        /// Readings.
+        #[default]
+        Raw = 0,
+        /// Wrenches, converted on the board.
+        Wrench = 1,
+    }
 }
 
-codes!(Stream { Raw = 0, Wrench = 1 });
-
-/// Why the board last started.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum ResetCause {
-    /// Power was switched on, or fell too low.
-    Power,
-    /// The reset line, or a debugger.
-    Pin,
-    /// The firmware panicked.
-    Panic,
-    /// The watchdog was not fed.
-    Watchdog,
-    /// The board cannot tell.
-    Unspecified,
-    /// The core met something that it cannot execute.
-    Fault,
-    /// One that this version does not know.
-    Other(u8),
+codes! {
+    /// Why the board last started.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    #[non_exhaustive]
+    pub enum ResetCause {
+        /// Power was switched on, or fell too low.
+        Power = 1,
+        /// The reset line, or a debugger.
+        Pin = 2,
+        /// The firmware panicked.
+        Panic = 3,
+        /// The watchdog was not fed.
+        Watchdog = 4,
+        /// The board cannot tell.
+        Unspecified = 5,
+        /// The core met something that it cannot execute.
+        Fault = 6,
+    }
 }
-
-codes!(ResetCause { Power = 1, Pin = 2, Panic = 3, Watchdog = 4, Unspecified = 5, Fault = 6 });
 
 /// What commands name a board by: the CRC-32 of its serial number.
 ///

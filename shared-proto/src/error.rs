@@ -1,7 +1,5 @@
 //! Why bytes are not a packet.
 
-use core::fmt;
-
 /// Why bytes are not a packet of this version.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
@@ -22,17 +20,3 @@ pub enum DecodeError {
     /// The CRC matches and the kind is known, but the body is not one of that kind.
     Body,
 }
-
-impl fmt::Display for DecodeError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Framing => f.write_str("not a frame"),
-            Self::Crc => f.write_str("the CRC does not match"),
-            Self::UnknownVersion { version, .. } => write!(f, "protocol version `{version}`"),
-            Self::UnknownKind(kind) => write!(f, "unknown kind of packet `{kind}`"),
-            Self::Body => f.write_str("the body does not fit its kind"),
-        }
-    }
-}
-
-impl core::error::Error for DecodeError {}

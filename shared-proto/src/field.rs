@@ -88,19 +88,28 @@ macro_rules! fields {
     };
 }
 
-/// Makes an enum a field: the code of the variant, a byte, and then the variant's own fields in this order. A code
-/// without a variant is the last one, so that what a newer end says can be read as far as it goes.
-macro_rules! variants {
-    ($name:ident {
-        $($code:literal = $variant:ident $(($value:ident))? $({ $($field:ident),+ })?,)+
-        _ = $other:ident { $unknown:tt }
+/// Defines an enum that is a field: the code of the variant, a byte, and then the variant's own fields in this order.
+/// A code without a variant is the last one, so that what a newer end says can be read as far as it goes.
+macro_rules! coded {
+    ($(#[$of_enum:meta])* pub enum $name:ident {
+        $($(#[$of_variant:meta])* $variant:ident $(($value:ident: $type:ty))?
+            $({ $($(#[$of_field:meta])* $field:ident: $field_type:ty,)+ })? = $code:literal,)+
+        _ = $other:ident,
     }) => {
+        $(#[$of_enum])*
+        pub enum $name {
+            $($(#[$of_variant])* $variant $(($type))?
+                $({ $($(#[$of_field])* $field: $field_type,)+ })?,)+
+            /// One that this version does not know, by its code.
+            $other(u8),
+        }
+
         impl $name {
             /// The code on the wire.
             pub const fn code(&self) -> u8 {
                 match self {
                     $(Self::$variant { .. } => $code,)+
-                    Self::$other { $unknown: code } => *code,
+                    Self::$other(code) => *code,
                 }
             }
         }
@@ -113,7 +122,7 @@ macro_rules! variants {
                         $($value.write(out);)?
                         $($($field.write(out);)+)?
                     })+
-                    Self::$other { .. } => {}
+                    Self::$other(_) => {}
                 }
             }
 
@@ -123,11 +132,11 @@ macro_rules! variants {
                         $(let $value = body.get()?;)?
                         Self::$variant $(($value))? $({ $($field: body.get()?),+ })?
                     })+
-                    code => Self::$other { $unknown: code },
+                    code => Self::$other(code),
                 })
             }
         }
     };
 }
 
-pub(crate) use {fields, variants};
+pub(crate) use {coded, fields};

@@ -55,13 +55,13 @@ enum CheckPart {
 const FORMATTER: Need = Need {
     what: "rustfmt",
     is_met: || installed("cargo", &["fmt", "--version"]),
-    ways: &[Way::RustupComponent("rustfmt")],
+    ways: &[Way::Rustup(&["component", "add", "rustfmt"])],
 };
 
 const LINTER: Need = Need {
     what: "clippy",
     is_met: || installed("cargo", &["clippy", "--version"]),
-    ways: &[Way::RustupComponent("clippy")],
+    ways: &[Way::Rustup(&["component", "add", "clippy"])],
 };
 
 const FUZZER: Need = Need {
@@ -77,13 +77,13 @@ const SOURCES: Way = Way::Packages(&["cargo-web", "rustc-web", "rust-web-src"]);
 const WINDOWS: Need = Need {
     what: "a standard library for Windows",
     is_met: || compiler(SYSTEMS[0].0).is_some(),
-    ways: &[Way::RustupTarget("x86_64-pc-windows-msvc"), SOURCES],
+    ways: &[Way::Rustup(&["target", "add", "x86_64-pc-windows-msvc"]), SOURCES],
 };
 
 const AARCH64: Need = Need {
     what: "a standard library for Linux on aarch64",
     is_met: || compiler(SYSTEMS[1].0).is_some(),
-    ways: &[Way::RustupTarget("aarch64-unknown-linux-gnu"), SOURCES],
+    ways: &[Way::Rustup(&["target", "add", "aarch64-unknown-linux-gnu"]), SOURCES],
 };
 
 const SYSTEMS: [(&str, Need); 2] =

@@ -21,10 +21,8 @@ pub(crate) struct Need {
 /// A command that may give what is needed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Way {
-    /// The standard library of another target.
-    RustupTarget(&'static str),
-    /// A tool of the compiler.
-    RustupComponent(&'static str),
+    /// Arguments of rustup: the standard library of another target, or a tool of the compiler.
+    Rustup(&'static [&'static str]),
     /// Packages of Debian and its descendants.
     Packages(&'static [&'static str]),
 }
@@ -35,7 +33,8 @@ impl Need {
         for way in self.ways.iter().filter(|way| way.is_open()) {
             // rustup's target is tried even where the distribution's compiler is there: it is quicker to build
             // with, and of the same version as the rest.
-            let is_better = matches!(way, Way::RustupTarget(target) if !has_target(target));
+            let is_better =
+                matches!(way, Way::Rustup(["target", "add", target]) if !has_target(target));
             if (self.is_met)() && !is_better {
                 break;
             }
@@ -65,18 +64,19 @@ fn has_target(target: &str) -> bool {
 impl Way {
     /// Whether this machine has the program for it.
     fn is_open(self) -> bool {
-        match self {
-            Self::RustupTarget(_) | Self::RustupComponent(_) => installed("rustup", &["--version"]),
-            Self::Packages(_) => installed("apt-get", &["--version"]),
-        }
+        let program = if matches!(self, Self::Rustup(_)) { "rustup" } else { "apt-get" };
+        installed(program, &["--version"])
     }
 
     fn take(self, what: &str) -> Result<()> {
-        let Self::Packages(packages) = self else {
-            let mut rustup = Command::new("rustup");
-            rustup.args(self.rustup_arguments()).current_dir(workspace()).stdin(Stdio::null());
-            // Without a network it gives up at once.
-            return steps::run(what, rustup.env("RUSTUP_MAX_RETRIES", "0"));
+        let packages = match self {
+            Self::Packages(packages) => packages,
+            Self::Rustup(arguments) => {
+                let mut rustup = Command::new("rustup");
+                rustup.args(arguments).current_dir(workspace()).stdin(Stdio::null());
+                // Without a network it gives up at once.
+                return steps::run(what, rustup.env("RUSTUP_MAX_RETRIES", "0"));
+            }
         };
         static UPDATED: OnceLock<()> = OnceLock::new();
         if !geteuid().is_root() {
@@ -88,21 +88,13 @@ impl Way {
         let install = [&["install", "--no-install-recommends"], packages].concat();
         steps::run(what, &mut apt_get(&install))
     }
-
-    fn rustup_arguments(self) -> Vec<&'static str> {
-        match self {
-            Self::RustupTarget(target) => vec!["target", "add", target],
-            Self::RustupComponent(component) => vec!["component", "add", component],
-            Self::Packages(_) => Vec::new(),
-        }
-    }
 }
 
 impl fmt::Display for Way {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Packages(packages) => write!(f, "`{}` on Debian", line(packages)),
-            _ => write!(f, "`rustup {}`", self.rustup_arguments().join(" ")),
+            Self::Rustup(arguments) => write!(f, "`rustup {}`", arguments.join(" ")),
         }
     }
 }
@@ -126,8 +118,10 @@ mod tests {
 
     #[test]
     fn what_is_there_is_not_fetched() {
-        let ways =
-            &[Way::RustupComponent("no-such-component"), Way::Packages(&["no-such-package"])];
+        let ways = &[
+            Way::Rustup(&["component", "add", "no-such-component"]),
+            Way::Packages(&["no-such-package"]),
+        ];
         assert!(Need { what: "air", is_met: || true, ways }.meet().is_ok());
     }
 
@@ -135,7 +129,7 @@ mod tests {
     fn what_no_way_leads_to_is_named_with_the_commands() {
         let need = Need { what: "air", is_met: || false, ways: &[] };
         assert!(need.meet().is_err());
-        let ways = &[Way::RustupTarget("moon"), Way::Packages(&["air", "water"])];
+        let ways = &[Way::Rustup(&["target", "add", "moon"]), Way::Packages(&["air", "water"])];
         assert_eq!(
             Need { ways, ..need }.to_string(),
             "air is missing; to get it: `rustup target add moon` or `apt-get install \

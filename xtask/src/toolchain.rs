@@ -19,7 +19,7 @@ pub(crate) const NEED: Need = Need {
     what: "a compiler for the board",
     is_met: || find().is_some(),
     ways: &[
-        Way::RustupTarget(TARGET),
+        Way::Rustup(&["target", "add", TARGET]),
         Way::Packages(&["cargo-web", "rustc-web", "rust-web-src", "binutils-arm-none-eabi"]),
     ],
 };

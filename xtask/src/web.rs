@@ -26,7 +26,7 @@ const LIMIT: usize = 1_500_000;
 pub(crate) const NEED: Need = Need {
     what: "a compiler for WebAssembly",
     is_met: || compiler().is_some(),
-    ways: &[Way::RustupTarget(TARGET)],
+    ways: &[Way::Rustup(&["target", "add", TARGET])],
 };
 
 fn compiler() -> Option<Compiler> {

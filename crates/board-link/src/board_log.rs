@@ -7,8 +7,7 @@ use serde::Serialize;
 use super::LogSink;
 use super::record_error::RecordError;
 use super::record_options::RecordOptions;
-use crate::recording::{BoardFrame, BoardSource, Losses, RowWriter};
-use shell_data::block::FrameLabel;
+use crate::recording::{Annotations, BoardFrame, BoardSource, Losses, RowWriter};
 use shell_data::wrench::AxisValues;
 
 /// The most frames that wait for a label: 82 s at 100 Hz, in case the view has stopped to settle them.
@@ -35,16 +34,11 @@ pub(super) struct BoardLog {
     pub(super) log: Option<Box<dyn LogSink>>,
     /// Made for the first frame, which tells the columns.
     rows: Option<RowWriter>,
-    /// Marks that are not among the rows yet, by the index of a frame: the first from it on that is written gets one.
-    pub(super) marks: Vec<(i64, u32)>,
+    pub(super) annotations: Annotations,
     /// Frames that wait for a label.
     waiting: Vec<BoardFrame>,
-    /// Labels that are not known to the rows yet, for frames that have not been written.
-    pub(super) labels: Vec<FrameLabel>,
     /// Whether frames wait until they are settled.
     waits: bool,
-    /// The index of the first frame that may still be labelled.
-    pub(super) settled: Option<i64>,
     /// Frames that logs before this one had no columns for.
     other_content: u64,
     pub(super) frames: u64,
@@ -53,8 +47,13 @@ pub(super) struct BoardLog {
 }
 
 impl BoardLog {
-    pub(super) fn new(sender: BoardSource, log: Option<Box<dyn LogSink>>, waits: bool) -> Self {
-        Self { sender, log, waits, ..Self::default() }
+    pub(super) fn new(
+        sender: BoardSource,
+        log: Option<Box<dyn LogSink>>,
+        waits: bool,
+        annotations: Annotations,
+    ) -> Self {
+        Self { sender, log, waits, annotations, ..Self::default() }
     }
 
     /// Writes frames, and empties them; those that may be labelled wait.
@@ -68,37 +67,33 @@ impl BoardLog {
         let (Some(log), Some(first)) = (&mut self.log, frames.first()) else {
             frames.clear();
             // What nobody records is marked on the screen only.
-            self.marks.clear();
-            self.labels.clear();
+            self.forget_annotations();
             return Ok(());
         };
         if self.rows.is_none() {
             let (forces, as_sampled) = (options.forces.clone(), options.as_sampled);
-            let mut rows = RowWriter::new(first, numbered, forces, as_sampled)?;
-            rows.labels = options.labels.then(Vec::new);
+            let rows = RowWriter::new(first, numbered, forces, as_sampled, options.labels)?;
             log.pending().extend_from_slice(rows.header().as_bytes());
             self.rows = Some(rows);
         }
         match self.waits {
-            false => self.write_rows(frames),
+            false => self.write_rows(frames, false),
             true => {
                 self.waiting.append(frames);
                 // By position: the indices of a board that starts anew begin again.
-                let is_first = |frame: &BoardFrame| Some(frame.index) == self.settled;
+                let is_first = |frame: &BoardFrame| Some(frame.index) == self.annotations.settled;
                 let settled = self.waiting.iter().rposition(is_first).unwrap_or(0);
                 let due = settled.max(self.waiting.len().saturating_sub(MOST_WAITING));
                 let mut due: Vec<_> = self.waiting.drain(..due).collect();
-                self.write_rows(&mut due)
+                self.write_rows(&mut due, false)
             }
         }
     }
 
     /// Writes frames to the log, if there are both.
-    fn write_rows(&mut self, frames: &mut Vec<BoardFrame>) -> Result<(), RecordError> {
+    fn write_rows(&mut self, frames: &mut Vec<BoardFrame>, ended: bool) -> Result<(), RecordError> {
         let (Some(rows), Some(log)) = (&mut self.rows, &mut self.log) else { return Ok(()) };
-        rows.labels.iter_mut().for_each(|labels| labels.append(&mut self.labels));
-        rows.marks.extend(self.marks.drain(..));
-        rows.write(frames, log.pending())?;
+        rows.write(frames, ended, &mut self.annotations, log.pending())?;
         log.flush()?;
         Ok(())
     }
@@ -107,7 +102,9 @@ impl BoardLog {
     pub(super) fn close(&mut self) -> Result<(), RecordError> {
         self.finish()?;
         self.other_content = self.other_content();
-        self.rows = None;
+        if self.rows.take().is_some() {
+            self.forget_annotations();
+        }
         self.log.take().map_or(Ok(()), |log| log.close())?;
         Ok(())
     }
@@ -115,12 +112,12 @@ impl BoardLog {
     /// Writes the frames that wait for those after them.
     pub(super) fn finish(&mut self) -> Result<(), RecordError> {
         let mut waiting = std::mem::take(&mut self.waiting);
-        self.write_rows(&mut waiting)?;
-        if let (Some(rows), Some(log)) = (&mut self.rows, &mut self.log) {
-            rows.finish(log.pending())?;
-            log.flush()?;
-        }
-        Ok(())
+        self.write_rows(&mut waiting, true)
+    }
+
+    fn forget_annotations(&mut self) {
+        self.annotations.marks.clear();
+        self.annotations.labels.clear();
     }
 
     fn count(&mut self, frames: &[BoardFrame]) {

@@ -14,10 +14,10 @@ use super::source::read_port;
 use crate::recording::PacketWire;
 
 /// How often a command is sent before the board is taken for deaf.
-const ATTEMPTS: u32 = 5;
+pub(crate) const ATTEMPTS: u32 = 5;
 
 /// How long an answer is waited for. A radio takes tens of ms, a flash that is erased 25.
-const WAIT: Duration = Duration::from_millis(400);
+pub(crate) const WAIT: Duration = Duration::from_millis(400);
 
 /// How long other boards have to answer after the first.
 const OTHERS: Duration = Duration::from_millis(100);
@@ -114,13 +114,8 @@ impl<P: Read + Write> Client<P> {
                 };
             }
         }
-        Err(LinkError::NoAnswer {
-            port: self.name.clone(),
-            command: name_of(&command),
-            attempts: ATTEMPTS,
-            wait: WAIT,
-            silent,
-        })
+        let (port, command) = (self.name.clone(), name_of(&command));
+        Err(LinkError::NoAnswer { port, command, silent })
     }
 
     /// The answer with the number of the last command, `None` if it does not come in time.
@@ -271,7 +266,7 @@ impl<P: Read + Write> Client<P> {
     }
 
     fn lost(&self, error: &std::io::Error) -> LinkError {
-        LinkError::Lost { port: self.name.clone(), reason: error.to_string() }
+        LinkError::lost(&self.name, error)
     }
 }
 

@@ -162,10 +162,8 @@ fn listen(options: &HandshakeOptions) -> Result<Heard, LinkError> {
             let uplink = Uplink { framing, ..options.uplink };
             // What cannot be sent is not answered, which is what is found out here.
             let _ = port.write_all(&uplink.encode(options.number, None, Command::Identify));
-            collect(&mut *port, &mut bytes).map_err(|error| LinkError::Lost {
-                port: options.port.port.clone(),
-                reason: error.to_string(),
-            })?;
+            collect(&mut *port, &mut bytes)
+                .map_err(|error| LinkError::lost(&options.port.port, &error))?;
             if let Some(protocol) = detect(&bytes) {
                 return Ok(Heard::Board { baud, protocol });
             }

@@ -30,7 +30,7 @@ pub use client::{Client, Uplink};
 pub use handshake::{Handshake, HandshakeOptions, Heard, Stretch, handshake};
 pub use log_sink::LogSink;
 pub use port::{Connection, FlowControl, PortInfo, PortOptions, TCP, ports};
-pub use port_state::{PortState, SystemFiles};
+pub use port_state::PortState;
 pub use record::record;
 pub use record_error::RecordError;
 pub use record_options::RecordOptions;
@@ -40,10 +40,8 @@ pub use source::Source;
 pub use upload::{NotForBoard, for_board};
 pub use watcher::{RecordCommand, RecordingProgress, Unwatched, Watcher};
 
-use shell_data::hint::Hint;
-use std::time::Duration;
-
 use shared_proto::{Board, Refusal};
+use shell_data::hint::Hint;
 
 /// What can go wrong between a board and the host.
 ///
@@ -95,18 +93,14 @@ pub enum LinkError {
     },
     /// No answer to a command, however often it was sent.
     #[error(
-        "no answer to `{command}` on `{port}` ({attempts} attempts, {} ms each{})",
-        wait.as_millis(), if *silent { ", not a byte" } else { "" }
+        "no answer to `{command}` on `{port}` ({} attempts, {} ms each{})",
+        client::ATTEMPTS, client::WAIT.as_millis(), if *silent { ", not a byte" } else { "" }
     )]
     NoAnswer {
         /// The port.
         port: String,
         /// What was asked.
         command: String,
-        /// How often it was sent.
-        attempts: u32,
-        /// How long each answer was waited for.
-        wait: Duration,
         /// Whether nothing at all arrived.
         silent: bool,
     },
@@ -157,6 +151,12 @@ pub enum LinkError {
         /// CRC-32 of what the board has.
         found: u32,
     },
+}
+
+impl LinkError {
+    fn lost(port: &str, error: &std::io::Error) -> Self {
+        Self::Lost { port: port.to_owned(), reason: error.to_string() }
+    }
 }
 
 /// What to do about a board that speaks another version of the protocol.

@@ -27,38 +27,21 @@ pub struct PortState {
     pub latency_file: Option<PathBuf>,
 }
 
-/// Where the system keeps what it knows, so that a test can keep it elsewhere.
-#[derive(Clone, Debug)]
-pub struct SystemFiles {
-    /// Devices: `/sys`.
-    pub sys: PathBuf,
-    /// Processes: `/proc`.
-    pub proc: PathBuf,
-    /// Groups: `/etc/group`.
-    pub groups: PathBuf,
-}
-
-impl Default for SystemFiles {
-    fn default() -> Self {
-        Self { sys: "/sys".into(), proc: "/proc".into(), groups: "/etc/group".into() }
-    }
-}
-
 impl PortState {
-    /// Looks at a port, and opens it for a moment.
-    pub fn new(options: &PortOptions, system: &SystemFiles) -> Self {
+    /// Looks at a port, and opens it for a moment. The system's files are in the folder `root`: `/`, but for a test.
+    pub fn new(options: &PortOptions, root: &Path) -> Self {
         let path = fs::canonicalize(&options.port).unwrap_or_else(|_| PathBuf::from(&options.port));
-        let latency_file = latency_file(&path, system);
+        let latency_file = latency_file(&path, root);
         let latency_ms = latency_file.as_deref().and_then(|file| {
             fs::read_to_string(file).ok().and_then(|text| text.trim().parse().ok())
         });
         let refusal = options.open().err();
         // Whose it is only matters where we are kept out.
         let holder = match refusal {
-            Some(LinkError::Busy { .. }) => holder(&path, system),
+            Some(LinkError::Busy { .. }) => holder(&path, root),
             _ => None,
         };
-        let (group, in_group) = group(&path, system);
+        let (group, in_group) = group(&path, root);
         Self {
             port: options.port.clone(),
             refusal,
@@ -72,15 +55,15 @@ impl PortState {
 }
 
 /// The file with the latency timer of an FTDI adapter.
-fn latency_file(port: &Path, system: &SystemFiles) -> Option<PathBuf> {
+fn latency_file(port: &Path, root: &Path) -> Option<PathBuf> {
     let name = port.file_name()?;
-    let file = system.sys.join("bus/usb-serial/devices").join(name).join("latency_timer");
+    let file = root.join("sys/bus/usb-serial/devices").join(name).join("latency_timer");
     file.exists().then_some(file)
 }
 
 /// A process that has the port open, as far as its files may be looked at.
-fn holder(port: &Path, system: &SystemFiles) -> Option<(String, u32)> {
-    for entry in fs::read_dir(&system.proc).ok()?.flatten() {
+fn holder(port: &Path, root: &Path) -> Option<(String, u32)> {
+    for entry in fs::read_dir(root.join("proc")).ok()?.flatten() {
         let Some(id) = entry.file_name().to_str().and_then(|name| name.parse().ok()) else {
             continue;
         };
@@ -99,24 +82,24 @@ fn holder(port: &Path, system: &SystemFiles) -> Option<(String, u32)> {
 
 /// The group of the port, and whether this process is in it.
 #[cfg(unix)]
-fn group(port: &Path, system: &SystemFiles) -> (Option<String>, Option<bool>) {
+fn group(port: &Path, root: &Path) -> (Option<String>, Option<bool>) {
     use std::os::unix::fs::MetadataExt;
     let Ok(metadata) = fs::metadata(port) else { return (None, None) };
     let number = metadata.gid().to_string();
-    let groups = fs::read_to_string(&system.groups).unwrap_or_default();
+    let groups = fs::read_to_string(root.join("etc/group")).unwrap_or_default();
     let name = groups.lines().find_map(|line| {
         let mut fields = line.split(':');
         let name = fields.next()?;
         (fields.nth(1)? == number).then(|| name.to_owned())
     });
-    let status = fs::read_to_string(system.proc.join("self/status")).unwrap_or_default();
+    let status = fs::read_to_string(root.join("proc/self/status")).unwrap_or_default();
     let ours = status.lines().find_map(|line| line.strip_prefix("Groups:"));
     let in_group = ours.map(|ours| ours.split_whitespace().any(|group| group == number));
     (name, in_group)
 }
 
 #[cfg(not(unix))]
-fn group(_: &Path, _: &SystemFiles) -> (Option<String>, Option<bool>) {
+fn group(_: &Path, _: &Path) -> (Option<String>, Option<bool>) {
     (None, None)
 }
 
@@ -142,19 +125,18 @@ mod tests {
         fs::create_dir_all(at("proc/4242/fd")).unwrap();
         symlink(fs::canonicalize(at("dev/ttyUSB7")).unwrap(), at("proc/4242/fd/3")).unwrap();
         let gid = fs::metadata(at("dev/ttyUSB7")).unwrap().gid();
-        write("group", &format!("root:x:{}:\ndialout:x:{gid}:\n", gid + 1));
+        write("etc/group", &format!("root:x:{}:\ndialout:x:{gid}:\n", gid + 1));
         write("proc/self/status", &format!("Name:\tx\nGroups:\t{} \n", gid + 1));
         symlink(at("dev/ttyUSB7"), at("adapter")).unwrap();
-        let system = SystemFiles { sys: at("sys"), proc: at("proc"), groups: at("group") };
         let port = at("adapter").display().to_string();
         let options = PortOptions { port, baud: 57_600, flow_control: FlowControl::None };
-        let state = PortState::new(&options, &system);
+        let state = PortState::new(&options, dir.path());
         assert_eq!(state.latency_ms, Some(16));
         assert_eq!((state.group.as_deref(), state.in_group), (Some("dialout"), Some(false)));
         // A file is no port.
         assert!(matches!(state.refusal, Some(LinkError::Open { .. })), "{state:?}");
         let canonical = fs::canonicalize(at("adapter")).unwrap();
-        assert_eq!(holder(&canonical, &system), Some(("minicom".to_owned(), 4242)));
-        assert_eq!(holder(Path::new("/dev/other"), &system), None);
+        assert_eq!(holder(&canonical, dir.path()), Some(("minicom".to_owned(), 4242)));
+        assert_eq!(holder(Path::new("/dev/other"), dir.path()), None);
     }
 }

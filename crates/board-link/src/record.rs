@@ -7,7 +7,6 @@ use super::Source;
 use super::record_error::RecordError;
 use super::record_options::RecordOptions;
 use super::recorder::{Due, Recorded, Recorder, Sinks};
-use super::source::SourceInput;
 use super::watcher::RecordingProgress;
 
 /// Records until the source ends, the time is over or `stop` is set; `observe` is told about twice
@@ -59,13 +58,9 @@ fn run(
         if stop.load(Ordering::Relaxed) || duration.is_some_and(|end| elapsed >= end) {
             return Ok(());
         }
-        let bytes = match source.read(&mut buffer)? {
-            SourceInput::Bytes(count) => &buffer[..count],
-            SourceInput::Nothing => &[],
-            SourceInput::End => return Ok(()),
-        };
+        let Some(count) = source.read(&mut buffer)? else { return Ok(()) };
         let (now, arrival) = (source.elapsed(), source.arrival());
-        recorder.take(bytes, now, arrival)?;
+        recorder.take(&buffer[..count], now, arrival)?;
         if let Some(Due { mut progress, commands }) = recorder.tend(now, arrival)? {
             source.send(&commands);
             progress.connected = source.is_connected();

@@ -13,9 +13,8 @@ use super::record_options::RecordOptions;
 use super::resume::StartedBoards;
 use super::watcher::{RecordCommand, RecordingProgress, Watcher};
 use crate::recording::{
-    BoardSource, Boards, HeardBoard, Losses, NoFrame, Recognition, protocol_name,
+    Annotations, BoardSource, Boards, HeardBoard, Losses, NoFrame, Recognition, protocol_name,
 };
-use shell_data::block::FrameLabel;
 
 /// How long frames wait for those that overtook them before they are written. A kill loses as much,
 /// and what the recognition of the protocol holds at the start.
@@ -69,18 +68,16 @@ pub struct Recorded {
 pub struct Recorder {
     /// The port or file.
     name: String,
-    stage: RecordStage,
+    recognition: Recognition,
+    /// Once the protocol is known.
+    receiving: Option<(Protocol, Boards)>,
     options: RecordOptions,
     /// Its log is for the first board, which takes it.
     sinks: Sinks,
     /// Waiting frames of the first board that the watcher has seen.
     shown: usize,
-    /// Marks that the first board's log has not got yet.
-    marks: Vec<(i64, u32)>,
-    /// Labels that are still to be written.
-    labels: Vec<FrameLabel>,
-    /// The index of the first frame that may still be labelled.
-    settled: Option<i64>,
+    /// For the first board's log, until there is one.
+    annotations: Annotations,
     /// One for each board that has sent frames, in the order in which they began.
     logs: Vec<BoardLog>,
     started: StartedBoards,
@@ -99,37 +96,17 @@ pub struct Due {
     pub commands: Vec<u8>,
 }
 
-#[derive(Debug)]
-enum RecordStage {
-    Recognising(Recognition),
-    Receiving(Protocol, Box<Boards>),
-}
-
-impl RecordStage {
-    fn receiving(&self) -> Option<(Protocol, &Boards)> {
-        match self {
-            Self::Recognising(_) => None,
-            Self::Receiving(protocol, boards) => Some((*protocol, boards)),
-        }
-    }
-
-    fn heard(&self) -> &[HeardBoard] {
-        self.receiving().map_or(&[], |(_, boards)| boards.heard())
-    }
-}
-
 impl Recorder {
     /// Of a port or file of this name.
     pub fn new(name: &str, sinks: Sinks, options: RecordOptions) -> Self {
         Self {
             name: name.to_owned(),
-            stage: RecordStage::Recognising(Recognition::new(options.protocol)),
+            recognition: Recognition::new(options.protocol),
+            receiving: None,
             options,
             sinks,
             shown: 0,
-            marks: Vec::new(),
-            labels: Vec::new(),
-            settled: None,
+            annotations: Annotations::default(),
             logs: Vec::new(),
             started: StartedBoards::default(),
             bytes: 0,
@@ -141,7 +118,7 @@ impl Recorder {
     /// What to send at `arrival`, so that every board streams, if they are to be started: see [`Due::commands`].
     pub fn commands(&mut self, arrival: Option<Duration>) -> Vec<u8> {
         let Some(uplink) = &self.options.start else { return Vec::new() };
-        self.started.commands(uplink, self.stage.heard(), arrival.unwrap_or_default())
+        self.started.commands(uplink, heard(&self.receiving), arrival.unwrap_or_default())
     }
 
     /// What to send at the end, so that boards that were started stop.
@@ -153,7 +130,7 @@ impl Recorder {
 
     /// What the boards have said they are, since they were asked.
     pub fn identities(&self) -> impl Iterator<Item = Identity> {
-        self.stage.heard().iter().filter_map(|board| board.reception.identity)
+        heard(&self.receiving).iter().filter_map(|board| board.reception.identity)
     }
 
     /// Writes what is due `now`, a time since the start; how it goes, about twice a second.
@@ -200,17 +177,13 @@ impl Recorder {
         if let Some(raw) = &mut self.sinks.raw {
             raw.pending().extend_from_slice(bytes);
         }
-        match &mut self.stage {
-            RecordStage::Receiving(_, boards) => {
-                boards.feed(bytes, arrival);
-                self.show();
-                Ok(())
-            }
-            RecordStage::Recognising(recognition) => {
-                let recognised = recognition.feed(bytes, now);
-                self.recognised(recognised)
-            }
-        }
+        let Some((_, boards)) = &mut self.receiving else {
+            let recognised = self.recognition.feed(bytes, now);
+            return self.recognised(recognised);
+        };
+        boards.feed(bytes, arrival);
+        self.show();
+        Ok(())
     }
 
     fn recognised(
@@ -220,9 +193,9 @@ impl Recorder {
         let recognised = recognised
             .map_err(|problem| RecordError::NoFrame { source_name: self.name.clone(), problem })?;
         if let Some((protocol, bytes)) = recognised {
-            let mut boards = Box::new(Boards::new(protocol));
+            let mut boards = Boards::new(protocol);
             boards.feed(&bytes, None);
-            self.stage = RecordStage::Receiving(protocol, boards);
+            self.receiving = Some((protocol, boards));
             self.show();
         }
         Ok(())
@@ -230,17 +203,14 @@ impl Recorder {
 
     /// Shows the watcher what has arrived of the first board.
     fn show(&mut self) {
-        let (Some(watcher), RecordStage::Receiving(_, boards)) =
-            (&mut self.sinks.watcher, &self.stage)
-        else {
-            return;
-        };
+        let Some(watcher) = &mut self.sinks.watcher else { return };
         let first = self.logs.first().map(|log| log.sender);
         let is_first = |board: &&HeardBoard| match first {
             Some(sender) => board.sender == sender,
             None => !board.frames.is_empty(),
         };
-        let waiting = boards.heard().iter().find(is_first).map_or(&[][..], |board| &board.frames);
+        let waiting = heard(&self.receiving).iter().find(is_first);
+        let waiting = waiting.map_or(&[][..], |board| &board.frames);
         if let new @ [_, ..] = &waiting[self.shown..] {
             watcher.see(new);
         }
@@ -254,14 +224,8 @@ impl Recorder {
         }
         self.show();
         self.shown = 0;
-        let RecordStage::Receiving(protocol, boards) = &mut self.stage else { return Ok(()) };
+        let Some((protocol, boards)) = &mut self.receiving else { return Ok(()) };
         let numbered = matches!(protocol, Protocol::Packets(_));
-        // Also where no frame has come since: those that wait for a label may be written next.
-        if let Some(first) = self.logs.first_mut() {
-            first.marks.append(&mut self.marks);
-            first.labels.append(&mut self.labels);
-            first.settled = self.settled;
-        }
         for board in boards.heard_mut().iter_mut().filter(|board| !board.frames.is_empty()) {
             let found = self.logs.iter().position(|log| log.sender == board.sender);
             let at = match found {
@@ -269,7 +233,8 @@ impl Recorder {
                 None => {
                     let log = log_of(&mut self.sinks.log, &self.logs, board.sender)?;
                     let waits = self.options.labels && self.logs.is_empty();
-                    self.logs.push(BoardLog::new(board.sender, log, waits));
+                    let annotations = std::mem::take(&mut self.annotations);
+                    self.logs.push(BoardLog::new(board.sender, log, waits, annotations));
                     self.logs.len() - 1
                 }
             };
@@ -283,17 +248,19 @@ impl Recorder {
         while let Some(command) =
             self.sinks.watcher.as_mut().and_then(|watcher| watcher.next_command())
         {
+            let first = self.logs.first_mut();
+            let annotations = first.map_or(&mut self.annotations, |log| &mut log.annotations);
             let next = match command {
                 RecordCommand::Mark { index, number } => {
-                    self.marks.push((index, number));
+                    annotations.marks.push_back((index, number));
                     continue;
                 }
                 RecordCommand::Label(label) => {
-                    self.labels.push(label);
+                    annotations.labels.push(label);
                     continue;
                 }
                 RecordCommand::Settled(index) => {
-                    self.settled = Some(index);
+                    annotations.settled = Some(index);
                     continue;
                 }
                 RecordCommand::Record(writer) => Some(writer),
@@ -317,14 +284,10 @@ impl Recorder {
     /// # Errors
     /// [`RecordError`], after all that can be written is.
     pub fn finish(&mut self) -> Result<(), RecordError> {
-        let recognised = match &mut self.stage {
-            RecordStage::Receiving(..) => Ok(()),
-            RecordStage::Recognising(recognition) => {
-                let recognised = recognition.finish();
-                self.recognised(recognised)
-            }
-        };
-        if let RecordStage::Receiving(_, boards) = &mut self.stage {
+        // Of what was recognised already there is nothing left.
+        let recognised = self.recognition.finish();
+        let recognised = self.recognised(recognised);
+        if let Some((_, boards)) = &mut self.receiving {
             boards.finish();
         }
         // Marks and labels that were set just before the end.
@@ -347,7 +310,7 @@ impl Recorder {
     }
 
     fn waiting(&self) -> usize {
-        self.stage.heard().iter().map(|board| board.frames.len()).sum()
+        heard(&self.receiving).iter().map(|board| board.frames.len()).sum()
     }
 
     fn progress(&self, elapsed: Duration, rate_hz: f64) -> RecordingProgress {
@@ -358,16 +321,15 @@ impl Recorder {
             frames: self.frames(),
             bytes: self.bytes,
             waiting: self.waiting(),
-            losses,
+            losses: losses.unwrap_or_default(),
             protocol,
             connected: true,
             wrench: self.logs.first().and_then(BoardLog::newest_wrench),
         }
     }
 
-    fn state(&self) -> (Option<Protocol>, Losses) {
-        let state = self.stage.receiving().map(|(protocol, boards)| (protocol, boards.losses()));
-        state.map_or((None, Losses::default()), |(protocol, losses)| (Some(protocol), losses))
+    fn state(&self) -> (Option<Protocol>, Option<Losses>) {
+        self.receiving.as_ref().map(|(protocol, boards)| (*protocol, boards.losses())).unzip()
     }
 
     /// What it was, after this time.
@@ -380,11 +342,11 @@ impl Recorder {
             bytes: self.bytes,
             board_time_s: longest_us as f64 / 1e6,
             elapsed_s: elapsed.as_secs_f64(),
-            losses,
+            losses: losses.unwrap_or_default(),
             other_content: self.logs.iter().map(BoardLog::other_content).sum(),
             reconnections: 0,
-            boot: self.stage.heard().iter().find_map(|board| board.reception.boot),
-            boards: match (&self.logs[..], self.stage.receiving()) {
+            boot: heard(&self.receiving).iter().find_map(|board| board.reception.boot),
+            boards: match (&self.logs[..], &self.receiving) {
                 (several @ [_, _, ..], Some((_, boards))) => {
                     several.iter().map(|log| log.recorded(boards.losses_of(log.sender))).collect()
                 }
@@ -403,6 +365,10 @@ impl Recorder {
         let closed: Vec<_> = sinks.map(|sink| sink.close()).collect();
         Ok(closed.into_iter().collect::<Result<(), _>>()?)
     }
+}
+
+fn heard(receiving: &Option<(Protocol, Boards)>) -> &[HeardBoard] {
+    receiving.as_ref().map_or(&[], |(_, boards)| boards.heard())
 }
 
 /// The log of the next board: the one that was asked for, then others beside that of the first.
@@ -425,6 +391,7 @@ mod tests {
     use super::*;
     use crate::recording::BoardFrame;
     use shared_proto::{Packet, Sample, Values};
+    use shell_data::block::FrameLabel;
     use std::collections::VecDeque;
     use std::sync::atomic::AtomicBool;
 

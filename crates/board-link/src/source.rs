@@ -40,17 +40,6 @@ enum Inner {
     },
 }
 
-/// What a read gave.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum SourceInput {
-    /// So many bytes.
-    Bytes(usize),
-    /// Nothing for now.
-    Nothing,
-    /// There will be no more.
-    End,
-}
-
 impl Source {
     /// Opens a port. With `reconnect`, one that goes away is waited for.
     ///
@@ -108,16 +97,12 @@ impl Source {
         }
     }
 
-    /// Bytes into `buffer`, waiting for some a short time.
-    pub(super) fn read(&mut self, buffer: &mut [u8]) -> Result<SourceInput, LinkError> {
+    /// Bytes into `buffer`, waiting for some a short time: how many, `None` if there will be no more.
+    pub(super) fn read(&mut self, buffer: &mut [u8]) -> Result<Option<usize>, LinkError> {
         match &mut self.inner {
-            Inner::Replay { file, path } => match file.read(buffer) {
-                Ok(0) => Ok(SourceInput::End),
-                Ok(count) => Ok(SourceInput::Bytes(count)),
-                Err(error) if error.kind() == io::ErrorKind::Interrupted => {
-                    Ok(SourceInput::Nothing)
-                }
-                Err(error) => Err(replay_error(path, &error)),
+            Inner::Replay { file, path } => match read_port(file, buffer) {
+                Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => Ok(None),
+                read => read.map(Some).map_err(|error| replay_error(path, &error)),
             },
             Inner::Port { port, options, reconnect, retry } => {
                 let Some(connection) = port else {
@@ -127,23 +112,21 @@ impl Source {
                         *port = options.open().ok();
                         self.reconnections += u64::from(port.is_some());
                     }
-                    return Ok(SourceInput::Nothing);
+                    return Ok(Some(0));
                 };
                 std::thread::sleep(PACE.saturating_sub(self.read_at.elapsed()));
                 match read_port(&mut **connection, buffer) {
-                    Ok(0) => Ok(SourceInput::Nothing),
                     Ok(count) => {
-                        self.read_at = Instant::now();
-                        Ok(SourceInput::Bytes(count))
+                        if count > 0 {
+                            self.read_at = Instant::now();
+                        }
+                        Ok(Some(count))
                     }
                     Err(_) if *reconnect => {
                         *port = None;
-                        Ok(SourceInput::Nothing)
+                        Ok(Some(0))
                     }
-                    Err(error) => {
-                        let (port, reason) = (options.port.clone(), error.to_string());
-                        Err(LinkError::Lost { port, reason })
-                    }
+                    Err(error) => Err(LinkError::lost(&options.port, &error)),
                 }
             }
         }
@@ -158,7 +141,7 @@ impl Source {
     }
 }
 
-/// What a port has, zero bytes if it has none for now.
+/// What a port or file has, zero bytes if it has none for now.
 pub(super) fn read_port(port: &mut (impl Read + ?Sized), buffer: &mut [u8]) -> io::Result<usize> {
     match port.read(buffer) {
         Ok(0) => Err(io::ErrorKind::UnexpectedEof.into()),

@@ -10,7 +10,7 @@ use forces::{Clock, ClockSearch, Grid, RowRule};
 use shared_proto::CHANNELS;
 use shell_data::wrench::Axis;
 
-use crate::rows::{StreamRow, add_flag};
+use crate::rows::StreamRow;
 
 const ORDER: usize = 8;
 
@@ -90,6 +90,17 @@ impl Decimator {
         }
         passed
     }
+}
+
+/// Adds a word, unless it is there.
+fn add_flag(flags: &mut String, flag: &str) {
+    if flags.split(' ').any(|known| known == flag) || flag.is_empty() {
+        return;
+    }
+    if !flags.is_empty() {
+        flags.push(' ');
+    }
+    flags.push_str(flag);
 }
 
 fn time_s(row: &StreamRow) -> f64 {

@@ -15,7 +15,6 @@
     reason = "serves sockets, keeps time"
 )]
 
-mod batch;
 mod command;
 mod decimation;
 mod destination;
@@ -25,7 +24,6 @@ mod pipe;
 mod readers;
 mod rows;
 mod stream;
-mod tcp;
 
 pub use command::{StreamCommand, UnknownCommand};
 pub use decimation::Decimator;

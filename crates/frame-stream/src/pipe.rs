@@ -1,13 +1,11 @@
-//! A reader that is written to by a thread of its own, since a pipe or a disk may hold it up.
+//! A reader that is written to by a thread of its own, since a pipe, a disk or a network may hold it up.
 
 use std::io::{self, Write};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
-use std::sync::{Arc, OnceLock};
-use std::thread;
+use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
-
-use crate::batch::FrameBatch;
 
 /// Rows that wait, at most: four seconds at 1 kHz.
 const WAITING: u64 = 4096;
@@ -15,74 +13,72 @@ const WAITING: u64 = 4096;
 /// Most bytes of one write.
 const PIECE: usize = 1 << 16;
 
+/// Rows that are handed over together: they arrive as a whole, or are lost as a whole.
+#[derive(Debug, Default)]
+pub(crate) struct FrameBatch {
+    pub(crate) bytes: Vec<u8>,
+    pub(crate) rows: u64,
+}
+
 /// The end of the pipe that rows are put in.
 #[derive(Debug)]
 pub(crate) struct PipeReader {
     batches: Option<Sender<FrameBatch>>,
-    /// Rows that were handed over.
-    handed: u64,
-    shared: Arc<PipeState>,
-}
-
-#[derive(Debug, Default)]
-struct PipeState {
     /// Rows that have been written.
-    written: AtomicU64,
-    /// How it has ended.
-    ended: OnceLock<io::Result<()>>,
+    written: Arc<AtomicU64>,
+    /// `None` once it is known how it has ended.
+    thread: Option<JoinHandle<io::Result<()>>>,
 }
 
 impl PipeReader {
     pub(crate) fn new(name: &str, out: impl Write + Send + 'static) -> io::Result<Self> {
         let (batches, receiver) = channel();
-        let shared = Arc::new(PipeState::default());
-        let of_thread = Arc::clone(&shared);
-        let run = move || {
-            let result = write_all(out, &receiver, &of_thread.written);
-            let _ = of_thread.ended.set(result);
-        };
-        thread::Builder::new().name(name.to_owned()).spawn(run)?;
-        Ok(Self { batches: Some(batches), handed: 0, shared })
+        let written = Arc::new(AtomicU64::new(0));
+        let of_thread = Arc::clone(&written);
+        let run = move || write_all(out, &receiver, &of_thread);
+        let thread = Some(thread::Builder::new().name(name.to_owned()).spawn(run)?);
+        Ok(Self { batches: Some(batches), written, thread })
     }
 
-    /// Hands a batch over; `false` if there is no room.
+    /// Hands a batch over after so many rows; `false` if there is no room.
     ///
     /// # Errors
     /// That of the last write: the reader is gone.
-    pub(crate) fn send(&mut self, batch: FrameBatch) -> io::Result<bool> {
+    pub(crate) fn send(&mut self, batch: FrameBatch, handed: u64) -> io::Result<bool> {
         let Some(batches) = &self.batches else { return Ok(false) };
-        let handed = self.handed + batch.rows;
-        if handed - self.shared.written.load(Ordering::Acquire) > WAITING
-            && self.shared.ended.get().is_none()
+        if handed + batch.rows - self.written.load(Ordering::Acquire) > WAITING && !self.has_ended()
         {
             return Ok(false);
         }
         if batches.send(batch).is_ok() {
-            self.handed = handed;
             return Ok(true);
         }
         self.batches = None;
-        while self.shared.ended.get().is_none() {
-            thread::yield_now();
-        }
-        self.result().map(|()| false)
+        self.end().map(|()| false)
     }
 
-    /// Waits a little for what is on its way; how many rows have been written in all.
+    /// Waits for what is on its way, as long as it goes on within `patience`; how many rows have been written in all.
     pub(crate) fn finish(&mut self, patience: Duration) -> (u64, io::Result<()>) {
         self.batches = None;
-        let deadline = Instant::now() + patience;
-        while self.shared.ended.get().is_none() && Instant::now() < deadline {
+        let (mut written, mut since) = (self.written.load(Ordering::Acquire), Instant::now());
+        while !self.has_ended() && since.elapsed() < patience {
             thread::sleep(Duration::from_millis(1));
+            let now_written = self.written.load(Ordering::Acquire);
+            if now_written > written {
+                (written, since) = (now_written, Instant::now());
+            }
         }
-        (self.shared.written.load(Ordering::Acquire), self.result())
+        let ended = if self.has_ended() { self.end() } else { Ok(()) };
+        (self.written.load(Ordering::Acquire), ended)
     }
 
-    fn result(&self) -> io::Result<()> {
-        match self.shared.ended.get() {
-            Some(Err(error)) => Err(io::Error::new(error.kind(), error.to_string())),
-            Some(Ok(())) | None => Ok(()),
-        }
+    fn has_ended(&self) -> bool {
+        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
+    }
+
+    /// How the thread has ended, which is about to.
+    fn end(&mut self) -> io::Result<()> {
+        self.thread.take().and_then(|thread| thread.join().ok()).unwrap_or(Ok(()))
     }
 }
 

@@ -1,17 +1,15 @@
 //! Whoever reads a stream. None is waited for.
 
 use std::io;
-use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, TcpListener, UdpSocket};
+use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::time::{Duration, Instant};
 
 use board_link::open_growing;
 use output_file::OutputError;
 
-use crate::batch::FrameBatch;
 use crate::destination::Destination;
 use crate::encoding::RowEncoder;
-use crate::pipe::PipeReader;
-use crate::tcp::TcpReader;
+use crate::pipe::{FrameBatch, PipeReader};
 
 /// How often it is looked whether somebody connects.
 const ACCEPT: Duration = Duration::from_millis(10);
@@ -50,7 +48,6 @@ struct StreamReader {
 enum Transport {
     Pipe(PipeReader),
     Udp(UdpSocket),
-    Tcp(TcpReader),
 }
 
 /// What came of a reader.
@@ -140,8 +137,8 @@ impl Readers {
         for listener in &self.listeners {
             // One that has hung up already is no reader.
             while let Ok((stream, peer)) = listener.accept() {
-                if let Ok(reader) = TcpReader::new(stream) {
-                    let (name, way) = (format!("tcp:{peer}"), Transport::Tcp(reader));
+                if let Ok(reader) = connection(stream) {
+                    let (name, way) = (format!("tcp:{peer}"), Transport::Pipe(reader));
                     self.readers.push(StreamReader::new(name, way));
                 }
             }
@@ -155,6 +152,13 @@ impl Readers {
         let rest: Vec<_> = rest.collect();
         self.gone.into_iter().chain(rest).collect()
     }
+}
+
+fn connection(stream: TcpStream) -> io::Result<PipeReader> {
+    // Some systems let it be as its listener is.
+    stream.set_nonblocking(false)?;
+    stream.set_nodelay(true)?;
+    PipeReader::new("tcp", stream)
 }
 
 fn datagrams(to: SocketAddr) -> io::Result<UdpSocket> {
@@ -200,8 +204,7 @@ impl StreamReader {
         let batch = std::mem::take(&mut self.batch);
         let rows = batch.rows;
         let is_taken = match &mut self.way {
-            Transport::Pipe(pipe) => pipe.send(batch)?,
-            Transport::Tcp(tcp) => tcp.send(batch)?,
+            Transport::Pipe(pipe) => pipe.send(batch, self.handed)?,
             // Where it fails nobody listens there yet, or the network is down for now.
             Transport::Udp(socket) => socket.send(&batch.bytes).is_ok(),
         };
@@ -215,8 +218,6 @@ impl StreamReader {
     fn summary(&mut self, error: Option<io::Error>) -> ReaderSummary {
         let (rows, ended) = match &mut self.way {
             Transport::Udp(_) => (self.handed, Ok(())),
-            Transport::Tcp(tcp) if error.is_some() => (tcp.taken, Ok(())),
-            Transport::Tcp(tcp) => (tcp.finish(PATIENCE), Ok(())),
             Transport::Pipe(pipe) => pipe.finish(PATIENCE),
         };
         let error = error.or(ended.err());

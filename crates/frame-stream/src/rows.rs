@@ -109,7 +109,9 @@ impl FrameRows {
             };
             let wrench = force.map(|force| force.wrench).or(own);
             let wrench = wrench.map(|wrench| self.tared(wrench, &mut flags));
-            self.set_marks(&mut flags);
+            let (last, waiting) = self.marks;
+            flags.extend((last - waiting + 1..=last).map(|number| format!("mark{number}")));
+            self.marks.1 = 0;
             rows.push(StreamRow {
                 time_us: frame.time_us,
                 index: frame.index,
@@ -117,27 +119,19 @@ impl FrameRows {
                 readings,
                 wrench,
                 standard_errors: errors.as_ref().map(|errors| errors.each_ref().map(|it| it[at])),
-                flags,
+                flags: flags.join(" "),
             });
         }
         Ok(rows)
     }
 
     /// A wrench without the zero that was asked for. Nothing is subtracted, to the bit, where none was.
-    fn tared(&mut self, wrench: PerAxis<f64>, flags: &mut String) -> PerAxis<f64> {
+    fn tared(&mut self, wrench: PerAxis<f64>, flags: &mut Vec<String>) -> PerAxis<f64> {
         if self.tare.push(wrench) {
-            add_flag(flags, "tared");
+            flags.push("tared".to_owned());
         }
         let zero = self.tare.zero();
         std::array::from_fn(|axis| wrench[axis] - zero[axis])
-    }
-
-    fn set_marks(&mut self, flags: &mut String) {
-        let (last, waiting) = self.marks;
-        for number in last - waiting + 1..=last {
-            add_flag(flags, &format!("mark{number}"));
-        }
-        self.marks.1 = 0;
     }
 }
 
@@ -150,15 +144,4 @@ pub enum StreamError {
     /// The low-pass of the forces.
     #[error(transparent)]
     Forces(#[from] ForceError),
-}
-
-/// Adds a word, unless it is there.
-pub(crate) fn add_flag(flags: &mut String, flag: &str) {
-    if flags.split(' ').any(|known| known == flag) || flag.is_empty() {
-        return;
-    }
-    if !flags.is_empty() {
-        flags.push(' ');
-    }
-    flags.push_str(flag);
 }

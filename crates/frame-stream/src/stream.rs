@@ -150,11 +150,8 @@ pub struct StreamWatcher {
     marks: Vec<RecordCommand>,
 }
 
-#[derive(Debug)]
-enum StreamState {
-    Running(Box<FrameStream>),
-    Ended(Option<StreamError>),
-}
+/// A stream that runs, or why it has ended; `None` once it is known what it was.
+type StreamState = Option<Result<Box<FrameStream>, StreamError>>;
 
 /// The end of a stream that its maker keeps.
 #[derive(Clone, Debug)]
@@ -168,7 +165,7 @@ impl StreamWatcher {
         beside: Box<dyn Watcher>,
         stop: Option<Arc<AtomicBool>>,
     ) -> (Self, StreamHandle) {
-        let state = Arc::new(Mutex::new(StreamState::Running(Box::new(stream))));
+        let state = Arc::new(Mutex::new(Some(Ok(Box::new(stream)))));
         let handle = StreamHandle(Arc::clone(&state));
         (Self { state, stop, beside, marks: Vec::new() }, handle)
     }
@@ -177,7 +174,7 @@ impl StreamWatcher {
 impl Watcher for StreamWatcher {
     fn see(&mut self, frames: &[BoardFrame]) {
         let mut state = lock(&self.state);
-        if let StreamState::Running(stream) = &mut *state {
+        if let Some(Ok(stream)) = &mut *state {
             let pushed = stream.push(frames, &mut self.marks);
             if let Some(stop) = &self.stop
                 && (pushed.is_err() || stream.is_deserted())
@@ -185,8 +182,7 @@ impl Watcher for StreamWatcher {
                 stop.store(true, Ordering::Relaxed);
             }
             if let Err(error) = pushed
-                && let StreamState::Running(stream) =
-                    std::mem::replace(&mut *state, StreamState::Ended(Some(error)))
+                && let Some(Ok(stream)) = state.replace(Err(error))
             {
                 stream.finish();
             }
@@ -206,11 +202,7 @@ impl StreamHandle {
     /// # Errors
     /// [`StreamError`]: why it has ended before.
     pub fn finish(&self) -> Result<Option<StreamSummary>, StreamError> {
-        let mut state = lock(&self.0);
-        match std::mem::replace(&mut *state, StreamState::Ended(None)) {
-            StreamState::Running(stream) => Ok(Some(stream.finish())),
-            StreamState::Ended(Some(error)) => Err(error),
-            StreamState::Ended(None) => Ok(None),
-        }
+        let stream = lock(&self.0).take().transpose()?;
+        Ok(stream.map(|stream| stream.finish()))
     }
 }

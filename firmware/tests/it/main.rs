@@ -216,7 +216,7 @@ fn the_board_says_what_it_is() {
     };
     let mut bench = Bench::new();
     assert_eq!(bench.ask(Command::Identify).0, Answer::Identity(identity));
-    let unknown = Command::Unknown { code: 99 };
+    let unknown = Command::Unknown(99);
     assert_eq!(bench.ask(unknown).0, Answer::Refused(Refusal::UnknownCommand));
 }
 

@@ -64,7 +64,7 @@ fn any_command() -> impl Strategy<Value = Command> {
         any::<u8>().prop_map(|emitter| Command::SelfTest { emitter }),
         any::<u32>().prop_map(|baud| Command::SetBaud { baud }),
         Just(Command::Bootloader),
-        (0x13_u8..).prop_map(|code| Command::Unknown { code }),
+        (0x13_u8..).prop_map(Command::Unknown),
     ]
 }
 
@@ -109,7 +109,7 @@ fn any_answer() -> impl Strategy<Value = Answer> {
             }
         ),
         any::<(u8, [i16; 8])>().prop_map(|(emitter, rise)| Answer::SelfTest { emitter, rise }),
-        (0x07_u8..).prop_map(|code| Answer::Other { code }),
+        (0x07_u8..).prop_map(Answer::Other),
     ]
 }
 

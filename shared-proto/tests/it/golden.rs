@@ -190,7 +190,7 @@ fn vectors() -> Vec<(Packet, &'static str)> {
             addressed(Command::LastWords { offset: 32 }),
             "01 03 38 07 07 55 c6 5f 92 0d 20 03 a4 1c 00",
         ),
-        (addressed(Command::Unknown { code: 0x70 }), "01 03 38 07 08 55 c6 5f 92 70 73 69 00"),
+        (addressed(Command::Unknown(0x70)), "01 03 38 07 08 55 c6 5f 92 70 73 69 00"),
         (answer(Answer::Done), "01 03 39 07 05 55 c6 17 2a 03 01 20 00"),
         (
             answer(Answer::Identity(identity)),
@@ -315,7 +315,7 @@ fn commands_with_arguments_that_are_not_theirs_are_unknown_commands() {
     ] {
         let frame = bytes(hex);
         let packet = Packet::decode(&frame[..frame.len() - 1]);
-        assert_eq!(packet, Ok(received(addressed(Command::Unknown { code }))), "{hex}");
+        assert_eq!(packet, Ok(received(addressed(Command::Unknown(code)))), "{hex}");
     }
 }
 
@@ -338,7 +338,7 @@ fn what_a_newer_board_says_is_read_as_far_as_it_goes() {
     let Answer::Identity(identity) = board else { panic!("{board:?}") };
     assert_eq!((identity.board, identity.serial), (Board::Other(200), SERIAL));
     let answer = answer_in("01 03 39 07 0b 55 c6 17 2a c8 61 62 63 d7 3a 00");
-    assert_eq!(answer, Answer::Other { code: 200 });
+    assert_eq!(answer, Answer::Other(200));
 }
 
 /// The lengths that the README promises.

@@ -134,15 +134,12 @@ impl Boards {
     /// What all of them have lost so far.
     pub fn losses(&self) -> Losses {
         let mut losses = Losses { unknown: self.beyond, ..Losses::default() };
-        self.heard.iter().for_each(|board| losses += self.losses_of(board.sender));
+        self.heard.iter().for_each(|board| losses += board.reception.losses());
         match &self.wire {
             Wire::Packets(PacketWire::Transparent(decoder)) => losses += damage(decoder),
             Wire::Packets(PacketWire::BaseStation { deframer, modules }) => {
                 losses.damaged += deframer.damaged;
-                let is_heard =
-                    |address| self.heard.iter().any(|board| board.sender.address == Some(address));
-                let others = modules.iter().filter(|(address, _)| !is_heard(*address));
-                others.for_each(|(_, decoder)| losses += damage(decoder));
+                modules.iter().for_each(|(_, decoder)| losses += damage(decoder));
             }
             Wire::Original(decoder) => {
                 let Losses { restarts, .. } = losses;

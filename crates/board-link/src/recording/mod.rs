@@ -32,7 +32,7 @@ pub use edges::BoardEdge;
 pub use forces::{Force, LiveForces, RunningForces, UnsuitableCalibration};
 pub use reception::{BoardFrame, Losses, Measured, Reception};
 pub use recognition::{NoFrame, PROTOCOLS, Recognition, protocol_name};
-pub(crate) use rows::RowWriter;
+pub(crate) use rows::{Annotations, RowWriter};
 pub use rows::{row_flags, write_time};
 pub use simultaneous::Simultaneous;
 pub(crate) use wire::PacketWire;

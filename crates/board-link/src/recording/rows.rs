@@ -36,6 +36,17 @@ use shared_proto::{CHANNELS, COUNTS_PER_LSB, Health};
 use shell_data::block::FrameLabel;
 use shell_data::wrench::{Axes, AxisValues};
 
+/// What a watcher has said of frames that have not been written.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Annotations {
+    /// Marks that are to be set, each on the first row from the frame of an index on.
+    pub(crate) marks: VecDeque<(i64, u32)>,
+    /// Labels of stretches.
+    pub(crate) labels: Vec<FrameLabel>,
+    /// The index of the first frame that may still be labelled.
+    pub(crate) settled: Option<i64>,
+}
+
 /// Writes frames as CSV lines.
 #[derive(Clone, Debug)]
 pub(crate) struct RowWriter {
@@ -45,10 +56,8 @@ pub(crate) struct RowWriter {
     is_numbered: bool,
     forces: Option<RunningForces>,
     last_index: Option<i64>,
-    /// Marks that are to be set, each on the first row from the frame of an index on.
-    pub(crate) marks: VecDeque<(i64, u32)>,
-    /// Labels of stretches; `None` where there is no column for them.
-    pub(crate) labels: Option<Vec<FrameLabel>>,
+    /// Whether there is a column for labels.
+    has_labels: bool,
     simultaneous: Simultaneous,
     has_rssi: bool,
     /// What the board has said last, °C.
@@ -59,7 +68,7 @@ pub(crate) struct RowWriter {
 
 impl RowWriter {
     /// For frames such as the `first`, which have numbers or not, with forces if there is a calibration;
-    /// with `as_sampled` channels are not brought to one time.
+    /// with `as_sampled` channels are not brought to one time, `has_labels` makes a column for labels.
     ///
     /// # Errors
     /// [`UnsuitableCalibration`].
@@ -68,6 +77,7 @@ impl RowWriter {
         numbered: bool,
         forces: Option<LiveForces>,
         as_sampled: bool,
+        has_labels: bool,
     ) -> Result<Self, UnsuitableCalibration> {
         let holds_readings = first.measured.readings().is_some();
         let forces = forces.map(RunningForces::new).transpose()?;
@@ -81,8 +91,7 @@ impl RowWriter {
             last_index: None,
             has_rssi: first.rssi_dbm.is_some(),
             simultaneous: Simultaneous::new(as_sampled),
-            marks: VecDeque::new(),
-            labels: None,
+            has_labels,
             other_content: 0,
             temperature_c: None,
         })
@@ -96,15 +105,15 @@ impl RowWriter {
         }
         names.extend(self.axes().columns().into_iter().map(str::to_owned));
         if self.is_numbered {
-            names.extend(["index", "missing", "dropped"].map(str::to_owned));
-            names.extend(["temperature_c", "supply_v", "vrefint"].map(str::to_owned));
+            let numbers = ["index", "missing", "dropped", "temperature_c", "supply_v", "vrefint"];
+            names.extend(numbers.map(str::to_owned));
             names.extend((1..=CHANNELS).map(|channel| format!("dark{channel}")));
             names.extend(["sync", "sync_s"].map(str::to_owned));
         }
         if self.has_rssi {
             names.push("rssi_dbm".to_owned());
         }
-        if self.labels.is_some() {
+        if self.has_labels {
             names.push("group".to_owned());
         }
         names.push("flags".to_owned());
@@ -121,30 +130,15 @@ impl RowWriter {
     }
 
     /// Appends the rows of a batch of frames, in the order of their indices, and empties it. The last
-    /// frames may wait for those after them.
+    /// frames may wait for those after them, until `ended`.
     ///
     /// # Errors
     /// [`ForceError`] if the low-pass that was asked for is impossible at the rate of the frames.
     pub(crate) fn write(
         &mut self,
         frames: &mut Vec<BoardFrame>,
-        text: &mut Vec<u8>,
-    ) -> Result<(), ForceError> {
-        self.take(frames, false, text)
-    }
-
-    /// Appends the rows of the frames that wait.
-    ///
-    /// # Errors
-    /// As [`write`](Self::write).
-    pub(crate) fn finish(&mut self, text: &mut Vec<u8>) -> Result<(), ForceError> {
-        self.take(&mut Vec::new(), true, text)
-    }
-
-    fn take(
-        &mut self,
-        frames: &mut Vec<BoardFrame>,
         ended: bool,
+        annotations: &mut Annotations,
         text: &mut Vec<u8>,
     ) -> Result<(), ForceError> {
         frames.sort_by_key(|frame| frame.index);
@@ -184,21 +178,21 @@ impl RowWriter {
                 let rssi = frame.rssi_dbm.map_or_else(String::new, |dbm| dbm.to_string());
                 text.extend_from_slice(format!(",{rssi}").as_bytes());
             }
-            if let Some(labels) = &self.labels {
+            if self.has_labels {
+                let labels = &annotations.labels;
                 let is_in = |of: &&FrameLabel| (of.from..=of.until).contains(&frame.index);
                 text.push(b',');
                 write_label(labels.iter().find(is_in).map_or("", |of| &of.group), text);
             }
             text.push(b',');
             let mut flags = row_flags(&frame, force, is_late);
-            while let Some(&(index, number)) = self.marks.front()
+            while let Some(&(index, number)) = annotations.marks.front()
                 && frame.index >= index
             {
-                self.marks.pop_front();
-                let space = if flags.is_empty() { "" } else { " " };
-                flags += &format!("{space}mark{number}");
+                annotations.marks.pop_front();
+                flags.push(format!("mark{number}"));
             }
-            text.extend_from_slice(flags.as_bytes());
+            text.extend_from_slice(flags.join(" ").as_bytes());
             text.push(b'\n');
         }
         Ok(())
@@ -260,25 +254,18 @@ fn write_edge(edge: Option<&BoardEdge>, text: &mut Vec<u8>) {
     write_time(*time_us, text);
 }
 
-/// What is to be said of a frame, in words with spaces between; empty when all is well.
-pub fn row_flags(frame: &BoardFrame, force: Option<&Force>, is_late: bool) -> String {
-    let mut flags = Vec::new();
+/// What is to be said of a frame, in words; none when all is well.
+pub fn row_flags(frame: &BoardFrame, force: Option<&Force>, is_late: bool) -> Vec<String> {
+    let words = [
+        (force.is_some_and(|force| force.untared), "untared"),
+        (force.is_some_and(|force| force.unfiltered), "unfiltered"),
+        (frame.skewed, "skewed"),
+        (frame.restarted, "restart"),
+        (is_late, "late"),
+    ];
+    let words = words.into_iter().filter(|(applies, _)| *applies);
+    let mut flags: Vec<String> = words.map(|(_, word)| word.to_owned()).collect();
     let out_of_range = force.map_or(0, |force| force.out_of_range);
-    if force.is_some_and(|force| force.untared) {
-        flags.push("untared".to_owned());
-    }
-    if force.is_some_and(|force| force.unfiltered) {
-        flags.push("unfiltered".to_owned());
-    }
-    if frame.skewed {
-        flags.push("skewed".to_owned());
-    }
-    if frame.restarted {
-        flags.push("restart".to_owned());
-    }
-    if is_late {
-        flags.push("late".to_owned());
-    }
     for channel in 0..CHANNELS {
         if out_of_range >> channel & 1 == 1 {
             flags.push(format!("s{}:range", channel + 1));
@@ -287,5 +274,5 @@ pub fn row_flags(frame: &BoardFrame, force: Option<&Force>, is_late: bool) -> St
             flags.push(format!("s{}:saturated", channel + 1));
         }
     }
-    flags.join(" ")
+    flags
 }

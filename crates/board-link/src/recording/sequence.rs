@@ -115,31 +115,6 @@ impl Tracker {
     }
 }
 
-/// Unwraps the board's 32-bit clock, which wraps around every 71.6 min.
-///
-/// A time is taken to be the one nearest to that before it, so samples may be out of order; how long
-/// a silence of more than 35 min was has to be known otherwise, see [`at`](Self::at).
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct SampleClock {
-    last_us: Option<i64>,
-}
-
-impl SampleClock {
-    /// The time before was this.
-    pub(super) const fn at(time_us: i64) -> Self {
-        Self { last_us: Some(time_us) }
-    }
-
-    /// Unwrapped time in µs; the first is as it stands.
-    pub(super) fn unwrap_us(&mut self, clock_us: u32) -> i64 {
-        let unwrapped = self.last_us.map_or(i64::from(clock_us), |last| {
-            last + i64::from(clock_us.wrapping_sub(last as u32) as i32)
-        });
-        self.last_us = Some(unwrapped);
-        unwrapped
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -231,14 +206,5 @@ mod tests {
             prop_assert_eq!(tracker.missing(), span as u64 - seen.len() as u64);
             prop_assert_eq!((tracker.reordered, tracker.duplicates), (late, double));
         }
-    }
-
-    #[test]
-    fn the_clock_unwraps_both_ways() {
-        let mut clock = SampleClock::default();
-        assert_eq!(clock.unwrap_us(u32::MAX - 9), 4_294_967_286);
-        assert_eq!(clock.unwrap_us(10), 4_294_967_306);
-        assert_eq!(clock.unwrap_us(u32::MAX), 4_294_967_295);
-        assert_eq!(clock.unwrap_us(20), 4_294_967_316);
     }
 }

@@ -67,7 +67,9 @@ impl Simultaneous {
         let newest = self.before.last().map(|frame| frame.index);
         let (mut ready, mut on_time): (Vec<_>, Vec<_>) =
             frames.partition(|frame| newest.is_some_and(|newest| frame.index < newest));
-        ready.iter_mut().for_each(shift_time);
+        for frame in &mut ready {
+            *frame = BoardFrame { skewed: frame.timing.is_some(), ..at_middle(frame) };
+        }
         self.waiting.append(&mut on_time);
         self.waiting.sort_by_key(|frame| frame.index);
         if !(self.is_described() || ended) {
@@ -79,7 +81,7 @@ impl Simultaneous {
         let mut all = std::mem::take(&mut self.before);
         all.append(&mut self.waiting);
         ready.extend((first..first + count).map(|at| match self.as_sampled {
-            true => with_time(&all[at]),
+            true => at_middle(&all[at]),
             false => at_one_time(&all, at),
         }));
         self.waiting = all.split_off(first + count);
@@ -111,31 +113,21 @@ fn middle_us(timing: Timing) -> f64 {
     f64::from(timing.first_us) + f64::from(timing.step_us) * (CHANNELS as f64 - 1.0) / 2.0
 }
 
-/// The time of a frame is that of its middle, where the board says when that is.
-fn shift_time(frame: &mut BoardFrame) {
-    let shift_us = frame.timing.map_or(0.0, middle_us);
-    frame.time_us += shift_us.round() as i64;
-    frame.skewed = frame.timing.is_some();
-}
-
-/// A frame that keeps its readings.
-fn with_time(frame: &BoardFrame) -> BoardFrame {
-    let mut frame = frame.clone();
-    shift_time(&mut frame);
-    frame.skewed = false;
-    frame
+/// A frame with the time of its middle, where the board says when that is.
+fn at_middle(frame: &BoardFrame) -> BoardFrame {
+    let shift_us = frame.timing.map_or(0.0, middle_us).round() as i64;
+    BoardFrame { time_us: frame.time_us + shift_us, ..frame.clone() }
 }
 
 /// The frame `all[at]` with its readings at its middle.
 fn at_one_time(all: &[BoardFrame], at: usize) -> BoardFrame {
-    let mut frame = all[at].clone();
-    shift_time(&mut frame);
+    let mut frame = at_middle(&all[at]);
     let (Some(timing), Measured::Readings(readings)) = (frame.timing, &mut frame.measured) else {
-        frame.skewed = false; // nothing is known, or the board has converted
-        return frame;
+        return frame; // nothing is known, or the board has converted
     };
     let points = &all[run(all, at)];
     if points.len() < 2 {
+        frame.skewed = true;
         return frame;
     }
     let times: Vec<f64> = points.iter().map(|p| (p.time_us - all[at].time_us) as f64).collect();
@@ -148,7 +140,6 @@ fn at_one_time(all: &[BoardFrame], at: usize) -> BoardFrame {
         *reading = ((value * counts).round() / counts).clamp(0.0, LARGEST);
     }
     frame.saturated = points.iter().fold(0, |mask, point| mask | point.saturated);
-    frame.skewed = false;
     frame
 }
 

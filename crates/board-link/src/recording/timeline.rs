@@ -14,7 +14,7 @@
 //! packets. Version 2 of the protocol has none: there, a clock or a number that went back is one, unless the
 //! host's time says that the clock has wrapped around.
 
-use super::sequence::{Arrival, SampleClock, Tracker, WINDOW};
+use super::sequence::{Arrival, Tracker, WINDOW};
 
 /// Frames in a silence that is short: number and clock tell by themselves.
 const SHORT: u64 = 1 << 14;
@@ -87,9 +87,7 @@ pub(super) struct FramePosition {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Timeline {
     pub(super) tracker: Tracker,
-    clock: SampleClock,
-    /// Time that the clock's zero stands for.
-    offset_us: i64,
+    /// In order, with its time.
     newest: Option<(Stamp, i64)>,
     period: Period,
     /// Silences in which more may have been lost than is counted as missing.
@@ -122,10 +120,13 @@ impl Timeline {
         self.has_booted = self.newest.is_some();
     }
 
-    /// The position of a frame that follows on those before it.
+    /// The position of a frame that follows on those before it. Its time is the one nearest to that of the newest, so
+    /// frames may be out of order.
     pub(super) fn follow(&mut self, stamp: Stamp) -> FramePosition {
         let (index, arrival) = self.tracker.position(stamp.sequence);
-        let time_us = self.offset_us + self.clock.unwrap_us(stamp.clock_us);
+        let time_us = self.newest.map_or(i64::from(stamp.clock_us), |(newest, newest_us)| {
+            newest_us + i64::from(newest.step_to(&stamp).clock_us.cast_signed())
+        });
         if matches!(arrival, Arrival::InOrder { .. }) {
             if let Some((newest, _)) = self.newest {
                 self.period.observe(&newest.step_to(&stamp));
@@ -150,7 +151,6 @@ impl Timeline {
         let sent = sent.unwrap_or_else(|| u64::from(step.sequence.max(1)));
         let (index, arrival) = self.tracker.advance(sent);
         let time_us = newest_us.saturating_add_unsigned(elapsed_us);
-        self.clock = SampleClock::at(time_us - self.offset_us);
         self.newest = Some((stamp, time_us));
         FramePosition { index, time_us, arrival, restarted: false }
     }
@@ -164,8 +164,6 @@ impl Timeline {
         self.tracker.restart(lost);
         let (index, arrival) = self.tracker.position(stamp.sequence);
         let time_us = newest_us.saturating_add_unsigned(gap_us);
-        self.offset_us = time_us - i64::from(stamp.clock_us);
-        self.clock = SampleClock::at(i64::from(stamp.clock_us));
         self.newest = Some((stamp, time_us));
         (self.period, self.has_booted) = (Period::default(), false);
         FramePosition { index, time_us, arrival, restarted: true }
@@ -317,6 +315,17 @@ mod tests {
         let placed = timeline.follow(now);
         assert_eq!((placed.time_us, placed.restarted), (16_000_000, false));
         assert_eq!((timeline.tracker.missing(), timeline.tracker.restarts), (1_499, 0));
+    }
+
+    #[test]
+    fn the_clock_unwraps_both_ways() {
+        let mut timeline = Timeline::default();
+        let mut time =
+            |sequence, clock_us| timeline.follow(stamp(sequence, clock_us, 1, None)).time_us;
+        assert_eq!(time(5, u32::MAX - 9), 4_294_967_286);
+        assert_eq!(time(7, 10), 4_294_967_306);
+        assert_eq!(time(6, u32::MAX), 4_294_967_295);
+        assert_eq!(time(8, 20), 4_294_967_316);
     }
 
     #[test]

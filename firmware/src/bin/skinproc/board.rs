@@ -2,22 +2,15 @@
 
 use crate::stm32::converter::{Converter, EndOfBurst};
 use crate::stm32::front_end::{Inputs, Photointerrupters, emitters};
-use crate::stm32::start::{self, Common, Past};
+use crate::stm32::start;
 use crate::stm32::time::Independent;
-use embassy_executor::Spawner;
 use embassy_stm32::adc::{Adc, AdcChannel, SampleTime};
+use embassy_stm32::flash::Flash;
+use embassy_stm32::gpio::Pull;
 use embassy_stm32::interrupt::typelevel;
-use embassy_stm32::{Config, bind_interrupts, dma, exti, pac, peripherals, rcc, rng, usart};
+use embassy_stm32::usart::{self, Uart};
+use embassy_stm32::{Config, dma, exti, pac, peripherals, rcc, rng};
 use shared_proto::Board;
-
-bind_interrupts!(struct Irqs {
-    USART1 => usart::InterruptHandler<peripherals::USART1>;
-    DMA1_CHANNEL4 => dma::InterruptHandler<peripherals::DMA1_CH4>;
-    DMA1_CHANNEL5 => dma::InterruptHandler<peripherals::DMA1_CH5>;
-    EXTI15_10 => exti::InterruptHandler<typelevel::EXTI15_10>;
-    RNG => rng::InterruptHandler<peripherals::RNG>;
-    ADC1 => EndOfBurst;
-});
 
 /// Longer than the converter needs for a source of 10 kΩ (DS11451, table "Maximum ADC RAIN").
 const SAMPLE_TIME: SampleTime = SampleTime::CYCLES247_5;
@@ -32,24 +25,11 @@ const SLOW_SAMPLE_TIME: SampleTime = SampleTime::CYCLES640_5;
 /// A rising edge of TIM6's trigger output starts conversions: CFGR's EXTEN, and 13 in EXTSEL (RM0394, table "ADC1 external triggers for regular channels").
 const TRIGGER: u32 = 1 << 10 | 13 << 6;
 
-/// 80 MHz from the internal 16 MHz oscillator: the board has no crystal.
 fn clocks() -> Config {
-    let mut config = Config::default();
+    let mut config = start::clocks();
     config.rcc.hsi = true;
-    config.rcc.pll = Some(rcc::Pll {
-        source: rcc::PllSource::HSI,
-        prediv: rcc::PllPreDiv::DIV1,
-        mul: rcc::PllMul::MUL10,
-        divp: None,
-        // For random numbers.
-        divq: Some(rcc::PllQDiv::DIV4),
-        divr: Some(rcc::PllRDiv::DIV2),
-    });
-    config.rcc.sys = rcc::Sysclk::PLL1_R;
-    config.rcc.ls = rcc::LsConfig::off();
     // Off by default, and then the converter never gets ready.
     config.rcc.mux.adcsel = rcc::mux::Adcsel::SYS;
-    config.rcc.mux.clk48sel = rcc::mux::Clk48sel::PLL1_Q;
     config
 }
 
@@ -58,58 +38,10 @@ fn set_sample_time(input: u8, time: SampleTime) {
     pac::ADC1.smpr(position / 10).modify(|times| times.set_smp(position % 10, time));
 }
 
-#[embassy_executor::main]
-async fn main(spawner: Spawner) {
-    let past = Past::take();
-    let p = embassy_stm32::init(clocks());
-    past.log();
-    // A debugger that halts the core is no reason for a reset.
-    pac::DBGMCU.apb1fzr1().modify(|frozen| frozen.set_iwdg(true));
-    let watchdog = Independent::start(p.IWDG);
-
-    let adc = Adc::new(p.ADC1);
-    let inputs = Inputs::new(
-        [
-            p.PA0.degrade_adc(),
-            p.PA1.degrade_adc(),
-            p.PA2.degrade_adc(),
-            p.PA3.degrade_adc(),
-            p.PA4.degrade_adc(),
-            p.PA5.degrade_adc(),
-            p.PA6.degrade_adc(),
-            p.PA7.degrade_adc(),
-        ],
-        adc.enable_vrefint().degrade_adc(),
-        adc.enable_temperature().degrade_adc(),
-    );
-    inputs.channels.iter().for_each(|&input| set_sample_time(input, SAMPLE_TIME));
-    set_sample_time(inputs.reference, SLOW_SAMPLE_TIME);
-    set_sample_time(inputs.thermometer, SLOW_SAMPLE_TIME);
-    let emitters = emitters([
-        p.PB0.into(),
-        p.PB1.into(),
-        p.PB3.into(),
-        p.PB4.into(),
-        p.PB5.into(),
-        p.PB6.into(),
-        p.PB7.into(),
-        p.PA8.into(),
-    ]);
-    let converter = Converter::new::<typelevel::ADC1>(adc, p.TIM6, TRIGGER, emitters, Irqs);
-    let front_end = Photointerrupters::new(converter, inputs);
-    let common = Common {
-        usart: p.USART1,
-        tx: p.PA9,
-        rx: p.PA10,
-        cts: p.PA11,
-        rts: p.PA12,
-        tx_dma: p.DMA1_CH4,
-        rx_dma: p.DMA1_CH5,
-        sync: p.PA15,
-        sync_line: p.EXTI15,
-        rng: p.RNG,
-        flash: p.FLASH,
-    };
-    let front_end = (front_end, CONVERSION_NS);
-    start::tasks(spawner, (Board::SkinProc, past), watchdog, front_end, common, Irqs).await;
+start::board! {
+    Board::SkinProc,
+    freeze: apb1fzr1,
+    converter: ADC1 (),
+    inputs: PA0 PA1 PA2 PA3 PA4 PA5 PA6 PA7,
+    emitters: PB0 PB1 PB3 PB4 PB5 PB6 PB7 PA8,
 }

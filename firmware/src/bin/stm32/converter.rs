@@ -173,21 +173,6 @@ impl<I: Interrupt> Handler<I> for EndOfBurst {
     }
 }
 
-/// Sums that are being taken. Dropped before their end they leave converter and emitter at rest.
-struct Summing<'a>(&'a SettlingTimer);
-
-impl Drop for Summing<'_> {
-    fn drop(&mut self) {
-        if !STATE.is_done() {
-            self.0.stop();
-            stop();
-            _ = pac::ADC1.dr().read(); // takes the interrupt's cause away
-            light(STATE.emitter.load(Ordering::Relaxed), false);
-            STATE.at.store(u8::MAX, Ordering::Release);
-        }
-    }
-}
-
 /// The converter, the emitters and the timer of settling.
 pub(crate) struct Converter {
     _adc: Adc<'static, ADC1>,
@@ -235,6 +220,7 @@ impl Converter {
         STATE.sums.each_ref().map(|sum| sum.load(Ordering::Relaxed))
     }
 
+    /// Takes sums to their end: dropped before it, it would leave the converter and an emitter at work.
     async fn take(
         &mut self,
         input: u8,
@@ -256,7 +242,6 @@ impl Converter {
         sequence.set_sq(0, input);
         pac::ADC1.sqr1().write_value(sequence);
         self.timer.set(settling_us);
-        let summing = Summing(&self.timer);
         STATE.begin(is_fresh);
         if settles_first {
             STATE.start_settled()
@@ -272,7 +257,6 @@ impl Converter {
             if STATE.is_done() { Poll::Ready(()) } else { Poll::Pending }
         })
         .await;
-        drop(summing);
         self.last_us = Some(Instant::now().as_micros());
     }
 }

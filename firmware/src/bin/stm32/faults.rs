@@ -6,8 +6,9 @@
 
 use core::arch::global_asm;
 
-use super::last_words::{self, End};
+use super::last_words;
 use cortex_m_rt::ExceptionFrame;
+use shared_proto::ResetCause;
 
 /// Configurable fault status register: what was wrong (Arm DDI0403, B3.2.15).
 const CFSR: *const u32 = 0xE000_ED28 as *const u32;
@@ -43,11 +44,11 @@ extern "C" fn on_fault(frame: *const ExceptionFrame) -> ! {
     let status = unsafe { CFSR.read_volatile() };
     if frame.addr() < (&raw const _stack_end).addr() {
         let words = format_args!("stack overflow, down to {frame:p}, CFSR {status:#010x}");
-        last_words::leave(End::Fault, words)
+        last_words::leave(ResetCause::Fault, words)
     }
     // SAFETY: the stack pointer is in the stack, so the core has pushed a frame there.
     let frame = unsafe { &*frame };
     let (pc, lr) = (frame.pc(), frame.lr());
     let words = format_args!("fault at {pc:#010x}, called from {lr:#010x}, CFSR {status:#010x}");
-    last_words::leave(End::Fault, words)
+    last_words::leave(ResetCause::Fault, words)
 }

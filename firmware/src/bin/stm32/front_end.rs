@@ -38,14 +38,13 @@ impl Inputs {
 pub(crate) struct Photointerrupters {
     converter: Converter,
     inputs: Inputs,
-    lit: Option<u8>,
     factory: Factory,
 }
 
 impl Photointerrupters {
     /// With emitters that are off.
     pub(crate) fn new(converter: Converter, inputs: Inputs) -> Self {
-        Self { converter, inputs, lit: None, factory: factory::codes() }
+        Self { converter, inputs, factory: factory::codes() }
     }
 
     async fn sum_after(&mut self, settling_us: u16, channel: usize, conversions: u8) -> u32 {
@@ -63,13 +62,7 @@ pub(crate) fn emitters(pins: [Peri<'static, AnyPin>; CHANNELS]) -> [Output<'stat
 
 impl FrontEnd for Photointerrupters {
     fn light(&mut self, channel: Option<usize>) {
-        if let Some(emitter) = self.lit.take() {
-            light(emitter, false);
-        }
-        self.lit = channel.and_then(|channel| u8::try_from(channel).ok());
-        if let Some(emitter) = self.lit {
-            light(emitter, true);
-        }
+        (0..CHANNELS).for_each(|emitter| light(emitter as u8, channel == Some(emitter)));
     }
 
     async fn sum(&mut self, channel: usize, conversions: u8) -> u32 {

@@ -29,12 +29,7 @@ impl SettlingTimer {
     pub(crate) fn set(&self, us: u16) {
         let timer = self.0.regs_core();
         timer.arr().write(|reload| reload.set_arr(us.saturating_sub(1).max(1)));
-        timer.cnt().write(|count| count.set_cnt(0)); // where it was stopped before its end
-    }
-
-    /// The count is given up.
-    pub(crate) fn stop(&self) {
-        self.0.stop();
+        timer.cnt().write(|count| count.set_cnt(0));
     }
 }
 

@@ -2,24 +2,22 @@
 #![expect(unsafe_code, reason = "an interrupt is handled here")]
 
 use super::front_end::Photointerrupters;
-use super::last_words::{self, End};
+use super::last_words;
 use super::storage::Area;
 use super::sync_input;
 use super::tasks::{self, Stm32Station};
 use super::time::{EmbassyClock, Independent};
 use defmt_rtt as _;
 use embassy_executor::{InterruptExecutor, Spawner};
-use embassy_stm32::exti::{self, ExtiInput};
-use embassy_stm32::flash::Flash;
+use embassy_stm32::exti::ExtiInput;
+use embassy_stm32::flash::{Blocking, Flash};
 use embassy_stm32::gpio::Pull;
-use embassy_stm32::interrupt::typelevel::{self, Binding};
 use embassy_stm32::interrupt::{InterruptExt, Priority};
-use embassy_stm32::peripherals::{
-    self, DMA1_CH4, DMA1_CH5, EXTI15, FLASH, PA9, PA10, PA11, PA12, PA15, RNG, USART1,
-};
-use embassy_stm32::rng::{self, Rng};
+use embassy_stm32::mode::Async;
+use embassy_stm32::peripherals::RNG;
+use embassy_stm32::rng::Rng;
 use embassy_stm32::usart::{self, Uart};
-use embassy_stm32::{Peri, dma, interrupt, pac, uid};
+use embassy_stm32::{Config, interrupt, pac, rcc, uid};
 use embassy_time::{Duration, with_timeout};
 use firmware::{BoardSetup, LastWords, RECORD, Slots, Station, VERSION, baud};
 use shared_proto::{Board, Identity, ResetCause};
@@ -35,7 +33,8 @@ impl Past {
     /// To be called once, first of all: what is left of the past is forgotten.
     pub(crate) fn take() -> Self {
         let (end, last_words) = last_words::take().unzip();
-        Self { cause: reset_cause(end), last_words }
+        let cause = reset_cause();
+        Self { cause: end.unwrap_or(cause), last_words }
     }
 
     /// Says so to a debug probe. The clocks have to be set.
@@ -47,15 +46,13 @@ impl Past {
     }
 }
 
-/// Why the board has started (RM0394 and RM0440, RCC_CSR). Read once: the flags are cleared.
-fn reset_cause(end: Option<End>) -> ResetCause {
+/// Why the board has started, by its hardware (RM0394 and RM0440, RCC_CSR). Read once: the flags are cleared.
+fn reset_cause() -> ResetCause {
     let csr = pac::RCC.csr();
     let flags = csr.read();
     csr.modify(|csr| csr.set_rmvf(true));
     // The pin is pulled by every other cause too, so it comes last.
-    if let Some(end) = end {
-        end.cause()
-    } else if flags.iwdgrstf() || flags.wwdgrstf() {
+    if flags.iwdgrstf() || flags.wwdgrstf() {
         ResetCause::Watchdog
     } else if flags.borrstf() {
         ResetCause::Power
@@ -66,19 +63,89 @@ fn reset_cause(end: Option<End>) -> ResetCause {
     }
 }
 
-/// What is on the same pins of every board: the serial line and the sync input; and what no board has otherwise.
-pub(crate) struct Common {
-    pub(crate) usart: Peri<'static, USART1>,
-    pub(crate) tx: Peri<'static, PA9>,
-    pub(crate) rx: Peri<'static, PA10>,
-    pub(crate) cts: Peri<'static, PA11>,
-    pub(crate) rts: Peri<'static, PA12>,
-    pub(crate) tx_dma: Peri<'static, DMA1_CH4>,
-    pub(crate) rx_dma: Peri<'static, DMA1_CH5>,
-    pub(crate) sync: Peri<'static, PA15>,
-    pub(crate) sync_line: Peri<'static, EXTI15>,
-    pub(crate) rng: Peri<'static, RNG>,
-    pub(crate) flash: Peri<'static, FLASH>,
+/// Clocks of every board: 80 MHz from the internal oscillator of 16 MHz, for none has a crystal.
+pub(crate) fn clocks() -> Config {
+    let mut config = Config::default();
+    config.rcc.pll = Some(rcc::Pll {
+        source: rcc::PllSource::HSI,
+        prediv: rcc::PllPreDiv::DIV1,
+        mul: rcc::PllMul::MUL10,
+        divp: None,
+        // For random numbers.
+        divq: Some(rcc::PllQDiv::DIV4),
+        divr: Some(rcc::PllRDiv::DIV2),
+    });
+    config.rcc.sys = rcc::Sysclk::PLL1_R;
+    config.rcc.ls = rcc::LsConfig::off();
+    config.rcc.mux.clk48sel = rcc::mux::Clk48sel::PLL1_Q;
+    config
+}
+
+/// Defines a board's interrupts and its `main`. What it names is each board's own: the register by which a debugger
+/// stops the watchdog, the converter's settings, its interrupt and its inputs, and the pins of the emitters. The
+/// serial line and the sync input are on the same pins of every board.
+///
+/// The board's module has `clocks`, `set_sample_time` and the constants that are used here.
+macro_rules! board {
+    (
+        $board:expr,
+        freeze: $freeze:ident,
+        converter: $interrupt:ident ($($config:expr)?),
+        inputs: $($input:ident)+,
+        emitters: $($emitter:ident)+,
+    ) => {
+        embassy_stm32::bind_interrupts!(struct Irqs {
+            USART1 => usart::InterruptHandler<peripherals::USART1>;
+            DMA1_CHANNEL4 => dma::InterruptHandler<peripherals::DMA1_CH4>;
+            DMA1_CHANNEL5 => dma::InterruptHandler<peripherals::DMA1_CH5>;
+            EXTI15_10 => exti::InterruptHandler<typelevel::EXTI15_10>;
+            RNG => rng::InterruptHandler<peripherals::RNG>;
+            $interrupt => EndOfBurst;
+        });
+
+        #[embassy_executor::main]
+        async fn main(spawner: embassy_executor::Spawner) {
+            let past = start::Past::take();
+            let p = embassy_stm32::init(clocks());
+            past.log();
+            // A debugger that halts the core is no reason for a reset.
+            pac::DBGMCU.$freeze().modify(|frozen| frozen.set_iwdg(true));
+            let watchdog = Independent::start(p.IWDG);
+            let run = (past, start::number(rng::Rng::new(p.RNG, Irqs)).await);
+
+            let adc = Adc::new(p.ADC1, $($config)?);
+            let reference = adc.enable_vrefint().degrade_adc();
+            let thermometer = adc.enable_temperature().degrade_adc();
+            let inputs = Inputs::new([$(p.$input.degrade_adc()),+], reference, thermometer);
+            inputs.channels.iter().for_each(|&input| set_sample_time(input, SAMPLE_TIME));
+            set_sample_time(inputs.reference, SLOW_SAMPLE_TIME);
+            set_sample_time(inputs.thermometer, SLOW_SAMPLE_TIME);
+            let emitters = emitters([$(p.$emitter.into()),+]);
+            let converter =
+                Converter::new::<typelevel::$interrupt>(adc, p.TIM6, TRIGGER, emitters, Irqs);
+            let front_end = (Photointerrupters::new(converter, inputs), CONVERSION_NS);
+
+            let uart = Uart::new_with_rtscts(
+                p.USART1, p.PA10, p.PA9, p.PA12, p.PA11, p.DMA1_CH4, p.DMA1_CH5, Irqs, start::line(),
+            );
+            let sync = exti::ExtiInput::new(p.PA15, p.EXTI15, Pull::Up, Irqs);
+            let flash = Flash::new_blocking(p.FLASH);
+            start::tasks(spawner, $board, run, watchdog, front_end, (uart, sync), flash);
+        }
+    };
+}
+
+pub(crate) use board;
+
+/// The serial line after a reset.
+pub(crate) fn line() -> usart::Config {
+    let mut config = usart::Config::default();
+    config.baudrate = baud::FIRST.actual;
+    // An adapter of three wires leaves CTS open: then the line is clear to send. RX without a sender
+    // is idle.
+    config.cts_pull = Pull::Down;
+    config.rx_pull = Pull::Up;
+    config
 }
 
 /// The executor of the sync input, at whose interrupt nothing else is.
@@ -92,34 +159,22 @@ unsafe fn TIM7() {
 }
 
 /// Starts the tasks of a board whose conversions take so many ns.
-pub(crate) async fn tasks(
+pub(crate) fn tasks(
     spawner: Spawner,
-    (board, past): (Board, Past),
+    board: Board,
+    (past, start): (Past, u16),
     watchdog: Independent,
     (front_end, conversion_ns): (Photointerrupters, u32),
-    common: Common,
-    irqs: impl Binding<typelevel::USART1, usart::InterruptHandler<peripherals::USART1>>
-    + Binding<typelevel::DMA1_CHANNEL4, dma::InterruptHandler<DMA1_CH4>>
-    + Binding<typelevel::DMA1_CHANNEL5, dma::InterruptHandler<DMA1_CH5>>
-    + Binding<typelevel::EXTI15_10, exti::InterruptHandler<typelevel::EXTI15_10>>
-    + Binding<typelevel::RNG, rng::InterruptHandler<RNG>>
-    + 'static,
+    (uart, sync): (Result<Uart<'static, Async>, usart::ConfigError>, ExtiInput<'static, Async>),
+    flash: Flash<'static, Blocking>,
 ) {
     static STATION: StaticCell<Stm32Station> = StaticCell::new();
     static RECORD_ROOM: ConstStaticCell<[u8; RECORD]> = ConstStaticCell::new([0; RECORD]);
     static IN: ConstStaticCell<[u8; 256]> = ConstStaticCell::new([0; 256]);
-    let Common { usart, tx, rx, cts, rts, tx_dma, rx_dma, .. } = common;
-    let mut config = usart::Config::default();
-    config.baudrate = baud::FIRST.actual;
-    // An adapter of three wires leaves CTS open: then the line is clear to send. RX without a sender
-    // is idle.
-    config.cts_pull = Pull::Down;
-    config.rx_pull = Pull::Up;
-    let uart = Uart::new_with_rtscts(usart, rx, tx, rts, cts, tx_dma, rx_dma, irqs, config);
     let (sender, receiver) = uart.expect("80 MHz can be divided to this rate").split();
     let setup = BoardSetup {
         identity: Identity { board, firmware: VERSION, serial: uid::uid(), min_period_us: 1_000 },
-        start: start_number(common.rng, irqs).await,
+        start,
         reset_cause: past.cause,
         last_words: past.last_words.unwrap_or_default(),
         conversion_ns,
@@ -128,7 +183,7 @@ pub(crate) async fn tasks(
         has_bootloader: true,
     };
     let station = STATION.init_with(|| Station::new(setup, EmbassyClock, RECORD_ROOM.take()));
-    let slots = Slots::new(Area::new(Flash::new_blocking(common.flash)));
+    let slots = Slots::new(Area::new(flash));
     let receiver = receiver.into_ring_buffered(IN.take());
     let spawn = "each task is spawned once";
     spawner.spawn(tasks::watch(station, watchdog).expect(spawn));
@@ -136,19 +191,14 @@ pub(crate) async fn tasks(
     spawner.spawn(tasks::send(station, sender).expect(spawn));
     spawner.spawn(tasks::receive(station, receiver, slots).expect(spawn));
     spawner.spawn(tasks::listen(station).expect(spawn));
-    let input = ExtiInput::new(common.sync, common.sync_line, Pull::Up, irqs);
     interrupt::TIM7.set_priority(Priority::P1);
     let urgent = URGENT.start(interrupt::TIM7);
-    urgent.spawn(sync_input::stamp(input).expect(spawn));
+    urgent.spawn(sync_input::stamp(sync).expect(spawn));
 }
 
 /// New at every start, but for one in 65,536; 0 if the chip gives no random numbers.
-async fn start_number(
-    rng: Peri<'static, RNG>,
-    irqs: impl Binding<typelevel::RNG, rng::InterruptHandler<RNG>> + 'static,
-) -> u16 {
+pub(crate) async fn number(mut rng: Rng<'static, RNG>) -> u16 {
     let mut bytes = [0; 2];
-    let mut rng = Rng::new(rng, irqs);
     let filled = with_timeout(Duration::from_millis(1), rng.async_fill_bytes(&mut bytes)).await;
     filled.ok().and_then(Result::ok).map_or(0, |()| u16::from_le_bytes(bytes))
 }

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use anyhow::Context;
 use board_link::recording::PROTOCOLS;
-use board_link::{HandshakeOptions, PortOptions, PortState, SystemFiles, Uplink, handshake, ports};
+use board_link::{HandshakeOptions, PortOptions, PortState, Uplink, handshake, ports};
 use calibration_file::CalibrationFile;
 use doctor::{
     BoardObservations, Finding, FindingSeverity, check_board, check_port, examine_calibration,
@@ -143,7 +143,7 @@ impl DoctorArgs {
         ask: impl FnOnce(PortOptions) -> anyhow::Result<Vec<Finding>>,
     ) -> anyhow::Result<Examination> {
         let options = self.serial.port(port);
-        let state = PortState::new(&options, &SystemFiles::default());
+        let state = PortState::new(&options, Path::new("/"));
         let mut findings = check_port(&state);
         if state.refusal.is_none() {
             findings.extend(ask(options)?);
