@@ -92,21 +92,17 @@ const MOST_ROWS: usize = 20_000;
 impl FoundKind {
     /// As documents call them.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Plateaus => "plateaus",
-            Self::Recordings => "recordings",
-            Self::Stretches => "stretches",
-        }
+        self.words()[0]
     }
 
-    /// Their name in singular, in plural, and in full.
-    fn words(self) -> [&'static str; 3] {
+    /// Their name in documents, in singular, in plural, and in full.
+    fn words(self) -> [&'static str; 4] {
         match self {
-            Self::Plateaus => ["plateau", "poses", "plateaus of constant load"],
+            Self::Plateaus => ["plateaus", "plateau", "poses", "plateaus of constant load"],
             Self::Recordings => {
-                ["recording", "recordings", "recordings between jumps of the clock"]
+                ["recordings", "recording", "recordings", "recordings between jumps of the clock"]
             }
-            Self::Stretches => ["stretch", "stretches of time", "stretches of time"],
+            Self::Stretches => ["stretches", "stretch", "stretches of time", "stretches of time"],
         }
     }
 }
@@ -151,7 +147,7 @@ impl GroupBy {
         match self {
             Self::File => "files",
             Self::Column => "groups",
-            Self::Found(groups) => groups.kind.words()[1],
+            Self::Found(groups) => groups.kind.words()[2],
         }
     }
 
@@ -358,7 +354,7 @@ fn label_found(data: &Dataset, kind: FoundKind, rows: Vec<Vec<u64>>) -> (GroupBy
 
 /// Labels the rows of a log whose groups have so many rows, numbered from `first` on.
 fn label_stretches(log: &mut LogRows, kind: FoundKind, rows: &[u64], first: usize) {
-    let [name, ..] = kind.words();
+    let [_, name, ..] = kind.words();
     let mut groups = rows.iter().copied().zip(first..);
     let (mut left, mut number) = (0, 0);
     for block in &mut log.blocks {

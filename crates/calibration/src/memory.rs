@@ -92,16 +92,9 @@ impl MemoryState {
         for row in 0..rows {
             let time = if by_time { times_s[row] } else { self.rows as f64 };
             self.rows += 1;
-            let step = self.before.as_ref().map_or(f64::NAN, |(before, _)| time - before);
-            let (_, held) = self.before.get_or_insert_with(|| (time, vec![0.0; channels]));
+            let (before, held) = self.before.get_or_insert_with(|| (f64::NAN, vec![0.0; channels]));
+            let step = time - *before;
             let is_late = step < 0.0 && self.memory.gap.is_some_and(|gap| -step <= gap);
-            if is_late {
-                for (position, (term, average)) in terms.iter_mut().zip(&self.averages).enumerate()
-                {
-                    term.push(readings[position % channels][row] - average);
-                }
-                continue;
-            }
             if step >= 0.0 && self.memory.gap.is_none_or(|gap| step <= gap) {
                 if step != last_step {
                     for (share, tau) in shares.iter_mut().zip(&self.memory.time_constants) {
@@ -114,17 +107,17 @@ impl MemoryState {
                         *average += share * (held - *average);
                     }
                 }
-            } else {
+            } else if !is_late {
                 let readings = readings.iter().map(|column| column[row]);
                 self.averages = readings.cycle().take(count).collect();
             }
-            for (held, column) in held.iter_mut().zip(readings) {
-                *held = column[row];
-            }
             for (position, (term, average)) in terms.iter_mut().zip(&self.averages).enumerate() {
-                term.push(held[position % channels] - average);
+                term.push(readings[position % channels][row] - average);
             }
-            self.before = self.before.take().map(|(_, held)| (time, held));
+            if !is_late {
+                held.iter_mut().zip(readings).for_each(|(held, column)| *held = column[row]);
+                *before = time;
+            }
         }
         Ok(terms)
     }

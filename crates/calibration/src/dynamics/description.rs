@@ -11,11 +11,12 @@ impl fmt::Display for Dynamics {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match &self.lag {
             Some(lag) => {
-                let by = time(lag.by.abs(), self.time_base);
+                let by = lag.by.abs();
+                let (factor, unit) = unit(by, self.time_base);
                 let error = self.lag_standard_error.map_or_else(String::new, |error| {
-                    format!(" ± {}", time_in(error, lag.by.abs(), self.time_base))
+                    format!(" ± {}", significant(factor * error, 1))
                 });
-                let unit = unit(lag.by.abs(), self.time_base);
+                let by = significant(factor * by, 3);
                 let what = match lag.by > 0.0 {
                     true => "the reference lags behind the readings",
                     false => "the readings lag behind the reference",
@@ -26,12 +27,11 @@ impl fmt::Display for Dynamics {
         }
         match &self.memory {
             Some(memory) => {
-                let times = memory.time_constants.iter();
-                let times: Vec<String> = times
-                    .map(|&tau| {
-                        format!("{} {}", time(tau, self.time_base), unit(tau, self.time_base))
-                    })
-                    .collect();
+                let time = |&tau: &f64| {
+                    let (factor, unit) = unit(tau, self.time_base);
+                    format!("{} {unit}", significant(factor * tau, 3))
+                };
+                let times: Vec<String> = memory.time_constants.iter().map(time).collect();
                 write!(f, "; memory terms of {}", times.join(", "))?;
             }
             None => f.write_str("; no memory terms")?,
@@ -59,21 +59,11 @@ impl Gain {
     }
 }
 
-/// The unit that a time is told in.
-fn unit(time: f64, base: TimeBase) -> &'static str {
+/// What a time is multiplied by to be told, and the unit that it then has.
+fn unit(time: f64, base: TimeBase) -> (f64, &'static str) {
     match base {
-        TimeBase::Rows => "rows",
-        TimeBase::Seconds if time < 1.0 => "ms",
-        TimeBase::Seconds => "s",
+        TimeBase::Rows => (1.0, "rows"),
+        TimeBase::Seconds if time < 1.0 => (1e3, "ms"),
+        TimeBase::Seconds => (1.0, "s"),
     }
-}
-
-fn time(time: f64, base: TimeBase) -> String {
-    time_in(time, time, base)
-}
-
-/// A time in the unit of another.
-fn time_in(time: f64, like: f64, base: TimeBase) -> String {
-    let factor = if unit(like, base) == "ms" { 1e3 } else { 1.0 };
-    significant(factor * time, if time == like { 3 } else { 1 })
 }

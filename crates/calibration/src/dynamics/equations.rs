@@ -1,5 +1,7 @@
 //! Normal equations of each fold, put together from those of features and of memory terms.
 
+use std::sync::Arc;
+
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
 
@@ -132,7 +134,11 @@ impl<'a> FoldEquations<'a> {
         self.samples.has_intercept.then(|| self.samples.features.ncols() - 1)
     }
 
-    fn of_folds(&self, terms: &[&MemoryColumns], loads: &ProductColumns) -> Vec<NormalEquations> {
+    fn of_folds(
+        &self,
+        terms: &[Arc<MemoryColumns>],
+        loads: &ProductColumns,
+    ) -> Vec<NormalEquations> {
         let terms: Vec<&ProductColumns> = terms.iter().map(|of| &of.terms).collect();
         let with = |of: &&ProductColumns| products(self.samples, &of.columns, &loads.columns);
         let with_loads: Vec<_> = terms.iter().map(with).collect();
@@ -171,7 +177,7 @@ impl<'a> FoldEquations<'a> {
     }
 
     /// The errors on each fold of fits without it, at a lag; `None` where one cannot be made.
-    pub(super) fn errors(&self, terms: &[&MemoryColumns], lag: f64) -> Option<FoldErrors> {
+    pub(super) fn errors(&self, terms: &[Arc<MemoryColumns>], lag: f64) -> Option<FoldErrors> {
         let loads = ProductColumns::new(self.samples, self.samples.loads(lag));
         let folds = self.of_folds(terms, &loads);
         let load_noise = self.samples.noise_of_loads(lag);
@@ -201,7 +207,7 @@ impl<'a> FoldEquations<'a> {
     /// What is left of columns, rows × 6, when all that features and memory terms explain is taken off.
     pub(super) fn unexplained(
         &self,
-        terms: &[&MemoryColumns],
+        terms: &[Arc<MemoryColumns>],
         columns: &ProductColumns,
     ) -> Option<Mat<f64>> {
         let folds = self.of_folds(terms, columns);

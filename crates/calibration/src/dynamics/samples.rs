@@ -207,34 +207,22 @@ impl<'a> SearchRows<'a> {
     }
 }
 
-/// Logs, or the parts of equal length that few of them are cut into.
+/// Logs, or the parts of equal length that few of them are cut into; neighbours together where these are many.
 fn folds(logs: &[LogPart<'_>]) -> Vec<Range<usize>> {
     let parts = match logs.len() {
         ENOUGH_LOGS.. => 1,
         few => FOLDS.div_ceil(few.max(1)),
     };
-    let (mut folds, mut start) = (Vec::new(), 0);
+    let (mut ends, mut start) = (vec![0], 0);
     for log in logs {
         let rows = log.used.len();
-        let ends = (1..=parts).map(|part| start + rows * part / parts);
-        let mut first = start;
-        for end in ends {
-            folds.push(first..end);
-            first = end;
-        }
+        ends.extend((1..=parts).map(|part| start + rows * part / parts));
         start += rows;
     }
-    folds.retain(|fold| !fold.is_empty());
-    merged(folds)
-}
-
-/// Neighbours together until there are no more than some folds.
-fn merged(folds: Vec<Range<usize>>) -> Vec<Range<usize>> {
-    let count = folds.len();
-    if count <= FOLDS {
-        return folds;
-    }
-    let chunk =
-        |part: usize| folds[part * count / FOLDS].start..folds[(part + 1) * count / FOLDS - 1].end;
-    (0..FOLDS).map(chunk).collect()
+    // Without parts that have no rows.
+    ends.dedup();
+    let count = ends.len() - 1;
+    let folds = count.min(FOLDS);
+    let end = |fold: usize| ends[fold * count / folds];
+    (0..folds).map(|fold| end(fold)..end(fold + 1)).collect()
 }

@@ -9,7 +9,9 @@
 //! and a lag look alike while the longer memory is missing), then moved, with those before, to where errors on rows
 //! that were held out are least.
 
-use super::equations::{FoldEquations, FoldErrors, MemoryColumns, ProductColumns};
+use std::sync::Arc;
+
+use super::equations::{FoldEquations, MemoryColumns, ProductColumns};
 use super::samples::SearchRows;
 use super::{Dynamics, DynamicsRule, Gain, LagRule, MemoryRule, ReferenceLag};
 use crate::passes::{Workers, map};
@@ -47,14 +49,6 @@ struct LagEstimate {
     standard_error: f64,
 }
 
-/// A time constant that was tried, at the lag that suits it.
-struct TriedTerms {
-    score: f64,
-    lag: f64,
-    /// The terms, if they were made for it.
-    terms: Option<MemoryColumns>,
-}
-
 /// Searches for what the rule asks for; what is given stands. If whoever watches wants no more, nothing is found, and
 /// the next pass over the rows says so.
 pub(super) fn search(
@@ -63,12 +57,16 @@ pub(super) fn search(
     given: &Dynamics,
     workers: Workers<'_>,
 ) -> Dynamics {
-    let search = DynamicsSearch { equations: FoldEquations::new(samples), workers };
-    search.run(rule, given).unwrap_or_else(|| given.clone())
+    let search = DynamicsSearch { equations: FoldEquations::new(samples), rule, workers };
+    search.run(given).unwrap_or_else(|| given.clone())
 }
+
+/// The memory terms of some time constants.
+type Terms = [Arc<MemoryColumns>];
 
 struct DynamicsSearch<'a> {
     equations: FoldEquations<'a>,
+    rule: &'a DynamicsRule<'a>,
     workers: Workers<'a>,
 }
 
@@ -77,14 +75,14 @@ impl DynamicsSearch<'_> {
         self.equations.samples
     }
 
-    fn errors(&self, terms: &[MemoryColumns], lag: f64) -> Option<FoldErrors> {
-        let terms: Vec<&MemoryColumns> = terms.iter().collect();
-        self.equations.errors(&terms, lag)
+    fn terms(&self, time_constant: f64) -> Arc<MemoryColumns> {
+        Arc::new(MemoryColumns::new(self.samples(), time_constant))
     }
 
     /// `None` where nothing can be found.
-    fn run(&self, rule: &DynamicsRule<'_>, given: &Dynamics) -> Option<Dynamics> {
-        let plain = self.errors(&[], 0.0)?;
+    fn run(&self, given: &Dynamics) -> Option<Dynamics> {
+        let rule = self.rule;
+        let plain = self.equations.errors(&[], 0.0)?;
         if plain.score() < NOTHING_LEFT {
             return None;
         }
@@ -92,17 +90,14 @@ impl DynamicsSearch<'_> {
         if rule.lag == LagRule::Auto {
             lag = self.significant_lag(&[], self.start()).map_or(0.0, |found| found.lag);
         }
-        let with_lag = self.errors(&[], lag)?;
-        let mut terms: Vec<MemoryColumns> = Vec::new();
-        if let Some(memory) = &given.memory {
-            let times = memory.time_constants.iter();
-            terms = times.map(|&tau| MemoryColumns::new(self.samples(), tau)).collect();
-        }
-        let mut best = self.errors(&terms, lag)?;
+        let with_lag = self.equations.errors(&[], lag)?;
+        let times = given.memory.iter().flat_map(|memory| &memory.time_constants);
+        let mut terms: Vec<_> = times.map(|&tau| self.terms(tau)).collect();
+        let mut best = self.equations.errors(&terms, lag)?;
         if rule.memory == MemoryRule::Auto {
             while terms.len() < MOST_TIMES {
-                let Some(more) = self.one_more(&terms, &mut lag, rule) else { break };
-                let errors = self.errors(&more, lag)?;
+                let Some(more) = self.one_more(&terms, &mut lag) else { break };
+                let errors = self.equations.errors(&more, lag)?;
                 if !best.are_explained_by(&errors, LEAST_GAIN) {
                     break;
                 }
@@ -116,7 +111,7 @@ impl DynamicsSearch<'_> {
             lag = found.as_ref().map_or(0.0, |found| found.lag);
             standard_error = found.map(|found| found.standard_error);
         }
-        let with_all = self.errors(&terms, lag)?;
+        let with_all = self.equations.errors(&terms, lag)?;
         let times: Vec<f64> = terms.iter().map(|of| of.time_constant).collect();
         let memory = match rule.memory {
             MemoryRule::Auto if times.is_empty() => None,
@@ -142,22 +137,25 @@ impl DynamicsSearch<'_> {
     fn start(&self) -> f64 {
         let period = self.samples().clock.period;
         let score = |rows: &&f64| {
-            self.errors(&[], **rows * period).map_or(f64::INFINITY, |errors| errors.systematic())
+            self.equations
+                .errors(&[], **rows * period)
+                .map_or(f64::INFINITY, |errors| errors.systematic())
         };
         let scored = STARTS.iter().map(|rows| (rows * period, score(&rows)));
         scored.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0.0, |(lag, _)| lag)
     }
 
     /// A lag that pays: more than two standard errors from none, and with less error by more than one.
-    fn significant_lag(&self, terms: &[MemoryColumns], start: f64) -> Option<LagEstimate> {
-        let found = self.lag(&terms.iter().collect::<Vec<_>>(), start, STEPS)?;
-        let (without, with) = (self.errors(terms, 0.0)?, self.errors(terms, found.lag)?);
+    fn significant_lag(&self, terms: &Terms, start: f64) -> Option<LagEstimate> {
+        let found = self.lag(terms, start, STEPS)?;
+        let without = self.equations.errors(terms, 0.0)?;
+        let with = self.equations.errors(terms, found.lag)?;
         let pays = without.are_lowered_by(&with);
         (pays && found.lag.abs() > 2.0 * found.standard_error).then_some(found)
     }
 
     /// The lag by the method of the module, from a first guess, in so many steps at most.
-    fn lag(&self, terms: &[&MemoryColumns], start: f64, steps: usize) -> Option<LagEstimate> {
+    fn lag(&self, terms: &Terms, start: f64, steps: usize) -> Option<LagEstimate> {
         let (samples, period) = (self.samples(), self.samples().clock.period);
         let mut weights = None;
         let unexplained =
@@ -210,19 +208,10 @@ impl DynamicsSearch<'_> {
     }
 
     /// The memory terms with one more time constant, all of them and the lag where errors are least.
-    fn one_more(
-        &self,
-        terms: &[MemoryColumns],
-        lag: &mut f64,
-        rule: &DynamicsRule<'_>,
-    ) -> Option<Vec<MemoryColumns>> {
-        let samples = self.samples();
-        let (least, most) = (samples.clock.period, samples.longest() / 4.0);
-        let score = |&tau: &f64| {
-            let new = MemoryColumns::new(samples, tau);
-            let all: Vec<&MemoryColumns> = terms.iter().chain([&new]).collect();
-            Ok(self.score_at_own_lag(&all, *lag, FIRST_STEPS, rule))
-        };
+    fn one_more(&self, terms: &Terms, lag: &mut f64) -> Option<Vec<Arc<MemoryColumns>>> {
+        let (least, most) = (self.samples().clock.period, self.samples().longest() / 4.0);
+        let with = |tau: f64| [terms, &[self.terms(tau)]].concat();
+        let score = |&tau: &f64| Ok(self.score_at_own_lag(&with(tau), *lag, FIRST_STEPS));
         let grid = std::iter::successors(Some(least), |tau| Some(tau * GRID));
         let grid: Vec<f64> = grid
             .take_while(|tau| *tau <= most)
@@ -231,30 +220,21 @@ impl DynamicsSearch<'_> {
         let scored = grid.iter().zip(map(&grid, self.workers, score).ok()?);
         let (&new, (_, own)) = scored.min_by(|a, b| a.1.0.total_cmp(&b.1.0))?;
         *lag = own;
-        let times = terms.iter().map(|of| of.time_constant).chain([new]);
-        let mut all: Vec<MemoryColumns> =
-            times.map(|tau| MemoryColumns::new(samples, tau)).collect();
+        let mut all = with(new);
         for factor in ROUNDS {
             for position in 0..all.len() {
-                *lag = self.move_one(&mut all, position, factor, (least, most), (*lag, rule))?;
+                (all, *lag) = self.move_one(&all, position, factor, (least, most), *lag)?;
             }
         }
-        if rule.lag == LagRule::Auto {
-            let terms: Vec<&MemoryColumns> = all.iter().collect();
-            *lag = self.lag(&terms, *lag, STEPS).map_or(*lag, |found| found.lag);
+        if self.rule.lag == LagRule::Auto {
+            *lag = self.lag(&all, *lag, STEPS).map_or(*lag, |found| found.lag);
         }
         Some(all)
     }
 
     /// The score with these terms at the lag that suits them, found in so many steps from another, and that lag.
-    fn score_at_own_lag(
-        &self,
-        terms: &[&MemoryColumns],
-        lag: f64,
-        steps: usize,
-        rule: &DynamicsRule<'_>,
-    ) -> (f64, f64) {
-        let own = match rule.lag {
+    fn score_at_own_lag(&self, terms: &Terms, lag: f64, steps: usize) -> (f64, f64) {
+        let own = match self.rule.lag {
             LagRule::Auto => self.lag(terms, lag, steps).map_or(lag, |found| found.lag),
             LagRule::Given(_) => lag,
         };
@@ -262,47 +242,42 @@ impl DynamicsSearch<'_> {
         (errors.map_or(f64::INFINITY, |errors| errors.systematic()), own)
     }
 
-    /// Moves a time constant by up to a factor to where the errors are least, by a parabola through three; the lag
-    /// that goes with it.
+    /// The terms with a time constant moved by up to a factor to where the errors are least, by a parabola through
+    /// three; and the lag that goes with it.
     fn move_one(
         &self,
-        all: &mut [MemoryColumns],
+        all: &Terms,
         position: usize,
         factor: f64,
         (least, most): (f64, f64),
-        (lag, rule): (f64, &DynamicsRule<'_>),
-    ) -> Option<f64> {
+        lag: f64,
+    ) -> Option<(Vec<Arc<MemoryColumns>>, f64)> {
         let centre = all[position].time_constant;
         let is_allowed = |tau: f64| {
             let mut others = all.iter().enumerate().filter(|(at, _)| *at != position);
             (least..=most).contains(&tau) && others.all(|(_, of)| is_apart(of.time_constant, tau))
         };
-        let score = |new: &MemoryColumns| {
-            let with = |(at, of)| if at == position { new } else { of };
-            let terms: Vec<&MemoryColumns> = all.iter().enumerate().map(with).collect();
-            self.score_at_own_lag(&terms, lag, 1, rule)
-        };
-        let attempt = |tau: &f64| {
-            if *tau != centre && !is_allowed(*tau) {
-                return Ok(TriedTerms { score: f64::INFINITY, lag, terms: None });
+        let attempt = |&tau: &f64| {
+            let mut terms = all.to_vec();
+            if tau != centre {
+                if !is_allowed(tau) {
+                    return Ok((f64::INFINITY, lag, terms));
+                }
+                terms[position] = self.terms(tau);
             }
-            let terms = (*tau != centre).then(|| MemoryColumns::new(self.samples(), *tau));
-            let (score, lag) = score(terms.as_ref().unwrap_or(&all[position]));
-            Ok(TriedTerms { score, lag, terms })
+            let (score, lag) = self.score_at_own_lag(&terms, lag, 1);
+            Ok((score, lag, terms))
         };
         let mut tried =
             map(&[centre, centre / factor, centre * factor], self.workers, attempt).ok()?;
-        let slope = tried[1].score - tried[2].score;
-        let curvature = tried[1].score + tried[2].score - 2.0 * tried[0].score;
+        let [at_centre, below, above] = [0, 1, 2].map(|at| tried[at].0);
+        let (slope, curvature) = (below - above, below + above - 2.0 * at_centre);
         if curvature.is_finite() && curvature > 0.0 {
             let vertex = (0.5 * slope / curvature).clamp(-1.5, 1.5);
             tried.extend(attempt(&(centre * factor.powf(vertex))));
         }
-        let best = tried.into_iter().min_by(|a, b| a.score.total_cmp(&b.score))?;
-        if let Some(terms) = best.terms {
-            all[position] = terms;
-        }
-        Some(best.lag)
+        let (_, lag, terms) = tried.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))?;
+        Some((terms, lag))
     }
 }
 

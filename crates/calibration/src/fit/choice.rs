@@ -72,17 +72,20 @@ pub(super) fn choose(input: FitInput<'_>) -> Result<ModelChoice, FitError> {
 
 fn choose_model(input: FitInput<'_>) -> Result<ModelChoice, FitError> {
     let options = input.options;
+    let labelled = match options.validates() || options.covariance == CovarianceRule::Groups {
+        _ if input.train.has_weights() => None,
+        true => input.labelled(options.held_out()),
+        false if options.covariance != CovarianceRule::Auto => None,
+        false => input.select(label_poses(input.train)),
+    };
     // A family is chosen by exact sums wherever there are any, whatever solver then fits it.
-    let by_sums =
-        !options.validates() || options.basis().is_none() || options.solver == SolverKind::Exact;
-    if by_sums {
-        match choose_by_sums(input) {
+    if !options.validates() || options.basis().is_none() || options.solver == SolverKind::Exact {
+        match choose_labelled(labelled.clone(), options) {
             Err(FitError::NotExact(_)) if options.validates() => {}
             choice => return choice,
         }
     }
-    let held_out = options.held_out();
-    let (group_by, labelled) = input.labelled(held_out).ok_or(FitError::NoGroups)?;
+    let (group_by, labelled) = labelled.ok_or(FitError::NoGroups)?;
     let mut chosen = options.open(Some(group_by));
     if options.basis().is_none() {
         chosen.take(select_by_normal_equations(&labelled, options)?);
@@ -90,20 +93,8 @@ fn choose_model(input: FitInput<'_>) -> Result<ModelChoice, FitError> {
     let ModelChoice { basis, ridge, selection, .. } = chosen;
     let known = FitOptions { model: basis.into(), ridge, cross_validation: None, ..*options };
     let choice = choose_labelled(Some((group_by, labelled.clone())), &known)?;
-    let found = refits::cross_validate(&labelled, held_out, (basis, ridge), options)?;
+    let found = refits::cross_validate(&labelled, options.held_out(), (basis, ridge), options)?;
     Ok(ModelChoice { selection, cross_validation: Some(found), ..choice })
-}
-
-fn choose_by_sums(input: FitInput<'_>) -> Result<ModelChoice, FitError> {
-    let options = input.options;
-    let asks_for_groups = options.validates() || options.covariance == CovarianceRule::Groups;
-    let labelled = match asks_for_groups {
-        _ if input.train.has_weights() => None,
-        true => input.labelled(options.held_out()),
-        false if options.covariance != CovarianceRule::Auto => None,
-        false => input.select(label_poses(input.train)),
-    };
-    choose_labelled(labelled, options)
 }
 
 fn choose_labelled(

@@ -5,9 +5,11 @@ use crate::error::FitError;
 use crate::magnitudes::Magnitudes;
 use crate::passes::{Workers, each};
 use crate::quality::{self, AxisErrors, AxisQuality};
+use crate::validation::excitation::WrenchSums;
+use crate::validation::leaks::{LEAKY, RowSample};
 use crate::validation::outliers::{self, RowTest, TestedRow};
-use shell_data::block::Block;
-use shell_data::dataset::{Dataset, LabelledBlock, LogRows};
+use shell_data::dataset::{Dataset, LabelledBlock};
+use shell_data::fingerprint::Fingerprint;
 use shell_data::wrench::PerAxis;
 
 /// Errors of a calibration over some logs.
@@ -26,15 +28,6 @@ pub struct Evaluation {
 }
 
 impl Evaluation {
-    /// Of rows of which nothing is known but how they were read.
-    pub(super) fn before(log: &LogRows) -> Self {
-        Self {
-            skipped_rows: log.summary.skipped_rows,
-            repeated_rows: log.summary.repeated_rows,
-            ..Self::default()
-        }
-    }
-
     /// Of all rows of some logs.
     pub fn total(evaluations: &[Self]) -> Self {
         let mut total = Self::default();
@@ -79,70 +72,147 @@ pub fn evaluate(
     data: &Dataset,
     workers: Workers<'_>,
 ) -> Result<Vec<Evaluation>, FitError> {
-    let mut evaluations: Vec<_> = data.logs.iter().map(Evaluation::before).collect();
-    let work = |evaluator: &mut BlockEvaluator, (log, block): &(usize, &LabelledBlock)| {
-        Ok((*log, evaluator.evaluate(calibration, &block.rows, &EvalOptions::default()).0))
-    };
-    let fold = |(log, errors): (usize, Evaluation)| {
-        evaluations[log].merge(&errors);
-        Ok(())
-    };
-    let blocks: Vec<_> = data.blocks().collect();
-    each(&blocks, |(_, block)| &block.rows, workers, BlockEvaluator::default, work, fold)?;
-    Ok(evaluations)
+    Ok(RowErrors::new(calibration, data, EvalOptions::default(), workers)?.logs)
 }
 
 /// What is looked at beside the errors.
 #[derive(Clone, Copy, Default)]
-pub(super) struct EvalOptions<'a> {
+struct EvalOptions<'a> {
     /// Errors are counted by their size, in these units, if there are any.
-    pub(super) size_unit: Option<&'a PerAxis<f64>>,
+    size_unit: Option<&'a PerAxis<f64>>,
     /// Says which rows may be outliers.
-    pub(super) row_test: Option<&'a RowTest<'a>>,
+    row_test: Option<&'a RowTest<'a>>,
+    /// Whether rows are compared with those of other logs.
+    compares: bool,
+    /// Whether the wrench that was measured is summed up.
+    sums_loads: bool,
 }
 
-/// Finds the errors of blocks on one thread.
+/// How a calibration does on the rows of a data set, and what else is said of these.
 #[derive(Default)]
-pub(super) struct BlockEvaluator {
+pub(super) struct RowErrors {
+    /// The errors on each log.
+    pub(super) logs: Vec<Evaluation>,
+    /// How large they are, if that was asked for.
+    pub(super) sizes: Option<PerAxis<Magnitudes>>,
+    /// The rows that were tested as outliers, by block, if that was asked for.
+    pub(super) tested: Vec<Vec<TestedRow>>,
+    /// The wrench that was measured, if that was asked for.
+    pub(super) loads: WrenchSums,
+    /// What tells the rows of each log from those of others, if they are compared.
+    pub(super) fingerprints: Vec<Fingerprint>,
+    /// Rows of all logs, if they are compared.
+    pub(super) sample: RowSample,
+}
+
+impl RowErrors {
+    /// Passes over the rows.
+    fn new(
+        calibration: &Calibration,
+        data: &Dataset,
+        look: EvalOptions<'_>,
+        workers: Workers<'_>,
+    ) -> Result<Self, FitError> {
+        let mut all =
+            Self { fingerprints: vec![Fingerprint::default(); data.logs.len()], ..Self::default() };
+        for log in &data.logs {
+            let (skipped_rows, repeated_rows) =
+                (log.summary.skipped_rows, log.summary.repeated_rows);
+            all.logs.push(Evaluation { skipped_rows, repeated_rows, ..Evaluation::default() });
+        }
+        let stride = RowSample::stride(data.rows());
+        let work = |state: &mut BlockState, &(log, block): &(usize, &LabelledBlock)| {
+            let rows = &*block.rows;
+            let BlockState { predicted, sizes } = state;
+            calibration.wrench(&rows.readings, predicted);
+            if let Some(units) = look.size_unit {
+                for (axis, sizes) in sizes.get_or_insert_default().iter_mut().enumerate() {
+                    sizes.add_differences(&predicted[axis], &rows.wrench[axis], units[axis]);
+                }
+            }
+            let test =
+                |test: &RowTest<'_>| test.test(rows, &test.suspects(rows, predicted), &|_| false);
+            let tested = look.row_test.map(test).unwrap_or_default();
+            let errors = Evaluation {
+                rows: rows.rows as u64,
+                out_of_range_rows: calibration.rows_out_of_range(&rows.readings),
+                errors: quality::errors(predicted, &rows.wrench),
+                ..Evaluation::default()
+            };
+            let compared =
+                look.compares.then(|| (Fingerprint::new(rows), RowSample::new(rows, stride)));
+            let loads = look.sums_loads.then(|| WrenchSums::new(&rows.wrench));
+            Ok((log, errors, tested, compared, loads))
+        };
+        let fold = |(log, errors, tested, compared, loads): (usize, _, _, Option<_>, Option<_>)| {
+            all.logs[log].merge(&errors);
+            all.tested.push(tested);
+            if let Some((fingerprint, sample)) = compared {
+                all.fingerprints[log].merge(fingerprint);
+                all.sample.add(sample);
+            }
+            loads.iter().for_each(|loads| all.loads.merge(loads));
+            Ok(())
+        };
+        let blocks: Vec<_> = data.blocks().collect();
+        let init = BlockState::default;
+        let states = each(&blocks, |(_, block)| &block.rows, workers, init, work, fold)?;
+        let sizes = states.into_iter().filter_map(|state| state.sizes);
+        all.sizes = sizes.reduce(|mut all, part| {
+            all.iter_mut().zip(&part).for_each(|(all, part)| all.merge(part));
+            all
+        });
+        Ok(all)
+    }
+
+    /// Passes over the rows of a fit and over test rows. Errors on the former are counted by their size in units, and
+    /// rows are tested as outliers, where these are given.
+    pub(super) fn of_fit(
+        calibration: &Calibration,
+        [train, test]: [&Dataset; 2],
+        (size_unit, row_test): (Option<&PerAxis<f64>>, Option<&RowTest<'_>>),
+        workers: Workers<'_>,
+    ) -> Result<[Self; 2], FitError> {
+        // A log by itself is a copy of none.
+        let compares = train.logs.len() + test.logs.len() > 1;
+        // Training rows are within the range that they define: there is nothing to look for.
+        let mut without_range = calibration.clone();
+        without_range.valid_range = None;
+        let look = EvalOptions { size_unit, row_test, compares, sums_loads: true };
+        let of_test = EvalOptions { compares, ..EvalOptions::default() };
+        Ok([
+            Self::new(&without_range, train, look, workers)?,
+            Self::new(calibration, test, of_test, workers)?,
+        ])
+    }
+}
+
+/// Rows on both sides of a split, as far as rows are made of poses.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Leaks {
+    /// The share of test rows at poses of the training rows.
+    pub test: Option<f64>,
+    /// The share of training rows whose pose other groups have rows of, too.
+    pub groups: Option<f64>,
+}
+
+impl Leaks {
+    /// Whether errors on test rows say nothing of new poses.
+    pub fn in_test(&self) -> Option<f64> {
+        self.test.filter(|&share| share >= LEAKY)
+    }
+
+    /// Whether errors on held-out groups say nothing of new poses.
+    pub fn in_groups(&self) -> Option<f64> {
+        self.groups.filter(|&share| share >= LEAKY)
+    }
+}
+
+/// What one thread has beside the blocks that it passes over.
+#[derive(Default)]
+struct BlockState {
     /// Room for predictions, which is used again.
     predicted: PerAxis<Vec<f64>>,
     /// The sizes of the errors of all blocks so far, if they are counted.
     sizes: Option<PerAxis<Magnitudes>>,
-}
-
-impl BlockEvaluator {
-    /// Compares the wrench that `calibration` predicts for the rows of `block` with the measured one.
-    /// Beside the errors are the rows that were tested as outliers, if that was asked for.
-    pub(super) fn evaluate(
-        &mut self,
-        calibration: &Calibration,
-        block: &Block,
-        options: &EvalOptions<'_>,
-    ) -> (Evaluation, Vec<TestedRow>) {
-        let Self { predicted, sizes } = self;
-        calibration.wrench(&block.readings, predicted);
-        if let Some(units) = options.size_unit {
-            for (axis, sizes) in sizes.get_or_insert_default().iter_mut().enumerate() {
-                sizes.add_differences(&predicted[axis], &block.wrench[axis], units[axis]);
-            }
-        }
-        let test =
-            |test: &RowTest<'_>| test.test(block, &test.suspects(block, predicted), predicted);
-        let tested = options.row_test.map(test).unwrap_or_default();
-        let errors = Evaluation {
-            rows: block.rows as u64,
-            out_of_range_rows: calibration.rows_out_of_range(&block.readings),
-            errors: quality::errors(predicted, &block.wrench),
-            ..Evaluation::default()
-        };
-        (errors, tested)
-    }
-
-    /// The sizes of errors that the evaluators of all threads have counted, added up.
-    pub(super) fn sizes(all: impl IntoIterator<Item = Self>) -> Option<PerAxis<Magnitudes>> {
-        all.into_iter().filter_map(|evaluator| evaluator.sizes).reduce(|mut all, part| {
-            all.iter_mut().zip(&part).for_each(|(all, part)| all.merge(part));
-            all
-        })
-    }
 }

@@ -52,11 +52,10 @@ pub fn group_errors(
         all.loads.extend(of_block.loads);
         for group in of_block.groups {
             let at = *positions.entry(group.label.clone()).or_insert(all.groups.len());
-            if at == all.groups.len() {
-                let (label, load, errors) = (group.label, PerAxis::default(), PerAxis::default());
-                all.groups.push(GroupErrors { label, rows: 0, load, errors });
-            }
-            let known = &mut all.groups[at];
+            let Some(known) = all.groups.get_mut(at) else {
+                all.groups.push(group);
+                continue;
+            };
             known.rows += group.rows;
             known.load.iter_mut().zip(group.load).for_each(|(load, sum)| *load += sum);
             quality::merge(&mut known.errors, &group.errors);
@@ -93,7 +92,7 @@ impl GroupedErrors {
             }
             let measured: PerAxis<&[f64]> =
                 std::array::from_fn(|axis| &block.wrench[axis][of_group.clone()]);
-            let load = measured.map(|axis| axis.iter().sum());
+            let load = measured.map(|axis| axis.iter().fold(0.0, |sum, load| sum + load));
             let errors = std::array::from_fn(|axis| {
                 AxisErrors::new(&predicted[axis][of_group.clone()], measured[axis])
             });

@@ -3,7 +3,7 @@
 
 use super::model_choice::ModelChoice;
 use super::polynomial::covariance;
-use super::{Fit, FitOptions};
+use super::{Fit, FitMethod, FitOptions};
 use crate::conversion::Calibration;
 use crate::error::FitError;
 use crate::exact::{Moments, PartitionedMoments, SolveError};
@@ -41,7 +41,8 @@ pub fn fit_sums(sums: RowSums<'_>, axes: Axes, options: &FitOptions<'_>) -> Resu
     let (covariance, not_grouped) = covariance(&solution, solver, &choice, options);
     calibration.covariance = covariance;
     let warnings = options.warn_of_groups(&choice, not_grouped)?.collect();
-    Ok(Fit { warnings, ..Fit::from_choice(calibration, choice, (solution, solver, None), train) })
+    let how = FitMethod::polynomial(solution, solver, None);
+    Ok(Fit { warnings, ..Fit::new(calibration, choice, how, train) })
 }
 
 /// The choice of a model, the solver, what it found, and the errors on the training rows.

@@ -27,7 +27,6 @@
 //! ```
 
 mod choice;
-mod dynamics;
 mod evaluation;
 mod group_errors;
 mod means;
@@ -44,7 +43,7 @@ mod verdict;
 mod warning;
 
 pub use self::choice::sum_groups;
-pub use self::evaluation::{Evaluation, evaluate};
+pub use self::evaluation::{Evaluation, Leaks, evaluate};
 pub use self::group_errors::{GroupErrors, GroupedErrors, group_errors};
 pub use self::model_choice::FewGroups;
 pub use self::options::{CovarianceRule, FitOptions, GroupsAsked, ModelRule, OutlierRule};
@@ -62,11 +61,8 @@ pub use crate::holds::{HoldMismatch, label_holds};
 pub use crate::passes::Workers;
 
 use self::choice::{FitInput, choose};
+use self::evaluation::RowErrors;
 use self::model_choice::ModelChoice;
-use self::outlier_search::KnownFit;
-use self::physics::TriedPhysics;
-pub use self::polynomial::Leaks;
-use self::polynomial::{PolynomialFit, RowErrors};
 use crate::conversion::{Calibration, Kind};
 use crate::dynamics::{Dynamics, NotSearched};
 use crate::error::FitError;
@@ -77,18 +73,13 @@ use crate::solver::{Solution, SolverKind};
 use crate::validation::advice::Advice;
 use crate::validation::cross_validation::CrossValidation;
 use crate::validation::excitation::{Excitation, LONGEST_LEVER_M};
-use crate::validation::outliers::TestedRow;
+use crate::validation::leaks::share_in_several_groups;
 use crate::validation::selection::Selection;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::PerAxis;
-use std::mem::take;
 
 /// The largest coefficient or squared error that a calibration's document takes.
 pub const LARGEST: f64 = 1e100;
-
-/// Below this condition number refined QR has all digits of the coefficients (docs/accuracy.md), and the covariance from
-/// its R factor, which is not refined, six at the least.
-const AS_GOOD_AS_EXACT: f64 = 1e10;
 
 /// A calibration, how well it does, and what led to it.
 #[derive(Clone, Debug)]
@@ -172,6 +163,14 @@ pub enum FitMethod {
     Physics(Box<PhysicsFit>),
 }
 
+impl FitMethod {
+    /// A polynomial, with the rows that it was fitted to.
+    fn polynomial(solution: Solution, solver: SolverKind, truncate: Option<f64>) -> (Self, u64) {
+        let rows = solution.rows;
+        (Self::Polynomial { solution: Box::new(solution), solver, truncate }, rows)
+    }
+}
+
 impl Fit {
     /// The solution of a polynomial fit.
     pub fn solution(&self) -> Option<&Solution> {
@@ -209,11 +208,11 @@ impl Fit {
         Evaluation::total(&self.tests)
     }
 
-    /// A fit without other results so far.
+    /// A fit of the model that was chosen, without other results so far.
     fn new(
         calibration: Calibration,
-        method: FitMethod,
-        rows: u64,
+        choice: ModelChoice,
+        (method, rows): (FitMethod, u64),
         train: PerAxis<AxisQuality>,
     ) -> Self {
         Self {
@@ -229,13 +228,13 @@ impl Fit {
             tests: Vec::new(),
             excitation: None,
             leaks: Leaks::default(),
-            group_by: None,
-            found_groups: None,
-            few_groups: None,
-            selection: None,
-            cross_validation: None,
+            group_by: choice.group_by,
+            found_groups: choice.found_groups(),
+            few_groups: choice.few_groups,
+            selection: choice.selection,
+            cross_validation: choice.cross_validation,
             not_judged: None,
-            advice: None,
+            advice: choice.advice,
             comparison: None,
             means: None,
             dropped: Outliers::default(),
@@ -245,38 +244,27 @@ impl Fit {
         }
     }
 
-    /// A polynomial fit, from the choice of its model and its solution.
-    fn from_choice(
-        calibration: Calibration,
-        choice: ModelChoice,
-        (solution, solver, truncate): (Solution, SolverKind, Option<f64>),
-        train: PerAxis<AxisQuality>,
-    ) -> Self {
-        let (rows, found_groups) = (solution.rows, choice.found_groups());
-        let method = FitMethod::Polynomial { solution: Box::new(solution), solver, truncate };
-        Self {
-            group_by: choice.group_by,
-            found_groups,
-            few_groups: choice.few_groups,
-            selection: choice.selection,
-            cross_validation: choice.cross_validation,
-            advice: choice.advice,
-            ..Self::new(calibration, method, rows, train)
-        }
-    }
-
     /// Adds the errors on the rows `used` for training and on test rows, and the warnings that follow from them.
-    fn with_errors(self, used: Dataset, tested: &Dataset, errors: RowErrors) -> Self {
-        let train = Evaluation::total(&errors.train);
+    fn with_errors(
+        self,
+        used: Dataset,
+        tested: &Dataset,
+        [errors, of_tests]: [RowErrors; 2],
+        options: &FitOptions<'_>,
+    ) -> Self {
+        let train = Evaluation::total(&errors.logs);
         let mut fitted = Self {
-            used,
             tested: tested.clone(),
-            rows_of_logs: errors.train.iter().map(|log| log.rows).collect(),
+            rows_of_logs: errors.logs.iter().map(|log| log.rows).collect(),
             skipped_rows: train.skipped_rows,
             repeated_rows: train.repeated_rows,
             excitation: errors.loads.excitation(),
-            leaks: errors.leaks,
-            tests: errors.test,
+            leaks: Leaks {
+                test: errors.sample.poses().and_then(|poses| poses.share_of(&of_tests.sample)),
+                groups: options.validation().and_then(|_| share_in_several_groups(&used)),
+            },
+            tests: of_tests.logs,
+            used,
             ..self
         };
         fitted.warn();
@@ -337,15 +325,20 @@ pub fn fit(train: Dataset, test: Dataset, options: &FitOptions<'_>) -> Result<Fi
     if train.has_weights() {
         options.check_weighted()?;
     }
-    let prepared = options.prepare(train, test)?;
-    let (train, test) = (&prepared.train, &prepared.test);
+    let ([train, test], dynamics) = options.prepare([train, test])?;
+    let train = &train;
     let dropped = drop_outliers(train, options)?;
     let excluded = dropped.excluded();
     let test = &test.select(options.fresh, &Default::default());
     let input = FitInput { train, excluded: &excluded, fresh: options.fresh, test, options };
     let mut fitted = if options.means { fit_to_means(input)? } else { fit_rows(input)? };
     fitted.dropped = dropped;
-    prepared.complete(&mut fitted);
+    if let Some(Ok(found)) = &dynamics {
+        fitted.calibration.lag = found.lag;
+        let has_terms = fitted.calibration.columns() > fitted.calibration.channels();
+        fitted.calibration.memory = found.memory.clone().filter(|_| has_terms);
+    }
+    fitted.dynamics = dynamics;
     Ok(fitted)
 }
 
@@ -382,8 +375,8 @@ fn fit_to_means(input: FitInput<'_>) -> Result<Fit, FitError> {
 fn fit_rows(input: FitInput<'_>) -> Result<Fit, FitError> {
     let options = input.options;
     match options.model {
-        ModelRule::Physics => fit_physics(input, None),
-        ModelRule::Given(_) => fit_polynomial(input, choose(input)?),
+        ModelRule::Physics => physics::fit(input, None),
+        ModelRule::Given(_) => polynomial::fit(input, choose(input)?),
         ModelRule::Auto => match choose_any(input) {
             Ok(choice) => fit_best(input, choice),
             Err(reason @ FitError::Interrupted) => Err(reason),
@@ -421,7 +414,7 @@ fn fit_best(input: FitInput<'_>, choice: ModelChoice) -> Result<Fit, FitError> {
     };
     let comparison = match found {
         Some(Ok((comparison, tried))) if comparison.physics_is_better() => {
-            let fitted = fit_physics(input, tried)?;
+            let fitted = physics::fit(input, tried)?;
             return Ok(Fit {
                 selection: choice.selection,
                 comparison: Some(Ok(comparison)),
@@ -430,67 +423,5 @@ fn fit_best(input: FitInput<'_>, choice: ModelChoice) -> Result<Fit, FitError> {
         }
         found => found.map(|found| found.map(|(comparison, _)| comparison)),
     };
-    fit_polynomial(input, choice).map(|fitted| Fit { comparison, ..fitted })
-}
-
-fn fit_polynomial(input: FitInput<'_>, mut choice: ModelChoice) -> Result<Fit, FitError> {
-    let FitInput { test, options, .. } = input;
-    let used = choice.labelled.take().unwrap_or_else(|| input.used());
-    let PolynomialFit { calibration, solved, not_grouped, mut errors, spread } =
-        polynomial::fit(&used, test, &choice, options)?;
-    let mut warnings = Vec::new();
-    if used.has_weights() && options.solver == SolverKind::Exact {
-        warnings.push(Warning::Weighted);
-    }
-    let condition = solved.solution.condition;
-    let loses_digits = condition.is_nan() || condition > AS_GOOD_AS_EXACT;
-    warnings.extend(solved.not_exact.clone().filter(|_| loses_digits).map(Warning::NotExact));
-    warnings.extend(options.warn_of_groups(&choice, not_grouped)?);
-    let quality = Evaluation::total(&errors.train).quality().ok_or(FitError::NoRows)?;
-    let has_outliers = errors.tested.iter().flatten().any(TestedRow::starts_search);
-    let outliers = spread.filter(|_| has_outliers).map(|spread| {
-        let judged_by = FitOptions { model: choice.basis.into(), ridge: choice.ridge, ..*options };
-        let is_same_fit = input.uses_all() && options.solver == SolverKind::Exact;
-        let known = KnownFit { fit: &solved, spread, tested: take(&mut errors.tested) };
-        name_outliers(input.train, is_same_fit.then_some(known), &judged_by)
-    });
-    let how = (solved.solution, solved.solver, options.truncate);
-    let fitted = Fit { outliers, warnings, ..Fit::from_choice(calibration, choice, how, quality) };
-    Ok(fitted.with_errors(used, test, errors))
-}
-
-fn fit_physics(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fit, FitError> {
-    // The physics model has no memory terms.
-    let [train, test] = &[input.train, input.test].map(Dataset::without_memory);
-    let input = FitInput { train, test, ..input };
-    let physics::FittedPhysics { calibration, used, physics, errors } = physics::fit(input, tried)?;
-    let of_train = Evaluation::total(&errors.train);
-    let group_by = physics.group_by;
-    // They are told by a polynomial: what they do to that is not what they do to this model.
-    let looks = of_train.has_large_errors() && input.options.looks_for_outliers();
-    let outliers =
-        looks.then(|| Ok(Outliers { rms: None, ..name_outliers(train, None, input.options)? }));
-    let cross_validation = physics.cross_validation();
-    let quality = of_train.quality().ok_or(FitError::NoRows)?;
-    let method = FitMethod::Physics(Box::new(physics));
-    let fitted = Fit {
-        group_by: Some(group_by),
-        found_groups: group_by.found(),
-        cross_validation,
-        outliers,
-        ..Fit::new(calibration, method, of_train.rows, quality)
-    };
-    Ok(fitted.with_errors(used, test, errors))
-}
-
-/// Looks for outliers that were used, by a fit that may be known.
-fn name_outliers(
-    train: &Dataset,
-    known: Option<KnownFit<'_>>,
-    options: &FitOptions<'_>,
-) -> Result<Outliers, FitError> {
-    let mut found = outlier_search::search(train, options, known)?;
-    // Those outside the valid range have been left out.
-    found.rows.retain(|row| row.reason != Reason::OutOfRange);
-    Ok(found)
+    polynomial::fit(input, choice).map(|fitted| Fit { comparison, ..fitted })
 }

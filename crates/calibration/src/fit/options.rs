@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::model_choice::ModelChoice;
 use super::physics;
 use super::warning::Warning;
-use crate::dynamics::DynamicsRule;
+use crate::dynamics::{Dynamics, DynamicsRule, MemoryRule, NotSearched, find, prepared};
 use crate::error::FitError;
 use crate::groups::HeldOut;
 use crate::model::Basis;
@@ -200,6 +200,35 @@ impl FitOptions<'_> {
             Some(option) => Some(format!("`{option}` is for polynomials in the readings")),
             None => physics::check(data).err().map(|error| error.to_string()),
         }
+    }
+
+    /// Finds lag and memory as far as that is asked for, and prepares rows for a model that has them: with memory terms
+    /// beside their readings, and the wrench at the time of the readings.
+    #[expect(clippy::type_complexity, reason = "no search, what it found, or why there was none")]
+    pub(super) fn prepare(
+        &self,
+        [train, test]: [Dataset; 2],
+    ) -> Result<([Dataset; 2], Option<Result<Dynamics, NotSearched>>), FitError> {
+        let mut rule = self.dynamics;
+        if self.means && !rule.is_nothing() {
+            let are_given = rule.lag != DynamicsRule::AUTO.lag || rule.memory != MemoryRule::Auto;
+            if are_given {
+                return Err(FitError::DynamicsOfMeans);
+            }
+            rule = DynamicsRule::NOTHING;
+        }
+        if self.model == ModelRule::Physics {
+            rule.memory = MemoryRule::Given(&[]);
+        }
+        if rule.is_nothing() {
+            return Ok(([train, test], None));
+        }
+        let found = find(&train, &rule, self.intercept, self.workers)?;
+        let (memory, lag) = match &found {
+            Ok(found) => (found.memory.as_ref(), found.lag),
+            Err(_) => (None, None),
+        };
+        Ok(([prepared(train, memory, lag)?, prepared(test, memory, lag)?], Some(found)))
     }
 
     /// Why there are no standard errors by group, as far as either knows. Those that were asked for and cannot be had are

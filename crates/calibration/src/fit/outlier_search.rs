@@ -14,7 +14,7 @@ use crate::solver::{Solution, SolverKind, solve_moments};
 use crate::validation::outliers::{LIMIT, RowTest, TestedRow};
 use crate::validation::spread::Spread;
 use shell_data::block::Block;
-use shell_data::dataset::{Dataset, LabelledBlock, RowSet};
+use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axis, PerAxis};
 
 /// Fits that are made before the search is given up.
@@ -39,6 +39,12 @@ struct Suspect {
     tested: TestedRow,
 }
 
+impl Suspect {
+    fn key(&self) -> RowKey {
+        (self.block, self.tested.row)
+    }
+}
+
 /// Looks for outliers in `data` by the family of features that `options` name, and by the cubic model where they name
 /// none.
 ///
@@ -55,8 +61,20 @@ pub(super) struct KnownFit<'a> {
     pub(super) tested: Vec<Vec<TestedRow>>,
 }
 
+/// Looks for outliers that were used, by a fit that may be known.
+pub(super) fn name_outliers(
+    train: &Dataset,
+    known: Option<KnownFit<'_>>,
+    options: &FitOptions<'_>,
+) -> Result<Outliers, FitError> {
+    let mut found = search(train, options, known)?;
+    // Those outside the valid range have been left out.
+    found.rows.retain(|row| row.reason != Reason::OutOfRange);
+    Ok(found)
+}
+
 /// As [`find_outliers`], where the fit to all rows may be `known`.
-pub(super) fn search(
+fn search(
     data: &Dataset,
     options: &FitOptions<'_>,
     known: Option<KnownFit<'_>>,
@@ -70,10 +88,10 @@ pub(super) fn search(
         None => Vec::new(),
         Some(range) => search.rows_outside(range)?,
     };
-    let never: RowKeys = out_of_range.iter().map(|of| search.key(of)).collect();
+    let never: RowKeys = out_of_range.iter().map(Suspect::key).collect();
     let (all, mut known_tests) = match known {
         Some((fit, tested)) => (Cow::Borrowed(fit), Some(search.start_from(fit, tested))),
-        None => (Cow::Owned(search.solve(never.iter().copied())?), None),
+        None => (Cow::Owned(search.solve(&never)?), None),
     };
     let (mut left_out, mut suspects) = (RowKeys::new(), Vec::new());
     let mut fit = Cow::Borrowed(&all.solution);
@@ -81,10 +99,13 @@ pub(super) fn search(
     let most = MANY.max((LARGEST_SHARE * data.rows() as f64) as usize);
     for round in 0..MOST_ROUNDS {
         if !left_out.is_empty() {
-            fit = Cow::Owned(search.solve_without(&all, &left_out, &never)?);
+            fit = Cow::Owned(match search.without(&all, &left_out)? {
+                Some(fit) => fit,
+                None => search.solve(&(&never | &left_out))?.solution,
+            });
         }
         let Some(test) = search.row_test(&fit) else { return Ok(Outliers::default()) };
-        let excluded: RowSet = never.iter().chain(&left_out).copied().collect();
+        let excluded = &never | &left_out;
         let limit;
         (suspects, limit) = match known_tests.take() {
             Some(tested) => (tested, LIMIT),
@@ -95,18 +116,18 @@ pub(super) fn search(
             0 => of.tested.stands_out(),
             _ => of.tested.is_outlier(limit),
         });
-        suspects.retain(|of| !never.contains(&search.key(of)));
+        suspects.retain(|of| !never.contains(&of.key()));
         if round > 0 && suspects.len() > most {
             return Ok(Outliers { too_many: Some(suspects.len()), ..Outliers::default() });
         }
-        left_out = suspects.iter().map(|of| search.key(of)).collect();
+        left_out = suspects.iter().map(Suspect::key).collect();
         // Some rows may come and go.
         if !tried.insert(left_out.clone()) {
             break;
         }
     }
-    let named = suspects.iter().filter_map(|suspect| search.name(suspect, None));
-    let outside = out_of_range.iter().filter_map(|of| search.name(of, options.valid_range));
+    let named = suspects.iter().map(|suspect| search.name(suspect, None));
+    let outside = out_of_range.iter().map(|of| search.name(of, options.valid_range));
     let mut rows: Vec<Outlier> = named.chain(outside).collect();
     rows.sort_by_key(|row| (row.log, row.offset, row.row));
     let rms = (!rows.is_empty()).then(|| search.rms([&all.solution, &fit], &left_out)).flatten();
@@ -124,39 +145,14 @@ fn limit_beyond(tested: &[Suspect], most: usize, unseen: f64) -> f64 {
     LIMIT.max(FAR_BEYOND * tail.max(unseen))
 }
 
-/// The fit `all` without some of its rows, from what is known of it; `None` if that takes the other rows.
-fn without(
-    all: &Solved,
-    rows: &Block,
-    model: &Model,
-    ridge: f64,
-) -> Result<Option<Solution>, FitError> {
-    /// More are better taken out of sums, or left out of a pass: what is kept of each is as long as the features.
-    const MOST_TAKEN_OUT: usize = 4096;
-    let few = rows.rows <= MOST_TAKEN_OUT;
-    Ok(match (few.then(|| all.solution.without(rows)).flatten(), &all.sums) {
-        (None, Some(sums)) => {
-            let mut part = Accumulator::new(sums.basis(), sums.channels());
-            part.absorb(&rows.readings, &rows.wrench)?;
-            let rest = sums.without(&part.finish()?);
-            Some(solve_moments(&rest, model, ridge, &all.ranges)?)
-        }
-        (solution, _) => solution,
-    })
-}
-
-/// A block of rows, and which of them are to be tested, ascending.
-struct SearchedBlock<'a> {
-    log: usize,
-    rows: &'a Block,
-    suspects: Vec<usize>,
-}
-
 /// Rows that are searched.
 struct OutlierSearch<'a> {
     data: &'a Dataset,
     options: &'a FitOptions<'a>,
-    blocks: Vec<SearchedBlock<'a>>,
+    /// The rows, with the number of their log.
+    blocks: Vec<(usize, &'a Block)>,
+    /// Which rows of each block are to be tested, ascending.
+    suspects: Vec<Vec<usize>>,
     spread: &'a Spread,
     /// The standard deviations of the errors of the fit by which rows were looked at last.
     looked_by: Option<PerAxis<f64>>,
@@ -164,13 +160,9 @@ struct OutlierSearch<'a> {
 
 impl<'a> OutlierSearch<'a> {
     fn new(data: &'a Dataset, options: &'a FitOptions<'a>, spread: &'a Spread) -> Self {
-        let of = |(log, block): (usize, &'a LabelledBlock)| SearchedBlock {
-            log,
-            rows: &block.rows,
-            suspects: Vec::new(),
-        };
-        let blocks = data.blocks().map(of).collect();
-        Self { data, options, blocks, spread, looked_by: None }
+        let blocks: Vec<_> = data.blocks().map(|(log, block)| (log, &*block.rows)).collect();
+        let suspects = vec![Vec::new(); blocks.len()];
+        Self { data, options, blocks, suspects, spread, looked_by: None }
     }
 
     fn row_test(&self, fit: &Solution) -> Option<RowTest<'a>> {
@@ -182,7 +174,7 @@ impl<'a> OutlierSearch<'a> {
         self.looked_by = self.row_test(&fit.solution).map(|test| test.noise);
         let mut all = Vec::new();
         for (block, tested) in tested.into_iter().enumerate() {
-            self.blocks[block].suspects = tested.iter().map(|of| of.row).collect();
+            self.suspects[block] = tested.iter().map(|of| of.row).collect();
             all.extend(tested.into_iter().map(|tested| Suspect { block, tested }));
         }
         all
@@ -192,8 +184,9 @@ impl<'a> OutlierSearch<'a> {
         self.options.model_of(self.data, self.options.basis().unwrap_or(Basis::Cubic))
     }
 
-    fn solve(&self, excluded: impl Iterator<Item = RowKey>) -> Result<Solved, FitError> {
-        let used = self.data.select(self.options.fresh, &excluded.collect());
+    fn solve(&self, excluded: &RowKeys) -> Result<Solved, FitError> {
+        let row = |&(block, row): &RowKey| (self.blocks[block].0, self.blocks[block].1.offset, row);
+        let used = self.data.select(self.options.fresh, &excluded.iter().map(row).collect());
         let problem = PolynomialProblem {
             model: self.model(),
             solver: SolverKind::Exact,
@@ -204,55 +197,63 @@ impl<'a> OutlierSearch<'a> {
         solve(&problem, None, &Rows::new(&used, self.options.workers), sample)
     }
 
-    /// The fit `all` without some of its rows, `left_out`; it was made without those of `never`.
-    fn solve_without(
-        &self,
-        all: &Solved,
-        left_out: &RowKeys,
-        never: &RowKeys,
-    ) -> Result<Solution, FitError> {
-        let rows = gather(&self.blocks, left_out);
-        match without(all, &rows, &self.model(), self.options.ridge)? {
-            Some(fit) => Ok(fit),
-            None => Ok(self.solve(never.iter().chain(left_out).copied())?.solution),
-        }
+    /// The fit `all` without some of its rows, from what is known of it; `None` if that takes the other rows.
+    fn without(&self, all: &Solved, left_out: &RowKeys) -> Result<Option<Solution>, FitError> {
+        /// More are better taken out of sums, or left out of a pass: what is kept of each is as long as the features.
+        const MOST_TAKEN_OUT: usize = 4096;
+        let rows = self.gather(left_out);
+        let few = rows.rows <= MOST_TAKEN_OUT;
+        Ok(match (few.then(|| all.solution.without(&rows)).flatten(), &all.sums) {
+            (None, Some(sums)) => {
+                let mut part = Accumulator::new(sums.basis(), sums.channels());
+                part.absorb(&rows.readings, &rows.wrench)?;
+                let rest = sums.without(&part.finish()?);
+                Some(solve_moments(&rest, &self.model(), self.options.ridge, &all.ranges)?)
+            }
+            (solution, _) => solution,
+        })
     }
 
-    /// Where a row is.
-    fn key(&self, suspect: &Suspect) -> RowKey {
-        let SearchedBlock { log, rows, .. } = &self.blocks[suspect.block];
-        (*log, rows.offset, suspect.tested.row)
+    /// Copies of some rows.
+    fn gather(&self, wanted: &RowKeys) -> Block {
+        let mut gathered = Block::default();
+        wanted.iter().for_each(|&(block, row)| gathered.append(self.blocks[block].1, row..row + 1));
+        gathered
     }
 
-    /// What `work` makes of every block, on any thread, in the order of the blocks.
-    fn each_block<S: Default + Send, T: Send>(
+    /// Those of the rows of every block that `find` names and that the fit uses, on any thread.
+    fn find<S: Default + Send>(
         &self,
-        work: impl Fn(&mut S, &SearchedBlock<'_>) -> T + Sync,
-    ) -> Result<Vec<T>, FitError> {
+        find: impl Fn(&mut S, &Block) -> Vec<usize> + Sync,
+    ) -> Result<Vec<Vec<usize>>, FitError> {
         let mut all = Vec::with_capacity(self.blocks.len());
         let fold = |of_block| {
             all.push(of_block);
             Ok(())
         };
-        let work = |state: &mut S, block: &SearchedBlock<'_>| Ok(work(state, block));
-        each(&self.blocks, |block| block.rows, self.options.workers, S::default, work, fold)?;
+        let work = |state: &mut S, &(_, block): &(usize, &Block)| {
+            let mut rows = find(state, block);
+            if self.options.fresh {
+                let fresh = block.fresh_rows();
+                rows.retain(|&row| fresh[row]);
+            }
+            Ok(rows)
+        };
+        each(&self.blocks, |(_, block)| block, self.options.workers, S::default, work, fold)?;
         Ok(all)
     }
 
     /// Looks through all rows for further suspects.
     fn look(&mut self, test: &RowTest<'_>) -> Result<(), FitError> {
-        let find = |room: &mut PerAxis<Vec<f64>>, block: &SearchedBlock<'_>| {
-            let SearchedBlock { rows, suspects, .. } = block;
-            test.calibration.wrench(&rows.readings, room);
-            let mut found = self.used_rows(rows, test.suspects(rows, room));
-            found.extend(suspects);
-            found.sort_unstable();
-            found.dedup();
-            found
+        let find = |room: &mut PerAxis<Vec<f64>>, block: &Block| {
+            test.calibration.wrench(&block.readings, room);
+            test.suspects(block, room)
         };
-        let found = self.each_block(find)?;
-        for (block, suspects) in self.blocks.iter_mut().zip(found) {
-            block.suspects = suspects;
+        let found = self.find(find)?;
+        for (suspects, found) in self.suspects.iter_mut().zip(found) {
+            suspects.extend(found);
+            suspects.sort_unstable();
+            suspects.dedup();
         }
         Ok(())
     }
@@ -263,7 +264,7 @@ impl<'a> OutlierSearch<'a> {
     fn test(
         &mut self,
         test: &RowTest<'_>,
-        excluded: &RowSet,
+        excluded: &RowKeys,
         most: usize,
     ) -> Result<(Vec<Suspect>, f64), FitError> {
         /// An error of a smaller size stays below [`LIMIT`] although the predictions change.
@@ -288,15 +289,14 @@ impl<'a> OutlierSearch<'a> {
     fn test_suspects(
         &self,
         test: &RowTest<'_>,
-        excluded: &RowSet,
+        excluded: &RowKeys,
     ) -> Result<Vec<Suspect>, FitError> {
         let test_block = |&block: &usize| {
-            let SearchedBlock { log, rows, suspects } = &self.blocks[block];
-            let is_left_out = |row: usize| excluded.contains(*log, rows.offset, row);
-            let tested = test.test_few(rows, suspects, &is_left_out);
+            let is_left_out = |row: usize| excluded.contains(&(block, row));
+            let tested = test.test(self.blocks[block].1, &self.suspects[block], &is_left_out);
             Ok(tested.into_iter().map(move |tested| Suspect { block, tested }))
         };
-        let with_suspects = |block: &usize| !self.blocks[*block].suspects.is_empty();
+        let with_suspects = |block: &usize| !self.suspects[*block].is_empty();
         let blocks: Vec<usize> = (0..self.blocks.len()).filter(with_suspects).collect();
         // Other passes count these rows for the progress bar.
         let tested = map(&blocks, self.options.workers, test_block)?;
@@ -306,23 +306,14 @@ impl<'a> OutlierSearch<'a> {
     /// The rows with a reading outside a range.
     fn rows_outside(&self, [least, most]: [f64; 2]) -> Result<Vec<Suspect>, FitError> {
         let range = least..=most;
-        let find = |(): &mut (), block: &SearchedBlock<'_>| {
-            let columns = &block.rows.readings;
-            let is_outside = |row: &usize| columns.iter().any(|of| !range.contains(&of[*row]));
-            self.used_rows(block.rows, (0..block.rows.rows).filter(is_outside).collect())
+        let find = |(): &mut (), block: &Block| {
+            let is_outside =
+                |row: &usize| block.readings.iter().any(|of| !range.contains(&of[*row]));
+            (0..block.rows).filter(is_outside).collect()
         };
         let suspect = |block| move |row| Suspect { block, tested: TestedRow::unseen(row) };
-        let found = self.each_block(find)?.into_iter().enumerate();
+        let found = self.find(find)?.into_iter().enumerate();
         Ok(found.flat_map(|(block, rows)| rows.into_iter().map(suspect(block))).collect())
-    }
-
-    /// Those of `rows` of a block that the fit uses.
-    fn used_rows(&self, block: &Block, mut rows: Vec<usize>) -> Vec<usize> {
-        if self.options.fresh {
-            let fresh = block.fresh_rows();
-            rows.retain(|&row| fresh[row]);
-        }
-        rows
     }
 
     /// Errors of the fit to all rows, and of that without those `left_out`, on the rows that both are to hold for.
@@ -330,7 +321,7 @@ impl<'a> OutlierSearch<'a> {
     /// Those of the first are what is left of the sum of its squared errors without those of the rows left out. That
     /// loses few digits: a row that errs by far more than all others bends the fit, and they err, too.
     fn rms(&self, [all, without]: [&Solution; 2], left_out: &RowKeys) -> Option<[PerAxis<f64>; 2]> {
-        let left_out = gather(&self.blocks, left_out);
+        let left_out = self.gather(left_out);
         let mut predicted = PerAxis::default();
         self.row_test(all)?.calibration.wrench(&left_out.readings, &mut predicted);
         let rms = |of: &Solution, axis: usize, (rows, square): (usize, f64)| {
@@ -350,32 +341,27 @@ impl<'a> OutlierSearch<'a> {
 
     /// Names a row and what in it differs most from its neighbours; of a row `outside` a range, the readings that
     /// are outside.
-    fn name(&self, suspect: &Suspect, outside: Option<[f64; 2]>) -> Option<Outlier> {
-        let SearchedBlock { log, rows, .. } = &self.blocks[suspect.block];
+    fn name(&self, suspect: &Suspect, outside: Option<[f64; 2]>) -> Outlier {
+        let (log, rows) = self.blocks[suspect.block];
         let (channels, terms) = (self.data.channels(), rows.memory_columns);
         let TestedRow { row, error, size, axis, .. } = suspect.tested;
-        let values = |row: usize| -> Option<Vec<f64>> {
-            let columns = rows.readings.iter().chain(&rows.wrench);
-            (row < rows.rows).then(|| columns.map(|column| column[row]).collect())
+        let all: Vec<&Vec<f64>> = rows.readings.iter().chain(&rows.wrench).collect();
+        let beside = |column: usize| {
+            [row.checked_sub(1), Some(row + 1)].map(|at| all[column].get(at?).copied())
         };
-        let (before, values, after) =
-            (row.checked_sub(1).and_then(values), values(row)?, values(row + 1));
-        let beside =
-            |column: usize| [&before, &after].map(|row| row.as_ref().map(|values| values[column]));
         // The nearer of both: at the edge of a contact one of them is far.
         let apart = |column: usize| {
             let known = beside(column).into_iter().flatten();
-            let apart = known.map(|other| self.spread.apart(column, values[column], other));
+            let apart = known.map(|other| self.spread.apart(column, all[column][row], other));
             let nearest = apart.fold(f64::INFINITY, f64::min);
             (column, if nearest.is_finite() { nearest } else { 0.0 })
         };
         // Logs have no memory terms.
         let is_in_log = |column: &usize| !(channels..channels + terms).contains(column);
-        let mut columns: Vec<(usize, f64)> =
-            (0..values.len()).filter(is_in_log).map(apart).collect();
+        let mut columns: Vec<(usize, f64)> = (0..all.len()).filter(is_in_log).map(apart).collect();
         if let Some([least, most]) = outside {
             columns.retain(|&(column, _)| {
-                column < channels && !(least..=most).contains(&values[column])
+                column < channels && !(least..=most).contains(&all[column][row])
             });
         }
         columns.sort_by(|a, b| b.1.total_cmp(&a.1));
@@ -383,7 +369,7 @@ impl<'a> OutlierSearch<'a> {
         columns.truncate(far.max(1));
         let column = |&(column, _): &(usize, f64)| {
             let [before, after] = beside(column);
-            let value = values[column];
+            let value = all[column][row];
             let column = if column < channels { column } else { column - terms };
             OutlierColumn { column, value, before, after }
         };
@@ -392,27 +378,17 @@ impl<'a> OutlierSearch<'a> {
             None => {
                 let (error, column) = (error[axis], channels + terms + axis);
                 let is_possible =
-                    self.spread.apart(column, error + values[column], 0.0) < FAR_BEYOND_LOADS;
+                    self.spread.apart(column, error + all[column][row], 0.0) < FAR_BEYOND_LOADS;
                 Reason::Error { axis: Axis::ALL[axis], size, error, is_possible }
             }
         };
         let columns = columns.iter().map(column).collect();
-        Some(Outlier { log: *log, offset: rows.offset, row, reason, columns })
+        Outlier { log, offset: rows.offset, row, reason, columns }
     }
 }
 
-/// A row by log, block and row of the block.
-type RowKey = (usize, u64, usize);
+/// A row by the position of its block and its own there.
+type RowKey = (usize, usize);
 
 /// Rows in their order.
 type RowKeys = BTreeSet<RowKey>;
-
-/// Some of the rows that are tested.
-fn gather(blocks: &[SearchedBlock<'_>], wanted: &RowKeys) -> Block {
-    let mut gathered = Block::default();
-    for SearchedBlock { log, rows, suspects } in blocks {
-        let meant = suspects.iter().filter(|&&row| wanted.contains(&(*log, rows.offset, row)));
-        meant.for_each(|&row| gathered.append(rows, row..row + 1));
-    }
-    gathered
-}

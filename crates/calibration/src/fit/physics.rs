@@ -2,12 +2,13 @@
 
 use std::fmt;
 
-use super::FitOptions;
 use super::choice::FitInput;
-use super::evaluation::EvalOptions;
+use super::evaluation::{Evaluation, RowErrors};
 use super::model_choice::ModelChoice;
-use super::polynomial::RowErrors;
+use super::outlier_search::name_outliers;
+use super::outliers::Outliers;
 use super::refits::{FOLDS, MOST_ALONE};
+use super::{Fit, FitMethod, FitOptions};
 use crate::conversion::{Calibration, Kind};
 use crate::error::FitError;
 use crate::exact::PartitionedMoments;
@@ -81,14 +82,6 @@ pub(super) fn check(data: &Dataset) -> Result<(), FitError> {
     if found.are_all() { Ok(()) } else { Err(FitError::PhysicsAxes { found }) }
 }
 
-/// A calibration by the physics model, the rows that were used, and how well it does.
-pub(super) struct FittedPhysics {
-    pub(super) calibration: Calibration,
-    pub(super) used: Dataset,
-    pub(super) physics: PhysicsFit,
-    pub(super) errors: RowErrors,
-}
-
 /// The physics model as it was compared with a polynomial.
 #[derive(Clone, Debug)]
 pub(super) struct TriedPhysics {
@@ -98,13 +91,12 @@ pub(super) struct TriedPhysics {
 
 /// Fits the physics model and finds its errors on the training rows and on those of tests. `tried` is it,
 /// where it has been compared already.
-pub(super) fn fit(
-    input: FitInput<'_>,
-    tried: Option<TriedPhysics>,
-) -> Result<FittedPhysics, FitError> {
-    let FitInput { train, test, options, .. } = input;
+pub(super) fn fit(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fit, FitError> {
+    // The physics model has no memory terms.
+    let [train, test] = &[input.train, input.test].map(Dataset::without_memory);
+    let options = input.options;
     check(train)?;
-    let labelled = input.labelled(options.held_out());
+    let labelled = FitInput { train, test, ..input }.labelled(options.held_out());
     let (group_by, used) = labelled.ok_or(FitError::NoGroups)?;
     let (mut rows, labels) = TrainingRows::from_dataset(&used);
     if let Some(stated) = options.stated_loads {
@@ -125,7 +117,13 @@ pub(super) fn fit(
     };
     let mut calibration = Calibration::from_kind(Kind::Physics(Box::new(physics)));
     calibration.valid_range = Some(ReadingRanges::from_dataset(&used)?.channels);
-    let errors = RowErrors::new(&calibration, &used, test, &EvalOptions::default(), options)?;
+    let errors = RowErrors::of_fit(&calibration, [&used, test], (None, None), options.workers)?;
+    let of_train = Evaluation::total(&errors[0].logs);
+    // They are told by a polynomial: what they do to that is not what they do to this model.
+    let looks = of_train.has_large_errors() && options.looks_for_outliers();
+    let outliers =
+        looks.then(|| Ok(Outliers { rms: None, ..name_outliers(train, None, options)? }));
+    let quality = of_train.quality().ok_or(FitError::NoRows)?;
     let physics = PhysicsFit {
         observations: choice.observation_count(),
         choice,
@@ -133,7 +131,14 @@ pub(super) fn fit(
         group_by,
         validation,
     };
-    Ok(FittedPhysics { calibration, used, physics, errors })
+    let choice = ModelChoice {
+        cross_validation: physics.cross_validation(),
+        ..options.open(Some(group_by))
+    };
+    let how = (FitMethod::Physics(Box::new(physics)), of_train.rows);
+    let found_groups = group_by.found();
+    let fitted = Fit { found_groups, outliers, ..Fit::new(calibration, choice, how, quality) };
+    Ok(fitted.with_errors(used, test, errors, options))
 }
 
 /// Folds that so many groups are held out in. Where only time tells them apart, each has many rows, and none is a pose.

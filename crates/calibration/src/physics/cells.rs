@@ -29,14 +29,14 @@ impl TrainingRows {
 
 /// The cells of the wrench that some rows lie in, in ascending order of groups and, within a group, of their indices.
 ///
-/// Only the number of cells of each group is stored: there may be as many cells as rows, and a fit uses few.
+/// Only their number is stored: there may be as many cells as rows, and a fit uses few.
 pub(super) struct Cells<'a> {
     rows: &'a GroupedRows,
     /// Of the columns of wrench and readings.
     grids: Vec<RoundingGrid>,
     /// N and N·m.
     width: PerAxis<f64>,
-    counts: Vec<usize>,
+    pub(super) count: usize,
 }
 
 /// A cell's index along each axis with a row in it: its run and its position there.
@@ -52,33 +52,27 @@ impl<'a> Cells<'a> {
         }
         let grid = |position: usize| RoundingGrid::new(rows.column(rows.runs(), position));
         let grids = (0..6 + channels).map(grid).collect::<Result<_, _>>()?;
-        let mut cells = Self { rows, grids, width: cell_width(rows)?, counts: Vec::new() };
+        let mut cells = Self { rows, grids, width: cell_width(rows)?, count: 0 };
         let mut of_group = Vec::new();
-        let count = |runs: &[Run]| {
+        for runs in rows.groups() {
             cells.sort(runs, &mut of_group);
-            of_group.chunk_by(are_in_one_cell).count()
-        };
-        cells.counts = rows.groups().map(count).collect();
+            cells.count += of_group.chunk_by(are_in_one_cell).count();
+        }
         Ok(cells)
-    }
-
-    /// Number of cells.
-    pub(super) fn count(&self) -> usize {
-        self.counts.iter().sum()
     }
 
     /// The means of at most `most` cells, at equal strides: neighbours resemble each other.
     pub(super) fn observations(&self, most: usize) -> Vec<Observation> {
-        let step = step(self.count(), most);
-        let (mut observations, mut of_group, mut first) = (Vec::new(), Vec::new(), 0_usize);
-        for (runs, &count) in self.rows.groups().zip(&self.counts) {
-            let skipped = first.next_multiple_of(step) - first;
-            if skipped < count {
-                self.sort(runs, &mut of_group);
-                let cells = of_group.chunk_by(are_in_one_cell).skip(skipped).step_by(step);
-                observations.extend(cells.map(|cell| self.mean(runs, cell)));
+        let step = step(self.count, most);
+        let (mut observations, mut of_group, mut at) = (Vec::new(), Vec::new(), 0_usize);
+        for runs in self.rows.groups() {
+            self.sort(runs, &mut of_group);
+            for cell in of_group.chunk_by(are_in_one_cell) {
+                if at.is_multiple_of(step) {
+                    observations.push(self.mean(runs, cell));
+                }
+                at += 1;
             }
-            first += count;
         }
         observations
     }
@@ -215,7 +209,7 @@ mod tests {
         let rows = training_rows(&varied_rows(), 64);
         let cells = Cells::new(&rows).unwrap();
         let all = cells.observations(usize::MAX);
-        assert_eq!(all.len(), cells.count());
+        assert_eq!(all.len(), cells.count);
         for most in [1, 3, 40, 150] {
             let expected: Vec<Observation> =
                 all.iter().step_by(all.len().div_ceil(most)).cloned().collect();

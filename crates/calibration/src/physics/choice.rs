@@ -106,11 +106,8 @@ struct FirstFits {
 
 /// What all candidates are fitted to.
 struct CandidateData<'a> {
-    channels: usize,
     scales: Scales,
     folds: Vec<ObservationFold<'a>>,
-    /// The observations of all folds but one.
-    rest: Vec<Scaled>,
     workers: Workers<'a>,
 }
 
@@ -145,16 +142,15 @@ impl Choice {
     ) -> Result<Self, FitError> {
         let tried: Vec<&Observation> = sample.tried.iter().collect();
         let observations: Vec<&Observation> = sample.fitted.iter().collect();
-        let (scales, channels) = check(&observations)?;
+        let scales = check(&observations)?;
         let data = scales.apply(&tried);
         let most_alone = if before.is_some() { FOLDS_WITHIN } else { MOST_ALONE };
-        let folds = folds(&tried, most_alone);
+        let folds = folds(&tried, &scales, most_alone);
         if folds.len() < 2 {
             return Err(PhysicsError::TooFewGroups { found: folds.len() }.into());
         }
-        let rest = folds.iter().map(|fold| scales.apply(&fold.rest)).collect();
         let before = before.and_then(|of| of.start.rescaled(&scales));
-        let tries = CandidateData { channels, scales, folds, rest, workers };
+        let tries = CandidateData { scales, folds, workers };
         let (mut trials, mut tried_widths) = (Vec::new(), Vec::new());
         for (position, width) in WIDTHS.into_iter().enumerate() {
             let whole = match &before {
@@ -199,9 +195,9 @@ impl Choice {
                 true => fit_factors_from(&all, width, &fitted),
                 false => fit_from(&all, width, &fitted),
             };
-            PhysicsModel::from_fit(channels, scales, &all, &fitted, at)
+            PhysicsModel::from_fit(scales, &all, &fitted, at)
         } else {
-            PhysicsModel::from_fit(channels, scales, &data, &fitted, at)
+            PhysicsModel::from_fit(scales, &data, &fitted, at)
         };
         let fold_model = |(fold, (fitted, _)): (usize, &Fits)| FoldModel {
             groups: tries.folds[fold].groups.clone(),
@@ -225,7 +221,7 @@ impl FirstFits {
 
 impl CandidateData<'_> {
     fn model(&self, fold: usize, fitted: &FittedParameters, at: (f64, f64)) -> PhysicsModel {
-        PhysicsModel::from_fit(self.channels, &self.scales, &self.rest[fold], fitted, at)
+        PhysicsModel::from_fit(&self.scales, &self.folds[fold].rest, fitted, at)
     }
 
     /// Fits without each fold, on all threads, with their squared errors there.
@@ -236,7 +232,7 @@ impl CandidateData<'_> {
     ) -> Result<Vec<Fits>, FitError> {
         let folds: Vec<usize> = (0..self.folds.len()).collect();
         map(&folds, self.workers, |&fold| {
-            let fitted = fit(&self.rest[fold]);
+            let fitted = fit(&self.folds[fold].rest);
             let mut model = self.model(fold, &fitted, (LAMBDAS[0], width));
             let mut inversion = Inversion::new(&model);
             let held_out = &self.folds[fold].held_out;
@@ -286,19 +282,26 @@ fn best(trials: &[ScoredCandidate]) -> usize {
 struct ObservationFold<'a> {
     groups: Vec<u64>,
     held_out: Vec<&'a Observation>,
-    rest: Vec<&'a Observation>,
+    /// The observations of all other folds.
+    rest: Scaled,
 }
 
 /// Groups assigned in turn to at most `most_alone` folds, or, if there are more than [`MOST_ALONE`], to [`FOLDS`].
-fn folds<'a>(observations: &[&'a Observation], most_alone: usize) -> Vec<ObservationFold<'a>> {
+fn folds<'a>(
+    observations: &[&'a Observation],
+    scales: &Scales,
+    most_alone: usize,
+) -> Vec<ObservationFold<'a>> {
     let mut positions = BTreeMap::new();
     observations.iter().for_each(|o| _ = positions.insert(o.group, 0));
     let folds = if positions.len() > MOST_ALONE { FOLDS } else { positions.len().min(most_alone) };
     positions.values_mut().zip((0..folds).cycle()).for_each(|(position, fold)| *position = fold);
     let fold = |fold: usize| {
-        let (held_out, rest) = observations.iter().partition(|o| positions[&o.group] == fold);
+        let is_held_out = |o: &&&Observation| positions[&o.group] == fold;
+        let (held_out, rest): (_, Vec<&Observation>) = observations.iter().partition(is_held_out);
         let groups = positions.iter().filter(|(_, position)| **position == fold);
-        ObservationFold { groups: groups.map(|(group, _)| *group).collect(), held_out, rest }
+        let groups = groups.map(|(group, _)| *group).collect();
+        ObservationFold { groups, held_out, rest: scales.apply(&rest) }
     };
     (0..folds).map(fold).collect()
 }

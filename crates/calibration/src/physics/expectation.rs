@@ -1,6 +1,6 @@
 //! One step of expectation maximisation (EM) for the loadings, several rows at a time.
 
-use pulp::{Simd, WithSimd};
+use pulp::Simd;
 
 use super::cholesky::{Cholesky, LaneCholesky};
 use super::lanes::{Lanes, MOST_LANES, add_rows};
@@ -8,6 +8,7 @@ use super::loadings::{FACTORS, Loadings};
 use super::noise::{Noise, Residuals};
 use super::observation::MOST_CHANNELS;
 use super::sums::Curve;
+use shell_data::vectorised;
 
 /// `1/s²` of the prior `N(0, s²)` of a loading: s is 0.06, what a displacement's own play is, a hundredth of the
 /// way from plateau to plateau. A weaker prior lets a second factor follow the loads of single poses.
@@ -19,25 +20,6 @@ pub(super) struct Expectation {
     square: [[Vec<f64>; FACTORS]; FACTORS],
     /// `E[u·r]` of each sensor.
     with_residual: Vec<[Vec<f64>; FACTORS]>,
-}
-
-/// The E step.
-pub(super) struct Expect<'a> {
-    pub(super) curves: &'a [Curve],
-    /// The variances of each curve that come from its parameters.
-    pub(super) variances: &'a [Vec<f64>],
-    pub(super) loadings: &'a [Loadings],
-    pub(super) noise: Noise,
-}
-
-/// The M step for a sensor: its most likely loadings, and its first `rows` residuals less the factors.
-pub(super) struct Maximise<'a> {
-    pub(super) of: &'a Expectation,
-    pub(super) sensor: usize,
-    pub(super) curve: &'a Curve,
-    pub(super) variances: &'a [f64],
-    pub(super) noise: Noise,
-    pub(super) rows: usize,
 }
 
 /// The slopes of a curve at some rows, and those over the variance of the readings there.
@@ -61,12 +43,15 @@ fn add_square<S: Simd>(
     }
 }
 
-impl WithSimd for Expect<'_> {
-    type Output = Expectation;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> Expectation {
-        let Self { curves, variances, loadings, noise } = self;
+vectorised! {
+    /// The E step. `variances` are those of each curve that come from its parameters.
+    pub(super) fn expect<S: Simd>(
+        simd: S,
+        curves: &[Curve],
+        variances: &[Vec<f64>],
+        loadings: &[Loadings],
+        noise: Noise,
+    ) -> Expectation {
         let (zero, one) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 1.0));
         let length = curves.first().map_or(0, |curve| curve.residual.len());
         let columns = || std::array::from_fn(|_| vec![0.0; length]);
@@ -117,17 +102,23 @@ impl WithSimd for Expect<'_> {
     }
 }
 
-impl WithSimd for Maximise<'_> {
-    type Output = (Loadings, Residuals);
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> (Loadings, Residuals) {
-        let Self { of: Expectation { square, with_residual }, curve, variances, .. } = self;
-        let with_residual = &with_residual[self.sensor];
+vectorised! {
+    /// The M step for a sensor: its most likely loadings, and its first `rows` residuals less the factors.
+    pub(super) fn maximise<S: Simd>(
+        simd: S,
+        of: &Expectation,
+        sensor: usize,
+        curve: &Curve,
+        variances: &[f64],
+        noise: Noise,
+        rows: usize,
+    ) -> (Loadings, Residuals) {
+        let Expectation { square, with_residual } = of;
+        let with_residual = &with_residual[sensor];
         let mut a = [[[0.0; MOST_LANES]; FACTORS]; FACTORS];
         let mut b = [[0.0; MOST_LANES]; FACTORS];
         for first in (0..variances.len()).step_by(S::F64_LANES) {
-            let (slope, weight) = slopes(simd, curve, first, self.noise);
+            let (slope, weight) = slopes(simd, curve, first, noise);
             for k in 0..FACTORS {
                 let with_residual = Lanes::load(simd, &with_residual[k], first);
                 add_rows(&mut b[k], first, weight * with_residual);
@@ -160,8 +151,8 @@ impl WithSimd for Maximise<'_> {
             left.max(0.0).store(&mut residuals.squares, first);
             (slope * slope).store(&mut residuals.slope_squares, first);
         }
-        residuals.squares.truncate(self.rows);
-        residuals.slope_squares.truncate(self.rows);
+        residuals.squares.truncate(rows);
+        residuals.slope_squares.truncate(rows);
         (c, residuals)
     }
 }

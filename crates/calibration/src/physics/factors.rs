@@ -11,14 +11,13 @@
 //! of all sensors at once, on residuals whitened by V.
 
 use super::cholesky::{Cholesky, identity};
-use super::expectation::{Expect, Maximise};
+use super::expectation::{expect, maximise};
 use super::fit::{FittedParameters, Scaled, common_prior, sensors};
 use super::loadings::{FACTORS, Loadings, add_factors, factor_count};
 use super::response::{PARAMETERS, Parameters, move_by};
 use super::sensor::Prior;
-use super::sums::{Curve, Data};
+use super::sums::{Curve, Data, parameter_variances};
 use crate::symmetric::SymmetricMatrix;
-use shell_data::instructions::arch;
 
 /// Effort of a fit, and of one from nearly the same observations. In a round the loadings and variances make
 /// [`EM_STEPS`], the parameters [`STEPS`].
@@ -132,19 +131,15 @@ impl<'a> Joint<'a> {
     fn refine_loadings(&mut self, curves: &[Curve]) {
         let pairs = curves.iter().zip(&self.fitted.covariance);
         let variances: Vec<Vec<f64>> =
-            pairs.map(|(curve, c)| curve.parameter_variances(c)).collect();
+            pairs.map(|(curve, c)| parameter_variances(curve, c)).collect();
         let FittedParameters { loadings, noise, .. } = &mut self.fitted;
         for _ in 0..EM_STEPS {
             let now = *noise;
-            let of =
-                &arch().dispatch(Expect { curves, variances: &variances, loadings, noise: now });
+            let of = expect(curves, &variances, loadings, now);
             let mut all = Vec::with_capacity(curves.len());
             for (sensor, (c, variances)) in loadings.iter_mut().zip(&variances).enumerate() {
-                let curve = &curves[sensor];
-                let rows = self.rows;
-                let m_step = Maximise { of, sensor, curve, variances, noise: now, rows };
                 let residuals;
-                (*c, residuals) = arch().dispatch(m_step);
+                (*c, residuals) = maximise(&of, sensor, &curves[sensor], variances, now, self.rows);
                 all.push(residuals);
             }
             *noise = now.refine(&all, 1);

@@ -35,6 +35,8 @@ const NOISE_STEPS: usize = 20;
 pub(super) struct Scales {
     /// Root mean square of each axis, N and N·m; 1 for one that is never loaded.
     pub(super) wrench: PerAxis<f64>,
+    /// Channels of a frame.
+    pub(super) frame_channels: usize,
     /// Least reading and range of each channel that varies, with its position.
     pub(super) channels: Vec<(usize, f64, f64)>,
 }
@@ -65,14 +67,15 @@ impl Scales {
     /// Those of some observations.
     pub(super) fn new(observations: &[&Observation]) -> Self {
         let wrench = wrench_scale(observations.iter().copied());
-        let channels = observations.first().map_or(0, |o| o.readings.len());
+        let frame_channels = observations.first().map_or(0, |o| o.readings.len());
         let range = |channel: usize| {
             let readings = observations.iter().map(|o| o.readings[channel]);
             let (least, most) =
                 readings.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), s| (l.min(s), m.max(s)));
             (channel, least, most - least)
         };
-        Self { wrench, channels: (0..channels).map(range).filter(|range| range.2 > 0.0).collect() }
+        let channels = (0..frame_channels).map(range).filter(|range| range.2 > 0.0).collect();
+        Self { wrench, frame_channels, channels }
     }
 
     /// Observations in these scales.

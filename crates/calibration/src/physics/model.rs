@@ -113,7 +113,6 @@ impl PhysicsModel {
 
     /// What a fit has found, with the λ and width that it was asked for.
     pub(super) fn from_fit(
-        channels: usize,
         scales: &Scales,
         data: &Scaled,
         fitted: &FittedParameters,
@@ -131,7 +130,7 @@ impl PhysicsModel {
             }
         };
         Self {
-            channels,
+            channels: scales.frame_channels,
             wrench_scale: scales.wrench,
             load_precision: load_precision(data),
             lambda,
@@ -151,15 +150,15 @@ impl PhysicsModel {
         width: f64,
     ) -> Result<Self, PhysicsError> {
         let chosen: Vec<&Observation> = observations.iter().collect();
-        let (scales, channels) = check(&chosen)?;
+        let scales = check(&chosen)?;
         let data = scales.apply(&chosen);
         let fitted = super::fit::fit(&data, width);
-        Ok(Self::from_fit(channels, &scales, &data, &fitted, (lambda, width)))
+        Ok(Self::from_fit(&scales, &data, &fitted, (lambda, width)))
     }
 }
 
-/// The scales of observations that a model can be fitted to, and their channels.
-pub(super) fn check(observations: &[&Observation]) -> Result<(Scales, usize), PhysicsError> {
+/// The scales of observations that a model can be fitted to.
+pub(super) fn check(observations: &[&Observation]) -> Result<Scales, PhysicsError> {
     let found = observations.len();
     if found < PARAMETERS {
         return Err(PhysicsError::TooFewObservations { found, needed: PARAMETERS });
@@ -178,7 +177,7 @@ pub(super) fn check(observations: &[&Observation]) -> Result<(Scales, usize), Ph
     if scales.channels.len() < 6 {
         return Err(PhysicsError::TooFewChannels { found: scales.channels.len() });
     }
-    Ok((scales, channels))
+    Ok(scales)
 }
 
 fn load_precision(data: &Scaled) -> PerAxis<PerAxis<f64>> {

@@ -38,7 +38,7 @@ impl ObservationSample {
     pub(crate) fn from_rows(rows: &TrainingRows) -> Result<Self, PhysicsError> {
         let cells = Cells::new(rows)?;
         let [tried, fitted] = [MOST_TRIED, MOST_FITTED].map(|most| cells.observations(most));
-        Ok(Self { count: cells.count(), tried, fitted })
+        Ok(Self { count: cells.count, tried, fitted })
     }
 
     /// Those of all other groups.

@@ -9,6 +9,7 @@ use super::lanes::{Answers, Lanes, MOST_LANES, linear, quadratic_form};
 use super::noise::Residuals;
 use super::response::{PARAMETERS, Parameters, SHAPE};
 use shell_data::instructions::arch;
+use shell_data::vectorised;
 use shell_data::wrench::PerAxis;
 
 /// Rows whose products are summed before those of the next.
@@ -47,7 +48,7 @@ pub(super) fn residuals(
     data: &Data<'_>,
 ) -> Residuals {
     let curve = Curve::new(p, data);
-    let variances = curve.parameter_variances(covariance);
+    let variances = parameter_variances(&curve, covariance);
     let squares = curve.residual.iter().zip(&variances).map(|(r, variance)| r * r + variance);
     let slope_squares = curve.gradient[0].iter().map(|slope| slope * slope);
     Residuals {
@@ -82,11 +83,6 @@ impl Curve {
     pub(super) fn cost(&self, weights: &[f64]) -> Cost {
         arch().dispatch(CostOf { curve: self, weights })
     }
-
-    /// `gᵀCg` along the rows, with the covariance `C` of the parameters.
-    pub(super) fn parameter_variances(&self, covariance: &[Parameters; PARAMETERS]) -> Vec<f64> {
-        arch().dispatch(VariancesOf { curve: self, covariance })
-    }
 }
 
 struct CurveOf<'a> {
@@ -98,11 +94,6 @@ struct CurveOf<'a> {
 struct CostOf<'a> {
     curve: &'a Curve,
     weights: &'a [f64],
-}
-
-struct VariancesOf<'a> {
-    curve: &'a Curve,
-    covariance: &'a [Parameters; PARAMETERS],
 }
 
 impl WithSimd for CurveOf<'_> {
@@ -164,12 +155,13 @@ impl WithSimd for CostOf<'_> {
     }
 }
 
-impl WithSimd for VariancesOf<'_> {
-    type Output = Vec<f64>;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> Vec<f64> {
-        let Self { curve, covariance } = self;
+vectorised! {
+    /// `gᵀCg` along the rows of a curve, with the covariance `C` of the parameters.
+    pub(super) fn parameter_variances<S: Simd>(
+        simd: S,
+        curve: &Curve,
+        covariance: &[Parameters; PARAMETERS],
+    ) -> Vec<f64> {
         let mut variances = vec![0.0; curve.residual.len()];
         for first in (0..variances.len()).step_by(S::F64_LANES) {
             let mut gradient = [Lanes::splat(simd, 0.0); PARAMETERS];

@@ -177,10 +177,10 @@ impl Calibration {
         // Whether anything has changed is judged by errors as large as those on held-out loads; what, by the variances
         // of the readings themselves, of which a wrench hides some.
         let cautious = ChangeSearch::new(self, loads, self.held_out_variance());
-        let found = cautious.find();
+        let found = cautious.find(true);
         let outcome = match found.ln_evidence > LEAST_LN_EVIDENCE {
-            true => ChangeSearch::new(self, loads, 1.0).find(),
-            false => cautious.nothing(found.disagreement[0]),
+            true => ChangeSearch::new(self, loads, 1.0).find(true),
+            false => cautious.find(false),
         };
         let is_changed = |of: &ChangedQuantity| outcome.shares[*of as usize] > 0.0;
         let quantities: Vec<_> = ChangedQuantity::ALL.into_iter().filter(is_changed).collect();

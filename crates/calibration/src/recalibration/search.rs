@@ -10,11 +10,11 @@ use faer::{Col, Mat, Scale, Side};
 
 use super::change::{Change, ChannelChange};
 use super::{
-    ChangedQuantity, FIRST_SHARE, GAIN, LEVER_M, NewLoads, SHARES, SWEEPS, TURN_RAD, ZERO,
+    ChangedQuantity, FIRST_SHARE, GAIN, LEVER_M, NewLoads, SHARES, SWEEPS, TURN_RAD, ZERO, errors,
 };
 use crate::conversion::{Calibration, Kind};
 use crate::physics::response::Answer;
-use crate::physics::{PhysicsModel, Sensor};
+use crate::physics::{Observation, PhysicsModel, Sensor};
 use shell_data::wrench::PerAxis;
 
 /// How often the differences are made linear about what was found. They nearly are: the third time moves that by a
@@ -140,13 +140,14 @@ impl<'a> ChangeSearch<'a> {
         search
     }
 
-    /// The change that the observations show, with the priors that make them most probable.
-    pub(super) fn find(&self) -> FoundChange {
+    /// The change that the observations show, with the priors that make them most probable; none, unless anything
+    /// `is_changed`.
+    pub(super) fn find(&self, is_changed: bool) -> FoundChange {
         let mut at = vec![0.0; self.unknowns.len()];
         let mut shares = Shares::default();
         let (mut groups, mut all) = self.equations(&at);
         let (unchanged, mut found) = (all.square, None);
-        for round in 0..ROUNDS {
+        for round in 0..if is_changed { ROUNDS } else { 0 } {
             if round > 0 {
                 (groups, all) = self.equations(&at);
             }
@@ -176,20 +177,6 @@ impl<'a> ChangeSearch<'a> {
             standard_errors: self.change(&errors),
             ln_evidence: found.map_or(0.0, |of| of.ln_evidence + 0.5 * unchanged),
             disagreement: [rms(unchanged), rms(cost)],
-        }
-    }
-
-    /// No change.
-    pub(super) fn nothing(&self, disagreement: f64) -> FoundChange {
-        let change = self.change(&vec![0.0; self.unknowns.len()]);
-        let groups = self.loads.observations.iter().map(|o| (o.group, change.clone()));
-        FoundChange {
-            shares: Shares::default(),
-            held_out: groups.collect(),
-            standard_errors: change.clone(),
-            change,
-            ln_evidence: 0.0,
-            disagreement: [disagreement; 2],
         }
     }
 
@@ -287,54 +274,44 @@ impl<'a> ChangeSearch<'a> {
 
     /// The differences of each observation, in their stated errors.
     fn whitened(&self, at: &[f64]) -> Vec<Vec<f64>> {
-        let wrenches: Vec<_> =
-            self.loads.observations.iter().map(|o| o.wrench).enumerate().collect();
-        let mut all = self.differences(&self.change(at), &wrenches);
+        let all: Vec<&Observation> = self.loads.observations.iter().collect();
+        let mut all = self.differences(&self.change(at), &all);
         for (differences, factor) in all.iter_mut().zip(&self.factors) {
             forward(factor, differences);
         }
         all
     }
 
-    /// Observed less predicted, of observations under these wrenches: the axes of the wrench, or the readings in
-    /// calibrated ranges.
-    fn differences(&self, change: &Change, under: &[(usize, PerAxis<f64>)]) -> Vec<Vec<f64>> {
-        let observations = self.loads.observations;
+    /// Observed less predicted: the axes of the wrench, or the readings in calibrated ranges.
+    fn differences(&self, change: &Change, some: &[&Observation]) -> Vec<Vec<f64>> {
         match self.calibration.kind() {
             Kind::Polynomial(polynomial) => {
-                let changed =
-                    Calibration::from_kind(Kind::Polynomial(change.polynomial(polynomial)));
-                let column =
-                    |i| under.iter().map(|(at, _)| observations[*at].readings[i]).collect();
-                let readings: Vec<Vec<f64>> = (0..changed.channels()).map(column).collect();
-                let mut wrench = PerAxis::default();
-                changed.wrench(&readings, &mut wrench);
-                let of_row = |(row, (_, measured)): (usize, &(usize, PerAxis<f64>))| {
-                    let axes = self.calibration.axes.iter().map(|axis| axis.index());
-                    axes.map(|axis| measured[axis] - wrench[axis][row]).collect()
-                };
-                under.iter().enumerate().map(of_row).collect()
+                let changed = Kind::Polynomial(change.polynomial(polynomial));
+                let axes = self.calibration.axes;
+                let of_row =
+                    |of: PerAxis<f64>| axes.iter().map(|axis| 0.0 - of[axis.index()]).collect();
+                errors(&Calibration::from_kind(changed), some).into_iter().map(of_row).collect()
             }
             Kind::Physics(physics) => {
                 let (model, changed) = (physics.model(), change.model(physics.model()));
-                let of_load = |(at, wrench): &(usize, PerAxis<f64>)| {
-                    let x = scaled(model, wrench);
+                let of_load = |o: &&Observation| {
+                    let x = scaled(model, &o.wrench);
                     let pairs = changed.sensors.iter().zip(&model.sensors);
                     let difference = |(of, before): (&Sensor, &Sensor)| {
                         let predicted = Answer::at(&of.parameters, &x).value;
-                        let reading = observations[*at].readings[of.channel];
+                        let reading = o.readings[of.channel];
                         (reading - predicted.mul_add(of.range, of.least)) / before.range
                     };
                     pairs.map(difference).collect()
                 };
-                under.iter().map(of_load).collect()
+                some.iter().map(of_load).collect()
             }
         }
     }
 
     /// The factor of the covariance of the differences of an observation: of the calibration, and of the reference.
     fn factor_of_errors(&self, at: usize) -> Mat<f64> {
-        let wrench = self.loads.observations[at].wrench;
+        let observation = &self.loads.observations[at];
         let mut covariance = match self.calibration.kind() {
             Kind::Polynomial(_) => {
                 let axes: Vec<usize> =
@@ -343,7 +320,8 @@ impl<'a> ChangeSearch<'a> {
                 Mat::from_fn(axes.len(), axes.len(), |i, j| if i == j { error(i) } else { 0.0 })
             }
             Kind::Physics(physics) => {
-                covariance_of_readings(physics.model(), &wrench) * Scale(self.variance_scale)
+                covariance_of_readings(physics.model(), &observation.wrench)
+                    * Scale(self.variance_scale)
             }
         };
         let unchanged = self.change(&[]);
@@ -352,9 +330,9 @@ impl<'a> ChangeSearch<'a> {
                 continue;
             }
             let side = |step: f64| {
-                let mut moved = wrench;
-                moved[axis] += step * error;
-                self.differences(&unchanged, &[(at, moved)]).concat()
+                let mut moved = observation.clone();
+                moved.wrench[axis] += step * error;
+                self.differences(&unchanged, &[&moved]).concat()
             };
             let (up, down) = (side(STEP), side(-STEP));
             let by = |i: usize| (up[i] - down[i]) / (2.0 * STEP);

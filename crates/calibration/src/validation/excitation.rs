@@ -205,45 +205,39 @@ impl Sign {
     /// A loop for each sum and each side: where the compiler sees that one condition follows from another, it
     /// makes branches of them, and no vectors.
     #[inline(always)]
-    fn new(chunks: &[[f64; LANES]], last: &[f64; LANES], sign: f64) -> Self {
-        let mut squares = [0.0; LANES];
-        let mut add_squares = |chunk: &[f64; LANES]| {
-            for i in 0..LANES {
-                let x = sign * chunk[i];
-                let load = if x > 0.0 { x } else { 0.0 };
-                squares[i] += load * load;
-            }
-        };
-        for chunk in chunks {
-            add_squares(chunk);
-        }
-        add_squares(last);
-        let mut rows = [0_u64; LANES];
-        let mut add_rows = |chunk: &[f64; LANES]| {
-            for i in 0..LANES {
-                rows[i] += u64::from(sign * chunk[i] > 0.0);
-            }
-        };
-        for chunk in chunks {
-            add_rows(chunk);
-        }
-        add_rows(last);
-        Self { rows: rows.iter().sum(), squares: squares.iter().sum() }
+    fn new(column: &[f64], sign: f64) -> Self {
+        let load = |x: f64| if sign * x > 0.0 { sign * x } else { 0.0 };
+        let squares = lane_sum(column, |x| load(x) * load(x));
+        let rows = lane_sum(column, |x| if sign * x > 0.0 { 1.0 } else { 0.0 });
+        Self { rows: rows as u64, squares }
     }
+}
+
+/// The sum over a column of what `term` makes of its values.
+#[inline(always)]
+fn lane_sum(column: &[f64], term: impl Fn(f64) -> f64) -> f64 {
+    let mut sums = [0.0; LANES];
+    let (chunks, rest) = column.as_chunks::<LANES>();
+    for chunk in chunks {
+        for i in 0..LANES {
+            sums[i] += term(chunk[i]);
+        }
+    }
+    for (sum, &x) in sums.iter_mut().zip(rest) {
+        *sum += term(x);
+    }
+    sums.iter().sum()
 }
 
 impl AxisSums {
     #[inline(always)]
     fn new(column: &[f64]) -> Self {
-        let (chunks, rest) = column.as_chunks::<LANES>();
-        let mut last = [0.0; LANES];
-        last[..rest.len()].copy_from_slice(rest);
         Self {
             // A pass for each: compiled together, they are shuffled through one vector.
             min: first_of(column, |x, min| x < min),
             max: first_of(column, |x, max| x > max),
-            positive: Sign::new(chunks, &last, 1.0),
-            negative: Sign::new(chunks, &last, -1.0),
+            positive: Sign::new(column, 1.0),
+            negative: Sign::new(column, -1.0),
         }
     }
 
@@ -329,36 +323,24 @@ fn sum(column: &[f64]) -> f64 {
 /// Sums of products of deviations from the means, the upper triangle.
 #[inline(always)]
 fn products(wrench: &[Vec<f64>], mean: &PerAxis<f64>) -> PerAxis<PerAxis<f64>> {
-    /// Deviations that stay in a core's cache; whole lanes.
-    const ROWS: usize = 32 * LANES;
-    let mut deviations = [[0.0; ROWS]; 6];
-    let mut sums = [[[0.0; LANES]; 6]; 6];
-    let rows = wrench[0].len();
-    for start in (0..rows).step_by(ROWS) {
-        let end = rows.min(start + ROWS);
-        let used = (end - start).next_multiple_of(LANES);
-        for a in 0..6 {
-            let (column, own) = (&wrench[a][start..end], &mut deviations[a]);
-            for (deviation, x) in own.iter_mut().zip(column) {
-                *deviation = x - mean[a];
-            }
-            // Lanes beyond the rows add nothing.
-            own[end - start..used].fill(0.0);
-        }
-        for a in 0..6 {
-            for b in a..6 {
-                let mut lanes = sums[a][b];
-                let columns = deviations[a][..used].as_chunks::<LANES>().0.iter();
-                for (x, y) in columns.zip(deviations[b][..used].as_chunks::<LANES>().0) {
-                    for i in 0..LANES {
-                        lanes[i] += x[i] * y[i];
-                    }
+    let mut sums = [[0.0; 6]; 6];
+    for a in 0..6 {
+        for b in a..6 {
+            let mut lanes = [0.0; LANES];
+            let ((x, x_rest), (y, y_rest)) = (wrench[a].as_chunks(), wrench[b].as_chunks());
+            for (x, y) in x.iter().zip(y) {
+                let (x, y): (&[f64; LANES], &[f64; LANES]) = (x, y);
+                for i in 0..LANES {
+                    lanes[i] += (x[i] - mean[a]) * (y[i] - mean[b]);
                 }
-                sums[a][b] = lanes;
             }
+            for (lane, (x, y)) in lanes.iter_mut().zip(x_rest.iter().zip(y_rest)) {
+                *lane += (x - mean[a]) * (y - mean[b]);
+            }
+            sums[a][b] = lanes.iter().sum();
         }
     }
-    sums.map(|axis| axis.map(|lanes| lanes.iter().sum()))
+    sums
 }
 
 fn condition(correlation: &PerAxis<PerAxis<f64>>) -> Option<f64> {

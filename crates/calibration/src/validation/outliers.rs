@@ -167,41 +167,17 @@ impl<'a> RowTest<'a> {
         excess.iter().enumerate().filter(|(_, excess)| **excess > 1.0).map(|(row, _)| row).collect()
     }
 
-    /// Tests rows of a block, in ascending order, all of which were used for the fit; `predicted` is the wrench of every
-    /// row of the block.
+    /// Tests a few rows of a block, in ascending order, by a fit that `has_left_out` some of them; only their wrench and
+    /// that of the rows beside them is predicted.
     pub fn test(
         &self,
         block: &Block,
         rows: &[usize],
-        predicted: &PerAxis<Vec<f64>>,
-    ) -> Vec<TestedRow> {
-        let position = |&row: &usize| TestPosition { row, at: row, rows: block.rows };
-        let positions: Vec<_> = rows.iter().map(position).collect();
-        self.test_at(&positions, block, predicted, &|_| false)
-    }
-
-    /// Tests a few rows of a block, in ascending order, by a fit that `has_left_out` some of them; only their wrench and
-    /// that of the rows beside them is predicted.
-    pub fn test_few(
-        &self,
-        block: &Block,
-        rows: &[usize],
         has_left_out: &dyn Fn(usize) -> bool,
     ) -> Vec<TestedRow> {
-        let (copies, positions) = copy_rows(rows, block);
+        let (columns, positions) = &copy_rows(rows, block);
         let mut predicted = PerAxis::default();
-        self.calibration.wrench(&copies.readings, &mut predicted);
-        self.test_at(&positions, &copies, &predicted, has_left_out)
-    }
-
-    /// Tests the rows at `positions` in `columns`.
-    fn test_at(
-        &self,
-        positions: &[TestPosition],
-        columns: &Block,
-        predicted: &PerAxis<Vec<f64>>,
-        has_left_out: &dyn Fn(usize) -> bool,
-    ) -> Vec<TestedRow> {
+        self.calibration.wrench(&columns.readings, &mut predicted);
         let error = |axis: usize, at: usize| predicted[axis][at] - columns.wrench[axis][at];
         let test_row = |(&position, leverage): (&TestPosition, f64)| {
             let TestPosition { row, at, .. } = position;
@@ -265,7 +241,7 @@ vectorised! {
     }
 }
 
-/// A row of a block, and its index in columns that hold all rows of the block, or copies of this row and its neighbours.
+/// A row of a block, and its index in columns that hold copies of this row and its neighbours.
 #[derive(Clone, Copy, Debug)]
 struct TestPosition {
     /// The row of the block.

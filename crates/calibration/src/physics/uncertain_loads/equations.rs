@@ -1,8 +1,7 @@
 //! The equations of a step: those of each load, and the border of what loads share.
 
 use super::super::cholesky::Cholesky;
-use super::super::response::{PARAMETERS, Parameters};
-use super::load::{OWN, SHARED};
+use super::load::OWN;
 use crate::symmetric::{SymmetricMatrix, UpperTriangle, product};
 
 /// The sum that is minimised, and its equations. The border is what loads share: sensors, then offsets.
@@ -18,15 +17,18 @@ pub(super) struct OfLoad {
     pub(super) descent: [f64; OWN],
     /// With the border, a row for each deviation.
     pub(super) coupling: [Vec<f64>; OWN],
-    /// Of each sensor: its residual, slope, gradient by its parameters and by deviations and offset.
+    /// Of each sensor.
     pub(super) rows: Vec<Row>,
 }
 
+/// A reading under a load.
 pub(super) struct Row {
     pub(super) residual: f64,
     pub(super) slope: f64,
-    pub(super) gradient: Parameters,
-    pub(super) by_load: [f64; OWN + SHARED],
+    /// By the deviations of the load.
+    pub(super) by_load: [f64; OWN],
+    /// The positions of the border that it depends on, with its slopes by them.
+    pub(super) border: Vec<(usize, f64)>,
 }
 
 /// `h⁻¹` of a load with `h⁻¹·coupling`: what it follows of the border.
@@ -46,7 +48,6 @@ impl LoadEquations {
     pub(super) fn add_load(
         &mut self,
         rows: Vec<Row>,
-        offset: Option<usize>,
         (of_readings, of_own): (&[f64], &[f64; OWN]),
         own: &[f64; OWN],
     ) {
@@ -61,17 +62,13 @@ impl LoadEquations {
             of.descent[k] -= of_own[k] * own[k];
             self.cost += of_own[k] * own[k] * own[k];
         }
-        for (i, (row, weight)) in of.rows.iter().zip(of_readings).enumerate() {
+        for (row, weight) in of.rows.iter().zip(of_readings) {
             self.cost += weight * row.residual * row.residual;
-            // The positions of the border that a reading depends on, with its slopes by them.
-            let parameters = (0..PARAMETERS).map(|k| (PARAMETERS * i + k, row.gradient[k]));
-            let shared = offset.map(|first| (0..SHARED).map(move |k| (first + k, k)));
-            let shared = shared.into_iter().flatten().map(|(at, k)| (at, row.by_load[OWN + k]));
-            let border: Vec<(usize, f64)> = parameters.chain(shared).collect();
-            for &(position, by) in &border {
+            for &(position, by) in &row.border {
                 self.descent[position] += weight * row.residual * by;
                 let row_of = self.border.row_mut(position);
-                for &(other, by_other) in border.iter().filter(|(other, _)| *other >= position) {
+                for &(other, by_other) in row.border.iter().filter(|(other, _)| *other >= position)
+                {
                     row_of[other - position] += weight * by * by_other;
                 }
                 (0..OWN).for_each(|k| of.coupling[k][position] += weight * row.by_load[k] * by);

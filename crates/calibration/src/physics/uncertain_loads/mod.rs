@@ -90,7 +90,7 @@ pub fn correct_loads(
         .map(|(o, load)| Observation { wrench: load.wrench(), ..o.clone() })
         .collect();
     let stated: Vec<&Observation> = stated.iter().collect();
-    let (scales, _) = check(&stated)?;
+    let scales = check(&stated)?;
     let data = scales.apply(&stated);
     let start = fit(&data, WIDTH);
     let mut search = LoadSearch {
@@ -220,17 +220,21 @@ impl LoadSearch<'_> {
 
     fn rows(&self, at: &Unknowns, row: usize) -> Vec<Row> {
         let (x, by) = self.wrench(at, row);
-        let of = |(p, readings): (&Parameters, &Vec<f64>)| {
+        let first = |mounting| PARAMETERS * at.parameters.len() + SHARED * mounting;
+        let offset = self.loads[row].mounting().map(first);
+        let of = |(i, (p, readings)): (usize, (&Parameters, &Vec<f64>))| {
             let answer = Answer::at(p, &x);
             let along = |by: &PerAxis<f64>| (0..6).map(|axis| p[1 + axis] * by[axis]).sum::<f64>();
+            let by_load: [f64; OWN + SHARED] = by.each_ref().map(|by| answer.slope * along(by));
+            let shared = offset.into_iter().flat_map(|first| first..).zip(by_load[OWN..].to_vec());
             Row {
                 residual: readings[row] - answer.value,
                 slope: answer.slope,
-                gradient: answer.gradient(&x),
-                by_load: by.each_ref().map(|by| answer.slope * along(by)),
+                by_load: std::array::from_fn(|k| by_load[k]),
+                border: (PARAMETERS * i..).zip(answer.gradient(&x)).chain(shared).collect(),
             }
         };
-        at.parameters.iter().zip(&self.data.readings).map(of).collect()
+        at.parameters.iter().zip(&self.data.readings).enumerate().map(of).collect()
     }
 
     fn weights(&self) -> FixedWeights {
@@ -273,36 +277,29 @@ impl LoadSearch<'_> {
         for (position, offset) in at.offsets.iter().flatten().enumerate() {
             all.pull(first_offset + position, 1.0, -offset);
         }
-        for (row, load) in self.loads.iter().enumerate() {
-            let offset = load.mounting().map(|mounting| first_offset + SHARED * mounting);
+        for (row, own) in at.own.iter().enumerate() {
             let weights = (&weights.readings[row][..], &weights.own[row]);
-            all.add_load(self.rows(at, row), offset, weights, &at.own[row]);
+            all.add_load(self.rows(at, row), weights, own);
         }
         all
     }
 
     /// Residuals with what sensors and loads took of them.
     fn residuals(&self, at: &LoadEquations) -> Vec<Residuals> {
-        let sensors = self.at.parameters.len();
-        let mut all = vec![Residuals::default(); sensors];
+        let mut all = vec![Residuals::default(); self.at.parameters.len()];
         let Some((border, eliminated)) = at.factor() else { return all };
-        for ((load, of), eliminated) in self.loads.iter().zip(&at.loads).zip(&eliminated) {
-            let offset = load.mounting().map(|m| PARAMETERS * sensors + SHARED * m);
-            for (i, row) in of.rows.iter().enumerate() {
-                let t: [f64; OWN] = std::array::from_fn(|k| row.by_load[k]);
+        for (of, eliminated) in at.loads.iter().zip(&eliminated) {
+            for (row, all) in of.rows.iter().zip(&mut all) {
                 let mut u = vec![0.0; at.border.size()];
-                for (t, following) in t.iter().zip(&eliminated.following) {
+                for (t, following) in row.by_load.iter().zip(&eliminated.following) {
                     u.iter_mut().zip(following).for_each(|(u, x)| *u -= t * x);
                 }
-                (0..PARAMETERS).for_each(|k| u[PARAMETERS * i + k] += row.gradient[k]);
-                if let Some(first) = offset {
-                    (0..SHARED).for_each(|k| u[first + k] += row.by_load[OWN + k]);
-                }
-                let own: f64 = eliminated.factor.forward(&t).iter().map(|x| x * x).sum();
+                row.border.iter().for_each(|&(position, by)| u[position] += by);
+                let own: f64 = eliminated.factor.forward(&row.by_load).iter().map(|x| x * x).sum();
                 let unsure = own + border.square(u);
                 let square = row.residual.mul_add(row.residual, unsure);
-                all[i].squares.push(square);
-                all[i].slope_squares.push(row.slope * row.slope);
+                all.squares.push(square);
+                all.slope_squares.push(row.slope * row.slope);
             }
         }
         all
