@@ -18,7 +18,7 @@ use board_link::recording::{LiveForces, PROTOCOLS};
 use board_link::{LogSink, PortOptions, RecordOptions, Sinks, Source, Watcher, record};
 use frame_stream::RowOptions;
 use live_view::web::Server;
-use live_view::{Guide, LiveModel, LiveSetup};
+use live_view::{Guide, LiveModel};
 use log_file::Log;
 use serde_json::json;
 use shared_proto::Protocol;
@@ -153,7 +153,7 @@ impl LiveArgs {
         };
         // Without a calibration a wrench is the board's or the log's own.
         let axes = calibrated.unwrap_or(recorded);
-        let model = LiveModel::new(LiveSetup { ranges, window_s: self.window, axes });
+        let model = LiveModel::new(ranges, self.window, axes);
         let session = LiveSession::new(model, rows, feed, logs, name);
         let mut session = session.guided(guide);
         let until = Until {
