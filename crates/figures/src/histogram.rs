@@ -2,7 +2,8 @@
 
 use std::array;
 
-use super::bins::Bins;
+use super::bins::{Cell, Grid};
+use super::scale::ValueRange;
 
 /// Counts of points (x, y) in equal rectangular cells.
 ///
@@ -13,41 +14,14 @@ use super::bins::Bins;
 #[derive(Clone, Debug)]
 pub(super) struct Histogram2d {
     bins: [usize; 2],
-    grid: Option<CellGrid>,
+    grid: Option<Grid<u64, 2>>,
     /// Number of points counted.
     pub(super) points: u64,
 }
 
-#[derive(Clone, Debug)]
-struct CellGrid {
-    /// Of x and of y, as the ranges.
-    bins: [Bins; 2],
-    ranges: [ValueRange; 2],
-    /// Row by row, y ascending.
-    counts: Vec<u64>,
-}
-
-/// The smallest and the largest value of a coordinate.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct ValueRange {
-    pub(super) low: f64,
-    pub(super) high: f64,
-}
-
-impl ValueRange {
-    const EMPTY: Self = Self { low: f64::INFINITY, high: f64::NEG_INFINITY };
-
-    /// The range of some values; empty, with ends that are infinite, of none.
-    pub(super) fn over(values: impl IntoIterator<Item = f64>) -> Self {
-        values.into_iter().fold(Self::EMPTY, Self::including)
-    }
-
-    fn including(self, value: f64) -> Self {
-        Self { low: self.low.min(value), high: self.high.max(value) }
-    }
-
-    pub(super) fn union(self, other: Self) -> Self {
-        Self { low: self.low.min(other.low), high: self.high.max(other.high) }
+impl Cell for u64 {
+    fn absorb(&mut self, later: &Self) {
+        *self += later;
     }
 }
 
@@ -87,11 +61,11 @@ impl Histogram2d {
             return;
         }
         self.points += finite;
-        let grid = self.cover(range);
+        let grid = Grid::cover(&mut self.grid, range, self.bins);
         let ([column, row], width) = (grid.bins.map(|bins| bins.locator()), grid.bins[0].count);
         for (&x, &y) in x.iter().zip(y) {
             if x.is_finite() && y.is_finite() {
-                grid.counts[row(y) * width + column(x)] += 1;
+                grid.cells[row(y) * width + column(x)] += 1;
             }
         }
     }
@@ -104,30 +78,26 @@ impl Histogram2d {
         assert_eq!(self.bins, other.bins, "histograms of the same shape");
         self.points += other.points;
         if let Some(theirs) = &other.grid {
-            self.cover(theirs.ranges).absorb(theirs);
+            Grid::cover(&mut self.grid, theirs.ranges, self.bins).absorb(theirs);
         }
     }
 
-    /// The smallest and largest x and y, `None` while empty.
-    pub(super) fn ranges(&self) -> Option<[ValueRange; 2]> {
-        self.grid.as_ref().map(|grid| grid.ranges)
+    /// The smallest and largest x and y; −1 to 1 while empty.
+    pub(super) fn ranges(&self) -> [ValueRange; 2] {
+        self.grid.as_ref().map_or([ValueRange { low: -1.0, high: 1.0 }; 2], |grid| grid.ranges)
     }
 
     /// The cells that are not empty, row by row; cells merged 2^`doublings` by 2^`doublings`.
     pub(super) fn cells(&self, doublings: [u32; 2]) -> Vec<HistogramCell> {
         let Some(grid) = &self.grid else { return Vec::new() };
         let bins = array::from_fn(|i| grid.bins[i].coarsened(doublings[i]));
-        let mut coarse = CellGrid::empty(bins, grid.ranges);
+        let mut coarse = Grid::empty(bins, grid.ranges);
         coarse.absorb(grid);
-        let CellGrid { bins: [x, y], counts, .. } = coarse;
-        let occupied = counts.iter().enumerate().filter(|&(_, &count)| count > 0);
-        occupied
-            .map(|(i, &count)| HistogramCell {
-                x: x.edges(i % x.count),
-                y: y.edges(i / x.count),
-                count,
-            })
-            .collect()
+        let [x, y] = bins;
+        let occupied = coarse.cells.into_iter().enumerate().filter(|&(_, count)| count > 0);
+        let cell =
+            |(i, count)| HistogramCell { x: x.edges(i % x.count), y: y.edges(i / x.count), count };
+        occupied.map(cell).collect()
     }
 
     /// The counts over y alone: edges of each bin from the first to the last that is not empty.
@@ -135,55 +105,9 @@ impl Histogram2d {
         let Some(grid) = &self.grid else { return Vec::new() };
         let ([x, y], [_, range]) = (grid.bins, grid.ranges);
         let locate = y.locator();
-        let total = |row: usize| grid.counts[row * x.count..][..x.count].iter().sum();
+        let total = |row: usize| grid.cells[row * x.count..][..x.count].iter().sum();
         let rows = locate(range.low)..=locate(range.high);
         rows.map(|row| (y.edges(row), total(row))).collect()
-    }
-
-    /// The grid, made to cover a range as well as all it covers already.
-    fn cover(&mut self, ranges: [ValueRange; 2]) -> &mut CellGrid {
-        let grid = match self.grid.take() {
-            None => {
-                let around = |i: usize| Bins::around(ranges[i].low, ranges[i].high, self.bins[i]);
-                CellGrid::empty(array::from_fn(around), ranges)
-            }
-            Some(grid) => {
-                let ranges = array::from_fn(|i| ranges[i].union(grid.ranges[i]));
-                let widened = |i: usize| grid.bins[i].widened(ranges[i].low, ranges[i].high);
-                let bins = array::from_fn(widened);
-                if bins == grid.bins {
-                    CellGrid { ranges, ..grid }
-                } else {
-                    let mut wider = CellGrid::empty(bins, ranges);
-                    wider.absorb(&grid);
-                    wider
-                }
-            }
-        };
-        self.grid.insert(grid)
-    }
-}
-
-impl Bins {
-    fn edges(&self, position: usize) -> ValueRange {
-        ValueRange { low: self.edge(position), high: self.edge(position + 1) }
-    }
-}
-
-impl CellGrid {
-    fn empty(bins: [Bins; 2], ranges: [ValueRange; 2]) -> Self {
-        Self { bins, ranges, counts: vec![0; bins[0].count * bins[1].count] }
-    }
-
-    /// Adds the counts of a grid that has equal or finer cells inside this one's range.
-    fn absorb(&mut self, finer: &Self) {
-        let ([x, y], [finer_x, finer_y]) = (self.bins, finer.bins);
-        for (row, counts) in finer.counts.chunks_exact(finer_x.count).enumerate() {
-            for (column, &count) in counts.iter().enumerate().filter(|&(_, &count)| count > 0) {
-                let row = y.position_of(&finer_y, row);
-                self.counts[row * x.count + x.position_of(&finer_x, column)] += count;
-            }
-        }
     }
 }
 

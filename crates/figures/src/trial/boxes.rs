@@ -1,14 +1,13 @@
 //! Box plots by condition: drag energy, electrical energy and specific resistance, per trial and
 //! per stride.
 
-use super::super::histogram::ValueRange;
-use super::super::palette;
+use super::super::canvas::{Figure, Pen, Rect, Style, number, point};
+use super::super::palette::{self, Colour};
 use super::super::panel::{LEFT_MARGIN, Panel};
-use super::super::scale::{PlotAxis, Spacing};
+use super::super::scale::{PlotAxis, ValueRange};
 use super::super::size::Size;
-use super::super::svg::{Anchor, Canvas, Figure, Rect, Style, number, point};
 use super::labels::BoxLabels;
-use super::{TOP, WIDTH, canvas, draw_title, empty_figure};
+use super::{TOP, WIDTH, empty_figure, titled};
 use trial::{ConditionRow, Per, Quantity, Statistics};
 
 const HEIGHT: f64 = 150.0;
@@ -16,7 +15,7 @@ const HEIGHT: f64 = 150.0;
 const PITCH: f64 = 185.0;
 /// From one line of the key to the next.
 const KEY_PITCH: f64 = 15.0;
-const FILL: &str = "#d8e6f0";
+const FILL: Colour = Colour(0xd8e6f0);
 /// Up to this many values of a condition each is drawn: quartiles of fewer say little.
 const MOST_POINTS: usize = 12;
 
@@ -42,8 +41,7 @@ pub fn box_figure(size: Size, title: &str, rows: &[ConditionRow]) -> Figure {
     let pitch = PITCH + labels.height();
     let bottom = TOP - 8.0 + pitch * count as f64 + labels.below_last();
     let key = if size.is_narrow() { KEY_PITCH } else { 0.0 };
-    let mut canvas = canvas(size, bottom + 22.0 + key);
-    draw_title(&mut canvas, title);
+    let mut canvas = titled(size, bottom + 22.0 + key, title);
     for (row, &quantity) in shown.iter().enumerate() {
         for (column, per) in Per::ALL.into_iter().enumerate() {
             let boxes = of(quantity, per);
@@ -62,12 +60,12 @@ pub fn box_figure(size: Size, title: &str, rows: &[ConditionRow]) -> Figure {
         }
     }
     draw_key(&mut canvas, bottom + 10.0, size);
-    canvas.finish()
+    canvas
 }
 
 /// Says what the marks are, in one line, or in two where that is too long.
-fn draw_key(canvas: &mut Canvas, y: f64, size: Size) {
-    let start = Style::LABEL.anchored(Anchor::Start);
+fn draw_key(canvas: &mut Figure, y: f64, size: Size) {
+    let start = Style::START;
     let left = LEFT_MARGIN + 8.0;
     canvas.text((left, y), "box: quartiles and median; whiskers: Tukey's, 1.5 IQR;", start);
     let (right, y) = match size.is_narrow() {
@@ -82,14 +80,14 @@ fn draw_key(canvas: &mut Canvas, y: f64, size: Size) {
     canvas.text((right + 128.0, y), &format!("value (n ≤ {MOST_POINTS})"), start);
 }
 
-fn draw_point(canvas: &mut Canvas, x: f64, y: f64) {
-    canvas.circle((x, y), 1.8, palette::SERIES[0]);
+fn draw_point(canvas: &mut Figure, x: f64, y: f64) {
+    canvas.circle((x, y), 1.8, palette::series(0));
 }
 
-fn draw_diamond(canvas: &mut Canvas, x: f64, y: f64) {
+fn draw_diamond(canvas: &mut Figure, x: f64, y: f64) {
     let diamond = format!("M{}l4 4l4 -4l-4 -4Z", point(x - 4.0, y));
-    canvas.fill(&diamond, palette::SERIES[1]);
-    canvas.stroke(&diamond, palette::INK, 0.8);
+    canvas.fill(&diamond, palette::series(1));
+    canvas.stroke(diamond, palette::INK, Pen::Round(0.8));
 }
 
 /// What the axis says, and the factor to its unit: energies of strides are some mJ. Drag is −Fx, its energy is lost
@@ -102,7 +100,7 @@ fn scale(quantity: Quantity) -> (&'static str, f64, &'static str) {
 }
 
 fn draw_boxes(
-    canvas: &mut Canvas,
+    canvas: &mut Figure,
     area: Rect,
     (quantity, per): (Quantity, Per),
     boxes: &[&ConditionRow],
@@ -113,11 +111,11 @@ fn draw_boxes(
         let Statistics { whisker_low, whisker_high, outliers, mean, .. } = &row.statistics;
         outliers.iter().copied().chain([*whisker_low, *whisker_high, *mean])
     });
-    let ValueRange { low, high } = ValueRange::over(ends);
+    let range = ValueRange::over(ends.map(|end| factor * end));
     let panel = Panel {
         area,
-        x: PlotAxis::new("", "", Spacing::Linear, 0.0, 1.0),
-        y: PlotAxis::new(name, unit, Spacing::Linear, factor * low, factor * high).padded(0.08),
+        x: PlotAxis::linear("", "", ValueRange { low: 0.0, high: 1.0 }),
+        y: PlotAxis::linear(name, unit, range).padded(0.08),
     };
     panel.draw_y_grid(canvas);
     let half = (0.3 * labels.box_pitch(area)).min(22.0);
@@ -125,13 +123,12 @@ fn draw_boxes(
         let position = |value: f64| panel.place(0.0, factor * value).1;
         draw_box(canvas, labels.middle(area, &row.condition), half, &row.statistics, position);
     }
-    canvas.frame(area, palette::INK);
-    panel.draw_y_labels(canvas);
+    panel.draw_stacked_frame(canvas, false);
     let label = format!("per {}", per.name());
-    canvas.text((area.left, area.top - 7.0), &label, Style::LABEL.anchored(Anchor::Start));
+    canvas.text((area.left, area.top - 7.0), &label, Style::START);
 }
 
-fn draw_box(canvas: &mut Canvas, x: f64, half: f64, s: &Statistics, position: impl Fn(f64) -> f64) {
+fn draw_box(canvas: &mut Figure, x: f64, half: f64, s: &Statistics, position: impl Fn(f64) -> f64) {
     let (left, right) = (x - half, x + half);
     let (q1, q3) = (position(s.q1), position(s.q3));
     for (end, quartile) in [(position(s.whisker_low), q1), (position(s.whisker_high), q3)] {
@@ -141,7 +138,7 @@ fn draw_box(canvas: &mut Canvas, x: f64, half: f64, s: &Statistics, position: im
     let outline =
         format!("M{}H{}V{}H{}Z", point(left, q1), number(right), number(q3), number(left));
     canvas.fill(&outline, FILL);
-    canvas.stroke(&outline, palette::INK, 1.0);
+    canvas.stroke(outline, palette::INK, Pen::Round(1.0));
     let median = position(s.median);
     canvas.line((left, median), (right, median), palette::INK, 2.0);
     draw_diamond(canvas, x, position(s.mean));

@@ -78,7 +78,7 @@ fn predicted(report: &CalibrationReport<'_>) -> String {
     };
     let axes = report.calibration.axes.iter();
     let alt = format!("{caption}. RMS: {}", axes.map(rms).collect::<Vec<_>>().join(", "));
-    drawing("predicted", report.figure.svg(), &alt, &caption)
+    drawing("predicted", &report.figure.svg(), &alt, &caption)
 }
 
 fn coverage(report: &CalibrationReport<'_>) -> String {
@@ -91,7 +91,7 @@ fn coverage(report: &CalibrationReport<'_>) -> String {
         format!("{} {} to {} {}", axis.name(), figure(of.min), figure(of.max), axis.unit())
     };
     let alt = format!("{caption}. {}", axes.iter().map(range).collect::<Vec<_>>().join(", "));
-    let html = drawing("loads", report.coverage.svg(), &alt, caption);
+    let html = drawing("loads", &report.coverage.svg(), &alt, caption);
     let mut header = LOADS.to_vec();
     header.extend(["rows above zero (%)", "rows below zero (%)"]);
     let row = |(axis, mut cells): (Axis, Vec<TableCell>)| {
