@@ -54,9 +54,12 @@ impl ColourScale {
 
 /// How often to double the cells of a histogram so that neighbours in it still touch: about twice as
 /// many cells along each axis as the square root of the points, and no smaller than a pixel.
-pub(super) fn doublings(histogram: &Histogram2d, bins: usize, pixels: f64) -> u32 {
+pub(super) fn doublings<const X: usize, const Y: usize>(
+    histogram: &Histogram2d<X, Y>,
+    pixels: f64,
+) -> u32 {
     let wanted = (2.0 * (histogram.points as f64).sqrt()).clamp(32.0, pixels.max(32.0));
-    (bins as f64 / wanted).log2().floor().max(0.0) as u32
+    (X as f64 / wanted).log2().floor().max(0.0) as u32
 }
 
 /// Draws the cells in the panel: one path per colour, one stroke as wide as a cell is high for each

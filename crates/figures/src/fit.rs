@@ -12,12 +12,6 @@ use super::scale::{PlotAxis, ValueRange, decimal};
 use super::size::Size;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// Cells of the histogram of predicted against measured.
-const AGREEMENT_BINS: usize = 256;
-/// Cells of the histogram of residual against predicted. Finer along the residual, of which a part
-/// is shown when a few rows lie far out.
-const RESIDUAL_BINS: [usize; 2] = [128, 1024];
-
 /// Predictions and measurements of any number of rows, reduced to what a figure needs (some 9 MB).
 ///
 /// Ranges need not be known beforehand, and parts may be merged in any order.
@@ -26,24 +20,13 @@ pub struct FitPlot {
     axes: PerAxis<AxisPlot>,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 struct AxisPlot {
-    agreement: Histogram2d,
-    residual: Histogram2d,
+    /// Predicted against measured.
+    agreement: Histogram2d<256, 256>,
+    /// Residual against predicted. Finer along the residual, of which a part is shown when a few rows lie far out.
+    residual: Histogram2d<128, 1024>,
     squares: f64,
-    /// Residuals of the block at hand; kept to be used again.
-    differences: Vec<f64>,
-}
-
-impl Default for AxisPlot {
-    fn default() -> Self {
-        Self {
-            agreement: Histogram2d::new(AGREEMENT_BINS, AGREEMENT_BINS),
-            residual: Histogram2d::new(RESIDUAL_BINS[0], RESIDUAL_BINS[1]),
-            squares: 0.0,
-            differences: Vec::new(),
-        }
-    }
 }
 
 impl FitPlot {
@@ -82,11 +65,10 @@ impl FitPlot {
 
 impl AxisPlot {
     fn add(&mut self, predicted: &[f64], measured: &[f64]) {
-        self.differences.clear();
-        self.differences.extend(predicted.iter().zip(measured).map(|(p, m)| p - m));
+        let differences: Vec<f64> = predicted.iter().zip(measured).map(|(p, m)| p - m).collect();
         self.agreement.add(measured, predicted);
-        self.residual.add(predicted, &self.differences);
-        let finite = self.differences.iter().filter(|residual| residual.is_finite());
+        self.residual.add(predicted, &differences);
+        let finite = differences.iter().filter(|residual| residual.is_finite());
         self.squares += finite.map(|residual| residual * residual).sum::<f64>();
     }
 
@@ -193,7 +175,7 @@ impl AxisView {
     /// much again on both sides, and the number of rows beyond.
     fn new(axis: Axis, data: &AxisPlot, outlined: Option<&AxisPlot>) -> Self {
         let [measured, predicted] = data.agreement.ranges();
-        let merge = doublings(&data.agreement, AGREEMENT_BINS, PLOT_WIDTH);
+        let merge = doublings(&data.agreement, PLOT_WIDTH);
         let histogram = &data.residual;
         let [predicted_range, all] = histogram.ranges();
         let marginal = histogram.marginal_y();
@@ -205,7 +187,7 @@ impl AxisView {
         let is_beyond = |range: &ValueRange| range.low > reach || range.high < -reach;
 
         // As many doublings as leave the cells about square on paper.
-        let x_merge = doublings(histogram, RESIDUAL_BINS[0], PLOT_WIDTH - PROFILE_WIDTH);
+        let x_merge = doublings(histogram, PLOT_WIDTH - PROFILE_WIDTH);
         let bin = marginal.first().map_or(1.0, |(range, _)| range.high - range.low);
         let shown_bins = (2.0 * reach / bin).max(1.0);
         let wanted = f64::from(2u32.pow(7 - x_merge.min(7))) * 0.75;

@@ -5,15 +5,14 @@ use std::array;
 use super::bins::{Cell, Grid};
 use super::scale::ValueRange;
 
-/// Counts of points (x, y) in equal rectangular cells.
+/// Counts of points (x, y) in at most `X` by `Y` equal rectangular cells.
 ///
 /// Holds a fixed number of cells however many points it is given. Cell widths are powers of two and
 /// double when a point falls outside, which moves whole cells into whole cells: the counts are exact
 /// for the final cells and independent of the order of points, blocks and merges. At least half of
 /// the bins of each axis span the data.
-#[derive(Clone, Debug)]
-pub(super) struct Histogram2d {
-    bins: [usize; 2],
+#[derive(Clone, Debug, Default)]
+pub(super) struct Histogram2d<const X: usize, const Y: usize> {
     grid: Option<Grid<u64, 2>>,
     /// Number of points counted.
     pub(super) points: u64,
@@ -33,16 +32,7 @@ pub(super) struct HistogramCell {
     pub(super) count: u64,
 }
 
-impl Histogram2d {
-    /// An empty histogram of at most `bins_x` by `bins_y` cells, each at least 2.
-    ///
-    /// # Panics
-    /// If an axis has fewer than 2 bins: data on both sides of zero need as many.
-    pub(super) fn new(bins_x: usize, bins_y: usize) -> Self {
-        assert!(bins_x >= 2 && bins_y >= 2, "at least two bins on each axis");
-        Self { bins: [bins_x, bins_y], grid: None, points: 0 }
-    }
-
+impl<const X: usize, const Y: usize> Histogram2d<X, Y> {
     /// Counts the points (`x[i]`, `y[i]`); those that are not finite are left out.
     ///
     /// # Panics
@@ -61,7 +51,7 @@ impl Histogram2d {
             return;
         }
         self.points += finite;
-        let grid = Grid::cover(&mut self.grid, range, self.bins);
+        let grid = Grid::cover(&mut self.grid, range, [X, Y]);
         let ([column, row], width) = (grid.bins.map(|bins| bins.locator()), grid.bins[0].count);
         for (&x, &y) in x.iter().zip(y) {
             if x.is_finite() && y.is_finite() {
@@ -70,15 +60,11 @@ impl Histogram2d {
         }
     }
 
-    /// Adds the counts of a histogram with the same number of bins.
-    ///
-    /// # Panics
-    /// If the numbers of bins differ.
+    /// Adds the counts of another.
     pub(super) fn merge(&mut self, other: &Self) {
-        assert_eq!(self.bins, other.bins, "histograms of the same shape");
         self.points += other.points;
         if let Some(theirs) = &other.grid {
-            Grid::cover(&mut self.grid, theirs.ranges, self.bins).absorb(theirs);
+            Grid::cover(&mut self.grid, theirs.ranges, [X, Y]).absorb(theirs);
         }
     }
 
@@ -117,8 +103,8 @@ mod tests {
 
     use super::*;
 
-    fn of(points: &[(f64, f64)]) -> Histogram2d {
-        let mut histogram = Histogram2d::new(16, 8);
+    fn of(points: &[(f64, f64)]) -> Histogram2d<16, 8> {
+        let mut histogram = Histogram2d::default();
         let (x, y): (Vec<_>, Vec<_>) = points.iter().copied().unzip();
         histogram.add(&x, &y);
         histogram

@@ -34,7 +34,9 @@ pub(super) fn pdf(figure: &Figure) -> Vec<u8> {
     let height = number(figure.height * points);
     let _ = writeln!(page.content, "{points} 0 0 -{points} 0 {height} cm");
     figure.shapes.iter().for_each(|shape| page.draw(shape));
-    let mut file = PdfFile::new();
+    // Four bytes beyond ASCII, so that nobody takes it for text.
+    let bytes = b"%PDF-1.7\n%\xe2\xe3\xcf\xd3\n".to_vec();
+    let mut file = PdfFile { bytes, objects: Vec::new() };
     let mut fonts = String::new();
     for ((name, used), bold) in FONTS.iter().zip(&page.glyphs).zip([false, true]) {
         if !used.is_empty() {
@@ -221,11 +223,6 @@ struct PdfFile {
 }
 
 impl PdfFile {
-    fn new() -> Self {
-        // Four bytes beyond ASCII, so that nobody takes it for text.
-        Self { bytes: b"%PDF-1.7\n%\xe2\xe3\xcf\xd3\n".to_vec(), objects: Vec::new() }
-    }
-
     /// Adds an object; its number.
     fn add(&mut self, object: impl AsRef<[u8]>) -> usize {
         self.objects.push(self.bytes.len());

@@ -90,7 +90,7 @@ mod tests {
     /// Loads of 0, 1, … N, each with this scatter of the reference and a prediction of a bias and a spread
     /// that are known.
     fn cells(loads: u32, scatter: f64) -> Vec<HistogramCell> {
-        let mut histogram = Histogram2d::new(256, 256);
+        let mut histogram = Histogram2d::<256, 256>::default();
         for load in 0..loads {
             let load = f64::from(load);
             for i in 0..200 {

@@ -122,13 +122,9 @@ impl PlotAxis {
     /// Ticks at round values that divide the axis in at most `count` parts: multiples of 1, 2 or 5
     /// times a power of ten; on a log axis the powers of ten.
     pub(super) fn ticks(&self, count: usize) -> Vec<Tick> {
-        match self.spacing {
-            Spacing::Linear => self.linear_ticks(count),
-            Spacing::Log => self.log_ticks(count),
+        if self.spacing == Spacing::Log {
+            return self.log_ticks(count);
         }
-    }
-
-    fn linear_ticks(&self, count: usize) -> Vec<Tick> {
         let ValueRange { low, high } = self.range;
         let slack = 1e-9 * (high - low);
         let intervals = |step: f64| ((high + slack) / step).floor() - ((low - slack) / step).ceil();
@@ -151,26 +147,19 @@ impl PlotAxis {
         let (from, to) = (low.log10().floor() as i32, high.log10().ceil() as i32);
         let decades = high.log10() - low.log10();
         let every = (decades / count.max(1) as f64).ceil().max(1.0) as i32;
-        let slack = 1e-9;
-        let mut ticks = Vec::new();
-        for power in from..=to {
-            for digit in 1..10 {
-                let value = f64::from(digit) * 10f64.powi(power);
-                if value < low * (1.0 - slack) || value > high * (1.0 + slack) {
-                    continue;
-                }
-                let labelled = match digit {
-                    1 => power.rem_euclid(every) == 0,
-                    2 | 5 => decades < 2.0,
-                    _ => false,
-                };
-                if every == 1 || digit == 1 {
-                    let label = if labelled { log_label(digit, power) } else { String::new() };
-                    ticks.push(Tick { value, label });
-                }
-            }
-        }
-        ticks
+        let within = low * (1.0 - 1e-9)..=high * (1.0 + 1e-9);
+        let digits = if every == 1 { 1..10 } else { 1..2 };
+        let marks = (from..=to).flat_map(|power| digits.clone().map(move |digit| (digit, power)));
+        let ticks = marks.map(|(digit, power)| {
+            let is_labelled = match digit {
+                1 => power.rem_euclid(every) == 0,
+                2 | 5 => decades < 2.0,
+                _ => false,
+            };
+            let label = if is_labelled { log_label(digit, power) } else { String::new() };
+            Tick { value: f64::from(digit) * 10f64.powi(power), label }
+        });
+        ticks.filter(|tick| within.contains(&tick.value)).collect()
     }
 
     /// The power of ten, a multiple of three, that the labels of a linear axis leave out so as to

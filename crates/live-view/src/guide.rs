@@ -201,11 +201,9 @@ impl Guide {
         let next = self.loads.get(self.next).filter(|_| self.phase != GuidePhase::Done);
         let newest_s = self.stretch.back().map_or(0.0, |newest| newest.time_s);
         let held = self.still_since.map_or(0.0, |(since_s, _)| (newest_s - since_s) / HOLD_S);
-        let gain = |of: &dyn Fn(usize) -> bool| -> f64 {
-            let gains = self.loads.iter().enumerate().filter(|(at, _)| of(*at));
-            gains.map(|(_, load)| load.gain).sum()
-        };
-        let whole = gain(&|_| true);
+        let whole: f64 = self.loads.iter().map(|load| load.gain).sum();
+        let left = self.loads.iter().zip(&self.recorded).filter(|(_, is_recorded)| !**is_recorded);
+        let left: f64 = left.map(|(load, _)| load.gain).sum();
         let recorded = self.recorded.iter().filter(|is_recorded| **is_recorded).count();
         let unrecorded = 1.0 - recorded as f64 / self.loads.len().max(1) as f64;
         GuideView {
@@ -218,11 +216,7 @@ impl Guide {
             phase: self.phase,
             held: if self.phase == GuidePhase::Hold { held.clamp(0.0, 1.0) } else { 0.0 },
             // A table that says nothing of gains counts loads.
-            remaining_gain: if whole > 0.0 {
-                gain(&|at| !self.recorded[at]) / whole
-            } else {
-                unrecorded
-            },
+            remaining_gain: if whole > 0.0 { left / whole } else { unrecorded },
         }
     }
 

@@ -135,8 +135,7 @@ impl ReportNumbers {
 fn effect(report: &Report<'_>) -> Option<EffectPlot> {
     let mut found = Quantity::COMPARED.into_iter().map(|of| (of, report.of(of, Per::Trial)));
     let (quantity, rows) = found.find(|(_, rows)| !rows.is_empty())?;
-    let reference = rows.iter().find_map(|row| row.difference.as_ref());
-    let reference = reference.map(|difference| difference.reference.clone());
+    let reference = rows.iter().find_map(|row| Some(row.difference.as_ref()?.reference.clone()));
     let of = |row: &ConditionRow| match (&reference, &row.difference) {
         (None, _) => Some((row.statistics.mean, row.statistics.mean_95)),
         (Some(_), less) => less.as_ref().map(|less| (less.mean, less.mean_95)),

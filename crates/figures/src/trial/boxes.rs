@@ -1,13 +1,11 @@
 //! Box plots by condition: drag energy, electrical energy and specific resistance, per trial and
 //! per stride.
 
-use super::super::canvas::{Figure, Pen, Rect, Style, number, point};
-use super::super::palette::{self, Colour};
-use super::super::panel::{LEFT_MARGIN, Panel};
-use super::super::scale::{PlotAxis, ValueRange};
-use super::super::size::Size;
 use super::labels::BoxLabels;
-use super::{TOP, WIDTH, empty_figure, titled};
+use super::{
+    Colour, Figure, LEFT_MARGIN, Panel, Pen, PlotAxis, Rect, Size, Style, TOP, ValueRange, WIDTH,
+    empty_figure, number, palette, point, titled,
+};
 use trial::{ConditionRow, Per, Quantity, Statistics};
 
 const HEIGHT: f64 = 150.0;
@@ -33,13 +31,12 @@ pub fn box_figure(size: Size, title: &str, rows: &[ConditionRow]) -> Figure {
     if shown.is_empty() {
         return empty_figure(size, title, "no condition has an energy or a specific resistance");
     }
-    let count = shown.len();
     let width = (size.width(WIDTH) - 2.0 * (LEFT_MARGIN + 8.0) - 28.0) / 2.0;
     let drawn: Vec<&ConditionRow> =
         rows.iter().filter(|row| Quantity::COMPARED.contains(&row.quantity)).collect();
     let labels = BoxLabels::new(size, &drawn, width);
     let pitch = PITCH + labels.height();
-    let bottom = TOP - 8.0 + pitch * count as f64 + labels.below_last();
+    let bottom = TOP - 8.0 + pitch * shown.len() as f64 + labels.below_last();
     let key = if size.is_narrow() { KEY_PITCH } else { 0.0 };
     let mut canvas = titled(size, bottom + 22.0 + key, title);
     for (row, &quantity) in shown.iter().enumerate() {
@@ -65,19 +62,18 @@ pub fn box_figure(size: Size, title: &str, rows: &[ConditionRow]) -> Figure {
 
 /// Says what the marks are, in one line, or in two where that is too long.
 fn draw_key(canvas: &mut Figure, y: f64, size: Size) {
-    let start = Style::START;
     let left = LEFT_MARGIN + 8.0;
-    canvas.text((left, y), "box: quartiles and median; whiskers: Tukey's, 1.5 IQR;", start);
+    canvas.text((left, y), "box: quartiles and median; whiskers: Tukey's, 1.5 IQR;", Style::START);
     let (right, y) = match size.is_narrow() {
         true => (left + 4.0, y + KEY_PITCH),
         false => (left + 332.0, y),
     };
     canvas.ring((right, y - 4.0), 2.8, palette::INK);
-    canvas.text((right + 8.0, y), "outlier;", start);
+    canvas.text((right + 8.0, y), "outlier;", Style::START);
     draw_diamond(canvas, right + 70.0, y - 4.0);
-    canvas.text((right + 78.0, y), "mean;", start);
+    canvas.text((right + 78.0, y), "mean;", Style::START);
     draw_point(canvas, right + 122.0, y - 4.0);
-    canvas.text((right + 128.0, y), &format!("value (n ≤ {MOST_POINTS})"), start);
+    canvas.text((right + 128.0, y), &format!("value (n ≤ {MOST_POINTS})"), Style::START);
 }
 
 fn draw_point(canvas: &mut Figure, x: f64, y: f64) {
@@ -90,15 +86,6 @@ fn draw_diamond(canvas: &mut Figure, x: f64, y: f64) {
     canvas.stroke(diamond, palette::INK, Pen::Round(0.8));
 }
 
-/// What the axis says, and the factor to its unit: energies of strides are some mJ. Drag is −Fx, its energy is lost
-/// where it is negative.
-fn scale(quantity: Quantity) -> (&'static str, f64, &'static str) {
-    match quantity {
-        Quantity::DragEnergy => ("drag energy Fx·l", 1e3, "mJ"),
-        _ => (quantity.name(), 1.0, quantity.unit()),
-    }
-}
-
 fn draw_boxes(
     canvas: &mut Figure,
     area: Rect,
@@ -106,7 +93,11 @@ fn draw_boxes(
     boxes: &[&ConditionRow],
     labels: &BoxLabels<'_>,
 ) {
-    let (name, factor, unit) = scale(quantity);
+    // Energies of strides are some mJ. Drag is −Fx, its energy is lost where it is negative.
+    let (name, factor, unit) = match quantity {
+        Quantity::DragEnergy => ("drag energy Fx·l", 1e3, "mJ"),
+        _ => (quantity.name(), 1.0, quantity.unit()),
+    };
     let ends = boxes.iter().flat_map(|row| {
         let Statistics { whisker_low, whisker_high, outliers, mean, .. } = &row.statistics;
         outliers.iter().copied().chain([*whisker_low, *whisker_high, *mean])

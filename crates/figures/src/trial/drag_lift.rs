@@ -1,12 +1,9 @@
 //! Drag and lift against time.
 
-use super::super::canvas::Figure;
-use super::super::panel::{BOTTOM_MARGIN, Panel};
-use super::super::scale::{PlotAxis, ValueRange};
-use super::super::size::Size;
 use super::{
-    DASHED, LegendKey, PALE, Passage, SOLID, draw_curves, draw_legend, empty_figure, line,
-    range_with_zero, smoothed, stride_s, titled, top_below, wide_area,
+    BOTTOM_MARGIN, DASHED, Figure, LegendKey, PALE, Panel, Passage, PlotAxis, SOLID, Size,
+    ValueRange, draw_curves, draw_legend, empty_figure, line, range_with_zero, smoothed, stride_s,
+    titled, top_below, wide_area,
 };
 use trial::Trace;
 

@@ -16,10 +16,10 @@ pub use shading::Passage;
 pub use stack::stack_figure;
 pub use window::window_figure;
 
-use super::canvas::{Figure, Pen, Rect, Style, text_width};
+use super::canvas::{Figure, Pen, Rect, Style, number, point, text_width};
 use super::palette::{self, Colour};
-use super::panel;
-use super::scale::ValueRange;
+use super::panel::{self, BOTTOM_MARGIN, LEFT_MARGIN, Panel};
+use super::scale::{PlotAxis, ValueRange};
 use super::size::Size;
 use super::trace::{TraceCurve, draw_curves};
 use shell_data::statistics::upper_median;

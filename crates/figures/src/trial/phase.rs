@@ -2,13 +2,9 @@
 
 use std::f64::consts::{PI, TAU};
 
-use super::super::canvas::{Figure, Rect, Style, point};
-use super::super::palette;
-use super::super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
-use super::super::scale::{PlotAxis, ValueRange};
-use super::super::size::Size;
 use super::{
-    CurvePen, DASHED, LegendKey, SOLID, WIDTH, draw_legend, empty_figure, titled, top_below,
+    BOTTOM_MARGIN, CurvePen, DASHED, Figure, LEFT_MARGIN, LegendKey, Panel, PlotAxis, Rect, SOLID,
+    Size, Style, ValueRange, WIDTH, draw_legend, empty_figure, palette, point, titled, top_below,
     wide_area,
 };
 use trial::{PhaseForce, PhaseProfile};

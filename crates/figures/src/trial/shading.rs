@@ -1,10 +1,6 @@
 //! When the robot gets in, is in, and gets out.
 
-use super::super::canvas::{Figure, number, point};
-use super::super::palette::{self, Colour};
-use super::super::panel::Panel;
-use super::super::scale::ValueRange;
-use super::LegendKey;
+use super::{Colour, Figure, LegendKey, Panel, ValueRange, number, palette, point};
 
 /// The passage through a channel, s on the log's clock.
 ///

@@ -3,13 +3,10 @@
 use std::f64::consts::TAU;
 use std::ops::Range;
 
-use super::super::canvas::Figure;
-use super::super::panel::{BOTTOM_MARGIN, Panel};
-use super::super::scale::{PlotAxis, ValueRange};
-use super::super::size::Size;
 use super::{
-    CurvePen, DASHED, LegendKey, Passage, SOLID, TraceCurve, draw_curves, draw_legend,
-    empty_figure, line, range_with_zero, titled, top_below, wide_area,
+    BOTTOM_MARGIN, CurvePen, DASHED, Figure, LegendKey, Panel, Passage, PlotAxis, SOLID, Size,
+    TraceCurve, ValueRange, draw_curves, draw_legend, empty_figure, line, range_with_zero, titled,
+    top_below, wide_area,
 };
 use trial::Trace;
 
@@ -18,10 +15,10 @@ const GAP: f64 = 12.0;
 /// Room for a legend above a panel.
 const LEGEND: f64 = 20.0;
 
-struct StackRow<'a> {
-    axis: (&'a str, &'a str),
+struct StackRow {
+    axis: (&'static str, &'static str),
     lines: Vec<(TraceCurve, CurvePen)>,
-    keys: Vec<LegendKey<'a>>,
+    keys: Vec<LegendKey<'static>>,
 }
 
 /// Draws Fx, Fy, Fz in N, the angles of both legs in rad within a turn, and the electrical power of
@@ -65,7 +62,7 @@ pub fn stack_figure(
     canvas
 }
 
-impl StackRow<'_> {
+impl StackRow {
     /// A whole turn for angles; else what the lines cover, with zero.
     fn y_axis(&self) -> PlotAxis {
         let (name, unit) = self.axis;
@@ -80,7 +77,7 @@ impl StackRow<'_> {
 }
 
 /// One panel for each force, for the legs and for the power, as far as the trace has them in these rows.
-fn stack_rows(trace: &Trace, rows: Range<usize>) -> Vec<StackRow<'static>> {
+fn stack_rows(trace: &Trace, rows: Range<usize>) -> Vec<StackRow> {
     let time_s = &trace.t_s[rows.clone()];
     let part = |column: &'_ Vec<f64>| -> Option<Vec<f64>> {
         column.get(rows.clone()).filter(|part| !part.is_empty()).map(<[f64]>::to_vec)

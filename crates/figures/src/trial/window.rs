@@ -1,12 +1,8 @@
 //! A proposed window over the drag that it was found in, for review.
 
-use super::super::canvas::{Figure, Pen, Style, number};
-use super::super::palette::Colour;
-use super::super::panel::{BOTTOM_MARGIN, Panel};
-use super::super::scale::{PlotAxis, ValueRange};
-use super::super::size::Size;
 use super::{
-    CurvePen, DASHED, LegendKey, Passage, TOP, draw_curves, draw_legend, empty_figure, line,
+    BOTTOM_MARGIN, Colour, CurvePen, DASHED, Figure, LegendKey, Panel, Passage, Pen, PlotAxis,
+    Size, Style, TOP, ValueRange, draw_curves, draw_legend, empty_figure, line, number,
     range_with_zero, titled, wide_area,
 };
 use trial::{NoWindow, Proposal};

@@ -5,36 +5,28 @@ pub(super) const LONGEST: usize = 8192;
 
 /// What is answered to a request that is not obeyed: the line of the status (RFC 9110), and what to say to people.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct HttpRefusal {
-    pub(super) status: &'static str,
-    pub(super) text: &'static str,
-}
+pub(super) struct HttpRefusal(pub(super) &'static str, pub(super) &'static str);
 
 impl HttpRefusal {
-    pub(super) const MALFORMED: Self =
-        Self::new("400 Bad Request", "this is no request of HTTP 1.1");
-    pub(super) const NO_TOKEN: Self = Self::new(
+    pub(super) const MALFORMED: Self = Self("400 Bad Request", "this is no request of HTTP 1.1");
+    pub(super) const NO_TOKEN: Self = Self(
         "403 Forbidden",
         "the token is missing or is that of an earlier run: open the address as it was printed",
     );
-    pub(super) const NOT_FOUND: Self = Self::new("404 Not Found", "there is no such page");
+    pub(super) const NOT_FOUND: Self = Self("404 Not Found", "there is no such page");
     pub(super) const METHOD: Self =
-        Self::new("405 Method Not Allowed", "pages are read, orders are posted");
-    pub(super) const TOO_SLOW: Self = Self::new("408 Request Timeout", "the request took too long");
-    const BODY: Self = Self::new("413 Content Too Large", "no request has a body");
-    pub(super) const HOST: Self = Self::new(
+        Self("405 Method Not Allowed", "pages are read, orders are posted");
+    pub(super) const TOO_SLOW: Self = Self("408 Request Timeout", "the request took too long");
+    const BODY: Self = Self("413 Content Too Large", "no request has a body");
+    pub(super) const HOST: Self = Self(
         "421 Misdirected Request",
         "open the address as it was printed: by number, or as localhost",
     );
     pub(super) const TOO_LONG: Self =
-        Self::new("431 Request Header Fields Too Large", "the request is too long");
+        Self("431 Request Header Fields Too Large", "the request is too long");
     pub(super) const BUSY: Self =
-        Self::new("503 Service Unavailable", "too many connections or orders wait");
-    const VERSION: Self = Self::new("505 HTTP Version Not Supported", "only HTTP 1.1 is spoken");
-
-    const fn new(status: &'static str, text: &'static str) -> Self {
-        Self { status, text }
-    }
+        Self("503 Service Unavailable", "too many connections or orders wait");
+    const VERSION: Self = Self("505 HTTP Version Not Supported", "only HTTP 1.1 is spoken");
 }
 
 /// How something is asked for.

@@ -340,7 +340,7 @@ fn send_head(mut stream: &TcpStream, status: &str, more: &str) -> io::Result<()>
 }
 
 fn refuse(mut stream: &TcpStream, refusal: HttpRefusal) -> io::Result<()> {
-    let HttpRefusal { status, text } = refusal;
+    let HttpRefusal(status, text) = refusal;
     let allow = if refusal == HttpRefusal::METHOD { "Allow: GET, POST\r\n" } else { "" };
     let length = text.len() + 1;
     let more =
