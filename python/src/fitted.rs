@@ -340,7 +340,7 @@ impl Fitted {
             self.0.calibration.wrench(&of_readings, &mut predicted);
             let mut plot = FitPlot::new();
             plot.add(&predicted, &of_wrench);
-            fit_figure(Size::Screen, title, self.0.calibration.axes, &plot, None).svg().to_owned()
+            fit_figure(Size::Screen, title, self.0.calibration.axes, &plot, None).svg()
         })
     }
 

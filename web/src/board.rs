@@ -11,7 +11,7 @@ use board_link::{
 };
 use calibration_file::CalibrationFile;
 use forces::ForceOptions;
-use live_view::{LiveModel, LiveSetup};
+use live_view::LiveModel;
 use load_table::HungLoads;
 use output_file::OutputError;
 use serde::Deserialize;
@@ -159,7 +159,7 @@ impl Begin {
         let mut commands = recorder.commands(None);
         let identify = |uplink: Uplink| uplink.encode(0, None, Command::Identify);
         commands.extend(uplink.map(identify).unwrap_or_default());
-        let model = LiveModel::new(LiveSetup { ranges, window_s: WINDOW_S, axes });
+        let model = LiveModel::new(ranges, WINDOW_S, axes);
         let (guide, feed_end) = (plan.as_ref().map(guide_through), feed.clone());
         let session = LiveSession::new(model, guide, rows, feed_end, Some(series), self.name);
         Ok((BoardSession { recorder, session, feed, logs }, commands))

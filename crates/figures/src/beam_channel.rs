@@ -1,12 +1,11 @@
 //! The figure of a body in a channel of beams: drag over position, and the beams that touch below.
 
-use super::histogram::ValueRange;
+use super::canvas::{Figure, Pen, Rect, polyline};
 use super::legend::Legend;
 use super::palette;
-use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
-use super::scale::{PlotAxis, Spacing};
+use super::panel::Panel;
+use super::scale::{PlotAxis, ValueRange};
 use super::size::Size;
-use super::svg::{Anchor, Canvas, Figure, Rect, Style, polyline};
 
 /// A line of the figure.
 #[derive(Clone, Debug, PartialEq)]
@@ -25,32 +24,24 @@ const WIDTH: f64 = 560.0;
 const DRAG_HEIGHT: f64 = 260.0;
 const CONTACTS_HEIGHT: f64 = 110.0;
 const GAP: f64 = 18.0;
-const TOP: f64 = 44.0;
 
 /// Draws drag over position, and contact counts below.
 pub fn channel_figure(size: Size, title: &str, curves: &[ChannelCurve]) -> Figure {
     let labels: Vec<&str> = curves.iter().map(|curve| curve.label.as_str()).collect();
     let legend = Legend::new(size, &labels);
-    let left = LEFT_MARGIN + 4.0;
-    let upper = Rect { left, top: TOP, width: legend.panels(left, WIDTH), height: DRAG_HEIGHT };
+    let upper = legend.panel(WIDTH, DRAG_HEIGHT);
     let lower = Rect { top: upper.bottom() + GAP, height: CONTACTS_HEIGHT, ..upper };
-    let bottom = lower.bottom() + BOTTOM_MARGIN + 6.0;
-    let (wide, high) = legend.canvas(upper, bottom);
-    let mut canvas = Canvas::sized(size, wide, high);
-    let style = Style::TITLE.anchored(Anchor::Start);
-    canvas.text((left, TOP - 16.0), title, style);
+    let mut canvas = legend.figure(title, [upper, lower]);
 
     let drags = || curves.iter().flat_map(|curve| &curve.drag);
     let counts = || curves.iter().flat_map(|curve| &curve.contacts);
     let most = ValueRange::over(counts().map(|point| point.1).chain([1.0])).high;
-    let axis = |name: &str, unit: &str, ValueRange { low, high }: ValueRange| {
-        PlotAxis::new(name, unit, Spacing::Linear, low, high)
-    };
     let positions = ValueRange::over(drags().map(|point| point.0));
-    let x = axis("position of the body's middle past the first beam", "m", positions);
+    let x = PlotAxis::linear("position of the body's middle past the first beam", "m", positions);
     let forces = ValueRange::over(drags().map(|point| point.1).chain([0.0]));
-    let drag = axis("drag", "N", forces).padded(0.04);
-    let contacts = axis("beams per side", "", ValueRange { low: 0.0, high: most + 0.5 });
+    let drag = PlotAxis::linear("drag", "N", forces).padded(0.04);
+    let counts = ValueRange { low: 0.0, high: most + 0.5 };
+    let contacts = PlotAxis::linear("beams per side", "", counts);
     let upper = Panel { area: upper, x: x.clone(), y: drag };
     let lower = Panel { area: lower, x, y: contacts };
     for (panel, of) in [(&upper, 0), (&lower, 1)] {
@@ -61,7 +52,7 @@ pub fn channel_figure(size: Size, title: &str, curves: &[ChannelCurve]) -> Figur
                     let points = [&curve.drag, &curve.contacts][of].iter();
                     let path = polyline(points.map(|&(x, y)| panel.place(x, y)));
                     if !path.is_empty() {
-                        canvas.stroke(&path, palette::series(i), width(measured));
+                        canvas.stroke(path, palette::series(i), Pen::Round(width(measured)));
                     }
                 }
             }
@@ -70,10 +61,10 @@ pub fn channel_figure(size: Size, title: &str, curves: &[ChannelCurve]) -> Figur
     upper.draw_y_labels(&mut canvas);
     canvas.frame(upper.area, palette::INK);
     lower.draw_frame(&mut canvas);
-    legend.draw(&mut canvas, upper.area, bottom, |canvas, i, [from, to]| {
+    legend.draw(&mut canvas, [upper.area, lower.area], |canvas, i, [from, to]| {
         canvas.line(from, to, palette::series(i), width(curves[i].measured));
     });
-    canvas.finish()
+    canvas
 }
 
 /// How wide a curve is stroked.
@@ -95,9 +86,10 @@ mod tests {
         };
         let figure =
             channel_figure(Size::Screen, "drag", &[curve("3 cm", false), curve("run 1", true)]);
-        let lines = |colour: &str| figure.svg().matches(&format!("stroke=\"{colour}\"")).count();
+        let lines =
+            |i| figure.svg().matches(&format!("stroke=\"{}\"", palette::series(i).hex())).count();
         // With the one in the legend.
-        assert_eq!((lines(palette::series(0)), lines(palette::series(1))), (3, 2));
+        assert_eq!((lines(0), lines(1)), (3, 2));
         assert!(figure.svg().contains("run 1") && !figure.svg().contains("NaN"));
     }
 

@@ -4,6 +4,10 @@
 //! those of the next. The exponent is the smallest at which the range seen so far fits into the
 //! bins that there are: it depends on that range alone, not on the order in which it was seen.
 
+use std::array;
+
+use super::scale::ValueRange;
+
 /// A window of bins over the real line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Bins {
@@ -21,13 +25,13 @@ const LARGEST_INDEX: f64 = (1u64 << 52) as f64;
 const SMALLEST_EXPONENT: i32 = -1000;
 
 impl Bins {
-    /// The window of `count` bins around the finite range `[low, high]`, in its middle.
-    pub(super) fn around(low: f64, high: f64, count: usize) -> Self {
-        Self::around_from(SMALLEST_EXPONENT, low, high, count)
+    /// The window of `count` bins around a finite range, in its middle.
+    fn around(range: ValueRange, count: usize) -> Self {
+        Self::around_from(SMALLEST_EXPONENT, range, count)
     }
 
     /// As [`Self::around`], with bins at least `2^exponent` wide.
-    pub(super) fn around_from(exponent: i32, low: f64, high: f64, count: usize) -> Self {
+    fn around_from(exponent: i32, ValueRange { low, high }: ValueRange, count: usize) -> Self {
         // An exponent that is certainly too small, near enough to try the next few.
         let width = (high / count as f64 - low / count as f64)
             .max(high.abs().max(low.abs()) * 2f64.powi(-52));
@@ -44,16 +48,16 @@ impl Bins {
         }
     }
 
-    /// A window that holds the finite range `[low, high]`: this one if it does, else one with the same or wider bins.
-    pub(super) fn widened(self, low: f64, high: f64) -> Self {
-        match self.contains(low) && self.contains(high) {
+    /// A window that holds a finite range: this one if it does, else one with the same or wider bins.
+    fn widened(self, range: ValueRange) -> Self {
+        match self.contains(range.low) && self.contains(range.high) {
             true => self,
-            false => Self::around_from(self.exponent, low, high, self.count),
+            false => Self::around_from(self.exponent, range, self.count),
         }
     }
 
     /// Whether a value lies in the window.
-    pub(super) fn contains(&self, value: f64) -> bool {
+    fn contains(&self, value: f64) -> bool {
         let offset = floor_index(value, self.exponent) - self.first as f64;
         offset >= 0.0 && offset < self.count as f64
     }
@@ -65,14 +69,16 @@ impl Bins {
     }
 
     /// Where bin `position` of the finer or equal `other` falls in this window.
-    pub(super) fn position_of(&self, other: &Self, position: usize) -> usize {
+    fn position_of(&self, other: &Self, position: usize) -> usize {
         let index = (other.first + position as i64) >> (self.exponent - other.exponent).min(63);
         (index - self.first) as usize
     }
 
-    /// Lower edge of the bin at `position`; that of `position + 1` is its upper edge.
-    pub(super) fn edge(&self, position: usize) -> f64 {
-        (self.first + position as i64) as f64 * 2f64.powi(self.exponent)
+    /// The edges of the bin at `position`.
+    pub(super) fn edges(&self, position: usize) -> ValueRange {
+        let [low, high] = [position, position + 1]
+            .map(|position| (self.first + position as i64) as f64 * 2f64.powi(self.exponent));
+        ValueRange { low, high }
     }
 
     /// The same line in bins 2^`doublings` times as wide, window as narrow as can be.
@@ -83,6 +89,64 @@ impl Bins {
             exponent: self.exponent + doublings as i32,
             first,
             count: (last - first + 1) as usize,
+        }
+    }
+}
+
+/// Equal cells in `N` dimensions, over all that was seen so far.
+#[derive(Clone, Debug)]
+pub(super) struct Grid<C, const N: usize> {
+    pub(super) bins: [Bins; N],
+    pub(super) ranges: [ValueRange; N],
+    /// One after the other, the first dimension fastest.
+    pub(super) cells: Vec<C>,
+}
+
+/// What is kept of the points in a cell; nothing by default.
+pub(super) trait Cell: Clone + Default + PartialEq {
+    /// Adds what was kept of later points.
+    fn absorb(&mut self, later: &Self);
+}
+
+impl<C: Cell, const N: usize> Grid<C, N> {
+    pub(super) fn empty(bins: [Bins; N], ranges: [ValueRange; N]) -> Self {
+        let count = bins.iter().map(|bins| bins.count).product();
+        Self { bins, ranges, cells: vec![C::default(); count] }
+    }
+
+    /// Makes a grid cover finite ranges as well as all it covers already, in as many bins as `counts` says.
+    pub(super) fn cover(
+        grid: &mut Option<Self>,
+        ranges: [ValueRange; N],
+        counts: [usize; N],
+    ) -> &mut Self {
+        let covering = match grid.take() {
+            None => Self::empty(array::from_fn(|i| Bins::around(ranges[i], counts[i])), ranges),
+            Some(grid) => {
+                let ranges = array::from_fn(|i| ranges[i].union(grid.ranges[i]));
+                let bins = array::from_fn(|i| grid.bins[i].widened(ranges[i]));
+                if bins == grid.bins {
+                    Self { ranges, ..grid }
+                } else {
+                    let mut wider = Self::empty(bins, ranges);
+                    wider.absorb(&grid);
+                    wider
+                }
+            }
+        };
+        grid.insert(covering)
+    }
+
+    /// Adds the cells of a grid that has equal or finer cells inside this one's range.
+    pub(super) fn absorb(&mut self, finer: &Self) {
+        let nothing = C::default();
+        for (index, cell) in finer.cells.iter().enumerate().filter(|(_, cell)| **cell != nothing) {
+            let (mut here, mut stride, mut rest) = (0, 1, index);
+            for (bins, finer) in self.bins.iter().zip(&finer.bins) {
+                here += stride * bins.position_of(finer, rest % finer.count);
+                (stride, rest) = (stride * bins.count, rest / finer.count);
+            }
+            self.cells[here].absorb(cell);
         }
     }
 }
@@ -103,7 +167,7 @@ mod tests {
             low in -1e9..1e9_f64, span in 1e-6..1e9_f64,
         ) {
             let high = low + span;
-            let bins = Bins::around(low, high, 256);
+            let bins = Bins::around(ValueRange { low, high }, 256);
             prop_assert!(bins.contains(low) && bins.contains(high));
             let used = bins.locator()(high) - bins.locator()(low) + 1;
             // One bin finer would not have fitted: at least 257 bins of half the width.
@@ -112,8 +176,9 @@ mod tests {
 
         #[test]
         fn coarse_bins_hold_what_the_fine_ones_held(value in -1e3..1e3_f64, more in 0.0..1e6_f64) {
-            let fine = Bins::around(value, value + 1e-3, 64);
-            let coarse = Bins::around_from(fine.exponent, value - more, value + 1.0, 64);
+            let fine = Bins::around(ValueRange { low: value, high: value + 1e-3 }, 64);
+            let wider = ValueRange { low: value - more, high: value + 1.0 };
+            let coarse = Bins::around_from(fine.exponent, wider, 64);
             let position = coarse.position_of(&fine, fine.locator()(value));
             prop_assert_eq!(position, coarse.locator()(value));
             let coarser = fine.coarsened(3);
@@ -132,9 +197,10 @@ mod tests {
             (f64::MIN, f64::MAX),
             (1.0, 1.0 + f64::EPSILON),
         ] {
-            let bins = Bins::around(low, high, 16);
+            let bins = Bins::around(ValueRange { low, high }, 16);
             assert!(bins.contains(low) && bins.contains(high), "{low} {high} {bins:?}");
-            assert!(bins.edge(0) <= low || bins.edge(0) == f64::NEG_INFINITY);
+            let edge = bins.edges(0).low;
+            assert!(edge <= low || edge == f64::NEG_INFINITY);
         }
     }
 }

@@ -1,11 +1,11 @@
 //! Lines and points on one pair of axes, linear or logarithmic.
 
+use super::canvas::{Figure, Pen, Rect, polyline};
 use super::legend::Legend;
-use super::palette;
-use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
+use super::palette::{self, Colour};
+use super::panel::Panel;
 use super::scale::PlotAxis;
 use super::size::Size;
-use super::svg::{Anchor, Canvas, Figure, Rect, Style, polyline};
 
 /// How the points of a series are drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,22 +45,15 @@ pub struct Chart {
 
 const WIDTH: f64 = 520.0;
 const HEIGHT: f64 = 340.0;
-const TOP: f64 = 44.0;
 
 impl Chart {
     /// Draws the chart.
     pub fn figure(&self, size: Size) -> Figure {
         let labels: Vec<&str> = self.series.iter().map(|series| series.label.as_str()).collect();
         let legend = Legend::new(size, &labels);
-        let left = LEFT_MARGIN + 4.0;
-        let width = legend.panels(left, WIDTH);
-        let area = Rect { left, top: TOP, width, height: HEIGHT.min(width) };
-        let bottom = area.bottom() + BOTTOM_MARGIN + 6.0;
-        let (width, height) = legend.canvas(area, bottom);
-        let mut canvas = Canvas::sized(size, width, height);
-        let title = Style::TITLE.anchored(Anchor::Start);
-        canvas.text((area.left, TOP - 16.0), &self.title, title);
-
+        let usual = legend.panel(WIDTH, HEIGHT);
+        let area = Rect { height: HEIGHT.min(usual.width), ..usual };
+        let mut canvas = legend.figure(&self.title, [area; 2]);
         let panel = Panel { area, x: self.x.clone(), y: self.y.clone() };
         panel.draw_grid(&mut canvas);
         canvas.clipped(area, |canvas| {
@@ -69,16 +62,16 @@ impl Chart {
             }
         });
         panel.draw_frame(&mut canvas);
-        legend.draw(&mut canvas, area, bottom, |canvas, i, [from, to]| {
+        legend.draw(&mut canvas, [area; 2], |canvas, i, [from, to]| {
             let middle = (f64::midpoint(from.0, to.0), from.1);
             self.series[i].draw_marks(canvas, &[from, to], &[middle], palette::series(i));
         });
-        canvas.finish()
+        canvas
     }
 }
 
 impl Series {
-    fn draw(&self, canvas: &mut Canvas, panel: &Panel, colour: &str) {
+    fn draw(&self, canvas: &mut Figure, panel: &Panel, colour: Colour) {
         let placed = self.points.iter().map(|&(x, y)| panel.place(x, y));
         let placed: Vec<_> = placed.filter(|(x, y)| x.is_finite() && y.is_finite()).collect();
         self.draw_marks(canvas, &placed, &placed, colour);
@@ -86,13 +79,13 @@ impl Series {
 
     fn draw_marks(
         &self,
-        canvas: &mut Canvas,
+        canvas: &mut Figure,
         line: &[(f64, f64)],
         points: &[(f64, f64)],
-        colour: &str,
+        colour: Colour,
     ) {
         if self.mark != ChartMark::Points && !line.is_empty() {
-            canvas.stroke(&polyline(line.iter().copied()), colour, 1.6);
+            canvas.stroke(polyline(line.iter().copied()), colour, Pen::Round(1.6));
         }
         if self.mark != ChartMark::Line {
             for &centre in points {

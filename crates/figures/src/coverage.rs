@@ -1,10 +1,10 @@
 //! Which loads a calibration was made from: forces against forces, moments against moments.
 
-use super::histogram::ValueRange;
+use super::canvas::{Figure, Rect, Style};
 use super::palette;
 use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
-use super::scale::{PlotAxis, Spacing};
-use super::svg::{Anchor, Canvas, Figure, Rect, Style};
+use super::scale::{PlotAxis, ValueRange};
+use super::size::Size;
 use shell_data::wrench::{Axis, PerAxis};
 
 /// What is drawn against what, x first.
@@ -20,22 +20,20 @@ const POINT: f64 = 1.6;
 /// of loads. What is empty was never calibrated.
 pub fn coverage_figure(train: &[PerAxis<f64>], test: &[PerAxis<f64>]) -> Figure {
     let height = TOP + SIDE + BOTTOM_MARGIN + 8.0;
-    let mut canvas = Canvas::new(PITCH * PAIRS.len() as f64, height);
-    let start = Style::LABEL.anchored(Anchor::Start);
+    let mut canvas = Figure::new(Size::Screen, PITCH * PAIRS.len() as f64, height);
     let mut left = LEFT_MARGIN;
     let sets =
-        [("training rows", train, palette::SERIES[0]), ("test rows", test, palette::SERIES[1])];
-    for (name, _, colour) in sets.iter().filter(|(_, loads, _)| !loads.is_empty()) {
+        [("training rows", train, palette::series(0)), ("test rows", test, palette::series(1))];
+    for (name, _, colour) in sets.into_iter().filter(|(_, loads, _)| !loads.is_empty()) {
         canvas.circle((left, 20.0), 4.0, colour);
-        canvas.text((left + 10.0, 24.0), name, start);
+        canvas.text((left + 10.0, 24.0), name, Style::START);
         left += 110.0;
     }
     for (at, pair) in PAIRS.into_iter().enumerate() {
         let axis = |axis: Axis| {
             let values = train.iter().chain(test).map(|load| load[axis.index()]);
-            let ValueRange { low, high } =
-                ValueRange::over(values.filter(|value| value.is_finite()));
-            PlotAxis::new(axis.name(), axis.unit(), Spacing::Linear, low, high).padded(0.05)
+            let range = ValueRange::over(values.filter(|value| value.is_finite()));
+            PlotAxis::linear(axis.name(), axis.unit(), range).padded(0.05)
         };
         let area =
             Rect { left: LEFT_MARGIN + PITCH * at as f64, top: TOP, width: SIDE, height: SIDE };
@@ -53,7 +51,7 @@ pub fn coverage_figure(train: &[PerAxis<f64>], test: &[PerAxis<f64>]) -> Figure 
         });
         panel.draw_frame(&mut canvas);
     }
-    canvas.finish()
+    canvas
 }
 
 #[cfg(test)]
@@ -63,13 +61,13 @@ mod tests {
     #[test]
     fn every_load_is_drawn_once_in_every_view() {
         let train = [[1.0, 2.0, 3.0, 0.1, 0.2, 0.3], [-1.0, 0.0, 0.0, 0.0, 0.0, f64::NAN]];
-        let svg = coverage_figure(&train, &[]).svg().to_owned();
+        let svg = coverage_figure(&train, &[]).svg();
         // One of the last view has no place; one circle is that of the legend.
         assert_eq!(svg.matches("<circle").count(), 8);
         assert!(
             svg.contains("training rows") && !svg.contains("test rows") && !svg.contains("NaN")
         );
-        let svg = coverage_figure(&train, &train[..1]).svg().to_owned();
+        let svg = coverage_figure(&train, &train[..1]).svg();
         assert_eq!(svg.matches("<circle").count(), 8 + 5);
         // Nothing to draw is an empty figure.
         assert!(coverage_figure(&[], &[]).svg().starts_with("<svg"));

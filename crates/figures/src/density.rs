@@ -1,10 +1,10 @@
 //! A two-dimensional histogram drawn as coloured cells, colour by the logarithm of the count.
 
+use super::canvas::{Figure, Pen, Rect, Style, number, point};
 use super::histogram::{Histogram2d, HistogramCell};
-use super::palette;
+use super::palette::{self, Colour};
 use super::panel::Panel;
 use super::scale::{decimal, superscript};
-use super::svg::{Anchor, Canvas, Rect, Style, number, point};
 
 /// Steps of the colour scale: more than the eye separates, few enough paths.
 const LEVELS: usize = 48;
@@ -27,13 +27,13 @@ impl ColourScale {
     }
 
     /// Draws the scale as a bar with its labels below.
-    pub(super) fn draw_bar(self, canvas: &mut Canvas, bar: Rect, quantity: &str) {
+    pub(super) fn draw_bar(self, canvas: &mut Figure, bar: Rect, quantity: &str) {
         let step = bar.width / LEVELS as f64;
         let middle = bar.top + bar.height / 2.0;
         for level in 0..LEVELS {
             let left = bar.left + step * level as f64;
             let path = format!("M{}H{}", point(left, middle), number(left + step));
-            canvas.cells(&path, &level_colour(level), bar.height);
+            canvas.stroke(path, level_colour(level), Pen::Crisp(bar.height));
         }
         canvas.frame(bar, palette::INK);
         let decades = (self.most as f64).log10();
@@ -48,21 +48,24 @@ impl ColourScale {
             };
             canvas.text((x, bar.bottom() + 14.0), &text, Style::LABEL);
         }
-        canvas.text((bar.left - 8.0, bar.bottom()), quantity, Style::LABEL.anchored(Anchor::End));
+        canvas.text((bar.left - 8.0, bar.bottom()), quantity, Style::END);
     }
 }
 
 /// How often to double the cells of a histogram so that neighbours in it still touch: about twice as
 /// many cells along each axis as the square root of the points, and no smaller than a pixel.
-pub(super) fn doublings(histogram: &Histogram2d, bins: usize, pixels: f64) -> u32 {
+pub(super) fn doublings<const X: usize, const Y: usize>(
+    histogram: &Histogram2d<X, Y>,
+    pixels: f64,
+) -> u32 {
     let wanted = (2.0 * (histogram.points as f64).sqrt()).clamp(32.0, pixels.max(32.0));
-    (bins as f64 / wanted).log2().floor().max(0.0) as u32
+    (X as f64 / wanted).log2().floor().max(0.0) as u32
 }
 
 /// Draws the cells in the panel: one path per colour, one stroke as wide as a cell is high for each
 /// run of neighbours, which takes half the bytes of rectangles.
 pub(super) fn draw_cells(
-    canvas: &mut Canvas,
+    canvas: &mut Figure,
     panel: &Panel,
     cells: &[HistogramCell],
     scale: ColourScale,
@@ -83,12 +86,12 @@ pub(super) fn draw_cells(
         }
     }
     canvas.clipped(panel.area, |canvas| {
-        for (level, path) in paths.iter().enumerate().filter(|(_, path)| !path.is_empty()) {
-            canvas.cells(path, &level_colour(level), height);
+        for (level, path) in paths.into_iter().enumerate().filter(|(_, path)| !path.is_empty()) {
+            canvas.stroke(path, level_colour(level), Pen::Crisp(height));
         }
     });
 }
 
-fn level_colour(level: usize) -> String {
+fn level_colour(level: usize) -> Colour {
     palette::sequential(level as f64 / (LEVELS - 1) as f64)
 }

@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
+use super::canvas::Figure;
 use super::pdf;
 use super::pixels;
-use super::svg::Figure;
 
 /// A file format for pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,7 +57,7 @@ impl Figure {
     /// [`PlotError::Render`] if the picture is too large to be drawn as pixels.
     pub fn render(&self, format: Format) -> Result<Vec<u8>, PlotError> {
         match format {
-            Format::Svg => Ok(self.svg().as_bytes().to_vec()),
+            Format::Svg => Ok(self.svg().into_bytes()),
             Format::Pdf => Ok(pdf::pdf(self)),
             Format::Png => pixels::png(self).map_err(|reason| PlotError::Render { reason }),
         }
@@ -68,13 +68,14 @@ impl Figure {
 mod tests {
     use tiny_skia::Pixmap;
 
-    use super::super::svg::{Canvas, Style};
+    use super::super::canvas::Style;
+    use super::super::size::Size;
     use super::*;
 
     fn ink(text: &str) -> usize {
-        let mut canvas = Canvas::new(200.0, 40.0);
+        let mut canvas = Figure::new(Size::Screen, 200.0, 40.0);
         canvas.text((100.0, 25.0), text, Style::TITLE);
-        let png = canvas.finish().render(Format::Png).unwrap();
+        let png = canvas.render(Format::Png).unwrap();
         let pixels = Pixmap::decode_png(&png).unwrap();
         assert_eq!((pixels.width(), pixels.height()), (400, 80));
         pixels.pixels().iter().filter(|pixel| pixel.red() < 128).count()

@@ -2,56 +2,37 @@
 //!
 //! The residual is predicted minus measured, so that a positive one means a prediction too high.
 
+use super::canvas::{Figure, Pen, Rect, Style, number, point};
 use super::density::{ColourScale, doublings, draw_cells};
-use super::histogram::{Histogram2d, HistogramCell, ValueRange};
+use super::histogram::{Histogram2d, HistogramCell};
 use super::palette;
 use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
 use super::plateau::{LoadPlateau, draw_plateaus, plateaus};
-use super::scale::{PlotAxis, Spacing, decimal};
+use super::scale::{PlotAxis, ValueRange, decimal};
 use super::size::Size;
-use super::svg::{Anchor, Canvas, Figure, Rect, Style, number, point};
 use shell_data::wrench::{Axes, Axis, PerAxis};
-
-/// Cells of the histogram of predicted against measured.
-const AGREEMENT_BINS: usize = 256;
-/// Cells of the histogram of residual against predicted. Finer along the residual, of which a part
-/// is shown when a few rows lie far out.
-const RESIDUAL_BINS: [usize; 2] = [128, 1024];
 
 /// Predictions and measurements of any number of rows, reduced to what a figure needs (some 9 MB).
 ///
 /// Ranges need not be known beforehand, and parts may be merged in any order.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct FitPlot {
     axes: PerAxis<AxisPlot>,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 struct AxisPlot {
-    agreement: Histogram2d,
-    residual: Histogram2d,
+    /// Predicted against measured.
+    agreement: Histogram2d<256, 256>,
+    /// Residual against predicted. Finer along the residual, of which a part is shown when a few rows lie far out.
+    residual: Histogram2d<128, 1024>,
     squares: f64,
-    /// Residuals of the block at hand; kept to be used again.
-    differences: Vec<f64>,
-}
-
-impl Default for FitPlot {
-    fn default() -> Self {
-        Self::new()
-    }
 }
 
 impl FitPlot {
     /// No rows yet.
     pub fn new() -> Self {
-        Self {
-            axes: std::array::from_fn(|_| AxisPlot {
-                agreement: Histogram2d::new(AGREEMENT_BINS, AGREEMENT_BINS),
-                residual: Histogram2d::new(RESIDUAL_BINS[0], RESIDUAL_BINS[1]),
-                squares: 0.0,
-                differences: Vec::new(),
-            }),
-        }
+        Self::default()
     }
 
     /// Adds a block of rows: six columns each, in the order of [`Axis::ALL`], N and N·m.
@@ -62,9 +43,7 @@ impl FitPlot {
     /// If there are not six columns of one length.
     pub fn add<P: AsRef<[f64]>, M: AsRef<[f64]>>(&mut self, predicted: &[P], measured: &[M]) {
         assert!(predicted.len() == 6 && measured.len() == 6, "one column per axis");
-        for (axis, (predicted, measured)) in
-            self.axes.iter_mut().zip(predicted.iter().zip(measured))
-        {
+        for ((axis, predicted), measured) in self.axes.iter_mut().zip(predicted).zip(measured) {
             axis.add(predicted.as_ref(), measured.as_ref());
         }
     }
@@ -86,11 +65,10 @@ impl FitPlot {
 
 impl AxisPlot {
     fn add(&mut self, predicted: &[f64], measured: &[f64]) {
-        self.differences.clear();
-        self.differences.extend(predicted.iter().zip(measured).map(|(p, m)| p - m));
+        let differences: Vec<f64> = predicted.iter().zip(measured).map(|(p, m)| p - m).collect();
         self.agreement.add(measured, predicted);
-        self.residual.add(predicted, &self.differences);
-        let finite = self.differences.iter().filter(|residual| residual.is_finite());
+        self.residual.add(predicted, &differences);
+        let finite = differences.iter().filter(|residual| residual.is_finite());
         self.squares += finite.map(|residual| residual * residual).sum::<f64>();
     }
 
@@ -110,27 +88,8 @@ const MARGINS: f64 = 78.0;
 const RESIDUAL_HEIGHT: f64 = 130.0;
 const PROFILE_WIDTH: f64 = 42.0;
 
-/// How panels are arranged.
-#[derive(Clone, Copy)]
-struct PanelGrid {
-    width: f64,
-    /// Axes beside each other.
-    columns: usize,
-    /// Width of a panel, and height of predicted against measured.
-    side: f64,
-}
-
-impl PanelGrid {
-    fn new(size: Size) -> Self {
-        let (width, columns) = (size.width(WIDTH), if size.is_narrow() { 2 } else { 3 });
-        Self { width, columns, side: width / columns as f64 - MARGINS }
-    }
-
-    /// Of the two panels of an axis.
-    fn block_height(self) -> f64 {
-        24.0 + self.side + BOTTOM_MARGIN + 14.0 + RESIDUAL_HEIGHT + BOTTOM_MARGIN + 14.0
-    }
-}
+/// Of the two panels of an axis, without the side of the upper one.
+const BLOCK: f64 = 24.0 + BOTTOM_MARGIN + 14.0 + RESIDUAL_HEIGHT + BOTTOM_MARGIN + 14.0;
 
 /// Draws, for each of some axes, predicted against measured, residual against predicted, and the residual's
 /// distribution.
@@ -144,134 +103,194 @@ pub fn fit_figure(
     train: &FitPlot,
     test: Option<&FitPlot>,
 ) -> Figure {
-    let grid = PanelGrid::new(size);
+    let (width, columns) = (size.width(WIDTH), if size.is_narrow() { 2 } else { 3 });
+    // Width of a panel, and height of predicted against measured.
+    let side = width / columns as f64 - MARGINS;
     let shown = test.unwrap_or(train);
-    let bands = axes.count().div_ceil(grid.columns).max(1) as f64;
-    let mut canvas = Canvas::sized(size, grid.width, TOP + bands * grid.block_height());
-    canvas.text((16.0, 24.0), title, Style::TITLE.anchored(Anchor::Start));
+    let bands = axes.count().div_ceil(columns).max(1) as f64;
+    let mut canvas = Figure::titled(size, width, TOP + bands * (BLOCK + side), title);
     let rows = match test {
         None => format!("{} training rows", shown.rows()),
         Some(test) => {
             format!("{} test rows; outlined: {} training rows", test.rows(), train.rows())
         }
     };
-    canvas.text((16.0, 42.0), &rows, Style::LABEL.anchored(Anchor::Start));
+    canvas.text((16.0, 42.0), &rows, Style::START);
 
-    let found = shown.axes.each_ref().map(|axis| plateaus(&axis.agreement.cells([0; 2])));
-    if axes.of(&found).iter().any(|plateaus| !plateaus.is_empty()) {
+    let views: Vec<AxisView> = axes
+        .iter()
+        .map(|axis| {
+            let outlined = test.map(|_| &train.axes[axis.index()]);
+            AxisView::new(axis, &shown.axes[axis.index()], outlined)
+        })
+        .collect();
+    if views.iter().any(|view| !view.plateaus.is_empty()) {
         let text = "ring and bar: mean and standard deviation of a constant load";
-        canvas.text((16.0, 56.0), text, Style::LABEL.anchored(Anchor::Start));
+        canvas.text((16.0, 56.0), text, Style::START);
     }
-    let agreement = shown.axes.each_ref().map(|axis| {
-        let merge = doublings(&axis.agreement, AGREEMENT_BINS, PLOT_WIDTH);
-        axis.agreement.cells([merge; 2])
-    });
-    let views = shown.axes.each_ref().map(ResidualView::new);
-    let positions = || axes.iter().map(Axis::index);
-    let cells = positions().flat_map(|axis| &views[axis].cells);
-    let colours =
-        ColourScale::for_cells(positions().flat_map(|axis| &agreement[axis]).chain(cells));
+    let cells = views.iter().flat_map(|view| view.agreement.iter().chain(&view.residuals));
+    let colours = ColourScale::for_cells(cells);
     let length = if size.is_narrow() { 90.0 } else { 180.0 };
-    let bar = Rect { left: grid.width - 18.0 - length, top: 16.0, width: length, height: 11.0 };
+    let bar = Rect { left: width - 18.0 - length, top: 16.0, width: length, height: 11.0 };
     colours.draw_bar(&mut canvas, bar, "rows per cell");
 
-    for (position, axis) in axes.iter().enumerate() {
-        let i = axis.index();
-        let left = (grid.side + MARGINS) * (position % grid.columns) as f64 + LEFT_MARGIN;
-        let top = TOP + grid.block_height() * (position / grid.columns) as f64 + 24.0;
-        let area = Rect { left, top, width: grid.side, height: grid.side };
-        draw_agreement(&mut canvas, area, axis, &shown.axes[i], &agreement[i], &found[i], colours);
+    for (position, view) in views.iter().enumerate() {
+        let left = (side + MARGINS) * (position % columns) as f64 + LEFT_MARGIN;
+        let top = TOP + (BLOCK + side) * (position / columns) as f64 + 24.0;
+        let area = Rect { left, top, width: side, height: side };
+        view.draw_agreement(&mut canvas, area, colours);
         let top_below = area.bottom() + BOTTOM_MARGIN + 14.0;
         let below = Rect { top: top_below, height: RESIDUAL_HEIGHT, ..area };
-        let outline = test.map(|_| &train.axes[i]);
-        draw_residual(&mut canvas, below, axis, &views[i], &found[i], outline, colours);
-        let rms = |plot: &FitPlot| significant(plot.axes[i].rms());
-        let text = match test {
-            None => format!("RMS {} {}", rms(train), axis.unit()),
-            Some(test) if size.is_narrow() => format!("RMS {} {}", rms(test), axis.unit()),
-            Some(test) => format!("RMS {} {} (train {})", rms(test), axis.unit(), rms(train)),
-        };
-        canvas.text((area.right(), top - 9.0), &text, Style::LABEL.anchored(Anchor::End));
+        view.draw_residual(&mut canvas, below, colours);
+        let rms = |plot: &FitPlot| significant(plot.axes[view.axis.index()].rms());
+        let mut text = format!("RMS {} {}", rms(shown), view.axis.unit());
+        if test.is_some() && !size.is_narrow() {
+            text += &format!(" (train {})", rms(train));
+        }
+        canvas.text((area.right(), top - 9.0), &text, Style::END);
     }
-    canvas.finish()
+    canvas
 }
 
-fn draw_agreement(
-    canvas: &mut Canvas,
-    area: Rect,
+/// What is drawn of an axis.
+struct AxisView {
     axis: Axis,
-    data: &AxisPlot,
-    cells: &[HistogramCell],
-    plateaus: &[LoadPlateau],
-    colours: ColourScale,
-) {
-    let range =
-        data.agreement.ranges().map_or(ValueRange { low: -1.0, high: 1.0 }, |[x, y]| x.union(y));
-    let scale = |what: &str| {
-        let quantity = format!("{what} {}", axis.name());
-        PlotAxis::new(&quantity, axis.unit(), Spacing::Linear, range.low, range.high).padded(0.04)
-    };
-    let panel = Panel { area, x: scale("measured"), y: scale("predicted") };
-    canvas.text((area.left, area.top - 9.0), axis.name(), Style::TITLE.anchored(Anchor::Start));
-    panel.draw_grid(canvas);
-    draw_cells(canvas, &panel, cells, colours);
-    let means = plateaus.iter().map(|p| ((p.measured, p.predicted), p.sd));
-    draw_plateaus(canvas, &panel, means);
-    let (from, to) = panel.x.range;
-    let ((x0, y0), (x1, y1)) = (panel.place(from, from), panel.place(to, to));
-    canvas.dashes(&format!("M{}L{}", point(x0, y0), point(x1, y1)), palette::REFERENCE, 1.0);
-    panel.draw_frame(canvas);
-}
-
-/// The part of the residuals that is shown.
-struct ResidualView {
-    predicted: ValueRange,
-    residual: ValueRange,
-    cells: Vec<HistogramCell>,
-    profile: Vec<(ValueRange, u64)>,
+    agreement: Vec<HistogramCell>,
+    /// Of measured and predicted together.
+    agreement_range: ValueRange,
+    plateaus: Vec<LoadPlateau>,
+    residuals: Vec<HistogramCell>,
+    predicted_range: ValueRange,
+    /// Of the residuals that are shown.
+    residual_range: ValueRange,
+    /// How many rows are not shown.
     beyond: u64,
+    /// How residuals are distributed, and those of other data.
+    profile: Vec<(ValueRange, u64)>,
+    outline: Vec<(ValueRange, u64)>,
 }
 
-impl ResidualView {
-    /// Everything, unless a few rows far out would flatten all others: then the middle 99.8 % and as
+impl AxisView {
+    /// All residuals, unless a few rows far out would flatten all others: then the middle 99.8 % and as
     /// much again on both sides, and the number of rows beyond.
-    fn new(data: &AxisPlot) -> Self {
+    fn new(axis: Axis, data: &AxisPlot, outlined: Option<&AxisPlot>) -> Self {
+        let [measured, predicted] = data.agreement.ranges();
+        let merge = doublings(&data.agreement, PLOT_WIDTH);
         let histogram = &data.residual;
-        let empty = ValueRange { low: -1.0, high: 1.0 };
-        let [predicted, all] = histogram.ranges().unwrap_or([empty; 2]);
+        let [predicted_range, all] = histogram.ranges();
         let marginal = histogram.marginal_y();
         let core = core(&marginal, histogram.points).unwrap_or(all);
         let reach = core.high.abs().max(core.low.abs()) * 2.0;
         let everything = all.high.abs().max(all.low.abs());
         let reach = if everything > 2.0 * reach { reach } else { everything };
-        let residual = ValueRange { low: -reach, high: reach };
+        let residual_range = ValueRange { low: -reach, high: reach };
         let is_beyond = |range: &ValueRange| range.low > reach || range.high < -reach;
-        let beyond = marginal.iter().filter(|(r, _)| is_beyond(r)).map(|&(_, count)| count).sum();
 
         // As many doublings as leave the cells about square on paper.
-        let x_merge = doublings(histogram, RESIDUAL_BINS[0], PLOT_WIDTH - PROFILE_WIDTH);
+        let x_merge = doublings(histogram, PLOT_WIDTH - PROFILE_WIDTH);
         let bin = marginal.first().map_or(1.0, |(range, _)| range.high - range.low);
         let shown_bins = (2.0 * reach / bin).max(1.0);
         let wanted = f64::from(2u32.pow(7 - x_merge.min(7))) * 0.75;
         let y_merge = (shown_bins / wanted).log2().round().max(0.0) as u32;
-        let cells = histogram.cells([x_merge, y_merge]);
-        Self { predicted, residual, cells, profile: profile(&marginal, residual), beyond }
+        let outline = outlined.map(|data| profile(&data.residual.marginal_y(), residual_range));
+        Self {
+            axis,
+            agreement: data.agreement.cells([merge; 2]),
+            agreement_range: measured.union(predicted),
+            plateaus: plateaus(&data.agreement.cells([0; 2])),
+            residuals: histogram.cells([x_merge, y_merge]),
+            predicted_range,
+            residual_range,
+            beyond: marginal.iter().filter(|bin| is_beyond(&bin.0)).map(|bin| bin.1).sum(),
+            profile: profile(&marginal, residual_range),
+            outline: outline.unwrap_or_default(),
+        }
     }
+
+    /// Draws predicted against measured.
+    fn draw_agreement(&self, canvas: &mut Figure, area: Rect, colours: ColourScale) {
+        let (name, unit) = (self.axis.name(), self.axis.unit());
+        let [x, y] = ["measured", "predicted"].map(|what| {
+            PlotAxis::linear(&format!("{what} {name}"), unit, self.agreement_range).padded(0.04)
+        });
+        let panel = Panel { area, x, y };
+        canvas.title((area.left, area.top - 9.0), name);
+        let means = self.plateaus.iter().map(|p| ((p.measured, p.predicted), p.sd));
+        let ValueRange { low, high } = panel.x.range;
+        let identity = [(low, low), (high, high)];
+        draw_density(canvas, &panel, (&self.agreement, colours), means, identity);
+    }
+
+    /// Draws residual against predicted, and at the side how residuals are distributed.
+    fn draw_residual(&self, canvas: &mut Figure, whole: Rect, colours: ColourScale) {
+        let (name, unit) = (format!("predicted {}", self.axis.name()), self.axis.unit());
+        let area = Rect { width: whole.width - PROFILE_WIDTH, ..whole };
+        let x = PlotAxis::linear(&name, unit, self.predicted_range).padded(0.04);
+        let y = PlotAxis::linear("residual", unit, self.residual_range).padded(0.1);
+        let panel = Panel { area, x, y };
+        let means = self.plateaus.iter().map(|p| ((p.predicted, p.predicted - p.measured), p.sd));
+        let zero = [(panel.x.range.low, 0.0), (panel.x.range.high, 0.0)];
+        draw_density(canvas, &panel, (&self.residuals, colours), means, zero);
+        if self.beyond > 0 {
+            let at = (area.right() - 6.0, area.bottom() - 6.0);
+            canvas.text(at, &format!("{} beyond", self.beyond), Style::END);
+        }
+        let side = Rect { left: area.right(), width: PROFILE_WIDTH, ..area };
+        canvas.clipped(side, |canvas| {
+            if let Some(path) = steps(&self.profile, &panel, side) {
+                canvas.fill(path + "Z", palette::series(5));
+            }
+            if let Some(path) = steps(&self.outline, &panel, side) {
+                canvas.stroke(path, palette::INK, Pen::Round(1.0));
+            }
+        });
+        canvas.frame(side, palette::INK);
+    }
+}
+
+/// Draws cells, over them the means of plateaus with their standard deviations, and a line to compare with.
+fn draw_density(
+    canvas: &mut Figure,
+    panel: &Panel,
+    (cells, colours): (&[HistogramCell], ColourScale),
+    means: impl Iterator<Item = ((f64, f64), f64)>,
+    reference: [(f64, f64); 2],
+) {
+    panel.draw_grid(canvas);
+    draw_cells(canvas, panel, cells, colours);
+    draw_plateaus(canvas, panel, means);
+    let ends = reference.map(|(x, y)| panel.place(x, y)).map(|(x, y)| point(x, y));
+    canvas.stroke(format!("M{}", ends.join("L")), palette::REFERENCE, Pen::Dashed(1.0));
+    panel.draw_frame(canvas);
+}
+
+/// The outline of a distribution at the side of a panel; `None` of nothing.
+fn steps(profile: &[(ValueRange, u64)], panel: &Panel, side: Rect) -> Option<String> {
+    let density = |&(range, count): &(ValueRange, u64)| count as f64 / (range.high - range.low);
+    let densest = profile.iter().map(density).fold(0.0, f64::max);
+    let height = |value: f64| panel.place(0.0, value).1;
+    let mut path = format!("M{}", point(side.left, height(profile.first()?.0.low)));
+    for bin in profile {
+        let x = side.left + 0.92 * side.width * density(bin) / densest;
+        for edge in [bin.0.low, bin.0.high] {
+            path += &format!("L{}", point(x, height(edge)));
+        }
+    }
+    Some(path + &format!("H{}", number(side.left)))
 }
 
 /// The range that holds all but a thousandth of the points at each end.
 fn core(marginal: &[(ValueRange, u64)], points: u64) -> Option<ValueRange> {
     let edge = points / 1000;
-    let within = |mut passed: u64| {
-        move |count: u64| {
-            passed += count;
+    let is_past_edge = || {
+        let mut passed = 0;
+        move |bin: &&(ValueRange, u64)| {
+            passed += bin.1;
             passed > edge
         }
     };
-    let mut from_below = within(0);
-    let low = marginal.iter().find(|&&(_, count)| from_below(count))?.0.low;
-    let mut from_above = within(0);
-    let high = marginal.iter().rev().find(|&&(_, count)| from_above(count))?.0.high;
+    let low = marginal.iter().find(is_past_edge())?.0.low;
+    let high = marginal.iter().rev().find(is_past_edge())?.0.high;
     Some(ValueRange { low, high })
 }
 
@@ -285,66 +304,6 @@ fn profile(marginal: &[(ValueRange, u64)], shown: ValueRange) -> Vec<(ValueRange
         (range, bins.iter().map(|bin| bin.1).sum())
     };
     inside.chunks(merged).map(sum).collect()
-}
-
-fn draw_residual(
-    canvas: &mut Canvas,
-    whole: Rect,
-    axis: Axis,
-    view: &ResidualView,
-    plateaus: &[LoadPlateau],
-    outline: Option<&AxisPlot>,
-    colours: ColourScale,
-) {
-    let name = axis.name();
-    let linear = |quantity: &str, range: ValueRange| {
-        PlotAxis::new(quantity, axis.unit(), Spacing::Linear, range.low, range.high)
-    };
-    let area = Rect { width: whole.width - PROFILE_WIDTH, ..whole };
-    let x = linear(&format!("predicted {name}"), view.predicted).padded(0.04);
-    let y = linear("residual", view.residual).padded(0.1);
-    let panel = Panel { area, x, y };
-    panel.draw_grid(canvas);
-    draw_cells(canvas, &panel, &view.cells, colours);
-    let means = plateaus.iter().map(|p| ((p.predicted, p.predicted - p.measured), p.sd));
-    draw_plateaus(canvas, &panel, means);
-    let ((x0, zero), (x1, _)) =
-        (panel.place(panel.x.range.0, 0.0), panel.place(panel.x.range.1, 0.0));
-    canvas.dashes(&format!("M{}L{}", point(x0, zero), point(x1, zero)), palette::REFERENCE, 1.0);
-    panel.draw_frame(canvas);
-    if view.beyond > 0 {
-        let text = format!("{} beyond", view.beyond);
-        let at = (area.right() - 6.0, area.bottom() - 6.0);
-        canvas.text(at, &text, Style::LABEL.anchored(Anchor::End));
-    }
-
-    let side = Rect { left: area.right(), width: PROFILE_WIDTH, ..area };
-    let steps = |profile: &[(ValueRange, u64)]| {
-        let densest =
-            profile.iter().map(|&(range, count)| density(range, count)).fold(0.0, f64::max);
-        let mut path = format!("M{}", point(side.left, panel.place(0.0, profile.first()?.0.low).1));
-        for &(range, count) in profile {
-            let x = side.left + 0.92 * side.width * density(range, count) / densest;
-            for edge in [range.low, range.high] {
-                path += &format!("L{}", point(x, panel.place(0.0, edge).1));
-            }
-        }
-        Some(path + &format!("H{}", number(side.left)))
-    };
-    canvas.clipped(side, |canvas| {
-        if let Some(path) = steps(&view.profile) {
-            canvas.fill(&format!("{path}Z"), palette::SERIES[5]);
-        }
-        let train = outline.map(|data| profile(&data.residual.marginal_y(), view.residual));
-        if let Some(path) = train.and_then(|train| steps(&train)) {
-            canvas.stroke(&path, palette::INK, 1.0);
-        }
-    });
-    canvas.frame(side, palette::INK);
-}
-
-fn density(range: ValueRange, count: u64) -> f64 {
-    count as f64 / (range.high - range.low)
 }
 
 /// Three significant digits.
@@ -403,9 +362,9 @@ mod tests {
         let mut plot = plot(0..5000);
         let far = vec![vec![50.0; 3]; 6];
         plot.add(&far, &vec![vec![0.0; 3]; 6]);
-        let view = ResidualView::new(&plot.axes[0]);
+        let view = AxisView::new(Axis::Fx, &plot.axes[0], None);
         assert_eq!(view.beyond, 3);
-        assert!(view.residual.high < 0.5, "{:?}", view.residual);
+        assert!(view.residual_range.high < 0.5, "{:?}", view.residual_range);
         assert!(fit_figure(Size::Screen, "fit", Axes::ALL, &plot, None).svg().contains("3 beyond"));
     }
 
@@ -421,7 +380,7 @@ mod tests {
         constant.add(&vec![vec![1.0; 4]; 6], &vec![vec![1.0; 4]; 6]);
         constant.add(&vec![vec![f64::NAN; 2]; 6], &vec![vec![1.0; 2]; 6]);
         assert_eq!(constant.rows(), 4);
-        let svg = fit_figure(Size::Screen, "fit", Axes::ALL, &constant, None).svg().to_owned();
+        let svg = fit_figure(Size::Screen, "fit", Axes::ALL, &constant, None).svg();
         assert!(!svg.contains("NaN") && !svg.contains("inf"));
     }
 

@@ -2,52 +2,25 @@
 
 use std::array;
 
-use super::bins::Bins;
+use super::bins::{Cell, Grid};
+use super::scale::ValueRange;
 
-/// Counts of points (x, y) in equal rectangular cells.
+/// Counts of points (x, y) in at most `X` by `Y` equal rectangular cells.
 ///
 /// Holds a fixed number of cells however many points it is given. Cell widths are powers of two and
 /// double when a point falls outside, which moves whole cells into whole cells: the counts are exact
 /// for the final cells and independent of the order of points, blocks and merges. At least half of
 /// the bins of each axis span the data.
-#[derive(Clone, Debug)]
-pub(super) struct Histogram2d {
-    bins: [usize; 2],
-    grid: Option<CellGrid>,
+#[derive(Clone, Debug, Default)]
+pub(super) struct Histogram2d<const X: usize, const Y: usize> {
+    grid: Option<Grid<u64, 2>>,
     /// Number of points counted.
     pub(super) points: u64,
 }
 
-#[derive(Clone, Debug)]
-struct CellGrid {
-    /// Of x and of y, as the ranges.
-    bins: [Bins; 2],
-    ranges: [ValueRange; 2],
-    /// Row by row, y ascending.
-    counts: Vec<u64>,
-}
-
-/// The smallest and the largest value of a coordinate.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct ValueRange {
-    pub(super) low: f64,
-    pub(super) high: f64,
-}
-
-impl ValueRange {
-    const EMPTY: Self = Self { low: f64::INFINITY, high: f64::NEG_INFINITY };
-
-    /// The range of some values; empty, with ends that are infinite, of none.
-    pub(super) fn over(values: impl IntoIterator<Item = f64>) -> Self {
-        values.into_iter().fold(Self::EMPTY, Self::including)
-    }
-
-    fn including(self, value: f64) -> Self {
-        Self { low: self.low.min(value), high: self.high.max(value) }
-    }
-
-    pub(super) fn union(self, other: Self) -> Self {
-        Self { low: self.low.min(other.low), high: self.high.max(other.high) }
+impl Cell for u64 {
+    fn absorb(&mut self, later: &Self) {
+        *self += later;
     }
 }
 
@@ -59,16 +32,7 @@ pub(super) struct HistogramCell {
     pub(super) count: u64,
 }
 
-impl Histogram2d {
-    /// An empty histogram of at most `bins_x` by `bins_y` cells, each at least 2.
-    ///
-    /// # Panics
-    /// If an axis has fewer than 2 bins: data on both sides of zero need as many.
-    pub(super) fn new(bins_x: usize, bins_y: usize) -> Self {
-        assert!(bins_x >= 2 && bins_y >= 2, "at least two bins on each axis");
-        Self { bins: [bins_x, bins_y], grid: None, points: 0 }
-    }
-
+impl<const X: usize, const Y: usize> Histogram2d<X, Y> {
     /// Counts the points (`x[i]`, `y[i]`); those that are not finite are left out.
     ///
     /// # Panics
@@ -87,47 +51,39 @@ impl Histogram2d {
             return;
         }
         self.points += finite;
-        let grid = self.cover(range);
+        let grid = Grid::cover(&mut self.grid, range, [X, Y]);
         let ([column, row], width) = (grid.bins.map(|bins| bins.locator()), grid.bins[0].count);
         for (&x, &y) in x.iter().zip(y) {
             if x.is_finite() && y.is_finite() {
-                grid.counts[row(y) * width + column(x)] += 1;
+                grid.cells[row(y) * width + column(x)] += 1;
             }
         }
     }
 
-    /// Adds the counts of a histogram with the same number of bins.
-    ///
-    /// # Panics
-    /// If the numbers of bins differ.
+    /// Adds the counts of another.
     pub(super) fn merge(&mut self, other: &Self) {
-        assert_eq!(self.bins, other.bins, "histograms of the same shape");
         self.points += other.points;
         if let Some(theirs) = &other.grid {
-            self.cover(theirs.ranges).absorb(theirs);
+            Grid::cover(&mut self.grid, theirs.ranges, [X, Y]).absorb(theirs);
         }
     }
 
-    /// The smallest and largest x and y, `None` while empty.
-    pub(super) fn ranges(&self) -> Option<[ValueRange; 2]> {
-        self.grid.as_ref().map(|grid| grid.ranges)
+    /// The smallest and largest x and y; −1 to 1 while empty.
+    pub(super) fn ranges(&self) -> [ValueRange; 2] {
+        self.grid.as_ref().map_or([ValueRange { low: -1.0, high: 1.0 }; 2], |grid| grid.ranges)
     }
 
     /// The cells that are not empty, row by row; cells merged 2^`doublings` by 2^`doublings`.
     pub(super) fn cells(&self, doublings: [u32; 2]) -> Vec<HistogramCell> {
         let Some(grid) = &self.grid else { return Vec::new() };
         let bins = array::from_fn(|i| grid.bins[i].coarsened(doublings[i]));
-        let mut coarse = CellGrid::empty(bins, grid.ranges);
+        let mut coarse = Grid::empty(bins, grid.ranges);
         coarse.absorb(grid);
-        let CellGrid { bins: [x, y], counts, .. } = coarse;
-        let occupied = counts.iter().enumerate().filter(|&(_, &count)| count > 0);
-        occupied
-            .map(|(i, &count)| HistogramCell {
-                x: x.edges(i % x.count),
-                y: y.edges(i / x.count),
-                count,
-            })
-            .collect()
+        let [x, y] = bins;
+        let occupied = coarse.cells.into_iter().enumerate().filter(|&(_, count)| count > 0);
+        let cell =
+            |(i, count)| HistogramCell { x: x.edges(i % x.count), y: y.edges(i / x.count), count };
+        occupied.map(cell).collect()
     }
 
     /// The counts over y alone: edges of each bin from the first to the last that is not empty.
@@ -135,55 +91,9 @@ impl Histogram2d {
         let Some(grid) = &self.grid else { return Vec::new() };
         let ([x, y], [_, range]) = (grid.bins, grid.ranges);
         let locate = y.locator();
-        let total = |row: usize| grid.counts[row * x.count..][..x.count].iter().sum();
+        let total = |row: usize| grid.cells[row * x.count..][..x.count].iter().sum();
         let rows = locate(range.low)..=locate(range.high);
         rows.map(|row| (y.edges(row), total(row))).collect()
-    }
-
-    /// The grid, made to cover a range as well as all it covers already.
-    fn cover(&mut self, ranges: [ValueRange; 2]) -> &mut CellGrid {
-        let grid = match self.grid.take() {
-            None => {
-                let around = |i: usize| Bins::around(ranges[i].low, ranges[i].high, self.bins[i]);
-                CellGrid::empty(array::from_fn(around), ranges)
-            }
-            Some(grid) => {
-                let ranges = array::from_fn(|i| ranges[i].union(grid.ranges[i]));
-                let widened = |i: usize| grid.bins[i].widened(ranges[i].low, ranges[i].high);
-                let bins = array::from_fn(widened);
-                if bins == grid.bins {
-                    CellGrid { ranges, ..grid }
-                } else {
-                    let mut wider = CellGrid::empty(bins, ranges);
-                    wider.absorb(&grid);
-                    wider
-                }
-            }
-        };
-        self.grid.insert(grid)
-    }
-}
-
-impl Bins {
-    fn edges(&self, position: usize) -> ValueRange {
-        ValueRange { low: self.edge(position), high: self.edge(position + 1) }
-    }
-}
-
-impl CellGrid {
-    fn empty(bins: [Bins; 2], ranges: [ValueRange; 2]) -> Self {
-        Self { bins, ranges, counts: vec![0; bins[0].count * bins[1].count] }
-    }
-
-    /// Adds the counts of a grid that has equal or finer cells inside this one's range.
-    fn absorb(&mut self, finer: &Self) {
-        let ([x, y], [finer_x, finer_y]) = (self.bins, finer.bins);
-        for (row, counts) in finer.counts.chunks_exact(finer_x.count).enumerate() {
-            for (column, &count) in counts.iter().enumerate().filter(|&(_, &count)| count > 0) {
-                let row = y.position_of(&finer_y, row);
-                self.counts[row * x.count + x.position_of(&finer_x, column)] += count;
-            }
-        }
     }
 }
 
@@ -193,8 +103,8 @@ mod tests {
 
     use super::*;
 
-    fn of(points: &[(f64, f64)]) -> Histogram2d {
-        let mut histogram = Histogram2d::new(16, 8);
+    fn of(points: &[(f64, f64)]) -> Histogram2d<16, 8> {
+        let mut histogram = Histogram2d::default();
         let (x, y): (Vec<_>, Vec<_>) = points.iter().copied().unzip();
         histogram.add(&x, &y);
         histogram

@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 use tiny_skia::{Path, PathBuilder, Transform};
 use ttf_parser::{Face, OutlineBuilder};
 
-use super::svg::Style;
+use super::canvas::Style;
 
 static REGULAR: LazyLock<Face<'static>> =
     LazyLock::new(|| font(include_bytes!("../assets/DejaVuSans-subset.ttf.zst")));

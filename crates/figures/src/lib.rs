@@ -12,6 +12,7 @@
 
 mod beam_channel;
 mod bins;
+mod canvas;
 mod chart;
 mod coverage;
 mod density;
@@ -38,6 +39,7 @@ use std::io::Read;
 use ruzstd::decoding::StreamingDecoder;
 
 pub use beam_channel::{ChannelCurve, channel_figure};
+pub use canvas::Figure;
 pub use chart::{Chart, ChartMark, Series};
 pub use coverage::coverage_figure;
 pub use figure::{Format, PlotError};
@@ -45,7 +47,6 @@ pub use fit::{FitPlot, fit_figure};
 pub use matching::match_figure;
 pub use scale::{PlotAxis, Spacing};
 pub use size::Size;
-pub use svg::Figure;
 pub use trace::{WrenchTrace, trace_figure};
 
 /// The content of an asset that stands in the program compressed, by Zstandard.

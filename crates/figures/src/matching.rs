@@ -1,13 +1,11 @@
 //! How well two recordings match: the search over all offsets, and readings beside what the aligned
 //! reference predicts.
 
-use super::chart::ChartMark;
-use super::histogram::ValueRange;
+use super::canvas::{Figure, Pen, Style, polyline};
 use super::palette;
-use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
-use super::scale::{PlotAxis, Spacing};
+use super::panel::{BOTTOM_MARGIN, Panel, wide_area};
+use super::scale::{PlotAxis, ValueRange};
 use super::size::Size;
-use super::svg::{Anchor, Canvas, Figure, Rect, Style, polyline};
 use alignment::Quality;
 
 const WIDTH: f64 = 860.0;
@@ -20,54 +18,47 @@ const SEARCH_POINTS: usize = 1600;
 /// Draws the search (score over offset, the best being 1) above an excerpt of the match.
 pub fn match_figure(size: Size, title: &str, quality: &Quality) -> Figure {
     let width = size.width(WIDTH);
-    let mut canvas = Canvas::sized(size, width, TOP + 2.0 * PITCH);
-    canvas.text((16.0, 24.0), title, Style::TITLE.anchored(Anchor::Start));
-    let area = |row: f64| Rect {
-        left: LEFT_MARGIN + 8.0,
-        top: TOP + row * PITCH,
-        width: width - LEFT_MARGIN - 24.0,
-        height: HEIGHT,
-    };
-
+    let mut canvas = Figure::titled(size, width, TOP + 2.0 * PITCH, title);
     let search = highest(&quality.search, SEARCH_POINTS);
-    let offsets_s = ValueRange::over(search.iter().map(|&(offset_s, _)| offset_s));
-    let x =
-        PlotAxis::new("offset of the starts", "s", Spacing::Linear, offsets_s.low, offsets_s.high);
-    let y = PlotAxis::new("score", "", Spacing::Linear, 0.0, 1.05);
-    let panel = Panel { area: area(0.0), x, y };
-    draw(&mut canvas, &panel, &[(&search, ChartMark::Line)]);
+    let range = |points: &[(f64, f64)]| ValueRange::over(points.iter().map(|point| point.0));
+    let panel = Panel {
+        area: wide_area(width, TOP, HEIGHT),
+        x: PlotAxis::linear("offset of the starts", "s", range(&search)),
+        y: PlotAxis::linear("score", "", ValueRange { low: 0.0, high: 1.05 }),
+    };
+    draw(&mut canvas, &panel, &[], &search, 0);
 
     let column = |i: usize| -> Vec<(f64, f64)> {
         quality.excerpt.points.iter().map(|point| (point[0], point[i])).collect()
     };
     let (readings, predicted) = (column(1), column(2));
-    let times_s = ValueRange::over(readings.iter().map(|&(time_s, _)| time_s));
     let counts = ValueRange::over(readings.iter().chain(&predicted).map(|&(_, value)| value));
     let name = format!("channel {}", quality.excerpt.channel + 1);
     let panel = Panel {
-        area: area(1.0),
-        x: PlotAxis::new("board time", "s", Spacing::Linear, times_s.low, times_s.high),
-        y: PlotAxis::new(&name, "counts", Spacing::Linear, counts.low, counts.high).padded(0.06),
+        area: wide_area(width, TOP + PITCH, HEIGHT),
+        x: PlotAxis::linear("board time", "s", range(&readings)),
+        y: PlotAxis::linear(&name, "counts", counts).padded(0.06),
     };
-    draw(&mut canvas, &panel, &[(&readings, ChartMark::Points), (&predicted, ChartMark::Line)]);
-    let (right, above) = (panel.area.right(), panel.area.top - 8.0);
-    let legend = Style::LABEL.anchored(Anchor::End);
-    canvas.text((right, above), "points: readings; line: the aligned reference, mapped", legend);
-    canvas.finish()
+    draw(&mut canvas, &panel, &readings, &predicted, 1);
+    let at = (panel.area.right(), panel.area.top - 8.0);
+    canvas.text(at, "points: readings; line: the aligned reference, mapped", Style::END);
+    canvas
 }
 
-fn draw(canvas: &mut Canvas, panel: &Panel, series: &[(&[(f64, f64)], ChartMark)]) {
+/// Draws points, and over them a line in the colour of this number.
+fn draw(
+    canvas: &mut Figure,
+    panel: &Panel,
+    points: &[(f64, f64)],
+    line: &[(f64, f64)],
+    colour: usize,
+) {
+    let place = |&(x, y): &(f64, f64)| panel.place(x, y);
     panel.draw_grid(canvas);
     canvas.clipped(panel.area, |canvas| {
-        for (colour, (points, mark)) in palette::SERIES.iter().zip(series) {
-            let placed = points.iter().map(|&(x, y)| panel.place(x, y));
-            match mark {
-                ChartMark::Points => {
-                    placed.for_each(|position| canvas.circle(position, 2.0, colour))
-                }
-                _ => canvas.stroke(&polyline(placed), colour, 1.2),
-            }
-        }
+        points.iter().for_each(|point| canvas.circle(place(point), 2.0, palette::series(0)));
+        let path = polyline(line.iter().map(place));
+        canvas.stroke(path, palette::series(colour), Pen::Round(1.2));
     });
     panel.draw_frame(canvas);
 }

@@ -1,56 +1,62 @@
 //! Colours that everyone can distinguish, also in grey print.
 
+/// A colour as `0xrrggbb`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Colour(pub(super) u32);
+
+impl Colour {
+    /// Red, green and blue.
+    pub(super) fn rgb(self) -> [u8; 3] {
+        let [_, rgb @ ..] = self.0.to_be_bytes();
+        rgb
+    }
+
+    /// As `#rrggbb`.
+    pub(super) fn hex(self) -> String {
+        format!("#{:06x}", self.0)
+    }
+}
+
 /// Lines and points, in the order of use: the palette of Okabe and Ito ("Color Universal Design",
 /// 2008), without its yellow, which is too pale on white.
-pub(super) const SERIES: [&str; 7] =
-    ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000"];
+const SERIES: [u32; 7] = [0x0072b2, 0xd55e00, 0x009e73, 0xcc79a7, 0xe69f00, 0x56b4e9, 0x000000];
 
 /// The colour of a series by its number; colours begin anew where they end.
-pub(super) fn series(number: usize) -> &'static str {
-    SERIES[number % SERIES.len()]
+pub(super) const fn series(number: usize) -> Colour {
+    Colour(SERIES[number % SERIES.len()])
 }
 
 /// Text and frames.
-pub(super) const INK: &str = "#222222";
+pub(super) const INK: Colour = Colour(0x222222);
 /// Grid lines.
-pub(super) const GRID: &str = "#e4e4e4";
+pub(super) const GRID: Colour = Colour(0xe4e4e4);
 /// The zero line under a trace.
-pub(super) const ZERO: &str = "#999999";
+pub(super) const ZERO: Colour = Colour(0x999999);
 /// Behind the time that the robot is partly in a channel, and that it is wholly in it.
-pub(super) const PARTLY_INSIDE: &str = "#e6e6e6";
+pub(super) const PARTLY_INSIDE: Colour = Colour(0xe6e6e6);
 /// Behind the time that the robot is wholly in a channel: in grey between the other and white.
-pub(super) const INSIDE: &str = "#fbe9ea";
+pub(super) const INSIDE: Colour = Colour(0xfbe9ea);
 /// Spread about a mean.
-pub(super) const SPREAD: &str = "#c9dcea";
+pub(super) const SPREAD: Colour = Colour(0xc9dcea);
 /// Reference lines over densities: identity, no residual.
-pub(super) const REFERENCE: &str = "#d55e00";
+pub(super) const REFERENCE: Colour = Colour(0xd55e00);
 
 /// Ten equal steps through viridis (van der Walt and Smith, 2015), dark to light.
-const VIRIDIS: [[u8; 3]; 10] = [
-    [0x44, 0x01, 0x54],
-    [0x48, 0x28, 0x78],
-    [0x3e, 0x49, 0x89],
-    [0x31, 0x68, 0x8e],
-    [0x26, 0x82, 0x8e],
-    [0x1f, 0x9e, 0x89],
-    [0x35, 0xb7, 0x79],
-    [0x6e, 0xce, 0x58],
-    [0xb5, 0xde, 0x2b],
-    [0xfd, 0xe7, 0x25],
+const VIRIDIS: [u32; 10] = [
+    0x440154, 0x482878, 0x3e4989, 0x31688e, 0x26828e, 0x1f9e89, 0x35b779, 0x6ece58, 0xb5de2b,
+    0xfde725,
 ];
 
 /// The colour at `t` in 0..=1 of a sequential scale, dark (single points must be seen on white) to
-/// light, as `#rrggbb`.
-pub(super) fn sequential(t: f64) -> String {
+/// light.
+pub(super) fn sequential(t: f64) -> Colour {
     let position = t.clamp(0.0, 1.0) * (VIRIDIS.len() - 1) as f64;
     let index = (position as usize).min(VIRIDIS.len() - 2);
     let fraction = position - index as f64;
-    let mut colour = String::from("#");
-    for (&a, &b) in VIRIDIS[index].iter().zip(&VIRIDIS[index + 1]) {
-        let mixed = f64::from(a) + fraction * (f64::from(b) - f64::from(a));
-        colour.push_str(&format!("{:02x}", mixed.round() as u8));
-    }
-    colour
+    let [from, to] = [index, index + 1].map(|index| Colour(VIRIDIS[index]).rgb().map(f64::from));
+    let mixed = std::array::from_fn(|i| (from[i] + fraction * (to[i] - from[i])).round() as u8);
+    let [red, green, blue] = mixed;
+    Colour(u32::from_be_bytes([0, red, green, blue]))
 }
 
 #[cfg(test)]
@@ -59,11 +65,10 @@ mod tests {
 
     #[test]
     fn the_scale_runs_from_dark_to_light() {
-        assert_eq!([sequential(0.0), sequential(1.0)], ["#440154", "#fde725"]);
+        assert_eq!([0.0, 1.0].map(|t| sequential(t).hex()), ["#440154", "#fde725"]);
         let luminance = |t: f64| {
-            let colour = sequential(t);
-            let channel = |i: usize| f64::from(u8::from_str_radix(&colour[i..i + 2], 16).unwrap());
-            0.2126 * channel(1) + 0.7152 * channel(3) + 0.0722 * channel(5)
+            let [red, green, blue] = sequential(t).rgb().map(f64::from);
+            0.2126 * red + 0.7152 * green + 0.0722 * blue
         };
         let steps: Vec<f64> = (0..=20).map(|i| luminance(f64::from(i) / 20.0)).collect();
         assert!(steps.windows(2).all(|pair| pair[0] < pair[1]), "{steps:?}");

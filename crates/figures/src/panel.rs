@@ -1,8 +1,8 @@
 //! One pair of axes with its frame, grid and labels.
 
+use super::canvas::{Figure, Pen, Rect, Style, number, point};
 use super::palette;
 use super::scale::{PlotAxis, Tick};
-use super::svg::{Anchor, Canvas, Rect, Style, number, point};
 
 /// A pair of axes and the rectangle that they span.
 #[derive(Clone, Debug)]
@@ -16,6 +16,11 @@ pub(super) struct Panel {
 pub(super) const LEFT_MARGIN: f64 = 60.0;
 /// Room for tick labels and title below a panel.
 pub(super) const BOTTOM_MARGIN: f64 = 40.0;
+
+/// The area of a panel that is as wide as a figure of this width allows.
+pub(super) fn wide_area(width: f64, top: f64, height: f64) -> Rect {
+    Rect { left: LEFT_MARGIN + 8.0, top, width: width - LEFT_MARGIN - 24.0, height }
+}
 
 const TICK: f64 = 4.0;
 /// Pixels between two labels that look right.
@@ -31,41 +36,56 @@ impl Panel {
     }
 
     /// Draws the grid lines: first of all, under the data.
-    pub(super) fn draw_grid(&self, canvas: &mut Canvas) {
+    pub(super) fn draw_grid(&self, canvas: &mut Figure) {
         let top = self.area.top;
         let mut path = String::new();
         for tick in self.x_ticks().iter().filter(|tick| !tick.label.is_empty()) {
-            let (x, _) = self.place(tick.value, self.y.range.0);
+            let (x, _) = self.place(tick.value, self.y.range.low);
             path += &format!("M{}V{}", point(x, top), number(self.area.bottom()));
         }
-        canvas.stroke(&(path + &self.y_grid()), palette::GRID, 1.0);
+        canvas.stroke(path + &self.y_grid(), palette::GRID, Pen::Round(1.0));
     }
 
     /// Draws the grid lines across: where the other axis has names for values.
-    pub(super) fn draw_y_grid(&self, canvas: &mut Canvas) {
-        canvas.stroke(&self.y_grid(), palette::GRID, 1.0);
+    pub(super) fn draw_y_grid(&self, canvas: &mut Figure) {
+        canvas.stroke(self.y_grid(), palette::GRID, Pen::Round(1.0));
     }
 
     fn y_grid(&self) -> String {
         let mut path = String::new();
         for tick in self.y_ticks().iter().filter(|tick| !tick.label.is_empty()) {
-            let (_, y) = self.place(self.x.range.0, tick.value);
+            let (_, y) = self.place(self.x.range.low, tick.value);
             path += &format!("M{}H{}", point(self.area.left, y), number(self.area.right()));
         }
         path
     }
 
+    /// Draws the line at which y is zero, under the data.
+    pub(super) fn draw_zero(&self, canvas: &mut Figure) {
+        let (_, zero) = self.place(self.x.range.low, 0.0);
+        canvas.line((self.area.left, zero), (self.area.right(), zero), palette::ZERO, 1.0);
+    }
+
     /// Draws frame, ticks and labels: last of all, over the data.
-    pub(super) fn draw_frame(&self, canvas: &mut Canvas) {
+    pub(super) fn draw_frame(&self, canvas: &mut Figure) {
         canvas.frame(self.area, palette::INK);
         self.draw_x_labels(canvas);
         self.draw_y_labels(canvas);
     }
 
-    pub(super) fn draw_x_labels(&self, canvas: &mut Canvas) {
+    /// As [`Self::draw_frame`] in a column of panels with one horizontal axis, which the last one names.
+    pub(super) fn draw_stacked_frame(&self, canvas: &mut Figure, is_last: bool) {
+        canvas.frame(self.area, palette::INK);
+        self.draw_y_labels(canvas);
+        if is_last {
+            self.draw_x_labels(canvas);
+        }
+    }
+
+    fn draw_x_labels(&self, canvas: &mut Figure) {
         let bottom = self.area.bottom();
         for tick in self.x_ticks() {
-            let (x, _) = self.place(tick.value, self.y.range.0);
+            let (x, _) = self.place(tick.value, self.y.range.low);
             let length = if tick.label.is_empty() { TICK / 2.0 } else { TICK };
             canvas.line((x, bottom), (x, bottom + length), palette::INK, 1.0);
             canvas.text((x, bottom + 16.0), &tick.label, Style::LABEL);
@@ -74,14 +94,13 @@ impl Panel {
         canvas.text((middle, bottom + 33.0), &self.x.title(), Style::LABEL);
     }
 
-    pub(super) fn draw_y_labels(&self, canvas: &mut Canvas) {
+    pub(super) fn draw_y_labels(&self, canvas: &mut Figure) {
         let left = self.area.left;
         for tick in self.y_ticks() {
-            let (_, y) = self.place(self.x.range.0, tick.value);
+            let (_, y) = self.place(self.x.range.low, tick.value);
             let length = if tick.label.is_empty() { TICK / 2.0 } else { TICK };
             canvas.line((left - length, y), (left, y), palette::INK, 1.0);
-            let style = Style::LABEL.anchored(Anchor::End);
-            canvas.text((left - 7.0, y + 4.0), &tick.label, style);
+            canvas.text((left - 7.0, y + 4.0), &tick.label, Style::END);
         }
         let middle = self.area.top + self.area.height / 2.0;
         let style = Style { upright: true, ..Style::LABEL };

@@ -1,4 +1,6 @@
-//! Paths in SVG path syntax, as the canvas has them: absolute and relative lines.
+//! Outlines as absolute lines: paths in SVG path syntax, as figures have them, and rectangles.
+
+use super::canvas::Outline;
 
 /// A step of a path, in CSS pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -8,8 +10,13 @@ pub(super) enum Step {
     Close,
 }
 
-/// The steps of a path; `None` if it has anything but lines.
-pub(super) fn steps(path: &str) -> Option<Vec<Step>> {
+/// The steps of an outline; `None` if it has anything but lines.
+pub(super) fn steps(outline: &Outline) -> Option<Vec<Step>> {
+    let path = match outline {
+        Outline::Path(path) => path,
+        Outline::Rect(rect) => &rect.path(),
+        Outline::Circle(..) => return None,
+    };
     let (mut x, mut y) = (0.0, 0.0);
     let mut steps = Vec::new();
     for (command, numbers) in commands_of(path) {
@@ -51,6 +58,7 @@ mod tests {
     fn paths_are_those_of_the_syntax() {
         let absolute =
             vec![Move(1.0, 2.0), Line(5.0, 2.0), Line(5.0, -3.0), Line(1.0, -3.0), Close];
+        let steps = |path: &str| steps(&Outline::Path(path.to_owned()));
         assert_eq!(steps("M1 2H5V-3L1 -3Z"), Some(absolute.clone()));
         assert_eq!(steps("M1 2h4v-5l-4 0Z"), Some(absolute));
         assert_eq!(steps("M1 2C3 4"), None);

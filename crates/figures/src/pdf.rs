@@ -13,10 +13,10 @@ use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use ttf_parser::Face;
 
+use super::canvas::{Figure, Outline, Pen, Shape, Style, number};
 use super::lettering;
-use super::palette;
+use super::palette::{Colour, INK};
 use super::path::{Step, steps};
-use super::svg::{DrawnShape, Figure, Pen, PenKind, Style, number};
 
 /// Points to a CSS pixel: 72 and 96 to the inch.
 const POINTS: f64 = 0.75;
@@ -34,7 +34,9 @@ pub(super) fn pdf(figure: &Figure) -> Vec<u8> {
     let height = number(figure.height * points);
     let _ = writeln!(page.content, "{points} 0 0 -{points} 0 {height} cm");
     figure.shapes.iter().for_each(|shape| page.draw(shape));
-    let mut file = PdfFile::new();
+    // Four bytes beyond ASCII, so that nobody takes it for text.
+    let bytes = b"%PDF-1.7\n%\xe2\xe3\xcf\xd3\n".to_vec();
+    let mut file = PdfFile { bytes, objects: Vec::new() };
     let mut fonts = String::new();
     for ((name, used), bold) in FONTS.iter().zip(&page.glyphs).zip([false, true]) {
         if !used.is_empty() {
@@ -45,12 +47,12 @@ pub(super) fn pdf(figure: &Figure) -> Vec<u8> {
     let content = file.stream("", page.content.as_bytes());
     let pages = file.objects.len() + 2;
     let width = number(figure.width * points);
-    let leaf = file.add(&format!(
+    let leaf = file.add(format!(
         "<< /Type /Page /Parent {pages} 0 R /MediaBox [0 0 {width} {height}] /Contents {content} 0 R \
          /Resources << /Font << {fonts}>> >> >>"
     ));
-    let pages = file.add(&format!("<< /Type /Pages /Kids [{leaf} 0 R] /Count 1 >>"));
-    let catalog = file.add(&format!("<< /Type /Catalog /Pages {pages} 0 R >>"));
+    let pages = file.add(format!("<< /Type /Pages /Kids [{leaf} 0 R] /Count 1 >>"));
+    let catalog = file.add(format!("<< /Type /Catalog /Pages {pages} 0 R >>"));
     file.finish(catalog)
 }
 
@@ -61,43 +63,38 @@ struct PdfPage {
 }
 
 impl PdfPage {
-    fn draw(&mut self, shape: &DrawnShape) {
+    fn draw(&mut self, shape: &Shape) {
         match shape {
-            DrawnShape::Stroke { path, colour, pen } => {
-                self.pen(colour, *pen);
-                self.path(path, "S");
+            Shape::Drawn { outline, colour, pen: None } => {
+                let _ = writeln!(self.content, "{} rg", rgb(*colour));
+                self.outline(outline, "f");
             }
-            DrawnShape::Fill { path, colour } => {
-                let _ = writeln!(self.content, "{} rg", rgb(colour));
-                self.path(path, "f");
+            Shape::Drawn { outline, colour, pen: Some(pen) } => {
+                let join = u8::from(matches!(pen, Pen::Round(_)));
+                let dash = if matches!(pen, Pen::Dashed(_)) { "5 3" } else { "" };
+                let (rgb, width) = (rgb(*colour), number(pen.width()));
+                let _ = writeln!(self.content, "{rgb} RG {width} w {join} j [{dash}] 0 d");
+                // A circle is closed before it is stroked.
+                self.outline(
+                    outline,
+                    if matches!(outline, Outline::Circle(..)) { "s" } else { "S" },
+                );
             }
-            DrawnShape::Disc { centre, radius, colour } => {
-                let _ = writeln!(self.content, "{} rg", rgb(colour));
-                self.circle(*centre, *radius, "f");
-            }
-            DrawnShape::Ring { centre, radius, colour } => {
-                self.pen(colour, Pen::FINE);
-                self.circle(*centre, *radius, "s");
-            }
-            DrawnShape::Text { at, text, style } => self.text(*at, text, *style),
-            DrawnShape::Clip(rect) => {
+            Shape::Text { at, text, style, .. } => self.text(*at, text, *style),
+            Shape::Clip(rect) => {
                 self.content.push_str("q\n");
-                self.path(&rect.path(), "W n");
+                self.outline(&Outline::Rect(*rect), "W n");
             }
-            DrawnShape::EndClip => self.content.push_str("Q\n"),
+            Shape::EndClip => self.content.push_str("Q\n"),
         }
     }
 
-    fn pen(&mut self, colour: &str, pen: Pen) {
-        let join = u8::from(pen.kind == PenKind::Round);
-        let dash = if pen.kind == PenKind::Dashed { "5 3" } else { "" };
-        let (rgb, width) = (rgb(colour), number(pen.width));
-        let _ = writeln!(self.content, "{rgb} RG {width} w {join} j [{dash}] 0 d");
-    }
-
-    fn path(&mut self, path: &str, paint: &str) {
+    fn outline(&mut self, outline: &Outline, paint: &str) {
+        if let Outline::Circle(centre, radius) = outline {
+            return self.circle(*centre, *radius, paint);
+        }
         // As in pixels, what is no path of lines is not drawn.
-        let Some(steps) = steps(path).filter(|steps| !steps.is_empty()) else {
+        let Some(steps) = steps(outline).filter(|steps| !steps.is_empty()) else {
             self.content.push_str(if paint == "W n" { "0 0 0 0 re W n\n" } else { "" });
             return;
         };
@@ -149,7 +146,7 @@ impl PdfPage {
             true => ([0.0, -size, -size, 0.0], x, y - shift),
         };
         let [a, b, c, d] = axes.map(number);
-        let (ink, name) = (rgb(palette::INK), FONTS[usize::from(style.bold)]);
+        let (ink, name) = (rgb(INK), FONTS[usize::from(style.bold)]);
         let (x, y) = (number(x), number(y));
         let _ = writeln!(
             self.content,
@@ -158,13 +155,9 @@ impl PdfPage {
     }
 }
 
-/// A colour `#rrggbb` as three numbers from 0 to 1.
-fn rgb(colour: &str) -> String {
-    let part = |at: usize| {
-        let byte = colour.get(at..at + 2).and_then(|hex| u8::from_str_radix(hex, 16).ok());
-        number(f64::from(byte.unwrap_or(0)) / 255.0)
-    };
-    format!("{} {} {}", part(1), part(3), part(5))
+/// A colour as three numbers from 0 to 1.
+fn rgb(colour: Colour) -> String {
+    colour.rgb().map(|part| number(f64::from(part) / 255.0)).join(" ")
 }
 
 /// Puts a font into the file; the number of its object.
@@ -172,33 +165,30 @@ fn embed(file: &mut PdfFile, face: &Face<'_>, used: &BTreeMap<u16, char>, bold: 
     let name = if bold { "DejaVuSans-Bold" } else { "DejaVuSans" };
     let em = f64::from(face.units_per_em());
     let units = |value: f64| number(1000.0 * value / em);
-    let program =
-        file.stream(&format!("/Length1 {} ", face.raw_face().data.len()), face.raw_face().data);
+    let data = face.raw_face().data;
+    let program = file.stream(&format!("/Length1 {} ", data.len()), data);
     let bounds = face.global_bounding_box();
-    let bounds = [bounds.x_min, bounds.y_min, bounds.x_max, bounds.y_max]
-        .map(|value| units(f64::from(value)))
-        .join(" ");
-    let [ascent, descent, capital] =
-        [face.ascender(), face.descender(), face.capital_height().unwrap_or(face.ascender())]
-            .map(|value| units(f64::from(value)));
-    let descriptor = file.add(&format!(
+    let bounds = [bounds.x_min, bounds.y_min, bounds.x_max, bounds.y_max];
+    let bounds = bounds.map(|value| units(value.into())).join(" ");
+    let capital = face.capital_height().unwrap_or(face.ascender());
+    let metrics = [face.ascender(), face.descender(), capital];
+    let [ascent, descent, capital] = metrics.map(|value| units(value.into()));
+    let descriptor = file.add(format!(
         "<< /Type /FontDescriptor /FontName /{name} /Flags 4 /FontBBox [{bounds}] /ItalicAngle 0 \
          /Ascent {ascent} /Descent {descent} /CapHeight {capital} /StemV 80 /FontFile2 {program} 0 R >>"
     ));
-    let widths: String = used
-        .keys()
-        .map(|&glyph| {
-            let advance = face.glyph_hor_advance(ttf_parser::GlyphId(glyph)).unwrap_or(0);
-            format!("{glyph} [{}] ", units(f64::from(advance)))
-        })
-        .collect();
-    let descendant = file.add(&format!(
+    let width = |&glyph: &u16| {
+        let advance = face.glyph_hor_advance(ttf_parser::GlyphId(glyph)).unwrap_or(0);
+        format!("{glyph} [{}] ", units(advance.into()))
+    };
+    let widths: String = used.keys().map(width).collect();
+    let descendant = file.add(format!(
         "<< /Type /Font /Subtype /CIDFontType2 /BaseFont /{name} /CIDSystemInfo << /Registry (Adobe) \
          /Ordering (Identity) /Supplement 0 >> /FontDescriptor {descriptor} 0 R /CIDToGIDMap /Identity \
          /W [{widths}] >>"
     ));
     let meaning = file.stream("", meaning(used).as_bytes());
-    file.add(&format!(
+    file.add(format!(
         "<< /Type /Font /Subtype /Type0 /BaseFont /{name} /Encoding /Identity-H /DescendantFonts \
          [{descendant} 0 R] /ToUnicode {meaning} 0 R >>"
     ))
@@ -233,17 +223,14 @@ struct PdfFile {
 }
 
 impl PdfFile {
-    fn new() -> Self {
-        // Four bytes beyond ASCII, so that nobody takes it for text.
-        Self { bytes: b"%PDF-1.7\n%\xe2\xe3\xcf\xd3\n".to_vec(), objects: Vec::new() }
-    }
-
     /// Adds an object; its number.
-    fn add(&mut self, object: &str) -> usize {
-        self.begin();
-        self.bytes.extend_from_slice(object.as_bytes());
+    fn add(&mut self, object: impl AsRef<[u8]>) -> usize {
+        self.objects.push(self.bytes.len());
+        let number = self.objects.len();
+        self.bytes.extend_from_slice(format!("{number} 0 obj\n").as_bytes());
+        self.bytes.extend_from_slice(object.as_ref());
         self.bytes.extend_from_slice(b"\nendobj\n");
-        self.objects.len()
+        number
     }
 
     /// Adds bytes, compressed; the number of their object.
@@ -251,17 +238,8 @@ impl PdfFile {
         let mut packed = ZlibEncoder::new(Vec::new(), Compression::default());
         packed.write_all(content).expect("memory takes all");
         let packed = packed.finish().expect("memory takes all");
-        self.begin();
         let head = format!("<< {more}/Filter /FlateDecode /Length {} >>\nstream\n", packed.len());
-        self.bytes.extend_from_slice(head.as_bytes());
-        self.bytes.extend_from_slice(&packed);
-        self.bytes.extend_from_slice(b"\nendstream\nendobj\n");
-        self.objects.len()
-    }
-
-    fn begin(&mut self) {
-        self.objects.push(self.bytes.len());
-        self.bytes.extend_from_slice(format!("{} 0 obj\n", self.objects.len()).as_bytes());
+        self.add([head.as_bytes(), &packed, b"\nendstream"].concat())
     }
 
     /// The table of the objects, and where the document begins.
@@ -286,7 +264,8 @@ mod tests {
 
     use flate2::read::ZlibDecoder;
 
-    use super::super::svg::{Anchor, Canvas, Rect};
+    use super::super::canvas::Rect;
+    use super::super::size::Size;
     use super::*;
 
     fn find(bytes: &[u8], what: &[u8]) -> Option<usize> {
@@ -319,15 +298,15 @@ mod tests {
 
     #[test]
     fn every_shape_is_on_the_page_and_text_can_be_read() {
-        let mut canvas = Canvas::new(200.0, 100.0);
-        canvas.line((0.0, 1.0), (10.0, 1.0), "#ff0000", 2.0);
-        canvas.dashes("M0 0L5 5", "#00ff00", 1.0);
+        let mut canvas = Figure::new(Size::Screen, 200.0, 100.0);
+        canvas.line((0.0, 1.0), (10.0, 1.0), Colour(0xff0000), 2.0);
+        canvas.stroke("M0 0L5 5", Colour(0x00ff00), Pen::Dashed(1.0));
         let rect = Rect { left: 10.0, top: 20.0, width: 30.0, height: 40.0 };
-        canvas.clipped(rect, |canvas| canvas.circle((20.0, 30.0), 3.0, "#0000ff"));
-        canvas.ring((1.0, 1.0), 1.0, "#000000");
-        canvas.text((50.0, 60.0), "Fx (N·m) ±10⁻³", Style::LABEL.anchored(Anchor::Start));
+        canvas.clipped(rect, |canvas| canvas.circle((20.0, 30.0), 3.0, Colour(0x0000ff)));
+        canvas.ring((1.0, 1.0), 1.0, Colour(0));
+        canvas.text((50.0, 60.0), "Fx (N·m) ±10⁻³", Style::START);
         canvas.text((5.0, 6.0), "bold", Style { upright: true, ..Style::TITLE });
-        let file = pdf(&canvas.finish());
+        let file = pdf(&canvas);
         let objects = objects(&file);
         let texts: Vec<String> = objects
             .iter()
@@ -369,9 +348,9 @@ mod tests {
     #[test]
     fn the_same_drawing_makes_the_same_bytes() {
         let figure = || {
-            let mut canvas = Canvas::new(20.0, 10.0);
+            let mut canvas = Figure::new(Size::Screen, 20.0, 10.0);
             canvas.text((1.0, 1.0), "a", Style::LABEL);
-            canvas.finish()
+            canvas
         };
         assert_eq!(pdf(&figure()), pdf(&figure()));
     }

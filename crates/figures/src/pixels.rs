@@ -5,10 +5,10 @@ use tiny_skia::{
     Transform,
 };
 
+use super::canvas::{Figure, Outline, Pen, Shape};
 use super::lettering;
-use super::palette;
+use super::palette::{Colour, INK};
 use super::path::{Step, steps};
-use super::svg::{DrawnShape, Figure, Pen, PenKind};
 
 /// The drawing on white, as a PNG file.
 ///
@@ -33,75 +33,62 @@ struct Painter {
 }
 
 impl Painter {
-    fn paint(&mut self, shape: &DrawnShape) {
+    fn paint(&mut self, shape: &Shape) {
         match shape {
-            DrawnShape::Stroke { path, colour, pen } => self.stroke(outline(path), colour, *pen),
-            DrawnShape::Fill { path, colour } => self.fill(outline(path), colour, self.whole),
-            DrawnShape::Disc { centre, radius, colour } => {
-                self.fill(circle(*centre, *radius), colour, self.whole);
-            }
-            DrawnShape::Ring { centre, radius, colour } => {
-                self.stroke(circle(*centre, *radius), colour, Pen::FINE);
-            }
-            DrawnShape::Text { at, text, style } => {
+            Shape::Drawn { outline, colour, pen } => match (path(outline), pen) {
+                (None, _) => {}
+                (Some(path), None) => self.fill(&path, *colour, self.whole),
+                (Some(path), Some(pen)) => self.stroke(&path, *colour, *pen),
+            },
+            Shape::Text { at, text, style, .. } => {
                 if let Some((path, transform)) = lettering::outline(text, *at, *style) {
-                    self.fill(Some(path), palette::INK, self.whole.pre_concat(transform));
+                    self.fill(&path, INK, self.whole.pre_concat(transform));
                 }
             }
-            DrawnShape::Clip(rect) => {
+            Shape::Clip(rect) => {
                 let mask = Mask::new(self.pixels.width(), self.pixels.height());
                 let whole = self.whole;
-                self.clip = mask.zip(outline(&rect.path())).map(|(mut mask, path)| {
+                self.clip = mask.zip(path(&Outline::Rect(*rect))).map(|(mut mask, path)| {
                     mask.fill_path(&path, FillRule::Winding, true, whole);
                     mask
                 });
             }
-            DrawnShape::EndClip => self.clip = None,
+            Shape::EndClip => self.clip = None,
         }
     }
 
-    fn fill(&mut self, path: Option<Path>, colour: &str, transform: Transform) {
-        if let Some(path) = path {
-            let (paint, clip) = (paint(colour), self.clip.as_ref());
-            self.pixels.fill_path(&path, &paint, FillRule::Winding, transform, clip);
-        }
+    fn fill(&mut self, path: &Path, colour: Colour, transform: Transform) {
+        let (paint, clip) = (paint(colour), self.clip.as_ref());
+        self.pixels.fill_path(path, &paint, FillRule::Winding, transform, clip);
     }
 
-    fn stroke(&mut self, path: Option<Path>, colour: &str, pen: Pen) {
-        let Some(path) = path else { return };
-        let round = pen.kind == PenKind::Round;
+    fn stroke(&mut self, path: &Path, colour: Colour, pen: Pen) {
+        let is_round = matches!(pen, Pen::Round(_));
+        let is_dashed = matches!(pen, Pen::Dashed(_));
         let stroke = Stroke {
-            width: pen.width as f32,
-            line_join: if round { LineJoin::Round } else { LineJoin::Miter },
-            dash: match pen.kind {
-                PenKind::Dashed => StrokeDash::new(vec![5.0, 3.0], 0.0),
-                PenKind::Plain | PenKind::Round | PenKind::Crisp => None,
-            },
+            width: pen.width() as f32,
+            line_join: if is_round { LineJoin::Round } else { LineJoin::Miter },
+            dash: is_dashed.then(|| StrokeDash::new(vec![5.0, 3.0], 0.0)).flatten(),
             ..Stroke::default()
         };
-        let paint = Paint { anti_alias: pen.kind != PenKind::Crisp, ..paint(colour) };
-        self.pixels.stroke_path(&path, &paint, &stroke, self.whole, self.clip.as_ref());
+        let paint = Paint { anti_alias: !matches!(pen, Pen::Crisp(_)), ..paint(colour) };
+        self.pixels.stroke_path(path, &paint, &stroke, self.whole, self.clip.as_ref());
     }
 }
 
-/// Paint of a colour `#rrggbb`.
-fn paint(colour: &str) -> Paint<'static> {
-    let byte = |at: usize| {
-        colour.get(at..at + 2).and_then(|hex| u8::from_str_radix(hex, 16).ok()).unwrap_or(0)
-    };
+fn paint(colour: Colour) -> Paint<'static> {
+    let [red, green, blue] = colour.rgb();
     let mut paint = Paint::default();
-    paint.set_color_rgba8(byte(1), byte(3), byte(5), 255);
+    paint.set_color_rgba8(red, green, blue, 255);
     paint
 }
 
-fn circle(centre: (f64, f64), radius: f64) -> Option<Path> {
-    PathBuilder::from_circle(centre.0 as f32, centre.1 as f32, radius as f32)
-}
-
-/// The path that SVG path syntax describes.
-fn outline(path: &str) -> Option<Path> {
+fn path(outline: &Outline) -> Option<Path> {
+    if let Outline::Circle((x, y), radius) = *outline {
+        return PathBuilder::from_circle(x as f32, y as f32, radius as f32);
+    }
     let mut builder = PathBuilder::new();
-    for step in steps(path)? {
+    for step in steps(outline)? {
         match step {
             Step::Move(x, y) => builder.move_to(x, y),
             Step::Line(x, y) => builder.line_to(x, y),

@@ -1,9 +1,9 @@
 //! Data of few constant loads: their rows fall on a few specks, of which the mean and the spread are drawn.
 
+use super::canvas::Figure;
 use super::histogram::HistogramCell;
 use super::palette;
 use super::panel::Panel;
-use super::svg::Canvas;
 
 /// The rows of one load, by the cells of measured (x) and predicted (y) that they fall on.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -69,7 +69,7 @@ fn plateau(run: &[&HistogramCell]) -> LoadPlateau {
 
 /// A ring at each mean and a bar of one standard deviation to either side.
 pub(super) fn draw_plateaus(
-    canvas: &mut Canvas,
+    canvas: &mut Figure,
     panel: &Panel,
     plateaus: impl IntoIterator<Item = ((f64, f64), f64)>,
 ) {
@@ -90,7 +90,7 @@ mod tests {
     /// Loads of 0, 1, … N, each with this scatter of the reference and a prediction of a bias and a spread
     /// that are known.
     fn cells(loads: u32, scatter: f64) -> Vec<HistogramCell> {
-        let mut histogram = Histogram2d::new(256, 256);
+        let mut histogram = Histogram2d::<256, 256>::default();
         for load in 0..loads {
             let load = f64::from(load);
             for i in 0..200 {

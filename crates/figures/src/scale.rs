@@ -9,17 +9,41 @@ pub enum Spacing {
     Log,
 }
 
+/// The smallest and the largest of some values.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct ValueRange {
+    pub(super) low: f64,
+    pub(super) high: f64,
+}
+
+impl ValueRange {
+    /// The range of no values, with ends that are infinite.
+    pub(super) const EMPTY: Self = Self { low: f64::INFINITY, high: f64::NEG_INFINITY };
+
+    /// The range of some values.
+    pub(super) fn over(values: impl IntoIterator<Item = f64>) -> Self {
+        values.into_iter().fold(Self::EMPTY, Self::including)
+    }
+
+    pub(super) fn including(self, value: f64) -> Self {
+        Self { low: self.low.min(value), high: self.high.max(value) }
+    }
+
+    pub(super) fn union(self, other: Self) -> Self {
+        Self { low: self.low.min(other.low), high: self.high.max(other.high) }
+    }
+}
+
 /// An axis of a panel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlotAxis {
     /// What is shown: "measured Fx".
-    pub quantity: String,
+    quantity: String,
     /// Its unit, empty where there is none.
-    pub unit: String,
-    /// How values are spaced.
-    pub spacing: Spacing,
+    unit: String,
+    spacing: Spacing,
     /// The smallest and the largest value shown.
-    pub range: (f64, f64),
+    pub(super) range: ValueRange,
 }
 
 /// A mark on an axis.
@@ -38,7 +62,7 @@ impl PlotAxis {
     pub fn new(quantity: &str, unit: &str, spacing: Spacing, low: f64, high: f64) -> Self {
         let (low, high) = (low.min(high), high.max(low));
         // A range too short for ticks, or with an end that is no number, shows its lower end alone.
-        let range = match spacing {
+        let (low, high) = match spacing {
             Spacing::Log => match (if low > 0.0 { low } else { high / 1e6 }, high) {
                 (low, high) if low > 1e-300 && high < 1e300 && high > low * 1.001 => (low, high),
                 (low, _) if low > 1e-300 && low < 1e300 => (low / 2.0, low * 2.0),
@@ -56,22 +80,29 @@ impl PlotAxis {
                 }
             }
         };
+        let range = ValueRange { low, high };
         Self { quantity: quantity.to_owned(), unit: unit.to_owned(), spacing, range }
+    }
+
+    /// A linear axis over a range.
+    pub(super) fn linear(quantity: &str, unit: &str, ValueRange { low, high }: ValueRange) -> Self {
+        Self::new(quantity, unit, Spacing::Linear, low, high)
     }
 
     /// The same axis with a share of its length added at both ends.
     pub fn padded(mut self, share: f64) -> Self {
-        let (low, high) = self.range;
-        self.range = match self.spacing {
+        let ValueRange { low, high } = self.range;
+        let (low, high) = match self.spacing {
             Spacing::Linear => (low - share * (high - low), high + share * (high - low)),
             Spacing::Log => (low / (high / low).powf(share), high * (high / low).powf(share)),
         };
+        self.range = ValueRange { low, high };
         self
     }
 
     /// Where a value stands, 0 at the lower end and 1 at the upper.
     pub(super) fn position(&self, value: f64) -> f64 {
-        let (low, high) = self.range;
+        let ValueRange { low, high } = self.range;
         match self.spacing {
             Spacing::Linear => (value - low) / (high - low),
             Spacing::Log => (value.ln() - low.ln()) / (high.ln() - low.ln()),
@@ -91,14 +122,10 @@ impl PlotAxis {
     /// Ticks at round values that divide the axis in at most `count` parts: multiples of 1, 2 or 5
     /// times a power of ten; on a log axis the powers of ten.
     pub(super) fn ticks(&self, count: usize) -> Vec<Tick> {
-        match self.spacing {
-            Spacing::Linear => self.linear_ticks(count),
-            Spacing::Log => self.log_ticks(count),
+        if self.spacing == Spacing::Log {
+            return self.log_ticks(count);
         }
-    }
-
-    fn linear_ticks(&self, count: usize) -> Vec<Tick> {
-        let (low, high) = self.range;
+        let ValueRange { low, high } = self.range;
         let slack = 1e-9 * (high - low);
         let intervals = |step: f64| ((high + slack) / step).floor() - ((low - slack) / step).ceil();
         let step = round_steps((high - low) / (count + 1) as f64)
@@ -116,36 +143,29 @@ impl PlotAxis {
     }
 
     fn log_ticks(&self, count: usize) -> Vec<Tick> {
-        let (low, high) = self.range;
+        let ValueRange { low, high } = self.range;
         let (from, to) = (low.log10().floor() as i32, high.log10().ceil() as i32);
         let decades = high.log10() - low.log10();
         let every = (decades / count.max(1) as f64).ceil().max(1.0) as i32;
-        let slack = 1e-9;
-        let mut ticks = Vec::new();
-        for power in from..=to {
-            for digit in 1..10 {
-                let value = f64::from(digit) * 10f64.powi(power);
-                if value < low * (1.0 - slack) || value > high * (1.0 + slack) {
-                    continue;
-                }
-                let labelled = match digit {
-                    1 => power.rem_euclid(every) == 0,
-                    2 | 5 => decades < 2.0,
-                    _ => false,
-                };
-                if every == 1 || digit == 1 {
-                    let label = if labelled { log_label(digit, power) } else { String::new() };
-                    ticks.push(Tick { value, label });
-                }
-            }
-        }
-        ticks
+        let within = low * (1.0 - 1e-9)..=high * (1.0 + 1e-9);
+        let digits = if every == 1 { 1..10 } else { 1..2 };
+        let marks = (from..=to).flat_map(|power| digits.clone().map(move |digit| (digit, power)));
+        let ticks = marks.map(|(digit, power)| {
+            let is_labelled = match digit {
+                1 => power.rem_euclid(every) == 0,
+                2 | 5 => decades < 2.0,
+                _ => false,
+            };
+            let label = if is_labelled { log_label(digit, power) } else { String::new() };
+            Tick { value: f64::from(digit) * 10f64.powi(power), label }
+        });
+        ticks.filter(|tick| within.contains(&tick.value)).collect()
     }
 
     /// The power of ten, a multiple of three, that the labels of a linear axis leave out so as to
     /// be short.
     fn power_of_ten(&self) -> i32 {
-        let largest = self.range.0.abs().max(self.range.1.abs());
+        let largest = self.range.low.abs().max(self.range.high.abs());
         if self.spacing == Spacing::Log || (0.1..10_000.0).contains(&largest) {
             0
         } else {
@@ -236,7 +256,7 @@ mod tests {
         fn any_range_gives_a_few_distinct_ticks_within_it(low: f64, high: f64, log: bool) {
             let spacing = if log { Spacing::Log } else { Spacing::Linear };
             let axis = PlotAxis::new("q", "", spacing, low, high);
-            let (low, high) = axis.range;
+            let ValueRange { low, high } = axis.range;
             prop_assert!(low < high && low.is_finite() && high.is_finite());
             let ticks = axis.ticks(5);
             prop_assert!(ticks.len() < 700);

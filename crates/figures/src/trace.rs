@@ -2,13 +2,12 @@
 //! value, which draw the same line as all the values (Jugel et al., "M4: A Visualization-Oriented
 //! Time Series Data Aggregation", VLDB 2014).
 
-use super::bins::Bins;
-use super::histogram::ValueRange;
-use super::palette;
-use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
-use super::scale::{PlotAxis, Spacing};
+use super::bins::{Cell, Grid};
+use super::canvas::{Figure, Pen, point};
+use super::palette::{self, Colour};
+use super::panel::{BOTTOM_MARGIN, Panel, wide_area};
+use super::scale::{PlotAxis, ValueRange};
 use super::size::Size;
-use super::svg::{Anchor, Canvas, Figure, Rect, Style, point};
 use shell_data::wrench::{Axis, PerAxis};
 
 /// Slivers of time held: at least half of them, more than there are pixels, cover the log.
@@ -23,14 +22,7 @@ pub struct WrenchTrace {
 /// One quantity over time.
 #[derive(Clone, Debug, Default)]
 pub(super) struct TraceCurve {
-    window: Option<Window>,
-}
-
-#[derive(Clone, Debug)]
-struct Window {
-    bins: Bins,
-    time: ValueRange,
-    slivers: Vec<Option<Sliver>>,
+    slivers: Option<Grid<Option<Sliver>, 1>>,
 }
 
 /// What is kept of the points in one sliver of time, each as (time, value).
@@ -73,65 +65,39 @@ impl TraceCurve {
         if range.low > range.high {
             return;
         }
-        let window = self.cover(range);
-        let locate = window.bins.locator();
+        let grid = Grid::cover(&mut self.slivers, [range], [SLIVERS]);
+        let locate = grid.bins[0].locator();
         for point in finite() {
-            let sliver = &mut window.slivers[locate(point.0)];
             let one = Sliver { first: point, lowest: point, highest: point, last: point };
-            *sliver = Some(sliver.map_or(one, |sliver| sliver.then(one)));
+            grid.cells[locate(point.0)].absorb(&Some(one));
         }
     }
 
-    /// The window, made to cover a range of time as well as all it covers already.
-    fn cover(&mut self, range: ValueRange) -> &mut Window {
-        let window = match self.window.take() {
-            None => Window::empty(Bins::around(range.low, range.high, SLIVERS), range),
-            Some(mut window) => {
-                window.time = window.time.union(range);
-                let bins = window.bins.widened(window.time.low, window.time.high);
-                if bins == window.bins {
-                    window
-                } else {
-                    let mut wider = Window::empty(bins, window.time);
-                    wider.absorb(&window);
-                    wider
-                }
-            }
-        };
-        self.window.insert(window)
-    }
-
     pub(super) fn points(&self) -> impl Iterator<Item = (f64, f64)> {
-        let slivers = self.window.iter().flat_map(|window| window.slivers.iter().flatten());
+        let slivers = self.slivers.iter().flat_map(|grid| grid.cells.iter().flatten());
         slivers.flat_map(Sliver::points)
     }
 }
 
-impl Window {
-    fn empty(bins: Bins, time: ValueRange) -> Self {
-        Self { bins, time, slivers: vec![None; bins.count] }
-    }
-
-    fn absorb(&mut self, finer: &Self) {
-        for (position, sliver) in finer.slivers.iter().enumerate() {
-            let Some(sliver) = *sliver else { continue };
-            let held = &mut self.slivers[self.bins.position_of(&finer.bins, position)];
-            *held = Some(held.map_or(sliver, |held| held.then(sliver)));
-        }
+impl Cell for Option<Sliver> {
+    fn absorb(&mut self, later: &Self) {
+        *self = match (*self, *later) {
+            (Some(held), Some(later)) => Some(Sliver {
+                lowest: if later.lowest.1 < held.lowest.1 { later.lowest } else { held.lowest },
+                highest: if later.highest.1 > held.highest.1 {
+                    later.highest
+                } else {
+                    held.highest
+                },
+                last: later.last,
+                ..held
+            }),
+            (held, later) => held.or(later),
+        };
     }
 }
 
 impl Sliver {
-    /// The points of this sliver followed by those of a later one.
-    fn then(self, later: Self) -> Self {
-        Self {
-            first: self.first,
-            lowest: if later.lowest.1 < self.lowest.1 { later.lowest } else { self.lowest },
-            highest: if later.highest.1 > self.highest.1 { later.highest } else { self.highest },
-            last: later.last,
-        }
-    }
-
     /// The points in the order of time, each once.
     fn points(&self) -> Vec<(f64, f64)> {
         let mut points = vec![self.first, self.lowest, self.highest, self.last];
@@ -150,61 +116,55 @@ const PANEL_PITCH: f64 = 118.0;
 
 /// Draws the axes of a wrench over time, one panel each, over a common time axis.
 pub fn trace_figure(size: Size, title: &str, trace: &WrenchTrace) -> Figure {
-    let shown: Vec<_> = Axis::ALL
-        .into_iter()
-        .zip(&trace.axes)
-        .filter_map(|(axis, trace)| Some((axis, trace, trace.window.as_ref()?)))
-        .collect();
-    let panels = shown.len().max(1) as f64;
-    let mut canvas =
-        Canvas::sized(size, size.width(WIDTH), TOP + PANEL_PITCH * panels + BOTTOM_MARGIN);
-    canvas.text((16.0, 24.0), title, Style::TITLE.anchored(Anchor::Start));
-    let time = shown.iter().map(|(_, _, window)| window.time).reduce(ValueRange::union);
-    let time = time.unwrap_or(ValueRange { low: 0.0, high: 1.0 });
-    for (row, &(axis, trace, _)) in shown.iter().enumerate() {
-        let range = shown_range(trace);
-        let area = Rect {
-            left: LEFT_MARGIN + 8.0,
-            top: TOP + PANEL_PITCH * row as f64,
-            width: size.width(WIDTH) - LEFT_MARGIN - 24.0,
-            height: PANEL_HEIGHT,
-        };
+    let curves = Axis::ALL.into_iter().zip(&trace.axes);
+    let shown: Vec<_> =
+        curves.filter_map(|(axis, curve)| Some((axis, curve, curve.slivers.as_ref()?))).collect();
+    let width = size.width(WIDTH);
+    let height = TOP + PANEL_PITCH * shown.len().max(1) as f64 + BOTTOM_MARGIN;
+    let mut canvas = Figure::titled(size, width, height, title);
+    let times = shown.iter().map(|(.., slivers)| slivers.ranges[0]);
+    let time = times.fold(ValueRange::EMPTY, ValueRange::union);
+    for (row, &(axis, curve, _)) in shown.iter().enumerate() {
         let panel = Panel {
-            area,
-            x: PlotAxis::new("time", "s", Spacing::Linear, time.low, time.high),
-            y: PlotAxis::new(axis.name(), axis.unit(), Spacing::Linear, range.low, range.high)
-                .padded(0.06),
+            area: wide_area(width, TOP + PANEL_PITCH * row as f64, PANEL_HEIGHT),
+            x: PlotAxis::linear("time", "s", time),
+            y: PlotAxis::linear(axis.name(), axis.unit(), shown_range(curve)).padded(0.06),
         };
         panel.draw_grid(&mut canvas);
-        let (_, zero) = panel.place(time.low, 0.0);
-        canvas.clipped(area, |canvas| {
-            canvas.line((area.left, zero), (area.right(), zero), palette::ZERO, 1.0);
-            canvas.stroke(&path(&panel, trace), palette::SERIES[0], 1.0);
-        });
-        canvas.frame(area, palette::INK);
-        panel.draw_y_labels(&mut canvas);
-        if row + 1 == shown.len() {
-            panel.draw_x_labels(&mut canvas);
-        }
+        draw_curves(&mut canvas, &panel, &[(curve, (palette::series(0), Pen::Round(1.0)))]);
+        panel.draw_stacked_frame(&mut canvas, row + 1 == shown.len());
     }
-    canvas.finish()
+    canvas
 }
 
 /// The range of the values, and zero unless it is far from all of them: what the sensor was tared to
 /// belongs in the picture.
-fn shown_range(trace: &TraceCurve) -> ValueRange {
-    let values = trace.points().map(|(_, value)| ValueRange { low: value, high: value });
-    let range = values.reduce(ValueRange::union).unwrap_or(ValueRange { low: 0.0, high: 0.0 });
-    let with_zero = range.union(ValueRange { low: 0.0, high: 0.0 });
+fn shown_range(curve: &TraceCurve) -> ValueRange {
+    let range = ValueRange::over(curve.points().map(|(_, value)| value));
+    let with_zero = range.including(0.0);
     let is_near = with_zero.high - with_zero.low <= 4.0 * (range.high - range.low);
     if is_near { with_zero } else { range }
 }
 
+/// Draws curves in a panel over its zero line.
+pub(super) fn draw_curves(
+    canvas: &mut Figure,
+    panel: &Panel,
+    curves: &[(&TraceCurve, (Colour, Pen))],
+) {
+    canvas.clipped(panel.area, |canvas| {
+        panel.draw_zero(canvas);
+        for (curve, (colour, pen)) in curves {
+            canvas.stroke(path(panel, curve), *colour, *pen);
+        }
+    });
+}
+
 /// The line through the points, without those that fall on the one before.
-pub(super) fn path(panel: &Panel, trace: &TraceCurve) -> String {
+fn path(panel: &Panel, curve: &TraceCurve) -> String {
     let mut path = String::new();
     let mut before = String::new();
-    for (t, v) in trace.points() {
+    for (t, v) in curve.points() {
         let (x, y) = panel.place(t, v);
         let here = point((x * 10.0).round() / 10.0, (y * 10.0).round() / 10.0);
         if here != before {

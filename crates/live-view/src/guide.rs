@@ -103,11 +103,8 @@ pub struct Guide {
     rest: Option<([f64; CHANNELS], [f64; CHANNELS])>,
     /// How far each channel was off its rest.
     excursion: [f64; CHANNELS],
-    /// The largest load on each axis of the plan.
-    largest: PerAxis<f64>,
     /// Since when it is still and loaded: time and frame.
     still_since: Option<(f64, i64)>,
-    newest_s: f64,
 }
 
 /// What a row says of stillness.
@@ -122,15 +119,10 @@ struct Stillness {
 impl Guide {
     /// Through these loads, in this order.
     pub fn new(loads: Vec<GuidedLoad>) -> Self {
-        let largest = std::array::from_fn(|axis| {
-            let sizes = loads.iter().map(|load| load.wrench[axis].abs());
-            sizes.fold(0.0, f64::max)
-        });
         Self {
             recorded: vec![false; loads.len()],
             phase: if loads.is_empty() { GuidePhase::Done } else { GuidePhase::Rest },
             loads,
-            largest,
             ..Self::default()
         }
     }
@@ -148,7 +140,6 @@ impl Guide {
             self.stretch.clear();
             self.still_since = None;
         }
-        self.newest_s = time_s;
         self.stretch.push_back(Stillness { time_s, index, values, wrench });
         while self.stretch.get(1).is_some_and(|second| time_s - second.time_s >= STRETCH_S) {
             self.stretch.pop_front();
@@ -208,17 +199,16 @@ impl Guide {
     /// What is shown.
     pub fn view(&self) -> GuideView {
         let next = self.loads.get(self.next).filter(|_| self.phase != GuidePhase::Done);
-        let held = self.still_since.map_or(0.0, |(since_s, _)| (self.newest_s - since_s) / HOLD_S);
-        let gain = |of: &dyn Fn(usize) -> bool| -> f64 {
-            let gains = self.loads.iter().enumerate().filter(|(at, _)| of(*at));
-            gains.map(|(_, load)| load.gain).sum()
-        };
-        let whole = gain(&|_| true);
+        let newest_s = self.stretch.back().map_or(0.0, |newest| newest.time_s);
+        let held = self.still_since.map_or(0.0, |(since_s, _)| (newest_s - since_s) / HOLD_S);
+        let whole: f64 = self.loads.iter().map(|load| load.gain).sum();
+        let left = self.loads.iter().zip(&self.recorded).filter(|(_, is_recorded)| !**is_recorded);
+        let left: f64 = left.map(|(load, _)| load.gain).sum();
         let recorded = self.recorded.iter().filter(|is_recorded| **is_recorded).count();
         let unrecorded = 1.0 - recorded as f64 / self.loads.len().max(1) as f64;
         GuideView {
-            group: next.map_or_else(String::new, |load| load.group.clone()),
-            text: next.map_or_else(String::new, |load| load.text.clone()),
+            group: next.map(|load| load.group.clone()).unwrap_or_default(),
+            text: next.map(|load| load.text.clone()).unwrap_or_default(),
             wrench: next.map_or([0.0; 6], |load| load.wrench),
             number: self.next + 1,
             count: self.loads.len(),
@@ -226,11 +216,7 @@ impl Guide {
             phase: self.phase,
             held: if self.phase == GuidePhase::Hold { held.clamp(0.0, 1.0) } else { 0.0 },
             // A table that says nothing of gains counts loads.
-            remaining_gain: if whole > 0.0 {
-                gain(&|at| !self.recorded[at]) / whole
-            } else {
-                unrecorded
-            },
+            remaining_gain: if whole > 0.0 { left / whole } else { unrecorded },
         }
     }
 
@@ -292,9 +278,11 @@ impl Guide {
         });
         let is_wanted_empty = planned.iter().all(|value| *value == 0.0);
         if count > 0.0 && !is_wanted_empty {
+            let loads = |axis: usize| self.loads.iter().map(move |load| load.wrench[axis].abs());
+            let largest: PerAxis<f64> = std::array::from_fn(|axis| loads(axis).fold(0.0, f64::max));
             let distance = |from: &PerAxis<f64>| -> f64 {
-                let of = |axis: usize| match self.largest[axis] > 0.0 {
-                    true => ((sum[axis] / count - from[axis]) / self.largest[axis]).powi(2),
+                let of = |axis: usize| match largest[axis] > 0.0 {
+                    true => ((sum[axis] / count - from[axis]) / largest[axis]).powi(2),
                     false => 0.0,
                 };
                 (0..6).map(of).sum()

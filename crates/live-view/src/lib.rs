@@ -21,5 +21,5 @@ pub mod web;
 
 pub use guide::{Guide, GuidePhase, GuideView, GuidedLoad, HOLD_S};
 pub use history::{History, LiveRow};
-pub use model::{ChannelState, ChannelView, LiveModel, LiveSetup, Mark, TraceView};
+pub use model::{ChannelState, ChannelView, LiveModel, Mark, TraceView};
 pub use picture::Picture;

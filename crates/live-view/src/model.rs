@@ -23,23 +23,6 @@ const LEAST_FORCE: f64 = 0.05;
 const LEAST_MOMENT: f64 = 0.001;
 const LEAST_COUNTS: f64 = 20.0;
 
-/// What a view is of.
-#[derive(Clone, Debug)]
-pub struct LiveSetup {
-    /// The range of each channel in the training data.
-    pub ranges: Option<Vec<ReadingRange>>,
-    /// The span of time that is shown first, s.
-    pub window_s: f64,
-    /// The axes of the wrench that there are, where forces are known.
-    pub axes: Axes,
-}
-
-impl Default for LiveSetup {
-    fn default() -> Self {
-        Self { ranges: None, window_s: 0.0, axes: Axes::ALL }
-    }
-}
-
 /// A moment that the user has marked.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mark {
@@ -103,22 +86,21 @@ pub struct LiveModel {
     /// The wrench that is subtracted before showing: once begun, the mean of the next rows.
     pub tare: RunningTare,
     marks: Vec<Mark>,
-    marked: u32,
 }
 
 impl LiveModel {
-    /// Nothing has arrived.
-    pub fn new(setup: LiveSetup) -> Self {
-        let fits = |window: &f64| *window >= setup.window_s;
+    /// Nothing has arrived. `ranges` are those of the channels in the training data, `window_s` is the span of
+    /// time that is shown first, and `axes` are those of the wrench that there are, where forces are known.
+    pub fn new(ranges: Option<Vec<ReadingRange>>, window_s: f64, axes: Axes) -> Self {
+        let fits = |window: &f64| *window >= window_s;
         Self {
-            ranges: setup.ranges,
-            axes: setup.axes,
+            ranges,
+            axes,
             history: History::default(),
             frozen: None,
             window: WINDOWS_S.iter().position(fits).unwrap_or(WINDOWS_S.len() - 1),
             tare: RunningTare::default(),
             marks: Vec::new(),
-            marked: 0,
         }
     }
 
@@ -132,10 +114,8 @@ impl LiveModel {
 
     /// Lets the picture stand still, or go on. Rows are taken all the same.
     pub fn toggle_pause(&mut self) {
-        self.frozen = match self.frozen {
-            Some(_) => None,
-            None => Some(Box::new(self.history.clone())),
-        };
+        let running = self.frozen.is_none();
+        self.frozen = running.then(|| Box::new(self.history.clone()));
     }
 
     /// Whether the picture stands still.
@@ -161,8 +141,8 @@ impl LiveModel {
     /// Marks the newest row; `None` if there is none.
     pub fn mark(&mut self) -> Option<Mark> {
         let newest = self.history.newest()?;
-        self.marked += 1;
-        let mark = Mark { number: self.marked, time_s: newest.time_s, index: newest.index };
+        let number = self.marks.last().map_or(1, |mark| mark.number + 1);
+        let mark = Mark { number, time_s: newest.time_s, index: newest.index };
         if self.marks.len() == MARKS {
             self.marks.remove(0);
         }
@@ -294,7 +274,7 @@ mod tests {
 
     /// 10 s at 100 Hz, a sine of 1.5 N along x.
     fn model() -> LiveModel {
-        let mut model = LiveModel::new(LiveSetup { window_s: 10.0, ..LiveSetup::default() });
+        let mut model = LiveModel::new(None, 10.0, Axes::ALL);
         (0..=1000).for_each(|i| model.push(row(i)));
         model
     }
@@ -368,13 +348,13 @@ mod tests {
         assert_eq!((mark.number, mark.index, mark.time_s), (1, 1000, 10.0));
         (1001..=1500).for_each(|i| model.push(row(i)));
         assert_eq!(model.marks_shown(), [(1, 0.5)]);
-        assert_eq!(LiveModel::new(LiveSetup::default()).mark(), None);
+        assert_eq!(LiveModel::new(None, 0.0, Axes::ALL).mark(), None);
     }
 
     #[test]
     fn a_channel_is_as_bad_as_its_worst_row_of_the_last_second() {
         let ranges = Some(vec![ReadingRange { min: 1000.0, max: 3000.0 }; CHANNELS]);
-        let mut model = LiveModel::new(LiveSetup { ranges, window_s: 10.0, axes: Axes::ALL });
+        let mut model = LiveModel::new(ranges, 10.0, Axes::ALL);
         for index in 0..300 {
             let saturated = u8::from(index == 250) << 2;
             let out_of_range = u8::from(index == 10) << 4 | u8::from(index == 290) << 5;
@@ -389,7 +369,7 @@ mod tests {
 
     #[test]
     fn without_forces_readings_are_traced() {
-        let mut model = LiveModel::new(LiveSetup { window_s: 5.0, ..LiveSetup::default() });
+        let mut model = LiveModel::new(None, 5.0, Axes::ALL);
         model.push(LiveRow { wrench: None, ..row(0) });
         let traces = model.traces(10);
         assert_eq!((traces.len(), traces[7].name.as_str()), (8, "s8"));

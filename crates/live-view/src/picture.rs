@@ -60,11 +60,12 @@ fn levels(view: TraceView) -> TraceView<u16> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{LiveRow, LiveSetup};
+    use crate::LiveRow;
+    use shell_data::wrench::Axes;
 
     #[test]
     fn levels_are_thousandths_of_the_range() {
-        let mut model = LiveModel::new(LiveSetup { window_s: 1.0, ..LiveSetup::default() });
+        let mut model = LiveModel::new(None, 1.0, Axes::ALL);
         for index in 0..=100 {
             let fx = if index == 50 { -1.5 } else { 1.0 };
             let wrench = Some([fx, 0.0, 0.0, 0.0, 0.0, 0.0]);

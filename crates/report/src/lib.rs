@@ -30,10 +30,15 @@ const PLOTLY: &[u8] = include_bytes!("../assets/plotly-cartesian.min.js.zst");
 const PLOTLY_LICENCE: &str = include_str!("../assets/plotly-LICENSE.txt");
 
 impl Report<'_> {
-    /// The statistics of a quantity over trials.
-    fn of_trials(&self, quantity: Quantity) -> Vec<&ConditionRow> {
-        let is_wanted = |row: &&ConditionRow| row.quantity == quantity && row.per == Per::Trial;
+    /// The statistics of a quantity over trials or strides.
+    fn of(&self, quantity: Quantity, per: Per) -> Vec<&ConditionRow> {
+        let is_wanted = |row: &&ConditionRow| row.quantity == quantity && row.per == per;
         self.conditions.iter().filter(is_wanted).collect()
+    }
+
+    /// The condition that the others are compared with, if there is one.
+    fn reference(&self) -> Option<&str> {
+        self.conditions.iter().find_map(|row| Some(&*row.difference.as_ref()?.reference))
     }
 
     /// The report as the content of an HTML file.

@@ -25,71 +25,61 @@ pub(super) fn significant(value: impl Into<Option<f64>>, digits: i32) -> String 
     text.replace('-', "\u{2212}")
 }
 
-/// One column of a table.
-pub(super) enum TableCell {
-    /// A name.
-    Text(String),
-    /// A text that may be broken.
-    Long(String),
-    /// A number.
-    Figure(String),
+/// A column of a table: its heading, the classes of its cells, and their texts.
+pub(super) struct Column {
+    name: String,
+    class: &'static str,
+    cells: Vec<String>,
 }
 
-impl From<f64> for TableCell {
-    fn from(value: f64) -> Self {
-        Self::Figure(figure(value))
+impl Column {
+    fn new(name: &str, class: &'static str, cells: impl IntoIterator<Item: ToString>) -> Self {
+        let cells = cells.into_iter().map(|cell| cell.to_string()).collect();
+        Self { name: name.to_owned(), class, cells }
+    }
+
+    /// Names.
+    pub(super) fn text(name: &str, cells: impl IntoIterator<Item: ToString>) -> Self {
+        Self::new(name, "text", cells)
+    }
+
+    /// Texts that may be broken.
+    pub(super) fn long(name: &str, cells: impl IntoIterator<Item: ToString>) -> Self {
+        Self::new(name, "text long", cells)
+    }
+
+    /// Numbers as they are to be read.
+    pub(super) fn numbers(name: &str, cells: impl IntoIterator<Item: ToString>) -> Self {
+        Self::new(name, "", cells)
+    }
+
+    /// Numbers in four significant digits.
+    pub(super) fn figures(name: &str, values: impl IntoIterator<Item: Into<Option<f64>>>) -> Self {
+        Self::numbers(name, values.into_iter().map(figure))
     }
 }
 
-impl From<Option<f64>> for TableCell {
-    fn from(value: Option<f64>) -> Self {
-        Self::Figure(figure(value))
-    }
-}
-
-impl From<u64> for TableCell {
-    fn from(value: u64) -> Self {
-        Self::Figure(value.to_string())
-    }
-}
-
-impl From<&str> for TableCell {
-    fn from(text: &str) -> Self {
-        Self::Text(text.to_owned())
-    }
-}
-
-/// A cell of a text that may be broken.
-pub(super) fn long(text: &str) -> TableCell {
-    TableCell::Long(text.to_owned())
-}
-
-/// A table in a box that scrolls on narrow screens. A column is text where it is in the first of `rows`.
-pub(super) fn table(
-    caption: &str,
-    header: &[impl AsRef<str>],
-    rows: impl IntoIterator<Item = Vec<TableCell>>,
-) -> String {
-    let (caption, rows): (_, Vec<_>) = (escape(caption), rows.into_iter().collect());
+/// A table in a box that scrolls on narrow screens, of columns of one length.
+pub(super) fn table(caption: &str, columns: &[Column]) -> String {
+    let caption = escape(caption);
+    let rows = columns.first().map_or(0, |column| column.cells.len());
     let mut html = format!(
         "<div class=\"table\" tabindex=\"0\" role=\"region\" aria-label=\"{caption}\">\n<table>\n\
          <caption>{caption}</caption>\n<thead><tr>"
     );
-    for (column, name) in header.iter().enumerate() {
-        let is_text = rows.first().is_some_and(|row| !matches!(row[column], TableCell::Figure(_)));
-        let class = if is_text { " class=\"text\"" } else { "" };
-        let _ = write!(html, "<th scope=\"col\"{class}>{}</th>", escape(name.as_ref()));
+    for Column { name, class, .. } in columns {
+        let class = if class.is_empty() || rows == 0 { "" } else { " class=\"text\"" };
+        let _ = write!(html, "<th scope=\"col\"{class}>{}</th>", escape(name));
     }
     html.push_str("</tr></thead>\n<tbody>\n");
-    for row in rows {
+    for row in 0..rows {
         html.push_str("<tr>");
-        for cell in row {
-            let (class, text) = match cell {
-                TableCell::Text(text) => (" class=\"text\"", text),
-                TableCell::Long(text) => (" class=\"text long\"", text),
-                TableCell::Figure(text) => ("", text),
+        for Column { class, cells, .. } in columns {
+            let text = escape(&cells[row]);
+            let _ = match *class {
+                "" => write!(html, "<td>{text}</td>"),
+                class => write!(html, "<td class=\"{class}\">{text}</td>"),
             };
-            let _ = write!(html, "<td{class}>{}</td>", escape(&text));
         }
         html.push_str("</tr>\n");
     }

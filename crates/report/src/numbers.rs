@@ -1,6 +1,6 @@
 //! The numbers behind a report's interactive plots.
 //!
-//! Traces are shown frame by frame ([`Trace::thinned`]), some 60 kB a trial. ReportNumbers have five digits:
+//! Traces are shown frame by frame ([`Trace::thinned`]), some 60 kB a trial. Numbers have five digits:
 //! more than a screen shows.
 
 use std::f64::consts::TAU;
@@ -14,6 +14,7 @@ use trial::{ConditionRow, Per, PhaseForce, PhaseProfile, Quantity, Trace, TrialR
 
 #[derive(Serialize)]
 pub(super) struct ReportNumbers {
+    /// One at most.
     pub(super) effects: Vec<EffectPlot>,
     pub(super) boxes: Vec<BoxPlot>,
     pub(super) phases: Vec<PhasePlot>,
@@ -122,7 +123,7 @@ impl ReportNumbers {
             Some(TrialPlot::new(trace, &passage))
         };
         Self {
-            effects: effects(report),
+            effects: effect(report).into_iter().collect(),
             boxes: boxes(report),
             phases: phases(report),
             trials: report.trials.iter().enumerate().map(drawn).collect(),
@@ -130,14 +131,11 @@ impl ReportNumbers {
     }
 }
 
-/// One figure: of drag energy or, without it, of the first quantity that there is.
-fn effects(report: &Report<'_>) -> Vec<EffectPlot> {
-    let mut found = Quantity::COMPARED.into_iter().map(|of| (of, report.of_trials(of)));
-    let Some((quantity, rows)) = found.find(|(_, rows)| !rows.is_empty()) else {
-        return Vec::new();
-    };
-    let reference = rows.iter().find_map(|row| row.difference.as_ref());
-    let reference = reference.map(|difference| difference.reference.clone());
+/// Of drag energy or, without it, of the first quantity that there is.
+fn effect(report: &Report<'_>) -> Option<EffectPlot> {
+    let mut found = Quantity::COMPARED.into_iter().map(|of| (of, report.of(of, Per::Trial)));
+    let (quantity, rows) = found.find(|(_, rows)| !rows.is_empty())?;
+    let reference = rows.iter().find_map(|row| Some(row.difference.as_ref()?.reference.clone()));
     let of = |row: &ConditionRow| match (&reference, &row.difference) {
         (None, _) => Some((row.statistics.mean, row.statistics.mean_95)),
         (Some(_), less) => less.as_ref().map(|less| (less.mean, less.mean_95)),
@@ -159,42 +157,36 @@ fn effects(report: &Report<'_>) -> Vec<EffectPlot> {
         })
     };
     let conditions = rows.iter().filter_map(numbers).collect();
-    vec![EffectPlot { quantity: quantity.name(), unit: scale.unit.clone(), reference, conditions }]
+    Some(EffectPlot { quantity: quantity.name(), unit: scale.unit.clone(), reference, conditions })
 }
 
 fn boxes(report: &Report<'_>) -> Vec<BoxPlot> {
-    let mut plots = Vec::new();
-    for quantity in Quantity::COMPARED {
-        for per in Per::ALL {
-            let rows =
-                report.conditions.iter().filter(|row| row.quantity == quantity && row.per == per);
-            let ends = rows
-                .clone()
-                .flat_map(|row| [row.statistics.whisker_low, row.statistics.whisker_high]);
-            let ColumnUnit { factor, unit } = ColumnUnit::new(quantity.unit(), ends);
-            let conditions: Vec<_> = rows
-                .map(|row| {
-                    let (values, labels) = values(report.trials, &row.condition, quantity, per);
-                    let scaled = |value: f64| Short(factor * value);
-                    BoxNumbers {
-                        name: row.condition.clone(),
-                        q1: scaled(row.statistics.q1),
-                        median: scaled(row.statistics.median),
-                        q3: scaled(row.statistics.q3),
-                        low: scaled(row.statistics.whisker_low),
-                        high: scaled(row.statistics.whisker_high),
-                        mean: scaled(row.statistics.mean),
-                        values: values.into_iter().map(scaled).collect(),
-                        labels,
-                    }
-                })
-                .collect();
-            if !conditions.is_empty() {
-                plots.push(BoxPlot { quantity: quantity.name(), unit, per, conditions });
+    let plots = Quantity::COMPARED.into_iter().flat_map(|of| Per::ALL.map(|per| (of, per)));
+    let plot = |(quantity, per): (Quantity, Per)| {
+        let rows = report.of(quantity, per);
+        let ends = rows.iter().map(|row| &row.statistics);
+        let ends = ends.flat_map(|statistics| [statistics.whisker_low, statistics.whisker_high]);
+        let ColumnUnit { factor, unit } = ColumnUnit::new(quantity.unit(), ends);
+        let scaled = |value: f64| Short(factor * value);
+        let numbers = |row: &&ConditionRow| {
+            let (s, name) = (&row.statistics, row.condition.clone());
+            let (values, labels) = values(report.trials, &name, quantity, per);
+            BoxNumbers {
+                name,
+                q1: scaled(s.q1),
+                median: scaled(s.median),
+                q3: scaled(s.q3),
+                low: scaled(s.whisker_low),
+                high: scaled(s.whisker_high),
+                mean: scaled(s.mean),
+                values: values.into_iter().map(scaled).collect(),
+                labels,
             }
-        }
-    }
-    plots
+        };
+        let conditions = rows.iter().map(numbers).collect();
+        BoxPlot { quantity: quantity.name(), unit, per, conditions }
+    };
+    plots.map(plot).filter(|plot| !plot.conditions.is_empty()).collect()
 }
 
 /// The values behind a box, and what each is of.
@@ -242,31 +234,29 @@ fn phases(report: &Report<'_>) -> Vec<PhasePlot> {
 
 impl TrialPlot {
     fn new(trace: &Trace, passage: &Passage) -> Self {
-        let at = |column: &[f64], factor: f64| -> Option<Vec<Short>> {
-            (!column.is_empty()).then(|| column.iter().map(|value| Short(factor * value)).collect())
+        let at = |column: &[f64], of: fn(f64) -> f64| -> Option<Vec<Short>> {
+            (!column.is_empty()).then(|| column.iter().map(|&value| Short(of(value))).collect())
         };
-        let stride_mean = |column: &[f64], factor: f64| {
+        let (same, negated) = (|value: f64| value, |value: f64| -value);
+        let within_a_turn = |angle: f64| angle.rem_euclid(TAU);
+        let stride_mean = |column: &[f64], of| {
             let width_s = stride_s(trace).filter(|_| !column.is_empty())?;
-            at(&smoothed(&trace.t_s, column, width_s), factor)
-        };
-        let angle = |column: &[f64]| -> Option<Vec<Short>> {
-            let within: Vec<f64> = column.iter().map(|angle| angle.rem_euclid(TAU)).collect();
-            at(&within, 1.0)
+            at(&smoothed(&trace.t_s, column, width_s), of)
         };
         let [fx, fy, fz, ..] = &trace.wrench;
         let (partly, wholly) = passage.stretches();
         Self {
             t_s: trace.t_s.iter().map(|&time_s| Short(time_s)).collect(),
-            drag_n: at(fx, -1.0),
-            lift_n: at(fz, 1.0),
-            drag_stride_n: stride_mean(fx, -1.0),
-            lift_stride_n: stride_mean(fz, 1.0),
-            fy_n: at(fy, 1.0),
-            right_leg_rad: angle(&trace.right_leg_rad),
-            left_leg_rad: angle(&trace.left_leg_rad),
-            right_power_w: at(&trace.right_power_w, 1.0),
-            left_power_w: at(&trace.left_power_w, 1.0),
-            power_w: at(&trace.power_w, 1.0),
+            drag_n: at(fx, negated),
+            lift_n: at(fz, same),
+            drag_stride_n: stride_mean(fx, negated),
+            lift_stride_n: stride_mean(fz, same),
+            fy_n: at(fy, same),
+            right_leg_rad: at(&trace.right_leg_rad, within_a_turn),
+            left_leg_rad: at(&trace.left_leg_rad, within_a_turn),
+            right_power_w: at(&trace.right_power_w, same),
+            left_power_w: at(&trace.left_power_w, same),
+            power_w: at(&trace.power_w, same),
             partly,
             wholly,
         }

@@ -1,6 +1,6 @@
 //! Rows of logs that are not to be trusted, and why.
 
-use super::markup::{escape, long, table};
+use super::markup::{Column, escape, table};
 
 /// Rows that are not to be trusted.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -30,14 +30,15 @@ impl OutlierTable {
         if self.count == 0 {
             return "<p>None was found.</p>\n".to_owned();
         }
-        let header = ["log", "line", "what"];
-        let cells =
-            |row: &OutlierRow| vec![row.file.as_str().into(), row.line.into(), long(&row.what)];
+        let columns = [
+            Column::text("log", self.rows.iter().map(|row| &row.file)),
+            Column::numbers("line", self.rows.iter().map(|row| row.line)),
+            Column::long("what", self.rows.iter().map(|row| &row.what)),
+        ];
         let caption = match self.rows.len() == self.count {
             true => caption.to_owned(),
             false => format!("The first {} of them", self.rows.len()),
         };
-        let table = table(&caption, &header, self.rows.iter().map(cells));
-        format!("<p>{}</p>\n{table}", escape(sentence))
+        format!("<p>{}</p>\n{}", escape(sentence), table(&caption, &columns))
     }
 }

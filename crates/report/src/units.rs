@@ -1,7 +1,8 @@
 //! Columns in the unit that suits them, and estimates with their intervals.
 
-use super::markup::significant;
-use trial::Interval;
+use super::markup::{Column, significant};
+use shell_data::wrench::{Axes, Axis};
+use trial::{ConditionRow, Interval};
 
 /// The unit of a column: a prefix is chosen for all of its values together.
 #[derive(Clone, Debug, PartialEq)]
@@ -54,6 +55,17 @@ impl ColumnUnit {
         }
     }
 
+    /// The mean of a condition.
+    pub(super) fn mean(&self, row: &ConditionRow) -> String {
+        self.estimate(Some(row.statistics.mean), row.statistics.mean_95)
+    }
+
+    /// How a condition differs from the reference.
+    pub(super) fn difference(&self, row: &ConditionRow) -> String {
+        let difference = row.difference.as_ref();
+        self.estimate(difference.map(|d| d.mean), difference.and_then(|d| d.mean_95))
+    }
+
     /// A value in three digits.
     pub(super) fn value(&self, value: Option<f64>) -> String {
         significant(value.map(|value| value * self.factor), 3)
@@ -63,6 +75,54 @@ impl ColumnUnit {
     pub(super) fn range(&self, low: f64, high: f64) -> String {
         format!("{} … {}", self.value(Some(low)), self.value(Some(high)))
     }
+}
+
+impl Column {
+    /// Values in the unit that suits them.
+    pub(super) fn measured(
+        name: &str,
+        unit: &str,
+        values: impl Iterator<Item = Option<f64>> + Clone,
+    ) -> Self {
+        let scale = ColumnUnit::new(unit, values.clone().flatten());
+        Self::numbers(&scale.name(name), values.map(|value| scale.value(value)))
+    }
+}
+
+/// The unit of forces and that of moments.
+pub(super) struct AxisUnits([ColumnUnit; 2]);
+
+impl AxisUnits {
+    /// Those that suit some figures of each axis.
+    pub(super) fn new(figures: impl Fn(Axis) -> Vec<f64>) -> Self {
+        Self([&Axis::ALL[..3], &Axis::ALL[3..]].map(|axes| {
+            ColumnUnit::new(axes[0].unit(), axes.iter().flat_map(|&axis| figures(axis)))
+        }))
+    }
+
+    pub(super) fn of(&self, axis: Axis) -> &ColumnUnit {
+        &self.0[axis.index() / 3]
+    }
+
+    /// A value of each axis, one below the other.
+    pub(super) fn column(
+        &self,
+        name: &str,
+        axes: Axes,
+        value: impl Fn(Axis) -> Option<f64>,
+    ) -> Column {
+        Column::numbers(name, axes.iter().map(|axis| self.of(axis).value(value(axis))))
+    }
+
+    /// The unit of each axis.
+    pub(super) fn units(&self, axes: Axes) -> Column {
+        Column::text("unit", axes.iter().map(|axis| &self.of(axis).unit))
+    }
+}
+
+/// The names of some axes, one below the other.
+pub(super) fn axis_names(axes: Axes) -> Column {
+    Column::text("axis", axes.iter().map(Axis::name))
 }
 
 #[cfg(test)]

@@ -1,14 +1,11 @@
 //! Box plots by condition: drag energy, electrical energy and specific resistance, per trial and
 //! per stride.
 
-use super::super::histogram::ValueRange;
-use super::super::palette;
-use super::super::panel::{LEFT_MARGIN, Panel};
-use super::super::scale::{PlotAxis, Spacing};
-use super::super::size::Size;
-use super::super::svg::{Anchor, Canvas, Figure, Rect, Style, number, point};
 use super::labels::BoxLabels;
-use super::{TOP, WIDTH, canvas, draw_title, empty_figure};
+use super::{
+    Colour, Figure, LEFT_MARGIN, Panel, Pen, PlotAxis, Rect, Size, Style, TOP, ValueRange, WIDTH,
+    empty_figure, number, palette, point, titled,
+};
 use trial::{ConditionRow, Per, Quantity, Statistics};
 
 const HEIGHT: f64 = 150.0;
@@ -16,7 +13,7 @@ const HEIGHT: f64 = 150.0;
 const PITCH: f64 = 185.0;
 /// From one line of the key to the next.
 const KEY_PITCH: f64 = 15.0;
-const FILL: &str = "#d8e6f0";
+const FILL: Colour = Colour(0xd8e6f0);
 /// Up to this many values of a condition each is drawn: quartiles of fewer say little.
 const MOST_POINTS: usize = 12;
 
@@ -34,16 +31,14 @@ pub fn box_figure(size: Size, title: &str, rows: &[ConditionRow]) -> Figure {
     if shown.is_empty() {
         return empty_figure(size, title, "no condition has an energy or a specific resistance");
     }
-    let count = shown.len();
     let width = (size.width(WIDTH) - 2.0 * (LEFT_MARGIN + 8.0) - 28.0) / 2.0;
     let drawn: Vec<&ConditionRow> =
         rows.iter().filter(|row| Quantity::COMPARED.contains(&row.quantity)).collect();
     let labels = BoxLabels::new(size, &drawn, width);
     let pitch = PITCH + labels.height();
-    let bottom = TOP - 8.0 + pitch * count as f64 + labels.below_last();
+    let bottom = TOP - 8.0 + pitch * shown.len() as f64 + labels.below_last();
     let key = if size.is_narrow() { KEY_PITCH } else { 0.0 };
-    let mut canvas = canvas(size, bottom + 22.0 + key);
-    draw_title(&mut canvas, title);
+    let mut canvas = titled(size, bottom + 22.0 + key, title);
     for (row, &quantity) in shown.iter().enumerate() {
         for (column, per) in Per::ALL.into_iter().enumerate() {
             let boxes = of(quantity, per);
@@ -62,62 +57,56 @@ pub fn box_figure(size: Size, title: &str, rows: &[ConditionRow]) -> Figure {
         }
     }
     draw_key(&mut canvas, bottom + 10.0, size);
-    canvas.finish()
+    canvas
 }
 
 /// Says what the marks are, in one line, or in two where that is too long.
-fn draw_key(canvas: &mut Canvas, y: f64, size: Size) {
-    let start = Style::LABEL.anchored(Anchor::Start);
+fn draw_key(canvas: &mut Figure, y: f64, size: Size) {
     let left = LEFT_MARGIN + 8.0;
-    canvas.text((left, y), "box: quartiles and median; whiskers: Tukey's, 1.5 IQR;", start);
+    canvas.text((left, y), "box: quartiles and median; whiskers: Tukey's, 1.5 IQR;", Style::START);
     let (right, y) = match size.is_narrow() {
         true => (left + 4.0, y + KEY_PITCH),
         false => (left + 332.0, y),
     };
     canvas.ring((right, y - 4.0), 2.8, palette::INK);
-    canvas.text((right + 8.0, y), "outlier;", start);
+    canvas.text((right + 8.0, y), "outlier;", Style::START);
     draw_diamond(canvas, right + 70.0, y - 4.0);
-    canvas.text((right + 78.0, y), "mean;", start);
+    canvas.text((right + 78.0, y), "mean;", Style::START);
     draw_point(canvas, right + 122.0, y - 4.0);
-    canvas.text((right + 128.0, y), &format!("value (n ≤ {MOST_POINTS})"), start);
+    canvas.text((right + 128.0, y), &format!("value (n ≤ {MOST_POINTS})"), Style::START);
 }
 
-fn draw_point(canvas: &mut Canvas, x: f64, y: f64) {
-    canvas.circle((x, y), 1.8, palette::SERIES[0]);
+fn draw_point(canvas: &mut Figure, x: f64, y: f64) {
+    canvas.circle((x, y), 1.8, palette::series(0));
 }
 
-fn draw_diamond(canvas: &mut Canvas, x: f64, y: f64) {
+fn draw_diamond(canvas: &mut Figure, x: f64, y: f64) {
     let diamond = format!("M{}l4 4l4 -4l-4 -4Z", point(x - 4.0, y));
-    canvas.fill(&diamond, palette::SERIES[1]);
-    canvas.stroke(&diamond, palette::INK, 0.8);
-}
-
-/// What the axis says, and the factor to its unit: energies of strides are some mJ. Drag is −Fx, its energy is lost
-/// where it is negative.
-fn scale(quantity: Quantity) -> (&'static str, f64, &'static str) {
-    match quantity {
-        Quantity::DragEnergy => ("drag energy Fx·l", 1e3, "mJ"),
-        _ => (quantity.name(), 1.0, quantity.unit()),
-    }
+    canvas.fill(&diamond, palette::series(1));
+    canvas.stroke(diamond, palette::INK, Pen::Round(0.8));
 }
 
 fn draw_boxes(
-    canvas: &mut Canvas,
+    canvas: &mut Figure,
     area: Rect,
     (quantity, per): (Quantity, Per),
     boxes: &[&ConditionRow],
     labels: &BoxLabels<'_>,
 ) {
-    let (name, factor, unit) = scale(quantity);
+    // Energies of strides are some mJ. Drag is −Fx, its energy is lost where it is negative.
+    let (name, factor, unit) = match quantity {
+        Quantity::DragEnergy => ("drag energy Fx·l", 1e3, "mJ"),
+        _ => (quantity.name(), 1.0, quantity.unit()),
+    };
     let ends = boxes.iter().flat_map(|row| {
         let Statistics { whisker_low, whisker_high, outliers, mean, .. } = &row.statistics;
         outliers.iter().copied().chain([*whisker_low, *whisker_high, *mean])
     });
-    let ValueRange { low, high } = ValueRange::over(ends);
+    let range = ValueRange::over(ends.map(|end| factor * end));
     let panel = Panel {
         area,
-        x: PlotAxis::new("", "", Spacing::Linear, 0.0, 1.0),
-        y: PlotAxis::new(name, unit, Spacing::Linear, factor * low, factor * high).padded(0.08),
+        x: PlotAxis::linear("", "", ValueRange { low: 0.0, high: 1.0 }),
+        y: PlotAxis::linear(name, unit, range).padded(0.08),
     };
     panel.draw_y_grid(canvas);
     let half = (0.3 * labels.box_pitch(area)).min(22.0);
@@ -125,13 +114,12 @@ fn draw_boxes(
         let position = |value: f64| panel.place(0.0, factor * value).1;
         draw_box(canvas, labels.middle(area, &row.condition), half, &row.statistics, position);
     }
-    canvas.frame(area, palette::INK);
-    panel.draw_y_labels(canvas);
+    panel.draw_stacked_frame(canvas, false);
     let label = format!("per {}", per.name());
-    canvas.text((area.left, area.top - 7.0), &label, Style::LABEL.anchored(Anchor::Start));
+    canvas.text((area.left, area.top - 7.0), &label, Style::START);
 }
 
-fn draw_box(canvas: &mut Canvas, x: f64, half: f64, s: &Statistics, position: impl Fn(f64) -> f64) {
+fn draw_box(canvas: &mut Figure, x: f64, half: f64, s: &Statistics, position: impl Fn(f64) -> f64) {
     let (left, right) = (x - half, x + half);
     let (q1, q3) = (position(s.q1), position(s.q3));
     for (end, quartile) in [(position(s.whisker_low), q1), (position(s.whisker_high), q3)] {
@@ -141,7 +129,7 @@ fn draw_box(canvas: &mut Canvas, x: f64, half: f64, s: &Statistics, position: im
     let outline =
         format!("M{}H{}V{}H{}Z", point(left, q1), number(right), number(q3), number(left));
     canvas.fill(&outline, FILL);
-    canvas.stroke(&outline, palette::INK, 1.0);
+    canvas.stroke(outline, palette::INK, Pen::Round(1.0));
     let median = position(s.median);
     canvas.line((left, median), (right, median), palette::INK, 2.0);
     draw_diamond(canvas, x, position(s.mean));

@@ -1,12 +1,9 @@
 //! Drag and lift against time.
 
-use super::super::panel::{BOTTOM_MARGIN, Panel};
-use super::super::scale::{PlotAxis, Spacing};
-use super::super::size::Size;
-use super::super::svg::Figure;
 use super::{
-    DASHED, LegendKey, PALE, Passage, SOLID, canvas, draw_legend, draw_lines, draw_title,
-    empty_figure, line, range_with_zero, smoothed, stride_s, top_below, wide_area,
+    BOTTOM_MARGIN, DASHED, Figure, LegendKey, PALE, Panel, Passage, PlotAxis, SOLID, Size,
+    ValueRange, draw_curves, draw_legend, empty_figure, line, range_with_zero, smoothed, stride_s,
+    titled, top_below, wide_area,
 };
 use trial::Trace;
 
@@ -15,7 +12,7 @@ const HEIGHT: f64 = 230.0;
 /// Draws drag (−Fx) and lift (Fz) in N against time in s, with the passage shaded: their means over a
 /// stride, and pale behind them all values. Without strides the values are all there is.
 pub fn drag_lift_figure(size: Size, title: &str, trace: &Trace, passage: &Passage) -> Figure {
-    let (Some(&first), Some(&last)) = (trace.t_s.first(), trace.t_s.last()) else {
+    let (Some(&low), Some(&high)) = (trace.t_s.first(), trace.t_s.last()) else {
         return empty_figure(size, title, "no rows");
     };
     let [fx, _, fz, ..] = &trace.wrench;
@@ -30,8 +27,7 @@ pub fn drag_lift_figure(size: Size, title: &str, trace: &Trace, passage: &Passag
     let means = width_s.map(|width_s| {
         [&drag, lift].map(|force| line(&trace.t_s, smoothed(&trace.t_s, force, width_s)))
     });
-    let (low, high) = range_with_zero(&raw);
-    let x = PlotAxis::new("time", "s", Spacing::Linear, first, last);
+    let x = PlotAxis::linear("time", "s", ValueRange { low, high });
     let mut keys = match &means {
         Some(_) => vec![
             LegendKey::Line("drag −Fx, stride mean", SOLID),
@@ -44,10 +40,9 @@ pub fn drag_lift_figure(size: Size, title: &str, trace: &Trace, passage: &Passag
     let panel = Panel {
         area: wide_area(size, top, HEIGHT),
         x,
-        y: PlotAxis::new("force", "N", Spacing::Linear, low, high).padded(0.06),
+        y: PlotAxis::linear("force", "N", range_with_zero(&raw)).padded(0.06),
     };
-    let mut canvas = canvas(size, top + HEIGHT + BOTTOM_MARGIN + 4.0);
-    draw_title(&mut canvas, title);
+    let mut canvas = titled(size, top + HEIGHT + BOTTOM_MARGIN + 4.0, title);
     passage.draw(&mut canvas, &panel);
     panel.draw_grid(&mut canvas);
     let [drag, lift] = &raw;
@@ -57,8 +52,8 @@ pub fn drag_lift_figure(size: Size, title: &str, trace: &Trace, passage: &Passag
         }
         None => vec![(lift, DASHED), (drag, SOLID)],
     };
-    draw_lines(&mut canvas, &panel, &lines);
+    draw_curves(&mut canvas, &panel, &lines);
     panel.draw_frame(&mut canvas);
     draw_legend(&mut canvas, panel.area, &keys);
-    canvas.finish()
+    canvas
 }

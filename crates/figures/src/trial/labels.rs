@@ -1,7 +1,7 @@
 //! What stands below the panels of box plots.
 
+use super::super::canvas::{Anchor, Figure, Rect, Style};
 use super::super::size::Size;
-use super::super::svg::{Anchor, Canvas, Rect, Style};
 use super::names::Names;
 use trial::ConditionRow;
 
@@ -52,7 +52,7 @@ impl<'a> BoxLabels<'a> {
     /// Below a panel: `is_last` in its column.
     pub(super) fn draw(
         &self,
-        canvas: &mut Canvas,
+        canvas: &mut Figure,
         area: Rect,
         boxes: &[&ConditionRow],
         is_last: bool,
@@ -65,7 +65,7 @@ impl<'a> BoxLabels<'a> {
         }
         if self.is_counted_once {
             let at = (area.left - 7.0, counts + 16.0);
-            canvas.text(at, "n", SMALL.anchored(Anchor::End));
+            canvas.text(at, "n", Style { anchor: Anchor::End, ..SMALL });
         }
         let names = match self.names.are_upright() {
             true if !is_last => return,

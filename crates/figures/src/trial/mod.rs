@@ -16,11 +16,12 @@ pub use shading::Passage;
 pub use stack::stack_figure;
 pub use window::window_figure;
 
-use super::palette;
-use super::panel::{LEFT_MARGIN, Panel};
+use super::canvas::{Figure, Pen, Rect, Style, number, point, text_width};
+use super::palette::{self, Colour};
+use super::panel::{self, BOTTOM_MARGIN, LEFT_MARGIN, Panel};
+use super::scale::{PlotAxis, ValueRange};
 use super::size::Size;
-use super::svg::{Anchor, Canvas, Figure, Rect, Style, text_width};
-use super::trace::TraceCurve;
+use super::trace::{TraceCurve, draw_curves};
 use shell_data::statistics::upper_median;
 use trial::Trace;
 
@@ -31,39 +32,22 @@ const TOP: f64 = 58.0;
 
 /// The area of a panel that is as wide as the figure allows.
 fn wide_area(size: Size, top: f64, height: f64) -> Rect {
-    let width = size.width(WIDTH) - LEFT_MARGIN - 24.0;
-    Rect { left: LEFT_MARGIN + 8.0, top, width, height }
+    panel::wide_area(size.width(WIDTH), top, height)
 }
 
-/// A canvas of this height.
-fn canvas(size: Size, height: f64) -> Canvas {
-    Canvas::sized(size, size.width(WIDTH), height)
+/// A figure of this height.
+fn titled(size: Size, height: f64, title: &str) -> Figure {
+    Figure::titled(size, size.width(WIDTH), height, title)
 }
 
 /// How a curve is drawn: colours alone would not do in grey.
-#[derive(Clone, Copy, Debug)]
-struct CurvePen {
-    colour: &'static str,
-    width: f64,
-    dashed: bool,
-}
+type CurvePen = (Colour, Pen);
 
-const SOLID: CurvePen = CurvePen { colour: palette::SERIES[0], width: 1.6, dashed: false };
+const SOLID: CurvePen = (palette::series(0), Pen::Round(1.6));
+const DASHED: CurvePen = (palette::series(1), Pen::Dashed(1.6));
 /// What is smoothed over, behind it.
-const PALE: [CurvePen; 2] = [
-    CurvePen { colour: "#9cc6e3", width: 0.8, dashed: false },
-    CurvePen { colour: "#f3c29d", width: 0.8, dashed: false },
-];
-const DASHED: CurvePen = CurvePen { colour: palette::SERIES[1], width: 1.6, dashed: true };
-
-impl CurvePen {
-    fn draw(self, canvas: &mut Canvas, path: &str) {
-        match self.dashed {
-            false => canvas.stroke(path, self.colour, self.width),
-            true => canvas.dashes(path, self.colour, self.width),
-        }
-    }
-}
+const PALE: [CurvePen; 2] =
+    [(Colour(0x9cc6e3), Pen::Round(0.8)), (Colour(0xf3c29d), Pen::Round(0.8))];
 
 /// A quantity over time, kept in as few points as draw the same line.
 fn line(time_s: &[f64], values: impl IntoIterator<Item = f64>) -> TraceCurve {
@@ -76,10 +60,9 @@ fn line(time_s: &[f64], values: impl IntoIterator<Item = f64>) -> TraceCurve {
 /// Means over `width_s` around each time, NaN where that is cut off; the times ascend.
 pub fn smoothed(time_s: &[f64], values: &[f64], width_s: f64) -> Vec<f64> {
     let mut sums = vec![0.0];
-    sums.extend(values.iter().scan(0.0, |sum, value| {
-        *sum += value;
-        Some(*sum)
-    }));
+    for (i, value) in values.iter().enumerate() {
+        sums.push(sums[i] + value);
+    }
     let (first, last) = (time_s[0], time_s[time_s.len() - 1]);
     let mean = |&middle: &f64| {
         if middle - first < 0.5 * width_s || last - middle < 0.5 * width_s {
@@ -100,27 +83,15 @@ pub fn stride_s(trace: &Trace) -> Option<f64> {
 }
 
 /// The smallest and the largest of all values, and zero.
-fn range_with_zero<'a>(lines: impl IntoIterator<Item = &'a TraceCurve>) -> (f64, f64) {
+fn range_with_zero<'a>(lines: impl IntoIterator<Item = &'a TraceCurve>) -> ValueRange {
     let values = lines.into_iter().flat_map(|line| line.points().map(|(_, value)| value));
-    values.fold((0.0, 0.0), |(low, high), value| (value.min(low), value.max(high)))
-}
-
-/// Draws curves in a panel over its zero line.
-fn draw_lines(canvas: &mut Canvas, panel: &Panel, lines: &[(&TraceCurve, CurvePen)]) {
-    let (_, zero) = panel.place(panel.x.range.0, 0.0);
-    let area = panel.area;
-    canvas.clipped(area, |canvas| {
-        canvas.line((area.left, zero), (area.right(), zero), palette::ZERO, 1.0);
-        for (line, pen) in lines {
-            pen.draw(canvas, &super::trace::path(panel, line));
-        }
-    });
+    ValueRange::over(values).including(0.0)
 }
 
 /// An entry of a legend.
 enum LegendKey<'a> {
     Line(&'a str, CurvePen),
-    Area(&'a str, &'static str),
+    Area(&'a str, Colour),
 }
 
 /// The keys of a legend in rows between `left` and `right`, each with where it begins; in one on a screen.
@@ -132,13 +103,16 @@ fn legend_rows<'a>(
     let (mut rows, mut next): (Vec<Vec<_>>, f64) = (Vec::new(), left);
     let room = if size == Size::Screen { f64::INFINITY } else { right };
     for key in keys {
-        let length = 36.0 + 0.92 * text_width(key.text(), Style::LABEL.size) + 6.0;
+        let (LegendKey::Line(text, _) | LegendKey::Area(text, _)) = key;
+        let length = 36.0 + 0.92 * text_width(text, Style::LABEL.size) + 6.0;
         // What follows a key is not in its way.
-        if rows.is_empty() || next + length - 6.0 > room {
-            rows.push(Vec::new());
-            next = left;
+        match rows.last_mut().filter(|_| next + length - 6.0 <= room) {
+            Some(row) => row.push((next, key)),
+            None => {
+                next = left;
+                rows.push(vec![(next, key)]);
+            }
         }
-        rows.last_mut().into_iter().for_each(|row| row.push((next, key)));
         next += length;
     }
     rows
@@ -153,7 +127,7 @@ fn top_below<'a>(size: Size, keys: impl IntoIterator<Item = &'a LegendKey<'a>>) 
 
 /// Draws a legend above a panel, from its left, in a row, or on paper in as many as it takes.
 fn draw_legend<'a>(
-    canvas: &mut Canvas,
+    canvas: &mut Figure,
     area: Rect,
     keys: impl IntoIterator<Item = &'a LegendKey<'a>>,
 ) {
@@ -168,41 +142,33 @@ fn draw_legend<'a>(
 const LEGEND_PITCH: f64 = 15.0;
 
 impl LegendKey<'_> {
-    fn text(&self) -> &str {
+    fn draw(&self, canvas: &mut Figure, left: f64, y: f64) {
         match self {
-            LegendKey::Line(text, _) | LegendKey::Area(text, _) => text,
-        }
-    }
-
-    fn draw(&self, canvas: &mut Canvas, left: f64, y: f64) {
-        match self {
-            LegendKey::Line(_, pen) => pen.draw(canvas, &format!("M{left} {y}h24")),
+            LegendKey::Line(_, (colour, pen)) => {
+                canvas.stroke(format!("M{left} {y}h24"), *colour, *pen);
+            }
             LegendKey::Area(_, colour) => {
                 let top = y - 5.0;
-                canvas.fill(&format!("M{left} {top}h24v10h-24Z"), colour);
+                canvas.fill(format!("M{left} {top}h24v10h-24Z"), *colour);
                 canvas.frame(Rect { left, top, width: 24.0, height: 10.0 }, palette::ZERO);
             }
         }
-        canvas.text((left + 30.0, y + 4.0), self.text(), Style::LABEL.anchored(Anchor::Start));
+        let (LegendKey::Line(text, _) | LegendKey::Area(text, _)) = self;
+        canvas.text((left + 30.0, y + 4.0), text, Style::START);
     }
-}
-
-fn draw_title(canvas: &mut Canvas, title: &str) {
-    canvas.text((16.0, 24.0), title, Style::TITLE.anchored(Anchor::Start));
 }
 
 /// A figure that says why there is nothing to see.
 fn empty_figure(size: Size, title: &str, reason: &str) -> Figure {
-    let mut canvas = canvas(size, TOP + 60.0);
-    draw_title(&mut canvas, title);
-    canvas.text((16.0, TOP + 12.0), reason, Style::LABEL.anchored(Anchor::Start));
-    canvas.finish()
+    let mut canvas = titled(size, TOP + 60.0, title);
+    canvas.text((16.0, TOP + 12.0), reason, Style::START);
+    canvas
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::canvas::Shape;
     use super::super::lettering;
-    use super::super::svg::DrawnShape;
     use super::*;
     use trial::{ConditionRow, Per, PhaseProfile, Quantity, ValueSample};
 
@@ -234,8 +200,9 @@ mod tests {
     fn a_passage_is_shaded_where_it_is() {
         let passage = Passage::new([1.0, 3.3], Some(0.18), 0.28);
         let svg = drag_lift_figure(Size::Screen, "t", &trace(), &passage);
-        let fills = |colour: &str| -> Vec<(f64, f64)> {
-            let rectangles = svg.svg().lines().filter(|line| line.contains(colour));
+        let svg = svg.svg();
+        let fills = |colour: Colour| -> Vec<(f64, f64)> {
+            let rectangles = svg.lines().filter(|line| line.contains(&colour.hex()));
             // "M<left> <top>V<bottom>H<right>V<top>Z", of the panel; legends draw with h and v.
             let of = |line: &str| {
                 let left = line.split("d=\"M").nth(1)?.split(' ').next()?.parse().ok()?;
@@ -304,7 +271,7 @@ mod tests {
         );
         // Each of the six values, and a point in the key.
         let is_point =
-            |line: &&str| line.starts_with("<circle") && line.contains(palette::SERIES[0]);
+            |line: &&str| line.starts_with("<circle") && line.contains(&palette::series(0).hex());
         assert_eq!(svg.lines().filter(is_point).count(), 7);
         // The axis runs over values from 1 to 30 with 8 % at both ends, 150 pixels high from 58 on.
         let y = |value: f64| 58.0 + 150.0 - 150.0 * (value - 1.0 + 0.08 * 29.0) / (1.16 * 29.0);
@@ -315,7 +282,7 @@ mod tests {
             statistics.whisker_low,
             statistics.whisker_high,
         ] {
-            let text = super::super::svg::number(y(value));
+            let text = super::super::canvas::number(y(value));
             assert!(
                 svg.contains(&format!(" {text}H")) || svg.contains(&format!("V{text}H")),
                 "{value} at {text}"
@@ -334,7 +301,7 @@ mod tests {
         let mut texts: Vec<(&String, tiny_skia::Rect)> = Vec::new();
         assert!((figure.width * pt - page).abs() < 1e-9, "{} {page}", figure.width * pt);
         for shape in &figure.shapes {
-            let DrawnShape::Text { at, text, style } = shape else { continue };
+            let Shape::Text { at, text, style, .. } = shape else { continue };
             // Half a hundredth: sizes are written with two decimals.
             assert!((4.995..=7.005).contains(&(style.size * pt)), "{text}: {} pt", style.size * pt);
             let Some((path, position)) = lettering::outline(text, *at, *style) else { continue };

@@ -1,8 +1,8 @@
 //! Names under what stands side by side: in a line where there is room, broken at their separators, or upright.
 
+use super::super::canvas::{Anchor, Figure, Style};
 use super::super::lettering;
 use super::super::size::Size;
-use super::super::svg::{Anchor, Canvas, Style};
 
 /// From one line to the next.
 const LINE: f64 = 12.0;
@@ -58,7 +58,7 @@ impl Names {
 
     /// Draws a name below an edge. What does not fit loses its middle, as names differ at their ends; a pointer
     /// over it shows it whole.
-    pub(super) fn draw(&self, canvas: &mut Canvas, (x, edge): (f64, f64), name: &str) {
+    pub(super) fn draw(&self, canvas: &mut Figure, (x, edge): (f64, f64), name: &str) {
         let lines = self.shortened(name);
         let title = (lines != self.broken(name)).then_some(name);
         for (i, line) in lines.iter().enumerate() {
@@ -69,7 +69,7 @@ impl Names {
                     (x + LINE * aside + 0.36 * self.style.size, edge + 7.0)
                 }
             };
-            canvas.text_with_title(at, line, title, self.style);
+            canvas.explained_text(at, (line, title), self.style);
         }
     }
 

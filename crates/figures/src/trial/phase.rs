@@ -2,14 +2,10 @@
 
 use std::f64::consts::{PI, TAU};
 
-use super::super::palette;
-use super::super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
-use super::super::scale::{PlotAxis, Spacing};
-use super::super::size::Size;
-use super::super::svg::{Anchor, Canvas, Figure, Rect, Style, point};
 use super::{
-    CurvePen, DASHED, LegendKey, SOLID, WIDTH, canvas, draw_legend, draw_title, empty_figure,
-    top_below, wide_area,
+    BOTTOM_MARGIN, CurvePen, DASHED, Figure, LEFT_MARGIN, LegendKey, Panel, PlotAxis, Rect, SOLID,
+    Size, Style, ValueRange, WIDTH, draw_legend, empty_figure, palette, point, titled, top_below,
+    wide_area,
 };
 use trial::{PhaseForce, PhaseProfile};
 
@@ -28,7 +24,7 @@ pub fn phase_figure(size: Size, title: &str, conditions: &[(String, PhaseProfile
         let both = force.mean_n.iter().zip(&force.sd_n);
         both.flat_map(|(mean, sd)| [mean - sd, mean + sd])
     });
-    let (low, high) = ends.fold((0.0_f64, 0.0_f64), |(low, high), v| (low.min(v), high.max(v)));
+    let range = ValueRange::over(ends).including(0.0);
     let rows = conditions.len() as f64;
     let keys = [
         LegendKey::Line("drag (−Fx), mean", SOLID),
@@ -36,15 +32,12 @@ pub fn phase_figure(size: Size, title: &str, conditions: &[(String, PhaseProfile
         LegendKey::Area("± 1 sd, stride to stride", palette::SPREAD),
     ];
     let top = top_below(size, &keys);
-    let mut canvas = canvas(size, top + 14.0 + PITCH * rows - 30.0 + BOTTOM_MARGIN + 4.0);
-    draw_title(&mut canvas, title);
+    let height = top + 14.0 + PITCH * rows - 30.0 + BOTTOM_MARGIN + 4.0;
+    let mut canvas = titled(size, height, title);
     let width = (size.width(WIDTH) - 2.0 * (LEFT_MARGIN + 8.0) - GAP - 16.0) / 2.0;
     for (row, (name, profile)) in conditions.iter().enumerate() {
-        for (column, (quantity, force, pen)) in
-            [("drag", &profile.drag, SOLID), ("lift", &profile.lift, DASHED)]
-                .into_iter()
-                .enumerate()
-        {
+        let columns = [("drag", &profile.drag, SOLID), ("lift", &profile.lift, DASHED)];
+        for (column, (quantity, force, pen)) in columns.into_iter().enumerate() {
             let area = Rect {
                 left: LEFT_MARGIN + 8.0 + (width + LEFT_MARGIN + GAP) * column as f64,
                 top: top + 14.0 + PITCH * row as f64,
@@ -53,25 +46,24 @@ pub fn phase_figure(size: Size, title: &str, conditions: &[(String, PhaseProfile
             };
             let panel = Panel {
                 area,
-                x: PlotAxis::new("right leg angle", "rad", Spacing::Linear, 0.0, TAU),
-                y: PlotAxis::new(quantity, "N", Spacing::Linear, low, high).padded(0.04),
+                x: PlotAxis::linear("right leg angle", "rad", ValueRange { low: 0.0, high: TAU }),
+                y: PlotAxis::linear(quantity, "N", range).padded(0.04),
             };
             draw_panel(&mut canvas, &panel, &profile.phase_rad, (force, pen));
             let label = format!("{name}: {} strides", profile.strides);
-            let style = Style::LABEL.anchored(Anchor::Start);
-            canvas.text((area.left, area.top - 6.0), &label, style);
+            canvas.text((area.left, area.top - 6.0), &label, Style::START);
             draw_turn(&mut canvas, &panel, row + 1 == conditions.len());
         }
     }
     draw_legend(&mut canvas, wide_area(size, top - 4.0, HEIGHT), &keys);
-    canvas.finish()
+    canvas
 }
 
 fn draw_panel(
-    canvas: &mut Canvas,
+    canvas: &mut Figure,
     panel: &Panel,
     phase_rad: &[f64],
-    (force, pen): (&PhaseForce, CurvePen),
+    (force, (colour, pen)): (&PhaseForce, CurvePen),
 ) {
     let placed = |sign: f64| -> Vec<String> {
         let values: Vec<f64> =
@@ -85,22 +77,19 @@ fn draw_panel(
     };
     let (below, mean, mut above) = (placed(-1.0), placed(0.0), placed(1.0));
     above.reverse();
-    let area = panel.area;
-    canvas.clipped(area, |canvas| {
-        canvas.fill(&format!("M{}L{}Z", below.join("L"), above.join("L")), palette::SPREAD);
-        let (_, zero) = panel.place(0.0, 0.0);
-        canvas.line((area.left, zero), (area.right(), zero), palette::ZERO, 1.0);
-        pen.draw(canvas, &format!("M{}", mean.join("L")));
+    canvas.clipped(panel.area, |canvas| {
+        canvas.fill(format!("M{}L{}Z", below.join("L"), above.join("L")), palette::SPREAD);
+        panel.draw_zero(canvas);
+        canvas.stroke(format!("M{}", mean.join("L")), colour, pen);
     });
-    canvas.frame(area, palette::INK);
-    panel.draw_y_labels(canvas);
+    panel.draw_stacked_frame(canvas, false);
 }
 
 /// Ticks at quarters of a turn.
-fn draw_turn(canvas: &mut Canvas, panel: &Panel, labelled: bool) {
+fn draw_turn(canvas: &mut Figure, panel: &Panel, labelled: bool) {
     let bottom = panel.area.bottom();
     for (quarter, label) in ["0", "π/2", "π", "3π/2", "2π"].into_iter().enumerate() {
-        let (x, _) = panel.place(0.5 * PI * quarter as f64, panel.y.range.0);
+        let (x, _) = panel.place(0.5 * PI * quarter as f64, 0.0);
         canvas.line((x, bottom), (x, bottom + 4.0), palette::INK, 1.0);
         if labelled {
             canvas.text((x, bottom + 16.0), label, Style::LABEL);

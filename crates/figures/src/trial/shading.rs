@@ -1,9 +1,6 @@
 //! When the robot gets in, is in, and gets out.
 
-use super::super::palette;
-use super::super::panel::Panel;
-use super::super::svg::{Canvas, number, point};
-use super::LegendKey;
+use super::{Colour, Figure, LegendKey, Panel, ValueRange, number, palette, point};
 
 /// The passage through a channel, s on the log's clock.
 ///
@@ -43,18 +40,16 @@ impl Passage {
     }
 
     /// Fills the stretches, under everything else.
-    pub(super) fn draw(&self, canvas: &mut Canvas, panel: &Panel) {
+    pub(super) fn draw(&self, canvas: &mut Figure, panel: &Panel) {
         let (partly, wholly) = self.stretches();
-        let mut fill = |[from, to]: [f64; 2], colour: &str| {
-            let (low, high) = panel.x.range;
+        let mut fill = |[from, to]: [f64; 2], colour: Colour| {
+            let ValueRange { low, high } = panel.x.range;
             let (from, to) = (from.max(low), to.min(high));
             if from < to {
-                let (left, _) = panel.place(from, panel.y.range.0);
-                let (right, _) = panel.place(to, panel.y.range.0);
-                let (top, bottom) = (number(panel.area.top), number(panel.area.bottom()));
-                let right = number(right);
-                let path = format!("M{}V{bottom}H{right}V{top}Z", point(left, panel.area.top));
-                canvas.fill(&path, colour);
+                let [left, right] = [from, to].map(|time_s| panel.place(time_s, 0.0).0);
+                let [right, top, bottom] = [right, panel.area.top, panel.area.bottom()].map(number);
+                let corner = point(left, panel.area.top);
+                canvas.fill(format!("M{corner}V{bottom}H{right}V{top}Z"), colour);
             }
         };
         partly.into_iter().for_each(|stretch| fill(stretch, palette::PARTLY_INSIDE));
@@ -62,7 +57,7 @@ impl Passage {
     }
 
     /// What a legend says of the shading between two times, s.
-    pub(super) fn keys(&self, (low, high): (f64, f64)) -> Vec<LegendKey<'static>> {
+    pub(super) fn keys(&self, ValueRange { low, high }: ValueRange) -> Vec<LegendKey<'static>> {
         let is_seen = |stretch: &[f64; 2]| stretch[0] < high && stretch[1] > low;
         let (partly, wholly) = self.stretches();
         let mut keys = Vec::new();

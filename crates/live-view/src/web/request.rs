@@ -3,43 +3,30 @@
 /// The longest head of a request, bytes: that of a browser has about one thousand.
 pub(super) const LONGEST: usize = 8192;
 
-/// What is answered to a request that is not obeyed.
+/// What is answered to a request that is not obeyed: the line of the status (RFC 9110), and what to say to people.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum HttpRefusal {
-    Malformed,
-    NoToken,
-    NotFound,
-    RequestMethod,
-    TooSlow,
-    Body,
-    Host,
-    TooLong,
-    Busy,
-    Version,
-}
+pub(super) struct HttpRefusal(pub(super) &'static str, pub(super) &'static str);
 
 impl HttpRefusal {
-    /// The line of the status (RFC 9110), and what to say to people.
-    pub(super) fn status(self) -> (&'static str, &'static str) {
-        match self {
-            Self::Malformed => ("400 Bad Request", "this is no request of HTTP 1.1"),
-            Self::NoToken => (
-                "403 Forbidden",
-                "the token is missing or is that of an earlier run: open the address as it was printed",
-            ),
-            Self::NotFound => ("404 Not Found", "there is no such page"),
-            Self::RequestMethod => ("405 Method Not Allowed", "pages are read, orders are posted"),
-            Self::TooSlow => ("408 Request Timeout", "the request took too long"),
-            Self::Body => ("413 Content Too Large", "no request has a body"),
-            Self::Host => (
-                "421 Misdirected Request",
-                "open the address as it was printed: by number, or as localhost",
-            ),
-            Self::TooLong => ("431 Request Header Fields Too Large", "the request is too long"),
-            Self::Busy => ("503 Service Unavailable", "too many connections or orders wait"),
-            Self::Version => ("505 HTTP Version Not Supported", "only HTTP 1.1 is spoken"),
-        }
-    }
+    pub(super) const MALFORMED: Self = Self("400 Bad Request", "this is no request of HTTP 1.1");
+    pub(super) const NO_TOKEN: Self = Self(
+        "403 Forbidden",
+        "the token is missing or is that of an earlier run: open the address as it was printed",
+    );
+    pub(super) const NOT_FOUND: Self = Self("404 Not Found", "there is no such page");
+    pub(super) const METHOD: Self =
+        Self("405 Method Not Allowed", "pages are read, orders are posted");
+    pub(super) const TOO_SLOW: Self = Self("408 Request Timeout", "the request took too long");
+    const BODY: Self = Self("413 Content Too Large", "no request has a body");
+    pub(super) const HOST: Self = Self(
+        "421 Misdirected Request",
+        "open the address as it was printed: by number, or as localhost",
+    );
+    pub(super) const TOO_LONG: Self =
+        Self("431 Request Header Fields Too Large", "the request is too long");
+    pub(super) const BUSY: Self =
+        Self("503 Service Unavailable", "too many connections or orders wait");
+    const VERSION: Self = Self("505 HTTP Version Not Supported", "only HTTP 1.1 is spoken");
 }
 
 /// How something is asked for.
@@ -68,43 +55,43 @@ pub(super) fn end_of_head(bytes: &[u8], from: usize) -> Option<usize> {
 
 /// Reads a whole head.
 pub(super) fn parse(head: &[u8]) -> Result<Request<'_>, HttpRefusal> {
-    let text = std::str::from_utf8(head).map_err(|_| HttpRefusal::Malformed)?;
-    let text = text.strip_suffix("\r\n\r\n").ok_or(HttpRefusal::Malformed)?;
+    let text = std::str::from_utf8(head).map_err(|_| HttpRefusal::MALFORMED)?;
+    let text = text.strip_suffix("\r\n\r\n").ok_or(HttpRefusal::MALFORMED)?;
     let mut lines = text.split("\r\n");
     let words: Vec<&str> = lines.next().unwrap_or_default().split(' ').collect();
-    let [method, target, version] = words[..] else { return Err(HttpRefusal::Malformed) };
+    let [method, target, version] = words[..] else { return Err(HttpRefusal::MALFORMED) };
     if !version.starts_with("HTTP/") || !target.starts_with('/') {
-        return Err(HttpRefusal::Malformed);
+        return Err(HttpRefusal::MALFORMED);
     }
     if version != "HTTP/1.1" {
-        return Err(HttpRefusal::Version);
+        return Err(HttpRefusal::VERSION);
     }
     let mut host = None;
     for line in lines {
-        let (name, value) = line.split_once(':').ok_or(HttpRefusal::Malformed)?;
+        let (name, value) = line.split_once(':').ok_or(HttpRefusal::MALFORMED)?;
         // A line that begins with a space would go on the one before, which no browser sends any more.
         if name.is_empty() || name.bytes().any(|byte| byte <= b' ' || byte >= 127) {
-            return Err(HttpRefusal::Malformed);
+            return Err(HttpRefusal::MALFORMED);
         }
         let value = value.trim_matches([' ', '\t']);
         if name.eq_ignore_ascii_case("host") {
             if host.replace(value).is_some() {
-                return Err(HttpRefusal::Malformed);
+                return Err(HttpRefusal::MALFORMED);
             }
         } else if name.eq_ignore_ascii_case("transfer-encoding")
             || name.eq_ignore_ascii_case("content-length") && value != "0"
         {
-            return Err(HttpRefusal::Body);
+            return Err(HttpRefusal::BODY);
         }
     }
     let method = match method {
         "GET" => RequestMethod::Get,
         "POST" => RequestMethod::Post,
-        _ => return Err(HttpRefusal::RequestMethod),
+        _ => return Err(HttpRefusal::METHOD),
     };
     let (path, query) = target.split_once('?').unwrap_or((target, ""));
     let token = query.split('&').find_map(|pair| pair.strip_prefix("token=")).unwrap_or_default();
-    Ok(Request { method, path, token, host: host.ok_or(HttpRefusal::Malformed)? })
+    Ok(Request { method, path, token, host: host.ok_or(HttpRefusal::MALFORMED)? })
 }
 
 #[cfg(test)]
@@ -145,15 +132,15 @@ mod tests {
             "GET / HTTP/1.1\r\nHost: a\r\nno colon\r\n\r\n",
             "GET / FTP/1.1\r\nHost: a\r\n\r\n",
         ] {
-            refused(head, HttpRefusal::Malformed);
+            refused(head, HttpRefusal::MALFORMED);
         }
-        assert_eq!(parse(b"GET /\xff HTTP/1.1\r\nHost: a\r\n\r\n"), Err(HttpRefusal::Malformed));
-        refused("GET / HTTP/2\r\nHost: a\r\n\r\n", HttpRefusal::Version);
-        refused("DELETE / HTTP/1.1\r\nHost: a\r\n\r\n", HttpRefusal::RequestMethod);
-        refused("POST / HTTP/1.1\r\nHost: a\r\nContent-Length: 5\r\n\r\n", HttpRefusal::Body);
+        assert_eq!(parse(b"GET /\xff HTTP/1.1\r\nHost: a\r\n\r\n"), Err(HttpRefusal::MALFORMED));
+        refused("GET / HTTP/2\r\nHost: a\r\n\r\n", HttpRefusal::VERSION);
+        refused("DELETE / HTTP/1.1\r\nHost: a\r\n\r\n", HttpRefusal::METHOD);
+        refused("POST / HTTP/1.1\r\nHost: a\r\nContent-Length: 5\r\n\r\n", HttpRefusal::BODY);
         refused(
             "POST / HTTP/1.1\r\nHost: a\r\nTransfer-Encoding: chunked\r\n\r\n",
-            HttpRefusal::Body,
+            HttpRefusal::BODY,
         );
     }
 

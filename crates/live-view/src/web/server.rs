@@ -1,7 +1,6 @@
 //! The server: a thread that accepts, and one for each connection.
 
 use std::collections::VecDeque;
-use std::fmt::Write as _;
 use std::io::{self, Read, Write};
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -9,7 +8,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use super::access::{is_host_ours, is_same};
-use super::request::{HttpRefusal, LONGEST, Request, RequestMethod, end_of_head, parse};
+use super::request::{HttpRefusal, LONGEST, RequestMethod, end_of_head, parse};
 use shell_data::lock::lock;
 
 /// Connections that may see something, at a time; a page needs one, and a second for a moment.
@@ -67,9 +66,8 @@ struct ServerState {
     event: Arc<str>,
     number: u64,
     connections: usize,
-    /// Connections without a request yet, the oldest first, by their numbers.
-    strangers: VecDeque<(u64, TcpStream)>,
-    strangers_seen: u64,
+    /// Connections without a request yet, the oldest first.
+    strangers: VecDeque<Arc<TcpStream>>,
     listeners: usize,
     orders: VecDeque<&'static str>,
     ended: bool,
@@ -111,14 +109,10 @@ impl Server {
 
     /// Makes a line of text the newest event.
     pub fn publish(&self, line: &str) {
-        let mut event = String::with_capacity(line.len() + 8);
         // A text of several lines is several lines of data.
-        line.lines().for_each(|line| {
-            let _ = writeln!(event, "data: {line}");
-        });
-        event.push('\n');
+        let data: String = line.lines().map(|line| format!("data: {line}\n")).collect();
         let mut state = self.shared.state();
-        (state.event, state.number) = (event.into(), state.number + 1);
+        (state.event, state.number) = ((data + "\n").into(), state.number + 1);
         self.shared.changed.notify_all();
     }
 
@@ -132,15 +126,8 @@ impl Server {
         let mut state = self.shared.state();
         state.ended = true;
         self.shared.changed.notify_all();
-        let deadline = Instant::now() + GOODBYE;
-        while state.listeners > 0 {
-            let left = deadline.saturating_duration_since(Instant::now());
-            if left.is_zero() {
-                break;
-            }
-            let waited = self.shared.changed.wait_timeout(state, left);
-            state = waited.unwrap_or_else(PoisonError::into_inner).0;
-        }
+        let is_listened_to = |state: &mut ServerState| state.listeners > 0;
+        drop(self.shared.changed.wait_timeout_while(state, GOODBYE, is_listened_to));
     }
 }
 
@@ -151,82 +138,109 @@ impl ServerShared {
     }
 
     /// Gives a connection a thread.
-    fn admit(self: &Arc<Self>, mut stream: TcpStream) {
+    fn admit(self: &Arc<Self>, stream: TcpStream) {
         // A connection without limits of time is none.
         if stream.set_write_timeout(Some(PATIENCE)).is_err() || stream.set_nodelay(true).is_err() {
             return;
         }
-        let Ok(stranger) = Stranger::admit(self, &stream) else { return };
+        let (shared, stream) = (Arc::clone(self), Arc::new(stream));
+        let place = self.take_in(&stream);
         let serve = move || {
-            let shared = Arc::clone(&stranger.shared);
             // A browser that has gone, as a rule: nobody is left to tell.
-            let _ = shared.serve(&mut stream, stranger);
+            let _ = shared.serve(&stream, place);
         };
         // Where there is no thread, the connection is closed, and the browser tries again.
         let _ = thread::Builder::new().name("browser".to_owned()).stack_size(STACK).spawn(serve);
     }
 
+    /// A place for a connection that has not sent the token yet. Where there are too many, the oldest is closed,
+    /// and its thread ends.
+    fn take_in(self: &Arc<Self>, stream: &Arc<TcpStream>) -> Place {
+        let mut state = self.state();
+        if state.strangers.len() >= STRANGERS
+            && let Some(oldest) = state.strangers.pop_front()
+        {
+            // Where it is closed already, so much the better.
+            let _ = oldest.shutdown(Shutdown::Both);
+        }
+        state.strangers.push_back(Arc::clone(stream));
+        let stream = Arc::clone(stream);
+        let leave = move |state: &mut ServerState| {
+            state.strangers.retain(|other| !Arc::ptr_eq(other, &stream));
+        };
+        Place { shared: Arc::clone(self), leave: Box::new(leave) }
+    }
+
+    /// A place among those that are counted, unless there are `most` already.
+    fn count(
+        self: &Arc<Self>,
+        count: fn(&mut ServerState) -> &mut usize,
+        most: usize,
+    ) -> Option<Place> {
+        let mut state = self.state();
+        let counted = count(&mut state);
+        if *counted >= most {
+            return None;
+        }
+        *counted += 1;
+        let leave = move |state: &mut ServerState| *count(state) -= 1;
+        Some(Place { shared: Arc::clone(self), leave: Box::new(leave) })
+    }
+
     /// Reads the request of a stranger, who is one until it is allowed, and answers it.
-    fn serve(self: &Arc<Self>, stream: &mut TcpStream, stranger: Stranger) -> io::Result<()> {
+    fn serve(self: &Arc<Self>, stream: &TcpStream, mut place: Place) -> io::Result<()> {
         let mut buffer = [0; LONGEST];
-        let request = match read_head(stream, &mut buffer) {
-            Ok(None) | Err(None) => return Ok(()),
-            Err(Some(refusal)) => Err(refusal),
-            Ok(Some(head)) => parse(head).and_then(|request| self.allow(request)),
-        };
-        let seat = || Counted::new(self, |state| &mut state.connections, CONNECTIONS);
-        let seat = request.is_ok().then(seat).flatten();
-        let answered = match (request, &seat) {
-            (Err(refusal), _) => Err(refusal),
-            (Ok(_), None) => Err(HttpRefusal::Busy),
-            (Ok(request), Some(_)) => {
-                drop(stranger);
-                self.answer(stream, &request)?
-            }
-        };
-        if let Err(refusal) = answered {
-            refuse(stream, refusal)?;
+        match self.answer(stream, &mut place, &mut buffer) {
+            Ok(()) => {}
+            Err(Some(refusal)) => refuse(stream, refusal)?,
+            Err(None) => return Ok(()),
         }
         close(stream, &mut buffer)
     }
 
-    fn allow<'a>(&self, request: Request<'a>) -> Result<Request<'a>, HttpRefusal> {
-        match () {
-            () if !is_host_ours(request.host) => Err(HttpRefusal::Host),
-            () if !is_same(request.token, &self.site.token) => Err(HttpRefusal::NoToken),
-            () => Ok(request),
-        }
-    }
-
+    /// The error is `None` where nobody is left to tell, or nothing was said.
     fn answer(
-        &self,
-        stream: &mut TcpStream,
-        request: &Request<'_>,
-    ) -> io::Result<Result<(), HttpRefusal>> {
+        self: &Arc<Self>,
+        stream: &TcpStream,
+        place: &mut Place,
+        buffer: &mut [u8; LONGEST],
+    ) -> Result<(), Option<HttpRefusal>> {
+        let request = parse(read_head(stream, buffer)?)?;
+        if !is_host_ours(request.host) {
+            return Err(Some(HttpRefusal::HOST));
+        }
+        if !is_same(request.token, &self.site.token) {
+            return Err(Some(HttpRefusal::NO_TOKEN));
+        }
+        *place =
+            self.count(|state| &mut state.connections, CONNECTIONS).ok_or(HttpRefusal::BUSY)?;
         let order = request.path.strip_prefix('/');
         let order = self.site.orders.iter().find(|&&known| Some(known) == order);
-        match (request.method, request.path, order) {
-            (RequestMethod::Get, "/", _) => self.send_page(stream)?,
-            (RequestMethod::Get, "/events", _) => self.send_events(stream)?,
+        let sent = match (request.method, request.path, order) {
+            (RequestMethod::Get, "/", _) => self.send_page(stream),
+            (RequestMethod::Get, "/events", _) => self.send_events(stream),
             (RequestMethod::Post, _, Some(order)) => {
-                {
-                    let mut state = self.state();
-                    if state.orders.len() >= ORDERS {
-                        return Ok(Err(HttpRefusal::Busy));
-                    }
-                    state.orders.push_back(order);
-                }
-                send_head(stream, "204 No Content", "")?;
+                self.take_order(order)?;
+                send_head(stream, "204 No Content", "")
             }
             (RequestMethod::Post, "/" | "/events", _) | (RequestMethod::Get, _, Some(_)) => {
-                return Ok(Err(HttpRefusal::RequestMethod));
+                return Err(Some(HttpRefusal::METHOD));
             }
-            _ => return Ok(Err(HttpRefusal::NotFound)),
-        }
-        Ok(Ok(()))
+            _ => return Err(Some(HttpRefusal::NOT_FOUND)),
+        };
+        sent.map_err(|_| None)
     }
 
-    fn send_page(&self, stream: &mut TcpStream) -> io::Result<()> {
+    fn take_order(&self, order: &'static str) -> Result<(), HttpRefusal> {
+        let mut state = self.state();
+        if state.orders.len() >= ORDERS {
+            return Err(HttpRefusal::BUSY);
+        }
+        state.orders.push_back(order);
+        Ok(())
+    }
+
+    fn send_page(&self, mut stream: &TcpStream) -> io::Result<()> {
         let Site { page, nonce, .. } = &self.site;
         let more = format!(
             "Content-Type: text/html; charset=utf-8\r\nContent-Length: {}\r\n\
@@ -238,13 +252,13 @@ impl ServerShared {
         stream.write_all(page.as_bytes())
     }
 
-    fn send_events(&self, stream: &mut TcpStream) -> io::Result<()> {
+    fn send_events(self: &Arc<Self>, mut stream: &TcpStream) -> io::Result<()> {
         send_head(stream, "200 OK", "Content-Type: text/event-stream\r\n")?;
         // How soon to come back after a connection was lost, ms.
         stream.write_all(b"retry: 500\n\n")?;
         // What has come before is old where nobody has listened.
         let mut seen = self.state().number;
-        let _listener = Counted::new(self, |state| &mut state.listeners, usize::MAX);
+        let _listener = self.count(|state| &mut state.listeners, usize::MAX);
         while let Some(event) = self.next_event(&mut seen) {
             stream.write_all(event.as_bytes())?;
         }
@@ -268,103 +282,56 @@ impl ServerShared {
     }
 }
 
-/// A connection that has not sent the token yet.
-struct Stranger {
+/// A place among the connections or the listeners, until it is dropped.
+struct Place {
     shared: Arc<ServerShared>,
-    number: u64,
+    leave: Box<dyn Fn(&mut ServerState) + Send>,
 }
 
-impl Stranger {
-    /// Takes a connection in; where there are too many, the oldest is closed, and its thread ends.
-    fn admit(shared: &Arc<ServerShared>, stream: &TcpStream) -> io::Result<Self> {
-        let stream = stream.try_clone()?;
-        let mut state = shared.state();
-        if state.strangers.len() >= STRANGERS
-            && let Some((_, oldest)) = state.strangers.pop_front()
-        {
-            // Where it is closed already, so much the better.
-            let _ = oldest.shutdown(Shutdown::Both);
-        }
-        state.strangers_seen += 1;
-        let number = state.strangers_seen;
-        state.strangers.push_back((number, stream));
-        Ok(Self { shared: Arc::clone(shared), number })
-    }
-}
-
-impl Drop for Stranger {
+impl Drop for Place {
     fn drop(&mut self) {
-        self.shared.state().strangers.retain(|(number, _)| *number != self.number);
-    }
-}
-
-/// Counts a connection or a listener until it is dropped.
-struct Counted<'a> {
-    shared: &'a ServerShared,
-    count: fn(&mut ServerState) -> &mut usize,
-}
-
-impl<'a> Counted<'a> {
-    /// Counts one more, unless there are `most` already.
-    fn new(
-        shared: &'a ServerShared,
-        count: fn(&mut ServerState) -> &mut usize,
-        most: usize,
-    ) -> Option<Self> {
-        let mut state = shared.state();
-        let counted = count(&mut state);
-        if *counted >= most {
-            return None;
-        }
-        *counted += 1;
-        Some(Self { shared, count })
-    }
-}
-
-impl Drop for Counted<'_> {
-    fn drop(&mut self) {
-        *(self.count)(&mut self.shared.state()) -= 1;
+        (self.leave)(&mut self.shared.state());
         self.shared.changed.notify_all();
     }
 }
 
-/// Reads up to the empty line; `None` where nothing was said. The error is `None` where the connection is gone.
+/// Reads up to the empty line. The error is `None` where the connection is gone, or nothing was said.
 fn read_head<'a>(
-    stream: &mut TcpStream,
+    mut stream: &TcpStream,
     buffer: &'a mut [u8; LONGEST],
-) -> Result<Option<&'a [u8]>, Option<HttpRefusal>> {
+) -> Result<&'a [u8], Option<HttpRefusal>> {
     let deadline = Instant::now() + PATIENCE;
     let mut length = 0;
     loop {
         let left = deadline.saturating_duration_since(Instant::now());
         if left.is_zero() {
-            return Err(Some(HttpRefusal::TooSlow));
+            return Err(Some(HttpRefusal::TOO_SLOW));
         }
         stream.set_read_timeout(Some(left)).map_err(|_| None)?;
         let looked_at = length;
         match stream.read(&mut buffer[length..]) {
-            Ok(0) if length == 0 => return Ok(None),
-            Ok(0) => return Err(Some(HttpRefusal::Malformed)),
+            Ok(0) if length == 0 => return Err(None),
+            Ok(0) => return Err(Some(HttpRefusal::MALFORMED)),
             Ok(count) => length += count,
-            Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
-            Err(error) if is_timeout(&error) => return Err(Some(HttpRefusal::TooSlow)),
-            Err(_) => return Err(None),
+            Err(error) => match error.kind() {
+                io::ErrorKind::Interrupted => continue,
+                io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut => {
+                    return Err(Some(HttpRefusal::TOO_SLOW));
+                }
+                _ => return Err(None),
+            },
         }
         if let Some(end) = end_of_head(&buffer[..length], looked_at) {
-            return Ok(Some(&buffer[..end]));
+            return Ok(&buffer[..end]);
         }
         if length == buffer.len() {
-            return Err(Some(HttpRefusal::TooLong));
+            return Err(Some(HttpRefusal::TOO_LONG));
         }
     }
 }
 
-fn is_timeout(error: &io::Error) -> bool {
-    matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut)
-}
-
 /// Nothing of it is kept anywhere, and the address, which has the token in it, is told to no other site.
-fn send_head(stream: &mut TcpStream, status: &str, more: &str) -> io::Result<()> {
+fn send_head(mut stream: &TcpStream, status: &str, more: &str) -> io::Result<()> {
     let head = format!(
         "HTTP/1.1 {status}\r\nConnection: close\r\nCache-Control: no-store\r\nReferrer-Policy: no-referrer\r\n\
          X-Content-Type-Options: nosniff\r\n{more}\r\n"
@@ -372,9 +339,9 @@ fn send_head(stream: &mut TcpStream, status: &str, more: &str) -> io::Result<()>
     stream.write_all(head.as_bytes())
 }
 
-fn refuse(stream: &mut TcpStream, refusal: HttpRefusal) -> io::Result<()> {
-    let (status, text) = refusal.status();
-    let allow = if refusal == HttpRefusal::RequestMethod { "Allow: GET, POST\r\n" } else { "" };
+fn refuse(mut stream: &TcpStream, refusal: HttpRefusal) -> io::Result<()> {
+    let HttpRefusal(status, text) = refusal;
+    let allow = if refusal == HttpRefusal::METHOD { "Allow: GET, POST\r\n" } else { "" };
     let length = text.len() + 1;
     let more =
         format!("{allow}Content-Type: text/plain; charset=utf-8\r\nContent-Length: {length}\r\n");
@@ -384,7 +351,7 @@ fn refuse(stream: &mut TcpStream, refusal: HttpRefusal) -> io::Result<()> {
 
 /// Says that nothing more comes, and takes what is still sent, for a moment: a connection that is closed
 /// before is reset, and what was answered may be lost.
-fn close(stream: &mut TcpStream, buffer: &mut [u8; LONGEST]) -> io::Result<()> {
+fn close(mut stream: &TcpStream, buffer: &mut [u8; LONGEST]) -> io::Result<()> {
     stream.shutdown(Shutdown::Write)?;
     stream.set_read_timeout(Some(Duration::from_millis(200)))?;
     for _ in 0..64 {

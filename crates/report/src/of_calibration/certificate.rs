@@ -2,16 +2,16 @@
 
 use std::fmt::Write;
 
-use super::super::markup::{TableCell, escape, table};
+use super::super::markup::{Column, escape, table};
 use super::super::page::page;
-use super::super::sections::calibration::{scales, sources_table};
+use super::super::sections::calibration::sources_table;
 use super::super::sections::parts::facts_table;
-use super::super::units::ColumnUnit;
+use super::super::units::{AxisUnits, ColumnUnit};
 use super::super::{CalibrationFacts, Heading};
-use super::{LOADS, loads};
+use super::loads;
 use calibration::validation::excitation::Excitation;
 use serde::{Serialize, Serializer};
-use shell_data::wrench::{Axes, Axis, PerAxis};
+use shell_data::wrench::{Axes, PerAxis};
 
 /// The coverage factor: 95 % of normal errors.
 const COVERAGE: f64 = 2.0;
@@ -110,53 +110,45 @@ impl Certificate<'_> {
             return "<p>The calibration file does not say which loads it was made from.</p>\n"
                 .into();
         };
-        let rows = loads(excitation, self.calibration.axes);
-        table("Loads of the calibration; outside them it is not valid", &LOADS, rows)
+        let columns = loads(excitation, self.calibration.axes);
+        table("Loads of the calibration; outside them it is not valid", &columns)
     }
 
     fn uncertainty(&self) -> String {
         let (combined, expanded) = (self.combined(), self.expanded());
-        let scales: [ColumnUnit; 2] = scales(|axis| vec![expanded[axis.index()]]);
-        let axes: Vec<Axis> = self.calibration.axes.iter().collect();
-        let names: Vec<String> =
-            axes.iter().map(|axis| scales[axis.index() / 3].name(axis.name())).collect();
-        let figures = |values: Option<PerAxis<f64>>| {
-            let value = |axis: &Axis| {
-                let value = values.map(|all| all[axis.index()]);
-                TableCell::Figure(scales[axis.index() / 3].value(value))
-            };
-            axes.iter().map(value).collect::<Vec<_>>()
-        };
-        let line = |name: &str, kind: &str, values: Option<PerAxis<f64>>, basis: &str| {
-            let mut row = vec![TableCell::from(name), TableCell::from(kind)];
-            row.extend(figures(values));
-            row.push(TableCell::Long(basis.to_owned()));
-            row
-        };
-        let contribution = |of: &Contribution| {
+        let units = AxisUnits::new(|axis| vec![expanded[axis.index()]]);
+        let mut lines = Vec::new();
+        for of in self.budget {
             let kind = match of.evaluation {
                 EvaluationType::TypeA => "A",
                 EvaluationType::TypeB => "B",
             };
             let part = if of.is_part { "of which " } else { "" };
-            line(&format!("{part}{}", of.source), kind, of.standard, &of.basis)
-        };
-        let mut rows: Vec<Vec<TableCell>> = self.budget.iter().map(contribution).collect();
-        let sum = "combined standard uncertainty";
-        rows.push(line(sum, "", Some(combined), "root of the sum of the squares"));
-        rows.push(line("expanded uncertainty, k = 2", "", Some(expanded), "95 % of normal errors"));
-        let mut header = vec!["standard uncertainty", "type"];
-        header.extend(names.iter().map(String::as_str));
-        header.push("from");
-        let mut html = table("Uncertainty budget of a single frame", &header, rows);
+            lines.push((format!("{part}{}", of.source), kind, of.standard, &*of.basis));
+        }
+        let sum = "combined standard uncertainty".to_owned();
+        lines.push((sum, "", Some(combined), "root of the sum of the squares"));
+        let whole = "expanded uncertainty, k = 2".to_owned();
+        lines.push((whole, "", Some(expanded), "95 % of normal errors"));
+        let mut columns = vec![
+            Column::text("standard uncertainty", lines.iter().map(|line| &line.0)),
+            Column::text("type", lines.iter().map(|line| line.1)),
+        ];
+        columns.extend(self.calibration.axes.iter().map(|axis| {
+            let unit = units.of(axis);
+            let values = lines.iter().map(|line| unit.value(line.2.map(|all| all[axis.index()])));
+            Column::numbers(&unit.name(axis.name()), values)
+        }));
+        columns.push(Column::long("from", lines.iter().map(|line| line.3)));
+        let mut html = table("Uncertainty budget of a single frame", &columns);
         let unknown: Vec<&str> =
             self.budget.iter().filter(|of| of.standard.is_none()).map(|of| of.source).collect();
         if !unknown.is_empty() {
             let unknown = unknown.join(", ");
-            let unknown = escape(&unknown);
             let _ = writeln!(
                 html,
-                "<p class=\"warning\"><strong>Not in the sum:</strong> {unknown}, of which nothing was stated.</p>"
+                "<p class=\"warning\"><strong>Not in the sum:</strong> {}, of which nothing was stated.</p>",
+                escape(&unknown)
             );
         }
         let _ = writeln!(html, "<p>{}</p>", escape(self.intervals));
@@ -167,23 +159,28 @@ impl Certificate<'_> {
         if self.weights.is_empty() {
             return String::new();
         }
-        let row = |of: &CheckedLoad, axis: Axis| {
-            let [stated, measured, allowed] =
-                [of.stated, of.measured, of.allowed].map(|values| values[axis.index()]);
-            let scale = ColumnUnit::new(axis.unit(), [stated, measured, allowed]);
-            let figures = [stated, measured, measured - stated, allowed];
-            let name = format!("{}: {}", of.group, of.load);
-            let mut row = vec![TableCell::Text(name), TableCell::from(axis.name())];
-            row.extend(figures.map(|x| TableCell::Figure(scale.value(Some(x)))));
-            row.push(TableCell::Text(scale.unit));
-            row.push(TableCell::from(if of.off.contains(axis) { "off" } else { "passes" }));
-            row
-        };
-        let header =
-            ["load", "axis", "stated", "measured", "difference", "allowed", "unit", "result"];
-        let axes = self.calibration.axes;
-        let rows = self.weights.iter().flat_map(|of| axes.iter().map(move |axis| row(of, axis)));
-        table("Known weights on the calibrated sensor", &header, rows)
+        let mut rows = Vec::new();
+        for of in self.weights {
+            for axis in self.calibration.axes.iter() {
+                let values = [of.stated, of.measured, of.allowed];
+                let [stated, measured, allowed] = values.map(|values| values[axis.index()]);
+                let scale = ColumnUnit::new(axis.unit(), [stated, measured, allowed]);
+                rows.push((of, axis, [stated, measured, measured - stated, allowed], scale));
+            }
+        }
+        let names = rows.iter().map(|(of, ..)| format!("{}: {}", of.group, of.load));
+        let mut columns = vec![
+            Column::text("load", names),
+            Column::text("axis", rows.iter().map(|(_, axis, ..)| axis.name())),
+        ];
+        for (at, name) in ["stated", "measured", "difference", "allowed"].into_iter().enumerate() {
+            let values = rows.iter().map(|(.., values, scale)| scale.value(Some(values[at])));
+            columns.push(Column::numbers(name, values));
+        }
+        let result = |of: &CheckedLoad, axis| if of.off.contains(axis) { "off" } else { "passes" };
+        columns.push(Column::text("unit", rows.iter().map(|(.., scale)| &scale.unit)));
+        columns.push(Column::text("result", rows.iter().map(|&(of, axis, ..)| result(of, axis))));
+        table("Known weights on the calibrated sensor", &columns)
     }
 
     fn origin(&self) -> String {

@@ -48,10 +48,7 @@ pub(super) fn limits(report: &CalibrationReport<'_>) -> Vec<String> {
              and a fit on more loads widens it.",
             facts.axes.iter().map(range).collect::<Vec<_>>().join(", ")
         ));
-        limits.extend(excitation.gaps(facts.axes).iter().map(|gap| {
-            let gap = gap.to_string();
-            format!("{gap}.")
-        }));
+        limits.extend(excitation.gaps(facts.axes).iter().map(|gap| format!("{gap}.")));
         let condition = excitation.condition.unwrap_or(f64::INFINITY);
         if condition > POOR_CONDITION {
             limits.push(format!(
@@ -81,19 +78,17 @@ pub(super) fn limits(report: &CalibrationReport<'_>) -> Vec<String> {
                 .to_owned(),
         );
     }
-    limits.push(
-        match facts.axes.iter().any(Axis::is_moment) {
-            true => {
-                "Moments are about the origin of the reference sensor that it was fitted with, x forward, y left, z \
-                 up; the shell was mounted as it was. Another point, another mounting or another sensor needs \
-                 another calibration."
-            }
-            false => {
-                "Forces are along the axes of the reference sensor that it was fitted with, x forward, y left, z up; \
-                 the shell was mounted as it was. Another mounting or another sensor needs another calibration."
-            }
+    let origin = match facts.axes.iter().any(Axis::is_moment) {
+        true => {
+            "Moments are about the origin of the reference sensor that it was fitted with, x forward, y left, z \
+             up; the shell was mounted as it was. Another point, another mounting or another sensor needs \
+             another calibration."
         }
-        .to_owned(),
-    );
+        false => {
+            "Forces are along the axes of the reference sensor that it was fitted with, x forward, y left, z up; \
+             the shell was mounted as it was. Another mounting or another sensor needs another calibration."
+        }
+    };
+    limits.push(origin.to_owned());
     limits
 }

@@ -10,13 +10,14 @@ pub use certificate::{Certificate, CheckedLoad, Contribution, EvaluationType};
 pub use content::CalibrationReport;
 use limits::limits;
 
-use super::markup::{TableCell, escape, figure, table};
+use super::markup::{Column, escape, figure, table};
 use super::page::page;
-use super::sections::calibration::{errors_table, scales, sources_table};
+use super::sections::calibration::{errors_table, sources_table};
 use super::sections::parts::{drawing, facts_table, folded};
+use super::units::{AxisUnits, axis_names};
 use calibration::fit::GroupErrors;
-use calibration::validation::excitation::Excitation;
-use calibration::validation::selection::{Candidate, Selection};
+use calibration::validation::excitation::{AxisExcitation, Excitation};
+use calibration::validation::selection::Selection;
 use shell_data::wrench::{Axes, Axis};
 
 /// Groups that are shown at once: those with the largest errors.
@@ -78,7 +79,7 @@ fn predicted(report: &CalibrationReport<'_>) -> String {
     };
     let axes = report.calibration.axes.iter();
     let alt = format!("{caption}. RMS: {}", axes.map(rms).collect::<Vec<_>>().join(", "));
-    drawing("predicted", report.figure.svg(), &alt, &caption)
+    drawing("predicted", &report.figure.svg(), &alt, &caption)
 }
 
 fn coverage(report: &CalibrationReport<'_>) -> String {
@@ -91,48 +92,36 @@ fn coverage(report: &CalibrationReport<'_>) -> String {
         format!("{} {} to {} {}", axis.name(), figure(of.min), figure(of.max), axis.unit())
     };
     let alt = format!("{caption}. {}", axes.iter().map(range).collect::<Vec<_>>().join(", "));
-    let html = drawing("loads", report.coverage.svg(), &alt, caption);
-    let mut header = LOADS.to_vec();
-    header.extend(["rows above zero (%)", "rows below zero (%)"]);
-    let row = |(axis, mut cells): (Axis, Vec<TableCell>)| {
-        let of = &excitation.axes[axis.index()];
-        let shares = [of.rows_positive, of.rows_negative];
-        cells.extend(shares.map(|share| TableCell::Figure(format!("{:.0}", 100.0 * share))));
-        cells
+    let html = drawing("loads", &report.coverage.svg(), &alt, caption);
+    let share = |name: &str, of: fn(&AxisExcitation) -> f64| {
+        let shares = axes.iter().map(|axis| of(&excitation.axes[axis.index()]));
+        Column::numbers(name, shares.map(|share| format!("{:.0}", 100.0 * share)))
     };
-    let rows = axes.iter().zip(loads(excitation, axes)).map(row);
-    let mut html = html + &table("Training loads", &header, rows);
-    let mut header = vec!["axis"];
-    header.extend(axes.iter().map(Axis::name));
-    let row = |axis: Axis| {
-        let mut row = vec![TableCell::from(axis.name())];
-        let with = axes.of(&excitation.correlation[axis.index()]);
-        row.extend(
-            with.iter()
-                .map(|value| TableCell::Figure(format!("{value:.2}").replace('-', "\u{2212}"))),
-        );
-        row
-    };
-    let rows: Vec<_> = axes.iter().map(row).collect();
-    let correlation = table("Correlation of training loads", &header, rows);
-    html += &folded("Which loads came together", &correlation);
-    html
+    let mut columns = loads(excitation, axes);
+    columns.push(share("rows above zero (%)", |of| of.rows_positive));
+    columns.push(share("rows below zero (%)", |of| of.rows_negative));
+    let training = table("Training loads", &columns);
+    let correlations = axes.iter().map(|with| {
+        let values = axes.iter().map(|axis| excitation.correlation[axis.index()][with.index()]);
+        let texts = values.map(|value| format!("{value:.2}").replace('-', "\u{2212}"));
+        Column::numbers(with.name(), texts)
+    });
+    let columns: Vec<_> = [axis_names(axes)].into_iter().chain(correlations).collect();
+    let correlation = table("Correlation of training loads", &columns);
+    html + &training + &folded("Which loads came together", &correlation)
 }
 
-/// The header of the table of [`loads`].
-const LOADS: [&str; 5] = ["axis", "least", "most", "RMS", "unit"];
-
-/// The cells of each axis on the loads of the training rows.
-fn loads(excitation: &Excitation, axes: Axes) -> impl Iterator<Item = Vec<TableCell>> {
+/// The axes, and the loads of the training rows on each.
+fn loads(excitation: &Excitation, axes: Axes) -> Vec<Column> {
     let range = |axis: Axis| &excitation.axes[axis.index()];
-    let scales = scales(|axis| vec![range(axis).min, range(axis).max]);
-    axes.iter().map(move |axis| {
-        let (of, scale) = (range(axis), &scales[axis.index() / 3]);
-        let mut cells = vec![TableCell::from(axis.name())];
-        cells.extend([of.min, of.max, of.rms].map(|x| TableCell::Figure(scale.value(Some(x)))));
-        cells.push(TableCell::Text(scale.unit.clone()));
-        cells
-    })
+    let units = AxisUnits::new(|axis| vec![range(axis).min, range(axis).max]);
+    vec![
+        axis_names(axes),
+        units.column("least", axes, |axis| Some(range(axis).min)),
+        units.column("most", axes, |axis| Some(range(axis).max)),
+        units.column("RMS", axes, |axis| Some(range(axis).rms)),
+        units.units(axes),
+    ]
 }
 
 /// The groups with the largest errors, and all of them, folded.
@@ -178,28 +167,28 @@ fn rms(group: &GroupErrors, axis: Axis) -> f64 {
 }
 
 fn group_table(caption: &str, groups: &[(&str, &GroupErrors)], axes: Axes) -> String {
-    let values = |of: fn(&GroupErrors, Axis) -> f64| {
-        scales(|axis| groups.iter().map(|(_, row)| of(row, axis)).collect())
+    let rows = || groups.iter().map(|(_, row)| *row);
+    let units = |of: fn(&GroupErrors, Axis) -> f64| {
+        AxisUnits::new(|axis| rows().map(|row| of(row, axis)).collect())
     };
-    let (errors, loads) = (values(rms), values(|row, axis| row.load[axis.index()]));
-    let name = |axis: Axis| errors[axis.index() / 3].name(axis.name());
-    let names: Vec<String> = axes.iter().map(name).collect();
-    let text = |(set, row): &(&str, &GroupErrors)| {
-        let error =
-            |axis: Axis| TableCell::Figure(errors[axis.index() / 3].value(Some(rms(row, axis))));
-        let load = |axis: Axis| loads[axis.index() / 3].value(Some(row.load[axis.index()]));
-        let mut cells =
-            vec![TableCell::Text((*set).to_owned()), TableCell::Text(row.label.clone())];
-        cells.push(TableCell::from(row.rows));
-        cells.extend(axes.iter().map(error));
-        cells.push(TableCell::Text(axes.iter().map(load).collect::<Vec<_>>().join(" ")));
-        cells
+    let (errors, loads) = (units(rms), units(|row, axis| row.load[axis.index()]));
+    let load = |row: &GroupErrors| {
+        let values = axes.iter().map(|axis| loads.of(axis).value(Some(row.load[axis.index()])));
+        values.collect::<Vec<_>>().join(" ")
     };
-    let load = format!("mean load ({}; {})", loads[0].unit, loads[1].unit);
-    let mut header = vec!["data", "group", "rows"];
-    header.extend(names.iter().map(String::as_str));
-    header.push(&load);
-    table(caption, &header, groups.iter().map(text))
+    let mut columns = vec![
+        Column::text("data", groups.iter().map(|(set, _)| set)),
+        Column::text("group", rows().map(|row| &row.label)),
+        Column::numbers("rows", rows().map(|row| row.rows)),
+    ];
+    columns.extend(axes.iter().map(|axis| {
+        let unit = errors.of(axis);
+        let values = rows().map(|row| unit.value(Some(rms(row, axis))));
+        Column::numbers(&unit.name(axis.name()), values)
+    }));
+    let [force, moment] = [Axis::Fx, Axis::Mx].map(|axis| &loads.of(axis).unit);
+    columns.push(Column::text(&format!("mean load ({force}; {moment})"), rows().map(load)));
+    table(caption, &columns)
 }
 
 fn model(report: &CalibrationReport<'_>) -> String {
@@ -212,25 +201,23 @@ fn model(report: &CalibrationReport<'_>) -> String {
 }
 
 fn compared(selection: &Selection) -> String {
-    let header =
-        ["model", "features", "ridge", "squared error of the variance", "± standard error", "note"];
-    let row = |(at, candidate): (usize, &Candidate)| {
-        let mark = match at {
-            at if at == selection.chosen => "chosen",
-            at if at == selection.best => "best",
-            _ => "",
-        };
-        vec![
-            TableCell::from(candidate.basis.name()),
-            TableCell::from(candidate.features as u64),
-            TableCell::from(candidate.ridge),
-            TableCell::from(candidate.errors.map(|errors| errors.score)),
-            TableCell::from(candidate.errors.map(|errors| errors.standard_error)),
-            TableCell::from(mark),
-        ]
+    let candidates = || selection.candidates.iter();
+    let score = candidates().map(|candidate| candidate.errors.map(|errors| errors.score));
+    let error = candidates().map(|candidate| candidate.errors.map(|errors| errors.standard_error));
+    let note = |at| match at {
+        at if at == selection.chosen => "chosen",
+        at if at == selection.best => "best",
+        _ => "",
     };
-    let rows = selection.candidates.iter().enumerate().map(row);
-    table("Errors on groups that were held out", &header, rows)
+    let columns = [
+        Column::text("model", candidates().map(|candidate| candidate.basis.name())),
+        Column::numbers("features", candidates().map(|candidate| candidate.features)),
+        Column::figures("ridge", candidates().map(|candidate| candidate.ridge)),
+        Column::figures("squared error of the variance", score),
+        Column::figures("± standard error", error),
+        Column::text("note", (0..candidates().len()).map(note)),
+    ];
+    table("Errors on groups that were held out", &columns)
 }
 
 fn outliers(report: &CalibrationReport<'_>) -> String {

@@ -1,11 +1,11 @@
 //! What converted the readings.
 
-use super::super::markup::{TableCell, long, table};
-use super::super::units::ColumnUnit;
-use super::super::{CalibrationFacts, CalibrationSource, Report};
+use super::super::markup::{Column, table};
+use super::super::units::{AxisUnits, axis_names};
+use super::super::{CalibrationFacts, Report};
 use super::parts::facts_table;
 use calibration::quality::AxisQuality;
-use shell_data::wrench::{Axis, PerAxis};
+use shell_data::wrench::PerAxis;
 
 pub(super) fn calibration(report: &Report<'_>) -> String {
     let Some(calibration) = &report.calibration else { return String::new() };
@@ -16,51 +16,42 @@ pub(super) fn calibration(report: &Report<'_>) -> String {
 
 /// What a calibration was made from.
 pub(crate) fn sources_table(calibration: &CalibrationFacts<'_>) -> String {
-    if calibration.sources.is_empty() {
+    let sources = &calibration.sources;
+    if sources.is_empty() {
         return String::new();
     }
-    let header = ["used to", "file", "rows", "checksum"];
-    let row = |of: &CalibrationSource| {
-        let checksum = long(of.checksum.as_deref().unwrap_or_default());
-        vec![of.role.into(), of.path.as_str().into(), of.rows.into(), checksum]
-    };
-    let rows = calibration.sources.iter().map(row);
-    table("What the calibration was made from", &header, rows)
+    let columns = [
+        Column::text("used to", sources.iter().map(|of| of.role)),
+        Column::text("file", sources.iter().map(|of| &of.path)),
+        Column::numbers("rows", sources.iter().map(|of| of.rows)),
+        Column::long("checksum", sources.iter().map(|of| of.checksum.as_deref().unwrap_or(""))),
+    ];
+    table("What the calibration was made from", &columns)
 }
 
 /// The errors of each axis on training data, on groups that were held out, and on test data, as far as they
 /// are known; forces in one unit, moments in another.
 pub(crate) fn errors_table(calibration: &CalibrationFacts<'_>) -> String {
-    let mut columns: Vec<(&str, PerAxis<Option<f64>>)> = Vec::new();
+    let mut errors: Vec<(&str, PerAxis<Option<f64>>)> = Vec::new();
     let rms = |axes: &PerAxis<AxisQuality>| axes.map(|axis| Some(axis.rms));
-    columns.extend(calibration.train.map(|train| ("RMS, training", rms(train))));
+    errors.extend(calibration.train.map(|train| ("RMS, training", rms(train))));
     let held_out = calibration.cross_validation.map(|of| of.grouped.map(|axis| Some(axis.rms)));
-    columns.extend(held_out.map(|held_out| ("RMS, held out", held_out)));
-    columns.extend(calibration.test.map(|test| ("RMS, test", rms(test))));
+    errors.extend(held_out.map(|held_out| ("RMS, held out", held_out)));
+    errors.extend(calibration.test.map(|test| ("RMS, test", rms(test))));
     let Some(on) = calibration.test.or(calibration.train) else { return String::new() };
-    columns.push(("largest", on.map(|axis| axis.max)));
-    columns.push(("bias", on.map(|axis| Some(axis.bias))));
-    let scales = scales(|axis| columns.iter().filter_map(|(_, of)| of[axis.index()]).collect());
-    let mut header = vec!["axis"];
-    header.extend(columns.iter().map(|(name, _)| *name));
-    header.extend(["R²", "unit"]);
-    let row = |axis: Axis| {
-        let scale = &scales[axis.index() / 3];
-        let mut row = vec![TableCell::from(axis.name())];
-        row.extend(columns.iter().map(|(_, of)| TableCell::Figure(scale.value(of[axis.index()]))));
-        row.push(TableCell::from(on[axis.index()].r_squared));
-        row.push(TableCell::Text(scale.unit.clone()));
-        row
-    };
+    errors.push(("largest", on.map(|axis| axis.max)));
+    errors.push(("bias", on.map(|axis| Some(axis.bias))));
+    let axes = calibration.axes;
+    let units =
+        AxisUnits::new(|axis| errors.iter().filter_map(|(_, of)| of[axis.index()]).collect());
+    let mut columns = vec![axis_names(axes)];
+    columns
+        .extend(errors.iter().map(|(name, of)| units.column(name, axes, |axis| of[axis.index()])));
+    columns.push(Column::figures("R²", axes.iter().map(|axis| on[axis.index()].r_squared)));
+    columns.push(units.units(axes));
     let of = if calibration.test.is_some() { "test" } else { "training" };
     let caption = format!(
         "Errors, predicted less measured; largest error, bias and R² are those of the {of} data"
     );
-    table(&caption, &header, calibration.axes.iter().map(row))
-}
-
-/// The unit of forces and that of moments that suit some figures.
-pub(crate) fn scales(of: impl Fn(Axis) -> Vec<f64>) -> [ColumnUnit; 2] {
-    [&Axis::ALL[..3], &Axis::ALL[3..]]
-        .map(|axes| ColumnUnit::new(axes[0].unit(), axes.iter().flat_map(|&axis| of(axis))))
+    table(&caption, &columns)
 }

@@ -3,17 +3,32 @@
 use std::fmt::Write;
 
 use super::super::Report;
-use super::super::markup::{TableCell, escape, table};
+use super::super::markup::{Column, escape, table};
 use super::super::numbers::{EffectPlot, ReportNumbers};
 use super::super::units::ColumnUnit;
 use super::parts::{capital, plot_figure};
-use trial::{ConditionRow, Interval, MeanDifference, Quantity};
+use trial::{ConditionRow, Interval, Per, Quantity};
+
+/// A quantity over trials, by condition, in the unit that suits its means.
+struct Compared<'a> {
+    quantity: Quantity,
+    rows: Vec<&'a ConditionRow>,
+    scale: ColumnUnit,
+}
+
+impl<'a> Compared<'a> {
+    /// `None` where no trial has the quantity.
+    fn new(report: &'a Report<'_>, quantity: Quantity) -> Option<Self> {
+        let rows = report.of(quantity, Per::Trial);
+        let scale = ColumnUnit::new(quantity.unit(), rows.iter().map(|row| row.statistics.mean));
+        (!rows.is_empty()).then_some(Self { quantity, rows, scale })
+    }
+}
 
 pub(super) fn effect(report: &Report<'_>, numbers: &ReportNumbers) -> String {
-    let rows = |quantity: Quantity| report.of_trials(quantity);
-    let quantities: Vec<Quantity> =
-        Quantity::COMPARED.into_iter().filter(|&quantity| !rows(quantity).is_empty()).collect();
-    let all = || quantities.iter().flat_map(|&quantity| rows(quantity));
+    let compared = Quantity::COMPARED.into_iter().filter_map(|of| Compared::new(report, of));
+    let compared: Vec<Compared<'_>> = compared.collect();
+    let all = || compared.iter().flat_map(|of| &of.rows);
     let mut names: Vec<&str> = Vec::new();
     for row in all() {
         if !names.contains(&row.condition.as_str()) {
@@ -23,57 +38,39 @@ pub(super) fn effect(report: &Report<'_>, numbers: &ReportNumbers) -> String {
     if names.is_empty() {
         return String::new();
     }
-    let reference = report.conditions.iter().find_map(|row| row.difference.as_ref());
     let mut html = String::new();
-    if let Some(reference) = reference {
-        html += &answers(&quantities, report, reference);
+    if let Some(reference) = report.reference() {
+        html += &answers(&compared, reference);
     }
     for (at, plot) in numbers.effects.iter().enumerate() {
         html += &plot_figure(&format!("effect-{at}"), " effect", &alt(plot), &caption(plot));
     }
-    let mut header = vec!["condition".to_owned(), "trials".to_owned()];
-    let mut columns: Vec<Vec<String>> = Vec::new();
-    for &quantity in &quantities {
-        let rows = rows(quantity);
-        let scale = scale_of(&rows, quantity);
-        let of = |name: &str| rows.iter().find(|row| row.condition == name);
-        header.push(scale.name(quantity.name()));
-        let mean = |name: &&str| {
-            let of = of(name).map(|row| &row.statistics);
-            scale.estimate(of.map(|of| of.mean), of.and_then(|of| of.mean_95))
+    let trials = |name: &&str| {
+        all().filter(|row| row.condition == *name).map(|row| row.statistics.n).max().unwrap_or(0)
+    };
+    let mut columns = vec![
+        Column::text("condition", &names),
+        Column::numbers("trials", names.iter().map(trials)),
+    ];
+    for Compared { quantity, rows, scale } in &compared {
+        let cells = |text: fn(&ColumnUnit, &ConditionRow) -> String| {
+            let of = |name: &&str| rows.iter().find(|row| row.condition == *name);
+            let cells = names.iter().map(move |name| of(name).map(|row| text(scale, row)));
+            cells.map(|cell| cell.unwrap_or_else(|| "–".to_owned())).collect::<Vec<_>>()
         };
-        columns.push(names.iter().map(mean).collect());
-        if let Some(reference) = reference {
-            header.push(format!("difference from {}", reference.reference));
-            let less = |name: &&str| {
-                let less = of(name).and_then(|row| row.difference.as_ref());
-                scale.estimate(less.map(|less| less.mean), less.and_then(|less| less.mean_95))
-            };
-            columns.push(names.iter().map(less).collect());
+        columns.push(Column::numbers(&scale.name(quantity.name()), cells(ColumnUnit::mean)));
+        if let Some(reference) = report.reference() {
+            let name = format!("difference from {reference}");
+            columns.push(Column::numbers(&name, cells(ColumnUnit::difference)));
         }
     }
-    let trials = |name: &str| {
-        all().filter(|row| row.condition == name).map(|row| row.statistics.n as u64).max()
-    };
-    let cells = names.iter().enumerate().map(|(at, name)| {
-        let mut row =
-            vec![TableCell::Text((*name).to_owned()), TableCell::from(trials(name).unwrap_or(0))];
-        row.extend(columns.iter().map(|column| TableCell::Figure(column[at].clone())));
-        row
-    });
-    html + &table("Mean per trial, with the half width of its 95 % interval", &header, cells)
-}
-
-fn scale_of(rows: &[&ConditionRow], quantity: Quantity) -> ColumnUnit {
-    ColumnUnit::new(quantity.unit(), rows.iter().map(|row| row.statistics.mean))
+    html + &table("Mean per trial, with the half width of its 95 % interval", &columns)
 }
 
 /// A sentence for every quantity: how conditions differ from the reference.
-fn answers(quantities: &[Quantity], report: &Report<'_>, reference: &MeanDifference) -> String {
+fn answers(compared: &[Compared<'_>], reference: &str) -> String {
     let mut html = String::new();
-    for &quantity in quantities {
-        let rows = report.of_trials(quantity);
-        let scale = scale_of(&rows, quantity);
+    for Compared { quantity, rows, scale } in compared {
         if rows.iter().all(|row| row.difference.is_none()) {
             continue;
         }
@@ -89,7 +86,7 @@ fn answers(quantities: &[Quantity], report: &Report<'_>, reference: &MeanDiffere
             format!("<strong>{}</strong> by {by}{unit}{}", escape(condition), scale.unit)
         };
         let _ = write!(html, "<p>{} per trial ", capital(quantity.name()));
-        let from = escape(&reference.reference);
+        let from = escape(reference);
         if known.is_empty() {
             let _ = writeln!(
                 html,

@@ -14,10 +14,10 @@ use effect::effect;
 use parts::facts_table;
 use trials::trials;
 
-use super::markup::{escape, long, table};
+use super::Report;
+use super::markup::{Column, escape, table};
 use super::numbers::ReportNumbers;
 use super::page::PageSection;
-use super::{Input, Report};
 use trial::Severity;
 
 /// All of them, from top to bottom.
@@ -100,14 +100,14 @@ fn doubtful(report: &Report<'_>) -> String {
 
 fn origin(report: &Report<'_>) -> String {
     let mut html = format!("<pre><code>{}</code></pre>\n", escape(report.heading.command));
-    let settings: Vec<_> =
-        report.settings.iter().map(|(name, value)| (name.as_str(), value.clone())).collect();
-    if !settings.is_empty() {
-        html += &facts_table("Settings", &settings);
+    if !report.settings.is_empty() {
+        html += &facts_table("Settings", report.settings);
     }
-    let header = ["used as", "file", "bytes", "checksum"];
-    let rows = report.inputs.iter().map(|Input { role, path, bytes, checksum }| {
-        vec![role.as_str().into(), path.as_str().into(), (*bytes).into(), long(checksum)]
-    });
-    html + &table("What went in", &header, rows)
+    let columns = [
+        Column::text("used as", report.inputs.iter().map(|input| &input.role)),
+        Column::text("file", report.inputs.iter().map(|input| &input.path)),
+        Column::numbers("bytes", report.inputs.iter().map(|input| input.bytes)),
+        Column::long("checksum", report.inputs.iter().map(|input| &input.checksum)),
+    ];
+    html + &table("What went in", &columns)
 }

@@ -1,10 +1,11 @@
 //! Tables, figures and numbers that several sections have.
 
-use super::super::markup::{TableCell, escape, long, table};
+use super::super::markup::{Column, escape, table};
 
-pub(crate) fn facts_table(caption: &str, facts: &[(&str, String)]) -> String {
-    let rows = facts.iter().map(|(name, value)| vec![TableCell::from(*name), long(value)]);
-    table(caption, &["what", "value"], rows)
+pub(crate) fn facts_table<N: ToString>(caption: &str, facts: &[(N, String)]) -> String {
+    let names = facts.iter().map(|(name, _)| name.to_string());
+    let values = facts.iter().map(|(_, value)| value);
+    table(caption, &[Column::text("what", names), Column::long("value", values)])
 }
 
 pub(super) fn plot_figure(id: &str, class: &str, alt: &str, caption: &str) -> String {

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::super::markup::{TableCell, escape, figure, table};
+use super::super::markup::{Column, escape, figure, table};
 use super::super::numbers::{ReportNumbers, TrialPlot};
 use super::super::units::ColumnUnit;
 use super::super::{MOST_TRACES, Report};
@@ -72,80 +72,49 @@ fn trial_plots(at: usize, row: &TrialRow, plot: &TrialPlot) -> String {
 
 /// What answers, and, folded, what it was computed from. Every column has the unit that suits it.
 fn trial_tables(trials: &[TrialResult]) -> String {
-    let scale = |unit: &str, value: fn(&TrialRow) -> Option<f64>| {
-        ColumnUnit::new(unit, trials.iter().filter_map(|trial| value(&trial.row)))
-    };
-    let drag = scale("N", |row| row.drag_mean_n);
-    let lift = scale("N", |row| row.lift_mean_n);
-    let energy = scale("J", |row| row.drag_energy_j);
-    let electrical = scale("J", |row| row.electrical_energy_j);
-    let names = [
-        drag.name("drag"),
-        lift.name("lift"),
-        energy.name("drag energy"),
-        electrical.name("electrical energy"),
+    let rows = || trials.iter().map(|trial| &trial.row);
+    let energies = rows().filter_map(|row| row.drag_energy_j);
+    let energy = ColumnUnit::new("J", energies);
+    let estimate = |row: &TrialRow| energy.estimate(row.drag_energy_j, row.drag_energy_95_j);
+    let results = [
+        Column::text("log", rows().map(|row| &row.file)),
+        Column::text("condition", rows().map(|row| &row.condition)),
+        Column::measured("drag", "N", rows().map(|row| row.drag_mean_n)),
+        Column::measured("lift", "N", rows().map(|row| row.lift_mean_n)),
+        Column::numbers(&energy.name("drag energy"), rows().map(estimate)),
+        Column::measured("electrical energy", "J", rows().map(|row| row.electrical_energy_j)),
+        Column::figures("specific resistance", rows().map(|row| row.specific_resistance)),
     ];
-    let mut header = vec!["log", "condition"];
-    header.extend(names.iter().map(String::as_str));
-    header.push("specific resistance");
-    let results = |TrialResult { row, .. }: &TrialResult| {
-        vec![
-            TableCell::Text(row.file.clone()),
-            TableCell::Text(row.condition.clone()),
-            TableCell::Figure(drag.value(row.drag_mean_n)),
-            TableCell::Figure(lift.value(row.lift_mean_n)),
-            TableCell::Figure(energy.estimate(row.drag_energy_j, row.drag_energy_95_j)),
-            TableCell::Figure(electrical.value(row.electrical_energy_j)),
-            TableCell::from(row.specific_resistance),
-        ]
-    };
-    let rows = trials.iter().map(results);
-    let html = table("One row for each trial", &header, rows);
-    let header = ["log", "entry (s)", "exit (s)", "speed (m/s)", "strides", "strides/s"];
-    let times = |TrialResult { row, .. }: &TrialResult| {
-        vec![
-            TableCell::Text(row.file.clone()),
-            TableCell::from(row.t_enter_s),
-            TableCell::from(row.t_exit_s),
-            TableCell::from(row.velocity_m_s),
-            TableCell::Figure(row.strides.map_or("–".to_owned(), |strides| strides.to_string())),
-            TableCell::from(row.stride_frequency_hz),
-        ]
-    };
-    let rows = trials.iter().map(times);
+    let html = table("One row for each trial", &results);
+    let strides = |row: &TrialRow| row.strides.map_or("–".to_owned(), |count| count.to_string());
+    let times = [
+        Column::text("log", rows().map(|row| &row.file)),
+        Column::figures("entry (s)", rows().map(|row| row.t_enter_s)),
+        Column::figures("exit (s)", rows().map(|row| row.t_exit_s)),
+        Column::figures("speed (m/s)", rows().map(|row| row.velocity_m_s)),
+        Column::numbers("strides", rows().map(strides)),
+        Column::figures("strides/s", rows().map(|row| row.stride_frequency_hz)),
+    ];
     let caption = "Times, speed and strides of each trial";
-    html + &folded(caption, &table(caption, &header, rows))
+    html + &folded(caption, &table(caption, &times))
 }
 
-fn strides(strides: &[StrideRow]) -> String {
-    if strides.is_empty() {
+fn strides(rows: &[StrideRow]) -> String {
+    if rows.is_empty() {
         return String::new();
     }
-    let energy = ColumnUnit::new("J", strides.iter().filter_map(|row| row.drag_energy_j));
-    let electrical = ColumnUnit::new("J", strides.iter().filter_map(|row| row.electrical_energy_j));
-    let names = [energy.name("drag energy"), electrical.name("electrical energy")];
-    let header = [
-        "stride",
-        "start (s)",
-        "end (s)",
-        "drag (N)",
-        "lift (N)",
-        &names[0],
-        &names[1],
-        "specific resistance",
+    let time = |time_s: f64| format!("{time_s:.4}");
+    let rows = rows.iter();
+    let columns = [
+        Column::numbers("stride", rows.clone().map(|row| row.stride)),
+        Column::numbers("start (s)", rows.clone().map(|row| time(row.t_start_s))),
+        Column::numbers("end (s)", rows.clone().map(|row| time(row.t_end_s))),
+        Column::figures("drag (N)", rows.clone().map(|row| row.drag_mean_n)),
+        Column::figures("lift (N)", rows.clone().map(|row| row.lift_mean_n)),
+        Column::measured("drag energy", "J", rows.clone().map(|row| row.drag_energy_j)),
+        Column::measured("electrical energy", "J", rows.clone().map(|row| row.electrical_energy_j)),
+        Column::figures("specific resistance", rows.clone().map(|row| row.specific_resistance)),
     ];
-    let rows = strides.iter().map(|row| {
-        vec![
-            TableCell::from(row.stride),
-            TableCell::Figure(format!("{:.4}", row.t_start_s)),
-            TableCell::Figure(format!("{:.4}", row.t_end_s)),
-            TableCell::from(row.drag_mean_n),
-            TableCell::from(row.lift_mean_n),
-            TableCell::Figure(energy.value(row.drag_energy_j)),
-            TableCell::Figure(electrical.value(row.electrical_energy_j)),
-            TableCell::from(row.specific_resistance),
-        ]
-    });
-    let table = table("One row for each stride", &header, rows);
-    format!("<details><summary>{} strides</summary>\n{table}</details>\n", strides.len())
+    let table = table("One row for each stride", &columns);
+    format!("<details><summary>{} strides</summary>\n{table}</details>\n", rows.len())
 }

@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 use board_link::recording::{LiveForces, PROTOCOLS};
 use board_link::{LogSink, RecordOptions, RecordingProgress, Sinks, Source, Watcher, record};
 use frame_stream::RowOptions;
-use live_view::{Guide, LiveModel, LiveSetup};
+use live_view::{Guide, LiveModel};
 use log_file::Log;
 use serde_json::json;
 use shared_proto::Protocol;
@@ -144,7 +144,7 @@ impl LiveArgs {
         };
         // Without a calibration a wrench is the board's or the log's own.
         let axes = calibrated.unwrap_or(recorded);
-        let model = LiveModel::new(LiveSetup { ranges, window_s: self.window, axes });
+        let model = LiveModel::new(ranges, self.window, axes);
         let mut session = LiveSession::new(model, guide, rows, feed, logs, name);
         let until = Until {
             is_stopped: &|| stop.load(Ordering::Relaxed) || done.load(Ordering::Relaxed),

@@ -362,13 +362,13 @@ fn short(value: f64) -> String {
 mod tests {
     use super::*;
     use calibration::reading_ranges::ReadingRange;
-    use live_view::{GuidePhase, LiveRow, LiveSetup};
+    use live_view::{GuidePhase, LiveRow};
+    use shell_data::wrench::Axes;
 
     /// A push to the right and a stroke upwards, with a channel out of its range, one saturated, and a mark.
     fn model(forces: bool) -> LiveModel {
         let ranges = Some(vec![ReadingRange { min: 1000.0, max: 3000.0 }; 8]);
-        let mut model =
-            LiveModel::new(LiveSetup { ranges, window_s: 10.0, ..LiveSetup::default() });
+        let mut model = LiveModel::new(ranges, 10.0, Axes::ALL);
         for index in 0..1000 {
             let time_s = f64::from(index) / 100.0;
             let wave = (time_s * 2.0).sin();
@@ -472,7 +472,7 @@ mod tests {
                 screen(&model, (width, height), false, true);
             }
         }
-        let empty = LiveModel::new(LiveSetup::default());
+        let empty = LiveModel::new(None, 0.0, Axes::ALL);
         assert!(screen(&empty, (80, 24), false, true).contains("nothing has arrived"));
         assert!(screen(&model, (40, 10), false, true).contains("60 x 14"));
     }

@@ -1,0 +1,239 @@
+//! What figures draw on: a handful of shapes, coordinates in CSS pixels, y down.
+//!
+//! Shapes are kept in the order in which they were drawn. `svg`, `pdf` and `pixels` write them.
+
+use super::palette::Colour;
+use super::size::Size;
+
+/// A picture.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Figure {
+    pub(super) size: Size,
+    pub(super) width: f64,
+    pub(super) height: f64,
+    pub(super) shapes: Vec<Shape>,
+}
+
+/// A shape of a picture.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Shape {
+    /// A line with a pen, or an area without one.
+    Drawn { outline: Outline, colour: Colour, pen: Option<Pen> },
+    /// A text, and what a pointer over it shows.
+    Text { at: (f64, f64), text: String, title: Option<String>, style: Style },
+    /// All that follows is cut off at the edges of the rectangle.
+    Clip(Rect),
+    /// And no longer.
+    EndClip,
+}
+
+/// The line around a shape.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Outline {
+    /// In SVG path syntax, of lines only.
+    Path(String),
+    /// About a centre, of a radius.
+    Circle((f64, f64), f64),
+    Rect(Rect),
+}
+
+/// How a line is drawn, and how wide.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Pen {
+    /// Frames and rings: one pixel wide, with mitred corners.
+    Fine,
+    /// With round corners.
+    Round(f64),
+    /// Five pixels drawn, three left out.
+    Dashed(f64),
+    /// Whole pixels, without smooth edges: rows of cells that must meet without seams.
+    Crisp(f64),
+}
+
+impl Pen {
+    pub(super) fn width(self) -> f64 {
+        match self {
+            Self::Fine => 1.0,
+            Self::Round(width) | Self::Dashed(width) | Self::Crisp(width) => width,
+        }
+    }
+}
+
+/// A rectangle, from its upper left corner.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Rect {
+    pub(super) left: f64,
+    pub(super) top: f64,
+    pub(super) width: f64,
+    pub(super) height: f64,
+}
+
+impl Rect {
+    pub(super) fn right(&self) -> f64 {
+        self.left + self.width
+    }
+
+    pub(super) fn bottom(&self) -> f64 {
+        self.top + self.height
+    }
+
+    /// Its edge in path syntax.
+    pub(super) fn path(&self) -> String {
+        let [right, bottom, left] = [self.right(), self.bottom(), self.left].map(number);
+        format!("M{}H{right}V{bottom}H{left}Z", point(self.left, self.top))
+    }
+}
+
+/// Which point of a text is at the position given.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Anchor {
+    Start,
+    Middle,
+    End,
+}
+
+impl Anchor {
+    /// How far the text begins from the position, in widths of it.
+    pub(super) fn start(self) -> f32 {
+        match self {
+            Self::Start => 0.0,
+            Self::Middle => -0.5,
+            Self::End => -1.0,
+        }
+    }
+}
+
+/// How a text is set.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Style {
+    pub(super) size: f64,
+    pub(super) anchor: Anchor,
+    pub(super) bold: bool,
+    /// Turned a quarter to the left, to be read from below.
+    pub(super) upright: bool,
+}
+
+impl Style {
+    pub(super) const LABEL: Self =
+        Self { size: 11.0, anchor: Anchor::Middle, bold: false, upright: false };
+    /// A label that begins, or ends, at its position.
+    pub(super) const START: Self = Self { anchor: Anchor::Start, ..Self::LABEL };
+    pub(super) const END: Self = Self { anchor: Anchor::End, ..Self::LABEL };
+    pub(super) const TITLE: Self = Self { size: 13.0, bold: true, ..Self::LABEL };
+}
+
+/// Room that a text takes at most, in pixels: the digits of the font are 0.636 em wide, the average
+/// of running text less.
+pub(super) fn text_width(text: &str, size: f64) -> f64 {
+    0.64 * size * text.chars().count() as f64
+}
+
+impl Figure {
+    /// Nothing is drawn yet.
+    pub(super) fn new(size: Size, width: f64, height: f64) -> Self {
+        Self { size, width, height, shapes: Vec::new() }
+    }
+
+    /// With a title in its upper left corner.
+    pub(super) fn titled(size: Size, width: f64, height: f64, title: &str) -> Self {
+        let mut figure = Self::new(size, width, height);
+        figure.title((16.0, 24.0), title);
+        figure
+    }
+
+    fn draw(&mut self, outline: Outline, colour: Colour, pen: Option<Pen>) {
+        self.shapes.push(Shape::Drawn { outline, colour, pen });
+    }
+
+    /// Strokes a path given in SVG path syntax.
+    pub(super) fn stroke(&mut self, path: impl Into<String>, colour: Colour, pen: Pen) {
+        self.draw(Outline::Path(path.into()), colour, Some(pen));
+    }
+
+    /// Fills a path given in SVG path syntax.
+    pub(super) fn fill(&mut self, path: impl Into<String>, colour: Colour) {
+        self.draw(Outline::Path(path.into()), colour, None);
+    }
+
+    pub(super) fn line(&mut self, from: (f64, f64), to: (f64, f64), colour: Colour, width: f64) {
+        let end = match from.1 == to.1 {
+            true => format!("H{}", number(to.0)),
+            false => format!("L{}", point(to.0, to.1)),
+        };
+        self.stroke(format!("M{}{end}", point(from.0, from.1)), colour, Pen::Round(width));
+    }
+
+    pub(super) fn frame(&mut self, rect: Rect, colour: Colour) {
+        self.draw(Outline::Rect(rect), colour, Some(Pen::Fine));
+    }
+
+    pub(super) fn circle(&mut self, centre: (f64, f64), radius: f64, colour: Colour) {
+        self.draw(Outline::Circle(centre, radius), colour, None);
+    }
+
+    /// A circle that is not filled.
+    pub(super) fn ring(&mut self, centre: (f64, f64), radius: f64, colour: Colour) {
+        self.draw(Outline::Circle(centre, radius), colour, Some(Pen::Fine));
+    }
+
+    pub(super) fn text(&mut self, at: (f64, f64), text: &str, style: Style) {
+        self.explained_text(at, (text, None), style);
+    }
+
+    /// The title of the picture, which begins at a position.
+    pub(super) fn title(&mut self, at: (f64, f64), text: &str) {
+        self.text(at, text, Style { anchor: Anchor::Start, ..Style::TITLE });
+    }
+
+    /// A text, and what a pointer over it shows.
+    pub(super) fn explained_text(
+        &mut self,
+        at: (f64, f64),
+        (text, title): (&str, Option<&str>),
+        style: Style,
+    ) {
+        let style = Style { size: self.size.letters(style.size), ..style };
+        let (text, title) = (text.to_owned(), title.map(str::to_owned));
+        self.shapes.push(Shape::Text { at, text, title, style });
+    }
+
+    /// Draws what `draw` draws, cut off at the edges of `rect`.
+    pub(super) fn clipped(&mut self, rect: Rect, draw: impl FnOnce(&mut Self)) {
+        self.shapes.push(Shape::Clip(rect));
+        draw(self);
+        self.shapes.push(Shape::EndClip);
+    }
+}
+
+/// A coordinate to a hundredth of a pixel, in as few characters as that takes.
+pub(super) fn number(value: f64) -> String {
+    let hundredths = (value * 100.0).round();
+    let text = format!("{:.2}", hundredths / 100.0 + 0.0);
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
+}
+
+/// A point in path syntax.
+pub(super) fn point(x: f64, y: f64) -> String {
+    format!("{} {}", number(x), number(y))
+}
+
+/// A line through points, in path syntax; empty without any.
+pub(super) fn polyline(points: impl IntoIterator<Item = (f64, f64)>) -> String {
+    let mut path = String::new();
+    for (x, y) in points {
+        path.push(if path.is_empty() { 'M' } else { 'L' });
+        path.push_str(&point(x, y));
+    }
+    path
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_short_and_zero_has_no_sign() {
+        let written = [1.0, 10.0, 0.5, -0.001, 12.345678, -3.10].map(number);
+        assert_eq!(written, ["1", "10", "0.5", "0", "12.35", "-3.1"]);
+    }
+}
