@@ -20,7 +20,7 @@ use crate::exact::moments::channel_range::ChannelRange;
 use crate::exact::moments::channel_range::scan_column;
 use crate::exact::moments::layout::MomentLayout;
 use crate::exact::moments::product_sums::Moments;
-use crate::exact::moments::reading_unit::count;
+use crate::exact::moments::reading_unit::{ReadingUnit, count};
 use crate::model::Basis;
 use shell_data::wrench::Axis;
 
@@ -47,10 +47,27 @@ pub struct Accumulator {
 /// influence on them.
 #[derive(Clone, Debug)]
 pub(super) struct ExpectedRows {
-    pub(super) channels: Vec<ChannelRange>,
+    channels: Vec<ChannelRange>,
     numbers: [Numbers; 6],
     /// The latest plan for such rows, in the units of the channels.
-    plan: Option<Arc<SummationPlan>>,
+    pub(super) plan: Option<Arc<SummationPlan>>,
+}
+
+impl ExpectedRows {
+    /// Whether readings are in counts. Those with fractions are too rare for their ranges to be shared.
+    pub(super) fn in_counts(&self) -> bool {
+        self.channels.iter().all(|channel| channel.unit == ReadingUnit::COUNT)
+    }
+
+    /// Expects what `other` expects, too.
+    pub(super) fn learn(&mut self, other: &Self) {
+        if self.in_counts() && other.in_counts() {
+            self.channels.iter_mut().zip(&other.channels).for_each(|(own, other)| own.merge(other));
+        }
+        for (own, &other) in self.numbers.iter_mut().zip(&other.numbers) {
+            *own = own.and(other);
+        }
+    }
 }
 
 impl Accumulator {

@@ -1,19 +1,20 @@
-//! Many accumulators of one worker, each of which begins with what the others expect.
+//! Many accumulators of one worker, each of which learns from the rows of the others.
+
+use std::sync::Arc;
 
 use super::accumulator::Accumulator;
 use super::block_sums::Scratch;
 use crate::exact::error::ExactError;
 use crate::exact::moments::product_sums::Moments;
-use crate::exact::moments::reading_unit::ReadingUnit;
 use crate::model::Basis;
 
 /// Adds rows to [`Accumulator`]s of one basis.
 ///
-/// Each begins with the plan of the one that rows were last added to, which saves work and has no
-/// influence on results. All use one working memory.
+/// A new plan closes the sums by the one before, so each expects what the others do, and begins with
+/// the latest plan: that saves work and has no influence on results. All use one working memory.
 #[derive(Clone, Debug)]
 pub struct Adder {
-    /// An accumulator without rows, to be copied.
+    /// An accumulator without rows, which expects what is known of all, to be copied.
     empty: Accumulator,
     scratch: Scratch,
 }
@@ -42,9 +43,11 @@ impl Adder {
         readings: &[C],
         wrench: &[C],
     ) -> Result<(), ExactError> {
+        let plan = |of: &Accumulator| of.expected.plan.as_ref().map(Arc::as_ptr);
+        sums.expected.learn(&self.empty.expected);
+        let before = plan(sums);
         self.with_scratch(sums, |sums| sums.absorb(readings, wrench))?;
-        // Readings with fractions are too rare for their ranges to be shared.
-        if sums.expected.channels.iter().all(|channel| channel.unit == ReadingUnit::COUNT) {
+        if plan(sums) != before && sums.expected.in_counts() {
             self.empty.expected.clone_from(&sums.expected);
         }
         Ok(())
