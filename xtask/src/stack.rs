@@ -28,7 +28,7 @@ const EXCEPTION_FRAME: u32 = 104 + 4;
 const TASK: &str = "TaskStorage";
 const URGENT_TASK: &str = "sync_input";
 
-/// The interrupt that runs the urgent task (start.rs).
+/// The name of the interrupt that runs the urgent task (start.rs).
 const URGENT_INTERRUPT: &str = "TIM7";
 
 /// Part of the name of the function that all panics lead to.
@@ -58,15 +58,12 @@ pub(crate) fn bound(path: &Path) -> Result<u32> {
     let file = object::File::parse(&*bytes)
         .with_context(|| format!("`{}` is not an image", path.display()))?;
     let code = Code::read(&file)?;
-    let is_called = |address: &u32, part| code.functions[address].name.contains(part);
-    let (tasks, others): (BTreeSet<u32>, BTreeSet<u32>) =
-        code.pointed_at.difference(&code.interrupts).partition(|address| is_called(address, TASK));
-    let (urgent_tasks, tasks): (BTreeSet<u32>, BTreeSet<u32>) =
-        tasks.iter().partition(|address| is_called(address, URGENT_TASK));
-    let (urgent, interrupts): (BTreeSet<u32>, BTreeSet<u32>) = code
-        .interrupts
-        .iter()
-        .partition(|address| code.functions[address].name == URGENT_INTERRUPT);
+    let split = |all: BTreeSet<u32>, part: &str| -> (BTreeSet<u32>, BTreeSet<u32>) {
+        all.into_iter().partition(|address| code.functions[address].name.contains(part))
+    };
+    let (tasks, others) = split(&code.pointed_at - &code.interrupts, TASK);
+    let (urgent_tasks, tasks) = split(tasks, URGENT_TASK);
+    let (urgent, interrupts) = split(code.interrupts.clone(), URGENT_INTERRUPT);
     if tasks.is_empty() || urgent_tasks.is_empty() || urgent.is_empty() {
         bail!("`{}` does not contain the tasks of a board", path.display());
     }
