@@ -246,7 +246,8 @@ impl MemoryResponse {
 
     fn follow_beside(&mut self, immediate: &[f64]) {
         let (channels, joint) = self.beside.split_at_mut(self.model.channel_plays());
-        for (channel, plays) in channels.chunks_exact_mut(PLAY.len()).enumerate() {
+        for (channel, plays) in channels.as_chunks_mut::<{ PLAY.len() }>().0.iter_mut().enumerate()
+        {
             let w = dot(self.model.direction(channel), immediate);
             if self.at_rest {
                 plays.fill(w);

@@ -46,8 +46,8 @@ impl HungLoads {
         let Some((header_line, first)) = lines.next() else {
             return Err(fault(1, None, "the table of loads is empty".to_owned()));
         };
-        let separator = [b';', b'\t'].into_iter().find(|s| first.bytes().any(|byte| byte == *s));
-        let separator = separator.unwrap_or(b',');
+        let separator = b";\t".iter().find(|s| first.as_bytes().contains(s));
+        let separator = *separator.unwrap_or(&b',');
         let header = fields(first, separator).map_err(|why| fault(header_line, None, why))?;
         let mut columns = Vec::new();
         for name in &header {

@@ -288,8 +288,8 @@ impl ValueOffset {
                         Cell::Whole(code) => u32::try_from(code).ok().and_then(char::from_u32),
                         _ => None,
                     };
-                let text =
-                    bytes.chunks_exact(4).map(|bytes| character(bytes).unwrap_or('\u{fffd}'));
+                let codes = bytes.as_chunks::<4>().0.iter();
+                let text = codes.map(|code| character(code).unwrap_or('\u{fffd}'));
                 Cell::Text(text.collect::<String>().trim_end_matches('\0').to_owned())
             }
             NumberKind::Time(per_second) => match Element::Signed(8).cell(bytes, self.is_little) {

@@ -90,7 +90,7 @@ fn mean_features(polynomial: &Polynomial, frames: &[Vec<f64>], shares: &[f64]) -
     for from in (start..end).step_by(FRAMES) {
         let rows = from..end.min(from + FRAMES);
         features.fill(frames, rows.clone(), &mut columns, FRAMES);
-        for (mean, column) in mean.iter_mut().zip(columns.chunks_exact(FRAMES)) {
+        for (mean, column) in mean.iter_mut().zip(columns.as_chunks::<FRAMES>().0) {
             *mean += column.iter().zip(&shares[rows.clone()]).map(|(x, s)| x * s).sum::<f64>();
         }
     }

@@ -15,11 +15,11 @@ pub(super) fn wrench(calibration: &Cubic, readings: &[u16; CHANNELS]) -> Wrench 
     let coefficients = coefficients.as_flattened();
     let coefficients = SMatrixView::<f32, AXES, FEATURES>::from_slice(coefficients);
     let mut features = SVector::<f32, FEATURES>::zeros();
-    let columns = features.as_mut_slice().chunks_exact_mut(3);
+    let columns = features.as_mut_slice().as_chunks_mut().0.iter_mut();
     let channels = readings.iter().zip(centre).zip(scale);
     for (powers, ((&reading, centre), scale)) in columns.zip(channels) {
         let z = (f32::from(reading) - centre) * scale;
-        powers.copy_from_slice(&[z, z * z, z * z * z]);
+        *powers = [z, z * z, z * z * z];
     }
     coefficients * features + Wrench::from_column_slice(intercept)
 }

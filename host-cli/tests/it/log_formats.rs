@@ -182,7 +182,7 @@ fn the_training_file_has_fifteen_columns_in_a_known_order() {
 fn the_reference_file_drops_two_columns_which_need_not_be_numbers() {
     for (header, lead) in [("", "a,b"), ("", "1,2"), ("x,y,t,a,b,c,d,e,f,g,h,i\n", "a,b")] {
         let text = format!("{header}{lead},0.5,1,2,3,4,5,6,9,9,9\n");
-        let format = Some(LogFormat::Reference).filter(|_| !header.is_empty());
+        let format = (!header.is_empty()).then_some(LogFormat::Reference);
         let (_file, log) = open_with(&text, &Mapping { format, ..Mapping::default() });
         assert_eq!((log.format(), log.channels()), (LogFormat::Reference, 0));
         let wanted = Wanted { time: true, wrench: true, ..Wanted::default() };

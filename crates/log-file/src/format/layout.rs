@@ -338,7 +338,7 @@ fn texts(fields: &[Vec<u8>]) -> Vec<String> {
 
 /// The separator that a line has most of, outside quotes; a comma where there is none.
 fn separator(line: &[u8]) -> u8 {
-    let candidates = [b',', b';', b'\t', b'|'];
+    let candidates = *b",;\t|";
     let mut counts = [0_usize; 4];
     let mut quoted = false;
     for byte in line {

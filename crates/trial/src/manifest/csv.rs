@@ -24,8 +24,8 @@ pub(super) fn parse(text: &str) -> Result<Manifest, ManifestProblem> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let is_header = |line: &&str| !line.trim().is_empty() && !line.starts_with('#');
     let first = text.lines().find(is_header).unwrap_or_default();
-    let separator = [b';', b'\t'].into_iter().find(|s| first.bytes().any(|b| b == *s));
-    let separator = separator.unwrap_or(b',');
+    let separator = b";\t".iter().find(|s| first.as_bytes().contains(s));
+    let separator = *separator.unwrap_or(&b',');
     let mut reader = ReaderBuilder::new()
         .has_headers(false)
         .flexible(true)

@@ -85,7 +85,7 @@ vectorised! {
 fn cut_wrench(plan: &SummationPlan, axes: &[f64], wrench: &mut [f64]) -> bool {
     let (squares, cross) = wrench.split_at_mut(plan.square_columns() * ROWS);
     for (digits, mut columns) in [(Some(&plan.squares), squares), (plan.cross.as_ref(), cross)] {
-        for (digits, axis) in digits.into_iter().flatten().zip(axes.chunks_exact(ROWS)) {
+        for (digits, axis) in digits.into_iter().flatten().zip(axes.as_chunks::<ROWS>().0) {
             let now;
             (now, columns) = columns.split_at_mut(digits.count() * ROWS);
             if !digits.cut(axis, now) {

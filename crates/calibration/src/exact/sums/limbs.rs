@@ -111,7 +111,7 @@ impl FeatureLimbs {
         let cut = features.map(|f| {
             let degree = layout.features[f].factors().len();
             let right = Some(self.right.counts[degree]).filter(|&limbs| limbs > 1);
-            let left = Some(self.left.counts[degree]).filter(|_| !self.is_shared(degree));
+            let left = (!self.is_shared(degree)).then_some(self.left.counts[degree]);
             right.unwrap_or(0) + left.unwrap_or(0)
         });
         let limbs = 6 * PLACES.div_ceil(self.cross_width()) as usize;
