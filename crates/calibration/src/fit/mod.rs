@@ -39,6 +39,7 @@ mod paired;
 mod physics;
 mod polynomial;
 mod refits;
+mod solve;
 mod verdict;
 mod warning;
 

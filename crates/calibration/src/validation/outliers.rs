@@ -175,6 +175,9 @@ impl<'a> RowTest<'a> {
         rows: &[usize],
         has_left_out: &dyn Fn(usize) -> bool,
     ) -> Vec<TestedRow> {
+        if rows.is_empty() {
+            return Vec::new();
+        }
         let (columns, positions) = &copy_rows(rows, block);
         let mut predicted = PerAxis::default();
         self.calibration.wrench(&columns.readings, &mut predicted);
