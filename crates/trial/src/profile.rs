@@ -103,20 +103,14 @@ impl Profile {
             check_column(key, column)
                 .map_err(|message| ManifestProblem::at_key(text, "columns", key, message))?;
         }
-        let document = toml::Table::try_from(&profile).expect("names and numbers");
-        let tables = document.iter().filter_map(|(name, value)| Some((name, value.as_table()?)));
-        let faults = tables.flat_map(|(table, constants)| {
-            let values = constants.iter().filter_map(|(key, value)| Some((key, value.as_float()?)));
-            values.filter(|(_, value)| !(*value > 0.0 && value.is_finite())).map(
-                move |(key, value)| {
-                    let message =
-                        format!("`{table}.{key}` is `{value}`, expected a positive number");
-                    ManifestProblem::at_key(text, table, key, message)
-                },
-            )
-        });
-        // The first in the text.
-        faults.min_by_key(|fault| fault.position).map_or(Ok(profile), Err)
+        let length = profile.robot.length_m.map(|length| ("robot", "length_m", length));
+        for (table, key, value) in profile.constants().into_iter().chain(length) {
+            if !(value > 0.0 && value.is_finite()) {
+                let message = format!("`{table}.{key}` is `{value}`, expected a positive number");
+                return Err(ManifestProblem::at_key(text, table, key, message));
+            }
+        }
+        Ok(profile)
     }
 
     /// What the profile says of a column of telemetry.
@@ -137,6 +131,24 @@ impl Profile {
     /// The angle of what a column of a leg's position counts, rad.
     pub(super) fn leg_rad(&self, leg: Telemetry) -> f64 {
         self.unit(leg).unwrap_or(self.telemetry.leg_rad_per_count)
+    }
+
+    /// All constants with their tables and keys.
+    fn constants(&self) -> [(&'static str, &'static str, f64); 11] {
+        let Self { telemetry, motor, robot, channel, .. } = self;
+        [
+            ("telemetry", "leg_rad_per_count", telemetry.leg_rad_per_count),
+            ("telemetry", "gyro_deg_s_per_count", telemetry.gyro_deg_s_per_count),
+            ("telemetry", "acceleration_m_s2_per_count", telemetry.acceleration_m_s2_per_count),
+            ("telemetry", "back_emf_v_per_count", telemetry.back_emf_v_per_count),
+            ("telemetry", "battery_v_per_count", telemetry.battery_v_per_count),
+            ("telemetry", "duty_counts", telemetry.duty_counts),
+            ("motor", "resistance_ohm", motor.resistance_ohm),
+            ("motor", "torque_constant_nm_per_a", motor.torque_constant_nm_per_a),
+            ("robot", "mass_kg", robot.mass_kg),
+            ("robot", "gravity_m_s2", robot.gravity_m_s2),
+            ("channel", "length_m", channel.length_m),
+        ]
     }
 }
 
