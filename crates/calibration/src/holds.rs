@@ -137,6 +137,18 @@ mod tests {
     }
 
     #[test]
+    fn channels_beyond_the_sixth_tell_loads_as_the_first_do() {
+        let labels = ["a", "b", "c"].map(str::to_owned);
+        let mut last = recording();
+        let rows = Arc::make_mut(&mut last.logs[0].blocks[0].rows);
+        // Six channels that see nothing come first.
+        rows.readings.splice(0..0, vec![vec![500.0; rows.rows]; 6]);
+        let runs =
+            |data: &Dataset| label_holds(data, &labels).unwrap().logs[0].blocks[0].labels.clone();
+        assert_eq!(runs(&last), runs(&recording()));
+    }
+
+    #[test]
     fn with_a_label_for_each_stretch_rest_is_a_load_too_and_other_numbers_are_told() {
         let labels = |count: usize| (0..count).map(|at| at.to_string()).collect::<Vec<_>>();
         assert!(label_holds(&recording(), &labels(7)).is_ok());

@@ -159,7 +159,7 @@ impl<const N: usize> Level<N> {
     fn merge(&mut self, next: &Self) {
         let MergeWeights { mean: share, product: weight } = MergeWeights::new(self.rows, next.rows);
         let away = next.position - self.position;
-        for axis in 0..6 {
+        for axis in 0..N {
             let apart = next.mean[axis] - self.mean[axis];
             self.mean[axis] += apart * share;
             self.squares[axis] += next.squares[axis] + apart * apart * weight;
