@@ -156,7 +156,7 @@ impl ReadPlan {
                 let first = memchr(b'\n', lines).unwrap_or(lines.len()) + 1;
                 parsed.clear(self.numbers, lines.len() / first * 9 / 8);
                 plan.parse_lines(arch(), lines, skip_bad_rows, parsed)
-                    .map_err(|error| error.as_written(written, plan.separator))?;
+                    .map_err(|error| error.into_written(written, plan.separator))?;
                 parsed.finish();
                 Ok(())
             }
@@ -211,7 +211,7 @@ impl ReadPlan {
             }
         }
         std::mem::swap(&mut block.lines.passed, &mut parsed.passed);
-        block.texts = std::mem::take(&mut parsed.labels);
+        std::mem::swap(&mut block.texts, &mut parsed.labels);
         block.texts.resize_with(self.labels, Vec::new);
         block.groups = block.texts.pop_if(|_| self.has_groups).unwrap_or_default();
         block.readings_before = self.last_readings(context);

@@ -8,7 +8,7 @@
 #[cfg(test)]
 mod tests;
 
-use memchr::{memchr, memchr_iter};
+use memchr::{memchr, memchr_iter, memchr2};
 use pulp::Arch;
 
 use super::field_ends::FieldEnds;
@@ -64,7 +64,7 @@ pub(crate) struct RowError {
 
 impl RowError {
     /// The same with the field as it is in `lines`, whose decimal commas were made points.
-    pub(crate) fn as_written(mut self, lines: &[u8], separator: u8) -> Self {
+    pub(crate) fn into_written(mut self, lines: &[u8], separator: u8) -> Self {
         if let RowProblem::Field { column, found, .. } = &mut self.problem
             && let Some(line) = lines[self.offset..].split(|&byte| byte == b'\n').next()
             && let Some(written) = line.split(|&byte| byte == separator).nth(*column)
@@ -315,28 +315,31 @@ pub(crate) fn quoted_fields(line: &[u8], separator: u8) -> csv::ByteRecord {
 /// take their place, so that lines begin where they did.
 fn without_quotes(lines: &[u8], separator: u8) -> Option<Vec<u8>> {
     let ends_field = |byte: u8| byte == separator || byte == b'\n' || byte == b'\r';
+    let is_end = |byte: Option<&u8>| byte.is_none_or(|&byte| ends_field(byte));
     let mut bare = Vec::with_capacity(lines.len());
-    for line in lines.split_inclusive(|&byte| byte == b'\n') {
-        let end = bare.len() + line.trim_ascii_end().len();
-        let mut quotes = memchr_iter(b'"', line);
-        let mut copied = 0;
-        while let Some(open) = quotes.next() {
-            let close = quotes.next()?;
-            let begins = open.checked_sub(1).is_none_or(|before| ends_field(line[before]));
-            let ends = line.get(close + 1).is_none_or(|&after| ends_field(after));
-            let field = &line[open + 1..close];
-            if !begins || !ends || field.iter().any(|&byte| ends_field(byte)) {
-                return None;
-            }
-            bare.extend_from_slice(&line[copied..open]);
-            bare.extend_from_slice(field);
-            copied = close + 1;
+    let (mut at, mut copied) = (0, 0);
+    while let Some(found) = memchr2(b'"', b'\n', &lines[at..]) {
+        at += found;
+        if lines[at] == b'\n' {
+            let end = at - usize::from(lines[copied..at].ends_with(b"\r"));
+            bare.extend_from_slice(&lines[copied..end]);
+            bare.resize(end, b' ');
+            (at, copied) = (at + 1, end);
+            continue;
         }
-        let (rest, line_end) = line[copied..].split_at(line.trim_ascii_end().len() - copied);
-        bare.extend_from_slice(rest);
-        bare.resize(end, b' ');
-        bare.extend_from_slice(line_end);
+        let quoted = &lines[at + 1..];
+        let length = quoted.iter().position(|&byte| byte == b'"' || ends_field(byte))?;
+        if quoted[length] != b'"' || !is_end(lines[..at].last()) || !is_end(quoted.get(length + 1))
+        {
+            return None;
+        }
+        bare.extend_from_slice(&lines[copied..at]);
+        bare.extend_from_slice(&quoted[..length]);
+        at += length + 2;
+        copied = at;
     }
+    bare.extend_from_slice(&lines[copied..]);
+    bare.resize(lines.len(), b' ');
     Some(bare)
 }
 
