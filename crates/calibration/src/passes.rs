@@ -4,7 +4,7 @@
 //! has finished the next; what does not depend on order ([`Pass::ANY_ORDER`]) is summed in a state of each thread and
 //! merged at the end. So results have the same bits for any number of threads.
 
-use std::collections::BTreeMap;
+use std::collections::VecDeque;
 use std::panic::resume_unwind;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{LazyLock, Mutex, PoisonError};
@@ -220,7 +220,7 @@ pub(crate) fn on_threads<I: Sync, S: Send, T: Send>(
     };
     let next = AtomicUsize::new(0);
     let folded =
-        Mutex::new(OrderedFold { next: 0, waiting: BTreeMap::new(), fold, outcome: Ok(()) });
+        Mutex::new(OrderedFold { next: 0, waiting: VecDeque::new(), fold, outcome: Ok(()) });
     let worker = || {
         let mut state = init();
         loop {
@@ -255,8 +255,8 @@ pub(crate) fn on_threads<I: Sync, S: Send, T: Send>(
 struct OrderedFold<T, F> {
     /// Position of the first result that is not folded yet.
     next: usize,
-    /// Results that have come after it, by position.
-    waiting: BTreeMap<usize, Result<T, FitError>>,
+    /// The results from there on; `None` for those that have not come.
+    waiting: VecDeque<Option<Result<T, FitError>>>,
     fold: F,
     outcome: Result<(), FitError>,
 }
@@ -264,10 +264,15 @@ struct OrderedFold<T, F> {
 impl<T, F: FnMut(T) -> Result<(), FitError>> OrderedFold<T, F> {
     /// Adds the result of the item at a position; `false` if no more are wanted.
     fn add(&mut self, position: usize, result: Result<T, FitError>) -> bool {
-        self.waiting.insert(position, result);
+        let ahead = position - self.next;
+        while self.waiting.len() <= ahead {
+            self.waiting.push_back(None);
+        }
+        self.waiting[ahead] = Some(result);
         while self.outcome.is_ok()
-            && let Some(result) = self.waiting.remove(&self.next)
+            && let Some(result) = self.waiting.front_mut().and_then(Option::take)
         {
+            self.waiting.pop_front();
             self.next += 1;
             self.outcome = result.and_then(&mut self.fold);
         }
