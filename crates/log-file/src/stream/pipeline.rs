@@ -74,7 +74,7 @@ const WAITING_PER_THREAD: usize = 4;
 /// };
 /// let Ok(sums) = run(&mut (0..5), 2, || 0, work, |never| never, fold);
 /// assert_eq!(squares, [0, 1, 4, 9, 16]);
-/// assert_eq!(sums.iter().sum::<u64>(), 10);
+/// assert_eq!(sums.iter().sum::<usize>(), 10);
 /// ```
 ///
 /// # Errors
