@@ -4,7 +4,7 @@ use crate::bytes::Bytes;
 use crate::calibration::crc32;
 use crate::field::{Field, Reader, coded, fields};
 
-/// As [`coded`], of variants without fields: with the way from a code by itself, and with the last variant.
+/// [`coded`] for enums without fields: adds the variant `Other` and a constant function `from_code`.
 macro_rules! codes {
     ($(#[$of_enum:meta])* pub enum $name:ident {
         $($(#[$of_variant:meta])* $variant:ident = $code:literal,)+

@@ -89,7 +89,7 @@ macro_rules! fields {
 }
 
 /// Defines an enum that is a field: the code of the variant, a byte, and then the variant's own fields in this order.
-/// A code without a variant is the last one, so that what a newer end says can be read as far as it goes.
+/// An unknown code becomes the last variant, so that packets of a newer version can be read as far as they are known.
 macro_rules! coded {
     ($(#[$of_enum:meta])* pub enum $name:ident {
         $($(#[$of_variant:meta])* $variant:ident $(($value:ident: $type:ty))?

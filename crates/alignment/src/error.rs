@@ -96,7 +96,7 @@ pub enum AlignError {
         /// Its score over that of the best.
         ratio: f64,
     },
-    /// What both have in common, s, is too short for offset and skew.
+    /// The overlap of the recordings, s, is too short for offset and skew.
     #[error("the recordings overlap for {0:.3} s, where {LEAST_OVERLAP_S} s are needed")]
     ShortOverlap(f64),
     /// The refinement left the neighbourhood of the match: its last step of the offset, s.
@@ -123,7 +123,7 @@ pub enum AlignError {
         /// Pairs of the best.
         matched: usize,
     },
-    /// The clocks run apart faster than clocks do: by how much, ppm.
+    /// The clocks drift apart faster than clocks do; the drift, ppm.
     #[error(
         "the clocks differ by {0:.0} ppm, more than the {LARGEST_SKEW_PPM:.0} ppm of any crystal"
     )]

@@ -66,7 +66,7 @@ pub struct Options {
     pub exposure_s: f64,
     /// Whether equal readings in a row are one frame logged repeatedly, at rest as well.
     pub repeats_are_stale: bool,
-    /// The edges of a signal that both have recorded, by which the clocks then are.
+    /// The edges of a signal that both have recorded. If given, they align the clocks.
     pub edges: Option<Edges>,
 }
 

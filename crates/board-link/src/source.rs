@@ -97,7 +97,7 @@ impl Source {
         }
     }
 
-    /// Bytes into `buffer`, waiting for some a short time: how many, `None` if there will be no more.
+    /// Reads bytes into `buffer` and waits briefly for the first. Returns their number, or `None` at the end.
     pub(super) fn read(&mut self, buffer: &mut [u8]) -> Result<Option<usize>, LinkError> {
         match &mut self.inner {
             Inner::Replay { file, path } => match read_port(file, buffer) {
@@ -141,7 +141,7 @@ impl Source {
     }
 }
 
-/// What a port or file has, zero bytes if it has none for now.
+/// Reads what a port or file has ready, which may be zero bytes.
 pub(super) fn read_port(port: &mut (impl Read + ?Sized), buffer: &mut [u8]) -> io::Result<usize> {
     match port.read(buffer) {
         Ok(0) => Err(io::ErrorKind::UnexpectedEof.into()),

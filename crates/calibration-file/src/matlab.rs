@@ -41,7 +41,7 @@ pub(super) fn parse(bytes: &[u8], options: &ImportOptions) -> Result<Calibration
         .map_err(MatrixError::Unusable)
 }
 
-/// What is said of a file that may be one of MATLAB.
+/// The error for a file that looks like one of MATLAB.
 pub(super) fn unreadable(why: &str) -> MatrixError {
     MatrixError::Unusable(format!("cannot be read as a MATLAB 5 file: {why}"))
 }

@@ -36,7 +36,7 @@ pub enum MatrixError {
         /// Those that there are.
         found: Vec<String>,
     },
-    /// It cannot be read as one: what is wrong, and where.
+    /// The file is not a matrix; the text says what is wrong, and where.
     #[error("{0}")]
     Unusable(String),
 }

@@ -73,8 +73,8 @@ impl<'a> Rows<'a> {
         Self { blocks: blocks.into_iter().collect(), workers }
     }
 
-    /// Reduces every block from `empty` on, which is of none, and merges the results, in the order of the blocks where
-    /// that matters.
+    /// Reduces every block and merges the results, in the order of the blocks where that matters. `empty` is the
+    /// result for zero rows, which every reduction starts from.
     ///
     /// # Errors
     /// [`FitError`] if the pass rejects a block, or whoever watches wants no more.
@@ -126,7 +126,7 @@ impl<'a> From<&'a Block> for Rows<'a> {
     }
 }
 
-/// What a pass over rows computes: the result for some of them, to begin with for none.
+/// The result of a pass over rows. It starts as the result for zero rows.
 pub trait Pass: Clone + Send + Sync {
     /// Whether `merge` is commutative and associative, bit for bit: the result does not depend on the
     /// order and grouping of the rows.

@@ -146,7 +146,7 @@ pub(crate) fn best_exchange(
     best
 }
 
-/// What is said of two channels that are better exchanged.
+/// The finding about two channels that are better exchanged.
 pub(crate) fn exchanged(names: &[String], (first, second): (usize, usize), then: &str) -> Finding {
     let [first, second] = [first, second].map(|channel| channel_name(names, channel));
     let seen = format!("with {first} and {second} exchanged, {then}");

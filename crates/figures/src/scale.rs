@@ -17,7 +17,7 @@ pub(super) struct ValueRange {
 }
 
 impl ValueRange {
-    /// The range of no values, with ends that are infinite.
+    /// The empty range: its ends are infinite.
     pub(super) const EMPTY: Self = Self { low: f64::INFINITY, high: f64::NEG_INFINITY };
 
     /// The range of some values.

@@ -26,7 +26,7 @@ pub(crate) struct PipeReader {
     batches: Option<Sender<FrameBatch>>,
     /// Rows that have been written.
     written: Arc<AtomicU64>,
-    /// `None` once it is known how it has ended.
+    /// `None` once it has been joined.
     thread: Option<JoinHandle<io::Result<()>>>,
 }
 
@@ -76,7 +76,7 @@ impl PipeReader {
         self.thread.as_ref().is_none_or(JoinHandle::is_finished)
     }
 
-    /// How the thread has ended, which is about to.
+    /// Waits for the thread to end and returns its result.
     fn end(&mut self) -> io::Result<()> {
         self.thread.take().and_then(|thread| thread.join().ok()).unwrap_or(Ok(()))
     }

@@ -150,7 +150,7 @@ pub struct StreamWatcher {
     marks: Vec<RecordCommand>,
 }
 
-/// A stream that runs, or why it has ended; `None` once it is known what it was.
+/// A running stream, or the error that ended it; `None` once that has been taken.
 type StreamState = Option<Result<Box<FrameStream>, StreamError>>;
 
 /// The end of a stream that its maker keeps.

@@ -118,7 +118,7 @@ pub enum PlacedProblem {
     /// Lines that end in a carriage return alone, as no program has written them for decades.
     #[error("lines end with a carriage return and no line feed")]
     CarriageReturns,
-    /// A file of numbers without a header, whose number of columns is that of no known layout.
+    /// A file of numbers without a header; no known layout has its number of columns.
     #[error(
         "{0} columns and no header, expected 15 (time, eight sensors, six wrench \
          columns) or 12 (two to drop, time, six wrench columns, three accelerations)"

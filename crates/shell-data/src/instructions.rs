@@ -30,7 +30,7 @@ pub fn available() -> Vec<(&'static str, Arch)> {
 /// What the environment names; the widest that there is where it names none.
 ///
 /// # Errors
-/// In words, if there is no such set, or this processor has not got it.
+/// A message, if there is no such set, or this processor does not have it.
 pub fn chosen() -> Result<Arch, String> {
     let Some(name) = std::env::var_os(VARIABLE) else { return Ok(Arch::new()) };
     let sets = available();

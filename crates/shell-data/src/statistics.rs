@@ -34,7 +34,7 @@ pub fn upper_median(values: &mut [f64]) -> Option<f64> {
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-/// The quantile of ascending values, of which there are some, at rank `(n − 1)·share`: linear between the two
+/// The quantile of ascending values, at least one, at rank `(n − 1)·share`: linear between the two
 /// nearest (type 7 of Hyndman & Fan, Am. Statist. 50, 1996).
 pub fn quantile(sorted: &[f64], share: f64) -> f64 {
     let rank = (sorted.len() - 1) as f64 * share;
@@ -43,7 +43,7 @@ pub fn quantile(sorted: &[f64], share: f64) -> f64 {
     sorted[below] + (sorted[above] - sorted[below]) * (rank - below as f64)
 }
 
-/// The least and the greatest value; infinity and its negative without values.
+/// The smallest and the largest value; `[∞, −∞]` without values.
 pub fn extremes(values: impl IntoIterator<Item = f64>) -> (f64, f64) {
     let none = (f64::INFINITY, f64::NEG_INFINITY);
     values.into_iter().fold(none, |(least, greatest), x| (least.min(x), greatest.max(x)))

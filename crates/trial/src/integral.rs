@@ -7,7 +7,7 @@ use std::ops::Range;
 
 use forces::RowRule;
 
-/// A window over rows: what the value of each row counts for.
+/// A window over rows: the weight of each row.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Span {
     /// The rows that count, and their shares of the mean.

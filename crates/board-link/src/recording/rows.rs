@@ -36,7 +36,7 @@ use shared_proto::{CHANNELS, COUNTS_PER_LSB, Health};
 use shell_data::block::FrameLabel;
 use shell_data::wrench::{Axes, AxisValues};
 
-/// What a watcher has said of frames that have not been written.
+/// Marks and labels for frames that have not been written.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Annotations {
     /// Marks that are to be set, each on the first row from the frame of an index on.
@@ -254,7 +254,7 @@ fn write_edge(edge: Option<&BoardEdge>, text: &mut Vec<u8>) {
     write_time(*time_us, text);
 }
 
-/// What is to be said of a frame, in words; none when all is well.
+/// The flags of a frame, empty when all is well.
 pub fn row_flags(frame: &BoardFrame, force: Option<&Force>, is_late: bool) -> Vec<String> {
     let words = [
         (force.is_some_and(|force| force.untared), "untared"),

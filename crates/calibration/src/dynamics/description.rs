@@ -59,7 +59,7 @@ impl Gain {
     }
 }
 
-/// What a time is multiplied by to be told, and the unit that it then has.
+/// The factor and the unit that times are printed with.
 fn unit(time: f64, base: TimeBase) -> (f64, &'static str) {
     match base {
         TimeBase::Rows => (1.0, "rows"),

@@ -173,7 +173,7 @@ impl RowErrors {
         (size_unit, row_test): (Option<&PerAxis<f64>>, Option<&RowTest<'_>>),
         workers: Workers<'_>,
     ) -> Result<[Self; 2], FitError> {
-        // A log by itself is a copy of none.
+        // A single log cannot be a copy of another.
         let compares = train.logs.len() + test.logs.len() > 1;
         // Training rows are within the range that they define: there is nothing to look for.
         let mut without_range = calibration.clone();
@@ -208,7 +208,7 @@ impl Leaks {
     }
 }
 
-/// What one thread has beside the blocks that it passes over.
+/// The working state of one thread.
 #[derive(Default)]
 struct BlockState {
     /// Room for predictions, which is used again.

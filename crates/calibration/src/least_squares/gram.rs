@@ -41,7 +41,7 @@ impl Reduction for Gram {
 }
 
 impl Gram {
-    /// Of no rows.
+    /// The result for zero rows.
     pub(super) fn new(shape: Shape) -> Self {
         let columns = shape.columns();
         Self { shape, rows: 0, additions: 0, products: Mat::zeros(columns, columns) }

@@ -98,7 +98,7 @@ struct Clipped<'a> {
 }
 
 impl<'a> Clipped<'a> {
-    /// Of no rows.
+    /// The result for zero rows.
     fn new(by: &'a Clipping) -> Self {
         let Shape { features: p, outputs: q } = by.shape;
         Self {

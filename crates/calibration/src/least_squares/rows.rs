@@ -68,7 +68,7 @@ impl WideColumns {
     }
 }
 
-/// What a pass over the rows computes: the result for some of them, to begin with for none.
+/// The result of a pass over the rows. It starts as the result for zero rows.
 pub trait Reduction: Clone + Send + Sync {
     /// Whether [`RowChunk::tails`] are looked at.
     const WIDE: bool;
@@ -93,7 +93,7 @@ pub trait Rows {
     /// Columns of `X` and of `Y`.
     fn shape(&self) -> Shape;
 
-    /// Reduces all rows, from `empty` on, which is of none.
+    /// Reduces all rows, starting from `empty`, the result for zero rows.
     ///
     /// # Errors
     /// If rows cannot be read.

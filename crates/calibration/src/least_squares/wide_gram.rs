@@ -42,7 +42,7 @@ impl Reduction for WideGram {
 }
 
 impl WideGram {
-    /// Of no rows.
+    /// The result for zero rows.
     pub(super) fn new(shape: Shape) -> Self {
         let n = shape.columns();
         Self { shape, rows: 0, additions: 0, products: vec![DoubleDouble::ZERO; n * (n + 1) / 2] }

@@ -38,7 +38,7 @@ impl Reduction for WideRFactor {
 }
 
 impl WideRFactor {
-    /// Of no rows.
+    /// The result for zero rows.
     pub(super) fn new(shape: Shape) -> Self {
         let columns = shape.columns();
         Self { shape, rows: 0, r: WideMatrix::from_fn(columns, columns, |_, _| DoubleDouble::ZERO) }

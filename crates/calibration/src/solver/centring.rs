@@ -21,7 +21,7 @@ pub struct ReadingSums {
 }
 
 impl ReadingSums {
-    /// Of no rows.
+    /// The result for zero rows.
     pub fn new(channels: usize) -> Self {
         Self {
             ranges: ReadingRanges::new(channels),

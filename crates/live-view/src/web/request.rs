@@ -3,7 +3,7 @@
 /// The longest head of a request, bytes: that of a browser has about one thousand.
 pub(super) const LONGEST: usize = 8192;
 
-/// What is answered to a request that is not obeyed: the line of the status (RFC 9110), and what to say to people.
+/// The response to a refused request: the status line (RFC 9110) and a text for people.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct HttpRefusal(pub(super) &'static str, pub(super) &'static str);
 

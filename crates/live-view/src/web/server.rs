@@ -198,7 +198,7 @@ impl ServerShared {
         close(stream, &mut buffer)
     }
 
-    /// The error is `None` where nobody is left to tell, or nothing was said.
+    /// The error is `None` if the connection is gone, or nothing was sent.
     fn answer(
         self: &Arc<Self>,
         stream: &TcpStream,
@@ -295,7 +295,7 @@ impl Drop for Place {
     }
 }
 
-/// Reads up to the empty line. The error is `None` where the connection is gone, or nothing was said.
+/// Reads up to the empty line. The error is `None` if the connection is gone, or nothing was sent.
 fn read_head<'a>(
     mut stream: &TcpStream,
     buffer: &'a mut [u8; LONGEST],

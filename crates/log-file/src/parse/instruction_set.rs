@@ -37,7 +37,8 @@ pub(crate) trait InstructionSet: Copy {
     /// more than fit 64 bits, or anything else.
     fn digits(self, lines: &[u8], start: usize, end: usize) -> Option<(u64, usize)>;
 
-    /// The number that [`Self::digits`] leaves: out of the way of the loop that [`Self::plain_number`] is inlined in.
+    /// The slow path for fields that [`Self::digits`] does not take, kept out of the loop that
+    /// [`Self::plain_number`] is inlined in.
     fn other_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64>;
 
     /// The number that all of `lines[at..end]` spells if it is a plain decimal (`-12`, `-0.125`).

@@ -14,7 +14,7 @@ pub struct Parameter {
     position: Position,
 }
 
-/// Where it stands in a set-up.
+/// The field of a set-up that holds it.
 type Position = fn(&mut Setup) -> &mut f64;
 
 /// What a parameter is measured in.

@@ -64,7 +64,7 @@ pub struct Exposure {
     pub dark: f64,
 }
 
-/// Settings that make no instrument, no recording or no trial.
+/// Settings that are not those of an instrument, a recording or a trial.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ModelError {
     /// The plate could move without deforming a spring.
@@ -84,12 +84,12 @@ pub enum ModelError {
         /// The start asked for.
         start_time_s: f64,
     },
-    /// A number outside the range of what can be modelled.
+    /// A number outside the range that the model holds in.
     #[error("{asked}, where {wanted}")]
     OutOfRange {
         /// What was asked for.
         asked: String,
-        /// What can be had.
+        /// The range that the model holds in.
         wanted: &'static str,
     },
     /// Noise cannot be scaled by a negative or infinite factor.

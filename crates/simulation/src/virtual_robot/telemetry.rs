@@ -13,7 +13,7 @@ pub(crate) const COLUMNS: [&str; 2] = [
     " | S1 | S2 | S3 | S4 | S5 | S6 | S7 | S8",
 ];
 
-/// How many columns are not the sensor's.
+/// The number of columns before those of the sensor.
 pub(crate) const TELEMETRY_COLUMNS: usize = 16;
 
 /// One row of telemetry, in the order of its columns.

@@ -112,7 +112,7 @@ fn work(
         Ok(())
     };
     if let Err(error) = send_parts() {
-        // Whoever has gone does not miss it.
+        // A receiver that is gone needs no text.
         let _ = pieces.send(Err(error));
     }
 }

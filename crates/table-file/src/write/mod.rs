@@ -102,7 +102,7 @@ impl<W: Write> TableWriter for HeldTable<W> {
             match values {
                 Cells::Full(values) => held.numbers.extend_from_slice(values),
                 Cells::Text(values) => held.texts.extend_from_slice(values),
-                // These files have nothing for a number that is missing.
+                // These formats cannot store a missing number.
                 Cells::Number(_) | Cells::Count(_) => {
                     return Err(io::ErrorKind::Unsupported.into());
                 }

@@ -26,7 +26,7 @@ pub(crate) enum Outcome {
     CheckFailed = 1,
 }
 
-/// Of commands that check nothing.
+/// A command without checks.
 impl From<()> for Outcome {
     fn from((): ()) -> Self {
         Self::Done

@@ -77,7 +77,7 @@ pub(crate) fn or_dash(value: Option<f64>, decimals: usize) -> String {
     shown(value, |value| format!("{value:.decimals$}"))
 }
 
-/// What `text` makes of a value, or a dash where there is none.
+/// The `text` of a value, or a dash where there is none.
 pub(crate) fn shown<T>(value: Option<T>, text: impl FnOnce(T) -> String) -> String {
     value.map_or_else(|| NOTHING.to_owned(), text)
 }

@@ -158,7 +158,7 @@ impl Moments {
         rest
     }
 
-    /// What the readings of each channel are counted in.
+    /// The unit that the readings of each channel are counted in.
     pub(crate) fn units(&self) -> Vec<ReadingUnit> {
         self.channels.iter().map(|channel| channel.unit).collect()
     }

@@ -29,7 +29,7 @@ pub(crate) struct EquationScales {
     pub(crate) terms: Vec<Term>,
     /// Where the products of each two terms stand among the sums of readings, row by row.
     pub(crate) positions: Vec<usize>,
-    /// What readings are counted in.
+    /// The unit that readings are counted in.
     pub(crate) units: Vec<ReadingUnit>,
     pub(crate) centre: Vec<i64>,
     pub(crate) columns: Vec<i32>,

@@ -17,7 +17,7 @@ pub(super) struct OfLoad {
     pub(super) descent: [f64; OWN],
     /// With the border, a row for each deviation.
     pub(super) coupling: [Vec<f64>; OWN],
-    /// Of each sensor.
+    /// The reading of each sensor.
     pub(super) rows: Vec<Row>,
 }
 
@@ -25,7 +25,7 @@ pub(super) struct OfLoad {
 pub(super) struct Row {
     pub(super) residual: f64,
     pub(super) slope: f64,
-    /// By the deviations of the load.
+    /// The derivatives by the deviations of the load.
     pub(super) by_load: [f64; OWN],
     /// The positions of the border that it depends on, with its slopes by them.
     pub(super) border: Vec<(usize, f64)>,

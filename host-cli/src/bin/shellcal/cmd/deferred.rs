@@ -15,7 +15,7 @@ impl<T: Args> Args for Deferred<T> {
         command.defer(keep_about::<T>)
     }
 
-    /// No command is ever brought up to date.
+    /// clap's updates in place are not used.
     fn augment_args_for_update(command: Command) -> Command {
         Self::augment_args(command)
     }

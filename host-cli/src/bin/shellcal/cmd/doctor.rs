@@ -136,7 +136,7 @@ impl DoctorArgs {
         Ok(Examination { name, kind, findings })
     }
 
-    /// What is found of a port, and by `ask` of its board if it can be opened.
+    /// Findings about a port and, if it can be opened, those of `ask` about its board.
     fn examine_port(
         &self,
         port: &str,

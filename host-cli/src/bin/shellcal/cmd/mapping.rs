@@ -79,7 +79,7 @@ impl MappingArgs {
         }
     }
 
-    /// What the user says about the columns of logs that a calibration is for, if there is one.
+    /// The columns that the user names, for logs that are read with this calibration, if any.
     pub(crate) fn mapping_for<'a>(
         &self,
         calibration: impl Into<Option<&'a CalibrationFile>>,
