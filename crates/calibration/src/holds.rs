@@ -5,6 +5,7 @@ use std::sync::Arc;
 use crate::physics::observation::MOST_CHANNELS;
 use crate::validation::plateaus::{Hold, PlateauFinder, Steps};
 use shell_data::dataset::{Dataset, LabelRuns, LogRows, sample};
+use shell_data::statistics::extremes;
 
 /// A hold is one without a load if every channel is within this share of its range from the first: weights that are
 /// taken off leave play.
@@ -61,10 +62,7 @@ fn holds(log: &LogRows) -> Vec<ReadingHold> {
 
 fn unlike_the_first(holds: &[(usize, ReadingHold)]) -> Vec<(usize, ReadingHold)> {
     let Some((_, first)) = holds.first() else { return Vec::new() };
-    let ends = |channel: usize| {
-        let means = holds.iter().map(|(_, hold)| hold.mean[channel]);
-        means.fold((f64::MAX, f64::MIN), |(low, high), x| (low.min(x), high.max(x)))
-    };
+    let ends = |channel: usize| extremes(holds.iter().map(|(_, hold)| hold.mean[channel]));
     let is_at_rest = |hold: &ReadingHold| {
         (0..MOST_CHANNELS).all(|channel| {
             let (low, high) = ends(channel);

@@ -5,6 +5,8 @@
 //! integer readings of up to 16 bits every feature is an exact `f64`: a calibration is then a least
 //! squares fit to the very numbers that were recorded.
 
+use shell_data::statistics::extremes;
+
 /// How readings become standardised readings: `z = (s − centre) / scale`, channel by channel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scaling {
@@ -61,9 +63,7 @@ pub(crate) struct ChannelSample {
 
 impl ChannelSample {
     fn new(column: &[f64]) -> Self {
-        let (min, max) = column
-            .iter()
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(min, max), &s| (min.min(s), max.max(s)));
+        let (min, max) = extremes(column.iter().copied());
         let mean = column.iter().map(|s| s - min).sum::<f64>() / column.len() as f64 + min;
         Self { min, max, mean, integers: column.iter().all(|s| s.fract() == 0.0) }
     }

@@ -14,6 +14,7 @@ use super::observation::{Observation, wrench_scale};
 use super::response::{PARAMETERS, Parameters, SHAPE};
 use super::sensor::{ParameterEstimate, Prior};
 use super::sums::{Data, residuals};
+use shell_data::statistics::extremes;
 use shell_data::wrench::PerAxis;
 
 /// Variance of the prior of a common mean, over that of a sensor about it.
@@ -69,9 +70,7 @@ impl Scales {
         let wrench = wrench_scale(observations.iter().copied());
         let frame_channels = observations.first().map_or(0, |o| o.readings.len());
         let range = |channel: usize| {
-            let readings = observations.iter().map(|o| o.readings[channel]);
-            let (least, most) =
-                readings.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), s| (l.min(s), m.max(s)));
+            let (least, most) = extremes(observations.iter().map(|o| o.readings[channel]));
             (channel, least, most - least)
         };
         let channels = (0..frame_channels).map(range).filter(|range| range.2 > 0.0).collect();

@@ -11,6 +11,7 @@ use std::iter::repeat_n;
 
 use shell_data::block::Block;
 use shell_data::dataset::Dataset;
+use shell_data::statistics::extremes;
 use shell_data::wrench::PerAxis;
 
 /// Rows that are kept.
@@ -141,8 +142,7 @@ impl RowSample {
     /// The poses that the rows are made of; `None` if they are not.
     pub fn poses(self) -> Option<RecordedPoses> {
         let range: PerAxis<f64> = std::array::from_fn(|axis| {
-            let ends = (f64::INFINITY, f64::NEG_INFINITY);
-            let (least, most) = self.column(axis).fold(ends, |(l, m), x| (l.min(x), m.max(x)));
+            let (least, most) = extremes(self.column(axis));
             most - least
         });
         let mut of_one_load = vec![(0..self.rows.len()).collect::<Vec<usize>>()];

@@ -16,6 +16,7 @@
 use shell_data::statistics::MergeWeights;
 
 use super::grouped::MAX_GROUPS;
+use shell_data::statistics::extremes;
 
 /// The fewest rows in succession that make a plateau.
 pub const FEWEST_ROWS: u64 = 5;
@@ -265,8 +266,8 @@ impl<const N: usize> PlateauFinder<N> {
 
     fn ranges(&self) -> [f64; N] {
         std::array::from_fn(|axis| {
-            let means = || self.levels.iter().map(move |level| level.mean[axis]);
-            means().fold(f64::MIN, f64::max) - means().fold(f64::MAX, f64::min)
+            let (low, high) = extremes(self.levels.iter().map(|level| level.mean[axis]));
+            high - low
         })
     }
 
