@@ -153,7 +153,7 @@ mod tests {
 
     use clap::{Command, CommandFactory};
 
-    use crate::args::Args;
+    use crate::Args;
 
     /// A path without a role would be left out of the collection.
     #[test]

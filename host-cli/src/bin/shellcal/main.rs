@@ -3,28 +3,70 @@
 #[macro_use]
 mod document;
 
-mod args;
 mod cmd;
 mod config;
 mod files;
-mod hints;
 mod printer;
 mod signals;
 mod tables;
 
 use std::borrow::Cow;
+use std::ffi::OsString;
 use std::io::{self, Write};
 use std::process::ExitCode;
 
-use clap::{ArgMatches, CommandFactory, FromArgMatches};
+use clap::{ArgMatches, ColorChoice, CommandFactory, FromArgMatches, Parser};
 use shell_data::{escape, instructions};
+
+/// From the recordings of an optical 6-axis force/torque shell to forces and moments.
+///
+/// Exit codes: 0 done, 1 ran but a check failed, 2 could not run.
+#[derive(Debug, Parser)]
+#[command(name = "shellcal", version, max_term_width = 100)]
+struct Args {
+    #[command(flatten)]
+    output: printer::OutputArgs,
+
+    #[command(flatten)]
+    config: config::ConfigArgs,
+
+    #[command(subcommand)]
+    command: cmd::Command,
+}
+
+/// Whether help and errors of the command line itself are coloured: they are printed while it is still being
+/// read.
+fn color_of(arguments: impl Iterator<Item = OsString>) -> ColorChoice {
+    let arguments: Vec<OsString> = arguments.take_while(|argument| argument != "--").collect();
+    let value = |at: usize| match arguments[at].to_str()?.strip_prefix("--color")? {
+        "" => arguments.get(at + 1)?.to_str(),
+        joined => joined.strip_prefix('='),
+    };
+    match (0..arguments.len()).find_map(value) {
+        Some("always") => ColorChoice::Always,
+        Some("never") => ColorChoice::Never,
+        _ => ColorChoice::Auto,
+    }
+}
+
+/// What is said to who has said nothing.
+const GREETING: &str = "\
+From recordings of an optical force/torque shell to forces and moments:
+
+  shellcal info LOG                           what a log holds
+  shellcal fit TRAIN --test TEST -o CAL       fit a calibration
+  shellcal convert CAL LOG -o OUT             readings to forces and moments
+  shellcal batch MANIFEST --calibration CAL   drag, lift and energies of trials
+  shellcal record PORT -o LOG                 record from a board
+
+`shellcal help` lists all commands, `shellcal help COMMAND` has examples.";
 
 fn main() -> ExitCode {
     if std::env::args_os().len() < 2 {
-        let _ = writeln!(io::stderr(), "{}", args::GREETING);
+        let _ = writeln!(io::stderr(), "{}", GREETING);
         return ExitCode::from(2);
     }
-    let mut command = args::Args::command().color(args::color_of(std::env::args_os()));
+    let mut command = Args::command().color(color_of(std::env::args_os()));
     let matches = command.try_get_matches_from_mut(std::env::args_os());
     let matches = matches.unwrap_or_else(|error| refuse(&error));
     let said = parsed(&mut command, &matches);
@@ -32,17 +74,17 @@ fn main() -> ExitCode {
     let printer = printer::Printer::new(said.output);
     match run(&mut command, &said.config, matches, &printer) {
         Ok(outcome) => outcome.into(),
-        Err(error) if hints::is_closed_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) if printer::is_closed_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
-            printer.error(&error, hints::for_error(&error).as_deref());
+            printer.error(&error);
             ExitCode::from(2)
         }
     }
 }
 
 /// Ends the program where the command line cannot be.
-fn parsed(command: &mut clap::Command, matches: &ArgMatches) -> args::Args {
-    args::Args::from_arg_matches(matches).unwrap_or_else(|error| refuse(&error.format(command)))
+fn parsed(command: &mut clap::Command, matches: &ArgMatches) -> Args {
+    Args::from_arg_matches(matches).unwrap_or_else(|error| refuse(&error.format(command)))
 }
 
 /// Prints help, or what is wrong with the command line, and ends the program. Arguments may hold anything.
@@ -75,5 +117,24 @@ fn run(
         printer.files.protect(file)?;
     }
     configured.explain(command, printer);
-    args.command.run(printer, args::Args::command)
+    args.command.run(printer, Args::command)
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_colour_is_known_before_the_command_line_is_read() {
+        let of = |line: &str| super::color_of(line.split(' ').map(Into::into));
+        assert_eq!(of("shellcal fit --color never --help"), clap::ColorChoice::Never);
+        assert_eq!(of("shellcal --color=always"), clap::ColorChoice::Always);
+        assert_eq!(of("shellcal fit -- --color never"), clap::ColorChoice::Auto);
+        assert_eq!(of("shellcal fit --color"), clap::ColorChoice::Auto);
+    }
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        super::Args::command().debug_assert();
+    }
 }

@@ -1,18 +1,22 @@
 //! The only place that writes to the terminal: results to stdout, talk to stderr.
 
-use shellcal::workflow::remark::Remark;
 use std::borrow::Cow;
+use std::error::Error;
 use std::io::{self, IsTerminal, Write};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use beam_channel::SetupError;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle, TermLike};
 use log_file::{Log, ReadOptions};
 use output_file::{AtomicFile, Outputs};
 use serde::Serialize;
 use shell_data::escape;
+use shell_data::hint::Hint;
+use shellcal::workflow;
+use shellcal::workflow::remark::Remark;
 
 use crate::files::OutputPath;
 use crate::tables::{self, TableForm};
@@ -276,10 +280,10 @@ impl Printer {
     }
 
     /// Reports why the command could not run.
-    pub(crate) fn error(&self, error: &anyhow::Error, hint: Option<&str>) {
+    pub(crate) fn error(&self, error: &anyhow::Error) {
         self.talk("error: ", Tint::Bad, &format!("{error:#}"));
-        if let Some(hint) = hint {
-            self.talk("hint: ", Tint::Hint, hint);
+        if let Some(hint) = for_error(error) {
+            self.talk("hint: ", Tint::Hint, &hint);
         }
     }
 
@@ -406,4 +410,39 @@ impl TermLike for ProgressLines {
 fn wants_color() -> bool {
     let is_set = |name: &str| std::env::var_os(name).is_some_and(|value| !value.is_empty());
     !is_set("NO_COLOR") && std::env::var_os("TERM").is_none_or(|terminal| terminal != "dumb")
+}
+
+/// The next step after `error`, where one is known.
+fn for_error(error: &anyhow::Error) -> Option<String> {
+    error.chain().find_map(|cause| {
+        let setup = cause.downcast_ref().and_then(SetupError::hint).map(str::to_owned);
+        setup.or_else(|| HINTS.iter().find_map(|hint| hint(cause)))
+    })
+}
+
+/// An error in a chain does not say which hints it has: every type that has some is tried.
+const HINTS: [fn(&(dyn Error + 'static)) -> Option<String>; 11] = [
+    hint::<board_link::LinkError>,
+    hint::<board_link::NotForBoard>,
+    hint::<board_link::RecordError>,
+    hint::<calibration::FitError>,
+    hint::<calibration::validation::ValidationError>,
+    hint::<calibration_file::CalibrationFileError>,
+    hint::<calibration_file::MergeError>,
+    hint::<log_file::LogError>,
+    hint::<output_file::OutputError>,
+    hint::<workflow::ChannelMismatch>,
+    hint::<workflow::WorkflowError>,
+];
+
+fn hint<E: Error + Hint + 'static>(cause: &(dyn Error + 'static)) -> Option<String> {
+    cause.downcast_ref::<E>().and_then(Hint::hint)
+}
+
+/// Whether the reader of our output has gone away, which is not an error.
+pub(crate) fn is_closed_pipe(error: &anyhow::Error) -> bool {
+    error
+        .chain()
+        .filter_map(|cause| cause.downcast_ref::<io::Error>())
+        .any(|error| error.kind() == io::ErrorKind::BrokenPipe)
 }

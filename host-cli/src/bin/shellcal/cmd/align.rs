@@ -10,12 +10,10 @@ use shellcal::workflow::remark::used_rows;
 use shellcal::workflow::selection::RowFilter;
 
 use super::choices::{number_in, one_of};
-use super::figure_size::FigureSize;
 use super::frames::FrameArgs;
 use super::mapping::MappingArgs;
-use super::partial_output::OpenOutput;
+use super::outputs::{FigureSize, OpenOutput};
 use crate::files::{InputPath, OutputPath};
-use crate::hints;
 use crate::printer::{Outcome, Printer};
 
 #[derive(Debug, clap::Args)]
@@ -119,7 +117,7 @@ impl AlignArgs {
         let AlignedLogs { aligned, reference: reference_read, board: log_read } = match logs {
             Err(error) if error.is_refusal() => {
                 let error = anyhow::Error::from(error);
-                printer.error(&error, hints::for_error(&error).as_deref());
+                printer.error(&error);
                 return Ok(Outcome::CheckFailed);
             }
             logs => logs?,

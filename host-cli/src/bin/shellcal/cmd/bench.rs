@@ -10,8 +10,8 @@ use shellcal::workflow::bench::{self, ErrorKind, ModelBench};
 use simulation::synthetic_block;
 
 use super::choices;
-use super::figure_size::{FigureFile, FigureSize};
 use super::mapping::{MappingArgs, open_logs};
+use super::outputs::{FigureFile, FigureSize};
 use crate::files::{InputPath, OutputPath};
 use crate::printer::{Printer, TableColumn};
 use crate::tables::shown;

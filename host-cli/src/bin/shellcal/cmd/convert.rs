@@ -16,10 +16,9 @@ use shellcal::workflow::convert::{
     OutputFormat, OutputPlan, RecordingFrame, TableColumns, convert, table_name,
 };
 
-use super::figure_size::FigureSize;
 use super::frames::{ForceArgs, FrameArgs};
 use super::mapping::{ColumnList, EditedArg, MappingArgs, open_logs, tell_remembered};
-use super::partial_output::OpenOutput;
+use super::outputs::{FigureSize, OpenOutput};
 use super::payload::load::MotionArgs;
 use crate::files::{InputPath, OutputLocation, OutputPath};
 use crate::printer::Printer;

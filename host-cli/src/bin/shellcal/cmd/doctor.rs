@@ -20,10 +20,9 @@ use table_file::seconds_of_iso;
 
 use super::choices::one_of;
 use super::mapping::MappingArgs;
-use super::origin;
-use super::ports::is_port;
+use super::outputs;
+use super::ports::{SerialArgs, first_number, is_port};
 use super::record::parse_duration;
-use super::serial::{SerialArgs, first_number};
 use crate::files::InputPath;
 use crate::printer::{Outcome, Printer, Tint};
 use crate::signals;
@@ -232,7 +231,7 @@ fn is_document(path: &Path) -> anyhow::Result<bool> {
 
 /// How old a date is; an error if it is to come.
 fn age(date: &str) -> Option<Result<Duration, Duration>> {
-    let now = seconds_of_iso(&origin::date().ok()?)?;
+    let now = seconds_of_iso(&outputs::date().ok()?)?;
     let age_s = now - seconds_of_iso(date)?;
     let age = Duration::try_from_secs_f64(age_s.abs()).ok()?;
     Some(if age_s < 0.0 { Err(age) } else { Ok(age) })

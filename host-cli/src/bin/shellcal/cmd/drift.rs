@@ -6,9 +6,9 @@ use forces::stationary::{FALSE_ALARMS, ZeroChange, largest_change};
 use log_file::{ColumnRef, Log, parse_column};
 use shellcal::workflow::drift::{DriftOptions, DriftSummary, drift};
 
-use super::figure_size::FigureSize;
 use super::frames::FrameArgs;
 use super::mapping::{EditedArg, MappingArgs, tell_remembered};
+use super::outputs::FigureSize;
 use crate::files::{InputPath, OutputPath};
 use crate::printer::Printer;
 

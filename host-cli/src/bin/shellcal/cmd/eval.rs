@@ -13,12 +13,11 @@ use shell_data::dataset::{Dataset, RowSet};
 use shell_data::wrench::{Axes, Axis, PerAxis};
 use shellcal::workflow::check_channels;
 use shellcal::workflow::fit::add_to_plot;
-use shellcal::workflow::gates::{ComparedAxes, GateFailure};
+use shellcal::workflow::gates::{ComparedAxes, GateFailure, Gates};
 
-use super::choices::one_of;
-use super::figure_size::FigureSize;
-use super::limits::RmsLimits;
+use super::choices::{number_in, one_of};
 use super::mapping::{EditedArg, MappingArgs, open_logs, tell_remembered};
+use super::outputs::FigureSize;
 use super::quality::table_row;
 use crate::files::{InputPath, OutputPath};
 use crate::printer::{Outcome, Printer};
@@ -249,5 +248,30 @@ impl LogEvaluation {
         };
         let rows = axes.iter().map(row);
         printer.table(&["axis", "RMS", "max", "bias", "R²", "unit"], rows)
+    }
+}
+
+const LIMIT: &str = "expected a finite number that is not negative";
+
+#[derive(Debug, clap::Args)]
+pub(super) struct RmsLimits {
+    /// Fail when the RMS error of Fx, Fy or Fz is above this many N, or one of them is not compared
+    #[arg(long, value_name = "N", value_parser = number_in(0.0..=f64::MAX, LIMIT))]
+    max_rms: Option<f64>,
+
+    /// Fail when the RMS error of Mx, My or Mz is above this many N·m, or one of them is not compared
+    #[arg(long, value_name = "N·m", value_parser = number_in(0.0..=f64::MAX, LIMIT))]
+    max_rms_moment: Option<f64>,
+}
+
+impl RmsLimits {
+    /// Whether there are any.
+    pub(super) fn are_given(&self) -> bool {
+        self.max_rms.is_some() || self.max_rms_moment.is_some()
+    }
+
+    /// The gates that they are, for these axes and no others.
+    pub(super) fn gates(&self, axes: Option<Axes>) -> Gates {
+        Gates { force_n: self.max_rms, moment_nm: self.max_rms_moment, axes }
     }
 }

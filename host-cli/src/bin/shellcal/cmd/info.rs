@@ -1,14 +1,14 @@
 //! `shellcal info`: what a log is, before anything is computed from it.
 
 use calibration::fit::{FitOptions, Workers, find_outliers};
-use log_file::summary::{ColumnSummary, LogSummary};
-use log_file::{Column, FORMATS, FileKind, Log, LogError, LogFormat, Meaning, Wanted, read_logs};
-use serde::{Serialize, Serializer};
-use shellcal::workflow::outliers::{NamedOutliers, OutlierReport};
+use log_file::summary::{ColumnSummary, LogSummary, LogTiming};
+use log_file::{Column, FORMATS, FileKind, Log, LogError, Meaning, Wanted, read_logs};
+use serde::Serialize;
+use shellcal::workflow::outliers::NamedOutliers;
 
 use super::mapping::MappingArgs;
 use crate::files::InputPath;
-use crate::printer::{Printer, TableColumn};
+use crate::printer::Printer;
 use crate::tables::{or_dash, shown};
 
 #[derive(Debug, clap::Args)]
@@ -24,89 +24,49 @@ pub(crate) struct InfoArgs {
     mapping: MappingArgs,
 }
 
+/// Of more files than this only the overview is printed.
+const FILES_IN_FULL: usize = 5;
+
+/// The table with a line for each log.
+const OVERVIEW: [&str; 8] =
+    ["file", "rows", "bad", "seconds", "Hz", "gaps", "columns with a note", "outliers"];
+
+/// The table of a log with a line for each column.
+const COLUMNS: [&str; 7] = ["column", "taken for", "min", "mean", "max", "sd", "note"];
+
 impl InfoArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let mapping = self.mapping.mapping();
-        let mut infos = Vec::new();
+        let (mut documents, mut overview, mut texts) = (Vec::new(), Vec::new(), Vec::new());
         for file in &self.files {
             let log = Log::open(file, &mapping)?;
-            infos.push(summary(&log, &self.mapping, printer)?);
+            let scanned = ScannedLog::new(&log, &self.mapping, printer)?;
+            documents.push(scanned.document());
+            overview.push(scanned.overview());
+            let rows: Vec<_> = scanned.columns().filter_map(|column| column.row()).collect();
+            texts.push((scanned.lines(), rows));
         }
-        printer.finish(&infos, |printer| {
-            if infos.len() > 1 {
-                print_overview(&infos, printer)?;
+        printer.finish(&documents, |printer| {
+            let count = texts.len();
+            if count > 1 {
+                printer.table(&OVERVIEW, overview)?;
             }
-            if infos.len() > FILES_IN_FULL && !printer.is_verbose() {
+            if count > FILES_IN_FULL && !printer.is_verbose() {
                 printer.note(
                     "`--verbose` describes each of them, and so does `info` with fewer files",
                 );
                 return Ok(());
             }
-            infos.iter().enumerate().try_for_each(|(i, info)| {
-                if i > 0 || infos.len() > 1 {
+            for (lines, rows) in texts {
+                if count > 1 {
                     printer.line("")?;
                 }
-                info.print(printer)
-            })
+                lines.iter().try_for_each(|line| printer.line(line))?;
+                printer.table(&COLUMNS, rows)?;
+            }
+            Ok(())
         })
     }
-}
-
-/// Of more files than this only the overview is printed.
-const FILES_IN_FULL: usize = 5;
-
-/// A line for each log.
-fn print_overview(infos: &[Info], printer: &Printer) -> anyhow::Result<()> {
-    let gaps = |time: &TimeInfo| (time.gaps + time.backward_steps).to_string();
-    let columns: [TableColumn<'_, &Info>; 8] = [
-        ("file", &|info| info.file.clone()),
-        ("rows", &|info| info.rows.to_string()),
-        ("bad", &|info| info.skipped_rows.to_string()),
-        ("seconds", &|info| or_dash(info.time.as_ref().map(|time| time.duration_s), 1)),
-        ("Hz", &|info| or_dash(info.time.as_ref().and_then(|time| time.median_rate_hz), 1)),
-        ("gaps", &|info| shown(info.time.as_ref(), gaps)),
-        ("columns with a note", &|info| {
-            info.columns.iter().filter(|column| !column.note().is_empty()).count().to_string()
-        }),
-        ("outliers", &|info| info.outliers.len().to_string()),
-    ];
-    printer.records(&columns, infos)
-}
-
-fn summary(log: &Log, args: &MappingArgs, printer: &Printer) -> anyhow::Result<Info> {
-    let wanted = Wanted {
-        time: log.has_time(),
-        readings: log.channels() > 0,
-        wrench: log.has_wrench(),
-        ..Wanted::default()
-    };
-    let mut summary = LogSummary::default();
-    let read = printer.scan(log, args.read_options(), |read| {
-        log.read(&wanted, &read, std::mem::take, |block| {
-            summary.add(&block);
-            Ok::<(), LogError>(())
-        })
-    })?;
-    // Without a calibration there is nothing to judge rows by, and nothing to say.
-    let found = log.has_wrench().then(|| outliers(log, args).ok()).flatten();
-    found.iter().for_each(|found| printer.remarks(found.remarks()));
-    let (has_readings, columns) = (log.channels() > 0, log.columns().iter().enumerate());
-    Ok(Info {
-        file: log.path().display().to_string(),
-        format: log.table_kind().map_or(format_name(log.format()), FileKind::key),
-        compressed: log.compression().is_some(),
-        bytes: log.bytes(),
-        rows: summary.rows,
-        skipped_rows: read.skipped_rows,
-        repeated_rows: has_readings.then_some(summary.repeated_rows),
-        repeats_are_stale: log.repeats_are_stale(),
-        fresh_rate_hz: summary.fresh_rate_hz().filter(|_| has_readings),
-        time: TimeInfo::new(&summary),
-        columns: columns.map(|(at, column)| ColumnInfo::new(at, column, &summary)).collect(),
-        outliers: found.map_or_else(Vec::new, |found| found.report()),
-        title: log.kind(),
-        compression: log.compression(),
-    })
 }
 
 /// Suspicious rows, by the cubic model.
@@ -119,59 +79,186 @@ fn outliers(log: &Log, args: &MappingArgs) -> anyhow::Result<NamedOutliers> {
     Ok(NamedOutliers::new(found, log, &rows))
 }
 
-/// What is said about a log; the field names are those of the JSON document.
-#[derive(Debug, Serialize)]
-struct Info {
-    file: String,
-    format: &'static str,
-    compressed: bool,
-    bytes: u64,
-    rows: u64,
+/// A log that was read to its end.
+struct ScannedLog<'a> {
+    log: &'a Log,
+    summary: LogSummary,
     skipped_rows: u64,
-    repeated_rows: Option<u64>,
-    repeats_are_stale: bool,
-    fresh_rate_hz: Option<f64>,
-    time: Option<TimeInfo>,
-    columns: Vec<ColumnInfo>,
     /// Suspicious rows, by a fit to the others.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    outliers: Vec<OutlierReport>,
-    #[serde(skip)]
-    title: String,
-    #[serde(skip)]
-    compression: Option<&'static str>,
+    outliers: Option<NamedOutliers>,
 }
 
-#[derive(Debug, Serialize)]
-struct TimeInfo {
-    start_s: f64,
-    end_s: f64,
-    duration_s: f64,
-    median_rate_hz: Option<f64>,
-    median_interval_s: Option<f64>,
-    jitter_s: Option<f64>,
-    gaps: u64,
-    missing_rows: u64,
-    longest_interval_s: Option<f64>,
-    longest_interval_start_s: Option<f64>,
-    longest_interval_row: Option<u64>,
-    backward_steps: u64,
-    first_backward_row: Option<u64>,
-    equal_times: u64,
+/// A column, and its values if they are readings or loads.
+struct ColumnInfo<'a> {
+    number: usize,
+    column: &'a Column,
+    values: Option<&'a ColumnSummary>,
 }
 
-#[derive(Debug)]
-struct ColumnInfo {
-    column: usize,
-    name: String,
-    meaning: Option<String>,
-    values: Option<ColumnSummary>,
+impl<'a> ScannedLog<'a> {
+    fn new(log: &'a Log, args: &MappingArgs, printer: &Printer) -> anyhow::Result<Self> {
+        let wanted = Wanted {
+            time: log.has_time(),
+            readings: log.channels() > 0,
+            wrench: log.has_wrench(),
+            ..Wanted::default()
+        };
+        let mut summary = LogSummary::default();
+        let read = printer.scan(log, args.read_options(), |read| {
+            log.read(&wanted, &read, std::mem::take, |block| {
+                summary.add(&block);
+                Ok::<(), LogError>(())
+            })
+        })?;
+        // Without a calibration there is nothing to judge rows by, and nothing to say.
+        let outliers = log.has_wrench().then(|| outliers(log, args).ok()).flatten();
+        outliers.iter().for_each(|found| printer.remarks(found.remarks()));
+        Ok(Self { log, summary, skipped_rows: read.skipped_rows, outliers })
+    }
+
+    fn columns(&self) -> impl Iterator<Item = ColumnInfo<'_>> {
+        (1..).zip(self.log.columns()).map(|(number, column)| {
+            let values = match column.meaning {
+                Meaning::Sensor(channel) => self.summary.readings.get(channel),
+                Meaning::Load(axis, _) => self.summary.wrench.get(axis.index()),
+                _ => None,
+            };
+            ColumnInfo { number, column, values }
+        })
+    }
+
+    /// Rows with the readings of the row before, and new frames per second, of a log with readings.
+    fn repeats(&self) -> Option<(u64, Option<f64>)> {
+        let summary = &self.summary;
+        (self.log.channels() > 0).then(|| (summary.repeated_rows, summary.fresh_rate_hz()))
+    }
+
+    /// What `--json` prints.
+    fn document(&self) -> impl Serialize + use<> {
+        let (log, format) = (self.log, self.log.format());
+        let format = FORMATS.iter().find(|(.., known)| *known == format);
+        let outliers = self.outliers.as_ref().map(NamedOutliers::report);
+        document! {
+            file: log.path().display().to_string(),
+            format: log.table_kind().map_or(format.map_or("", |(name, ..)| name), FileKind::key),
+            compressed: log.compression().is_some(),
+            bytes: log.bytes(),
+            rows: self.summary.rows,
+            skipped_rows: self.skipped_rows,
+            repeated_rows: self.repeats().map(|(rows, _)| rows),
+            repeats_are_stale: log.repeats_are_stale(),
+            fresh_rate_hz: self.repeats().and_then(|(_, rate_hz)| rate_hz),
+            time: timing(&self.summary.timing),
+            columns: self.columns().map(|column| column.document()).collect::<Vec<_>>(),
+            outliers?: outliers.filter(|found| !found.is_empty()),
+        }
+    }
+
+    /// Its line of the overview.
+    fn overview(&self) -> Vec<String> {
+        let timing = &self.summary.timing;
+        let gaps = timing.start_s.map(|_| timing.gaps().count + timing.backward_steps);
+        let noted = self.columns().filter(|column| !column.note().is_empty());
+        vec![
+            self.log.path().display().to_string(),
+            self.summary.rows.to_string(),
+            self.skipped_rows.to_string(),
+            or_dash(timing.duration_s(), 1),
+            or_dash(timing.median_rate_hz(), 1),
+            shown(gaps, |gaps| gaps.to_string()),
+            noted.count().to_string(),
+            self.outliers.as_ref().map_or(0, NamedOutliers::count).to_string(),
+        ]
+    }
+
+    /// What is said of it above the table of its columns.
+    fn lines(&self) -> Vec<String> {
+        let (log, rows) = (self.log, self.summary.rows);
+        let packed = log.compression().map_or_else(String::new, |name| format!(", {name}"));
+        let mut lines = vec![format!("{}: {}{packed}", log.path().display(), log.kind())];
+        let repeated = self.repeats().map_or_else(String::new, |(repeated, _)| {
+            let share = 100.0 * repeated as f64 / rows as f64;
+            format!(", {repeated} ({share:.1} %) with the readings of the row before")
+        });
+        lines.push(format!("  rows      {rows}{repeated}"));
+        if self.skipped_rows > 0 {
+            lines.push(format!("  skipped   {} bad rows", self.skipped_rows));
+        }
+        lines.extend(lines_of_time(&self.summary.timing));
+        if let (true, Some((_, Some(rate)))) = (log.repeats_are_stale(), self.repeats()) {
+            lines.push(format!("  fresh     {rate:.2} frames per second (repeats are not new)"));
+        }
+        let unused = log.columns().iter().filter(|column| column.meaning.in_words().is_none());
+        let unused: Vec<&str> = unused.map(|column| column.name.as_str()).collect();
+        if !unused.is_empty() {
+            lines.push(format!("  unused    {}", unused.join(", ")));
+        }
+        lines
+    }
+}
+
+/// What `--json` prints of the times of rows.
+fn timing(timing: &LogTiming) -> Option<impl Serialize + use<>> {
+    let (gaps, longest) = (timing.gaps(), timing.longest);
+    timing.start_s.map(|start_s| {
+        document! {
+            start_s: start_s,
+            end_s: timing.end_s,
+            duration_s: timing.duration_s(),
+            median_rate_hz: timing.median_rate_hz(),
+            median_interval_s: timing.median_interval_s(),
+            jitter_s: timing.jitter_s(),
+            gaps: gaps.count,
+            missing_rows: gaps.missing_rows,
+            longest_interval_s: longest.map(|longest| longest.length_s),
+            longest_interval_start_s: longest.map(|longest| longest.start_s),
+            longest_interval_row: longest.map(|longest| longest.row + 1),
+            backward_steps: timing.backward_steps,
+            first_backward_row: timing.first_backward_row.map(|row| row + 1),
+            equal_times: timing.equal_times,
+        }
+    })
+}
+
+fn lines_of_time(timing: &LogTiming) -> Vec<String> {
+    let (Some(start), Some(end)) = (timing.start_s, timing.end_s) else { return Vec::new() };
+    let mut lines = vec![format!("  time      {start:.6} s to {end:.6} s, {:.3} s", end - start)];
+    let interval = timing.median_rate_hz().zip(timing.median_interval_s());
+    if let (Some((rate, interval)), Some(jitter)) = (interval, timing.jitter_s()) {
+        let (interval, jitter) = (interval * 1e3, jitter * 1e3);
+        lines.push(format!(
+            "  rate      {rate:.2} Hz (median interval {interval:.3} ms, jitter {jitter:.3} ms)"
+        ));
+    }
+    let gaps = timing.gaps();
+    if let Some(longest) = timing.longest.filter(|_| gaps.count > 0) {
+        lines.push(format!(
+            "  gaps      {} (about {} rows missing), the longest {:.3} ms at {:.6} s, before row {}",
+            gaps.count,
+            gaps.missing_rows,
+            longest.length_s * 1e3,
+            longest.start_s,
+            longest.row + 1
+        ));
+    }
+    if let Some(row) = timing.first_backward_row {
+        let (steps, row) = (timing.backward_steps, row + 1);
+        lines.push(format!("  backward  time runs backwards {steps} times, first at row {row}"));
+    }
+    if timing.equal_times > 0 {
+        lines.push(format!("  equal     {} rows have the time before", timing.equal_times));
+    }
+    lines
+}
+
+impl ColumnInfo<'_> {
     /// Only readings can saturate.
-    is_reading: bool,
-}
+    fn is_reading(&self) -> bool {
+        matches!(self.column.meaning, Meaning::Sensor(_))
+    }
 
-impl Serialize for ColumnInfo {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+    /// What `--json` prints.
+    fn document(&self) -> impl Serialize + use<> {
         let limits = |of: &ColumnSummary| {
             let [at_0, at_4095, at_65535] = of.rows_at_ends().map(|(_, rows)| rows);
             document! {
@@ -191,146 +278,37 @@ impl Serialize for ColumnInfo {
                 max: of.max,
                 sd: of.sd(),
                 constant: of.is_constant(),
-                ..limits: self.is_reading.then(|| limits(of)),
+                ..limits: self.is_reading().then(|| limits(of)),
             }
         };
-        let column = document! {
-            column: self.column,
-            name: &self.name,
-            meaning: &self.meaning,
-            ..values: self.values.as_ref().map(values),
-        };
-        column.serialize(serializer)
-    }
-}
-
-impl Info {
-    fn print(&self, printer: &Printer) -> anyhow::Result<()> {
-        let packed = self.compression.map_or_else(String::new, |name| format!(", {name}"));
-        printer.line(format!("{}: {}{packed}", self.file, self.title))?;
-        let mut rows = format!("  rows      {}", self.rows);
-        if let Some(repeated) = self.repeated_rows {
-            let share = 100.0 * repeated as f64 / self.rows as f64;
-            rows += &format!(", {repeated} ({share:.1} %) with the readings of the row before");
-        }
-        printer.line(rows)?;
-        if self.skipped_rows > 0 {
-            printer.line(format!("  skipped   {} bad rows", self.skipped_rows))?;
-        }
-        if let Some(time) = &self.time {
-            time.print(printer)?;
-        }
-        if let (true, Some(rate)) = (self.repeats_are_stale, self.fresh_rate_hz) {
-            printer
-                .line(format!("  fresh     {rate:.2} frames per second (repeats are not new)"))?;
-        }
-        let (used, unused): (Vec<_>, Vec<_>) =
-            self.columns.iter().partition(|column| column.meaning.is_some());
-        if !unused.is_empty() {
-            let names: Vec<_> = unused.iter().map(|column| column.name.as_str()).collect();
-            printer.line(format!("  unused    {}", names.join(", ")))?;
-        }
-        let header = ["column", "taken for", "min", "mean", "max", "sd", "note"];
-        let rows = used.into_iter().map(ColumnInfo::row);
-        printer.table(&header, rows)
-    }
-}
-
-impl TimeInfo {
-    fn new(summary: &LogSummary) -> Option<Self> {
-        let timing = &summary.timing;
-        let gaps = timing.gaps();
-        Some(Self {
-            start_s: timing.start_s?,
-            end_s: timing.end_s?,
-            duration_s: timing.duration_s()?,
-            median_rate_hz: timing.median_rate_hz(),
-            median_interval_s: timing.median_interval_s(),
-            jitter_s: timing.jitter_s(),
-            gaps: gaps.count,
-            missing_rows: gaps.missing_rows,
-            longest_interval_s: timing.longest.map(|longest| longest.length_s),
-            longest_interval_start_s: timing.longest.map(|longest| longest.start_s),
-            longest_interval_row: timing.longest.map(|longest| longest.row + 1),
-            backward_steps: timing.backward_steps,
-            first_backward_row: timing.first_backward_row.map(|row| row + 1),
-            equal_times: timing.equal_times,
-        })
-    }
-
-    fn print(&self, printer: &Printer) -> anyhow::Result<()> {
-        printer.line(format!(
-            "  time      {:.6} s to {:.6} s, {:.3} s",
-            self.start_s, self.end_s, self.duration_s
-        ))?;
-        if let (Some(rate), Some(interval), Some(jitter)) =
-            (self.median_rate_hz, self.median_interval_s, self.jitter_s)
-        {
-            let (interval, jitter) = (interval * 1e3, jitter * 1e3);
-            printer.line(format!(
-                "  rate      {rate:.2} Hz (median interval {interval:.3} ms, jitter {jitter:.3} ms)"
-            ))?;
-        }
-        if let (Some(length), Some(start), Some(row)) = (
-            self.longest_interval_s.filter(|_| self.gaps > 0),
-            self.longest_interval_start_s,
-            self.longest_interval_row,
-        ) {
-            printer.line(format!(
-                "  gaps      {} (about {} rows missing), the longest {:.3} ms at {start:.6} s, \
-                 before row {row}",
-                self.gaps,
-                self.missing_rows,
-                length * 1e3
-            ))?;
-        }
-        if let Some(row) = self.first_backward_row {
-            let steps = self.backward_steps;
-            printer.line(format!(
-                "  backward  time runs backwards {steps} times, first at row {row}"
-            ))?;
-        }
-        if self.equal_times > 0 {
-            printer.line(format!("  equal     {} rows have the time before", self.equal_times))?;
-        }
-        Ok(())
-    }
-}
-
-impl ColumnInfo {
-    fn new(position: usize, column: &Column, summary: &LogSummary) -> Self {
-        let values = match column.meaning {
-            Meaning::Sensor(channel) => summary.readings.get(channel),
-            Meaning::Load(axis, _) => summary.wrench.get(axis.index()),
-            _ => None,
-        };
-        Self {
-            column: position + 1,
-            name: column.name.clone(),
-            meaning: column.meaning.in_words(),
-            values: values.cloned(),
-            is_reading: matches!(column.meaning, Meaning::Sensor(_)),
+        document! {
+            column: self.number,
+            name: self.column.name.clone(),
+            meaning: self.column.meaning.in_words(),
+            ..values: self.values.map(values),
         }
     }
 
-    fn row(&self) -> Vec<String> {
-        let meaning = self.meaning.clone().unwrap_or_default();
-        let mut cells = vec![format!("{} {}", self.column, self.name), meaning];
-        let Some(values) = &self.values else { return cells };
-        let decimals = if self.is_reading { 2 } else { 4 };
-        let figures = [values.min, values.mean(), values.max, values.sd()];
-        cells.extend(figures.map(|value| format!("{value:.decimals$}")));
-        cells.push(self.note());
-        cells
+    /// Its line of the table, if it is taken for something.
+    fn row(&self) -> Option<Vec<String>> {
+        let meaning = self.column.meaning.in_words()?;
+        let mut cells = vec![format!("{} {}", self.number, self.column.name), meaning];
+        if let Some(values) = self.values {
+            let decimals = if self.is_reading() { 2 } else { 4 };
+            let figures = [values.min, values.mean(), values.max, values.sd()];
+            cells.extend(figures.map(|value| format!("{value:.decimals$}")));
+            cells.push(self.note());
+        }
+        Some(cells)
     }
 
     fn note(&self) -> String {
-        let Some(values) = &self.values else { return String::new() };
+        let Some(values) = self.values else { return String::new() };
         let mut notes = Vec::new();
         if values.is_constant() {
             notes.push("constant".to_owned());
         }
-        if self.is_reading {
+        if self.is_reading() {
             let few = values.quiet_values();
             notes.extend(few.map(|values| format!("almost constant: {values} values")));
             let ends = values.rows_at_ends().into_iter().filter(|(_, rows)| *rows > 0);
@@ -341,8 +319,4 @@ impl ColumnInfo {
         }
         notes.join(", ")
     }
-}
-
-fn format_name(format: LogFormat) -> &'static str {
-    FORMATS.iter().find(|(.., known)| *known == format).map_or("", |(name, ..)| name)
 }

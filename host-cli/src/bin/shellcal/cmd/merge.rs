@@ -14,10 +14,8 @@ use shellcal::workflow::merge;
 
 use super::choices::{self, COVARIANCES, one_of};
 use super::mapping::EditedArg;
-use super::origin;
-use super::partial_output::OpenOutput;
-use super::quality::print_errors;
-use super::validation::{print_cross_validation, print_selection};
+use super::outputs::{self, OpenOutput};
+use super::quality::{print_cross_validation, print_errors, print_selection};
 use crate::files::{InputOrStdin, OutputOrStdout, OutputPath};
 use crate::printer::Printer;
 
@@ -141,7 +139,7 @@ impl MergeArgs {
         if let Some(sum) = &mut merged.sum {
             sum.put_in_order();
             sum.made_by = shellcal::PROGRAM.to_owned();
-            sum.date = origin::date()?;
+            sum.date = outputs::date()?;
             let known = sum.sensor_serial.as_ref().filter(|_| self.serial.is_some());
             if let Some(serial) = known.filter(|known| Some(*known) != self.serial.as_ref()) {
                 anyhow::bail!(

@@ -1,55 +1,42 @@
 //! One file per subcommand, each a set of arguments with a `run`.
 
+mod about;
 mod align;
 mod bench;
 mod board;
-mod board_line;
 mod check;
 mod choices;
 mod compare;
-mod completions;
 mod convert;
-mod deferred;
 mod doctor;
 mod drift;
 mod eval;
-mod export;
-mod figure_size;
+mod exchange;
 mod fit;
 mod frames;
-mod import;
 mod info;
-mod licences;
-mod limits;
 #[cfg(feature = "live")]
 mod live;
-mod live_forces;
-mod man;
 mod mapping;
 mod merge;
 mod noise;
-mod origin;
-mod partial_output;
+mod outputs;
 mod payload;
 mod plan;
 mod ports;
 mod quality;
 mod record;
-mod serial;
 mod simulate;
 mod simulate_board;
 mod stream;
-mod streaming;
 mod synth;
-mod synth_pair;
 mod synth_trial;
 mod trials;
-mod validation;
 
-use clap::Subcommand;
+use clap::builder::Resettable;
+use clap::{ArgMatches, Args, Error, FromArgMatches, Subcommand};
 
 use crate::printer::{Outcome, Printer};
-use deferred::Deferred;
 
 /// Defines the subcommands by what help says of them, their arguments, which have a `run`, and what that takes beside
 /// the printer; `if` is followed by the feature that a command needs.
@@ -228,17 +215,17 @@ commands! {
     ///
     /// To evaluate trials of another robot, keep it in a file, change it there, and name that file with
     /// `--profile`.
-    Profile(trials::profile::ProfileArgs),
+    Profile(trials::evaluation::ProfileArgs),
 
     /// Make a calibration from a coefficient matrix for raw readings
     ///
     /// CSV with a header `feature,Fx_N,…,Mz_mNm` and rows `s1^1,…`; bare numbers, features by axes or
     /// axes by features (8 channels; linear, cubic, quadratic or poly3, one feature more with an
     /// intercept); or a MATLAB 5 file with such a matrix.
-    Import(import::ImportArgs),
+    Import(exchange::ImportArgs),
 
     /// Write a calibration as a function in Python or MATLAB, or as a matrix
-    Export(export::ExportArgs),
+    Export(exchange::ExportArgs),
 
     /// Compare solvers on your data: run time against error
     ///
@@ -261,11 +248,50 @@ commands! {
     Simulate(simulate::SimulateArgs),
 
     /// Print what bash, zsh, fish, PowerShell or elvish needs to complete command lines
-    Completions(completions::CompletionsArgs, whole()),
+    Completions(about::CompletionsArgs, whole()),
 
     /// Write the manual: a page for each command
-    Man(man::ManArgs, whole()),
+    Man(about::ManArgs, whole()),
 
     /// List the packages that the program is made of, with their licences
-    Licences(licences::LicencesArgs),
+    Licences(about::LicencesArgs),
+}
+
+/// The arguments of one subcommand among many: to set up those of all of them would take half of
+/// the time that it takes to start.
+///
+/// What they are for is said where the subcommands are listed, as it is wanted there.
+#[derive(Debug)]
+pub(crate) struct Deferred<T>(Box<T>);
+
+impl<T: Args> Args for Deferred<T> {
+    fn augment_args(command: clap::Command) -> clap::Command {
+        command.defer(keep_about::<T>)
+    }
+
+    /// clap's updates in place are not used.
+    fn augment_args_for_update(command: clap::Command) -> clap::Command {
+        Self::augment_args(command)
+    }
+}
+
+/// Sets of arguments that are part of others would say what they are for, too. What is there before are the
+/// options of every command, which go to the end of help.
+fn keep_about<T: Args>(command: clap::Command) -> clap::Command {
+    let about = Resettable::from(command.get_about().cloned());
+    let long_about = Resettable::from(command.get_long_about().cloned());
+    let shared: Vec<_> = command.get_arguments().map(|arg| arg.get_id().clone()).collect();
+    let to_the_end = |command: clap::Command, id: clap::Id| command.mut_arg(id, |arg| arg);
+    let command = shared.into_iter().fold(T::augment_args(command), to_the_end);
+    command.about(about).long_about(long_about)
+}
+
+impl<T: FromArgMatches> FromArgMatches for Deferred<T> {
+    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, Error> {
+        T::from_arg_matches(matches).map(Box::new).map(Self)
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), Error> {
+        self.0.update_from_arg_matches(matches)
+    }
 }

@@ -1,11 +1,21 @@
-//! How the errors of a calibration are printed, by `fit` and `eval` alike.
+//! How the errors of a calibration are printed, those on held-out groups, the choice of a model and the coverage of
+//! the training loads.
 
+use calibration::Basis;
+use calibration::fit::{FoundGroups, ModelComparison};
 use calibration::quality::{AxisQuality, significant};
+use calibration::validation::advice::Advice;
+use calibration::validation::comparison::ErrorRatio;
+use calibration::validation::cross_validation::CrossValidation;
+use calibration::validation::excitation::Excitation;
+use calibration::validation::selection::{Candidate, Selection};
 use calibration_file::Diagnostics;
+use serde::Serialize;
+use shell_data::hint::quoted;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-use crate::printer::Printer;
-use crate::tables::shown;
+use crate::printer::{Printer, TableColumn};
+use crate::tables::{NOTHING, or_dash, shown};
 
 /// One row of the table: RMS, max and R² of every set side by side, and the unit.
 pub(super) fn table_row(axis: Axis, sets: &[&PerAxis<AxisQuality>]) -> Vec<String> {
@@ -64,4 +74,180 @@ pub(super) fn in_line(axes: Axes, values: &PerAxis<f64>, with_units: bool) -> St
         format!("{} {}{unit}", axis.name(), significant(values[axis.index()], 3))
     };
     axes.iter().map(value).collect::<Vec<_>>().join(", ")
+}
+
+pub(super) fn print_cross_validation(
+    printer: &Printer,
+    cv: &CrossValidation,
+    axes: Axes,
+) -> anyhow::Result<()> {
+    let ratios = cv.ratios();
+    let random_rms = |axis: &Axis| cv.random.map(|random| random[axis.index()].rms);
+    let columns: [TableColumn<'_, Axis>; 6] = [
+        ("held out", &|axis| axis.name().to_owned()),
+        ("RMS new groups", &|axis| significant(cv.grouped[axis.index()].rms, 4)),
+        ("RMS random", &|axis| shown(random_rms(axis), |rms| significant(rms, 4))),
+        ("ratio", &|axis| or_dash(ratios[axis.index()], 2)),
+        ("bias new groups", &|axis| significant(cv.grouped[axis.index()].bias, 2)),
+        ("unit", &|axis| axis.unit().to_owned()),
+    ];
+    printer.line("")?;
+    printer.records(&columns, axes.iter())?;
+    let how = match cv.folds == cv.groups {
+        true => "leave-one-group-out".to_owned(),
+        false => format!("{}-fold", cv.folds),
+    };
+    let random = match cv.random_folds {
+        0 => String::new(),
+        parts => format!("; for comparison, {parts} random parts of the same rows"),
+    };
+    let (groups, rows) = (cv.groups, cv.rows);
+    printer.line(format!("{how} cross-validation ({groups} groups, {rows} rows){random}"))?;
+    if !cv.undetermined.is_empty() {
+        /// More names do not help to find the cause.
+        const SHOWN: usize = 5;
+        printer.warning(format!(
+            "without {} of the groups the model cannot be fitted ({}{}): they are not counted",
+            cv.undetermined.len(),
+            quoted(cv.undetermined.iter().take(SHOWN), ", "),
+            if cv.undetermined.len() > SHOWN { ", …" } else { "" },
+        ));
+    }
+    Ok(())
+}
+
+/// What `--json` prints of groups that were found.
+pub(super) fn groups_found(of: FoundGroups) -> impl Serialize {
+    document! {
+        found: of.kind.name(),
+        groups: of.groups,
+        rows_min: of.rows_min,
+        rows_median: of.rows_median,
+        rows_max: of.rows_max,
+    }
+}
+
+/// What `--json` prints of a comparison of physics and a polynomial.
+pub(super) fn comparison(found: &ModelComparison) -> impl Serialize {
+    let of = &found.comparison;
+    document! {
+        folds: found.folds,
+        polynomial: found.model.name(),
+        // On the same held-out rows, N and N·m.
+        physics_rms: of.rms[0],
+        polynomial_rms: of.rms[1],
+        // Natural logarithm of the error of physics relative to that of the polynomial, in the mean over all axes,
+        // and its standard error.
+        log_ratio: log_ratio(of.all),
+        // The same for each axis.
+        axes: of.axes.map(log_ratio),
+        physics_is_better: found.physics_is_better(),
+    }
+}
+
+/// A ratio and its standard error, both of its logarithm.
+pub(super) fn log_ratio(ratio: ErrorRatio) -> [f64; 2] {
+    [ratio.log.value, ratio.log.standard_error]
+}
+
+/// The closing word on which model to take.
+pub(super) fn print_advice(
+    printer: &Printer,
+    advice: &Advice,
+    model: Basis,
+    cv: Option<&CrossValidation>,
+    axes: Axes,
+) -> anyhow::Result<()> {
+    printer.line(advice.words(axes))?;
+    if let Some(better) = advice.better_words(model, axes) {
+        printer.warning(better);
+    } else if let Some((axis, ratio)) = cv.and_then(CrossValidation::suspicious) {
+        printer.note(format!(
+            "the error on new groups is up to {ratio:.1} times that on random rows ({}): rows of a group \
+             resemble each other, and only the figures for new groups count. More poses would help, a \
+             smaller model would not",
+            axis.name()
+        ));
+    }
+    Ok(())
+}
+
+/// The models that were compared, each with its best ridge, and which was chosen; `physics` is what was held against
+/// the polynomial.
+pub(super) fn print_selection(
+    printer: &Printer,
+    selection: &Selection,
+    physics: Option<&ModelComparison>,
+    axes: Axes,
+) -> anyhow::Result<()> {
+    let mark = |is_chosen: bool| if is_chosen { " ←" } else { "" };
+    let takes_physics = physics.is_some_and(ModelComparison::physics_is_better);
+    let row = |candidate: &Candidate| {
+        let is_chosen = !takes_physics && *candidate == selection.candidates[selection.chosen];
+        let mut row = vec![
+            format!("{}{}", candidate.basis.name(), mark(is_chosen)),
+            candidate.features.to_string(),
+            format!("{:e}", candidate.ridge),
+        ];
+        match candidate.errors {
+            None => row.extend(std::iter::repeat_n(NOTHING.to_owned(), axes.count())),
+            Some(errors) => {
+                row.extend(axes.of(&errors.rms).into_iter().map(|rms| significant(rms, 3)));
+            }
+        }
+        row
+    };
+    let mut rows: Vec<Vec<String>> = best_of_each(selection).into_iter().map(row).collect();
+    if let Some(found) = physics {
+        let mut row =
+            vec![format!("physics{}", mark(takes_physics)), NOTHING.into(), NOTHING.into()];
+        row.extend(axes.of(&found.comparison.rms[0]).into_iter().map(|rms| significant(rms, 3)));
+        rows.push(row);
+    }
+    let mut header = vec!["model", "features", "ridge"];
+    header.extend(axes.iter().map(Axis::name));
+    printer.line("")?;
+    printer.table(&header, rows)?;
+    printer.line(format!(
+        "RMS on groups that were held out in {} folds, each polynomial with its best ridge; ← chosen: the fewest \
+         features within one standard error of the best polynomial{}",
+        selection.folds,
+        match physics {
+            Some(found) => format!(", or physics if it errs less in {} folds", found.folds),
+            None => String::new(),
+        }
+    ))
+}
+
+/// The candidate of each family with the smallest error; the chosen one of its family.
+fn best_of_each(selection: &Selection) -> Vec<&Candidate> {
+    let chosen = &selection.candidates[selection.chosen];
+    let score = |candidate: &Candidate| candidate.errors.map_or(f64::INFINITY, |of| of.score);
+    let families = selection.candidates.chunk_by(|a, b| a.basis == b.basis);
+    let best = families.filter_map(|family| match family[0].basis == chosen.basis {
+        true => Some(chosen),
+        false => family.iter().min_by(|a, b| score(a).total_cmp(&score(b))),
+    });
+    best.collect()
+}
+
+pub(super) fn print_excitation(
+    printer: &Printer,
+    excitation: &Excitation,
+    axes: Axes,
+) -> anyhow::Result<()> {
+    let range = |axis: Axis| {
+        let of = &excitation.axes[axis.index()];
+        let (min, max) = (significant(of.min, 2), significant(of.max, 2));
+        format!("{} {min} … {max} {}", axis.name(), axis.unit())
+    };
+    printer.line(format!(
+        "loads: {}; load coupling: {} (aim for less than 10)",
+        axes.iter().map(range).collect::<Vec<_>>().join(", "),
+        excitation.condition.map_or("infinite".to_owned(), |c| significant(c, 2)),
+    ))?;
+    for gap in excitation.gaps(axes) {
+        printer.note(gap.to_string());
+    }
+    Ok(())
 }

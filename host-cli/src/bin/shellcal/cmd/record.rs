@@ -13,10 +13,10 @@ use shell_data::wrench::Axis;
 use shellcal::workflow::live::clock;
 
 use super::choices::one_of;
-use super::live_forces::LiveForceArgs;
+use super::frames::LiveForceArgs;
+use super::ports::SerialArgs;
 use super::quality::by_unit;
-use super::serial::SerialArgs;
-use super::streaming::{self, StreamToArgs};
+use super::stream::{self, StreamToArgs};
 use crate::files::{InputPath, OutputPath};
 use crate::printer::Printer;
 use crate::signals;
@@ -102,7 +102,7 @@ impl RecordArgs {
         };
         let forces = options.forces.clone();
         let rows = RowOptions { forces, from_log: false, one_time: !self.as_sampled };
-        let commands = self.stream.is_given().then(|| streaming::commands(printer, None));
+        let commands = self.stream.is_given().then(|| stream::commands(printer, None));
         let beside = Box::new(Unwatched);
         let (watcher, streamed) =
             self.stream.watch(printer, rows, commands.transpose()?, beside)?;
@@ -118,7 +118,7 @@ impl RecordArgs {
         };
         let recorded = record(&mut source, sinks, &options, &stop, &mut show);
         status.finish_and_clear();
-        streaming::finish(printer, streamed.as_ref())?;
+        stream::finish(printer, streamed.as_ref())?;
         report(&recorded?, printer)
     }
 }

@@ -17,7 +17,7 @@ use simulation::sensor_model::LoadTable;
 use simulation::simulated_board::{BoardSettings, Load, SimulatedBoard};
 
 use super::choices::{number_in, number_within, numbers};
-use super::streaming::each_line;
+use super::stream::each_line;
 use crate::files::{InputOrStdin, OutputLocation};
 use crate::printer::Printer;
 use crate::signals;

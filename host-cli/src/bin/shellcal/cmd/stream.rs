@@ -1,26 +1,30 @@
-//! `shellcal stream`: frames to other programs, as they arrive.
+//! `shellcal stream`: frames to other programs, as they arrive; and what `record --stream` and `live --stream` have in
+//! common with it.
 
+use std::io::{self, BufRead};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, channel};
+use std::thread;
 use std::time::{Duration, Instant};
 
 use board_link::recording::PROTOCOLS;
 use board_link::{RecordOptions, Sinks, Source, Unwatched, Watcher, record};
 use clap::builder::TypedValueParser;
 use frame_stream::{
-    Destination, FrameRows, FrameStream, RowOptions, StreamFormat, StreamOptions, StreamWatcher,
+    Destination, FrameRows, FrameStream, Readers, RowOptions, StreamCommand, StreamFormat,
+    StreamHandle, StreamOptions, StreamSummary, StreamWatcher,
 };
 use log_file::Log;
 use shared_proto::Protocol;
 use shellcal::workflow::live::play;
 
 use super::choices::{POSITIVE, number_in, number_within, one_of};
-use super::live_forces::LiveForceArgs;
+use super::frames::LiveForceArgs;
 use super::mapping::MappingArgs;
-use super::ports::is_port;
+use super::ports::{SerialArgs, is_port};
 use super::record::parse_duration;
-use super::serial::SerialArgs;
-use super::streaming;
+use super::stream;
 use crate::files::InputPath;
 use crate::printer::Printer;
 use crate::signals;
@@ -117,9 +121,9 @@ impl StreamArgs {
             rows: FrameRows::new(RowOptions { forces, from_log, one_time: self.one_time })?,
             format: self.encoding,
             rate_hz: self.rate,
-            commands: Some(streaming::commands(printer, at_end)?),
+            commands: Some(stream::commands(printer, at_end)?),
         };
-        let readers = streaming::open(printer, &self.output, self.overwrite)?;
+        let readers = stream::open(printer, &self.output, self.overwrite)?;
         let stream = FrameStream::new(options, readers);
         let (watcher, handle) =
             StreamWatcher::new(stream, Box::new(Unwatched), Some(Arc::clone(&stop)));
@@ -128,7 +132,7 @@ impl StreamArgs {
             (None, Some(log)) => self.play(log, watcher, &stop),
             (None, None) => Ok(()),
         };
-        let summary = streaming::finish(printer, Some(&handle))?;
+        let summary = stream::finish(printer, Some(&handle))?;
         let latency = summary.and_then(|summary| summary.latency).filter(|_| self.latency);
         latency.iter().for_each(|latency| printer.note(latency.to_string()));
         ended
@@ -171,4 +175,118 @@ impl StreamArgs {
 /// A factor on the pace of a log.
 pub(super) fn speed() -> impl TypedValueParser<Value = f64> {
     number_within(0.001..=1000.0, ["a factor, such as 4", "a factor from 0.001 to 1000"])
+}
+
+/// Where rows go beside a log or a view, as JSON lines
+#[derive(Debug, clap::Args)]
+pub(crate) struct StreamToArgs {
+    /// Pass rows on as they arrive, as `shellcal stream` does: to `udp:HOST:PORT`, `tcp:PORT` or a file; may be
+    /// given several times
+    #[arg(long, value_name = "DEST")]
+    stream: Vec<Destination>,
+}
+
+impl StreamToArgs {
+    pub(crate) fn is_given(&self) -> bool {
+        !self.stream.is_empty()
+    }
+
+    /// Lets the stream look on beside another watcher. Its end does not end the recording.
+    pub(crate) fn watch(
+        &self,
+        printer: &Printer,
+        rows: RowOptions,
+        commands: Option<Receiver<StreamCommand>>,
+        beside: Box<dyn Watcher>,
+    ) -> anyhow::Result<(Box<dyn Watcher>, Option<StreamHandle>)> {
+        if !self.is_given() {
+            return Ok((beside, None));
+        }
+        if self.stream.contains(&Destination::Stdout) {
+            anyhow::bail!("only `shellcal stream` writes rows to the standard output");
+        }
+        let rows = FrameRows::new(rows)?;
+        let readers = open(printer, &self.stream, false)?;
+        let format = StreamFormat::JsonLines;
+        let options = StreamOptions { rows, format, rate_hz: None, commands };
+        let stream = FrameStream::new(options, readers);
+        let (watcher, handle) = StreamWatcher::new(stream, beside, None);
+        Ok((Box::new(watcher), Some(handle)))
+    }
+}
+
+/// Opens all destinations, and says where readers can come to.
+pub(crate) fn open(
+    printer: &Printer,
+    to: &[Destination],
+    overwrite: bool,
+) -> anyhow::Result<Readers> {
+    let readers = Readers::open(to, overwrite)?;
+    for address in readers.addresses() {
+        printer.note(format!("readers over TCP: {address}"));
+        if !address.ip().is_loopback() {
+            printer.warning(format!(
+                "other machines reach {address}, and what is sent is not encrypted: whoever connects can read on"
+            ));
+        }
+    }
+    Ok(readers)
+}
+
+/// Commands from the standard input, a line each. `at_end` is set when there are no more.
+pub(crate) fn commands(
+    printer: &Printer,
+    at_end: Option<Arc<AtomicBool>>,
+) -> io::Result<Receiver<StreamCommand>> {
+    let (sender, commands) = channel();
+    each_line("commands", printer, at_end, move |line| {
+        let command: StreamCommand = line.parse().map_err(|unknown| format!("{unknown}"))?;
+        Ok(sender.send(command).is_ok())
+    })?;
+    Ok(commands)
+}
+
+/// Reads the standard input on a thread of this name. `take` says of each line whether it wants more, or what is wrong
+/// with it. `at_end` is set when there are no more.
+pub(crate) fn each_line(
+    name: &str,
+    printer: &Printer,
+    at_end: Option<Arc<AtomicBool>>,
+    mut take: impl FnMut(&str) -> Result<bool, String> + Send + 'static,
+) -> io::Result<()> {
+    let printer = printer.clone();
+    let listen = move || {
+        for line in io::stdin().lock().lines().map_while(Result::ok) {
+            match take(&line) {
+                Ok(true) => {}
+                Ok(false) => return,
+                Err(wrong) => printer.warning(wrong),
+            }
+        }
+        if let Some(at_end) = at_end {
+            at_end.store(true, Ordering::Relaxed);
+        }
+    };
+    thread::Builder::new().name(name.to_owned()).spawn(listen).map(drop)
+}
+
+/// Ends a stream, and says what came of it.
+pub(crate) fn finish(
+    printer: &Printer,
+    handle: Option<&StreamHandle>,
+) -> anyhow::Result<Option<StreamSummary>> {
+    let Some(summary) = handle.map(StreamHandle::finish).transpose()?.flatten() else {
+        return Ok(None);
+    };
+    for reader in &summary.readers {
+        let lost = match reader.lost {
+            0 => "none lost".to_owned(),
+            lost => format!("{lost} lost"),
+        };
+        printer.note(format!("{}: {} rows, {lost}", reader.name, reader.rows));
+        if let Some(problem) = &reader.problem {
+            printer.warning(format!("{}: {problem}", reader.name));
+        }
+    }
+    Ok(Some(summary))
 }

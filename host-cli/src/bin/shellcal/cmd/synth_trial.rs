@@ -5,7 +5,7 @@ use simulation::synthetic_trial::TrialLayout;
 use simulation::virtual_robot::{ChannelForces, Counter, TrialSettings, VirtualTrial};
 
 use super::choices::one_of;
-use super::partial_output::OpenOutput;
+use super::outputs::OpenOutput;
 use crate::files::{OutputLocation, OutputPath};
 use crate::printer::Printer;
 

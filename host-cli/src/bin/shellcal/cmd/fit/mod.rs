@@ -2,12 +2,10 @@
 
 mod hung_loads;
 mod partial;
-mod physics;
 mod plan;
 mod recalibration;
 mod report;
 
-use shellcal::workflow::remark::about_table;
 use std::time::Instant;
 
 use calibration::dynamics::LagRule;
@@ -17,12 +15,13 @@ use calibration::validation::grouped::GroupKind;
 use shell_data::wrench::Axes;
 use shellcal::workflow::gates::ComparedAxes;
 use shellcal::workflow::partial::KeptGroups;
+use shellcal::workflow::remark::about_table;
 
 use self::plan::FitPlan;
 use super::choices::{self, COVARIANCES, number_in, one_of};
-use super::figure_size::FigureSize;
-use super::limits::RmsLimits;
+use super::eval::RmsLimits;
 use super::mapping::MappingArgs;
+use super::outputs::FigureSize;
 use crate::files::{InputPath, OutputOrStdout, OutputPath};
 use crate::printer::{Outcome, Printer};
 
@@ -244,7 +243,7 @@ impl FitArgs {
             }
             FitMethod::Physics(physics) => {
                 let hung = hung.as_ref();
-                physics::report(printer, &fitted, (physics, hung), &file, seconds)?;
+                report::report_physics(printer, &fitted, (physics, hung), &file, seconds)?;
                 hung.into_iter().for_each(|hung| hung_loads::tell(hung, printer));
             }
         }

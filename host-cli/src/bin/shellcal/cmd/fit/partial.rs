@@ -8,8 +8,7 @@ use shellcal::workflow::partial::{self, PartialOptions};
 use shellcal::workflow::remark::absent_axes;
 
 use super::super::mapping::open_logs;
-use super::super::origin;
-use super::super::partial_output::OpenOutput;
+use super::super::outputs::{self, OpenOutput};
 use super::FitArgs;
 use crate::files::OutputOrStdout;
 use crate::printer::Printer;
@@ -57,7 +56,7 @@ impl FitArgs {
         };
         let mut partial = partial::sum(&mut train, &options)?;
         partial.made_by = shellcal::PROGRAM.to_owned();
-        partial.date = origin::date()?;
+        partial.date = outputs::date()?;
         partial.columns = self.mapping.specified(&train);
         partial.sensor_serial = self.serial.clone();
         printer.remarks(absent_axes(partial.axes));

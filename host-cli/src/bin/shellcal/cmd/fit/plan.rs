@@ -24,9 +24,8 @@ use shellcal::workflow::outliers::NamedOutliers;
 use shellcal::workflow::remark::about_fit;
 use shellcal::workflow::{WorkflowError, agree_on_axes};
 
-use super::super::figure_size::FigureFile;
 use super::super::mapping::open_logs;
-use super::super::origin;
+use super::super::outputs::{self, FigureFile};
 use super::super::plan::read_table;
 use super::{FitArgs, MemoryArg};
 use crate::printer::Printer;
@@ -167,7 +166,7 @@ impl<'a> FitPlan<'a> {
     pub(super) fn file(&self, data: &FitData, fitted: &Fit) -> anyhow::Result<CalibrationFile> {
         let origin = Origin {
             made_by: shellcal::PROGRAM.to_owned(),
-            date: origin::date()?,
+            date: outputs::date()?,
             sensor_serial: self.args.serial.clone(),
             sources: sources((&self.train, &self.test), data, fitted)?,
             columns: self.args.mapping.specified(&self.train),
@@ -201,7 +200,7 @@ impl<'a> FitPlan<'a> {
             let output = self.args.output.as_ref();
             let name = output.map_or("not written", |path| path.to_str().unwrap_or("?"));
             let outliers = self.outlier_rows(named);
-            let facts = ReportFacts { name, command: &origin::command_line(), outliers };
+            let facts = ReportFacts { name, command: &outputs::command_line(), outliers };
             report.commit_with(html(fitted, file, facts)?.as_bytes())?;
         }
         if let Some(output) = self.calibration.take() {

@@ -12,7 +12,7 @@ use shellcal::workflow::fit::log_sources;
 use shellcal::workflow::recalibration::{Recalibrated, recalibrate};
 
 use super::super::mapping::{open_logs, tell_remembered};
-use super::super::origin;
+use super::super::outputs;
 use super::super::plan::read_table;
 use super::super::quality::in_line;
 use super::FitArgs;
@@ -46,7 +46,7 @@ impl FitArgs {
         if let Some(output) = output {
             let origin = Origin {
                 made_by: shellcal::PROGRAM.to_owned(),
-                date: origin::date()?,
+                date: outputs::date()?,
                 sensor_serial: self.serial.clone(),
                 sources: sources(path, &before, &logs, &recalibrated)?,
                 columns: self.mapping.specified(&logs),

@@ -8,7 +8,7 @@ use anyhow::Context;
 use live_view::web::{Server, Site};
 use shellcal::workflow::live::{LiveAction, LiveSession, PERIOD};
 
-use super::log_files::Until;
+use super::Until;
 
 const PAGE: &str = include_str!("../../../../../assets/live/page.html");
 const STYLE: &str = include_str!("../../../../../assets/live/live.css");

@@ -4,8 +4,7 @@ use crossterm::style::{Attribute, Color};
 use font8x8::legacy::{BASIC_LEGACY, LATIN_LEGACY};
 use live_view::{GuidePhase, GuideView};
 
-use super::canvas::{ACROSS, CharacterCanvas, DOWN};
-use super::cells::{Area, CellGrid};
+use super::cells::{ACROSS, Area, CellGrid, CharacterCanvas, DOWN};
 use super::screen::{LiveScreen, decimals};
 
 /// Dots of a letter, across and down.

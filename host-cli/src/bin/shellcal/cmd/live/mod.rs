@@ -1,42 +1,43 @@
 //! `shellcal live`: forces as they come, in the terminal or in a browser.
 
 mod browser;
-mod canvas;
 mod cells;
 mod guide_screen;
-mod log_files;
 mod screen;
 mod view;
 
 use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread;
 use std::time::{Duration, Instant};
+use std::{io, thread};
 
 use board_link::recording::{LiveForces, PROTOCOLS};
-use board_link::{LogSink, RecordOptions, RecordingProgress, Sinks, Source, Watcher, record};
+use board_link::{
+    AppendWriter, LogSink, RecordOptions, RecordingProgress, Sinks, Source, Watcher, record,
+};
 use frame_stream::RowOptions;
 use live_view::{Guide, LiveModel};
 use log_file::Log;
+use output_file::OutputError;
 use serde_json::json;
 use shared_proto::Protocol;
 use shell_data::wrench::Axes;
-use shellcal::workflow::live::{Feed, LiveRows, LiveSession, LogSeries, guide_through, play};
+use shellcal::workflow::live::{
+    Feed, LiveRows, LiveSession, LogMaker, LogSeries, guide_through, play,
+};
+use view::Appearance;
 
 use super::choices::one_of;
-use super::live_forces::LiveForceArgs;
+use super::frames::LiveForceArgs;
 use super::mapping::MappingArgs;
-use super::ports::is_port;
+use super::ports::{SerialArgs, is_port};
 use super::record::parse_duration;
-use super::serial::SerialArgs;
-use super::stream::speed;
-use super::streaming::{self, StreamToArgs};
+use super::stream::{self, StreamToArgs, speed};
 use crate::files::{InputPath, OutputPath};
 use crate::printer::Printer;
 use crate::signals;
-use log_files::{LogFiles, Until};
-use view::Appearance;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -165,7 +166,7 @@ impl LiveArgs {
         let ended =
             source.join().unwrap_or_else(|_| Err(anyhow::anyhow!("the recording panicked")));
         shown?;
-        streaming::finish(printer, streamed.as_ref())?;
+        stream::finish(printer, streamed.as_ref())?;
         for line in session.report() {
             match printer.json() {
                 true => printer.note(line),
@@ -278,4 +279,79 @@ fn spawn(
         ended
     };
     Ok(thread::Builder::new().name(name.to_owned()).spawn(run)?)
+}
+
+/// What tells a view to end: whoever runs it, its time, and its source.
+pub(super) struct Until<'a> {
+    pub(super) is_stopped: &'a dyn Fn() -> bool,
+    pub(super) is_over: &'a dyn Fn() -> bool,
+    pub(super) started: Instant,
+    pub(super) duration: Option<Duration>,
+}
+
+impl Until<'_> {
+    /// Takes the frames that have come; whether to go on.
+    pub(super) fn advance(&self, session: &mut LiveSession) -> anyhow::Result<bool> {
+        let elapsed = self.started.elapsed();
+        let is_gone = session.advance(elapsed, (self.is_over)())?;
+        let is_out_of_time = self.duration.is_some_and(|end| elapsed >= end);
+        Ok(!((self.is_stopped)() || is_out_of_time || is_gone))
+    }
+}
+
+/// Makes `log.csv`, then the first of `log-2.csv`, `log-3.csv`, … that is not there.
+#[derive(Debug)]
+pub(super) struct LogFiles {
+    /// The first of them, if it has a name.
+    pub(super) path: Option<PathBuf>,
+    pub(super) overwrite: bool,
+}
+
+impl LogMaker for LogFiles {
+    fn next(&mut self, made: usize) -> Result<Box<dyn LogSink>, OutputError> {
+        let base = self.path.clone().unwrap_or_else(|| PathBuf::from("live.csv"));
+        let mut number = made + 1;
+        loop {
+            let path = numbered(&base, number);
+            // A name that was given is meant; one that was made must not be in the way.
+            let is_given = number == 1 && self.path.is_some();
+            match AppendWriter::create(&path, self.overwrite && is_given) {
+                Err(OutputError::Failed { source, .. })
+                    if !is_given && source.kind() == io::ErrorKind::AlreadyExists =>
+                {
+                    number += 1;
+                }
+                writer => return Ok(Box::new(writer?)),
+            }
+        }
+    }
+}
+
+fn numbered(base: &Path, number: usize) -> PathBuf {
+    if number == 1 {
+        return base.to_path_buf();
+    }
+    let stem = base.file_stem().unwrap_or_default().to_string_lossy();
+    let ending = base.extension().map(|ending| format!(".{}", ending.to_string_lossy()));
+    base.with_file_name(format!("{stem}-{number}{}", ending.unwrap_or_default()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn logs_are_numbered_and_none_is_replaced() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("run.csv");
+        std::fs::write(dir.path().join("run-2.csv"), "mine").unwrap();
+        let mut logs = LogFiles { path: Some(path.clone()), overwrite: false };
+        let writers = [logs.next(0).unwrap(), logs.next(1).unwrap()];
+        let names = writers.each_ref().map(|log| log.path().file_name().unwrap().to_owned());
+        assert_eq!(names, ["run.csv", "run-3.csv"]);
+        assert_eq!(std::fs::read(dir.path().join("run-2.csv")).unwrap(), b"mine");
+        drop(writers);
+        let mut again = LogFiles { path: Some(path), overwrite: false };
+        assert!(again.next(0).is_err(), "a name that was given is taken");
+    }
 }

@@ -4,8 +4,7 @@ use crossterm::style::{Attribute, Color, ContentStyle};
 use live_view::{ChannelState, ChannelView, GuideView, LiveModel, TraceView};
 use shell_data::escape::is_invisible;
 
-use super::canvas::{ACROSS, CharacterCanvas, DOWN};
-use super::cells::{Area, CellGrid};
+use super::cells::{ACROSS, Area, CellGrid, CharacterCanvas, DOWN};
 
 /// All that is shown.
 #[derive(Debug)]

@@ -12,8 +12,8 @@ use crossterm::terminal::{
 use crossterm::{cursor, execute, queue};
 use shellcal::workflow::live::{LiveAction, LiveSession, PERIOD};
 
+use super::Until;
 use super::cells::CellGrid;
-use super::log_files::Until;
 use super::screen::LiveScreen;
 
 /// The screen of a terminal that does not tell its size, as VT100 had it.

@@ -1,11 +1,26 @@
 //! `shellcal payload`: what a sensor carries.
 
-mod fit;
 pub(in crate::cmd) mod load;
-mod subtract;
 
+use calibration::scaling::Scaling;
+use calibration::{Basis, Calibration, Model};
+use calibration_file::payload_file::PayloadFile;
 use clap::Subcommand;
+use forces::RowRule;
+use forces::payload::{LEAST_SPREAD, Payload, PayloadFit, STANDARD_GRAVITY_M_S2};
+use log_file::{ColumnRef, Log, Mapping, Meaning, Wanted};
+use shell_data::wrench::{Axes, Axis, PerAxis};
+use shellcal::workflow::convert::{
+    Conversion, ConvertOptions, OutputFormat, OutputPlan, RecordingFrame, TableColumns, convert,
+};
+use shellcal::workflow::payload::{FittedPayload, GravityFrom, fit_payload};
+use shellcal::workflow::selection::RowFilter;
 
+use self::load::{MotionArgs, MotionColumnArgs};
+use crate::cmd::frames::ForceArgs;
+use crate::cmd::mapping::{MappingArgs, open_logs};
+use crate::cmd::outputs::{self, OpenOutput};
+use crate::files::{InputPath, OutputPath};
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]
@@ -21,12 +36,12 @@ enum PayloadAction {
     /// A log of wrenches with the orientation of each row (`gx gy gz` of gravity in the sensor's frame,
     /// `r11` … `r33`, `qx qy qz qw`), accelerations (`ax ay az`), or both: then the frame, scale and offsets
     /// of the accelerometer are found, too. Every row is a pose, or every label of the group column.
-    Fit(fit::PayloadFitArgs),
+    Fit(PayloadFitArgs),
 
     /// Take weight and inertia of a payload off a log of wrenches
     ///
     /// For a log of readings see `shellcal convert --payload`.
-    Subtract(subtract::SubtractArgs),
+    Subtract(SubtractArgs),
 }
 
 impl PayloadArgs {
@@ -36,4 +51,225 @@ impl PayloadArgs {
             PayloadAction::Subtract(args) => args.run(printer),
         }
     }
+}
+
+/// More rows than this that no label puts together are hardly poses.
+const MANY_POSES: usize = 500;
+/// A spread of directions below this many times the least leaves errors large, whatever they are.
+const POOR_SPREAD: f64 = 100.0 * LEAST_SPREAD;
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  shellcal payload fit poses.csv -o payload.json
+  shellcal payload fit poses.csv --group pose --gravity 9.82085 -o payload.json")]
+pub(crate) struct PayloadFitArgs {
+    /// Logs of wrenches at rest
+    #[arg(required = true, value_name = "LOG")]
+    logs: Vec<InputPath>,
+
+    /// Write what was found (JSON)
+    #[arg(long, short, value_name = "PAYLOAD.json")]
+    output: Option<OutputPath>,
+
+    #[command(flatten)]
+    columns: MotionColumnArgs,
+
+    #[command(flatten)]
+    mapping: MappingArgs,
+}
+
+impl PayloadFitArgs {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
+        let mapping = self.mapping.mapping();
+        let logs = open_logs(&self.logs, ("", &[]), &mapping)?;
+        let output = printer.create(self.output.as_ref())?;
+        let found = fit_payload(
+            &logs,
+            &self.columns.columns(STANDARD_GRAVITY_M_S2),
+            &self.mapping.read_options(),
+        )?;
+        let paths = self.logs.iter().map(|path| path.to_path_buf());
+        let file = PayloadFile {
+            fit: found.fit,
+            accelerometer: found.accelerometer,
+            made_by: shellcal::PROGRAM.to_owned(),
+            date: outputs::date()?,
+            sources: paths.zip(found.rows.iter().copied()).collect(),
+        };
+        if let Some(output) = output {
+            output.commit_with(file.to_json().as_bytes())?;
+        }
+        if printer.json() {
+            printer.file(file.to_json().as_bytes())?;
+        } else {
+            print(printer, &found.fit)?;
+        }
+        say(printer, &found);
+        Ok(())
+    }
+}
+
+/// The ten numbers with their standard errors.
+fn print(printer: &Printer, fit: &PayloadFit) -> anyhow::Result<()> {
+    let rows = rows(&fit.payload, &fit.standard_errors).into_iter().map(
+        |(name, value, error, decimals)| {
+            vec![name, format!("{value:.decimals$}"), format!("{error:.decimals$}")]
+        },
+    );
+    printer.table(&["quantity", "value", "standard error"], rows)?;
+    printer.line(format!(
+        "{} poses; left over: {:.5} N, {:.6} N·m (RMS)",
+        fit.poses, fit.residual_rms_n, fit.residual_rms_nm
+    ))
+}
+
+/// Name, value, standard error and decimals of each number.
+fn rows(payload: &Payload, errors: &Payload) -> Vec<(String, f64, f64, usize)> {
+    let mut rows = vec![("mass (kg)".to_owned(), payload.mass_kg, errors.mass_kg, 6)];
+    let vectors = [
+        ("centre", "mm", payload.centre_m, errors.centre_m, 1e3, 3),
+        ("F₀", "N", payload.force_bias_n, errors.force_bias_n, 1.0, 6),
+        ("T₀", "N·m", payload.moment_bias_nm, errors.moment_bias_nm, 1.0, 6),
+    ];
+    for (name, unit, value, error, scale, decimals) in vectors {
+        for (axis, label) in ["x", "y", "z"].into_iter().enumerate() {
+            let label = format!("{name} {label} ({unit})");
+            rows.push((label, scale * value[axis], scale * error[axis], decimals));
+        }
+    }
+    rows
+}
+
+/// How it was found, and where that may not suffice.
+fn say(printer: &Printer, found: &FittedPayload) {
+    let FittedPayload { fit, accelerometer, gravity_from, is_grouped, skipped_rows, .. } = found;
+    if *skipped_rows > 0 {
+        printer.note(format!("{skipped_rows} bad rows left out"));
+    }
+    match (gravity_from, accelerometer) {
+        (GravityFrom::Accelerations, _) => printer.note(
+            "gravity from accelerations alone, their frame from the forces; offsets of the accelerometer are \
+             in F₀ and T₀",
+        ),
+        (GravityFrom::Orientation, Some(it)) => {
+            let [x, y, z] = it.residual_rms_m_s2;
+            printer.note(format!(
+                "accelerometer: frame, scale and offsets found; left over: {x:.3}, {y:.3}, {z:.3} m/s² (RMS)"
+            ));
+        }
+        (GravityFrom::Orientation, None) => printer.note(
+            "no accelerometer: inertia cannot be taken off (`ax ay az` in six poses or more that turn \
+             gravity in all of space tell its frame)",
+        ),
+    }
+    let rest = fit.spread_rad[1];
+    if rest < POOR_SPREAD {
+        printer.warning(format!(
+            "beside one line gravity turns by {:.1}° only: poses in all directions tell more",
+            rest.to_degrees()
+        ));
+    }
+    if !is_grouped && fit.poses > MANY_POSES {
+        printer.warning(format!(
+            "each of {} rows counts as a pose: if poses last for rows, name the column that labels them \
+             with `--group`, or standard errors are too small",
+            fit.poses
+        ));
+    }
+}
+
+/// Channels of a wrench.
+const AXES: usize = Axis::ALL.len();
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  shellcal payload subtract payload.json wrench.csv -o contact.csv
+  shellcal payload subtract payload.json wrench.csv --motion accelerations.csv --lowpass 20 -o contact.csv")]
+pub(crate) struct SubtractArgs {
+    /// Payload file
+    #[arg(value_name = "PAYLOAD")]
+    payload: InputPath,
+
+    /// A log of time and wrench
+    #[arg(value_name = "LOG")]
+    log: InputPath,
+
+    /// Write the wrench that is left: .csv, .parquet, .mat, .npy or .mcap [default:
+    /// standard output, as CSV]
+    #[arg(long, short, value_name = "FILE")]
+    output: Option<OutputPath>,
+
+    #[command(flatten)]
+    motion: MotionArgs,
+
+    #[command(flatten)]
+    forces: ForceArgs,
+
+    #[command(flatten)]
+    mapping: MappingArgs,
+}
+
+impl SubtractArgs {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
+        if printer.json() && self.output.is_none() {
+            anyhow::bail!("`--json` needs `--output`: the table would go to the same place");
+        }
+        let format = match &self.output {
+            Some(path) => OutputFormat::from_path(path, &RecordingFrame::default())?,
+            None => OutputFormat::Csv,
+        };
+        let file = PayloadFile::read(&self.payload)?;
+        let mapping = self.mapping.mapping();
+        let (log, calibration) = wrench_log(&self.log, mapping.clone())?;
+        let read = self.mapping.read_options();
+        let load = self.motion.load(&file, &log, &calibration, &read, &mapping)?;
+        let options = ConvertOptions {
+            rows: RowFilter::All,
+            forces: self.forces.options_without_tare(RowRule::Time),
+            load: Some(load),
+            columns: TableColumns {
+                time: true,
+                axes: Axes::ALL,
+                standard_errors: false,
+                interval: None,
+                flags: false,
+            },
+            full_scale: None,
+        };
+        let plan = OutputPlan { format, ..OutputPlan::default() };
+        let mut out = OpenOutput::create(self.output.as_ref(), printer)?;
+        let (calibration, options) = (&calibration, &options);
+        let summary = printer.scan(&log, read, |read| {
+            let conversion = Conversion { log: &log, calibration, options, read };
+            convert(&conversion, &plan, &mut out, None)
+        })?;
+        out.finish()?;
+        self.motion.report(printer, &log, &summary);
+        if printer.json() {
+            printer.document(&summary)?;
+        }
+        Ok(())
+    }
+}
+
+/// A log of wrenches as one of readings, and the calibration that makes the one of the other.
+fn wrench_log(path: &InputPath, mapping: Mapping) -> anyhow::Result<(Log, Calibration)> {
+    let log = Log::open(path, &mapping)?;
+    log.require(&Wanted { time: true, wrench: true, ..Wanted::default() })?;
+    log.require_axes(Axes::ALL)?;
+    let mut columns: PerAxis<(usize, f64)> = Default::default();
+    for (position, column) in log.columns().iter().enumerate() {
+        if let Meaning::Load(axis, is_milli) = column.meaning {
+            columns[axis.index()] = (position, if is_milli { 1e-3 } else { 1.0 });
+        }
+    }
+    let sensors = columns.map(|(position, _)| ColumnRef::Position(position + 1)).to_vec();
+    let as_readings = Mapping { sensors: Some(sensors), wrench: None, ..mapping };
+    let model = Model { basis: Basis::Linear, intercept: false, channels: AXES, memory: 0 };
+    let row = |from: usize| -> PerAxis<f64> {
+        std::array::from_fn(|to| if from == to { columns[from].1 } else { 0.0 })
+    };
+    let coefficients = (0..AXES).map(row).collect();
+    let calibration = Calibration::new(model, Scaling::identity(AXES), coefficients);
+    Ok((Log::open(path, &as_readings)?, calibration))
 }

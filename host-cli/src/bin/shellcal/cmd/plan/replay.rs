@@ -9,7 +9,7 @@ use figures::{ChartMark, Series, Spacing};
 use log_file::{Log, ReadOptions};
 use shellcal::workflow::plan::observations;
 
-use super::super::figure_size::FigureFile;
+use super::super::outputs::FigureFile;
 use super::report::chart;
 use crate::printer::Printer;
 

@@ -7,7 +7,7 @@ use simulation::channel_study::{GridAxis, Uncertain};
 
 use super::quantity::{angle, grid_axis, length, positive_length, pressure, uncertain};
 use crate::cmd::choices::{POSITIVE, number_in};
-use crate::cmd::figure_size::FigureSize;
+use crate::cmd::outputs::FigureSize;
 use crate::files::{InputPath, OutputPath};
 
 /// A share of a whole, between its ends.

@@ -7,9 +7,8 @@ use shellcal::workflow::simulate::{MeasuredCondition, read_trials};
 use simulation::channel_study::{ChannelDiagnostic, ChannelSummary};
 
 use super::args::{SimulateArgs, of_deflection, of_width};
-use super::format::cm;
 use super::model;
-use super::quantity::length;
+use super::quantity::{cm, length};
 use crate::printer::{Printer, TableColumn};
 use crate::tables::{or_dash, shown};
 

@@ -1,23 +1,21 @@
 //! `shellcal simulate`: the quasi-static model of the beam channel.
 
 mod args;
-mod channel;
 mod comparison;
-mod format;
 mod grid;
 mod outputs;
 mod quantity;
 mod report;
+pub(crate) use args::SimulateArgs;
 
 use anyhow::Context;
 use beam_channel::{Model, Setup};
+use outputs::SweepFiles;
+use quantity::cm;
+use report::ChannelReport;
 use simulation::channel_study::{Course, monte_carlo};
 
-pub(crate) use args::SimulateArgs;
-
 use crate::printer::Printer;
-use channel::ChannelReport;
-use outputs::SweepFiles;
 
 /// Room on either side of the contacts that a sweep shows by itself, in m.
 const MARGIN_M: f64 = 0.01;
@@ -96,6 +94,5 @@ impl SimulateArgs {
 
 /// The model of a channel; an error says of which.
 fn model(setup: &Setup) -> anyhow::Result<Model> {
-    Model::new(setup)
-        .with_context(|| format!("a channel {} cm wide", format::cm(setup.channel.width_m)))
+    Model::new(setup).with_context(|| format!("a channel {} cm wide", cm(setup.channel.width_m)))
 }

@@ -9,8 +9,8 @@ use shellcal::workflow::simulate::{SteadyPassage, curve, read_trace};
 use simulation::channel_study::{Course, beam_rows};
 
 use super::args::SweepArgs;
-use super::format::cm;
-use crate::cmd::figure_size::FigureFile;
+use super::quantity::cm;
+use crate::cmd::outputs::FigureFile;
 use crate::printer::Printer;
 
 /// What is written.

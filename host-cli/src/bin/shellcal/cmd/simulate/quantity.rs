@@ -1,4 +1,4 @@
-//! Numbers with units, as values of options.
+//! Numbers with units: as values of options, and as they are printed.
 
 use simulation::channel_study::{Dimension, GridAxis, Parameter, ParameterSpread, Uncertain};
 
@@ -123,6 +123,18 @@ fn named(text: &str) -> Result<(Parameter, &str), String> {
     Ok((known, value))
 }
 
+/// A length in cm, without digits that rounding made.
+pub(super) fn cm(length_m: f64) -> String {
+    let rounded = (length_m * 1e8).round() / 1e6;
+    // Not −0.
+    format!("{}", rounded + 0.0)
+}
+
+/// A share in %, without digits that rounding made.
+pub(super) fn percent(share: f64) -> f64 {
+    (share * 1e8).round() / 1e6
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -157,5 +169,11 @@ mod tests {
         assert_eq!(uncertain("thickness=5um").unwrap().spread, ParameterSpread::Absolute(5e-6));
         assert_eq!(uncertain("modulus=10%").unwrap().spread, ParameterSpread::Relative(0.1));
         assert!(uncertain("modulus=-1%").is_err());
+    }
+
+    #[test]
+    fn figures_are_printed_without_rounding_noise() {
+        assert_eq!([cm(2.0 * (0.05 - 0.01)), cm(-1e-12), cm(0.0255)], ["8", "0", "2.55"]);
+        assert_eq!(percent(0.95), 95.0);
     }
 }

@@ -1,6 +1,7 @@
 //! `shellcal batch`: all trials of a manifest.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use anyhow::bail;
 use shellcal::workflow::batch::{Batch, BatchOptions, FileStamp, stamp};
@@ -9,7 +10,7 @@ use trial::{ConditionRow, TrialOptions, TrialResult};
 
 use super::evaluation::{Equipment, EvaluationArgs};
 use super::outputs::ResultArgs;
-use super::{manifest, show, watch};
+use super::{manifest, show};
 use crate::files::InputPath;
 use crate::printer::{Outcome, Printer};
 
@@ -75,7 +76,7 @@ impl BatchArgs {
         }
         let mut before: Option<(Vec<FileStamp>, Batch)> = None;
         let files = || self.watched();
-        watch::run(printer, files, || {
+        watch(printer, files, || {
             printer.files.renew();
             let equipment: Vec<FileStamp> =
                 self.evaluation.files_by_role().map(|(_, path)| stamp(path)).collect();
@@ -83,7 +84,7 @@ impl BatchArgs {
             let kept = before.take().filter(|(files, _)| *files == equipment);
             match self.once(printer, kept.as_ref().map(|(_, batch)| batch)) {
                 Ok((batch, _)) => before = Some((equipment, batch)),
-                Err(error) => printer.error(&error, None),
+                Err(error) => printer.error(&error),
             }
         })
     }
@@ -222,4 +223,37 @@ fn parse_shard(text: &str) -> Result<Shard, String> {
         .and_then(|(number, of)| Shard::new(number.trim().parse().ok()?, of.trim().parse().ok()?));
     let most = Shard::MOST;
     parts.ok_or_else(|| format!("a share of at most {most}, from 1, such as `3/100`"))
+}
+
+/// How often files are looked at. A look costs a system call a file.
+const EVERY: Duration = Duration::from_millis(300);
+
+/// Does `job` now and whenever one of `files` changes, comes or goes; until the program is ended.
+fn watch(
+    printer: &Printer,
+    files: impl Fn() -> Vec<PathBuf>,
+    mut job: impl FnMut(),
+) -> anyhow::Result<Outcome> {
+    let stamps = |files: &[PathBuf]| -> Vec<FileStamp> {
+        files.iter().map(PathBuf::as_path).map(stamp).collect()
+    };
+    loop {
+        // Looked at before the job: what changes meanwhile has changed.
+        let files = files();
+        let seen = stamps(&files);
+        job();
+        printer.note(format!("watching {} files; Ctrl-C ends", files.len()));
+        while stamps(&files) == seen {
+            std::thread::sleep(EVERY);
+        }
+        let changed = files.iter().zip(&seen).filter(|(file, seen)| stamp(file) != **seen);
+        let changed: Vec<&Path> = changed.map(|(file, _)| file.as_path()).collect();
+        if let Some(first) = changed.first() {
+            let more = match changed.len() {
+                1 => String::new(),
+                files => format!(" and {} more", files - 1),
+            };
+            printer.note(format!("`{}`{more} changed", first.display()));
+        }
+    }
 }

@@ -1,4 +1,4 @@
-//! The flags of every command that evaluates trials.
+//! The flags of every command that evaluates trials; `shellcal profile`.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use forces::RowRule;
 use log_file::{Mapping, ReadOptions};
 use shellcal::workflow::batch::BatchOptions;
 use trial::manifest::{CellPosition, ManifestProblem};
-use trial::{Instrument, Profile, TraceExtent, TrialOptions};
+use trial::{Instrument, Profile, TraceExtent, TrialOptions, VELOCIROACH};
 
 use crate::cmd::frames::{ForceArgs, describe_forces};
 use crate::cmd::mapping::{EditedArg, MappingArgs};
@@ -122,4 +122,14 @@ fn read_profile(path: &Path) -> anyhow::Result<Profile> {
         let CellPosition { line, column } = position;
         anyhow::anyhow!("`{}`, line {line}, column {column}: {message}", path.display())
     })
+}
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  shellcal profile > robot.toml")]
+pub(crate) struct ProfileArgs {}
+
+impl ProfileArgs {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
+        printer.finish(&Profile::velociroach(), |printer| printer.line(VELOCIROACH.trim_end()))
+    }
 }

@@ -1,15 +1,12 @@
 //! Trials: one, all of a manifest, and the statistics of a table.
 
 pub(crate) mod batch;
-mod certificate;
-mod evaluation;
+pub(crate) mod evaluation;
 mod manifest;
 mod outputs;
 pub(crate) mod plot;
-pub(crate) mod profile;
 pub(crate) mod report;
 mod show;
 pub(crate) mod stats;
 pub(crate) mod trial;
-mod watch;
 pub(crate) mod window;

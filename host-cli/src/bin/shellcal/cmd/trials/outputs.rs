@@ -13,7 +13,7 @@ use trial::{ConditionRow, Profile, TraceExtent, TrialResult};
 
 use super::manifest;
 use crate::cmd::choices::one_of;
-use crate::cmd::figure_size::FigureSize;
+use crate::cmd::outputs::FigureSize;
 use crate::files::{OutputLocation, create_folder};
 use crate::printer::Printer;
 

@@ -12,8 +12,8 @@ use trial::{TraceExtent, Trial, TrialRow};
 
 use super::evaluation::EvaluationArgs;
 use super::manifest;
-use crate::cmd::figure_size::{FigureFile, FigureSize};
 use crate::cmd::frames::parse_window;
+use crate::cmd::outputs::{FigureFile, FigureSize};
 use crate::files::{InputPath, OutputPath};
 use crate::printer::{Outcome, Printer};
 

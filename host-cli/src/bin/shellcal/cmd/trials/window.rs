@@ -6,7 +6,7 @@ use shellcal::workflow::trial::{TrialJob, WindowSearch, search_window};
 use trial::{GOOD_CONFIDENCE, NoWindow, Proposal, TraceExtent, TrialOptions};
 
 use super::evaluation::EvaluationArgs;
-use crate::cmd::figure_size::FigureSize;
+use crate::cmd::outputs::FigureSize;
 use crate::files::{InputPath, OutputPath};
 use crate::printer::{Outcome, Printer, TableColumn};
 

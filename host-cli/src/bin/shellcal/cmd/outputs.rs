@@ -1,0 +1,158 @@
+//! What commands write: to a file or the standard output, figures, and who made it when.
+
+use std::io::{self, Write};
+use std::path::Path;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use anyhow::Context;
+use calibration_file::PartialFit;
+use figures::{Figure, Format, Size};
+use output_file::AtomicFile;
+use table_file::iso_of_seconds;
+
+use super::choices::one_of;
+use crate::files::{OutputOrStdout, OutputPath};
+use crate::printer::Printer;
+
+/// A destination that is open before the work begins.
+pub(super) enum OpenOutput {
+    File(AtomicFile),
+    Stdout,
+}
+
+impl OpenOutput {
+    pub(super) fn open(path: &OutputOrStdout, printer: &Printer) -> anyhow::Result<Self> {
+        if !path.is_stdout() {
+            return Ok(Self::File(printer.files.create(path)?));
+        }
+        anyhow::ensure!(
+            !printer.json(),
+            "`--partial -` writes the partial fit to the standard output: leave out `--json`"
+        );
+        Ok(Self::Stdout)
+    }
+
+    /// The file at `path`, or without one the standard output.
+    pub(super) fn create(path: Option<&OutputPath>, printer: &Printer) -> anyhow::Result<Self> {
+        Ok(printer.create(path)?.map_or(Self::Stdout, Self::File))
+    }
+
+    /// The same for rows, which `--json` would mix with its document.
+    pub(super) fn for_rows(path: Option<&OutputPath>, printer: &Printer) -> anyhow::Result<Self> {
+        anyhow::ensure!(
+            path.is_some() || !printer.json(),
+            "`--json` needs `--output`: standard output has the rows"
+        );
+        Self::create(path, printer)
+    }
+
+    pub(super) fn write(mut self, partial: &PartialFit) -> anyhow::Result<()> {
+        self.write_all(partial.to_json().as_bytes())?;
+        self.finish()
+    }
+
+    /// Puts the file in its place; all of it has been written.
+    pub(super) fn finish(mut self) -> anyhow::Result<()> {
+        match self {
+            Self::File(file) => file.commit()?,
+            Self::Stdout => self.flush()?,
+        }
+        Ok(())
+    }
+}
+
+impl Write for OpenOutput {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match self {
+            Self::File(file) => file.write(bytes),
+            Self::Stdout => io::stdout().write(bytes),
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        match self {
+            Self::File(file) => file.flush(),
+            Self::Stdout => io::stdout().flush(),
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub(super) struct FigureSize {
+    /// How wide the figure is: screen, or single or double for columns of a paper (89 and 183 mm, letters of 5
+    /// to 7 pt)
+    #[arg(long, value_name = "WIDTH", value_parser = one_of(&SIZES), default_value = "screen", hide_possible_values = true)]
+    pub(super) size: Size,
+}
+
+/// Widths of figures.
+const SIZES: [(&str, &str, Size); 3] = [
+    ("screen", "As wide as its content suits", Size::Screen),
+    ("single", "A column of a paper, 89 mm", Size::Single),
+    ("double", "Two columns, 183 mm", Size::Double),
+];
+
+/// The file of a figure, which is open before the work begins.
+pub(super) struct FigureFile {
+    file: AtomicFile,
+    format: Format,
+    size: Size,
+}
+
+impl FigureFile {
+    /// Writes what `draw` makes for a width.
+    pub(super) fn draw(self, draw: impl FnOnce(Size) -> Figure) -> anyhow::Result<()> {
+        Ok(self.file.commit_with(&draw(self.size).render(self.format)?)?)
+    }
+}
+
+impl FigureSize {
+    /// The same, if a figure is to be drawn.
+    pub(super) fn create(
+        self,
+        path: Option<&OutputPath>,
+        printer: &Printer,
+    ) -> anyhow::Result<Option<FigureFile>> {
+        path.map(|path| self.open(path, printer)).transpose()
+    }
+
+    /// Opens the file of a figure; its name says the format.
+    pub(super) fn open(self, path: &Path, printer: &Printer) -> anyhow::Result<FigureFile> {
+        let format = Format::from_path(path)?;
+        Ok(FigureFile { file: printer.files.create(path)?, format, size: self.size })
+    }
+}
+
+/// The last second that RFC 3339 has four digits of a year for: 9999-12-31T23:59:59Z.
+const LAST_SECOND: u64 = 253_402_300_799;
+
+/// The time in UTC, RFC 3339 to the second; that of `SOURCE_DATE_EPOCH` where it is set, so that
+/// results can be made again byte for byte (reproducible-builds.org).
+pub(in crate::cmd) fn date() -> anyhow::Result<String> {
+    let seconds = match std::env::var("SOURCE_DATE_EPOCH") {
+        Ok(text) => {
+            let seconds = text.parse().ok().filter(|&seconds| seconds <= LAST_SECOND);
+            seconds.with_context(|| {
+                format!(
+                    "`SOURCE_DATE_EPOCH` is `{text}`, expected seconds since 1970, at most \
+                     {LAST_SECOND}"
+                )
+            })?
+        }
+        Err(_) => SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs(),
+    };
+    Ok(iso_of_seconds(seconds))
+}
+
+/// What the command was called with, so that a shell takes it again.
+pub(in crate::cmd) fn command_line() -> String {
+    let quoted = |word: String| {
+        let is_plain = |c: char| c.is_alphanumeric() || "_-./:=,+@%".contains(c);
+        match !word.is_empty() && word.chars().all(is_plain) {
+            true => word,
+            false => format!("'{}'", word.replace('\'', r"'\''")),
+        }
+    };
+    let words = std::env::args_os().skip(1).map(|word| quoted(word.to_string_lossy().into_owned()));
+    ["shellcal".to_owned()].into_iter().chain(words).collect::<Vec<_>>().join(" ")
+}
