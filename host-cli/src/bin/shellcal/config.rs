@@ -12,7 +12,7 @@ use clap::parser::ValueSource;
 use clap::{Arg, ArgMatches, Command};
 use toml::{Spanned, Value};
 
-use crate::files::{InputPath, read_text};
+use crate::files::{InputPath, innermost, read_text};
 use crate::printer::{GLOBAL, Printer};
 
 /// Its name beside the data.
@@ -45,21 +45,17 @@ const KEYS: [(Option<&str>, &[&str]); 4] = [
 const ALTERNATIVES: [&[&str]; 3] =
     [&["tare", "tare-time", "no-tare"], &["lowpass", "no-lowpass"], &["causal", "zero-phase"]];
 
-/// The settings of a file.
-#[derive(Debug)]
-struct Config {
-    path: PathBuf,
-    /// By key: the line, and the value as on a command line; `None` of a switch that is on.
-    settings: BTreeMap<String, (usize, Option<OsString>)>,
-}
+/// The settings of a file, by key: the line, and the option as on a command line.
+type Settings = BTreeMap<String, (usize, OsString)>;
 
 /// The command line with the settings of its data added.
 #[derive(Debug)]
 pub(crate) struct Configured {
     pub(crate) matches: ArgMatches,
-    config: Option<Config>,
-    /// What was taken from it.
-    taken: Vec<&'static str>,
+    /// The file that settings were taken from.
+    pub(crate) file: Option<PathBuf>,
+    /// What was taken from it, and from which line.
+    lines: BTreeMap<&'static str, usize>,
 }
 
 /// Adds the settings of a file to what the command line says.
@@ -67,7 +63,7 @@ pub(crate) struct Configured {
 /// # Errors
 /// A file that cannot be read, a key or a value that cannot be.
 pub(crate) fn configure(
-    arguments: Vec<OsString>,
+    mut arguments: Vec<OsString>,
     command: &mut Command,
     args: &ConfigArgs,
     matches: ArgMatches,
@@ -77,87 +73,50 @@ pub(crate) fn configure(
         Some(path) => Some(path.to_path_buf()),
         None => beside_data(command, &matches)?,
     };
-    let Some(path) = path else {
-        return Ok(Configured { matches, config: None, taken: Vec::new() });
-    };
-    let config = Config::read(path)?;
+    let settings = path.as_deref().map(read).transpose()?.unwrap_or_default();
     let (of_command, given) = innermost(command, &matches);
-    let mut added = Vec::new();
-    let mut taken = Vec::new();
+    let mut lines = BTreeMap::new();
+    // Before the end of options, if there is one.
+    let end = arguments.iter().position(|argument| argument == "--").unwrap_or(arguments.len());
     for (key, _) in options_of_keys(of_command) {
-        let Some((_, value)) = config.settings.get(key) else { continue };
-        let is_given = |key: &str| {
+        let Some((line, argument)) = settings.get(key) else { continue };
+        let is_given = |key: &&str| {
             option(of_command, key).is_some_and(|option| is_on_command_line(given, option))
         };
         let alternatives = ALTERNATIVES.iter().find(|all| all.contains(&key));
-        let said = alternatives.map_or(is_given(key), |all| all.iter().any(|key| is_given(key)));
-        if said {
-            continue;
+        if !alternatives.map_or(is_given(&key), |all| all.iter().any(is_given)) {
+            arguments.insert(end, argument.clone());
+            lines.insert(key, *line);
         }
-        let mut argument = OsString::from(format!("--{key}"));
-        if let Some(value) = value {
-            argument.push("=");
-            argument.push(value);
-        }
-        added.push(argument);
-        taken.push(key);
     }
-    if added.is_empty() {
-        return Ok(Configured { matches, config: Some(config), taken });
-    }
-    // Before the end of options, if there is one.
-    let mut all = arguments;
-    let end = all.iter().position(|argument| argument == "--").unwrap_or(all.len());
-    all.splice(end..end, added);
-    let matches = command.try_get_matches_from_mut(all).map_err(|error| {
+    let Some(path) = path.filter(|_| !lines.is_empty()) else {
+        return Ok(Configured { matches, file: None, lines });
+    };
+    let matches = command.try_get_matches_from_mut(arguments).map_err(|error| {
         let said = error.to_string();
         let said = said.lines().next().unwrap_or_default();
         let said = said.strip_prefix("error: ").unwrap_or(said);
-        anyhow::anyhow!("`{}`: {said}", config.path.display())
+        anyhow::anyhow!("`{}`: {said}", path.display())
     })?;
-    Ok(Configured { matches, config: Some(config), taken })
+    Ok(Configured { matches, file: Some(path), lines })
 }
 
 impl Configured {
-    /// The file that settings were taken from.
-    pub(crate) fn file(&self) -> Option<&Path> {
-        self.config.as_ref().filter(|_| !self.taken.is_empty()).map(|config| config.path.as_path())
-    }
-
     /// Says where each setting comes from, if that is wanted.
     pub(crate) fn explain(&self, command: &Command, printer: &Printer) {
         let (of_command, given) = innermost(command, &self.matches);
-        if !printer.is_verbose() {
-            return;
-        }
         for (key, option) in options_of_keys(of_command) {
             let values = given.get_raw(option.get_id().as_str()).into_iter().flatten();
             let values: Vec<_> = values.map(|value| value.to_string_lossy()).collect();
-            let line = self.config.as_ref().and_then(|config| {
-                let (line, _) = config.settings.get(key).filter(|_| self.taken.contains(&key))?;
-                Some((config.path.display(), line))
-            });
-            let origin = match line {
-                Some((path, line)) => format!("`{path}`, line {line}"),
-                None if is_on_command_line(given, option) => "the command line".to_owned(),
-                None if values.is_empty() => continue,
-                None => "the default".to_owned(),
+            let origin = match (&self.file, self.lines.get(key)) {
+                (Some(path), Some(line)) => format!("`{}`, line {line}", path.display()),
+                _ if is_on_command_line(given, option) => "the command line".to_owned(),
+                _ if values.is_empty() => continue,
+                _ => "the default".to_owned(),
             };
             printer.detail(format!("--{key} {}: from {origin}", values.join(",")));
         }
     }
-}
-
-/// The subcommand that is called, and what it was given.
-fn innermost<'a>(
-    mut command: &'a Command,
-    mut matches: &'a ArgMatches,
-) -> (&'a Command, &'a ArgMatches) {
-    while let Some((name, of_subcommand)) = matches.subcommand() {
-        let Some(subcommand) = command.find_subcommand(name) else { break };
-        (command, matches) = (subcommand, of_subcommand);
-    }
-    (command, matches)
 }
 
 /// The keys that a command has an option for, in their order.
@@ -200,41 +159,45 @@ fn beside_data(command: &Command, matches: &ArgMatches) -> anyhow::Result<Option
     }
 }
 
-impl Config {
-    fn read(path: PathBuf) -> anyhow::Result<Self> {
-        let text = read_text(&path)?;
-        let line_of = |at: usize| 1 + text.get(..at).unwrap_or_default().matches('\n').count();
-        let values: BTreeMap<Spanned<String>, Value> = toml::from_str(&text).map_err(|error| {
-            let line = line_of(error.span().map_or(0, |span| span.start));
-            let message = error.message().replace('\n', ", ");
-            anyhow::anyhow!("`{}`, line {line}: {message}", path.display())
-        })?;
-        let mut settings = BTreeMap::new();
-        for (key, value) in values {
-            let line = line_of(key.span().start);
-            let wrong = |what: String| anyhow::anyhow!("`{}`, line {line}: {what}", path.display());
-            let key = key.into_inner();
-            let known = KEYS.iter().flat_map(|(_, keys)| *keys);
-            if !known.clone().any(|known| *known == key) {
-                let near = |known: &&&str| strsim::jaro_winkler(known, &key);
-                let nearest = known.max_by(|a, b| near(a).total_cmp(&near(b))).unwrap_or(&"");
-                return Err(wrong(format!("unknown key `{key}`; the nearest is `{nearest}`")));
-            }
-            let value = match value {
-                Value::Boolean(false) => continue,
-                Value::Boolean(true) => None,
-                // Beside the file, as its name there says.
-                Value::String(name) if key == "profile" => {
-                    Some(path.with_file_name("").join(name).into_os_string())
-                }
-                value => Some(plain(&value).map(OsString::from).ok_or_else(|| {
-                    wrong(format!("`{key}` is neither a text, a number nor a list of them"))
-                })?),
-            };
-            settings.insert(key, (line, value));
+/// Reads the settings of a file.
+fn read(path: &Path) -> anyhow::Result<Settings> {
+    let text = read_text(path)?;
+    let line_of = |at: usize| 1 + text.get(..at).unwrap_or_default().matches('\n').count();
+    let wrong =
+        |line: usize, what: String| anyhow::anyhow!("`{}`, line {line}: {what}", path.display());
+    let values: BTreeMap<Spanned<String>, Value> = toml::from_str(&text).map_err(|error| {
+        let line = line_of(error.span().map_or(0, |span| span.start));
+        wrong(line, error.message().replace('\n', ", "))
+    })?;
+    let mut settings = Settings::new();
+    for (key, value) in values {
+        let line = line_of(key.span().start);
+        let key = key.into_inner();
+        let known = KEYS.iter().flat_map(|(_, keys)| *keys);
+        if !known.clone().any(|known| *known == key) {
+            let near = |known: &&&str| strsim::jaro_winkler(known, &key);
+            let nearest = known.max_by(|a, b| near(a).total_cmp(&near(b))).unwrap_or(&"");
+            return Err(wrong(line, format!("unknown key `{key}`; the nearest is `{nearest}`")));
         }
-        Ok(Self { path, settings })
+        let mut argument = OsString::from(format!("--{key}"));
+        match value {
+            Value::Boolean(false) => continue,
+            Value::Boolean(true) => {}
+            value => {
+                let plain = plain(&value).ok_or_else(|| {
+                    wrong(line, format!("`{key}` is neither a text, a number nor a list of them"))
+                })?;
+                argument.push("=");
+                // A profile lies beside the file, as its name there says.
+                argument.push(match key == "profile" {
+                    true => path.with_file_name("").join(plain).into_os_string(),
+                    false => plain.into(),
+                });
+            }
+        }
+        settings.insert(key, (line, argument));
     }
+    Ok(settings)
 }
 
 /// A value as it stands on a command line.

@@ -13,21 +13,13 @@ use clap::ArgMatches;
 use output_file::{OutputError, Outputs};
 use serde::{Serialize, Serializer};
 
-/// A file that is read.
+/// A file that is read, or `-` for the standard input where a command can.
 #[derive(Clone, Debug)]
 pub(crate) struct InputPath(PathBuf);
 
-/// A file that is written.
+/// A file that is written, or `-` for the standard output where a command can.
 #[derive(Clone, Debug)]
 pub(crate) struct OutputPath(PathBuf);
-
-/// A file that is read, or `-` for the standard input.
-#[derive(Clone, Debug)]
-pub(crate) struct InputOrStdin(PathBuf);
-
-/// A file that is written, or `-` for the standard output.
-#[derive(Clone, Debug)]
-pub(crate) struct OutputOrStdout(PathBuf);
 
 /// A folder that files are written into, or a link that is made.
 #[derive(Clone, Debug)]
@@ -64,18 +56,11 @@ macro_rules! path {
     )*};
 }
 
-path!(InputPath, InputOrStdin, OutputPath, OutputOrStdout, OutputLocation);
+path!(InputPath, OutputPath, OutputLocation);
 
-impl InputOrStdin {
-    pub(crate) fn is_stdin(&self) -> bool {
-        self.0.as_os_str() == "-"
-    }
-}
-
-impl OutputOrStdout {
-    pub(crate) fn is_stdout(&self) -> bool {
-        self.0.as_os_str() == "-"
-    }
+/// Whether a name stands for the standard input or output.
+pub(crate) fn is_standard(path: &Path) -> bool {
+    path.as_os_str() == "-"
 }
 
 impl OutputLocation {
@@ -95,17 +80,27 @@ pub(crate) fn read_text(path: &Path) -> anyhow::Result<String> {
     input::read_text(path).with_context(|| format!("cannot read `{}`", path.display()))
 }
 
+/// The subcommand that is called, and what it was given.
+pub(crate) fn innermost<'a>(
+    mut command: &'a clap::Command,
+    mut matches: &'a ArgMatches,
+) -> (&'a clap::Command, &'a ArgMatches) {
+    while let Some((name, of_subcommand)) = matches.subcommand() {
+        let Some(subcommand) = command.find_subcommand(name) else { break };
+        (command, matches) = (subcommand, of_subcommand);
+    }
+    (command, matches)
+}
+
 /// Tells `outputs` of all files that the command line names.
 ///
 /// # Errors
 /// [`OutputError`] if an output is an input or another output.
 pub(crate) fn collect(mut matches: &ArgMatches, outputs: &Outputs) -> Result<(), OutputError> {
     loop {
-        values::<InputPath>(matches).try_for_each(|path| outputs.protect(path))?;
-        let mut files = values::<InputOrStdin>(matches).filter(|path| !path.is_stdin());
-        files.try_for_each(|path| outputs.protect(path))?;
-        values::<OutputPath>(matches).try_for_each(|path| outputs.announce(path))?;
-        let mut files = values::<OutputOrStdout>(matches).filter(|path| !path.is_stdout());
+        let mut inputs = values::<InputPath>(matches).filter(|path| !is_standard(path));
+        inputs.try_for_each(|path| outputs.protect(path))?;
+        let mut files = values::<OutputPath>(matches).filter(|path| !is_standard(path));
         files.try_for_each(|path| outputs.announce(path))?;
         match matches.subcommand() {
             Some((_, subcommand)) => matches = subcommand,
@@ -117,13 +112,11 @@ pub(crate) fn collect(mut matches: &ArgMatches, outputs: &Outputs) -> Result<(),
 /// What to say of a value that was meant for an option before it and was taken for a file, as in `--interval 95`:
 /// the values of such options are joined to them, since they can be left out.
 pub(crate) fn misplaced_value(
-    mut command: &clap::Command,
-    mut matches: &ArgMatches,
+    command: &clap::Command,
+    matches: &ArgMatches,
     arguments: &[OsString],
 ) -> Option<String> {
-    while let Some((name, of_subcommand)) = matches.subcommand() {
-        (command, matches) = (command.find_subcommand(name)?, of_subcommand);
-    }
+    let (command, matches) = innermost(command, matches);
     let takes_joined = |word: &str| {
         let mut options = command.get_arguments().filter(|option| option.is_require_equals_set());
         options

@@ -73,7 +73,7 @@ fn main() -> ExitCode {
     output_file::before_unfinished(signals::listen);
     let printer = printer::Printer::new(said.output);
     match run(&mut command, &said.config, matches, &printer) {
-        Ok(outcome) => outcome.into(),
+        Ok(outcome) => ExitCode::from(outcome as u8),
         Err(error) if printer::is_closed_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             printer.error(&error);
@@ -113,7 +113,7 @@ fn run(
         anyhow::bail!(why);
     }
     files::collect(&configured.matches, &printer.files)?;
-    if let Some(file) = configured.file() {
+    if let Some(file) = &configured.file {
         printer.files.protect(file)?;
     }
     configured.explain(command, printer);

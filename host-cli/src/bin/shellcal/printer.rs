@@ -1,9 +1,9 @@
 //! The only place that writes to the terminal: results to stdout, talk to stderr.
 
 use std::borrow::Cow;
+use std::env;
 use std::error::Error;
 use std::io::{self, IsTerminal, Write};
-use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -34,12 +34,6 @@ pub(crate) enum Outcome {
 impl From<()> for Outcome {
     fn from((): ()) -> Self {
         Self::Done
-    }
-}
-
-impl From<Outcome> for ExitCode {
-    fn from(outcome: Outcome) -> Self {
-        ExitCode::from(outcome as u8)
     }
 }
 
@@ -91,7 +85,13 @@ impl ColorArg {
         match self {
             ColorArg::Always => true,
             ColorArg::Never => false,
-            ColorArg::Auto => is_terminal && wants_color(),
+            // The environment may have something against colours (no-color.org).
+            ColorArg::Auto => {
+                let is_set = |name: &str| env::var_os(name).is_some_and(|value| !value.is_empty());
+                is_terminal
+                    && !is_set("NO_COLOR")
+                    && env::var_os("TERM").is_none_or(|it| it != "dumb")
+            }
         }
     }
 }
@@ -181,17 +181,12 @@ impl Printer {
 
     /// Prints one line of a result that people read.
     pub(crate) fn line(&self, text: impl AsRef<str>) -> anyhow::Result<()> {
-        self.tinted("", Tint::None, text)
+        self.tinted("", Tint::None, text.as_ref())
     }
 
     /// The same with a word before it that is coloured.
-    pub(crate) fn tinted(
-        &self,
-        word: &str,
-        tint: Tint,
-        text: impl AsRef<str>,
-    ) -> anyhow::Result<()> {
-        let text = escape::terminal(text.as_ref());
+    pub(crate) fn tinted(&self, word: &str, tint: Tint, text: &str) -> anyhow::Result<()> {
+        let text = escape::terminal(text);
         match self.options.form {
             TableForm::Csv => self.note(format!("{word}{text}")),
             TableForm::Markdown if text.is_empty() => {}
@@ -326,11 +321,6 @@ impl Printer {
         bar
     }
 
-    /// A progress bar over `count` things on stderr, likewise.
-    pub(crate) fn progress_of(&self, things: &str, count: u64) -> ProgressBar {
-        self.bar(things, count, "{wide_bar} {pos}/{len} {msg} {eta}")
-    }
-
     /// A line on stderr that says how it goes; draws nothing when quiet or not on a terminal.
     pub(crate) fn status(&self) -> ProgressBar {
         let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::hidden());
@@ -404,12 +394,6 @@ impl TermLike for ProgressLines {
     fn flush(&self) -> io::Result<()> {
         Ok(())
     }
-}
-
-/// Whether the environment has nothing against colours (no-color.org).
-fn wants_color() -> bool {
-    let is_set = |name: &str| std::env::var_os(name).is_some_and(|value| !value.is_empty());
-    !is_set("NO_COLOR") && std::env::var_os("TERM").is_none_or(|terminal| terminal != "dumb")
 }
 
 /// The next step after `error`, where one is known.

@@ -59,7 +59,7 @@ mod platform {
             false => &[SIGINT, SIGTERM, SIGHUP],
         };
         let ignored = ignored();
-        let is_wanted = |signal: &&c_int| is_in(ignored, **signal) == are_ignored;
+        let is_wanted = |signal: &&c_int| (ignored >> (**signal - 1) & 1 == 1) == are_ignored;
         let signals: Vec<&c_int> = wanted.iter().filter(is_wanted).collect();
         if signals.is_empty() {
             return Ok(());
@@ -73,10 +73,6 @@ mod platform {
             }
         };
         thread::Builder::new().name("signals".to_owned()).spawn(wait).map(drop)
-    }
-
-    fn is_in(mask: u64, signal: c_int) -> bool {
-        mask >> (signal - 1) & 1 == 1
     }
 
     /// The signals that whoever started us wants to be ignored: `nohup`, a background job.

@@ -23,8 +23,18 @@ pub(crate) enum TableForm {
 pub(crate) fn lines(form: TableForm, header: &[&str], rows: &[Vec<String>]) -> Vec<String> {
     match form {
         TableForm::Text => text(header, rows),
-        TableForm::Markdown => markdown(header, rows),
-        TableForm::Csv => csv(header, rows),
+        TableForm::Markdown => {
+            let framed = |cells: Vec<String>| format!("| {} |", cells.join(" | "));
+            let escaped = |cell: &str| cell.replace('\\', "\\\\").replace('|', "\\|");
+            let alignment = (0..header.len()).map(|at| if at == 0 { ":--" } else { "--:" });
+            let mut lines: Vec<String> = whole(header, rows, escaped).map(framed).collect();
+            lines.insert(1, framed(alignment.map(str::to_owned).collect()));
+            lines
+        }
+        TableForm::Csv => {
+            let field = |cell: &str| csv_field(cell).into_owned();
+            whole(header, rows, field).map(|cells| cells.join(",")).collect()
+        }
     }
 }
 
@@ -38,21 +48,6 @@ fn text(header: &[&str], rows: &[Vec<String>]) -> Vec<String> {
         column.set_cell_alignment(CellAlignment::Right);
     }
     table.lines().map(|line| line.trim_end().to_owned()).collect()
-}
-
-fn markdown(header: &[&str], rows: &[Vec<String>]) -> Vec<String> {
-    let framed = |cells: Vec<String>| format!("| {} |", cells.join(" | "));
-    let escaped = |cell: &str| cell.replace('\\', "\\\\").replace('|', "\\|");
-    let alignment = header.iter().enumerate().map(|(at, _)| if at == 0 { ":--" } else { "--:" });
-    let alignment = framed(alignment.map(str::to_owned).collect());
-    let mut lines: Vec<String> = whole(header, rows, escaped).map(framed).collect();
-    lines.insert(1, alignment);
-    lines
-}
-
-fn csv(header: &[&str], rows: &[Vec<String>]) -> Vec<String> {
-    let field = |cell: &str| csv_field(cell).into_owned();
-    whole(header, rows, field).map(|cells| cells.join(",")).collect()
 }
 
 /// Header and rows, each cell as `cell` writes it. A row that ends early has empty cells, as in the form to read.

@@ -2,7 +2,6 @@
 
 use std::any::TypeId;
 
-use anyhow::Context;
 use clap::{Arg, Command, ValueHint};
 use clap_complete::Shell;
 use clap_mangen::Man;
@@ -57,8 +56,7 @@ pub(crate) struct ManArgs {
 
 impl ManArgs {
     pub(crate) fn run(&self, printer: &Printer, mut command: Command) -> anyhow::Result<()> {
-        std::fs::create_dir_all(&self.directory)
-            .with_context(|| format!("cannot make `{}`", self.directory.display()))?;
+        self.directory.create()?;
         command.build();
         let count = self.write(command, printer)?;
         printer.note(format!("{count} pages in `{}`", self.directory.display()));

@@ -1,10 +1,9 @@
 //! `shellcal align`: a reference's recording and a board log to one training log.
 
-use alignment::{Aligned, ClockMap, LeftOut, Options, Quality};
-use anyhow::{Context, bail};
+use alignment::{Aligned, ClockMap, LeftOut, Options};
+use anyhow::Context;
 use figures::match_figure;
 use log_file::{ColumnRef, FORMATS, Log, LogFormat, Mapping, TIME_UNITS, TimeUnit, parse_column};
-use serde::Serialize;
 use shellcal::workflow::align::{AlignedLogs, WrittenRows, align_logs, write_training};
 use shellcal::workflow::remark::used_rows;
 use shellcal::workflow::selection::RowFilter;
@@ -12,7 +11,7 @@ use shellcal::workflow::selection::RowFilter;
 use super::choices::{number_in, one_of};
 use super::frames::FrameArgs;
 use super::mapping::MappingArgs;
-use super::outputs::{FigureSize, OpenOutput};
+use super::outputs::{FigureArgs, OpenOutput};
 use crate::files::{InputPath, OutputPath};
 use crate::printer::{Outcome, Printer};
 
@@ -30,12 +29,8 @@ pub(crate) struct AlignArgs {
     #[arg(long, short, value_name = "FILE")]
     output: Option<OutputPath>,
 
-    /// Draw the match, to .svg, .pdf or .png
-    #[arg(long, value_name = "FILE")]
-    plot: Option<OutputPath>,
-
     #[command(flatten)]
-    figure_size: FigureSize,
+    figure: FigureArgs,
 
     /// Time that the board averages a frame over, in s: the reference is averaged likewise
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = number_in(0.0..=1.0, "expected a time from 0 to 1 s"))]
@@ -49,41 +44,20 @@ pub(crate) struct AlignArgs {
     #[command(flatten)]
     frames: FrameArgs,
 
-    #[command(flatten)]
-    of_reference: ReferenceArgs,
-
-    #[command(flatten)]
-    mapping: MappingArgs,
-}
-
-/// What the columns of the reference are; those below are of the log, but for the wrench.
-#[derive(Debug, clap::Args)]
-#[command(next_help_heading = "Reading the reference")]
-struct ReferenceArgs {
     /// What kind of file the reference is [default: recognised]
-    #[arg(long, value_name = "FORMAT", value_parser = one_of(&FORMATS))]
+    #[arg(long, value_name = "FORMAT", value_parser = one_of(&FORMATS), help_heading = "Reading the reference")]
     reference_format: Option<LogFormat>,
 
     /// The time column of the reference: its name or position
-    #[arg(long, value_name = "COLUMN", value_parser = parse_column)]
+    #[arg(long, value_name = "COLUMN", value_parser = parse_column, help_heading = "Reading the reference")]
     reference_time: Option<ColumnRef>,
 
     /// The unit of that column, whatever its name says
-    #[arg(long, value_name = "UNIT", value_parser = one_of(&TIME_UNITS))]
+    #[arg(long, value_name = "UNIT", value_parser = one_of(&TIME_UNITS), help_heading = "Reading the reference")]
     reference_time_unit: Option<TimeUnit>,
-}
 
-/// How well the loads match, for `--json`.
-fn load_match(quality: &Quality) -> impl Serialize {
-    document! {
-        explained: quality.explained,
-        residual_counts: &quality.residual_counts,
-        spring_delay_s: quality.spring_delay_s,
-        white_offset_se_s: quality.white_se[0],
-        white_skew_se: quality.white_se[1],
-        search_explained: quality.search_explained,
-        search_second_best: quality.search_ratio,
-    }
+    #[command(flatten)]
+    mapping: MappingArgs,
 }
 
 /// Why there is nothing to draw.
@@ -98,14 +72,21 @@ const POOR: f64 = 0.9;
 
 impl AlignArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
-        if printer.json() && self.output.is_none() {
-            bail!("`--json` needs `--output`: the training log would go to the same place");
-        }
-        let (reference_mapping, log_mapping) = self.mappings();
-        let reference = Log::open(&self.reference, &reference_mapping)?;
-        let log = Log::open(&self.log, &log_mapping)?;
+        // Each flag to the file that has such columns.
+        let all = self.mapping.mapping();
+        let reference = Mapping {
+            format: self.reference_format,
+            wrench: all.wrench.clone(),
+            moment_unit: all.moment_unit,
+            time: self.reference_time.clone(),
+            time_unit: self.reference_time_unit,
+            ..Mapping::default()
+        };
+        let reference = Log::open(&self.reference, &reference)?;
+        let mapping = Mapping { wrench: None, moment_unit: None, group: None, ..all };
+        let log = Log::open(&self.log, &mapping)?;
         let mut output = OpenOutput::create(self.output.as_ref(), printer)?;
-        let plot = self.figure_size.create(self.plot.as_ref(), printer)?;
+        let plot = self.figure.create(printer)?;
 
         let rows = self.frames.rows(&log);
         let repeats_are_stale = rows == RowFilter::Fresh;
@@ -116,8 +97,7 @@ impl AlignArgs {
         });
         let AlignedLogs { aligned, reference: reference_read, board: log_read } = match logs {
             Err(error) if error.is_refusal() => {
-                let error = anyhow::Error::from(error);
-                printer.error(&error);
+                printer.error(&error.into());
                 return Ok(Outcome::CheckFailed);
             }
             logs => logs?,
@@ -134,49 +114,20 @@ impl AlignArgs {
         let rows = write_training(&aligned, &mut output)?;
         if let Some(plot) = plot {
             let quality = aligned.quality.as_ref().context(NO_PICTURE)?;
-            plot.draw(|size| match_figure(size, &self.title(&aligned), quality))?;
+            let ClockMap { offset_s, skew, pivot_s, .. } = aligned.clock;
+            let name = self.log.file_name().unwrap_or_default().to_string_lossy();
+            let skew_ppm = 1e6 * skew;
+            let title =
+                format!("{name}: offset {offset_s:.6} s at {pivot_s:.3} s, skew {skew_ppm:.2} ppm");
+            plot.draw(|size| match_figure(size, &title, quality))?;
         }
         output.finish()?;
         self.report(printer, &aligned, rows)?;
         Ok(Outcome::Done)
     }
 
-    /// Each flag to the file that has such columns.
-    fn mappings(&self) -> (Mapping, Mapping) {
-        let all = self.mapping.mapping();
-        let ReferenceArgs { reference_format, reference_time, reference_time_unit } =
-            &self.of_reference;
-        let reference = Mapping {
-            format: *reference_format,
-            wrench: all.wrench,
-            moment_unit: all.moment_unit,
-            time: reference_time.clone(),
-            time_unit: *reference_time_unit,
-            ..Mapping::default()
-        };
-        let log = Mapping {
-            format: all.format,
-            sensors: all.sensors,
-            time: all.time,
-            time_unit: all.time_unit,
-            ..Mapping::default()
-        };
-        (reference, log)
-    }
-
-    fn title(&self, aligned: &Aligned) -> String {
-        let ClockMap { offset_s, skew, pivot_s, .. } = aligned.clock;
-        let name = self.log.file_name().unwrap_or_default().to_string_lossy();
-        format!("{name}: offset {offset_s:.6} s at {pivot_s:.3} s, skew {:.2} ppm", 1e6 * skew)
-    }
-
-    fn report(
-        &self,
-        printer: &Printer,
-        aligned: &Aligned,
-        rows: WrittenRows,
-    ) -> anyhow::Result<()> {
-        let (clock, quality) = (&aligned.clock, aligned.quality.as_ref());
+    fn report(&self, printer: &Printer, found: &Aligned, rows: WrittenRows) -> anyhow::Result<()> {
+        let (clock, quality) = (&found.clock, found.quality.as_ref());
         if rows.uncovered > 0 {
             printer.note(format!(
                 "{} rows left out: the reference has no undisturbed value at their time",
@@ -190,7 +141,7 @@ impl AlignArgs {
                 100.0 * quality.explained
             ));
         }
-        self.report_edges(printer, aligned)?;
+        self.report_edges(printer, found)?;
         if printer.json() {
             return printer.document(&document! {
                 reference: &self.reference,
@@ -201,11 +152,19 @@ impl AlignArgs {
                 skew_ppm: 1e6 * clock.skew,
                 rows: rows,
                 // Edges of a sync signal, where the clock is by these.
-                edges?: aligned.edges.as_ref(),
+                edges?: found.edges.as_ref(),
                 // Unless they do not match and the clock is by edges.
-                ..loads: quality.map(load_match),
-                reference_left_out: aligned.reference_left_out,
-                log_left_out: aligned.board_left_out,
+                ..loads: quality.map(|quality| document! {
+                    explained: quality.explained,
+                    residual_counts: &quality.residual_counts,
+                    spring_delay_s: quality.spring_delay_s,
+                    white_offset_se_s: quality.white_se[0],
+                    white_skew_se: quality.white_se[1],
+                    search_explained: quality.search_explained,
+                    search_second_best: quality.search_ratio,
+                }),
+                reference_left_out: found.reference_left_out,
+                log_left_out: found.board_left_out,
             });
         }
         let offset = format!("offset at {:.3} s (ms)", clock.pivot_s);

@@ -4,15 +4,15 @@ use std::path::Path;
 
 use calibration::Basis;
 use calibration::solver::SolverKind;
-use log_file::{Wanted, read_dataset};
+use log_file::{Wanted, read_logs};
 use shell_data::block::Block;
 use shellcal::workflow::bench::{self, ErrorKind, ModelBench};
 use simulation::synthetic_block;
 
 use super::choices;
 use super::mapping::{MappingArgs, open_logs};
-use super::outputs::{FigureFile, FigureSize};
-use crate::files::{InputPath, OutputPath};
+use super::outputs::{FigureArgs, FigureFile};
+use crate::files::InputPath;
 use crate::printer::{Printer, TableColumn};
 use crate::tables::shown;
 
@@ -42,13 +42,8 @@ pub(crate) struct BenchArgs {
     #[arg(long, value_name = "SOLVER", value_delimiter = ',', value_parser = choices::solver())]
     solver: Vec<SolverKind>,
 
-    /// Draw run time against the error of coefficients (SVG, PDF or PNG), and beside it, with
-    /// `-prediction` added to its name, against that of predictions
-    #[arg(long, value_name = "FILE")]
-    plot: Option<OutputPath>,
-
     #[command(flatten)]
-    figure_size: FigureSize,
+    figure: FigureArgs,
 
     #[command(flatten)]
     mapping: MappingArgs,
@@ -81,8 +76,9 @@ impl BenchArgs {
     }
 
     fn open_plots(&self, printer: &Printer) -> anyhow::Result<Vec<(ErrorKind, FigureFile)>> {
-        let Some(path) = &self.plot else { return Ok(Vec::new()) };
-        let open = |kind, path: &Path| anyhow::Ok((kind, self.figure_size.open(path, printer)?));
+        let Some(path) = &self.figure.plot else { return Ok(Vec::new()) };
+        let open =
+            |kind, path: &Path| anyhow::Ok((kind, self.figure.figure_size.open(path, printer)?));
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
         let extension = path.extension().unwrap_or_default().to_string_lossy();
         let beside = path.with_file_name(format!("{stem}-prediction.{extension}"));
@@ -94,11 +90,9 @@ impl BenchArgs {
             printer.note(format!("{} rows of the sensor model", self.rows));
             return Ok(synthetic_block::training(self.rows));
         }
-        let mapping = self.mapping.mapping();
         let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
-        let logs = open_logs(&self.train, ("", &[]), &mapping)?;
-        let wanted: Vec<_> = logs.iter().map(|log| (log, wanted.clone())).collect();
-        let rows = read_dataset(&wanted, &self.mapping.read_options())?;
+        let logs = open_logs(&self.train, ("", &[]), &self.mapping.mapping())?;
+        let rows = read_logs(&logs, &wanted, &self.mapping.read_options())?;
         let alike = rows.logs.iter().all(|log| log.channels == rows.channels());
         anyhow::ensure!(alike, "the logs differ in their number of channels");
         Ok(rows.blocks().map(|(_, block)| Block::clone(&block.rows)).collect())

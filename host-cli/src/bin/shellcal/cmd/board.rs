@@ -25,7 +25,7 @@ pub(crate) struct BoardArgs {
     port: Option<String>,
 
     /// Be a board until Ctrl-C
-    #[arg(long)]
+    #[arg(long, conflicts_with = "port")]
     simulate: bool,
 
     /// How the base station frames bytes
@@ -110,31 +110,21 @@ const STREAMS: [(&str, &str, Stream); 2] =
 
 impl BoardArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
-        let (port, action) = match (&self.port, &self.action) {
-            (Some(port), _) if self.simulate => anyhow::bail!(
-                "`{port}` is too much: a simulated board makes its own port and prints its name; \
-                 `shellcal board --simulate` is all"
-            ),
-            (Some(port), Some(action)) => (port, action),
-            (None, None) if self.simulate => {
-                return self.simulation.run(printer).map(Outcome::from);
-            }
-            (None, _) => anyhow::bail!(
-                "a board is simulated by `shellcal board --simulate`, without an action; other \
-                 commands name its port then"
-            ),
-            (Some(_), None) => anyhow::bail!(
-                "nothing to do: `shellcal board PORT identify`, `status`, `start`, `stop`, `rate`, \
-                 `sampling`, `mode`, `zero`, `upload`, `self-test`, `baud` or `bootloader`"
-            ),
+        let Some(port) = &self.port else {
+            anyhow::ensure!(
+                self.action.is_none(),
+                "a board is simulated by `shellcal board --simulate`, without an action; other commands name its port \
+                 then"
+            );
+            return self.simulation.run(printer).map(Outcome::from);
         };
+        let action = self.action.as_ref().context(
+            "nothing to do: `shellcal board PORT identify`, `status`, `start`, `stop`, `rate`, `sampling`, `mode`, \
+             `zero`, `upload`, `self-test`, `baud` or `bootloader`",
+        )?;
         match action {
-            BoardAction::Identify => {
-                return print_identity(&mut self.client(port)?, printer).map(Outcome::from);
-            }
-            BoardAction::Status => {
-                return print_status(&mut self.client(port)?, printer).map(Outcome::from);
-            }
+            BoardAction::Identify => return identify(&mut self.client(port)?, printer),
+            BoardAction::Status => return print_status(&mut self.client(port)?, printer),
             BoardAction::SelfTest => return self_test(&mut self.client(port)?, printer),
             BoardAction::Start => self.order(port, [Command::Start])?,
             BoardAction::Stop => self.order(port, [Command::Stop])?,
@@ -150,13 +140,12 @@ impl BoardArgs {
             }
             BoardAction::Mode { stream } => self.order(port, [Command::SetStream(*stream)])?,
             BoardAction::Zero { frames } => {
-                self.order(port, [Command::Zero { frames: *frames }])?;
+                self.order(port, [Command::Zero { frames: *frames }])?
             }
             BoardAction::Baud { rate } => {
                 let client = self.client(port)?;
-                if self.serial.port(port).is_tcp() {
-                    anyhow::bail!("`{port}` is a connection over TCP, which has no rate");
-                }
+                let is_tcp = self.serial.port(port).is_tcp();
+                anyhow::ensure!(!is_tcp, "`{port}` is a connection over TCP, which has no rate");
                 let connect = |baud, board| self.connect(port, baud, board);
                 set_baud(client, [self.serial.baud, *rate], connect, printer)?;
             }
@@ -227,7 +216,7 @@ fn self_test(client: &mut BoardClient, printer: &Printer) -> anyhow::Result<Outc
     Ok(if faults.is_empty() { Outcome::Done } else { Outcome::CheckFailed })
 }
 
-fn print_identity(client: &mut BoardClient, printer: &Printer) -> anyhow::Result<()> {
+fn identify(client: &mut BoardClient, printer: &Printer) -> anyhow::Result<Outcome> {
     let identity = client.identify()?;
     let [major, minor, patch] = identity.firmware;
     let firmware = format!("{major}.{minor}.{patch}");
@@ -242,85 +231,78 @@ fn print_identity(client: &mut BoardClient, printer: &Printer) -> anyhow::Result
         printer.line(format!("firmware  {firmware}"))?;
         printer.line(format!("serial    {serial}"))?;
         printer.line(format!("fastest   {max_rate_hz} Hz"))
-    })
+    })?;
+    Ok(Outcome::Done)
 }
 
-fn print_status(client: &mut BoardClient, printer: &Printer) -> anyhow::Result<()> {
+fn print_status(client: &mut BoardClient, printer: &Printer) -> anyhow::Result<Outcome> {
     let status = client.status()?;
     let stream = match status.stream {
         Stream::Raw => "readings".to_owned(),
         Stream::Wrench => "wrenches".to_owned(),
         Stream::Other(code) => format!("stream number {code}"),
     };
-    let last_words = match status.reset_cause {
-        ResetCause::Panic | ResetCause::Fault => Some(client.last_words()?),
-        _ => None,
-    };
-    let cause = match status.reset_cause {
-        ResetCause::Unspecified => "an unknown cause".to_owned(),
-        ResetCause::Other(code) => format!("cause number {code}"),
-        cause => format!("{cause:?}").to_lowercase(),
+    let (cause, last_words) = match status.reset_cause {
+        ResetCause::Unspecified => ("an unknown cause".to_owned(), None),
+        ResetCause::Other(code) => (format!("cause number {code}"), None),
+        cause @ (ResetCause::Panic | ResetCause::Fault) => {
+            (format!("{cause:?}").to_lowercase(), Some(client.last_words()?))
+        }
+        cause => (format!("{cause:?}").to_lowercase(), None),
     };
     let rate_hz = 1e6 / f64::from(status.period_us);
     let calibration = format!("{:#010x}", status.calibration_crc32);
-    if printer.json() {
-        return printer.document(&json!({
-            "streaming": status.streaming, "stream": stream, "rate_hz": rate_hz,
-            "conversions": status.conversions, "settling_us": status.settling_us,
-            "calibration_crc32": status.calibrated.then_some(&calibration),
-            "zeroed": status.zeroed, "frames": status.frames, "late": status.late,
-            "overflowed": status.overflowed, "damaged": status.damaged,
-            "longest_frame_us": status.longest_frame_us, "uptime_s": status.uptime_s,
-            "reset_cause": cause, "last_words": last_words, "foreign": status.foreign,
-        }));
-    }
+    let document = json!({
+        "streaming": status.streaming, "stream": stream, "rate_hz": rate_hz,
+        "conversions": status.conversions, "settling_us": status.settling_us,
+        "calibration_crc32": status.calibrated.then_some(&calibration),
+        "zeroed": status.zeroed, "frames": status.frames, "late": status.late,
+        "overflowed": status.overflowed, "damaged": status.damaged,
+        "longest_frame_us": status.longest_frame_us, "uptime_s": status.uptime_s,
+        "reset_cause": cause, "last_words": last_words, "foreign": status.foreign,
+    });
     let streams = if status.streaming { "streams" } else { "stopped;" };
-    printer.line(format!("{streams} {stream} at {rate_hz} Hz"))?;
-    printer.line(format!(
-        "{} conversions, settling {} µs; longest frame {} µs",
-        status.conversions, status.settling_us, status.longest_frame_us
-    ))?;
-    printer.line(match status.calibrated {
+    let calibration = match status.calibrated {
         true if status.zeroed => format!("calibration {calibration}, zeroed"),
         true => format!("calibration {calibration}, not zeroed"),
         false => "no calibration".to_owned(),
-    })?;
-    printer.line(format!(
-        "{} frames taken, {} late, {} not sent; {} damaged commands, {} for other boards",
-        status.frames, status.late, status.overflowed, status.damaged, status.foreign
-    ))?;
-    printer.line(format!("up {} s since a reset by {cause}", status.uptime_s))?;
-    if let Some(words) = last_words {
-        printer.line(format!("before it: {words}"))?;
-    }
-    Ok(())
+    };
+    let mut lines = vec![
+        format!("{streams} {stream} at {rate_hz} Hz"),
+        format!(
+            "{} conversions, settling {} µs; longest frame {} µs",
+            status.conversions, status.settling_us, status.longest_frame_us
+        ),
+        calibration,
+        format!(
+            "{} frames taken, {} late, {} not sent; {} damaged commands, {} for other boards",
+            status.frames, status.late, status.overflowed, status.damaged, status.foreign
+        ),
+        format!("up {} s since a reset by {cause}", status.uptime_s),
+    ];
+    lines.extend(last_words.map(|words| format!("before it: {words}")));
+    printer.finish(&document, |printer| lines.iter().try_for_each(|line| printer.line(line)))?;
+    Ok(Outcome::Done)
 }
 
 /// A serial number of 12 bytes.
-fn parse_serial(text: &str) -> Result<BoardId, String> {
-    let digits = text.as_bytes();
-    let (pairs, []) = digits.as_chunks::<2>() else { return Err(SERIAL.to_owned()) };
-    let bytes = pairs.iter().map(|pair| {
-        let pair = str::from_utf8(pair).ok().filter(|pair| !pair.starts_with('+'))?;
-        u8::from_str_radix(pair, 16).ok()
-    });
-    let bytes: Option<Vec<u8>> = bytes.collect();
-    let serial = bytes.and_then(|bytes| bytes.try_into().ok()).ok_or(SERIAL)?;
+fn parse_serial(text: &str) -> Result<BoardId, &'static str> {
+    let is_serial = text.len() == 24 && text.bytes().all(|digit| digit.is_ascii_hexdigit());
+    let number = u128::from_str_radix(text, 16).ok().filter(|_| is_serial);
+    let [_, _, _, _, serial @ ..] = number.ok_or("24 hexadecimal digits")?.to_be_bytes();
     Ok(BoardId::from_serial(&serial))
 }
-
-const SERIAL: &str = "24 hexadecimal digits";
 
 /// Rates whose period in µs fits the command.
 const RATE: [&str; 2] = ["a number of frames per second", "a rate from 0.001 to 1000000 Hz"];
 
-pub(super) type BoardClient = Client<Box<dyn Connection>>;
+type BoardClient = Client<Box<dyn Connection>>;
 
 /// How long a board gives a new rate to prove itself, with what a frame under way takes.
 const TRIAL: Duration = Duration::from_millis(3_500);
 
 /// Sets board and port to a rate, and makes sure that both have it. `connect` opens the port at a rate.
-pub(super) fn set_baud(
+fn set_baud(
     mut client: BoardClient,
     [old, new]: [u32; 2],
     connect: impl Fn(u32, Option<BoardId>) -> anyhow::Result<BoardClient>,
@@ -350,11 +332,7 @@ pub(super) fn set_baud(
 }
 
 /// Sends the board into the bootloader of its chip.
-pub(super) fn start_bootloader(
-    client: &mut BoardClient,
-    port: &str,
-    printer: &Printer,
-) -> anyhow::Result<()> {
+fn start_bootloader(client: &mut BoardClient, port: &str, printer: &Printer) -> anyhow::Result<()> {
     let started = client.order(Command::Bootloader);
     if let Err(LinkError::NoAnswer { .. }) = started {
         // It does not hear the command when that is sent again.

@@ -69,34 +69,21 @@ pub(super) fn solver() -> impl TypedValueParser<Value = SolverKind> {
 /// A family of features, the physics model, or the best of them.
 pub(super) fn model() -> impl TypedValueParser<Value = ModelRule> {
     let bases = Basis::ALL.map(|of| (of.name(), of.description(), ModelRule::Given(of)));
-    let others = [
-        (
-            "physics",
-            "A monotone response of each sensor to a displacement, inverted: for few poses",
-            ModelRule::Physics,
-        ),
-        (
-            "auto",
-            "The smallest that predicts new groups as well as the best, with its ridge, or \
-             physics where that predicts them better",
-            ModelRule::Auto,
-        ),
-    ];
+    let physics = "A monotone response of each sensor to a displacement, inverted: for few poses";
+    let auto = "The smallest that predicts new groups as well as the best, with its ridge, or physics \
+                where that predicts them better";
+    let others = [("physics", physics, ModelRule::Physics), ("auto", auto, ModelRule::Auto)];
     one_of(&[&bases[..], &others].concat())
 }
 
 /// What the covariance of the coefficients is found from.
 pub(super) const COVARIANCES: [NamedChoice<CovarianceRule>; 4] = [
-    (
-        "auto",
-        "By the log's group column or its plateaus where there are ten at least, by rows otherwise",
-        CovarianceRule::Auto,
-    ),
-    (
-        "groups",
-        "Errors are alike within groups: those of the group column, files, or those that are found",
-        CovarianceRule::Groups,
-    ),
+    ("auto", BY_GROUPS_OR_ROWS, CovarianceRule::Auto),
+    ("groups", BY_GROUPS, CovarianceRule::Groups),
     ("rows", "Errors are independent from row to row", CovarianceRule::Rows),
     ("none", "None: a smaller calibration file, without standard errors", CovarianceRule::Nothing),
 ];
+const BY_GROUPS_OR_ROWS: &str =
+    "By the log's group column or its plateaus where there are ten at least, by rows otherwise";
+const BY_GROUPS: &str =
+    "Errors are alike within groups: those of the group column, files, or those that are found";

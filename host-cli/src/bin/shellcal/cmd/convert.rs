@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{bail, ensure};
 use calibration::uncertainty::HIGHEST_LEVEL;
-use calibration_file::Diagnostics;
 use calibration_file::payload_file::PayloadFile;
+use clap::builder::TypedValueParser;
 use figures::{WrenchTrace, trace_figure};
 use forces::RowRule;
 use log_file::{ColumnRef, Log, Meaning, parse_columns};
@@ -16,9 +16,10 @@ use shellcal::workflow::convert::{
     OutputFormat, OutputPlan, RecordingFrame, TableColumns, convert, table_name,
 };
 
+use super::choices::number_in;
 use super::frames::{ForceArgs, FrameArgs};
-use super::mapping::{ColumnList, EditedArg, MappingArgs, open_logs, tell_remembered};
-use super::outputs::{FigureSize, OpenOutput};
+use super::mapping::{ColumnList, EditedArg, MappingArgs};
+use super::outputs::{FigureArgs, OpenOutput};
 use super::payload::load::MotionArgs;
 use crate::files::{InputPath, OutputLocation, OutputPath};
 use crate::printer::Printer;
@@ -72,15 +73,11 @@ pub(crate) struct ConvertArgs {
     /// Add both ends of the interval that holds so many percent of the true values [default level:
     /// 95]. With a low-pass it is as wide as before it, which is more than needed
     #[arg(long, value_name = "PERCENT", num_args = 0..=1, require_equals = true, default_missing_value = "95",
-        value_parser = parse_level)]
+        value_parser = level())]
     interval: Option<f64>,
 
-    /// Draw the wrench over time, to .svg, .pdf or .png
-    #[arg(long, value_name = "FILE")]
-    plot: Option<OutputPath>,
-
     #[command(flatten)]
-    figure_size: FigureSize,
+    figure: FigureArgs,
 
     #[command(flatten)]
     forces: ForceArgs,
@@ -117,23 +114,22 @@ impl ConvertArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let targets = self.targets(printer)?;
         let file = self.edited.read(&self.calibration)?;
-        let mapping = self.mapping.mapping_for(&file);
+        let from = Some((&self.calibration, &file));
+        let logs = self.mapping.open(&self.logs, &[], from, printer)?;
         let (calibration, diagnostics) = (file.calibration, file.origin.diagnostics);
         let payload = self.payload.as_ref().map(|path| PayloadFile::read(path)).transpose()?;
-        if payload.is_none() && self.motion.is_given() {
-            bail!(
-                "`--motion`, `--orientation` and `--accelerations` are of use with `--payload` only"
-            );
-        }
-        let logs = open_logs(&self.logs, ("", &[]), &mapping)?;
-        tell_remembered(printer, &self.calibration, &mapping, &logs);
-        let mut plot = self.figure_size.create(self.plot.as_ref(), printer)?;
+        ensure!(
+            payload.is_some() || !self.motion.is_given(),
+            "`--motion`, `--orientation` and `--accelerations` are of use with `--payload` only"
+        );
+        let mut plot = self.figure.create_of_one(&self.logs, printer)?;
 
         let mut conversions = Vec::new();
         for (log, target) in logs.iter().zip(targets) {
             let mut trace = plot.is_some().then(WrenchTrace::new);
             let read = self.mapping.read_options();
-            let load = |file| self.motion.load(file, log, &calibration, &read, &mapping);
+            let load =
+                |file| self.motion.load(file, log, &calibration, &read, self.mapping.time_unit);
             let load = payload.as_ref().map(load).transpose()?;
             let usual = ConvertOptions::new(log, &calibration);
             let options = ConvertOptions {
@@ -143,12 +139,31 @@ impl ConvertArgs {
                 columns: self.columns(usual.columns),
                 full_scale: self.full_scale.or(usual.full_scale),
             };
-            let conversion = Conversion { log, calibration: &calibration, options: &options, read };
-            let to = target.as_deref();
-            let summary =
-                self.convert(conversion, diagnostics.as_ref(), to, trace.as_mut(), printer)?;
+            let mut plan = OutputPlan::default();
+            (plan.keep_texts, plan.keep) = self.kept(log)?;
+            let mut out = match &target {
+                None => OpenOutput::Stdout,
+                Some(path) => {
+                    plan.format = self.format(path)?;
+                    OpenOutput::File(printer.files.create(path)?)
+                }
+            };
+            let summary = printer.scan(log, read, |read| {
+                let of = Conversion { log, calibration: &calibration, options: &options, read };
+                convert(&of, &plan, &mut out, trace.as_mut())
+            })?;
+            if let Some(text) = summary.tare_doubt(log.path(), diagnostics.as_ref()) {
+                // A tare that was not taken at rest.
+                ensure!(
+                    !self.strict,
+                    "{text}; take frames at rest with `--tare-time`, or keep the zero of the calibration with `--no-tare`"
+                );
+                printer.warning(text);
+            }
+            out.finish()?;
             if let (Some(trace), Some(plot)) = (trace, plot.take()) {
-                plot.draw(|size| trace_figure(size, &file_name(log), &trace))?;
+                let name = log.path().file_name().unwrap_or_default().to_string_lossy();
+                plot.draw(|size| trace_figure(size, &name, &trace))?;
             }
             printer.remarks(summary.remarks(log.path()));
             self.motion.report(printer, log, &summary);
@@ -168,67 +183,32 @@ impl ConvertArgs {
         Ok(())
     }
 
-    fn convert(
-        &self,
-        conversion: Conversion<'_>,
-        diagnostics: Option<&Diagnostics>,
-        target: Option<&Path>,
-        trace: Option<&mut WrenchTrace>,
-        printer: &Printer,
-    ) -> anyhow::Result<ConvertSummary> {
-        let log = conversion.log;
-        let mut plan = OutputPlan::default();
-        (plan.keep_texts, plan.keep) = self.kept(log)?;
-        let mut out = match target {
-            None => OpenOutput::Stdout,
-            Some(path) => {
-                plan.format = OutputFormat::from_path(path, &self.frame())?;
-                OpenOutput::File(printer.files.create(path)?)
-            }
-        };
-        let summary = printer.scan(log, conversion.read, |read| {
-            convert(&Conversion { read, ..conversion }, &plan, &mut out, trace)
-        })?;
-        if let Some(text) = summary.tare_doubt(log.path(), diagnostics) {
-            // A tare that was not taken at rest.
-            ensure!(
-                !self.strict,
-                "{text}; take frames at rest with `--tare-time`, or keep the zero of the calibration with `--no-tare`"
-            );
-            printer.warning(text);
-        }
-        out.finish()?;
-        Ok(summary)
-    }
-
-    fn frame(&self) -> RecordingFrame {
-        RecordingFrame { id: self.frame_id.clone(), mount: self.mount.clone() }
+    fn format(&self, path: &Path) -> anyhow::Result<OutputFormat> {
+        let frame = RecordingFrame { id: self.frame_id.clone(), mount: self.mount.clone() };
+        Ok(OutputFormat::from_path(path, &frame)?)
     }
 
     /// The file that each log's table goes to, `None` for the standard output; every clash is found here, before any
     /// work.
     fn targets(&self, printer: &Printer) -> anyhow::Result<Vec<Option<PathBuf>>> {
-        if self.plot.is_some() && self.logs.len() > 1 {
-            bail!("`--plot` draws one log, `{}` were given", self.logs.len());
-        }
+        let count = self.logs.len();
         let file = self.output.as_ref().filter(|file| file.as_os_str() != "-");
         let targets: Vec<Option<PathBuf>> = match (file, &self.output_dir) {
-            (Some(file), None) if self.logs.len() == 1 => {
-                OutputFormat::from_path(file, &self.frame())?;
+            (Some(file), None) if count == 1 => {
+                self.format(file)?;
                 vec![Some(file.to_path_buf())]
             }
-            (None, None) if self.logs.len() == 1 => vec![None],
+            (None, None) if count == 1 => vec![None],
             (_, Some(directory)) => {
                 directory.create()?;
                 self.logs.iter().map(|log| Some(directory.join(table_name(log)))).collect()
             }
-            _ => bail!("`{}` logs need `--output-dir` for their tables", self.logs.len()),
+            _ => bail!("`{count}` logs need `--output-dir` for their tables"),
         };
-        if printer.json() && targets == [None] {
-            bail!(
-                "`--json` needs `--output` or `--output-dir`: the table would go to the same place"
-            );
-        }
+        ensure!(
+            !printer.json() || targets != [None],
+            "`--json` needs `--output` or `--output-dir`: the table would go to the same place"
+        );
         // Those in a folder are not named on the command line.
         if self.output_dir.is_some() {
             targets.iter().flatten().try_for_each(|path| printer.files.announce(path))?;
@@ -239,7 +219,17 @@ impl ConvertArgs {
 
     /// The positions of the columns of text, and of numbers, that are carried along.
     fn kept(&self, log: &Log) -> anyhow::Result<(Vec<usize>, Vec<usize>)> {
-        let mut positions = self.kept_positions(log)?;
+        let Some(columns) = &self.keep else { return Ok(Default::default()) };
+        let is_all = matches!(columns.as_slice(), [ColumnRef::Name(name)] if name == "all");
+        let mut positions = match log.column_positions(columns) {
+            Err(_) if is_all => {
+                let is_other = |at: &usize| {
+                    !matches!(log.columns()[*at].meaning, Meaning::Time(_) | Meaning::Sensor(_))
+                };
+                (0..log.columns().len()).filter(is_other).collect()
+            }
+            positions => positions?,
+        };
         let mut seen = HashSet::new();
         positions.retain(|&position| seen.insert(position));
         let are_texts = log.are_texts(&positions, &self.mapping.read_options())?;
@@ -247,18 +237,6 @@ impl ConvertArgs {
             positions.into_iter().zip(are_texts).partition(|(_, is_text)| *is_text);
         let of = |columns: Vec<(usize, bool)>| columns.into_iter().map(|(at, _)| at).collect();
         Ok((of(texts), of(numbers)))
-    }
-
-    fn kept_positions(&self, log: &Log) -> anyhow::Result<Vec<usize>> {
-        let Some(columns) = &self.keep else { return Ok(Vec::new()) };
-        let is_all = matches!(columns.as_slice(), [ColumnRef::Name(name)] if name == "all");
-        if is_all && log.column_positions(columns).is_err() {
-            let is_other =
-                |meaning: Meaning| !matches!(meaning, Meaning::Time(_) | Meaning::Sensor(_));
-            let columns = log.columns().iter().enumerate();
-            return Ok(columns.filter(|(_, it)| is_other(it.meaning)).map(|(at, _)| at).collect());
-        }
-        Ok(log.column_positions(columns)?)
     }
 
     /// Everything that log and calibration have to give, or what was asked for by name.
@@ -278,26 +256,17 @@ impl ConvertArgs {
 fn print_axes(printer: &Printer, summary: &ConvertSummary) -> anyhow::Result<()> {
     let row = |(axis, value): &(Axis, AxisSummary)| {
         let decimals = if axis.is_moment() { 6 } else { 4 };
-        let figures = [value.min, value.mean, value.max].map(|v| format!("{v:.decimals$}"));
-        let mut row = vec![format!("{} ({})", axis.name(), axis.unit())];
-        row.extend(figures);
-        row
+        let [min, mean, max] =
+            [value.min, value.mean, value.max].map(|v| format!("{v:.decimals$}"));
+        vec![format!("{} ({})", axis.name(), axis.unit()), min, mean, max]
     };
     let rows = summary.axes.iter().map(row);
     printer.table(&["axis", "min", "mean", "max"], rows)
 }
 
-/// Percent to a share.
-fn parse_level(text: &str) -> Result<f64, String> {
-    let highest = 100.0 * HIGHEST_LEVEL;
-    match text.parse::<f64>() {
-        Ok(percent) if (1.0..=highest).contains(&percent) => Ok(percent / 100.0),
-        _ => Err(format!("expected a percentage from 1 to {highest}")),
-    }
-}
-
-/// What a figure is called after.
-fn file_name(log: &Log) -> String {
-    let path = log.path();
-    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+/// A percentage to a share.
+fn level() -> impl TypedValueParser<Value = f64> {
+    /// [`HIGHEST_LEVEL`] in percent.
+    const HIGHEST: f64 = 100.0 * HIGHEST_LEVEL;
+    number_in(1.0..=HIGHEST, "expected a percentage from 1 to 99.9").map(|percent| percent / 100.0)
 }

@@ -21,8 +21,7 @@ use table_file::seconds_of_iso;
 use super::choices::one_of;
 use super::mapping::MappingArgs;
 use super::outputs;
-use super::ports::{SerialArgs, first_number, is_port};
-use super::record::parse_duration;
+use super::ports::{SerialArgs, first_number, is_port, parse_duration};
 use crate::files::InputPath;
 use crate::printer::{Outcome, Printer, Tint};
 use crate::signals;
@@ -68,14 +67,6 @@ struct Examination {
     findings: Vec<Finding>,
 }
 
-#[derive(Debug, Serialize)]
-struct Diagnosis {
-    sound: bool,
-    faults: usize,
-    warnings: usize,
-    examined: Vec<Examination>,
-}
-
 impl DoctorArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let calibration =
@@ -96,11 +87,20 @@ impl DoctorArgs {
             all.filter(|finding| finding.severity == severity).count()
         };
         let (faults, warnings) = (count(FindingSeverity::Fault), count(FindingSeverity::Warning));
-        let report = Diagnosis { sound: faults + warnings == 0, faults, warnings, examined };
-        match printer.json() {
-            true => printer.document(&report)?,
-            false => report.print(printer)?,
-        }
+        let is_sound = faults + warnings == 0;
+        let report =
+            document! { sound: is_sound, faults: faults, warnings: warnings, examined: &examined };
+        printer.finish(&report, |printer| {
+            examined.iter().try_for_each(|one| one.print(printer))?;
+            let count = |count: usize, what: &str| match count {
+                1 => format!("1 {what}"),
+                _ => format!("{count} {what}s"),
+            };
+            printer.line(match is_sound {
+                true => "no problems found".to_owned(),
+                false => format!("{}, {}", count(faults, "fault"), count(warnings, "warning")),
+            })
+        })?;
         Ok(if faults > 0 { Outcome::CheckFailed } else { Outcome::Done })
     }
 
@@ -165,13 +165,12 @@ impl DoctorArgs {
             number: first_number(),
         };
         let handshake = handshake(&options, &stop)?;
-        let of = |file: &'_ CalibrationFile| file.origin.sensor_serial.clone();
-        let label = calibration.and_then(of);
+        let label = calibration.and_then(|file| file.origin.sensor_serial.as_deref());
         Ok(check_board(&BoardObservations {
             handshake: &handshake,
             baud,
             protocol: self.framing,
-            calibration: calibration.map(|file| (&file.calibration, label.as_deref())),
+            calibration: calibration.map(|file| (&file.calibration, label)),
             firmware: firmware::VERSION,
         }))
     }
@@ -189,33 +188,22 @@ impl DoctorArgs {
     }
 }
 
-impl Diagnosis {
+impl Examination {
     fn print(&self, printer: &Printer) -> anyhow::Result<()> {
-        for one in &self.examined {
-            printer.line(&one.name)?;
-            for finding in &one.findings {
-                let (mark, tint) = match finding.severity {
-                    FindingSeverity::Fine => ("ok", Tint::Good),
-                    FindingSeverity::Warning => ("warning", Tint::Warning),
-                    FindingSeverity::Fault => ("FAULT", Tint::Bad),
-                };
-                let seen = format!("{}: {}", finding.check, finding.seen);
-                printer.tinted(&format!("  {mark:7}  "), tint, seen)?;
-                if let Some(advice) = &finding.advice {
-                    printer.line(format!("  {:7}  → {advice}", ""))?;
-                }
+        printer.line(&self.name)?;
+        for finding in &self.findings {
+            let (mark, tint) = match finding.severity {
+                FindingSeverity::Fine => ("ok", Tint::Good),
+                FindingSeverity::Warning => ("warning", Tint::Warning),
+                FindingSeverity::Fault => ("FAULT", Tint::Bad),
+            };
+            let seen = format!("{}: {}", finding.check, finding.seen);
+            printer.tinted(&format!("  {mark:7}  "), tint, &seen)?;
+            if let Some(advice) = &finding.advice {
+                printer.line(format!("  {:7}  → {advice}", ""))?;
             }
         }
-        let count = |count: usize, what: &str| match count {
-            1 => format!("1 {what}"),
-            _ => format!("{count} {what}s"),
-        };
-        printer.line(match self.sound {
-            true => "no problems found".to_owned(),
-            false => {
-                format!("{}, {}", count(self.faults, "fault"), count(self.warnings, "warning"))
-            }
-        })
+        Ok(())
     }
 }
 

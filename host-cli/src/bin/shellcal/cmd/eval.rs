@@ -7,7 +7,7 @@ use calibration_file::stored::{OfAxes, Stored, StoredQuality};
 use calibration_file::{CalibrationFile, Role, SourceFile};
 use clap::builder::TypedValueParser;
 use figures::{FitPlot, fit_figure};
-use log_file::{Log, ReadOptions, Wanted, read_dataset};
+use log_file::{ReadOptions, Wanted, read_dataset};
 use serde::Serialize;
 use shell_data::dataset::{Dataset, RowSet};
 use shell_data::wrench::{Axes, Axis, PerAxis};
@@ -16,10 +16,10 @@ use shellcal::workflow::fit::add_to_plot;
 use shellcal::workflow::gates::{ComparedAxes, GateFailure, Gates};
 
 use super::choices::{number_in, one_of};
-use super::mapping::{EditedArg, MappingArgs, open_logs, tell_remembered};
-use super::outputs::FigureSize;
+use super::mapping::{EditedArg, MappingArgs};
+use super::outputs::FigureArgs;
 use super::quality::table_row;
-use crate::files::{InputPath, OutputPath};
+use crate::files::InputPath;
 use crate::printer::{Outcome, Printer};
 
 #[derive(Debug, clap::Args)]
@@ -53,12 +53,8 @@ pub(crate) struct EvalArgs {
     #[arg(long = "skip-repeats", alias = "fresh")]
     fresh: bool,
 
-    /// Draw predicted against measured, and the residuals, over all logs
-    #[arg(long, value_name = "FILE.svg|pdf|png")]
-    plot: Option<OutputPath>,
-
     #[command(flatten)]
-    figure_size: FigureSize,
+    figure: FigureArgs,
 
     #[command(flatten)]
     mapping: MappingArgs,
@@ -81,34 +77,28 @@ impl EvalArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let file = self.edited.read(&self.calibration)?;
         self.check_logs()?;
-        let mapping = self.mapping.mapping_for(&file);
+        let from = Some((&self.calibration, &file));
+        let mut logs = self.mapping.open(&self.logs, &self.wrench_from, from, printer)?;
         let (mut calibration, sources) = (file.calibration, file.origin.sources);
-        let mut logs = open_logs(&self.logs, ("--wrench-from", &self.wrench_from), &mapping)?;
-        tell_remembered(printer, &self.calibration, &mapping, &logs);
         let axes = (!self.axes.is_empty()).then(|| self.axes.iter().copied().collect());
         let gates = self.limits.gates(axes);
         let compared = gates.compare(calibration.axes, &mut logs)?;
         let axes = compared.axes;
         note_axes(printer, &compared, gates.asked());
         calibration.axes = axes;
-        let figure = self.figure_size.create(self.plot.as_ref(), printer)?;
+        let figure = self.figure.create(printer)?;
         let mut plot = figure.is_some().then(FitPlot::new);
 
-        let bar = printer.progress("eval", logs.iter().map(Log::bytes).sum());
         let workers = Workers::new(self.mapping.threads.map_or(0, usize::from));
         let mut all = Evaluation::default();
-        let (mut reports, mut read_before) = (Vec::new(), 0);
+        let mut reports = Vec::new();
         for log in &logs {
-            let progress = |bytes| bar.set_position(read_before + bytes);
-            let read = ReadOptions {
-                progress: Some(&progress),
-                checksum: true,
-                ..self.mapping.read_options()
-            };
             check_channels(log, calibration.channels())?;
             let time = calibration.needs_time() || log.has_time() && calibration.lag.is_some();
             let wanted = Wanted { readings: true, wrench: true, time, ..Wanted::default() };
-            let rows = calibration.prepared(&read_dataset(&[(log, wanted)], &read)?)?;
+            let read = ReadOptions { checksum: true, ..self.mapping.read_options() };
+            let rows = printer.scan(log, read, |read| read_dataset(&[(log, wanted)], &read))?;
+            let rows = calibration.prepared(&rows)?;
             let rows = rows.select(self.fresh, &RowSet::default());
             if is_trained_on(&rows, &sources) {
                 printer.warning(format!(
@@ -123,9 +113,7 @@ impl EvalArgs {
             }
             let name = Some(log.path().display().to_string());
             reports.push(LogEvaluation::new(name, evaluation, axes)?);
-            read_before += log.bytes();
         }
-        bar.finish_and_clear();
         if let (Some(figure), Some(plot)) = (figure, &plot) {
             let title = format!("Evaluation of {}", self.calibration.display());
             figure.draw(|size| fit_figure(size, &title, axes, plot, None))?;
@@ -133,7 +121,28 @@ impl EvalArgs {
 
         let all = LogEvaluation::new(None, all, axes)?;
         let failures = gates.failures(&compared, &all.quality.map(|axis| axis.rms));
-        show(printer, (reports, all), axes, &failures)?;
+        let (mut above_limit, mut not_compared) = (Vec::new(), Axes::NONE);
+        for failure in &failures {
+            match failure {
+                GateFailure::Above { axis, .. } => above_limit.push(axis.column()),
+                GateFailure::NotCompared { axes, .. } => {
+                    not_compared = not_compared.iter().chain(axes.iter()).collect();
+                }
+            }
+        }
+        let document = document! {
+            axes: axes.columns(),
+            logs: reports.iter().map(|of| of.document(axes)).collect::<Vec<_>>(),
+            all: all.document(axes),
+            above_limit: above_limit,
+            // Axes that were asked for and are not in all logs.
+            not_compared: not_compared.columns(),
+        };
+        printer.finish(&document, |printer| {
+            let all = Some(&all).filter(|_| reports.len() > 1);
+            reports.iter().chain(all).try_for_each(|of| of.print(printer, axes))
+        })?;
+        failures.iter().for_each(|failure| printer.warning(failure.to_string()));
         Ok(if failures.is_empty() { Outcome::Done } else { Outcome::CheckFailed })
     }
 
@@ -167,49 +176,14 @@ fn is_trained_on(rows: &Dataset, sources: &[SourceFile]) -> bool {
 fn note_axes(printer: &Printer, compared: &ComparedAxes, asked: Axes) {
     for (path, absent) in &compared.missing {
         let (path, absent) = (path.display(), absent.without(asked));
-        if absent.is_empty() {
-            continue;
+        if !absent.is_empty() {
+            printer.note(format!("not compared: {absent}, which `{path}` does not have"));
         }
-        printer.note(format!("not compared: {absent}, which `{path}` does not have"));
     }
     if !compared.uncalibrated.is_empty() {
         let others = compared.uncalibrated;
         printer.note(format!("not compared: {others}, which the calibration does not give"));
     }
-}
-
-fn show(
-    printer: &Printer,
-    (logs, all): (Vec<LogEvaluation>, LogEvaluation),
-    axes: Axes,
-    failures: &[GateFailure],
-) -> anyhow::Result<()> {
-    if printer.json() {
-        let (mut above_limit, mut not_compared) = (Vec::new(), Axes::NONE);
-        for failure in failures {
-            match failure {
-                GateFailure::Above { axis, .. } => above_limit.push(axis.column()),
-                GateFailure::NotCompared { axes, .. } => {
-                    not_compared = not_compared.iter().chain(axes.iter()).collect();
-                }
-            }
-        }
-        printer.document(&document! {
-            axes: axes.columns(),
-            logs: logs.iter().map(|of| of.document(axes)).collect::<Vec<_>>(),
-            all: all.document(axes),
-            above_limit: above_limit,
-            // Axes that were asked for and are not in all logs.
-            not_compared: not_compared.columns(),
-        })?;
-    } else {
-        logs.iter().try_for_each(|of| of.print(printer, axes))?;
-        if logs.len() > 1 {
-            all.print(printer, axes)?;
-        }
-    }
-    failures.iter().for_each(|failure| printer.warning(failure.to_string()));
-    Ok(())
 }
 
 impl LogEvaluation {

@@ -134,11 +134,8 @@ pub(crate) fn parse_window(text: &str) -> Result<TimeWindow, String> {
         start_s: second(start, f64::NEG_INFINITY)?,
         end_s: second(end, f64::INFINITY)?,
     };
-    if window.start_s <= window.end_s {
-        Ok(window)
-    } else {
-        Err("it ends before it starts".to_owned())
-    }
+    let is_forward = window.start_s <= window.end_s;
+    is_forward.then_some(window).ok_or_else(|| "it ends before it starts".to_owned())
 }
 
 /// How readings become forces
@@ -184,12 +181,6 @@ impl LiveForceArgs {
     pub(crate) fn read(&self, printer: &Printer) -> anyhow::Result<Option<LiveForces>> {
         let Some(path) = &self.calibration else { return Ok(None) };
         let calibration = self.edited.read(path)?.calibration;
-        let options = self.options();
-        printer.note(describe_forces(&options));
-        Ok(Some(LiveForces { calibration, options }))
-    }
-
-    fn options(&self) -> ForceOptions {
         let forces = ForceArgs {
             tare: self.tare,
             no_tare: self.no_tare,
@@ -199,7 +190,9 @@ impl LiveForceArgs {
             causal: true,
             ..ForceArgs::default()
         };
-        forces.options(RowRule::Time)
+        let options = forces.options(RowRule::Time);
+        printer.note(describe_forces(&options));
+        Ok(Some(LiveForces { calibration, options }))
     }
 }
 

@@ -80,12 +80,30 @@ impl MappingArgs {
     }
 
     /// The columns that the user names, for logs that are read with this calibration, if any.
-    pub(crate) fn mapping_for<'a>(
-        &self,
-        calibration: impl Into<Option<&'a CalibrationFile>>,
-    ) -> Mapping {
-        let usual = calibration.into().and_then(|file| file.origin.columns.clone());
+    pub(crate) fn mapping_for(&self, calibration: Option<&CalibrationFile>) -> Mapping {
+        let usual = calibration.and_then(|file| file.origin.columns.clone());
         Mapping { usual, ..self.mapping() }
+    }
+
+    /// Opens logs that are read with a calibration, each with the file of its wrench where an option names such files.
+    /// Says which of their columns are those that the calibration remembers.
+    pub(crate) fn open(
+        &self,
+        logs: &[InputPath],
+        wrenches: &[InputPath],
+        calibration: Option<(&InputPath, &CalibrationFile)>,
+        printer: &Printer,
+    ) -> anyhow::Result<Vec<Log>> {
+        let mapping = self.mapping_for(calibration.map(|(_, file)| file));
+        let logs = open_logs(logs, ("--wrench-from", wrenches), &mapping)?;
+        for (log, (from, _)) in logs.iter().flat_map(|log| calibration.map(|of| (log, of))) {
+            let (taken, log, from) = (log.usual_columns(&mapping), log.path(), from.display());
+            if !taken.is_empty() {
+                let taken = taken.join(", ");
+                printer.detail(format!("`{}`: {taken} as `{from}` remembers", log.display()));
+            }
+        }
+        Ok(logs)
     }
 
     /// The columns of training logs that the user names, if any.
@@ -116,40 +134,18 @@ pub(crate) struct EditedArg {
 impl EditedArg {
     /// Reads a calibration file.
     pub(crate) fn read(self, path: &Path) -> Result<CalibrationFile, CalibrationFileError> {
-        match self.edited {
-            true => CalibrationFile::read_edited(path),
-            false => CalibrationFile::read(path),
-        }
+        if self.edited { CalibrationFile::read_edited(path) } else { CalibrationFile::read(path) }
     }
 
     /// Reads a partial fit.
     pub(crate) fn partial(self, path: &Path) -> Result<PartialFit, CalibrationFileError> {
-        match self.edited {
-            true => PartialFit::read_edited(path),
-            false => PartialFit::read(path),
-        }
+        if self.edited { PartialFit::read_edited(path) } else { PartialFit::read(path) }
     }
 
     /// The partial fits of a stream.
     pub(crate) fn partials<R: BufRead>(self, reader: R, name: &Path) -> PartialStream<R> {
         let partials = PartialStream::new(reader, name);
         if self.edited { partials.edited() } else { partials }
-    }
-}
-
-/// Says which columns of logs are those that a calibration remembers.
-pub(crate) fn tell_remembered(
-    printer: &Printer,
-    calibration: &InputPath,
-    mapping: &Mapping,
-    logs: &[Log],
-) {
-    for log in logs {
-        let taken = log.usual_columns(mapping);
-        if !taken.is_empty() {
-            let (taken, from) = (taken.join(", "), calibration.display());
-            printer.detail(format!("`{}`: {taken} as `{from}` remembers", log.path().display()));
-        }
     }
 }
 

@@ -8,7 +8,7 @@ use calibration::quality::significant;
 use calibration_file::stored::{
     OfAxes, Stored, StoredCrossValidation, StoredQuality, StoredSelection,
 };
-use calibration_file::{CalibrationFile, PartialFit, Sums};
+use calibration_file::{CalibrationFile, CalibrationFileError, PartialFit, Sums};
 use shell_data::hint::quoted;
 use shellcal::workflow::merge;
 
@@ -16,14 +16,14 @@ use super::choices::{self, COVARIANCES, one_of};
 use super::mapping::EditedArg;
 use super::outputs::{self, OpenOutput};
 use super::quality::{print_cross_validation, print_errors, print_selection};
-use crate::files::{InputOrStdin, OutputOrStdout, OutputPath};
+use crate::files::{InputPath, OutputPath, is_standard};
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct MergeArgs {
     /// Partial fits; `-` reads any number of them, one after the other, from the standard input
     #[arg(required = true, value_name = "PARTIAL")]
-    partials: Vec<InputOrStdin>,
+    partials: Vec<InputPath>,
 
     /// Write the calibration (JSON)
     #[arg(long, short, value_name = "CAL.json")]
@@ -32,7 +32,7 @@ pub(crate) struct MergeArgs {
     /// Write what has been merged as one partial fit, and fit nothing (`-` for the standard output)
     #[arg(long, value_name = "FILE.json",
         conflicts_with_all = ["output", "ridge", "model", "cv", "covariance", "no_covariance"])]
-    partial: Option<OutputOrStdout>,
+    partial: Option<OutputPath>,
 
     /// Leave out partial fits whose files have all been counted already, and say so: for queues that
     /// deliver twice
@@ -83,9 +83,8 @@ fn parse_folds(text: &str) -> Result<HeldOut, String> {
 }
 
 /// Partial fits put together.
-#[derive(Debug, Default)]
 struct Merged {
-    sum: Option<PartialFit>,
+    sum: PartialFit,
     /// How many were read.
     read: usize,
     /// How many of them were left out.
@@ -96,14 +95,14 @@ impl MergeArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let output = printer.create(self.output.as_ref())?;
         let partial = self.partial.as_ref();
-        let destination = partial.map(|path| OpenOutput::open(path, printer));
+        let destination = partial.map(|path| OpenOutput::create(Some(path), printer));
         let destination = destination.transpose()?;
         let merged = self.merged(printer)?;
-        let sum = merged.sum.as_ref().context("no partial fits were given")?;
+        let sum = &merged.sum;
         if let Some(destination) = destination {
             let to_stdout = matches!(destination, OpenOutput::Stdout);
             destination.write(sum)?;
-            return self.report(printer, &merged, sum, None, to_stdout);
+            return self.report(printer, &merged, None, to_stdout);
         }
         anyhow::ensure!(
             self.model != Some(ModelRule::Physics),
@@ -119,61 +118,52 @@ impl MergeArgs {
         let fitted = merge::fit(sum, self.model, &options)?;
         self.warn(&fitted, matches!(sum.sums, Sums::Exact(_)), printer);
         let file = merge::file(&fitted, sum);
-        if let Some(output) = output {
-            output.commit_with(file.to_json().as_bytes())?;
+        output.map(|output| output.commit_with(file.to_json().as_bytes())).transpose()?;
+        self.report(printer, &merged, Some(&file), false)
+    }
+
+    /// The partial fits of a file or the standard input.
+    fn read(
+        &self,
+        path: &InputPath,
+    ) -> Box<dyn Iterator<Item = Result<PartialFit, CalibrationFileError>> + '_> {
+        match is_standard(path) {
+            true => Box::new(self.edited.partials(io::stdin().lock(), path)),
+            false => Box::new(std::iter::once(self.edited.partial(path))),
         }
-        self.report(printer, &merged, sum, Some(&file), false)
     }
 
     fn merged(&self, printer: &Printer) -> anyhow::Result<Merged> {
-        let mut merged = Merged::default();
-        for path in &self.partials {
-            if path.is_stdin() {
-                for partial in self.edited.partials(io::stdin().lock(), path) {
-                    self.add(&mut merged, partial?, path, printer)?;
+        let (mut sum, mut read, mut skipped) = (None::<PartialFit>, 0, 0);
+        let partials = self.partials.iter();
+        for (path, partial) in partials.flat_map(|path| self.read(path).map(move |of| (path, of))) {
+            let partial = partial?;
+            read += 1;
+            let name = match is_standard(path) {
+                true => format!("`-`, partial fit {read}"),
+                false => format!("`{}`", path.display()),
+            };
+            match &mut sum {
+                None => sum = Some(partial),
+                Some(sum) if self.skip_counted && sum.has_counted_all_of(&partial) => {
+                    skipped += 1;
+                    let files =
+                        quoted(partial.sources.iter().map(|file| file.path.display()), ", ");
+                    printer.note(format!("{name}: left out, {files} has been counted already"));
                 }
-            } else {
-                self.add(&mut merged, self.edited.partial(path)?, path, printer)?;
+                Some(sum) => sum.merge(&partial).context(name)?,
             }
         }
-        if let Some(sum) = &mut merged.sum {
-            sum.put_in_order();
-            sum.made_by = shellcal::PROGRAM.to_owned();
-            sum.date = outputs::date()?;
-            let known = sum.sensor_serial.as_ref().filter(|_| self.serial.is_some());
-            if let Some(serial) = known.filter(|known| Some(*known) != self.serial.as_ref()) {
-                anyhow::bail!(
-                    "the partial fits are of the sensor `{serial}`: leave out `--serial`"
-                );
-            }
-            sum.sensor_serial = sum.sensor_serial.take().or_else(|| self.serial.clone());
+        let mut sum = sum.context("no partial fits were given")?;
+        sum.put_in_order();
+        sum.made_by = shellcal::PROGRAM.to_owned();
+        sum.date = outputs::date()?;
+        let known = sum.sensor_serial.as_ref().filter(|_| self.serial.is_some());
+        if let Some(serial) = known.filter(|known| Some(*known) != self.serial.as_ref()) {
+            anyhow::bail!("the partial fits are of the sensor `{serial}`: leave out `--serial`");
         }
-        Ok(merged)
-    }
-
-    fn add(
-        &self,
-        merged: &mut Merged,
-        partial: PartialFit,
-        path: &InputOrStdin,
-        printer: &Printer,
-    ) -> anyhow::Result<()> {
-        merged.read += 1;
-        let position = match path.is_stdin() {
-            true => format!("`-`, partial fit {}", merged.read),
-            false => format!("`{}`", path.display()),
-        };
-        let Some(sum) = &mut merged.sum else {
-            merged.sum = Some(partial);
-            return Ok(());
-        };
-        if self.skip_counted && sum.has_counted_all_of(&partial) {
-            merged.skipped += 1;
-            let files = quoted(partial.sources.iter().map(|file| file.path.display()), ", ");
-            printer.note(format!("{position}: left out, {files} has been counted already"));
-            return Ok(());
-        }
-        sum.merge(&partial).context(position)
+        sum.sensor_serial = sum.sensor_serial.take().or_else(|| self.serial.clone());
+        Ok(Merged { sum, read, skipped })
     }
 
     /// What could not be had of what was asked for.
@@ -200,10 +190,10 @@ impl MergeArgs {
         &self,
         printer: &Printer,
         merged: &Merged,
-        sum: &PartialFit,
         file: Option<&CalibrationFile>,
         to_stderr: bool,
     ) -> anyhow::Result<()> {
+        let sum = &merged.sum;
         let (rows, files, axes) = (sum.sums.rows(), sum.sources.len(), sum.axes);
         let groups = sum.groups.as_ref().map(|groups| groups.groups.len());
         let fit = file.and_then(|file| file.origin.diagnostics.as_ref());

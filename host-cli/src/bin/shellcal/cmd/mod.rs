@@ -6,10 +6,8 @@ mod bench;
 mod board;
 mod check;
 mod choices;
-mod compare;
 mod convert;
 mod doctor;
-mod drift;
 mod eval;
 mod exchange;
 mod fit;
@@ -19,7 +17,6 @@ mod info;
 mod live;
 mod mapping;
 mod merge;
-mod noise;
 mod outputs;
 mod payload;
 mod plan;
@@ -32,6 +29,7 @@ mod stream;
 mod synth;
 mod synth_trial;
 mod trials;
+mod zero;
 
 use clap::builder::Resettable;
 use clap::{ArgMatches, Args, Error, FromArgMatches, Subcommand};
@@ -122,14 +120,14 @@ commands! {
     /// Finds the offset of the two clocks, whatever it is, and how much faster one runs, from the loads
     /// that both saw; no map from wrench to readings is needed. Writes a training log: the board's
     /// frames with the reference at the same times, low-passed below the board's Nyquist frequency.
-    /// Where the match is not clear, nothing is written and the exit code is 1.
+    /// Where the match is not clear, nothing is written and the exit code is 1. `--plot` draws the match.
     Align(align::AlignArgs),
 
     /// Say which loads to hang next, in which order, and when that is enough
     ///
     /// Of all loads that the rig can do, the one that tells most comes next: by a D-optimal design before anything is
     /// recorded, and by what a model of the sensors does not know yet afterwards. A calibration then takes about half
-    /// the poses of a random order.
+    /// the poses of a random order. `--plot` draws the predicted error against the number of poses.
     Plan(plan::PlanArgs),
 
     /// Fit a calibration to logs with readings and a measured wrench
@@ -137,6 +135,7 @@ commands! {
     /// Compares models on groups of rows that are held out (a group column, files, poses that are found, or
     /// stretches of time) and takes the best. The output starts with a verdict: the error on data that were not
     /// used for the fit, the 95 % interval of a frame, what to use the calibration for, what to record next.
+    /// `--plot` draws predicted against measured, and the residuals.
     /// Exits with 1 when that error is above `--max-rms`.
     Fit(fit::FitArgs),
 
@@ -148,7 +147,8 @@ commands! {
 
     /// Compare a calibration with the wrench measured in logs
     ///
-    /// Exits with 1 when the RMS error of an axis over all logs is above its limit.
+    /// Exits with 1 when the RMS error of an axis over all logs is above its limit. `--plot` draws predicted against
+    /// measured, and the residuals, over all logs.
     Eval(eval::EvalArgs),
 
     /// Check a calibrated sensor with a known weight or two
@@ -161,25 +161,25 @@ commands! {
     ///
     /// Prints the errors of both, their paired difference with a 95 % interval over groups of rows (the group column,
     /// files, poses that are found), and which errs less on each axis.
-    Compare(compare::CompareArgs),
+    Compare(check::CompareArgs),
 
     /// Convert logs of readings to forces and moments
     ///
     /// Writes one row per frame: time, wrench, the standard error of each axis where the calibration
-    /// carries a covariance, and flags for readings that cannot be trusted.
+    /// carries a covariance, and flags for readings that cannot be trusted. `--plot` draws the wrench over time.
     Convert(convert::ConvertArgs),
 
     /// Find what a sensor carries, and take its weight and inertia off a wrench
     Payload(payload::PayloadArgs),
 
     /// Measure the noise of an unloaded sensor: RMS about the mean, per axis and channel
-    Noise(noise::NoiseArgs),
+    Noise(zero::NoiseArgs),
 
     /// Tell how the zero of an unloaded sensor moves: trend against time and temperature, wander
     ///
     /// Looks at the stretches of a log in which the sensor is at rest and unloaded, and says whether a
-    /// tare at the start holds to the end.
-    Drift(drift::DriftArgs),
+    /// tare at the start holds to the end. `--plot` draws the zeros at these stretches over time.
+    Drift(zero::DriftArgs),
 
     /// Evaluate one trial: drag, lift, energies and specific resistance, and those of its strides
     ///
@@ -193,8 +193,9 @@ commands! {
 
     /// Propose entry into the channel and exit from it: onset and end of sustained drag
     ///
-    /// A manifest can say `auto` in place of times, and gets the same.
-    Window(trials::window::WindowArgs),
+    /// A manifest can say `auto` in place of times, and gets the same. `--plot` draws the drag of one log, and what was
+    /// found in it.
+    Window(trials::trial::WindowArgs),
 
     /// Draw one figure of a trial or of a manifest's trials, as SVG, PDF or PNG
     Plot(trials::plot::PlotArgs),
@@ -230,7 +231,8 @@ commands! {
     /// Compare solvers on your data: run time against error
     ///
     /// Rows are read into memory first; then every solver fits every model on one thread. Errors are
-    /// relative to an answer in twice the precision.
+    /// relative to an answer in twice the precision. `--plot` draws run time against the error of coefficients, and
+    /// beside it, with `-prediction` added to its name, against that of predictions.
     Bench(bench::BenchArgs),
 
     /// Make a synthetic recording from a physical model of the sensor
@@ -244,7 +246,7 @@ commands! {
     /// The paper's quasi-static model: an ellipse pushes through two rows of beams, each a bar on a
     /// torsional spring. Prints, for every channel, the drag where the body is wholly among the beams,
     /// and the energy of a crossing. Lengths take mm, cm or m, and are in m without a unit; positions
-    /// are those of the body's middle past the first beam.
+    /// are those of the body's middle past the first beam. `--plot` draws drag over position and contact counts.
     Simulate(simulate::SimulateArgs),
 
     /// Print what bash, zsh, fish, PowerShell or elvish needs to complete command lines

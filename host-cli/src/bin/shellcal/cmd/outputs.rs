@@ -11,7 +11,7 @@ use output_file::AtomicFile;
 use table_file::iso_of_seconds;
 
 use super::choices::one_of;
-use crate::files::{OutputOrStdout, OutputPath};
+use crate::files::{InputPath, OutputPath, is_standard};
 use crate::printer::Printer;
 
 /// A destination that is open before the work begins.
@@ -21,29 +21,16 @@ pub(super) enum OpenOutput {
 }
 
 impl OpenOutput {
-    pub(super) fn open(path: &OutputOrStdout, printer: &Printer) -> anyhow::Result<Self> {
-        if !path.is_stdout() {
+    /// The file at `path`; without one, or at `-`, the standard output, which `--json` has for its document.
+    pub(super) fn create(path: Option<&OutputPath>, printer: &Printer) -> anyhow::Result<Self> {
+        if let Some(path) = path.filter(|path| !is_standard(path)) {
             return Ok(Self::File(printer.files.create(path)?));
         }
         anyhow::ensure!(
             !printer.json(),
-            "`--partial -` writes the partial fit to the standard output: leave out `--json`"
+            "`--json` needs `--output`, or a file in place of `-`: both would go to the standard output; or leave out `--json`"
         );
         Ok(Self::Stdout)
-    }
-
-    /// The file at `path`, or without one the standard output.
-    pub(super) fn create(path: Option<&OutputPath>, printer: &Printer) -> anyhow::Result<Self> {
-        Ok(printer.create(path)?.map_or(Self::Stdout, Self::File))
-    }
-
-    /// The same for rows, which `--json` would mix with its document.
-    pub(super) fn for_rows(path: Option<&OutputPath>, printer: &Printer) -> anyhow::Result<Self> {
-        anyhow::ensure!(
-            path.is_some() || !printer.json(),
-            "`--json` needs `--output`: standard output has the rows"
-        );
-        Self::create(path, printer)
     }
 
     pub(super) fn write(mut self, partial: &PartialFit) -> anyhow::Result<()> {
@@ -85,6 +72,38 @@ pub(super) struct FigureSize {
     pub(super) size: Size,
 }
 
+/// A figure beside the results of a command.
+#[derive(Clone, Debug, clap::Args)]
+pub(super) struct FigureArgs {
+    /// Draw what was found, to .svg, .pdf or .png
+    #[arg(long, value_name = "FILE")]
+    pub(super) plot: Option<OutputPath>,
+
+    #[command(flatten)]
+    pub(super) figure_size: FigureSize,
+}
+
+impl FigureArgs {
+    /// Opens its file, if it is to be drawn.
+    pub(super) fn create(&self, printer: &Printer) -> anyhow::Result<Option<FigureFile>> {
+        self.plot.as_ref().map(|path| self.figure_size.open(path, printer)).transpose()
+    }
+
+    /// The same for a figure of one log.
+    pub(super) fn create_of_one(
+        &self,
+        logs: &[InputPath],
+        printer: &Printer,
+    ) -> anyhow::Result<Option<FigureFile>> {
+        let count = logs.len();
+        anyhow::ensure!(
+            self.plot.is_none() || count == 1,
+            "`--plot` draws one log, `{count}` were given"
+        );
+        self.create(printer)
+    }
+}
+
 /// Widths of figures.
 const SIZES: [(&str, &str, Size); 3] = [
     ("screen", "As wide as its content suits", Size::Screen),
@@ -107,15 +126,6 @@ impl FigureFile {
 }
 
 impl FigureSize {
-    /// The same, if a figure is to be drawn.
-    pub(super) fn create(
-        self,
-        path: Option<&OutputPath>,
-        printer: &Printer,
-    ) -> anyhow::Result<Option<FigureFile>> {
-        path.map(|path| self.open(path, printer)).transpose()
-    }
-
     /// Opens the file of a figure; its name says the format.
     pub(super) fn open(self, path: &Path, printer: &Printer) -> anyhow::Result<FigureFile> {
         let format = Format::from_path(path)?;

@@ -1,10 +1,11 @@
 //! Serial ports: `shellcal ports` lists them; which names on the command line are those of ports, and how one is opened.
 
 use std::path::Path;
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use anyhow::Context;
-use board_link::{FlowControl, PortOptions, TCP, Uplink, ports};
+use board_link::recording::PROTOCOLS;
+use board_link::{FlowControl, PortOptions, RecordOptions, TCP, Uplink, ports};
 use shared_proto::{Framing, Protocol};
 
 use super::choices::one_of;
@@ -79,12 +80,40 @@ impl SerialArgs {
     pub(crate) fn port(&self, port: &str) -> PortOptions {
         PortOptions { port: port.to_owned(), baud: self.baud, flow_control: self.flow_control }
     }
+}
 
-    /// The way to the board on which it is told to start.
-    pub(crate) fn uplink(&self, protocol: Option<Protocol>) -> anyhow::Result<Uplink> {
-        let framing = protocol.map_or(Some(Framing::Cobs), Protocol::framing);
-        let framing = framing.context("`--start` is not for the original board")?;
-        Ok(Uplink { framing, to: self.to })
+/// What is recorded from a port, and how
+#[derive(Debug, clap::Args)]
+pub(crate) struct SourceArgs {
+    /// Tell the board to start streaming, and to stop at the end
+    #[arg(long)]
+    start: bool,
+
+    /// End after so many seconds
+    #[arg(long, value_name = "S", value_parser = parse_duration)]
+    pub(crate) duration: Option<Duration>,
+
+    /// How the bytes are framed; recognised unless given
+    #[arg(long, value_name = "FRAMING", value_parser = one_of(&PROTOCOLS))]
+    framing: Option<Protocol>,
+
+    #[command(flatten)]
+    pub(crate) serial: SerialArgs,
+}
+
+impl SourceArgs {
+    pub(crate) fn options(&self) -> anyhow::Result<RecordOptions> {
+        let uplink = || {
+            let framing = self.framing.map_or(Some(Framing::Cobs), Protocol::framing);
+            let framing = framing.context("`--start` is not for the original board")?;
+            anyhow::Ok(Uplink { framing, to: self.serial.to })
+        };
+        Ok(RecordOptions {
+            protocol: self.framing,
+            duration: self.duration,
+            start: self.start.then(uplink).transpose()?,
+            ..RecordOptions::default()
+        })
     }
 }
 
@@ -101,4 +130,12 @@ fn parse_address(text: &str) -> Result<u16, String> {
         None => text.parse(),
     };
     parsed.map_err(|error| format!("{error}; an address is 0x0000 to 0xFFFF"))
+}
+
+pub(crate) fn parse_duration(text: &str) -> Result<Duration, String> {
+    let seconds: f64 = text.parse().map_err(|_| "a time in s, such as 90".to_owned())?;
+    Duration::try_from_secs_f64(seconds)
+        .ok()
+        .filter(|duration| !duration.is_zero())
+        .ok_or_else(|| "a time in s above 0".to_owned())
 }

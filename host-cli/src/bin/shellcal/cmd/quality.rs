@@ -2,15 +2,13 @@
 //! the training loads.
 
 use calibration::Basis;
-use calibration::fit::{FoundGroups, ModelComparison};
+use calibration::fit::ModelComparison;
 use calibration::quality::{AxisQuality, significant};
 use calibration::validation::advice::Advice;
-use calibration::validation::comparison::ErrorRatio;
 use calibration::validation::cross_validation::CrossValidation;
 use calibration::validation::excitation::Excitation;
 use calibration::validation::selection::{Candidate, Selection};
 use calibration_file::Diagnostics;
-use serde::Serialize;
 use shell_data::hint::quoted;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
@@ -33,13 +31,9 @@ pub(super) fn table_row(axis: Axis, sets: &[&PerAxis<AxisQuality>]) -> Vec<Strin
 }
 
 /// The table of errors on training and test rows.
-pub(super) fn print_errors(
-    printer: &Printer,
-    diagnostics: &Diagnostics,
-    axes: Axes,
-) -> anyhow::Result<()> {
+pub(super) fn print_errors(printer: &Printer, of: &Diagnostics, axes: Axes) -> anyhow::Result<()> {
     let sets: Vec<&PerAxis<AxisQuality>> =
-        [Some(&diagnostics.train), diagnostics.test.as_ref()].into_iter().flatten().collect();
+        [Some(&of.train), of.test.as_ref()].into_iter().flatten().collect();
     let mut header = vec!["axis"];
     for (train, test) in
         [("RMS train", "RMS test"), ("max train", "max test"), ("R² train", "R² test")]
@@ -114,40 +108,6 @@ pub(super) fn print_cross_validation(
         ));
     }
     Ok(())
-}
-
-/// What `--json` prints of groups that were found.
-pub(super) fn groups_found(of: FoundGroups) -> impl Serialize {
-    document! {
-        found: of.kind.name(),
-        groups: of.groups,
-        rows_min: of.rows_min,
-        rows_median: of.rows_median,
-        rows_max: of.rows_max,
-    }
-}
-
-/// What `--json` prints of a comparison of physics and a polynomial.
-pub(super) fn comparison(found: &ModelComparison) -> impl Serialize {
-    let of = &found.comparison;
-    document! {
-        folds: found.folds,
-        polynomial: found.model.name(),
-        // On the same held-out rows, N and N·m.
-        physics_rms: of.rms[0],
-        polynomial_rms: of.rms[1],
-        // Natural logarithm of the error of physics relative to that of the polynomial, in the mean over all axes,
-        // and its standard error.
-        log_ratio: log_ratio(of.all),
-        // The same for each axis.
-        axes: of.axes.map(log_ratio),
-        physics_is_better: found.physics_is_better(),
-    }
-}
-
-/// A ratio and its standard error, both of its logarithm.
-pub(super) fn log_ratio(ratio: ErrorRatio) -> [f64; 2] {
-    [ratio.log.value, ratio.log.standard_error]
 }
 
 /// The closing word on which model to take.

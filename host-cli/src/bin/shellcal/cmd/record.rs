@@ -1,20 +1,16 @@
 //! `shellcal record`: from a port, or bytes recorded before, to a log.
 
-use std::time::Duration;
-
-use board_link::recording::{PROTOCOLS, protocol_name};
+use board_link::recording::protocol_name;
 use board_link::{
     AppendWriter, LogSink, RecordOptions, Recorded, RecordedBoard, RecordingProgress, Sinks,
     Source, Unwatched, record,
 };
 use frame_stream::RowOptions;
-use shared_proto::Protocol;
 use shell_data::wrench::Axis;
 use shellcal::workflow::live::clock;
 
-use super::choices::one_of;
 use super::frames::LiveForceArgs;
-use super::ports::SerialArgs;
+use super::ports::SourceArgs;
 use super::quality::by_unit;
 use super::stream::{self, StreamToArgs};
 use crate::files::{InputPath, OutputPath};
@@ -44,14 +40,6 @@ pub(crate) struct RecordArgs {
     #[arg(long)]
     overwrite: bool,
 
-    /// End after so many seconds
-    #[arg(long, value_name = "S", value_parser = parse_duration)]
-    duration: Option<Duration>,
-
-    /// How the bytes are framed; recognised unless given
-    #[arg(long, value_name = "FRAMING", value_parser = one_of(&PROTOCOLS))]
-    framing: Option<Protocol>,
-
     #[command(flatten)]
     forces: LiveForceArgs,
 
@@ -67,32 +55,24 @@ pub(crate) struct RecordArgs {
     #[arg(long)]
     reconnect: bool,
 
-    /// Tell the board to start streaming, and to stop at the end
-    #[arg(long)]
-    start: bool,
-
     #[command(flatten)]
-    serial: SerialArgs,
+    source: SourceArgs,
 }
 
 impl RecordArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
-        if self.forces.is_given() && self.output.is_none() && !self.stream.is_given() {
-            anyhow::bail!(
-                "`--calibration` is for a log or a stream: name `--output` or `--stream`"
-            );
-        }
+        anyhow::ensure!(
+            !self.forces.is_given() || self.output.is_some() || self.stream.is_given(),
+            "`--calibration` is for a log or a stream: name `--output` or `--stream`"
+        );
         let options = RecordOptions {
-            protocol: self.framing,
             forces: self.forces.read(printer)?,
-            duration: self.duration,
-            start: self.start.then(|| self.serial.uplink(self.framing)).transpose()?,
             as_sampled: self.as_sampled,
-            labels: false,
+            ..self.source.options()?
         };
         let stop = signals::stop_flag()?;
         let mut source = match (&self.port, &self.replay) {
-            (Some(port), _) => Source::port(self.serial.port(port), self.reconnect)?,
+            (Some(port), _) => Source::port(self.source.serial.port(port), self.reconnect)?,
             (None, Some(path)) => Source::replay(path)?,
             (None, None) => anyhow::bail!("neither a port nor a file to replay"),
         };
@@ -136,21 +116,15 @@ fn describe(progress: &RecordingProgress, width: usize) -> String {
         }
         None => format!("{time}  {bytes} bytes, no frame so far"),
         Some(protocol) => {
-            let name = protocol_name(protocol);
-            let frames = format!("{frames} frames");
-            let waiting = format!("{waiting} waiting");
-            let forces = progress.wrench.as_deref().map(forces_in_words);
-            // What matters most is left out last.
-            let mut parts = vec![
-                (1, time),
-                (2, format!("{rate_hz:.1} Hz")),
-                (4, frames),
-                (5, waiting),
-                (6, name.to_owned()),
-                (3, losses.in_words()),
-            ];
-            parts.extend(forces.map(|forces| (0, forces)));
-            fitted(parts, width)
+            // What matters least is last, and left out where there is no room.
+            let mut parts = Vec::from_iter(progress.wrench.as_deref().map(forces_in_words));
+            parts.extend([time, format!("{rate_hz:.1} Hz"), losses.in_words()]);
+            parts.extend([format!("{frames} frames"), format!("{waiting} waiting")]);
+            parts.push(protocol_name(protocol).to_owned());
+            while parts.len() > 1 && parts.join("  ").chars().count() > width {
+                parts.pop();
+            }
+            parts.join("  ")
         }
     }
 }
@@ -162,19 +136,6 @@ fn forces_in_words(wrench: &[(Axis, f64)]) -> String {
         format!("{} {value:.decimals$}", axis.name())
     };
     by_unit(wrench, text).collect::<Vec<_>>().join("  ")
-}
-
-/// As many of the parts as fit beside each other; of too many those are left out whose number is largest.
-fn fitted(mut parts: Vec<(u8, String)>, width: usize) -> String {
-    loop {
-        let texts: Vec<&str> = parts.iter().map(|(_, text)| text.as_str()).collect();
-        let line = texts.join("  ");
-        let last = (0..parts.len()).max_by_key(|&at| parts[at].0);
-        match last.filter(|_| parts.len() > 1 && line.chars().count() > width) {
-            Some(last) => parts.remove(last),
-            None => return line,
-        };
-    }
 }
 
 /// The width of the terminal that the line is shown in; 80 of one that does not tell.
@@ -213,12 +174,4 @@ fn report(recorded: &Recorded, printer: &Printer) -> anyhow::Result<()> {
             .line(format!("board {address}: {frames} frames{position}; {}", losses.in_words()))?;
     }
     Ok(())
-}
-
-pub(super) fn parse_duration(text: &str) -> Result<Duration, String> {
-    let seconds: f64 = text.parse().map_err(|_| "a time in s, such as 90".to_owned())?;
-    Duration::try_from_secs_f64(seconds)
-        .ok()
-        .filter(|duration| !duration.is_zero())
-        .ok_or_else(|| "a time in s above 0".to_owned())
 }

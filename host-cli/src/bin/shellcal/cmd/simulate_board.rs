@@ -18,7 +18,7 @@ use simulation::simulated_board::{BoardSettings, Load, SimulatedBoard};
 
 use super::choices::{number_in, number_within, numbers};
 use super::stream::each_line;
-use crate::files::{InputOrStdin, OutputLocation};
+use crate::files::{InputPath, OutputLocation, is_standard};
 use crate::printer::Printer;
 use crate::signals;
 
@@ -30,7 +30,7 @@ pub(crate) struct SimulationArgs {
     /// on the standard input, FX,FY,FZ,MX,MY,MZ in N and N·m, is the load until the next
     /// [default: 5 s of rest, then hands]
     #[arg(long, conflicts_with = "port", value_name = "LOG|-")]
-    load: Option<InputOrStdin>,
+    load: Option<InputPath>,
 
     /// Which recording: its noise, light, hands, and the faults of the radio
     #[arg(long, conflicts_with = "port", value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(..1 << 60))]
@@ -82,7 +82,7 @@ pub(crate) struct SimulationArgs {
     symlink: Option<OutputLocation>,
 
     /// End after so many seconds
-    #[arg(long, conflicts_with = "port", value_name = "S", value_parser = super::record::parse_duration)]
+    #[arg(long, conflicts_with = "port", value_name = "S", value_parser = super::ports::parse_duration)]
     duration: Option<Duration>,
 
     /// End when the standard input ends, for a program that runs this one
@@ -99,7 +99,7 @@ impl SimulationArgs {
         // Set by lines of the standard input, which may end the board, too.
         let commanded = Arc::default();
         let load = match &self.load {
-            Some(path) if path.is_stdin() => Load::Commanded(Arc::clone(&commanded)),
+            Some(path) if is_standard(path) => Load::Commanded(Arc::clone(&commanded)),
             Some(path) => Load::Table(read_load(path)?),
             None => Load::hands(self.seed),
         };
@@ -144,7 +144,11 @@ impl SimulationArgs {
             thread::sleep(Duration::from_millis(20));
         }
         for (way, books) in ["to the host", "to the board"].into_iter().zip(board.books()) {
-            printer.note(describe(way, &books));
+            let Books { sent, lost, lost_in_bursts, duplicated, held_back, corrupted } = books;
+            printer.note(format!(
+                "packets {way}: {sent} sent, {lost} lost, {lost_in_bursts} lost in bursts, {duplicated} sent twice, \
+                 {held_back} held back, {corrupted} corrupted"
+            ));
         }
         Ok(())
     }
@@ -160,14 +164,6 @@ fn on_a_pty(_: BoardSettings) -> anyhow::Result<SimulatedBoard> {
     anyhow::bail!(
         "this system has no ports that a program can make: `--listen 127.0.0.1:5000`, and \
          `tcp://127.0.0.1:5000` for the port in other commands"
-    )
-}
-
-fn describe(way: &str, books: &Books) -> String {
-    let Books { sent, lost, lost_in_bursts, duplicated, held_back, corrupted } = books;
-    format!(
-        "packets {way}: {sent} sent, {lost} lost, {lost_in_bursts} lost in bursts, {duplicated} \
-         sent twice, {held_back} held back, {corrupted} corrupted"
     )
 }
 

@@ -6,24 +6,21 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, channel};
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
-use board_link::recording::PROTOCOLS;
-use board_link::{RecordOptions, Sinks, Source, Unwatched, Watcher, record};
+use board_link::{Sinks, Source, Unwatched, Watcher, record};
 use clap::builder::TypedValueParser;
 use frame_stream::{
     Destination, FrameRows, FrameStream, Readers, RowOptions, StreamCommand, StreamFormat,
     StreamHandle, StreamOptions, StreamSummary, StreamWatcher,
 };
 use log_file::Log;
-use shared_proto::Protocol;
 use shellcal::workflow::live::play;
 
 use super::choices::{POSITIVE, number_in, number_within, one_of};
 use super::frames::LiveForceArgs;
 use super::mapping::MappingArgs;
-use super::ports::{SerialArgs, is_port};
-use super::record::parse_duration;
+use super::ports::{SourceArgs, is_port};
 use super::stream;
 use crate::files::InputPath;
 use crate::printer::Printer;
@@ -63,17 +60,9 @@ pub(crate) struct StreamArgs {
     #[arg(long)]
     one_time: bool,
 
-    /// Tell the board to start streaming, and to stop at the end
-    #[arg(long)]
-    start: bool,
-
     /// Wait for a port that goes away, and go on when it is back
     #[arg(long)]
     reconnect: bool,
-
-    /// End after so many seconds
-    #[arg(long, value_name = "S", value_parser = parse_duration)]
-    duration: Option<Duration>,
 
     /// End when the standard input ends, for a program that runs this one
     #[arg(long)]
@@ -88,12 +77,8 @@ pub(crate) struct StreamArgs {
     #[arg(long)]
     latency: bool,
 
-    /// How the bytes are framed; recognised unless given
-    #[arg(long, value_name = "FRAMING", value_parser = one_of(&PROTOCOLS))]
-    framing: Option<Protocol>,
-
     #[command(flatten)]
-    serial: SerialArgs,
+    source: SourceArgs,
 
     #[command(flatten)]
     mapping: MappingArgs,
@@ -108,13 +93,14 @@ const ENCODINGS: [(&str, &str, StreamFormat); 2] = [
 impl StreamArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let from_log = !is_port(&self.name);
-        if from_log && self.latency {
-            anyhow::bail!("`--latency` is for a port: what is in a log has long been measured");
-        }
+        anyhow::ensure!(
+            !from_log || !self.latency,
+            "`--latency` is for a port: what is in a log has long been measured"
+        );
         let forces = self.forces.read(printer)?;
         let log = from_log.then(|| Log::open(&self.name, &self.mapping.mapping())).transpose()?;
         let stop = signals::stop_flag()?;
-        let port = self.serial.port(&self.name.to_string_lossy());
+        let port = self.source.serial.port(&self.name.to_string_lossy());
         let source = (!from_log).then(|| Source::port(port, self.reconnect)).transpose()?;
         let at_end = self.until_eof.then(|| Arc::clone(&stop));
         let options = StreamOptions {
@@ -145,14 +131,8 @@ impl StreamArgs {
         stop: &AtomicBool,
         printer: &Printer,
     ) -> anyhow::Result<()> {
-        let options = RecordOptions {
-            protocol: self.framing,
-            duration: self.duration,
-            start: self.start.then(|| self.serial.uplink(self.framing)).transpose()?,
-            ..RecordOptions::default()
-        };
         let sinks = Sinks { watcher: Some(watcher), ..Sinks::default() };
-        let recorded = record(&mut source, sinks, &options, stop, &mut |_| {})?;
+        let recorded = record(&mut source, sinks, &self.source.options()?, stop, &mut |_| {})?;
         let losses = recorded.losses.in_words();
         printer.note(format!("{} frames from the board; {losses}", recorded.frames));
         Ok(())
@@ -163,7 +143,7 @@ impl StreamArgs {
         let started = Instant::now();
         let mut see = |frames: &_| {
             watcher.see(frames);
-            if self.duration.is_some_and(|duration| started.elapsed() >= duration) {
+            if self.source.duration.is_some_and(|duration| started.elapsed() >= duration) {
                 stop.store(true, Ordering::Relaxed);
             }
         };
@@ -202,9 +182,10 @@ impl StreamToArgs {
         if !self.is_given() {
             return Ok((beside, None));
         }
-        if self.stream.contains(&Destination::Stdout) {
-            anyhow::bail!("only `shellcal stream` writes rows to the standard output");
-        }
+        anyhow::ensure!(
+            !self.stream.contains(&Destination::Stdout),
+            "only `shellcal stream` writes rows to the standard output"
+        );
         let rows = FrameRows::new(rows)?;
         let readers = open(printer, &self.stream, false)?;
         let format = StreamFormat::JsonLines;
@@ -216,11 +197,7 @@ impl StreamToArgs {
 }
 
 /// Opens all destinations, and says where readers can come to.
-pub(crate) fn open(
-    printer: &Printer,
-    to: &[Destination],
-    overwrite: bool,
-) -> anyhow::Result<Readers> {
+fn open(printer: &Printer, to: &[Destination], overwrite: bool) -> anyhow::Result<Readers> {
     let readers = Readers::open(to, overwrite)?;
     for address in readers.addresses() {
         printer.note(format!("readers over TCP: {address}"));

@@ -120,7 +120,7 @@ impl RecordingArgs {
             adc_bits: self.adc_bits,
             elastic: self.elastic,
         })?;
-        let mut out = OpenOutput::for_rows(self.output.as_ref(), printer)?;
+        let mut out = OpenOutput::create(self.output.as_ref(), printer)?;
         /// Rows between two looks at the progress bar, and bytes in such a stretch, about.
         const STRETCH: u64 = 1024;
         const ROW_BYTES: u64 = 100;

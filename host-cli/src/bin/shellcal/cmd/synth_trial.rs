@@ -160,7 +160,7 @@ impl SynthTrialArgs {
         if let Some(path) = &self.truth {
             printer.files.write(path, &truth_json(&truth))?;
         }
-        let mut out = OpenOutput::for_rows(self.output.as_ref(), printer)?;
+        let mut out = OpenOutput::create(self.output.as_ref(), printer)?;
         let rows = write_log(&mut out, &trial, layout)?;
         out.finish()?;
         let Some(path) = &self.output else { return Ok(()) };

@@ -1,28 +1,29 @@
-//! `shellcal fit`: from training logs to a calibration.
+//! `shellcal fit`: from training logs to a calibration; with `--partial` to sums for `shellcal merge`, and no fit.
 
 mod hung_loads;
-mod partial;
 mod plan;
 mod recalibration;
 mod report;
 
 use std::time::Instant;
 
+use calibration::Basis;
 use calibration::dynamics::LagRule;
-use calibration::fit::{CovarianceRule, Fit, FitMethod, HeldOut, ModelRule, OutlierRule};
+use calibration::fit::{CovarianceRule, Fit, HeldOut, ModelRule, OutlierRule};
 use calibration::solver::SolverKind;
 use calibration::validation::grouped::GroupKind;
+use calibration_file::Sums;
 use shell_data::wrench::Axes;
 use shellcal::workflow::gates::ComparedAxes;
-use shellcal::workflow::partial::KeptGroups;
-use shellcal::workflow::remark::about_table;
+use shellcal::workflow::partial::{self, KeptGroups, PartialOptions};
+use shellcal::workflow::remark::{about_table, absent_axes};
 
 use self::plan::FitPlan;
 use super::choices::{self, COVARIANCES, number_in, one_of};
 use super::eval::RmsLimits;
-use super::mapping::MappingArgs;
-use super::outputs::FigureSize;
-use crate::files::{InputPath, OutputOrStdout, OutputPath};
+use super::mapping::{MappingArgs, open_logs};
+use super::outputs::{self, FigureArgs, OpenOutput};
+use crate::files::{InputPath, OutputPath, is_standard};
 use crate::printer::{Outcome, Printer};
 
 #[derive(Debug, clap::Args)]
@@ -53,10 +54,6 @@ pub(crate) struct FitArgs {
     #[arg(long, value_name = "FILE.html")]
     report: Option<OutputPath>,
 
-    /// Draw predicted against measured, and the residuals
-    #[arg(long, value_name = "FILE.svg|pdf|png")]
-    plot: Option<OutputPath>,
-
     /// The model [default: auto; with `--partial`: cubic]
     #[arg(long, value_name = "MODEL", value_parser = choices::model(), help_heading = "Model")]
     model: Option<ModelRule>,
@@ -66,13 +63,8 @@ pub(crate) struct FitArgs {
     no_intercept: bool,
 
     /// Penalise large coefficients: λ, relative to features of norm one, such as 1e-6
-    #[arg(
-        long,
-        value_name = "LAMBDA",
-        default_value_t = 0.0,
-        hide_default_value = true,
-        help_heading = "Model"
-    )]
+    #[arg(long, value_name = "LAMBDA", help_heading = "Model")]
+    #[arg(default_value_t = 0.0, hide_default_value = true)]
     ridge: f64,
 
     /// How to solve the least-squares problem
@@ -103,14 +95,8 @@ pub(crate) struct FitArgs {
     cv: Option<HeldOut>,
 
     /// Seed of the random split that errors on held-out groups are compared with
-    #[arg(
-        long,
-        value_name = "N",
-        default_value_t = 1,
-        requires = "held_out",
-        help_heading = "Validation",
-        hide_short_help = true
-    )]
+    #[arg(long, value_name = "N", default_value_t = 1, requires = "held_out")]
+    #[arg(help_heading = "Validation", hide_short_help = true)]
     cv_seed: u64,
 
     #[command(flatten, next_help_heading = "Validation")]
@@ -171,7 +157,7 @@ pub(crate) struct FitArgs {
     #[arg(long, value_name = "FILE.json",
         conflicts_with_all = ["test", "output", "export_matrix", "plot", "report", "ridge", "truncate", "cv", "dropped", "valid_range", "max_rms", "max_rms_moment", "lag", "memory_terms"],
         help_heading = "Partial fits", hide_short_help = true)]
-    partial: Option<OutputOrStdout>,
+    partial: Option<OutputPath>,
 
     /// With `--partial`: keep the sums of each group, so that `merge` can validate, choose a model and
     /// find standard errors by group
@@ -185,7 +171,7 @@ pub(crate) struct FitArgs {
     export_matrix: Option<OutputPath>,
 
     #[command(flatten, next_help_heading = "Other output")]
-    figure_size: FigureSize,
+    figure: FigureArgs,
 
     /// The label of the sensor, for the calibration file
     #[arg(long, value_name = "SERIAL", help_heading = "Other output")]
@@ -233,20 +219,13 @@ impl FitArgs {
         let file = plan.file(&data, &fitted)?;
         plan.write(&file, &fitted, &named)?;
         if !printer.json() {
-            report::print_verdict(printer, &fitted.verdict())?;
+            fitted.verdict().lines().into_iter().try_for_each(|line| printer.line(line))?;
+            printer.line("")?;
         }
         plan.tell(&fitted, &named, printer);
         let seconds = start.elapsed().as_secs_f64();
-        match &fitted.method {
-            FitMethod::Polynomial { .. } => {
-                report::report(printer, &fitted, &file, &named, seconds)?;
-            }
-            FitMethod::Physics(physics) => {
-                let hung = hung.as_ref();
-                report::report_physics(printer, &fitted, (physics, hung), &file, seconds)?;
-                hung.into_iter().for_each(|hung| hung_loads::tell(hung, printer));
-            }
-        }
+        report::report(printer, &fitted, hung.as_ref(), &file, &named, seconds)?;
+        hung.iter().for_each(|hung| hung_loads::tell(hung, printer));
         printer.remarks(about_table(&fitted));
         Ok(self.outcome(&fitted, printer))
     }
@@ -304,5 +283,69 @@ fn parse_range(text: &str) -> Result<[f64; 2], String> {
     match ends {
         Some((Ok(least), Ok(most))) if least < most => Ok([least, most]),
         _ => Err("expected the least and the largest valid reading, such as 0:4095".to_owned()),
+    }
+}
+
+impl FitArgs {
+    fn write_partial(&self, path: &OutputPath, printer: &Printer) -> anyhow::Result<()> {
+        let wrenches = ("--wrench-from", self.wrench_from.as_slice());
+        let mapping = self.mapping.mapping();
+        let mut train = open_logs(&self.train, wrenches, &mapping)?;
+        self.check_dropped()?;
+        let model = self.model.unwrap_or(Basis::Cubic.into());
+        let basis = match (model, self.groups) {
+            (ModelRule::Given(basis), _) => basis,
+            // Its sums serve every model that is compared.
+            (ModelRule::Auto, Some(_)) => Basis::Poly3,
+            (ModelRule::Auto, None) => {
+                anyhow::bail!("`--partial` needs one model, or `--groups` for `merge --model auto`")
+            }
+            (ModelRule::Physics, _) => {
+                anyhow::bail!("`--partial` is for polynomials in the readings: physics has no sums")
+            }
+        };
+        let destination = OpenOutput::create(Some(path), printer)?;
+        // Whether R factors are wanted wherever sums could be had.
+        let r_factors = match self.solver {
+            SolverKind::Exact => false,
+            SolverKind::Tsqr => true,
+            _ => anyhow::bail!(
+                "`--partial` keeps exact sums, or with `--solver tsqr` R factors: leave out `--solver`"
+            ),
+        };
+        let options = PartialOptions {
+            basis,
+            intercept: !self.no_intercept,
+            groups: self.groups,
+            seed: self.cv_seed,
+            r_factors,
+            fresh: self.fresh,
+            mapping: &mapping,
+            read: self.mapping.read_options(),
+        };
+        let mut partial = partial::sum(&mut train, &options)?;
+        partial.made_by = shellcal::PROGRAM.to_owned();
+        partial.date = outputs::date()?;
+        partial.columns = self.mapping.specified(&train);
+        partial.sensor_serial = self.serial.clone();
+        printer.remarks(absent_axes(partial.axes));
+        destination.write(&partial)?;
+        let (rows, model) = (partial.sums.rows(), partial.model);
+        if printer.json() {
+            return printer.document(&serde_json::json!({ "model": model.name(), "rows": rows }));
+        }
+        let kept = match &partial.sums {
+            Sums::Exact(_) => "sums over",
+            Sums::Factored(_) => "the R factor of",
+        };
+        let mut done = format!("{}: {kept} {rows} rows of {} files", model.name(), train.len());
+        if let Some(groups) = &partial.groups {
+            done += &format!(", in {} groups by {}", groups.groups.len(), groups.by.name());
+        }
+        if is_standard(path) {
+            printer.note(done);
+            return Ok(());
+        }
+        printer.line(done)
     }
 }

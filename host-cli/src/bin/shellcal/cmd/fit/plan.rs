@@ -2,13 +2,12 @@
 
 use std::sync::OnceLock;
 
-use anyhow::Context;
 use calibration::dynamics::{DynamicsRule, LagRule, MemoryRule};
 use calibration::fit::{
     CovarianceRule, Fit, FitOptions, HeldOut, ModelRule, OutlierRule, Outliers, Workers,
 };
 use calibration::solver::SolverKind;
-use calibration_file::{CalibrationFile, Origin, matrix};
+use calibration_file::{CalibrationFile, Origin, SourceFile, matrix};
 use figures::fit_figure;
 use indicatif::ProgressBar;
 use load_table::HungLoads;
@@ -17,12 +16,12 @@ use output_file::AtomicFile;
 use report::OutlierTable;
 use shell_data::hint::quoted;
 use shell_data::wrench::Axes;
+use shellcal::workflow::agree_on_axes;
 use shellcal::workflow::fit::{FitData, calibration_file, sources};
 use shellcal::workflow::fit_report::{ReportFacts, html, plots};
 use shellcal::workflow::hung_loads::HungReference;
 use shellcal::workflow::outliers::NamedOutliers;
 use shellcal::workflow::remark::about_fit;
-use shellcal::workflow::{WorkflowError, agree_on_axes};
 
 use super::super::mapping::open_logs;
 use super::super::outputs::{self, FigureFile};
@@ -76,7 +75,7 @@ impl<'a> FitPlan<'a> {
             dropped: printer.create(args.dropped.as_ref())?,
             calibration: printer.create(args.output.as_ref())?,
             matrix: printer.create(args.export_matrix.as_ref())?,
-            plot: args.figure_size.create(args.plot.as_ref(), printer)?,
+            plot: args.figure.create(printer)?,
             report: printer.create(args.report.as_ref())?,
         })
     }
@@ -106,28 +105,23 @@ impl<'a> FitPlan<'a> {
         bar.finish_and_clear();
         let folds = OnceLock::<ProgressBar>::new();
         let told = |done: usize, of: usize| {
-            let bar =
-                folds.get_or_init(|| printer.progress_of("folds of the physics model", of as u64));
+            let bar = folds.get_or_init(|| printer.count("folds of the physics model", of as u64));
             bar.set_position(done as u64);
         };
         let workers = Workers { folds: Some(&told), ..self.options.workers };
         let stated_loads = hung.as_ref().map(|hung| &hung.judged_by);
         let options = FitOptions { workers, stated_loads, ..self.options };
         let fitted = data.fit(&options);
-        if let Some(bar) = folds.get() {
-            bar.finish_and_clear();
-        }
-        Ok((data, hung, fitted.map_err(|error| self.name_logs(error.into()))?))
-    }
-
-    /// Says which rows do not determine a calibration.
-    fn name_logs(&self, error: WorkflowError) -> anyhow::Error {
-        let rows_fail = matches!(&error, WorkflowError::Fit(error) if error.is_about_rows());
-        let error = anyhow::Error::new(error);
-        if !rows_fail {
-            return error;
-        }
-        error.context(quoted(self.args.train.iter().map(|path| path.display()), ", "))
+        folds.get().into_iter().for_each(ProgressBar::finish_and_clear);
+        let fitted = fitted.map_err(|error| {
+            let (is_about_rows, error) = (error.is_about_rows(), anyhow::Error::new(error));
+            match is_about_rows {
+                // Those of the training logs.
+                true => error.context(quoted(self.args.train.iter().map(|it| it.display()), ", ")),
+                false => error,
+            }
+        })?;
+        Ok((data, hung, fitted))
     }
 
     /// Names the outliers, and lists the rows that were left out.
@@ -164,15 +158,8 @@ impl<'a> FitPlan<'a> {
 
     /// The calibration file.
     pub(super) fn file(&self, data: &FitData, fitted: &Fit) -> anyhow::Result<CalibrationFile> {
-        let origin = Origin {
-            made_by: shellcal::PROGRAM.to_owned(),
-            date: outputs::date()?,
-            sensor_serial: self.args.serial.clone(),
-            sources: sources((&self.train, &self.test), data, fitted)?,
-            columns: self.args.mapping.specified(&self.train),
-            ..Origin::default()
-        };
-        Ok(calibration_file(fitted, origin))
+        let sources = sources((&self.train, &self.test), data, fitted)?;
+        Ok(calibration_file(fitted, self.args.origin(sources, &self.train)?))
     }
 
     /// What a report says of outliers: those that were left out, or were named.
@@ -203,18 +190,15 @@ impl<'a> FitPlan<'a> {
             let facts = ReportFacts { name, command: &outputs::command_line(), outliers };
             report.commit_with(html(fitted, file, facts)?.as_bytes())?;
         }
-        if let Some(output) = self.calibration.take() {
-            output.commit_with(file.to_json().as_bytes())?;
-        }
-        if let (Some(output), Some(polynomial)) =
-            (self.matrix.take(), file.calibration.polynomial())
-        {
-            output.commit_with(matrix::to_csv(polynomial, file.calibration.axes).as_bytes())?;
+        let output = self.calibration.take();
+        output.map(|output| output.commit_with(file.to_json().as_bytes())).transpose()?;
+        let axes = file.calibration.axes;
+        if let Some((output, polynomial)) = self.matrix.take().zip(file.calibration.polynomial()) {
+            output.commit_with(matrix::to_csv(polynomial, axes).as_bytes())?;
         }
         if let Some(plot) = self.plot.take() {
             let (train, test) = plots(fitted);
             let title = format!("Calibration {}", file.calibration.name());
-            let axes = file.calibration.axes;
             plot.draw(|size| fit_figure(size, &title, axes, &train, test.as_ref()))?;
         }
         Ok(())
@@ -248,18 +232,29 @@ impl FitArgs {
         Ok(())
     }
 
+    /// What a calibration file says of where it comes from.
+    pub(super) fn origin(&self, sources: Vec<SourceFile>, train: &[Log]) -> anyhow::Result<Origin> {
+        Ok(Origin {
+            made_by: shellcal::PROGRAM.to_owned(),
+            date: outputs::date()?,
+            sensor_serial: self.serial.clone(),
+            sources,
+            columns: self.mapping.specified(train),
+            ..Origin::default()
+        })
+    }
+
     /// Whether rows that are left out are listed.
     pub(super) fn check_dropped(&self) -> anyhow::Result<()> {
-        if self.outliers == Some(OutlierRule::Drop) || self.valid_range.is_some() {
-            self.dropped.as_ref().context(
-                "rows are not left out without a list of them: name a file with `--dropped FILE.csv`",
-            )?;
-        } else {
-            anyhow::ensure!(
-                self.dropped.is_none(),
-                "`--dropped` lists the rows that `--outliers drop` or `--valid-range` leave out: give one"
-            );
-        }
+        let drops = self.outliers == Some(OutlierRule::Drop) || self.valid_range.is_some();
+        anyhow::ensure!(
+            !drops || self.dropped.is_some(),
+            "rows are not left out without a list of them: name a file with `--dropped FILE.csv`"
+        );
+        anyhow::ensure!(
+            drops || self.dropped.is_none(),
+            "`--dropped` lists the rows that `--outliers drop` or `--valid-range` leave out: give one"
+        );
         Ok(())
     }
 

@@ -4,15 +4,13 @@ use std::path::Path;
 
 use calibration::quality::significant;
 use calibration::recalibration::{Change, ChangedQuantity, Recalibration};
-use calibration_file::{CalibrationFile, Origin, Role, SourceFile};
-use log_file::{Log, ReadOptions, checksum};
+use calibration_file::{CalibrationFile, Role, SourceFile};
+use log_file::{ReadOptions, checksum};
 use serde::Serialize;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 use shellcal::workflow::fit::log_sources;
 use shellcal::workflow::recalibration::{Recalibrated, recalibrate};
 
-use super::super::mapping::{open_logs, tell_remembered};
-use super::super::outputs;
 use super::super::plan::read_table;
 use super::super::quality::in_line;
 use super::FitArgs;
@@ -36,48 +34,31 @@ impl FitArgs {
         printer: &Printer,
     ) -> anyhow::Result<Outcome> {
         let before = CalibrationFile::read(path)?;
-        let mapping = self.mapping.mapping_for(&before);
-        let logs = open_logs(&self.train, ("--wrench-from", &self.wrench_from), &mapping)?;
-        tell_remembered(printer, path, &mapping, &logs);
+        let from = Some((path, &before));
+        let logs = self.mapping.open(&self.train, &self.wrench_from, from, printer)?;
         let table = self.loads.as_ref().map(read_table).transpose()?;
         let output = printer.create(self.output.as_ref())?;
         let read = ReadOptions { checksum: self.keeps(), ..self.mapping.read_options() };
         let recalibrated = recalibrate(&before, &logs, table.as_ref(), &read)?;
         if let Some(output) = output {
-            let origin = Origin {
-                made_by: shellcal::PROGRAM.to_owned(),
-                date: outputs::date()?,
-                sensor_serial: self.serial.clone(),
-                sources: sources(path, &before, &logs, &recalibrated)?,
-                columns: self.mapping.specified(&logs),
-                ..Origin::default()
+            let was = SourceFile {
+                role: Role::Calibration,
+                path: path.to_path_buf(),
+                checksum: Some(checksum::of(&std::fs::read(path)?)),
+                digest: None,
+                rows: before.origin.diagnostics.as_ref().map_or(0, |of| of.rows),
             };
+            let read = &recalibrated.rows.logs;
+            let rows: Vec<u64> = read.iter().map(|log| log.summary.rows).collect();
+            let mut sources = log_sources(Role::Train, &logs, read, &rows)?;
+            sources.insert(0, was);
+            let origin = self.origin(sources, &logs)?;
             output.commit_with(recalibrated.file(&before, origin).to_json().as_bytes())?;
         }
         report(printer, path, &recalibrated)?;
         let fails = recalibrated.found.is_contradicted();
         Ok(if fails { Outcome::CheckFailed } else { Outcome::Done })
     }
-}
-
-/// The calibration as it was, and the logs.
-fn sources(
-    path: &Path,
-    before: &CalibrationFile,
-    logs: &[Log],
-    recalibrated: &Recalibrated,
-) -> anyhow::Result<Vec<SourceFile>> {
-    let mut files = vec![SourceFile {
-        role: Role::Calibration,
-        path: path.into(),
-        checksum: Some(checksum::of(&std::fs::read(path)?)),
-        digest: None,
-        rows: before.origin.diagnostics.as_ref().map_or(0, |of| of.rows),
-    }];
-    let read = &recalibrated.rows.logs;
-    let rows: Vec<u64> = read.iter().map(|log| log.summary.rows).collect();
-    files.extend(log_sources(Role::Train, logs, read, &rows)?);
-    Ok(files)
 }
 
 fn report(printer: &Printer, path: &Path, of: &Recalibrated) -> anyhow::Result<()> {

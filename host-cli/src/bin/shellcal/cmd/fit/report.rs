@@ -2,11 +2,12 @@
 
 use calibration::Kind;
 use calibration::dynamics::{Dynamics, NotSearched};
-use calibration::fit::{Fit, ModelComparison, PhysicsFit, UnseenRows, Verdict};
+use calibration::fit::{Fit, FitMethod, ModelComparison, UnseenRows, Verdict};
 use calibration::physics::{COVERAGE_LEVEL, FactorTrial, PhysicsValidation};
 use calibration::quality::significant;
 use calibration::uncertainty::{CoefficientCovariance, Covariance};
 use calibration::validation::advice::Advice;
+use calibration::validation::comparison::ErrorRatio;
 use calibration_file::stored::{
     OfAxes, Stored, StoredCandidate, StoredCrossValidation, StoredExcitation, StoredGroupIntervals,
     StoredQuality, StoredSelection, StoredSolverRecord,
@@ -18,21 +19,14 @@ use shellcal::workflow::hung_loads::HungReference;
 use shellcal::workflow::outliers::NamedOutliers;
 
 use super::super::quality::{
-    comparison, groups_found, in_line, log_ratio, print_advice, print_cross_validation,
-    print_errors, print_excitation, print_selection,
+    in_line, print_advice, print_cross_validation, print_errors, print_excitation, print_selection,
 };
 use super::hung_loads;
 use super::plan::NamedRows;
 use crate::printer::Printer;
 
-/// Prints the verdict, before all else.
-pub(super) fn print_verdict(printer: &Printer, verdict: &Verdict) -> anyhow::Result<()> {
-    verdict.lines().into_iter().try_for_each(|line| printer.line(line))?;
-    printer.line("")
-}
-
-/// What `--json` prints of it.
-pub(super) fn verdict(verdict: &Verdict) -> impl Serialize + use<> {
+/// What `--json` prints of a verdict.
+fn verdict(verdict: &Verdict) -> impl Serialize + use<> {
     let (axes, unseen) = (verdict.axes, verdict.unseen.as_ref().ok());
     let interval = verdict.interval.as_ref().ok();
     document! {
@@ -54,31 +48,6 @@ pub(super) fn verdict(verdict: &Verdict) -> impl Serialize + use<> {
         usable: verdict.is_usable(),
         // Axes whose error is about as large as the loads.
         useless_axes: verdict.useless.columns(),
-    }
-}
-
-/// What `--json` prints of the rows of a fit.
-pub(super) fn row_counts(fitted: &Fit, diagnostics: &Diagnostics) -> impl Serialize {
-    let test = fitted.test();
-    document! {
-        rows: diagnostics.rows,
-        skipped_rows: diagnostics.skipped_rows,
-        repeated_rows: diagnostics.repeated_rows,
-        test_rows: test.rows,
-        test_rows_out_of_range: test.out_of_range_rows,
-    }
-}
-
-/// What `--json` prints of errors, whatever was fitted.
-pub(super) fn errors(fitted: &Fit, of: &Diagnostics, axes: Axes) -> impl Serialize {
-    document! {
-        axes: axes.columns(),
-        train: OfAxes::<StoredQuality>::of(&of.train, axes),
-        test: Option::<OfAxes<StoredQuality>>::of(&of.test, axes),
-        cross_validation?: Option::<StoredCrossValidation>::of(&of.cross_validation, axes),
-        selection?: Option::<StoredSelection>::of(&of.selection, axes),
-        dynamics?: fitted.dynamics.as_ref().map(|found| dynamics(found, axes)),
-        weighing?: compared(fitted).map(comparison),
     }
 }
 
@@ -140,29 +109,32 @@ fn covariance(covariance: &Covariance, axes: Axes) -> impl Serialize {
     }
 }
 
-/// How many rows there were, and which loads they measured.
-pub(super) fn print_rows(
-    printer: &Printer,
-    diagnostics: &Diagnostics,
-    seconds: f64,
-    axes: Axes,
-) -> anyhow::Result<()> {
-    printer.line(format!(
-        "{} rows used, {} skipped, {} repeated; {:.0} ms",
-        diagnostics.rows,
-        diagnostics.skipped_rows,
-        diagnostics.repeated_rows,
-        seconds * 1e3,
-    ))?;
-    match &diagnostics.excitation {
-        Some(excitation) => print_excitation(printer, excitation, axes),
-        None => Ok(()),
+/// The physics model beside the polynomial, where they were compared.
+fn compared(fitted: &Fit) -> Option<&ModelComparison> {
+    fitted.comparison.as_ref().and_then(|found| found.as_ref().ok())
+}
+
+/// What `--json` prints of a comparison of physics and a polynomial.
+fn comparison(found: &ModelComparison) -> impl Serialize + use<> {
+    let of = &found.comparison;
+    document! {
+        folds: found.folds,
+        polynomial: found.model.name(),
+        // On the same held-out rows, N and N·m.
+        physics_rms: of.rms[0],
+        polynomial_rms: of.rms[1],
+        // Natural logarithm of the error of physics relative to that of the polynomial, in the mean over all axes,
+        // and its standard error.
+        log_ratio: log_ratio(of.all),
+        // The same for each axis.
+        axes: of.axes.map(log_ratio),
+        physics_is_better: found.physics_is_better(),
     }
 }
 
-/// The physics model beside the polynomial, where they were compared.
-pub(super) fn compared(fitted: &Fit) -> Option<&ModelComparison> {
-    fitted.comparison.as_ref().and_then(|found| found.as_ref().ok())
+/// A ratio and its standard error, both of its logarithm.
+fn log_ratio(ratio: ErrorRatio) -> [f64; 2] {
+    [ratio.log.value, ratio.log.standard_error]
 }
 
 /// The ridge, and what it penalises: with an intercept readings are centred before powers are taken.
@@ -174,78 +146,39 @@ fn ridge(ridge: f64, intercept: bool) -> String {
     }
 }
 
+/// What was fitted: the figures of all fits, and those of a polynomial or of the physics model.
 pub(super) fn report(
     printer: &Printer,
     fitted: &Fit,
+    hung: Option<&HungReference>,
     file: &CalibrationFile,
     named: &NamedRows,
     seconds: f64,
 ) -> anyhow::Result<()> {
-    let (Some(diagnostics), Some(solver), Some(solution)) =
-        (&file.origin.diagnostics, file.origin.solver, fitted.solution())
-    else {
-        return Ok(());
-    };
-    let model = solution.model;
+    let Some(diagnostics) = &file.origin.diagnostics else { return Ok(()) };
     let axes = fitted.calibration.axes;
-    if printer.json() {
-        return printer.document(&document! {
-            model: model.name(),
-            verdict: verdict(&fitted.verdict()),
-            solver: StoredSolverRecord::of(&solver, axes),
-            ..counts: row_counts(fitted, diagnostics),
-            // The share of test rows that were recorded at plateaus of the training data.
-            test_share_on_training_plateaus?: fitted.leaks.test,
-            features: model.term_count(),
-            rank: diagnostics.rank,
-            condition: diagnostics.condition,
-            ..errors: errors(fitted, diagnostics, axes),
-            advice?: fitted.advice.as_ref().map(|found| advice(found, axes)),
-            groups_found?: fitted.found_groups.map(groups_found),
-            outliers?: named.used.as_ref().map(NamedOutliers::report),
-            dropped?: named.dropped.as_ref().map(NamedOutliers::report),
-            excitation: Option::<StoredExcitation>::of(&diagnostics.excitation, axes),
-            covariance?: fitted.calibration.covariance.as_ref().map(|of| covariance(of, axes)),
-            time_s: seconds,
-        });
-    }
-    print_errors(printer, diagnostics, axes)?;
-    let condition = diagnostics.condition.map_or("infinite".into(), |c| significant(c, 3));
-    printer.line(format!(
-        "{}{}, solver {}: rank {} of {}, condition {condition}",
-        model.name(),
-        ridge(solver.ridge, model.intercept),
-        solver.name.name(),
-        diagnostics.rank,
-        model.term_count(),
-    ))?;
-    print_rows(printer, diagnostics, seconds, axes)?;
-    if let Some(cross_validation) = &diagnostics.cross_validation {
-        print_cross_validation(printer, cross_validation, axes)?;
-    }
-    if let Some(selection) = &diagnostics.selection {
-        print_selection(printer, selection, compared(fitted), axes)?;
-    } else if let Some(advice) = &fitted.advice {
-        print_advice(printer, advice, model.basis, diagnostics.cross_validation.as_ref(), axes)?;
-    }
-    Ok(())
-}
-
-pub(super) fn report_physics(
-    printer: &Printer,
-    fitted: &Fit,
-    (of_rows, hung): (&PhysicsFit, Option<&HungReference>),
-    file: &CalibrationFile,
-    seconds: f64,
-) -> anyhow::Result<()> {
-    let (Some(diagnostics), Kind::Physics(physics)) =
-        (&file.origin.diagnostics, fitted.calibration.kind())
-    else {
-        return Ok(());
+    let polynomial = file.origin.solver.zip(fitted.solution());
+    let polynomial = polynomial.map(|(solver, solution)| (solver, solution.model));
+    let physics = match (&fitted.method, fitted.calibration.kind()) {
+        (FitMethod::Physics(of_rows), Kind::Physics(physics)) => Some((of_rows, physics)),
+        _ => None,
     };
-    let model = physics.model();
-    let validation = of_rows.validation.as_ref();
+    let validation = physics.and_then(|(of_rows, _)| of_rows.validation.as_ref());
     if printer.json() {
+        let of_polynomial = polynomial.map(|(solver, model)| {
+            document! {
+                solver: StoredSolverRecord::of(&solver, axes),
+                // The share of test rows that were recorded at plateaus of the training data.
+                test_share_on_training_plateaus?: fitted.leaks.test,
+                features: model.term_count(),
+                rank: diagnostics.rank,
+                condition: diagnostics.condition,
+                advice?: fitted.advice.as_ref().map(|found| advice(found, axes)),
+                outliers?: named.used.as_ref().map(NamedOutliers::report),
+                dropped?: named.dropped.as_ref().map(NamedOutliers::report),
+                covariance?: fitted.calibration.covariance.as_ref().map(|of| covariance(of, axes)),
+            }
+        });
         let tried = |of: &FactorTrial| {
             document! {
                 factors: of.factors,
@@ -254,67 +187,117 @@ pub(super) fn report_physics(
                 standard_error: of.standard_error,
             }
         };
-        let coverage = validation.and_then(PhysicsValidation::coverage);
+        let of_physics = physics.map(|(of_rows, physics)| {
+            let (model, choice) = (physics.model(), &of_rows.choice);
+            let coverage = validation.and_then(PhysicsValidation::coverage);
+            document! {
+                observations: of_rows.observations,
+                groups: of_rows.groups,
+                parameters: model.parameter_count(),
+                lambda: model.lambda,
+                prior_width: model.prior_width,
+                // Factors that the sensors share.
+                factors: model.factor_count(),
+                factors_tried: choice.factor_trials.iter().map(tried).collect::<Vec<_>>(),
+                // What the model's standard errors are multiplied by, from held-out groups.
+                standard_error_scale: physics.error_scale(),
+                // Median over the groups of the size of their mean error, N and N·m.
+                median_of_groups?: validation.map(PhysicsValidation::median),
+                // Share of held-out rows within their 95 % intervals, each group with the same weight.
+                coverage_95?: coverage.map(|of| of.map(|(share, _)| share)),
+                // Root mean square of held-out errors in their standard errors.
+                held_out_in_standard_errors?: validation.map(PhysicsValidation::scores),
+                intervals: Option::<StoredGroupIntervals>::of(&physics.intervals, axes),
+                // What was hung, and what the readings say it was.
+                hung?: hung.map(hung_loads::document),
+            }
+        });
+        let (of, test) = (diagnostics, fitted.test());
         return printer.document(&document! {
-            model: file.calibration.name(),
+            model: polynomial.map_or_else(|| file.calibration.name(), |(_, model)| model.name()),
             verdict: verdict(&fitted.verdict()),
-            ..counts: row_counts(fitted, diagnostics),
-            observations: of_rows.observations,
-            groups: of_rows.groups,
-            groups_found?: fitted.found_groups.map(groups_found),
-            parameters: model.parameter_count(),
-            lambda: model.lambda,
-            prior_width: model.prior_width,
-            // Factors that the sensors share.
-            factors: model.factor_count(),
-            factors_tried: of_rows.choice.factor_trials.iter().map(tried).collect::<Vec<_>>(),
-            // What the model's standard errors are multiplied by, from held-out groups.
-            standard_error_scale: physics.error_scale(),
-            ..errors: errors(fitted, diagnostics, Axes::ALL),
-            // Median over the groups of the size of their mean error, N and N·m.
-            median_of_groups?: validation.map(PhysicsValidation::median),
-            // Share of held-out rows within their 95 % intervals, each group with the same weight.
-            coverage_95?: coverage.map(|of| of.map(|(share, _)| share)),
-            // Root mean square of held-out errors in their standard errors.
-            held_out_in_standard_errors?: validation.map(PhysicsValidation::scores),
-            intervals: Option::<StoredGroupIntervals>::of(&physics.intervals, Axes::ALL),
-            excitation: Option::<StoredExcitation>::of(&diagnostics.excitation, Axes::ALL),
-            // What was hung, and what the readings say it was.
-            hung?: hung.map(hung_loads::document),
+            rows: of.rows,
+            skipped_rows: of.skipped_rows,
+            repeated_rows: of.repeated_rows,
+            test_rows: test.rows,
+            test_rows_out_of_range: test.out_of_range_rows,
+            axes: axes.columns(),
+            train: OfAxes::<StoredQuality>::of(&of.train, axes),
+            test: Option::<OfAxes<StoredQuality>>::of(&of.test, axes),
+            cross_validation?: Option::<StoredCrossValidation>::of(&of.cross_validation, axes),
+            selection?: Option::<StoredSelection>::of(&of.selection, axes),
+            dynamics?: fitted.dynamics.as_ref().map(|found| dynamics(found, axes)),
+            weighing?: compared(fitted).map(comparison),
+            groups_found?: fitted.found_groups.map(|of| document! {
+                found: of.kind.name(),
+                groups: of.groups,
+                rows_min: of.rows_min,
+                rows_median: of.rows_median,
+                rows_max: of.rows_max,
+            }),
+            excitation: Option::<StoredExcitation>::of(&of.excitation, axes),
+            ..polynomial: of_polynomial,
+            ..physics: of_physics,
             time_s: seconds,
         });
     }
-    print_errors(printer, diagnostics, Axes::ALL)?;
+    print_errors(printer, diagnostics, axes)?;
+    if let Some((solver, model)) = polynomial {
+        let condition = diagnostics.condition.map_or("infinite".into(), |c| significant(c, 3));
+        printer.line(format!(
+            "{}{}, solver {}: rank {} of {}, condition {condition}",
+            model.name(),
+            ridge(solver.ridge, model.intercept),
+            solver.name.name(),
+            diagnostics.rank,
+            model.term_count(),
+        ))?;
+    }
+    if let Some((of_rows, physics)) = physics {
+        let model = physics.model();
+        printer.line(format!(
+            "physics: {} parameters of {} sensors, fitted to {} means of {} groups; λ {}, prior width {}, \
+             shared factors {}, chosen by held-out groups",
+            model.parameter_count(),
+            model.sensors.len(),
+            of_rows.observations,
+            of_rows.groups,
+            model.lambda,
+            model.prior_width,
+            model.factor_count(),
+        ))?;
+    }
+    let Diagnostics { rows, skipped_rows, repeated_rows, .. } = diagnostics;
     printer.line(format!(
-        "physics: {} parameters of {} sensors, fitted to {} means of {} groups; λ {}, prior width {}, \
-         shared factors {}, chosen by held-out groups",
-        model.parameter_count(),
-        model.sensors.len(),
-        of_rows.observations,
-        of_rows.groups,
-        model.lambda,
-        model.prior_width,
-        model.factor_count(),
+        "{rows} rows used, {skipped_rows} skipped, {repeated_rows} repeated; {:.0} ms",
+        seconds * 1e3,
     ))?;
-    print_rows(printer, diagnostics, seconds, Axes::ALL)?;
-    if let (Some(found), Some(validation)) = (&diagnostics.cross_validation, validation) {
-        print_cross_validation(printer, found, Axes::ALL)?;
-        let medians = in_line(Axes::ALL, &validation.median(), true);
+    if let Some(excitation) = &diagnostics.excitation {
+        print_excitation(printer, excitation, axes)?;
+    }
+    if let Some(cross_validation) = &diagnostics.cross_validation {
+        print_cross_validation(printer, cross_validation, axes)?;
+    }
+    if let Some(validation) = validation {
+        let medians = in_line(axes, &validation.median(), true);
         printer.line(format!("median error of a group: {medians}"))?;
-        let scores = in_line(Axes::ALL, &validation.scores(), false);
+        let scores = in_line(axes, &validation.scores(), false);
         printer.line(format!(
             "RMS of held-out errors in standard errors (1 where those are right): {scores}"
         ))?;
     }
     if let Some(selection) = &diagnostics.selection {
-        print_selection(printer, selection, compared(fitted), Axes::ALL)?;
+        print_selection(printer, selection, compared(fitted), axes)?;
+    } else if let (Some(advice), Some((_, model))) = (&fitted.advice, polynomial) {
+        print_advice(printer, advice, model.basis, diagnostics.cross_validation.as_ref(), axes)?;
     }
     if let Some(hung) = hung {
         hung_loads::print(printer, hung)?;
     }
     // How wide the intervals of `convert` are.
-    if let Some(Ok(factors)) = physics.intervals.as_ref().map(|of| of.factors(COVERAGE_LEVEL)) {
-        let factors = in_line(Axes::ALL, &factors, false);
+    let intervals = physics.and_then(|(_, physics)| physics.intervals.as_ref());
+    if let Some(Ok(factors)) = intervals.map(|of| of.factors(COVERAGE_LEVEL)) {
+        let factors = in_line(axes, &factors, false);
         printer.detail(format!("95 % interval in standard errors of each frame: {factors}"));
     }
     Ok(())

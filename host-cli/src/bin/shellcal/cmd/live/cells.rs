@@ -46,8 +46,15 @@ impl CellGrid {
     }
 
     /// Draws a character of one column; beyond the edges nothing is drawn.
-    pub(super) fn put_char(&mut self, at: (u16, u16), character: char, style: ContentStyle) {
-        self.put_cell(at, Some(character), style);
+    pub(super) fn put_char(
+        &mut self,
+        at: (u16, u16),
+        character: impl Into<Option<char>>,
+        style: ContentStyle,
+    ) {
+        if let Some(cell) = self.cell_mut(at) {
+            *cell = Cell { character: character.into(), marks: String::new(), style };
+        }
     }
 
     /// Draws a text in a line as far as there is room.
@@ -64,16 +71,10 @@ impl CellGrid {
                 _ if columns > self.size.0.saturating_sub(x) => return,
                 _ => {
                     self.put_char((x, y), character, style);
-                    (1..columns).for_each(|more| self.put_cell((x + more, y), None, style));
+                    (1..columns).for_each(|more| self.put_char((x + more, y), None, style));
                     x += columns;
                 }
             }
-        }
-    }
-
-    fn put_cell(&mut self, at: (u16, u16), character: Option<char>, style: ContentStyle) {
-        if let Some(cell) = self.cell_mut(at) {
-            *cell = Cell { character, marks: String::new(), style };
         }
     }
 

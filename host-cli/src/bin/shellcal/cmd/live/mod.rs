@@ -1,6 +1,5 @@
 //! `shellcal live`: forces as they come, in the terminal or in a browser.
 
-mod browser;
 mod cells;
 mod guide_screen;
 mod screen;
@@ -10,30 +9,27 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
-use std::{io, thread};
+use std::thread;
+use std::time::Instant;
 
-use board_link::recording::{LiveForces, PROTOCOLS};
+use board_link::recording::LiveForces;
 use board_link::{
     AppendWriter, LogSink, RecordOptions, RecordingProgress, Sinks, Source, Watcher, record,
 };
 use frame_stream::RowOptions;
-use live_view::{Guide, LiveModel};
+use live_view::LiveModel;
 use log_file::Log;
 use output_file::OutputError;
 use serde_json::json;
-use shared_proto::Protocol;
 use shell_data::wrench::Axes;
 use shellcal::workflow::live::{
     Feed, LiveRows, LiveSession, LogMaker, LogSeries, guide_through, play,
 };
-use view::Appearance;
 
-use super::choices::one_of;
 use super::frames::LiveForceArgs;
 use super::mapping::MappingArgs;
-use super::ports::{SerialArgs, is_port};
-use super::record::parse_duration;
+use super::plan::read_table;
+use super::ports::{SourceArgs, is_port};
 use super::stream::{self, StreamToArgs, speed};
 use crate::files::{InputPath, OutputPath};
 use crate::printer::Printer;
@@ -75,10 +71,6 @@ pub(crate) struct LiveArgs {
     #[arg(long, value_name = "PLAN.csv")]
     plan: Option<InputPath>,
 
-    /// Tell the board to start streaming, and to stop at the end
-    #[arg(long)]
-    start: bool,
-
     /// Span of time that is shown, s
     #[arg(long, value_name = "S", default_value_t = 10.0)]
     window: f64,
@@ -87,31 +79,18 @@ pub(crate) struct LiveArgs {
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = speed())]
     speed: f64,
 
-    /// End after so many seconds
-    #[arg(long, value_name = "S", value_parser = parse_duration)]
-    duration: Option<Duration>,
-
     /// Show it in a browser, not in the terminal, at the address that is printed; at 127.0.0.1 unless told
     /// otherwise, on a free port where that is 0
-    #[arg(
-        long,
-        value_name = "IP:PORT",
-        num_args = 0..=1,
-        require_equals = true,
-        default_missing_value = browser::LOOPBACK
-    )]
+    #[arg(long, value_name = "IP:PORT", num_args = 0..=1)]
+    #[arg(require_equals = true, default_missing_value = view::LOOPBACK)]
     serve: Option<SocketAddr>,
 
     /// Draw with ASCII [default: where the locale is not UTF-8]
     #[arg(long, conflicts_with = "serve")]
     ascii: bool,
 
-    /// How the bytes are framed; recognised unless given
-    #[arg(long, value_name = "FRAMING", value_parser = one_of(&PROTOCOLS))]
-    framing: Option<Protocol>,
-
     #[command(flatten)]
-    serial: SerialArgs,
+    source: SourceArgs,
 
     #[command(flatten)]
     mapping: MappingArgs,
@@ -126,40 +105,60 @@ impl LiveArgs {
         let (feed, done) = (Feed::default(), Arc::new(AtomicBool::new(false)));
         let name = self.name.display().to_string();
         let is_port = is_port(&self.name);
-        let mut logs = self.logs(is_port)?;
-        let guide = self.guide(is_port)?;
+        anyhow::ensure!(
+            is_port || self.output.is_none(),
+            "a log that is played is not recorded again"
+        );
+        anyhow::ensure!(
+            !is_port || self.plan.is_none() || self.output.is_some(),
+            "`--plan` labels the rows of a log: name one with `--output`"
+        );
+        let path = self.output.as_ref().map(|path| path.to_path_buf());
+        let files = LogFiles { path, overwrite: self.overwrite };
+        let mut logs = is_port.then(|| LogSeries::new(Box::new(files)));
+        let table = self.plan.as_ref().map(read_table).transpose()?;
+        let guide = table.as_ref().map(guide_through);
         // What cannot work is said before the screen is taken.
         let stream = RowOptions { forces: forces.clone(), from_log: !is_port, one_time: false };
         let view = Box::new(feed.clone());
         let (watcher, streamed) = self.stream.watch(printer, stream, None, view)?;
-        let browser = self.serve.map(browser::start).transpose()?;
+        let browser = self.serve.map(view::serve).transpose()?;
         if browser.is_none() {
             view::require_terminal()?;
         }
         let first =
             logs.as_mut().filter(|_| self.output.is_some()).map(LogSeries::begin).transpose()?;
         let calibrated = forces.as_ref().map(|forces| forces.calibration.axes);
-        let (source, recorded) = match is_port {
-            true => (self.record(&name, forces, first, watcher, &feed, &done)?, Axes::ALL),
-            false => self.play(watcher, &feed, &done)?,
+        let (frames, recorded) = match is_port {
+            true => (self.record(&name, forces, first, watcher, feed.clone())?, Axes::ALL),
+            false => self.play(watcher, feed.clone())?,
         };
+        let end = Arc::clone(&done);
+        let run = move || {
+            let ended = frames(&end);
+            // A source that fails ends the view, which would hide why.
+            end.fetch_or(ended.is_err(), Ordering::Relaxed);
+            ended
+        };
+        let source = thread::Builder::new().name("source".to_owned()).spawn(run)?;
         // Without a calibration a wrench is the board's or the log's own.
         let axes = calibrated.unwrap_or(recorded);
         let model = LiveModel::new(ranges, self.window, axes);
         let mut session = LiveSession::new(model, guide, rows, feed, logs, name);
-        let until = Until {
-            is_stopped: &|| stop.load(Ordering::Relaxed) || done.load(Ordering::Relaxed),
-            is_over: &|| source.is_finished(),
-            started: Instant::now(),
-            duration: self.duration,
+        let started = Instant::now();
+        let advance = |session: &mut LiveSession| {
+            let elapsed = started.elapsed();
+            let is_gone = session.advance(elapsed, source.is_finished())?;
+            let is_stopped = stop.load(Ordering::Relaxed) || done.load(Ordering::Relaxed);
+            let is_out_of_time = self.source.duration.is_some_and(|end| elapsed >= end);
+            anyhow::Ok(!(is_stopped || is_out_of_time || is_gone))
         };
         let shown = match browser {
             Some((server, address)) => announce(printer, server.address(), &address)
-                .and_then(|()| browser::run(&mut session, server, &until)),
+                .and_then(|()| view::run_in_browser(&mut session, server, &advance)),
             None => {
                 let is_ascii = self.ascii || !view::is_utf8();
-                let look = Appearance { is_ascii, color: printer.is_colored() };
-                view::run(&mut session, look, &until)
+                view::run(&mut session, is_ascii, printer.is_colored(), &advance)
             }
         };
         done.store(true, Ordering::Relaxed);
@@ -168,81 +167,43 @@ impl LiveArgs {
         shown?;
         stream::finish(printer, streamed.as_ref())?;
         for line in session.report() {
-            match printer.json() {
-                true => printer.note(line),
-                false => printer.line(line)?,
-            }
+            if printer.json() { printer.note(line) } else { printer.line(line)? }
         }
         ended
     }
 
-    /// The logs that are written; `None` where nothing can be recorded.
-    fn logs(&self, is_port: bool) -> anyhow::Result<Option<LogSeries>> {
-        match (is_port, &self.output) {
-            (true, path) => {
-                let path = path.as_ref().map(|path| path.to_path_buf());
-                let files = LogFiles { path, overwrite: self.overwrite };
-                Ok(Some(LogSeries::new(Box::new(files))))
-            }
-            (false, None) => Ok(None),
-            (false, Some(_)) => anyhow::bail!("a log that is played is not recorded again"),
-        }
-    }
-
-    /// The guide through a plan.
-    fn guide(&self, is_port: bool) -> anyhow::Result<Option<Guide>> {
-        let Some(path) = &self.plan else { return Ok(None) };
-        anyhow::ensure!(
-            !is_port || self.output.is_some(),
-            "`--plan` labels the rows of a log: name one with `--output`"
-        );
-        let table = super::plan::read_table(path)?;
-        Ok(Some(guide_through(&table)))
-    }
-
-    /// Records on a thread of its own, whatever the view does.
+    /// Records a board, whatever the view does.
     fn record(
         &self,
         port: &str,
         forces: Option<LiveForces>,
         log: Option<Box<dyn LogSink>>,
         watcher: Box<dyn Watcher>,
-        feed: &Feed,
-        done: &Arc<AtomicBool>,
-    ) -> anyhow::Result<RunningSource> {
-        let options = RecordOptions {
-            protocol: self.framing,
-            forces,
-            start: self.start.then(|| self.serial.uplink(self.framing)).transpose()?,
-            labels: self.plan.is_some(),
-            ..RecordOptions::default()
-        };
-        let mut source = Source::port(self.serial.port(port), true)?;
-        let feed = feed.clone();
-        spawn("record", done, move |done| {
+        feed: Feed,
+    ) -> anyhow::Result<FrameSource> {
+        let labels = self.plan.is_some();
+        // The view ends by itself, and ends this.
+        let options = RecordOptions { forces, labels, duration: None, ..self.source.options()? };
+        let mut source = Source::port(self.source.serial.port(port), true)?;
+        Ok(Box::new(move |done| {
             let sinks = Sinks { log, raw: None, watcher: Some(watcher) };
             let mut tell = |it: &RecordingProgress| feed.state().progress = Some(it.clone());
             record(&mut source, sinks, &options, done, &mut tell)?;
             Ok(())
-        })
+        }))
     }
 
-    fn play(
-        &self,
-        mut watcher: Box<dyn Watcher>,
-        feed: &Feed,
-        done: &Arc<AtomicBool>,
-    ) -> anyhow::Result<(RunningSource, Axes)> {
+    /// Plays a log; which axes it has.
+    fn play(&self, mut to: Box<dyn Watcher>, feed: Feed) -> anyhow::Result<(FrameSource, Axes)> {
         let log = Log::open(&self.name, &self.mapping.mapping())?;
         let (wants_readings, axes) = (self.forces.is_given(), log.axes());
-        let read = self.mapping.read_options();
-        let (feed, speed) = (feed.clone(), self.speed);
-        let source = spawn("play", done, move |done| {
+        let (read, speed) = (self.mapping.read_options(), self.speed);
+        let source: FrameSource = Box::new(move |done| {
             let is_held = || feed.state().is_held;
-            let mut see = |frames: &_| watcher.see(frames);
+            let mut see = |frames: &_| to.see(frames);
             play(&log, &read, wants_readings, speed, &is_held, done, &mut see)?;
             Ok(())
-        })?;
+        });
         Ok((source, axes))
     }
 }
@@ -264,40 +225,11 @@ fn announce(printer: &Printer, at: SocketAddr, address: &str) -> anyhow::Result<
     }
 }
 
-type RunningSource = thread::JoinHandle<anyhow::Result<()>>;
+/// What gives frames until the flag is set.
+type FrameSource = Box<dyn FnOnce(&AtomicBool) -> anyhow::Result<()> + Send>;
 
-/// Runs a source on a thread of this name. One that fails ends the view, which would hide why.
-fn spawn(
-    name: &str,
-    done: &Arc<AtomicBool>,
-    source: impl FnOnce(&AtomicBool) -> anyhow::Result<()> + Send + 'static,
-) -> anyhow::Result<RunningSource> {
-    let done = Arc::clone(done);
-    let run = move || {
-        let ended = source(&done);
-        done.fetch_or(ended.is_err(), Ordering::Relaxed);
-        ended
-    };
-    Ok(thread::Builder::new().name(name.to_owned()).spawn(run)?)
-}
-
-/// What tells a view to end: whoever runs it, its time, and its source.
-pub(super) struct Until<'a> {
-    pub(super) is_stopped: &'a dyn Fn() -> bool,
-    pub(super) is_over: &'a dyn Fn() -> bool,
-    pub(super) started: Instant,
-    pub(super) duration: Option<Duration>,
-}
-
-impl Until<'_> {
-    /// Takes the frames that have come; whether to go on.
-    pub(super) fn advance(&self, session: &mut LiveSession) -> anyhow::Result<bool> {
-        let elapsed = self.started.elapsed();
-        let is_gone = session.advance(elapsed, (self.is_over)())?;
-        let is_out_of_time = self.duration.is_some_and(|end| elapsed >= end);
-        Ok(!((self.is_stopped)() || is_out_of_time || is_gone))
-    }
-}
+/// Takes the frames that have come; whether the view goes on, for whoever runs it, its time and its source.
+type Advance<'a> = &'a dyn Fn(&mut LiveSession) -> anyhow::Result<bool>;
 
 /// Makes `log.csv`, then the first of `log-2.csv`, `log-3.csv`, … that is not there.
 #[derive(Debug)]
@@ -309,21 +241,14 @@ pub(super) struct LogFiles {
 
 impl LogMaker for LogFiles {
     fn next(&mut self, made: usize) -> Result<Box<dyn LogSink>, OutputError> {
-        let base = self.path.clone().unwrap_or_else(|| PathBuf::from("live.csv"));
-        let mut number = made + 1;
-        loop {
-            let path = numbered(&base, number);
-            // A name that was given is meant; one that was made must not be in the way.
-            let is_given = number == 1 && self.path.is_some();
-            match AppendWriter::create(&path, self.overwrite && is_given) {
-                Err(OutputError::Failed { source, .. })
-                    if !is_given && source.kind() == io::ErrorKind::AlreadyExists =>
-                {
-                    number += 1;
-                }
-                writer => return Ok(Box::new(writer?)),
-            }
+        // A name that was given is meant; one that was made must not be in the way.
+        if let Some(path) = self.path.as_ref().filter(|_| made == 0) {
+            return Ok(Box::new(AppendWriter::create(path, self.overwrite)?));
         }
+        let base = self.path.clone().unwrap_or_else(|| PathBuf::from("live.csv"));
+        let mut names = (made + 1..).map(|number| numbered(&base, number));
+        let free = names.find(|path| !path.exists()).expect("numbers do not end");
+        Ok(Box::new(AppendWriter::create(&free, false)?))
     }
 }
 

@@ -92,13 +92,8 @@ impl LiveScreen<'_> {
         let columns = area.width - LABEL;
         let traces = self.model.traces(usize::from(columns) * ACROSS);
         if traces.is_empty() {
-            self.put(
-                grid,
-                2,
-                area.y + area.height / 2,
-                "nothing has arrived so far",
-                ContentStyle::new(),
-            );
+            let middle = area.y + area.height / 2;
+            self.put(grid, 2, middle, "nothing has arrived so far", ContentStyle::new());
             return;
         }
         // A line for the axis of time.
@@ -196,7 +191,8 @@ impl LiveScreen<'_> {
     fn draw_panel(&self, grid: &mut CellGrid, area: Area) {
         let channels = self.model.channels();
         for (position, channel) in (0..).zip(&channels) {
-            self.draw_channel(grid, area, area.y + position, usize::from(position), channel);
+            let line = Area { y: area.y + position, ..area };
+            self.draw_channel(grid, line, usize::from(position), channel);
         }
         let used = if channels.is_empty() { 0 } else { channels.len() as u16 + 1 };
         let rest = Area { y: area.y + used, height: area.height.saturating_sub(used), ..area };
@@ -213,14 +209,8 @@ impl LiveScreen<'_> {
         self.draw_arrow(grid, right, ("side", "z", "x", false), (fx, fz), reach);
     }
 
-    fn draw_channel(
-        &self,
-        grid: &mut CellGrid,
-        area: Area,
-        y: u16,
-        channel: usize,
-        view: &ChannelView,
-    ) {
+    fn draw_channel(&self, grid: &mut CellGrid, area: Area, channel: usize, view: &ChannelView) {
+        let y = area.y;
         let (note, tint) = match view.state {
             ChannelState::Fine => (' ', None),
             ChannelState::Outside => ('!', Some(Color::DarkYellow)),
@@ -308,14 +298,11 @@ impl LiveScreen<'_> {
         colour: Option<Color>,
         attribute: Option<Attribute>,
     ) -> ContentStyle {
-        match self.color {
-            true => ContentStyle {
-                foreground_color: colour,
-                attributes: attribute.as_slice().into(),
-                ..ContentStyle::new()
-            },
-            false => ContentStyle::new(),
+        if !self.color {
+            return ContentStyle::new();
         }
+        let attributes = attribute.as_slice().into();
+        ContentStyle { foreground_color: colour, attributes, ..ContentStyle::new() }
     }
 }
 
@@ -331,15 +318,8 @@ fn end_of(name: &str, room: usize, ascii: bool) -> String {
 }
 
 fn colour(position: usize) -> Color {
-    const COLOURS: [Color; 6] = [
-        Color::DarkRed,
-        Color::DarkGreen,
-        Color::DarkBlue,
-        Color::DarkMagenta,
-        Color::DarkYellow,
-        Color::DarkCyan,
-    ];
-    COLOURS[position % COLOURS.len()]
+    use Color::{DarkBlue, DarkCyan, DarkGreen, DarkMagenta, DarkRed, DarkYellow};
+    [DarkRed, DarkGreen, DarkBlue, DarkMagenta, DarkYellow, DarkCyan][position % 6]
 }
 
 /// Decimals that tell values apart on a scale of this length.
@@ -351,10 +331,7 @@ pub(super) fn decimals(length: f64) -> usize {
 fn short(value: f64) -> String {
     let text = format!("{value:.6}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
-    match text {
-        "-0" => "0".to_owned(),
-        text => text.to_owned(),
-    }
+    if text == "-0" { "0".to_owned() } else { text.to_owned() }
 }
 
 #[cfg(test)]

@@ -1,39 +1,34 @@
-//! A live view in the terminal: draw, obey keys.
+//! A live view in the terminal: draw, obey keys; and in browsers: a page, and pictures to whoever has opened it.
 
 use std::io::{self, IsTerminal, Write};
+use std::net::{IpAddr, SocketAddr, UdpSocket};
+use std::thread;
 use std::time::Instant;
 
 use anyhow::Context;
-use crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+use crossterm::event::{self, Event, KeyCode, KeyEventKind, KeyModifiers};
 use crossterm::terminal::{
     self, Clear, ClearType, EnterAlternateScreen, LeaveAlternateScreen, disable_raw_mode,
     enable_raw_mode,
 };
 use crossterm::{cursor, execute, queue};
+use live_view::web::{Server, Site};
 use shellcal::workflow::live::{LiveAction, LiveSession, PERIOD};
 
-use super::Until;
+use super::Advance;
 use super::cells::CellGrid;
 use super::screen::LiveScreen;
 
 /// The screen of a terminal that does not tell its size, as VT100 had it.
 const UNKNOWN_SIZE: (u16, u16) = (80, 24);
 
-/// How a terminal is drawn on.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Appearance {
-    pub(super) is_ascii: bool,
-    pub(super) color: bool,
-}
-
 /// A terminal is drawn on, and asked for keys.
 pub(super) fn require_terminal() -> anyhow::Result<()> {
-    match io::stdout().is_terminal() && io::stdin().is_terminal() {
-        true => Ok(()),
-        false => anyhow::bail!(
-            "a live view needs a terminal; `--serve` shows it in a browser, `shellcal record` needs neither"
-        ),
-    }
+    anyhow::ensure!(
+        io::stdout().is_terminal() && io::stdin().is_terminal(),
+        "a live view needs a terminal; `--serve` shows it in a browser, `shellcal record` needs neither"
+    );
+    Ok(())
 }
 
 /// Whether the locale can show more than ASCII.
@@ -89,12 +84,13 @@ impl Drop for RawTerminal {
 /// Shows what comes until a key, a signal or the end of the source ends it.
 pub(super) fn run(
     session: &mut LiveSession,
-    look: Appearance,
-    until: &Until<'_>,
+    ascii: bool,
+    color: bool,
+    advance: Advance<'_>,
 ) -> anyhow::Result<()> {
     let mut stage = RawTerminal::enter()?;
     let mut due = Instant::now();
-    while until.advance(session)? {
+    while advance(session)? {
         let (state, guide) = (session.state(), session.guide());
         let screen = LiveScreen {
             model: session.model(),
@@ -103,8 +99,8 @@ pub(super) fn run(
             state: &state,
             recording: session.recording(),
             message: session.message(),
-            ascii: look.is_ascii,
-            color: look.color,
+            ascii,
+            color,
         };
         stage.show(&screen)?;
         session.count_picture();
@@ -115,19 +111,19 @@ pub(super) fn run(
             if key.kind == KeyEventKind::Release {
                 continue;
             }
-            if is_end(&key) {
-                return Ok(());
-            }
-            if let Some(action) = action(&key) {
-                session.obey(action);
+            let is_control = key.modifiers.contains(KeyModifiers::CONTROL);
+            match key.code {
+                KeyCode::Char('q') | KeyCode::Esc => return Ok(()),
+                KeyCode::Char('c') if is_control => return Ok(()),
+                code => action(code).into_iter().for_each(|action| session.obey(action)),
             }
         }
     }
     Ok(())
 }
 
-fn action(key: &KeyEvent) -> Option<LiveAction> {
-    Some(match key.code {
+fn action(key: KeyCode) -> Option<LiveAction> {
+    Some(match key {
         KeyCode::Char('t') => LiveAction::Tare,
         KeyCode::Char('T') => LiveAction::Untare,
         KeyCode::Char(' ') => LiveAction::Pause,
@@ -141,11 +137,63 @@ fn action(key: &KeyEvent) -> Option<LiveAction> {
     })
 }
 
-fn is_end(key: &KeyEvent) -> bool {
-    let control = key.modifiers.contains(KeyModifiers::CONTROL);
-    match key.code {
-        KeyCode::Char('q') | KeyCode::Esc => true,
-        KeyCode::Char('c') => control,
-        _ => false,
+const PAGE: &str = include_str!("../../../../../assets/live/page.html");
+const STYLE: &str = include_str!("../../../../../assets/live/live.css");
+const VIEW: &str = include_str!("../../../../../assets/live/view.html");
+const SCRIPT: &str = include_str!("../../../../../assets/live/live.js");
+const CONNECT: &str = include_str!("../../../../../assets/live/connect.js");
+
+/// Where there is no other word: this machine alone, on a port that is free.
+pub(super) const LOOPBACK: &str = "127.0.0.1:0";
+
+/// A server for browsers, and the address to open.
+pub(super) fn serve(at: SocketAddr) -> anyhow::Result<(Server, String)> {
+    let (token, nonce) = (random()?, random()?);
+    let page = PAGE.replace("{style}", STYLE).replace("{view}", VIEW);
+    let page = page.replace("{script}", SCRIPT).replace("{connect}", CONNECT);
+    let page = page.replace("{nonce}", &nonce);
+    let orders = LiveAction::NAMED.map(|(name, _)| name).to_vec();
+    let site = Site { page, nonce, token: token.clone(), orders };
+    let server = Server::start(at, site).with_context(|| format!("cannot listen at {at}"))?;
+    let mut address = server.address();
+    if let Some(own) = address.ip().is_unspecified().then(own_address).flatten() {
+        address.set_ip(own);
     }
+    Ok((server, format!("http://{address}/?token={token}")))
+}
+
+/// Shows what comes until a signal or the end of the source ends it.
+pub(super) fn run_in_browser(
+    session: &mut LiveSession,
+    server: Server,
+    advance: Advance<'_>,
+) -> anyhow::Result<()> {
+    let mut due = Instant::now();
+    while advance(session)? {
+        while let Some(order) = server.next_order() {
+            LiveAction::named(order).into_iter().for_each(|action| session.obey(action));
+        }
+        if server.has_listeners() {
+            server.publish(&serde_json::to_string(&session.shown())?);
+        }
+        due = (due + PERIOD).max(Instant::now());
+        thread::sleep(due.saturating_duration_since(Instant::now()));
+    }
+    server.end();
+    Ok(())
+}
+
+/// 128 random bits, in hexadecimal digits.
+fn random() -> anyhow::Result<String> {
+    let mut bytes = [0; 16];
+    getrandom::fill(&mut bytes).context("the system gives no random bytes")?;
+    Ok(format!("{:032x}", u128::from_le_bytes(bytes)))
+}
+
+/// An address that others may reach this machine by: the one that it would send from. Nothing is sent.
+fn own_address() -> Option<IpAddr> {
+    let socket = UdpSocket::bind("0.0.0.0:0").ok()?;
+    // An address for documentation (RFC 5737), which is on no network.
+    socket.connect("192.0.2.1:9").ok()?;
+    Some(socket.local_addr().ok()?.ip()).filter(|address| !address.is_unspecified())
 }

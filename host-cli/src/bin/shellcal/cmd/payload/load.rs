@@ -1,10 +1,9 @@
 //! The flags that say how a sensor lay and moved, and what it carries.
 
-use anyhow::bail;
 use calibration::Calibration;
 use calibration_file::payload_file::PayloadFile;
 use forces::payload::{CarriedLoad, Lag};
-use log_file::{Log, Mapping, ReadOptions, parse_columns};
+use log_file::{Log, Mapping, ReadOptions, TimeUnit, parse_columns};
 use shell_data::wrench::Axis;
 use shellcal::workflow::convert::ConvertSummary;
 use shellcal::workflow::payload::{MotionColumns, find_motion_lag, read_motion};
@@ -74,7 +73,7 @@ impl MotionArgs {
         log: &Log,
         calibration: &Calibration,
         read: &ReadOptions<'_>,
-        mapping: &Mapping,
+        time_unit: Option<TimeUnit>,
     ) -> anyhow::Result<CarriedLoad> {
         let PayloadFile { fit, accelerometer, .. } = file;
         let (payload, columns) = (fit.payload, self.columns.columns(fit.gravity_m_s2));
@@ -82,18 +81,15 @@ impl MotionArgs {
             let (motion, has_inertia) = read_motion(log, &columns, accelerometer.as_ref(), read)?;
             return Ok(CarriedLoad { payload, motion, has_inertia, lag: None });
         };
-        // Of the log's mapping only what a clock is holds for another file.
-        let other = Mapping { time_unit: mapping.time_unit, ..Mapping::default() };
-        let other = Log::open(path, &other)?;
+        // What is said of the log's columns does not hold for another file, but for the clock.
+        let other = Log::open(path, &Mapping { time_unit, ..Mapping::default() })?;
         let (motion, has_inertia) = read_motion(&other, &columns, accelerometer.as_ref(), read)?;
         let lag = match self.motion_lag {
             Some(_) => None,
             None => find_motion_lag(log, calibration, &payload, &motion, read)?,
         };
         let lag_s = self.motion_lag.or(lag.map(|lag| lag.taken_s())).unwrap_or(0.0);
-        if !lag_s.is_finite() {
-            bail!("`--motion-lag` is `{lag_s}`, expected seconds");
-        }
+        anyhow::ensure!(lag_s.is_finite(), "`--motion-lag` is `{lag_s}`, expected seconds");
         Ok(CarriedLoad { payload, motion: motion.earlier_by(lag_s), has_inertia, lag })
     }
 

@@ -7,7 +7,7 @@ use calibration::{Basis, Calibration, Model};
 use calibration_file::payload_file::PayloadFile;
 use clap::Subcommand;
 use forces::RowRule;
-use forces::payload::{LEAST_SPREAD, Payload, PayloadFit, STANDARD_GRAVITY_M_S2};
+use forces::payload::{LEAST_SPREAD, PayloadFit, STANDARD_GRAVITY_M_S2};
 use log_file::{ColumnRef, Log, Mapping, Meaning, Wanted};
 use shell_data::wrench::{Axes, Axis, PerAxis};
 use shellcal::workflow::convert::{
@@ -80,14 +80,10 @@ pub(crate) struct PayloadFitArgs {
 
 impl PayloadFitArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
-        let mapping = self.mapping.mapping();
-        let logs = open_logs(&self.logs, ("", &[]), &mapping)?;
+        let logs = open_logs(&self.logs, ("", &[]), &self.mapping.mapping())?;
         let output = printer.create(self.output.as_ref())?;
-        let found = fit_payload(
-            &logs,
-            &self.columns.columns(STANDARD_GRAVITY_M_S2),
-            &self.mapping.read_options(),
-        )?;
+        let columns = self.columns.columns(STANDARD_GRAVITY_M_S2);
+        let found = fit_payload(&logs, &columns, &self.mapping.read_options())?;
         let paths = self.logs.iter().map(|path| path.to_path_buf());
         let file = PayloadFile {
             fit: found.fit,
@@ -96,9 +92,7 @@ impl PayloadFitArgs {
             date: outputs::date()?,
             sources: paths.zip(found.rows.iter().copied()).collect(),
         };
-        if let Some(output) = output {
-            output.commit_with(file.to_json().as_bytes())?;
-        }
+        output.map(|output| output.commit_with(file.to_json().as_bytes())).transpose()?;
         if printer.json() {
             printer.file(file.to_json().as_bytes())?;
         } else {
@@ -111,21 +105,11 @@ impl PayloadFitArgs {
 
 /// The ten numbers with their standard errors.
 fn print(printer: &Printer, fit: &PayloadFit) -> anyhow::Result<()> {
-    let rows = rows(&fit.payload, &fit.standard_errors).into_iter().map(
-        |(name, value, error, decimals)| {
-            vec![name, format!("{value:.decimals$}"), format!("{error:.decimals$}")]
-        },
-    );
-    printer.table(&["quantity", "value", "standard error"], rows)?;
-    printer.line(format!(
-        "{} poses; left over: {:.5} N, {:.6} N·m (RMS)",
-        fit.poses, fit.residual_rms_n, fit.residual_rms_nm
-    ))
-}
-
-/// Name, value, standard error and decimals of each number.
-fn rows(payload: &Payload, errors: &Payload) -> Vec<(String, f64, f64, usize)> {
-    let mut rows = vec![("mass (kg)".to_owned(), payload.mass_kg, errors.mass_kg, 6)];
+    let (payload, errors) = (&fit.payload, &fit.standard_errors);
+    let row = |name: String, value: f64, error: f64, decimals: usize| {
+        vec![name, format!("{value:.decimals$}"), format!("{error:.decimals$}")]
+    };
+    let mut rows = vec![row("mass (kg)".to_owned(), payload.mass_kg, errors.mass_kg, 6)];
     let vectors = [
         ("centre", "mm", payload.centre_m, errors.centre_m, 1e3, 3),
         ("F₀", "N", payload.force_bias_n, errors.force_bias_n, 1.0, 6),
@@ -134,10 +118,14 @@ fn rows(payload: &Payload, errors: &Payload) -> Vec<(String, f64, f64, usize)> {
     for (name, unit, value, error, scale, decimals) in vectors {
         for (axis, label) in ["x", "y", "z"].into_iter().enumerate() {
             let label = format!("{name} {label} ({unit})");
-            rows.push((label, scale * value[axis], scale * error[axis], decimals));
+            rows.push(row(label, scale * value[axis], scale * error[axis], decimals));
         }
     }
-    rows
+    printer.table(&["quantity", "value", "standard error"], rows)?;
+    printer.line(format!(
+        "{} poses; left over: {:.5} N, {:.6} N·m (RMS)",
+        fit.poses, fit.residual_rms_n, fit.residual_rms_nm
+    ))
 }
 
 /// How it was found, and where that may not suffice.
@@ -211,9 +199,6 @@ pub(crate) struct SubtractArgs {
 
 impl SubtractArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
-        if printer.json() && self.output.is_none() {
-            anyhow::bail!("`--json` needs `--output`: the table would go to the same place");
-        }
         let format = match &self.output {
             Some(path) => OutputFormat::from_path(path, &RecordingFrame::default())?,
             None => OutputFormat::Csv,
@@ -222,7 +207,7 @@ impl SubtractArgs {
         let mapping = self.mapping.mapping();
         let (log, calibration) = wrench_log(&self.log, mapping.clone())?;
         let read = self.mapping.read_options();
-        let load = self.motion.load(&file, &log, &calibration, &read, &mapping)?;
+        let load = self.motion.load(&file, &log, &calibration, &read, mapping.time_unit)?;
         let options = ConvertOptions {
             rows: RowFilter::All,
             forces: self.forces.options_without_tare(RowRule::Time),

@@ -3,6 +3,8 @@
 mod replay;
 mod report;
 
+use std::num::NonZeroU64;
+
 use anyhow::Context;
 use calibration::Kind;
 use calibration::load_plan::{
@@ -15,10 +17,14 @@ use shellcal::workflow::plan::RecordedSession;
 
 use super::choices::one_of;
 use super::mapping::{MappingArgs, open_logs};
-use super::outputs::FigureSize;
+use super::outputs::FigureArgs;
 use crate::cmd::choices::numbers;
-use crate::files::{InputPath, OutputPath};
+use crate::files::{InputPath, OutputPath, read_text};
 use crate::printer::Printer;
+
+/// Headings in help.
+const RIG: &str = "What the rig can do";
+const REPLAY: &str = "A session in other orders";
 
 /// Loads of a plan that is given no end.
 const USUAL_COUNT: usize = 16;
@@ -38,8 +44,25 @@ pub(crate) struct PlanArgs {
     #[arg(value_name = "LOG|CAL.json")]
     recorded: Vec<InputPath>,
 
-    #[command(flatten)]
-    rig: RigArgs,
+    /// A table with one line for each load that can be hung: mass or force, point, direction, or the wrench
+    #[arg(long, value_name = "LOADS.csv", conflicts_with_all = ["masses", "points", "directions", "wrench_box"], help_heading = RIG)]
+    rig: Option<InputPath>,
+
+    /// Masses that can be hung, such as 100g,0.5kg
+    #[arg(long, value_name = "MASSES", value_delimiter = ',', value_parser = parse_mass, requires = "directions", help_heading = RIG)]
+    masses: Vec<f64>,
+
+    /// A point where they can be hung, in mm from the sensor's origin, such as 30,0,40; may be given again
+    #[arg(long = "point", value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true, requires = "masses", help_heading = RIG)]
+    points: Vec<[f64; 3]>,
+
+    /// Directions in which they can pull: down, up, +x … -z, or azimuth and elevation in degrees, such as 30:-45
+    #[arg(long, value_name = "DIRECTIONS", value_delimiter = ',', value_parser = parse_direction, allow_hyphen_values = true, requires = "masses", help_heading = RIG)]
+    directions: Vec<String>,
+
+    /// Ranges of the axes, for a rig that presses any wrench: fx=-5..5,fz=-10..0,my=-0.2..0.2 (N and N·m)
+    #[arg(long = "box", value_name = "RANGES", value_parser = WrenchBox::parse, conflicts_with = "masses", help_heading = RIG)]
+    wrench_box: Option<WrenchBox>,
 
     /// What the next load is chosen by: `gain` of information, average variance over the range of loads (`alc`), or
     /// `d-optimal` on 1, w and w·w, which needs no model of the sensors [default: gain where there is a model]
@@ -59,15 +82,25 @@ pub(crate) struct PlanArgs {
     #[arg(long, short, value_name = "PLAN.csv", conflicts_with = "replay")]
     output: Option<OutputPath>,
 
-    /// Draw the predicted error against the number of poses
-    #[arg(long, value_name = "FILE.svg|pdf|png")]
-    plot: Option<OutputPath>,
-
     #[command(flatten)]
-    figure_size: FigureSize,
+    figure: FigureArgs,
 
-    #[command(flatten)]
-    replay: replay::ReplayArgs,
+    /// Plan nothing: take the poses of the logs in random and in planned orders, in so many random splits, and
+    /// compare the errors on poses that were held out
+    #[arg(long, value_name = "SPLITS", value_parser = clap::value_parser!(u64).range(1..=10_000), requires = "recorded", help_heading = REPLAY)]
+    replay: Option<u64>,
+
+    /// Poses that are held out in each split
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..), requires = "replay", hide_default_value = false, help_heading = REPLAY)]
+    held_out: u32,
+
+    /// Poses at random that every order begins with
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..), requires = "replay", help_heading = REPLAY)]
+    start: u32,
+
+    /// Which way they are drawn
+    #[arg(long, value_name = "N", default_value_t = 1, requires = "replay", help_heading = REPLAY)]
+    seed: u64,
 
     #[command(flatten)]
     mapping: MappingArgs,
@@ -103,31 +136,21 @@ struct LoadPlan {
 
 impl PlanArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
-        let figure = self.figure_size.create(self.plot.as_ref(), printer)?;
-        if let Some(splits) = self.replay.splits() {
-            let logs = open_logs(&self.recorded, ("", &[]), &self.mapping.mapping())?;
-            let read = self.mapping.read_options();
-            return self.replay.run(splits, &logs, &read, figure, printer);
+        let figure = self.figure.create(printer)?;
+        if let Some(splits) = self.replay.and_then(NonZeroU64::new) {
+            return self.run_replay(splits, figure, printer);
         }
-        let Some(table) = self.rig.table()? else {
-            anyhow::bail!(
-                "nothing is said of the rig: give its loads with `--rig`, `--masses`, or `--box`"
-            );
-        };
+        let table = self.table()?;
         let output = printer.create(self.output.as_ref())?;
         let plan = self.plan(table, printer)?;
-        if let Some(output) = output {
-            output.commit_with(plan.csv().as_bytes())?;
-        }
-        if let Some(figure) = figure {
-            figure.draw(|size| plan.figure(size))?;
-        }
+        output.map(|output| output.commit_with(plan.csv().as_bytes())).transpose()?;
+        figure.map(|figure| figure.draw(|size| plan.figure(size))).transpose()?;
         printer.finish(&plan.document(), |printer| plan.print(printer))
     }
 
     fn plan(&self, table: HungLoads, printer: &Printer) -> anyhow::Result<LoadPlan> {
         let candidates: Vec<PerAxis<f64>> = table.loads().iter().map(HungLoad::wrench).collect();
-        let session = self.session(printer)?;
+        let session = self.session()?;
         let mut planner = match (session.sensors, self.by) {
             (Ok(sensors), None | Some(CriterionArg::Gain | CriterionArg::AverageVariance)) => {
                 Planner::from_sensors(sensors, &session.loads, &candidates)
@@ -159,7 +182,9 @@ impl PlanArgs {
             (None, None) => USUAL_COUNT,
         };
         let (mut order, mut error) = (Vec::new(), before);
-        while order.len() < count && !self.until.is_some_and(|limits| are_met(limits, &error)) {
+        while order.len() < count
+            && !self.until.is_some_and(|[force_n, moment_nm]| error.is_within(force_n, moment_nm))
+        {
             let Some(next) = planner.next() else { break };
             error = next.error;
             order.push(next);
@@ -171,7 +196,7 @@ impl PlanArgs {
     }
 
     /// What was recorded.
-    fn session(&self, printer: &Printer) -> anyhow::Result<RecordedSession> {
+    fn session(&self) -> anyhow::Result<RecordedSession> {
         let none = || RecordedSession {
             loads: Vec::new(),
             sensors: Err("nothing is recorded".to_owned()),
@@ -180,30 +205,21 @@ impl PlanArgs {
             [] => Ok(none()),
             [path] if path.extension().is_some_and(|extension| extension == "json") => {
                 let file = CalibrationFile::read(path)?;
-                match file.calibration.kind() {
-                    Kind::Physics(physics) => {
-                        let sensors = Ok(SensorKnowledge::from_calibration(physics));
-                        Ok(RecordedSession { sensors, ..none() })
-                    }
-                    Kind::Polynomial(_) => anyhow::bail!(
+                let Kind::Physics(physics) = file.calibration.kind() else {
+                    anyhow::bail!(
                         "`{}` is a polynomial, which does not say what it was fitted to: give its logs",
                         path.display()
-                    ),
-                }
+                    );
+                };
+                let sensors = Ok(SensorKnowledge::from_calibration(physics));
+                Ok(RecordedSession { sensors, ..none() })
             }
             paths => {
                 let logs = open_logs(paths, ("", &[]), &self.mapping.mapping())?;
-                let bar = printer.progress("plan", logs.iter().map(log_file::Log::bytes).sum());
-                let session = RecordedSession::read(&logs, &self.mapping.read_options())?;
-                bar.finish_and_clear();
-                Ok(session)
+                Ok(RecordedSession::read(&logs, &self.mapping.read_options())?)
             }
         }
     }
-}
-
-fn are_met([force_n, moment_nm]: PlanLimits, error: &PredictedError) -> bool {
-    error.is_within(force_n, moment_nm)
 }
 
 fn parse_limits(text: &str) -> Result<PlanLimits, String> {
@@ -221,57 +237,28 @@ fn parse_limits(text: &str) -> Result<PlanLimits, String> {
     Ok([force_n, moment_nm])
 }
 
-#[derive(Debug, clap::Args)]
-#[command(next_help_heading = "What the rig can do")]
-#[group(skip)]
-pub(super) struct RigArgs {
-    /// A table with one line for each load that can be hung: mass or force, point, direction, or the wrench
-    #[arg(long, value_name = "LOADS.csv", conflicts_with_all = ["masses", "points", "directions", "wrench_box"])]
-    rig: Option<InputPath>,
-
-    /// Masses that can be hung, such as 100g,0.5kg
-    #[arg(long, value_name = "MASSES", value_delimiter = ',', value_parser = parse_mass, requires = "directions")]
-    masses: Vec<f64>,
-
-    /// A point where they can be hung, in mm from the sensor's origin, such as 30,0,40; may be given again
-    #[arg(long = "point", value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true, requires = "masses")]
-    points: Vec<[f64; 3]>,
-
-    /// Directions in which they can pull: down, up, +x … -z, or azimuth and elevation in degrees, such as 30:-45
-    #[arg(long, value_name = "DIRECTIONS", value_delimiter = ',', value_parser = parse_direction, allow_hyphen_values = true, requires = "masses")]
-    directions: Vec<String>,
-
-    /// Ranges of the axes, for a rig that presses any wrench: fx=-5..5,fz=-10..0,my=-0.2..0.2 (N and N·m)
-    #[arg(long = "box", value_name = "RANGES", value_parser = WrenchBox::parse, conflicts_with = "masses")]
-    wrench_box: Option<WrenchBox>,
-}
-
-impl RigArgs {
-    /// The loads; `None` where nothing is said of a rig.
-    pub(super) fn table(&self) -> anyhow::Result<Option<HungLoads>> {
+impl PlanArgs {
+    /// The loads that it can do.
+    fn table(&self) -> anyhow::Result<HungLoads> {
         if let Some(path) = &self.rig {
-            return read_table(path).map(Some);
+            return read_table(path);
         }
         if let Some(wrench_box) = &self.wrench_box {
-            return Ok(Some(wrench_box.table()?));
+            return Ok(wrench_box.table()?);
         }
-        if self.masses.is_empty() {
-            return Ok(None);
-        }
-        let points_mm = match self.points.is_empty() {
-            true => vec![[0.0; 3]],
-            false => self.points.clone(),
-        };
+        anyhow::ensure!(
+            !self.masses.is_empty(),
+            "nothing is said of the rig: give its loads with `--rig`, `--masses`, or `--box`"
+        );
+        let points_mm = if self.points.is_empty() { vec![[0.0; 3]] } else { self.points.clone() };
         let (masses_kg, directions) = (self.masses.clone(), self.directions.clone());
-        Ok(Some(Combinations { masses_kg, points_mm, directions }.table()?))
+        Ok(Combinations { masses_kg, points_mm, directions }.table()?)
     }
 }
 
 /// Reads a table of loads.
 pub(crate) fn read_table(path: &InputPath) -> anyhow::Result<HungLoads> {
-    let name = || format!("`{}`", path.display());
-    let text = std::fs::read_to_string(path).with_context(name)?;
-    HungLoads::parse(&text).with_context(name)
+    HungLoads::parse(&read_text(path)?).with_context(|| format!("`{}`", path.display()))
 }
 
 fn parse_mass(text: &str) -> Result<f64, String> {

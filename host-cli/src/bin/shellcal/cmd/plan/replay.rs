@@ -6,59 +6,33 @@ use calibration::fit::Workers;
 use calibration::load_plan::{Order, Replay, ReplayOptions};
 use calibration::quality::significant;
 use figures::{ChartMark, Series, Spacing};
-use log_file::{Log, ReadOptions};
 use shellcal::workflow::plan::observations;
 
+use super::super::mapping::open_logs;
 use super::super::outputs::FigureFile;
+use super::PlanArgs;
 use super::report::chart;
 use crate::printer::Printer;
 
 /// How near to the error with all poses counts as there.
 const NEAR: f64 = 0.15;
 
-#[derive(Debug, clap::Args)]
-#[command(next_help_heading = "A session in other orders")]
-#[group(skip)]
-pub(super) struct ReplayArgs {
-    /// Plan nothing: take the poses of the logs in random and in planned orders, in so many random splits, and
-    /// compare the errors on poses that were held out
-    #[arg(long, value_name = "SPLITS", value_parser = clap::value_parser!(u64).range(1..=10_000), requires = "recorded")]
-    replay: Option<u64>,
-
-    /// Poses that are held out in each split
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..), requires = "replay", hide_default_value = false)]
-    held_out: u32,
-
-    /// Poses at random that every order begins with
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..), requires = "replay")]
-    start: u32,
-
-    /// Which way they are drawn
-    #[arg(long, value_name = "N", default_value_t = 1, requires = "replay")]
-    seed: u64,
-}
-
-impl ReplayArgs {
-    /// In how many splits a session is replayed, if it is.
-    pub(super) fn splits(&self) -> Option<NonZeroU64> {
-        self.replay.and_then(NonZeroU64::new)
-    }
-
-    pub(super) fn run(
+impl PlanArgs {
+    pub(super) fn run_replay(
         &self,
         splits: NonZeroU64,
-        logs: &[Log],
-        read: &ReadOptions<'_>,
         figure: Option<FigureFile>,
         printer: &Printer,
     ) -> anyhow::Result<()> {
+        let logs = open_logs(&self.recorded, ("", &[]), &self.mapping.mapping())?;
+        let read = self.mapping.read_options();
         let options = ReplayOptions {
             held_out: self.held_out as usize,
             start: self.start as usize,
             seed: self.seed,
             splits,
         };
-        let observations = observations(logs, read)?;
+        let observations = observations(&logs, &read)?;
         let bar = printer.count("replay", splits.get());
         let told = |done: usize, _: usize| bar.set_position(done as u64);
         let workers = Workers { folds: Some(&told), ..Workers::new(read.threads) };

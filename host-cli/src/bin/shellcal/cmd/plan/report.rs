@@ -6,7 +6,7 @@ use figures::{Chart, ChartMark, Figure, PlotAxis, Series, Size, Spacing};
 use serde::Serialize;
 use shell_data::wrench::Axis;
 
-use super::{LoadPlan, are_met};
+use super::LoadPlan;
 use crate::printer::Printer;
 
 /// What `--json` prints of an error: in N and N·m, or relative to one pose.
@@ -46,9 +46,15 @@ impl LoadPlan {
             error_before: error(self.before),
             loads: (1..).zip(&self.order).map(load).collect::<Vec<_>>(),
             // Whether `--until` is reached; `null` without it.
-            reached: self.limits.map(|limits| are_met(limits, &self.error_after())),
+            reached: self.limits.map(|_| self.is_reached()),
             couplings: self.couplings.iter().map(coupling).collect::<Vec<_>>(),
         }
+    }
+
+    /// Whether the error after all loads is within the limits.
+    fn is_reached(&self) -> bool {
+        let [force_n, moment_nm] = self.limits.unwrap_or_default();
+        self.error_after().is_within(force_n, moment_nm)
     }
 
     /// The error after all loads of the plan.
@@ -59,21 +65,22 @@ impl LoadPlan {
     /// The loads in their order, with what is expected of them.
     pub(super) fn csv(&self) -> String {
         let lines: Vec<usize> = self.order.iter().map(|planned| planned.candidate).collect();
-        let column = |name: &str, of: &dyn Fn(usize) -> String| {
-            (format!("plan_{name}"), (0..lines.len()).map(of).collect::<Vec<_>>())
+        let column = |name: &str, of: &dyn Fn(&PlannedLoad) -> String| {
+            (format!("plan_{name}"), self.order.iter().map(of).collect::<Vec<_>>())
         };
-        let mut more = vec![
-            column("step", &|at| (at + 1).to_string()),
-            column("gain_nats", &|at| significant(self.order[at].gain, 4)),
-        ];
-        for axis in Axis::ALL {
-            if let PredictedError::Wrench(_) = self.before {
-                let error = |at: usize| match self.order[at].error {
+        let steps = (1..=lines.len()).map(|step| step.to_string()).collect();
+        let mut more = vec![("plan_step".to_owned(), steps)];
+        more.push(column("gain_nats", &|planned| significant(planned.gain, 4)));
+        for axis in
+            Axis::ALL.into_iter().filter(|_| matches!(self.before, PredictedError::Wrench(_)))
+        {
+            more.push(column(
+                &format!("error_{}", axis.column()),
+                &|planned| match planned.error {
                     PredictedError::Wrench(errors) => significant(errors[axis.index()], 4),
                     PredictedError::Relative(_) => String::new(),
-                };
-                more.push(column(&format!("error_{}", axis.column()), &error));
-            }
+                },
+            ));
         }
         self.table.to_csv(&lines, &more)
     }
@@ -122,11 +129,10 @@ impl LoadPlan {
         let (before, after) = (size(self.before), size(self.error_after()));
         let count = self.order.len();
         match self.limits {
-            Some(limits) if count == 0 => {
-                debug_assert!(are_met(limits, &self.before), "a plan ends where it is good enough");
+            Some(_) if count == 0 => {
                 said.push(format!("no more loads are needed: predicted error {before}"));
             }
-            Some(limits) if are_met(limits, &self.error_after()) => {
+            Some(_) if self.is_reached() => {
                 let loads = if count == 1 { "load" } else { "loads" };
                 said.push(format!("{count} more {loads} for {after}; now {before}"));
             }

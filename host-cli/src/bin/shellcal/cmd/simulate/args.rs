@@ -7,8 +7,13 @@ use simulation::channel_study::{GridAxis, Uncertain};
 
 use super::quantity::{angle, grid_axis, length, positive_length, pressure, uncertain};
 use crate::cmd::choices::{POSITIVE, number_in};
-use crate::cmd::outputs::FigureSize;
+use crate::cmd::outputs::FigureArgs;
 use crate::files::{InputPath, OutputPath};
+
+/// Headings in help.
+const GEOMETRY: &str = "Geometry";
+const SWEEP: &str = "Sweep over positions";
+const STUDY: &str = "Studies of parameters";
 
 /// A share of a whole, between its ends.
 const INSIDE: (Bound<f64>, Bound<f64>) = (Bound::Excluded(0.0), Bound::Excluded(1.0));
@@ -32,186 +37,146 @@ pub(crate) struct SimulateArgs {
     #[arg(long, value_name = "LENGTH", value_delimiter = ',', value_parser = positive_length)]
     pub(super) width: Vec<f64>,
 
-    #[command(flatten)]
-    pub(super) geometry: GeometryArgs,
-
-    #[command(flatten)]
-    pub(super) sweep: SweepArgs,
-
-    #[command(flatten)]
-    pub(super) study: StudyArgs,
-
-    #[command(flatten)]
-    pub(super) trials: MeasuredTrialArgs,
-}
-
-/// Body, beams and channel; by default those of the paper.
-#[derive(Debug, clap::Args)]
-#[command(next_help_heading = "Geometry")]
-pub(super) struct GeometryArgs {
     /// Semi-axis of the body along its way
-    #[arg(long, value_name = "LENGTH", default_value = "9cm", value_parser = length)]
+    #[arg(long, value_name = "LENGTH", default_value = "9cm", value_parser = length, help_heading = GEOMETRY)]
     rx: f64,
 
     /// Semi-axis of the body across its way
-    #[arg(long, value_name = "LENGTH", default_value = "5cm", value_parser = length)]
+    #[arg(long, value_name = "LENGTH", default_value = "5cm", value_parser = length, help_heading = GEOMETRY)]
     ry: f64,
 
     /// A beam from base to tip
-    #[arg(long, value_name = "LENGTH", default_value = "27mm", value_parser = length)]
+    #[arg(long, value_name = "LENGTH", default_value = "27mm", value_parser = length, help_heading = GEOMETRY)]
     beam_length: f64,
 
     /// A beam's upright side
-    #[arg(long, value_name = "LENGTH", default_value = "30mm", value_parser = length)]
+    #[arg(long, value_name = "LENGTH", default_value = "30mm", value_parser = length, help_heading = GEOMETRY)]
     beam_width: f64,
 
     /// A beam's bending side
-    #[arg(long, value_name = "LENGTH", default_value = "0.12mm", value_parser = length)]
+    #[arg(long, value_name = "LENGTH", default_value = "0.12mm", value_parser = length, help_heading = GEOMETRY)]
     thickness: f64,
 
     /// Flexural modulus of the beams
-    #[arg(long, value_name = "PRESSURE", default_value = "5.3GPa", value_parser = pressure)]
+    #[arg(long, value_name = "PRESSURE", default_value = "5.3GPa", value_parser = pressure, help_heading = GEOMETRY)]
     modulus: f64,
 
     /// Kinetic friction of the beams on the shell
-    #[arg(long, value_name = "NUMBER", default_value_t = 0.53, allow_hyphen_values = true)]
+    #[arg(long, value_name = "NUMBER", default_value_t = 0.53, allow_hyphen_values = true, help_heading = GEOMETRY)]
     friction: f64,
 
     /// Beams of one row
-    #[arg(long, value_name = "N", default_value_t = 11)]
+    #[arg(long, value_name = "N", default_value_t = 11, help_heading = GEOMETRY)]
     beams: u32,
 
     /// Length of the channel: its beams are this over their number apart
-    #[arg(long, value_name = "LENGTH", default_value = "28cm", value_parser = length)]
+    #[arg(long, value_name = "LENGTH", default_value = "28cm", value_parser = length, help_heading = GEOMETRY)]
     channel_length: f64,
 
     /// From one beam to the next, instead of the channel's length
-    #[arg(long, value_name = "LENGTH", value_parser = length)]
+    #[arg(long, value_name = "LENGTH", value_parser = length, help_heading = GEOMETRY)]
     spacing: Option<f64>,
 
     /// How far the body runs to the left of the channel's middle
-    #[arg(long, value_name = "LENGTH", default_value = "0", value_parser = length,
-          allow_hyphen_values = true)]
+    #[arg(long, value_name = "LENGTH", default_value = "0", value_parser = length, allow_hyphen_values = true, help_heading = GEOMETRY)]
     off_centre: f64,
 
     /// How far the body's nose is turned to the left
-    #[arg(long, value_name = "ANGLE", default_value = "0", value_parser = angle,
-          allow_hyphen_values = true)]
+    #[arg(long, value_name = "ANGLE", default_value = "0", value_parser = angle, allow_hyphen_values = true, help_heading = GEOMETRY)]
     yaw: f64,
 
     /// Scale normal and tangent as the paper prints it, with its semi-axes swapped, not to length one
-    #[arg(long)]
+    #[arg(long, help_heading = GEOMETRY)]
     as_printed: bool,
 
     /// Scale the force so that its moment about the beam's base is that of its spring, which the paper's is not;
     /// implies `--true-angle`
-    #[arg(long, conflicts_with = "as_printed")]
+    #[arg(long, conflicts_with = "as_printed", help_heading = GEOMETRY)]
     moment_balance: bool,
 
     /// Take the angle that a beam has turned beyond 90° too, not the paper's arcsine
-    #[arg(long)]
+    #[arg(long, help_heading = GEOMETRY)]
     true_angle: bool,
-}
 
-#[derive(Debug, clap::Args)]
-#[command(next_help_heading = "Sweep over positions")]
-pub(super) struct SweepArgs {
     /// Write drag, side force, moment and contacts at every position, as CSV; with `--grid`, the
     /// figures of every combination
-    #[arg(long, short, value_name = "FILE")]
+    #[arg(long, short, value_name = "FILE", help_heading = SWEEP)]
     pub(super) output: Option<OutputPath>,
 
     /// Write the force of every beam that touches, at every position, as CSV
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", help_heading = SWEEP)]
     pub(super) beam_forces: Option<OutputPath>,
 
-    /// Draw drag over position and contact counts, to .svg, .pdf or .png
-    #[arg(long, value_name = "FILE")]
-    pub(super) plot: Option<OutputPath>,
-
-    #[command(flatten)]
-    pub(super) figure_size: FigureSize,
+    #[command(flatten, next_help_heading = SWEEP)]
+    pub(super) figure: FigureArgs,
 
     /// Draw a measured trace too: CSV with columns `x_m` or, with `--speed`, `t_s`, and `drag_n` or
     /// `fx_n`, such as `shellcal convert` writes
-    #[arg(long, value_name = "FILE", requires = "plot")]
+    #[arg(long, value_name = "FILE", requires = "plot", help_heading = SWEEP)]
     pub(super) overlay: Vec<InputPath>,
 
     /// When the body of a measured trace with times first touched a beam, in s [default: at its
     /// first row]
-    #[arg(
-        long,
-        value_name = "S",
-        requires = "overlay",
-        requires = "speed",
-        allow_hyphen_values = true
-    )]
+    #[arg(long, value_name = "S", requires = "overlay", requires = "speed", help_heading = SWEEP)]
+    #[arg(allow_hyphen_values = true)]
     pub(super) entry: Option<f64>,
 
     /// First position [default: 1 cm before the first contact]
-    #[arg(long, value_name = "LENGTH", value_parser = length, allow_hyphen_values = true)]
+    #[arg(long, value_name = "LENGTH", value_parser = length, allow_hyphen_values = true, help_heading = SWEEP)]
     pub(super) from: Option<f64>,
 
     /// Last position [default: 1 cm after the last contact]
-    #[arg(long, value_name = "LENGTH", value_parser = length, allow_hyphen_values = true)]
+    #[arg(long, value_name = "LENGTH", value_parser = length, allow_hyphen_values = true, help_heading = SWEEP)]
     pub(super) to: Option<f64>,
 
     /// From one position to the next
-    #[arg(long, value_name = "LENGTH", default_value = "1mm", value_parser = positive_length)]
+    #[arg(long, value_name = "LENGTH", default_value = "1mm", value_parser = positive_length, help_heading = SWEEP)]
     pub(super) step: f64,
 
     /// Speed of the body in m/s: adds the time, 0 at the first position
-    #[arg(long, value_name = "M_PER_S", value_parser = number_in(POSITIVE, "expected a speed above zero, in m/s"))]
+    #[arg(long, value_name = "M_PER_S", value_parser = number_in(POSITIVE, "expected a speed above zero, in m/s"), help_heading = SWEEP)]
     pub(super) speed: Option<f64>,
 
     /// Print the force of every beam that touches at this position
-    #[arg(long, value_name = "LENGTH", value_parser = length, allow_hyphen_values = true)]
+    #[arg(long, value_name = "LENGTH", value_parser = length, allow_hyphen_values = true, help_heading = SWEEP)]
     pub(super) at: Option<f64>,
-}
 
-#[derive(Debug, clap::Args)]
-#[command(next_help_heading = "Studies of parameters")]
-pub(super) struct StudyArgs {
     /// Every combination of values: NAME=FROM:TO:COUNT or NAME=VALUE,VALUE; of rx, ry, width,
     /// beam-length, beam-width, thickness, modulus, friction, spacing, off-centre, yaw
-    #[arg(long, value_name = "NAME=VALUES", value_parser = grid_axis, conflicts_with_all = ["uncertain", "at", "compare", "beam_forces", "plot"])]
+    #[arg(long, value_name = "NAME=VALUES", value_parser = grid_axis, conflicts_with_all = ["uncertain", "at", "compare", "beam_forces", "plot"], help_heading = STUDY)]
     pub(super) grid: Vec<GridAxis>,
 
     /// A parameter that is not known exactly: NAME=SD or NAME=PERCENT%, normal about its value;
     /// prints intervals by Monte Carlo
-    #[arg(long, value_name = "NAME=SD", value_parser = uncertain)]
+    #[arg(long, value_name = "NAME=SD", value_parser = uncertain, help_heading = STUDY)]
     pub(super) uncertain: Vec<Uncertain>,
 
     /// Channels to draw
-    #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(2..=10_000_000))]
+    #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(2..=10_000_000), help_heading = STUDY)]
     pub(super) draws: u64,
 
     /// Seed of the draws
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = 1, help_heading = STUDY)]
     pub(super) seed: u64,
 
     /// Share of the draws within an interval
-    #[arg(long, value_name = "SHARE", default_value_t = 0.95, value_parser = number_in(INSIDE, "expected a number between 0 and 1"))]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.95, value_parser = number_in(INSIDE, "expected a number between 0 and 1"), help_heading = STUDY)]
     pub(super) level: f64,
-}
 
-#[derive(Debug, clap::Args)]
-#[command(next_help_heading = "Measured trials")]
-pub(super) struct MeasuredTrialArgs {
     /// Table of trials with columns `condition` and `drag_mean_n`, as CSV: prints measured and
     /// simulated drag of every condition. A condition is a deflection (`3 cm`) or `free`
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", help_heading = "Measured trials")]
     pub(super) compare: Option<InputPath>,
 
     /// The width of a condition's channel, where its name does not tell: NAME=WIDTH
-    #[arg(long, value_name = "NAME=WIDTH", value_parser = condition, requires = "compare")]
+    #[arg(long, value_name = "NAME=WIDTH", value_parser = condition, requires = "compare", help_heading = "Measured trials")]
     pub(super) condition: Vec<(String, f64)>,
 }
 
 impl SimulateArgs {
     /// The set-up of every channel, in the order given.
     pub(super) fn setups(&self) -> Vec<Setup> {
-        let base = self.geometry.setup();
+        let base = self.setup();
         if !self.width.is_empty() {
             return self.width.iter().map(|&width| of_width(&base, width)).collect();
         }
@@ -221,10 +186,8 @@ impl SimulateArgs {
         };
         deflections.iter().map(|&depth| of_deflection(&base, depth)).collect()
     }
-}
 
-impl GeometryArgs {
-    /// The set-up but for the channel's width.
+    /// The set-up but for the channel's width, by default that of the paper.
     pub(super) fn setup(&self) -> Setup {
         let pitch_m = self.spacing.unwrap_or(self.channel_length / f64::from(self.beams));
         let is_true = self.true_angle || self.moment_balance;

@@ -1,6 +1,6 @@
 //! Measured trials beside the model.
 
-use anyhow::bail;
+use anyhow::{bail, ensure};
 use beam_channel::Setup;
 use serde::Serialize;
 use shellcal::workflow::simulate::{MeasuredCondition, read_trials};
@@ -30,18 +30,14 @@ pub(super) struct ConditionComparison {
 impl SimulateArgs {
     /// The comparison, if one is asked for.
     pub(super) fn compare(&self) -> anyhow::Result<Option<Vec<ConditionComparison>>> {
-        let Some(path) = &self.trials.compare else { return Ok(None) };
+        let Some(path) = &self.compare else { return Ok(None) };
         let conditions = read_trials(path)?;
-        for (name, _) in &self.trials.condition {
-            if !conditions.iter().any(|condition| condition.name == *name) {
-                bail!("`{}` has no condition `{name}`", path.display());
-            }
+        for (name, _) in &self.condition {
+            let is_there = conditions.iter().any(|condition| condition.name == *name);
+            ensure!(is_there, "`{}` has no condition `{name}`", path.display());
         }
-        conditions
-            .into_iter()
-            .map(|condition| self.simulate(condition))
-            .collect::<Result<_, _>>()
-            .map(Some)
+        let compared = conditions.into_iter().map(|condition| self.simulate(condition));
+        compared.collect::<Result<_, _>>().map(Some)
     }
 
     fn simulate(&self, measured: MeasuredCondition) -> anyhow::Result<ConditionComparison> {
@@ -68,8 +64,8 @@ impl SimulateArgs {
 
     /// The channel that a condition's name stands for; `None` where the robot runs free.
     fn setup_of(&self, name: &str) -> anyhow::Result<Option<Setup>> {
-        let base = self.geometry.setup();
-        let given = self.trials.condition.iter().find(|(given, _)| given == name);
+        let base = self.setup();
+        let given = self.condition.iter().find(|(given, _)| given == name);
         if let Some(&(_, width)) = given {
             return Ok(Some(of_width(&base, width)));
         }

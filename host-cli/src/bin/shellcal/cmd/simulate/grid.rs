@@ -23,7 +23,7 @@ impl SimulateArgs {
             let twice = axes[..i].iter().any(|other| other.parameter.name == axis.parameter.name);
             ensure!(!twice, "`--grid {}` is given twice", axis.parameter.name);
         }
-        let mut output = printer.create(self.sweep.output.as_ref())?;
+        let mut output = printer.create(self.output.as_ref())?;
         let names: Vec<String> = axes.iter().map(|axis| axis.parameter.column()).collect();
         if let Some(file) = &mut output {
             writeln!(
@@ -44,16 +44,13 @@ impl SimulateArgs {
             bar.inc(1);
         }
         bar.finish_and_clear();
-        let written = output.is_some();
-        if let Some(file) = output {
-            file.commit()?;
-        }
-        if printer.json() && !written {
-            printer.document(&reports)?;
-        } else if !written {
-            let figures = ["mean drag (N)", "minimum (N)", "peak (N)", "energy (mJ)"];
-            let header: Vec<&str> = names.iter().map(String::as_str).chain(figures).collect();
-            printer.table(&header, rows)?;
+        match output {
+            Some(file) => file.commit()?,
+            None => printer.finish(&reports, |printer| {
+                let figures = ["mean drag (N)", "minimum (N)", "peak (N)", "energy (mJ)"];
+                let header: Vec<&str> = names.iter().map(String::as_str).chain(figures).collect();
+                printer.table(&header, rows)
+            })?,
         }
         if refused > 0 {
             printer.warning(format!("{refused} combinations make no sense, or the body jams"));
@@ -64,7 +61,7 @@ impl SimulateArgs {
     /// The channels' widths are an axis too, unless one was asked for.
     fn axes(&self) -> (beam_channel::Setup, Vec<GridAxis>) {
         let setups = self.setups();
-        let mut axes = self.study.grid.clone();
+        let mut axes = self.grid.clone();
         if axes.iter().all(|axis| axis.parameter.name != Parameter::WIDTH.name) {
             let values = setups.iter().map(|setup| setup.channel.width_m).collect();
             axes.insert(0, GridAxis { parameter: Parameter::WIDTH, values });

@@ -6,9 +6,9 @@ use beam_channel::Model;
 use figures::channel_figure;
 use output_file::AtomicFile;
 use shellcal::workflow::simulate::{SteadyPassage, curve, read_trace};
-use simulation::channel_study::{Course, beam_rows};
+use simulation::channel_study::{BeamRow, Course, beam_rows};
 
-use super::args::SweepArgs;
+use super::args::SimulateArgs;
 use super::quantity::cm;
 use crate::cmd::outputs::FigureFile;
 use crate::printer::Printer;
@@ -21,8 +21,8 @@ pub(super) struct SweepFiles {
 }
 
 impl SweepFiles {
-    pub(super) fn open(args: &SweepArgs, printer: &Printer) -> anyhow::Result<Self> {
-        let plot = args.figure_size.create(args.plot.as_ref(), printer)?;
+    pub(super) fn open(args: &SimulateArgs, printer: &Printer) -> anyhow::Result<Self> {
+        let plot = args.figure.create(printer)?;
         let mut sweep = printer.create(args.output.as_ref())?;
         let mut beams = printer.create(args.beam_forces.as_ref())?;
         let time = if args.speed.is_some() { "t_s," } else { "" };
@@ -61,9 +61,8 @@ impl SweepFiles {
             for x in course.positions() {
                 let time = time(course.time_s(x));
                 for row in beam_rows(model, x) {
-                    let (wall, beam, base) = (row.wall, row.beam, row.base_m);
-                    let [phi, turn] = [row.phi_rad, row.deflection_rad];
-                    let [fx, fy, mz] = [row.fx_n, row.fy_n, row.mz_nm];
+                    let BeamRow { wall, beam, base_m: base, phi_rad: phi, .. } = row;
+                    let [turn, fx, fy, mz] = [row.deflection_rad, row.fx_n, row.fy_n, row.mz_nm];
                     writeln!(
                         file,
                         "{channel},{time}{x},{wall},{beam},{base},{phi},{turn},{fx},{fy},{mz}"
@@ -76,37 +75,35 @@ impl SweepFiles {
         Ok(())
     }
 
-    /// Draws all channels, with what was measured.
-    pub(super) fn draw(
-        &mut self,
+    /// Draws all channels, with what was measured, and puts the files in their place.
+    pub(super) fn finish(
+        self,
         models: &[Model],
         course: &Course,
-        args: &SweepArgs,
+        args: &SimulateArgs,
     ) -> anyhow::Result<()> {
-        let Some(plot) = self.plot.take() else { return Ok(()) };
-        let last = course.from_m + course.step_m * (course.count - 1) as f64;
-        let mut curves: Vec<_> = models
-            .iter()
-            .map(|model| {
-                let label = format!("{} cm deflection", cm(model.setup().deflection_m()));
-                curve(model, label, course.from_m, last)
-            })
-            .collect();
-        let first_contact = models.iter().find_map(Model::extent_m).map_or(0.0, |[x, _]| x);
-        let passage = args.speed.map(|speed_m_s| SteadyPassage {
-            speed_m_s,
-            entry_s: args.entry,
-            entry_x_m: first_contact,
-        });
-        for path in &args.overlay {
-            curves.push(read_trace(path, passage)?);
+        if let Some(plot) = self.plot {
+            let last = course.from_m + course.step_m * (course.count - 1) as f64;
+            let mut curves: Vec<_> = models
+                .iter()
+                .map(|model| {
+                    let label = format!("{} cm deflection", cm(model.setup().deflection_m()));
+                    curve(model, label, course.from_m, last)
+                })
+                .collect();
+            let first_contact = models.iter().find_map(Model::extent_m).map_or(0.0, |[x, _]| x);
+            let passage = args.speed.map(|speed_m_s| SteadyPassage {
+                speed_m_s,
+                entry_s: args.entry,
+                entry_x_m: first_contact,
+            });
+            for path in &args.overlay {
+                curves.push(read_trace(path, passage)?);
+            }
+            let friction = models.first().map_or(0.0, |model| model.setup().beam.friction);
+            let title = format!("Simulated drag, friction {friction}");
+            plot.draw(|size| channel_figure(size, &title, &curves))?;
         }
-        let friction = models.first().map_or(0.0, |model| model.setup().beam.friction);
-        let title = format!("Simulated drag, friction {friction}");
-        plot.draw(|size| channel_figure(size, &title, &curves))
-    }
-
-    pub(super) fn commit(self) -> anyhow::Result<()> {
         [self.sweep, self.beams].into_iter().flatten().try_for_each(AtomicFile::commit)?;
         Ok(())
     }

@@ -10,17 +10,13 @@ pub(super) fn quantity(text: &str, dimension: Dimension) -> Result<f64, String> 
     let text = text.trim();
     let unit = dimension_units(dimension)
         .iter()
-        .find_map(|unit| Some((text.strip_suffix(unit.0)?, unit.1)));
-    let (number, unit) = unit.unwrap_or((text, UnitScale::Power(0)));
-    let value = match unit {
+        .find_map(|(unit, power)| Some((text.strip_suffix(unit)?.trim(), *power)));
+    let (number, power) = unit.unwrap_or((text, Some(0)));
+    let value = match power {
+        None => number.parse().map(f64::to_radians),
         // As a decimal, so that `0.12mm` is the same number as `0.00012`.
-        UnitScale::Power(power) if !number.contains(['e', 'E']) => {
-            format!("{}e{power}", number.trim()).parse()
-        }
-        UnitScale::Power(power) => {
-            number.trim().parse().map(|value: f64| value * 10_f64.powi(power))
-        }
-        UnitScale::Degrees => number.trim().parse().map(f64::to_radians),
+        Some(power) if !number.contains(['e', 'E']) => format!("{number}e{power}").parse(),
+        Some(power) => number.parse().map(|value: f64| value * 10_f64.powi(power)),
     };
     let wanted = match dimension {
         Dimension::Length => "a length such as `8cm`, `80mm` or `0.08` (m)",
@@ -31,26 +27,18 @@ pub(super) fn quantity(text: &str, dimension: Dimension) -> Result<f64, String> 
     value.ok().filter(|value| value.is_finite()).ok_or_else(|| format!("expected {wanted}"))
 }
 
-#[derive(Clone, Copy)]
-enum UnitScale {
-    /// Of ten.
-    Power(i32),
-    Degrees,
-}
-
-/// Longer names first where one ends with another.
-fn dimension_units(dimension: Dimension) -> &'static [(&'static str, UnitScale)] {
-    use UnitScale::{Degrees, Power};
+/// Units with their powers of ten, `None` for degrees; longer names first where one ends with another.
+fn dimension_units(dimension: Dimension) -> &'static [(&'static str, Option<i32>)] {
     match dimension {
         Dimension::Length => &[
-            ("um", Power(-6)),
-            ("µm", Power(-6)),
-            ("mm", Power(-3)),
-            ("cm", Power(-2)),
-            ("m", Power(0)),
+            ("um", Some(-6)),
+            ("µm", Some(-6)),
+            ("mm", Some(-3)),
+            ("cm", Some(-2)),
+            ("m", Some(0)),
         ],
-        Dimension::Pressure => &[("GPa", Power(9)), ("MPa", Power(6)), ("Pa", Power(0))],
-        Dimension::Angle => &[("deg", Degrees), ("°", Degrees), ("rad", Power(0))],
+        Dimension::Pressure => &[("GPa", Some(9)), ("MPa", Some(6)), ("Pa", Some(0))],
+        Dimension::Angle => &[("deg", None), ("°", None), ("rad", Some(0))],
         Dimension::Number => &[],
     }
 }

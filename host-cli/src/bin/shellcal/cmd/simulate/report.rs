@@ -1,30 +1,14 @@
 //! What is said of channels.
 
-use std::collections::BTreeMap;
-
-use beam_channel::{Angle, Model, Normal, Setup};
-use serde::Serialize;
-use simulation::channel_study::{
-    BeamRow, ChannelSummary, DrawStatistics, MonteCarlo, Parameter, SweepRow, beam_rows,
-};
+use beam_channel::Model;
+use simulation::channel_study::{BeamRow, ChannelSummary, DrawStatistics, MonteCarlo, beam_rows};
 
 use super::quantity::{cm, percent};
 use crate::printer::{Printer, TableColumn};
 use crate::tables::{NOTHING, or_dash};
 
-/// What all channels have in common, for `--json`.
-pub(super) fn setup(setup: &Setup) -> impl Serialize + use<> {
-    let common = Parameter::ALL.into_iter().filter(|of| of.name != Parameter::WIDTH.name);
-    let parameters = common.map(|of| (of.column(), of.get(setup)));
-    document! {
-        parameters: parameters.collect::<BTreeMap<_, _>>(),
-        beams: setup.channel.beams,
-        torsional_stiffness_nm_rad: setup.beam.torsional_stiffness(),
-        as_printed: setup.rules.normal == Normal::AsPrinted,
-        true_angle: setup.rules.angle == Angle::True,
-        moment_balance?: (setup.rules.normal == Normal::MomentBalance).then_some(true),
-    }
-}
+/// What was found of a channel, and how sure that is.
+pub(super) type ChannelStudy = (ChannelSummary, Option<MonteCarlo>);
 
 /// "5–6", and both walls where they differ.
 fn contacts(least: Option<[u32; 2]>, greatest: Option<[u32; 2]>) -> String {
@@ -36,7 +20,7 @@ fn contacts(least: Option<[u32; 2]>, greatest: Option<[u32; 2]>) -> String {
     if wall(0) == wall(1) { wall(0) } else { format!("{}, {}", wall(0), wall(1)) }
 }
 
-pub(super) fn print_channels(printer: &Printer, reports: &[ChannelReport]) -> anyhow::Result<()> {
+pub(super) fn print_channels(printer: &Printer, studies: &[ChannelStudy]) -> anyhow::Result<()> {
     let columns: [TableColumn<'_, &ChannelSummary>; 7] = [
         ("width (cm)", &|of| cm(of.width_m)),
         ("deflection (cm)", &|of| cm(of.deflection_m)),
@@ -46,14 +30,11 @@ pub(super) fn print_channels(printer: &Printer, reports: &[ChannelReport]) -> an
         ("peak (N)", &|of| or_dash(of.peak_drag_n, 4)),
         ("energy (mJ)", &|of| format!("{:.3}", 1e3 * of.energy_j)),
     ];
-    printer.records(&columns, reports.iter().map(|report| &report.summary))
+    printer.records(&columns, studies.iter().map(|(summary, _)| summary))
 }
 
-pub(super) fn print_uncertainty(
-    printer: &Printer,
-    reports: &[ChannelReport],
-) -> anyhow::Result<()> {
-    let with = || reports.iter().filter_map(|r| Some((&r.summary, r.uncertainty.as_ref()?)));
+pub(super) fn print_uncertainty(printer: &Printer, studies: &[ChannelStudy]) -> anyhow::Result<()> {
+    let with = || studies.iter().filter_map(|(summary, of)| Some((summary, of.as_ref()?)));
     let Some((_, first)) = with().next() else { return Ok(()) };
     let mut rows = Vec::new();
     for (summary, result) in with() {
@@ -64,16 +45,13 @@ pub(super) fn print_uncertainty(
             ("energy (mJ)", result.energy_j, 1e3, 3),
         ];
         for (name, interval, scale, decimals) in figures {
-            let figure = |of: fn(&DrawStatistics) -> f64| {
+            let statistics: [fn(&DrawStatistics) -> f64; 4] =
+                [|of| of.median, |of| of.low, |of| of.high, |of| of.sd];
+            let mut row = vec![format!("{} cm: {name}", cm(summary.width_m))];
+            row.extend(statistics.map(|of| {
                 or_dash(interval.as_ref().map(|interval| scale * of(interval)), decimals)
-            };
-            rows.push(vec![
-                format!("{} cm: {name}", cm(summary.width_m)),
-                figure(|interval| interval.median),
-                figure(|interval| interval.low),
-                figure(|interval| interval.high),
-                figure(|interval| interval.sd),
-            ]);
+            }));
+            rows.push(row);
         }
     }
     printer.line("")?;
@@ -97,80 +75,43 @@ pub(super) fn print_uncertainty(
     Ok(())
 }
 
-/// One channel.
-#[derive(Debug, Serialize)]
-pub(super) struct ChannelReport {
-    #[serde(flatten)]
-    pub(super) summary: ChannelSummary,
-    /// The beams that touch at the position asked for.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) at: Option<Position>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) uncertainty: Option<MonteCarlo>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) positions: Option<Vec<SweepRow>>,
+pub(super) fn warn(printer: &Printer, summary: &ChannelSummary) {
+    let ChannelSummary { width_m, deflection_m, ref remarks, .. } = *summary;
+    for remark in remarks {
+        printer.warning(format!("channel of {} cm: {remark}", cm(width_m)));
+    }
+    // Half the width of the body, and what is left on either side of it.
+    let (half_m, gap_m) = (deflection_m + width_m / 2.0, -deflection_m);
+    if gap_m > half_m {
+        printer.warning(format!(
+            "channel of {} cm: the body passes {} cm away from the beams; lengths without a unit are in m",
+            cm(width_m),
+            cm(gap_m)
+        ));
+    }
 }
 
-/// The body at one position.
-#[derive(Debug, Serialize)]
-pub(super) struct Position {
-    x_m: f64,
-    drag_n: f64,
-    fy_n: f64,
-    mz_nm: f64,
-    beams: Vec<BeamRow>,
-}
-
-impl ChannelReport {
-    pub(super) fn new(model: &Model, at: Option<f64>) -> Self {
-        let at = at.map(|x_m| {
-            let total = model.total(x_m);
-            Position {
-                x_m,
-                drag_n: 0.0 - total.fx_n,
-                fy_n: total.fy_n,
-                mz_nm: total.mz_nm,
-                beams: beam_rows(model, x_m).collect(),
-            }
-        });
-        Self { summary: ChannelSummary::new(model), at, uncertainty: None, positions: None }
-    }
-
-    pub(super) fn warn(&self, printer: &Printer) {
-        for remark in &self.summary.remarks {
-            printer.warning(format!("channel of {} cm: {remark}", cm(self.summary.width_m)));
-        }
-        // Half the width of the body, and what is left on either side of it.
-        let ChannelSummary { width_m, deflection_m, .. } = self.summary;
-        let (half_m, gap_m) = (deflection_m + width_m / 2.0, -deflection_m);
-        if gap_m > half_m {
-            printer.warning(format!(
-                "channel of {} cm: the body passes {} cm away from the beams; lengths without a unit are in m",
-                cm(width_m),
-                cm(gap_m)
-            ));
-        }
-    }
-
-    /// The forces at the position asked for, if one was.
-    pub(super) fn print_beams(&self, printer: &Printer) -> anyhow::Result<()> {
-        let Some(Position { x_m, drag_n, fy_n, mz_nm, beams }) = &self.at else { return Ok(()) };
-        printer.line("")?;
-        printer.line(format!(
-            "channel of {} cm, body at {} cm: drag {drag_n:.5} N, Fy {fy_n:.5} N, Mz {mz_nm:.6} N·m",
-            cm(self.summary.width_m),
-            cm(*x_m)
-        ))?;
-        let columns: [TableColumn<'_, &BeamRow>; 6] = [
-            ("beam", &|beam| format!("{} {}", beam.wall, beam.beam)),
-            ("base (cm)", &|beam| cm(beam.base_m)),
-            ("φ (°)", &|beam| format!("{:.2}", beam.phi_rad.to_degrees())),
-            ("Δθ (°)", &|beam| format!("{:.2}", beam.deflection_rad.to_degrees())),
-            ("Fx (N)", &|beam| format!("{:.6}", beam.fx_n)),
-            ("Fy (N)", &|beam| format!("{:.6}", beam.fy_n)),
-        ];
-        printer.records(&columns, beams)
-    }
+/// The forces of a channel on the body at one position.
+pub(super) fn print_beams(printer: &Printer, model: &Model, x_m: f64) -> anyhow::Result<()> {
+    let total = model.total(x_m);
+    printer.line("")?;
+    printer.line(format!(
+        "channel of {} cm, body at {} cm: drag {:.5} N, Fy {:.5} N, Mz {:.6} N·m",
+        cm(model.setup().channel.width_m),
+        cm(x_m),
+        0.0 - total.fx_n,
+        total.fy_n,
+        total.mz_nm
+    ))?;
+    let columns: [TableColumn<'_, BeamRow>; 6] = [
+        ("beam", &|beam| format!("{} {}", beam.wall, beam.beam)),
+        ("base (cm)", &|beam| cm(beam.base_m)),
+        ("φ (°)", &|beam| format!("{:.2}", beam.phi_rad.to_degrees())),
+        ("Δθ (°)", &|beam| format!("{:.2}", beam.deflection_rad.to_degrees())),
+        ("Fx (N)", &|beam| format!("{:.6}", beam.fx_n)),
+        ("Fy (N)", &|beam| format!("{:.6}", beam.fy_n)),
+    ];
+    printer.records(&columns, beam_rows(model, x_m))
 }
 
 #[cfg(test)]

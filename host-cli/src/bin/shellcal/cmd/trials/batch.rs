@@ -1,14 +1,13 @@
 //! `shellcal batch`: all trials of a manifest.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Duration;
 
-use anyhow::bail;
 use shellcal::workflow::batch::{Batch, BatchOptions, FileStamp, stamp};
-use trial::manifest::{Manifest, Shard};
-use trial::{ConditionRow, TrialOptions, TrialResult};
+use trial::manifest::Shard;
+use trial::{ConditionRow, Profile, TrialOptions, TrialResult};
 
-use super::evaluation::{Equipment, EvaluationArgs};
+use super::evaluation::EvaluationArgs;
 use super::outputs::ResultArgs;
 use super::{manifest, show};
 use crate::files::InputPath;
@@ -57,13 +56,8 @@ pub(crate) struct BatchArgs {
     evaluation: EvaluationArgs,
 }
 
-/// What came of a run.
-struct BatchRun {
-    batch: Batch,
-    conditions: Vec<ConditionRow>,
-    /// What is likely wrong with the manifest.
-    warnings: Vec<String>,
-}
+/// How often files are looked at. A look costs a system call a file.
+const EVERY: Duration = Duration::from_millis(300);
 
 impl BatchArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
@@ -71,12 +65,18 @@ impl BatchArgs {
         if !self.watch {
             return self.once(printer, None).map(|(_, outcome)| outcome);
         }
-        if printer.json() {
-            bail!("`--watch` prints tables again and again, `--json` one document");
-        }
+        anyhow::ensure!(
+            !printer.json(),
+            "`--watch` prints tables again and again, `--json` one document"
+        );
+        let stamps = |files: &[PathBuf]| -> Vec<FileStamp> {
+            files.iter().map(PathBuf::as_path).map(stamp).collect()
+        };
         let mut before: Option<(Vec<FileStamp>, Batch)> = None;
-        let files = || self.watched();
-        watch(printer, files, || {
+        loop {
+            // Looked at before the job: what changes meanwhile has changed.
+            let files = self.watched();
+            let seen = stamps(&files);
             printer.files.renew();
             let equipment: Vec<FileStamp> =
                 self.evaluation.files_by_role().map(|(_, path)| stamp(path)).collect();
@@ -86,7 +86,19 @@ impl BatchArgs {
                 Ok((batch, _)) => before = Some((equipment, batch)),
                 Err(error) => printer.error(&error),
             }
-        })
+            printer.note(format!("watching {} files; Ctrl-C ends", files.len()));
+            while stamps(&files) == seen {
+                std::thread::sleep(EVERY);
+            }
+            let mut changed = files.iter().zip(&seen).filter(|(file, seen)| stamp(file) != **seen);
+            if let Some((first, _)) = changed.next() {
+                let more = match changed.count() {
+                    0 => String::new(),
+                    more => format!(" and {more} more"),
+                };
+                printer.note(format!("`{}`{more} changed", first.display()));
+            }
+        }
     }
 
     /// The files that the results depend on.
@@ -105,35 +117,19 @@ impl BatchArgs {
         let equipment = self.evaluation.equipment()?;
         let manifest = manifest::read(&self.manifest, printer)?;
         manifest::check_reference(&manifest, self.reference.as_deref())?;
-        let run = self.evaluate(printer, &manifest, &equipment, before)?;
-        let is_whole = run.batch.failures.is_empty();
-        self.show(printer, &equipment, &run)?;
-        Ok((run.batch, if is_whole { Outcome::Done } else { Outcome::CheckFailed }))
-    }
-
-    fn options(&self, equipment: &Equipment) -> TrialOptions {
-        self.evaluation.options(equipment, self.output.trace_extent())
-    }
-
-    fn evaluate(
-        &self,
-        printer: &Printer,
-        manifest: &Manifest,
-        equipment: &Equipment,
-        before: Option<&Batch>,
-    ) -> anyhow::Result<BatchRun> {
         let figures = self.output.figure_folder(printer)?;
         let options = BatchOptions {
             conditions: self.conditions.as_deref(),
             before,
             shard: self.shard,
-            ..self.evaluation.batch_options(equipment, self.output.trace_extent())
+            ..self.evaluation.batch_options(&equipment, self.output.trace_extent())
         };
+        let trial = options.trial;
         let (path, profile) = (&self.manifest, &equipment.profile);
         let keep = |position, result: &mut _| {
             self.output.write_trial(printer, position, result, figures.as_ref(), profile)
         };
-        let batch = manifest::evaluate(printer, path, manifest, equipment, options, keep);
+        let batch = manifest::evaluate(printer, path, &manifest, &equipment, options, keep);
         let conditions = match self.shard {
             // Statistics are of all trials.
             Some(_) => Vec::new(),
@@ -144,40 +140,37 @@ impl BatchArgs {
             if self.shard.is_none() {
                 figures.write_batch(&conditions, &batch.phases())?;
             }
-            if let Some(note) = manifest::slow_filter(&batch, &self.options(equipment)) {
+            if let Some(note) = manifest::slow_filter(&batch, &trial) {
                 printer.warning(note);
             }
         }
-        let warnings = match self.conditions {
-            Some(_) => Vec::new(),
-            None => {
-                let path = self.manifest.display();
-                manifest.suspicious().iter().map(|problem| format!("{path}:{problem}")).collect()
-            }
-        };
-        Ok(BatchRun { batch, conditions, warnings })
+        // What is likely wrong with the manifest.
+        let path = path.display();
+        let suspicious = manifest.suspicious().into_iter().filter(|_| self.conditions.is_none());
+        let warnings: Vec<_> = suspicious.map(|problem| format!("{path}:{problem}")).collect();
+        self.show(printer, (&equipment.profile, &trial), &batch, &conditions, &warnings)?;
+        let is_whole = batch.failures.is_empty();
+        Ok((batch, if is_whole { Outcome::Done } else { Outcome::CheckFailed }))
     }
 
-    fn show(&self, printer: &Printer, equipment: &Equipment, run: &BatchRun) -> anyhow::Result<()> {
-        let BatchRun { batch, conditions, warnings } = run;
+    fn show(
+        &self,
+        printer: &Printer,
+        (profile, options): (&Profile, &TrialOptions),
+        batch: &Batch,
+        conditions: &[ConditionRow],
+        warnings: &[String],
+    ) -> anyhow::Result<()> {
         let manifest = self.manifest.display();
         let results: Vec<_> = batch
             .trials
             .iter()
             .map(|trial| (format!("{manifest}:{}", trial.position.line), &trial.evaluated.result))
             .collect();
-        self.evaluation.note_forces(printer, &self.options(equipment));
+        self.evaluation.note_forces(printer, options);
         show::diagnostics(printer, &results);
         warnings.iter().for_each(|warning| printer.warning(warning));
-        for failure in &batch.failures {
-            let file = match failure.file.is_empty() {
-                true => String::new(),
-                false => format!("`{}`: ", failure.file),
-            };
-            // Reading errors name the file themselves.
-            let file = if failure.message.contains(&failure.file) { "" } else { &file };
-            printer.failure(format!("{manifest}:{}: {file}{}", failure.position, failure.message));
-        }
+        manifest::tell_failures(printer, &self.manifest, batch);
         let bad = batch.failures.len();
         if bad > 0 {
             let of = batch.trials.len() + bad;
@@ -197,8 +190,8 @@ impl BatchArgs {
             return printer.document(&document! {
                 manifest: &self.manifest,
                 calibration: &self.evaluation.calibration,
-                profile: &equipment.profile,
-                options: self.options(equipment),
+                profile: profile,
+                options: options,
                 trials: trials.collect::<Vec<_>>(),
                 failures: &batch.failures,
                 excluded: batch.excluded,
@@ -223,37 +216,4 @@ fn parse_shard(text: &str) -> Result<Shard, String> {
         .and_then(|(number, of)| Shard::new(number.trim().parse().ok()?, of.trim().parse().ok()?));
     let most = Shard::MOST;
     parts.ok_or_else(|| format!("a share of at most {most}, from 1, such as `3/100`"))
-}
-
-/// How often files are looked at. A look costs a system call a file.
-const EVERY: Duration = Duration::from_millis(300);
-
-/// Does `job` now and whenever one of `files` changes, comes or goes; until the program is ended.
-fn watch(
-    printer: &Printer,
-    files: impl Fn() -> Vec<PathBuf>,
-    mut job: impl FnMut(),
-) -> anyhow::Result<Outcome> {
-    let stamps = |files: &[PathBuf]| -> Vec<FileStamp> {
-        files.iter().map(PathBuf::as_path).map(stamp).collect()
-    };
-    loop {
-        // Looked at before the job: what changes meanwhile has changed.
-        let files = files();
-        let seen = stamps(&files);
-        job();
-        printer.note(format!("watching {} files; Ctrl-C ends", files.len()));
-        while stamps(&files) == seen {
-            std::thread::sleep(EVERY);
-        }
-        let changed = files.iter().zip(&seen).filter(|(file, seen)| stamp(file) != **seen);
-        let changed: Vec<&Path> = changed.map(|(file, _)| file.as_path()).collect();
-        if let Some(first) = changed.first() {
-            let more = match changed.len() {
-                1 => String::new(),
-                files => format!(" and {} more", files - 1),
-            };
-            printer.note(format!("`{}`{more} changed", first.display()));
-        }
-    }
 }

@@ -6,7 +6,6 @@ use calibration_file::CalibrationFile;
 use forces::RowRule;
 use log_file::{Mapping, ReadOptions};
 use shellcal::workflow::batch::BatchOptions;
-use trial::manifest::{CellPosition, ManifestProblem};
 use trial::{Instrument, Profile, TraceExtent, TrialOptions, VELOCIROACH};
 
 use crate::cmd::frames::{ForceArgs, describe_forces};
@@ -65,7 +64,8 @@ impl EvaluationArgs {
             self.calibration.as_ref().map(|path| self.edited.read(path)).transpose()?;
         let profile = match &self.profile {
             None => Profile::velociroach(),
-            Some(path) => read_profile(path)?,
+            Some(path) => Profile::parse(&read_text(path)?)
+                .map_err(|problem| anyhow::anyhow!("{}:{problem}", path.display()))?,
         };
         let mapping = self.mapping.mapping_for(calibration.as_ref());
         Ok(Equipment { profile, calibration, mapping })
@@ -114,14 +114,6 @@ impl EvaluationArgs {
         let calibration = self.calibration.iter().map(|path| ("calibration", path.as_path()));
         calibration.chain(self.profile.iter().map(|path| ("profile", path.as_path())))
     }
-}
-
-fn read_profile(path: &Path) -> anyhow::Result<Profile> {
-    let text = read_text(path)?;
-    Profile::parse(&text).map_err(|ManifestProblem { position, message }| {
-        let CellPosition { line, column } = position;
-        anyhow::anyhow!("`{}`, line {line}, column {column}: {message}", path.display())
-    })
 }
 
 #[derive(Debug, clap::Args)]

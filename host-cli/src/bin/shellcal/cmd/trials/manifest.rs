@@ -73,7 +73,7 @@ pub(super) fn evaluate(
 ) -> Batch {
     let rows = manifest.rows.len();
     let share = options.shard.map_or(rows, |shard| shard.rows(rows).len());
-    let bar = printer.progress_of("trials", share as u64);
+    let bar = printer.count("trials", share as u64);
     let progress = |done: usize| bar.set_position(done as u64);
     let options = BatchOptions { progress: Some(&progress), ..options };
     let batch = batch::run(manifest, folder(path), equipment.instrument(), &options, keep);
@@ -100,10 +100,12 @@ pub(super) fn tell_failures(
     path: &Path,
     batch: &Batch,
 ) -> Vec<(String, String)> {
-    let of = |failure: &FailedRow| {
-        let why = format!("{}:{}: {}", path.display(), failure.position, failure.message);
-        printer.failure(&why);
-        (failure.file.clone(), why)
+    let of = |FailedRow { position, file, message }: &FailedRow| {
+        let path = path.display();
+        // Reading errors name the file themselves.
+        let named = if message.contains(file) { String::new() } else { format!("`{file}`: ") };
+        printer.failure(format!("{path}:{position}: {named}{message}"));
+        (file.clone(), format!("{path}:{position}: {message}"))
     };
     batch.failures.iter().map(of).collect()
 }

@@ -9,4 +9,3 @@ pub(crate) mod report;
 mod show;
 pub(crate) mod stats;
 pub(crate) mod trial;
-pub(crate) mod window;

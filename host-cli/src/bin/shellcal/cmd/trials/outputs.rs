@@ -95,11 +95,10 @@ impl ResultArgs {
 
     /// What has to be kept of a log for the outputs.
     pub(crate) fn trace_extent(&self) -> TraceExtent {
-        match (&self.figures, &self.traces) {
-            _ if self.whole_logs => TraceExtent::Log,
-            (Some(_), _) => TraceExtent::Log,
-            (None, Some(_)) => TraceExtent::Window,
-            (None, None) => TraceExtent::Nothing,
+        match &self.traces {
+            _ if self.whole_logs || self.figures.is_some() => TraceExtent::Log,
+            Some(_) => TraceExtent::Window,
+            None => TraceExtent::Nothing,
         }
     }
 

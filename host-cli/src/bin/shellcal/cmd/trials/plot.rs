@@ -1,6 +1,5 @@
 //! `shellcal plot`: one figure.
 
-use anyhow::bail;
 use clap::Subcommand;
 use figures::Figure;
 use figures::trial::{box_figure, drag_lift_figure, phase_figure, stack_figure};
@@ -131,11 +130,10 @@ impl OneArgs {
                 stack_figure(size, &title, &trace, &passage, range_s)
             }
             false => {
-                if trace.wrench[0].is_empty() {
-                    bail!(
-                        "there are no forces to draw: the log has no sensors, or no calibration was given"
-                    );
-                }
+                anyhow::ensure!(
+                    !trace.wrench[0].is_empty(),
+                    "there are no forces to draw: the log has no sensors, or no calibration was given"
+                );
                 let shown = match between {
                     Some([from_s, to_s]) => trace.within(from_s, to_s),
                     None => trace,
@@ -168,16 +166,12 @@ impl ManyArgs {
                 printer.warning(note);
             }
             let phases = batch.phases();
-            if phases.is_empty() {
-                bail!("no trial has strides with forces to draw");
-            }
+            anyhow::ensure!(!phases.is_empty(), "no trial has strides with forces to draw");
             phase_figure(size, &title("Drag and lift over a stride"), &phases)
         } else {
             // Intervals are not drawn: any seed will do.
             let conditions = batch.statistics(None, 1);
-            if conditions.is_empty() {
-                bail!("no trial could be evaluated");
-            }
+            anyhow::ensure!(!conditions.is_empty(), "no trial could be evaluated");
             box_figure(size, &title("Energies and specific resistance"), &conditions)
         };
         self.drawing.write(printer, plot, figure, None)?;

@@ -2,10 +2,9 @@
 
 use std::path::Path;
 
-use ::report::{Certificate, CheckedLoad, Heading, Input, Report};
+use ::report::{Certificate, Heading, Input, Report};
 use anyhow::Context;
-use calibration_file::CalibrationFile;
-use log_file::{Log, Mapping, ReadOptions};
+use log_file::{Log, ReadOptions};
 use shellcal::workflow::certificate::{budget, intervals};
 use shellcal::workflow::check::check_weights;
 use shellcal::workflow::figures::reduce_trace;
@@ -47,8 +46,25 @@ pub(crate) struct ReportArgs {
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
 
-    #[command(flatten)]
-    certificate: CertificateArgs,
+    /// Certify a calibration instead, on one page: loads, uncertainty budget, check weights, checksums
+    #[arg(long, conflicts_with_all = ["reference", "calibration", "profile", "by_row"], help_heading = "Certificate")]
+    certificate: bool,
+
+    /// A log of the unloaded sensor: repeatability, and drift of the zero
+    #[arg(long, value_name = "LOG", requires = "certificate", help_heading = "Certificate")]
+    unloaded: Option<InputPath>,
+
+    /// The standard uncertainty of the reference sensor or the weights, in N and N·m
+    #[arg(long, value_name = "N,N·m", num_args = 1, value_parser = parse_errors, requires = "certificate", help_heading = "Certificate")]
+    reference_error: Option<[f64; 2]>,
+
+    /// Known weights that were hung on the calibrated sensor, as `check` takes them
+    #[arg(long, value_name = "LOADS.csv", requires_all = ["certificate", "weights_log"], help_heading = "Certificate")]
+    weights: Option<InputPath>,
+
+    /// The logs of these weights
+    #[arg(long, value_name = "LOG", num_args = 1.., requires = "weights", help_heading = "Certificate")]
+    weights_log: Vec<InputPath>,
 
     #[command(flatten)]
     evaluation: EvaluationArgs,
@@ -56,10 +72,8 @@ pub(crate) struct ReportArgs {
 
 impl ReportArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
-        if self.certificate.certificate {
-            let calibration = (&self.manifest, self.title.as_deref());
-            let (certificate, evaluation) = (&self.certificate, &self.evaluation);
-            return certificate.run(calibration, evaluation, &self.output, printer);
+        if self.certificate {
+            return self.certify(printer);
         }
         let out = printer.files.create(&self.output)?;
         let equipment = self.evaluation.equipment()?;
@@ -78,7 +92,9 @@ impl ReportArgs {
 
         let conditions = batch.statistics(self.reference.as_deref(), self.seed);
         let phases = batch.phases();
-        let mut inputs = self.inputs()?;
+        let files = [("manifest", path.as_path())].into_iter().chain(evaluation.files_by_role());
+        let mut inputs =
+            files.map(|(role, path)| input(role, path)).collect::<anyhow::Result<Vec<_>>>()?;
         inputs.extend(report::logs(&batch));
         let shown = path.display();
         let options = evaluation.options(&equipment, TraceExtent::Log);
@@ -124,75 +140,33 @@ impl ReportArgs {
         Ok(if failures.is_empty() { Outcome::Done } else { Outcome::CheckFailed })
     }
 
-    /// The files but for the logs, with their checksums.
-    fn inputs(&self) -> anyhow::Result<Vec<Input>> {
-        let files = [("manifest", self.manifest.as_path())].into_iter();
-        let files = files.chain(self.evaluation.files_by_role());
-        let input = |(role, path): (&str, &Path)| {
-            report::input(role, path).with_context(|| format!("cannot read `{}`", path.display()))
-        };
-        files.map(input).collect()
-    }
-}
-
-/// What a certificate is made from beside the calibration.
-#[derive(Debug, clap::Args)]
-#[command(next_help_heading = "Certificate")]
-pub(super) struct CertificateArgs {
-    /// Certify a calibration instead, on one page: loads, uncertainty budget, check weights, checksums
-    #[arg(long, conflicts_with_all = ["reference", "calibration", "profile", "by_row"])]
-    pub(super) certificate: bool,
-
-    /// A log of the unloaded sensor: repeatability, and drift of the zero
-    #[arg(long, value_name = "LOG", requires = "certificate")]
-    unloaded: Option<InputPath>,
-
-    /// The standard uncertainty of the reference sensor or the weights, in N and N·m
-    #[arg(long, value_name = "N,N·m", num_args = 1, value_parser = parse_errors, requires = "certificate")]
-    reference_error: Option<[f64; 2]>,
-
-    /// Known weights that were hung on the calibrated sensor, as `check` takes them
-    #[arg(long, value_name = "LOADS.csv", requires_all = ["certificate", "weights_log"])]
-    weights: Option<InputPath>,
-
-    /// The logs of these weights
-    #[arg(long, value_name = "LOG", num_args = 1.., requires = "weights")]
-    weights_log: Vec<InputPath>,
-}
-
-fn parse_errors(text: &str) -> Result<[f64; 2], String> {
-    let pair = numbers(text).filter(|pair| pair.iter().all(|x| *x >= 0.0));
-    pair.ok_or_else(|| "expected two numbers of 0 or more, such as `0.05,0.001`".to_owned())
-}
-
-impl CertificateArgs {
-    /// Certifies the calibration at `path`.
-    pub(super) fn run(
-        &self,
-        (path, title): (&InputPath, Option<&str>),
-        evaluation: &EvaluationArgs,
-        output: &OutputPath,
-        printer: &Printer,
-    ) -> anyhow::Result<Outcome> {
+    /// Certifies a calibration.
+    fn certify(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+        let (path, evaluation, output) = (&self.manifest, &self.evaluation, &self.output);
         let out = printer.files.create(output)?;
         let file = evaluation.edited.read(path)?;
-        let mapping = evaluation.mapping.mapping_for(&file);
+        let mapping = evaluation.mapping.mapping_for(Some(&file));
         let read = ReadOptions { checksum: false, ..evaluation.read_options() };
         let unloaded = self.unloaded.as_ref();
         let unloaded = unloaded.map(|path| Log::open(path, &mapping)).transpose()?;
         let budget = budget(&file, unloaded.as_ref(), self.reference_error, &read)?;
-        let weights = self.weights(&file, &mapping, &read)?;
+        let weights = match &self.weights {
+            None => Vec::new(),
+            Some(table) => {
+                let logs = open_logs(&self.weights_log, ("--wrench-from", &[]), &mapping)?;
+                check_weights(&file, &logs, &read_table(table)?, &read)?
+            }
+        };
         let shown = path.display().to_string();
         let serial = file.origin.sensor_serial.as_deref().unwrap_or(&shown);
         let usual_title = format!("Certificate of calibration: {serial}");
         let mut calibration = calibration_facts(&shown, &file);
-        let own = shellcal::workflow::report::input("calibration", path)
-            .with_context(|| format!("cannot read `{shown}`"))?;
+        let own = input("calibration", path)?;
         calibration.facts.push(("checksum of the file", own.checksum));
         let diagnostics = file.origin.diagnostics.as_ref();
         let certificate = Certificate {
             heading: Heading {
-                title: title.unwrap_or(&usual_title),
+                title: self.title.as_deref().unwrap_or(&usual_title),
                 made_by: shellcal::PROGRAM,
                 date: &outputs::date()?,
                 command: &outputs::command_line(),
@@ -222,16 +196,14 @@ impl CertificateArgs {
         }
         Ok(Outcome::Done)
     }
+}
 
-    /// The check weights, and what the calibration says of them.
-    fn weights(
-        &self,
-        file: &CalibrationFile,
-        mapping: &Mapping,
-        read: &ReadOptions<'_>,
-    ) -> anyhow::Result<Vec<CheckedLoad>> {
-        let Some(table) = &self.weights else { return Ok(Vec::new()) };
-        let logs = open_logs(&self.weights_log, ("--wrench-from", &[]), mapping)?;
-        Ok(check_weights(file, &logs, &read_table(table)?, read)?)
-    }
+/// A file that results depend on, with its checksum.
+fn input(role: &'static str, path: &Path) -> anyhow::Result<Input> {
+    report::input(role, path).with_context(|| format!("cannot read `{}`", path.display()))
+}
+
+fn parse_errors(text: &str) -> Result<[f64; 2], String> {
+    let pair = numbers(text).filter(|pair| pair.iter().all(|x| *x >= 0.0));
+    pair.ok_or_else(|| "expected two numbers of 0 or more, such as `0.05,0.001`".to_owned())
 }

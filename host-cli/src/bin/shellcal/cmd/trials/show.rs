@@ -114,10 +114,8 @@ pub(super) fn diagnostics(printer: &Printer, results: &[(String, &TrialResult)])
     let mut kinds: BTreeMap<(Severity, &str), Vec<(&str, &Diagnostic)>> = BTreeMap::new();
     for (position, result) in results {
         for diagnostic in &result.diagnostics {
-            kinds
-                .entry((diagnostic.severity(), diagnostic.code()))
-                .or_default()
-                .push((position, diagnostic));
+            let kind = (diagnostic.severity(), diagnostic.code());
+            kinds.entry(kind).or_default().push((position, diagnostic));
         }
     }
     for ((severity, _), diagnostics) in kinds {

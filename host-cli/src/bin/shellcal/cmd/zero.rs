@@ -1,15 +1,20 @@
-//! `shellcal drift`: how the zero of an unloaded sensor moves.
+//! What an unloaded sensor says: `shellcal drift`, how its zero moves, and `shellcal noise`, how much it scatters.
+
+use std::path::Path;
 
 use figures::{Chart, ChartMark, Figure, PlotAxis, Series, Size, Spacing, trace_figure};
 use forces::drift::{Drift, Trend};
 use forces::stationary::{FALSE_ALARMS, ZeroChange, largest_change};
-use log_file::{ColumnRef, Log, parse_column};
+use log_file::{ColumnRef, parse_column};
 use shellcal::workflow::drift::{DriftOptions, DriftSummary, drift};
+use shellcal::workflow::noise::{NoiseOptions, NoiseSummary, Scatter, noise};
+use shellcal::workflow::remark::{moved_zero, used_rows};
+use shellcal::workflow::selection::TimeWindow;
 
-use super::frames::FrameArgs;
-use super::mapping::{EditedArg, MappingArgs, tell_remembered};
-use super::outputs::FigureSize;
-use crate::files::{InputPath, OutputPath};
+use super::frames::{FrameArgs, parse_window};
+use super::mapping::{EditedArg, MappingArgs};
+use super::outputs::FigureArgs;
+use crate::files::InputPath;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]
@@ -30,12 +35,8 @@ pub(crate) struct DriftArgs {
     #[arg(long, value_name = "COLUMN", value_parser = parse_column)]
     temperature: Option<ColumnRef>,
 
-    /// Draw the zeros at the stationary intervals over time, to .svg, .pdf or .png
-    #[arg(long, value_name = "FILE")]
-    plot: Option<OutputPath>,
-
     #[command(flatten)]
-    figure_size: FigureSize,
+    figure: FigureArgs,
 
     #[command(flatten)]
     edited: EditedArg,
@@ -49,27 +50,19 @@ pub(crate) struct DriftArgs {
 
 impl DriftArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
-        let several = self.logs.len();
-        anyhow::ensure!(
-            self.plot.is_none() || several == 1,
-            "`--plot` draws one log, `{several}` were given"
-        );
-        let mut plot = self.figure_size.create(self.plot.as_ref(), printer)?;
+        let mut plot = self.figure.create_of_one(&self.logs, printer)?;
         let file = self.calibration.as_ref().map(|path| self.edited.read(path)).transpose()?;
-        let mapping = self.mapping.mapping_for(file.as_ref());
+        let calibration = self.calibration.as_ref().zip(file.as_ref());
+        let logs = self.mapping.open(&self.logs, &[], calibration, printer)?;
         let options = DriftOptions {
             calibration: file.as_ref().map(|file| &file.calibration),
             temperature: self.temperature.clone(),
         };
         let mut drifts = Vec::new();
-        for path in &self.logs {
-            let log = Log::open(path, &mapping)?;
-            if let Some(calibration) = &self.calibration {
-                tell_remembered(printer, calibration, &mapping, std::slice::from_ref(&log));
-            }
-            let name = path.display().to_string();
-            let summary = printer.scan(&log, self.mapping.read_options(), |read| {
-                drift(&log, &options, self.frames.rows(&log), &read)
+        for log in &logs {
+            let name = log.path().display().to_string();
+            let summary = printer.scan(log, self.mapping.read_options(), |read| {
+                drift(log, &options, self.frames.rows(log), &read)
             })?;
             if let Some(plot) = plot.take() {
                 plot.draw(|size| figure(size, &name, &summary))?;
@@ -134,8 +127,16 @@ fn print(printer: &Printer, log: &str, summary: &DriftSummary) -> anyhow::Result
     printer.table(&header, rows)?;
     match summary.temperature {
         Some([low, high]) if has_trend => {
-            let better = by_temperature(&quantities);
-            printer.line(format!("temperature {low:.2} to {high:.2}: {better}"))?;
+            // Whether time or temperature follows the zeros better.
+            let drifts = quantities.iter().map(|(.., drift)| drift);
+            let pairs = drifts.filter_map(|drift| Some((drift.per_s, drift.per_degree?)));
+            let better = pairs.clone().filter(|(time, of)| of.residual_rms < time.residual_rms);
+            printer.line(format!(
+                "temperature {low:.2} to {high:.2}: a line against it is closer to the zeros than one against time in \
+                 {} of {}",
+                better.count(),
+                pairs.count()
+            ))?;
         }
         Some([at, _]) => printer.line(format!("temperature {at:.2} throughout"))?,
         None => {}
@@ -157,14 +158,6 @@ fn print(printer: &Printer, log: &str, summary: &DriftSummary) -> anyhow::Result
     Ok(())
 }
 
-/// Whether time or temperature follows the zeros better, over all quantities.
-fn by_temperature(quantities: &[(String, &'static str, usize, &Drift)]) -> String {
-    let pairs = quantities.iter().filter_map(|(.., drift)| Some((drift.per_s, drift.per_degree?)));
-    let better = pairs.clone().filter(|(time, warmth)| warmth.residual_rms < time.residual_rms);
-    let (better, all) = (better.count(), pairs.count());
-    format!("a line against it is closer to the zeros than one against time in {better} of {all}")
-}
-
 fn figure(size: Size, name: &str, summary: &DriftSummary) -> Figure {
     let title = format!("{name}: zero at rest, less that at the start");
     if summary.axes.is_some() {
@@ -182,4 +175,70 @@ fn figure(size: Size, name: &str, summary: &DriftSummary) -> Figure {
     let x = PlotAxis::new("time", "s", Spacing::Linear, summary.first_s, summary.last_s);
     let y = PlotAxis::new("change of the zero", "counts", Spacing::Linear, low, high);
     Chart { title, x, y, series }.figure(size)
+}
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  shellcal noise calibration.json unloaded.csv
+  shellcal noise calibration.json run3.txt --window 0:0.1")]
+pub(crate) struct NoiseArgs {
+    /// Calibration file
+    #[arg(value_name = "CAL")]
+    calibration: InputPath,
+
+    /// Logs of the unloaded sensor, plain or gzip
+    #[arg(required = true, value_name = "LOG")]
+    logs: Vec<InputPath>,
+
+    /// Use only what lies between two times, in s on the log's clock
+    #[arg(long, value_name = "START:END", value_parser = parse_window)]
+    window: Option<TimeWindow>,
+
+    #[command(flatten)]
+    edited: EditedArg,
+
+    #[command(flatten)]
+    frames: FrameArgs,
+
+    #[command(flatten)]
+    mapping: MappingArgs,
+}
+
+impl NoiseArgs {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
+        let file = self.edited.read(&self.calibration)?;
+        let calibration = Some((&self.calibration, &file));
+        let logs = self.mapping.open(&self.logs, &[], calibration, printer)?;
+        let mut noises = Vec::new();
+        for (path, log) in self.logs.iter().zip(&logs) {
+            let options = NoiseOptions { rows: self.frames.rows(log), window: self.window };
+            let summary = printer.scan(log, self.mapping.read_options(), |read| {
+                noise(log, &file.calibration, &options, &read)
+            })?;
+            let counts = [summary.rows, summary.repeated_rows, summary.skipped_rows];
+            printer.remarks([used_rows(path, summary.rows_used, counts)]);
+            printer.remarks(summary.zero.as_ref().and_then(|zero| moved_zero(path, zero)));
+            noises.push((path, summary));
+        }
+        let documents = noises.iter().map(|(log, of)| document! { log: log, ..summary: of });
+        printer.finish(&documents.collect::<Vec<_>>(), |printer| {
+            noises.iter().try_for_each(|(log, summary)| print_noise(printer, log, summary))
+        })
+    }
+}
+
+fn print_noise(printer: &Printer, log: &Path, summary: &NoiseSummary) -> anyhow::Result<()> {
+    printer.line(format!("{}: noise of {} frames", log.display(), summary.frames))?;
+    let axes = summary.axes.iter().map(|(axis, scatter)| {
+        let decimals = if axis.is_moment() { 6 } else { 4 };
+        row(format!("{} ({})", axis.name(), axis.unit()), scatter, decimals)
+    });
+    let channels = summary.channels.iter().enumerate();
+    let channels = channels.map(|(i, scatter)| row(format!("s{} (counts)", i + 1), scatter, 2));
+    printer.table(&["quantity", "RMS", "peak to peak", "mean"], axes.chain(channels))
+}
+
+fn row(name: String, scatter: &Scatter, decimals: usize) -> Vec<String> {
+    let figures = [scatter.rms, scatter.peak_to_peak, scatter.mean];
+    [name].into_iter().chain(figures.map(|value| format!("{value:.decimals$}"))).collect()
 }
