@@ -142,13 +142,7 @@ impl BoardArgs {
             BoardAction::Zero { frames } => {
                 self.order(port, [Command::Zero { frames: *frames }])?
             }
-            BoardAction::Baud { rate } => {
-                let client = self.client(port)?;
-                let is_tcp = self.serial.port(port).is_tcp();
-                anyhow::ensure!(!is_tcp, "`{port}` is a connection over TCP, which has no rate");
-                let connect = |baud, board| self.connect(port, baud, board);
-                set_baud(client, [self.serial.baud, *rate], connect, printer)?;
-            }
+            BoardAction::Baud { rate } => self.set_baud(port, *rate, printer)?,
             BoardAction::Bootloader => start_bootloader(&mut self.client(port)?, port, printer)?,
             BoardAction::Upload { calibration, edited } => {
                 // Before the port is touched: a file that cannot be used changes nothing.
@@ -168,6 +162,36 @@ impl BoardArgs {
         let mut client = self.client(port)?;
         commands.into_iter().try_for_each(|command| client.order(command))?;
         Ok(())
+    }
+
+    /// Sets board and port to a rate, and makes sure that both have it.
+    fn set_baud(&self, port: &str, new: u32, printer: &Printer) -> anyhow::Result<()> {
+        let mut client = self.client(port)?;
+        let is_tcp = self.serial.port(port).is_tcp();
+        anyhow::ensure!(!is_tcp, "`{port}` is a connection over TCP, which has no rate");
+        let board = client.identify()?.id();
+        match client.order(Command::SetBaud { baud: new }) {
+            // If only the answer was lost, the board has the rate.
+            Ok(()) | Err(LinkError::NoAnswer { .. }) => {}
+            Err(error) => return Err(error.into()),
+        }
+        let changed = Instant::now();
+        // Two programs cannot have a port at once.
+        drop(client);
+        let status = |baud| Ok(self.connect(port, baud, Some(board))?.status()?);
+        let heard: anyhow::Result<_> = status(new);
+        let Err(unheard) = heard else {
+            printer.note(format!(
+                "the board has {new} baud until its next reset: `--baud {new}` in other commands"
+            ));
+            return Ok(());
+        };
+        thread::sleep(TRIAL.saturating_sub(changed.elapsed()));
+        let old = self.serial.baud;
+        status(old).with_context(|| {
+            format!("the board is heard neither at `{new}` baud nor at `{old}`, where it was")
+        })?;
+        bail!("the board is not heard at `{new}` baud, and is back at `{old}` ({unheard:#})")
     }
 
     fn client(&self, port: &str) -> anyhow::Result<BoardClient> {
@@ -300,36 +324,6 @@ type BoardClient = Client<Box<dyn Connection>>;
 
 /// How long a board gives a new rate to prove itself, with what a frame under way takes.
 const TRIAL: Duration = Duration::from_millis(3_500);
-
-/// Sets board and port to a rate, and makes sure that both have it. `connect` opens the port at a rate.
-fn set_baud(
-    mut client: BoardClient,
-    [old, new]: [u32; 2],
-    connect: impl Fn(u32, Option<BoardId>) -> anyhow::Result<BoardClient>,
-    printer: &Printer,
-) -> anyhow::Result<()> {
-    let board = client.identify()?.id();
-    match client.order(Command::SetBaud { baud: new }) {
-        // If only the answer was lost, the board has the rate.
-        Ok(()) | Err(LinkError::NoAnswer { .. }) => {}
-        Err(error) => return Err(error.into()),
-    }
-    let changed = Instant::now();
-    // Two programs cannot have a port at once.
-    drop(client);
-    let heard = connect(new, Some(board)).and_then(|mut client| Ok(client.status()?));
-    let Err(unheard) = heard else {
-        printer.note(format!(
-            "the board has {new} baud until its next reset: `--baud {new}` in other commands"
-        ));
-        return Ok(());
-    };
-    thread::sleep(TRIAL.saturating_sub(changed.elapsed()));
-    connect(old, Some(board))?.status().with_context(|| {
-        format!("the board is heard neither at `{new}` baud nor at `{old}`, where it was")
-    })?;
-    bail!("the board is not heard at `{new}` baud, and is back at `{old}` ({unheard:#})")
-}
 
 /// Sends the board into the bootloader of its chip.
 fn start_bootloader(client: &mut BoardClient, port: &str, printer: &Printer) -> anyhow::Result<()> {

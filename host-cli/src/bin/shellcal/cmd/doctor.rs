@@ -5,7 +5,7 @@ use std::io::Read;
 use std::path::Path;
 use std::time::Duration;
 
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use board_link::recording::PROTOCOLS;
 use board_link::{HandshakeOptions, PortOptions, PortState, Uplink, handshake, ports};
 use calibration_file::CalibrationFile;
@@ -72,13 +72,28 @@ impl DoctorArgs {
         let calibration =
             self.calibration.as_ref().map(|path| CalibrationFile::read(path)).transpose()?;
         let (mut examined, mut wrenches) = (Vec::new(), self.wrench_from.iter());
-        for name in &self.names {
-            examined.push(self.examine(name, &mut wrenches, calibration.as_ref(), printer)?);
+        for path in &self.names {
+            let name = path.display().to_string();
+            examined.push(if is_port(path) {
+                let port = path.to_str().context("the name of a port is text")?;
+                self.examine_port(port, |options| {
+                    let seconds = self.listen.as_secs_f64();
+                    printer.note(format!("asking `{port}`, then listening for {seconds} s"));
+                    self.ask_board(options, calibration.as_ref())
+                })?
+            } else if is_document(path)? {
+                Examination { name, kind: "calibration", findings: examine_calibration(path, &age) }
+            } else {
+                let (mapping, read) = (self.mapping.mapping(), self.mapping.read_options());
+                let log = match wrenches.next() {
+                    Some(wrench) => Log::open_with_companion(path, wrench, &mapping),
+                    None => Log::open(path, &mapping),
+                };
+                let findings = examine_log(log, &read, calibration.as_ref());
+                Examination { name, kind: "log", findings }
+            });
         }
-        anyhow::ensure!(
-            wrenches.next().is_none(),
-            "`--wrench-from` names more files than there are logs"
-        );
+        ensure!(wrenches.next().is_none(), "`--wrench-from` names more files than there are logs");
         if self.names.is_empty() {
             examined = self.examine_ports()?;
         }
@@ -102,37 +117,6 @@ impl DoctorArgs {
             })
         })?;
         Ok(if faults > 0 { Outcome::CheckFailed } else { Outcome::Done })
-    }
-
-    fn examine(
-        &self,
-        path: &Path,
-        wrenches: &mut std::slice::Iter<'_, InputPath>,
-        calibration: Option<&CalibrationFile>,
-        printer: &Printer,
-    ) -> anyhow::Result<Examination> {
-        let name = path.display().to_string();
-        if is_port(path) {
-            let port = path.to_str().context("the name of a port is text")?;
-            return self.examine_port(port, |options| {
-                let seconds = self.listen.as_secs_f64();
-                printer.note(format!("asking `{port}`, then listening for {seconds} s"));
-                self.ask_board(options, calibration)
-            });
-        }
-        let (kind, findings) = match is_document(path)? {
-            true => ("calibration", examine_calibration(path, &age)),
-            false => {
-                let mapping = self.mapping.mapping();
-                let read = self.mapping.read_options();
-                let log = match wrenches.next() {
-                    Some(wrench) => Log::open_with_companion(path, wrench, &mapping),
-                    None => Log::open(path, &mapping),
-                };
-                ("log", examine_log(log, &read, calibration))
-            }
-        };
-        Ok(Examination { name, kind, findings })
     }
 
     /// Findings about a port and, if it can be opened, those of `ask` about its board.

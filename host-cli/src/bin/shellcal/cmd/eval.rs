@@ -239,11 +239,6 @@ pub(super) struct RmsLimits {
 }
 
 impl RmsLimits {
-    /// Whether there are any.
-    pub(super) fn are_given(&self) -> bool {
-        self.max_rms.is_some() || self.max_rms_moment.is_some()
-    }
-
     /// The gates that they are, for these axes and no others.
     pub(super) fn gates(&self, axes: Option<Axes>) -> Gates {
         Gates { force_n: self.max_rms, moment_nm: self.max_rms_moment, axes }

@@ -52,9 +52,7 @@ impl InfoArgs {
                 printer.table(&OVERVIEW, overview)?;
             }
             if count > FILES_IN_FULL && !printer.is_verbose() {
-                printer.note(
-                    "`--verbose` describes each of them, and so does `info` with fewer files",
-                );
+                printer.note("`--verbose` describes each, and so does `info` with fewer files");
                 return Ok(());
             }
             for (lines, rows) in texts {

@@ -1,4 +1,4 @@
-//! One file per subcommand, each a set of arguments with a `run`.
+//! The subcommands: each is a set of arguments with a `run`, those of one subject in one file.
 
 mod about;
 mod align;

@@ -12,6 +12,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Instant;
 
+use anyhow::ensure;
 use board_link::recording::LiveForces;
 use board_link::{
     AppendWriter, LogSink, RecordOptions, RecordingProgress, Sinks, Source, Watcher, record,
@@ -105,11 +106,8 @@ impl LiveArgs {
         let (feed, done) = (Feed::default(), Arc::new(AtomicBool::new(false)));
         let name = self.name.display().to_string();
         let is_port = is_port(&self.name);
-        anyhow::ensure!(
-            is_port || self.output.is_none(),
-            "a log that is played is not recorded again"
-        );
-        anyhow::ensure!(
+        ensure!(is_port || self.output.is_none(), "a log that is played is not recorded again");
+        ensure!(
             !is_port || self.plan.is_none() || self.output.is_some(),
             "`--plan` labels the rows of a log: name one with `--output`"
         );

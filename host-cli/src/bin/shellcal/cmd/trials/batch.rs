@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
+use anyhow::ensure;
 use shellcal::workflow::batch::{Batch, BatchOptions, FileStamp, stamp};
 use trial::manifest::Shard;
 use trial::{ConditionRow, Profile, TrialOptions, TrialResult};
@@ -65,10 +66,7 @@ impl BatchArgs {
         if !self.watch {
             return self.once(printer, None).map(|(_, outcome)| outcome);
         }
-        anyhow::ensure!(
-            !printer.json(),
-            "`--watch` prints tables again and again, `--json` one document"
-        );
+        ensure!(!printer.json(), "`--watch` prints tables again and again, `--json` one document");
         let stamps = |files: &[PathBuf]| -> Vec<FileStamp> {
             files.iter().map(PathBuf::as_path).map(stamp).collect()
         };
