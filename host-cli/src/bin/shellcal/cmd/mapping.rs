@@ -96,7 +96,8 @@ impl MappingArgs {
     ) -> anyhow::Result<Vec<Log>> {
         let mapping = self.mapping_for(calibration.map(|(_, file)| file));
         let logs = open_logs(logs, ("--wrench-from", wrenches), &mapping)?;
-        for (log, (from, _)) in logs.iter().flat_map(|log| calibration.map(|of| (log, of))) {
+        let Some((from, _)) = calibration else { return Ok(logs) };
+        for log in &logs {
             let (taken, log, from) = (log.usual_columns(&mapping), log.path(), from.display());
             if !taken.is_empty() {
                 let taken = taken.join(", ");

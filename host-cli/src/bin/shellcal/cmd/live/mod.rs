@@ -226,9 +226,6 @@ fn announce(printer: &Printer, at: SocketAddr, address: &str) -> anyhow::Result<
 /// What gives frames until the flag is set.
 type FrameSource = Box<dyn FnOnce(&AtomicBool) -> anyhow::Result<()> + Send>;
 
-/// Takes the frames that have come; whether the view goes on, for whoever runs it, its time and its source.
-type Advance<'a> = &'a dyn Fn(&mut LiveSession) -> anyhow::Result<bool>;
-
 /// Makes `log.csv`, then the first of `log-2.csv`, `log-3.csv`, … that is not there.
 #[derive(Debug)]
 pub(super) struct LogFiles {

@@ -15,9 +15,11 @@ use crossterm::{cursor, execute, queue};
 use live_view::web::{Server, Site};
 use shellcal::workflow::live::{LiveAction, LiveSession, PERIOD};
 
-use super::Advance;
 use super::cells::CellGrid;
 use super::screen::LiveScreen;
+
+/// Takes the frames that have come; whether the view goes on, for whoever runs it, its time and its source.
+pub(super) type Advance<'a> = &'a dyn Fn(&mut LiveSession) -> anyhow::Result<bool>;
 
 /// The screen of a terminal that does not tell its size, as VT100 had it.
 const UNKNOWN_SIZE: (u16, u16) = (80, 24);
