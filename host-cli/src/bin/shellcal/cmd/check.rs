@@ -1,12 +1,11 @@
 //! Whether a calibration holds: `shellcal check` with known weights on the sensor, and `shellcal compare`, which of two
 //! calibrations errs less.
 
-use calibration::fit::{Better, PairedError, PairedErrors, Workers, paired_errors};
+use calibration::fit::{Better, PairedErrors, Workers, paired_errors};
 use calibration::quality::significant;
 use calibration_file::CalibrationFile;
 use log_file::{Log, Wanted, read_logs};
 use report::CheckedLoad;
-use serde::Serialize;
 use shell_data::wrench::{Axes, Axis};
 use shellcal::workflow::check::check_weights;
 use shellcal::workflow::check_channels;
@@ -132,11 +131,27 @@ impl CompareArgs {
 
     fn report(&self, found: &PairedErrors, axes: Axes, printer: &Printer) -> anyhow::Result<()> {
         if printer.json() {
-            let axes = axes.iter().map(|axis| compared(axis, &found.axes[axis.index()]));
+            let compared = axes.iter().map(|axis| {
+                let of = &found.axes[axis.index()];
+                document! {
+                    axis: axis.column(),
+                    // Of both, N or N·m.
+                    rms: of.rms,
+                    // The first less the second.
+                    difference: of.difference,
+                    // The 95 % interval of the difference.
+                    interval_95: of.interval(),
+                    better: match of.better() {
+                        Better::First => Some("first"),
+                        Better::Second => Some("second"),
+                        Better::Neither => None,
+                    },
+                }
+            });
             return printer.document(&document! {
                 rows: found.rows,
                 groups: found.groups,
-                axes: axes.collect::<Vec<_>>(),
+                axes: compared.collect::<Vec<_>>(),
             });
         }
         printer.line(format!(
@@ -164,23 +179,5 @@ impl CompareArgs {
             ("conclusion", &|axis| better(axis).to_owned()),
         ];
         printer.records(&columns, axes.iter())
-    }
-}
-
-/// What `--json` prints of an axis.
-fn compared(axis: Axis, of: &PairedError) -> impl Serialize {
-    document! {
-        axis: axis.column(),
-        // Of both, N or N·m.
-        rms: of.rms,
-        // The first less the second.
-        difference: of.difference,
-        // The 95 % interval of the difference.
-        interval_95: of.interval(),
-        better: match of.better() {
-            Better::First => Some("first"),
-            Better::Second => Some("second"),
-            Better::Neither => None,
-        },
     }
 }

@@ -93,7 +93,10 @@ impl RecordArgs {
         };
         let status = printer.status();
         let mut show = |progress: &RecordingProgress| {
-            status.set_message(describe(progress, terminal_width()));
+            // 80 of a terminal that does not tell.
+            let size = console::Term::stderr().size_checked();
+            let width = size.map_or(80, |(_, columns)| usize::from(columns).max(1));
+            status.set_message(describe(progress, width));
             status.tick();
         };
         let recorded = record(&mut source, sinks, &options, &stop, &mut show);
@@ -136,12 +139,6 @@ fn forces_in_words(wrench: &[(Axis, f64)]) -> String {
         format!("{} {value:.decimals$}", axis.name())
     };
     by_unit(wrench, text).collect::<Vec<_>>().join("  ")
-}
-
-/// The width of the terminal that the line is shown in; 80 of one that does not tell.
-fn terminal_width() -> usize {
-    let size = console::Term::stderr().size_checked();
-    size.map_or(80, |(_, columns)| usize::from(columns).max(1))
 }
 
 fn report(recorded: &Recorded, printer: &Printer) -> anyhow::Result<()> {

@@ -5,6 +5,7 @@ mod guide_screen;
 mod screen;
 mod view;
 
+use std::io::{self, IsTerminal};
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -121,9 +122,10 @@ impl LiveArgs {
         let view = Box::new(feed.clone());
         let (watcher, streamed) = self.stream.watch(printer, stream, None, view)?;
         let browser = self.serve.map(view::serve).transpose()?;
-        if browser.is_none() {
-            view::require_terminal()?;
-        }
+        ensure!(
+            browser.is_some() || io::stdout().is_terminal() && io::stdin().is_terminal(),
+            "a live view needs a terminal; `--serve` shows it in a browser, `shellcal record` needs neither"
+        );
         let first =
             logs.as_mut().filter(|_| self.output.is_some()).map(LogSeries::begin).transpose()?;
         let calibrated = forces.as_ref().map(|forces| forces.calibration.axes);

@@ -1,6 +1,6 @@
 //! A live view in the terminal: draw, obey keys; and in browsers: a page, and pictures to whoever has opened it.
 
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, Write};
 use std::net::{IpAddr, SocketAddr, UdpSocket};
 use std::thread;
 use std::time::Instant;
@@ -23,15 +23,6 @@ pub(super) type Advance<'a> = &'a dyn Fn(&mut LiveSession) -> anyhow::Result<boo
 
 /// The screen of a terminal that does not tell its size, as VT100 had it.
 const UNKNOWN_SIZE: (u16, u16) = (80, 24);
-
-/// A terminal is drawn on, and asked for keys.
-pub(super) fn require_terminal() -> anyhow::Result<()> {
-    anyhow::ensure!(
-        io::stdout().is_terminal() && io::stdin().is_terminal(),
-        "a live view needs a terminal; `--serve` shows it in a browser, `shellcal record` needs neither"
-    );
-    Ok(())
-}
 
 /// Whether the locale can show more than ASCII.
 pub(super) fn is_utf8() -> bool {
