@@ -47,7 +47,7 @@ pub(super) fn run(
             LiveAction::named(order).into_iter().for_each(|action| session.obey(action));
         }
         if server.has_listeners() {
-            server.publish(&serde_json::to_string(&session.shown())?);
+            server.publish(&session.shown().to_string());
         }
         due = (due + PERIOD).max(Instant::now());
         thread::sleep(due.saturating_duration_since(Instant::now()));

@@ -14,7 +14,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use board_link::recording::{LiveForces, PROTOCOLS};
+use board_link::recording::{LiveForces, PROTOCOLS, RunningForces};
 use board_link::{LogSink, RecordOptions, RecordingProgress, Sinks, Source, Watcher, record};
 use frame_stream::RowOptions;
 use live_view::{Guide, LiveModel};
@@ -22,7 +22,7 @@ use log_file::Log;
 use serde_json::json;
 use shared_proto::Protocol;
 use shell_data::wrench::Axes;
-use shellcal::workflow::live::{Feed, LiveRows, LiveSession, LogSeries, guide_through, play};
+use shellcal::workflow::live::{Feed, LiveSession, LogSeries, guide_through, play};
 
 use super::choices::one_of;
 use super::live_forces::LiveForceArgs;
@@ -120,7 +120,7 @@ impl LiveArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let forces = self.forces.read(printer)?;
         let ranges = forces.as_ref().and_then(|forces| forces.calibration.valid_range.clone());
-        let rows = LiveRows::new(forces.clone())?;
+        let running = forces.clone().map(RunningForces::new).transpose()?;
         let stop = signals::stop_flag()?;
         let (feed, done) = (Feed::default(), Arc::new(AtomicBool::new(false)));
         let name = self.name.display().to_string();
@@ -145,7 +145,7 @@ impl LiveArgs {
         // Without a calibration a wrench is the board's or the log's own.
         let axes = calibrated.unwrap_or(recorded);
         let model = LiveModel::new(ranges, self.window, axes);
-        let mut session = LiveSession::new(model, guide, rows, feed, logs, name);
+        let mut session = LiveSession::new(model, guide, running, feed, logs, name);
         let until = Until {
             is_stopped: &|| stop.load(Ordering::Relaxed) || done.load(Ordering::Relaxed),
             is_over: &|| source.is_finished(),

@@ -97,17 +97,17 @@ pub(super) fn run(
     while until.advance(session)? {
         let (state, guide) = (session.state(), session.guide());
         let screen = LiveScreen {
-            model: session.model(),
+            model: &session.model,
             guide: guide.as_ref(),
-            source: session.name(),
+            source: &session.name,
             state: &state,
             recording: session.recording(),
-            message: session.message(),
+            message: &session.message,
             ascii: look.is_ascii,
             color: look.color,
         };
         stage.show(&screen)?;
-        session.count_picture();
+        session.pictures += 1;
         due = (due + PERIOD).max(Instant::now());
         // Keys are obeyed at once, and seen in the next picture.
         while event::poll(due.saturating_duration_since(Instant::now()))? {

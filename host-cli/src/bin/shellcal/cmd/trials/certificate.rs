@@ -6,7 +6,6 @@ use calibration_file::CalibrationFile;
 use log_file::{Log, Mapping, ReadOptions};
 use shellcal::workflow::certificate::{budget, intervals};
 use shellcal::workflow::check::check_weights;
-use shellcal::workflow::report::calibration_facts;
 
 use super::evaluation::EvaluationArgs;
 use crate::cmd::choices::numbers;
@@ -66,11 +65,8 @@ impl CertificateArgs {
         let shown = path.display().to_string();
         let serial = file.origin.sensor_serial.as_deref().unwrap_or(&shown);
         let usual_title = format!("Certificate of calibration: {serial}");
-        let mut calibration = calibration_facts(&shown, &file);
         let own = shellcal::workflow::report::input("calibration", path)
             .with_context(|| format!("cannot read `{shown}`"))?;
-        calibration.facts.push(("checksum of the file", own.checksum));
-        let diagnostics = file.origin.diagnostics.as_ref();
         let certificate = Certificate {
             heading: Heading {
                 title: title.unwrap_or(&usual_title),
@@ -78,8 +74,9 @@ impl CertificateArgs {
                 date: &origin::date()?,
                 command: &origin::command_line(),
             },
-            calibration,
-            excitation: diagnostics.and_then(|of| of.excitation.as_ref()),
+            file: &file,
+            name: &shown,
+            checksum: &own.checksum,
             budget: &budget,
             intervals: &intervals(&file),
             weights: &weights,

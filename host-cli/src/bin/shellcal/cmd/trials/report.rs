@@ -84,8 +84,6 @@ impl ReportArgs {
         let trials: Vec<TrialResult> =
             batch.trials.drain(..).map(|trial| trial.evaluated.result).collect();
         let name = evaluation.calibration.as_ref().map(|path| path.display().to_string());
-        let calibration = name.zip(equipment.calibration.as_ref());
-        let calibration = calibration.map(|(name, file)| report::calibration_facts(&name, file));
         let title = self.title.clone().unwrap_or_else(|| format!("Trials of {shown}"));
         let document = Report {
             heading: Heading {
@@ -99,7 +97,7 @@ impl ReportArgs {
             conditions: &conditions,
             phases: &phases,
             settings: &report::settings(&options, &equipment.profile, self.seed),
-            calibration,
+            calibration: name.as_deref().zip(equipment.calibration.as_ref()),
             robot_length_m: equipment.profile.robot.length_m,
             channel_length_m: equipment.profile.channel.length_m,
             inputs: &inputs,
