@@ -22,44 +22,23 @@ pub(crate) struct Arrays<'a, 'w> {
     pub(crate) groups: Option<(ArrayView1<'a, u32>, &'a [String])>,
     /// The time of each row, s.
     pub(crate) time: Option<ArrayView1<'a, f64>>,
-    /// How much each row counts.
-    pub(crate) weights: Weights<'a>,
+    /// How often each row is there, and the row that each of all these is.
+    pub(crate) repeats: Option<(ArrayView1<'a, u32>, Vec<usize>)>,
+    /// How much each row counts, where none is repeated.
+    pub(crate) weights: Option<ArrayView1<'a, f64>>,
     pub(crate) watch: &'w Watch,
 }
 
-/// How much rows count.
-pub(crate) enum Weights<'a> {
-    /// All the same.
-    Equal,
-    /// Each as so many rows: where the last of these ends, among all.
-    Repeats(Vec<u64>),
-    /// Each by a number of its own.
-    Numbers(ArrayView1<'a, f64>),
-}
-
-impl Weights<'_> {
-    /// Of rows that are there so many times.
-    pub(crate) fn from_repeats(repeats: ArrayView1<'_, u32>) -> Self {
-        let mut end = 0;
-        Self::Repeats(
-            repeats
-                .iter()
-                .map(|&times| {
-                    end += u64::from(times);
-                    end
-                })
-                .collect(),
-        )
-    }
+/// Of rows that are there so many times, the row that each of all these is.
+pub(crate) fn repeated(repeats: ArrayView1<'_, u32>) -> Vec<usize> {
+    let rows = repeats.iter().enumerate();
+    rows.flat_map(|(row, &times)| std::iter::repeat_n(row, times as usize)).collect()
 }
 
 impl Arrays<'_, '_> {
     /// Number of rows.
     pub(crate) fn rows(&self) -> usize {
-        match &self.weights {
-            Weights::Repeats(ends) => ends.last().map_or(0, |&end| end as usize),
-            _ => self.readings.nrows(),
-        }
+        self.repeats.as_ref().map_or(self.readings.nrows(), |(_, rows)| rows.len())
     }
 
     /// The rows as a data set; labels all alike if `labels_all` and there are none.
@@ -70,8 +49,7 @@ impl Arrays<'_, '_> {
             if self.watch.is_stopped() {
                 return Err(FitError::Interrupted.into());
             }
-            let mut block = Block::default();
-            self.fill(start..rows.min(start + BLOCK_ROWS), &mut block);
+            let mut block = self.block(start..rows.min(start + BLOCK_ROWS));
             if labels_all && self.groups.is_none() {
                 block.groups = vec![(String::new(), block.rows)];
             }
@@ -83,56 +61,36 @@ impl Arrays<'_, '_> {
         Ok(Dataset::from_blocks("<array>", Axes::ALL, blocks))
     }
 
-    fn fill(&self, rows: Range<usize>, block: &mut Block) {
-        block.rows = rows.len();
-        let range = rows.clone();
-        let rows = self.positions(rows);
-        let columns = |array: &ArrayView2<'_, f64>, out: &mut Vec<Vec<f64>>| match self.weights {
-            Weights::Repeats(_) => {
-                let column =
-                    |from: ArrayView1<'_, f64>| rows.iter().map(|&row| from[row]).collect();
-                *out = array.columns().into_iter().map(column).collect();
-            }
-            _ => range_of_columns(array, range.clone(), out),
+    /// Some of the rows.
+    fn block(&self, range: Range<usize>) -> Block {
+        let rows = match &self.repeats {
+            Some((_, all)) => all[range.clone()].to_vec(),
+            None => range.clone().collect::<Vec<usize>>(),
         };
-        columns(&self.readings, &mut block.readings);
-        columns(&self.wrench, &mut block.wrench);
-        block.wrench.resize_with(Axis::ALL.len(), Vec::new);
-        for axis in &mut block.wrench[self.wrench.ncols()..] {
-            axis.clear();
-            axis.resize(rows.len(), 0.0);
-        }
-        block.time_s.clear();
-        if let Some(time) = self.time {
-            block.time_s.extend(rows.iter().map(|&row| time[row]));
-        }
-        block.weights.clear();
-        if let Weights::Numbers(weights) = self.weights {
-            block.weights.extend(rows.iter().map(|&row| weights[row]));
-        }
-        block.groups.clear();
-        let Some((positions, labels)) = self.groups else { return };
-        let mut last = None;
-        for position in rows.iter().map(|&row| positions[row]) {
-            match block.groups.last_mut().filter(|_| last == Some(position)) {
-                Some((_, count)) => *count += 1,
-                None => block.groups.push((labels[position as usize].clone(), 1)),
-            }
-            last = Some(position);
-        }
-    }
-
-    /// Where some of the rows are in the arrays.
-    fn positions(&self, rows: Range<usize>) -> Vec<usize> {
-        let Weights::Repeats(ends) = &self.weights else { return rows.collect() };
-        let mut row = ends.partition_point(|&end| end <= rows.start as u64);
-        let position = |at: usize| {
-            while ends[row] <= at as u64 {
-                row += 1;
-            }
-            row
+        let picked = |column: ArrayView1<'_, f64>| -> Vec<f64> {
+            rows.iter().map(|&row| column[row]).collect()
         };
-        rows.map(position).collect()
+        let columns = |array: &ArrayView2<'_, f64>| match self.repeats {
+            Some(_) => array.columns().into_iter().map(picked).collect(),
+            None => range_of_columns(array, range.clone()),
+        };
+        let mut wrench = columns(&self.wrench);
+        wrench.resize_with(Axis::ALL.len(), || vec![0.0; rows.len()]);
+        let mut groups: Vec<(String, usize)> = Vec::new();
+        if let Some((positions, labels)) = self.groups {
+            for run in rows.chunk_by(|a, b| positions[*a] == positions[*b]) {
+                groups.push((labels[positions[run[0]] as usize].clone(), run.len()));
+            }
+        }
+        Block {
+            rows: rows.len(),
+            readings: columns(&self.readings),
+            wrench,
+            time_s: self.time.map_or_else(Vec::new, picked),
+            weights: self.weights.map_or_else(Vec::new, picked),
+            groups,
+            ..Block::default()
+        }
     }
 
     /// What tells these rows from others, as checksums tell files.
@@ -153,13 +111,12 @@ impl Arrays<'_, '_> {
             }
             hash.write(bytes);
         }
-        match &self.weights {
-            Weights::Equal => {}
-            Weights::Repeats(ends) => ends.iter().for_each(|end| hash.write(&end.to_le_bytes())),
-            Weights::Numbers(weights) => {
-                weights.iter().for_each(|weight| hash.write(&weight.to_le_bytes()));
-            }
+        let mut end = 0;
+        for times in self.repeats.iter().flat_map(|(repeats, _)| repeats) {
+            end += u64::from(*times);
+            hash.write(&end.to_le_bytes());
         }
+        self.weights.iter().flatten().for_each(|weight| hash.write(&weight.to_le_bytes()));
         format!("xxh128:{:032x}", hash.finish_128())
     }
 }
@@ -177,15 +134,10 @@ fn put(row: ArrayView1<'_, f64>, bytes: &mut [u8]) {
 }
 
 /// Rows of an array that follow each other as columns, each one run of memory.
-pub(crate) fn range_of_columns(
-    array: &ArrayView2<'_, f64>,
-    rows: Range<usize>,
-    out: &mut Vec<Vec<f64>>,
-) {
+pub(crate) fn range_of_columns(array: &ArrayView2<'_, f64>, rows: Range<usize>) -> Vec<Vec<f64>> {
     let part = array.slice(s![rows, ..]);
     let channels = part.ncols();
-    out.resize_with(channels, Vec::new);
-    out.iter_mut().for_each(Vec::clear);
+    let mut out = vec![Vec::with_capacity(part.nrows()); channels];
     // Rows one after the other, as numpy lays out an array unless told otherwise.
     if let Some(values) = part.as_slice().filter(|_| channels > 0) {
         for tile in values.chunks(TILE_ROWS * channels) {
@@ -193,7 +145,7 @@ pub(crate) fn range_of_columns(
                 column.extend(tile.chunks_exact(channels).map(|row| row[position]));
             }
         }
-        return;
+        return out;
     }
     for (column, from) in out.iter_mut().zip(part.columns()) {
         match from.as_slice() {
@@ -201,6 +153,7 @@ pub(crate) fn range_of_columns(
             None => column.extend(from.iter()),
         }
     }
+    out
 }
 
 /// Rows that stay in a core's nearest cache while they become columns.

@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 use std::sync::Mutex;
 
-use calibration::Kind;
 use calibration::dynamics::{DynamicsRule, LagRule, MemoryRule};
 use calibration::fit::{FitOptions, HeldOut, Outlier, RowName, Workers};
 use calibration::memory::{MemoryState, NoTime};
@@ -15,9 +14,10 @@ use pyo3::prelude::*;
 use shell_data::dataset::{BLOCK_ROWS, Dataset};
 use shell_data::lock::lock;
 use shell_data::wrench::{Axes, Axis, PerAxis};
+use shellcal::workflow::convert::interval_factors;
 use shellcal::workflow::fit::calibration_file;
 
-use crate::arrays::{Arrays, Weights, range_of_columns};
+use crate::arrays::{Arrays, range_of_columns, repeated};
 use crate::error::{PythonFailure, PythonMessage};
 use crate::interrupt::without_lock;
 use crate::options;
@@ -63,14 +63,11 @@ pub(crate) fn over_rows<T: Send>(
     let (readings, wrench) = (x.as_array(), y.as_array());
     let groups =
         groups.as_ref().map(|(positions, labels)| (positions.as_array(), labels.as_slice()));
-    let weights = match (&repeats, &weights) {
-        (Some(repeats), _) => Weights::from_repeats(repeats.as_array()),
-        (None, Some(weights)) => Weights::Numbers(weights.as_array()),
-        (None, None) => Weights::Equal,
-    };
+    let repeats = repeats.as_ref().map(|of| (of.as_array(), repeated(of.as_array())));
+    let weights = weights.as_ref().filter(|_| repeats.is_none()).map(|of| of.as_array());
     let time = time.as_ref().map(|time| time.as_array());
     without_lock(py, progress.as_ref(), |watch| {
-        fit(&Arrays { readings, wrench, groups, time, weights, watch })
+        fit(&Arrays { readings, wrench, groups, time, repeats, weights, watch })
     })
 }
 
@@ -233,21 +230,8 @@ impl Fitted {
 
     /// How many standard errors either way an interval of this level reaches, per axis.
     fn interval_factors(&self, level: f64) -> Result<Vec<f64>, PythonFailure> {
-        let axes = self.0.calibration.axes;
-        let refused = |message: String| PythonMessage::new("FitError", message);
-        let without = |what: &str| refused(format!("the calibration has no {what}"));
-        let factors = match self.0.calibration.kind() {
-            Kind::Polynomial(_) => {
-                let covariance = self.0.calibration.covariance.as_ref();
-                let covariance = covariance.ok_or_else(|| without("covariance"))?;
-                covariance.interval_factors(level).map_err(|error| refused(error.to_string()))
-            }
-            Kind::Physics(physics) => {
-                let intervals = physics.intervals.as_ref().ok_or_else(|| without("intervals"))?;
-                intervals.factors(level).map_err(|error| refused(error.to_string()))
-            }
-        };
-        Ok(axes.of(&factors?))
+        let calibration = &self.0.calibration;
+        Ok(calibration.axes.of(&interval_factors(calibration, level)?))
     }
 
     /// Whether it has memory terms.
@@ -271,14 +255,14 @@ impl Fitted {
             let axes = calibration.axes;
             let new = || Array2::<f64>::zeros((rows, axes.count()));
             let (mut wrench, mut deviations) = (new(), errors.then(new));
-            let (mut block, mut of_block) = (Vec::new(), PerAxis::default());
+            let mut of_block = PerAxis::default();
             let mut memory = calibration.start_memory();
             for start in (0..rows).step_by(BLOCK_ROWS) {
                 if watch.is_stopped() {
                     break;
                 }
                 let range = start..rows.min(start + BLOCK_ROWS);
-                range_of_columns(&readings, range.clone(), &mut block);
+                let mut block = range_of_columns(&readings, range.clone());
                 if let Some(memory) = &mut memory {
                     let times_s: Vec<f64> =
                         time.map_or_else(Vec::new, |time| range.map(|row| time[row]).collect());
@@ -332,9 +316,8 @@ impl Fitted {
     ) -> String {
         let (readings, measured) = (x.as_array(), y.as_array());
         py.detach(|| {
-            let (mut of_readings, mut of_wrench) = (Vec::new(), Vec::new());
-            range_of_columns(&readings, 0..readings.nrows(), &mut of_readings);
-            range_of_columns(&measured, 0..measured.nrows(), &mut of_wrench);
+            let of_readings = range_of_columns(&readings, 0..readings.nrows());
+            let mut of_wrench = range_of_columns(&measured, 0..measured.nrows());
             of_wrench.resize(Axis::ALL.len(), vec![0.0; readings.nrows()]);
             let mut predicted = PerAxis::default();
             self.0.calibration.wrench(&of_readings, &mut predicted);
@@ -348,8 +331,7 @@ impl Fitted {
     fn out_of_range(&self, py: Python<'_>, x: PyReadonlyArray2<'_, f64>) -> Vec<bool> {
         let readings = x.as_array();
         py.detach(|| {
-            let mut all = Vec::new();
-            range_of_columns(&readings, 0..readings.nrows(), &mut all);
+            let all = range_of_columns(&readings, 0..readings.nrows());
             self.0.calibration.out_of_range(&all).into_iter().map(|flags| flags != 0).collect()
         })
     }

@@ -12,8 +12,7 @@ use log_file::{Log, ReadOptions};
 use numpy::{PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
-use shellcal::workflow::merge;
-use shellcal::workflow::partial::{self, KeptGroups, PartialOptions};
+use shellcal::workflow::partial::{self, KeptGroups, PartialOptions, fit_merged, merged_file};
 
 use crate::error::{PythonFailure, PythonMessage};
 use crate::fitted::{Fitted, over_rows, source};
@@ -201,8 +200,8 @@ impl Partial {
         let partial = &mut self.0;
         without_lock(py, None, |_| {
             partial.put_in_order();
-            let fitted = merge::fit(partial, model, &options)?;
-            let mut file = merge::file(&fitted, partial);
+            let fitted = fit_merged(partial, model, &options)?;
+            let mut file = merged_file(&fitted, partial);
             file.origin.sensor_serial = serial.or(file.origin.sensor_serial);
             (file.origin.made_by, file.origin.date) = made;
             Ok(file.into())

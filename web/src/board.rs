@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use board_link::recording::{LiveForces, PROTOCOLS};
+use board_link::recording::{LiveForces, PROTOCOLS, RunningForces};
 use board_link::{
     LogSink, RecordError, RecordOptions, Recorder, Sinks, Uplink, board_text, serial_text,
 };
@@ -19,9 +19,7 @@ use serde_json::{Value, json};
 use shared_proto::{Command, Framing, Identity, Protocol};
 use shell_data::lock::lock;
 use shell_data::wrench::Axes;
-use shellcal::workflow::live::{
-    Feed, LiveAction, LiveRows, LiveSession, LogMaker, LogSeries, guide_through,
-};
+use shellcal::workflow::live::{Feed, LiveAction, LiveSession, LogMaker, LogSeries, guide_through};
 
 use crate::Answer;
 use crate::failure::Failure;
@@ -145,8 +143,8 @@ impl Begin {
         let logs = PageLogs { made_before: self.logs, state: Arc::default() };
         let mut series = LogSeries::new(Box::new(logs.clone()));
         let log = self.records.then(|| series.begin()).transpose()?;
-        let (feed, rows) =
-            (Feed::default(), LiveRows::new(forces.clone()).map_err(RecordError::from)?);
+        let running = forces.clone().map(RunningForces::new).transpose();
+        let (feed, running) = (Feed::default(), running.map_err(RecordError::from)?);
         let options = RecordOptions {
             protocol,
             forces,
@@ -161,7 +159,7 @@ impl Begin {
         commands.extend(uplink.map(identify).unwrap_or_default());
         let model = LiveModel::new(ranges, WINDOW_S, axes);
         let (guide, feed_end) = (plan.as_ref().map(guide_through), feed.clone());
-        let session = LiveSession::new(model, guide, rows, feed_end, Some(series), self.name);
+        let session = LiveSession::new(model, guide, running, feed_end, Some(series), self.name);
         Ok((BoardSession { recorder, session, feed, logs }, commands))
     }
 }

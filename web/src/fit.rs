@@ -6,12 +6,12 @@ use calibration::FitError;
 use calibration::fit::{FitOptions, HeldOut, ModelRule, Workers};
 use calibration_file::Origin;
 use log_file::{Log, Mapping, ReadOptions};
+use report::CalibrationReport;
 use serde::Deserialize;
 use serde_json::json;
 use shell_data::hint::quoted;
 use shellcal::PROGRAM;
 use shellcal::workflow::fit::{FitData, calibration_file, sources};
-use shellcal::workflow::fit_report::{ReportFacts, html};
 use shellcal::workflow::outliers::NamedOutliers;
 use shellcal::workflow::remark::{about_fit, about_table};
 use shellcal::workflow::{WorkflowError, agree_on_axes};
@@ -82,8 +82,9 @@ impl FitRequest {
         remarks.extend(about_table(&fitted));
         let command = self.command();
         let outliers = Some(named.as_ref().map(|named| named.rows(false)).unwrap_or_default());
-        let facts = ReportFacts { name: CALIBRATION, command: &command, outliers };
-        let report = html(&fitted, &file, facts)?;
+        let (fit, file, command) = (&fitted, &file, &command);
+        let report =
+            CalibrationReport { fit, file, name: CALIBRATION, command, outliers }.html()?;
         let verdict = fitted.verdict();
         Ok(Answer {
             document: json!({

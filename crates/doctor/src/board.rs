@@ -1,12 +1,11 @@
 //! Checks of a board, by its answers and a stretch of its stream.
 
 use calibration::Calibration;
-use shared_proto::{Identity, Protocol, ResetCause, Status, Stream, crc32};
+use shared_proto::{CHANNELS, Identity, Protocol, ResetCause, Status, Stream, crc32};
 use shell_data::block::Block;
 
-use crate::Finding;
 use crate::channels::{ENOUGH_FRAMES, check_channels, identical_in, outside, without_consequences};
-use crate::finding::percent;
+use crate::{Finding, percent};
 use board_link::recording::{BoardFrame, Losses, Measured, protocol_name};
 use board_link::{Handshake, Heard, LinkError, Stretch, for_board, serial_text};
 use log_file::summary::LogSummary;
@@ -222,7 +221,9 @@ fn calibrated(status: &Status, facts: &BoardObservations<'_>) -> Option<Finding>
 
 fn check_stream(stretch: &Stretch, facts: &BoardObservations<'_>) -> Vec<Finding> {
     let mut findings = lost(stretch);
-    let summary = summary(&stretch.frames);
+    let frames = in_order(&stretch.frames);
+    let mut summary = LogSummary::default();
+    summary.add(&frames);
     let period_us = facts.handshake.status.map(|status| f64::from(status.period_us));
     let interval_us = summary.timing.median_interval_s().map(|interval| interval * 1e6);
     if let (Some(set), Some(found)) = (period_us, interval_us) {
@@ -248,10 +249,10 @@ fn check_stream(stretch: &Stretch, facts: &BoardObservations<'_>) -> Vec<Finding
     let calibration = facts.calibration.map(|(calibration, _)| calibration);
     let calibration =
         calibration.filter(|calibration| calibration.channels() == summary.readings.len());
-    let readings = columns(&stretch.frames);
-    findings.extend(check_channels(&summary, &[], &identical_in(&readings, None), calibration));
+    let readings = &frames.readings;
+    findings.extend(check_channels(&summary, &[], &identical_in(readings, None), calibration));
     let outside = calibration
-        .and_then(|calibration| outside(calibration.rows_out_of_range(&readings), summary.rows));
+        .and_then(|calibration| outside(calibration.rows_out_of_range(readings), summary.rows));
     findings.extend(outside);
     without_consequences(findings)
 }
@@ -278,31 +279,21 @@ fn lost(stretch: &Stretch) -> Vec<Finding> {
     findings
 }
 
-/// The readings, column by column; empty if the board streams wrenches.
-fn columns(frames: &[BoardFrame]) -> Vec<Vec<f64>> {
-    let mut columns = Vec::new();
-    for frame in frames {
-        if let Measured::Readings(readings) = frame.measured {
-            columns.resize_with(readings.len(), Vec::new);
-            columns.iter_mut().zip(readings).for_each(|(column, reading)| column.push(reading));
+/// The frames in the order of their numbers, with their readings where all have some.
+fn in_order(frames: &[BoardFrame]) -> Block {
+    let mut ordered: Vec<&BoardFrame> = frames.iter().collect();
+    ordered.sort_by_key(|frame| frame.index);
+    let mut readings = vec![Vec::new(); CHANNELS];
+    for frame in &ordered {
+        if let Measured::Readings(values) = frame.measured {
+            readings.iter_mut().zip(values).for_each(|(column, value)| column.push(value));
         }
     }
-    columns
-}
-
-/// What the frames are like. Those of the converter's last step count as saturated.
-fn summary(frames: &[BoardFrame]) -> LogSummary {
-    let mut ordered = frames.to_vec();
-    ordered.sort_by_key(|frame| frame.index);
-    let readings = columns(&ordered);
-    let has_all = readings.first().is_none_or(|column| column.len() == ordered.len());
-    let block = Block {
+    let has_all = !ordered.is_empty() && readings[0].len() == ordered.len();
+    Block {
         rows: ordered.len(),
         time_s: ordered.iter().map(|frame| frame.time_us as f64 / 1e6).collect(),
         readings: if has_all { readings } else { Vec::new() },
         ..Block::default()
-    };
-    let mut summary = LogSummary::default();
-    summary.add(&block);
-    summary
+    }
 }

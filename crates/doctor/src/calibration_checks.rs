@@ -10,9 +10,8 @@ use calibration::{Calibration, Kind};
 use log_file::checksum;
 use shell_data::wrench::{Axes, Axis};
 
-use crate::Finding;
 use crate::channels::channel_name;
-use crate::finding::percent;
+use crate::{Finding, percent};
 use calibration_file::{CalibrationFile, Diagnostics};
 
 /// Singular values that are so far apart leave some ten digits of a coefficient in doubt.
@@ -206,30 +205,17 @@ fn check_explained(known: &Diagnostics, axes: Axes) -> Vec<Finding> {
 
 fn check_loads(known: &Diagnostics, axes: Axes) -> Vec<Finding> {
     let gaps = known.excitation.iter().flat_map(|excitation| excitation.gaps(axes));
-    let finding = |gap| match gap {
-        Gap::Unloaded(axis) => {
-            let seen = format!("{} never changed in the training data", axis.name());
-            let advice = format!("record loads on {}: nothing is known of it", axis.name());
-            Some(Finding::fault("axis-unloaded", seen, advice))
+    let finding = |gap: Gap| {
+        let text = gap.to_string();
+        let (seen, advice) = text.split_once(": ").unwrap_or((&text, ""));
+        let seen = format!("in the training data {seen}");
+        match gap {
+            Gap::Unloaded(_) => Finding::fault("axis-unloaded", seen, advice),
+            Gap::OneSided { .. } => Finding::warning("axis-one-sided", seen, advice),
+            _ => Finding::warning("axes-together", seen, advice),
         }
-        Gap::OneSided { axis, positive, share } => {
-            let (axis, sign) = (axis.name(), if positive { '+' } else { '−' });
-            let share = percent(share);
-            let seen = format!(
-                "{axis} was hardly loaded towards {sign}{axis} ({share} of its square sum)"
-            );
-            let advice = "record such loads if the sensor will see them";
-            Some(Finding::warning("axis-one-sided", seen, advice))
-        }
-        Gap::Together { first, second, correlation } => {
-            let axes = format!("{} and {}", first.name(), second.name());
-            let seen =
-                format!("{axes} nearly always moved together (correlation {correlation:.2})");
-            Some(Finding::warning("axes-together", seen, "record loads that tell them apart"))
-        }
-        _ => None,
     };
-    gaps.filter_map(finding).collect()
+    gaps.map(finding).collect()
 }
 
 fn check_ranges(calibration: &Calibration, names: &[String]) -> Vec<Finding> {

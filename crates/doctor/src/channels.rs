@@ -3,8 +3,7 @@
 use calibration::Calibration;
 use shell_data::wrench::PerAxis;
 
-use crate::finding::percent;
-use crate::{Finding, FindingSeverity};
+use crate::{Finding, FindingSeverity, percent};
 use log_file::summary::LogSummary;
 
 /// Fewer frames say nothing about a channel.

@@ -22,13 +22,80 @@ mod board;
 )]
 mod calibration_checks;
 mod channels;
-mod finding;
 mod log;
 mod port;
 mod poses;
 
 pub use board::{BoardObservations, check_board};
 pub use calibration_checks::examine_calibration;
-pub use finding::{Finding, FindingSeverity};
 pub use log::examine_log;
 pub use port::check_port;
+use serde::Serialize;
+
+/// How bad it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FindingSeverity {
+    /// As it should be.
+    Fine,
+    /// May make results wrong, or makes them worse than they could be.
+    Warning,
+    /// Makes results wrong or impossible.
+    Fault,
+}
+
+/// One thing that was looked at.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Finding {
+    /// What was looked at, a name that does not change: `losses`, `channel-dead`.
+    pub check: &'static str,
+    /// How bad it is.
+    pub severity: FindingSeverity,
+    /// What was seen.
+    pub seen: String,
+    /// What to do about it; `None` if nothing.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub advice: Option<String>,
+}
+
+impl Finding {
+    fn fine(check: &'static str, seen: impl Into<String>) -> Self {
+        Self { check, severity: FindingSeverity::Fine, seen: seen.into(), advice: None }
+    }
+
+    fn warning(check: &'static str, seen: impl Into<String>, advice: impl Into<String>) -> Self {
+        let (seen, advice) = (seen.into(), Some(advice.into()));
+        Self { check, severity: FindingSeverity::Warning, seen, advice }
+    }
+
+    /// What makes results wrong or impossible, and what to do about it.
+    pub fn fault(check: &'static str, seen: impl Into<String>, advice: impl Into<String>) -> Self {
+        Self { severity: FindingSeverity::Fault, ..Self::warning(check, seen, advice) }
+    }
+
+    /// A share that is a warning above `some`, and a fault above `most`.
+    fn graded(
+        check: &'static str,
+        share: f64,
+        [some, most]: [f64; 2],
+        seen: String,
+        advice: &str,
+    ) -> Self {
+        match share {
+            _ if share > most => Self::fault(check, seen, advice),
+            _ if share > some => Self::warning(check, seen, advice),
+            _ => Self::fine(check, seen),
+        }
+    }
+}
+
+/// A share as people read it.
+fn percent(share: f64) -> String {
+    let percent = 100.0 * share;
+    match percent {
+        0.0 => "0 %".to_owned(),
+        _ if percent < 0.095 => format!("{percent:.3} %"),
+        _ if percent < 9.95 => format!("{percent:.1} %"),
+        _ => format!("{percent:.0} %"),
+    }
+}

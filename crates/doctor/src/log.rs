@@ -9,13 +9,12 @@ use shell_data::hint::with_causes;
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::{Axis, PerAxis};
 
-use crate::Finding;
 use crate::channels::{
     best_exchange, channel_name, check_channels, exchanged, identical_in, outside,
     without_consequences,
 };
-use crate::finding::percent;
 use crate::poses::{LabelledRows, PoseJump};
+use crate::{Finding, percent};
 use calibration_file::CalibrationFile;
 use log_file::summary::LogSummary;
 
@@ -96,20 +95,6 @@ impl<'a> LogObservations<'a> {
         read: &ReadOptions<'_>,
         calibration: Option<&'a CalibrationFile>,
     ) -> Result<Self, LogError> {
-        let strict = ReadOptions { skip_bad_rows: false, ..*read };
-        Self::gather(log, &strict, calibration).or_else(|error| {
-            let lenient = ReadOptions { skip_bad_rows: true, ..*read };
-            let found = Self::gather(log, &lenient, calibration)?;
-            let (bad_rows, first_bad) = (found.bad_rows.max(1), with_causes(&error));
-            Ok(Self { bad_rows, first_bad, ..found })
-        })
-    }
-
-    fn gather(
-        log: &Log,
-        read: &ReadOptions<'_>,
-        calibration: Option<&'a CalibrationFile>,
-    ) -> Result<Self, LogError> {
         let names = log.value_names().into_iter().take(log.channels()).map(str::to_owned);
         let mut found = Self { calibration, names: names.collect(), ..Self::default() };
         let is_missing =
@@ -122,11 +107,17 @@ impl<'a> LogObservations<'a> {
             others: log.columns().iter().position(is_missing).into_iter().collect(),
             ..Wanted::default()
         };
-        let summary = log.read(&wanted, read, std::mem::take, |block| {
+        let lenient = ReadOptions { skip_bad_rows: true, ..*read };
+        let summary = log.read(&wanted, &lenient, std::mem::take, |block| {
             found.add(&block);
             Ok::<_, LogError>(())
         })?;
         found.bad_rows = summary.skipped_rows;
+        if found.bad_rows > 0 {
+            let strict = ReadOptions { skip_bad_rows: false, ..*read };
+            let first = log.read(&wanted, &strict, |_| (), |()| Ok::<_, LogError>(())).err();
+            found.first_bad = first.map(|error| with_causes(&error)).unwrap_or_default();
+        }
         Ok(found)
     }
 

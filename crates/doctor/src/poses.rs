@@ -20,16 +20,9 @@ const MOST_ROWS: usize = 1_000_000;
 /// The rows of a log by the labels of its groups.
 #[derive(Debug, Default)]
 pub(crate) struct LabelledRows {
-    runs: Vec<LabelledRun>,
+    /// The readings and wrench of rows of one label that follow each other.
+    runs: Vec<(String, Block)>,
     rows: usize,
-}
-
-/// Rows of one label that follow each other, column by column.
-#[derive(Debug)]
-struct LabelledRun {
-    label: String,
-    /// Their readings and wrench.
-    rows: Block,
 }
 
 /// A jump of the readings under a constant load.
@@ -57,26 +50,26 @@ impl LabelledRows {
         for (label, rows) in &block.groups {
             let range = start..start + rows;
             start = range.end;
-            if self.runs.last().is_none_or(|last| last.label != *label) {
-                self.runs.push(LabelledRun { label: label.clone(), rows: Block::default() });
+            if self.runs.last().is_none_or(|(last, _)| last != label) {
+                self.runs.push((label.clone(), Block::default()));
             }
-            if let Some(run) = self.runs.last_mut() {
-                run.rows.append(block, range);
+            if let Some((_, rows)) = self.runs.last_mut() {
+                rows.append(block, range);
             }
         }
     }
 
     /// The jumps, one at most for each run of a label.
     pub(crate) fn jumps(&self) -> Vec<PoseJump> {
-        let loads = ranges(self.runs.iter().map(|run| &run.rows.wrench));
-        let readings = ranges(self.runs.iter().map(|run| &run.rows.readings));
+        let loads = ranges(self.runs.iter().map(|(_, rows)| &rows.wrench));
+        let readings = ranges(self.runs.iter().map(|(_, rows)| &rows.readings));
         let is_held = |wrench: &Vec<Vec<f64>>| {
             let within = ranges(std::iter::once(wrench));
             let is_constant = |(within, all): (&f64, &f64)| *within <= CONSTANT_LOAD * all;
             !wrench.is_empty() && std::iter::zip(&within, &loads).all(is_constant)
         };
-        let held = self.runs.iter().filter(|run| is_held(&run.rows.wrench));
-        held.filter_map(|run| jump(&run.label, &run.rows.readings, &readings)).collect()
+        let held = self.runs.iter().filter(|(_, rows)| is_held(&rows.wrench));
+        held.filter_map(|(label, rows)| jump(label, &rows.readings, &readings)).collect()
     }
 }
 

@@ -67,7 +67,6 @@ pub use log::Log;
 pub use read::all::{read_all, threads_for};
 pub use read::dataset::{read_dataset, read_logs, sample_logs};
 pub use read::request::{ReadOptions, Wanted};
-pub use read::selection::RowSelection;
 pub use shell_data::ReadSummary;
 pub use stream::pipeline;
 pub use table_file::{FileKind, TableError};

@@ -1,11 +1,13 @@
-//! Tables as HTML, and numbers as people read them.
+//! Pages, tables and figures as HTML, and numbers as people read them.
 
 use std::fmt::Write;
 
 pub(super) use shell_data::escape::markup as escape;
 
+const STYLE: &str = include_str!("../assets/report.css");
+
 /// A number in four significant digits, with a true minus sign; a dash for none.
-pub fn figure(value: impl Into<Option<f64>>) -> String {
+pub(super) fn figure(value: impl Into<Option<f64>>) -> String {
     significant(value, 4)
 }
 
@@ -85,6 +87,124 @@ pub(super) fn table(caption: &str, columns: &[Column]) -> String {
     }
     html.push_str("</tbody>\n</table>\n</div>\n");
     html
+}
+
+pub(super) fn facts_table<N: ToString>(caption: &str, facts: &[(N, String)]) -> String {
+    let names = facts.iter().map(|(name, _)| name.to_string());
+    let values = facts.iter().map(|(_, value)| value);
+    table(caption, &[Column::text("what", names), Column::long("value", values)])
+}
+
+/// The command line that makes a report again.
+pub(super) fn reproduction(command: &str) -> String {
+    format!("<pre><code>{}</code></pre>\n", escape(command))
+}
+
+pub(super) fn plot_figure(id: &str, class: &str, alt: &str, caption: &str) -> String {
+    let (alt, caption) = (escape(alt), escape(caption));
+    format!(
+        "<figure>\n<div id=\"{id}\" class=\"plot{class}\" role=\"group\" aria-label=\"{alt}\"></div>\n\
+         <div class=\"keys\" role=\"group\" aria-label=\"Show and hide\"></div>\n\
+         <figcaption>{caption}</figcaption>\n</figure>\n"
+    )
+}
+
+/// A finished picture, which is on white paper whatever the page is, and scrolls in a box of its own where it
+/// is wider than the page.
+pub(super) fn drawing(id: &str, svg: &str, alt: &str, caption: &str) -> String {
+    let (alt, caption) = (escape(alt), escape(caption));
+    // The root element of the document carries what it shows; an XML declaration has no place in HTML.
+    let svg = svg.find("<svg").map_or(svg, |start| &svg[start..]);
+    // Several drawings in one page have names of their own for what they clip by.
+    let svg = svg.replace("id=\"clip", &format!("id=\"{id}-clip"));
+    let svg = svg.replace("url(#clip", &format!("url(#{id}-clip"));
+    let svg = svg.replacen("<svg", &format!("<svg role=\"img\" aria-label=\"{alt}\""), 1);
+    format!(
+        "<figure>\n<div class=\"table drawing\" tabindex=\"0\" role=\"region\" aria-label=\"Figure: {caption}\">\n\
+         {svg}\n</div>\n<figcaption>{caption}</figcaption>\n</figure>\n"
+    )
+}
+
+/// What only some readers want, behind its title.
+pub(super) fn folded(title: &str, content: &str) -> String {
+    format!("<details>\n<summary>{}</summary>\n{content}</details>\n", escape(title))
+}
+
+pub(super) fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
+}
+
+/// What a report is about, and where it comes from.
+#[derive(Clone, Copy, Debug)]
+pub struct Heading<'a> {
+    /// What it is about.
+    pub title: &'a str,
+    /// Program and version.
+    pub made_by: &'a str,
+    /// When, in UTC, RFC 3339.
+    pub date: &'a str,
+    /// The command line that makes it again.
+    pub command: &'a str,
+}
+
+impl Heading<'_> {
+    /// Who made it, and when.
+    pub(super) fn made(&self) -> String {
+        format!("{}, {}.", self.made_by, self.date)
+    }
+}
+
+/// A part of a report with a heading of its own: its anchor, its heading, and HTML, which is empty for a section
+/// that is left out.
+pub(super) type PageSection = (&'static str, &'static str, String);
+
+/// The content of a file with `subtitle`, a text, below its title. `script` are elements, and what is said where
+/// they do not run. The file needs no network, and a content security policy forbids everything that is not in it.
+pub(super) fn page(
+    heading: Heading<'_>,
+    subtitle: &str,
+    sections: &[PageSection],
+    script: Option<(&str, &str)>,
+) -> String {
+    let [title, made_by, subtitle] = [heading.title, heading.made_by, subtitle].map(escape);
+    let (mut links, mut main) = (String::new(), String::new());
+    for (id, name, content) in sections.iter().filter(|(.., content)| !content.is_empty()) {
+        let _ = writeln!(links, "<li><a href=\"#{id}\">{name}</a></li>");
+        let _ = write!(
+            main,
+            "<section aria-labelledby=\"{id}\">\n<h2 id=\"{id}\">{name}</h2>\n{content}</section>\n"
+        );
+    }
+    let without = script.map(|(_, without)| format!("<noscript><p>{without}</p></noscript>\n"));
+    let (without, script) = (without.unwrap_or_default(), script.unwrap_or_default().0);
+    format!(
+        r##"<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'; form-action 'none'">
+<meta name="generator" content="{made_by}">
+<link rel="icon" href="data:,">
+<title>{title}</title>
+<style>
+{STYLE}</style>
+</head>
+<body>
+<a class="skip" href="#main">Skip to the results</a>
+<header>
+<h1>{title}</h1>
+<p class="quiet">{subtitle}</p>
+<nav aria-label="Sections"><ul>
+{links}</ul></nav>
+{without}</header>
+<main id="main">
+{main}</main>
+{script}</body>
+</html>
+"##
+    )
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! All trials of a manifest: in parallel, in order, and none held up by another that is bad.
 
+use std::collections::HashMap;
 use std::convert::Infallible;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
@@ -92,37 +93,31 @@ pub fn run(
     options: &BatchOptions<'_>,
     keep: impl Fn(CellPosition, &mut TrialResult) -> Result<(), OutputError> + Sync,
 ) -> Batch {
-    let mut rows: Vec<Result<&Entry, ManifestProblem>> =
-        manifest.rows.iter().map(|row| row.as_ref().map_err(ManifestProblem::clone)).collect();
-    for (row, problem) in manifest.faults(options.conditions) {
-        rows[row] = Err(problem);
-    }
+    let faults: HashMap<usize, ManifestProblem> =
+        manifest.faults(options.conditions).into_iter().collect();
     let mut batch = Batch::default();
     let mut done = 0;
-    let mut numbers = options.shard.map_or(0..rows.len(), |shard| shard.rows(rows.len()));
+    let count = manifest.rows.len();
+    let mut numbers = options.shard.map_or(0..count, |shard| shard.rows(count));
     let read = ReadOptions { progress: None, threads: 1, ..options.read };
     let work = |(): &mut (), number: &mut usize| -> Option<Result<BatchTrial, FailedRow>> {
-        let file = match &manifest.rows[*number] {
-            Ok(entry) => entry.file.value.clone(),
-            Err(_) => String::new(),
-        };
-        let entry = match &rows[*number] {
-            Ok(entry) if entry.exclude => return None,
-            Ok(entry) => entry,
-            Err(ManifestProblem { position, message, .. }) => {
-                let (position, message) = (*position, message.clone());
-                return Some(Err(FailedRow { position, file, message }));
+        let row = &manifest.rows[*number];
+        let file = row.as_ref().map_or_else(|_| String::new(), |entry| entry.file.value.clone());
+        let failed = |position, message| FailedRow { position, file, message };
+        let entry = match (faults.get(number), row) {
+            (Some(problem), _) | (None, Err(problem)) => {
+                return Some(Err(failed(problem.position, problem.message.clone())));
             }
+            (None, Ok(entry)) if entry.exclude => return None,
+            (None, Ok(entry)) => entry,
         };
-        let evaluated = evaluate_entry(entry, folder, instrument, options, &read);
-        let evaluated =
-            evaluated.map_err(|error| (faulty_cell(entry, &error), with_causes(&error)));
-        let kept = evaluated.and_then(|mut trial| {
-            let kept = keep(trial.position, &mut trial.evaluated.result);
-            kept.map_err(|error| (entry.file.position, with_causes(&error)))?;
-            Ok(trial)
-        });
-        Some(kept.map_err(|(position, message)| FailedRow { position, file, message }))
+        Some(match evaluate_entry(entry, folder, instrument, options, &read) {
+            Err(error) => Err(failed(faulty_cell(entry, &error), with_causes(&error))),
+            Ok(mut trial) => match keep(trial.position, &mut trial.evaluated.result) {
+                Err(error) => Err(failed(entry.file.position, with_causes(&error))),
+                Ok(()) => Ok(trial),
+            },
+        })
     };
     let fold = |outcome| {
         match outcome {

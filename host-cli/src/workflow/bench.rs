@@ -244,20 +244,17 @@ fn prediction_error(blocks: &[Block], features: &Features, difference: &Mat<f64>
 }
 
 fn mark_front(solvers: &mut [Measurement]) {
-    let points: Vec<Option<(f64, f64)>> =
-        solvers.iter().map(|m| m.coefficient_error.map(|error| (m.seconds, error))).collect();
-    let flags = front(&points);
-    solvers.iter_mut().zip(flags).for_each(|(m, on_front)| m.on_front = on_front);
+    let point = |m: &Measurement| m.coefficient_error.map(|error| (m.seconds, error));
+    let points: Vec<(f64, f64)> = solvers.iter().filter_map(point).collect();
+    solvers
+        .iter_mut()
+        .for_each(|m| m.on_front = point(m).is_some_and(|own| is_on_front(own, &points)));
 }
 
-/// Which of these points of time and error no other beats in one without losing in the other.
-fn front(points: &[Option<(f64, f64)>]) -> Vec<bool> {
-    let is_beaten = |(seconds, error): (f64, f64)| {
-        let beats =
-            |&(s, e): &(f64, f64)| (s < seconds && e <= error) || (s <= seconds && e < error);
-        points.iter().flatten().any(beats)
-    };
-    points.iter().map(|own| own.is_some_and(|own| !is_beaten(own))).collect()
+/// Whether no other of these points of time and error beats one in one without losing in the other.
+fn is_on_front((seconds, error): (f64, f64), points: &[(f64, f64)]) -> bool {
+    let beats = |&(s, e): &(f64, f64)| (s < seconds && e <= error) || (s <= seconds && e < error);
+    !points.iter().any(beats)
 }
 
 /// Which error a figure shows.
@@ -272,54 +269,43 @@ pub enum ErrorKind {
 /// Run time against error, both logarithmic: a colour for each solver, a point for each model, and a
 /// line along the fastest solvers of each accuracy.
 pub fn figure(size: Size, benches: &[ModelBench], kind: ErrorKind) -> Figure {
-    let point = |m: &Measurement| {
-        let error = match kind {
-            ErrorKind::Coefficients => m.coefficient_error,
-            ErrorKind::Prediction => m.prediction_error,
-        };
-        error.map(|error| (1e3 * m.seconds, error))
-    };
-    // The reference is not compared with itself.
-    fn of_bench(bench: &ModelBench) -> impl Iterator<Item = &Measurement> {
-        bench.solvers.iter().filter(|m| m.solver != bench.reference)
-    }
-    let mut names: Vec<&str> = Vec::new();
-    for measured in benches.iter().flat_map(of_bench).filter(|m| point(m).is_some()) {
-        if !names.contains(&measured.solver) {
-            names.push(measured.solver);
+    let (error, quantity): (fn(&Measurement) -> Option<f64>, _) = match kind {
+        ErrorKind::Coefficients => {
+            (|m| m.coefficient_error, "largest relative error of a coefficient")
         }
+        ErrorKind::Prediction => {
+            (|m| m.prediction_error, "largest error of a prediction, over RMS")
+        }
+    };
+    let (mut series, mut fronts) = (Vec::<Series>::new(), Vec::new());
+    for bench in benches {
+        let mut points = Vec::new();
+        // The reference is not compared with itself.
+        for m in bench.solvers.iter().filter(|m| m.solver != bench.reference) {
+            let Some(error) = error(m) else { continue };
+            let point = (1e3 * m.seconds, error);
+            points.push(point);
+            match series.iter_mut().find(|series| series.label == m.solver) {
+                Some(of_solver) => of_solver.points.push(point),
+                None => series.push(Series {
+                    label: m.solver.to_owned(),
+                    points: vec![point],
+                    mark: ChartMark::Points,
+                }),
+            }
+        }
+        let mut front = points.clone();
+        front.retain(|&point| is_on_front(point, &points));
+        front.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        let label = format!("front of {}", bench.model);
+        fronts.push(Series { label, points: front, mark: ChartMark::Line });
     }
-    let of_solver = |name: &&str| Series {
-        label: (*name).to_owned(),
-        points: benches
-            .iter()
-            .flat_map(|bench| of_bench(bench).filter(|m| m.solver == *name))
-            .filter_map(point)
-            .collect(),
-        mark: ChartMark::Points,
-    };
-    let front_of = |bench: &ModelBench| {
-        let placed: Vec<_> = of_bench(bench).map(point).collect();
-        let flags = front(&placed);
-        let mut points: Vec<_> = placed
-            .into_iter()
-            .zip(flags)
-            .filter_map(|(p, on_front)| p.filter(|_| on_front))
-            .collect();
-        points.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-        Series { label: format!("front of {}", bench.model), points, mark: ChartMark::Line }
-    };
-    let series: Vec<Series> =
-        names.iter().map(of_solver).chain(benches.iter().map(front_of)).collect();
+    series.extend(fronts);
     let points = || series.iter().flat_map(|s| &s.points);
     let axis = |quantity: &str, unit: &str, of: fn(&(f64, f64)) -> f64| {
         let low = points().map(of).fold(f64::INFINITY, f64::min);
         let high = points().map(of).fold(0.0, f64::max);
         PlotAxis::new(quantity, unit, Spacing::Log, low, high).padded(0.06)
-    };
-    let quantity = match kind {
-        ErrorKind::Coefficients => "largest relative error of a coefficient",
-        ErrorKind::Prediction => "largest error of a prediction, over RMS",
     };
     let rows = benches.first().map_or(0, |bench| bench.rows);
     let (x, y) = (axis("run time", "ms", |p| p.0), axis(quantity, "", |p| p.1));

@@ -11,7 +11,7 @@ use calibration::physics::COVERAGE_LEVEL;
 use calibration::validation::cross_validation::CrossValidation;
 use calibration_file::CalibrationFile;
 use log_file::{Log, ReadOptions};
-use report::{Contribution, EvaluationType};
+use report::Contribution;
 use shell_data::wrench::{AxisValues, PerAxis};
 
 /// The uncertainty of a single frame, by what makes it. A log of the `unloaded` sensor tells repeatability and drift;
@@ -49,13 +49,13 @@ pub fn budget(
     let standard = reference
         .map(|[force, moment]| std::array::from_fn(|axis| if axis < 3 { force } else { moment }));
     let stated = measured("reference", basis.to_owned(), standard);
-    budget.push(Contribution { evaluation: EvaluationType::TypeB, ..stated });
+    budget.push(Contribution { evaluation: "B", ..stated });
     Ok(budget)
 }
 
 /// An uncertainty that was measured (type A) and is not part of another line.
 fn measured(source: &'static str, basis: String, standard: Option<PerAxis<f64>>) -> Contribution {
-    Contribution { source, evaluation: EvaluationType::TypeA, basis, standard, is_part: false }
+    Contribution { source, evaluation: "A", basis, standard, is_part: false }
 }
 
 /// Errors on loads that were not used, or the best that the file knows.

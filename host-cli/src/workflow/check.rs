@@ -77,7 +77,10 @@ pub fn check_weights(
     };
     let weights = table.loads().iter().filter(|load| !is_rest(load));
     let checked: Vec<CheckedLoad> = weights.filter_map(compare).collect();
-    if checked.is_empty() { Err(WorkflowError::NoWeight) } else { Ok(checked) }
+    match checked.is_empty() {
+        true => Err(WorkflowError::refused("no weight hangs in any line of the table", None)),
+        false => Ok(checked),
+    }
 }
 
 /// The readings at a load, memory terms beside them.

@@ -5,7 +5,7 @@ use crate::workflow::{WorkflowError, check_channels};
 use calibration::Calibration;
 use figures::WrenchTrace;
 use forces::by_column;
-use forces::drift::Drift;
+use forces::drift::{Drift, FEWEST_RESTS};
 use forces::stationary::{QuietLevel, StationaryFinder, StationaryInterval};
 use log_file::{ColumnRef, Log, ReadOptions, Wanted};
 use shell_data::wrench::{AxisValues, PerAxis};
@@ -53,9 +53,9 @@ pub struct Zeros {
     /// The middle of each rest, s.
     pub times_s: Vec<f64>,
     /// The wrench, N and N·m; empty without a calibration.
-    pub axes: PerAxis<Vec<f64>>,
+    axes: PerAxis<Vec<QuietLevel>>,
     /// The readings of each channel, counts.
-    pub channels: Vec<Vec<f64>>,
+    channels: Vec<Vec<QuietLevel>>,
 }
 
 /// Finds the stationary intervals of a log, and how its zero moves from one to the next, in one pass.
@@ -68,11 +68,10 @@ pub fn drift(
     rows: RowFilter,
     read: &ReadOptions<'_>,
 ) -> Result<DriftSummary, WorkflowError> {
-    let path = || log.path().display().to_string();
-    let usual = || log.columns().iter().position(|column| column.name == TEMPERATURE);
+    let path = log.path().display();
     let temperature = match &options.temperature {
         Some(column) => Some(log.column_positions(std::slice::from_ref(column))?[0]),
-        None => usual(),
+        None => log.columns().iter().position(|column| column.name == TEMPERATURE),
     };
     let texts = temperature.into_iter().collect();
     let wanted = Wanted { readings: true, time: true, texts, ..Wanted::default() };
@@ -82,8 +81,9 @@ pub fn drift(
     }
     let mut finder = StationaryFinder::default();
     let channels = vec![Vec::new(); log.channels()];
-    let mut observed = Observed { channels, ..Observed::default() };
-    let mut warmth = Warmth::default();
+    let mut zeros = Zeros { channels, ..Zeros::default() };
+    // A board says the temperature now and then: it holds until the next time.
+    let mut said: Vec<(f64, f64)> = Vec::new();
     let summary = log.read(
         &wanted,
         read,
@@ -94,26 +94,40 @@ pub fn drift(
         |block| {
             let mut row = 0;
             for (text, rows) in block.texts.iter().flatten() {
-                let known = warmth.add(block.time_s[row], text);
-                known.map_err(|text| WorkflowError::Temperature {
-                    path: path(),
-                    column: log.columns()[temperature.unwrap_or_default()].name.clone(),
-                    text,
+                let known = temperature_of(text).map_err(|text| {
+                    let column = &log.columns()[temperature.unwrap_or_default()].name;
+                    WorkflowError::refused(
+                        format!("`{path}`: `{text}` in column `{column}` is no temperature"),
+                        "name the column of temperature with `--temperature`",
+                    )
                 })?;
+                said.extend(known.map(|value| (block.time_s[row], value)));
                 row += rows;
             }
             finder.look_at(&block.time_s, &block.readings, &mut |rest| {
-                observed.add(options.calibration, rest);
+                zeros.add(options.calibration, rest);
             });
             Ok::<(), WorkflowError>(())
         },
     )?;
-    let Observed { axes, channels, times_s } = observed;
-    let temperatures: Vec<Option<f64>> = times_s.iter().map(|&time| warmth.at(time)).collect();
+    let Zeros { axes, channels, times_s } = &zeros;
+    let temperature_at = |&time_s: &f64| {
+        let next = said.partition_point(|&(time, _)| time <= time_s);
+        next.checked_sub(1).map(|last| said[last].1)
+    };
+    let temperatures: Vec<Option<f64>> = times_s.iter().map(temperature_at).collect();
     let calibration_axes = options.calibration.map(|calibration| calibration.axes);
     let quantities = calibration_axes.map_or(channels.len(), |axes| axes.iter().count());
-    let of = |levels: &Vec<QuietLevel>| Drift::fit(levels, &times_s, &temperatures, quantities);
-    let too_few = || WorkflowError::TooFewRests { path: path(), found: times_s.len() };
+    let of = |levels: &Vec<QuietLevel>| Drift::fit(levels, times_s, &temperatures, quantities);
+    let too_few = || {
+        let found = times_s.len();
+        WorkflowError::refused(
+            format!(
+                "`{path}` has `{found}` stretches at rest, {FEWEST_RESTS} at least are needed to tell a drift"
+            ),
+            "begin with the sensor at rest and unloaded, and let it rest for a second or more now and then",
+        )
+    };
     let channel_drifts = channels.iter().map(of).collect::<Option<Vec<_>>>().ok_or_else(too_few)?;
     let axis_drifts = match calibration_axes {
         None => None,
@@ -124,7 +138,6 @@ pub fn drift(
     };
     let known = temperatures.iter().copied().flatten();
     let extremes = known.clone().reduce(f64::min).zip(known.reduce(f64::max));
-    let means = |levels: &Vec<QuietLevel>| levels.iter().map(|level| level.mean).collect();
     Ok(DriftSummary {
         rows: summary.rows,
         skipped_rows: summary.skipped_rows,
@@ -134,23 +147,11 @@ pub fn drift(
         temperature: extremes.map(|(low, high)| [low, high]),
         axes: axis_drifts,
         channels: channel_drifts,
-        zeros: Zeros {
-            axes: axes.each_ref().map(means),
-            channels: channels.iter().map(means).collect(),
-            times_s,
-        },
+        zeros,
     })
 }
 
-/// Levels at the stationary intervals, column by column.
-#[derive(Default)]
-struct Observed {
-    times_s: Vec<f64>,
-    axes: PerAxis<Vec<QuietLevel>>,
-    channels: Vec<Vec<QuietLevel>>,
-}
-
-impl Observed {
+impl Zeros {
     fn add(&mut self, calibration: Option<&Calibration>, rest: &StationaryInterval) {
         self.times_s.push(rest.middle_s());
         for (levels, readings) in self.channels.iter_mut().zip(&rest.readings) {
@@ -163,31 +164,14 @@ impl Observed {
     }
 }
 
-/// The temperature over time: a board says it now and then, and it holds until then.
-#[derive(Default)]
-struct Warmth {
-    changes: Vec<(f64, f64)>,
-}
-
-impl Warmth {
-    /// Adds what stands in the column from a time on; what is no number is the error.
-    fn add(&mut self, time_s: f64, text: &str) -> Result<(), String> {
-        let text = text.trim();
-        if text.is_empty() {
-            return Ok(());
-        }
-        let number = text.replace(',', ".").parse().ok().filter(|value: &f64| value.is_finite());
-        let value = number.ok_or_else(|| text.to_owned())?;
-        if self.changes.last().is_none_or(|&(_, last)| last != value) {
-            self.changes.push((time_s, value));
-        }
-        Ok(())
+/// The number in a column of temperature, `None` if nothing stands there; what is no number is the error.
+fn temperature_of(text: &str) -> Result<Option<f64>, String> {
+    let text = text.trim();
+    if text.is_empty() {
+        return Ok(None);
     }
-
-    fn at(&self, time_s: f64) -> Option<f64> {
-        let next = self.changes.partition_point(|&(time, _)| time <= time_s);
-        next.checked_sub(1).map(|last| self.changes[last].1)
-    }
+    let number = text.replace(',', ".").parse().ok().filter(|value: &f64| value.is_finite());
+    number.map(Some).ok_or_else(|| text.to_owned())
 }
 
 impl DriftSummary {
@@ -203,15 +187,15 @@ impl DriftSummary {
 impl Zeros {
     /// The readings of each channel at the stationary intervals less those at the first, with their times.
     pub fn channel_changes(&self) -> Vec<Vec<(f64, f64)>> {
-        let points = |column: &Vec<f64>| {
+        let points = |column: &Vec<QuietLevel>| {
             self.times_s.iter().copied().zip(from_first(column)).collect::<Vec<_>>()
         };
         self.channels.iter().map(points).collect()
     }
 }
 
-fn from_first(column: &[f64]) -> Vec<f64> {
-    column.iter().map(|value| value - column[0]).collect()
+fn from_first(column: &[QuietLevel]) -> Vec<f64> {
+    column.iter().map(|level| level.mean - column[0].mean).collect()
 }
 
 fn by_axis<S: serde::Serializer>(

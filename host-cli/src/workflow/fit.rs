@@ -1,14 +1,12 @@
 //! From logs to the rows of a fit, and from a fit to its calibration file.
 
 use super::{WorkflowError, agree_on_axes, check_channels, check_logs};
+use calibration::FitError;
 use calibration::fit::{Fit, FitMethod, FitOptions, GroupsAsked, HeldOut, may_have_plateaus};
 use calibration::quality::AxisQuality;
-use calibration::{Calibration, FitError};
 use calibration_file::{CalibrationFile, Diagnostics, Origin, Role, SolverRecord, SourceFile};
-use figures::FitPlot;
 use log_file::{Log, ReadOptions, Wanted, read_dataset, sample_logs};
 use shell_data::dataset::{Dataset, LogRows};
-use shell_data::wrench::PerAxis;
 
 /// Rows to fit to, and to test on.
 #[derive(Debug, Default)]
@@ -117,15 +115,6 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
     let read = ReadOptions { threads: options.workers.threads, ..ReadOptions::default() };
     let mut data = FitData::read(train, test, (options, false), &read)?;
     Ok(data.fit(options)?)
-}
-
-/// Adds predictions for rows, and what they have measured, to a figure.
-pub fn add_to_plot(plot: &mut FitPlot, calibration: &Calibration, data: &Dataset) {
-    let mut predicted = PerAxis::default();
-    for (_, block) in data.blocks() {
-        calibration.wrench(&block.rows.readings, &mut predicted);
-        plot.add(&predicted, &block.rows.wrench);
-    }
 }
 
 /// The calibration file of a fit. Its solver and how well it went are set in `origin`.

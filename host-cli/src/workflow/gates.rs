@@ -97,12 +97,20 @@ impl Gates {
         {
             let is_limited = self.asked().iter().any(|axis| axis.is_moment() == is_moment);
             if limit.is_some() && !is_limited {
-                return Err(WorkflowError::LimitsNothing(name));
+                return Err(WorkflowError::refused(
+                    format!("the limit of {name} is for none of the axes that are compared"),
+                    "leave the limit out, or add an axis to `--axes`",
+                ));
             }
         }
         let asked = self.asked().without(calibrated);
         if !asked.is_empty() {
-            return Err(WorkflowError::Uncalibrated { asked, calibrated });
+            let names: Vec<_> = calibrated.iter().map(|axis| axis.name().to_lowercase()).collect();
+            let axes = names.join(",");
+            return Err(WorkflowError::refused(
+                format!("{asked} cannot be compared: the calibration gives {calibrated} only"),
+                &*format!("compare what there is with `--axes {axes}`, which leaves out {asked}"),
+            ));
         }
         Ok(measured.iter().fold(self.axes.unwrap_or(calibrated), |all, axes| all.and(*axes)))
     }

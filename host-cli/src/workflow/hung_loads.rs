@@ -55,44 +55,35 @@ impl HungReference {
         let (mut data, unloaded_rows) = hung_rows(logs, table, read)?;
         let (rows, labels) = TrainingRows::from_dataset(&data);
         let observations = rows.observations().map_err(FitError::from)?;
-        let mut reference = Self::new(table.loads(), (&observations, &labels))?;
-        reference.unloaded_rows = unloaded_rows;
-        let found = reference.loads.iter().zip(&reference.corrected.loads);
-        let found = found.map(|(load, found)| (load.group.as_str(), found.wrench)).collect();
-        hang(&mut data, &found);
-        Ok((FitData { train: data, ..FitData::default() }, reference))
-    }
-
-    fn new(
-        loads: &[HungLoad],
-        (observations, labels): (&[Observation], &[String]),
-    ) -> Result<Self, WorkflowError> {
         let by_label: HashMap<&str, &Observation> =
             observations.iter().map(|o| (labels[o.group as usize].as_str(), o)).collect();
         let is_read = |load: &HungLoad| by_label.contains_key(load.group.as_str());
-        let (read, unread): (Vec<HungLoad>, Vec<HungLoad>) =
-            loads.iter().cloned().partition(is_read);
-        let mut mountings: Vec<String> = read.iter().filter_map(|of| of.mounting.clone()).collect();
+        let (loads, unread): (Vec<HungLoad>, Vec<HungLoad>) =
+            table.loads().iter().cloned().partition(is_read);
+        let mut mountings: Vec<String> =
+            loads.iter().filter_map(|of| of.mounting.clone()).collect();
         mountings.sort_unstable();
         mountings.dedup();
         // What all loads share cannot be told from the sensors.
         if mountings.len() < 2 {
             mountings.clear();
         }
-        let stated: Vec<StatedLoad> = read.iter().map(|load| stated(load, &mountings)).collect();
+        let stated: Vec<StatedLoad> = loads.iter().map(|load| stated(load, &mountings)).collect();
         let observed: Vec<Observation> =
-            read.iter().map(|load| by_label[load.group.as_str()].clone()).collect();
+            loads.iter().map(|load| by_label[load.group.as_str()].clone()).collect();
         let corrected = correct_loads(&observed, &stated, (mountings.len(), MOUNTING_M))
             .map_err(FitError::from)?;
-        let judged_by = (read.iter().zip(&corrected.loads))
-            .map(|(load, found)| {
-                let is_wrong = found.suspicious.is_some();
-                let wrench = if is_wrong { found.wrench } else { load.wrench() };
-                (load.group.clone(), wrench)
-            })
-            .collect();
+        let (mut judged_by, mut found) = (BTreeMap::new(), HashMap::new());
+        for (load, corrected) in loads.iter().zip(&corrected.loads) {
+            let is_wrong = corrected.suspicious.is_some();
+            let wrench = if is_wrong { corrected.wrench } else { load.wrench() };
+            judged_by.insert(load.group.clone(), wrench);
+            found.insert(load.group.as_str(), corrected.wrench);
+        }
+        hang(&mut data, &found);
         let unread = unread.into_iter().map(|load| load.group).collect();
-        Ok(Self { loads: read, corrected, mountings, judged_by, unread, unloaded_rows: 0 })
+        let data = FitData { train: data, ..FitData::default() };
+        Ok((data, Self { loads, corrected, mountings, judged_by, unread, unloaded_rows }))
     }
 
     /// The lines of the table that are probably wrong, with what was found.
@@ -123,14 +114,26 @@ pub(super) fn hung_rows(
     let loads = table.loads();
     if !wanted.groups {
         let labels: Vec<String> = loads.iter().map(|load| load.group.clone()).collect();
-        data = label_holds(&data, &labels)?;
+        let hint =
+            "give the log a group column with the labels of the table, as `live --plan` writes it";
+        let refused = |error| WorkflowError::refused(error, hint);
+        data = label_holds(&data, &labels).map_err(refused)?;
     }
-    let (rows, first) = (data.rows(), first_label(&data));
+    let first = {
+        let mut labels = data.blocks().flat_map(|(_, block)| block.labels.iter());
+        labels.find(|(label, _)| !label.is_empty()).map(|(label, _)| label.clone())
+    };
+    let rows = data.rows();
     let stated = loads.iter().map(|load| (load.group.as_str(), load.wrench())).collect();
     hang(&mut data, &stated);
     if data.rows() == 0 {
-        let load = loads[0].group.clone();
-        return Err(WorkflowError::NoLabels { found: first.unwrap_or_default(), load });
+        let (found, load) = (first.unwrap_or_default(), &loads[0].group);
+        return Err(WorkflowError::refused(
+            format!(
+                "no row has the label of a load: the first label is `{found}`, the first load `{load}`"
+            ),
+            "name the log's column of labels with `--group`",
+        ));
     }
     let left_out = rows - data.rows();
     Ok((data, left_out))
@@ -147,11 +150,6 @@ pub(super) fn stated(load: &HungLoad, mountings: &[String]) -> StatedLoad {
             mounting: mountings.iter().position(|label| Some(label) == load.mounting.as_ref()),
         },
     }
-}
-
-fn first_label(data: &Dataset) -> Option<String> {
-    let mut runs = data.blocks().flat_map(|(_, block)| block.labels.iter());
-    runs.find(|(label, _)| !label.is_empty()).map(|(label, _)| label.clone())
 }
 
 /// Gives every row the wrench of its label, and leaves out those of other labels.

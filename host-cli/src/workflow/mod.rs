@@ -9,11 +9,9 @@ pub mod convert;
 pub mod drift;
 pub mod figures;
 pub mod fit;
-pub mod fit_report;
 pub mod gates;
 pub mod hung_loads;
 pub mod live;
-pub mod merge;
 pub mod noise;
 pub mod outliers;
 pub mod partial;
@@ -29,7 +27,7 @@ pub mod trial;
 
 mod error;
 
-pub use error::{ChannelMismatch, WorkflowError};
+pub use error::WorkflowError;
 use log_file::{Log, Wanted};
 use shell_data::wrench::Axes;
 
@@ -37,7 +35,7 @@ use shell_data::wrench::Axes;
 /// which have these, too, no more are used.
 ///
 /// # Errors
-/// [`WorkflowError::Axes`] if the training logs have different ones, [`WorkflowError::Log`] if a log
+/// [`WorkflowError::Refused`] if the training logs have different ones, [`WorkflowError::Log`] if a log
 /// has none or a test log lacks some.
 pub fn agree_on_axes(train: &[Log], test: &mut [Log]) -> Result<Axes, WorkflowError> {
     let first = train.first().ok_or(WorkflowError::NoLogs)?;
@@ -46,7 +44,11 @@ pub fn agree_on_axes(train: &[Log], test: &mut [Log]) -> Result<Axes, WorkflowEr
         log.require(&Wanted { readings: true, wrench: true, ..Wanted::default() })?;
         let found = log.axes();
         if found != expected {
-            return Err(WorkflowError::Axes { path: log.path().into(), expected, found });
+            let path = log.path().display();
+            let message = format!(
+                "`{path}` has the axes {found} of the wrench, the logs before it have {expected}"
+            );
+            return Err(WorkflowError::refused(message, None));
         }
     }
     test.iter_mut().try_for_each(|log| log.keep_axes(expected))?;
@@ -70,11 +72,11 @@ fn check_logs<'a>(
 /// Checks that a log has so many channels.
 ///
 /// # Errors
-/// [`ChannelMismatch`].
-pub fn check_channels(log: &Log, expected: usize) -> Result<(), ChannelMismatch> {
+/// [`WorkflowError::Channels`].
+pub fn check_channels(log: &Log, expected: usize) -> Result<(), WorkflowError> {
     let found = log.channels();
     if found == expected {
         return Ok(());
     }
-    Err(ChannelMismatch { path: log.path().to_path_buf(), expected, found })
+    Err(WorkflowError::Channels { path: log.path().to_path_buf(), expected, found })
 }

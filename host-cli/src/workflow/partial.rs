@@ -1,16 +1,20 @@
-//! Partial fits: the sums of some logs, for [`merge`](super::merge). Logs are streamed, so that they may be larger
-//! than the memory.
+//! Partial fits: the sums of some logs, and a calibration from such sums, merged. Logs are streamed, so that they may be
+//! larger than the memory.
 
+use super::fit::calibration_file;
 use super::{WorkflowError, check_logs};
 use calibration::factored::GroupFactors;
-use calibration::fit::{RANDOM_FOLDS, random_split};
+use calibration::fit::merged::fit_sums;
+use calibration::fit::{Fit, FitOptions, HeldOut, ModelRule, RANDOM_FOLDS, random_split};
 use calibration::reading_ranges::ReadingRanges;
 use calibration::scaling::Scaling;
 use calibration::validation::grouped::{
     Apart, BlockGroups, GroupKind, GroupSums, GroupWorker, RandomSplit,
 };
 use calibration::{Basis, FitError, Model};
-use calibration_file::{PartialFit, PartialGroups, Role, SourceFile, Sums};
+use calibration_file::{
+    CalibrationFile, Origin, PartialFit, PartialGroups, Role, SourceFile, Sums,
+};
 use log_file::{Log, Mapping, ReadOptions, ReadSummary, Wanted};
 use shell_data::block::Block;
 use shell_data::fingerprint::Fingerprint;
@@ -205,4 +209,39 @@ impl BlockStream<'_> {
         let total = Sums::Factored(groups.total().ok_or(FitError::NoRows)?);
         Ok((total, PartialGroups::factored(self.by, groups, &rows.first_in), rows))
     }
+}
+
+/// Fits a calibration to the sums of `merged`, which is [in order](PartialFit::put_in_order): its model, where
+/// none is given.
+///
+/// # Errors
+/// [`WorkflowError`] if the rows do not determine the coefficients, or something is asked of groups
+/// where there are none.
+pub fn fit_merged(
+    merged: &PartialFit,
+    model: Option<ModelRule>,
+    options: &FitOptions<'_>,
+) -> Result<Fit, WorkflowError> {
+    let model = model.unwrap_or(merged.model.basis.into());
+    let options = FitOptions { model, intercept: merged.model.intercept, ..*options };
+    let folds = options.cross_validation.map(|held_out| match held_out {
+        HeldOut::Folds(folds) => folds,
+        _ => RANDOM_FOLDS,
+    });
+    let fit = fit_sums(merged.row_sums(folds)?, merged.axes, &options)?;
+    let (skipped_rows, repeated_rows) = (merged.skipped_rows, merged.repeated_rows);
+    Ok(Fit { skipped_rows, repeated_rows, ..fit })
+}
+
+/// The calibration file of a fit to `merged`.
+pub fn merged_file(fit: &Fit, merged: &PartialFit) -> CalibrationFile {
+    let origin = Origin {
+        made_by: merged.made_by.clone(),
+        date: merged.date.clone(),
+        sensor_serial: merged.sensor_serial.clone(),
+        sources: merged.sources.clone(),
+        columns: merged.columns.clone(),
+        ..Origin::default()
+    };
+    calibration_file(fit, origin)
 }

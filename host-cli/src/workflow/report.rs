@@ -1,15 +1,18 @@
-//! What a report says of its inputs: files with checksums, the calibration, the settings.
+//! What a report says of its inputs: files with checksums, the settings.
 
 use std::io;
 use std::path::Path;
 
 use super::batch::Batch;
-use super::trial::{TrialJob, doubtful_rows};
-use calibration_file::{CalibrationFile, Role};
+use super::trial::TrialJob;
 use forces::RowRule;
-use log_file::{Log, LogError, Mapping, ReadOptions, checksum};
-use report::{CalibrationFacts, CalibrationSource, Input, OutlierRow, OutlierTable, figure};
+use log_file::{Log, LogError, Mapping, ReadOptions, Wanted, checksum};
+use report::{Input, OutlierRow, OutlierTable};
+use shell_data::block::Block;
 use trial::{Diagnostic, Instrument, Profile, TrialOptions};
+
+/// Rows of one log that are named.
+const NAMED: usize = 20;
 
 /// A file with its checksum.
 ///
@@ -76,47 +79,56 @@ pub fn doubtful(
     Ok(Some(all))
 }
 
-/// What a report says of the calibration in a file that is named `path`.
-pub fn calibration_facts<'a>(path: &str, file: &'a CalibrationFile) -> CalibrationFacts<'a> {
-    let CalibrationFile { calibration, origin } = file;
-    let mut facts = vec![
-        ("file", path.to_owned()),
-        ("made by", origin.made_by.clone()),
-        ("date", origin.date.clone()),
-        ("model", calibration.name()),
-    ];
-    if let Some(serial) = &origin.sensor_serial {
-        facts.push(("sensor", serial.clone()));
-    }
-    if let Some(solver) = &origin.solver {
-        facts.push(("solver", format!("{}, ridge {}", solver.name.name(), figure(solver.ridge))));
-    }
-    let known = origin.diagnostics.as_ref();
-    if let Some(diagnostics) = known {
-        facts.push(("rows fitted", diagnostics.rows.to_string()));
-        facts.push(("rank", diagnostics.rank.to_string()));
-        facts.push(("condition number", figure(diagnostics.condition)));
-    }
-    let sources = origin.sources.iter().map(|source| CalibrationSource {
-        role: match source.role {
-            Role::Train => "fit",
-            Role::Test => "test",
-            Role::Wrench => "give the wrench",
-            Role::Matrix => "import",
-            Role::Calibration => "bring up to date",
-        },
-        path: source.path.display().to_string(),
-        rows: source.rows,
-        checksum: source.checksum.clone(),
-    });
-    CalibrationFacts {
-        facts,
-        axes: calibration.axes,
-        train: known.map(|known| &known.train),
-        cross_validation: known.and_then(|known| known.cross_validation.as_ref()),
-        test: known.and_then(|known| known.test.as_ref()),
-        sources: sources.collect(),
-    }
+/// The frames between two times (s on the log's clock) with a reading that cannot be trusted: lines of the first of
+/// them, with the readings in words, and how many there are. Without a calibration there are none.
+///
+/// # Errors
+/// [`LogError`] if the log cannot be read.
+fn doubtful_rows(
+    job: &TrialJob<'_>,
+    window_s: [f64; 2],
+) -> Result<(Vec<(u64, String)>, usize), LogError> {
+    let log = job.log;
+    let ranges = job.instrument.calibration.filter(|of| of.channels() == log.channels());
+    let Some(calibration) = ranges else { return Ok((Vec::new(), 0)) };
+    let doubt = |channel: usize, reading: f64| {
+        let range = calibration.valid_range.as_ref().and_then(|ranges| ranges.get(channel));
+        let why = match range {
+            _ if !(reading > 0.0 && reading < job.options.full_scale) => {
+                "an end of the converter".to_owned()
+            }
+            Some(range) if !range.contains(reading) => {
+                format!("calibrated from {} to {}", range.min, range.max)
+            }
+            _ => return None,
+        };
+        Some(format!("`s{}` is {reading}, {why}", channel + 1))
+    };
+    let are_stale = log.repeats_are_stale();
+    let wanted = Wanted { time: true, readings: true, ..Wanted::default() };
+    let look = |block: &mut Block| -> Vec<(u64, String)> {
+        let fresh = if are_stale { block.fresh_rows() } else { vec![true; block.rows] };
+        let words = |row: usize| {
+            let time_s = block.time_s[row];
+            if !fresh[row] || !(window_s[0]..=window_s[1]).contains(&time_s) {
+                return None;
+            }
+            let readings = block.readings.iter().enumerate();
+            let doubts = readings.filter_map(|(channel, column)| doubt(channel, column[row]));
+            let doubts: Vec<String> = doubts.collect();
+            let words = || format!("{time_s:.3} s: {}", doubts.join("; "));
+            (!doubts.is_empty()).then(|| (block.lines.line(row), words()))
+        };
+        (0..block.rows).filter_map(words).collect()
+    };
+    let (mut first, mut count) = (Vec::new(), 0);
+    log.read(&wanted, &job.read, look, |found| {
+        count += found.len();
+        let room = NAMED.saturating_sub(first.len());
+        first.extend(found.into_iter().take(room));
+        Ok::<_, LogError>(())
+    })?;
+    Ok((first, count))
 }
 
 /// How trials were evaluated: name and value.

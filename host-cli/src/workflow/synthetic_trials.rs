@@ -1,7 +1,7 @@
 //! Trials of the virtual robot as files: a log, its truth, and a set with a manifest.
 
 use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use output_file::{OutputError, Outputs};
 use simulation::sensor_model::ModelError;
@@ -22,14 +22,6 @@ pub enum SyntheticTrialError {
     /// A file cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
-    /// The directory of the set cannot be made.
-    #[error("cannot make the directory `{}`", path.display())]
-    Directory {
-        /// The directory.
-        path: PathBuf,
-        /// What the system said.
-        source: io::Error,
-    },
 }
 
 /// Writes the log of a trial; returns its number of rows.
@@ -100,7 +92,7 @@ pub fn write_set(
     mut progress: impl FnMut(u64),
 ) -> Result<Vec<SetTrial>, SyntheticTrialError> {
     std::fs::create_dir_all(directory)
-        .map_err(|source| SyntheticTrialError::Directory { path: directory.to_owned(), source })?;
+        .map_err(|source| OutputError::failed(directory.to_owned(), source))?;
     let mut trials = Vec::new();
     let mut manifest = String::from("file,condition,t_enter_s,t_exit_s\n");
     for (index, condition) in ChannelForces::PAPER.into_iter().enumerate() {

@@ -11,11 +11,11 @@ use forces::filter::{Butterworth, Filter, FilterError};
 use forces::{ForceError, ForceOptions, LowPass, TareRule};
 use log_file::{Log, Mapping, ReadOptions};
 use shell_data::wrench::{Axes, Axis};
+use shellcal::workflow::WorkflowError;
 use shellcal::workflow::convert::{
     Conversion, ConvertOptions, ConvertSummary, OutputPlan, TableColumns, convert,
 };
 use shellcal::workflow::selection::RowFilter;
-use shellcal::workflow::{ChannelMismatch, WorkflowError};
 use system_tests::real_recording;
 
 /// Coefficients without any pattern, in N per count.
@@ -302,7 +302,7 @@ fn what_cannot_be_done_is_said_by_name() {
     let message = tare(TareRule::Between(1.0, 2.0)).to_string();
     assert!(
         message.ends_with(
-            "has no frame between `1` and `2` s to tare on: its frames run from `0` to `0.059` s"
+            "no frame between `1` and `2` s to tare on: frames run from `0` to `0.059` s"
         ),
         "{message}"
     );
@@ -315,10 +315,7 @@ fn what_cannot_be_done_is_said_by_name() {
     let no_covariance = error(ConvertOptions { columns: errors, ..options() });
     assert!(matches!(no_covariance, WorkflowError::NoCovariance));
     let other = run_on(&open(&path), &linear(8), &options()).unwrap_err();
-    assert!(matches!(
-        other,
-        WorkflowError::Channels(ChannelMismatch { expected: 8, found: 3, .. })
-    ));
+    assert!(matches!(other, WorkflowError::Channels { expected: 8, found: 3, .. }));
 
     let short = csv(directory.path(), 15, 1);
     let forces = filtered(low_pass(20.0, true));

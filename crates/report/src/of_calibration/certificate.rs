@@ -2,14 +2,12 @@
 
 use std::fmt::Write;
 
-use super::super::markup::{Column, escape, table};
-use super::super::page::page;
-use super::super::sections::calibration::sources_table;
-use super::super::sections::parts::facts_table;
+use super::super::Heading;
+use super::super::markup::{Column, escape, facts_table, page, reproduction, table};
+use super::super::sections::calibration::{facts, sources_table};
 use super::super::units::{AxisUnits, ColumnUnit};
-use super::super::{CalibrationFacts, Heading};
 use super::loads;
-use calibration::validation::excitation::Excitation;
+use calibration_file::CalibrationFile;
 use serde::{Serialize, Serializer};
 use shell_data::wrench::{Axes, PerAxis};
 
@@ -21,10 +19,12 @@ const COVERAGE: f64 = 2.0;
 pub struct Certificate<'a> {
     /// What it is about, and where it comes from.
     pub heading: Heading<'a>,
-    /// The calibration, and what it was made from.
-    pub calibration: CalibrationFacts<'a>,
-    /// Which loads were calibrated.
-    pub excitation: Option<&'a Excitation>,
+    /// The calibration file.
+    pub file: &'a CalibrationFile,
+    /// Its name.
+    pub name: &'a str,
+    /// Its checksum.
+    pub checksum: &'a str,
     /// What the uncertainty consists of.
     pub budget: &'a [Contribution],
     /// What is to be said of the 95 % intervals of single frames.
@@ -38,23 +38,14 @@ pub struct Certificate<'a> {
 pub struct Contribution {
     /// What makes the wrench uncertain.
     pub source: &'static str,
-    /// How its uncertainty was evaluated.
-    pub evaluation: EvaluationType,
+    /// How its uncertainty was evaluated (GUM, 3.3.4): "A" from observations, "B" from what was known before.
+    pub evaluation: &'static str,
     /// Where the number comes from, or why there is none.
     pub basis: String,
     /// The standard uncertainty of each axis, if it is known.
     pub standard: Option<PerAxis<f64>>,
     /// Whether another line has it already.
     pub is_part: bool,
-}
-
-/// How a standard uncertainty was evaluated (GUM, 3.3.4).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum EvaluationType {
-    /// From observations.
-    TypeA,
-    /// From what was known before.
-    TypeB,
 }
 
 /// A known weight beside what the sensor says.
@@ -94,7 +85,9 @@ impl Certificate<'_> {
 
     /// The certificate as the content of an HTML file.
     pub fn html(&self) -> String {
-        let facts = facts_table("The calibration", &self.calibration.facts);
+        let mut facts = facts(self.name, self.file);
+        facts.push(("checksum of the file", self.checksum.to_owned()));
+        let facts = facts_table("The calibration", &facts);
         let sections = [
             ("sensor", "The sensor and its calibration", facts),
             ("loads", "Loads that were calibrated", self.loads()),
@@ -106,11 +99,12 @@ impl Certificate<'_> {
     }
 
     fn loads(&self) -> String {
-        let Some(excitation) = self.excitation else {
+        let diagnostics = self.file.origin.diagnostics.as_ref();
+        let Some(excitation) = diagnostics.and_then(|of| of.excitation.as_ref()) else {
             return "<p>The calibration file does not say which loads it was made from.</p>\n"
                 .into();
         };
-        let columns = loads(excitation, self.calibration.axes);
+        let columns = loads(excitation, self.file.calibration.axes);
         table("Loads of the calibration; outside them it is not valid", &columns)
     }
 
@@ -119,12 +113,8 @@ impl Certificate<'_> {
         let units = AxisUnits::new(|axis| vec![expanded[axis.index()]]);
         let mut lines = Vec::new();
         for of in self.budget {
-            let kind = match of.evaluation {
-                EvaluationType::TypeA => "A",
-                EvaluationType::TypeB => "B",
-            };
             let part = if of.is_part { "of which " } else { "" };
-            lines.push((format!("{part}{}", of.source), kind, of.standard, &*of.basis));
+            lines.push((format!("{part}{}", of.source), of.evaluation, of.standard, &*of.basis));
         }
         let sum = "combined standard uncertainty".to_owned();
         lines.push((sum, "", Some(combined), "root of the sum of the squares"));
@@ -134,7 +124,7 @@ impl Certificate<'_> {
             Column::text("standard uncertainty", lines.iter().map(|line| &line.0)),
             Column::text("type", lines.iter().map(|line| line.1)),
         ];
-        columns.extend(self.calibration.axes.iter().map(|axis| {
+        columns.extend(self.file.calibration.axes.iter().map(|axis| {
             let unit = units.of(axis);
             let values = lines.iter().map(|line| unit.value(line.2.map(|all| all[axis.index()])));
             Column::numbers(&unit.name(axis.name()), values)
@@ -161,7 +151,7 @@ impl Certificate<'_> {
         }
         let mut rows = Vec::new();
         for of in self.weights {
-            for axis in self.calibration.axes.iter() {
+            for axis in self.file.calibration.axes.iter() {
                 let values = [of.stated, of.measured, of.allowed];
                 let [stated, measured, allowed] = values.map(|values| values[axis.index()]);
                 let scale = ColumnUnit::new(axis.unit(), [stated, measured, allowed]);
@@ -184,11 +174,8 @@ impl Certificate<'_> {
     }
 
     fn origin(&self) -> String {
-        let command = escape(self.heading.command);
-        let sources = sources_table(&self.calibration);
-        format!(
-            "{sources}<pre><code>{command}</code></pre>\n<p>Calibrated by: ____________________ \
-             Checked by: ____________________ Date: ______________</p>\n"
-        )
+        let signatures = "<p>Calibrated by: ____________________ Checked by: ____________________ \
+                          Date: ______________</p>\n";
+        sources_table(self.file) + &reproduction(self.heading.command) + signatures
     }
 }

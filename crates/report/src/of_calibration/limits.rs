@@ -15,29 +15,30 @@ const MUCH_OUTSIDE: f64 = 0.05;
 /// In sentences, the most important first.
 pub(super) fn limits(report: &CalibrationReport<'_>) -> Vec<String> {
     let mut limits = Vec::new();
-    let facts = &report.calibration;
-    if facts.test.is_none() && facts.cross_validation.is_none() {
+    let (fit, axes) = (report.fit, report.file.calibration.axes);
+    let test = fit.test();
+    let (features, rank) = (fit.parameter_count(), fit.rank());
+    if test.quality().is_none() && fit.cross_validation.is_none() {
         limits.push(
             "It must not be trusted with loads that it has not seen: no error was measured on any. Test it \
              (--test) or hold out groups (--cv)."
                 .to_owned(),
         );
     }
-    if report.rank < report.features {
+    if rank < features {
         limits.push(format!(
-            "{} of {} directions of the readings were not determined by the data: a load that moves \
+            "{} of {features} directions of the readings were not determined by the data: a load that moves \
              the readings along one of them is read wrongly.",
-            report.features - report.rank,
-            report.features
+            features - rank
         ));
     }
-    if let Some(FewGroups { features, groups }) = report.few_groups {
+    if let Some(FewGroups { features, groups }) = fit.few_groups {
         limits.push(format!(
             "It has {features} features and was fitted to {groups} groups of rows, less than two for each: its \
              errors on new loads are larger than on these. Record more poses, or choose a smaller model."
         ));
     }
-    if let Some(excitation) = report.excitation {
+    if let Some(excitation) = &fit.excitation {
         let range = |axis: Axis| {
             let of = &excitation.axes[axis.index()];
             let scale = ColumnUnit::new(axis.unit(), [of.min, of.max]);
@@ -46,9 +47,9 @@ pub(super) fn limits(report: &CalibrationReport<'_>) -> Vec<String> {
         limits.push(format!(
             "Loads beyond these were never shown to it: {}. convert flags readings outside their range, \
              and a fit on more loads widens it.",
-            facts.axes.iter().map(range).collect::<Vec<_>>().join(", ")
+            axes.iter().map(range).collect::<Vec<_>>().join(", ")
         ));
-        limits.extend(excitation.gaps(facts.axes).iter().map(|gap| format!("{gap}.")));
+        limits.extend(excitation.gaps(axes).iter().map(|gap| format!("{gap}.")));
         let condition = excitation.condition.unwrap_or(f64::INFINITY);
         if condition > POOR_CONDITION {
             limits.push(format!(
@@ -57,14 +58,15 @@ pub(super) fn limits(report: &CalibrationReport<'_>) -> Vec<String> {
             ));
         }
     }
-    if let Some((axis, ratio)) = facts.cross_validation.and_then(CrossValidation::suspicious) {
+    if let Some((axis, ratio)) = fit.cross_validation.as_ref().and_then(CrossValidation::suspicious)
+    {
         limits.push(format!(
             "Its error on groups that were held out is {ratio:.1} times that on random rows ({}): only the former \
              is that of new loads.",
             axis.name()
         ));
     }
-    let [rows, outside] = report.test_rows;
+    let (rows, outside) = (test.rows, test.out_of_range_rows);
     if rows > 0 && outside as f64 > MUCH_OUTSIDE * rows as f64 {
         limits.push(format!(
             "{:.0} % of the test rows have a reading outside the range of the training data: the test asks more \
@@ -72,13 +74,13 @@ pub(super) fn limits(report: &CalibrationReport<'_>) -> Vec<String> {
             100.0 * outside as f64 / rows as f64
         ));
     }
-    if !report.has_standard_errors {
+    if !report.file.calibration.has_standard_errors() {
         limits.push(
             "It has no standard errors: what a single number is worth cannot be told from it."
                 .to_owned(),
         );
     }
-    let origin = match facts.axes.iter().any(Axis::is_moment) {
+    let origin = match axes.iter().any(Axis::is_moment) {
         true => {
             "Moments are about the origin of the reference sensor that it was fitted with, x forward, y left, z \
              up; the shell was mounted as it was. Another point, another mounting or another sensor needs \

@@ -1,24 +1,29 @@
 //! The report of a calibration: how far it can be trusted, and what for.
 
 mod certificate;
-mod content;
 mod limits;
 
 use std::fmt::Write;
 
-pub use certificate::{Certificate, CheckedLoad, Contribution, EvaluationType};
-pub use content::CalibrationReport;
+pub use certificate::{Certificate, CheckedLoad, Contribution};
 use limits::limits;
 
-use super::markup::{Column, escape, figure, table};
-use super::page::page;
-use super::sections::calibration::{errors_table, sources_table};
-use super::sections::parts::{drawing, facts_table, folded};
+use super::markup::{
+    Column, drawing, escape, facts_table, figure, folded, page, reproduction, table,
+};
+use super::sections::calibration::{errors_table, facts, sources_table};
 use super::units::{AxisUnits, axis_names};
-use calibration::fit::GroupErrors;
+use super::{Heading, OutlierTable};
+use calibration::fit::{
+    Fit, FitMethod, FoundKind, GroupBy, GroupErrors, group_errors, label_poses_or_files,
+};
 use calibration::validation::excitation::{AxisExcitation, Excitation};
 use calibration::validation::selection::Selection;
-use shell_data::wrench::{Axes, Axis};
+use calibration::{Calibration, FitError};
+use calibration_file::CalibrationFile;
+use figures::{FitPlot, Size, coverage_figure, fit_figure};
+use shell_data::dataset::Dataset;
+use shell_data::wrench::{Axes, Axis, PerAxis};
 
 /// Groups that are shown at once: those with the largest errors.
 const WORST: usize = 10;
@@ -26,25 +31,83 @@ const WORST: usize = 10;
 /// Groups that are listed at all: a report is to stay readable.
 const MOST_GROUPS: usize = 1000;
 
+/// So many loads are drawn of the training rows, and as many of the test rows.
+const LOADS: u64 = 600;
+
+/// A fit, and what is said of it beside what is in it.
+#[derive(Clone, Debug)]
+pub struct CalibrationReport<'a> {
+    /// The fit.
+    pub fit: &'a Fit,
+    /// Its calibration file.
+    pub file: &'a CalibrationFile,
+    /// The name of that.
+    pub name: &'a str,
+    /// How to make it again.
+    pub command: &'a str,
+    /// Suspicious rows, if they were looked for.
+    pub outliers: Option<OutlierTable>,
+}
+
+/// Adds predictions for rows, and what they have measured, to a figure.
+pub fn add_to_plot(plot: &mut FitPlot, calibration: &Calibration, data: &Dataset) {
+    let mut predicted = PerAxis::default();
+    for (_, block) in data.blocks() {
+        calibration.wrench(&block.rows.readings, &mut predicted);
+        plot.add(&predicted, &block.rows.wrench);
+    }
+}
+
+/// Predictions and measurements of the rows that were used, for a figure; of the test rows if there are any.
+pub fn plots(fit: &Fit) -> (FitPlot, Option<FitPlot>) {
+    let plot = |data| {
+        let mut plot = FitPlot::new();
+        add_to_plot(&mut plot, &fit.calibration, data);
+        plot
+    };
+    (plot(&fit.used), (!fit.tested.logs.is_empty()).then(|| plot(&fit.tested)))
+}
+
 impl CalibrationReport<'_> {
     /// The report as the content of an HTML file.
-    pub fn html(&self) -> String {
-        let groups = match self.train_groups.len() + self.test_groups.len() {
-            0 | 1 => String::new(),
-            _ => by_group(self),
-        };
+    ///
+    /// # Errors
+    /// [`FitError`] if the errors of groups cannot be found.
+    pub fn html(&self) -> Result<String, FitError> {
+        let Self { fit, file, command, .. } = *self;
+        let calibration = &file.calibration;
+        let errors = |data: &Dataset| group_errors(calibration, data, LOADS, Default::default());
+        let train = errors(&labelled(fit))?;
+        let test = errors(&label_poses_or_files(&fit.tested))?;
+        let mut groups: Vec<(&str, &GroupErrors)> = Vec::new();
+        groups.extend(train.groups.iter().map(|group| ("training", group)));
+        groups.extend(test.groups.iter().map(|group| ("test", group)));
+        let title = format!("Calibration {}", calibration.name());
+        let coverage_svg = coverage_figure(&train.loads, &test.loads).svg();
         let sections = [
             ("answer", "How far it can be trusted", answer(self)),
             ("limits", "What it must not be used for", list(&limits(self))),
-            ("figure", "Predicted against measured", predicted(self)),
-            ("coverage", "Which loads were calibrated", coverage(self)),
-            ("groups", "By pose", groups),
+            ("figure", "Predicted against measured", predicted(self, &title)),
+            ("coverage", "Which loads were calibrated", coverage(self, &coverage_svg)),
+            ("groups", "By pose", by_group(&groups, calibration.axes)),
             ("model", "Which model, and why", model(self)),
             ("outliers", "Suspicious rows", outliers(self)),
-            ("origin", "To make it again", origin(self)),
+            ("origin", "To make it again", reproduction(command) + &sources_table(file)),
         ];
-        page(self.heading, &self.heading.made(), &sections, None)
+        let (made_by, date) = (&file.origin.made_by, &file.origin.date);
+        let heading = Heading { title: &title, made_by, date, command };
+        Ok(page(heading, &heading.made(), &sections, None))
     }
+}
+
+/// The rows that were fitted, by poses where those are known.
+fn labelled(fit: &Fit) -> Dataset {
+    let has_poses = match (fit.group_by, &fit.method) {
+        (None, _) => false,
+        (Some(GroupBy::Found(found)), FitMethod::Physics(_)) => found.kind != FoundKind::Recordings,
+        (Some(_), _) => true,
+    };
+    if has_poses { fit.used.clone() } else { label_poses_or_files(&fit.used) }
 }
 
 fn list(sentences: &[String]) -> String {
@@ -55,36 +118,44 @@ fn list(sentences: &[String]) -> String {
 
 /// What it is worth, and the errors behind that.
 fn answer(report: &CalibrationReport<'_>) -> String {
-    let mut html = list(report.verdict);
-    for warning in report.warnings {
+    let CalibrationReport { fit, file, .. } = report;
+    let mut html = list(&fit.verdict().lines());
+    let better = fit.solution().zip(fit.advice.as_ref());
+    let axes = file.calibration.axes;
+    if let Some(warning) = better.and_then(|(of, advice)| advice.better_words(of.model.basis, axes))
+    {
         let _ = writeln!(
             html,
             "<p class=\"warning\"><strong>Warning:</strong> {}</p>",
-            escape(warning)
+            escape(&warning)
         );
     }
-    html + &errors_table(&report.calibration)
+    html + &errors_table(file)
 }
 
-fn predicted(report: &CalibrationReport<'_>) -> String {
-    let of = if report.calibration.test.is_some() { "test" } else { "training" };
+fn predicted(report: &CalibrationReport<'_>, title: &str) -> String {
+    let CalibrationReport { fit, file, .. } = report;
+    let axes = file.calibration.axes;
+    let test = fit.test().quality();
+    let of = if test.is_some() { "test" } else { "training" };
     let caption = format!(
         "For each axis: predicted against measured load of the {of} rows, the residual (predicted less \
          measured) against the prediction, and how residuals are distributed"
     );
     let rms = |axis: Axis| {
-        let quality = report.calibration.test.or(report.calibration.train);
-        let rms = quality.map_or(f64::NAN, |axes| axes[axis.index()].rms);
+        let rms = test.unwrap_or(fit.train)[axis.index()].rms;
         format!("{} {} {}", axis.name(), figure(rms), axis.unit())
     };
-    let axes = report.calibration.axes.iter();
-    let alt = format!("{caption}. RMS: {}", axes.map(rms).collect::<Vec<_>>().join(", "));
-    drawing("predicted", &report.figure.svg(), &alt, &caption)
+    let alt = format!("{caption}. RMS: {}", axes.iter().map(rms).collect::<Vec<_>>().join(", "));
+    let (of_train, of_test) = plots(fit);
+    let svg = fit_figure(Size::Screen, title, axes, &of_train, of_test.as_ref()).svg();
+    drawing("predicted", &svg, &alt, &caption)
 }
 
-fn coverage(report: &CalibrationReport<'_>) -> String {
-    let Some(excitation) = report.excitation else { return String::new() };
-    let axes = report.calibration.axes;
+/// `svg` shows the loads of training and test rows.
+fn coverage(report: &CalibrationReport<'_>, svg: &str) -> String {
+    let Some(excitation) = &report.fit.excitation else { return String::new() };
+    let axes = report.file.calibration.axes;
     let caption = "Loads of the training rows and of the test rows, a sample of each: where it is empty, \
                    the calibration guesses";
     let range = |axis: Axis| {
@@ -92,7 +163,7 @@ fn coverage(report: &CalibrationReport<'_>) -> String {
         format!("{} {} to {} {}", axis.name(), figure(of.min), figure(of.max), axis.unit())
     };
     let alt = format!("{caption}. {}", axes.iter().map(range).collect::<Vec<_>>().join(", "));
-    let html = drawing("loads", &report.coverage.svg(), &alt, caption);
+    let html = drawing("loads", svg, &alt, caption);
     let share = |name: &str, of: fn(&AxisExcitation) -> f64| {
         let shares = axes.iter().map(|axis| of(&excitation.axes[axis.index()]));
         Column::numbers(name, shares.map(|share| format!("{:.0}", 100.0 * share)))
@@ -125,11 +196,10 @@ fn loads(excitation: &Excitation, axes: Axes) -> Vec<Column> {
 }
 
 /// The groups with the largest errors, and all of them, folded.
-fn by_group(report: &CalibrationReport<'_>) -> String {
-    let mut rows: Vec<(&str, &GroupErrors)> = Vec::new();
-    rows.extend(report.train_groups.iter().map(|group| ("training", group)));
-    rows.extend(report.test_groups.iter().map(|group| ("test", group)));
-    let axes = report.calibration.axes;
+fn by_group(rows: &[(&str, &GroupErrors)], axes: Axes) -> String {
+    if rows.len() < 2 {
+        return String::new();
+    }
     let typical: Vec<f64> = axes
         .iter()
         .map(|axis| {
@@ -141,7 +211,7 @@ fn by_group(report: &CalibrationReport<'_>) -> String {
         let relative = axes.iter().zip(&typical).map(|(axis, typical)| rms(row, axis) / typical);
         relative.fold(0.0, f64::max)
     };
-    let mut worst = rows.clone();
+    let mut worst = rows.to_vec();
     worst.sort_by(|a, b| size(b.1).total_cmp(&size(a.1)));
     let is_all = worst.len() <= WORST;
     worst.truncate(WORST);
@@ -192,9 +262,13 @@ fn group_table(caption: &str, groups: &[(&str, &GroupErrors)], axes: Axes) -> St
 }
 
 fn model(report: &CalibrationReport<'_>) -> String {
-    let mut html = facts_table("The calibration", &report.calibration.facts);
-    html += &list(report.reasons);
-    if let Some(selection) = report.selection {
+    let CalibrationReport { fit, file, name, .. } = report;
+    let mut html = facts_table("The calibration", &facts(name, file));
+    let advice = fit.advice.as_ref().map(|advice| advice.words(file.calibration.axes));
+    let comparison = fit.comparison.as_ref().and_then(|found| found.as_ref().ok());
+    let reasons = advice.into_iter().chain(comparison.map(ToString::to_string));
+    html += &list(&reasons.collect::<Vec<_>>());
+    if let Some(selection) = &fit.selection {
         html += &folded("Models that were compared", &compared(selection));
     }
     html
@@ -225,9 +299,4 @@ fn outliers(report: &CalibrationReport<'_>) -> String {
     let done = if outliers.left_out { "were left out" } else { "were used all the same" };
     outliers
         .html(&format!("{} rows are suspicious, and {done}.", outliers.count), "Suspicious rows")
-}
-
-fn origin(report: &CalibrationReport<'_>) -> String {
-    let command = escape(report.heading.command);
-    format!("<pre><code>{command}</code></pre>\n") + &sources_table(&report.calibration)
 }

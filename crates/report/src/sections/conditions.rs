@@ -1,16 +1,13 @@
 //! Statistics by condition, and forces over a stride.
 
 use super::super::Report;
-use super::super::markup::{Column, figure, table};
-use super::super::numbers::{BoxPlot, PhasePlot, ReportNumbers};
+use super::super::markup::{Column, capital, folded, plot_figure, table};
+use super::super::numbers::{Plot, Plots};
 use super::super::units::ColumnUnit;
-use super::parts::{capital, folded, plot_figure};
 use trial::{ConditionRow, Quantity};
 
-pub(super) fn conditions(report: &Report<'_>, numbers: &ReportNumbers) -> String {
-    let mut html = plots("box", &numbers.boxes, |plot| {
-        (box_alt(plot), format!("{} per {}", capital(plot.quantity), plot.per.name()))
-    });
+pub(super) fn conditions(report: &Report<'_>, plots: &Plots) -> String {
+    let mut html = side_by_side("box", &plots.boxes);
     for quantity in Quantity::ALL {
         let rows: Vec<&ConditionRow> =
             report.conditions.iter().filter(|row| row.quantity == quantity).collect();
@@ -50,40 +47,18 @@ pub(super) fn conditions(report: &Report<'_>, numbers: &ReportNumbers) -> String
     html
 }
 
-pub(super) fn phase(numbers: &ReportNumbers) -> String {
-    if numbers.phases.is_empty() {
-        return String::new();
+pub(super) fn phase(plots: &Plots) -> String {
+    match plots.phases.is_empty() {
+        true => String::new(),
+        false => side_by_side("phase", &plots.phases),
     }
-    plots("phase", &numbers.phases, |plot| {
-        let caption = format!(
-            "{} against the right leg's angle while the robot is fully inside: mean over strides, with \
-             one standard deviation from stride to stride",
-            capital(plot.quantity)
-        );
-        (phase_alt(plot), caption)
-    })
 }
 
-/// Plots side by side; `texts` are what one shows, in words, and its caption.
-fn plots<P>(name: &str, plots: &[P], texts: impl Fn(&P) -> (String, String)) -> String {
-    let figures = plots.iter().enumerate().map(|(at, plot)| {
-        let (alt, caption) = texts(plot);
-        plot_figure(&format!("{name}-{at}"), "", &alt, &caption)
-    });
+/// Plots side by side.
+fn side_by_side(name: &str, plots: &[Plot]) -> String {
+    let figures = plots
+        .iter()
+        .enumerate()
+        .map(|(at, plot)| plot_figure(&format!("{name}-{at}"), "", &plot.alt, &plot.caption));
     format!("<div class=\"plots\">\n{}</div>\n", figures.collect::<String>())
-}
-
-fn box_alt(plot: &BoxPlot) -> String {
-    let BoxPlot { quantity, unit, per, conditions } = plot;
-    let medians: Vec<_> =
-        conditions.iter().map(|c| format!("{} {}", c.name, figure(c.median.0))).collect();
-    let unit = if unit.is_empty() { String::new() } else { format!(" in {unit}") };
-    let per = per.name();
-    format!("Box plot of {quantity} per {per} by condition; medians{unit}: {}", medians.join(", "))
-}
-
-fn phase_alt(plot: &PhasePlot) -> String {
-    let strides: Vec<_> =
-        plot.conditions.iter().map(|c| format!("{} {} strides", c.name, c.strides)).collect();
-    format!("{} in N over a turn of the right leg: {}", capital(plot.quantity), strides.join(", "))
 }

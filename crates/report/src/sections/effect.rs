@@ -3,10 +3,9 @@
 use std::fmt::Write;
 
 use super::super::Report;
-use super::super::markup::{Column, escape, table};
-use super::super::numbers::{EffectPlot, ReportNumbers};
+use super::super::markup::{Column, capital, escape, plot_figure, table};
+use super::super::numbers::Plots;
 use super::super::units::ColumnUnit;
-use super::parts::{capital, plot_figure};
 use trial::{ConditionRow, Interval, Per, Quantity};
 
 /// A quantity over trials, by condition, in the unit that suits its means.
@@ -25,7 +24,7 @@ impl<'a> Compared<'a> {
     }
 }
 
-pub(super) fn effect(report: &Report<'_>, numbers: &ReportNumbers) -> String {
+pub(super) fn effect(report: &Report<'_>, plots: &Plots) -> String {
     let compared = Quantity::COMPARED.into_iter().filter_map(|of| Compared::new(report, of));
     let compared: Vec<Compared<'_>> = compared.collect();
     let all = || compared.iter().flat_map(|of| &of.rows);
@@ -42,8 +41,8 @@ pub(super) fn effect(report: &Report<'_>, numbers: &ReportNumbers) -> String {
     if let Some(reference) = report.reference() {
         html += &answers(&compared, reference);
     }
-    for (at, plot) in numbers.effects.iter().enumerate() {
-        html += &plot_figure(&format!("effect-{at}"), " effect", &alt(plot), &caption(plot));
+    for plot in &plots.effects {
+        html += &plot_figure("effect-0", " effect", &plot.alt, &plot.caption);
     }
     let trials = |name: &&str| {
         all().filter(|row| row.condition == *name).map(|row| row.statistics.n).max().unwrap_or(0)
@@ -106,20 +105,4 @@ fn answers(compared: &[Compared<'_>], reference: &str) -> String {
         };
     }
     html
-}
-
-fn alt(plot: &EffectPlot) -> String {
-    let values: Vec<String> = plot.conditions.iter().map(|one| one.text.clone()).collect();
-    format!("{}: {}", caption(plot), values.join("; "))
-}
-
-fn caption(plot: &EffectPlot) -> String {
-    let EffectPlot { quantity, reference, .. } = plot;
-    match reference {
-        Some(reference) => format!(
-            "{} per trial less that of {reference}: mean and 95 % interval; zero is no effect",
-            capital(quantity)
-        ),
-        None => format!("{} per trial: mean and 95 % interval", capital(quantity)),
-    }
 }

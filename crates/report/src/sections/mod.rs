@@ -3,7 +3,6 @@
 pub(super) mod calibration;
 mod conditions;
 mod effect;
-pub(super) mod parts;
 mod trials;
 
 use std::fmt::Write;
@@ -11,25 +10,23 @@ use std::fmt::Write;
 use calibration::calibration;
 use conditions::{conditions, phase};
 use effect::effect;
-use parts::facts_table;
 use trials::trials;
 
 use super::Report;
-use super::markup::{Column, escape, table};
-use super::numbers::ReportNumbers;
-use super::page::PageSection;
+use super::markup::{Column, PageSection, escape, facts_table, reproduction, table};
+use super::numbers::Plots;
 use trial::Severity;
 
 /// All of them, from top to bottom.
-pub(super) fn of(report: &Report<'_>, numbers: &ReportNumbers) -> Vec<PageSection> {
+pub(super) fn of(report: &Report<'_>, plots: &Plots) -> Vec<PageSection> {
     vec![
-        ("effect", "What came out", effect(report, numbers)),
+        ("effect", "What came out", effect(report, plots)),
         ("warnings", "Warnings", warnings(report)),
-        ("conditions", "By condition", conditions(report, numbers)),
-        ("phase", "Over a stride", phase(numbers)),
-        ("trials", "Trials", trials(report, numbers)),
+        ("conditions", "By condition", conditions(report, plots)),
+        ("phase", "Over a stride", phase(plots)),
+        ("trials", "Trials", trials(report, plots)),
         ("doubtful", "Readings that cannot be trusted", doubtful(report)),
-        ("calibration", "Calibration", calibration(report)),
+        ("calibration", "Calibration", report.calibration.map(calibration).unwrap_or_default()),
         ("origin", "To make it again", origin(report)),
     ]
 }
@@ -99,7 +96,7 @@ fn doubtful(report: &Report<'_>) -> String {
 }
 
 fn origin(report: &Report<'_>) -> String {
-    let mut html = format!("<pre><code>{}</code></pre>\n", escape(report.heading.command));
+    let mut html = reproduction(report.heading.command);
     if !report.settings.is_empty() {
         html += &facts_table("Settings", report.settings);
     }

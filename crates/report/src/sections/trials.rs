@@ -2,19 +2,18 @@
 
 use std::fmt::Write;
 
-use super::super::markup::{Column, escape, figure, table};
-use super::super::numbers::{ReportNumbers, TrialPlot};
+use super::super::markup::{Column, escape, figure, folded, plot_figure, table};
+use super::super::numbers::Plots;
 use super::super::units::ColumnUnit;
 use super::super::{MOST_TRACES, Report};
-use super::parts::{folded, plot_figure};
 use trial::{StrideRow, TrialResult, TrialRow};
 
-pub(super) fn trials(report: &Report<'_>, numbers: &ReportNumbers) -> String {
+pub(super) fn trials(report: &Report<'_>, plots: &Plots) -> String {
     if report.trials.is_empty() {
         return String::new();
     }
     let mut html = trial_tables(report.trials);
-    let drawn = numbers.trials.iter().flatten().count();
+    let drawn = plots.trials.iter().filter(|plot| !plot.is_null()).count();
     if drawn < report.trials.len() && report.trials.len() > MOST_TRACES {
         let _ = writeln!(
             html,
@@ -37,8 +36,8 @@ pub(super) fn trials(report: &Report<'_>, numbers: &ReportNumbers) -> String {
             figure(row.t_enter_s),
             figure(row.t_exit_s)
         );
-        if let Some(plot) = &numbers.trials[at] {
-            html += &trial_plots(at, row, plot);
+        if !plots.trials[at].is_null() {
+            html += &trial_plots(at, row, !plots.trials[at]["drag_n"].is_null());
         }
         html += &strides(&trial.stride_rows);
         html.push_str("</details>\n");
@@ -47,9 +46,9 @@ pub(super) fn trials(report: &Report<'_>, numbers: &ReportNumbers) -> String {
 }
 
 /// Where the plots of a trial are drawn.
-fn trial_plots(at: usize, row: &TrialRow, plot: &TrialPlot) -> String {
+fn trial_plots(at: usize, row: &TrialRow, has_forces: bool) -> String {
     let mut html = String::new();
-    if plot.drag_n.is_some() {
+    if has_forces {
         let alt = format!(
             "Drag and lift over time of {}: mean drag {} N, mean lift {} N in the window",
             row.file,

@@ -1,6 +1,5 @@
 //! Converted frames as what is written of them, on any thread and then in order.
 
-use std::borrow::Cow;
 use std::io::{self, Write};
 
 use table_file::write::mcap::{
@@ -8,7 +7,7 @@ use table_file::write::mcap::{
 };
 use table_file::write::{Cells, HeldTable, ParquetWriter, TableWriter};
 
-use super::frames::{ConvertedFrames, append};
+use super::frames::ConvertedFrames;
 use super::options::{OutputFormat, RecordingFrame};
 use super::table::WrenchTable;
 use crate::workflow::WorkflowError;
@@ -29,15 +28,8 @@ pub(super) struct Encoder<'a> {
 /// Some frames, as they are written.
 pub(super) enum EncodedFrames {
     Text(Vec<u8>),
-    EncodedColumns(EncodedColumns),
+    Columns(Vec<Cells<'static>>),
     Chunk(Option<McapChunk>),
-}
-
-/// Columns of numbers, then of text.
-#[derive(Default)]
-pub(super) struct EncodedColumns {
-    numbers: Vec<Vec<f64>>,
-    texts: Vec<Vec<String>>,
 }
 
 impl Encoder<'_> {
@@ -49,10 +41,13 @@ impl Encoder<'_> {
                 EncodedFrames::Text(text)
             }
             OutputFormat::Mcap(frame) => EncodedFrames::Chunk(self.chunk(frames, &frame.id)?),
-            _ => EncodedFrames::EncodedColumns(EncodedColumns {
-                numbers: self.table.numbers(frames).into_iter().map(Cow::into_owned).collect(),
-                texts: self.table.texts(frames),
-            }),
+            _ => {
+                let numbers = self.table.numbers(frames).into_iter();
+                let numbers = numbers.map(|column| Cells::Full(column.into_owned().into()));
+                let texts = self.table.texts(frames).into_iter();
+                let texts = texts.map(|column| Cells::Text(column.into()));
+                EncodedFrames::Columns(numbers.chain(texts).collect())
+            }
         })
     }
 
@@ -76,7 +71,11 @@ impl Encoder<'_> {
         let mut digits = zmij::Buffer::new();
         for row in 0..frames.len() {
             let time_s = frames.time_s[row];
-            let time_ns = nanoseconds(time_s).ok_or(WorkflowError::Epoch(time_s))?;
+            let time_ns = nanoseconds(time_s).ok_or_else(|| {
+                let message =
+                    format!("the time `{time_s}` s is none since 1970 that a message can carry");
+                WorkflowError::refused(message, None)
+            })?;
             let wrench = frames.wrench.each_ref().map(|axis| axis[row]);
             chunk.message(0, time_ns, |message| {
                 wrench_stamped(message, time_ns, frame_id, wrench);
@@ -149,7 +148,9 @@ pub(super) enum EncodedOutput<'a> {
     Text(&'a mut dyn Write),
     Table {
         writer: Box<dyn TableWriter + 'a>,
-        waiting: EncodedColumns,
+        /// Columns of so many rows that are written together.
+        waiting: Vec<Cells<'static>>,
+        rows: usize,
     },
     /// With the frame whose mount is still to be written.
     Recording(McapWriter<&'a mut dyn Write>, Option<RecordingFrame>),
@@ -170,18 +171,18 @@ impl<'a> EncodedOutput<'a> {
                     McapChannel::json(DETAILS_TOPIC, details),
                 ];
                 channels.extend(frame.mount.as_ref().map(|_| McapChannel::static_transforms()));
-                let library = concat!("shellcal ", env!("CARGO_PKG_VERSION"));
-                let writer = McapWriter::new(out, library, channels)?;
+                let writer = McapWriter::new(out, crate::PROGRAM, channels)?;
                 return Ok(Self::Recording(writer, Some(frame.clone())));
             }
             OutputFormat::Parquet => Box::new(ParquetWriter::new(out, &encoder.table.names())?),
             OutputFormat::Matlab => Box::new(HeldTable::matlab(out, &encoder.table.names())),
             OutputFormat::NumPy => Box::new(HeldTable::numpy(out, &encoder.table.names())),
         };
-        Ok(Self::Table { writer, waiting: EncodedColumns::default() })
+        Ok(Self::Table { writer, waiting: Vec::new(), rows: 0 })
     }
 
-    pub(super) fn write(&mut self, encoded: EncodedFrames) -> io::Result<()> {
+    /// Writes so many frames.
+    pub(super) fn write(&mut self, count: usize, encoded: EncodedFrames) -> io::Result<()> {
         match (self, encoded) {
             (Self::Text(out), EncodedFrames::Text(text)) => out.write_all(&text),
             (Self::Recording(writer, frame), EncodedFrames::Chunk(Some(chunk))) => {
@@ -191,10 +192,17 @@ impl<'a> EncodedOutput<'a> {
                 writer.write(&chunk)
             }
             (Self::Recording(..), EncodedFrames::Chunk(None)) => Ok(()),
-            (Self::Table { writer, waiting }, EncodedFrames::EncodedColumns(columns)) => {
-                waiting.append(columns);
-                if waiting.rows() >= PART_ROWS {
-                    std::mem::take(waiting).write(&mut **writer)?;
+            // Of no frames there are not even all the columns.
+            (Self::Table { .. }, EncodedFrames::Columns(_)) if count == 0 => Ok(()),
+            (Self::Table { writer, waiting, rows }, EncodedFrames::Columns(next)) => {
+                *rows += count;
+                match waiting.is_empty() {
+                    true => *waiting = next,
+                    false => waiting.iter_mut().zip(next).for_each(|(all, next)| append(all, next)),
+                }
+                if *rows >= PART_ROWS {
+                    writer.write(waiting)?;
+                    (*waiting, *rows) = (Vec::new(), 0);
                 }
                 Ok(())
             }
@@ -207,8 +215,10 @@ impl<'a> EncodedOutput<'a> {
         match self {
             Self::Text(_) => Ok(()),
             Self::Recording(mut writer, _) => writer.finish(),
-            Self::Table { mut writer, waiting } => {
-                waiting.write(&mut *writer)?;
+            Self::Table { mut writer, waiting, rows } => {
+                if rows > 0 {
+                    writer.write(&waiting)?;
+                }
                 writer.finish()
             }
         }
@@ -226,27 +236,12 @@ fn transform(frame: &RecordingFrame, first: &McapChunk) -> Option<McapChunk> {
     chunk.finish()
 }
 
-impl EncodedColumns {
-    fn rows(&self) -> usize {
-        self.numbers.first().map_or(self.texts.first().map_or(0, Vec::len), Vec::len)
-    }
-
-    fn append(&mut self, mut next: Self) {
-        // Of no frames there are not even all the columns.
-        if next.rows() > 0 {
-            append(&mut self.numbers, &mut next.numbers);
-            append(&mut self.texts, &mut next.texts);
-        }
-    }
-
-    fn write(self, writer: &mut dyn TableWriter) -> io::Result<()> {
-        if self.rows() == 0 {
-            return Ok(());
-        }
-        let mut values: Vec<Cells<'_>> =
-            self.numbers.iter().map(|column| Cells::Full(column.into())).collect();
-        values.extend(self.texts.iter().map(|column| Cells::Text(column.into())));
-        writer.write(&values)
+/// Adds the rows that follow to a column of the same kind.
+fn append(column: &mut Cells<'static>, next: Cells<'static>) {
+    match (column, next) {
+        (Cells::Full(column), Cells::Full(next)) => column.to_mut().extend(next.iter()),
+        (Cells::Text(column), Cells::Text(next)) => column.to_mut().extend(next.into_owned()),
+        _ => unreachable!("a column keeps its kind"),
     }
 }
 

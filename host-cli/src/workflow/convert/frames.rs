@@ -19,13 +19,10 @@ pub(super) struct ConvertedFrames {
     pub(super) kept: Vec<Vec<f64>>,
     /// Those of them that are text.
     pub(super) texts: Vec<Vec<String>>,
-    /// The channels outside the range of the training data: bit `i` for channel `i` from 0, all from
-    /// 63 up sharing the last bit.
-    pub(super) out_of_range: Vec<u64>,
-    /// The channels at an end of the converter or on a plateau of their curve, likewise.
-    pub(super) saturated: Vec<u64>,
-    /// The channels that the model left out, likewise; empty where it leaves none out.
-    pub(super) left_out: Vec<u64>,
+    /// The channels outside the range of the training data, those at an end of the converter or on a plateau of their
+    /// curve, and those that the model left out (empty where it leaves none out): bit `i` for channel `i` from 0, all
+    /// from 63 up sharing the last bit.
+    pub(super) flags: [Vec<u64>; 3],
 }
 
 /// Consecutive rows of a log, and the frames that are written of them.
@@ -60,48 +57,10 @@ pub(super) struct FrameConverter<'a> {
     pub(super) watch: Option<bool>,
 }
 
-/// Adds rows to columns, which there may be none of so far.
-pub(super) fn append<T>(columns: &mut Vec<Vec<T>>, next: &mut [Vec<T>]) {
-    columns.resize_with(next.len(), Vec::new);
-    columns.iter_mut().zip(next).for_each(|(column, next)| column.append(next));
-}
-
 impl ConvertedFrames {
     /// Number of frames.
     pub(super) fn len(&self) -> usize {
-        self.out_of_range.len()
-    }
-
-    /// Adds the frames that follow; their wrenches are added by whoever filters them.
-    pub(super) fn append(&mut self, mut next: Self) {
-        self.time_s.append(&mut next.time_s);
-        self.out_of_range.append(&mut next.out_of_range);
-        self.saturated.append(&mut next.saturated);
-        self.left_out.append(&mut next.left_out);
-        for (column, next) in self.standard_errors.iter_mut().zip(&mut next.standard_errors) {
-            column.append(next);
-        }
-        append(&mut self.readings, &mut next.readings);
-        append(&mut self.kept, &mut next.kept);
-        append(&mut self.texts, &mut next.texts);
-    }
-
-    /// Takes the first `count` frames, whose wrenches are `wrench`.
-    pub(super) fn take_first(&mut self, count: usize, wrench: PerAxis<Vec<f64>>) -> Self {
-        fn first<T>(column: &mut Vec<T>, count: usize) -> Vec<T> {
-            column.drain(..count.min(column.len())).collect()
-        }
-        Self {
-            time_s: first(&mut self.time_s, count),
-            wrench,
-            standard_errors: self.standard_errors.each_mut().map(|column| first(column, count)),
-            readings: self.readings.iter_mut().map(|column| first(column, count)).collect(),
-            kept: self.kept.iter_mut().map(|column| first(column, count)).collect(),
-            texts: self.texts.iter_mut().map(|column| first(column, count)).collect(),
-            out_of_range: first(&mut self.out_of_range, count),
-            saturated: first(&mut self.saturated, count),
-            left_out: first(&mut self.left_out, count),
-        }
+        self.flags[0].len()
     }
 }
 
@@ -130,20 +89,18 @@ impl FrameConverter<'_> {
     fn convert_all(&self, block: &mut Block) -> ConvertedRows {
         let fresh = block.fresh_rows();
         let time_s = block.time_s.clone();
-        let is_new = |row: usize| row == 0 || fresh[row];
-        let new_rows: Vec<usize> = (0..block.rows).filter(|&row| is_new(row)).collect();
-        let pick = |column: &Vec<f64>| new_rows.iter().map(|&row| column[row]).collect();
-        let readings: Vec<Vec<f64>> = block.readings.iter().map(pick).collect();
+        let mut is_new = fresh.clone();
+        is_new.first_mut().into_iter().for_each(|first| *first = true);
         let mut by_frame = PerAxis::default();
-        self.calibration.wrench(&readings, &mut by_frame);
-        let mut frame = 0;
-        let of_row = |row: usize| {
-            frame += usize::from(is_new(row));
-            frame - 1
-        };
-        let frame_of_row: Vec<usize> = (0..block.rows).map(of_row).collect();
-        let spread = |frames: Vec<f64>| frame_of_row.iter().map(|&frame| frames[frame]).collect();
-        let mut wrench = by_frame.map(spread);
+        self.calibration.wrench(&block.kept(&is_new).readings, &mut by_frame);
+        let mut wrench = by_frame.map(|frames| {
+            let (mut frames, mut last) = (frames.into_iter(), f64::NAN);
+            let of_row = |is_new: &bool| {
+                last = if *is_new { frames.next().unwrap_or(last) } else { last };
+                last
+            };
+            is_new.iter().map(of_row).collect::<Vec<f64>>()
+        });
         self.pipeline.tare_off(&time_s, &mut wrench);
         let without_motion = self.take_off_load(&time_s, &mut wrench);
         let watched = self.watched(block, (self.watch == Some(false)).then_some(&fresh));
@@ -159,14 +116,9 @@ impl FrameConverter<'_> {
     /// The rows of a block that the zero is watched in, if it is: those for which `is_fresh` is true, or all.
     fn watched(&self, block: &Block, is_fresh: Option<&[bool]>) -> Option<WatchedFrames> {
         self.watch?;
-        let rows = |column: &Vec<f64>| match is_fresh {
-            None => column.clone(),
-            Some(fresh) => {
-                let rows = column.iter().zip(fresh).filter(|(_, fresh)| **fresh);
-                rows.map(|(value, _)| *value).collect()
-            }
-        };
-        Some((rows(&block.time_s), block.channels().iter().map(rows).collect()))
+        let fresh = is_fresh.map(|fresh| block.kept(fresh));
+        let rows = fresh.as_ref().unwrap_or(block);
+        Some((rows.time_s.clone(), rows.channels().to_vec()))
     }
 
     /// Takes off what the sensor carries; returns the number of rows where that is not known.
@@ -178,24 +130,24 @@ impl FrameConverter<'_> {
     /// All but the wrenches.
     fn frames(&self, block: &mut Block) -> ConvertedFrames {
         let Self { calibration, pipeline, options, .. } = self;
+        let repeated = |(text, rows): &(String, usize)| std::iter::repeat_n(text.clone(), *rows);
+        let spelled_out = |runs: &Vec<_>| runs.iter().flat_map(repeated).collect();
         let mut frames = ConvertedFrames {
             time_s: std::mem::take(&mut block.time_s),
             kept: std::mem::take(&mut block.others),
-            texts: block.texts.iter().map(|runs| spelled_out(runs)).collect(),
+            texts: block.texts.iter().map(spelled_out).collect(),
             ..ConvertedFrames::default()
         };
         let errors = options.columns.need_errors();
         let trust = calibration.trust(&block.readings, pipeline.tare.as_ref(), errors);
-        (frames.standard_errors, frames.left_out) = (trust.standard_errors, trust.left_out);
+        frames.standard_errors = trust.standard_errors;
         // Flagged frames are counted, whether or not the flags are written.
-        frames.out_of_range = calibration.out_of_range(&block.readings);
-        frames.saturated = match options.full_scale {
-            Some(full_scale) => saturated(block.channels(), full_scale),
+        let mut saturated = match options.full_scale {
+            Some(full_scale) => saturated_at(block.channels(), full_scale),
             None => vec![0; block.rows],
         };
-        for (flags, plateau) in frames.saturated.iter_mut().zip(trust.saturated) {
-            *flags |= plateau;
-        }
+        saturated.iter_mut().zip(trust.saturated).for_each(|(flags, plateau)| *flags |= plateau);
+        frames.flags = [calibration.out_of_range(&block.readings), saturated, trust.left_out];
         if self.keeps_readings {
             block.drop_memory();
             frames.readings = std::mem::take(&mut block.readings);
@@ -204,13 +156,8 @@ impl FrameConverter<'_> {
     }
 }
 
-/// The text of every row, from runs of equal ones.
-fn spelled_out(runs: &[(String, usize)]) -> Vec<String> {
-    runs.iter().flat_map(|(text, rows)| std::iter::repeat_n(text.clone(), *rows)).collect()
-}
-
 /// For every row, the channels at either end of what the converter can give.
-fn saturated(readings: &[Vec<f64>], full_scale: f64) -> Vec<u64> {
+fn saturated_at(readings: &[Vec<f64>], full_scale: f64) -> Vec<u64> {
     let mut flags = vec![0; readings.first().map_or(0, Vec::len)];
     for (channel, column) in readings.iter().enumerate() {
         let bit = 1 << channel.min(63);
@@ -228,6 +175,6 @@ mod tests {
     #[test]
     fn a_reading_at_either_end_of_the_converter_is_saturated() {
         let readings = [vec![0.0, 1.0, 4095.0, 5000.0], vec![7.0, 7.0, 0.0, 7.0]];
-        assert_eq!(saturated(&readings, 4095.0), [0b01, 0, 0b11, 0b01]);
+        assert_eq!(saturated_at(&readings, 4095.0), [0b01, 0, 0b11, 0b01]);
     }
 }

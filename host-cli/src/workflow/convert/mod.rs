@@ -6,28 +6,27 @@
 //! ```
 //!
 //! Both read the log as a stream; the survey stops where tare and clock are known. The low-pass holds
-//! back as many rows as it needs to see ahead, whatever the length of the log. It sees every row, also
-//! where only fresh ones are written: which rows are written does not change the forces.
+//! back as many rows as it needs to see ahead, and the others of their block, whatever the length of the log. It sees
+//! every row, also where only fresh ones are written: which rows are written does not change the forces.
 
 mod encode;
 mod frames;
 mod options;
-mod remarks;
 mod summary;
-mod survey;
 mod table;
 mod writer;
 
+use std::collections::VecDeque;
 use std::io::Write;
 
 pub use options::{
-    BadMount, Conversion, ConvertOptions, DEFAULT_FRAME_ID, FrameMount, OutputFormat, OutputPlan,
-    RecordingFrame, TableColumns, UnknownExtension, table_name,
+    Conversion, ConvertOptions, DEFAULT_FRAME_ID, FrameMount, OutputFormat, OutputPlan,
+    RecordingFrame, TableColumns, table_name,
 };
 use summary::Totals;
 pub use summary::{AxisSummary, ConvertSummary, LoadSummary};
 
-use super::selection::{RowFilter, read_with_memory};
+use super::selection::{RowFilter, fresh_rows, passed, read_with_memory};
 use super::{WorkflowError, check_channels};
 use calibration::uncertainty::NoIntervals;
 use calibration::{Calibration, Kind};
@@ -35,15 +34,18 @@ use encode::{EncodedOutput, Encoder};
 use figures::WrenchTrace;
 use forces::sampling::Sampling;
 use forces::stationary::ZeroWatch;
-use frames::{ConvertedFrames, FrameConverter};
+use forces::{FirstRows, ForceError, ForcePipeline, PipelineSetup, TareRule};
+use frames::FrameConverter;
 use log_file::Wanted;
 use shell_data::wrench::{Axis, PerAxis};
-use survey::survey;
 use table::WrenchTable;
 use writer::Writer;
 
 /// How many standard errors an interval of this level reaches either way.
-pub(super) fn interval_factors(
+///
+/// # Errors
+/// [`WorkflowError::NoCovariance`] or [`WorkflowError::NoIntervals`].
+pub fn interval_factors(
     calibration: &Calibration,
     level: f64,
 ) -> Result<PerAxis<f64>, WorkflowError> {
@@ -76,11 +78,16 @@ pub fn convert(
     // Beside the wrenches, such a recording has the readings.
     let keeps_readings = matches!(plan.format, OutputFormat::Mcap(_));
     if keeps_readings && !is_whole {
-        return Err(WorkflowError::PartOfWrench);
+        return Err(WorkflowError::refused(
+            "a recording in MCAP needs time and all six axes of a wrench: without, write `.csv`, `.parquet`, \
+             `.mat` or `.npy`",
+            None,
+        ));
     }
     let absent = options.columns.axes.without(calibration.axes);
     if !absent.is_empty() {
-        return Err(WorkflowError::AbsentAxes { absent, axes: calibration.axes });
+        let message = format!("the calibration gives {}, not {absent}", calibration.axes);
+        return Err(WorkflowError::refused(message, None));
     }
     if options.columns.need_errors() && !calibration.has_standard_errors() {
         return Err(WorkflowError::NoCovariance);
@@ -117,7 +124,8 @@ pub fn convert(
         output: EncodedOutput::new(&encoder, out)?,
         trace,
         stream: pipeline.stream(&Axis::ALL),
-        waiting: ConvertedFrames::default(),
+        waiting: VecDeque::new(),
+        known: PerAxis::default(),
         waiting_rows: Vec::new(),
         sampling: Sampling::default(),
         latest_s: f64::NEG_INFINITY,
@@ -141,15 +149,17 @@ pub fn convert(
                 zero_watch.look_at(times_s, readings);
             }
             match encoded {
-                Some(encoded) => writer.write(&rows.frames, encoded?),
+                Some(encoded) => writer.write_at_once(&rows.frames, encoded?),
                 None => writer.filter(rows),
             }
         },
     )?;
     let (totals, sampling) = writer.finish()?;
     if totals.frames == 0 {
-        return Err(WorkflowError::NoFrames(log.path().display().to_string()));
+        let message = format!("`{}`: no row is left to convert", log.path().display());
+        return Err(WorkflowError::refused(message, None));
     }
+    let [out_of_range_frames, saturated_frames, left_out_frames] = totals.flagged;
     Ok(ConvertSummary {
         rows: summary.rows,
         repeated_rows: summary.repeated_rows,
@@ -159,9 +169,9 @@ pub fn convert(
         tare: pipeline.tare_result.clone(),
         low_pass: pipeline.low_pass,
         sampling,
-        out_of_range_frames: totals.out_of_range,
-        saturated_frames: totals.saturated,
-        left_out_frames: totals.left_out,
+        out_of_range_frames,
+        saturated_frames,
+        left_out_frames,
         axes: calibration.axes.values(&totals.axes()),
         zero: zero_watch.finish(calibration),
         load: options.load.as_ref().map(|load| LoadSummary {
@@ -172,4 +182,67 @@ pub fn convert(
             standard_deviation: calibration.axes.values(&totals.standard_deviation()),
         }),
     })
+}
+
+/// Reads as much of the log as tare and clock need. Also returns what is to be taken off besides the load at
+/// each row: the sensor's zero, or, of tared wrenches, the load that the tare has taken off already.
+fn survey(conversion: &Conversion<'_>) -> Result<(ForcePipeline, PerAxis<f64>), WorkflowError> {
+    let Conversion { log, calibration, options, read } = conversion;
+    let path = || log.path().display().to_string();
+    let mut forces = options.forces;
+    if forces.low_pass.is_some() && !log.has_time() && forces.low_pass_is_optional {
+        forces.low_pass = None;
+    }
+    if forces.tare.follows_rests() {
+        if options.load.is_some() {
+            return Err(WorkflowError::refused(
+                "a tare that follows the stationary intervals takes what the sensor carries for its zero",
+                "leave out `--tare rests`, or take the weight off by `payload subtract` first",
+            ));
+        }
+        if !log.has_time() {
+            return Err(WorkflowError::refused(
+                format!(
+                    "`{}` has no time column, without which no rests are found for the tare to follow",
+                    path()
+                ),
+                "name it with `--time`, or tare on the first frames",
+            ));
+        }
+    }
+    let mut setup = match options.load {
+        Some(_) => PipelineSetup::keeping_frames(forces),
+        None => PipelineSetup::new(forces),
+    };
+    if !setup.is_done() {
+        let by_time = matches!(forces.tare, TareRule::Between(..));
+        let by_time = by_time || calibration.needs_time();
+        let time = log.has_time() || by_time || forces.low_pass.is_some() || options.load.is_some();
+        if forces.low_pass.is_some() && !log.has_time() {
+            let error = ForceError::NoRate("it has no time column");
+            return Err(WorkflowError::Forces { path: path(), error });
+        }
+        let wanted = Wanted { readings: true, time, ..Wanted::default() };
+        let read = read_with_memory(
+            log,
+            (&wanted, read),
+            calibration,
+            |block| (fresh_rows(log, options.rows, block), std::mem::take(block)),
+            |(fresh, block)| {
+                let (times_s, readings) = (&*block.time_s, &*block.readings);
+                let rows = FirstRows { times_s, readings, fresh: &fresh, leg: None };
+                setup.look_at(calibration, rows);
+                if setup.is_done() { Err(None) } else { Ok(()) }
+            },
+        );
+        passed(read)?;
+    }
+    let finished = setup.finish(calibration);
+    let (pipeline, frames) =
+        finished.map_err(|error| WorkflowError::Forces { path: path(), error })?;
+    let zero = options.load.as_ref().map(|load| {
+        let tared = frames.and_then(|frames| load.mean(&frames.times_s));
+        tared.map_or(load.payload.bias(), |mean| mean.map(|load| -load))
+    });
+    Ok((pipeline, zero.unwrap_or_default()))
 }

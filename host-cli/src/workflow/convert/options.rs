@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::str::FromStr;
 
+use crate::workflow::WorkflowError;
 use crate::workflow::selection::RowFilter;
 use calibration::Calibration;
 use forces::ForceOptions;
@@ -122,10 +123,8 @@ pub struct FrameMount {
     pub angles_rad: [f64; 3],
 }
 
-/// A text that names no mount.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("expected `NAME` or `NAME:X,Y,Z,ROLL,PITCH,YAW` in m and rad")]
-pub struct BadMount;
+/// What is said of a text that names no mount.
+const BAD_MOUNT: &str = "expected `NAME` or `NAME:X,Y,Z,ROLL,PITCH,YAW` in m and rad";
 
 impl Default for RecordingFrame {
     fn default() -> Self {
@@ -147,16 +146,16 @@ impl FrameMount {
 }
 
 impl FromStr for FrameMount {
-    type Err = BadMount;
+    type Err = &'static str;
 
-    fn from_str(text: &str) -> Result<Self, BadMount> {
+    fn from_str(text: &str) -> Result<Self, &'static str> {
         let (parent, numbers) = text.split_once(':').unwrap_or((text, "0,0,0,0,0,0"));
         let number = |field: &str| field.trim().parse().ok().filter(|it: &f64| it.is_finite());
         let numbers: Vec<f64> =
-            numbers.split(',').map(number).collect::<Option<_>>().ok_or(BadMount)?;
-        let [x, y, z, roll, pitch, yaw] = numbers[..] else { return Err(BadMount) };
+            numbers.split(',').map(number).collect::<Option<_>>().ok_or(BAD_MOUNT)?;
+        let [x, y, z, roll, pitch, yaw] = numbers[..] else { return Err(BAD_MOUNT) };
         if parent.is_empty() {
-            return Err(BadMount);
+            return Err(BAD_MOUNT);
         }
         let (position_m, angles_rad) = ([x, y, z], [roll, pitch, yaw]);
         Ok(Self { parent: parent.to_owned(), position_m, angles_rad })
@@ -172,14 +171,6 @@ pub struct OutputPlan {
     pub keep: Vec<usize>,
     /// Columns of text likewise, each once.
     pub keep_texts: Vec<usize>,
-}
-
-/// A file whose name does not say what it is to be.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("`{path}` ends in none of {}", EXTENSIONS.map(|(extension, _)| format!("`.{extension}`")).join(", "))]
-pub struct UnknownExtension {
-    /// The file.
-    pub path: String,
 }
 
 /// The frame of reference that is named unless another is.
@@ -198,15 +189,19 @@ impl OutputFormat {
     /// What the name of a file says; devices and pipes, which have no such name, get CSV.
     ///
     /// # Errors
-    /// [`UnknownExtension`].
-    pub fn from_path(path: &Path, frame: &RecordingFrame) -> Result<Self, UnknownExtension> {
+    /// [`WorkflowError::Refused`].
+    pub fn from_path(path: &Path, frame: &RecordingFrame) -> Result<Self, WorkflowError> {
         let extension = path.extension().map(|it| it.to_string_lossy().to_lowercase());
         let known = EXTENSIONS.into_iter().find(|(known, _)| extension.as_deref() == Some(known));
         match known {
             Some((_, Self::Mcap(_))) => Ok(Self::Mcap(frame.clone())),
             Some((_, format)) => Ok(format),
             None if path.starts_with("/dev") => Ok(Self::Csv),
-            None => Err(UnknownExtension { path: path.display().to_string() }),
+            None => {
+                let known = EXTENSIONS.map(|(extension, _)| format!("`.{extension}`")).join(", ");
+                let message = format!("`{}` ends in none of {known}", path.display());
+                Err(WorkflowError::refused(message, None))
+            }
         }
     }
 }
@@ -237,7 +232,7 @@ mod tests {
         let found = mount.quaternion();
         assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-15), "{found:?}");
         for text in ["", ":0,0,0,0,0,0", "base:1,2,3", "base:0,0,0,0,0,nan"] {
-            assert_eq!(text.parse::<FrameMount>(), Err(BadMount), "{text}");
+            assert_eq!(text.parse::<FrameMount>(), Err(BAD_MOUNT), "{text}");
         }
     }
 
@@ -245,10 +240,10 @@ mod tests {
     fn files_are_what_their_names_say() {
         let frame = RecordingFrame { id: "base".to_owned(), mount: None };
         let of = |path: &str| OutputFormat::from_path(Path::new(path), &frame);
-        assert_eq!(of("a/b.CSV"), Ok(OutputFormat::Csv));
-        assert_eq!(of("b.parquet"), Ok(OutputFormat::Parquet));
-        assert_eq!(of("b.mcap"), Ok(OutputFormat::Mcap(frame.clone())));
-        assert_eq!(of("/dev/null"), Ok(OutputFormat::Csv));
+        assert_eq!(of("a/b.CSV").unwrap(), OutputFormat::Csv);
+        assert_eq!(of("b.parquet").unwrap(), OutputFormat::Parquet);
+        assert_eq!(of("b.mcap").unwrap(), OutputFormat::Mcap(frame.clone()));
+        assert_eq!(of("/dev/null").unwrap(), OutputFormat::Csv);
         for path in ["b", "b.xlsx", "b.feather", ".csv"] {
             let said = of(path).unwrap_err().to_string();
             assert!(said.contains(path) && said.contains("`.parquet`"), "{said}");

@@ -1,7 +1,11 @@
-//! What a conversion has done.
+//! What a conversion has done, and what is to be known of it.
+
+use std::path::Path;
 
 use super::frames::ConvertedFrames;
+use crate::workflow::remark::{Remark, used_rows};
 use crate::workflow::selection::RowFilter;
+use calibration_file::Diagnostics;
 use forces::payload::Lag;
 use forces::sampling::Rate;
 use forces::stationary::ZeroMove;
@@ -47,6 +51,70 @@ pub struct ConvertSummary {
     pub load: Option<LoadSummary>,
 }
 
+impl ConvertSummary {
+    /// What was done to the log at `path`, and what may be wrong with it.
+    pub fn remarks(&self, path: &Path) -> Vec<Remark> {
+        let Self { rows, repeated_rows, skipped_rows, frames, .. } = *self;
+        let counts = [rows, repeated_rows, skipped_rows];
+        let mut remarks = vec![used_rows(path, self.rows_used, counts)];
+        remarks.push(Remark::Note(self.tare_words()));
+        remarks.push(Remark::Note(match self.low_pass {
+            None => "low-pass: none".to_owned(),
+            Some(AppliedLowPass { low_pass, rate_hz }) => {
+                format!("low-pass: {low_pass}, at {rate_hz:.2} rows per second")
+            }
+        }));
+        let path = path.display();
+        let mut warn = |text: String| remarks.push(Remark::Warning(format!("`{path}`: {text}")));
+        if let Some(rate) = self.sampling {
+            if rate.gaps > 0 {
+                warn(format!("{} gaps between frames", rate.gaps));
+            }
+            if rate.backwards > 0 {
+                warn(format!("time stands still or runs backwards {} times", rate.backwards));
+            }
+        }
+        let is_fixed = self.tare.as_ref().is_some_and(|tare| tare.rests.is_none());
+        if let Some(text) = self.zero.as_ref().filter(|_| is_fixed).and_then(ZeroMove::in_words) {
+            warn(text);
+        }
+        for (count, what) in [
+            (self.out_of_range_frames, "outside the calibrated range"),
+            (self.saturated_frames, "saturated"),
+            (self.left_out_frames, "left out by the model"),
+        ] {
+            if count > 0 {
+                let share = 100.0 * count as f64 / frames.max(1) as f64;
+                warn(format!("{count} of {frames} frames ({share:.1} %) have a reading {what}"));
+            }
+        }
+        remarks
+    }
+
+    /// What speaks against the tare, by the training data of the calibration.
+    pub fn tare_doubt(&self, path: &Path, trained: Option<&Diagnostics>) -> Option<String> {
+        let trained = trained?;
+        let doubt = self.tare.as_ref()?.doubt(&trained.train, trained.excitation.as_ref()?)?;
+        Some(format!("`{}`: {doubt}", path.display()))
+    }
+
+    fn tare_words(&self) -> String {
+        let Some(tare) = &self.tare else {
+            return "tare: none, zero is that of the calibration".to_owned();
+        };
+        let when = match (tare.start_s, tare.end_s) {
+            (Some(start), Some(end)) => format!(", {start} s to {end} s"),
+            _ => String::new(),
+        };
+        match (tare.rests, tare.last_rest_s) {
+            (Some(rests), Some(last_s)) => format!(
+                "tare: follows {rests} stretches at rest, the first{when}, the last until {last_s} s"
+            ),
+            _ => format!("tare: mean of {} frames{when}", tare.frames),
+        }
+    }
+}
+
 /// What taking off a load has left.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct LoadSummary {
@@ -82,18 +150,17 @@ pub struct AxisSummary {
 #[derive(Default)]
 pub(super) struct Totals {
     pub(super) frames: u64,
-    pub(super) out_of_range: u64,
-    pub(super) saturated: u64,
-    pub(super) left_out: u64,
+    /// Frames with flags of each kind.
+    pub(super) flagged: [u64; 3],
     pub(super) axes: PerAxis<Option<(f64, f64, f64)>>,
     /// Wanted where a load was taken off.
     pub(super) scatter: Option<PerAxis<RunningVariance>>,
 }
 
 impl Totals {
-    /// Adds some frames; the number of the first whose wrench is not finite is an error.
-    pub(super) fn add(&mut self, frames: &ConvertedFrames) -> Result<(), u64> {
-        for (total, column) in self.axes.iter_mut().zip(&frames.wrench) {
+    /// Adds the wrenches of some frames; the number of the first that is not finite is an error.
+    pub(super) fn add(&mut self, wrench: &PerAxis<Vec<f64>>) -> Result<(), u64> {
+        for (total, column) in self.axes.iter_mut().zip(wrench) {
             let (mut min, mut sum, mut max) = total.unwrap_or((f64::INFINITY, 0.0, -f64::INFINITY));
             for &value in column {
                 min = min.min(value);
@@ -109,15 +176,18 @@ impl Totals {
                 *total = Some((min, sum, max));
             }
         }
-        for (scatter, column) in self.scatter.iter_mut().flatten().zip(&frames.wrench) {
+        for (scatter, column) in self.scatter.iter_mut().flatten().zip(wrench) {
             scatter.merge(&RunningVariance::new(column));
         }
-        let marked = |flags: &[u64]| flags.iter().filter(|&&channels| channels != 0).count() as u64;
-        self.frames += frames.len() as u64;
-        self.out_of_range += marked(&frames.out_of_range);
-        self.saturated += marked(&frames.saturated);
-        self.left_out += marked(&frames.left_out);
+        self.frames += wrench[0].len() as u64;
         Ok(())
+    }
+
+    /// Counts the frames of which a channel is flagged.
+    pub(super) fn count(&mut self, frames: &ConvertedFrames) {
+        for (count, flags) in self.flagged.iter_mut().zip(&frames.flags) {
+            *count += flags.iter().filter(|channels| **channels != 0).count() as u64;
+        }
     }
 
     /// Zero where it was not wanted.

@@ -9,88 +9,92 @@ use shell_data::wrench::{Axis, PerAxis};
 
 /// The writer of a table.
 pub(super) struct WrenchTable {
-    columns: TableColumns,
-    /// How many standard errors an interval reaches.
-    factors: PerAxis<f64>,
-    /// The names of the columns: numbers, text, flags.
-    names: Vec<String>,
-    /// How many of them hold text, which are the last: those that are carried along, and the flags.
-    text_columns: usize,
+    /// The columns of numbers, which are the first.
+    numbers: Vec<(String, NumberColumn)>,
+    /// The names of the columns of text: those that are carried along, and the flags.
+    texts: Vec<String>,
+    has_flags: bool,
     /// The names of the readings, as the log has them.
     pub(super) readings: Vec<String>,
     /// What the channels are called in flags.
     channels: Vec<String>,
 }
 
+/// What a column of numbers holds.
+#[derive(Clone, Copy)]
+enum NumberColumn {
+    Time,
+    Wrench(Axis),
+    StandardError(Axis),
+    /// So many standard errors beside the wrench.
+    Bound(Axis, f64),
+    /// A column of the log that is carried along.
+    Kept(usize),
+}
+
 impl WrenchTable {
-    /// `factors` are those of the interval, if there is to be one; `kept` are the log's columns of numbers
-    /// and of text that are carried along, `readings` the names of the readings.
+    /// `factors` are those of the interval, if there is to be one: how many standard errors it reaches. `kept` are the log's
+    /// columns of numbers and of text that are carried along, `readings` the names of the readings.
     pub(super) fn new(
         columns: TableColumns,
         factors: PerAxis<f64>,
         kept: &[Vec<String>; 2],
         readings: Vec<String>,
     ) -> Self {
-        let named =
-            |end: &'static str| columns.axes.iter().map(move |it| it.column().replace('_', end));
-        let mut names = Vec::new();
-        names.extend(columns.time.then(|| "t_s".to_owned()));
-        names.extend(named("_"));
-        if columns.standard_errors {
-            names.extend(named("_se_"));
+        let TableColumns { time, axes, standard_errors, interval, flags: has_flags } = columns;
+        let named = |axis: Axis, end: &str| axis.column().replace('_', end);
+        let mut numbers = Vec::new();
+        numbers.extend(time.then(|| ("t_s".to_owned(), NumberColumn::Time)));
+        numbers.extend(axes.iter().map(|it| (named(it, "_"), NumberColumn::Wrench(it))));
+        let errors = axes.iter().map(|it| (named(it, "_se_"), NumberColumn::StandardError(it)));
+        numbers.extend(errors.filter(|_| standard_errors));
+        for (end, sign) in [("_lower_", -1.0), ("_upper_", 1.0)] {
+            let bound = |it: Axis| NumberColumn::Bound(it, sign * factors[it.index()]);
+            let bounds = axes.iter().map(|it| (named(it, end), bound(it)));
+            numbers.extend(bounds.filter(|_| interval.is_some()));
         }
-        if columns.interval.is_some() {
-            names.extend(named("_lower_").chain(named("_upper_")));
-        }
-        let flags = columns.flags.then(|| "flags".to_owned());
         // Two columns of one name would be one too many.
-        let distinct = |name: &String| match names.contains(name) || flags.as_ref() == Some(name) {
+        let own: Vec<String> = numbers.iter().map(|(name, _)| name.clone()).collect();
+        let distinct = |name: &String| match own.contains(name) || has_flags && name == "flags" {
             true => format!("log_{name}"),
             false => name.clone(),
         };
-        let kept_names: Vec<String> = kept.iter().flatten().map(distinct).collect();
-        let text_columns = kept[1].len() + usize::from(columns.flags);
-        names.extend(kept_names.into_iter().chain(flags));
+        let [kept_numbers, kept_texts] = kept;
+        let kept_numbers = kept_numbers.iter().enumerate();
+        numbers.extend(kept_numbers.map(|(at, name)| (distinct(name), NumberColumn::Kept(at))));
+        let flags = has_flags.then(|| "flags".to_owned());
+        let texts = kept_texts.iter().map(distinct).chain(flags).collect();
         let channels = readings.iter().enumerate().map(|(at, name)| flag_name(at, name)).collect();
-        Self { columns, factors, names, text_columns, readings, channels }
+        Self { numbers, texts, has_flags, readings, channels }
     }
 
     /// The names of the columns, and whether each holds text.
     pub(super) fn names(&self) -> Vec<(String, bool)> {
-        let numbers = self.names.len() - self.text_columns;
-        let names = self.names.iter().enumerate();
-        names.map(|(position, name)| (name.clone(), position >= numbers)).collect()
+        let numbers = self.numbers.iter().map(|(name, _)| (name.clone(), false));
+        numbers.chain(self.texts.iter().map(|name| (name.clone(), true))).collect()
     }
 
     /// The line of names.
     pub(super) fn header(&self) -> String {
-        let fields: Vec<_> = self.names.iter().map(|name| escape::csv_field(name)).collect();
+        let names = self.names().into_iter();
+        let fields: Vec<_> = names.map(|(name, _)| escape::csv_field(&name).into_owned()).collect();
         fields.join(",") + "\n"
     }
 
     /// The columns of numbers.
     pub(super) fn numbers<'a>(&self, frames: &'a ConvertedFrames) -> Vec<Cow<'a, [f64]>> {
-        let TableColumns { time, axes, standard_errors, interval, .. } = self.columns;
-        let of = |values: &'a PerAxis<Vec<f64>>| {
-            axes.iter().map(move |axis| Cow::from(&values[axis.index()]))
-        };
-        let mut columns = Vec::new();
-        columns.extend(time.then(|| Cow::from(&frames.time_s)));
-        columns.extend(of(&frames.wrench));
-        if standard_errors {
-            columns.extend(of(&frames.standard_errors));
-        }
-        if interval.is_some() {
-            for sign in [-1.0, 1.0] {
-                columns.extend(axes.iter().map(Axis::index).map(|axis| {
-                    let factor = sign * self.factors[axis];
-                    let pairs = frames.wrench[axis].iter().zip(&frames.standard_errors[axis]);
-                    pairs.map(|(value, error)| value + factor * error).collect::<Cow<'_, [f64]>>()
-                }));
+        let values = |(_, column): &(String, NumberColumn)| match *column {
+            NumberColumn::Time => Cow::from(&frames.time_s),
+            NumberColumn::Wrench(axis) => Cow::from(&frames.wrench[axis.index()]),
+            NumberColumn::StandardError(axis) => Cow::from(&frames.standard_errors[axis.index()]),
+            NumberColumn::Bound(axis, factor) => {
+                let errors = &frames.standard_errors[axis.index()];
+                let pairs = frames.wrench[axis.index()].iter().zip(errors);
+                pairs.map(|(value, error)| value + factor * error).collect()
             }
-        }
-        columns.extend(frames.kept.iter().map(Cow::from));
-        columns
+            NumberColumn::Kept(at) => Cow::from(&frames.kept[at]),
+        };
+        self.numbers.iter().map(values).collect()
     }
 
     /// The columns of text: those that are carried along, and the flags.
@@ -100,14 +104,13 @@ impl WrenchTable {
             self.write_flags(frames, row, &mut text);
             String::from_utf8_lossy(&text).into_owned()
         };
-        let flags = self.columns.flags.then(|| (0..frames.len()).map(flags).collect());
+        let flags = self.has_flags.then(|| (0..frames.len()).map(flags).collect());
         frames.texts.iter().cloned().chain(flags).collect()
     }
 
     /// Adds the flags of a frame: channels out of range, saturated and left out.
     pub(super) fn write_flags(&self, frames: &ConvertedFrames, row: usize, text: &mut Vec<u8>) {
-        let left_out = frames.left_out.get(row).copied().unwrap_or(0);
-        let masks = [frames.out_of_range[row], frames.saturated[row], left_out];
+        let masks = frames.flags.each_ref().map(|flags| flags.get(row).copied().unwrap_or(0));
         let start = text.len();
         let mut flagged = masks[0] | masks[1] | masks[2];
         while flagged != 0 {
@@ -125,7 +128,6 @@ impl WrenchTable {
 
     /// Writes every number with the fewest digits that read back as the same number.
     pub(super) fn rows(&self, frames: &ConvertedFrames, text: &mut Vec<u8>) {
-        let flags = self.columns.flags;
         let columns = self.numbers(frames);
         // Some 20 bytes a number; a little much costs less than growing.
         text.reserve(frames.len() * (22 * columns.len() + 8));
@@ -139,7 +141,7 @@ impl WrenchTable {
                 text.extend_from_slice(escape::csv_field(&column[row]).as_bytes());
                 text.push(b',');
             }
-            if flags {
+            if self.has_flags {
                 self.write_flags(frames, row, text);
             } else if !columns.is_empty() || !frames.texts.is_empty() {
                 // No comma after the last.
@@ -175,9 +177,7 @@ mod tests {
             time_s: vec![0.001302, 1425168310.852012],
             wrench: std::array::from_fn(|axis| vec![axis as f64 / 10.0, -1.0 / 3.0]),
             standard_errors: std::array::from_fn(|_| vec![0.5, 1e-20]),
-            out_of_range: vec![0, 0b101],
-            saturated: vec![0, 0b100],
-            left_out: Vec::new(),
+            flags: [vec![0, 0b101], vec![0, 0b100], Vec::new()],
             readings: Vec::new(),
             kept: Vec::new(),
             texts: Vec::new(),

@@ -1,5 +1,6 @@
 //! Converted frames through the low-pass to the output.
 
+use std::collections::VecDeque;
 use std::path::Path;
 
 use super::encode::{EncodedFrames, EncodedOutput, Encoder};
@@ -22,8 +23,9 @@ pub(super) struct Writer<'a> {
     pub(super) output: EncodedOutput<'a>,
     pub(super) trace: Option<&'a mut WrenchTrace>,
     pub(super) stream: ForceStream,
-    /// Frames whose forces are not known yet.
-    pub(super) waiting: ConvertedFrames,
+    /// Frames whose forces are not all known yet, from block to block, and the forces that are.
+    pub(super) waiting: VecDeque<ConvertedFrames>,
+    pub(super) known: PerAxis<Vec<f64>>,
     /// Of every row whose force is not known yet, whether it is written.
     pub(super) waiting_rows: Vec<bool>,
     pub(super) sampling: Sampling,
@@ -34,15 +36,28 @@ pub(super) struct Writer<'a> {
 }
 
 impl Writer<'_> {
-    /// Writes frames, as `encoded`.
-    pub(super) fn write(
+    /// Writes frames without a low-pass, as `encoded`.
+    pub(super) fn write_at_once(
         &mut self,
         frames: &ConvertedFrames,
         encoded: EncodedFrames,
     ) -> Result<(), WorkflowError> {
+        self.add(&frames.wrench)?;
+        self.write(frames, encoded)
+    }
+
+    fn add(&mut self, wrench: &PerAxis<Vec<f64>>) -> Result<(), WorkflowError> {
         let path = || self.path.display().to_string();
-        let added = self.totals.add(frames);
-        added.map_err(|frame| WorkflowError::NotFinite { path: path(), frame })?;
+        let added = self.totals.add(wrench);
+        added.map_err(|frame| WorkflowError::NotFinite { path: path(), frame })
+    }
+
+    fn write(
+        &mut self,
+        frames: &ConvertedFrames,
+        encoded: EncodedFrames,
+    ) -> Result<(), WorkflowError> {
+        self.totals.count(frames);
         if let Some(trace) = &mut self.trace {
             // Columns of axes that there are not are empty in a trace.
             let column = |axis: Axis| match self.axes.contains(axis) {
@@ -51,14 +66,14 @@ impl Writer<'_> {
             };
             trace.add(&frames.time_s, &Axis::ALL.map(column));
         }
-        Ok(self.output.write(encoded)?)
+        Ok(self.output.write(frames.len(), encoded)?)
     }
 
     /// Filters the next rows, and writes those whose forces are known by now.
     pub(super) fn filter(&mut self, rows: ConvertedRows) -> Result<(), WorkflowError> {
         self.check_clock(&rows.time_s)?;
         self.sampling.add(&rows.frames.time_s);
-        self.waiting.append(rows.frames);
+        self.waiting.push_back(rows.frames);
         self.waiting_rows.extend(rows.written);
         let answers = self.stream.push(&rows.time_s, rows.wrench);
         let answers = answers.map_err(|error| self.unfiltered(error))?;
@@ -73,15 +88,22 @@ impl Writer<'_> {
         for &after in times_s {
             let before = self.latest_s;
             if after < before - LATE_S {
-                let path = self.path.display().to_string();
-                return Err(WorkflowError::Backward { path, before, after });
+                let path = self.path.display();
+                return Err(WorkflowError::refused(
+                    format!(
+                        "`{path}`: the clock jumps back from `{before}` to `{after}` s, across which a low-pass \
+                         cannot run"
+                    ),
+                    "recordings that were put together: convert each by itself, or leave the filter out with \
+                     `--no-lowpass`",
+                ));
             }
             self.latest_s = before.max(after);
         }
         Ok(())
     }
 
-    /// Writes those of the oldest waiting rows that are to be written, with their forces.
+    /// Takes the forces of the oldest waiting rows, and writes the blocks of frames whose forces are all known then.
     fn write_answers(&mut self, answers: &PerAxis<Vec<f64>>) -> Result<(), WorkflowError> {
         let rows: Vec<bool> = self.waiting_rows.drain(..answers[0].len()).collect();
         let written = |column: &Vec<f64>| {
@@ -89,9 +111,16 @@ impl Writer<'_> {
             rows.map(|(value, _)| *value).collect::<Vec<f64>>()
         };
         let wrench = answers.each_ref().map(written);
-        let frames = self.waiting.take_first(wrench[0].len(), wrench);
-        let encoded = self.encoder.encode(&frames)?;
-        self.write(&frames, encoded)
+        self.add(&wrench)?;
+        self.known.iter_mut().zip(wrench).for_each(|(known, next)| known.extend(next));
+        while self.waiting.front().is_some_and(|next| next.len() <= self.known[0].len()) {
+            let mut frames = self.waiting.pop_front().unwrap_or_default();
+            frames.wrench =
+                self.known.each_mut().map(|known| known.drain(..frames.len()).collect());
+            let encoded = self.encoder.encode(&frames)?;
+            self.write(&frames, encoded)?;
+        }
+        Ok(())
     }
 
     /// Writes what waits.

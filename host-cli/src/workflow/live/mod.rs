@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! port ─ record() ─▶ log, if there is one
-//!            └─▶ Feed ─▶ LiveRows ─▶ LiveSession ─▶ whoever shows it
+//!            └─▶ Feed ─▶ LiveSession ─▶ whoever shows it
 //! log ── play() ──▲
 //! ```
 //!
@@ -10,13 +10,9 @@
 //! frames are left out of the view, and counted, never of the log.
 
 mod feed;
-mod guide;
 mod play;
-mod rows;
 mod session;
 
 pub use feed::Feed;
-pub use guide::guide_through;
-pub use play::{PlayError, play};
-pub use rows::LiveRows;
-pub use session::{LiveAction, LiveSession, LogMaker, LogSeries, PERIOD, Shown, clock};
+pub use play::play;
+pub use session::{LiveAction, LiveSession, LogMaker, LogSeries, PERIOD, clock, guide_through};

@@ -3,11 +3,12 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use log_file::{Log, LogError, ReadOptions, Wanted};
+use log_file::{Log, ReadOptions, Wanted};
 use shared_proto::CHANNELS;
 use shell_data::block::Block;
 
-use crate::workflow::selection::{Stop, passed};
+use crate::workflow::WorkflowError;
+use crate::workflow::selection::passed;
 use board_link::recording::{BoardFrame, Measured};
 
 /// How often the clock is looked at.
@@ -19,29 +20,12 @@ const LONGEST: Duration = Duration::from_secs(1);
 /// What is not waited for between two rows, s of the log.
 const JUMP_S: f64 = 1.0;
 
-/// Why a log cannot be played.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum PlayError {
-    /// It cannot be read.
-    #[error(transparent)]
-    Log(#[from] LogError),
-    /// It is of another instrument.
-    #[error("`{path}` has {found} channels, a view is of {CHANNELS}, or of a wrench")]
-    Channels {
-        /// The log.
-        path: String,
-        /// How many it has.
-        found: usize,
-    },
-}
-
 /// Plays a log at `speed` times its own pace, until its end or until `stop` is set: hands its frames to `see`
 /// when they are due, and holds it while `is_held`. Where it has readings and a wrench, the readings are played if
 /// `readings` are wanted.
 ///
 /// # Errors
-/// [`PlayError`] if it cannot be read, or has neither eight channels nor a wrench.
+/// [`WorkflowError`] if it cannot be read, or has neither eight channels nor a wrench.
 pub fn play(
     log: &Log,
     read: &ReadOptions<'_>,
@@ -50,26 +34,53 @@ pub fn play(
     is_held: &dyn Fn() -> bool,
     stop: &AtomicBool,
     see: &mut dyn FnMut(&[BoardFrame]),
-) -> Result<u64, PlayError> {
+) -> Result<u64, WorkflowError> {
     let has_channels = log.channels() == CHANNELS;
     let is_readings = has_channels && (readings || !log.has_wrench());
     if !is_readings && !log.has_wrench() {
-        let (path, found) = (log.path().display().to_string(), log.channels());
-        return Err(PlayError::Channels { path, found });
+        let (path, found) = (log.path().display(), log.channels());
+        let message =
+            format!("`{path}` has {found} channels, a view is of {CHANNELS}, or of a wrench");
+        return Err(WorkflowError::refused(message, None));
     }
     let wanted =
         Wanted { time: true, readings: is_readings, wrench: !is_readings, ..Wanted::default() };
-    let mut player = Player { see, is_held, stop, clock: PlayClock::new(speed), index: 0 };
-    passed(log.read(&wanted, read, std::mem::take, |block| player.play(&block)))?;
-    Ok(player.index as u64)
+    let (mut clock, mut index) = (PlayClock::new(speed), 0);
+    let play = |block: Block| {
+        let mut sent = 0;
+        while sent < block.rows {
+            if stop.load(Ordering::Relaxed) {
+                return Err(None);
+            }
+            let due = clock.due(Instant::now(), &block.time_s[sent..], is_held());
+            let frames =
+                (index..).zip(sent..sent + due).map(|(index, row)| frame(&block, row, index));
+            see(&frames.collect::<Vec<_>>());
+            (sent, index) = (sent + due, index + due as i64);
+            if due == 0 {
+                std::thread::sleep(TICK);
+            }
+        }
+        Ok(())
+    };
+    passed(log.read(&wanted, read, std::mem::take, play))?;
+    Ok(index as u64)
 }
 
-struct Player<'a> {
-    see: &'a mut dyn FnMut(&[BoardFrame]),
-    is_held: &'a dyn Fn() -> bool,
-    stop: &'a AtomicBool,
-    clock: PlayClock,
-    index: i64,
+/// A row as a frame with this number.
+fn frame(block: &Block, row: usize, index: i64) -> BoardFrame {
+    let measured = match block.readings.is_empty() {
+        false => Measured::Readings(std::array::from_fn(|c| block.readings[c][row])),
+        true => Measured::Wrench(std::array::from_fn(|axis| block.wrench[axis][row])),
+    };
+    let saturated = match &measured {
+        Measured::Readings(readings) => (0..CHANNELS)
+            .filter(|&channel| [0.0, 4095.0, 65_535.0].contains(&readings[channel]))
+            .fold(0, |mask, channel| mask | 1 << channel),
+        Measured::Wrench(_) => 0,
+    };
+    let time_us = (block.time_s[row] * 1e6).round() as i64;
+    BoardFrame { saturated, ..BoardFrame::new(time_us, index, measured) }
 }
 
 /// Which rows are due. Where the log jumps, by a pause in the recording or back, it goes on at once.
@@ -80,43 +91,6 @@ struct PlayClock {
     set: Option<(Instant, f64)>,
     /// The time of the last row that was due.
     last_s: Option<f64>,
-}
-
-impl Player<'_> {
-    fn play(&mut self, block: &Block) -> Result<(), Stop> {
-        let mut sent = 0;
-        while sent < block.rows {
-            if self.stop.load(Ordering::Relaxed) {
-                return Err(None);
-            }
-            let due = self.clock.due(Instant::now(), &block.time_s[sent..], (self.is_held)());
-            let frames: Vec<BoardFrame> =
-                (sent..sent + due).map(|row| self.frame(block, row)).collect();
-            (self.see)(&frames);
-            sent += due;
-            if due == 0 {
-                std::thread::sleep(TICK);
-            }
-        }
-        Ok(())
-    }
-
-    fn frame(&mut self, block: &Block, row: usize) -> BoardFrame {
-        let index = self.index;
-        self.index += 1;
-        let measured = match block.readings.is_empty() {
-            false => Measured::Readings(std::array::from_fn(|c| block.readings[c][row])),
-            true => Measured::Wrench(std::array::from_fn(|axis| block.wrench[axis][row])),
-        };
-        let saturated = match &measured {
-            Measured::Readings(readings) => (0..CHANNELS)
-                .filter(|&channel| [0.0, 4095.0, 65_535.0].contains(&readings[channel]))
-                .fold(0, |mask, channel| mask | 1 << channel),
-            Measured::Wrench(_) => 0,
-        };
-        let time_us = (block.time_s[row] * 1e6).round() as i64;
-        BoardFrame { saturated, ..BoardFrame::new(time_us, index, measured) }
-    }
 }
 
 impl PlayClock {

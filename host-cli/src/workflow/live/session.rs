@@ -3,15 +3,16 @@
 use std::fmt::Debug;
 use std::time::Duration;
 
-use board_link::recording::{BoardFrame, protocol_name};
+use board_link::recording::{BoardFrame, Measured, RunningForces, protocol_name};
 use board_link::{LogSink, RecordCommand, RecordingProgress};
 use forces::ForceError;
-use live_view::{Guide, GuidePhase, GuideView, LiveModel, Picture};
+use live_view::{Guide, GuidePhase, GuideView, GuidedLoad, LiveModel, LiveRow};
+use load_table::{HungLoad, HungLoads};
 use output_file::OutputError;
-use serde::Serialize;
+use serde_json::{Value, json};
 use shell_data::block::FrameLabel;
 
-use super::{Feed, LiveRows};
+use super::Feed;
 
 /// Time from picture to picture: thirty a second.
 pub const PERIOD: Duration = Duration::from_micros(33_333);
@@ -101,42 +102,33 @@ impl LogSeries {
 /// A live view and what it is of.
 #[derive(Debug)]
 pub struct LiveSession {
-    model: LiveModel,
+    /// What is shown, as lines and numbers.
+    pub model: LiveModel,
     guide: Option<Guide>,
-    rows: LiveRows,
+    forces: Option<RunningForces>,
     feed: Feed,
     /// The logs that are written; `None` where nothing can be recorded.
     logs: Option<LogSeries>,
-    name: String,
+    /// What it is of.
+    pub name: String,
     elapsed: Duration,
-    /// Frames so far, and pictures of them.
+    /// Frames so far.
     frames: u64,
-    pictures: u64,
+    /// Pictures that were drawn of them.
+    pub pictures: u64,
     /// Whether the source has ended.
     is_over: bool,
     /// What has just been done.
-    message: String,
-}
-
-/// What a page is told.
-#[derive(Debug, Serialize)]
-pub struct Shown<'a> {
-    source: &'a str,
-    state: String,
-    recording: Option<&'a str>,
-    can_record: bool,
-    message: &'a str,
-    /// The next planned load.
-    guide: Option<GuideView>,
-    picture: Picture,
+    pub message: String,
 }
 
 impl LiveSession {
-    /// Of a source of this name, with a guide if loads are planned; `logs` is `None` where nothing can be recorded.
+    /// Of a source of this name, with a guide if loads are planned, and forces if there is a calibration; `logs` is `None`
+    /// where nothing can be recorded.
     pub fn new(
         model: LiveModel,
         guide: Option<Guide>,
-        rows: LiveRows,
+        forces: Option<RunningForces>,
         feed: Feed,
         logs: Option<LogSeries>,
         name: String,
@@ -144,7 +136,7 @@ impl LiveSession {
         Self {
             model,
             guide,
-            rows,
+            forces,
             feed,
             logs,
             name,
@@ -156,38 +148,18 @@ impl LiveSession {
         }
     }
 
-    /// What is shown, as lines and numbers.
-    pub fn model(&self) -> &LiveModel {
-        &self.model
-    }
-
-    /// What it is of.
-    pub fn name(&self) -> &str {
-        &self.name
-    }
-
-    /// What has just been done.
-    pub fn message(&self) -> &str {
-        &self.message
-    }
-
-    /// A picture of it was drawn.
-    pub fn count_picture(&mut self) {
-        self.pictures += 1;
-    }
-
     /// All that a page is told, which draws it.
-    pub fn shown(&mut self) -> Shown<'_> {
-        self.count_picture();
-        Shown {
-            source: &self.name,
-            state: self.state(),
-            recording: self.recording(),
-            can_record: self.logs.is_some(),
-            message: &self.message,
-            guide: self.guide(),
-            picture: self.model.picture(),
-        }
+    pub fn shown(&mut self) -> Value {
+        self.pictures += 1;
+        json!({
+            "source": self.name,
+            "state": self.state(),
+            "recording": self.recording(),
+            "can_record": self.logs.is_some(),
+            "message": self.message,
+            "guide": self.guide(),
+            "picture": self.model.picture(),
+        })
     }
 
     /// The guide as it is shown.
@@ -218,7 +190,7 @@ impl LiveSession {
     /// [`ForceError`] if the low-pass that was asked for is impossible at the rate of the frames.
     pub fn advance(&mut self, elapsed: Duration, is_source_over: bool) -> Result<bool, ForceError> {
         let frames: Vec<BoardFrame> = self.feed.state().frames.drain(..).collect();
-        let news = self.rows.of(&frames)?;
+        let news = self.rows(&frames)?;
         news.iter().for_each(|row| self.model.push(*row));
         if let Some(guide) = &mut self.guide {
             let held: Vec<FrameLabel> = news.iter().filter_map(|row| guide.push(row)).collect();
@@ -231,6 +203,22 @@ impl LiveSession {
         self.is_over = is_source_over && self.feed.state().frames.is_empty();
         // A port that is gone for good has something to say, which a screen would hide.
         Ok(self.is_over && self.logs.is_some())
+    }
+
+    /// Frames as rows to show. Those of a board that converts itself have their wrench.
+    fn rows(&mut self, frames: &[BoardFrame]) -> Result<Vec<LiveRow>, ForceError> {
+        let has_readings = |frame: &BoardFrame| matches!(frame.measured, Measured::Readings(_));
+        let mut rows: Vec<LiveRow> = frames.iter().map(row).collect();
+        if let Some(running) = &mut self.forces
+            && !frames.is_empty()
+            && frames.iter().all(has_readings)
+        {
+            for (row, force) in rows.iter_mut().zip(running.of(frames)?) {
+                row.wrench = Some(force.wrench);
+                row.out_of_range = force.out_of_range as u8;
+            }
+        }
+        Ok(rows)
     }
 
     /// The log that is being written.
@@ -348,6 +336,37 @@ impl LiveSession {
         lines.extend(marks.map(|mark| format!("mark {} at {:.3} s", mark.number, mark.time_s)));
         lines
     }
+}
+
+fn row(frame: &BoardFrame) -> LiveRow {
+    let (readings, wrench) = match frame.measured {
+        Measured::Readings(readings) => (Some(readings), None),
+        Measured::Wrench(wrench) => (None, Some(wrench)),
+    };
+    LiveRow {
+        time_s: frame.time_us as f64 / 1e6,
+        index: frame.index,
+        readings,
+        wrench,
+        saturated: frame.saturated,
+        out_of_range: 0,
+    }
+}
+
+/// A guide through the loads of a table, in its order. What each is expected to tell is in its column `plan_gain_nats`,
+/// which `shellcal plan` writes; a table without it counts loads.
+pub fn guide_through(table: &HungLoads) -> Guide {
+    let gains: Vec<f64> = match table.column("plan_gain_nats") {
+        Some(cells) => cells.map(|cell| cell.parse().unwrap_or(0.0)).collect(),
+        None => vec![0.0; table.loads().len()],
+    };
+    let guided = |(load, gain): (&HungLoad, f64)| GuidedLoad {
+        group: load.group.clone(),
+        text: load.to_string(),
+        wrench: load.wrench(),
+        gain,
+    };
+    Guide::new(table.loads().iter().zip(gains).map(guided).collect())
 }
 
 /// A time as a clock shows it.

@@ -9,6 +9,9 @@ use crate::workflow::WorkflowError;
 /// How far an orientation may be from one, as a share: logs have few digits.
 const ROUGH: f64 = 0.02;
 
+const NAME_COLUMNS: &str = "name the columns with `--orientation` or `--accelerations`, in a run those of another log \
+                            with `--motion`";
+
 /// What the user says of the columns of orientation and acceleration.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MotionColumns {
@@ -78,7 +81,13 @@ impl MotionColumns {
                     3 => (Orientation::Gravity, at),
                     4 => (Orientation::Quaternion, at),
                     9 => (Orientation::LastRow, at[6..].to_vec()),
-                    found => return Err(WorkflowError::OrientationColumns(found)),
+                    found => {
+                        let message = format!(
+                            "`{found}` columns of orientation, expected 3 (gravity), 4 (quaternion x y z w) or 9 \
+                             (rotation matrix, row by row)"
+                        );
+                        return Err(WorkflowError::refused(message, NAME_COLUMNS));
+                    }
                 }]
             }
             None => {
@@ -89,14 +98,17 @@ impl MotionColumns {
         let accelerations = match &self.accelerations {
             Some(references) => match log.column_positions(references)? {
                 at if at.len() == 3 => Some(at),
-                at => return Err(WorkflowError::AccelerationColumns(at.len())),
+                at => {
+                    let message = format!("`{}` columns of acceleration, expected 3", at.len());
+                    return Err(WorkflowError::refused(message, NAME_COLUMNS));
+                }
             },
             None => by_name(&USUAL_ACCELERATIONS),
         };
         let is_named = self.orientation.is_some();
         let found = FoundColumns { orientations, is_named, accelerations };
         if found.orientations.is_empty() && found.accelerations.is_none() {
-            return Err(WorkflowError::NoMotion(log.path().to_path_buf()));
+            return Err(no_motion(log));
         }
         log.require(&Wanted { others: found.positions(), ..Wanted::default() })?;
         Ok(found)
@@ -126,10 +138,7 @@ impl FoundColumns {
                 Ok(gravity) => return Ok(Some(gravity)),
                 // Rates of turn go by the names of gravity, too.
                 Err(_) if *orientation == Orientation::Gravity && !self.is_named => {}
-                Err((row, what)) => {
-                    let (path, row) = (log.path().to_path_buf(), row as u64 + 1);
-                    return Err(WorkflowError::NoOrientation { path, row, what });
-                }
+                Err((row, what)) => return Err(no_orientation(log, row, &what)),
             }
         }
         Ok(None)
@@ -190,6 +199,23 @@ impl Orientation {
         };
         (0..rows).map(gravity).collect()
     }
+}
+
+/// A log that does not say how the sensor lies.
+pub(super) fn no_motion(log: &Log) -> WorkflowError {
+    let message = format!(
+        "`{}` has no columns of orientation (`gx gy gz` of gravity, `r11` … `r33`, `qx qy qz qw`) or acceleration \
+         (`ax ay az`)",
+        log.path().display()
+    );
+    WorkflowError::refused(message, NAME_COLUMNS)
+}
+
+/// A row, counted from 0, whose values are no rotation or direction.
+pub(super) fn no_orientation(log: &Log, row: usize, what: &str) -> WorkflowError {
+    let message = format!("`{}`, data row {}: {what}", log.path().display(), row + 1);
+    let hint = "correct the row, or name the right columns with `--orientation`";
+    WorkflowError::refused(message, hint)
 }
 
 /// The positions of columns with these names, without regard to case, spaces and punctuation, and with a unit

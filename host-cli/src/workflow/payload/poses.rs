@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use super::columns::MotionColumns;
+use super::columns::{MotionColumns, no_motion};
 use crate::workflow::WorkflowError;
 use forces::payload::{
     Accelerometer, PayloadFit, PayloadPose, STANDARD_GRAVITY_M_S2, Vector, fit, frame_from_forces,
@@ -91,7 +91,7 @@ pub fn fit_payload(
         let gravity = found.gravity(log, &block.others, columns.gravity_m_s2)?;
         let accelerations = found.accelerations(&block.others);
         if gravity.is_none() && accelerations.is_none() {
-            return Err(WorkflowError::NoMotion(log.path().to_path_buf()));
+            return Err(no_motion(log));
         }
         all_have_gravity &= gravity.is_some();
         all_have_accelerations &= accelerations.is_some();
@@ -121,7 +121,7 @@ pub fn fit_payload(
         let gravity = accelerations.iter().map(|a| found.gravity(*a)).collect();
         (gravity, Some(found), GravityFrom::Accelerations)
     } else {
-        return Err(WorkflowError::NoMotion(first.path().to_path_buf()));
+        return Err(no_motion(first));
     };
     let poses: Vec<PayloadPose> = sums
         .iter()
@@ -140,6 +140,12 @@ fn unit_m_s2(log: &Log, accelerations: &[Vector], gravity_m_s2: f64) -> Result<f
     match size {
         0.8..1.2 => Ok(gravity_m_s2),
         8.0..12.0 => Ok(gravity_m_s2 / STANDARD_GRAVITY_M_S2),
-        _ => Err(WorkflowError::AccelerationUnit { path: log.path().to_path_buf(), size }),
+        _ => Err(WorkflowError::refused(
+            format!(
+                "`{}`: accelerations at rest are `{size:.4}` long, neither m/s² nor multiples of g",
+                log.path().display()
+            ),
+            "scale them to m/s², or give orientations besides: then any unit will do",
+        )),
     }
 }

@@ -1,19 +1,27 @@
 //! A trial on its log: between given times, or between those that are found in the drag.
 
-mod doubtful;
-mod job;
 mod reading;
 
 use super::WorkflowError;
-use log_file::ReadOptions;
+use log_file::{Log, ReadOptions};
 use reading::RecordedTrial;
 use trial::{
-    Diagnostic, LogTimes, NoWindow, Proposal, Trace, TraceExtent, Trial, TrialOptions, TrialResult,
-    check_window, propose_window,
+    Diagnostic, Instrument, LogTimes, NoWindow, Proposal, Trace, TraceExtent, Trial, TrialOptions,
+    TrialResult, check_window, propose_window,
 };
 
-pub use doubtful::doubtful_rows;
-pub use job::TrialJob;
+/// A log, and how trials on it are evaluated.
+#[derive(Clone, Copy)]
+pub struct TrialJob<'a> {
+    /// The log.
+    pub log: &'a Log,
+    /// Robot and calibration.
+    pub instrument: Instrument<'a>,
+    /// How trials are evaluated.
+    pub options: TrialOptions,
+    /// How the log is read.
+    pub read: ReadOptions<'a>,
+}
 
 /// When the robot enters the channel and when it leaves, s on the log's clock; `None` for what is to
 /// be found in the drag.

@@ -1,13 +1,14 @@
-//! A trial's rows from its log: one pass, in which, without forces, of most rows the time alone is parsed.
+//! A trial's rows from its log, in one pass.
 
-use super::job::TrialJob;
+use super::TrialJob;
 use crate::workflow::WorkflowError;
+use crate::workflow::selection::{RowFilter, fresh_rows};
 use calibration::Calibration;
 use calibration::memory::MemoryState;
 use forces::sampling::Sampling;
 use forces::stationary::{ZeroMove, ZeroWatch};
 use forces::{FirstRows, ForcePipeline, PipelineSetup, TareFrames, TareRule};
-use log_file::{ColumnRef, LogError, ReadSummary, RowSelection, Wanted};
+use log_file::{ColumnRef, LogError, ReadSummary, Wanted};
 use shell_data::block::Block;
 use shell_data::telemetry::Telemetry;
 use trial::{
@@ -33,7 +34,13 @@ impl RecordedTrial {
     pub(super) fn read(job: &TrialJob<'_>, window: (f64, f64)) -> Result<Self, WorkflowError> {
         let mut reading = Reading::new(job, window)?;
         let wanted = reading.wanted.clone();
-        let summary = job.log.read_where(&wanted, &job.read, &mut reading)?;
+        let log = job.log;
+        let summary = log.read(
+            &wanted,
+            &job.read,
+            |block| (fresh_rows(log, RowFilter::All, block), std::mem::take(block)),
+            |(fresh, block)| reading.take(&fresh, block),
+        )?;
         let times = reading.log_times(summary.rows)?;
         let calibration = job.instrument.calibration;
         let zero = reading.watch.as_ref().zip(calibration).and_then(|(watch, of)| watch.finish(of));
@@ -81,8 +88,6 @@ struct Reading<'a> {
     rows: u64,
     first_s: Option<f64>,
     last_s: Option<f64>,
-    /// Whether equal readings in a row are one frame.
-    repeats_are_stale: bool,
     trial_rows: TrialRows,
 }
 
@@ -125,7 +130,6 @@ impl<'a> Reading<'a> {
             rows: 0,
             first_s: None,
             last_s: None,
-            repeats_are_stale: log.repeats_are_stale(),
             trial_rows: TrialRows { telemetry, ..TrialRows::default() },
         })
     }
@@ -148,16 +152,6 @@ impl<'a> Reading<'a> {
         Ok(*self.needed_s.insert((low, high)))
     }
 
-    /// Shows the zero's watch the fresh frames of a block.
-    fn watch_zero(&mut self, block: &Block, fresh: &[bool]) {
-        let Some(watch) = &mut self.watch else { return };
-        if !fresh.contains(&false) {
-            return watch.look_at(&block.time_s, &block.readings);
-        }
-        let fresh = block.kept(fresh);
-        watch.look_at(&fresh.time_s, &fresh.readings);
-    }
-
     fn wants_tare(&self, last_s: f64) -> bool {
         self.setup.as_ref().is_some_and(|(_, setup)| setup.wants_frames(last_s))
     }
@@ -168,12 +162,10 @@ impl<'a> Reading<'a> {
         let ((first_s, last_s), rate) = ends.ok_or(TrialError::NoClock(rows))?;
         Ok(LogTimes { first_s, last_s, period_s: 1.0 / rate.median_hz })
     }
-}
 
-impl RowSelection for Reading<'_> {
-    type Error = WorkflowError;
-
-    fn is_of_interest(&mut self, times: &[f64]) -> Result<bool, WorkflowError> {
+    /// Takes the next rows, of which `fresh` are frames.
+    fn take(&mut self, fresh: &[bool], mut block: Block) -> Result<(), WorkflowError> {
+        let times = &*block.time_s;
         for &time in times {
             self.rows += 1;
             match self.last_s.replace(time) {
@@ -188,20 +180,12 @@ impl RowSelection for Reading<'_> {
         if let Some((_, setup)) = &mut self.setup {
             setup.clock.look_at(times);
         }
-        let (low, high) = self.needed_s()?;
-        let (first, last) = (times[0], times[times.len() - 1]);
-        let takes_all = self.watch.is_some() || self.memory.is_some();
-        Ok(self.wants_tare(last) || takes_all || (last >= low && first <= high))
-    }
-
-    fn take(&mut self, block: &mut Block) -> Result<(), WorkflowError> {
-        let fresh = match self.repeats_are_stale {
-            true => block.fresh_rows(),
-            false => vec![true; block.rows],
-        };
-        self.watch_zero(block, &fresh);
+        if let Some(watch) = &mut self.watch {
+            let frames = block.kept(fresh);
+            watch.look_at(&frames.time_s, &frames.readings);
+        }
         if let Some(memory) = &mut self.memory {
-            memory.extend(block).expect("times, which are wanted");
+            memory.extend(&mut block).expect("times, which are wanted");
         }
         if self.wants_tare(block.time_s[block.rows - 1]) {
             let mut kinds = self.trial_rows.telemetry.iter().map(|(kind, _)| *kind);
@@ -209,7 +193,7 @@ impl RowSelection for Reading<'_> {
             let leg = leg.map(|at| &*block.others[at]);
             let (times_s, readings) = (&*block.time_s, &*block.readings);
             if let Some((calibration, setup)) = &mut self.setup {
-                let rows = FirstRows { times_s, readings, fresh: &fresh, leg };
+                let rows = FirstRows { times_s, readings, fresh, leg };
                 setup.look_at_frames(calibration, rows);
             }
         }

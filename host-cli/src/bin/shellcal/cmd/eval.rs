@@ -8,11 +8,11 @@ use calibration_file::{CalibrationFile, Role, SourceFile};
 use clap::builder::TypedValueParser;
 use figures::{FitPlot, fit_figure};
 use log_file::{ReadOptions, Wanted, read_dataset};
+use report::add_to_plot;
 use serde::Serialize;
 use shell_data::dataset::{Dataset, RowSet};
 use shell_data::wrench::{Axes, Axis, PerAxis};
 use shellcal::workflow::check_channels;
-use shellcal::workflow::fit::add_to_plot;
 use shellcal::workflow::gates::{ComparedAxes, GateFailure, Gates};
 
 use super::choices::{number_in, one_of};

@@ -10,7 +10,7 @@ use calibration_file::stored::{
 };
 use calibration_file::{CalibrationFile, CalibrationFileError, PartialFit, Sums};
 use shell_data::hint::quoted;
-use shellcal::workflow::merge;
+use shellcal::workflow::partial::{fit_merged, merged_file};
 
 use super::choices::{self, COVARIANCES, one_of};
 use super::mapping::EditedArg;
@@ -115,9 +115,9 @@ impl MergeArgs {
             covariance,
             ..FitOptions::default()
         };
-        let fitted = merge::fit(sum, self.model, &options)?;
+        let fitted = fit_merged(sum, self.model, &options)?;
         self.warn(&fitted, matches!(sum.sums, Sums::Exact(_)), printer);
-        let file = merge::file(&fitted, sum);
+        let file = merged_file(&fitted, sum);
         output.map(|output| output.commit_with(file.to_json().as_bytes())).transpose()?;
         self.report(printer, &merged, Some(&file), false)
     }

@@ -13,12 +13,11 @@ use indicatif::ProgressBar;
 use load_table::HungLoads;
 use log_file::{Log, ReadOptions};
 use output_file::AtomicFile;
-use report::OutlierTable;
+use report::{CalibrationReport, OutlierTable, plots};
 use shell_data::hint::quoted;
 use shell_data::wrench::Axes;
 use shellcal::workflow::agree_on_axes;
 use shellcal::workflow::fit::{FitData, calibration_file, sources};
-use shellcal::workflow::fit_report::{ReportFacts, html, plots};
 use shellcal::workflow::hung_loads::HungReference;
 use shellcal::workflow::outliers::NamedOutliers;
 use shellcal::workflow::remark::about_fit;
@@ -187,8 +186,9 @@ impl<'a> FitPlan<'a> {
             let output = self.args.output.as_ref();
             let name = output.map_or("not written", |path| path.to_str().unwrap_or("?"));
             let outliers = self.outlier_rows(named);
-            let facts = ReportFacts { name, command: &outputs::command_line(), outliers };
-            report.commit_with(html(fitted, file, facts)?.as_bytes())?;
+            let command = &outputs::command_line();
+            let html = CalibrationReport { fit: fitted, file, name, command, outliers }.html()?;
+            report.commit_with(html.as_bytes())?;
         }
         let output = self.calibration.take();
         output.map(|output| output.commit_with(file.to_json().as_bytes())).transpose()?;

@@ -14,7 +14,7 @@ use std::thread;
 use std::time::Instant;
 
 use anyhow::ensure;
-use board_link::recording::LiveForces;
+use board_link::recording::{LiveForces, RunningForces};
 use board_link::{
     AppendWriter, LogSink, RecordOptions, RecordingProgress, Sinks, Source, Watcher, record,
 };
@@ -24,9 +24,7 @@ use log_file::Log;
 use output_file::OutputError;
 use serde_json::json;
 use shell_data::wrench::Axes;
-use shellcal::workflow::live::{
-    Feed, LiveRows, LiveSession, LogMaker, LogSeries, guide_through, play,
-};
+use shellcal::workflow::live::{Feed, LiveSession, LogMaker, LogSeries, guide_through, play};
 
 use super::frames::LiveForceArgs;
 use super::mapping::MappingArgs;
@@ -102,7 +100,7 @@ impl LiveArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let forces = self.forces.read(printer)?;
         let ranges = forces.as_ref().and_then(|forces| forces.calibration.valid_range.clone());
-        let rows = LiveRows::new(forces.clone())?;
+        let running = forces.clone().map(RunningForces::new).transpose()?;
         let stop = signals::stop_flag()?;
         let (feed, done) = (Feed::default(), Arc::new(AtomicBool::new(false)));
         let name = self.name.display().to_string();
@@ -144,7 +142,7 @@ impl LiveArgs {
         // Without a calibration a wrench is the board's or the log's own.
         let axes = calibrated.unwrap_or(recorded);
         let model = LiveModel::new(ranges, self.window, axes);
-        let mut session = LiveSession::new(model, guide, rows, feed, logs, name);
+        let mut session = LiveSession::new(model, guide, running, feed, logs, name);
         let started = Instant::now();
         let advance = |session: &mut LiveSession| {
             let elapsed = started.elapsed();

@@ -86,17 +86,17 @@ pub(super) fn run(
     while advance(session)? {
         let (state, guide) = (session.state(), session.guide());
         let screen = LiveScreen {
-            model: session.model(),
+            model: &session.model,
             guide: guide.as_ref(),
-            source: session.name(),
+            source: &session.name,
             state: &state,
             recording: session.recording(),
-            message: session.message(),
+            message: &session.message,
             ascii,
             color,
         };
         stage.show(&screen)?;
-        session.count_picture();
+        session.pictures += 1;
         due = (due + PERIOD).max(Instant::now());
         // Keys are obeyed at once, and seen in the next picture.
         while event::poll(due.saturating_duration_since(Instant::now()))? {
@@ -167,7 +167,7 @@ pub(super) fn run_in_browser(
             LiveAction::named(order).into_iter().for_each(|action| session.obey(action));
         }
         if server.has_listeners() {
-            server.publish(&serde_json::to_string(&session.shown())?);
+            server.publish(&session.shown().to_string());
         }
         due = (due + PERIOD).max(Instant::now());
         thread::sleep(due.saturating_duration_since(Instant::now()));

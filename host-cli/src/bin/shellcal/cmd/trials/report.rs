@@ -8,7 +8,7 @@ use log_file::{Log, ReadOptions};
 use shellcal::workflow::certificate::{budget, intervals};
 use shellcal::workflow::check::check_weights;
 use shellcal::workflow::figures::reduce_trace;
-use shellcal::workflow::report::{self, calibration_facts};
+use shellcal::workflow::report;
 use trial::{TraceExtent, TrialResult};
 
 use super::evaluation::EvaluationArgs;
@@ -106,8 +106,6 @@ impl ReportArgs {
         let trials: Vec<TrialResult> =
             batch.trials.drain(..).map(|trial| trial.evaluated.result).collect();
         let name = evaluation.calibration.as_ref().map(|path| path.display().to_string());
-        let calibration = name.zip(equipment.calibration.as_ref());
-        let calibration = calibration.map(|(name, file)| report::calibration_facts(&name, file));
         let title = self.title.clone().unwrap_or_else(|| format!("Trials of {shown}"));
         let document = Report {
             heading: Heading {
@@ -121,7 +119,7 @@ impl ReportArgs {
             conditions: &conditions,
             phases: &phases,
             settings: &report::settings(&options, &equipment.profile, self.seed),
-            calibration,
+            calibration: name.as_deref().zip(equipment.calibration.as_ref()),
             robot_length_m: equipment.profile.robot.length_m,
             channel_length_m: equipment.profile.channel.length_m,
             inputs: &inputs,
@@ -160,10 +158,7 @@ impl ReportArgs {
         let shown = path.display().to_string();
         let serial = file.origin.sensor_serial.as_deref().unwrap_or(&shown);
         let usual_title = format!("Certificate of calibration: {serial}");
-        let mut calibration = calibration_facts(&shown, &file);
         let own = input("calibration", path)?;
-        calibration.facts.push(("checksum of the file", own.checksum));
-        let diagnostics = file.origin.diagnostics.as_ref();
         let certificate = Certificate {
             heading: Heading {
                 title: self.title.as_deref().unwrap_or(&usual_title),
@@ -171,8 +166,9 @@ impl ReportArgs {
                 date: &outputs::date()?,
                 command: &outputs::command_line(),
             },
-            calibration,
-            excitation: diagnostics.and_then(|of| of.excitation.as_ref()),
+            file: &file,
+            name: &shown,
+            checksum: &own.checksum,
             budget: &budget,
             intervals: &intervals(&file),
             weights: &weights,
