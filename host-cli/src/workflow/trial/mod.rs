@@ -97,7 +97,7 @@ pub fn search_window(job: &TrialJob<'_>) -> Result<WindowSearch, WorkflowError> 
     if job.instrument.calibration.is_none() {
         return Err(WorkflowError::NoCalibration);
     }
-    let forces = job.options.forces.zero_phase();
+    let forces = job.options.forces.with_delay(false);
     let options = TrialOptions { forces, trace: TraceExtent::Log, ..job.options };
     let job = TrialJob { options, ..*job };
     // The whole log as if it were one trial.
