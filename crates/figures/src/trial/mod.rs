@@ -320,7 +320,7 @@ mod tests {
     #[test]
     fn figures_fit_the_columns_of_a_paper() {
         let passage = Passage::new([0.5, 3.5], Some(0.18), 0.28);
-        let phases = PhaseProfile::new([(&trace(), [0.5, 2.0])]).unwrap();
+        let phases = PhaseProfile::new(&trace(), [0.5, 2.0]).unwrap();
         let phases = ["free", "3 cm"].map(|name| (name.to_owned(), phases.clone()));
         let mut sample = ValueSample::default();
         sample.add_cluster((0..368).map(f64::from));
