@@ -1,20 +1,13 @@
 //! Figures of trials, as papers print them: one column wide, legible without colour.
 
 mod boxes;
-mod drag_lift;
 mod labels;
-mod names;
+mod over_time;
 mod phase;
-mod shading;
-mod stack;
-mod window;
 
 pub use boxes::box_figure;
-pub use drag_lift::drag_lift_figure;
+pub use over_time::{Passage, drag_lift_figure, stack_figure, window_figure};
 pub use phase::phase_figure;
-pub use shading::Passage;
-pub use stack::stack_figure;
-pub use window::window_figure;
 
 use super::canvas::{Figure, Pen, Rect, Style, number, point, text_width};
 use super::palette::{self, Colour};

@@ -93,7 +93,7 @@ impl EvalArgs {
         note_axes(printer, &compared, gates.asked());
         calibration.axes = axes;
         let figure = self.figure_size.create(self.plot.as_ref(), printer)?;
-        let mut plot = figure.is_some().then(FitPlot::new);
+        let mut plot = figure.is_some().then(FitPlot::default);
 
         let bar = printer.progress("eval", logs.iter().map(Log::bytes).sum());
         let workers = Workers::new(self.mapping.threads.map_or(0, usize::from));
