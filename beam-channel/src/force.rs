@@ -2,8 +2,7 @@
 
 use libm::{atan2, sqrt};
 
-use crate::contact::Contact;
-use crate::path::Path;
+use crate::path::{Contact, Path};
 use crate::setup::LEAST_FRICTION;
 use crate::{Angle, Normal, Setup};
 

@@ -38,9 +38,6 @@
 #![warn(missing_docs)]
 
 mod arc;
-mod bracket;
-mod contact;
-mod error;
 mod force;
 mod model;
 mod path;
@@ -48,14 +45,10 @@ mod plateau;
 mod quadrature;
 mod setup;
 mod side;
-mod start;
-mod wall;
 
-pub use contact::Contact;
-pub use error::SetupError;
 pub use force::BeamForce;
 pub use model::{Model, Total};
+pub use path::Contact;
 pub use plateau::{BeamPlateau, Extreme, Turn};
-pub use setup::{Angle, Beam, Channel, Ellipse, Normal, Pose, Rules, Setup};
+pub use setup::{Angle, Beam, Channel, Ellipse, Normal, Pose, Rules, Setup, SetupError, Wall};
 pub use side::Side;
-pub use wall::Wall;

@@ -3,8 +3,8 @@
 use core::array::from_fn;
 use core::ops::Range;
 
-use crate::contact::Contact;
 use crate::force::{BeamForce, Law};
+use crate::path::Contact;
 use crate::{Normal, Setup, SetupError, Side, Wall};
 
 /// Places of each arc at which it is looked whether a tip slides.
@@ -53,7 +53,7 @@ impl Model {
     fn check_sliding(&self) -> Result<(), SetupError> {
         for wall in Wall::BOTH {
             let Some(side) = self.side(wall) else { continue };
-            let ends = side.arcs().iter().map(|arc| arc.bracket.z);
+            let ends = side.arcs().iter().map(|arc| arc.z);
             // Smooth in z; at the ends themselves it may be zero without friction.
             let positions = ends.flat_map(|[from, to]| {
                 (1..PLACES).map(move |i| from + (to - from) * f64::from(i) / f64::from(PLACES))
@@ -77,10 +77,14 @@ impl Model {
         self.sides[wall as usize].as_ref()
     }
 
-    /// The sides that have to be solved, and what each counts for.
-    pub(crate) fn solved(&self) -> impl Iterator<Item = (usize, &Side)> {
-        let count = if self.mirrored { 1 } else { 2 };
-        self.sides[..count].iter().enumerate().filter_map(|(i, side)| Some((i, side.as_ref()?)))
+    /// The sides that are touched, by the number of their wall.
+    pub(crate) fn sides(&self) -> impl Iterator<Item = (usize, &Side)> {
+        self.sides.iter().enumerate().filter_map(|(i, side)| Some((i, side.as_ref()?)))
+    }
+
+    /// Those that have to be solved.
+    pub(crate) fn solved(&self) -> impl Iterator<Item = &Side> {
+        self.sides().filter(|(i, _)| !(self.mirrored && *i == 1)).map(|(_, side)| side)
     }
 
     /// What a solved side counts for: a body in the middle has two equal ones.
@@ -166,7 +170,7 @@ impl Model {
     /// in m; `None` if it touches none.
     pub fn extent_m(&self) -> Option<[f64; 2]> {
         let last = self.base_m(self.setup.channel.beams - 1);
-        let ends = self.solved().map(|(_, side)| [-side.engagement_m(), last - side.release_m()]);
+        let ends = self.solved().map(|side| [-side.engagement_m(), last - side.release_m()]);
         ends.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
     }
 }
@@ -211,7 +215,7 @@ mod tests {
             let mut model = Model::new(&setup).unwrap();
             setup.beam.friction = 0.0;
             model.law = Law::new(&setup);
-            for (_, side) in model.solved() {
+            for side in model.solved() {
                 let end = side.contact_after(side.travel_m()).unwrap();
                 let deflection = model.law.force(&side.path, &end).deflection_rad;
                 let energy = 0.5 * setup.beam.torsional_stiffness() * deflection * deflection;

@@ -61,13 +61,13 @@ impl Model {
     pub fn plateau(&self) -> Option<BeamPlateau> {
         let channel = &self.setup().channel;
         let last = self.base_m(channel.beams - 1);
-        let ends = self.solved().map(|(_, side)| [-side.release_m(), last - side.engagement_m()]);
+        let ends = self.solved().map(|side| [-side.release_m(), last - side.engagement_m()]);
         let extent_m = ends.reduce(|a, b| [a[0].max(b[0]), a[1].min(b[1])])?;
         if extent_m[0] > extent_m[1] {
             return None;
         }
         let start = extent_m[0];
-        let passages: f64 = self.solved().map(|(_, side)| self.passage(side)).sum();
+        let passages: f64 = self.solved().map(|side| self.passage(side)).sum();
         let mean_drag_n = self.weight() * passages / channel.pitch_m;
         let limit = |drag_n| Extreme { drag_n, x_m: start, turn: Turn::Limit };
         let mut plateau = BeamPlateau {
@@ -79,7 +79,7 @@ impl Model {
             min_contacts: [u32::MAX; 2],
             max_contacts: [0; 2],
         };
-        for (i, side) in self.solved() {
+        for (i, side) in self.sides() {
             plateau.mean_contacts[i] = side.travel_m() / channel.pitch_m;
         }
         let (breaks, count) = self.breaks(start);
@@ -87,11 +87,6 @@ impl Model {
             let smooth = Smooth { model: self, from: ends[0], to: ends[1] };
             smooth.count(&mut plateau);
             smooth.search(&mut plateau);
-        }
-        if self.mirrored {
-            plateau.mean_contacts[1] = plateau.mean_contacts[0];
-            plateau.min_contacts[1] = plateau.min_contacts[0];
-            plateau.max_contacts[1] = plateau.max_contacts[0];
         }
         // A wall that is not touched has no least number yet.
         for (least, greatest) in plateau.min_contacts.iter_mut().zip(plateau.max_contacts) {
@@ -107,8 +102,8 @@ impl Model {
         breaks[0] = start;
         breaks[1] = start + pitch;
         let mut count = 2;
-        for (_, side) in self.solved() {
-            let ends = side.arcs().iter().map(|arc| arc.bracket.travel[1]);
+        for side in self.solved() {
+            let ends = side.arcs().iter().map(|arc| arc.travel[1]);
             for travel in core::iter::once(0.0).chain(ends) {
                 let past = travel - side.engagement_m() - start;
                 let position = start + (past - pitch * libm::floor(past / pitch));
@@ -145,7 +140,7 @@ impl Smooth<'_> {
         let mut beam = first;
         while beam < end {
             let travel = middle - pitch * beam;
-            let arc = side.arcs().iter().find(|arc| travel <= arc.bracket.travel[1]);
+            let arc = side.arcs().iter().find(|arc| travel <= arc.travel[1]);
             if let Some(arc) = arc {
                 let travel = x + side.engagement_m() - pitch * beam;
                 sum += f(&arc.locate(&side.path, travel));
@@ -166,17 +161,17 @@ impl Smooth<'_> {
     fn drag(&self, x: f64) -> f64 {
         let law = &self.model.law;
         let of = |side: &Side| self.sum(side, x, |contact| law.drag(&side.path, contact));
-        self.model.weight() * self.model.solved().map(|(_, side)| of(side)).sum::<f64>()
+        self.model.weight() * self.model.solved().map(of).sum::<f64>()
     }
 
     fn slope(&self, x: f64) -> f64 {
         let law = &self.model.law;
         let of = |side: &Side| self.sum(side, x, |contact| law.drag_slope(&side.path, contact));
-        self.model.solved().map(|(_, side)| of(side)).sum()
+        self.model.solved().map(of).sum()
     }
 
     fn count(&self, plateau: &mut BeamPlateau) {
-        for (i, side) in self.model.solved() {
+        for (i, side) in self.model.sides() {
             let (first, end) = self.touching(side);
             let touching = (end - first).max(0.0) as u32;
             plateau.min_contacts[i] = plateau.min_contacts[i].min(touching);

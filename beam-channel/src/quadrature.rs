@@ -76,19 +76,19 @@ impl Model {
                 })
                 .fold(0.0, |sum, work| sum + work)
         };
-        self.weight() * self.solved().fold(0.0, |sum, (_, side)| sum + of_side(side))
+        self.weight() * self.solved().fold(0.0, |sum, side| sum + of_side(side))
     }
 
     /// The work in J that the body does on all beams from before the first to past the last.
     pub fn energy(&self) -> f64 {
         // Not −0, which is the sum of nothing.
-        let passages = self.solved().fold(0.0, |sum, (_, side)| sum + self.passage(side));
+        let passages = self.solved().fold(0.0, |sum, side| sum + self.passage(side));
         self.weight() * f64::from(self.setup().channel.beams) * passages
     }
 
     /// The work of one beam of a side, from the first touch until it slips off.
     pub(crate) fn passage(&self, side: &Side) -> f64 {
-        side.arcs().iter().map(|arc| self.work_on(side, arc.bracket.z)).sum()
+        side.arcs().iter().map(|arc| self.work_on(side, arc.z)).sum()
     }
 
     fn partial_passage(&self, side: &Side, from: f64, to: f64) -> f64 {

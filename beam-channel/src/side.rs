@@ -5,8 +5,7 @@ use core::ops::Range;
 use libm::{atan2, cos, sin, sqrt};
 
 use crate::arc::Arc;
-use crate::contact::Contact;
-use crate::path::Path;
+use crate::path::{Contact, Path};
 use crate::{Setup, SetupError, Wall};
 
 /// One wall's beams against the body: when they touch, where, and when they slip off.
@@ -117,8 +116,8 @@ impl Side {
         let mut arc = Arc::new(&self.path, [from, to]);
         if self.count > 0 {
             // The travel has no gaps, to the last bit.
-            arc.bracket.travel[0] = self.arcs[self.count - 1].bracket.travel[1];
-            arc.bracket.travel[1] = arc.bracket.travel[1].max(arc.bracket.travel[0]);
+            arc.travel[0] = self.arcs[self.count - 1].travel[1];
+            arc.travel[1] = arc.travel[1].max(arc.travel[0]);
         }
         self.arcs[self.count] = arc;
         self.count += 1;
@@ -130,7 +129,7 @@ impl Side {
 
     /// How far the body moves from the first touch of a beam until the beam slips off, in m.
     pub fn travel_m(&self) -> f64 {
-        self.arcs[self.count - 1].bracket.travel[1]
+        self.arcs[self.count - 1].travel[1]
     }
 
     /// How far forward of the body's middle a beam's base is when the body first touches the beam,
@@ -195,7 +194,7 @@ impl Side {
     #[inline]
     fn arc_at(&self, travel: f64) -> &Arc {
         let arcs = self.arcs();
-        arcs.iter().find(|arc| travel <= arc.bracket.travel[1]).unwrap_or(&arcs[arcs.len() - 1])
+        arcs.iter().find(|arc| travel <= arc.travel[1]).unwrap_or(&arcs[arcs.len() - 1])
     }
 
     /// The beams that touch a body at `x_m`, of a row whose first base is at 0.

@@ -321,7 +321,7 @@ impl Fitted {
             of_wrench.resize(Axis::ALL.len(), vec![0.0; readings.nrows()]);
             let mut predicted = PerAxis::default();
             self.0.calibration.wrench(&of_readings, &mut predicted);
-            let mut plot = FitPlot::new();
+            let mut plot = FitPlot::default();
             plot.add(&predicted, &of_wrench);
             fit_figure(Size::Screen, title, self.0.calibration.axes, &plot, None).svg()
         })

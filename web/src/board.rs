@@ -176,7 +176,7 @@ const EVERYONE: u16 = 0xFFFF;
 
 fn live_forces(file: &FileRef, files: &[Arc<[u8]>]) -> Result<LiveForces, Failure> {
     let CalibrationFile { calibration, .. } = file.calibration(files)?;
-    Ok(LiveForces { calibration, options: ForceOptions::default().causal() })
+    Ok(LiveForces { calibration, options: ForceOptions::default().with_delay(true) })
 }
 
 fn read_plan(file: &FileRef, files: &[Arc<[u8]>]) -> Result<HungLoads, Failure> {

@@ -35,7 +35,7 @@ impl Convert {
         let read = ReadOptions { threads: 1, progress: Some(progress), ..ReadOptions::default() };
         let conversion =
             Conversion { log: &log, calibration: &calibration, options: &options, read };
-        let (mut table, mut trace) = (Vec::new(), WrenchTrace::new());
+        let (mut table, mut trace) = (Vec::new(), WrenchTrace::default());
         let has_time = log.has_time();
         let traced = has_time.then_some(&mut trace);
         let summary = convert(&conversion, &OutputPlan::default(), &mut table, traced)?;

@@ -80,7 +80,7 @@ pub(super) fn find_match(
     let peak = best.map_or(0.0, |i| scores[i]);
     let Some(best) = best.filter(|&i| explained[i] >= LEAST_EXPLAINED && most > 0.0) else {
         let explained = best.map_or(0.0, |i| explained[i]);
-        return Err(AlignError::NoMatch { explained });
+        return Err(AlignError::NoMatch(explained));
     };
     let peaks = peaks(&scores, best, HIGHEST_RATIO * peak);
     let ratio = peaks.first().map_or(0.0, |&i| scores[i] / peak);

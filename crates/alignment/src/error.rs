@@ -67,21 +67,16 @@ pub enum AlignError {
         needed_s: f64,
     },
     /// Nothing moves in a recording.
-    #[error("{side}: no column changes")]
-    Constant {
-        /// Which recording.
-        side: RecordingSide,
-    },
-    /// No offset makes the two recordings agree.
+    #[error("{0}: no column changes")]
+    Constant(RecordingSide),
+    /// No offset makes the two recordings agree: the share of the readings' changes that the reference explains at
+    /// the best offset.
     #[error(
         "no common load found: at the best offset the reference explains {:.0} % of what the \
          readings do, and {:.0} % are needed",
-        100.0 * explained, 100.0 * LEAST_EXPLAINED
+        100.0 * .0, 100.0 * LEAST_EXPLAINED
     )]
-    NoMatch {
-        /// Share of the readings' changes that the reference explains at the best offset.
-        explained: f64,
-    },
+    NoMatch(f64),
     /// Two offsets fit about equally well.
     #[error(
         "the match is ambiguous: an offset of {second_s:.3} s is {:.0} % as good as the best, \
@@ -133,7 +128,7 @@ pub enum AlignError {
 impl Hint for AlignError {
     fn hint(&self) -> Option<String> {
         let text = match self {
-            Self::NoMatch { .. } => {
+            Self::NoMatch(_) => {
                 "are these of the same session? both must have recorded the same loads: tap the shell a \
                  few times in different places at the start and at the end"
             }
@@ -147,7 +142,7 @@ impl Hint for AlignError {
             Self::TooShort { .. } | Self::ShortOverlap(_) => {
                 "record for longer; `shellcal info` tells the times of a log"
             }
-            Self::Constant { .. } => {
+            Self::Constant(_) => {
                 "check the cable, and that `--sensors` and `--wrench` name the right columns"
             }
             Self::NotConverged(_) => "record a few sharp taps in different directions",
@@ -162,7 +157,7 @@ impl AlignError {
     pub fn is_refusal(&self) -> bool {
         matches!(
             self,
-            Self::NoMatch { .. }
+            Self::NoMatch(_)
                 | Self::Ambiguous { .. }
                 | Self::ShortOverlap(_)
                 | Self::NotConverged(_)

@@ -19,9 +19,7 @@ mod choice;
 mod coarse;
 mod edges;
 mod error;
-mod frames;
 mod inner_products;
-mod kernel;
 mod normal;
 mod optics;
 mod recording;
@@ -34,15 +32,12 @@ mod uncertainty;
 pub use edges::{EdgeMatch, Edges, rising_edges};
 pub use error::{AlignError, RecordingSide};
 use error::{LARGEST_SKEW_PPM, LEAST_OVERLAP_S};
-pub use kernel::Kernel;
-use kernel::STOPBAND_DB;
 pub use recording::{LeftOut, Recording};
 
 use coarse::Match;
-use frames::BoardFrames;
-use recording::Clean;
+use recording::{BoardFrames, Clean};
 use refine::{Warp, WarpEstimate, refine};
-use resample::Resampler;
+use resample::{Resampler, STOPBAND_DB};
 use trajectory::Trajectory;
 
 /// Loads faster than this are not matched: hands and taps are slower, and there are fewer rows to
@@ -208,9 +203,12 @@ pub fn align(
 fn by_loads(reference: &Clean, board: &Clean) -> Result<(ClockMap, Quality), AlignError> {
     let (found, probe) = search(reference, board)?;
     let rate_hz = HIGHEST_MATCHED_RATE_HZ.min(1.0 / board.period_s).min(1.0 / reference.period_s);
-    let trajectory = Trajectory::new(reference, rate_hz);
-    let frames = BoardFrames::new(board, rate_hz);
-    let estimate = clearest(&trajectory, &frames, &found, probe, board.span_s())?;
+    let refinement = Refinement {
+        trajectory: Trajectory::new(reference, rate_hz),
+        frames: BoardFrames::new(board, rate_hz),
+        span_s: board.span_s(),
+    };
+    let estimate = refinement.clearest(&found, probe)?;
     let skew_ppm = 1e6 * estimate.warp.skew;
     if skew_ppm.abs() > LARGEST_SKEW_PPM {
         return Err(AlignError::Skew(skew_ppm));
@@ -245,7 +243,7 @@ fn search(reference: &Clean, board: &Clean) -> Result<(Match, (f64, f64)), Align
             Err(error) => refused = refused.or(Some(error)),
         }
     }
-    Err(refused.unwrap_or(AlignError::Constant { side: RecordingSide::Board }))
+    Err(refused.unwrap_or(AlignError::Constant(RecordingSide::Board)))
 }
 
 /// How much the readings change in a stretch, relative to what they do overall.
@@ -264,58 +262,56 @@ fn activity(board: &Clean, (from_s, to_s): (f64, f64)) -> f64 {
     board.columns.iter().map(relative).sum()
 }
 
-/// Refines the match, and its rivals: what one of them explains has to be far more than what any other does.
-fn clearest(
-    trajectory: &Trajectory,
-    frames: &BoardFrames,
-    found: &Match,
-    probe: (f64, f64),
+/// What a match is refined on.
+struct Refinement {
+    trajectory: Trajectory,
+    frames: BoardFrames,
+    /// Length of the board's recording, s.
     span_s: f64,
-) -> Result<WarpEstimate, AlignError> {
-    let refined = |offset_s: f64| grow(trajectory, frames, offset_s, probe, span_s);
-    if found.rivals.is_empty() {
-        return refined(found.offset_s);
-    }
-    let offsets = std::iter::once(found.offset_s).chain(found.rivals.iter().copied());
-    let unexplained = |estimate: &WarpEstimate| 1.0 - estimate.quality.explained;
-    let mut estimates: Vec<WarpEstimate> =
-        offsets.filter_map(|offset_s| refined(offset_s).ok()).collect();
-    estimates.sort_by(|a, b| unexplained(a).total_cmp(&unexplained(b)));
-    let unclear = |second_s: f64| AlignError::Ambiguous {
-        best_s: found.offset_s,
-        second_s,
-        ratio: found.ratio,
-    };
-    match &estimates[..] {
-        [] => Err(unclear(found.rivals[0])),
-        [best, second, ..] if unexplained(second) < CLEARLY * unexplained(best) => {
-            Err(unclear(second.warp.offset_s))
-        }
-        // Where no rival settles, the one that does has to explain the readings by itself.
-        [best] if CLEARLY * unexplained(best) > 1.0 => Err(unclear(found.rivals[0])),
-        _ => Ok(estimates.swap_remove(0)),
-    }
 }
 
-/// Refines the match of a stretch, then of ever longer ones around it, up to all.
-fn grow(
-    trajectory: &Trajectory,
-    frames: &BoardFrames,
-    offset_s: f64,
-    (mut from_s, mut to_s): (f64, f64),
-    span_s: f64,
-) -> Result<WarpEstimate, AlignError> {
-    let mut warp = Warp { offset_s, skew: 0.0, pivot_s: 0.5 * (from_s + to_s) };
-    loop {
-        let whole = from_s <= 0.0 && to_s >= span_s;
-        let prior = (!whole).then_some(PRIOR_SKEW);
-        let estimate = refine(trajectory, frames, warp, (from_s, to_s), prior)?;
-        if whole {
-            return Ok(estimate);
+impl Refinement {
+    /// Refines the match, and its rivals: what one of them explains has to be far more than what any other does.
+    fn clearest(&self, found: &Match, probe: (f64, f64)) -> Result<WarpEstimate, AlignError> {
+        if found.rivals.is_empty() {
+            return self.grow(found.offset_s, probe);
         }
-        warp = estimate.warp;
-        let length_s = to_s - from_s;
-        (from_s, to_s) = ((from_s - length_s).max(0.0), (to_s + length_s).min(span_s));
+        let offsets = std::iter::once(found.offset_s).chain(found.rivals.iter().copied());
+        let unexplained = |estimate: &WarpEstimate| 1.0 - estimate.quality.explained;
+        let mut estimates: Vec<WarpEstimate> =
+            offsets.filter_map(|offset_s| self.grow(offset_s, probe).ok()).collect();
+        estimates.sort_by(|a, b| unexplained(a).total_cmp(&unexplained(b)));
+        let (best_s, ratio) = (found.offset_s, found.ratio);
+        let unclear = |second_s: f64| AlignError::Ambiguous { best_s, second_s, ratio };
+        match &estimates[..] {
+            [] => Err(unclear(found.rivals[0])),
+            [best, second, ..] if unexplained(second) < CLEARLY * unexplained(best) => {
+                Err(unclear(second.warp.offset_s))
+            }
+            // Where no rival settles, the one that does has to explain the readings by itself.
+            [best] if CLEARLY * unexplained(best) > 1.0 => Err(unclear(found.rivals[0])),
+            _ => Ok(estimates.swap_remove(0)),
+        }
+    }
+
+    /// Refines the match of a stretch, then of ever longer ones around it, up to all.
+    fn grow(
+        &self,
+        offset_s: f64,
+        (mut from_s, mut to_s): (f64, f64),
+    ) -> Result<WarpEstimate, AlignError> {
+        let mut warp = Warp { offset_s, skew: 0.0, pivot_s: 0.5 * (from_s + to_s) };
+        loop {
+            let whole = from_s <= 0.0 && to_s >= self.span_s;
+            let prior = (!whole).then_some(PRIOR_SKEW);
+            let estimate = refine(&self.trajectory, &self.frames, warp, (from_s, to_s), prior)?;
+            if whole {
+                return Ok(estimate);
+            }
+            warp = estimate.warp;
+            let length_s = to_s - from_s;
+            (from_s, to_s) = ((from_s - length_s).max(0.0), (to_s + length_s).min(self.span_s));
+        }
     }
 }
 
@@ -325,8 +321,8 @@ impl Aligned {
         self.board.columns.len()
     }
 
-    /// The reference at the times of the board's rows, low-passed below the board's Nyquist
-    /// frequency ([`Kernel`]) and averaged over its exposure.
+    /// The reference at the times of the board's rows, low-passed below the board's Nyquist frequency and averaged
+    /// over its exposure.
     ///
     /// Calls `row` with board time (s, on its own clock), readings and wrench for every row that is
     /// neither a repeat nor without a reference; returns how many rows the reference does not
@@ -339,8 +335,7 @@ impl Aligned {
         mut row: impl FnMut(f64, &[f64], &[f64]) -> Result<(), E>,
     ) -> Result<usize, E> {
         let rate_hz = (1.0 / self.board.period_s).min(1.0 / self.reference.period_s);
-        let kernel = Kernel::new(rate_hz, self.exposure_s, STOPBAND_DB);
-        let mut resampler = Resampler::new(&self.reference, &kernel, rate_hz);
+        let mut resampler = Resampler::new(&self.reference, rate_hz, self.exposure_s, STOPBAND_DB);
         let mut readings = vec![0.0; self.board.columns.len()];
         let mut wrench = vec![0.0; self.reference.columns.len()];
         let mut uncovered = 0;

@@ -28,10 +28,10 @@ use faer::{Mat, MatRef};
 
 use super::choice::Candidates;
 use super::error::{AlignError, LEAST_OVERLAP_S};
-use super::frames::BoardFrames;
 use super::inner_products::dots;
 use super::normal::{GramSums, Projected, inverse};
 use super::optics::{Bend, POWERS, Straight};
+use super::recording::BoardFrames;
 use super::response::{Family, MemoryModel};
 use super::trajectory::Trajectory;
 use super::uncertainty::{MatchedRow, ResidualSums, Solution};
@@ -380,37 +380,26 @@ impl<'a> WarpProblem<'a> {
         let mut sums = ResidualSums::new(channels, -self.half_span_s);
         self.for_each(&warp, current, |row| sums.add(row, &row.features[CONSTANTS..], &solution));
         let covariance = sums.covariance(*white, spread);
+        // The excerpt is of the channel and around the time where a reading changes fastest.
         let (_, channel, centre_s) = sums.steepest;
+        let mut points = Vec::new();
+        self.for_each(&warp, current, |row| {
+            if (row.from_pivot_s - centre_s).abs() <= EXCERPT_S {
+                let reading = row.readings[channel];
+                let time_s = row.from_pivot_s + self.pivot_s;
+                let gain = row.straight[channel].gain.max(LEAST_GAIN);
+                points.push([time_s, reading, reading - row.residual[channel] / gain]);
+            }
+        });
         let quality = Quality {
             white_se: [white[0][0].sqrt(), white[1][1].sqrt()],
             spring_delay_s: sums.delay_s(),
             residual_counts: sums.residual(),
             explained: sums.explained(),
             rows: sums.rows,
-            excerpt: self.excerpt(&warp, current, channel, centre_s),
+            excerpt: Excerpt { channel, points },
             ..Quality::default()
         };
         WarpEstimate { warp, covariance, quality }
-    }
-
-    /// A channel around a time from the pivot.
-    fn excerpt(
-        &self,
-        warp: &Warp,
-        current: &KnownSensor,
-        channel: usize,
-        centre_s: f64,
-    ) -> Excerpt {
-        let mut points = Vec::new();
-        self.for_each(warp, current, |row| {
-            if (row.from_pivot_s - centre_s).abs() <= EXCERPT_S {
-                let reading = row.readings[channel];
-                let time_s = row.from_pivot_s + self.pivot_s;
-                let unexplained =
-                    row.residual[channel] / row.straight[channel].gain.max(LEAST_GAIN);
-                points.push([time_s, reading, reading - unexplained]);
-            }
-        });
-        Excerpt { channel, points }
     }
 }

@@ -1,7 +1,6 @@
 //! The reference on a fine, even grid, and features of it between the grid points.
 
 use super::inner_products::combine;
-use super::kernel::Kernel;
 use super::recording::Clean;
 use super::resample::Resampler;
 use super::response::{MemoryModel, MemoryResponse};
@@ -27,8 +26,7 @@ pub(super) struct Trajectory {
 impl Trajectory {
     /// The band that is matched is that of an output sampled `rate_hz` times per second.
     pub(super) fn new(reference: &Clean, rate_hz: f64) -> Self {
-        let kernel = Kernel::new(rate_hz, 0.0, STOPBAND_DB);
-        let mut resampler = Resampler::new(reference, &kernel, rate_hz);
+        let mut resampler = Resampler::new(reference, rate_hz, 0.0, STOPBAND_DB);
         let step_s = 1.0 / (PER_OUTPUT * rate_hz);
         let points = (reference.span_s() / step_s) as usize + 1;
         let columns = reference.columns.len();

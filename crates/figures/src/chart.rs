@@ -1,10 +1,10 @@
-//! Lines and points on one pair of axes, linear or logarithmic.
+//! Curves with a legend beside the panels, or below them where a figure is narrow: any series on one pair of axes, linear or
+//! logarithmic, and a body in a channel of beams (drag over position, and the beams that touch below).
 
-use super::canvas::{Figure, Pen, Rect, polyline};
-use super::legend::Legend;
+use super::canvas::{Figure, Pen, Rect, Style, polyline, text_width};
 use super::palette::{self, Colour};
-use super::panel::Panel;
-use super::scale::PlotAxis;
+use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
+use super::scale::{PlotAxis, ValueRange};
 use super::size::Size;
 
 /// How the points of a series are drawn.
@@ -43,25 +43,23 @@ pub struct Chart {
     pub series: Vec<Series>,
 }
 
-const WIDTH: f64 = 520.0;
-const HEIGHT: f64 = 340.0;
+const CHART_WIDTH: f64 = 520.0;
+const CHART_HEIGHT: f64 = 340.0;
 
 impl Chart {
     /// Draws the chart.
     pub fn figure(&self, size: Size) -> Figure {
         let labels: Vec<&str> = self.series.iter().map(|series| series.label.as_str()).collect();
         let legend = Legend::new(size, &labels);
-        let usual = legend.panel(WIDTH, HEIGHT);
-        let area = Rect { height: HEIGHT.min(usual.width), ..usual };
+        let usual = legend.panel(CHART_WIDTH, CHART_HEIGHT);
+        let area = Rect { height: CHART_HEIGHT.min(usual.width), ..usual };
         let mut canvas = legend.figure(&self.title, [area; 2]);
         let panel = Panel { area, x: self.x.clone(), y: self.y.clone() };
-        panel.draw_grid(&mut canvas);
-        canvas.clipped(area, |canvas| {
+        panel.draw(&mut canvas, |canvas| {
             for (i, series) in self.series.iter().enumerate() {
                 series.draw(canvas, &panel, palette::series(i));
             }
         });
-        panel.draw_frame(&mut canvas);
         legend.draw(&mut canvas, [area; 2], |canvas, i, [from, to]| {
             let middle = (f64::midpoint(from.0, to.0), from.1);
             self.series[i].draw_marks(canvas, &[from, to], &[middle], palette::series(i));
@@ -95,6 +93,145 @@ impl Series {
     }
 }
 
+/// A line of the figure.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ChannelCurve {
+    /// What the legend calls it.
+    pub label: String,
+    /// Position in m and drag in N.
+    pub drag: Vec<(f64, f64)>,
+    /// Position in m and beams that touch, per side on average. Empty where not known.
+    pub contacts: Vec<(f64, f64)>,
+    /// Whether it was measured: it is then drawn below the others, and finer.
+    pub measured: bool,
+}
+
+const CHANNEL_WIDTH: f64 = 560.0;
+const DRAG_HEIGHT: f64 = 260.0;
+const CONTACTS_HEIGHT: f64 = 110.0;
+const GAP: f64 = 18.0;
+
+/// Draws drag over position, and contact counts below.
+pub fn channel_figure(size: Size, title: &str, curves: &[ChannelCurve]) -> Figure {
+    let labels: Vec<&str> = curves.iter().map(|curve| curve.label.as_str()).collect();
+    let legend = Legend::new(size, &labels);
+    let upper = legend.panel(CHANNEL_WIDTH, DRAG_HEIGHT);
+    let lower = Rect { top: upper.bottom() + GAP, height: CONTACTS_HEIGHT, ..upper };
+    let mut canvas = legend.figure(title, [upper, lower]);
+
+    let drags = || curves.iter().flat_map(|curve| &curve.drag);
+    let counts = || curves.iter().flat_map(|curve| &curve.contacts);
+    let most = ValueRange::over(counts().map(|point| point.1).chain([1.0])).high;
+    let positions = ValueRange::over(drags().map(|point| point.0));
+    let x = PlotAxis::linear("position of the body's middle past the first beam", "m", positions);
+    let forces = ValueRange::over(drags().map(|point| point.1).chain([0.0]));
+    let drag = PlotAxis::linear("drag", "N", forces).padded(0.04);
+    let counts = ValueRange { low: 0.0, high: most + 0.5 };
+    let contacts = PlotAxis::linear("beams per side", "", counts);
+    let upper = Panel { area: upper, x: x.clone(), y: drag };
+    let lower = Panel { area: lower, x, y: contacts };
+    for (panel, of) in [(&upper, 0), (&lower, 1)] {
+        panel.draw_grid(&mut canvas);
+        canvas.clipped(panel.area, |canvas| {
+            for measured in [true, false] {
+                for (i, curve) in curves.iter().enumerate().filter(|c| c.1.measured == measured) {
+                    let points = [&curve.drag, &curve.contacts][of].iter();
+                    let path = polyline(points.map(|&(x, y)| panel.place(x, y)));
+                    if !path.is_empty() {
+                        canvas.stroke(path, palette::series(i), Pen::Round(width(measured)));
+                    }
+                }
+            }
+        });
+    }
+    upper.draw_y_labels(&mut canvas);
+    canvas.frame(upper.area, palette::INK);
+    lower.draw_frame(&mut canvas);
+    legend.draw(&mut canvas, [upper.area, lower.area], |canvas, i, [from, to]| {
+        canvas.line(from, to, palette::series(i), width(curves[i].measured));
+    });
+    canvas
+}
+
+/// How wide a curve is stroked.
+fn width(measured: bool) -> f64 {
+    if measured { 0.8 } else { 1.6 }
+}
+
+const TOP: f64 = 44.0;
+const KEY: f64 = 24.0;
+const PITCH: f64 = 19.0;
+/// Right of panels without a legend.
+const MARGIN: f64 = 16.0;
+
+/// Where each curve is named.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Legend<'a> {
+    size: Size,
+    labels: &'a [&'a str],
+}
+
+impl<'a> Legend<'a> {
+    pub(super) fn new(size: Size, labels: &'a [&'a str]) -> Self {
+        Self { size, labels }
+    }
+
+    /// What it takes beside the panels.
+    fn width(&self) -> f64 {
+        if self.size.is_narrow() {
+            return MARGIN;
+        }
+        let letters = self.size.letters(Style::LABEL.size);
+        let labels = self.labels.iter().map(|label| text_width(label, letters));
+        KEY + 24.0 + labels.fold(0.0, f64::max)
+    }
+
+    /// The uppermost panel, `usual` wide on a screen.
+    pub(super) fn panel(&self, usual: f64, height: f64) -> Rect {
+        let left = LEFT_MARGIN + 4.0;
+        let width = match self.size {
+            Size::Screen => usual,
+            print => print.width(0.0) - left - self.width(),
+        };
+        Rect { left, top: TOP, width, height }
+    }
+
+    /// A figure with a title above a column of panels, from the uppermost to the lowest.
+    pub(super) fn figure(&self, title: &str, [upper, lowest]: [Rect; 2]) -> Figure {
+        let (bottom, entries) = (below(lowest), PITCH * self.labels.len() as f64);
+        let height = match self.size.is_narrow() {
+            true => bottom + entries,
+            false => bottom.max(TOP + entries + 16.0),
+        };
+        let mut figure = Figure::new(self.size, upper.right() + self.width(), height);
+        figure.title((upper.left, TOP - 16.0), title);
+        figure
+    }
+
+    /// Names the curves; `draw` draws a key from one point to another for the curve of that position.
+    pub(super) fn draw(
+        &self,
+        canvas: &mut Figure,
+        [upper, lowest]: [Rect; 2],
+        mut draw: impl FnMut(&mut Figure, usize, [(f64, f64); 2]),
+    ) {
+        let (left, top) = match self.size.is_narrow() {
+            true => (upper.left, below(lowest) + 4.0),
+            false => (upper.right() + 12.0, TOP + 10.0),
+        };
+        for (i, label) in self.labels.iter().enumerate() {
+            let y = top + PITCH * i as f64;
+            draw(canvas, i, [(left, y), (left + KEY, y)]);
+            canvas.text((left + KEY + 6.0, y + 4.0), label, Style::START);
+        }
+    }
+}
+
+/// Where the labels below the lowest panel end.
+fn below(lowest: Rect) -> f64 {
+    lowest.bottom() + BOTTOM_MARGIN + 6.0
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::scale::Spacing;
@@ -113,5 +250,27 @@ mod tests {
         // Two points and one in the legend.
         assert_eq!(figure.svg().matches("<circle").count(), 3);
         assert!(figure.svg().contains("a &lt; b") && !figure.svg().contains("NaN"));
+    }
+
+    #[test]
+    fn every_curve_is_drawn_once_in_each_panel_that_it_is_known_in() {
+        let curve = |label: &str, measured| ChannelCurve {
+            label: label.to_owned(),
+            drag: vec![(0.0, 0.0), (0.1, 0.2)],
+            contacts: if measured { Vec::new() } else { vec![(0.0, 0.0), (0.1, 5.0)] },
+            measured,
+        };
+        let figure =
+            channel_figure(Size::Screen, "drag", &[curve("3 cm", false), curve("run 1", true)]);
+        let lines =
+            |i| figure.svg().matches(&format!("stroke=\"{}\"", palette::series(i).hex())).count();
+        // With the one in the legend.
+        assert_eq!((lines(0), lines(1)), (3, 2));
+        assert!(figure.svg().contains("run 1") && !figure.svg().contains("NaN"));
+    }
+
+    #[test]
+    fn a_figure_without_curves_is_a_figure() {
+        assert!(!channel_figure(Size::Screen, "nothing", &[]).svg().contains("NaN"));
     }
 }

@@ -38,8 +38,7 @@ pub fn coverage_figure(train: &[PerAxis<f64>], test: &[PerAxis<f64>]) -> Figure 
         let area =
             Rect { left: LEFT_MARGIN + PITCH * at as f64, top: TOP, width: SIDE, height: SIDE };
         let panel = Panel { area, x: axis(pair[0]), y: axis(pair[1]) };
-        panel.draw_grid(&mut canvas);
-        canvas.clipped(area, |canvas| {
+        panel.draw(&mut canvas, |canvas| {
             for (_, loads, colour) in sets {
                 for load in loads {
                     let position = panel.place(load[pair[0].index()], load[pair[1].index()]);
@@ -49,7 +48,6 @@ pub fn coverage_figure(train: &[PerAxis<f64>], test: &[PerAxis<f64>]) -> Figure 
                 }
             }
         });
-        panel.draw_frame(&mut canvas);
     }
     canvas
 }

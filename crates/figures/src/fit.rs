@@ -3,11 +3,10 @@
 //! The residual is predicted minus measured, so that a positive one means a prediction too high.
 
 use super::canvas::{Figure, Pen, Rect, Style, number, point};
-use super::density::{ColourScale, doublings, draw_cells};
+use super::density::{ColourScale, LoadPlateau, doublings, draw_cells, draw_plateaus, plateaus};
 use super::histogram::{Histogram2d, HistogramCell};
 use super::palette;
 use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
-use super::plateau::{LoadPlateau, draw_plateaus, plateaus};
 use super::scale::{PlotAxis, ValueRange, decimal};
 use super::size::Size;
 use shell_data::wrench::{Axes, Axis, PerAxis};
@@ -30,11 +29,6 @@ struct AxisPlot {
 }
 
 impl FitPlot {
-    /// No rows yet.
-    pub fn new() -> Self {
-        Self::default()
-    }
-
     /// Adds a block of rows: six columns each, in the order of [`Axis::ALL`], N and N·m.
     ///
     /// Rows that are not finite are left out of the axis concerned.
@@ -335,7 +329,7 @@ mod tests {
 
     fn plot(range: std::ops::Range<u32>) -> FitPlot {
         let (predicted, measured) = rows(range);
-        let mut plot = FitPlot::new();
+        let mut plot = FitPlot::default();
         plot.add(&predicted, &measured);
         plot
     }
@@ -370,13 +364,13 @@ mod tests {
 
     #[test]
     fn empty_constant_and_unfinished_data_still_draw() {
-        let empty = FitPlot::new();
+        let empty = FitPlot::default();
         assert!(
             fit_figure(Size::Screen, "fit", Axes::ALL, &empty, Some(&empty))
                 .svg()
                 .ends_with("</svg>\n")
         );
-        let mut constant = FitPlot::new();
+        let mut constant = FitPlot::default();
         constant.add(&vec![vec![1.0; 4]; 6], &vec![vec![1.0; 4]; 6]);
         constant.add(&vec![vec![f64::NAN; 2]; 6], &vec![vec![1.0; 2]; 6]);
         assert_eq!(constant.rows(), 4);

@@ -1,9 +1,157 @@
-//! A two-dimensional histogram that finds its own ranges.
+//! Histograms that find their own ranges: equal bins whose width doubles as the data spread.
+//!
+//! Bin `i` at exponent `k` covers `[i·2ᵏ, (i+1)·2ᵏ)`, so the bins of one exponent nest exactly in
+//! those of the next. The exponent is the smallest at which the range seen so far fits into the
+//! bins that there are: it depends on that range alone, not on the order in which it was seen.
 
 use std::array;
 
-use super::bins::{Cell, Grid};
 use super::scale::ValueRange;
+
+/// A window of bins over the real line.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Bins {
+    /// Bins are 2^exponent wide.
+    pub(super) exponent: i32,
+    /// Index of the first bin of the window.
+    pub(super) first: i64,
+    /// Number of bins in the window.
+    pub(super) count: usize,
+}
+
+/// Indices stay exact integers in `f64`.
+const LARGEST_INDEX: f64 = (1u64 << 52) as f64;
+/// Below this width a scale factor would leave the range of `f64`.
+const SMALLEST_EXPONENT: i32 = -1000;
+
+impl Bins {
+    /// The window of `count` bins around a finite range, in its middle, with bins at least `2^exponent` wide.
+    fn around(exponent: i32, ValueRange { low, high }: ValueRange, count: usize) -> Self {
+        // An exponent that is certainly too small, near enough to try the next few.
+        let width = (high / count as f64 - low / count as f64)
+            .max(high.abs().max(low.abs()) * 2f64.powi(-52));
+        let estimate =
+            if width > 0.0 { width.log2().floor() as i32 - 1 } else { SMALLEST_EXPONENT };
+        let mut exponent = exponent.max(estimate);
+        loop {
+            let (from, to) = (floor_index(low, exponent), floor_index(high, exponent));
+            if from.abs().max(to.abs()) < LARGEST_INDEX && to - from < count as f64 {
+                let spare = count as i64 - 1 - (to - from) as i64;
+                return Self { exponent, first: from as i64 - spare / 2, count };
+            }
+            exponent += 1;
+        }
+    }
+
+    /// A window that holds a finite range: this one if it does, else one with the same or wider bins.
+    fn widened(self, range: ValueRange) -> Self {
+        match self.contains(range.low) && self.contains(range.high) {
+            true => self,
+            false => Self::around(self.exponent, range, self.count),
+        }
+    }
+
+    /// Whether a value lies in the window.
+    fn contains(&self, value: f64) -> bool {
+        let offset = floor_index(value, self.exponent) - self.first as f64;
+        offset >= 0.0 && offset < self.count as f64
+    }
+
+    /// A function from a value in the window to its position there.
+    pub(super) fn locator(&self) -> impl Fn(f64) -> usize + use<> {
+        let (scale, first) = (2f64.powi(-self.exponent), self.first as f64);
+        move |value| ((value * scale).floor() - first) as usize
+    }
+
+    /// Where bin `position` of the finer or equal `other` falls in this window.
+    fn position_of(&self, other: &Self, position: usize) -> usize {
+        let index = (other.first + position as i64) >> (self.exponent - other.exponent).min(63);
+        (index - self.first) as usize
+    }
+
+    /// The edges of the bin at `position`.
+    pub(super) fn edges(&self, position: usize) -> ValueRange {
+        let [low, high] = [position, position + 1]
+            .map(|position| (self.first + position as i64) as f64 * 2f64.powi(self.exponent));
+        ValueRange { low, high }
+    }
+
+    /// The same line in bins 2^`doublings` times as wide, window as narrow as can be.
+    pub(super) fn coarsened(&self, doublings: u32) -> Self {
+        let first = self.first >> doublings;
+        let last = (self.first + self.count as i64 - 1) >> doublings;
+        Self {
+            exponent: self.exponent + doublings as i32,
+            first,
+            count: (last - first + 1) as usize,
+        }
+    }
+}
+
+/// Equal cells in `N` dimensions, over all that was seen so far.
+#[derive(Clone, Debug)]
+pub(super) struct Grid<C, const N: usize> {
+    pub(super) bins: [Bins; N],
+    pub(super) ranges: [ValueRange; N],
+    /// One after the other, the first dimension fastest.
+    pub(super) cells: Vec<C>,
+}
+
+/// What is kept of the points in a cell; nothing by default.
+pub(super) trait Cell: Clone + Default + PartialEq {
+    /// Adds what was kept of later points.
+    fn absorb(&mut self, later: &Self);
+}
+
+impl<C: Cell, const N: usize> Grid<C, N> {
+    pub(super) fn empty(bins: [Bins; N], ranges: [ValueRange; N]) -> Self {
+        let count = bins.iter().map(|bins| bins.count).product();
+        Self { bins, ranges, cells: vec![C::default(); count] }
+    }
+
+    /// Makes a grid cover finite ranges as well as all it covers already, in as many bins as `counts` says.
+    pub(super) fn cover(
+        grid: &mut Option<Self>,
+        ranges: [ValueRange; N],
+        counts: [usize; N],
+    ) -> &mut Self {
+        let covering = match grid.take() {
+            None => Self::empty(
+                array::from_fn(|i| Bins::around(SMALLEST_EXPONENT, ranges[i], counts[i])),
+                ranges,
+            ),
+            Some(grid) => {
+                let ranges = array::from_fn(|i| ranges[i].union(grid.ranges[i]));
+                let bins = array::from_fn(|i| grid.bins[i].widened(ranges[i]));
+                if bins == grid.bins {
+                    Self { ranges, ..grid }
+                } else {
+                    let mut wider = Self::empty(bins, ranges);
+                    wider.absorb(&grid);
+                    wider
+                }
+            }
+        };
+        grid.insert(covering)
+    }
+
+    /// Adds the cells of a grid that has equal or finer cells inside this one's range.
+    pub(super) fn absorb(&mut self, finer: &Self) {
+        let nothing = C::default();
+        for (index, cell) in finer.cells.iter().enumerate().filter(|(_, cell)| **cell != nothing) {
+            let (mut here, mut stride, mut rest) = (0, 1, index);
+            for (bins, finer) in self.bins.iter().zip(&finer.bins) {
+                here += stride * bins.position_of(finer, rest % finer.count);
+                (stride, rest) = (stride * bins.count, rest / finer.count);
+            }
+            self.cells[here].absorb(cell);
+        }
+    }
+}
+
+fn floor_index(value: f64, exponent: i32) -> f64 {
+    (value * 2f64.powi(-exponent)).floor()
+}
 
 /// Counts of points (x, y) in at most `X` by `Y` equal rectangular cells.
 ///
@@ -102,6 +250,49 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+
+    proptest! {
+        #[test]
+        fn the_window_holds_the_range_with_at_least_half_of_its_bins(
+            low in -1e9..1e9_f64, span in 1e-6..1e9_f64,
+        ) {
+            let high = low + span;
+            let bins = Bins::around(SMALLEST_EXPONENT, ValueRange { low, high }, 256);
+            prop_assert!(bins.contains(low) && bins.contains(high));
+            let used = bins.locator()(high) - bins.locator()(low) + 1;
+            // One bin finer would not have fitted: at least 257 bins of half the width.
+            prop_assert!((128..=256).contains(&used), "{used}");
+        }
+
+        #[test]
+        fn coarse_bins_hold_what_the_fine_ones_held(value in -1e3..1e3_f64, more in 0.0..1e6_f64) {
+            let fine = Bins::around(SMALLEST_EXPONENT, ValueRange { low: value, high: value + 1e-3 }, 64);
+            let wider = ValueRange { low: value - more, high: value + 1.0 };
+            let coarse = Bins::around(fine.exponent, wider, 64);
+            let position = coarse.position_of(&fine, fine.locator()(value));
+            prop_assert_eq!(position, coarse.locator()(value));
+            let coarser = fine.coarsened(3);
+            prop_assert_eq!(coarser.position_of(&fine, fine.locator()(value)), coarser.locator()(value));
+        }
+    }
+
+    #[test]
+    fn ranges_at_the_ends_of_what_a_double_can_hold() {
+        for (low, high) in [
+            (0.0, 0.0),
+            (-0.0, 0.0),
+            (5e-324, 5e-324),
+            (-5e-324, 5e-324),
+            (1e300, 1e300),
+            (f64::MIN, f64::MAX),
+            (1.0, 1.0 + f64::EPSILON),
+        ] {
+            let bins = Bins::around(SMALLEST_EXPONENT, ValueRange { low, high }, 16);
+            assert!(bins.contains(low) && bins.contains(high), "{low} {high} {bins:?}");
+            let edge = bins.edges(0).low;
+            assert!(edge <= low || edge == f64::NEG_INFINITY);
+        }
+    }
 
     fn of(points: &[(f64, f64)]) -> Histogram2d<16, 8> {
         let mut histogram = Histogram2d::default();

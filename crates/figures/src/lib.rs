@@ -10,24 +10,18 @@
 //! stays text (DejaVu Sans where the viewer has it, another sans-serif where not); for PDF and PNG the font
 //! is part of the program.
 
-mod beam_channel;
-mod bins;
 mod canvas;
 mod chart;
 mod coverage;
 mod density;
-mod figure;
 mod fit;
 mod histogram;
-mod legend;
 mod lettering;
 mod matching;
 mod palette;
 mod panel;
-mod path;
 mod pdf;
 mod pixels;
-mod plateau;
 mod scale;
 mod size;
 mod svg;
@@ -35,19 +29,70 @@ mod trace;
 pub mod trial;
 
 use std::io::Read;
+use std::path::{Path, PathBuf};
 
 use ruzstd::decoding::StreamingDecoder;
 
-pub use beam_channel::{ChannelCurve, channel_figure};
 pub use canvas::Figure;
-pub use chart::{Chart, ChartMark, Series};
+pub use chart::{ChannelCurve, Chart, ChartMark, Series, channel_figure};
 pub use coverage::coverage_figure;
-pub use figure::{Format, PlotError};
 pub use fit::{FitPlot, fit_figure};
 pub use matching::match_figure;
 pub use scale::{PlotAxis, Spacing};
 pub use size::Size;
 pub use trace::{WrenchTrace, trace_figure};
+
+/// A file format for pictures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// Scalable: for print.
+    Svg,
+    /// Scalable, with its letters: for LaTeX and Word.
+    Pdf,
+    /// Pixels, two per CSS pixel: for slides and messages.
+    Png,
+}
+
+/// A picture that cannot be made as asked.
+#[derive(Debug, thiserror::Error)]
+pub enum PlotError {
+    /// The extension names no known format.
+    #[error("cannot tell the picture format of `{}`: expected `.svg`, `.pdf` or `.png`", .0.display())]
+    UnknownFormat(PathBuf),
+    /// The renderer refused the picture, for a reason.
+    #[error("cannot render the picture: {0}")]
+    Render(String),
+}
+
+impl Format {
+    /// The format that the extension of `path` names, in upper or lower case.
+    ///
+    /// # Errors
+    /// [`PlotError::UnknownFormat`] if it is none of `svg`, `pdf` and `png`.
+    pub fn from_path(path: impl AsRef<Path>) -> Result<Self, PlotError> {
+        let path = path.as_ref();
+        match path.extension() {
+            Some(extension) if extension.eq_ignore_ascii_case("svg") => Ok(Self::Svg),
+            Some(extension) if extension.eq_ignore_ascii_case("pdf") => Ok(Self::Pdf),
+            Some(extension) if extension.eq_ignore_ascii_case("png") => Ok(Self::Png),
+            _ => Err(PlotError::UnknownFormat(path.to_owned())),
+        }
+    }
+}
+
+impl Figure {
+    /// The picture as the content of a file.
+    ///
+    /// # Errors
+    /// [`PlotError::Render`] if the picture is too large to be drawn as pixels.
+    pub fn render(&self, format: Format) -> Result<Vec<u8>, PlotError> {
+        match format {
+            Format::Svg => Ok(self.svg().into_bytes()),
+            Format::Pdf => Ok(pdf::pdf(self)),
+            Format::Png => pixels::png(self).map_err(PlotError::Render),
+        }
+    }
+}
 
 /// The content of an asset that stands in the program compressed, by Zstandard.
 pub fn decompressed(asset: &[u8]) -> Vec<u8> {
@@ -55,4 +100,41 @@ pub fn decompressed(asset: &[u8]) -> Vec<u8> {
     let read = StreamingDecoder::new(asset).ok().map(|mut asset| asset.read_to_end(&mut content));
     assert!(matches!(read, Some(Ok(_))), "an asset of the program is as it was put there");
     content
+}
+
+#[cfg(test)]
+mod tests {
+    use tiny_skia::Pixmap;
+
+    use super::canvas::Style;
+    use super::*;
+
+    fn ink(text: &str) -> usize {
+        let mut canvas = Figure::new(Size::Screen, 200.0, 40.0);
+        canvas.text((100.0, 25.0), text, Style::TITLE);
+        let png = canvas.render(Format::Png).unwrap();
+        let pixels = Pixmap::decode_png(&png).unwrap();
+        assert_eq!((pixels.width(), pixels.height()), (400, 80));
+        pixels.pixels().iter().filter(|pixel| pixel.red() < 128).count()
+    }
+
+    #[test]
+    fn png_has_text_from_the_built_in_font_alone() {
+        assert_eq!(ink(""), 0);
+        for text in ["Fx", "N·m", "10⁻³", "μ ≤ −5 °", "é"] {
+            assert!(ink(text) > 50, "{text}");
+        }
+    }
+
+    #[test]
+    fn the_extension_names_the_format() {
+        assert_eq!(Format::from_path("fit.svg").unwrap(), Format::Svg);
+        assert_eq!(Format::from_path("fit.pdf").unwrap(), Format::Pdf);
+        assert_eq!(Format::from_path("a.b/FIT.PNG").unwrap(), Format::Png);
+        let error = Format::from_path("fit.jpg").unwrap_err();
+        let expected =
+            "cannot tell the picture format of `fit.jpg`: expected `.svg`, `.pdf` or `.png`";
+        assert_eq!(error.to_string(), expected);
+        assert!(Format::from_path("svg").is_err());
+    }
 }

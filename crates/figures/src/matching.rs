@@ -54,13 +54,11 @@ fn draw(
     colour: usize,
 ) {
     let place = |&(x, y): &(f64, f64)| panel.place(x, y);
-    panel.draw_grid(canvas);
-    canvas.clipped(panel.area, |canvas| {
+    panel.draw(canvas, |canvas| {
         points.iter().for_each(|point| canvas.circle(place(point), 2.0, palette::series(0)));
         let path = polyline(line.iter().map(place));
         canvas.stroke(path, palette::series(colour), Pen::Round(1.2));
     });
-    panel.draw_frame(canvas);
 }
 
 /// The highest point of each of `stretches` stretches: no peak is lost.

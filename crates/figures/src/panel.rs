@@ -35,29 +35,27 @@ impl Panel {
         )
     }
 
-    /// Draws the grid lines: first of all, under the data.
+    /// Draws the panel with its data, which are cut off at the frame.
+    pub(super) fn draw(&self, canvas: &mut Figure, data: impl FnOnce(&mut Figure)) {
+        self.draw_grid(canvas);
+        canvas.clipped(self.area, data);
+        self.draw_frame(canvas);
+    }
+
+    /// Draws the grid lines: first of all, under the data. An axis without a name has none.
     pub(super) fn draw_grid(&self, canvas: &mut Figure) {
-        let top = self.area.top;
+        let Rect { left, top, .. } = self.area;
+        let [right, bottom] = [self.area.right(), self.area.bottom()].map(number);
         let mut path = String::new();
         for tick in self.x_ticks().iter().filter(|tick| !tick.label.is_empty()) {
             let (x, _) = self.place(tick.value, self.y.range.low);
-            path += &format!("M{}V{}", point(x, top), number(self.area.bottom()));
+            path += &format!("M{}V{bottom}", point(x, top));
         }
-        canvas.stroke(path + &self.y_grid(), palette::GRID, Pen::Round(1.0));
-    }
-
-    /// Draws the grid lines across: where the other axis has names for values.
-    pub(super) fn draw_y_grid(&self, canvas: &mut Figure) {
-        canvas.stroke(self.y_grid(), palette::GRID, Pen::Round(1.0));
-    }
-
-    fn y_grid(&self) -> String {
-        let mut path = String::new();
         for tick in self.y_ticks().iter().filter(|tick| !tick.label.is_empty()) {
             let (_, y) = self.place(self.x.range.low, tick.value);
-            path += &format!("M{}H{}", point(self.area.left, y), number(self.area.right()));
+            path += &format!("M{}H{right}", point(left, y));
         }
-        path
+        canvas.stroke(path, palette::GRID, Pen::Round(1.0));
     }
 
     /// Draws the line at which y is zero, under the data.
@@ -108,7 +106,10 @@ impl Panel {
     }
 
     fn x_ticks(&self) -> Vec<Tick> {
-        self.x.ticks((self.area.width / TICK_PITCH[0]) as usize)
+        match self.x.title().is_empty() {
+            true => Vec::new(),
+            false => self.x.ticks((self.area.width / TICK_PITCH[0]) as usize),
+        }
     }
 
     fn y_ticks(&self) -> Vec<Tick> {

@@ -13,10 +13,9 @@ use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use ttf_parser::Face;
 
-use super::canvas::{Figure, Outline, Pen, Shape, Style, number};
+use super::canvas::{Figure, Outline, Pen, Shape, Step, Style, number};
 use super::lettering;
 use super::palette::{Colour, INK};
-use super::path::{Step, steps};
 
 /// Points to a CSS pixel: 72 and 96 to the inch.
 const POINTS: f64 = 0.75;
@@ -94,7 +93,7 @@ impl PdfPage {
             return self.circle(*centre, *radius, paint);
         }
         // As in pixels, what is no path of lines is not drawn.
-        let Some(steps) = steps(outline).filter(|steps| !steps.is_empty()) else {
+        let Some(steps) = outline.steps().filter(|steps| !steps.is_empty()) else {
             self.content.push_str(if paint == "W n" { "0 0 0 0 re W n\n" } else { "" });
             return;
         };

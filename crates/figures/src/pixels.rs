@@ -5,10 +5,9 @@ use tiny_skia::{
     Transform,
 };
 
-use super::canvas::{Figure, Outline, Pen, Shape};
+use super::canvas::{Figure, Outline, Pen, Shape, Step};
 use super::lettering;
 use super::palette::{Colour, INK};
-use super::path::{Step, steps};
 
 /// The drawing on white, as a PNG file.
 ///
@@ -88,7 +87,7 @@ fn path(outline: &Outline) -> Option<Path> {
         return PathBuilder::from_circle(x as f32, y as f32, radius as f32);
     }
     let mut builder = PathBuilder::new();
-    for step in steps(outline)? {
+    for step in outline.steps()? {
         match step {
             Step::Move(x, y) => builder.move_to(x, y),
             Step::Line(x, y) => builder.line_to(x, y),

@@ -2,8 +2,8 @@
 //! value, which draw the same line as all the values (Jugel et al., "M4: A Visualization-Oriented
 //! Time Series Data Aggregation", VLDB 2014).
 
-use super::bins::{Cell, Grid};
 use super::canvas::{Figure, Pen, point};
+use super::histogram::{Cell, Grid};
 use super::palette::{self, Colour};
 use super::panel::{BOTTOM_MARGIN, Panel, wide_area};
 use super::scale::{PlotAxis, ValueRange};
@@ -35,11 +35,6 @@ struct Sliver {
 }
 
 impl WrenchTrace {
-    /// No rows yet.
-    pub fn new() -> Self {
-        Self::default()
-    }
-
     /// Adds a block of rows: time in s, six columns of wrench in the order of [`Axis::ALL`], N and
     /// N·m. A column may be empty: its axis is then not drawn. Rows that are not finite are left out.
     ///
@@ -218,12 +213,14 @@ mod tests {
 
     #[test]
     fn axes_without_values_are_not_drawn() {
-        let mut trace = WrenchTrace::new();
+        let mut trace = WrenchTrace::default();
         let mut columns = vec![Vec::new(); 6];
         columns[2] = vec![1.0, f64::NAN, 2.0];
         trace.add(&[0.0, 1.0, 2.0], &columns);
         let figure = trace_figure(Size::Screen, "run", &trace);
         assert!(figure.svg().contains(">Fz (N)<") && !figure.svg().contains(">Fx (N)<"));
-        assert!(trace_figure(Size::Screen, "run", &WrenchTrace::new()).svg().ends_with("</svg>\n"));
+        assert!(
+            trace_figure(Size::Screen, "run", &WrenchTrace::default()).svg().ends_with("</svg>\n")
+        );
     }
 }

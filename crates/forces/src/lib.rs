@@ -32,24 +32,18 @@
 
 mod clock;
 pub mod drift;
-mod error;
 pub mod filter;
 mod options;
 pub mod payload;
 mod pipeline;
 mod running_tare;
 pub mod sampling;
-mod setup;
 mod signal;
 pub mod stationary;
 mod tare;
-mod tare_check;
 
 pub use clock::{Clock, ClockSearch, Grid};
-pub use error::ForceError;
 pub use options::{DEFAULT_TARE_FRAMES, ForceOptions, LowPass, RowRule, TareRule};
-pub use pipeline::{AppliedLowPass, ForcePipeline, ForceStream};
+pub use pipeline::{AppliedLowPass, ForceError, ForcePipeline, ForceStream, PipelineSetup};
 pub use running_tare::RunningTare;
-pub use setup::PipelineSetup;
 pub use tare::{FirstRows, TareFrames, TareResult, by_column};
-pub use tare_check::TareDoubt;

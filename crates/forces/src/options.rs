@@ -97,28 +97,19 @@ impl ForceOptions {
         rule: RowRule::Time,
     };
 
-    /// The same with the low-pass forward only, as it must be while a log is recorded.
-    pub fn causal(self) -> Self {
-        let low_pass = self.low_pass.map(|low_pass| LowPass { zero_phase: false, ..low_pass });
-        Self { low_pass, tare: self.tare.following(true), ..self }
-    }
-
-    /// The same with the low-pass without delay.
-    pub fn zero_phase(self) -> Self {
-        let low_pass = self.low_pass.map(|low_pass| LowPass { zero_phase: true, ..low_pass });
-        Self { low_pass, tare: self.tare.following(false), ..self }
+    /// The same with low-pass and zero `causal`, as they must be while a log is recorded, or else without delay.
+    pub fn with_delay(mut self, causal: bool) -> Self {
+        if let Some(low_pass) = &mut self.low_pass {
+            low_pass.zero_phase = !causal;
+        }
+        if let TareRule::Rests { causal: held } = &mut self.tare {
+            *held = causal;
+        }
+        self
     }
 }
 
 impl TareRule {
-    /// The same, of stationary intervals causal or not.
-    fn following(self, causal: bool) -> Self {
-        match self {
-            Self::Rests { .. } => Self::Rests { causal },
-            fixed => fixed,
-        }
-    }
-
     /// Whether the zero follows the stationary intervals.
     pub fn follows_rests(self) -> bool {
         matches!(self, Self::Rests { .. })

@@ -1,14 +1,15 @@
-//! The pipeline once tare and clock are known.
+//! The pipeline, and what must be known before the first force: tare and clock, from the first rows of a log.
 
 use calibration::Calibration;
 use calibration::uncertainty::Tare;
 use shell_data::wrench::{Axis, PerAxis};
 
-use super::clock::{Clock, Grid};
-use super::filter::FilterError;
+use super::clock::{Clock, ClockSearch, Grid};
+use super::filter::{Butterworth, FilterError};
 use super::signal::{BlockPlan, SignalFilter};
-use super::stationary::{StationaryInterval, StationaryZeros};
-use super::{LowPass, RowRule, TareResult};
+use super::stationary::StationaryInterval;
+use super::tare::{FirstRows, FoundTare, StationaryZeros, TareSearch};
+use super::{ForceOptions, LowPass, RowRule, TareFrames, TareResult, TareRule};
 
 /// From readings to forces, for one log. The default has the calibration's own zero, unfiltered: what
 /// [`ForceOptions::RAW`](super::ForceOptions::RAW) gives on any log.
@@ -128,4 +129,147 @@ impl ForceStream {
         }
         Ok(answers)
     }
+}
+
+/// The search for tare and clock.
+#[derive(Clone, Debug)]
+pub struct PipelineSetup {
+    options: ForceOptions,
+    tare: TareSearch,
+    /// The clock, as far as times have been read.
+    pub clock: ClockSearch,
+}
+
+impl PipelineSetup {
+    /// Nothing read yet.
+    pub fn new(options: ForceOptions) -> Self {
+        let tare = TareSearch::new(options.tare, options.rule);
+        Self { options, tare, clock: ClockSearch::default() }
+    }
+
+    /// The same, keeping the frames of the tare.
+    pub fn keeping_frames(options: ForceOptions) -> Self {
+        let mut setup = Self::new(options);
+        setup.tare.frames = Some(TareFrames::default());
+        setup
+    }
+
+    /// The same while a log is recorded: of a tare that follows the stationary intervals only the first is looked for,
+    /// and [`ForcePipeline::follow`] is told of all of them.
+    pub fn while_recording(options: ForceOptions) -> Self {
+        let mut setup = Self::new(options);
+        setup.tare.ends_at_first_rest = true;
+        setup
+    }
+
+    /// Takes the next rows, for tare and clock.
+    pub fn look_at(&mut self, calibration: &Calibration, rows: FirstRows<'_>) {
+        self.clock.look_at(rows.times_s);
+        self.look_at_frames(calibration, rows);
+    }
+
+    /// Takes the next rows [that may hold frames of the tare](Self::wants_frames), for the tare alone.
+    pub fn look_at_frames(&mut self, calibration: &Calibration, rows: FirstRows<'_>) {
+        self.tare.look_at(calibration, rows);
+    }
+
+    /// Whether rows that end at `last_s` may hold frames of the tare.
+    pub fn wants_frames(&self, last_s: f64) -> bool {
+        self.tare.wants(last_s)
+    }
+
+    /// Whether all is known, so that no more rows are needed.
+    pub fn is_done(&self) -> bool {
+        let needs_clock = self.options.low_pass.is_some();
+        self.tare.is_done && (!needs_clock || self.clock.is_done())
+    }
+
+    /// The times between which rows are needed to know the forces between two times, s, if the clock
+    /// is [known](ClockSearch::is_done).
+    ///
+    /// # Errors
+    /// [`ForceError::Filter`].
+    pub fn needed_s(&self, from_s: f64, to_s: f64) -> Result<(f64, f64), ForceError> {
+        let everything = (f64::NEG_INFINITY, f64::INFINITY);
+        let Some(clock) = self.clock.finish(self.options.rate_hz) else { return Ok(everything) };
+        let Some((_, plan)) = self.low_pass()? else { return Ok((from_s, to_s)) };
+        // By row the grid is not one of time.
+        if self.options.rule == RowRule::Rows {
+            return Ok(everything);
+        }
+        let needed = plan.needed(clock.slot(from_s), clock.slot(to_s));
+        // Half a slot is rounded away, and a time of its own rounds as well.
+        let slack = 1.0 / clock.rate_hz;
+        let low =
+            if needed.start == 0 { f64::NEG_INFINITY } else { clock.time_s(needed.start) - slack };
+        Ok((low, clock.time_s(needed.end) + slack))
+    }
+
+    /// The low-pass at the clock's rate; `None` for none.
+    fn low_pass(&self) -> Result<Option<(AppliedLowPass, BlockPlan)>, ForceError> {
+        let Some(low_pass) = self.options.low_pass else { return Ok(None) };
+        let optional = self.options.low_pass_is_optional;
+        let Some(clock) = self.clock.finish(self.options.rate_hz) else {
+            let error = ForceError::NoRate("time does not move on between its rows");
+            return if optional { Ok(None) } else { Err(error) };
+        };
+        match Butterworth::low_pass(low_pass.order, low_pass.cutoff_hz, clock.rate_hz) {
+            Ok(design) => {
+                let at_rest = self.options.tare != TareRule::Untared;
+                let applied = AppliedLowPass { low_pass, rate_hz: clock.rate_hz };
+                Ok(Some((applied, BlockPlan::new(design, low_pass.zero_phase, at_rest))))
+            }
+            Err(_) if optional => Ok(None),
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    /// The pipeline from here on, and the frames of the tare if they were kept.
+    ///
+    /// # Errors
+    /// [`ForceError`] if the rows were too few for tare or clock, or the filter is impossible.
+    pub fn finish(
+        self,
+        calibration: &Calibration,
+    ) -> Result<(ForcePipeline, Option<TareFrames>), ForceError> {
+        let (low_pass, plan) = self.low_pass()?.unzip();
+        let filter = self.clock.finish(self.options.rate_hz).zip(plan);
+        let FoundTare { tare, result: tare_result, frames, zeros } =
+            self.tare.finish(calibration)?;
+        let rule = self.options.rule;
+        Ok((ForcePipeline { rule, tare, zeros, tare_result, low_pass, filter }, frames))
+    }
+}
+
+/// A log that gives no forces as asked.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum ForceError {
+    /// Too few frames to tare on.
+    #[error("only `{found}` frames to tare on, `{wanted}` wanted")]
+    TareFrames {
+        /// Frames wanted.
+        wanted: usize,
+        /// Frames found.
+        found: usize,
+    },
+    /// No frame between the times of the tare.
+    #[error(
+        "no frame between `{start_s}` and `{end_s}` s to tare on: frames run from `{first_s}` to `{last_s}` s"
+    )]
+    TareTime {
+        /// Start of the tare, s.
+        start_s: f64,
+        /// Its end, s.
+        end_s: f64,
+        /// Time of the first frame read, s.
+        first_s: f64,
+        /// Time of the last frame read, s.
+        last_s: f64,
+    },
+    /// The low-pass needs the rate, and the log does not give it.
+    #[error("the sampling rate, which a low-pass needs, is not known: {0}")]
+    NoRate(&'static str),
+    /// The filter is impossible.
+    #[error(transparent)]
+    Filter(#[from] FilterError),
 }

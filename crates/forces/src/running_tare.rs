@@ -8,7 +8,8 @@ use super::DEFAULT_TARE_FRAMES;
 /// [`DEFAULT_TARE_FRAMES`] wrenches. It comes after tare and low-pass of the pipeline.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RunningTare {
-    zero: PerAxis<f64>,
+    /// What is subtracted, N and N·m.
+    pub zero: PerAxis<f64>,
     /// Wrenches of a tare that is being taken, and their sum.
     pending: Option<(usize, PerAxis<f64>)>,
 }
@@ -19,19 +20,9 @@ impl RunningTare {
         self.pending = Some((0, [0.0; 6]));
     }
 
-    /// Subtracts nothing any more.
-    pub fn clear(&mut self) {
-        *self = Self::default();
-    }
-
     /// Whether a tare is being taken.
     pub fn is_pending(&self) -> bool {
         self.pending.is_some()
-    }
-
-    /// What is subtracted, N and N·m.
-    pub fn zero(&self) -> PerAxis<f64> {
-        self.zero
     }
 
     /// Takes in the next wrench. Whether that has completed a tare, which then holds from this wrench on.

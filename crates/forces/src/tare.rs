@@ -1,11 +1,14 @@
-//! The frames that are taken as unloaded.
+//! The frames that are taken as unloaded, and whether they were, judged by what the calibration knows of its training
+//! data.
 
 use calibration::Calibration;
+use calibration::quality::AxisQuality;
 use calibration::uncertainty::Tare;
+use calibration::validation::excitation::Excitation;
 use shell_data::statistics::RunningVariance;
-use shell_data::wrench::{AxisValues, PerAxis};
+use shell_data::wrench::{Axis, AxisValues, PerAxis};
 
-use super::stationary::{STATIONARY_FRAMES, StationaryFinder, StationaryZeros};
+use super::stationary::{STATIONARY_FRAMES, StationaryFinder, StationaryInterval};
 use super::{ForceError, RowRule, TareRule};
 
 /// Frames that are summed at once: fixed, so that the mean has the same bits however the log is cut.
@@ -98,16 +101,21 @@ impl TareSearch {
         }
     }
 
+    /// The most frames of a tare.
+    fn wanted(&self) -> usize {
+        match self.rule {
+            TareRule::First(frames) => frames,
+            TareRule::Rests { .. } => STATIONARY_FRAMES,
+            TareRule::Untared | TareRule::Between(..) => usize::MAX,
+        }
+    }
+
     /// Looks at the next rows, in order.
     pub(super) fn look_at(&mut self, calibration: &Calibration, rows: FirstRows<'_>) {
         if !self.ends_at_first_rest {
             self.look_for_rests(calibration, rows);
         }
-        let wanted = match self.rule {
-            TareRule::First(frames) => frames,
-            TareRule::Rests { .. } => STATIONARY_FRAMES,
-            TareRule::Untared | TareRule::Between(..) => usize::MAX,
-        };
+        let wanted = self.wanted();
         // Further stationary intervals are looked for after the first.
         let ends = self.ends_at_first_rest || !self.rule.follows_rests();
         for row in 0..rows.fresh.len() {
@@ -177,26 +185,22 @@ impl TareSearch {
         });
     }
 
-    /// The tare and what it was taken from; `None` where none is to be taken. The frames are there if
-    /// they were kept.
+    /// The tare and what it was taken from; nothing where none is to be taken.
     ///
     /// # Errors
     /// [`ForceError::TareFrames`], [`ForceError::TareTime`] if there are too few.
     pub(super) fn finish(mut self, calibration: &Calibration) -> Result<FoundTare, ForceError> {
-        let found = self.found;
+        let (found, wanted) = (self.found, self.wanted());
         match self.rule {
-            TareRule::Untared => return Ok(FoundTare::default()),
-            TareRule::First(wanted) if found < wanted.max(1) => {
-                return Err(ForceError::TareFrames { wanted, found });
-            }
+            TareRule::Untared => return Ok(<_>::default()),
             TareRule::Between(start_s, end_s) if found == 0 => {
                 let (first_s, last_s) = self.seen_s.unwrap_or((f64::NAN, f64::NAN));
                 return Err(ForceError::TareTime { start_s, end_s, first_s, last_s });
             }
-            TareRule::Rests { .. } if found < STATIONARY_FRAMES => {
-                return Err(ForceError::TareFrames { wanted: STATIONARY_FRAMES, found });
+            TareRule::First(_) | TareRule::Rests { .. } if found < wanted.max(1) => {
+                return Err(ForceError::TareFrames { wanted, found });
             }
-            TareRule::First(_) | TareRule::Between(..) | TareRule::Rests { .. } => {}
+            _ => {}
         }
         let zeros = self.rests.take().map(|(_, zeros)| zeros);
         if !self.chunk[0].is_empty() {
@@ -208,20 +212,67 @@ impl TareSearch {
             end_s: self.found_s.map(|(_, end)| end),
             wrench: calibration.axes.values(&mean.wrench),
             sd: calibration.axes.values(&self.spread.map(|axis| axis.rms_about_mean())),
-            rests: zeros.as_ref().map(StationaryZeros::count),
-            last_rest_s: zeros.as_ref().and_then(StationaryZeros::end_s),
+            rests: zeros.as_ref().map(|zeros| zeros.knots.len()),
+            last_rest_s: zeros.as_ref().and_then(|zeros| Some(zeros.knots.last()?.end_s)),
         });
         Ok(FoundTare { tare: self.mean, result, frames: self.frames, zeros })
     }
 }
 
-/// What a search has found.
+/// What a search has found: the frames are there if they were kept.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct FoundTare {
     pub(super) tare: Option<Tare>,
     pub(super) result: Option<TareResult>,
     pub(super) frames: Option<TareFrames>,
     pub(super) zeros: Option<StationaryZeros>,
+}
+
+/// The zero at every time, from stationary intervals in their order.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct StationaryZeros {
+    /// Hold the zero of the last rest that has ended, in place of a straight line between stationary intervals.
+    causal: bool,
+    knots: Vec<Knot>,
+}
+
+/// The zero at a rest.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Knot {
+    middle_s: f64,
+    end_s: f64,
+    wrench: PerAxis<f64>,
+}
+
+impl StationaryZeros {
+    pub(super) fn new(causal: bool) -> Self {
+        Self { causal, knots: Vec::new() }
+    }
+
+    pub(super) fn add(&mut self, calibration: &Calibration, rest: &StationaryInterval) {
+        if let Some(tare) = calibration.tare(&rest.readings) {
+            let (middle_s, end_s) = (rest.middle_s(), rest.end_s());
+            self.knots.push(Knot { middle_s, end_s, wrench: tare.wrench });
+        }
+    }
+
+    /// The zero at a time, N and N·m; zero where there was no rest.
+    pub(super) fn at(&self, time_s: f64) -> PerAxis<f64> {
+        if self.causal {
+            let next = self.knots.partition_point(|knot| knot.end_s <= time_s);
+            return self.knots.get(next.saturating_sub(1)).map_or([0.0; 6], |knot| knot.wrench);
+        }
+        let next = self.knots.partition_point(|knot| knot.middle_s <= time_s);
+        match (next.checked_sub(1).map(|before| &self.knots[before]), self.knots.get(next)) {
+            (Some(a), Some(b)) => {
+                let share = (time_s - a.middle_s) / (b.middle_s - a.middle_s);
+                std::array::from_fn(|axis| {
+                    a.wrench[axis] + (b.wrench[axis] - a.wrench[axis]) * share
+                })
+            }
+            (one, other) => one.or(other).map_or([0.0; 6], |knot| knot.wrench),
+        }
+    }
 }
 
 impl TareFrames {
@@ -260,9 +311,50 @@ pub fn by_column<T: serde::Serialize, S: serde::Serializer>(
     serializer.collect_map(values.iter().map(|(axis, value)| (axis.column(), value)))
 }
 
+/// Share of the largest training load. A zero that has drifted is nearer, and so is the noise of frames at rest.
+const LOADED: f64 = 0.1;
+
+/// How many times the error of the calibration: less than that is no load that it can tell.
+const ERRORS: f64 = 4.0;
+
+const CONSEQUENCE: &str = "every force of this log is relative to it";
+
+impl TareResult {
+    /// The most serious reason not to take its frames as unloaded, in words, if there is any: their mean wrench is
+    /// far from the zero of the calibration, or the wrench changes while they are taken.
+    ///
+    /// `errors` and `loads` are those of the calibration's training data.
+    pub fn doubt(&self, errors: &PerAxis<AxisQuality>, loads: &Excitation) -> Option<String> {
+        let largest = loads.largest_loads();
+        let excess = |of: &AxisValues<f64>| {
+            let limit = |axis: Axis| {
+                (LOADED * largest[axis.index()]).max(ERRORS * errors[axis.index()].rms)
+            };
+            let over = of.iter().map(|&(axis, value)| (axis, value, value.abs() / limit(axis)));
+            let known = over.filter(|(_, _, excess)| excess.is_finite());
+            let (axis, value, excess) = known.max_by(|a, b| a.2.total_cmp(&b.2))?;
+            (excess > 1.0).then_some((axis, value))
+        };
+        if let Some((axis, mean)) = excess(&self.wrench) {
+            let (name, unit) = (axis.name(), axis.unit());
+            return Some(format!(
+                "the frames of the tare are loaded, it seems: {name} is {mean:.3} {unit} there; {CONSEQUENCE}"
+            ));
+        }
+        excess(&self.sd).map(|(axis, sd)| {
+            let (name, unit) = (axis.name(), axis.unit());
+            format!(
+                "the load changes during the tare: {name} varies by {sd:.3} {unit} (standard deviation); \
+                 {CONSEQUENCE}"
+            )
+        })
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use calibration::scaling::Scaling;
+    use calibration::validation::excitation::AxisExcitation;
     use calibration::{Basis, Model};
 
     use super::*;
@@ -337,5 +429,57 @@ mod tests {
         let mean = readings[..9000].iter().sum::<f64>() / 9000.0;
         // 9000 terms of up to 600 round to 1e-12 of them at worst.
         assert!((whole.wrench[0] - mean).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_zero_runs_straight_between_rests_and_is_held_while_recording() {
+        let knot = |end_s: f64, fx| Knot {
+            middle_s: end_s - 1.0,
+            end_s,
+            wrench: [fx, 0.0, 0.0, 0.0, 0.0, 0.0],
+        };
+        let knots = vec![knot(2.0, 1.0), knot(6.0, 3.0), knot(12.0, 0.0)];
+        let fx = |causal, time_s| StationaryZeros { causal, knots: knots.clone() }.at(time_s)[0];
+        let straight = [0.0, 1.0, 3.0, 5.0, 7.0, 11.0, 20.0].map(|t| fx(false, t));
+        assert_eq!(straight, [1.0, 1.0, 2.0, 3.0, 2.0, 0.0, 0.0]);
+        let held = [0.0, 2.0, 5.9, 6.0, 11.9, 12.0, 20.0].map(|t| fx(true, t));
+        assert_eq!(held, [1.0, 1.0, 1.0, 3.0, 3.0, 0.0, 0.0]);
+        assert_eq!(StationaryZeros::new(true).at(1.0), [0.0; 6]);
+    }
+
+    /// Loads up to 10 N and 1 N·m, errors of 0.1 and 0.01.
+    fn doubt(wrench: [f64; 2], sd: [f64; 2]) -> Option<String> {
+        let scale = |axis: Axis| if axis.is_moment() { 0.1 } else { 1.0 };
+        let axis = |axis| AxisExcitation { max: 10.0 * scale(axis), ..AxisExcitation::default() };
+        let error = |axis| AxisQuality { rms: 0.1 * scale(axis), ..AxisQuality::default() };
+        let loads = Excitation {
+            axes: Axis::ALL.map(axis),
+            correlation: PerAxis::default(),
+            condition: Some(1.0),
+        };
+        let values = |[fz, mx]: [f64; 2]| vec![(Axis::Fz, fz), (Axis::Mx, mx)];
+        let tare = TareResult {
+            frames: 50,
+            start_s: None,
+            end_s: None,
+            wrench: values(wrench),
+            sd: values(sd),
+            rests: None,
+            last_rest_s: None,
+        };
+        tare.doubt(&Axis::ALL.map(error), &loads)
+    }
+
+    #[test]
+    fn a_load_or_a_change_beyond_a_tenth_of_the_range_is_told() {
+        assert_eq!(doubt([0.9, 0.09], [0.9, 0.0]), None, "a zero that has drifted");
+        for (wrench, sd, said) in [
+            ([-2.0, 0.3], [0.0, 0.0], "loaded, it seems: Mx is 0.300 N·m there"),
+            ([0.0, 0.0], [1.2, 0.0], "changes during the tare: Fz varies by 1.200 N (standard"),
+            ([-2.0, 0.0], [0.0, 0.0], "loaded, it seems: Fz is -2.000 N there"),
+        ] {
+            let text = doubt(wrench, sd).unwrap();
+            assert!(text.contains(said), "{text}");
+        }
     }
 }

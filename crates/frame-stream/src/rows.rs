@@ -130,7 +130,7 @@ impl FrameRows {
         if self.tare.push(wrench) {
             flags.push("tared".to_owned());
         }
-        let zero = self.tare.zero();
+        let zero = self.tare.zero;
         std::array::from_fn(|axis| wrench[axis] - zero[axis])
     }
 }

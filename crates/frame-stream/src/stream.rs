@@ -113,7 +113,7 @@ impl FrameStream {
         while let Some(Ok(command)) = self.options.commands.as_ref().map(Receiver::try_recv) {
             match command {
                 StreamCommand::Tare => self.options.rows.tare.begin(),
-                StreamCommand::Untare => self.options.rows.tare.clear(),
+                StreamCommand::Untare => self.options.rows.tare = Default::default(),
                 StreamCommand::Rate(rate_hz) => self.decimator = rate_hz.map(Decimator::new),
                 StreamCommand::Mark => {
                     let number = self.options.rows.mark();

@@ -180,7 +180,7 @@ impl LiveModel {
 
     fn axis(&self, axis: Axis, columns: usize) -> TraceView {
         let at = axis.index();
-        let zero = self.tare.zero()[at];
+        let zero = self.tare.zero[at];
         let value = |row: &LiveRow| row.wrench.map(|wrench| wrench[at] - zero);
         let least = if axis.is_moment() { LEAST_MOMENT } else { LEAST_FORCE };
         let columns = self.shown().columns(self.window_s(), columns, value);
@@ -247,7 +247,7 @@ impl LiveModel {
         if !self.axes.contain(forces) {
             return None;
         }
-        let zero = self.tare.zero();
+        let zero = self.tare.zero;
         let value = |axis: usize| move |row: &LiveRow| Some(row.wrench?[axis] - zero[axis]);
         let newest = self.shown().newest()?;
         newest.wrench?;
@@ -317,7 +317,7 @@ mod tests {
         model.push(row(1050));
         assert!(!model.tare.is_pending());
         assert!(model.traces(10)[1].value.abs() < 1e-12, "a mean of 0.25");
-        model.tare.clear();
+        model.tare = RunningTare::default();
         assert_eq!(model.traces(10)[1].value, 0.25);
     }
 

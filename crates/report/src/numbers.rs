@@ -154,12 +154,12 @@ fn values<'a>(
 ) -> (Vec<f64>, Vec<String>) {
     let of_condition = trials.iter().filter(|trial| trial.row.condition == condition);
     let of_trial = |TrialResult { row, .. }: &'a TrialResult| {
-        Some((quantity.of_trial(row)?, row.file.clone()))
+        Some((quantity.of(&row.measures)?, row.file.clone()))
     };
     let of_strides = |TrialResult { row, stride_rows, .. }: &'a TrialResult| {
         stride_rows.iter().filter_map(move |stride| {
             let label = format!("{}, stride {}", row.file, stride.stride);
-            Some((quantity.of_stride(stride)?, label))
+            Some((quantity.of(&stride.measures)?, label))
         })
     };
     match per {

@@ -3,6 +3,7 @@
 use std::fmt;
 
 use serde::Serialize;
+use serde::de::DeserializeOwned;
 
 /// A line and a column of a manifest or a profile, from 1; columns in characters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -57,4 +58,13 @@ impl ManifestProblem {
         let byte = header + text[header..].find(key).unwrap_or(0);
         Self::at(text, byte, message)
     }
+}
+
+/// Reads a TOML document.
+pub(crate) fn parse_toml<T: DeserializeOwned>(text: &str) -> Result<T, ManifestProblem> {
+    toml::from_str(text).map_err(|error| {
+        let byte = error.span().map_or(0, |span| span.start);
+        // One line, as all messages are.
+        ManifestProblem::at(text, byte, error.message().replace('\n', ", "))
+    })
 }

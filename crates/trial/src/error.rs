@@ -93,7 +93,7 @@ pub enum TrialError {
     #[error(transparent)]
     Forces(#[from] forces::ForceError),
     /// A result, which is named, is not a finite number.
-    #[error("{0} is not finite: readings or telemetry are far outside what they can be")]
+    #[error("the {0} is not finite: readings or telemetry are far outside what they can be")]
     NotFinite(&'static str),
 }
 

@@ -9,15 +9,14 @@
 
 use std::ops::Range;
 
-use super::diagnose::count_fresh;
 use super::diagnostic::Diagnostic;
 use super::error::{FEWEST_PERIODS, TrialError};
 use super::input::{LogTimes, TraceExtent, Trial, TrialInput};
 use super::integral::{Span, rows_within};
 use super::leg::Strides;
 use super::profile::Profile;
-use super::results::{StrideRow, TrialResult, TrialRow};
-use super::signals::Signals;
+use super::results::{Quantity, RunMeasures, StrideRow, TrialResult, TrialRow};
+use super::signals::{Signals, count_fresh};
 use super::statistics::Interval;
 use super::trace::Trace;
 use super::uncertainty::half_widths;
@@ -37,16 +36,17 @@ pub fn evaluate(input: &TrialInput<'_>) -> Result<TrialResult, TrialError> {
     let span = span.ok_or(TrialError::Gap { enter, exit })?;
     let window = rows_within(&rows.times_s, enter, exit);
     let mut diagnostics: Vec<Diagnostic> =
-        trial.notes.iter().cloned().map(Diagnostic::Manifest).collect();
+        trial.notes.iter().map(|notes| Diagnostic::note("manifest", notes)).collect();
     let signals = Signals::new(input, window.clone(), &mut diagnostics)?;
     let evaluation =
         TrialEvaluation { input, channel_length_m, velocity_m_s, weight_power_w, window, signals };
     let half_widths = evaluation.half_widths(&span);
     if evaluation.signals.forces.is_some() && half_widths.is_none() {
-        diagnostics.push(Diagnostic::NoIntervals);
+        let text = "the calibration carries no covariance: intervals are left out";
+        diagnostics.push(Diagnostic::note("no_intervals", text));
     }
     let row = evaluation.trial_row(&span, half_widths);
-    check_finite(&row)?;
+    check_finite(&row.measures)?;
     let spans = evaluation.signals.strides.iter().flat_map(Strides::spans);
     let stride_rows = (1..).zip(spans).map(|(k, span)| evaluation.stride_row(k, span)).collect();
     let trace = evaluation.trace();
@@ -98,21 +98,23 @@ struct TrialEvaluation<'a> {
     signals: Signals,
 }
 
-/// What is integrated over a span.
-#[derive(Default)]
-struct WindowMeans {
-    fx_n: Option<f64>,
-    fz_n: Option<f64>,
-    energy_j: Option<f64>,
-}
-
 impl TrialEvaluation<'_> {
-    fn means(&self, span: &Span) -> WindowMeans {
+    /// Over a span of so many s, in which the drag costs an energy by its force.
+    fn measures(&self, span: &Span, time_s: f64, energy: impl Fn(f64) -> f64) -> RunMeasures {
         let forces = self.signals.forces.as_ref();
         let mean = |axis: Axis| forces.map(|forces| span.mean(&forces.wrench[axis.index()]));
+        let fx_n = mean(Axis::Fx);
         let power = self.signals.power.as_ref();
-        let energy_j = power.map(|power| span.integral(&power.total_w));
-        WindowMeans { fx_n: mean(Axis::Fx), fz_n: mean(Axis::Fz), energy_j }
+        let electrical_energy_j = power.map(|power| span.integral(&power.total_w));
+        let mean_power_w = electrical_energy_j.map(|energy| energy / time_s);
+        RunMeasures {
+            drag_mean_n: fx_n.map(|fx| -fx),
+            lift_mean_n: mean(Axis::Fz),
+            drag_energy_j: fx_n.map(energy),
+            electrical_energy_j,
+            mean_power_w,
+            specific_resistance: mean_power_w.map(|power| power / self.weight_power_w),
+        }
     }
 
     /// Half the width of the 95 % interval of the mean force, if there are forces whose errors are
@@ -127,15 +129,12 @@ impl TrialEvaluation<'_> {
     fn trial_row(&self, span: &Span, half_widths: Option<PerAxis<f64>>) -> TrialRow {
         let TrialInput { trial, rows, .. } = *self.input;
         let (enter, exit) = (trial.t_enter_s, trial.t_exit_s);
-        let means = self.means(span);
+        let length_m = self.channel_length_m;
+        let measures = self.measures(span, exit - enter, |fx| fx * length_m);
         let about = |value: Option<f64>, factor: f64, axis: Axis| {
             let (value, half) = (value?, half_widths?[axis.index()] * factor);
             Some(Interval { low: value - half, high: value + half })
         };
-        let length_m = self.channel_length_m;
-        let (drag, lift) = (means.fx_n.map(|fx| -fx), means.fz_n);
-        let drag_energy = means.fx_n.map(|fx| fx * length_m);
-        let mean_power = means.energy_j.map(|energy| energy / (exit - enter));
         let strides = self.signals.strides.as_ref();
         let has_forces = self.signals.forces.is_some();
         TrialRow {
@@ -147,15 +146,10 @@ impl TrialEvaluation<'_> {
             velocity_m_s: self.velocity_m_s,
             rows: self.window.len() as u64,
             fresh_frames: has_forces.then(|| count_fresh(rows, self.window.clone())),
-            drag_mean_n: drag,
-            lift_mean_n: lift,
-            drag_energy_j: drag_energy,
-            drag_energy_95_j: about(drag_energy, length_m, Axis::Fx),
-            drag_mean_95_n: about(drag, 1.0, Axis::Fx),
-            lift_mean_95_n: about(lift, 1.0, Axis::Fz),
-            electrical_energy_j: means.energy_j,
-            mean_power_w: mean_power,
-            specific_resistance: mean_power.map(|power| power / self.weight_power_w),
+            drag_energy_95_j: about(measures.drag_energy_j, length_m, Axis::Fx),
+            drag_mean_95_n: about(measures.drag_mean_n, 1.0, Axis::Fx),
+            lift_mean_95_n: about(measures.lift_mean_n, 1.0, Axis::Fz),
+            measures,
             strides: strides.map(|strides| strides.count() as u64),
             stride_frequency_hz: strides.and_then(Strides::frequency_hz),
         }
@@ -164,21 +158,16 @@ impl TrialEvaluation<'_> {
     fn stride_row(&self, stride: u64, (start, end): (f64, f64)) -> StrideRow {
         let times = &self.input.rows.times_s;
         let span = Span::new(self.input.options.forces.rule, times, start, end);
-        let means = span.map(|span| self.means(&span)).unwrap_or_default();
-        let period = end - start;
-        let mean_power = means.energy_j.map(|energy| energy / period);
+        let period_s = end - start;
+        let energy = |fx: f64| fx * self.velocity_m_s * period_s;
+        let measures = span.map(|span| self.measures(&span, period_s, energy));
         StrideRow {
             stride,
             t_start_s: start,
             t_end_s: end,
-            period_s: period,
+            period_s,
             rows: rows_within(times, start, end).len() as u64,
-            drag_mean_n: means.fx_n.map(|fx| -fx),
-            lift_mean_n: means.fz_n,
-            drag_energy_j: means.fx_n.map(|fx| fx * self.velocity_m_s * period),
-            electrical_energy_j: means.energy_j,
-            mean_power_w: mean_power,
-            specific_resistance: mean_power.map(|power| power / self.weight_power_w),
+            measures: measures.unwrap_or_default(),
         }
     }
 
@@ -192,15 +181,10 @@ impl TrialEvaluation<'_> {
     }
 }
 
-fn check_finite(row: &TrialRow) -> Result<(), TrialError> {
-    let values = [
-        ("the mean drag", row.drag_mean_n),
-        ("the mean lift", row.lift_mean_n),
-        ("the electrical energy", row.electrical_energy_j),
-        ("the specific resistance", row.specific_resistance),
-    ];
-    match values.into_iter().find(|(_, value)| value.is_some_and(|value| !value.is_finite())) {
-        Some((what, _)) => Err(TrialError::NotFinite(what)),
+fn check_finite(measures: &RunMeasures) -> Result<(), TrialError> {
+    let is_wrong = |of: &Quantity| of.of(measures).is_some_and(|value| !value.is_finite());
+    match Quantity::ALL.into_iter().find(is_wrong) {
+        Some(of) => Err(TrialError::NotFinite(of.name())),
         None => Ok(()),
     }
 }

@@ -12,11 +12,9 @@
 //! and definitions, the crate `forces` the way from readings to forces.
 
 mod cell_position;
-mod diagnose;
 mod diagnostic;
 mod error;
 mod evaluate;
-mod forces;
 mod input;
 mod integral;
 mod leg;
@@ -28,8 +26,6 @@ mod results;
 mod signals;
 mod statistics;
 pub mod tables;
-mod telemetry_column;
-mod toml_position;
 mod trace;
 mod uncertainty;
 mod value_table;
@@ -41,10 +37,11 @@ pub use evaluate::{check_window, evaluate};
 pub use input::{Instrument, LogTimes, TraceExtent, Trial, TrialInput, TrialOptions, TrialRows};
 pub use phase::{PhaseForce, PhaseProfile};
 pub use power::MEASURED_POWER;
-pub use profile::{Motor, Profile, Robot, TelemetryScales, TrialChannel, VELOCIROACH};
-pub use results::{ConditionRow, Per, Quantity, StrideRow, TrialResult, TrialRow};
+pub use profile::{
+    Motor, Profile, Robot, TelemetryColumn, TelemetryScales, TrialChannel, VELOCIROACH,
+};
+pub use results::{ConditionRow, Per, Quantity, RunMeasures, StrideRow, TrialResult, TrialRow};
 pub use statistics::{Interval, MeanDifference, Statistics, ValueSample};
-pub use telemetry_column::TelemetryColumn;
 pub use trace::Trace;
 pub use value_table::{ValueRow, ValueTable};
 pub use window::{GOOD_CONFIDENCE, NoWindow, Proposal, propose_window};

@@ -33,20 +33,15 @@ pub struct PhaseProfile {
 }
 
 impl PhaseProfile {
-    /// Of the whole strides of `traces` within their windows (s), one window for each. Strides
-    /// without a row in some stretch (the leg stalled, or rows are missing) are left out; `None` if
-    /// that leaves none or there are no forces.
-    pub fn new<'a>(traces: impl IntoIterator<Item = (&'a Trace, [f64; 2])>) -> Option<Self> {
-        let (mut drags, mut lifts) = (Vec::new(), Vec::new());
-        for (trace, [from_s, to_s]) in traces {
-            let spans = trace.stride_times_s.windows(2).map(|pair| [pair[0], pair[1]]);
-            for span in spans.filter(|[start, end]| *start >= from_s && *end <= to_s) {
-                let drag = stride(trace, span, Axis::Fx, -1.0);
-                let both = drag.zip(stride(trace, span, Axis::Fz, 1.0));
-                drags.extend(both.map(|(drag, _)| drag));
-                lifts.extend(both.map(|(_, lift)| lift));
-            }
-        }
+    /// Of the whole strides of a trace between two times, s. Strides without a row in some stretch (the leg
+    /// stalled, or rows are missing) are left out; `None` if that leaves none or there are no forces.
+    pub fn new(trace: &Trace, [from_s, to_s]: [f64; 2]) -> Option<Self> {
+        let spans = trace.stride_times_s.windows(2).map(|pair| [pair[0], pair[1]]);
+        let spans = spans.filter(|[start, end]| *start >= from_s && *end <= to_s);
+        let both = |span| {
+            Some((stride(trace, span, Axis::Fx, -1.0)?, stride(trace, span, Axis::Fz, 1.0)?))
+        };
+        let (drags, lifts): (Vec<_>, Vec<_>) = spans.filter_map(both).unzip();
         let phase = |i: usize| TAU * (i as f64 + 0.5) / PHASES as f64;
         (!drags.is_empty()).then(|| Self {
             strides: drags.len(),
@@ -147,7 +142,7 @@ mod tests {
     fn mean_and_spread_are_those_of_the_forces_at_a_phase() {
         for backwards in [false, true] {
             let trace = trace(backwards);
-            let profile = PhaseProfile::new([(&trace, [0.05, 1.95])]).unwrap();
+            let profile = PhaseProfile::new(&trace, [0.05, 1.95]).unwrap();
             // The first stride starts before the window, the last ends after it.
             assert_eq!(profile.strides, 18);
             for (i, phase) in profile.phase_rad.iter().enumerate() {
@@ -165,7 +160,7 @@ mod tests {
     #[test]
     fn parts_merge_to_the_whole() {
         let trace = trace(false);
-        let of = |from, to| PhaseProfile::new([(&trace, [from, to])]).unwrap();
+        let of = |from, to| PhaseProfile::new(&trace, [from, to]).unwrap();
         let (whole, merged) = (of(0.05, 1.95), of(0.05, 0.75).merged(&of(0.65, 1.95)));
         assert_eq!(whole.strides, merged.strides);
         for (a, b) in [(&whole.drag, &merged.drag), (&whole.lift, &merged.lift)] {
@@ -178,10 +173,10 @@ mod tests {
     #[test]
     fn a_trace_without_forces_or_strides_has_no_profile() {
         let whole = [f64::NEG_INFINITY, f64::INFINITY];
-        assert_eq!(PhaseProfile::new([(&Trace::default(), whole)]), None);
+        assert_eq!(PhaseProfile::new(&Trace::default(), whole), None);
         let without_forces = Trace { wrench: Default::default(), ..trace(false) };
-        assert_eq!(PhaseProfile::new([(&without_forces, whole)]), None);
+        assert_eq!(PhaseProfile::new(&without_forces, whole), None);
         let without_strides = Trace { stride_times_s: vec![], ..trace(false) };
-        assert_eq!(PhaseProfile::new([(&without_strides, whole)]), None);
+        assert_eq!(PhaseProfile::new(&without_strides, whole), None);
     }
 }

@@ -8,8 +8,7 @@ use std::ops::Range;
 
 use super::diagnostic::Diagnostic;
 use super::input::TrialRows;
-use super::profile::Profile;
-use super::telemetry_column::key_of;
+use super::profile::{Profile, key_of};
 use shell_data::statistics::upper_median;
 use shell_data::telemetry::Telemetry;
 
@@ -30,6 +29,8 @@ const CURRENTS: [Telemetry; 3] =
 pub const MEASURED_POWER: [Telemetry; 6] =
     [POWERS[0], POWERS[1], POWERS[2], CURRENTS[0], CURRENTS[1], CURRENTS[2]];
 
+const NO_ENERGY: &str = "electrical energy and specific resistance are left out";
+
 /// What the battery of a robot gives, V. Readings beyond are in another unit than the profile says.
 const BATTERY_V: std::ops::RangeInclusive<f64> = 0.5..=100.0;
 
@@ -41,10 +42,10 @@ impl Power {
         window: Range<usize>,
     ) -> Result<Self, Diagnostic> {
         let telemetry = PowerColumns { rows, profile };
-        if let Some(power) = Self::from_columns(POWERS.map(|kind| telemetry.in_si(kind))) {
+        if let Some(power) = Self::from_columns(POWERS.map(|kind| telemetry.in_si(kind, None))) {
             return Ok(power);
         }
-        let currents = CURRENTS.map(|kind| telemetry.in_si(kind));
+        let currents = CURRENTS.map(|kind| telemetry.in_si(kind, None));
         let has_battery = rows.telemetry(Telemetry::Battery).is_some();
         if has_battery && let Some(currents) = Self::from_columns(currents) {
             let battery = telemetry.battery(window)?;
@@ -75,32 +76,33 @@ struct PowerColumns<'a> {
 }
 
 impl PowerColumns<'_> {
-    /// A column whose unit the profile gives, in SI.
-    fn in_si(&self, kind: Telemetry) -> Option<Vec<f64>> {
-        let unit = self.profile.unit(kind)?;
+    /// A column in SI: in the unit that the profile gives, or else of counts that are `per_count` each.
+    fn in_si(&self, kind: Telemetry, per_count: Option<f64>) -> Option<Vec<f64>> {
+        let unit = self.profile.unit(kind).or(per_count)?;
         Some(self.rows.telemetry(kind)?.iter().map(|value| value * unit).collect())
-    }
-
-    /// A column in SI, of counts that are `per_count` each if no unit is given.
-    fn scaled(&self, kind: Telemetry, per_count: f64) -> Vec<f64> {
-        let unit = self.profile.unit(kind).unwrap_or(per_count);
-        self.rows.telemetry(kind).unwrap_or_default().iter().map(|value| value * unit).collect()
     }
 
     /// The voltage of the battery, V.
     fn battery(&self, window: Range<usize>) -> Result<Vec<f64>, Diagnostic> {
         let counts = self.rows.telemetry(Telemetry::Battery).unwrap_or_default();
         let in_window = counts.get(window).unwrap_or_default();
-        let empty = in_window.iter().filter(|&&counts| counts <= 0.0).count() as u64;
+        let empty = in_window.iter().filter(|&&counts| counts <= 0.0).count();
         if empty > 0 {
-            return Err(Diagnostic::NoBattery { rows: empty, of: in_window.len() as u64 });
+            let of = in_window.len();
+            let text = format!("the battery reads no voltage in {empty} of {of} rows: {NO_ENERGY}");
+            return Err(Diagnostic::warning("no_battery", text));
         }
         let unit = self.profile.unit(Telemetry::Battery);
         let unit = unit.unwrap_or(self.profile.telemetry.battery_v_per_count);
         let reads = upper_median(&mut in_window.to_vec());
         match reads.map(|reads| (reads, reads * unit)) {
             Some((reads, battery_v)) if !BATTERY_V.contains(&battery_v) => {
-                Err(Diagnostic::BatteryUnit { reads, battery_v })
+                let text = format!(
+                    "the battery reads {reads} in the log, which the profile takes for {battery_v:.3} V: are \
+                     these volts? then give the profile `battery = {{ unit = \"V\" }}` under `[columns]`; \
+                     {NO_ENERGY}"
+                );
+                Err(Diagnostic::warning("battery_unit", text))
             }
             _ => Ok(counts.iter().map(|value| value * unit).collect()),
         }
@@ -115,14 +117,25 @@ impl PowerColumns<'_> {
                 MEASURED_POWER.into_iter().filter(|kind| self.profile.unit(*kind).is_none());
             let unknown = unknown.into_iter().find(|kind| self.rows.telemetry(*kind).is_some());
             return Err(match unknown.and_then(|kind| Some((kind, key_of(kind)?))) {
-                Some((kind, key)) => Diagnostic::NoUnit { column: kind.name(), key },
-                None => Diagnostic::NoPower(missing),
+                Some((kind, key)) => {
+                    let text = format!(
+                        "the log has {}, whose unit is not known: give the profile `{key} = {{ unit = … }}` \
+                         under `[columns]`; {NO_ENERGY}",
+                        kind.name()
+                    );
+                    Diagnostic::warning("no_unit", text)
+                }
+                None => {
+                    let text = format!("the log has no {}: {NO_ENERGY}", missing.join(", no "));
+                    Diagnostic::warning("no_power", text)
+                }
             });
         }
         let battery = self.battery(window)?;
         let scales = self.profile.telemetry;
         let side = |duty: Telemetry, back_emf: Telemetry| -> Vec<f64> {
-            let back_emf = self.scaled(back_emf, scales.back_emf_v_per_count);
+            let per_count = Some(scales.back_emf_v_per_count);
+            let back_emf = self.in_si(back_emf, per_count).unwrap_or_default();
             let unit = self.profile.unit(duty);
             let share = |duty: f64| unit.map_or(duty / scales.duty_counts, |unit| duty * unit);
             let samples = self.rows.telemetry(duty).unwrap_or_default().iter().zip(&battery);
@@ -201,21 +214,20 @@ mod tests {
     fn columns_in_units_that_nobody_gave_are_asked_about() {
         let motors = Telemetry::MOTORS.map(|kind| (kind, [3.7; 2]));
         let Err(asked) = power("", &motors) else { panic!("3.7 counts are no battery") };
-        assert_eq!(asked.code(), "battery_unit");
-        let said = asked.to_string();
+        assert_eq!(asked.code, "battery_unit");
+        let said = asked.text;
         assert!(
             said.contains("reads 3.7") && said.contains("battery = { unit = \"V\" }"),
             "{said}"
         );
         assert!(power(VOLTS, &motors).is_ok());
         let millivolts = Telemetry::MOTORS.map(|kind| (kind, [3700.0; 2]));
-        assert_eq!(power(VOLTS, &millivolts).unwrap_err().code(), "battery_unit");
-        let said =
-            power("", &[(Current, [1.0; 2]), (Battery, [800.0; 2])]).unwrap_err().to_string();
+        assert_eq!(power(VOLTS, &millivolts).unwrap_err().code, "battery_unit");
+        let said = power("", &[(Current, [1.0; 2]), (Battery, [800.0; 2])]).unwrap_err().text;
         assert!(said.contains("`current = { unit = "), "{said}");
-        assert_eq!(power("", &[(Battery, [800.0; 2])]).unwrap_err().code(), "no_power");
+        assert_eq!(power("", &[(Battery, [800.0; 2])]).unwrap_err().code, "no_power");
         assert_eq!(
-            power(VOLTS, &Telemetry::MOTORS.map(|kind| (kind, [0.0, 1.0]))).unwrap_err().code(),
+            power(VOLTS, &Telemetry::MOTORS.map(|kind| (kind, [0.0, 1.0]))).unwrap_err().code,
             "no_battery"
         );
     }

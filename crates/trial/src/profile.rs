@@ -4,15 +4,14 @@
 //! constant comes from. A document with `base = "velociroach"` has only what differs from it.
 
 use std::collections::BTreeMap;
+use std::f64::consts::{PI, TAU};
 
 use serde::{Deserialize, Serialize};
 use shell_data::hint::quoted;
 use shell_data::telemetry::Telemetry;
-use toml::Spanned;
+use toml::{Spanned, Table, Value};
 
-use super::cell_position::ManifestProblem;
-use super::telemetry_column::{TelemetryColumn, check_column, key_of};
-use super::toml_position::parse;
+use super::cell_position::{ManifestProblem, parse_toml as parse};
 
 /// The built-in profile as a document, to start another from.
 pub const VELOCIROACH: &str = include_str!("../assets/profiles/velociroach.toml");
@@ -52,6 +51,18 @@ pub struct TelemetryScales {
     pub battery_v_per_count: f64,
     /// The counts of a motor duty of 1.
     pub duty_counts: f64,
+}
+
+/// How the logs of a robot have a column of telemetry.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TelemetryColumn {
+    /// Its name, if that does not say what it is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
+    /// Its unit, if it is not in counts.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit: Option<String>,
 }
 
 /// A leg motor; the two are alike.
@@ -97,17 +108,22 @@ impl Profile {
     /// [`ManifestProblem`] with line and column: no TOML, a key that is missing or unknown, a constant
     /// that is not a positive number, or a unit that the column cannot have.
     pub fn parse(text: &str) -> Result<Self, ManifestProblem> {
-        let has_base = parse::<toml::Table>(text)?.contains_key("base");
+        let has_base = parse::<Table>(text)?.contains_key("base");
         let profile: Self = if has_base { Differences::parse(text)? } else { parse(text)? };
         for (key, column) in &profile.columns {
             check_column(key, column)
                 .map_err(|message| ManifestProblem::at_key(text, "columns", key, message))?;
         }
-        let length = profile.robot.length_m.map(|length| ("robot", "length_m", length));
-        for (table, key, value) in profile.constants().into_iter().chain(length) {
-            if !(value > 0.0 && value.is_finite()) {
-                let message = format!("`{table}.{key}` is `{value}`, expected a positive number");
-                return Err(ManifestProblem::at_key(text, table, key, message));
+        // All numbers of the profile are constants.
+        for (table, constants) in &Table::try_from(&profile).expect("a profile is a document") {
+            for (key, value) in constants.as_table().into_iter().flatten() {
+                if let Value::Float(value) = *value
+                    && !(value > 0.0 && value.is_finite())
+                {
+                    let message =
+                        format!("`{table}.{key}` is `{value}`, expected a positive number");
+                    return Err(ManifestProblem::at_key(text, table, key, message));
+                }
             }
         }
         Ok(profile)
@@ -131,24 +147,6 @@ impl Profile {
     /// The angle of what a column of a leg's position counts, rad.
     pub(super) fn leg_rad(&self, leg: Telemetry) -> f64 {
         self.unit(leg).unwrap_or(self.telemetry.leg_rad_per_count)
-    }
-
-    /// All constants with their tables and keys.
-    fn constants(&self) -> [(&'static str, &'static str, f64); 11] {
-        let Self { telemetry, motor, robot, channel, .. } = self;
-        [
-            ("telemetry", "leg_rad_per_count", telemetry.leg_rad_per_count),
-            ("telemetry", "gyro_deg_s_per_count", telemetry.gyro_deg_s_per_count),
-            ("telemetry", "acceleration_m_s2_per_count", telemetry.acceleration_m_s2_per_count),
-            ("telemetry", "back_emf_v_per_count", telemetry.back_emf_v_per_count),
-            ("telemetry", "battery_v_per_count", telemetry.battery_v_per_count),
-            ("telemetry", "duty_counts", telemetry.duty_counts),
-            ("motor", "resistance_ohm", motor.resistance_ohm),
-            ("motor", "torque_constant_nm_per_a", motor.torque_constant_nm_per_a),
-            ("robot", "mass_kg", robot.mass_kg),
-            ("robot", "gravity_m_s2", robot.gravity_m_s2),
-            ("channel", "length_m", channel.length_m),
-        ]
     }
 }
 
@@ -181,18 +179,18 @@ impl Differences {
                 format!("no profile `{}` is built in, only `velociroach`", base.get_ref());
             return Err(ManifestProblem::at(text, base.span().start, message));
         }
-        let mut document: toml::Table = parse(VELOCIROACH)?;
+        let mut document: Table = parse(VELOCIROACH)?;
         let tables =
             [("telemetry", telemetry), ("motor", motor), ("robot", robot), ("channel", channel)];
         for (table, constants) in tables {
-            let Some(toml::Value::Table(of_base)) = document.get_mut(table) else { continue };
+            let Some(Value::Table(of_base)) = document.get_mut(table) else { continue };
             for (key, value) in constants {
                 let Some(constant) = of_base.get_mut(key.get_ref()) else {
                     let known = quoted(of_base.keys(), ", ");
                     let message = format!("unknown field `{}`, expected {known}", key.get_ref());
                     return Err(ManifestProblem::at(text, key.span().start, message));
                 };
-                *constant = toml::Value::Float(value);
+                *constant = Value::Float(value);
             }
         }
         // Every table and key is one of the base's, and every value a number.
@@ -210,6 +208,61 @@ impl Motor {
     /// EMF E.
     pub fn power_w(&self, duty: f64, battery_v: f64, back_emf_v: f64) -> f64 {
         (duty * battery_v * (battery_v - back_emf_v) / self.resistance_ohm).abs()
+    }
+}
+
+/// Units, and how much of the SI unit each is.
+type Units = &'static [(&'static str, f64)];
+
+const ANGLE: Units = &[("rad", 1.0), ("deg", PI / 180.0), ("rev", TAU)];
+const SHARE: Units = &[("1", 1.0), ("%", 0.01)];
+const VOLTAGE: Units = &[("V", 1.0), ("mV", 1e-3)];
+const CURRENT: Units = &[("A", 1.0), ("mA", 1e-3)];
+const POWER: Units = &[("W", 1.0), ("mW", 1e-3)];
+
+/// The columns that results are computed from.
+const COLUMNS: [(&str, Telemetry, Units); 13] = [
+    ("right_leg", Telemetry::RightLeg, ANGLE),
+    ("left_leg", Telemetry::LeftLeg, ANGLE),
+    ("right_duty", Telemetry::RightDuty, SHARE),
+    ("left_duty", Telemetry::LeftDuty, SHARE),
+    ("right_back_emf", Telemetry::RightBackEmf, VOLTAGE),
+    ("left_back_emf", Telemetry::LeftBackEmf, VOLTAGE),
+    ("battery", Telemetry::Battery, VOLTAGE),
+    ("current", Telemetry::Current, CURRENT),
+    ("right_current", Telemetry::RightCurrent, CURRENT),
+    ("left_current", Telemetry::LeftCurrent, CURRENT),
+    ("power", Telemetry::Power, POWER),
+    ("right_power", Telemetry::RightPower, POWER),
+    ("left_power", Telemetry::LeftPower, POWER),
+];
+
+/// The key of a column in a profile, if it has one.
+pub(super) fn key_of(kind: Telemetry) -> Option<&'static str> {
+    COLUMNS.into_iter().find(|(_, of, _)| *of == kind).map(|(key, ..)| key)
+}
+
+impl TelemetryColumn {
+    /// How much of the SI unit its unit is, as a column of this kind.
+    pub(super) fn unit_in_si(&self, kind: Telemetry) -> Option<f64> {
+        let (_, _, units) = COLUMNS.into_iter().find(|(_, of, _)| *of == kind)?;
+        let unit = self.unit.as_deref()?;
+        units.iter().find(|(name, _)| *name == unit).map(|(_, si)| *si)
+    }
+}
+
+/// Checks what a profile says of the column `key`; what is wrong is said in words.
+pub(super) fn check_column(key: &str, column: &TelemetryColumn) -> Result<(), String> {
+    let Some((_, kind, units)) = COLUMNS.into_iter().find(|(known, ..)| *known == key) else {
+        let keys = quoted(COLUMNS.iter().map(|(key, ..)| key), ", ");
+        return Err(format!("no column `{key}`, expected one of {keys}"));
+    };
+    match &column.unit {
+        Some(unit) if column.unit_in_si(kind).is_none() => {
+            let units = quoted(units.iter().map(|(unit, _)| unit), " or ");
+            Err(format!("`{key}` cannot be in `{unit}`, expected {units}"))
+        }
+        _ => Ok(()),
     }
 }
 

@@ -1,8 +1,10 @@
 //! What trials give: rows of tables, and traces to draw.
 
+use std::collections::BTreeMap;
+
 use serde::Serialize;
 
-use super::diagnostic::Diagnostic;
+use super::diagnostic::{Diagnostic, Severity};
 use super::phase::PhaseProfile;
 use super::statistics::{Interval, MeanDifference, Statistics};
 use super::trace::Trace;
@@ -27,6 +29,26 @@ pub struct TrialResult {
     pub phase: Option<PhaseProfile>,
 }
 
+impl TrialResult {
+    /// The first diagnostic of each kind with the name of its trial, and how many more there are; notes first.
+    pub fn diagnostics_of_each_kind<'a>(
+        trials: impl IntoIterator<Item = (&'a str, &'a Self)>,
+    ) -> impl Iterator<Item = (Severity, String)> {
+        let mut kinds: BTreeMap<(Severity, &str), (String, usize)> = BTreeMap::new();
+        for (name, result) in trials {
+            for Diagnostic { severity, code, text } in &result.diagnostics {
+                let first = || (format!("{name}: {text}"), 0);
+                kinds.entry((*severity, code)).or_insert_with(first).1 += 1;
+            }
+        }
+        kinds.into_iter().map(|((severity, _), (first, count))| match count {
+            1 => (severity, first),
+            2 => (severity, first + " (also in another trial)"),
+            _ => (severity, format!("{first} (also in {} other trials)", count - 1)),
+        })
+    }
+}
+
 /// One trial.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TrialRow {
@@ -46,24 +68,15 @@ pub struct TrialRow {
     pub rows: u64,
     /// Rows among them whose readings differ from those before; `None` without sensors.
     pub fresh_frames: Option<u64>,
-    /// Mean drag, −Fx, N.
-    pub drag_mean_n: Option<f64>,
-    /// Mean lift, Fz, N.
-    pub lift_mean_n: Option<f64>,
-    /// mean(Fx)·l, J: negative where energy is lost to drag.
-    pub drag_energy_j: Option<f64>,
+    /// What it was like; its length is that of the channel.
+    #[serde(flatten)]
+    pub measures: RunMeasures,
     /// The 95 % interval of the drag energy, J.
     pub drag_energy_95_j: Option<Interval>,
     /// The 95 % interval of the mean drag, N.
     pub drag_mean_95_n: Option<Interval>,
     /// The 95 % interval of the mean lift, N.
     pub lift_mean_95_n: Option<Interval>,
-    /// ∫ (P_left + P_right) dt, J.
-    pub electrical_energy_j: Option<f64>,
-    /// Mean electrical power P̄ of both motors, W.
-    pub mean_power_w: Option<f64>,
-    /// P̄/(m·g·v̄).
-    pub specific_resistance: Option<f64>,
     /// Whole strides in the window; `None` without a leg position.
     pub strides: Option<u64>,
     /// Strides in a second: whole strides over the time from the first one's start to the last one's
@@ -84,15 +97,23 @@ pub struct StrideRow {
     pub period_s: f64,
     /// Rows of the log in it.
     pub rows: u64,
+    /// What it was like; its length is v̄·T.
+    #[serde(flatten)]
+    pub measures: RunMeasures,
+}
+
+/// What a trial or a stride was like.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct RunMeasures {
     /// Mean drag, −Fx, N.
     pub drag_mean_n: Option<f64>,
     /// Mean lift, Fz, N.
     pub lift_mean_n: Option<f64>,
-    /// mean(Fx)·v̄·T, J.
+    /// mean(Fx) times the length, J: negative where energy is lost to drag.
     pub drag_energy_j: Option<f64>,
     /// ∫ (P_left + P_right) dt, J.
     pub electrical_energy_j: Option<f64>,
-    /// Mean electrical power of both motors, W.
+    /// Mean electrical power P̄ of both motors, W.
     pub mean_power_w: Option<f64>,
     /// P̄/(m·g·v̄), with the trial's v̄.
     pub specific_resistance: Option<f64>,
@@ -193,25 +214,14 @@ impl Quantity {
         self.texts()[2]
     }
 
-    /// That of a trial.
-    pub fn of_trial(self, row: &TrialRow) -> Option<f64> {
+    /// That of a trial or a stride.
+    pub fn of(self, measures: &RunMeasures) -> Option<f64> {
         match self {
-            Self::Drag => row.drag_mean_n,
-            Self::Lift => row.lift_mean_n,
-            Self::DragEnergy => row.drag_energy_j,
-            Self::ElectricalEnergy => row.electrical_energy_j,
-            Self::SpecificResistance => row.specific_resistance,
-        }
-    }
-
-    /// That of a stride.
-    pub fn of_stride(self, row: &StrideRow) -> Option<f64> {
-        match self {
-            Self::Drag => row.drag_mean_n,
-            Self::Lift => row.lift_mean_n,
-            Self::DragEnergy => row.drag_energy_j,
-            Self::ElectricalEnergy => row.electrical_energy_j,
-            Self::SpecificResistance => row.specific_resistance,
+            Self::Drag => measures.drag_mean_n,
+            Self::Lift => measures.lift_mean_n,
+            Self::DragEnergy => measures.drag_energy_j,
+            Self::ElectricalEnergy => measures.electrical_energy_j,
+            Self::SpecificResistance => measures.specific_resistance,
         }
     }
 }

@@ -1,17 +1,25 @@
-//! The signals of a trial at every row: forces, motor power, leg angles.
+//! The signals of a trial at every row: forces, motor power, leg angles; and what a reader of its results should know
+//! about its log.
 
 use std::ops::Range;
 
-use super::diagnose::{diagnose_frames, diagnose_legs, diagnose_rows, diagnose_tare};
-use super::diagnostic::Diagnostic;
+use super::diagnostic::{Diagnostic, Severity};
 use super::error::TrialError;
-use super::forces::TrialForces;
 use super::input::{TraceExtent, TrialInput, TrialRows};
-use super::leg::{Strides, unwrap};
+use super::leg::{STILL_RAD, Strides, unwrap};
 use super::power::Power;
+use super::profile::Profile;
 use super::trace::Trace;
+use calibration::Calibration;
+use forces::{ForceError, ForcePipeline, RowRule, TareFrames};
+use shell_data::statistics::{extremes, upper_median};
 use shell_data::telemetry::Telemetry;
-use shell_data::wrench::{Axes, Axis};
+use shell_data::wrench::{Axes, Axis, PerAxis};
+
+/// A stall is reported when the leg stands still for this many strides.
+const STALL_STRIDES: f64 = 2.0;
+
+const NO_FORCES: &str = "forces and drag energy are left out";
 
 /// What can be computed of the rows of a trial.
 pub(super) struct Signals {
@@ -38,7 +46,7 @@ impl Signals {
         let power = Power::new(rows, instrument.profile, window.clone());
         let power = power.map_err(|why| diagnostics.push(why)).ok();
         if forces.is_none() && power.is_none() {
-            let reasons: Vec<String> = diagnostics.iter().map(Diagnostic::to_string).collect();
+            let reasons: Vec<&str> = diagnostics.iter().map(|why| &*why.text).collect();
             return Err(TrialError::Nothing(reasons.join("; ")));
         }
         let leg = |kind| {
@@ -49,11 +57,12 @@ impl Signals {
         let (enter, exit) = (trial.t_enter_s, trial.t_exit_s);
         let strides =
             (!right_leg.is_empty()).then(|| Strides::new(&rows.times_s, &right_leg, enter, exit));
-        diagnostics.extend(diagnose_rows(input, window.clone()).into_iter().flatten());
+        diagnose_rows(input, window.clone(), diagnostics);
         if let (Some(calibration), Some(forces)) = (instrument.calibration, &forces) {
-            let of_tare = tare_frames.map(|tare| diagnose_tare(tare, instrument.profile, enter));
-            let of_frames = diagnose_frames(calibration, forces, window, options.full_scale);
-            diagnostics.extend(of_tare.into_iter().flatten().chain(of_frames).flatten());
+            if let Some(tare) = tare_frames {
+                diagnose_tare(tare, instrument.profile, enter, diagnostics);
+            }
+            diagnose_frames(calibration, forces, window, options.full_scale, diagnostics);
         }
         diagnostics.extend(diagnose_legs(strides.as_ref()));
         let left_leg = leg(Telemetry::LeftLeg);
@@ -91,7 +100,8 @@ fn find_forces(
 ) -> Result<Option<TrialForces>, TrialError> {
     let found = input.rows.readings.len();
     let Some(calibration) = input.instrument.calibration else {
-        diagnostics.push(Diagnostic::NoCalibration);
+        let text = format!("no calibration was given: {NO_FORCES}");
+        diagnostics.push(Diagnostic::warning("no_calibration", text));
         return Ok(None);
     };
     let expected = calibration.columns();
@@ -99,11 +109,16 @@ fn find_forces(
         return Err(TrialError::Channels { expected, found });
     }
     let Some(pipeline) = input.pipeline.filter(|_| found > 0) else {
-        diagnostics.push(Diagnostic::NoSensors);
+        let text = format!("the log has no sensor columns: {NO_FORCES}");
+        diagnostics.push(Diagnostic::warning("no_sensors", text));
         return Ok(None);
     };
     if let (Some(low_pass), None) = (input.options.forces.low_pass, pipeline.low_pass) {
-        diagnostics.push(Diagnostic::Unfiltered(low_pass.cutoff_hz));
+        let text = format!(
+            "the log's rate is too low for a low-pass of {} Hz: forces are not filtered",
+            low_pass.cutoff_hz
+        );
+        diagnostics.push(Diagnostic::warning("unfiltered", text));
     }
     // Results need two axes; traces show all.
     let needed: Axes = [Axis::Fx, Axis::Fz].into_iter().collect();
@@ -113,4 +128,168 @@ fn find_forces(
     let traced = input.options.trace != TraceExtent::Nothing;
     let axes: Vec<Axis> = if traced { calibration.axes } else { needed }.iter().collect();
     TrialForces::new(input.rows, calibration, pipeline, &axes).map(Some)
+}
+
+/// The forces of the rows of a trial.
+#[derive(Clone, Debug, Default)]
+pub(super) struct TrialForces {
+    /// Tared and filtered, one value a row, N and N·m; axes that were not asked for are empty.
+    pub(super) wrench: PerAxis<Vec<f64>>,
+    /// The number of the frame that each row shows.
+    pub(super) frame_of_row: Vec<usize>,
+    /// Readings of each frame, counts, one column a channel.
+    pub(super) frames: Vec<Vec<f64>>,
+}
+
+impl TrialForces {
+    /// The forces along `axes`.
+    pub(super) fn new(
+        rows: &TrialRows,
+        calibration: &Calibration,
+        pipeline: &ForcePipeline,
+        axes: &[Axis],
+    ) -> Result<Self, TrialError> {
+        let (frames, frame_of_row) = frames(rows);
+        let mut by_frame = PerAxis::default();
+        calibration.wrench(&frames, &mut by_frame);
+        let mut wrench = PerAxis::<Vec<f64>>::default();
+        for axis in axes.iter().map(|axis| axis.index()) {
+            wrench[axis] = frame_of_row.iter().map(|&frame| by_frame[axis][frame]).collect();
+        }
+        pipeline.tare_off(&rows.times_s, &mut wrench);
+        let mut stream = pipeline.stream(axes);
+        let mut wrench = stream.push(&rows.times_s, wrench).map_err(ForceError::from)?;
+        let rest = stream.finish().map_err(ForceError::from)?;
+        wrench.iter_mut().zip(rest).for_each(|(wrench, rest)| wrench.extend(rest));
+        Ok(Self { wrench, frame_of_row, frames })
+    }
+}
+
+/// Each frame once: its readings, and for every row the number of its frame.
+fn frames(rows: &TrialRows) -> (Vec<Vec<f64>>, Vec<usize>) {
+    let is_new = |row: usize| row == 0 || rows.fresh[row];
+    let new_rows: Vec<usize> = (0..rows.times_s.len()).filter(|&row| is_new(row)).collect();
+    let pick = |column: &Vec<f64>| new_rows.iter().map(|&row| column[row]).collect();
+    let mut frame = 0;
+    let frame_of_row = (0..rows.times_s.len()).map(|row| {
+        frame += usize::from(is_new(row));
+        frame - 1
+    });
+    let frame_of_row = frame_of_row.collect();
+    (rows.readings.iter().map(pick).collect(), frame_of_row)
+}
+
+/// Rows of the window that bring a new frame.
+pub(super) fn count_fresh(rows: &TrialRows, window: Range<usize>) -> u64 {
+    rows.fresh[window].iter().filter(|fresh| **fresh).count() as u64
+}
+
+/// Rows that repeat, and rows that are missing.
+fn diagnose_rows(input: &TrialInput<'_>, window: Range<usize>, diagnostics: &mut Vec<Diagnostic>) {
+    let rows = window.len() as u64;
+    let missing = missing_rows(&input.rows.times_s[window.clone()], input.times.period_s);
+    let has_sensors = !input.rows.readings.is_empty();
+    let repeated = if has_sensors { rows - count_fresh(input.rows, window) } else { 0 };
+    if repeated > 0 {
+        let text = format!("{repeated} of {rows} rows are duplicates of the previous frame");
+        diagnostics.push(Diagnostic::note("repeated_rows", text));
+    }
+    if missing > 0 {
+        let expected = rows + missing;
+        let rule = match input.options.forces.rule {
+            RowRule::Time => "all is computed by time, not by row",
+            RowRule::Rows => "by row, the filter takes no notice of that",
+        };
+        let text = format!("about {missing} of {expected} rows are missing; {rule}");
+        let severity = if missing * 100 < expected { Severity::Note } else { Severity::Warning };
+        diagnostics.push(Diagnostic { severity, code: "missing_rows", text });
+    }
+}
+
+/// How many rows are missing between ascending `times` of rows that should be `period_s` apart.
+fn missing_rows(times: &[f64], period_s: f64) -> u64 {
+    let missing = |pair: &[f64]| ((pair[1] - pair[0]) / period_s).round() as u64;
+    times.windows(2).map(|pair| missing(pair).saturating_sub(1)).sum()
+}
+
+/// A tare that was not taken at rest.
+fn diagnose_tare(
+    tare: &TareFrames,
+    profile: &Profile,
+    enter_s: f64,
+    diagnostics: &mut Vec<Diagnostic>,
+) {
+    // By how much the right leg moves; 0 if that is not known.
+    let per_count = profile.leg_rad(Telemetry::RightLeg);
+    let (low, high) = extremes(unwrap(&tare.times_s[..tare.leg.len()], &tare.leg, per_count));
+    let (turned_rad, end_s) = ((high - low).max(0.0), tare.end_s());
+    if turned_rad > STILL_RAD {
+        let text = format!(
+            "the right leg turns by {turned_rad:.1} rad while the tare is taken, up to {end_s:.3} s"
+        );
+        diagnostics.push(Diagnostic::warning("moving_tare", text));
+    }
+    if end_s > enter_s {
+        let text =
+            format!("the tare ends at {end_s:.3} s, after the robot has entered the channel");
+        diagnostics.push(Diagnostic::warning("late_tare", text));
+    }
+}
+
+/// Readings that cannot be trusted.
+fn diagnose_frames(
+    calibration: &Calibration,
+    forces: &TrialForces,
+    window: Range<usize>,
+    full_scale: f64,
+    diagnostics: &mut Vec<Diagnostic>,
+) {
+    let of_rows = &forces.frame_of_row[window];
+    let (Some(&first), Some(&last)) = (of_rows.first(), of_rows.last()) else { return };
+    let of = last - first + 1;
+    let cut = |column: &Vec<f64>| column[first..=last].to_vec();
+    let channels = forces.frames.iter().take(calibration.channels());
+    let readings: Vec<Vec<f64>> = channels.map(cut).collect();
+    let inside = |reading: f64| reading > 0.0 && reading < full_scale;
+    let is_saturated = |frame: &usize| readings.iter().any(|column| !inside(column[*frame]));
+    let saturated = (0..of).filter(is_saturated).count() as u64;
+    for (code, count, what) in [
+        (
+            "out_of_range",
+            calibration.rows_out_of_range(&readings),
+            "reading outside the range of the training data",
+        ),
+        ("saturated", saturated, "saturated reading"),
+    ] {
+        if count > 0 {
+            let text = format!("{count} of {of} frames have a {what}");
+            diagnostics.push(Diagnostic::warning(code, text));
+        }
+    }
+}
+
+/// Legs that do not turn.
+fn diagnose_legs(strides: Option<&Strides>) -> Option<Diagnostic> {
+    let Some(strides) = strides else {
+        let text = "the log has no right leg position: strides are left out";
+        return Some(Diagnostic::warning("no_leg", text));
+    };
+    let mut periods: Vec<f64> = strides.spans().map(|(start, end)| end - start).collect();
+    let Some(median) = upper_median(&mut periods) else {
+        let text = "the right leg does not complete a turn in the window";
+        return Some(Diagnostic::warning("no_stride", text));
+    };
+    let longest_s = strides.longest_still_s;
+    let text = format!("the right leg stands still for {longest_s:.3} s");
+    (longest_s > STALL_STRIDES * median).then(|| Diagnostic::warning("stalled_leg", text))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_that_are_missing_are_counted() {
+        assert_eq!(missing_rows(&[1.0, 1.001, 1.0039, 1.005, 1.0051], 0.001), 2);
+    }
 }

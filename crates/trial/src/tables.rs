@@ -39,18 +39,18 @@ pub fn trials_table<'a>(results: impl Iterator<Item = &'a TrialResult>) -> Named
         ("velocity_m_s", number(|r| Some(r.velocity_m_s))),
         ("rows", count(|r| Some(r.rows))),
         ("fresh_frames", count(|r| r.fresh_frames)),
-        ("drag_mean_n", number(|r| r.drag_mean_n)),
+        ("drag_mean_n", number(|r| r.measures.drag_mean_n)),
         ("drag_mean_low_n", number(|r| Some(r.drag_mean_95_n?.low))),
         ("drag_mean_high_n", number(|r| Some(r.drag_mean_95_n?.high))),
-        ("lift_mean_n", number(|r| r.lift_mean_n)),
+        ("lift_mean_n", number(|r| r.measures.lift_mean_n)),
         ("lift_mean_low_n", number(|r| Some(r.lift_mean_95_n?.low))),
         ("lift_mean_high_n", number(|r| Some(r.lift_mean_95_n?.high))),
-        ("drag_energy_j", number(|r| r.drag_energy_j)),
+        ("drag_energy_j", number(|r| r.measures.drag_energy_j)),
         ("drag_energy_low_j", number(|r| Some(r.drag_energy_95_j?.low))),
         ("drag_energy_high_j", number(|r| Some(r.drag_energy_95_j?.high))),
-        ("electrical_energy_j", number(|r| r.electrical_energy_j)),
-        ("mean_power_w", number(|r| r.mean_power_w)),
-        ("specific_resistance", number(|r| r.specific_resistance)),
+        ("electrical_energy_j", number(|r| r.measures.electrical_energy_j)),
+        ("mean_power_w", number(|r| r.measures.mean_power_w)),
+        ("specific_resistance", number(|r| r.measures.specific_resistance)),
         ("strides", count(|r| r.strides)),
         ("stride_frequency_hz", number(|r| r.stride_frequency_hz)),
         ("warnings", results.text(|result| joined(&result.diagnostics))),
@@ -74,12 +74,12 @@ pub fn strides_table<'a>(results: impl Iterator<Item = &'a TrialResult>) -> Name
         ("t_end_s", number(|r| Some(r.t_end_s))),
         ("period_s", number(|r| Some(r.period_s))),
         ("rows", rows.count(|(_, stride)| Some(stride.rows))),
-        ("drag_mean_n", number(|r| r.drag_mean_n)),
-        ("lift_mean_n", number(|r| r.lift_mean_n)),
-        ("drag_energy_j", number(|r| r.drag_energy_j)),
-        ("electrical_energy_j", number(|r| r.electrical_energy_j)),
-        ("mean_power_w", number(|r| r.mean_power_w)),
-        ("specific_resistance", number(|r| r.specific_resistance)),
+        ("drag_mean_n", number(|r| r.measures.drag_mean_n)),
+        ("lift_mean_n", number(|r| r.measures.lift_mean_n)),
+        ("drag_energy_j", number(|r| r.measures.drag_energy_j)),
+        ("electrical_energy_j", number(|r| r.measures.electrical_energy_j)),
+        ("mean_power_w", number(|r| r.measures.mean_power_w)),
+        ("specific_resistance", number(|r| r.measures.specific_resistance)),
     ])
 }
 
@@ -133,6 +133,6 @@ pub fn trace_table(trace: &Trace) -> NamedTable {
 }
 
 fn joined(diagnostics: &[Diagnostic]) -> String {
-    let texts = diagnostics.iter().map(|remark| format!("{}: {remark}", remark.code()));
+    let texts = diagnostics.iter().map(|remark| format!("{}: {}", remark.code, remark.text));
     texts.collect::<Vec<_>>().join("; ")
 }

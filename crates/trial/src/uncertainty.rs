@@ -16,8 +16,8 @@
 //!
 //! The interval is that of Student's t with the degrees of freedom of Welch and Satterthwaite.
 
-use super::forces::TrialForces;
 use super::integral::Span;
+use super::signals::TrialForces;
 use calibration::uncertainty::{CoefficientCovariance, Tare, student_quantile};
 use calibration::{Calibration, Polynomial};
 use forces::TareFrames;

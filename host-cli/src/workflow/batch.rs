@@ -234,10 +234,10 @@ impl Batch {
         let mut sample = ValueSample::default();
         for result in results.filter(|result| result.row.condition == condition) {
             match per {
-                Per::Trial => sample.add_cluster(quantity.of_trial(&result.row)),
+                Per::Trial => sample.add_cluster(quantity.of(&result.row.measures)),
                 Per::Stride => {
                     let strides = result.stride_rows.iter();
-                    sample.add_cluster(strides.filter_map(|stride| quantity.of_stride(stride)));
+                    sample.add_cluster(strides.filter_map(|stride| quantity.of(&stride.measures)));
                 }
             }
         }

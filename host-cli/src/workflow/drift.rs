@@ -177,7 +177,7 @@ fn temperature_of(text: &str) -> Result<Option<f64>, String> {
 impl DriftSummary {
     /// The wrench at the stationary intervals less that at the first, to be drawn.
     pub fn trace(&self) -> WrenchTrace {
-        let mut trace = WrenchTrace::new();
+        let mut trace = WrenchTrace::default();
         trace
             .add(&self.zeros.times_s, &self.zeros.axes.each_ref().map(|column| from_first(column)));
         trace

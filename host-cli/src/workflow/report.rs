@@ -62,9 +62,7 @@ pub fn doubtful(
     let mut all = OutlierTable::default();
     for trial in &batch.trials {
         let result = &trial.evaluated.result;
-        let is_doubt = |diagnostic: &Diagnostic| {
-            matches!(diagnostic, Diagnostic::OutOfRange { .. } | Diagnostic::Saturated { .. })
-        };
+        let is_doubt = |of: &Diagnostic| matches!(of.code, "out_of_range" | "saturated");
         if !result.diagnostics.iter().any(is_doubt) {
             continue;
         }

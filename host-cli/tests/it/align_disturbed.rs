@@ -228,7 +228,7 @@ fn recordings_that_are_none_are_refused_by_name() {
     constant.columns.iter_mut().for_each(|column| column.fill(7.0));
     assert!(matches!(
         refuse(&reference, &constant),
-        AlignError::Constant { side: RecordingSide::Board } | AlignError::TooShort { .. }
+        AlignError::Constant(RecordingSide::Board) | AlignError::TooShort { .. }
     ));
     let mut backward = reference.clone();
     backward.time_s.reverse();

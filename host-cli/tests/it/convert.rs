@@ -281,7 +281,7 @@ fn the_trace_sees_every_frame() {
     let columns =
         TableColumns { time: false, axes, standard_errors: false, interval: None, flags: false };
     let options = ConvertOptions { columns, ..options() };
-    let mut trace = WrenchTrace::new();
+    let mut trace = WrenchTrace::default();
     let (log, calibration, read) = (open(&path), linear(3), ReadOptions::default());
     let conversion = Conversion { log: &log, calibration: &calibration, options: &options, read };
     convert(&conversion, &OutputPlan::default(), &mut Vec::new(), Some(&mut trace)).unwrap();

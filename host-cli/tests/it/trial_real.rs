@@ -11,9 +11,7 @@ use forces::{ForceOptions, LowPass, RowRule, TareRule};
 use log_file::{Log, Mapping, ReadOptions};
 use shellcal::workflow::trial::{TrialJob, evaluate_log};
 use system_tests::real_recording;
-use trial::{
-    Diagnostic, Instrument, Profile, TraceExtent, Trial, TrialOptions, TrialResult, ValueTable,
-};
+use trial::{Instrument, Profile, TraceExtent, Trial, TrialOptions, TrialResult, ValueTable};
 
 const TRIAL: &str =
     "skinproc/velociroach_s=10cm_w=5.5cm_h=27cm_layer=3_ply=6_f=13Hz_beetleshell_run3.txt";
@@ -168,18 +166,22 @@ fn by_row_results_are_those_of_the_lab_s_formulas() {
         }
         match axis {
             0 => {
-                assert_near(result.row.drag_mean_n, -mean(&expected), "drag");
-                assert_near(result.row.drag_energy_j, 0.28 * mean(&expected), "drag energy");
+                assert_near(result.row.measures.drag_mean_n, -mean(&expected), "drag");
+                assert_near(
+                    result.row.measures.drag_energy_j,
+                    0.28 * mean(&expected),
+                    "drag energy",
+                );
             }
-            2 => assert_near(result.row.lift_mean_n, mean(&expected), "lift"),
+            2 => assert_near(result.row.measures.lift_mean_n, mean(&expected), "lift"),
             _ => {}
         }
     }
     let energy: f64 = inside[1..].iter().map(|&i| power[i] * (time[i] - time[i - 1])).sum();
-    assert_near(result.row.electrical_energy_j, energy, "electrical energy");
+    assert_near(result.row.measures.electrical_energy_j, energy, "electrical energy");
     let duration = WINDOW.1 - WINDOW.0;
     let resistance = energy / duration / (0.087 * 9.81 * 0.28 / duration);
-    assert_near(result.row.specific_resistance, resistance, "specific resistance");
+    assert_near(result.row.measures.specific_resistance, resistance, "specific resistance");
     assert_eq!(result.row.rows, inside.len() as u64);
 }
 
@@ -220,19 +222,17 @@ fn by_time_results_are_those_of_the_formulas_over_time() {
         (0..time.len()).map(|i| filtered[slot(i)]).collect::<Vec<_>>()
     };
     let (fx, fz) = (integral(&force(0)) / duration, integral(&force(2)) / duration);
-    assert_near(result.row.drag_mean_n, -fx, "drag");
-    assert_near(result.row.lift_mean_n, fz, "lift");
-    assert_near(result.row.drag_energy_j, 0.28 * fx, "drag energy");
-    assert_near(result.row.electrical_energy_j, integral(&power), "electrical energy");
+    assert_near(result.row.measures.drag_mean_n, -fx, "drag");
+    assert_near(result.row.measures.lift_mean_n, fz, "lift");
+    assert_near(result.row.measures.drag_energy_j, 0.28 * fx, "drag energy");
+    assert_near(result.row.measures.electrical_energy_j, integral(&power), "electrical energy");
 
-    let repeats = result.diagnostics.iter().find_map(|diagnostic| match diagnostic {
-        Diagnostic::RepeatedRows { rows, repeated } => Some((*rows, *repeated)),
-        _ => None,
-    });
+    let repeats = result.diagnostics.iter().find(|diagnostic| diagnostic.code == "repeated_rows");
     let inside = (0..time.len()).filter(|&i| WINDOW.0 <= time[i] && time[i] <= WINDOW.1);
     let (rows, repeated) = inside
         .fold((0, 0), |(rows, repeated), i| (rows + 1, repeated + u64::from(!plain.is_fresh(i))));
-    assert_eq!(repeats, Some((rows, repeated)));
+    let text = format!("{repeated} of {rows} rows are duplicates of the previous frame");
+    assert_eq!(repeats.map(|diagnostic| &diagnostic.text), Some(&text));
 }
 
 #[test]
@@ -266,7 +266,8 @@ fn strides_are_found_at_the_commanded_thirteen_hertz() {
     // What is computed for the window alone is what it is with the whole log computed.
     let whole_log = TrialOptions { trace: TraceExtent::Log, ..TrialOptions::default() };
     let whole_log = evaluate(&log, &matrix, &whole_log);
-    let (a, b) = (result.row.drag_mean_n.unwrap(), whole_log.row.drag_mean_n.unwrap());
+    let (a, b) =
+        (result.row.measures.drag_mean_n.unwrap(), whole_log.row.measures.drag_mean_n.unwrap());
     // The filter's memory beyond what is computed is 1e-12 of the signal's range, some newtons.
     assert!((a - b).abs() < 1e-11, "{a} {b}");
 }
@@ -276,10 +277,7 @@ fn strides_are_found_at_the_commanded_thirteen_hertz() {
 fn a_tare_without_motion_is_taken_in_silence_and_one_with_motion_is_told() {
     let (log, matrix) = (real_recording(TRIAL), real_recording(MATRIX));
     let moving = |result: &TrialResult| {
-        result
-            .diagnostics
-            .iter()
-            .any(|diagnostic| matches!(diagnostic, Diagnostic::MovingTare { .. }))
+        result.diagnostics.iter().any(|diagnostic| diagnostic.code == "moving_tare")
     };
     assert!(moving(&evaluate(&log, &matrix, &TrialOptions::default())), "the legs start at 0.1 s");
     let forces = ForceOptions { tare: TareRule::Between(0.0, 0.05), ..ForceOptions::default() };

@@ -80,7 +80,7 @@ impl RunningForces {
         if found != CHANNELS {
             return Err(UnsuitableCalibration::Channels { found });
         }
-        let options = live.options.causal();
+        let options = live.options.with_delay(true);
         let rests = options.tare.follows_rests().then(StationaryFinder::default);
         let setup = Box::new(PipelineSetup::while_recording(options));
         let (times_s, readings) = (Vec::new(), vec![Vec::new(); live.calibration.columns()]);

@@ -108,7 +108,7 @@ fn draw_boxes(
         x: PlotAxis::linear("", "", ValueRange { low: 0.0, high: 1.0 }),
         y: PlotAxis::linear(name, unit, range).padded(0.08),
     };
-    panel.draw_y_grid(canvas);
+    panel.draw_grid(canvas);
     let half = (0.3 * labels.box_pitch(area)).min(22.0);
     for row in boxes {
         let position = |value: f64| panel.place(0.0, factor * value).1;

@@ -1,20 +1,13 @@
 //! Figures of trials, as papers print them: one column wide, legible without colour.
 
 mod boxes;
-mod drag_lift;
 mod labels;
-mod names;
+mod over_time;
 mod phase;
-mod shading;
-mod stack;
-mod window;
 
 pub use boxes::box_figure;
-pub use drag_lift::drag_lift_figure;
+pub use over_time::{Passage, drag_lift_figure, stack_figure, window_figure};
 pub use phase::phase_figure;
-pub use shading::Passage;
-pub use stack::stack_figure;
-pub use window::window_figure;
 
 use super::canvas::{Figure, Pen, Rect, Style, number, point, text_width};
 use super::palette::{self, Colour};
@@ -320,7 +313,7 @@ mod tests {
     #[test]
     fn figures_fit_the_columns_of_a_paper() {
         let passage = Passage::new([0.5, 3.5], Some(0.18), 0.28);
-        let phases = PhaseProfile::new([(&trace(), [0.5, 2.0])]).unwrap();
+        let phases = PhaseProfile::new(&trace(), [0.5, 2.0]).unwrap();
         let phases = ["free", "3 cm"].map(|name| (name.to_owned(), phases.clone()));
         let mut sample = ValueSample::default();
         sample.add_cluster((0..368).map(f64::from));

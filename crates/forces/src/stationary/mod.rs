@@ -13,7 +13,6 @@
 //! drift, and a load below a twentieth of what the log has seen by then for none: nothing in the readings tells
 //! them apart. Only the past is looked at, so that rests are the same while a log is recorded and afterwards.
 
-mod interval_zeros;
 mod watch;
 
 use std::collections::VecDeque;
@@ -23,7 +22,6 @@ use shell_data::statistics::{RunningVariance, extremes};
 
 use super::options::DEFAULT_TARE_FRAMES;
 
-pub(super) use interval_zeros::StationaryZeros;
 pub use watch::{FALSE_ALARMS, QuietLevel, ZeroChange, ZeroMove, ZeroWatch, largest_change};
 
 /// The fewest frames of a rest: those of the usual tare.

@@ -61,7 +61,7 @@ pub fn add_to_plot(plot: &mut FitPlot, calibration: &Calibration, data: &Dataset
 /// Predictions and measurements of the rows that were used, for a figure; of the test rows if there are any.
 pub fn plots(fit: &Fit) -> (FitPlot, Option<FitPlot>) {
     let plot = |data| {
-        let mut plot = FitPlot::new();
+        let mut plot = FitPlot::default();
         add_to_plot(&mut plot, &fit.calibration, data);
         plot
     };

@@ -15,7 +15,7 @@ use trials::trials;
 use super::Report;
 use super::markup::{Column, PageSection, escape, facts_table, reproduction, table};
 use super::numbers::Plots;
-use trial::Severity;
+use trial::{Severity, TrialResult};
 
 /// All of them, from top to bottom.
 pub(super) fn of(report: &Report<'_>, plots: &Plots) -> Vec<PageSection> {
@@ -52,32 +52,14 @@ fn warnings(report: &Report<'_>) -> String {
     for (file, reason) in report.failed {
         item("warning", "Not evaluated", &format!("{file}: {reason}"));
     }
-    // A line for each kind of diagnostic: its first, and how many more there are.
-    let mut kinds: Vec<(Severity, &str, String, usize)> = Vec::new();
-    for trial in report.trials {
-        for diagnostic in &trial.diagnostics {
-            let (severity, code) = (diagnostic.severity(), diagnostic.code());
-            match kinds.iter_mut().find(|known| (known.0, known.1) == (severity, code)) {
-                Some((_, _, _, more)) => *more += 1,
-                None => {
-                    let text = format!("{}: {diagnostic}", trial.row.file);
-                    kinds.push((severity, code, text, 0));
-                }
-            }
-        }
-    }
-    kinds.sort_by_key(|kind| std::cmp::Reverse(kind.0));
-    for (severity, _, text, more) in kinds {
+    let trials = report.trials.iter().map(|trial| (trial.row.file.as_str(), trial));
+    let kinds: Vec<_> = TrialResult::diagnostics_of_each_kind(trials).collect();
+    for (severity, text) in kinds.into_iter().rev() {
         let (class, word) = match severity {
             Severity::Warning => ("warning", "Warning"),
             Severity::Note => ("note", "Note"),
         };
-        let more = match more {
-            0 => String::new(),
-            1 => " (also in another trial)".to_owned(),
-            more => format!(" (also in {more} other trials)"),
-        };
-        item(class, word, &(text + &more));
+        item(class, word, &text);
     }
     match items.is_empty() {
         true => "<p>None.</p>\n".to_owned(),

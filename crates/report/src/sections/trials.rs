@@ -52,8 +52,8 @@ fn trial_plots(at: usize, row: &TrialRow, has_forces: bool) -> String {
         let alt = format!(
             "Drag and lift over time of {}: mean drag {} N, mean lift {} N in the window",
             row.file,
-            figure(row.drag_mean_n),
-            figure(row.lift_mean_n)
+            figure(row.measures.drag_mean_n),
+            figure(row.measures.lift_mean_n)
         );
         let caption = "Drag (−Fx) and lift (Fz); grey: the robot gets into the channel or out of \
                        it; pink: it is fully inside";
@@ -62,7 +62,7 @@ fn trial_plots(at: usize, row: &TrialRow, has_forces: bool) -> String {
     let alt = format!(
         "Forces, leg angles and power over time of {}: mean power {} W in the window",
         row.file,
-        figure(row.mean_power_w)
+        figure(row.measures.mean_power_w)
     );
     let caption = "Forces, leg angles within a turn, and electrical power of both motors";
     html += &plot_figure(&format!("stack-{at}"), " stack", &alt, caption);
@@ -72,17 +72,22 @@ fn trial_plots(at: usize, row: &TrialRow, has_forces: bool) -> String {
 /// What answers, and, folded, what it was computed from. Every column has the unit that suits it.
 fn trial_tables(trials: &[TrialResult]) -> String {
     let rows = || trials.iter().map(|trial| &trial.row);
-    let energies = rows().filter_map(|row| row.drag_energy_j);
+    let energies = rows().filter_map(|row| row.measures.drag_energy_j);
     let energy = ColumnUnit::new("J", energies);
-    let estimate = |row: &TrialRow| energy.estimate(row.drag_energy_j, row.drag_energy_95_j);
+    let estimate =
+        |row: &TrialRow| energy.estimate(row.measures.drag_energy_j, row.drag_energy_95_j);
     let results = [
         Column::text("log", rows().map(|row| &row.file)),
         Column::text("condition", rows().map(|row| &row.condition)),
-        Column::measured("drag", "N", rows().map(|row| row.drag_mean_n)),
-        Column::measured("lift", "N", rows().map(|row| row.lift_mean_n)),
+        Column::measured("drag", "N", rows().map(|row| row.measures.drag_mean_n)),
+        Column::measured("lift", "N", rows().map(|row| row.measures.lift_mean_n)),
         Column::numbers(&energy.name("drag energy"), rows().map(estimate)),
-        Column::measured("electrical energy", "J", rows().map(|row| row.electrical_energy_j)),
-        Column::figures("specific resistance", rows().map(|row| row.specific_resistance)),
+        Column::measured(
+            "electrical energy",
+            "J",
+            rows().map(|row| row.measures.electrical_energy_j),
+        ),
+        Column::figures("specific resistance", rows().map(|row| row.measures.specific_resistance)),
     ];
     let html = table("One row for each trial", &results);
     let strides = |row: &TrialRow| row.strides.map_or("–".to_owned(), |count| count.to_string());
@@ -108,11 +113,18 @@ fn strides(rows: &[StrideRow]) -> String {
         Column::numbers("stride", rows.clone().map(|row| row.stride)),
         Column::numbers("start (s)", rows.clone().map(|row| time(row.t_start_s))),
         Column::numbers("end (s)", rows.clone().map(|row| time(row.t_end_s))),
-        Column::figures("drag (N)", rows.clone().map(|row| row.drag_mean_n)),
-        Column::figures("lift (N)", rows.clone().map(|row| row.lift_mean_n)),
-        Column::measured("drag energy", "J", rows.clone().map(|row| row.drag_energy_j)),
-        Column::measured("electrical energy", "J", rows.clone().map(|row| row.electrical_energy_j)),
-        Column::figures("specific resistance", rows.clone().map(|row| row.specific_resistance)),
+        Column::figures("drag (N)", rows.clone().map(|row| row.measures.drag_mean_n)),
+        Column::figures("lift (N)", rows.clone().map(|row| row.measures.lift_mean_n)),
+        Column::measured("drag energy", "J", rows.clone().map(|row| row.measures.drag_energy_j)),
+        Column::measured(
+            "electrical energy",
+            "J",
+            rows.clone().map(|row| row.measures.electrical_energy_j),
+        ),
+        Column::figures(
+            "specific resistance",
+            rows.clone().map(|row| row.measures.specific_resistance),
+        ),
     ];
     let table = table("One row for each stride", &columns);
     format!("<details><summary>{} strides</summary>\n{table}</details>\n", rows.len())

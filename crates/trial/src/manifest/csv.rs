@@ -2,10 +2,11 @@
 
 use csv::{ReaderBuilder, StringRecord, Trim};
 
-use super::entry::{Manifest, Placed};
-use super::fields::{EntryFields, KEYS, REQUIRED};
-use crate::cell_position::{CellPosition, ManifestProblem};
+use super::{CellPosition, Entry, KEYS, Manifest, ManifestProblem, Placed};
 use shell_data::hint::{did_you_mean, quoted};
+
+/// How many of [`KEYS`] have to be there.
+const REQUIRED: usize = 4;
 
 /// Other names that columns go by.
 const OTHER_NAMES: [(&str, &str); 9] = [
@@ -85,17 +86,15 @@ fn row(
     keys: &[Option<&str>],
     record: &StringRecord,
     lexed: &Lexed,
-) -> Result<super::Entry, ManifestProblem> {
+) -> Result<Entry, ManifestProblem> {
     if record.len() > keys.len() {
         let message = format!("{} fields, the header has {}", record.len(), keys.len());
         return Err(ManifestProblem::new(lexed.field(keys.len()), message));
     }
-    let get = |key: &str| {
-        let column = keys.iter().position(|known| *known == Some(key))?;
-        let value = record.get(column).filter(|value| !value.is_empty())?.to_owned();
-        Some(Placed { value, position: lexed.field(column) })
-    };
-    EntryFields { position: lexed.field(0), get: &get }.entry()
+    let cells = keys.iter().zip(record).enumerate().filter_map(|(column, (key, value))| {
+        Some(((*key)?, Placed { value: value.to_owned(), position: lexed.field(column) }))
+    });
+    Entry::new(lexed.field(0), cells.collect())
 }
 
 /// Where the fields of a record start.
@@ -140,7 +139,6 @@ impl Lexed {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Entry;
     use super::*;
 
     const HEADER: &str = "file,condition,t_enter_s,t_exit_s";

@@ -3,8 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
 
-use super::entry::{Entry, Manifest};
-use crate::cell_position::{CellPosition, ManifestProblem};
+use super::{CellPosition, Entry, Manifest, ManifestProblem};
 use shell_data::hint::{did_you_mean, suggest};
 
 impl Manifest {

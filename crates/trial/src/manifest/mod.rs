@@ -12,15 +12,84 @@
 //! may be.
 
 mod csv;
-mod entry;
 mod faults;
-mod fields;
-mod shard;
-mod toml;
 
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+use serde::Deserialize;
+use toml::{Spanned, Value};
+
+use crate::cell_position::parse_toml;
 pub use crate::cell_position::{CellPosition, ManifestProblem};
-pub use entry::{Entry, Manifest, Placed};
-pub use shard::Shard;
+use shell_data::hint::did_you_mean;
+
+/// A manifest.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Manifest {
+    /// Its rows in order: trials, or what is wrong with them.
+    pub rows: Vec<Result<Entry, ManifestProblem>>,
+    /// All the conditions that there may be, if it says.
+    pub conditions: Option<Vec<String>>,
+}
+
+/// A trial as the manifest has it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Entry {
+    /// Where it starts.
+    pub position: CellPosition,
+    /// The log, relative to the manifest's folder.
+    pub file: Placed<String>,
+    /// The condition.
+    pub condition: Placed<String>,
+    /// Entry into the channel, s on the log's clock; `None` if it is to be found in the forces.
+    pub enter: Placed<Option<f64>>,
+    /// Exit from it, likewise.
+    pub exit: Placed<Option<f64>>,
+    /// Mean velocity, m/s.
+    pub velocity_m_s: Option<f64>,
+    /// Mass, kg.
+    pub mass_kg: Option<f64>,
+    /// Length of the channel, m.
+    pub channel_length_m: Option<f64>,
+    /// Notes.
+    pub notes: Option<String>,
+    /// Whether it is left out.
+    pub exclude: bool,
+}
+
+/// A value and where it stands.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Placed<T> {
+    /// The value.
+    pub value: T,
+    /// Where it stands.
+    pub position: CellPosition,
+}
+
+/// The cells of a trial by their keys.
+type Cells<'a> = BTreeMap<&'a str, Placed<String>>;
+
+/// The names of the columns or keys, the first four of which have to be there.
+const KEYS: [&str; 9] = [
+    "file",
+    "condition",
+    "t_enter_s",
+    "t_exit_s",
+    "velocity_m_s",
+    "mass_kg",
+    "channel_length_m",
+    "notes",
+    "exclude",
+];
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct TomlManifest {
+    conditions: Option<Vec<String>>,
+    #[serde(default)]
+    trial: Vec<Spanned<BTreeMap<String, Spanned<Value>>>>,
+}
 
 impl Manifest {
     /// Reads a manifest: TOML if `is_toml`, else CSV.
@@ -29,11 +98,186 @@ impl Manifest {
     /// [`ManifestProblem`] if the manifest as a whole makes no sense: no TOML, columns missing or unknown, no
     /// trials. What is wrong with one trial is in its row.
     pub fn parse(text: &str, is_toml: bool) -> Result<Self, ManifestProblem> {
-        let manifest = if is_toml { toml::parse(text)? } else { csv::parse(text)? };
+        let manifest = if is_toml { Self::from_toml(text)? } else { csv::parse(text)? };
         if manifest.rows.is_empty() {
             let message = "the manifest has no trials".to_owned();
             return Err(ManifestProblem::new(CellPosition::START, message));
         }
         Ok(manifest)
+    }
+
+    fn from_toml(text: &str) -> Result<Self, ManifestProblem> {
+        let TomlManifest { conditions, trial: trials } = parse_toml(text)?;
+        let row = |trial: &Spanned<BTreeMap<String, Spanned<Value>>>| {
+            let mut cells = Cells::new();
+            for (key, value) in trial.get_ref() {
+                let position = CellPosition::of_byte(text, value.span().start);
+                let refused = |message| Err(ManifestProblem::new(position, message));
+                if !KEYS.contains(&key.as_str()) {
+                    return refused(format!("unknown key `{key}`{}", did_you_mean(key, KEYS)));
+                }
+                let value = match value.get_ref() {
+                    Value::String(text) => text.trim().to_owned(),
+                    Value::Integer(number) => number.to_string(),
+                    Value::Float(number) => number.to_string(),
+                    Value::Boolean(flag) => flag.to_string(),
+                    _ => return refused(format!("`{key}` is no single value")),
+                };
+                cells.insert(key, Placed { value, position });
+            }
+            Entry::new(CellPosition::of_byte(text, trial.span().start), cells)
+        };
+        Ok(Self { rows: trials.iter().map(row).collect(), conditions })
+    }
+}
+
+impl Entry {
+    /// What the cells say; empty ones are as if they were not there.
+    fn new(position: CellPosition, mut cells: Cells<'_>) -> Result<Self, ManifestProblem> {
+        cells.retain(|_, cell| !cell.value.is_empty());
+        let text = |key: &str| {
+            let missing = || ManifestProblem::new(position, format!("`{key}` is missing"));
+            cells.get(key).cloned().ok_or_else(missing)
+        };
+        let moment = |key: &str| {
+            let cell = text(key)?;
+            let value = cell.read(key, "a time in s or `auto`", |text| match text.parse::<f64>() {
+                _ if text.eq_ignore_ascii_case("auto") => Some(None),
+                Ok(time) if time.is_finite() => Some(Some(time)),
+                _ => None,
+            });
+            Ok(Placed { value: value?, position: cell.position })
+        };
+        let positive = |key: &str| {
+            let number = |text: &str| text.parse().ok().filter(|&x: &f64| x > 0.0 && x.is_finite());
+            let cell = cells.get(key);
+            cell.map(|cell| cell.read(key, "a positive number", number)).transpose()
+        };
+        let flag = |cell: &Placed<String>| {
+            cell.read("exclude", "`yes`, `no` or nothing", |text| {
+                match text.to_ascii_lowercase().as_str() {
+                    "yes" | "true" | "x" | "1" => Some(true),
+                    "no" | "false" | "0" => Some(false),
+                    _ => None,
+                }
+            })
+        };
+        let entry = Self {
+            position,
+            file: text("file")?,
+            condition: text("condition")?,
+            enter: moment("t_enter_s")?,
+            exit: moment("t_exit_s")?,
+            velocity_m_s: positive("velocity_m_s")?,
+            mass_kg: positive("mass_kg")?,
+            channel_length_m: positive("channel_length_m")?,
+            notes: cells.get("notes").map(|notes| notes.value.clone()),
+            exclude: cells.get("exclude").map_or(Ok(false), flag)?,
+        };
+        if let (Some(enter), Some(exit)) = (entry.enter.value, entry.exit.value)
+            && exit <= enter
+        {
+            let message = format!("the exit at `{exit}` s is not after the entry at `{enter}` s");
+            return Err(ManifestProblem::new(entry.exit.position, message));
+        }
+        Ok(entry)
+    }
+}
+
+impl Placed<String> {
+    /// The value by `meaning`; a problem that says what is `expected` where the text has none.
+    fn read<T>(
+        &self,
+        key: &str,
+        expected: &str,
+        meaning: impl Fn(&str) -> Option<T>,
+    ) -> Result<T, ManifestProblem> {
+        let refused = || format!("`{key}` is `{}`, expected {expected}", self.value);
+        meaning(&self.value).ok_or_else(|| ManifestProblem::new(self.position, refused()))
+    }
+}
+
+/// One of so many shares: rows that follow each other, so that the shares one after the other are the whole.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shard {
+    /// Which, from 1.
+    number: usize,
+    /// Of how many.
+    of: usize,
+}
+
+impl Shard {
+    /// The largest number of shares, so that their names sort as their numbers do.
+    pub const MOST: usize = 99_999;
+
+    /// The share `number`, from 1; `None` if there is no such one, or too many.
+    pub fn new(number: usize, of: usize) -> Option<Self> {
+        (1 <= number && number <= of && of <= Self::MOST).then_some(Self { number, of })
+    }
+
+    /// Its part of so many rows; no two shares differ by more than one row.
+    pub fn rows(self, rows: usize) -> Range<usize> {
+        let end = |number: usize| (rows as u128 * number as u128 / self.of as u128) as usize;
+        end(self.number - 1)..end(self.number)
+    }
+
+    /// The name of what belongs to it, without an extension. Names sort in the order of the shares.
+    pub fn stem(self) -> String {
+        format!("part-{:05}-of-{:05}", self.number, self.of)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn trials_are_tables_and_problems_have_places() {
+        let text = r#"
+conditions = ["free", "3"]
+
+[[trial]]
+file = "a.txt"
+condition = 3
+t_enter_s = 1
+t_exit_s = 2.5
+exclude = true
+
+[[trial]]
+file = "b.txt"
+condition = "free"
+t_enter_s = "auto"
+t_exit_s = "soon"
+
+[[trial]]
+file = "b.txt"
+conditon = "free"
+"#;
+        let manifest = Manifest::parse(text, true).unwrap();
+        let first = manifest.rows[0].clone().unwrap();
+        assert_eq!((first.condition.value.as_str(), first.exclude), ("3", true));
+        assert_eq!(first.exit.value, Some(2.5));
+        assert_eq!(first.exit.position, CellPosition { line: 8, column: 12 });
+        let problem = |row: usize| manifest.rows[row].clone().unwrap_err().to_string();
+        assert_eq!(problem(1), "15:12: `t_exit_s` is `soon`, expected a time in s or `auto`");
+        assert_eq!(problem(2), "19:12: unknown key `conditon`, did you mean `condition`?");
+        assert_eq!(manifest.conditions, Some(vec!["free".to_owned(), "3".to_owned()]));
+        let error = Manifest::parse("trials = 3", true).unwrap_err().to_string();
+        assert!(error.starts_with("1:1: unknown field `trials`"), "{error}");
+    }
+
+    #[test]
+    fn shares_are_even_and_make_the_whole_in_the_order_of_their_names() {
+        for (rows, of) in [(0, 3), (2, 5), (25, 4), (1000, 7), (5, 5), (3, 1)] {
+            let shards: Vec<Shard> = (1..=of).map(|k| Shard::new(k, of).unwrap()).collect();
+            let parts = shards.iter().flat_map(|shard| shard.rows(rows));
+            assert_eq!(parts.collect::<Vec<_>>(), (0..rows).collect::<Vec<_>>());
+            let sizes = || shards.iter().map(|shard| shard.rows(rows).len());
+            assert!(sizes().max().unwrap() - sizes().min().unwrap() <= 1);
+            assert!(shards.iter().map(|shard| shard.stem()).is_sorted());
+        }
+        for (number, of) in [(0, 3), (4, 3), (0, 0), (1, 100_000)] {
+            assert_eq!(Shard::new(number, of), None);
+        }
     }
 }

@@ -13,11 +13,9 @@
 //! correlation time, as neighbouring residuals are alike (Bartlett, J. R. Statist. Soc. B 8, 27,
 //! 1946).
 
-mod errors;
 mod plateau;
 
-use errors::standard_errors;
-use plateau::{DragPlateau, PlateauFit, refine, search};
+use plateau::{DragPlateau, PlateauFit, refine, search, standard_errors};
 
 /// Stretches that a log is averaged in.
 const BINS: usize = 240;

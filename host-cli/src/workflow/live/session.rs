@@ -234,7 +234,7 @@ impl LiveSession {
                 "taring what is shown; a log keeps its own tare".to_owned()
             }
             LiveAction::Untare => {
-                self.model.tare.clear();
+                self.model.tare = Default::default();
                 "no tare but that of the calibration's first frames".to_owned()
             }
             LiveAction::Pause => {

@@ -63,10 +63,12 @@ pub fn evaluate_log(job: &TrialJob<'_>, trial: &Trial) -> Result<Evaluated, Work
     check_window(trial, &recorded.times)?;
     let mut result = recorded.evaluate(job, trial)?;
     let RecordedTrial { summary, zero, .. } = recorded;
-    result.diagnostics.extend(zero.and_then(|zero| zero.in_words()).map(Diagnostic::MovedZero));
+    let moved = zero.and_then(|zero| zero.in_words());
+    result.diagnostics.extend(moved.map(|text| Diagnostic::warning("moved_zero", text)));
     let rows = summary.skipped_rows;
     if rows > 0 {
-        result.diagnostics.push(Diagnostic::SkippedRows(rows));
+        let text = format!("{rows} bad rows are left out");
+        result.diagnostics.push(Diagnostic::warning("skipped_rows", text));
     }
     Ok(Evaluated { result, checksum: summary.checksum })
 }
@@ -87,7 +89,7 @@ pub fn evaluate_in_window(
         (enter_s, exit_s) => {
             let read = ReadOptions { checksum: false, progress: None, ..job.read };
             let proposal = search_window(&TrialJob { read, ..*job })?.proposal?;
-            found = Some(Diagnostic::FoundWindow(proposal));
+            found = Some(Diagnostic::found_window(&proposal));
             (enter_s.unwrap_or(proposal.t_enter_s), exit_s.unwrap_or(proposal.t_exit_s))
         }
     };
@@ -105,7 +107,7 @@ pub fn search_window(job: &TrialJob<'_>) -> Result<WindowSearch, WorkflowError> 
     if job.instrument.calibration.is_none() {
         return Err(WorkflowError::NoCalibration);
     }
-    let forces = job.options.forces.zero_phase();
+    let forces = job.options.forces.with_delay(false);
     let options = TrialOptions { forces, trace: TraceExtent::Log, ..job.options };
     let job = TrialJob { options, ..*job };
     // The whole log as if it were one trial.

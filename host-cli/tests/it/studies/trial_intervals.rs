@@ -92,7 +92,7 @@ fn error(
     });
     let row = result.unwrap().row;
     let interval = row.drag_energy_95_j.unwrap();
-    let error = row.drag_energy_j.unwrap() - trial.truth().drag_energy_j;
+    let error = row.measures.drag_energy_j.unwrap() - trial.truth().drag_energy_j;
     (error, 0.5 * (interval.high - interval.low))
 }
 

@@ -178,8 +178,8 @@ fn errors(settings: TrialSettings, calibration: &Calibration, options: &TrialOpt
     let row = found.unwrap().result.row;
     let truth = trial.truth();
     [
-        row.drag_energy_j.unwrap() / truth.drag_energy_j - 1.0,
-        row.specific_resistance.unwrap() / truth.specific_resistance - 1.0,
+        row.measures.drag_energy_j.unwrap() / truth.drag_energy_j - 1.0,
+        row.measures.specific_resistance.unwrap() / truth.specific_resistance - 1.0,
     ]
 }
 

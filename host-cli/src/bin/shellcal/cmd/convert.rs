@@ -126,7 +126,7 @@ impl ConvertArgs {
 
         let mut conversions = Vec::new();
         for (log, target) in logs.iter().zip(targets) {
-            let mut trace = plot.is_some().then(WrenchTrace::new);
+            let mut trace = plot.is_some().then(WrenchTrace::default);
             let read = self.mapping.read_options();
             let load =
                 |file| self.motion.load(file, log, &calibration, &read, self.mapping.time_unit);

@@ -87,7 +87,7 @@ impl EvalArgs {
         note_axes(printer, &compared, gates.asked());
         calibration.axes = axes;
         let figure = self.figure.create(printer)?;
-        let mut plot = figure.is_some().then(FitPlot::new);
+        let mut plot = figure.is_some().then(FitPlot::default);
 
         let workers = Workers::new(self.mapping.threads.map_or(0, usize::from));
         let mut all = Evaluation::default();

@@ -71,7 +71,7 @@ impl ForceArgs {
             rate_hz: self.rate,
             rule,
         };
-        if low_pass.zero_phase { options } else { options.causal() }
+        if low_pass.zero_phase { options } else { options.with_delay(true) }
     }
 
     /// The same, of a sensor whose zero is known: nothing is subtracted unless that is asked for.

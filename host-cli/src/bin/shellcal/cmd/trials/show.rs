@@ -1,10 +1,8 @@
 //! Results on the terminal.
 
-use std::collections::BTreeMap;
-
 use trial::{
-    ConditionRow, Diagnostic, Interval, MeanDifference, Per, Quantity, Severity, Statistics,
-    StrideRow, TrialResult, TrialRow,
+    ConditionRow, Interval, MeanDifference, Per, Quantity, Severity, Statistics, StrideRow,
+    TrialResult, TrialRow,
 };
 
 use crate::printer::{Printer, TableColumn};
@@ -17,12 +15,14 @@ pub(super) fn trials(printer: &Printer, results: &[&TrialResult]) -> anyhow::Res
         ("condition", &|row| row.condition.clone()),
         ("window (s)", &|row| format!("{:.3} to {:.3}", row.t_enter_s, row.t_exit_s)),
         ("v (m/s)", &|row| format!("{:.3}", row.velocity_m_s)),
-        ("drag (N)", &|row| or_dash(row.drag_mean_n, 4)),
-        ("lift (N)", &|row| or_dash(row.lift_mean_n, 4)),
-        ("drag energy (mJ)", &|row| or_dash(row.drag_energy_j.map(|energy| 1e3 * energy), 2)),
+        ("drag (N)", &|row| or_dash(row.measures.drag_mean_n, 4)),
+        ("lift (N)", &|row| or_dash(row.measures.lift_mean_n, 4)),
+        ("drag energy (mJ)", &|row| {
+            or_dash(row.measures.drag_energy_j.map(|energy| 1e3 * energy), 2)
+        }),
         ("95 % interval", &|row| interval(row.drag_energy_95_j, 1e3, 2)),
-        ("electrical (J)", &|row| or_dash(row.electrical_energy_j, 3)),
-        ("spec. resistance", &|row| or_dash(row.specific_resistance, 2)),
+        ("electrical (J)", &|row| or_dash(row.measures.electrical_energy_j, 3)),
+        ("spec. resistance", &|row| or_dash(row.measures.specific_resistance, 2)),
         ("strides", &|row| shown(row.strides, |strides| strides.to_string())),
     ];
     printer.records(&columns, results.iter().map(|result| &result.row))
@@ -34,11 +34,13 @@ pub(super) fn strides(printer: &Printer, strides: &[StrideRow]) -> anyhow::Resul
         ("stride", &|row| row.stride.to_string()),
         ("start (s)", &|row| format!("{:.4}", row.t_start_s)),
         ("period (s)", &|row| format!("{:.4}", row.period_s)),
-        ("drag (N)", &|row| or_dash(row.drag_mean_n, 4)),
-        ("lift (N)", &|row| or_dash(row.lift_mean_n, 4)),
-        ("drag energy (mJ)", &|row| or_dash(row.drag_energy_j.map(|energy| 1e3 * energy), 3)),
-        ("electrical (J)", &|row| or_dash(row.electrical_energy_j, 4)),
-        ("spec. resistance", &|row| or_dash(row.specific_resistance, 2)),
+        ("drag (N)", &|row| or_dash(row.measures.drag_mean_n, 4)),
+        ("lift (N)", &|row| or_dash(row.measures.lift_mean_n, 4)),
+        ("drag energy (mJ)", &|row| {
+            or_dash(row.measures.drag_energy_j.map(|energy| 1e3 * energy), 3)
+        }),
+        ("electrical (J)", &|row| or_dash(row.measures.electrical_energy_j, 4)),
+        ("spec. resistance", &|row| or_dash(row.measures.specific_resistance, 2)),
     ];
     printer.records(&columns, strides)
 }
@@ -111,21 +113,8 @@ fn decimals(values: impl Iterator<Item = f64>) -> usize {
 /// Says what to know about the results on stderr: diagnostics of a kind once, for the first trial that
 /// has it, and in how many others it is the same. `positions` are where the trials are said.
 pub(super) fn diagnostics(printer: &Printer, results: &[(String, &TrialResult)]) {
-    let mut kinds: BTreeMap<(Severity, &str), Vec<(&str, &Diagnostic)>> = BTreeMap::new();
-    for (position, result) in results {
-        for diagnostic in &result.diagnostics {
-            let kind = (diagnostic.severity(), diagnostic.code());
-            kinds.entry(kind).or_default().push((position, diagnostic));
-        }
-    }
-    for ((severity, _), diagnostics) in kinds {
-        let (position, first) = diagnostics[0];
-        let more = match diagnostics.len() {
-            1 => String::new(),
-            2 => " (also in another trial)".to_owned(),
-            trials => format!(" (also in {} other trials)", trials - 1),
-        };
-        let text = format!("{position}: {first}{more}");
+    let trials = results.iter().map(|(position, result)| (position.as_str(), *result));
+    for (severity, text) in TrialResult::diagnostics_of_each_kind(trials) {
         match severity {
             Severity::Note => printer.note(text),
             Severity::Warning => printer.warning(text),

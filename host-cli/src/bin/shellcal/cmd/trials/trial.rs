@@ -152,7 +152,7 @@ impl WindowArgs {
             }
             found.push((name, proposal));
         }
-        let forces = options.forces.zero_phase();
+        let forces = options.forces.with_delay(false);
         self.evaluation.note_forces(printer, &TrialOptions { forces, ..options });
         let documents = found.iter().map(|(log, proposal)| {
             document! {

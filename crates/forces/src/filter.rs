@@ -1,0 +1,647 @@
+//! Low-pass filtering of evenly sampled signals.
+//!
+//! [`Butterworth`] is the design, [`Filter`] runs it forward over a stream in constant memory
+//! (causal, with the delay that this brings), [`Butterworth::zero_phase`] runs it forward and
+//! backward over a whole signal (no delay, the attenuation squared).
+//!
+//! The transfer functions are those of `scipy.signal.butter`: the analogue prototype through the
+//! bilinear transform, with the cutoff prewarped. They are realised as trapezoidal state-variable
+//! sections rather than as biquads in direct form. A biquad's coefficients stand near −2 and 1 when
+//! the cutoff is low, and what it does rests on their small difference: at a cutoff of 10⁻⁴ of the
+//! sampling rate it has lost six digits. The state-variable form keeps them, has a gain of exactly
+//! one at zero frequency, and its state is the signal itself.
+
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
+
+use shell_data::hint::Hint;
+
+/// A filter that cannot be designed or applied as asked.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum FilterError {
+    /// An order of zero, or more poles than anyone can want.
+    #[error("filter order `{}` is not between 1 and {}", .0, Butterworth::LARGEST_ORDER)]
+    Order(usize),
+    /// A sampling rate that is no positive number.
+    #[error("sampling rate `{0}` Hz is not a positive number")]
+    Rate(f64),
+    /// A cutoff that a signal sampled at this rate does not contain.
+    #[error(
+        "cutoff `{cutoff_hz}` Hz is not between 0 and half the sampling rate, `{nyquist_hz}` Hz"
+    )]
+    Cutoff {
+        /// The cutoff asked for, Hz.
+        cutoff_hz: f64,
+        /// Half the sampling rate, Hz.
+        nyquist_hz: f64,
+    },
+    /// A cutoff so low that the filter would remember more than memory holds.
+    #[error(
+        "cutoff `{cutoff_hz}` Hz is too low for {} samples per second: at least `{}` Hz",
+        *rate_hz as f32, *least_hz as f32
+    )]
+    TooSlow {
+        /// The cutoff asked for, Hz.
+        cutoff_hz: f64,
+        /// The sampling rate, Hz.
+        rate_hz: f64,
+        /// The lowest cutoff, Hz.
+        least_hz: f64,
+    },
+    /// A signal too short to be filtered without phase.
+    #[error("`{samples}` samples are too few to filter without phase: at least `{needed}` needed")]
+    TooFewSamples {
+        /// Length of the signal.
+        samples: usize,
+        /// The least that will do.
+        needed: usize,
+    },
+}
+
+impl Hint for FilterError {
+    fn hint(&self) -> Option<String> {
+        let text = match self {
+            Self::Cutoff { .. } => {
+                "the low-pass runs at the rate of the log's rows; choose a lower `--lowpass`"
+            }
+            Self::TooFewSamples { .. } => {
+                "filter forward only with `--causal`, or not at all with `--no-lowpass`"
+            }
+            _ => return None,
+        };
+        Some(text.to_owned())
+    }
+}
+
+/// A Butterworth low-pass: maximally flat, −3.01 dB at the cutoff, gain 1 at zero frequency.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Butterworth {
+    /// Number of poles.
+    order: usize,
+    /// The frequency that is attenuated to 1/√2, Hz.
+    cutoff_hz: f64,
+    /// The sampling rate designed for, Hz.
+    rate_hz: f64,
+    sections: Vec<FilterSection>,
+}
+
+/// A part of the filter with one real pole or one pair of complex poles.
+///
+/// `g = tan(π·cutoff/rate)` is the prewarped cutoff, `k = 1/Q` the damping.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum FilterSection {
+    /// `g / (s + g)` under the bilinear transform `s = (z − 1)/(z + 1)`.
+    Real { g: f64 },
+    /// `g² / (s² + k·g·s + g²)` under the same.
+    Pair { g: f64, k: f64 },
+}
+
+impl Butterworth {
+    /// The highest order that can be asked for.
+    pub(crate) const LARGEST_ORDER: usize = 16;
+
+    /// The lowest cutoff, as a share of the rate. An answer depends on some million samples there.
+    pub(crate) const LOWEST: f64 = 2e-5;
+
+    /// A low-pass with `order` poles and its −3.01 dB point at `cutoff_hz`, for a signal sampled
+    /// `rate_hz` times a second. The same filter as `scipy.signal.butter(order, cutoff, fs=rate)`.
+    ///
+    /// # Errors
+    /// [`FilterError::Order`] outside 1..=16, [`FilterError::Rate`] unless positive and finite,
+    /// [`FilterError::Cutoff`] unless between 0 and half the rate, both excluded;
+    /// [`FilterError::TooSlow`] below a share of `LOWEST`(Self::LOWEST) of the rate.
+    pub fn low_pass(order: usize, cutoff_hz: f64, rate_hz: f64) -> Result<Self, FilterError> {
+        if !(1..=Self::LARGEST_ORDER).contains(&order) {
+            return Err(FilterError::Order(order));
+        }
+        if !(rate_hz > 0.0 && rate_hz.is_finite()) {
+            return Err(FilterError::Rate(rate_hz));
+        }
+        let nyquist_hz = rate_hz / 2.0;
+        if !(cutoff_hz > 0.0 && cutoff_hz < nyquist_hz) {
+            return Err(FilterError::Cutoff { cutoff_hz, nyquist_hz });
+        }
+        let least_hz = Self::LOWEST * rate_hz;
+        if cutoff_hz < least_hz {
+            return Err(FilterError::TooSlow { cutoff_hz, rate_hz, least_hz });
+        }
+        let g = (PI * (cutoff_hz / rate_hz)).tan();
+        // The poles lie evenly on a half circle, a pair at the angle θ from the imaginary axis has
+        // the damping 2·sin θ. The best damped come first, so that none rings at full amplitude.
+        let real = (order % 2 == 1).then_some(FilterSection::Real { g });
+        let pairs = (0..order / 2).rev().map(|pair| {
+            let angle = PI * (2 * pair + 1) as f64 / (2 * order) as f64;
+            FilterSection::Pair { g, k: 2.0 * angle.sin() }
+        });
+        let sections = real.into_iter().chain(pairs).collect();
+        Ok(Self { order, cutoff_hz, rate_hz, sections })
+    }
+
+    /// After how many samples the filter has forgotten what came before, to within `tolerance`.
+    ///
+    /// Two signals that are the same from some sample on, and before it differ by at most one,
+    /// have answers that differ by at most `tolerance` from that many samples later on: the sum of
+    /// `|h|` beyond, of the impulse response h, is no larger.
+    ///
+    /// # Panics
+    /// If `tolerance` is not between 0 and 1.
+    pub fn memory(&self, tolerance: f64) -> usize {
+        assert!(0.0 < tolerance && tolerance < 1.0, "a tolerance between 0 and 1");
+        // The slowest poles, at the angle θ = π/(2·order) from the imaginary axis, lose a factor e in
+        // 1/(2π·cutoff·sin θ); near half the rate the bilinear transform makes them faster or slower,
+        // which the loop sees.
+        let angle = FRAC_PI_2 / self.order as f64;
+        let rate = TAU * self.cutoff_hz / self.rate_hz * angle.sin();
+        let piece = (4.0 / rate).ceil() as usize;
+        let mut filter = Filter::new(self);
+        let mut response = vec![0.0; piece];
+        response[0] = 1.0;
+        filter.process(&mut response);
+        let limit = tolerance * 1e-3;
+        loop {
+            let start = response.len();
+            response.resize(start + piece, 0.0);
+            filter.process(&mut response[start..]);
+            if response[start..].iter().all(|h| h.abs() < limit / piece as f64) {
+                break;
+            }
+        }
+        let mut beyond = 0.0;
+        let kept = response.iter().rposition(|h| {
+            beyond += h.abs();
+            // What is beyond the pieces is a thousandth at most.
+            beyond > tolerance - limit
+        });
+        kept.map_or(0, |last| last + 1)
+    }
+
+    /// How far a signal is continued at either end: it must be longer than that.
+    pub(crate) fn zero_phase_reach(&self) -> usize {
+        3 * (self.order + 1)
+    }
+
+    /// Filters a whole signal forward, then backward: no delay, and the attenuation of the filter
+    /// twice (−6.02 dB at the cutoff).
+    ///
+    /// The signal is continued at both ends by its reflection through the end point, three times the
+    /// order plus three samples long, and each pass starts settled at the first value it sees: what
+    /// `scipy.signal.sosfiltfilt` does by default.
+    ///
+    /// # Errors
+    /// [`FilterError::TooFewSamples`] unless the signal is longer than that continuation.
+    pub fn zero_phase(&self, samples: &mut [f64]) -> Result<(), FilterError> {
+        let reach = self.zero_phase_reach();
+        if samples.len() <= reach {
+            return Err(FilterError::TooFewSamples { samples: samples.len(), needed: reach + 1 });
+        }
+        let (first, last) = (samples[0], samples[samples.len() - 1]);
+        let inner = &samples[1..samples.len() - 1];
+        let mut before: Vec<f64> =
+            samples[1..=reach].iter().rev().map(|x| 2.0 * first - x).collect();
+        let after = inner.iter().rev().take(reach).map(|x| 2.0 * last - x);
+        let mut after: Vec<f64> = after.collect();
+
+        let mut forward = Filter::settled(self, before[0]);
+        forward.process(&mut before);
+        forward.process(samples);
+        forward.process(&mut after);
+
+        after.reverse();
+        samples.reverse();
+        let mut backward = Filter::settled(self, after[0]);
+        backward.process(&mut after);
+        backward.process(samples);
+        samples.reverse();
+        Ok(())
+    }
+}
+
+/// A causal low-pass with its state, to be fed a signal in pieces of any size.
+///
+/// Starts at rest at zero, as `scipy.signal.lfilter` does: right for a signal that starts near
+/// zero, as a tared one does. [`settled`](Self::settled) starts it elsewhere.
+#[derive(Clone, Debug)]
+pub struct Filter {
+    sections: Vec<(FilterSection, FilterState)>,
+}
+
+/// The two integrators of a section: band-pass (of a pair alone) and low-pass.
+#[derive(Clone, Copy, Debug)]
+struct FilterState {
+    band: f64,
+    low: f64,
+}
+
+impl Filter {
+    /// A filter at rest at zero.
+    pub fn new(design: &Butterworth) -> Self {
+        Self::settled(design, 0.0)
+    }
+
+    /// A filter in the state in which an endless constant `value` would have left it, as
+    /// `sosfilt_zi` does: the answer to more of the same is exactly `value`.
+    pub fn settled(design: &Butterworth, value: f64) -> Self {
+        let state = FilterState { band: 0.0, low: value };
+        Self { sections: design.sections.iter().map(|&section| (section, state)).collect() }
+    }
+
+    /// The answer to one more sample, which is not taken in: the state stays as it is.
+    pub fn peek(&self, sample: f64) -> f64 {
+        self.sections.iter().fold(sample, |sample, (section, state)| {
+            let (mut state, mut sample) = (*state, [sample]);
+            state.process(section, &mut sample);
+            sample[0]
+        })
+    }
+
+    /// Replaces the next samples of the signal by the filter's answer to them.
+    ///
+    /// The answer does not depend on how the signal is cut into pieces. A sample that is not finite
+    /// spoils all that follow.
+    ///
+    /// Each section is integrated by the trapezoidal rule, implicitly, in closed form: A. Simper,
+    /// "Linear Trapezoidal Integrated State Variable Filter" (Cytomic, 2013); V. Zavalishin, "The Art
+    /// of VA Filter Design" (2018), §3.10 and §4.
+    pub fn process(&mut self, samples: &mut [f64]) {
+        for (section, state) in &mut self.sections {
+            state.process(section, samples);
+        }
+    }
+}
+
+impl FilterState {
+    fn process(&mut self, section: &FilterSection, samples: &mut [f64]) {
+        let Self { mut band, mut low } = *self;
+        match *section {
+            FilterSection::Real { g } => {
+                let share = g / (1.0 + g);
+                for sample in samples {
+                    let half = share * (*sample - low);
+                    *sample = low + half;
+                    low = *sample + half;
+                }
+            }
+            FilterSection::Pair { g, k } => {
+                let a1 = 1.0 / (1.0 + g * (g + k));
+                let a2 = g * a1;
+                let a3 = g * a2;
+                for sample in samples {
+                    let input = *sample - low;
+                    let band_now = a1 * band + a2 * input;
+                    let low_now = low + (a2 * band + a3 * input);
+                    band = 2.0 * band_now - band;
+                    low = 2.0 * low_now - low;
+                    *sample = low_now;
+                }
+            }
+        }
+        *self = Self { band, low };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// A signal of whole numbers without any pattern to speak of, 200 samples between −50 and 50.
+    fn test_signal() -> Vec<f64> {
+        (0..200).map(|i| f64::from((i * i * 37 + 11 * i) % 101 - 50)).collect()
+    }
+
+    impl FilterSection {
+        /// The section as a biquad `[b0, b1, b2, 1, a1, a2]`, as other tools take it. The poles are those of
+        /// `scipy.signal.butter(…, output="sos")`; each section has gain 1 at zero frequency, where SciPy puts the whole
+        /// gain in the first.
+        fn biquad(&self) -> [f64; 6] {
+            match *self {
+                FilterSection::Real { g } => {
+                    let scale = 1.0 / (1.0 + g);
+                    [g * scale, g * scale, 0.0, 1.0, (g - 1.0) * scale, 0.0]
+                }
+                FilterSection::Pair { g, k } => {
+                    let scale = 1.0 / (1.0 + g * (g + k));
+                    let b = g * g * scale;
+                    let a1 = 2.0 * (g * g - 1.0) * scale;
+                    [b, 2.0 * b, b, 1.0, a1, (1.0 + g * (g - k)) * scale]
+                }
+            }
+        }
+    }
+
+    /// The poles (a1, a2 of each section) of `scipy.signal.butter(order, cutoff, fs=1000,
+    /// output="sos")`, SciPy 1.17.1, and the product of the sections' gains, its `sos[0, 0]`.
+    #[test]
+    fn sections_are_those_of_scipy() {
+        let cases: [(usize, f64, f64, &[[f64; 2]]); 4] = [
+            (
+                4,
+                10.0,
+                8.984861463970648e-07,
+                &[
+                    [-1.8866095826215064, 0.8903397362840242],
+                    [-1.9492159580258417, 0.9530698953278909],
+                ],
+            ),
+            (1, 10.0, 0.03046874709125383, &[[-0.9390625058174923, 0.0]]),
+            (
+                5,
+                200.0,
+                0.02193962068846417,
+                &[
+                    [-0.15838444032453627, 0.0],
+                    [-0.3492860258606905, 0.13031332327594414],
+                    [-0.4776547730940111, 0.5457233155094577],
+                ],
+            ),
+            (
+                8,
+                100.0,
+                2.395964410377617e-05,
+                &[
+                    [-1.0263514742610553, 0.26864019099379005],
+                    [-1.0868584613628944, 0.343430940165366],
+                    [-1.2197253651240232, 0.5076634651740437],
+                    [-1.4515795942478362, 0.794251053241888],
+                ],
+            ),
+        ];
+        for (order, cutoff, gain, poles) in cases {
+            let sections = {
+                let filter = Butterworth::low_pass(order, cutoff, 1000.0).unwrap();
+                filter.sections.iter().map(FilterSection::biquad).collect::<Vec<_>>()
+            };
+            assert_eq!(sections.len(), poles.len());
+            for (section, [a1, a2]) in sections.iter().zip(poles) {
+                // Both sides round a handful of times at a magnitude of 2.
+                assert!((section[4] - a1).abs() < 4e-15, "{order}: {} {a1}", section[4]);
+                assert!((section[5] - a2).abs() < 4e-15, "{order}: {} {a2}", section[5]);
+                assert!(section[2] == 0.0 || section[1] == 2.0 * section[0]);
+            }
+            let product: f64 = sections.iter().map(|section| section[0]).product();
+            // SciPy's gain comes from a difference of poles and is good to about 1e-13.
+            assert!((product / gain - 1.0).abs() < 1e-12, "{order}: {product} {gain}");
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_designed_is_refused_by_name() {
+        let of = |order, cutoff, rate| Butterworth::low_pass(order, cutoff, rate).unwrap_err();
+        assert_eq!(of(0, 10.0, 1000.0), FilterError::Order(0));
+        assert_eq!(of(17, 10.0, 1000.0), FilterError::Order(17));
+        assert_eq!(
+            of(4, 500.0, 1000.0).to_string(),
+            "cutoff `500` Hz is not between 0 and half the sampling rate, `500` Hz"
+        );
+        assert_eq!(
+            of(4, 0.019, 1000.0).to_string(),
+            "cutoff `0.019` Hz is too low for 1000 samples per second: at least `0.02` Hz"
+        );
+        for cutoff in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert!(matches!(of(4, cutoff, 1000.0), FilterError::Cutoff { .. }));
+        }
+        for rate in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert!(matches!(of(4, 10.0, rate), FilterError::Rate(_)));
+        }
+    }
+
+    #[test]
+    fn what_lies_further_back_than_the_memory_does_not_matter() {
+        for (order, cutoff, rate) in
+            [(4, 10.0, 1000.0), (1, 10.0, 1000.0), (2, 400.0, 1000.0), (8, 3.0, 180.0)]
+        {
+            let design = Butterworth::low_pass(order, cutoff, rate).unwrap();
+            for tolerance in [1e-3, 1e-12] {
+                let memory = design.memory(tolerance);
+                // The worst past: of the sign that the response has when it counts.
+                let mut response = vec![0.0; 20 * memory.max(10)];
+                response[0] = 1.0;
+                Filter::new(&design).process(&mut response);
+                let worst = |n: usize| response[n..].iter().map(|h| h.abs()).sum::<f64>();
+                assert!(worst(memory) <= tolerance, "{order} {tolerance}");
+                assert!(memory == 0 || worst(memory - 1) > 0.9 * tolerance, "{order} {tolerance}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_lab_s_filter_forgets_in_little_more_than_a_second() {
+        let design = Butterworth::low_pass(4, 10.0, 1000.0).unwrap();
+        let seconds = design.memory(1e-12) as f64 / 1000.0;
+        // ln(1e12) time constants of 1/(2π·10·sin(π/8)) s are 1.15 s.
+        assert!((1.15..1.3).contains(&seconds), "{seconds}");
+    }
+
+    fn design(order: usize, cutoff: f64) -> Butterworth {
+        Butterworth::low_pass(order, cutoff, 1000.0).unwrap()
+    }
+
+    /// `scipy.signal.sosfiltfilt` of SciPy 1.17.1 on [`test_signal`], at samples 0, 1, 50 and 199.
+    #[test]
+    fn answers_without_phase_are_those_of_scipy() {
+        let cases = [
+            (
+                4,
+                10.0,
+                [-40.83473399960325, -39.57353816409702, 4.669686126043902, 3.2678743702554827],
+            ),
+            (
+                1,
+                10.0,
+                [-62.028610097522275, -58.147067668850546, -3.9263980947212933, 23.289536010421543],
+            ),
+            (
+                3,
+                40.0,
+                [-52.68224089213457, -43.220394825809116, -8.794232033347509, 47.16196773203333],
+            ),
+            (
+                5,
+                200.0,
+                [-49.972347913245, -8.673558598602098, -1.1006184550137241, 48.00572804889954],
+            ),
+            (
+                8,
+                100.0,
+                [-49.98356361436764, -28.63630798195381, -5.9062277613380445, 48.0239203936249],
+            ),
+        ];
+        for (order, cutoff, expected) in cases {
+            let mut signal = test_signal();
+            design(order, cutoff).zero_phase(&mut signal).unwrap();
+            for (i, expected) in [0, 1, 50, 199].into_iter().zip(expected) {
+                // SciPy's own settled state is off by 1.5e-14 of the continued signal's 150.
+                assert!((signal[i] - expected).abs() < 1e-12 * 150.0, "{order} {i}: {}", signal[i]);
+            }
+        }
+    }
+
+    #[test]
+    fn a_symmetric_signal_stays_symmetric_and_a_line_stays_a_line() {
+        let bump = |i: i32| 1.0 / (1.0 + f64::from(i * i) / 400.0);
+        let mut signal: Vec<f64> = (-500..=500).map(bump).collect();
+        design(4, 50.0).zero_phase(&mut signal).unwrap();
+        // The ends see the continuation in different order. The slowest pole of this filter dies
+        // away by 0.89 a sample, 400 samples from the end to 1e-20.
+        for i in 400..500 {
+            assert!((signal[i] - signal[1000 - i]).abs() < 1e-9);
+        }
+        let mut line: Vec<f64> = (0..5000).map(f64::from).collect();
+        design(2, 100.0).zero_phase(&mut line).unwrap();
+        assert!((2000..3000).all(|i| (line[i] - i as f64).abs() < 1e-9));
+    }
+
+    #[test]
+    fn a_signal_no_longer_than_its_continuation_is_refused() {
+        let design = design(4, 10.0);
+        let error = design.zero_phase(&mut [1.0; 15]).unwrap_err();
+        assert_eq!(error, FilterError::TooFewSamples { samples: 15, needed: 16 });
+        let mut constant = [1.0; 16];
+        design.zero_phase(&mut constant).unwrap();
+        assert_eq!(constant, [1.0; 16]);
+    }
+
+    fn filtered(order: usize, cutoff: f64, rate: f64, settled: bool) -> Vec<f64> {
+        let mut signal = test_signal();
+        let design = Butterworth::low_pass(order, cutoff, rate).unwrap();
+        let mut filter =
+            if settled { Filter::settled(&design, signal[0]) } else { Filter::new(&design) };
+        filter.process(&mut signal);
+        signal
+    }
+
+    /// `scipy.signal.sosfilt` of SciPy 1.17.1 on [`test_signal`], at samples 0, 1, 50 and 199: from
+    /// zero, and from `sosfilt_zi(sos) * x[0]`.
+    #[test]
+    fn answers_are_those_of_scipy() {
+        let cases = [
+            (
+                (4, 10.0),
+                [
+                    -4.492430731985324e-05,
+                    -0.0003538160069855908,
+                    -0.05711736014830632,
+                    0.46978123519076675,
+                ],
+                [-50.00000000000076, -49.999956872665734, -18.359427519469683, 0.8759313809617888],
+            ),
+            (
+                (1, 10.0),
+                [-1.5234373545626914, -3.0149777483768117, -5.127549162527958, -1.6574121110915483],
+                [-49.99999999999995, -48.537500139619766, -7.218081322461365, -1.6575906518842416],
+            ),
+            (
+                (3, 40.0),
+                [
+                    -0.07835051752941342,
+                    -0.43395283019928155,
+                    -11.008545071008305,
+                    -7.947049773477032,
+                ],
+                [-49.99999999999983, -49.9247835031716, -10.904469875562278, -7.947049773193891],
+            ),
+            (
+                (8, 100.0),
+                [
+                    -0.0011979822051888084,
+                    -0.0153635406343838,
+                    -13.618896455432493,
+                    -4.555744919352755,
+                ],
+                [-50.00000000000007, -49.9988499370831, -13.700859852699665, -4.555744920016442],
+            ),
+        ];
+        for ((order, cutoff), zero, settled) in cases {
+            for (expected, settled) in [(zero, false), (settled, true)] {
+                let answer = filtered(order, cutoff, 1000.0, settled);
+                for (i, expected) in [0, 1, 50, 199].into_iter().zip(expected) {
+                    // SciPy's own settled state is off by 1.5e-14 of the signal's 50 at order 4.
+                    assert!((answer[i] - expected).abs() < 1e-12 * 50.0, "{order} {i}");
+                }
+            }
+        }
+    }
+
+    /// Gain at `frequency`, from the impulse response.
+    fn gain(order: usize, cutoff: f64, frequency: f64, length: usize) -> f64 {
+        let mut response = vec![0.0; length];
+        response[0] = 1.0;
+        Filter::new(&Butterworth::low_pass(order, cutoff, 1000.0).unwrap()).process(&mut response);
+        let turn = |i: usize| (TAU * frequency / 1000.0 * i as f64).sin_cos();
+        let sum = response.iter().enumerate().fold((0.0, 0.0), |(re, im), (i, h)| {
+            let (sin, cos) = turn(i);
+            (re + h * cos, im - h * sin)
+        });
+        f64::hypot(sum.0, sum.1)
+    }
+
+    /// `1/√(1 + (tan(πf/fs)/tan(πfc/fs))^2n)`: Butterworth through the prewarped bilinear transform.
+    fn analytic(order: i32, cutoff: f64, frequency: f64) -> f64 {
+        let ratio = (TAU * frequency / 2000.0).tan() / (TAU * cutoff / 2000.0).tan();
+        1.0 / (1.0 + ratio.powi(2 * order)).sqrt()
+    }
+
+    #[test]
+    fn magnitude_is_the_analytic_one() {
+        for order in 1..=8 {
+            for (cutoff, length) in [(0.5, 60_000), (10.0, 8000), (200.0, 8000), (450.0, 8000)] {
+                for share in [0.0, 0.5, 1.0, 1.1] {
+                    let frequency = share * cutoff;
+                    let expected = analytic(order, cutoff, frequency);
+                    let found = gain(order as usize, cutoff, frequency, length);
+                    // Thousands of terms summed to one: rounding of their root times 1e-16.
+                    assert!((found - expected).abs() < 1e-12, "{order} {frequency}: {found}");
+                }
+            }
+        }
+        assert!((20.0 * gain(4, 10.0, 10.0, 8000).log10() + 3.010299956639812).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_very_low_cutoff_keeps_its_digits() {
+        // As biquads in direct form (SciPy 1.17.1) this filter has the gain 1 − 4e-10 at 0 Hz.
+        for (frequency, expected) in
+            [(0.0, 1.0), (0.1, 0.5f64.sqrt()), (0.2, analytic(4, 0.1, 0.2))]
+        {
+            let found = gain(4, 0.1, frequency, 200_000);
+            assert!((found - expected).abs() < 1e-12, "{frequency}: {found} {expected}");
+        }
+    }
+
+    #[test]
+    fn a_constant_passes_unchanged_once_settled() {
+        for order in 1..=8 {
+            let design = Butterworth::low_pass(order, 0.1, 1000.0).unwrap();
+            let mut filter = Filter::settled(&design, 1.0 / 3.0);
+            let mut signal = vec![1.0 / 3.0; 10_000];
+            filter.process(&mut signal);
+            assert!(signal.iter().all(|&sample| sample == 1.0 / 3.0));
+        }
+    }
+
+    #[test]
+    fn a_peek_is_the_next_answer_and_changes_nothing() {
+        let mut filter = Filter::new(&Butterworth::low_pass(5, 30.0, 1000.0).unwrap());
+        for sample in test_signal() {
+            let (peeked, again) = (filter.peek(sample), filter.peek(sample));
+            let mut answer = [sample];
+            filter.process(&mut answer);
+            assert_eq!([peeked, again], [answer[0]; 2]);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn pieces_give_the_answer_of_the_whole(order in 1usize..9, cut in 0usize..200) {
+            let whole = filtered(order, 30.0, 1000.0, false);
+            let mut pieces = test_signal();
+            let mut filter = Filter::new(&Butterworth::low_pass(order, 30.0, 1000.0).unwrap());
+            let (a, b) = pieces.split_at_mut(cut);
+            filter.process(a);
+            filter.process(b);
+            prop_assert_eq!(pieces, whole);
+        }
+    }
+}
