@@ -1,37 +1,70 @@
 //! The JSON document, field by field.
 
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::LARGEST;
 use super::layout::to_json;
-use super::stored::{
-    OfAxes, Stored, StoredCovariance, StoredLag, StoredMemory, StoredModel, StoredOrigin,
-    StoredReadingRange, StoredScaling, axes_of, check_intervals, check_memory,
-};
+use super::origin::Origin;
 use super::{
     CalibrationFile, FEWER_AXES_SCHEMA_VERSION, Problem, SCHEMA_VERSION, SIX_AXES_SCHEMA_VERSION,
 };
+use calibration::dynamics::ReferenceLag;
+use calibration::memory::MemoryTerms;
 use calibration::model::Model;
+use calibration::physics::GroupIntervals;
+use calibration::reading_ranges::ReadingRange;
+use calibration::scaling::Scaling;
 use calibration::uncertainty::{CoefficientCovariance, Covariance, ErrorShape};
 use calibration::{Calibration, Polynomial, model};
-use shell_data::wrench::Axes;
+use shell_data::by_axis::{self, Among, Row};
+use shell_data::wrench::{Axes, Axis};
 
 #[derive(Serialize, Deserialize)]
 struct PolynomialDocument {
     schema_version: u64,
     #[serde(flatten)]
-    origin: StoredOrigin,
-    model: StoredModel,
+    origin: Origin,
+    model: Model,
     terms: Vec<String>,
-    scaling: StoredScaling,
+    scaling: Scaling,
     axes: Vec<String>,
-    coefficients: Vec<OfAxes<f64>>,
-    covariance: Option<StoredCovariance>,
-    valid_range: Option<Vec<StoredReadingRange>>,
+    coefficients: Vec<Row<f64>>,
+    covariance: Option<Covariance>,
+    valid_range: Option<Vec<ReadingRange>>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    memory: Option<StoredMemory>,
+    memory: Option<MemoryTerms>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    lag: Option<StoredLag>,
+    lag: Option<ReferenceLag>,
+}
+
+/// What a document of some axes says before all else.
+#[derive(Deserialize)]
+struct AxesHeader {
+    /// All six where it does not say.
+    axes: Option<Vec<String>>,
+}
+
+/// Reads a document with its axes.
+pub(super) fn read<T: DeserializeOwned>(text: &[u8]) -> Result<(Axes, T), Problem> {
+    let AxesHeader { axes } = serde_json::from_slice(text)?;
+    let axes = axes.map_or(Ok(Axes::ALL), axes_named).map_err(Problem::Inconsistent)?;
+    Ok((axes, by_axis::among(axes, || serde_json::from_slice(text))?))
+}
+
+/// The axes with these names of columns.
+fn axes_named(columns: Vec<String>) -> Result<Axes, String> {
+    let known = |column: &String| Axis::ALL.into_iter().find(|axis| axis.column() == *column);
+    let axes: Axes = columns.iter().filter_map(known).collect();
+    let (found, all) = (columns.join("`, `"), Axes::ALL.columns().join("`, `"));
+    let are_known = !axes.is_empty() && axes.columns() == columns;
+    ensure!(are_known, "`axes` has `{found}`, expected some of `{all}`, in this order");
+    Ok(axes)
+}
+
+/// The names of the columns of some axes, which a document names them by.
+pub(super) fn column_names(axes: Axes) -> Vec<String> {
+    axes.columns().into_iter().map(str::to_owned).collect()
 }
 
 /// Of a polynomial.
@@ -40,18 +73,18 @@ pub(super) fn format(file: &CalibrationFile, polynomial: &Polynomial) -> String 
     let axes = calibration.axes;
     let document = PolynomialDocument {
         schema_version: SCHEMA_VERSION,
-        origin: Stored::of(&file.origin, axes),
-        model: Stored::of(&polynomial.model(), axes),
+        origin: file.origin.clone(),
+        model: polynomial.model(),
         terms: term_names(&polynomial.model()),
-        scaling: Stored::of(polynomial.scaling(), axes),
-        axes: axes.iter().map(|axis| axis.column().to_owned()).collect(),
-        coefficients: Stored::of(&polynomial.coefficients().to_vec(), axes),
-        covariance: Stored::of(&calibration.covariance, axes),
-        valid_range: Stored::of(&calibration.valid_range, axes),
-        memory: Stored::of(&calibration.memory, axes),
-        lag: Stored::of(&calibration.lag, axes),
+        scaling: polynomial.scaling().clone(),
+        axes: column_names(axes),
+        coefficients: polynomial.coefficients().iter().copied().map(Row).collect(),
+        covariance: calibration.covariance.clone(),
+        valid_range: calibration.valid_range.clone(),
+        memory: calibration.memory.clone(),
+        lag: calibration.lag,
     };
-    to_json(&document)
+    to_json(&Among(axes, document))
 }
 
 /// The names of the terms of a model.
@@ -61,30 +94,30 @@ fn term_names(model: &Model) -> Vec<String> {
 
 /// Parses the document of a polynomial, of a known version.
 pub(super) fn parse(text: &[u8]) -> Result<CalibrationFile, Problem> {
-    let document: PolynomialDocument = serde_json::from_slice(text)?;
-    document.value().map_err(Problem::Inconsistent)
+    let (axes, document): (_, PolynomialDocument) = read(text)?;
+    document.value(axes).map_err(Problem::Inconsistent)
 }
 
 impl PolynomialDocument {
     /// # Errors
     /// What does not fit together.
-    fn value(self) -> Result<CalibrationFile, String> {
-        let axes = self.axes()?;
+    fn value(mut self, axes: Axes) -> Result<CalibrationFile, String> {
+        if let Some(covariance) = &mut self.covariance {
+            set_absent_to_zero(covariance, axes, self.terms.len());
+        }
         self.check(axes)?;
-        let (model, scaling) = (self.model.value(axes)?, self.scaling.value(axes)?);
-        let coefficients = named("coefficients", self.coefficients.value(axes))?;
-        let mut calibration = Calibration::new(model, scaling, coefficients);
+        let coefficients = self.coefficients.into_iter().map(|Row(row)| row).collect();
+        let mut calibration = Calibration::new(self.model, self.scaling, coefficients);
         calibration.axes = axes;
-        calibration.covariance = named("covariance", self.covariance.value(axes))?;
-        calibration.valid_range = self.valid_range.value(axes)?;
-        calibration.memory = self.memory.value(axes)?;
-        calibration.lag = self.lag.value(axes)?;
-        Ok(CalibrationFile { calibration, origin: named("diagnostics", self.origin.value(axes))? })
+        calibration.covariance = self.covariance;
+        calibration.valid_range = self.valid_range;
+        calibration.memory = self.memory;
+        calibration.lag = self.lag;
+        Ok(CalibrationFile { calibration, origin: self.origin })
     }
 
-    /// Which axes it is for.
-    fn axes(&self) -> Result<Axes, String> {
-        let axes = axes_of(Some(&self.axes))?;
+    /// Whether the parts fit together, as the rest of the program takes for granted.
+    fn check(&self, axes: Axes) -> Result<(), String> {
         let is_allowed = match self.schema_version {
             SIX_AXES_SCHEMA_VERSION => axes.are_all(),
             FEWER_AXES_SCHEMA_VERSION => !axes.are_all(),
@@ -95,16 +128,11 @@ impl PolynomialDocument {
             "`axes` has {axes}: all six belong to version {SIX_AXES_SCHEMA_VERSION}, fewer to \
              version {FEWER_AXES_SCHEMA_VERSION}"
         );
-        Ok(axes)
-    }
-
-    /// Whether the parts fit together, as the rest of the program takes for granted.
-    fn check(&self, axes: Axes) -> Result<(), String> {
-        let channels = self.model.channels;
+        let model = &self.model;
+        let channels = model.channels;
         let most = model::MAX_CHANNELS;
         let is_few = (1..=most).contains(&channels);
         ensure!(is_few, "`model.channels` is `{channels}`, expected 1 to {most}");
-        let model = self.model.clone().value(axes)?;
         let is_few = model.memory <= most && model.columns() <= most;
         ensure!(is_few, "`model.memory` is `{}`, too many for its channels", model.memory);
         check_memory(self.memory.as_ref(), model.memory)?;
@@ -113,7 +141,7 @@ impl PolynomialDocument {
         ensure!(lag.is_none_or(|lag| is_small(&lag.by)), "`lag` has a number beyond {LARGEST:e}");
         // Before the terms are listed, of which there may be millions.
         check_count("terms", self.terms.len(), model.term_count())?;
-        let terms = term_names(&model);
+        let terms = term_names(model);
         check_count("coefficients", self.coefficients.len(), terms.len())?;
         check_count("scaling.centre", self.scaling.centre.len(), model.columns())?;
         check_count("scaling.scale", self.scaling.scale.len(), model.columns())?;
@@ -129,12 +157,27 @@ impl PolynomialDocument {
             let is_allowed = is_power_of_two(*scale);
             ensure!(is_allowed, "`scaling.scale` has `{scale}`, expected powers of two");
         }
-        let is_centred = self.model.intercept || self.scaling.centre.iter().all(|&x| x == 0.0);
+        let is_centred = model.intercept || self.scaling.centre.iter().all(|&x| x == 0.0);
         ensure!(is_centred, "`scaling.centre` is not zero in a model without an intercept");
-        let are_small = self.coefficients.iter().flat_map(OfAxes::iter).all(is_small);
+        let are_small = self.coefficients.iter().flat_map(|Row(row)| row).all(is_small);
         ensure!(are_small, "`coefficients` has a number beyond {LARGEST:e}");
-        let covariance = named("covariance", self.covariance.clone().value(axes))?;
-        covariance.map_or(Ok(()), |covariance| check_covariance(&covariance, terms.len()))
+        let covariance = self.covariance.as_ref();
+        covariance.map_or(Ok(()), |covariance| check_covariance(covariance, terms.len()))
+    }
+}
+
+/// Has zeros for the axes that there are not, in the shape of those that there are.
+fn set_absent_to_zero(covariance: &mut Covariance, axes: Axes, terms: usize) {
+    for axis in Axes::ALL.without(axes).iter().map(Axis::index) {
+        if let CoefficientCovariance::Groups { factors, .. } = &mut covariance.coefficients {
+            factors[axis] = (1..=terms).map(|length| vec![0.0; length]).collect();
+        }
+        if let Some(ErrorShape { levels, quantiles }) = &mut covariance.shape {
+            quantiles[axis] = vec![0.0; levels.len()];
+        }
+        if let Some(GroupIntervals { levels, factors, .. }) = &mut covariance.intervals {
+            factors[axis] = vec![0.0; levels.len()];
+        }
     }
 }
 
@@ -183,9 +226,25 @@ fn check_count(name: &str, found: usize, expected: usize) -> Result<(), String> 
     Ok(())
 }
 
-/// Says in which field something does not fit.
-fn named<T>(field: &str, found: Result<T, String>) -> Result<T, String> {
-    found.map_err(|problem| format!("`{field}`: {problem}"))
+/// Whether memory terms fit to a model of so many time constants, and are any.
+fn check_memory(memory: Option<&MemoryTerms>, expected: usize) -> Result<(), String> {
+    let found = memory.map_or(0, |memory| memory.time_constants.len());
+    let is_whole = found == expected;
+    ensure!(is_whole, "`memory` has `{found}` time constants, the model needs `{expected}`");
+    for time in memory.into_iter().flat_map(|of| of.time_constants.iter().chain(&of.gap)) {
+        let is_positive = *time > 0.0 && *time <= LARGEST;
+        ensure!(is_positive, "`memory` has the time `{time}`, which is not positive");
+    }
+    Ok(())
+}
+
+/// Whether the parts of intervals, in the field of this name, fit together.
+pub(super) fn check_intervals(name: &str, intervals: &GroupIntervals) -> Result<(), String> {
+    let GroupIntervals { levels, factors, .. } = intervals;
+    let ascending = levels.windows(2).all(|pair| pair[0] < pair[1]);
+    let are_whole = ascending && factors.iter().all(|factors| factors.len() == levels.len());
+    ensure!(are_whole, "`{name}.factors` are not one for each ascending level");
+    Ok(())
 }
 
 fn is_power_of_two(value: f64) -> bool {
@@ -194,14 +253,12 @@ fn is_power_of_two(value: f64) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Diagnostics, Origin, Role, SolverRecord, SourceFile};
+    use super::super::{Diagnostics, Role, SolverRecord, SourceFile};
     use super::*;
     use calibration::model::Basis;
     use calibration::quality::AxisQuality;
-    use calibration::reading_ranges::ReadingRange;
-    use calibration::scaling::Scaling;
     use calibration::solver::SolverKind;
-    use shell_data::{Axis, ColumnNames, MomentUnit, TimeUnit};
+    use shell_data::{ColumnNames, MomentUnit, TimeUnit};
 
     fn file() -> CalibrationFile {
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
@@ -292,7 +349,6 @@ mod tests {
         let cases = [
             ("\"schema_version\": 4", "\"schema_version\": 1", "`axes` has Fx, Fz: all six belong"),
             ("\"fx_n\"", "\"mz_nm\"", "`axes` has `mz_nm`, `fz_n`, expected"),
-            ("[0.3333333333333333, 1.0]", "[1.0]", "`coefficients`: `1` values for `2` axes"),
         ];
         for (from, to, expected) in cases {
             match parse(text.replacen(from, to, 1).as_bytes()) {
@@ -302,6 +358,11 @@ mod tests {
                 other => panic!("{from} → {to}: {other:?}"),
             }
         }
+        let short = text.replacen("[0.3333333333333333, 1.0]", "[1.0]", 1);
+        let Err(Problem::Field(fault)) = parse(short.as_bytes()) else { panic!() };
+        // The parser is at the next row when it is told.
+        let line = 2 + text[..text.find("[0.3333333333333333").unwrap()].matches('\n').count();
+        assert_eq!((fault.message.as_str(), fault.line), ("`1` values for `2` axes", line));
     }
 
     #[test]

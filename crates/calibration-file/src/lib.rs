@@ -51,7 +51,6 @@ mod partial;
 pub mod payload_file;
 mod physics_document;
 mod r_factor;
-pub mod stored;
 
 use shell_data::hint::Hint;
 use std::io;

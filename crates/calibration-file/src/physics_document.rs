@@ -2,16 +2,16 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::document::{check_intervals, column_names, read};
 use super::layout::to_json;
-use super::stored::{
-    Stored, StoredGroupIntervals, StoredLag, StoredOrigin, StoredPhysicsModel, StoredReadingRange,
-    StoredSensor, check_intervals,
-};
+use super::origin::Origin;
 use super::{CalibrationFile, Problem, SCHEMA_VERSION};
-use calibration::physics::PhysicsCalibration;
+use calibration::dynamics::ReferenceLag;
 use calibration::physics::observation::MOST_CHANNELS;
+use calibration::physics::{GroupIntervals, PhysicsCalibration, PhysicsModel, Sensor};
+use calibration::reading_ranges::ReadingRange;
 use calibration::{Calibration, Kind};
-use shell_data::wrench::{Axes, Axis, PerAxis};
+use shell_data::wrench::{Axes, PerAxis};
 
 /// What `model` says.
 const NAME: &str = "physics";
@@ -20,16 +20,16 @@ const NAME: &str = "physics";
 struct PhysicsDocument {
     schema_version: u64,
     #[serde(flatten)]
-    origin: StoredOrigin,
+    origin: Origin,
     model: String,
-    axes: PerAxis<String>,
-    physics: StoredPhysicsModel,
+    axes: Vec<String>,
+    physics: PhysicsModel,
     #[serde(default = "as_they_are")]
     standard_error_scale: PerAxis<f64>,
-    intervals: Option<StoredGroupIntervals>,
-    valid_range: Option<Vec<StoredReadingRange>>,
+    intervals: Option<GroupIntervals>,
+    valid_range: Option<Vec<ReadingRange>>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    lag: Option<StoredLag>,
+    lag: Option<ReferenceLag>,
 }
 
 /// The scale of standard errors in a document that has none.
@@ -40,47 +40,44 @@ fn as_they_are() -> PerAxis<f64> {
 pub(super) fn format(file: &CalibrationFile, physics: &PhysicsCalibration) -> String {
     to_json(&PhysicsDocument {
         schema_version: SCHEMA_VERSION,
-        origin: Stored::of(&file.origin, Axes::ALL),
+        origin: file.origin.clone(),
         model: NAME.to_owned(),
-        axes: Axis::ALL.map(|axis| axis.column().to_owned()),
-        physics: Stored::of(physics.model(), Axes::ALL),
+        axes: column_names(Axes::ALL),
+        physics: physics.model().clone(),
         standard_error_scale: *physics.error_scale(),
-        intervals: Stored::of(&physics.intervals, Axes::ALL),
-        valid_range: Stored::of(&file.calibration.valid_range, Axes::ALL),
-        lag: Stored::of(&file.calibration.lag, Axes::ALL),
+        intervals: physics.intervals.clone(),
+        valid_range: file.calibration.valid_range.clone(),
+        lag: file.calibration.lag,
     })
 }
 
 /// Parses the document of a physics model, of a known version.
 pub(super) fn parse(text: &[u8]) -> Result<CalibrationFile, Problem> {
-    let document: PhysicsDocument = serde_json::from_slice(text)?;
-    document.value().map_err(Problem::Inconsistent)
+    let (axes, document): (_, PhysicsDocument) = read(text)?;
+    document.value(axes).map_err(Problem::Inconsistent)
 }
 
 impl PhysicsDocument {
     /// # Errors
     /// What does not fit together.
-    fn value(self) -> Result<CalibrationFile, String> {
-        self.check()?;
-        let model = self.physics.value(Axes::ALL)?;
-        let mut physics = PhysicsCalibration::new(model, self.standard_error_scale);
-        physics.intervals = self.intervals.value(Axes::ALL)?;
+    fn value(self, axes: Axes) -> Result<CalibrationFile, String> {
+        self.check(axes)?;
+        let mut physics = PhysicsCalibration::new(self.physics, self.standard_error_scale);
+        physics.intervals = self.intervals;
         if let Some(intervals) = &physics.intervals {
             check_intervals("intervals", intervals)?;
         }
         let mut calibration = Calibration::from_kind(Kind::Physics(Box::new(physics)));
-        calibration.valid_range = self.valid_range.value(Axes::ALL)?;
-        calibration.lag = self.lag.value(Axes::ALL)?;
-        Ok(CalibrationFile { calibration, origin: self.origin.value(Axes::ALL)? })
+        calibration.valid_range = self.valid_range;
+        calibration.lag = self.lag;
+        Ok(CalibrationFile { calibration, origin: self.origin })
     }
 
     /// Whether the parts fit together, as the rest of the program takes for granted.
-    fn check(&self) -> Result<(), String> {
+    fn check(&self, axes: Axes) -> Result<(), String> {
         let is_physics = self.model == NAME;
         ensure!(is_physics, "`model` is `{}`, expected `{NAME}`", self.model);
-        for (found, expected) in self.axes.iter().zip(Axis::ALL.map(Axis::column)) {
-            ensure!(found == expected, "`axes` has `{found}` where `{expected}` is expected");
-        }
+        ensure!(axes.are_all(), "`axes` has {axes} alone, expected all six");
         let channels = self.physics.channels;
         let is_few = (1..=MOST_CHANNELS).contains(&channels);
         ensure!(is_few, "`physics.channels` is `{channels}`, expected 1 to {MOST_CHANNELS}");
@@ -91,7 +88,7 @@ impl PhysicsDocument {
         let mut next = 0;
         for (position, sensor) in self.physics.sensors.iter().enumerate() {
             let (name, last) = (format!("physics.sensors[{position}]"), channels - 1);
-            let StoredSensor { channel, range, .. } = sensor;
+            let Sensor { channel, range, .. } = sensor;
             let is_in_order = (next..=last).contains(channel);
             ensure!(is_in_order, "`{name}.channel` is `{channel}`, expected `{next}` to `{last}`");
             ensure!(*range > 0.0, "`{name}.range` is `{range}`");
@@ -108,9 +105,8 @@ impl PhysicsDocument {
 
 #[cfg(test)]
 mod tests {
-    use calibration::physics::{GroupIntervals, Noise, PhysicsModel, Sensor};
+    use calibration::physics::Noise;
 
-    use super::super::Origin;
     use super::*;
 
     fn file() -> CalibrationFile {

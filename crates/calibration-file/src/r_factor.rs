@@ -5,39 +5,36 @@ use calibration::model::{Basis, MAX_CHANNELS, Model};
 use calibration::reading_ranges::{ReadingRange, ReadingRanges};
 use calibration::scaling::Scaling;
 use serde::{Deserialize, Serialize};
-use shell_data::wrench::Axes;
 
 use super::LARGEST;
-use super::stored::{Name, Stored, StoredReadingRange, StoredScaling};
 
 #[derive(Serialize, Deserialize)]
 pub(super) struct RFactorDocument {
-    basis: Name<Basis>,
+    basis: Basis,
     rows: u64,
     /// What features are made of: `z = (s − centre) / scale`.
-    scaling: StoredScaling,
-    channels: Vec<StoredReadingRange>,
+    scaling: Scaling,
+    channels: Vec<ReadingRange>,
     /// Columns of the upper triangular matrix, of lengths 1, 2, …: features with a constant, then all six axes.
     columns: Vec<Vec<f64>>,
 }
 
 impl RFactorDocument {
-    pub(super) fn new(rows: &FactoredRows, axes: Axes) -> Self {
+    pub(super) fn new(rows: &FactoredRows) -> Self {
         Self {
-            basis: Name::of(&rows.basis(), axes),
+            basis: rows.basis(),
             rows: rows.rows(),
-            scaling: Stored::of(rows.scaling(), axes),
-            channels: Stored::of(&rows.reading_ranges().channels, axes),
+            scaling: rows.scaling().clone(),
+            channels: rows.reading_ranges().channels.clone(),
             columns: rows.columns(),
         }
     }
 
     /// # Errors
     /// What does not fit together.
-    pub(super) fn value(self, axes: Axes) -> Result<FactoredRows, String> {
-        let (basis, scaling) = (self.basis.value(axes)?, self.scaling.value(axes)?);
+    pub(super) fn value(self) -> Result<FactoredRows, String> {
+        let Self { basis, rows, scaling, channels, columns } = self;
         let Scaling { centre, scale } = &scaling;
-        let channels: Vec<ReadingRange> = self.channels.value(axes)?;
         let count = channels.len();
         let are_as_many = centre.len() == count && scale.len() == count;
         let are_as_many = are_as_many && (1..=MAX_CHANNELS).contains(&count);
@@ -49,12 +46,12 @@ impl RFactorDocument {
         ensure!(are_powers, "a `scale` is no power of two");
         let small = |x: &f64| x.abs() <= LARGEST;
         let ranges = channels.iter().flat_map(|range| [&range.min, &range.max]);
-        let are_usable = ranges.chain(centre).chain(self.columns.iter().flatten()).all(small)
-            && self.rows > 0
+        let are_usable = ranges.chain(centre).chain(columns.iter().flatten()).all(small)
+            && rows > 0
             && channels.iter().all(|range| range.min <= range.max);
         ensure!(are_usable, "a number is too large, a range is empty, or there are no rows");
-        let ranges = ReadingRanges { rows: self.rows, channels };
-        let rows = FactoredRows::from_parts((model, scaling), ranges, &self.columns)
+        let ranges = ReadingRanges { rows, channels };
+        let rows = FactoredRows::from_parts((model, scaling), ranges, &columns)
             .ok_or("`columns` are not those of an upper triangular matrix of its size")?;
         ensure!(rows.counts_its_rows(), "the sum of ones is not the number of rows");
         Ok(rows)

@@ -19,18 +19,18 @@
 use std::collections::HashSet;
 use std::path::Path;
 
+use super::super::document::{column_names, read};
 use super::super::layout::to_json;
 use super::super::r_factor::RFactorDocument;
-use super::super::stored::{
-    MomentsDocument, Name, Stored, StoredColumnNames, StoredModel, StoredSource, axes_of,
-};
-use super::super::{CalibrationFileError, Problem, Role};
+use super::super::{CalibrationFileError, Problem, Role, SourceFile};
 use super::{PartialFit, PartialGroup, PartialGroups, Sums};
 use crate::{checksum, input};
 use calibration::exact::{Moments, StoredMoments};
 use calibration::model::Model;
 use calibration::validation::grouped::{GroupKind, GroupedMoments, MAX_GROUPS, RandomSplit};
 use serde::{Deserialize, Serialize};
+use shell_data::ColumnNames;
+use shell_data::by_axis::Among;
 use shell_data::wrench::Axes;
 
 /// The version of the documents that this program writes.
@@ -41,12 +41,12 @@ struct PartialDocument {
     partial_schema_version: u64,
     made_by: String,
     date: String,
-    model: StoredModel,
+    model: Model,
     skipped_rows: u64,
     repeated_rows: u64,
-    sources: Vec<StoredSource>,
+    sources: Vec<SourceFile>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    columns: Option<StoredColumnNames>,
+    columns: Option<ColumnNames>,
     /// Absent where there are all six.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     axes: Option<Vec<String>>,
@@ -55,7 +55,7 @@ struct PartialDocument {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     sensor_serial: Option<String>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    moments: Option<MomentsDocument>,
+    moments: Option<StoredMoments>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     triangle: Option<RFactorDocument>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -64,11 +64,11 @@ struct PartialDocument {
 
 #[derive(Serialize, Deserialize)]
 struct GroupsDocument {
-    by: Name<GroupKind>,
+    by: GroupKind,
     random_folds: usize,
     held_out_folds: usize,
     seed: u64,
-    random: Vec<MomentsDocument>,
+    random: Vec<StoredMoments>,
     sums: Vec<GroupDocument>,
 }
 
@@ -78,7 +78,7 @@ struct GroupDocument {
     source: usize,
     place: usize,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    moments: Option<MomentsDocument>,
+    moments: Option<StoredMoments>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     triangle: Option<RFactorDocument>,
 }
@@ -126,39 +126,38 @@ impl PartialFit {
         if !(1..=PARTIAL_SCHEMA_VERSION).contains(&found) {
             return Err(Problem::SchemaVersion { found });
         }
-        let document: PartialDocument = serde_json::from_slice(text)?;
-        document.value().map_err(Problem::Inconsistent)
+        let (axes, document): (_, PartialDocument) = read(text)?;
+        document.value(axes).map_err(Problem::Inconsistent)
     }
 
     /// The JSON document.
     pub fn to_json(&self) -> String {
         let (moments, triangle) = stored_sums(&self.sums, self.axes);
-        checksum::add(&to_json(&PartialDocument {
+        let document = PartialDocument {
             partial_schema_version: PARTIAL_SCHEMA_VERSION,
             made_by: self.made_by.clone(),
             date: self.date.clone(),
-            model: Stored::of(&self.model, self.axes),
+            model: self.model,
             skipped_rows: self.skipped_rows,
             repeated_rows: self.repeated_rows,
-            sources: Stored::of(&self.sources, self.axes),
-            columns: Stored::of(&self.columns, self.axes),
-            axes: (!self.axes.are_all())
-                .then(|| self.axes.iter().map(|axis| axis.column().to_owned()).collect()),
+            sources: self.sources.clone(),
+            columns: self.columns.clone(),
+            axes: (!self.axes.are_all()).then(|| column_names(self.axes)),
             summed: self.summed.clone(),
             sensor_serial: self.sensor_serial.clone(),
             moments,
             triangle,
             groups: self.groups.as_ref().map(|groups| GroupsDocument::new(groups, self.axes)),
-        }))
+        };
+        checksum::add(&to_json(&Among(self.axes, document)))
     }
 }
 
 impl PartialDocument {
     /// # Errors
     /// What does not fit together.
-    fn value(self) -> Result<PartialFit, String> {
-        let axes = axes_of(self.axes.as_deref())?;
-        let (model, sums) = (self.model.value(axes)?, sums(self.moments, self.triangle, axes)?);
+    fn value(self, axes: Axes) -> Result<PartialFit, String> {
+        let (model, sums) = (self.model, sums(self.moments, self.triangle, axes)?);
         let field = field(&sums);
         ensure!(suits(&sums, &model), "`{field}` are not those of `model`");
         let (columns, found) = (model.channels + axes.count(), self.summed.as_ref().map(Vec::len));
@@ -177,11 +176,11 @@ impl PartialDocument {
             model,
             skipped_rows: self.skipped_rows,
             repeated_rows: self.repeated_rows,
-            sources: self.sources.value(axes)?,
+            sources: self.sources,
             axes,
             summed: self.summed,
             sensor_serial: self.sensor_serial,
-            columns: self.columns.value(axes)?,
+            columns: self.columns,
             sums,
             groups,
         })
@@ -197,11 +196,11 @@ impl GroupsDocument {
             GroupDocument { label, source, place, moments, triangle }
         };
         Self {
-            by: Name::of(&groups.by, axes),
+            by: groups.by,
             random_folds: folds,
             held_out_folds: held_out,
             seed,
-            random: groups.random.iter().map(|sums| stored_moments(sums, axes)).collect(),
+            random: groups.random.iter().map(|sums| StoredMoments::of(sums, axes)).collect(),
             sums: groups.groups.iter().map(group).collect(),
         }
     }
@@ -261,7 +260,7 @@ impl GroupsDocument {
             random.push(moments);
         }
         let split = RandomSplit { folds, held_out, seed };
-        Ok(PartialGroups { by: self.by.value(axes)?, split, groups, random })
+        Ok(PartialGroups { by: self.by, split, groups, random })
     }
 }
 
@@ -278,35 +277,29 @@ fn field(sums: &Sums) -> &'static str {
 }
 
 /// The stored moments, or the stored R factor.
-fn stored_sums(sums: &Sums, axes: Axes) -> (Option<MomentsDocument>, Option<RFactorDocument>) {
+fn stored_sums(sums: &Sums, axes: Axes) -> (Option<StoredMoments>, Option<RFactorDocument>) {
     match sums {
-        Sums::Exact(moments) => (Some(stored_moments(moments, axes)), None),
-        Sums::Factored(rows) => (None, Some(RFactorDocument::new(rows, axes))),
+        Sums::Exact(moments) => (Some(StoredMoments::of(moments, axes)), None),
+        Sums::Factored(rows) => (None, Some(RFactorDocument::new(rows))),
     }
-}
-
-/// Integers as decimal strings, of these axes alone.
-fn stored_moments(moments: &Moments, axes: Axes) -> MomentsDocument {
-    Stored::of(&StoredMoments::of(moments, axes), axes)
 }
 
 /// # Errors
 /// What does not fit together.
-fn read_moments(document: MomentsDocument, axes: Axes) -> Result<Moments, String> {
-    let stored = document.value(axes)?;
+fn read_moments(stored: StoredMoments, axes: Axes) -> Result<Moments, String> {
     Moments::from_stored(stored, axes).map_err(|error| format!("`moments`: {error}"))
 }
 
 /// What one of the two fields has.
 fn sums(
-    moments: Option<MomentsDocument>,
+    moments: Option<StoredMoments>,
     triangle: Option<RFactorDocument>,
     axes: Axes,
 ) -> Result<Sums, String> {
     match (moments, triangle) {
         (Some(moments), None) => Ok(Sums::Exact(read_moments(moments, axes)?)),
         (None, Some(triangle)) => {
-            let rows = triangle.value(axes).map_err(|error| format!("`triangle`: {error}"))?;
+            let rows = triangle.value().map_err(|error| format!("`triangle`: {error}"))?;
             Ok(Sums::Factored(rows))
         }
         (None, None) => Err("missing field `moments` or `triangle`".to_owned()),

@@ -4,7 +4,6 @@ use calibration::Kind;
 use calibration::fit::{Fit, PhysicsFit};
 use calibration::physics::{COVERAGE_LEVEL, FactorTrial, PhysicsValidation};
 use calibration_file::CalibrationFile;
-use calibration_file::stored::{Stored, StoredExcitation, StoredGroupIntervals};
 use shell_data::wrench::Axes;
 use shellcal::workflow::hung_loads::HungReference;
 
@@ -60,8 +59,8 @@ pub(super) fn report(
             coverage_95?: coverage.map(|of| of.map(|(share, _)| share)),
             // Root mean square of held-out errors in their standard errors.
             held_out_in_standard_errors?: validation.map(PhysicsValidation::scores),
-            intervals: Option::<StoredGroupIntervals>::of(&physics.intervals, Axes::ALL),
-            excitation: Option::<StoredExcitation>::of(&diagnostics.excitation, Axes::ALL),
+            intervals: &physics.intervals,
+            excitation: &diagnostics.excitation,
             // What was hung, and what the readings say it was.
             hung?: hung.map(hung_loads::document),
             time_s: seconds,

@@ -5,12 +5,9 @@ use calibration::fit::{Fit, ModelComparison, UnseenRows, Verdict};
 use calibration::quality::significant;
 use calibration::uncertainty::{CoefficientCovariance, Covariance};
 use calibration::validation::advice::Advice;
-use calibration_file::stored::{
-    OfAxes, Stored, StoredCandidate, StoredCrossValidation, StoredExcitation, StoredQuality,
-    StoredSelection, StoredSolverRecord,
-};
 use calibration_file::{CalibrationFile, Diagnostics};
 use serde::Serialize;
+use shell_data::by_axis::Among;
 use shell_data::wrench::{Axes, PerAxis};
 use shellcal::workflow::outliers::NamedOutliers;
 
@@ -70,10 +67,10 @@ pub(super) fn row_counts(fitted: &Fit, diagnostics: &Diagnostics) -> impl Serial
 pub(super) fn errors(fitted: &Fit, of: &Diagnostics, axes: Axes) -> impl Serialize {
     document! {
         axes: axes.columns(),
-        train: OfAxes::<StoredQuality>::of(&of.train, axes),
-        test: Option::<OfAxes<StoredQuality>>::of(&of.test, axes),
-        cross_validation?: Option::<StoredCrossValidation>::of(&of.cross_validation, axes),
-        selection?: Option::<StoredSelection>::of(&of.selection, axes),
+        train: axes.of(&of.train),
+        test: of.test.as_ref().map(|test| axes.of(test)),
+        cross_validation?: of.cross_validation.as_ref().map(|of| Among(axes, of)),
+        selection?: of.selection.as_ref().map(|of| Among(axes, of)),
         dynamics?: fitted.dynamics.as_ref().map(|found| dynamics(found, axes)),
         weighing?: compared(fitted).map(comparison),
     }
@@ -105,8 +102,8 @@ fn dynamics(of: &Result<Dynamics, NotSearched>, axes: Axes) -> impl Serialize {
 fn advice(advice: &Advice, axes: Axes) -> impl Serialize {
     document! {
         folds: advice.folds,
-        best: StoredCandidate::of(&advice.best, axes),
-        cautious: StoredCandidate::of(&advice.cautious, axes),
+        best: Among(axes, &advice.best),
+        cautious: Among(axes, &advice.cautious),
         // Natural logarithm of the error of the cautious choice relative to that of the best, and its standard error;
         // zeros where they are one.
         log_ratio: advice.caution.map(|of| log_ratio(of.all)).unwrap_or_default(),
@@ -130,7 +127,7 @@ fn covariance(covariance: &Covariance, axes: Axes) -> impl Serialize {
         groups?: groups,
         degrees_of_freedom: covariance.degrees_of_freedom,
         // In products of N and N·m.
-        residual: OfAxes::<OfAxes<f64>>::of(&covariance.residual, axes),
+        residual: axes.of(&covariance.residual.map(|row| axes.of(&row))),
         // Half the width of a 95 % prediction interval, coefficients taken as certain, N and N·m; `null` where
         // groups are too few to tell.
         interval_95: factors.map(half_width),
@@ -189,7 +186,7 @@ pub(super) fn report(
         return printer.document(&document! {
             model: model.name(),
             verdict: verdict(&fitted.verdict()),
-            solver: StoredSolverRecord::of(&solver, axes),
+            solver: solver,
             ..counts: row_counts(fitted, diagnostics),
             // The share of test rows that were recorded at plateaus of the training data.
             test_share_on_training_plateaus?: fitted.leaks.test,
@@ -201,7 +198,7 @@ pub(super) fn report(
             groups_found?: fitted.found_groups.map(groups_found),
             outliers?: named.used.as_ref().map(NamedOutliers::report),
             dropped?: named.dropped.as_ref().map(NamedOutliers::report),
-            excitation: Option::<StoredExcitation>::of(&diagnostics.excitation, axes),
+            excitation: Among(axes, &diagnostics.excitation),
             covariance?: fitted.calibration.covariance.as_ref().map(|of| covariance(of, axes)),
             time_s: seconds,
         });

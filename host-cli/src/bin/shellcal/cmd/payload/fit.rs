@@ -1,6 +1,6 @@
 //! `shellcal payload fit`: from poses at rest to what the sensor carries.
 
-use calibration_file::payload_file::PayloadFile;
+use calibration_file::payload_file::{PayloadFile, PayloadSource};
 use forces::payload::{LEAST_SPREAD, Payload, PayloadFit, STANDARD_GRAVITY_M_S2};
 use shellcal::workflow::payload::{FittedPayload, GravityFrom, fit_payload};
 
@@ -46,12 +46,13 @@ impl PayloadFitArgs {
             &self.mapping.read_options(),
         )?;
         let paths = self.logs.iter().map(|path| path.to_path_buf());
+        let sources = paths.zip(found.rows.iter().copied());
         let file = PayloadFile {
             fit: found.fit,
             accelerometer: found.accelerometer,
             made_by: shellcal::PROGRAM.to_owned(),
             date: origin::date()?,
-            sources: paths.zip(found.rows.iter().copied()).collect(),
+            sources: sources.map(|(path, rows)| PayloadSource { path, rows }).collect(),
         };
         if let Some(output) = output {
             output.commit_with(file.to_json().as_bytes())?;

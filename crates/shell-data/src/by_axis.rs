@@ -1,0 +1,116 @@
+//! Values by axis in documents, which hold those of the [axes that there are](Axes) alone.
+//!
+//! serde writes a field so by `#[serde(with = "by_axis")]`, a matrix by `by_axis::matrix`, and what may be missing
+//! by `by_axis::option`. A document names its axes once, for all of its fields, and serde has no way to hand them
+//! on: [`among`] tells them for as long as the document is read or written.
+
+use std::cell::Cell;
+
+use serde::de::{Deserialize, Deserializer, Error};
+use serde::ser::{Serialize, Serializer};
+
+use crate::wrench::{Axes, PerAxis};
+
+thread_local! {
+    static AXES: Cell<Axes> = const { Cell::new(Axes::ALL) };
+}
+
+/// Reads or writes a document of these axes, on this thread; without it there are all six.
+pub fn among<T>(axes: Axes, act: impl FnOnce() -> T) -> T {
+    let outside = AXES.replace(axes);
+    let done = act();
+    AXES.set(outside);
+    done
+}
+
+/// What is written of these axes alone.
+#[derive(Clone, Copy, Debug)]
+pub struct Among<T>(pub Axes, pub T);
+
+impl<T: Serialize> Serialize for Among<T> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        among(self.0, || self.1.serialize(serializer))
+    }
+}
+
+/// One value for each axis; where there is none, the default.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Row<T>(pub PerAxis<T>);
+
+impl<T: Serialize> Serialize for Row<T> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_seq(AXES.get().iter().map(|axis| &self.0[axis.index()]))
+    }
+}
+
+impl<'de, T: Deserialize<'de> + Clone + Default> Deserialize<'de> for Row<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let values: Vec<T> = Vec::deserialize(deserializer)?;
+        let (found, axes) = (values.len(), AXES.get());
+        let row = axes.spread(values, &T::default()).map(Self);
+        row.ok_or_else(|| Error::custom(format!("`{found}` values for `{}` axes", axes.count())))
+    }
+}
+
+/// Writes one value for each axis.
+///
+/// # Errors
+/// Those of the serializer.
+pub fn serialize<T: Serialize, S: Serializer>(
+    values: &PerAxis<T>,
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    Row(values.each_ref()).serialize(serializer)
+}
+
+/// Reads one value for each axis.
+///
+/// # Errors
+/// Those of the deserializer, or there are not as many values as axes.
+pub fn deserialize<'de, T: Deserialize<'de> + Clone + Default, D: Deserializer<'de>>(
+    deserializer: D,
+) -> Result<PerAxis<T>, D::Error> {
+    Row::deserialize(deserializer).map(|row| row.0)
+}
+
+/// A row and a column for each axis.
+#[expect(clippy::missing_errors_doc, reason = "as of one row")]
+pub mod matrix {
+    use super::{Deserialize, Deserializer, PerAxis, Row, Serialize, Serializer};
+
+    /// Writes them.
+    pub fn serialize<S: Serializer>(
+        rows: &PerAxis<PerAxis<f64>>,
+        serializer: S,
+    ) -> Result<S::Ok, S::Error> {
+        Row(rows.map(Row)).serialize(serializer)
+    }
+
+    /// Reads them.
+    pub fn deserialize<'de, D: Deserializer<'de>>(
+        deserializer: D,
+    ) -> Result<PerAxis<PerAxis<f64>>, D::Error> {
+        Row::<Row<f64>>::deserialize(deserializer).map(|rows| rows.0.map(|row| row.0))
+    }
+}
+
+/// One value for each axis, or nothing.
+#[expect(clippy::missing_errors_doc, reason = "as of values that must be there")]
+pub mod option {
+    use super::{Deserialize, Deserializer, PerAxis, Row, Serialize, Serializer};
+
+    /// Writes them.
+    pub fn serialize<T: Serialize, S: Serializer>(
+        values: &Option<PerAxis<T>>,
+        serializer: S,
+    ) -> Result<S::Ok, S::Error> {
+        values.as_ref().map(|values| Row(values.each_ref())).serialize(serializer)
+    }
+
+    /// Reads them.
+    pub fn deserialize<'de, T: Deserialize<'de> + Clone + Default, D: Deserializer<'de>>(
+        deserializer: D,
+    ) -> Result<Option<PerAxis<T>>, D::Error> {
+        Ok(Option::<Row<T>>::deserialize(deserializer)?.map(|row| row.0))
+    }
+}
