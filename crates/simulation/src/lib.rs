@@ -5,6 +5,12 @@
 //! [`simulated_board`] runs the firmware's library over the sensor model on a pseudo-terminal
 //! or over TCP, behind a [`radio`] that loses and damages packets.
 
+/// Settings that are not those of an instrument, a recording, a trial, a load or a radio: what was asked for, and what
+/// can be simulated.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{0}")]
+pub struct SettingsError(String);
+
 pub mod channel_study;
 pub mod radio;
 pub mod sensor_model;
