@@ -1,4 +1,4 @@
-//! The JSON document, field by field.
+//! The JSON documents, field by field: of polynomials, and of physics models.
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -12,13 +12,14 @@ use super::{
 use calibration::dynamics::ReferenceLag;
 use calibration::memory::MemoryTerms;
 use calibration::model::Model;
-use calibration::physics::GroupIntervals;
+use calibration::physics::observation::MOST_CHANNELS;
+use calibration::physics::{GroupIntervals, PhysicsCalibration, PhysicsModel, Sensor};
 use calibration::reading_ranges::ReadingRange;
 use calibration::scaling::Scaling;
 use calibration::uncertainty::{CoefficientCovariance, Covariance, ErrorShape};
-use calibration::{Calibration, Polynomial, model};
+use calibration::{Calibration, Kind, Polynomial, model};
 use shell_data::by_axis::{self, Among, Row};
-use shell_data::wrench::{Axes, Axis};
+use shell_data::wrench::{Axes, Axis, PerAxis};
 
 #[derive(Serialize, Deserialize)]
 struct PolynomialDocument {
@@ -28,7 +29,7 @@ struct PolynomialDocument {
     model: Model,
     terms: Vec<String>,
     scaling: Scaling,
-    axes: Vec<String>,
+    axes: Axes,
     coefficients: Vec<Row<f64>>,
     covariance: Option<Covariance>,
     valid_range: Option<Vec<ReadingRange>>,
@@ -38,33 +39,17 @@ struct PolynomialDocument {
     lag: Option<ReferenceLag>,
 }
 
-/// What a document of some axes says before all else.
+/// What a document of some axes says before all else: which, where these are not all six.
 #[derive(Deserialize)]
 struct AxesHeader {
-    /// All six where it does not say.
-    axes: Option<Vec<String>>,
+    axes: Option<Axes>,
 }
 
-/// Reads a document with its axes.
-pub(super) fn read<T: DeserializeOwned>(text: &[u8]) -> Result<(Axes, T), Problem> {
+/// Reads a document that has values of its axes alone.
+pub(super) fn read<T: DeserializeOwned>(text: &[u8]) -> Result<T, Problem> {
     let AxesHeader { axes } = serde_json::from_slice(text)?;
-    let axes = axes.map_or(Ok(Axes::ALL), axes_named).map_err(Problem::Inconsistent)?;
-    Ok((axes, by_axis::among(axes, || serde_json::from_slice(text))?))
-}
-
-/// The axes with these names of columns.
-fn axes_named(columns: Vec<String>) -> Result<Axes, String> {
-    let known = |column: &String| Axis::ALL.into_iter().find(|axis| axis.column() == *column);
-    let axes: Axes = columns.iter().filter_map(known).collect();
-    let (found, all) = (columns.join("`, `"), Axes::ALL.columns().join("`, `"));
-    let are_known = !axes.is_empty() && axes.columns() == columns;
-    ensure!(are_known, "`axes` has `{found}`, expected some of `{all}`, in this order");
-    Ok(axes)
-}
-
-/// The names of the columns of some axes, which a document names them by.
-pub(super) fn column_names(axes: Axes) -> Vec<String> {
-    axes.columns().into_iter().map(str::to_owned).collect()
+    let document = || serde_json::from_slice(text);
+    Ok(by_axis::among(axes.unwrap_or(Axes::ALL), document)?)
 }
 
 /// Of a polynomial.
@@ -77,7 +62,7 @@ pub(super) fn format(file: &CalibrationFile, polynomial: &Polynomial) -> String 
         model: polynomial.model(),
         terms: term_names(&polynomial.model()),
         scaling: polynomial.scaling().clone(),
-        axes: column_names(axes),
+        axes,
         coefficients: polynomial.coefficients().iter().copied().map(Row).collect(),
         covariance: calibration.covariance.clone(),
         valid_range: calibration.valid_range.clone(),
@@ -94,21 +79,20 @@ fn term_names(model: &Model) -> Vec<String> {
 
 /// Parses the document of a polynomial, of a known version.
 pub(super) fn parse(text: &[u8]) -> Result<CalibrationFile, Problem> {
-    let (axes, document): (_, PolynomialDocument) = read(text)?;
-    document.value(axes).map_err(Problem::Inconsistent)
+    read::<PolynomialDocument>(text)?.value().map_err(Problem::Inconsistent)
 }
 
 impl PolynomialDocument {
     /// # Errors
     /// What does not fit together.
-    fn value(mut self, axes: Axes) -> Result<CalibrationFile, String> {
+    fn value(mut self) -> Result<CalibrationFile, String> {
         if let Some(covariance) = &mut self.covariance {
-            set_absent_to_zero(covariance, axes, self.terms.len());
+            set_absent_to_zero(covariance, self.axes, self.terms.len());
         }
-        self.check(axes)?;
+        self.check()?;
         let coefficients = self.coefficients.into_iter().map(|Row(row)| row).collect();
         let mut calibration = Calibration::new(self.model, self.scaling, coefficients);
-        calibration.axes = axes;
+        calibration.axes = self.axes;
         calibration.covariance = self.covariance;
         calibration.valid_range = self.valid_range;
         calibration.memory = self.memory;
@@ -117,7 +101,8 @@ impl PolynomialDocument {
     }
 
     /// Whether the parts fit together, as the rest of the program takes for granted.
-    fn check(&self, axes: Axes) -> Result<(), String> {
+    fn check(&self) -> Result<(), String> {
+        let axes = self.axes;
         let is_allowed = match self.schema_version {
             SIX_AXES_SCHEMA_VERSION => axes.are_all(),
             FEWER_AXES_SCHEMA_VERSION => !axes.are_all(),
@@ -251,11 +236,102 @@ fn is_power_of_two(value: f64) -> bool {
     value > 0.0 && value.recip().is_normal() && value.to_bits().trailing_zeros() >= 52
 }
 
+/// What `model` says.
+const NAME: &str = "physics";
+
+#[derive(Serialize, Deserialize)]
+struct PhysicsDocument {
+    schema_version: u64,
+    #[serde(flatten)]
+    origin: Origin,
+    model: String,
+    axes: Axes,
+    physics: PhysicsModel,
+    #[serde(default = "as_they_are")]
+    standard_error_scale: PerAxis<f64>,
+    intervals: Option<GroupIntervals>,
+    valid_range: Option<Vec<ReadingRange>>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    lag: Option<ReferenceLag>,
+}
+
+/// The scale of standard errors in a document that has none.
+fn as_they_are() -> PerAxis<f64> {
+    [1.0; 6]
+}
+
+pub(super) fn format_physics(file: &CalibrationFile, physics: &PhysicsCalibration) -> String {
+    to_json(&PhysicsDocument {
+        schema_version: SCHEMA_VERSION,
+        origin: file.origin.clone(),
+        model: NAME.to_owned(),
+        axes: Axes::ALL,
+        physics: physics.model().clone(),
+        standard_error_scale: *physics.error_scale(),
+        intervals: physics.intervals.clone(),
+        valid_range: file.calibration.valid_range.clone(),
+        lag: file.calibration.lag,
+    })
+}
+
+/// Parses the document of a physics model, of a known version.
+pub(super) fn parse_physics(text: &[u8]) -> Result<CalibrationFile, Problem> {
+    read::<PhysicsDocument>(text)?.value().map_err(Problem::Inconsistent)
+}
+
+impl PhysicsDocument {
+    /// # Errors
+    /// What does not fit together.
+    fn value(self) -> Result<CalibrationFile, String> {
+        self.check()?;
+        let mut physics = PhysicsCalibration::new(self.physics, self.standard_error_scale);
+        physics.intervals = self.intervals;
+        if let Some(intervals) = &physics.intervals {
+            check_intervals("intervals", intervals)?;
+        }
+        let mut calibration = Calibration::from_kind(Kind::Physics(Box::new(physics)));
+        calibration.valid_range = self.valid_range;
+        calibration.lag = self.lag;
+        Ok(CalibrationFile { calibration, origin: self.origin })
+    }
+
+    /// Whether the parts fit together, as the rest of the program takes for granted.
+    fn check(&self) -> Result<(), String> {
+        let is_physics = self.model == NAME;
+        ensure!(is_physics, "`model` is `{}`, expected `{NAME}`", self.model);
+        let axes = self.axes;
+        ensure!(axes.are_all(), "`axes` has {axes} alone, expected all six");
+        let channels = self.physics.channels;
+        let is_few = (1..=MOST_CHANNELS).contains(&channels);
+        ensure!(is_few, "`physics.channels` is `{channels}`, expected 1 to {MOST_CHANNELS}");
+        if let Some(found) = self.valid_range.as_ref().map(Vec::len) {
+            let is_whole = found == channels;
+            ensure!(is_whole, "`valid_range` has `{found}` entries, expected `{channels}`");
+        }
+        let mut next = 0;
+        for (position, sensor) in self.physics.sensors.iter().enumerate() {
+            let (name, last) = (format!("physics.sensors[{position}]"), channels - 1);
+            let Sensor { channel, range, .. } = sensor;
+            let is_in_order = (next..=last).contains(channel);
+            ensure!(is_in_order, "`{name}.channel` is `{channel}`, expected `{next}` to `{last}`");
+            ensure!(*range > 0.0, "`{name}.range` is `{range}`");
+            next = channel + 1;
+        }
+        let is_positive = |scale: &f64| *scale > 0.0 && *scale < f64::INFINITY;
+        let are_positive = self.standard_error_scale.iter().all(is_positive);
+        ensure!(are_positive, "`standard_error_scale` is not above zero");
+        let are_positive = self.physics.wrench_scale.iter().all(is_positive);
+        ensure!(are_positive, "`physics.wrench_scale` is not above zero");
+        Ok(())
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::{Diagnostics, Role, SolverRecord, SourceFile};
     use super::*;
     use calibration::model::Basis;
+    use calibration::physics::Noise;
     use calibration::quality::AxisQuality;
     use calibration::solver::SolverKind;
     use shell_data::{ColumnNames, MomentUnit, TimeUnit};
@@ -346,10 +422,11 @@ mod tests {
         assert_eq!((read.to_json(), read.calibration.axes), (text.clone(), axes));
         let coefficients = read.calibration.polynomial().unwrap().coefficients();
         assert_eq!(coefficients[0], [1.0 / 3.0, 0.0, 1.0, 0.0, 0.0, 0.0]);
-        let cases = [
-            ("\"schema_version\": 4", "\"schema_version\": 1", "`axes` has Fx, Fz: all six belong"),
-            ("\"fx_n\"", "\"mz_nm\"", "`axes` has `mz_nm`, `fz_n`, expected"),
-        ];
+        let cases = [(
+            "\"schema_version\": 4",
+            "\"schema_version\": 1",
+            "`axes` has Fx, Fz: all six belong",
+        )];
         for (from, to, expected) in cases {
             match parse(text.replacen(from, to, 1).as_bytes()) {
                 Err(Problem::Inconsistent(message)) => {
@@ -358,6 +435,9 @@ mod tests {
                 other => panic!("{from} → {to}: {other:?}"),
             }
         }
+        let unordered = text.replacen("\"fx_n\"", "\"mz_nm\"", 1);
+        let Err(Problem::Field(fault)) = parse(unordered.as_bytes()) else { panic!() };
+        assert!(fault.message.contains("`axes` has `mz_nm`, `fz_n`, expected"), "{fault:?}");
         let short = text.replacen("[0.3333333333333333, 1.0]", "[1.0]", 1);
         let Err(Problem::Field(fault)) = parse(short.as_bytes()) else { panic!() };
         // The parser is at the next row when it is told.
@@ -383,13 +463,19 @@ mod tests {
     }
 
     #[test]
+    fn an_unknown_axis_is_named() {
+        let text = file().to_json().replace("\"fx_n\"", "\"fx_lbf\"");
+        let Err(Problem::Field(fault)) = parse(text.as_bytes()) else { panic!() };
+        assert!(fault.message.contains("`axes` has `fx_lbf`"), "{fault:?}");
+    }
+
+    #[test]
     fn parts_that_do_not_fit_together_are_refused() {
         let cases = [
             ("\"channels\": 2", "\"channels\": 3", "`terms` has `3` entries"),
             ("\"channels\": 2", "\"channels\": 0", "`model.channels` is `0`"),
             ("\"channels\": 2", "\"channels\": 256", "`model.channels` is `256`"),
             ("\"s2\"", "\"s3\"", "`terms` has `s3`"),
-            ("\"fx_n\"", "\"fx_lbf\"", "`axes` has `fx_lbf`"),
             ("1024.0", "1000.0", "powers of two"),
             ("1024.0", "-1024.0", "powers of two"),
             ("[0.1]", "[0.1, 0.2]", "`covariance.coefficients.rows.factor[0]` has `2` entries"),
@@ -404,5 +490,78 @@ mod tests {
                 other => panic!("{from} → {to}: {other:?}"),
             }
         }
+    }
+
+    fn physics_file() -> CalibrationFile {
+        let sensor = |channel: usize| Sensor {
+            channel,
+            least: 100.5,
+            range: 1.0 / 3.0 + channel as f64,
+            parameters: std::array::from_fn(|i| (i as f64 - 4.2) / 7.0),
+            covariance: std::array::from_fn(|i| {
+                std::array::from_fn(|j| if i == j { 1e-3 / 7.0 } else { 1e-300 })
+            }),
+            loadings: [0.1 / 3.0, 0.0],
+        };
+        let model = PhysicsModel {
+            channels: 8,
+            wrench_scale: [3.0, 4.0, 5.0, 0.1, 0.2, 0.3],
+            load_precision: [[1.0 / 3.0; 6]; 6],
+            lambda: 0.1,
+            prior_width: 0.5,
+            noise: Noise { reading: 1e-4, displacement: 0.01 },
+            sensors: (1..8).map(sensor).collect(),
+        };
+        let scale = std::array::from_fn(|axis| 0.7 + axis as f64 / 7.0);
+        let mut physics = PhysicsCalibration::new(model, scale);
+        let factors = std::array::from_fn(|axis| vec![0.7, 1.9 + axis as f64 / 3.0]);
+        physics.intervals = Some(GroupIntervals { groups: 12, levels: vec![0.5, 0.9], factors });
+        let calibration = Calibration::from_kind(Kind::Physics(Box::new(physics)));
+        CalibrationFile { calibration, origin: Origin::default() }
+    }
+
+    #[test]
+    fn a_physics_model_reads_back_to_the_last_bit() {
+        let file = physics_file();
+        assert_eq!(parse_physics(file.to_json().as_bytes()).unwrap(), file);
+    }
+
+    #[test]
+    fn a_document_of_the_version_before_has_no_factors_and_unscaled_standard_errors() {
+        let mut document: serde_json::Value =
+            serde_json::from_str(&physics_file().to_json()).unwrap();
+        document["schema_version"] = 2.into();
+        for later in ["standard_error_scale", "checksum"] {
+            document.as_object_mut().unwrap().remove(later);
+        }
+        for sensor in document["physics"]["sensors"].as_array_mut().unwrap() {
+            sensor.as_object_mut().unwrap().remove("loadings");
+        }
+        let read = CalibrationFile::parse(document.to_string().as_bytes()).unwrap();
+        let Kind::Physics(physics) = read.calibration.kind() else { panic!("no physics model") };
+        assert_eq!((physics.model().factor_count(), *physics.error_scale()), (0, [1.0; 6]));
+    }
+
+    #[test]
+    fn parts_of_a_physics_model_that_do_not_fit_together_are_refused() {
+        let cases = [
+            ("\"physics\"", "\"magic\"", "`model` is `magic`"),
+            ("\"channels\": 8", "\"channels\": 17", "`physics.channels` is `17`"),
+            ("\"channel\": 2", "\"channel\": 1", "`physics.sensors[1].channel` is `1`"),
+            ("[0.7, 1.9]", "[0.7]", "`intervals.factors`"),
+        ];
+        for (from, to, expected) in cases {
+            let text = physics_file().to_json();
+            assert!(text.contains(from), "{from} in {text}");
+            match parse_physics(text.replacen(from, to, 1).as_bytes()) {
+                Err(Problem::Inconsistent(message)) => {
+                    assert!(message.contains(expected), "{message}");
+                }
+                other => panic!("{from} → {to}: {other:?}"),
+            }
+        }
+        let text = physics_file().to_json().replacen("\"fx_n\"", "\"fx_lbf\"", 1);
+        let Err(Problem::Field(fault)) = parse_physics(text.as_bytes()) else { panic!() };
+        assert!(fault.message.contains("`axes` has `fx_lbf`"), "{fault:?}");
     }
 }

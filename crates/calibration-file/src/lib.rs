@@ -49,8 +49,6 @@ pub mod matrix;
 mod origin;
 mod partial;
 pub mod payload_file;
-mod physics_document;
-mod r_factor;
 
 use shell_data::hint::Hint;
 use std::io;
@@ -253,8 +251,8 @@ impl CalibrationFile {
         let is_physics = model.is_some_and(|model| model.is_string());
         let file = match schema_version {
             SIX_AXES_SCHEMA_VERSION | FEWER_AXES_SCHEMA_VERSION => document::parse(text),
-            PHYSICS_SCHEMA_VERSION => physics_document::parse(text),
-            SCHEMA_VERSION if is_physics => physics_document::parse(text),
+            PHYSICS_SCHEMA_VERSION => document::parse_physics(text),
+            SCHEMA_VERSION if is_physics => document::parse_physics(text),
             SCHEMA_VERSION => document::parse(text),
             found => Err(Problem::SchemaVersion { found }),
         }?;
@@ -273,7 +271,7 @@ impl CalibrationFile {
     pub fn to_json(&self) -> String {
         checksum::add(&match self.calibration.kind() {
             Kind::Polynomial(polynomial) => document::format(self, polynomial),
-            Kind::Physics(physics) => physics_document::format(self, physics),
+            Kind::Physics(physics) => document::format_physics(self, physics),
         })
     }
 

@@ -9,7 +9,7 @@ use std::cell::Cell;
 use serde::de::{Deserialize, Deserializer, Error};
 use serde::ser::{Serialize, Serializer};
 
-use crate::wrench::{Axes, PerAxis};
+use crate::wrench::{Axes, Axis, PerAxis};
 
 thread_local! {
     static AXES: Cell<Axes> = const { Cell::new(Axes::ALL) };
@@ -21,6 +21,34 @@ pub fn among<T>(axes: Axes, act: impl FnOnce() -> T) -> T {
     let done = act();
     AXES.set(outside);
     done
+}
+
+/// The axes of the document that is read or written.
+pub fn axes() -> Axes {
+    AXES.get()
+}
+
+/// By the names of their columns.
+impl Serialize for Axes {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.columns().serialize(serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for Axes {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let columns: Vec<String> = Vec::deserialize(deserializer)?;
+        let axes: Self = Axis::ALL
+            .into_iter()
+            .filter(|axis| columns.iter().any(|it| it == axis.column()))
+            .collect();
+        if axes.is_empty() || axes.columns() != columns {
+            let (found, all) = (columns.join("`, `"), Self::ALL.columns().join("`, `"));
+            let text = format!("`axes` has `{found}`, expected some of `{all}`, in this order");
+            return Err(D::Error::custom(text));
+        }
+        Ok(axes)
+    }
 }
 
 /// What is written of these axes alone.
@@ -39,14 +67,14 @@ pub struct Row<T>(pub PerAxis<T>);
 
 impl<T: Serialize> Serialize for Row<T> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_seq(AXES.get().iter().map(|axis| &self.0[axis.index()]))
+        serializer.collect_seq(axes().iter().map(|axis| &self.0[axis.index()]))
     }
 }
 
 impl<'de, T: Deserialize<'de> + Clone + Default> Deserialize<'de> for Row<T> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let values: Vec<T> = Vec::deserialize(deserializer)?;
-        let (found, axes) = (values.len(), AXES.get());
+        let (found, axes) = (values.len(), axes());
         let row = axes.spread(values, &T::default()).map(Self);
         row.ok_or_else(|| Error::custom(format!("`{found}` values for `{}` axes", axes.count())))
     }

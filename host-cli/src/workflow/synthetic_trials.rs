@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 
 use output_file::{OutputError, Outputs};
 use simulation::SettingsError;
-use simulation::synthetic_log::{FRAME_HEADER, write_frame};
-use simulation::synthetic_trial::{TrialLayout, write_telemetry_header, write_telemetry_row};
+use simulation::synthetic_log::{
+    FRAME_HEADER, TrialLayout, write_frame, write_telemetry_header, write_telemetry_row,
+};
 use simulation::virtual_robot::{ChannelForces, TrialSettings, Truth, VirtualTrial};
 
 /// A trial that could not be made.

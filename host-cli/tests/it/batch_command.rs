@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 use shellcal::workflow::synthetic_trials::write_log;
-use simulation::synthetic_trial::TrialLayout;
+use simulation::synthetic_log::TrialLayout;
 use simulation::virtual_robot::{ChannelForces, TrialSettings, VirtualTrial};
 use system_tests::program;
 

@@ -12,7 +12,7 @@ use shellcal::workflow::batch::{self, BatchOptions};
 use shellcal::workflow::figures::reduce_trace;
 use shellcal::workflow::synthetic_trials::write_log;
 use shellcal::workflow::trial::{TrialJob, WindowTimes, evaluate_in_window};
-use simulation::synthetic_trial::TrialLayout;
+use simulation::synthetic_log::TrialLayout;
 use simulation::virtual_robot::{ChannelForces, TrialSettings, VirtualTrial};
 use system_tests::program::succeed;
 use trial::manifest::Manifest;

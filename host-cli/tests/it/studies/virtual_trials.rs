@@ -12,7 +12,7 @@ use shellcal::workflow::fit::fit;
 use shellcal::workflow::synthetic_trials::write_log;
 use shellcal::workflow::trial::{TrialJob, evaluate_log, search_window};
 use simulation::sensor_model::{SensorModel, SensorParameters};
-use simulation::synthetic_trial::TrialLayout;
+use simulation::synthetic_log::TrialLayout;
 use simulation::virtual_robot::{ChannelForces, Counter, LegSide, TrialSettings, VirtualTrial};
 use system_tests::random::Random;
 use trial::{
