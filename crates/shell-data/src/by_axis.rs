@@ -102,7 +102,6 @@ pub fn deserialize<'de, T: Deserialize<'de> + Clone + Default, D: Deserializer<'
 }
 
 /// A row and a column for each axis.
-#[expect(clippy::missing_errors_doc, reason = "as of one row")]
 pub mod matrix {
     use super::{Deserialize, Deserializer, PerAxis, Row, Serialize, Serializer};
 
@@ -123,7 +122,6 @@ pub mod matrix {
 }
 
 /// One value for each axis, or nothing.
-#[expect(clippy::missing_errors_doc, reason = "as of values that must be there")]
 pub mod option {
     use super::{Deserialize, Deserializer, PerAxis, Row, Serialize, Serializer};
 
@@ -140,5 +138,24 @@ pub mod option {
         deserializer: D,
     ) -> Result<Option<PerAxis<T>>, D::Error> {
         Ok(Option::<Row<T>>::deserialize(deserializer)?.map(|row| row.0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_are_written_and_read_of_the_axes_that_there_are() {
+        let axes: Axes = [Axis::Fz, Axis::Mx].into_iter().collect();
+        let row = Row([1, 2, 3, 4, 5, 6]);
+        let text = serde_json::to_string(&Among(axes, row)).unwrap();
+        assert_eq!(text, "[3,4]");
+        let read = |text: &str| among(axes, || serde_json::from_str::<Row<u8>>(text));
+        assert_eq!(read(&text).unwrap(), Row([0, 0, 3, 4, 0, 0]));
+        assert!(read("[3]").unwrap_err().to_string().starts_with("`1` values for `2` axes"));
+        assert_eq!(serde_json::to_string(&axes).unwrap(), "[\"fz_n\",\"mx_nm\"]");
+        // Outside of it there are all six.
+        assert_eq!(serde_json::to_string(&row).unwrap(), "[1,2,3,4,5,6]");
     }
 }

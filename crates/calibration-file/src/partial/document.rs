@@ -69,7 +69,7 @@ impl PartialFit {
     pub fn parse(text: &[u8]) -> Result<Self, Problem> {
         let partial = Self::parse_edited(text)?;
         // Last: what can be named says more.
-        checksum::check(text)?;
+        checksum::check(text).map_err(Problem::Checksum)?;
         Ok(partial)
     }
 
@@ -98,7 +98,7 @@ impl PartialFit {
     fn check(&self) -> Result<(), String> {
         let (model, sums, axes) = (&self.model, &self.sums, self.axes);
         let field = sums.field();
-        ensure!(suits(sums, model), "`{field}` are not those of `model`");
+        ensure!(sums.suit(model), "`{field}` are not those of `model`");
         let (columns, found) = (model.channels + axes.count(), self.summed.as_ref().map(Vec::len));
         let found = found.unwrap_or(columns);
         ensure!(found == columns, "`summed` has {found} columns, expected {columns}");
@@ -118,7 +118,7 @@ impl PartialGroups {
         let (mut labels, mut places) = (HashSet::new(), HashSet::new());
         ensure!(self.groups.len() <= MAX_GROUPS, "`groups` has more than {MAX_GROUPS}");
         for PartialGroup { label, source, position, sums } in &self.groups {
-            let (suits, field) = (suits(sums, model) && sums.kind() == total.kind(), sums.field());
+            let (suits, field) = (sums.suit(model) && sums.kind() == total.kind(), sums.field());
             ensure!(suits, "group `{label}`: `{field}` are not those of `model`");
             let is_free = places.insert((source, position)) && labels.insert(label);
             ensure!(
@@ -156,8 +156,4 @@ impl PartialGroups {
         }
         Ok(())
     }
-}
-
-fn suits(sums: &Sums, model: &Model) -> bool {
-    (sums.channels(), sums.basis()) == (model.channels, model.basis)
 }

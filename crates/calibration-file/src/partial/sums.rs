@@ -38,12 +38,13 @@ impl Sums {
         }
     }
 
-    /// The family of features.
-    pub fn basis(&self) -> Basis {
-        match self {
+    /// Whether they are of the features of a model.
+    pub(super) fn suit(&self, model: &Model) -> bool {
+        let basis = match self {
             Self::Exact(moments) => moments.basis(),
             Self::Factored(rows) => rows.basis(),
-        }
+        };
+        (self.channels(), basis) == (model.channels, model.basis)
     }
 
     /// The field that has them.
