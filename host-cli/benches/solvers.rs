@@ -6,14 +6,14 @@
 use calibration::Basis;
 use calibration::solver::SolverKind;
 use shellcal::workflow::bench::{self, ModelBench};
-use simulation::synthetic_block;
+use simulation::synthetic_log::training_blocks;
 
 /// The paper's size among them.
 const SIZES: [usize; 4] = [1_000, 10_000, 77_522, 1_000_000];
 
 fn main() {
     for rows in SIZES {
-        let blocks = synthetic_block::training(rows);
+        let blocks = training_blocks(rows);
         println!("\n{rows} rows; time in ms, error of the worst coefficient; `*` on the front\n");
         let bases = [Basis::Cubic, Basis::Quadratic, Basis::Poly3];
         let benches: Vec<ModelBench> = bench::walk(&blocks, &bases, true, &SolverKind::ALL)

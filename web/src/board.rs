@@ -73,14 +73,9 @@ pub struct BoardSession {
 impl BoardSession {
     /// Begins one as is asked for in JSON with `files`; its first bytes to send are in the answer.
     pub fn begin(request: &[u8], files: &[Arc<[u8]>]) -> (Option<Self>, Answer) {
-        let begun = serde_json::from_slice(request)
-            .map_err(Failure::from)
-            .and_then(|begin: Begin| begin.run(files));
-        match begun {
-            Ok((session, commands)) => {
-                let document = json!({ "send": commands });
-                (Some(session), Answer { document, files: Vec::new() })
-            }
+        let begin = || serde_json::from_slice::<Begin>(request)?.run(files);
+        match begin() {
+            Ok((session, commands)) => (Some(session), json!({ "send": commands }).into()),
             Err(failure) => (None, failure.into()),
         }
     }
@@ -98,7 +93,7 @@ impl BoardSession {
             document
         });
         let identities: Vec<Value> = self.recorder.identities().map(in_words).collect();
-        let PageState { pieces, ended } = self.logs.take();
+        let PageState { pieces, ended } = std::mem::take(&mut *lock(&self.logs.state));
         document["boards"] = Value::Array(identities);
         document["ended"] = json!(ended);
         Answer { document, files: pieces }
@@ -222,14 +217,6 @@ struct PageLog {
 }
 
 impl PageLogs {
-    fn take(&self) -> PageState {
-        self.with(std::mem::take)
-    }
-
-    fn with<T>(&self, act: impl FnOnce(&mut PageState) -> T) -> T {
-        act(&mut lock(&self.state))
-    }
-
     fn log(&self, name: String) -> Box<dyn LogSink> {
         let (path, logs) = (PathBuf::from(name), self.clone());
         Box::new(PageLog { path, pending: Vec::new(), is_empty: true, logs })
@@ -254,7 +241,7 @@ impl LogSink for PageLog {
         if !self.pending.is_empty() {
             self.is_empty = false;
             let piece = (self.path.display().to_string(), std::mem::take(&mut self.pending));
-            self.logs.with(|state| state.pieces.push(piece));
+            lock(&self.logs.state).pieces.push(piece);
         }
         Ok(())
     }
@@ -262,7 +249,7 @@ impl LogSink for PageLog {
     fn close(mut self: Box<Self>) -> Result<(), OutputError> {
         self.flush()?;
         if !self.is_empty {
-            self.logs.with(|state| state.ended.push(self.path.display().to_string()));
+            lock(&self.logs.state).ended.push(self.path.display().to_string());
         }
         Ok(())
     }

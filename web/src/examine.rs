@@ -28,27 +28,25 @@ impl Examine {
     ) -> Result<Answer, Failure> {
         let bytes = self.log.bytes(files)?;
         let text = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(&bytes);
-        let document = match text.trim_ascii_start().starts_with(b"{") {
-            true => calibration(text)?,
-            false => {
-                let log = self.log.log(files, &self.columns.mapping(None))?;
-                let has_readings = log.as_ref().is_ok_and(|log| log.channels() > 0);
-                if let (false, Some(document)) = (has_readings, plan(text)) {
-                    return Ok(Answer { document, files: Vec::new() });
-                }
-                let (kind, columns) = log.as_ref().map(described).unwrap_or_default();
-                let fits = has_readings && log.as_ref().is_ok_and(Log::has_wrench);
-                let read = ReadOptions { progress: Some(progress), ..ReadOptions::default() };
-                json!({
-                    "kind": kind,
-                    "columns": columns,
-                    "has_readings": has_readings,
-                    "fits": fits,
-                    "findings": examine_log(log, &read, None),
-                })
-            }
-        };
-        Ok(Answer { document, files: Vec::new() })
+        if text.trim_ascii_start().starts_with(b"{") {
+            return calibration(text);
+        }
+        let log = self.log.log(files, &self.columns.mapping(None))?;
+        let has_readings = log.as_ref().is_ok_and(|log| log.channels() > 0);
+        if let (false, Some(plan)) = (has_readings, plan(text)) {
+            return Ok(plan);
+        }
+        let (kind, columns) = log.as_ref().map(described).unwrap_or_default();
+        let fits = has_readings && log.as_ref().is_ok_and(Log::has_wrench);
+        let read = ReadOptions { progress: Some(progress), ..ReadOptions::default() };
+        let document = json!({
+            "kind": kind,
+            "columns": columns,
+            "has_readings": has_readings,
+            "fits": fits,
+            "findings": examine_log(log, &read, None),
+        });
+        Ok(document.into())
     }
 }
 
@@ -59,7 +57,7 @@ fn described(log: &Log) -> (String, Value) {
     (log.kind() + &packed, log.columns().iter().map(column).collect())
 }
 
-fn calibration(text: &[u8]) -> Result<Value, Failure> {
+fn calibration(text: &[u8]) -> Result<Answer, Failure> {
     let file = CalibrationFile::parse(text).map_err(|problem| Failure::new(&problem, None))?;
     let (calibration, origin) = (&file.calibration, &file.origin);
     let kind = format!(
@@ -69,12 +67,12 @@ fn calibration(text: &[u8]) -> Result<Value, Failure> {
         origin.made_by,
         origin.date
     );
-    Ok(json!({ "kind": kind, "is_calibration": true, "columns": [], "findings": [] }))
+    Ok(json!({ "kind": kind, "is_calibration": true, "columns": [], "findings": [] }).into())
 }
 
 /// A table of loads, if it is one.
-fn plan(text: &[u8]) -> Option<Value> {
+fn plan(text: &[u8]) -> Option<Answer> {
     let loads = HungLoads::parse(str::from_utf8(text).ok()?).ok()?;
     let kind = format!("table of {} loads", loads.loads().len());
-    Some(json!({ "kind": kind, "is_plan": true, "columns": [], "findings": [] }))
+    Some(json!({ "kind": kind, "is_plan": true, "columns": [], "findings": [] }).into())
 }

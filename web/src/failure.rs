@@ -66,6 +66,6 @@ with_hint!(FitError, LogError, OutputError, RecordError, WorkflowError);
 
 impl From<Failure> for Answer {
     fn from(Failure { error, hint }: Failure) -> Self {
-        Self { document: json!({ "error": error, "hint": hint }), files: Vec::new() }
+        json!({ "error": error, "hint": hint }).into()
     }
 }

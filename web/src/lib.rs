@@ -39,6 +39,12 @@ pub struct Answer {
     pub files: Vec<(String, Vec<u8>)>,
 }
 
+impl From<Value> for Answer {
+    fn from(document: Value) -> Self {
+        Self { document, files: Vec::new() }
+    }
+}
+
 /// Who is told how far the work is.
 #[derive(Clone, Copy)]
 pub struct Progress<'a> {

@@ -9,9 +9,8 @@ use clap::ValueEnum;
 
 use crate::compiler::Compiler;
 use crate::firmware::{self, FirmwareArgs};
-use crate::jobs::{self, Job};
 use crate::need::{Need, Way};
-use crate::steps::{self, PROFILE, cargo, installed, run as step, scratch, workspace};
+use crate::steps::{self, Job, PROFILE, cargo, installed, run as step, scratch, workspace};
 use crate::{book, dependencies, pictures, python, test};
 
 #[derive(Debug, clap::Args)]
@@ -200,7 +199,8 @@ fn fuzz(seconds: Option<u64>) -> Result<()> {
             Ok(Job { name: format!("fuzz {target}"), command })
         };
         let runs = listed.lines().map(job).collect::<Result<_>>()?;
-        let ended = jobs::run(runs, thread::available_parallelism()?.get(), |_| None)?;
+        let ended =
+            steps::run_side_by_side(runs, thread::available_parallelism()?.get(), |_| None)?;
         let failed: Vec<_> = ended.iter().filter(|it| !it.succeeded).map(|it| &*it.name).collect();
         ensure!(failed.is_empty(), "failed: {}", failed.join(", "));
     }

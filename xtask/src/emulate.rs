@@ -6,9 +6,9 @@ use anyhow::{Context, Result, bail};
 use shared_proto::CHANNELS;
 use system_tests::flashed::PlayedFrame;
 
+use crate::firmware;
 use crate::image::Board;
 use crate::steps::{self, workspace};
-use crate::{firmware, model};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct EmulateArgs {
@@ -27,7 +27,7 @@ const DARK: u16 = 100;
 pub(crate) fn run(args: &EmulateArgs) -> Result<()> {
     let frames = read(&workspace().join(&args.play))?;
     firmware::build(args.board)?;
-    let model = model::find(args.board)?;
+    let model = firmware::model(args.board)?;
     println!("it plays {} frames of {}", frames.len(), args.play.display());
     let mut command = model.command(&frames, &steps::scratch("emulation")?);
     steps::run("the modelled board", command.arg("--pty"))

@@ -10,15 +10,17 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use serde::{Deserialize, Serialize};
-use shared_proto::{Calibration, Stream};
-use system_tests::flashed::PlayedFrame;
+use shared_proto::{
+    BoardId, Calibration, Command as Order, MAX_PIECE, Packet, Piece, Stream, crc32,
+};
+use system_tests::flashed::{FlashedBoard, Model, PlayedFrame, SERIAL};
 use system_tests::workload;
 
+use crate::compiler;
 use crate::image::{self, Board};
-use crate::model;
+use crate::python;
 use crate::stack;
-use crate::steps::workspace;
-use crate::toolchain;
+use crate::steps::{self, workspace};
 
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
 pub(crate) struct FirmwareArgs {
@@ -45,7 +47,7 @@ const RECORD_HEAD: &str = "\
 /// Lints and builds all images, measures, prints, and is an error where something does not fit.
 pub(crate) fn run(args: FirmwareArgs) -> Result<()> {
     let recorded = MeasuredImages::read()?;
-    let toolchain = toolchain::set_up()?;
+    let toolchain = compiler::set_up()?;
     let compiler: Vec<&str> = toolchain.compiler.version.split(' ').take(2).collect();
     let mut measured = MeasuredImages { compiler: compiler.join(" "), boards: BTreeMap::new() };
     let mut exceeded = Vec::new();
@@ -99,7 +101,7 @@ impl MeasuredImages {
 
 /// The image for a board, for who wants to flash it.
 pub(crate) fn build(board: Board) -> Result<PathBuf> {
-    board.build(&toolchain::set_up()?)
+    board.build(&compiler::set_up()?)
 }
 
 impl Taken {
@@ -107,12 +109,12 @@ impl Taken {
         let (flash, ram) = image::footprint(image)?;
         let stack_bound = stack::bound(image)?.into();
         let mut taken = Self { flash, ram, stack_bound, ..Self::default() };
-        match model::find(board) {
+        match model(board) {
             Ok(model) => {
                 for (name, mode, calibration, played) in WORKLOADS {
                     let (played, calibration) = (played(), calibration());
                     let (instructions, stack) =
-                        model::measure(&model, mode, &played, &calibration, RATE_HZ)?;
+                        stream(&model, mode, &played, &calibration, RATE_HZ)?;
                     let instructions = (instructions * 10.0).round() / 10.0;
                     taken.instructions.insert(name.to_owned(), instructions);
                     taken.stack_seen = taken.stack_seen.max(stack.into());
@@ -177,3 +179,64 @@ const WORKLOADS: [Workload; 4] = [
     ("wrenches, physics", Stream::Wrench, workload::physics, workload::poses),
     ("physics, no wrench fits", Stream::Wrench, workload::physics, workload::everywhere),
 ];
+
+/// Time that an order takes at most: two pages erased, a slot written, and the answer.
+const ORDER_S: f64 = 0.12;
+
+/// Time until a stream runs as it will, and the time that is counted, in s.
+const SETTLE_S: f64 = 0.2;
+const COUNTED_S: f64 = 1.0;
+
+/// The Python of the environment, which is made where it is not there.
+pub(crate) fn set_up_model() -> Result<PathBuf> {
+    let requirements = workspace().join("firmware/emulation/requirements.txt");
+    let requirements = requirements.to_string_lossy();
+    python::environment("emulation-python", &["--requirement", &requirements], "import unicorn")
+}
+
+/// The model of a board with its image that was built last.
+///
+/// # Errors
+/// Why the model cannot run.
+pub(crate) fn model(board: Board) -> Result<Model> {
+    let image = board.image();
+    ensure!(image.exists(), "the board's image has not been built");
+    let python = set_up_model().context("no Python with `unicorn`")?;
+    Ok(Model { board: board.name(), image, python })
+}
+
+/// Streams after an upload, at the settings after a reset. Returns the instructions from one frame to the next, and the
+/// deepest that the stack has been, in bytes.
+fn stream(
+    model: &Model,
+    stream: Stream,
+    played: &[PlayedFrame],
+    calibration: &Calibration,
+    rate_hz: f64,
+) -> Result<(f64, u32)> {
+    let dir = steps::scratch("emulation")?;
+    let mut board = FlashedBoard::start(model, played, &dir);
+    board.run(ORDER_S);
+    for (number, command) in (1..).zip(orders(stream, calibration)) {
+        let packet = Packet::Command { number, to: Some(BoardId::from_serial(&SERIAL)), command };
+        board.send(&packet.encode());
+        board.run(ORDER_S);
+    }
+    let before = board.run(SETTLE_S);
+    let after = board.run(COUNTED_S);
+    ensure!(after.resets.is_empty() && !after.sent.is_empty(), "the flashed image does not stream");
+    let instructions = (after.instructions - before.instructions) as f64;
+    let frames = (after.time_s - before.time_s) * rate_hz;
+    Ok((instructions / frames, after.stack))
+}
+
+fn orders(stream: Stream, calibration: &Calibration) -> Vec<Order> {
+    let bytes = calibration.to_bytes();
+    let pieces = bytes.chunks(MAX_PIECE).enumerate().filter_map(|(i, piece)| {
+        let data = Piece::copy_of(piece)?;
+        Some(Order::CalibrationPiece { offset: (i * MAX_PIECE) as u16, data })
+    });
+    let begin = Order::BeginCalibration { size: bytes.len() as u32, crc32: crc32(&bytes) };
+    let end = [Order::CommitCalibration, Order::SetStream(stream), Order::Start];
+    std::iter::once(begin).chain(pieces).chain(end).collect()
+}

@@ -6,8 +6,8 @@ use std::process::Command;
 use anyhow::{Context, Result};
 use object::{Object, ObjectSection, SectionFlags, SectionKind, elf};
 
+use crate::compiler::{BOARD_TARGET, Toolchain};
 use crate::steps::{self, workspace};
-use crate::toolchain::{TARGET, Toolchain};
 
 /// Where the RAM of all boards begins.
 const RAM: u32 = 0x2000_0000;
@@ -85,7 +85,7 @@ impl Board {
 
     /// Where its image is once it has been built.
     pub(crate) fn image(self) -> PathBuf {
-        target_dir().join(TARGET).join("firmware").join(self.name())
+        target_dir().join(BOARD_TARGET).join("firmware").join(self.name())
     }
 }
 

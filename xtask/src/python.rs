@@ -5,9 +5,8 @@ use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
 
-use crate::jobs::Job;
 use crate::need::{Need, Way};
-use crate::steps::{self, installed, target, workspace};
+use crate::steps::{self, Job, installed, target, workspace};
 
 /// The Python that environments are made with.
 const PYTHON: &str = "python3";

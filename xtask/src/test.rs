@@ -15,10 +15,11 @@ use serde_json::Value;
 use system_tests::{flashed, program};
 
 use crate::image::Board;
-use crate::jobs::{self, EndedJob, Job};
 use crate::need::Need;
-use crate::steps::{self, BUILD, PROFILE, REAL_DATA, SCREENS, cargo, real_data, screens};
-use crate::{equipment, model, python, toolchain, web};
+use crate::steps::{
+    self, BUILD, EndedJob, Job, PROFILE, REAL_DATA, SCREENS, cargo, real_data, screens,
+};
+use crate::{compiler, firmware, python, setup, web};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct TestArgs {
@@ -45,10 +46,10 @@ impl Part {
 
     fn needs(self) -> &'static [Need] {
         match self {
-            Self::Board => &[toolchain::NEED, python::NEED],
-            Self::Browser => &[equipment::BROWSER],
+            Self::Board => &[compiler::BOARD_NEED, python::NEED],
+            Self::Browser => &[setup::BROWSER],
             Self::Python => &[python::NEED],
-            Self::Shells => &[equipment::SHELLS],
+            Self::Shells => &[setup::SHELLS],
         }
     }
 }
@@ -105,7 +106,7 @@ fn run_all(
     };
     // Most of the time of many tests is spent waiting.
     let at_once = 1 + thread::available_parallelism()?.get();
-    jobs::run(jobs, at_once, more)
+    steps::run_side_by_side(jobs, at_once, more)
 }
 
 /// Sets up the environments of Python while the compiler is at work.
@@ -119,10 +120,11 @@ fn set_up_and_build(parts: &[Part]) -> Result<(TestEquipment, Vec<Program>)> {
     let has = |part| parts.contains(&part);
     let mut equipment = TestEquipment::default();
     thread::scope(|scope| {
-        let model_python = scope.spawn(|| has(Part::Board).then(model::set_up).transpose());
+        let model_python =
+            scope.spawn(|| has(Part::Board).then(firmware::set_up_model).transpose());
         let python = scope.spawn(|| has(Part::Python).then(python::set_up).transpose());
         if has(Part::Board) {
-            let toolchain = toolchain::set_up()?;
+            let toolchain = compiler::set_up()?;
             let [board, ..] = Board::ALL.map(|board| board.build(&toolchain));
             equipment.give("needs the flashed image", flashed::IMAGE, board?);
         }
@@ -159,7 +161,7 @@ impl TestEquipment {
                 Ok(()) => self.give("needs Chromium and the page", PAGE, web::build()?),
                 Err(reason) => eprintln!("{reason:#}: the page that fits is not tested"),
             }
-            match equipment::axe() {
+            match setup::axe() {
                 Ok(file) => self.variables.push((AXE, file.into())),
                 Err(reason) => eprintln!("{reason:#}: pages are not held against axe-core"),
             }

@@ -13,17 +13,6 @@ pub(super) const END: &str = "\n}\n";
 /// What stands before the checksum, which is of all that stands before this.
 const FIELD: &str = ",\n  \"checksum\": \"xxh128:";
 
-/// A document that is not what was written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum ChecksumError {
-    /// It has none, or not where it was written.
-    #[error("it is not what was written: its last line but one is no checksum")]
-    Missing,
-    /// It has that of another text.
-    #[error("it is not what was written: its checksum does not match")]
-    Mismatch,
-}
-
 /// The document with a checksum as its last field.
 pub(super) fn add(document: &str) -> String {
     let content = document.strip_suffix(END).unwrap_or(document);
@@ -33,14 +22,15 @@ pub(super) fn add(document: &str) -> String {
 /// Whether the document is what was written. Line ends of Windows, which version control makes, are none of its content.
 ///
 /// # Errors
-/// [`ChecksumError`] if it is not.
-pub(super) fn check(document: &[u8]) -> Result<(), ChecksumError> {
+/// Why it is not.
+pub(super) fn check(document: &[u8]) -> Result<(), &'static str> {
     let document = with_line_feeds(document);
-    let at = memmem::rfind(&document, FIELD.as_bytes()).ok_or(ChecksumError::Missing)?;
+    let at =
+        memmem::rfind(&document, FIELD.as_bytes()).ok_or("its last line but one is no checksum")?;
     let (content, end) = document.split_at(at);
     match seal(content).as_bytes() == end {
         true => Ok(()),
-        false => Err(ChecksumError::Mismatch),
+        false => Err("its checksum does not match"),
     }
 }
 
@@ -74,7 +64,7 @@ mod tests {
             }
             assert!(check(&document.as_bytes()[..at]).is_err());
         }
-        assert_eq!(check(b"{\n  \"a\": 1\n}\n"), Err(ChecksumError::Missing));
+        assert_eq!(check(b"{\n  \"a\": 1\n}\n"), Err("its last line but one is no checksum"));
         assert!(check(format!("{document} ").as_bytes()).is_err());
     }
 }

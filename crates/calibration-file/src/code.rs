@@ -23,22 +23,8 @@ pub enum Language {
     Matlab,
 }
 
-/// A matrix by the name that the body has for it, row by row.
-struct Constant {
-    name: &'static str,
-    comment: &'static str,
-    rows: Vec<Vec<f64>>,
-}
-
-impl Constant {
-    fn new(name: &'static str, comment: &'static str, rows: Vec<Vec<f64>>) -> Self {
-        Self { name, comment, rows }
-    }
-
-    fn row(name: &'static str, comment: &'static str, row: Vec<f64>) -> Self {
-        Self::new(name, comment, vec![row])
-    }
-}
+/// A matrix: the name that the body has for it, what it is, and its rows.
+type Constant = (&'static str, &'static str, Vec<Vec<f64>>);
 
 /// The function `name` of a calibration. `name` has to be an identifier, which MATLAB wants to be the name
 /// of the file.
@@ -87,9 +73,9 @@ fn memory_constants(memory: &MemoryTerms) -> [Constant; 3] {
         TimeBase::Rows => ("rows", 0.0),
     };
     [
-        Constant::row("TIME_CONSTANTS", unit, memory.time_constants.clone()),
-        Constant::row("GAP", unit, vec![memory.gap.unwrap_or(f64::MAX)]),
-        Constant::row("BY_TIME", "whether these are by time, not by row", vec![by_time]),
+        ("TIME_CONSTANTS", unit, vec![memory.time_constants.clone()]),
+        ("GAP", unit, vec![vec![memory.gap.unwrap_or(f64::MAX)]]),
+        ("BY_TIME", "whether these are by time, not by row", vec![vec![by_time]]),
     ]
 }
 
@@ -116,10 +102,10 @@ fn polynomial_constants(polynomial: &Polynomial, axes: Axes) -> Vec<Constant> {
     let products = "a row for each feature: the channels it is a product of, from 0";
     let coefficients = polynomial.coefficients().iter().map(|row| axes.of(row)).collect();
     vec![
-        Constant::row("CENTRE", "counts", scaling.centre.clone()),
-        Constant::row("SCALE", "counts", scaling.scale.clone()),
-        Constant::new("FACTORS", products, factors),
-        Constant::new("COEFFICIENTS", "a row for each feature: N and N*m", coefficients),
+        ("CENTRE", "counts", vec![scaling.centre.clone()]),
+        ("SCALE", "counts", vec![scaling.scale.clone()]),
+        ("FACTORS", products, factors),
+        ("COEFFICIENTS", "a row for each feature: N and N*m", coefficients),
     ]
 }
 
@@ -143,20 +129,16 @@ fn physics_constants(model: &PhysicsModel) -> Vec<Constant> {
     let covariances = model.sensors.iter().flat_map(|sensor| &sensor.covariance);
     let covariances = covariances.map(|row| row.to_vec()).collect();
     vec![
-        Constant::row("CHANNELS", "of a frame", vec![model.channels as f64]),
-        Constant::row("CHANNEL", "of each sensor, from 0", of(|sensor| sensor.channel as f64)),
-        Constant::row("LEAST", "counts", of(|sensor| sensor.least)),
-        Constant::row("RANGE", "counts", of(|sensor| sensor.range)),
-        Constant::row("WRENCH_SCALE", "N and N*m", model.wrench_scale.to_vec()),
-        Constant::new("PRIOR", "P", prior.collect()),
-        Constant::row("NOISE", "sigma**2, tau**2", noise),
-        Constant::new(
-            "PARAMETERS",
-            "a row for each sensor: b, a (six), lo, ln h, ln nu",
-            parameters,
-        ),
-        Constant::new("GAINS", displaces, gains.collect()),
-        Constant::new("COVARIANCE", "of the parameters, ten rows for each sensor", covariances),
+        ("CHANNELS", "of a frame", vec![vec![model.channels as f64]]),
+        ("CHANNEL", "of each sensor, from 0", vec![of(|sensor| sensor.channel as f64)]),
+        ("LEAST", "counts", vec![of(|sensor| sensor.least)]),
+        ("RANGE", "counts", vec![of(|sensor| sensor.range)]),
+        ("WRENCH_SCALE", "N and N*m", vec![model.wrench_scale.to_vec()]),
+        ("PRIOR", "P", prior.collect()),
+        ("NOISE", "sigma**2, tau**2", vec![noise]),
+        ("PARAMETERS", "a row for each sensor: b, a (six), lo, ln h, ln nu", parameters),
+        ("GAINS", displaces, gains.collect()),
+        ("COVARIANCE", "of the parameters, ten rows for each sensor", covariances),
     ]
 }
 
@@ -171,7 +153,7 @@ fn python(
         "\"\"\"{head}.\n\n    from {name} import wrench\n    forces = wrench({arguments})\n\nNeeds numpy.\n\"\"\"\n\n\
          import numpy as np\n\nAXES = {columns:?}\n"
     );
-    for Constant { name, comment, rows } in constants {
+    for (name, comment, rows) in constants {
         text += &format!("# {comment}\n");
         match &rows[..] {
             [row] if row.len() == 1 => text += &format!("{name} = {:?}\n", row[0]),
@@ -201,7 +183,7 @@ fn matlab(
     );
     let of_row =
         |row: &Vec<f64>| row.iter().map(|value| format!("{value:?}")).collect::<Vec<_>>().join(" ");
-    for Constant { name, comment, rows } in constants {
+    for (name, comment, rows) in constants {
         let rows: Vec<String> = rows.iter().map(of_row).collect();
         text += &format!("    % {comment}\n    {name} = [{}];\n", rows.join("\n        "));
     }

@@ -1,37 +1,55 @@
-//! The JSON document, field by field.
+//! The JSON documents, field by field: of polynomials, and of physics models.
 
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::LARGEST;
 use super::layout::to_json;
-use super::stored::{
-    OfAxes, Stored, StoredCovariance, StoredLag, StoredMemory, StoredModel, StoredOrigin,
-    StoredReadingRange, StoredScaling, axes_of, check_intervals, check_memory,
-};
+use super::origin::Origin;
 use super::{
     CalibrationFile, FEWER_AXES_SCHEMA_VERSION, Problem, SCHEMA_VERSION, SIX_AXES_SCHEMA_VERSION,
 };
+use calibration::dynamics::ReferenceLag;
+use calibration::memory::MemoryTerms;
 use calibration::model::Model;
+use calibration::physics::observation::MOST_CHANNELS;
+use calibration::physics::{GroupIntervals, PhysicsCalibration, PhysicsModel, Sensor};
+use calibration::reading_ranges::ReadingRange;
+use calibration::scaling::Scaling;
 use calibration::uncertainty::{CoefficientCovariance, Covariance, ErrorShape};
-use calibration::{Calibration, Polynomial, model};
-use shell_data::wrench::Axes;
+use calibration::{Calibration, Kind, Polynomial, model};
+use shell_data::by_axis::{self, Among, Row};
+use shell_data::wrench::{Axes, Axis, PerAxis};
 
 #[derive(Serialize, Deserialize)]
 struct PolynomialDocument {
     schema_version: u64,
     #[serde(flatten)]
-    origin: StoredOrigin,
-    model: StoredModel,
+    origin: Origin,
+    model: Model,
     terms: Vec<String>,
-    scaling: StoredScaling,
-    axes: Vec<String>,
-    coefficients: Vec<OfAxes<f64>>,
-    covariance: Option<StoredCovariance>,
-    valid_range: Option<Vec<StoredReadingRange>>,
+    scaling: Scaling,
+    axes: Axes,
+    coefficients: Vec<Row<f64>>,
+    covariance: Option<Covariance>,
+    valid_range: Option<Vec<ReadingRange>>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    memory: Option<StoredMemory>,
+    memory: Option<MemoryTerms>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    lag: Option<StoredLag>,
+    lag: Option<ReferenceLag>,
+}
+
+/// What a document of some axes says before all else: which, where these are not all six.
+#[derive(Deserialize)]
+struct AxesHeader {
+    axes: Option<Axes>,
+}
+
+/// Reads a document that has values of its axes alone.
+pub(super) fn read<T: DeserializeOwned>(text: &[u8]) -> Result<T, Problem> {
+    let AxesHeader { axes } = serde_json::from_slice(text)?;
+    let document = || serde_json::from_slice(text);
+    Ok(by_axis::among(axes.unwrap_or(Axes::ALL), document)?)
 }
 
 /// Of a polynomial.
@@ -40,18 +58,18 @@ pub(super) fn format(file: &CalibrationFile, polynomial: &Polynomial) -> String 
     let axes = calibration.axes;
     let document = PolynomialDocument {
         schema_version: SCHEMA_VERSION,
-        origin: Stored::of(&file.origin, axes),
-        model: Stored::of(&polynomial.model(), axes),
+        origin: file.origin.clone(),
+        model: polynomial.model(),
         terms: term_names(&polynomial.model()),
-        scaling: Stored::of(polynomial.scaling(), axes),
-        axes: axes.iter().map(|axis| axis.column().to_owned()).collect(),
-        coefficients: Stored::of(&polynomial.coefficients().to_vec(), axes),
-        covariance: Stored::of(&calibration.covariance, axes),
-        valid_range: Stored::of(&calibration.valid_range, axes),
-        memory: Stored::of(&calibration.memory, axes),
-        lag: Stored::of(&calibration.lag, axes),
+        scaling: polynomial.scaling().clone(),
+        axes,
+        coefficients: polynomial.coefficients().iter().copied().map(Row).collect(),
+        covariance: calibration.covariance.clone(),
+        valid_range: calibration.valid_range.clone(),
+        memory: calibration.memory.clone(),
+        lag: calibration.lag,
     };
-    to_json(&document)
+    to_json(&Among(axes, document))
 }
 
 /// The names of the terms of a model.
@@ -61,30 +79,30 @@ fn term_names(model: &Model) -> Vec<String> {
 
 /// Parses the document of a polynomial, of a known version.
 pub(super) fn parse(text: &[u8]) -> Result<CalibrationFile, Problem> {
-    let document: PolynomialDocument = serde_json::from_slice(text)?;
-    document.value().map_err(Problem::Inconsistent)
+    read::<PolynomialDocument>(text)?.value().map_err(Problem::Inconsistent)
 }
 
 impl PolynomialDocument {
     /// # Errors
     /// What does not fit together.
-    fn value(self) -> Result<CalibrationFile, String> {
-        let axes = self.axes()?;
-        self.check(axes)?;
-        let (model, scaling) = (self.model.value(axes)?, self.scaling.value(axes)?);
-        let coefficients = named("coefficients", self.coefficients.value(axes))?;
-        let mut calibration = Calibration::new(model, scaling, coefficients);
-        calibration.axes = axes;
-        calibration.covariance = named("covariance", self.covariance.value(axes))?;
-        calibration.valid_range = self.valid_range.value(axes)?;
-        calibration.memory = self.memory.value(axes)?;
-        calibration.lag = self.lag.value(axes)?;
-        Ok(CalibrationFile { calibration, origin: named("diagnostics", self.origin.value(axes))? })
+    fn value(mut self) -> Result<CalibrationFile, String> {
+        if let Some(covariance) = &mut self.covariance {
+            set_absent_to_zero(covariance, self.axes, self.terms.len());
+        }
+        self.check()?;
+        let coefficients = self.coefficients.into_iter().map(|Row(row)| row).collect();
+        let mut calibration = Calibration::new(self.model, self.scaling, coefficients);
+        calibration.axes = self.axes;
+        calibration.covariance = self.covariance;
+        calibration.valid_range = self.valid_range;
+        calibration.memory = self.memory;
+        calibration.lag = self.lag;
+        Ok(CalibrationFile { calibration, origin: self.origin })
     }
 
-    /// Which axes it is for.
-    fn axes(&self) -> Result<Axes, String> {
-        let axes = axes_of(Some(&self.axes))?;
+    /// Whether the parts fit together, as the rest of the program takes for granted.
+    fn check(&self) -> Result<(), String> {
+        let axes = self.axes;
         let is_allowed = match self.schema_version {
             SIX_AXES_SCHEMA_VERSION => axes.are_all(),
             FEWER_AXES_SCHEMA_VERSION => !axes.are_all(),
@@ -95,16 +113,11 @@ impl PolynomialDocument {
             "`axes` has {axes}: all six belong to version {SIX_AXES_SCHEMA_VERSION}, fewer to \
              version {FEWER_AXES_SCHEMA_VERSION}"
         );
-        Ok(axes)
-    }
-
-    /// Whether the parts fit together, as the rest of the program takes for granted.
-    fn check(&self, axes: Axes) -> Result<(), String> {
-        let channels = self.model.channels;
+        let model = &self.model;
+        let channels = model.channels;
         let most = model::MAX_CHANNELS;
         let is_few = (1..=most).contains(&channels);
         ensure!(is_few, "`model.channels` is `{channels}`, expected 1 to {most}");
-        let model = self.model.clone().value(axes)?;
         let is_few = model.memory <= most && model.columns() <= most;
         ensure!(is_few, "`model.memory` is `{}`, too many for its channels", model.memory);
         check_memory(self.memory.as_ref(), model.memory)?;
@@ -113,7 +126,7 @@ impl PolynomialDocument {
         ensure!(lag.is_none_or(|lag| is_small(&lag.by)), "`lag` has a number beyond {LARGEST:e}");
         // Before the terms are listed, of which there may be millions.
         check_count("terms", self.terms.len(), model.term_count())?;
-        let terms = term_names(&model);
+        let terms = term_names(model);
         check_count("coefficients", self.coefficients.len(), terms.len())?;
         check_count("scaling.centre", self.scaling.centre.len(), model.columns())?;
         check_count("scaling.scale", self.scaling.scale.len(), model.columns())?;
@@ -129,12 +142,27 @@ impl PolynomialDocument {
             let is_allowed = is_power_of_two(*scale);
             ensure!(is_allowed, "`scaling.scale` has `{scale}`, expected powers of two");
         }
-        let is_centred = self.model.intercept || self.scaling.centre.iter().all(|&x| x == 0.0);
+        let is_centred = model.intercept || self.scaling.centre.iter().all(|&x| x == 0.0);
         ensure!(is_centred, "`scaling.centre` is not zero in a model without an intercept");
-        let are_small = self.coefficients.iter().flat_map(OfAxes::iter).all(is_small);
+        let are_small = self.coefficients.iter().flat_map(|Row(row)| row).all(is_small);
         ensure!(are_small, "`coefficients` has a number beyond {LARGEST:e}");
-        let covariance = named("covariance", self.covariance.clone().value(axes))?;
-        covariance.map_or(Ok(()), |covariance| check_covariance(&covariance, terms.len()))
+        let covariance = self.covariance.as_ref();
+        covariance.map_or(Ok(()), |covariance| check_covariance(covariance, terms.len()))
+    }
+}
+
+/// Has zeros for the axes that there are not, in the shape of those that there are.
+fn set_absent_to_zero(covariance: &mut Covariance, axes: Axes, terms: usize) {
+    for axis in Axes::ALL.without(axes).iter().map(Axis::index) {
+        if let CoefficientCovariance::Groups { factors, .. } = &mut covariance.coefficients {
+            factors[axis] = (1..=terms).map(|length| vec![0.0; length]).collect();
+        }
+        if let Some(ErrorShape { levels, quantiles }) = &mut covariance.shape {
+            quantiles[axis] = vec![0.0; levels.len()];
+        }
+        if let Some(GroupIntervals { levels, factors, .. }) = &mut covariance.intervals {
+            factors[axis] = vec![0.0; levels.len()];
+        }
     }
 }
 
@@ -183,25 +211,130 @@ fn check_count(name: &str, found: usize, expected: usize) -> Result<(), String> 
     Ok(())
 }
 
-/// Says in which field something does not fit.
-fn named<T>(field: &str, found: Result<T, String>) -> Result<T, String> {
-    found.map_err(|problem| format!("`{field}`: {problem}"))
+/// Whether memory terms fit to a model of so many time constants, and are any.
+fn check_memory(memory: Option<&MemoryTerms>, expected: usize) -> Result<(), String> {
+    let found = memory.map_or(0, |memory| memory.time_constants.len());
+    let is_whole = found == expected;
+    ensure!(is_whole, "`memory` has `{found}` time constants, the model needs `{expected}`");
+    for time in memory.into_iter().flat_map(|of| of.time_constants.iter().chain(&of.gap)) {
+        let is_positive = *time > 0.0 && *time <= LARGEST;
+        ensure!(is_positive, "`memory` has the time `{time}`, which is not positive");
+    }
+    Ok(())
+}
+
+/// Whether the parts of intervals, in the field of this name, fit together.
+pub(super) fn check_intervals(name: &str, intervals: &GroupIntervals) -> Result<(), String> {
+    let GroupIntervals { levels, factors, .. } = intervals;
+    let ascending = levels.windows(2).all(|pair| pair[0] < pair[1]);
+    let are_whole = ascending && factors.iter().all(|factors| factors.len() == levels.len());
+    ensure!(are_whole, "`{name}.factors` are not one for each ascending level");
+    Ok(())
 }
 
 fn is_power_of_two(value: f64) -> bool {
     value > 0.0 && value.recip().is_normal() && value.to_bits().trailing_zeros() >= 52
 }
 
+/// What `model` says.
+const NAME: &str = "physics";
+
+#[derive(Serialize, Deserialize)]
+struct PhysicsDocument {
+    schema_version: u64,
+    #[serde(flatten)]
+    origin: Origin,
+    model: String,
+    axes: Axes,
+    physics: PhysicsModel,
+    #[serde(default = "as_they_are")]
+    standard_error_scale: PerAxis<f64>,
+    intervals: Option<GroupIntervals>,
+    valid_range: Option<Vec<ReadingRange>>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    lag: Option<ReferenceLag>,
+}
+
+/// The scale of standard errors in a document that has none.
+fn as_they_are() -> PerAxis<f64> {
+    [1.0; 6]
+}
+
+pub(super) fn format_physics(file: &CalibrationFile, physics: &PhysicsCalibration) -> String {
+    to_json(&PhysicsDocument {
+        schema_version: SCHEMA_VERSION,
+        origin: file.origin.clone(),
+        model: NAME.to_owned(),
+        axes: Axes::ALL,
+        physics: physics.model().clone(),
+        standard_error_scale: *physics.error_scale(),
+        intervals: physics.intervals.clone(),
+        valid_range: file.calibration.valid_range.clone(),
+        lag: file.calibration.lag,
+    })
+}
+
+/// Parses the document of a physics model, of a known version.
+pub(super) fn parse_physics(text: &[u8]) -> Result<CalibrationFile, Problem> {
+    read::<PhysicsDocument>(text)?.value().map_err(Problem::Inconsistent)
+}
+
+impl PhysicsDocument {
+    /// # Errors
+    /// What does not fit together.
+    fn value(self) -> Result<CalibrationFile, String> {
+        self.check()?;
+        let mut physics = PhysicsCalibration::new(self.physics, self.standard_error_scale);
+        physics.intervals = self.intervals;
+        if let Some(intervals) = &physics.intervals {
+            check_intervals("intervals", intervals)?;
+        }
+        let mut calibration = Calibration::from_kind(Kind::Physics(Box::new(physics)));
+        calibration.valid_range = self.valid_range;
+        calibration.lag = self.lag;
+        Ok(CalibrationFile { calibration, origin: self.origin })
+    }
+
+    /// Whether the parts fit together, as the rest of the program takes for granted.
+    fn check(&self) -> Result<(), String> {
+        let is_physics = self.model == NAME;
+        ensure!(is_physics, "`model` is `{}`, expected `{NAME}`", self.model);
+        let axes = self.axes;
+        ensure!(axes.are_all(), "`axes` has {axes} alone, expected all six");
+        let channels = self.physics.channels;
+        let is_few = (1..=MOST_CHANNELS).contains(&channels);
+        ensure!(is_few, "`physics.channels` is `{channels}`, expected 1 to {MOST_CHANNELS}");
+        if let Some(found) = self.valid_range.as_ref().map(Vec::len) {
+            let is_whole = found == channels;
+            ensure!(is_whole, "`valid_range` has `{found}` entries, expected `{channels}`");
+        }
+        let mut next = 0;
+        for (position, sensor) in self.physics.sensors.iter().enumerate() {
+            let (name, last) = (format!("physics.sensors[{position}]"), channels - 1);
+            let Sensor { channel, range, .. } = sensor;
+            let is_in_order = (next..=last).contains(channel);
+            ensure!(is_in_order, "`{name}.channel` is `{channel}`, expected `{next}` to `{last}`");
+            ensure!(*range > 0.0, "`{name}.range` is `{range}`");
+            next = channel + 1;
+        }
+        let is_positive = |scale: &f64| *scale > 0.0 && *scale < f64::INFINITY;
+        let are_positive = self.standard_error_scale.iter().all(is_positive);
+        ensure!(are_positive, "`standard_error_scale` is not above zero");
+        let are_positive = self.physics.wrench_scale.iter().all(is_positive);
+        ensure!(are_positive, "`physics.wrench_scale` is not above zero");
+        Ok(())
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use super::super::{Diagnostics, Origin, Role, SolverRecord, SourceFile};
+    use super::super::{Diagnostics, Role, SolverRecord, SourceFile};
     use super::*;
     use calibration::model::Basis;
+    use calibration::physics::Noise;
     use calibration::quality::AxisQuality;
-    use calibration::reading_ranges::ReadingRange;
-    use calibration::scaling::Scaling;
     use calibration::solver::SolverKind;
-    use shell_data::{Axis, ColumnNames, MomentUnit, TimeUnit};
+    use shell_data::{ColumnNames, MomentUnit, TimeUnit};
 
     fn file() -> CalibrationFile {
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
@@ -289,11 +422,11 @@ mod tests {
         assert_eq!((read.to_json(), read.calibration.axes), (text.clone(), axes));
         let coefficients = read.calibration.polynomial().unwrap().coefficients();
         assert_eq!(coefficients[0], [1.0 / 3.0, 0.0, 1.0, 0.0, 0.0, 0.0]);
-        let cases = [
-            ("\"schema_version\": 4", "\"schema_version\": 1", "`axes` has Fx, Fz: all six belong"),
-            ("\"fx_n\"", "\"mz_nm\"", "`axes` has `mz_nm`, `fz_n`, expected"),
-            ("[0.3333333333333333, 1.0]", "[1.0]", "`coefficients`: `1` values for `2` axes"),
-        ];
+        let cases = [(
+            "\"schema_version\": 4",
+            "\"schema_version\": 1",
+            "`axes` has Fx, Fz: all six belong",
+        )];
         for (from, to, expected) in cases {
             match parse(text.replacen(from, to, 1).as_bytes()) {
                 Err(Problem::Inconsistent(message)) => {
@@ -302,6 +435,14 @@ mod tests {
                 other => panic!("{from} → {to}: {other:?}"),
             }
         }
+        let unordered = text.replacen("\"fx_n\"", "\"mz_nm\"", 1);
+        let Err(Problem::Field(fault)) = parse(unordered.as_bytes()) else { panic!() };
+        assert!(fault.message.contains("`axes` has `mz_nm`, `fz_n`, expected"), "{fault:?}");
+        let short = text.replacen("[0.3333333333333333, 1.0]", "[1.0]", 1);
+        let Err(Problem::Field(fault)) = parse(short.as_bytes()) else { panic!() };
+        // The parser is at the next row when it is told.
+        let line = 2 + text[..text.find("[0.3333333333333333").unwrap()].matches('\n').count();
+        assert_eq!((fault.message.as_str(), fault.line), ("`1` values for `2` axes", line));
     }
 
     #[test]
@@ -322,13 +463,19 @@ mod tests {
     }
 
     #[test]
+    fn an_unknown_axis_is_named() {
+        let text = file().to_json().replace("\"fx_n\"", "\"fx_lbf\"");
+        let Err(Problem::Field(fault)) = parse(text.as_bytes()) else { panic!() };
+        assert!(fault.message.contains("`axes` has `fx_lbf`"), "{fault:?}");
+    }
+
+    #[test]
     fn parts_that_do_not_fit_together_are_refused() {
         let cases = [
             ("\"channels\": 2", "\"channels\": 3", "`terms` has `3` entries"),
             ("\"channels\": 2", "\"channels\": 0", "`model.channels` is `0`"),
             ("\"channels\": 2", "\"channels\": 256", "`model.channels` is `256`"),
             ("\"s2\"", "\"s3\"", "`terms` has `s3`"),
-            ("\"fx_n\"", "\"fx_lbf\"", "`axes` has `fx_lbf`"),
             ("1024.0", "1000.0", "powers of two"),
             ("1024.0", "-1024.0", "powers of two"),
             ("[0.1]", "[0.1, 0.2]", "`covariance.coefficients.rows.factor[0]` has `2` entries"),
@@ -343,5 +490,78 @@ mod tests {
                 other => panic!("{from} → {to}: {other:?}"),
             }
         }
+    }
+
+    fn physics_file() -> CalibrationFile {
+        let sensor = |channel: usize| Sensor {
+            channel,
+            least: 100.5,
+            range: 1.0 / 3.0 + channel as f64,
+            parameters: std::array::from_fn(|i| (i as f64 - 4.2) / 7.0),
+            covariance: std::array::from_fn(|i| {
+                std::array::from_fn(|j| if i == j { 1e-3 / 7.0 } else { 1e-300 })
+            }),
+            loadings: [0.1 / 3.0, 0.0],
+        };
+        let model = PhysicsModel {
+            channels: 8,
+            wrench_scale: [3.0, 4.0, 5.0, 0.1, 0.2, 0.3],
+            load_precision: [[1.0 / 3.0; 6]; 6],
+            lambda: 0.1,
+            prior_width: 0.5,
+            noise: Noise { reading: 1e-4, displacement: 0.01 },
+            sensors: (1..8).map(sensor).collect(),
+        };
+        let scale = std::array::from_fn(|axis| 0.7 + axis as f64 / 7.0);
+        let mut physics = PhysicsCalibration::new(model, scale);
+        let factors = std::array::from_fn(|axis| vec![0.7, 1.9 + axis as f64 / 3.0]);
+        physics.intervals = Some(GroupIntervals { groups: 12, levels: vec![0.5, 0.9], factors });
+        let calibration = Calibration::from_kind(Kind::Physics(Box::new(physics)));
+        CalibrationFile { calibration, origin: Origin::default() }
+    }
+
+    #[test]
+    fn a_physics_model_reads_back_to_the_last_bit() {
+        let file = physics_file();
+        assert_eq!(parse_physics(file.to_json().as_bytes()).unwrap(), file);
+    }
+
+    #[test]
+    fn a_document_of_the_version_before_has_no_factors_and_unscaled_standard_errors() {
+        let mut document: serde_json::Value =
+            serde_json::from_str(&physics_file().to_json()).unwrap();
+        document["schema_version"] = 2.into();
+        for later in ["standard_error_scale", "checksum"] {
+            document.as_object_mut().unwrap().remove(later);
+        }
+        for sensor in document["physics"]["sensors"].as_array_mut().unwrap() {
+            sensor.as_object_mut().unwrap().remove("loadings");
+        }
+        let read = CalibrationFile::parse(document.to_string().as_bytes()).unwrap();
+        let Kind::Physics(physics) = read.calibration.kind() else { panic!("no physics model") };
+        assert_eq!((physics.model().factor_count(), *physics.error_scale()), (0, [1.0; 6]));
+    }
+
+    #[test]
+    fn parts_of_a_physics_model_that_do_not_fit_together_are_refused() {
+        let cases = [
+            ("\"physics\"", "\"magic\"", "`model` is `magic`"),
+            ("\"channels\": 8", "\"channels\": 17", "`physics.channels` is `17`"),
+            ("\"channel\": 2", "\"channel\": 1", "`physics.sensors[1].channel` is `1`"),
+            ("[0.7, 1.9]", "[0.7]", "`intervals.factors`"),
+        ];
+        for (from, to, expected) in cases {
+            let text = physics_file().to_json();
+            assert!(text.contains(from), "{from} in {text}");
+            match parse_physics(text.replacen(from, to, 1).as_bytes()) {
+                Err(Problem::Inconsistent(message)) => {
+                    assert!(message.contains(expected), "{message}");
+                }
+                other => panic!("{from} → {to}: {other:?}"),
+            }
+        }
+        let text = physics_file().to_json().replacen("\"fx_n\"", "\"fx_lbf\"", 1);
+        let Err(Problem::Field(fault)) = parse_physics(text.as_bytes()) else { panic!() };
+        assert!(fault.message.contains("`axes` has `fx_lbf`"), "{fault:?}");
     }
 }

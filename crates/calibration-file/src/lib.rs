@@ -49,9 +49,6 @@ pub mod matrix;
 mod origin;
 mod partial;
 pub mod payload_file;
-mod physics_document;
-mod r_factor;
-pub mod stored;
 
 use shell_data::hint::Hint;
 use std::io;
@@ -60,7 +57,6 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
-pub use self::checksum::ChecksumError;
 use self::matrix::MatrixError;
 pub use self::origin::{Diagnostics, Origin, Role, SolverRecord, SourceFile};
 pub use self::partial::{
@@ -148,8 +144,8 @@ pub enum Problem {
     #[error("{0}")]
     Inconsistent(String),
     /// It was damaged or edited.
-    #[error(transparent)]
-    Checksum(#[from] ChecksumError),
+    #[error("it is not what was written: {0}")]
+    Checksum(&'static str),
     /// Numbers that no calibration has.
     #[error("it cannot be a calibration: {0}")]
     Implausible(Implausible),
@@ -239,7 +235,7 @@ impl CalibrationFile {
         let DocumentHeader { schema_version, checksum, .. } = serde_json::from_slice(text)?;
         // After the parts: what can be named says more.
         if schema_version == SCHEMA_VERSION || checksum.is_some() {
-            checksum::check(text)?;
+            checksum::check(text).map_err(Problem::Checksum)?;
         }
         Ok(file)
     }
@@ -254,8 +250,8 @@ impl CalibrationFile {
         let is_physics = model.is_some_and(|model| model.is_string());
         let file = match schema_version {
             SIX_AXES_SCHEMA_VERSION | FEWER_AXES_SCHEMA_VERSION => document::parse(text),
-            PHYSICS_SCHEMA_VERSION => physics_document::parse(text),
-            SCHEMA_VERSION if is_physics => physics_document::parse(text),
+            PHYSICS_SCHEMA_VERSION => document::parse_physics(text),
+            SCHEMA_VERSION if is_physics => document::parse_physics(text),
             SCHEMA_VERSION => document::parse(text),
             found => Err(Problem::SchemaVersion { found }),
         }?;
@@ -274,7 +270,7 @@ impl CalibrationFile {
     pub fn to_json(&self) -> String {
         checksum::add(&match self.calibration.kind() {
             Kind::Polynomial(polynomial) => document::format(self, polynomial),
-            Kind::Physics(physics) => physics_document::format(self, physics),
+            Kind::Physics(physics) => document::format_physics(self, physics),
         })
     }
 

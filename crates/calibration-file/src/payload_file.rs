@@ -15,10 +15,9 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::input::{self, DocumentKind};
-use crate::stored::{Stored, StoredAccelerometer, StoredPayload};
+use crate::origin::as_unicode;
 use crate::{JsonFault, LARGEST};
-use forces::payload::{Accelerometer, PayloadFit, STANDARD_GRAVITY_M_S2};
-use shell_data::wrench::Axes;
+use forces::payload::{Accelerometer, Payload, PayloadFit};
 
 /// The version of the documents that this program writes and reads.
 pub const SCHEMA_VERSION: u64 = 1;
@@ -27,18 +26,29 @@ pub const SCHEMA_VERSION: u64 = 1;
 const KIND: &str = "payload";
 
 /// What a sensor carries, with its origin.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PayloadFile {
-    /// What it carries.
-    pub fit: PayloadFit,
-    /// How its accelerometer sits.
-    pub accelerometer: Option<Accelerometer>,
     /// Program and version.
     pub made_by: String,
     /// When, in UTC, RFC 3339.
     pub date: String,
-    /// The logs and the number of their rows.
-    pub sources: Vec<(PathBuf, u64)>,
+    /// The logs.
+    pub sources: Vec<PayloadSource>,
+    /// What it carries.
+    #[serde(flatten)]
+    pub fit: PayloadFit,
+    /// How its accelerometer sits.
+    pub accelerometer: Option<Accelerometer>,
+}
+
+/// A log that a payload was found from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PayloadSource {
+    /// The file.
+    #[serde(serialize_with = "as_unicode")]
+    pub path: PathBuf,
+    /// The number of its rows.
+    pub rows: u64,
 }
 
 /// A payload file that cannot be used.
@@ -51,33 +61,12 @@ pub struct PayloadFileError {
     pub problem: String,
 }
 
-#[derive(Serialize, Deserialize)]
-struct PayloadDocument {
-    kind: String,
+#[derive(Serialize)]
+struct PayloadDocument<'f> {
+    kind: &'static str,
     schema_version: u64,
-    made_by: String,
-    date: String,
-    sources: Vec<StoredSource>,
     #[serde(flatten)]
-    payload: StoredPayload,
-    standard_errors: StoredPayload,
-    residual_rms_n: f64,
-    residual_rms_nm: f64,
-    poses: usize,
-    #[serde(default = "standard_gravity")]
-    gravity_m_s2: f64,
-    spread_rad: [f64; 2],
-    accelerometer: Option<StoredAccelerometer>,
-}
-
-fn standard_gravity() -> f64 {
-    STANDARD_GRAVITY_M_S2
-}
-
-#[derive(Serialize, Deserialize)]
-struct StoredSource {
-    path: String,
-    rows: u64,
+    file: &'f PayloadFile,
 }
 
 impl PayloadFile {
@@ -109,57 +98,23 @@ impl PayloadFile {
         let found = found.ok_or("`schema_version` is missing")?;
         let is_known = found == SCHEMA_VERSION;
         ensure!(is_known, "its schema version is `{found}`, this program reads `{SCHEMA_VERSION}`");
-        let document: PayloadDocument = serde_json::from_slice(text).map_err(said)?;
-        document.check()?;
-        Ok(Self {
-            fit: PayloadFit {
-                payload: document.payload.value(Axes::ALL)?,
-                standard_errors: document.standard_errors.value(Axes::ALL)?,
-                residual_rms_n: document.residual_rms_n,
-                residual_rms_nm: document.residual_rms_nm,
-                poses: document.poses,
-                gravity_m_s2: document.gravity_m_s2,
-                spread_rad: document.spread_rad,
-            },
-            accelerometer: document.accelerometer.value(Axes::ALL)?,
-            made_by: document.made_by,
-            date: document.date,
-            sources: document.sources.into_iter().map(|it| (it.path.into(), it.rows)).collect(),
-        })
+        let file: Self = serde_json::from_slice(text).map_err(said)?;
+        file.check()?;
+        Ok(file)
     }
 
     /// The JSON document.
     pub fn to_json(&self) -> String {
-        let source = |(path, rows): &(PathBuf, u64)| StoredSource {
-            path: path.to_string_lossy().into_owned(),
-            rows: *rows,
-        };
-        let document = PayloadDocument {
-            kind: KIND.to_owned(),
-            schema_version: SCHEMA_VERSION,
-            made_by: self.made_by.clone(),
-            date: self.date.clone(),
-            sources: self.sources.iter().map(source).collect(),
-            payload: Stored::of(&self.fit.payload, Axes::ALL),
-            standard_errors: Stored::of(&self.fit.standard_errors, Axes::ALL),
-            residual_rms_n: self.fit.residual_rms_n,
-            residual_rms_nm: self.fit.residual_rms_nm,
-            poses: self.fit.poses,
-            gravity_m_s2: self.fit.gravity_m_s2,
-            spread_rad: self.fit.spread_rad,
-            accelerometer: Stored::of(&self.accelerometer, Axes::ALL),
-        };
+        let document = PayloadDocument { kind: KIND, schema_version: SCHEMA_VERSION, file: self };
         serde_json::to_string_pretty(&document).expect("plain numbers are always JSON") + "\n"
     }
-}
 
-impl PayloadDocument {
     /// Whether its numbers are such as the rest of the program takes for granted.
     fn check(&self) -> Result<(), String> {
-        let StoredPayload { mass_kg, centre_m, force_bias_n, moment_bias_nm } = &self.payload;
+        let Payload { mass_kg, centre_m, force_bias_n, moment_bias_nm } = &self.fit.payload;
         let is_positive = *mass_kg > 0.0 && *mass_kg <= LARGEST;
         ensure!(is_positive, "`mass_kg` is `{mass_kg}`, expected a positive number");
-        let gravity = self.gravity_m_s2;
+        let gravity = self.fit.gravity_m_s2;
         let is_gravity = (0.1..=30.0).contains(&gravity);
         ensure!(is_gravity, "`gravity_m_s2` is `{gravity}`, expected m/s², from 0.1 to 30");
         let mut vectors = vec![
@@ -167,7 +122,7 @@ impl PayloadDocument {
             ("force_bias_n", force_bias_n),
             ("moment_bias_nm", moment_bias_nm),
         ];
-        if let Some(StoredAccelerometer { matrix, offset_m_s2, .. }) = &self.accelerometer {
+        if let Some(Accelerometer { matrix, offset_m_s2, .. }) = &self.accelerometer {
             vectors.extend(matrix.iter().map(|row| ("accelerometer.matrix", row)));
             vectors.push(("accelerometer.offset_m_s2", offset_m_s2));
         }
@@ -184,7 +139,6 @@ impl PayloadDocument {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use forces::payload::Payload;
 
     fn file() -> PayloadFile {
         let payload = |k: f64| Payload {
@@ -210,7 +164,7 @@ mod tests {
             }),
             made_by: "test".to_owned(),
             date: "2017-07-14T02:40:00Z".to_owned(),
-            sources: vec![("poses.csv".into(), 24)],
+            sources: vec![PayloadSource { path: "poses.csv".into(), rows: 24 }],
         }
     }
 

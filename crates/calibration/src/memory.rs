@@ -15,9 +15,11 @@
 use shell_data::block::Block;
 
 /// What time is counted in.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum TimeBase {
     /// Seconds of the log's clock.
+    #[serde(rename = "s")]
     Seconds,
     /// Rows, where logs have no clock.
     Rows,
@@ -37,13 +39,14 @@ impl TimeBase {
 }
 
 /// The memory terms of a model.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct MemoryTerms {
     /// What time is counted in.
     pub time_base: TimeBase,
     /// Time constants, ascending, in units of the time base.
     pub time_constants: Vec<f64>,
     /// A step of the clock beyond this, or back, starts the terms anew; `None` where rows are counted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gap: Option<f64>,
 }
 

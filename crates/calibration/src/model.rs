@@ -8,7 +8,8 @@
 //! product, comes last.
 
 /// A family of features.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Basis {
     /// Each reading: 8 features for 8 channels.
     Linear,
@@ -17,6 +18,7 @@ pub enum Basis {
     /// All products of up to two readings: 44 features for 8 channels.
     Quadratic,
     /// Those of `Cubic`, and the products of two different readings: 52 features for 8 channels.
+    #[serde(rename = "cubic+products")]
     CubicProducts,
     /// All products of up to three readings: 164 features for 8 channels.
     Poly3,
@@ -84,7 +86,7 @@ fn fitting(model: &Model) -> String {
 }
 
 /// The features of a calibration.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Model {
     /// The family of features.
     pub basis: Basis,
@@ -93,7 +95,12 @@ pub struct Model {
     /// Number of channels; with their memory terms at most 255.
     pub channels: usize,
     /// Number of time constants, for each of which every channel has a memory term. 0 for none.
+    #[serde(default, skip_serializing_if = "is_none")]
     pub memory: usize,
+}
+
+fn is_none(memory_terms: &usize) -> bool {
+    *memory_terms == 0
 }
 
 /// A product of up to three channels, named by their indices from 0 in ascending order.

@@ -15,7 +15,7 @@ pub struct AxisErrors {
 }
 
 /// How far predictions are from measurements, on one axis, in N or N·m.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct AxisQuality {
     /// Root mean square of the error.
     pub rms: f64,

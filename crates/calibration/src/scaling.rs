@@ -8,7 +8,7 @@
 use shell_data::statistics::extremes;
 
 /// How readings become standardised readings: `z = (s − centre) / scale`, channel by channel.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Scaling {
     /// What is subtracted, in counts. Zero for models without an intercept.
     pub centre: Vec<f64>,

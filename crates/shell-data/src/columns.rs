@@ -1,21 +1,28 @@
 //! Which columns of a log are what, by their names.
 
+use crate::by_axis;
 use crate::wrench::{MomentUnit, PerAxis};
 
 /// The columns that a user specified of a log, by their names.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct ColumnNames {
     /// The sensor columns, in channel order.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensors: Option<Vec<String>>,
     /// The wrench columns, of the axes that there are.
+    #[serde(default, skip_serializing_if = "Option::is_none", with = "by_axis::option")]
     pub wrench: Option<PerAxis<Option<String>>>,
     /// The unit of the moment columns.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub moment_unit: Option<MomentUnit>,
     /// The time column.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time: Option<String>,
     /// The unit of the time column.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time_unit: Option<TimeUnit>,
     /// The column of groups.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub group: Option<String>,
 }
 
@@ -27,15 +34,19 @@ impl ColumnNames {
 }
 
 /// The unit of a time column.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum TimeUnit {
     /// s
+    #[serde(rename = "s")]
     Second,
     /// ms
+    #[serde(rename = "ms")]
     Millisecond,
     /// µs
+    #[serde(rename = "µs")]
     Microsecond,
     /// ns
+    #[serde(rename = "ns")]
     Nanosecond,
 }
 

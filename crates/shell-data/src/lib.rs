@@ -2,6 +2,7 @@
 //!
 //! - [`wrench`]: the six axes, their order, names and units;
 //! - [`block`]: a run of consecutive log rows, column by column;
+//! - [`by_axis`]: values by axis in documents;
 //! - [`escape`]: text that enters another language;
 //! - [`fingerprint`]: whether two logs hold the same rows;
 //! - [`hint`]: what to do about an error;
@@ -29,6 +30,7 @@
 #![warn(missing_docs)]
 
 pub mod block;
+pub mod by_axis;
 pub mod columns;
 pub mod dataset;
 pub mod escape;

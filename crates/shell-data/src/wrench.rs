@@ -184,11 +184,13 @@ impl fmt::Debug for Axes {
 pub type AxisValues<T> = Vec<(Axis, T)>;
 
 /// The unit of moment columns.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum MomentUnit {
     /// N·m
+    #[serde(rename = "N·m")]
     NewtonMetre,
     /// mN·m, which is also N·mm
+    #[serde(rename = "mN·m")]
     MillinewtonMetre,
 }
 

@@ -6,6 +6,7 @@
 
 use std::collections::BTreeMap;
 
+use crate::SettingsError;
 use shell_data::random::{Purpose, RandomStream};
 
 /// How a link fails; without any it is perfect.
@@ -27,15 +28,6 @@ pub struct Faults {
     pub corruption: f64,
     /// How long a packet takes, in µs.
     pub delay_us: u64,
-}
-
-/// A fault that cannot be simulated.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-#[error("{what} of {value}, where {wanted} is wanted")]
-pub struct BadFault {
-    what: &'static str,
-    value: f64,
-    wanted: &'static str,
 }
 
 /// What was done to packets.
@@ -80,8 +72,8 @@ pub struct Radio {
 
 impl Faults {
     /// # Errors
-    /// [`BadFault`]: a share is outside 0 to 1, or bursts have no length.
-    fn check(&self) -> Result<(), BadFault> {
+    /// [`SettingsError`]: a share is outside 0 to 1, or bursts have no length.
+    fn check(&self) -> Result<(), SettingsError> {
         let shares = [
             ("loss", self.loss),
             ("a share of bursts", self.bursts),
@@ -89,15 +81,16 @@ impl Faults {
             ("reordering", self.reordering),
             ("corruption", self.corruption),
         ];
-        for (what, value) in shares {
-            if !(0.0..=1.0).contains(&value) {
-                return Err(BadFault { what, value, wanted: "a share from 0 to 1" });
+        let refuse = |what: &str, value: f64, wanted: &str| {
+            Err(SettingsError(format!("{what} of {value}, where {wanted} is wanted")))
+        };
+        let burst = self.burst_packets;
+        match shares.into_iter().find(|(_, share)| !(0.0..=1.0).contains(share)) {
+            Some((what, share)) => refuse(what, share, "a share from 0 to 1"),
+            None if self.bursts > 0.0 && !(burst.is_finite() && burst >= 1.0) => {
+                refuse("a burst", burst, "a mean of 1 packet or more")
             }
-        }
-        let (what, value) = ("a burst", self.burst_packets);
-        match self.bursts > 0.0 && !(value.is_finite() && value >= 1.0) {
-            true => Err(BadFault { what, value, wanted: "a mean of 1 packet or more" }),
-            false => Ok(()),
+            None => Ok(()),
         }
     }
 }
@@ -106,8 +99,8 @@ impl Radio {
     /// A link with faults that `seed` places.
     ///
     /// # Errors
-    /// [`BadFault`].
-    pub fn new(faults: Faults, seed: u64) -> Result<Self, BadFault> {
+    /// [`SettingsError`].
+    pub fn new(faults: Faults, seed: u64) -> Result<Self, SettingsError> {
         faults.check()?;
         Ok(Self {
             faults,

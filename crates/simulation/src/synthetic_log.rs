@@ -1,12 +1,18 @@
-//! Writes recordings of the sensor model as CSV, row by row.
+//! Writes recordings of the sensor model as CSV, row by row, and trials of the virtual robot as the lab's tools do; or
+//! hands the rows of a recording over in memory, as a log reader would.
 //!
 //! Decimals are exact: the reference sensor's steps, 1/160 N and 1/32 N·mm, need five and eight of
 //! them. So the file holds what the model made, and the same command always makes the same bytes.
 
 use std::io::{self, Write};
 
-use crate::sensor_model::{RecordingKind, SensorSample, SimulatedFrame};
-use shell_data::wrench::PerAxis;
+use crate::sensor_model::{
+    RecordingKind, RecordingSettings, SensorRecording, SensorSample, SimulatedFrame,
+};
+use crate::virtual_robot::telemetry::{COLUMNS, TELEMETRY_COLUMNS};
+use crate::virtual_robot::{TelemetryRow, TrialSettings};
+use shell_data::block::Block;
+use shell_data::wrench::{Axis, PerAxis};
 
 /// The header of a board's log: time and readings.
 pub const FRAME_HEADER: &str = "t_s,s1,s2,s3,s4,s5,s6,s7,s8";
@@ -97,4 +103,83 @@ fn write_readings(out: &mut impl Write, frame: &SimulatedFrame) -> io::Result<()
 fn write_wrench(out: &mut impl Write, wrench: &PerAxis<f64>) -> io::Result<()> {
     let [fx, fy, fz, mx, my, mz] = wrench;
     write!(out, ",{fx:.5},{fy:.5},{fz:.5},{mx:.8},{my:.8},{mz:.8}")
+}
+
+/// Which columns a trial's log has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TrialLayout {
+    /// Telemetry text with everything.
+    Full,
+    /// Telemetry text without the readings: from before the shell.
+    WithoutSensors,
+    /// `t_s,s1..s8`, as `shellcal record` writes: from the board alone.
+    WithoutTelemetry,
+}
+
+/// Writes the header of a telemetry text: free text, then the names of the columns.
+///
+/// # Errors
+/// Whatever `out` says.
+pub fn write_telemetry_header(
+    out: &mut impl Write,
+    settings: &TrialSettings,
+    sensors: bool,
+) -> io::Result<()> {
+    let TrialSettings { condition, stride_hz, seed, .. } = settings;
+    writeln!(out, "%  SYNTHETIC: a trial of shellcal's virtual robot, no recording")?;
+    writeln!(out, "%  Stride Frequency         = [{stride_hz}, {stride_hz}]")?;
+    writeln!(out, "%  Condition                = {}", condition.name)?;
+    writeln!(out, "%  Seed                     = {seed}")?;
+    writeln!(out, "% Columns: ")?;
+    let [robot, sensor] = COLUMNS;
+    writeln!(out, "% {robot}{}", if sensors { sensor } else { "" })
+}
+
+/// Writes a row of a telemetry text.
+///
+/// # Errors
+/// Whatever `out` says.
+pub fn write_telemetry_row(
+    out: &mut impl Write,
+    row: &TelemetryRow,
+    sensors: bool,
+) -> io::Result<()> {
+    let shown = if sensors { row } else { &row[..TELEMETRY_COLUMNS] };
+    writeln!(out, "{}", shown.iter().map(i64::to_string).collect::<Vec<_>>().join(","))
+}
+
+/// About what the log reader hands over at once.
+const BLOCK_ROWS: usize = 6_000;
+
+/// The first `rows` rows that `shellcal synth train` makes by default.
+///
+/// # Panics
+/// Never: these settings are valid.
+pub fn training_blocks(rows: usize) -> Vec<Block> {
+    let recording = SensorRecording::new(RecordingSettings::new(RecordingKind::Training));
+    blocks(recording.expect("valid settings"), rows)
+}
+
+/// The first `rows` rows of a recording.
+pub fn blocks(recording: SensorRecording, rows: usize) -> Vec<Block> {
+    let mut samples = recording.take(rows);
+    let mut blocks = Vec::new();
+    for start in (0..rows).step_by(BLOCK_ROWS) {
+        let mut block = Block {
+            readings: vec![Vec::new(); 8],
+            wrench: vec![Vec::new(); Axis::ALL.len()],
+            ..Block::default()
+        };
+        for sample in samples.by_ref().take(BLOCK_ROWS.min(rows - start)) {
+            block.rows += 1;
+            for (column, reading) in block.readings.iter_mut().zip(sample.frame.readings) {
+                column.push(f64::from(reading));
+            }
+            for (column, component) in block.wrench.iter_mut().zip(sample.wrench) {
+                column.push(component);
+            }
+        }
+        blocks.push(block);
+    }
+    blocks
 }

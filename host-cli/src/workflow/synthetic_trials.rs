@@ -4,9 +4,10 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use output_file::{OutputError, Outputs};
-use simulation::sensor_model::ModelError;
-use simulation::synthetic_log::{FRAME_HEADER, write_frame};
-use simulation::synthetic_trial::{TrialLayout, write_telemetry_header, write_telemetry_row};
+use simulation::SettingsError;
+use simulation::synthetic_log::{
+    FRAME_HEADER, TrialLayout, write_frame, write_telemetry_header, write_telemetry_row,
+};
 use simulation::virtual_robot::{ChannelForces, TrialSettings, Truth, VirtualTrial};
 
 /// A trial that could not be made.
@@ -15,7 +16,7 @@ use simulation::virtual_robot::{ChannelForces, TrialSettings, Truth, VirtualTria
 pub enum SyntheticTrialError {
     /// The settings make no trial.
     #[error(transparent)]
-    Settings(#[from] ModelError),
+    Settings(#[from] SettingsError),
     /// The rows cannot be written.
     #[error("cannot write the trial")]
     Write(#[from] io::Error),
@@ -46,7 +47,7 @@ pub fn write_log(
         }
         TrialLayout::Full | TrialLayout::WithoutSensors => {
             let sensors = layout == TrialLayout::Full;
-            write_telemetry_header(&mut text, trial.settings(), sensors)?;
+            write_telemetry_header(&mut text, &trial.settings, sensors)?;
             for row in trial.rows()? {
                 write_telemetry_row(&mut text, &row, sensors)?;
                 rows += 1;
@@ -105,7 +106,7 @@ pub fn write_set(
             let rows = write_log(&mut out, &trial, TrialLayout::Full)?;
             out.commit()?;
             outputs.write(directory.join(&truth_file), &truth_json(&trial.truth()))?;
-            let [enter_s, exit_s] = trial.window_s();
+            let [enter_s, exit_s] = trial.window_s;
             manifest += &format!("{file},{},{enter_s},{exit_s}\n", condition.name);
             trials.push(SetTrial { file, truth_file, rows });
             progress(trials.len() as u64);

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 use shellcal::workflow::synthetic_trials::write_log;
-use simulation::synthetic_trial::TrialLayout;
+use simulation::synthetic_log::TrialLayout;
 use simulation::virtual_robot::{ChannelForces, TrialSettings, VirtualTrial};
 use system_tests::program;
 
@@ -24,7 +24,7 @@ fn write_trial(path: &Path, seed: u64, layout: TrialLayout, missing: f64) -> [f6
     let settings = TrialSettings { missing, ..TrialSettings::new(condition, seed) };
     let trial = VirtualTrial::new(settings).unwrap();
     write_log(&mut fs::File::create(path).unwrap(), &trial, layout).unwrap();
-    trial.window_s()
+    trial.window_s
 }
 
 /// A folder with a calibration, and logs `1.txt` to `N.txt`; the windows.

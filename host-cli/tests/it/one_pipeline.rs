@@ -12,7 +12,7 @@ use shellcal::workflow::batch::{self, BatchOptions};
 use shellcal::workflow::figures::reduce_trace;
 use shellcal::workflow::synthetic_trials::write_log;
 use shellcal::workflow::trial::{TrialJob, WindowTimes, evaluate_in_window};
-use simulation::synthetic_trial::TrialLayout;
+use simulation::synthetic_log::TrialLayout;
 use simulation::virtual_robot::{ChannelForces, TrialSettings, VirtualTrial};
 use system_tests::program::succeed;
 use trial::manifest::Manifest;
@@ -188,7 +188,7 @@ fn rows_that_repeat_a_frame_change_no_force() {
     let trial = VirtualTrial::new(TrialSettings { missing: 0.1, ..settings }).unwrap();
     let mut file = fs::File::create(folder.path().join("run.txt")).unwrap();
     write_log(&mut file, &trial, TrialLayout::Full).unwrap();
-    let [enter, exit] = trial.window_s();
+    let [enter, exit] = trial.window_s;
     for zero_phase in [true, false] {
         let low_pass = LowPass { zero_phase, ..LowPass::default() };
         assert_all_agree(folder.path(), "run.txt", (enter, exit), low_pass, false);

@@ -293,7 +293,7 @@ fn groups_that_were_tampered_with_are_refused() {
     let cases = [
         ("\"place\": 0", "\"place\": 1", "label or place is taken"),
         ("\"source\": 0", "\"source\": 1", "of no source"),
-        ("\"by\": \"column\"", "\"by\": \"colour\"", "unknown `colour`"),
+        ("\"by\": \"column\"", "\"by\": \"colour\"", "unknown variant `colour`"),
         ("\"held_out_folds\": 2", "\"held_out_folds\": 3", "that are held out"),
         (&format!("{label}{second}\""), &format!("{label}{first}\""), "label or place is taken"),
         (&format!("\"rows\": {of_random}"), &format!("\"rows\": {more}"), "the sum of ones"),

@@ -3,7 +3,7 @@
 use faer::Mat;
 use faer::linalg::solvers::SolveLstsq;
 use simulation::sensor_model::{
-    ModelError, RecordingKind, RecordingSettings, SensorChannel, SensorModel, SensorParameters,
+    RecordingKind, RecordingSettings, SensorChannel, SensorModel, SensorParameters,
     SensorRecording, SensorSample, SimulatedFrame,
 };
 
@@ -203,32 +203,27 @@ fn seeds_and_kinds_change_a_recording() {
 
 #[test]
 fn settings_that_describe_no_recording_are_refused() {
-    let refused = |settings| SensorRecording::new(settings).unwrap_err();
+    let refused = |settings| SensorRecording::new(settings).unwrap_err().to_string();
     let base = RecordingSettings::new(RecordingKind::Training);
     for rate_hz in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-        assert!(matches!(
-            refused(RecordingSettings { rate_hz, ..base }),
-            ModelError::Timing { .. }
-        ));
+        let error = refused(RecordingSettings { rate_hz, ..base });
+        assert!(error.starts_with(&format!("rate {rate_hz} Hz from 0 s on: ")), "{error}");
     }
     let start_time_s = f64::NAN;
-    assert!(matches!(
-        refused(RecordingSettings { start_time_s, ..base }),
-        ModelError::Timing { .. }
-    ));
+    let error = refused(RecordingSettings { start_time_s, ..base });
+    assert!(error.starts_with("rate 100 Hz from NaN s on: "), "{error}");
     for noise_scale in [-1.0, f64::NAN, f64::INFINITY] {
         let error = refused(RecordingSettings { noise_scale, ..base });
-        assert!(matches!(error, ModelError::NoiseScale { .. }));
+        assert!(error.starts_with(&format!("noise scaled by {noise_scale}, ")), "{error}");
     }
     for adc_bits in [0, 7, 17, u32::MAX] {
-        assert_eq!(
-            refused(RecordingSettings { adc_bits, ..base }),
-            ModelError::AdcBits { bits: adc_bits }
-        );
+        let error = refused(RecordingSettings { adc_bits, ..base });
+        assert!(error.starts_with(&format!("a converter of {adc_bits} bits, ")), "{error}");
     }
     let mut loose = SensorParameters::nominal();
     loose.springs.iter_mut().for_each(|spring| spring.position_m = [0.0; 3]);
-    assert_eq!(SensorModel::new(&loose, 1).unwrap_err(), ModelError::LoosePlate);
+    let error = SensorModel::new(&loose, 1).unwrap_err().to_string();
+    assert_eq!(error, "the springs do not hold the plate in all six directions");
 }
 
 #[test]

@@ -19,68 +19,24 @@
 use std::collections::HashSet;
 use std::path::Path;
 
+use super::super::document::read;
 use super::super::layout::to_json;
-use super::super::r_factor::RFactorDocument;
-use super::super::stored::{
-    MomentsDocument, Name, Stored, StoredColumnNames, StoredModel, StoredSource, axes_of,
-};
 use super::super::{CalibrationFileError, Problem, Role};
 use super::{PartialFit, PartialGroup, PartialGroups, Sums};
 use crate::{checksum, input};
-use calibration::exact::{Moments, StoredMoments};
 use calibration::model::Model;
-use calibration::validation::grouped::{GroupKind, GroupedMoments, MAX_GROUPS, RandomSplit};
+use calibration::validation::grouped::{GroupedMoments, MAX_GROUPS, RandomSplit};
 use serde::{Deserialize, Serialize};
-use shell_data::wrench::Axes;
+use shell_data::by_axis::Among;
 
 /// The version of the documents that this program writes.
 pub(crate) const PARTIAL_SCHEMA_VERSION: u64 = 4;
 
-#[derive(Serialize, Deserialize)]
-struct PartialDocument {
+#[derive(Serialize)]
+struct PartialDocument<'p> {
     partial_schema_version: u64,
-    made_by: String,
-    date: String,
-    model: StoredModel,
-    skipped_rows: u64,
-    repeated_rows: u64,
-    sources: Vec<StoredSource>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    columns: Option<StoredColumnNames>,
-    /// Absent where there are all six.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    axes: Option<Vec<String>>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    summed: Option<Vec<String>>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    sensor_serial: Option<String>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    moments: Option<MomentsDocument>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    triangle: Option<RFactorDocument>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    groups: Option<GroupsDocument>,
-}
-
-#[derive(Serialize, Deserialize)]
-struct GroupsDocument {
-    by: Name<GroupKind>,
-    random_folds: usize,
-    held_out_folds: usize,
-    seed: u64,
-    random: Vec<MomentsDocument>,
-    sums: Vec<GroupDocument>,
-}
-
-#[derive(Serialize, Deserialize)]
-struct GroupDocument {
-    label: String,
-    source: usize,
-    place: usize,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    moments: Option<MomentsDocument>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    triangle: Option<RFactorDocument>,
+    #[serde(flatten)]
+    partial: &'p PartialFit,
 }
 
 /// What is read before all else.
@@ -113,7 +69,7 @@ impl PartialFit {
     pub fn parse(text: &[u8]) -> Result<Self, Problem> {
         let partial = Self::parse_edited(text)?;
         // Last: what can be named says more.
-        checksum::check(text)?;
+        checksum::check(text).map_err(Problem::Checksum)?;
         Ok(partial)
     }
 
@@ -126,41 +82,23 @@ impl PartialFit {
         if !(1..=PARTIAL_SCHEMA_VERSION).contains(&found) {
             return Err(Problem::SchemaVersion { found });
         }
-        let document: PartialDocument = serde_json::from_slice(text)?;
-        document.value().map_err(Problem::Inconsistent)
+        let partial: Self = read(text)?;
+        partial.check().map_err(Problem::Inconsistent)?;
+        Ok(partial)
     }
 
     /// The JSON document.
     pub fn to_json(&self) -> String {
-        let (moments, triangle) = stored_sums(&self.sums, self.axes);
-        checksum::add(&to_json(&PartialDocument {
-            partial_schema_version: PARTIAL_SCHEMA_VERSION,
-            made_by: self.made_by.clone(),
-            date: self.date.clone(),
-            model: Stored::of(&self.model, self.axes),
-            skipped_rows: self.skipped_rows,
-            repeated_rows: self.repeated_rows,
-            sources: Stored::of(&self.sources, self.axes),
-            columns: Stored::of(&self.columns, self.axes),
-            axes: (!self.axes.are_all())
-                .then(|| self.axes.iter().map(|axis| axis.column().to_owned()).collect()),
-            summed: self.summed.clone(),
-            sensor_serial: self.sensor_serial.clone(),
-            moments,
-            triangle,
-            groups: self.groups.as_ref().map(|groups| GroupsDocument::new(groups, self.axes)),
-        }))
+        let version = PARTIAL_SCHEMA_VERSION;
+        let document = PartialDocument { partial_schema_version: version, partial: self };
+        checksum::add(&to_json(&Among(self.axes, document)))
     }
-}
 
-impl PartialDocument {
-    /// # Errors
-    /// What does not fit together.
-    fn value(self) -> Result<PartialFit, String> {
-        let axes = axes_of(self.axes.as_deref())?;
-        let (model, sums) = (self.model.value(axes)?, sums(self.moments, self.triangle, axes)?);
-        let field = field(&sums);
-        ensure!(suits(&sums, &model), "`{field}` are not those of `model`");
+    /// Whether the parts fit together, as the rest of the program takes for granted.
+    fn check(&self) -> Result<(), String> {
+        let (model, sums, axes) = (&self.model, &self.sums, self.axes);
+        let field = sums.field();
+        ensure!(sums.suit(model), "`{field}` are not those of `model`");
         let (columns, found) = (model.channels + axes.count(), self.summed.as_ref().map(Vec::len));
         let found = found.unwrap_or(columns);
         ensure!(found == columns, "`summed` has {found} columns, expected {columns}");
@@ -169,70 +107,28 @@ impl PartialDocument {
         let summed = sums.rows();
         ensure!(rows == summed, "`sources` have {rows} rows, `{field}` are of {summed}");
         let sources = self.sources.len();
-        let groups =
-            self.groups.map(|groups| groups.value(&model, &sums, sources, axes)).transpose()?;
-        Ok(PartialFit {
-            made_by: self.made_by,
-            date: self.date,
-            model,
-            skipped_rows: self.skipped_rows,
-            repeated_rows: self.repeated_rows,
-            sources: self.sources.value(axes)?,
-            axes,
-            summed: self.summed,
-            sensor_serial: self.sensor_serial,
-            columns: self.columns.value(axes)?,
-            sums,
-            groups,
-        })
+        self.groups.as_ref().map_or(Ok(()), |groups| groups.check_parts(model, sums, sources))
     }
 }
 
-impl GroupsDocument {
-    fn new(groups: &PartialGroups, axes: Axes) -> Self {
-        let RandomSplit { folds, held_out, seed } = groups.split;
-        let group = |group: &PartialGroup| {
-            let (moments, triangle) = stored_sums(&group.sums, axes);
-            let (label, source, place) = (group.label.clone(), group.source, group.position);
-            GroupDocument { label, source, place, moments, triangle }
-        };
-        Self {
-            by: Name::of(&groups.by, axes),
-            random_folds: folds,
-            held_out_folds: held_out,
-            seed,
-            random: groups.random.iter().map(|sums| stored_moments(sums, axes)).collect(),
-            sums: groups.groups.iter().map(group).collect(),
-        }
-    }
-
-    /// The groups of a partial fit of `model` whose sums over all rows are `total`.
-    fn value(
-        self,
-        model: &Model,
-        total: &Sums,
-        sources: usize,
-        axes: Axes,
-    ) -> Result<PartialGroups, String> {
-        let Self { random_folds: folds, held_out_folds: held_out, seed, .. } = self;
-        let (mut moments_of, mut groups, mut rows) = (Vec::new(), Vec::new(), 0_u64);
+impl PartialGroups {
+    /// Whether they are the groups of a partial fit of `model` whose sums over all rows are `total`.
+    fn check_parts(&self, model: &Model, total: &Sums, sources: usize) -> Result<(), String> {
+        let (mut moments_of, mut rows) = (Vec::new(), 0_u64);
         let (mut labels, mut places) = (HashSet::new(), HashSet::new());
-        ensure!(self.sums.len() <= MAX_GROUPS, "`groups` has more than {MAX_GROUPS}");
-        for GroupDocument { label, source, place, moments, triangle } in self.sums {
-            let sums = sums(moments, triangle, axes);
-            let sums = sums.map_err(|error| format!("group `{label}`: {error}"))?;
-            let (suits, field) = (suits(&sums, model) && sums.kind() == total.kind(), field(&sums));
+        ensure!(self.groups.len() <= MAX_GROUPS, "`groups` has more than {MAX_GROUPS}");
+        for PartialGroup { label, source, position, sums } in &self.groups {
+            let (suits, field) = (sums.suit(model) && sums.kind() == total.kind(), sums.field());
             ensure!(suits, "group `{label}`: `{field}` are not those of `model`");
-            let is_free = places.insert((source, place)) && labels.insert(label.clone());
+            let is_free = places.insert((source, position)) && labels.insert(label);
             ensure!(
-                source < sources && is_free,
+                *source < sources && is_free,
                 "group `{label}`: its label or place is taken, or it is of no source"
             );
             rows = rows.saturating_add(sums.rows());
-            if let Sums::Exact(moments) = &sums {
+            if let Sums::Exact(moments) = sums {
                 moments_of.push((label.clone(), moments.clone()));
             }
-            groups.push(PartialGroup { label, source, position: place, sums });
         }
         let is_whole = match total {
             Sums::Exact(total) => {
@@ -242,7 +138,8 @@ impl GroupsDocument {
             // Their last digits depend on the order in which they were merged.
             Sums::Factored(total) => rows == total.rows(),
         };
-        ensure!(is_whole, "the sums of the groups do not add up to `{}`", field(total));
+        ensure!(is_whole, "the sums of the groups do not add up to `{}`", total.field());
+        let RandomSplit { folds, held_out, .. } = self.split;
         let assigned = match total {
             Sums::Exact(_) => (1..=folds).contains(&held_out),
             Sums::Factored(_) => held_out == 0,
@@ -252,64 +149,11 @@ impl GroupsDocument {
             assigned && found == held_out,
             "`random` has {found} sums, for {held_out} folds of {folds} that are held out"
         );
-        let mut random = Vec::new();
-        for moments in self.random {
-            let moments = read_moments(moments, axes)?;
+        for moments in &self.random {
             let is_part = matches!(total, Sums::Exact(total) if moments.can_be_part_of(total));
             let suits = (moments.channels(), moments.basis()) == (model.channels, model.basis);
             ensure!(suits && is_part, "`random` are not sums of some of the rows");
-            random.push(moments);
         }
-        let split = RandomSplit { folds, held_out, seed };
-        Ok(PartialGroups { by: self.by.value(axes)?, split, groups, random })
-    }
-}
-
-fn suits(sums: &Sums, model: &Model) -> bool {
-    (sums.channels(), sums.basis()) == (model.channels, model.basis)
-}
-
-/// The field that has them.
-fn field(sums: &Sums) -> &'static str {
-    match sums {
-        Sums::Exact(_) => "moments",
-        Sums::Factored(_) => "triangle",
-    }
-}
-
-/// The stored moments, or the stored R factor.
-fn stored_sums(sums: &Sums, axes: Axes) -> (Option<MomentsDocument>, Option<RFactorDocument>) {
-    match sums {
-        Sums::Exact(moments) => (Some(stored_moments(moments, axes)), None),
-        Sums::Factored(rows) => (None, Some(RFactorDocument::new(rows, axes))),
-    }
-}
-
-/// Integers as decimal strings, of these axes alone.
-fn stored_moments(moments: &Moments, axes: Axes) -> MomentsDocument {
-    Stored::of(&StoredMoments::of(moments, axes), axes)
-}
-
-/// # Errors
-/// What does not fit together.
-fn read_moments(document: MomentsDocument, axes: Axes) -> Result<Moments, String> {
-    let stored = document.value(axes)?;
-    Moments::from_stored(stored, axes).map_err(|error| format!("`moments`: {error}"))
-}
-
-/// What one of the two fields has.
-fn sums(
-    moments: Option<MomentsDocument>,
-    triangle: Option<RFactorDocument>,
-    axes: Axes,
-) -> Result<Sums, String> {
-    match (moments, triangle) {
-        (Some(moments), None) => Ok(Sums::Exact(read_moments(moments, axes)?)),
-        (None, Some(triangle)) => {
-            let rows = triangle.value(axes).map_err(|error| format!("`triangle`: {error}"))?;
-            Ok(Sums::Factored(rows))
-        }
-        (None, None) => Err("missing field `moments` or `triangle`".to_owned()),
-        (Some(_), Some(_)) => Err("it has both `moments` and `triangle`".to_owned()),
+        Ok(())
     }
 }

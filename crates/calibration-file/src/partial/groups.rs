@@ -11,32 +11,39 @@ use calibration::exact::Moments;
 use calibration::factored::FactoredGroups;
 use calibration::fit::merged::RowSums;
 use calibration::validation::grouped::{GroupKind, GroupedMoments, MAX_GROUPS, RandomSplit};
+use serde::{Deserialize, Serialize};
 
+use super::sums::each_moments;
 use super::{MergeError, Mismatch, PartialFit, SourceFile, Sums, expect};
 
 /// The sums of a partial fit, apart by group.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PartialGroups {
     /// What a group is.
     pub by: GroupKind,
     /// How rows were assigned to the random folds that held-out errors are compared with.
+    #[serde(flatten)]
     pub split: RandomSplit,
-    /// The groups.
-    pub groups: Vec<PartialGroup>,
     /// The sums of the random folds that are held out; none of rows that are not summed exactly.
+    #[serde(with = "each_moments")]
     pub random: Vec<Moments>,
+    /// The groups.
+    #[serde(rename = "sums")]
+    pub groups: Vec<PartialGroup>,
 }
 
 /// A group of a partial fit.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PartialGroup {
     /// What it is called.
     pub label: String,
     /// The position of the source that has its first row.
     pub source: usize,
     /// How many groups begin before it in that source.
+    #[serde(rename = "place")]
     pub position: usize,
     /// The sums over its rows.
+    #[serde(flatten)]
     pub sums: Sums,
 }
 

@@ -18,12 +18,13 @@ use super::{Role, SourceFile};
 use calibration::exact::ExactError;
 use calibration::model::Model;
 use calibration::validation::grouped::MAX_GROUPS;
+use serde::{Deserialize, Serialize};
 use shell_data::ColumnNames;
 use shell_data::hint::Hint;
 use shell_data::wrench::Axes;
 
 /// The sums over some rows, with their origin.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PartialFit {
     /// Program and version.
     pub made_by: String,
@@ -38,18 +39,32 @@ pub struct PartialFit {
     /// The files it was made from.
     pub sources: Vec<SourceFile>,
     /// Which of their columns are what, where that was specified of all of them alike.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub columns: Option<ColumnNames>,
     /// The axes of the wrench that were summed.
+    #[serde(default = "all_axes", skip_serializing_if = "are_all")]
     pub axes: Axes,
     /// What was summed: the columns of the sensors in channel order, then those of the wrench, by the names they are
     /// recognised by or were specified by. Unknown in documents of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub summed: Option<Vec<String>>,
     /// The label of the sensor.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensor_serial: Option<String>,
     /// The sums.
+    #[serde(flatten)]
     pub sums: Sums,
     /// The same apart by group, where that was asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub groups: Option<PartialGroups>,
+}
+
+fn all_axes() -> Axes {
+    Axes::ALL
+}
+
+fn are_all(axes: &Axes) -> bool {
+    axes.are_all()
 }
 
 /// A property that differs between two partial fits that are to be merged.

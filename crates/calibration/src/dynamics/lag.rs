@@ -3,7 +3,7 @@
 use crate::memory::TimeBase;
 
 /// How much later the reference shows a load than the readings of the same row do.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ReferenceLag {
     /// What time is counted in.
     pub time_base: TimeBase,

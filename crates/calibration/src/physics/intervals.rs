@@ -17,13 +17,14 @@ use statrs::distribution::{ContinuousCDF, Normal};
 pub const LEVELS: [f64; 10] = [0.5, 0.683, 0.8, 0.9, 0.95, 0.975, 0.99, 0.995, 0.998, 0.999];
 
 /// How many standard errors hold which share of the errors on new groups.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct GroupIntervals {
     /// Groups that were held out.
     pub groups: usize,
     /// Those of [`LEVELS`] that so many groups can tell.
     pub levels: Vec<f64>,
     /// For each axis and level, standard errors.
+    #[serde(with = "shell_data::by_axis")]
     pub factors: PerAxis<Vec<f64>>,
 }
 

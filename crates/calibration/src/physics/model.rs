@@ -13,7 +13,7 @@ use shell_data::wrench::PerAxis;
 const LEAST_LOAD: f64 = 1e-6;
 
 /// All that is needed to convert readings.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct PhysicsModel {
     /// Channels of a frame, those without a sensor here included.
     pub channels: usize,
@@ -32,7 +32,7 @@ pub struct PhysicsModel {
 }
 
 /// One sensor of a [`PhysicsModel`].
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Sensor {
     /// Its channel, from 0.
     pub channel: usize,
@@ -45,6 +45,7 @@ pub struct Sensor {
     /// Their covariance.
     pub covariance: [Parameters; PARAMETERS],
     /// c: how far each shared factor of variance one moves its displacement; zero for none.
+    #[serde(default)]
     pub loadings: Loadings,
 }
 

@@ -23,7 +23,7 @@ use shell_data::vectorised;
 const LEAST: f64 = 1e-6;
 
 /// The two variances.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Noise {
     /// `σ²`, in squared ranges of a channel.
     pub reading: f64,

@@ -6,7 +6,7 @@
 mod block;
 
 /// The smallest and the largest reading of one channel, in counts.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ReadingRange {
     /// The smallest reading.
     pub min: f64,

@@ -1,7 +1,8 @@
 //! The solvers by name.
 
 /// The solvers by name.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum SolverKind {
     /// Exact sums of integer readings.

@@ -19,22 +19,27 @@ use crate::solver::Solution;
 use crate::validation::ValidationError;
 use crate::validation::cross_validation::labels_of;
 use crate::validation::grouped::GroupedMoments;
+use shell_data::by_axis;
 use shell_data::wrench::PerAxis;
 
 /// The covariance that standard errors of predictions are computed from.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Covariance {
     /// `S`, the covariance of the errors of a row, in products of N and N·m.
+    #[serde(with = "by_axis::matrix")]
     pub residual: PerAxis<PerAxis<f64>>,
     /// Rows less coefficients, or groups less one.
     pub degrees_of_freedom: u64,
     /// That of the coefficients.
     pub coefficients: CoefficientCovariance,
     /// How the training errors are distributed, where that is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shape: Option<ErrorShape>,
     /// The share of the squared errors that the rows of a group have in common, where groups are known.
+    #[serde(default, skip_serializing_if = "Option::is_none", with = "by_axis::option")]
     pub shared: Option<PerAxis<f64>>,
     /// Intervals from groups that were held out, where groups are few.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub intervals: Option<GroupIntervals>,
 }
 
@@ -42,7 +47,8 @@ pub struct Covariance {
 pub type TriangularColumns = Vec<Vec<f64>>;
 
 /// The covariance of the coefficients, in factors.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum CoefficientCovariance {
     /// For errors that are independent from row to row.
     Rows {
@@ -54,6 +60,7 @@ pub enum CoefficientCovariance {
         /// Their number.
         groups: u64,
         /// `T` of each axis.
+        #[serde(with = "by_axis")]
         factors: PerAxis<TriangularColumns>,
     },
 }

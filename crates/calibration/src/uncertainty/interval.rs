@@ -40,11 +40,12 @@ pub enum NoIntervals {
 }
 
 /// How large errors are compared with their root mean square.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ErrorShape {
     /// Shares of the errors, ascending, above 0 and below 1.
     pub levels: Vec<f64>,
     /// For each axis and level the size that this share stays below.
+    #[serde(with = "shell_data::by_axis")]
     pub quantiles: PerAxis<Vec<f64>>,
 }
 

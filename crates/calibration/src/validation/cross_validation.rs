@@ -11,7 +11,7 @@ use shell_data::wrench::{Axis, PerAxis};
 pub const SUSPICIOUS_RATIO: f64 = 2.0;
 
 /// Errors on rows that were held out, on one axis, N or N·m.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct HeldOutQuality {
     /// Root mean square.
     pub rms: f64,
@@ -26,7 +26,7 @@ impl From<HeldOutErrors> for HeldOutQuality {
 }
 
 /// What cross-validation has found. Errors are over all rows that were held out, each once.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct CrossValidation {
     /// Groups of rows.
     pub groups: usize,
@@ -37,11 +37,13 @@ pub struct CrossValidation {
     /// The groups without which the model cannot be fitted; they are not in `grouped`.
     pub undetermined: Vec<String>,
     /// Errors on groups that were not trained on.
+    #[serde(with = "shell_data::by_axis")]
     pub grouped: PerAxis<HeldOutQuality>,
     /// PartitionedMoments of the rows that were drawn at random and held out in turn; 0 if there were none.
     pub random_folds: usize,
     /// Errors on rows that were held out at random; `None` if that was not asked for, or not
     /// possible.
+    #[serde(with = "shell_data::by_axis::option")]
     pub random: Option<PerAxis<HeldOutQuality>>,
 }
 

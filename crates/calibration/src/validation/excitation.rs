@@ -45,18 +45,20 @@ struct Sign {
 }
 
 /// How well the training loads cover the six axes.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Excitation {
     /// Per axis.
+    #[serde(with = "shell_data::by_axis")]
     pub axes: PerAxis<AxisExcitation>,
     /// Correlation of the axes about their means; 0 for an axis that never changes.
+    #[serde(with = "shell_data::by_axis::matrix")]
     pub correlation: PerAxis<PerAxis<f64>>,
     /// Condition number of the correlation of the axes that change; `None` if infinite.
     pub condition: Option<f64>,
 }
 
 /// How well one axis is covered, N or N·m.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct AxisExcitation {
     /// The smallest value.
     pub min: f64,

@@ -30,7 +30,7 @@ const RIDGE_STEP: f64 = 100.0;
 pub const FOLDS: usize = 10;
 
 /// A model that was tried.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Candidate {
     /// The family of features.
     pub basis: Basis,
@@ -43,18 +43,19 @@ pub struct Candidate {
 }
 
 /// How well a model predicts groups that it was not trained on.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct CandidateErrors {
     /// The square of the error relative to the standard deviation of each axis, mean over folds and geometric mean over axes.
     pub score: f64,
     /// Standard error of the score.
     pub standard_error: f64,
     /// Root mean square error, N and N·m.
+    #[serde(with = "shell_data::by_axis")]
     pub rms: PerAxis<f64>,
 }
 
 /// What was tried and what was chosen.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Selection {
     /// Folds of groups.
     pub folds: usize,

@@ -20,7 +20,7 @@ use super::vector::{
 const LEAST_POSES: usize = 6;
 
 /// How an accelerometer sits at the sensor.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Accelerometer {
     /// From accelerations as they stand in logs to gravity in the sensor's frame, m/s².
     pub matrix: Matrix,

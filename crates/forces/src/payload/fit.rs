@@ -15,8 +15,8 @@
 use shell_data::hint::Hint;
 use shell_data::wrench::PerAxis;
 
-use super::Payload;
 use super::vector::{Vector, add, cross, dot, inverse, mean, norm, scaled, subtract, times};
+use super::{Payload, STANDARD_GRAVITY_M_S2};
 
 /// Directions of gravity whose spread, in radians root mean square beside their main line, is less than this
 /// tell nothing of the centre of mass.
@@ -83,9 +83,10 @@ pub struct PayloadPose {
 }
 
 /// What a sensor carries, and how sure that is.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct PayloadFit {
     /// What it carries.
+    #[serde(flatten)]
     pub payload: Payload,
     /// The standard error of each number.
     pub standard_errors: Payload,
@@ -96,10 +97,16 @@ pub struct PayloadFit {
     /// Poses.
     pub poses: usize,
     /// Gravity as the poses had it, mean magnitude, m/s²: the mass is a force over this.
+    #[serde(default = "standard_gravity")]
     pub gravity_m_s2: f64,
     /// By how much gravity turned, root mean square: about the axis it turned about most, and about all
     /// others together, rad.
     pub spread_rad: [f64; 2],
+}
+
+/// Gravity in documents of before, which do not say it.
+fn standard_gravity() -> f64 {
+    STANDARD_GRAVITY_M_S2
 }
 
 /// Fits what a sensor carries to poses at rest.

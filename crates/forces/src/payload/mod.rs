@@ -35,7 +35,7 @@ use vector::cross;
 pub const STANDARD_GRAVITY_M_S2: f64 = 9.806_65;
 
 /// A rigid body on a sensor, and the sensor's zero.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Payload {
     /// Mass m, kg.
     pub mass_kg: f64,

@@ -1,4 +1,4 @@
-//! Loads as hands put them on a shell: one contact after another, each a pose.
+//! Loads as hands put them on a shell, one contact after another, each a pose; and loads that somebody has written down.
 //!
 //! The shell is half an ellipsoid of the robot's size (18 cm × 11 cm × 4.5 cm: Table I of the paper
 //! on the shell). In every pose a contact is made somewhere on it and goes through rise, dwell and
@@ -12,9 +12,9 @@
 
 use std::f64::consts::{PI, TAU};
 
-use shell_data::wrench::{PerAxis, cross};
-
+use crate::SettingsError;
 use shell_data::random::{Purpose, RandomStream};
+use shell_data::wrench::{PerAxis, cross};
 
 /// Seconds from one contact to the next.
 pub(crate) const POSE_S: f64 = 2.0;
@@ -184,6 +184,59 @@ fn unit(v: [f64; 3]) -> [f64; 3] {
     v.map(|x| x / norm)
 }
 
+/// Wrenches at times, with straight lines between them, over and over.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LoadTable {
+    times_s: Vec<f64>,
+    wrenches: Vec<PerAxis<f64>>,
+}
+
+impl LoadTable {
+    /// Of one row per time; the first time is the start.
+    ///
+    /// # Errors
+    /// [`SettingsError`] if there are no rows, a time does not come after that of the row before, or a number is
+    /// not finite.
+    pub fn new(rows: impl IntoIterator<Item = (f64, PerAxis<f64>)>) -> Result<Self, SettingsError> {
+        let (mut times_s, mut wrenches) = (Vec::<f64>::new(), Vec::new());
+        for (row, (time_s, wrench)) in (1..).zip(rows) {
+            if !(time_s.is_finite() && times_s.last().is_none_or(|&last| time_s > last)) {
+                return Err(SettingsError(format!(
+                    "data row {row}: time {time_s} s does not come after the time of the row before"
+                )));
+            }
+            if !wrench.iter().all(|value| value.is_finite()) {
+                return Err(SettingsError(format!("data row {row}: a load that is not finite")));
+            }
+            times_s.push(time_s);
+            wrenches.push(wrench);
+        }
+        if times_s.is_empty() {
+            return Err(SettingsError("no rows".to_owned()));
+        }
+        Ok(Self { times_s, wrenches })
+    }
+
+    /// The wrench (N and N·m) at `time_s` ≥ 0 since the start. The last row leads back to the first
+    /// at once.
+    pub fn wrench_at(&self, time_s: f64) -> PerAxis<f64> {
+        let (first, last) = (self.times_s[0], self.times_s[self.times_s.len() - 1]);
+        if last == first {
+            return self.wrenches[0];
+        }
+        let time_s = first + time_s % (last - first);
+        // The first row after this moment: never the first of all.
+        let after = self.times_s.partition_point(|&at| at <= time_s);
+        let Some(&right_s) = self.times_s.get(after) else {
+            return self.wrenches[after - 1];
+        };
+        let left_s = self.times_s[after - 1];
+        let share = (time_s - left_s) / (right_s - left_s);
+        let (left, right) = (self.wrenches[after - 1], self.wrenches[after]);
+        std::array::from_fn(|axis| left[axis] + share * (right[axis] - left[axis]))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -233,5 +286,40 @@ mod tests {
         assert_ne!(LoadScript::training(1).wrench_at(1.0), LoadScript::test(1).wrench_at(1.0));
         assert_ne!(LoadScript::training(1).wrench_at(1.0), LoadScript::training(2).wrench_at(1.0));
         assert_eq!(LoadScript::zero().wrench_at(1.0), [0.0; 6]);
+    }
+
+    fn along_x(newton: f64) -> PerAxis<f64> {
+        [newton, 0.0, 0.0, 0.0, 0.0, 0.0]
+    }
+
+    #[test]
+    fn loads_lie_on_straight_lines_and_repeat() {
+        let table =
+            LoadTable::new([(5.0, along_x(0.0)), (6.0, along_x(2.0)), (9.0, along_x(-1.0))]);
+        let table = table.unwrap();
+        for (time_s, newton) in
+            [(0.0, 0.0), (0.5, 1.0), (1.0, 2.0), (2.5, 0.5), (4.0, 0.0), (4.25, 0.5)]
+        {
+            assert_eq!(table.wrench_at(time_s), along_x(newton), "{time_s}");
+        }
+    }
+
+    #[test]
+    fn one_row_is_a_load_for_ever() {
+        let table = LoadTable::new([(3.0, along_x(1.5))]).unwrap();
+        assert_eq!(table.wrench_at(1e6), along_x(1.5));
+    }
+
+    #[test]
+    fn rows_that_are_no_load_over_time_are_refused() {
+        let refused = |rows: &[(f64, PerAxis<f64>)]| {
+            LoadTable::new(rows.iter().copied()).unwrap_err().to_string()
+        };
+        assert_eq!(refused(&[]), "no rows");
+        let twice = refused(&[(1.0, along_x(0.0)), (1.0, along_x(1.0))]);
+        assert!(twice.starts_with("data row 2: time 1 s does not come after"), "{twice}");
+        let infinite = refused(&[(0.0, along_x(f64::INFINITY))]);
+        assert_eq!(infinite, "data row 1: a load that is not finite");
+        assert!(LoadTable::new([(f64::NAN, along_x(0.0))]).is_err());
     }
 }

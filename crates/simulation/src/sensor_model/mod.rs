@@ -19,27 +19,26 @@
 
 mod geometry;
 mod load;
-mod load_table;
 mod pair;
 mod parameters;
 mod recording;
-mod reference;
 mod response;
 mod springs;
 
 pub use geometry::Reflector;
-pub use load::LoadScript;
-pub use load_table::{BadLoad, LoadTable};
+pub use load::{LoadScript, LoadTable};
 pub use pair::{Pair, PairSettings};
 pub use parameters::{
     Reference, SensorChannel, SensorNoise, SensorParameters, Surroundings, UnitSpread,
 };
-pub use recording::{RecordingKind, RecordingSettings, SensorRecording, SensorSample};
-pub use reference::ReferenceSensor;
+pub use recording::{
+    RecordingKind, RecordingSettings, ReferenceSensor, SensorRecording, SensorSample,
+};
 pub use response::Response;
 use springs::compliance;
 pub use springs::{Creep, Displacement, Hysteresis, Spring, stiffness};
 
+use crate::SettingsError;
 use geometry::RigidMotion;
 use shell_data::random::{Purpose, RandomStream};
 use springs::Suspension;
@@ -62,42 +61,6 @@ pub struct Exposure {
     pub light: f64,
     /// What the subtraction of ambient light leaves.
     pub dark: f64,
-}
-
-/// Settings that are not those of an instrument, a recording or a trial.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum ModelError {
-    /// The plate could move without deforming a spring.
-    #[error("the springs do not hold the plate in all six directions")]
-    LoosePlate,
-    /// The converter's resolution is outside 8 to 16 bits.
-    #[error("a converter of {bits} bits, where 8 to 16 can be modelled")]
-    AdcBits {
-        /// The resolution asked for.
-        bits: u32,
-    },
-    /// A sampling rate that no clock has, or a start that no clock shows.
-    #[error("rate {rate_hz} Hz from {start_time_s} s on: a rate above 0 and a finite start wanted")]
-    Timing {
-        /// The rate asked for.
-        rate_hz: f64,
-        /// The start asked for.
-        start_time_s: f64,
-    },
-    /// A number outside the range that the model holds in.
-    #[error("{asked}, where {wanted}")]
-    OutOfRange {
-        /// What was asked for.
-        asked: String,
-        /// The range that the model holds in.
-        wanted: &'static str,
-    },
-    /// Noise cannot be scaled by a negative or infinite factor.
-    #[error("noise scaled by {factor}, where a factor of 0 or more is wanted")]
-    NoiseScale {
-        /// The factor asked for.
-        factor: f64,
-    },
 }
 
 /// The largest load that a frame is computed for, N or N·m: past it there is no instrument left.
@@ -123,12 +86,17 @@ impl SensorModel {
     /// names, with no load so far.
     ///
     /// # Errors
-    /// [`ModelError`] if the springs leave the plate loose or the converter cannot be modelled.
-    pub fn new(unit: &SensorParameters, seed: u64) -> Result<Self, ModelError> {
+    /// [`SettingsError`] if the springs leave the plate loose or the converter cannot be modelled.
+    pub fn new(unit: &SensorParameters, seed: u64) -> Result<Self, SettingsError> {
         if !(8..=16).contains(&unit.adc_bits) {
-            return Err(ModelError::AdcBits { bits: unit.adc_bits });
+            return Err(SettingsError(format!(
+                "a converter of {} bits, where 8 to 16 can be modelled",
+                unit.adc_bits
+            )));
         }
-        let compliance = compliance(&stiffness(&unit.springs)).ok_or(ModelError::LoosePlate)?;
+        let loose =
+            || SettingsError("the springs do not hold the plate in all six directions".into());
+        let compliance = compliance(&stiffness(&unit.springs)).ok_or_else(loose)?;
         let mut session = RandomStream::new(seed, Purpose::Session, 0);
         Ok(Self {
             channels: unit.channels,

@@ -7,9 +7,9 @@
 //!
 //! The load is a function of reference time. The board's clock shows 0 at its first frame.
 
-use super::{
-    LoadScript, ModelError, ReferenceSensor, SensorModel, SensorParameters, SimulatedFrame,
-};
+use super::recording::check_timing;
+use super::{LoadScript, ReferenceSensor, SensorModel, SensorParameters, SimulatedFrame};
+use crate::SettingsError;
 use shell_data::random::{Purpose, RandomStream};
 use shell_data::wrench::PerAxis;
 
@@ -56,30 +56,24 @@ impl Pair {
     /// Sets a session up.
     ///
     /// # Errors
-    /// [`ModelError`] if a rate is not above 0, a time is not finite, the noise is negative or
+    /// [`SettingsError`] if a rate is not above 0, a time is not finite, the noise is negative or
     /// the loss no share.
-    pub fn new(settings: PairSettings) -> Result<Self, ModelError> {
-        let PairSettings { reference_rate_hz, board_rate_hz, offset_s, .. } = settings;
-        for rate_hz in [reference_rate_hz, board_rate_hz] {
-            if !(rate_hz.is_finite() && rate_hz > 0.0 && offset_s.is_finite()) {
-                return Err(ModelError::Timing { rate_hz, start_time_s: offset_s });
-            }
+    pub fn new(settings: PairSettings) -> Result<Self, SettingsError> {
+        let PairSettings { board_rate_hz, skew, loss, .. } = settings;
+        check_timing(settings.reference_rate_hz, settings.offset_s)?;
+        for time_s in [settings.offset_s, settings.duration_s, settings.margin_s] {
+            check_timing(board_rate_hz, time_s)?;
         }
-        let PairSettings { skew, loss, .. } = settings;
-        let refuse = |asked, wanted| Err(ModelError::OutOfRange { asked, wanted });
         // Beyond that, steps of one clock would be years of the other.
         if skew.is_nan() || skew.abs() > 0.1 {
-            let asked = format!("clocks that differ by {skew} of themselves");
-            return refuse(asked, "0.1 at most can be modelled");
-        }
-        for time_s in [settings.duration_s, settings.margin_s] {
-            if !time_s.is_finite() {
-                return Err(ModelError::Timing { rate_hz: board_rate_hz, start_time_s: time_s });
-            }
+            return Err(SettingsError(format!(
+                "clocks that differ by {skew} of themselves, where 0.1 at most can be modelled"
+            )));
         }
         if !(0.0..1.0).contains(&loss) {
-            let asked = format!("a share of {loss} of the frames lost");
-            return refuse(asked, "0 to 1 (excluded) is wanted");
+            return Err(SettingsError(format!(
+                "a share of {loss} of the frames lost, where 0 to 1 (excluded) is wanted"
+            )));
         }
         let unit = SensorParameters::noisy_unit(settings.unit_seed, settings.noise_scale)?;
         let load = match settings.loaded {
@@ -111,8 +105,8 @@ impl Pair {
     /// The board's log: time on its clock, s, and frame.
     ///
     /// # Errors
-    /// [`ModelError`] if the instrument cannot be modelled.
-    pub fn board(&self) -> Result<impl Iterator<Item = (f64, SimulatedFrame)>, ModelError> {
+    /// [`SettingsError`] if the instrument cannot be modelled.
+    pub fn board(&self) -> Result<impl Iterator<Item = (f64, SimulatedFrame)>, SettingsError> {
         let PairSettings { seed, duration_s, board_rate_hz, offset_s, skew, loss, .. } =
             self.settings;
         let mut sensor = SensorModel::new(&self.unit, seed)?;

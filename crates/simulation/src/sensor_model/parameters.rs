@@ -2,9 +2,9 @@
 //!
 //! [`SensorParameters::nominal`] is the drawing; [`SensorParameters::unit`] is one instrument built from it.
 
-use super::ModelError;
 use super::geometry::Reflector;
 use super::springs::{Creep, Hysteresis, Spring};
+use crate::SettingsError;
 use shell_data::random::{Purpose, RandomStream};
 
 /// One photointerrupter with its reflector.
@@ -215,10 +215,12 @@ impl SensorParameters {
     /// The unit of the instrument as drawn that `unit_seed` names, with its noise [scaled](Self::scale_noise).
     ///
     /// # Errors
-    /// [`ModelError::NoiseScale`] if the factor is negative or not finite.
-    pub(crate) fn noisy_unit(unit_seed: u64, factor: f64) -> Result<Self, ModelError> {
+    /// [`SettingsError`] if the factor is negative or not finite.
+    pub(crate) fn noisy_unit(unit_seed: u64, factor: f64) -> Result<Self, SettingsError> {
         if !(factor.is_finite() && factor >= 0.0) {
-            return Err(ModelError::NoiseScale { factor });
+            return Err(SettingsError(format!(
+                "noise scaled by {factor}, where a factor of 0 or more is wanted"
+            )));
         }
         let mut unit = Self::nominal().unit(unit_seed);
         unit.scale_noise(factor);

@@ -1,6 +1,7 @@
-//! Time for firmware in a process of an operating system.
+//! Time for firmware in a process of an operating system, and edges at its sync input at given times.
 
 use std::cell::{Cell, RefCell};
+use std::collections::VecDeque;
 use std::future::poll_fn;
 use std::pin::pin;
 use std::rc::Rc;
@@ -10,7 +11,7 @@ use std::thread::{self, Thread};
 use std::time::{Duration, Instant};
 
 use embassy_futures::yield_now;
-use firmware::Clock;
+use firmware::{Clock, SeenEdge, SyncInput};
 
 /// A process that is waited for is woken so much later, and makes up for it without waiting: the forty waits of a frame
 /// are then a few, where each takes the system some tens of µs of processor time.
@@ -117,6 +118,38 @@ impl Drop for Wait<'_> {
         if let Some(index) = waits_us.iter().position(|&it| it == self.at_us) {
             waits_us.swap_remove(index);
         }
+    }
+}
+
+/// A signal that somebody has written down.
+#[derive(Clone, Debug)]
+pub(super) struct SyncScript {
+    clock: PacedClock,
+    /// Times of the edges that are still to come, µs, in their order.
+    times_us: VecDeque<u64>,
+}
+
+impl SyncScript {
+    /// Edges at these times of the board, s.
+    pub(super) fn new(clock: PacedClock, times_s: &[f64]) -> Self {
+        let mut times_us: Vec<u64> = times_s.iter().map(|time_s| (time_s * 1e6) as u64).collect();
+        times_us.sort_unstable();
+        Self { clock, times_us: times_us.into() }
+    }
+}
+
+impl SyncInput for SyncScript {
+    /// Looks whenever the board is awake and sets no alarm of its own: the clock would show the time of
+    /// that to who waits for an earlier one.
+    async fn next_edge(&mut self) -> SeenEdge {
+        poll_fn(|_| match self.times_us.front() {
+            Some(&at_us) if at_us <= self.clock.now_us() => {
+                self.times_us.pop_front();
+                Poll::Ready(SeenEdge { at_us, missed: 0 })
+            }
+            _ => Poll::Pending,
+        })
+        .await
     }
 }
 

@@ -13,8 +13,6 @@
 mod clock;
 mod instrument;
 mod line;
-mod socket;
-mod sync_script;
 
 pub use clock::PacedClock;
 pub use instrument::{Load, SimulatedInstrument};
@@ -31,11 +29,12 @@ use firmware::{
 };
 use shared_proto::{Board, Identity, ResetCause};
 
-use crate::radio::{BadFault, Books, Faults, Radio};
-use crate::sensor_model::{ModelError, SensorModel, SensorParameters};
+use crate::SettingsError;
+use crate::radio::{Books, Faults, Radio};
+use crate::sensor_model::{SensorModel, SensorParameters};
+use clock::SyncScript;
 use line::{LineSender, SerialLine};
 use shell_data::lock::lock;
-use sync_script::SyncScript;
 
 /// A board to simulate.
 #[derive(Clone, Debug)]
@@ -65,12 +64,9 @@ impl BoardSettings {
 /// Why there is no board.
 #[derive(Debug, thiserror::Error)]
 pub enum SimulationError {
-    /// The instrument.
+    /// The instrument, or the radio.
     #[error(transparent)]
-    Model(#[from] ModelError),
-    /// The radio.
-    #[error(transparent)]
-    Radio(#[from] BadFault),
+    Settings(#[from] SettingsError),
     /// The pty.
     #[error("cannot make a pty: {0}")]
     Pty(#[from] serialport::Error),

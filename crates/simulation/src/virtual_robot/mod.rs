@@ -33,7 +33,8 @@ pub use truth::{StrideTruth, Truth};
 
 use std::f64::consts::TAU;
 
-use crate::sensor_model::{ModelError, SensorModel, SensorParameters, SimulatedFrame};
+use crate::SettingsError;
+use crate::sensor_model::{SensorModel, SensorParameters, SimulatedFrame};
 use channel::BeamContact;
 use drive::Drive;
 use shell_data::random::{Purpose, RandomStream};
@@ -149,12 +150,16 @@ pub enum Counter {
 /// One trial: functions of time on the robot's clock, and the rows of its telemetry.
 #[derive(Clone, Debug)]
 pub struct VirtualTrial {
-    settings: TrialSettings,
-    gait: Gait,
+    /// How it was made.
+    pub settings: TrialSettings,
+    /// How the legs move.
+    pub gait: Gait,
     contact: BeamContact,
     drive: Drive,
-    window_s: [f64; 2],
-    times_s: Vec<f64>,
+    /// First and last contact with the beams, s on the robot's clock.
+    pub window_s: [f64; 2],
+    /// Times of the rows, s, also of those that go missing.
+    pub times_s: Vec<f64>,
     first_count: i64,
     /// When the sensor's first frame comes, s.
     frame_delay_s: f64,
@@ -164,8 +169,8 @@ impl VirtualTrial {
     /// Sets a trial up.
     ///
     /// # Errors
-    /// [`ModelError`] if the settings make none.
-    pub fn new(settings: TrialSettings) -> Result<Self, ModelError> {
+    /// [`SettingsError`] if the settings make none.
+    pub fn new(settings: TrialSettings) -> Result<Self, SettingsError> {
         check(&settings)?;
         let TrialSettings { seed, condition, stride_hz, lead_in_s, .. } = settings;
         let mut random = RandomStream::new(seed, Purpose::Trial, 0);
@@ -199,26 +204,6 @@ impl VirtualTrial {
         Ok(Self { settings, gait, contact, drive, window_s, times_s, first_count, frame_delay_s })
     }
 
-    /// How it was made.
-    pub fn settings(&self) -> &TrialSettings {
-        &self.settings
-    }
-
-    /// First and last contact with the beams, s on the robot's clock.
-    pub fn window_s(&self) -> [f64; 2] {
-        self.window_s
-    }
-
-    /// How the legs move.
-    pub fn gait(&self) -> &Gait {
-        &self.gait
-    }
-
-    /// Times of the rows, s, also of those that go missing.
-    pub fn times_s(&self) -> &[f64] {
-        &self.times_s
-    }
-
     /// The wrench on the shell at `time_s`, N and N·m.
     pub fn wrench_at(&self, time_s: f64) -> PerAxis<f64> {
         let leg_rad = self.gait.angle_rad(LegSide::Right, time_s);
@@ -228,8 +213,8 @@ impl VirtualTrial {
     /// The sensor's frames with their times, s on the robot's clock.
     ///
     /// # Errors
-    /// [`ModelError`] if the sensor cannot be modelled.
-    pub fn frames(&self) -> Result<impl Iterator<Item = (f64, SimulatedFrame)>, ModelError> {
+    /// [`SettingsError`] if the sensor cannot be modelled.
+    pub fn frames(&self) -> Result<impl Iterator<Item = (f64, SimulatedFrame)>, SettingsError> {
         let TrialSettings { unit_seed, noise_scale, .. } = self.settings;
         let mut unit = SensorParameters::noisy_unit(unit_seed, noise_scale)?;
         if self.settings.elastic {
@@ -245,13 +230,14 @@ impl VirtualTrial {
     }
 }
 
-fn check(settings: &TrialSettings) -> Result<(), ModelError> {
+fn check(settings: &TrialSettings) -> Result<(), SettingsError> {
     let &TrialSettings { stride_hz, lead_in_s, encoder_noise, noise_scale, missing, .. } = settings;
     let ChannelForces { drag_n, lift_n, specific_resistance, .. } = settings.condition;
     let has_usual_forces = drag_n.abs() <= 10.0
         && lift_n.abs() <= 10.0
         && (1.0..=1000.0).contains(&specific_resistance);
-    let refuse = |asked, wanted| Err(ModelError::OutOfRange { asked, wanted });
+    let refuse =
+        |asked: String, wanted: &str| Err(SettingsError(format!("{asked}, where {wanted}")));
     if !(0.2..=50.0).contains(&stride_hz) {
         refuse(format!("{stride_hz} strides per second"), "0.2 to 50 can be made")
     } else if !(0.0..=3600.0).contains(&lead_in_s) {
@@ -259,7 +245,7 @@ fn check(settings: &TrialSettings) -> Result<(), ModelError> {
     } else if !(0.0..=1000.0).contains(&encoder_noise) {
         refuse(format!("encoder noise of {encoder_noise} counts"), "0 to 1000 can be made")
     } else if !(noise_scale.is_finite() && noise_scale >= 0.0) {
-        Err(ModelError::NoiseScale { factor: noise_scale })
+        refuse(format!("noise scaled by {noise_scale}"), "a factor of 0 or more is wanted")
     } else if !(0.0..1.0).contains(&missing) {
         refuse(format!("a share of {missing} of the frames lost"), "0 to 1 (excluded) is wanted")
     } else if !has_usual_forces {

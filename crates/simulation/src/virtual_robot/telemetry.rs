@@ -3,7 +3,7 @@
 use super::drive::Drive;
 use super::{Counter, LegSide, VirtualTrial};
 use super::{GRAVITY, RAD_PER_COUNT, TURN};
-use crate::sensor_model::ModelError;
+use crate::SettingsError;
 use shell_data::random::{Purpose, RandomStream};
 
 /// The columns, as the lab names them: those of the robot, then those of the sensor.
@@ -33,8 +33,8 @@ impl VirtualTrial {
     /// The rows of the log, those that go missing left out.
     ///
     /// # Errors
-    /// [`ModelError`] if the sensor cannot be modelled.
-    pub fn rows(&self) -> Result<impl Iterator<Item = TelemetryRow>, ModelError> {
+    /// [`SettingsError`] if the sensor cannot be modelled.
+    pub fn rows(&self) -> Result<impl Iterator<Item = TelemetryRow>, SettingsError> {
         let seed = self.settings.seed;
         let mut noise = RandomStream::new(seed, Purpose::Telemetry, 0);
         let mut losses = RandomStream::new(seed, Purpose::Losses, 0);
@@ -45,8 +45,7 @@ impl VirtualTrial {
             while let Some((_, frame)) = frames.next_if(|&(at_s, _)| at_s <= time_s) {
                 readings = frame.readings;
             }
-            let mut values = TelemetryRow::default();
-            self.write_telemetry(row, time_s, &mut noise, &mut values);
+            let mut values = self.telemetry(row, time_s, &mut noise);
             for (value, reading) in values[TELEMETRY_COLUMNS..].iter_mut().zip(readings) {
                 *value = i64::from(reading);
             }
@@ -54,13 +53,9 @@ impl VirtualTrial {
         }))
     }
 
-    fn write_telemetry(
-        &self,
-        row: usize,
-        time_s: f64,
-        noise: &mut RandomStream,
-        values: &mut TelemetryRow,
-    ) {
+    /// The columns of the robot; those of the sensor are zero.
+    fn telemetry(&self, row: usize, time_s: f64, noise: &mut RandomStream) -> TelemetryRow {
+        let mut values = TelemetryRow::default();
         let scale = self.settings.noise_scale;
         let (gait, drive) = (&self.gait, &self.drive);
         let counts = |value: f64| value.round() as i64;
@@ -88,6 +83,7 @@ impl VirtualTrial {
         }
         let battery = drive.battery_v(gait, row, time_s) * 1023.0 / 3.3 * 2.7 / 3.7;
         values[15] = counts(battery + scale * BATTERY_NOISE / 1.7 * noise.normal());
+        values
     }
 
     /// An angle in counts as the encoder shows it.

@@ -199,7 +199,7 @@ mod tests {
     fn trial(name: &str, seed: u64) -> (VirtualTrial, Vec<f64>, Vec<f64>) {
         let settings = TrialSettings::new(ChannelForces::named(name).unwrap(), seed);
         let trial = VirtualTrial::new(settings).unwrap();
-        let end_s = trial.times_s()[trial.times_s().len() - 1];
+        let end_s = trial.times_s[trial.times_s.len() - 1];
         let time_s: Vec<f64> = (0..(end_s * 100.0) as u32).map(|i| 0.01 * f64::from(i)).collect();
         let mut random = Random(seed);
         let drag_n = time_s
@@ -215,7 +215,7 @@ mod tests {
             for name in ["2 cm", "3 cm"] {
                 let (trial, time_s, drag_n) = trial(name, seed);
                 let proposal = propose_window(&time_s, &drag_n, Some(1.0 / 13.0)).unwrap();
-                let [enter_s, exit_s] = trial.window_s();
+                let [enter_s, exit_s] = trial.window_s;
                 // The drag rises in 2.3 s and sways by 10 to 20 % about that: some tenths of a second.
                 let (early, late) = (proposal.t_enter_s - enter_s, proposal.t_exit_s - exit_s);
                 assert!(

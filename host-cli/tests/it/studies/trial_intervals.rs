@@ -82,7 +82,7 @@ fn error(
     let (pipeline, tare_frames) = setup.finish(calibration).unwrap();
     let profile = Profile::velociroach();
     let result = evaluate(&TrialInput {
-        trial: &Trial::from_window(String::new(), trial.window_s().into()),
+        trial: &Trial::from_window(String::new(), trial.window_s.into()),
         instrument: Instrument { profile: &profile, calibration: Some(calibration) },
         times: &log_times,
         rows: &rows,

@@ -12,7 +12,7 @@ use shellcal::workflow::fit::fit;
 use shellcal::workflow::synthetic_trials::write_log;
 use shellcal::workflow::trial::{TrialJob, evaluate_log, search_window};
 use simulation::sensor_model::{SensorModel, SensorParameters};
-use simulation::synthetic_trial::TrialLayout;
+use simulation::synthetic_log::TrialLayout;
 use simulation::virtual_robot::{ChannelForces, Counter, LegSide, TrialSettings, VirtualTrial};
 use system_tests::random::Random;
 use trial::{
@@ -76,7 +76,7 @@ fn evaluate_telemetry(trial: &VirtualTrial, window_s: [f64; 2]) -> TrialResult {
 /// within the encoder's noise of the window's end is in it, or not, by chance.
 fn clear_of_turns(trial: &VirtualTrial) -> [f64; 2] {
     let turns_s = trial.turns_s();
-    trial.window_s().map(|mut time_s| {
+    trial.window_s.map(|mut time_s| {
         while turns_s.iter().any(|turn_s| (turn_s - time_s).abs() < 0.004) {
             time_s += 0.001;
         }
@@ -120,7 +120,7 @@ fn strides_are_found_exactly_in_a_thousand_random_trials() {
         let starts =
             found.iter().map(|stride| stride.t_start_s).chain([found[found.len() - 1].t_end_s]);
         for (time_s, turn_s) in starts.zip(truth) {
-            let angle = |time_s| trial.gait().angle_rad(LegSide::Right, time_s);
+            let angle = |time_s| trial.gait.angle_rad(LegSide::Right, time_s);
             let off = (angle(time_s) - angle(turn_s)).abs() / TAU * 65536.0;
             // Of the rows before the end of a turn one may be ahead by five standard deviations of
             // the noise, and by half a step of the encoder; a line between rows leaves the curve by
@@ -174,7 +174,7 @@ fn errors(settings: TrialSettings, calibration: &Calibration, options: &TrialOpt
     let instrument = Instrument { profile: &profile, calibration: Some(calibration) };
     let read = ReadOptions::default();
     let job = TrialJob { log: &log, instrument, options: *options, read };
-    let found = evaluate_log(&job, &a_trial(trial.window_s()));
+    let found = evaluate_log(&job, &a_trial(trial.window_s));
     let row = found.unwrap().result.row;
     let truth = trial.truth();
     [
@@ -227,7 +227,7 @@ fn a_window_found_in_a_log_is_where_the_beams_were_touched() {
         let log = Log::open(&path, &Mapping::default()).unwrap();
         let read = ReadOptions::default();
         let job = TrialJob { log: &log, instrument, options: TrialOptions::default(), read };
-        (trial.window_s(), search_window(&job).unwrap().proposal)
+        (trial.window_s, search_window(&job).unwrap().proposal)
     };
     let mut squares = 0.0;
     for seed in 0..20 {

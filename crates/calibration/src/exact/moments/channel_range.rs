@@ -4,7 +4,7 @@ use super::reading_unit::ReadingUnit;
 use shell_data::vectorised;
 
 /// The unit and the range of the readings of a channel.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct ChannelRange {
     /// Readings are integers times this.
     pub unit: ReadingUnit,

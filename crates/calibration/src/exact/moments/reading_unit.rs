@@ -6,7 +6,7 @@
 //! their order.
 
 /// The part of a count that readings are integer multiples of: 2⁻ᵏ·5⁻ᵐ counts.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct ReadingUnit {
     /// k, the power of two.
     pub twos: u32,

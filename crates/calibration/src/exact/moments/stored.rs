@@ -12,7 +12,7 @@ use shell_data::wrench::{Axes, Axis};
 
 /// [`Moments`] as a file holds them: integers as decimal strings, since they exceed what readers of
 /// JSON take for numbers.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct StoredMoments {
     /// The features that were summed.
     pub basis: Basis,
@@ -29,7 +29,7 @@ pub struct StoredMoments {
 }
 
 /// Integers times a power of two.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct StoredIntegers {
     /// Of two.
     pub exponent: i32,

@@ -5,7 +5,8 @@ use crate::model::Model;
 use crate::validation::ValidationError;
 
 /// What a group is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum GroupKind {
     /// The rows of a file.
     File,

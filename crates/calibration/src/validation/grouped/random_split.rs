@@ -4,12 +4,14 @@ use shell_data::block::Block;
 use shell_data::fingerprint::row_hashes;
 
 /// How rows are assigned at random, for the naive figure.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct RandomSplit {
     /// Folds that all rows are assigned to.
+    #[serde(rename = "random_folds")]
     pub folds: usize,
     /// Those of them that are summed, to be held out. Two of ten tell an error to a hundredth
     /// from some thousand rows, at a fifth of the work.
+    #[serde(rename = "held_out_folds")]
     pub held_out: usize,
     /// Which way the rows are assigned.
     pub seed: u64,

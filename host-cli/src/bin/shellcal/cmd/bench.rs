@@ -7,7 +7,7 @@ use calibration::solver::SolverKind;
 use log_file::{Wanted, read_logs};
 use shell_data::block::Block;
 use shellcal::workflow::bench::{self, ErrorKind, ModelBench};
-use simulation::synthetic_block;
+use simulation::synthetic_log::training_blocks;
 
 use super::choices;
 use super::mapping::{MappingArgs, open_logs};
@@ -88,7 +88,7 @@ impl BenchArgs {
     fn blocks(&self, printer: &Printer) -> anyhow::Result<Vec<Block>> {
         if self.train.is_empty() {
             printer.note(format!("{} rows of the sensor model", self.rows));
-            return Ok(synthetic_block::training(self.rows));
+            return Ok(training_blocks(self.rows));
         }
         let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
         let logs = open_logs(&self.train, ("", &[]), &self.mapping.mapping())?;

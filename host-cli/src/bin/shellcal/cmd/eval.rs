@@ -3,7 +3,6 @@
 use anyhow::Context;
 use calibration::fit::{Evaluation, Workers, evaluate};
 use calibration::quality::{AxisQuality, significant};
-use calibration_file::stored::{OfAxes, Stored, StoredQuality};
 use calibration_file::{CalibrationFile, Role, SourceFile};
 use clap::builder::TypedValueParser;
 use figures::{FitPlot, fit_figure};
@@ -205,7 +204,7 @@ impl LogEvaluation {
             skipped_rows: self.evaluation.skipped_rows,
             repeated_rows: self.evaluation.repeated_rows,
             out_of_range_rows: self.evaluation.out_of_range_rows,
-            errors: OfAxes::<StoredQuality>::of(&self.quality, axes),
+            errors: axes.of(&self.quality),
         }
     }
 

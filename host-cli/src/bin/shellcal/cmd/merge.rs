@@ -5,10 +5,8 @@ use std::io;
 use anyhow::Context;
 use calibration::fit::{CovarianceRule, Fit, FitOptions, HeldOut, ModelRule, RANDOM_FOLDS};
 use calibration::quality::significant;
-use calibration_file::stored::{
-    OfAxes, Stored, StoredCrossValidation, StoredQuality, StoredSelection,
-};
 use calibration_file::{CalibrationFile, CalibrationFileError, PartialFit, Sums};
+use shell_data::by_axis::Among;
 use shell_data::hint::quoted;
 use shellcal::workflow::partial::{fit_merged, merged_file};
 
@@ -210,10 +208,11 @@ impl MergeArgs {
                 groups?: groups,
                 condition?: fit.and_then(|fit| fit.condition),
                 axes: axes.columns(),
-                train?: fit.map(|fit| OfAxes::<StoredQuality>::of(&fit.train, axes)),
+                train?: fit.map(|fit| axes.of(&fit.train)),
                 cross_validation?: fit
-                    .and_then(|fit| Option::<StoredCrossValidation>::of(&fit.cross_validation, axes)),
-                selection?: fit.and_then(|fit| Option::<StoredSelection>::of(&fit.selection, axes)),
+                    .and_then(|fit| fit.cross_validation.as_ref())
+                    .map(|of| Among(axes, of)),
+                selection?: fit.and_then(|fit| fit.selection.as_ref()).map(|of| Among(axes, of)),
             });
         }
         let mut summary = format!("{name}: {rows} rows of {files} files");

@@ -1,7 +1,7 @@
 //! `shellcal synth trial` and `synth trials`: the virtual robot's runs through the channel.
 
 use shellcal::workflow::synthetic_trials::{MANIFEST, truth_json, write_log, write_set};
-use simulation::synthetic_trial::TrialLayout;
+use simulation::synthetic_log::TrialLayout;
 use simulation::virtual_robot::{ChannelForces, Counter, TrialSettings, VirtualTrial};
 
 use super::choices::one_of;

@@ -8,12 +8,9 @@ use calibration::quality::significant;
 use calibration::uncertainty::{CoefficientCovariance, Covariance};
 use calibration::validation::advice::Advice;
 use calibration::validation::comparison::ErrorRatio;
-use calibration_file::stored::{
-    OfAxes, Stored, StoredCandidate, StoredCrossValidation, StoredExcitation, StoredGroupIntervals,
-    StoredQuality, StoredSelection, StoredSolverRecord,
-};
 use calibration_file::{CalibrationFile, Diagnostics};
 use serde::Serialize;
+use shell_data::by_axis::Among;
 use shell_data::wrench::{Axes, PerAxis};
 use shellcal::workflow::hung_loads::HungReference;
 use shellcal::workflow::outliers::NamedOutliers;
@@ -77,8 +74,8 @@ fn dynamics(of: &Result<Dynamics, NotSearched>, axes: Axes) -> impl Serialize {
 fn advice(advice: &Advice, axes: Axes) -> impl Serialize {
     document! {
         folds: advice.folds,
-        best: StoredCandidate::of(&advice.best, axes),
-        cautious: StoredCandidate::of(&advice.cautious, axes),
+        best: Among(axes, &advice.best),
+        cautious: Among(axes, &advice.cautious),
         // Natural logarithm of the error of the cautious choice relative to that of the best, and its standard error;
         // zeros where they are one.
         log_ratio: advice.caution.map(|of| log_ratio(of.all)).unwrap_or_default(),
@@ -102,7 +99,7 @@ fn covariance(covariance: &Covariance, axes: Axes) -> impl Serialize {
         groups?: groups,
         degrees_of_freedom: covariance.degrees_of_freedom,
         // In products of N and N·m.
-        residual: OfAxes::<OfAxes<f64>>::of(&covariance.residual, axes),
+        residual: axes.of(&covariance.residual.map(|row| axes.of(&row))),
         // Half the width of a 95 % prediction interval, coefficients taken as certain, N and N·m; `null` where
         // groups are too few to tell.
         interval_95: factors.map(half_width),
@@ -167,7 +164,7 @@ pub(super) fn report(
     if printer.json() {
         let of_polynomial = polynomial.map(|(solver, model)| {
             document! {
-                solver: StoredSolverRecord::of(&solver, axes),
+                solver: solver,
                 // The share of test rows that were recorded at plateaus of the training data.
                 test_share_on_training_plateaus?: fitted.leaks.test,
                 features: model.term_count(),
@@ -207,7 +204,7 @@ pub(super) fn report(
                 coverage_95?: coverage.map(|of| of.map(|(share, _)| share)),
                 // Root mean square of held-out errors in their standard errors.
                 held_out_in_standard_errors?: validation.map(PhysicsValidation::scores),
-                intervals: Option::<StoredGroupIntervals>::of(&physics.intervals, axes),
+                intervals: Among(axes, &physics.intervals),
                 // What was hung, and what the readings say it was.
                 hung?: hung.map(hung_loads::document),
             }
@@ -222,10 +219,10 @@ pub(super) fn report(
             test_rows: test.rows,
             test_rows_out_of_range: test.out_of_range_rows,
             axes: axes.columns(),
-            train: OfAxes::<StoredQuality>::of(&of.train, axes),
-            test: Option::<OfAxes<StoredQuality>>::of(&of.test, axes),
-            cross_validation?: Option::<StoredCrossValidation>::of(&of.cross_validation, axes),
-            selection?: Option::<StoredSelection>::of(&of.selection, axes),
+            train: axes.of(&of.train),
+            test: of.test.as_ref().map(|test| axes.of(test)),
+            cross_validation?: of.cross_validation.as_ref().map(|of| Among(axes, of)),
+            selection?: of.selection.as_ref().map(|of| Among(axes, of)),
             dynamics?: fitted.dynamics.as_ref().map(|found| dynamics(found, axes)),
             weighing?: compared(fitted).map(comparison),
             groups_found?: fitted.found_groups.map(|of| document! {
@@ -235,7 +232,7 @@ pub(super) fn report(
                 rows_median: of.rows_median,
                 rows_max: of.rows_max,
             }),
-            excitation: Option::<StoredExcitation>::of(&of.excitation, axes),
+            excitation: Among(axes, &of.excitation),
             ..polynomial: of_polynomial,
             ..physics: of_physics,
             time_s: seconds,

@@ -4,7 +4,7 @@ pub(in crate::cmd) mod load;
 
 use calibration::scaling::Scaling;
 use calibration::{Basis, Calibration, Model};
-use calibration_file::payload_file::PayloadFile;
+use calibration_file::payload_file::{PayloadFile, PayloadSource};
 use clap::Subcommand;
 use forces::RowRule;
 use forces::payload::{LEAST_SPREAD, PayloadFit, STANDARD_GRAVITY_M_S2};
@@ -85,12 +85,13 @@ impl PayloadFitArgs {
         let columns = self.columns.columns(STANDARD_GRAVITY_M_S2);
         let found = fit_payload(&logs, &columns, &self.mapping.read_options())?;
         let paths = self.logs.iter().map(|path| path.to_path_buf());
+        let sources = paths.zip(found.rows.iter().copied());
         let file = PayloadFile {
             fit: found.fit,
             accelerometer: found.accelerometer,
             made_by: shellcal::PROGRAM.to_owned(),
             date: outputs::date()?,
-            sources: paths.zip(found.rows.iter().copied()).collect(),
+            sources: sources.map(|(path, rows)| PayloadSource { path, rows }).collect(),
         };
         output.map(|output| output.commit_with(file.to_json().as_bytes())).transpose()?;
         if printer.json() {

@@ -1,0 +1,161 @@
+//! Values by axis in documents, which hold those of the [axes that there are](Axes) alone.
+//!
+//! serde writes a field so by `#[serde(with = "by_axis")]`, a matrix by `by_axis::matrix`, and what may be missing
+//! by `by_axis::option`. A document names its axes once, for all of its fields, and serde has no way to hand them
+//! on: [`among`] tells them for as long as the document is read or written.
+
+use std::cell::Cell;
+
+use serde::de::{Deserialize, Deserializer, Error};
+use serde::ser::{Serialize, Serializer};
+
+use crate::wrench::{Axes, Axis, PerAxis};
+
+thread_local! {
+    static AXES: Cell<Axes> = const { Cell::new(Axes::ALL) };
+}
+
+/// Reads or writes a document of these axes, on this thread; without it there are all six.
+pub fn among<T>(axes: Axes, act: impl FnOnce() -> T) -> T {
+    let outside = AXES.replace(axes);
+    let done = act();
+    AXES.set(outside);
+    done
+}
+
+/// The axes of the document that is read or written.
+pub fn axes() -> Axes {
+    AXES.get()
+}
+
+/// By the names of their columns.
+impl Serialize for Axes {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.columns().serialize(serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for Axes {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let columns: Vec<String> = Vec::deserialize(deserializer)?;
+        let axes: Self = Axis::ALL
+            .into_iter()
+            .filter(|axis| columns.iter().any(|it| it == axis.column()))
+            .collect();
+        if axes.is_empty() || axes.columns() != columns {
+            let (found, all) = (columns.join("`, `"), Self::ALL.columns().join("`, `"));
+            let text = format!("`axes` has `{found}`, expected some of `{all}`, in this order");
+            return Err(D::Error::custom(text));
+        }
+        Ok(axes)
+    }
+}
+
+/// What is written of these axes alone.
+#[derive(Clone, Copy, Debug)]
+pub struct Among<T>(pub Axes, pub T);
+
+impl<T: Serialize> Serialize for Among<T> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        among(self.0, || self.1.serialize(serializer))
+    }
+}
+
+/// One value for each axis; where there is none, the default.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Row<T>(pub PerAxis<T>);
+
+impl<T: Serialize> Serialize for Row<T> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_seq(axes().iter().map(|axis| &self.0[axis.index()]))
+    }
+}
+
+impl<'de, T: Deserialize<'de> + Clone + Default> Deserialize<'de> for Row<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let values: Vec<T> = Vec::deserialize(deserializer)?;
+        let (found, axes) = (values.len(), axes());
+        let row = axes.spread(values, &T::default()).map(Self);
+        row.ok_or_else(|| Error::custom(format!("`{found}` values for `{}` axes", axes.count())))
+    }
+}
+
+/// Writes one value for each axis.
+///
+/// # Errors
+/// Those of the serializer.
+pub fn serialize<T: Serialize, S: Serializer>(
+    values: &PerAxis<T>,
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    Row(values.each_ref()).serialize(serializer)
+}
+
+/// Reads one value for each axis.
+///
+/// # Errors
+/// Those of the deserializer, or there are not as many values as axes.
+pub fn deserialize<'de, T: Deserialize<'de> + Clone + Default, D: Deserializer<'de>>(
+    deserializer: D,
+) -> Result<PerAxis<T>, D::Error> {
+    Row::deserialize(deserializer).map(|row| row.0)
+}
+
+/// A row and a column for each axis.
+pub mod matrix {
+    use super::{Deserialize, Deserializer, PerAxis, Row, Serialize, Serializer};
+
+    /// Writes them.
+    pub fn serialize<S: Serializer>(
+        rows: &PerAxis<PerAxis<f64>>,
+        serializer: S,
+    ) -> Result<S::Ok, S::Error> {
+        Row(rows.map(Row)).serialize(serializer)
+    }
+
+    /// Reads them.
+    pub fn deserialize<'de, D: Deserializer<'de>>(
+        deserializer: D,
+    ) -> Result<PerAxis<PerAxis<f64>>, D::Error> {
+        Row::<Row<f64>>::deserialize(deserializer).map(|rows| rows.0.map(|row| row.0))
+    }
+}
+
+/// One value for each axis, or nothing.
+pub mod option {
+    use super::{Deserialize, Deserializer, PerAxis, Row, Serialize, Serializer};
+
+    /// Writes them.
+    pub fn serialize<T: Serialize, S: Serializer>(
+        values: &Option<PerAxis<T>>,
+        serializer: S,
+    ) -> Result<S::Ok, S::Error> {
+        values.as_ref().map(|values| Row(values.each_ref())).serialize(serializer)
+    }
+
+    /// Reads them.
+    pub fn deserialize<'de, T: Deserialize<'de> + Clone + Default, D: Deserializer<'de>>(
+        deserializer: D,
+    ) -> Result<Option<PerAxis<T>>, D::Error> {
+        Ok(Option::<Row<T>>::deserialize(deserializer)?.map(|row| row.0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_are_written_and_read_of_the_axes_that_there_are() {
+        let axes: Axes = [Axis::Fz, Axis::Mx].into_iter().collect();
+        let row = Row([1, 2, 3, 4, 5, 6]);
+        let text = serde_json::to_string(&Among(axes, row)).unwrap();
+        assert_eq!(text, "[3,4]");
+        let read = |text: &str| among(axes, || serde_json::from_str::<Row<u8>>(text));
+        assert_eq!(read(&text).unwrap(), Row([0, 0, 3, 4, 0, 0]));
+        assert!(read("[3]").unwrap_err().to_string().starts_with("`1` values for `2` axes"));
+        assert_eq!(serde_json::to_string(&axes).unwrap(), "[\"fz_n\",\"mx_nm\"]");
+        // Outside of it there are all six.
+        assert_eq!(serde_json::to_string(&row).unwrap(), "[1,2,3,4,5,6]");
+    }
+}
