@@ -188,9 +188,7 @@ fn hint_after(error: &FitError) -> Option<&'static str> {
             "record loads that move the channels independently, drop a channel, choose a smaller \
              model=, or accept a damped answer with ridge=1e-6"
         }
-        FitError::IllConditioned { .. } | FitError::NotConverged { .. } => {
-            "use solver=\"exact\" or \"wide-tsqr\", or choose a smaller model="
-        }
+        FitError::Solver(_) => "use solver=\"exact\" or \"wide-tsqr\", or choose a smaller model=",
         FitError::Overflow => "check the units of readings and wrench",
         FitError::TooLarge(_) => "choose a smaller model=, or fewer channels",
         FitError::NotExact(_) => {

@@ -37,20 +37,9 @@ pub enum FitError {
     /// The features are not independent.
     #[error("{0}")]
     RankDeficient(RankLoss),
-    /// The features are so nearly dependent that the solver cannot tell what the rows say.
-    #[error(
-        "the features are nearly dependent: their condition number is above `{limit:.0e}`, the most that this solver can answer for"
-    )]
-    IllConditioned {
-        /// The largest condition number it can answer for.
-        limit: f64,
-    },
-    /// A solver that improves its answer pass by pass does not come to rest.
-    #[error("no answer after `{passes}` passes over the rows")]
-    NotConverged {
-        /// Passes made.
-        passes: usize,
-    },
+    /// The features are so nearly dependent that the solver cannot tell what the rows say, or does not come to rest.
+    #[error(transparent)]
+    Solver(LeastSquaresError),
     /// The features are independent, but so nearly not that the coefficients cannot be computed.
     #[error("the features are so nearly dependent that their coefficients cannot be computed")]
     NearlyDependent,
@@ -166,7 +155,7 @@ impl Hint for FitError {
                 "the readings never move: check the cable and the shell, and that `--sensors` names the \
                  right columns"
             }
-            Self::IllConditioned { .. } | Self::NotConverged { .. } => {
+            Self::Solver(_) => {
                 "use `--solver exact` or `--solver wide-tsqr`, or choose a smaller `--model`"
             }
             Self::RankDeficient(_) | Self::NearlyDependent => {
@@ -227,9 +216,8 @@ impl FitError {
                 let (r, null_space) = (r_factor.as_ref().as_ref(), null_space.as_ref());
                 FitError::RankDeficient(RankLoss::explain(features, ranges, r, null_space))
             }
-            LeastSquaresError::IllConditioned { limit } => FitError::IllConditioned { limit },
-            LeastSquaresError::NotConverged { passes } => FitError::NotConverged { passes },
             LeastSquaresError::NotFinite => FitError::Overflow,
+            error => FitError::Solver(error),
         }
     }
 }

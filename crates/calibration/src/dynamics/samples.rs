@@ -4,9 +4,8 @@ use std::ops::Range;
 
 use faer::Mat;
 
-use super::lag::{BetweenRows, segments};
 use super::noise::{ReadingNoise, variance};
-use super::prepared::RowClock;
+use super::prepared::{BetweenRows, RowClock, segments};
 use crate::features::Features;
 use crate::memory::TimeBase;
 use crate::model::{Basis, Model};

@@ -35,22 +35,21 @@ mod model_choice;
 mod options;
 mod outlier_search;
 mod outliers;
-mod paired;
 mod physics;
 mod polynomial;
 mod refits;
-mod solve;
 mod verdict;
 mod warning;
 
 pub use self::choice::sum_groups;
 pub use self::evaluation::{Evaluation, Leaks, evaluate};
-pub use self::group_errors::{GroupErrors, GroupedErrors, group_errors};
+pub use self::group_errors::{
+    Better, GroupErrors, GroupedErrors, PairedError, PairedErrors, group_errors, paired_errors,
+};
 pub use self::model_choice::FewGroups;
 pub use self::options::{CovarianceRule, FitOptions, GroupsAsked, ModelRule, OutlierRule};
 pub use self::outlier_search::find_outliers;
 pub use self::outliers::{Outlier, OutlierColumn, Outliers, Reason, RowName};
-pub use self::paired::{Better, PairedError, PairedErrors, paired_errors};
 pub use self::physics::{ModelComparison, PhysicsFit};
 pub use self::refits::{RANDOM_FOLDS, random_split};
 pub use self::verdict::{FrameInterval, Unjudged, UnseenErrors, UnseenRows, Verdict};

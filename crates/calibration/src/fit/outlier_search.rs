@@ -5,14 +5,13 @@ use std::collections::BTreeSet;
 
 use super::FitOptions;
 use super::outliers::{Outlier, OutlierColumn, Outliers, Reason};
-use super::solve::{PolynomialProblem, Solved, solve};
+use super::polynomial::{PolynomialProblem, Solved, solve};
 use crate::error::FitError;
 use crate::exact::Accumulator;
 use crate::model::{Basis, Model};
 use crate::passes::{Rows, each, map};
 use crate::solver::{Solution, SolverKind, solve_moments};
-use crate::validation::outliers::{LIMIT, RowTest, TestedRow};
-use crate::validation::spread::Spread;
+use crate::validation::outliers::{LIMIT, RowTest, Spread, TestedRow};
 use shell_data::block::Block;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axis, PerAxis};

@@ -5,7 +5,7 @@
 //! others each fold is fitted anew. Each of up to forty groups is held out alone, more in ten folds.
 
 use super::FitOptions;
-use super::solve::{PolynomialProblem, calibrate, r_factor_method};
+use super::polynomial::{PolynomialProblem, calibrate, r_factor_method};
 use crate::conversion::Calibration;
 use crate::error::FitError;
 use crate::exact::HeldOutErrors;

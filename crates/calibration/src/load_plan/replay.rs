@@ -12,8 +12,7 @@
 use std::collections::BTreeMap;
 use std::num::NonZeroU64;
 
-use super::planner::{Criterion, Planner};
-use super::sensors::SensorKnowledge;
+use super::{Criterion, Planner, SensorKnowledge};
 use crate::error::FitError;
 use crate::passes::{Workers, map_folds};
 use crate::physics::observation::wrench_scale;
@@ -208,18 +207,17 @@ impl SplitReplay<'_> {
         let load = |&at: &usize| self.training[at].load;
         let candidates: Vec<PerAxis<f64>> = left.iter().map(load).collect();
         let loads: Vec<PerAxis<f64>> = taken.iter().map(load).collect();
-        let planner = match (order, model) {
-            (Order::Random, _) => return left.into_iter().take(count).collect(),
-            (Order::DOptimal, _) | (_, None) => Planner::from_loads(&loads, &candidates),
-            (Order::Gain | Order::AverageVariance, Some(model)) => {
-                Planner::from_sensors(SensorKnowledge::from_model(model), &loads, &candidates)
-            }
+        let sensors = match order {
+            Order::Random => return left.into_iter().take(count).collect(),
+            Order::DOptimal => None,
+            Order::Gain | Order::AverageVariance => model.map(SensorKnowledge::from_model),
         };
         let criterion = match order {
             Order::AverageVariance => Criterion::AverageVariance,
             _ => Criterion::Gain,
         };
-        planner.by(criterion).take(count).map(|next| left[next.candidate]).collect()
+        let planner = Planner::new(sensors, criterion, &loads, &candidates);
+        planner.take(count).map(|next| left[next.candidate]).collect()
     }
 
     fn error(&self, model: &PhysicsModel) -> f64 {

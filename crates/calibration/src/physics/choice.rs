@@ -14,8 +14,7 @@ use super::fit::{FittedParameters, Scaled, Scales, fit, fit_from};
 use super::inversion::Inversion;
 use super::loadings::FACTORS;
 use super::model::{PhysicsModel, check};
-use super::observation::Observation;
-use super::sample::ObservationSample;
+use super::observation::{Observation, ObservationSample};
 use crate::error::FitError;
 use crate::passes::{Workers, map};
 

@@ -16,7 +16,6 @@
 //! Left out: play and creep as states (they are in the noise and in the factors), and temperature.
 
 mod calibration;
-mod cells;
 mod choice;
 pub(crate) mod cholesky;
 mod expectation;
@@ -31,7 +30,6 @@ mod noise;
 pub mod observation;
 pub mod response;
 mod rows;
-mod sample;
 mod sensor;
 mod sums;
 pub mod uncertain_loads;
@@ -45,8 +43,8 @@ pub use self::loadings::{FACTORS, Loadings};
 pub use self::model::{PhysicsModel, Sensor};
 pub use self::noise::Noise;
 pub use self::observation::Observation;
+pub(crate) use self::observation::ObservationSample;
 pub use self::rows::TrainingRows;
-pub(crate) use self::sample::ObservationSample;
 pub(crate) use self::validation::usual_errors;
 pub use self::validation::{COVERAGE_LEVEL, GroupErrors, PhysicsValidation};
 

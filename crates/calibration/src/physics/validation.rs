@@ -4,8 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::calibration::PhysicsCalibration;
 use super::choice::{Choice, usual};
+use super::observation::ObservationSample;
 use super::rows::TrainingRows;
-use super::sample::ObservationSample;
 use crate::error::FitError;
 use crate::exact::HeldOutErrors;
 use crate::passes::{Workers, map_folds};

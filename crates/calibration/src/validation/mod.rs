@@ -20,7 +20,6 @@ pub(crate) mod normal_equations;
 pub mod outliers;
 pub mod plateaus;
 pub mod selection;
-pub(crate) mod spread;
 
 use super::exact::{ExactError, SolveError};
 use crate::FitError;
