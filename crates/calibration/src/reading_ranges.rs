@@ -10,7 +10,7 @@ use shell_data::vectorised;
 use shell_data::wrench::Axis;
 
 /// The smallest and the largest reading of one channel, in counts.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ReadingRange {
     /// The smallest reading.
     pub min: f64,
@@ -40,7 +40,7 @@ impl ReadingRange {
         self.min == self.max
     }
 
-    fn merge(&mut self, other: ReadingRange) {
+    pub(crate) fn merge(&mut self, other: ReadingRange) {
         self.min = self.min.min(other.min);
         self.max = self.max.max(other.max);
     }
@@ -111,7 +111,8 @@ vectorised! {
         column.iter().fold(true, |all, x| all & x.is_finite())
     }
 
-    fn range_of(column: &[f64]) -> ReadingRange {
+    /// The smallest and the largest value of a column.
+    pub(crate) fn range_of(column: &[f64]) -> ReadingRange {
         let (mut min, mut max) = ([f64::INFINITY; LANES], [f64::NEG_INFINITY; LANES]);
         let (chunks, rest) = column.as_chunks::<LANES>();
         for chunk in chunks {

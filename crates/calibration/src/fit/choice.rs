@@ -239,16 +239,9 @@ impl FitOptions<'_> {
         ModelChoice {
             basis: self.basis().unwrap_or(Basis::Poly3),
             ridge: self.ridge,
-            selection: None,
-            cross_validation: None,
-            advice: None,
-            sums: None,
-            clusters: None,
             by_group,
             group_by,
-            labelled: None,
-            not_grouped: None,
-            few_groups: None,
+            ..ModelChoice::default()
         }
     }
 
@@ -303,14 +296,12 @@ impl FitOptions<'_> {
         &self,
         mut choice: ModelChoice,
         rows: FactoredGroups,
+        model: &Model,
     ) -> ModelChoice {
-        let first = rows.groups.first().map(|(_, rows)| rows.model());
-        let (channels, memory) = first.map_or((0, 0), |of| (of.channels, of.memory));
-        let model = Model { basis: choice.basis, intercept: self.intercept, channels, memory };
-        self.test_group_count(&mut choice, &model, rows.groups.len());
+        self.test_group_count(&mut choice, model, rows.groups.len());
         let each_alone = || (0..rows.groups.len()).map(|group| group..group + 1).collect();
         let all_rows = rows.groups.iter().map(|(_, rows)| rows.rows()).sum();
-        let are_long = choice.has_long_stretches(rows.groups.len(), all_rows, &model);
+        let are_long = choice.has_long_stretches(rows.groups.len(), all_rows, model);
         let held_out_together = are_long.then(each_alone);
         choice.clusters = Some(Clusters::RFactors { rows, held_out_together });
         choice
@@ -360,8 +351,9 @@ impl FitOptions<'_> {
     /// Keeps the labelled rows as the solver's standard errors by group need them.
     fn cluster(&self, mut choice: ModelChoice, rows: &Dataset) -> Result<ModelChoice, FitError> {
         if self.solver != SolverKind::Huber {
+            let model = self.model_of(rows, choice.basis);
             return Ok(match self.factor_groups(&mut choice, rows)? {
-                Some(rows) => self.decide_by_r_factors(choice, rows),
+                Some(rows) => self.decide_by_r_factors(choice, rows, &model),
                 None => choice,
             });
         }

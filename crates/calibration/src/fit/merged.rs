@@ -92,17 +92,17 @@ fn choose_r_factors(
     options: &FitOptions<'_>,
 ) -> Result<ModelChoice, FitError> {
     let mut choice = options.open(Some(by.into()));
+    let channels = groups.groups.first().map_or(0, |(_, rows)| rows.channels());
     if options.basis().is_none() {
         choice.take(factored::select(&groups, options.intercept, options.ridges())?);
     }
+    let model = options.model_without_memory(choice.basis, channels);
     if options.validation().is_some() {
-        let channels = groups.groups.first().map_or(0, |(_, rows)| rows.channels());
-        let model = options.model_without_memory(choice.basis, channels);
         let found = factored::cross_validate(&groups, &model, choice.ridge, options.folds())?;
         choice.cross_validation = Some(found);
     }
     Ok(match choice.by_group {
-        true => options.decide_by_r_factors(choice, groups),
+        true => options.decide_by_r_factors(choice, groups, &model),
         false => choice,
     })
 }

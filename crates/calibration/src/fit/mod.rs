@@ -52,7 +52,7 @@ pub use self::outlier_search::find_outliers;
 pub use self::outliers::{Outlier, OutlierColumn, Outliers, Reason, RowName};
 pub use self::physics::{ModelComparison, PhysicsFit};
 pub use self::refits::{RANDOM_FOLDS, random_split};
-pub use self::verdict::{FrameInterval, Unjudged, UnseenErrors, UnseenRows, Verdict};
+pub use self::verdict::{FrameInterval, UnseenErrors, UnseenRows, Verdict};
 pub use self::warning::Warning;
 pub use crate::groups::{
     FoundGroups, FoundKind, GroupBy, HeldOut, label_groups, label_poses_or_files, may_have_plateaus,
@@ -199,7 +199,7 @@ impl Fit {
     }
 
     /// What it is worth on data that it has not seen.
-    pub fn verdict(&self) -> Verdict {
+    pub fn verdict(&self) -> Verdict<'_> {
         Verdict::new(self)
     }
 

@@ -23,7 +23,7 @@ pub(super) enum Clusters {
 }
 
 /// The model that is to be fitted, and what is known of it before.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct ModelChoice {
     /// The family of features.
     pub(super) basis: Basis,

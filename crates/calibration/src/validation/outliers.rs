@@ -85,7 +85,7 @@ pub struct RowTest<'a> {
 }
 
 /// A row that was looked at.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TestedRow {
     /// The row of the block.
     pub row: usize,
@@ -125,11 +125,6 @@ impl TestedRow {
     /// Whether it exceeds a limit at all, and may hide others.
     pub fn stands_out(&self) -> bool {
         self.size > LIMIT || self.far > FAR || self.takes_over
-    }
-
-    /// A row that is not tested by a fit.
-    pub fn unseen(row: usize) -> Self {
-        Self { row, ..Self::default() }
     }
 }
 

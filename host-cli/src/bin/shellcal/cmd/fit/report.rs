@@ -23,14 +23,14 @@ use super::plan::NamedRows;
 use crate::printer::Printer;
 
 /// Prints the verdict, before all else.
-pub(super) fn print_verdict(printer: &Printer, verdict: &Verdict) -> anyhow::Result<()> {
+pub(super) fn print_verdict(printer: &Printer, verdict: &Verdict<'_>) -> anyhow::Result<()> {
     verdict.lines().into_iter().try_for_each(|line| printer.line(line))?;
     printer.line("")
 }
 
 /// What `--json` prints of it.
-pub(super) fn verdict(verdict: &Verdict) -> impl Serialize + use<> {
-    let (axes, unseen) = (verdict.axes, verdict.unseen.as_ref().ok());
+pub(super) fn verdict(verdict: &Verdict<'_>) -> impl Serialize + use<> {
+    let (axes, unseen) = (verdict.axes, verdict.unseen.as_ref());
     let interval = verdict.interval.as_ref().ok();
     document! {
         // The same in words.
