@@ -17,7 +17,6 @@ use crate::quality::{self, AxisErrors};
 use crate::uncertainty::student_quantile;
 use crate::validation::ValidationError;
 use crate::validation::comparison::FoldMean;
-use shell_data::block::Block;
 use shell_data::dataset::{Dataset, LabelledBlock};
 use shell_data::wrench::PerAxis;
 
@@ -54,8 +53,26 @@ pub fn group_errors(
     workers: Workers<'_>,
 ) -> Result<GroupedErrors, FitError> {
     let stride = (data.rows() / sample.max(1)).max(1) as usize;
+    // Of one block, with sums of loads in place of means.
     let work = |(): &mut (), (_, block): &(usize, &LabelledBlock)| {
-        Ok(GroupedErrors::of_block(calibration, &block.rows, &block.labels, stride))
+        let (mut groups, mut predicted, mut start) = (Vec::new(), PerAxis::default(), 0);
+        let (rows, wrench) = (block.rows.rows, &block.rows.wrench);
+        calibration.wrench(&block.rows.readings, &mut predicted);
+        for (label, rows) in block.labels.iter().filter(|(_, rows)| *rows > 0) {
+            let of_group = start..start + rows;
+            start = of_group.end;
+            let pairs: PerAxis<[&[f64]; 2]> = std::array::from_fn(|axis| {
+                [&predicted[axis][of_group.clone()], &wrench[axis][of_group.clone()]]
+            });
+            groups.push(GroupErrors {
+                label: label.clone(),
+                rows: *rows as u64,
+                load: pairs.map(|[_, loads]| loads.iter().fold(0.0, |sum, load| sum + load)),
+                errors: pairs.map(|[predicted, loads]| AxisErrors::new(predicted, loads)),
+            });
+        }
+        let load = |row: usize| std::array::from_fn(|axis| wrench[axis][row]);
+        Ok(GroupedErrors { groups, loads: (0..rows).step_by(stride).map(load).collect() })
     };
     let mut positions: HashMap<String, usize> = HashMap::new();
     let mut all = GroupedErrors::default();
@@ -79,38 +96,6 @@ pub fn group_errors(
         group.load.iter_mut().for_each(|load| *load /= group.rows as f64);
     }
     Ok(all)
-}
-
-impl GroupedErrors {
-    /// Those of one block, with sums of loads in place of means.
-    fn of_block(
-        calibration: &Calibration,
-        block: &Block,
-        labels: &[(String, usize)],
-        stride: usize,
-    ) -> Self {
-        let mut predicted = PerAxis::default();
-        calibration.wrench(&block.readings, &mut predicted);
-        let wrench_of = |row: usize| std::array::from_fn(|axis| block.wrench[axis][row]);
-        let loads = (0..block.rows).step_by(stride).map(wrench_of).collect();
-        let mut start = 0;
-        let mut groups = Vec::new();
-        for (label, rows) in labels {
-            let of_group = start..start + rows;
-            start = of_group.end;
-            if of_group.is_empty() {
-                continue;
-            }
-            let measured: PerAxis<&[f64]> =
-                std::array::from_fn(|axis| &block.wrench[axis][of_group.clone()]);
-            let load = measured.map(|axis| axis.iter().fold(0.0, |sum, load| sum + load));
-            let errors = std::array::from_fn(|axis| {
-                AxisErrors::new(&predicted[axis][of_group.clone()], measured[axis])
-            });
-            groups.push(GroupErrors { label: label.clone(), rows: *rows as u64, load, errors });
-        }
-        Self { groups, loads }
-    }
 }
 
 /// The errors of two calibrations on the same rows.
@@ -208,10 +193,11 @@ fn squares_of(errors: &AxisErrors) -> HeldOutErrors {
 
 #[cfg(test)]
 mod tests {
+    use shell_data::block::Block;
+
     use super::*;
     use crate::model::{Basis, Model};
     use crate::scaling::Scaling;
-    use shell_data::block::Block;
     use shell_data::wrench::Axes;
     use system_tests::random::Random;
 

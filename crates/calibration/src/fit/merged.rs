@@ -1,7 +1,7 @@
 //! From the sums of partial fits to a calibration: all that a fit to the rows says but what takes the rows again,
 //! their largest errors and how errors and loads are distributed.
 
-use super::model_choice::ModelChoice;
+use super::choice::ModelChoice;
 use super::polynomial::covariance;
 use super::{Fit, FitMethod, FitOptions};
 use crate::conversion::Calibration;

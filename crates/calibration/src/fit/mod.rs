@@ -31,7 +31,6 @@ mod evaluation;
 mod group_errors;
 mod means;
 pub mod merged;
-mod model_choice;
 mod options;
 mod outlier_search;
 mod outliers;
@@ -41,17 +40,16 @@ mod refits;
 mod verdict;
 mod warning;
 
-pub use self::choice::sum_groups;
+pub use self::choice::FewGroups;
 pub use self::evaluation::{Evaluation, Leaks, evaluate};
 pub use self::group_errors::{
     Better, GroupErrors, GroupedErrors, PairedError, PairedErrors, group_errors, paired_errors,
 };
-pub use self::model_choice::FewGroups;
 pub use self::options::{CovarianceRule, FitOptions, GroupsAsked, ModelRule, OutlierRule};
 pub use self::outlier_search::find_outliers;
 pub use self::outliers::{Outlier, OutlierColumn, Outliers, Reason, RowName};
 pub use self::physics::{ModelComparison, PhysicsFit};
-pub use self::refits::{RANDOM_FOLDS, random_split};
+pub use self::refits::{RANDOM_FOLDS, random_split, sum_groups};
 pub use self::verdict::{FrameInterval, UnseenErrors, UnseenRows, Verdict};
 pub use self::warning::Warning;
 pub use crate::groups::{
@@ -60,9 +58,8 @@ pub use crate::groups::{
 pub use crate::holds::{HoldMismatch, label_holds};
 pub use crate::passes::Workers;
 
-use self::choice::{FitInput, choose};
+use self::choice::{FitInput, ModelChoice, choose};
 use self::evaluation::RowErrors;
-use self::model_choice::ModelChoice;
 use crate::conversion::{Calibration, Kind};
 use crate::dynamics::{Dynamics, NotSearched};
 use crate::error::FitError;
@@ -377,7 +374,7 @@ fn fit_rows(input: FitInput<'_>) -> Result<Fit, FitError> {
     match options.model {
         ModelRule::Physics => physics::fit(input, None),
         ModelRule::Given(_) => polynomial::fit(input, choose(input)?),
-        ModelRule::Auto => match choose_any(input) {
+        ModelRule::Auto => match choose(input) {
             Ok(choice) => fit_best(input, choice),
             Err(reason @ FitError::Interrupted) => Err(reason),
             Err(reason) if options.cross_validation.is_some() => Err(reason),
@@ -387,14 +384,6 @@ fn fit_rows(input: FitInput<'_>) -> Result<Fit, FitError> {
                 Ok(Fit { not_judged: Some(reason), ..fitted })
             }
         },
-    }
-}
-
-/// Chooses a polynomial, of rows that count alike.
-fn choose_any(input: FitInput<'_>) -> Result<ModelChoice, FitError> {
-    match input.train.has_weights() {
-        true => Err(FitError::Weights { what: "the choice of a model" }),
-        false => choose(input),
     }
 }
 

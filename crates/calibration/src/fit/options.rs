@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::model_choice::ModelChoice;
+use super::choice::ModelChoice;
 use super::physics;
 use super::warning::Warning;
 use crate::dynamics::{Dynamics, DynamicsRule, MemoryRule, NotSearched, find, prepared};

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 
 use super::FitOptions;
 use super::outliers::{Outlier, OutlierColumn, Outliers, Reason};
-use super::polynomial::{PolynomialProblem, Solved, solve};
+use super::refits::{PolynomialProblem, Solved, solve};
 use crate::error::FitError;
 use crate::exact::Accumulator;
 use crate::model::{Basis, Model};

@@ -2,9 +2,8 @@
 
 use std::fmt;
 
-use super::choice::FitInput;
+use super::choice::{FitInput, ModelChoice};
 use super::evaluation::{Evaluation, RowErrors};
-use super::model_choice::ModelChoice;
 use super::outlier_search::name_outliers;
 use super::outliers::Outliers;
 use super::refits::{FOLDS, MOST_ALONE};
@@ -125,7 +124,7 @@ pub(super) fn fit(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fi
         looks.then(|| Ok(Outliers { rms: None, ..name_outliers(train, None, options)? }));
     let quality = of_train.quality().ok_or(FitError::NoRows)?;
     let physics = PhysicsFit {
-        observations: choice.observation_count(),
+        observations: choice.sample.count,
         choice,
         groups: rows.group_count(),
         group_by,

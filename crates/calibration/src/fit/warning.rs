@@ -1,6 +1,6 @@
 //! What a fit has to say beside its figures, worded once for terminal, report and Python.
 
-use super::model_choice::FewGroups;
+use super::choice::FewGroups;
 use crate::exact::ExactError;
 use crate::physics::TooFewGroups;
 use crate::validation::ValidationError;

@@ -9,12 +9,13 @@
 use std::collections::BTreeMap;
 
 use super::PhysicsError;
+use super::cells::ObservationSample;
 use super::factors::{fit_factors, fit_factors_from};
 use super::fit::{FittedParameters, Scaled, Scales, fit, fit_from};
 use super::inversion::Inversion;
-use super::loadings::FACTORS;
 use super::model::{PhysicsModel, check};
-use super::observation::{Observation, ObservationSample};
+use super::observation::Observation;
+use super::response::FACTORS;
 use crate::error::FitError;
 use crate::passes::{Workers, map};
 
@@ -81,7 +82,7 @@ pub struct Choice {
     pub fold_models: Vec<FoldModel>,
     start: FirstFits,
     /// What it was chosen on.
-    pub(super) sample: ObservationSample,
+    pub(crate) sample: ObservationSample,
 }
 
 /// The chosen candidate without one of the folds.
@@ -128,11 +129,6 @@ impl Choice {
         Self::fit_from(ObservationSample::new(observations), None, workers)
     }
 
-    /// How many observations there were.
-    pub fn observation_count(&self) -> usize {
-        self.sample.count
-    }
-
     /// The same for a sample of observations; `before` is the choice for a larger sample, where the fits start.
     pub(super) fn fit_from(
         sample: ObservationSample,
@@ -142,7 +138,7 @@ impl Choice {
         let tried: Vec<&Observation> = sample.tried.iter().collect();
         let observations: Vec<&Observation> = sample.fitted.iter().collect();
         let scales = check(&observations)?;
-        let data = scales.apply(&tried);
+        let mut data = scales.apply(&tried);
         let most_alone = if before.is_some() { FOLDS_WITHIN } else { MOST_ALONE };
         let folds = folds(&tried, &scales, most_alone);
         if folds.len() < 2 {
@@ -187,17 +183,14 @@ impl Choice {
 
         let at = (lambda, width);
         let (mut fitted, of_folds) = chosen;
-        let scales = &tries.scales;
-        let model = if tried.len() < observations.len() {
-            let all = scales.apply(&observations);
+        if tried.len() < observations.len() {
+            data = tries.scales.apply(&observations);
             fitted = match factor_trials.iter().any(FactorTrial::is_taken) {
-                true => fit_factors_from(&all, width, &fitted),
-                false => fit_from(&all, width, &fitted),
+                true => fit_factors_from(&data, width, &fitted),
+                false => fit_from(&data, width, &fitted),
             };
-            PhysicsModel::from_fit(scales, &all, &fitted, at)
-        } else {
-            PhysicsModel::from_fit(scales, &data, &fitted, at)
-        };
+        }
+        let model = PhysicsModel::from_fit(&tries.scales, &data, &fitted, at);
         let fold_model = |(fold, (fitted, _)): (usize, &Fits)| FoldModel {
             groups: tries.folds[fold].groups.clone(),
             model: tries.model(fold, fitted, at),

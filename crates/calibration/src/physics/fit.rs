@@ -8,9 +8,9 @@
 
 use super::cholesky::{Cholesky, diagonal};
 use super::lanes::MOST_LANES;
-use super::loadings::{FACTORS, Loadings};
 use super::noise::{Noise, Residuals};
 use super::observation::{Observation, wrench_scale};
+use super::response::{FACTORS, Loadings};
 use super::response::{PARAMETERS, Parameters, SHAPE};
 use super::sensor::{ParameterEstimate, Prior};
 use super::sums::{Data, residuals};

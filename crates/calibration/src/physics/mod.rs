@@ -16,6 +16,7 @@
 //! Left out: play and creep as states (they are in the noise and in the factors), and temperature.
 
 mod calibration;
+mod cells;
 mod choice;
 pub(crate) mod cholesky;
 mod expectation;
@@ -24,7 +25,6 @@ mod fit;
 pub mod intervals;
 mod inversion;
 mod lanes;
-mod loadings;
 mod model;
 mod noise;
 pub mod observation;
@@ -33,20 +33,18 @@ mod rows;
 mod sensor;
 mod sums;
 pub mod uncertain_loads;
-mod validation;
 
-pub use self::calibration::PhysicsCalibration;
+pub(crate) use self::calibration::usual_errors;
+pub use self::calibration::{COVERAGE_LEVEL, GroupErrors, PhysicsCalibration, PhysicsValidation};
+pub(crate) use self::cells::ObservationSample;
 pub use self::choice::{Choice, FactorTrial, FoldModel, LAMBDAS, ScoredCandidate, WIDTHS};
 pub use self::intervals::{GroupIntervals, TooFewGroups};
 pub use self::inversion::{Estimate, Estimates, Flags, Inversion};
-pub use self::loadings::{FACTORS, Loadings};
 pub use self::model::{PhysicsModel, Sensor};
 pub use self::noise::Noise;
 pub use self::observation::Observation;
-pub(crate) use self::observation::ObservationSample;
+pub use self::response::{FACTORS, Loadings};
 pub use self::rows::TrainingRows;
-pub(crate) use self::validation::usual_errors;
-pub use self::validation::{COVERAGE_LEVEL, GroupErrors, PhysicsValidation};
 
 /// Why a physics model cannot be fitted.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

@@ -3,10 +3,10 @@
 use super::PhysicsError;
 use super::cholesky::{Cholesky, identity};
 use super::fit::{FittedParameters, Scaled, Scales};
-use super::loadings::{FACTORS, Loadings, add_factors, factor_count};
 use super::noise::Noise;
 use super::observation::Observation;
 use super::response::{Answer, PARAMETERS, Parameters};
+use super::response::{FACTORS, Loadings, add_factors, factor_count};
 use shell_data::wrench::PerAxis;
 
 /// A share of the identity that keeps the prior of an axis that is never loaded finite.

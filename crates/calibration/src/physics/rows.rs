@@ -20,15 +20,6 @@ pub struct TrainingRows {
     pub judged_by: BTreeMap<u64, PerAxis<f64>>,
 }
 
-/// A row converted by a model that has not seen it.
-pub(super) struct HeldOutRow {
-    pub(super) group: u64,
-    /// Predicted less what it is judged by, N and N·m.
-    pub(super) errors: PerAxis<f64>,
-    /// N and N·m, as the model says.
-    pub(super) standard_errors: PerAxis<f64>,
-}
-
 impl TrainingRows {
     /// The labelled rows of a data set, with the labels of their groups in the order of first rows.
     ///
@@ -60,46 +51,37 @@ impl TrainingRows {
     }
 
     /// Converts every n-th row of some groups, beginning with the first of each, in parts of at most [`ROWS_AT_ONCE`]
-    /// rows. `every` is n for a group's number of rows.
-    pub(super) fn convert<'a>(
-        &'a self,
-        groups: &'a BTreeSet<u64>,
-        every: impl Fn(usize) -> usize + 'a,
-        estimates: impl Fn(&[Vec<f64>]) -> Estimates + 'a,
-    ) -> impl Iterator<Item = HeldOutRow> + 'a {
-        let spread = move |runs: &'a [Run]| {
-            let rows =
-                runs.iter().flat_map(|run| (0..run.rows() as usize).map(move |row| (run, row)));
-            rows.step_by(every(count(runs)))
-        };
-        let held_out = self.rows.groups().filter(|runs| groups.contains(&runs[0].group()));
-        let mut rows = held_out.flat_map(spread);
-        let parts = std::iter::from_fn(move || {
-            let some: Vec<(&Run, usize)> = rows.by_ref().take(ROWS_AT_ONCE).collect();
-            (!some.is_empty()).then(|| self.convert_rows(&some, &estimates))
-        });
-        parts.flatten()
-    }
-
-    fn convert_rows(
+    /// rows. `every` is n for a group's number of rows. `take` takes the group of each row, the predicted wrench less
+    /// what it is judged by, and its standard errors as the model says, N and N·m.
+    pub(super) fn convert(
         &self,
-        rows: &[(&Run, usize)],
+        groups: &BTreeSet<u64>,
+        every: impl Fn(usize) -> usize,
         estimates: impl Fn(&[Vec<f64>]) -> Estimates,
-    ) -> Vec<HeldOutRow> {
-        let value = |run: &Run, row: usize, position: usize| self.rows.of_run(run, position)[row];
-        let readings =
-            |channel: usize| rows.iter().map(|&(run, row)| value(run, row, 6 + channel)).collect();
-        let estimates = estimates(&(0..self.channels).map(readings).collect::<Vec<_>>());
-        let convert = |(at, &(run, row)): (usize, &(&Run, usize))| {
-            let (estimate, stated) = (estimates.row(at), self.judged_by.get(&run.group()));
-            let judge = |axis| stated.map_or_else(|| value(run, row, axis), |wrench| wrench[axis]);
-            HeldOutRow {
-                group: run.group(),
-                errors: std::array::from_fn(|axis| estimate.wrench[axis] - judge(axis)),
-                standard_errors: estimate.standard_errors,
+        mut take: impl FnMut(u64, PerAxis<f64>, PerAxis<f64>),
+    ) {
+        let rows_of = |run: &'_ Run| 0..run.rows() as usize;
+        let mut some: Vec<(&Run, usize)> = Vec::new();
+        for runs in self.rows.groups().filter(|runs| groups.contains(&runs[0].group())) {
+            let rows = runs.iter().flat_map(|run| rows_of(run).map(move |row| (run, row)));
+            some.extend(rows.step_by(every(count(runs))));
+        }
+        for rows in some.chunks(ROWS_AT_ONCE) {
+            let column = |position: usize| {
+                rows.iter().map(move |&(run, row)| self.rows.of_run(run, position)[row])
+            };
+            let readings = (6..6 + self.channels).map(|at| column(at).collect());
+            let estimates = estimates(&readings.collect::<Vec<_>>());
+            for (at, &(run, row)) in rows.iter().enumerate() {
+                let (estimate, stated) = (estimates.row(at), self.judged_by.get(&run.group()));
+                let judge = |axis: usize| match stated {
+                    Some(wrench) => wrench[axis],
+                    None => self.rows.of_run(run, axis)[row],
+                };
+                let errors = std::array::from_fn(|axis| estimate.wrench[axis] - judge(axis));
+                take(run.group(), errors, estimate.standard_errors);
             }
-        };
-        rows.iter().enumerate().map(convert).collect()
+        }
     }
 }
 
@@ -128,10 +110,17 @@ mod tests {
             flags: vec![Flags::default(); readings[0].len()],
         };
         let held_out = BTreeSet::from([0, 2]);
-        let found: Vec<HeldOutRow> = rows.convert(&held_out, |_| 3, as_read).collect();
-        let groups: Vec<u64> = found.iter().map(|row| row.group).collect();
+        let (mut groups, mut errors) = (Vec::new(), Vec::new());
+        rows.convert(
+            &held_out,
+            |_| 3,
+            as_read,
+            |group, of_row, _| {
+                groups.push(group);
+                errors.push(of_row[4]);
+            },
+        );
         assert_eq!(groups, [vec![0; 2000], vec![2; 2000]].concat());
-        let errors: Vec<f64> = found.iter().map(|row| row.errors[4]).collect();
         let expected = |group: u32| {
             let rows = (0..18_000).filter(move |row| row / 1500 % 3 == group);
             rows.step_by(3).map(|row| -f64::from(row))

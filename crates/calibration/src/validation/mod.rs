@@ -62,9 +62,6 @@ pub enum ValidationError {
         /// Their labels.
         groups: Vec<String>,
     },
-    /// What is kept of the groups does not tell how the coefficients of this solver scatter.
-    #[error("what is kept of the groups does not serve this solver")]
-    OtherSolver,
     /// The sums do not suit the model.
     #[error(transparent)]
     Solve(#[from] SolveError),
