@@ -181,7 +181,7 @@ impl From<FitError> for PythonFailure {
 fn hint_after(error: &FitError) -> Option<&'static str> {
     Some(match error {
         FitError::TooFewRows { .. } => "record more poses, or choose a smaller model=",
-        FitError::IdenticalRows { .. } => {
+        FitError::IdenticalRows(_) => {
             "the readings never move: check the cable, the shell and the columns"
         }
         FitError::RankDeficient(_) | FitError::NearlyDependent => {
@@ -199,16 +199,14 @@ fn hint_after(error: &FitError) -> Option<&'static str> {
         FitError::Validation(ValidationError::TooFewGroups { .. }) => {
             "record more poses, or name the groups= of the rows"
         }
-        FitError::Weights { .. } => {
+        FitError::Weights(_) => {
             "give integers as sample_weight, which are numbers of rows, or leave this option out"
         }
         FitError::Physics(PhysicsError::TooFewObservations { .. }) => {
             "record more poses, and name them with groups="
         }
-        FitError::Physics(PhysicsError::TooFewGroups { .. }) => {
-            "give groups=, a label of each pose"
-        }
-        FitError::Physics(PhysicsError::TooFewChannels { .. }) => {
+        FitError::Physics(PhysicsError::TooFewGroups(_)) => "give groups=, a label of each pose",
+        FitError::Physics(PhysicsError::TooFewChannels(_)) => {
             "check the cable, the shell and the columns, or take model=\"linear\""
         }
         FitError::Copy { .. } => "leave one of them out",

@@ -26,11 +26,8 @@ pub enum FitError {
         coefficients: usize,
     },
     /// Every row has the same readings.
-    #[error("all `{rows}` rows have the same readings")]
-    IdenticalRows {
-        /// Rows used.
-        rows: u64,
-    },
+    #[error("all `{0}` rows have the same readings")]
+    IdenticalRows(u64),
     /// More coefficients than are fitted.
     #[error(transparent)]
     TooLarge(#[from] TooLarge),
@@ -50,11 +47,8 @@ pub enum FitError {
     #[error("a time constant of `{0}` is not positive")]
     TimeConstant(f64),
     /// Memory terms or a lag by time, of a log that has no clock.
-    #[error("`{}` has no time, which memory terms and lag of the calibration are by", log.display())]
-    NoTime {
-        /// The log.
-        log: PathBuf,
-    },
+    #[error("`{}` has no time, which memory terms and lag of the calibration are by", .0.display())]
+    NoTime(PathBuf),
     /// Memory terms or a lag were asked for of rows that are reduced to means.
     #[error("memory terms and a lag are of single rows, not of means")]
     DynamicsOfMeans,
@@ -93,12 +87,9 @@ pub enum FitError {
     Physics(#[from] PhysicsError),
     /// A model of all six axes, of rows that have fewer.
     #[error(
-        "the physics model takes all six axes of the wrench, as sensors answer to each; there are {found}"
+        "the physics model takes all six axes of the wrench, as sensors answer to each; there are {0}"
     )]
-    PhysicsAxes {
-        /// The axes that there are.
-        found: Axes,
-    },
+    PhysicsAxes(Axes),
     /// A calibration cannot be validated on these rows.
     #[error(transparent)]
     Validation(ValidationError),
@@ -115,11 +106,8 @@ pub enum FitError {
     #[error("no covariance by groups: {0}")]
     NoGroupCovariance(ValidationError),
     /// Rows that count more or less than one another, where each has to count as itself.
-    #[error("{what} takes rows that all count the same, or weights that are whole numbers")]
-    Weights {
-        /// What was asked for.
-        what: &'static str,
-    },
+    #[error("{0} takes rows that all count the same, or weights that are whole numbers")]
+    Weights(&'static str),
     /// A log is a copy of another, and would be counted twice or tested on itself.
     #[error("`{}` has the same rows as `{}`", later.display(), earlier.display())]
     Copy {
@@ -151,7 +139,7 @@ impl Hint for FitError {
     fn hint(&self) -> Option<String> {
         let text = match self {
             Self::TooFewRows { .. } => "record more poses, or choose a smaller `--model`",
-            Self::IdenticalRows { .. } => {
+            Self::IdenticalRows(_) => {
                 "the readings never move: check the cable and the shell, and that `--sensors` names the \
                  right columns"
             }
@@ -183,12 +171,12 @@ impl FitError {
         !matches!(
             self,
             Self::Physics(_)
-                | Self::PhysicsAxes { .. }
+                | Self::PhysicsAxes(_)
                 | Self::Validation(_)
                 | Self::NoGroups
                 | Self::NoGroupSums
                 | Self::NoGroupCovariance(_)
-                | Self::Weights { .. }
+                | Self::Weights(_)
                 | Self::TimeConstant(_)
                 | Self::DynamicsOfMeans
                 | Self::Copy { .. }
@@ -210,7 +198,7 @@ impl FitError {
             LeastSquaresError::RankDeficient { .. }
                 if ranges.constant_channels().len() == ranges.channels.len() =>
             {
-                FitError::IdenticalRows { rows: ranges.rows }
+                FitError::IdenticalRows(ranges.rows)
             }
             LeastSquaresError::RankDeficient { null_space, r_factor, .. } => {
                 let (r, null_space) = (r_factor.as_ref().as_ref(), null_space.as_ref());

@@ -301,16 +301,11 @@ pub(crate) fn stretches_of_files(data: &Dataset) -> Option<(Dataset, Vec<Range<u
 /// Whether the rows are in no order of time: neighbouring loads do not resemble each other on any axis, so that
 /// nothing can be held out by time.
 pub(crate) fn rows_are_shuffled(data: &Dataset) -> bool {
-    data.rows() > STRETCHES && neighbour_correlation(data) < SHUFFLED_BELOW
+    data.rows() > STRETCHES && load_correlation(data, 1) < SHUFFLED_BELOW
 }
 
-/// The correlation of the loads of neighbouring rows, on the axis where it is largest.
-pub(crate) fn neighbour_correlation(data: &Dataset) -> f64 {
-    load_correlation(data, 1)
-}
-
-/// The same of rows that are so many apart.
-fn load_correlation(data: &Dataset, lag: usize) -> f64 {
+/// The correlation of the loads of rows that are so many apart, on the axis where it is largest.
+pub(crate) fn load_correlation(data: &Dataset, lag: usize) -> f64 {
     let correlation = |axis: usize| {
         let mut rest = MOST_ROWS;
         let columns: Vec<&[f64]> = (data.blocks())

@@ -11,7 +11,6 @@
 //! difference between folds, and still does when the part of noise is taken off: a filter is no memory.
 
 mod equations;
-mod noise;
 mod prepared;
 mod samples;
 mod search;
@@ -24,7 +23,7 @@ use std::fmt;
 
 use self::samples::SearchRows;
 use crate::error::FitError;
-use crate::groups::{SHUFFLED_BELOW, has_poses, neighbour_correlation};
+use crate::groups::{SHUFFLED_BELOW, has_poses, load_correlation};
 use crate::memory::{MemoryTerms, TimeBase};
 use crate::passes::Workers;
 use crate::quality::significant;
@@ -179,7 +178,7 @@ fn refusal(data: &Dataset, in_groups: bool) -> Option<NotSearched> {
         return Some(NotSearched::Weights);
     }
     // Before poses, which loads in any order might seem to be.
-    let correlation = neighbour_correlation(data);
+    let correlation = load_correlation(data, 1);
     if correlation < SHUFFLED_BELOW {
         return Some(NotSearched::Shuffled(correlation));
     }

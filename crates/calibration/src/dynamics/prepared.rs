@@ -141,7 +141,7 @@ pub fn prepared(
 ) -> Result<Dataset, FitError> {
     if memory.is_some() || lag.is_some() {
         for log in &mut data.logs {
-            prepare(log, memory, lag).map_err(|_| FitError::NoTime { log: log.name.clone() })?;
+            prepare(log, memory, lag).map_err(|_| FitError::NoTime(log.name.clone()))?;
         }
     }
     Ok(data)

@@ -112,7 +112,6 @@ impl FewGroups {
 pub(super) struct FitInput<'a> {
     pub(super) train: &'a Dataset,
     pub(super) excluded: &'a RowSet,
-    pub(super) fresh: bool,
     pub(super) test: &'a Dataset,
     pub(super) options: &'a FitOptions<'a>,
 }
@@ -120,12 +119,12 @@ pub(super) struct FitInput<'a> {
 impl FitInput<'_> {
     /// Whether all rows are used.
     pub(super) fn uses_all(&self) -> bool {
-        !self.fresh && self.excluded.is_empty()
+        !self.options.fresh && self.excluded.is_empty()
     }
 
     /// The rows that are used.
     pub(super) fn used(&self) -> Dataset {
-        self.train.select(self.fresh, self.excluded)
+        self.train.select(self.options.fresh, self.excluded)
     }
 
     /// The same labelled by what can be held out.
@@ -134,7 +133,7 @@ impl FitInput<'_> {
     }
 
     fn select(&self, labelled: Option<(GroupBy, Dataset)>) -> Option<(GroupBy, Dataset)> {
-        labelled.map(|(by, data)| (by, data.select(self.fresh, self.excluded)))
+        labelled.map(|(by, data)| (by, data.select(self.options.fresh, self.excluded)))
     }
 }
 
@@ -151,7 +150,7 @@ pub(super) fn choose(input: FitInput<'_>) -> Result<ModelChoice, FitError> {
 fn choose_model(input: FitInput<'_>) -> Result<ModelChoice, FitError> {
     let options = input.options;
     if options.basis().is_none() && input.train.has_weights() {
-        return Err(FitError::Weights { what: "the choice of a model" });
+        return Err(FitError::Weights("the choice of a model"));
     }
     let labelled = match options.validates() || options.covariance == CovarianceRule::Groups {
         _ if input.train.has_weights() => None,

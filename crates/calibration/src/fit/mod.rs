@@ -327,7 +327,7 @@ pub fn fit(train: Dataset, test: Dataset, options: &FitOptions<'_>) -> Result<Fi
     let dropped = drop_outliers(train, options)?;
     let excluded = dropped.excluded();
     let test = &test.select(options.fresh, &Default::default());
-    let input = FitInput { train, excluded: &excluded, fresh: options.fresh, test, options };
+    let input = FitInput { train, excluded: &excluded, test, options };
     let mut fitted = if options.means { fit_to_means(input)? } else { fit_rows(input)? };
     fitted.dropped = dropped;
     if let Some(Ok(found)) = &dynamics {
@@ -357,8 +357,9 @@ fn fit_to_means(input: FitInput<'_>) -> Result<Fit, FitError> {
     let labelled = input.labelled(held_out).filter(|(by, _)| !by.is_stretches());
     let (by, rows) = labelled.ok_or(FitError::NoGroups)?;
     let means = means::group_means(&rows)?;
-    let of_means = FitInput { train: &means, fresh: false, excluded: &Default::default(), ..input };
-    let mut fitted = fit_rows(of_means)?;
+    let options = &FitOptions { fresh: false, ..*input.options };
+    let excluded = &Default::default();
+    let mut fitted = fit_rows(FitInput { train: &means, excluded, options, ..input })?;
     fitted.rows_of_logs = rows.logs.iter().map(|log| log.rows()).collect();
     fitted.found_groups = fitted.found_groups.or_else(|| by.found());
     fitted.means = Some(MeansOf {

@@ -7,7 +7,7 @@ use super::evaluation::{Evaluation, RowErrors};
 use super::outlier_search::name_outliers;
 use super::outliers::Outliers;
 use super::refits::{FOLDS, MOST_ALONE};
-use super::{Fit, FitMethod, FitOptions};
+use super::{Fit, FitMethod};
 use crate::conversion::{Calibration, Kind};
 use crate::error::FitError;
 use crate::exact::PartitionedMoments;
@@ -75,10 +75,10 @@ impl PhysicsFit {
 /// [`FitError::PhysicsAxes`], [`FitError::Weights`].
 pub(super) fn check(data: &Dataset) -> Result<(), FitError> {
     if data.has_weights() {
-        return Err(FitError::Weights { what: "the physics model" });
+        return Err(FitError::Weights("the physics model"));
     }
     let found = data.logs.first().map_or(Axes::ALL, |log| log.axes);
-    if found.are_all() { Ok(()) } else { Err(FitError::PhysicsAxes { found }) }
+    if found.are_all() { Ok(()) } else { Err(FitError::PhysicsAxes(found)) }
 }
 
 /// The physics model as it was compared with a polynomial.
@@ -176,31 +176,21 @@ impl ModelComparison {
         choice: &ModelChoice,
     ) -> Result<Option<(Self, Option<TriedPhysics>)>, FitError> {
         let options = input.options;
-        let Some((sums, _)) = choice.sums.as_ref().zip(choice.selection.as_ref()) else {
+        let sums = choice.sums.as_ref().filter(|_| choice.selection.is_some());
+        // Of sets of groups nobody knows which rows they have.
+        let sums = sums.filter(|sums| sums.group_count == sums.groups.len());
+        let Some((sums, (group_by, labelled))) = sums.zip(input.labelled(options.held_out()))
+        else {
             return Ok(None);
         };
-        // Of sets of groups nobody knows which rows they have.
-        if sums.group_count != sums.groups.len() {
+        let (model, ridge) = (options.model_of(&labelled, choice.basis), choice.ridge);
+        if !is_worth_trying(sums, group_by, &model, choice)? {
             return Ok(None);
         }
-        let Some(labelled) = input.labelled(options.held_out()) else { return Ok(None) };
-        let model = options.model_of(&labelled.1, choice.basis);
-        match is_worth_trying(sums, labelled.0, &model, choice)? {
-            true => Self::new(&labelled, sums, (model, choice.ridge), options).map(Some),
-            false => Ok(None),
-        }
-    }
-
-    fn new(
-        (group_by, labelled): &(GroupBy, Dataset),
-        sums: &GroupedMoments,
-        (model, ridge): (Model, f64),
-        options: &FitOptions<'_>,
-    ) -> Result<(Self, Option<TriedPhysics>), FitError> {
-        let (rows, labels) = TrainingRows::from_dataset(labelled);
+        let (rows, labels) = TrainingRows::from_dataset(&labelled);
         let sizes = sizes(sums);
         let held_out = options.validation().unwrap_or(HeldOut::Auto);
-        let mut folds = assign_groups(&sizes, fold_count(held_out, sizes.len(), *group_by))?;
+        let mut folds = assign_groups(&sizes, fold_count(held_out, sizes.len(), group_by))?;
         let mut polynomial = selection::errors_by_fold(sums, &model, ridge, &folds)?;
         if polynomial.is_none() {
             folds = selection::folds(sums)?;
@@ -223,13 +213,13 @@ impl ModelComparison {
         let comparison = Comparison::new(&usual, &of_first, &variances);
         let [physics, by_polynomial] = comparison.rms.map(|rms| relative_square(&rms, &variances));
         if physics > OUT_OF_REACH * by_polynomial {
-            return Ok((Self { model, ridge, comparison, folds: first.len() }, None));
+            return Ok(Some((Self { model, ridge, comparison, folds: first.len() }, None)));
         }
         let fitted = PhysicsCalibration::fit_from(&rows, sample, None, options.workers)?;
         let validation = PhysicsValidation::new(&rows, &folds, &fitted.1, options.workers)?;
         let comparison = Comparison::new(&validation.by_fold(), &polynomial, &variances);
         let tried = TriedPhysics { fitted, validation };
-        Ok((Self { model, ridge, comparison, folds: folds.len() }, Some(tried)))
+        Ok(Some((Self { model, ridge, comparison, folds: folds.len() }, Some(tried))))
     }
 }
 

@@ -165,7 +165,7 @@ pub fn sum_groups(
     workers: Workers<'_>,
 ) -> Result<GroupedMoments, FitError> {
     if data.has_weights() {
-        return Err(FitError::Weights { what: "a partial fit" });
+        return Err(FitError::Weights("a partial fit"));
     }
     let channels = data.channels();
     if data.memory_terms() > 0 {

@@ -3,12 +3,11 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::cells::ObservationSample;
 use super::choice::{Choice, usual};
 use super::intervals::{GroupIntervals, Scores};
 use super::inversion::{Estimates, Inversion};
 use super::model::PhysicsModel;
-use super::rows::TrainingRows;
+use super::rows::{ObservationSample, TrainingRows};
 use crate::error::FitError;
 use crate::exact::HeldOutErrors;
 use crate::passes::{Workers, map_folds};

@@ -9,13 +9,13 @@
 use std::collections::BTreeMap;
 
 use super::PhysicsError;
-use super::cells::ObservationSample;
 use super::factors::{fit_factors, fit_factors_from};
 use super::fit::{FittedParameters, Scaled, Scales, fit, fit_from};
 use super::inversion::Inversion;
 use super::model::{PhysicsModel, check};
 use super::observation::Observation;
 use super::response::FACTORS;
+use super::rows::ObservationSample;
 use crate::error::FitError;
 use crate::passes::{Workers, map};
 
@@ -142,7 +142,7 @@ impl Choice {
         let most_alone = if before.is_some() { FOLDS_WITHIN } else { MOST_ALONE };
         let folds = folds(&tried, &scales, most_alone);
         if folds.len() < 2 {
-            return Err(PhysicsError::TooFewGroups { found: folds.len() }.into());
+            return Err(PhysicsError::TooFewGroups(folds.len()).into());
         }
         let before = before.and_then(|of| of.start.rescaled(&scales));
         let tries = CandidateData { scales, folds, workers };

@@ -16,7 +16,6 @@
 //! Left out: play and creep as states (they are in the noise and in the factors), and temperature.
 
 mod calibration;
-mod cells;
 mod choice;
 pub(crate) mod cholesky;
 mod expectation;
@@ -36,7 +35,6 @@ pub mod uncertain_loads;
 
 pub(crate) use self::calibration::usual_errors;
 pub use self::calibration::{COVERAGE_LEVEL, GroupErrors, PhysicsCalibration, PhysicsValidation};
-pub(crate) use self::cells::ObservationSample;
 pub use self::choice::{Choice, FactorTrial, FoldModel, LAMBDAS, ScoredCandidate, WIDTHS};
 pub use self::intervals::{GroupIntervals, TooFewGroups};
 pub use self::inversion::{Estimate, Estimates, Flags, Inversion};
@@ -44,6 +42,7 @@ pub use self::model::{PhysicsModel, Sensor};
 pub use self::noise::Noise;
 pub use self::observation::Observation;
 pub use self::response::{FACTORS, Loadings};
+pub(crate) use self::rows::ObservationSample;
 pub use self::rows::TrainingRows;
 
 /// Why a physics model cannot be fitted.
@@ -59,23 +58,14 @@ pub enum PhysicsError {
         needed: usize,
     },
     /// Fewer channels that vary than axes.
-    #[error("`{found}` channels vary, at least `6` are needed for six axes")]
-    TooFewChannels {
-        /// Channels that vary.
-        found: usize,
-    },
+    #[error("`{0}` channels vary, at least `6` are needed for six axes")]
+    TooFewChannels(usize),
     /// Too many channels, or none.
-    #[error("expected `1` to `16` channels, found `{found}`")]
-    Channels {
-        /// Channels.
-        found: usize,
-    },
+    #[error("expected `1` to `16` channels, found `{0}`")]
+    Channels(usize),
     /// Nothing to hold out.
-    #[error("at least `2` groups are needed to choose the priors, found `{found}`")]
-    TooFewGroups {
-        /// Groups.
-        found: usize,
-    },
+    #[error("at least `2` groups are needed to choose the priors, found `{0}`")]
+    TooFewGroups(usize),
     /// An infinite value or one that is not a number.
     #[error("a reading or wrench is not a finite number")]
     NotFinite,

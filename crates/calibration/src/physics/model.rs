@@ -165,7 +165,7 @@ pub(super) fn check(observations: &[&Observation]) -> Result<Scales, PhysicsErro
     }
     let channels = observations.iter().map(|o| o.readings.len()).max().unwrap_or(0);
     if channels == 0 || channels > super::observation::MOST_CHANNELS {
-        return Err(PhysicsError::Channels { found: channels });
+        return Err(PhysicsError::Channels(channels));
     }
     let finite = |o: &&Observation| {
         o.readings.len() == channels && o.wrench.iter().chain(&o.readings).all(|x| x.is_finite())
@@ -175,7 +175,7 @@ pub(super) fn check(observations: &[&Observation]) -> Result<Scales, PhysicsErro
     }
     let scales = Scales::new(observations);
     if scales.channels.len() < 6 {
-        return Err(PhysicsError::TooFewChannels { found: scales.channels.len() });
+        return Err(PhysicsError::TooFewChannels(scales.channels.len()));
     }
     Ok(scales)
 }
