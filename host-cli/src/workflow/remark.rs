@@ -20,7 +20,7 @@ pub enum Remark {
 
 impl From<&Warning> for Remark {
     fn from(warning: &Warning) -> Self {
-        match warning.is_note() {
+        match matches!(warning, Warning::OutOfRange { .. }) {
             true => Self::Note(warning.to_string()),
             false => Self::Warning(warning.to_string()),
         }

@@ -92,10 +92,3 @@ impl FitOptions<'_> {
         if asks { Err(FitError::NoGroupSums) } else { Ok(self.open(None)) }
     }
 }
-
-impl Fit {
-    /// Whether a fit to sums has held groups out without a random split to compare with.
-    pub fn lacks_random_split(&self) -> bool {
-        self.cross_validation.as_ref().is_some_and(|cv| cv.random_folds == 0)
-    }
-}

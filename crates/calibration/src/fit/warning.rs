@@ -88,13 +88,6 @@ pub enum Warning {
     },
 }
 
-impl Warning {
-    /// Whether it only says how something was done.
-    pub fn is_note(&self) -> bool {
-        matches!(self, Self::OutOfRange { .. })
-    }
-}
-
 /// Channel names, from `s1`.
 fn names(channels: &[usize]) -> String {
     let names: Vec<String> = channels.iter().map(|channel| format!("s{}", channel + 1)).collect();

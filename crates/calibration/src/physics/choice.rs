@@ -80,7 +80,11 @@ pub struct Choice {
     pub factor_trials: Vec<FactorTrial>,
     /// The chosen candidate without each fold of groups.
     pub fold_models: Vec<FoldModel>,
-    start: FirstFits,
+    /// Fits to all observations, from which those to most of them start: their scales, those of each width without
+    /// factors, and those with one factor, two, as far as those were tried.
+    scales: Scales,
+    widths: Vec<FittedParameters>,
+    factors: Vec<FittedParameters>,
     /// What it was chosen on.
     pub(crate) sample: ObservationSample,
 }
@@ -92,16 +96,6 @@ pub struct FoldModel {
     pub groups: Vec<u64>,
     /// Fitted to the others.
     pub model: PhysicsModel,
-}
-
-/// Fits to all observations, from which those to most of them start.
-#[derive(Clone, Debug, PartialEq)]
-struct FirstFits {
-    scales: Scales,
-    /// Of each width, without factors.
-    widths: Vec<FittedParameters>,
-    /// With one factor, two, as far as those were tried.
-    factors: Vec<FittedParameters>,
 }
 
 /// What all candidates are fitted to.
@@ -144,12 +138,14 @@ impl Choice {
         if folds.len() < 2 {
             return Err(PhysicsError::TooFewGroups(folds.len()).into());
         }
-        let before = before.and_then(|of| of.start.rescaled(&scales));
+        let before = before.filter(|of| of.scales.has_channels_of(&scales));
         let tries = CandidateData { scales, folds, workers };
         let (mut trials, mut tried_widths) = (Vec::new(), Vec::new());
         for (position, width) in WIDTHS.into_iter().enumerate() {
-            let whole = match &before {
-                Some(before) => fit_from(&data, width, &before.widths[position]),
+            let whole = match before {
+                Some(of) => {
+                    fit_from(&data, width, &of.rescaled(&of.widths[position], &tries.scales))
+                }
                 None => fit(&data, width),
             };
             let fits = tries.fits(width, |rest| fit_from(rest, width, &whole))?;
@@ -165,8 +161,8 @@ impl Choice {
         let (mut factor_trials, mut factors) = (Vec::new(), Vec::new());
         let counts = if tries.folds.len() < FEWEST_FOLDS { 0..0 } else { 1..FACTORS + 1 };
         for count in counts {
-            let whole = match before.as_ref().and_then(|of| of.factors.get(count - 1)) {
-                Some(before) => fit_factors_from(&data, width, before),
+            let whole = match before.and_then(|of| Some((of, of.factors.get(count - 1)?))) {
+                Some((of, fit)) => fit_factors_from(&data, width, &of.rescaled(fit, &tries.scales)),
                 None => fit_factors(&data, width, &widths[position], count),
             };
             let fits = tries.fits(width, |rest| fit_factors_from(rest, width, &whole))?;
@@ -196,18 +192,13 @@ impl Choice {
             model: tries.model(fold, fitted, at),
         };
         let fold_models = of_folds.iter().enumerate().map(fold_model).collect();
-        let start = FirstFits { scales: tries.scales.clone(), widths, factors };
-        Ok(Self { model, trials, factor_trials, fold_models, start, sample })
+        let scales = tries.scales.clone();
+        Ok(Self { model, trials, factor_trials, fold_models, scales, widths, factors, sample })
     }
-}
 
-impl FirstFits {
-    fn rescaled(&self, scales: &Scales) -> Option<Self> {
-        let all = |of: &[FittedParameters]| -> Option<Vec<FittedParameters>> {
-            of.iter().map(|fit| fit.rescaled(&self.scales, scales)).collect()
-        };
-        let (widths, factors) = (all(&self.widths)?, all(&self.factors)?);
-        Some(Self { scales: scales.clone(), widths, factors })
+    /// One of its fits to all observations in the scales of nearly the same observations.
+    fn rescaled(&self, fit: &FittedParameters, to: &Scales) -> FittedParameters {
+        fit.rescaled(&self.scales, to)
     }
 }
 
