@@ -132,11 +132,6 @@ impl GroupBy {
         }
     }
 
-    /// Whether the scatter of their errors says how sure a calibration is: poses, and stretches of one recording.
-    pub(crate) fn tells_scatter(&self) -> bool {
-        self.is_poses() || self.is_stretches()
-    }
-
     /// Whether nothing but time tells them apart.
     pub fn is_stretches(&self) -> bool {
         self.found().is_some_and(|groups| groups.kind == FoundKind::Stretches)

@@ -73,11 +73,6 @@ impl DynamicsRule<'_> {
     pub fn is_nothing(&self) -> bool {
         *self == Self::NOTHING
     }
-
-    /// Whether anything is searched for.
-    pub fn searches(&self) -> bool {
-        self.lag == LagRule::Auto || self.memory == MemoryRule::Auto
-    }
 }
 
 /// What was found, or given.
@@ -159,7 +154,7 @@ pub fn find(
         memory: given_memory,
         gain: None,
     };
-    if !rule.searches() {
+    if rule.lag != LagRule::Auto && rule.memory != MemoryRule::Auto {
         return Ok(Ok(given));
     }
     if let Some(reason) = refusal(data, rule.in_groups) {

@@ -117,11 +117,6 @@ pub(super) struct FitInput<'a> {
 }
 
 impl FitInput<'_> {
-    /// Whether all rows are used.
-    pub(super) fn uses_all(&self) -> bool {
-        !self.options.fresh && self.excluded.is_empty()
-    }
-
     /// The rows that are used.
     pub(super) fn used(&self) -> Dataset {
         self.train.select(self.options.fresh, self.excluded)
@@ -262,7 +257,9 @@ impl FitOptions<'_> {
     pub(super) fn open(&self, group_by: Option<GroupBy>) -> ModelChoice {
         let by_group = match self.covariance {
             CovarianceRule::Groups => true,
-            CovarianceRule::Auto => group_by.as_ref().is_some_and(GroupBy::tells_scatter),
+            CovarianceRule::Auto => {
+                group_by.as_ref().is_some_and(|by| by.is_poses() || by.is_stretches())
+            }
             CovarianceRule::Rows | CovarianceRule::Nothing => false,
         };
         ModelChoice {

@@ -3,7 +3,7 @@
 
 use super::choice::ModelChoice;
 use super::polynomial::covariance;
-use super::{Fit, FitMethod, FitOptions};
+use super::{CovarianceRule, Fit, FitMethod, FitOptions};
 use crate::conversion::Calibration;
 use crate::error::FitError;
 use crate::exact::{Moments, PartitionedMoments, SolveError};
@@ -30,7 +30,10 @@ pub enum RowSums<'a> {
 /// [`FitError`] if the rows do not determine the coefficients, or something is asked of groups
 /// where there are none.
 pub fn fit_sums(sums: RowSums<'_>, axes: Axes, options: &FitOptions<'_>) -> Result<Fit, FitError> {
-    let none = || options.without_groups();
+    let none = || match options.validates() || options.covariance == CovarianceRule::Groups {
+        true => Err(FitError::NoGroupSums),
+        false => Ok(options.open(None)),
+    };
     let (choice, solver, solution, ranges, train) = match sums {
         RowSums::Exact(total, groups) => {
             let decide =
@@ -83,12 +86,4 @@ fn choose_r_factors(
         true => options.decide_by_r_factors(choice, groups, &model),
         false => choice,
     })
-}
-
-impl FitOptions<'_> {
-    /// What is known where there are no groups.
-    fn without_groups(&self) -> Result<ModelChoice, FitError> {
-        let asks = self.validates() || self.covariance == super::CovarianceRule::Groups;
-        if asks { Err(FitError::NoGroupSums) } else { Ok(self.open(None)) }
-    }
 }

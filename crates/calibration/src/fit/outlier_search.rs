@@ -81,7 +81,10 @@ fn search(
         Some(KnownFit { fit, spread, tested }) => (Some((fit, tested)), spread),
         None => (None, Spread::new(data, options.workers)?),
     };
-    let mut search = OutlierSearch::new(data, options, &spread);
+    let blocks: Vec<_> = data.blocks().map(|(log, block)| (log, &*block.rows)).collect();
+    let suspects = vec![Vec::new(); blocks.len()];
+    let mut search =
+        OutlierSearch { data, options, blocks, suspects, spread: &spread, looked_by: None };
     let never = search.rows_out_of_range();
     let (solved, mut known_tests);
     let all = match known {
@@ -159,13 +162,7 @@ struct OutlierSearch<'a> {
     looked_by: Option<PerAxis<f64>>,
 }
 
-impl<'a> OutlierSearch<'a> {
-    fn new(data: &'a Dataset, options: &'a FitOptions<'a>, spread: &'a Spread) -> Self {
-        let blocks: Vec<_> = data.blocks().map(|(log, block)| (log, &*block.rows)).collect();
-        let suspects = vec![Vec::new(); blocks.len()];
-        Self { data, options, blocks, suspects, spread, looked_by: None }
-    }
-
+impl OutlierSearch<'_> {
     /// Begins with the rows of each block that were tested by the fit to all rows.
     fn start_from(&mut self, fit: &Solved, tested: Vec<Vec<TestedRow>>) -> Vec<Suspect> {
         self.looked_by = RowTest::new(&fit.solution, self.spread).map(|test| test.noise);

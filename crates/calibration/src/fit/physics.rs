@@ -14,7 +14,7 @@ use crate::exact::PartitionedMoments;
 use crate::groups::{GroupBy, HeldOut};
 use crate::model::{Basis, Model};
 use crate::physics::{
-    Choice, ObservationSample, PhysicsCalibration, PhysicsValidation, TrainingRows, usual_errors,
+    Choice, ObservationSample, PhysicsCalibration, PhysicsValidation, TrainingRows,
 };
 use crate::quality::significant;
 use crate::reading_ranges::ReadingRanges;
@@ -209,8 +209,8 @@ impl ModelComparison {
         let (first, of_first): (Vec<_>, Vec<_>) =
             folds.iter().cloned().zip(polynomial.iter().copied()).step_by(every).unzip();
         let sample = ObservationSample::from_rows(&rows)?;
-        let usual = usual_errors(&rows, &sample, &first, options.workers)?;
-        let comparison = Comparison::new(&usual, &of_first, &variances);
+        let usual = PhysicsValidation::usual(&rows, &sample, &first, options.workers)?;
+        let comparison = Comparison::new(&usual.by_fold(), &of_first, &variances);
         let [physics, by_polynomial] = comparison.rms.map(|rms| relative_square(&rms, &variances));
         if physics > OUT_OF_REACH * by_polynomial {
             return Ok(Some((Self { model, ridge, comparison, folds: first.len() }, None)));

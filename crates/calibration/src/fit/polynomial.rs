@@ -111,7 +111,8 @@ pub(super) fn fit(input: FitInput<'_>, mut choice: ModelChoice) -> Result<Fit, F
     let has_outliers = errors.tested.iter().flatten().any(TestedRow::starts_search);
     let outliers = spread.filter(|_| has_outliers).map(|spread| -> Result<Outliers, FitError> {
         let judged_by = FitOptions { model: choice.basis.into(), ridge: choice.ridge, ..*options };
-        let is_same_fit = input.uses_all() && options.solver == SolverKind::Exact;
+        let uses_all = !options.fresh && input.excluded.is_empty();
+        let is_same_fit = uses_all && options.solver == SolverKind::Exact;
         let known = KnownFit { fit: &solved, spread, tested: take(&mut errors.tested) };
         name_outliers(input.train, is_same_fit.then_some(known), &judged_by)
     });

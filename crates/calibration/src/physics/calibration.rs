@@ -135,10 +135,34 @@ impl PhysicsValidation {
         whole: &Choice,
         workers: Workers<'_>,
     ) -> Result<Self, FitError> {
+        let fit = |rest| Ok(PhysicsCalibration::fit_from(rows, rest, Some(whole), Workers::ONE)?.0);
+        Self::by(fit, (rows, &whole.sample), folds, workers)
+    }
+
+    /// The same of the model with usual priors: a first look.
+    ///
+    /// # Errors
+    /// [`FitError::Physics`], of any part that is left; [`FitError::Interrupted`].
+    pub(crate) fn usual(
+        rows: &TrainingRows,
+        sample: &ObservationSample,
+        folds: &[Vec<u64>],
+        workers: Workers<'_>,
+    ) -> Result<Self, FitError> {
+        let fit = |rest| Ok(PhysicsCalibration::new(usual(&rest)?, [1.0; 6]));
+        Self::by(fit, (rows, sample), folds, workers)
+    }
+
+    /// Fits to the sample without each fold, and converts the rows of the fold.
+    fn by(
+        fit: impl Fn(ObservationSample) -> Result<PhysicsCalibration, FitError> + Sync,
+        (rows, sample): (&TrainingRows, &ObservationSample),
+        folds: &[Vec<u64>],
+        workers: Workers<'_>,
+    ) -> Result<Self, FitError> {
         let of_fold = |fold: &Vec<u64>| {
             let held_out: BTreeSet<u64> = fold.iter().copied().collect();
-            let rest = whole.sample.without(&held_out);
-            let (fitted, _) = PhysicsCalibration::fit_from(rows, rest, Some(whole), Workers::ONE)?;
+            let fitted = fit(sample.without(&held_out))?;
             Ok(errors(rows, &held_out, &fitted))
         };
         Ok(Self { folds: map_folds(folds, workers, of_fold)? })
@@ -194,25 +218,6 @@ impl PhysicsValidation {
         }
         Some(sums.map(|(covered, width)| (covered / count, width / count)))
     }
-}
-
-/// Errors on each of some folds of groups of the model with usual priors, fitted without the fold: a first look.
-///
-/// # Errors
-/// [`FitError::Physics`], of any part that is left; [`FitError::Interrupted`].
-pub(crate) fn usual_errors(
-    rows: &TrainingRows,
-    sample: &ObservationSample,
-    folds: &[Vec<u64>],
-    workers: Workers<'_>,
-) -> Result<Vec<PerAxis<HeldOutErrors>>, FitError> {
-    let of_fold = |fold: &Vec<u64>| {
-        let held_out: BTreeSet<u64> = fold.iter().copied().collect();
-        let model = usual(&sample.without(&held_out))?;
-        let fitted = PhysicsCalibration::new(model, [1.0; 6]);
-        Ok(total(&errors(rows, &held_out, &fitted)))
-    };
-    map_folds(folds, workers, of_fold)
 }
 
 fn total<'a>(groups: impl IntoIterator<Item = &'a GroupErrors>) -> PerAxis<HeldOutErrors> {

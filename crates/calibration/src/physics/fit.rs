@@ -13,7 +13,7 @@ use super::observation::{Observation, wrench_scale};
 use super::response::{FACTORS, Loadings};
 use super::response::{PARAMETERS, Parameters, SHAPE};
 use super::sensor::{ParameterEstimate, Prior};
-use super::sums::{Data, residuals};
+use super::sums::{Curve, Data, residuals};
 use shell_data::statistics::extremes;
 use shell_data::wrench::PerAxis;
 
@@ -213,7 +213,8 @@ fn covariances(
     prior: &Prior,
 ) -> Vec<[Parameters; PARAMETERS]> {
     let of = |(sensor, estimate): (&Data<'_>, &ParameterEstimate)| {
-        let information = sensor.cost(&estimate.parameters, prior).information;
+        let p = &estimate.parameters;
+        let information = sensor.cost_along(&Curve::new(p, sensor), p, prior).information;
         // The prior makes it positive definite; where rounding does not, the prior is what is left.
         Cholesky::new(&information)
             .map_or_else(|| diagonal(prior.sd.map(|sd| sd.powi(2))), |f| f.inverse())

@@ -33,7 +33,6 @@ mod sensor;
 mod sums;
 pub mod uncertain_loads;
 
-pub(crate) use self::calibration::usual_errors;
 pub use self::calibration::{COVERAGE_LEVEL, GroupErrors, PhysicsCalibration, PhysicsValidation};
 pub use self::choice::{Choice, FactorTrial, FoldModel, LAMBDAS, ScoredCandidate, WIDTHS};
 pub use self::intervals::{GroupIntervals, TooFewGroups};

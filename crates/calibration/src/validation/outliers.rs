@@ -325,7 +325,7 @@ fn raise(excess: &mut f64, to: f64) {
 /// the limit from both rows beside it.
 fn distance(columns: &Block, spread: &Spread, position: TestPosition) -> (f64, bool) {
     let far = |(channel, column): (usize, &Vec<f64>)| {
-        (channel, spread.distance_from_mean(channel, column[position.at]))
+        (channel, spread.apart(channel, column[position.at], spread.means[channel]))
     };
     let all = columns.readings.iter().enumerate().map(far);
     let farthest = all.max_by(|(_, a), (_, b)| a.total_cmp(b));
@@ -404,10 +404,6 @@ impl Spread {
     pub fn apart(&self, column: usize, value: f64, other: f64) -> f64 {
         let sd = self.deviations[column];
         if sd > 0.0 { (value - other).abs() / sd } else { 0.0 }
-    }
-
-    pub(super) fn distance_from_mean(&self, column: usize, value: f64) -> f64 {
-        self.apart(column, value, self.means[column])
     }
 }
 
