@@ -179,10 +179,9 @@ impl ModelComparison {
         let sums = choice.sums.as_ref().filter(|_| choice.selection.is_some());
         // Of sets of groups nobody knows which rows they have.
         let sums = sums.filter(|sums| sums.group_count == sums.groups.len());
-        let Some((sums, (group_by, labelled))) = sums.zip(input.labelled(options.held_out()))
-        else {
-            return Ok(None);
-        };
+        let Some(sums) = sums else { return Ok(None) };
+        let labelled = input.labelled(options.held_out());
+        let Some((group_by, labelled)) = labelled else { return Ok(None) };
         let (model, ridge) = (options.model_of(&labelled, choice.basis), choice.ridge);
         if !is_worth_trying(sums, group_by, &model, choice)? {
             return Ok(None);
