@@ -181,16 +181,14 @@ impl From<FitError> for PythonFailure {
 fn hint_after(error: &FitError) -> Option<&'static str> {
     Some(match error {
         FitError::TooFewRows { .. } => "record more poses, or choose a smaller model=",
-        FitError::IdenticalRows { .. } => {
+        FitError::IdenticalRows(_) => {
             "the readings never move: check the cable, the shell and the columns"
         }
         FitError::RankDeficient(_) | FitError::NearlyDependent => {
             "record loads that move the channels independently, drop a channel, choose a smaller \
              model=, or accept a damped answer with ridge=1e-6"
         }
-        FitError::IllConditioned { .. } | FitError::NotConverged { .. } => {
-            "use solver=\"exact\" or \"wide-tsqr\", or choose a smaller model="
-        }
+        FitError::Solver(_) => "use solver=\"exact\" or \"wide-tsqr\", or choose a smaller model=",
         FitError::Overflow => "check the units of readings and wrench",
         FitError::TooLarge(_) => "choose a smaller model=, or fewer channels",
         FitError::NotExact(_) => {
@@ -201,16 +199,14 @@ fn hint_after(error: &FitError) -> Option<&'static str> {
         FitError::Validation(ValidationError::TooFewGroups { .. }) => {
             "record more poses, or name the groups= of the rows"
         }
-        FitError::Weights { .. } => {
+        FitError::Weights(_) => {
             "give integers as sample_weight, which are numbers of rows, or leave this option out"
         }
         FitError::Physics(PhysicsError::TooFewObservations { .. }) => {
             "record more poses, and name them with groups="
         }
-        FitError::Physics(PhysicsError::TooFewGroups { .. }) => {
-            "give groups=, a label of each pose"
-        }
-        FitError::Physics(PhysicsError::TooFewChannels { .. }) => {
+        FitError::Physics(PhysicsError::TooFewGroups(_)) => "give groups=, a label of each pose",
+        FitError::Physics(PhysicsError::TooFewChannels(_)) => {
             "check the cable, the shell and the columns, or take model=\"linear\""
         }
         FitError::Copy { .. } => "leave one of them out",

@@ -26,31 +26,17 @@ pub enum FitError {
         coefficients: usize,
     },
     /// Every row has the same readings.
-    #[error("all `{rows}` rows have the same readings")]
-    IdenticalRows {
-        /// Rows used.
-        rows: u64,
-    },
+    #[error("all `{0}` rows have the same readings")]
+    IdenticalRows(u64),
     /// More coefficients than are fitted.
     #[error(transparent)]
     TooLarge(#[from] TooLarge),
     /// The features are not independent.
     #[error("{0}")]
     RankDeficient(RankLoss),
-    /// The features are so nearly dependent that the solver cannot tell what the rows say.
-    #[error(
-        "the features are nearly dependent: their condition number is above `{limit:.0e}`, the most that this solver can answer for"
-    )]
-    IllConditioned {
-        /// The largest condition number it can answer for.
-        limit: f64,
-    },
-    /// A solver that improves its answer pass by pass does not come to rest.
-    #[error("no answer after `{passes}` passes over the rows")]
-    NotConverged {
-        /// Passes made.
-        passes: usize,
-    },
+    /// The features are so nearly dependent that the solver cannot tell what the rows say, or does not come to rest.
+    #[error(transparent)]
+    Solver(LeastSquaresError),
     /// The features are independent, but so nearly not that the coefficients cannot be computed.
     #[error("the features are so nearly dependent that their coefficients cannot be computed")]
     NearlyDependent,
@@ -61,11 +47,8 @@ pub enum FitError {
     #[error("a time constant of `{0}` is not positive")]
     TimeConstant(f64),
     /// Memory terms or a lag by time, of a log that has no clock.
-    #[error("`{}` has no time, which memory terms and lag of the calibration are by", log.display())]
-    NoTime {
-        /// The log.
-        log: PathBuf,
-    },
+    #[error("`{}` has no time, which memory terms and lag of the calibration are by", .0.display())]
+    NoTime(PathBuf),
     /// Memory terms or a lag were asked for of rows that are reduced to means.
     #[error("memory terms and a lag are of single rows, not of means")]
     DynamicsOfMeans,
@@ -104,12 +87,9 @@ pub enum FitError {
     Physics(#[from] PhysicsError),
     /// A model of all six axes, of rows that have fewer.
     #[error(
-        "the physics model takes all six axes of the wrench, as sensors answer to each; there are {found}"
+        "the physics model takes all six axes of the wrench, as sensors answer to each; there are {0}"
     )]
-    PhysicsAxes {
-        /// The axes that there are.
-        found: Axes,
-    },
+    PhysicsAxes(Axes),
     /// A calibration cannot be validated on these rows.
     #[error(transparent)]
     Validation(ValidationError),
@@ -126,11 +106,8 @@ pub enum FitError {
     #[error("no covariance by groups: {0}")]
     NoGroupCovariance(ValidationError),
     /// Rows that count more or less than one another, where each has to count as itself.
-    #[error("{what} takes rows that all count the same, or weights that are whole numbers")]
-    Weights {
-        /// What was asked for.
-        what: &'static str,
-    },
+    #[error("{0} takes rows that all count the same, or weights that are whole numbers")]
+    Weights(&'static str),
     /// A log is a copy of another, and would be counted twice or tested on itself.
     #[error("`{}` has the same rows as `{}`", later.display(), earlier.display())]
     Copy {
@@ -162,11 +139,11 @@ impl Hint for FitError {
     fn hint(&self) -> Option<String> {
         let text = match self {
             Self::TooFewRows { .. } => "record more poses, or choose a smaller `--model`",
-            Self::IdenticalRows { .. } => {
+            Self::IdenticalRows(_) => {
                 "the readings never move: check the cable and the shell, and that `--sensors` names the \
                  right columns"
             }
-            Self::IllConditioned { .. } | Self::NotConverged { .. } => {
+            Self::Solver(_) => {
                 "use `--solver exact` or `--solver wide-tsqr`, or choose a smaller `--model`"
             }
             Self::RankDeficient(_) | Self::NearlyDependent => {
@@ -194,12 +171,12 @@ impl FitError {
         !matches!(
             self,
             Self::Physics(_)
-                | Self::PhysicsAxes { .. }
+                | Self::PhysicsAxes(_)
                 | Self::Validation(_)
                 | Self::NoGroups
                 | Self::NoGroupSums
                 | Self::NoGroupCovariance(_)
-                | Self::Weights { .. }
+                | Self::Weights(_)
                 | Self::TimeConstant(_)
                 | Self::DynamicsOfMeans
                 | Self::Copy { .. }
@@ -221,15 +198,14 @@ impl FitError {
             LeastSquaresError::RankDeficient { .. }
                 if ranges.constant_channels().len() == ranges.channels.len() =>
             {
-                FitError::IdenticalRows { rows: ranges.rows }
+                FitError::IdenticalRows(ranges.rows)
             }
             LeastSquaresError::RankDeficient { null_space, r_factor, .. } => {
                 let (r, null_space) = (r_factor.as_ref().as_ref(), null_space.as_ref());
                 FitError::RankDeficient(RankLoss::explain(features, ranges, r, null_space))
             }
-            LeastSquaresError::IllConditioned { limit } => FitError::IllConditioned { limit },
-            LeastSquaresError::NotConverged { passes } => FitError::NotConverged { passes },
             LeastSquaresError::NotFinite => FitError::Overflow,
+            error => FitError::Solver(error),
         }
     }
 }

@@ -8,7 +8,7 @@ use crate::grouped_rows::GroupedRows;
 use crate::validation::grouped::GroupKind;
 use crate::validation::plateaus::{PlateauFinder, Steps, Stretches};
 use shell_data::block::Block;
-use shell_data::dataset::{BLOCK_ROWS, Dataset, LogRows};
+use shell_data::dataset::{BLOCK_ROWS, Dataset, LabelRuns, LogRows};
 use shell_data::statistics::RunningVariance;
 
 /// What is held out together.
@@ -132,11 +132,6 @@ impl GroupBy {
         }
     }
 
-    /// Whether the scatter of their errors says how sure a calibration is: poses, and stretches of one recording.
-    pub(crate) fn tells_scatter(&self) -> bool {
-        self.is_poses() || self.is_stretches()
-    }
-
     /// Whether nothing but time tells them apart.
     pub fn is_stretches(&self) -> bool {
         self.found().is_some_and(|groups| groups.kind == FoundKind::Stretches)
@@ -238,10 +233,7 @@ fn given(data: &Dataset) -> Option<(GroupBy, Dataset)> {
 fn label_by_file(data: &Dataset) -> Dataset {
     let mut data = data.clone();
     for log in &mut data.logs {
-        let name = log.name.display().to_string();
-        for block in &mut log.blocks {
-            block.labels = Arc::new(vec![(name.clone(), block.rows.rows)]);
-        }
+        label_runs(log, [(log.name.display().to_string(), u64::MAX)]);
     }
     data
 }
@@ -304,21 +296,16 @@ pub(crate) fn stretches_of_files(data: &Dataset) -> Option<(Dataset, Vec<Range<u
 /// Whether the rows are in no order of time: neighbouring loads do not resemble each other on any axis, so that
 /// nothing can be held out by time.
 pub(crate) fn rows_are_shuffled(data: &Dataset) -> bool {
-    data.rows() > STRETCHES && neighbour_correlation(data) < SHUFFLED_BELOW
+    data.rows() > STRETCHES && load_correlation(data, 1) < SHUFFLED_BELOW
 }
 
-/// The correlation of the loads of neighbouring rows, on the axis where it is largest.
-pub(crate) fn neighbour_correlation(data: &Dataset) -> f64 {
-    load_correlation(data, 1)
-}
-
-/// The same of rows that are so many apart.
-fn load_correlation(data: &Dataset, lag: usize) -> f64 {
+/// The correlation of the loads of rows that are so many apart, on the axis where it is largest.
+pub(crate) fn load_correlation(data: &Dataset, lag: usize) -> f64 {
     let correlation = |axis: usize| {
-        let columns = || data.blocks().map(|(_, block)| &block.rows.wrench[axis][..]);
         let mut rest = MOST_ROWS;
-        let columns: Vec<&[f64]> = columns()
-            .map(|column| {
+        let columns: Vec<&[f64]> = (data.blocks())
+            .map(|(_, block)| {
+                let column = &block.rows.wrench[axis];
                 let some = &column[..column.len().min(rest)];
                 rest -= some.len();
                 some
@@ -338,7 +325,9 @@ fn load_correlation(data: &Dataset, lag: usize) -> f64 {
 fn label_found(data: &Dataset, kind: FoundKind, rows: Vec<Vec<u64>>) -> (GroupBy, Dataset) {
     let (mut all, mut data) = (Vec::new(), data.clone());
     for (log, rows) in data.logs.iter_mut().zip(rows) {
-        label_stretches(log, kind, &rows, all.len() + 1);
+        let [_, name, ..] = kind.words();
+        let numbered = rows.iter().zip(all.len() + 1..);
+        label_runs(log, numbered.map(|(&rows, number)| (format!("{name} {number}"), rows)));
         all.extend(rows);
     }
     all.sort_unstable();
@@ -352,23 +341,21 @@ fn label_found(data: &Dataset, kind: FoundKind, rows: Vec<Vec<u64>>) -> (GroupBy
     (GroupBy::Found(found), data)
 }
 
-/// Labels the rows of a log whose groups have so many rows, numbered from `first` on.
-fn label_stretches(log: &mut LogRows, kind: FoundKind, rows: &[u64], first: usize) {
-    let [_, name, ..] = kind.words();
-    let mut groups = rows.iter().copied().zip(first..);
-    let (mut left, mut number) = (0, 0);
+/// Labels the rows of a log by runs that follow each other; the last goes on to the end.
+pub(crate) fn label_runs(log: &mut LogRows, runs: impl IntoIterator<Item = (String, u64)>) {
+    let (mut runs, mut label, mut left) = (runs.into_iter(), String::new(), 0);
     for block in &mut log.blocks {
-        let (mut unlabelled, mut runs) = (block.rows.rows, Vec::new());
+        let (mut unlabelled, mut labels) = (block.rows.rows, LabelRuns::new());
         while unlabelled > 0 {
             while left == 0 {
-                (left, number) = groups.next().unwrap_or((u64::MAX, number));
+                (label, left) = runs.next().unwrap_or((label, u64::MAX));
             }
-            let run = usize::try_from(left).map_or(unlabelled, |left| left.min(unlabelled));
-            runs.push((format!("{name} {number}"), run));
-            unlabelled -= run;
-            left -= run as u64;
+            let run = left.min(unlabelled as u64);
+            labels.push((label.clone(), run as usize));
+            unlabelled -= run as usize;
+            left -= run;
         }
-        block.labels = Arc::new(runs);
+        block.labels = Arc::new(labels);
     }
 }
 

@@ -1,10 +1,9 @@
 //! Rows at which the readings of a recording without labels are still, matched with loads in their order.
 
-use std::sync::Arc;
-
+use crate::groups::label_runs;
 use crate::physics::observation::MOST_CHANNELS;
-use crate::validation::plateaus::{Hold, PlateauFinder, Steps};
-use shell_data::dataset::{Dataset, LabelRuns, LogRows, sample};
+use crate::validation::plateaus::{Level, PlateauFinder, Steps};
+use shell_data::dataset::{Dataset, LogRows, sample};
 use shell_data::statistics::extremes;
 
 /// A hold is one without a load if every channel is within this share of its range from the first: weights that are
@@ -25,7 +24,7 @@ pub struct HoldMismatch {
     pub loads: usize,
 }
 
-type ReadingHold = Hold<MOST_CHANNELS>;
+type ReadingHold = Level<MOST_CHANNELS>;
 
 /// The rows of a data set labelled by the load that was hung: stretches of still readings, in their order, are the loads
 /// in theirs. If there are more, those that read like the first are taken for moments without a load. Rows in none have
@@ -73,30 +72,21 @@ fn unlike_the_first(holds: &[(usize, ReadingHold)]) -> Vec<(usize, ReadingHold)>
 }
 
 fn label(log: &mut LogRows, holds: &[(ReadingHold, &String)]) {
-    let mut first = 0;
-    for block in &mut log.blocks {
-        let (mut row, end) = (first, first + block.rows.rows as u64);
-        let mut runs = LabelRuns::new();
-        let mut add = |label: &str, until: u64| {
-            if until > row {
-                runs.push((label.to_owned(), (until - row) as usize));
-                row = until;
-            }
-        };
-        for (hold, label) in holds {
-            add("", hold.start.min(end));
-            add(label, (hold.start + hold.rows).min(end));
-        }
-        add("", end);
-        block.labels = Arc::new(runs);
-        first = end;
-    }
+    let mut end = 0;
+    let runs = holds.iter().flat_map(|(hold, label)| {
+        let before = hold.start.saturating_sub(end);
+        end = hold.start + hold.rows;
+        [(String::new(), before), ((*label).clone(), hold.rows)]
+    });
+    label_runs(log, runs.chain([(String::new(), u64::MAX)]));
     log.has_groups = true;
 }
 
 #[cfg(test)]
 mod tests {
     use system_tests::random::Random;
+
+    use std::sync::Arc;
 
     use super::*;
     use shell_data::block::Block;

@@ -8,12 +8,13 @@
 //! product, comes last.
 
 /// A family of features.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Basis {
     /// Each reading: 8 features for 8 channels.
     Linear,
     /// Each reading, its square and its cube: 24 features for 8 channels, the model of the paper.
+    #[default]
     Cubic,
     /// All products of up to two readings: 44 features for 8 channels.
     Quadratic,

@@ -83,12 +83,13 @@ impl Calibration {
 /// Corners of the box that readings lay in, one column for each channel.
 fn corners(ranges: &[ReadingRange]) -> Vec<Vec<f64>> {
     let channels = ranges.len();
-    let is_high: Box<dyn Fn(usize, usize) -> bool> = match channels <= CORNER_CHANNELS {
-        true => Box::new(|row, channel| row >> channel & 1 == 1),
+    let has_all = channels <= CORNER_CHANNELS;
+    let rows = if has_all { 1 << channels } else { 2 * (channels + 1) };
+    let is_high = |row: usize, channel: usize| match has_all {
+        true => row >> channel & 1 == 1,
         // Rows of an even and an odd number are mirrored.
-        false => Box::new(|row, channel| (row / 2 == channel) != (row % 2 == 1)),
+        false => (row / 2 == channel) != (row % 2 == 1),
     };
-    let rows = if channels <= CORNER_CHANNELS { 1 << channels } else { 2 * (channels + 1) };
     let column = |(channel, range): (usize, &ReadingRange)| {
         (0..rows).map(|row| if is_high(row, channel) { range.max } else { range.min }).collect()
     };

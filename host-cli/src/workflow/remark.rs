@@ -20,9 +20,9 @@ pub enum Remark {
 
 impl From<&Warning> for Remark {
     fn from(warning: &Warning) -> Self {
-        match warning.is_note() {
-            true => Self::Note(warning.to_string()),
-            false => Self::Warning(warning.to_string()),
+        match warning {
+            Warning::OutOfRange { .. } => Self::Note(warning.to_string()),
+            _ => Self::Warning(warning.to_string()),
         }
     }
 }

@@ -10,27 +10,25 @@
 //! that were held out. A lag or a memory term is kept if it lowers these by more than one standard error of their
 //! difference between folds, and still does when the part of noise is taken off: a filter is no memory.
 
-mod description;
 mod equations;
-mod lag;
-mod noise;
 mod prepared;
-mod refusal;
 mod samples;
 mod search;
 #[cfg(test)]
 mod tests;
 
-pub use self::lag::ReferenceLag;
-pub use self::prepared::prepared;
-pub use self::refusal::NotSearched;
+pub use self::prepared::{ReferenceLag, prepared};
+
+use std::fmt;
 
 use self::samples::SearchRows;
 use crate::error::FitError;
+use crate::groups::{SHUFFLED_BELOW, has_poses, load_correlation};
 use crate::memory::{MemoryTerms, TimeBase};
 use crate::passes::Workers;
+use crate::quality::significant;
 use shell_data::dataset::Dataset;
-use shell_data::wrench::PerAxis;
+use shell_data::wrench::{Axis, PerAxis};
 
 /// A step of the clock of more than so many usual ones is a gap.
 const GAP_PERIODS: f64 = 10.0;
@@ -75,11 +73,6 @@ impl DynamicsRule<'_> {
     pub fn is_nothing(&self) -> bool {
         *self == Self::NOTHING
     }
-
-    /// Whether anything is searched for.
-    pub fn searches(&self) -> bool {
-        self.lag == LagRule::Auto || self.memory == MemoryRule::Auto
-    }
 }
 
 /// What was found, or given.
@@ -110,6 +103,31 @@ pub struct Gain {
     pub with_all: PerAxis<f64>,
 }
 
+/// Why neither lag nor memory was searched for.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum NotSearched {
+    /// Nothing moves within a pose.
+    #[error("the loads are constant in each pose")]
+    Poses,
+    /// Rows are labelled by contact. A memory of the contact before depends on the order of the contacts, which differs
+    /// in use, and leaks between groups that are held out.
+    #[error(
+        "the rows are labelled as groups, and the order of groups differs in use (`--memory-terms auto` searches anyway)"
+    )]
+    Groups,
+    /// Neighbouring rows have nothing to do with each other; this is their largest correlation.
+    #[error(
+        "the rows are not in the order of time: neighbouring loads are not alike (correlation {0:.2})"
+    )]
+    Shuffled(f64),
+    /// There are too few rows to hold some out.
+    #[error("there are too few rows to hold some out")]
+    FewRows,
+    /// Rows count more or less than one another.
+    #[error("rows with weights are not in the order of time")]
+    Weights,
+}
+
 /// Finds what is asked for. What a search is refused for is a value: the rows are then as good as they were.
 ///
 /// # Errors
@@ -136,10 +154,10 @@ pub fn find(
         memory: given_memory,
         gain: None,
     };
-    if !rule.searches() {
+    if rule.lag != LagRule::Auto && rule.memory != MemoryRule::Auto {
         return Ok(Ok(given));
     }
-    if let Some(reason) = refusal::reason(data, rule.in_groups) {
+    if let Some(reason) = refusal(data, rule.in_groups) {
         // What was given is taken, whatever the rows are.
         let has_given = given.lag.is_some() || given.memory.is_some();
         return Ok(if has_given { Ok(given) } else { Err(reason) });
@@ -147,4 +165,82 @@ pub fn find(
     let found = SearchRows::new(data, &clock, intercept)
         .map(|samples| search::search(&samples, rule, &given, workers));
     Ok(found.ok_or(NotSearched::FewRows))
+}
+
+/// Why nothing should be searched for in these rows, if there is a reason.
+fn refusal(data: &Dataset, in_groups: bool) -> Option<NotSearched> {
+    if data.has_weights() {
+        return Some(NotSearched::Weights);
+    }
+    // Before poses, which loads in any order might seem to be.
+    let correlation = load_correlation(data, 1);
+    if correlation < SHUFFLED_BELOW {
+        return Some(NotSearched::Shuffled(correlation));
+    }
+    if has_poses(data) {
+        return Some(NotSearched::Poses);
+    }
+    let is_labelled = data.logs.iter().all(|log| log.has_groups);
+    (is_labelled && !in_groups).then_some(NotSearched::Groups)
+}
+
+impl fmt::Display for Dynamics {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.lag {
+            Some(lag) => {
+                let by = lag.by.abs();
+                let (factor, unit) = unit(by, self.time_base);
+                let error = self.lag_standard_error.map_or_else(String::new, |error| {
+                    format!(" ± {}", significant(factor * error, 1))
+                });
+                let by = significant(factor * by, 3);
+                let what = match lag.by > 0.0 {
+                    true => "the reference lags behind the readings",
+                    false => "the readings lag behind the reference",
+                };
+                write!(f, "{what} by {by}{error} {unit}, which the fit makes up for")?;
+            }
+            None => f.write_str("no lag between readings and reference")?,
+        }
+        match &self.memory {
+            Some(memory) => {
+                let time = |&tau: &f64| {
+                    let (factor, unit) = unit(tau, self.time_base);
+                    format!("{} {unit}", significant(factor * tau, 3))
+                };
+                let times: Vec<String> = memory.time_constants.iter().map(time).collect();
+                write!(f, "; memory terms of {}", times.join(", "))?;
+            }
+            None => f.write_str("; no memory terms")?,
+        }
+        let Some(gain) = &self.gain else { return Ok(()) };
+        if self.lag.is_none() && self.memory.is_none() {
+            return f.write_str(" (none lowers the held-out error by more than a standard error)");
+        }
+        write!(f, ". Held-out errors: {}", gain.steps(self))
+    }
+}
+
+impl Gain {
+    /// `Fx 0.113 → 0.078 → 0.055 N, …`
+    fn steps(&self, of: &Dynamics) -> String {
+        let mut columns: Vec<&PerAxis<f64>> = vec![&self.plain];
+        columns.extend(of.lag.map(|_| &self.with_lag));
+        columns.extend(of.memory.as_ref().map(|_| &self.with_all));
+        let axis = |axis: Axis| {
+            let errors = columns.iter().map(|errors| significant(errors[axis.index()], 3));
+            format!("{} {} {}", axis.name(), errors.collect::<Vec<_>>().join(" → "), axis.unit())
+        };
+        let varies = |axis: &&Axis| self.plain[axis.index()] > 0.0;
+        Axis::ALL.iter().filter(varies).map(|of| axis(*of)).collect::<Vec<_>>().join(", ")
+    }
+}
+
+/// The factor and the unit that times are printed with.
+fn unit(time: f64, base: TimeBase) -> (f64, &'static str) {
+    match base {
+        TimeBase::Rows => (1.0, "rows"),
+        TimeBase::Seconds if time < 1.0 => (1e3, "ms"),
+        TimeBase::Seconds => (1.0, "s"),
+    }
 }

@@ -43,11 +43,8 @@ const STARTS: [f64; 11] = [-32.0, -16.0, -8.0, -4.0, -2.0, 0.0, 2.0, 4.0, 8.0, 1
 /// Factors by which time constants are moved, one round after the other.
 const ROUNDS: [f64; 4] = [1.7, 1.4, 1.2, 1.08];
 
-/// A lag and what it leaves.
-struct LagEstimate {
-    lag: f64,
-    standard_error: f64,
-}
+/// A lag and its standard error.
+type LagEstimate = (f64, f64);
 
 /// Searches for what the rule asks for; what is given stands. If whoever watches wants no more, nothing is found, and
 /// the next pass over the rows says so.
@@ -88,7 +85,7 @@ impl DynamicsSearch<'_> {
         }
         let mut lag = given.lag.map_or(0.0, |lag| lag.by);
         if rule.lag == LagRule::Auto {
-            lag = self.significant_lag(&[], self.start()).map_or(0.0, |found| found.lag);
+            lag = self.significant_lag(&[], self.start()).map_or(0.0, |(lag, _)| lag);
         }
         let with_lag = self.equations.errors(&[], lag)?;
         let times = given.memory.iter().flat_map(|memory| &memory.time_constants);
@@ -108,8 +105,8 @@ impl DynamicsSearch<'_> {
         let mut standard_error = None;
         if rule.lag == LagRule::Auto {
             let found = self.significant_lag(&terms, lag);
-            lag = found.as_ref().map_or(0.0, |found| found.lag);
-            standard_error = found.map(|found| found.standard_error);
+            lag = found.map_or(0.0, |(lag, _)| lag);
+            standard_error = found.map(|(_, error)| error);
         }
         let with_all = self.equations.errors(&terms, lag)?;
         let times: Vec<f64> = terms.iter().map(|of| of.time_constant).collect();
@@ -136,22 +133,17 @@ impl DynamicsSearch<'_> {
     /// The lag of least error among a few.
     fn start(&self) -> f64 {
         let period = self.samples().clock.period;
-        let score = |rows: &&f64| {
-            self.equations
-                .errors(&[], **rows * period)
-                .map_or(f64::INFINITY, |errors| errors.systematic())
-        };
-        let scored = STARTS.iter().map(|rows| (rows * period, score(&rows)));
+        let score = |rows: f64| (rows * period, self.score(&[], rows * period));
+        let scored = STARTS.into_iter().map(score);
         scored.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0.0, |(lag, _)| lag)
     }
 
     /// A lag that pays: more than two standard errors from none, and with less error by more than one.
     fn significant_lag(&self, terms: &Terms, start: f64) -> Option<LagEstimate> {
-        let found = self.lag(terms, start, STEPS)?;
+        let (lag, error) = self.lag(terms, start, STEPS)?;
         let without = self.equations.errors(terms, 0.0)?;
-        let with = self.equations.errors(terms, found.lag)?;
-        let pays = without.are_lowered_by(&with);
-        (pays && found.lag.abs() > 2.0 * found.standard_error).then_some(found)
+        let pays = without.are_lowered_by(&self.equations.errors(terms, lag)?);
+        (pays && lag.abs() > 2.0 * error).then_some((lag, error))
     }
 
     /// The lag by the method of the module, from a first guess, in so many steps at most.
@@ -203,8 +195,7 @@ impl DynamicsSearch<'_> {
         let n = at.0.len() as f64;
         let spread: f64 = at.0.iter().map(|of| of * of).sum::<f64>() * n / (n - 1.0);
         let standard_error = spread.sqrt() / steepness;
-        (steepness > 0.0 && standard_error.is_finite())
-            .then_some(LagEstimate { lag, standard_error })
+        (steepness > 0.0 && standard_error.is_finite()).then_some((lag, standard_error))
     }
 
     /// The memory terms with one more time constant, all of them and the lag where errors are least.
@@ -227,7 +218,7 @@ impl DynamicsSearch<'_> {
             }
         }
         if self.rule.lag == LagRule::Auto {
-            *lag = self.lag(&all, *lag, STEPS).map_or(*lag, |found| found.lag);
+            *lag = self.lag(&all, *lag, STEPS).map_or(*lag, |(lag, _)| lag);
         }
         Some(all)
     }
@@ -235,11 +226,15 @@ impl DynamicsSearch<'_> {
     /// The score with these terms at the lag that suits them, found in so many steps from another, and that lag.
     fn score_at_own_lag(&self, terms: &Terms, lag: f64, steps: usize) -> (f64, f64) {
         let own = match self.rule.lag {
-            LagRule::Auto => self.lag(terms, lag, steps).map_or(lag, |found| found.lag),
+            LagRule::Auto => self.lag(terms, lag, steps).map_or(lag, |(lag, _)| lag),
             LagRule::Given(_) => lag,
         };
-        let errors = self.equations.errors(terms, own);
-        (errors.map_or(f64::INFINITY, |errors| errors.systematic()), own)
+        (self.score(terms, own), own)
+    }
+
+    /// What the search is to lower; infinite where there is no fit.
+    fn score(&self, terms: &Terms, lag: f64) -> f64 {
+        self.equations.errors(terms, lag).map_or(f64::INFINITY, |errors| errors.systematic())
     }
 
     /// The terms with a time constant moved by up to a factor to where the errors are least, by a parabola through

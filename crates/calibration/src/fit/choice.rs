@@ -1,32 +1,110 @@
-//! Chooses what is fitted: the model, its held-out errors, and how rows err together.
+//! Chooses what is fitted: the model, its held-out errors, and how rows err together; and what is then known of the
+//! model before it is fitted.
 
-use super::model_choice::{Clusters, FewGroups, ModelChoice};
+use std::ops::Range;
+
 use super::refits::{
-    self, FOLDS, MOST_ALONE, MOST_COMPARED, RANDOM_FOLDS, few_by_fold, random_split, rows_in_one,
-    select_by_normal_equations,
+    self, FOLDS, MOST_ALONE, MOST_COMPARED, few_by_fold, rows_in_one, select_by_normal_equations,
+    sum_groups, sum_groups_or_sets,
 };
 use super::{CovarianceRule, FitOptions, ModelRule};
 use crate::error::FitError;
-use crate::exact::{ExactError, Moments};
+use crate::exact::Moments;
 use crate::factored::FactoredGroups;
 use crate::grouped_rows::GroupedRows;
-use crate::groups::{GroupBy, HeldOut, label_groups, label_poses, stretches_of_files};
+use crate::groups::{FoundGroups, GroupBy, HeldOut, label_groups, label_poses, stretches_of_files};
 use crate::model::{Basis, Model};
-use crate::passes::{Workers, each};
-use crate::reading_ranges::ReadingRanges;
 use crate::scaling::Scaling;
 use crate::solver::SolverKind;
 use crate::validation::ValidationError;
 use crate::validation::advice::Advice;
-use crate::validation::cross_validation::cross_validate;
-use crate::validation::grouped::{
-    Apart, BlockGroups, GroupSums, GroupWorker, GroupedMoments, MAX_GROUPS, RandomSplit,
-};
-use crate::validation::selection;
-use shell_data::dataset::{Dataset, LabelledBlock, RowSet};
+use crate::validation::cross_validation::{CrossValidation, cross_validate};
+use crate::validation::grouped::{Apart, GroupedMoments, MAX_GROUPS, RandomSplit};
+use crate::validation::selection::{self, Selection};
+use shell_data::block::Block;
+use shell_data::dataset::{Dataset, RowSet};
 
 /// The fewest groups that standard errors come from unless they are asked for by name.
 const FEWEST_GROUPS: usize = 10;
+
+/// What standard errors by group are made of where exact sums do not serve the solver.
+#[derive(Clone, Debug)]
+pub(super) enum Clusters {
+    /// R factors of the rows, and where groups are stretches of time those that are held out together.
+    RFactors { rows: FactoredGroups, held_out_together: Option<Vec<Range<usize>>> },
+    /// The rows with their labels, for a solver that clips them.
+    Rows(Block),
+}
+
+/// The model that is to be fitted, and what is known of it before.
+#[derive(Clone, Debug, Default)]
+pub(super) struct ModelChoice {
+    /// The family of features.
+    pub(super) basis: Basis,
+    /// λ of the ridge.
+    pub(super) ridge: f64,
+    /// How the family was chosen, where it was.
+    pub(super) selection: Option<Selection>,
+    /// Held-out errors, where they were asked for.
+    pub(super) cross_validation: Option<CrossValidation>,
+    /// What either says to do.
+    pub(super) advice: Option<Advice>,
+    /// The sums of the training rows, by group, where they were made.
+    pub(super) sums: Option<GroupedMoments>,
+    /// What standard errors by group are made of, where that is not the sums.
+    pub(super) clusters: Option<Clusters>,
+    /// What the groups are.
+    pub(super) group_by: Option<GroupBy>,
+    /// The rows that are used, with the labels of these groups.
+    pub(super) labelled: Option<Dataset>,
+    /// Whether the covariance is to come from the groups.
+    pub(super) by_group: bool,
+    /// Why it cannot, though there are groups.
+    pub(super) not_grouped: Option<ValidationError>,
+    /// Why there should be no covariance at all, unless it is asked for by name.
+    pub(super) few_groups: Option<FewGroups>,
+}
+
+impl ModelChoice {
+    /// Takes the model that was selected.
+    pub(super) fn take(&mut self, selection: Selection) {
+        let chosen = &selection.candidates[selection.chosen];
+        (self.basis, self.ridge) = (chosen.basis, chosen.ridge);
+        self.selection = Some(selection);
+    }
+
+    /// The groups that were found, where they are not given.
+    pub(super) fn found_groups(&self) -> Option<FoundGroups> {
+        let is_used = self.sums.is_some()
+            || matches!(self.clusters, Some(Clusters::RFactors { .. }))
+            || self.cross_validation.is_some();
+        self.group_by.as_ref().filter(|_| is_used)?.found()
+    }
+
+    /// Whether groups are stretches of time, on average of half as many rows as the model has features: what each adds to
+    /// the scatter of all is little then.
+    pub(super) fn has_long_stretches(&self, groups: usize, rows: u64, model: &Model) -> bool {
+        let are_long = 2 * rows >= (groups * model.term_count()) as u64;
+        are_long && self.group_by.is_some_and(|by| by.is_stretches())
+    }
+}
+
+/// More than half as many features as groups: whatever the rank, what the groups leave to tell errors
+/// from is too little.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FewGroups {
+    /// Features of the model.
+    pub features: usize,
+    /// Groups of rows.
+    pub groups: usize,
+}
+
+impl FewGroups {
+    /// Of a model with so many features; `None` where the groups are enough.
+    pub fn new(features: usize, groups: usize) -> Option<Self> {
+        (2 * features > groups).then_some(Self { features, groups })
+    }
+}
 
 /// What is fitted, and how. Of the training rows those that are used are selected when they have been labelled: groups
 /// are found in all rows.
@@ -34,20 +112,14 @@ const FEWEST_GROUPS: usize = 10;
 pub(super) struct FitInput<'a> {
     pub(super) train: &'a Dataset,
     pub(super) excluded: &'a RowSet,
-    pub(super) fresh: bool,
     pub(super) test: &'a Dataset,
     pub(super) options: &'a FitOptions<'a>,
 }
 
 impl FitInput<'_> {
-    /// Whether all rows are used.
-    pub(super) fn uses_all(&self) -> bool {
-        !self.fresh && self.excluded.is_empty()
-    }
-
     /// The rows that are used.
     pub(super) fn used(&self) -> Dataset {
-        self.train.select(self.fresh, self.excluded)
+        self.train.select(self.options.fresh, self.excluded)
     }
 
     /// The same labelled by what can be held out.
@@ -56,7 +128,7 @@ impl FitInput<'_> {
     }
 
     fn select(&self, labelled: Option<(GroupBy, Dataset)>) -> Option<(GroupBy, Dataset)> {
-        labelled.map(|(by, data)| (by, data.select(self.fresh, self.excluded)))
+        labelled.map(|(by, data)| (by, data.select(self.options.fresh, self.excluded)))
     }
 }
 
@@ -72,6 +144,9 @@ pub(super) fn choose(input: FitInput<'_>) -> Result<ModelChoice, FitError> {
 
 fn choose_model(input: FitInput<'_>) -> Result<ModelChoice, FitError> {
     let options = input.options;
+    if options.basis().is_none() && input.train.has_weights() {
+        return Err(FitError::Weights("the choice of a model"));
+    }
     let labelled = match options.validates() || options.covariance == CovarianceRule::Groups {
         _ if input.train.has_weights() => None,
         true => input.labelled(options.held_out()),
@@ -150,57 +225,6 @@ fn choose_by_folds(
     Ok(ModelChoice { selection, advice, ..choose_labelled(labelled, &known)? })
 }
 
-/// Sums labelled rows by group; by sets of groups where there are too many and folds of them are asked for.
-fn sum_groups_or_sets(
-    rows: &Dataset,
-    basis: Basis,
-    options: &FitOptions<'_>,
-) -> Result<GroupedMoments, FitError> {
-    let random = options.validation().map_or_else(RandomSplit::default, |_| {
-        random_split(options.folds().unwrap_or(RANDOM_FOLDS), options.seed)
-    });
-    match sum_groups(rows, basis, (Apart::Groups, random), options.workers) {
-        Err(FitError::Validation(ValidationError::TooManyGroups { .. }))
-            if options.folds().is_some() =>
-        {
-            sum_groups(rows, basis, (Apart::Sets, random), options.workers)
-        }
-        sums => sums,
-    }
-}
-
-/// The exact sums of labelled rows by what is `apart`, and of rows drawn at random.
-///
-/// # Errors
-/// [`FitError`] if they cannot be summed exactly, or there are too many groups.
-pub fn sum_groups(
-    data: &Dataset,
-    basis: Basis,
-    (apart, random): (Apart, RandomSplit),
-    workers: Workers<'_>,
-) -> Result<GroupedMoments, FitError> {
-    if data.has_weights() {
-        return Err(FitError::Weights { what: "a partial fit" });
-    }
-    let channels = data.channels();
-    if data.memory_terms() > 0 {
-        return Err(FitError::NotExact(ExactError::MemoryTerms));
-    }
-    Model { basis, intercept: true, channels, memory: 0 }.check_size()?;
-    let mut sums = GroupSums::new(basis, channels, apart, random);
-    let empty = sums.worker();
-    let work = |worker: &mut GroupWorker, (_, block): &(usize, &LabelledBlock)| {
-        // Names what is not finite, as every fit does.
-        ReadingRanges::from_block(&block.rows, channels)?;
-        Ok(worker.add(&block.rows, &block.labels)?)
-    };
-    let blocks: Vec<_> = data.blocks().collect();
-    let fold = |groups: BlockGroups| Ok(sums.add(groups)?);
-    let init = || empty.clone();
-    let own = each(&blocks, |(_, block)| &block.rows, workers, init, work, fold)?;
-    Ok(sums.finish(own)?)
-}
-
 impl FitOptions<'_> {
     /// Whether it takes groups to answer what is asked.
     pub(super) fn validates(&self) -> bool {
@@ -233,22 +257,17 @@ impl FitOptions<'_> {
     pub(super) fn open(&self, group_by: Option<GroupBy>) -> ModelChoice {
         let by_group = match self.covariance {
             CovarianceRule::Groups => true,
-            CovarianceRule::Auto => group_by.as_ref().is_some_and(GroupBy::tells_scatter),
+            CovarianceRule::Auto => {
+                group_by.as_ref().is_some_and(|by| by.is_poses() || by.is_stretches())
+            }
             CovarianceRule::Rows | CovarianceRule::Nothing => false,
         };
         ModelChoice {
             basis: self.basis().unwrap_or(Basis::Poly3),
             ridge: self.ridge,
-            selection: None,
-            cross_validation: None,
-            advice: None,
-            sums: None,
-            clusters: None,
             by_group,
             group_by,
-            labelled: None,
-            not_grouped: None,
-            few_groups: None,
+            ..ModelChoice::default()
         }
     }
 
@@ -303,14 +322,12 @@ impl FitOptions<'_> {
         &self,
         mut choice: ModelChoice,
         rows: FactoredGroups,
+        model: &Model,
     ) -> ModelChoice {
-        let first = rows.groups.first().map(|(_, rows)| rows.model());
-        let (channels, memory) = first.map_or((0, 0), |of| (of.channels, of.memory));
-        let model = Model { basis: choice.basis, intercept: self.intercept, channels, memory };
-        self.test_group_count(&mut choice, &model, rows.groups.len());
+        self.test_group_count(&mut choice, model, rows.groups.len());
         let each_alone = || (0..rows.groups.len()).map(|group| group..group + 1).collect();
         let all_rows = rows.groups.iter().map(|(_, rows)| rows.rows()).sum();
-        let are_long = choice.has_long_stretches(rows.groups.len(), all_rows, &model);
+        let are_long = choice.has_long_stretches(rows.groups.len(), all_rows, model);
         let held_out_together = are_long.then(each_alone);
         choice.clusters = Some(Clusters::RFactors { rows, held_out_together });
         choice
@@ -330,7 +347,7 @@ impl FitOptions<'_> {
         let (rows, labels) = GroupedRows::from_labels(data);
         match FactoredGroups::from_rows(&rows, labels, by, self.workers) {
             Err(FitError::Validation(reason)) => {
-                choice.not_grouped = Some(reason);
+                (choice.by_group, choice.not_grouped) = (false, Some(reason));
                 Ok(None)
             }
             rows => rows.map(Some),
@@ -350,18 +367,18 @@ impl FitOptions<'_> {
             0..=MOST_ALONE => files,
             _ => files.chunks(most).map(|of| of[0].start..of[of.len() - 1].end).collect(),
         });
-        if let Some(rows) = self.factor_groups(choice, &rows)? {
-            choice.clusters = Some(Clusters::RFactors { rows, held_out_together });
-        }
-        choice.by_group = choice.not_grouped.is_none();
+        choice.by_group = true;
+        let rows = self.factor_groups(choice, &rows)?;
+        choice.clusters = rows.map(|rows| Clusters::RFactors { rows, held_out_together });
         Ok(())
     }
 
     /// Keeps the labelled rows as the solver's standard errors by group need them.
     fn cluster(&self, mut choice: ModelChoice, rows: &Dataset) -> Result<ModelChoice, FitError> {
         if self.solver != SolverKind::Huber {
+            let model = self.model_of(rows, choice.basis);
             return Ok(match self.factor_groups(&mut choice, rows)? {
-                Some(rows) => self.decide_by_r_factors(choice, rows),
+                Some(rows) => self.decide_by_r_factors(choice, rows, &model),
                 None => choice,
             });
         }

@@ -115,15 +115,16 @@ impl RowErrors {
     ) -> Result<Self, FitError> {
         let mut all =
             Self { fingerprints: vec![Fingerprint::default(); data.logs.len()], ..Self::default() };
-        for log in &data.logs {
-            let (skipped_rows, repeated_rows) =
-                (log.summary.skipped_rows, log.summary.repeated_rows);
-            all.logs.push(Evaluation { skipped_rows, repeated_rows, ..Evaluation::default() });
-        }
+        all.logs.extend(data.logs.iter().map(|log| Evaluation {
+            skipped_rows: log.summary.skipped_rows,
+            repeated_rows: log.summary.repeated_rows,
+            ..Evaluation::default()
+        }));
         let stride = RowSample::stride(data.rows());
-        let work = |state: &mut BlockState, &(log, block): &(usize, &LabelledBlock)| {
+        // The state of a thread: room for predictions, and the sizes of the errors of all its blocks so far.
+        type State = (PerAxis<Vec<f64>>, Option<PerAxis<Magnitudes>>);
+        let work = |(predicted, sizes): &mut State, &(log, block): &(usize, &LabelledBlock)| {
             let rows = &*block.rows;
-            let BlockState { predicted, sizes } = state;
             calibration.wrench(&rows.readings, predicted);
             if let Some(units) = look.size_unit {
                 for (axis, sizes) in sizes.get_or_insert_default().iter_mut().enumerate() {
@@ -155,9 +156,9 @@ impl RowErrors {
             Ok(())
         };
         let blocks: Vec<_> = data.blocks().collect();
-        let init = BlockState::default;
+        let init = State::default;
         let states = each(&blocks, |(_, block)| &block.rows, workers, init, work, fold)?;
-        let sizes = states.into_iter().filter_map(|state| state.sizes);
+        let sizes = states.into_iter().filter_map(|(_, sizes)| sizes);
         all.sizes = sizes.reduce(|mut all, part| {
             all.iter_mut().zip(&part).for_each(|(all, part)| all.merge(part));
             all
@@ -206,13 +207,4 @@ impl Leaks {
     pub fn in_groups(&self) -> Option<f64> {
         self.groups.filter(|&share| share >= LEAKY)
     }
-}
-
-/// The working state of one thread.
-#[derive(Default)]
-struct BlockState {
-    /// Room for predictions, which is used again.
-    predicted: PerAxis<Vec<f64>>,
-    /// The sizes of the errors of all blocks so far, if they are counted.
-    sizes: Option<PerAxis<Magnitudes>>,
 }

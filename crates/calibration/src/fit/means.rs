@@ -15,10 +15,8 @@ use shell_data::dataset::{BLOCK_ROWS, Dataset};
 /// # Errors
 /// [`FitError`] if there are none, or one is not finite.
 pub(super) fn group_means(data: &Dataset) -> Result<Dataset, FitError> {
-    for (_, block) in data.blocks() {
-        // Names what is not finite, as every fit does.
-        ReadingRanges::from_block(&block.rows, data.channels())?;
-    }
+    // Names what is not finite, as every fit does.
+    ReadingRanges::from_dataset(data)?;
     let (rows, labels) = GroupedRows::from_labels(data);
     let Some(first) = data.logs.first().filter(|_| !labels.is_empty()) else {
         return Err(FitError::NoRows);

@@ -31,29 +31,26 @@ mod evaluation;
 mod group_errors;
 mod means;
 pub mod merged;
-mod model_choice;
 mod options;
 mod outlier_search;
 mod outliers;
-mod paired;
 mod physics;
 mod polynomial;
 mod refits;
-mod solve;
 mod verdict;
 mod warning;
 
-pub use self::choice::sum_groups;
+pub use self::choice::FewGroups;
 pub use self::evaluation::{Evaluation, Leaks, evaluate};
-pub use self::group_errors::{GroupErrors, GroupedErrors, group_errors};
-pub use self::model_choice::FewGroups;
+pub use self::group_errors::{
+    Better, GroupErrors, GroupedErrors, PairedError, PairedErrors, group_errors, paired_errors,
+};
 pub use self::options::{CovarianceRule, FitOptions, GroupsAsked, ModelRule, OutlierRule};
 pub use self::outlier_search::find_outliers;
 pub use self::outliers::{Outlier, OutlierColumn, Outliers, Reason, RowName};
-pub use self::paired::{Better, PairedError, PairedErrors, paired_errors};
 pub use self::physics::{ModelComparison, PhysicsFit};
-pub use self::refits::{RANDOM_FOLDS, random_split};
-pub use self::verdict::{FrameInterval, Unjudged, UnseenErrors, UnseenRows, Verdict};
+pub use self::refits::{RANDOM_FOLDS, random_split, sum_groups};
+pub use self::verdict::{FrameInterval, UnseenErrors, UnseenRows, Verdict};
 pub use self::warning::Warning;
 pub use crate::groups::{
     FoundGroups, FoundKind, GroupBy, HeldOut, label_groups, label_poses_or_files, may_have_plateaus,
@@ -61,9 +58,8 @@ pub use crate::groups::{
 pub use crate::holds::{HoldMismatch, label_holds};
 pub use crate::passes::Workers;
 
-use self::choice::{FitInput, choose};
+use self::choice::{FitInput, ModelChoice, choose};
 use self::evaluation::RowErrors;
-use self::model_choice::ModelChoice;
 use crate::conversion::{Calibration, Kind};
 use crate::dynamics::{Dynamics, NotSearched};
 use crate::error::FitError;
@@ -200,7 +196,7 @@ impl Fit {
     }
 
     /// What it is worth on data that it has not seen.
-    pub fn verdict(&self) -> Verdict {
+    pub fn verdict(&self) -> Verdict<'_> {
         Verdict::new(self)
     }
 
@@ -331,7 +327,7 @@ pub fn fit(train: Dataset, test: Dataset, options: &FitOptions<'_>) -> Result<Fi
     let dropped = drop_outliers(train, options)?;
     let excluded = dropped.excluded();
     let test = &test.select(options.fresh, &Default::default());
-    let input = FitInput { train, excluded: &excluded, fresh: options.fresh, test, options };
+    let input = FitInput { train, excluded: &excluded, test, options };
     let mut fitted = if options.means { fit_to_means(input)? } else { fit_rows(input)? };
     fitted.dropped = dropped;
     if let Some(Ok(found)) = &dynamics {
@@ -361,8 +357,9 @@ fn fit_to_means(input: FitInput<'_>) -> Result<Fit, FitError> {
     let labelled = input.labelled(held_out).filter(|(by, _)| !by.is_stretches());
     let (by, rows) = labelled.ok_or(FitError::NoGroups)?;
     let means = means::group_means(&rows)?;
-    let of_means = FitInput { train: &means, fresh: false, excluded: &Default::default(), ..input };
-    let mut fitted = fit_rows(of_means)?;
+    let options = &FitOptions { fresh: false, ..*input.options };
+    let excluded = &Default::default();
+    let mut fitted = fit_rows(FitInput { train: &means, excluded, options, ..input })?;
     fitted.rows_of_logs = rows.logs.iter().map(|log| log.rows()).collect();
     fitted.found_groups = fitted.found_groups.or_else(|| by.found());
     fitted.means = Some(MeansOf {
@@ -378,7 +375,7 @@ fn fit_rows(input: FitInput<'_>) -> Result<Fit, FitError> {
     match options.model {
         ModelRule::Physics => physics::fit(input, None),
         ModelRule::Given(_) => polynomial::fit(input, choose(input)?),
-        ModelRule::Auto => match choose_any(input) {
+        ModelRule::Auto => match choose(input) {
             Ok(choice) => fit_best(input, choice),
             Err(reason @ FitError::Interrupted) => Err(reason),
             Err(reason) if options.cross_validation.is_some() => Err(reason),
@@ -388,14 +385,6 @@ fn fit_rows(input: FitInput<'_>) -> Result<Fit, FitError> {
                 Ok(Fit { not_judged: Some(reason), ..fitted })
             }
         },
-    }
-}
-
-/// Chooses a polynomial, of rows that count alike.
-fn choose_any(input: FitInput<'_>) -> Result<ModelChoice, FitError> {
-    match input.train.has_weights() {
-        true => Err(FitError::Weights { what: "the choice of a model" }),
-        false => choose(input),
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::model_choice::ModelChoice;
+use super::choice::ModelChoice;
 use super::physics;
 use super::warning::Warning;
 use crate::dynamics::{Dynamics, DynamicsRule, MemoryRule, NotSearched, find, prepared};
@@ -191,7 +191,7 @@ impl FitOptions<'_> {
             Self { solver: SolverKind::RidgeGcv | SolverKind::Huber, .. } => "this solver",
             _ => return Ok(()),
         };
-        Err(FitError::Weights { what })
+        Err(FitError::Weights(what))
     }
 
     /// Why the physics model cannot be compared with a polynomial, if it cannot.

@@ -5,14 +5,13 @@ use std::collections::BTreeSet;
 
 use super::FitOptions;
 use super::outliers::{Outlier, OutlierColumn, Outliers, Reason};
-use super::solve::{PolynomialProblem, Solved, solve};
+use super::refits::{PolynomialProblem, Solved, solve};
 use crate::error::FitError;
 use crate::exact::Accumulator;
 use crate::model::{Basis, Model};
 use crate::passes::{Rows, each, map};
 use crate::solver::{Solution, SolverKind, solve_moments};
-use crate::validation::outliers::{LIMIT, RowTest, TestedRow};
-use crate::validation::spread::Spread;
+use crate::validation::outliers::{LIMIT, RowTest, Spread, TestedRow};
 use shell_data::block::Block;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axis, PerAxis};
@@ -33,16 +32,15 @@ const FAR_FROM_NEIGHBOURS: f64 = 2.0;
 /// A load of so many standard deviations is not possible.
 const FAR_BEYOND_LOADS: f64 = 10.0;
 
-/// A row of one of the blocks that are searched, while it is looked at.
-struct Suspect {
-    block: usize,
-    tested: TestedRow,
-}
+/// A row of the block at a position, while it is looked at.
+type Suspect = (usize, TestedRow);
+/// A row by the position of its block and its own there.
+type RowKey = (usize, usize);
+/// Rows in their order.
+type RowKeys = BTreeSet<RowKey>;
 
-impl Suspect {
-    fn key(&self) -> RowKey {
-        (self.block, self.tested.row)
-    }
+fn key((block, tested): &Suspect) -> RowKey {
+    (*block, tested.row)
 }
 
 /// Looks for outliers in `data` by the family of features that `options` name, and by the cubic model where they name
@@ -83,51 +81,57 @@ fn search(
         Some(KnownFit { fit, spread, tested }) => (Some((fit, tested)), spread),
         None => (None, Spread::new(data, options.workers)?),
     };
-    let mut search = OutlierSearch::new(data, options, &spread);
-    let out_of_range = match options.valid_range {
-        None => Vec::new(),
-        Some(range) => search.rows_outside(range)?,
-    };
-    let never: RowKeys = out_of_range.iter().map(Suspect::key).collect();
-    let (all, mut known_tests) = match known {
-        Some((fit, tested)) => (Cow::Borrowed(fit), Some(search.start_from(fit, tested))),
-        None => (Cow::Owned(search.solve(&never)?), None),
+    let blocks: Vec<_> = data.blocks().map(|(log, block)| (log, &*block.rows)).collect();
+    let suspects = vec![Vec::new(); blocks.len()];
+    let mut search =
+        OutlierSearch { data, options, blocks, suspects, spread: &spread, looked_by: None };
+    let never = search.rows_out_of_range();
+    let (solved, mut known_tests);
+    let all = match known {
+        Some((fit, tested)) => {
+            known_tests = Some(search.start_from(fit, tested));
+            fit
+        }
+        None => {
+            (solved, known_tests) = (search.solve(&never)?, None);
+            &solved
+        }
     };
     let (mut left_out, mut suspects) = (RowKeys::new(), Vec::new());
     let mut fit = Cow::Borrowed(&all.solution);
     let mut tried = BTreeSet::from([left_out.clone()]);
     let most = MANY.max((LARGEST_SHARE * data.rows() as f64) as usize);
     for round in 0..MOST_ROUNDS {
+        let excluded = &never | &left_out;
         if !left_out.is_empty() {
-            fit = Cow::Owned(match search.without(&all, &left_out)? {
+            fit = Cow::Owned(match search.without(all, &left_out)? {
                 Some(fit) => fit,
-                None => search.solve(&(&never | &left_out))?.solution,
+                None => search.solve(&excluded)?.solution,
             });
         }
-        let Some(test) = search.row_test(&fit) else { return Ok(Outliers::default()) };
-        let excluded = &never | &left_out;
+        let Some(test) = RowTest::new(&fit, &spread) else { return Ok(Outliers::default()) };
         let limit;
         (suspects, limit) = match known_tests.take() {
             Some(tested) => (tested, LIMIT),
             None => search.test(&test, &excluded, most)?,
         };
         // All that stands out is left out first; then what belongs goes back.
-        suspects.retain(|of| match round {
-            0 => of.tested.stands_out(),
-            _ => of.tested.is_outlier(limit),
+        suspects.retain(|suspect @ (_, tested)| match round {
+            _ if never.contains(&key(suspect)) => false,
+            0 => tested.stands_out(),
+            _ => tested.is_outlier(limit),
         });
-        suspects.retain(|of| !never.contains(&of.key()));
         if round > 0 && suspects.len() > most {
             return Ok(Outliers { too_many: Some(suspects.len()), ..Outliers::default() });
         }
-        left_out = suspects.iter().map(Suspect::key).collect();
+        left_out = suspects.iter().map(key).collect();
         // Some rows may come and go.
         if !tried.insert(left_out.clone()) {
             break;
         }
     }
-    let named = suspects.iter().map(|suspect| search.name(suspect, None));
-    let outside = out_of_range.iter().map(|of| search.name(of, options.valid_range));
+    let named = suspects.iter().map(|of| search.name(key(of), search.reason(of)));
+    let outside = never.iter().map(|&row| search.name(row, Reason::OutOfRange));
     let mut rows: Vec<Outlier> = named.chain(outside).collect();
     rows.sort_by_key(|row| (row.log, row.offset, row.row));
     let rms = (!rows.is_empty()).then(|| search.rms([&all.solution, &fit], &left_out)).flatten();
@@ -137,7 +141,7 @@ fn search(
 /// The size above which an error is that of an outlier: far beyond the sizes of all but `most` rows, where no row that is
 /// not a suspect has a larger one than `unseen`.
 fn limit_beyond(tested: &[Suspect], most: usize, unseen: f64) -> f64 {
-    let mut sizes: Vec<f64> = tested.iter().map(|of| of.tested.size).collect();
+    let mut sizes: Vec<f64> = tested.iter().map(|(_, of)| of.size).collect();
     let tail = match sizes.len() > most {
         true => *sizes.select_nth_unstable_by(most, |a, b| b.total_cmp(a)).1,
         false => 0.0,
@@ -158,26 +162,13 @@ struct OutlierSearch<'a> {
     looked_by: Option<PerAxis<f64>>,
 }
 
-impl<'a> OutlierSearch<'a> {
-    fn new(data: &'a Dataset, options: &'a FitOptions<'a>, spread: &'a Spread) -> Self {
-        let blocks: Vec<_> = data.blocks().map(|(log, block)| (log, &*block.rows)).collect();
-        let suspects = vec![Vec::new(); blocks.len()];
-        Self { data, options, blocks, suspects, spread, looked_by: None }
-    }
-
-    fn row_test(&self, fit: &Solution) -> Option<RowTest<'a>> {
-        RowTest::new(fit, self.spread)
-    }
-
+impl OutlierSearch<'_> {
     /// Begins with the rows of each block that were tested by the fit to all rows.
     fn start_from(&mut self, fit: &Solved, tested: Vec<Vec<TestedRow>>) -> Vec<Suspect> {
-        self.looked_by = self.row_test(&fit.solution).map(|test| test.noise);
-        let mut all = Vec::new();
-        for (block, tested) in tested.into_iter().enumerate() {
-            self.suspects[block] = tested.iter().map(|of| of.row).collect();
-            all.extend(tested.into_iter().map(|tested| Suspect { block, tested }));
-        }
-        all
+        self.looked_by = RowTest::new(&fit.solution, self.spread).map(|test| test.noise);
+        self.suspects = tested.iter().map(|of| of.iter().map(|of| of.row).collect()).collect();
+        let blocks = tested.into_iter().enumerate();
+        blocks.flat_map(|(block, tested)| tested.into_iter().map(move |of| (block, of))).collect()
     }
 
     fn model(&self) -> Model {
@@ -221,36 +212,26 @@ impl<'a> OutlierSearch<'a> {
         gathered
     }
 
-    /// Those of the rows of every block that `find` names and that the fit uses, on any thread.
-    fn find<S: Default + Send>(
-        &self,
-        find: impl Fn(&mut S, &Block) -> Vec<usize> + Sync,
-    ) -> Result<Vec<Vec<usize>>, FitError> {
+    /// Those of some rows of a block that the fit uses.
+    fn used(&self, block: &Block, rows: impl Iterator<Item = usize>) -> Vec<usize> {
+        let fresh = self.options.fresh.then(|| block.fresh_rows());
+        rows.filter(|&row| fresh.as_ref().is_none_or(|fresh| fresh[row])).collect()
+    }
+
+    /// Looks through all rows for further suspects.
+    fn look(&mut self, test: &RowTest<'_>) -> Result<(), FitError> {
+        let work = |room: &mut PerAxis<Vec<f64>>, &(_, block): &(usize, &Block)| {
+            test.calibration.wrench(&block.readings, room);
+            Ok(self.used(block, test.suspects(block, room).into_iter()))
+        };
         let mut all = Vec::with_capacity(self.blocks.len());
         let fold = |of_block| {
             all.push(of_block);
             Ok(())
         };
-        let work = |state: &mut S, &(_, block): &(usize, &Block)| {
-            let mut rows = find(state, block);
-            if self.options.fresh {
-                let fresh = block.fresh_rows();
-                rows.retain(|&row| fresh[row]);
-            }
-            Ok(rows)
-        };
-        each(&self.blocks, |(_, block)| block, self.options.workers, S::default, work, fold)?;
-        Ok(all)
-    }
-
-    /// Looks through all rows for further suspects.
-    fn look(&mut self, test: &RowTest<'_>) -> Result<(), FitError> {
-        let find = |room: &mut PerAxis<Vec<f64>>, block: &Block| {
-            test.calibration.wrench(&block.readings, room);
-            test.suspects(block, room)
-        };
-        let found = self.find(find)?;
-        for (suspects, found) in self.suspects.iter_mut().zip(found) {
+        let workers = self.options.workers;
+        each(&self.blocks, |(_, block)| block, workers, PerAxis::default, work, fold)?;
+        for (suspects, found) in self.suspects.iter_mut().zip(all) {
             suspects.extend(found);
             suspects.sort_unstable();
             suspects.dedup();
@@ -273,7 +254,7 @@ impl<'a> OutlierSearch<'a> {
         if let Some(unseen) = unseen.filter(|&unseen| unseen < NEAR_LIMIT) {
             let tested = self.test_suspects(test, excluded)?;
             let [least, largest] = [0.0, unseen].map(|unseen| limit_beyond(&tested, most, unseen));
-            let same = |of: &Suspect| of.tested.is_outlier(least) == of.tested.is_outlier(largest);
+            let same = |(_, of): &Suspect| of.is_outlier(least) == of.is_outlier(largest);
             if tested.iter().all(same) {
                 return Ok((tested, least));
             }
@@ -294,7 +275,7 @@ impl<'a> OutlierSearch<'a> {
         let test_block = |&block: &usize| {
             let is_left_out = |row: usize| excluded.contains(&(block, row));
             let tested = test.test(self.blocks[block].1, &self.suspects[block], &is_left_out);
-            Ok(tested.into_iter().map(move |tested| Suspect { block, tested }))
+            Ok(tested.into_iter().map(move |tested| (block, tested)))
         };
         let with_suspects = |block: &usize| !self.suspects[*block].is_empty();
         let blocks: Vec<usize> = (0..self.blocks.len()).filter(with_suspects).collect();
@@ -303,17 +284,17 @@ impl<'a> OutlierSearch<'a> {
         Ok(tested.into_iter().flatten().collect())
     }
 
-    /// The rows with a reading outside a range.
-    fn rows_outside(&self, [least, most]: [f64; 2]) -> Result<Vec<Suspect>, FitError> {
-        let range = least..=most;
-        let find = |(): &mut (), block: &Block| {
-            let is_outside =
-                |row: &usize| block.readings.iter().any(|of| !range.contains(&of[*row]));
-            (0..block.rows).filter(is_outside).collect()
+    /// The rows with a reading outside the valid range.
+    fn rows_out_of_range(&self) -> RowKeys {
+        let Some([least, most]) = self.options.valid_range else { return RowKeys::new() };
+        let of_block = |(at, &(_, block)): (usize, &(usize, &Block))| {
+            let is_outside = |row: &usize| {
+                block.readings.iter().any(|column| !(least..=most).contains(&column[*row]))
+            };
+            let rows = self.used(block, (0..block.rows).filter(is_outside));
+            rows.into_iter().map(move |row| (at, row))
         };
-        let suspect = |block| move |row| Suspect { block, tested: TestedRow::unseen(row) };
-        let found = self.find(find)?.into_iter().enumerate();
-        Ok(found.flat_map(|(block, rows)| rows.into_iter().map(suspect(block))).collect())
+        self.blocks.iter().enumerate().flat_map(of_block).collect()
     }
 
     /// Errors of the fit to all rows, and of that without those `left_out`, on the rows that both are to hold for.
@@ -323,7 +304,7 @@ impl<'a> OutlierSearch<'a> {
     fn rms(&self, [all, without]: [&Solution; 2], left_out: &RowKeys) -> Option<[PerAxis<f64>; 2]> {
         let left_out = self.gather(left_out);
         let mut predicted = PerAxis::default();
-        self.row_test(all)?.calibration.wrench(&left_out.readings, &mut predicted);
+        RowTest::new(all, self.spread)?.calibration.wrench(&left_out.readings, &mut predicted);
         let rms = |of: &Solution, axis: usize, (rows, square): (usize, f64)| {
             let Solution { residual_products, rows: all, .. } = of;
             let rest = (residual_products[(axis, axis)] - square).max(0.0);
@@ -339,12 +320,20 @@ impl<'a> OutlierSearch<'a> {
         ])
     }
 
-    /// Names a row and what in it differs most from its neighbours; of a row `outside` a range, the readings that
+    /// Why a row that was tested is an outlier.
+    fn reason(&self, &(block, TestedRow { row, error, size, axis, .. }): &Suspect) -> Reason {
+        let (error, rows) = (error[axis], self.blocks[block].1);
+        let predicted = error + rows.wrench[axis][row];
+        let column = rows.readings.len() + axis;
+        let is_possible = self.spread.apart(column, predicted, 0.0) < FAR_BEYOND_LOADS;
+        Reason::Error { axis: Axis::ALL[axis], size, error, is_possible }
+    }
+
+    /// Names a row and what in it differs most from its neighbours; of a row outside the valid range, the readings that
     /// are outside.
-    fn name(&self, suspect: &Suspect, outside: Option<[f64; 2]>) -> Outlier {
-        let (log, rows) = self.blocks[suspect.block];
+    fn name(&self, (block, row): RowKey, reason: Reason) -> Outlier {
+        let (log, rows) = self.blocks[block];
         let (channels, terms) = (self.data.channels(), rows.memory_columns);
-        let TestedRow { row, error, size, axis, .. } = suspect.tested;
         let all: Vec<&Vec<f64>> = rows.readings.iter().chain(&rows.wrench).collect();
         let beside = |column: usize| {
             [row.checked_sub(1), Some(row + 1)].map(|at| all[column].get(at?).copied())
@@ -356,39 +345,23 @@ impl<'a> OutlierSearch<'a> {
             let nearest = apart.fold(f64::INFINITY, f64::min);
             (column, if nearest.is_finite() { nearest } else { 0.0 })
         };
-        // Logs have no memory terms.
-        let is_in_log = |column: &usize| !(channels..channels + terms).contains(column);
-        let mut columns: Vec<(usize, f64)> = (0..all.len()).filter(is_in_log).map(apart).collect();
-        if let Some([least, most]) = outside {
-            columns.retain(|&(column, _)| {
-                column < channels && !(least..=most).contains(&all[column][row])
-            });
-        }
+        let range = self.options.valid_range.filter(|_| reason == Reason::OutOfRange);
+        let is_named = |column: &usize| match range {
+            Some([least, most]) => {
+                *column < channels && !(least..=most).contains(&all[*column][row])
+            }
+            // Logs have no memory terms.
+            None => !(channels..channels + terms).contains(column),
+        };
+        let mut columns: Vec<(usize, f64)> = (0..all.len()).filter(is_named).map(apart).collect();
         columns.sort_by(|a, b| b.1.total_cmp(&a.1));
         let far = columns.iter().filter(|(_, apart)| *apart > FAR_FROM_NEIGHBOURS).count();
-        columns.truncate(far.max(1));
         let column = |&(column, _): &(usize, f64)| {
-            let [before, after] = beside(column);
-            let value = all[column][row];
+            let ([before, after], value) = (beside(column), all[column][row]);
             let column = if column < channels { column } else { column - terms };
             OutlierColumn { column, value, before, after }
         };
-        let reason = match outside {
-            Some(_) => Reason::OutOfRange,
-            None => {
-                let (error, column) = (error[axis], channels + terms + axis);
-                let is_possible =
-                    self.spread.apart(column, error + all[column][row], 0.0) < FAR_BEYOND_LOADS;
-                Reason::Error { axis: Axis::ALL[axis], size, error, is_possible }
-            }
-        };
-        let columns = columns.iter().map(column).collect();
+        let columns = columns.iter().take(far.max(1)).map(column).collect();
         Outlier { log, offset: rows.offset, row, reason, columns }
     }
 }
-
-/// A row by the position of its block and its own there.
-type RowKey = (usize, usize);
-
-/// Rows in their order.
-type RowKeys = BTreeSet<RowKey>;

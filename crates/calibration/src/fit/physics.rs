@@ -2,20 +2,19 @@
 
 use std::fmt;
 
-use super::choice::FitInput;
+use super::choice::{FitInput, ModelChoice};
 use super::evaluation::{Evaluation, RowErrors};
-use super::model_choice::ModelChoice;
 use super::outlier_search::name_outliers;
 use super::outliers::Outliers;
 use super::refits::{FOLDS, MOST_ALONE};
-use super::{Fit, FitMethod, FitOptions};
+use super::{Fit, FitMethod};
 use crate::conversion::{Calibration, Kind};
 use crate::error::FitError;
 use crate::exact::PartitionedMoments;
 use crate::groups::{GroupBy, HeldOut};
 use crate::model::{Basis, Model};
 use crate::physics::{
-    Choice, ObservationSample, PhysicsCalibration, PhysicsValidation, TrainingRows, usual_errors,
+    Choice, ObservationSample, PhysicsCalibration, PhysicsValidation, TrainingRows,
 };
 use crate::quality::significant;
 use crate::reading_ranges::ReadingRanges;
@@ -76,10 +75,10 @@ impl PhysicsFit {
 /// [`FitError::PhysicsAxes`], [`FitError::Weights`].
 pub(super) fn check(data: &Dataset) -> Result<(), FitError> {
     if data.has_weights() {
-        return Err(FitError::Weights { what: "the physics model" });
+        return Err(FitError::Weights("the physics model"));
     }
     let found = data.logs.first().map_or(Axes::ALL, |log| log.axes);
-    if found.are_all() { Ok(()) } else { Err(FitError::PhysicsAxes { found }) }
+    if found.are_all() { Ok(()) } else { Err(FitError::PhysicsAxes(found)) }
 }
 
 /// The physics model as it was compared with a polynomial.
@@ -125,7 +124,7 @@ pub(super) fn fit(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fi
         looks.then(|| Ok(Outliers { rms: None, ..name_outliers(train, None, options)? }));
     let quality = of_train.quality().ok_or(FitError::NoRows)?;
     let physics = PhysicsFit {
-        observations: choice.observation_count(),
+        observations: choice.sample.count,
         choice,
         groups: rows.group_count(),
         group_by,
@@ -177,31 +176,20 @@ impl ModelComparison {
         choice: &ModelChoice,
     ) -> Result<Option<(Self, Option<TriedPhysics>)>, FitError> {
         let options = input.options;
-        let Some((sums, _)) = choice.sums.as_ref().zip(choice.selection.as_ref()) else {
-            return Ok(None);
-        };
+        let sums = choice.sums.as_ref().filter(|_| choice.selection.is_some());
         // Of sets of groups nobody knows which rows they have.
-        if sums.group_count != sums.groups.len() {
+        let sums = sums.filter(|sums| sums.group_count == sums.groups.len());
+        let Some(sums) = sums else { return Ok(None) };
+        let labelled = input.labelled(options.held_out());
+        let Some((group_by, labelled)) = labelled else { return Ok(None) };
+        let (model, ridge) = (options.model_of(&labelled, choice.basis), choice.ridge);
+        if !is_worth_trying(sums, group_by, &model, choice)? {
             return Ok(None);
         }
-        let Some(labelled) = input.labelled(options.held_out()) else { return Ok(None) };
-        let model = options.model_of(&labelled.1, choice.basis);
-        match is_worth_trying(sums, labelled.0, &model, choice)? {
-            true => Self::new(&labelled, sums, (model, choice.ridge), options).map(Some),
-            false => Ok(None),
-        }
-    }
-
-    fn new(
-        (group_by, labelled): &(GroupBy, Dataset),
-        sums: &GroupedMoments,
-        (model, ridge): (Model, f64),
-        options: &FitOptions<'_>,
-    ) -> Result<(Self, Option<TriedPhysics>), FitError> {
-        let (rows, labels) = TrainingRows::from_dataset(labelled);
+        let (rows, labels) = TrainingRows::from_dataset(&labelled);
         let sizes = sizes(sums);
         let held_out = options.validation().unwrap_or(HeldOut::Auto);
-        let mut folds = assign_groups(&sizes, fold_count(held_out, sizes.len(), *group_by))?;
+        let mut folds = assign_groups(&sizes, fold_count(held_out, sizes.len(), group_by))?;
         let mut polynomial = selection::errors_by_fold(sums, &model, ridge, &folds)?;
         if polynomial.is_none() {
             folds = selection::folds(sums)?;
@@ -220,17 +208,17 @@ impl ModelComparison {
         let (first, of_first): (Vec<_>, Vec<_>) =
             folds.iter().cloned().zip(polynomial.iter().copied()).step_by(every).unzip();
         let sample = ObservationSample::from_rows(&rows)?;
-        let usual = usual_errors(&rows, &sample, &first, options.workers)?;
-        let comparison = Comparison::new(&usual, &of_first, &variances);
+        let usual = PhysicsValidation::usual(&rows, &sample, &first, options.workers)?;
+        let comparison = Comparison::new(&usual.by_fold(), &of_first, &variances);
         let [physics, by_polynomial] = comparison.rms.map(|rms| relative_square(&rms, &variances));
         if physics > OUT_OF_REACH * by_polynomial {
-            return Ok((Self { model, ridge, comparison, folds: first.len() }, None));
+            return Ok(Some((Self { model, ridge, comparison, folds: first.len() }, None)));
         }
         let fitted = PhysicsCalibration::fit_from(&rows, sample, None, options.workers)?;
         let validation = PhysicsValidation::new(&rows, &folds, &fitted.1, options.workers)?;
         let comparison = Comparison::new(&validation.by_fold(), &polynomial, &variances);
         let tried = TriedPhysics { fitted, validation };
-        Ok((Self { model, ridge, comparison, folds: folds.len() }, Some(tried)))
+        Ok(Some((Self { model, ridge, comparison, folds: folds.len() }, Some(tried))))
     }
 }
 

@@ -1,11 +1,12 @@
 //! A polynomial in the readings: the fit of the model that was chosen, its errors and covariance.
 
-use super::choice::FitInput;
+use std::mem::take;
+
+use super::choice::{Clusters, FitInput, ModelChoice};
 use super::evaluation::{Evaluation, RowErrors};
-use super::model_choice::{Clusters, ModelChoice};
 use super::outlier_search::{KnownFit, name_outliers};
 use super::outliers::Outliers;
-use super::solve::{PolynomialProblem, Solved, check_sizes, r_factor_method, solve};
+use super::refits::{PolynomialProblem, Solved, check_sizes, r_factor_method, solve};
 use super::warning::Warning;
 use super::{CovarianceRule, Fit, FitMethod, FitOptions};
 use crate::conversion::Calibration;
@@ -15,12 +16,10 @@ use crate::solver::{Solution, SolverKind};
 use crate::uncertainty::{Covariance, ErrorShape};
 use crate::validation::ValidationError;
 use crate::validation::grouped::GroupedMoments;
-use crate::validation::outliers::{RowTest, TestedRow};
-use crate::validation::spread::Spread;
+use crate::validation::outliers::{RowTest, Spread, TestedRow};
 use shell_data::dataset::Dataset;
 use shell_data::fingerprint::Fingerprint;
 use shell_data::wrench::PerAxis;
-use std::mem::take;
 
 /// The covariance as far as it can be had, and why not by groups where it is of independent rows.
 pub(super) fn covariance(
@@ -39,16 +38,11 @@ pub(super) fn covariance(
         (Some(Clusters::Rows(rows)), _) => {
             Covariance::from_clipped_groups(rows, solution, ridge, workers)
         }
-        (Some(Clusters::RFactors { .. }), _) if solver == SolverKind::Huber => {
-            Err(ValidationError::OtherSolver)
-        }
         (Some(Clusters::RFactors { rows, held_out_together }), _) => {
             let method = r_factor_method(solver, options.truncate);
             let together = held_out_together.as_deref();
             Covariance::from_factored(rows, together, solution, (method, ridge), workers)
         }
-        // Features of other solvers are about another centre than that of the sums.
-        (None, Some(_)) if solver != SolverKind::Exact => Err(ValidationError::OtherSolver),
         (None, Some(sums)) => {
             let are_long =
                 choice.has_long_stretches(sums.groups.len(), solution.rows, &solution.model);
@@ -58,8 +52,6 @@ pub(super) fn covariance(
     };
     match found {
         Ok(covariance) => (Some(covariance), None),
-        // Rows that resemble each other would promise too much.
-        Err(ValidationError::OtherSolver) => (None, Some(ValidationError::OtherSolver)),
         Err(error) => (by_rows(), Some(error)),
     }
 }
@@ -72,7 +64,20 @@ const AS_GOOD_AS_EXACT: f64 = 1e10;
 pub(super) fn fit(input: FitInput<'_>, mut choice: ModelChoice) -> Result<Fit, FitError> {
     let FitInput { test, options, .. } = input;
     let train = choice.labelled.take().unwrap_or_else(|| input.used());
-    let solved = solve_choice(&train, &choice, options)?;
+    let problem = PolynomialProblem {
+        model: options.model_of(&train, choice.basis),
+        solver: match options.solver {
+            // What the exact solver leaves to others; memory terms are rounded themselves.
+            SolverKind::Exact if train.has_weights() => SolverKind::RefinedTsqr,
+            SolverKind::Exact if train.memory_terms() > 0 => SolverKind::Tsqr,
+            solver => solver,
+        },
+        ridge: choice.ridge,
+        truncate: options.truncate,
+    };
+    let total = choice.sums.as_ref().and_then(GroupedMoments::total);
+    let sample = train.logs.first().map(|log| &log.sample);
+    let solved = solve(&problem, total, &Rows::new(&train, options.workers), sample)?;
     let Solved { solution, ranges, solver, not_exact, .. } = &solved;
     let mut calibration = Calibration::from_solution(solution, ranges);
     calibration.axes = train.logs[0].axes;
@@ -106,34 +111,14 @@ pub(super) fn fit(input: FitInput<'_>, mut choice: ModelChoice) -> Result<Fit, F
     let has_outliers = errors.tested.iter().flatten().any(TestedRow::starts_search);
     let outliers = spread.filter(|_| has_outliers).map(|spread| -> Result<Outliers, FitError> {
         let judged_by = FitOptions { model: choice.basis.into(), ridge: choice.ridge, ..*options };
-        let is_same_fit = input.uses_all() && options.solver == SolverKind::Exact;
+        let uses_all = !options.fresh && input.excluded.is_empty();
+        let is_same_fit = uses_all && options.solver == SolverKind::Exact;
         let known = KnownFit { fit: &solved, spread, tested: take(&mut errors.tested) };
         name_outliers(input.train, is_same_fit.then_some(known), &judged_by)
     });
     let how = FitMethod::polynomial(solved.solution, solved.solver, options.truncate);
     let fitted = Fit { outliers, warnings, ..Fit::new(calibration, choice, how, quality) };
     Ok(fitted.with_errors(train, test, [errors, of_tests], options))
-}
-
-fn solve_choice(
-    train: &Dataset,
-    choice: &ModelChoice,
-    options: &FitOptions<'_>,
-) -> Result<Solved, FitError> {
-    let problem = PolynomialProblem {
-        model: options.model_of(train, choice.basis),
-        solver: match options.solver {
-            // What the exact solver leaves to others; memory terms are rounded themselves.
-            SolverKind::Exact if train.has_weights() => SolverKind::RefinedTsqr,
-            SolverKind::Exact if train.memory_terms() > 0 => SolverKind::Tsqr,
-            solver => solver,
-        },
-        ridge: choice.ridge,
-        truncate: options.truncate,
-    };
-    let total = choice.sums.as_ref().and_then(GroupedMoments::total);
-    let sample = train.logs.first().map(|log| &log.sample);
-    solve(&problem, total, &Rows::new(train, options.workers), sample)
 }
 
 /// Refuses a log that has the rows of one before it.

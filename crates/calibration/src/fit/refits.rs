@@ -1,28 +1,34 @@
-//! Errors on rows that were held out, by fits without them.
+//! The solution of a polynomial, from rows or from what was kept of them; and errors on rows that were held out, by
+//! solutions without them.
 //!
 //! Exact sums say what a fit without a group would be, of the solver that works on them and for readings that
 //! can be summed so. For readings of any kind the R factors of the folds do, for solvers that weigh rows alike; for
 //! others each fold is fitted anew. Each of up to forty groups is held out alone, more in ten folds.
 
-use super::FitOptions;
-use super::solve::{PolynomialProblem, calibrate, r_factor_method};
+use super::{FitOptions, LARGEST};
 use crate::conversion::Calibration;
 use crate::error::FitError;
-use crate::exact::HeldOutErrors;
+use crate::exact::{ExactError, HeldOutErrors, Moments};
 use crate::factored::FactoredGroups;
 use crate::grouped_rows::{GroupedRows, Run, count};
 use crate::groups::HeldOut;
-use crate::model::Basis;
-use crate::passes::{Rows, Workers, map};
+use crate::least_squares::Method;
+use crate::model::{Basis, Model};
+use crate::passes::{Rows, Workers, each, map};
+use crate::polynomial::Polynomial;
+use crate::quality::AxisQuality;
+use crate::reading_ranges::ReadingRanges;
 use crate::scaling::Scaling;
-use crate::solver::SolverKind;
+use crate::solver::{self, FitProblem, ReadingSums, Solution, SolverKind};
 use crate::validation::ValidationError;
 use crate::validation::cross_validation::{CrossValidation, assign_groups};
-use crate::validation::grouped::RandomSplit;
+use crate::validation::grouped::{
+    Apart, BlockGroups, GroupSums, GroupWorker, GroupedMoments, RandomSplit,
+};
 use crate::validation::normal_equations;
 use crate::validation::selection::{self, Selection};
 use shell_data::block::Block;
-use shell_data::dataset::{BLOCK_ROWS, Dataset};
+use shell_data::dataset::{BLOCK_ROWS, Dataset, LabelledBlock};
 use shell_data::wrench::PerAxis;
 use std::sync::LazyLock;
 
@@ -129,6 +135,143 @@ pub(super) fn cross_validate(
     Ok(found.beside_random(with_rows, at_random.collect::<Result<_, _>>().ok()))
 }
 
+/// Sums labelled rows by group; by sets of groups where there are too many and folds of them are asked for.
+pub(super) fn sum_groups_or_sets(
+    rows: &Dataset,
+    basis: Basis,
+    options: &FitOptions<'_>,
+) -> Result<GroupedMoments, FitError> {
+    let random = options.validation().map_or_else(RandomSplit::default, |_| {
+        random_split(options.folds().unwrap_or(RANDOM_FOLDS), options.seed)
+    });
+    match sum_groups(rows, basis, (Apart::Groups, random), options.workers) {
+        Err(FitError::Validation(ValidationError::TooManyGroups { .. }))
+            if options.folds().is_some() =>
+        {
+            sum_groups(rows, basis, (Apart::Sets, random), options.workers)
+        }
+        sums => sums,
+    }
+}
+
+/// The exact sums of labelled rows by what is `apart`, and of rows drawn at random.
+///
+/// # Errors
+/// [`FitError`] if they cannot be summed exactly, or there are too many groups.
+pub fn sum_groups(
+    data: &Dataset,
+    basis: Basis,
+    (apart, random): (Apart, RandomSplit),
+    workers: Workers<'_>,
+) -> Result<GroupedMoments, FitError> {
+    if data.has_weights() {
+        return Err(FitError::Weights("a partial fit"));
+    }
+    let channels = data.channels();
+    if data.memory_terms() > 0 {
+        return Err(FitError::NotExact(ExactError::MemoryTerms));
+    }
+    Model { basis, intercept: true, channels, memory: 0 }.check_size()?;
+    let mut sums = GroupSums::new(basis, channels, apart, random);
+    let empty = sums.worker();
+    let work = |worker: &mut GroupWorker, (_, block): &(usize, &LabelledBlock)| {
+        // Names what is not finite, as every fit does.
+        ReadingRanges::from_block(&block.rows, channels)?;
+        Ok(worker.add(&block.rows, &block.labels)?)
+    };
+    let blocks: Vec<_> = data.blocks().collect();
+    let fold = |groups: BlockGroups| Ok(sums.add(groups)?);
+    let init = || empty.clone();
+    let own = each(&blocks, |(_, block)| &block.rows, workers, init, work, fold)?;
+    Ok(sums.finish(own)?)
+}
+
+/// What is to be solved, and how.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct PolynomialProblem {
+    pub(super) model: Model,
+    /// Where the exact one cannot take the rows, refined QR does.
+    pub(super) solver: SolverKind,
+    pub(super) ridge: f64,
+    pub(super) truncate: Option<f64>,
+}
+
+/// The solution, and how it was found.
+#[derive(Clone)]
+pub(super) struct Solved {
+    pub(super) solution: Solution,
+    pub(super) ranges: ReadingRanges,
+    /// The solver that was used.
+    pub(super) solver: SolverKind,
+    /// Why it is not the exact one, where that was asked for.
+    pub(super) not_exact: Option<ExactError>,
+    /// The exact sums that it is the solution of, if it is.
+    pub(super) sums: Option<Moments>,
+}
+
+/// Solves by the solver that is asked for. `total` are the exact sums of the rows, where they have been made
+/// already; `sample` is of the rows, for solvers that need to know their sizes before the first pass.
+pub(super) fn solve(
+    problem: &PolynomialProblem,
+    total: Option<&Moments>,
+    rows: &Rows<'_>,
+    sample: Option<&Block>,
+) -> Result<Solved, FitError> {
+    let PolynomialProblem { model, mut solver, ridge, truncate } = *problem;
+    let mut not_exact = None;
+    if solver == SolverKind::Exact {
+        match total.map_or_else(|| solver::exact_moments(model, rows), |total| Ok(total.clone())) {
+            Ok(sums) => {
+                let ranges = sums.reading_ranges();
+                let solution = solver::solve_moments(&sums, &model, ridge, &ranges)?;
+                return Ok(Solved { solution, ranges, solver, not_exact, sums: Some(sums) });
+            }
+            Err(FitError::NotExact(error)) => not_exact = Some(error),
+            Err(error) => return Err(error),
+        }
+        solver = SolverKind::RefinedTsqr;
+    }
+    // A sample tells centre and scale, unless the answer depends on them.
+    let is_penalised = ridge > 0.0
+        || solver == SolverKind::RidgeGcv
+        || (solver == SolverKind::Svd && truncate.is_some());
+    let scaling = match sample.filter(|_| !is_penalised) {
+        Some(sample) => Scaling::from_sample(&sample.readings, model.intercept),
+        None => rows.reduce(&ReadingSums::new(model.columns()))?.scaling(model.intercept),
+    };
+    let problem = FitProblem { model, scaling, ridge };
+    let (solution, ranges) = match solver {
+        SolverKind::Svd => solver::fit_by(Method::Svd { truncate }, problem, rows)?,
+        _ => solver::fit(solver, problem, rows)?,
+    };
+    Ok(Solved { solution, ranges, solver, not_exact, sums: None })
+}
+
+/// How R factors of rows are solved as a solver would fit the rows, to rounding; Huber's weighs rows by what they err, and
+/// is not among them.
+pub(super) fn r_factor_method(solver: SolverKind, truncate: Option<f64>) -> Method {
+    match solver {
+        SolverKind::Svd => Method::Svd { truncate },
+        SolverKind::RidgeGcv => Method::RidgeGcv,
+        _ => Method::Tsqr,
+    }
+}
+
+/// Whether coefficients and errors can be written to a calibration's document, of which products of two
+/// errors are part.
+pub(super) fn check_sizes<'a>(
+    calibration: &Calibration,
+    errors: impl IntoIterator<Item = &'a PerAxis<AxisQuality>>,
+) -> Result<(), FitError> {
+    let is_small = |axis: &AxisQuality| axis.rms * axis.rms <= LARGEST;
+    let coefficients = calibration.polynomial().map_or(&[][..], Polynomial::coefficients);
+    let is_large = |coefficient: &f64| coefficient.abs() > LARGEST;
+    if !errors.into_iter().flatten().all(is_small) || coefficients.iter().flatten().any(is_large) {
+        return Err(FitError::Overflow);
+    }
+    Ok(())
+}
+
 impl PolynomialProblem {
     /// The errors on each of the first groups of rows, of a fit to all others: from R factors of the groups, if the solver
     /// weighs rows alike, and if they have the digits for it.
@@ -161,7 +304,9 @@ impl PolynomialProblem {
             let one = Workers { threads: 1, ..workers };
             let kept = copies.iter().enumerate().filter(|(at, _)| *at != position);
             let rows = Rows::from_blocks(kept.flat_map(|(_, blocks)| blocks), one);
-            let calibration = calibrate(self, &rows, &sample)?;
+            let Solved { solution, ranges, .. } = solve(self, None, &rows, Some(&sample))?;
+            let calibration = Calibration::from_solution(&solution, &ranges);
+            check_sizes(&calibration, [])?;
             let errors = copies[position].iter().map(|block| errors_on(&calibration, block));
             Ok(HeldOutErrors::total(&errors.collect::<Vec<_>>()))
         };

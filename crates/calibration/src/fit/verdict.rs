@@ -1,12 +1,12 @@
 //! What a fit is worth, in at most four lines: the error on data that it has not seen, the interval of a frame, what to
 //! use the calibration for, and what to record next.
 
-use super::{Fit, FitMethod, Leaks};
-use crate::error::FitError;
+use super::{Fit, FitMethod};
 use crate::groups::GroupBy;
 use crate::physics::COVERAGE_LEVEL;
 use crate::quality::significant;
 use crate::validation::excitation::Gap;
+use shell_data::statistics::extremes;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
 /// An axis whose error is a larger share of its loads (both root mean square) is not measured.
@@ -19,24 +19,19 @@ const ROWS_OF_INTERVAL: u64 = 1024;
 const LEAST_LEFT: f64 = 0.1;
 
 /// What a fit is worth on data that it has not seen.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Verdict {
-    /// The model that was fitted.
-    pub model: String,
+#[derive(Clone, Debug)]
+pub struct Verdict<'a> {
+    fit: &'a Fit,
     /// The axes of the calibration.
     pub axes: Axes,
-    /// Errors on rows that were not used, or why they are not known.
-    pub unseen: Result<UnseenErrors, Unjudged>,
+    /// Errors on rows that were not used, as far as they are known.
+    pub unseen: Option<UnseenErrors>,
     /// What 95 % of single frames are within, or why that is not known.
     pub interval: Result<FrameInterval, String>,
-    /// Rows on both sides of a split.
-    pub leaks: Leaks,
-    /// Whether no test row is within the range of the training rows.
-    pub test_is_out_of_range: bool,
     /// Axes whose error is about as large as the loads.
     pub useless: Axes,
     /// What the training loads do not cover.
-    pub gaps: Vec<Gap>,
+    gaps: Vec<Gap>,
 }
 
 /// Errors on rows that were not used for the fit.
@@ -68,15 +63,6 @@ pub enum UnseenRows {
     Test(u64),
 }
 
-/// Why nothing is known of errors on new data.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Unjudged {
-    /// The model was given, and nothing was held out.
-    NotAsked,
-    /// No model could be chosen on held-out groups.
-    NotPossible(FitError),
-}
-
 /// The interval that holds 95 % of single frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameInterval {
@@ -86,29 +72,18 @@ pub struct FrameInterval {
     pub held: Option<PerAxis<f64>>,
 }
 
-impl Verdict {
+impl<'a> Verdict<'a> {
     /// Of a fit.
-    pub fn new(fit: &Fit) -> Self {
-        let (axes, test) = (fit.calibration.axes, fit.test());
-        let unseen = unseen_errors(fit).ok_or_else(|| match &fit.not_judged {
-            Some(reason) => Unjudged::NotPossible(reason.clone()),
-            None => Unjudged::NotAsked,
-        });
-        let load = |axis: Axis| fit.excitation.as_ref().map(|of| of.axes[axis.index()].rms);
+    pub fn new(fit: &'a Fit) -> Self {
+        let (axes, unseen) = (fit.calibration.axes, unseen_errors(fit));
+        let errors = unseen.as_ref().map_or(fit.train.map(|of| of.rms), |of| of.rms);
         let is_useless = |axis: &Axis| {
-            let errors = unseen.as_ref().map(|of| of.rms).unwrap_or(fit.train.map(|of| of.rms));
-            load(*axis).is_some_and(|load| load > 0.0 && errors[axis.index()] > USELESS * load)
+            let load = fit.excitation.as_ref().map_or(0.0, |of| of.axes[axis.index()].rms);
+            load > 0.0 && errors[axis.index()] > USELESS * load
         };
-        Self {
-            model: fit.calibration.name(),
-            axes,
-            interval: interval(fit),
-            leaks: fit.leaks,
-            test_is_out_of_range: test.is_out_of_range(),
-            useless: axes.iter().filter(is_useless).collect(),
-            gaps: fit.excitation.as_ref().map(|of| of.gaps(axes)).unwrap_or_default(),
-            unseen,
-        }
+        let useless = axes.iter().filter(is_useless).collect();
+        let gaps = fit.excitation.as_ref().map(|of| of.gaps(axes)).unwrap_or_default();
+        Self { fit, axes, unseen, interval: interval(fit), useless, gaps }
     }
 
     /// Whether the calibration can be used for some axis.
@@ -122,30 +97,23 @@ impl Verdict {
     }
 
     fn error_words(&self) -> String {
-        let Self { model, axes, .. } = self;
-        let of = match &self.unseen {
-            Ok(of) => of,
-            Err(Unjudged::NotAsked) => {
-                return format!(
-                    "{model}: the error on new loads is not known, nothing was held out (`--model auto` or `--cv` \
-                     finds it)"
-                );
-            }
-            Err(Unjudged::NotPossible(reason)) => {
-                return format!("{model}: the error on new loads is not known: {reason}");
-            }
+        let model = self.fit.calibration.name();
+        let Some(of) = &self.unseen else {
+            let unknown = format!("{model}: the error on new loads is not known");
+            return match &self.fit.not_judged {
+                None => unknown + ", nothing was held out (`--model auto` or `--cv` finds it)",
+                Some(reason) => format!("{unknown}: {reason}"),
+            };
         };
-        let percent = |axis: Axis| {
+        let error = |axis: Axis| significant(of.rms[axis.index()], 3);
+        let percent = |axis: &Axis| {
             let share = of.share_of_range[axis.index()];
             share.map_or("–".to_owned(), |share| significant(100.0 * share, 2))
         };
-        let errors = each_unit(*axes, |axes| {
-            let rms = axes
-                .iter()
-                .map(|axis| format!("{} {}", axis.name(), significant(of.rms[axis.index()], 3)));
-            let shares = axes.iter().map(|axis| percent(*axis)).collect::<Vec<_>>().join(", ");
-            format!("{} {} ({shares} %)", rms.collect::<Vec<_>>().join(", "), axes[0].unit())
-        });
+        let shares = |axes: &[Axis]| {
+            format!(" ({} %)", axes.iter().map(percent).collect::<Vec<_>>().join(", "))
+        };
+        let errors = each_unit(self.axes, error, shares);
         format!("{model}: error {}: {errors} (% of the calibrated range)", of.on.words())
     }
 
@@ -154,65 +122,54 @@ impl Verdict {
             Ok(interval) => interval,
             Err(reason) => return format!("no 95 % interval: {reason}"),
         };
-        let halves = each_unit(self.axes, |axes| {
-            let half = |axis: &Axis| {
-                let half = significant(interval.half_width[axis.index()], 2);
-                format!("{} ±{half}", axis.name())
-            };
-            format!("{} {}", axes.iter().map(half).collect::<Vec<_>>().join(", "), axes[0].unit())
-        });
+        let half = |axis: Axis| format!("±{}", significant(interval.half_width[axis.index()], 2));
+        let halves = each_unit(self.axes, half, |_| String::new());
         let held = interval.held.map_or_else(String::new, |held| {
-            let held = self.axes.of(&held);
-            let least = held.iter().copied().fold(f64::INFINITY, f64::min);
-            let most = held.iter().copied().fold(0.0, f64::max);
+            let (least, most) = extremes(self.axes.of(&held));
             format!(" (held {:.0} to {:.0} % of the held-out frames)", 100.0 * least, 100.0 * most)
         });
         format!("95 % of single frames are within {halves}{held}")
     }
 
     fn use_words(&self) -> String {
-        let percent = |share: f64| format!("{:.0} %", 100.0 * share);
-        let is_tested_only = matches!(&self.unseen, Ok(of) if matches!(of.on, UnseenRows::Test(_)));
-        let leak = match is_tested_only {
-            true => self.leaks.in_test().map(|share| (percent(share), "test rows")),
-            false => self.leaks.in_groups().map(|share| (percent(share), "rows")),
+        let (percent, leaks) = (|share: f64| format!("{:.0} %", 100.0 * share), self.fit.leaks);
+        let is_tested_only =
+            matches!(&self.unseen, Some(of) if matches!(of.on, UnseenRows::Test(_)));
+        let (leak, rows) = match is_tested_only {
+            true => (leaks.in_test(), "test rows"),
+            false => (leaks.in_groups(), "rows"),
         };
-        if let Some((share, rows)) = leak {
+        if let Some(share) = leak {
             return format!(
-                "do not rely on it: {share} of the {rows} were recorded at poses that the fit has seen, so the error on \
-                 new poses is not known"
+                "do not rely on it: {} of the {rows} were recorded at poses that the fit has seen, so the error on \
+                 new poses is not known",
+                percent(share)
             );
         }
         if !self.is_usable() {
             return "do not use it: its errors are about as large as the loads".to_owned();
         }
-        if self.unseen.is_err() {
+        if self.unseen.is_none() {
             return "do not rely on it before it has been tested on loads that it has not seen"
                 .to_owned();
         }
         let mut said = "use it within the calibrated loads".to_owned();
-        if !self.useless.is_empty() {
-            said += &format!(
-                "; not for {}, where the error is about as large as the loads",
-                self.useless
-            );
+        let Self { useless, .. } = self;
+        if !useless.is_empty() {
+            said += &format!("; not for {useless}, where the error is about as large as the loads");
         }
-        let unloaded = self.gaps.iter().filter_map(|gap| match gap {
-            Gap::Unloaded(axis) => Some(*axis),
-            _ => None,
-        });
-        let unloaded: Axes = unloaded.collect();
+        let unloaded = |gap: &Gap| if let Gap::Unloaded(axis) = gap { Some(*axis) } else { None };
+        let unloaded: Axes = self.gaps.iter().filter_map(unloaded).collect();
         if !unloaded.is_empty() {
             said += &format!("; not for {unloaded}, which was never loaded");
         }
-        if self.test_is_out_of_range {
+        if self.fit.test().is_out_of_range() {
             said +=
                 "; ignore the test set, no row of it is within the calibrated range of readings";
         }
-        if let Some(share) = self.leaks.in_test() {
+        if let Some(share) = leaks.in_test().map(percent) {
             said += &format!(
-                "; ignore the test set, {} of it was recorded at poses of the training data",
-                percent(share)
+                "; ignore the test set, {share} of it was recorded at poses of the training data"
             );
         }
         said
@@ -237,28 +194,36 @@ impl Verdict {
 
 impl UnseenRows {
     fn words(&self) -> String {
-        let (by, groups, folds, are_shuffled) = match *self {
-            Self::Test(rows) => return format!("on {rows} test rows"),
-            Self::HeldOut { by, groups, folds, are_shuffled } => (by, groups, folds, are_shuffled),
-        };
-        let how = match folds == groups {
-            true => format!("{groups} in all, each held out once"),
-            false => format!("{groups} in all, held out in {folds} folds"),
-        };
-        match are_shuffled {
-            true => "on rows that were held out at random, which is optimistic (the rows are shuffled: nothing in \
-                     them can be held out by time)"
-                .to_owned(),
-            false => format!("on {} not used for the fit ({how})", by.plural()),
+        match *self {
+            Self::Test(rows) => format!("on {rows} test rows"),
+            Self::HeldOut { are_shuffled: true, .. } => {
+                "on rows that were held out at random, which is optimistic (the rows are shuffled: nothing in \
+                 them can be held out by time)"
+                    .to_owned()
+            }
+            Self::HeldOut { by, groups, folds, .. } => {
+                let how = match folds == groups {
+                    true => "each held out once".to_owned(),
+                    false => format!("held out in {folds} folds"),
+                };
+                format!("on {} not used for the fit ({groups} in all, {how})", by.plural())
+            }
         }
     }
 }
 
-/// What `words` says of the forces, then of the moments.
-fn each_unit(axes: Axes, words: impl Fn(&[Axis]) -> String) -> String {
+/// The value of each axis with its name, the forces and then the moments with their unit and what is said after it.
+fn each_unit(
+    axes: Axes,
+    value: impl Fn(Axis) -> String,
+    after: impl Fn(&[Axis]) -> String,
+) -> String {
     let axes: Vec<Axis> = axes.iter().collect();
-    let of_one_unit = axes.chunk_by(|a, b| a.unit() == b.unit());
-    of_one_unit.map(words).collect::<Vec<_>>().join("; ")
+    let words = |axes: &[Axis]| {
+        let values = axes.iter().map(|axis| format!("{} {}", axis.name(), value(*axis)));
+        format!("{} {}{}", values.collect::<Vec<_>>().join(", "), axes[0].unit(), after(axes))
+    };
+    axes.chunk_by(|a, b| a.unit() == b.unit()).map(words).collect::<Vec<_>>().join("; ")
 }
 
 fn unseen_errors(fit: &Fit) -> Option<UnseenErrors> {

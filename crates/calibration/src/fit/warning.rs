@@ -1,6 +1,6 @@
 //! What a fit has to say beside its figures, worded once for terminal, report and Python.
 
-use super::model_choice::FewGroups;
+use super::choice::FewGroups;
 use crate::exact::ExactError;
 use crate::physics::TooFewGroups;
 use crate::validation::ValidationError;
@@ -86,13 +86,6 @@ pub enum Warning {
         /// Of so many.
         rows: u64,
     },
-}
-
-impl Warning {
-    /// Whether it only says how something was done.
-    pub fn is_note(&self) -> bool {
-        matches!(self, Self::OutOfRange { .. })
-    }
 }
 
 /// Channel names, from `s1`.

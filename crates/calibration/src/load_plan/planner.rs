@@ -1,17 +1,15 @@
 //! Loads in the order in which they tell most.
 
-use super::sensors::{Answers, SensorKnowledge};
-use super::surface::Surface;
+use super::knowledge::{SensorAnswer, SensorKnowledge, Surface};
 use shell_data::wrench::PerAxis;
 
 /// Loads of the range over which variances are averaged, at most: more change no order.
 const MOST_OF_RANGE: usize = 120;
 
 /// What the next load is chosen by.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Criterion {
     /// The gain of information.
-    #[default]
     Gain,
     /// The variance of a wrench, averaged over the range of loads.
     AverageVariance,
@@ -66,37 +64,21 @@ impl PredictedError {
 }
 
 impl<'a> Planner<'a> {
-    /// With no model of the sensors, after `loads`.
-    pub fn from_loads(loads: &[PerAxis<f64>], candidates: &'a [PerAxis<f64>]) -> Self {
-        let knowledge = Knowledge::Surface(Surface::new(loads, candidates));
-        Self::new(loads, candidates, knowledge)
-    }
-
-    /// With a model, which knows the `loads` that it was fitted to.
-    pub fn from_sensors(
-        sensors: SensorKnowledge,
+    /// After `loads`; with a model of the sensors, which knows the loads that it was fitted to, or without.
+    pub fn new(
+        sensors: Option<SensorKnowledge>,
+        criterion: Criterion,
         loads: &[PerAxis<f64>],
         candidates: &'a [PerAxis<f64>],
     ) -> Self {
-        Self::new(loads, candidates, Knowledge::Sensors(Box::new(sensors)))
-    }
-
-    fn new(loads: &[PerAxis<f64>], candidates: &'a [PerAxis<f64>], knowledge: Knowledge) -> Self {
+        let knowledge = match sensors {
+            Some(sensors) => Knowledge::Sensors(Box::new(sensors)),
+            None => Knowledge::Surface(Surface::new(loads, candidates)),
+        };
         let all: Vec<PerAxis<f64>> = loads.iter().chain(candidates).copied().collect();
         let every = all.len().div_ceil(MOST_OF_RANGE).max(1);
-        Self {
-            candidates,
-            left: (0..candidates.len()).collect(),
-            range: all.into_iter().step_by(every).collect(),
-            knowledge,
-            criterion: Criterion::default(),
-        }
-    }
-
-    /// By another criterion.
-    #[must_use]
-    pub fn by(self, criterion: Criterion) -> Self {
-        Self { criterion, ..self }
+        let range = all.into_iter().step_by(every).collect();
+        Self { candidates, left: (0..candidates.len()).collect(), range, knowledge, criterion }
     }
 
     /// The error to expect now.
@@ -109,7 +91,7 @@ impl<'a> Planner<'a> {
         }
     }
 
-    fn answers(&self, sensors: &SensorKnowledge) -> Vec<Answers> {
+    fn answers(&self, sensors: &SensorKnowledge) -> Vec<Vec<SensorAnswer>> {
         self.range.iter().map(|load| sensors.answers(load)).collect()
     }
 
@@ -117,7 +99,7 @@ impl<'a> Planner<'a> {
     fn gain(&self, load: &PerAxis<f64>) -> f64 {
         match &self.knowledge {
             Knowledge::Surface(surface) => surface.gain(load),
-            Knowledge::Sensors(sensors) => sensors.gain(&sensors.answers(load)),
+            Knowledge::Sensors(sensors) => sensors.gain(load),
         }
     }
 
@@ -131,8 +113,12 @@ impl<'a> Planner<'a> {
             }
             (Criterion::AverageVariance, Knowledge::Sensors(sensors)) => {
                 let range = self.answers(sensors);
-                let after = |load| sensors.mean_variances(&range, Some(&sensors.answers(load)));
-                loads.map(|load| -after(load).iter().sum::<f64>()).collect()
+                let after = |load| {
+                    let mut after = sensors.clone();
+                    after.observe(load);
+                    -after.mean_variances(&range).iter().sum::<f64>()
+                };
+                loads.map(after).collect()
             }
         }
     }

@@ -12,8 +12,7 @@
 use std::collections::BTreeMap;
 use std::num::NonZeroU64;
 
-use super::planner::{Criterion, Planner};
-use super::sensors::SensorKnowledge;
+use super::{Criterion, Planner, SensorKnowledge};
 use crate::error::FitError;
 use crate::passes::{Workers, map_folds};
 use crate::physics::observation::wrench_scale;
@@ -103,15 +102,6 @@ struct ReplayPose<'a> {
     load: PerAxis<f64>,
 }
 
-impl<'a> ReplayPose<'a> {
-    fn new(observations: Vec<&'a Observation>) -> Self {
-        let mean = |axis: usize| {
-            observations.iter().map(|o| o.wrench[axis]).sum::<f64>() / observations.len() as f64
-        };
-        Self { load: std::array::from_fn(mean), observations }
-    }
-}
-
 impl Replay {
     /// Replays `observations` in every order, split by split on several threads; the result does not depend on how
     /// many.
@@ -154,14 +144,9 @@ impl Replay {
         Ok(Self { poses, errors })
     }
 
-    /// The error with all poses.
-    pub fn error_of_all(&self) -> f64 {
-        self.errors[0].last().copied().unwrap_or(f64::NAN)
-    }
-
     /// The fewest poses from which on an order stays within `share` of the error with all, such as 0.15.
     pub fn poses_within(&self, order: Order, share: f64) -> usize {
-        let limit = (1.0 + share) * self.error_of_all();
+        let limit = (1.0 + share) * self.errors[0].last().copied().unwrap_or(f64::NAN);
         let errors = &self.errors[order as usize];
         let beyond = errors.iter().rposition(|&error| error > limit);
         self.poses[beyond.map_or(0, |at| (at + 1).min(self.poses.len() - 1))]
@@ -208,18 +193,17 @@ impl SplitReplay<'_> {
         let load = |&at: &usize| self.training[at].load;
         let candidates: Vec<PerAxis<f64>> = left.iter().map(load).collect();
         let loads: Vec<PerAxis<f64>> = taken.iter().map(load).collect();
-        let planner = match (order, model) {
-            (Order::Random, _) => return left.into_iter().take(count).collect(),
-            (Order::DOptimal, _) | (_, None) => Planner::from_loads(&loads, &candidates),
-            (Order::Gain | Order::AverageVariance, Some(model)) => {
-                Planner::from_sensors(SensorKnowledge::from_model(model), &loads, &candidates)
-            }
+        let sensors = match order {
+            Order::Random => return left.into_iter().take(count).collect(),
+            Order::DOptimal => None,
+            Order::Gain | Order::AverageVariance => model.map(SensorKnowledge::from_model),
         };
         let criterion = match order {
             Order::AverageVariance => Criterion::AverageVariance,
             _ => Criterion::Gain,
         };
-        planner.by(criterion).take(count).map(|next| left[next.candidate]).collect()
+        let planner = Planner::new(sensors, criterion, &loads, &candidates);
+        planner.take(count).map(|next| left[next.candidate]).collect()
     }
 
     fn error(&self, model: &PhysicsModel) -> f64 {
@@ -232,9 +216,14 @@ impl SplitReplay<'_> {
 }
 
 fn poses(observations: &[Observation]) -> Vec<ReplayPose<'_>> {
+    fn pose(observations: Vec<&Observation>) -> ReplayPose<'_> {
+        let sum = |axis: usize| observations.iter().map(|o| o.wrench[axis]).sum::<f64>();
+        let load = std::array::from_fn(|axis| sum(axis) / observations.len() as f64);
+        ReplayPose { observations, load }
+    }
     let mut groups = BTreeMap::<u64, Vec<&Observation>>::new();
     observations.iter().for_each(|o| groups.entry(o.group).or_default().push(o));
-    groups.into_values().map(ReplayPose::new).collect()
+    groups.into_values().map(pose).collect()
 }
 
 /// Fisher's and Yates's shuffle (Knuth, The Art of Computer Programming, vol. 2, §3.4.2, algorithm P).

@@ -3,9 +3,10 @@ use std::num::NonZeroU64;
 use faer::Mat;
 use system_tests::random::Random;
 
-use super::covariance::CovarianceMatrix;
+use super::knowledge::CovarianceMatrix;
 use super::*;
 use crate::passes::Workers;
+use crate::physics::cholesky::diagonal;
 use crate::physics::response::{Answer, Parameters};
 use crate::physics::{Inversion, Observation, PhysicsModel};
 use shell_data::wrench::PerAxis;
@@ -38,7 +39,7 @@ fn observe(group: u64, wrench: PerAxis<f64>, noise: f64, random: &mut Random) ->
 
 #[test]
 fn an_observation_adds_its_information() {
-    let mut covariance = CovarianceMatrix::from_variances(&[2.0, 0.5]);
+    let mut covariance = CovarianceMatrix(Box::new(diagonal([2.0, 0.5])));
     covariance.observe(&[1.0, 3.0], 4.0);
     // The inverse of (1/2, 2) on the diagonal plus (1, 3)(1, 3)ᵀ/4, by hand.
     let (a, b, c): (f64, f64, f64) = (0.5 + 0.25, 0.75, 2.0 + 2.25);
@@ -53,11 +54,12 @@ fn an_observation_adds_its_information() {
 #[test]
 fn gains_of_a_design_without_readings_add_up_to_its_determinant() {
     let candidates = loads(60, 1);
-    let planned: Vec<PlannedLoad> = Planner::from_loads(&[], &candidates).take(30).collect();
+    let planned: Vec<PlannedLoad> =
+        Planner::new(None, Criterion::Gain, &[], &candidates).take(30).collect();
     let surface = |loads: &[PerAxis<f64>]| Surface::new(loads, &candidates);
     let chosen: Vec<PerAxis<f64>> = planned.iter().map(|of| candidates[of.candidate]).collect();
     let ln_determinant = |of: &Surface| {
-        let covariance = of.covariance();
+        let covariance = &of.covariance.0;
         Mat::from_fn(28, 28, |i, j| covariance[i][j]).determinant().ln()
     };
     let gained = ln_determinant(&surface(&[])) - ln_determinant(&surface(&chosen));
@@ -75,9 +77,9 @@ fn gains_of_a_design_without_readings_add_up_to_its_determinant() {
 fn a_load_that_was_hung_tells_less_the_second_time() {
     let candidates = loads(20, 2);
     for criterion in [Criterion::Gain, Criterion::AverageVariance] {
-        let first = Planner::from_loads(&[], &candidates).by(criterion).next().unwrap();
+        let first = Planner::new(None, criterion, &[], &candidates).next().unwrap();
         let hung = [candidates[first.candidate]];
-        let again = Planner::from_loads(&hung, &candidates).by(criterion).next().unwrap();
+        let again = Planner::new(None, criterion, &hung, &candidates).next().unwrap();
         assert_ne!(first.candidate, again.candidate, "{criterion:?}");
     }
 }
@@ -90,7 +92,8 @@ fn predicted_errors_are_those_that_are_found() {
         (0..).zip(&training).map(|(i, &w)| observe(i, w, 4.0, &mut random)).collect();
     let model = PhysicsModel::fit(&fitted, 0.1, 0.5).unwrap();
     let tests = loads(400, 4);
-    let planner = Planner::from_sensors(SensorKnowledge::from_model(&model), &training, &tests);
+    let sensors = Some(SensorKnowledge::from_model(&model));
+    let planner = Planner::new(sensors, Criterion::Gain, &training, &tests);
     let PredictedError::Wrench(predicted) = planner.error() else { panic!("a model of sensors") };
     let inversion = Inversion::new(&model);
     let mut squares = [0.0; 6];

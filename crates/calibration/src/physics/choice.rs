@@ -12,10 +12,10 @@ use super::PhysicsError;
 use super::factors::{fit_factors, fit_factors_from};
 use super::fit::{FittedParameters, Scaled, Scales, fit, fit_from};
 use super::inversion::Inversion;
-use super::loadings::FACTORS;
 use super::model::{PhysicsModel, check};
 use super::observation::Observation;
-use super::sample::ObservationSample;
+use super::response::FACTORS;
+use super::rows::ObservationSample;
 use crate::error::FitError;
 use crate::passes::{Workers, map};
 
@@ -80,9 +80,13 @@ pub struct Choice {
     pub factor_trials: Vec<FactorTrial>,
     /// The chosen candidate without each fold of groups.
     pub fold_models: Vec<FoldModel>,
-    start: FirstFits,
+    /// Fits to all observations, from which those to most of them start: their scales, those of each width without
+    /// factors, and those with one factor, two, as far as those were tried.
+    scales: Scales,
+    widths: Vec<FittedParameters>,
+    factors: Vec<FittedParameters>,
     /// What it was chosen on.
-    pub(super) sample: ObservationSample,
+    pub(crate) sample: ObservationSample,
 }
 
 /// The chosen candidate without one of the folds.
@@ -92,16 +96,6 @@ pub struct FoldModel {
     pub groups: Vec<u64>,
     /// Fitted to the others.
     pub model: PhysicsModel,
-}
-
-/// Fits to all observations, from which those to most of them start.
-#[derive(Clone, Debug, PartialEq)]
-struct FirstFits {
-    scales: Scales,
-    /// Of each width, without factors.
-    widths: Vec<FittedParameters>,
-    /// With one factor, two, as far as those were tried.
-    factors: Vec<FittedParameters>,
 }
 
 /// What all candidates are fitted to.
@@ -129,11 +123,6 @@ impl Choice {
         Self::fit_from(ObservationSample::new(observations), None, workers)
     }
 
-    /// How many observations there were.
-    pub fn observation_count(&self) -> usize {
-        self.sample.count
-    }
-
     /// The same for a sample of observations; `before` is the choice for a larger sample, where the fits start.
     pub(super) fn fit_from(
         sample: ObservationSample,
@@ -143,18 +132,20 @@ impl Choice {
         let tried: Vec<&Observation> = sample.tried.iter().collect();
         let observations: Vec<&Observation> = sample.fitted.iter().collect();
         let scales = check(&observations)?;
-        let data = scales.apply(&tried);
+        let mut data = scales.apply(&tried);
         let most_alone = if before.is_some() { FOLDS_WITHIN } else { MOST_ALONE };
         let folds = folds(&tried, &scales, most_alone);
         if folds.len() < 2 {
-            return Err(PhysicsError::TooFewGroups { found: folds.len() }.into());
+            return Err(PhysicsError::TooFewGroups(folds.len()).into());
         }
-        let before = before.and_then(|of| of.start.rescaled(&scales));
+        let before = before.filter(|of| of.scales.has_channels_of(&scales));
         let tries = CandidateData { scales, folds, workers };
         let (mut trials, mut tried_widths) = (Vec::new(), Vec::new());
         for (position, width) in WIDTHS.into_iter().enumerate() {
-            let whole = match &before {
-                Some(before) => fit_from(&data, width, &before.widths[position]),
+            let whole = match before {
+                Some(of) => {
+                    fit_from(&data, width, &of.rescaled(&of.widths[position], &tries.scales))
+                }
                 None => fit(&data, width),
             };
             let fits = tries.fits(width, |rest| fit_from(rest, width, &whole))?;
@@ -170,8 +161,8 @@ impl Choice {
         let (mut factor_trials, mut factors) = (Vec::new(), Vec::new());
         let counts = if tries.folds.len() < FEWEST_FOLDS { 0..0 } else { 1..FACTORS + 1 };
         for count in counts {
-            let whole = match before.as_ref().and_then(|of| of.factors.get(count - 1)) {
-                Some(before) => fit_factors_from(&data, width, before),
+            let whole = match before.and_then(|of| Some((of, of.factors.get(count - 1)?))) {
+                Some((of, fit)) => fit_factors_from(&data, width, &of.rescaled(fit, &tries.scales)),
                 None => fit_factors(&data, width, &widths[position], count),
             };
             let fits = tries.fits(width, |rest| fit_factors_from(rest, width, &whole))?;
@@ -188,34 +179,26 @@ impl Choice {
 
         let at = (lambda, width);
         let (mut fitted, of_folds) = chosen;
-        let scales = &tries.scales;
-        let model = if tried.len() < observations.len() {
-            let all = scales.apply(&observations);
+        if tried.len() < observations.len() {
+            data = tries.scales.apply(&observations);
             fitted = match factor_trials.iter().any(FactorTrial::is_taken) {
-                true => fit_factors_from(&all, width, &fitted),
-                false => fit_from(&all, width, &fitted),
+                true => fit_factors_from(&data, width, &fitted),
+                false => fit_from(&data, width, &fitted),
             };
-            PhysicsModel::from_fit(scales, &all, &fitted, at)
-        } else {
-            PhysicsModel::from_fit(scales, &data, &fitted, at)
-        };
+        }
+        let model = PhysicsModel::from_fit(&tries.scales, &data, &fitted, at);
         let fold_model = |(fold, (fitted, _)): (usize, &Fits)| FoldModel {
             groups: tries.folds[fold].groups.clone(),
             model: tries.model(fold, fitted, at),
         };
         let fold_models = of_folds.iter().enumerate().map(fold_model).collect();
-        let start = FirstFits { scales: tries.scales.clone(), widths, factors };
-        Ok(Self { model, trials, factor_trials, fold_models, start, sample })
+        let scales = tries.scales.clone();
+        Ok(Self { model, trials, factor_trials, fold_models, scales, widths, factors, sample })
     }
-}
 
-impl FirstFits {
-    fn rescaled(&self, scales: &Scales) -> Option<Self> {
-        let all = |of: &[FittedParameters]| -> Option<Vec<FittedParameters>> {
-            of.iter().map(|fit| fit.rescaled(&self.scales, scales)).collect()
-        };
-        let (widths, factors) = (all(&self.widths)?, all(&self.factors)?);
-        Some(Self { scales: scales.clone(), widths, factors })
+    /// One of its fits to all observations in the scales of nearly the same observations.
+    fn rescaled(&self, fit: &FittedParameters, to: &Scales) -> FittedParameters {
+        fit.rescaled(&self.scales, to)
     }
 }
 

@@ -4,9 +4,9 @@ use pulp::Simd;
 
 use super::cholesky::{Cholesky, LaneCholesky};
 use super::lanes::{Lanes, MOST_LANES, add_rows};
-use super::loadings::{FACTORS, Loadings};
 use super::noise::{Noise, Residuals};
 use super::observation::MOST_CHANNELS;
+use super::response::{FACTORS, Loadings};
 use super::sums::Curve;
 use shell_data::vectorised;
 

@@ -13,8 +13,9 @@
 use super::cholesky::{Cholesky, identity};
 use super::expectation::{expect, maximise};
 use super::fit::{FittedParameters, Scaled, common_prior, sensors};
-use super::loadings::{FACTORS, Loadings, add_factors, factor_count};
-use super::response::{PARAMETERS, Parameters, move_by};
+use super::response::{
+    FACTORS, Loadings, PARAMETERS, Parameters, add_factors, factor_count, move_by,
+};
 use super::sensor::Prior;
 use super::sums::{Curve, Data, parameter_variances};
 use crate::symmetric::SymmetricMatrix;

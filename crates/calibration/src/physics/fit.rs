@@ -8,12 +8,12 @@
 
 use super::cholesky::{Cholesky, diagonal};
 use super::lanes::MOST_LANES;
-use super::loadings::{FACTORS, Loadings};
 use super::noise::{Noise, Residuals};
 use super::observation::{Observation, wrench_scale};
+use super::response::{FACTORS, Loadings};
 use super::response::{PARAMETERS, Parameters, SHAPE};
 use super::sensor::{ParameterEstimate, Prior};
-use super::sums::{Data, residuals};
+use super::sums::{Curve, Data, residuals};
 use shell_data::statistics::extremes;
 use shell_data::wrench::PerAxis;
 
@@ -77,6 +77,11 @@ impl Scales {
         Self { wrench, frame_channels, channels }
     }
 
+    /// Whether the same channels vary.
+    pub(super) fn has_channels_of(&self, other: &Self) -> bool {
+        self.channels.iter().map(|of| of.0).eq(other.channels.iter().map(|of| of.0))
+    }
+
     /// Observations in these scales.
     pub(super) fn apply(&self, observations: &[&Observation]) -> Scaled {
         let rows = observations.len();
@@ -98,14 +103,11 @@ impl Scales {
 }
 
 impl FittedParameters {
-    /// The same curves in the scales of nearly the same observations; `None` if other channels vary there.
-    pub(super) fn rescaled(&self, from: &Scales, to: &Scales) -> Option<Self> {
-        let pairs = || from.channels.iter().zip(&to.channels);
-        if from.channels.len() != to.channels.len() || pairs().any(|(a, b)| a.0 != b.0) {
-            return None;
-        }
+    /// The same curves in the scales of nearly the same observations, of which the same channels vary.
+    pub(super) fn rescaled(&self, from: &Scales, to: &Scales) -> Self {
         let mut fitted = self.clone();
-        for (p, (from_channel, to_channel)) in fitted.parameters.iter_mut().zip(pairs()) {
+        let channels = from.channels.iter().zip(&to.channels);
+        for (p, (from_channel, to_channel)) in fitted.parameters.iter_mut().zip(channels) {
             let stretch = from_channel.2 / to_channel.2;
             let shift = (from_channel.1 - to_channel.1) / to_channel.2;
             for axis in 0..6 {
@@ -114,7 +116,7 @@ impl FittedParameters {
             p[SHAPE] = p[SHAPE].mul_add(stretch, shift);
             p[SHAPE + 1] += libm::log(stretch);
         }
-        Some(fitted)
+        fitted
     }
 }
 
@@ -211,7 +213,8 @@ fn covariances(
     prior: &Prior,
 ) -> Vec<[Parameters; PARAMETERS]> {
     let of = |(sensor, estimate): (&Data<'_>, &ParameterEstimate)| {
-        let information = sensor.cost(&estimate.parameters, prior).information;
+        let p = &estimate.parameters;
+        let information = sensor.cost_along(&Curve::new(p, sensor), p, prior).information;
         // The prior makes it positive definite; where rounding does not, the prior is what is left.
         Cholesky::new(&information)
             .map_or_else(|| diagonal(prior.sd.map(|sd| sd.powi(2))), |f| f.inverse())

@@ -16,7 +16,6 @@
 //! Left out: play and creep as states (they are in the noise and in the factors), and temperature.
 
 mod calibration;
-mod cells;
 mod choice;
 pub(crate) mod cholesky;
 mod expectation;
@@ -25,30 +24,25 @@ mod fit;
 pub mod intervals;
 mod inversion;
 mod lanes;
-mod loadings;
 mod model;
 mod noise;
 pub mod observation;
 pub mod response;
 mod rows;
-mod sample;
 mod sensor;
 mod sums;
 pub mod uncertain_loads;
-mod validation;
 
-pub use self::calibration::PhysicsCalibration;
+pub use self::calibration::{COVERAGE_LEVEL, GroupErrors, PhysicsCalibration, PhysicsValidation};
 pub use self::choice::{Choice, FactorTrial, FoldModel, LAMBDAS, ScoredCandidate, WIDTHS};
 pub use self::intervals::{GroupIntervals, TooFewGroups};
 pub use self::inversion::{Estimate, Estimates, Flags, Inversion};
-pub use self::loadings::{FACTORS, Loadings};
 pub use self::model::{PhysicsModel, Sensor};
 pub use self::noise::Noise;
 pub use self::observation::Observation;
+pub use self::response::{FACTORS, Loadings};
+pub(crate) use self::rows::ObservationSample;
 pub use self::rows::TrainingRows;
-pub(crate) use self::sample::ObservationSample;
-pub(crate) use self::validation::usual_errors;
-pub use self::validation::{COVERAGE_LEVEL, GroupErrors, PhysicsValidation};
 
 /// Why a physics model cannot be fitted.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -63,23 +57,14 @@ pub enum PhysicsError {
         needed: usize,
     },
     /// Fewer channels that vary than axes.
-    #[error("`{found}` channels vary, at least `6` are needed for six axes")]
-    TooFewChannels {
-        /// Channels that vary.
-        found: usize,
-    },
+    #[error("`{0}` channels vary, at least `6` are needed for six axes")]
+    TooFewChannels(usize),
     /// Too many channels, or none.
-    #[error("expected `1` to `16` channels, found `{found}`")]
-    Channels {
-        /// Channels.
-        found: usize,
-    },
+    #[error("expected `1` to `16` channels, found `{0}`")]
+    Channels(usize),
     /// Nothing to hold out.
-    #[error("at least `2` groups are needed to choose the priors, found `{found}`")]
-    TooFewGroups {
-        /// Groups.
-        found: usize,
-    },
+    #[error("at least `2` groups are needed to choose the priors, found `{0}`")]
+    TooFewGroups(usize),
     /// An infinite value or one that is not a number.
     #[error("a reading or wrench is not a finite number")]
     NotFinite,

@@ -3,10 +3,10 @@
 use super::PhysicsError;
 use super::cholesky::{Cholesky, identity};
 use super::fit::{FittedParameters, Scaled, Scales};
-use super::loadings::{FACTORS, Loadings, add_factors, factor_count};
 use super::noise::Noise;
 use super::observation::Observation;
 use super::response::{Answer, PARAMETERS, Parameters};
+use super::response::{FACTORS, Loadings, add_factors, factor_count};
 use shell_data::wrench::PerAxis;
 
 /// A share of the identity that keeps the prior of an axis that is never loaded finite.
@@ -166,7 +166,7 @@ pub(super) fn check(observations: &[&Observation]) -> Result<Scales, PhysicsErro
     }
     let channels = observations.iter().map(|o| o.readings.len()).max().unwrap_or(0);
     if channels == 0 || channels > super::observation::MOST_CHANNELS {
-        return Err(PhysicsError::Channels { found: channels });
+        return Err(PhysicsError::Channels(channels));
     }
     let finite = |o: &&Observation| {
         o.readings.len() == channels && o.wrench.iter().chain(&o.readings).all(|x| x.is_finite())
@@ -176,7 +176,7 @@ pub(super) fn check(observations: &[&Observation]) -> Result<Scales, PhysicsErro
     }
     let scales = Scales::new(observations);
     if scales.channels.len() < 6 {
-        return Err(PhysicsError::TooFewChannels { found: scales.channels.len() });
+        return Err(PhysicsError::TooFewChannels(scales.channels.len()));
     }
     Ok(scales)
 }

@@ -1,8 +1,20 @@
-//! The rows that a model is trained on, in groups that are held out together.
+//! The rows that a model is trained on, in groups that are held out together, and what the sensors are fitted to: their
+//! cells, means of wrench and readings over the rows of a cell, rows of like wrench, and a sample
+//! of these.
+//!
+//! Rows of a pose are one observation many times over, so their means are what the fit sees, each
+//! with the same weight. Where the wrench changes within a group of rows, as in a push by hand, there
+//! is a mean for each cell of the wrench, [`CELL_WIDTH`] wide, with the group's mean in the middle of
+//! one: a pose of constant load is then a single cell.
+//!
+//! Sums are integers: every value is rounded once, to 2⁻⁶⁰ of the largest size of its column, and
+//! then added without error. So means do not depend on the order of the rows.
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use super::PhysicsError;
 use super::inversion::Estimates;
+use super::observation::{MOST_CHANNELS, Observation};
 use crate::grouped_rows::{GroupedRows, Run, count};
 use shell_data::dataset::Dataset;
 use shell_data::wrench::PerAxis;
@@ -18,15 +30,6 @@ pub struct TrainingRows {
     /// What conversions of a group's rows are judged by, where that is not their wrench: loads as they are stated,
     /// where the wrench is corrected by readings of these rows.
     pub judged_by: BTreeMap<u64, PerAxis<f64>>,
-}
-
-/// A row converted by a model that has not seen it.
-pub(super) struct HeldOutRow {
-    pub(super) group: u64,
-    /// Predicted less what it is judged by, N and N·m.
-    pub(super) errors: PerAxis<f64>,
-    /// N and N·m, as the model says.
-    pub(super) standard_errors: PerAxis<f64>,
 }
 
 impl TrainingRows {
@@ -60,46 +63,228 @@ impl TrainingRows {
     }
 
     /// Converts every n-th row of some groups, beginning with the first of each, in parts of at most [`ROWS_AT_ONCE`]
-    /// rows. `every` is n for a group's number of rows.
-    pub(super) fn convert<'a>(
-        &'a self,
-        groups: &'a BTreeSet<u64>,
-        every: impl Fn(usize) -> usize + 'a,
-        estimates: impl Fn(&[Vec<f64>]) -> Estimates + 'a,
-    ) -> impl Iterator<Item = HeldOutRow> + 'a {
-        let spread = move |runs: &'a [Run]| {
-            let rows =
-                runs.iter().flat_map(|run| (0..run.rows() as usize).map(move |row| (run, row)));
-            rows.step_by(every(count(runs)))
-        };
-        let held_out = self.rows.groups().filter(|runs| groups.contains(&runs[0].group()));
-        let mut rows = held_out.flat_map(spread);
-        let parts = std::iter::from_fn(move || {
-            let some: Vec<(&Run, usize)> = rows.by_ref().take(ROWS_AT_ONCE).collect();
-            (!some.is_empty()).then(|| self.convert_rows(&some, &estimates))
-        });
-        parts.flatten()
+    /// rows. `every` is n for a group's number of rows. `take` takes the group of each row, the predicted wrench less
+    /// what it is judged by, and its standard errors as the model says, N and N·m.
+    pub(super) fn convert(
+        &self,
+        groups: &BTreeSet<u64>,
+        every: impl Fn(usize) -> usize,
+        estimates: impl Fn(&[Vec<f64>]) -> Estimates,
+        mut take: impl FnMut(u64, PerAxis<f64>, PerAxis<f64>),
+    ) {
+        let rows_of = |run: &'_ Run| 0..run.rows() as usize;
+        let mut some: Vec<(&Run, usize)> = Vec::new();
+        for runs in self.rows.groups().filter(|runs| groups.contains(&runs[0].group())) {
+            let rows = runs.iter().flat_map(|run| rows_of(run).map(move |row| (run, row)));
+            some.extend(rows.step_by(every(count(runs))));
+        }
+        for rows in some.chunks(ROWS_AT_ONCE) {
+            let column = |position: usize| {
+                rows.iter().map(move |&(run, row)| self.rows.of_run(run, position)[row])
+            };
+            let readings = (6..6 + self.channels).map(|at| column(at).collect());
+            let estimates = estimates(&readings.collect::<Vec<_>>());
+            for (at, &(run, row)) in rows.iter().enumerate() {
+                let (estimate, stated) = (estimates.row(at), self.judged_by.get(&run.group()));
+                let judge = |axis: usize| match stated {
+                    Some(wrench) => wrench[axis],
+                    None => self.rows.of_run(run, axis)[row],
+                };
+                let errors = std::array::from_fn(|axis| estimate.wrench[axis] - judge(axis));
+                take(run.group(), errors, estimate.standard_errors);
+            }
+        }
+    }
+}
+
+/// Edge of a cell, in root mean squares of an axis: far below what bends a response.
+const CELL_WIDTH: f64 = 0.25;
+
+impl TrainingRows {
+    /// The observations that these rows are, in ascending order of groups.
+    ///
+    /// # Errors
+    /// [`PhysicsError::NotFinite`], [`PhysicsError::Channels`].
+    pub fn observations(&self) -> Result<Vec<Observation>, PhysicsError> {
+        Ok(Cells::new(self)?.observations(usize::MAX))
+    }
+}
+
+/// The cells of the wrench that some rows lie in, in ascending order of groups and, within a group, of their indices.
+///
+/// Only their number is stored: there may be as many cells as rows, and a fit uses few.
+pub(super) struct Cells<'a> {
+    rows: &'a GroupedRows,
+    /// Of the columns of wrench and readings.
+    grids: Vec<RoundingGrid>,
+    /// N and N·m.
+    width: PerAxis<f64>,
+    pub(super) count: usize,
+}
+
+/// A cell's index along each axis with a row in it: its run and its position there.
+type RowInCell = ([i16; 6], u32, u32);
+
+impl<'a> Cells<'a> {
+    /// # Errors
+    /// [`PhysicsError::NotFinite`], [`PhysicsError::Channels`].
+    pub(super) fn new(rows: &'a TrainingRows) -> Result<Self, PhysicsError> {
+        let TrainingRows { rows, channels, .. } = rows;
+        if *channels == 0 || *channels > MOST_CHANNELS {
+            return Err(PhysicsError::Channels(*channels));
+        }
+        let grid = |position: usize| RoundingGrid::new(rows.column(rows.runs(), position));
+        let grids = (0..6 + channels).map(grid).collect::<Result<_, _>>()?;
+        let mut cells = Self { rows, grids, width: cell_width(rows)?, count: 0 };
+        let mut of_group = Vec::new();
+        for runs in rows.groups() {
+            cells.sort(runs, &mut of_group);
+            cells.count += of_group.chunk_by(are_in_one_cell).count();
+        }
+        Ok(cells)
     }
 
-    fn convert_rows(
-        &self,
-        rows: &[(&Run, usize)],
-        estimates: impl Fn(&[Vec<f64>]) -> Estimates,
-    ) -> Vec<HeldOutRow> {
-        let value = |run: &Run, row: usize, position: usize| self.rows.of_run(run, position)[row];
-        let readings =
-            |channel: usize| rows.iter().map(|&(run, row)| value(run, row, 6 + channel)).collect();
-        let estimates = estimates(&(0..self.channels).map(readings).collect::<Vec<_>>());
-        let convert = |(at, &(run, row)): (usize, &(&Run, usize))| {
-            let (estimate, stated) = (estimates.row(at), self.judged_by.get(&run.group()));
-            let judge = |axis| stated.map_or_else(|| value(run, row, axis), |wrench| wrench[axis]);
-            HeldOutRow {
-                group: run.group(),
-                errors: std::array::from_fn(|axis| estimate.wrench[axis] - judge(axis)),
-                standard_errors: estimate.standard_errors,
+    /// The means of at most `most` cells, at equal strides: neighbours resemble each other.
+    pub(super) fn observations(&self, most: usize) -> Vec<Observation> {
+        let step = step(self.count, most);
+        let (mut observations, mut of_group, mut at) = (Vec::new(), Vec::new(), 0_usize);
+        for runs in self.rows.groups() {
+            self.sort(runs, &mut of_group);
+            for cell in of_group.chunk_by(are_in_one_cell) {
+                if at.is_multiple_of(step) {
+                    observations.push(self.mean(runs, cell));
+                }
+                at += 1;
             }
+        }
+        observations
+    }
+
+    /// The rows of a group, cell by cell.
+    fn sort(&self, runs: &[Run], cells: &mut Vec<RowInCell>) {
+        cells.clear();
+        for (position, run) in (0..).zip(runs) {
+            cells.extend((0..run.rows()).map(|row| ([0; 6], position, row)));
+        }
+        for (axis, width) in self.width.iter().enumerate() {
+            let grid = &self.grids[axis];
+            let sum = self.rows.column(runs, axis).map(|x| grid.position(x)).sum();
+            let middle = grid.mean(sum, cells.len());
+            for ((cell, ..), x) in cells.iter_mut().zip(self.rows.column(runs, axis)) {
+                cell[axis] = index((x - middle) / width);
+            }
+        }
+        cells.sort_unstable();
+    }
+
+    fn mean(&self, runs: &[Run], cell: &[RowInCell]) -> Observation {
+        let mean = |position: usize| {
+            let grid = &self.grids[position];
+            let value = |&(_, run, row): &RowInCell| {
+                self.rows.of_run(&runs[run as usize], position)[row as usize]
+            };
+            grid.mean(cell.iter().map(|row| grid.position(value(row))).sum(), cell.len())
         };
-        rows.iter().enumerate().map(convert).collect()
+        Observation {
+            group: runs[0].group(),
+            wrench: std::array::from_fn(mean),
+            readings: (6..self.grids.len()).map(mean).collect(),
+        }
+    }
+}
+
+/// The stride that takes at most `most` of `count`.
+pub(super) fn step(count: usize, most: usize) -> usize {
+    count.div_ceil(most).max(1)
+}
+
+fn are_in_one_cell(a: &RowInCell, b: &RowInCell) -> bool {
+    a.0 == b.0
+}
+
+/// Index of the cell along one axis. With N rows no value exceeds √N root mean squares, so indices fit into 16 bits
+/// up to 67 million rows; values beyond the last cell would be counted in it.
+fn index(x: f64) -> i16 {
+    x.round_ties_even() as i16
+}
+
+/// N and N·m.
+fn cell_width(rows: &GroupedRows) -> Result<PerAxis<f64>, PhysicsError> {
+    // Squares on the same grid, so that the width does not depend on the order of the rows either.
+    let mut width = [1.0; 6];
+    for (axis, width) in width.iter_mut().enumerate() {
+        let squares = || rows.column(rows.runs(), axis).map(|x| x * x);
+        let grid = RoundingGrid::new(squares())?;
+        let sum: i128 = squares().map(|square| grid.position(square)).sum();
+        let rms = grid.mean(sum, rows.row_count().max(1)).sqrt();
+        *width = if rms > 0.0 { CELL_WIDTH * rms } else { 1.0 };
+    }
+    Ok(width)
+}
+
+/// The grid that a column is rounded to.
+struct RoundingGrid {
+    /// Steps in one.
+    steps: f64,
+}
+
+impl RoundingGrid {
+    /// 2⁻⁶⁰ of the least power of two above every value: i128 then holds 2⁶⁶ of them.
+    fn new(mut column: impl Iterator<Item = f64>) -> Result<Self, PhysicsError> {
+        let larger = |most: f64, x: f64| x.is_finite().then(|| most.max(x.abs()));
+        let largest = column.try_fold(0.0, larger).ok_or(PhysicsError::NotFinite)?;
+        let exponent = if largest > 0.0 { libm::ilogb(largest) + 1 } else { 0 };
+        Ok(Self { steps: libm::ldexp(1.0, (60 - exponent).clamp(-1000, 1000)) })
+    }
+
+    fn position(&self, x: f64) -> i128 {
+        (x * self.steps).round_ties_even() as i128
+    }
+
+    fn mean(&self, sum: i128, count: usize) -> f64 {
+        sum as f64 / count as f64 / self.steps
+    }
+}
+
+/// Most observations that candidates are tried on.
+const MOST_TRIED: usize = 600;
+
+/// Most observations that a model is fitted to: with more of them the errors of some ten parameters a sensor are a
+/// two-hundredth of the squared error.
+const MOST_FITTED: usize = 2_000;
+
+/// A sample of observations.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct ObservationSample {
+    /// Number of observations that it was drawn from.
+    pub(crate) count: usize,
+    /// Those that candidates are tried on.
+    pub(super) tried: Vec<Observation>,
+    /// Those that the chosen model is fitted to.
+    pub(super) fitted: Vec<Observation>,
+}
+
+impl ObservationSample {
+    pub(super) fn new(observations: &[Observation]) -> Self {
+        let count = observations.len();
+        let few = |most| observations.iter().step_by(step(count, most)).cloned().collect();
+        Self { count, tried: few(MOST_TRIED), fitted: few(MOST_FITTED) }
+    }
+
+    /// # Errors
+    /// As [`Cells::new`].
+    pub(crate) fn from_rows(rows: &TrainingRows) -> Result<Self, PhysicsError> {
+        let cells = Cells::new(rows)?;
+        let [tried, fitted] = [MOST_TRIED, MOST_FITTED].map(|most| cells.observations(most));
+        Ok(Self { count: cells.count, tried, fitted })
+    }
+
+    /// Those of all other groups.
+    pub(super) fn without(&self, groups: &BTreeSet<u64>) -> Self {
+        let rest = |of: &[Observation]| {
+            of.iter().filter(|o| !groups.contains(&o.group)).cloned().collect()
+        };
+        Self { count: self.count, tried: rest(&self.tried), fitted: rest(&self.fitted) }
     }
 }
 
@@ -128,14 +313,84 @@ mod tests {
             flags: vec![Flags::default(); readings[0].len()],
         };
         let held_out = BTreeSet::from([0, 2]);
-        let found: Vec<HeldOutRow> = rows.convert(&held_out, |_| 3, as_read).collect();
-        let groups: Vec<u64> = found.iter().map(|row| row.group).collect();
+        let (mut groups, mut errors) = (Vec::new(), Vec::new());
+        rows.convert(
+            &held_out,
+            |_| 3,
+            as_read,
+            |group, of_row, _| {
+                groups.push(group);
+                errors.push(of_row[4]);
+            },
+        );
         assert_eq!(groups, [vec![0; 2000], vec![2; 2000]].concat());
-        let errors: Vec<f64> = found.iter().map(|row| row.errors[4]).collect();
         let expected = |group: u32| {
             let rows = (0..18_000).filter(move |row| row / 1500 % 3 == group);
             rows.step_by(3).map(|row| -f64::from(row))
         };
         assert_eq!(errors, expected(0).chain(expected(2)).collect::<Vec<_>>());
+    }
+
+    /// Rows in blocks of `size`: a label, six columns of wrench and readings.
+    fn training_rows(rows: &[(u64, Vec<f64>)], size: usize) -> TrainingRows {
+        let block = |rows: &[(u64, Vec<f64>)]| {
+            let column = |at: usize| rows.iter().map(|row| row.1[at]).collect::<Vec<f64>>();
+            Block {
+                rows: rows.len(),
+                wrench: (0..6).map(column).collect(),
+                readings: (6..rows[0].1.len()).map(column).collect(),
+                groups: rows.iter().map(|row| (row.0.to_string(), 1)).collect(),
+                ..Block::default()
+            }
+        };
+        let blocks = rows.chunks(size).map(block).collect();
+        TrainingRows::from_dataset(&Dataset::from_blocks("rows", Axes::ALL, blocks)).0
+    }
+
+    fn varied_rows() -> Vec<(u64, Vec<f64>)> {
+        let value = |row: u64| f64::from((row * 2_654_435_761 % 1009) as u32) / 7.0;
+        (0..200).map(|row| (row % 5, (0..9).map(|k| value(row + 13 * k)).collect())).collect()
+    }
+
+    #[test]
+    fn means_do_not_depend_on_the_order_of_the_rows_or_on_blocks() {
+        let mut rows = varied_rows();
+        let found = training_rows(&rows, 200).observations().unwrap();
+        assert!(found.len() > 5 && found.iter().all(|o| o.group < 5));
+        assert_eq!(training_rows(&rows, 7).observations().unwrap(), found);
+        // Within the groups, whose order is that of their first rows.
+        rows[5..].reverse();
+        rows[5..].sort_by_key(|row| row.0);
+        assert_eq!(training_rows(&rows, 64).observations().unwrap(), found);
+    }
+
+    #[test]
+    fn some_observations_are_those_among_all() {
+        let rows = training_rows(&varied_rows(), 64);
+        let cells = Cells::new(&rows).unwrap();
+        let all = cells.observations(usize::MAX);
+        assert_eq!(all.len(), cells.count);
+        for most in [1, 3, 40, 150] {
+            let expected: Vec<Observation> =
+                all.iter().step_by(all.len().div_ceil(most)).cloned().collect();
+            assert_eq!(cells.observations(most), expected);
+        }
+    }
+
+    #[test]
+    fn a_pose_of_constant_load_is_one_observation_wherever_it_lies() {
+        let load = |group: u64| 3.1 * group as f64;
+        let rows: Vec<_> = (0..40).map(|row| (row / 10, vec![load(row / 10); 7])).collect();
+        let found = training_rows(&rows, 16).observations().unwrap();
+        assert_eq!(found.len(), 4);
+        assert!(found.iter().all(|o| (o.wrench[0] - load(o.group)).abs() < 1e-12));
+    }
+
+    #[test]
+    fn values_that_are_not_numbers_and_too_many_channels_are_told() {
+        let observations = |row: Vec<f64>| training_rows(&[(0, row)], 1).observations();
+        assert_eq!(observations(vec![f64::NAN; 7]), Err(PhysicsError::NotFinite));
+        assert_eq!(observations(vec![1.0; 6 + 17]), Err(PhysicsError::Channels(17)));
+        assert_eq!(observations(vec![1.0; 6]), Err(PhysicsError::Channels(0)));
     }
 }

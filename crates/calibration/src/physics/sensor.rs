@@ -93,12 +93,7 @@ impl Data<'_> {
         cost.value
     }
 
-    /// What is minimised, at the parameters `p`.
-    pub(super) fn cost(&self, p: &Parameters, prior: &Prior) -> Cost {
-        self.cost_along(&Curve::new(p, self), p, prior)
-    }
-
-    /// The same where the curve of these parameters is known.
+    /// What is minimised, at the parameters `p`, whose curve is this.
     pub(super) fn cost_along(&self, curve: &Curve, p: &Parameters, prior: &Prior) -> Cost {
         let mut cost = curve.cost(&self.weights);
         for (i, value) in p.iter().enumerate() {

@@ -52,7 +52,8 @@ vectorised! {
         column.iter().fold(true, |all, x| all & x.is_finite())
     }
 
-    fn range_of(column: &[f64]) -> ReadingRange {
+    /// The smallest and the largest value of a column.
+    pub(crate) fn range_of(column: &[f64]) -> ReadingRange {
         let (mut min, mut max) = ([f64::INFINITY; LANES], [f64::NEG_INFINITY; LANES]);
         let (chunks, rest) = column.as_chunks::<LANES>();
         for chunk in chunks {

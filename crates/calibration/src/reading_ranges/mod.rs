@@ -5,8 +5,10 @@
 
 mod block;
 
+pub(crate) use self::block::range_of;
+
 /// The smallest and the largest reading of one channel, in counts.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ReadingRange {
     /// The smallest reading.
     pub min: f64,
@@ -36,7 +38,7 @@ impl ReadingRange {
         self.min == self.max
     }
 
-    fn merge(&mut self, other: ReadingRange) {
+    pub(crate) fn merge(&mut self, other: ReadingRange) {
         self.min = self.min.min(other.min);
         self.max = self.max.max(other.max);
     }

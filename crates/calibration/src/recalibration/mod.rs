@@ -13,7 +13,7 @@ mod change;
 mod search;
 
 pub use self::change::{Change, ChannelChange};
-use self::search::ChangeSearch;
+use self::search::{ChangeSearch, FoundChange};
 use crate::conversion::{Calibration, Kind};
 use crate::physics::Observation;
 use crate::validation::cross_validation::HeldOutQuality;
@@ -142,12 +142,8 @@ pub enum RecalibrationError {
 impl Calibration {
     /// How many times those of a physics model the variances of held-out errors are.
     fn held_out_variance(&self) -> f64 {
-        match self.kind() {
-            Kind::Polynomial(_) => 1.0,
-            Kind::Physics(physics) => {
-                physics.error_scale().iter().map(|scale| scale * scale).sum::<f64>() / 6.0
-            }
-        }
+        let Kind::Physics(physics) = self.kind() else { return 1.0 };
+        physics.error_scale().iter().map(|scale| scale * scale).sum::<f64>() / 6.0
     }
 
     /// The calibration of the sensor as it is now.
@@ -182,12 +178,11 @@ impl Calibration {
             true => ChangeSearch::new(self, loads, 1.0).find(true),
             false => cautious.find(false),
         };
-        let is_changed = |of: &ChangedQuantity| outcome.shares[*of as usize] > 0.0;
+        let FoundChange { shares, change, standard_errors, ln_evidence, disagreement, .. } =
+            outcome;
+        let is_changed = |of: &ChangedQuantity| shares[*of as usize] > 0.0;
         let quantities: Vec<_> = ChangedQuantity::ALL.into_iter().filter(is_changed).collect();
-        let calibration = match quantities.is_empty() {
-            true => self.clone(),
-            false => outcome.change.apply(self),
-        };
+        let calibration = if quantities.is_empty() { self.clone() } else { change.apply(self) };
         let held_out = (outcome.held_out.len() > 1).then(|| {
             let errors: Vec<_> = (outcome.held_out.iter())
                 .flat_map(|(group, change)| {
@@ -204,10 +199,10 @@ impl Calibration {
             before: rms(&errors(self, &all)),
             after: rms(&errors(&calibration, &all)),
             held_out,
-            disagreement: outcome.disagreement,
-            ln_evidence: outcome.ln_evidence,
-            change: outcome.change,
-            standard_errors: outcome.standard_errors,
+            disagreement,
+            ln_evidence,
+            change,
+            standard_errors,
             calibration,
             quantities,
         })

@@ -44,7 +44,7 @@ pub fn solve_moments(
         SolveError::RankDeficient(_)
             if ranges.constant_channels().len() == ranges.channels.len() =>
         {
-            FitError::IdenticalRows { rows: ranges.rows }
+            FitError::IdenticalRows(ranges.rows)
         }
         SolveError::RankDeficient(loss) => FitError::RankDeficient(explain(loss, ranges)),
         SolveError::NearlyDependent => FitError::NearlyDependent,

@@ -6,8 +6,9 @@
 //! about its mean, 1 where the axes move independently. Some correlation is the shell's own: a
 //! push from the side at some height is a force and a moment.
 
+use crate::reading_ranges::{ReadingRange, range_of};
 use crate::symmetric::SymmetricMatrix;
-use shell_data::statistics::MergeWeights;
+use shell_data::statistics::{MergeWeights, extremes};
 use shell_data::vectorised;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
@@ -32,16 +33,9 @@ pub struct WrenchSums {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct AxisSums {
-    min: f64,
-    max: f64,
-    positive: Sign,
-    negative: Sign,
-}
-
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Sign {
-    rows: u64,
-    squares: f64,
+    range: ReadingRange,
+    /// Rows above and below zero, and their sums of squares.
+    signs: [(u64, f64); 2],
 }
 
 /// How well the training loads cover the six axes.
@@ -145,7 +139,11 @@ impl WrenchSums {
                 self.products[a][b] += other.products[a][b] + step[a] * step[b] * weights.product;
             }
             self.mean[a] += step[a] * weights.mean;
-            self.axes[a].merge(&other.axes[a]);
+            let (own, other) = (&mut self.axes[a], &other.axes[a]);
+            own.range.merge(other.range);
+            for (own, other) in own.signs.iter_mut().zip(other.signs) {
+                *own = (own.0 + other.0, own.1 + other.1);
+            }
         }
         self.rows += other.rows;
     }
@@ -156,17 +154,17 @@ impl WrenchSums {
             return None;
         }
         let rows = self.rows as f64;
-        let axes = self.axes.map(|axis| {
-            let squares = axis.positive.squares + axis.negative.squares;
+        let axes = self.axes.map(|AxisSums { range, signs: [positive, negative] }| {
+            let squares = positive.1 + negative.1;
             let share = |part: f64| if squares > 0.0 { part / squares } else { 0.0 };
             AxisExcitation {
-                min: axis.min,
-                max: axis.max,
+                min: range.min,
+                max: range.max,
                 rms: (squares / rows).sqrt(),
-                rows_positive: axis.positive.rows as f64 / rows,
-                rows_negative: axis.negative.rows as f64 / rows,
-                load_positive: share(axis.positive.squares),
-                load_negative: share(axis.negative.squares),
+                rows_positive: positive.0 as f64 / rows,
+                rows_negative: negative.0 as f64 / rows,
+                load_positive: share(positive.1),
+                load_negative: share(negative.1),
             }
         });
         let correlation: PerAxis<PerAxis<f64>> = std::array::from_fn(|a| {
@@ -190,10 +188,17 @@ vectorised! {
         let mut sums = WrenchSums { rows: rows as u64, ..WrenchSums::default() };
         // A loop: the closure of an array may stay a call, and then knows nothing of vectors.
         for (axis, column) in wrench.iter().enumerate() {
-            sums.axes[axis] = AxisSums::new(column);
+            let signs = [sign(column, 1.0), sign(column, -1.0)];
+            sums.axes[axis] = AxisSums { range: range_of(column), signs };
             sums.mean[axis] = sum(column) / rows as f64;
         }
-        sums.products = products(wrench, &sums.mean);
+        let mean = sums.mean;
+        for a in 0..6 {
+            for b in a..6 {
+                let product = |x: f64, y: f64| (x - mean[a]) * (y - mean[b]);
+                sums.products[a][b] = lane_sum(&wrench[a], &wrench[b], product);
+            }
+        }
         sums
     }
 }
@@ -201,58 +206,44 @@ vectorised! {
 /// Interleaved sums.
 const LANES: usize = 8;
 
-impl Sign {
-    /// Of what is above zero after it is multiplied by `sign`; zeros are on neither side.
-    ///
-    /// A loop for each sum and each side: where the compiler sees that one condition follows from another, it
-    /// makes branches of them, and no vectors.
-    #[inline(always)]
-    fn new(column: &[f64], sign: f64) -> Self {
-        let load = |x: f64| if sign * x > 0.0 { sign * x } else { 0.0 };
-        let squares = lane_sum(column, |x| load(x) * load(x));
-        let rows = lane_sum(column, |x| if sign * x > 0.0 { 1.0 } else { 0.0 });
-        Self { rows: rows as u64, squares }
-    }
+/// The rows that are above zero after they are multiplied by `sign`, and their sum of squares; zeros are on neither
+/// side.
+///
+/// A loop for each sum and each side: where the compiler sees that one condition follows from another, it
+/// makes branches of them, and no vectors.
+#[inline(always)]
+fn sign(column: &[f64], sign: f64) -> (u64, f64) {
+    let load = |x: f64| if sign * x > 0.0 { sign * x } else { 0.0 };
+    let rows = lane_sum(column, column, |x, _| if sign * x > 0.0 { 1.0 } else { 0.0 });
+    (rows as u64, lane_sum(column, column, |x, _| load(x) * load(x)))
 }
 
-/// The sum over a column of what `term` makes of its values.
+/// The sum over two columns of what `term` makes of their values.
 #[inline(always)]
-fn lane_sum(column: &[f64], term: impl Fn(f64) -> f64) -> f64 {
+fn lane_sum(x: &[f64], y: &[f64], term: impl Fn(f64, f64) -> f64) -> f64 {
     let mut sums = [0.0; LANES];
-    let (chunks, rest) = column.as_chunks::<LANES>();
-    for chunk in chunks {
+    let ((x, x_rest), (y, y_rest)) = (x.as_chunks::<LANES>(), y.as_chunks::<LANES>());
+    for (x, y) in x.iter().zip(y) {
         for i in 0..LANES {
-            sums[i] += term(chunk[i]);
+            sums[i] += term(x[i], y[i]);
         }
     }
-    for (sum, &x) in sums.iter_mut().zip(rest) {
-        *sum += term(x);
+    for (sum, (&x, &y)) in sums.iter_mut().zip(x_rest.iter().zip(y_rest)) {
+        *sum += term(x, y);
     }
     sums.iter().sum()
 }
 
-impl AxisSums {
-    #[inline(always)]
-    fn new(column: &[f64]) -> Self {
-        Self {
-            // A pass for each: compiled together, they are shuffled through one vector.
-            min: first_of(column, |x, min| x < min),
-            max: first_of(column, |x, max| x > max),
-            positive: Sign::new(column, 1.0),
-            negative: Sign::new(column, -1.0),
+#[inline(always)]
+fn sum(column: &[f64]) -> f64 {
+    let mut sums = [0.0; LANES];
+    let (chunks, rest) = column.as_chunks::<LANES>();
+    for chunk in chunks {
+        for i in 0..LANES {
+            sums[i] += chunk[i];
         }
     }
-
-    fn merge(&mut self, other: &Self) {
-        self.min = self.min.min(other.min);
-        self.max = self.max.max(other.max);
-        for (own, other) in
-            [(&mut self.positive, other.positive), (&mut self.negative, other.negative)]
-        {
-            own.rows += other.rows;
-            own.squares += other.squares;
-        }
-    }
+    sums.iter().chain(rest).sum()
 }
 
 impl Excitation {
@@ -296,61 +287,10 @@ impl Excitation {
     }
 }
 
-/// The value of a column that comes before all others, by an order.
-#[inline(always)]
-fn first_of(column: &[f64], is_before: impl Fn(f64, f64) -> bool) -> f64 {
-    let first = |a: f64, b: f64| if is_before(a, b) { a } else { b };
-    let mut lanes = [column[0]; LANES];
-    let (chunks, rest) = column.as_chunks::<LANES>();
-    for chunk in chunks {
-        for i in 0..LANES {
-            lanes[i] = first(chunk[i], lanes[i]);
-        }
-    }
-    lanes.iter().chain(rest).copied().fold(column[0], first)
-}
-
-#[inline(always)]
-fn sum(column: &[f64]) -> f64 {
-    let mut sums = [0.0; LANES];
-    let (chunks, rest) = column.as_chunks::<LANES>();
-    for chunk in chunks {
-        for i in 0..LANES {
-            sums[i] += chunk[i];
-        }
-    }
-    sums.iter().chain(rest).sum()
-}
-
-/// Sums of products of deviations from the means, the upper triangle.
-#[inline(always)]
-fn products(wrench: &[Vec<f64>], mean: &PerAxis<f64>) -> PerAxis<PerAxis<f64>> {
-    let mut sums = [[0.0; 6]; 6];
-    for a in 0..6 {
-        for b in a..6 {
-            let mut lanes = [0.0; LANES];
-            let ((x, x_rest), (y, y_rest)) = (wrench[a].as_chunks(), wrench[b].as_chunks());
-            for (x, y) in x.iter().zip(y) {
-                let (x, y): (&[f64; LANES], &[f64; LANES]) = (x, y);
-                for i in 0..LANES {
-                    lanes[i] += (x[i] - mean[a]) * (y[i] - mean[b]);
-                }
-            }
-            for (lane, (x, y)) in lanes.iter_mut().zip(x_rest.iter().zip(y_rest)) {
-                *lane += (x - mean[a]) * (y - mean[b]);
-            }
-            sums[a][b] = lanes.iter().sum();
-        }
-    }
-    sums
-}
-
 fn condition(correlation: &PerAxis<PerAxis<f64>>) -> Option<f64> {
     let moving: Vec<usize> = (0..6).filter(|&a| correlation[a][a] > 0.0).collect();
     let matrix = SymmetricMatrix::from_fn(moving.len(), |i, j| correlation[moving[i]][moving[j]]);
-    let values = matrix.eigen()?.values;
-    let (smallest, largest) =
-        (values.iter().copied().reduce(f64::min)?, values.iter().copied().reduce(f64::max)?);
+    let (smallest, largest) = extremes(matrix.eigen()?.values);
     // Eigenvalues of a 6 × 6 matrix are this uncertain.
     (smallest > 1e-14 * largest).then(|| largest / smallest)
 }

@@ -63,16 +63,14 @@ struct LastDigit {
 pub struct RecordedPoses {
     /// By the load on the first axis, ascending.
     poses: Vec<RecordedPose>,
-    rows: Vec<SampledRow>,
-    digits: PerAxis<LastDigit>,
-    reading_step: f64,
+    sample: RowSample,
     range: PerAxis<f64>,
 }
 
 #[derive(Clone, Debug)]
 struct RecordedPose {
     load: PerAxis<f64>,
-    readings: ReadingSpans,
+    readings: Vec<ReadingSpan>,
     /// The places of its rows.
     rows: Vec<usize>,
 }
@@ -122,10 +120,6 @@ impl RowSample {
         }
     }
 
-    fn column(&self, axis: usize) -> impl Iterator<Item = f64> {
-        self.rows.iter().map(move |row| row.load[axis])
-    }
-
     /// Some of the rows, from all over them.
     fn some(&self) -> impl Iterator<Item = &SampledRow> {
         self.rows.iter().step_by(self.rows.len().div_ceil(DIGIT_ROWS).max(1))
@@ -142,7 +136,7 @@ impl RowSample {
     /// The poses that the rows are made of; `None` if they are not.
     pub fn poses(self) -> Option<RecordedPoses> {
         let range: PerAxis<f64> = std::array::from_fn(|axis| {
-            let (least, most) = extremes(self.column(axis));
+            let (least, most) = extremes(self.rows.iter().map(|row| row.load[axis]));
             most - least
         });
         let mut of_one_load = vec![(0..self.rows.len()).collect::<Vec<usize>>()];
@@ -159,13 +153,12 @@ impl RowSample {
         }
         let pose = |rows: Vec<usize>| RecordedPose {
             load: self.rows[rows[0]].load,
-            readings: ReadingSpans::of(rows.iter().map(|&row| &self.rows[row])),
+            readings: spans(rows.iter().map(|&row| &self.rows[row])),
             rows,
         };
         // They were divided along the first axis first.
         let poses = of_one_load.into_iter().map(pose).collect();
-        let (digits, reading_step) = (self.digits(), self.reading_step());
-        Some(RecordedPoses { poses, rows: self.rows, digits, reading_step, range })
+        Some(RecordedPoses { poses, sample: self, range })
     }
 
     /// Rows divided where the load on an axis steps by more than `step`, ascending; parts of a few rows are left out.
@@ -180,23 +173,21 @@ impl RowSample {
 impl LastDigit {
     /// The finest of some numbers.
     fn new(values: impl Iterator<Item = f64>) -> Self {
-        let start = Self { decimal: 1.0, digits: 1 };
-        values.fold(start, |known, value| {
-            let Self { decimal, digits } = Self::from_one(value);
-            Self { decimal: known.decimal.min(decimal), digits: known.digits.max(digits) }
-        })
-    }
-
-    fn from_one(value: f64) -> Self {
-        // Units that were converted leave digits at the very end.
-        let text = format!("{value:.*e}", (MOST_DIGITS - 1) as usize);
-        let (mantissa, exponent) = text.split_once('e').unwrap_or((&text, "0"));
-        let mantissa = mantissa.trim_end_matches('0').trim_end_matches('.').trim_start_matches('-');
-        let digits = mantissa.chars().filter(char::is_ascii_digit).count() as i32;
-        let exponent: i32 = exponent.parse().unwrap_or(0);
-        let is_zero = mantissa == "0";
-        let decimal = if is_zero { 1.0 } else { 10_f64.powi((exponent - digits + 1).min(0)) };
-        Self { decimal, digits }
+        let mut finest = Self { decimal: 1.0, digits: 1 };
+        for value in values {
+            // Units that were converted leave digits at the very end.
+            let text = format!("{value:.*e}", (MOST_DIGITS - 1) as usize);
+            let (mantissa, exponent) = text.split_once('e').unwrap_or((&text, "0"));
+            let mantissa = mantissa.trim_end_matches('0').trim_end_matches('.');
+            let digits = mantissa.chars().filter(char::is_ascii_digit).count() as i32;
+            let exponent: i32 = exponent.parse().unwrap_or(0);
+            if value != 0.0 {
+                let decimal = 10_f64.powi((exponent - digits + 1).min(0));
+                finest.decimal = finest.decimal.min(decimal);
+            }
+            finest.digits = finest.digits.max(digits);
+        }
+        finest
     }
 
     /// How far a number of this size is from what it was rounded from, at most.
@@ -210,12 +201,12 @@ impl LastDigit {
 impl RecordedPoses {
     /// The share of `rows` that were recorded at these poses; `None` for zero rows.
     pub fn share_of(&self, test: &RowSample) -> Option<f64> {
-        let digits = test.digits();
-        let slack = 0.5 * (self.reading_step + test.reading_step());
+        let (own_digits, digits) = (self.sample.digits(), test.digits());
+        let slack = 0.5 * (self.sample.reading_step() + test.reading_step());
         let is_at = |row: &&SampledRow| {
             let near = |axis: usize| {
                 let load = row.load[axis];
-                let rounding = self.digits[axis].rounding(load) + digits[axis].rounding(load);
+                let rounding = own_digits[axis].rounding(load) + digits[axis].rounding(load);
                 rounding + SAME * self.range[axis]
             };
             let tolerance: PerAxis<f64> = std::array::from_fn(near);
@@ -225,7 +216,7 @@ impl RecordedPoses {
             near.take_while(|pose| pose.load[0] <= row.load[0] + tolerance[0]).any(|pose| {
                 let is_near =
                     |axis: usize| (pose.load[axis] - row.load[axis]).abs() <= tolerance[axis];
-                (0..6).all(is_near) && pose.readings.have(row, slack)
+                (0..6).all(is_near) && have(&pose.readings, row, slack)
             })
         };
         let rows = test.rows.len();
@@ -234,49 +225,44 @@ impl RecordedPoses {
 
     /// The share of the rows whose pose other groups have rows of.
     fn share_in_several_groups(&self) -> f64 {
-        let mut shared = 0;
+        let (mut shared, step) = (0, self.sample.reading_step());
         for pose in &self.poses {
-            let mut rows: Vec<&SampledRow> = pose.rows.iter().map(|&row| &self.rows[row]).collect();
+            let mut rows: Vec<&SampledRow> =
+                pose.rows.iter().map(|&row| &self.sample.rows[row]).collect();
             rows.sort_by_key(|row| row.group);
             let groups: Vec<_> = rows.chunk_by(|a, b| a.group == b.group).collect();
-            let of_group = |rows: &&[&SampledRow]| ReadingSpans::of(rows.iter().copied());
-            let readings: Vec<ReadingSpans> = groups.iter().map(of_group).collect();
+            let readings: Vec<_> = groups.iter().map(|rows| spans(rows.iter().copied())).collect();
             for (at, rows) in groups.iter().enumerate() {
                 let others = readings.iter().enumerate().filter(|(other, _)| *other != at);
-                let is_shared = |row: &&&SampledRow| {
-                    others.clone().any(|(_, readings)| readings.have(row, self.reading_step))
-                };
+                let is_shared =
+                    |row: &&&SampledRow| others.clone().any(|(_, spans)| have(spans, row, step));
                 shared += rows.iter().filter(is_shared).count();
             }
         }
-        shared as f64 / self.rows.len() as f64
+        shared as f64 / self.sample.rows.len() as f64
     }
 }
 
-/// The range of the readings of some rows, channel by channel.
-#[derive(Clone, Debug)]
-struct ReadingSpans(Vec<[f64; 2]>);
+/// The range of the readings of some rows on a channel.
+type ReadingSpan = [f64; 2];
 
-impl ReadingSpans {
-    fn of<'a>(rows: impl Iterator<Item = &'a SampledRow>) -> Self {
-        let none = [f64::INFINITY, f64::NEG_INFINITY];
-        let mut ranges = Vec::new();
-        for row in rows {
-            ranges.resize(row.readings.len(), none);
-            for (range, &reading) in ranges.iter_mut().zip(&row.readings) {
-                *range = [range[0].min(reading), range[1].max(reading)];
-            }
+fn spans<'a>(rows: impl Iterator<Item = &'a SampledRow>) -> Vec<ReadingSpan> {
+    let mut spans = Vec::new();
+    for row in rows {
+        spans.resize(row.readings.len(), [f64::INFINITY, f64::NEG_INFINITY]);
+        for (span, &reading) in spans.iter_mut().zip(&row.readings) {
+            *span = [span[0].min(reading), span[1].max(reading)];
         }
-        Self(ranges)
     }
+    spans
+}
 
-    /// Whether every reading of a row is within its range, widened by its own width and by `slack`.
-    fn have(&self, row: &SampledRow, slack: f64) -> bool {
-        self.0.iter().zip(&row.readings).all(|(&[least, most], reading)| {
-            let width = most - least + slack;
-            (least - width..=most + width).contains(reading)
-        })
-    }
+/// Whether every reading of a row is within its range, widened by its own width and by `slack`.
+fn have(spans: &[ReadingSpan], row: &SampledRow, slack: f64) -> bool {
+    spans.iter().zip(&row.readings).all(|(&[least, most], reading)| {
+        let width = most - least + slack;
+        (least - width..=most + width).contains(reading)
+    })
 }
 
 /// The share of the rows of a labelled data set whose pose is shared by several groups, where it is made of poses: of

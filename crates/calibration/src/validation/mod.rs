@@ -20,7 +20,6 @@ pub(crate) mod normal_equations;
 pub mod outliers;
 pub mod plateaus;
 pub mod selection;
-pub(crate) mod spread;
 
 use super::exact::{ExactError, SolveError};
 use crate::FitError;
@@ -63,9 +62,6 @@ pub enum ValidationError {
         /// Their labels.
         groups: Vec<String>,
     },
-    /// What is kept of the groups does not tell how the coefficients of this solver scatter.
-    #[error("what is kept of the groups does not serve this solver")]
-    OtherSolver,
     /// The sums do not suit the model.
     #[error(transparent)]
     Solve(#[from] SolveError),

@@ -13,10 +13,9 @@
 //! [`STEADY_SHARE`] of the rows, and the variance within them is at most [`WITHIN_SHARE`] of that of the
 //! loads. Rows are looked at one after another, in memory that grows with the plateaus alone.
 
-use shell_data::statistics::MergeWeights;
+use shell_data::statistics::{MergeWeights, extremes};
 
 use super::grouped::MAX_GROUPS;
-use shell_data::statistics::extremes;
 
 /// The fewest rows in succession that make a plateau.
 pub const FEWEST_ROWS: u64 = 5;
@@ -113,25 +112,15 @@ pub enum Stretches {
     Nothing,
 }
 
-/// Rows that were held still.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Hold<const N: usize> {
+/// Rows of about one load.
+#[derive(Clone, Copy, Debug)]
+pub struct Level<const N: usize> {
     /// The first row.
     pub start: u64,
-    /// Rows from there on.
+    /// Rows that agree.
     pub rows: u64,
     /// The mean of each column.
     pub mean: [f64; N],
-}
-
-/// Rows of about one load.
-#[derive(Clone, Copy, Debug)]
-struct Level<const N: usize> {
-    /// The first row.
-    start: u64,
-    /// Rows that agree.
-    rows: u64,
-    mean: [f64; N],
     /// Squared differences from the mean.
     squares: [f64; N],
     /// The mean position of the rows, their squared distances from it, and its products with the loads.
@@ -294,7 +283,7 @@ impl<const N: usize> PlateauFinder<N> {
 
     /// The steady levels that are long beside the others: where the columns were held still. Rows on the way from
     /// one to the next are in none.
-    pub fn holds(&self) -> Vec<Hold<N>> {
+    pub fn holds(&self) -> Vec<Level<N>> {
         let ranges = self.ranges();
         let mut holds = self.merged(&ranges);
         holds.retain(|level| self.is_steady(level, &ranges));
@@ -307,9 +296,7 @@ impl<const N: usize> PlateauFinder<N> {
             sum > half
         });
         holds.retain(|level| SHORT * level.rows >= usual.unwrap_or(0));
-        let hold =
-            |level: Level<N>| Hold { start: level.start, rows: level.rows, mean: level.mean };
-        holds.into_iter().map(hold).collect()
+        holds
     }
 
     /// The rows of each plateau, if that is what the recording is made of.

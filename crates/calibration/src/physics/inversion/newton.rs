@@ -5,8 +5,7 @@
 
 use pulp::{Simd, WithSimd};
 
-use super::ready::Ready;
-use super::{Estimates, Flags, Inversion};
+use super::{Estimates, Flags, Inversion, Ready};
 use crate::physics::cholesky::LaneCholesky;
 use crate::physics::lanes::{Answers, Lanes, MOST_LANES, linear, quadratic_form};
 use crate::physics::observation::MOST_CHANNELS;

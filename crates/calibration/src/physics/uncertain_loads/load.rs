@@ -110,10 +110,7 @@ impl StatedLoad {
     }
 
     pub(super) fn mounting(&self) -> Option<usize> {
-        match self {
-            Self::Wrench(_) => None,
-            Self::Force { mounting, .. } => *mounting,
-        }
+        if let Self::Force { mounting, .. } = self { *mounting } else { None }
     }
 }
 

@@ -172,7 +172,7 @@ impl MergeArgs {
                 .note("physics was not weighed: it is fitted to rows, and partial fits have none");
         }
         match is_exact {
-            _ if !fitted.lacks_random_split() => {}
+            _ if fitted.cross_validation.as_ref().is_none_or(|cv| cv.random_folds > 0) => {}
             false => printer.note(
                 "no random split beside the held-out groups: rows that cannot be summed exactly are not assigned \
                  at random",

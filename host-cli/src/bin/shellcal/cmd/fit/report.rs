@@ -23,8 +23,8 @@ use super::plan::NamedRows;
 use crate::printer::Printer;
 
 /// What `--json` prints of a verdict.
-fn verdict(verdict: &Verdict) -> impl Serialize + use<> {
-    let (axes, unseen) = (verdict.axes, verdict.unseen.as_ref().ok());
+fn verdict(verdict: &Verdict<'_>) -> impl Serialize + use<> {
+    let (axes, unseen) = (verdict.axes, verdict.unseen.as_ref());
     let interval = verdict.interval.as_ref().ok();
     document! {
         // The same in words.

@@ -151,9 +151,9 @@ impl PlanArgs {
     fn plan(&self, table: HungLoads, printer: &Printer) -> anyhow::Result<LoadPlan> {
         let candidates: Vec<PerAxis<f64>> = table.loads().iter().map(HungLoad::wrench).collect();
         let session = self.session()?;
-        let mut planner = match (session.sensors, self.by) {
+        let sensors = match (session.sensors, self.by) {
             (Ok(sensors), None | Some(CriterionArg::Gain | CriterionArg::AverageVariance)) => {
-                Planner::from_sensors(sensors, &session.loads, &candidates)
+                Some(sensors)
             }
             (Err(reason), _) if self.until.is_some() => {
                 anyhow::bail!("`--until` takes a model of the sensors, and there is none: {reason}")
@@ -164,12 +164,14 @@ impl PlanArgs {
                 {
                     printer.note(format!("the plan takes no model of the sensors: {reason}"));
                 }
-                Planner::from_loads(&session.loads, &candidates)
+                None
             }
         };
-        if self.by == Some(CriterionArg::AverageVariance) {
-            planner = planner.by(Criterion::AverageVariance);
-        }
+        let by = match self.by {
+            Some(CriterionArg::AverageVariance) => Criterion::AverageVariance,
+            _ => Criterion::Gain,
+        };
+        let mut planner = Planner::new(sensors, by, &session.loads, &candidates);
         let before = planner.error();
         let criterion = match (before, self.by) {
             (_, Some(CriterionArg::AverageVariance)) => "average variance (ALC)",
