@@ -64,6 +64,7 @@ pub mod reading_ranges;
 pub mod recalibration;
 pub mod sandwich;
 pub mod scaling;
+mod solution;
 pub mod solver;
 mod symmetric;
 pub mod uncertainty;

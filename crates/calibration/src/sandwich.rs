@@ -23,7 +23,9 @@
 
 use faer::{Accum, Mat, MatRef};
 
-use crate::exact::{HeldOutErrors, SolveError};
+use crate::FitError;
+use crate::exact::HeldOutErrors;
+use crate::solution::Solution;
 use crate::symmetric::{SymmetricMatrix, UpperTriangle, add_multiple, product};
 use crate::vectors::lower_product;
 use shell_data::wrench::PerAxis;
@@ -61,12 +63,12 @@ pub enum ScatterError {
     /// The groups, by their positions, without which the rows do not determine the coefficients.
     Alone(Vec<usize>),
     /// There are no coefficients, or the features are too nearly dependent for this.
-    Solve(SolveError),
+    Fit(FitError),
 }
 
-impl From<SolveError> for ScatterError {
-    fn from(error: SolveError) -> Self {
-        Self::Solve(error)
+impl From<FitError> for ScatterError {
+    fn from(error: FitError) -> Self {
+        Self::Fit(error)
     }
 }
 
@@ -85,23 +87,27 @@ pub(crate) struct ScatterSums {
 }
 
 impl ScatterSums {
-    /// Of so many features, before any group; `products` are those of the residuals of all rows.
-    /// `all_directions` says that the fit has no ridge and has left out no direction, so that the `K_g` must add up to
-    /// the identity.
-    pub(crate) fn new(
-        features: usize,
-        products: PerAxis<PerAxis<f64>>,
-        all_directions: bool,
-    ) -> Self {
+    /// Of a solution, before any group.
+    pub(crate) fn new(solution: &Solution) -> Self {
+        let (features, products) = (solution.factor.matrix().nrows(), &solution.residual_products);
+        // Without a ridge, and if no direction was left out, the `K_g` must add up to the identity.
+        let all_directions = solution.ridge == 0.0 && solution.rank == features;
         Self {
             groups: 0,
             scores: PerAxis::default(),
-            products,
+            products: std::array::from_fn(|a| {
+                std::array::from_fn(|b| products[(a.min(b), a.max(b))])
+            }),
             defect: all_directions.then(|| SymmetricMatrix::identity(features)),
             alone: Vec::new(),
             common: PerAxis::default(),
             squares: PerAxis::default(),
         }
+    }
+
+    /// Whether the `K_g` must add up to the identity.
+    pub(crate) fn has_all_directions(&self) -> bool {
+        self.defect.is_some()
     }
 
     /// Takes the `K_g` of groups off what must be left of the identity.
@@ -142,7 +148,7 @@ impl ScatterSums {
         if let Some(defect) = &self.defect {
             let mut all = (0..features).flat_map(|i| defect.row(i));
             if !all.all(|x| x.abs() <= LARGEST_DEFECT) {
-                return Err(SolveError::NearlyDependent.into());
+                return Err(FitError::NearlyDependent.into());
             }
         }
         if !self.alone.is_empty() {
@@ -167,12 +173,12 @@ impl ScatterSums {
 /// `v_g` of `K_g`, features × features, and `u_g`; `None` if the group alone determines a direction.
 ///
 /// # Errors
-/// [`SolveError::NearlyDependent`].
+/// [`FitError::NearlyDependent`].
 pub(crate) fn corrected(
     share: SymmetricMatrix,
     score: PerAxis<Vec<f64>>,
-) -> Result<Option<PerAxis<Vec<f64>>>, SolveError> {
-    let eigen = share.eigen().ok_or(SolveError::NearlyDependent)?;
+) -> Result<Option<PerAxis<Vec<f64>>>, FitError> {
+    let eigen = share.eigen().ok_or(FitError::NearlyDependent)?;
     let rest: Vec<f64> = eigen.values.iter().map(|value| 1.0 - value.max(0.0)).collect();
     if rest.iter().any(|&rest| rest < ALONE) {
         return Ok(None);
@@ -189,11 +195,11 @@ pub(crate) fn corrected(
 /// `(I − K_g)^(−½)·u_g = Mᵀ·(I − M·Mᵀ)^(−½)·e`. `K_g` is added to `shares`, if there are any.
 ///
 /// # Errors
-/// [`SolveError::NearlyDependent`].
+/// [`FitError::NearlyDependent`].
 pub(crate) fn corrected_rows(
     (rows, misfit): (MatRef<'_, f64>, MatRef<'_, f64>),
     shares: Option<&mut SymmetricMatrix>,
-) -> Result<Option<PerAxis<Vec<f64>>>, SolveError> {
+) -> Result<Option<PerAxis<Vec<f64>>>, FitError> {
     let columns = |of: MatRef<'_, f64>| -> PerAxis<Vec<f64>> {
         std::array::from_fn(|axis| of.col(axis).iter().copied().collect())
     };

@@ -21,8 +21,5 @@ pub use self::error::{ExactError, MAX_ROWS};
 pub use self::moments::{
     ChannelRange, Moments, ReadingUnit, StoredIntegers, StoredMoments, StoredMomentsError,
 };
-pub use self::solve::{
-    ExactFit, ExactRankLoss, HeldOutErrors, NewGroup, PartMoments, PartitionedMoments, Relation,
-    SolveError,
-};
+pub use self::solve::{ExactFit, HeldOutErrors, NewGroup, PartMoments, PartitionedMoments};
 pub use self::sums::{Accumulator, Adder};

@@ -9,7 +9,8 @@ use faer::{Mat, MatRef};
 
 use super::groups::FactoredGroups;
 use super::rows::FactoredRows;
-use crate::exact::{NewGroup, SolveError};
+use crate::FitError;
+use crate::exact::NewGroup;
 use crate::passes::{Workers, on_threads};
 use crate::sandwich::{GroupScatter, ScatterError, ScatterSums, corrected_rows};
 use crate::solver::Solution;
@@ -33,19 +34,15 @@ impl FactoredGroups {
         let groups: Vec<&FactoredRows> =
             others.map(|(_, (_, rows))| rows).filter(|rows| rows.rows() > 0).collect();
         let factor = solution.factor.matrix();
-        let products = &solution.residual_products;
-        let products =
-            std::array::from_fn(|a| std::array::from_fn(|b| products[(a.min(b), a.max(b))]));
-        let all_directions = solution.ridge == 0.0 && solution.rank == factor.nrows();
-        let mut sums = ScatterSums::new(factor.nrows(), products, all_directions);
+        let mut sums = ScatterSums::new(solution);
         // Each group with factor and coefficients about its centre.
         let mut items = Vec::with_capacity(groups.len());
         for run in by_centre(&groups, solution) {
-            let (groups, change) = run.ok_or(SolveError::NearlyDependent)?;
+            let (groups, change) = run.ok_or(FitError::NearlyDependent)?;
             let parts = Arc::new((&change * factor, &change * &solution.coefficients));
             items.extend(groups.iter().map(|rows| (*rows, Arc::clone(&parts))));
         }
-        let start = || all_directions.then(|| SymmetricMatrix::zeros(factor.nrows()));
+        let start = || sums.has_all_directions().then(|| SymmetricMatrix::zeros(factor.nrows()));
         let work = |shares: &mut Option<_>, (rows, parts): &(&FactoredRows, Arc<_>)| {
             let (factors, coefficients): &(Mat<f64>, Mat<f64>) = parts;
             let (r, z) = rows.r_factor.significant_rows();

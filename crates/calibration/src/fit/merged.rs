@@ -6,12 +6,11 @@ use super::polynomial::covariance;
 use super::{Fit, FitMethod, FitOptions};
 use crate::conversion::Calibration;
 use crate::error::FitError;
-use crate::exact::{Moments, PartitionedMoments, SolveError};
+use crate::exact::Moments;
 use crate::factored::{FactoredGroups, FactoredRows};
 use crate::quality::AxisQuality;
 use crate::reading_ranges::ReadingRanges;
-use crate::solver::{Solution, SolverKind, solve_moments};
-use crate::validation::ValidationError;
+use crate::solver::{Solution, SolverKind};
 use crate::validation::factored;
 use crate::validation::grouped::{GroupKind, GroupedMoments};
 use shell_data::wrench::{Axes, PerAxis};
@@ -58,15 +57,9 @@ fn solve_exactly(
         None => options.without_groups()?,
     };
     let model = options.model_without_memory(choice.basis, total.channels());
-    let parts = PartitionedMoments::new(total, &model);
-    if let Err(error @ SolveError::OtherFeatures { .. }) = parts {
-        return Err(ValidationError::from(error).into());
-    }
-    let ranges = total.reading_ranges();
-    let solution = solve_moments(total, &model, choice.ridge, &ranges)?;
-    let train = parts.and_then(|parts| parts.in_sample(choice.ridge));
-    let train = train.map_err(|_| FitError::NearlyDependent)?;
-    Ok((choice, SolverKind::Exact, solution, ranges, train))
+    let fit = total.solve(&model, choice.ridge)?;
+    let train = fit.quality(total);
+    Ok((choice, SolverKind::Exact, fit.solution, total.reading_ranges(), train))
 }
 
 /// The same from the R factor of rows that could not be summed exactly.

@@ -81,7 +81,7 @@ fn solve_exactly(
         None => solver::exact_moments(problem.model, rows)?,
     };
     let ranges = sums.reading_ranges();
-    let solution = solver::solve_moments(&sums, &problem.model, problem.ridge, &ranges)?;
+    let solution = sums.solve(&problem.model, problem.ridge)?.solution;
     let solver = SolverKind::Exact;
     Ok(Solved { solution, ranges, solver, not_exact: None, sums: Some(sums) })
 }

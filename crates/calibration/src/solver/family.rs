@@ -1,14 +1,13 @@
 //! Every solver by its name, over rows that can be passed over as often as it asks.
 
 use super::FitProblem;
-use super::exact::solve_moments;
 use super::kind::SolverKind;
-use super::solution::Solution;
 use crate::exact::{Accumulator, ExactError, Moments};
 use crate::features::Features;
 use crate::least_squares::{self, LeastSquaresError, Method, Reduction, Ridge, RowChunk, Shape};
 use crate::passes::{Pass, Rows};
 use crate::reading_ranges::ReadingRanges;
+use crate::solution::Solution;
 use crate::{FitError, Model};
 use shell_data::block::Block;
 use shell_data::wrench::Axis;
@@ -28,7 +27,7 @@ pub fn fit(
             // One pass is enough, and its sums know the ranges.
             let moments = exact_moments(problem.model, rows)?;
             let ranges = moments.reading_ranges();
-            return Ok((solve_moments(&moments, &problem.model, problem.ridge, &ranges)?, ranges));
+            return Ok((moments.solve(&problem.model, problem.ridge)?.solution, ranges));
         }
         SolverKind::Tsqr => Method::Tsqr,
         SolverKind::RefinedTsqr => Method::RefinedTsqr,
@@ -43,7 +42,7 @@ pub fn fit(
     fit_by(method, problem, rows)
 }
 
-/// The exact sums of the rows, for [`solve_moments`] and all else that can be told from them.
+/// The exact sums of the rows, for [`Moments::solve`] and all else that can be told from them.
 ///
 /// # Errors
 /// [`FitError::NotExact`] if they cannot be exact.
@@ -53,6 +52,18 @@ pub fn exact_moments(model: Model, rows: &Rows<'_>) -> Result<Moments, FitError>
         return Err(FitError::NotExact(ExactError::MemoryTerms));
     }
     Ok(rows.reduce(&Accumulator::new(model.basis, model.channels))?.finish()?)
+}
+
+impl Pass for Accumulator {
+    const ANY_ORDER: bool = true;
+
+    fn absorb(&mut self, block: &Block) -> Result<(), FitError> {
+        Ok(self.absorb(&block.readings, &block.wrench)?)
+    }
+
+    fn merge(&mut self, later: Self) -> Result<(), FitError> {
+        Ok(self.merge(later)?)
+    }
 }
 
 /// As [`fit`], by a method of [`least_squares`] on the features.

@@ -5,18 +5,15 @@
 //! reduced on several threads.
 
 mod centring;
-mod exact;
 mod family;
 mod kind;
-mod solution;
 
 pub use self::centring::ReadingSums;
-pub use self::exact::solve_moments;
 pub use self::family::{exact_moments, fit, fit_by};
 pub use self::kind::SolverKind;
-pub use self::solution::Solution;
 pub use crate::factor::InverseFactor;
 pub use crate::passes::{Pass, Rows, Workers};
+pub use crate::solution::Solution;
 
 use crate::model::Model;
 use crate::scaling::Scaling;

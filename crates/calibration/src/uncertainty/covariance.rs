@@ -97,7 +97,7 @@ impl Covariance {
         let whole = sums.all_of_several()?;
         let groups: Vec<_> = sums.groups.iter().map(|(_, moments)| moments).collect();
         let fit = whole.solve(model, ridge)?;
-        let found = fit.scatter(&groups, ridge);
+        let found = fit.scatter(&groups);
         let found = found.map_err(|error| why_no_scatter(error, &sums.groups))?;
         let intervals = match are_stretches {
             true => {
@@ -193,7 +193,7 @@ impl Covariance {
 /// Why there is no covariance over `groups`, each with its label.
 fn why_no_scatter<T>(error: ScatterError, groups: &[(String, T)]) -> ValidationError {
     match error {
-        ScatterError::Solve(error) => ValidationError::Solve(error),
+        ScatterError::Fit(error) => error.into(),
         ScatterError::Alone(positions) => {
             ValidationError::Alone { groups: labels_of(groups, &positions) }
         }

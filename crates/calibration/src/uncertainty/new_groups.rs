@@ -126,9 +126,9 @@ fn score_without(
     let mut others = groups.to_vec();
     let held_out = others.remove(group);
     let fit = total.without(held_out).solve(model, ridge).ok()?;
-    let scatter = fit.scatter(&others, ridge).ok()?;
+    let scatter = fit.scatter(&others).ok()?;
     let new = fit.on_groups(&scatter, &[held_out]);
-    Some(score_of(&new[0], &scatter, fit.rows))
+    Some(score_of(&new[0], &scatter, fit.solution.rows))
 }
 
 /// Mean and scatter of the errors of a group, in standard errors of the fit to so many other rows.
@@ -206,9 +206,9 @@ mod tests {
             let part = block.kept(&(0..block.rows).map(is_in).collect::<Vec<_>>());
             let rest = sums(&rest);
             let total = rest.total().unwrap();
-            let ranges = total.reading_ranges();
-            let solution = crate::solver::solve_moments(total, &model, 0.0, &ranges).unwrap();
-            let mut calibration = crate::Calibration::from_solution(&solution, &ranges);
+            let solution = total.solve(&model, 0.0).unwrap().solution;
+            let mut calibration =
+                crate::Calibration::from_solution(&solution, &total.reading_ranges());
             calibration.covariance =
                 Some(Covariance::from_groups(&rest, &model, 0.0, false, Workers::ONE).unwrap());
             let (mut wrench, mut errors) = (PerAxis::default(), PerAxis::default());
@@ -235,7 +235,7 @@ mod tests {
         let groups = groups_of(&sums);
         let (parts, by) = (sums.partitioned(&model).unwrap(), (&model, 0.0));
         let fit = parts.total.solve(&model, 0.0).unwrap();
-        let of_all = (&fit, &fit.scatter(&groups, 0.0).unwrap());
+        let of_all = (&fit, &fit.scatter(&groups).unwrap());
         let all = held_out_intervals_of_stretches(&parts, of_all, &groups, 0.0, Workers::ONE);
         let without = held_out_intervals(parts.total, &groups, by, Workers::ONE).unwrap();
         let all = all.unwrap();

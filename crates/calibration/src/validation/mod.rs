@@ -22,7 +22,7 @@ pub mod plateaus;
 pub mod selection;
 pub(crate) mod spread;
 
-use super::exact::{ExactError, SolveError};
+use super::exact::ExactError;
 use crate::FitError;
 use shell_data::hint::Hint;
 
@@ -55,7 +55,7 @@ pub enum ValidationError {
     },
     /// No fold leaves enough rows to fit the model.
     #[error("the model cannot be fitted without any one of the groups: {0}")]
-    Undetermined(SolveError),
+    Undetermined(Box<FitError>),
     /// Some groups determine a coefficient alone, so that nothing can be learned from how groups
     /// scatter.
     #[error("without {} the model cannot be fitted", names(groups))]
@@ -66,10 +66,7 @@ pub enum ValidationError {
     /// What is kept of the groups does not tell how the coefficients of this solver scatter.
     #[error("what is kept of the groups does not serve this solver")]
     OtherSolver,
-    /// The sums do not suit the model.
-    #[error(transparent)]
-    Solve(#[from] SolveError),
-    /// A row that no fit can take.
+    /// A row that no fit can take, or sums that do not suit the model.
     #[error(transparent)]
     Rows(Box<FitError>),
     /// None of the models can be fitted.

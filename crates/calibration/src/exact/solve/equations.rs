@@ -5,16 +5,20 @@ use num_bigint::BigInt;
 use num_traits::Zero;
 
 use super::cholesky::{AxisRow, Bordered, LANES, factor, solve_lower, solve_upper};
-use super::fit::{ExactFit, SolveError};
+use super::fit::ExactFit;
 use super::multipliers::Multipliers;
 use super::partition::EquationScales;
+use crate::FitError;
 use crate::double_double::DoubleDouble;
 use crate::exact::moments::layout::pair;
 use crate::exact::moments::product_sums::Moments;
 use crate::exact::moments::rounding::power_of_two;
 use crate::exact::moments::rounding::{integer, round, round_scaled, shifted};
+use crate::factor::InverseFactor;
 use crate::model::{Model, Term};
 use crate::r_factor::extreme_singular_values;
+use crate::scaling::Scaling;
+use crate::solution::Solution;
 use shell_data::wrench::PerAxis;
 
 /// Condition numbers from which the error of Cholesky, κ²·2⁻¹⁰⁴, may show in the last place of a
@@ -49,7 +53,7 @@ impl<'a> IntegerEquations<'a> {
         Self { moments, model: *model, scales, readings, wrench }
     }
 
-    pub(crate) fn solve(self, ridge: f64, rank: usize) -> Result<ExactFit, SolveError> {
+    pub(crate) fn solve(self, ridge: f64, rank: usize) -> Result<ExactFit, FitError> {
         let size = self.scales.terms.len();
         let mut bordered = Bordered::zero(size, 6);
         let mut penalties = vec![DoubleDouble::ZERO; size];
@@ -77,12 +81,12 @@ impl<'a> IntegerEquations<'a> {
             }
         }
         let products: Vec<AxisRow> = (0..size + 6).map(|a| bordered.border(a)).collect();
-        factor(&mut bordered).map_err(|_| SolveError::NearlyDependent)?;
+        factor(&mut bordered).map_err(|_| FitError::NearlyDependent)?;
         let mut coefficients: Vec<AxisRow> = (0..size).map(|a| bordered.border(a)).collect();
         solve_upper(&bordered, &mut coefficients);
         let condition = condition(&bordered);
         if !condition.is_finite() {
-            return Err(SolveError::NearlyDependent);
+            return Err(FitError::NearlyDependent);
         }
         if condition > REFINE_ABOVE {
             self.refine(&bordered, &penalties, &mut coefficients)?;
@@ -92,7 +96,7 @@ impl<'a> IntegerEquations<'a> {
         } else {
             penalised_residuals(&products, &coefficients, &penalties)
         };
-        self.fit(bordered, &coefficients, &residuals, condition, rank)
+        self.fit(&bordered, &coefficients, &residuals, condition, (ridge, rank))
     }
 
     fn gram(&self, a: usize, b: usize) -> i128 {
@@ -111,7 +115,7 @@ impl<'a> IntegerEquations<'a> {
         cholesky: &Bordered,
         penalties: &[DoubleDouble],
         coefficients: &mut [AxisRow],
-    ) -> Result<(), SolveError> {
+    ) -> Result<(), FitError> {
         /// Each round gains what the first solution had in digits.
         const ROUNDS: usize = 8;
         let mut before = f64::INFINITY;
@@ -129,7 +133,7 @@ impl<'a> IntegerEquations<'a> {
                 }
             }
             if largest > DONE && largest >= before || largest.is_nan() {
-                return Err(SolveError::NearlyDependent);
+                return Err(FitError::NearlyDependent);
             }
             // The next correction would be smaller than this one by the same factor again.
             if largest < DONE {
@@ -137,7 +141,7 @@ impl<'a> IntegerEquations<'a> {
             }
             before = largest;
         }
-        Err(SolveError::NearlyDependent)
+        Err(FitError::NearlyDependent)
     }
 
     /// `b − (A + penalties)·c`, rounded once.
@@ -187,18 +191,19 @@ impl<'a> IntegerEquations<'a> {
 
     fn fit(
         self,
-        cholesky: Bordered,
+        cholesky: &Bordered,
         coefficients: &[AxisRow],
         residuals: &[AxisRow],
         condition: f64,
-        rank: usize,
-    ) -> Result<ExactFit, SolveError> {
+        (ridge, rank): (f64, usize),
+    ) -> Result<ExactFit, FitError> {
         let EquationScales { ref centre, ref terms, ref columns, axes, .. } = self.scales;
         let unit = |i: usize| self.moments.channels[i].unit;
         let reach: Vec<i32> =
             centre.iter().enumerate().map(|(i, &c)| self.moments.reach(i, c)).collect();
         let reach_of = |term: &Term| term.factors().iter().map(|&c| reach[usize::from(c)]).sum();
         let counted: Vec<i32> = terms.iter().map(reach_of).collect();
+        // 2^exponent times a column of the factor is that of the centred and scaled feature.
         let exponents: Vec<i32> =
             counted.iter().zip(columns).map(|(counted, column)| counted - column).collect();
         let stretch = |&c: &u8| {
@@ -215,36 +220,34 @@ impl<'a> IntegerEquations<'a> {
         let coefficients: Vec<PerAxis<DoubleDouble>> =
             coefficients.iter().zip(exponents.iter().zip(&stretch)).map(scaled).collect();
         if !coefficients.iter().flatten().all(|c| c.is_finite()) {
-            return Err(SolveError::Overflow);
+            return Err(FitError::Overflow);
         }
-        let residual_products = std::array::from_fn(|a| {
-            std::array::from_fn(|b| {
-                let (low, high) = (a.min(b), a.max(b));
-                let product = residuals[low][high];
-                let product = shifted(product, axes[a] + axes[b]).to_f64();
-                // Where nothing is left, rounding may leave less than nothing.
-                if a == b { product.max(0.0) } else { product }
-            })
-        });
-        Ok(ExactFit {
+        let centre = (centre.iter().enumerate())
+            .map(|(i, &centre)| centre as f64 / f64::from(unit(i).per_count()));
+        let scale = (reach.iter().enumerate())
+            .map(|(i, reach)| power_of_two(reach - unit(i).nearest_power()));
+        let r_factor = |i: usize, j: usize| match i <= j {
+            true => (shifted(cholesky.get(i, j), -exponents[j]) * stretch[j]).to_f64(),
+            false => 0.0,
+        };
+        let residual_product = |a: usize, b: usize| {
+            let product = shifted(residuals[a.min(b)][a.max(b)], axes[a] + axes[b]).to_f64();
+            // Where nothing is left, rounding may leave less than nothing.
+            if a == b { product.max(0.0) } else { product }
+        };
+        let solution = Solution {
             model: self.model,
+            scaling: Scaling { centre: centre.collect(), scale: scale.collect() },
+            coefficients: Mat::from_fn(terms.len(), 6, |i, a| coefficients[i][a].to_f64()),
+            factor: InverseFactor::from_inverse(Mat::from_fn(terms.len(), terms.len(), r_factor)),
+            residual_products: Mat::from_fn(6, 6, residual_product),
             rows: self.moments.rows,
-            centre: (centre.iter().enumerate())
-                .map(|(i, &centre)| centre as f64 / f64::from(unit(i).per_count()))
-                .collect(),
-            scale: (reach.iter().enumerate())
-                .map(|(i, reach)| power_of_two(reach - unit(i).nearest_power()))
-                .collect(),
-            coefficients,
-            residual_products,
-            total_squares: std::array::from_fn(|axis| self.moments.total_square(axis)),
             condition,
             rank,
-            cholesky,
-            exponents,
-            scales: EquationScales { columns: counted, axes: [0; 6], ..self.scales },
-            stretch,
-        })
+            ridge,
+        };
+        let scales = EquationScales { columns: counted, axes: [0; 6], ..self.scales };
+        Ok(ExactFit { solution, coefficients, scales, stretch })
     }
 }
 

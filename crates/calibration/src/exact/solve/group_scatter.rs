@@ -10,22 +10,22 @@ use crate::sandwich::{GroupScatter, ScatterError, ScatterSums, corrected};
 use crate::symmetric::{UpperTriangle, congruence};
 
 impl ExactFit {
-    /// The scatter of the coefficients over `groups`, which are all rows that were fitted. `ridge` is what they were
-    /// fitted with; the bias that it brings is left out.
+    /// The scatter of the coefficients over `groups`, which are all rows that were fitted. The bias that a ridge brings
+    /// is left out.
     ///
     /// # Errors
     /// [`ScatterError`] if some group alone determines a coefficient, or all together do not.
-    pub fn scatter(&self, groups: &[&Moments], ridge: f64) -> Result<GroupScatter, ScatterError> {
+    pub fn scatter(&self, groups: &[&Moments]) -> Result<GroupScatter, ScatterError> {
         let stretch: Vec<f64> = self.stretch.iter().map(|s| s.to_f64()).collect();
-        let factor = UpperTriangle::new(&self.r_factor()).inverse();
+        let factor = UpperTriangle::new(self.solution.factor.matrix());
         // Rows are features: from those of the fit to those that are counted.
         let mut counted = factor.clone();
         for (i, stretch) in stretch.iter().enumerate() {
             counted.row_mut(i).iter_mut().for_each(|x| *x *= stretch);
         }
-        let (size, coefficients) = (counted.size(), self.counted_coefficients());
+        let coefficients = self.counted_coefficients();
         let groups = groups.iter().filter(|group| group.rows() > 0);
-        let mut sums = ScatterSums::new(size, self.residual_products, ridge == 0.0);
+        let mut sums = ScatterSums::new(&self.solution);
         for group in groups {
             let scales = &self.scales;
             let part = scales.part(group);
@@ -103,10 +103,12 @@ mod tests {
             (0..7).map(|g| moments(&readings, &wrench, |row| groups[row] == g)).collect();
         let model = Model { basis: Basis::Quadratic, intercept: true, channels: 2, memory: 0 };
         let fit = total.solve(&model, 0.0).unwrap();
-        let found = fit.scatter(&parts.iter().collect::<Vec<_>>(), 0.0).unwrap();
+        let found = fit.scatter(&parts.iter().collect::<Vec<_>>()).unwrap();
 
         // Directly, row by row: hat matrix, its blocks, their inverse roots.
-        let z = |c: usize, row: usize| (readings[c][row] - fit.centre[c]) / fit.scale[c];
+        let z = |c: usize, row: usize| {
+            (readings[c][row] - fit.solution.scaling.centre[c]) / fit.solution.scaling.scale[c]
+        };
         let (n, p) = (groups.len(), 6);
         let x = Mat::from_fn(n, p, |row, j| {
             model.terms()[j].factors().iter().map(|&c| z(usize::from(c), row)).product::<f64>()
@@ -173,7 +175,7 @@ mod tests {
             (0..7).map(|g| moments(&readings, &wrench, |row| groups[row] == g)).collect();
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
         let fit = total.solve(&model, 0.0).unwrap();
-        let found = fit.scatter(&parts.iter().collect::<Vec<_>>(), 0.0);
+        let found = fit.scatter(&parts.iter().collect::<Vec<_>>());
         assert_eq!(found.unwrap_err(), ScatterError::Alone(vec![3]));
     }
 }

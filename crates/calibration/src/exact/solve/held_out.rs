@@ -17,8 +17,9 @@
 use super::cholesky::{AxisRow, Bordered, ElementLanes, LANES, factor, solve_upper};
 use super::double_double_matrix::DoubleDoubleMatrix;
 use super::equations::penalty_of;
-use super::fit::{ExactFit, SolveError};
+use super::fit::ExactFit;
 use super::partition::{EquationScales, PartMoments};
+use crate::FitError;
 use crate::exact::moments::product_sums::Moments;
 use crate::exact::moments::rounding::power_of_two;
 use crate::exact::moments::rounding::round;
@@ -90,12 +91,12 @@ impl<'a> PartitionedMoments<'a> {
     /// Of the rows of `total`, to be fitted with `model`.
     ///
     /// # Errors
-    /// [`SolveError::OtherFeatures`] if the features of the model were not summed;
-    /// [`SolveError::TooFewRows`] for zero rows.
-    pub fn new(total: &'a Moments, model: &Model) -> Result<Self, SolveError> {
+    /// [`FitError::OtherFeatures`] if the features of the model were not summed;
+    /// [`FitError::TooFewRows`] for zero rows.
+    pub fn new(total: &'a Moments, model: &Model) -> Result<Self, FitError> {
         let terms = total.summed_terms(model)?;
         if total.rows() == 0 {
-            return Err(SolveError::TooFewRows { rows: 0, coefficients: terms.len() });
+            return Err(FitError::TooFewRows { rows: 0, coefficients: terms.len() });
         }
         let (centre, positions) = (total.centre(model), total.positions(&terms));
         let readings = total.readings_about(&centre);
@@ -115,20 +116,20 @@ impl PartitionedMoments<'_> {
     /// those. `ridge` is as in [`Moments::solve`], about the mean of all rows.
     ///
     /// # Errors
-    /// [`SolveError`] if the other rows do not determine the coefficients.
+    /// [`FitError`] if the other rows do not determine the coefficients.
     pub fn held_out(
         &self,
         moments: &Moments,
         part: &PartMoments,
         ridge: f64,
-    ) -> Result<PerAxis<HeldOutErrors>, SolveError> {
+    ) -> Result<PerAxis<HeldOutErrors>, FitError> {
         if !(ridge >= 0.0 && ridge.is_finite()) {
-            return Err(SolveError::Ridge(ridge));
+            return Err(FitError::Ridge(ridge));
         }
         let size = self.scales.terms.len();
         let rows = self.all.rows - part.rows;
         if rows < size as u64 && ridge == 0.0 || rows == 0 {
-            return Err(SolveError::TooFewRows { rows, coefficients: size });
+            return Err(FitError::TooFewRows { rows, coefficients: size });
         }
         if let Some(coefficients) = self.scales.solve(&self.all, part, ridge) {
             return Ok(self.scales.errors(part, &coefficients));
@@ -137,19 +138,15 @@ impl PartitionedMoments<'_> {
         let fit = self.total.without(moments).solve(&self.model, ridge)?;
         Ok(fit.errors_on(moments))
     }
-
-    /// The figures of the fit to all rows on just these.
-    ///
-    /// # Errors
-    /// [`SolveError`] if the rows do not determine the coefficients.
-    pub fn in_sample(&self, ridge: f64) -> Result<PerAxis<AxisQuality>, SolveError> {
-        let fit = self.total.solve(&self.model, ridge)?;
-        let errors = fit.errors_on(self.total);
-        Ok(std::array::from_fn(|axis| errors[axis].quality(self.total.total_square(axis))))
-    }
 }
 
 impl ExactFit {
+    /// The figures on rows that were fitted, whose sums these are.
+    pub fn quality(&self, rows: &Moments) -> PerAxis<AxisQuality> {
+        let errors = self.errors_on(rows);
+        std::array::from_fn(|axis| errors[axis].quality(rows.total_square(axis)))
+    }
+
     /// The errors on some rows, by its own origin and units.
     fn errors_on(&self, rows: &Moments) -> PerAxis<HeldOutErrors> {
         self.scales.errors(&self.scales.part(rows), &self.counted_coefficients())

@@ -15,8 +15,7 @@ pub(crate) mod rank;
 mod scales;
 mod solver;
 
-pub use self::fit::{ExactFit, SolveError};
+pub use self::fit::ExactFit;
 pub use self::held_out::{HeldOutErrors, PartitionedMoments};
 pub use self::new_groups::NewGroup;
 pub use self::partition::PartMoments;
-pub use self::rank::{ExactRankLoss, Relation};

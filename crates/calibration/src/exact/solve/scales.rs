@@ -1,6 +1,6 @@
 //! What the sums say before anything is solved: means, ranges and variances.
 
-use super::fit::SolveError;
+use crate::FitError;
 use crate::double_double::DoubleDouble;
 use crate::exact::moments::layout::pair;
 use crate::exact::moments::product_sums::Moments;
@@ -26,17 +26,20 @@ impl Moments {
     /// The terms of a model.
     ///
     /// # Errors
-    /// [`SolveError::OtherFeatures`] if the products of one of them were not summed.
-    pub(crate) fn summed_terms(&self, model: &Model) -> Result<Vec<Term>, SolveError> {
+    /// [`FitError`] if the products of one of them were not summed.
+    pub(crate) fn summed_terms(&self, model: &Model) -> Result<Vec<Term>, FitError> {
         let terms = model.terms();
         let is_summed =
             |term: &Term| *term == Term::INTERCEPT || self.layout.features.contains(term);
-        if model.channels == self.channels() && terms.iter().all(is_summed) {
+        let (basis, channels) = (self.basis, self.channels());
+        if model.channels != channels {
+            return Err(FitError::Channels { expected: model.channels, found: channels });
+        }
+        if terms.iter().all(is_summed) {
             return Ok(terms);
         }
-        let (basis, channels) = (self.basis, self.channels());
         let summed = Model { basis, intercept: true, channels, memory: 0 };
-        Err(SolveError::OtherFeatures { summed: summed.name(), asked: model.name() })
+        Err(FitError::OtherFeatures { kept: summed.name(), asked: model.name() })
     }
 
     /// Where the origin of each channel is moved to before a model is solved for: its mean, rounded, if there is an
@@ -71,7 +74,7 @@ impl Moments {
     }
 
     /// The sum of squared differences from the mean of an axis.
-    pub(crate) fn total_square(&self, axis: usize) -> f64 {
+    pub fn total_square(&self, axis: usize) -> f64 {
         let square = &self.squares[pair(axis, axis)];
         let sums = &self.wrench[axis];
         let sum = &sums.values[0];

@@ -11,8 +11,9 @@
 //!    κ(X) < 10¹⁵.
 
 use super::equations::IntegerEquations;
-use super::fit::{ExactFit, SolveError};
+use super::fit::ExactFit;
 use super::rank::rank_loss;
+use crate::FitError;
 use crate::exact::moments::product_sums::Moments;
 use crate::model::Model;
 
@@ -25,20 +26,24 @@ impl Moments {
     /// unless it is some 10¹⁰ times smaller than its standard fellow features suggest.
     ///
     /// # Errors
-    /// [`SolveError`] if the rows do not determine the coefficients.
-    pub fn solve(&self, model: &Model, ridge: f64) -> Result<ExactFit, SolveError> {
+    /// [`FitError`] if the rows do not determine the coefficients.
+    pub fn solve(&self, model: &Model, ridge: f64) -> Result<ExactFit, FitError> {
         if !(ridge >= 0.0 && ridge.is_finite()) {
-            return Err(SolveError::Ridge(ridge));
+            return Err(FitError::Ridge(ridge));
         }
         let terms = self.summed_terms(model)?;
         if self.rows < terms.len() as u64 && ridge == 0.0 || self.rows == 0 {
-            return Err(SolveError::TooFewRows { rows: self.rows, coefficients: terms.len() });
+            return Err(FitError::TooFewRows { rows: self.rows, coefficients: terms.len() });
         }
         let positions = self.positions(&terms);
         let loss = rank_loss(self, &terms, &positions);
         let rank = loss.as_ref().map_or(terms.len(), |loss| loss.rank);
         if let Some(loss) = loss.filter(|_| ridge == 0.0) {
-            return Err(SolveError::RankDeficient(loss));
+            let is_all = self.reading_ranges().constant_channels().len() == self.channels();
+            return Err(match is_all {
+                true => FitError::IdenticalRows { rows: self.rows },
+                false => FitError::RankDeficient(loss),
+            });
         }
         IntegerEquations::new(self, model, terms, positions).solve(ridge, rank)
     }
