@@ -35,7 +35,6 @@
 #![warn(missing_docs)]
 
 mod conversion;
-mod decimal_step;
 pub mod double_double;
 pub mod dynamics;
 mod error;

@@ -16,6 +16,8 @@
 use std::collections::HashMap;
 use std::ops::Range;
 
+use num_bigint::BigInt;
+
 use crate::features::{Recipe, recipe};
 use crate::model::{Basis, Model, Term};
 
@@ -146,14 +148,15 @@ impl MomentLayout {
     /// Moves the origin of every channel by `by` in all sums, modulo 2¹²⁸.
     pub(crate) fn move_origin(&self, sums: &mut [i128], by: &[i64]) {
         for ((steps, _), &by) in self.steps.iter().zip(by) {
-            shift(sums, steps, by);
+            let by_all = i128::from(by);
+            shift(sums, steps, by, |of, from| of.wrapping_sub(from.wrapping_mul(by_all)));
         }
     }
 
     /// The same in sums of one and the features with something else.
-    pub(crate) fn move_origin_of_features(&self, sums: &mut [i128], by: &[i64]) {
+    pub(crate) fn move_origin_of_features(&self, sums: &mut [BigInt], by: &[i64]) {
         for ((_, steps), &by) in self.steps.iter().zip(by) {
-            shift(sums, steps, by);
+            shift(sums, steps, by, |of, from| of - from * by);
         }
     }
 }
@@ -180,13 +183,12 @@ fn steps(
 /// Turns sums of products with powers of a reading `s` into those with powers of `s − by`.
 ///
 /// By repeated synthetic division: the n-th pass turns `sᵃ⁻ⁿ⁺¹·(s − by)ⁿ⁻¹` into `sᵃ⁻ⁿ·(s − by)ⁿ`,
-/// highest powers first.
-fn shift(values: &mut [i128], steps: &[ShiftStep], by: i64) {
+/// highest powers first. `less` is `of − from·by`.
+fn shift<T>(values: &mut [T], steps: &[ShiftStep], by: i64, less: impl Fn(&T, &T) -> T) {
     let highest = if by == 0 { 0 } else { steps.first().map_or(0, |step| step.exponent) };
     for pass in 1..=highest {
         for step in steps.iter().take_while(|step| step.exponent >= pass) {
-            let from = values[step.from].wrapping_mul(i128::from(by));
-            values[step.of] = values[step.of].wrapping_sub(from);
+            values[step.of] = less(&values[step.of], &values[step.from]);
         }
     }
 }

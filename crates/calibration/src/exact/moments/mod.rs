@@ -2,7 +2,6 @@
 //! them without rounding: merging, subtracting, moving the origin, counting in finer units.
 
 pub(crate) mod channel_range;
-pub(crate) mod digit_planes;
 pub(crate) mod layout;
 mod possible;
 pub(crate) mod product_sums;

@@ -6,13 +6,13 @@ use std::sync::Arc;
 use num_bigint::BigInt;
 
 use super::channel_range::ChannelRange;
-use super::digit_planes::DigitPlanes;
 use super::layout::MomentLayout;
 use super::reading_unit::ReadingUnit;
 use super::scaled_integers::ScaledIntegers;
 use crate::exact::error::{ExactError, MAX_ROWS};
 use crate::model::Basis;
 use crate::reading_ranges::{ReadingRange, ReadingRanges};
+use shell_data::wrench::PerAxis;
 
 /// Exact sums over rows of products of readings and wrench: all that a least-squares fit of a
 /// basis, or of a smaller one within it, needs to know about the rows.
@@ -198,11 +198,11 @@ impl Moments {
 
     /// The sums of readings, and for each axis those with the wrench, with the origin of each channel
     /// moved to `origin`.
-    pub(crate) fn about(&self, origin: &[i64]) -> (Vec<i128>, [DigitPlanes; 6]) {
+    pub(crate) fn about(&self, origin: &[i64]) -> (Vec<i128>, PerAxis<Vec<BigInt>>) {
         let wrench = self.wrench.each_ref().map(|axis| {
-            let mut planes = DigitPlanes::new(&axis.values);
-            planes.move_origin(&self.layout, origin);
-            planes
+            let mut sums = axis.values.clone();
+            self.layout.move_origin_of_features(&mut sums, origin);
+            sums
         });
         (self.readings_about(origin), wrench)
     }

@@ -27,8 +27,14 @@ pub(crate) fn round(value: i128) -> DoubleDouble {
     DoubleDouble::from_sum(high, middle) + DoubleDouble::from(low as f64)
 }
 
+/// [`round`] is exact up to here.
+const EXACT_BITS: u64 = 106;
+
 /// `value·2^exponent` as a double-double.
 pub(crate) fn round_scaled(value: &BigInt, exponent: i32) -> DoubleDouble {
+    if value.bits() <= EXACT_BITS {
+        return shifted(round(value.to_i128().expect("fewer than 128 bits")), exponent);
+    }
     /// More bits than these do not matter.
     const BITS: u64 = 240;
     let cut = value.bits().saturating_sub(BITS);

@@ -6,7 +6,6 @@ use num_traits::Zero;
 
 use super::cholesky::{AxisRow, Bordered, LANES, factor, solve_lower, solve_upper};
 use super::fit::ExactFit;
-use super::multipliers::Multipliers;
 use super::partition::EquationScales;
 use crate::FitError;
 use crate::double_double::DoubleDouble;
@@ -35,7 +34,7 @@ pub(crate) struct IntegerEquations<'a> {
     scales: EquationScales,
     /// Sums about the centre, in the order of the layout.
     readings: Vec<i128>,
-    wrench: [Vec<BigInt>; 6],
+    wrench: PerAxis<Vec<BigInt>>,
 }
 
 impl<'a> IntegerEquations<'a> {
@@ -47,8 +46,6 @@ impl<'a> IntegerEquations<'a> {
     ) -> Self {
         let centre = moments.centre(model);
         let (readings, wrench) = moments.about(&centre);
-        let sums = 0..=moments.layout.features.len();
-        let wrench = wrench.map(|axis| sums.clone().map(|position| axis.value(position)).collect());
         let scales = EquationScales::new(moments, &readings, terms, positions, centre);
         Self { moments, model: *model, scales, readings, wrench }
     }
@@ -148,11 +145,11 @@ impl<'a> IntegerEquations<'a> {
     fn residual(&self, penalties: &[DoubleDouble], coefficients: &[AxisRow]) -> Vec<AxisRow> {
         let size = self.scales.terms.len();
         let (units, integers) = self.integers(coefficients);
-        let multipliers = Multipliers::new(&integers);
         let mut residual = vec![[DoubleDouble::ZERO; LANES]; size];
         for (a, residual) in residual.iter_mut().enumerate() {
-            let sums = multipliers.sums_with((0..size).map(|b| self.gram(a, b)));
-            for (axis, sum) in sums.into_iter().enumerate() {
+            for (axis, integers) in integers.iter().enumerate() {
+                let terms = integers.iter().enumerate();
+                let sum: BigInt = terms.map(|(b, integer)| integer * self.gram(a, b)).sum();
                 let (right, exponent) = self.right(a, axis);
                 let lowest = units[axis].min(exponent);
                 let rest = (right << (exponent - lowest)) - (sum << (units[axis] - lowest));

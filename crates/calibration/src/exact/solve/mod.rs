@@ -8,7 +8,6 @@ pub(crate) mod fit;
 mod group_scatter;
 pub(crate) mod held_out;
 mod modular;
-mod multipliers;
 pub(crate) mod new_groups;
 pub(crate) mod partition;
 pub(crate) mod rank;

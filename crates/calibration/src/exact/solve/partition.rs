@@ -73,7 +73,7 @@ impl EquationScales {
         let upper = (0..size).flat_map(|a| &self.positions[a * size + a..(a + 1) * size]);
         let sum = |axis: usize, position: usize, column: i32| {
             let exponent = moments.wrench[axis].exponent - column - self.axes[axis];
-            wrench[axis].rounded(position, exponent)
+            round_scaled(&wrench[axis][position], exponent)
         };
         PartMoments {
             rows: moments.rows(),

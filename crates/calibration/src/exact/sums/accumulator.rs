@@ -4,15 +4,14 @@
 //! channel's range, which makes them small. Each sum over such a block is exact (see
 //! [`limbs`](super::limbs)) and is added to a pair of `f64`, one for multiples of 2²⁶ and one for
 //! the rest, which stay exact for 2²⁶ blocks. When readings or wrenches occur that the plan of
-//! centre, limbs and digits does not cover, the sums so far are put into [`Moments`] and a new plan is
+//! centre and limbs does not cover, the sums so far are put into [`Moments`] and a new plan is
 //! made.
 
 use std::sync::Arc;
 
 use super::block_sums::{Scratch, sum_block};
-use super::digits::{Digits, Numbers};
 use super::kernel::ROWS;
-use super::limbs::{FeatureLimbs, SQUARE_WIDTH};
+use super::limbs::{BinaryPlaces, FeatureLimbs, Limbs, SQUARE_WIDTH};
 use super::open_sums::{MOST_BLOCKS, OpenSums};
 use super::plan::SummationPlan;
 use crate::exact::error::ExactError;
@@ -43,12 +42,12 @@ pub struct Accumulator {
 }
 
 /// What rows are expected to keep to: what rows so far have kept to, or those of other sums. The plan
-/// of centre, limbs and digits is made for that. It decides how much work sums are, and has no
+/// of centre and limbs is made for that. It decides how much work sums are, and has no
 /// influence on them.
 #[derive(Clone, Debug)]
 pub(super) struct ExpectedRows {
     channels: Vec<ChannelRange>,
-    numbers: [Numbers; 6],
+    places: [BinaryPlaces; 6],
     /// The latest plan for such rows, in the units of the channels.
     pub(super) plan: Option<Arc<SummationPlan>>,
 }
@@ -64,7 +63,7 @@ impl ExpectedRows {
         if self.in_counts() && other.in_counts() {
             self.channels.iter_mut().zip(&other.channels).for_each(|(own, other)| own.merge(other));
         }
-        for (own, &other) in self.numbers.iter_mut().zip(&other.numbers) {
+        for (own, &other) in self.places.iter_mut().zip(&other.places) {
             *own = own.and(other);
         }
     }
@@ -79,7 +78,11 @@ impl Accumulator {
             layout: Arc::new(MomentLayout::new(basis, channels)),
             closed: None,
             channels: nothing.clone(),
-            expected: ExpectedRows { channels: nothing, numbers: [Numbers::NONE; 6], plan: None },
+            expected: ExpectedRows {
+                channels: nothing,
+                places: [BinaryPlaces::NONE; 6],
+                plan: None,
+            },
             open: None,
             staged: 0,
             readings: vec![0.0; channels * ROWS],
@@ -126,8 +129,8 @@ impl Accumulator {
         assert!(readings.iter().chain(wrench).all(|c| c.as_ref().len() == rows), "lengths");
         self.widen_ranges(readings)?;
         if self.expected.plan.is_none() {
-            for (numbers, column) in self.expected.numbers.iter_mut().zip(wrench) {
-                *numbers = numbers.and(Numbers::new(column.as_ref()));
+            for (places, column) in self.expected.places.iter_mut().zip(wrench) {
+                *places = places.and(BinaryPlaces::new(column.as_ref()));
             }
         }
         let mut start = 0;
@@ -236,24 +239,20 @@ impl Accumulator {
             if !staged.iter().all(|x| x.is_finite()) {
                 return Err(ExactError::NotFinite { axis });
             }
-            let numbers = &mut self.expected.numbers[axis.index()];
-            *numbers = numbers.and(Numbers::new(staged));
+            let places = &mut self.expected.places[axis.index()];
+            *places = places.and(BinaryPlaces::new(staged));
         }
         let expected = &self.expected.channels;
         let centre: Vec<i64> = expected.iter().map(ChannelRange::middle).collect();
         let features = FeatureLimbs::new(distance(expected, &centre), &self.layout);
-        let cross_width = features.cross_width();
-        // Narrow digits will do for both, as they are as few.
-        let digits = |width: u32| -> Result<Vec<Digits>, ExactError> {
+        let limbs = |width: u32| -> Result<Vec<Limbs>, ExactError> {
             let of_axis = |axis: Axis| {
-                let numbers = self.expected.numbers[axis.index()];
-                let grid = numbers.grid(cross_width).map(Digits::DigitGrid);
-                let digits = grid.or_else(|| numbers.limbs(width).map(Digits::Limbs));
-                digits.ok_or(ExactError::TooManyPlaces { axis })
+                let limbs = self.expected.places[axis.index()].limbs(width);
+                limbs.ok_or(ExactError::TooManyPlaces { axis })
             };
             Axis::ALL.into_iter().map(of_axis).collect()
         };
-        let (squares, cross) = (digits(SQUARE_WIDTH)?, digits(cross_width)?);
+        let (squares, cross) = (limbs(SQUARE_WIDTH)?, limbs(features.cross_width())?);
         let plan = Arc::new(SummationPlan::new(&self.layout, centre, features, squares, cross));
         self.open = Some(OpenSums::new(plan.clone()));
         self.expected.plan = Some(plan);

@@ -28,7 +28,7 @@ impl Scratch {
 }
 
 vectorised! {
-    /// Adds the first `rows` rows of a block to open sums, unless the digits do not cover the wrench:
+    /// Adds the first `rows` rows of a block to open sums, unless the limbs do not cover the wrench:
     /// says whether.
     ///
     /// `readings` are columns of [`ROWS`] integers, one per channel; `axes` are columns of [`ROWS`] numbers, one per
@@ -80,15 +80,15 @@ vectorised! {
     }
 }
 
-/// Cuts the wrench into its digits; says whether they add up to it.
+/// Cuts the wrench into its limbs; says whether they add up to it.
 #[inline(always)]
 fn cut_wrench(plan: &SummationPlan, axes: &[f64], wrench: &mut [f64]) -> bool {
     let (squares, cross) = wrench.split_at_mut(plan.square_columns() * ROWS);
-    for (digits, mut columns) in [(Some(&plan.squares), squares), (plan.cross.as_ref(), cross)] {
-        for (digits, axis) in digits.into_iter().flatten().zip(axes.as_chunks::<ROWS>().0) {
+    for (limbs, mut columns) in [(Some(&plan.squares), squares), (plan.cross.as_ref(), cross)] {
+        for (limbs, axis) in limbs.into_iter().flatten().zip(axes.as_chunks::<ROWS>().0) {
             let now;
-            (now, columns) = columns.split_at_mut(digits.count() * ROWS);
-            if !digits.cut(axis, now) {
+            (now, columns) = columns.split_at_mut(limbs.count * ROWS);
+            if !limbs.cut(axis, now) {
                 return false;
             }
         }

@@ -3,7 +3,6 @@
 pub(crate) mod accumulator;
 pub(crate) mod adder;
 mod block_sums;
-mod digits;
 mod kernel;
 mod limbs;
 mod open_sums;

@@ -2,11 +2,13 @@
 
 use std::sync::Arc;
 
-use super::digits::Digits;
+use num_bigint::BigInt;
+
+use super::limbs::{Limbs, SQUARE_WIDTH};
 use super::plan::SummationPlan;
 use crate::exact::moments::layout::{MomentLayout, pair};
 use crate::exact::moments::product_sums::Moments;
-use crate::exact::moments::scaled_integers::ScaledIntegers;
+use crate::exact::moments::scaled_integers::{ScaledIntegers, join};
 use crate::model::Basis;
 
 /// Blocks after which the pairs of sums could lose their exactness: `2^25·2^26 < 2^53`, and
@@ -19,8 +21,8 @@ pub(crate) struct OpenSums {
     pub(crate) plan: Arc<SummationPlan>,
     pub(crate) rows: u64,
     pub(crate) blocks: u64,
-    /// The multiples of 2²⁶ of the sums: those of the groups, then of the digits of the wrench and ones
-    /// with ones and features, then of the digits of the wrench with each other.
+    /// The multiples of 2²⁶ of the sums: those of the groups, then of the limbs of the wrench and ones
+    /// with ones and features, then of the limbs of the wrench with each other.
     pub(crate) high: Vec<f64>,
     /// What is not a multiple of 2²⁶ in each.
     pub(crate) low: Vec<f64>,
@@ -44,23 +46,24 @@ impl OpenSums {
                 to[right.position] += next(&mut sums) << right.shift;
             }
         };
-        // Of each axis, digit by digit.
-        let digits = self.plan.cross_digits();
-        let planes = |digits: &Digits| {
-            let mut planes = vec![vec![0; 1 + layout.features.len()]; digits.count()];
+        // Of each axis, limb by limb.
+        let planes = |limbs: &Limbs| {
+            let mut planes = vec![vec![0; 1 + layout.features.len()]; limbs.count];
             planes.iter_mut().for_each(|plane| add_rights(plane));
             planes
         };
-        let wrench: Vec<_> = digits.iter().map(planes).collect();
+        let limbs = self.plan.cross_limbs();
+        let wrench: Vec<_> = limbs.iter().map(planes).collect();
         add_rights(&mut moments.readings);
         self.add_squares(&mut moments, &mut sums);
         let back: Vec<i64> = self.plan.centre.iter().map(|c| -c).collect();
         layout.move_origin(&mut moments.readings, &back);
-        for ((scaled, mut planes), digits) in moments.wrench.iter_mut().zip(wrench).zip(digits) {
-            planes.iter_mut().for_each(|plane| layout.move_origin_of_features(plane, &back));
-            let sum = |place| digits.join(planes.iter().map(|plane: &Vec<i128>| plane[place]));
-            let sums = (0..=layout.features.len()).map(sum);
-            *scaled = ScaledIntegers::new(digits.unit(), sums.collect());
+        for ((scaled, planes), limbs) in moments.wrench.iter_mut().zip(wrench).zip(limbs) {
+            let parts = |place: usize| planes.iter().map(move |plane| plane[place]);
+            let sum = |place| join(parts(place), limbs.width);
+            let mut sums: Vec<BigInt> = (0..=layout.features.len()).map(sum).collect();
+            layout.move_origin_of_features(&mut sums, &back);
+            *scaled = ScaledIntegers::new(limbs.unit, sums);
         }
         moments
     }
@@ -95,17 +98,18 @@ impl OpenSums {
     /// Adds the sums of products of axes.
     fn add_squares(&self, moments: &mut Moments, sums: &mut impl Iterator<Item = i128>) {
         let squares = &self.plan.squares;
-        for (left, operands) in self.plan.square_operands().into_iter().enumerate() {
-            // Sums by digit on the left, then by axis and digit on the right.
-            let rows: Vec<Vec<i128>> = (0..squares[left].count())
-                .map(|_| operands.right.clone().map(|_| next(sums)).collect())
-                .collect();
-            let mut columns = 0..operands.right.len();
-            for right in left..6 {
-                let of_digits = (columns.by_ref().take(squares[right].count()))
-                    .map(|column| squares[left].join(rows.iter().map(|row| row[column])));
-                let sum = squares[right].join_joined(of_digits);
-                let exponent = squares[left].unit() + squares[right].unit();
+        for (left, of_left) in squares.iter().enumerate() {
+            let mut joined = [(); 6].map(|()| BigInt::ZERO);
+            for i in 0..of_left.count {
+                for (right, of_right) in squares.iter().enumerate().skip(left) {
+                    for j in 0..of_right.count {
+                        joined[right] +=
+                            BigInt::from(next(sums)) << (SQUARE_WIDTH as usize * (i + j));
+                    }
+                }
+            }
+            for (right, sum) in joined.into_iter().enumerate().skip(left) {
+                let exponent = of_left.unit + squares[right].unit;
                 moments.squares[pair(left, right)] = ScaledIntegers::new(exponent, vec![sum]);
             }
         }

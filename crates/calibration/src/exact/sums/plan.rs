@@ -2,15 +2,14 @@
 
 use std::ops::Range;
 
-use super::digits::Digits;
-use super::limbs::FeatureLimbs;
+use super::limbs::{FeatureLimbs, Limbs};
 use crate::exact::moments::layout::MomentLayout;
 
 /// A plan of centre and limbs, with what follows from it for the work on a block of rows.
 ///
 /// Columns of features stand side by side: first the right operands, ones before all features, then,
 /// for one group of products after the other, those left operands that are not among them. Columns of
-/// the wrench, likewise: digits to be multiplied with each other, axis by axis, then digits for the
+/// the wrench, likewise: limbs to be multiplied with each other, axis by axis, then limbs for the
 /// features only, then ones.
 #[derive(Debug, PartialEq)]
 pub(crate) struct SummationPlan {
@@ -24,10 +23,10 @@ pub(crate) struct SummationPlan {
     /// The products of features, group by group of the layout, each with its left operands that
     /// are not among the right ones.
     pub(crate) groups: Vec<(Vec<LimbColumn>, Operands)>,
-    /// Digits of each axis that are multiplied with those of other axes.
-    pub(crate) squares: Vec<Digits>,
-    /// Digits of each axis that are multiplied with features, if not the same.
-    pub(crate) cross: Option<Vec<Digits>>,
+    /// Limbs of each axis that are multiplied with those of other axes.
+    pub(crate) squares: Vec<Limbs>,
+    /// Limbs of each axis that are multiplied with features, if not the same.
+    pub(crate) cross: Option<Vec<Limbs>>,
 }
 
 /// Ones, or a limb of a feature: the feature is the sum of its limbs, each times two to its shift.
@@ -50,8 +49,8 @@ impl SummationPlan {
         layout: &MomentLayout,
         centre: Vec<i64>,
         features: FeatureLimbs,
-        squares: Vec<Digits>,
-        cross: Vec<Digits>,
+        squares: Vec<Limbs>,
+        cross: Vec<Limbs>,
     ) -> Self {
         let FeatureLimbs { left, right, .. } = features;
         let parts = |feature: usize, count: usize, width: u32| {
@@ -83,30 +82,30 @@ impl SummationPlan {
         Self { centre, features, firsts, rights, groups, squares, cross }
     }
 
-    /// Columns of digits that are multiplied with each other.
+    /// Columns of limbs that are multiplied with each other.
     pub(crate) fn square_columns(&self) -> usize {
-        self.squares.iter().map(Digits::count).sum()
+        self.squares.iter().map(|limbs| limbs.count).sum()
     }
 
-    /// The columns of the wrench that are multiplied with features: digits axis by axis and ones, the
+    /// The columns of the wrench that are multiplied with features: limbs axis by axis and ones, the
     /// last column of all.
     pub(crate) fn cross_columns(&self) -> Range<usize> {
         let squares = self.square_columns();
-        let others = self.cross.iter().flatten().map(Digits::count).sum::<usize>();
+        let others = self.cross.iter().flatten().map(|limbs| limbs.count).sum::<usize>();
         let start = if self.cross.is_some() { squares } else { 0 };
         start..squares + others + 1
     }
 
-    /// The digits of each axis that are multiplied with features.
-    pub(crate) fn cross_digits(&self) -> &[Digits] {
+    /// The limbs of each axis that are multiplied with features.
+    pub(crate) fn cross_limbs(&self) -> &[Limbs] {
         self.cross.as_ref().unwrap_or(&self.squares)
     }
 
-    /// For every axis the columns that its digits are multiplied with: its own and those of later axes.
+    /// For every axis the columns that its limbs are multiplied with: its own and those of later axes.
     pub(crate) fn square_operands(&self) -> Vec<Operands> {
         let (mut start, end) = (0, self.square_columns());
-        let of_axis = |digits: &Digits| {
-            let own = start..start + digits.count();
+        let of_axis = |limbs: &Limbs| {
+            let own = start..start + limbs.count;
             start = own.end;
             Operands { right: own.start..end, left: own.collect() }
         };
