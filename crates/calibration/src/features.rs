@@ -127,23 +127,39 @@ vectorised! {
         columns: &mut [f64],
         stride: usize,
     ) {
-        let n = rows.len();
-        for (j, recipe) in features.recipe.iter().enumerate() {
-            let (before, column) = columns.split_at_mut(j * stride);
-            let column = &mut column[..n];
-            match *recipe {
-                Recipe::One => column.fill(1.0),
-                Recipe::Reading(channel) => {
-                    let (centre, factor) = features.standardise(channel);
-                    for (z, s) in column.iter_mut().zip(&readings[channel][rows.clone()]) {
-                        *z = (s - centre) * factor;
-                    }
+        let reading = |channel: usize| {
+            let (centre, factor) = features.standardise(channel);
+            (&readings[channel][rows.clone()], centre, factor)
+        };
+        fill_columns(&features.recipe, columns, rows.len(), |j| j * stride, reading);
+    }
+}
+
+/// Fills columns of so many rows with features, each from its `place` on. `reading` is the column of a channel, its
+/// centre and the reciprocal of its scale.
+#[inline(always)]
+pub(crate) fn fill_columns<'a>(
+    recipe: &[Recipe],
+    columns: &mut [f64],
+    rows: usize,
+    place: impl Fn(usize) -> usize,
+    reading: impl Fn(usize) -> (&'a [f64], f64, f64),
+) {
+    for (j, recipe) in recipe.iter().enumerate() {
+        let (before, column) = columns.split_at_mut(place(j));
+        let column = &mut column[..rows];
+        match *recipe {
+            Recipe::One => column.fill(1.0),
+            Recipe::Reading(channel) => {
+                let (readings, centre, factor) = reading(channel);
+                for (z, s) in column.iter_mut().zip(readings) {
+                    *z = (s - centre) * factor;
                 }
-                Recipe::Product(a, b) => {
-                    let (a, b) = (&before[a * stride..][..n], &before[b * stride..][..n]);
-                    for i in 0..n {
-                        column[i] = a[i] * b[i];
-                    }
+            }
+            Recipe::Product(a, b) => {
+                let (a, b) = (&before[place(a)..][..rows], &before[place(b)..][..rows]);
+                for i in 0..rows {
+                    column[i] = a[i] * b[i];
                 }
             }
         }

@@ -18,8 +18,6 @@ mod solve;
 mod sums;
 
 pub use self::error::{ExactError, MAX_ROWS};
-pub use self::moments::{
-    ChannelRange, Moments, ReadingUnit, StoredIntegers, StoredMoments, StoredMomentsError,
-};
+pub use self::moments::{ChannelRange, Moments, ReadingUnit, StoredIntegers, StoredMoments};
 pub use self::solve::{ExactFit, HeldOutErrors, NewGroup, PartMoments, PartitionedMoments};
 pub use self::sums::{Accumulator, Adder};

@@ -3,7 +3,7 @@
 use faer::Mat;
 
 use crate::double_double::DoubleDouble;
-use crate::r_factor::{LeastSquares, LeastSquaresError, equilibrated};
+use crate::r_factor::{LeastSquares, LeastSquaresError, equilibrated, rank_deficient};
 
 /// A matrix in double-double.
 pub(super) type WideMatrix = Mat<DoubleDouble>;
@@ -65,36 +65,6 @@ pub(super) fn solve_transposed(r: &WideMatrix, z: &WideMatrix) -> WideMatrix {
     c
 }
 
-/// Column pivots of the upper triangle `R`, each the column that stands out most from those
-/// before it, and by how much: Gram–Schmidt with every column put right twice.
-fn pivots(r: &WideMatrix) -> Vec<(usize, f64)> {
-    let mut rest: Vec<Vec<DoubleDouble>> =
-        (0..r.ncols()).map(|j| r.col_as_slice(j).to_vec()).collect();
-    let mut left: Vec<usize> = (0..r.ncols()).collect();
-    let mut pivots = Vec::new();
-    let norm = |v: &[DoubleDouble]| product(v, v).sqrt();
-    while !left.is_empty() {
-        let norms: Vec<f64> = left.iter().map(|&j| norm(&rest[j]).to_f64()).collect();
-        let at = (0..left.len()).max_by(|&a, &b| norms[a].total_cmp(&norms[b])).unwrap_or(0);
-        let pivot = left.remove(at);
-        pivots.push((pivot, norms[at]));
-        let length = norm(&rest[pivot]);
-        if length.to_f64() == 0.0 {
-            continue;
-        }
-        let direction: Vec<DoubleDouble> = rest[pivot].iter().map(|&e| e / length).collect();
-        for &j in &left {
-            for _ in 0..2 {
-                let share = product(&direction, &rest[j]);
-                for (e, &d) in rest[j].iter_mut().zip(&direction) {
-                    *e -= share * d;
-                }
-            }
-        }
-    }
-    pivots
-}
-
 /// Solves the least-squares problem that is reduced to `R`, p × p, the ridge among its rows, and `Z = QᵀY`, p × q.
 ///
 /// `resolution` is how large a singular value of `R`, columns scaled to norm one, rounding may
@@ -126,7 +96,9 @@ pub(super) fn solve_triangle(
     let condition =
         if is_finite(&inverse) { size * largest_singular_value(&inverse)? } else { f64::INFINITY };
     if condition * resolution >= size {
-        return Err(rank_loss(&unit, &norms, resolution));
+        let r = rounded(r);
+        let (_, rank) = spectrum(&r)?;
+        return Err(rank_deficient(r.as_ref(), rank.min(p - 1)));
     }
     let solved = solve_upper(r, z);
     let coefficients = rounded(&solved);
@@ -153,30 +125,4 @@ pub(super) fn spectrum(r: &Mat<f64>) -> Result<(f64, usize), LeastSquaresError> 
 fn largest_singular_value(m: &WideMatrix) -> Result<f64, LeastSquaresError> {
     let values = rounded(m).singular_values().map_err(|_| LeastSquaresError::NotFinite)?;
     Ok(values.first().copied().unwrap_or(1.0))
-}
-
-/// The loss of rank of a R factor whose columns have norm one.
-fn rank_loss(unit: &WideMatrix, norms: &[f64], resolution: f64) -> LeastSquaresError {
-    let p = unit.ncols();
-    let pivots = pivots(unit);
-    let standing_out = pivots.iter().filter(|&&(_, length)| length > resolution).count();
-    let rank = standing_out.min(p - 1);
-    let (kept, dependent) = pivots.split_at(rank);
-    // Each dependent column as a combination of those kept, by normal equations in double-double.
-    let dot = |a: usize, b: usize| product(unit.col_as_slice(a), unit.col_as_slice(b));
-    let gram = WideMatrix::from_fn(rank, rank, |i, j| dot(kept[i].0, kept[j].0));
-    let right = WideMatrix::from_fn(rank, p - rank, |i, a| dot(kept[i].0, dependent[a].0));
-    let shares = cholesky(&gram).map(|r| solve_upper(&r, &solve_transposed(&r, &right)));
-    let mut directions = Mat::zeros(p, p - rank);
-    for (a, &(column, _)) in dependent.iter().enumerate() {
-        directions[(column, a)] = 1.0;
-        if let Some(shares) = &shares {
-            for (i, &(column, _)) in kept.iter().enumerate() {
-                directions[(column, a)] = -shares[(i, a)].to_f64();
-            }
-        }
-    }
-    let null_space = directions.qr().compute_thin_Q();
-    let r_factor = Mat::from_fn(p, p, |i, j| unit[(i, j)].to_f64() * norms[j]);
-    LeastSquaresError::RankDeficient { rank, columns: p, null_space, r_factor: Box::new(r_factor) }
 }

@@ -26,4 +26,4 @@ pub(crate) use self::condition::extreme_singular_values;
 pub use self::factor::RFactor;
 pub use self::householder::Workspace;
 pub use self::outcome::{LeastSquares, LeastSquaresError, Ridge};
-pub(crate) use self::solve::equilibrated;
+pub(crate) use self::solve::{equilibrated, rank_deficient};

@@ -73,15 +73,7 @@ impl RFactor {
         let (equilibrated, norms) = equilibrated(self.r());
         let (condition, rank) = self.condition_and_rank(&equilibrated)?;
         if rank < p && ridge.lambda == 0.0 {
-            let svd = equilibrated.svd().map_err(|_| LeastSquaresError::NotFinite)?;
-            let null_space = svd.V().subcols(rank, p - rank).to_owned();
-            let r_factor = Box::new(self.r().to_owned());
-            return Err(LeastSquaresError::RankDeficient {
-                rank,
-                columns: p,
-                null_space,
-                r_factor,
-            });
+            return Err(rank_deficient(self.r(), rank));
         }
 
         let damped = self.damped(&norms, ridge);
@@ -180,6 +172,15 @@ impl RFactor {
         }
         damped.r
     }
+}
+
+/// What makes all but `rank` columns depend on the others, those of an upper triangular `R`.
+pub(crate) fn rank_deficient(r: MatRef<'_, f64>, rank: usize) -> LeastSquaresError {
+    let columns = r.ncols();
+    let Ok(svd) = equilibrated(r).0.svd() else { return LeastSquaresError::NotFinite };
+    let null_space = svd.V().subcols(rank, columns - rank).to_owned();
+    let r_factor = Box::new(r.to_owned());
+    LeastSquaresError::RankDeficient { rank, columns, null_space, r_factor }
 }
 
 /// A matrix with columns of norm one, and what they were divided by. A column of zeros stays as it is.

@@ -13,4 +13,4 @@ mod stored;
 pub use self::channel_range::ChannelRange;
 pub use self::product_sums::Moments;
 pub use self::reading_unit::ReadingUnit;
-pub use self::stored::{StoredIntegers, StoredMoments, StoredMomentsError};
+pub use self::stored::{StoredIntegers, StoredMoments};

@@ -37,11 +37,6 @@ pub struct StoredIntegers {
     pub values: Vec<String>,
 }
 
-/// Stored moments that are none: what does not fit together.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{0}")]
-pub struct StoredMomentsError(String);
-
 /// The most digits of an integer. Products of two loads, which are doubles between 10⁻³⁰⁸ and 10¹⁵, take some 700.
 const MAX_DIGITS: usize = 2_000;
 
@@ -87,12 +82,8 @@ impl Moments {
     /// Sums of these axes; those of the others are zero.
     ///
     /// # Errors
-    /// [`StoredMomentsError`] if they cannot be the sums of any rows.
-    pub fn from_stored(stored: StoredMoments, axes: Axes) -> Result<Self, StoredMomentsError> {
-        Self::checked(stored, axes).map_err(StoredMomentsError)
-    }
-
-    fn checked(stored: StoredMoments, axes: Axes) -> Result<Self, String> {
+    /// What does not fit together, if they cannot be the sums of any rows.
+    pub fn from_stored(stored: StoredMoments, axes: Axes) -> Result<Self, String> {
         if stored.channels.is_empty() || stored.channels.len() > 255 {
             return Err(format!("`{}` channels, expected 1 to 255", stored.channels.len()));
         }

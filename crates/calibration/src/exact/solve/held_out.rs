@@ -14,7 +14,7 @@
 //! its rounding error is below `p·2⁻⁹⁸·t` for p features: cancellation would have to cost 20 digits
 //! before the tenth was wrong.
 
-use super::cholesky::{AxisRow, Bordered, ElementLanes, LANES, factor, solve_upper};
+use super::cholesky::{AxisRow, ElementLanes, LANES};
 use super::double_double_matrix::DoubleDoubleMatrix;
 use super::equations::penalty_of;
 use super::fit::ExactFit;
@@ -27,10 +27,6 @@ use crate::model::{Model, Term};
 use crate::quality::AxisQuality;
 use shell_data::vectorised;
 use shell_data::wrench::PerAxis;
-
-/// Pivots of Cholesky, relative to the diagonal, above which its coefficients have more than ten
-/// digits: their error is about p·2⁻¹⁰⁰ over the smallest pivot.
-const SMALLEST_PIVOT: f64 = 1.0 / (1u64 << 58) as f64;
 
 /// Errors on rows that were not fitted, on one axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -154,7 +150,7 @@ impl ExactFit {
 }
 
 impl EquationScales {
-    /// ScaledIntegers coefficients without the part; `None` if they are not sure to ten digits.
+    /// Scaled coefficients without the part; `None` if they are not sure to ten digits.
     fn solve(&self, all: &PartMoments, part: &PartMoments, ridge: f64) -> Option<Vec<AxisRow>> {
         let rest = all.gram.iter().zip(&part.gram).map(|(all, part)| all.wrapping_sub(*part));
         let mut gram = DoubleDoubleMatrix::new(rest, &self.columns);
@@ -167,7 +163,7 @@ impl EquationScales {
         let right: Vec<AxisRow> = (all.right.iter().zip(&part.right))
             .map(|(all, part)| std::array::from_fn(|lane| all[lane] - part[lane]))
             .collect();
-        gram.solve(&right).or_else(|| solve_wide(&gram, &right))
+        gram.solve(&right)
     }
 
     /// The errors of scaled coefficients on a part.
@@ -187,26 +183,6 @@ impl EquationScales {
             }
         })
     }
-}
-
-/// The solution by a factor in double-double; `None` if it is not sure to ten digits.
-fn solve_wide(gram: &DoubleDoubleMatrix, right: &[AxisRow]) -> Option<Vec<AxisRow>> {
-    let size = right.len();
-    let mut bordered = Bordered::zero(size, 6);
-    for (a, right) in right.iter().enumerate() {
-        (a..size).for_each(|b| bordered.set(a, b, gram.get(a, b)));
-        (0..6).for_each(|axis| bordered.set(a, size + axis, right[axis]));
-    }
-    factor(&mut bordered).ok()?;
-    let is_sure = |a: usize| {
-        let root = bordered.get(a, a).to_f64();
-        root * root > SMALLEST_PIVOT * gram.get(a, a).to_f64()
-    };
-    let sure = (0..size).all(is_sure);
-    let mut coefficients: Vec<AxisRow> = (0..size).map(|a| bordered.border(a)).collect();
-    solve_upper(&bordered, &mut coefficients);
-    let finite = coefficients.iter().flatten().all(|c| c.is_finite());
-    (sure && finite).then_some(coefficients)
 }
 
 vectorised! {

@@ -227,6 +227,9 @@ impl Accumulator {
 
     fn sum(&mut self) -> bool {
         let open = self.open.as_mut().expect("opened before");
+        for (column, &centre) in self.readings.chunks_mut(ROWS).zip(&open.plan.centre) {
+            column[self.staged..].fill(centre as f64);
+        }
         let (readings, wrench) = (&self.readings, &self.wrench);
         sum_block(&self.layout, open, self.staged, readings, wrench, &mut self.scratch)
     }

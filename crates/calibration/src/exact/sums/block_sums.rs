@@ -6,7 +6,7 @@ use super::open_sums::OpenSums;
 use super::plan::{LimbColumn, SummationPlan};
 use crate::exact::moments::layout::MomentLayout;
 use crate::exact::moments::rounding::power_of_two;
-use crate::features::Recipe;
+use crate::features::fill_columns;
 use shell_data::vectorised;
 
 /// Working memory.
@@ -31,8 +31,8 @@ vectorised! {
     /// Adds the first `rows` rows of a block to open sums, unless the limbs do not cover the wrench:
     /// says whether.
     ///
-    /// `readings` are columns of [`ROWS`] integers, one per channel; `axes` are columns of [`ROWS`] numbers, one per
-    /// axis of the wrench, zero beyond the rows.
+    /// `readings` are columns of [`ROWS`] integers, one per channel, at their centre beyond the rows; `axes` are columns
+    /// of [`ROWS`] numbers, one per axis of the wrench, zero beyond the rows.
     pub(crate) fn sum_block<S: Simd>(
         simd: S,
         layout: &MomentLayout,
@@ -53,7 +53,10 @@ vectorised! {
             ones[..rows].fill(1.0);
             ones[rows..].fill(0.0);
         }
-        fill(layout, plan, rows, readings, features);
+        // Each where its right operands begin.
+        let place = |f: usize| plan.firsts[f] * ROWS;
+        let reading = |c: usize| (&readings[c * ROWS..][..ROWS], plan.centre[c] as f64, 1.0);
+        fill_columns(&layout.recipe, features, ROWS, place, reading);
         cut_rights(plan, features);
 
         let mut rest = &mut sums[..];
@@ -94,39 +97,6 @@ fn cut_wrench(plan: &SummationPlan, axes: &[f64], wrench: &mut [f64]) -> bool {
         }
     }
     true
-}
-
-/// The features of readings about their centres, each where its right operands begin; zero for
-/// rows that are not there.
-#[inline(always)]
-fn fill(
-    layout: &MomentLayout,
-    plan: &SummationPlan,
-    rows: usize,
-    readings: &[f64],
-    features: &mut [f64],
-) {
-    for (f, recipe) in layout.recipe.iter().enumerate() {
-        let (before, now) = features.split_at_mut(plan.firsts[f] * ROWS);
-        let now = &mut now[..ROWS];
-        match *recipe {
-            Recipe::One => unreachable!("the constant is not among the features of sums"),
-            Recipe::Reading(channel) => {
-                let centre = plan.centre[channel] as f64;
-                for (x, s) in now.iter_mut().zip(&readings[channel * ROWS..][..ROWS]) {
-                    *x = s - centre;
-                }
-                now[rows..].fill(0.0);
-            }
-            Recipe::Product(a, b) => {
-                let a = &before[plan.firsts[a] * ROWS..][..ROWS];
-                let b = &before[plan.firsts[b] * ROWS..][..ROWS];
-                for ((x, a), b) in now.iter_mut().zip(a).zip(b) {
-                    *x = a * b;
-                }
-            }
-        }
-    }
 }
 
 /// Cuts the features that are more than one right operand.
