@@ -39,7 +39,6 @@ pub mod double_double;
 pub mod dynamics;
 mod error;
 pub mod exact;
-mod factor;
 pub mod factored;
 pub mod features;
 pub mod fit;
@@ -69,7 +68,6 @@ mod symmetric;
 pub mod uncertainty;
 pub mod validation;
 mod vectors;
-mod wide_features;
 
 pub use self::conversion::{Calibration, Kind};
 pub use self::error::FitError;

@@ -1,9 +1,10 @@
 //! What solvers find.
 
+use std::sync::OnceLock;
+
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::{Mat, Par};
 
-use crate::factor::InverseFactor;
 use crate::features::Features;
 use crate::least_squares::LeastSquares;
 use crate::model::Model;
@@ -100,5 +101,39 @@ impl Solution {
             scaling: self.scaling.clone(),
             ..*self
         })
+    }
+}
+
+/// An upper triangular matrix `F`, or its inverse, which costs nothing to have: it is inverted once, where `F` is asked
+/// for.
+#[derive(Clone, Debug)]
+pub struct InverseFactor {
+    /// Empty where `F` itself is known.
+    inverse: Mat<f64>,
+    matrix: OnceLock<Mat<f64>>,
+}
+
+impl InverseFactor {
+    /// `F⁻¹` is known.
+    pub(crate) fn from_inverse(inverse: Mat<f64>) -> Self {
+        Self { inverse, matrix: OnceLock::new() }
+    }
+
+    /// `F`.
+    pub fn matrix(&self) -> &Mat<f64> {
+        self.matrix.get_or_init(|| UpperTriangle::new(&self.inverse).inverse().matrix())
+    }
+}
+
+impl From<Mat<f64>> for InverseFactor {
+    /// `F` is known.
+    fn from(factor: Mat<f64>) -> Self {
+        Self { inverse: Mat::new(), matrix: OnceLock::from(factor) }
+    }
+}
+
+impl PartialEq for InverseFactor {
+    fn eq(&self, other: &Self) -> bool {
+        self.matrix() == other.matrix()
     }
 }

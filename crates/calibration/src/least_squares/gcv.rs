@@ -15,8 +15,7 @@
 
 use faer::Mat;
 
-use crate::r_factor::LeastSquaresError;
-use crate::r_factor::RFactor;
+use crate::r_factor::{LeastSquaresError, RFactor};
 
 /// Points per factor of ten of the first search.
 const PER_DECADE: usize = 8;

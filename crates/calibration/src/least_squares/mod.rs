@@ -26,8 +26,6 @@ mod dense;
 mod gcv;
 mod gram;
 mod huber;
-mod kernels;
-mod qr;
 mod rank_revealing;
 mod refinement;
 mod rows;

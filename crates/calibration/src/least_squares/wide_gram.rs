@@ -2,10 +2,9 @@
 
 use faer::Mat;
 
-use super::kernels::{LANES, dot};
 use super::rows::{Reduction, RowChunk, Shape};
 use super::wide_matrix::{
-    WideMatrix, cholesky, product, rounded, solve_transposed, solve_triangle, spectrum,
+    LANES, WideMatrix, cholesky, dot, product, rounded, solve_transposed, solve_triangle, spectrum,
 };
 use crate::double_double::DoubleDouble;
 use crate::r_factor::{LeastSquares, LeastSquaresError, Ridge};

@@ -3,9 +3,10 @@
 
 use faer::Mat;
 
-use super::kernels::{Wide, add_multiple, dot};
 use super::rows::{Reduction, RowChunk, Shape, WideColumns};
-use super::wide_matrix::{WideMatrix, is_finite, product, solve_triangle, spectrum};
+use super::wide_matrix::{
+    Wide, WideMatrix, add_multiple, dot, is_finite, product, solve_triangle, spectrum,
+};
 use crate::double_double::DoubleDouble;
 use crate::r_factor::{LeastSquares, LeastSquaresError, Ridge};
 

@@ -20,10 +20,9 @@ mod condition;
 mod factor;
 mod householder;
 mod outcome;
-mod solve;
 
 pub(crate) use self::condition::extreme_singular_values;
 pub use self::factor::RFactor;
+pub(crate) use self::factor::{equilibrated, rank_deficient};
 pub use self::householder::Workspace;
 pub use self::outcome::{LeastSquares, LeastSquaresError, Ridge};
-pub(crate) use self::solve::{equilibrated, rank_deficient};

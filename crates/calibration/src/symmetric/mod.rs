@@ -5,7 +5,6 @@
 //! 5.2 and 8.3.)
 
 mod eigen;
-mod reflection;
 mod squares;
 mod triangle;
 

@@ -2,7 +2,7 @@
 
 use faer::Mat;
 
-use super::reflection::Reflection;
+use super::eigen::Reflection;
 use super::{SymmetricMatrix, add_multiple, first, product};
 use shell_data::vectorised;
 

@@ -5,11 +5,10 @@ use std::sync::Arc;
 
 use num_bigint::BigInt;
 
-use super::channel_range::ChannelRange;
+use super::integers::ScaledIntegers;
 use super::layout::MomentLayout;
-use super::reading_unit::ReadingUnit;
-use super::scaled_integers::ScaledIntegers;
-use crate::exact::error::{ExactError, MAX_ROWS};
+use super::readings::{ChannelRange, ReadingUnit};
+use crate::exact::{ExactError, MAX_ROWS};
 use crate::model::Basis;
 use crate::reading_ranges::{ReadingRange, ReadingRanges};
 use shell_data::wrench::PerAxis;

@@ -4,20 +4,17 @@ use faer::Mat;
 use num_bigint::BigInt;
 use num_traits::Zero;
 
-use super::cholesky::{AxisRow, Bordered, LANES, factor, solve_lower, solve_upper};
-use super::fit::ExactFit;
-use super::partition::EquationScales;
+use super::double_double_matrix::{AxisRow, Bordered, LANES, factor, solve_lower, solve_upper};
+use super::held_out::{EquationScales, ExactFit, penalty_of};
 use crate::FitError;
 use crate::double_double::DoubleDouble;
+use crate::exact::moments::integers::{integer, power_of_two, round, round_scaled, shifted};
 use crate::exact::moments::layout::pair;
 use crate::exact::moments::product_sums::Moments;
-use crate::exact::moments::rounding::power_of_two;
-use crate::exact::moments::rounding::{integer, round, round_scaled, shifted};
-use crate::factor::InverseFactor;
 use crate::model::{Model, Term};
 use crate::r_factor::extreme_singular_values;
 use crate::scaling::Scaling;
-use crate::solution::Solution;
+use crate::solution::{InverseFactor, Solution};
 use shell_data::wrench::PerAxis;
 
 /// Condition numbers from which the error of Cholesky, κ²·2⁻¹⁰⁴, may show in the last place of a
@@ -246,13 +243,6 @@ impl<'a> IntegerEquations<'a> {
         let scales = EquationScales { columns: counted, axes: [0; 6], ..self.scales };
         Ok(ExactFit { solution, coefficients, scales, stretch })
     }
-}
-
-/// What a ridge adds to the square of a column.
-pub(super) fn penalty_of(square: DoubleDouble, ridge: f64) -> DoubleDouble {
-    // A column of zeros: any penalty keeps its coefficient at zero.
-    let square = if square == DoubleDouble::ZERO { DoubleDouble::ONE } else { square };
-    square * DoubleDouble::from(ridge)
 }
 
 /// `WᵀW − CᵀB − CᵀPC`, which are the residuals of `(A + P)·C = B`.

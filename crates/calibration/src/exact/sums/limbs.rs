@@ -13,9 +13,9 @@
 
 use num_traits::Float;
 
-use super::kernel::ROWS;
+use super::block_sums::ROWS;
+use crate::exact::moments::integers::power_of_two;
 use crate::exact::moments::layout::MomentLayout;
-use crate::exact::moments::rounding::power_of_two;
 
 /// Bits of an exact sum, less those that a block of rows takes.
 const BITS: u32 = f64::MANTISSA_DIGITS - ROWS.ilog2();

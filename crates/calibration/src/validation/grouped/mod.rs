@@ -14,12 +14,8 @@
 //! have working sums besides. There may be [`MAX_GROUPS`] groups, or any number
 //! of them in as many sets, see [`Apart::Sets`].
 
-mod moments;
-mod random_split;
 mod sums;
 mod worker;
 
-pub use self::moments::{GroupKind, GroupedMoments};
-pub use self::random_split::{RandomSplit, assign};
-pub use self::sums::GroupSums;
-pub use self::worker::{Apart, BlockGroups, GroupWorker, MAX_GROUPS};
+pub use self::sums::{GroupKind, GroupSums, GroupedMoments};
+pub use self::worker::{Apart, BlockGroups, GroupWorker, MAX_GROUPS, RandomSplit, assign};
