@@ -91,29 +91,18 @@ impl Features {
         fill(self, readings, rows, columns, stride);
     }
 
-    /// The features of the [`LANES`] rows from `start`, of which the last may be missing: those repeat
-    /// the last row there is.
+    /// The features of the [`LANES`] rows from `start`. The last may be missing: what is in their lanes stays.
     #[inline(always)]
     pub(super) fn lanes(&self, readings: &[Vec<f64>], start: usize, features: &mut [RowLanes]) {
-        for (j, recipe) in self.recipe.iter().enumerate() {
-            let (before, feature) = features.split_at_mut(j);
-            let feature = &mut feature[0];
-            match *recipe {
-                Recipe::One => *feature = [1.0; LANES],
-                Recipe::Reading(channel) => {
-                    let (centre, factor) = self.standardise(channel);
-                    *feature = load(&readings[channel][start..]);
-                    for z in feature {
-                        *z = (*z - centre) * factor;
-                    }
-                }
-                Recipe::Product(a, b) => {
-                    let (a, b) = (&before[a], &before[b]);
-                    for i in 0..LANES {
-                        feature[i] = a[i] * b[i];
-                    }
-                }
-            }
+        let columns = features.as_flattened_mut();
+        let reading = |channel: usize| {
+            let (centre, factor) = self.standardise(channel);
+            (&readings[channel][start..], centre, factor)
+        };
+        match readings.first().map_or(LANES, |column| column.len() - start) {
+            // A number that is known beforehand.
+            LANES.. => fill_columns(&self.recipe, columns, LANES, |j| j * LANES, reading),
+            rows => fill_columns(&self.recipe, columns, rows, |j| j * LANES, reading),
         }
     }
 
@@ -168,14 +157,6 @@ pub(crate) fn fill_columns<'a>(
                 }
             }
         }
-    }
-}
-
-#[inline(always)]
-fn load(column: &[f64]) -> RowLanes {
-    match column.first_chunk() {
-        Some(lanes) => *lanes,
-        None => std::array::from_fn(|i| column[i.min(column.len() - 1)]),
     }
 }
 

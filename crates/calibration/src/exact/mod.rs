@@ -17,7 +17,7 @@ mod solve;
 mod sums;
 
 pub use self::moments::{ChannelRange, Moments, ReadingUnit, StoredIntegers, StoredMoments};
-pub use self::solve::{ExactFit, HeldOutErrors, NewGroup, PartMoments, PartitionedMoments};
+pub use self::solve::{ExactFit, HeldOutErrors, PartMoments, PartitionedMoments};
 pub use self::sums::{Accumulator, Adder};
 
 use shell_data::wrench::Axis;

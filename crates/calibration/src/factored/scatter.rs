@@ -10,7 +10,6 @@ use faer::{Mat, MatRef};
 use super::groups::FactoredGroups;
 use super::rows::FactoredRows;
 use crate::FitError;
-use crate::exact::NewGroup;
 use crate::passes::{Workers, on_threads};
 use crate::sandwich::{GroupScatter, ScatterError, ScatterSums, corrected_rows};
 use crate::solver::Solution;
@@ -62,18 +61,6 @@ impl FactoredGroups {
         }
         shares.iter().flatten().for_each(|of| sums.take_off(of));
         sums.finish(&UpperTriangle::new(factor))
-    }
-
-    /// What the fit to all other groups, whose coefficients scatter by `scatter`, says of a group.
-    pub(crate) fn on_new_group(
-        &self,
-        group: usize,
-        solution: &Solution,
-        scatter: &GroupScatter,
-    ) -> Option<NewGroup> {
-        let errors = self.groups[group].1.errors(solution)?;
-        let variance = self.variances(group..group + 1, solution, scatter)?[0];
-        Some(NewGroup { errors, variance })
     }
 
     /// The mean variance that the coefficients of a fit, which scatter so, give the predictions of each of some groups.

@@ -221,18 +221,10 @@ pub enum SolverKind {
 
 impl SolverKind {
     /// All solvers.
-    pub const ALL: [SolverKind; 10] = [
-        SolverKind::Exact,
-        SolverKind::Tsqr,
-        SolverKind::RefinedTsqr,
-        SolverKind::PivotedQr,
-        SolverKind::Svd,
-        SolverKind::Gram,
-        SolverKind::WideGram,
-        SolverKind::WideTsqr,
-        SolverKind::RidgeGcv,
-        SolverKind::Huber,
-    ];
+    pub const ALL: [SolverKind; 10] = {
+        use SolverKind::*;
+        [Exact, Tsqr, RefinedTsqr, PivotedQr, Svd, Gram, WideGram, WideTsqr, RidgeGcv, Huber]
+    };
 
     /// The name in files and on the command line.
     pub const fn name(self) -> &'static str {

@@ -12,7 +12,7 @@
 //! not clipped: an interval holds rows as they are.
 
 use super::covariance::Covariance;
-use super::new_groups::{of_scores, score_of};
+use super::new_groups::{of_scores, score_on};
 use crate::factored::{FactoredGroups, GroupFactors};
 use crate::least_squares::clip_of_sizes as clip_of;
 use crate::passes::Workers;
@@ -45,8 +45,7 @@ impl Covariance {
             let (without, _) = solver::fit(SolverKind::Huber, problem, &(&rest).into()).ok()?;
             let others = factored(&self::clipped(&rest, &without).ok()?, solution).ok()?;
             let scatter = others.scatter(&without, None, 1).ok()?;
-            let new = rows.on_new_group(group, &without, &scatter)?;
-            Some(score_of(&new, &scatter, without.rows))
+            score_on(&rows, group, &without, &scatter)
         };
         let intervals = |_: &_| of_scores(rows.groups.len(), workers, score);
         Self::from_r_factors(&clipped, solution, workers, intervals)

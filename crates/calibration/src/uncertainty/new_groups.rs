@@ -6,7 +6,7 @@
 
 use std::ops::Range;
 
-use crate::exact::{ExactFit, Moments, NewGroup, PartitionedMoments};
+use crate::exact::{ExactFit, HeldOutErrors, Moments, PartitionedMoments};
 use crate::factored::FactoredGroups;
 use crate::least_squares::Method;
 use crate::model::Model;
@@ -40,11 +40,10 @@ pub(super) fn held_out_intervals_of_stretches(
     ridge: f64,
     workers: Workers<'_>,
 ) -> Option<GroupIntervals> {
-    let of_all = fit.on_groups(scatter, groups);
+    let variances = fit.variances(scatter, groups);
     of_scores(groups.len(), workers, |group| {
         let errors = parts.held_out(groups[group], &parts.part(groups[group]), ridge).ok()?;
-        let new = NewGroup { errors, variance: of_all[group].variance };
-        Some(score_of(&new, scatter, parts.total.rows()))
+        Some(score_of(&errors, &variances[group], scatter, parts.total.rows()))
     })
 }
 
@@ -60,11 +59,9 @@ pub(super) fn held_out_intervals_factored(
     }
     let others = rows.without_each()?;
     of_scores(rows.groups.len(), workers, |group| {
-        let rest = &others[group];
-        let solution = rest.solve_by(method, model, ridge).ok()?;
+        let solution = others[group].solve_by(method, model, ridge).ok()?;
         let scatter = rows.scatter(&solution, Some(group), 1).ok()?;
-        let new = rows.on_new_group(group, &solution, &scatter)?;
-        Some(score_of(&new, &scatter, rest.rows()))
+        score_on(rows, group, &solution, &scatter)
     })
 }
 
@@ -84,7 +81,7 @@ pub(super) fn held_out_intervals_of_files(
         let variances = rows.variances(files[file].clone(), solution, scatter)?;
         let score = |(group, variance): (usize, PerAxis<f64>)| {
             let errors = rows.groups[group].1.errors(&fit)?;
-            Some(score_of(&NewGroup { errors, variance }, scatter, solution.rows))
+            Some(score_of(&errors, &variance, scatter, solution.rows))
         };
         files[file].clone().zip(variances).map(score).collect::<Option<Vec<_>>>()
     };
@@ -127,18 +124,36 @@ fn score_without(
     let held_out = others.remove(group);
     let fit = total.without(held_out).solve(model, ridge).ok()?;
     let scatter = fit.scatter(&others).ok()?;
-    let new = fit.on_groups(&scatter, &[held_out]);
-    Some(score_of(&new[0], &scatter, fit.solution.rows))
+    let variance = fit.variances(&scatter, &[held_out])[0];
+    Some(score_of(&fit.errors_on(held_out), &variance, &scatter, fit.solution.rows))
 }
 
-/// Mean and scatter of the errors of a group, in standard errors of the fit to so many other rows.
-pub(super) fn score_of(new: &NewGroup, scatter: &GroupScatter, rows: u64) -> PerAxis<(f64, f64)> {
+/// The same of a solution from R factors, whose coefficients scatter so; `None` if it has other features.
+pub(super) fn score_on(
+    rows: &FactoredGroups,
+    group: usize,
+    solution: &Solution,
+    scatter: &GroupScatter,
+) -> Option<PerAxis<(f64, f64)>> {
+    let errors = rows.groups[group].1.errors(solution)?;
+    let variance = rows.variances(group..group + 1, solution, scatter)?[0];
+    Some(score_of(&errors, &variance, scatter, solution.rows))
+}
+
+/// Mean and scatter of the errors of a group, in standard errors of the fit to so many other rows. `variance` is that
+/// which the coefficients give its rows.
+fn score_of(
+    errors: &PerAxis<HeldOutErrors>,
+    variance: &PerAxis<f64>,
+    scatter: &GroupScatter,
+    rows: u64,
+) -> PerAxis<(f64, f64)> {
     let residual = scatter.residual_covariance(rows);
     std::array::from_fn(|axis| {
-        let errors = &new.errors[axis];
+        let errors = &errors[axis];
         let rows = errors.rows.max(1) as f64;
         let (mean, square) = (errors.sum / rows, errors.squares / rows);
-        let unit = (residual[axis][axis] + new.variance[axis]).sqrt();
+        let unit = (residual[axis][axis] + variance[axis]).sqrt();
         // An axis without errors has no scores.
         let score = |value: f64| if unit > 0.0 { value / unit } else { 0.0 };
         (score(mean.abs()), score((square - mean * mean).max(0.0).sqrt()))

@@ -35,15 +35,8 @@ pub(crate) struct IntegerEquations<'a> {
 }
 
 impl<'a> IntegerEquations<'a> {
-    pub(crate) fn new(
-        moments: &'a Moments,
-        model: &Model,
-        terms: Vec<Term>,
-        positions: Vec<usize>,
-    ) -> Self {
-        let centre = moments.centre(model);
-        let (readings, wrench) = moments.about(&centre);
-        let scales = EquationScales::new(moments, &readings, terms, positions, centre);
+    pub(crate) fn new(moments: &'a Moments, model: &Model, scales: EquationScales) -> Self {
+        let (readings, wrench) = moments.about(&scales.centre);
         Self { moments, model: *model, scales, readings, wrench }
     }
 

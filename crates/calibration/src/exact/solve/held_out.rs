@@ -92,15 +92,8 @@ impl<'a> PartitionedMoments<'a> {
     /// [`FitError::OtherFeatures`] if the features of the model were not summed;
     /// [`FitError::TooFewRows`] for zero rows.
     pub fn new(total: &'a Moments, model: &Model) -> Result<Self, FitError> {
-        let terms = total.summed_terms(model)?;
-        if total.rows() == 0 {
-            return Err(FitError::TooFewRows { rows: 0, coefficients: terms.len() });
-        }
-        let (centre, positions) = (total.centre(model), total.positions(&terms));
-        let readings = total.readings_about(&centre);
-        let scales = EquationScales::new(total, &readings, terms, positions, centre);
-        let all = scales.part(total);
-        Ok(Self { total, model: *model, scales, all })
+        let scales = EquationScales::new(total, model)?;
+        Ok(Self { total, model: *model, all: scales.part(total), scales })
     }
 
     /// The sums of some of the rows, in the form that is needed here.
@@ -146,7 +139,7 @@ impl ExactFit {
     }
 
     /// The errors on some rows, by its own origin and units.
-    fn errors_on(&self, rows: &Moments) -> PerAxis<HeldOutErrors> {
+    pub(crate) fn errors_on(&self, rows: &Moments) -> PerAxis<HeldOutErrors> {
         self.scales.errors(&self.scales.part(rows), &self.counted_coefficients())
     }
 }
@@ -256,16 +249,28 @@ pub(crate) struct EquationScales {
 }
 
 impl EquationScales {
-    /// Powers of two just above the norms of columns and axes. `readings` are the sums of `moments` about the centre.
-    pub(crate) fn new(
-        moments: &Moments,
-        readings: &[i128],
-        terms: Vec<Term>,
-        positions: Vec<usize>,
-        centre: Vec<i64>,
-    ) -> Self {
-        let half = |exponent: i32| exponent.div_euclid(2) + 1;
+    /// The origin of each channel is its mean, rounded, if there is an intercept. The scales are powers of two just
+    /// above the norms of columns and axes.
+    ///
+    /// # Errors
+    /// [`FitError`] if the features of `model` were not summed, or over zero rows.
+    pub(crate) fn new(moments: &Moments, model: &Model) -> Result<Self, FitError> {
+        let terms = moments.summed_terms(model)?;
         let size = terms.len();
+        if moments.rows == 0 {
+            return Err(FitError::TooFewRows { rows: 0, coefficients: size });
+        }
+        let mut positions = vec![0; size * size];
+        for a in 0..size {
+            for b in a..size {
+                let position = moments.layout.position(terms[a], terms[b]);
+                (positions[a * size + b], positions[b * size + a]) = (position, position);
+            }
+        }
+        let origin = |i: usize| if model.intercept { moments.rounded_mean(i) } else { 0 };
+        let centre: Vec<i64> = (0..model.channels).map(origin).collect();
+        let readings = moments.readings_about(&centre);
+        let half = |exponent: i32| exponent.div_euclid(2) + 1;
         let columns = (0..size).map(|j| match readings[positions[j * size + j]] {
             0 => 0,
             square => half(square.ilog2() as i32),
@@ -278,7 +283,7 @@ impl EquationScales {
             }
         });
         let (columns, units) = (columns.collect(), moments.units());
-        Self { columns, axes, positions, units, centre, terms }
+        Ok(Self { columns, axes, positions, units, centre, terms })
     }
 
     /// The sums of some of the rows, about this origin.

@@ -8,5 +8,4 @@ pub(crate) mod held_out;
 pub(crate) mod rank;
 mod solver;
 
-pub use self::group_scatter::NewGroup;
 pub use self::held_out::{ExactFit, HeldOutErrors, PartMoments, PartitionedMoments};

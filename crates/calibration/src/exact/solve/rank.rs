@@ -7,6 +7,7 @@
 use num_bigint::BigInt;
 use num_traits::Zero;
 
+use super::held_out::EquationScales;
 use crate::exact::moments::product_sums::Moments;
 use crate::model::Term;
 use crate::rank_loss::{RankLoss, Relation};
@@ -16,13 +17,8 @@ use crate::rank_loss::{RankLoss, Relation};
 /// Independence is certain: a minor of the integer Gram matrix that does not vanish modulo a prime
 /// does not vanish. Dependence is certain where its relation is [`Relation::exact`], and otherwise
 /// wrong with a probability near 2⁻⁶¹ per feature.
-///
-/// `positions`: where the products of each two terms stand among the sums, row by row.
-pub(crate) fn rank_loss(
-    moments: &Moments,
-    model_terms: &[Term],
-    positions: &[usize],
-) -> Option<RankLoss> {
+pub(crate) fn rank_loss(moments: &Moments, scales: &EquationScales) -> Option<RankLoss> {
+    let EquationScales { terms: model_terms, positions, .. } = scales;
     let size = model_terms.len();
     // The simplest first, so that what depends on what reads best.
     let mut order: Vec<usize> = (0..size).collect();

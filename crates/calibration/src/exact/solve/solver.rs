@@ -13,7 +13,7 @@
 //! And what the sums say before anything is solved: means, ranges and variances.
 
 use super::equations::IntegerEquations;
-use super::held_out::ExactFit;
+use super::held_out::{EquationScales, ExactFit};
 use super::rank::rank_loss;
 use crate::FitError;
 use crate::double_double::DoubleDouble;
@@ -37,13 +37,13 @@ impl Moments {
         if !(ridge >= 0.0 && ridge.is_finite()) {
             return Err(FitError::Ridge(ridge));
         }
-        let terms = self.summed_terms(model)?;
-        if self.rows < terms.len() as u64 && ridge == 0.0 || self.rows == 0 {
-            return Err(FitError::TooFewRows { rows: self.rows, coefficients: terms.len() });
+        let scales = EquationScales::new(self, model)?;
+        let size = scales.terms.len();
+        if self.rows < size as u64 && ridge == 0.0 {
+            return Err(FitError::TooFewRows { rows: self.rows, coefficients: size });
         }
-        let positions = self.positions(&terms);
-        let loss = rank_loss(self, &terms, &positions);
-        let rank = loss.as_ref().map_or(terms.len(), |loss| loss.rank);
+        let loss = rank_loss(self, &scales);
+        let rank = loss.as_ref().map_or(size, |loss| loss.rank);
         if let Some(loss) = loss.filter(|_| ridge == 0.0) {
             let is_all = self.reading_ranges().constant_channels().len() == self.channels();
             return Err(match is_all {
@@ -51,23 +51,7 @@ impl Moments {
                 false => FitError::RankDeficient(loss),
             });
         }
-        IntegerEquations::new(self, model, terms, positions).solve(ridge, rank)
-    }
-}
-
-impl Moments {
-    /// Where the products of each two terms stand among the sums, row by row.
-    pub(crate) fn positions(&self, terms: &[Term]) -> Vec<usize> {
-        let size = terms.len();
-        let mut positions = vec![0; size * size];
-        for a in 0..size {
-            for b in a..size {
-                let position = self.layout.position(terms[a], terms[b]);
-                positions[a * size + b] = position;
-                positions[b * size + a] = position;
-            }
-        }
-        positions
+        IntegerEquations::new(self, model, scales).solve(ridge, rank)
     }
 
     /// The terms of a model.
@@ -89,14 +73,7 @@ impl Moments {
         Err(FitError::OtherFeatures { kept: summed.name(), asked: model.name() })
     }
 
-    /// Where the origin of each channel is moved to before a model is solved for: its mean, rounded, if there is an
-    /// intercept.
-    pub(crate) fn centre(&self, model: &Model) -> Vec<i64> {
-        (0..model.channels)
-            .map(|i| if model.intercept { self.rounded_mean(i) } else { 0 })
-            .collect()
-    }
-
+    /// The mean of a channel, rounded to an integer.
     pub(crate) fn rounded_mean(&self, channel: usize) -> i64 {
         let rows = i128::from(self.rows);
         (self.sum_of(channel) + rows / 2).div_euclid(rows) as i64
