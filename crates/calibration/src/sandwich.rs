@@ -27,6 +27,7 @@ use crate::FitError;
 use crate::exact::HeldOutErrors;
 use crate::solution::Solution;
 use crate::symmetric::{SymmetricMatrix, UpperTriangle, add_multiple, product};
+use crate::validation::ValidationError;
 use crate::vectors::lower_product;
 use shell_data::wrench::PerAxis;
 
@@ -57,21 +58,6 @@ impl GroupScatter {
     }
 }
 
-/// Why groups say nothing about the scatter of the coefficients.
-#[derive(Clone, Debug, PartialEq)]
-pub enum ScatterError {
-    /// The groups, by their positions, without which the rows do not determine the coefficients.
-    Alone(Vec<usize>),
-    /// There are no coefficients, or the features are too nearly dependent for this.
-    Fit(FitError),
-}
-
-impl From<FitError> for ScatterError {
-    fn from(error: FitError) -> Self {
-        Self::Fit(error)
-    }
-}
-
 /// The scatter of a fit while its groups are being added.
 #[derive(Debug)]
 pub(crate) struct ScatterSums {
@@ -81,7 +67,8 @@ pub(crate) struct ScatterSums {
     products: PerAxis<PerAxis<f64>>,
     /// The identity less all `K_g`, where these must add up to it.
     defect: Option<SymmetricMatrix>,
-    alone: Vec<usize>,
+    /// The labels of the groups that alone determine a direction.
+    alone: Vec<String>,
     common: PerAxis<f64>,
     squares: PerAxis<f64>,
 }
@@ -118,16 +105,16 @@ impl ScatterSums {
         }
     }
 
-    /// Adds the next group by its `v_g`: `None` if it alone determines a direction.
+    /// Adds a group by its `v_g`: `None` if it alone determines a direction.
     pub(crate) fn add(
         &mut self,
+        label: &str,
         score: Option<PerAxis<Vec<f64>>>,
         errors: &PerAxis<HeldOutErrors>,
     ) {
-        let position = self.groups;
         self.groups += 1;
         let Some(score) = score else {
-            self.alone.push(position);
+            self.alone.push(label.to_owned());
             return;
         };
         for (axis, of) in errors.iter().enumerate() {
@@ -143,7 +130,10 @@ impl ScatterSums {
     }
 
     /// The scatter, after all groups. `F` is in the units that the covariance is wanted in.
-    pub(crate) fn finish(self, factor: &UpperTriangle) -> Result<GroupScatter, ScatterError> {
+    ///
+    /// # Errors
+    /// [`ValidationError`] if some group alone determines a coefficient, or the features are too nearly dependent.
+    pub(crate) fn finish(self, factor: &UpperTriangle) -> Result<GroupScatter, ValidationError> {
         let features = factor.size();
         if let Some(defect) = &self.defect {
             let mut all = (0..features).flat_map(|i| defect.row(i));
@@ -152,7 +142,7 @@ impl ScatterSums {
             }
         }
         if !self.alone.is_empty() {
-            return Err(ScatterError::Alone(self.alone));
+            return Err(ValidationError::Alone { groups: self.alone });
         }
         let shared = std::array::from_fn(|axis| match self.squares[axis] > 0.0 {
             true => (self.common[axis] / self.squares[axis]).min(1.0),

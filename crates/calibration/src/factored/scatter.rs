@@ -11,9 +11,10 @@ use super::groups::FactoredGroups;
 use super::rows::FactoredRows;
 use crate::FitError;
 use crate::passes::{Workers, on_threads};
-use crate::sandwich::{GroupScatter, ScatterError, ScatterSums, corrected_rows};
+use crate::sandwich::{GroupScatter, ScatterSums, corrected_rows};
 use crate::solver::Solution;
 use crate::symmetric::{SymmetricMatrix, UpperTriangle};
+use crate::validation::ValidationError;
 use shell_data::wrench::PerAxis;
 
 impl FactoredGroups {
@@ -21,17 +22,17 @@ impl FactoredGroups {
     /// all rows that it was fitted to, on so many threads. The bias that a ridge brings, or a truncation, is left out.
     ///
     /// # Errors
-    /// [`ScatterError`] if some group alone determines a coefficient, or the features are too nearly dependent.
+    /// [`ValidationError`] if some group alone determines a coefficient, or the features are too nearly dependent.
     pub(crate) fn scatter(
         &self,
         solution: &Solution,
         held_out: Option<usize>,
         threads: usize,
-    ) -> Result<GroupScatter, ScatterError> {
+    ) -> Result<GroupScatter, ValidationError> {
         let others =
             self.groups.iter().enumerate().filter(|(position, _)| Some(*position) != held_out);
-        let groups: Vec<&FactoredRows> =
-            others.map(|(_, (_, rows))| rows).filter(|rows| rows.rows() > 0).collect();
+        let others = others.map(|(_, group)| group).filter(|(_, rows)| rows.rows() > 0);
+        let (labels, groups): (Vec<_>, Vec<_>) = others.map(|(label, rows)| (label, rows)).unzip();
         let factor = solution.factor.matrix();
         let mut sums = ScatterSums::new(solution);
         // Each group with factor and coefficients about its centre.
@@ -56,8 +57,8 @@ impl FactoredGroups {
         };
         let shares = on_threads(&items, |_| 0, Workers::new(threads), start, work, add);
         let shares = shares.expect("nobody watches, and what fails is kept");
-        for (score, errors) in all {
-            sums.add(score?, &errors);
+        for (label, (score, errors)) in labels.into_iter().zip(all) {
+            sums.add(label, score?, &errors);
         }
         shares.iter().flatten().for_each(|of| sums.take_off(of));
         sums.finish(&UpperTriangle::new(factor))

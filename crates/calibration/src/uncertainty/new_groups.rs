@@ -14,6 +14,7 @@ use crate::passes::{Workers, map};
 use crate::physics::GroupIntervals;
 use crate::sandwich::GroupScatter;
 use crate::solver::Solution;
+use crate::validation::cross_validation::errors_on;
 use shell_data::wrench::PerAxis;
 
 /// With more groups than this the scatter of the groups and the shape of the training errors say enough (95.0
@@ -24,7 +25,7 @@ const MOST_GROUPS: usize = 50;
 /// The intervals of a fit to all `groups`, from the errors on each of a fit to the others; `None` where there are many.
 pub(super) fn held_out_intervals(
     total: &Moments,
-    groups: &[&Moments],
+    groups: &[(String, Moments)],
     by: (&Model, f64),
     workers: Workers<'_>,
 ) -> Option<GroupIntervals> {
@@ -36,13 +37,13 @@ pub(super) fn held_out_intervals(
 pub(super) fn held_out_intervals_of_stretches(
     parts: &PartitionedMoments<'_>,
     (fit, scatter): (&ExactFit, &GroupScatter),
-    groups: &[&Moments],
+    groups: &[(String, Moments)],
     ridge: f64,
     workers: Workers<'_>,
 ) -> Option<GroupIntervals> {
     let variances = fit.variances(scatter, groups);
     of_scores(groups.len(), workers, |group| {
-        let errors = parts.held_out(groups[group], &parts.part(groups[group]), ridge).ok()?;
+        let errors = errors_on(parts, &groups[group].1, ridge).ok()?;
         Some(score_of(&errors, &variances[group], scatter, parts.total.rows()))
     })
 }
@@ -116,16 +117,15 @@ fn each<T: Send>(
 /// cannot be.
 fn score_without(
     total: &Moments,
-    groups: &[&Moments],
+    groups: &[(String, Moments)],
     (model, ridge): (&Model, f64),
     group: usize,
 ) -> Option<PerAxis<(f64, f64)>> {
-    let mut others = groups.to_vec();
-    let held_out = others.remove(group);
-    let fit = total.without(held_out).solve(model, ridge).ok()?;
-    let scatter = fit.scatter(&others).ok()?;
-    let variance = fit.variances(&scatter, &[held_out])[0];
-    Some(score_of(&fit.errors_on(held_out), &variance, &scatter, fit.solution.rows))
+    let held_out = &groups[group..=group];
+    let fit = total.without(&held_out[0].1).solve(model, ridge).ok()?;
+    let scatter = fit.scatter(groups[..group].iter().chain(&groups[group + 1..])).ok()?;
+    let (errors, variances) = (fit.errors_on(&held_out[0].1), fit.variances(&scatter, held_out));
+    Some(score_of(&errors, &variances[0], &scatter, fit.solution.rows))
 }
 
 /// The same of a solution from R factors, whose coefficients scatter so; `None` if it has other features.
@@ -203,11 +203,6 @@ mod tests {
         sums.finish([worker]).unwrap()
     }
 
-    fn groups_of(sums: &GroupedMoments) -> Vec<&Moments> {
-        sums.groups.iter().map(|(_, moments)| moments).collect()
-    }
-
-    /// Fits and standard errors of the rows without each group, by the ordinary ways of the crate.
     #[test]
     fn scores_are_those_of_fits_to_the_other_rows() {
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
@@ -215,7 +210,7 @@ mod tests {
         let grouped = sums(&block);
         for group in [0, 7] {
             let total = grouped.total().unwrap();
-            let found = score_without(total, &groups_of(&grouped), (&model, 0.0), group).unwrap();
+            let found = score_without(total, &grouped.groups, (&model, 0.0), group).unwrap();
             let is_in = |row: usize| row / 12 == group;
             let rest = block.kept(&(0..block.rows).map(|row| !is_in(row)).collect::<Vec<_>>());
             let part = block.kept(&(0..block.rows).map(is_in).collect::<Vec<_>>());
@@ -247,12 +242,12 @@ mod tests {
     fn the_scatter_of_all_stretches_does_for_those_without_one() {
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
         let sums = sums(&block(40));
-        let groups = groups_of(&sums);
+        let groups = &sums.groups;
         let (parts, by) = (sums.partitioned(&model).unwrap(), (&model, 0.0));
         let fit = parts.total.solve(&model, 0.0).unwrap();
-        let of_all = (&fit, &fit.scatter(&groups).unwrap());
-        let all = held_out_intervals_of_stretches(&parts, of_all, &groups, 0.0, Workers::ONE);
-        let without = held_out_intervals(parts.total, &groups, by, Workers::ONE).unwrap();
+        let of_all = (&fit, &fit.scatter(groups).unwrap());
+        let all = held_out_intervals_of_stretches(&parts, of_all, groups, 0.0, Workers::ONE);
+        let without = held_out_intervals(parts.total, groups, by, Workers::ONE).unwrap();
         let all = all.unwrap();
         let (all, without) = (all.factors(0.95).unwrap(), without.factors(0.95).unwrap());
         for (all, without) in all.into_iter().zip(without) {
@@ -267,7 +262,7 @@ mod tests {
         let of = |groups| {
             let sums = sums(&block(groups));
             let total = sums.total().unwrap();
-            held_out_intervals(total, &groups_of(&sums), (&model, 0.0), Workers::ONE)
+            held_out_intervals(total, &sums.groups, (&model, 0.0), Workers::ONE)
         };
         assert_eq!(of(MOST_GROUPS + 1), None);
         assert!(of(MOST_GROUPS).unwrap().factors(0.95).is_ok());

@@ -143,7 +143,7 @@ pub(crate) fn labels_of<T>(groups: &[(String, T)], positions: &[usize]) -> Vec<S
 }
 
 /// The errors on some of the rows of a fit to all others.
-pub(super) fn errors_on(
+pub(crate) fn errors_on(
     parts: &PartitionedMoments<'_>,
     held_out: &Moments,
     ridge: f64,

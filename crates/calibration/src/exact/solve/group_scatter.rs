@@ -9,8 +9,9 @@
 use super::double_double_matrix::{DoubleDoubleMatrix, residual_of};
 use super::held_out::ExactFit;
 use crate::exact::moments::product_sums::Moments;
-use crate::sandwich::{GroupScatter, ScatterError, ScatterSums, corrected};
+use crate::sandwich::{GroupScatter, ScatterSums, corrected};
 use crate::symmetric::{UpperTriangle, congruence, trace_of_congruence};
+use crate::validation::ValidationError;
 use shell_data::wrench::PerAxis;
 
 impl ExactFit {
@@ -18,8 +19,11 @@ impl ExactFit {
     /// is left out.
     ///
     /// # Errors
-    /// [`ScatterError`] if some group alone determines a coefficient, or all together do not.
-    pub fn scatter(&self, groups: &[&Moments]) -> Result<GroupScatter, ScatterError> {
+    /// [`ValidationError`] if some group alone determines a coefficient, or all together do not.
+    pub fn scatter<'a>(
+        &self,
+        groups: impl IntoIterator<Item = &'a (String, Moments)>,
+    ) -> Result<GroupScatter, ValidationError> {
         let stretch: Vec<f64> = self.stretch.iter().map(|s| s.to_f64()).collect();
         let factor = UpperTriangle::new(self.solution.factor.matrix());
         // Rows are features: from those of the fit to those that are counted.
@@ -28,9 +32,8 @@ impl ExactFit {
             counted.row_mut(i).iter_mut().for_each(|x| *x *= stretch);
         }
         let coefficients = self.counted_coefficients();
-        let groups = groups.iter().filter(|group| group.rows() > 0);
         let mut sums = ScatterSums::new(&self.solution);
-        for group in groups {
+        for (label, group) in groups.into_iter().filter(|(_, group)| group.rows() > 0) {
             let scales = &self.scales;
             let part = scales.part(group);
             let gram = DoubleDoubleMatrix::new(part.gram.iter().copied(), &scales.columns);
@@ -42,7 +45,7 @@ impl ExactFit {
                 counted.transposed_times(&score)
             });
             sums.take_off(&share);
-            sums.add(corrected(share, score)?, &errors);
+            sums.add(label, corrected(share, score)?, &errors);
         }
         sums.finish(&factor)
     }
@@ -54,14 +57,14 @@ impl ExactFit {
     pub(crate) fn variances(
         &self,
         scatter: &GroupScatter,
-        groups: &[&Moments],
+        groups: &[(String, Moments)],
     ) -> Vec<PerAxis<f64>> {
         let stretch: Vec<f64> = self.stretch.iter().map(|s| s.to_f64()).collect();
         // Rows are features: from those of the fit to those that are counted.
         let factors = scatter.factors.each_ref().map(|factor| {
             UpperTriangle::from_fn(factor.nrows(), |i, j| stretch[i] * factor[(i, j)])
         });
-        let of_group = |group: &&Moments| {
+        let of_group = |(_, group): &(String, Moments)| {
             let (part, columns) = (self.scales.part(group), &self.scales.columns);
             let gram = DoubleDoubleMatrix::new(part.gram.iter().copied(), columns).rounded();
             let rows = part.rows.max(1) as f64;
@@ -126,11 +129,11 @@ mod tests {
     fn sums_give_what_the_rows_themselves_give_by_the_definition() {
         let (readings, wrench, groups) = rows();
         let total = moments(&readings, &wrench, |_| true);
-        let parts: Vec<Moments> =
-            (0..7).map(|g| moments(&readings, &wrench, |row| groups[row] == g)).collect();
+        let part = |g| (format!("pose {g}"), moments(&readings, &wrench, |row| groups[row] == g));
+        let parts: Vec<_> = (0..7).map(part).collect();
         let model = Model { basis: Basis::Quadratic, intercept: true, channels: 2, memory: 0 };
         let fit = total.solve(&model, 0.0).unwrap();
-        let found = fit.scatter(&parts.iter().collect::<Vec<_>>()).unwrap();
+        let found = fit.scatter(&parts).unwrap();
 
         // Directly, row by row: hat matrix, its blocks, their inverse roots.
         let z = |c: usize, row: usize| {
@@ -198,11 +201,12 @@ mod tests {
             *reading = if group == 3 { *reading } else { 1000.0 };
         }
         let total = moments(&readings, &wrench, |_| true);
-        let parts: Vec<Moments> =
-            (0..7).map(|g| moments(&readings, &wrench, |row| groups[row] == g)).collect();
+        let part = |g| (format!("pose {g}"), moments(&readings, &wrench, |row| groups[row] == g));
+        let parts: Vec<_> = (0..7).map(part).collect();
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
         let fit = total.solve(&model, 0.0).unwrap();
-        let found = fit.scatter(&parts.iter().collect::<Vec<_>>());
-        assert_eq!(found.unwrap_err(), ScatterError::Alone(vec![3]));
+        let found = fit.scatter(&parts);
+        let alone = ValidationError::Alone { groups: vec!["pose 3".to_owned()] };
+        assert_eq!(found.unwrap_err(), alone);
     }
 }

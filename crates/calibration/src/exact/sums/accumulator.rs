@@ -321,7 +321,10 @@ impl Adder {
         let plan = |of: &Accumulator| of.expected.plan.as_ref().map(Arc::as_ptr);
         sums.expected.learn(&self.empty.expected);
         let before = plan(sums);
-        self.with_scratch(sums, |sums| sums.absorb(readings, wrench))?;
+        std::mem::swap(&mut sums.scratch, &mut self.scratch);
+        let added = sums.absorb(readings, wrench);
+        std::mem::swap(&mut sums.scratch, &mut self.scratch);
+        added?;
         if plan(sums) != before && sums.expected.in_counts() {
             self.empty.expected.clone_from(&sums.expected);
         }
@@ -333,19 +336,9 @@ impl Adder {
     /// # Errors
     /// [`ExactError`] if they cannot be exact.
     pub fn finish(&mut self, mut sums: Accumulator) -> Result<Moments, ExactError> {
-        self.with_scratch(&mut sums, Accumulator::sum_staged)?;
+        sums.scratch = std::mem::take(&mut self.scratch);
+        sums.sum_staged()?;
+        self.scratch = std::mem::take(&mut sums.scratch);
         sums.finish()
-    }
-
-    /// Runs `task` on sums that have the working memory of this adder.
-    fn with_scratch<R>(
-        &mut self,
-        sums: &mut Accumulator,
-        task: impl FnOnce(&mut Accumulator) -> R,
-    ) -> R {
-        std::mem::swap(&mut sums.scratch, &mut self.scratch);
-        let result = task(sums);
-        std::mem::swap(&mut sums.scratch, &mut self.scratch);
-        result
     }
 }

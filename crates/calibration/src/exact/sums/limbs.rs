@@ -94,10 +94,8 @@ impl FeatureLimbs {
         (BITS - self.right_bits + 1).min(SQUARE_WIDTH)
     }
 
-    /// About how many steps of work there are for a row: products and what it takes to cut.
+    /// About how many products there are for a row.
     fn cost(&self, layout: &MomentLayout) -> usize {
-        /// To cut off a limb and store it.
-        const CUT: usize = 4;
         /// What the wrench usually has: the bits of an `f64` and a range of 2⁹.
         const PLACES: u32 = 62;
         let count = |cut: &Cut, f: usize| cut.counts[layout.features[f].factors().len()];
@@ -106,17 +104,9 @@ impl FeatureLimbs {
             let right: usize = group.right.clone().map(|f| count(&self.right, f)).sum();
             left * right
         });
-        let features = 0..layout.features.len();
-        let rights: usize = features.clone().map(|f| count(&self.right, f)).sum();
-        let cut = features.map(|f| {
-            let degree = layout.features[f].factors().len();
-            let right = Some(self.right.counts[degree]).filter(|&limbs| limbs > 1);
-            let left = (!self.is_shared(degree)).then_some(self.left.counts[degree]);
-            right.unwrap_or(0) + left.unwrap_or(0)
-        });
+        let rights: usize = (0..layout.features.len()).map(|f| count(&self.right, f)).sum();
         let limbs = 6 * PLACES.div_ceil(self.cross_width()) as usize;
-        let own_limbs = if self.cross_width() < SQUARE_WIDTH { limbs } else { 0 };
-        products.sum::<usize>() + (limbs + 1) * rights + CUT * (own_limbs + cut.sum::<usize>())
+        products.sum::<usize>() + (limbs + 1) * rights
     }
 }
 
