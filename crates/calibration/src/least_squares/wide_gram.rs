@@ -70,12 +70,7 @@ impl WideGram {
     /// [`LeastSquaresError`].
     pub(super) fn solve(&self, ridge: Ridge) -> Result<LeastSquares, LeastSquaresError> {
         let Shape { features: p, outputs: q } = self.shape;
-        if self.rows < p as u64 && ridge.lambda == 0.0 {
-            return Err(LeastSquaresError::TooFewRows { rows: self.rows, columns: p });
-        }
-        if !self.products.iter().all(|e| e.is_finite()) {
-            return Err(LeastSquaresError::NotFinite);
-        }
+        ridge.check(self.rows, p, self.products.iter().all(|e| e.is_finite()))?;
         let norm = |j: usize| match self.product(j, j).to_f64().sqrt() {
             norm if norm > 0.0 => norm,
             _ => 1.0,

@@ -85,12 +85,7 @@ impl WideRFactor {
     /// [`LeastSquaresError`].
     pub(super) fn solve(&self, ridge: Ridge) -> Result<LeastSquares, LeastSquaresError> {
         let Shape { features: p, outputs: q } = self.shape;
-        if self.rows < p as u64 && ridge.lambda == 0.0 {
-            return Err(LeastSquaresError::TooFewRows { rows: self.rows, columns: p });
-        }
-        if !is_finite(&self.r) {
-            return Err(LeastSquaresError::NotFinite);
-        }
+        ridge.check(self.rows, p, is_finite(&self.r))?;
         let mut damped = self.clone();
         if ridge.lambda > 0.0 {
             let norm = |j: usize| {

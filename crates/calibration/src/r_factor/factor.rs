@@ -117,12 +117,7 @@ impl RFactor {
     /// with.
     pub(crate) fn solve_roughly(&self, ridge: Ridge) -> Result<LeastSquares, LeastSquaresError> {
         let (p, q) = (self.features, self.r.nrows() - self.features);
-        if self.rows < p as u64 && ridge.lambda == 0.0 {
-            return Err(LeastSquaresError::TooFewRows { rows: self.rows, columns: p });
-        }
-        if !self.r.is_all_finite() {
-            return Err(LeastSquaresError::NotFinite);
-        }
+        ridge.check(self.rows, p, self.r.is_all_finite())?;
         let (equilibrated, norms) = equilibrated(self.r());
         let (condition, rank) = self.condition_and_rank(&equilibrated)?;
         if rank < p && ridge.lambda == 0.0 {

@@ -74,6 +74,22 @@ impl Ridge {
     /// No penalty.
     pub const NONE: Ridge = Ridge { lambda: 0.0, free_column: None };
 
+    /// Whether so many rows, whose sums are finite or not, can determine the coefficients of so many columns.
+    ///
+    /// # Errors
+    /// [`LeastSquaresError::TooFewRows`], [`LeastSquaresError::NotFinite`].
+    pub(crate) fn check(
+        self,
+        rows: u64,
+        columns: usize,
+        is_finite: bool,
+    ) -> Result<(), LeastSquaresError> {
+        if rows < columns as u64 && self.lambda == 0.0 {
+            return Err(LeastSquaresError::TooFewRows { rows, columns });
+        }
+        if is_finite { Ok(()) } else { Err(LeastSquaresError::NotFinite) }
+    }
+
     /// What it adds to the squares of columns with these norms.
     pub(crate) fn penalties(&self, norms: &[f64]) -> Vec<f64> {
         let penalty = |(j, norm): (usize, &f64)| match self.free_column == Some(j) {
