@@ -76,7 +76,7 @@ pub(crate) struct ScatterSums {
 impl ScatterSums {
     /// Of a solution, before any group.
     pub(crate) fn new(solution: &Solution) -> Self {
-        let (features, products) = (solution.factor.matrix().nrows(), &solution.residual_products);
+        let (features, products) = (solution.factor.nrows(), &solution.residual_products);
         // Without a ridge, and if no direction was left out, the `K_g` must add up to the identity.
         let all_directions = solution.ridge == 0.0 && solution.rank == features;
         Self {

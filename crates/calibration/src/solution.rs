@@ -1,7 +1,5 @@
 //! What solvers find.
 
-use std::sync::OnceLock;
-
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::{Mat, Par};
 
@@ -24,7 +22,7 @@ pub struct Solution {
     /// `C`, features × 6, in N and N·m.
     pub coefficients: Mat<f64>,
     /// Upper triangular `F` with `F·Fᵀ = (XᵀX)⁻¹`, ridge included, features × features.
-    pub factor: InverseFactor,
+    pub factor: Mat<f64>,
     /// `(W − X·C)ᵀ(W − X·C)`, 6 × 6, in products of N and N·m.
     pub residual_products: Mat<f64>,
     /// Rows fitted.
@@ -43,7 +41,7 @@ impl Solution {
             model: features.model(),
             scaling: features.scaling().clone(),
             coefficients: solved.coefficients,
-            factor: solved.factor.into(),
+            factor: solved.factor,
             residual_products: solved.residual_products,
             rows: solved.rows,
             condition: solved.condition,
@@ -66,7 +64,7 @@ impl Solution {
         features.fill(&rows.readings, 0..rows.rows, &mut columns, rows.rows);
         let row =
             |of: usize| -> Vec<f64> { columns[of..].iter().step_by(rows.rows).copied().collect() };
-        let known = UpperTriangle::new(self.factor.matrix());
+        let known = UpperTriangle::new(&self.factor);
         let seen: Vec<Vec<f64>> =
             (0..rows.rows).map(|of| known.transposed_times(&row(of))).collect();
         let mut left = SymmetricMatrix::identity(count);
@@ -86,7 +84,7 @@ impl Solution {
             seen.iter().zip(errors).for_each(|(seen, &error)| add_multiple(&mut pull, error, seen));
             root.forward(pull)
         });
-        let mut factor = self.factor.matrix().clone();
+        let mut factor = self.factor.clone();
         let (lower, columns) = (root.matrix(), factor.as_mut().transpose_mut());
         solve_lower_triangular_in_place(lower.transpose(), columns, Par::Seq);
         let pulled = Mat::from_fn(count, 6, |i, axis| pulls[axis][i]);
@@ -95,45 +93,11 @@ impl Solution {
         });
         Some(Self {
             coefficients: &self.coefficients + &factor * pulled,
-            factor: factor.into(),
+            factor,
             residual_products: &self.residual_products - products,
             rows: self.rows - rows.rows as u64,
             scaling: self.scaling.clone(),
             ..*self
         })
-    }
-}
-
-/// An upper triangular matrix `F`, or its inverse, which costs nothing to have: it is inverted once, where `F` is asked
-/// for.
-#[derive(Clone, Debug)]
-pub struct InverseFactor {
-    /// Empty where `F` itself is known.
-    inverse: Mat<f64>,
-    matrix: OnceLock<Mat<f64>>,
-}
-
-impl InverseFactor {
-    /// `F⁻¹` is known.
-    pub(crate) fn from_inverse(inverse: Mat<f64>) -> Self {
-        Self { inverse, matrix: OnceLock::new() }
-    }
-
-    /// `F`.
-    pub fn matrix(&self) -> &Mat<f64> {
-        self.matrix.get_or_init(|| UpperTriangle::new(&self.inverse).inverse().matrix())
-    }
-}
-
-impl From<Mat<f64>> for InverseFactor {
-    /// `F` is known.
-    fn from(factor: Mat<f64>) -> Self {
-        Self { inverse: Mat::new(), matrix: OnceLock::from(factor) }
-    }
-}
-
-impl PartialEq for InverseFactor {
-    fn eq(&self, other: &Self) -> bool {
-        self.matrix() == other.matrix()
     }
 }

@@ -379,7 +379,7 @@ fn a_ridge_is_that_of_householder_qr_and_answers_where_rank_is_lost() {
     close(&exact.coefficients, &tsqr.coefficients);
     close(&exact.residual_products, &tsqr.residual_products);
     let inverse = |solution: &Solution| {
-        let factor = solution.factor.matrix();
+        let factor = &solution.factor;
         factor.as_ref() * factor.transpose()
     };
     close(&inverse(&exact), &inverse(&tsqr));

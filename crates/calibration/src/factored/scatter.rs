@@ -33,7 +33,7 @@ impl FactoredGroups {
             self.groups.iter().enumerate().filter(|(position, _)| Some(*position) != held_out);
         let others = others.map(|(_, group)| group).filter(|(_, rows)| rows.rows() > 0);
         let (labels, groups): (Vec<_>, Vec<_>) = others.map(|(label, rows)| (label, rows)).unzip();
-        let factor = solution.factor.matrix();
+        let factor = &solution.factor;
         let mut sums = ScatterSums::new(solution);
         // Each group with factor and coefficients about its centre.
         let mut items = Vec::with_capacity(groups.len());

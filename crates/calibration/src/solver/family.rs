@@ -316,7 +316,7 @@ mod tests {
         assert_eq!(found.rows, 160);
         // Doubles, and features with a condition of some hundred.
         let products = |solution: &Solution| {
-            let factor = solution.factor.matrix();
+            let factor = &solution.factor;
             factor * factor.transpose()
         };
         let differences = [

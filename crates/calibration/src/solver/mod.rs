@@ -8,7 +8,6 @@ mod family;
 
 pub use self::family::{SolverKind, exact_moments, fit, fit_by};
 pub use crate::passes::{Pass, Rows, Workers};
-pub use crate::solution::InverseFactor;
 pub use crate::solution::Solution;
 
 use crate::FitError;

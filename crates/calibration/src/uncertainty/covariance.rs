@@ -61,7 +61,7 @@ impl Covariance {
     /// The covariance of a solution, errors of rows being independent; `None` if there are no more
     /// rows than coefficients.
     pub fn from_rows(solution: &Solution) -> Option<Self> {
-        let factor = solution.factor.matrix();
+        let factor = &solution.factor;
         let degrees_of_freedom =
             solution.rows.checked_sub(factor.nrows() as u64).filter(|&n| n > 0)?;
         let products = &solution.residual_products;

@@ -14,7 +14,8 @@ use crate::exact::moments::product_sums::Moments;
 use crate::model::{Model, Term};
 use crate::r_factor::extreme_singular_values;
 use crate::scaling::Scaling;
-use crate::solution::{InverseFactor, Solution};
+use crate::solution::Solution;
+use crate::symmetric::UpperTriangle;
 use shell_data::wrench::PerAxis;
 
 /// Condition numbers from which the error of Cholesky, κ²·2⁻¹⁰⁴, may show in the last place of a
@@ -213,10 +214,9 @@ impl<'a> IntegerEquations<'a> {
             .map(|(i, &centre)| centre as f64 / f64::from(unit(i).per_count()));
         let scale = (reach.iter().enumerate())
             .map(|(i, reach)| power_of_two(reach - unit(i).nearest_power()));
-        let r_factor = |i: usize, j: usize| match i <= j {
-            true => (shifted(cholesky.get(i, j), -exponents[j]) * stretch[j]).to_f64(),
-            false => 0.0,
-        };
+        let r_factor = UpperTriangle::from_fn(terms.len(), |i, j| {
+            (shifted(cholesky.get(i, j), -exponents[j]) * stretch[j]).to_f64()
+        });
         let residual_product = |a: usize, b: usize| {
             let product = shifted(residuals[a.min(b)][a.max(b)], axes[a] + axes[b]).to_f64();
             // Where nothing is left, rounding may leave less than nothing.
@@ -226,7 +226,7 @@ impl<'a> IntegerEquations<'a> {
             model: self.model,
             scaling: Scaling { centre: centre.collect(), scale: scale.collect() },
             coefficients: Mat::from_fn(terms.len(), 6, |i, a| coefficients[i][a].to_f64()),
-            factor: InverseFactor::from_inverse(Mat::from_fn(terms.len(), terms.len(), r_factor)),
+            factor: r_factor.inverse().matrix(),
             residual_products: Mat::from_fn(6, 6, residual_product),
             rows: self.moments.rows,
             condition,

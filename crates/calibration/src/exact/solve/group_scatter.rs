@@ -25,7 +25,7 @@ impl ExactFit {
         groups: impl IntoIterator<Item = &'a (String, Moments)>,
     ) -> Result<GroupScatter, ValidationError> {
         let stretch: Vec<f64> = self.stretch.iter().map(|s| s.to_f64()).collect();
-        let factor = UpperTriangle::new(self.solution.factor.matrix());
+        let factor = UpperTriangle::new(&self.solution.factor);
         // Rows are features: from those of the fit to those that are counted.
         let mut counted = factor.clone();
         for (i, stretch) in stretch.iter().enumerate() {
