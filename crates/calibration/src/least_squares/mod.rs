@@ -30,9 +30,8 @@ mod rank_revealing;
 mod refinement;
 mod rows;
 mod solve;
-mod wide_gram;
+mod wide;
 mod wide_matrix;
-mod wide_qr;
 
 pub(crate) use self::huber::clip_of_sizes;
 pub use self::rows::{Reduction, RowChunk, Rows, Shape};

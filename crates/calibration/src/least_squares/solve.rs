@@ -2,8 +2,7 @@
 
 use super::gram::Gram;
 use super::rows::Rows;
-use super::wide_gram::WideGram;
-use super::wide_qr::WideRFactor;
+use super::wide::{WideGram, WideRFactor};
 use super::{gcv, huber, rank_revealing, refinement};
 use crate::r_factor::{LeastSquares, LeastSquaresError, RFactor, Ridge};
 

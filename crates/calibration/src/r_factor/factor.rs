@@ -5,7 +5,7 @@ use faer::{Mat, MatRef, Par};
 
 use super::condition::extreme_singular_values;
 use super::householder::{Workspace, contiguous};
-use super::outcome::{LeastSquares, LeastSquaresError, Ridge};
+use super::{LeastSquares, LeastSquaresError, Ridge};
 
 /// What is kept of the rows seen so far.
 #[derive(Clone, Debug, PartialEq)]

@@ -6,6 +6,5 @@ mod equations;
 mod group_scatter;
 pub(crate) mod held_out;
 pub(crate) mod rank;
-mod solver;
 
 pub use self::held_out::{ExactFit, HeldOutErrors, PartMoments, PartitionedMoments};

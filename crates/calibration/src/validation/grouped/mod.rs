@@ -15,7 +15,8 @@
 //! of them in as many sets, see [`Apart::Sets`].
 
 mod sums;
-mod worker;
 
-pub use self::sums::{GroupKind, GroupSums, GroupedMoments};
-pub use self::worker::{Apart, BlockGroups, GroupWorker, MAX_GROUPS, RandomSplit, assign};
+pub use self::sums::{
+    Apart, BlockGroups, GroupKind, GroupSums, GroupWorker, GroupedMoments, MAX_GROUPS, RandomSplit,
+    assign,
+};
