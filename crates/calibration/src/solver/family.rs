@@ -145,23 +145,17 @@ struct OverFeatures<'a, R> {
     partial: R,
 }
 
-impl<R> OverFeatures<'_, R> {
-    /// Those of the features and of the wrench.
-    fn columns(&self) -> usize {
-        self.features.len() + Axis::ALL.len()
-    }
-}
-
 impl<R: Reduction> Pass for OverFeatures<'_, R> {
     fn rows_together(&self) -> usize {
-        R::chunk_rows(self.columns())
+        R::chunk_rows(self.features.len() + Axis::ALL.len())
     }
 
     fn absorb(&mut self, block: &Block) -> Result<(), FitError> {
         self.ranges.merge(&ReadingRanges::from_block(block, self.features.model().columns())?);
         let p = self.features.len();
-        let stride = R::chunk_rows(self.columns()).min(block.rows);
-        let mut heads = vec![0.0; stride * self.columns()];
+        let columns = p + Axis::ALL.len();
+        let stride = R::chunk_rows(columns).min(block.rows);
+        let mut heads = vec![0.0; stride * columns];
         let mut tails = vec![0.0; if R::WIDE { stride * p } else { 0 }];
         for start in (0..block.rows).step_by(stride.max(1)) {
             let rows = start..block.rows.min(start + stride);

@@ -1,6 +1,6 @@
 //! Integers of any length times a common power of two; from such integers to double-doubles, and back.
 
-use num_bigint::BigInt;
+use num_bigint::{BigInt, Sign};
 use num_traits::{Float, ToPrimitive, Zero};
 
 use crate::double_double::DoubleDouble;
@@ -61,6 +61,23 @@ impl ScaledIntegers {
         self.exponent = exponent;
         self.reduce();
     }
+}
+
+/// The bits of a digit of [`digit_planes`].
+pub(crate) const DIGIT_BITS: u32 = 32;
+
+/// The digits of integers, each with its sign: for each digit, lowest first, those of all of them.
+pub(crate) fn digit_planes(values: &[BigInt]) -> Vec<Vec<i128>> {
+    let digits = |value: &BigInt| value.bits().div_ceil(DIGIT_BITS.into()) as usize;
+    let count = values.iter().map(digits).max().unwrap_or(0);
+    let mut planes = vec![vec![0; values.len()]; count];
+    for (position, value) in values.iter().enumerate() {
+        let sign = if value.sign() == Sign::Minus { -1 } else { 1 };
+        for (plane, digit) in planes.iter_mut().zip(value.iter_u32_digits()) {
+            plane[position] = sign * i128::from(digit);
+        }
+    }
+    planes
 }
 
 /// `Σ parts_i·2^(width·i)`.

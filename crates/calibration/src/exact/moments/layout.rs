@@ -18,6 +18,7 @@ use std::ops::Range;
 
 use num_bigint::BigInt;
 
+use super::integers::{DIGIT_BITS, digit_planes, join};
 use crate::features::{Recipe, recipe};
 use crate::model::{Basis, Model, Term};
 
@@ -148,16 +149,23 @@ impl MomentLayout {
     /// Moves the origin of every channel by `by` in all sums, modulo 2¹²⁸.
     pub(crate) fn move_origin(&self, sums: &mut [i128], by: &[i64]) {
         for ((steps, _), &by) in self.steps.iter().zip(by) {
-            let by_all = i128::from(by);
-            shift(sums, steps, by, |of, from| of.wrapping_sub(from.wrapping_mul(by_all)));
+            shift(sums, steps, by);
         }
     }
 
-    /// The same in sums of one and the features with something else.
-    pub(crate) fn move_origin_of_features(&self, sums: &mut [BigInt], by: &[i64]) {
-        for ((_, steps), &by) in self.steps.iter().zip(by) {
-            shift(sums, steps, by, |of, from| of - from * by);
+    /// Sums of one and the features with something else, the origin of every channel moved by `by`, below 2¹⁶.
+    ///
+    /// Digits are moved each alone: that multiplies them by less than `(1 + 2¹⁶)³`, so that they need no carry on the
+    /// way.
+    pub(crate) fn moved_features(&self, sums: &[BigInt], by: &[i64]) -> Vec<BigInt> {
+        let mut planes = digit_planes(sums);
+        for plane in &mut planes {
+            for ((_, steps), &by) in self.steps.iter().zip(by) {
+                shift(plane, steps, by);
+            }
         }
+        let digits = |position: usize| planes.iter().map(move |plane| plane[position]);
+        (0..sums.len()).map(|position| join(digits(position), DIGIT_BITS)).collect()
     }
 }
 
@@ -183,12 +191,13 @@ fn steps(
 /// Turns sums of products with powers of a reading `s` into those with powers of `s − by`.
 ///
 /// By repeated synthetic division: the n-th pass turns `sᵃ⁻ⁿ⁺¹·(s − by)ⁿ⁻¹` into `sᵃ⁻ⁿ·(s − by)ⁿ`,
-/// highest powers first. `less` is `of − from·by`.
-fn shift<T>(values: &mut [T], steps: &[ShiftStep], by: i64, less: impl Fn(&T, &T) -> T) {
+/// highest powers first.
+fn shift(values: &mut [i128], steps: &[ShiftStep], by: i64) {
     let highest = if by == 0 { 0 } else { steps.first().map_or(0, |step| step.exponent) };
     for pass in 1..=highest {
         for step in steps.iter().take_while(|step| step.exponent >= pass) {
-            values[step.of] = less(&values[step.of], &values[step.from]);
+            let from = values[step.from].wrapping_mul(i128::from(by));
+            values[step.of] = values[step.of].wrapping_sub(from);
         }
     }
 }
@@ -215,29 +224,27 @@ fn powers_and_products(channels: usize) -> Vec<ProductGroup> {
     let pair = |j: usize, k: usize| 3 * n + j * (2 * n - j - 1) / 2 + k - j - 1;
     let end = pair(n, n + 1);
     let mut groups = Vec::new();
+    let mut add = |left: Vec<usize>, right: Range<usize>| {
+        if !left.is_empty() && !right.is_empty() {
+            groups.push(ProductGroup { left, right });
+        }
+    };
     for i in 0..n {
         let (first, square, cube) = (power(i, 1), power(i, 2), power(i, 3));
         let later_pairs = pair(i + 1, i + 2)..end;
-        groups.push(ProductGroup { left: vec![cube], right: first..cube + 1 });
-        groups.push(ProductGroup { left: vec![square, cube], right: cube + 1..3 * n });
-        groups.extend(
-            (i + 1..n)
-                .map(|j| ProductGroup { left: vec![first], right: power(j, 2)..power(j, 3) + 1 }),
-        );
+        add(vec![cube], first..cube + 1);
+        add(vec![square, cube], cube + 1..3 * n);
+        (i + 1..n).for_each(|j| add(vec![first], power(j, 2)..power(j, 3) + 1));
         // Pairs that do not begin with this channel, and those that have it: its own first.
-        groups.push(ProductGroup { left: vec![cube], right: pair(i, i + 1)..later_pairs.start });
-        groups.push(ProductGroup { left: vec![first, square, cube], right: later_pairs.clone() });
+        add(vec![cube], pair(i, i + 1)..later_pairs.start);
+        add(vec![first, square, cube], later_pairs.clone());
         for j in 0..i {
-            groups
-                .push(ProductGroup { left: vec![square, cube], right: pair(j, j + 1)..pair(j, i) });
-            groups.push(ProductGroup { left: vec![cube], right: pair(j, i)..pair(j, i) + 1 });
-            let after = pair(j, i) + 1..pair(j + 1, j + 2);
-            groups.push(ProductGroup { left: vec![square, cube], right: after });
+            add(vec![square, cube], pair(j, j + 1)..pair(j, i));
+            add(vec![cube], pair(j, i)..pair(j, i) + 1);
+            add(vec![square, cube], pair(j, i) + 1..pair(j + 1, j + 2));
         }
-        let ends_here = (0..i).map(|j| pair(j, i)).collect();
-        groups.push(ProductGroup { left: ends_here, right: later_pairs });
+        add((0..i).map(|j| pair(j, i)).collect(), later_pairs);
     }
-    groups.retain(|group| !group.left.is_empty() && !group.right.is_empty());
     groups
 }
 
@@ -258,6 +265,8 @@ fn mixed(features: &[Term], channels: usize, degree: usize) -> Vec<ProductGroup>
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
 
     #[test]
@@ -295,5 +304,30 @@ mod tests {
         let mut shifted = values([5, -3, 7]);
         layout.move_origin(&mut shifted, &[2, -4, 11]);
         assert_eq!(shifted, values([3, 1, -4]));
+    }
+
+    proptest! {
+        #[test]
+        fn sums_move_as_if_each_were_one_integer(
+            bits in 1_u32..400,
+            seeds in prop::collection::vec(any::<i64>(), 20),
+            by in prop::collection::vec(-65_535_i64..=65_535, 3),
+        ) {
+            // Poly3 of three channels: one and 19 features.
+            let layout = MomentLayout::new(Basis::Poly3, 3);
+            let values: Vec<BigInt> = (seeds.iter())
+                .map(|&seed| BigInt::from(seed).pow(7) % (BigInt::from(1) << bits))
+                .collect();
+            let mut expected = values.clone();
+            for ((_, steps), &by) in layout.steps.iter().zip(&by) {
+                for pass in 1..=steps[0].exponent {
+                    for step in steps.iter().filter(|step| step.exponent >= pass) {
+                        let from = &expected[step.from] * by;
+                        expected[step.of] -= from;
+                    }
+                }
+            }
+            prop_assert_eq!(layout.moved_features(&values, &by), expected);
+        }
     }
 }

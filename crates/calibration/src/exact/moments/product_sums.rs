@@ -198,12 +198,8 @@ impl Moments {
     /// The sums of readings, and for each axis those with the wrench, with the origin of each channel
     /// moved to `origin`.
     pub(crate) fn about(&self, origin: &[i64]) -> (Vec<i128>, PerAxis<Vec<BigInt>>) {
-        let wrench = self.wrench.each_ref().map(|axis| {
-            let mut sums = axis.values.clone();
-            self.layout.move_origin_of_features(&mut sums, origin);
-            sums
-        });
-        (self.readings_about(origin), wrench)
+        let moved = |axis: &ScaledIntegers| self.layout.moved_features(&axis.values, origin);
+        (self.readings_about(origin), self.wrench.each_ref().map(moved))
     }
 
     /// The sums of readings with the origin of each channel moved to `origin`.

@@ -21,7 +21,9 @@ use super::held_out::{EquationScales, ExactFit, penalty_of};
 use super::rank::rank_loss;
 use crate::FitError;
 use crate::double_double::DoubleDouble;
-use crate::exact::moments::integers::{integer, power_of_two, round, round_scaled, shifted};
+use crate::exact::moments::integers::{
+    DIGIT_BITS, digit_planes, integer, join, power_of_two, round, round_scaled, shifted,
+};
 use crate::exact::moments::layout::pair;
 use crate::exact::moments::product_sums::Moments;
 use crate::model::{Model, Term};
@@ -237,11 +239,13 @@ impl<'a> IntegerEquations<'a> {
     fn residual(&self, penalties: &[DoubleDouble], coefficients: &[AxisRow]) -> Vec<AxisRow> {
         let size = self.scales.terms.len();
         let (units, integers) = self.integers(coefficients);
+        let planes = integers.each_ref().map(|column| digit_planes(column));
         let mut residual = vec![[DoubleDouble::ZERO; LANES]; size];
         for (a, residual) in residual.iter_mut().enumerate() {
-            for (axis, integers) in integers.iter().enumerate() {
-                let terms = integers.iter().enumerate();
-                let sum: BigInt = terms.map(|(b, integer)| integer * self.gram(a, b)).sum();
+            let gram: Vec<i128> = (0..size).map(|b| self.gram(a, b)).collect();
+            for (axis, planes) in planes.iter().enumerate() {
+                let sum = product(&gram, |sum| i128::from(sum as u64), planes)
+                    + (product(&gram, |sum| sum >> 64, planes) << 64);
                 let (right, exponent) = self.right(a, axis);
                 let lowest = units[axis].min(exponent);
                 let rest = (right << (exponent - lowest)) - (sum << (units[axis] - lowest));
@@ -337,6 +341,13 @@ impl<'a> IntegerEquations<'a> {
         let scales = EquationScales { columns: counted, axes: [0; 6], ..self.scales };
         Ok(ExactFit { solution, coefficients, scales, stretch })
     }
+}
+
+/// The sum of products of long integers, in digits, with halves of 64 bits of others: below 2⁹⁶, they need no carry.
+fn product(values: &[i128], half: impl Fn(i128) -> i128, planes: &[Vec<i128>]) -> BigInt {
+    let of_plane = |plane: &Vec<i128>| values.iter().zip(plane).map(|(&v, d)| half(v) * d).sum();
+    let sums: Vec<i128> = planes.iter().map(of_plane).collect();
+    join(sums.into_iter(), DIGIT_BITS)
 }
 
 /// `WᵀW − CᵀB − CᵀPC`, which are the residuals of `(A + P)·C = B`.

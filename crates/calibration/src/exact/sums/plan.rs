@@ -178,9 +178,8 @@ impl OpenSums {
         for ((scaled, planes), limbs) in moments.wrench.iter_mut().zip(wrench).zip(limbs) {
             let parts = |place: usize| planes.iter().map(move |plane| plane[place]);
             let sum = |place| join(parts(place), limbs.width);
-            let mut sums: Vec<BigInt> = (0..=layout.features.len()).map(sum).collect();
-            layout.move_origin_of_features(&mut sums, &back);
-            *scaled = ScaledIntegers::new(limbs.unit, sums);
+            let sums: Vec<BigInt> = (0..=layout.features.len()).map(sum).collect();
+            *scaled = ScaledIntegers::new(limbs.unit, layout.moved_features(&sums, &back));
         }
         moments
     }
