@@ -41,7 +41,7 @@ fn pick(columns: &Columns, order: &[usize]) -> Columns {
 }
 
 fn solve(moments: &Moments, basis: Basis, intercept: bool) -> Result<ExactFit, FitError> {
-    let channels = (0..).take_while(|&i| moments.range(i).is_some()).count();
+    let channels = moments.channels();
     moments.solve(&Model { basis, intercept, channels, memory: 0 }, 0.0)
 }
 

@@ -16,13 +16,11 @@
 //!
 //! Omitted: pivoting, as a rank loss is an error and not something to be worked around.
 
-mod condition;
 mod factor;
 mod householder;
 
-pub(crate) use self::condition::extreme_singular_values;
 pub use self::factor::RFactor;
-pub(crate) use self::factor::{equilibrated, rank_deficient};
+pub(crate) use self::factor::{equilibrated, extreme_singular_values, rank_deficient};
 pub use self::householder::Workspace;
 
 use faer::Mat;

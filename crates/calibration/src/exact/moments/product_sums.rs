@@ -73,19 +73,15 @@ impl Moments {
     pub fn reading_ranges(&self) -> ReadingRanges {
         let mut ranges = ReadingRanges::new(self.channels.len());
         ranges.rows = self.rows;
-        for (i, range) in ranges.channels.iter_mut().enumerate() {
-            if let Some((min, max)) = self.range(i) {
-                *range = ReadingRange { min, max };
+        for (of, range) in ranges.channels.iter_mut().zip(&self.channels) {
+            let per_count = f64::from(range.unit.per_count());
+            if range.lowest <= range.highest {
+                let (min, max) =
+                    (range.lowest as f64 / per_count, range.highest as f64 / per_count);
+                *of = ReadingRange { min, max };
             }
         }
         ranges
-    }
-
-    /// Smallest and largest reading of each channel; `None` for zero rows.
-    pub fn range(&self, channel: usize) -> Option<(f64, f64)> {
-        let ChannelRange { unit, lowest, highest } = *self.channels.get(channel)?;
-        let per_count = f64::from(unit.per_count());
-        (lowest <= highest).then(|| (lowest as f64 / per_count, highest as f64 / per_count))
     }
 
     /// Adds the rows of `other`, which are other rows of the same channels and basis.
