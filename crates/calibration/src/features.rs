@@ -111,6 +111,48 @@ impl Features {
     pub(super) fn standardise(&self, channel: usize) -> (f64, f64) {
         (self.scaling.centre[channel], self.scaling.scale[channel].recip())
     }
+
+    /// Fills features and what rounding leaves out of them, laid out as by [`Features::fill`].
+    /// Returns whether anything was left out.
+    pub(super) fn fill_wide(
+        &self,
+        readings: &[Vec<f64>],
+        rows: Range<usize>,
+        heads: &mut [f64],
+        tails: &mut [f64],
+        stride: usize,
+    ) -> bool {
+        let n = rows.len();
+        let mut is_rounded = false;
+        for (j, recipe) in self.recipe().iter().enumerate() {
+            let (heads_before, head) = heads.split_at_mut(j * stride);
+            let (tails_before, tail) = tails.split_at_mut(j * stride);
+            let (head, tail) = (&mut head[..n], &mut tail[..n]);
+            match *recipe {
+                Recipe::One => {
+                    head.fill(1.0);
+                    tail.fill(0.0);
+                }
+                Recipe::Reading(channel) => {
+                    let (centre, factor) = self.standardise(channel);
+                    let readings = &readings[channel][rows.clone()];
+                    for ((z, rest), &s) in head.iter_mut().zip(tail.iter_mut()).zip(readings) {
+                        let (difference, lost) = two_sum(s, -centre);
+                        (*z, *rest) = (difference * factor, lost * factor);
+                    }
+                }
+                Recipe::Product(a, b) => {
+                    let of = |j: usize| {
+                        (&heads_before[j * stride..][..n], &tails_before[j * stride..][..n])
+                    };
+                    let (x, y) = (of(a), of(b));
+                    fill_product(x, y, head, tail);
+                }
+            }
+            is_rounded |= tail.iter().any(|&rest| rest != 0.0);
+        }
+        is_rounded
+    }
 }
 
 vectorised! {
@@ -172,50 +214,6 @@ pub(crate) fn recipe(terms: &[Term]) -> Vec<Recipe> {
         [head @ .., last] => Recipe::Product(position(head), position(&[*last])),
     };
     terms.iter().map(recipe_of).collect()
-}
-
-impl Features {
-    /// Fills features and what rounding leaves out of them, laid out as by [`Features::fill`].
-    /// Returns whether anything was left out.
-    pub(super) fn fill_wide(
-        &self,
-        readings: &[Vec<f64>],
-        rows: Range<usize>,
-        heads: &mut [f64],
-        tails: &mut [f64],
-        stride: usize,
-    ) -> bool {
-        let n = rows.len();
-        let mut is_rounded = false;
-        for (j, recipe) in self.recipe().iter().enumerate() {
-            let (heads_before, head) = heads.split_at_mut(j * stride);
-            let (tails_before, tail) = tails.split_at_mut(j * stride);
-            let (head, tail) = (&mut head[..n], &mut tail[..n]);
-            match *recipe {
-                Recipe::One => {
-                    head.fill(1.0);
-                    tail.fill(0.0);
-                }
-                Recipe::Reading(channel) => {
-                    let (centre, factor) = self.standardise(channel);
-                    let readings = &readings[channel][rows.clone()];
-                    for ((z, rest), &s) in head.iter_mut().zip(tail.iter_mut()).zip(readings) {
-                        let (difference, lost) = two_sum(s, -centre);
-                        (*z, *rest) = (difference * factor, lost * factor);
-                    }
-                }
-                Recipe::Product(a, b) => {
-                    let of = |j: usize| {
-                        (&heads_before[j * stride..][..n], &tails_before[j * stride..][..n])
-                    };
-                    let (x, y) = (of(a), of(b));
-                    fill_product(x, y, head, tail);
-                }
-            }
-            is_rounded |= tail.iter().any(|&rest| rest != 0.0);
-        }
-        is_rounded
-    }
 }
 
 vectorised! {

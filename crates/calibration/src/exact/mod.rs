@@ -12,13 +12,25 @@
 //! wrenches whose magnitudes on one axis span more than 250 binary places. [`ExactError`] says so,
 //! and another solver has to do.
 
-mod moments;
-mod solve;
-mod sums;
+mod accumulator;
+mod block_sums;
+mod double_double_matrix;
+mod equations;
+mod held_out;
+mod integers;
+mod layout;
+mod limbs;
+mod plan;
+mod product_sums;
+mod rank;
+mod readings;
+mod stored;
 
-pub use self::moments::{ChannelRange, Moments, ReadingUnit, StoredIntegers, StoredMoments};
-pub use self::solve::{ExactFit, HeldOutErrors, PartMoments, PartitionedMoments};
-pub use self::sums::{Accumulator, Adder};
+pub use self::accumulator::{Accumulator, Adder};
+pub use self::held_out::{ExactFit, HeldOutErrors, PartMoments, PartitionedMoments};
+pub use self::product_sums::Moments;
+pub use self::readings::{ChannelRange, ReadingUnit};
+pub use self::stored::{StoredIntegers, StoredMoments};
 
 use shell_data::wrench::Axis;
 

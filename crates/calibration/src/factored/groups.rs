@@ -197,9 +197,7 @@ impl FactoredGroups {
         others.push(before);
         Some(others)
     }
-}
 
-impl FactoredGroups {
     /// The scatter of the coefficients of a solution over these groups, or all but one of them, which are
     /// all rows that it was fitted to, on so many threads. The bias that a ridge brings, or a truncation, is left out.
     ///
@@ -224,24 +222,21 @@ impl FactoredGroups {
             let parts = Arc::new((&change * factor, &change * &solution.coefficients));
             items.extend(groups.iter().map(|rows| (*rows, Arc::clone(&parts))));
         }
-        let start = || sums.has_all_directions().then(|| SymmetricMatrix::zeros(factor.nrows()));
+        let all_directions = sums.has_all_directions();
+        let start = || all_directions.then(|| SymmetricMatrix::zeros(factor.nrows()));
         let work = |shares: &mut Option<_>, (rows, parts): &(&FactoredRows, Arc<_>)| {
             let (factors, coefficients): &(Mat<f64>, Mat<f64>) = parts;
             let (r, z) = rows.r_factor.significant_rows();
             let (columns, misfit) = (&r * factors, z - &r * coefficients);
-            let score = corrected_rows((columns.as_ref(), misfit.as_ref()), shares.as_mut());
+            let score = corrected_rows((columns.as_ref(), misfit.as_ref()), shares.as_mut())?;
             Ok((score, rows.errors_of(coefficients.as_ref())))
         };
-        let mut all = Vec::with_capacity(items.len());
-        let add = |of_group| {
-            all.push(of_group);
+        let mut labels = labels.into_iter();
+        let add = |(score, errors)| {
+            sums.add(labels.next().expect("a label for each group"), score, &errors);
             Ok(())
         };
-        let shares = on_threads(&items, |_| 0, Workers::new(threads), start, work, add);
-        let shares = shares.expect("nobody watches, and what fails is kept");
-        for (label, (score, errors)) in labels.into_iter().zip(all) {
-            sums.add(label, score?, &errors);
-        }
+        let shares = on_threads(&items, |_| 0, Workers::new(threads), start, work, add)?;
         shares.iter().flatten().for_each(|of| sums.take_off(of));
         sums.finish(&UpperTriangle::new(factor))
     }

@@ -64,9 +64,7 @@ impl RFactor {
         let r = Mat::from_fn(rows.len(), p, |i, j| self.r[(rows[i], j)]);
         (r, Mat::from_fn(rows.len(), q, |i, j| self.r[(rows[i], p + j)]))
     }
-}
 
-impl RFactor {
     /// That of the rows of matrices no taller than wide.
     pub(crate) fn from_rows(x: &Mat<f64>, y: &Mat<f64>) -> Self {
         let mut r_factor = Self::new(x.ncols(), y.ncols());

@@ -187,7 +187,6 @@ vectorised! {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::exact::moments::readings::count;
 
     fn unit(column: &[f64]) -> (u32, u32) {
         let unit = scan_column(column, ReadingUnit::COUNT).unwrap().unit;

@@ -11,8 +11,8 @@ use faer::linalg::triangular_solve::{
 };
 use faer::{Mat, Par, Side};
 
+use super::integers::{power_of_two, round};
 use crate::double_double::DoubleDouble;
-use crate::exact::moments::integers::{power_of_two, round};
 use crate::symmetric::SymmetricMatrix;
 use shell_data::vectorised;
 

@@ -7,8 +7,8 @@
 use num_bigint::BigInt;
 use num_traits::Zero;
 
+use super::Moments;
 use super::held_out::EquationScales;
-use crate::exact::moments::product_sums::Moments;
 use crate::model::Term;
 use crate::rank_loss::{RankLoss, Relation};
 

@@ -14,8 +14,8 @@
 use num_traits::Float;
 
 use super::block_sums::ROWS;
-use crate::exact::moments::integers::power_of_two;
-use crate::exact::moments::layout::MomentLayout;
+use super::integers::power_of_two;
+use super::layout::MomentLayout;
 
 /// Bits of an exact sum, less those that a block of rows takes.
 const BITS: u32 = f64::MANTISSA_DIGITS - ROWS.ilog2();

@@ -7,9 +7,7 @@ use num_bigint::{BigInt, Sign};
 
 use super::integers::ScaledIntegers;
 use super::layout::pair;
-use super::product_sums::Moments;
-use super::readings::ChannelRange;
-use crate::exact::MAX_ROWS;
+use super::{ChannelRange, MAX_ROWS, Moments};
 use crate::model::{Basis, Model};
 use shell_data::wrench::{Axes, Axis};
 
@@ -141,12 +139,7 @@ impl Moments {
         moments.check_possible()?;
         Ok(moments)
     }
-}
 
-/// Room for the rounding of bounds.
-const SLACK: f64 = 1.0 + 1e-6;
-
-impl Moments {
     /// Whether these can be the sums of some of the rows of `whole`. Where they cannot, taking them away
     /// from it would leave sums of no rows.
     pub fn can_be_part_of(&self, whole: &Moments) -> bool {
@@ -213,3 +206,6 @@ impl Moments {
         bounds
     }
 }
+
+/// Room for the rounding of bounds.
+const SLACK: f64 = 1.0 + 1e-6;

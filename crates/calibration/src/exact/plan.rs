@@ -6,10 +6,10 @@ use std::sync::Arc;
 
 use num_bigint::BigInt;
 
+use super::Moments;
+use super::integers::{ScaledIntegers, join};
+use super::layout::{MomentLayout, pair};
 use super::limbs::{FeatureLimbs, Limbs, SQUARE_WIDTH};
-use crate::exact::moments::integers::{ScaledIntegers, join};
-use crate::exact::moments::layout::{MomentLayout, pair};
-use crate::exact::moments::product_sums::Moments;
 use crate::model::Basis;
 
 /// A plan of centre and limbs, with what follows from it for the work on a block of rows.

@@ -7,8 +7,7 @@ use num_bigint::BigInt;
 
 use super::integers::ScaledIntegers;
 use super::layout::MomentLayout;
-use super::readings::{ChannelRange, ReadingUnit};
-use crate::exact::{ExactError, MAX_ROWS};
+use super::{ChannelRange, ExactError, MAX_ROWS, ReadingUnit};
 use crate::model::Basis;
 use crate::reading_ranges::{ReadingRange, ReadingRanges};
 use shell_data::wrench::PerAxis;

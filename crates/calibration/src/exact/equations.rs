@@ -17,15 +17,15 @@ use num_bigint::BigInt;
 use num_traits::Zero;
 
 use super::double_double_matrix::{AxisRow, Bordered, LANES, factor, solve_lower, solve_upper};
-use super::held_out::{EquationScales, ExactFit, penalty_of};
-use super::rank::rank_loss;
-use crate::FitError;
-use crate::double_double::DoubleDouble;
-use crate::exact::moments::integers::{
+use super::held_out::{EquationScales, penalty_of};
+use super::integers::{
     DIGIT_BITS, digit_planes, integer, join, power_of_two, round, round_scaled, shifted,
 };
-use crate::exact::moments::layout::pair;
-use crate::exact::moments::product_sums::Moments;
+use super::layout::pair;
+use super::rank::rank_loss;
+use super::{ExactFit, Moments};
+use crate::FitError;
+use crate::double_double::DoubleDouble;
 use crate::model::{Model, Term};
 use crate::r_factor::extreme_singular_values;
 use crate::scaling::Scaling;

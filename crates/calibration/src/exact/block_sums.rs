@@ -1,15 +1,15 @@
 //! Sums over one block of rows: from readings and wrench to the sums of all products.
 //!
-//! Sums of products of columns are the part that takes the time. Columns hold [`ROWS`] numbers each, one after another. Every sum is that of small integers and
-//! exact as long as no partial sum exceeds 2⁵³, whatever the order in which lanes and rows are
-//! added; callers choose their integers so (see `limbs`).
+//! Sums of products of columns are the part that takes the time. Columns hold [`ROWS`] numbers each, one after
+//! another. Every sum is that of small integers and exact as long as no partial sum exceeds 2⁵³, whatever the order in
+//! which lanes and rows are added; callers choose their integers so (see `limbs`).
 
 use pulp::Simd;
 
+use super::integers::power_of_two;
+use super::layout::MomentLayout;
 use super::limbs::Limbs;
 use super::plan::{LimbColumn, OpenSums, SummationPlan};
-use crate::exact::moments::integers::power_of_two;
-use crate::exact::moments::layout::MomentLayout;
 use crate::features::fill_columns;
 use shell_data::vectorised;
 

@@ -12,12 +12,11 @@
 use std::sync::Arc;
 
 use super::block_sums::{ROWS, Scratch, sum_block};
+use super::layout::MomentLayout;
 use super::limbs::{BinaryPlaces, FeatureLimbs, Limbs, SQUARE_WIDTH};
 use super::plan::{MOST_BLOCKS, OpenSums, SummationPlan};
-use crate::exact::ExactError;
-use crate::exact::moments::layout::MomentLayout;
-use crate::exact::moments::product_sums::Moments;
-use crate::exact::moments::readings::{ChannelRange, ReadingUnit, count, scan_column};
+use super::readings::{count, scan_column};
+use super::{ChannelRange, ExactError, Moments, ReadingUnit};
 use crate::model::Basis;
 use shell_data::wrench::Axis;
 
