@@ -17,8 +17,9 @@
 //! [`PartMoments`] are the sums over some of the rows in the units of all, which fits without a part, and
 //! the spread of coefficients from part to part, are computed from.
 //!
-//! So is the [scatter](crate::sandwich) of coefficients over groups of rows. `K_g` and `u_g` of a group come from its sums `A_g` and `s_g = B_g − A_g·C`. In `f64` but for the scores,
-//! which cancel: errors of about κ(X)²·2⁻⁵³ in a variance.
+//! So is the [scatter](crate::sandwich) of coefficients over groups of rows: `K_g` and `u_g` of a group come from its
+//! sums `A_g` and `s_g = B_g − A_g·C`. In `f64` but for the scores, which cancel: errors of about κ(X)²·2⁻⁵³ in a
+//! variance.
 //!
 //! What the fit says of other groups: with `T·Tᵀ` the covariance of the coefficients of an axis, the mean over the rows
 //! of a group of the variance that they bring is `tr(TᵀA_gT)/n`.

@@ -1,8 +1,8 @@
 //! Which features depend on others, decided in exact integers.
 //!
-//! By symmetric elimination modulo the prime 2⁶¹ − 1. A minor that is not zero modulo a prime is not zero, so that pivots found here prove rank. What
-//! is zero modulo the prime is zero with a probability of error near 2⁻⁶¹ per pivot; the relations
-//! that follow are checked in exact integers.
+//! By symmetric elimination modulo the prime 2⁶¹ − 1. A minor that is not zero modulo a prime is not
+//! zero, so that pivots found here prove rank. What is zero modulo the prime is zero with a probability
+//! of error near 2⁻⁶¹ per pivot; the relations that follow are checked in exact integers.
 
 use num_bigint::BigInt;
 use num_traits::Zero;
