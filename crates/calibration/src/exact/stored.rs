@@ -1,7 +1,8 @@
 //! Moments in the open, for programs that write them to files.
 //!
 //! Sums that are read from a file are checked: whether they can be those of some rows. A single changed
-//! digit of a sum makes a fit wrong, or its equations none. Not every change can be found so, but none that arithmetic further on takes for granted goes through.
+//! digit of a sum makes a fit wrong, or its equations none. Not every change can be found so, but none that
+//! arithmetic further on takes for granted goes through.
 
 use num_bigint::{BigInt, Sign};
 
