@@ -401,7 +401,7 @@ impl ExactFit {
 
 #[cfg(test)]
 mod tests {
-    use super::Accumulator;
+    use crate::exact::Accumulator;
     use super::*;
     use crate::model::{Basis, Model};
     use faer::{Mat, Side};
