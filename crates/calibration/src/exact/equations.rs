@@ -141,6 +141,8 @@ pub(crate) struct IntegerEquations<'a> {
 impl<'a> IntegerEquations<'a> {
     pub(crate) fn new(moments: &'a Moments, model: &Model, scales: EquationScales) -> Self {
         let (readings, wrench) = moments.about(&scales.centre);
+        let sums = 0..=moments.layout.features.len();
+        let wrench = wrench.map(|axis| sums.clone().map(|position| axis.value(position)).collect());
         Self { moments, model: *model, scales, readings, wrench }
     }
 

@@ -257,7 +257,7 @@ impl EquationScales {
         let upper = (0..size).flat_map(|a| &self.positions[a * size + a..(a + 1) * size]);
         let sum = |axis: usize, position: usize, column: i32| {
             let exponent = moments.wrench[axis].exponent - column - self.axes[axis];
-            round_scaled(&wrench[axis][position], exponent)
+            wrench[axis].rounded(position, exponent)
         };
         PartMoments {
             rows: moments.rows(),
@@ -401,8 +401,8 @@ impl ExactFit {
 
 #[cfg(test)]
 mod tests {
-    use crate::exact::Accumulator;
     use super::*;
+    use crate::exact::Accumulator;
     use crate::model::{Basis, Model};
     use faer::{Mat, Side};
 

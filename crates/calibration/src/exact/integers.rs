@@ -80,13 +80,40 @@ pub(crate) fn digit_planes(values: &[BigInt]) -> Vec<Vec<i128>> {
     planes
 }
 
+/// Numbers in digits that are joined where a number is asked for.
+pub(crate) struct DigitPlanes(pub(crate) Vec<Vec<i128>>);
+
+impl DigitPlanes {
+    fn digits(&self, position: usize) -> impl DoubleEndedIterator<Item = i128> + Clone {
+        self.0.iter().map(move |plane| plane[position])
+    }
+
+    /// The number at a position.
+    pub(crate) fn value(&self, position: usize) -> BigInt {
+        join(self.digits(position), DIGIT_BITS)
+    }
+
+    /// The same times `2^exponent`, rounded.
+    pub(crate) fn rounded(&self, position: usize, exponent: i32) -> DoubleDouble {
+        match narrow(self.digits(position), DIGIT_BITS) {
+            Some(value) if value.unsigned_abs() >> EXACT_BITS == 0 => {
+                shifted(round(value), exponent)
+            }
+            _ => round_scaled(&self.value(position), exponent),
+        }
+    }
+}
+
+/// What [`join`] gives, if 128 bits hold it.
+fn narrow(parts: impl DoubleEndedIterator<Item = i128>, width: u32) -> Option<i128> {
+    parts
+        .rev()
+        .try_fold(0i128, |sum, part| sum.checked_mul(1i128.checked_shl(width)?)?.checked_add(part))
+}
+
 /// `Σ parts_i·2^(width·i)`.
 pub(crate) fn join(parts: impl DoubleEndedIterator<Item = i128> + Clone, width: u32) -> BigInt {
-    let narrow = parts
-        .clone()
-        .rev()
-        .try_fold(0i128, |sum, part| sum.checked_mul(1i128.checked_shl(width)?)?.checked_add(part));
-    narrow.map_or_else(
+    narrow(parts.clone(), width).map_or_else(
         || parts.rev().fold(BigInt::zero(), |sum, part| (sum << width) + part),
         BigInt::from,
     )

@@ -18,7 +18,7 @@ use std::ops::Range;
 
 use num_bigint::BigInt;
 
-use super::integers::{DIGIT_BITS, digit_planes, join};
+use super::integers::{DigitPlanes, digit_planes};
 use crate::features::{Recipe, recipe};
 use crate::model::{Basis, Model, Term};
 
@@ -157,15 +157,14 @@ impl MomentLayout {
     ///
     /// Digits are moved each alone: that multiplies them by less than `(1 + 2¹⁶)³`, so that they need no carry on the
     /// way.
-    pub(crate) fn moved_features(&self, sums: &[BigInt], by: &[i64]) -> Vec<BigInt> {
+    pub(crate) fn moved_features(&self, sums: &[BigInt], by: &[i64]) -> DigitPlanes {
         let mut planes = digit_planes(sums);
         for plane in &mut planes {
             for ((_, steps), &by) in self.steps.iter().zip(by) {
                 shift(plane, steps, by);
             }
         }
-        let digits = |position: usize| planes.iter().map(move |plane| plane[position]);
-        (0..sums.len()).map(|position| join(digits(position), DIGIT_BITS)).collect()
+        DigitPlanes(planes)
     }
 }
 
@@ -327,7 +326,9 @@ mod tests {
                     }
                 }
             }
-            prop_assert_eq!(layout.moved_features(&values, &by), expected);
+            let moved = layout.moved_features(&values, &by);
+            let moved: Vec<BigInt> = (0..values.len()).map(|position| moved.value(position)).collect();
+            prop_assert_eq!(moved, expected);
         }
     }
 }

@@ -179,7 +179,9 @@ impl OpenSums {
             let parts = |place: usize| planes.iter().map(move |plane| plane[place]);
             let sum = |place| join(parts(place), limbs.width);
             let sums: Vec<BigInt> = (0..=layout.features.len()).map(sum).collect();
-            *scaled = ScaledIntegers::new(limbs.unit, layout.moved_features(&sums, &back));
+            let moved = layout.moved_features(&sums, &back);
+            let moved = (0..sums.len()).map(|position| moved.value(position)).collect();
+            *scaled = ScaledIntegers::new(limbs.unit, moved);
         }
         moments
     }

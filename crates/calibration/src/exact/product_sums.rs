@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use num_bigint::BigInt;
 
-use super::integers::ScaledIntegers;
+use super::integers::{DigitPlanes, ScaledIntegers};
 use super::layout::MomentLayout;
 use super::{ChannelRange, ExactError, MAX_ROWS, ReadingUnit};
 use crate::model::Basis;
@@ -192,7 +192,7 @@ impl Moments {
 
     /// The sums of readings, and for each axis those with the wrench, with the origin of each channel
     /// moved to `origin`.
-    pub(crate) fn about(&self, origin: &[i64]) -> (Vec<i128>, PerAxis<Vec<BigInt>>) {
+    pub(crate) fn about(&self, origin: &[i64]) -> (Vec<i128>, PerAxis<DigitPlanes>) {
         let moved = |axis: &ScaledIntegers| self.layout.moved_features(&axis.values, origin);
         (self.readings_about(origin), self.wrench.each_ref().map(moved))
     }
