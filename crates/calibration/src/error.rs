@@ -53,7 +53,7 @@ pub enum FitError {
     #[error("memory terms and a lag are of single rows, not of means")]
     DynamicsOfMeans,
     /// A model of other features than were kept.
-    #[error("the R factors are for `{kept}` features, not for `{asked}`")]
+    #[error("the sums are for `{kept}` features, not for `{asked}`")]
     OtherFeatures {
         /// The largest model that can be fitted.
         kept: String,

@@ -35,12 +35,10 @@
 #![warn(missing_docs)]
 
 mod conversion;
-mod decimal_step;
 pub mod double_double;
 pub mod dynamics;
 mod error;
 pub mod exact;
-mod factor;
 pub mod factored;
 pub mod features;
 pub mod fit;
@@ -64,12 +62,12 @@ pub mod reading_ranges;
 pub mod recalibration;
 pub mod sandwich;
 pub mod scaling;
+mod solution;
 pub mod solver;
 mod symmetric;
 pub mod uncertainty;
 pub mod validation;
 mod vectors;
-mod wide_features;
 
 pub use self::conversion::{Calibration, Kind};
 pub use self::error::FitError;

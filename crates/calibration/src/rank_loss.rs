@@ -9,7 +9,6 @@ use faer::perm::swap_cols_idx;
 use faer::prelude::*;
 use faer::{Col, ColRef, Mat, MatRef};
 
-use super::exact::Relation;
 use super::features::{Features, Recipe};
 use super::model::Term;
 use super::reading_ranges::ReadingRanges;
@@ -39,6 +38,18 @@ pub enum Dependence {
     Combination(Vec<(Term, f64)>),
     /// A feature that is a combination of others, found in integers.
     Relation(Relation),
+}
+
+/// A feature that is a combination of others in every row.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Relation {
+    /// The feature.
+    pub feature: Term,
+    /// What it is the sum of: features and their shares, in counts, simplest features first. Empty
+    /// and not [`Self::exact`] if the shares are no fractions of moderate size.
+    pub shares: Vec<(Term, f64)>,
+    /// Whether the relation was found and checked in exact integers.
+    pub exact: bool,
 }
 
 /// How many features are independent, and what makes the others depend on them.
@@ -81,6 +92,20 @@ impl RankLoss {
                 .extend(directions.col_iter().map(|v| Dependence::Combination(shares(&terms, v))));
         }
         Self { rank: features.len() - null_space.ncols(), features: features.len(), dependences }
+    }
+
+    /// The same from relations that were found in integers: those of constant channels need not be said.
+    pub(crate) fn from_relations(
+        rank: usize,
+        features: usize,
+        relations: impl Iterator<Item = Relation>,
+        ranges: &ReadingRanges,
+    ) -> Self {
+        let (constant, mut dependences) = Dependence::constants(ranges);
+        let moves = |channel: &u8| !constant.contains(&usize::from(*channel));
+        let others = relations.filter(|of| of.feature.factors().iter().all(moves));
+        dependences.extend(others.map(Dependence::from));
+        Self { rank, features, dependences }
     }
 }
 
@@ -162,7 +187,7 @@ fn shares(terms: &[Term], direction: ColRef<'_, f64>) -> Vec<(Term, f64)> {
 
 impl Dependence {
     /// The channels that are constant, and that they are.
-    pub(crate) fn constants(ranges: &ReadingRanges) -> (Vec<usize>, Vec<Self>) {
+    fn constants(ranges: &ReadingRanges) -> (Vec<usize>, Vec<Self>) {
         let constant = ranges.constant_channels();
         let of = |&channel: &usize| Dependence::Constant {
             channel,
@@ -170,6 +195,87 @@ impl Dependence {
         };
         let dependences = constant.iter().map(of).collect();
         (constant, dependences)
+    }
+}
+
+impl Relation {
+    /// The share of `term`, zero if it has none.
+    pub fn share(&self, term: Term) -> f64 {
+        self.shares.iter().find(|(t, _)| *t == term).map_or(0.0, |&(_, share)| share)
+    }
+
+    /// If the relation says that `s_j − s_i`, or `s_j` itself, has only two values: these.
+    fn two_values(&self) -> Option<(Vec<u8>, f64, f64)> {
+        let &[i, j] = self.feature.factors() else { return None };
+        if i != j {
+            return None;
+        }
+        let constant = self.share(Term::INTERCEPT);
+        let slope = self.share(Term::product(&[j]));
+        // d² = (a + b)·d − a·b for d = s_j or d = s_j − s_i.
+        let roots = |sum: f64, product: f64| {
+            let root = (sum * sum / 4.0 - product).sqrt();
+            let (low, high) = (sum / 2.0 - root, sum / 2.0 + root);
+            (low + high == sum && low * high == product).then_some((low, high))
+        };
+        let others: Vec<_> = self
+            .shares
+            .iter()
+            .filter(|(t, _)| *t != Term::INTERCEPT && *t != Term::product(&[j]))
+            .collect();
+        let (low, high) = roots(slope, -constant)?;
+        if others.is_empty() {
+            return Some((vec![j], low, high));
+        }
+        let i = others.iter().find_map(|(t, _)| match t.factors() {
+            &[a, b] if a == b => Some(a),
+            _ => None,
+        })?;
+        let expected = [
+            (Term::product(&[i]), -slope),
+            (Term::product(&[i, i]), -1.0),
+            (Term::product(&[i, j]), 2.0),
+        ];
+        let matches = expected.iter().all(|&(term, share)| self.share(term) == share);
+        let count = expected.iter().filter(|(_, share)| *share != 0.0).count();
+        (matches && others.len() == count).then(|| (vec![j, i], low, high))
+    }
+}
+
+impl fmt::Display for Relation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        /// Longer sums are cut short.
+        const SHOWN: usize = 8;
+        let name = self.feature.name();
+        if !self.exact {
+            return write!(f, "`{name}` is a combination of simpler features");
+        }
+        if let Some((channels, low, high)) = self.two_values() {
+            let names: Vec<String> = channels.iter().map(|c| format!("s{}", c + 1)).collect();
+            return write!(f, "`{}` takes only the values {low} and {high}", names.join(" - "));
+        }
+        write!(f, "`{name}` = ")?;
+        if self.shares.is_empty() {
+            return write!(f, "0");
+        }
+        for (i, &(term, share)) in self.shares.iter().take(SHOWN).enumerate() {
+            let sign = match (i, share < 0.0) {
+                (0, false) => "",
+                (0, true) => "-",
+                (_, false) => " + ",
+                (_, true) => " - ",
+            };
+            let (size, name) = (share.abs(), term.name());
+            match (term == Term::INTERCEPT, size == 1.0) {
+                (true, _) => write!(f, "{sign}{size}")?,
+                (false, true) => write!(f, "{sign}{name}")?,
+                (false, false) => write!(f, "{sign}{size}*{name}")?,
+            }
+        }
+        if self.shares.len() > SHOWN {
+            write!(f, " + ...")?;
+        }
+        Ok(())
     }
 }
 

@@ -23,8 +23,11 @@
 
 use faer::{Accum, Mat, MatRef};
 
-use crate::exact::{HeldOutErrors, SolveError};
+use crate::FitError;
+use crate::exact::HeldOutErrors;
+use crate::solution::Solution;
 use crate::symmetric::{SymmetricMatrix, UpperTriangle, add_multiple, product};
+use crate::validation::ValidationError;
 use crate::vectors::lower_product;
 use shell_data::wrench::PerAxis;
 
@@ -55,21 +58,6 @@ impl GroupScatter {
     }
 }
 
-/// Why groups say nothing about the scatter of the coefficients.
-#[derive(Clone, Debug, PartialEq)]
-pub enum ScatterError {
-    /// The groups, by their positions, without which the rows do not determine the coefficients.
-    Alone(Vec<usize>),
-    /// There are no coefficients, or the features are too nearly dependent for this.
-    Solve(SolveError),
-}
-
-impl From<SolveError> for ScatterError {
-    fn from(error: SolveError) -> Self {
-        Self::Solve(error)
-    }
-}
-
 /// The scatter of a fit while its groups are being added.
 #[derive(Debug)]
 pub(crate) struct ScatterSums {
@@ -79,29 +67,34 @@ pub(crate) struct ScatterSums {
     products: PerAxis<PerAxis<f64>>,
     /// The identity less all `K_g`, where these must add up to it.
     defect: Option<SymmetricMatrix>,
-    alone: Vec<usize>,
+    /// The labels of the groups that alone determine a direction.
+    alone: Vec<String>,
     common: PerAxis<f64>,
     squares: PerAxis<f64>,
 }
 
 impl ScatterSums {
-    /// Of so many features, before any group; `products` are those of the residuals of all rows.
-    /// `all_directions` says that the fit has no ridge and has left out no direction, so that the `K_g` must add up to
-    /// the identity.
-    pub(crate) fn new(
-        features: usize,
-        products: PerAxis<PerAxis<f64>>,
-        all_directions: bool,
-    ) -> Self {
+    /// Of a solution, before any group.
+    pub(crate) fn new(solution: &Solution) -> Self {
+        let (features, products) = (solution.factor.nrows(), &solution.residual_products);
+        // Without a ridge, and if no direction was left out, the `K_g` must add up to the identity.
+        let all_directions = solution.ridge == 0.0 && solution.rank == features;
         Self {
             groups: 0,
             scores: PerAxis::default(),
-            products,
+            products: std::array::from_fn(|a| {
+                std::array::from_fn(|b| products[(a.min(b), a.max(b))])
+            }),
             defect: all_directions.then(|| SymmetricMatrix::identity(features)),
             alone: Vec::new(),
             common: PerAxis::default(),
             squares: PerAxis::default(),
         }
+    }
+
+    /// Whether the `K_g` must add up to the identity.
+    pub(crate) fn has_all_directions(&self) -> bool {
+        self.defect.is_some()
     }
 
     /// Takes the `K_g` of groups off what must be left of the identity.
@@ -112,16 +105,16 @@ impl ScatterSums {
         }
     }
 
-    /// Adds the next group by its `v_g`: `None` if it alone determines a direction.
+    /// Adds a group by its `v_g`: `None` if it alone determines a direction.
     pub(crate) fn add(
         &mut self,
+        label: &str,
         score: Option<PerAxis<Vec<f64>>>,
         errors: &PerAxis<HeldOutErrors>,
     ) {
-        let position = self.groups;
         self.groups += 1;
         let Some(score) = score else {
-            self.alone.push(position);
+            self.alone.push(label.to_owned());
             return;
         };
         for (axis, of) in errors.iter().enumerate() {
@@ -137,16 +130,19 @@ impl ScatterSums {
     }
 
     /// The scatter, after all groups. `F` is in the units that the covariance is wanted in.
-    pub(crate) fn finish(self, factor: &UpperTriangle) -> Result<GroupScatter, ScatterError> {
+    ///
+    /// # Errors
+    /// [`ValidationError`] if some group alone determines a coefficient, or the features are too nearly dependent.
+    pub(crate) fn finish(self, factor: &UpperTriangle) -> Result<GroupScatter, ValidationError> {
         let features = factor.size();
         if let Some(defect) = &self.defect {
             let mut all = (0..features).flat_map(|i| defect.row(i));
             if !all.all(|x| x.abs() <= LARGEST_DEFECT) {
-                return Err(SolveError::NearlyDependent.into());
+                return Err(FitError::NearlyDependent.into());
             }
         }
         if !self.alone.is_empty() {
-            return Err(ScatterError::Alone(self.alone));
+            return Err(ValidationError::Alone { groups: self.alone });
         }
         let shared = std::array::from_fn(|axis| match self.squares[axis] > 0.0 {
             true => (self.common[axis] / self.squares[axis]).min(1.0),
@@ -167,12 +163,12 @@ impl ScatterSums {
 /// `v_g` of `K_g`, features × features, and `u_g`; `None` if the group alone determines a direction.
 ///
 /// # Errors
-/// [`SolveError::NearlyDependent`].
+/// [`FitError::NearlyDependent`].
 pub(crate) fn corrected(
     share: SymmetricMatrix,
     score: PerAxis<Vec<f64>>,
-) -> Result<Option<PerAxis<Vec<f64>>>, SolveError> {
-    let eigen = share.eigen().ok_or(SolveError::NearlyDependent)?;
+) -> Result<Option<PerAxis<Vec<f64>>>, FitError> {
+    let eigen = share.eigen().ok_or(FitError::NearlyDependent)?;
     let rest: Vec<f64> = eigen.values.iter().map(|value| 1.0 - value.max(0.0)).collect();
     if rest.iter().any(|&rest| rest < ALONE) {
         return Ok(None);
@@ -189,11 +185,11 @@ pub(crate) fn corrected(
 /// `(I − K_g)^(−½)·u_g = Mᵀ·(I − M·Mᵀ)^(−½)·e`. `K_g` is added to `shares`, if there are any.
 ///
 /// # Errors
-/// [`SolveError::NearlyDependent`].
+/// [`FitError::NearlyDependent`].
 pub(crate) fn corrected_rows(
     (rows, misfit): (MatRef<'_, f64>, MatRef<'_, f64>),
     shares: Option<&mut SymmetricMatrix>,
-) -> Result<Option<PerAxis<Vec<f64>>>, SolveError> {
+) -> Result<Option<PerAxis<Vec<f64>>>, FitError> {
     let columns = |of: MatRef<'_, f64>| -> PerAxis<Vec<f64>> {
         std::array::from_fn(|axis| of.col(axis).iter().copied().collect())
     };

@@ -4,6 +4,7 @@ use std::cell::Cell;
 
 use calibration::exact::{Accumulator, ExactFit, Moments};
 use calibration::model::{Basis, Model};
+use calibration::scaling::Scaling;
 use proptest::prelude::*;
 use proptest::test_runner::TestRunner;
 
@@ -20,11 +21,11 @@ fn moments(rows: &Rows, basis: Basis) -> Moments {
 
 /// The worst relative error of a coefficient.
 fn worst(rows: &Rows, model: &Model, fit: &ExactFit) -> f64 {
-    let exact = solve(rows, model, &fit.centre, &fit.scale);
+    let exact = solve(rows, model, &fit.solution.scaling.centre, &fit.solution.scaling.scale);
     let computed: Vec<[f64; 6]> =
         fit.coefficients.iter().map(|row| row.map(|c| c.to_f64())).collect();
     let worst = relative_errors(&computed, &exact).into_iter().flatten().fold(0.0, f64::max);
-    println!("{}: condition {:.1e}, worst error {worst:.2e}", model.name(), fit.condition);
+    println!("{}: condition {:.1e}, worst error {worst:.2e}", model.name(), fit.solution.condition);
     worst
 }
 
@@ -78,7 +79,8 @@ fn readings_in_sixteenths_of_a_count_are_as_exact_as_whole_ones() {
             let mut fit = moments(&rows, basis).solve(&model, 0.0).unwrap();
             // The rational solution works in integers: sixteen times readings, centre and scale are
             // the same features.
-            fit.centre.iter_mut().chain(&mut fit.scale).for_each(|s| *s *= 16.0);
+            let Scaling { centre, scale } = &mut fit.solution.scaling;
+            centre.iter_mut().chain(scale).for_each(|s| *s *= 16.0);
             assert!(worst(&whole, &model, &fit) <= NEAREST);
         }
     }
@@ -102,16 +104,19 @@ fn nearly_equal_channels_are_no_obstacle() {
 fn residuals_and_variance_agree_with_exact_arithmetic() {
     let rows = Rows::synthetic(9, 400, 3, 10, 0.7);
     let model = Model { basis: Basis::Quadratic, intercept: true, channels: 3, memory: 0 };
-    let fit = moments(&rows, Basis::Quadratic).solve(&model, 0.0).unwrap();
-    let (residuals, total) = solve(&rows, &model, &fit.centre, &fit.scale).residuals();
+    let moments = moments(&rows, Basis::Quadratic);
+    let fit = moments.solve(&model, 0.0).unwrap().solution;
+    let Scaling { centre, scale } = &fit.scaling;
+    let (residuals, total) = solve(&rows, &model, centre, scale).residuals();
     for a in 0..6 {
         for b in 0..6 {
             // Sums that cancel by eight digits at most, in arithmetic of thirty.
             let tolerance = 1e-15 * (residuals[a][a] * residuals[b][b]).sqrt();
-            assert!((fit.residual_products[a][b] - residuals[a][b]).abs() <= tolerance);
+            assert!((fit.residual_products[(a, b)] - residuals[a][b]).abs() <= tolerance);
         }
-        assert!((fit.total_squares[a] / total[a] - 1.0).abs() <= 3e-16);
-        let r_squared = 1.0 - fit.residual_products[a][a] / fit.total_squares[a];
+        let total_square = moments.total_square(a);
+        assert!((total_square / total[a] - 1.0).abs() <= 3e-16);
+        let r_squared = 1.0 - fit.residual_products[(a, a)] / total_square;
         assert!((r_squared - (1.0 - residuals[a][a] / total[a])).abs() <= 3e-16);
     }
 }

@@ -1,14 +1,11 @@
 //! What the exact sums promise: the same bits in any order, certain rank, honest refusal.
 
-use calibration::exact::{
-    Accumulator, ExactError, ExactFit, ExactRankLoss, MAX_ROWS, Moments, SolveError, StoredMoments,
-};
+use calibration::FitError;
+use calibration::exact::{Accumulator, ExactError, ExactFit, MAX_ROWS, Moments, StoredMoments};
 use calibration::model::{Basis, Model};
-use calibration::reading_ranges::ReadingRanges;
+use calibration::rank_loss::RankLoss;
 use calibration::scaling::Scaling;
-use calibration::solver::{
-    self, FitProblem, Rows, Solution, SolverKind, Workers, exact_moments, solve_moments,
-};
+use calibration::solver::{self, FitProblem, Rows, Solution, SolverKind, Workers, exact_moments};
 use proptest::prelude::*;
 use shell_data::block::Block;
 use shell_data::wrench::{Axes, Axis};
@@ -43,8 +40,8 @@ fn pick(columns: &Columns, order: &[usize]) -> Columns {
     columns.iter().map(|column| order.iter().map(|&row| column[row]).collect()).collect()
 }
 
-fn solve(moments: &Moments, basis: Basis, intercept: bool) -> Result<ExactFit, SolveError> {
-    let channels = (0..).take_while(|&i| moments.range(i).is_some()).count();
+fn solve(moments: &Moments, basis: Basis, intercept: bool) -> Result<ExactFit, FitError> {
+    let channels = moments.channels();
     moments.solve(&Model { basis, intercept, channels, memory: 0 }, 0.0)
 }
 
@@ -54,9 +51,9 @@ fn bits(fit: &ExactFit) -> Vec<[(u64, u64); 6]> {
     fit.coefficients.iter().map(|row| row.map(of)).collect()
 }
 
-fn loss(moments: &Moments, basis: Basis, intercept: bool) -> ExactRankLoss {
+fn loss(moments: &Moments, basis: Basis, intercept: bool) -> RankLoss {
     match solve(moments, basis, intercept) {
-        Err(SolveError::RankDeficient(loss)) => loss,
+        Err(FitError::RankDeficient(loss)) => loss,
         other => panic!("{other:?}"),
     }
 }
@@ -124,25 +121,20 @@ fn block(readings: &Columns, wrench: &Columns, rows: std::ops::Range<usize>) -> 
 }
 
 /// A partial for each block, merged in order.
-fn solve_block_by_block(model: Model, blocks: &[Block], ranges: &ReadingRanges) -> Solution {
+fn solve_block_by_block(model: Model, blocks: &[Block]) -> Solution {
     let empty = Accumulator::new(model.basis, model.channels);
     let mut all = empty.clone();
     for block in blocks {
         all.merge(Rows::from(block).reduce(&empty).unwrap()).unwrap();
     }
-    solve_moments(&all.finish().unwrap(), &model, 0.0, ranges).unwrap()
+    all.finish().unwrap().solve(&model, 0.0).unwrap().solution
 }
 
 /// On so many threads at once.
-fn solve_on_threads(
-    model: Model,
-    blocks: &[Block],
-    ranges: &ReadingRanges,
-    threads: usize,
-) -> Solution {
+fn solve_on_threads(model: Model, blocks: &[Block], threads: usize) -> Solution {
     let rows = Rows::from_blocks(blocks, Workers::new(threads));
     let moments = exact_moments(model, &rows).unwrap();
-    solve_moments(&moments, &model, 0.0, ranges).unwrap()
+    moments.solve(&model, 0.0).unwrap().solution
 }
 
 #[test]
@@ -153,17 +145,16 @@ fn one_two_and_seven_threads_give_the_same_solution() {
         column[..3000].iter_mut().for_each(|s| *s = (*s / 16.0).floor());
         column[3000..6000].iter_mut().for_each(|s| *s = (*s / 4.0).floor());
     }
-    let ranges = ReadingRanges::from_block(&block(&readings, &wrench, 0..9000), 8).unwrap();
     for basis in [Basis::Cubic, Basis::Quadratic, Basis::Poly3] {
         let model = Model { basis, intercept: true, channels: 8, memory: 0 };
         let blocks_of = |rows: usize| -> Vec<Block> {
             let starts = (0..9000).step_by(rows);
             starts.map(|start| block(&readings, &wrench, start..(start + rows).min(9000))).collect()
         };
-        let whole = solve_block_by_block(model, &blocks_of(9000), &ranges);
-        assert_eq!(solve_block_by_block(model, &blocks_of(333), &ranges), whole);
+        let whole = solve_block_by_block(model, &blocks_of(9000));
+        assert_eq!(solve_block_by_block(model, &blocks_of(333)), whole);
         for (threads, rows) in [(1, 1000), (2, 1000), (7, 333), (7, 100)] {
-            let found = solve_on_threads(model, &blocks_of(rows), &ranges, threads);
+            let found = solve_on_threads(model, &blocks_of(rows), threads);
             assert_eq!(found, whole, "{threads} threads, {rows} rows at once");
         }
     }
@@ -223,12 +214,15 @@ fn readings_with_fractions_are_the_same_integers_in_other_units() {
     // A power of two changes no bit but those of centre and scale.
     let sixteenths = in_units(16.0);
     assert_eq!(bits(&sixteenths), bits(&coarse));
-    assert_eq!(sixteenths.scale[0], coarse.scale[0] / 16.0);
-    assert_eq!(sixteenths.centre, [coarse.centre[0] / 16.0, coarse.centre[1]]);
+    let scaling = |fit: &ExactFit| fit.solution.scaling.clone();
+    let (of_coarse, of_fine) = (scaling(&coarse), scaling(&sixteenths));
+    assert_eq!(of_fine.scale[0], of_coarse.scale[0] / 16.0);
+    assert_eq!(of_fine.centre, [of_coarse.centre[0] / 16.0, of_coarse.centre[1]]);
     // The scale stays a power of two in tenths: of eight of them.
     let tenths = in_units(10.0);
-    assert_eq!(tenths.scale[0], coarse.scale[0] / 8.0);
-    assert_eq!(tenths.centre, [coarse.centre[0] / 10.0, coarse.centre[1]]);
+    let of_fine = scaling(&tenths);
+    assert_eq!(of_fine.scale[0], of_coarse.scale[0] / 8.0);
+    assert_eq!(of_fine.centre, [of_coarse.centre[0] / 10.0, of_coarse.centre[1]]);
     let powers = [1, 2, 3, 0, 0, 0, 0];
     for ((fine, coarse), power) in tenths.coefficients.iter().zip(&coarse.coefficients).zip(powers)
     {
@@ -300,8 +294,8 @@ fn a_constant_channel_is_named() {
     readings[1].fill(77.0);
     for basis in Basis::ALL {
         let loss = loss(&sum(basis, &readings, &wrench).unwrap(), basis, true);
-        assert_eq!(loss.relations.len(), 1);
-        assert_eq!(loss.relations[0].to_string(), "`s2` is constant (always 77)");
+        assert_eq!(loss.dependences.len(), 1);
+        assert_eq!(loss.dependences[0].to_string(), "channel `s2` is constant (always `77`)");
     }
 }
 
@@ -327,7 +321,10 @@ fn proportional_channels_are_named_with_their_ratio() {
     }
     readings[2] = readings[0].iter().map(|s| 1.5 * s + 4.0).collect();
     let loss = loss(&sum(Basis::Linear, &readings, &wrench).unwrap(), Basis::Linear, true);
-    assert_eq!(loss.relations[0].to_string(), "`s3` = 4 + 1.5*s1");
+    assert_eq!(
+        loss.dependences[0].to_string(),
+        "channels `s1` and `s3` move as one (s3 = 1.5·s1 + 4)"
+    );
 }
 
 #[test]
@@ -336,15 +333,15 @@ fn a_channel_of_two_values_makes_its_square_dependent() {
     readings[0] = (0..300).map(|i| if i * i % 5 == 1 { 90.0 } else { 13.0 }).collect();
     let loss = loss(&sum(Basis::Cubic, &readings, &wrench).unwrap(), Basis::Cubic, true);
     assert_eq!(loss.rank, 5);
-    assert_eq!(loss.relations.len(), 1);
-    assert_eq!(loss.relations[0].to_string(), "`s1` takes only the values 13 and 90");
+    assert_eq!(loss.dependences.len(), 1);
+    assert_eq!(loss.dependences[0].to_string(), "`s1` takes only the values 13 and 90");
 }
 
 #[test]
 fn too_few_rows_are_told_from_dependent_features() {
     let (readings, wrench) = rows(14, 8, 4, 12);
     let error = solve(&sum(Basis::Cubic, &readings, &wrench).unwrap(), Basis::Cubic, true);
-    assert_eq!(error.unwrap_err(), SolveError::TooFewRows { rows: 8, coefficients: 13 });
+    assert_eq!(error.unwrap_err(), FitError::TooFewRows { rows: 8, coefficients: 13 });
 }
 
 #[test]
@@ -359,7 +356,7 @@ fn sums_for_a_large_basis_solve_the_smaller_ones_within_it() {
         }
     }
     let small = sum(Basis::Linear, &readings, &wrench).unwrap();
-    assert!(matches!(solve(&small, Basis::Cubic, true), Err(SolveError::OtherFeatures { .. })));
+    assert!(matches!(solve(&small, Basis::Cubic, true), Err(FitError::OtherFeatures { .. })));
 }
 
 #[test]
@@ -367,12 +364,11 @@ fn a_ridge_is_that_of_householder_qr_and_answers_where_rank_is_lost() {
     let (mut readings, wrench) = rows(16, 500, 8, 12);
     readings[3] = readings[2].clone();
     let rows = block(&readings, &wrench, 0..500);
-    let ranges = ReadingRanges::from_block(&rows, 8).unwrap();
     let model = Model { basis: Basis::Linear, intercept: true, channels: 8, memory: 0 };
     let scaling = Scaling::from_sample(&readings, true);
     let problem = FitProblem { model, scaling, ridge: 1e-3 };
     let moments = exact_moments(model, &(&rows).into()).unwrap();
-    let exact = solve_moments(&moments, &model, 1e-3, &ranges).unwrap();
+    let exact = moments.solve(&model, 1e-3).unwrap().solution;
     let problem = FitProblem { scaling: exact.scaling.clone(), ..problem };
     let (tsqr, _) = solver::fit(SolverKind::Tsqr, problem, &(&rows).into()).unwrap();
     assert_eq!((exact.rank, tsqr.rank), (8, 8));
@@ -383,7 +379,7 @@ fn a_ridge_is_that_of_householder_qr_and_answers_where_rank_is_lost() {
     close(&exact.coefficients, &tsqr.coefficients);
     close(&exact.residual_products, &tsqr.residual_products);
     let inverse = |solution: &Solution| {
-        let factor = solution.factor.matrix();
+        let factor = &solution.factor;
         factor.as_ref() * factor.transpose()
     };
     close(&inverse(&exact), &inverse(&tsqr));

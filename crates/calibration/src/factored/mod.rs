@@ -19,7 +19,6 @@
 
 mod groups;
 mod rows;
-mod scatter;
 
 pub use self::groups::{FactoredGroups, GroupFactors};
 pub use self::rows::FactoredRows;

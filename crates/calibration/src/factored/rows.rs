@@ -249,9 +249,7 @@ impl FactoredRows {
         let scaling = Scaling::identity(model.columns());
         self.change(model, &scaling).is_some()
     }
-}
 
-impl FactoredRows {
     /// The features of `model` about the centre of `scaling` as sums of these: `T`, terms of these × terms of `model`;
     /// `None` where these lack a product that it takes.
     ///

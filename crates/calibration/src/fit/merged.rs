@@ -6,10 +6,9 @@ use super::polynomial::covariance;
 use super::{CovarianceRule, Fit, FitMethod, FitOptions};
 use crate::conversion::Calibration;
 use crate::error::FitError;
-use crate::exact::{Moments, PartitionedMoments, SolveError};
+use crate::exact::Moments;
 use crate::factored::{FactoredGroups, FactoredRows};
-use crate::solver::{SolverKind, solve_moments};
-use crate::validation::ValidationError;
+use crate::solver::SolverKind;
 use crate::validation::factored;
 use crate::validation::grouped::{GroupKind, GroupedMoments};
 use shell_data::wrench::Axes;
@@ -40,15 +39,9 @@ pub fn fit_sums(sums: RowSums<'_>, axes: Axes, options: &FitOptions<'_>) -> Resu
                 |(by, sums): (GroupKind, _)| options.decide(options.open(Some(by.into())), sums);
             let choice = groups.map_or_else(none, decide)?;
             let model = options.model_without_memory(choice.basis, total.channels());
-            let parts = PartitionedMoments::new(total, &model);
-            if let Err(error @ SolveError::OtherFeatures { .. }) = parts {
-                return Err(ValidationError::from(error).into());
-            }
-            let ranges = total.reading_ranges();
-            let solution = solve_moments(total, &model, choice.ridge, &ranges)?;
-            let train = parts.and_then(|parts| parts.in_sample(choice.ridge));
-            let train = train.map_err(|_| FitError::NearlyDependent)?;
-            (choice, SolverKind::Exact, solution, ranges, train)
+            let fit = total.solve(&model, choice.ridge)?;
+            let train = fit.quality(total);
+            (choice, SolverKind::Exact, fit.solution, total.reading_ranges(), train)
         }
         // Of rows that could not be summed exactly.
         RowSums::Factored(total, groups) => {

@@ -10,7 +10,7 @@ use crate::error::FitError;
 use crate::exact::Accumulator;
 use crate::model::{Basis, Model};
 use crate::passes::{Rows, each, map};
-use crate::solver::{Solution, SolverKind, solve_moments};
+use crate::solver::{Solution, SolverKind};
 use crate::validation::outliers::{LIMIT, RowTest, Spread, TestedRow};
 use shell_data::block::Block;
 use shell_data::dataset::Dataset;
@@ -199,7 +199,7 @@ impl OutlierSearch<'_> {
                 let mut part = Accumulator::new(sums.basis(), sums.channels());
                 part.absorb(&rows.readings, &rows.wrench)?;
                 let rest = sums.without(&part.finish()?);
-                Some(solve_moments(&rest, &self.model(), self.options.ridge, &all.ranges)?)
+                Some(rest.solve(&self.model(), self.options.ridge)?.solution)
             }
             (solution, _) => solution,
         })

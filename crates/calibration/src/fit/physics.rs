@@ -10,7 +10,6 @@ use super::refits::{FOLDS, MOST_ALONE};
 use super::{Fit, FitMethod};
 use crate::conversion::{Calibration, Kind};
 use crate::error::FitError;
-use crate::exact::PartitionedMoments;
 use crate::groups::{GroupBy, HeldOut};
 use crate::model::{Basis, Model};
 use crate::physics::{
@@ -21,7 +20,7 @@ use crate::reading_ranges::ReadingRanges;
 use crate::validation::comparison::Comparison;
 use crate::validation::cross_validation::{CrossValidation, HeldOutQuality, assign_groups, sizes};
 use crate::validation::grouped::GroupedMoments;
-use crate::validation::{ValidationError, selection};
+use crate::validation::selection;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
@@ -238,8 +237,7 @@ fn is_worth_trying(
     let (Some(whole), Some(held_out)) = (sums.total(), &choice.cross_validation) else {
         return Ok(false);
     };
-    let own = PartitionedMoments::new(whole, model).map_err(ValidationError::from)?;
-    let own = own.in_sample(choice.ridge).map_err(ValidationError::from)?;
+    let own = whole.solve(model, choice.ridge)?.quality(whole);
     let square = |rms: &dyn Fn(usize) -> f64| -> f64 {
         let variances = Axis::ALL.map(|axis| whole.variance(axis));
         relative_square(&std::array::from_fn(rms), &variances)

@@ -223,7 +223,7 @@ pub(super) fn solve(
         match total.map_or_else(|| solver::exact_moments(model, rows), |total| Ok(total.clone())) {
             Ok(sums) => {
                 let ranges = sums.reading_ranges();
-                let solution = solver::solve_moments(&sums, &model, ridge, &ranges)?;
+                let solution = sums.solve(&model, ridge)?.solution;
                 return Ok(Solved { solution, ranges, solver, not_exact, sums: Some(sums) });
             }
             Err(FitError::NotExact(error)) => not_exact = Some(error),

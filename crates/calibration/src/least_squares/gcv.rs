@@ -15,8 +15,7 @@
 
 use faer::Mat;
 
-use crate::r_factor::LeastSquaresError;
-use crate::r_factor::RFactor;
+use crate::r_factor::{LeastSquaresError, RFactor, Ridge};
 
 /// Points per factor of ten of the first search.
 const PER_DECADE: usize = 8;
@@ -28,83 +27,64 @@ pub(super) fn lambda(
     r_factor: &RFactor,
     free_column: Option<usize>,
 ) -> Result<f64, LeastSquaresError> {
-    let criterion = GcvCriterion::new(r_factor, free_column)?;
+    let (largest, criterion) = criterion(r_factor, free_column)?;
     let steps = ((RANGE.1 - RANGE.0) as usize) * PER_DECADE;
     let exponent = |step: usize| RANGE.0 + step as f64 / PER_DECADE as f64;
     let best = (0..=steps)
-        .min_by(|&a, &b| criterion.at(exponent(a)).total_cmp(&criterion.at(exponent(b))))
+        .min_by(|&a, &b| criterion(exponent(a)).total_cmp(&criterion(exponent(b))))
         .unwrap_or(0);
     if best == 0 {
         return Ok(0.0);
     }
     let (low, high) = (exponent(best - 1), exponent((best + 1).min(steps)));
-    Ok(criterion.largest * 10_f64.powf(golden_section(low, high, |e| criterion.at(e))))
+    Ok(largest * 10_f64.powf(golden_section(low, high, criterion)))
 }
 
-struct GcvCriterion {
-    rows: f64,
-    free: f64,
-    /// Squared singular values.
-    squares: Vec<f64>,
-    /// The largest of them.
-    largest: f64,
-    /// `(UᵀY)²`, one column per output.
-    weights: Mat<f64>,
-    /// RSS(0), one per output.
-    residuals: Vec<f64>,
-}
-
-impl GcvCriterion {
-    fn new(r_factor: &RFactor, free_column: Option<usize>) -> Result<Self, LeastSquaresError> {
-        let (r, z) = r_factor.damped_parts(crate::r_factor::Ridge::NONE);
-        let (p, q) = z.shape();
-        let free = usize::from(free_column.is_some());
-        if r_factor.rows() <= (free + 1) as u64 {
-            return Err(LeastSquaresError::TooFewRows { rows: r_factor.rows(), columns: p });
-        }
-        if !r.is_all_finite() || !z.is_all_finite() {
-            return Err(LeastSquaresError::NotFinite);
-        }
-        // The free column first: what is below its row afterwards is orthogonal to it.
-        let order: Vec<usize> =
-            free_column.into_iter().chain((0..p).filter(|&j| Some(j) != free_column)).collect();
-        let moved = Mat::from_fn(p, p, |i, j| r[(i, order[j])]);
-        let (turned, z) = RFactor::from_rows(&moved, &z).damped_parts(crate::r_factor::Ridge::NONE);
-        let unit = |norm: f64| if norm > 0.0 { norm } else { 1.0 };
-        let norms: Vec<f64> = order.iter().map(|&j| unit(r.col(j).norm_l2())).collect();
-        let m = p - free;
-        let scaled = Mat::from_fn(m, m, |i, j| {
-            if i <= j { turned[(free + i, free + j)] / norms[free + j] } else { 0.0 }
-        });
-        let svd = scaled.svd().map_err(|_| LeastSquaresError::NotFinite)?;
-        let b = svd.U().transpose() * z.subrows(free, m);
-        let squares: Vec<f64> = svd.S().column_vector().iter().map(|s| s * s).collect();
-        let solved = r_factor.rest_products();
-        Ok(Self {
-            rows: r_factor.rows() as f64,
-            free: free as f64,
-            largest: squares.first().copied().unwrap_or(1.0),
-            squares,
-            weights: Mat::from_fn(m, q, |i, a| b[(i, a)] * b[(i, a)]),
-            residuals: (0..q).map(|a| solved[(a, a)]).collect(),
-        })
+/// The largest squared singular value, and the criterion at λ = 10^exponent times that.
+fn criterion(
+    r_factor: &RFactor,
+    free_column: Option<usize>,
+) -> Result<(f64, impl Fn(f64) -> f64), LeastSquaresError> {
+    let (r, z) = r_factor.damped_parts(Ridge::NONE);
+    let (p, q) = z.shape();
+    let free = usize::from(free_column.is_some());
+    if r_factor.rows() <= (free + 1) as u64 {
+        return Err(LeastSquaresError::TooFewRows { rows: r_factor.rows(), columns: p });
     }
-
-    /// The criterion at λ = 10^`exponent` times the largest squared singular value.
-    fn at(&self, exponent: f64) -> f64 {
-        let lambda = self.largest * 10_f64.powf(exponent);
-        let kept: f64 = self.squares.iter().map(|s| s / (s + lambda)).sum();
-        let freedom = self.rows - self.free - kept;
+    if !r.is_all_finite() || !z.is_all_finite() {
+        return Err(LeastSquaresError::NotFinite);
+    }
+    // The free column first: what is below its row afterwards is orthogonal to it.
+    let order: Vec<usize> =
+        free_column.into_iter().chain((0..p).filter(|&j| Some(j) != free_column)).collect();
+    let moved = Mat::from_fn(p, p, |i, j| r[(i, order[j])]);
+    let (turned, z) = RFactor::from_rows(&moved, &z).damped_parts(Ridge::NONE);
+    let unit = |norm: f64| if norm > 0.0 { norm } else { 1.0 };
+    let norms: Vec<f64> = order.iter().map(|&j| unit(r.col(j).norm_l2())).collect();
+    let m = p - free;
+    let scaled = Mat::from_fn(m, m, |i, j| {
+        if i <= j { turned[(free + i, free + j)] / norms[free + j] } else { 0.0 }
+    });
+    let svd = scaled.svd().map_err(|_| LeastSquaresError::NotFinite)?;
+    let b = svd.U().transpose() * z.subrows(free, m);
+    let squares: Vec<f64> = svd.S().column_vector().iter().map(|s| s * s).collect();
+    let largest = squares.first().copied().unwrap_or(1.0);
+    let (rows, solved) = (r_factor.rows() as f64, r_factor.rest_products());
+    let at = move |exponent: f64| {
+        let lambda = largest * 10_f64.powf(exponent);
+        let kept: f64 = squares.iter().map(|s| s / (s + lambda)).sum();
+        let freedom = rows - free as f64 - kept;
         let score = |a: usize| {
-            let shrunk = self.squares.iter().enumerate().map(|(i, s)| {
+            let shrunk = squares.iter().enumerate().map(|(i, s)| {
                 let share = lambda / (s + lambda);
-                share * share * self.weights[(i, a)]
+                share * share * (b[(i, a)] * b[(i, a)])
             });
-            (self.residuals[a] + shrunk.sum::<f64>()).max(f64::MIN_POSITIVE).ln()
+            (solved[(a, a)] + shrunk.sum::<f64>()).max(f64::MIN_POSITIVE).ln()
                 - 2.0 * freedom.max(f64::MIN_POSITIVE).ln()
         };
-        (0..self.residuals.len()).map(score).sum()
-    }
+        (0..q).map(score).sum()
+    };
+    Ok((largest, at))
 }
 
 /// Where `f` is smallest between `low` and `high`, to a thousandth of their distance.

@@ -59,12 +59,7 @@ impl Gram {
     /// [`LeastSquaresError`].
     pub(super) fn solve(&self, ridge: Ridge) -> Result<LeastSquares, LeastSquaresError> {
         let Shape { features: p, outputs: q } = self.shape;
-        if self.rows < p as u64 && ridge.lambda == 0.0 {
-            return Err(LeastSquaresError::TooFewRows { rows: self.rows, columns: p });
-        }
-        if !self.products.is_all_finite() {
-            return Err(LeastSquaresError::NotFinite);
-        }
+        ridge.check(self.rows, p, self.products.is_all_finite())?;
         let norms: Vec<f64> = (0..p).map(|j| self.products[(j, j)].sqrt()).collect();
         let norms: Vec<f64> = norms.iter().map(|&n| if n > 0.0 { n } else { 1.0 }).collect();
         let mut scaled =

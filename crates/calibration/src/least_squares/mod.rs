@@ -26,18 +26,94 @@ mod dense;
 mod gcv;
 mod gram;
 mod huber;
-mod kernels;
-mod qr;
 mod rank_revealing;
 mod refinement;
 mod rows;
-mod solve;
-mod wide_gram;
+mod wide;
 mod wide_matrix;
-mod wide_qr;
 
 pub(crate) use self::huber::clip_of_sizes;
 pub use self::rows::{Reduction, RowChunk, Rows, Shape};
-pub(crate) use self::solve::solve_r_factor;
-pub use self::solve::{Method, solve};
 pub use super::r_factor::{LeastSquares, LeastSquaresError, Ridge};
+
+use self::gram::Gram;
+use self::wide::{WideGram, WideRFactor};
+use super::r_factor::RFactor;
+
+/// How to solve.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum Method {
+    /// Householder QR over row blocks.
+    Tsqr,
+    /// The same, corrected by residuals in double-double.
+    RefinedTsqr,
+    /// QR with column pivoting. Pivots are chosen in the R factor that [`Method::Tsqr`] leaves,
+    /// whose columns have the lengths and angles of those of `X`: the same factorisation.
+    PivotedQr,
+    /// Singular values, again of the R factor, which has those of `X`.
+    Svd {
+        /// Leaves out directions whose singular value, of columns of norm one, is below this share
+        /// of the largest. `None` leaves out nothing.
+        truncate: Option<f64>,
+    },
+    /// Normal equations and Cholesky in `f64`.
+    Gram,
+    /// Normal equations and Cholesky in double-double.
+    WideGram,
+    /// Householder QR over row blocks in double-double.
+    WideTsqr,
+    /// A ridge whose parameter generalised cross-validation chooses.
+    RidgeGcv,
+    /// Huber's M-estimator: rows far off count less.
+    Huber,
+}
+
+/// Solves `min ‖X·C − Y‖² + λ·‖D·C‖²`, and says which λ it was.
+///
+/// With [`Method::RidgeGcv`], `ridge` says only which column is free of it.
+///
+/// # Errors
+/// [`LeastSquaresError`] if the rows do not determine the
+/// coefficients, or not for this method; the errors of `rows`.
+pub fn solve<R: Rows>(
+    rows: &mut R,
+    method: Method,
+    ridge: Ridge,
+) -> Result<(LeastSquares, f64), R::Error> {
+    let shape = rows.shape();
+    let no_rows = || RFactor::new(shape.features, shape.outputs);
+    let solved = match method {
+        Method::Tsqr | Method::Svd { .. } | Method::RidgeGcv => {
+            return Ok(solve_r_factor(&rows.pass(&no_rows())?, method, ridge)?);
+        }
+        Method::PivotedQr => rank_revealing::pivoted(&rows.pass(&no_rows())?, ridge)?,
+        Method::Gram => rows.pass(&Gram::new(shape))?.solve(ridge)?,
+        Method::WideGram => rows.pass(&WideGram::new(shape))?.solve(ridge)?,
+        Method::WideTsqr => rows.pass(&WideRFactor::new(shape))?.solve(ridge)?,
+        Method::RefinedTsqr => refinement::solve(rows, ridge)?,
+        Method::Huber => huber::solve(rows, ridge)?,
+    };
+    Ok((solved, ridge.lambda))
+}
+
+/// As [`solve`], for rows of which the R factor is known. Singular values and a ridge by GCV
+/// are had from the R factor; every other method that weighs rows alike differs from QR by rounding.
+///
+/// # Errors
+/// [`LeastSquaresError`] as [`solve`].
+pub(crate) fn solve_r_factor(
+    r_factor: &RFactor,
+    method: Method,
+    ridge: Ridge,
+) -> Result<(LeastSquares, f64), LeastSquaresError> {
+    let Ridge { free_column, .. } = ridge;
+    Ok(match method {
+        Method::Svd { truncate } => (rank_revealing::svd(r_factor, ridge, truncate)?, ridge.lambda),
+        Method::RidgeGcv => {
+            let lambda = gcv::lambda(r_factor, free_column)?;
+            (r_factor.solve(Ridge { lambda, free_column })?, lambda)
+        }
+        _ => (r_factor.solve(ridge)?, ridge.lambda),
+    })
+}

@@ -7,8 +7,7 @@
 use faer::linalg::triangular_solve;
 use faer::{Mat, Par};
 
-use crate::r_factor::RFactor;
-use crate::r_factor::{LeastSquares, LeastSquaresError, Ridge, equilibrated};
+use crate::r_factor::{LeastSquares, LeastSquaresError, RFactor, Ridge, equilibrated};
 
 /// Solves by QR with column pivoting of the equilibrated R factor.
 ///

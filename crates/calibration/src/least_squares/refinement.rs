@@ -10,9 +10,8 @@
 
 use faer::{Mat, MatRef};
 
-use super::kernels::{LANES, LaneSums, Wide, add_multiple, add_products};
 use super::rows::{Reduction, RowChunk, Rows, Shape, WideColumns};
-use super::wide_matrix::{WideMatrix, rounded};
+use super::wide_matrix::{LANES, LaneSums, Wide, WideMatrix, add_multiple, add_products, rounded};
 use crate::double_double::DoubleDouble;
 use crate::r_factor::{LeastSquares, LeastSquaresError, RFactor, Ridge};
 

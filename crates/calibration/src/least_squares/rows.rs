@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
-use super::kernels;
-use crate::r_factor::LeastSquaresError;
+use super::wide_matrix::Wide;
+use crate::r_factor::{LeastSquaresError, RFactor, Workspace};
 
 /// Some rows of `[X | Y]`, column by column.
 #[derive(Clone, Copy, Debug)]
@@ -40,8 +40,8 @@ impl<'a> RowChunk<'a> {
     }
 
     #[inline(always)]
-    pub(super) fn wide(&self, j: usize) -> kernels::Wide<'a> {
-        kernels::Wide { heads: self.column(j), tails: self.tail(j) }
+    pub(super) fn wide(&self, j: usize) -> Wide<'a> {
+        Wide { heads: self.column(j), tails: self.tail(j) }
     }
 }
 
@@ -113,5 +113,28 @@ impl Shape {
     /// Columns of `[X | Y]`.
     pub fn columns(self) -> usize {
         self.features + self.outputs
+    }
+}
+
+impl Reduction for RFactor {
+    const WIDE: bool = false;
+
+    /// By Householder QR over row blocks, see [`r_factor`](crate::r_factor).
+    fn absorb(&mut self, chunk: &RowChunk<'_>) {
+        let features = self.r().ncols();
+        let mut workspace = Workspace::new(features, self.whole().ncols() - features);
+        let step = workspace.rows();
+        for start in (0..chunk.rows).step_by(step) {
+            let rows = step.min(chunk.rows - start);
+            self.absorb(rows, &mut workspace, |columns, stride| {
+                for (j, column) in columns.chunks_mut(stride).enumerate() {
+                    column[..rows].copy_from_slice(&chunk.column(j)[start..][..rows]);
+                }
+            });
+        }
+    }
+
+    fn merge(&mut self, later: Self) {
+        self.merge(&later);
     }
 }

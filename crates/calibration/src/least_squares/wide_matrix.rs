@@ -1,9 +1,15 @@
-//! Small matrices in double-double, and the answer that a wide R factor gives.
+//! Double-double arithmetic: inner loops over rows, with heads and tails in columns of their own; small
+//! matrices; and the answer that a wide R factor gives.
+//!
+//! Inner loops are compiled for the widest vectors that the machine has, as those of
+//! [`vectors`](crate::vectors).
 
 use faer::Mat;
+use pulp::Simd;
 
-use crate::double_double::DoubleDouble;
-use crate::r_factor::{LeastSquares, LeastSquaresError, equilibrated};
+use crate::double_double::{DoubleDouble, two_product, two_sum};
+use crate::r_factor::{LeastSquares, LeastSquaresError, equilibrated, rank_deficient};
+use shell_data::vectorised;
 
 /// A matrix in double-double.
 pub(super) type WideMatrix = Mat<DoubleDouble>;
@@ -65,36 +71,6 @@ pub(super) fn solve_transposed(r: &WideMatrix, z: &WideMatrix) -> WideMatrix {
     c
 }
 
-/// Column pivots of the upper triangle `R`, each the column that stands out most from those
-/// before it, and by how much: Gram–Schmidt with every column put right twice.
-fn pivots(r: &WideMatrix) -> Vec<(usize, f64)> {
-    let mut rest: Vec<Vec<DoubleDouble>> =
-        (0..r.ncols()).map(|j| r.col_as_slice(j).to_vec()).collect();
-    let mut left: Vec<usize> = (0..r.ncols()).collect();
-    let mut pivots = Vec::new();
-    let norm = |v: &[DoubleDouble]| product(v, v).sqrt();
-    while !left.is_empty() {
-        let norms: Vec<f64> = left.iter().map(|&j| norm(&rest[j]).to_f64()).collect();
-        let at = (0..left.len()).max_by(|&a, &b| norms[a].total_cmp(&norms[b])).unwrap_or(0);
-        let pivot = left.remove(at);
-        pivots.push((pivot, norms[at]));
-        let length = norm(&rest[pivot]);
-        if length.to_f64() == 0.0 {
-            continue;
-        }
-        let direction: Vec<DoubleDouble> = rest[pivot].iter().map(|&e| e / length).collect();
-        for &j in &left {
-            for _ in 0..2 {
-                let share = product(&direction, &rest[j]);
-                for (e, &d) in rest[j].iter_mut().zip(&direction) {
-                    *e -= share * d;
-                }
-            }
-        }
-    }
-    pivots
-}
-
 /// Solves the least-squares problem that is reduced to `R`, p × p, the ridge among its rows, and `Z = QᵀY`, p × q.
 ///
 /// `resolution` is how large a singular value of `R`, columns scaled to norm one, rounding may
@@ -126,7 +102,9 @@ pub(super) fn solve_triangle(
     let condition =
         if is_finite(&inverse) { size * largest_singular_value(&inverse)? } else { f64::INFINITY };
     if condition * resolution >= size {
-        return Err(rank_loss(&unit, &norms, resolution));
+        let r = rounded(r);
+        let (_, rank) = spectrum(&r)?;
+        return Err(rank_deficient(r.as_ref(), rank.min(p - 1)));
     }
     let solved = solve_upper(r, z);
     let coefficients = rounded(&solved);
@@ -155,28 +133,149 @@ fn largest_singular_value(m: &WideMatrix) -> Result<f64, LeastSquaresError> {
     Ok(values.first().copied().unwrap_or(1.0))
 }
 
-/// The loss of rank of a R factor whose columns have norm one.
-fn rank_loss(unit: &WideMatrix, norms: &[f64], resolution: f64) -> LeastSquaresError {
-    let p = unit.ncols();
-    let pivots = pivots(unit);
-    let standing_out = pivots.iter().filter(|&&(_, length)| length > resolution).count();
-    let rank = standing_out.min(p - 1);
-    let (kept, dependent) = pivots.split_at(rank);
-    // Each dependent column as a combination of those kept, by normal equations in double-double.
-    let dot = |a: usize, b: usize| product(unit.col_as_slice(a), unit.col_as_slice(b));
-    let gram = WideMatrix::from_fn(rank, rank, |i, j| dot(kept[i].0, kept[j].0));
-    let right = WideMatrix::from_fn(rank, p - rank, |i, a| dot(kept[i].0, dependent[a].0));
-    let shares = cholesky(&gram).map(|r| solve_upper(&r, &solve_transposed(&r, &right)));
-    let mut directions = Mat::zeros(p, p - rank);
-    for (a, &(column, _)) in dependent.iter().enumerate() {
-        directions[(column, a)] = 1.0;
-        if let Some(shares) = &shares {
-            for (i, &(column, _)) in kept.iter().enumerate() {
-                directions[(column, a)] = -shares[(i, a)].to_f64();
+/// Sums carried side by side: a vector of them, so that the operations of one term hide how long each takes.
+pub(super) const LANES: usize = 8;
+
+/// A column in double-double. No tails stand for zeros.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Wide<'a> {
+    pub(super) heads: &'a [f64],
+    pub(super) tails: &'a [f64],
+}
+
+/// A sum in double-double while terms are added, in lanes.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct LaneSums {
+    heads: [f64; LANES],
+    tails: [f64; LANES],
+}
+
+impl LaneSums {
+    /// The sum.
+    pub(super) fn total(mut self) -> DoubleDouble {
+        let mut count = LANES / 2;
+        while count > 0 {
+            for lane in 0..count {
+                self.add(lane, self.heads[lane + count], self.tails[lane + count]);
             }
+            count /= 2;
+        }
+        DoubleDouble::from_sum(self.heads[0], self.tails[0])
+    }
+
+    /// Adds other sums.
+    pub(super) fn merge(&mut self, other: &Self) {
+        (0..LANES).for_each(|lane| self.add(lane, other.heads[lane], other.tails[lane]));
+    }
+
+    #[inline(always)]
+    fn add(&mut self, lane: usize, head: f64, tail: f64) {
+        let (sum, lost) = two_sum(self.heads[lane], head);
+        self.heads[lane] = sum;
+        self.tails[lane] += lost + tail;
+    }
+
+    /// Adds `xᵀy`.
+    #[inline(always)]
+    fn add_product<S: Simd>(&mut self, simd: S, x: Wide<'_>, y: Wide<'_>) {
+        match (x.tails.is_empty(), y.tails.is_empty()) {
+            (true, true) => self.add_terms::<S, false, false>(simd, x, y),
+            (false, true) => self.add_terms::<S, true, false>(simd, x, y),
+            (true, false) => self.add_terms::<S, true, false>(simd, y, x),
+            (false, false) => self.add_terms::<S, true, true>(simd, x, y),
         }
     }
-    let null_space = directions.qr().compute_thin_Q();
-    let r_factor = Mat::from_fn(p, p, |i, j| unit[(i, j)].to_f64() * norms[j]);
-    LeastSquaresError::RankDeficient { rank, columns: p, null_space, r_factor: Box::new(r_factor) }
+
+    #[inline(always)]
+    fn add_terms<S: Simd, const X: bool, const Y: bool>(
+        &mut self,
+        simd: S,
+        x: Wide<'_>,
+        y: Wide<'_>,
+    ) {
+        let n = x.heads.len();
+        // Equal lengths, said once, spare the checks inside.
+        assert!(y.heads.len() == n && (!X || x.tails.len() == n) && (!Y || y.tails.len() == n));
+        let whole = n - n % LANES;
+        let [x_heads, y_heads] = [x.heads, y.heads].map(|heads| S::as_simd_f64s(&heads[..whole]).0);
+        let [x_tails, y_tails] = [(x.tails, X), (y.tails, Y)]
+            .map(|(tails, is_there)| S::as_simd_f64s(&tails[..if is_there { whole } else { 0 }]).0);
+        let heads = S::as_mut_simd_f64s(&mut self.heads).0;
+        let tails = S::as_mut_simd_f64s(&mut self.tails).0;
+        let of_lanes = heads.len();
+        for (lanes, (head, tail)) in heads.iter_mut().zip(tails).enumerate() {
+            let (mut sum, mut rest) = (*head, *tail);
+            for i in (lanes..x_heads.len()).step_by(of_lanes) {
+                let (a, b) = (x_heads[i], y_heads[i]);
+                let product = simd.mul_f64s(a, b);
+                let mut error = simd.mul_add_f64s(a, b, simd.neg_f64s(product));
+                if X {
+                    error = simd.mul_add_f64s(x_tails[i], b, error);
+                }
+                if Y {
+                    error = simd.mul_add_f64s(a, y_tails[i], error);
+                }
+                // The sum of two numbers, and what rounding it loses.
+                let next = simd.add_f64s(sum, product);
+                let added = simd.sub_f64s(next, sum);
+                let of_sum = simd.sub_f64s(sum, simd.sub_f64s(next, added));
+                let lost = simd.add_f64s(of_sum, simd.sub_f64s(product, added));
+                rest = simd.add_f64s(rest, simd.add_f64s(lost, error));
+                sum = next;
+            }
+            (*head, *tail) = (sum, rest);
+        }
+        for i in whole..n {
+            let (product, mut error) = two_product(x.heads[i], y.heads[i]);
+            if X {
+                error = x.tails[i].mul_add(y.heads[i], error);
+            }
+            if Y {
+                error = x.heads[i].mul_add(y.tails[i], error);
+            }
+            self.add(i - whole, product, error);
+        }
+    }
+}
+
+/// `xᵀy` as if computed in double-double and rounded last: compensated summation (Ogita, Rump and
+/// Oishi, SIAM J. Sci. Comput. 26, 2005, algorithm Dot2) in [`LANES`] sums.
+pub(super) fn dot(x: Wide<'_>, y: Wide<'_>) -> DoubleDouble {
+    let mut sum = LaneSums::default();
+    add_products(std::slice::from_mut(&mut sum), &[x], y);
+    sum.total()
+}
+
+vectorised! {
+    /// Adds `xᵀy` to the sum of each `x`.
+    pub(super) fn add_products<S: Simd>(simd: S, sums: &mut [LaneSums], x: &[Wide<'_>], y: Wide<'_>) {
+        sums.iter_mut().zip(x).for_each(|(sum, &x)| sum.add_product(simd, x, y));
+    }
+}
+
+vectorised! {
+    /// `y += c·x`, each element with a relative error of a few 2⁻¹⁰⁵ of `|y| + |c·x|`.
+    pub(super) fn add_multiple(
+        heads: &mut [f64],
+        tails: &mut [f64],
+        c: DoubleDouble,
+        x: Wide<'_>,
+    ) {
+        let y = heads.iter_mut().zip(tails).zip(x.heads);
+        if x.tails.is_empty() {
+            y.for_each(|((head, tail), &x)| add(head, tail, c, x, 0.0));
+        } else {
+            y.zip(x.tails).for_each(|(((head, tail), &x), &rest)| add(head, tail, c, x, rest));
+        }
+    }
+}
+
+#[inline(always)]
+fn add(head: &mut f64, tail: &mut f64, c: DoubleDouble, x: f64, x_tail: f64) {
+    let (product, error) = two_product(x, c.to_f64());
+    let cross = x.mul_add(c.tail(), x_tail * c.to_f64());
+    let (sum, lost) = two_sum(*head, product);
+    let rest = lost + (error + cross + *tail);
+    *head = sum + rest;
+    *tail = rest - (*head - sum);
 }

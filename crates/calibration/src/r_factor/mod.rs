@@ -16,14 +16,109 @@
 //!
 //! Omitted: pivoting, as a rank loss is an error and not something to be worked around.
 
-mod condition;
 mod factor;
 mod householder;
-mod outcome;
-mod solve;
 
-pub(crate) use self::condition::extreme_singular_values;
 pub use self::factor::RFactor;
+pub(crate) use self::factor::{equilibrated, extreme_singular_values, rank_deficient};
 pub use self::householder::Workspace;
-pub use self::outcome::{LeastSquares, LeastSquaresError, Ridge};
-pub(crate) use self::solve::equilibrated;
+
+use faer::Mat;
+
+/// The solution of a least-squares problem.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LeastSquares {
+    /// `C`, p × q.
+    pub coefficients: Mat<f64>,
+    /// Upper triangular `F` with `F·Fᵀ = (XᵀX + Λ)⁻¹`, p × p: `R⁻¹`.
+    pub factor: Mat<f64>,
+    /// `(Y − X·C)ᵀ(Y − X·C)`, q × q.
+    pub residual_products: Mat<f64>,
+    /// Number of rows.
+    pub rows: u64,
+    /// 2-norm condition number of `X` with its columns scaled to norm one.
+    pub condition: f64,
+    /// Number of singular values of that matrix above the tolerance.
+    pub rank: usize,
+}
+
+/// Why there is no unique finite solution.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum LeastSquaresError {
+    /// Fewer rows than columns.
+    #[error("`{rows}` rows cannot determine `{columns}` coefficients")]
+    TooFewRows {
+        /// Rows seen.
+        rows: u64,
+        /// Columns of `X`.
+        columns: usize,
+    },
+    /// The columns depend on each other.
+    #[error("only `{rank}` of `{columns}` columns are independent")]
+    RankDeficient {
+        /// Independent columns.
+        rank: usize,
+        /// Columns of `X`.
+        columns: usize,
+        /// p × (p − rank): directions along which equilibrated columns cancel, orthonormal.
+        null_space: Mat<f64>,
+        /// p × p: columns with the lengths and angles of those of `X`.
+        r_factor: Box<Mat<f64>>,
+    },
+    /// The columns are so nearly dependent that this method cannot tell what they say.
+    #[error("the condition number is above `{limit:.1e}`, which this method cannot solve for")]
+    IllConditioned {
+        /// The largest condition number, of columns scaled to norm one, that it can.
+        limit: f64,
+    },
+    /// An iteration that does not come to rest.
+    #[error("no answer after `{passes}` passes over the rows")]
+    NotConverged {
+        /// Passes made.
+        passes: usize,
+    },
+    /// Infinite or not a number, in the input or by overflow.
+    #[error("a value is not finite, or too large for its square to be")]
+    NotFinite,
+}
+
+/// A penalty on the size of the coefficients.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ridge {
+    /// λ ≥ 0: minimises `‖X·C − Y‖² + λ·‖D·C‖²` with `D` the norms of the columns of `X`, so that λ
+    /// has no unit and means the same for any number of rows.
+    pub lambda: f64,
+    /// The column that is not penalised, which is where the intercept is.
+    pub free_column: Option<usize>,
+}
+
+impl Ridge {
+    /// No penalty.
+    pub const NONE: Ridge = Ridge { lambda: 0.0, free_column: None };
+
+    /// Whether so many rows, whose sums are finite or not, can determine the coefficients of so many columns.
+    ///
+    /// # Errors
+    /// [`LeastSquaresError::TooFewRows`], [`LeastSquaresError::NotFinite`].
+    pub(crate) fn check(
+        self,
+        rows: u64,
+        columns: usize,
+        is_finite: bool,
+    ) -> Result<(), LeastSquaresError> {
+        if rows < columns as u64 && self.lambda == 0.0 {
+            return Err(LeastSquaresError::TooFewRows { rows, columns });
+        }
+        if is_finite { Ok(()) } else { Err(LeastSquaresError::NotFinite) }
+    }
+
+    /// What it adds to the squares of columns with these norms.
+    pub(crate) fn penalties(&self, norms: &[f64]) -> Vec<f64> {
+        let penalty = |(j, norm): (usize, &f64)| match self.free_column == Some(j) {
+            true => 0.0,
+            false => self.lambda * norm * norm,
+        };
+        norms.iter().enumerate().map(penalty).collect()
+    }
+}

@@ -14,10 +14,9 @@ use crate::least_squares::Method;
 use crate::model::Model;
 use crate::passes::Workers;
 use crate::physics::GroupIntervals;
-use crate::sandwich::{GroupScatter, ScatterError};
+use crate::sandwich::GroupScatter;
 use crate::solver::Solution;
 use crate::validation::ValidationError;
-use crate::validation::cross_validation::labels_of;
 use crate::validation::grouped::GroupedMoments;
 use shell_data::by_axis;
 use shell_data::wrench::PerAxis;
@@ -69,7 +68,7 @@ impl Covariance {
     /// The covariance of a solution, errors of rows being independent; `None` if there are no more
     /// rows than coefficients.
     pub fn from_rows(solution: &Solution) -> Option<Self> {
-        let factor = solution.factor.matrix();
+        let factor = &solution.factor;
         let degrees_of_freedom =
             solution.rows.checked_sub(factor.nrows() as u64).filter(|&n| n > 0)?;
         let products = &solution.residual_products;
@@ -102,16 +101,14 @@ impl Covariance {
         workers: Workers<'_>,
     ) -> Result<Self, ValidationError> {
         let whole = sums.all_of_several()?;
-        let groups: Vec<_> = sums.groups.iter().map(|(_, moments)| moments).collect();
         let fit = whole.solve(model, ridge)?;
-        let found = fit.scatter(&groups, ridge);
-        let found = found.map_err(|error| why_no_scatter(error, &sums.groups))?;
+        let (found, groups) = (fit.scatter(&sums.groups)?, &sums.groups);
         let intervals = match are_stretches {
             true => {
                 let parts = sums.partitioned(model)?;
-                held_out_intervals_of_stretches(&parts, (&fit, &found), &groups, ridge, workers)
+                held_out_intervals_of_stretches(&parts, (&fit, &found), groups, ridge, workers)
             }
-            false => held_out_intervals(whole, &groups, (model, ridge), workers),
+            false => held_out_intervals(whole, groups, (model, ridge), workers),
         };
         Ok(Self::from_scatter(found, whole.rows(), intervals))
     }
@@ -148,8 +145,7 @@ impl Covariance {
         if groups < 2 {
             return Err(ValidationError::TooFewGroups { found: groups });
         }
-        let found = rows.scatter(solution, None, workers.threads);
-        let found = found.map_err(|error| why_no_scatter(error, &rows.groups))?;
+        let found = rows.scatter(solution, None, workers.threads)?;
         let intervals = intervals(&found);
         Ok(Self::from_scatter(found, solution.rows, intervals))
     }
@@ -194,16 +190,6 @@ impl Covariance {
     /// Standard deviation of the residuals, per axis, N and N·m.
     pub fn residual_sd(&self) -> PerAxis<f64> {
         std::array::from_fn(|axis| self.residual[axis][axis].sqrt())
-    }
-}
-
-/// Why there is no covariance over `groups`, each with its label.
-fn why_no_scatter<T>(error: ScatterError, groups: &[(String, T)]) -> ValidationError {
-    match error {
-        ScatterError::Solve(error) => ValidationError::Solve(error),
-        ScatterError::Alone(positions) => {
-            ValidationError::Alone { groups: labels_of(groups, &positions) }
-        }
     }
 }
 

@@ -2,7 +2,8 @@
 
 use super::ValidationError;
 use super::grouped::GroupedMoments;
-use crate::exact::{HeldOutErrors, Moments, PartitionedMoments, SolveError};
+use crate::FitError;
+use crate::exact::{HeldOutErrors, Moments, PartitionedMoments};
 use crate::model::Model;
 use shell_data::wrench::{Axis, PerAxis};
 
@@ -134,7 +135,7 @@ pub fn cross_validate(
     let with_rows = sums.random.iter().filter(|moments| moments.rows() > 0);
     let at_random = with_rows.map(|part| errors_on(&parts, part, ridge).ok());
     Ok(found
-        .map_err(ValidationError::Undetermined)?
+        .map_err(|error| ValidationError::Undetermined(Box::new(error)))?
         .beside_random(sums.random.len(), at_random.collect()))
 }
 
@@ -144,11 +145,11 @@ pub(crate) fn labels_of<T>(groups: &[(String, T)], positions: &[usize]) -> Vec<S
 }
 
 /// The errors on some of the rows of a fit to all others.
-pub(super) fn errors_on(
+pub(crate) fn errors_on(
     parts: &PartitionedMoments<'_>,
     held_out: &Moments,
     ridge: f64,
-) -> Result<PerAxis<HeldOutErrors>, SolveError> {
+) -> Result<PerAxis<HeldOutErrors>, FitError> {
     parts.held_out(held_out, &parts.part(held_out), ridge)
 }
 

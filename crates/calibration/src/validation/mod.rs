@@ -21,7 +21,7 @@ pub mod outliers;
 pub mod plateaus;
 pub mod selection;
 
-use super::exact::{ExactError, SolveError};
+use super::exact::ExactError;
 use crate::FitError;
 use shell_data::hint::Hint;
 
@@ -54,7 +54,7 @@ pub enum ValidationError {
     },
     /// No fold leaves enough rows to fit the model.
     #[error("the model cannot be fitted without any one of the groups: {0}")]
-    Undetermined(SolveError),
+    Undetermined(Box<FitError>),
     /// Some groups determine a coefficient alone, so that nothing can be learned from how groups
     /// scatter.
     #[error("without {} the model cannot be fitted", names(groups))]
@@ -62,10 +62,7 @@ pub enum ValidationError {
         /// Their labels.
         groups: Vec<String>,
     },
-    /// The sums do not suit the model.
-    #[error(transparent)]
-    Solve(#[from] SolveError),
-    /// A row that no fit can take.
+    /// A row that no fit can take, or sums that do not suit the model.
     #[error(transparent)]
     Rows(Box<FitError>),
     /// None of the models can be fitted.

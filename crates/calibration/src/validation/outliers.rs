@@ -144,7 +144,7 @@ impl<'a> RowTest<'a> {
             calibration: Calibration::from_solution(solution, &ReadingRanges::new(channels)),
             average_leverage: features.len() as f64 / solution.rows as f64,
             features,
-            factor: triangular_columns(solution.factor.matrix().as_ref()),
+            factor: triangular_columns(solution.factor.as_ref()),
             noise,
         })
     }

@@ -6,7 +6,7 @@ use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use calibration::fit::{CovarianceRule, FewGroups, FitOptions, Warning};
-use calibration::solver::{Workers, solve_moments};
+use calibration::solver::Workers;
 use calibration::uncertainty::{CoefficientCovariance, Covariance, NoIntervals, student_quantile};
 use calibration::validation::grouped::{Apart, GroupSums, RandomSplit};
 use calibration::{Basis, Calibration, Model};
@@ -163,7 +163,7 @@ fn standard_errors_of_a_fit_hold_where_errors_are_those_of_poses_and_naive_ones_
         sums.add(worker.add(&block, &block.groups).unwrap()).unwrap();
         let sums = sums.finish([worker]).unwrap();
         let total = sums.total().unwrap();
-        let solution = solve_moments(total, &model, 0.0, &total.reading_ranges()).unwrap();
+        let solution = total.solve(&model, 0.0).unwrap().solution;
         let calibration = Calibration::from_solution(&solution, &total.reading_ranges());
         let at = [1700.0, 2100.0];
         let scaling = calibration.polynomial().unwrap().scaling();

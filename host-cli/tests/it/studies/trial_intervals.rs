@@ -1,7 +1,7 @@
 //! Whether the 95 % intervals of drag energy hold the truth in 95 % of trials, with calibrations that
 //! are fitted, each to a recording of its own.
 
-use calibration::solver::{Workers, solve_moments};
+use calibration::solver::Workers;
 use calibration::uncertainty::Covariance;
 use calibration::validation::grouped::{Apart, GroupSums, RandomSplit};
 use calibration::{Basis, Calibration, Model};
@@ -46,7 +46,7 @@ fn calibrate(seed: u64, rows: usize, elastic: bool) -> (Calibration, [f64; 6]) {
     let sums = sums.finish([worker]).unwrap();
     let total = sums.total().unwrap();
     let model = Model { basis: Basis::Cubic, intercept: true, channels: 8, memory: 0 };
-    let solution = solve_moments(total, &model, 0.0, &total.reading_ranges()).unwrap();
+    let solution = total.solve(&model, 0.0).unwrap().solution;
     let mut calibration = Calibration::from_solution(&solution, &total.reading_ranges());
     let covariance = Covariance::from_groups(&sums, &model, 0.0, false, Workers::ONE).unwrap();
     let unexplained = std::array::from_fn(|axis| {

@@ -1,0 +1,233 @@
+//! The unit in which the readings of a channel are integers, and their range.
+//!
+//! A reading with a finite binary or decimal fraction is an integer over `2^twos·5^fives`, in lowest
+//! terms. A channel is counted in the common unit of its readings: averages of sixteen conversions
+//! in sixteenths, decimals in tenths or hundredths. The common unit of all rows does not depend on
+//! their order.
+
+use shell_data::vectorised;
+
+/// The part of a count that readings are integer multiples of: 2⁻ᵏ·5⁻ᵐ counts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct ReadingUnit {
+    /// k, the power of two.
+    pub twos: u32,
+    /// m, the power of five.
+    pub fives: u32,
+}
+
+impl ReadingUnit {
+    /// A count.
+    pub(crate) const COUNT: Self = Self { twos: 0, fives: 0 };
+    /// Halved eight times and with five decimals: finer ones leave no integers of 16 bits of
+    /// readings that were worth measuring.
+    const FINEST: Self = Self { twos: 8, fives: 5 };
+
+    /// How many of them make a count.
+    pub(crate) fn per_count(self) -> u32 {
+        5u32.pow(self.fives) << self.twos
+    }
+
+    /// How many of the finer unit `other` make one of these.
+    pub(crate) fn ratio(self, other: Self) -> u32 {
+        other.per_count() / self.per_count()
+    }
+
+    /// The coarsest unit of which both are multiples.
+    pub(crate) fn and(self, other: Self) -> Self {
+        Self { twos: self.twos.max(other.twos), fives: self.fives.max(other.fives) }
+    }
+
+    /// The power of two that is nearest to the number of them in a count, as an exponent.
+    pub(crate) fn nearest_power(self) -> i32 {
+        f64::from(self.per_count()).log2().round() as i32
+    }
+
+    /// Whether it is one that is ever used.
+    pub(crate) fn is_sane(self) -> bool {
+        self.twos <= Self::FINEST.twos && self.fives <= Self::FINEST.fives
+    }
+
+    /// A reading in these, as the nearest integer.
+    #[inline(always)]
+    pub(crate) fn count(self, reading: f64) -> f64 {
+        (reading * f64::from(self.per_count())).round()
+    }
+
+    #[inline(always)]
+    pub(crate) fn suits(self, reading: f64) -> bool {
+        self.count(reading) / f64::from(self.per_count()) == reading
+    }
+
+    /// The coarsest unit that suits a column and `known`, if there is one.
+    pub(crate) fn new(column: &[f64], known: Self) -> Option<Self> {
+        let suits = |unit: &Self| column.iter().all(|&reading| unit.suits(reading));
+        let fives = (known.fives..=Self::FINEST.fives)
+            .map(|fives| Self { fives, ..Self::FINEST })
+            .find(suits)?
+            .fives;
+        (known.twos..=Self::FINEST.twos).map(|twos| Self { twos, fives }).find(suits)
+    }
+}
+
+/// Writes scanned readings as integers.
+pub(crate) fn count(column: &[f64], unit: ReadingUnit, out: &mut [f64]) {
+    if unit == ReadingUnit::COUNT {
+        out.copy_from_slice(column);
+    } else {
+        out.iter_mut().zip(column).for_each(|(out, &reading)| *out = unit.count(reading));
+    }
+}
+
+/// The unit and the range of the readings of a channel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct ChannelRange {
+    /// Readings are integers times this.
+    pub unit: ReadingUnit,
+    /// The smallest of these integers.
+    pub lowest: i64,
+    /// The largest of them; below `lowest` for zero rows.
+    pub highest: i64,
+}
+
+impl ChannelRange {
+    pub(crate) const EMPTY: Self =
+        Self { unit: ReadingUnit::COUNT, lowest: i64::MAX, highest: i64::MIN };
+
+    pub(crate) fn rescale(&mut self, unit: ReadingUnit) {
+        if self.lowest <= self.highest {
+            let factor = i64::from(self.unit.ratio(unit));
+            self.lowest = self.lowest.saturating_mul(factor);
+            self.highest = self.highest.saturating_mul(factor);
+        }
+        self.unit = unit;
+    }
+
+    pub(crate) fn merge(&mut self, other: &Self) {
+        let mut other = *other;
+        let unit = self.unit.and(other.unit);
+        self.rescale(unit);
+        other.rescale(unit);
+        self.lowest = self.lowest.min(other.lowest);
+        self.highest = self.highest.max(other.highest);
+    }
+
+    /// Whether the integers are of 16 bits, with or without sign, or there are none.
+    pub(crate) fn fits(&self) -> bool {
+        self.lowest > self.highest
+            || (self.lowest > -(1 << 16)
+                && self.highest < 1 << 16
+                && self.highest - self.lowest < 1 << 16)
+    }
+
+    /// The middle of the range.
+    pub(crate) fn middle(&self) -> i64 {
+        if self.lowest > self.highest { 0 } else { (self.lowest + self.highest + 1).div_euclid(2) }
+    }
+}
+
+/// The range of a column, in a unit that suits it and `known`; or a reading that is no integer of 16
+/// bits.
+pub(crate) fn scan_column(column: &[f64], known: ReadingUnit) -> Result<ChannelRange, f64> {
+    if known == ReadingUnit::COUNT {
+        let (lowest, highest, integers) = scan_integers(column);
+        if integers && (column.is_empty() || fits(lowest) && fits(highest)) {
+            return Ok(ChannelRange {
+                unit: known,
+                lowest: lowest as i64,
+                highest: highest as i64,
+            });
+        }
+    }
+    let unit = match column.iter().all(|&reading| known.suits(reading)) {
+        true => known,
+        false => ReadingUnit::new(column, known).unwrap_or(known),
+    };
+    let is_bad = |reading: &&f64| !unit.suits(**reading) || !fits(unit.count(**reading));
+    if let Some(&bad) = column.iter().find(is_bad) {
+        return Err(bad);
+    }
+    let counts = || column.iter().map(|&reading| unit.count(reading) as i64);
+    Ok(ChannelRange {
+        unit,
+        lowest: counts().min().unwrap_or(i64::MAX),
+        highest: counts().max().unwrap_or(i64::MIN),
+    })
+}
+
+fn fits(count: f64) -> bool {
+    count.abs() < f64::from(1 << 16)
+}
+
+vectorised! {
+    /// Smallest, largest, and whether all are integers.
+    fn scan_integers(column: &[f64]) -> (f64, f64, bool) {
+        /// Adding and taking it away rounds to an integer.
+        const ROUND: f64 = 1.5 * (1u64 << 52) as f64;
+        let mut lowest = [f64::INFINITY; 32];
+        let mut highest = [f64::NEG_INFINITY; 32];
+        let mut odd = [0.0; 32];
+        let (chunks, rest) = column.as_chunks::<32>();
+        for chunk in chunks {
+            for i in 0..32 {
+                let x = chunk[i];
+                lowest[i] = if x < lowest[i] { x } else { lowest[i] };
+                highest[i] = if x > highest[i] { x } else { highest[i] };
+                // Zero for integers of up to 51 bits, more for fractions, NaN if not finite.
+                odd[i] += (x - ((x + ROUND) - ROUND)).abs();
+            }
+        }
+        let integers = odd.iter().all(|&odd| odd == 0.0) && rest.iter().all(|x| x.fract() == 0.0);
+        let lowest = lowest.iter().chain(rest).copied().fold(f64::INFINITY, f64::min);
+        let highest = highest.iter().chain(rest).copied().fold(f64::NEG_INFINITY, f64::max);
+        (lowest, highest, integers)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn unit(column: &[f64]) -> (u32, u32) {
+        let unit = scan_column(column, ReadingUnit::COUNT).unwrap().unit;
+        (unit.twos, unit.fives)
+    }
+
+    #[test]
+    fn the_unit_of_a_column_is_the_coarsest_that_suits_all_its_readings() {
+        assert_eq!(unit(&[3.0, -7.0]), (0, 0));
+        assert_eq!(unit(&[4095.9375, 12.5]), (4, 0));
+        assert_eq!(unit(&[0.1, 0.25]), (2, 1));
+        assert_eq!(unit(&[0.05]), (2, 1));
+        assert_eq!(unit(&[0.00001]), (5, 5));
+        for column in [&[0.1, 0.2][..], &[1.0 / 3.0], &[0.001953125], &[65536.0], &[8000.00001]] {
+            let found = scan_column(column, ReadingUnit::COUNT);
+            assert_eq!(found.is_ok(), column.len() == 2, "{column:?}");
+        }
+    }
+
+    #[test]
+    fn the_common_unit_does_not_depend_on_the_order() {
+        let readings = [0.5, 0.1, 3.25, 0.04, 0.0625, 17.0];
+        let common = |order: &[usize]| {
+            order.iter().fold(ReadingUnit::COUNT, |known, &i| {
+                known.and(scan_column(&readings[i..=i], known).unwrap().unit)
+            })
+        };
+        let all = scan_column(&readings, ReadingUnit::COUNT).unwrap().unit;
+        assert_eq!(common(&[0, 1, 2, 3, 4, 5]), all);
+        assert_eq!(common(&[5, 4, 3, 2, 1, 0]), all);
+        assert_eq!(common(&[3, 0, 4, 5, 1, 2]), all);
+        assert_eq!((all.twos, all.fives, all.per_count()), (4, 2, 400));
+    }
+
+    #[test]
+    fn readings_are_counted_in_their_unit() {
+        let column = [4095.9375, 0.0625, -1.5];
+        let ChannelRange { unit, lowest, highest } =
+            scan_column(&column, ReadingUnit::COUNT).unwrap();
+        let mut counts = [0.0; 3];
+        count(&column, unit, &mut counts);
+        assert_eq!((counts, lowest, highest), ([65535.0, 1.0, -24.0], -24, 65535));
+    }
+}
