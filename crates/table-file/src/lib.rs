@@ -45,4 +45,4 @@ pub use mat5::arrays;
 pub use rows::Cell;
 pub use source::{FileBytes, FileSource, OpenFile};
 pub use table::Table;
-pub use text::{TextSource, TextStream};
+pub use text::TextStream;

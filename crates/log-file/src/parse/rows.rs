@@ -11,14 +11,14 @@ mod tests;
 use memchr::{memchr, memchr_iter, memchr2};
 use pulp::Arch;
 
+#[cfg(target_arch = "x86_64")]
+use super::avx2::Avx2;
 use super::field_ends::FieldEnds;
 use super::instruction_set::{ColumnFields, InstructionSet, Portable};
 #[cfg(all(target_arch = "aarch64", target_endian = "little"))]
 use super::neon::Neon;
-use super::number::{parse_date, parse_field};
+use super::number::{parse_date, parse_digits, parse_field, signed};
 use super::parsed_rows::ParsedRows;
-#[cfg(target_arch = "x86_64")]
-use super::{avx2::Avx2, avx512::Widest};
 use crate::error::{FieldProblem, RowProblem};
 use crate::stream::chunk::line_ends;
 use crate::stream::decimal_comma::with_points;
@@ -89,7 +89,7 @@ impl RowPlan {
     ) -> Result<(), RowError> {
         match instructions {
             #[cfg(target_arch = "x86_64")]
-            Arch::V4(v4) => self.parse_lines_with(Widest::new(v4), lines, skip_bad_rows, parsed),
+            Arch::V4(v4) => self.parse_lines_with(Avx2::new(*v4), lines, skip_bad_rows, parsed),
             #[cfg(target_arch = "x86_64")]
             Arch::V3(v3) => self.parse_lines_with(Avx2::new(v3), lines, skip_bad_rows, parsed),
             #[cfg(all(target_arch = "aarch64", target_endian = "little"))]
@@ -411,10 +411,10 @@ fn parse_column(
     values: &mut [f64],
 ) -> Option<usize> {
     // Readings are short integers: as long as they are, so are the next.
-    let whole = set.whole_numbers(lines, fields, values);
+    let whole = whole_numbers(lines, fields, values);
     for (row, value) in values.iter_mut().enumerate().skip(whole) {
         let (start, end) = fields.position(row);
-        *value = match set.plain_number(lines, start, end) {
+        *value = match plain_number(set, lines, start, end) {
             Some(number) => number,
             None => match parse_unusual(lines, start, end) {
                 Some(number) => number,
@@ -423,6 +423,31 @@ fn parse_column(
         };
     }
     None
+}
+
+/// The first numbers of a column that are whole and have up to eight digits; returns how many were parsed.
+#[inline(always)]
+fn whole_numbers(lines: &[u8], fields: ColumnFields<'_>, values: &mut [f64]) -> usize {
+    for (row, value) in values.iter_mut().enumerate() {
+        let (start, end) = fields.position(row);
+        let Some(number) = parse_digits(lines, start, end) else { return row };
+        *value = number as i64 as f64;
+    }
+    values.len()
+}
+
+/// The number that all of `lines[at..end]` spells if it is a plain decimal (`-12`, `-0.125`).
+/// `None` leaves the field to [`parse_field`].
+#[inline(always)]
+fn plain_number(set: impl InstructionSet, lines: &[u8], at: usize, end: usize) -> Option<f64> {
+    let negative = *lines.get(at)? == b'-';
+    let start = at + usize::from(negative);
+    let length = end.wrapping_sub(start);
+    let plain = if length <= 32 { set.digits(lines, start, end) } else { None };
+    match plain {
+        Some((mantissa, decimals)) => signed(negative, mantissa, -(decimals as i32)),
+        None => set.other_number(lines, at, end),
+    }
 }
 
 /// Out of the way of the loop for plain numbers.

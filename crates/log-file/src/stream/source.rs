@@ -14,11 +14,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 use flate2::bufread::MultiGzDecoder;
-use table_file::{FileKind, FileSource, OpenFile, Recognised, Table, TableError, TextStream};
+use table_file::{FileKind, FileSource, OpenFile, Recognised, Table, TableError};
 use tempfile::TempPath;
 
-use super::companion::{CompanionLines, Joined, RowMismatch, Sides};
-use super::utf16::Utf16;
+use super::companion::{CompanionLines, RowMismatch, Sides, joined};
+use super::utf16::as_utf8;
 use super::zstd::{self, Zstd};
 use crate::checksum::Checksum;
 use crate::error::{LogError, LogPosition, PlacedProblem};
@@ -202,8 +202,7 @@ impl LogSource {
     ) -> Result<ByteStream, LogError> {
         let stream = self.open_alone(threads, meter)?;
         let Some(companion) = &self.companion else { return Ok(stream) };
-        let joined = Joined::new(stream, companion.open()?);
-        Ok(Box::new(TextStream::new(Vec::new(), joined)))
+        Ok(Box::new(joined(stream, companion.open()?)))
     }
 
     /// Opens the text of the file itself.
@@ -231,7 +230,7 @@ impl LogSource {
         };
         Ok(match self.utf16 {
             None => text,
-            Some(high_first) => Box::new(TextStream::new(Vec::new(), Utf16::new(text, high_first))),
+            Some(high_first) => Box::new(as_utf8(text, high_first)),
         })
     }
 

@@ -1,7 +1,6 @@
 //! A table as the text of a CSV file.
 
 mod parts;
-mod stream;
 
 use std::io::{self, Read};
 use std::sync::Arc;
@@ -9,16 +8,41 @@ use std::sync::Arc;
 use shell_data::escape;
 
 use self::parts::TextOfParts;
-pub use self::stream::{TextSource, TextStream};
 use crate::budget::Unpacked;
 use crate::error::TableError;
-use crate::rows::{Cell, RowBatch, RowStream};
+use crate::rows::{Cell, RowBatch};
 use crate::table::Table;
 
-/// Rows as text, one batch after the other.
-struct TextOfRows {
-    rows: Box<dyn RowStream>,
-    batch: RowBatch,
+/// Text that is made piece by piece, as a stream.
+pub struct TextStream<F> {
+    append: F,
+    text: Vec<u8>,
+    at: usize,
+    ended: bool,
+}
+
+impl<F: FnMut(&mut Vec<u8>) -> io::Result<bool>> TextStream<F> {
+    /// The text that `append` makes, after `text`: it appends the next piece, and returns `false` once there is none
+    /// behind it. There is none after an error.
+    pub fn new(text: Vec<u8>, append: F) -> Self {
+        Self { append, text, at: 0, ended: false }
+    }
+}
+
+impl<F: FnMut(&mut Vec<u8>) -> io::Result<bool>> Read for TextStream<F> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        while self.at == self.text.len() && !self.ended {
+            self.text.clear();
+            self.at = 0;
+            // Set until the next piece is there: there is none after an error.
+            self.ended = true;
+            self.ended = !(self.append)(&mut self.text)?;
+        }
+        let count = buffer.len().min(self.text.len() - self.at);
+        buffer[..count].copy_from_slice(&self.text[self.at..][..count]);
+        self.at += count;
+        Ok(count)
+    }
 }
 
 impl Table {
@@ -45,27 +69,20 @@ impl Table {
         }
         let parts = self.rows.parts();
         if threads > 1 && parts > 1 {
-            let rows = TextOfParts::new(Arc::clone(&self.rows), threads);
-            return Ok(Box::new(TextStream::new(text, rows)));
+            let mut parts = TextOfParts::new(Arc::clone(&self.rows), threads);
+            return Ok(Box::new(TextStream::new(text, move |text| {
+                parts.next(text).map_err(to_io)
+            })));
         }
-        let rows = self.rows.rows(0..parts, Unpacked::default())?;
-        Ok(Box::new(TextStream::new(text, TextOfRows { rows, batch: RowBatch::new() })))
-    }
-}
-
-impl TextSource for TextOfRows {
-    fn append(&mut self, text: &mut Vec<u8>) -> io::Result<bool> {
-        let is_there = self.rows.next(&mut self.batch).map_err(to_io)?;
-        if is_there {
-            write_rows(&self.batch, text);
-        }
-        Ok(is_there)
-    }
-}
-
-impl TextSource for TextOfParts {
-    fn append(&mut self, text: &mut Vec<u8>) -> io::Result<bool> {
-        self.next(text).map_err(to_io)
+        let mut rows = self.rows.rows(0..parts, Unpacked::default())?;
+        let mut batch = RowBatch::new();
+        Ok(Box::new(TextStream::new(text, move |text| {
+            let is_there = rows.next(&mut batch).map_err(to_io)?;
+            if is_there {
+                write_rows(&batch, text);
+            }
+            Ok(is_there)
+        })))
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::io::{self, Write};
 
-use super::HeldColumn;
+use super::{Cells, incomplete};
 
 /// Kinds of elements.
 const INT8: u32 = 1;
@@ -18,8 +18,8 @@ const DOUBLES: u32 = 6;
 
 /// An array of so many rows and columns; its elements are of `kind`, `bytes` of them, written by
 /// `content`.
-fn array<W: Write>(
-    out: &mut W,
+fn array(
+    out: &mut dyn Write,
     name: &str,
     class: u32,
     size: [usize; 2],
@@ -64,31 +64,38 @@ fn variable(name: &str) -> String {
     if begins { name } else { format!("x{name}").chars().take(63).collect() }
 }
 
-/// Writes a `.mat` file.
-pub(super) fn write<W: Write>(out: &mut W, columns: &[HeldColumn], rows: usize) -> io::Result<()> {
+/// Writes a `.mat` file of columns of one length. Their names become those of variables.
+///
+/// # Errors
+/// What the system says, and for columns with missing numbers, which the format cannot store.
+pub fn write_matlab(out: &mut dyn Write, columns: &[(String, Cells<'_>)]) -> io::Result<()> {
     let mut header = b"MATLAB 5.0 MAT-file, written by shellcal".to_vec();
     header.resize(124, b' ');
     header.extend([0, 1, b'I', b'M']);
     out.write_all(&header)?;
-    for column in columns {
-        let name = variable(&column.name);
-        if !column.is_text {
-            let content = column.numbers.iter().flat_map(|value| value.to_le_bytes());
-            array(out, &name, DOUBLES, [rows, 1], DOUBLE, &content.collect::<Vec<_>>())?;
-            continue;
-        }
-        // A matrix of characters, filled up with spaces, column by column.
-        let texts: Vec<Vec<u16>> =
-            column.texts.iter().map(|text| text.encode_utf16().collect()).collect();
-        let width = texts.iter().map(Vec::len).max().unwrap_or(0);
-        let mut content = Vec::with_capacity(2 * rows * width);
-        for at in 0..width {
-            for text in &texts {
-                let character = text.get(at).copied().unwrap_or(u16::from(b' '));
-                content.extend(character.to_le_bytes());
+    for (name, cells) in columns {
+        let (name, rows) = (variable(name), cells.len());
+        match cells {
+            Cells::Full(numbers) => {
+                let content = numbers.iter().flat_map(|value| value.to_le_bytes());
+                array(out, &name, DOUBLES, [rows, 1], DOUBLE, &content.collect::<Vec<_>>())?;
             }
+            // A matrix of characters, filled up with spaces, column by column.
+            Cells::Text(texts) => {
+                let texts: Vec<Vec<u16>> =
+                    texts.iter().map(|text| text.encode_utf16().collect()).collect();
+                let width = texts.iter().map(Vec::len).max().unwrap_or(0);
+                let mut content = Vec::with_capacity(2 * rows * width);
+                for at in 0..width {
+                    for text in &texts {
+                        let character = text.get(at).copied().unwrap_or(u16::from(b' '));
+                        content.extend(character.to_le_bytes());
+                    }
+                }
+                array(out, &name, CHARACTERS, [rows, width], UINT16, &content)?;
+            }
+            Cells::Number(_) | Cells::Count(_) => return Err(incomplete()),
         }
-        array(out, &name, CHARACTERS, [rows, width], UINT16, &content)?;
     }
     Ok(())
 }

@@ -7,7 +7,7 @@
 use std::io::{self, Write};
 use std::ops::Range;
 
-use super::{Cells, TableWriter};
+use super::Cells;
 use crate::bytes::push_varint;
 use crate::thrift::Value::{self, Int, List, Struct, Whole};
 
@@ -63,8 +63,7 @@ pub(crate) fn parquet_file(columns: &[(String, Cells<'_>)]) -> io::Result<Vec<u8
     let mut writer = ParquetWriter::from_kinds(&mut bytes, kinds.collect())?;
     let rows = columns.first().map_or(0, |(_, cells)| cells.len());
     for start in (0..rows).step_by(GROUP_ROWS) {
-        let cells = columns.iter().map(|(_, cells)| cells);
-        writer.group(cells, start..rows.min(start + GROUP_ROWS))?;
+        writer.group(columns, start..rows.min(start + GROUP_ROWS))?;
     }
     writer.finish()?;
     Ok(bytes)
@@ -99,26 +98,20 @@ impl<W: Write> ParquetWriter<W> {
     }
 
     /// Writes rows as a group.
-    fn group<'a>(
-        &mut self,
-        columns: impl Iterator<Item = &'a Cells<'a>>,
-        range: Range<usize>,
-    ) -> io::Result<()> {
+    fn group(&mut self, columns: &[(String, Cells<'_>)], range: Range<usize>) -> io::Result<()> {
         let (start, rows) = (self.at, range.len() as i64);
-        let mut chunks = Vec::new();
-        for cells in columns {
+        let (mut chunks, mut unpacked_bytes) = (Vec::new(), 0);
+        for ((name, kind), (_, cells)) in self.columns.iter().zip(columns) {
             let chunk = EncodedChunk::new(cells, range.clone())?;
             self.out.write_all(&chunk.bytes)?;
-            chunks.push((self.at as i64, chunk));
-            self.at += chunks.last().map_or(0, |(_, chunk)| chunk.bytes.len() as u64);
+            let at = self.at as i64;
+            chunks.push(Struct(vec![(2, Whole(at)), (3, chunk.describe(name, *kind, at, rows))]));
+            unpacked_bytes += chunk.unpacked_bytes;
+            self.at += chunk.bytes.len() as u64;
         }
         let bytes = (self.at - start) as i64;
-        let unpacked_bytes: i64 = chunks.iter().map(|(_, chunk)| chunk.unpacked_bytes).sum();
-        let columns = self.columns.iter().zip(&chunks).map(|((name, kind), (at, chunk))| {
-            Struct(vec![(2, Whole(*at)), (3, chunk.describe(name, *kind, *at, rows))])
-        });
         self.groups.push(Struct(vec![
-            (1, List(columns.collect())),
+            (1, List(chunks)),
             (2, Whole(unpacked_bytes)),
             (3, Whole(rows)),
             (5, Whole(start as i64)),
@@ -149,17 +142,23 @@ impl<W: Write> ParquetWriter<W> {
             (6, concat!("shellcal version ", env!("CARGO_PKG_VERSION")).into()),
         ])
     }
-}
 
-impl<W: Write> TableWriter for ParquetWriter<W> {
-    fn write(&mut self, columns: &[Cells<'_>]) -> io::Result<()> {
-        match columns.first().map_or(0, Cells::len) {
+    /// Writes rows as a group: as many columns as the file has, of the same types.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn write(&mut self, columns: &[(String, Cells<'_>)]) -> io::Result<()> {
+        match columns.first().map_or(0, |(_, cells)| cells.len()) {
             0 => Ok(()),
-            rows => self.group(columns.iter(), 0..rows),
+            rows => self.group(columns, 0..rows),
         }
     }
 
-    fn finish(&mut self) -> io::Result<()> {
+    /// Writes the footer.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn finish(&mut self) -> io::Result<()> {
         let mut footer = Vec::new();
         self.footer().write(&mut footer);
         let length = u32::try_from(footer.len())

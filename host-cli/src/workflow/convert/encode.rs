@@ -4,9 +4,9 @@ use std::borrow::Cow;
 use std::io::{self, Write};
 
 use table_file::write::mcap::{
-    ChunkBuilder, McapChannel, McapChunk, McapWriter, static_transform, wrench_stamped,
+    McapChannel, McapChunk, McapWriter, static_transform, wrench_stamped,
 };
-use table_file::write::{Cells, HeldTable, ParquetWriter, TableWriter};
+use table_file::write::{Cells, ParquetWriter, write_matlab, write_numpy};
 
 use super::frames::{ConvertedFrames, append};
 use super::options::{OutputFormat, RecordingFrame};
@@ -30,7 +30,7 @@ pub(super) struct Encoder<'a> {
 pub(super) enum EncodedFrames {
     Text(Vec<u8>),
     EncodedColumns(EncodedColumns),
-    Chunk(Option<McapChunk>),
+    Chunk(McapChunk),
 }
 
 /// Columns of numbers, then of text.
@@ -39,6 +39,14 @@ pub(super) struct EncodedColumns {
     numbers: Vec<Vec<f64>>,
     texts: Vec<Vec<String>>,
 }
+
+/// Columns that are not written yet, and the names of all; whether each is text.
+pub(super) struct WaitingColumns {
+    names: Vec<(String, bool)>,
+    columns: EncodedColumns,
+}
+
+type WriteTable = fn(&mut dyn Write, &[(String, Cells<'_>)]) -> io::Result<()>;
 
 impl Encoder<'_> {
     pub(super) fn encode(&self, frames: &ConvertedFrames) -> Result<EncodedFrames, WorkflowError> {
@@ -56,11 +64,7 @@ impl Encoder<'_> {
         })
     }
 
-    fn chunk(
-        &self,
-        frames: &ConvertedFrames,
-        frame_id: &str,
-    ) -> Result<Option<McapChunk>, WorkflowError> {
+    fn chunk(&self, frames: &ConvertedFrames, frame_id: &str) -> Result<McapChunk, WorkflowError> {
         let numbers = self.table.numbers(frames);
         // The names as they stand in every message, after the brace or comma.
         let key = |(name, _): (String, bool)| Ok(format!("{}:", serde_json::to_string(&name)?));
@@ -72,7 +76,7 @@ impl Encoder<'_> {
         let texts: Vec<_> = of_texts.iter().zip(&frames.texts).collect();
         // Two messages with their heads; numbers have up to 24 digits.
         let names: usize = details.iter().map(|(name, _)| name.len() + 25).sum();
-        let mut chunk = ChunkBuilder::with_capacity(frames.len() * (160 + frame_id.len() + names));
+        let mut chunk = McapChunk::with_capacity(frames.len() * (160 + frame_id.len() + names));
         let mut digits = zmij::Buffer::new();
         for row in 0..frames.len() {
             let time_s = frames.time_s[row];
@@ -103,7 +107,7 @@ impl Encoder<'_> {
                 json.extend_from_slice(b"\"}");
             });
         }
-        Ok(chunk.finish())
+        Ok(chunk)
     }
 
     /// What goes with a wrench, and whether it is text: the readings, and the columns but for time and wrench, which are
@@ -147,10 +151,9 @@ fn nanoseconds(time_s: f64) -> Option<u64> {
 /// Where encoded frames go, in order.
 pub(super) enum EncodedOutput<'a> {
     Text(&'a mut dyn Write),
-    Table {
-        writer: Box<dyn TableWriter + 'a>,
-        waiting: EncodedColumns,
-    },
+    Parquet(ParquetWriter<&'a mut dyn Write>, WaitingColumns),
+    /// What a file that begins with the number of rows is written by.
+    Whole(WriteTable, &'a mut dyn Write, WaitingColumns),
     /// With the frame whose mount is still to be written.
     Recording(McapWriter<&'a mut dyn Write>, Option<RecordingFrame>),
 }
@@ -158,10 +161,12 @@ pub(super) enum EncodedOutput<'a> {
 impl<'a> EncodedOutput<'a> {
     /// Writes what comes before the first frame.
     pub(super) fn new(encoder: &Encoder<'_>, out: &'a mut dyn Write) -> io::Result<Self> {
-        let writer: Box<dyn TableWriter + 'a> = match encoder.format {
+        let names = encoder.table.names();
+        let waiting = WaitingColumns { names, columns: EncodedColumns::default() };
+        Ok(match encoder.format {
             OutputFormat::Csv => {
                 out.write_all(encoder.table.header().as_bytes())?;
-                return Ok(Self::Text(out));
+                Self::Text(out)
             }
             OutputFormat::Mcap(frame) => {
                 let details = encoder.details_schema();
@@ -172,30 +177,37 @@ impl<'a> EncodedOutput<'a> {
                 channels.extend(frame.mount.as_ref().map(|_| McapChannel::static_transforms()));
                 let library = concat!("shellcal ", env!("CARGO_PKG_VERSION"));
                 let writer = McapWriter::new(out, library, channels)?;
-                return Ok(Self::Recording(writer, Some(frame.clone())));
+                Self::Recording(writer, Some(frame.clone()))
             }
-            OutputFormat::Parquet => Box::new(ParquetWriter::new(out, &encoder.table.names())?),
-            OutputFormat::Matlab => Box::new(HeldTable::matlab(out, &encoder.table.names())),
-            OutputFormat::NumPy => Box::new(HeldTable::numpy(out, &encoder.table.names())),
-        };
-        Ok(Self::Table { writer, waiting: EncodedColumns::default() })
+            OutputFormat::Parquet => {
+                Self::Parquet(ParquetWriter::new(out, &waiting.names)?, waiting)
+            }
+            OutputFormat::Matlab => Self::Whole(write_matlab, out, waiting),
+            OutputFormat::NumPy => Self::Whole(write_numpy, out, waiting),
+        })
     }
 
     pub(super) fn write(&mut self, encoded: EncodedFrames) -> io::Result<()> {
         match (self, encoded) {
             (Self::Text(out), EncodedFrames::Text(text)) => out.write_all(&text),
-            (Self::Recording(writer, frame), EncodedFrames::Chunk(Some(chunk))) => {
-                if let Some(transform) = frame.take().and_then(|it| transform(&it, &chunk)) {
-                    writer.write(&transform)?;
+            (Self::Recording(writer, frame), EncodedFrames::Chunk(chunk)) => {
+                if let Some(time_ns) = chunk.start_ns()
+                    && let Some(frame) = frame.take()
+                {
+                    writer.write(&transform(&frame, time_ns))?;
                 }
                 writer.write(&chunk)
             }
-            (Self::Recording(..), EncodedFrames::Chunk(None)) => Ok(()),
-            (Self::Table { writer, waiting }, EncodedFrames::EncodedColumns(columns)) => {
-                waiting.append(columns);
-                if waiting.rows() >= PART_ROWS {
-                    std::mem::take(waiting).write(&mut **writer)?;
+            (Self::Parquet(writer, waiting), EncodedFrames::EncodedColumns(columns)) => {
+                waiting.columns.append(columns);
+                if waiting.columns.rows() >= PART_ROWS {
+                    writer.write(&waiting.cells())?;
+                    waiting.columns = EncodedColumns::default();
                 }
+                Ok(())
+            }
+            (Self::Whole(_, _, waiting), EncodedFrames::EncodedColumns(columns)) => {
+                waiting.columns.append(columns);
                 Ok(())
             }
             _ => Err(io::Error::other("frames were encoded for another kind of file")),
@@ -207,23 +219,28 @@ impl<'a> EncodedOutput<'a> {
         match self {
             Self::Text(_) => Ok(()),
             Self::Recording(mut writer, _) => writer.finish(),
-            Self::Table { mut writer, waiting } => {
-                waiting.write(&mut *writer)?;
+            Self::Parquet(mut writer, waiting) => {
+                writer.write(&waiting.cells())?;
                 writer.finish()
+            }
+            Self::Whole(write, out, waiting) => {
+                write(out, &waiting.cells())?;
+                out.flush()
             }
         }
     }
 }
 
-/// Where the frame of wrenches is, from the time of their first chunk on.
-fn transform(frame: &RecordingFrame, first: &McapChunk) -> Option<McapChunk> {
-    let mount = frame.mount.as_ref()?;
-    let (mut chunk, time_ns) = (ChunkBuilder::default(), first.start_ns());
-    let frames = [mount.parent.as_str(), frame.id.as_str()];
-    chunk.message(2, time_ns, |message| {
-        static_transform(message, time_ns, frames, mount.position_m, mount.quaternion());
-    });
-    chunk.finish()
+/// Where the frame of wrenches is, if that is known, from a time on.
+fn transform(frame: &RecordingFrame, time_ns: u64) -> McapChunk {
+    let mut chunk = McapChunk::default();
+    if let Some(mount) = &frame.mount {
+        let frames = [mount.parent.as_str(), frame.id.as_str()];
+        chunk.message(2, time_ns, |message| {
+            static_transform(message, time_ns, frames, mount.position_m, mount.quaternion());
+        });
+    }
+    chunk
 }
 
 impl EncodedColumns {
@@ -238,15 +255,20 @@ impl EncodedColumns {
             append(&mut self.texts, &mut next.texts);
         }
     }
+}
 
-    fn write(self, writer: &mut dyn TableWriter) -> io::Result<()> {
-        if self.rows() == 0 {
-            return Ok(());
-        }
-        let mut values: Vec<Cells<'_>> =
-            self.numbers.iter().map(|column| Cells::Full(column.into())).collect();
-        values.extend(self.texts.iter().map(|column| Cells::Text(column.into())));
-        writer.write(&values)
+impl WaitingColumns {
+    /// All columns, empty if there were no frames.
+    fn cells(&self) -> Vec<(String, Cells<'_>)> {
+        let (mut numbers, mut texts) = (self.columns.numbers.iter(), self.columns.texts.iter());
+        let cells = |(name, is_text): &(String, bool)| {
+            let cells = match is_text {
+                true => Cells::Text(texts.next().map(Cow::from).unwrap_or_default()),
+                false => Cells::Full(numbers.next().map(Cow::from).unwrap_or_default()),
+            };
+            (name.clone(), cells)
+        };
+        self.names.iter().map(cells).collect()
     }
 }
 
