@@ -8,7 +8,6 @@ use std::sync::Arc;
 use serde_json::Value;
 
 use crate::budget::{self, Unpacked};
-use crate::calendar::iso_of;
 use crate::element::Element;
 use crate::error::TableError;
 use crate::kind::FileKind;
@@ -43,23 +42,18 @@ struct ValueOffset {
 #[derive(Clone, Copy, Debug)]
 enum NumberKind {
     Number(Element),
-    Truth,
     /// As many bytes.
     Bytes(usize),
     /// As many characters of four bytes.
     Characters(usize),
-    /// So many of this unit make a second.
-    Time(i64),
 }
 
 impl NumberKind {
     fn size(self) -> usize {
         match self {
             Self::Number(element) => element.size(),
-            Self::Truth => 1,
             Self::Bytes(count) => count,
             Self::Characters(count) => 4 * count,
-            Self::Time(_) => 8,
         }
     }
 }
@@ -207,7 +201,8 @@ fn kind(name: &str) -> Result<(NumberKind, bool), TableError> {
             "ns" => 1_000_000_000,
             _ => return Err(wrong()),
         };
-        return Ok((NumberKind::Time(per_second), is_little));
+        let time = Element::Time { size: 8, units: 1, per_second };
+        return Ok((NumberKind::Number(time), is_little));
     }
     let size: u16 = name_of.get(1..).and_then(|size| size.parse().ok()).ok_or_else(wrong)?;
     let kind = match (name_of.as_bytes()[0], size) {
@@ -216,7 +211,7 @@ fn kind(name: &str) -> Result<(NumberKind, bool), TableError> {
         (b'f', 8) => NumberKind::Number(Element::Double),
         (b'i', 1 | 2 | 4 | 8) => NumberKind::Number(Element::Signed(size as u8)),
         (b'u', 1 | 2 | 4 | 8) => NumberKind::Number(Element::Unsigned(size as u8)),
-        (b'b' | b'?', 1) => NumberKind::Truth,
+        (b'b' | b'?', 1) => NumberKind::Number(Element::Truth),
         (b'S' | b'a', 1..) => NumberKind::Bytes(usize::from(size)),
         (b'U', 1..=4096) => NumberKind::Characters(usize::from(size)),
         _ => return Err(wrong()),
@@ -277,7 +272,6 @@ impl ValueOffset {
     fn cell(&self, bytes: &[u8]) -> Cell {
         match self.kind {
             NumberKind::Number(element) => element.cell(bytes, self.is_little),
-            NumberKind::Truth => Cell::Whole(i64::from(bytes[0] != 0)),
             NumberKind::Bytes(_) => {
                 let end = bytes.iter().rposition(|&byte| byte != 0).map_or(0, |at| at + 1);
                 Cell::Text(String::from_utf8_lossy(&bytes[..end]).into_owned())
@@ -292,12 +286,6 @@ impl ValueOffset {
                 let text = codes.map(|code| character(code).unwrap_or('\u{fffd}'));
                 Cell::Text(text.collect::<String>().trim_end_matches('\0').to_owned())
             }
-            NumberKind::Time(per_second) => match Element::Signed(8).cell(bytes, self.is_little) {
-                // Not a time.
-                Cell::Whole(i64::MIN) => Cell::Missing,
-                Cell::Whole(units) => Cell::Text(iso_of(units, per_second)),
-                cell => cell,
-            },
         }
     }
 }
