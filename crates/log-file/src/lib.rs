@@ -64,9 +64,9 @@ pub use format::mapping::{
 };
 pub use format::meaning::Meaning;
 pub use log::Log;
-pub use read::all::{read_all, threads_for};
-pub use read::dataset::{read_dataset, read_logs, sample_logs};
-pub use read::request::{ReadOptions, Wanted};
+pub use read::all::{
+    ReadOptions, Wanted, read_all, read_dataset, read_logs, sample_logs, threads_for,
+};
 pub use read::selection::RowSelection;
 pub use shell_data::ReadSummary;
 pub use stream::pipeline;

@@ -10,7 +10,7 @@ use crate::format::columns::{Column, duplicate, positions};
 use crate::format::layout::{FileLayout, HEAD_BYTES, recognise_layout};
 use crate::format::mapping::{ColumnRef, LogFormat, Mapping};
 use crate::format::meaning::{Meaning, axis_of_other_unit};
-use crate::read::request::Wanted;
+use crate::read::all::Wanted;
 use crate::stream::chunk::{CHUNK_BYTES, ChunkError, ChunkStream, LINE_LIMIT};
 use crate::stream::source::{ByteStream, LogSource};
 use shell_data::ColumnNames;

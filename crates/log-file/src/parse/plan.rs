@@ -8,7 +8,7 @@ use super::rows::{ColumnUse, RowError, RowPlan};
 use crate::error::RowProblem;
 use crate::format::layout::FileLayout;
 use crate::format::mapping::LogFormat;
-use crate::read::request::Wanted;
+use crate::read::all::Wanted;
 use crate::stream::chunk::{Chunk, line_ends};
 use crate::stream::{clock_turns, decimal_comma};
 use shell_data::block::Block;

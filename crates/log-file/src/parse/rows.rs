@@ -134,13 +134,16 @@ impl RowPlan {
             // A blank line, a bad row or one with something unusual: look at it by itself.
             let end = memchr(b'\n', &lines[at..]).map_or(lines.len(), |i| at + i);
             let line = lines[at..end].strip_suffix(b"\r").unwrap_or(&lines[at..end]);
+            let is_cut = |problem: &RowProblem| end == lines.len() && self.is_short(problem);
             match self.parse_line(line, parsed) {
                 None => parsed.pass_lines(1),
-                Some(result) => {
-                    let may_skip =
-                        skip_bad_rows || is_cut(&result, self.names.len(), end == lines.len());
-                    finish_row(result, at, may_skip, parsed)?;
+                Some(Ok(())) => parsed.rows += 1,
+                // The last row of a file whose writer was killed or lost power is cut off, and is no error.
+                Some(Err(problem)) if skip_bad_rows || is_cut(&problem) => {
+                    parsed.skipped += 1;
+                    parsed.pass_lines(1);
                 }
+                Some(Err(problem)) => return Err(RowError { offset: at, problem }),
             }
             at = end + 1;
             // More blank lines cost no more than their bytes.
@@ -278,6 +281,18 @@ impl RowPlan {
         }
     }
 
+    /// Whether fields are missing at the end of a row, or the last one is.
+    fn is_short(&self, problem: &RowProblem) -> bool {
+        match problem {
+            RowProblem::ColumnCount { expected, found } => found < expected,
+            // Right after a separator.
+            RowProblem::Field { column, problem: FieldProblem::Empty, .. } => {
+                column + 1 == self.names.len()
+            }
+            _ => false,
+        }
+    }
+
     fn problem(&self, problem: FieldProblem, column: usize, field: &[u8]) -> RowProblem {
         let name = self.names[column].clone();
         let mut found = String::from_utf8_lossy(field.trim_ascii()).into_owned();
@@ -356,49 +371,13 @@ fn blank_lines(lines: &[u8]) -> usize {
     memchr::memrchr(b'\n', &lines[..blank]).map_or(0, |end| end + 1)
 }
 
-/// Whether a row is cut off: the end of a file whose writer was killed or lost power. Such a row is
-/// skipped and is not an error.
-fn is_cut(result: &Result<(), RowProblem>, columns: usize, is_open: bool) -> bool {
-    let is_short = match result {
-        Err(RowProblem::ColumnCount { expected, found }) => found < expected,
-        // Right after a separator.
-        Err(RowProblem::Field { column, problem: FieldProblem::Empty, .. }) => {
-            column + 1 == columns
-        }
-        _ => false,
-    };
-    is_open && is_short
-}
-
-fn finish_row(
-    result: Result<(), RowProblem>,
-    offset: usize,
-    skip_bad_rows: bool,
-    parsed: &mut ParsedRows,
-) -> Result<(), RowError> {
-    match result {
-        Ok(()) => parsed.rows += 1,
-        Err(_) if skip_bad_rows => {
-            parsed.skipped += 1;
-            parsed.pass_lines(1);
-        }
-        Err(problem) => return Err(RowError { offset, problem }),
-    }
-    Ok(())
-}
-
-/// The same for dates and times.
+/// The same as [`parse_column`] for dates and times.
 fn parse_dates(lines: &[u8], fields: ColumnFields<'_>, values: &mut [f64]) -> Option<usize> {
     values.iter_mut().enumerate().position(|(row, value)| {
         let (start, end) = fields.position(row);
-        let date = lines.get(start..end).map(parse_date);
-        match date {
-            Some(Ok(seconds)) => {
-                *value = seconds;
-                false
-            }
-            _ => true,
-        }
+        let date = lines.get(start..end).and_then(|field| parse_date(field).ok());
+        *value = date.unwrap_or(f64::NAN);
+        date.is_none()
     })
 }
 

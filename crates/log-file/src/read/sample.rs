@@ -4,7 +4,7 @@ use std::io::{Read, Seek, SeekFrom};
 
 use memchr::{memchr, memrchr};
 
-use super::request::{ReadOptions, Wanted};
+use super::all::{ReadOptions, Wanted};
 use crate::error::LogError;
 use crate::format::mapping::LogFormat;
 use crate::log::Log;

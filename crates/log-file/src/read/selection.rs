@@ -2,7 +2,7 @@
 
 use std::sync::atomic::Ordering;
 
-use super::request::{ReadOptions, Wanted};
+use super::all::{ReadOptions, Wanted};
 use crate::error::LogError;
 use crate::log::Log;
 use crate::parse::plan::{BlockBuffer, ReadPlan};

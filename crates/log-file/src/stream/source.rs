@@ -293,10 +293,10 @@ impl LogSource {
         };
         match (&self.container, source.kind()) {
             (Container::Gzip, InvalidData | InvalidInput | UnexpectedEof) => {
-                LogError::Gzip { path, source }
+                LogError::Unpacking { path, method: "gzip", source }
             }
             (Container::Zstd, InvalidData | InvalidInput | UnexpectedEof | Other) => {
-                LogError::Zstd { path, source }
+                LogError::Unpacking { path, method: "Zstandard", source }
             }
             _ => LogError::Io { path, source },
         }
