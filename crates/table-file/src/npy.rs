@@ -61,20 +61,17 @@ impl NumberKind {
 pub(crate) fn open(source: &FileSource) -> Result<NamedRows, TableError> {
     let mut file = source.open()?;
     let cut = |error| KIND.unread(error, "its header is cut off");
-    let mut start = [0; 10];
+    let mut start = [0; 12];
     file.read_exact(&mut start).map_err(cut)?;
-    let short = u64::from(u16::from_le_bytes([start[8], start[9]]));
+    let length = u32::from_le_bytes([start[8], start[9], start[10], start[11]]);
     let (before, length) = match start[6] {
-        1 => (10, short),
-        2 | 3 => {
-            let mut more = [0; 2];
-            file.read_exact(&mut more).map_err(cut)?;
-            (12, u64::from(u32::from_le_bytes([start[8], start[9], more[0], more[1]])))
-        }
+        1 => (10, u64::from(length as u16)),
+        2 | 3 => (12, u64::from(length)),
         version => return Err(KIND.unsupported(format!("format version {version}"))),
     };
     let size = budget::within(KIND, "its header", length, budget::DESCRIPTION)?;
     let mut header = vec![0; size];
+    file.seek(SeekFrom::Start(before))?;
     file.read_exact(&mut header).map_err(cut)?;
     let header = String::from_utf8_lossy(&header);
     let (names, npy) = layout(source, &header, before + length)?;

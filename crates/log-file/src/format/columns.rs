@@ -26,6 +26,34 @@ pub(crate) struct ColumnRoles {
     pub(crate) group: Option<usize>,
 }
 
+/// Which columns are wanted. The others are not parsed.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Wanted {
+    /// Time.
+    pub time: bool,
+    /// The readings of all channels.
+    pub readings: bool,
+    /// The wrench, as far as there are columns of it.
+    pub wrench: bool,
+    /// Group labels.
+    pub groups: bool,
+    /// Further columns by position in the row, from 0; they are given as they stand in the log.
+    pub others: Vec<usize>,
+    /// Columns of text by position in the row, from 0, each once.
+    pub texts: Vec<usize>,
+}
+
+impl ColumnRoles {
+    /// The positions of the columns of numbers that are wanted.
+    pub(crate) fn numbers(&self, wanted: &Wanted) -> Vec<usize> {
+        let mut positions = wanted.others.clone();
+        positions.extend(self.time.filter(|_| wanted.time));
+        positions.extend(self.sensors.iter().filter(|_| wanted.readings));
+        positions.extend(self.wrench.iter().flatten().filter(|_| wanted.wrench));
+        positions
+    }
+}
+
 /// The error of two columns that have one meaning.
 pub(crate) fn duplicate(names: &[String], meaning: String, columns: [usize; 2]) -> PlacedProblem {
     let names = Box::new(columns.map(|at| names[at].clone()));

@@ -1,7 +1,5 @@
 //! The operations of [`super::rows`] on many bytes at once, for each instruction set.
 
-use super::number::parse_long;
-
 /// The number of bytes that are searched together.
 pub(crate) const BLOCK: usize = 64;
 
@@ -17,9 +15,6 @@ pub(crate) trait InstructionSet: Copy {
     /// and how many of them follow a point. `None` where there are no digits in front of the point or behind it,
     /// more than fit 64 bits, or anything else.
     fn digits(self, lines: &[u8], start: usize, end: usize) -> Option<(u64, usize)>;
-
-    /// The slow path for fields that [`Self::digits`] does not take, kept out of the loop over the others.
-    fn other_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64>;
 }
 
 /// The fields of a column, row by row. Not a closure, because closures are not always inlined.
@@ -70,10 +65,5 @@ impl InstructionSet for Portable {
     #[inline(always)]
     fn digits(self, _: &[u8], _: usize, _: usize) -> Option<(u64, usize)> {
         None
-    }
-
-    #[inline(always)]
-    fn other_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64> {
-        parse_long(lines, at, end)
     }
 }

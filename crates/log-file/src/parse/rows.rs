@@ -17,7 +17,7 @@ use super::field_ends::FieldEnds;
 use super::instruction_set::{ColumnFields, InstructionSet, Portable};
 #[cfg(all(target_arch = "aarch64", target_endian = "little"))]
 use super::neon::Neon;
-use super::number::{parse_date, parse_digits, parse_field, signed};
+use super::number::{parse_date, parse_digits, parse_field, parse_long, signed};
 use super::parsed_rows::ParsedRows;
 use crate::error::{FieldProblem, RowProblem};
 use crate::stream::chunk::line_ends;
@@ -89,13 +89,11 @@ impl RowPlan {
     ) -> Result<(), RowError> {
         match instructions {
             #[cfg(target_arch = "x86_64")]
-            Arch::V4(v4) => self.parse_lines_with(Avx2::new(*v4), lines, skip_bad_rows, parsed),
+            Arch::V4(v4) => self.parse_lines_with(Avx2(*v4), lines, skip_bad_rows, parsed),
             #[cfg(target_arch = "x86_64")]
-            Arch::V3(v3) => self.parse_lines_with(Avx2::new(v3), lines, skip_bad_rows, parsed),
+            Arch::V3(v3) => self.parse_lines_with(Avx2(v3), lines, skip_bad_rows, parsed),
             #[cfg(all(target_arch = "aarch64", target_endian = "little"))]
-            Arch::Neon(neon) => {
-                self.parse_lines_with(Neon::new(neon), lines, skip_bad_rows, parsed)
-            }
+            Arch::Neon(neon) => self.parse_lines_with(Neon(neon), lines, skip_bad_rows, parsed),
             _ => self.parse_lines_with(Portable, lines, skip_bad_rows, parsed),
         }
     }
@@ -425,8 +423,17 @@ fn plain_number(set: impl InstructionSet, lines: &[u8], at: usize, end: usize) -
     let plain = if length <= 32 { set.digits(lines, start, end) } else { None };
     match plain {
         Some((mantissa, decimals)) => signed(negative, mantissa, -(decimals as i32)),
-        None => set.other_number(lines, at, end),
+        None => other_number(set, lines, at, end),
     }
+}
+
+/// The same for fields that [`InstructionSet::digits`] does not take, kept out of the loop over the others.
+#[inline(never)]
+fn other_number(set: impl InstructionSet, lines: &[u8], at: usize, end: usize) -> Option<f64> {
+    set.run(
+        #[inline(always)]
+        || parse_long(lines, at, end),
+    )
 }
 
 /// Out of the way of the loop for plain numbers.

@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use crate::error::LogError;
+use crate::format::columns::Wanted;
 use crate::log::Log;
 use crate::parse::plan::{BlockBuffer, ReadPlan};
 use crate::stream::chunk::{Chunk, ChunkStream};
@@ -12,23 +13,6 @@ use crate::stream::source::{ByteStream, ReadMeter};
 use shell_data::ReadSummary;
 use shell_data::block::Block;
 use shell_data::dataset::{Dataset, LogRows};
-
-/// Which columns are wanted. The others are not parsed.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Wanted {
-    /// Time.
-    pub time: bool,
-    /// The readings of all channels.
-    pub readings: bool,
-    /// The wrench, as far as there are columns of it.
-    pub wrench: bool,
-    /// Group labels.
-    pub groups: bool,
-    /// Further columns by position in the row, from 0; they are given as they stand in the log.
-    pub others: Vec<usize>,
-    /// Columns of text by position in the row, from 0, each once.
-    pub texts: Vec<usize>,
-}
 
 /// How a log is read.
 #[derive(Clone, Copy, Default)]
@@ -136,7 +120,7 @@ pub fn read_all<S: Send, T: Send, E: From<LogError>>(
         &mut chunks,
         threads,
         || (BlockBuffer::default(), init()),
-        |(buffer, state), LogChunk { log, chunk }| {
+        |(buffer, state), (log, chunk)| {
             let filled = buffer.fill(&plans[*log], chunk, options.skip_bad_rows);
             let parsed = filled.map(|()| {
                 let summary = ReadSummary {
@@ -196,13 +180,6 @@ pub(crate) struct LogChunks<'a> {
     pub(crate) checksums: Vec<Option<String>>,
 }
 
-/// A chunk of one of the logs.
-#[derive(Default)]
-pub(crate) struct LogChunk {
-    pub(crate) log: usize,
-    pub(crate) chunk: Chunk,
-}
-
 impl<'a> LogChunks<'a> {
     pub(crate) fn new(logs: &'a [&'a Log], checksum: bool, threads: usize) -> Self {
         let (meter, checksums) = (ReadMeter::default(), Vec::new());
@@ -211,16 +188,17 @@ impl<'a> LogChunks<'a> {
 }
 
 impl Pieces for LogChunks<'_> {
-    type Piece = LogChunk;
+    /// The number of a log, and a chunk of it.
+    type Piece = (usize, Chunk);
     type Error = LogError;
 
     fn ended(&self) -> bool {
         self.current >= self.logs.len()
     }
 
-    fn next(&mut self, piece: &mut LogChunk) -> Result<bool, Self::Error> {
+    fn next(&mut self, (number, chunk): &mut (usize, Chunk)) -> Result<bool, Self::Error> {
         while let Some(log) = self.logs.get(self.current) {
-            piece.log = self.current;
+            *number = self.current;
             let chunks = match &mut self.chunks {
                 Some(chunks) => chunks,
                 none => {
@@ -229,7 +207,7 @@ impl Pieces for LogChunks<'_> {
                     none.insert(log.chunks(stream, log.chunk_bytes))
                 }
             };
-            let any = chunks.next(&mut piece.chunk).map_err(|error| log.chunk_error(error))?;
+            let any = chunks.next(chunk).map_err(|error| log.chunk_error(error))?;
             if chunks.ended() {
                 self.checksums.push(self.meter.checksum());
                 self.chunks = None;

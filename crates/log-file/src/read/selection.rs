@@ -2,8 +2,9 @@
 
 use std::sync::atomic::Ordering;
 
-use super::all::{ReadOptions, Wanted};
+use super::all::ReadOptions;
 use crate::error::LogError;
+use crate::format::columns::Wanted;
 use crate::log::Log;
 use crate::parse::plan::{BlockBuffer, ReadPlan};
 use crate::stream::chunk::Chunk;
