@@ -60,9 +60,6 @@ pub enum LogError {
         /// What to do with it.
         remedy: &'static str,
     },
-    /// The file is compressed, and no text.
-    #[error("`{}` is compressed, and what is in it is not text", .0.display())]
-    PackedTable(PathBuf),
     /// A table was asked for by name of a file that is one.
     #[error("`{}` is a single table, and has none called `{wanted}`", path.display())]
     NoParts {
@@ -176,7 +173,6 @@ impl Hint for LogError {
     fn hint(&self) -> Option<String> {
         let text = match self {
             Self::Foreign { remedy, .. } => remedy,
-            Self::PackedTable(_) => "unpack it first; compressed logs are text",
             Self::NoParts { .. } => "leave out `--table`",
             Self::Table { problem: TableError::Choice { .. }, .. } => "choose with `--table NAME`",
             Self::Table { problem: TableError::Damaged { .. }, .. } => {

@@ -21,22 +21,21 @@ pub enum FileKind {
 }
 
 impl FileKind {
-    /// Its name in documents, and what people call it, after the article.
-    const fn names(self) -> [&'static str; 3] {
+    /// Its name in documents, and what people call it, with an article.
+    const fn names(self) -> [&'static str; 2] {
         match self {
-            Self::Hdf5 => ["hdf5", "an", "HDF5 file"],
-            Self::Matlab => ["matlab", "a", "MATLAB 5 file"],
-            Self::Mcap => ["mcap", "an", "MCAP file"],
-            Self::NumPy => ["numpy", "a", "NumPy file"],
-            Self::Parquet => ["parquet", "a", "Parquet file"],
-            Self::Xlsx => ["xlsx", "an", "Excel workbook"],
+            Self::Hdf5 => ["hdf5", "an HDF5 file"],
+            Self::Matlab => ["matlab", "a MATLAB 5 file"],
+            Self::Mcap => ["mcap", "an MCAP file"],
+            Self::NumPy => ["numpy", "a NumPy file"],
+            Self::Parquet => ["parquet", "a Parquet file"],
+            Self::Xlsx => ["xlsx", "an Excel workbook"],
         }
     }
 
     /// What people call it, with an article.
-    pub(crate) fn with_article(self) -> String {
-        let [_, article, name] = self.names();
-        format!("{article} {name}")
+    pub(crate) const fn with_article(self) -> &'static str {
+        self.names()[1]
     }
 
     /// Its name in documents.
@@ -47,7 +46,7 @@ impl FileKind {
 
 impl fmt::Display for FileKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.names()[2])
+        f.write_str(self.with_article().trim_start_matches("an ").trim_start_matches("a "))
     }
 }
 

@@ -188,7 +188,12 @@ impl RowPlan {
             };
             right = wrong.unwrap_or(right);
             if let Some(largest) = self.largest(*step) {
-                right = believable(&values[..right], largest);
+                let is_believable = |value: &f64| value.abs() <= largest;
+                let values = &values[..right];
+                // As a rule all of them, which is found without a branch for each.
+                if !values.iter().fold(true, |all, value| all & is_believable(value)) {
+                    right = values.iter().take_while(|value| is_believable(value)).count();
+                }
             }
         }
         for (label, &column) in self.labels.iter().enumerate() {
@@ -299,16 +304,6 @@ impl RowPlan {
             found.push('…');
         }
         RowProblem::Field { column, name, problem, found }
-    }
-}
-
-/// How many values there are before the first of a larger magnitude.
-fn believable(values: &[f64], largest: f64) -> usize {
-    let is_believable = |value: &f64| value.abs() <= largest;
-    // As a rule all of them, which is found without a branch for each.
-    match values.iter().fold(true, |all, value| all & is_believable(value)) {
-        true => values.len(),
-        false => values.iter().take_while(|value| is_believable(value)).count(),
     }
 }
 

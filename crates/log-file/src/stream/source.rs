@@ -108,7 +108,9 @@ impl LogSource {
             _ => {
                 let text = source.start(source.open()?)?;
                 if !matches!(table_file::recognise(&text), Recognised::Unknown) {
-                    return Err(LogError::PackedTable(source.path));
+                    let what = "a compressed file of something other than text";
+                    let remedy = "unpack it first; compressed logs are text";
+                    return Err(LogError::Foreign { path: source.path, what, remedy });
                 }
                 text
             }

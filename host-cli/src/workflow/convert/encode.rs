@@ -40,14 +40,6 @@ pub(super) struct EncodedColumns {
     texts: Vec<Vec<String>>,
 }
 
-/// Columns that are not written yet, and the names of all; whether each is text.
-pub(super) struct WaitingColumns {
-    names: Vec<(String, bool)>,
-    columns: EncodedColumns,
-}
-
-type WriteTable = fn(&mut dyn Write, &[(String, Cells<'_>)]) -> io::Result<()>;
-
 impl Encoder<'_> {
     pub(super) fn encode(&self, frames: &ConvertedFrames) -> Result<EncodedFrames, WorkflowError> {
         Ok(match self.format {
@@ -151,22 +143,27 @@ fn nanoseconds(time_s: f64) -> Option<u64> {
 /// Where encoded frames go, in order.
 pub(super) enum EncodedOutput<'a> {
     Text(&'a mut dyn Write),
-    Parquet(ParquetWriter<&'a mut dyn Write>, WaitingColumns),
-    /// What a file that begins with the number of rows is written by.
-    Whole(WriteTable, &'a mut dyn Write, WaitingColumns),
+    /// With the names of the columns, whether each is text, and the rows that are not written yet.
+    Table(TableFile<'a>, Vec<(String, bool)>, EncodedColumns),
     /// With the frame whose mount is still to be written.
     Recording(McapWriter<&'a mut dyn Write>, Option<RecordingFrame>),
+}
+
+/// A file with columns of numbers and texts.
+pub(super) enum TableFile<'a> {
+    Parquet(ParquetWriter<&'a mut dyn Write>),
+    /// One that begins with the number of rows, and what writes it.
+    Whole(&'a mut dyn Write, fn(&mut dyn Write, &[(String, Cells<'_>)]) -> io::Result<()>),
 }
 
 impl<'a> EncodedOutput<'a> {
     /// Writes what comes before the first frame.
     pub(super) fn new(encoder: &Encoder<'_>, out: &'a mut dyn Write) -> io::Result<Self> {
         let names = encoder.table.names();
-        let waiting = WaitingColumns { names, columns: EncodedColumns::default() };
-        Ok(match encoder.format {
+        let file = match encoder.format {
             OutputFormat::Csv => {
                 out.write_all(encoder.table.header().as_bytes())?;
-                Self::Text(out)
+                return Ok(Self::Text(out));
             }
             OutputFormat::Mcap(frame) => {
                 let details = encoder.details_schema();
@@ -177,14 +174,13 @@ impl<'a> EncodedOutput<'a> {
                 channels.extend(frame.mount.as_ref().map(|_| McapChannel::static_transforms()));
                 let library = concat!("shellcal ", env!("CARGO_PKG_VERSION"));
                 let writer = McapWriter::new(out, library, channels)?;
-                Self::Recording(writer, Some(frame.clone()))
+                return Ok(Self::Recording(writer, Some(frame.clone())));
             }
-            OutputFormat::Parquet => {
-                Self::Parquet(ParquetWriter::new(out, &waiting.names)?, waiting)
-            }
-            OutputFormat::Matlab => Self::Whole(write_matlab, out, waiting),
-            OutputFormat::NumPy => Self::Whole(write_numpy, out, waiting),
-        })
+            OutputFormat::Parquet => TableFile::Parquet(ParquetWriter::new(out, &names)?),
+            OutputFormat::Matlab => TableFile::Whole(out, write_matlab),
+            OutputFormat::NumPy => TableFile::Whole(out, write_numpy),
+        };
+        Ok(Self::Table(file, names, EncodedColumns::default()))
     }
 
     pub(super) fn write(&mut self, encoded: EncodedFrames) -> io::Result<()> {
@@ -198,17 +194,14 @@ impl<'a> EncodedOutput<'a> {
                 }
                 writer.write(&chunk)
             }
-            (Self::Parquet(writer, waiting), EncodedFrames::EncodedColumns(columns)) => {
-                waiting.columns.append(columns);
-                if waiting.columns.rows() >= PART_ROWS {
-                    writer.write(&waiting.cells())?;
-                    waiting.columns = EncodedColumns::default();
+            (Self::Table(file, names, waiting), EncodedFrames::EncodedColumns(columns)) => {
+                waiting.append(columns);
+                match file {
+                    TableFile::Parquet(writer) if waiting.rows() >= PART_ROWS => {
+                        writer.write(&std::mem::take(waiting).cells(names))
+                    }
+                    _ => Ok(()),
                 }
-                Ok(())
-            }
-            (Self::Whole(_, _, waiting), EncodedFrames::EncodedColumns(columns)) => {
-                waiting.columns.append(columns);
-                Ok(())
             }
             _ => Err(io::Error::other("frames were encoded for another kind of file")),
         }
@@ -219,12 +212,12 @@ impl<'a> EncodedOutput<'a> {
         match self {
             Self::Text(_) => Ok(()),
             Self::Recording(mut writer, _) => writer.finish(),
-            Self::Parquet(mut writer, waiting) => {
-                writer.write(&waiting.cells())?;
+            Self::Table(TableFile::Parquet(mut writer), names, waiting) => {
+                writer.write(&waiting.cells(&names))?;
                 writer.finish()
             }
-            Self::Whole(write, out, waiting) => {
-                write(out, &waiting.cells())?;
+            Self::Table(TableFile::Whole(out, write), names, waiting) => {
+                write(out, &waiting.cells(&names))?;
                 out.flush()
             }
         }
@@ -255,12 +248,10 @@ impl EncodedColumns {
             append(&mut self.texts, &mut next.texts);
         }
     }
-}
 
-impl WaitingColumns {
-    /// All columns, empty if there were no frames.
-    fn cells(&self) -> Vec<(String, Cells<'_>)> {
-        let (mut numbers, mut texts) = (self.columns.numbers.iter(), self.columns.texts.iter());
+    /// All columns with their names, empty if there are no frames.
+    fn cells(&self, names: &[(String, bool)]) -> Vec<(String, Cells<'_>)> {
+        let (mut numbers, mut texts) = (self.numbers.iter(), self.texts.iter());
         let cells = |(name, is_text): &(String, bool)| {
             let cells = match is_text {
                 true => Cells::Text(texts.next().map(Cow::from).unwrap_or_default()),
@@ -268,7 +259,7 @@ impl WaitingColumns {
             };
             (name.clone(), cells)
         };
-        self.names.iter().map(cells).collect()
+        names.iter().map(cells).collect()
     }
 }
 
