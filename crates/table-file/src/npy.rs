@@ -11,7 +11,6 @@ use crate::budget::{self, Unpacked};
 use crate::element::Element;
 use crate::error::TableError;
 use crate::kind::FileKind;
-use crate::python_literal;
 use crate::rows::{Cell, NamedRows, RowBatch, RowSource, RowStream, batch_rows};
 use crate::source::{FileSource, OpenFile};
 
@@ -91,7 +90,7 @@ fn layout(
     header: &str,
     start: u64,
 ) -> Result<(Option<Vec<String>>, Npy), TableError> {
-    let Some(Value::Object(entries)) = python_literal::parse(header) else {
+    let Some(Value::Object(entries)) = python_literal(header) else {
         return Err(KIND.damaged("its header is not a dictionary"));
     };
     let missing = |name: &str| KIND.damaged(format!("its header has no `{name}`"));
@@ -283,6 +282,72 @@ impl ValueOffset {
                 let text = codes.map(|code| character(code).unwrap_or('\u{fffd}'));
                 Cell::Text(text.collect::<String>().trim_end_matches('\0').to_owned())
             }
+        }
+    }
+}
+
+/// The value that all of `text`, a Python literal, is: it is rewritten as JSON, in which tuples are lists.
+fn python_literal(text: &str) -> Option<Value> {
+    let (mut json, mut rest) = (String::with_capacity(text.len()), text);
+    while let Some(first) = rest.chars().next() {
+        let after = &rest[first.len_utf8()..];
+        rest = match first {
+            '\'' | '"' => {
+                let (text, after) = after.split_once(first)?;
+                json.push_str(&Value::from(text).to_string());
+                after
+            }
+            // JSON has no comma before the end of a list.
+            ',' if after.trim_start().starts_with([')', ']', '}']) => after,
+            c if c.is_ascii_alphanumeric() => {
+                let end = rest.find(|c: char| !c.is_ascii_alphanumeric()).unwrap_or(rest.len());
+                let (word, after) = rest.split_at(end);
+                json.push_str(&json_of_word(word)?);
+                after
+            }
+            _ => {
+                json.push(match first {
+                    '(' => '[',
+                    ')' => ']',
+                    '[' | ']' | '{' | '}' | ':' | ',' => first,
+                    c if c.is_whitespace() => ' ',
+                    _ => return None,
+                });
+                after
+            }
+        };
+    }
+    serde_json::from_str(&json).ok()
+}
+
+fn json_of_word(word: &str) -> Option<String> {
+    Some(match word {
+        "True" => "true".to_owned(),
+        "False" => "false".to_owned(),
+        "None" => "null".to_owned(),
+        // Python 2 wrote long numbers with an L.
+        number => number.trim_end_matches('L').parse::<u64>().ok()?.to_string(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn headers_of_numpy_are_read() {
+        let header = "{'descr': [('t', '<f8'), ('s', '<u2', (8,))], 'fortran_order': False, \
+                      'shape': (3L,), }   \n";
+        let Some(Value::Object(entries)) = python_literal(header) else { panic!("no dictionary") };
+        assert_eq!(entries.len(), 3);
+        assert_eq!(entries["fortran_order"], Value::Bool(false));
+        assert_eq!(entries["shape"], Value::from([3]));
+        let Value::Array(fields) = &entries["descr"] else { panic!("no list") };
+        let eight = Value::from([8]);
+        assert_eq!(fields[1], Value::Array(vec!["s".into(), "<u2".into(), eight]));
+        assert_eq!(python_literal(r"('a\b',)"), Some(Value::from([r"a\b"])));
+        for wrong in ["", "{", "(1", "{'a' 1}", "['a', ]]", "-1", "1 2", &"(".repeat(1000)] {
+            assert_eq!(python_literal(wrong), None, "{wrong}");
         }
     }
 }

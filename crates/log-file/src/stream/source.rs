@@ -89,32 +89,30 @@ impl LogSource {
         source.container = match start.as_slice() {
             [0x1f, 0x8b, ..] => Container::Gzip,
             start if zstd::begins(start) => Container::Zstd,
-            start => match table_file::recognise(start) {
-                Recognised::Table(kind) => Container::Table(source.table(kind, part)?),
-                Recognised::Foreign { what, remedy } => {
-                    return Err(LogError::Foreign { path: source.path, what, remedy });
-                }
-                Recognised::Unknown => Container::Plain,
-            },
+            _ => Container::Plain,
         };
-        if let Container::Table(_) = source.container {
-            return Ok(source);
+        let text = match source.container {
+            Container::Plain => start,
+            _ => source.start(source.open()?)?,
+        };
+        match table_file::recognise(&text) {
+            Recognised::Unknown => {}
+            _ if source.compression().is_some() => {
+                let what = "a compressed file of something other than text";
+                let remedy = "unpack it first; compressed logs are text";
+                return Err(LogError::Foreign { path: source.path, what, remedy });
+            }
+            Recognised::Table(kind) => {
+                source.container = Container::Table(source.table(kind, part)?);
+                return Ok(source);
+            }
+            Recognised::Foreign { what, remedy } => {
+                return Err(LogError::Foreign { path: source.path, what, remedy });
+            }
         }
         if let Some(part) = part {
             return Err(LogError::NoParts { path: source.path, wanted: part.to_owned() });
         }
-        let text = match source.container {
-            Container::Plain => start,
-            _ => {
-                let text = source.start(source.open()?)?;
-                if !matches!(table_file::recognise(&text), Recognised::Unknown) {
-                    let what = "a compressed file of something other than text";
-                    let remedy = "unpack it first; compressed logs are text";
-                    return Err(LogError::Foreign { path: source.path, what, remedy });
-                }
-                text
-            }
-        };
         source.utf16 = match text.as_slice() {
             [0xff, 0xfe, ..] => Some(false),
             [0xfe, 0xff, ..] => Some(true),
