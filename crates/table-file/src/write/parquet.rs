@@ -34,22 +34,13 @@ const SNAPPY: i32 = 1;
 /// How many rows of a table in memory become one row group.
 const GROUP_ROWS: usize = 1 << 16;
 
-/// What a column is in the schema.
-#[derive(Clone, Copy, Debug)]
-struct ColumnType {
-    physical: i32,
-    repetition: i32,
-}
-
-impl ColumnType {
-    fn new(cells: &Cells<'_>) -> Self {
-        let (physical, repetition) = match cells {
-            Cells::Text(_) => (BYTE_ARRAY, REQUIRED),
-            Cells::Number(_) => (DOUBLE, OPTIONAL),
-            Cells::Full(_) => (DOUBLE, REQUIRED),
-            Cells::Count(_) => (INT64, OPTIONAL),
-        };
-        Self { physical, repetition }
+/// The type of a column, and whether values may be missing.
+fn column_type(cells: &Cells<'_>) -> (i32, i32) {
+    match cells {
+        Cells::Text(_) => (BYTE_ARRAY, REQUIRED),
+        Cells::Number(_) => (DOUBLE, OPTIONAL),
+        Cells::Full(_) => (DOUBLE, REQUIRED),
+        Cells::Count(_) => (INT64, OPTIONAL),
     }
 }
 
@@ -59,8 +50,7 @@ impl ColumnType {
 /// [`io::Error`] if a page takes more than the 2 GB that it may have.
 pub(crate) fn parquet_file(columns: &[(String, Cells<'_>)]) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    let kinds = columns.iter().map(|(name, cells)| (name.clone(), ColumnType::new(cells)));
-    let mut writer = ParquetWriter::from_kinds(&mut bytes, kinds.collect())?;
+    let mut writer = ParquetWriter::new(&mut bytes, columns)?;
     let rows = columns.first().map_or(0, |(_, cells)| cells.len());
     for start in (0..rows).step_by(GROUP_ROWS) {
         writer.group(columns, start..rows.min(start + GROUP_ROWS))?;
@@ -73,39 +63,44 @@ pub(crate) fn parquet_file(columns: &[(String, Cells<'_>)]) -> io::Result<Vec<u8
 pub struct ParquetWriter<W> {
     out: W,
     at: u64,
-    columns: Vec<(String, ColumnType)>,
+    /// The root of the schema, then its columns.
+    schema: Vec<Value>,
     rows: u64,
     /// What the footer says of each row group.
     groups: Vec<Value>,
 }
 
 impl<W: Write> ParquetWriter<W> {
-    /// A file of these columns; whether each holds texts.
+    /// A file of columns of these names and types; it has no rows yet.
     ///
     /// # Errors
     /// What the system says.
-    pub fn new(out: W, columns: &[(String, bool)]) -> io::Result<Self> {
-        let kind = |(name, is_text): &(String, bool)| {
-            let physical = if *is_text { BYTE_ARRAY } else { DOUBLE };
-            (name.clone(), ColumnType { physical, repetition: REQUIRED })
-        };
-        Self::from_kinds(out, columns.iter().map(kind).collect())
-    }
-
-    fn from_kinds(mut out: W, columns: Vec<(String, ColumnType)>) -> io::Result<Self> {
+    pub fn new(mut out: W, columns: &[(String, Cells<'_>)]) -> io::Result<Self> {
         out.write_all(MAGIC)?;
-        Ok(Self { out, at: MAGIC.len() as u64, columns, rows: 0, groups: Vec::new() })
+        let mut schema = vec![Struct(vec![(4, "schema".into()), (5, Int(columns.len() as i32))])];
+        schema.extend(columns.iter().map(|(name, cells)| {
+            let (physical, repetition) = column_type(cells);
+            let mut element =
+                vec![(1, Int(physical)), (3, Int(repetition)), (4, name.as_str().into())];
+            if physical == BYTE_ARRAY {
+                element.push((6, Int(UTF8)));
+                element.push((10, Struct(vec![(1, Struct(Vec::new()))])));
+            }
+            Struct(element)
+        }));
+        Ok(Self { out, at: MAGIC.len() as u64, schema, rows: 0, groups: Vec::new() })
     }
 
     /// Writes rows as a group.
     fn group(&mut self, columns: &[(String, Cells<'_>)], range: Range<usize>) -> io::Result<()> {
         let (start, rows) = (self.at, range.len() as i64);
         let (mut chunks, mut unpacked_bytes) = (Vec::new(), 0);
-        for ((name, kind), (_, cells)) in self.columns.iter().zip(columns) {
+        for (name, cells) in columns {
             let chunk = EncodedChunk::new(cells, range.clone())?;
             self.out.write_all(&chunk.bytes)?;
             let at = self.at as i64;
-            chunks.push(Struct(vec![(2, Whole(at)), (3, chunk.describe(name, *kind, at, rows))]));
+            let column = chunk.describe(name, column_type(cells).0, at, rows);
+            chunks.push(Struct(vec![(2, Whole(at)), (3, column)]));
             unpacked_bytes += chunk.unpacked_bytes;
             self.at += chunk.bytes.len() as u64;
         }
@@ -119,28 +114,6 @@ impl<W: Write> ParquetWriter<W> {
         ]));
         self.rows += rows as u64;
         Ok(())
-    }
-
-    fn footer(&mut self) -> Value {
-        // The root of the schema, then its columns.
-        let mut schema =
-            vec![Struct(vec![(4, "schema".into()), (5, Int(self.columns.len() as i32))])];
-        schema.extend(self.columns.iter().map(|(name, kind)| {
-            let mut element =
-                vec![(1, Int(kind.physical)), (3, Int(kind.repetition)), (4, name.as_str().into())];
-            if kind.physical == BYTE_ARRAY {
-                element.push((6, Int(UTF8)));
-                element.push((10, Struct(vec![(1, Struct(Vec::new()))])));
-            }
-            Struct(element)
-        }));
-        Struct(vec![
-            (1, Int(1)),
-            (2, List(schema)),
-            (3, Whole(self.rows as i64)),
-            (4, List(std::mem::take(&mut self.groups))),
-            (6, concat!("shellcal version ", env!("CARGO_PKG_VERSION")).into()),
-        ])
     }
 
     /// Writes rows as a group: as many columns as the file has, of the same types.
@@ -159,8 +132,15 @@ impl<W: Write> ParquetWriter<W> {
     /// # Errors
     /// What the system says.
     pub fn finish(&mut self) -> io::Result<()> {
+        let description = Struct(vec![
+            (1, Int(1)),
+            (2, List(std::mem::take(&mut self.schema))),
+            (3, Whole(self.rows as i64)),
+            (4, List(std::mem::take(&mut self.groups))),
+            (6, concat!("shellcal version ", env!("CARGO_PKG_VERSION")).into()),
+        ]);
         let mut footer = Vec::new();
-        self.footer().write(&mut footer);
+        description.write(&mut footer);
         let length = u32::try_from(footer.len())
             .map_err(|_| io::Error::other("the footer of a Parquet file has at most 4 GB"))?;
         self.out.write_all(&footer)?;
@@ -229,9 +209,9 @@ impl EncodedChunk {
     }
 
     /// What the footer says of it, where it begins at a position in the file.
-    fn describe(&self, name: &str, kind: ColumnType, at: i64, rows: i64) -> Value {
+    fn describe(&self, name: &str, physical: i32, at: i64, rows: i64) -> Value {
         Struct(vec![
-            (1, Int(kind.physical)),
+            (1, Int(physical)),
             (2, List(vec![Int(PLAIN), Int(RUNS)])),
             (3, List(vec![name.into()])),
             (4, Int(self.codec)),

@@ -176,7 +176,10 @@ impl<'a> EncodedOutput<'a> {
                 let writer = McapWriter::new(out, library, channels)?;
                 return Ok(Self::Recording(writer, Some(frame.clone())));
             }
-            OutputFormat::Parquet => TableFile::Parquet(ParquetWriter::new(out, &names)?),
+            OutputFormat::Parquet => {
+                let columns = EncodedColumns::default();
+                TableFile::Parquet(ParquetWriter::new(out, &columns.cells(&names))?)
+            }
             OutputFormat::Matlab => TableFile::Whole(out, write_matlab),
             OutputFormat::NumPy => TableFile::Whole(out, write_numpy),
         };
