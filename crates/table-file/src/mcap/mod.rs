@@ -172,8 +172,8 @@ impl RowStream for RecordingRows {
             if row.iter().all(Option::is_some)
                 && let Some(row) = self.waiting.remove(&log_time)
             {
-                let stamps = row.iter().flatten().filter_map(|message| message.stamp_ns);
-                let stamp = stamps.last().filter(|_| by_stamp);
+                let mut stamps = row.iter().flatten().filter_map(|message| message.stamp_ns);
+                let stamp = stamps.next_back().filter(|_| by_stamp);
                 let mut time_and_values = batch.iter_mut();
                 if let Some(times) = time_and_values.next() {
                     times.push(Cell::Text(seconds(stamp.unwrap_or(log_time))));
