@@ -13,8 +13,11 @@ pub(crate) trait InstructionSet: Copy {
 
     /// The number that the digits of `lines[start..end]` spell, up to 32 bytes, joined within a register or two,
     /// and how many of them follow a point. `None` where there are no digits in front of the point or behind it,
-    /// more than fit 64 bits, or anything else.
-    fn digits(self, lines: &[u8], start: usize, end: usize) -> Option<(u64, usize)>;
+    /// more than fit 64 bits, or anything else; and where there are no such registers.
+    #[inline(always)]
+    fn digits(self, _lines: &[u8], _start: usize, _end: usize) -> Option<(u64, usize)> {
+        None
+    }
 }
 
 /// The fields of a column, row by row. Not a closure, because closures are not always inlined.
@@ -59,11 +62,5 @@ impl InstructionSet for Portable {
                 found << 8 | equal.wrapping_mul(0x0102_0408_1020_4080) >> 56
             })
         })
-    }
-
-    /// Has no such registers.
-    #[inline(always)]
-    fn digits(self, _: &[u8], _: usize, _: usize) -> Option<(u64, usize)> {
-        None
     }
 }

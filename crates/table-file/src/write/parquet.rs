@@ -96,13 +96,12 @@ impl<W: Write> ParquetWriter<W> {
         let (start, rows) = (self.at, range.len() as i64);
         let (mut chunks, mut unpacked_bytes) = (Vec::new(), 0);
         for (name, cells) in columns {
-            let chunk = EncodedChunk::new(cells, range.clone())?;
-            self.out.write_all(&chunk.bytes)?;
             let at = self.at as i64;
-            let column = chunk.describe(name, column_type(cells).0, at, rows);
+            let (bytes, unpacked, column) = column_chunk(name, cells, range.clone(), at)?;
+            self.out.write_all(&bytes)?;
             chunks.push(Struct(vec![(2, Whole(at)), (3, column)]));
-            unpacked_bytes += chunk.unpacked_bytes;
-            self.at += chunk.bytes.len() as u64;
+            unpacked_bytes += unpacked;
+            self.at += bytes.len() as u64;
         }
         let bytes = (self.at - start) as i64;
         self.groups.push(Struct(vec![
@@ -150,78 +149,71 @@ impl<W: Write> ParquetWriter<W> {
     }
 }
 
-/// The page of a column in a row group, with its head.
-struct EncodedChunk {
-    bytes: Vec<u8>,
-    unpacked_bytes: i64,
-    codec: i32,
-    missing: i64,
-}
-
-impl EncodedChunk {
-    fn new(cells: &Cells<'_>, rows: Range<usize>) -> io::Result<Self> {
-        let count = Int(rows.len() as i32);
-        let mut values = Vec::new();
-        let (mut missing, mut codec) = (0, UNCOMPRESSED);
-        match cells {
-            Cells::Full(numbers) => {
-                plain(&mut values, numbers[rows].iter().map(|value| value.to_le_bytes()));
-            }
-            Cells::Number(numbers) => {
-                let numbers = &numbers[rows];
-                missing = levels(&mut values, numbers)?;
-                plain(&mut values, numbers.iter().flatten().map(|value| value.to_le_bytes()));
-            }
-            Cells::Count(counts) => {
-                let counts = &counts[rows];
-                missing = levels(&mut values, counts)?;
-                plain(&mut values, counts.iter().flatten().map(|&count| count.to_le_bytes()));
-            }
-            Cells::Text(texts) => {
-                codec = SNAPPY;
-                for text in &texts[rows] {
-                    let length = u32::try_from(text.len()).map_err(io::Error::other)?;
-                    values.extend(length.to_le_bytes());
-                    values.extend_from_slice(text.as_bytes());
-                }
+/// The page of a column in a row group with its head, as many bytes as that is unpacked, and what the footer says of
+/// it, where it begins `at` a position in the file.
+fn column_chunk(
+    name: &str,
+    cells: &Cells<'_>,
+    rows: Range<usize>,
+    at: i64,
+) -> io::Result<(Vec<u8>, i64, Value)> {
+    let count = rows.len();
+    let mut values = Vec::new();
+    let (mut missing, mut codec) = (0, UNCOMPRESSED);
+    match cells {
+        Cells::Full(numbers) => {
+            plain(&mut values, numbers[rows].iter().map(|value| value.to_le_bytes()));
+        }
+        Cells::Number(numbers) => {
+            let numbers = &numbers[rows];
+            missing = levels(&mut values, numbers)?;
+            plain(&mut values, numbers.iter().flatten().map(|value| value.to_le_bytes()));
+        }
+        Cells::Count(counts) => {
+            let counts = &counts[rows];
+            missing = levels(&mut values, counts)?;
+            plain(&mut values, counts.iter().flatten().map(|&count| count.to_le_bytes()));
+        }
+        Cells::Text(texts) => {
+            codec = SNAPPY;
+            for text in &texts[rows] {
+                let length = u32::try_from(text.len()).map_err(io::Error::other)?;
+                values.extend(length.to_le_bytes());
+                values.extend_from_slice(text.as_bytes());
             }
         }
-        let long = |_| io::Error::other("a page of a Parquet file has at most 2 GB");
-        let unpacked = i32::try_from(values.len()).map_err(long)?;
-        let content = match codec {
-            UNCOMPRESSED => values,
-            _ => snap::raw::Encoder::new().compress_vec(&values).map_err(io::Error::other)?,
-        };
-        let packed = i32::try_from(content.len()).map_err(long)?;
-        let mut bytes = Vec::new();
-        let page = vec![(1, count), (2, Int(PLAIN)), (3, Int(RUNS)), (4, Int(RUNS))];
-        let head = Struct(vec![
-            (1, Int(DATA_PAGE)),
-            (2, Int(unpacked)),
-            (3, Int(packed)),
-            (4, Int(crc32fast::hash(&content) as i32)),
-            (5, Struct(page)),
-        ]);
-        head.write(&mut bytes);
-        let unpacked_bytes = bytes.len() as i64 + i64::from(unpacked);
-        bytes.extend_from_slice(&content);
-        Ok(Self { bytes, unpacked_bytes, codec, missing })
     }
-
-    /// What the footer says of it, where it begins at a position in the file.
-    fn describe(&self, name: &str, physical: i32, at: i64, rows: i64) -> Value {
-        Struct(vec![
-            (1, Int(physical)),
-            (2, List(vec![Int(PLAIN), Int(RUNS)])),
-            (3, List(vec![name.into()])),
-            (4, Int(self.codec)),
-            (5, Whole(rows)),
-            (6, Whole(self.unpacked_bytes)),
-            (7, Whole(self.bytes.len() as i64)),
-            (9, Whole(at)),
-            (12, Struct(vec![(3, Whole(self.missing))])),
-        ])
-    }
+    let long = |_| io::Error::other("a page of a Parquet file has at most 2 GB");
+    let unpacked = i32::try_from(values.len()).map_err(long)?;
+    let content = match codec {
+        UNCOMPRESSED => values,
+        _ => snap::raw::Encoder::new().compress_vec(&values).map_err(io::Error::other)?,
+    };
+    let packed = i32::try_from(content.len()).map_err(long)?;
+    let mut bytes = Vec::new();
+    let page = vec![(1, Int(count as i32)), (2, Int(PLAIN)), (3, Int(RUNS)), (4, Int(RUNS))];
+    let head = Struct(vec![
+        (1, Int(DATA_PAGE)),
+        (2, Int(unpacked)),
+        (3, Int(packed)),
+        (4, Int(crc32fast::hash(&content) as i32)),
+        (5, Struct(page)),
+    ]);
+    head.write(&mut bytes);
+    let unpacked_bytes = bytes.len() as i64 + i64::from(unpacked);
+    bytes.extend_from_slice(&content);
+    let column = Struct(vec![
+        (1, Int(column_type(cells).0)),
+        (2, List(vec![Int(PLAIN), Int(RUNS)])),
+        (3, List(vec![name.into()])),
+        (4, Int(codec)),
+        (5, Whole(count as i64)),
+        (6, Whole(unpacked_bytes)),
+        (7, Whole(bytes.len() as i64)),
+        (9, Whole(at)),
+        (12, Struct(vec![(3, Whole(missing))])),
+    ]);
+    Ok((bytes, unpacked_bytes, column))
 }
 
 fn plain(bytes: &mut Vec<u8>, values: impl Iterator<Item = [u8; 8]>) {
